@@ -33,7 +33,7 @@ help:
 	@echo 'make bench-viewer  what a page of a run costs its ticks'
 	@echo 'make bench-physics  how many times faster than real time a robot with mass runs'
 	@echo 'make paper   the experiments and figures of the paper, run anew'
-	@echo 'make robustness  in how many runs under trouble it stands; takes half an hour'
+	@echo 'make robustness  in how many runs under perturbations it stands; takes half an hour'
 	@echo 'make long    tests that take minutes'
 	@echo 'make docs    the documentation site in out/site; it opens from disk'
 	@echo 'make wheels  wheels for x86-64 and aarch64 in wheels/'

@@ -75,7 +75,7 @@ class BenchBody:
 
 
 def bench_human(dimensions: HumanDimensions | None = None) -> BenchBody:
-    """The virtual human, 51 DoF, of average size unless told."""
+    """The virtual human, 51 DoF, of average size by default."""
     human = build_human(dimensions or proportional_dimensions(1.75))
     both = {"hip_flexion": 45.0, "knee_flexion": 80.0, "shoulder_elevation": 45.0, "elbow_flexion": 60.0}
     swing = {f"{side}_{name}": np.deg2rad(value) for side in "lr" for name, value in both.items()}

@@ -37,10 +37,10 @@ def by_turns(sides: Sequence[BusSide], count: int, cycles: int) -> list[Cycles]:
         ticks = goals(count, k)
         for s, side in enumerate(sides):
             begun, before = clock.now(), thread_cpu()
-            heard = side.cycle(ticks)
+            answered = side.cycle(ticks)
             if k >= 0:
                 cpu[k, s], wall[k, s] = thread_cpu() - before, clock.now() - begun
-                lost[s] += count - heard
+                lost[s] += count - answered
     return [
         Cycles(side.name, *_percentiles(wall[:, s]), float(np.median(cpu[:, s])) * 1e3, lost[s])
         for s, side in enumerate(sides)
@@ -106,12 +106,12 @@ def missing(side: BusSide, emulator: EmulatorProcess, *, count: int, device: int
 
 def _timed(side: BusSide, count: int, cycles: int) -> tuple[Floats, Floats]:
     clock = MonotonicClock()
-    spent, heard = np.zeros(cycles), np.zeros(cycles)
+    spent, answered = np.zeros(cycles), np.zeros(cycles)
     for k in range(cycles):
         begun = clock.now()
-        heard[k] = side.cycle(goals(count, k))
+        answered[k] = side.cycle(goals(count, k))
         spent[k] = (clock.now() - begun) * 1e3
-    return spent, heard
+    return spent, answered
 
 
 def median_cycle(cycle: Callable[[TickArray], int], now: Callable[[], float], *, count: int, cycles: int) -> float:

@@ -32,7 +32,7 @@ class BusSide(Protocol):
     name: str
 
     def cycle(self, ticks: TickArray) -> int:
-        """Send goals (n,), get everybody's state. Returns how many servos it has values of."""
+        """Send goals (n,), read the state of all servos. Returns how many servos it has values of."""
 
     def close(self) -> None:
         """Let go of the port."""

@@ -1,7 +1,7 @@
 """`python -m benchmarks.lateness`: how late ticks wake up, of the live loop and an empty one by turns.
 
-The live loop hears a sender of JSON poses in another process, and moves OP3 on emulated servos with the bytes of its
-bus, at 100 Hz. Lateness: when a tick wakes up, minus its deadline, and what a tick before took beyond its period.
+The live loop receives from a sender of JSON poses in another process, and moves OP3 on emulated servos with the bytes
+of its bus, at 100 Hz. Lateness: when a tick wakes up, minus its deadline, and what a tick before took over its period.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ def live_leg(seconds: float, robot: Path) -> list[float]:
 
 
 def free_port() -> int:
-    """A UDP port that nobody has."""
+    """A free UDP port."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]

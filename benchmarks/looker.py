@@ -1,4 +1,4 @@
-"""`python -m benchmarks.looker ADDRESS`: connects to a page as a browser does, and reads all it is told until its end.
+"""`python -m benchmarks.looker ADDRESS`: connects to a page as a browser does, and reads it to its end.
 
 Says when it is there, and in the end how many bytes that were. Without a browser, whose drawing would cost what this
 machine has.
@@ -24,7 +24,7 @@ CAMERA = {
     "look_at": (0.0, 0.0, 0.0),
     "up_direction": (0.0, 0.0, 1.0),
 }
-"""Without one a client does not count as somebody who looks."""
+"""Without one a client does not count as a viewer."""
 
 
 def look(address: str) -> int:

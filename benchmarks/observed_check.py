@@ -17,7 +17,7 @@ SAME_M = 1e-5
 
 @runtime_checkable
 class Looking(Protocol):
-    """A side that can tell what it looks at."""
+    """A side that can list what it looks at."""
 
     @property
     def pair_count(self) -> int:

@@ -28,7 +28,7 @@ def urdf_shapes(watched: Watched) -> dict[str, str]:
         shape = _urdf_shape(ShapeKind(seen.kinds[k]), seen.sizes[k])
         origin = place(seen.positions[k], seen.quats[k])
         texts[link].append(f"<collision name={label}>{origin}<geometry>{shape}</geometry></collision>")
-        if _is_capsule(seen.kinds[k], seen.sizes[k]):  # how Pinocchio tells a capsule from a cylinder
+        if _is_capsule(seen.kinds[k], seen.sizes[k]):  # how Pinocchio distinguishes a capsule from a cylinder
             texts[link].append(f"<collision_checking><capsule name={label}/></collision_checking>")
     return {link: "".join(parts) for link, parts in texts.items()}
 

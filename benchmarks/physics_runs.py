@@ -77,11 +77,11 @@ class PhysicsCost:
 
 @dataclass(frozen=True)
 class Stood:
-    """How a run under trouble ended. fallen_at s on the run's time, None: it stood. stopped: why the guard stopped it,
-    if not for the fall. late: it fell after it had followed, on its way to rest, there, or where a stop left it without
-    torque. margin_mm, slip_mm, tilt_deg: of the report."""
+    """How a run under a perturbation ended. fallen_at: s on the time of the run, None: it stood. stopped: why the guard
+    stopped it, if not for the fall. late: it fell after it had followed, on its way to rest, there, or where a stop
+    left it without torque. margin_mm, slip_mm, tilt_deg: of the report."""
 
-    trouble: str
+    perturbation: str
     seed: int
     fallen_at: float | None
     how: str
@@ -139,14 +139,14 @@ def cost_of_run(name: str, frames: SensorFrames, options: RunOptions) -> Physics
     )
 
 
-def stood(trouble: str, seed: int, run: RunResult) -> Stood:
+def stood(perturbation: str, seed: int, run: RunResult) -> Stood:
     """How a run ended."""
     report = physics_report(run)
     assert report is not None, "the robot has mass"
     following = run.record.time[run.record.following]
     last = float(following[-1]) if following.size else 0.0
     return Stood(
-        trouble=trouble,
+        perturbation=perturbation,
         seed=seed,
         fallen_at=report.fallen_at_s,
         how=report.how or "",

@@ -1,7 +1,7 @@
-"""`python -m benchmarks.robustness`: in how many runs under each kind of trouble a robot with mass stands.
+"""`python -m benchmarks.robustness`: in how many runs under each kind of perturbation a robot with mass stands.
 
-Each seed draws its own trouble: mass +-10 %, centre of mass 10 mm off, friction 0.5 to 1, latency 30 ms, a push of 3 N
-for 0.2 s from front, back and side in turn. A robot stands if it has not fallen when it is parked, torque off.
+Each seed draws its own perturbation: mass +-10 %, centre of mass 10 mm off, friction 0.5 to 1, latency 30 ms, or a push
+of 3 N for 0.2 s from front, back and side in turn. A robot stands if it has not fallen when it is at rest, torque off.
 `--json FILE` keeps every run.
 """
 
@@ -46,7 +46,7 @@ class Case:
     source: str
     speed: float
     end: float | None
-    trouble: str
+    perturbation: str
     seed: int
 
 
@@ -58,20 +58,20 @@ def main() -> None:
     parser.add_argument("--source", default=usual, help=f"a motion file, or {SYNTHETIC} [{Path(usual).name}]")
     parser.add_argument("--speed", type=float, default=0.5, help="of the performer")
     parser.add_argument("--end", type=float, default=None, help="end at this time of the motion, s")
-    parser.add_argument("--seeds", type=int, default=50, help="runs of each kind of trouble")
+    parser.add_argument("--seeds", type=int, default=50, help="runs of each kind of perturbation")
     parser.add_argument("--perturb", nargs="*", default=[NONE, *PERTURBATIONS], choices=[NONE, *PERTURBATIONS])
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--json", type=Path, help="file for every run")
     asked = parser.parse_args()
     cases = [
-        Case(asked.robot, asked.source, asked.speed, asked.end, trouble, seed)
-        for trouble in asked.trouble
+        Case(asked.robot, asked.source, asked.speed, asked.end, perturbation, seed)
+        for perturbation in asked.perturb
         for seed in range(asked.seeds)
     ]
     ends = list(run_all(cases, jobs=asked.jobs))
     motion_name = Path(asked.source).stem
     print(f"{asked.robot}, {motion_name}, speed {asked.speed:g}, {asked.seeds} seeds; asked: {ASKED:.0%} stand")
-    show(ends, asked.trouble)
+    show(ends, asked.perturb)
     if asked.json is not None:
         asked.json.write_text(json.dumps([dataclasses.asdict(end) for end in ends], indent=1) + "\n", encoding="utf-8")
 
@@ -87,10 +87,10 @@ def run_all(cases: Iterable[Case], *, jobs: int) -> Iterator[Stood]:
 
 def run_case(case: Case) -> Stood:
     """Play one."""
-    physics = PhysicsOptions(seed=case.seed, trouble=() if case.trouble == NONE else (case.trouble,))
+    physics = PhysicsOptions(seed=case.seed, perturbations=() if case.perturbation == NONE else (case.perturbation,))
     playback = Playback(speed=case.speed, end=case.end)
     options = RunOptions(robot=case.robot, bus="physics", physics=physics, playback=playback)
-    return stood(case.trouble, case.seed, play(motion(case.source), options))
+    return stood(case.perturbation, case.seed, play(motion(case.source), options))
 
 
 @cache
@@ -99,30 +99,30 @@ def motion(source: str) -> SensorFrames:
     return synthetic_performer() if source == SYNTHETIC else open_source(source)
 
 
-def show(ends: list[Stood], troubles: Iterable[str]) -> None:
-    """As a table, a row for each kind of trouble."""
-    rows = [row(trouble, [end for end in ends if end.trouble == trouble]) for trouble in troubles]
-    heads = ["trouble", "runs", "stand", "fell following", "fell after a stop", "fell parking", "stopped"]
+def show(ends: list[Stood], perturbations: Iterable[str]) -> None:
+    """Print a table, a row for each kind of perturbation."""
+    rows = [row(kind, [end for end in ends if end.perturbation == kind]) for kind in perturbations]
+    heads = ["perturbation", "runs", "stand", "fell following", "fell after a stop", "fell going to rest", "stopped"]
     heads += ["least ZMP margin, mm", "most slip, mm", "most tilt, degrees", "falls at s (seed)"]
     print_table(heads, rows, text=1)
     for reason, count in Counter(re.sub(r"[\d.]+ rad$", "", end.stopped) for end in ends if end.stopped).most_common(5):
         print(f"stopped in {count} runs: {reason.strip()}")
 
 
-def row(trouble: str, ends: list[Stood]) -> list[str]:
-    """One kind of trouble."""
+def row(perturbation: str, ends: list[Stood]) -> list[str]:
+    """The row of one kind of perturbation."""
     fell = [end for end in ends if end.fallen_at is not None]
     stopped = sum(end.late and bool(end.stopped) for end in fell)
-    rest_trajectory = sum(end.late and not end.stopped for end in fell)
+    to_rest = sum(end.late and not end.stopped for end in fell)
     margins = [end.margin_mm for end in ends if end.margin_mm is not None]
     first = ", ".join(f"{end.fallen_at:.1f} ({end.seed})" for end in fell[:4]) + (", ..." if len(fell) > 4 else "")
     return [
-        trouble,
+        perturbation,
         str(len(ends)),
         f"{1.0 - len(fell) / max(len(ends), 1):.0%}",
-        str(len(fell) - stopped - rest_trajectory),
+        str(len(fell) - stopped - to_rest),
         str(stopped),
-        str(rest_trajectory),
+        str(to_rest),
         str(sum(bool(end.stopped) for end in ends)),
         f"{min(margins):.1f}" if margins else "-",
         f"{max(end.slip_mm for end in ends):.1f}" if ends else "-",

@@ -39,7 +39,7 @@ FOLLOWING = "follow, gate"
 PARTS_OF_ALL = {FOLLOWING: (RobotSide, "follow"), READING: (Guard, "_read")}
 """What is measured beside the tick itself where nothing else is."""
 PARTS = {
-    "hear": (LivePerformer, "listen"),
+    "hear": (LivePerformer, "poll"),
     "reconstruct": (Pipeline, "_reconstruct"),
     **PARTS_OF_ALL,
 }

@@ -1,6 +1,6 @@
 """`python -m benchmarks.viewer`: what a page that is looked at costs a tick, and what one that hangs does to it.
 
-OP3 on a mock bus follows the synthetic performer in real time, by turns without a page, with one that somebody reads,
+OP3 on a mock bus follows the synthetic performer in real time, by turns without a page, with one that a client reads,
 and with one whose process is stopped (SIGSTOP). Thread CPU of everything between two sleeps of the loop; lateness is
 when a tick wakes up, minus its deadline.
 """
@@ -91,7 +91,7 @@ def leg(page: str, seconds: float) -> tuple[list[float], list[float]]:
     ):
         side, stop, ticks = prepared.side, StopRequest(), round(seconds / prepared.samples.dt)
         assert side is not None
-        asked = viewed.heard(stop, stop)
+        asked = viewed.with_stop_button(stop, stop)
         followed = 0
 
         def enough() -> bool:
@@ -112,12 +112,12 @@ def leg(page: str, seconds: float) -> tuple[list[float], list[float]]:
 
 @contextmanager
 def looked_at(page: str, prepared: Prepared, options: RunOptions) -> Iterator[tuple[Viewing, ViewFeed | None]]:
-    """A page in one of LEGS, and somebody who reads it. Raises SystemExit where nothing was to be read."""
+    """A page in one of LEGS, and a client that reads it. Raises SystemExit where nothing was to be read."""
     if page == "off":
         yield Viewing(None), None
         return
-    told: list[str] = []
-    with viewing(0, prepared, options, notify=told.append) as viewed:
+    messages: list[str] = []
+    with viewing(0, prepared, options, notify=messages.append) as viewed:
         feed = viewed._feed
         assert feed is not None
         looker = subprocess.Popen(
@@ -132,7 +132,7 @@ def looked_at(page: str, prepared: Prepared, options: RunOptions) -> Iterator[tu
                 os.kill(feed._process.pid, signal.SIGKILL)
     read = int(looker.communicate(timeout=60.0)[0])
     if page == "looked at" and read < LEAST_READ:
-        raise SystemExit(f"nobody looked: {read} bytes were read")
+        raise SystemExit(f"no client read the page: {read} bytes were read")
 
 
 def row(page: str, cpu: Floats, late: Floats, *, without: float, period: float) -> Leg:

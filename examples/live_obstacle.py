@@ -1,4 +1,4 @@
-"""A ball that somebody tracks comes at a reaching performer's right hand: tell the scene where it is, tick by tick."""
+"""A tracked ball comes at a reaching performer's right hand; the scene gets its position tick by tick."""
 
 from pathlib import Path
 from tempfile import TemporaryDirectory

@@ -14,10 +14,10 @@ def table(path, topic, field):
     """One field of a topic: a row per message, by its time; a column per name (joint, servo, sensor)."""
     with Path(path).open("rb") as stream:
         found = [*make_reader(stream, validate_crcs=True).iter_messages(topics=[topic])]
-    told, data = found[0][1].metadata, b"".join(message.data for *_, message in found)
-    rows = np.frombuffer(data, np.dtype(json.loads(told["layout"])))
+    metadata, data = found[0][1].metadata, b"".join(message.data for *_, message in found)
+    rows = np.frombuffer(data, np.dtype(json.loads(metadata["layout"])))
     time = rows["stamp.sec"].astype("datetime64[s]") + rows["stamp.nanosec"].astype("timedelta64[ns]")
-    return pd.DataFrame(rows[field], index=time, columns=told["names"].split())
+    return pd.DataFrame(rows[field], index=time, columns=metadata["names"].split())
 
 
 def main(path):

@@ -13,9 +13,9 @@ def read(path, topic):
     """The messages of a topic as a structured array, and the names of what its arrays hold."""
     with Path(path).open("rb") as stream:
         found = [*make_reader(stream, validate_crcs=True).iter_messages(topics=[topic])]
-    told = found[0][1].metadata
-    layout = np.dtype(json.loads(told["layout"]))
-    return np.frombuffer(b"".join(message.data for *_, message in found), layout), told["names"].split()
+    metadata = found[0][1].metadata
+    layout = np.dtype(json.loads(metadata["layout"]))
+    return np.frombuffer(b"".join(message.data for *_, message in found), layout), metadata["names"].split()
 
 
 def main(path):

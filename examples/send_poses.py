@@ -1,4 +1,4 @@
-"""Send somebody who stands and moves arms as JSON over UDP (docs/json-input.md): send_poses.py [HOST [PORT [S]]]."""
+"""Send a performer who stands and moves arms as JSON over UDP (docs/json-input.md): send_poses.py [HOST [PORT [S]]]."""
 
 import json
 import math
@@ -17,7 +17,7 @@ def message(number: int) -> bytes:
     done = [min(max((seconds % 12.0 - begin) / 3.0, 0.0), 1.0) for begin in (6.0, 9.0)]
     front, raised = (math.sin(math.pi * share) for share in done)  # 0 hanging, 1 up
     turn = 0.5 * math.pi * front  # of the left arm, 0.55 m long: a run asks for it first
-    sway = 0.001 * math.sin(2.0 * math.pi * seconds / 4.0)  # nobody stands like a stone: that is what lost trackers do
+    sway = 0.001 * math.sin(2.0 * math.pi * seconds / 4.0)  # a person sways; lost trackers stand still
     places = STILL | {"l_wrist": (0.55 * math.sin(turn), 0.25, 1.35 - 0.55 * math.cos(turn))}
     places |= {"r_wrist": (0.1 * raised, -0.25 - 0.35 * math.sin(math.pi * raised), 0.8 + 0.75 * raised)}
     poses = {name: {"p": (x + sway, y, z), "q": UPRIGHT} for name, (x, y, z) in places.items()}

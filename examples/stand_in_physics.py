@@ -1,4 +1,4 @@
-"""OP3 stands in physics on its own servos, and somebody pushes it.
+"""OP3 stands in physics on its own servos, and is pushed.
 
 python examples/stand_in_physics.py
 """

@@ -14,7 +14,7 @@ ByteArray = NDArray[np.uint8]
 BoolArray = NDArray[np.bool_]
 
 
-# Questions about few values, a robot's servos say: quicker than the methods of an array, which take a microsecond.
+# Questions about small arrays, such as one value for each servo. The methods of an array take a microsecond more.
 
 
 def all_of(which: BoolArray) -> bool:

@@ -1,4 +1,4 @@
-"""The one interface to servos, `ServoBus`, and a line of servos as data."""
+"""The one interface to servos, `ServoBus`, and the description of a bus: its port, speed, ids and power switch."""
 
 from dataclasses import dataclass
 from enum import IntFlag
@@ -21,7 +21,7 @@ class ServoAlert(IntFlag):
 
 @dataclass(frozen=True)
 class ServoStates:
-    """What the servos said, one entry per servo in the profile's servo order, all arrays (n,).
+    """What the servos reported, one entry per servo in the profile's servo order, all arrays (n,).
 
     A servo that did not answer in this cycle has `valid` False and keeps its last values; `age` says how old they are.
     Values are the shaft's, in the servo's own sense of rotation: `hardware.joint_map` turns them into joint values.
@@ -48,13 +48,13 @@ class ServoStates:
     valid: BoolArray
     """Whether the servo answered in this cycle."""
     driven: BoolArray
-    """Whether the servo follows its goals, as far as it said last: torque on, not stopped by its bus watchdog."""
+    """Whether the servo follows its goals, by its last report: torque on, not stopped by its bus watchdog."""
     retries: int = 0
     """Requests that had to be repeated since the bus was opened, of all servos."""
     error_rate: float = 0.0
-    """Share of the last cycles (0.05 s) in which answers came damaged, and had to be asked for more than once."""
+    """Share of the last cycles (0.05 s) in which answers came damaged and requests were repeated more than once."""
     soles: BoolArray | None = None
-    """Which soles press on the floor, (k,) in the order of the profile's feet; None where nothing feels it."""
+    """Which soles press on the floor, (k,) in the order of the profile's feet; None where nothing measures it."""
 
 
 @dataclass(frozen=True)
@@ -84,8 +84,8 @@ class ServoBus(Protocol):
         ...
 
     def torque(self, on: bool) -> None:
-        """Switch the torque of all servos, each acknowledges. All are told, whichever fails; then raises BusError that
-        names those that did not confirm."""
+        """Switch the torque of all servos; each acknowledges. The command goes to all servos even if one fails. Then
+        raises BusError that names those that did not confirm."""
         ...
 
     def close(self) -> None:
@@ -93,7 +93,7 @@ class ServoBus(Protocol):
         ...
 
 
-# A line of servos as data: its port, its speed, who is on it, and what the servos of it are told once.
+# A bus as data: its port, its speed, the devices on it, and what is set up in its servos once.
 
 BAUDS: dict[int, tuple[int, ...]] = {
     1: (9600, 19200, 57600, 115200, 200000, 250000, 400000, 500000, 1000000, 2000000, 2250000, 2500000, 3000000),
@@ -124,8 +124,8 @@ class PowerSwitch:
 class BusSpec:
     """One bus of a robot. ids: every device expected on it, servos and others.
 
-    watchdog: longest silence, s, after which a servo stops by itself; 0: off (Protocol 1.0 servos have none).
-    return_delay: pause of a servo before it answers, s.
+    watchdog: longest time without an instruction, s, after which a servo stops by itself; 0: off (Protocol 1.0 servos
+    have none). return_delay: pause of a servo before it answers, s.
     """
 
     name: str

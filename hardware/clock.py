@@ -1,6 +1,4 @@
-"""Time. The only file that reads a clock: everything else is handed a `Clock`. And whether ticks begin when they
-should.
-"""
+"""Clocks: real, virtual and paced. Everything else is given a `Clock`. `TickTiming` counts ticks that begin late."""
 
 import time
 from math import inf
@@ -8,7 +6,7 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """Monotonic seconds that somebody else provides."""
+    """Monotonic seconds, provided by the caller."""
 
     def now(self) -> float:
         """Return the time in s, from an arbitrary but fixed origin; never decreases."""
@@ -55,9 +53,9 @@ class VirtualClock:
 
 
 class PacedClock(VirtualClock):
-    """A virtual clock that never runs faster than real time, for a simulated run that somebody looks at.
+    """A virtual clock that never runs faster than real time, for a simulated run that a person watches.
 
-    Where the machine is too slow, time goes by more slowly instead: what is computed is the same on any machine.
+    Where the machine is too slow, virtual time passes more slowly: what is computed is the same on any machine.
     """
 
     def __init__(self, start: float = 0.0, *, wall: Clock | None = None) -> None:
@@ -66,8 +64,8 @@ class PacedClock(VirtualClock):
         self._behind = self._wall.now() - start  # [s] of real time, less that of this clock
 
     def sleep_until(self, deadline: float) -> None:
-        """Move the virtual time to `deadline` (s), and return when real time has come so far; what is late is not
-        caught up with."""
+        """Move the virtual time to `deadline` (s), and return when real time has reached it. A delay is not made
+        up."""
         super().sleep_until(deadline)
         self._behind = max(self._behind, self._wall.now() - self._now)
         self._wall.sleep_until(self._now + self._behind)
@@ -95,19 +93,18 @@ def process_cpu() -> float:
     return time.process_time()
 
 
-# Whether ticks begin when they should: one that is late is made up for by the goal that the servos still have.
+# Ticks that begin late. The servos still have a goal for one late tick.
 
 LATE = 1.35
-"""Periods between two ticks from which on the second is late."""
+"""A tick is late if it begins more than this many periods after the one before."""
 LOST = 1.1
-"""Periods by which ticks in a row may be late, in all: the goal that the servos have stands for one that is missing."""
+"""Periods by which ticks in a row may be late in total: the goal that the servos have covers one missing goal."""
 
 
-class TickPace:
-    """Knows which ticks come late. period: s, infinite: whatever comes is in time.
+class TickTiming:
+    """Counts late ticks. period: s; infinite: no tick is late.
 
-    behind: whether ticks in a row came so late that a goal was
-    missing, and the next one too: then the goals are not those of now any more.
+    behind: whether ticks in a row came so late that more than one goal is missing. Then the goals are out of date.
     """
 
     def __init__(self, period: float = inf) -> None:
@@ -117,11 +114,11 @@ class TickPace:
         self._late = 0.0  # periods, of ticks in a row
 
     def restart(self) -> None:
-        """The next tick is the first."""
+        """Forget the ticks so far: the next one is the first."""
         self._begun, self._late, self.behind = None, 0.0, False
 
     def begin(self, now: float) -> float:
-        """A tick begins at `now`, s. Returns how long ago the one before began, s; 0 for the first."""
+        """Note a tick that begins at `now`, s. Return the time since the one before began, s; 0 for the first."""
         pause = 0.0 if self._begun is None else now - self._begun
         self._begun = now
         periods = pause / self._period

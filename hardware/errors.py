@@ -19,11 +19,11 @@ class BusError(HardwareError):
 
 
 class GuardError(HardwareError):
-    """The guard refuses what was asked in its present state."""
+    """The guard refuses a command in its present state."""
 
 
 class TorqueError(HardwareError):
-    """A run failed, and torque could not be switched off: a person has to cut the power."""
+    """A run failed, and torque could not be switched off: the operator has to cut the power."""
 
 
 def describe(*, what: str, where: str = "", found: object = None, allowed: object = None, then: str = "") -> str:

@@ -1,4 +1,4 @@
-"""The states of the guard, why it stopped, and the limits that it watches: data only."""
+"""The states of the guard, the causes of a stop, the limits that it watches, and the protocol of a goal filter."""
 
 import math
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from hardware.arrays import FloatArray
 
 
 class GuardState(Enum):
-    """Where a robot stands between lying limp and moving. Only the guard changes it."""
+    """State of a robot, from limp to moving. Only the guard changes it."""
 
     IDLE = "idle"
     """Torque off or unknown; nothing is written."""
@@ -18,11 +18,12 @@ class GuardState(Enum):
     MOVING = "moving"
     """Goals are followed, through the filter."""
     HOLDING = "holding"
-    """Nobody knows a goal: the robot brakes and stands, torque on, until there is one again (stop category 2)."""
+    """There is no goal: the robot brakes and stands, torque on, until there is one again (stop category 2)."""
     STOPPING = "stopping"
-    """Goals are ignored; the robot brakes, goes where it is parked if it is told to, and stands (stop category 1)."""
+    """Goals are ignored; the robot brakes, goes to rest if the caller gives a rest trajectory, and stands (stop
+    category 1)."""
     STOPPED = "stopped"
-    """Latched: nothing is written until a person acknowledges the reason."""
+    """Latched: nothing is written until the operator acknowledges the reason."""
 
 
 class StopCause(Enum):
@@ -41,14 +42,14 @@ class StopCause(Enum):
     SOURCE = "source"
     FILTER = "filter"
     FALLEN = "fallen"
-    """As whoever simulates the robot saw."""
+    """Detected by the simulation of the robot."""
 
 
 @dataclass(frozen=True)
 class Stop:
-    """A latched stop: its cause, a text for a person, and when it began, in s on the guard's clock.
+    """A latched stop: its cause, its reason in words, and when it began, in s on the guard's clock.
 
-    powered: not every servo confirmed that its torque is off; a person has to cut the power, and `reason` says so.
+    powered: not every servo confirmed that its torque is off; the operator has to cut the power, and `reason` says so.
     then: what ended the braking before the robot stood, if anything did.
     """
 
@@ -61,16 +62,16 @@ class Stop:
 
 @dataclass(frozen=True)
 class GuardLimits:
-    """What the guard tolerates; what is not given is not watched.
+    """What the guard tolerates; limits that are not given are not watched.
 
     max_age: s since a servo's last answer, from the start of a tick to its goal, and between ticks. max_temperature:
     degrees Celsius. voltage: lowest and highest, V. following_error: rad of the joint between the present position and
     the way to the goal of the last tick, at once; sustained_error: rad, for sustained_time, s. max_current: A, for
-    current_time, s. max_brake_ticks: until the robot must stand; max_rest_ticks: from there to where it is parked.
+    current_time, s. max_brake_ticks: until the robot must stand; max_rest_ticks: from there until it is at rest.
     max_hold: s without a goal (see `NoCommand`). period: s between ticks, so that late ones are counted; infinite: none
-    is late. lag: s by which each servo's loop follows its goal, in servo order: errors are measured from the way that
-    it lets them go; none: from the goal. The fields named warn_ are levels, in the same units, at which somebody is
-    told. Beyond those of temperature and current the robot is left slow_share of its speed.
+    is late. lag: s by which each servo's loop follows its goal, in servo order: errors are measured from the
+    response that such a loop has; none: from the goal. The fields named warn_ are warning levels, in the same
+    units. Beyond those of temperature and current the robot moves at slow_share of its speed.
     """
 
     max_age: float = 0.1
@@ -94,11 +95,11 @@ class GuardLimits:
     lag: tuple[float, ...] = ()
 
 
-# What stands between a goal and the bus: the guard sends nothing that has not passed through a `GoalFilter`.
+# The filter between a goal and the bus: the guard sends nothing that has not passed through a `GoalFilter`.
 
 
 class GoalFilter(Protocol):
-    """The last word on a goal. It can always stop: from every posture it returns, it knows a braking trajectory within
+    """Last check of a goal. It can always stop: from every posture that it returns, it has a braking trajectory within
     the limits.
 
     Postures are joint positions in rad, (n,), in the profile's servo order.
@@ -106,13 +107,13 @@ class GoalFilter(Protocol):
 
     @property
     def position(self) -> FloatArray:
-        """The posture returned last, rad; a copy. A filter that sets goals beside postures, for servos that give way
-        under a load, tells the posture."""
+        """The posture returned last, rad; a copy. Where a filter compensates the deflection of the servos, its goals
+        differ from the posture, and this is the posture."""
         ...
 
     @property
     def sent(self) -> FloatArray:
-        """What was returned last, rad; a copy. It is what keeps the limits of the servos."""
+        """The goals returned last, rad; a copy. They keep the limits of the servos."""
         ...
 
     @property

@@ -1,4 +1,5 @@
-"""Joint radians <-> servo ticks, with direction, zero, gear and coupled pairs, for all servos of a robot at once."""
+"""Joint radians <-> servo ticks for all servos of a robot, with direction, zero, gear, coupled pairs and whole
+turns."""
 
 from collections.abc import Sequence
 from itertools import product
@@ -73,14 +74,14 @@ class CoupledPair:
 
 
 def coupled_pairs(servos: Sequence[ServoSpec]) -> tuple[CoupledPair, ...]:
-    """Return the pairs among sound `servos`, by the first of the two."""
+    """Return the pairs among valid `servos`, by the first of the two."""
     columns = {servo.joint: index for index, servo in enumerate(servos)}
     couplings = dict.fromkeys(servo.coupling for servo in servos if servo.coupling is not None)
     return tuple(CoupledPair(servos, [columns[joint] for joint in coupling.joints]) for coupling in couplings)
 
 
 def coupling_problems(servos: Sequence[ServoSpec]) -> list[str]:
-    """Return what keeps the coupled ones of `servos` from being driven, one text per finding."""
+    """Return the problems of the couplings of `servos`, one text per finding."""
     by_joint = {servo.joint: servo for servo in servos}
     found: list[str] = []
     for coupling in dict.fromkeys(servo.coupling for servo in servos if servo.coupling is not None):
@@ -102,7 +103,7 @@ def coupling_problems(servos: Sequence[ServoSpec]) -> list[str]:
 def _beyond_the_servos(pair: Sequence[ServoSpec]) -> list[str]:
     """Findings about limits of two joints that their servos cannot serve."""
     if any(servo.problems() for servo in pair):
-        return []  # told already
+        return []  # `ServoSpec.problems` has reported it
     found: list[str] = []
     map_of_pair = CoupledPair(pair, (0, 1))
     names = " and ".join(servo.joint for servo in pair)
@@ -131,7 +132,7 @@ NO_SERVO = -1
 class JointMap:
     """Maps arrays whose last axis is the profile's servo order; leading axes (ticks of time, say) pass through.
 
-    Of a coupled pair each column is a joint in rad and one of its two servos in ticks. tick_rad (n,): how far a tick
+    A column of a coupled pair is one joint in rad, and one of the two servos in ticks. tick_rad (n,): how far a tick
     turns the joint, rad; of a coupled joint, a tick of both servos. Raises HardwareError with every finding at once
     when a servo cannot serve its joint, or a joint or (bus, id) is named twice.
     """
@@ -175,8 +176,8 @@ class JointMap:
         """Return goal ticks (..., n) for joint `positions` (..., n) in rad.
 
         Rounds to the nearest tick, except that an angle inside the limits never becomes a tick beyond them. Raises
-        HardwareError when a value is not finite or asks for a tick that the servo does not have: that is a defect
-        upstream, never clipped here.
+        HardwareError when a value is not finite or needs a tick that the servo does not have: that is a defect of the
+        caller, never clipped here.
         """
         exact = self._zero + self._scale * positions
         if not self._pairs:  # nearly always: inside or not, a tick that is inside is the one
@@ -236,7 +237,7 @@ class JointMap:
             exact[pair.columns] = pair.exact_ticks(positions[pair.columns])
         return np.rint(ticks - (exact - self._zero)).astype(np.int64)
 
-    def heard(self, valid: BoolArray) -> BoolArray:
+    def known_joints(self, valid: BoolArray) -> BoolArray:
         """Return which joints (n,) are known when the servos `valid` (n,) are: of a coupled pair both or none."""
         known = valid.copy()
         for pair in self._pairs:
@@ -285,10 +286,10 @@ SLACK = 0.05  # [rad] by which a limp joint may lie beyond its limits
 def resolve_turns(
     joint_map: JointMap, ticks: TickArray, *, groups: Sequence[Sequence[int]] | None = None, slack: float = SLACK
 ) -> TickArray:
-    """Return what has to be added to every reported tick (n,), a multiple of the ticks of a turn, (n,).
+    """Return the offset (n,) of every reported tick (n,), a multiple of the ticks of a turn.
 
-    Of all whole turns those count that put the joint inside its limits (and `slack` rad beyond). Raises HardwareError
-    with all joints for which none is left, or more than one. A servo of one turn is never shifted. groups: of those of
+    A turn is possible if it puts the joint inside its limits (and `slack` rad beyond). Raises HardwareError with all
+    joints for which no turn or more than one is possible. A servo of one turn is never shifted. groups: of those of
     `turn_groups`; None: all.
     """
     offsets = np.zeros(len(joint_map), dtype=np.int64)
@@ -307,7 +308,7 @@ def resolve_turns(
     if problems:
         raise HardwareError(
             describe(
-                what="the servos do not tell on which turn they are",
+                what="the turns of these servos are not known",
                 where="joint map",
                 found="; ".join(problems),
                 then="Switch torque off, move these joints to the middle of their ranges, and try again",

@@ -1,4 +1,4 @@
-"""A pedal, button or keyboard as Linux tells of it (evdev): which keys are down, and when they are let go."""
+"""A pedal, button or keyboard, read from Linux's event device (evdev): which keys are down, and when they go up."""
 
 import fcntl
 import os
@@ -16,20 +16,21 @@ EVENT = struct.Struct("@llHHi")
 EV_SYN, EV_KEY = 0, 1
 SYN_DROPPED = 3
 UP, DOWN = 0, 1
-"""Values of EV_KEY; 2 is a repeat, which says nothing new."""
+"""Values of EV_KEY; 2 is a repeat, which is ignored."""
 MOST_CODE = 0x2FF
 """KEY_MAX."""
 EVIOCGVERSION = 0x80044501
 """Request that only an event device answers."""
 MOST_EVENTS, MOST_READS = 64, 8
-"""What one look takes."""
+"""Bounds of what one call reads."""
 BY_ID = Path("/dev/input/by-id")
 
 
 class KeyDevice:
-    """An open event device. Pressed means pressed since it was opened: what is down before counts from its next press.
+    """An open event device. Pressed means pressed since it was opened: a key that is down before counts from its next
+    press.
 
-    code: the only key that counts, as `evtest` shows it; None: any. lost: why the device tells nothing any more, ""
+    code: the only key that counts, as `evtest` shows it; None: any. lost: why the device sends no more events, ""
     while it does. Never waits, never raises once it is open.
     """
 

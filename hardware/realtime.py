@@ -1,5 +1,4 @@
-"""How the thread of the ticks is scheduled: real-time priority, and a core of its own (Linux); names of other
-processes.
+"""Scheduling of the tick thread: real-time priority and a core of its own (Linux). Also names of other processes.
 
 Memory is not locked (mlockall): a tick allocates next to nothing, and a robot's computer should not swap at all.
 """
@@ -31,7 +30,7 @@ ELSEWHERE = "(systemd: LimitRTPRIO=50; Docker: --cap-add SYS_NICE --ulimit rtpri
 
 @dataclass(frozen=True, kw_only=True)
 class Scheduling:
-    """priority: of SCHED_FIFO, 1 to 99; None: like everything else. core: the only one to run on; None: any."""
+    """priority: of SCHED_FIFO, 1 to 99; None: the usual one. core: the only one to run on; None: any."""
 
     priority: int | None = None
     core: int | None = None
@@ -39,7 +38,7 @@ class Scheduling:
 
 @contextmanager
 def scheduled(scheduling: Scheduling) -> Iterator[None]:
-    """The calling thread is scheduled so while the context lasts; threads that it starts are not given its priority.
+    """Schedule the calling thread so within the context; threads that it starts do not inherit its priority.
 
     Raises HardwareError: no such priority or core, or not permitted; with how to permit it.
     """
@@ -48,7 +47,7 @@ def scheduled(scheduling: Scheduling) -> Iterator[None]:
         if scheduling.core is not None:
             _pin(scheduling.core, cores)
         if scheduling.priority is not None:
-            _hasten(scheduling.priority)
+            _set_priority(scheduling.priority)
         yield
     finally:
         with suppress(OSError):
@@ -77,7 +76,7 @@ def _pin(core: int, usable: set[int]) -> None:
     ) from error
 
 
-def _hasten(priority: int) -> None:
+def _set_priority(priority: int) -> None:
     least, most = os.sched_get_priority_min(os.SCHED_FIFO), os.sched_get_priority_max(os.SCHED_FIFO)
     if not least <= priority <= most:
         allowed = f"{least} to {most}; usual is {USUAL_PRIORITY}"
@@ -108,8 +107,8 @@ LONGEST = 90
 
 
 def named_process(number: int | str, processes: Path = PROCESSES) -> str:
-    """A process as a person knows it: `process 12 (retarget servo monitor --robot op3)`, its number where not more is
-    to be had. The interpreter of a script and the folders of both are left out."""
+    """Describe a process as a person knows it: `process 12 (retarget servo monitor --robot op3)`, its number alone
+    where its command is not known. The interpreter of a script and the folders of both are left out."""
     text = _command(processes / str(number))
     return f"process {number} ({text})" if text else f"process {number}"
 

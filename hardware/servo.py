@@ -1,4 +1,4 @@
-"""Servos as data: what a model is by its maker's numbers, and what one servo of a robot is by its profile."""
+"""Servos as data: models by their makers' numbers, servos of a robot by its profile, couplings, and position loops."""
 
 import math
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ __all__ = [
     "MULTI_TURN_REACH",
     "SERVO_MODELS",
     "Coupling",
-    "ExpectedWay",
+    "ExpectedRange",
     "ServoGains",
     "ServoMode",
     "ServoModel",
@@ -34,7 +34,8 @@ __all__ = [
 # Two joints that two servos turn together, as data: a differential such as the waist of a humanoid.
 
 MAX_CONDITION = 1e3
-"""Worst ratio of the largest to the smallest turn of the joints by one of the servos; beyond it they are stuck."""
+"""Worst ratio of the largest to the smallest turn of the joints by one of the servos; beyond it the servos cannot set
+both."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,7 @@ class Coupling:
         return mean + math.sqrt(max(mean * mean - 1.0, 0.0))
 
     def problems(self) -> tuple[str, ...]:
-        """Return what is wrong with the coupling by itself, one text per finding; empty when sound."""
+        """Return what is wrong with the coupling by itself, one text per finding; empty when valid."""
         found: list[str] = []
         here = f"coupling of {self.joints[0]} and {self.joints[1]}"
         if self.joints[0] == self.joints[1]:
@@ -220,7 +221,7 @@ class ServoSpec:
 
     @property
     def label(self) -> str:
-        """The servo in messages."""
+        """The name of the servo in messages."""
         return f"{self.joint} (id {self.id})"
 
     @property
@@ -239,9 +240,9 @@ class ServoSpec:
         return MULTI_TURN_REACH if self.mode.many_turns else self.model.ticks - 1 + min(0, self.homing_offset)
 
     def problems(self) -> tuple[str, ...]:
-        """Return what keeps this servo from being driven, one text per finding; empty when sound.
+        """Return what keeps this servo from being driven, one text per finding; empty when valid.
 
-        Of a coupled servo only what needs no other one: the rest is said by `hardware.joint_map`.
+        For a coupled servo, `hardware.joint_map` checks what needs the other servo.
         """
         found: list[str] = []
         numbers = (self.lower, self.upper, self.max_velocity, self.max_acceleration, self.gear)
@@ -296,7 +297,7 @@ class ServoSpec:
         return found
 
 
-# How a servo's shaft lags behind its goal: a position loop with a pure P gain whose drive is full at the no-load
+# The lag of a servo's shaft behind its goal: a position loop with a P gain alone, whose drive is full at the no-load
 # speed.
 
 FULL_PWM = 885.0  # register value of full drive
@@ -342,10 +343,10 @@ def _tick_of_x_series(model: ServoModel) -> float:
     return 2.0 * np.pi / 4096.0 if model.ticks < 4096 else model.tick_rad
 
 
-class ExpectedWay:
-    """Where n shafts may be on the way to their goals: anywhere from where a loop with its lag would be to the goal.
+class ExpectedRange:
+    """The range in which n shafts may be: from the response of a loop with its lag to the goal.
 
-    So a servo that follows as its gain lets it is not off, however fast it is asked to go.
+    A servo that follows as well as its gain lets it has no error, however fast its goal moves.
     """
 
     def __init__(self, lag: FloatArray) -> None:
@@ -355,12 +356,12 @@ class ExpectedWay:
         self._time = 0.0
 
     def forget(self) -> None:
-        """What comes next begins at its goal."""
+        """Forget the response: the next one begins at its goal."""
         self._at = None
 
-    def off(self, time: float, goal: TickArray, position: TickArray) -> FloatArray:
-        """How far (n,) ticks shafts at `position` are off the way to goals that they have had until `time`, s; positive
-        is beyond it."""
+    def error(self, time: float, goal: TickArray, position: TickArray) -> FloatArray:
+        """Distance (n,) in ticks of shafts at `position` from the range, with goals that they have had until `time`, s;
+        positive above it."""
         end, here = goal.astype(np.float64), position.astype(np.float64)
         if self._at is None:
             self._at = end

@@ -1,5 +1,6 @@
-"""What servos and their bus say of themselves (temperature, voltage, load, errors), held against bounds: warnings
-first, then stops.
+"""Servo health: temperature, supply, current, errors and following error against bounds, first warnings, then stops.
+
+Also the health of the buses: whether any servo answers, and how many answers come damaged.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,38 +14,38 @@ from hardware.bus import ServoAlert, ServoStates
 from hardware.errors import BusError, GuardError, HardwareError, describe
 from hardware.guard_state import GuardLimits, StopCause
 from hardware.joint_map import JointMap
-from hardware.servo import ExpectedWay, ServoSpec
+from hardware.servo import ExpectedRange, ServoSpec
 
-# What is watched of servos: within which bounds there is nothing to say, and the words for what is beyond them.
+# The watched quantities: their bounds, and the words of a complaint or a warning.
 
-Notify = Callable[[float], str]
+InWords = Callable[[float], str]
 """A value in words."""
 Bounds = tuple[float, float]
-"""Least and most."""
+"""Lowest and highest value."""
 
 ANYTHING: Bounds = (-inf, inf)
 EASE = 0.1
 """Share of its level by which a current or a following error has to fall below it before a warning ends."""
 COOLER = 2.0
-"""[degrees Celsius] the same for temperatures, which servos tell in whole degrees."""
+"""[degrees Celsius] the same for temperatures, which servos report in whole degrees."""
 STEADIER = 0.2
 """[V] the same for voltages."""
 MOST_OF_ALL = 3
-"""All servos of a robot are named one by one up to so many."""
+"""Up to so many servos are named one by one where all servos of a robot are meant."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Watched:
     """One quantity of every servo. stop: bounds beyond which the robot stops; patience: s that they may be exceeded.
 
-    warn: bounds beyond which somebody is told, after the same patience; ease: how far within them the warning ends;
-    slows: it slows the robot too. complaint, warning: what goes before the names of the servos.
+    warn: bounds beyond which there is a warning, after the same patience; ease: how far within them the warning ends;
+    slows: the warning slows the robot too. complaint, warning: the words before the names of the servos.
     """
 
     cause: StopCause
     stop: Bounds
     complaint: str
-    in_words: Notify
+    in_words: InWords
     patience: float = 0.0
     warn: Bounds = ANYTHING
     warning: str = ""
@@ -53,23 +54,23 @@ class Watched:
 
 
 def watched(limits: GuardLimits) -> tuple[Watched, ...]:
-    """What is watched, in the order of `Row`."""
+    """The watched quantities, in the order of `Row`."""
     return (*_by_the_servos(limits), _temperature(limits), _voltage(limits), _current(limits), *_following(limits))
 
 
 class Row:
-    """Where in an array of all that is watched (rows, n) each quantity stands."""
+    """Rows of the array of watched values (rows, n)."""
 
     ALERT, AGE, LIMP, TEMPERATURE, VOLTAGE, CURRENT, FAR, STILL_FAR = range(8)
 
 
-def name_servos(servos: Sequence[ServoSpec], which: BoolArray, in_words: Notify, values: FloatArray) -> str:
-    """Every servo of the mask (n,) with its value (n,), for example: l_el (id 6) OVERLOAD; all of them by their number
-    alone, from the least value to the most: it is their supply or their bus, and no servo's own."""
+def name_servos(servos: Sequence[ServoSpec], which: BoolArray, in_words: InWords, values: FloatArray) -> str:
+    """Name every servo of the mask (n,) with its value (n,), for example: l_el (id 6) OVERLOAD. Where all servos are in
+    the mask, their supply or their bus is at fault: only their number and the range of the values are given."""
     if which.all() and len(servos) > MOST_OF_ALL:
         found = list(dict.fromkeys(in_words(float(value)) for value in np.sort(values)))
-        told = " and ".join(found) if len(found) < MOST_OF_ALL else f"{found[0]} to {found[-1]}"
-        return f"all {len(servos)} servos {told}".rstrip()
+        values_text = " and ".join(found) if len(found) < MOST_OF_ALL else f"{found[0]} to {found[-1]}"
+        return f"all {len(servos)} servos {values_text}".rstrip()
     named = []
     for index in np.flatnonzero(which).tolist():
         servo = servos[index]
@@ -89,15 +90,15 @@ def _by_the_servos(limits: GuardLimits) -> tuple[Watched, ...]:
             cause=StopCause.SERVO_LOST,
             stop=(0, limits.max_age),
             complaint=f"has not answered for more than {limits.max_age:g} s:",
-            in_words=_untold,
+            in_words=_no_value,
             warn=(0, limits.warn_age),
             warning=f"has not answered for more than {limits.warn_age:g} s:",
         ),
         Watched(
             cause=StopCause.SERVO_LIMP,
             stop=(0, 0),
-            complaint="does not follow its goals (started anew, or stopped by its watchdog):",
-            in_words=_untold,
+            complaint="does not follow its goals (restarted, or stopped by its watchdog):",
+            in_words=_no_value,
         ),
     )
 
@@ -145,7 +146,7 @@ def _current(limits: GuardLimits) -> Watched:
 
 
 def _following(limits: GuardLimits) -> tuple[Watched, ...]:
-    """The largest error at once, a smaller one if it lasts."""
+    """A large error at once, a smaller one after sustained_time."""
     sustained = f"rad from its goal for {limits.sustained_time:g} s:"
     return (
         Watched(
@@ -175,7 +176,7 @@ def _angle(value: float) -> str:
     return f"{value:.2f} rad"
 
 
-def _untold(value: float) -> str:
+def _no_value(value: float) -> str:
     return ""
 
 
@@ -207,9 +208,9 @@ class ServoLevels:
         self.most = np.array([[most] * count for _, most in bounds])
         self._patience = np.array(patience)[:, None] - ROUND_OFF
         self._nothing = np.full(self.least.shape, np.inf)
-        self._since = self._nothing  # [s] since when each is beyond, infinite where it is not
+        self._since = self._nothing  # [s] when each went beyond, infinite where it is within
         self.waiting = False
-        """Whether something is beyond that was to be beyond for longer, as far as it was looked at."""
+        """Whether any value was beyond its bounds at the last look, be it for less than its patience."""
 
     def beyond(self, seen: FloatArray, now: float) -> BoolArray:
         """Which values (rows, n) are beyond their bounds at `now`, s, and were for the whole of their patience."""
@@ -224,20 +225,20 @@ class ServoLevels:
         self._since, self.waiting = self._nothing, False
 
 
-# Servos that are not well yet not so bad that the robot must stop: told once, and slowing it where that helps them.
+# Warnings: beyond a bound, yet not so far that the robot must stop. Each is reported once; some slow the robot.
 
 RAMP_S = 0.4
-"""How long the robot takes from full speed to slow, and back."""
+"""Time in which the robot goes from full speed to slow, and back."""
 CALM_S = 1.0
-"""How long all must be well before a warning ends."""
+"""How long a value must be back within its bounds before a warning ends."""
 MOST_NEWS = 100
-"""So many texts are kept for somebody who does not ask for them."""
+"""Texts that are kept until the caller takes them; older ones are dropped."""
 
 
 class ServoWarnings:
-    """The warnings about one robot's servos. share: of its speed that is left to a robot that spares its servos.
+    """The warnings about one robot's servos. share: of its speed, at which the robot spares its servos.
 
-    slow: the share of all speeds that is right now, from 1 down to `share`; it changes smoothly.
+    slow: the present share of all speeds, from 1 down to `share`; it changes smoothly.
     """
 
     def __init__(self, servos: Sequence[ServoSpec], rows: Sequence[Watched], share: float) -> None:
@@ -248,7 +249,7 @@ class ServoWarnings:
         self._calm_least, self._calm_most = self.levels.least + ease, self.levels.most - ease
         self._slows = np.array([row.slows for row in rows])
         self._active = np.zeros(self.levels.least.shape, dtype=np.bool_)
-        self._rough_at = np.full(self._active.shape, -np.inf)  # [s] when each was last not well
+        self._beyond_at = np.full(self._active.shape, -np.inf)  # [s] when each was last beyond its calm bounds
         self._at: float | None = None  # [s] of the last look
         self._news: list[str] = []
         self.slow = 1.0
@@ -257,19 +258,19 @@ class ServoWarnings:
 
     @property
     def active(self) -> BoolArray:
-        """Who is warned of, (rows, n)."""
+        """Which warnings are active, (rows, n)."""
         return self._active
 
     def pass_over(self, now: float) -> None:
-        """A look, at `now`, s, at which all was well and nothing was to do."""
+        """Note a look at `now`, s, at which no value was beyond a bound and no warning active."""
         self._at = now
 
     def look(self, seen: FloatArray, now: float) -> None:
         """Judge values (rows, n) at `now`, s."""
         began = self.levels.beyond(seen, now) & ~self._active
         calm = (seen >= self._calm_least) & (seen <= self._calm_most)
-        self._rough_at = np.where(calm, self._rough_at, now)
-        ended = self._active & (now - self._rough_at >= CALM_S)
+        self._beyond_at = np.where(calm, self._beyond_at, now)
+        ended = self._active & (now - self._beyond_at >= CALM_S)
         self._active = (self._active | began) & ~ended
         if began.any():
             self._notify(began, seen, "warning: servo {warning} {names}{slower}")
@@ -279,7 +280,7 @@ class ServoWarnings:
         self.busy = self.slow < 1.0 or self.levels.waiting or bool(self._active.any())
 
     def take_news(self) -> list[str]:
-        """What began and what ended since somebody last asked, a sentence each."""
+        """Return the warnings that began and ended since the last call, a sentence each."""
         news, self._news = self._news, []
         return news
 
@@ -299,71 +300,72 @@ class ServoWarnings:
         del self._news[:-MOST_NEWS]
 
 
-# Whether a bus can still be trusted: that somebody on it is understood, and that not every other cycle is noise.
+# The health of a bus: whether any servo on it answers, and the share of cycles with damaged answers.
 
-DEAF_CYCLES = 2
-"""Cycles in a row without one sound answer."""
-DEAF_S = 0.015
-"""[s] since the last sound answer on a bus before it is given up."""
+SILENT_CYCLES = 2
+"""Cycles in a row without one valid answer."""
+SILENT_S = 0.015
+"""[s] since the last valid answer on a bus before it is given up."""
 HIGHEST_ERROR_RATE = 0.6
-"""Share of rough cycles that is no line to move a robot on (see `ServoStates.error_rate`)."""
+"""Share of cycles with damaged answers at which the robot stops (see `ServoStates.error_rate`)."""
 
 
 class LineHealth:
-    """Judges the buses of one robot. A bus with one servo is not told from that servo: it is left to the servo's age.
+    """Judges the buses of one robot. A bus with one servo cannot be distinguished from that servo: the servo's age
+    counts instead.
 
-    The age is counted to the beginning of a cycle, so that one cycle in which the host was held up is not enough.
+    The age is counted to the beginning of a cycle, so that one cycle in which the host was delayed is not enough.
     """
 
     def __init__(self, joint_map: JointMap) -> None:
         buses = np.array([servo.bus for servo in joint_map.servos])
         groups = {str(name): np.flatnonzero(buses == name) for name in buses}
         self._columns = {name: columns for name, columns in groups.items() if columns.size > 1}
-        self._deaf = dict.fromkeys(self._columns, 0)
+        self._silent = dict.fromkeys(self._columns, 0)
 
     def lost(self, states: ServoStates) -> str | None:
-        """Why there is no way to brake, because nobody on a bus is understood any more; or None."""
+        """Why the robot cannot brake, because no servo of a bus gives a valid answer any more; or None."""
         if all_of(states.valid):
-            self._deaf = dict.fromkeys(self._columns, 0)
+            self._silent = dict.fromkeys(self._columns, 0)
             return None
         for name, columns in self._columns.items():
             if states.valid[columns].any():
-                self._deaf[name] = 0
+                self._silent[name] = 0
                 continue
-            self._deaf[name] += 1
+            self._silent[name] += 1
             age = float(states.age[columns].min())
-            if self._deaf[name] >= DEAF_CYCLES and DEAF_S < age < np.inf:
-                return f"no sound answer from any servo of bus {name} for {age:.3f} s"
+            if self._silent[name] >= SILENT_CYCLES and SILENT_S < age < np.inf:
+                return f"no valid answer from any servo of bus {name} for {age:.3f} s"
         return None
 
     def error_rate(self, states: ServoStates) -> str | None:
-        """Why the robot must stop while it still can; or None."""
+        """Why the robot must brake while the bus still works; or None."""
         if states.error_rate < HIGHEST_ERROR_RATE:
             return None
         share = f"in {states.error_rate:.0%} of the cycles of late"
-        return f"answers came damaged or cut short {share}: a noisy line, or answers that come late"
+        return f"answers came damaged or incomplete {share}: a noisy line, or answers that come late"
 
 
-UNHEARD = "Check power, wiring and the bus of the profile, or whether the host is too busy"
+CHECK_BUS = "Check power, wiring and the bus of the profile, or whether the host is too busy"
 
 
 class ServoHealth:
-    """Judges the states of one robot's servos. A temperature or voltage that is no longer known (NaN) is a complaint;
-    one that never was is none: there are buses without. A current that is not known is none."""
+    """Judges the states of one robot's servos. A temperature or voltage that is no longer known (NaN) is a complaint.
+    One that never was known is none, since some buses do not report it; nor is an unknown current."""
 
     def __init__(self, joint_map: JointMap, limits: GuardLimits) -> None:
         self._joint_map = joint_map
         self._rows = watched(limits)
         self._lines = LineHealth(joint_map)
-        self._way = ExpectedWay(np.array(limits.lag or (0.0,) * len(joint_map)))
+        self._expected = ExpectedRange(np.array(limits.lag or (0.0,) * len(joint_map)))
         count = len(joint_map)
         self._levels = ServoLevels([row.stop for row in self._rows], [row.patience for row in self._rows], count)
         self.warnings = ServoWarnings(joint_map.servos, self._rows, limits.slow_share)
         warned = self.warnings.levels
-        self._least = np.maximum(self._levels.least, warned.least)  # within these there is nothing to say
+        self._least = np.maximum(self._levels.least, warned.least)  # within these there is no complaint and no warning
         self._most = np.minimum(self._levels.most, warned.most)
         self._seen = np.zeros((len(self._rows), count))
-        self._known = np.zeros(self._seen.shape, dtype=np.bool_)  # what was told at least once
+        self._known = np.zeros(self._seen.shape, dtype=np.bool_)  # what was reported at least once
         self._zeros = np.zeros(count)
         self._limited = np.isfinite(self._levels.least) | np.isfinite(self._levels.most)
         self._all_known = np.ones(self._seen.shape, dtype=np.bool_)
@@ -377,9 +379,9 @@ class ServoHealth:
         self, states: ServoStates, sent: TickArray | None, held: FloatArray | None = None
     ) -> tuple[StopCause, str] | None:
         """Why the robot must stop, or None. sent (n,): goal ticks of the last tick. held (n,): rad, where these goals
-        hold the joints under their load, if not there.
+        hold the joints under their load; None: at the goals.
 
-        Raises BusError where a bus is deaf: there is no way to brake on it.
+        Raises BusError where no servo of a bus answers: the robot cannot brake.
         """
         lost = self._lines.lost(states)
         if lost is not None:
@@ -400,7 +402,7 @@ class ServoHealth:
         """Raise for servos that cannot be armed: BusError when none answers, GuardError with all that is wrong."""
         missing = ~states.valid
         if missing.all():
-            raise BusError(describe(what="no servo answers", where="arming", then=UNHEARD))
+            raise BusError(describe(what="no servo answers", where="arming", then=CHECK_BUS))
         self._levels.forget()
         self._look(states, None)
         age = self._rows[Row.AGE]
@@ -418,7 +420,7 @@ class ServoHealth:
             )
 
     def _aimed(self, sent: TickArray, held: FloatArray) -> TickArray:
-        """Ticks (n,) where shafts are to be held: those that were sent, where nothing is held beside its goal."""
+        """Ticks (n,) at which the shafts are to be: `held`, or `sent` where both agree within a tick."""
         if all_of(np.abs(self._joint_map.to_radians(sent) - held) <= self._joint_map.tick_rad):
             return sent
         try:
@@ -427,25 +429,25 @@ class ServoHealth:
             return sent
 
     def _look(self, states: ServoStates, sent: TickArray | None) -> None:
-        """Take down what is watched."""
+        """Store the watched values."""
         seen = self._seen
         seen[Row.ALERT], seen[Row.AGE] = states.alert, states.age
         seen[Row.TEMPERATURE], seen[Row.VOLTAGE] = states.temperature, states.voltage
         np.fmax(np.abs(states.current), self._zeros, out=seen[Row.CURRENT])  # 0 where it is not known
-        if sent is None:  # before goals are sent torque may well be off
+        if sent is None:  # before goals are sent, torque may be off
             seen[Row.LIMP] = seen[Row.FAR] = seen[Row.STILL_FAR] = 0.0
-            self._way.forget()
+            self._expected.forget()
             return
         np.logical_not(states.driven, out=seen[Row.LIMP])
-        far = np.abs(self._joint_map.turned(self._way.off(states.time, sent, states.position)))
+        far = np.abs(self._joint_map.turned(self._expected.error(states.time, sent, states.position)))
         if all_of(states.valid):
             seen[Row.FAR] = seen[Row.STILL_FAR] = far
-        else:  # where a silent servo was is not where it is: what was known of it last still stands
-            heard = self._joint_map.heard(states.valid)
-            seen[Row.FAR] = seen[Row.STILL_FAR] = np.where(heard, far, seen[Row.FAR])
+        else:  # the position of a silent servo is out of date: its last known error stays
+            known = self._joint_map.known_joints(states.valid)
+            seen[Row.FAR] = seen[Row.STILL_FAR] = np.where(known, far, seen[Row.FAR])
 
     def _all_well(self) -> bool:
-        """Whether there is nothing to say of any servo, not even that something lasts for too long."""
+        """Whether every value is within its bounds, or of a kind that the bus does not report."""
         seen = self._seen
         inside = (seen >= self._least) & (seen <= self._most)
         if all_of(inside):

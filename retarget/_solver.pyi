@@ -406,10 +406,10 @@ class PoseFilter:
 class PoseRing:
     """The newest `depth` poses of each of `count` sensors, in the order of their times; see `retarget.live.playout`.
 
-    extrapolation: s, how long a sensor moves on with its last velocity. What is told of k sensors: position (k, 3) m
-    and orientation (k, 4) wxyz, on the side of what was told last, NaN where never told; valid (k,); age (k,) s since
-    the newest pose, infinite where there is none; how (k,): 0 nothing, 1 interpolated, 2 as it was told, 3
-    extrapolated, 4 held; time (k,) s of what is told, NaN where there is none.
+    extrapolation: s, how long a sensor moves on with its last velocity. Results for k sensors: position (k, 3) m and
+    orientation (k, 4) wxyz, on the side of the last result, NaN where none was sent; valid (k,); age (k,) s since the
+    newest pose, infinite where there is none; how (k,): 0 nothing, 1 interpolated, 2 as it was sent, 3 extrapolated,
+    4 held; time (k,) s of the result, NaN where there is none.
     """
 
     def __init__(self, count: int, *, depth: int, extrapolation: float) -> None: ...
@@ -417,7 +417,7 @@ class PoseRing:
         self, rows: NDArray[np.int64], time: float, position: Floats, orientation: Floats, valid: NDArray[np.bool_]
     ) -> tuple[float | None, int, int]:
         """Take poses of m different sensors rows (m,) at one time, s: position (m, 3), orientation (m, 4) of any norm
-        and sign, a part NaN where it is not told; valid (m,): False where the sensor is lost.
+        and sign, a part NaN where it was not sent; valid (m,): False where the sensor is lost.
 
         Returns the newest time of those sensors before, minus infinity where there was none, None where no pose is
         one; and how many were not kept, as repeated and as older than all that is kept.
@@ -433,7 +433,7 @@ class PoseRing:
 class SensorPlan:
     """How m sensors are read out of frames of `count` poses: points (m,) and segments (m,) are the columns of position
     and orientation, -1 where there is none; rest (m, 4) wxyz is what an orientation is multiplied by; offset (m, 3) m
-    what the position is told away from the joint, in the axes of the pose that tells it."""
+    from the joint to the position that is sent, in the axes of that pose."""
 
     def __init__(
         self,
@@ -450,13 +450,13 @@ class SensorPlan:
 
 @final
 class PoseParts:
-    """What each of `count` sensors was told to be last, for poses that are told in parts (position here, rotation
+    """The last pose of each of `count` sensors, for poses that are sent in parts (position here, rotation
     there)."""
 
     def __init__(self, count: int) -> None: ...
     def complete(self, rows: NDArray[np.int64], time: float, position: Floats, orientation: Floats) -> None:
-        """Fill in, in place, what position (m, 3) and orientation (m, 4) of sensors rows (m,) do not tell (NaN) with
-        what was told at most 0.1 s before `time`."""
+        """Fill in, in place, what position (m, 3) and orientation (m, 4) of sensors rows (m,) do not have (NaN) with
+        what was sent at most 0.1 s before `time`."""
 
 @final
 class WatchedSensors:
@@ -488,17 +488,17 @@ class WatchedSensors:
         look_again: bool,
     ) -> tuple[NDArray[np.uint8], bool] | None:
         """Judge poses of one capture, position (m, 3) m, orientation (m, 4) wxyz or NaN throughout, of sensors rows
-        (m,), and take the sound ones if they come in order and near to where they were, and not look_again.
+        (m,), and take the valid ones if they come in order and near to where they were, and not look_again.
 
-        Returns a verdict on each (m,) (0 sound; see `retarget.live.sensor_validity`) and whether they were taken; None:
-        all are sound, and taken.
+        Returns a verdict on each (m,) (0 valid; see `retarget.live.sensor_validity`) and whether they were taken; None:
+        all are valid, and taken.
         """
     def put(self, rows: NDArray[np.int64], time: float, pose: Floats) -> None:
-        """Take any poses (m, 7): the first of a sensor, after a leap, on a clock that was set back."""
+        """Take any poses (m, 7): the first of a sensor, after a jump, on a clock that was set back."""
     def forget_turn(self, rows: NDArray[np.int64]) -> None:
         """These sensors come without an orientation now."""
     def judge(self, now: float) -> NDArray[np.uint8]:
-        """A `ValidityState` of each sensor at `now`, s: fresh, stale, frozen, not worn, out of range."""
+        """A `ValidityState` of each sensor at `now`, s: fresh, stale, frozen, not in use, out of range."""
     @property
     def latest(self) -> float:
         """s, of all captures."""

@@ -1,8 +1,8 @@
 """Errors that stop a command before anything moves: bad files, bad configurations, bad options.
 
 Each carries one or more `Problem`s (what, where, found, allowed, next step) and renders all of them as one message, so
-that a user mends a file in one go. The command line prints the message and leaves with exit code 2. The root of the
-tree, `RetargetError`, lives in `hardware.errors`, because `hardware` imports nothing from here.
+that a user can correct a file in one go. The command line prints the message and ends with exit code 2. The root of
+the tree, `RetargetError`, lives in `hardware.errors`, because `hardware` imports nothing from here.
 """
 
 import difflib

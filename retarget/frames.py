@@ -1,4 +1,4 @@
-"""What every reader yields: named sensors over time, the whole body where the source knows it, and its rest skeleton.
+"""Sensor frames, which every reader yields: sensors over time, the whole body where it is known, its rest skeleton.
 
 World frame REP-103 (x forward, y left, z up), metres, seconds, quaternions wxyz. Arrays are float64, C-contiguous and
 read-only, so that one recording can be shared by every stage.
@@ -110,9 +110,9 @@ _REFLECT_QUATERNION = np.array([1.0, -1.0, 1.0, -1.0])
 
 @dataclass(frozen=True)
 class JointTracks:
-    """Joint centres over time: what the source knows of the whole body.
+    """Joint centres of the whole body over time, as far as the source has them.
 
-    names: m canonical joint names, only those that the source knows. position (T, m, 3) m, world; NaN where unknown.
+    names: m canonical joint names, only those that the source has. position (T, m, 3) m, world; NaN where unknown.
     """
 
     names: tuple[str, ...]
@@ -153,7 +153,7 @@ class Skeleton:
 class SensorSample:
     """The sensors at one instant: names (k), position (k, 3), orientation (k, 4) wxyz, valid (k); NaN where invalid.
 
-    weight (k,): how far who was lost has come back, 0 to 1; None: everybody is as they are.
+    weight (k,): how far a lost sensor has come back, 0 to 1; None: all have.
     """
 
     names: tuple[str, ...]
@@ -171,7 +171,7 @@ class SensorFrames:
     invalid. orientation (T, k, 4) wxyz, world, NaN where unknown or invalid. It is the orientation of the body segment
     that the joint of the sensor's name carries (wrist: hand, elbow: forearm, shoulder: upper arm, hip: thigh, knee:
     shank, ankle and toe: foot, chest: thorax), and is the identity in the source's rest pose, standing upright and
-    facing x. valid (T, k). joints: the whole body where the source knows it. skeleton: its rest pose. source: where it
+    facing x. valid (T, k). joints: the whole body where the source has it. skeleton: its rest pose. source: where it
     comes from. rate_hz: nominal frame rate. notes: warnings for the user.
     """
 
@@ -347,7 +347,7 @@ HEAD_CENTRE, ANKLE = 0.936, 0.039
 
 
 def stature(skeleton: Skeleton) -> float | None:
-    """Height in the skeleton's unit, None if it lacks a leg, the neck or the head.
+    """Height in the skeleton's unit, None without a leg, the neck or the head.
 
     Along the bones (ankle, knee, hip, middle of the hips, chest, neck, centre of the head), so it does not depend on
     how the rest pose stands.
@@ -361,10 +361,10 @@ def stature(skeleton: Skeleton) -> float | None:
     return (leg + sum(float(np.linalg.norm(b - a)) for a, b in pairwise(trunk))) / (HEAD_CENTRE - ANKLE)
 
 
-# The grid on which sensors are followed: finer than any sensor tells, so that a recording of them stays small.
+# The grid to which sensors are rounded: finer than any sensor's resolution, so that a recording of them stays small.
 #
-# Whatever is interpolated, smoothed or turned fills all 52 bits of a number, of which the last 30 say nothing. They
-# cannot be compressed, and replay needs what was followed to the bit. So what is followed has none of them.
+# Interpolation, smoothing and turning fill all 52 bits of a number, of which the last 30 hold no information. They
+# cannot be compressed, and replay needs the followed samples to the bit. So these samples are rounded first.
 
 STEP_M = 2.0**-20
 """Between two positions, m: a micrometre."""

@@ -7,7 +7,7 @@ SIBLINGS = ("hardware", "sim")
 
 
 def verify() -> None:
-    """Raise ImportError, naming the shadow, unless the packages beside this one are those found. Imports neither."""
+    """Raise ImportError, naming the shadow, unless Python finds the packages next to this one. Imports neither."""
     home = Path(__file__).resolve().parent.parent
     for name in SIBLINGS:
         spec = importlib.util.find_spec(name)

@@ -28,7 +28,7 @@ class Carrying(Enum):
 
 
 ORIENTED: tuple[str, ...] = ("pelvis", "chest", "head")
-"""Parts whose orientation is told."""
+"""Parts whose orientation is known."""
 
 
 def _no_modes() -> ModeArray:
@@ -41,7 +41,7 @@ class HumanPosture:
 
     q (nq,): as the solver has it. joint_names: m canonical names; joints (m, 3): their centres, m. orientations (3, 4):
     wxyz of ORIENTED; the identity stands upright and faces x. centre_of_mass (3,) m. sensor_error (k,) m: distance of
-    each worn sensor's joint from where it was last measured, NaN where it is missing. balance_error: distance of the
+    each sensor's joint from where it was last measured, NaN where it is missing. balance_error: distance of the
     centre of mass from its goal, m; NaN where there is none. heading: unit vector on the ground. observer_modes (o,):
     0 free, 1 preventive, 2 reactive. carrying: which feet carry.
     """

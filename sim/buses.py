@@ -1,4 +1,4 @@
-"""A robot's bus above emulated servos, and above its simulated mechanics."""
+"""The buses of a robot that stand in for hardware: above emulated servos, and above its simulated mechanics."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -35,7 +35,7 @@ def emulated_bus(
     simulation: Simulation | None = None,
     notify: Callable[[str], object] = lambda note: None,
 ) -> DynamixelBus:
-    """The bus of a robot whose emulated servos begin at `start`, ticks (n,). timing: of the wires; None: the usual.
+    """The bus of a robot whose emulated servos begin at `start`, ticks (n,). timing: of the wires; None: the default.
     simulation: what turns their shafts, begun at the same ticks; None: the emulator's own motion.
 
     Raises ConfigError for a bad file of faults.
@@ -88,9 +88,9 @@ def simulation_of(
     seed: int = 0,
     notify: Callable[[str], object] = lambda note: None,
 ) -> Simulation:
-    """The mechanics of a robot whose servos begin at `start`, ticks (n,), as its profile's root says or on `mount`.
+    """Build the mechanics of a robot whose servos begin at `start`, ticks (n,), on the mount of its profile or `mount`.
 
-    tell: hears what is left out. The same seed gives the same bits. Raises ConfigError (see `build_world`).
+    notify: receives what is left out. The same seed gives the same bits. Raises ConfigError (see `build_world`).
     """
     perturbation = NOMINAL if perturbation is None else perturbation
     world = build_world(

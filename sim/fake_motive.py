@@ -20,7 +20,7 @@ _SIZED = Version(4, 1)
 _MARKERS_NAMED = Version(4, 0)
 _TURNED = Version(4, 2)
 _MAX_BURST_S = 1.0
-"""Of frames that are made up for when nobody asked for a while."""
+"""Longest burst of missed frames, after a time without a call of `due`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +57,7 @@ class FakeMotive:
         self._position, self._turn = _to_wire(motion, self.settings.up)
         self._names = list(motion.names)
         self._pinned: Version | None = None
-        self._heard: float | None = None
+        self._last_request: float | None = None
         self._next: int | None = None
         self._changed = False
         self._first_id = 1
@@ -67,11 +67,11 @@ class FakeMotive:
         """Of what is sent now."""
         return self._pinned or self.settings.version
 
-    def rename(self, names: list[str], *, first_id: int = 1, told: bool = True) -> None:
-        """Other names and ids for the same bodies. told: the next frame says that definitions changed."""
+    def rename(self, names: list[str], *, first_id: int = 1, announced: bool = True) -> None:
+        """Give the same bodies other names and ids. announced: the next frame says that definitions changed."""
         assert len(names) == len(self._names)
         self._names, self._first_id = list(names), first_id
-        self._changed = told
+        self._changed = announced
 
     def receive(self, now: float, datagram: bytes) -> list[bytes]:
         """Answers to a datagram that came to the command port at `now` (s)."""
@@ -81,13 +81,13 @@ class FakeMotive:
         kind, payload = parts
         if kind in (MessageId.CONNECT, MessageId.DISCOVERY):
             if kind == MessageId.CONNECT:
-                self._heard = now
+                self._last_request = now
                 self._pin(payload[265:267])
             return [self._server_info()]
         if kind == MessageId.DEFINITIONS_REQUEST:
             return [self._definitions()]
         if kind == MessageId.KEEP_ALIVE:
-            self._heard = now if self._heard is not None else None
+            self._last_request = now if self._last_request is not None else None
             return []
         if kind == MessageId.ECHO and len(payload) == 8:
             return [message(MessageId.ECHO_ANSWER, payload + pack("<Q", self._ticks(now)))]
@@ -100,14 +100,14 @@ class FakeMotive:
         newest = int((now - self.settings.latency_s) * self._rate_hz)
         first = newest if self._next is None else max(self._next, newest - int(_MAX_BURST_S * self._rate_hz))
         self._next = newest + 1
-        if not (self.streaming and self.answering and self._listened(now)):
+        if not (self.streaming and self.answering and self._has_client(now)):
             return []
         return [self._frame(index) for index in range(first, newest + 1)]
 
-    def _listened(self, now: float) -> bool:
+    def _has_client(self, now: float) -> bool:
         if self.settings.transport == "multicast":
             return True
-        return self._heard is not None and now - self._heard <= self.settings.patience_s
+        return self._last_request is not None and now - self._last_request <= self.settings.patience_s
 
     def _ticks(self, now: float) -> int:
         return round((now + self.settings.clock_offset_s) * self.settings.clock_hz)

@@ -1,4 +1,4 @@
-"""Servos in this process, each with a speed limit, a first-order lag and an encoder, on the time of a given clock."""
+"""Buses without wires: servos with speed limit, first-order lag, encoder and faults, or always at their goals."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -18,14 +18,14 @@ from sim.servo_model import ServoLoad, saturated_lag
 __all__ = ["ALERT_BIT", "VELOCITY_UNIT", "FaultKind", "MockBus", "MockFault", "NoBus", "mock_bus"]
 
 
-# What may go wrong on the mock bus, as data: which servo, which cycles, what.
+# Faults of the mock bus as data: kind, servo, cycles.
 
 
 class FaultKind(Enum):
     """What happens while a fault lasts."""
 
     MISSING = "missing"
-    """The servo does not answer, and hears neither goals nor that its torque is to be switched."""
+    """The servo does not answer, and receives neither goals nor torque commands."""
     ALERT = "alert"
     """The servo reports `alert` bits and its torque is off; it stays so when the fault is over, like a real one until
     its reboot."""
@@ -75,7 +75,7 @@ class MockBus:
     A goal is approached at speed `clip((goal - position) / lag, -top, top)`: the servo's position loop, a pure P gain
     whose drive saturates at its no-load speed. `lag` in s, for all servos; None takes it from the model and its P gain
     (about 45 ms for an XM430-W350 at its default gain of 800). Between calls the motion is exact, however far apart
-    they are. `start` in ticks, (n,). protocols: of the buses, by name, for the gains' unit; 2 where it is not told.
+    they are. `start` in ticks, (n,). protocols: of the buses, by name, for the gains' unit; 2 where it is not given.
     """
 
     def __init__(
@@ -110,8 +110,8 @@ class MockBus:
         )  # (n,) register [tick]
         self._velocity = np.zeros(count)  # (n,) [rad/s]
         self._load = ServoLoad(np.array([model.voltage for model in models]), self._top * self._tick_rad)
-        self._nobody = np.zeros(count, dtype=np.bool_)
-        self._torque = self._nobody.copy()
+        self._none = np.zeros(count, dtype=np.bool_)
+        self._torque = self._none.copy()
         self._alert = np.zeros(count, dtype=np.uint8)
         self._cycle = -1  # of reads
         self._time = clock.now()
@@ -125,7 +125,7 @@ class MockBus:
         self._time = self._clock.now()
 
     def read(self) -> ServoStates:
-        """Move time on and return what the servos say. Raises BusError when closed, or when a fault says so."""
+        """Move time on and return the state of the servos. Raises BusError when closed, and under such a fault."""
         self._require_open("read")
         self._cycle += 1
         self._catch_up()
@@ -140,8 +140,8 @@ class MockBus:
         return self._shown
 
     def write(self, goals: ServoGoals) -> None:
-        """Set the goal registers. Raises BusError when closed, on a goal that a servo does not have, or when a fault
-        says so."""
+        """Set the goal registers. Raises BusError when closed, on a goal that a servo does not have, and under such
+        a fault."""
         self._require_open("write")
         self._catch_up()
         if self._failing(FaultKind.WRITE_FAILS):
@@ -158,7 +158,7 @@ class MockBus:
 
     def torque(self, on: bool) -> None:
         """Switch torque; a servo with an alert stays off. The goal registers keep what they had, so goals come
-        first. Raises BusError when closed, and, once all others are switched, for servos that do not hear it."""
+        first. Raises BusError when closed, and, once all others are switched, for servos that do not answer."""
         self._require_open("torque")
         self._catch_up()
         silent = self._silent()
@@ -168,7 +168,7 @@ class MockBus:
             raise BusError(describe(what=f"no answer from {names}", where=f"mock bus, torque {'on' if on else 'off'}"))
 
     def close(self) -> None:
-        """Torque off, and no further call but `open`. Raises BusError for servos that do not hear it."""
+        """Switch torque off; no further call but `open`. Raises BusError for servos that do not answer."""
         try:
             if self._open:
                 self.torque(False)
@@ -209,12 +209,12 @@ class MockBus:
             error=ALERT_BIT * (self._alert != 0),
             alert=self._alert.copy(),
             age=np.zeros(len(self._servos)),
-            valid=~self._nobody,
+            valid=~self._none,
             driven=self._torque.copy(),
         )
 
     def _merged(self, fresh: ServoStates, missing: BoolArray) -> ServoStates:
-        """Fresh values of the servos that answer, and what the `missing` ones (n,) said last."""
+        """Fresh values of the servos that answer, and the last values of the `missing` ones (n,)."""
         old = self._shown or fresh
         return ServoStates(
             time=self._time,
@@ -237,15 +237,15 @@ class MockBus:
     def _struck(self, kind: FaultKind) -> BoolArray:
         """Mask (n,) of servos that have such a fault in this cycle."""
         if not self._faults:
-            return self._nobody
-        mask = self._nobody.copy()
+            return self._none
+        mask = self._none.copy()
         for fault in self._faults:
             if fault.kind is kind and fault.lasts(self._cycle):
                 mask[fault.servo] = True
         return mask
 
     def _said(self, kind: FaultKind, values: FloatArray) -> FloatArray:
-        """The registers (n,), with what a fault of this kind makes of them."""
+        """Return the registers (n,), changed by faults of this kind."""
         for fault in self._faults:
             if fault.kind is kind and fault.lasts(self._cycle):
                 values[fault.servo] = fault.value
@@ -259,7 +259,7 @@ class MockBus:
             raise BusError(describe(what="the bus is closed", where=f"mock bus, {action}", then="Call open first"))
 
 
-# No bus: servos that are always where they were told to be, for runs that only compute.
+# No bus: servos that are always at their goals, for runs that only compute.
 
 
 class NoBus:
@@ -297,7 +297,7 @@ class NoBus:
         )
 
     def write(self, goals: ServoGoals) -> None:
-        """Be there."""
+        """Take the goals as positions."""
         self._require_open()
         self._position = goals.ticks
 

@@ -1,4 +1,4 @@
-"""Plausible currents, voltages and temperatures of servos that carry nothing: friction, speed, acceleration, heat."""
+"""Plausible currents, voltages and temperatures of unloaded servos, and the lag with which they follow a goal."""
 
 import numpy as np
 
@@ -54,7 +54,7 @@ class ServoLoad:
     def advance(self, *, before: FloatArray, after: FloatArray, torque: BoolArray, elapsed: float) -> None:
         """Move on by `elapsed` s, in which the shaft velocities (n,) rad/s went from `before` to `after`."""
         speed = np.abs(after)
-        # Whoever looks twice within a moment, as late ticks do, sees no larger current for that.
+        # Two updates in quick succession, as after late ticks, must not show a larger current.
         spread = max(elapsed, ACCELERATION_TIME)
         inertia = INERTIA / spread / TORQUE_PER_AMPERE * np.abs(after - before)  # [A]
         drive = FRICTION_CURRENT * (speed > self._still) + self._per_speed * speed + inertia

@@ -45,7 +45,7 @@ def shared() -> Path:
 
 @pytest.fixture
 def server() -> Iterator[Any]:
-    """A page for nobody; without the viewer's extra the test is skipped."""
+    """A page that no browser has open; without the viewer's extra the test is skipped."""
     pytest.importorskip("viser", reason="the viewer's extra is not installed")
     from retarget.viewer.server import close_server, open_server
 

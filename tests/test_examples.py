@@ -37,9 +37,9 @@ def test_a_dataset_needs_a_run_and_a_folder(
     monkeypatch.setattr("sys.argv", [str(path), *words])
     with pytest.raises(SystemExit) as left:
         runpy.run_path(str(path), run_name="__main__")
-    told = capsys.readouterr().err
+    err = capsys.readouterr().err
     assert left.value.code == 2
-    shows(told, "export_lerobot.py")
+    shows(err, "export_lerobot.py")
 
 
 def test_pictures_go_to_a_folder_that_is_not_there_yet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,13 +20,13 @@ def test_every_module_is_there(place: str) -> None:
         assert f"\n::: {module}\n" in page
 
 
-def test_no_module_is_told_twice() -> None:
+def test_no_module_is_documented_twice() -> None:
     count = Counter(module for page in PAGES.values() for module in page.modules)
     assert count.most_common(1)[0][1] == 1
 
 
-def test_every_public_name_is_listed_with_what_it_is_and_where_it_is_told() -> None:
-    page, told = python_page(PUBLIC), {module for one in PAGES.values() for module in one.modules}
+def test_every_public_name_is_listed_with_what_it_is_and_its_page() -> None:
+    page, documented = python_page(PUBLIC), {module for one in PAGES.values() for module in one.modules}
     for name, home in retarget._HOMES.items():
         assert f"| [`{name}`][{home}.{name}] | " in page and f"| [`{name}`][{home}.{name}] |  |" not in page
-        assert home in told
+        assert home in documented

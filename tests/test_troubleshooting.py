@@ -1,4 +1,4 @@
-"""What the page of troubles quotes is what the tool says: every message of its first columns is in the sources."""
+"""The troubleshooting page quotes what the tool prints: every message of its first columns is in the sources."""
 
 import ast
 import re

@@ -20,7 +20,7 @@ FAULT_ROWS = (
     "wrist lost",  # the sensor takes no part
     "stream silent",  # holds
     "stream silent for a while",  # holds, and goes on by itself
-    "sender's clock leaps on",  # understands the clock anew
+    "sender's clock jumps forward",  # follows the new clock
     "solver not finite",  # brakes and stands; does not begin, torque off
     "servo warm",  # goes on at half its speed
     "SIGINT, SIGTERM",  # stops

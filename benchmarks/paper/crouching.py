@@ -14,7 +14,7 @@ from benchmarks.paper.placement import FOREARM, HEAD, clear_cylinder, cycles_on_
 from benchmarks.paper.replay import Replay, replay
 from hardware.clock import Clock
 from retarget.frames import SensorFrames
-from retarget.model.observers import Observers, Worn, human_observers
+from retarget.model.observers import Observers, ObserverSet, human_observers
 from retarget.schema.priorities import load_priorities
 from retarget.schema.scene import Scene
 from retarget.types import FloatArray
@@ -36,7 +36,7 @@ class Experiment:
     number: int
     scene: Scene | None
     evidence: str | None
-    worn: Worn
+    worn: ObserverSet
 
     @property
     def paper_fps(self) -> float:
@@ -77,7 +77,7 @@ class Outcome:
 
     experiment: Experiment
     priorities: str
-    worn: Worn
+    worn: ObserverSet
     replay: Replay
     free: Replay
     on_observers: Collisions
@@ -113,7 +113,7 @@ def crouching(
     )
     for experiment in experiments:
         for name in configurations:
-            worn: Worn = experiment.worn if name == CONFIGURATIONS[0] else "capsules"
+            worn: ObserverSet = experiment.worn if name == CONFIGURATIONS[0] else "capsules"
             replayed = replay(
                 frames,
                 load_priorities(name),
@@ -126,7 +126,7 @@ def crouching(
             yield _outcome(experiment, name, worn, replayed, free[name])
 
 
-def _outcome(experiment: Experiment, priorities: str, worn: Worn, replayed: Replay, free: Replay) -> Outcome:
+def _outcome(experiment: Experiment, priorities: str, worn: ObserverSet, replayed: Replay, free: Replay) -> Outcome:
     assert replayed.observers is not None
     settings = load_priorities(priorities).observers
     capsules = human_observers(replayed.human, settings, "capsules")

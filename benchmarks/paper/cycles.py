@@ -1,4 +1,4 @@
-"""Crouch cycles of a performer, told from the height of the head."""
+"""Crouch cycles of a performer, found by the height of the head."""
 
 from itertools import pairwise
 

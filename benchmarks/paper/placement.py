@@ -1,4 +1,4 @@
-"""Where the obstacles of experiments 2 and 3 stand: told from the motion by a rule, never typed for one recording.
+"""Where the obstacles of experiments 2 and 3 stand: derived from the motion by a rule, never typed for one recording.
 
 The motion is the one reconstructed without observers. An obstacle stands where the hand (the head) would run into it by
 at least `HINDERED` in at least two crouch cycles, and clear of the whole body at the start. Of such places, the
@@ -15,7 +15,7 @@ from benchmarks.paper.replay import Replay
 from retarget.errors import InputError
 from retarget.model.human import Human
 from retarget.model.human_dimensions import POINTS
-from retarget.model.observers import Observers, Worn, human_observers
+from retarget.model.observers import Observers, ObserverSet, human_observers
 from retarget.schema.priorities import ObserverSettings
 from retarget.schema.scene import Scene
 from retarget.types import FloatArray
@@ -112,10 +112,10 @@ def cycles_on_hold(motion: Replay, depth: FloatArray) -> int:
     return sum(bool(depth[cycle].max() >= HINDERED) for cycle in crouch_cycles(head))
 
 
-def _worn(human: Human, worn: Worn) -> Observers:
+def _worn(human: Human, worn: ObserverSet) -> Observers:
     observers = human_observers(human, ObserverSettings(), worn)
     assert observers is not None
-    return replace(observers, pairs=observers.pairs[:0])  # nobody looks at themselves here
+    return replace(observers, pairs=observers.pairs[:0])  # no self-collision here
 
 
 def _nowhere(evidence: str) -> InputError:

@@ -11,7 +11,7 @@ from retarget.human.calibration import calibrate, rest_orientations
 from retarget.human.reconstruction import Reconstructor
 from retarget.model.human import Human, PostureReader, build_human
 from retarget.model.human_dimensions import POINTS
-from retarget.model.observers import Observers, Worn
+from retarget.model.observers import Observers, ObserverSet
 from retarget.model.scene_state import SceneState
 from retarget.schema.performer import load_performer
 from retarget.schema.priorities import Priorities
@@ -74,7 +74,7 @@ def replay(
     priorities: Priorities,
     *,
     clock: Clock,
-    observed: Worn = "none",
+    observed: ObserverSet = "none",
     scene: Scene | None = None,
     iterations: int | None = None,
     progress: Callable[[int], None] = lambda done: None,

@@ -1,4 +1,5 @@
-"""The real thing: every servo of a robot on its Dynamixel buses, as a `hardware.bus.ServoBus`."""
+"""All servos of a robot on their Dynamixel buses, as a `hardware.bus.ServoBus`; and a reader of them that writes
+nothing."""
 
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
@@ -9,8 +10,6 @@ import numpy as np
 
 from hardware.arrays import TickArray, any_of
 from hardware.bus import BusSpec, ServoGoals, ServoStates
-from hardware.dynamixel import torque
-from hardware.dynamixel import torque as powering
 from hardware.dynamixel.bus_line import BusLine, read_cycle
 from hardware.dynamixel.checks import alert_text
 from hardware.dynamixel.control_table import Register
@@ -18,27 +17,28 @@ from hardware.dynamixel.cyclic import ErrorRate
 from hardware.dynamixel.opening import Opening, examine
 from hardware.dynamixel.readings import Readings
 from hardware.dynamixel.serial_port import BytePort
+from hardware.dynamixel.torque import Ready, check_still, off_everywhere, prepare, raise_drive, switch_on
 from hardware.errors import BusError, HardwareError, describe
 from hardware.joint_map import JointMap, resolve_turns, turn_groups
 
 MakePort = Callable[[BusSpec], BytePort]
-"""From a bus of the profile to the way to it."""
+"""From a bus of the profile to its port."""
 
 FIRST_CYCLES = 5
-"""Cycles at opening after which a servo that never answered is left for later."""
-RESTLESS = 50
-"""Cycles with repeated requests, one after the other, that are worth a note."""
+"""Cycles at opening in which servos that have not answered yet are waited for."""
+NOISY_CYCLES = 50
+"""Cycles in a row with repeated requests after which there is a note."""
 
 
 def _quiet(note: str) -> None:
-    """Nobody listens."""
+    """Drop the note."""
 
 
 class DynamixelBus:
     """All buses of a robot, in parallel: each cycle asks on every port before it waits on any.
 
     A servo without an answer keeps its values and is marked; a port that is gone raises BusError. Torque comes on by a
-    ramp, and only where everything was found and written as the profile wants. `notify` hears what is worth a note.
+    ramp, and only where everything was found and written as the profile wants. notify: receives notes, a text each.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class DynamixelBus:
         self._highest = np.array([servo.highest_tick for servo in joint_map.servos])
         self._readings: Readings
         self._goals: TickArray | None = None
-        self._restless = 0  # cycles
+        self._noisy_cycles = 0  # cycles
         self._error_rates = [ErrorRate() for _ in self._lines]
         self._open = False
         self._powered = False  # torque may be on, through this bus
@@ -79,8 +79,8 @@ class DynamixelBus:
     def open(self) -> None:
         """Open the ports, look at every servo, write what the profile wants. Torque stays as it is.
 
-        Raises BusError with everything that is wrong, on all ports at once; then nothing was written to a servo. Where
-        one refuses what is written, it is told what others have taken by then.
+        Raises BusError with every problem of all ports at once; then nothing was written to a servo. Where a servo
+        refuses a value, the message says what others have taken by then.
         """
         if self._open:
             raise BusError(describe(what="the bus is open already", where="bus, open", then="Call close first"))
@@ -93,7 +93,7 @@ class DynamixelBus:
                 line.adopt(opening.images)
                 for note in opening.notes:
                     self._notify(note)
-            powering.prepare(self._lines, self._notify, limp_only=True)
+            prepare(self._lines, self._notify, limp_only=True)
             self._begin()
         except BaseException:
             self._close_ports()
@@ -133,7 +133,7 @@ class DynamixelBus:
             self._torque_on()
         except BaseException:
             if self._powered:
-                with suppress(BusError):  # what made torque fail is worth more than that it cannot be undone
+                with suppress(BusError):  # the first error is the one to raise
                     self._torque_off()
             raise
 
@@ -150,7 +150,7 @@ class DynamixelBus:
             self._close_ports()
 
     def _examine(self) -> list[Opening]:
-        """Open and look at every port, whatever another one says."""
+        """Open and examine every port, also after a problem of another one."""
         found = []
         for line in self._lines:
             try:
@@ -162,7 +162,7 @@ class DynamixelBus:
         return found
 
     def _begin(self) -> None:
-        """Read everybody once, and find the turns that servos of many turns have forgotten."""
+        """Read all servos once, and find the turns that servos of many turns have forgotten."""
         servos = self._map.servos
         tables = {line.index_of[device]: image.table for line in self._lines for device, image in line.images.items()}
         self._readings = Readings([tables[index] for index in range(len(servos))])
@@ -174,13 +174,13 @@ class DynamixelBus:
             if self._cycle().valid.all():
                 break
         valid = self._readings.valid
-        with suppress(BusError):  # it can be looked at and homed, but not driven: torque asks again
+        with suppress(BusError):  # it can be read and homed, but not driven: torque on counts again
             self._count_turns(np.flatnonzero(valid).tolist())
 
     def _count_turns(self, columns: Iterable[int]) -> None:
         """Find the whole turns of servos (places in servo order) that may have forgotten them.
 
-        Raises BusError for those that do not say.
+        Raises BusError for those whose turns are not known.
         """
         states = self._readings.states(self._lines[0].port.now())
         shown, turns = states.position - self._readings.turns, self._readings.turns.copy()
@@ -209,36 +209,36 @@ class DynamixelBus:
             error_rate.note(now, retries=cyclic.retries - asked, spoiled=cyclic.spoiled - spoiled)
             retries, repeated = retries + cyclic.retries, repeated or cyclic.retries > asked
             share = max(share, error_rate.share)
-        self._restless = self._restless + 1 if repeated else 0
-        if self._restless == RESTLESS:
+        self._noisy_cycles = self._noisy_cycles + 1 if repeated else 0
+        if self._noisy_cycles == NOISY_CYCLES:
             self._notify(
-                f"requests had to be repeated in {RESTLESS} cycles on end: a noisy line, or an adapter that is slower "
-                "than it says"
+                f"requests had to be repeated in {NOISY_CYCLES} cycles in a row: a noisy line, or an adapter that is "
+                "slower than it says"
             )
         return self._readings.states(now, retries=retries, error_rate=share)
 
     def _torque_on(self) -> None:
-        """Provision whoever started anew, check goals, arm watchdogs, then let the drive rise."""
+        """Provision servos that have restarted, check goals, arm watchdogs, then let the drive rise."""
         if self._goals is None:
             raise BusError(
                 describe(what="no goals were sent", where="bus, torque on", then="Send the present posture first")
             )
-        ready = powering.prepare(self._lines, self._notify)
+        ready = prepare(self._lines, self._notify)
         self._recount(ready)
         raw = self._goals - self._readings.turns
         goals = [{device: int(raw[index]) for device, index in line.index_of.items()} for line in self._lines]
         for line, own in zip(self._lines, goals, strict=True):
-            torque.check_still(line, own)
+            check_still(line, own)
         self._powered = True
-        drives = powering.switch_on(ready, goals)
+        drives = switch_on(ready, goals)
         for index in range(len(self._map)):
             self._readings.take_drive(index, True)
-        powering.raise_drive(self._lines, drives, self._watch_rise)
+        raise_drive(self._lines, drives, self._watch_rise)
 
-    def _recount(self, ready: Sequence[powering.Ready]) -> None:
-        """See on which turn limp servos are now, and those that nobody has counted yet.
+    def _recount(self, ready: Sequence[Ready]) -> None:
+        """Count the turns of limp servos again, and of those that were not counted yet.
 
-        Raises BusError where that is not known, or not what it was.
+        Raises BusError where they are not known, or have changed.
         """
         states = self._cycle()
         if not states.valid.all():
@@ -251,7 +251,7 @@ class DynamixelBus:
         if moved.size:
             raise BusError(
                 describe(
-                    what="servos have started anew and count their turns from elsewhere",
+                    what="servos have restarted, and their turns are counted from another one",
                     where="bus, torque on",
                     found=", ".join(self._map.servos[index].label for index in moved),
                     then="Torque was not switched on. Read the posture, send it, and try again",
@@ -259,16 +259,17 @@ class DynamixelBus:
             )
 
     def _watch_rise(self) -> None:
-        """One cycle while torque rises. Raises BusError for a servo that has an error or lets go."""
+        """Run a cycle while torque rises. Raises BusError for a servo that has an error or loses its torque."""
         states = self._cycle()
         wrong = np.flatnonzero(states.alert.astype(bool) | ~states.driven)
         if wrong.size:
-            names = [f"{self._map.servos[k].label} {alert_text(int(states.alert[k])) or 'let go'}" for k in wrong]
+            texts = [alert_text(int(states.alert[k])) or "lost its torque" for k in wrong]
+            names = [f"{self._map.servos[k].label} {text}" for k, text in zip(wrong, texts, strict=True)]
             raise BusError(describe(what="torque did not come up", where="bus", found=", ".join(names)))
 
     def _torque_off(self) -> None:
-        """All are told, whichever fails."""
-        unsure = torque.off_everywhere(self._lines)
+        """Switch torque off on all servos, also after a failure of one. Raises BusError."""
+        unsure = off_everywhere(self._lines)
         for index in range(len(self._map)):
             self._readings.take_drive(index, False)
         if unsure:
@@ -298,18 +299,18 @@ def _refusal(problems: Sequence[str]) -> str:
     return "\n  ".join([f"the bus cannot be used, for {len(problems)} reasons:", *problems])
 
 
-# Reading servos that somebody else set up: no register is written, torque stays as it is.
+# Reading servos without setting them up: no register is written, torque stays as it is.
 
 KEPT = 500
-"""Cycles over which times are told."""
+"""Cycles over which times are measured."""
 TORQUE_PERIOD = 0.2
-"""[s] Between two looks at everybody's torque."""
+"""[s] Between two reads of the torque of all servos."""
 TORQUE_AGE = 1.0
-"""[s] After which what was said of it is not known any more."""
+"""[s] After which a reported torque is no longer known."""
 
 
 class Torque(StrEnum):
-    """What a servo says of its torque."""
+    """The torque that a servo reports."""
 
     UNKNOWN = "?"
     OFF = "off"
@@ -329,7 +330,7 @@ class Watch:
         self.losses = np.zeros(len(tables), dtype=np.int64)
         self._times: deque[float] = deque(maxlen=KEPT)
         self._torque = [Torque.UNKNOWN] * len(tables)
-        self._torque_at = np.full(len(tables), -np.inf)  # [s] when it was told
+        self._torque_at = np.full(len(tables), -np.inf)  # [s] when it was reported
         self._looked = -np.inf
         for line in lines:
             for device, image in line.images.items():
@@ -338,9 +339,9 @@ class Watch:
 
     @property
     def torque(self) -> list[Torque]:
-        """Of every servo, as it said within TORQUE_AGE."""
-        known = self._torque_at >= self._lines[0].port.now() - TORQUE_AGE
-        return [one if told else Torque.UNKNOWN for one, told in zip(self._torque, known, strict=True)]
+        """Torque of every servo, as reported within TORQUE_AGE."""
+        recent = self._torque_at >= self._lines[0].port.now() - TORQUE_AGE
+        return [one if known else Torque.UNKNOWN for one, known in zip(self._torque, recent, strict=True)]
 
     @property
     def retries(self) -> int:
@@ -367,10 +368,10 @@ class Watch:
         return states
 
     def _look_at_torque(self, line: BusLine) -> None:
-        """Ask everybody who answers on a line for torque, and whether a watchdog has stopped it."""
+        """Read the torque of the servos of a line that answer, and whether their watchdogs have stopped them."""
         valid = self._readings.valid
-        heard = [device for device in line.servos if valid[line.index_of[device]]]
-        on = line.read_all(_register(line, "torque_enable"), heard)
+        answering = [device for device in line.servos if valid[line.index_of[device]]]
+        on = line.read_all(_register(line, "torque_enable"), answering)
         watched = [device for device in on if line.tables[device].has("bus_watchdog")]
         watchdogs = line.read_all(_register(line, "bus_watchdog"), watched) if watched else {}
         for device, value in on.items():
@@ -381,5 +382,5 @@ class Watch:
 
 
 def _register(line: BusLine, name: str) -> Register:
-    """The servos of a line that have it keep it in one place."""
+    """A register, which all servos of a line that have it keep at one address."""
     return next(table[name] for table in line.tables.values() if table.has(name))

@@ -46,8 +46,7 @@ class BusLine:
         return self._cyclic
 
     def adopt(self, images: dict[int, ServoImage]) -> None:
-        """Go by what the servos say of themselves: their firmware tells their tables. Of others the usual is
-        expected."""
+        """Use the registers as read: the firmware of a servo chooses its table. Others keep the usual one."""
         before = self.tables, self.longest_delay
         self.images = images
         if (self.tables, self.longest_delay) != before:
@@ -59,7 +58,7 @@ class BusLine:
         return self._expected | {device: image.table for device, image in self.images.items()}
 
     def write_all(self, register: Register, values: Iterable[tuple[int, int]]) -> None:
-        """Send (id, counts) for one register; nobody answers. Raises BusError when the port is gone."""
+        """Send (id, counts) for one register; no servo answers. Raises BusError when the port is gone."""
         items = [(device, register.encode(value)) for device, value in values]
         if not items:
             return
@@ -74,7 +73,7 @@ class BusLine:
     def read_span(self, address: int, size: int, ids: Sequence[int]) -> dict[int, bytes]:
         """`size` bytes from `address` by id, of those that answer. Raises BusError when the port is gone."""
         found: dict[int, bytes] = {}
-        if self.spec.protocol == 1:  # no group read that all models know
+        if self.spec.protocol == 1:  # no group read that all models have
             for device in ids:
                 with suppress(NoAnswer, ServoError):
                     found[device] = self.client.read_block(device, address, size)
@@ -84,9 +83,9 @@ class BusLine:
             if silent:
                 found |= self._ask(Ask(Kind.SYNC, tuple(silent), address, size))
             silent = [device for device in silent if device not in found]
-            # Whoever silenced the rest is asked last.
+            # The first one silent may have silenced the rest: it is asked last.
             silent = [*silent[1:], *silent[:1]]
-        for device in silent:  # where several are missing, nobody is silenced by another one
+        for device in silent:  # one by one, a missing servo silences no other
             found |= self._ask(Ask(Kind.SYNC, (device,), address, size))
         return found
 
@@ -108,11 +107,12 @@ class BusLine:
         return CyclicPort(self.port, wired, return_delay=self.longest_delay)
 
 
-# One cycle of several buses at once: who drives servos and who only watches them read alike.
+# One cycle of several buses at once, for the bus that drives servos and for the one that only reads them.
 
 
 def read_cycle(lines: Sequence[BusLine], readings: Readings, *, wide: bool) -> None:
-    """Ask everybody, on all ports at once; then who has something to add. wide: voltage and temperature too.
+    """Ask all servos, on all ports at once; then ask one with an alert on each bus for its status. wide: voltage and
+    temperature too.
 
     Raises BusError when a port is gone.
     """
@@ -129,7 +129,7 @@ def read_cycle(lines: Sequence[BusLine], readings: Readings, *, wide: bool) -> N
 
 
 def _exchange(lines: Sequence[BusLine], readings: Readings) -> None:
-    """Until no port has a request left: ask on all, then wait for each."""
+    """Send a request on every port, then wait for each, until no port has a request left."""
     busy = [line.cyclic for line in lines if line.cyclic.busy]
     while busy:
         for cyclic in busy:

@@ -1,4 +1,4 @@
-"""What one servo's registers say against driving it: complaints, each with its cure, and notes."""
+"""Checks of one servo's registers before it is driven: complaints, each with its fix; notes; and the values to set."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -10,7 +10,8 @@ from hardware.dynamixel.settings import OWN_OPTION, ServoImage, differing, eepro
 from hardware.joint_map import ROUND_OFF, coupled_pairs
 from hardware.servo import ServoMode, ServoSpec
 
-# Whether a servo's own limits let every goal of its joint through: a goal beyond them is refused in silence.
+# Whether a servo's own limits let every goal of its joint through: a servo refuses a goal beyond them without an
+# answer.
 
 
 class Span(NamedTuple):
@@ -43,19 +44,19 @@ def _within(servo: ServoSpec, low: int, high: int) -> Span:
 
 
 def travel_complaints(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span | None) -> list[str]:
-    """The servo's own limits against the ticks that the joint needs; None: those are not known."""
+    """Complaints about the servo's own limits against the ticks that the joint needs; None: those are not known."""
     names, moved = _limits(servo, image), limits_to_move(servo, image, needed)
     if names is None or not moved:
         return []
     low, high = (image.value(name) for name in names)
-    cure = setup_command(bus, servo.id, moved)
+    fix = setup_command(bus, servo.id, moved)
     mode = _other_mode(servo, image, low, high)
     if mode:
-        return [f"{mode}: {cure}"]
+        return [f"{mode}: {fix}"]
     assert needed is not None
     return [
         f"takes ticks {low} to {high} only, the joint needs {needed.low} to {needed.high}: narrow the limits of the "
-        f"profile, or {cure}"
+        f"profile, or {fix}"
     ]
 
 
@@ -100,7 +101,7 @@ REVERSE, FOLLOWER, TORQUE_BY_GOAL = 0x01, 0x02, 0x08  # bits of Drive Mode
 TORQUE_AT_BOOT = 0x01  # bit of Startup Configuration
 HIGHEST_SECONDARY = 252
 """A Secondary ID above it is none."""
-CRIPPLED = 0.5
+LOW_SHARE = 0.5
 """Share of its maximum below which a limit of the drive is worth a note."""
 
 MEANINGS = {
@@ -110,7 +111,7 @@ MEANINGS = {
     ServoAlert.ELECTRICAL_SHOCK: "electrical shock, or too little power for the motor",
     ServoAlert.OVERLOAD: "loaded beyond its maximum for too long",
 }
-"""What a bit of Hardware Error Status means."""
+"""Meaning of each bit of Hardware Error Status."""
 
 
 def alert_text(bits: int) -> str:
@@ -121,9 +122,9 @@ def alert_text(bits: int) -> str:
 
 
 def complaints(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span | None) -> list[str]:
-    """What keeps this servo from being driven as it is, one text each; empty when it can be.
+    """Reasons why this servo cannot be driven as it is, one text each; empty when it can be.
 
-    needed: ticks that its joint needs, see `travel.needed_ticks`; None: not known.
+    needed: ticks that its joint needs, see `needed_ticks`; None: not known.
     """
     found = _supply(image) + travel_complaints(servo, bus, image, needed) + _current(servo, image)
     found += _drive_mode(servo, bus, image)
@@ -141,7 +142,7 @@ def complaints(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span |
 
 
 def notes(servo: ServoSpec, image: ServoImage) -> list[str]:
-    """What a person should know of a servo that may be driven: limits that leave it little of its drive."""
+    """Notes about a servo that may be driven: limits that leave it little of its drive."""
     names = ["max_torque"] if image.table.protocol == 1 else ["pwm_limit"]
     found = []
     if servo.mode is ServoMode.CURRENT_BASED_POSITION:
@@ -151,7 +152,7 @@ def notes(servo: ServoSpec, image: ServoImage) -> list[str]:
             found.append(f"has current_limit {most:.3g} A, the profile says {servo.current_limit:g} A: it draws less")
     for name in names:
         highest = image.table[name].highest if image.has(name) else None
-        if highest is not None and image.value(name) < CRIPPLED * highest:
+        if highest is not None and image.value(name) < LOW_SHARE * highest:
             found.append(f"has {name} {image.value(name)}, the maximum is {highest}: it is weak, or slow")
     return found
 
@@ -160,7 +161,7 @@ def _errors(image: ServoImage) -> list[str]:
     bits = image.value("hardware_error_status")
     if not bits:
         return []
-    return [f"has latched {alert_text(bits)}: mend the cause, then `retarget servo reboot` (or switch its power)"]
+    return [f"has latched {alert_text(bits)}: fix the cause, then `retarget servo reboot` (or switch its power)"]
 
 
 def _supply(image: ServoImage) -> list[str]:
@@ -183,19 +184,19 @@ def _current(servo: ServoSpec, image: ServoImage) -> list[str]:
 def _drive_mode(servo: ServoSpec, bus: BusSpec, image: ServoImage) -> list[str]:
     found = []
     mode = image.value("drive_mode") if image.has("drive_mode") else 0  # firmware before 38, and most 1.0
-    sound = mode & ~(REVERSE | FOLLOWER | TORQUE_BY_GOAL)
+    wanted = mode & ~(REVERSE | FOLLOWER | TORQUE_BY_GOAL)
     for bit, meaning in (
         (REVERSE, "reverse: it turns the other way than the profile's direction says"),
         (FOLLOWER, "follower: it obeys another servo"),
         (TORQUE_BY_GOAL, "torque on by goal update: a goal alone would switch its torque on"),
     ):
         if mode & bit:
-            cure = setup_command(bus, servo.id, {"drive_mode": sound})
-            found.append(f"has drive mode 0x{mode:02x}, bit {bit.bit_length() - 1} ({meaning}): {cure}")
+            fix = setup_command(bus, servo.id, {"drive_mode": wanted})
+            found.append(f"has drive mode 0x{mode:02x}, bit {bit.bit_length() - 1} ({meaning}): {fix}")
     startup = image.value("startup_configuration") if image.has("startup_configuration") else 0
     if startup & TORQUE_AT_BOOT:
-        cure = setup_command(bus, servo.id, {"startup_configuration": startup & ~TORQUE_AT_BOOT})
-        found.append(f"switches its torque on by itself when it starts: {cure}")
+        fix = setup_command(bus, servo.id, {"startup_configuration": startup & ~TORQUE_AT_BOOT})
+        found.append(f"switches its torque on by itself when it starts: {fix}")
     return found
 
 
@@ -203,10 +204,10 @@ def _homing(servo: ServoSpec, bus: BusSpec, image: ServoImage) -> list[str]:
     offset = image.value("homing_offset")
     if offset == servo.homing_offset:
         return []
-    cure = setup_command(bus, servo.id, {"homing_offset": servo.homing_offset})
+    fix = setup_command(bus, servo.id, {"homing_offset": servo.homing_offset})
     return [
         f"has homing offset {offset}, the profile says {servo.homing_offset}: every angle of the joint would be off; "
-        f"correct the profile, or {cure}"
+        f"correct the profile, or {fix}"
     ]
 
 
@@ -214,12 +215,12 @@ def _secondary(servo: ServoSpec, bus: BusSpec, image: ServoImage) -> list[str]:
     second = image.value("secondary_id") if image.has("secondary_id") else HIGHEST_SECONDARY + 1
     if second > HIGHEST_SECONDARY:
         return []
-    cure = setup_command(bus, servo.id, {"secondary_id": 255})
-    return [f"also obeys what is meant for id {second} (its secondary id), torque and goals included: {cure}"]
+    fix = setup_command(bus, servo.id, {"secondary_id": 255})
+    return [f"also obeys what is meant for id {second} (its secondary id), torque and goals included: {fix}"]
 
 
 def _firmware(bus: BusSpec, image: ServoImage) -> list[str]:
-    """A servo too old for the watchdog that its bus is to have."""
+    """A complaint where the firmware is too old for the watchdog that the bus is to have."""
     table = image.table
     if not bus.watchdog or table.has("bus_watchdog"):
         return []
@@ -231,17 +232,17 @@ def _firmware(bus: BusSpec, image: ServoImage) -> list[str]:
     ]
 
 
-# Everything in which a servo's EEPROM should follow its profile: more than opening writes, which asks nobody.
+# All EEPROM values that follow from the profile: more than opening a bus writes without a question.
 
 NO_SECONDARY_ID = 255
 """Secondary ID of a servo that has none."""
 
 
 def wishes(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span | None) -> dict[str, int]:
-    """Counts by register that this servo is to hold, those that it has already too; bits that do no harm stay.
+    """Counts by register that this servo is to hold, also where it has them already; harmless bits stay.
 
-    Without id, speed and return delay, which the profile says itself. needed: ticks that its joint needs, see
-    `travel.needed_ticks`; None: not known.
+    Id, speed and return delay are not among them. needed: ticks that its joint needs, see `needed_ticks`; None: not
+    known.
     """
     named = {one.register.name: one.value for one in eeprom_settings(servo, bus, image.table)}
     wanted = {name: value for name, value in named.items() if name not in OWN_OPTION}

@@ -97,13 +97,10 @@ class Register:
 
 # Reader of the files in `tables/`: models, and layers of register rows that add up to a control table.
 #
-# `models.tsv` names the layers of each model, in the order in which they apply. A row of `registers.tsv` or
-# `values.tsv`
-# counts for firmware from `since` to `until`; the first row of a name in a model's layers makes the register, each
-# later
-# one replaces what it fills in, `none` takes a value away. `name_[1:28]` stands for 28 registers, one after the other;
-# an
-# initial value `224+` counts up along them.
+# `models.tsv` names the layers of each model, in the order in which they apply. A row of `registers.tsv` or of
+# `values.tsv` counts for firmware from `since` to `until`. The first row of a name in a model's layers makes the
+# register; each later one replaces the cells that it fills in; `none` takes a value away. `name_[1:28]` stands for 28
+# registers, one after the other; an initial value `224+` counts up along them.
 
 LAST_FIRMWARE = 255
 """Highest number that a firmware version register can hold."""
@@ -374,7 +371,7 @@ def baud_of(table: ControlTable, code: int) -> int | None:
 
 
 def code_of(table: ControlTable, baud: int) -> int | None:
-    """Return the code whose rate is `baud` bits/s, in protocol 1.0 to 1 %; None for a rate that the model lacks."""
+    """Return the code whose rate is `baud` bits/s, in protocol 1.0 to 1 %; None if the model does not have it."""
     register = table["baud_rate"]
     for code, listed in _listed(table.baud_family).items():
         if listed == baud and register.allows(code):

@@ -1,7 +1,7 @@
-"""The cyclic exchange on one port: goals out, states in, bounded retries; the silent are asked last, then seldom.
+"""The cyclic exchange on one port: goals out, states in, bounded retries, error rate.
 
-A missing servo silences those that answer after it, so it is asked last as soon as it is missed; one that stays away is
-left out and looked for every PROBE_PERIOD.
+A missing servo silences those that answer after it, so it is asked last from the next request on. After LOST_AFTER
+cycles it is left out, and looked for every PROBE_PERIOD.
 """
 
 from collections import deque
@@ -22,8 +22,8 @@ from hardware.dynamixel.serial_port import BytePort
 
 # Goal positions of all servos of a port as one sync write: only the goals change from cycle to cycle.
 #
-# A goal switches the torque of a 1.0 servo on (field knowledge, in no manual): one that is limp, or may have started
-# anew, is sent none.
+# A goal switches the torque of a 1.0 servo on (field knowledge, in no manual). No goal is sent to one that is limp or
+# may have restarted.
 
 
 class HasPlace(Protocol):
@@ -48,7 +48,7 @@ class GoalPacket:
         self._parts = [_Part(*place, members) for place, members in places.items()]
 
     def packets(self, ticks: NDArray[np.int64], driven: BoolArray) -> Iterator[bytes]:
-        """The packets for goals (n,) of the whole robot, in ticks. driven (n,): who has torque."""
+        """The packets for goals (n,) of the whole robot, in ticks. driven (n,): which servos have torque."""
         return (packet for part in self._parts if (packet := part.packet(ticks, driven)))
 
 
@@ -64,7 +64,7 @@ class _Part:
         self._span = address.to_bytes(width, "little") + size.to_bytes(width, "little")
 
     def packet(self, ticks: NDArray[np.int64], driven: BoolArray) -> bytes:
-        """The packet for goals (n,); none when nobody is to have one."""
+        """The packet for goals (n,); empty when no servo is to get one."""
         self._rows["goal"] = ticks[self._who]
         if self._protocol == 2:
             return protocol2.frame(BROADCAST, Instruction.SYNC_WRITE, self._span + self._rows.tobytes())
@@ -73,7 +73,7 @@ class _Part:
 
 
 RETRIES = 3
-"""Times that what did not answer is asked again in the same cycle."""
+"""Times that a request without an answer is repeated in the same cycle."""
 LOST_AFTER = 3
 """Cycles without an answer after which a servo is no longer asked in every cycle."""
 PROBE_PERIOD = 0.1
@@ -81,9 +81,9 @@ PROBE_PERIOD = 0.1
 MAX_TRANSACTIONS = 1000
 """Requests that are kept ready-made."""
 NOISY = 1.0
-"""[s] After a request that had to be repeated goals are sent twice for so long."""
+"""[s] For which goals are sent twice after a damaged answer."""
 TWICE_WITHIN = 1.5e-3
-"""[s] If a packet of them takes no longer."""
+"""[s] Goals are sent twice only if their packet takes no longer."""
 STATUS_EVERY = 4
 """Cycles between two looks at one servo's torque, errors and watchdog, each servo in its turn."""
 
@@ -112,7 +112,7 @@ class Group:
 class Transaction:
     """One request that is due, for a group's values or (names None) for the status of one servo.
 
-    who: where those that are asked stand in servo order. again: what is asked when an answer is missing.
+    who: places in servo order of the servos that are asked. again: the block that is asked when an answer is missing.
     """
 
     ask: Ask
@@ -141,7 +141,7 @@ class CyclicPort:
         self._index_of = {servo.id: servo.index for servo in servos}
         self._kind = {servo.id: Kind.SYNC if servo.table.protocol == 2 else Kind.SINGLE1 for servo in servos}
         self._status_block = {servo.id: status_block(servo.table) for servo in servos}
-        self._strikes: dict[int, int] = {}  # cycles on end without an answer, of those who are silent
+        self._strikes: dict[int, int] = {}  # cycles in a row without an answer, of silent servos
         self._missed: set[int] = set()  # of this cycle: the first that did not answer, each time
         self._queue: deque[Transaction] = deque()
         self._sent = 0.0  # [s]
@@ -151,32 +151,33 @@ class CyclicPort:
         self._probed = -np.inf
         self._transactions: dict[tuple[object, ...], Transaction] = {}
         self._usual: dict[bool, list[Transaction]] = {}
-        """What a cycle asks while nobody is missed: wide, and not."""
+        """The requests of a cycle while no servo is missing: wide, and not."""
 
     def write(self, ticks: NDArray[np.int64], driven: BoolArray) -> None:
-        """Send goals (n,), of all servos of the robot, ticks; driven (n,): who has torque. Raises BusError."""
-        if self._strikes:  # whoever it is may have started anew
+        """Send goals (n,), of all servos of the robot, ticks; driven (n,): which servos have torque. Raises
+        BusError."""
+        if self._strikes:  # a silent servo may have restarted
             driven = driven.copy()
             driven[[self._index_of[device] for device in self._strikes]] = False
         noisy = self.port.now() < self._noisy_until
         for packet in self._goals.packets(ticks, driven):
             self.post(packet)
             if noisy and 10 * len(packet) / self.port.baud < TWICE_WITHIN:
-                self.post(packet)  # nobody says that a goal was lost
+                self.post(packet)  # no answer would show that a goal was lost
 
     def post(self, packet: bytes) -> None:
-        """Send what nobody answers. Raises BusError."""
+        """Send a packet that no servo answers. Raises BusError."""
         self.port.write(packet)
         self._line_free = max(self.port.now(), self._line_free) + 10 * len(packet) / self.port.baud
 
     def ask(self, request: bytes) -> float:
-        """Send a request; when it begins to be on the wire, s. Raises BusError."""
+        """Send a request. Return when it begins to be on the wire, s. Raises BusError."""
         self.port.drop()
         self.port.write(request)
         return max(self.port.now(), self._line_free)  # goals may still be on the wire
 
     def begin(self, *, wide: bool) -> None:
-        """A new cycle. wide: voltage and temperature too."""
+        """Begin a cycle. wide: voltage and temperature too."""
         self._cycle += 1
         self._queue.clear()
         self._missed.clear()
@@ -225,7 +226,7 @@ class CyclicPort:
         self._enqueue(self._kind[device], (device,), block, block, None)
 
     def end(self, readings: Readings) -> None:
-        """The cycle is over: count who was silent, and look at who is back."""
+        """End the cycle: count silent servos, and ask those that are back for their status."""
         if readings.complete and not self._strikes:
             return
         valid, strikes = readings.valid, self._strikes
@@ -235,7 +236,7 @@ class CyclicPort:
                     strikes[device] = strikes.get(device, 0) + 1
             elif device in strikes:
                 if strikes.pop(device) >= LOST_AFTER:
-                    readings.take_drive(index, False)  # until it says otherwise: it may have started anew
+                    readings.take_drive(index, False)  # until its status is read: it may have restarted
                 self.ask_status(device)
 
     def _keep(self, readings: Readings, transaction: Transaction, answers: Answers) -> None:
@@ -244,24 +245,24 @@ class CyclicPort:
         readings.take(who, transaction.block.unpack(answers), answers.errors, transaction.names, self.port.now())
 
     def _places(self, ids: Sequence[int]) -> NDArray[np.int64]:
-        """Where servos stand in servo order."""
+        """Places of servos in servo order."""
         return np.array([self._index_of[device] for device in ids])
 
     def _keep_status(self, readings: Readings, block: Block, answers: Answers) -> None:
         index = self._index_of[answers.ids[0]]
-        said = dict(zip(block.dtype.names or (), block.unpack(answers)[0].item(), strict=True))
-        tripped = said.get("bus_watchdog", 0) in (-1, 0xFF)
-        readings.take_drive(index, bool(said["torque_enable"]) and not tripped)
-        readings.take_alert(index, said.get("hardware_error_status", 0))
+        status = dict(zip(block.dtype.names or (), block.unpack(answers)[0].item(), strict=True))
+        tripped = status.get("bus_watchdog", 0) in (-1, 0xFF)
+        readings.take_drive(index, bool(status["torque_enable"]) and not tripped)
+        readings.take_alert(index, status.get("hardware_error_status", 0))
 
     def _again(self, transaction: Transaction, answers: Answers, *, noise: bool) -> None:
-        """Ask those that did not answer once more, the first of them last: it may be the one that silenced the rest.
+        """Ask those that did not answer once more, the first of them last: it may have silenced the rest.
 
-        One alone that said nothing at all, though it was asked twice or missed before, is left to the next cycle.
+        A single servo without any byte, asked twice or missed before, is left to the next cycle.
         """
         self.spoiled += noise
-        heard = set(answers.ids)
-        silent = [device for device in transaction.ask.ids if device not in heard]
+        answered = set(answers.ids)
+        silent = [device for device in transaction.ask.ids if device not in answered]
         known = silent[0] in self._missed or silent[0] in self._strikes
         self._missed.add(silent[0])
         if transaction.tries == RETRIES or (len(silent) == 1 and not noise and known):
@@ -271,7 +272,7 @@ class CyclicPort:
             self._noisy_until = self.port.now() + NOISY
         kind = transaction.ask.kind
         if kind is Kind.FAST and (answers or noise):
-            kind = Kind.SYNC  # damage in a fast reply spoils all that follows; in single answers only its own
+            kind = Kind.SYNC  # damage in a fast reply spoils all that follows; in single answers only that answer
         late = [device for device in silent if device in self._missed]
         order = [device for device in silent if device not in self._missed] + late
         if transaction.names is not None:  # a status that is due can wait: this cycle takes long enough
@@ -281,7 +282,7 @@ class CyclicPort:
         )
 
     def _probe(self) -> int | None:
-        """A lost servo to be looked for in this cycle, each in its turn."""
+        """The lost servo to look for in this cycle, in turn; or None."""
         lost = [device for device in self._index_of if self._strikes.get(device, 0) >= LOST_AFTER]
         now = self.port.now()
         if not lost or now < self._probed + PROBE_PERIOD:
@@ -309,13 +310,13 @@ class CyclicPort:
 
 
 def status_block(table: ControlTable) -> Block:
-    """Whether a servo has torque, what is wrong with it, and whether its watchdog has stopped it."""
+    """The registers of a servo's torque, hardware errors and watchdog."""
     last = next(name for name in ("bus_watchdog", "hardware_error_status", "torque_enable") if table.has(name))
     return block_of(table, "torque_enable", last)
 
 
 def kind_of(table: ControlTable) -> Kind:
-    """How servos of such a table can be asked together."""
+    """How servos with this table are asked together."""
     if table.protocol == 2:
         return Kind.FAST if table.fast_read else Kind.SYNC
     return Kind.BULK1 if table.model.startswith("MX") else Kind.SINGLE1
@@ -333,27 +334,27 @@ def _groups(servos: Sequence[Wired]) -> list[Group]:
     return list(groups.values())
 
 
-# How rough a bus is: in what share of the last cycles answers came damaged, and had to be asked for more than once.
+# The error rate of a bus: the share of the last cycles in which answers came damaged and requests were repeated.
 
 WINDOW_S = 0.05
-"""[s] that are looked back."""
+"""[s] Over which cycles are counted."""
 FEWEST = 4
-"""Cycles that it is taken to hold at least."""
+"""The window is taken to hold at least so many cycles."""
 
 
 class ErrorRate:
-    """Of the cycles of one bus. share: of the rough ones among the last, 0 to 1."""
+    """Error rate of one bus. share: of bad cycles among the last, 0 to 1."""
 
     def __init__(self) -> None:
         self.share = 0.0
-        self._cycles: deque[tuple[float, bool]] = deque()  # time and whether it was rough
-        self._rough = 0
+        self._cycles: deque[tuple[float, bool]] = deque()  # time, and whether it was a bad cycle
+        self._bad = 0
 
     def note(self, now: float, *, retries: int, spoiled: int) -> None:
-        """A cycle ended at `now`, s, with so many repeated requests, and so many whose answers came damaged."""
-        error_rate = retries >= RETRIES and spoiled > 0
-        self._cycles.append((now, error_rate))
-        self._rough += error_rate
+        """Note a cycle that ended at `now`, s. retries: repeated requests; spoiled: requests with damaged answers."""
+        bad = retries >= RETRIES and spoiled > 0
+        self._cycles.append((now, bad))
+        self._bad += bad
         while self._cycles[0][0] < now - WINDOW_S:
-            self._rough -= self._cycles.popleft()[1]
-        self.share = self._rough / max(len(self._cycles), FEWEST)
+            self._bad -= self._cycles.popleft()[1]
+        self.share = self._bad / max(len(self._cycles), FEWEST)

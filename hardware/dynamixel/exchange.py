@@ -1,8 +1,7 @@
-"""What several servos answer: group reads, and pings that find who is on the line. All of it without waiting longer
-than needed.
+"""Group reads of several servos, registers as blocks, and pings that find the servos on a line.
 
-The SDK's group reads throw away every answer when one is missing, and hide error bytes; here each answer counts by
-itself.
+Nothing waits longer than needed. The SDK's group reads throw away every answer when one is missing, and hide error
+bytes; here each answer counts by itself.
 """
 
 from collections import Counter
@@ -17,11 +16,11 @@ from hardware.dynamixel import protocol1, protocol2
 from hardware.dynamixel.control_table import ControlTable, Register
 from hardware.dynamixel.packets import ALERT, BROADCAST, MAX_ID, Answers, Status, side_by_side
 from hardware.dynamixel.parsers import parser1, parser2, whole_frames, whole_reply
-from hardware.dynamixel.protocol2 import BEFORE_PARTS, PART_OVERHEAD, sound_parts
+from hardware.dynamixel.protocol2 import BEFORE_PARTS, PART_OVERHEAD, valid_parts
 from hardware.dynamixel.serial_port import BytePort
 
 TURNAROUND = 100e-6
-"""[s] That a servo may take, beside its return delay, before it answers."""
+"""[s] That a servo may take, in addition to its return delay, before it answers."""
 SLACK = 1e-3
 """[s] That this machine, or the adapter's driver, may be late."""
 QUIET = 20e-3
@@ -90,97 +89,98 @@ class Ask:
         idle = pause + 10 * self.bytes_of(1) / port.baud + port.latency + SLACK
         return Timeouts(sending + idle, idle, sending + coming + (self.delays - 1) * pause + idle)
 
-    def answers(self, heard: bytes) -> Answers:
-        """The sound answers in what was heard so far, each servo at most once."""
+    def answers(self, received: bytes) -> Answers:
+        """The valid answers in the bytes received so far, each servo at most once."""
         if self.kind is Kind.FAST:
-            return whole_reply(heard, self.ids, self.size) or side_by_side(self._parts(heard))
+            return whole_reply(received, self.ids, self.size) or side_by_side(self._parts(received))
         if self.kind is Kind.SYNC:
-            whole = whole_frames(heard, self.ids, self.size)
+            whole = whole_frames(received, self.ids, self.size)
             if whole is not None:
                 return whole
         found: dict[int, Status] = {}
         parser = parser2() if self.kind is Kind.SYNC else parser1()
         status_of = protocol2.status_of if self.kind is Kind.SYNC else protocol1.status_of
-        # What a damaged length had claimed is looked through as well.
-        statuses = (status_of(frame) for frame in [*parser.feed(heard), *parser.flush()])
+        # Frames inside one with a damaged length count as well.
+        statuses = (status_of(frame) for frame in [*parser.feed(received), *parser.flush()])
         for status in statuses:
             if status is not None and self._fits(status):
                 found.setdefault(status.id, status)
         return side_by_side(list(found.values()))
 
     def _fits(self, status: Status) -> bool:
-        """Whether it is an answer to this: no refusal, no echo, no stranger."""
-        said_no = self.kind is Kind.SYNC and _refused(status)
-        return len(status.data) == self.size and status.id in self.ids and not said_no
+        """Whether it is an answer to this request: no refusal, no echo, no unknown id."""
+        refused = self.kind is Kind.SYNC and _refused(status)
+        return len(status.data) == self.size and status.id in self.ids and not refused
 
-    def _parts(self, heard: bytes) -> list[Status]:
-        """Parts of the fast reply, looked for at every header: an echo or a stale answer may precede it."""
+    def _parts(self, received: bytes) -> list[Status]:
+        """Valid parts of the fast reply, searched at every header: an echo or a stale answer may precede it."""
         best: list[Status] = []
-        at = heard.find(protocol2.HEADER)
+        at = received.find(protocol2.HEADER)
         while at >= 0 and len(best) < len(self.ids):
-            parts = sound_parts(heard[at:], (self.size,) * len(self.ids))
+            parts = valid_parts(received[at:], (self.size,) * len(self.ids))
             asked = iter(self.ids)  # in this order; one that is missing may leave no gap
-            sound = [part for part in parts if part.id in asked and not _refused(part)]
-            best = max(best, sound, key=len)
-            at = heard.find(protocol2.HEADER, at + 1)
+            valid = [part for part in parts if part.id in asked and not _refused(part)]
+            best = max(best, valid, key=len)
+            at = received.find(protocol2.HEADER, at + 1)
         return best
 
 
 def _refused(status: Status) -> bool:
-    """Whether a 2.0 servo says no: what stands in place of its data means nothing."""
+    """Whether a 2.0 servo refuses: its data are then not valid."""
     return bool(status.error & ~ALERT)
 
 
-class Heard(NamedTuple):
-    """Sound answers, and whether there was more than them: something was said, and lost."""
+class Received(NamedTuple):
+    """Valid answers, and whether there were other bytes: a damaged answer."""
 
     answers: Answers
     noise: bool
 
 
-def collect(port: BytePort, ask: Ask, sent: float, timeouts: Timeouts) -> Heard:
-    """The answers to what was sent at `sent`, s: all of them, or those that came before nothing more did.
+def collect(port: BytePort, ask: Ask, sent: float, timeouts: Timeouts) -> Received:
+    """Receive the answers to a request sent at `sent`, s: all of them, or those that came before the line was silent.
 
     Raises BusError when the port is gone.
     """
-    heard, enough = b"", ask.reply_bytes
+    received, enough = b"", ask.reply_bytes
     end = sent + timeouts.whole
     deadline = min(sent + timeouts.first, end)
     while port.wait(deadline):
         data = port.read()
         if data:
-            heard += data
+            received += data
             now = port.now()
-            if ask.kind is Kind.FAST and len(heard) < enough:
-                data = _rest_of_frame(port, enough - len(heard), now, latest=now + timeouts.idle)
-                heard += data
+            if ask.kind is Kind.FAST and len(received) < enough:
+                data = _rest_of_frame(port, enough - len(received), now, latest=now + timeouts.idle)
+                received += data
                 now += 10 * len(data) / port.baud  # when the last of them came, at the earliest
             deadline = min(now + timeouts.idle, end)
-        if len(heard) >= enough:
-            answers = ask.answers(heard)
+        if len(received) >= enough:
+            answers = ask.answers(received)
             if len(answers) == len(ask.ids):
-                return Heard(answers, False)
-            # All bytes are there: what is damaged comes no second time. (Stuffing makes other answers longer.)
-            if ask.kind is Kind.FAST and len(_without_echo(heard, ask)) >= enough:
-                return Heard(answers, True)
-    answers = ask.answers(heard)
-    return Heard(answers, len(_without_echo(heard, ask)) > ask.bytes_of(len(answers)))
+                return Received(answers, False)
+            # All bytes are there; damaged ones are not sent again. (Stuffing makes other answers longer.)
+            if ask.kind is Kind.FAST and len(_without_echo(received, ask)) >= enough:
+                return Received(answers, True)
+    answers = ask.answers(received)
+    return Received(answers, len(_without_echo(received, ask)) > ask.bytes_of(len(answers)))
 
 
 def _rest_of_frame(port: BytePort, missing: int, now: float, *, latest: float) -> bytes:
-    """What comes while all that is missing could come: one frame has no pauses, and who waits for each piece of it
-    wakes once for each servo."""
+    """Read after the time that the missing bytes take. One frame has no pauses, and waiting for each piece of it would
+    wake this process once for each servo."""
     port.sleep_until(min(now + 10 * missing / port.baud, latest))
     return port.read()
 
 
-def _without_echo(heard: bytes, ask: Ask) -> bytes:
-    """An adapter may let the host hear itself."""
-    return heard.removeprefix(ask.request())
+def _without_echo(received: bytes, ask: Ask) -> bytes:
+    """The bytes without the echo of the request, which some adapters give back."""
+    return received.removeprefix(ask.request())
 
 
 def settle(port: BytePort) -> None:
-    """Let an answer that is late pass, so that it answers nothing else: a status does not say what it is the answer to.
+    """Drop an answer that comes late. A status does not say which request it answers, so it would be taken for the
+    next.
 
     Raises BusError when the port is gone.
     """
@@ -212,7 +212,7 @@ class Block:
 
 
 def block_of(table: ControlTable, first: str, last: str) -> Block:
-    """The registers of a table from `first` to `last`. Raises HardwareError where the table lacks them."""
+    """The registers of a table from `first` to `last`. Raises HardwareError where the table does not have them."""
     begin, end = table[first], table[last]
     inside = [register for register in table.registers if begin.address <= register.address <= end.address]
     size = end.address + end.size - begin.address
@@ -230,22 +230,22 @@ def _format(register: Register) -> str:
     return f"<{'i' if register.signed and register.direction_bit is None else 'u'}{register.size}"
 
 
-# Who is on the line: a broadcast ping (2.0) and single pings that listen long enough to notice a second answer.
+# Finding servos: a broadcast ping (2.0), and single pings that wait long enough to notice a second answer.
 
 SLOT = 0.003
-"""[s] Beside its bytes, that the SDK allows each id when all devices answer a broadcast ping in order."""
+"""[s] In addition to its bytes, that the SDK allows each id when all devices answer a broadcast ping in order."""
 SETTLE = 0.016
 """[s] That the SDK adds to all slots."""
 PING_BYTES = protocol2.STATUS_BYTES + 3
 SPREAD = 0.001
 """[s] Within which two servos with one id begin to answer: their return delays differ by half of it at most."""
-MAX_HEARD = 65_536
-"""Bytes after which a line that never falls silent is left."""
+MAX_RECEIVED = 65_536
+"""Bytes after which a line that is never silent is given up."""
 
 
 @dataclass(frozen=True)
 class Found:
-    """A servo on the line. model, firmware: None where it did not tell.
+    """A servo on the line. model, firmware: None where it did not report them.
 
     alert: it reports a hardware error. clash: two answers came, or none was whole: most likely two servos with this id.
     """
@@ -260,7 +260,7 @@ class Found:
 
 @dataclass(frozen=True)
 class PingReplies:
-    """Status frames, in order; damaged: bytes that belong to none; echoed: what was sent came back."""
+    """Status frames, in order; damaged: bytes that belong to none; echoed: the adapter gave back the request."""
 
     answers: tuple[Status, ...]
     damaged: int
@@ -268,7 +268,7 @@ class PingReplies:
 
 
 def broadcast_ping(port: BytePort, highest: int, slack: float) -> PingReplies:
-    """Ping all devices of protocol 2.0, and listen until that with the id `highest` must have answered.
+    """Ping all devices of protocol 2.0, and wait until the one with the id `highest` must have answered.
 
     Devices answer in order of their ids, each in its own slot: hence the window, and it cannot end sooner, since an
     unknown device may be the last one. At most 0.78 s at 4 Mbps, as the SDK's; 20 ids: 0.08 s.
@@ -280,18 +280,18 @@ def broadcast_ping(port: BytePort, highest: int, slack: float) -> PingReplies:
 
 
 def ping_alone(port: BytePort, protocol: int, device: int, wait: float) -> PingReplies:
-    """Ping one device; `wait`: s that it may take beside the bytes. Listens on for a second answer to the first."""
+    """Ping one device; `wait`: s that it may take in addition to the bytes. Waits for a second answer too."""
     request = protocol1.ping(device) if protocol == 1 else protocol2.ping(device)
     answer = 10 * (protocol1.STATUS_BYTES if protocol == 1 else PING_BYTES) / port.baud
     window = 10 * len(request) / port.baud + 2 * answer + SPREAD + wait
     return _ask(port, protocol, request, window, enough=2)
 
 
-def found_by_broadcast(heard: PingReplies) -> list[Found]:
+def found_by_broadcast(received: PingReplies) -> list[Found]:
     """The servos of a broadcast ping, by id."""
-    times = Counter(answer.id for answer in heard.answers)
+    times = Counter(answer.id for answer in received.answers)
     first: dict[int, Status] = {}
-    for answer in heard.answers:
+    for answer in received.answers:
         first.setdefault(answer.id, answer)
     return [found_by_ping(first[device], clash=times[device] > 1) for device in sorted(first)]
 
@@ -310,27 +310,27 @@ def found_by_ping(answer: Status, *, clash: bool = False) -> Found:
 
 
 def _ask(port: BytePort, protocol: int, request: bytes, window: float, *, enough: int | None = None) -> PingReplies:
-    """Send, and listen for `window` s or until there are `enough` answers."""
+    """Send, and receive for `window` s or until there are `enough` answers."""
     port.drop()
     port.write(request)
     deadline = port.now() + window
-    heard = bytearray()
-    while port.now() < deadline and len(heard) < MAX_HEARD:
+    received = bytearray()
+    while port.now() < deadline and len(received) < MAX_RECEIVED:
         port.wait(deadline)
-        heard += port.read()
-        if enough is not None and len(_answers(protocol, request, bytes(heard)).answers) >= enough:
+        received += port.read()
+        if enough is not None and len(_answers(protocol, request, bytes(received)).answers) >= enough:
             break
-    return _answers(protocol, request, bytes(heard))
+    return _answers(protocol, request, bytes(received))
 
 
-def _answers(protocol: int, request: bytes, heard: bytes) -> PingReplies:
-    """What the bytes mean; an echo of the request is in front."""
-    echoed = heard.startswith(request)
+def _answers(protocol: int, request: bytes, received: bytes) -> PingReplies:
+    """The answers in the bytes; an echo of the request may precede them."""
+    echoed = received.startswith(request)
     parser = parser1() if protocol == 1 else parser2()
-    frames = parser.feed(heard[len(request) :] if echoed else heard)
+    frames = parser.feed(received[len(request) :] if echoed else received)
     if protocol == 1:
         answers = [protocol1.status_of(frame) for frame in frames]
     else:
-        told = (protocol2.status_of(frame) for frame in frames)
-        answers = [answer for answer in told if answer is not None]
+        statuses = (protocol2.status_of(frame) for frame in frames)
+        answers = [answer for answer in statuses if answer is not None]
     return PingReplies(tuple(answers), parser.skipped + len(parser.pending), echoed)

@@ -1,4 +1,4 @@
-"""Servos as they were found, whatever is wrong with them: read, silenced ones included, and their torque off."""
+"""Servos as found on a line, faulty ones included: status return level 0, their registers, and torque off for all."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -17,18 +17,18 @@ from hardware.dynamixel.single_requests import NoAnswer, OneOff, ServoError
 from hardware.errors import BusError, describe
 from hardware.servo import ServoSpec, find_model
 
-# Servos whose Status Return Level is 0: they answer pings, obey in silence, and say nothing else.
+# Servos whose Status Return Level is 0: they answer pings, and carry out everything else without an answer.
 
 LEVEL = {
     1: Register("status_return_level", 16, 1, False, True, None, None, 0, 2, ANSWER_ALL),
     2: Register("status_return_level", 68, 1, False, True, None, None, 0, 2, ANSWER_ALL),
 }
-"""By protocol: every model has it there."""
+"""By protocol: all models have it at one address."""
 PINGS_ONLY = "answers pings only (status return level 0)"
 
 
 def answers_pings_only(client: OneOff, device: int) -> bool:
-    """Whether it is there, and gives no answer to a read. Raises BusError when the port is gone."""
+    """Whether a servo answers a ping, but no read. Raises BusError when the port is gone."""
     try:
         client.read(device, LEVEL[client.protocol])
     except NoAnswer as silence:
@@ -38,16 +38,17 @@ def answers_pings_only(client: OneOff, device: int) -> bool:
 
 
 def status_return_off_text(bus: BusSpec, device: int) -> str:
-    """What is wrong with it, and what a person types."""
+    """The problem, and the command that fixes it."""
     return f"{PINGS_ONLY}: {setup_command(bus, device, {LEVEL[bus.protocol].name: ANSWER_ALL})}"
 
 
-def unmute(client: OneOff, device: int) -> None:
-    """Have it answer everything, and see that it does. Raises BusError (NoAnswer, ServoError) when it does not."""
+def enable_status_return(client: OneOff, device: int) -> None:
+    """Have a servo answer every instruction, and read that back. Raises BusError (NoAnswer, ServoError) if it does
+    not."""
     client.write(device, LEVEL[client.protocol], ANSWER_ALL, verify=True)
 
 
-# Torque of servos whose registers could not be read, or whose model has no table here: all have it at one place.
+# Torque of servos whose registers could not be read, or whose model has no table here: all have it at one address.
 
 TORQUE_ENABLE = {
     1: Register("torque_enable", 24, 1, False, True, None, None, 0, 1, 0),
@@ -64,12 +65,12 @@ def is_controller(found: Found) -> bool:
 
 
 def send_torque_off(line: BusLine, ids: Iterable[int]) -> None:
-    """Tell servos to switch their torque off; nobody answers. Raises BusError when the port is gone."""
+    """Switch the torque of servos off; no servo answers. Raises BusError when the port is gone."""
     line.write_all(TORQUE_ENABLE[line.spec.protocol], [(device, 0) for device in ids])
 
 
 def not_limp(line: BusLine, ids: Sequence[int]) -> list[int]:
-    """Those with torque, and those that do not say. Raises BusError when the port is gone."""
+    """Those with torque, and those that do not answer. Raises BusError when the port is gone."""
     return [device for device in ids if _torque(line, device) != 0]
 
 
@@ -86,21 +87,21 @@ Placed = tuple[int, ServoSpec]
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """What was found. line: every servo that is expected; its `images` are of those that answered.
+    """Result of a look at a bus. line: every servo that is expected; its `images` are of those that answered.
 
-    missing: ids that did not answer, or not enough; strange: servos that the line does not have, or whose model is not
-    known here; clashing: ids that two servos have; notes: what else is worth one, a line each.
+    missing: ids that did not answer, or did not answer every read; unknown: servos that the profile does not have, or
+    whose model is not known here; clashing: ids that two servos have; notes: other findings, a line each.
     """
 
     line: BusLine
     missing: tuple[int, ...]
-    strange: tuple[Sighting, ...]
+    unknown: tuple[Sighting, ...]
     clashing: tuple[int, ...]
     notes: tuple[str, ...]
 
 
 def look(port: BytePort, spec: BusSpec, servos: Sequence[Placed], sightings: Sequence[Sighting]) -> Look:
-    """Read everybody who was sighted at the speed of the bus. Raises BusError when the port is gone."""
+    """Read all servos that were found at the speed of the bus. Raises BusError when the port is gone."""
     port.set_baud(spec.baud)
     line = BusLine(spec, port, servos)
     seen = {one.found.id: one for one in sightings}
@@ -111,10 +112,10 @@ def look(port: BytePort, spec: BusSpec, servos: Sequence[Placed], sightings: Seq
         try:
             image = _image(line.client, seen[device])
         except (NoAnswer, ServoError) as error:
-            mute = isinstance(error, NoAnswer) and answers_pings_only(line.client, device)
+            status_return_off = isinstance(error, NoAnswer) and answers_pings_only(line.client, device)
             notes.append(
                 f"{servo.joint} (id {device}) {status_return_off_text(spec, device)}"
-                if mute
+                if status_return_off
                 else f"{servo.joint}: {error}"
             )
             continue
@@ -126,23 +127,23 @@ def look(port: BytePort, spec: BusSpec, servos: Sequence[Placed], sightings: Seq
             notes.append(f"{servo.joint} (id {device}) is {image.table.model}, the profile says {servo.model.name}")
         images[device] = image
     line.adopt(images)
-    strange = tuple(one for one in sightings if one.found.id not in images and _is_strange(one, line))
-    for one in strange:
+    unknown = tuple(one for one in sightings if one.found.id not in images and _is_unknown(one, line))
+    for one in unknown:
         if one.table is None:
             notes.append(f"{_called(line, one)} is a model that is not known here: {one.model}")
-    unknown_ids = [f"{one.found.id} ({one.model})" for one in strange if one.found.id not in line.servos and one.table]
+    unknown_ids = [f"{one.found.id} ({one.model})" for one in unknown if one.found.id not in line.servos and one.table]
     if unknown_ids:
         notes.append(f"ids that the profile does not know: {', '.join(unknown_ids)}")
-    named = {one.found.id for one in strange}
+    named = {one.found.id for one in unknown}
     missing = tuple(device for device in line.servos if device not in images and device not in named)
     if missing:
         notes += _power_note(line)
     clashing = tuple(device for device, one in seen.items() if one.found.clash)
-    return Look(line, missing, strange, clashing, tuple(notes))
+    return Look(line, missing, unknown, clashing, tuple(notes))
 
 
-def _is_strange(one: Sighting, line: BusLine) -> bool:
-    """Whether a servo that was not read is one that nobody can name the registers of, or that nobody expects."""
+def _is_unknown(one: Sighting, line: BusLine) -> bool:
+    """Whether a servo that was not read is of a model without a table here, or not in the profile."""
     device = one.found.id
     if is_controller(one.found):
         return False
@@ -159,7 +160,7 @@ def _called(line: BusLine, one: Sighting) -> str:
 def as_bus(name: str, sightings: Sequence[Sighting], *, first: int = 0) -> tuple[BusSpec, list[Placed]]:
     """A bus without a profile: the servos that answered, in order of their ids, from place `first` on.
 
-    Those of unknown models are not among them. Raises BusError when there are several speeds.
+    Servos of unknown models are left out. Raises BusError when there are several speeds.
     """
     speeds = sorted({one.speed for one in sightings})
     if len(speeds) != 1:
@@ -178,7 +179,7 @@ def as_bus(name: str, sightings: Sequence[Sighting], *, first: int = 0) -> tuple
 
 
 def _servo(sighting: Sighting, bus: str) -> ServoSpec:
-    """A servo of which only the model is known: its angle is that of its shaft."""
+    """A servo without a profile, of a known model: its angle is that of its shaft."""
     table = sighting.table
     assert table is not None
     model, device = find_model(table.model), sighting.found.id
@@ -212,18 +213,18 @@ def _power_note(line: BusLine) -> list[str]:
     return [] if on else [f"device {switch.id} has the servos' power switched off"]
 
 
-# Torque off told to everybody at once, at speeds that need not be known: quicker than any search.
+# Torque off by broadcasts at all speeds: quicker than any search, and no servo need be known.
 #
-# A broadcast is confirmed by nobody. Whoever uses this looks for the servos afterwards, and asks each.
+# No servo confirms a broadcast. The caller looks for the servos afterwards, and asks each.
 
 TIMES = 2
-"""A packet may be lost."""
+"""Times that each packet is sent: one may be lost."""
 MARGIN = 0.002
 """[s] After the last byte, before the speed changes: what the adapter still holds would be spoiled."""
 
 
 def broadcast_torque_off(port: BytePort, speeds: Sequence[Speed]) -> None:
-    """Write torque off to all ids at each speed, in this order; nobody answers. Under 1 s for all speeds there are.
+    """Write torque off to all ids at each speed, in this order; no servo answers. Under 1 s for all speeds there are.
 
     The port is left at the last speed. A speed that the adapter does not have is left out. Raises BusError when the
     port is gone.

@@ -1,6 +1,4 @@
-"""Every servo on one port, whatever its speed and protocol; and one EEPROM value written, also where the servo then
-answers elsewhere.
-"""
+"""Finding every servo on a port, at any speed and protocol; and writing one EEPROM value, also id and speed."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -23,11 +21,11 @@ LIKELY = (57600, 1000000, 2000000, 3000000, 4000000, 115200)
 """[bits/s] The maker's setting (X, MX: 57600; AX: 1000000) and those that people choose, most likely first."""
 DIVIDED, MOST_DIVIDED = 2_000_000, 255
 """[bits/s] What protocol 1.0 divides, and by what at most."""
-UNSAID = "reports an error, and does not say which"
+UNREAD_ERROR = "reports an error, and does not say which"
 
 
 class Speed(NamedTuple):
-    """A way to talk: protocol 1 or 2, bits per second."""
+    """Protocol, 1 or 2, and baud rate in bits per second."""
 
     protocol: int
     baud: int
@@ -61,9 +59,9 @@ class Sighting:
 
 @dataclass(frozen=True)
 class LineScan:
-    """Who answered, by speed and id; which speeds were tried; and why others could not be.
+    """The servos that answered, by speed and id; the speeds tried; and why others could not be tried.
 
-    echoes: what was sent came back.
+    echoes: the adapter gives back what is sent.
     """
 
     sightings: tuple[Sighting, ...]
@@ -101,12 +99,12 @@ def scan_line(
     *,
     ids: Iterable[int] | None = None,
     progress: Callable[[int], object] = lambda done: None,
-    told: Callable[[Sighting], object] = lambda seen: None,
+    on_found: Callable[[Sighting], object] = lambda seen: None,
 ) -> LineScan:
     """Look for `ids` (None: all) at each speed; the port must be open, and is left at the last speed.
 
-    progress: hears how many speeds are done. told: hears of everybody at once (2.0: of all at one speed). Raises
-    BusError when the port is gone; a speed that the adapter does not have is skipped.
+    progress: called with the number of speeds that are done. on_found: called with each servo as soon as it is found
+    (2.0: after each speed). Raises BusError when the port is gone; a speed that the adapter does not have is skipped.
     """
     wanted = None if ids is None else sorted(set(ids))
     seen: list[Sighting] = []
@@ -126,14 +124,14 @@ def scan_line(
         client = OneOff(port, speed.protocol)
         for found in _found(client, wanted):
             seen.append(_sighting(client, found, speed))
-            told(seen[-1])
+            on_found(seen[-1])
         echoes = echoes or client.echoes
     progress(len(speeds))
     return LineScan(tuple(seen), tuple(tried), tuple(skipped), echoes)
 
 
 def _found(client: OneOff, wanted: Sequence[int] | None) -> Iterator[Found]:
-    """Who of these ids (None: all) is there. A broadcast brings others too: they were not asked for."""
+    """The servos with these ids (None: all). Others that answer a broadcast are left out."""
     possible = all_ids(client.protocol)
     chosen = possible if wanted is None else [device for device in wanted if device in possible]
     if client.protocol == 2:
@@ -144,7 +142,7 @@ def _found(client: OneOff, wanted: Sequence[int] | None) -> Iterator[Found]:
 
 
 def is_gone(port: BytePort) -> bool:
-    """Whether it is the port that is missing, and not only a speed."""
+    """Whether the port itself is gone, and not only a speed impossible."""
     try:
         port.drop()
     except BusError:
@@ -158,18 +156,18 @@ def _sighting(client: OneOff, found: Found, speed: Speed) -> Sighting:
         return bare
     table = bare.table
     if table is None or not table.has("hardware_error_status"):
-        return Sighting(found, speed, UNSAID)
+        return Sighting(found, speed, UNREAD_ERROR)
     try:
         bits = client.read(found.id, table["hardware_error_status"])
     except (NoAnswer, ServoError):
         bits = 0
-    return Sighting(found, speed, alert_text(bits) or UNSAID)
+    return Sighting(found, speed, alert_text(bits) or UNREAD_ERROR)
 
 
 # Servos that do not answer at the speed of their bus, looked for at all others.
 
 MOST = 3
-"""Ids that are looked for: each costs a wait at every speed."""
+"""Ids that are tried: each takes a wait at every speed."""
 
 
 def other_bauds(bus: BusSpec) -> list[int]:
@@ -177,9 +175,8 @@ def other_bauds(bus: BusSpec) -> list[int]:
     return [baud for baud in BAUDS[bus.protocol] if baud != bus.baud]
 
 
-def heard_elsewhere(port: BytePort, bus: BusSpec, ids: Sequence[int]) -> dict[int, list[int]]:
-    """By id, the first MOST of `ids` that answer at other speeds, and at which, bits/s; the port is left at the bus's
-    own.
+def answering_elsewhere(port: BytePort, bus: BusSpec, ids: Sequence[int]) -> dict[int, list[int]]:
+    """The first MOST of `ids` that answer at other speeds: speeds, bits/s, by id. The port is left at the bus's own.
 
     A speed that the adapter does not have is left out. Raises BusError when the port is gone.
     """
@@ -201,29 +198,29 @@ def heard_elsewhere(port: BytePort, bus: BusSpec, ids: Sequence[int]) -> dict[in
 
 
 def elsewhere_texts(port: BytePort, bus: BusSpec, ids: Sequence[int], named: Mapping[int, str]) -> list[str]:
-    """Of the first MOST of `ids`: who answers at which other speed, and the command that mends it, a text each.
+    """For each of the first MOST of `ids` that answers at another speed, a text with the command that fixes it.
 
-    named: what people call them, by id. Raises BusError when the port is gone.
+    named: names in messages, by id. Raises BusError when the port is gone.
     """
     texts = []
-    for device, bauds in heard_elsewhere(port, bus, ids).items() if ids else ():
-        speeds, cure = " and ".join(map(str, bauds)), setup_command(bus, device, baud=bus.baud)
+    for device, bauds in answering_elsewhere(port, bus, ids).items() if ids else ():
+        speeds, fix = " and ".join(map(str, bauds)), setup_command(bus, device, baud=bus.baud)
         name = named.get(device, f"device {device}")
-        texts.append(f"{name} answers at {speeds} baud, and its bus has {bus.baud}: {cure}")
+        texts.append(f"{name} answers at {speeds} baud, and its bus has {bus.baud}: {fix}")
     return texts
 
 
-# One EEPROM value written and seen to be kept, also where the servo then answers elsewhere.
+# One EEPROM value, written and read back, also where the servo then has another id or speed.
 
 TRIES = 3
 SETTLE = 0.05
-"""[s] That a servo is given to change its speed."""
+"""[s] In which a servo changes its speed."""
 
 
 def write_setting(
     port: BytePort, table: ControlTable, device: int, speed: Speed, setting: Setting
 ) -> tuple[int, Speed]:
-    """Write one value; id and speed of the servo afterwards, the port's too. Raises BusError."""
+    """Write one value. Return id and speed of the servo afterwards; the port has that speed. Raises BusError."""
     register, value = setting
     if register.name not in ("id", "baud_rate"):
         OneOff(port, speed.protocol).write(device, register, value, verify=True)
@@ -233,7 +230,7 @@ def write_setting(
     assert rate is not None
     for _ in range(TRIES):
         port.set_baud(speed.baud)
-        # The answer comes at the new speed, or is lost: the servo is looked for below.
+        # The answer comes at the new speed, or is lost: the servo is asked below.
         with suppress(NoAnswer):
             OneOff(port, speed.protocol, retries=0).write(device, register, value)
         port.sleep_until(port.now() + SETTLE)

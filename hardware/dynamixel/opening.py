@@ -1,4 +1,4 @@
-"""Opening one bus: who is there, are they the right ones, may they be driven. Everything that is wrong, at once."""
+"""Opening one bus: find its servos, compare them with the profile, time the adapter, and report every problem."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -9,7 +9,7 @@ from hardware.dynamixel.checks import Span, complaints, needed_ticks, notes
 from hardware.dynamixel.control_table import ControlTable, Register, find_table, table_of_number
 from hardware.dynamixel.exchange import Ask, Found, Kind, settle
 from hardware.dynamixel.found_servos import answers_pings_only, status_return_off_text
-from hardware.dynamixel.line_scan import MOST, elsewhere_texts, heard_elsewhere, other_bauds
+from hardware.dynamixel.line_scan import MOST, answering_elsewhere, elsewhere_texts, other_bauds
 from hardware.dynamixel.packets import MAX_ID
 from hardware.dynamixel.serial_port import ECHOES, BytePort
 from hardware.dynamixel.settings import ServoImage, read_image, setup_command
@@ -17,23 +17,23 @@ from hardware.dynamixel.single_requests import NoAnswer, OneOff, ServoError
 from hardware.errors import describe
 from hardware.servo import ServoSpec
 
-# Everybody on a bus who answers, expected or not.
+# All devices on a bus that answer, expected or not.
 
 SLACK = 0.001
-"""[s] That a stranger's answer to a ping may be late."""
+"""[s] That an unknown id's answer to a ping may be late."""
 LONGEST = 2.0
-"""[s] That the search for strangers of protocol 1.0 may take: about 1 s at 1 Mbps, 1.7 s at 57,600."""
+"""[s] That the search for unknown ids of protocol 1.0 may take: about 1 s at 1 Mbps, 1.7 s at 57,600."""
 
 
-def everybody(port: BytePort, client: OneOff, bus: BusSpec) -> tuple[list[Found], list[str]]:
-    """Who answers on an open port, by id; and notes. Raises BusError when the port is gone.
+def servos_on(port: BytePort, client: OneOff, bus: BusSpec) -> tuple[list[Found], list[str]]:
+    """Return the servos that answer on an open port, by id; and notes. Raises BusError when the port is gone.
 
-    2.0: one broadcast ping, heard to its end, so that no late answer disturbs what comes next. 1.0 has none: each id
-    is pinged, once those that are not expected.
+    2.0: one broadcast ping, received to its end, so that no late answer disturbs the next request. 1.0 has none: each
+    id is pinged, unexpected ones once.
     """
     if bus.protocol == 2:
-        heard = client.scan({*bus.ids, MAX_ID})  # the window is that of the highest id asked for
-        return [one for one in heard if one.id in bus.ids or one.model is not None], []  # noise is no stranger
+        answering = client.scan({*bus.ids, MAX_ID})  # the window is that of the highest id asked for
+        return [one for one in answering if one.id in bus.ids or one.model is not None], []  # noise is no servo
     found = {one.id: one for one in client.scan(bus.ids)}
     wait = MAX_RETURN_DELAY + port.latency + SLACK
     others = [device for device in range(MAX_ID + 2) if device not in bus.ids]
@@ -42,13 +42,13 @@ def everybody(port: BytePort, client: OneOff, bus: BusSpec) -> tuple[list[Found]
         return [*found.values()], [f"bus {bus.name}: too slow to look for servos that the profile does not know"]
     for device in others:
         if any(answer.id == device for answer in exchange.ping_alone(port, 1, device, wait).answers):
-            stranger = client.ping(device)
-            if stranger is not None:
-                found[device] = stranger
+            unexpected = client.ping(device)
+            if unexpected is not None:
+                found[device] = unexpected
     return [found[device] for device in sorted(found)], []
 
 
-# How long a servo's answer really takes: an adapter or a hub may be slower than every timeout assumes.
+# The measured time of a servo's answer: an adapter or a hub may be slower than every timeout assumes.
 
 LOOKS = 5
 """Reads of which the fastest counts."""
@@ -57,17 +57,17 @@ PATIENCE = 0.1
 
 
 def answer_time(port: BytePort, ask: Ask) -> float | None:
-    """Time in s from sending to the first byte that is not the request's echo, of an answer that then comes whole and
-    sound; None: none did. The line is silent before and after."""
+    """Time in s from sending to the first byte that is not the request's echo, of an answer that is then
+    complete and valid; None: there was none. The line is silent before and after."""
     port.drop()
     request, sent = ask.request(), port.now()
     port.write(request)
-    heard, took, whole = b"", None, False
+    received, took, whole = b"", None, False
     while port.now() < sent + PATIENCE and port.wait(sent + PATIENCE):
-        heard += port.read()
-        if took is None and heard and not request.startswith(heard):
+        received += port.read()
+        if took is None and received and not request.startswith(received):
             took = port.now() - sent
-        whole = len(ask.answers(heard.removeprefix(request))) == len(ask.ids)
+        whole = len(ask.answers(received.removeprefix(request))) == len(ask.ids)
         if whole:
             break
     settle(port)
@@ -75,7 +75,7 @@ def answer_time(port: BytePort, ask: Ask) -> float | None:
 
 
 def too_slow(port: BytePort, table: ControlTable, device: int, return_delay: float) -> str:
-    """What is wrong when even the fastest answer comes later than a cycle waits for it; "" when it does not.
+    """The problem where even the fastest answer comes later than a cycle waits for it; "" where there is none.
 
     return_delay: of that servo, s. Raises BusError when the port is gone.
     """
@@ -91,7 +91,7 @@ def too_slow(port: BytePort, table: ControlTable, device: int, return_delay: flo
             if fastest <= allowed:
                 return ""
     if fastest is None:
-        return ""  # that nobody answers is said elsewhere
+        return ""  # `examine` reports a servo that does not answer
     return describe(
         what="the adapter, or a hub before it, is slower than a cycle allows: every answer would come too late",
         where=port.name,
@@ -102,9 +102,9 @@ def too_slow(port: BytePort, table: ControlTable, device: int, return_delay: flo
 
 
 SLOW_LATENCY = 0.004
-"""[s] From here on an adapter's latency timer is complained about: two of them do not fit into 8 ms."""
+"""[s] From here on an adapter's latency timer is refused: two of them do not fit into 8 ms."""
 
-BUSY = "; a host that is too busy hears nobody either"
+BUSY = "; a host that is too busy receives no answers either"
 
 
 @dataclass(eq=False)
@@ -119,16 +119,16 @@ class Opening:
 def examine(
     port: BytePort, client: OneOff, bus: BusSpec, servos: Sequence[ServoSpec], *, robot: Sequence[ServoSpec] = ()
 ) -> Opening:
-    """Look at everything on an open port; nothing is written but the power switch. Raises BusError when it is gone.
+    """Examine all devices on an open port; nothing is written but the power switch. Raises BusError when it is gone.
 
     robot: the servos of all its buses, where a coupled pair is on two of them.
     """
     opening = Opening()
     where = _where(port, bus)
     _power_on(port, client, bus, opening)
-    everyone, told = everybody(port, client, bus)
-    opening.notes += told
-    found = {one.id: one for one in everyone}
+    answering, messages = servos_on(port, client, bus)
+    opening.notes += messages
+    found = {one.id: one for one in answering}
     if client.echoes:
         opening.notes.append(f"bus {bus.name}: {ECHOES}")
     if not found:
@@ -155,7 +155,7 @@ def examine(
 def _name_missing(
     port: BytePort, bus: BusSpec, servos: Sequence[ServoSpec], found: dict[int, Found], opening: Opening
 ) -> None:
-    """Who did not answer; the first few are looked for at other speeds."""
+    """Report devices that did not answer; the first few are looked for at other speeds."""
     missing = [device for device in bus.ids if device not in found]
     if not missing:
         return
@@ -184,19 +184,19 @@ def _power_on(port: BytePort, client: OneOff, bus: BusSpec, opening: Opening) ->
 
 
 def _switch_register(address: int) -> Register:
-    """Of a device without a table of ours."""
+    """The register of a power switch, whose device has no table here."""
     return Register("power", address, 1, False, True, None, None, 0, 255, None)
 
 
 def _other_speeds(port: BytePort, bus: BusSpec) -> str:
-    """What else was tried where nobody answers."""
+    """The other speeds that were tried, and what answers there."""
     ids = ", ".join(map(str, bus.ids[:MOST]))
     tried = f"ids {ids} were also tried at {', '.join(map(str, other_bauds(bus)))} baud"
-    heard = heard_elsewhere(port, bus, bus.ids)
-    if not heard:
+    elsewhere = answering_elsewhere(port, bus, bus.ids)
+    if not elsewhere:
         return f"{tried}: check the servos' power, the wiring, and that this is the right port{BUSY}"
-    said = ", ".join(f"id {device} answers at {' and '.join(map(str, bauds))}" for device, bauds in heard.items())
-    return f"{tried}; {said}: correct `baud`, or {setup_command(bus, next(iter(heard)), baud=bus.baud)}"
+    said = ", ".join(f"id {device} answers at {' and '.join(map(str, bauds))}" for device, bauds in elsewhere.items())
+    return f"{tried}; {said}: correct `baud`, or {setup_command(bus, next(iter(elsewhere)), baud=bus.baud)}"
 
 
 def _look_at(
@@ -205,7 +205,7 @@ def _look_at(
     where = f"servo {servo.joint} (id {servo.id})"
     if found.clash:
         opening.problems.append(
-            f"{where} answers in several voices: two servos have this id; connect one at a time and "
+            f"{where} gives several different answers: two servos have this id; connect one at a time and "
             f"give it another: `retarget servo setup --port {bus.port} --id {servo.id} --new-id N`"
         )
         return
@@ -234,14 +234,14 @@ def _look_at(
 def _look_at_adapter(port: BytePort, opening: Opening) -> None:
     if port.latency >= SLOW_LATENCY:
         command = getattr(port, "latency_command", None)
-        cure = f": {command}" if command else ""
+        fix = f": {command}" if command else ""
         opening.problems.append(
-            f"{port.name}: the adapter keeps bytes for up to {1e3 * port.latency:.0f} ms; allowed: 1 ms{cure}"
+            f"{port.name}: the adapter keeps bytes for up to {1e3 * port.latency:.0f} ms; allowed: 1 ms{fix}"
         )
     for device, image in list(opening.images.items())[:1]:
-        late = too_slow(port, image.table, device, RETURN_DELAY_STEP * image.value("return_delay_time"))
-        if late:
-            opening.problems.append(late)
+        problem = too_slow(port, image.table, device, RETURN_DELAY_STEP * image.value("return_delay_time"))
+        if problem:
+            opening.problems.append(problem)
 
 
 def _where(port: BytePort, bus: BusSpec) -> str:

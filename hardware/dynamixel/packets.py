@@ -61,10 +61,10 @@ class Error1(IntFlag):
 
 
 class Frame(NamedTuple):
-    """One sound frame of a line, stuffing removed.
+    """One valid frame of a line, stuffing removed.
 
-    code: the instruction; of a 2.0 status frame STATUS; of a 1.0 status frame its error byte, since nothing in a 1.0
-    frame tells who sent it. params: what follows, without CRC or checksum (a 2.0 status frame: error byte, then data).
+    code: the instruction; of a 2.0 status frame STATUS; of a 1.0 status frame its error byte, since a 1.0 frame does
+    not show its sender. params: what follows, without CRC or checksum (a 2.0 status frame: error byte, then data).
     """
 
     id: int
@@ -80,19 +80,20 @@ class Status(NamedTuple):
     data: bytes
 
 
-# What several servos said to one request, side by side.
+# The answers of several servos to one request, side by side.
 
 
 @dataclass(frozen=True, slots=True)
 class Answers:
-    """Of k servos: ids, in the order in which they came; error bytes (k); data, one after the other (k * size)."""
+    """Answers of k servos: ids, in the order in which they came; error bytes (k); data, one after the other (k *
+    size)."""
 
     ids: tuple[int, ...] = ()
     errors: bytes = b""
     data: bytes = b""
 
     def __len__(self) -> int:
-        """How many servos."""
+        """Number of servos."""
         return len(self.ids)
 
     @property

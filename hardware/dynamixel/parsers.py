@@ -1,4 +1,7 @@
-"""Incremental parsers: bytes in as they arrive, sound frames out; garbage is skipped and counted, memory is bounded."""
+"""Incremental parsers: bytes in, valid frames out; garbage is skipped and counted, memory is bounded.
+
+Also quick checks of a complete reply to a group read of protocol 2.0.
+"""
 
 from collections.abc import Callable
 from functools import lru_cache
@@ -38,7 +41,7 @@ class Parser:
         self._pending = b""
         self._clear = 0
         self.skipped = 0
-        """Bytes so far that belonged to no sound frame."""
+        """Bytes so far that belonged to no valid frame."""
 
     @property
     def pending(self) -> bytes:
@@ -88,7 +91,7 @@ def _scan2(buffer: bytes, clear: int) -> Found:
     """Frames of protocol 2.0.
 
     Stuffing keeps headers out of a body, so one inside ends a broken frame at once: a damaged length costs no more than
-    its own frame. A fast status is not stuffed: only its length tells where it ends.
+    its own frame. A fast status is not stuffed: only its length shows where it ends.
     """
     header, overhead = protocol2.HEADER, protocol2.OVERHEAD
     frames: list[Frame] = []
@@ -121,7 +124,7 @@ def _scan2(buffer: bytes, clear: int) -> Found:
 
 
 def _scan1(buffer: bytes, _clear: int) -> Found:
-    """Frames of protocol 1.0. Any bytes may stand in a body, so only its length tells where a frame ends."""
+    """Frames of protocol 1.0. Any bytes may stand in a body, so only its length shows where a frame ends."""
     header, overhead = protocol1.HEADER, protocol1.OVERHEAD
     frames: list[Frame] = []
     used, begin, size = 0, 0, len(buffer)
@@ -153,15 +156,14 @@ def _tail(buffer: bytes, begin: int, header: bytes) -> int:
     return size
 
 
-# The reply to a group read of protocol 2.0 when all of it is there and sound, checked in one go: what nearly every
-# cycle sees.
+# The reply to a group read of protocol 2.0 where it is complete and valid, as in nearly every cycle: checked at once.
 
 LAYOUTS = 512
 """Different requests that are remembered."""
 _BEFORE_ERROR = 8
 """Bytes of a status frame before its error byte: header, id, LEN, instruction."""
 
-Cut = Callable[[bytes], tuple[bytes, ...]]
+Split = Callable[[bytes], tuple[bytes, ...]]
 """From a reply to pieces of it."""
 
 
@@ -177,14 +179,15 @@ class _Layout(NamedTuple):
     starts: tuple[bytes, ...]
     ids: bytes
     well: bytes
-    heads: Cut
-    summed: Cut
+    heads: Split
+    summed: Split
     crcs: Callable[[bytes], tuple[int, ...]]
-    values: Cut
+    values: Split
 
 
 def whole_reply(reply: bytes, ids: tuple[int, ...], size: int) -> Answers | None:
-    """Answers of all `ids` to a Fast Sync Read of `size` bytes of each; None for a reply that is not whole and sound.
+    """Answers of all `ids` to a Fast Sync Read of `size` bytes of each; None for a reply that is not complete and
+    valid.
 
     Each part's CRC is of everything before it, earlier CRCs included (e-Manual, Fast Sync Read).
     """
@@ -203,8 +206,8 @@ def whole_reply(reply: bytes, ids: tuple[int, ...], size: int) -> Answers | None
 
 
 def whole_frames(reply: bytes, ids: tuple[int, ...], size: int) -> Answers | None:
-    """Answers of all `ids` to a Sync Read of `size` bytes of each, a frame each; None for a reply that is not whole and
-    sound, in this order, or that has stuffing in it."""
+    """Answers of all `ids` to a Sync Read of `size` bytes of each, a frame each; None for a reply that is not complete
+    and valid, in this order, or that has stuffing in it."""
     layout = _frames(ids, size)
     if len(reply) != layout.length or reply.count(protocol2.PATTERN) != len(ids):
         return None

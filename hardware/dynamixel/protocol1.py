@@ -36,9 +36,9 @@ def status(device: int, error: int = 0, data: bytes = b"") -> bytes:
     return frame(device, error, data)
 
 
-def status_of(heard: Frame) -> Status:
-    """A frame read as a status: nothing in it tells that it is one."""
-    return Status(heard.id, heard.code, heard.params)
+def status_of(received: Frame) -> Status:
+    """Read a frame as a status; a 1.0 frame does not show whether it is one."""
+    return Status(received.id, received.code, received.params)
 
 
 def ping(device: int) -> bytes:

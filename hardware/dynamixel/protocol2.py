@@ -13,7 +13,7 @@ HEADER = b"\xff\xff\xfd\x00"
 OVERHEAD = 7
 """Bytes before LEN counts: header, id and LEN itself."""
 MAX_LENGTH = 8192
-"""Longest frame body (LEN) that is built or taken in; more is noise."""
+"""Longest frame body (LEN) that is built or accepted; more is noise."""
 STATUS_BYTES = 11
 """A status frame without data."""
 
@@ -69,12 +69,12 @@ def fast_status(answers: Sequence[Status]) -> bytes:
     return bytes(out)
 
 
-def status_of(heard: Frame) -> Status | None:
+def status_of(received: Frame) -> Status | None:
     """The status of one device in a frame; None for an instruction (of an adapter that echoes, say) and for the reply
     to a fast read, which holds several."""
-    if heard.code != STATUS or not heard.params or heard.id == BROADCAST:
+    if received.code != STATUS or not received.params or received.id == BROADCAST:
         return None
-    return Status(heard.id, heard.params[0], heard.params[1:])
+    return Status(received.id, received.params[0], received.params[1:])
 
 
 def ping(device: int) -> bytes:
@@ -108,7 +108,7 @@ def factory_reset(device: int, option: int) -> bytes:
 
 
 def reboot(device: int) -> bytes:
-    """Start the device anew."""
+    """Restart the device."""
     return frame(device, Instruction.REBOOT)
 
 
@@ -187,12 +187,12 @@ def _items(items: Iterable[tuple[int, bytes]], length: int) -> bytes:
     return bytes(out)
 
 
-# The one reply of a Fast Sync or Fast Bulk Read, part by part: what arrived in front of a gap is still good.
+# The one reply of a Fast Sync or Fast Bulk Read, part by part: the parts before a gap are valid.
 
 BEFORE_PARTS = 8
 """Bytes before the first part: header, id, LEN, instruction."""
 PART_OVERHEAD = 4
-"""Bytes of a part beside its data: error, id, CRC."""
+"""Bytes of a part in addition to its data: error, id, CRC."""
 
 
 def fast_length(sizes: Sequence[int]) -> int:
@@ -206,8 +206,8 @@ def fast_start(sizes: Sequence[int]) -> bytes:
     return HEADER + bytes((BROADCAST,)) + length.to_bytes(2, "little") + bytes((STATUS,))
 
 
-def sound_parts(reply: bytes, sizes: Sequence[int]) -> list[Status]:
-    """The parts of a reply, maybe cut short or damaged, up to the first that is not whole and sound.
+def valid_parts(reply: bytes, sizes: Sequence[int]) -> list[Status]:
+    """The parts of a reply, maybe incomplete or damaged, up to the first that is not complete and valid.
 
     reply: from its header on. sizes: bytes of data of each part, as asked. Each part's CRC runs over everything sent
     so far, earlier CRCs included (e-Manual, Fast Sync Read).

@@ -1,4 +1,4 @@
-"""What all servos of a robot said: values, errors, ages; who is silent keeps its last values and is marked."""
+"""The states of all servos of a robot: values, errors, ages. A silent servo keeps its last values and is marked."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,11 +15,11 @@ from hardware.dynamixel.packets import ALERT, Error1
 Scalar = TypeVar("Scalar", bound=np.generic)
 
 SLOW_PERIOD = 0.2
-"""[s] Between two looks at voltage and temperature."""
+"""[s] Between two reads of voltage and temperature."""
 SLOW_AGE = 3.0
-"""[s] After which what was said of them is forgotten."""
+"""[s] After which their values are forgotten."""
 UNKNOWN_ALERT = 0x80
-"""Alert bits of a servo that says that it has an error, until it has said which."""
+"""Alert bits of a servo that reports an error, until it is read which."""
 
 _ALERTS1 = (
     (Error1.INPUT_VOLTAGE, ServoAlert.INPUT_VOLTAGE),
@@ -44,11 +44,11 @@ class Names:
 
 _ALL1 = ("present_position", "present_temperature")
 NAMES1 = Names(_ALL1, _ALL1, _ALL1[0], "present_speed", None, "present_voltage", _ALL1[1])
-"""Of protocol 1.0: eight bytes hold everything."""
+"""The names for protocol 1.0: eight bytes hold all values."""
 
 
 def names_of(table: ControlTable) -> Names:
-    """Of a servo's table; a servo that reports a load reports no current."""
+    """The names for a servo's table; a servo that reports a load reports no current."""
     if table.protocol == 1:
         return NAMES1
     current = "present_current" if table.has("present_current") else None
@@ -74,19 +74,19 @@ class Readings:
         self._driven = np.zeros(count, dtype=np.bool_)
         self._valid = np.zeros(count, dtype=np.bool_)
         self._answered = np.full(count, -np.inf)  # [s]
-        self._slow_at = np.full(count, -np.inf)  # [s] when voltage and temperature were told
-        self._slow_due = -np.inf  # [s] before then nobody owes them
-        self._slow_until = -np.inf  # [s] so long all of them are known as they are in `_slow`
-        self._slow = (self._voltage, self._temperature)  # as they were handed out
-        self._erring = self._alarming = False  # whether somebody may have an error, an alert
-        # What there is to hand out when all is well: nobody can change it.
+        self._slow_at = np.full(count, -np.inf)  # [s] when voltage and temperature were read
+        self._slow_due = -np.inf  # [s] when they are due again, at the earliest
+        self._slow_until = -np.inf  # [s] until when `_slow` is valid
+        self._slow = (self._voltage, self._temperature)  # as given out last
+        self._erring = self._alarming = False  # whether any servo may have an error, an alert
+        # Read-only arrays, given out while no servo has an error and all have answered.
         self._no_error = _fixed(np.zeros(count, dtype=np.uint8))
         self._no_age = _fixed(np.zeros(count))
         self._all_valid = _fixed(np.ones(count, dtype=np.bool_))
 
     @property
     def turns(self) -> TickArray:
-        """Ticks (n,) to add to what a servo says: whole turns that it has forgotten."""
+        """Ticks (n,) to add to reported positions: whole turns that a servo has forgotten."""
         return self._turns
 
     @turns.setter
@@ -94,11 +94,11 @@ class Readings:
         self._turns, self._turned = turns, bool(turns.any())
 
     def begin(self) -> None:
-        """A new cycle: nobody has answered yet."""
+        """Begin a cycle: no servo has answered yet."""
         self._valid[:] = False
 
     def take(self, who: NDArray[np.int64], rows: NDArray[np.void], errors: bytes, names: Names, now: float) -> None:
-        """Values that servos `who` (k,) answered at `now`, s: rows (k,) of a block, error bytes (k)."""
+        """Take the values that servos `who` (k,) answered at `now`, s: rows (k,) of a block, error bytes (k)."""
         self._position[who] = rows[names.position]
         if self._turned:
             self._position[who] += self._turns[who]
@@ -126,51 +126,52 @@ class Readings:
         if protocol1:
             self._alert[who] = sum(np.where(errors & ours, theirs, 0) for ours, theirs in _ALERTS1)
         else:
-            # Which error it is, the servo says when it is asked; once it reports none, none is left.
+            # Which error it is, a read shows later. An answer without ALERT ends it.
             known = np.maximum(self._alert[who], UNKNOWN_ALERT * (self._alert[who] == 0))
             self._alert[who] = np.where(errors & ALERT, known, 0)
         self._error[who] = errors
         self._erring, self._alarming = bool(self._error.any()), bool(self._alert.any())
 
     def slow_due(self, now: float) -> bool:
-        """Whether somebody who answered in the last cycle owes voltage and temperature; at first everybody does."""
+        """Whether voltage and temperature of a servo that answered in the last cycle are due; at first those of all
+        are."""
         if now < self._slow_due:
             return False
         old = self._slow_at < now - SLOW_PERIOD
         return bool((old & self._valid).any()) or not np.isfinite(self._slow_at).any()
 
     def alarmed(self) -> list[int]:
-        """Servos that say that they have an error, and not yet which."""
+        """Servos that report an error of which it is not known yet which it is."""
         return np.flatnonzero(self._alert == UNKNOWN_ALERT).tolist() if self._alarming else []
 
     def take_alert(self, servo: int, bits: int) -> None:
-        """Its Hardware Error Status; 0 bits leave an error that it reports unknown."""
+        """Take a servo's Hardware Error Status; without bits, an error that it reports stays unknown."""
         if bits:
             self._alert[servo] = bits
             self._alarming = True
 
     def take_drive(self, servo: int, driven: bool) -> None:
-        """Whether it follows its goals, as it said just now."""
+        """Take whether a servo follows its goals, as read just now."""
         self._driven[servo] = driven
 
     @property
     def driven(self) -> BoolArray:
-        """Who follows its goals, as far as it said last, (n,); not a copy."""
+        """Which servos follow their goals, by their last report, (n,); not a copy."""
         return self._driven
 
     @property
     def valid(self) -> BoolArray:
-        """Who has answered in this cycle, (n,); a copy."""
+        """Which servos have answered in this cycle, (n,); a copy."""
         return self._valid.copy()
 
     @property
     def complete(self) -> bool:
-        """Whether everybody has answered in this cycle."""
+        """Whether all servos have answered in this cycle."""
         return all_of(self._valid)
 
     def states(self, now: float, *, retries: int = 0, error_rate: float = 0.0) -> ServoStates:
-        """Everything, as of `now`, s; none of it changes later, and arrays that stay as they were may be the same
-        again. Voltages and temperatures beyond SLOW_AGE are not known."""
+        """The states as of `now`, s. They never change later; arrays that stay as they were may be given again.
+        Voltages and temperatures beyond SLOW_AGE are not known."""
         if now > self._slow_until:
             self._make_slow(now)
         complete = self.complete
@@ -200,7 +201,7 @@ class Readings:
 
 
 def _fixed(array: NDArray[Scalar]) -> NDArray[Scalar]:
-    """The array, which nobody changes from now on."""
+    """The array, read-only from now on."""
     array.flags.writeable = False
     return array
 

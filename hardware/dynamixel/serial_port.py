@@ -1,6 +1,4 @@
-"""A serial adapter as a `BytePort`: opened for one process, at any speed; its latency timer, and why it cannot be
-used.
-"""
+"""Serial adapters: the `BytePort` protocol and its implementation, the latency timer, and errors of opening a port."""
 
 import array
 import contextlib
@@ -33,7 +31,7 @@ WANTED_MS = 1
 
 
 def timer_file(path: str, devices: Path = DEVICES) -> Path:
-    """Where the kernel shows the timer of the port at `path`, whatever links lead to it; it exists for FTDI only."""
+    """The kernel's file of the timer of the port at `path`, which may be a link; it exists for FTDI only."""
     return devices / Path(path).resolve().name / "latency_timer"
 
 
@@ -51,14 +49,14 @@ def latency(timer_ms: int | None) -> float:
 
 
 def timer_command(path: str, devices: Path = DEVICES) -> str:
-    """What a person types to set the timer to 1 ms, until the adapter is plugged in anew."""
+    """The command that sets the timer to 1 ms, until the adapter is plugged in again."""
     return f"echo {WANTED_MS} | sudo tee {timer_file(path, devices)}"
 
 
 def ask_low_latency(line: Serial) -> bool:
     """Ask the kernel for low latency (ASYNC_LOW_LATENCY; no rights needed; an FTDI's timer becomes 1 ms).
 
-    Whether the driver took it: many have no such thing, and say so.
+    Return whether the driver accepted it: many do not have it.
     """
     try:
         line.set_low_latency_mode(True)
@@ -67,14 +65,14 @@ def ask_low_latency(line: Serial) -> bool:
     return True
 
 
-# Why a serial port cannot be opened or used, said so that a person can act on it.
+# Errors of a serial port, each with what to do about it.
 
 _ABSENT = {errno.ENOENT, errno.ENODEV, errno.ENXIO, errno.ENOTDIR, errno.ENAMETOOLONG, errno.ELOOP, errno.EIO}
 _BUSY = {errno.EBUSY, errno.EAGAIN}
 _FORBIDDEN = {errno.EACCES, errno.EPERM}
 _PSEUDO_TERMINALS = Path("/dev/pts")
 _MOST_PROCESSES = 100_000
-"""Bound of the search for who holds a port."""
+"""Bound of the search for the processes that hold a port."""
 
 
 def why_not_open(path: str, baud: int, cause: Exception) -> BusError:
@@ -130,8 +128,8 @@ def wrong_baud(path: str, baud: int, allowed: object) -> BusError:
 
 
 def holders(path: str, processes: Path = PROCESSES) -> str:
-    """Who has the port open, as far as this user may see. What is behind a pseudo-terminal has it open too, and is told
-    apart: it keeps nobody out."""
+    """The processes that have the port open, as far as this user may see. The other end of a pseudo-terminal also has
+    it open; it is named separately, since it keeps no process out."""
     device = Path(path).resolve()
     found: list[str] = []
     behind: list[str] = []
@@ -151,8 +149,8 @@ def _leads_to(device: Path, process: Path, descriptor: str, target: Path) -> boo
     """Whether an open file of a process is the master of a pseudo-terminal: its number is the device's name."""
     if device.parent != _PSEUDO_TERMINALS or target.name != "ptmx":
         return False
-    told = (process / "fdinfo" / descriptor).read_text(encoding="utf-8", errors="replace")
-    return ["tty-index:", device.name] in [line.split() for line in told.splitlines()]
+    text = (process / "fdinfo" / descriptor).read_text(encoding="utf-8", errors="replace")
+    return ["tty-index:", device.name] in [line.split() for line in text.splitlines()]
 
 
 def _existing() -> str:
@@ -186,7 +184,7 @@ def _kind(path: str) -> str:
 
 
 LOWEST_BAUD, HIGHEST_BAUD = 1_200, 12_000_000
-"""Bounds of what is tried; what the adapter can do is found out."""
+"""Bounds of the speeds that are tried; not all adapters have them."""
 BAUD_TOLERANCE = 0.03
 """Relative error of the real speed beyond which 8N1 bytes are no longer read safely."""
 CHUNK = 65_536
@@ -194,7 +192,7 @@ CHUNK = 65_536
 STUCK = 0.1
 """An adapter that takes no byte for so long, s, beyond the time of the bytes themselves, is stuck."""
 _TCGETS2, _SPEED_WORD = 0x802C542A, 10
-"""Linux's ioctl that tells the real speed of a line, and where in the answer."""
+"""Linux's ioctl that returns the real speed of a line, and the speed's place in the answer."""
 
 
 class _AnyBaudPort(PortHandler):  # type: ignore[misc]  # the SDK has no types
@@ -215,7 +213,7 @@ class _AnyBaudPort(PortHandler):  # type: ignore[misc]  # the SDK has no types
 
 
 class SerialPort:
-    """A `BytePort` over a real tty. No method lets an OSError through: whatever fails is a BusError."""
+    """A `BytePort` over a real tty. Every failure is a BusError; no method lets an OSError through."""
 
     def __init__(self, path: str, clock: Clock) -> None:
         self._path, self._clock = path, clock
@@ -237,12 +235,12 @@ class SerialPort:
 
     @property
     def latency(self) -> float:
-        """Longest time, s, that the adapter keeps what has arrived; 1 ms assumed where it cannot be told."""
+        """Longest time, s, that the adapter keeps what has arrived; 1 ms is assumed where it is not known."""
         return latency(self.latency_timer_ms)
 
     @property
     def latency_command(self) -> str | None:
-        """What a person types to bring the latency timer down to 1 ms; None where that is not needed."""
+        """The command that sets the latency timer to 1 ms; None where that is not needed."""
         if self.latency_timer_ms is None or self.latency_timer_ms <= WANTED_MS:
             return None
         return timer_command(self._path)
@@ -353,7 +351,7 @@ class SerialPort:
         return self._fd
 
     def _take_over(self) -> None:
-        """Keep others out: pyserial's lock is seen by those who lock too, the kernel's by everybody but root.
+        """Lock the port: pyserial's lock keeps out processes that lock too, the kernel's all but those of root.
 
         Not on a pseudo-terminal: the emulator holds it open, so the kernel's lock would outlive a client that was
         killed.
@@ -398,7 +396,7 @@ class SerialPort:
                 raise self._gone(cause) from cause
 
     def _hung_up(self, fd: int) -> bool:
-        """Whether nothing to read means that nothing will ever come."""
+        """Whether the port is gone, so that nothing will ever come."""
         poll = select.poll()
         poll.register(fd, select.POLLIN)
         return any(event & (select.POLLHUP | select.POLLERR | select.POLLNVAL) for _, event in poll.poll(0))
@@ -408,14 +406,14 @@ class SerialPort:
 
 
 def _with_number(cause: Exception) -> Exception:
-    """A termios error keeps its number apart: as the OSError it is."""
+    """A termios error as an OSError, whose `errno` is set."""
     if isinstance(cause, termios.error) and len(cause.args) == 2:
         return OSError(*cause.args)
     return cause
 
 
 def real_baud(fd: int) -> int | None:
-    """Speed that the driver says it runs at; None where it does not tell."""
+    """Speed that the driver reports; None where it reports none."""
     if not sys.platform.startswith("linux"):
         return None
     answer = array.array("I", [0] * 16)
@@ -426,7 +424,7 @@ def real_baud(fd: int) -> int | None:
     return answer[_SPEED_WORD]
 
 
-# A line of bytes to servos, and the way to it: a serial adapter, or an emulator in this process.
+# A line of bytes to servos: through a serial adapter, or to an emulator in this process.
 
 
 class BytePort(Protocol):
@@ -434,7 +432,7 @@ class BytePort(Protocol):
 
     @property
     def name(self) -> str:
-        """What a person calls it: the device's path."""
+        """Its name in messages: the device's path."""
         ...
 
     @property
@@ -484,6 +482,6 @@ class BytePort(Protocol):
         ...
 
 
-# What a person is told of an adapter that gives back what is sent.
+# The message about an adapter that gives back what is sent.
 
-ECHOES = "the adapter echoes what is sent: it works, but costs time in every exchange; switch its local echo off"
+ECHOES = "the adapter echoes what is sent: it works, but costs time in every request; switch its local echo off"

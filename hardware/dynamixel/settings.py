@@ -1,4 +1,4 @@
-"""What a profile wants in a servo's registers, and what has to be written for it."""
+"""A servo's settings: its registers as read, the values that its profile wants, and the plan of what to write."""
 
 import math
 from collections.abc import Mapping
@@ -11,17 +11,17 @@ from hardware.dynamixel.single_requests import OneOff
 from hardware.errors import BusError, describe
 from hardware.servo import ServoMode, ServoSpec
 
-# What one servo's registers hold, read in a few blocks: for checks before anything moves.
+# The registers of one servo, read in a few blocks before anything moves.
 
 CHUNK = 64
 """Most bytes that are read at once."""
 LAST = ("present_temperature", "present_input_voltage", "present_voltage", "lock", "goal_acceleration")
-"""The registers behind which no table has one that is looked at."""
+"""The last registers that are read: no table has one of interest behind them."""
 
 
 @dataclass(frozen=True, eq=False)
 class ServoImage:
-    """Registers of a servo of this table, as read. Turn by turn: nothing in it changes with the servo."""
+    """Registers of a servo with this table, as read once: later changes of the servo are not in it."""
 
     table: ControlTable
     data: bytes
@@ -48,8 +48,8 @@ MODES = {ServoMode.POSITION: 3, ServoMode.EXTENDED_POSITION: 4, ServoMode.CURREN
 ANSWER_ALL = 2
 """Status Return Level: every instruction is answered."""
 WAKING = {"moving_speed": 0}
-"""What a limp servo of protocol 1.0 is told only when its torque may come on: like a goal position, a moving speed
-switches it on (field knowledge, in no manual). 0: as fast as it can."""
+"""Written to a limp servo of protocol 1.0 only when its torque may come on: like a goal position, a moving speed
+switches torque on (field knowledge, in no manual). 0: full speed."""
 
 
 class Setting(NamedTuple):
@@ -60,7 +60,7 @@ class Setting(NamedTuple):
 
 
 def eeprom_settings(servo: ServoSpec, bus: BusSpec, table: ControlTable) -> list[Setting]:
-    """What must stand in EEPROM, which is writable with torque off alone."""
+    """The values that EEPROM must hold; it is writable only with torque off."""
     values = {"return_delay_time": bus.return_delay_value}
     if table.protocol == 2:
         values["operating_mode"] = MODES[servo.mode]
@@ -72,7 +72,8 @@ def eeprom_settings(servo: ServoSpec, bus: BusSpec, table: ControlTable) -> list
 
 
 def ram_settings(servo: ServoSpec, image: ServoImage) -> list[Setting]:
-    """What must stand in RAM: lost in a reboot, and reset by a change of mode. Goals are paced by us: no profile."""
+    """The values that RAM must hold; a reboot or a change of mode resets them. The goals limit speed and acceleration
+    themselves, so the servo has no profile."""
     gains, table = servo.gains, image.table
     values: dict[str, int | None] = {
         "feedforward_1st_gain": gains.feedforward_1,
@@ -87,7 +88,7 @@ def ram_settings(servo: ServoSpec, image: ServoImage) -> list[Setting]:
         names = ("p_gain", "i_gain", "d_gain")
         values |= WAKING
     else:
-        values["status_return_level"] = ANSWER_ALL  # 1.0: it stands in EEPROM
+        values["status_return_level"] = ANSWER_ALL  # 1.0: it is in EEPROM
     if _by_current(servo):
         values["goal_pwm"] = image.value("pwm_limit")  # it limits the drive as well as the current does
     values |= dict(zip(names, (gains.position_p, gains.position_i, gains.position_d), strict=True))
@@ -95,7 +96,7 @@ def ram_settings(servo: ServoSpec, image: ServoImage) -> list[Setting]:
 
 
 def full_drive(servo: ServoSpec, image: ServoImage) -> Setting:
-    """The register that limits the servo's drive, at what it is to be while the robot moves."""
+    """The register that limits the servo's drive, with its value while the robot moves."""
     table = image.table
     if table.protocol == 1:
         return Setting(table["torque_limit"], image.value("max_torque"))
@@ -106,7 +107,7 @@ def full_drive(servo: ServoSpec, image: ServoImage) -> Setting:
 
 
 def differing(settings: list[Setting], image: ServoImage) -> list[Setting]:
-    """Those that the servo does not have yet."""
+    """The settings that the servo does not hold yet."""
     return [setting for setting in settings if image.value(setting.register.name) != setting.value]
 
 
@@ -116,7 +117,7 @@ def _by_current(servo: ServoSpec) -> bool:
 
 
 def _current(servo: ServoSpec, register: Register) -> int:
-    """The profile's current in counts of a register, as near as it can."""
+    """The profile's current in counts of a register, rounded and clamped."""
     assert servo.current_limit is not None
     most = register.widest if register.highest is None else register.highest
     return min(max(round(servo.current_limit / (register.scale or 1.0)), 1), most)
@@ -126,19 +127,19 @@ def _settings(table: ControlTable, values: "dict[str, int] | dict[str, int | Non
     return [Setting(table[name], value) for name, value in values.items() if value is not None and table.has(name)]
 
 
-# What a servo's EEPROM is to hold: checked as a whole before anything is written; its id and speed come last.
+# The plan for a servo's EEPROM: checked as a whole before anything is written; id and speed come last.
 
 HIGHEST_ID = 252
 OWN_OPTION = {"id": "--new-id", "baud_rate": "--baud", "return_delay_time": "--return-delay"}
 DELAYS = f"0 to {1e6 * MAX_RETURN_DELAY:g} us, even"
 SILENCING = "protocol_type"
-"""Whoever changes it is no longer understood."""
+"""A servo whose protocol is changed no longer answers."""
 
 
 def setup_command(
     bus: BusSpec, device: int, registers: Mapping[str, int] | None = None, *, baud: int | None = None
 ) -> str:
-    """What a person types to write these into a servo; baud: bits/s."""
+    """The command that writes these registers into a servo; baud: bits/s."""
     words = [f"--register {name}={value}" for name, value in (registers or {}).items()]
     if baud is not None:
         words.append(f"--baud {baud}")
@@ -153,9 +154,9 @@ def plan(
     return_delay: float | None = None,
     registers: Mapping[str, int] | None = None,
 ) -> list[Setting]:
-    """What has to be written, in order; what the servo has already is left out. baud: bits/s, return_delay: s.
+    """The settings to write, in order, without those that the servo holds already. baud: bits/s, return_delay: s.
 
-    Raises BusError (HardwareError for an unknown register) for what this servo cannot hold, and while torque is on.
+    Raises BusError (HardwareError for an unknown register) for values that this servo cannot hold, and with torque on.
     """
     table = image.table
     wanted = [setting_of(table, name, value) for name, value in (registers or {}).items()]
@@ -165,7 +166,7 @@ def plan(
         wanted.append(Setting(table["return_delay_time"], round(return_delay / RETURN_DELAY_STEP)))
     if new_id is not None:
         if not 0 <= new_id <= HIGHEST_ID:
-            raise _no(table, "id", str(new_id), f"0 to {HIGHEST_ID}: 254 is everybody")
+            raise _no(table, "id", str(new_id), f"0 to {HIGHEST_ID}: 254 is the broadcast id")
         wanted.append(Setting(table["id"], new_id))
     if baud is not None:
         code = code_of(table, baud)
@@ -185,7 +186,7 @@ def plan(
 
 
 def possible_delay(delay: float) -> bool:
-    """Whether a servo can be told to wait for `delay` s before it answers."""
+    """Whether a servo can be set to wait for `delay` s before it answers."""
     steps = delay / RETURN_DELAY_STEP
     return 0.0 <= delay <= MAX_RETURN_DELAY and abs(steps - round(steps)) < 1e-6
 
@@ -199,7 +200,7 @@ def rates_of(table: ControlTable) -> str:
 
 
 def setting_of(table: ControlTable, name: str, value: int) -> Setting:
-    """What a register of its EEPROM is to hold. Raises BusError (HardwareError for an unknown register)."""
+    """A setting of an EEPROM register. Raises BusError (HardwareError for an unknown register)."""
     register = table[name]
     if name in OWN_OPTION:
         raise _no(table, "register", name, f"the option {OWN_OPTION[name]}")
@@ -217,14 +218,14 @@ def _no(table: ControlTable, what: str, found: str, allowed: str) -> BusError:
     return BusError(describe(what=f"no such {what} for this servo", where=table.model, found=found, allowed=allowed))
 
 
-# Counts of a servo's registers as people say them.
+# Counts of a servo's registers in units and words.
 
 TICKS = frozenset(("homing_offset", "min_position_limit", "max_position_limit", "cw_angle_limit", "ccw_angle_limit"))
 """Registers whose counts are ticks of the shaft."""
 
 
 def in_units(table: ControlTable, name: str, value: int) -> str:
-    """What `value` counts mean: in SI units or words, angles in degrees; "" where the count says it all."""
+    """The meaning of `value` counts: in SI units or words, angles in degrees; "" where the count is enough."""
     if name == "baud_rate":
         return str(baud_of(table, value) or "")
     if name == "return_delay_time":

@@ -1,8 +1,7 @@
-"""Single reads and writes of single servos: dynamixel-sdk's packet handlers over a `BytePort`, and what a servo
-refused, in words.
+"""Single reads and writes of single servos: dynamixel-sdk's packet handlers over a `BytePort`, and refusals in words.
 
-The SDK sends and receives; what it would make of the answer (models of error replies, IndexErrors, alerts as errors) is
-decided here.
+The SDK sends and receives. This module interprets the answers, since the SDK does so wrongly (models of error replies,
+IndexErrors, alerts as errors).
 """
 
 import threading
@@ -35,9 +34,9 @@ __all__ = [
 ]
 
 
-# What dynamixel-sdk's packet handlers need of a port, over a `BytePort`; and its handlers, with stuffing mended.
-#
-# The SDK's own port polls, waits 34 ms and more for what never comes, and stays "in use" for ever after an exception.
+# The port that dynamixel-sdk's packet handlers need, over a `BytePort`; and its handlers, with stuffing fixed.  The
+# SDK's own port polls, waits 34 ms and more for an answer that does not come, and stays "in use" for ever after an
+# exception.
 
 SLACK = 0.004
 """[s] That this machine, the adapter's driver or the servo may be late."""
@@ -50,7 +49,7 @@ class SdkPort:
     """The SDK's PortHandler as its packet handlers see it. Reads sleep; deadlines are of the port's own clock.
 
     Bytes equal to what was just sent are the echo of a half-duplex adapter: dropped. (In protocol 1.0 a status can
-    equal its instruction; `echoed` tells that this may have happened.)
+    equal its instruction; `echoed` shows that this may have happened.)
     """
 
     def __init__(self, port: BytePort, *, return_delay: float) -> None:
@@ -64,12 +63,12 @@ class SdkPort:
         """Time, s, added to what the bytes, the adapter and the servo need."""
         self.echoed = False
         """Whether what was last sent came back."""
-        self.heard = 0
+        self.received = 0
         """Bytes that arrived since the last instruction, its echo left out."""
 
     @property
     def is_using(self) -> bool:
-        """Never: the SDK's flag outlives exceptions and is no lock; who shares a port locks it himself."""
+        """Never: the SDK's flag outlives exceptions and is no lock; callers that share a port lock it themselves."""
         return False
 
     @is_using.setter
@@ -88,7 +87,7 @@ class SdkPort:
     def writePort(self, packet: list[int]) -> int:
         """Send; the number of bytes."""
         self._sent = self._unconfirmed = bytes(packet)
-        self.echoed, self.heard = False, 0
+        self.echoed, self.received = False, 0
         self._port.write(self._sent)
         return len(self._sent)
 
@@ -103,7 +102,7 @@ class SdkPort:
             self._last_look = self._port.now() >= self._deadline
             arrived = self._port.read()
             self._held += arrived
-            self.heard += len(arrived)
+            self.received += len(arrived)
         if self._unconfirmed and self._held == self._unconfirmed:
             self._drop_echo()
         data = bytes(self._held[:length])
@@ -128,7 +127,7 @@ class SdkPort:
         self._last_look = False
 
     def _may_be_echo(self) -> bool:
-        """Whether more bytes must tell what is held: an echo so far, or the whole echo and nothing behind it."""
+        """Whether the bytes held may be an echo: the beginning of one, or a whole one with nothing behind it."""
         if not self._unconfirmed or self._unconfirmed.startswith(self._held):
             return bool(self._unconfirmed)
         if self._held.startswith(self._unconfirmed):
@@ -138,13 +137,13 @@ class SdkPort:
 
     def _drop_echo(self) -> None:
         del self._held[: len(self._unconfirmed)]
-        self.heard -= len(self._unconfirmed)
+        self.received -= len(self._unconfirmed)
         self.echoed = True
         self._unconfirmed = b""
 
 
 class PatchedProtocol2(Protocol2PacketHandler):  # type: ignore[misc]  # the SDK has no types
-    """The SDK's handler, with byte stuffing that reaches the wire and removes what was added, no more."""
+    """The SDK's handler, with byte stuffing that reaches the wire and removes exactly what was added."""
 
     def addStuffing(self, packet: list[int]) -> list[int]:
         """Stuff the packet in place (the SDK's caller ignores what is returned)."""
@@ -174,10 +173,10 @@ def _with_body(packet: list[int], body: bytes) -> list[int]:
     return packet
 
 
-# What a servo refused or left unanswered, in words.
+# Refusals and missing answers, in words.
 
 REFUSED1 = Error1.ANGLE_LIMIT | Error1.RANGE | Error1.CHECKSUM | Error1.INSTRUCTION
-"""Error bits of protocol 1.0 that are about the instruction; the others tell of the servo's state."""
+"""Error bits of protocol 1.0 that are about the instruction; the others show the servo's state."""
 _WORDS2 = {
     Error2.RESULT_FAIL: "it could not carry the instruction out",
     Error2.INSTRUCTION: "it does not know this instruction, or Action without a registered write",
@@ -197,26 +196,26 @@ _NEXT2 = {Error2.ACCESS: "Switch torque off before writing EEPROM", Error2.DATA_
 
 
 def refusal(protocol: int, error: int) -> int:
-    """What an error byte says against the instruction: the number (2.0) or the bits (1.0); 0: it was obeyed."""
+    """The part of an error byte that refuses the instruction: a number (2.0) or bits (1.0); 0: it was accepted."""
     return error & REFUSED1 if protocol == 1 else error & 0x7F
 
 
 def state(protocol: int, error: int) -> int:
-    """What an error byte tells of the servo itself: ALERT (2.0), or voltage, overheating, overload (1.0)."""
+    """The part of an error byte about the servo itself: ALERT (2.0), or voltage, overheating, overload (1.0)."""
     return error & 0x7F & ~REFUSED1 if protocol == 1 else error & 0x80
 
 
 def words(protocol: int, number: int) -> str:
     """A refusal in words."""
     if protocol == 1:
-        said = [text for bit, text in _WORDS1.items() if number & bit]
+        texts = [text for bit, text in _WORDS1.items() if number & bit]
     else:
-        said = [_WORDS2[Error2(number)]] if number in _WORDS2 else []
-    return ", ".join(said) or f"error {number}, which the protocol does not define"
+        texts = [_WORDS2[Error2(number)]] if number in _WORDS2 else []
+    return ", ".join(texts) or f"error {number}, which the protocol does not define"
 
 
 class ServoError(BusError):
-    """A servo answered, and refused; or it was asked for something that it cannot have.
+    """A servo refused an instruction; or the request is impossible, and was not sent.
 
     id, register (its name; "" where none is meant), number: see `refusal`; 0 when nothing was sent.
     """
@@ -227,7 +226,7 @@ class ServoError(BusError):
 
 
 class NoAnswer(BusError):
-    """A servo gave no whole answer, however often it was asked. damaged: tries that brought bytes all the same."""
+    """A servo gave no complete answer in all tries. damaged: tries in which bytes came nevertheless."""
 
     def __init__(self, message: str, *, device: int, tries: int, damaged: int) -> None:
         super().__init__(message)
@@ -235,7 +234,7 @@ class NoAnswer(BusError):
 
 
 def refused(where: str, *, protocol: int, device: int, register: str, number: int, asked: str) -> ServoError:
-    """The error for an answer that says no."""
+    """The error for an answer that refuses."""
     message = describe(
         what=f"the servo refused {asked}",
         where=where,
@@ -265,7 +264,7 @@ _CLEAR_TURNS = b"\x01\x44\x58\x4c\x22"
 
 
 class ResetScope(IntEnum):
-    """What a factory reset leaves as it is."""
+    """The values that a factory reset keeps."""
 
     NOTHING = 0xFF
     ID = 0x01
@@ -273,7 +272,7 @@ class ResetScope(IntEnum):
 
 
 class OneOff:
-    """Exchanges with one servo at a time, on an open port. One caller at a time: others wait.
+    """Requests to one servo at a time, on an open port. One caller at a time: others wait.
 
     return_delay: s, the longest Return Delay Time on the line. retries: further tries after silence or damage. Raises
     ServoError when a servo refuses, NoAnswer when it stays silent, BusError when the port is gone.
@@ -288,15 +287,15 @@ class OneOff:
         self._lock = threading.RLock()
         self._states: dict[int, int] = {}
         self.echoes = False
-        """Whether the adapter gives back what is sent. A ping of 1.0 proves nothing: its answer can be its equal."""
+        """Whether the adapter gives back what is sent. A ping of 1.0 proves nothing: its answer can equal it."""
 
     @property
     def alerted(self) -> tuple[int, ...]:
-        """Ids whose last answer told of a hardware error (2.0: ALERT; 1.0: voltage, overheating, overload)."""
+        """Ids whose last answer reported a hardware error (2.0: ALERT; 1.0: voltage, overheating, overload)."""
         return tuple(sorted(device for device, state in self._states.items() if state))
 
     def ping(self, device: int) -> Found | None:
-        """Who has this id; None when nobody answers. Answers that all came damaged: found, with `clash`."""
+        """The servo with this id; None when no servo answers. If all answers came damaged: found, with `clash`."""
         try:
             answer = self._ask(device, Instruction.PING, b"", asked="ping")
         except ServoError as error:
@@ -310,9 +309,9 @@ class OneOff:
         return exchange.found_by_ping(answer) if self.protocol == 2 else self._found1(device, answered=True)
 
     def scan(self, ids: Iterable[int]) -> list[Found]:
-        """Who of these ids is there, and who else a broadcast ping (2.0) brings up, by id.
+        """The servos with these ids, and others that answer a broadcast ping (2.0), by id.
 
-        Ids that the broadcast leaves open are pinged alone; all of them, when some answer was damaged.
+        Ids that do not answer the broadcast are pinged alone; all of them, when some answer was damaged.
         """
         wanted = sorted(set(ids))
         for device in wanted:
@@ -320,10 +319,10 @@ class OneOff:
         found: dict[int, Found] = {}
         with self._lock:
             if self.protocol == 2 and wanted:
-                heard = exchange.broadcast_ping(self.port, wanted[-1], SLACK)
-                found = {servo.id: servo for servo in exchange.found_by_broadcast(heard)}
-                doubtful = heard.damaged > 0
-                self.echoes = self.echoes or heard.echoed
+                received = exchange.broadcast_ping(self.port, wanted[-1], SLACK)
+                found = {servo.id: servo for servo in exchange.found_by_broadcast(received)}
+                doubtful = received.damaged > 0
+                self.echoes = self.echoes or received.echoed
                 for servo in found.values():
                     self._note(servo.id, 0x80 if servo.alert else 0)
             else:
@@ -345,7 +344,8 @@ class OneOff:
         return self._read(device, address, length, "")
 
     def write(self, device: int, register: Register, value: int, verify: bool = False) -> None:
-        """Write counts. verify: read them back (also where the servo's Status Return Level mutes answers to writes)."""
+        """Write counts. verify: read them back (also where the servo's Status Return Level excludes answers to
+        writes)."""
         try:
             data = register.encode(value)
         except ValueError as error:
@@ -373,12 +373,12 @@ class OneOff:
                 )
 
     def reboot(self, device: int) -> None:
-        """Start a servo anew; it stays silent for some 0.1 s. Protocol 2.0 only."""
+        """Restart a servo; it stays silent for some 0.1 s. Protocol 2.0 only."""
         self._need_protocol2(device, "reboot")
         self._ask(device, Instruction.REBOOT, b"", asked="reboot")
 
     def factory_reset(self, device: int, scope: ResetScope = ResetScope.ID_AND_BAUD) -> None:
-        """Bring the control table back to the maker's; 1.0 resets all of it, the id too."""
+        """Reset the control table to the maker's values; 1.0 resets all of it, the id too."""
         if self.protocol == 1 and scope is not ResetScope.NOTHING:
             raise self._impossible(device, "factory reset that keeps the id", "protocol 1.0 resets everything")
         self._ask(device, Instruction.FACTORY_RESET, bytes((scope,)) if self.protocol == 2 else b"", asked="reset")
@@ -401,7 +401,8 @@ class OneOff:
     def _ask(
         self, device: int, code: Instruction, params: bytes, *, asked: str, register: str = "", size: int | None = None
     ) -> Status:
-        """Send, and have the answer: `size` bytes of data where that is known. Bounded tries, each more patient."""
+        """Send, and return the answer, with `size` bytes of data where that is known. Bounded tries, each waits
+        longer."""
         self._check_id(device)
         damaged, tries = 0, 1 + self.retries
         with self._lock:
@@ -409,10 +410,10 @@ class OneOff:
                 self._sdk.slack = SLACK * 2**done
                 answer = self._exchange(device, code, params)
                 unfit = answer is None or not self._fits(answer, size)
-                if (done or unfit) and (code is not Instruction.PING or self._sdk.heard):
+                if (done or unfit) and (code is not Instruction.PING or self._sdk.received):
                     settle(self.port)
                 if answer is None or unfit:
-                    damaged += self._sdk.heard > 0
+                    damaged += self._sdk.received > 0
                     continue
                 self._note(device, state(self.protocol, answer.error))
                 number = refusal(self.protocol, answer.error)
@@ -430,17 +431,17 @@ class OneOff:
         raise unanswered(where, device=device, tries=tries, damaged=damaged, asked=asked)
 
     def _exchange(self, device: int, code: Instruction, params: bytes) -> Status | None:
-        """One instruction and the SDK's verdict; None without a whole answer."""
+        """Send one instruction through the SDK; None without a complete answer."""
         if self.protocol == 1:
             head, tail, at = [0, 0, device, len(params) + 2, code], 1, 2
         else:
             length = (len(params) + 3).to_bytes(2, "little")
             head, tail, at = [0, 0, 0, 0, device, *length, code], 2, 4
-        heard, result, _ = self._handler.txRxPacket(self._sdk, [*map(int, head), *params, *([0] * tail)])
+        received, result, _ = self._handler.txRxPacket(self._sdk, [*map(int, head), *params, *([0] * tail)])
         self.echoes = self.echoes or (self._sdk.echoed and code is not Instruction.PING)
-        if result != COMM_SUCCESS or heard is None or heard[at] != device:
+        if result != COMM_SUCCESS or received is None or received[at] != device:
             return None
-        frame = bytes(heard)
+        frame = bytes(received)
         if self.protocol == 1:
             return Status(device, frame[4], frame[5 : frame[3] + 3]) if frame[3] >= 2 else None
         length2 = frame[5] | frame[6] << 8
@@ -453,20 +454,20 @@ class OneOff:
         return not garbled and (bool(number) or size is None or len(answer.data) == size)
 
     def _probe(self, device: int) -> Found | None:
-        """Ping one id and listen for a second answer."""
-        heard = exchange.ping_alone(self.port, self.protocol, device, self._return_delay + self.port.latency + SLACK)
-        own = [answer for answer in heard.answers if answer.id == device]
+        """Ping one id, and wait for a second answer too."""
+        received = exchange.ping_alone(self.port, self.protocol, device, self._return_delay + self.port.latency + SLACK)
+        own = [answer for answer in received.answers if answer.id == device]
         if not own:
-            if self.protocol == 1 and heard.echoed:
+            if self.protocol == 1 and received.echoed:
                 return self._found1(device)
-            return Found(device, self.protocol, clash=True) if heard.damaged else None
+            return Found(device, self.protocol, clash=True) if received.damaged else None
         self._note(device, state(self.protocol, own[0].error))
         if self.protocol == 2:
             return exchange.found_by_ping(own[0], clash=len(own) > 1)
         return self._found1(device, answered=True, clash=len(own) > 1)
 
     def _found1(self, device: int, *, answered: bool = False, clash: bool = False) -> Found | None:
-        """A 1.0 servo: a ping tells no model, so it is read; a servo may be set to answer pings only."""
+        """A 1.0 servo: a ping returns no model, so it is read; a servo may be set to answer pings only."""
         try:
             data = self.read_block(device, 0, MODEL_BYTES)
         except (ServoError, NoAnswer):

@@ -1,4 +1,4 @@
-"""Torque of all servos of a bus: what the profile wants is written, torque rises slowly, and comes off confirmed."""
+"""Torque of all servos of a robot: registers are provisioned, torque rises slowly, and goes off confirmed; restarts."""
 
 import math
 from collections.abc import Callable, Collection, Sequence
@@ -21,11 +21,11 @@ from hardware.dynamixel.single_requests import NoAnswer, ServoError
 from hardware.errors import BusError, HardwareError, describe
 from hardware.servo import ServoSpec
 
-# Registers of many servos of one bus, read or written and read back: whoever does not say or keep it is named.
+# Registers of many servos of one bus, read, or written and read back; servos that fail are named.
 
-UNHEARD = "Check power and wiring, or whether the host is too busy"
+CHECK_BUS = "Check power and wiring, or whether the host is too busy"
 TRIES = 2
-"""Times that a value is written to servos which do not keep it."""
+"""Times that a value is written to servos that do not keep it."""
 
 
 def register_of(line: BusLine, name: str) -> Register:
@@ -33,12 +33,12 @@ def register_of(line: BusLine, name: str) -> Register:
     return next(iter(line.images.values())).table[name]
 
 
-def read_everybody(line: BusLine, name: str, ids: Sequence[int]) -> dict[int, int]:
-    """A register of servos, counts by id. Raises BusError with those that do not say."""
+def read_from_all(line: BusLine, name: str, ids: Sequence[int]) -> dict[int, int]:
+    """Read a register of servos: counts by id. Raises BusError with those that do not answer."""
     found = line.read_all(register_of(line, name), ids)
     silent = [line.name_of(device) for device in ids if device not in found]
     if silent:
-        raise BusError(describe(what=f"no answer from {', '.join(silent)}", where=line.where, then=UNHEARD))
+        raise BusError(describe(what=f"no answer from {', '.join(silent)}", where=line.where, then=CHECK_BUS))
     return found
 
 
@@ -61,7 +61,8 @@ def write_and_read(line: BusLine, wanted: Sequence[tuple[int, Setting]]) -> None
 
 
 def not_kept(line: BusLine, wrong: Sequence[tuple[int, int | None, Setting]]) -> BusError:
-    """Servos (id, what its register holds, None: it does not say; what it was to hold) that were told in vain."""
+    """The error for servos that did not keep a value. wrong: id, counts that the register holds (None: no answer), and
+    the setting."""
     name = wrong[0][2].register.name.replace("_", " ")
     found = ", ".join(
         f"{line.name_of(one)} " + ("silent" if kept is None else f"{kept} instead of {setting.value}")
@@ -74,12 +75,12 @@ def not_kept(line: BusLine, wrong: Sequence[tuple[int, int | None, Setting]]) ->
 
 
 GOAL_SLACK = 0.06
-"""[rad] of the shaft that a limp joint may have moved since its goal was set where it was."""
+"""[rad] of the shaft that a limp joint may have moved since its goal was set to its position."""
 
 
 def limp_servos(line: BusLine) -> list[int]:
-    """Servos of the bus without torque. Raises BusError with those that do not say."""
-    found = read_everybody(line, "torque_enable", list(line.servos))
+    """Servos of the bus without torque. Raises BusError with those that do not answer."""
+    found = read_from_all(line, "torque_enable", list(line.servos))
     return [device for device in line.servos if not found[device]]
 
 
@@ -94,7 +95,7 @@ def arm_watchdogs(line: BusLine) -> None:
 
 
 def feed_watchdogs(lines: Sequence[BusLine]) -> None:
-    """Say something on every bus, to which nobody answers: while one is busy, the others must not seem dead.
+    """Write on every bus, without an answer: while one bus is busy, watchdogs on the others must not trip.
 
     Raises BusError when a port is gone.
     """
@@ -106,15 +107,15 @@ def feed_watchdogs(lines: Sequence[BusLine]) -> None:
 
 
 def check_still(line: BusLine, goals: dict[int, int]) -> None:
-    """See that every servo is there, and still where its goal (by id, ticks) is. Raises BusError."""
-    _refuse_moved(line, read_everybody(line, "present_position", list(goals)), goals)
+    """Check that every servo answers and is still at its goal (by id, ticks). Raises BusError."""
+    _refuse_moved(line, read_from_all(line, "present_position", list(goals)), goals)
 
 
 def confirm_goals(line: BusLine, goals: dict[int, int]) -> None:
-    """Send goals (by id, ticks), and see that every register holds its own and every servo is still there.
+    """Send goals (by id, ticks), and check that every register holds its goal and every servo is still at it.
 
-    Nobody confirms a goal, and torque moves a servo to what is in its register. Goal and position are read in one
-    piece: no late answer to another question can be taken for it. Raises BusError.
+    No servo confirms a goal, and torque moves a servo to the goal in its register. Goal and position are read in one
+    request: no late answer to another one can be taken for it. Raises BusError.
     """
     goal, present = (register_of(line, name) for name in ("goal_position", "present_position"))
     left, kept = list(goals), dict[int, bytes]()
@@ -131,7 +132,7 @@ def confirm_goals(line: BusLine, goals: dict[int, int]) -> None:
 
 
 def wake(line: BusLine, ids: Sequence[int]) -> None:
-    """Write what switches torque on by itself (protocol 1.0), now that it may come. Raises BusError."""
+    """Write the registers that themselves switch torque on (protocol 1.0), now that it may come on. Raises BusError."""
     for name, value in WAKING.items():
         held = [device for device in ids if line.images[device].table.has(name) and line.spec.protocol == 1]
         if held:
@@ -140,7 +141,7 @@ def wake(line: BusLine, ids: Sequence[int]) -> None:
 
 
 def enable(line: BusLine, ids: Sequence[int]) -> None:
-    """Switch torque on and see that it is. Raises BusError with those that refuse, and why."""
+    """Switch torque on, and read it back. Raises BusError with the servos that stay off, and why."""
     register = register_of(line, "torque_enable")
     said: dict[int, int] = {}
     off = list(ids)
@@ -161,22 +162,22 @@ def enable(line: BusLine, ids: Sequence[int]) -> None:
 
 
 def off_everywhere(lines: Sequence[BusLine]) -> list[str]:
-    """Switch all torque of all buses off: everybody is told before anybody is asked.
+    """Switch all torque of all buses off: the command goes to all servos before any is read back.
 
-    Returns what did not confirm it, a text each. An interrupt does not keep it from the buses that are left, and is
+    Returns what did not confirm it, a text each. After an interrupt the remaining buses are still switched off; it is
     raised at the end.
     """
     unsure: list[str] = []
     interrupt: BaseException | None = None
-    told = [line for line in lines if line.images]
+    reachable = [line for line in lines if line.images]
     unsure += [f"all of {line.where}" for line in lines if not line.images]
-    for act in (_tell_off, _tell_off, _confirm_off):
-        for line in list(told):
+    for act in (_send_off, _send_off, _confirm_off):
+        for line in list(reachable):
             try:
                 unsure += act(line)
             except BusError as error:
                 unsure.append(f"all of {line.where} ({error})")
-                told.remove(line)
+                reachable.remove(line)
             except BaseException as error:  # noqa: BLE001 - the robot's torque comes first
                 interrupt = error
     if interrupt is not None:
@@ -184,13 +185,13 @@ def off_everywhere(lines: Sequence[BusLine]) -> list[str]:
     return unsure
 
 
-def _tell_off(line: BusLine) -> list[str]:
+def _send_off(line: BusLine) -> list[str]:
     line.write_all(register_of(line, "torque_enable"), [(device, 0) for device in line.images])
     return []
 
 
 def _confirm_off(line: BusLine) -> list[str]:
-    """Ask everybody, tell again who has not heard; and free the watchdogs of those that are off."""
+    """Read torque back, and switch it off again where it is on; clear the watchdogs of servos that are off."""
     register = register_of(line, "torque_enable")
     said = line.read_all(register, list(line.images))
     left = [device for device in line.images if said.get(device) != 0]
@@ -211,7 +212,7 @@ def _refuse_moved(line: BusLine, present: dict[int, int], goals: dict[int, int])
     if far:
         raise BusError(
             describe(
-                what="servos moved since their goals were set where they were",
+                what="servos moved after their goals were set to their positions",
                 where=line.where,
                 found=", ".join(f"{line.name_of(one)} from {goals[one]} to {present[one]}" for one in far),
                 allowed=f"{math.degrees(GOAL_SLACK):.1f} degrees",
@@ -235,15 +236,15 @@ def _why_off(line: BusLine, device: int, said: dict[int, int]) -> str:
     return f"{name} " + (f"has latched {alert_text(bits)}" if bits else "stays off")
 
 
-# How hard the servos of one bus may push while their torque comes up: little at first, then what the profile wants.
+# The limit of the drive while torque comes up: little at first, then what the profile wants.
 
 FIRST_DRIVE = 0.1
 """Share of the full drive with which torque comes on."""
 
 
 class Drive:
-    """The drive of all servos of a bus. Those in `limp` begin with FIRST_DRIVE; others never have less than now, since
-    they carry the robot."""
+    """The drive of all servos of a bus. Those in `limp` begin with FIRST_DRIVE; others never get less than they have,
+    since they carry the robot."""
 
     def __init__(self, line: BusLine, limp: Collection[int]) -> None:
         self._line = line
@@ -259,18 +260,18 @@ class Drive:
         return any(self._least[device] < full.value for device, full in self._full.items())
 
     def send(self, share: float) -> None:
-        """Allow a share of the full drive; nobody confirms. Raises BusError when the port is gone."""
+        """Allow a share of the full drive; no servo confirms. Raises BusError when the port is gone."""
         for settings in self._by_register(share):
             register = settings[0][1].register
             self._line.write_all(register, [(device, setting.value) for device, setting in settings])
 
     def confirm(self, share: float) -> None:
-        """Allow a share of the full drive, and see that everybody knows. Raises BusError."""
+        """Allow a share of the full drive, and read it back from all servos. Raises BusError."""
         for settings in self._by_register(share):
             write_and_read(self._line, settings)
 
     def _by_register(self, share: float) -> list[list[tuple[int, Setting]]]:
-        """Servos limit their drive by several registers: by mode and protocol."""
+        """Settings by register: which one limits the drive depends on mode and protocol."""
         found: dict[str, list[tuple[int, Setting]]] = {}
         for device, (register, full) in self._full.items():
             value = max(round(share * full), self._least[device])
@@ -278,22 +279,22 @@ class Drive:
         return list(found.values())
 
 
-# Writing into servos what the profile wants, and reading it back: EEPROM first, since a change of mode resets RAM.
+# Provisioning: the profile's values are written and read back, EEPROM first, since a change of mode resets RAM.
 
 
 def provision(line: BusLine, servo: ServoSpec, *, limp: bool) -> list[str]:
-    """Bring one servo to what its profile wants; what was changed, one text each. What is right is not written.
+    """Write the profile's values into one servo where they differ. Return the changes, one text each.
 
-    limp: it has no torque. One that has takes nothing in EEPROM; of one of protocol 1.0 that has none, what would
-    switch it on is left for `torque.wake`. Raises BusError (NoAnswer, ServoError) when it does not answer, refuses, or
-    does not keep what it was told.
+    limp: it has no torque. A servo with torque does not accept EEPROM values. For a limp one of protocol 1.0, values
+    that would switch it on are left to `wake`. Raises BusError (NoAnswer, ServoError) when it does not answer, refuses,
+    or does not keep a value.
     """
     table = line.images[servo.id].table
     image = read_image(line.client, servo.id, table)
     changed = []
     eeprom = differing(eeprom_settings(servo, line.spec, table), image)
     for register, value in eeprom:
-        # Torque is off here; a servo that has it on says no, and is heard.
+        # Torque is off here; a servo that has it on refuses, which is raised.
         line.client.write(servo.id, register, value, verify=True)
         changed.append(f"{register.name} {image.value(register.name)} -> {value}")
     if eeprom:
@@ -308,7 +309,7 @@ def provision(line: BusLine, servo: ServoSpec, *, limp: bool) -> list[str]:
     return changed
 
 
-# Torque on for a whole robot: everything that it needs is written and confirmed first, then the drive rises.
+# Torque on for a whole robot: all that it needs is written and confirmed first, then the drive rises.
 
 RAMP_TIME = 0.5
 """[s] From the first drive to the full one."""
@@ -324,10 +325,10 @@ class Ready(NamedTuple):
 
 
 def prepare(lines: Sequence[BusLine], notify: Callable[[str], object], *, limp_only: bool = False) -> list[Ready]:
-    """Bring everybody to what the profile wants: limp servos wholly, those that have torque as far as they let.
+    """Provision all servos: limp ones wholly, those with torque in RAM only.
 
-    limp_only: leave those that have torque as they are. `notify` hears what was changed. Raises BusError with what one
-    refuses, and what others have taken by then.
+    limp_only: leave servos with torque as they are. notify: receives each change as a text. Raises BusError with the
+    value that a servo refuses, and the values that others have taken by then.
     """
     found, changed = [], list[str]()
     for line in lines:
@@ -348,14 +349,14 @@ def prepare(lines: Sequence[BusLine], notify: Callable[[str], object], *, limp_o
 def switch_on(ready: Sequence[Ready], goals: Sequence[dict[int, int]]) -> list[Drive]:
     """Send the goals of each bus (by id, ticks), confirm them, and switch torque on with little drive.
 
-    Call `torque.check_still` on all buses before: from here on torque may be on (1.0 servos switch it on when they get
+    Call `check_still` on all buses before: from here on torque may be on (1.0 servos switch it on when they get
     a goal). Returns the drive of each bus, to be raised. Raises BusError.
     """
     drives = []
     for (line, limp), own in zip(ready, goals, strict=True):
         drives.append(Drive(line, limp))
         drives[-1].confirm(FIRST_DRIVE)
-        if len(limp) < len(own):  # whom its watchdog has stopped takes no goal until that is cleared
+        if len(limp) < len(own):  # a servo that its watchdog has stopped takes no goal until that is cleared
             arm_watchdogs(line)
         confirm_goals(line, own)
     lines = [line for line, _ in ready]
@@ -371,7 +372,8 @@ def switch_on(ready: Sequence[Ready], goals: Sequence[dict[int, int]]) -> list[D
 
 
 def raise_drive(lines: Sequence[BusLine], drives: Sequence[Drive], watch: Callable[[], None]) -> None:
-    """From the first drive to the full one, within RAMP_TIME. `watch` is called at every step: what it raises ends it.
+    """Raise the drive from the first share to the full one, within RAMP_TIME. watch: called at every step; what it
+    raises ends the ramp.
 
     Raises BusError.
     """
@@ -388,47 +390,47 @@ def raise_drive(lines: Sequence[BusLine], drives: Sequence[Drive], watch: Callab
         drive.confirm(1.0)
 
 
-# Servos started anew, to clear their latched errors; and whether they are back, well and limp.
+# Restarting servos to clear their latched errors, and checking that they are back, without errors and limp.
 
 BOOT = 0.3
 """[s] Before a restarted servo is first asked."""
 PATIENCE = 3.0
 """[s] After which a servo that has not answered is given up."""
 STEP = 0.1
-"""[s] Between two looks for it."""
+"""[s] Between two pings."""
 
 
 @dataclass(frozen=True)
 class Restarted:
-    """Who was restarted, by id, in order; and what is wrong with them afterwards, a line each."""
+    """The ids that were restarted, in order; and the problems afterwards, a line each."""
 
     ids: tuple[int, ...]
     problems: tuple[str, ...]
 
 
 def restart(line: BusLine, ids: Sequence[int], stop: Callable[[], bool] = lambda: False) -> Restarted:
-    """Reboot servos (protocol 2.0), all before any is waited for. stop: asked before each; True leaves the rest alone.
+    """Reboot servos (protocol 2.0), all before any is waited for. stop: asked before each; True ends the restarts.
 
     Raises BusError when the port is gone.
     """
-    told: list[int] = []
+    restarted: list[int] = []
     problems: list[str] = []
     for device in ids:
         if stop():
             break
-        told.append(device)
+        restarted.append(device)
         try:
             line.client.reboot(device)
         except NoAnswer:
-            continue  # whether it heard is seen below
+            continue  # whether it restarted is checked below
         except ServoError as error:
             problems.append(str(error))
     deadline = line.port.now() + PATIENCE
-    if told:
+    if restarted:
         line.port.sleep_until(line.port.now() + BOOT)
-    for device in told:
+    for device in restarted:
         problems += _afterwards(line, device, deadline)
-    return Restarted(tuple(told), tuple(problems))
+    return Restarted(tuple(restarted), tuple(problems))
 
 
 def _afterwards(line: BusLine, device: int, deadline: float) -> list[str]:
@@ -447,7 +449,7 @@ def _afterwards(line: BusLine, device: int, deadline: float) -> list[str]:
         return [f"{name}: {error}"]
     wrong = []
     if bits:
-        wrong.append(f"{name} still has {alert_text(bits)}: mend the cause first (let it cool, check supply and load)")
+        wrong.append(f"{name} still has {alert_text(bits)}: fix the cause first (let it cool, check supply and load)")
     if torque:
         wrong.append(f"{name} has its torque on again: it did not restart, or is set up to switch it on at start")
     return wrong

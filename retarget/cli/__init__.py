@@ -19,14 +19,14 @@ COMMANDS = {
     "replay": "Run a recording again and compare, or send its goals to a bus.",
     "stop": "Stop a live run that has a --control-socket.",
     "inspect": "Say what is in a motion file.",
-    "export": "Hand a recorded run on: CSV, NPZ, Parquet, BVH, LeRobot.",
+    "export": "Export a recorded run: CSV, NPZ, Parquet, BVH, LeRobot.",
     "check": "Validate profiles, priorities, performers and scenes.",
     "doctor": "Say what is wrong with a stream, a servo port or this machine.",
     "view": "Look at a recorded run on a web page.",
     "robots": "List the robots known by name.",
     "emulate": "Answer as a robot's servos would, on a serial port.",
     "servo": "Work with servos: find, set up, watch, rest, reboot, home.",
-    "faults": "Hurt a live run in every way of the fault table, and see what the robot does.",
+    "faults": "Inject every fault of the fault table into a live run, and judge what the robot does.",
     "import": "Draft a robot profile from a URDF or MJCF file.",
     "fit-observers": "Propose collision observers from a robot's body.",
 }
@@ -54,8 +54,8 @@ def _call(chosen: list[str], words: list[str]) -> None:
 
 
 def _start_fast() -> None:
-    """In a process of our own: nobody collects garbage (0.1 s), loads the windows of MuJoCo (40 ms), seeks plugins of
-    pydantic, or keeps a second core spinning for matrices as small as ours (0.1 s)."""
+    """In a process of our own, do without garbage collection (0.1 s), the windows of MuJoCo (40 ms), plugins of
+    pydantic, and a second core that spins for matrices as small as ours (0.1 s)."""
     gc.disable()
     atexit.register(gc.freeze)
     for name, value in (

@@ -1,4 +1,4 @@
-"""The commands as typer knows them, and what several of them share: questions, progress, options with a usual value."""
+"""The commands as typer knows them, and what they share: usual values of options, questions, progress, typed lines."""
 
 import importlib
 import os
@@ -105,16 +105,16 @@ def refuse_renamed(words: Sequence[str]) -> None:
 # `--overwrite`: the one way in which a command replaces a file that is there.
 
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files that are there; else they are refused.")]
-"""Of every command that writes files where the user says."""
+"""An option of every command that writes files where the user says."""
 
 
-# A question to the person at the terminal.
+# A question to the operator at the terminal.
 
 
 def ask(question: str, *, enter: bool = True, where: str = "") -> bool:
-    """Whether a person agrees: y is yes, n is no, ENTER alone is `enter`. where: the command that asks.
+    """Ask the operator: y is yes, n is no, ENTER alone is `enter`. where: the command that asks.
 
-    Raises UsageError where nobody can answer.
+    Raises UsageError when the input has ended.
     """
     while True:
         typer.echo(f"{question} [{'Y/n' if enter else 'y/N'}] ", nl=False)
@@ -123,7 +123,7 @@ def ask(question: str, *, enter: bool = True, where: str = "") -> bool:
         if not line:
             typer.echo()
             raise UsageError(
-                "nobody answers the question: the input has ended", where=where, next_step="Run it in a terminal"
+                "the question has no answer: the input has ended", where=where, next_step="Run it in a terminal"
             )
         answer = line.strip().lower()
         if not answer:
@@ -139,7 +139,7 @@ def ask(question: str, *, enter: bool = True, where: str = "") -> bool:
 
 @contextmanager
 def progress_bar(what: str, total: int | None) -> Iterator[Callable[[int], None]]:
-    """Yields a function that takes how much is done of `total` (None: nobody knows). The bar is on stderr."""
+    """Yields a function that takes how much is done of `total` (None: not known). The bar is on stderr."""
     if not sys.stderr.isatty():
         yield lambda done: None
         return
@@ -157,15 +157,15 @@ def progress_bar(what: str, total: int | None) -> Iterator[Callable[[int], None]
         yield lambda done: bar.update(task, completed=done)
 
 
-# Lines that somebody types, or another program writes, while a command waits for other things too.
+# Lines that are typed, or written by another program, while a command waits for other things too.
 
 MAX_LINE = 4096
 """Longest line that is kept, bytes; a longer one is cut there."""
 
 
 class TypedLines:
-    """Whole lines of the standard input, handed to `obey` as they come. Only a terminal in front, or a pipe, is read:
-    a process in the background would be stopped by reading."""
+    """Passes whole lines of the standard input to `obey` as they come. Only a terminal in the foreground, or a pipe, is
+    read: reading would stop a background process."""
 
     def __init__(self, obey: Callable[[str], None]) -> None:
         self._obey = obey
@@ -173,7 +173,7 @@ class TypedLines:
 
     @staticmethod
     def descriptor() -> int | None:
-        """What to wait on; None where nobody can type."""
+        """The descriptor to wait on; None where there is no input."""
         try:
             fd = sys.stdin.fileno()
             mode = os.fstat(fd).st_mode
@@ -198,7 +198,7 @@ class TypedLines:
 
 
 def _in_front(fd: int) -> bool:
-    """Whether it is a terminal, and this process stands in front of it."""
+    """Whether it is a terminal, and this process is in its foreground."""
     try:
         return os.isatty(fd) and os.tcgetpgrp(fd) == os.getpgrp()
     except OSError:

@@ -1,4 +1,4 @@
-"""From `--bus` to the bus: servos of this process, an emulated wire, simulated mechanics, or real ones."""
+"""From `--bus` to the bus: servos of this process, an emulated wire, simulated mechanics, or real servos."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -82,10 +82,10 @@ def _note(text: str) -> None:
     typer.echo(f"note: {text}", err=True)
 
 
-# The bench of a run: its bus, and where the robot has mass, who watches it, troubles it and stops it after a fall.
+# The bench of a run: its bus; for a simulated robot with mass also perturbations, and the stop after a fall.
 
 AFTER_FALL_S = 1.0
-"""So long a run goes on after a fall, s."""
+"""A run goes on this long after a fall, s."""
 LIVE_PUSH_S = 30.0
 """Within this time of a live performance a push comes, s; of a recording, within its length."""
 CHEST = "chest"
@@ -95,7 +95,7 @@ Notify = Callable[[str], object]
 
 
 class PhysicsBench:
-    """Of one run. Without physics it only makes the bus. tell: hears of what the simulation leaves out."""
+    """The bench of one run. Without physics it only makes the bus. notify: receives what the simulation leaves out."""
 
     def __init__(self, options: RunOptions, notify: Notify) -> None:
         self._options, self._notify = options, notify
@@ -112,7 +112,7 @@ class PhysicsBench:
         return self._bus
 
     def watching(self, stop_asked: Callable[[], bool], prepared: Prepared, *, live: bool = False) -> Callable[[], bool]:
-        """What is to be asked before every tick instead of `stop_asked`: it stops the run after a fall, too."""
+        """A `stop_asked` for every tick that also stops the run after a fall."""
         if self._bus is None or prepared.side is None:
             return stop_asked
         side, samples = prepared.side, prepared.samples
@@ -129,7 +129,7 @@ class PhysicsBench:
         return asked
 
     def seen(self, run: RunResult) -> RunResult:
-        """A run with what the simulation saw of it; to be called when the bus is closed."""
+        """The run with the simulation's measurements added; call it when the bus is closed."""
         if self._bus is None:
             return run
         from sim.physics.witness import physics_run
@@ -158,13 +158,13 @@ class PhysicsBench:
         from sim.physics.perturbation import combined, drawn, perturbation_kind
 
         options, asked = self._options, self._options.physics
-        if asked.root is not None:  # it follows as it is held; its soles are still soles
+        if asked.root is not None:  # it follows with the root of its mount, and still has soles
             robot = load_robot(options.robot)
         self._robot = robot
         mount = self._mount(robot) or mount_of(robot)
         if mount.support.value == "floor":
             check_stand(robot)
-        steady = [
+        constant = [
             drawn(perturbation_kind(name), asked.seed, within=(0.0, 0.0))
             for name in asked.perturbations
             if name != "push"
@@ -174,7 +174,7 @@ class PhysicsBench:
             start=standing_ticks(robot),
             scene=None if options.scene is None else load_scene(options.scene),
             mount=mount,
-            perturbation=combined(steady),
+            perturbation=combined(constant),
             seed=asked.seed,
             notify=self._note,
         )
@@ -183,7 +183,7 @@ class PhysicsBench:
         return physics_wire_bus(simulation, clock, faults=options.faults, notify=self._note)
 
     def _mount(self, robot: RobotBody) -> "Mount | None":
-        """What was asked for; None: as the profile says."""
+        """The mount that the options ask for; None: that of the profile."""
         from sim.physics.mount import Mount, Support, mount_of
 
         asked = self._options.physics
@@ -197,7 +197,7 @@ class PhysicsBench:
         return replace(mount, hook=asked.hook)
 
     def _push(self, now: float, within: float) -> None:
-        """Let the push come at some time of the performance, which begins now; once."""
+        """Schedule the push, once, at a random time of the performance, which begins now."""
         from sim.physics.perturbation import PerturbationKind, drawn
 
         assert self._bus is not None

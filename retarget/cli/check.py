@@ -24,19 +24,19 @@ from retarget.schema.scene import Obstacle, Scene, load_scene
 from retarget.schema.strict_models import Schema, unknown_name
 from retarget.schema.strict_yaml import Document, read_text, scan
 
-TELLING_KEYS: dict[Kind, frozenset[str]] = {
+KEYS_OF_KIND: dict[Kind, frozenset[str]] = {
     Kind.ROBOT: frozenset(RobotProfile.model_fields) - {"name"},
     Kind.PRIORITIES: frozenset(Priorities.model_fields) - {"name", "description"},
     Kind.PERFORMER: frozenset(Performer.model_fields) - {"name", "description"},
     Kind.SCENE: frozenset(Scene.model_fields) - {"name", "description"},
 }
-"""Keys by which a file tells its kind."""
+"""Keys that show the kind of a file."""
 
 ELSEWHERE = {
     **dict.fromkeys(
         (".xml", ".urdf", ".mjcf"), "A body is checked with the profile that names it: give its robot.yaml"
     ),
-    **dict.fromkeys((".amc", ".asf", ".bvh", ".c3d"), "Of a motion, retarget inspect says what is in it"),
+    **dict.fromkeys((".amc", ".asf", ".bvh", ".c3d"), "For a motion file use `retarget inspect`"),
 }
 """Suffixes of files that are not checked here, and what to do with them."""
 
@@ -92,7 +92,7 @@ def _targets(name: str) -> list[_Target]:
 def _kind(path: Path) -> Kind:
     """What a file is: by its keys, then by the folder that it lies in. Raises ConfigError."""
     keys = scan(read_text(path), path).data.keys()
-    shared = {kind: len(telling & keys) for kind, telling in TELLING_KEYS.items()}
+    shared = {kind: len(own & keys) for kind, own in KEYS_OF_KIND.items()}
     best = max(shared, key=lambda kind: shared[kind])
     kind = best if shared[best] else kind_of(path)
     if kind is None:
@@ -107,7 +107,7 @@ def _kind(path: Path) -> Kind:
 
 
 def _report(target: _Target) -> str:
-    """One paragraph about a sound file. Raises ConfigError for any other."""
+    """A paragraph about a valid file. Raises ConfigError for any other."""
     return _REPORTS[target.kind](target.path)
 
 
@@ -137,8 +137,8 @@ def _robot(path: Path) -> str:
             "calibration": _calibration(robot),
             "frames": f"{len(profile.frames)}",
             "landmarks": ", ".join(profile.landmarks),
-            "observers": f"{len(observers.names)}, {len(observers.pairs)} pairs of them looked at",
-            "not looked at": _not_looked_at(observers.dropped),
+            "observers": f"{len(observers.names)}, {len(observers.pairs)} pairs of them checked",
+            "not checked": _not_checked(observers.dropped),
             "feet": ", ".join(profile.feet) or "none",
             **(
                 {}
@@ -146,7 +146,7 @@ def _robot(path: Path) -> str:
                 else {
                     "stands": f"centre of mass {1e3 * margin:.0f} mm inside the edge of the soles",
                     "carries": "; ".join(map(str, heaviest_loads(robot))),
-                    "parks": str(goes_to_rest or "nothing is looked at"),
+                    "to rest": str(goes_to_rest or "nothing is checked"),
                 }
             ),
             "tick": f"{profile.safety.rate_hz:g} Hz",
@@ -156,34 +156,34 @@ def _robot(path: Path) -> str:
             "physics": _physics(robot),
             **_drafts(path),
         },
-        verdict="good" if goes_to_rest is None or goes_to_rest.sound else "good, but it does not go straight to rest",
+        verdict="good" if goes_to_rest is None or goes_to_rest.safe else "good, but it does not go straight to rest",
     )
 
 
-def _not_looked_at(dropped: tuple[DroppedPair, ...]) -> str:
-    """Pairs that are dropped, and why; of those that are never near only how many."""
-    telling = [pair for pair in dropped if not pair.neighbours]
-    far = [pair for pair in telling if pair.reason.startswith(NEVER_NEAR)]
-    texts = [f"{pair.first} and {pair.second}: {pair.reason}" for pair in telling if pair not in far]
+def _not_checked(dropped: tuple[DroppedPair, ...]) -> str:
+    """Pairs that are dropped, and why; for those that are never near only their number."""
+    shown = [pair for pair in dropped if not pair.neighbours]
+    far = [pair for pair in shown if pair.reason.startswith(NEVER_NEAR)]
+    texts = [f"{pair.first} and {pair.second}: {pair.reason}" for pair in shown if pair not in far]
     texts += [f"{len(far)} pairs that are {NEVER_NEAR}"] if far else []
     return "; ".join(texts) or "only neighbours along the body"
 
 
 def _physics(robot: RobotBody) -> str:
     """Whether `--bus physics` takes the robot, and if not, why."""
-    from sim.physics.mount import lacking
+    from sim.physics.mount import simulation_problem
 
-    missing = lacking(robot)
+    missing = simulation_problem(robot)
     return "ready" if missing is None else f"not possible: {missing}"
 
 
 def _drafts(path: Path) -> dict[str, str]:
-    """Lines that `retarget import` marked, and nobody has taken the mark from yet."""
+    """Lines that `retarget import` marked and that still have the mark."""
     marked = marked_lines(read_text(path))
     if not marked:
         return {}
     shown = ", ".join(map(str, marked[:8])) + (", ..." if len(marked) > 8 else "")
-    return {"still a draft": f"{len(marked)} lines marked {DRAFT} to be looked at by who knows the robot: {shown}"}
+    return {"still a draft": f"{len(marked)} lines are marked {DRAFT}: correct or confirm them: {shown}"}
 
 
 def _calibration(robot: RobotBody) -> str:

@@ -1,4 +1,4 @@
-"""What a person at the machine may ask of a live run: by keys, by what is held, by a file that appears, by a socket."""
+"""How the operator stops or holds a live run: keys, a dead-man key or pedal, a stop file, the control socket."""
 
 import json
 import os
@@ -18,7 +18,7 @@ from hardware.guard import Guard
 from hardware.key_device import KeyDevice
 from hardware.realtime import Scheduling, refuse_scheduling
 from retarget.cli.exit import ForcedStopKey, StopRequest
-from retarget.errors import UsageError
+from retarget.errors import RENAMED, UsageError
 from retarget.live.engagement import Engaged
 from retarget.live.performer import LivePerformer
 from retarget.run.control_socket import ControlSocket
@@ -43,17 +43,17 @@ __all__ = [
 ]
 
 
-# A key of the terminal that is held, as far as its repeats tell: a terminal shows no release.
+# A held key of the terminal, detected by its repeats: a terminal reports no release.
 
 LET_GO_S = 0.15
-"""So long after its last repeat a key is let go. Slow keyboards repeat every 0.09 s."""
+"""A key counts as released this long after its last repeat. Slow keyboards repeat every 0.09 s."""
 NEEDED = 4
-"""Repeats without a longer pause between them after which a key is held: a tap is not, and a pasted text neither."""
+"""Repeats without a longer pause after which a key counts as held: neither a tap nor a pasted text does."""
 
 
 class HeldKey:
-    """One key. Held: from its fourth repeat (so half a second after it went down, as keyboards are set) to 0.15 s after
-    its last. Another key that goes down ends the repeats, hence the hold."""
+    """A key that is held from its fourth repeat (half a second after it went down, as keyboards are set) to 0.15 s
+    after its last. Another key ends the repeats, hence the hold."""
 
     def __init__(self, key: str) -> None:
         self.key = key
@@ -62,13 +62,13 @@ class HeldKey:
         self._run = 0
 
     @property
-    def told(self) -> str:
-        """What a person is to hold."""
+    def label(self) -> str:
+        """What the operator has to hold."""
         return f"{self.key!r} (it must repeat)"
 
     def held(self, pressed: str, now: float) -> bool:
-        """Whether it is held at `now`, s, of whom `pressed` came since the last look."""
-        if pressed.strip(self.key):  # another one: nobody holds this one any more, or a text is pasted
+        """Whether it is held at `now`, s. pressed: keys since the last poll."""
+        if pressed.strip(self.key):  # another key: this one is released, or a text is pasted
             self._run, self._last = 0, now
         elif pressed:
             self._run = self._run + 1 if now - self._last <= LET_GO_S else 1
@@ -79,7 +79,7 @@ class HeldKey:
         """Nothing is open."""
 
 
-# What must be held so that a robot moves: a pedal or key of its own device, or a key of the terminal.
+# The dead-man control: a robot moves only while a pedal, a key of its own device, or a key of the terminal is held.
 
 PEDAL = "pedal:"
 TAKEN = " ph"
@@ -88,41 +88,41 @@ ALLOWED = "a letter or digit key of the terminal but p and h, or pedal:/dev/inpu
 
 
 class DeadMan(Protocol):
-    """What is held or let go."""
+    """A control that is held or released."""
 
     @property
     def lost(self) -> str:
-        """Why it can tell nothing any more; then it is let go for good. "" while it can."""
+        """Why it has failed, which counts as released for good; "" while it works."""
         ...
 
     @property
-    def told(self) -> str:
-        """What a person is to hold."""
+    def label(self) -> str:
+        """What the operator has to hold."""
         ...
 
     def held(self, pressed: str, now: float) -> bool:
-        """Whether it is held at `now`, s. pressed: keys of the terminal since the last look."""
+        """Whether it is held at `now`, s. pressed: keys of the terminal since the last poll."""
         ...
 
     def close(self) -> None:
-        """Let go of the device."""
+        """Close the device."""
         ...
 
 
 class Pedal:
-    """A device that tells of presses and releases."""
+    """A device that reports presses and releases."""
 
     def __init__(self, device: KeyDevice) -> None:
         self._device = device
 
     @property
     def lost(self) -> str:
-        """Why it tells nothing any more."""
+        """Why it has failed, else ""."""
         return f"{self._device.path}: {self._device.lost}" if self._device.lost else ""
 
     @property
-    def told(self) -> str:
-        """What a person is to hold."""
+    def label(self) -> str:
+        """What the operator has to hold."""
         return f"the pedal {self._device.path}"
 
     def held(self, pressed: str, now: float) -> bool:
@@ -146,7 +146,7 @@ def open_dead_man(text: str, *, terminal: bool) -> DeadMan:
             raise _refused(text, "the code of a key is a number, as `sudo evtest` shows it")
         return Pedal(KeyDevice(path, code=int(code) if code else None))
     if len(text) != 1 or not text.isascii() or not text.isalnum() or text in TAKEN:
-        raise _refused(text, "nothing that can be held")
+        raise _refused(text, "this cannot be held")
     if not terminal:
         raise UsageError(
             "there is no terminal on which a key could be held",
@@ -161,15 +161,15 @@ def _refused(text: str, what: str) -> UsageError:
     return UsageError(what, where="--dead-man", found=repr(text[:80]), allowed=ALLOWED)
 
 
-# Whether a person wants the robot to follow: a pause, and what must be held. The robot holds without.
+# The clutch: the robot follows while there is no pause and the dead-man control is held; else it holds.
 
 LONGEST_S = 300.0
-"""So long a robot that was let go on purpose holds; servos that hold get warm, and somebody may have left."""
+"""Longest hold on purpose, s: servos that hold get warm, and the operator may have left."""
 
 
 class Clutch:
-    """Lets go of the performer and takes up again. guard: None where there is no robot. dead_man: what must be held,
-    None: nothing."""
+    """Disengages from the performer and engages again. guard: None where there is no robot. dead_man: None where
+    nothing has to be held."""
 
     def __init__(
         self,
@@ -183,7 +183,7 @@ class Clutch:
         self._performer, self._guard, self._dead_man = performer, guard, dead_man
         self._clock, self._notify = clock, notify
         self._paused, self._held = False, dead_man is None
-        self._since: float | None = None  # [s] when it was let go
+        self._since: float | None = None  # [s] when it was disengaged
         self._lost = False
         self._apply()
 
@@ -194,16 +194,16 @@ class Clutch:
 
     @property
     def paused(self) -> bool:
-        """Whether somebody asked for a pause."""
+        """Whether there is a pause."""
         return self._paused
 
     @property
     def expired(self) -> bool:
-        """Whether it has been let go for longer than a robot should hold."""
+        """Whether it has been disengaged for longer than LONGEST_S."""
         return self._since is not None and self._clock.now() - self._since > LONGEST_S
 
     def look(self, pressed: str) -> None:
-        """Once in every tick. pressed: keys of the terminal since the last look."""
+        """Poll the dead-man control, once in every tick. pressed: keys of the terminal since the last poll."""
         dead_man = self._dead_man
         if dead_man is None:
             return
@@ -217,12 +217,12 @@ class Clutch:
             self._apply()
 
     def pause(self) -> None:
-        """Hold until `unpause`, whatever is held."""
+        """Hold until `unpause`, also while the dead-man control is held."""
         self._paused = True
         self._apply()
 
     def unpause(self) -> None:
-        """No pause any more."""
+        """End the pause."""
         self._paused = False
         self._apply()
 
@@ -237,13 +237,13 @@ class Clutch:
 # Keys that are pressed while a robot moves, one at a time, without Enter; none where there is no terminal.
 
 MOST = 64
-"""Keys that one look takes."""
+"""Keys that one poll takes."""
 INPUT_MODES = 0
-"""Where they are in what `termios.tcgetattr` returns."""
+"""Index into what `termios.tcgetattr` returns."""
 
 
 class Keys:
-    """The keyboard of a terminal as a context. Ctrl-C stays a signal; Ctrl-S does not hold up what is shown."""
+    """The keyboard of a terminal as a context. Ctrl-C stays a signal; Ctrl-S does not stop the output."""
 
     def __init__(self, fd: int | None = None) -> None:
         """fd: of a terminal; None: standard input, if it is one."""
@@ -273,7 +273,7 @@ class Keys:
         return self._fd is not None
 
     def pressed(self) -> str:
-        """What was pressed since the last look. Never waits, never raises."""
+        """The keys since the last poll. Never waits, never raises."""
         if self._fd is None:
             return ""
         try:
@@ -287,13 +287,13 @@ class Keys:
         return data.decode("utf-8", errors="ignore")
 
 
-# Who may stop or hold a live run, and how its ticks are scheduled: as asked on the command line.
+# Options of the command line: what may stop or hold a live run, and how its ticks are scheduled.
 
 
 @dataclass(frozen=True, kw_only=True)
 class Oversight:
-    """stop_file: its appearance stops the robot. dead_man: what must be held so that it moves, see `open_dead_man`.
-    control_socket: where other programs may stop it, see `socket_path`; None: nowhere."""
+    """stop_file: its appearance stops the robot. dead_man: what must be held while the robot moves, see
+    `open_dead_man`. control_socket: path for other programs, see `socket_path`; None: no socket."""
 
     stop_file: Path | None = None
     dead_man: str | None = None
@@ -302,23 +302,23 @@ class Oversight:
 
 
 def refuse_oversight(oversight: Oversight, *, virtual: bool) -> None:
-    """Raise UsageError or HardwareError for what cannot be had. virtual: as fast as the machine can."""
+    """Raise UsageError or HardwareError for what is not possible. virtual: time runs as fast as the machine can."""
     if oversight.stop_file is not None:
         _refuse_stop_file(oversight.stop_file)
     if virtual and oversight.dead_man is not None:
         raise UsageError(
-            "nobody can hold a key on virtual time",
+            "a key cannot be held on virtual time",
             where="--dead-man",
-            found="a recording on servos that do not exist",
+            found="a recording on simulated servos",
             next_step="Leave it out, or use a live sender",
         )
     refuse_scheduling(oversight.scheduling)
 
 
 def stop_file_state(file: Path) -> str:
-    """What is wrong with it for a robot that moves: it is there, or cannot be looked for; "" where it is absent."""
+    """Why the stop file stops the robot: it exists, or cannot be looked for; "" while it is absent."""
     try:
-        file.lstat()  # `exists` says no of what cannot be looked for
+        file.lstat()  # `exists` is also False where it cannot be looked for
     except FileNotFoundError:
         return "" if file.parent.is_dir() else "cannot be looked for (its folder is not there)"
     except (OSError, ValueError) as error:
@@ -335,7 +335,7 @@ def _refuse_stop_file(file: Path) -> None:
             f"the file that stops the robot {state}{' already' if there else ''}",
             where="--stop-file",
             found=str(file),
-            next_step="Remove it" if there else "Name one in a folder that is there and yours",
+            next_step="Remove it" if there else "Name one in a folder that exists and is yours",
         )
 
 
@@ -349,18 +349,19 @@ HELP = (
     "as straight ahead"
 )
 FILE_PERIOD = 5
-"""Ticks between two looks for the file; the first look of all is one, so nothing gets torque where it is there."""
-WORDS = "stop, torque_off, hold, status"
+"""Ticks between two checks for the file. The first poll checks, so no servo gets torque while the file is there."""
+WORDS = ("stop", "torque_off", "hold", "status")
+"""Of the control socket."""
 SPACE, SOCKET = "interrupted by the user (space bar)", "stopped through the control socket (`retarget stop`)"
-"""Who stopped it."""
+"""Reasons of a stop."""
 GOES_ON, NEVER_GOES_ON = "p goes on", "there is no terminal whose p would go on, so stop it: `retarget stop`"
 """After a pause."""
 
 
 @dataclass(frozen=True)
 class LiveStatus:
-    """state: of the guard, null without a robot. followed: whether the performer is, now. let_go: on purpose. stop: why
-    the robot stops or stopped, else null."""
+    """state: of the guard, null without a robot. followed: whether the performer is followed now. let_go: whether it
+    holds on purpose. stop: why the robot stops or stopped, else null."""
 
     state: str | None
     followed: bool
@@ -369,9 +370,12 @@ class LiveStatus:
 
 
 class LiveControls:
-    """`look` in every tick. guard: of the robot, None without one. stop_file: its appearance stops the robot; it is
-    left where it is, and counts as there where nobody can look for it. socket: where other programs stop or hold it;
-    what would let it move is refused there. Whatever is asked is done before it is told."""
+    """Controls of a live run; call `look` in every tick.
+
+    guard: of the robot, None without one. stop_file: its appearance stops the robot; it is not removed, and counts as
+    there where it cannot be looked for. socket: other programs stop or hold the robot through it, and cannot make it
+    move. Every request is carried out before it is reported.
+    """
 
     def __init__(
         self,
@@ -389,10 +393,10 @@ class LiveControls:
         self._keys, self._stop, self._performer, self._clutch = keys, stop, performer, clutch
         self._guard, self._stop_file, self._socket, self._notify = guard, stop_file, socket, notify
         self._clock, self._space = clock or MonotonicClock(), ForcedStopKey()
-        self._ticks, self._told = 0, False  # told: that the robot stops
+        self._ticks, self._announced = 0, False  # announced: that the robot stops
 
     def look(self) -> bool:
-        """Do what was asked; whether that is to stop."""
+        """Carry out what was asked for; whether the robot is to stop."""
         pressed = self._keys.pressed()
         if " " in pressed:
             self._press_space(pressed.count(" "))
@@ -403,7 +407,7 @@ class LiveControls:
             self._socket.poll(self._obey)
         self._ticks += 1
         if not self._stop():
-            self._stop_by_itself()
+            self._check_automatic_stops()
         return self._stop()
 
     def forced_stop(self) -> bool:
@@ -413,28 +417,28 @@ class LiveControls:
         return self._stop.forced_stop()
 
     def why(self) -> str:
-        """Who asked for the stop."""
+        """The reason of the stop that was asked for."""
         return self._stop.why()
 
     def status(self) -> LiveStatus:
-        """How it is now."""
+        """The present state."""
         guard, following = self._guard, self._performer.engagement.state is Engaged.FOLLOWING
         reason = None if guard is None or guard.stop_reason is None else guard.stop_reason.reason
         state = None if guard is None else guard.state.value
         return LiveStatus(state, following, not self._clutch.engaged, reason)
 
     def _say_why(self) -> None:
-        """Why the robot stops, at once: nobody at the machine should wait for the summary to know. Once."""
+        """Report why the robot stops, once, without waiting for the summary."""
         reason = None if self._guard is None else self._guard.stop_reason
-        if reason is not None and not self._told:
-            with suppress(OSError):  # who hears nothing any more does not keep a second press from being heard
+        if reason is not None and not self._announced:
+            with suppress(OSError):  # a lost terminal must not keep a second press from being received
                 self._say_stopping(f"stopping: {reason.reason}")
 
     def _say_stopping(self, text: str) -> None:
-        self._told = True
+        self._announced = True
         self._notify(text)
 
-    def _stop_by_itself(self) -> None:
+    def _check_automatic_stops(self) -> None:
         if self._ticks % FILE_PERIOD == 1 and self._stop_file is not None:
             self._look_for(self._stop_file)
         if self._clutch.expired and not self._stop():
@@ -456,7 +460,7 @@ class LiveControls:
             self._stop.ask(SPACE)
             self._say_stopping("stopping")
         elif again:
-            self._stop.insist(SPACE)
+            self._stop.force(SPACE)
 
     def _press(self, key: str) -> None:
         if key == "p":
@@ -481,7 +485,7 @@ class LiveControls:
                 self._say_stopping("stopping, asked by the control socket")
             return "ok stopping"
         if word == "torque_off":
-            self._stop.insist(SOCKET)
+            self._stop.force(SOCKET)
             self._say_stopping("torque off at once, asked by the control socket")
             return "ok torque off"
         if word == "hold":
@@ -490,26 +494,34 @@ class LiveControls:
                 then = GOES_ON if self._keys.listens else NEVER_GOES_ON
                 self._notify(f"paused by the control socket: the robot holds; {then}")
             return "ok holding"
-        return f"error: found {word[:20]!a}, allowed: {WORDS}; only a person at the keyboard lets the robot move"
+        return refused_word(word)
 
 
-# What a live run does right now and since when it has run, on a terminal; nothing in a pipe.
+def refused_word(word: str) -> str:
+    """The control socket's answer to a word that it does not know, or knows no more."""
+    step = "only a person at the keyboard lets the robot move"
+    if RENAMED.get(word) in WORDS:
+        step = f"it is called {RENAMED[word]} now"
+    return f"error: found {word[:20]!a}, allowed: {', '.join(WORDS)}; {step}"
+
+
+# The state and duration of a live run on a terminal; nothing in a pipe.
 
 
 def words_for(status: LiveStatus, *, approaching: bool) -> str:
-    """How it is now, in a word or a few."""
+    """The present state in a few words."""
     if status.stop is not None or status.state == "stopping":
         return "stopping"
     if status.let_go:
         return "paused: holding"
     if approaching:
-        return "on its way to the performer"
+        return "approaching the performer"
     return "following" if status.followed else "holding"
 
 
 @contextmanager
 def live_state(what: str, words: Callable[[], str]) -> Iterator[None]:
-    """A line on stderr. words: how it is now; asked by a thread of its own, some times a second."""
+    """Show a line on stderr. words: the present state, read by a thread of its own some times a second."""
     if not sys.stderr.isatty():
         yield
         return
@@ -518,7 +530,7 @@ def live_state(what: str, words: Callable[[], str]) -> Iterator[None]:
     from rich.text import Text
 
     class Words(ProgressColumn):
-        """Asked whenever the line is drawn."""
+        """The present state, whenever the line is drawn."""
 
         def render(self, task: Task) -> Text:
             return Text(words())

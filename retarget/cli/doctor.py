@@ -1,4 +1,4 @@
-"""`retarget doctor`: what is wrong with a stream, a servo port or this machine, each in a line with what to do."""
+"""`retarget doctor`: what is wrong with a stream, a servo port or this machine, one line each with what to do."""
 
 import json
 from collections.abc import Sequence
@@ -27,7 +27,8 @@ def doctor(
         ),
     ] = None,
     performer: Annotated[
-        str | None, typer.Option(help="Whose sensors the stream is to tell; five if not said.", metavar="NAME|FILE")
+        str | None,
+        typer.Option(help="The sensors that the stream should send; five if not given.", metavar="NAME|FILE"),
     ] = None,
     robot: Annotated[
         str | None, typer.Option(help="Look at the servo ports of this robot.", metavar="NAME|PATH")
@@ -36,7 +37,7 @@ def doctor(
         bool, typer.Option("--everywhere", help="Listen on all interfaces too, to find a sender that misses this one.")
     ] = False,
     seconds: Annotated[
-        float | None, typer.Option(help="How long to listen; 5 if not said, of a recording all.", metavar="S")
+        float | None, typer.Option(help="How long to listen; 5 if not given, for a recording all of it.", metavar="S")
     ] = None,
     file: Annotated[Path | None, typer.Option("--json", help="Write the findings as well.", metavar="FILE")] = None,
 ) -> None:
@@ -83,13 +84,13 @@ def _stream(text: str, name: str, seconds: float | None, *, everywhere: bool) ->
     from retarget.schema.performer import load_performer
     from retarget.setup.doctor_stream import stream_findings
 
-    address, worn = parse_address(text), load_performer(name)
+    address, performer = parse_address(text), load_performer(name)
     recorded = address.kind == "replay"
     clock: Clock = VirtualClock() if recorded else MonotonicClock()
     listen = (LONGEST_S if recorded else LISTEN_S) if seconds is None else seconds
     if not recorded:
         typer.echo(f"listening for {listen:g} s: move every sensor, walk and turn", err=True)
-    return stream_findings(address, worn, clock=clock, seconds=listen, everywhere=everywhere)
+    return stream_findings(address, performer, clock=clock, seconds=listen, everywhere=everywhere)
 
 
 def _ports(path: str | None, robot: str | None) -> list[Finding]:

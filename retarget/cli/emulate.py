@@ -52,7 +52,7 @@ def emulate(
     ] = Gaps.SILENCE,
     boot: Annotated[float, typer.Option(help="Time of a servo's start.", metavar="SECONDS")] = BOOT_TIME,
     watchdog_fed_by: Annotated[
-        FedBy, typer.Option(help="Packets that feed a bus watchdog: all, or those to the servo and to everybody.")
+        FedBy, typer.Option(help="Packets that feed a bus watchdog: all, or only those to the servo and broadcasts.")
     ] = FedBy.ANY,
     answers_damage: Annotated[
         bool, typer.Option("--answers-damage", help="Servos answer damaged instructions by an error, not by silence.")
@@ -67,11 +67,11 @@ def emulate(
     Faults can be typed while it runs: 'missing 5', 'flip rate=0.01', 'clear', 'help'.
     """
     if seconds is not None and not 0.0 < seconds < float("inf"):
-        raise UsageError("how long to run is no time", where="--for", found=f"{seconds:g}", allowed="above 0 s")
+        raise UsageError("no such duration", where="--for", found=f"{seconds:g}", allowed="above 0 s")
     if seed is not None and seed < 0:
         raise UsageError("a seed is not negative", where="--seed", found=seed, allowed="0 and above")
     if not 0.0 <= boot < float("inf"):
-        raise UsageError("no servo starts in that time", where="--boot", found=f"{boot:g}", allowed="0 s and above")
+        raise UsageError("no such start time of a servo", where="--boot", found=f"{boot:g}", allowed="0 s and above")
     body = load_robot(robot)
     buses = body.profile.bus_specs()
     links = _links(link, buses)
@@ -116,8 +116,8 @@ def _plan(faults: Path | None, seed: int | None, ids: Buses) -> FaultPlan:
         return plan if seed is None else replace(plan, seed=seed)
     if seed is None:
         return FaultPlan()
-    everyone = sorted({device for some in ids.values() for device in some})
-    return FaultPlan(random_faults(seed, everyone, RANDOM_SPAN), seed)
+    every_id = sorted({device for some in ids.values() for device in some})
+    return FaultPlan(random_faults(seed, every_id, RANDOM_SPAN), seed)
 
 
 def _serve(
@@ -154,7 +154,7 @@ def _announce(robot: str, bus: BusSpec, terminal: PseudoTerminal) -> None:
 
 
 def _say(text: str) -> None:
-    """What was typed is answered on stderr; a terminal that is gone stops nothing."""
+    """Answer a typed line on stderr; a lost terminal stops nothing."""
     if text:
         with suppress(OSError):
             typer.echo(text, err=True)

@@ -1,6 +1,4 @@
-"""How a command ends: errors become a message and an exit code, signals are as Ctrl-C, and a hung terminal stops
-nothing.
-"""
+"""How a command ends: errors become a message and an exit code, signals act as Ctrl-C, no terminal holds it up."""
 
 import os
 import select
@@ -39,7 +37,7 @@ __all__ = [
 ]
 
 
-# stdout that never costs a run its files: a reader that left and a full device are remembered, not raised.
+# A stdout that never costs a run its files: a reader that left and a full device are noted, not raised.
 
 
 class Screen:
@@ -50,7 +48,7 @@ class Screen:
         self.failure: OSError | None = None
 
     def write(self, text: str) -> int:
-        """Write, or remember why not."""
+        """Write, or keep the error."""
         try:
             return self._stream.write(text)
         except OSError as error:
@@ -58,7 +56,7 @@ class Screen:
             return len(text)
 
     def flush(self) -> None:
-        """Flush, or remember why not."""
+        """Flush, or keep the error."""
         try:
             self._stream.flush()
         except OSError as error:
@@ -72,9 +70,9 @@ class Screen:
         return self.failure.strerror or str(self.failure)
 
     def lose(self, error: OSError) -> None:
-        """Remember why not everything was shown; what comes is not shown."""
+        """Keep the first error; nothing is shown after it."""
         self.failure = self.failure or error
-        # What is still buffered goes nowhere, so that the interpreter has nothing to complain about at its end.
+        # What is still buffered is discarded, so that the interpreter reports no error at its end.
         with suppress(OSError, ValueError):
             nowhere = os.open(os.devnull, os.O_WRONLY)
             os.dup2(nowhere, self._stream.fileno())
@@ -100,7 +98,7 @@ def careful_stdout() -> Iterator[Screen | None]:
         sys.stdout = stream
 
 
-# Whether a key was pressed twice: a key that is held repeats, and is not.
+# Whether a key was pressed twice. A held key repeats, which does not count.
 
 AFTER_S = 1.2
 """From its first press on; keyboards let the first repeat come up to 1 s after it."""
@@ -109,15 +107,15 @@ PAUSE_S = 0.2
 
 
 class ForcedStopKey:
-    """Of one key."""
+    """Detects the second press of one key, which forces a stop."""
 
     def __init__(self) -> None:
         self._first: float | None = None
         self._last = 0.0
 
     def pressed(self, count: int, now: float) -> bool:
-        """Whether the key that came `count` times by `now`, s, since the last look was pressed again. Several times in
-        one look are repeats: of a key that is held, read late."""
+        """Whether the key that came `count` times by `now`, s, since the last poll was pressed again. Several times in
+        one poll are repeats of a held key, read late."""
         if not count:
             return False
         first, pause, self._last = self._first, now - self._last, now
@@ -127,46 +125,46 @@ class ForcedStopKey:
         return count == 1 and now - first >= AFTER_S and pause > PAUSE_S
 
 
-# Signals that end a command: all are as Ctrl-C is. While a robot moves they ask, and raise nothing inside a tick.
+# Signals that end a command, all as Ctrl-C does. While a robot moves they request a stop, and raise nothing.
 
 REASONS = {
     "SIGINT": "interrupted by the user (Ctrl-C)",
-    "SIGTERM": "told to end by another program (SIGTERM)",
+    "SIGTERM": "ended by another program (SIGTERM)",
     "SIGHUP": "the terminal is gone (SIGHUP)",
-    "SIGQUIT": "told to quit (Ctrl-\\, SIGQUIT)",
+    "SIGQUIT": "asked to quit (Ctrl-\\, SIGQUIT)",
 }
-SUSPENDED = {"SIGTSTP": "told to wait (Ctrl-Z, SIGTSTP)"}
-"""While a robot moves: one that nobody looks after would stand there with torque."""
+SUSPENDED = {"SIGTSTP": "asked to suspend (Ctrl-Z, SIGTSTP)"}
+"""Handled while a robot moves: a suspended process would leave it standing with torque."""
 SIGNALS = [getattr(signal, name) for name in REASONS if hasattr(signal, name)]
 """Those of them that the platform has."""
 
 
 class StopRequest:
-    """Whether somebody asked to stop, who was the first, and whether they insisted. Nothing is done here: a tick is
-    never torn."""
+    """A request to stop: whether there is one, its first reason, and whether it forces torque off. It only keeps the
+    request, so a tick is never interrupted."""
 
     def __init__(self) -> None:
         self._why = ""
         self._forced_stop = False
 
     def __call__(self) -> bool:
-        """Whether somebody asked."""
+        """Whether a stop was asked for."""
         return bool(self._why)
 
     def why(self) -> str:
-        """Who asked first, as the reason of a stop; "" before somebody has."""
+        """The reason of the first request; "" before there is one."""
         return self._why
 
     def forced_stop(self) -> bool:
-        """Whether somebody asked not to wait for the robot to stand."""
+        """Whether torque is to go off before the robot stands."""
         return self._forced_stop
 
     def ask(self, why: str) -> None:
         """Ask to stop before the next tick. why: not empty."""
         self._why = self._why or why
 
-    def insist(self, why: str) -> None:
-        """Ask to stop, without braking."""
+    def force(self, why: str) -> None:
+        """Ask to stop with torque off at once, without braking."""
         self._why, self._forced_stop = self._why or why, True
 
 
@@ -175,7 +173,7 @@ def all_as_ctrl_c() -> Iterator[None]:
     """SIGTERM, SIGHUP (a terminal that is gone) and SIGQUIT raise KeyboardInterrupt as SIGINT does: what is open is
     closed.
 
-    Only those that nobody handles or ignores yet, and only in the main thread: no other may set them.
+    Only signals that are not handled or ignored yet, and only in the main thread, which alone may set handlers.
     """
     mine = [
         number
@@ -194,7 +192,7 @@ def all_as_ctrl_c() -> Iterator[None]:
 @contextmanager
 def stop_on_signals(clock: Clock | None = None, *, moves: bool = False) -> Iterator[StopRequest]:
     """SIGINT, SIGTERM, SIGHUP and SIGQUIT ask to stop, and Ctrl-Z where a robot `moves`; SIGINT after another of them
-    insists, and so does Ctrl-C that is pressed again (see `ForcedStopKey`): held, it repeats.
+    forces torque off, and so does Ctrl-C that is pressed again (see `ForcedStopKey`; a held one does not).
 
     None of them raises. One that the process was started to ignore (`nohup`) stays ignored.
     """
@@ -204,13 +202,13 @@ def stop_on_signals(clock: Clock | None = None, *, moves: bool = False) -> Itera
         why = {**REASONS, **SUSPENDED}[signal.Signals(number).name]
         again = number == signal.SIGINT and key.pressed(1, time.now())
         if again or (number == signal.SIGINT and request() and request.why() != REASONS["SIGINT"]):
-            request.insist(why)
+            request.force(why)
         else:
             request.ask(why)
 
     known = [*SIGNALS, *(getattr(signal, name) for name in SUSPENDED if moves and hasattr(signal, name))]
-    heard = [number for number in known if signal.getsignal(number) is not signal.SIG_IGN]
-    before = {number: signal.signal(number, handle) for number in heard}
+    handled = [number for number in known if signal.getsignal(number) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, handle) for number in handled}
     try:
         yield request
     finally:
@@ -224,7 +222,7 @@ STOPPED = 1
 REFUSED = 2
 """Refused before anything moved: a bad file, a bad option. Also: what was to be said could not be printed."""
 DEFECT = 3
-"""An error that we did not foresee."""
+"""An unforeseen error."""
 INTERRUPTED = 130
 """Ctrl-C, SIGTERM, SIGHUP, SIGQUIT before anything moved: 128 + SIGINT, as shells count; typer leaves with it too."""
 
@@ -232,8 +230,8 @@ INTERRUPTED = 130
 def exit_code_of(command: Callable[[], object]) -> int:
     """Run `command` and return its exit code; what went wrong is on stderr, a traceback only for our own defects.
 
-    A signal that asks the process to end is as Ctrl-C. A reader of stdout that leaves early changes nothing; a stdout
-    that takes nothing is told of.
+    A signal that asks the process to end acts as Ctrl-C. A reader of stdout that leaves early changes nothing; a stdout
+    that cannot be written is reported.
     """
     with careful_stdout() as screen:
         code = _code_of(command)
@@ -268,7 +266,7 @@ def _code_of(command: Callable[[], object]) -> int:
 
 def _code_of_exit(leaving: SystemExit) -> int:
     if leaving.code == INTERRUPTED:
-        return _interrupted()  # typer's word for Ctrl-C inside a command
+        return _interrupted()  # typer's exit code for Ctrl-C inside a command
     return leaving.code if isinstance(leaving.code, int) else DONE if leaving.code is None else STOPPED
 
 
@@ -288,17 +286,17 @@ def _say(text: str) -> None:
     print(text, file=sys.stderr)  # noqa: T201
 
 
-# stdout and stderr by threads of their own: whoever moves a robot waits for no terminal, and outlives it.
+# stdout and stderr by threads of their own, so that a run never waits for a terminal, and outlives it.
 
 MOST = 1000
-"""Texts that wait for a stream that takes none (Ctrl-S, a link that hangs, a pipe nobody reads); then the oldest go."""
+"""Texts kept for a stream that takes none (Ctrl-S, a hung link, an unread pipe); then the oldest are dropped."""
 PATIENCE_S = 0.4
 """How long the end waits for such streams, in all."""
 
 
 class Detached:
     """A text stream in front of another one. Writing neither waits nor raises. failure: the first error of the stream;
-    lost: texts that nobody saw."""
+    lost: texts that were not shown."""
 
     def __init__(self, stream: TextIO) -> None:
         """Start the thread."""
@@ -314,7 +312,7 @@ class Detached:
 
     @property
     def lost(self) -> int:
-        """Texts that nobody saw."""
+        """Number of texts that were not shown."""
         return self._pushed_out + self._failed
 
     def write(self, text: str) -> int:
@@ -328,10 +326,10 @@ class Detached:
         return len(text)
 
     def flush(self) -> None:
-        """Everything is on its way already."""
+        """Do nothing: every text is passed on at once."""
 
     def end(self) -> None:
-        """Write the rest, and nothing that comes; waits for nothing."""
+        """Write the rest, and nothing that follows; does not wait."""
         with self._changed:
             self._ended = True
             self._changed.notify()

@@ -37,7 +37,7 @@ def export(
         float | None, typer.Option(help="Resample to so many rows per second; else rows are the ticks.", metavar="N")
     ] = None,
     phase: Annotated[
-        str, typer.Option(help="What of the run: 'all' has the way there and the braking, too.", metavar="follow|all")
+        str, typer.Option(help="Part of the run: 'all' includes the approach and the braking.", metavar="follow|all")
     ] = FOLLOW,
     of: Annotated[
         str, typer.Option(help="Whose motion: the robot's, or that of the human it followed.", metavar="robot|human")
@@ -47,7 +47,7 @@ def export(
     ] = None,
     task: Annotated[str, typer.Option(help="What is done, in words, for a LeRobot dataset.")] = DEFAULT_TASK,
 ) -> None:
-    """Hand a recorded run on: joint positions with names and units, in a format that others read.
+    """Export a recorded run: joint positions with names and units, in a format that others read.
 
     csv, npz, bvh need nothing more; parquet and lerobot the extra 'record'. Root and quaternions: docs/export.md.
     """
@@ -64,11 +64,11 @@ def export(
         motion = resampled(motion, fps)
     export_motion(motion, form, place, task=task)
     typer.echo(f"{to}: {place}")
-    typer.echo(_told(whole, motion, phase, fps))
+    typer.echo(_summary(whole, motion, phase, fps))
 
 
 def _chosen(motion: Motion, phase: str) -> Motion:
-    """What was asked for of a run. Raises InputError where there is nothing of it."""
+    """The chosen part of a run. Raises InputError where it is empty."""
     if phase == ALL:
         return motion
     following = motion.phase == PHASE_NAMES[Phase.FOLLOW]
@@ -78,8 +78,8 @@ def _chosen(motion: Motion, phase: str) -> Motion:
     return motion.rows(following)
 
 
-def _told(whole: Motion, motion: Motion, phase: str, fps: float | None) -> str:
-    """How much was written, and what of the run was not."""
+def _summary(whole: Motion, motion: Motion, phase: str, fps: float | None) -> str:
+    """How much of the run was written, and what was left out."""
     text = f"{len(motion)} rows" if len(motion) > 1 else "1 row"
     text += f" at {fps:g} Hz, resampled" if fps is not None else f", one for each {motion.row}"
     text += f", {motion.time[-1] - motion.time[0]:.2f} s"

@@ -1,4 +1,4 @@
-"""`retarget faults`: what may go wrong in a live run, done to one, and whether the robot does what it has to."""
+"""`retarget faults`: inject every fault of the table into a live run, and judge whether the robot reacts as it must."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
@@ -13,8 +13,8 @@ from retarget.errors import UsageError, suggest
 if TYPE_CHECKING:
     from sim.faults.cases import Case, Result
 
-MOST_TOLD = 5
-"""Lines about what was wrong in one run."""
+MOST_LINES = 5
+"""Lines about the faults of one run."""
 
 
 def faults(
@@ -27,7 +27,7 @@ def faults(
     rows: Annotated[bool, typer.Option("--rows/--no-rows", help="Every row alone.")] = True,
     jobs: Annotated[int, typer.Option(help="Processes that share the work.", metavar="N", min=1, max=256)] = 1,
 ) -> None:
-    """Hurt a live run of OP3 on emulated servos in every way of the table, idle, approaching, moving and stopping.
+    """Inject every fault of the table into a live run of OP3 on emulated servos: idle, approaching, moving, stopping.
 
     Pipeline, gate, guard and driver are the real ones, on virtual time; goals are judged from the bytes on the wire.
     Exit code 1 when anything was not as it has to be.
@@ -75,7 +75,7 @@ def _run(work: "list[Case]", jobs: int) -> int:
             done += 1
             took = "" if result.took is None else f", after {result.took:.3f} s"
             typer.echo(f"{'BAD' if result.wrong else 'ok '} {result.name}{took}")
-            for line in result.wrong[:MOST_TOLD]:
+            for line in result.wrong[:MOST_LINES]:
                 typer.echo(f"    {line}")
             bad += bool(result.wrong)
     typer.echo(f"{bad} of {done} bad" if bad else f"all {done} as it has to be")

@@ -50,5 +50,5 @@ def _check_out(out: Path, subject: Subject) -> None:
 
 def _summary(found: Fit) -> str:
     kinds = [verdict.kind for verdict in found.ignored]
-    told = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds)) or "none"
-    return f"{len(found.observers)} observers; {len(kinds)} of {len(found.records)} pairs to ignore ({told})"
+    ignored = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds)) or "none"
+    return f"{len(found.observers)} observers; {len(kinds)} of {len(found.records)} pairs to ignore ({ignored})"

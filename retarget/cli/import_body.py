@@ -65,7 +65,7 @@ def _summary(done: Imported) -> str:
     profile = shlex.quote(str(folder / "robot.yaml"))
     if done.problems:
         lines += ["  not complete yet, says retarget check:", *(f"    {text}" for text in done.problems)]
-        return "\n".join([*lines, f"Next: mend {profile}, then retarget check {profile}"])
+        return "\n".join([*lines, f"Next: fix {profile}, then retarget check {profile}"])
     drafts = f"{done.drafts} lines marked DRAFT want a look before it moves a real robot"
     return "\n".join([*lines, f"Next: retarget demo --robot {profile} --bus mock", f"      {drafts}"])
 

@@ -55,10 +55,10 @@ def replay(
     ] = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Run a recording again: what its sensors, servos and clock said, through this version; and say which goals differ.
+    """Run a recording again: its sensor, servo and clock data through this version, and say which goals differ.
 
-    With --goals nothing is computed: the robot is led slowly to the first of the recorded goals, then along them, and
-    parked; gate and guard have the last word. Exit code 0: all goals are the same, or were sent; 1: they differ, the
+    With --goals nothing is computed: the robot goes slowly to the first of the recorded goals, then along them, then
+    to rest; gate and guard check every goal. Exit code 0: all goals are the same, or were sent; 1: they differ, the
     recording is not whole, or the guard stopped; 2: a file that is no such recording.
     """
     from retarget.recording.reading import played, read_recording
@@ -72,14 +72,14 @@ def replay(
         raise UsageError("goals alone have no report", where="--report, --save", next_step="Leave them out")
     outputs = Outputs.checked(report=report, save=save, plots=None, overwrite=overwrite)
     found = played(read_recording(file))
-    _tell_of_damage(found)
+    _note_damage(found)
     if bus is not None:
         raise typer.Exit(_send(found, bus, 1.0 if speed is None else speed, robot))
     raise typer.Exit(_again(found, outputs, robot))
 
 
-def _tell_of_damage(found: "Played") -> None:
-    """What there is of it, if that is not all."""
+def _note_damage(found: "Played") -> None:
+    """Say which part of the recording there is, if it is not whole."""
     recording, cycles = found.recording, found.cycles
     if recording.damage:
         seconds = float(cycles.clock[-1, 0] - cycles.clock[0, 0])
@@ -128,7 +128,7 @@ def _run(found: "Played", configs: "Configs") -> "Replayed":
     for changed in again.changed:
         _note(changed)
     typer.echo(f"{found.recording.path}: {session.source or 'a run'} on {configs.options.robot}, --bus {session.bus}")
-    for line in again.difference.told():
+    for line in again.difference.lines():
         typer.echo(line)
     return again
 
@@ -156,13 +156,13 @@ def _send(found: "Played", bus: str, speed: float, robot: str | None) -> int:
     with as_now(found.recording, options, robot=robot) as configs:
         if PROFILE in configs.attached and not options.simulated:
             raise UsageError(
-                "the profile of this robot is not there any more, and no goal goes to real servos by an old one",
+                "the profile of this robot is gone, and an old one may not send goals to real servos",
                 where="--robot",
                 found=options.robot[:80],
                 next_step="Say which robot is on the bus: --robot NAME|FILE",
             )
-        for told in configs.notes:
-            _note(told)
+        for note in configs.notes:
+            _note(note)
         return _sent(found, configs.options, configs.robot, speed)
 
 
@@ -188,8 +188,8 @@ def _sent(found: "Played", options: RunOptions, robot: "RobotBody | None", speed
         assert sent is not None, "goals are a robot's"
         gated = int(sent.gated.sum())
         phases = [int((run.record.phase == phase).sum()) for phase in (Phase.APPROACH, Phase.BRAKE)]
-        ways = "{} on the way there and {} on the way to rest".format(*phases)
-        typer.echo(f"{run.ticks_followed} goals sent along the recording to --bus {options.bus}, {ways}")
+        more = "{} during the approach and {} while braking and going to rest".format(*phases)
+        typer.echo(f"{run.ticks_followed} goals sent along the recording to --bus {options.bus}, {more}")
         typer.echo(f"the gate changed {gated} of these {len(run.record)}")
         typer.echo(f"end: {run.state}" + (f": {run.reason}" if run.reason else ""))
         return DONE if run.reason is None else STOPPED

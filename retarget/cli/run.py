@@ -1,4 +1,4 @@
-"""`retarget run`: let a robot, or the virtual human alone, follow a recorded performer."""
+"""`retarget run`: let a robot, or the virtual human alone, follow a performer, recorded or live."""
 
 import shlex
 from collections.abc import Callable, Mapping
@@ -59,11 +59,11 @@ from retarget.sources.raw_record import RawWriter
 __all__ = ["finished", "follow_clip", "in_time", "refuse_for_file", "run", "sides_are_checked"]
 
 
-# Ticks that come in time where there is no robot whose side keeps it.
+# Real-time ticks for a run without a robot, whose side else waits for each tick.
 
 
 def in_time(look: Callable[[], bool], dt: float, clock: Clock) -> Callable[[], bool]:
-    """`look`, every `dt` s."""
+    """`look`, called once every `dt` s."""
     deadline = clock.now()
 
     def waited() -> bool:
@@ -75,7 +75,7 @@ def in_time(look: Callable[[], bool], dt: float, clock: Clock) -> Callable[[], b
     return waited
 
 
-# What `run` and `demo` share: prepare a run, play it, write its files, say how it went.
+# Shared by `run` and `demo`: prepare a run, play it, write its files, show a summary.
 
 
 def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: Outputs, *, source: str = "") -> int:
@@ -85,7 +85,7 @@ def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: 
     has moved and nothing is written.
     """
     clock: Clock = MonotonicClock()
-    if options.simulated:  # whoever looks on sees it as fast as it would be
+    if options.simulated:  # a viewer shows it in real time
         clock = VirtualClock() if outputs.view is None else PacedClock()
     bench = PhysicsBench(options, _note)
     recorder = recorder_for(outputs, options, bench, clock=clock, goes_to_rest=options.has_mass)
@@ -96,7 +96,7 @@ def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: 
             clock=recorder.clock,
             make_bus=recorder.make_bus(bench.make_bus),
             goes_to_rest=options.has_mass,
-            notify=recorder.hears(_note),
+            notify=recorder.recorded_notify(_note),
         ) as prepared:
             stop = signals.enter_context(stop_on_signals(moves=True))
             with (
@@ -104,19 +104,19 @@ def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: 
                 recorder.recording(prepared, source=source) as recorded,
                 progress_bar(options.robot, prepared.samples.ticks) as show,
             ):
-                asked = page.heard(bench.watching(stop, prepared), stop)
+                asked = page.with_stop_button(bench.watching(stop, prepared), stop)
                 if prepared.side is None and outputs.view is not None:
                     asked = in_time(asked, prepared.samples.dt, clock)
                 watch = Watch(show, asked, stop.forced_stop, stop.why)
                 run = recorded.run(page.watch(recorder.watch(watch, prepared)))
-        # Still heard and not raised: what was recorded is written, whoever is in a hurry.
+        # Signals are still received and not raised, so that the files are written.
         return recorder.code(finished(bench.seen(run), outputs))
 
 
 def recorder_for(
     outputs: Outputs, options: RunOptions, bench: PhysicsBench, *, clock: Clock, goes_to_rest: bool
 ) -> Recorder:
-    """What records the run if `outputs` ask for it, and tells on stderr; see `Recorder` for parks and errors."""
+    """The recorder of a run, which records if `outputs` ask for it; its messages go to stderr."""
     truth, overwrite = bench.truth_numbers, outputs.overwrite
     return Recorder(
         outputs.record, options, clock=clock, goes_to_rest=goes_to_rest, notify=_note, overwrite=overwrite, truth=truth
@@ -124,10 +124,10 @@ def recorder_for(
 
 
 def finished(run: RunResult, outputs: Outputs) -> int:
-    """Write the files of a run, show its summary, return the exit code. Who asked it to end, and for no file that is
-    measured, does not wait for the whole of it to be."""
-    hurry = run.stop is not None and run.stop.cause is StopCause.REQUESTED and not outputs.measured
-    report = measure_latest(run) if hurry else measure(run)
+    """Write the files of a run, show its summary, return the exit code. A run that was asked to stop, with no file that
+    needs all metrics, is only measured in part, so that the command ends soon."""
+    soon = run.stop is not None and run.stop.cause is StopCause.REQUESTED and not outputs.measured
+    report = measure_latest(run) if soon else measure(run)
     written = outputs.write(run, report)
     _show(report, written)
     return STOPPED if run.reason is not None or report.fallen or written.problems else DONE
@@ -138,7 +138,7 @@ def _note(text: str) -> None:
 
 
 def _show(report: Report, written: Written) -> None:
-    """Last of all, because a terminal may be gone or full."""
+    """Show the summary, last of all, because a terminal may be gone or full."""
     show_summary(report, Console())
     for line in written.lines:
         typer.echo(line)
@@ -146,7 +146,7 @@ def _show(report: Report, written: Written) -> None:
         typer.echo(f"error: {problem}", err=True)
 
 
-# A live run: open the stream, calibrate, follow until somebody stops it; on virtual time where nothing is real.
+# A live run: open the stream, calibrate, follow until it is stopped; on virtual time where nothing is real.
 
 
 def refuse_for_live(given: Mapping[str, object]) -> None:
@@ -164,7 +164,7 @@ def refuse_for_file(given: Mapping[str, object]) -> None:
 
 
 def sides_are_checked(source: str, asked: bool | None, *, yes: bool) -> bool:
-    """Whether the left arm is to be raised first: as asked, else for whoever is there and did not say --yes."""
+    """Whether the performer raises the left arm first: as asked, else for every live performer without --yes."""
     if asked and yes:
         raise UsageError("one asks, the other does not", where="--check-sides, --yes", next_step="Leave one out")
     return not yes and not source.startswith("replay:") if asked is None else asked
@@ -186,15 +186,15 @@ def follow_live(
     """
     _refuse_played(options)
     if live.recalibrate and live.person is None:
-        raise UsageError("nobody is kept without a name", where="--recalibrate", next_step="Give it a --person")
+        raise UsageError("only a named person can be measured anew", where="--recalibrate", next_step="Give a --person")
     oversight, address = oversight or Oversight(), parse_address(source)
     clock: Clock = MonotonicClock()
-    if address.kind == "replay" and options.simulated:  # whoever looks on sees it as fast as it was
+    if address.kind == "replay" and options.simulated:  # a viewer shows it in real time
         clock = VirtualClock() if outputs.view is None else PacedClock()
     refuse_oversight(oversight, virtual=type(clock) is VirtualClock)
     bench = PhysicsBench(options, _log)
     recorder = recorder_for(outputs, options, bench, clock=clock, goes_to_rest=True)
-    notify = recorder.hears(_log)
+    notify = recorder.recorded_notify(_log)
     with detached_screens(), ExitStack() as stack:
         socket, dead_man = _opened(oversight, stack)
         tap = _raw_tap(record_raw, address, stack, overwrite=outputs.overwrite)
@@ -216,22 +216,22 @@ def follow_live(
             controls = LiveControls(
                 keys, stop, performer, clutch, notify=_log, clock=clock, guard=guard, stop_file=file, socket=socket
             )
-            _tell_how(keys, dead_man)
+            _show_keys(keys, dead_man)
             words = _words(prepared, controls)
             page = stack.enter_context(
                 viewing(outputs.view, prepared, options, words, truth=bench.truth, notify=notify)
             )
-            look = page.heard(controls.look, stop)
-            _wait_until_wanted(clutch, look, performer, clock)
+            look = page.with_stop_button(controls.look, stop)
+            _wait_until_engaged(clutch, look, performer, clock)
             with recorder.recording(prepared, source=address.text) as recorded:
                 performer.catch_up()
                 with live_state(options.robot, words), scheduled(oversight.scheduling):
                     watch = _watch(recorded, look, controls, bench, clock)
                     run = recorded.run(page.watch(recorder.watch(watch, recorded)))
         if not run.ticks_followed and run.reason is None:
-            notify("nobody was followed: the stream was over before following began")
-        told = performer.report(address=address.text, person=live.person)
-        return recorder.code(finished(replace(bench.seen(run), live=told), outputs))
+            notify("no tick followed the performer: the stream was over before following began")
+        stream_report = performer.report(address=address.text, person=live.person)
+        return recorder.code(finished(replace(bench.seen(run), live=stream_report), outputs))
 
 
 def _raw_tap(path: Path | None, address: StreamAddress, stack: ExitStack, *, overwrite: bool) -> RawTap | None:
@@ -240,7 +240,7 @@ def _raw_tap(path: Path | None, address: StreamAddress, stack: ExitStack, *, ove
     if overwrite and path.is_file():
         if address.path is not None and address.path.is_file() and path.samefile(address.path):
             raise UsageError(
-                "this file is what is played", where="--record-raw", found=str(path), next_step="Give another name"
+                "this is the file that is played", where="--record-raw", found=str(path), next_step="Give another name"
             )
         remove(path, option="--record-raw")
     return stack.enter_context(RawTap(RawWriter(path, url=address.text), notify=_log))
@@ -257,28 +257,28 @@ def _opened(oversight: Oversight, stack: ExitStack) -> tuple[ControlSocket | Non
     return socket, dead_man
 
 
-def _tell_how(keys: Keys, dead_man: DeadMan | None) -> None:
-    """Which keys do what."""
+def _show_keys(keys: Keys, dead_man: DeadMan | None) -> None:
+    """Say which keys do what."""
     if keys.listens:
         _log(HELP)
     if dead_man is not None:
-        _log(f"hold {dead_man.told}: the robot moves only while it is held")
+        _log(f"hold {dead_man.label}: the robot moves only while it is held")
 
 
-def _wait_until_wanted(clutch: Clutch, look: Callable[[], bool], performer: LivePerformer, clock: Clock) -> None:
-    """Nothing has torque before somebody holds what must be held. Raises KeyboardInterrupt if it is to stop instead,
-    which may have been asked for long ago."""
+def _wait_until_engaged(clutch: Clutch, look: Callable[[], bool], performer: LivePerformer, clock: Clock) -> None:
+    """Wait, without torque, until the operator holds what must be held. Raises KeyboardInterrupt if a stop was asked
+    for, also before this call."""
     while True:
         if look():
             raise KeyboardInterrupt
         if clutch.engaged:
             return
-        performer.listen()
+        performer.poll()
         clock.sleep_until(clock.now() + performer.dt)
 
 
 def _words(prepared: Prepared, controls: LiveControls) -> Callable[[], str]:
-    """What the run does now."""
+    """The present state of the run, in words."""
     side = prepared.side
     return lambda: words_for(controls.status(), approaching=side is not None and side.phase is Phase.APPROACH)
 
@@ -286,7 +286,7 @@ def _words(prepared: Prepared, controls: LiveControls) -> Callable[[], str]:
 def _watch(
     prepared: Prepared, look: Callable[[], bool], controls: LiveControls, bench: PhysicsBench, clock: Clock
 ) -> Watch:
-    """Who stops it; in time, also where there is no robot whose side keeps it."""
+    """The callbacks of the run; without a robot they also wait for each tick."""
     if prepared.side is None:
         look = in_time(look, prepared.samples.dt, clock)
     asked = bench.watching(look, prepared, live=True)
@@ -337,7 +337,7 @@ def run(
     performer: Annotated[
         str,
         typer.Option(
-            help="Which sensors are worn: five, five_head, three, six, ten, all, avatar, optitrack, "
+            help="The performer's sensors: five, five_head, three, six, ten, all, avatar, optitrack, "
             "optitrack_skeleton, or a file.",
             metavar="NAME|FILE",
         ),
@@ -346,10 +346,10 @@ def run(
         str | None, typer.Option(help="Priority file of the robot (of 'human': its own).", metavar="NAME|FILE")
     ] = None,
     scene: Annotated[
-        str | None, typer.Option(help="What is around the body: table, wall, ..., or a file.", metavar="NAME|FILE")
+        str | None, typer.Option(help="The scene: table, wall, ..., or a file.", metavar="NAME|FILE")
     ] = None,
     allow_contact: Annotated[
-        bool, typer.Option("--allow-contact", help="Also where the body touches the scene at the start.")
+        bool, typer.Option("--allow-contact", help="Run also where the body touches the scene at the start.")
     ] = False,
     n_ik: Annotated[
         int | None, typer.Option("--n-ik", help="Iterations per frame at most, both stages.", metavar="N")
@@ -365,16 +365,14 @@ def run(
             metavar="planted|shift|follow",
         ),
     ] = None,
-    mirror: Annotated[bool, typer.Option("--mirror", help="Exchange left and right.")] = False,
+    mirror: Annotated[bool, typer.Option("--mirror", help="Swap left and right.")] = False,
     speed: Annotated[float, typer.Option(help="1 is the performer's speed.", metavar="X")] = 1.0,
     start: Annotated[float | None, typer.Option(help="Begin at this time of the recording.", metavar="S")] = None,
     end: Annotated[
         float | None, typer.Option(help="End at this time of the recording; live: after so long.", metavar="S")
     ] = None,
     loop: Annotated[bool, typer.Option("--loop", help="Again and again until Ctrl-C, 10 minutes at most.")] = False,
-    no_gate: Annotated[
-        bool, typer.Option("--no-gate", help="Send goals unchecked; on servos that do not exist.")
-    ] = False,
+    no_gate: Annotated[bool, typer.Option("--no-gate", help="Send goals unchecked; on simulated servos only.")] = False,
     skeleton: Annotated[
         Path | None, typer.Option(help="The ASF of an AMC, where it does not lie beside it.", metavar="FILE.asf")
     ] = None,
@@ -401,6 +399,7 @@ def run(
     perturbations: Annotated[
         list[str] | None,
         typer.Option(
+            "--perturb",
             help="Another mass (+-10 %), a centre of mass 10 mm off, friction from 0.5 to 1, 30 ms of latency, a push "
             "of 3 N for 0.2 s; drawn by the seed. Also several times.",
             metavar="mass|centre_of_mass|friction|latency|push",
@@ -408,7 +407,7 @@ def run(
         ),
     ] = None,
     seed: Annotated[
-        int, typer.Option(help="Of all that chance decides; the same gives the same.", rich_help_panel=PHYSICS)
+        int, typer.Option(help="Of all random choices; the same seed gives the same run.", rich_help_panel=PHYSICS)
     ] = 0,
     countdown: Annotated[
         float,
@@ -417,7 +416,7 @@ def run(
     person: Annotated[
         str | None,
         typer.Option(
-            help="Keep the performer's size under this name, and take it from there.",
+            help="Keep the performer's size under this name, and use it in later runs.",
             metavar="NAME",
             rich_help_panel=LIVE,
         ),
@@ -441,7 +440,7 @@ def run(
     smoothing: Annotated[
         str,
         typer.Option(
-            help="Of the sensors: by a One-Euro filter, or by the mean of a window, 60 ms late.",
+            help="Of the sensors: by a One-Euro filter, or by the mean of a window, which delays by 60 ms.",
             metavar="off|light|strong|window",
             rich_help_panel=LIVE,
         ),

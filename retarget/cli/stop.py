@@ -24,7 +24,7 @@ def stop(
 ) -> None:
     """Stop a live run that has a `--control-socket`: it brakes, goes to its rest posture, and torque goes off.
 
-    Exit code 0: the run confirmed it; 1: it did not; 2: nobody listens there.
+    Exit code 0: the run confirmed it; 1: it did not; 2: no run listens there.
     """
     where = socket_path(path)
     try:

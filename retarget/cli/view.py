@@ -62,7 +62,7 @@ ON_THE_PAGE = "stopped on the web page"
 
 
 class Viewing:
-    """A run whose page is open, or that has none: then it changes nothing."""
+    """The page of a run; without one it changes nothing."""
 
     def __init__(self, feed: ViewFeed | None, notify: Callable[[str], object] = lambda text: None) -> None:
         self._feed, self._notify = feed, notify
@@ -70,8 +70,8 @@ class Viewing:
         """Whether the run has ended."""
         self._shows = ObserverCallback(lambda record, row: None if feed is None else feed.on_row(record, row))
 
-    def heard(self, asked: Callable[[], bool], stop: StopRequest) -> Callable[[], bool]:
-        """What is to be asked before every tick instead: the button of the page is `stop`, too."""
+    def with_stop_button(self, asked: Callable[[], bool], stop: StopRequest) -> Callable[[], bool]:
+        """A `stop_asked` for every tick that also receives the stop button of the page."""
         feed = self._feed
         if feed is None:
             return asked
@@ -85,7 +85,7 @@ class Viewing:
         return either
 
     def watch(self, watch: Watch) -> Watch:
-        """The same, and every tick may be shown."""
+        """The watch, which also shows every tick on the page."""
         feed = self._feed
         if feed is None:
             return watch
@@ -98,7 +98,7 @@ class Viewing:
         return replace(watch, on_row=both)
 
     def settle(self) -> None:
-        """Say why nothing was shown any more, if so."""
+        """Report why the page stopped, if it did."""
         if self._shows.failure:
             self._notify(f"warning: the page showed nothing any more: {self._shows.failure}")
 
@@ -113,15 +113,15 @@ def viewing(
     truth: Callable[[], Truth | None] = lambda: None,
     notify: Callable[[str], object],
 ) -> Iterator[Viewing]:
-    """Open the page of a run on a port of this machine; None: there is none. words: what it does now, where the phase
-    of its tick does not say enough. truth: where a simulated body really is. tell: hears the address. Raises
+    """Open the page of a run on a port of this machine; None: there is none. words: the present state, where the phase
+    of its tick does not say enough. truth: the state of a simulated body. notify: receives the address. Raises
     RefusedError for a page that does not open."""
     if port is None:
         yield Viewing(None)
         return
     with open_feed(_setup(port, prepared, options), rate_hz=1.0 / prepared.samples.dt) as feed:
         view = Viewing(feed, notify)
-        feed.extras = _beside(prepared, view, words, truth)
+        feed.extras = _extras(prepared, view, words, truth)
         notify(f"Look at it: {feed.address}")
         try:
             yield view
@@ -144,18 +144,18 @@ def _setup(port: int, prepared: Prepared, options: RunOptions) -> PageSetup:
     )
 
 
-def _beside(
+def _extras(
     prepared: Prepared, view: Viewing, words: Callable[[], str] | None, truth: Callable[[], Truth | None]
 ) -> Extras:
-    """What the parts of a run know of now."""
+    """What the page shows in addition to the rows of the record."""
     side, scene_obstacles = prepared.side, prepared.scene_obstacles
 
-    def around() -> ObstaclePoses | None:
+    def obstacles() -> ObstaclePoses | None:
         now = None if scene_obstacles is None else scene_obstacles.now
         return now if now is None or scene_obstacles is None else now.rows(drawn(scene_obstacles.shapes))
 
     if side is None:
-        return Extras(words=lambda: ("ended" if view.over else "following", ""), around=around)
+        return Extras(words=lambda: ("ended" if view.over else "following", ""), obstacles=obstacles)
 
     def now() -> tuple[str, str]:
         stop = side.guard.stop_reason
@@ -169,4 +169,4 @@ def _beside(
         states = side.guard.states
         return None if states is None else states.current
 
-    return Extras(words=now, current=current, around=around, truth=truth)
+    return Extras(words=now, current=current, obstacles=obstacles, truth=truth)

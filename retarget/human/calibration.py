@@ -1,4 +1,4 @@
-"""The size of a performer: from the skeleton in the file, or from a rest pose of the sensors alone.
+"""Performer calibration: their size, from the skeleton in the file, or from a rest pose of the sensors alone.
 
 Limbs keep their lengths and are hung straight down, as the human's rest frame wants them; trunk, hips and shoulder
 girdle keep the shape that the skeleton has at rest. What a file does not know comes from average proportions.
@@ -33,7 +33,7 @@ REQUIRED = (
     "head",
     *(f"{side}_{part}" for part in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle") for side in "lr"),
 )
-"""Joints without which a skeleton does not tell a person's size."""
+"""Joints without which a skeleton does not give a person's size."""
 
 _DOWN = np.array([0.0, 0.0, -1.0])
 
@@ -41,8 +41,8 @@ _DOWN = np.array([0.0, 0.0, -1.0])
 def calibrate(frames: SensorFrames, *, mass: float | None = None) -> HumanDimensions:
     """The performer's size: from the skeleton where the source has one, else from the frame most like a rest pose.
 
-    A recording in which nobody stands at rest gives average proportions at the stature of its tallest frame; `origin`
-    says so. Raises InputError: not a human, or sensors missing.
+    A recording without a rest pose gives average proportions at the stature of its tallest frame; `origin` says so.
+    Raises InputError: not a human, or sensors missing.
     """
     if frames.skeleton is not None:
         return dimensions_from_skeleton(frames.skeleton, mass=mass, source=frames.source)
@@ -57,11 +57,11 @@ def calibrate(frames: SensorFrames, *, mass: float | None = None) -> HumanDimens
     stature = max(standing_stature(frames, at) for at in candidates)
     usual = proportional_dimensions(stature, mass=mass)
     check_plausible(usual, source=frames.source)
-    return replace(usual, origin=f"{usual.origin} (nobody stands at rest in {frames.source})")
+    return replace(usual, origin=f"{usual.origin} (no rest pose in {frames.source})")
 
 
 def dimensions_from_skeleton(skeleton: Skeleton, *, mass: float | None = None, source: str = "") -> HumanDimensions:
-    """Every length that the skeleton knows, exactly; the rest from its stature. `mass`: kg, if known.
+    """Every length that the skeleton has, exactly; the rest from its stature. `mass`: kg, if known.
 
     Raises InputError: joints missing, not standing upright facing x, or not of a human's size and shape.
     """

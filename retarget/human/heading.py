@@ -1,8 +1,8 @@
-"""Where a performer faces, from a few sensors.
+"""Heading: where a performer faces, from a few sensors.
 
-One hint says little: the line between the ankles alone is wrong by 69 degrees on average while walking. So several are
-summed, each a vector on the ground, and the sum is low-passed: lines between left and right, hands that work in front
-of the body, the way the head moves, and axes of sensors that know their orientation.
+One hint is not enough: the line between the ankles alone is wrong by 69 degrees on average while walking. So several
+are summed, each a vector on the ground, and the sum is low-passed: lines between left and right, hands that work in
+front of the body, the direction in which the head moves, and axes of sensors with an orientation.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,7 +13,7 @@ from retarget.schema.priorities import HeadingSettings
 __all__ = ["Heading"]
 
 _NO_HINT_M = 0.01
-"""A sum shorter than this says nothing: the last heading stays."""
+"""A sum shorter than this gives no direction: the last heading stays."""
 
 Point = Sequence[float]
 Ground = tuple[float, float]
@@ -36,7 +36,7 @@ class Heading:
         self._turn()
 
     def face(self, forward: Ground) -> None:
-        """Take a heading that is known better than from the hints."""
+        """Take a heading from a better source than the hints."""
         length = hypot(*self._sum)
         self.forward = forward
         self._sum = (length * forward[0], length * forward[1])
@@ -44,8 +44,8 @@ class Heading:
     def step(self, positions: Mapping[str, Point], facing: Mapping[str, Ground], *, dt: float) -> None:
         """Go on by `dt` seconds.
 
-        positions: x, y (and z) m by sensor, valid ones only. facing: forward axes (x, y) of sensors that know their
-        orientation, shorter than one where they look up or down.
+        positions: x, y (and z) m by sensor, valid ones only. facing: forward axes (x, y) of sensors with an
+        orientation, shorter than one where they point up or down.
         """
         self._move(positions.get("head"), dt)
         share = 1.0 - exp(-dt / self._settings.settle)

@@ -1,6 +1,6 @@
-"""The size of a performer, kept: `$XDG_CONFIG_HOME/retarget/people/<name>.yaml`, the user's own file.
+"""The file of a measured performer: `$XDG_CONFIG_HOME/retarget/people/<name>.yaml`, the user's own.
 
-Whoever is measured once stands still only for floor and heading from then on. Layout 1: see `Person`.
+A performer who has been measured once stands still only for floor and heading from then on. Layout 1: see `Person`.
 """
 
 import json
@@ -26,14 +26,14 @@ __all__ = ["LAYOUT", "Person", "check_person_place", "person_of", "person_path",
 
 OPTION = "--person"
 LAYOUT = 1
-"""Of the file. Another one is refused: what its numbers mean is not known."""
+"""Layout of the file. Another one is refused, as the meaning of its numbers is not known."""
 STEP = "Measure anew with --recalibrate"
 MASS_KG = (2.0, 400.0)
 FARTHEST = (3.0, 0.1)
 """A point may be this many times as far from its parent as usual, and so many m beyond."""
 _NAME = re.compile(r"[\w-]{1,40}")
 _HANGING = tuple(f"{side}_{part}" for part in ("elbow", "wrist", "hand", "knee", "ankle") for side in "lr")
-"""Points that are told straight below their parents."""
+"""Points whose offsets go straight down from their parents."""
 Day = Annotated[str, Field(pattern=r"^\d{4}-\d{2}-\d{2}$")]
 
 
@@ -41,8 +41,8 @@ class Person(Schema):
     """A measured person. stature: m; mass: kg; origin: by what they were measured; sensors: which took part.
 
     offsets: each of `human_dimensions.POINTS` from its parent, m, standing, arms hanging, x forward, y left, z up.
-    sensor_offsets: by convention of roles and sensor, from the joint to the sensor, m, in its canonical axes, beyond
-    what the convention knows.
+    sensor_offsets: by convention of roles and sensor, from the joint to the sensor, m, in its canonical axes, in
+    addition to those of the convention.
     """
 
     layout: Integer
@@ -76,10 +76,10 @@ def person_of(
     convention: str = "",
     offset: FloatArray | None = None,
 ) -> Person:
-    """Somebody who was just measured; to the tenth of a millimetre. offset (k, 3) m: see `Person.offset`."""
+    """A person who was just measured; to the tenth of a millimetre. offset (k, 3) m: see `Person.offset`."""
     offsets = {point: _rounded(at) for point, at in zip(POINTS, dimensions.offset, strict=True)}
     rows = {} if offset is None else dict(zip(sensors, offset, strict=True))
-    beside = {sensor: _rounded(by) for sensor, by in rows.items() if by.any()}
+    known = {sensor: _rounded(by) for sensor, by in rows.items() if by.any()}
     return Person(
         layout=LAYOUT,
         name=name,
@@ -89,7 +89,7 @@ def person_of(
         origin=dimensions.origin,
         sensors=sensors,
         offsets=offsets,
-        sensor_offsets={convention: beside} if beside else {},
+        sensor_offsets={convention: known} if known else {},
     )
 
 
@@ -116,7 +116,7 @@ def check_person_place(name: str) -> None:
 
 
 def read_person(name: str) -> Person | None:
-    """The person of that name; None where there is none. Raises UsageError; ConfigError: unsound, or no human."""
+    """The person of that name; None where there is none. Raises UsageError; ConfigError: not valid, or no human."""
     path = person_path(name)
     if not os.path.lexists(path):
         return None
@@ -131,7 +131,7 @@ def read_person(name: str) -> Person | None:
 
 
 def write_person(person: Person) -> Path:
-    """Write the person's file, whole or not at all; the one that was there stays beside it. Returns its path.
+    """Write the person's file, whole or not at all; the one before is kept as `.previous.yaml`. Returns its path.
 
     Raises UsageError with the system's reason.
     """
@@ -151,7 +151,7 @@ def write_person(person: Person) -> Path:
 
 
 def _problems(read: Person, document: Document) -> list[Problem]:
-    """What the model alone does not see."""
+    """Problems that the model alone does not find."""
     problems = [
         unknown_name(document, ("offsets", name), "point", name, POINTS) for name in read.offsets if name not in POINTS
     ]
@@ -160,8 +160,8 @@ def _problems(read: Person, document: Document) -> list[Problem]:
         problems.append(
             document.problem(("offsets",), "points missing", found=f"no {', '.join(missing[:5])}", next_step=STEP)
         )
-    for convention, beside in (read.sensor_offsets or {}).items():
-        for sensor, by in beside.items():
+    for convention, offsets in (read.sensor_offsets or {}).items():
+        for sensor, by in offsets.items():
             here: KeyPath = ("sensor_offsets", convention, sensor)
             if sensor not in SENSORS:
                 problems.append(unknown_name(document, here, "sensor", sensor, SENSORS))
@@ -174,7 +174,7 @@ def _problems(read: Person, document: Document) -> list[Problem]:
 
 
 def _inhuman(read: Person, document: Document) -> list[Problem]:
-    """Sizes that nobody has."""
+    """Problems of a size that no human has."""
     found: list[Problem] = []
     for key, value, (low, high) in (("stature", read.stature, STATURE_M), ("mass", read.mass, MASS_KG)):
         if not low <= value <= high:
@@ -220,9 +220,9 @@ def _as_yaml(person: Person) -> str:
     lines += [f"  {point}: [{x!r}, {y!r}, {z!r}]" for point, (x, y, z) in person.offsets.items()]
     if person.sensor_offsets:
         lines += ["# From its joint to each sensor, in the sensor's own axes.", "sensor_offsets:"]
-    for convention, beside in person.sensor_offsets.items():
+    for convention, offsets in person.sensor_offsets.items():
         lines.append(f"  {convention}:")
-        lines += [f"    {sensor}: [{x!r}, {y!r}, {z!r}]" for sensor, (x, y, z) in beside.items()]
+        lines += [f"    {sensor}: [{x!r}, {y!r}, {z!r}]" for sensor, (x, y, z) in offsets.items()]
     return "\n".join(lines) + "\n"
 
 

@@ -1,8 +1,7 @@
-"""What is natural where no sensor says it: the centre of mass over the feet, a crouch by the height of the head,
-and feet.
+"""Posture prior: what is natural where no sensor measures it: balance, a crouch by the height of the head, and feet.
 
 A standing body is in balance when its centre of mass is over the feet that carry it; the faster it travels, the less
-that holds, so the weight of this goal falls with speed. Travelling is what the feet do: a crouch moves the head, and
+that holds, so the weight of this goal falls with speed. The speed is that of the feet: a crouch moves the head, and
 changes nothing here.
 """
 
@@ -38,7 +37,7 @@ class Balance:
         self.weight = 0.0
 
     def start(self) -> None:
-        """Forget the past: nobody travels."""
+        """Start at rest, without a past."""
         self._middle, self._velocity = None, (0.0, 0.0)
 
     def step(self, feet: Sequence[Sequence[float]], forward: Ground, *, dt: float) -> None:
@@ -73,10 +72,10 @@ class Balance:
             )
 
 
-# What posture is natural at the height that the head has: upright, or more and more of a crouch.
+# Crouch: the natural posture for a height of the head, from upright to a deep crouch.
 #
-# Hips, knees and the lumbar spine bend together when somebody gets down. One reference posture for all heights would
-# leave it to the stiffness of single joints how; the spine, stiff while standing, would then hardly bend at all.
+# Hips, knees and the lumbar spine bend together when a person gets down. With one reference posture for all heights,
+# the stiffness of single joints would decide how; the spine, stiff while standing, would then hardly bend at all.
 
 
 class Crouch:
@@ -100,18 +99,17 @@ class Crouch:
         return np.asarray(self._upright + self.share(height) * self._change)
 
 
-# Where the feet are taken to be when nobody wears ankle sensors: planted, on the ground, following the head.
+# Virtual feet of a performer without ankle sensors: planted, on the ground, following the head.
 #
-# With a head and two hands nothing tells what the legs do. The feet stay where they are while the head moves above
-# them,
-# and glide after it once it would leave them behind; in a crouch the head may be further ahead.
+# With a head and two hands nothing measures the legs. The feet stay where they are while the head moves above them, and
+# glide after it once it would leave them behind; in a crouch the head may be further forward.
 
 HEAD_LEAD_M = (0.03, 0.40)
-"""How far ahead of the ankles the head is, upright and in a deep crouch."""
+"""How far the head is forward of the ankles, upright and in a deep crouch."""
 REACH_M = 0.12
 """How far the head may wander from there before the feet follow."""
 GLIDE_S = 0.15
-"""Time constant with which they do."""
+"""Time constant with which the feet follow."""
 
 
 class VirtualFeet:

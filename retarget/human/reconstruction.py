@@ -1,7 +1,7 @@
-"""The first stage, the paper's motion reconstruction: a few sensors move a virtual human of the performer's size.
+"""Stage 1, the paper's motion reconstruction: a few sensors move a virtual human of the performer's size.
 
-Causal and one sample at a time, so that a live stream and a file go the same way. Strict levels keep what sensors say;
-what no sensor sees is decided by the last level: heading, balance, and stiffness towards a natural posture.
+Causal and one sample at a time, so that a live stream and a file go the same way. Strict levels keep what sensors
+measure. The last level decides what no sensor measures: heading, balance, and stiffness towards a natural posture.
 """
 
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from retarget.ik.hierarchy import Hierarchy, SceneObstacles, body_frames
 from retarget.ik.tasks import SlotKind
 from retarget.model.human import POSTURES, Human, PostureReader, human_limits
 from retarget.model.human_dimensions import HUMAN_JOINTS, POINTS
-from retarget.model.observers import Worn, human_observers
+from retarget.model.observers import ObserverSet, human_observers
 from retarget.model.scene_state import SceneState
 from retarget.schema.performer import Performer
 from retarget.schema.priorities import CentreOfMassTask, PostureTask, Priorities
@@ -28,7 +28,7 @@ from retarget.types import BoolArray, Carrying, FloatArray, HumanPosture
 __all__ = ["Reconstructor", "SensorLayout"]
 
 
-# The sensors that a performer wears, read out of a source's samples.
+# Sensor layout: the performer's sensors, read out of a source's samples.
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -69,7 +69,7 @@ class SensorLayout:
         return position, sample.valid.take(self._columns) & self._exists & known
 
     def weights(self, sample: SensorSample) -> FloatArray | None:
-        """How far who was lost has come back (k,); None: everybody has. Call `read` with this sample first."""
+        """How far lost sensors have come back (k,); None: all have. Call `read` with this sample first."""
         return None if sample.weight is None else sample.weight.take(self._columns)
 
     def orientations(self, sample: SensorSample) -> list[SensorTurn]:
@@ -117,33 +117,32 @@ class Reconstructor:
         *,
         rest: FloatArray | None = None,
         iterations: int | None = None,
-        observed: Worn | None = None,
+        observed: ObserverSet | None = None,
         scene: SceneState | None = None,
         intake: IntakeTimes | None = None,
     ) -> None:
         """rest (18, 4): see `calibration.rest_orientations`; only sensors with an orientation need it. iterations:
-        instead of the file's. observed: which observers, instead of the file's choice. scene: what is around the human,
-        in the performer's world. intake: how sensors leave and come back. Raises ConfigError: the priorities name what
-        a human does not have."""
+        instead of the file's. observed: which observers, instead of the file's choice. scene: in the performer's world.
+        intake: how sensors leave and come back. Raises ConfigError: the priorities name what a human does not have."""
         self._human = human
-        self._worn = SensorLayout(performer, human, rest)
-        self._feet = None if set(_FEET) & set(self._worn.names) else VirtualFeet(human.dimensions)
-        names = self._worn.names + (() if self._feet is None else _FEET)
-        self._names, self._worn_count = names, len(self._worn.names)
-        worn = {name: human.body.frame(sensor.joint) for name, sensor in performer.sensors.items()}
-        self._around = SceneObstacles(scene)
+        self._layout = SensorLayout(performer, human, rest)
+        self._feet = None if set(_FEET) & set(self._layout.names) else VirtualFeet(human.dimensions)
+        names = self._layout.names + (() if self._feet is None else _FEET)
+        self._names, self._sensor_count = names, len(self._layout.names)
+        sensor_frames = {name: human.body.frame(sensor.joint) for name, sensor in performer.sensors.items()}
+        self._obstacles = SceneObstacles(scene)
         self.observers = human_observers(human, priorities.observers, observed)
         self._hierarchy = Hierarchy.build(
             priorities,
             human.body,
-            frames=body_frames(human.body) | worn,
+            frames=body_frames(human.body) | sensor_frames,
             postures={posture.name: human.posture(posture.name) for posture in POSTURES},
             limits=human_limits(human.body),
             fed=names,
             locked=human.locked,
             iterations=iterations,
             observers=self.observers,
-            scene=self._around.shapes,
+            scene=self._obstacles.shapes,
         )
         self._reader = PostureReader(human)
         self._heading = Heading(priorities.heading)
@@ -151,7 +150,7 @@ class Reconstructor:
         self._balance_error = next((i for i, slot in enumerate(self._hierarchy.slots) if slot.kind in _BALANCE), None)
         self._crouch = _crouch(priorities, human)
         self._depth = self._crouch or Crouch(human, upright="natural", lowered="crouch")
-        joints_of = self._worn.joints + ([] if self._feet is None else [POINTS.index(name) for name in _FEET])
+        joints_of = self._layout.joints + ([] if self._feet is None else [POINTS.index(name) for name in _FEET])
         self._joints_of = np.array(joints_of, dtype=np.int64)
         self._carrying: CarryingFeet | None = None
         self._ankles = [POINTS.index(name) for name in _FEET]
@@ -165,8 +164,8 @@ class Reconstructor:
 
     @property
     def sensors(self) -> tuple[str, ...]:
-        """Names of the worn sensors, in the order of `HumanPosture.sensor_error`."""
-        return self._worn.names
+        """Names of the sensors, in the order of `HumanPosture.sensor_error`."""
+        return self._layout.names
 
     @property
     def hierarchy(self) -> Hierarchy:
@@ -175,13 +174,13 @@ class Reconstructor:
 
     @property
     def scene_obstacles(self) -> SceneObstacles:
-        """What is around the human."""
-        return self._around
+        """The scene of the human."""
+        return self._obstacles
 
     def start(self, sample: SensorSample) -> HumanPosture:
         """Stand as the first sample says, at rest: a natural posture, facing where the sensors say, converged."""
-        position, valid = self._worn.read(sample)
-        turns = self._worn.orientations(sample)
+        position, valid = self._layout.read(sample)
+        turns = self._layout.orientations(sample)
         measured = {name: at for name, at, ok in zip(self.sensors, position.tolist(), valid, strict=True) if ok}
         self._heading.start(measured, _facing(turns))
         if self._feet is not None:
@@ -193,7 +192,7 @@ class Reconstructor:
         self._reach.clamp(self._intake.position, self._intake.present)
         if self._balance is not None:
             self._balance.start()
-        self._around.restart()
+        self._obstacles.restart()
         self._q = self._placed()
         points = self._present()
         for _ in range(_SETTLING_FRAMES):
@@ -203,14 +202,14 @@ class Reconstructor:
             if float(np.abs(self._q - before).max()) < _SETTLED:
                 break
         self._hierarchy.solver.reset(self._q)
-        self._around.begin()
+        self._obstacles.begin()
         self._carrying = CarryingFeet() if self._feet is None else None
         return self._posture(0.0)
 
     def step(self, sample: SensorSample, dt: float) -> HumanPosture:
-        """The posture `dt` seconds later. Missing sensors take no part, and come and go without a leap."""
-        position, valid = self._worn.read(sample)
-        weight = self._worn.weights(sample)
+        """The posture `dt` seconds later. Missing sensors take no part, and come and go without a jump."""
+        position, valid = self._layout.read(sample)
+        weight = self._layout.weights(sample)
         if self._feet is not None:
             known = self._present()
             if "head" in known:
@@ -220,7 +219,7 @@ class Reconstructor:
         self._intake.step(position, valid, reached=self._reached, dt=dt, weight=weight)
         self._reach.clamp(self._intake.position, self._intake.present)
         points = self._present()
-        turns = self._worn.orientations(sample)
+        turns = self._layout.orientations(sample)
         self._heading.step(points, _facing(turns), dt=dt)
         self._solve(points, turns, dt)
         return self._posture(dt)
@@ -242,17 +241,17 @@ class Reconstructor:
         if self._crouch is not None and "head" in points:
             hierarchy.set_posture(targets, self._crouch.posture(self._head_height(points)))
         hierarchy.set_previous(targets, self._q, dt)
-        self._around.tick(hierarchy, dt)
+        self._obstacles.tick(hierarchy, dt)
         self._q = hierarchy.solver.frame(targets, dt)
 
     def _posture(self, dt: float) -> HumanPosture:
         """What there is to see, `dt` s after the posture before."""
         joints, orientations, centre_of_mass = self._reader.read(self._q)
         self._reached = joints.take(self._joints_of, axis=0)
-        error = (self._intake.measured - self._reached)[: self._worn_count]
+        error = (self._intake.measured - self._reached)[: self._sensor_count]
         distance = np.sqrt(rotations.squares(error))
         if not self._intake.all_present:
-            distance[~self._intake.present[: self._worn_count]] = np.nan
+            distance[~self._intake.present[: self._sensor_count]] = np.nan
         solver, balance = self._hierarchy.solver, self._balance_error
         return HumanPosture(
             q=self._q,
@@ -268,7 +267,7 @@ class Reconstructor:
         )
 
     def _feet_that_carry(self, joints: FloatArray, dt: float) -> Carrying:
-        """Told from joint centres (m, 3) m, `dt` s after those before."""
+        """From joint centres (m, 3) m, `dt` s after those before."""
         if self._carrying is None:
             return Carrying.BOTH
         return self._carrying.step(joints[self._ankles].tolist(), dt)
@@ -286,7 +285,7 @@ class Reconstructor:
         return q
 
     def _present(self) -> Points:
-        """What is asked of each sensor that takes part, as plain numbers: x, y, z m."""
+        """The goal of each sensor that takes part: x, y, z m."""
         asked = self._intake.position.tolist()
         if self._intake.all_present:
             return dict(zip(self._names, asked, strict=True))
@@ -312,12 +311,12 @@ _BALANCE = (SlotKind.OVER_ROOT, SlotKind.OVER_FEET)
 
 
 def _facing(turns: list[SensorTurn]) -> dict[str, Ground]:
-    """Forward axes of sensors that know their orientation, on the ground."""
+    """Forward axes of sensors with an orientation, on the ground."""
     return {turn.sensor: turn.forward for turn in turns}
 
 
 def _balance(priorities: Priorities) -> Balance | None:
-    """The balance over the feet, where the priorities ask for it."""
+    """The balance over the feet; None where the priorities have no such task."""
     for _, _, task in priorities.tasks():
         if isinstance(task, CentreOfMassTask) and task.mode == "over_feet":
             return Balance(task)
@@ -325,7 +324,7 @@ def _balance(priorities: Priorities) -> Balance | None:
 
 
 def _crouch(priorities: Priorities, human: Human) -> Crouch | None:
-    """The posture that lowers with the head, where the priorities ask for it."""
+    """The posture that lowers with the head; None where the priorities have no such task."""
     for _, _, task in priorities.tasks():
         if isinstance(task, PostureTask) and task.lowered is not None:
             return Crouch(human, upright=task.towards, lowered=task.lowered)

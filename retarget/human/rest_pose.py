@@ -1,9 +1,9 @@
 """A person's size from sensors alone: a body at rest fitted to a performer who stands still.
 
-The person of `rest_body` is fitted to the sensors. Five of them cannot tell how a length is shared between trunk and
-legs, or between upper arm and forearm: proportions are held near the average by as much as people differ, and more
-sensors (knees, elbows, hips, shoulders, pelvis, chest) sharpen what they see. On four recorded people of known size, in
-N, A and T, five sensors gave stature within 5 mm, arm length within 28 mm and leg length within 14 mm.
+Five sensors do not determine how a length is shared between trunk and legs, or between upper arm and forearm:
+proportions are held near the average by as much as people differ. More sensors (knees, elbows, hips, shoulders, pelvis,
+chest) determine the lengths next to them. On four recorded people of known size, in N, A and T, five sensors gave
+stature within 5 mm, arm length within 28 mm and leg length within 14 mm.
 """
 
 from collections.abc import Mapping, Sequence
@@ -45,7 +45,7 @@ __all__ = [
 # A person at rest as a few numbers: where they stand, how they are built, and which way their limbs point.
 #
 # The body is upright; each arm and leg is two segments with a direction each. Proportions are logarithms about the
-# average (see `anthropometry`), so that 0 is average and a sum of squares is how unusual a person is.
+# average (see `human_dimensions`), so that 0 is average and a sum of squares is how unusual a person is.
 
 ROOT, HEADING, STATURE, PROPORTIONS, ANGLES, COUNT = slice(0, 3), 3, 4, slice(5, 12), slice(12, 28), 28
 """Layout of the parameters: pelvis position (3) m, heading (rad), logarithm of the stature in m, logarithms of the
@@ -73,13 +73,13 @@ SEGMENT_SPREAD = 0.05
 """Relative spread between people of a segment's share of stature."""
 BREADTH_SPREAD = 0.08
 ARM_SPREAD_RAD = 0.6
-"""Spread of an arm's direction at rest, forward and back; sideward it is free: it tells N, A and T apart."""
+"""Spread of an arm's direction at rest, forward and back; sideward it is free: it distinguishes N, A and T."""
 LEG_SPREAD_RAD = 0.25
 """Spread of a leg's direction at rest."""
 BEND_SPREAD_RAD = 0.15
-"""Spread of the bend of an elbow or knee at rest, where no sensor sees it."""
+"""Spread of the bend of an elbow or knee at rest, without a sensor on that joint."""
 SEEN_BEND_SPREAD_RAD = 0.4
-"""And where one does."""
+"""The same with one."""
 
 _UNIT = proportional_dimensions(1.0).offset
 
@@ -144,7 +144,7 @@ _ANKLES = ("l_ankle", "r_ankle")
 SENSOR_SPREAD_M = 0.01
 """How far a sensor sits from the joint centre that it stands for."""
 LOOSE_SPREAD_M = 0.05
-"""And how far one that is known to sit beside it: a controller in the hand, a cap on the head."""
+"""The same for one that is known to sit beside it: a controller in the hand, a cap on the head."""
 MAX_LOOSE_M = 0.2
 MAX_RESIDUAL_M = 0.06
 """A fit that misses the sensors by more (root mean square) is no rest pose of a human."""
@@ -177,7 +177,7 @@ class RestFit:
 def dimensions_from_rest_pose(
     names: Sequence[str], position: FloatArray, *, mass: float | None = None, source: str = ""
 ) -> HumanDimensions:
-    """The size of who is fitted to sensors at rest: see `fit_rest_pose`."""
+    """The size of the person that is fitted to sensors at rest: see `fit_rest_pose`."""
     return fit_rest_pose(names, position, mass=mass, source=source).dimensions
 
 
@@ -190,7 +190,7 @@ def fit_rest_pose(
     source: str = "",
 ) -> RestFit:
     """Fit a person to sensors at rest. names: k canonical sensor names; position (k, 3) m, world, z up. loose: those
-    that sit beside their joints, nobody knows where.
+    that sit beside their joints, at unknown offsets.
 
     Head and wrists are needed, ankles should be there. Raises InputError: sensors missing, or no upright human.
     """
@@ -210,13 +210,13 @@ def fit_rest_pose(
     ankles = [POINTS.index(name) for name in _ANKLES]
     seen = np.array([middle in names for middle, _ in LIMBS])
     bend = np.where(seen, SEEN_BEND_SPREAD_RAD, BEND_SPREAD_RAD)
-    beside = [row for row, name in enumerate(names) if name in loose]
+    loose_rows = [row for row, name in enumerate(names) if name in loose]
 
     def residual(unknown: FloatArray) -> FloatArray:
         parameters, offset = unknown[:COUNT], unknown[COUNT:]
         points = body_points(parameters)
         off = points[columns] - position
-        off[beside] += offset.reshape(-1, 3)
+        off[loose_rows] += offset.reshape(-1, 3)
         parts = [off.ravel() / SENSOR_SPREAD_M, prior(parameters, bend), offset / LOOSE_SPREAD_M]
         if on_ground:
             height = FRACTIONS.ankle_height * np.exp(parameters[STATURE])
@@ -224,9 +224,9 @@ def fit_rest_pose(
         return np.concatenate(parts)
 
     start = _first_guess(dict(zip(names, position, strict=True)), source=source)
-    found = least_squares(residual, np.concatenate([start, np.zeros(3 * len(beside))]), max_nfev=100).x
+    found = least_squares(residual, np.concatenate([start, np.zeros(3 * len(loose_rows))]), max_nfev=100).x
     fit, offset = found[:COUNT], np.zeros((len(names), 3))
-    offset[beside] = found[COUNT:].reshape(-1, 3)
+    offset[loose_rows] = found[COUNT:].reshape(-1, 3)
     offset *= np.minimum(1.0, MAX_LOOSE_M / np.maximum(np.linalg.norm(offset, axis=1), 1e-9))[:, None]
     unusual = float(np.abs(prior(fit, bend)[:7]).max())
     points = body_points(fit)

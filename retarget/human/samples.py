@@ -1,4 +1,4 @@
-"""A performer as a run plays it, tick by tick: a recorded clip laid on the ticks of the run, or a live one."""
+"""Sensor samples for the ticks of a run: from a recorded clip laid on these ticks, or from a live stream."""
 
 from dataclasses import dataclass, field, replace
 from typing import Literal, Protocol
@@ -46,36 +46,35 @@ class Samples(Protocol):
 
     @property
     def settled(self) -> float:
-        """How much of its speed the robot may use beyond that of its slow approach, 0 to 1: who takes the performer up
-        again after a hold comes back slowly."""
+        """How much of its speed the robot may use beyond that of its slow approach, 0 to 1; low after a hold, so that
+        the robot returns to the performer slowly."""
         ...
 
     def may_approach(self) -> bool:
-        """Called in every tick in which the robot is on its way to where it follows tick 0: whether it is to go on."""
+        """Whether the robot is to go on with its approach; called in every tick of it."""
         ...
 
-    def listen(self) -> None:
-        """Called in every tick, also while nobody is followed: a stream is to be heard all the time."""
+    def poll(self) -> None:
+        """Take in what a stream has sent. Called in every tick, also during a hold."""
         ...
 
     def sample(self, tick: int) -> SensorSample | None:
-        """What the sensors say at a tick; None: they cannot be trusted now, and nobody is to be followed. Not None for
-        tick 0."""
+        """The sensors at a tick; None: they are not valid now, and the robot is to hold. Not None for tick 0."""
         ...
 
     @property
     def hold_reason(self) -> str:
-        """Why nobody is followed, in a few words; of the last tick in which nobody was."""
+        """Why the robot holds, in a few words; of the last tick in which it did."""
         ...
 
     def recorded(self) -> "Clip":
-        """What was said at the ticks that were followed, for those who look at the run afterwards."""
+        """The samples of the ticks that were followed, for reports and recordings."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Performance:
-    """Somebody who performs: their sensors, their size, what is worth a note, and how sensors leave and come back."""
+    """A performer: their samples, their size, notes for the operator, and how sensors leave and come back."""
 
     samples: Samples
     dimensions: HumanDimensions
@@ -83,14 +82,14 @@ class Performance:
     intake: IntakeTimes = field(default_factory=IntakeTimes)
 
 
-# A recorded motion laid on the ticks of a run: speed, cut, mirror and loop are settled here, before anything moves.
+# A recorded motion laid on the ticks of a run: speed, cut, mirror and loop are applied here, before anything moves.
 
 Parts = Literal["whole", "upper"]
 
 LOOP_LIMIT_S = 600.0
 """A loop ends by itself after this long, s of the run."""
 SEAM_S = 1.0
-"""How long (s of the performer's time) a loop takes from its last frame to its first."""
+"""Time (s of the performer's time) that a loop takes from its last frame to its first."""
 MAX_TICKS = 500_000
 """Most ticks of one run: about an hour at 125 Hz."""
 SPEEDS = (0.01, 10.0)
@@ -123,7 +122,7 @@ class Playback:
 
 @dataclass(frozen=True, eq=False)
 class Clip:
-    """A motion on ticks. frames: row i is what the sensors say at tick i, in the performer's order, on the run's clock.
+    """A motion on ticks. frames: row i is the sample of tick i, in the performer's order, on the run's clock.
 
     ticks: of the run; a loop has more of them than rows. dt: s between ticks. motion_dt: s of the performer's time
     between ticks. source_frames: frames of the recording that are played. rate_hz: ticks per second.
@@ -150,39 +149,39 @@ class Clip:
 
     @property
     def kept(self) -> int:
-        """All of them."""
+        """All ticks."""
         return self.ticks
 
     @property
     def over(self) -> bool:
-        """Its ticks say where it ends."""
+        """Never: a clip ends with its last tick."""
         return False
 
     @property
     def settled(self) -> float:
-        """It is never held."""
+        """1: a clip is never held."""
         return 1.0
 
     def may_approach(self) -> bool:
-        """It waits."""
+        """Always: a clip waits."""
         return True
 
     @property
     def hold_reason(self) -> str:
-        """There is none."""
+        """Empty: a clip is never held."""
         return ""
 
-    def listen(self) -> None:
-        """Nothing comes in: it is all there."""
+    def poll(self) -> None:
+        """Do nothing: all samples are there."""
 
     def sample(self, tick: int) -> SensorSample:
-        """What the sensors say at a tick, on the grid."""
+        """The sensors at a tick, on the grid."""
         row = tick % len(self.frames)
         frames = self.frames
         return on_grid(SensorSample(frames.names, frames.position[row], frames.orientation[row], frames.valid[row]))
 
     def recorded(self) -> "Clip":
-        """All of it."""
+        """The clip itself."""
         return self
 
     def frames_played(self, ticks: int) -> int:
@@ -194,7 +193,7 @@ class Clip:
         return np.arange(ticks, dtype=np.int64) % len(self.frames)
 
     def truth(self, names: tuple[str, ...], ticks: int) -> FloatArray | None:
-        """Joint centres (ticks, m, 3) of the recorded body, NaN for unknown ones; None: it knows none of them."""
+        """Joint centres (ticks, m, 3) of the recorded body, NaN for unknown ones; None: it has none of them."""
         tracks = self.frames.joints
         if tracks is None:
             return None
@@ -214,7 +213,7 @@ def lay_on_ticks(
 
     Raises UsageError: a sensor that the recording does not have, an empty cut, an impossible rate or length.
     """
-    frames = _worn(frames, performer)
+    frames = _selected(frames, performer)
     frames = frames.cut(playback.start, playback.end)
     if playback.mirror:
         frames = frames.mirror().select(tuple(performer.sensors))
@@ -230,12 +229,12 @@ def lay_on_ticks(
     return Clip(laid, max(ticks, 1), rate, playback.speed, len(frames))
 
 
-def _worn(frames: SensorFrames, performer: Performer) -> SensorFrames:
-    """The sensors that the performer wears, in the performer's order."""
+def _selected(frames: SensorFrames, performer: Performer) -> SensorFrames:
+    """The sensors of the performer, in the performer's order."""
     missing = [name for name in performer.sensors if name not in frames.names]
     if missing:
         raise UsageError(
-            f"the source lacks sensors of performer {performer.name!r}",
+            f"the source does not have all sensors of performer {performer.name!r}",
             where=frames.source,
             found=f"no {', '.join(missing)}",
             allowed=", ".join(frames.names),

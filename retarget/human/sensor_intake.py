@@ -1,7 +1,8 @@
-"""Sensors as the body is asked to follow them: without jumps, and no further from each other than a body can be.
+"""Sensor intake: sensors as goals of the body, without jumps, and no further from each other than a body can be.
 
-A lost sensor, one that comes back, and one that jumps faster than any human become an offset that fades: what is asked
-stays continuous, and ends where the sensor is. Who comes back by a weight does so from where the body has it, slowly.
+A lost sensor, one that comes back, and one that jumps faster than any human get an offset that fades: the goal stays
+continuous, and ends where the sensor is. A sensor that comes back by a weight starts where the body has it, and moves
+slowly.
 """
 
 from collections.abc import Sequence
@@ -18,13 +19,13 @@ __all__ = ["IntakeTimes", "Reach", "SensorIntake"]
 
 
 FASTEST_M_S = 15.0
-"""Nothing that a person wears moves faster: the fist of a boxer reaches about 10 m/s."""
+"""No sensor on a person moves faster: the fist of a boxer reaches about 10 m/s."""
 
 
 @dataclass(frozen=True)
 class IntakeTimes:
-    """s. hold: so long a lost sensor is taken to stand still; then it takes no part. fade: time constant with which an
-    offset fades. speed: m/s, no more, at which one that comes back by its weight goes from where the body has it."""
+    """s. hold: time for which a lost sensor is taken to stand still; then it takes no part. fade: time constant with
+    which an offset fades. speed: greatest speed, m/s, of a sensor that comes back by its weight."""
 
     hold: float = 0.2
     fade: float = 0.1
@@ -32,8 +33,8 @@ class IntakeTimes:
 
 
 class SensorIntake:
-    """`position` (k, 3) m and `present` (k,): what is asked, in the world, of each of k sensors. `all_present`: whether
-    something is asked of all."""
+    """`position` (k, 3) m, world: the goal of each of k sensors. `present` (k,): which of them have one; `all_present`:
+    whether all do."""
 
     def __init__(self, count: int, times: IntakeTimes | None = None) -> None:
         self._times = times or IntakeTimes()
@@ -45,13 +46,13 @@ class SensorIntake:
         self._lost_for = np.full(count, np.inf)
         self._has_lost = True
         self._is_fading = False
-        self._away = np.zeros((count, 3))  # [m] from who comes back by weight to where the body had it
+        self._away = np.zeros((count, 3))  # [m] from a sensor that comes back by weight to where the body had it
         self._left = np.zeros(count)  # share of that
         self._is_returning = False
-        self._back: BoolArray = np.zeros(count, dtype=bool)  # who came back in this tick
+        self._back: BoolArray = np.zeros(count, dtype=bool)  # which sensors came back in this tick
 
     def start(self, position: FloatArray, valid: BoolArray) -> None:
-        """The first sample: what is valid is taken as it is."""
+        """Take the valid sensors of the first sample as they are."""
         self.position[:] = np.where(valid[:, None], position, 0.0)
         self.measured[:] = self.position
         self.present[:] = valid
@@ -72,8 +73,8 @@ class SensorIntake:
         dt: float,
         weight: FloatArray | None = None,
     ) -> None:
-        """The sample `dt` seconds later. reached (k, 3): where the body has the sensors now. weight (k,): how far who
-        was lost has come back; None: everybody has."""
+        """Take the sample `dt` seconds later. reached (k, 3): where the body has the sensors now. weight (k,): how far
+        a lost sensor has come back; None: all have."""
         moved = position - self.measured
         # NaN compares false: an invalid sensor never counts as a calm one.
         calm = rotations.squares(moved) <= (FASTEST_M_S * dt) ** 2
@@ -93,7 +94,7 @@ class SensorIntake:
             self._return(np.ones_like(self._left) if weight is None else weight, dt)
 
     def _begin_return(self, weight: FloatArray) -> None:
-        """Whoever has just come back by a weight does not fade."""
+        """A sensor that has just come back by a weight gets no offset that fades."""
         slowly = self._back & (weight < 1.0)
         self._away[slowly], self._left[slowly] = self._offset[slowly], 1.0
         self._offset[slowly] = 0.0
@@ -101,7 +102,7 @@ class SensorIntake:
         self._is_returning = bool(self._left.any())
 
     def _return(self, weight: FloatArray, dt: float) -> None:
-        """What is left of the way back; it never grows, and is gone no faster than it may be."""
+        """Reduce what is left of the way back: it never grows, and falls no faster than the speed limit."""
         far = np.linalg.norm(self._away, axis=1)
         fastest = self._times.speed * dt / np.maximum(far, self._times.speed * dt)
         self._left = np.maximum(np.minimum(1.0 - weight, self._left), self._left - fastest)
@@ -111,7 +112,7 @@ class SensorIntake:
     def _take_irregular(
         self, position: FloatArray, valid: BoolArray, calm: BoolArray, *, reached: FloatArray, dt: float
     ) -> None:
-        """Losses, returns and leaps."""
+        """Losses, returns and jumps of sensors."""
         absent_before = ~self.present
         back = valid & (absent_before | (self._lost_for > 0.0))
         jump = valid & ~calm & ~back
@@ -128,12 +129,12 @@ class SensorIntake:
         self._is_fading = self._is_fading or bool(changed.any())
 
 
-# Sensors as far from each other as a body can be, and no further.
+# Reach: sensors no further from each other than a body can be.
 #
-# A tracker that loses its mind asks for a wrist metres away. The hierarchy would stretch the whole body after it,
-# singular and restless, to come a little closer. So what is asked is pulled back to where this body could just have it.
+# A faulty tracker may report a wrist metres away. The hierarchy would stretch the whole body after it, singular and
+# oscillating, to come a little closer. So the goal is pulled back to where this body could just have it.
 
-TRUNK_GIVE = 1.25
+TRUNK_STRETCH = 1.25
 """How much further apart than at rest two points of the trunk, neck and shoulder girdle can be."""
 
 _LIMBS = {
@@ -144,7 +145,7 @@ _LIMBS = {
 
 
 class Reach:
-    """Largest distances of k sensors from one of them, the anchor: the pelvis if it is worn, else the head."""
+    """Largest distances of k sensors from one of them, the anchor: the pelvis if it has one, else the head."""
 
     def __init__(self, sensors: Sequence[str], joints: Sequence[str], dimensions: HumanDimensions) -> None:
         """sensors: names. joints: the joint that each sits on."""
@@ -169,7 +170,7 @@ def _furthest(anchor: str, joint: str, dimensions: HumanDimensions) -> float:
     start, first = _from_trunk(anchor, dimensions)
     end, second = _from_trunk(joint, dimensions)
     rest = dict(zip(POINTS, dimensions.standing(), strict=True))
-    return TRUNK_GIVE * float(np.linalg.norm(rest[start] - rest[end])) + first + second
+    return TRUNK_STRETCH * float(np.linalg.norm(rest[start] - rest[end])) + first + second
 
 
 def _from_trunk(joint: str, dimensions: HumanDimensions) -> tuple[str, float]:

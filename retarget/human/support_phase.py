@@ -1,8 +1,9 @@
-"""Which feet of a performer carry, told by height and speed of the ankles alone: both, left, right, or none in flight.
+"""Support phase of a performer, from height and speed of the ankles alone: both feet, left, right, or none in flight.
 
-The floor is where carrying feet are: recordings and trackers tilt and drift, so it is followed, not given. A foot
-leaves it when it is high or fast, and is back when it is low and slow; between the two, and for a moment, it stays what
-it was. Nobody flies for long: after that, the lower foot stands on something else, a step or its toes.
+The floor is where carrying feet are: recordings and trackers tilt and drift, so its height is estimated, not given. A
+foot leaves the floor when it is high or fast, and touches down when it is low and slow. Between the two, and for a
+short dwell time, it keeps its state. A flight ends after LONGEST_FLIGHT_S: then the lower foot stands on something
+else, a step or its toes.
 """
 
 from collections.abc import Sequence
@@ -21,10 +22,10 @@ LEFT_M = 0.1
 FAST, FASTER, SLOW = 0.8, 1.5, 0.6
 """m/s. A foot faster than the first is no longer planted, the last one only beyond the second: it rolls over its toes.
 It is again when slower than the third."""
-DWELL_S, LANDING_S = 0.05, 0.02
-"""So long a foot must seem to have left, and to be back, before it is believed."""
+LIFT_DWELL_S, TOUCHDOWN_DWELL_S = 0.05, 0.02
+"""Time for which a foot must seem to have left the floor, or touched down, before its state changes."""
 LONGEST_FLIGHT_S = 0.8
-"""A jump of 0.8 m; who is off the floor for longer stands on another."""
+"""A jump of 0.8 m; a performer who is off the floor for longer stands on another one."""
 SPEED_SETTLE_S = 0.03
 """Time constant of the low-pass on a foot's speed."""
 FLOOR_SETTLE_S = 0.3
@@ -38,14 +39,14 @@ Point = Sequence[float]
 
 
 class CarryingFeet:
-    """`carrying`, told from ankles tick by tick, in the performer's own time. Left before right throughout."""
+    """`carrying`, from the ankles tick by tick, in the performer's own time. Left before right throughout."""
 
     def __init__(self) -> None:
         self.carrying = Carrying.BOTH
         self._before: tuple[Point, ...] = ()
         self._velocity = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
         self._carries = [True, True]
-        self._doubted = [0.0, 0.0]  # s for which each foot has seemed to be otherwise
+        self._dwelt = [0.0, 0.0]  # s for which each foot has seemed to be in the other state
         self._floor, self._flown = 0.0, 0.0
 
     def start(self, ankles: Sequence[Point]) -> Carrying:
@@ -54,7 +55,7 @@ class CarryingFeet:
         self._before = tuple(ankles)
         self._velocity = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
         self._carries = [ankle[2] - self._floor < LIFTED_M for ankle in ankles]
-        self._doubted = [0.0, 0.0]
+        self._dwelt = [0.0, 0.0]
         return self._decide()
 
     def step(self, ankles: Sequence[Point], dt: float) -> Carrying:
@@ -64,10 +65,10 @@ class CarryingFeet:
         speeds = self._speeds(ankles, dt)
         for foot in (0, 1):
             carries = self._carries[foot]
-            otherwise = self._leaves(foot, ankles, speeds) if carries else self._lands(foot, ankles, speeds)
-            self._doubted[foot] = self._doubted[foot] + dt if otherwise else 0.0
-            if self._doubted[foot] > (DWELL_S if carries else LANDING_S):
-                self._carries[foot], self._doubted[foot] = not carries, 0.0
+            otherwise = self._leaves(foot, ankles, speeds) if carries else self._touches_down(foot, ankles, speeds)
+            self._dwelt[foot] = self._dwelt[foot] + dt if otherwise else 0.0
+            if self._dwelt[foot] > (LIFT_DWELL_S if carries else TOUCHDOWN_DWELL_S):
+                self._carries[foot], self._dwelt[foot] = not carries, 0.0
         self._end_long_flight(ankles, speeds, dt)
         self._follow_floor(ankles, dt)
         return self._decide()
@@ -79,7 +80,7 @@ class CarryingFeet:
             return speeds[foot] > FAST or height - min(self._floor + LEFT_M, ankles[other][2] + LIFTED_M) > 0.0
         return speeds[foot] > FASTER or height - self._floor > LEFT_M
 
-    def _lands(self, foot: int, ankles: Sequence[Point], speeds: list[float]) -> bool:
+    def _touches_down(self, foot: int, ankles: Sequence[Point], speeds: list[float]) -> bool:
         """Whether a foot that does not carry seems to be on the floor."""
         return ankles[foot][2] - self._floor < TOUCHDOWN_M and speeds[foot] < SLOW
 
@@ -93,7 +94,7 @@ class CarryingFeet:
         return [sqrt(sum(part * part for part in velocity)) for velocity in self._velocity]
 
     def _end_long_flight(self, ankles: Sequence[Point], speeds: list[float], dt: float) -> None:
-        """Somebody who is off the floor for too long stands on another one, as soon as a foot is slow there."""
+        """End a flight that is too long, as soon as the lower foot is slow: it stands on another floor."""
         self._flown = 0.0 if any(self._carries) else self._flown + dt
         lower = 0 if ankles[0][2] < ankles[1][2] else 1
         if self._flown > LONGEST_FLIGHT_S and speeds[lower] < SLOW:
@@ -101,7 +102,7 @@ class CarryingFeet:
             self._carries[lower] = True
 
     def _follow_floor(self, ankles: Sequence[Point], dt: float) -> None:
-        """The floor goes to where the feet are that carry; down at once: nobody stands below it."""
+        """Move the floor to the feet that carry: up slowly, down at once, as no foot can be below it."""
         down = [ankle[2] for ankle, carries in zip(ankles, self._carries, strict=True) if carries]
         if down:
             lowest = min(down)

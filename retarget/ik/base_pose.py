@@ -1,4 +1,4 @@
-"""The base pose from contact: where the root of a robot is, told by planted soles."""
+"""The base pose from contact: the pose of a robot's root, from its planted soles."""
 
 from math import nan, sqrt
 

@@ -1,7 +1,7 @@
-"""Gravity torque of a robot on its soles (inverse dynamics), and how far P servos give way under it.
+"""Gravity torque of a robot on its soles (inverse dynamics), and the compliance of its joints on P servos.
 
 The mass m moves as if in one point, whose acceleration is a. Then the soles press on the ground with -m (g + a), at the
-zero-moment point. Each takes its share of that force, in its direction, so that none pulls against another:
+zero-moment point. Each takes its share of that force, in its direction, so that no sole pulls against another:
 
     torque = m (g + a) J_com - sum_i share_i m (g + a) J_i
 
@@ -22,7 +22,7 @@ __all__ = ["GravityTorque", "joint_compliance"]
 
 
 CARRIES_BELOW_M = 0.002
-"""A sole that is higher than this carries nothing; on its way there it carries ever less, so that no torque leaps."""
+"""A sole that is higher than this carries nothing. Up to there its share falls evenly, so that no torque jumps."""
 UPWARD = np.array([0.0, 0.0, 9.81])
 """m/s^2: what holds against gravity."""
 
@@ -37,23 +37,24 @@ class GravityTorque:
         self._middles = np.array([sole.outline.mean(axis=0) for sole in stance.soles])  # (k, 2) [m]
 
     def torques(self, q: FloatArray, acceleration: FloatArray, *, heights: FloatArray | None = None) -> FloatArray:
-        """Of every DoF (nv,), N m, in a posture q (nq,) with its soles planted, whose centre of mass has an
-        acceleration (3,) m/s^2. A root that asks for any is out of balance. heights (k,) m: of soles of which one may
-        be lifted; None: all are planted."""
+        """Torque of every DoF (nv,), N m, in a posture q (nq,) with its soles planted, whose centre of mass has an
+        acceleration (3,) m/s^2. Torque of a free root means that the robot is out of balance. heights (k,) m: of soles
+        of which one may be lifted; None: all are planted."""
         com = self._body.centre_of_mass(q[None])[0]
         force = self._mass * (UPWARD + acceleration)
         pressed = com[:2] - com[2] / force[2] * force[:2]
         shares = self._shares(pressed)
         if heights is not None:
             shares = _on_the_floor(shares, heights)
-        beside = pressed - shares @ self._middles
+        across = pressed - shares @ self._middles
         torque = force @ self._body.centre_of_mass_jacobian(q)
         for (frame, turn, offset), middle, share in zip(self._soles, self._middles, shares.tolist(), strict=True):
-            torque -= share * force @ self._jacobian(q, frame, turn @ np.array([*(middle + beside), 0.0]) + offset)
+            torque -= share * force @ self._jacobian(q, frame, turn @ np.array([*(middle + across), 0.0]) + offset)
         return np.asarray(torque)
 
     def _shares(self, pressed: FloatArray) -> FloatArray:
-        """Of each sole (k,), where all press at a point (2,) m: as near to it as the line between their middles."""
+        """Share of each sole (k,), where all press at a point (2,) m: as near to it as the line between their middles
+        allows."""
         if len(self._middles) == 1:
             return np.ones(1)
         first, second = self._middles
@@ -62,7 +63,7 @@ class GravityTorque:
         return np.array([1.0 - share, share])
 
     def _jacobian(self, q: FloatArray, frame: Frame, point: FloatArray) -> FloatArray:
-        """Of a point (3,) m of a link, (3, nv)."""
+        """Jacobian (3, nv) of a point (3,) m of a link."""
         x, y, z = point.tolist()
         return self._body.frame_jacobian(q, frame.body, (x, y, z))[:3]
 
@@ -81,21 +82,21 @@ def _from_ground(sole: Sole) -> tuple[FloatArray, FloatArray]:
     return turn, sole.frame.position - turn @ sole.position
 
 
-# How far the joints of a robot give way under load: a position loop with a pure P gain is a spring.
+# Joint compliance: a position loop with a pure P gain is a spring.
 
 
 def joint_compliance(robot: RobotBody) -> FloatArray:
-    """(n, n) rad per N m: from torques of the joints to how far they give way, in servo order.
+    """(n, n) rad per N m: from torques of the joints to their deflections, in servo order.
 
-    By the profile's gains, at the voltage that the maker's numbers are for. Coupled joints give way together.
+    By the profile's gains, at the voltage of the maker's numbers. Coupled joints deflect together.
     """
     servos = robot.joint_map.servos
     protocols = {line.name: line.protocol for line in robot.profile.bus_specs()}
     of_shaft = np.array([1.0 / loop_stiffness(servo, protocol=protocols[servo.bus]) for servo in servos])
-    give = np.diag(of_shaft / np.array([servo.gear for servo in servos]) ** 2)
+    compliance = np.diag(of_shaft / np.array([servo.gear for servo in servos]) ** 2)
     columns = {servo.joint: index for index, servo in enumerate(servos)}
     for coupling in {servo.coupling for servo in servos if servo.coupling is not None}:
         pair = [columns[joint] for joint in coupling.joints]
         turns = np.array(coupling.matrix)  # joint angles = turns @ shaft angles
-        give[np.ix_(pair, pair)] = turns @ np.diag(of_shaft[pair]) @ turns.T
-    return np.asarray(give)
+        compliance[np.ix_(pair, pair)] = turns @ np.diag(of_shaft[pair]) @ turns.T
+    return np.asarray(compliance)

@@ -1,8 +1,8 @@
 """A priority file compiled for one body: a solver whose targets are set by name; and the scene around it.
 
-The target vector is flat and lives with the caller: `clear` it, set what this tick knows, and hand it to
-`solver.frame`. What is not set is absent. A name that no task uses is ignored, so a source may offer more than the
-priorities ask for.
+The target vector is flat and belongs to the caller: `blank` makes one, the setters write the targets of this tick, and
+`solver.frame` reads it. A target that is not set is absent. A name that no task uses is ignored, so a source may offer
+more than the priorities use.
 """
 
 from collections.abc import Container, Mapping, Sequence
@@ -91,13 +91,13 @@ class Hierarchy:
         frames: what names in `of` stand for (`body_frames` gives the body's own). postures: q (nq,) by name. fed:
         names whose targets will ever be set, by default all of `frames`; the others cost nothing. locked
         (nv,): DoFs that never move. iterations: instead of the file's. damping: see `_solver.Solver`. observers: what
-        looks at itself and at the obstacles of `scene`. Raises ConfigError: a name that the body lacks.
+        looks at itself and at the obstacles of `scene`. Raises ConfigError: a name that the body does not have.
         """
-        worn = None if observers is None else observers.with_margin(priorities.observers.margin)
-        names = () if worn is None else worn.names
+        watching = None if observers is None else observers.with_margin(priorities.observers.margin)
+        names = () if watching is None else watching.names
         levels = _compile(priorities, body, frames, fed=frames if fed is None else fed, observers=names)
         shapes = scene.with_margin(priorities.observers.obstacle_margin)
-        watched = None if worn is None else worn.for_solver(body, shapes)
+        watched = None if watching is None else watching.for_solver(body, shapes)
         solver = _solver.Solver(
             body.solver_body(),
             [[slot.task for slot in level] for level in levels],
@@ -185,8 +185,8 @@ class Hierarchy:
             targets[place.start : place.stop] = (strength, cosine * x - sine * y, sine * x + cosine * y, z)
 
     def set_obstacles(self, poses: ObstaclePoses) -> None:
-        """Where the obstacles are at the start of the next frame. Moving ones go on by themselves until told
-        otherwise."""
+        """Set where the obstacles are at the start of the next frame. Moving ones go on at their velocities until the
+        next call."""
         self.solver.set_obstacles(poses.position, poses.quat, poses.linear_velocity, poses.angular_velocity)
 
     def set_posture(self, targets: FloatArray, q: FloatArray) -> None:
@@ -258,7 +258,7 @@ def body_frames(body: BodyModel) -> dict[str, Frame]:
     return {name: body.frame(name) for name in (*body.body_names[1:], *(frame.name for frame in body.frames))}
 
 
-# What is around a body while it moves: the scene over time, handed to the hierarchy tick by tick.
+# The scene over time, handed to the hierarchy tick by tick.
 
 
 class SceneObstacles:
@@ -270,7 +270,7 @@ class SceneObstacles:
         self.time = 0.0
         """Of the tick that comes next."""
         self.now: ObstaclePoses | None = None
-        """Where they are at the start of the tick that runs; None: nothing is around."""
+        """Where they are at the start of the tick that runs; None: there is no scene."""
         self._runs = False
         self.look()
 
@@ -280,14 +280,14 @@ class SceneObstacles:
         return NO_SCENE if self.scene is None else self.scene.shapes
 
     def restart(self) -> None:
-        """Back to time 0, at rest; what was told live is forgotten."""
+        """Back to time 0, at rest, without the poses that were received live."""
         if self.scene is not None:
             self.scene.restart()
         self.time, self._runs = 0.0, False
         self.look()
 
     def look(self) -> None:
-        """Where they are now, as long as they do not move by the file: somebody may tell of them live."""
+        """Read where they are now, as long as they do not move by the file: their poses may come live."""
         if self.scene is not None and not self._runs:
             self.now = self.scene.at_rest(self.time)
 
@@ -297,15 +297,15 @@ class SceneObstacles:
         self.look()
         self._runs = True
 
-    def tick(self, hierarchy: Hierarchy | None, dt: float, *, pace: float = 1.0) -> None:
-        """Tell the hierarchy (None: nobody) where they are at the start of a tick of `dt` s, and let time go on.
+    def tick(self, hierarchy: Hierarchy | None, dt: float, *, time_scale: float = 1.0) -> None:
+        """Set the obstacles of a hierarchy (None: of none) at the start of a tick of `dt` s, and let time go on.
 
-        pace: s of the hierarchy's time that go by in a second: the slower it is, the faster all else seems to it.
+        time_scale: s of the hierarchy's time that go by in a second. Obstacles are faster by 1 / time_scale in it.
         """
         if self.scene is None:
             return
         self.now = self.scene.at(self.time) if self._runs else self.scene.at_rest(self.time)
         if hierarchy is not None:
-            hierarchy.set_obstacles(self.now if pace == 1.0 else self.now.seen_at(pace))
+            hierarchy.set_obstacles(self.now if time_scale == 1.0 else self.now.seen_at(time_scale))
         if self._runs:
             self.time += dt

@@ -114,14 +114,14 @@ class Stance:
     soles: tuple[Sole, ...]
 
     def edges(self, margin: float) -> FloatArray:
-        """Edges (e, 3) of the support polygon, `margin` m inside the soles' hull (see `support`)."""
+        """Edges (e, 3) of the support polygon, `margin` m inside the soles' hull (see `support_edges`)."""
         return support_edges([sole.outline for sole in self.soles], margin=margin)
 
 
 def plant(robot: RobotBody, angles: dict[str, float]) -> Stance:
     """Stand with these joint angles, rad (0 elsewhere). A robot on a stand keeps the root of its body file.
 
-    The soles are taken as flat and at the same height; what they lack of it in this posture is for the legs to mend.
+    The soles are taken as flat and at the same height; where they are not in this posture, the legs will correct it.
     """
     q = robot.posture(angles)
     feet = robot.profile.feet if robot.profile.root == "free" else {}
@@ -180,7 +180,7 @@ def check_stand(robot: RobotBody) -> float | None:
             found=f"centre of mass at {_point(com)}, {-MM * margin:.1f} mm outside the soles",
             allowed="inside " + ", ".join(_point(corner) for corner in polygon),
             next_step="Lean the robot until it is inside (x forward, y left, mm, from the middle of the soles), or "
-            "mend the masses of the body or the polygons of `feet`",
+            "correct the masses of the body or the polygons of `feet`",
         )
     return margin
 

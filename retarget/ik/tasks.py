@@ -85,8 +85,8 @@ def compile_task(
     observers: their names, in order. fed: names whose targets will ever be set; a task on another one is left out.
     is_soft: in a last level with a posture, where `weight` is a stiffness.
 
-    Raises ConfigError: a name that the body does not have, in a task that is not optional; observers beside a posture
-    in the last level.
+    Raises ConfigError: a name that the body does not have, in a task that is not optional; observers in a last level
+    with a posture.
     """
     if isinstance(task, PostureTask):
         return _posture(task, body)
@@ -182,7 +182,7 @@ def _observing(task: ReactiveTask | PreventiveTask, observers: Sequence[str], *,
         return []
     if is_soft:
         raise ConfigError(
-            f"a {task.type} task stands beside a posture in the last level",
+            f"a {task.type} task is in the last level, which has a posture",
             allowed="a level of its own above it, where it is a limit",
         )
     if isinstance(task, PreventiveTask):

@@ -1,10 +1,10 @@
-"""A robot on its soles that can always stop there.
+"""Whole-body stop: a robot on its soles can stop there at any tick.
 
 Joints that each keep within their own limits may still be unable to stop together: where one must brake hard, others
-would have to brake harder to keep the soles in place. So before a posture is taken, the robot is stopped from it in
-thought, as fast as it can with soles planted; if soles or balance would be lost on the way, the posture is not taken,
-and the last way to a stop that was found good is followed instead. From rest on, all that is sent lies on such ways,
-and a stop that is asked for at any tick goes along one.
+would have to brake harder to keep the soles in place. So before a posture is accepted, a stop from it is computed, as
+fast as it can be with soles planted. If soles or balance would be lost on the way, the posture is not accepted, and the
+last verified stop trajectory is followed instead. From rest on, all goals lie on such trajectories, and a stop that is
+asked for at any tick goes along one.
 """
 
 from math import ceil, hypot
@@ -41,10 +41,10 @@ ROUND_OFF = 1e-9
 
 
 class Stopping:
-    """Ways to a stop: `admits` tells whether there is one from a posture, `follow` goes along the last one found.
+    """Stop trajectories: `admits` says whether there is one from a posture, `follow` goes along the last one found.
 
-    Joints that do not carry the robot brake by themselves, each as fast as it can. In thought they stand still: what
-    their braking does to the centre of mass is left to the margin.
+    Joints that do not carry the robot brake by themselves, each as fast as it can. The computed trajectory holds them
+    still: the margin covers what their braking does to the centre of mass.
     """
 
     def __init__(self, body: BodyModel, limits: JointLimits, stance: Stance, carrying: BoolArray) -> None:
@@ -71,14 +71,14 @@ class Stopping:
         self.begin(stance.q)
 
     def begin(self, q: FloatArray, velocity: FloatArray | None = None) -> None:
-        """Start anew in posture q (nq,), moving at velocity (nv,) per s, from where no way to a stop is known."""
+        """Start anew in posture q (nq,), moving at velocity (nv,) per s; no stop trajectory is known from there."""
         self._way, self._at, self._known = q[None], 0, velocity is None
         self._velocity = np.zeros_like(self._deceleration) if velocity is None else velocity
         self._slip, self._shortfall = self._losses(self._way)
 
     def set_speed_override(self, change: float) -> None:
-        """Time goes by slower (change < 1) or faster from now on: what moves as before has another velocity. The way
-        that is known stays good: its rows are taken one by one."""
+        """Let time go by slower (change < 1) or faster from now on. Velocities change with it; the known stop
+        trajectory stays valid, as its rows are taken one by one."""
         self._velocity = self._velocity / change
 
     @property
@@ -99,7 +99,7 @@ class Stopping:
         return self._stops_short(q, velocity) or self._finds_way(q, velocity, dt)
 
     def _stops_short(self, q: FloatArray, velocity: FloatArray) -> bool:
-        """Whether it surely can, because it hardly moves. Its way is looked for when somebody is to follow it.
+        """Whether it surely can, because it hardly moves. The trajectory is computed only when `follow` needs it.
 
         The legs may then all brake in proportion: they turn too little to move the soles otherwise than now, not at
         all. Going on unbraked for as long, none would come to its limit, nor the centre of mass to its margin.
@@ -143,16 +143,16 @@ class Stopping:
         """Ticks that the legs need to get slow enough to stand in the next one."""
         return ceil(float(np.abs(velocity[self._legs] * self._slowness).max()) / dt - 1e-9) - 1
 
-    def knows_way(self, dt: float) -> bool:
-        """Whether there is a way to follow; where it is not known any more, it is looked for."""
+    def has_trajectory(self, dt: float) -> bool:
+        """Whether there is a trajectory to follow; it is computed where it is not known yet."""
         return self._known or self._finds_way(self._way[0], self._velocity, dt)
 
     def follow(self, dt: float) -> tuple[FloatArray, FloatArray] | None:
-        """The next posture (nq,) on the last way to a stop, and its velocity (nv,); at its end the robot stands.
+        """The next posture (nq,) on the last stop trajectory, and its velocity (nv,); at its end the robot stands.
 
-        None: no way is known, nor found now.
+        None: no trajectory is known, and none is found now.
         """
-        if not self.knows_way(dt):
+        if not self.has_trajectory(dt):
             return None
         before = self._way[self._at]
         self._at = min(self._at + 1, len(self._way) - 1)
@@ -165,10 +165,8 @@ class Stopping:
         return now, self._velocity
 
     def brake(self, dt: float) -> FloatArray:
-        """The next posture (nq,) where no way is known: every joint by itself, as fast as it can, under a root at rest.
-
-        Whoever takes it begins anew from there.
-        """
+        """The next posture (nq,) where no trajectory is known: every joint brakes by itself, as fast as it can, under a
+        root at rest. A caller that takes it calls `begin` from there."""
         slower = np.maximum(np.abs(self._velocity) - self._deceleration * dt, 0.0)  # (nv,)
         return self._body.integrate(self._way[self._at], np.copysign(slower, self._velocity) * dt)
 

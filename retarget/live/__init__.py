@@ -1,1 +1,1 @@
-"""Live streams between the socket and the pipeline: who is listened to, when it was captured, when it is played."""
+"""Live streams between socket and pipeline: admission of senders, capture times, playout, validity, calibration."""

@@ -46,7 +46,7 @@ def local_interfaces() -> dict[str, str]:
 
 
 def interface_towards(host: str) -> str | None:
-    """Our own IPv4 address on the way to `host`, None where there is no way. Sends nothing."""
+    """This machine's IPv4 address on the route to `host`, None where there is no route. Sends nothing."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect((host, 9))
@@ -86,7 +86,7 @@ _ALLOWED = {
 
 @dataclass(frozen=True, slots=True)
 class AddressOptions:
-    """What the options of an address say; None where it says nothing."""
+    """The options of an address; None where an option is not given."""
 
     allow: tuple[IPv4Network, ...] | None = None
     tcp: IPv4Address | None = None
@@ -198,7 +198,7 @@ LONGEST = 4096
 
 @dataclass(frozen=True, slots=True)
 class StreamKind:
-    """What an address of one scheme may hold. port: the usual one, None where there is none."""
+    """What an address of one scheme may hold. port: the usual port, None where there is none."""
 
     example: str
     port: int | None
@@ -246,7 +246,7 @@ class StreamAddress:
 
 
 def for_others(kind: str, port: int, *, option: str = "allow") -> str:
-    """What to do where only loopback is listened on, and the sender is elsewhere."""
+    """The next step where the port listens on loopback only, and the sender is another computer."""
     return f"If the sender is another computer: {kind}://{EVERYWHERE}:{port}?{option}=ITS_ADDRESS"
 
 
@@ -254,7 +254,7 @@ def parse_address(text: str) -> StreamAddress:
     """Read the address of a stream.
 
     It listens on loopback unless an address is given; one that others can reach needs `?allow=192.168.1.20,10.0.0.0/8`
-    (who may send) or `?allow=any`. Raises UsageError for whatever is wrong, with the place and the way out.
+    (who may send) or `?allow=any`. Raises UsageError for any mistake, with its place and the next step.
     """
     match = re.fullmatch(r"([A-Za-z][A-Za-z0-9+.-]*)://([^\x00-\x1f]*)", text)
     if match is None or len(text) > LONGEST:
@@ -302,7 +302,7 @@ def _place(text: str, kind: str, place: str) -> tuple[str, int]:
 
 
 def _listener(text: str, kind: str, host: str, port: int, options: AddressOptions) -> StreamAddress:
-    """A port of ours that the sender is pointed at."""
+    """A port of this machine that the sender sends to."""
     bind = address_number(text, host or LOOPBACK)
     if bind.is_multicast:
         raise bad_address(text, "a group cannot be listened on", found=host, allowed="an address of this machine")
@@ -318,17 +318,17 @@ def _open_to_all(text: str, bind: str, port: int, kind: str) -> UsageError:
         "others on the network could move the robot",
         found=f"{bind}, which is more than this machine, and no list of who may send",
         allowed=f"{kind}://:{port} (this machine only), or with a list, such as {listed}",
-        next_step="Add ?allow= with the sender's address (allow=any only where you trust everybody on the network)",
+        next_step="Add ?allow= with the sender's address (allow=any only where every computer on the network is safe)",
     )
 
 
 def _connected(text: str, host: str, port: int, options: AddressOptions) -> StreamAddress:
-    """A TCP port of ours that one computer connects to: only it is heard."""
+    """A TCP port of this machine that one computer connects to. No other computer may send."""
     sender = options.tcp
     assert sender is not None
     if options.allow is not None:
         step = f"Write mvn://{host}:{port}?tcp={sender}"
-        raise bad_address(text, "over TCP only one computer is heard, so there is no list", next_step=step)
+        raise bad_address(text, "over TCP only one computer may send, so there is no list", next_step=step)
     bind = address_number(text, host or (LOOPBACK if sender.is_loopback else EVERYWHERE))
     if bind.is_multicast:
         raise bad_address(text, "a group cannot be listened on", found=host, allowed="an address of this machine")
@@ -336,7 +336,7 @@ def _connected(text: str, host: str, port: int, options: AddressOptions) -> Stre
 
 
 def _natnet(text: str, host: str, port: int, options: AddressOptions) -> StreamAddress:
-    """Motive on the computer `host`: only it is heard."""
+    """Motive on the computer `host`. No other computer may send."""
     if not host:
         missing = "the address of the computer with Motive is missing"
         raise bad_address(text, missing, allowed=KINDS["natnet"].example)

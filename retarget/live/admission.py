@@ -1,7 +1,8 @@
-"""Datagrams and who may send them: an allow-list, the first source that makes sense and none after it, a bound on
-rate and work.
+"""Admission of datagrams: the receiver protocol, the allow-list, the one source that owns a stream, bounds on rate and
+work.
 
-Pure state: what arrives and when comes in, yes or no goes out. A datagram that is refused never reaches a decoder.
+The first source that sends a frame that can be decoded owns the stream. Pure state without sockets or clocks: datagrams
+and their times go in, decisions come out. A refused datagram never reaches a decoder.
 """
 
 from collections.abc import Iterable
@@ -35,7 +36,7 @@ __all__ = [
 ]
 
 
-# One datagram of a live stream, and what every receiver of them offers: sockets and recordings alike.
+# One datagram of a live stream, and the protocol of its receivers: sockets and recordings alike.
 
 MOST_PER_POLL = 128
 """Datagrams that one poll returns at most; the rest waits. 12,800 a second at 100 Hz."""
@@ -47,7 +48,7 @@ Source = tuple[str, int]
 
 
 class Datagram(NamedTuple):
-    """What arrived at once. arrival: s of the clock whose `now` was given to `poll`; payload: 1 to 65,536 bytes."""
+    """One datagram. arrival: s of the clock whose `now` was given to `poll`; payload: 1 to 65,536 bytes."""
 
     arrival: float
     source: Source
@@ -55,7 +56,7 @@ class Datagram(NamedTuple):
 
 
 class Receiver(Protocol):
-    """Where datagrams come from."""
+    """A source of datagrams."""
 
     dropped: Dropped
 
@@ -69,7 +70,7 @@ class Receiver(Protocol):
         ...
 
     def close(self) -> None:
-        """Let go of what is open; twice does no harm."""
+        """Close what is open. A second call has no effect."""
         ...
 
 
@@ -77,7 +78,7 @@ class Receiver(Protocol):
 
 
 class TokenBucket:
-    """Up to `burst` at once, `rate` a second over time: at most burst + rate * t of them in any t seconds."""
+    """Limits a rate: up to `burst` at once, and at most burst + rate * t in any t seconds."""
 
     def __init__(self, *, rate: float, burst: int) -> None:
         """Start full. Raises ValueError unless the rate is positive and finite, and the burst at least 1."""
@@ -88,7 +89,7 @@ class TokenBucket:
         self._filled: float | None = None
 
     def take(self, now: float) -> bool:
-        """Whether one more may happen at `now`, s. A time that goes back counts as none passed."""
+        """Whether one more may happen at `now`, s. A time that goes back counts as no time passed."""
         if self._filled is not None and now > self._filled:
             self._tokens = min(self._burst, self._tokens + (now - self._filled) * self._rate)
         if self._filled is None or now > self._filled:
@@ -104,9 +105,9 @@ RATE = 2_000.0
 BURST = 200
 """Datagrams at once: what a link that hung for 0.25 s hands over of VRChat OSC."""
 RELEASE_AFTER_S = 5.0
-"""Silence after which a robot that does not move may have another source."""
+"""Silence after which another source may take over the stream of a robot that does not move."""
 MOST_NAMED = 16
-"""Refused sources that are told; more are only counted."""
+"""Refused sources that are reported by address; more are only counted."""
 
 NOT_ALLOWED = "sender not on the allow-list"
 SECOND_SOURCE = "a second source"
@@ -115,12 +116,12 @@ TOO_MANY = "more datagrams than the rate allows"
 
 
 class Admission:
-    """The gate in front of the decoder.
+    """Decides which datagrams reach the decoder.
 
-    The first source that sent a frame that could be decoded (`confirm`) owns the stream. It keeps it until it has sent
-    no such frame for `release_after` seconds and nothing moves (`moving` is the caller's word: True as soon as
-    somebody is being measured, and in every state in which the stream has a say in what the servos do, a hold
-    included). refused: by reason.
+    The first source that sent a frame that could be decoded (`confirm`) owns the stream. It keeps the stream until it
+    has sent no such frame for `release_after` seconds and nothing moves. The caller says whether something moves:
+    `moving` is True as soon as a performer is being measured, and in every state in which the stream affects the
+    servos, a hold included. refused: counts by reason.
     """
 
     def __init__(
@@ -132,11 +133,11 @@ class Admission:
         burst: int = BURST,
         source: Literal["port", "computer"] = "port",
     ) -> None:
-        """source: what counts as one. Another program on the sender's computer has another port; but Motive answers
-        questions from one port and sends frames from another.
+        """source: whether a port or a computer counts as one source. Another program on the sender's computer has
+        another port; but Motive answers requests from one port and sends frames from another.
 
-        `release_after` None: nothing frees the stream. Raises ValueError for a rate or burst that admits none,
-        and for a negative time.
+        `release_after` None: the owner keeps the stream for good. Raises ValueError for a rate or burst that admits no
+        datagram, and for a negative time.
         """
         if release_after is not None and not release_after >= 0.0:
             raise ValueError(f"the silence that frees a stream is no negative time; found {release_after}")
@@ -146,7 +147,7 @@ class Admission:
         self._by_port = source == "port"
         self._bucket = TokenBucket(rate=rate, burst=burst)
         self._owner: Source | None = None
-        self._heard = 0.0
+        self._last_frame = 0.0  # [s] of the owner
         self._named: dict[tuple[str, str], None] = {}
         self._news: list[tuple[Source, str]] = []
 
@@ -157,11 +158,11 @@ class Admission:
 
     @property
     def named(self) -> tuple[tuple[str, str], ...]:
-        """Addresses that were refused, each once per reason, the first MOST_NAMED in order."""
+        """Refused addresses, each once per reason, the first MOST_NAMED in order."""
         return tuple(self._named)
 
     def admit(self, datagram: Datagram, *, now: float, moving: bool) -> bool:
-        """Whether a datagram may be decoded at `now`, s. What others send costs the owner nothing of its rate."""
+        """Whether a datagram may be decoded at `now`, s. Datagrams of other sources use up none of the owner's rate."""
         source = datagram.source
         if source != self._owner:
             if not self._allowed(source[0]):
@@ -177,27 +178,27 @@ class Admission:
         return True
 
     def confirm(self, source: Source, *, now: float, moving: bool) -> bool:
-        """Tell that an admitted datagram of `source` held a frame; whether that frame may be used.
+        """Note that an admitted datagram of `source` held a frame. Returns whether that frame may be used.
 
-        The source owns the stream from here on, unless another one does: of two that were admitted in one poll, the
-        first to make sense has it.
+        The source owns the stream from here on, unless another one does. Of two that were admitted in one poll, the
+        first whose frame can be decoded owns it.
         """
         if source != self._owner:
             if not self._may_own(source, now, moving):
                 return self._refuse(SECOND_SOURCE, source)
             self._owner = source
-        self._heard = now
+        self._last_frame = now
         return True
 
     def news(self) -> tuple[tuple[Source, str], ...]:
-        """Refused sources and why, each address once per reason, since the last call; for a message to the person."""
+        """Sources refused since the last call, with the reason, each address once per reason; for messages."""
         news, self._news = tuple(self._news), []
         return news
 
     def _may_own(self, source: Source, now: float, moving: bool) -> bool:
         if self._owner is None or (not self._by_port and source[0] == self._owner[0]):
             return True
-        return not moving and self._release_after is not None and now - self._heard > self._release_after
+        return not moving and self._release_after is not None and now - self._last_frame > self._release_after
 
     def _allowed(self, address: str) -> bool:
         try:
@@ -216,36 +217,37 @@ class Admission:
 
 
 def admission_for(address: StreamAddress) -> Admission:
-    """The gate that an address asks for."""
+    """The admission rules of an address."""
     return Admission(allow=address.allow, source="port" if address.host is None else "computer")
 
 
-# How much of what arrived is decoded in one tick: work that is counted, so that a replay decides as the run did.
+# How much of what arrived is decoded in one tick. Work is counted, not timed, so that a replay decides as the run did.
 
 WORK_PER_POLL = 3_000.0
-"""Of one poll, three eighths of a tick: the bus needs as much. A unit is about a microsecond: 12 datagrams of
-SlimeVR; a tick has two."""
+"""Units of work of one poll. A unit is about a microsecond. This is three eighths of a tick; the bus needs as much. It
+is enough for 12 datagrams of SlimeVR, which sends two per tick."""
 PER_DATAGRAM, PER_BYTE, PER_FRAME = 30.0, 1.0 / 40.0, 150.0
-"""What every datagram counts, and each frame in it: clock, trust and playout cost more than its decoding."""
+"""Units of every datagram, of each of its bytes and of each frame in it. Clock, validity and playout cost more than the
+decoding of a frame."""
 
 
 class WorkBudget:
-    """What is left of one poll's work."""
+    """The work that is left of one poll."""
 
     def __init__(self) -> None:
         self._left = WORK_PER_POLL
 
     @property
     def spent(self) -> bool:
-        """Whether the next datagram has to wait for the next poll. The first one of a poll never has to."""
+        """Whether the next datagram has to wait for the next poll. The first datagram of a poll never waits."""
         return self._left <= 0.0
 
     def charge(self, payload: bytes, *, frames: int, work: float) -> None:
-        """One datagram was decoded. work: units that its decoder counted for it."""
+        """Count one decoded datagram. work: units that its decoder counted for it."""
         self._left -= PER_DATAGRAM + PER_BYTE * len(payload) + PER_FRAME * frames + work
 
 
 def work_of(decoder: StreamDecoder) -> float:
-    """Units beyond their length that a decoder has counted for its datagrams so far; 0 for one that counts none."""
-    # A look for a protocol would cost more than a decoded datagram.
+    """Units that a decoder has counted so far, beyond the length of its datagrams; 0 for a decoder that counts none."""
+    # A check of a runtime protocol would cost more than a decoded datagram.
     return float(getattr(decoder, "work", 0.0))

@@ -1,5 +1,5 @@
-"""The beginning of a live run: wait for data, calibrate a performer who stands still, check the sides, and begin
-there.
+"""The beginning of a live run: wait for data, calibrate a performer who stands still, check left and right, and make
+the performer that the run follows.
 """
 
 from collections import Counter
@@ -20,8 +20,8 @@ from retarget.live.rest_capture import (
     Alignment,
     Calibrated,
     RestCapture,
-    believing_still,
-    told_skeleton,
+    frozen_as_fresh,
+    skeleton_of,
 )
 from retarget.live.smoothing import LIGHT
 from retarget.live.stream import LiveStream
@@ -43,18 +43,19 @@ __all__ = [
 ]
 
 
-# How a live run begins and is heard.
-
 LONGEST_COUNTDOWN_S = 600.0
 
 
 @dataclass(frozen=True)
 class LiveOptions:
-    """How a live run begins. patience: s of waiting for data. countdown: s to get into the pose. duration: s of the
-    run, None: until it is stopped. mirror: left and right exchanged. mass: kg of the performer, if known. smoothing:
-    of `smoothing.SMOOTHINGS`. latest: the newest poses count, without a playout buffer. person: name under which the
-    size is kept, None: it is not. recalibrate: measure also whoever was measured before. check_sides: the left arm is
-    to be raised first. Raises UsageError: a countdown that is none."""
+    """How a live run begins.
+
+    patience: s of waiting for data. countdown: s to get into the pose. duration: s of the run, None: until it is
+    stopped. mirror: swap left and right. mass: kg of the performer, if known. smoothing: a name of
+    `smoothing.SMOOTHINGS`. latest: use the newest poses, without a playout buffer. person: name under which the size is
+    kept, None: it is not kept. recalibrate: measure also a person who was measured before. check_sides: ask for the
+    left arm first. Raises UsageError for a countdown outside of its range.
+    """
 
     patience: float = 10.0
     countdown: float = 3.0
@@ -70,7 +71,7 @@ class LiveOptions:
     def __post_init__(self) -> None:
         if not 0.0 <= self.countdown <= LONGEST_COUNTDOWN_S:  # nor NaN
             raise UsageError(
-                "this is no time to get into the pose",
+                "countdown out of range",
                 where="--countdown",
                 found=f"{self.countdown:g}",
                 allowed=f"0 to {LONGEST_COUNTDOWN_S:g} s",
@@ -78,16 +79,16 @@ class LiveOptions:
             )
 
 
-# Measuring a live performer: a countdown, and then a moment of standing still, as soon as there is one.
+# Measuring a live performer: a countdown, and then a second of standing still, as soon as there is one.
 
-LISTEN_S = 0.01
-"""Between two looks at the stream while nothing moves."""
+POLL_S = 0.01
+"""Between two polls of the stream while nothing moves."""
 SETTLE_S = 0.3
-"""So long what is smoothed takes to be where a corrected sensor is."""
-MOST_LISTENED = 64
-"""Times that a backlog is listened to at once: a fit takes a while on a busy machine, and one listening is bounded."""
+"""Time in which the smoothing filter settles after the offset of a sensor was corrected."""
+MOST_POLLS = 64
+"""Polls for one backlog: a fit takes a while on a busy machine, and the work of one poll is bounded."""
 TRY_S = 0.1
-"""Between two looks at whether the performer stands still by now."""
+"""Between two checks whether the performer stands still by now."""
 
 
 def measure(
@@ -99,43 +100,43 @@ def measure(
     where: str,
     notify: Callable[[str], object],
 ) -> Calibrated:
-    """Floor, heading, and the size: as `known`, else as the stream's skeleton tells, else from the rest pose.
+    """Measure floor, heading and size. The size is `known`, else that of the stream's skeleton, else of the rest pose.
 
     Raises InputError: no fresh data, not still, no rest pose, or not of the known size.
     """
     pose = "Stand upright and still, facing where the robot faces, arms hanging or straight out to the sides"
     notify(f"{pose}: {options.countdown:g} s")
-    _listen(stream, clock, options.countdown, measured=False)
-    stream.validity.keep_sides()  # before, whoever wears trackers may have put their names right
-    size = known or _told_size(stream, options, where=where, notify=notify)
-    lasts = CAPTURE_S if known is None else KNOWN_CAPTURE_S
-    capture = RestCapture(where=where, lasts=lasts, loose=stream.roles.loose, needed=needed(stream.roles))
+    _poll_for(stream, clock, options.countdown, measured=False)
+    stream.validity.keep_sides()  # until here, the user may still have corrected the names of the trackers
+    size = known or _skeleton_size(stream, options, where=where, notify=notify)
+    seconds = CAPTURE_S if known is None else KNOWN_CAPTURE_S
+    capture = RestCapture(where=where, seconds=seconds, loose=stream.roles.loose, needed=needed(stream.roles))
     found = _captured(stream, options, capture, size, clock=clock, where=where, notify=notify)
     height = f"{found.dimensions.stature:.2f} m tall"
     notify(f"measured: {height}" if size is None else f"known: {height} ({size.origin})")
     if found.offset.any():
         stream.roles = stream.roles.shifted(found.offset)
         off = np.linalg.norm(found.offset, axis=1)
-        told = [f"{name} {100 * by:.0f} cm" for name, by in zip(found.sensors, off, strict=True) if by > 0.0]
-        notify(f"beside their joints: {', '.join(told)}")
-        _listen(stream, clock, SETTLE_S, measured=True)
+        offsets = [f"{name} {100 * by:.0f} cm" for name, by in zip(found.sensors, off, strict=True) if by > 0.0]
+        notify(f"beside their joints: {', '.join(offsets)}")
+        _poll_for(stream, clock, SETTLE_S, measured=True)
     return found
 
 
-def _listen(stream: LiveStream, clock: Clock, seconds: float, *, measured: bool) -> None:
-    """Nothing else for so long. measured: somebody was, and nobody else takes over the stream."""
+def _poll_for(stream: LiveStream, clock: Clock, seconds: float, *, measured: bool) -> None:
+    """Only poll the stream for some seconds. measured: a performer was measured, no other source may take over."""
     end = clock.now() + seconds
     while clock.now() < end:
-        clock.sleep_until(clock.now() + LISTEN_S)
-        stream.listen(clock.now(), moving=measured)
+        clock.sleep_until(clock.now() + POLL_S)
+        stream.poll(clock.now(), moving=measured)
         stream.read(clock.now())
 
 
-def _told_size(
+def _skeleton_size(
     stream: LiveStream, options: LiveOptions, *, where: str, notify: Callable[[str], object]
 ) -> HumanDimensions | None:
-    """The size by the skeleton that the sender has told; None where it has none that is a human's."""
-    skeleton = told_skeleton(stream.decoder, stream.roles.names)
+    """The size by the skeleton that the sender has sent; None where there is none, or none of a human's size."""
+    skeleton = skeleton_of(stream.decoder, stream.roles.names)
     if skeleton is None:
         return None
     try:
@@ -155,18 +156,21 @@ def _captured(
     where: str,
     notify: Callable[[str], object],
 ) -> Calibrated:
-    """The first moment of standing still. A stream that falls silent is told at once, and is then why there is none."""
-    trouble = StreamProblems(stream)
+    """The calibration from the first interval of standing still.
+
+    A stream that falls silent is reported at once, and is then the reason of the InputError at the end.
+    """
+    problems = StreamProblems(stream)
     end, look = clock.now() + options.patience + CAPTURE_S, 0.0
-    tries, refused = Counter[str](), dict[str, InputError]()  # by what was in the way
+    tries, refused = Counter[str](), dict[str, InputError]()  # by what was wrong
     names = stream.roles.sensors
-    everybody = np.ones(len(names), dtype=bool)
+    every_sensor = np.ones(len(names), dtype=bool)
     while True:
-        clock.sleep_until(clock.now() + LISTEN_S)
+        clock.sleep_until(clock.now() + POLL_S)
         now = clock.now()
         _catch_up(stream, now)
-        capture.take(now, live_sample(names, believing_still(stream.read(now)), Alignment(), believed=everybody))
-        if message := trouble.look(now):
+        capture.take(now, live_sample(names, frozen_as_fresh(stream.read(now)), Alignment(), usable=every_sensor))
+        if message := problems.look(now):
             notify(message)
         if now >= end or (capture.done and now >= look):
             look = now + TRY_S
@@ -175,40 +179,42 @@ def _captured(
             except InputError as error:
                 tries[error.problems[0].what] += 1
                 refused[error.problems[0].what] = error
-                if now >= end and (why := trouble.why(now)):
+                if now >= end and (why := problems.why(now)):
                     raise InputError(why, where=f"{where}, calibration") from None
                 if now >= end:
                     raise refused[tries.most_common(1)[0][0]] from None
                 continue
-            if now < end and any(stream.tells(name) for name in found.missing):  # it may be fresh soon
+            if now < end and any(stream.has_sent(name) for name in found.missing):  # it may be fresh soon
                 continue
             return found
 
 
 def _catch_up(stream: LiveStream, now: float) -> None:
-    """Take in all that has arrived. The size may be that of the sender's skeleton: it stays this sender."""
-    for _ in range(MOST_LISTENED):
+    """Poll until nothing more has arrived. The size may be that of the sender's skeleton, so no other may take over."""
+    for _ in range(MOST_POLLS):
         before = stream.arrived
-        stream.listen(now, moving=True)
+        stream.poll(now, moving=True)
         if stream.arrived == before:
             return
 
 
-# Raise your left arm to the front: the one motion that proves which side is which, that up is up, and that the world
-# is not mirrored: its calibration turns it until left is left, and what was the front is then the back.
+# The check of sides: raise your left arm to the front. This one motion shows that left and right, up and down are not
+# swapped, and that the world is not mirrored: calibration turns a mirrored world until left is left, and its front is
+# then behind.
 
 RISE_M = 0.3
-"""So far the left wrist rises; a wrist that sinks so far tells an axis that is upside down."""
+"""The left wrist must rise by more than this. A wrist that sinks by more than this shows a vertical axis with the wrong
+sign."""
 FRONT_M = 0.25
-"""So far it comes forward meanwhile: less is an arm to the side, which looks the same in a mirror."""
+"""The left wrist must come forward by more than this. Less is an arm to the side, which looks the same in a mirror."""
 BACK_M = 0.15
-"""An arm that has risen is no farther back than this: shoulders do not turn that way."""
+"""A raised arm cannot be farther back than this: shoulders do not turn that way."""
 STILL_M = 0.15
-"""The other wrist rises less than this meanwhile."""
+"""The other wrist must rise by less than this."""
 STAYS_M = 0.25
-"""And goes less far on the floor: whoever turns around shows nothing."""
+"""The other wrist must move horizontally by less than this: a performer who turns around proves nothing."""
 SURE_S = 0.2
-"""So long it must be so: a single leap proves nothing."""
+"""The wrists must be so for this long: a single jump proves nothing."""
 WAIT_S = 10.0
 
 SIDES = ("left", "right")
@@ -217,25 +223,25 @@ _SWAP = "Swap the roles of the left and right trackers, or their names in the pe
 
 
 class SideCheck:
-    """Where both wrists went since they hung: `take` it; `passed`, or `refused` with what is wrong."""
+    """Watches how both wrists move from where they hang. `take` their positions; read `passed` and `refused`."""
 
     def __init__(self, rest: FloatArray) -> None:
         """rest (2, 3) m: the left and the right wrist at rest; x forward, z up."""
         self.passed = False
         self.refused: tuple[str, str] | None = None
-        """What is wrong, and what to do."""
+        """What is wrong, and the next step."""
         self.aside = False
         """Whether the left arm was raised to the side."""
         self.highest = np.zeros(2)
-        """m above rest, the farthest so far."""
+        """m above rest, the highest so far, of the left and the right wrist."""
         self.forward = 0.0
-        """m by which the left wrist was before its rest when it was highest."""
+        """m forward of rest, of the left wrist when it was highest."""
         self._rest = np.array(rest, dtype=float)
         self._seen: str = ""
         self._since = 0.0
 
     def take(self, time: float, position: FloatArray) -> None:
-        """Both wrists (2, 3) m at `time`, s; NaN where it is not known."""
+        """Take the positions (2, 3) m of both wrists at `time`, s; NaN where unknown."""
         moved = position - self._rest
         if moved[0, 2] > self.highest[0]:
             self.forward = float(moved[0, 0])
@@ -251,25 +257,25 @@ class SideCheck:
 
 
 _REFUSALS = {
-    "right rose": ("the right wrist rose: left and right are exchanged", _SWAP),
+    "right rose": ("the right wrist rose: left and right are swapped", _SWAP),
     "left rose behind": (
         "the left wrist went back: the axes are mirrored",
-        "One level axis of what is sent has the wrong sign, whichever: see that the convention of roles, or the axes "
-        "that the sender names, are the sender's, and that it mirrors nothing",
+        "One horizontal axis (x or y) of what is sent has the wrong sign: see that the convention of roles, "
+        "or the axes that the sender names, are the sender's, and that it mirrors nothing",
     ),
     "left sank": (
         "the left wrist went down: up is down",
         "See that the convention of roles is that of the sender, and reset the trackers",
     ),
     "right sank": (
-        "the right wrist went down: left and right are exchanged, and up is down",
+        "the right wrist went down: left and right are swapped, and up is down",
         "See that the convention of roles is that of the sender, and which tracker is worn where",
     ),
 }
 
 
 def _what_moved(moved: FloatArray) -> str:
-    """One wrist, alone; "" for anything else. moved (2, 3) m, since they hung."""
+    """How one wrist moved while the other stayed; "" for anything else. moved (2, 3) m, from where they hang."""
     for side, row in zip(SIDES, (0, 1), strict=True):
         other = moved[1 - row]
         if not (abs(other[2]) < STILL_M and np.hypot(other[0], other[1]) < STAYS_M):  # nor NaN
@@ -277,11 +283,11 @@ def _what_moved(moved: FloatArray) -> str:
         if moved[row, 2] < -RISE_M:
             return f"{side} sank"
         if moved[row, 2] > RISE_M:
-            return f"{side} rose{_whereto(moved[row, 0]) if side == 'left' else ''}"
+            return f"{side} rose{_direction(moved[row, 0]) if side == 'left' else ''}"
     return ""
 
 
-def _whereto(forward: float) -> str:
+def _direction(forward: float) -> str:
     if forward < -BACK_M:
         return " behind"
     return "" if forward > FRONT_M else " aside"
@@ -290,25 +296,25 @@ def _whereto(forward: float) -> str:
 def check_sides(
     stream: LiveStream, rest: Calibrated, *, clock: Clock, where: str, notify: Callable[[str], object]
 ) -> None:
-    """Ask for the left arm to the front, and see it come; once more if it goes to the side.
+    """Ask for the left arm to the front, and wait until it comes. Ask once more if it goes to the side.
 
-    rest: where the wrists were when the performer was measured. Raises InputError with what rose instead, and what to
-    do about it.
+    rest: where the wrists were when the performer was measured. Raises InputError with what moved instead, and the next
+    step.
     """
     names = stream.roles.sensors
     rows = [names.index("l_wrist"), names.index("r_wrist")]
-    everybody = np.ones(len(names), dtype=bool)
-    check, asked_again, trouble = SideCheck(rest.position[rows]), False, StreamProblems(stream)
+    every_sensor = np.ones(len(names), dtype=bool)
+    check, asked_again, problems = SideCheck(rest.position[rows]), False, StreamProblems(stream)
     notify(f"Raise your left arm forward, to the front, and only that: {WAIT_S:g} s")
     end = clock.now() + WAIT_S
     while not check.passed:
-        clock.sleep_until(clock.now() + LISTEN_S)
+        clock.sleep_until(clock.now() + POLL_S)
         now = clock.now()
-        stream.listen(now, moving=True)  # who was measured keeps the stream: nobody else has this size
-        heard = believing_still(stream.read(now))
-        sample = live_sample(names, heard, rest.alignment, believed=everybody)
+        stream.poll(now, moving=True)  # no other source may take over: the size is that of this performer
+        reading = frozen_as_fresh(stream.read(now))
+        sample = live_sample(names, reading, rest.alignment, usable=every_sensor)
         check.take(now, np.where(sample.valid[rows, None], sample.position[rows], np.nan))
-        if message := trouble.look(now):
+        if message := problems.look(now):
             notify(message)
         if check.refused is not None:
             what, step = check.refused
@@ -317,14 +323,16 @@ def check_sides(
             asked_again, end = True, now + WAIT_S
             notify(f"To the front, not to the side, which looks the same in a mirrored world: {WAIT_S:g} s")
         if now >= end and not check.passed:
-            lost = [names[row] for row in rows if not heard.fresh[row]]
-            raise _not_heard(trouble.why(now), lost, where) or _not_seen(check, where)
+            lost = [names[row] for row in rows if not reading.fresh[row]]
+            raise _no_data(problems.why(now), lost, where) or _not_seen(check, where)
     notify("left is left, up is up, and the front is in front: lower the arm")
 
 
-def _not_heard(why: str, lost: list[str], where: str) -> InputError | None:
-    """What is wrong with the data, where that is why nothing was seen: then the check is not what to leave out. why: of
-    the stream, "" where it is well; lost: wrists that are not fresh."""
+def _no_data(why: str, lost: list[str], where: str) -> InputError | None:
+    """The error for missing data, None where data are fine. It does not propose to leave the check out.
+
+    why: what is wrong with the stream, "" for nothing. lost: wrists that are not fresh.
+    """
     if why:
         return InputError(why.rstrip("."), where=f"{where}, raise your left arm")
     if lost:
@@ -341,7 +349,7 @@ def _not_seen(check: SideCheck, where: str) -> InputError:
         "See that the trackers of both hands move with them, and try again",
     )
     if check.aside:
-        what = "the left arm rose to the side only, which does not tell whether the axes are mirrored"
+        what = "the left arm rose to the side only, which does not show whether the axes are mirrored"
         step = "Raise it to the front"
     return InputError(
         what,
@@ -361,14 +369,14 @@ def _found(check: SideCheck) -> str:
 
 
 KEPT_S = 600.0
-"""So long a run is remembered for its report; a longer one goes on without."""
+"""A run is recorded for its report up to this long; a longer one goes on without."""
 FOR_EVER = 10**9
 HUMAN_RATE_HZ = 100.0
-"""Ticks per second where there is no robot whose profile says it."""
+"""Ticks per second where there is no robot with a profile."""
 
 
 def live_rate_hz(robot: RobotBody | None) -> float:
-    """Ticks per second of a live run of this robot; None: of the human alone."""
+    """Ticks per second of a live run of this robot; of the human alone for None."""
     return HUMAN_RATE_HZ if robot is None else robot.profile.safety.rate_hz
 
 
@@ -381,10 +389,10 @@ def begin_live(
     where: str,
     notify: Callable[[str], object],
 ) -> Performance:
-    """Wait for the stream, calibrate, and return who performs.
+    """Wait for the stream, calibrate, and return the performance.
 
-    tell: hears what the performer is to do, and later what changes. Raises InputError: no data, sensors missing, not
-    still, no rest pose, sides exchanged; ConfigError, UsageError: the person's file; with what to do.
+    notify: receives what the performer is to do, and later what changes. Raises InputError: no data, sensors missing,
+    not still, no rest pose, sides swapped; ConfigError, UsageError: the person's file. Each names the next step.
     """
     person = None
     if options.person is not None:
@@ -397,10 +405,10 @@ def begin_live(
     refuse_version(stream, clock.now())
     known = None if person is None else person.dimensions
     calibrated = measure(stream, options, known, clock=clock, where=where, notify=notify)
-    heard = stream.read(clock.now())
-    everybody = np.ones(len(heard.states), dtype=bool)
+    reading = stream.read(clock.now())
+    every_sensor = np.ones(len(reading.states), dtype=bool)
     names = stream.roles.sensors
-    first = live_sample(names, heard, calibrated.alignment, believed=everybody, mirror=options.mirror)
+    first = live_sample(names, reading, calibrated.alignment, usable=every_sensor, mirror=options.mirror)
     ticks = FOR_EVER if options.duration is None else max(round(options.duration * rate_hz), 1)
     if options.check_sides:
         check_sides(stream, calibrated, clock=clock, where=where, notify=notify)
@@ -415,7 +423,7 @@ def begin_live(
         ticks=ticks,
         kept=min(ticks, round(KEPT_S * rate_hz), MAX_TICKS),
         mirror=options.mirror,
-        lacking=calibrated.missing if stream.roles.partial else (),
+        optional=calibrated.missing if stream.roles.partial else (),
         notify=notify,
     )
     notes = tuple(f"{name} is not worn, or was not fresh: it takes no part until it is" for name in calibrated.missing)
@@ -439,13 +447,16 @@ def _keep(name: str, calibrated: Calibrated, convention: str, notify: Callable[[
 
 
 def _wait(stream: LiveStream, options: LiveOptions, clock: Clock, *, where: str) -> None:
-    """Until every sensor that is needed is fresh, and none is listed that the stream does not have."""
+    """Wait until every needed sensor is fresh, and the stream has every sensor that the performer's file lists.
+
+    Raises InputError after `options.patience` s.
+    """
     deadline = clock.now() + options.patience
     while True:
-        stream.listen(clock.now(), moving=False)
+        stream.poll(clock.now(), moving=False)
         missing = missing_sensors(stream, clock.now())
         if not missing:
             return
         if clock.now() >= deadline:
             raise unusable(stream, missing, options.patience, where=where, now=clock.now())
-        clock.sleep_until(clock.now() + LISTEN_S)
+        clock.sleep_until(clock.now() + POLL_S)

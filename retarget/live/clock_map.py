@@ -1,6 +1,6 @@
-"""When a sample was captured, on the local clock: the sender's stamps, moved by the least delay that was seen.
+"""Clock alignment: capture times on the local clock, from the sender's stamps and the least delay.
 
-arrival - stamp is the offset of the two clocks plus the delay of that datagram; its minimum over the last seconds is
+arrival - stamp is the offset of the two clocks plus the delay of that datagram. Its minimum over the last seconds is
 the offset plus the least delay, which is what can be known without asking the sender (measured on a Motive recording:
 within 0.42 ms of asking). The window is short, so that the estimate follows a clock that runs fast or slow.
 """
@@ -15,16 +15,16 @@ from retarget.sources.stream_frame import Dropped
 __all__ = ["ClockMap", "JumpKind", "OddRun", "SlidingMinimum"]
 
 
-# A sender's clock that leapt: which way, and how many datagrams must agree before it is believed.
+# Jumps of a sender's clock: their direction, and how many datagrams must agree before one is accepted.
 
 ALIKE_S = 0.020
-"""Datagrams of one leap agree on the new offset to this, jitter included."""
+"""Datagrams after one jump agree on the new offset to this, jitter included."""
 ENOUGH = 3
-"""So many that agree are believed: one or two may be strays."""
+"""Datagrams that must agree: one or two may be strays."""
 SPREAD_S = 0.010
-"""They arrive over at least this time: a backlog that arrives at once tells nothing of the clock."""
+"""They must arrive over at least this time: a backlog that arrives at once shows nothing of the clock."""
 PLENTY = 8
-"""So many without any agreement are believed too, when nothing else is usable."""
+"""Datagrams that are accepted without agreement, when nothing else is usable."""
 
 
 class JumpKind(StrEnum):
@@ -37,7 +37,7 @@ class JumpKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ClockJump:
-    """A leap of the sender's clock, or of the path from it. shift: s by which local minus sender time grew."""
+    """A jump of the sender's clock, or of the delay from it. shift: s by which local minus sender time grew."""
 
     kind: JumpKind
     arrival: float
@@ -45,7 +45,7 @@ class ClockJump:
 
 
 class OddRun:
-    """Consecutive datagrams that do not fit the present estimate. `least`: their least (arrival - stamp), s."""
+    """A run of datagrams that do not fit the present estimate. `least`: their least (arrival - stamp), s."""
 
     def __init__(self) -> None:
         self.least = inf
@@ -54,12 +54,12 @@ class OddRun:
         self._since = self._agreed_since = self._gap = self._stamp = 0.0
 
     def clear(self) -> None:
-        """One that fits came between."""
+        """Start a new run: a datagram that fits came between."""
         self._agreed = self._count = 0
         self.least = inf
 
     def note(self, arrival: float, stamp: float, step: float) -> None:
-        """One more. step: s, of the sender's clock."""
+        """Add one datagram. step: s, of the sender's clock."""
         gap = arrival - stamp
         if self._count == 0:
             self._since = arrival
@@ -71,8 +71,8 @@ class OddRun:
             self._agreed, self._agreed_since, self.least = 1, arrival, gap
         self._gap, self._stamp = gap, stamp
 
-    def is_believed(self, arrival: float, *, patience: float) -> bool:
-        """Whether the clock leapt: enough agree, or nothing else came for `patience` s."""
+    def shows_jump(self, arrival: float, *, patience: float) -> bool:
+        """Whether the clock jumped: enough datagrams agree, or nothing else came for `patience` s."""
         agree = self._agreed >= ENOUGH and arrival - self._agreed_since >= SPREAD_S
         return agree or (self._count >= PLENTY and arrival - self._since >= patience)
 
@@ -81,9 +81,9 @@ class OddRun:
 
 
 class SlidingMinimum:
-    """Minimum over a window of `window` s, kept in `buckets` parts: it forgets a part at a time.
+    """Minimum over a window of `window` s, kept in `buckets` parts that are dropped one at a time.
 
-    What is added is remembered for at least (1 - 1/buckets) of the window and at most for the whole of it.
+    A value is kept for at least (1 - 1/buckets) of the window and at most for the whole of it.
     """
 
     def __init__(self, window: float, *, buckets: int = 8) -> None:
@@ -99,7 +99,7 @@ class SlidingMinimum:
             self._least[index] = value
 
     def at(self, now: float) -> float:
-        """The least value that is remembered at `now`; infinity where there is none."""
+        """The least value that is kept at `now`; infinity where there is none."""
         self._turn_to(now)
         return min(self._least)
 
@@ -109,7 +109,7 @@ class SlidingMinimum:
         self._bucket = None
 
     def _turn_to(self, now: float) -> int:
-        """Empty the buckets that were entered since; the index of the present one."""
+        """Empty the buckets that were entered since the last call. Returns the index of the present one."""
         count = len(self._least)
         bucket = int(now // self._width)
         if bucket == self._bucket:
@@ -124,34 +124,34 @@ class SlidingMinimum:
 
 WINDOW_S = 2.0
 EARLY_S = 0.005
-"""One that is earlier than any by more than this is believed only when others confirm it."""
+"""A datagram that is earlier than all others by more than this counts only when others confirm it."""
 AHEAD_S = 0.100
-"""One stamped further ahead is not used until its clock is believed."""
+"""A datagram stamped further ahead is dropped until its clock is accepted."""
 LATE_S = 0.250
-"""Nor is one that took longer than this: nothing moves by where somebody was then."""
+"""A datagram that took longer than this is dropped: the robot must not follow a pose that old."""
 REORDER_S = 0.100
-"""Nor one that is further behind what was delivered."""
+"""A datagram further behind what was delivered is dropped."""
 SHIFT_S = 0.030
-"""Lateness of all datagrams for `PATIENCE_S` that is a leap of the clock, not jitter."""
+"""Lateness of all datagrams for `PATIENCE_S` above which the clock has jumped; less is jitter."""
 PATIENCE_S = 0.250
 COARSE_S = 0.002
 """No two frames share a step of a clock finer than this: an equal stamp is the same frame."""
 YOUNG_S = 10.0
-"""A clock that leapt back to less than this was restarted."""
+"""A clock that jumped back to less than this was restarted."""
 NUDGE_S = 1e-6
-"""Between two samples in order that could not be told apart in time."""
+"""Time between two samples whose stamps are equal, so that order is kept."""
 REMEMBERED = 64
-"""Frames by which a repeated one is recognised."""
+"""Frames that are kept to recognise a repeated one."""
 
 
 class ClockMap:
     """Maps one sender's stamps or frame numbers to the local monotonic clock.
 
     period: s between two frames whose numbers differ by one, for senders without stamps (None: not known). resolution:
-    s, of stamps told in coarse units. significand: bits of the stamps' format (24 for float32 seconds): their step
-    follows from it. parts: datagrams that may share one stamp or number, where a frame is told in several.
+    s, of stamps in coarse units. significand: bits of the stamps' format (24 for float32 seconds), from which their
+    step follows. parts: datagrams that may share one stamp or number, where a frame is sent in several.
 
-    `jumps` counts leaps of the sender's clock, `last_jump` is the last of them; `dropped` counts by reason.
+    `jumps` counts jumps of the sender's clock, `last_jump` is the last of them; `dropped` counts by reason.
     """
 
     def __init__(
@@ -186,10 +186,10 @@ class ClockMap:
         return self._offset
 
     def map(self, arrival: float, stamp: float | None, number: int | None) -> float | None:
-        """The local time (s) at which a frame was captured, at most the arrival (but for microseconds); None: not used.
+        """The local time (s) at which a frame was captured, at most the arrival (but for microseconds); None: dropped.
 
-        arrival: s, local. stamp, number: as the sender told them. Frames in the sender's order get rising times,
-        whatever happens to its clock; one that was overtaken gets its place before them.
+        arrival: s, local. stamp, number: as sent. Frames in the sender's order get rising times, whatever happens to
+        its clock. A frame that was overtaken gets a time before the frames that overtook it.
         """
         if not isfinite(arrival):
             self.dropped.note("arrival is not a time")
@@ -213,7 +213,7 @@ class ClockMap:
         return time
 
     def _placed(self, arrival: float, stamp: float | None, number: int | None) -> float | None:
-        """By the stamp if there is one, by the number if its period is known, else by the arrival."""
+        """The time by the stamp if there is one, by the number if its period is known, else by the arrival."""
         if stamp is not None:
             return self._by_clock(arrival, stamp, step=self._step(stamp), is_counting=False)
         assert number is not None
@@ -227,7 +227,7 @@ class ClockMap:
         return self._deliver(arrival)
 
     def _by_clock(self, arrival: float, stamp: float, *, step: float, is_counting: bool) -> float | None:
-        """Place by a clock of the sender: its stamps, or its frames counted."""
+        """The time by a clock of the sender: its stamps, or its count of frames."""
         if is_counting != self._is_counting:
             self._is_counting, self._offset = is_counting, None
         gap = arrival - stamp
@@ -246,11 +246,12 @@ class ClockMap:
         return self._in_order(arrival, stamp, step)
 
     def _odd_one(self, arrival: float, stamp: float, *, step: float) -> float | None:
-        """One that does not fit: the clock leapt if others agree; else a little early is used, the rest is dropped."""
+        """The time of a frame that does not fit. It shows a jump if others agree; else it is used only if it is a
+        little early."""
         assert self._offset is not None
         excess = arrival - stamp - self._offset
         self._odd.note(arrival, stamp, step)
-        if self._odd.is_believed(arrival, patience=PATIENCE_S):
+        if self._odd.shows_jump(arrival, patience=PATIENCE_S):
             self._jump(arrival, self._odd.least, stamp=stamp)
             return self._in_order(arrival, stamp, step)
         if -(AHEAD_S + step) <= excess < 0.0:
@@ -259,7 +260,7 @@ class ClockMap:
         return None
 
     def _is_late_for_good(self, arrival: float, gap: float, excess: float) -> bool:
-        """Whether all datagrams have been late by far for a while: a small leap back."""
+        """Whether all datagrams have been late by far for a while: the clock made a small jump back."""
         if excess <= SHIFT_S:
             self._late_count, self._late_least = 0, inf
             return False
@@ -270,7 +271,7 @@ class ClockMap:
         return self._late_count >= 5 and arrival - self._late_since >= PATIENCE_S
 
     def _jump(self, arrival: float, gap: float, *, stamp: float) -> None:
-        """Start the estimate anew; a leap that matters is counted."""
+        """Restart the estimate, and count a jump of at least SHIFT_S."""
         shift = gap - (self._offset or 0.0)
         if abs(shift) >= SHIFT_S:
             back = JumpKind.RESTARTED if stamp < YOUNG_S and stamp < self._newest else JumpKind.BACK
@@ -279,7 +280,7 @@ class ClockMap:
         self._restart(arrival, gap)
 
     def _restart(self, arrival: float, gap: float) -> None:
-        """Forget the sender's clock, never what was delivered."""
+        """Forget the sender's clock, but not what was delivered."""
         self._least.clear()
         self._least.add(arrival, gap)
         self._offset, self._newest = gap, -inf
@@ -288,7 +289,7 @@ class ClockMap:
         self._recent.clear()
 
     def _in_order(self, arrival: float, stamp: float, step: float) -> float:
-        """Where the stamp puts it, nearest to the arrival where the stamp is coarse; in the sender's order."""
+        """The time by the stamp, nearest to the arrival where the stamp is coarse, in the sender's order."""
         assert self._offset is not None
         time = min(arrival, stamp + self._offset + step)
         if stamp < self._newest:
@@ -297,12 +298,12 @@ class ClockMap:
         return self._deliver(time)
 
     def _deliver(self, time: float) -> float:
-        """The newest sample so far."""
+        """Note the time of the newest sample, after all delivered so far."""
         self._latest = max(time, self._latest + NUDGE_S)
         return self._latest
 
     def _step(self, stamp: float) -> float:
-        """How far apart two stamps at the least are, s."""
+        """The least time between two stamps, s."""
         return max(self._resolution, ldexp(1.0, frexp(stamp)[1] - self._significand))
 
     def _remember(self, key: tuple[float | None, int | None], time: float) -> None:
@@ -311,7 +312,7 @@ class ClockMap:
             self._recent.popitem(last=False)
 
     def _is_stuck(self, key: tuple[float | None, int | None], stamp: float | None) -> bool:
-        """Whether the sender's clock was found to stand still, and still does."""
+        """Whether the sender's clock stands still, as found before."""
         if self._stuck is None:
             return False
         if key == self._stuck or (stamp is not None and stamp == self._stuck[0]):
@@ -320,13 +321,13 @@ class ClockMap:
         return False
 
     def _is_repeated(self, is_known: bool, stamp: float | None, number: int | None) -> bool:
-        """Whether the frame came before, or its stamp did, from a clock fine enough to tell frames apart."""
+        """Whether the frame came before, or its stamp did, from a clock fine enough to distinguish frames."""
         if stamp is None or self._step(stamp) < COARSE_S:
             return is_known or (stamp is not None and stamp == self._newest)
         return is_known and number is not None
 
     def _repeated(self, arrival: float, key: tuple[float | None, int | None]) -> float | None:
-        """Drop one that came before; when nothing else comes, the clock stands and the arrivals count."""
+        """Drop a repeated frame. When nothing else comes, the sender's clock stands still, and arrivals are used."""
         self._repeats += 1
         if self._repeats >= PLENTY and arrival - self._latest >= PATIENCE_S:
             self._stuck, self._repeats = key, 0

@@ -1,4 +1,4 @@
-"""Which protocol a datagram is of, by its first bytes, and what to do where it is not the one of the address.
+"""The protocol of a datagram by its first bytes, and the advice where it is not the protocol of the address.
 
 Facts on streams, sections 2 to 6: OSC begins with `#bundle` or an address, MVN with `MXTP`, NatNet with an id and its
 own size, mocopi with a counted `head`, Axis Studio with 0xDDFF, Rokoko Studio with JSON or an LZ4 frame of it.
@@ -18,9 +18,9 @@ __all__ = ["DAMAGED", "Recognised", "advice_for", "recognise"]
 
 
 LONGEST_NAME = 60
-"""Characters of a sender's own words that are shown."""
+"""Characters of a text of the sender that are shown."""
 DAMAGED = "damaged "
-"""Begins the name of what cannot be taken apart."""
+"""Begins the name of a datagram that cannot be parsed."""
 _LZ4 = b"\x04\x22\x4d\x18"
 _AXIS_STUDIO = b"\xff\xdd"
 _MVN_TYPES = {
@@ -39,8 +39,8 @@ _MVN_TYPES = {
 
 @dataclass(frozen=True, slots=True)
 class Recognised:
-    """kind: scheme of the address that reads it, "" where none does. name: in words. detail: what of it, where that
-    matters; bounded in length, and few differ."""
+    """What a datagram is. kind: scheme of the address that reads it, "" where none does. name: of the protocol, in
+    words. detail: the part of it, where that matters; bounded in length, with few different values."""
 
     kind: str
     name: str
@@ -53,7 +53,7 @@ class Recognised:
 
 
 def recognise(datagram: bytes) -> Recognised:
-    """What a datagram looks like. Never raises."""
+    """Recognise a datagram. Never raises."""
     if datagram.startswith((b"#bundle\0", b"/")):
         return _osc(read_osc(datagram))
     if datagram.startswith(b"MXTP"):
@@ -83,7 +83,7 @@ def _osc(packet: OscPacket) -> Recognised:
 
 
 def _vmc(addresses: list[str]) -> str:
-    """Which of the protocol's poses there are."""
+    """Which poses of the protocol there are, in words; "" for trackers."""
     if any(address.startswith(f"/VMC/Ext/{device}/Pos") for address in addresses for device in ("Hmd", "Con", "Tra")):
         return ""
     if "/VMC/Ext/Bone/Pos" in addresses:
@@ -113,13 +113,12 @@ def _json(datagram: bytes) -> Recognised:
         return Recognised("", "JSON", "without poses")
     axes = message.get("axes")
     if type(axes) is not str or axes not in CONVENTIONS:
-        told = f"axes {_shown(axes)}" if type(axes) is str else "no axes"
-        return Recognised("json", "poses as JSON", told)
+        return Recognised("json", "poses as JSON", f"axes {_shown(axes)}" if type(axes) is str else "no axes")
     return Recognised("json", "poses as JSON")
 
 
 def _natnet(datagram: bytes) -> Recognised | None:
-    """By an id that is known and a size that fits to the byte."""
+    """NatNet, by a known id and a size that fits to the byte; None for anything else."""
     parts = split(datagram)
     if parts is None or len(datagram) != 4 + struct.unpack_from("<H", datagram, 2)[0]:
         return None
@@ -139,7 +138,7 @@ def _first_bytes(datagram: bytes) -> str:
     return f"begins with {datagram[:8].hex(' ')}" if datagram else "empty"
 
 
-# What to do when something else arrives than the address reads: the mix-ups that people make.
+# What to do when something else arrives than the address reads.
 
 SENDERS = {
     "vmc": "the sender's VMC output",
@@ -148,7 +147,7 @@ SENDERS = {
     "mvn": "MVN's network streamer",
     "json": "the sender",
 }
-"""Who is to be set, by the kind of an address."""
+"""The program that is to be configured, by the kind of an address."""
 
 _ALIEN = {
     "Rokoko Studio": "Its stream is not read: let a bridge send VMC, or poses as JSON (docs/json-input.md)",
@@ -161,8 +160,8 @@ _ALIEN = {
 
 
 def advice_for(kind: str, got: Recognised, *, port: int, recording: str = "") -> str:
-    """What a person is to do about datagrams `got` at an address of `kind`; "" where it is what is read. recording: the
-    file that holds them, "" where they arrive."""
+    """What to do about datagrams `got` at an address of `kind`; "" where the address reads them. recording: the file
+    that holds them, "" for a live stream."""
     if got.kind == kind:
         return _own(kind, got)
     if got.kind and recording:
@@ -181,7 +180,7 @@ def advice_for(kind: str, got: Recognised, *, port: int, recording: str = "") ->
 
 
 def _own(kind: str, got: Recognised) -> str:
-    """The right protocol, and the wrong part of it."""
+    """What to do about the right protocol with the wrong content; "" for nothing."""
     if kind == "mvn" and got.detail and got.detail[5:7] not in ("01", "12", "13"):
         return "In MVN's network streamer choose Position + Orientation (Quaternion)"
     if kind == "json" and got.detail:

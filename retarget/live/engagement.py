@@ -1,4 +1,4 @@
-"""When a live performer is followed, and when the robot holds: how sensors leave and come back, and debounce."""
+"""When a live performer is followed and when the robot holds: debounce, reacquisition blends, weights of sensors."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -22,22 +22,22 @@ __all__ = [
 ]
 
 
-# Whether something has been good for long enough to be relied upon again.
+# Whether something has been good for long enough to be used again.
 
 
 class Debounce:
-    """From bad on it takes `healthy` s of good. good: whether it is taken to have been good until now."""
+    """Becomes true after `healthy` s of good without a break. good: whether it begins as true."""
 
     def __init__(self, healthy: float, *, good: bool = False) -> None:
         self._healthy = healthy
         self._since = -float("inf") if good else None
 
     def restart(self) -> None:
-        """It is bad now."""
+        """Wait for `healthy` s from the next good step on."""
         self._since = None
 
     def step(self, now: float, *, good: bool) -> bool:
-        """Whether it has lasted at `now`, s."""
+        """Whether it has been good for long enough at `now`, s."""
         if not good:
             self._since = None
         elif self._since is None:
@@ -54,8 +54,8 @@ class Engaged(Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class EngagementTimes:
-    """healthy: s of good data before a hold ends. blend: s that coming back takes, at least; speed: m/s, and turn:
-    rad/s, that no sensor exceeds on the way back from where it was held."""
+    """Times and speeds of the end of a hold. healthy: s of good data before it ends. blend: least duration of the
+    blend back to the performer, s. speed: m/s, and turn: rad/s, that no sensor exceeds during this blend."""
 
     healthy: float = 0.5
     blend: float = 0.75
@@ -68,25 +68,25 @@ PEAK = 1.5
 
 
 class Engagement:
-    """Follows samples, or holds at the last one; from there back to the performer without a leap.
+    """Follows samples, or holds the last one. After a hold it blends back to the performer without a jump.
 
-    It begins with the sample at which the robot arrives, as after a hold.
+    It begins as after a hold, with the sample that the robot has approached.
     """
 
     def __init__(self, first: SensorSample, times: EngagementTimes | None = None) -> None:
         self._times = times or EngagementTimes()
         self.wanted = True
-        """Whether the performer wants to be followed: a pedal or key may let go."""
+        """Whether the robot is to follow: False while a pedal or key is released."""
         self.settled: float
-        """How much of its speed the robot may use beyond that of its slow approach: 0 until the way back is over, from
-        there to 1 in `blend` s."""
+        """Share of its speed that the robot may use beyond that of its slow approach: 0 until the blend back is over,
+        then up to 1 in `blend` s."""
         self._good = Debounce(self._times.healthy)
-        self._began = -np.inf  # [s] when it came back
+        self._began = -np.inf  # [s] of the blend back
         self._duration = 0.0
         self.begin(first)
 
     def begin(self, first: SensorSample) -> None:
-        """The robot is where `first` wants it, as after a hold."""
+        """Begin as after a hold: the robot is where `first` commands it to be."""
         self.state, self.settled = Engaged.HOLDING, 0.0
         self._held = self._shown = first
         self._good.restart()
@@ -104,21 +104,21 @@ class Engagement:
         self._good.restart()
 
     def step(self, now: float, sample: SensorSample, *, good: bool) -> SensorSample | None:
-        """What to follow at `now`, s; None: hold. good: whether what the sensors say can be believed."""
+        """The sample to follow at `now`, s; None: hold. good: whether the sensors are valid."""
         if not good or not self.wanted:
             self.hold()
             return None
         if self.state is Engaged.HOLDING:
             if not self._good.step(now, good=True):
                 return None
-            self.state, self._began, self._duration = Engaged.FOLLOWING, now, self._way_back(sample)
+            self.state, self._began, self._duration = Engaged.FOLLOWING, now, self._blend_time(sample)
         share = (now - self._began) / self._duration
         self.settled = min(max((now - self._began - self._duration) / self._times.blend, 0.0), 1.0)
         self._shown = sample if share >= 1.0 else _blend(self._held, sample, share * share * (3.0 - 2.0 * share))
         return self._shown
 
-    def _way_back(self, sample: SensorSample) -> float:
-        """How long the way back takes, s."""
+    def _blend_time(self, sample: SensorSample) -> float:
+        """Duration of the blend from the held sample to the present one, s."""
         both = self._held.valid & sample.valid
         distance = np.linalg.norm(sample.position[both] - self._held.position[both], axis=1)
         turned = _turned(self._held, sample)
@@ -129,13 +129,13 @@ class Engagement:
 
 
 def _turned(held: SensorSample, sample: SensorSample) -> BoolArray:
-    """Who is valid in both and says how it is turned, (k,)."""
+    """Which sensors are valid and have an orientation in both samples, (k,)."""
     known = np.isfinite(held.orientation[:, 0]) & np.isfinite(sample.orientation[:, 0])
     return np.asarray(held.valid & sample.valid & known)
 
 
 def _blend(held: SensorSample, sample: SensorSample, share: float) -> SensorSample:
-    """From the held sample (share 0) to the present one; sensors that were not held are as they are."""
+    """Blend from the held sample (share 0) to the present one. Sensors that were not held are not blended."""
     both = held.valid & sample.valid
     position: FloatArray = sample.position.copy()
     position[both] += (1.0 - share) * (held.position[both] - sample.position[both])
@@ -146,16 +146,16 @@ def _blend(held: SensorSample, sample: SensorSample, share: float) -> SensorSamp
     return SensorSample(sample.names, position, orientation, sample.valid, sample.weight)
 
 
-# How much each sensor takes part: it leaves smoothly when it is not believed any more, and comes back by a blend.
+# The weight of each sensor: it fades when the sensor becomes invalid, and comes back by a reacquisition blend.
 
 LONGEST_STEP = 0.02
-"""s; a tick that comes later moves weights no farther than this: they never jump."""
+"""s; a tick that took longer changes the weights as if it had taken this: they never jump."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReacquisitionTimes:
-    """s. leave: from full weight to none. healthy: so long a sensor must be believed before it comes back. blend: from
-    none to full weight. Raises UsageError for what is not positive."""
+    """Times of the weights, s. leave: from full weight to none. healthy: a sensor must be valid for this long before it
+    comes back. blend: from none to full weight. Raises UsageError for a time that is not positive."""
 
     leave: float = 0.07
     healthy: float = 0.5
@@ -163,11 +163,11 @@ class ReacquisitionTimes:
 
     def __post_init__(self) -> None:
         if not all(0.0 < value < np.inf for value in (self.leave, self.healthy, self.blend)):
-            raise UsageError("times of coming back make no sense", found=repr(self), allowed="positive seconds")
+            raise UsageError("reacquisition times out of range", found=repr(self), allowed="positive seconds")
 
 
 class ReacquisitionBlend:
-    """`weights` (k,), 0 to 1, of k sensors: none at first. Both ways are smoothsteps; one may turn into the other."""
+    """The `weights` (k,), 0 to 1, of k sensors; 0 at first. They rise and fall by smoothsteps, and may turn midway."""
 
     def __init__(self, count: int, times: ReacquisitionTimes | None = None) -> None:
         self._times = times or ReacquisitionTimes()
@@ -177,7 +177,7 @@ class ReacquisitionBlend:
         self._full = False
 
     def start(self, states: StateArray) -> None:
-        """Whoever is believed takes part in full, at once: for a body that does not move yet."""
+        """Give every valid sensor full weight at once: for a body that does not move yet."""
         self._share = (states == ValidityState.FRESH).astype(np.float64)
         self._fresh_for = self._share * self._times.healthy
         self.weights = self._share.copy()
@@ -191,7 +191,7 @@ class ReacquisitionBlend:
         dt = min(max(dt, 0.0), LONGEST_STEP)
         self._fresh_for = np.where(fresh, self._fresh_for + dt, 0.0)
         back = self._fresh_for > self._times.healthy
-        # What was doubted goes all the way out before it comes back, unless it is believed for long enough by then.
+        # A sensor that was invalid fades out whole before it comes back, unless it is valid for long enough by then.
         change = np.where(back, dt / self._times.blend, -dt / self._times.leave)
         self._share = np.clip(self._share + change, 0.0, 1.0)
         self.weights = self._share * self._share * (3.0 - 2.0 * self._share)
@@ -199,17 +199,17 @@ class ReacquisitionBlend:
         return self.weights
 
 
-# How sensors that were lost are turned when they come back: from how they were shown last, by their weight.
+# Orientations of sensors that come back: blended by their weight from the last known orientation.
 
 
 class ReacquisitionTurn:
-    """Remembers of `count` sensors how they were turned while they took part in full."""
+    """Keeps the last orientation that each of `count` sensors had at full weight."""
 
     def __init__(self, count: int) -> None:
         self._last: FloatArray = np.full((count, 4), np.nan)
 
     def step(self, sample: SensorSample) -> SensorSample:
-        """The sample with the orientations of who has not come back yet on the way from the last one known."""
+        """The sample, with the orientations of sensors that come back blended from the last known ones."""
         if sample.weight is None:
             return sample
         whole = sample.valid & (sample.weight >= 1.0)

@@ -1,4 +1,4 @@
-"""From an address, or from a receiver of one's own, and a performer to a stream that can be listened to."""
+"""Opening a live stream: its receiver, decoder and roles, from an address or from the caller's own receiver."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -27,13 +27,14 @@ from retarget.sources.vrchat import VrchatDecoder
 __all__ = ["StreamKind", "open_receiver", "open_stream", "stream_kinds", "stream_of"]
 
 
-# What listens to an address: a UDP socket, the sockets of NatNet, a TCP port for MVN, or a recording.
+# The receiver of an address: a UDP socket, the sockets of NatNet, a TCP port for MVN, or a recording.
 
 
 def open_receiver(address: StreamAddress, *, names_missing: Callable[[], bool] = lambda: False) -> Receiver:
-    """Open it. names_missing: whether Motive's frames have ids of which no name is known; then it is asked for names.
+    """Open the receiver of an address. names_missing: whether Motive's frames have ids without a known name; Motive is
+    then asked for names.
 
-    Arrivals are on the machine's monotonic clock, of a replay on whatever clock it is polled by.
+    Arrivals are on the machine's monotonic clock; those of a replay are on the clock that it is polled by.
 
     Raises InputError: port taken or forbidden, no such interface, group not joined, no such recording.
     """
@@ -52,7 +53,7 @@ BONES = "unity_bones"
 
 @dataclass(frozen=True)
 class StreamKind:
-    """How one kind of sender is read. roles: the convention of its names; clock: how its stamps are to be taken."""
+    """How one kind of sender is read. roles: the convention of its names; clock: makes the map of its stamps."""
 
     decoder: Callable[[], StreamDecoder]
     roles: str
@@ -62,7 +63,7 @@ class StreamKind:
 def stream_kinds() -> dict[str, StreamKind]:
     """By the scheme of the address."""
     return {
-        # VMC tells seconds as float32.
+        # VMC sends seconds as float32.
         "vmc": StreamKind(VmcDecoder, "slimevr", lambda: ClockMap(significand=24)),
         "vrchat": StreamKind(VrchatDecoder, "slimevr_vrchat", ClockMap),
         "mvn": StreamKind(MvnDecoder, "mvn", lambda: ClockMap(resolution=1e-3)),
@@ -80,11 +81,11 @@ def open_stream(
     smoothing: str = LIGHT,
     latest: bool = False,
 ) -> LiveStream:
-    """Open the port, or the recording, of an address. smoothing: see `smoothing.SMOOTHINGS`. latest: the newest poses
-    at once, instead of a playout buffer.
+    """Open the port, or the recording, of an address. smoothing: see `smoothing.SMOOTHINGS`. latest: use the newest
+    poses at once, instead of a playout buffer.
 
-    Raises InputError: port taken, no such interface, no such recording; UsageError: sensors that the sender cannot
-    tell.
+    Raises InputError: port taken, no such interface, no such recording; UsageError: sensors that such a sender does not
+    have.
     """
     kind, kinds = recorded_kind(address) if address.kind == "replay" else address.kind, stream_kinds()
     how = kinds[kind]
@@ -115,10 +116,10 @@ def stream_of(
     smoothing: str = LIGHT,
     latest: bool = False,
 ) -> LiveStream:
-    """A stream of what a receiver of one's own hears. kind: how its datagrams are read; None: as poses in JSON, which
-    is what `retarget.run.own_source.OwnSource` says. The rest as in `open_stream`.
+    """A stream from the caller's own receiver. kind: how its datagrams are read; None: as poses in JSON, which
+    `retarget.run.own_source.OwnSource` sends. The rest as in `open_stream`.
 
-    Raises UsageError: sensors that the sender cannot tell.
+    Raises UsageError: sensors that such a sender does not have.
     """
     how = kind or stream_kinds()["json"]
     roles = roles_of(performer, performer.roles or how.roles, where=f"performer {performer.name}")

@@ -1,4 +1,4 @@
-"""Sensors told at their own times, read at one: between frames, a little beyond the newest, then held."""
+"""The playout buffer: sensors sent at their own times, read at one time, with a delay that evens out jitter."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -15,22 +15,22 @@ from retarget.types import BoolArray, FloatArray, IntArray
 __all__ = ["DELAY_CAP_S", "How", "Played", "Playout", "PlayoutDelay"]
 
 
-# How far behind the present a stream is played, so that what is late still arrives in time.
+# The playout delay: how far behind the present a stream is played, so that late frames still arrive in time.
 
 DELAY_CAP_S = 0.040
 WINDOW_S = 2.0
 SHRINK_S = 1.0
-"""Time constant of shrinking: at the cap, time then plays 4 % fast, which nobody sees."""
+"""Time constant of shrinking. At the cap, time then plays 4 % fast, which is not visible."""
 GAP_SHARE = 0.1
-"""Of each new gap in the typical one."""
+"""Share of each new gap in the running mean."""
 
 
 class PlayoutDelay:
     """The worst lateness (arrival - capture) of the last 2 s and a share of the time between frames, s.
 
-    cap: never more than this. periods: of the typical time between two frames, that the later of the two neighbours is
-    there when a time between them is read (0: about half of the reads go beyond the newest). It grows at once and
-    shrinks slowly.
+    cap: the delay never exceeds it. periods: share of the typical time between two frames that is added, so that the
+    later neighbour of a time that is read has arrived (0: about half of the reads go beyond the newest). The delay
+    grows at once and shrinks slowly.
     """
 
     def __init__(self, *, cap: float = DELAY_CAP_S, periods: float = 1.0) -> None:
@@ -43,14 +43,14 @@ class PlayoutDelay:
         self._now: float | None = None
 
     def note(self, arrival: float, *, lateness: float, gap: float) -> None:
-        """One frame arrived. gap: s since the frame before it was captured; infinity for the first one."""
+        """Note that a frame arrived. gap: s since the frame before it was captured; infinity for the first one."""
         self._earliness.add(arrival, -lateness)
         if gap < inf:
             gap = min(gap, self._cap)
             self._gap = gap if self._gap is None else self._gap + GAP_SHARE * (gap - self._gap)
 
     def at(self, now: float) -> float:
-        """The delay at a time that does not fall from call to call, s."""
+        """The delay at `now`, s. `now` must not fall from call to call."""
         elapsed = 0.0 if self._now is None else max(0.0, now - self._now)
         self._now = now if self._now is None else max(now, self._now)
         earliness = self._earliness.at(self._now)
@@ -65,29 +65,29 @@ class PlayoutDelay:
 
 EXTRAPOLATION_S = 0.050
 AHEAD_S = 0.100
-"""A capture time so far after its arrival is a mistake."""
+"""A capture time farther after its arrival than this is wrong."""
 
 
 class How(IntEnum):
     """How a pose was found."""
 
     NONE = 0
-    """Nothing was ever told: NaN."""
+    """No pose was ever sent: NaN."""
     INTERPOLATED = 1
     LATEST = 2
-    """A pose as it was told: the newest, or the first of all while the playout has not reached it."""
+    """A pose as sent: the newest, or the first of all while the playout has not reached it."""
     EXTRAPOLATED = 3
     HELD = 4
-    """Nothing new for longer than may be extrapolated: where that ended."""
+    """No new pose for longer than may be extrapolated: the pose at the end of extrapolation."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Played:
-    """k sensors at one time. position (k, 3) m, orientation (k, 4) wxyz: NaN where never told, or not in that part.
+    """k sensors at one time. position (k, 3) m, orientation (k, 4) wxyz: NaN where never sent. Not to be written to.
 
-    valid (k): told, and the sender has not said since that it is lost. age (k): s since the newest pose was captured,
-    infinity where there is none. how (k): of `How`. time (k): s, local capture time of what is shown, never falling
-    from read to read while how is not LATEST; NaN where there is none. Not to be written to.
+    valid (k): the sender has sent the sensor, and has not reported it lost since. age (k): s since the newest pose was
+    captured, infinity where there is none. how (k): of `How`. time (k): s, local capture time of the pose, never
+    falling from read to read while how is not LATEST; NaN where there is none.
     """
 
     position: FloatArray
@@ -99,11 +99,11 @@ class Played:
 
 
 class Playout:
-    """The playout buffer of k sensors. delay: None plays the newest as it is (latest wins, never extrapolated).
+    """The playout buffer of k sensors. delay: None plays the newest pose as it is, never extrapolated.
 
-    While a stream is silent a sensor moves on for 50 ms with its last velocity (linear and angular) and then is held.
-    When data resume, the next read shows the data, be it a leap from where the sensor was held: what follows must
-    blend. A frame that was overtaken is sorted in; what was already played stays played.
+    While a stream is silent, a sensor moves on for 50 ms with its last velocity (linear and angular) and is then held.
+    When data resume, the next read shows the data, also where they jump from where the sensor was held; later stages
+    must blend. A frame that was overtaken is sorted in; what was already played stays played.
     """
 
     def __init__(self, count: int, *, delay: PlayoutDelay | None = None, depth: int = 64) -> None:
@@ -114,7 +114,7 @@ class Playout:
 
     @property
     def delay(self) -> float:
-        """How far behind the last read was, s; 0 where the latest wins."""
+        """How far behind the present the last read was, s; 0 without a delay."""
         return 0.0 if self._delay is None else self._now - self._at if self._now > -inf else 0.0
 
     def push(
@@ -129,8 +129,8 @@ class Playout:
     ) -> None:
         """Take poses of m different sensors captured at one time.
 
-        rows (m,); time, arrival: s, local clock; position (m, 3) m, NaN where not told; orientation (m, 4) wxyz, of
-        any sign, NaN where not told; valid (m,): False where the sender says that it has lost the sensor.
+        rows (m,); time, arrival: s, local clock; position (m, 3) m, NaN where not sent; orientation (m, 4) wxyz, of
+        any sign, NaN where not sent; valid (m,): False where the sender reports that it has lost the sensor.
         """
         if not (isfinite(time) and time <= arrival + AHEAD_S):
             self.dropped.note("not a capture time")
@@ -145,7 +145,7 @@ class Playout:
             self._delay.note(arrival, lateness=arrival - time, gap=time - newest)
 
     def read(self, now: float) -> Played:
-        """Every sensor at `now` (s, local; a time before that of the last read counts as that one) less the delay."""
+        """Every sensor at `now` less the delay. now: s, local; a time before the last read's counts as the last."""
         self._now = now = max(now, self._now)
         if self._delay is None:
             return Played(*self._ring.latest(now))

@@ -17,18 +17,18 @@ __all__ = ["FLUSH_S", "RawTap", "ReplayReceiver", "open_replay", "recorded_kind"
 
 
 UNKNOWN_SOURCE = "127.0.0.1"
-"""Address of the senders of a recording that holds none."""
+"""The sender's address where a recording holds none."""
 LOOKED_AT = 100
-"""Datagrams by which a recording is recognised that does not say what it holds."""
+"""Datagrams by which the kind of a recording is recognised where its header does not give it."""
 LONE_GAP_S = 0.1
-"""Between two rounds of a recording whose datagrams all have one time."""
+"""Time between two rounds of a recording whose datagrams all have one time."""
 
 
 class ReplayReceiver:
-    """Datagrams of a recording that fall due as the time that `poll` is given goes on; the first one at once.
+    """Plays a recording: its datagrams fall due as the time given to `poll` goes on, the first one at once.
 
-    A time of the recording that goes back counts as none passed. With `loop`, each round follows the one before by the
-    mean gap of its datagrams. The file is read as it is played, through a buffer, one datagram ahead.
+    A recorded time that goes back counts as no time passed. With `loop`, each round follows the one before by the mean
+    gap of its datagrams. The file is read while it is played, through a buffer, one datagram ahead.
     """
 
     def __init__(self, reader: RawReader, *, speed: float = 1.0, loop: bool = False) -> None:
@@ -40,7 +40,7 @@ class ReplayReceiver:
         self._rows: Iterator[raw_record.Datagram] = iter(reader)
         self._next: raw_record.Datagram | None = None
         self._due = 0.0
-        """When `_next` arrives, s on the clock of `poll`; before that, when the one before it arrived."""
+        """When `_next` arrives, s on the clock of `poll`; until `_next` is loaded, when the last one arrived."""
         self._recorded: float | None = None
         """Recorded time of the last datagram, s; None at the start of a round."""
         self._count = 0
@@ -60,7 +60,7 @@ class ReplayReceiver:
 
     @property
     def damage(self) -> str:
-        """Where and how the recording broke off; "" if it is whole, as far as it was played."""
+        """Where and how the recording is damaged; "" if it is whole, as far as it was played."""
         return self._reader.damage
 
     def close(self) -> None:
@@ -68,7 +68,7 @@ class ReplayReceiver:
         self._next, self._finished = None, True
 
     def poll(self, now: float) -> list[Datagram]:
-        """What has fallen due until `now` (s), with the times at which it did. Bounded as that of a socket is."""
+        """The datagrams that have fallen due until `now` (s), with their due times. Bounded as for a socket."""
         if not self._started:
             self._started, self._due, self._round_began = True, now, now
             self._load()
@@ -113,10 +113,10 @@ def open_replay(address: StreamAddress) -> ReplayReceiver:
 
 
 def recorded_kind(address: StreamAddress) -> str:
-    """What kind of stream a recording holds: by `?kind=`, by the address that it was recorded from, or by its first
-    datagrams, if all that are known are of one kind.
+    """The kind of stream that a recording holds: by `?kind=`, by the address that it was recorded from, or by its first
+    datagrams, if all that are recognised are of one kind.
 
-    Raises InputError if none says so, or if the file is missing or no recording.
+    Raises InputError if none of these gives it, or if the file is missing or no recording.
     """
     assert address.path is not None
     if address.recorded is not None:
@@ -141,26 +141,27 @@ def recorded_kind(address: StreamAddress) -> str:
     )
 
 
-# `--record-raw FILE`: every admitted datagram goes to a file, by a thread of its own; the tick waits for no disk.
+# `--record-raw FILE`: a thread writes every admitted datagram to a file, so that the tick does not wait for the disk.
 
 FLUSH_S = 0.2
-"""Between two writes; what a crash may lose."""
+"""Time between two writes, and what a crash may lose."""
 PATIENCE_S = 2.0
-"""How long closing waits for a disk that hangs."""
+"""Time that closing waits for a disk that hangs."""
 
 
 class RawTap:
-    """Takes datagrams in the tick and lets a thread write them.
+    """Takes datagrams in the tick, and writes them in a thread.
 
-    A disk that is full or gone ends the recording and nothing else: `trouble` then says why, and what comes later is
-    counted in `lost`, as is what comes faster than the disk takes it (the writer holds a bounded number of bytes).
+    A disk that is full or gone ends the recording and nothing else. `failure` then gives the reason, and later
+    datagrams are counted in `lost`, as are those that come faster than the disk takes them (the writer holds a bounded
+    number of bytes).
     """
 
     def __init__(self, writer: RawWriter, *, notify: Callable[[str], object] = lambda text: None) -> None:
-        """Start the thread. The tap owns the writer from here on. tell: hears, when it is closed, what is missing."""
+        """Start the thread. The tap owns the writer from here on. notify: receives what is missing, when it closes."""
         self._writer, self._notify = writer, notify
         self._hung = ""
-        self._told_trouble = self._told_lost = False
+        self._reported_failure = self._reported_lost = False
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, name="record-raw", daemon=True)
         self._thread.start()
@@ -172,8 +173,8 @@ class RawTap:
         self.close()
 
     @property
-    def trouble(self) -> str:
-        """Why the recording ended early; "" while all is well."""
+    def failure(self) -> str:
+        """Why the recording ended early; "" if it did not."""
         return self._hung or self._writer.error
 
     @property
@@ -182,30 +183,30 @@ class RawTap:
         return self._writer.lost
 
     def news(self) -> str:
-        """What is wrong with the recording, in a sentence, the first time that it is asked; "" otherwise."""
-        if self.trouble and not self._told_trouble:
-            self._told_trouble = self._told_lost = True
-            return f"the recording has ended, the run goes on: {self.trouble}"
-        if self.lost and not self._told_lost:
-            self._told_lost = True
+        """What is wrong with the recording, in a sentence, once for each problem; "" otherwise."""
+        if self.failure and not self._reported_failure:
+            self._reported_failure = self._reported_lost = True
+            return f"the recording has ended, the run goes on: {self.failure}"
+        if self.lost and not self._reported_lost:
+            self._reported_lost = True
             return "the disk is too slow: datagrams are missing in the recording"
         return ""
 
     def take(self, datagram: Datagram) -> None:
-        """Keep one datagram; after `close`, or after trouble, it is only counted."""
+        """Keep one datagram; after `close`, or after a failure, it is only counted."""
         address, port = datagram.source
         self._writer.append(datagram.payload, time_ns=round(datagram.arrival * 1e9), address=address, port=port)
 
     def close(self) -> None:
-        """Write the rest and close the file; waits PATIENCE_S at most. Twice does no harm."""
+        """Write the rest and close the file; waits PATIENCE_S at most. A second call has no effect."""
         if self._ending.is_set():
             return
         self._ending.set()
         self._thread.join(PATIENCE_S)
         if self._thread.is_alive():
             self._hung = "the disk does not answer"
-        if self.trouble or self.lost:
-            reason = self.trouble or "the disk was too slow"
+        if self.failure or self.lost:
+            reason = self.failure or "the disk was too slow"
             self._notify(f"the recording is not whole: {reason}; {self.lost} datagrams are missing")
 
     def _run(self) -> None:

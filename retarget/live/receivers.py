@@ -1,4 +1,4 @@
-"""Receivers that are more than a UDP socket: NatNet's questions and answers, and MVN over TCP."""
+"""Receivers of more than one UDP socket: NatNet with its requests and answers, and MVN over TCP."""
 
 import socket
 from collections import deque
@@ -29,16 +29,16 @@ __all__ = [
 
 
 REACQUISITION_S = 5.0
-"""Between two tries to join a group that the server told of."""
+"""Time between two attempts to join the multicast group that the server reports."""
 NOT_THE_SERVER = "sender is not the server"
 
 
 class NatnetReceiver:
-    """Polled as a socket is; each poll also sends what the session has to say, and tells it what the server answered.
+    """Receives frames from Motive. Each poll also sends the requests of the session, and hands it the answers.
 
-    In multicast, frames come through a second socket, which follows the group and port that the server tells.
-    dropped: what others than the server sent. trouble: why that group is not heard, "" while all is well; the old one
-    is then kept, and the new one tried again every REACQUISITION_S.
+    In multicast, frames come through a second socket, which follows the group and port that the server reports.
+    dropped: datagrams of others than the server. join_error: why the reported group could not be joined, "" if there is
+    no error; the old group is then kept, and the new one tried again every REACQUISITION_S.
     """
 
     def __init__(
@@ -49,10 +49,10 @@ class NatnetReceiver:
         command_port: int = NATNET_COMMAND_PORT,
         wall_offset: Callable[[], int] | None = wall_to_monotonic,
     ) -> None:
-        """Open the sockets; nothing is sent yet. Raises InputError, see `udp_socket.open_socket`."""
+        """Open the sockets; nothing is sent yet. Raises InputError, see `udp.open_socket`."""
         assert address.kind == "natnet" and address.host is not None
         self.session = session
-        self.trouble = ""
+        self.join_error = ""
         self.dropped = Dropped()
         self._wall_offset = wall_offset
         self.host = address.host
@@ -77,43 +77,43 @@ class NatnetReceiver:
 
     @property
     def port(self) -> int:
-        """Where the server's answers, and in unicast its frames, come to; 0 once closed."""
+        """The port that receives the server's answers, and in unicast its frames; 0 once closed."""
         return self._commands.port
 
     @property
     def overflowed(self) -> int:
-        """Datagrams that the kernel lost because nobody fetched them in time."""
+        """Datagrams that the kernel lost because they were not fetched in time."""
         return self._commands.overflowed + (self._frames.overflowed if self._frames is not None else 0)
 
     def close(self) -> None:
-        """Close the sockets; twice does no harm."""
+        """Close the sockets. A second call has no effect."""
         self._commands.close()
         if self._frames is not None:
             self._frames.close()
 
     @property
     def finished(self) -> bool:
-        """Never: somebody may always send."""
+        """Never: a sender may always send again."""
         return False
 
     def poll(self, now: float) -> list[Datagram]:
-        """What the server sent until `now` (s), oldest first; bounded by what two sockets may give. Never raises."""
+        """The datagrams of the server until `now` (s), oldest first, bounded as for two sockets. Never raises."""
         for message in self.session.poll(now):
             self._commands.send(message, self._server)
         found = self._commands.poll(now)
         if self._frames is not None:
             found += self._frames.poll(now)
             found.sort(key=lambda datagram: datagram.arrival)
-        heard = [datagram for datagram in found if datagram.source[0] == self._server[0]]
-        for _ in range(len(found) - len(heard)):
+        received = [datagram for datagram in found if datagram.source[0] == self._server[0]]
+        for _ in range(len(found) - len(received)):
             self.dropped.note(NOT_THE_SERVER)
-        for datagram in heard:
+        for datagram in received:
             self.session.receive(now, datagram.payload)
         self._follow(now)
-        return heard
+        return received
 
     def _follow(self, now: float) -> None:
-        """Join the group that the server told of, where it is another one than that which is heard."""
+        """Join the group that the server reports, where it is not the present one."""
         server = self.session.server
         if self._frames is None or server is None or not server.multicast:
             return
@@ -125,14 +125,14 @@ class NatnetReceiver:
         try:
             joined = UdpReceiver(address, wall_offset=self._wall_offset)
         except InputError as error:
-            self.trouble = str(error)
+            self.join_error = str(error)
             return
         self._frames.close()
-        self._frames, self._frames_at, self.trouble = joined, address, ""
+        self._frames, self._frames_at, self.join_error = joined, address, ""
 
 
 def session_for(address: StreamAddress) -> NatnetSession:
-    """The conversation that a `natnet://` address asks for: unicast or multicast, and the version to pin."""
+    """The NatNet session of an address: unicast or multicast, and the version to request."""
     settings = SessionSettings(transport="unicast" if address.multicast is None else "multicast")
     if address.version is not None:
         settings = replace(settings, version=Version(*address.version))
@@ -143,19 +143,20 @@ def session_for(address: StreamAddress) -> NatnetSession:
 
 CHUNK = 16_384
 MOST_BYTES = 2 * CHUNK
-"""That one poll reads: thirty times what MVN sends in a tick. The rest waits in the kernel, and then at the sender."""
+"""Bytes that one poll reads: thirty times what MVN sends in a tick. The rest waits in the kernel, then at the
+sender."""
 SILENT_S = 1.0
-"""A connection without a byte for so long gives way to a new one: its computer may be gone without a word."""
+"""A new connection replaces one that sent no byte for this long: its computer may be gone without closing it."""
 MOST_CALLERS = 8
-"""Connections that one poll looks at."""
+"""Connections that one poll accepts or refuses."""
 NOT_THE_SENDER = "connection from another computer"
 SECOND_CONNECTION = "a second connection"
 
 
 class TcpReceiver:
-    """A port of ours that is polled as a UDP socket is. It hears one connection at a time, from `host` only.
+    """A TCP port that is polled like a UDP socket. It has one connection at a time, from `host` only.
 
-    Arrival is the time of the poll: TCP tells no other. dropped: connections that were refused, and bytes that are no
+    Arrival is the time of the poll: TCP gives no other. dropped: connections that were refused, and bytes that are no
     datagram. What is not fetched waits in the kernel, which then slows the sender down.
     """
 
@@ -165,7 +166,7 @@ class TcpReceiver:
         self._host = address.host
         self._connection: socket.socket | None = None
         self._source: Source = ("", 0)
-        self._heard = 0.0
+        self._last_byte = 0.0  # [s]
         self._stream = MvnStream()
         self.dropped = self._stream.dropped
         self._waiting: deque[bytes] = deque()
@@ -188,7 +189,7 @@ class TcpReceiver:
 
     @property
     def port(self) -> int:
-        """Where it listens; 0 once it is closed."""
+        """The port where it listens; 0 once it is closed."""
         return 0 if self._listener.fileno() < 0 else int(self._listener.getsockname()[1])
 
     @property
@@ -197,18 +198,18 @@ class TcpReceiver:
         return self._connection is not None
 
     def close(self) -> None:
-        """Close the port and the connection; twice does no harm."""
+        """Close the port and the connection. A second call has no effect."""
         self._listener.close()
         self._hang_up()
         self._waiting.clear()
 
     @property
     def finished(self) -> bool:
-        """Never: somebody may always send."""
+        """Never: a sender may always send again."""
         return False
 
     def poll(self, now: float) -> list[Datagram]:
-        """The datagrams that came whole until `now` (s), oldest first, at most MOST_PER_POLL."""
+        """The whole datagrams that arrived until `now` (s), oldest first, at most MOST_PER_POLL."""
         self._accept(now)
         room = MOST_BYTES
         while self._connection is not None and room > 0 and len(self._waiting) < MOST_PER_POLL:
@@ -221,14 +222,14 @@ class TcpReceiver:
             if not chunk:
                 self._hang_up()
                 break
-            self._heard = now
+            self._last_byte = now
             room -= len(chunk)
             self._waiting.extend(self._stream.feed(chunk))
         taken = min(len(self._waiting), MOST_PER_POLL)
         return [Datagram(now, self._source, self._waiting.popleft()) for _ in range(taken)]
 
     def _accept(self, now: float) -> None:
-        """Answer who calls: the sender, if nobody is connected or the one who is has fallen silent."""
+        """Accept the sender, if there is no connection or it has fallen silent; refuse all others."""
         for _ in range(MOST_CALLERS):
             try:
                 caller, source = self._listener.accept()
@@ -237,16 +238,16 @@ class TcpReceiver:
             if source[0] != self._host:
                 self.dropped.note(NOT_THE_SENDER)
                 caller.close()
-            elif self._connection is not None and now - self._heard < SILENT_S:
+            elif self._connection is not None and now - self._last_byte < SILENT_S:
                 self.dropped.note(SECOND_CONNECTION)
                 caller.close()
             else:
                 self._hang_up()
                 caller.setblocking(False)
-                self._connection, self._source, self._heard = caller, source, now
+                self._connection, self._source, self._last_byte = caller, source, now
 
     def _hang_up(self) -> None:
-        """End the connection; half a datagram of it is not put together with what the next one brings."""
+        """End the connection, and drop its incomplete datagram."""
         if self._connection is not None:
             with suppress(OSError):
                 self._connection.close()

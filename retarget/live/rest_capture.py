@@ -11,7 +11,7 @@ from retarget.errors import InputError
 from retarget.frames import SensorSample, Skeleton
 from retarget.human.rest_pose import REQUIRED, RestFit, fit_rest_pose
 from retarget.live.sensor_validity import ValidityState
-from retarget.live.stream import Heard
+from retarget.live.stream import StreamReading
 from retarget.model.human_dimensions import FRACTIONS, POINTS, HumanDimensions
 from retarget.sources.mvn import MvnDecoder
 from retarget.sources.natnet_decoder import NatnetDecoder
@@ -25,23 +25,23 @@ __all__ = [
     "Calibrated",
     "RestCapture",
     "align",
-    "believing_still",
     "facing_of",
-    "told_skeleton",
+    "frozen_as_fresh",
+    "skeleton_of",
 ]
 
 
-# Where the stream's world lies in ours: the floor at z = 0, the performer at the origin, facing x when calibrated.
+# The stream's world in ours: the floor at z = 0, the performer at the origin, facing x when calibrated.
 
 PAIRS = ("ankle", "wrist", "hip", "shoulder", "knee", "elbow")
-"""Left and right of these tell where forward is, as the vector from right to left."""
+"""Left and right of these show where forward is, by the vector from right to left."""
 NARROWEST_M = 0.05
-"""Left and right nearer than this tell no direction."""
+"""Left and right nearer than this show no direction."""
 
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """World = turn by `yaw` (rad, about z) of what is told, from `origin` (3,) m, which becomes (0, 0, 0)."""
+    """Maps the stream's world to ours: `origin` (3,) m becomes (0, 0, 0), then a turn by `yaw` (rad, about z)."""
 
     yaw: float = 0.0
     origin: FloatArray = field(default_factory=lambda: np.zeros(3))
@@ -56,16 +56,16 @@ class Alignment:
     _matrix: FloatArray = field(init=False, repr=False)  # row vectors are multiplied by it, and by the product
     _product: FloatArray = field(init=False, repr=False)
 
-    def positions(self, told: FloatArray) -> FloatArray:
+    def positions(self, sent: FloatArray) -> FloatArray:
         """Positions (..., 3) m of the stream's world -> ours."""
-        return np.asarray((told - self.origin) @ self._matrix)
+        return np.asarray((sent - self.origin) @ self._matrix)
 
-    def orientations(self, told: FloatArray) -> FloatArray:
+    def orientations(self, sent: FloatArray) -> FloatArray:
         """Orientations (..., 4) wxyz of the stream's world -> ours."""
-        return np.asarray(told @ self._product)
+        return np.asarray(sent @ self._product)
 
     def turned(self, yaw: float, about: FloatArray) -> "Alignment":
-        """As this, and then turned by `yaw` rad about the vertical through a point (3,) m of our world."""
+        """This alignment, followed by a turn by `yaw` rad about the vertical through a point (3,) m of our world."""
         about = np.array([about[0], about[1], 0.0])
         # The point that comes to lie at the origin: p with turn(yaw) @ (R (p - o) - about) + about = 0.
         cosine, sine = np.cos(yaw), np.sin(yaw)
@@ -74,16 +74,16 @@ class Alignment:
 
 
 def align(names: tuple[str, ...], position: FloatArray, *, where: str = "") -> Alignment:
-    """The alignment in which somebody who stands upright right now faces x, on the floor, above the origin.
+    """The alignment in which a performer who stands upright now faces x, on the floor, above the origin.
 
     names: k canonical sensors; position (k, 3) m, of the stream's world, z up, NaN where unknown. Without ankles the
-    stream's own floor is believed. Raises InputError where left and right tell no direction.
+    stream's own floor is used. Raises InputError where left and right show no direction.
     """
     at = {name: point for name, point in zip(names, position, strict=True) if np.isfinite(point).all()}
     forward = facing_of(at)
     if forward is None:
         raise InputError(
-            "left and right tell no direction",
+            "left and right sensors show no direction",
             where=where,
             found=", ".join(at) or "no sensor",
             allowed="both ankles or both wrists, apart",
@@ -100,7 +100,8 @@ def align(names: tuple[str, ...], position: FloatArray, *, where: str = "") -> A
 
 
 def facing_of(at: dict[str, FloatArray]) -> FloatArray | None:
-    """Where an upright person faces on the floor, (2,), of length 1, from sensors (3,) by name; None: nothing tells."""
+    """The horizontal direction (2,), of length 1, that an upright person faces, from sensors (3,) by name; None if
+    unknown."""
     left = np.zeros(2)
     for part in PAIRS:
         if f"l_{part}" in at and f"r_{part}" in at:
@@ -110,31 +111,31 @@ def facing_of(at: dict[str, FloatArray]) -> FloatArray | None:
 
 
 CAPTURE_S = 1.0
-"""So long the performer stands still."""
+"""Time that the performer stands still."""
 KNOWN_CAPTURE_S = 0.5
-"""And so long one whose size is known: floor and heading are all that is looked for."""
+"""The same for a performer of known size: only floor and heading are measured."""
 OTHER_SHARE = 0.1
-"""Whoever stands this much taller or smaller than the size that is known is somebody else, or does not stand."""
+"""A performer taller or smaller than the known size by this share is another person, or does not stand upright."""
 STILL_M = 0.03
-"""Farthest that a sensor may be from where it is on average: breathing and swaying move a head by a centimetre."""
+"""Largest distance of a sensor from its mean position: breathing and swaying move a head by a centimetre."""
 LIVE_STATURE_M = (1.2, 2.2)
-"""Whoever is measured smaller crouches, kneels or sits, or the unit is another; nobody is taller."""
+"""A smaller performer crouches, kneels or sits, or the unit is not metres; a taller one is no human."""
 ALIKE_DEG = 35.0
-"""Arms at rest are at most so far from alike."""
+"""Largest difference between the angles of both arms at rest."""
 FRESH_SHARE = 0.8
-"""Of the capture, the share in which a sensor must be fresh to count."""
+"""Share of the capture in which a sensor must be fresh to count."""
 FEWEST = 20
-"""Samples of a capture, at least."""
+"""Least number of samples of a capture."""
 MOST = 1000
-"""Samples that are kept, at most."""
+"""Largest number of samples that are kept."""
 
 
 @dataclass(frozen=True, eq=False)
 class Calibrated:
-    """What a rest pose tells: size; where the stream's world lies; sensors without which it was (they were not fresh).
+    """The result of a calibration: size, alignment, and the sensors that were missing (not fresh).
 
-    sensors: k names, position (k, 3) m: where their joints were in our world, NaN for those that did not count. offset
-    (k, 3) m: from the joint to each sensor beyond what was known, in the sensor's canonical axes.
+    sensors: k names; position (k, 3) m: their joints in our world, NaN for those that did not count. offset (k, 3) m:
+    from the joint to each sensor beyond what was known, in the sensor's canonical axes.
     """
 
     dimensions: HumanDimensions
@@ -145,41 +146,41 @@ class Calibrated:
     offset: FloatArray
 
 
-def believing_still(heard: Heard) -> Heard:
-    """What was heard, frozen sensors too: nothing that is worn by somebody who stands still has to move."""
-    states = np.where(heard.states == ValidityState.FROZEN, ValidityState.FRESH, heard.states)
-    return replace(heard, states=states.astype(np.uint8))
+def frozen_as_fresh(reading: StreamReading) -> StreamReading:
+    """The reading with frozen sensors as fresh ones: the sensors of a performer who stands still need not move."""
+    states = np.where(reading.states == ValidityState.FROZEN, ValidityState.FRESH, reading.states)
+    return replace(reading, states=states.astype(np.uint8))
 
 
 class RestCapture:
-    """The last `lasts` s of samples of the stream's world: `take` them, and ask for the `result` once it is `done`."""
+    """Collects the last `seconds` s of samples of the stream's world. `take` them; once `done`, read the `result`."""
 
     def __init__(
-        self, *, where: str, lasts: float = CAPTURE_S, loose: tuple[str, ...] = (), needed: tuple[str, ...] = REQUIRED
+        self, *, where: str, seconds: float = CAPTURE_S, loose: tuple[str, ...] = (), needed: tuple[str, ...] = REQUIRED
     ) -> None:
-        """where: the stream, for messages. loose: sensors that may sit beside their joints. needed: that must be fresh,
-        of those that are worn."""
-        self._where, self._lasts, self._loose, self._needed = where, lasts, loose, needed
+        """where: the stream, for messages. loose: sensors that may sit beside their joints. needed: sensors that must
+        be fresh, where the performer wears them."""
+        self._where, self._seconds, self._loose, self._needed = where, seconds, loose, needed
         self._times: deque[float] = deque()
         self._samples: deque[SensorSample] = deque()
         self._began = np.inf  # [s] the first sample of all
 
     @property
     def done(self) -> bool:
-        """Whether it has lasted long enough."""
-        return len(self._times) >= FEWEST and self._times[-1] - self._began >= self._lasts
+        """Whether there are samples of long enough."""
+        return len(self._times) >= FEWEST and self._times[-1] - self._began >= self._seconds
 
     def take(self, time: float, sample: SensorSample) -> None:
-        """A sample at `time`, s; what is older than that is forgotten."""
+        """Take a sample at `time`, s, and forget those older than the capture."""
         self._began = min(self._began, time)
         self._times.append(time)
         self._samples.append(sample)
-        while self._times[0] < time - self._lasts or len(self._times) > MOST:
+        while self._times[0] < time - self._seconds or len(self._times) > MOST:
             self._times.popleft()
             self._samples.popleft()
 
     def result(self, *, mass: float | None = None, size: HumanDimensions | None = None) -> Calibrated:
-        """Size and alignment; size: where it is known already, and only to be seen to fit.
+        """Size and alignment. size: the known size, which is only checked.
 
         Raises InputError: no fresh data, not still, not standing in a rest pose, or not of that size.
         """
@@ -193,15 +194,15 @@ class RestCapture:
         self._refuse_stale([name for name, ok in zip(names, counts, strict=True) if not ok and name in self._needed])
         mean = np.full((len(names), 3), np.nan)
         mean[counts] = np.nanmean(track[:, counts], axis=0)
-        self._refuse_restless(names, track, mean)
+        self._refuse_motion(names, track, mean)
         alignment = align(names, mean, where=self._where)
         standing, offset = alignment.positions(mean), np.zeros((len(names), 3))
         if size is None:
             turns = alignment.orientations(self._turns(counts))
             rows = [row for row, ok in enumerate(counts) if ok]
             loose = [names[row] for row in rows if names[row] in self._loose and np.isfinite(turns[row]).all()]
-            told = [names[row] for row in rows]
-            fit = fit_rest_pose(told, standing[rows], loose=loose, mass=mass, source=self._where)
+            counted = [names[row] for row in rows]
+            fit = fit_rest_pose(counted, standing[rows], loose=loose, mass=mass, source=self._where)
             self._refuse_unlike(fit)
             size = fit.dimensions
             standing[rows] -= fit.offset
@@ -215,18 +216,21 @@ class RestCapture:
         return Calibrated(size, alignment, names, standing, missing, offset)
 
     def _turns(self, counts: BoolArray) -> FloatArray:
-        """Mean orientation (k, 4) of those who count, of the stream's world; NaN where it was not told."""
+        """Mean orientation (k, 4) in the stream's world of the sensors that count; NaN where none was sent."""
         track = np.array([np.where(one.valid[:, None], one.orientation, np.nan) for one in self._samples])
         known = counts & np.isfinite(track).any(axis=(0, 2))
         mean = np.full(track.shape[1:], np.nan)
         for row in np.flatnonzero(known):
-            told = track[np.isfinite(track[:, row]).all(axis=1), row]
-            total = (told * np.where(told @ told[0] < 0.0, -1.0, 1.0)[:, None]).sum(axis=0)
+            sent = track[np.isfinite(track[:, row]).all(axis=1), row]
+            total = (sent * np.where(sent @ sent[0] < 0.0, -1.0, 1.0)[:, None]).sum(axis=0)
             mean[row] = total / np.linalg.norm(total)
         return mean
 
     def _refuse_other(self, at: dict[str, FloatArray], size: HumanDimensions) -> float:
-        """How far (m) the head stands higher than that of a person of this size; 0 where ankles tell the floor."""
+        """How far (m) the head stands higher than that of a person of this size; 0 where ankles show the floor.
+
+        Raises InputError where the difference is more than OTHER_SHARE.
+        """
         points = dict(zip(POINTS, size.standing(), strict=True))
         ankles = [name for name in ("l_ankle", "r_ankle") if name in at and np.isfinite(at[name]).all()]
         expected = points["head"][2] - np.mean([points["l_ankle"][2], points["r_ankle"][2]])
@@ -246,11 +250,11 @@ class RestCapture:
         return 0.0 if ankles else float(found - expected)
 
     def _refuse_unlike(self, fit: RestFit) -> None:
-        """Who does not stand upright with both arms alike."""
+        """Raise InputError unless the performer stands upright with both arms alike."""
         (low, high), found = LIVE_STATURE_M, fit.dimensions.stature
         if not low <= found <= high:
             raise InputError(
-                "who is measured does not stand upright, or is no grown person",
+                "the performer does not stand upright, or is no grown person",
                 where=f"{self._where}, calibration",
                 found=f"{found:.2f} m tall",
                 allowed=f"{low:g} to {high:g} m",
@@ -271,7 +275,7 @@ class RestCapture:
             step = "See that these are worn, switched on and named in the performer's file"
             raise self._refused("sensors are not fresh", ", ".join(stale), step)
 
-    def _refuse_restless(self, names: tuple[str, ...], track: FloatArray, mean: FloatArray) -> None:
+    def _refuse_motion(self, names: tuple[str, ...], track: FloatArray, mean: FloatArray) -> None:
         away = np.linalg.norm(track - mean, axis=2)
         far = {
             name: float(np.nanmax(away[:, index]))
@@ -286,16 +290,16 @@ class RestCapture:
         return InputError(what, where=f"{self._where}, calibration", found=found, next_step=next_step)
 
 
-# The skeleton that a sender tells beside its poses, where it does.
+# The skeleton that a sender sends beside its poses.
 
 _BONE = "bone://"
 
 
-def told_skeleton(decoder: StreamDecoder, names: Sequence[str] = ()) -> Skeleton | None:
-    """The performer's joints at rest, as far as the stream has told them; None where it tells none.
+def skeleton_of(decoder: StreamDecoder, names: Sequence[str] = ()) -> Skeleton | None:
+    """The performer's joints at rest, as the sender has sent them; None where it has not.
 
-    Xsens MVN tells them in datagrams of type 13, the T-pose that its own calibration measured; Motive in the definition
-    of a skeleton. names: of the poses that are listened for; the skeleton is the one that they are bones of.
+    Xsens MVN sends them in datagrams of type 13, the T-pose of its own calibration; Motive sends them in the definition
+    of a skeleton. names: the poses that are used; the skeleton is the one of which they are bones.
     """
     if isinstance(decoder, NatnetDecoder):
         owners = {name.removeprefix(_BONE).partition("/")[0] for name in names if name.startswith(_BONE)}

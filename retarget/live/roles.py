@@ -1,4 +1,6 @@
-"""From a sender's poses to the sensors that a performer wears: which name is which sensor, by convention or by file."""
+"""Roles: which pose of a sender is which sensor of the performer, by the sender's convention or by the performer's
+file.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -34,11 +36,10 @@ __all__ = [
 ]
 
 
-# What the poses of VMC and VRChat trackers are of a body, as data: which joint, which segment, which rest pose.
+# The poses of VMC and VRChat trackers as data: their joint, their segment, their rest pose.
 #
 # Canonical orientations are the identity in the T-pose, standing upright, facing x. A sender whose rest pose has
-# hanging
-# arms tells a turn of its arms in the T-pose: that turn is the role's `rest`.
+# hanging arms sends turned arms in the T-pose: that turn is the role's `rest`.
 
 Triple = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -54,9 +55,9 @@ class Role:
     """One pose of a sender.
 
     name: the sender's, as in `StreamFrame.names`. point: the canonical sensor whose joint its position is, "" if none.
-    segment: the canonical sensor whose body segment its rotation is, "" if none. rest: what the sender tells, wxyz,
-    in the T-pose facing x. offset: from the joint to the point that is told, m, in the axes of the sender's own
-    rotation; of the sender's default proportions, for calibration to begin with.
+    segment: the canonical sensor whose body segment its rotation is, "" if none. rest: the orientation that is sent,
+    wxyz, in the T-pose facing x. offset: from the joint to the point that is sent, m, in the axes of the sent rotation;
+    of the sender's default proportions, where calibration begins.
     """
 
     name: str
@@ -71,21 +72,21 @@ class Role:
 
 @dataclass(frozen=True, slots=True)
 class RoleSet:
-    """The roles of one kind of sender, by the name that a performer's file gives. local: relative to parent bones."""
+    """The roles of one kind of sender, under the name that performers' files use. local: relative to parent bones."""
 
     name: str
     roles: tuple[Role, ...]
     local: bool = False
 
     def role(self, name: str) -> Role | None:
-        """The role of a sender's name; None if it has none."""
+        """The role of a pose by the sender's name; None if it has none."""
         return next((role for role in self.roles if role.name == name), None)
 
 
 _SIDES = (("l_", "Left"), ("r_", "Right"))
 
 _HAND_FORWARD = 0.13
-"""m that SlimeVR's hand lies forward of the forearm's line, arms hanging (measured, default proportions)."""
+"""m by which SlimeVR's hand is forward of the forearm's line, arms hanging (measured, default proportions)."""
 
 _SLIMEVR = (
     Role("human://HEAD", "head", "head"),
@@ -109,8 +110,8 @@ _SLIMEVR = (
     ),
 )
 """SlimeVR's sparse set. Knee and elbow: the joint, turned with the segment above it. Hand: a point in front of the
-grip, beyond the wrist by a length that the stream does not tell; without a tracker there, it turns with the forearm.
-Roles that nobody wears are told all the same, so that the performer's file must list the worn ones."""
+grip, beyond the wrist by a length that the stream does not hold; without a tracker there, it turns with the forearm.
+SlimeVR sends roles without trackers too, so the performer's file must list those with trackers."""
 
 _SLIMEVR_VRCHAT = (
     Role("tracker://head", "head", ""),
@@ -167,20 +168,20 @@ def role_set(name: str, *, where: str = "") -> RoleSet:
 
 
 def canonical_orientation(role: Role, orientation: FloatArray) -> FloatArray:
-    """World orientation (..., 4) wxyz of the role's segment, identity in the T-pose, from what the sender tells."""
+    """World orientation (..., 4) wxyz of the role's segment, identity in the T-pose, from the sent orientation."""
     return multiply(orientation, conjugate(role.rest))
 
 
 def joint_position(role: Role, position: FloatArray, orientation: FloatArray) -> FloatArray:
-    """World position (..., 3) m of the role's joint, from the position and orientation that the sender tells."""
+    """World position (..., 3) m of the role's joint, from the sent position and orientation."""
     if role.offset == (0.0, 0.0, 0.0):
-        return position  # also where no orientation is told
+        return position  # also where no orientation is sent
     return position - rotate(orientation, role.offset)
 
 
 _NOWHERE: Triple = (0.0, 0.0, 0.0)
 MAX_KNOWN = 64
-"""Different sets of names that are remembered: a sender uses a few."""
+"""Different sets of names that are kept: a sender uses a few."""
 
 Rows = NDArray[np.int64]
 
@@ -189,9 +190,9 @@ Rows = NDArray[np.int64]
 class Place:
     """Where a sensor's pose comes from. position, orientation: the sender's names of poses, "" for none.
 
-    rest: what the sender tells, wxyz, in the T-pose facing x. offset: from the joint to the point that is told, m, in
-    the axes of that pose. loose: a thing that is worn or held beside the joint, which turns with what the joint
-    carries; where exactly, the sender does not know.
+    rest: the orientation that is sent, wxyz, in the T-pose facing x. offset: from the joint to the point that is sent,
+    m, in the axes of that pose. loose: the sensor is worn or held beside the joint at an unknown offset, and turns with
+    the segment of the joint.
     """
 
     position: str
@@ -226,8 +227,8 @@ CONVENTIONS: dict[str, dict[str, Place]] = {
     "json": {sensor: Place(sensor, sensor) for sensor in SENSORS},
     "natnet": {},
 }
-"""Canonical sensor -> where a kind of sender tells it. NatNet's names are the user's own: the performer's file has
-them."""
+"""Convention -> canonical sensor -> its place in the sender's poses. NatNet's names are the user's own: the performer's
+file has them."""
 
 
 NO_WRISTS = "VRChat's trackers alone are not enough, they have no wrists: let the sender send VMC (vmc://:39539)"
@@ -235,14 +236,14 @@ _STEPS = {
     "slimevr_vrchat": NO_WRISTS,
     "natnet": "Motive's names are your own: --performer optitrack, or a copy of it with the names of your rigid bodies",
 }
-"""What to do about sensors that a sender of a convention does not tell."""
-UNTOLD = Place("", "")
-"""Of a sensor that a kind of sender does not know, and that is not waited for."""
+"""The next step for sensors that a sender of a convention does not send."""
+NO_PLACE = Place("", "")
+"""The place of a sensor that a kind of sender does not have, and that is not waited for."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorPoses:
-    """What a frame says of m sensors. rows (m,): in the performer's order. position (m, 3) m, NaN where none;
+    """The poses of m sensors in a frame. rows (m,): in the performer's order. position (m, 3) m, NaN where none;
     orientation (m, 4) wxyz, canonical, NaN where none; tracked (m,)."""
 
     rows: Rows
@@ -253,7 +254,7 @@ class SensorPoses:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Plan:
-    """How poses of certain names become sensors: rows (m,) of these, and from where in the frame they come."""
+    """How the poses of a set of names become sensors. rows (m,): of the sensors; columns: of the frame's poses."""
 
     rows: Rows
     columns: SensorPlan
@@ -265,7 +266,7 @@ class Roles:
     def __init__(
         self, sensors: Sequence[str], places: Sequence[Place], *, convention: str = "", partial: bool = False
     ) -> None:
-        """partial: what the sender lacks takes no part, and nobody waits for it."""
+        """partial: sensors that the sender does not have take no part, and are not waited for."""
         self.sensors, self.places, self.convention = tuple(sensors), tuple(places), convention
         self.partial = partial
         self._plans: dict[tuple[str, ...], _Plan | None] = {}
@@ -274,7 +275,7 @@ class Roles:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The sender's names that are listened for, each once."""
+        """The sender's names of the poses that are used, each once."""
         return tuple(dict.fromkeys(name for one in self.places for name in (one.position, one.orientation) if name))
 
     @property
@@ -283,7 +284,7 @@ class Roles:
         return tuple(sensor for sensor, place in zip(self.sensors, self.places, strict=True) if place.loose)
 
     def shifted(self, offset: FloatArray) -> "Roles":
-        """The same with loose sensors known to be farther off: offset (k, 3) m, in canonical axes."""
+        """These roles with the offsets of loose sensors increased by offset (k, 3) m, in canonical axes."""
         places = []
         for place, by in zip(self.places, offset, strict=True):
             x, y, z = (rotations.rotate(rotations.conjugate(place.rest), by) + place.offset).tolist()
@@ -291,7 +292,7 @@ class Roles:
         return Roles(self.sensors, places, convention=self.convention, partial=self.partial)
 
     def take(self, frame: StreamFrame) -> SensorPoses | None:
-        """The sensors that a frame tells; None when it tells none."""
+        """The sensors of a frame; None where it has none of them."""
         plan = self._plan(frame.names)
         if plan is None:
             return None
@@ -309,28 +310,28 @@ class Roles:
 
     def _make(self, names: tuple[str, ...]) -> _Plan | None:
         column = {name: index for index, name in enumerate(names) if name}  # "" is no name of a place
-        told = [
+        sent = [
             (row, place)
             for row, place in enumerate(self.places)
             if place.position in column or place.orientation in column
         ]
-        if not told:
+        if not sent:
             return None
         columns = SensorPlan(
             len(names),
-            points=np.array([column.get(place.position, -1) for _, place in told]),
-            segments=np.array([column.get(place.orientation, -1) for _, place in told]),
-            rest=rotations.conjugate([place.rest for _, place in told]),
-            offset=np.array([place.offset for _, place in told]),
+            points=np.array([column.get(place.position, -1) for _, place in sent]),
+            segments=np.array([column.get(place.orientation, -1) for _, place in sent]),
+            rest=rotations.conjugate([place.rest for _, place in sent]),
+            offset=np.array([place.offset for _, place in sent]),
         )
-        return _Plan(np.array([row for row, _ in told]), columns)
+        return _Plan(np.array([row for row, _ in sent]), columns)
 
 
 def roles_of(performer: Performer, convention: str, *, where: str) -> Roles:
-    """The performer's sensors by a convention's names, or by those of the performer's file, which come first.
+    """The performer's sensors by the names of the performer's file, or else by those of a convention.
 
-    where: the performer's file, for messages. Raises UsageError with every sensor that the sender cannot tell; one
-    that takes what there is only for those that measure.
+    where: the performer's file, for messages. Raises UsageError with every sensor that such a sender does not have. Of
+    a partial file, only the sensors that measuring needs are refused.
     """
     if convention not in CONVENTIONS:
         raise UsageError(
@@ -340,7 +341,7 @@ def roles_of(performer: Performer, convention: str, *, where: str) -> Roles:
             allowed=", ".join(CONVENTIONS),
             next_step=suggest(convention, CONVENTIONS),
         )
-    known, places, problems, lacking = CONVENTIONS[convention], list[Place](), list[Problem](), list[str]()
+    known, places, problems, missing = CONVENTIONS[convention], list[Place](), list[Problem](), list[str]()
     for name, sensor in performer.sensors.items():
         place = known.get(name) if sensor.role is None else Place(sensor.role, sensor.role)
         if place is not None and (not sensor.beside or place.position == place.orientation):
@@ -348,18 +349,18 @@ def roles_of(performer: Performer, convention: str, *, where: str) -> Roles:
         elif place is not None:
             problems.append(
                 Problem(
-                    f"sender of kind {convention} does not tell how {name} turns",
+                    f"sender of kind {convention} does not send the orientation of {name}",
                     f"{where}: sensors.{name}.beside",
                     next_step="Leave `beside` out",
                 )
             )
         else:
-            lacking.append(name)
-            places.append(UNTOLD)
-    if lacking and not (performer.partial and set(REQUIRED).isdisjoint(lacking)):
+            missing.append(name)
+            places.append(NO_PLACE)
+    if missing and not (performer.partial and set(REQUIRED).isdisjoint(missing)):
         problems.append(
             Problem(
-                f"sender of kind {convention} tells no {', '.join(lacking)}",
+                f"sender of kind {convention} sends no {', '.join(missing)}",
                 f"{where}: sensors",
                 allowed=", ".join(known) or "no sensor by itself",
                 next_step=_STEPS.get(convention, "Name the sender's pose with `role`, or leave the sensor out"),

@@ -1,4 +1,4 @@
-"""How a live performer's sensors are smoothed: One-Euro filter or fixed lag, by name."""
+"""Smoothing of a live performer's sensors: One-Euro filter or fixed-lag smoother, chosen by name."""
 
 from dataclasses import dataclass
 from math import isfinite
@@ -28,8 +28,9 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class OneEuroSettings:
-    """min_cutoff: Hz, at rest. beta: Hz by which the cutoff rises per unit of speed (1/m for positions, 1/rad for
-    turns). d_cutoff: Hz, of the speed's own filter. Positive and finite; beta may be 0. Raises ValueError otherwise."""
+    """Settings of one filter. min_cutoff: Hz, at rest. beta: Hz by which the cutoff rises per unit of speed (1/m for
+    positions, 1/rad for turns). d_cutoff: Hz, of the speed's own filter. Positive and finite; beta may be 0. Raises
+    ValueError otherwise."""
 
     min_cutoff: float = 0.8
     beta: float = 2.0
@@ -43,17 +44,16 @@ class OneEuroSettings:
 
     @property
     def cutoffs(self) -> tuple[float, float, float]:
-        """As the compiled filter takes them."""
+        """The settings as the compiled filter takes them."""
         return self.min_cutoff, self.beta, self.d_cutoff
 
 
-# Smooth poses: the One-Euro filter (Casiez, Roussel and Vogel, CHI 2012) on positions and turns, by their own times.
+# The One-Euro filter (Casiez, Roussel and Vogel, CHI 2012) on positions and orientations, each by its own time.
 #
-# A low-pass filter of first order whose cutoff rises with the speed: it smooths what stands and follows what moves. The
-# speed is the norm of the whole vector, so that turning the world turns the result and changes nothing else. A turn is
-# filtered as the rotation vector from the filtered orientation to the new one, seen from the world, never as that of
-# the
-# orientation itself, which leaps at 180 degrees. So the signs of quaternions say nothing.
+# It is a low-pass filter of first order whose cutoff rises with the speed: strong at rest, weak in motion. The speed is
+# the norm of the whole vector, so that turning the world turns the result and changes nothing else. An orientation is
+# filtered by the rotation vector from the filtered orientation to the new one, in world axes, and not by its own
+# rotation vector, which jumps at 180 degrees. So the signs of quaternions do not matter.
 
 
 class PoseFilter:
@@ -69,9 +69,9 @@ class PoseFilter:
     def step(self, time: FloatArray, position: FloatArray, orientation: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Filtered positions (k, 3) and orientations (k, 4) wxyz, unit, of poses at times (k) in s.
 
-        A first value is taken as it is. NaN in, NaN out, and the state waits. Where the time has not risen the answer
-        is what it was. Between two calls a pose moves a share of the way to its new value, never beyond. The sign of an
-        orientation is that of the one before.
+        A first value is taken as it is. NaN in, NaN out, and the state waits. Where the time has not risen, the result
+        is the last one. Between two calls a pose moves toward its new value and never beyond it. The sign of an
+        orientation is that of the last one.
         """
         return self._filter.step(time, np.ascontiguousarray(position), np.ascontiguousarray(orientation))
 
@@ -80,7 +80,7 @@ class PoseFilter:
         self._filter.reset(rows)
 
 
-# Smooth poses at the price of a fixed lag: a Gaussian window over what came before and after.
+# The fixed-lag smoother: a Gaussian window over what came before and after.
 
 SIGMAS = 2.5
 """Half of the window, in standard deviations."""
@@ -90,8 +90,8 @@ _FOUR = np.ones(4)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Smoothed:
-    """k poses. time (k): s, when they were so: the mean of the times that were taken. position (k, 3) m, orientation
-    (k, 4) wxyz; NaN where nothing was told."""
+    """k smooth poses. time (k): s, at which they hold: the mean of the times in the window. position (k, 3) m,
+    orientation (k, 4) wxyz; NaN where nothing was given."""
 
     time: FloatArray
     position: FloatArray
@@ -101,15 +101,15 @@ class Smoothed:
 class FixedLag:
     """Weighted means of the poses of k sensors over a window of `length` s, half of which is the lag.
 
-    The time that is told with a mean is the mean of the times with the same weights: motion along a line at an even
-    speed is exact, however irregular the times, and nothing overshoots. At most `depth` poses are kept of each sensor.
+    The time of a mean is the mean of the times with the same weights: motion along a line at constant speed is exact,
+    however irregular the times, and nothing overshoots. At most `depth` poses are kept of each sensor.
     """
 
     def __init__(self, count: int, *, length: float = 0.120, depth: int = 64) -> None:
         assert length > 0.0 and depth > 1
         self._half = 0.5 * length
         self._depth = depth
-        self._time = np.full((count, depth), np.inf)  # of nothing: outside of every window
+        self._time = np.full((count, depth), np.inf)  # empty entries are outside of every window
         self._position = np.zeros((count, depth, 3))
         self._orientation = np.zeros((count, depth, 4))
         self._newest = np.full(count, -np.inf)
@@ -117,7 +117,7 @@ class FixedLag:
         self._every = np.arange(count)
 
     def step(self, time: FloatArray, position: FloatArray, orientation: FloatArray) -> Smoothed:
-        """Take poses at times (k) in s and tell the means half a window before the newest.
+        """Take poses at times (k) in s. Returns the means half a window before the newest.
 
         position (k, 3) m, orientation (k, 4) wxyz of any sign. A row whose time has not risen, or that has any NaN, is
         not taken.
@@ -139,8 +139,8 @@ class FixedLag:
 
     def _means(self) -> Smoothed:
         """The means of every row around half a window before its newest pose."""
-        told = self._newest > -np.inf
-        newest = np.where(told, self._newest, 0.0)
+        given = self._newest > -np.inf
+        newest = np.where(given, self._newest, 0.0)
         # At the start there is less than half a window before the newest: the middle of what there is.
         oldest = np.clip(self._time.min(axis=1), newest - 2.0 * self._half, newest)
         centre = 0.5 * (newest + oldest)
@@ -148,7 +148,7 @@ class FixedLag:
         inside = np.abs(offset) <= self._half * (1.0 + 1e-9)
         offset = np.where(inside, offset, 0.0)
         weight = np.where(inside, np.exp(offset * offset * (-0.5 * (SIGMAS / self._half) ** 2)), 0.0)
-        weight /= np.where(told, weight.sum(axis=1), np.nan)[:, None]
+        weight /= np.where(given, weight.sum(axis=1), np.nan)[:, None]
         reference = self._orientation[self._every, weight.argmax(axis=1)]
         same_side = np.matmul(self._orientation, reference[:, :, None])[:, :, 0] >= 0.0
         signed = np.where(same_side, weight, -weight)[:, None, :]
@@ -158,30 +158,30 @@ class FixedLag:
         return Smoothed(time, np.matmul(weight[:, None, :], self._position)[:, 0], orientation / norm)
 
 
-# The fixed-lag smoother as a filter of sensors, any of which may tell a place, a turn, or both.
+# The fixed-lag smoother as a filter of sensors, each of which may have a position, an orientation, or both.
 
 _NOWHERE = np.zeros(3)
 
 
 class WindowFilter:
-    """As `PoseFilter` is used: poses of k sensors in, smooth ones out, half a window late. length: of the window, s."""
+    """The fixed-lag smoother with the interface of `PoseFilter`. length: of the window, s; the lag is half of it."""
 
     def __init__(self, count: int, *, length: float = 0.120) -> None:
         self._lag = FixedLag(count, length=length)
-        self._told = np.zeros((count, 2), dtype=np.bool_)
+        self._given = np.zeros((count, 2), dtype=np.bool_)
 
     def step(self, time: FloatArray, position: FloatArray, orientation: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Smooth positions (k, 3) and orientations (k, 4) wxyz of poses at times (k) in s; NaN in, NaN out.
 
-        A sensor that begins to tell its place or its turn, or ceases to, is smoothed from there on.
+        A sensor whose position or orientation begins or ceases to be given is smoothed from there on.
         """
-        told = np.isfinite(np.stack([position[:, 0], orientation[:, 0]], axis=1))
-        changed = (told != self._told).any(axis=1)
+        given = np.isfinite(np.stack([position[:, 0], orientation[:, 0]], axis=1))
+        changed = (given != self._given).any(axis=1)
         if changed.any():
             self._lag.reset(changed)
-            self._told = told
-        placed, turned = told[:, :1], told[:, 1:]
-        known = told.any(axis=1)
+            self._given = given
+        placed, turned = given[:, :1], given[:, 1:]
+        known = given.any(axis=1)
         when = np.where(known, time, np.nan)
         found = self._lag.step(
             when, np.where(placed, position, _NOWHERE), np.where(turned, orientation, np.asarray(IDENTITY))
@@ -195,19 +195,19 @@ class WindowFilter:
 
 LIGHT = "light"
 WINDOW = "window"
-"""No One-Euro filter, but the mean over 120 ms: the smoothest, and always 60 ms late."""
+"""The mean over 120 ms instead of a One-Euro filter: the smoothest, and always 60 ms late."""
 
 SMOOTHINGS: dict[str, tuple[OneEuroSettings, OneEuroSettings] | None] = {
     "off": None,
     LIGHT: (OneEuroSettings(min_cutoff=4.0, beta=12.0), OneEuroSettings(min_cutoff=4.0, beta=3.0)),
     "strong": (OneEuroSettings(min_cutoff=1.0, beta=3.0), OneEuroSettings(min_cutoff=1.0, beta=1.0)),
 }
-"""Of positions (Hz, and Hz per m/s) and of orientations (Hz, and Hz per rad/s). light: a hand at rest trembles half as
-much, and one that goes at 1 m/s lags by 10 ms."""
+"""Settings by name, of positions (Hz, and Hz per m/s) and of orientations (Hz, and Hz per rad/s). light: a hand at rest
+trembles half as much, and one that moves at 1 m/s lags by 10 ms."""
 
 
 def pose_filter(name: str, count: int) -> PoseFilter | WindowFilter | None:
-    """The filter of k sensors; None: they stay as they are. Raises UsageError for an unknown name."""
+    """The filter of this name for `count` sensors; None for no smoothing. Raises UsageError for an unknown name."""
     if name == WINDOW:
         return WindowFilter(count)
     if name not in SMOOTHINGS:

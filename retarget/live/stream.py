@@ -1,4 +1,4 @@
-"""A live stream at work: datagrams in as they arrive, the performer's sensors out, in the stream's world."""
+"""A live stream in a run: datagrams in as they arrive, the performer's sensors out, in the stream's world."""
 
 from collections import deque
 from dataclasses import dataclass, field
@@ -16,16 +16,16 @@ from retarget.live.smoothing import PoseFilter, WindowFilter
 from retarget.sources.stream_frame import StreamDecoder, StreamFrame
 from retarget.types import BoolArray, FloatArray
 
-__all__ = ["RECENT_S", "CatchingUp", "Heard", "LiveStream"]
+__all__ = ["RECENT_S", "CatchingUp", "LiveStream", "StreamReading"]
 
 
 _GONE = np.array([state not in (ValidityState.FRESH, ValidityState.FROZEN) for state in ValidityState])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Heard:
+class StreamReading:
     """k sensors at one time, in the stream's world. position (k, 3) m and orientation (k, 4) wxyz, NaN where never
-    told; states (k,): a `ValidityState` each. fresh (k,): who is believed and known."""
+    sent; states (k,): a `ValidityState` each. fresh (k,): state FRESH, with a known position."""
 
     position: FloatArray
     orientation: FloatArray
@@ -40,10 +40,10 @@ class Heard:
 
 
 class LiveStream:
-    """One sender, from its datagrams to the sensors of `roles`. Memory is bounded; nothing from outside raises.
+    """One sender, from its datagrams to the sensors of `roles`. Memory is bounded; no data from outside raise.
 
-    frames: decoded so far. arrived: datagrams so far, admitted or not; last: s, when the last frame arrived.
-    tap: what records it, None: nothing does.
+    frames: decoded so far. arrived: datagrams so far, admitted or not; last: s, when the last frame arrived. tap:
+    records the admitted datagrams, None: they are not recorded.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class LiveStream:
         self.frames = self.arrived = 0
         self.last = -np.inf
         self.names: dict[str, None] = {}
-        """Poses that the sender has told, by its own names; bounded."""
+        """The sender's names of the poses that it has sent; bounded."""
         self.undecoded = b""
         """The last datagram that held no poses."""
         self.tap, self._smooth = tap, smooth
@@ -73,18 +73,18 @@ class LiveStream:
 
     @property
     def waiting(self) -> int:
-        """Datagrams that the last poll gave and that are not decoded yet; at most what one poll may give."""
+        """Datagrams that were polled and are not decoded yet; at most those of one poll."""
         return len(self._waiting)
 
-    def tells(self, sensor: str) -> bool:
-        """Whether the sender has told a sensor so far, well or not."""
+    def has_sent(self, sensor: str) -> bool:
+        """Whether the sender has sent a sensor so far, valid or not."""
         place = self.roles.places[self.roles.sensors.index(sensor)]
         return not self.names.keys().isdisjoint({place.position, place.orientation} - {""})
 
-    def listen(self, now: float, *, moving: bool) -> None:
-        """Take what has arrived until `now`, s. moving: while the robot follows, nobody else takes over the stream.
+    def poll(self, now: float, *, moving: bool) -> None:
+        """Take what has arrived until `now`, s. moving: whether other sources are kept from taking over the stream.
 
-        What is more than the work of one poll waits for the next, and what comes meanwhile waits in the kernel.
+        What exceeds the work of one poll waits for the next poll. What comes meanwhile waits in the kernel.
         """
         if not self._waiting:
             self._waiting.extend(self.receiver.poll(now))
@@ -100,15 +100,15 @@ class LiveStream:
                 work = work_of(self.decoder) - work
                 budget.charge(datagram.payload, frames=self.frames - frames, work=work)
 
-    def read(self, now: float) -> Heard:
+    def read(self, now: float) -> StreamReading:
         """Every sensor at `now`, s."""
         played, states = self.playout.read(now), self.validity.judge(now)
         if self._smooth is None:
-            return Heard(played.position, played.orientation, states)
-        if np.count_nonzero(states) and (gone := _GONE[states]).any():  # where it comes back is no motion
+            return StreamReading(played.position, played.orientation, states)
+        if np.count_nonzero(states) and (gone := _GONE[states]).any():  # a reappearance elsewhere is no motion
             self._smooth.reset(gone)
         position, orientation = self._smooth.step(played.time, played.position, played.orientation)
-        return Heard(position, orientation, states)
+        return StreamReading(position, orientation, states)
 
     def _take(self, datagram: Datagram, now: float, *, moving: bool) -> None:
         frames = self.decoder.decode(datagram.payload)
@@ -132,22 +132,22 @@ class LiveStream:
         self.playout.push(rows, time, position, orientation, usable, arrival=arrival)
 
     def _note_names(self, frame: StreamFrame) -> None:
-        if self.frames < 1000 and len(self.names) < 256:  # for messages at the start; later nobody asks
+        if self.frames < 1000 and len(self.names) < 256:  # only messages at the start need them
             self.names.update(dict.fromkeys(frame.names))
 
 
-# What came while nobody listened: it is taken before anybody judges how the stream is now.
+# The backlog that arrived while the stream was not polled: it is taken before the stream is judged.
 
 RECENT_S = 0.05
-"""What arrived within so long is of now."""
+"""A datagram that arrived within this time is recent."""
 LONGEST_S = 1.0
-"""So long is waited at most; a sender that is not understood may go on for ever."""
+"""Longest wait for a recent frame: a sender whose frames cannot be decoded may go on for ever."""
 MOST_POLLS = 100
 
 
 class CatchingUp:
-    """A robot's power costs about a second in which nobody listens: what a stream sends in it is more than a tick may
-    decode, and is taken over several."""
+    """Takes the backlog of a stream over several ticks. Powering a robot takes about a second without polls, in which
+    a stream sends more than one tick may decode."""
 
     def __init__(self, stream: LiveStream) -> None:
         self._stream = stream
@@ -156,16 +156,16 @@ class CatchingUp:
         self._done = False
 
     def at_once(self, now: float) -> None:
-        """Take all that has arrived until `now`, s, however long that takes: where nothing has torque yet."""
+        """Take all that has arrived until `now`, s, however long that takes; for a robot without torque."""
         for _ in range(MOST_POLLS):
             before = self._stream.arrived
-            self._stream.listen(now, moving=True)
+            self._stream.poll(now, moving=True)
             if self._stream.arrived == before:
                 return
 
     def step(self, now: float) -> bool:
-        """Once in every tick after it was listened, at `now`, s: whether there is more to take. Once there is not, it
-        stays so."""
+        """Whether there is more to take; to be called once a tick after the poll, at `now`, s. Once False, it stays
+        False."""
         if self._done:
             return False
         stream = self._stream

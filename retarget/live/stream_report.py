@@ -1,6 +1,4 @@
-"""What is said of a stream: why it cannot be used, what happens while it runs, why the robot holds, and the account
-afterwards.
-"""
+"""Reports on a stream: why it cannot be used, messages while it runs, hold reasons, and the report after the run."""
 
 import shlex
 from collections import Counter
@@ -38,35 +36,35 @@ __all__ = [
 
 
 NOTED_S = 0.05
-"""A silence of so long is noted: what comes from then on is what comes instead."""
+"""After this long without a frame, counts are noted: what arrives from then on arrives instead of frames."""
 SILENT_S = 1.0
-"""So long nothing usable must have come before somebody is told why."""
+"""Time without a frame after which the reason is reported."""
 NATNET_S = 2.5
 """The same where Motive is asked first."""
 MOST_REASONS, MOST_NAMES = 3, 40
 SENDER = "See that the sender speaks the protocol of this address"
-WORN = "Wear and switch on these, or choose another --performer"
-FAR = "See in which unit the sender tells lengths, and where its origin is: nobody is farther than 10 m from it"
+SWITCH_ON = "Wear and switch on these, or choose another --performer"
+FAR = "See in which unit the sender sends lengths, and where its origin is: sensors must be within 10 m of it"
 BEHIND = 100
-"""Frames that were old when they were read, one after the other: no single late tick has so many."""
+"""Frames read during a silence above which they are a backlog: a single late tick has fewer."""
 FEWER = "Let the sender send fewer frames: 30 to 240 a second are enough"
 REPLAY = "replay"
 OVER, LONGER = "the recording was over {:.1f} s ago", "Take a longer one, or play it again and again: ?loop=1"
-"""What there is to say of a recording that ends too soon."""
-STRANGER = (
-    "{}, which was first, is silent, and nobody may take its place while a robot may move: let it send again, or end "
-    "this run and start it anew"
+"""Message and next step for a recording that ends too soon."""
+OWNER_SILENT = (
+    "{}, which was first, is silent, and no other sender may take its place while a robot may move: let it send again, "
+    "or end this run and start it anew"
 )
-"""To be filled with who owns the stream."""
+"""To be filled with the owner of the stream."""
 QUATERNIONS = "In MVN's network streamer choose Position + Orientation (Quaternion)"
 
 
 def unusable(stream: LiveStream, missing: list[str], waited: float, *, where: str, now: float) -> InputError:
-    """Why nobody can be followed, as far as the stream tells. missing: sensors that are needed and not fresh."""
+    """The error for a stream that cannot be used, with the reason. missing: needed sensors that are not fresh."""
     problems = _motive(stream, now)
     if problems:
         return InputError.from_problems(problems)
-    reasons = _told(_refused(stream))
+    reasons = _listed(_refused(stream))
     if stream.arrived == 0:
         return _nothing(stream, waited, where=where)
     if stream.frames == 0:
@@ -90,16 +88,16 @@ def unusable(stream: LiveStream, missing: list[str], waited: float, *, where: st
     return InputError(
         "sensors are missing in the stream",
         where=where,
-        found=", ".join(f"no {name} ({told})" for name, told in wanted.items())
+        found=", ".join(f"no {name} ({pose})" for name, pose in wanted.items())
         + (f"; refused: {reasons}" if reasons else ""),
         allowed=", ".join(list(stream.names)[:MOST_NAMES]),
-        next_step=FAR if _commonest(_refused(stream)) == OUT_OF_RANGE else WORN,
+        next_step=FAR if _commonest(_refused(stream)) == OUT_OF_RANGE else SWITCH_ON,
     )
 
 
 def _something_else(stream: LiveStream, where: str) -> tuple[str, str]:
-    """What arrives instead of what the address reads, and what to do; "" each where it is not known."""
-    if where.partition("://")[0] not in (*SENDERS, REPLAY):  # a source of somebody's own
+    """What arrives instead of what the address reads, and the next step; "" each where unknown."""
+    if where.partition("://")[0] not in (*SENDERS, REPLAY):  # the caller's own source
         return "", ""
     address, got = parse_address(where), recognise(stream.undecoded)
     kind = address.recorded if address.kind == REPLAY else address.kind
@@ -110,7 +108,7 @@ def _something_else(stream: LiveStream, where: str) -> tuple[str, str]:
 
 
 def _nothing(stream: LiveStream, waited: float, *, where: str) -> InputError:
-    """Nothing has arrived at all, and where it is waited for."""
+    """The error for a stream on which nothing has arrived, with the address and port that are listened on."""
     what, receiver = f"nothing arrives, waited {waited:g} s", stream.receiver
     if not isinstance(receiver, UdpReceiver):
         step = "Start the sender, let it send to this address and port, and see that no firewall is between"
@@ -118,7 +116,7 @@ def _nothing(stream: LiveStream, waited: float, *, where: str) -> InputError:
     host, port = receiver.bound
     found, step = f"{host}, UDP port {port}", f"Start the sender, and let it send to {host}, port {port}"
     if IPv4Address(host).is_loopback:
-        found += ", where only this machine is heard"
+        found += ", which only this machine can reach"
         step += f". {for_others(where.partition('://')[0], port)}"
     else:
         step += "; see that no firewall is between"
@@ -127,26 +125,26 @@ def _nothing(stream: LiveStream, waited: float, *, where: str) -> InputError:
 
 
 def refuse_version(stream: LiveStream, now: float) -> None:
-    """Raise InputError for a Motive whose version cannot be relied on, though its frames look as if they could."""
+    """Raise InputError for a Motive version that cannot be read, though its frames may look readable."""
     if _is_foreign(stream):
         raise InputError.from_problems(_motive(stream, now))
 
 
 class StreamProblems:
-    """Looks at a stream in every tick; tells once in every silence why it is one.
+    """Watches a stream in every tick, and reports the reason once in every silence.
 
-    foreign: whether the sender has become one that is not understood, whatever its frames look like.
+    foreign: whether the sender now has a version that cannot be read, whatever its frames look like.
     """
 
     def __init__(self, stream: LiveStream) -> None:
         self._stream = stream
         self._patience = NATNET_S if isinstance(stream.receiver, NatnetReceiver) else SILENT_S
-        self._told = self.foreign = False
+        self._reported = self.foreign = False
         self._before: tuple[int, Counter[str], int] | None = None
-        """Datagrams, what was refused, and frames that there were when the silence began."""
+        """Counts when the silence began: datagrams, refusals by reason, frames."""
 
     def look(self, now: float) -> str:
-        """What is wrong, "" mostly: where all is well, and where it has been said."""
+        """What is wrong; "" where nothing is, or where it was reported before."""
         was, self.foreign = self.foreign, _is_foreign(self._stream)
         if self.foreign:
             return "" if was else _motive(self._stream, now)[0].render()
@@ -156,15 +154,15 @@ class StreamProblems:
         elif self._before is None:
             self._before = self._seen()
         if silence < 0.5 * self._patience:
-            self._told = False
+            self._reported = False
             return ""
-        if self._before is None or self._told or silence < self._patience:
+        if self._before is None or self._reported or silence < self._patience:
             return ""
-        self._told = True
+        self._reported = True
         return self._cause(silence, now, *self._before)
 
     def briefly(self, now: float, patience: float) -> str:
-        """What is wrong at `now`, s, in a few words; "" where something usable came within `patience`, s."""
+        """What is wrong at `now`, s, in a few words; "" where a frame came within `patience`, s."""
         if self.foreign:
             return "the sender's version is not known"
         if now - self._stream.last <= patience:
@@ -174,10 +172,10 @@ class StreamProblems:
             return "nothing arrived"
         if self._stream.frames > frames + BEHIND:
             return "more arrived than can be read in time"
-        return f"what arrived was unusable: {_told(_refused(self._stream) - refused) or 'no poses in it'}"
+        return f"what arrived was unusable: {_listed(_refused(self._stream) - refused) or 'no poses in it'}"
 
     def why(self, now: float) -> str:
-        """What is wrong, also where it has been said; "" where all is well."""
+        """What is wrong, also where it was reported before; "" for nothing."""
         silence = now - self._stream.last
         return "" if self._before is None or silence < self._patience else self._cause(silence, now, *self._before)
 
@@ -187,36 +185,36 @@ class StreamProblems:
     def _cause(self, silence: float, now: float, arrived: int, refused: Counter[str], frames: int) -> str:
         problems, news = _motive(self._stream, now), _refused(self._stream) - refused
         if problems:
-            return problems[0].render() + (f" What arrived was not used: {_told(news)}" if news else "")
+            return problems[0].render() + (f" What arrived was not used: {_listed(news)}" if news else "")
         if self._stream.receiver.finished:
             return f"{OVER.format(silence)}. {LONGER}"
         if self._stream.arrived == arrived:
             return f"nothing has arrived for {silence:.1f} s: see that the sender runs, and sends here"
         if self._stream.frames > frames + BEHIND:
             return f"what is read arrived {silence:.1f} s ago: more arrives than can be read in time. {FEWER}"
-        reasons = _told(news) or "no poses in it"
+        reasons = _listed(news) or "no poses in it"
         return f"what arrives has been unusable for {silence:.1f} s: {reasons}. {_step(self._stream, news)}"
 
 
 def _refused(stream: LiveStream) -> Counter[str]:
-    """Everything that was not used so far, by reason; a copy."""
+    """Counts of everything that was not used so far, by reason; a copy."""
     return stream.admission.refused.reasons + stream.decoder.dropped.reasons + stream.validity.refused.reasons
 
 
-def _told(reasons: Counter[str]) -> str:
+def _listed(reasons: Counter[str]) -> str:
     return "; ".join(f"{reason} ({count})" for reason, count in reasons.most_common(MOST_REASONS))
 
 
 def _commonest(reasons: Counter[str]) -> str:
-    """ "" for none."""
+    """The commonest reason, "" for none."""
     return next((reason for reason, _ in reasons.most_common(1)), "")
 
 
 def _step(stream: LiveStream, reasons: Counter[str]) -> str:
-    """What to do about what was not used, by its commonest reason."""
+    """The next step for what was not used, by its commonest reason."""
     admission, commonest = stream.admission, _commonest(reasons)
     if commonest == SECOND_SOURCE and admission.owner is not None:
-        return STRANGER.format("{}:{}".format(*admission.owner))
+        return OWNER_SILENT.format("{}:{}".format(*admission.owner))
     if commonest == NOT_ALLOWED:
         who = ",".join(address for address, reason in admission.named if reason == NOT_ALLOWED)
         return f"If that is the sender, name it in the address: ?allow={who}"
@@ -230,43 +228,44 @@ def _is_foreign(stream: LiveStream) -> bool:
 
 
 def _motive(stream: LiveStream, now: float) -> list[Problem]:
-    """What Motive's own answers show to be wrong."""
+    """The problems that Motive's answers show."""
     receiver = stream.receiver
     if not isinstance(receiver, NatnetReceiver):
         return []
     problems = list(natnet_problems(receiver.session, now, host=receiver.host))
-    if receiver.trouble:
-        problems.append(Problem(receiver.trouble))
+    if receiver.join_error:
+        problems.append(Problem(receiver.join_error))
     return problems
 
 
-# What a person is told of a stream while it runs, each once: who else sends, what is lost, a clock that leapt.
+# Messages about a stream while it runs, each once: other senders, losses, a clock that jumped.
 
 _JUMPS = {
     JumpKind.RESTARTED: "the sender's clock began anew: it was started again",
-    JumpKind.FORWARD: "the sender's clock leapt forward by {:.2f} s",
-    JumpKind.BACK: "the sender's clock leapt back by {:.2f} s",
+    JumpKind.FORWARD: "the sender's clock jumped forward by {:.2f} s",
+    JumpKind.BACK: "the sender's clock jumped back by {:.2f} s",
 }
 _NOT_USED = {
     TOO_LONG: (1, "datagrams that are empty or longer than 64 KiB are not used"),
     TOO_MANY: (5_000, "the sender sends more datagrams than are taken: the rest is not used"),
 }
-"""From so many on it is told: what waited in the kernel while a bus was opened comes at once, and is no flood."""
+"""Counts from which these are reported: what waited in the kernel while a bus was opened comes at once, and is no
+flood."""
 
 
 class StreamNews:
-    """Looks at a stream in every tick. What it can say is little, and bounded however much a stranger sends."""
+    """Watches a stream in every tick. Its messages are few, and bounded however much other senders send."""
 
     def __init__(self, stream: LiveStream, notify: Callable[[str], object]) -> None:
-        """tell: hears a sentence each."""
+        """notify: receives one sentence for each event."""
         self._stream, self._notify = stream, notify
-        self._told = set[str]()
-        self._jumps = stream.clock_map.jumps  # those before somebody follows it are of a sender that starts
+        self._reported = set[str]()
+        self._jumps = stream.clock_map.jumps  # earlier jumps are of a sender that starts
         self._refused = 0
         self._overflowed: int | None = None
 
     def look(self) -> None:
-        """Tell what has happened since the last look."""
+        """Report what has happened since the last look."""
         admission, clock = self._stream.admission, self._stream.clock_map
         if admission.refused.count != self._refused:
             self._refused = admission.refused.count
@@ -280,7 +279,7 @@ class StreamNews:
             jump = clock.last_jump
             self._once(_JUMPS[jump.kind].format(abs(jump.shift)), key=jump.kind)
         overflowed = _overflowed(self._stream)
-        if self._overflowed is None:  # nobody listened while a bus was opened
+        if self._overflowed is None:  # the stream was not polled while a bus was opened
             self._overflowed = overflowed
         if overflowed > self._overflowed:
             self._once("datagrams were lost in this computer: they came faster than they were fetched")
@@ -289,18 +288,18 @@ class StreamNews:
             self._notify(news)
 
     def _once(self, text: str, *, key: str = "") -> None:
-        if (key or text) not in self._told:
-            self._told.add(key or text)
+        if (key or text) not in self._reported:
+            self._reported.add(key or text)
             self._notify(text)
 
 
 def _refusal(source: Source, reason: str, owner: Source | None) -> str:
     who = f"{source[0]}:{source[1]}"
     if reason == SECOND_SOURCE and owner is not None:
-        return f"{who} sends too, and is not listened to: {owner[0]}:{owner[1]} was first"
+        return f"{who} sends too, and is ignored: {owner[0]}:{owner[1]} was first"
     if reason == NOT_ALLOWED:
-        return f"{who} sends too, and is not listened to: not on the allow-list (?allow=)"
-    return f"{who} sends too, and is not listened to: {reason}"
+        return f"{who} sends too, and is ignored: not on the allow-list (?allow=)"
+    return f"{who} sends too, and is ignored: {reason}"
 
 
 def _overflowed(stream: LiveStream) -> int:
@@ -308,14 +307,14 @@ def _overflowed(stream: LiveStream) -> int:
     return receiver.overflowed if isinstance(receiver, UdpReceiver | NatnetReceiver) else 0
 
 
-# What a live run tells of its stream afterwards: what came, what was not used, who was lost, how often it held.
+# The report after a live run: what came, what was not used, which sensors were lost, how often the robot held.
 
 MS = 1e3
 
 
 @dataclass(frozen=True)
 class Holds:
-    """Times that the performer was not followed after having been, and how long in all, s."""
+    """How often the performer was no longer followed, and how long in all, s."""
 
     count: int
     s: float
@@ -323,12 +322,12 @@ class Holds:
 
 @dataclass(frozen=True)
 class LiveReport:
-    """A live run's stream.
+    """The report on a live run's stream.
 
-    frames, datagrams: of the sender from the beginning on, the measuring included. dropped: what was not used, by
-    reason: datagrams, frames out of time, and poses that could not be believed. refused: senders that were not listened
-    to. lost_s: how long each sensor was not believed while the robot followed or held, those that ever were not.
-    playout_delay_ms: in the end. person: the name under which the performer's size is kept, null without one.
+    frames, datagrams: of the sender from the beginning on, calibration included. dropped: what was not used, by reason:
+    datagrams, frames out of time, and invalid poses. refused: senders that were ignored. lost_s: how long each sensor
+    was invalid while the robot followed or held, for sensors that ever were. playout_delay_ms: at the end. person: the
+    name under which the performer's size is kept, null without one.
     """
 
     address: str
@@ -343,7 +342,7 @@ class LiveReport:
 
 
 class Tally:
-    """Counts ticks. names: of the k sensors; dt: s between ticks."""
+    """Counts ticks of invalid sensors and of holds. names: of the k sensors; dt: s between ticks."""
 
     def __init__(self, names: tuple[str, ...], dt: float) -> None:
         self._names, self._dt = names, dt
@@ -353,7 +352,7 @@ class Tally:
         self._ever = False
 
     def count(self, states: StateArray, *, followed: bool) -> None:
-        """One tick of following. states (k,): a `ValidityState` each; followed: whether the performer was."""
+        """Count one tick. states (k,): a `ValidityState` each; followed: whether the performer was followed."""
         if np.count_nonzero(states):  # FRESH is 0
             self._lost += (states != ValidityState.FRESH) & (states != ValidityState.NOT_IN_USE)
         self._holds += self._followed and not followed
@@ -362,17 +361,17 @@ class Tally:
 
     @property
     def holds(self) -> Holds:
-        """So far."""
+        """The holds so far."""
         return Holds(self._holds, self._held * self._dt)
 
     @property
     def lost_s(self) -> dict[str, float]:
-        """s, of every sensor that was lost so far."""
+        """Time, s, that each sensor was lost so far, for sensors that ever were."""
         return {name: ticks * self._dt for name, ticks in zip(self._names, self._lost.tolist(), strict=True) if ticks}
 
 
 def live_report(stream: "LiveStream", tally: Tally, *, address: str, person: str | None) -> LiveReport:
-    """Of a run that has ended."""
+    """The report on a run that has ended."""
     decoder, receiver, validity = stream.decoder.dropped, stream.receiver.dropped, stream.validity.refused
     dropped = stream.admission.refused.reasons + decoder.reasons + receiver.reasons + validity.reasons
     dropped += stream.clock_map.dropped.reasons + stream.playout.dropped.reasons
@@ -393,14 +392,14 @@ def _refused_sources(admission: Admission) -> tuple[str, ...]:
     return tuple(f"{address}: {reason}" for address, reason in admission.named)
 
 
-# Why a performer is not followed, in a few words: the reason of a stop where that lasts too long.
+# Hold reasons in a few words; also the reason of a stop where a hold is too long.
 
 WORDS = {
     ValidityState.STALE: "lost",
     ValidityState.FROZEN: "frozen",
     ValidityState.JUMPED: "jumped",
     ValidityState.SWAPPED: "changed places",
-    ValidityState.NOT_IN_USE: "not heard",
+    ValidityState.NOT_IN_USE: "not received",
     ValidityState.OUT_OF_RANGE: "outside the room",
 }
 TOO_SHORT = "not for long enough at a time"
@@ -408,35 +407,38 @@ TOO_SHORT = "not for long enough at a time"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HoldEvidence:
-    """What the last tick knew of k sensors. states (k,): a `ValidityState` each; leapt (k,): who may not be followed to
-    where they are; carrying: rows of those that are needed; late: whether ticks come late; trouble: of the stream, ""
-    for none; came_back: whether data were good in the meantime, and not for long enough."""
+    """What decides whether the robot holds, as of the last tick, of k sensors.
+
+    states (k,): a `ValidityState` each; jumped (k,): sensors that may not be followed to their new places;
+    base_sensors: rows of those without which the robot holds; late: whether ticks come late; problem: of the stream, ""
+    for none; came_back: whether data were good in the meantime, but not for long enough.
+    """
 
     states: StateArray
     jumped: BoolArray
-    carrying: tuple[int, ...]
+    base_sensors: tuple[int, ...]
     late: bool
-    trouble: str
+    problem: str
     came_back: bool = False
 
 
 def hold_reason_of(names: tuple[str, ...], evidence: HoldEvidence) -> str:
-    """What is in the way now; where it has not been all the time, that comes first."""
-    now = _now(names, evidence)
+    """Why the robot holds now. Where data were good in the meantime, that comes first."""
+    now = _present_reason(names, evidence)
     if not now:
         return TOO_SHORT
     return f"{TOO_SHORT}, at last: {now}" if evidence.came_back else now
 
 
-def _now(names: tuple[str, ...], evidence: HoldEvidence) -> str:
+def _present_reason(names: tuple[str, ...], evidence: HoldEvidence) -> str:
     """The first that applies: the stream, the sensors of `names` (k,), the ticks; "" for none."""
-    if evidence.trouble:
-        return evidence.trouble
-    told = [
+    if evidence.problem:
+        return evidence.problem
+    invalid = [
         f"{name}: {WORDS[state]}"
         for row, (name, state) in enumerate(zip(names, map(ValidityState, evidence.states.tolist()), strict=True))
-        if state in WORDS and (row in evidence.carrying or evidence.jumped[row])
+        if state in WORDS and (row in evidence.base_sensors or evidence.jumped[row])
     ]
-    if told:
-        return ", ".join(told)
+    if invalid:
+        return ", ".join(invalid)
     return "ticks came late" if evidence.late else ""

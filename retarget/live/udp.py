@@ -1,6 +1,4 @@
-"""Datagrams from a UDP socket: opened and bound, with the time at which the kernel got them; bounded, and never
-waiting.
-"""
+"""UDP sockets of a stream: opening and binding, multicast groups, non-blocking polls, arrival times of the kernel."""
 
 import errno
 import itertools
@@ -21,7 +19,7 @@ from retarget.sources.stream_frame import MAX_DATAGRAM, Dropped
 __all__ = ["RECEIVE_BUFFER", "UdpReceiver", "not_bound", "open_socket", "port_holder"]
 
 
-# Which process holds a port of this machine, as far as this user may see it (Linux).
+# The process that holds a port of this machine, as far as this user may see it (Linux).
 
 MOST_PROCESSES = 100_000
 MOST_SOCKETS = 100_000
@@ -29,7 +27,7 @@ MOST_SOCKETS = 100_000
 
 
 def port_holder(port: int, processes: Path = PROCESSES, *, protocol: Literal["udp", "tcp"] = "udp") -> str:
-    """Who listens on the `port` (IPv4 or IPv6): "process 12 (retarget run)", or "another process"."""
+    """The processes that listen on the `port` (IPv4 or IPv6): "process 12 (retarget run)", or "another process"."""
     wanted = {f"socket:[{inode}]" for inode in _inodes(port, processes, protocol)}
     found: list[str] = []
     for process in itertools.islice(processes.glob("[0-9]*"), MOST_PROCESSES) if wanted else ():
@@ -51,17 +49,17 @@ def _inodes(port: int, processes: Path, protocol: str) -> set[str]:
     return inodes
 
 
-# Opening the socket of a stream: bound, large enough for bursts, in its multicast group; or an error that says how.
+# Opening the socket of a stream: bound, large enough for bursts, in its multicast group.
 
 RECEIVE_BUFFER = 2**20
-"""Bytes asked of the kernel, which doubles them, within net.core.rmem_max: more than a second of SlimeVR's VMC with
-what the kernel adds to each. No more: behind a flood, what waits there is old before it is read."""
+"""Bytes requested from the kernel, which doubles them, within net.core.rmem_max: more than a second of SlimeVR's VMC
+with the overhead of each datagram. A larger buffer would hold datagrams too old to use after a flood."""
 SO_TIMESTAMPNS = 35
 """Option and control message: time of arrival on the wall clock, as a timespec (socket(7); asm-generic/socket.h)."""
 SO_RXQ_OVFL = 40
 """Option and control message: datagrams lost so far because the buffer was full (socket(7))."""
 IP_MULTICAST_ALL = 49
-"""Whether groups that other sockets joined are heard too (ip(7))."""
+"""Option: whether to receive datagrams of groups that other sockets joined (ip(7))."""
 NO_INTERFACE = {errno.ENODEV, errno.EADDRNOTAVAIL, errno.ENXIO}
 
 
@@ -99,7 +97,7 @@ def _join(listener: socket.socket, address: StreamAddress, group: str) -> None:
     interface = address.interface
     if interface == EVERYWHERE and address.host is not None:
         interface = interface_towards(address.host) or EVERYWHERE
-    with suppress(OSError):  # only keeps out what other programs joined
+    with suppress(OSError):  # it only keeps out groups that other programs joined
         listener.setsockopt(socket.IPPROTO_IP, IP_MULTICAST_ALL, 0)
     request = socket.inet_aton(group) + socket.inet_aton(interface)
     try:
@@ -109,7 +107,7 @@ def _join(listener: socket.socket, address: StreamAddress, group: str) -> None:
 
 
 def not_bound(address: StreamAddress, error: OSError, *, protocol: Literal["udp", "tcp"] = "udp") -> InputError:
-    """The error for an address that cannot be listened on: taken, not of this machine, not for this user."""
+    """The error for an address that cannot be bound: taken, not of this machine, not for this user."""
     name = f"{protocol.upper()} port {address.port}"
     if error.errno == errno.EADDRINUSE:
         step = "Stop it, or send to another port and name that here"
@@ -154,7 +152,8 @@ def _interfaces() -> str:
 
 
 REMEASURE_S = 1.0
-"""Between two looks at how wall and monotonic clock lie: NTP may slew by 0.5 ms in it, hardly more."""
+"""Time between two measurements of the offset of wall and monotonic clock: NTP slews by hardly more than 0.5 ms in it.
+"""
 TOLERANCE_S = 0.001
 """A stamp up to this long before the last poll that found the socket empty is inexact; an earlier one is wrong."""
 CONTROL_BYTES = socket.CMSG_SPACE(16) + socket.CMSG_SPACE(4)
@@ -162,13 +161,13 @@ TIMESPEC = struct.Struct("@ll")
 COUNTER = struct.Struct("@I")
 GONE = {errno.EAGAIN, errno.EWOULDBLOCK}
 TRANSIENT = {errno.EINTR, errno.ECONNREFUSED, errno.EHOSTUNREACH, errno.ENETUNREACH}
-"""Also what a datagram of ours (a keep-alive) met on its way: told on the next receive, and no fault of the stream."""
+"""Errors to ignore. The kernel reports those of a datagram that was sent (a keep-alive) on the next receive."""
 
 
 class UdpReceiver:
     """A socket that is polled by the loop.
 
-    dropped: what was not passed on, by reason. overflowed: datagrams that the kernel lost because nobody fetched them
+    dropped: what was not passed on, by reason. overflowed: datagrams that the kernel lost because they were not fetched
     in time. buffer: bytes that the kernel granted. `wall_offset`: see `hardware.clock.wall_to_monotonic`; it is None
     where `now` is not of the machine's monotonic clock, and arrival is then the time of the poll.
     """
@@ -191,7 +190,7 @@ class UdpReceiver:
         self._offset = 0
         self._measured = float("-inf")
         self._emptied = float("-inf")
-        """When the socket was last found empty: what is read later arrived later."""
+        """When the socket was last found empty: what is read after that arrived after that."""
 
     def __enter__(self) -> Self:
         return self
@@ -201,12 +200,12 @@ class UdpReceiver:
 
     @property
     def port(self) -> int:
-        """Where the socket listens; 0 once it is closed."""
+        """The port of the socket; 0 once it is closed."""
         return 0 if self._socket.fileno() < 0 else int(self._socket.getsockname()[1])
 
     @property
     def bound(self) -> Source:
-        """Address and port where the socket listens; ("", 0) once it is closed."""
+        """Address and port of the socket; ("", 0) once it is closed."""
         if self._socket.fileno() < 0:
             return "", 0
         host, port = self._socket.getsockname()[:2]
@@ -217,11 +216,11 @@ class UdpReceiver:
         return self._socket.fileno()
 
     def close(self) -> None:
-        """Close the socket; twice does no harm, and a poll then returns nothing."""
+        """Close the socket. A second call has no effect, and later polls return nothing."""
         self._socket.close()
 
     def send(self, payload: bytes, to: Source) -> bool:
-        """Send a request or keep-alive from our port; whether the kernel took it. Never blocks, never raises."""
+        """Send a request or keep-alive from this port. Returns whether the kernel took it. Never blocks or raises."""
         try:
             return self._socket.sendto(payload, to) == len(payload)
         except OSError:
@@ -229,7 +228,7 @@ class UdpReceiver:
 
     @property
     def finished(self) -> bool:
-        """Never: somebody may always send."""
+        """Never: a sender may always send again."""
         return False
 
     def poll(self, now: float) -> list[Datagram]:
@@ -274,9 +273,10 @@ class UdpReceiver:
         return arrival
 
     def _checked(self, arrival: float, now: float) -> float:
-        """A stamp that the wall clock cannot have spoilt: between the last empty socket and now, otherwise `now`.
+        """The arrival, limited to the time between the last empty socket and `now`; `now` where it is too early.
 
-        Somebody may set the wall clock at any time. Too late is harmless (the least delay counts), too early is not.
+        The wall clock may be set at any time. A time that is too late does no harm (the least delay counts); one that
+        is too early does.
         """
         if arrival >= self._emptied - TOLERANCE_S:
             return min(max(arrival, self._emptied), now)

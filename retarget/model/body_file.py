@@ -70,7 +70,7 @@ def compile_body(path: Path, *, root: Root | None = None) -> BodyFile:
 
 
 def body_spec(path: Path, *, root: Root) -> Any:
-    """The `mujoco.MjSpec` of a file that `compile_body` has read, for whoever builds a world around the body."""
+    """The `mujoco.MjSpec` of a file that `compile_body` has read, for callers that build a world around the body."""
     mujoco = engine()
 
     with path.open("rb") as stream:
@@ -217,13 +217,13 @@ def check_numbers(model: Any, *, source: str) -> None:
 
 
 def _without_numbers(model: Any) -> list[str]:
-    """Links and joints with a number that is none."""
+    """Links and joints with a number that is not finite."""
     import numpy as np
 
     def of(owners: Any, *arrays: Any) -> list[int]:
-        """Whose rows are not all numbers."""
-        sound = np.all([np.isfinite(array).all(axis=tuple(range(1, array.ndim))) for array in arrays], axis=0)
-        return sorted({int(owner) for owner in np.asarray(owners)[~sound]})
+        """Owners of rows that are not finite."""
+        finite = np.all([np.isfinite(array).all(axis=tuple(range(1, array.ndim))) for array in arrays], axis=0)
+        return sorted({int(owner) for owner in np.asarray(owners)[~finite]})
 
     every = np.arange(model.nbody)
     placed = of(every, model.body_pos, model.body_quat, model.body_ipos, model.body_mass, model.body_inertia)
@@ -235,7 +235,7 @@ def _without_numbers(model: Any) -> list[str]:
 
 
 def _unused(spec: Any) -> list[str]:
-    """Parts of the file that a kinematic tree does not know."""
+    """Parts of the file that a kinematic tree cannot hold."""
     notes = []
     for kind, parts in (("equality constraints", spec.equalities), ("tendons", spec.tendons)):
         names = [part.name or "unnamed" for part in parts]

@@ -174,11 +174,11 @@ def _foot_ends(name: str, dimensions: HumanDimensions) -> tuple[FloatArray, Floa
     stature, radius = dimensions.stature, _RADII["ankle"] * dimensions.stature
     toe = dimensions.of(name[:2] + "toe")
     height = -FRACTIONS.ankle_height * stature + radius
-    ahead = np.array([toe[0], toe[1], 0.0]) / np.hypot(toe[0], toe[1])
+    forward = np.array([toe[0], toe[1], 0.0]) / np.hypot(toe[0], toe[1])
     reach = np.hypot(toe[0], toe[1]) + FRACTIONS.toe_tip * stature - radius
     back = -FRACTIONS.heel_back * stature + radius
     level = np.array([0.0, 0.0, height])
-    return ahead * back + level, ahead * reach + level
+    return forward * back + level, forward * reach + level
 
 
 def _capsule(name: str, start: FloatArray, end: FloatArray, radius: float) -> str:

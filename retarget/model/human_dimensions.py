@@ -327,7 +327,7 @@ def points_of(offset: FloatArray) -> FloatArray:
 
 
 def stature_of(offset: FloatArray) -> float:
-    """Stature (m) of a person with these offsets (23, 3) m: their standing height from ankles to head tells it."""
+    """Stature (m) of a person with these offsets (23, 3) m, from their standing height from ankles to head."""
     height = points_of(offset)[:, 2]
     ankles = 0.5 * (height[POINTS.index("l_ankle")] + height[POINTS.index("r_ankle")])
     return float((height[POINTS.index("head")] - ankles) / (FRACTIONS.head_height - FRACTIONS.ankle_height))
@@ -385,7 +385,7 @@ def check_plausible(dimensions: HumanDimensions, *, source: str) -> None:
 
 
 _CHECKED = tuple(f"{side}_{part}" for part in ("elbow", "wrist", "knee", "ankle") for side in "lr")
-"""Points whose distance from their parent is checked: the limbs, which every skeleton knows."""
+"""Points whose distance from their parent is checked: the limbs, which every skeleton has."""
 
 
 def _proportional_offset(name: str, part: StatureFractions) -> tuple[float, float, float]:

@@ -1,6 +1,4 @@
-"""Collision observers of a robot and of the virtual human: shapes on links, and which of them are looked at
-together.
-"""
+"""Collision observers of a robot and of the virtual human: shapes on links, and the pairs of them that are checked."""
 
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -139,7 +137,7 @@ def _far_apart(names: tuple[str, str], steps: int, depth: float, where: str) -> 
 NO_SCENE = SceneShapes(
     (), np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros(0, dtype=bool)
 )
-"""Nothing around the body."""
+"""A scene without obstacles."""
 
 ShapeRow = tuple[ShapeKind, tuple[float, float, float], FloatArray, FloatArray]
 """Code, sizes (3,) m, position (3,) m and quat (4,) wxyz of a shape's canonical frame on its link."""
@@ -174,7 +172,7 @@ class Observers:
         """The same, all with another margin, m; None: each its own."""
         return self if margin is None else replace(self, margin=np.full_like(self.margin, margin))
 
-    def around(self, scene: SceneShapes) -> tuple[IntArray, FloatArray]:
+    def obstacle_pairs(self, scene: SceneShapes) -> tuple[IntArray, FloatArray]:
         """Pairs (m, 2) of an observer and an obstacle of a scene that it looks at, and most that each keeps (m,) m:
         all but soles and the ground, one obstacle after the other."""
         which, obstacle = (part.ravel() for part in np.indices((len(self.names), len(scene.names))).swapaxes(1, 2))
@@ -184,7 +182,7 @@ class Observers:
 
     def for_solver(self, body: BodyModel, scene: SceneShapes = NO_SCENE) -> _solver.Observers:
         """The same for the compiled solver, which looks at the obstacles of a scene too."""
-        around, most = self.around(scene)
+        obstacle_pairs, most = self.obstacle_pairs(scene)
         return _solver.Observers(
             body.solver_body(),
             links=self.links,
@@ -200,7 +198,7 @@ class Observers:
             obstacle_sizes=scene.sizes,
             obstacle_influence=scene.influence,
             obstacle_margin=scene.margin,
-            obstacle_pairs=around,
+            obstacle_pairs=obstacle_pairs,
             obstacle_pair_margin=most,
         )
 
@@ -324,8 +322,7 @@ def _shape(body: BodyModel, observer: Observer) -> ShapeRow:
     return row
 
 
-# What a virtual human observes itself and its surroundings with: the lines of the paper, or a capsule on every
-# segment.
+# Observers of a virtual human: the lines of the paper, or a capsule on every segment.
 
 NEUTRAL = "attractor"
 """Posture in which pairs that touch are dropped: arms away from the trunk."""
@@ -333,20 +330,20 @@ LIMBS = (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "a
 """Ends of the paper's eight lines, four on the upper and four on the lower limbs: joints by name, each side."""
 HEAD = "head"
 
-Worn = Literal["none", "lines", "lines_and_head", "capsules"]
+ObserverSet = Literal["none", "lines", "lines_and_head", "capsules"]
 
 
-def human_observers(human: Human, settings: ObserverSettings, worn: Worn | None = None) -> Observers | None:
-    """The observers of a human of this size; None where the settings want none. worn: instead of the settings' choice.
+def human_observers(human: Human, settings: ObserverSettings, chosen: ObserverSet | None = None) -> Observers | None:
+    """The observers of a human of this size; None where the settings want none. chosen: instead of the settings' set.
 
     Raises ConfigError: parts far apart along the body touch in the neutral posture.
     """
-    worn = settings.human if worn is None else worn
-    if worn == "none":
+    chosen = settings.human if chosen is None else chosen
+    if chosen == "none":
         return None
     names = {geom.name: geom for geom in human.body.geoms}
     links, rows = {}, {}
-    if worn == "capsules":
+    if chosen == "capsules":
         for name, geom in names.items():
             row = geom_shape(geom)
             assert row is not None, "a human is made of capsules and balls"
@@ -356,7 +353,7 @@ def human_observers(human: Human, settings: ObserverSettings, worn: Worn | None 
             for side in ("l", "r"):
                 name = f"{side}_{near}"
                 links[name], rows[name] = human.body.body_index(name), _line(human, f"{side}_{far}")
-    if worn == "lines_and_head":
+    if chosen == "lines_and_head":
         geom = names[HEAD]
         row = geom_shape(geom)
         assert row is not None, "a head is a ball"

@@ -1,4 +1,4 @@
-"""Where the obstacles of a scene are now: what the file says, unless a live update said otherwise."""
+"""Scene state: where the obstacles are now, by the motions of the file or by live updates."""
 
 from bisect import bisect_right
 from collections.abc import Iterable, Sequence
@@ -32,12 +32,12 @@ __all__ = [
 ]
 
 
-# The live pose of one obstacle: updates from outside are judged, the last good one is kept, and its age is known.
+# The live pose of one obstacle: updates from outside are checked, the last good one is kept with its age.
 
 LIVE_SPEED = 10.0
-"""Live velocities are cut to this, m/s: a jump of the tracker is no throw."""
+"""Live velocities are clipped to this, m/s: a jump of the tracker is not a throw."""
 LIVE_TURN = 20.0
-"""Live angular velocities are cut to this, rad/s."""
+"""Live angular velocities are clipped to this, rad/s."""
 VELOCITY_HOLDS = 0.2
 """A live obstacle goes on at its velocity for so long, s, when it is silent; then it is taken to rest."""
 
@@ -46,7 +46,7 @@ Numbers = Iterable[float]
 
 @dataclass(frozen=True, slots=True)
 class _Seen:
-    """A good update; velocities that were not told are None."""
+    """A good update; velocities that were not sent are None."""
 
     time: float
     pose: Pose
@@ -98,7 +98,7 @@ class LivePose:
         return True
 
     def restart(self) -> None:
-        """Forget every pose, because time begins anew; what was dropped stays counted."""
+        """Delete every pose, because time begins anew; the count of dropped updates stays."""
         self._held = None
 
     def at(self, time: float) -> MovingPose | None:
@@ -130,14 +130,14 @@ def _read(
         w, i, j, k = map(float, quat)
         linear = None if velocity is None else _vector(velocity)
         angular = None if angular_velocity is None else _vector(angular_velocity)
-        moment = float(time)
+        seconds = float(time)
     except (TypeError, ValueError, OverflowError):
         return None
-    numbers = (moment, x, y, z, w, i, j, k, *(linear or ()), *(angular or ()))
+    numbers = (seconds, x, y, z, w, i, j, k, *(linear or ()), *(angular or ()))
     norm = hypot(w, i, j, k)
     if not all(map(isfinite, numbers)) or max(abs(x), abs(y), abs(z)) > MAX_COORDINATE or not 1e-6 < norm < 1e6:
         return None
-    return _Seen(moment, Pose((x, y, z), unit((w, i, j, k))), linear, angular)
+    return _Seen(seconds, Pose((x, y, z), unit((w, i, j, k))), linear, angular)
 
 
 def _vector(numbers: Numbers) -> Vector:
@@ -146,7 +146,7 @@ def _vector(numbers: Numbers) -> Vector:
 
 
 def _moving(seen: _Seen, before: _Seen | None) -> MovingPose:
-    """The pose with velocities: those told, else those since the update before, else none; cut to the bounds."""
+    """The pose with velocities: those sent, else those since the update before, else zero; clipped to the bounds."""
     linear, angular = seen.linear or STILL, seen.angular or STILL
     if before is not None:
         step = seen.time - before.time
@@ -299,9 +299,11 @@ class ObstaclePoses:
             *(part[list(which)] for part in (self.position, self.quat, self.linear_velocity, self.angular_velocity))
         )
 
-    def seen_at(self, pace: float) -> "ObstaclePoses":
-        """The same, for somebody for whom only `pace` seconds go by in a second."""
-        return ObstaclePoses(self.position, self.quat, self.linear_velocity / pace, self.angular_velocity / pace)
+    def seen_at(self, time_scale: float) -> "ObstaclePoses":
+        """The same poses for a clock on which only `time_scale` seconds go by in a second."""
+        return ObstaclePoses(
+            self.position, self.quat, self.linear_velocity / time_scale, self.angular_velocity / time_scale
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -349,7 +351,7 @@ class SceneState:
         return ObstaclePoses(position, quat, linear, angular)
 
     def restart(self) -> None:
-        """Time begins anew: what was told live is forgotten."""
+        """Begin time anew, without live poses."""
         for track in self._tracks.values():
             track.live.restart()
 
@@ -369,10 +371,10 @@ class SceneState:
         velocity: Iterable[float] | None = None,
         angular_velocity: Iterable[float] | None = None,
     ) -> bool:
-        """Where an obstacle is by measurement; from the first good one on, the file's motion no longer counts.
+        """Set where an obstacle is by measurement; from the first good one on, the file's motion no longer counts.
 
         All in the frame that the obstacle names in the file, of the obstacle's own frame (which `at` places there).
-        Returns whether it was taken; what cannot be used is dropped, counted, and the last good pose stays: see
+        Returns whether it was taken. A bad update is dropped and counted, and the last good pose stays: see
         `LivePose.update`. Raises UsageError for an unknown name.
         """
         live = self._track(name).live

@@ -26,21 +26,21 @@ _SIZES = {"bool": "?", "uint8": "u1", "int8": "i1", "int32": "<i4", "uint32": "<
 class CdrLayout:
     """The bytes of one message. dtype: its fields where they stand; template: a message in which all fields are 0.
 
-    told: the dtype as JSON, what `numpy.dtype` takes, for whoever reads the file.
+    description: the dtype as JSON, as `numpy.dtype` takes it, which the file holds for its reader.
     """
 
     dtype: np.dtype[Any]
     template: bytes
-    told: str
+    description: str
 
     def rows(self, count: int) -> Rows:
         """So many messages, (count,), to be filled."""
         return np.frombuffer(bytearray(self.template * count), dtype=self.dtype)
 
 
-def layout_from(told: str) -> np.dtype[Any]:
-    """The dtype of `told`. Raises ValueError, TypeError or KeyError for what is none."""
-    fields = json.loads(told)
+def layout_from(description: str) -> np.dtype[Any]:
+    """The dtype of a layout's `description`. Raises ValueError, TypeError or KeyError for what is none."""
+    fields = json.loads(description)
     made: np.dtype[Any] = np.dtype({key: fields[key] for key in _KEYS})  # type: ignore[call-overload]
     return made
 
@@ -104,13 +104,13 @@ class CdrBuilder:
 
     def build(self) -> CdrLayout:
         """The finished layout."""
-        told = {
+        fields = {
             "names": [name for name, _, _ in self._fields],
             "formats": [form for _, form, _ in self._fields],
             "offsets": [offset for _, _, offset in self._fields],
             "itemsize": len(self._bytes),
         }
-        return CdrLayout(np.dtype(told), bytes(self._bytes), json.dumps(told))  # type: ignore[call-overload]
+        return CdrLayout(np.dtype(fields), bytes(self._bytes), json.dumps(fields))  # type: ignore[call-overload]
 
     def _constant(self, value: int) -> None:
         self._align(4)

@@ -1,4 +1,4 @@
-"""The config files of a recorded run: as they were then, or as they are now; from their places, or attached to it."""
+"""The config files of a recorded run, as they were then or as they are now: where they lie, or from the recording."""
 
 import hashlib
 from collections.abc import Iterator
@@ -25,9 +25,12 @@ ANOTHER = "Say which robot is meant: --robot NAME|FILE"
 
 @dataclass(frozen=True, eq=False)
 class Configs:
-    """What a recorded run is made of, to be run again. options: naming the files that are used. robot: None of a human
-    alone. told: which files are others than then, and which are used; a sentence each. body_attached: the robot's body
-    file is there only while the context lasts."""
+    """What a recorded run is made of, to be run again.
+
+    options: they name the files that are used. robot: None of a human alone. notes: which files differ from those of
+    the recorded run, and which are used, a sentence each. attached: names of the files that were taken from the
+    recording; they exist only while the context lasts.
+    """
 
     options: RunOptions
     robot: RobotBody | None
@@ -36,7 +39,7 @@ class Configs:
 
     @property
     def body_attached(self) -> bool:
-        """Whether the robot's body file is one of those."""
+        """Whether the robot's body file was taken from the recording."""
         return any(name.startswith("body.") for name in self.attached)
 
 
@@ -68,13 +71,13 @@ def as_now(recording: Recording, options: RunOptions, *, robot: str | None = Non
         else:
             options = options if robot is None else replace(options, robot=robot)
             found = load_robot(options.robot, root=options.root)
-            _tell_of_robot(files, found)
+            _note_robot(files, found)
             yield _configs(files, options, found)
 
 
 @contextmanager
 def recorded_scene(recording: Recording) -> Iterator[tuple[str | None, tuple[str, ...]]]:
-    """The scene alone, as it was: its name or file, None without one, and what is told of it. Raises RetargetError."""
+    """The scene alone, as it was: its name or file (None without one), and notes on it. Raises RetargetError."""
     scene = recording.session.scene
     with TemporaryDirectory(prefix="retarget.") as folder:
         files = _Files(recording, Path(folder), now=False)
@@ -83,7 +86,7 @@ def recorded_scene(recording: Recording) -> Iterator[tuple[str | None, tuple[str
 
 
 class _Files:
-    """Where each file of a run is. now: as it is now, else as it was then. told: what is another than then."""
+    """Finds each file of a run. now: as it is now, else as it was then. notes: which files differ from then."""
 
     def __init__(self, recording: Recording, folder: Path, *, now: bool) -> None:
         self.recording, self.notes, self.attached = recording, list[str](), set[str]()
@@ -91,7 +94,7 @@ class _Files:
         self._said = {file.name: file for file in recording.session.files}
 
     def said(self, name: str) -> ConfigFile | None:
-        """What the recording says of a file; None: there was none."""
+        """The recording's entry of a file; None: there was none."""
         return self._said.get(name)
 
     def body_name(self) -> str:
@@ -122,7 +125,7 @@ class _Files:
         return then
 
     def note_changed(self, name: str, now: Path) -> None:
-        """Tell of a file that is used as it is now, if it is another than then."""
+        """Note a file that is used as it is now, if it differs from that of then."""
         if name not in self._said:
             self.notes.append(f"{name}: there was none then: {now}")
         elif not self.is_as_then(name, now):
@@ -157,7 +160,7 @@ def _is_robots(name: str) -> bool:
 
 
 def _configs(files: _Files, options: RunOptions, robot: RobotBody | None) -> Configs:
-    """With everything beside the robot."""
+    """The robot and all other files."""
     options = replace(options, performer=_named(files, PERFORMER, Kind.PERFORMER, options.performer))
     if options.scene is not None:
         options = replace(options, scene=_named(files, SCENE, Kind.SCENE, options.scene))
@@ -212,8 +215,8 @@ def _calibration(files: _Files, profile: RobotProfile) -> Path | None:
     return None
 
 
-def _tell_of_robot(files: _Files, robot: RobotBody) -> None:
-    """Of a robot that is used as it is now."""
+def _note_robot(files: _Files, robot: RobotBody) -> None:
+    """Note which files changed of a robot that is used as it is now."""
     profile = robot.profile
     files.note_changed(PROFILE, profile.path)
     files.note_changed(f"body{profile.body_path.suffix}", profile.body_path)

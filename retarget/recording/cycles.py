@@ -1,4 +1,7 @@
-"""What the tick hands to the recorder: arrays with a row per cycle, made before the first and written in place."""
+"""The cycles of a recording: arrays with a row per cycle, where a cycle ends, and which one a replayed cycle matches.
+
+The arrays are made before the first cycle and written in place.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
@@ -21,17 +24,17 @@ class Asked(IntFlag):
     """What was asked before a cycle, and answered with yes."""
 
     STOP = 1
-    """Somebody asked for a stop."""
+    """The operator asked for a stop."""
     TORQUE_OFF = 2
-    """Somebody asked for torque off at once."""
+    """The operator asked for torque off at once."""
     OVER = 4
     """The stream was at its end."""
     PAUSED = 8
-    """Somebody holds the robot on purpose."""
+    """The operator holds the robot on purpose."""
     APPROACH = 16
     """The robot might go on with its approach."""
     OUTSIDE = 32
-    """Whoever was asked stopped the guard instead of answering."""
+    """The watch stopped the guard itself, instead of answering that it wants a stop."""
 
 
 class Done(IntEnum):
@@ -40,13 +43,13 @@ class Done(IntEnum):
     NOT = 0
     WELL = 1
     FAILED = 2
-    """The bus failed; of a sample: there was none that can be trusted."""
+    """The bus failed. Of a sample: no valid one was there."""
 
 
 @dataclass(frozen=True)
 class Shape:
-    """How many there are: sensors, servos, columns of q that no servo moves, q of the human, its joints, landmarks,
-    observers of the robot, and of the human; and numbers that tell the truth about a simulated body."""
+    """Numbers of sensors, servos, columns of q that no servo moves, columns of the human's q, its joints, landmarks,
+    observers of the robot and of the human, and of values that describe where a simulated body really is."""
 
     sensors: int
     servos: int
@@ -65,9 +68,9 @@ class Cycles:
 
     index (T,): number of the cycle, 0 is that of arming. time (T,) s: when its tick began, on the run's clock. clock
     (T, READINGS) s: what the clock said, `readings` (T,) times. asked (T,): `Asked`. tick (T,): of the performance.
-    sampled, read, written (T,): `Done`. goal (T, n) ticks. kept (T,): the pipeline has a row of it; then
-    phase (T,), gated, unled, q (T, n) rad as sent, before rounding, rest (T, r): the other columns of q, and so on.
-    cost (T, 3) s of thread CPU of both stages and of wall time of the tick. truth (T, t): see `beside.Truth`.
+    sampled, read, written (T,): `Done`. goal (T, n) ticks. kept (T,): the pipeline has a row of it; then phase (T,),
+    gated, no_command, q (T, n) rad as sent, before rounding, rest (T, r): the other columns of q, and so on. cost (T,
+    3) s of thread CPU of both stages and of wall time of the tick. truth (T, t): numbers of `run_result.Truth`.
     """
 
     index: NDArray[np.int64]
@@ -143,7 +146,7 @@ def _kind(annotation: Any) -> np.dtype[Any]:
     return kind
 
 
-# Where one cycle ends and the next begins: the same rule for who records and for who replays.
+# Where one cycle ends and the next begins: one rule for recording and for replay.
 
 
 class Boundary:
@@ -155,7 +158,7 @@ class Boundary:
         self._looked = False
 
     def before(self) -> None:
-        """Somebody does what is done between ticks: waits, or is asked for a stop."""
+        """The run does what it does between ticks: it waits, or asks whether to stop."""
         if self._looked:
             self._looked = False
             self._turn()
@@ -166,19 +169,19 @@ class Boundary:
         self._looked = True
 
 
-# Which recorded cycle a replayed one corresponds to, also where another version arrives earlier or later.
+# Which recorded cycle a replayed one corresponds to, also where the approach of another version ends earlier or later.
 
 
 class Cursor:
     """Goes along recorded cycles, as the replayed run does. row: of the recording, or its last.
 
-    The approach may last longer or shorter than it did: following begins in both with the same cycle. ahead: s by which
-    the recorded clock is then ahead of that of the replayed run, in which a tick of `dt` s follows the other; else 0.
+    The approach may last longer or shorter than it did: following begins in both with the same cycle. clock_lead: s by
+    which the recorded clock is then ahead of the replayed one, whose ticks are `dt` s apart; else 0.
     """
 
     def __init__(self, cycles: Cycles, *, has_robot: bool, dt: float) -> None:
         self.cycles = cycles
-        self.ahead = 0.0
+        self.clock_lead = 0.0
         self._dt = dt
         self.cycle = 0
         """Of the replayed run."""
@@ -225,7 +228,7 @@ class Cursor:
 
     @property
     def late(self) -> bool:
-        """Whether the replayed run is still on its way where the recorded one had arrived."""
+        """Whether the replayed run is still approaching where the recorded one had begun to follow."""
         return self._begun is None and self.cycle >= self._first
 
     @property
@@ -242,6 +245,6 @@ class Cursor:
             self._go_on(row, self._dt)
 
     def _go_on(self, row: int, seconds: float) -> None:
-        """What happens now happens so many seconds after what is in a row, whatever the recording says."""
+        """Let the present cycle begin so many seconds after the one of a row, whatever the recorded clock says."""
         clock = self.cycles.clock
-        self.ahead += float(clock[self.row, 0] - clock[row, 0]) - seconds
+        self.clock_lead += float(clock[self.row, 0] - clock[row, 0]) - seconds

@@ -1,4 +1,4 @@
-"""The goals of a recording sent once more, to any bus: nobody is followed, all else is as in every run."""
+"""Goal playback: a recording's goals are sent once more, to any bus. No performer is followed, all else is as ever."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -35,7 +35,7 @@ Notify = Callable[[str], object]
 NEAR = 1e-5
 """rad. Goals are kept in single precision: those that were at a limit may miss it by less, and are put back inside."""
 MOST_REFUSED, GONE_S = 5, 1.0
-"""So often in a row a goal is refused, with less than so many s of the way between, before there is no way on."""
+"""The most refusals in a row, each within so many s of the trajectory after the last; one more ends the playback."""
 FOR_EVER = 10**9
 STILL = 1e-12
 """rad; what moves less stands."""
@@ -44,9 +44,9 @@ STILL = 1e-12
 class RecordedGoals:
     """A `FollowingStage` whose postures are those that were sent. speed: 1 is as fast as then.
 
-    They end at rest. Where the robot was held or goals were refused, it stands first, and comes back onto its way
-    slowly; where they are refused again and again, nobody knows a goal any more. Raises InputError if the recording
-    never followed anybody, or lacks the goals.
+    The postures end at standstill. After a hold or a refused goal the robot stands first, and rejoins the trajectory
+    slowly; where goals are refused again and again, the next posture is NaN. Raises InputError if the recording has no
+    followed tick or no goals.
     """
 
     def __init__(self, played: Played, robot: RobotBody, *, speed: float, dt: float) -> None:
@@ -54,7 +54,9 @@ class RecordedGoals:
         played.recording.topic(GOALS)
         followed = np.flatnonzero(cycles.kept & (cycles.phase == Phase.FOLLOW))
         if not followed.size:
-            raise InputError("the recording followed nobody: it has no goals", where=str(played.recording.path))
+            raise InputError(
+                "no performer was followed in the recording: it has no goals", where=str(played.recording.path)
+            )
         rows = followed[0] + np.flatnonzero(cycles.kept[followed[0] : followed[-1] + 1])
         index = (cycles.index[rows] - cycles.index[rows[0]]).astype(np.float64)
         step = speed * dt / played.recording.session.dt  # recorded ticks in one tick
@@ -69,84 +71,86 @@ class RecordedGoals:
         fastest = 2.0 * robot.joint_map.max_velocity * dt
         if not np.isfinite(joints).all() or (np.abs(np.diff(joints[-2:], axis=0)) > fastest).any():
             raise InputError(
-                "the goals of this recording were never a robot's", where=str(played.recording.path), found="no way on"
+                "the goals of this recording were never a robot's",
+                where=str(played.recording.path),
+                found="a goal that is not finite, or last goals faster than twice the servos' speed",
             )
         self._joints = np.vstack([joints, *_to_rest(joints, self._change)])
         self._refused, self._refused_at = 0, 0.0
         body = robot.body
         self._dofs = body.joint_dof[[body.joint_index(joint) for joint in robot.joint_map.joints]]
-        self._pace, self._gone = 1.0, 0.0
+        self._speed_override, self._gone = 1.0, 0.0
         self._here: FloatArray = self._joints[0]
         self._moved: FloatArray = np.zeros_like(self._here)
-        self._way = SpeedOverrideTrajectory(self._joints, dt=dt)
+        self._trajectory = SpeedOverrideTrajectory(self._joints, dt=dt)
 
     @property
     def ticks(self) -> int:
-        """Ticks that all of it takes, at full pace and if it is never held."""
+        """Ticks that all of it takes at full speed, if it is never held."""
         return len(self._joints)
 
     @property
     def done(self) -> bool:
-        """Whether the last of them was asked for."""
-        return self._way.done
+        """Whether the last posture was asked for."""
+        return self._trajectory.done
 
     def start(self, human: "HumanPosture") -> RobotPosture:
-        """The first of them."""
+        """The first posture."""
         self._begin()
         return self._posture(self._here)
 
-    def arrive(self, human: "HumanPosture", dt: float) -> list[RobotPosture]:
-        """There is no more to the way there."""
+    def settle(self, human: "HumanPosture", dt: float) -> list[RobotPosture]:
+        """None: following begins at the first posture."""
         return []
 
     def step(self, human: "HumanPosture", dt: float) -> RobotPosture:
-        """The next of them."""
+        """The next posture; NaN after too many refusals."""
         if self._refused > MOST_REFUSED:
             return self._posture(np.full_like(self._here, np.nan))
-        if self._way.left and self._moved.any():
+        if self._trajectory.left and self._moved.any():
             moved = slower_in_line(self._moved, self._change)
         else:
-            self._gone += self._pace
-            moved = self._inside(self._way.next(self._pace, here=self._here) - self._here)
+            self._gone += self._speed_override
+            moved = self._inside(self._trajectory.next(self._speed_override, here=self._here) - self._here)
         self._here, self._moved = self._here + moved, moved
         return self._posture(self._here)
 
-    def set_speed_override(self, pace: float) -> None:
-        """Go along them at a share (0, 1] of the speed."""
-        self._pace = pace
+    def set_speed_override(self, share: float) -> None:
+        """Play the postures at a share (0, 1] of the speed."""
+        self._speed_override = share
 
     def halt(self, dt: float) -> FloatArray | None:
-        """None is known: each joint brakes on its own."""
+        """None: there is no trajectory to a stop; each joint brakes on its own."""
         return None
 
     def return_to_stance(self, dt: float) -> FloatArray | None:
-        """No foot is off the floor, as far as anybody knows."""
+        """None: the feet are taken to be on the floor."""
         return None
 
     def begin_return_to_stance(self, q: FloatArray) -> None:
-        """It makes no difference."""
+        """Recorded goals do not depend on it."""
 
     def separate_limbs(self) -> None:
-        """Nobody thinks of limbs here."""
+        """Recorded goals have no separate limbs."""
 
     def pass_time(self, dt: float) -> None:
-        """Nothing is around it that moves."""
+        """No obstacle is known that could move."""
 
     def set_contact_state(self, soles: BoolArray | None) -> None:
-        """It makes no difference."""
+        """Recorded goals do not depend on it."""
 
     def reseed(self, q: FloatArray, velocity: FloatArray) -> None:
-        """Something else was sent."""
+        """Go on from what was sent instead of the last posture."""
         moved = velocity[self._dofs] * self._dt
         self._here, self._moved = q[self._robot.servo_columns].copy(), np.where(np.abs(moved) > STILL, moved, 0.0)
-        if not self._way.left:
+        if not self._trajectory.left:
             gone = (self._gone - self._refused_at) * self._dt > GONE_S
             self._refused, self._refused_at = 1 if gone else self._refused + 1, self._gone
-        self._way.leave()
+        self._trajectory.leave()
 
     def _begin(self) -> None:
-        self._way, self._gone, self._here = SpeedOverrideTrajectory(self._joints, dt=self._dt), 0.0, self._joints[0]
-        self._moved = np.zeros_like(self._here)
+        self._trajectory = SpeedOverrideTrajectory(self._joints, dt=self._dt)
+        self._gone, self._here, self._moved = 0.0, self._joints[0], np.zeros_like(self._joints[0])
 
     def _inside(self, moved: FloatArray) -> FloatArray:
         """A displacement (n,) rad, inside the limits where it misses them by a rounding."""
@@ -196,7 +200,7 @@ def _to_rest(joints: FloatArray, change: FloatArray) -> list[FloatArray]:
 
 
 class UntilDone:
-    """`Samples` of nobody, for as long as it takes until all goals were sent. kept: twice as many ticks as planned."""
+    """`Samples` without a performer, until all goals were sent. kept: twice as many ticks as planned."""
 
     def __init__(self, clip: Clip, stage: RecordedGoals) -> None:
         self._clip, self._stage = clip, stage
@@ -209,10 +213,10 @@ class UntilDone:
         return self._stage.done
 
     def may_approach(self) -> bool:
-        """It waits."""
+        """Always: no performer is waited for."""
         return True
 
-    def listen(self) -> None:
+    def poll(self) -> None:
         """Nothing comes in."""
 
     def sample(self, tick: int) -> SensorSample:
@@ -225,19 +229,19 @@ class UntilDone:
 
 
 class StillHuman:
-    """A `ReconstructingStage` of somebody who does not move: there is nobody."""
+    """A `ReconstructingStage` whose human does not move."""
 
     def __init__(self, inner: ReconstructingStage) -> None:
         self._inner = inner
         self._posture: HumanPosture | None = None
 
     def start(self, sample: SensorSample) -> "HumanPosture":
-        """As they stood at first."""
+        """The human of the first sample."""
         self._posture = self._inner.start(sample)
         return self._posture
 
     def step(self, sample: SensorSample, dt: float) -> "HumanPosture":
-        """Still so."""
+        """The same posture."""
         return self.start(sample) if self._posture is None else self._posture
 
 
@@ -252,7 +256,7 @@ def goal_playback(
     notify: Notify,
     robot: RobotBody | None = None,
 ) -> Iterator[Prepared]:
-    """A run that sends the goals, ready to start; it parks in the end. options: those of the recording, on another bus.
+    """A run that sends the goals, ready to start; it ends at rest. options: those of the recording, on another bus.
     robot: as of `prepare_for`.
 
     Raises RetargetError for what cannot be sent to this robot.

@@ -20,7 +20,7 @@ from retarget.types import BoolArray, FloatArray
 __all__ = ["DEFAULT_TASK", "VERSION", "Statistics", "write_lerobot"]
 
 
-# A motion as the features of a LeRobot dataset: what was seen and what was done, frame by frame.
+# A motion as the features of a LeRobot dataset: observations and actions, frame by frame.
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,7 +197,7 @@ def _frames(found: Arrow, features: tuple[Feature, ...]) -> Any:
 
 
 def _tasks(found: Arrow, task: str) -> Any:
-    """Tasks are the index of a data frame: pandas, with which LeRobot reads them, is told so in its own metadata."""
+    """The tasks, as the index of a data frame; the schema's metadata say so to pandas, with which LeRobot reads it."""
     pa = found.core
 
     def column(name: str, kind: str, stored: str) -> dict[str, Any]:

@@ -1,5 +1,6 @@
-"""A recording as an MCAP file, written by a thread of its own from a bounded queue; chunks are whole once they are
-flushed.
+"""A recording's MCAP file, the bounded queue that the tick fills, and the thread that writes the one from the other.
+
+Chunks are whole once they are flushed.
 """
 
 import os
@@ -87,8 +88,8 @@ class RecordingFile:
         try:
             self._writer.start(profile=PROFILE)
             text = session.model_dump_json()
-            told = {"format": str(session.format), "session": text, "sha256": sha256(text.encode()).hexdigest()}
-            self._writer.add_metadata(METADATA, told)
+            digest = sha256(text.encode()).hexdigest()
+            self._writer.add_metadata(METADATA, {"format": str(session.format), "session": text, "sha256": digest})
             for config, content in configs:
                 if len(content) <= LARGEST:
                     self._writer.add_attachment(session.begun_ns, session.begun_ns, config.name, "text/plain", content)
@@ -104,9 +105,9 @@ class RecordingFile:
         return self._stream.tell()
 
     def announce(self, topics: Sequence[Topic]) -> None:
-        """Say which topics there will be. Of each the metadata tell `layout`, a numpy dtype, and `names`."""
+        """Register the topics. Each one's metadata hold `layout`, a numpy dtype, and `names`."""
         for topic in topics:
-            metadata = {"layout": topic.layout.told, "names": " ".join(_one_word(name) for name in topic.names)}
+            metadata = {"layout": topic.layout.description, "names": " ".join(_one_word(name) for name in topic.names)}
             self._register(topic.name, topic.schema, metadata)
         self._register(EVENTS, "rcl_interfaces/msg/Log", {})
 
@@ -170,7 +171,7 @@ class _Direct:
         self._file.close()
 
 
-# The bounded queue between the tick and whoever writes: rows that are filled in place and never wait for a disk.
+# The bounded queue between the tick and the writing thread: rows are filled in place and never wait for a disk.
 
 ROWS = 1024
 """Eight seconds at 125 Hz."""
@@ -179,8 +180,8 @@ ROWS = 1024
 class Ring:
     """One thread fills the row `at` of `rows` and turns to the next; another one takes those that are finished.
 
-    lost: finished rows for which there was no room. patient: who fills waits for room instead; for runs in which time
-    is not real. index: number of the row that is being filled, lost ones counted.
+    lost: finished rows for which there was no room. patient: the filling thread waits for room instead; for runs in
+    which time is not real. index: number of the row that is being filled, lost ones counted.
     """
 
     def __init__(self, shape: Shape, *, patient: bool = False, rows: int = ROWS) -> None:
@@ -219,12 +220,12 @@ class Ring:
         return taken
 
     def close(self) -> None:
-        """Nobody takes rows any more: nobody waits for it."""
+        """No thread takes rows any more: the filling thread is not to wait for one."""
         self._closed = True
         self._room.set()
 
     def _wait(self) -> bool:
-        """Whether there is room now, for somebody who may wait for it."""
+        """Whether there is room now; waits for it if `patient`."""
         while self._patient:
             self._room.clear()
             if self._finished + 1 - self._taken < self._size:
@@ -236,7 +237,7 @@ class Ring:
         return False
 
 
-# What happens now and then: said once, with the cycle in which it was, and kept as a line of a log.
+# Events: each is logged once, with the cycle in which it happened.
 
 MOST_EVENTS = 10_000
 """So many wait to be written, no more."""
@@ -302,14 +303,14 @@ PATIENCE_S = 5.0
 class WritingThread:
     """Writes one recording. stamp: from s of the run's clock to ns of the file.
 
-    trouble: why it ended early, "" while all is well; a disk that is full ends the recording and nothing else. cpu_s:
+    failure: why it ended early, "" while all is well; a disk that is full ends the recording and nothing else. cpu_s:
     of this thread, s. written: cycles in the file.
     """
 
     def __init__(
         self, file: RecordingFile, ring: Ring, events: Events, topics: Sequence[Topic], stamp: Callable[[float], int]
     ) -> None:
-        self.trouble = ""
+        self.failure = ""
         self.cpu_s = 0.0
         self.written = 0
         self._file, self._ring, self._events, self._topics, self._stamp = file, ring, events, tuple(topics), stamp
@@ -326,7 +327,7 @@ class WritingThread:
         self._ring.wanted.set()
         self._thread.join(PATIENCE_S)
         if self._thread.is_alive():
-            self.trouble = self.trouble or "the disk does not answer"
+            self.failure = self.failure or "the disk does not answer"
 
     def _run(self) -> None:
         try:
@@ -338,9 +339,9 @@ class WritingThread:
                 self._write()
             self._file.finish()
         except OSError as error:
-            self.trouble = error.strerror or str(error)
+            self.failure = error.strerror or str(error)
         except Exception as error:  # noqa: BLE001 - whatever it is, the robot goes on without a recording
-            self.trouble = f"{type(error).__name__}: {error}"
+            self.failure = f"{type(error).__name__}: {error}"
         finally:
             self._ring.close()
             self._file.close()

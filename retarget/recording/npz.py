@@ -1,6 +1,4 @@
-"""`--save FILE.npz`: everything that a stranger needs to check a run with their own tools, written and read. Its
-keys are a contract.
-"""
+"""`--save FILE.npz`: a run as arrays, written and read back, for checks with any tool. Its keys are a contract."""
 
 import zipfile
 import zlib
@@ -64,9 +62,9 @@ def run_arrays(run: RunResult, body: Path) -> Arrays:
     (T, 3) m and root_quaternion (T, 4) wxyz; goal_ticks (T, n), -1: no servo; landmark_names (k,), landmarks_asked and
     landmarks_reached (T, k, 3) m (of a human: its sensors); gated (T,); human_joint_names (m,), human_joint_positions
     (T, m, 3) m; human_truth (T, m, 3) m, where the file knows it. Beyond the contract: phase (T,), `approach`, `follow`
-    or `brake`; servo_positions (T, n) rad as the servos said them, NaN without; human_q (T, nq) with human_mjcf, the
-    text of its body; sensor_names (s,), sensor_positions (T, s, 3) m, as the human was made of them, NaN where not
-    believed; dt s; motion_dt s. Before and after following, landmarks_asked, human_truth and sensors stand still.
+    or `brake`; servo_positions (T, n) rad as the servos reported them, NaN without; human_q (T, nq) with human_mjcf,
+    the text of its body; sensor_names (s,), sensor_positions (T, s, 3) m, as the human was made of them, NaN where not
+    valid; dt s; motion_dt s. Before and after following, landmarks_asked, human_truth and sensors stand still.
     """
     record, human, mjcf = run.record, run.record.human, run.human.mjcf
     arrays = {
@@ -144,7 +142,7 @@ def _root(body: BodyModel, q: FloatArray) -> tuple[FloatArray, FloatArray]:
     return solver_body.points(q, [1], np.zeros((1, 3)))[:, 0], solver_body.orientations(q, [1])[:, 0]
 
 
-# The arrays of a foreign NPZ file: what is missing, cut short, of another shape or not a number is told at once.
+# The arrays of a foreign NPZ file: what is missing, cut short, of another shape or not a number is refused at once.
 
 MAX_BYTES = 8 * 1024**3
 """Largest content that is unpacked; an hour of a robot at 125 Hz takes a tenth of it."""

@@ -15,7 +15,7 @@ from retarget.recording.configs import as_recorded
 from retarget.recording.cycles import Done
 from retarget.recording.motion import PHASE_NAMES, Motion, TextArray, Tracks, posture, quaternion_columns
 from retarget.recording.npz import read_npz_human, read_npz_run
-from retarget.recording.reading import Played, TopicRows, lacking, played, postures_sent, read_recording
+from retarget.recording.reading import Played, TopicRows, fields_required, played, postures_sent, read_recording
 from retarget.recording.topics import GOALS, HUMAN_POSTURE, LANDMARKS
 from retarget.rotations import normalise
 from retarget.run.record import Phase
@@ -25,8 +25,8 @@ __all__ = ["READERS", "Reader", "read_mcap_human", "read_mcap_run", "read_run"]
 
 
 def read_mcap_run(path: Path, *, body: Path | None = None) -> Motion:
-    """What a run sent; of `--robot human` what it reconstructed. body: MJCF or URDF of the robot instead of the one
-    that it had then.
+    """What a run sent; of `--robot human` what it reconstructed. body: MJCF or URDF of the robot, instead of the
+    recorded run's.
 
     Goals and the root are kept in single precision, the landmarks asked for 25 times a second: between two of them they
     are on a straight line. Raises InputError for anything that is not such a run.
@@ -57,7 +57,7 @@ def read_mcap_run(path: Path, *, body: Path | None = None) -> Motion:
     landmarks = found.recording.topics.get(LANDMARKS)
     if landmarks is None:
         return motion
-    with lacking(found.recording):
+    with fields_required(found.recording):
         return replace(motion, asked=_asked(tuple(robot.profile.landmarks), landmarks, index))
 
 
@@ -70,7 +70,7 @@ def _human(found: Played) -> Motion:
     recording, cycles = found.recording, found.cycles
     topic, session = recording.topic(HUMAN_POSTURE), recording.session
     model = load_body_text(build_human(session.size).mjcf, source=f"{recording.path}: the human", root="free")
-    with lacking(recording):
+    with fields_required(recording):
         _, each = np.unique(topic.cycles, return_index=True)
         said, q = topic.cycles[each], np.asarray(topic.rows["q"][each], dtype=np.float64)
     if q.shape[1] != model.nq:
@@ -173,7 +173,7 @@ def _asked(names: tuple[str, ...], topic: TopicRows, index: NDArray[np.int64]) -
 
 
 def _notes(found: Played) -> tuple[str, ...]:
-    """What the file lacks."""
+    """What is missing in the file."""
     recording, notes = found.recording, []
     if recording.damage:
         notes.append(f"{recording.path}: {recording.damage}; what is whole of it is exported")
@@ -197,7 +197,7 @@ READERS = {
     ".npz": Reader(lambda path, body: read_npz_run(path, body=body), read_npz_human),
     ".mcap": Reader(lambda path, body: read_mcap_run(path, body=body), read_mcap_human),
 }
-"""Suffix -> reader. Whoever adds a format adds a line here."""
+"""Suffix -> reader. A new format adds a line here."""
 
 
 def read_run(path: Path, *, of_human: bool = False, body: Path | None = None) -> Motion:

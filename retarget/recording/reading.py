@@ -1,5 +1,6 @@
-"""A recording read back, by the mcap library with its CRC checks on, as topics and as the cycles that it was made
-of.
+"""A recording read back as topics, and as the cycles that it was made of.
+
+The mcap library reads it, with its CRC checks on.
 """
 
 import json
@@ -25,7 +26,7 @@ from retarget.recording.session import FORMAT, Session
 from retarget.recording.topics import GOALS, HUMAN_POSTURE, SENSORS, SERVO_FIELDS, SERVOS, TICK, TICK_FIELDS
 from retarget.types import FloatArray
 
-__all__ = ["Played", "Recording", "TopicRows", "lacking", "played", "postures_sent", "read_recording"]
+__all__ = ["Played", "Recording", "TopicRows", "fields_required", "played", "postures_sent", "read_recording"]
 
 
 LARGEST = 256 * 2**20
@@ -57,7 +58,7 @@ class Recording:
         """The messages of a topic. Raises InputError where it has none."""
         if name not in self.topics:
             raise InputError(
-                "the recording lacks a topic",
+                "the recording has no such topic",
                 where=str(self.path),
                 found=f"no {name}" + (f"; {self.damage}" if self.damage else ""),
                 allowed="a file that `retarget run --record` wrote",
@@ -77,7 +78,7 @@ class _Found:
 
 
 def read_recording(path: Path) -> Recording:
-    """Read a recording. What stands before a damage is read, and `damage` tells of it.
+    """Read a recording. What stands before a damage is read, and `damage` names the damage.
 
     Raises UsageError without the library, InputError: no file, no MCAP file, none of ours, another format, no cycles.
     """
@@ -134,12 +135,12 @@ def _session(metadata: dict[str, str] | None, where: str, damage: str) -> Sessio
         raise InputError(
             "no recording of ours", where=where, found=damage or "no metadata of retarget", allowed=allowed
         )
-    told = metadata.get("format", "")
-    if told != str(FORMAT):
+    given = metadata.get("format", "")[:20]
+    if given != str(FORMAT):
         raise InputError(
-            "a recording of another version",
+            "the recording has another format",
             where=where,
-            found=f"format {told[:20] or 'not told'}{_written_by(metadata.get('session', ''))}",
+            found=(f"format {given}" if given else "no format") + _written_by(metadata.get("session", "")),
             allowed=f"format {FORMAT}, of version {retarget.__version__}",
             next_step="Read it with the version of retarget that wrote it",
         )
@@ -158,7 +159,7 @@ def _written_by(session: str) -> str:
     """The version of retarget that wrote the session's JSON, in words; "" where it has none."""
     try:
         version = json.loads(session)["version"]
-    except (ValueError, TypeError, KeyError):
+    except (ValueError, TypeError, KeyError, RecursionError):
         return ""
     return f", written by version {str(version)[:20]}"
 
@@ -167,11 +168,11 @@ def _topics(found: _Found, where: str) -> list[tuple[str, TopicRows]]:
     """All topics that have a layout."""
     made = []
     for number, channel in found.channels.items():
-        told = channel.metadata.get("layout")
-        if told is None:
+        description = channel.metadata.get("layout")
+        if description is None:
             continue
         try:
-            layout = layout_from(told)
+            layout = layout_from(description)
             rows = np.frombuffer(b"".join(found.data.get(number, [])), dtype=layout)
         except (ValueError, TypeError, KeyError, SyntaxError) as error:
             raise InputError("a topic is damaged", where=where, found=f"{channel.topic}: {error}") from None
@@ -207,7 +208,7 @@ def _log_of(data: bytes) -> tuple[str, str]:
     return values[0], values[1]
 
 
-# A recording as the cycles that it was made of, in their order, for whoever runs it again.
+# A recording as the cycles that it was made of, in their order, for replay.
 
 MOST_CYCLES = 50_000_000
 """Four days at 125 Hz."""
@@ -238,18 +239,21 @@ class Played:
 
 def played(recording: Recording) -> Played:
     """The cycles of a recording. Raises InputError where topics or fields of them are missing."""
-    with lacking(recording):
+    with fields_required(recording):
         return _played(recording)
 
 
 @contextmanager
-def lacking(recording: Recording) -> Iterator[None]:
-    """Whoever reads fields of its topics: one that is missing, or of another shape, is an InputError."""
+def fields_required(recording: Recording) -> Iterator[None]:
+    """While fields of its topics are read: one that is missing, or of another shape, is an InputError."""
     try:
         yield
     except (ValueError, KeyError, IndexError) as error:
         raise InputError(
-            "the recording lacks something", where=str(recording.path), found=str(error), next_step="Record it anew"
+            "the recording cannot be used",
+            where=str(recording.path),
+            found=str(error),
+            next_step="Record it anew",
         ) from None
 
 
@@ -275,7 +279,7 @@ def _played(recording: Recording) -> Played:
     servos = recording.topic(SERVOS) if has_robot else None
     rows = _in_order(ticks)
     if rows["cycle"][0] != 0 or rows["tick"].min() < 0 or rows["tick"].max() > rows["cycle"][-1]:
-        raise ValueError("its ticks do not begin where a run begins")
+        raise ValueError("ticks that do not begin where a run begins")
     if rows["cycle"][-1] > MOST_CYCLES:
         raise ValueError(f"more than {MOST_CYCLES} cycles")
     count, rest = len(recording.session.joints), _width(rows, "root")
@@ -292,9 +296,9 @@ def _played(recording: Recording) -> Played:
     asked = cycles.sampled != Done.NOT
     first = np.flatnonzero(asked & (cycles.tick == 0))
     if not asked[0] or cycles.tick[0] != 0 or (cycles.sampled[first] != Done.WELL).any():
-        raise ValueError("nobody is there in its first tick")
+        raise ValueError("no valid sensors in its first tick")
     if cycles.tick[asked].max() >= recording.session.ticks:
-        raise ValueError("it has more ticks than it says")
+        raise ValueError("more ticks than its session has")
     if servos is not None:
         _take_servos(cycles, servos)
         if GOALS in recording.topics:

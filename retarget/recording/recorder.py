@@ -1,4 +1,4 @@
-"""`retarget run --record`: keeps a run in a file while it goes on. The tick copies; a thread of its own writes."""
+"""`retarget run --record`: records a run while it goes on. The tick copies, a thread of its own writes."""
 
 import sys
 from collections.abc import Callable, Iterator
@@ -32,10 +32,10 @@ Notify = Callable[[str], object]
 
 
 class Recorder:
-    """Of one run. path: None: nothing is recorded, and nothing is changed.
+    """Records one run. path: None: nothing is recorded, and nothing is changed.
 
     clock: of the run; where its time is not real, the run may wait for the disk, else what comes while the disk hangs
-    is counted and missing. tell: hears what became of the recording.
+    is counted and missing. notify: called with what became of the recording.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class Recorder:
     ) -> None:
         """Raises UsageError for a place at which no recording can be, or where something is, or without the library.
 
-        overwrite: what is there goes as the recording begins. truth: about a simulated body, its numbers.
+        overwrite: what is there is removed as the recording begins. truth: numbers of the `Truth` of a simulated body.
         """
         if path is not None:
             check_target(path)
@@ -63,14 +63,14 @@ class Recorder:
         self._clock = clock
         self._thread: WritingThread | None = None
         self._keeps = ObserverCallback(self._note.kept)
-        self._told = ""
+        self._warned = ""
         self.clock: Clock = clock if path is None else TappedClock(clock, self._note)
         """Of the guard and the robot's side."""
 
     @property
-    def trouble(self) -> str:
+    def failure(self) -> str:
         """Why the recording is not whole; "" while it is."""
-        return "" if self._thread is None else self._thread.trouble or self._keeps.failure or self._missing()
+        return "" if self._thread is None else self._thread.failure or self._keeps.failure or self._missing()
 
     @property
     def cpu_s(self) -> float:
@@ -87,25 +87,25 @@ class Recorder:
 
         return tapped
 
-    def hears(self, notify: Notify) -> Notify:
-        """Who is told what happens, instead of `notify`."""
+    def recorded_notify(self, notify: Notify) -> Notify:
+        """A `notify` that also records each message, to be used instead."""
 
-        def told(text: str) -> None:
+        def record_and_notify(text: str) -> None:
             self._note.say("run", text)
             notify(text)
 
-        return notify if self._path is None else told
+        return notify if self._path is None else record_and_notify
 
     def watch(self, watch: Watch, prepared: Prepared) -> Watch:
-        """Who looks on, instead of `watch`."""
+        """A watch that also records what is asked for, to be used instead."""
         if self._path is None:
             return watch
         note, guard = self._note, None if prepared.side is None else prepared.side.guard
 
         def stop_asked() -> bool:
             note.before()
-            if not self._told:
-                self._tell_of_trouble()
+            if not self._warned:
+                self._warn_of_failure()
             before = None if guard is None else guard.stop_reason
             answer = watch.stop_asked()
             note.stop_asked(answer, stop_before=before)
@@ -122,7 +122,7 @@ class Recorder:
 
     def code(self, code: int) -> int:
         """The exit code of a run that ended with `code`: a recording that is not whole is a file not written."""
-        return max(code, 1) if self.trouble else code
+        return max(code, 1) if self.failure else code
 
     @contextmanager
     def recording(self, prepared: Prepared, *, source: str) -> Iterator[Prepared]:
@@ -157,20 +157,20 @@ class Recorder:
             thread.close()
             if not self._note.rows:
                 file.discard()  # it was refused, or stopped, before it made a tick
-            elif not self.trouble:
+            elif not self.failure:
                 self._notify(f"recording: {self._path}, {file.size / 1e6:.1f} MB")
-            elif self.trouble != self._told:
-                self._tell_of_trouble()
+            elif self.failure != self._warned:
+                self._warn_of_failure()
 
     def _missing(self) -> str:
         lost = self._ring.lost
         return f"the disk was too slow: {lost} ticks are missing" if lost else ""
 
-    def _tell_of_trouble(self) -> None:
+    def _warn_of_failure(self) -> None:
         """Once while the run goes on; when it has ended, only what is new by then."""
-        self._told = self.trouble
-        if self._told:
-            self._notify(f"warning: the recording is not whole, the robot goes on: {self._path}: {self._told}")
+        self._warned = self.failure
+        if self._warned:
+            self._notify(f"warning: the recording is not whole, the robot goes on: {self._path}: {self._warned}")
 
 
 def _layout(prepared: Prepared, *, simulated: bool) -> tuple[Shape, list[Topic]]:
@@ -178,7 +178,7 @@ def _layout(prepared: Prepared, *, simulated: bool) -> tuple[Shape, list[Topic]]
     robot = None if prepared.side is None else prepared.side.robot
     own = prepared.reconstructor.observers if isinstance(prepared.reconstructor, Reconstructor) else None
     landmarks = () if robot is None else tuple(robot.profile.landmarks)
-    worn = 0 if prepared.observers is None else len(prepared.observers.names)
+    observers = 0 if prepared.observers is None else len(prepared.observers.names)
     sensors = tuple(prepared.performer.sensors)
     truth = truth_names(robot.body) if robot is not None and simulated else ()
     shape = Shape(
@@ -188,7 +188,7 @@ def _layout(prepared: Prepared, *, simulated: bool) -> tuple[Shape, list[Topic]]
         human=prepared.human.body.nq,
         joints=len(POINTS),
         landmarks=len(landmarks),
-        observers=0 if robot is None else worn,
+        observers=0 if robot is None else observers,
         human_observers=0 if own is None else len(own.names),
         truth=len(truth),
     )

@@ -1,4 +1,4 @@
-"""A recorded run once more: the sensors, servos and clock of then through the pipeline of now, and how it differs."""
+"""Replay: the recorded sensors, servos and clock through the pipeline of now, and how its goals differ."""
 
 import platform
 from collections.abc import Callable
@@ -42,7 +42,7 @@ __all__ = [
 ]
 
 
-# What stands in for clock, servos and performer while a recording is run again: each says what it said then.
+# What stands in for clock, servos and performer while a recording is run again: each gives what it gave then.
 
 
 class ReplayedClock:
@@ -58,7 +58,7 @@ class ReplayedClock:
         if cursor.cycle != self._cycle:
             self._cycle, self._reading = cursor.cycle, 0
         if self._reading < cursor.cycles.readings[row]:
-            self._now = max(self._now, float(cursor.cycles.clock[row, self._reading]) - cursor.ahead)
+            self._now = max(self._now, float(cursor.cycles.clock[row, self._reading]) - cursor.clock_lead)
             self._reading += 1
         return self._now
 
@@ -95,7 +95,7 @@ class ReplayedBus:
         if self.sent and before >= 0:
             position += self.sent[-1][1] - cycles.goal[before]
         return ServoStates(
-            time=float(cycles.bus_time[row]) - self._cursor.ahead,
+            time=float(cycles.bus_time[row]) - self._cursor.clock_lead,
             position=position,
             velocity=cycles.velocity[row].copy(),
             current=cycles.current[row].copy(),
@@ -161,7 +161,7 @@ class ReplayedSamples:
         """As it was; where this run is later than that one was, it goes on."""
         return self._cursor.late or self._cursor.asked(Asked.APPROACH)
 
-    def listen(self) -> None:
+    def poll(self) -> None:
         """Nothing comes in."""
 
     def sample(self, tick: int) -> SensorSample | None:
@@ -224,23 +224,23 @@ class Difference:
         """Whether nothing differs."""
         return not (self.differ or self.absent or self.extra)
 
-    def told(self) -> list[str]:
-        """For a person, line by line."""
+    def lines(self) -> list[str]:
+        """The difference in words, line by line."""
         what = "goals" if self.unit == "degrees" else "postures"
         if self.none:
             all_of_them = f"all {self.compared} {what}{'' if self.whole else ' that it holds'}"
             return [f"{all_of_them} are as recorded, to the {'tick' if what == 'goals' else 'bit'}"]
-        lines = []
+        found = []
         if self.differ:
             at = f"from cycle {self.first}, {self.time_s:.3f} s after the recording began"
             ticks = f" ({self.ticks} ticks)" if what == "goals" else ""
-            lines.append(f"{self.differ} of {self.compared} {what} differ, {at}")
-            lines.append(f"by {self.most:.3g} {self.unit}{ticks} at most, {self.where}")
+            found.append(f"{self.differ} of {self.compared} {what} differ, {at}")
+            found.append(f"by {self.most:.3g} {self.unit}{ticks} at most, {self.where}")
         if self.absent:
-            lines.append(f"{self.absent} {what} were recorded and are not sent now")
+            found.append(f"{self.absent} {what} were recorded and are not sent now")
         if self.extra:
-            lines.append(f"{self.extra} {what} are sent now and were not recorded")
-        return lines
+            found.append(f"{self.extra} {what} are sent now and were not recorded")
+        return found
 
 
 def goal_difference(played: Played, bus: ReplayedBus, robot: RobotBody) -> Difference:
@@ -312,7 +312,7 @@ Notify = Callable[[str], object]
 
 @dataclass(frozen=True, eq=False)
 class Replayed:
-    """result: of the run as it is now. difference: from what was recorded. changed: what is another than then."""
+    """result: of the run as it is now. difference: from what was recorded. changed: files and software that differ."""
 
     result: RunResult
     difference: Difference
@@ -322,7 +322,7 @@ class Replayed:
 def replay(
     played: Played, configs: Configs | None = None, *, watch: Watch | None = None, notify: Notify = lambda text: None
 ) -> Replayed:
-    """Run it again. configs: None: those of then. watch: `on_tick` of it is told. tell: as of `prepare_for`.
+    """Run it again. configs: None: those of then. watch: only its `on_tick` is called. notify: as of `prepare_for`.
 
     Raises RetargetError for what cannot be run any more; InputError where robot or performer are others now.
     """
@@ -361,7 +361,7 @@ def replay(
 
 
 def what_computes(session: Session) -> tuple[str, ...]:
-    """What computes it is another than when it was recorded: version, numpy, kind of machine; a sentence each."""
+    """What differs from when it was recorded: version, numpy, kind of machine; a sentence each."""
     changed = []
     if session.version != retarget.__version__:
         changed.append(f"recorded by retarget {session.version}, this is {retarget.__version__}")
@@ -394,7 +394,7 @@ def refuse_other_robot(session: Session, robot: RobotBody) -> None:
 def _refuse_other_performer(session: Session, performer: Performer) -> None:
     if tuple(performer.sensors) != session.sensors:
         raise InputError(
-            "the performer wears other sensors than when it was recorded",
+            "the performer has other sensors than when it was recorded",
             where=performer.name,
             found=", ".join(performer.sensors),
             allowed=", ".join(session.sensors),
@@ -402,7 +402,7 @@ def _refuse_other_performer(session: Session, performer: Performer) -> None:
 
 
 def _watch(played: Played, cursor: Cursor, prepared: Prepared, watch: Watch) -> Watch:
-    """Who looks on: it asks for what was asked for then."""
+    """A watch that asks for what was asked for then."""
     guard = None if prepared.side is None else prepared.side.guard
     texts = played.recording.texts
 
@@ -425,8 +425,8 @@ def _watch(played: Played, cursor: Cursor, prepared: Prepared, watch: Watch) -> 
     return Watch(watch.on_tick, stop_asked, torque_off_asked, lambda: "stopped, as recorded", on_row, watch.every)
 
 
-def _stop(guard: Guard, told: str) -> None:
-    """Stop as somebody outside did; told: cause and reason."""
-    name, _, reason = told.partition(": ")
+def _stop(guard: Guard, text: str) -> None:
+    """Stop the guard as the recorded watch did. text: cause and reason."""
+    name, _, reason = text.partition(": ")
     cause = next((cause for cause in StopCause if cause.value == name), StopCause.REQUESTED)
     guard.stop(reason or "as recorded", cause)

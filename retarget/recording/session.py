@@ -1,9 +1,9 @@
-"""What a recording says of its run: everything that replay needs to know beside the cycles, in one strict document."""
+"""The session of a recording: everything that replay needs to know of the run besides its cycles, strictly checked."""
 
 import hashlib
 import platform
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -19,9 +19,8 @@ from retarget.schema.priorities import Steps
 
 __all__ = ["FORMAT", "ConfigFile", "Session", "config_files", "session_of"]
 
-FORMAT = 2
+FORMAT: Final = 2
 """Of recordings; another one is refused. Format 1 is that of version 0.1.0."""
-
 
 NotNegative = Annotated[float, Field(ge=0.0)]
 
@@ -51,7 +50,7 @@ class Session(_Strict):
     """A run. version, numpy, machine: what it was computed by. Options as in `RunOptions`; ticks, dt, motion_dt: of its
     samples; intake: hold, fade, speed."""
 
-    format: Literal[1]
+    format: Literal[2]
     version: str
     numpy: str
     machine: str
@@ -119,7 +118,7 @@ def session_of(prepared: Prepared, options: RunOptions, *, source: str, goes_to_
     physics = options.physics
     offset = [(float(x), float(y), float(z)) for x, y, z in size.offset]
     return Session(
-        format=1,
+        format=FORMAT,
         version=retarget.__version__,
         numpy=np.__version__,
         machine=platform.machine(),
@@ -149,7 +148,7 @@ def session_of(prepared: Prepared, options: RunOptions, *, source: str, goes_to_
         joints=() if robot is None else robot.joint_map.joints,
         observers=() if prepared.observers is None else prepared.observers.names,
         notes=prepared.notes,
-        files=tuple(told for told, _ in config_files(options, robot)),
+        files=tuple(file for file, _ in config_files(options, robot)),
     )
 
 
@@ -170,5 +169,4 @@ def config_files(options: RunOptions, robot: RobotBody | None) -> list[tuple[Con
 
 def _config_file(name: str, path: Path) -> tuple[ConfigFile, bytes]:
     content = path.read_bytes()
-    told = ConfigFile(name=name, path=str(path), sha256=hashlib.sha256(content).hexdigest())
-    return told, content
+    return ConfigFile(name=name, path=str(path), sha256=hashlib.sha256(content).hexdigest()), content

@@ -16,7 +16,7 @@ from retarget.recording.motion import CONVENTIONS, Motion
 __all__ = ["Arrow", "arrow", "columns_of", "write_csv", "write_parquet"]
 
 
-# A motion as a table: what CSV and Parquet have in common. The unit is the end of a column's name.
+# What CSV and Parquet have in common: the columns.
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,6 +139,6 @@ def write_parquet(motion: Motion, stream: IO[bytes]) -> None:
         ],
         metadata={"retarget": json.dumps(about)},
     )
-    # Arrow tells "not known" from NaN; here both are one.
+    # Arrow distinguishes "not known" from NaN; here both are one.
     arrays = [pa.array(column.values, from_pandas=True) for column in columns]
     found.parquet.write_table(pa.table(arrays, schema=schema), stream)

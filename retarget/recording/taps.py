@@ -1,4 +1,4 @@
-"""What stands between a run and its clock, bus, samples and watch while it is recorded: all pass through, copied."""
+"""Taps between a run and its clock, bus and samples while it is recorded: all values pass through, and are copied."""
 
 from collections.abc import Callable
 
@@ -17,19 +17,19 @@ from retarget.recording.mcap_writer import Event, Events, Level, Ring
 from retarget.run.record import Phase, Record
 from retarget.types import FloatArray
 
-__all__ = ["STATES", "Note", "TappedBus", "TappedClock", "TappedSamples"]
+__all__ = ["GUARD_STATES", "Note", "TappedBus", "TappedClock", "TappedSamples"]
 
 
-# What the taps write into: the cycle that runs, its events, and what the guard made of it.
+# What the taps write into: the cycle that runs, its events, and the guard's state.
 
-STATES = {state: place for place, state in enumerate(GuardState)}
+GUARD_STATES = {state: place for place, state in enumerate(GuardState)}
 """Numbers of the guard's states."""
 
 
 class Note:
-    """Of one run. ring: None before it begins and after it has ended: nothing is noted. now: s, read last.
+    """Notes what happens in one run. ring: None before the run and after it: nothing is noted. now: s, read last.
 
-    truth: numbers of the truth about a simulated body, (t,); None: nobody knows it.
+    truth: gives the numbers (t,) of the `Truth` of a simulated body; None: not known.
     """
 
     def __init__(self, truth: Callable[[], FloatArray | None] = lambda: None) -> None:
@@ -38,7 +38,7 @@ class Note:
         self.events = Events()
         self.now = 0.0
         self.rows = 0
-        """That the pipeline kept."""
+        """Rows that the pipeline kept."""
         self._boundary = Boundary(self._turn)
         self._guard: Guard | None = None
         self._stop: Stop | None = None
@@ -66,7 +66,7 @@ class Note:
             self.ring = None
 
     def before(self) -> None:
-        """Somebody waits for the next tick, or is asked for a stop."""
+        """The run waits for the next tick, or asks whether to stop."""
         if self.ring is not None:
             self._boundary.before()
 
@@ -77,7 +77,7 @@ class Note:
             self.ring.rows.time[self.ring.at] = self.now
 
     def stop_asked(self, answer: bool, *, stop_before: Stop | None) -> None:
-        """Somebody was asked for a stop. stop_before: the guard's, until then."""
+        """The operator was asked whether to stop. stop_before: the guard's stop before that."""
         guard, asked = self._guard, Asked.STOP if answer else Asked(0)
         if guard is not None:
             if guard.paused:
@@ -89,7 +89,7 @@ class Note:
         self._ask(asked)
 
     def torque_off_asked(self) -> None:
-        """Somebody asked for torque off at once."""
+        """The operator asked for torque off at once."""
         self._ask(Asked.TORQUE_OFF)
 
     def over(self) -> None:
@@ -110,7 +110,7 @@ class Note:
         self.say(f"{who} {what}", str(error), Level.ERROR)
 
     def say(self, who: str, text: str, level: Level = Level.INFO) -> None:
-        """Something happened."""
+        """Log an event of this cycle."""
         if self.ring is not None:
             self.events.add(Event(self.now, self.ring.index, level, who, text))
 
@@ -157,7 +157,7 @@ class Note:
         assert ring is not None, "nothing turns before it begins"
         if guard is not None:
             state, stop = guard.state, guard.stop_reason
-            ring.rows.state[ring.at] = STATES[state]
+            ring.rows.state[ring.at] = GUARD_STATES[state]
             if stop is not self._stop and stop is not None:
                 self._stop = stop
                 self.say("guard", f"{stop.cause.value}: {stop.reason}", Level.ERROR)
@@ -193,7 +193,7 @@ class TappedClock:
 
 
 class TappedBus:
-    """A `ServoBus` of which it is noted what the servos said and what they were sent."""
+    """A `ServoBus` whose servo states and goals are noted."""
 
     def __init__(self, inner: ServoBus, note: Note) -> None:
         self._inner, self._note = inner, note
@@ -249,7 +249,7 @@ class TappedBus:
 
 
 class TappedSamples:
-    """`Samples` of which it is noted what was followed."""
+    """`Samples` whose followed samples are noted."""
 
     def __init__(self, inner: Samples, note: Note) -> None:
         self._inner, self._note = inner, note
@@ -273,7 +273,7 @@ class TappedSamples:
 
     @property
     def hold_reason(self) -> str:
-        """Why nobody is followed."""
+        """Why the performer is not followed."""
         return self._inner.hold_reason
 
     def may_approach(self) -> bool:
@@ -283,12 +283,12 @@ class TappedSamples:
             self._note.approach()
         return may
 
-    def listen(self) -> None:
+    def poll(self) -> None:
         """Take in what has arrived."""
-        self._inner.listen()
+        self._inner.poll()
 
     def sample(self, tick: int) -> SensorSample | None:
-        """What the sensors say at a tick."""
+        """The sensor sample of a tick."""
         sample, ring = self._inner.sample(tick), self._note.ring
         if ring is None:
             return sample
@@ -306,5 +306,5 @@ class TappedSamples:
         return sample
 
     def recorded(self) -> Clip:
-        """What was said at the ticks that were followed."""
+        """The samples of the ticks that were followed."""
         return self._inner.recorded()

@@ -1,4 +1,4 @@
-"""The topics of a recording: which message each holds, and how many cycles become messages at once."""
+"""The topics of a recording: the message of each, how cycles become messages, and the definitions that ROS 2 knows."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -42,7 +42,7 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Topic:
-    """name, schema: as in the file. names: of what its arrays hold, told in its metadata. which: the cycles that become
+    """name, schema: as in the file. names: of what its arrays hold, for its metadata. which: the cycles that become
     messages, as a mask (T,). fill: from messages with their stamps and cycles, writes everything else."""
 
     name: str
@@ -346,4 +346,4 @@ SCHEMAS: dict[str, str] = {
         _TIME,
     ),
 }
-"""By full name; docs/recording.md tells their fields."""
+"""By full name; docs/recording.md explains their fields."""

@@ -71,7 +71,7 @@ def _outlines(scene: SceneState) -> tuple[list[FloatArray], list[int], list[tupl
 
 
 def _round(radius: float, half: float) -> tuple[FloatArray, list[tuple[int, int]]]:
-    """A circle at both ends and one upright; of a sphere all three are around its middle."""
+    """A circle at both ends and one upright; of a sphere all three are about its centre."""
     angle = np.linspace(0.0, 2.0 * np.pi, ROUND, endpoint=False)
     across, along, flat = radius * np.cos(angle), radius * np.sin(angle), np.zeros(ROUND)
     rings = [np.column_stack([across, along, flat + end]) for end in (-half, half)]
@@ -86,7 +86,7 @@ UNKNOWN = -32768
 """Stands for NaN."""
 MOST = 32767
 FINEST = 1e-4
-"""m to a unit at least: 3.3 m are told to a tenth of a millimetre."""
+"""m to a unit at least: 3.3 m are given to a tenth of a millimetre."""
 
 
 @dataclass(frozen=True)
@@ -257,7 +257,7 @@ def _ground(run: RunResult, rows: IntArray) -> Ground | None:
 
 
 def _obstacles(run: RunResult, rows: IntArray) -> Obstacles | None:
-    """What is around the last stage's body, in the world that its figure is drawn in."""
+    """Obstacles of the last stage's body, in the world that its figure is drawn in."""
     wires = None if run.scene is None else wires_of(run.scene, np.maximum(run.record.time[rows], 0.0))
     if wires is None:
         return None

@@ -1,6 +1,6 @@
 """How close a body came to itself and to a scene, on the geoms of its own file: an independent look at what was sent.
 
-Distances are MuJoCo's own between two geoms (exact, inside too), not those of its contacts, which a margin makes rough.
+Distances are MuJoCo's own between two geoms (exact, inside too), not those of its contacts, which a margin distorts.
 """
 
 from collections.abc import Iterable
@@ -89,11 +89,11 @@ def compared_pairs(
     for a, b in links[pairs[touching]]:
         reasons[_pair(a, b)] = "touch in the neutral posture"
     kept = np.array([_pair(links[a], links[b]) not in reasons for a, b in pairs], dtype=np.bool_)
-    worn = set(links.tolist())
+    observed = set(links.tolist())
     left_out = [
         LeftOut(str(model.body(a).name), str(model.body(b).name), reason)
         for (a, b), reason in sorted(reasons.items())
-        if {a, b} <= worn
+        if {a, b} <= observed
     ]
     return pairs[kept], tuple(left_out)
 
@@ -294,10 +294,10 @@ def observer_clearance(
         return own, None, None
     poses = [scene.at(max(float(time), 0.0)) for time in times]
     there = np.stack([pose.position for pose in poses]), np.stack([pose.quat for pose in poses])  # (T, k, ...)
-    shapes, (around, _) = scene.shapes, observers.around(scene.shapes)
+    shapes, (pairs, _) = scene.shapes, observers.obstacle_pairs(scene.shapes)
 
     def least_to(ground: bool) -> float | None:
-        who, what = around[shapes.ground[around[:, 1]] == ground].T
+        who, what = pairs[shapes.ground[pairs[:, 1]] == ground].T
         obstacles = shape_rows(shapes.kinds[what], shapes.sizes[what], there[0][:, what], there[1][:, what])
         return _least(_side(observers, position, quat, who), obstacles)
 

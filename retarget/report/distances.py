@@ -234,7 +234,7 @@ def travelled(position: FloatArray, matrix: FloatArray, radius: FloatArray) -> F
     return np.vstack([np.zeros((1, position.shape[1])), np.cumsum(shift + radius * turn, axis=0)])
 
 
-# Obstacles of a scene beside the geoms of a body, in one MuJoCo model that measures distances and nothing else.
+# Obstacles of a scene and the geoms of a body, in one MuJoCo model that measures distances and nothing else.
 
 LINE_M = 1e-12
 """Radius, m, of a segment: MuJoCo has no shapes without thickness."""

@@ -1,4 +1,4 @@
-"""The report of a finished run, measured on the record: from what was sent, not from what a stage says of itself."""
+"""The report of a finished run, measured on the record: from what was sent, not from a stage's own residuals."""
 
 from dataclasses import dataclass, replace
 
@@ -49,7 +49,7 @@ __all__ = [
 ]
 
 
-# What the bus's own clock and the guard say of a run.
+# What the bus's own clock and the guard recorded of a run.
 
 LATE = 1.5
 """Periods between two ticks from which on one is missing between them."""
@@ -59,8 +59,8 @@ SERVO_CAUSES = (StopCause.SERVO_LOST, StopCause.SERVO_ALERT, StopCause.SERVO_LIM
 def fault_count(run: RunResult) -> int:
     """Servos silent or alarmed, summed over ticks, and failures that ended ticks before they had a row.
 
-    A tick in which the bus fails sends nothing, nor does one in which a robot that stands is stopped: of these only the
-    guard's stop tells.
+    A tick in which the bus fails sends nothing, nor does one in which a robot that stands is stopped: these are known
+    from the guard's stop alone.
     """
     sent = run.record.robot
     seen = 0 if sent is None else int(sent.faults.sum())
@@ -95,7 +95,7 @@ def missed_ticks(times: FloatArray, dt: float) -> int | None:
 
 
 def bus_report(run: RunResult) -> BusReport | None:
-    """What the bus said; None without one."""
+    """The report of the bus; None without one."""
     sent = run.record.robot
     if sent is None or not run.has_bus:
         return None
@@ -122,7 +122,7 @@ def percentiles(seconds: FloatArray, scale: float) -> Percentiles:
 
 
 def _extreme(run: RunResult, values: FloatArray, *, sign: float = 1.0) -> ServoExtreme | None:
-    """The servo with the largest of the values (T, n), which are told times `sign`."""
+    """The servo with the largest of the values (T, n), and that value times `sign`."""
     if run.robot is None or not np.isfinite(values).any():
         return None
     column = int(np.nanargmax(values)) % values.shape[1]
@@ -363,7 +363,7 @@ def _mm(metres: float | None) -> float | None:
     return None if metres is None else MM * metres
 
 
-# The report of a run that somebody ended and now waits for: what costs much is measured on its last seconds only.
+# The report of a run that the operator ended and now waits for: what costs much is measured on its last seconds only.
 
 LATEST_S = 10.0
 """Of so long a run distances are measured within 0.4 s on a slow core."""
@@ -374,7 +374,7 @@ def measure_latest(run: RunResult, seconds: float = LATEST_S) -> Report:
     latest = latest_of(run, seconds)
     if latest is run:
         return measure(run)
-    note = f"told of the last {seconds:g} s, but for ticks, limits and the end; --report measures the whole run"
+    note = f"measured on the last {seconds:g} s, but for ticks, limits and the end; --report measures the whole run"
     report = measure(latest)
     return replace(
         report,

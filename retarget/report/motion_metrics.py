@@ -227,7 +227,7 @@ class TorqueSpread:
 class PhysicsReport:
     """A run of a robot with mass.
 
-    fallen_at_s: on the run's time; how: in words. toppled: what a parked robot did without torque, if it did not stay
+    fallen_at_s: on the run's time; how: in words. toppled: what a robot at rest did without torque, if it did not stay
     sitting. min_zmp_margin_mm: least distance of the centre of pressure from the edge of the soles that carried.
     foot_slip_mm: way of each sole while it carried, and `total`. sole_tilt_max_deg: of a sole that carried.
     torque_nm, temperature_c (hottest): per servo. self_contacts, fixture_contacts: ticks with any.

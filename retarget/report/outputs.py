@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["PICTURE_NAMES", "Outputs", "Written"]
 
 PICTURE_NAMES = ("tracking", "angles", "balance", "pressure", "poses")
-"""Of the files in `--plots DIR`, told without importing what draws them."""
+"""Of the files in `--plots DIR`, known without importing what draws them."""
 
 
 @dataclass(frozen=True)

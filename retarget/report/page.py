@@ -1,4 +1,4 @@
-"""The page as a whole: one file, nothing from elsewhere, and no script but our own is allowed to run."""
+"""The HTML page of a run: one file, nothing from elsewhere, and no script but our own is allowed to run."""
 
 import base64
 import hashlib
@@ -25,7 +25,7 @@ from retarget.schema.files import write_atomic
 __all__ = ["drawn", "element", "joined", "page_html", "safe", "write_page"]
 
 
-# HTML from text that nobody vouches for: whatever is not `Markup` already is escaped.
+# HTML from untrusted text: whatever is not `Markup` already is escaped.
 
 Markup = NewType("Markup", str)
 """HTML that is as it should be: made here, or from our own files."""
@@ -62,7 +62,7 @@ def joined(parts: Iterable[Markup]) -> Markup:
 
 SIGNS = {Outcome.PASS: "✓", Outcome.FAIL: "✗"}
 LEAST_BAR = 1.0
-"""mm of a full bar at least: nobody sees what is less."""
+"""mm of a full bar at least: less cannot be seen."""
 
 
 def head_section(report: Report, found: tuple[Verdict, ...]) -> Markup:
@@ -210,7 +210,7 @@ def _bar(share: float) -> Markup:
 
 
 def notes_section(notes: tuple[str, ...]) -> Markup:
-    """What the run had to say of its source."""
+    """The notes of the run on its source."""
     if not notes:
         return Markup("")
     items = joined(element("li", safe(note)) for note in notes)
@@ -294,7 +294,7 @@ def player_section(animation: Animation | None) -> Markup:
     if animation.robot is not None:
         sent = "as sent, not as simulated" if animation.simulated else "as sent"
         views.append(
-            _view("robot", animation.robot.label, f"circles: landmarks asked; lines: {sent}{_around(animation)}")
+            _view("robot", animation.robot.label, f"circles: landmarks asked; lines: {sent}{_obstacles(animation)}")
         )
     if animation.ground is not None:
         views.append(_view("above", "Balance, from above", "centre of mass over the support polygon; forward is up"))
@@ -312,7 +312,7 @@ def player_section(animation: Animation | None) -> Markup:
     )
 
 
-def _around(animation: Animation) -> str:
+def _obstacles(animation: Animation) -> str:
     return "" if animation.obstacles is None else "; thin: obstacles"
 
 
@@ -337,7 +337,7 @@ def _controls() -> Markup:
 
 
 def _legend(animation: Animation) -> Markup:
-    keys = [("approach", "on the way there"), ("follow", "following"), ("brake", "braking")]
+    keys = [("approach", "approach"), ("follow", "following"), ("brake", "braking")]
     shown = [(name, words) for name, words in keys if name[0] in animation.phase]
     if "1" in animation.gated:
         shown.append(("gated", "the gate changed a goal"))
@@ -403,10 +403,10 @@ def _picture(name: str, drawing: Markup) -> Markup:
 
 
 def _script() -> Markup:
-    """The player, whose parts share one scope that nobody else sees."""
+    """The player, whose parts share one scope of their own."""
     return Markup("\n".join(['"use strict";', "(() => {", *(_own(name) for name in SCRIPTS), "})();"]))
 
 
 def _own(name: str) -> Markup:
-    """One of our own files beside this one."""
+    """One of our own files in this folder."""
     return Markup(files("retarget.report").joinpath(name).read_text(encoding="utf-8"))

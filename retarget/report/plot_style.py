@@ -1,4 +1,4 @@
-"""How all pictures look: sizes, colours that colour-blind readers can tell apart, and how a figure becomes a file."""
+"""How all pictures look: sizes, colours that colour-blind readers can distinguish, and how a figure becomes a file."""
 
 from pathlib import Path
 from typing import Any

@@ -70,7 +70,7 @@ class Skeleton:
 
 
 def turned(points: FloatArray, facing: FloatArray) -> FloatArray:
-    """Points (p, k, 3) of a world in which each posture faces (p, 2), as seen by somebody who faces x."""
+    """Points (p, k, 3) of a world in which each posture faces (p, 2), as seen by a viewer who faces x."""
     x, y = facing[:, :1], facing[:, 1:]
     a, b, c = np.moveaxis(points, -1, 0)
     return np.stack([x * a + y * b, x * b - y * a, c], axis=-1)

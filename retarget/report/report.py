@@ -73,8 +73,8 @@ class BusReport:
     """rate_hz: ticks per second, measured on the bus's clock, null where it was not. cycle_ms: wall time of a tick.
 
     faults: servos silent or alarmed, and a bus that died. longest_period_ms: between two ticks, on the bus's clock;
-    missed_ticks: deadlines that passed without one.
-    retries: requests that had to be repeated. hottest degrees Celsius, lowest_voltage V, null where no servo told.
+    missed_ticks: deadlines that passed without one. retries: requests that had to be repeated. hottest degrees Celsius,
+    lowest_voltage V, null where no servo reported one.
     """
 
     rate_hz: float | None
@@ -149,8 +149,8 @@ class Report:
     `metrics.motion.TOLERANCE`. jerk_p95: rad/s^3.
 
     sensors_mm: as tracking_mm, of the reconstructed human. servo_tracking_mm: as tracking_mm, of where the servos were.
-    servo_error_deg: how far each servo stood from the goal of the tick before. no_command_frames: ticks in which nobody
-    knew a goal, so that the gate braked each joint by itself; not among gated_frames. reachable_hands_mm: mean error of
+    servo_error_deg: how far each servo stood from the goal of the tick before. no_command_frames: ticks without
+    a goal, in which the gate braked each joint by itself; not among gated_frames. reachable_hands_mm: mean error of
     each hand, of both, and of the worse, at the ticks at which it was asked where the arm gets from the torso that was
     asked; reachable_share: of the ticks that followed, those. fallen, physics: as the simulation saw it; null without.
     steps: null of a robot that makes none. live: of the stream, null of a file.

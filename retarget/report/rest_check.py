@@ -1,6 +1,6 @@
-"""Whether the last part of the way to where a robot is parked is sound: from a stand, arms aside, straight to `rest`.
+"""Whether the last part of the rest trajectory is safe: from a stand, arms aside, straight to `rest`.
 
-That part is always the same (see `rest_trajectory`), so it can be looked at before anything moves.
+That part is always the same (see `rest_trajectory`), so it can be checked before anything moves.
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from retarget.safety.clearance import KEPT_SHARE
 __all__ = ["PathToRest", "path_to_rest"]
 
 ROWS = 41
-"""Postures of the way that are looked at."""
+"""Postures of the trajectory that are checked."""
 MM = 1e3
 
 
@@ -34,15 +34,15 @@ class PathToRest:
     kept: float
 
     @property
-    def sound(self) -> bool:
-        """Whether the robot neither falls over nor is held up on it."""
+    def safe(self) -> bool:
+        """Whether the robot neither falls over nor is stopped by the gate on it."""
         return self.margin > 0.0 and self.distance >= self.kept
 
     def __str__(self) -> str:
         balance = f"centre of mass {abs(MM * self.margin):.0f} mm {'inside' if self.margin > 0.0 else 'outside'}"
         near = f"{self.first} and {self.second} {MM * self.distance:.1f} mm, the gate keeps {MM * self.kept:.1f} mm"
         text = f"{balance} the edge of the soles at worst; nearest {near}"
-        if self.sound:
+        if self.safe:
             return text
         return f"not straight, as {'limbs meet' if self.margin > 0.0 else 'it would tip'}: {text}"
 
@@ -52,8 +52,8 @@ def path_to_rest(robot: RobotBody) -> PathToRest | None:
     observers = robot_observers(robot)
     if not robot.stands or not len(observers.pairs) or TRUNK not in robot.profile.frames:
         return None
-    way = _way(robot)
-    stances = [plant(robot, posture) for posture in way]
+    trajectory = _trajectory(robot)
+    stances = [plant(robot, posture) for posture in trajectory]
     coms = robot.kinematics.centre_of_mass(np.array([stance.q for stance in stances]))
     margin = min(float(support_distance(com, at.edges(0.0))) for com, at in zip(coms, stances, strict=True))
 
@@ -63,7 +63,7 @@ def path_to_rest(robot: RobotBody) -> PathToRest | None:
         shape_rows(observers.kinds[which], observers.sizes[which], position[:, which], quat[:, which])
         for which in (first, second)
     ]
-    distance = _solver.shape_distances(*sides[0], *sides[1])[0].reshape(len(way), -1).min(axis=0)
+    distance = _solver.shape_distances(*sides[0], *sides[1])[0].reshape(len(trajectory), -1).min(axis=0)
     margins = np.maximum(observers.margin[first], observers.margin[second])
     kept = KEPT_SHARE * np.minimum(margins, observers.pair_margin)
     worst = int((distance - kept).argmin())
@@ -71,8 +71,8 @@ def path_to_rest(robot: RobotBody) -> PathToRest | None:
     return PathToRest(margin, *names, float(distance[worst]), float(kept[worst]))
 
 
-def _way(robot: RobotBody) -> list[dict[str, float]]:
-    """Postures, by joint, from where a landing ends to `rest`."""
+def _trajectory(robot: RobotBody) -> list[dict[str, float]]:
+    """Postures, by joint, from where the return to stance ends to `rest`."""
     start, rest = stance_angles(robot), robot.profile.postures.rest
     return [
         {joint: (1.0 - share) * start.get(joint, 0.0) + share * rest.get(joint, 0.0) for joint in start | rest}

@@ -1,4 +1,4 @@
-"""The report of a run for a person: the numbers that say whether it went well."""
+"""The summary of a run on the terminal: the numbers that show whether it went well."""
 
 import math
 from collections.abc import Iterable
@@ -13,7 +13,7 @@ from retarget.report.report import Percentiles, Report, Spread
 __all__ = ["physics_facts", "show_summary", "stream_line"]
 
 
-# What the summary of a run says of its simulated mechanics: one row for each question.
+# The simulated mechanics in the summary: one row for each question.
 
 
 def physics_facts(physics: PhysicsReport | None) -> Iterable[tuple[str, str]]:
@@ -21,7 +21,7 @@ def physics_facts(physics: PhysicsReport | None) -> Iterable[tuple[str, str]]:
     if physics is None:
         return
     yield "physics", _standing_line(physics)
-    yield "when parked", "" if physics.toppled is None else f"it did not stay: {physics.toppled}"
+    yield "at rest", "" if physics.toppled is None else f"it did not stay: {physics.toppled}"
     yield "pressure", _pressure(physics)
     yield "torque", _torque(physics)
     yield "heat", _heat(physics)
@@ -69,7 +69,7 @@ def _contacts(physics: PhysicsReport) -> str:
     return ", ".join(f"touches {what} in {ticks} ticks" for what, ticks in counts.items() if ticks)
 
 
-# What the summary of a live run says of its stream: one line.
+# The stream of a live run in the summary: one line.
 
 MOST = 3
 
@@ -193,7 +193,7 @@ def _hands(report: Report) -> str:
 
 
 def _servos(report: Report) -> str:
-    """What the servos made of what they were sent."""
+    """How far the servos were from what they were sent."""
     servos = report.servo_error_deg
     if not servos:
         return ""

@@ -204,7 +204,7 @@ def _off_axis(task: AxisTask, robot: RobotBody, q: FloatArray, frame: str) -> Fl
 #
 # What the robot does takes no part, so a robot that stands still hides nothing. An asked hand is the asked shoulder and
 # the performer's arm, scaled, in the performer's heading (`landmarks`); so the asked shoulders are the asked hands less
-# those arms, and shoulders and pelvis tell how the asked torso is turned.
+# those arms, and shoulders and pelvis show how the asked torso is turned.
 
 HANDS = ("l_hand", "r_hand")
 

@@ -1,4 +1,4 @@
-"""Every limit of a run: what was allowed beside what was measured, and whether it was kept, in words."""
+"""Every limit of a run, in words: what was allowed, what was measured, and whether it was kept; and what went wrong."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ class Nearest:
 
 @dataclass(frozen=True)
 class LimitUse:
-    """None where no joint has such a limit, or where too few ticks were sent to tell. room: rad (or m) between a joint
+    """None where no joint has such a limit, or where too few ticks were sent. room: rad (or m) between a joint
     and the limit of its position that it came nearest to, and its joint; negative: beyond."""
 
     room: tuple[str, float] | None
@@ -158,7 +158,7 @@ def _body(report: Report) -> Iterator[Verdict]:
         yield Verdict("Its own links", "do not meet", f"{_gap(own)}{pair}", _kept(not deep or own >= 0.0))
     if scene is not None:
         pair = f" ({' and '.join(report.deep.obstacle)})" if report.deep.obstacle else ""
-        yield Verdict("What is around it", "is not touched", f"{_gap(scene)}{pair}", _kept(not deep or scene >= 0.0))
+        yield Verdict("Obstacles", "are not touched", f"{_gap(scene)}{pair}", _kept(not deep or scene >= 0.0))
     if ground is not None:
         pair = f" ({' and '.join(report.deep.ground)})" if report.deep.ground else ""
         yield Verdict(
@@ -176,17 +176,17 @@ def _servos(run: RunResult, report: Report) -> Iterator[Verdict]:
         return
     safety = run.robot.profile.safety
     yield Verdict(
-        "Servos", "all answer, none is alarmed", _told(bus.faults, "fault", "none failed"), _kept(bus.faults == 0)
+        "Servos", "all answer, none is alarmed", _counted(bus.faults, "fault", "none failed"), _kept(bus.faults == 0)
     )
     if bus.missed_ticks is not None:
         allowed = f"{1e3 * run.clip.dt:.3g} ms each, none missed"
         longest = "" if bus.longest_period_ms is None else f"; the longest took {bus.longest_period_ms:.1f} ms"
-        measured = _told(bus.missed_ticks, "tick missed", "none missed") + longest
+        measured = _counted(bus.missed_ticks, "tick missed", "none missed") + longest
         yield Verdict("Ticks", allowed, measured, _kept(bus.missed_ticks == 0))
     errors = report.servo_error_deg or {}
     if errors:
         worst = max(errors, key=lambda name: errors[name].max)
-        allowed = f"{np.rad2deg(safety.following_error):.3g}° from the way to its goal"
+        allowed = f"{np.rad2deg(safety.following_error):.3g}° from the trajectory to its goal"
         measured = f"{errors[worst].max:.1f}° at most from its goal ({worst})"
         stopped = run.stop is not None and run.stop.cause is StopCause.FOLLOWING_ERROR
         yield Verdict("Servo against goal", allowed, measured, _kept(not stopped))
@@ -204,7 +204,7 @@ def _servos(run: RunResult, report: Report) -> Iterator[Verdict]:
         yield Verdict("Voltage", f"{low:g} to {high:g} V", measured, _kept(low <= bus.lowest_voltage.value <= high))
 
 
-def _told(count: int, what: str, none: str) -> str:
+def _counted(count: int, what: str, none: str) -> str:
     return f"{count} {what}{'s' if count > 1 and what == 'fault' else ''}" if count else none
 
 

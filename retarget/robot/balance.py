@@ -10,9 +10,9 @@ To stay able to stop, its capture point c + c' / sqrt(g / z) (J. Pratt et al., H
 from there it can be stopped with the zero-moment point inside. Both are half-spaces for the centre of mass after the
 tick, which the hierarchy keeps like any others: where more is asked, the robot lags.
 
-Who has got out of that room - a stop brakes as hard as servos can - could stand there for ever: there is no way back
-in with the zero-moment point inside, for the mass is pushed in by pressing farther out. So from there the zero-moment
-point may go as far again beyond the edge as the capture point is, and does: that brings it back in.
+A robot that has got out of that room (a stop brakes as hard as servos can) could stand there for ever: the mass is
+pushed in by pressing farther out, so it cannot come back with the zero-moment point inside. So from there the
+zero-moment point may go as far again beyond the edge as the capture point is, and does: that brings it back in.
 """
 
 from dataclasses import dataclass
@@ -56,11 +56,10 @@ BRAKING = 1.0
 GRAVITY = 9.81
 """m/s^2"""
 BEYOND_M = 0.0003
-"""How far (m) beyond an edge the capture point of a robot that follows may be by rounding: the way back is not asked
-for."""
+"""How far (m) beyond an edge the capture point of a robot that follows may be by rounding; it is not brought back."""
 RETURN_SHARE = 0.5
-"""Share of the support polygon, about its middle, for a robot on its way to a stand. Who begins it at the edge of the
-room in which it followed comes in from there only by pressing beyond that edge."""
+"""Share of the support polygon, about its middle, for the return to stance. A robot that begins it at the edge of the
+room in which it followed comes in only by pressing beyond that edge."""
 SPARE = 0.5
 """Room that the zero-moment point has about where it pushes the capture point back in, in shares of how far that is
 out."""
@@ -85,7 +84,7 @@ class StandingBalance:
 
     def spaces(self, com: FloatArray, velocity: FloatArray, dt: float, *, to_stance: bool = False) -> FloatArray:
         """Half-spaces (k, 4) for the centre of mass after the next `dt` s, now at com (3,) m, moving at velocity (3,)
-        m/s. lands: of a robot on its way to a stand."""
+        m/s. to_stance: whether the robot returns to its stance."""
         if not self.looks_at_motion:
             return _braked(self._drawn_in, com, dt)
         return moving_spaces(self._wide if to_stance else self._room, com, velocity, dt, outer=self._drawn_in)
@@ -127,8 +126,8 @@ def moving_spaces(
     outer: Edges | None = None,
     pressed: Edges | None = None,
 ) -> FloatArray:
-    """Capture point and zero-moment point inside of edges; pressed: inside of which the latter may be instead. outer:
-    inside of which it brings the former back where that is out, None: it does not."""
+    """Half-spaces that keep capture point and zero-moment point inside of edges. pressed: other edges for the
+    zero-moment point. outer: edges inside of which it brings back a capture point that is out; None: it does not."""
     x, y, z = com.tolist()
     vx, vy, vz = velocity.tolist()
     settle = sqrt(z / GRAVITY) / dt
@@ -156,10 +155,10 @@ def moving_spaces(
 
 
 def _pushed_back(edges: Edges, outer: Edges, capture: tuple[float, float]) -> tuple[float, float, float] | None:
-    """Zero-moment point (x, y) m that brings back a capture point beyond an edge, and what it may be off; None: it is
-    inside.
+    """Zero-moment point (x, y) m that brings back a capture point beyond an edge, and its tolerance, m; None: the
+    capture point is inside.
 
-    As far beyond as the capture point again, but inside of outer: so that falls as exp(-t / sqrt(z / g)).
+    As far beyond as the capture point again, but inside of outer: so that distance falls as exp(-t / sqrt(z / g)).
     """
     x, y = capture
     beyond, nx, ny = max((ex * x + ey * y - offset, ex, ey) for ex, ey, offset in edges)
@@ -173,18 +172,16 @@ def _pushed_back(edges: Edges, outer: Edges, capture: tuple[float, float]) -> tu
     return x + way * nx, y + way * ny, SPARE * way
 
 
-# What the joints of a robot on its soles may carry: a servo gives much less for long than when it is stalled.
+# Standing strength: what the joints of a robot on its soles may carry. A servo gives much less for long than stalled.
 #
 # A leg's joint j at o, about the axis a, carries what the ground presses on its sole with, at p:
 #
 #     torque = A - share W u . (p - o),    W = m (g + z''),    u = (-a_y, a_x)
 #
 # with A from the leg's own weight, which changes slowly. Under a robot at rest p is where its centre of mass is,
-# between
-# the middles of both soles, and so is the share of the weight. So a bound on a torque is a half-space for centre of
-# mass
-# and joint together, which the hierarchy keeps like any others: where it carries too much, the robot leans or crouches
-# less. And the mass is not thrown up faster than the most loaded joint can.
+# between the middles of both soles, and so is the share of the weight. So a bound on a torque is a half-space for
+# centre of mass and joint together, which the hierarchy keeps like any others: where a joint carries too much, the
+# robot leans or crouches less. And the mass is not thrown up faster than the most loaded joint can.
 
 STANDING_SPARE = 1.1
 """A joint may carry so many times what it does in `stand`, however much that is."""
@@ -193,8 +190,8 @@ WATCHED = 0.5
 STRENGTH_BRAKING = 0.5
 """m/s^2 with which the centre of mass or a joint is braked before the joint carries what it may."""
 BACK = 0.5
-"""m/s^2 from rest with which it is asked back to where it carries no more. What legs and balance could not give at once
-would be taken from limbs that are to be kept apart."""
+"""m/s^2 from rest with which an overloaded joint is asked back to what it may carry. What legs and balance could not
+give at once would be taken from limbs that are to be kept apart."""
 PEAK = 1.4
 """So many times what it may carry for long a joint may carry while the mass is thrown up."""
 LEAST_THROW = 1.0
@@ -321,7 +318,7 @@ def standing_strength(robot: RobotBody, priorities: Priorities, stance: Stance) 
     return StandingStrength(robot, stance, share=min(shares))
 
 
-# What a robot's legs carry at rest in the postures that it is put in, beside what their servos can.
+# Posture loads: the torques of a robot's legs at rest in `stand`, in `rest` and on one leg, beside their stall torques.
 
 ENOUGH = 0.65
 """Share of its stall torque that a servo may need for a posture out of which it has to move the robot again."""

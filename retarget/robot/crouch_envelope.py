@@ -1,4 +1,4 @@
-"""How low a robot that stands on both soles can crouch, and how far it can lean at each height.
+"""Crouch envelope: how low a robot on both soles can crouch, and how far it can lean at each height.
 
 A human folds at the hips to the knees; most servo humanoids do not. What is asked of the robot stays inside this
 envelope, so that the landmarks above the hips are asked from a trunk that the robot can hold. It depends on the robot
@@ -24,16 +24,16 @@ HEIGHTS = 9
 DIRECTIONS = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))
 """Forward, left, back, right."""
 STEP_M, STEP_RAD = 0.005, 0.05
-"""Height and lean are gone through in small steps, so that every posture is found from one close by."""
+"""Height and lean are searched in small steps, so that every posture is found from one close by."""
 MISSED_M, MISSED_RAD = 0.001, 0.02
-"""Further than this from what is asked, the robot does not get there."""
+"""Farther than this from what is asked, the robot cannot get there."""
 FARTHEST_M, FARTHEST_RAD = 1.0, 1.4
 """Heights over or under the standing posture, and leans, beyond which nothing is tried."""
 SPARE = 0.05
 """Share of the crouch and of the lean that is not asked for: at its very end a leg has no room to brake."""
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 ITERATIONS = 8
-"""Most of the solver, per step."""
+"""Most iterations of the solver, per step."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,9 +1,9 @@
-"""Goals for a robot that stands in what it planned, on servos that give way under its weight.
+"""Deflection compensation: goals that hold a robot in its planned posture, on servos that yield under its weight.
 
-A servo with a P gain is a spring between its goal and its shaft: under a torque it stands beside its goal. On soft
-servos a standing robot sways 1.4 times as far as planned, and its soles press elsewhere. The torques that a planned
-posture needs are known (`GravityTorque`), so each goal is set beside the posture by just what its servo gives way. All
-that looks at postures - limits of the plan, collisions, the record - looks at where the robot is held; what is sent
+A servo with a P gain is a spring between its goal and its shaft: under a torque its shaft deflects from its goal. On
+soft servos a standing robot sways 1.4 times as far as planned, and its soles press elsewhere. The torques that a
+planned posture needs are known (`GravityTorque`), so each goal is offset from the posture by the deflection of its
+servo. Limits of the plan, collisions and the record are checked on the posture in which the robot is held. The goal
 passes the gate, and keeps its limits.
 
 Servos of different gains follow at different lags, and a leg whose knee leads its ankle is not where it was planned. So
@@ -26,27 +26,29 @@ from retarget.safety.gate import Gate, PathCheck
 __all__ = ["CompensatedGoals", "HeldPath"]
 
 MOST_RAD = 0.2
-"""Farthest that a goal is beside its posture; a servo that gives way by more is overloaded."""
+"""Greatest offset of a goal from its posture; a servo that deflects by more is overloaded."""
 SPEED_SHARE = 0.4
-"""Share of a joint's speed at which its goal may move away from its posture. Back to it, it goes at any."""
+"""Share of a joint's speed at which its goal may move away from its posture. Back to it, any speed is allowed."""
 RISE_S = 2.0
-"""So long after torque came on that share is reached, in line: nothing moves fast then."""
+"""Time after torque came on in which that share rises linearly from 0, so that nothing moves fast then."""
 STILL_RAD = 1e-4
-"""What is nearer to where it settles, and moves less in a tick, stands: a fifteenth of a tick of the encoder. Else a
-robot that stops would not be at rest for long."""
+"""An offset that is nearer to its final value, and moves less in a tick, stands still: a fifteenth of a tick of the
+encoder. Else a robot that stops would not come to rest for a long time."""
 MOST_ACCELERATION = 5.0
-"""m/s^2 of the centre of mass that are believed: half of what would lift the soles off the ground."""
+"""m/s^2, to which the acceleration of the centre of mass is clipped: half of what would lift the soles off the
+ground."""
 
 
 class HeldPath:
-    """A `PathCheck` that looks at the postures in which a robot is held, on the way of the goals that hold it there."""
+    """A `PathCheck` of the postures in which a robot is held along a path of goals."""
 
     def __init__(self, path_is_clear: PathCheck) -> None:
         self._path_is_clear = path_is_clear
         self._before, self._after = np.zeros(1), np.zeros(1)
 
     def expect(self, before: FloatArray, after: FloatArray) -> None:
-        """How far (n,) rad goals are beside postures at the beginning of the next path, and from its second row on."""
+        """Set the offsets (n,) rad of goals from postures at the beginning of the next path, and from its second row
+        on."""
         self._before, self._after = before, after
 
     def __call__(self, path: FloatArray, instead: FloatArray) -> bool:
@@ -57,9 +59,9 @@ class HeldPath:
 
 
 @dataclass(frozen=True, eq=False)
-class _Thought:
-    """What a posture (n,) is sent as: `goal` (n,), beside it by what holds against the load, `compensated` (n,) rad,
-    and by what it waits for slower joints, `behind` (n,) rad; and centre of mass with velocity, smoothed."""
+class _Candidate:
+    """The `goal` (n,) for a posture (n,): its offsets are `compensated` (n,) rad, which holds against the load, and
+    `behind` (n,) rad, by which it waits for slower joints. Centre of mass and velocity are smoothed."""
 
     posture: FloatArray
     goal: FloatArray
@@ -72,7 +74,7 @@ class _Thought:
 class CompensatedGoals:
     """A `hardware.guard_state.GoalFilter` in front of the gate: postures (n,) rad go in, goals come out.
 
-    `position` is the posture, not the goal. A stop keeps goals as far beside postures as they were.
+    `position` is the posture, not the goal. A stop keeps the offsets of goals from postures as they were.
     """
 
     def __init__(
@@ -86,27 +88,27 @@ class CompensatedGoals:
         held: HeldPath | None = None,
         steps: bool = False,
     ) -> None:
-        """settle: time constant, s, of the load. held: what `gate` asks about collision. steps: whether the robot may
-        stand on either sole alone."""
+        """settle: time constant, s, of the load. held: the `PathCheck` of `gate`. steps: whether the robot may stand on
+        either sole alone."""
         self._gate, self._robot, self._held, self._dt = gate, robot, held, dt
         self._stance = stance
         self._load, self._either = GravityTorque(robot, stance), SupportFootBase(robot, stance) if steps else None
         self._body = robot.body.solver_body()
         self._dofs = [robot.body.dof_index(joint) for joint in robot.joint_map.joints]
-        self._give = joint_compliance(robot)
+        self._compliance = joint_compliance(robot)
         self._most = SPEED_SHARE * robot.joint_map.max_velocity * dt  # (n,) [rad]
         self._rate = 1.0 / settle
         self._catch_up = dt / (dt + _waits(robot))  # (n,) share of its lead that a joint loses in a tick
         self._position, self._compensated, self._behind, self._moved = (gate.position for _ in range(4))
         self._com: FloatArray | None = None
         self._velocity = np.zeros(3)
-        self._thought: _Thought | None = None
+        self._candidate: _Candidate | None = None
         self._ticks = 0  # since torque came on
         self._start(gate.position)
 
     @property
     def position(self) -> FloatArray:
-        """Posture in which the robot is held by what was returned last, rad (n,); a copy."""
+        """Posture in which the last returned goal holds the robot, rad (n,); a copy."""
         return self._position.copy()
 
     @property
@@ -120,13 +122,12 @@ class CompensatedGoals:
         return self._gate.at_rest
 
     @property
-    def beside(self) -> FloatArray:
-        """How far goals are beside postures, rad (n,); a copy."""
+    def offset(self) -> FloatArray:
+        """Offset of goals from postures, rad (n,); a copy."""
         return self._compensated + self._behind
 
     def seed(self, position: FloatArray) -> None:
-        """Start at rest at `position`, rad (n,), with goals that hold nothing yet. Raises HardwareError if not
-        finite."""
+        """Start at rest at `position`, rad (n,), with no offset. Raises HardwareError if not finite."""
         self._gate.seed(position)
         self._start(self._gate.position)
 
@@ -134,22 +135,22 @@ class CompensatedGoals:
         """Whether `admit` would hold the robot in just this posture, rad (n,), now."""
         if not np.isfinite(goal).all():
             return False
-        return self._gate.passes(self._think(goal).goal)
+        return self._gate.passes(self._candidate_for(goal).goal)
 
     def admit(self, goal: FloatArray) -> FloatArray:
-        """Return what to send for a posture `goal`, rad (n,): what holds the robot there or, refused, the next goal of
-        the braking trajectory."""
+        """Return the goal to send for a posture `goal`, rad (n,): the one that holds the robot there or, if the gate
+        refuses it, the next goal of the braking trajectory."""
         if goal.shape != self._position.shape or not np.isfinite(goal).all():
             return self.brake()
-        thought = self._think(goal)
-        sent = self._gate.admit(thought.goal)
-        if not np.array_equal(sent, thought.goal):
+        candidate = self._candidate_for(goal)
+        sent = self._gate.admit(candidate.goal)
+        if not np.array_equal(sent, candidate.goal):
             self._stopped(sent)
             return sent
-        self._moved = thought.compensated - self._compensated
-        self._compensated, self._behind, self._position = thought.compensated, thought.behind, thought.posture
-        self._com, self._velocity = thought.com, thought.velocity
-        self._thought = None
+        self._moved = candidate.compensated - self._compensated
+        self._compensated, self._behind, self._position = candidate.compensated, candidate.behind, candidate.posture
+        self._com, self._velocity = candidate.com, candidate.velocity
+        self._candidate = None
         self._ticks += 1
         return sent
 
@@ -166,25 +167,25 @@ class CompensatedGoals:
         self._forget()
 
     def _stopped(self, sent: FloatArray) -> None:
-        """Something else was sent: goals stay as far beside postures as they are."""
-        self._position = sent - self.beside
+        """Something else was sent: keep the offsets as they are."""
+        self._position = sent - self.offset
         self._moved = np.zeros_like(self._moved)
         self._forget()
 
     def _forget(self) -> None:
-        """What comes next begins at rest."""
-        self._com, self._velocity, self._thought = None, np.zeros(3), None
+        """Let the next posture begin at rest."""
+        self._com, self._velocity, self._candidate = None, np.zeros(3), None
 
-    def _think(self, posture: FloatArray) -> _Thought:
-        """What to send for a posture (n,): asked twice in a tick, found once."""
-        thought = self._thought
-        if thought is None or not np.array_equal(thought.posture, posture):
-            self._thought = thought = self._thought_of(np.array(posture, dtype=np.float64))
+    def _candidate_for(self, posture: FloatArray) -> _Candidate:
+        """The candidate for a posture (n,): called twice in a tick, computed once."""
+        candidate = self._candidate
+        if candidate is None or not np.array_equal(candidate.posture, posture):
+            self._candidate = candidate = self._compute(np.array(posture, dtype=np.float64))
         if self._held is not None:
-            self._held.expect(self.beside, thought.compensated + thought.behind)
-        return thought
+            self._held.expect(self.offset, candidate.compensated + candidate.behind)
+        return candidate
 
-    def _thought_of(self, posture: FloatArray) -> _Thought:
+    def _compute(self, posture: FloatArray) -> _Candidate:
         q = self._stance.q.copy()
         q[self._robot.servo_columns] = posture
         heights = None
@@ -197,7 +198,7 @@ class CompensatedGoals:
         then = self._settled(com, velocity, now)
         acceleration = np.clip((then - velocity) / self._dt, -MOST_ACCELERATION, MOST_ACCELERATION)
         torque = self._load.torques(q, acceleration, heights=heights)[self._dofs]
-        wanted = np.clip(self._give @ torque, -MOST_RAD, MOST_RAD)
+        wanted = np.clip(self._compliance @ torque, -MOST_RAD, MOST_RAD)
         speed = self._settled(self._compensated, self._moved / self._dt, wanted)
         most = min(self._ticks * self._dt / RISE_S, 1.0) * self._most
         moved = np.clip(self._dt * speed, -most, most)
@@ -206,16 +207,16 @@ class CompensatedGoals:
         behind = (1.0 - self._catch_up) * (self._position + self._behind - posture)
         behind[np.abs(behind) < STILL_RAD] = 0.0
         goal, compensated = self._within(posture + behind, compensated)
-        return _Thought(posture, goal, compensated, behind, com + self._dt * then, then)
+        return _Candidate(posture, goal, compensated, behind, com + self._dt * then, then)
 
     def _settled(self, at: FloatArray, velocity: FloatArray, wanted: FloatArray) -> FloatArray:
-        """Velocity after a tick of what settles at `wanted` without overshoot, implicit in time."""
+        """Velocity after a tick of a critically damped second-order filter towards `wanted`, implicit in time."""
         gain = self._rate * self._dt
         return np.asarray((velocity + gain * self._rate * (wanted - at)) / (1.0 + 2.0 * gain + gain * gain))
 
     def _within(self, target: FloatArray, compensated: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The goal that is beside a target (n,) by `compensated` (n,) rad, and by how much it is: within the gate's
-        limits, if it need not be pushed away from the target for that. Else it is for the gate to refuse."""
+        """The goal with the offset `compensated` (n,) rad from a target (n,), and its real offset: within the gate's
+        limits, if that does not push it away from the target. Else the gate is to refuse it."""
         goal = self._gate.nearest(target + compensated)
         kept = goal - target
         lowest, highest = (
@@ -228,7 +229,7 @@ class CompensatedGoals:
 
 
 def _waits(robot: RobotBody) -> FloatArray:
-    """How long (n,) s each joint that carries the robot waits for the slowest servo among them; 0 for all others."""
+    """Time (n,) s that each joint that carries the robot waits for the slowest servo among them; 0 for all others."""
     protocols = {line.name: line.protocol for line in robot.profile.bus_specs()}
     lags = np.array([loop_lag(servo, protocol=protocols[servo.bus]) for servo in robot.joint_map.servos])
     dofs = [robot.body.dof_index(joint) for joint in robot.joint_map.joints]

@@ -1,11 +1,12 @@
-"""What a robot on its soles does where what it thought of first is not safe: soles before all else, then arms alone.
+"""Fallback hierarchies of a robot on its soles, for a first posture that is not safe: soles first, then arms alone.
 
-Where limbs meet, what parts them comes before soles, and may ask for more than legs can do without moving them. Then
-the same targets are gone for with the level of the soles first: what is not parted so is for the gate to keep. And
-where legs may not move at all, what they carry goes on. Else a robot whose limbs meet could stand for ever.
+Where limbs meet, the tasks that separate them come before the soles, and may ask for more than legs can do with planted
+soles. Then the same targets are solved with the level of the soles first; the gate keeps limbs apart that this does not
+separate. Where legs may not move at all, the parts above them go on. Else a robot whose limbs meet could stand still
+for ever.
 
-And who stands because a goal was refused thinks once of parting limbs before all else: what soles, balance or strength
-ask for first, and cannot have at once, may be just what brings limbs together, tick after tick.
+A robot that stands still because a goal was refused is solved once with the separation of limbs before all else. What
+soles, balance or strength ask for first, and cannot have at once, may be what brings limbs together, tick after tick.
 """
 
 from collections.abc import Callable, Iterator
@@ -27,12 +28,12 @@ from retarget.types import BoolArray, FloatArray, IntArray
 __all__ = ["FallbackHierarchy", "separated_first", "soles_first"]
 
 Build = Callable[[Priorities, BoolArray], Hierarchy]
-"""From priorities and who is locked (nv,) to a hierarchy."""
+"""From priorities and locked DoFs (nv,) to a hierarchy."""
 
 
 class FallbackHierarchy:
-    """Three more hierarchies for the targets of a first one. around: obstacles where they are now, as it sees them.
-    parts: the next first thought is that of limbs that are to be parted."""
+    """Three more hierarchies for the targets of a first one. obstacles: where they are now, as the first has them.
+    separate: whether the next call of `first` separates limbs before all else."""
 
     def __init__(
         self, build: Build, priorities: Priorities, first: Hierarchy, *, soles: frozenset[str], carrying: BoolArray
@@ -46,52 +47,52 @@ class FallbackHierarchy:
             return hierarchy, np.concatenate([every[first.target_span(k)] for k in order])
 
         self._planted, self._from = in_order(soles_first(priorities.levels, soles))
-        self._parted, self._parted_from = in_order(separated_first(priorities.levels, soles))
+        self._separated, self._separated_from = in_order(separated_first(priorities.levels, soles))
         self._above = build(priorities, carrying)
-        self.around: ObstaclePoses | None = None
-        self.parts = False
+        self.obstacles: ObstaclePoses | None = None
+        self.separate = False
 
     def first(self, targets: FloatArray, q: FloatArray, dt: float) -> FloatArray:
-        """The posture (nq,) thought of first, `dt` s after q (nq,); where the first hierarchy is from then on."""
+        """The first posture (nq,) to try, `dt` s after q (nq,); the first hierarchy is there from then on."""
         solver = self._first.solver
-        if not self.parts:
+        if not self.separate:
             return solver.frame(targets, dt)
-        self.parts = False
-        there, velocity = self._thought(self._parted, targets[self._parted_from], q, solver.velocity, dt)
+        self.separate = False
+        there, velocity = self._solve(self._separated, targets[self._separated_from], q, solver.velocity, dt)
         solver.reset(there, velocity)
         return there
 
     def after(
         self, targets: FloatArray, q: FloatArray, velocity: FloatArray, dt: float, *, stands: bool
     ) -> Iterator[tuple[FloatArray, FloatArray]]:
-        """Postures (nq,) with velocities (nv,) per s, one after the other till one is taken, `dt` s after q (nq,).
+        """Postures (nq,) with velocities (nv,) per s to try one after the other, `dt` s after q (nq,).
 
-        targets: of the first hierarchy. velocity (nv,): at q. stands: whether the legs do.
+        targets: of the first hierarchy. velocity (nv,): at q. stands: whether the legs stand still.
         """
-        yield self._thought(self._planted, targets[self._from], q, velocity, dt)
+        yield self._solve(self._planted, targets[self._from], q, velocity, dt)
         if stands:
-            yield self._thought(self._above, targets, q, velocity, dt)
+            yield self._solve(self._above, targets, q, velocity, dt)
 
-    def _thought(
+    def _solve(
         self, hierarchy: Hierarchy, targets: FloatArray, q: FloatArray, velocity: FloatArray, dt: float
     ) -> tuple[FloatArray, FloatArray]:
-        if self.around is not None:
-            hierarchy.set_obstacles(self.around)
+        if self.obstacles is not None:
+            hierarchy.set_obstacles(self.obstacles)
         hierarchy.solver.reset(q, velocity)
         return hierarchy.solver.frame(targets, dt), hierarchy.solver.velocity
 
 
 def soles_first(levels: tuple[Level, ...], soles: frozenset[str]) -> list[int]:
-    """Numbers of the levels, those that plant a sole first."""
+    """Indices of the levels, those that plant a sole first."""
     return sorted(range(len(levels)), key=lambda k: not _plants(levels[k], soles))
 
 
 def separated_first(levels: tuple[Level, ...], soles: frozenset[str]) -> list[int]:
-    """Numbers of the levels, those that keep limbs and obstacles off each other first, then those that plant a sole."""
+    """Indices of the levels: first those that keep limbs and obstacles apart, then those that plant a sole."""
 
     def rank(k: int) -> int:
-        parts = any(isinstance(task, ReactiveTask | PreventiveTask) for task in levels[k].tasks)
-        return 0 if parts else 1 if _plants(levels[k], soles) else 2
+        separates = any(isinstance(task, ReactiveTask | PreventiveTask) for task in levels[k].tasks)
+        return 0 if separates else 1 if _plants(levels[k], soles) else 2
 
     return sorted(range(len(levels)), key=rank)
 

@@ -1,4 +1,7 @@
-"""The robot's stage: landmarks asked -> a posture of the robot, within the limits of its servos, on its soles."""
+"""Stage 2, the follower: a human posture -> a posture of the robot, within the limits of its servos, on its soles.
+
+Besides following: time scaling, settling at the start, and the return to stance at the end of a run.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -44,17 +47,17 @@ __all__ = [
 ]
 
 
-# A robot that goes slower: time goes by slower for it, so that speeds fall and all that can be stopped still can.
+# Time scaling: a robot is slowed by a slower clock of its own, so that speeds fall and every stop stays possible.
 #
-# At a pace of 1/2 a tick of 8 ms is one of 4 ms to the robot. What keeps every limit in its own time keeps half of the
-# speeds and a quarter of the accelerations in ours.
+# At a scale of 1/2 a tick of 8 ms is one of 4 ms to the robot. A motion that keeps every limit on that clock has half
+# of the speeds and a quarter of the accelerations on the real one.
 
 STILL = 1e-4
 """[rad^2/s^2] A joint that is no faster than the root of this stands."""
 
 
 class TimeScaling:
-    """How fast time goes by for one robot. pace: s of its own in a second, (0, 1]."""
+    """How fast time goes by for one robot. scale: s of its own clock in a second, (0, 1]."""
 
     def __init__(self, body: BodyModel, limits: JointLimits) -> None:
         single, address = body.scalar_joints()
@@ -63,35 +66,35 @@ class TimeScaling:
         self._columns = address[self._dofs]
         self._lower, self._upper = limits.lower[self._dofs], limits.upper[self._dofs]
         self._twice = 2.0 * limits.max_acceleration[self._dofs]
-        self.pace = 1.0
+        self.scale = 1.0
 
-    def turn(self, pace: float, q: FloatArray, velocity: FloatArray) -> float:
-        """Keep another pace if that can be. Returns the new pace over the one before.
+    def change(self, scale: float, q: FloatArray, velocity: FloatArray) -> float:
+        """Take another scale if the robot can. Returns the new scale over the one before.
 
-        q (nq,), velocity (nv,) per s of its own. A slower robot brakes more gently: while a joint could not stop short
-        of its limit any more, the pace stays.
+        q (nq,), velocity (nv,) per s of its own clock. A slower robot brakes more gently: while a joint could not stop
+        short of its limit any more, the scale stays.
         """
-        change = pace / self.pace
+        change = scale / self.scale
         if change < 1.0:
             speed, angle = velocity[self._dofs] / change, q[self._columns]
             room = np.where(speed > 0.0, self._upper - angle, angle - self._lower)
             if (speed * speed > self._twice * np.maximum(room, 0.0) + STILL).any():
                 return 1.0
-        self.pace = pace
+        self.scale = scale
         return change
 
 
-# The way of a robot from its stance to where somebody stands still, before it follows.
+# Settling: the robot goes from its stance to a performer who stands still, before it follows.
 
 SETTLING_S = 5.0
-"""Longest way (s)."""
+"""Longest duration (s)."""
 RESTING_SPEED = 0.1
 """A robot none of whose coordinates is faster (rad/s, m/s) rests, after RESTING_TICKS of it."""
 RESTING_TICKS = 5
 
 
 def settling(step: Callable[[], RobotPosture], q: FloatArray, dt: float) -> list[RobotPosture]:
-    """Postures, `dt` s apart, from q (nq,) until the robot rests. step: the next one."""
+    """Postures, `dt` s apart, from q (nq,) until the robot rests. step: returns the next one."""
     way: list[RobotPosture] = []
     resting = 0
     while resting < RESTING_TICKS and len(way) * dt < SETTLING_S:
@@ -102,50 +105,47 @@ def settling(step: Callable[[], RobotPosture], q: FloatArray, dt: float) -> list
     return way
 
 
-# A robot on its own soles stands before it is parked: legs and trunk as in its stance, its arms aside.
+# Return to stance: a robot on its own soles stands before it goes to rest, legs and trunk as in its stance, arms aside.
 #
-# The way to the posture of rest is straight in its joints. From legs that lean or twist, two planted soles cannot go
-# it:
-# they would tip; and from arms that are anywhere it leads through the body. So the follower goes to a stand first, on
-# locked soles, within its balance, limbs kept off each other; a foot that is lifted is put down on the way. Its pelvis
-# and trunk are asked for as in the stance; all joints are led straight, slowly, from where they are to legs and trunk
-# of
-# the stance and to the arms of posture `attractor`. Hands may be anywhere: one that does not get where it is asked
-# would
-# draw the body along, or get there with its elbow elsewhere. So from its end the rest of the way is always the same.
+# The rest trajectory is straight in joint space. From legs that lean or twist, it would tip two planted soles; from
+# arms in any posture it leads through the body. So the follower returns to a stand first: on locked soles, within its
+# balance, limbs kept apart; a foot that is lifted is put down on the way. The goals of pelvis and trunk are those of
+# the stance. All joints are led straight and slowly from where they are to legs and trunk of the stance and to the arms
+# of posture `attractor`. Hands have no goals: one that does not reach its goal would draw the body along, or reach it
+# with its elbow elsewhere. So the rest trajectory always begins in the same posture.
 
 STANCE_RESTING_SPEED, RESTS_S = 0.1, 0.3
-"""A robot none of whose coordinates is faster (rad/s, m/s) for so long (s) rests. One tick alone is none: where limbs
-meet, all stand still for one, and the next goes on."""
+"""A robot none of whose coordinates is faster (rad/s, m/s) for so long (s) rests. One tick is not enough: where limbs
+meet, all joints stand still for one tick, and go on in the next."""
 LED_SPEED, LED_SETTLE = 1.0, 0.1
 """rad/s of the joint that is led the longest way, and s by which the robot follows, of its own time."""
 
 
 class ReturnToStance:
-    """A way to a stand."""
+    """The return to stance of one robot."""
 
     def __init__(self, robot: RobotBody, stance: Stance, standing: AskedLandmarks) -> None:
-        """standing: what asks for the stance."""
+        """standing: the landmarks of the stance."""
         others = frozenset(row for row, name in enumerate(robot.profile.landmarks) if name != "pelvis")
         self.asked = replace(standing, open=others)
-        """What is asked besides the joints."""
+        """The landmarks asked, besides the joints."""
         single, address = robot.body.scalar_joints()
         self._joints = address[single]
         self._end = robot.posture(stance_angles(robot))[self._joints]
         self._posture = stance.q.copy()
-        self.arrived = False
-        """Whether joints are led no further."""
+        self.at_end = False
+        """Whether the led joints are at the end of their way."""
         self._rested = 0.0
 
     def begin(self, q: FloatArray) -> None:
-        """From posture q (nq,)."""
+        """Begin in posture q (nq,)."""
         self._posture[self._joints] = q[self._joints]
-        self.arrived = False
+        self.at_end = False
 
     def goes_on(self, velocity: FloatArray, dt: float, *, stands: bool) -> bool:
-        """Whether a robot is still on its way, called for another `dt` s. velocity (nv,): of it, per s. stands: whether
-        it has both feet on the floor and its weight between them."""
-        rests = self.arrived and float(np.abs(velocity).max()) < STANCE_RESTING_SPEED
+        """Whether the robot is still on its way after another `dt` s. velocity (nv,): of the robot, per s. stands:
+        whether it has both feet on the floor and its weight between them."""
+        rests = self.at_end and float(np.abs(velocity).max()) < STANCE_RESTING_SPEED
         self._rested = self._rested + dt if rests and stands else 0.0
         return self._rested < RESTS_S
 
@@ -154,12 +154,13 @@ class ReturnToStance:
         way = self._end - self._posture[self._joints]
         share = min(LED_SPEED * dt / max(float(np.abs(way).max(initial=0.0)), 1e-9), 1.0)
         self._posture[self._joints] += share * way
-        self.arrived = share == 1.0
+        self.at_end = share == 1.0
         return self._posture
 
 
 def stance_angles(robot: RobotBody) -> dict[str, float]:
-    """Where a landing ends, rad by joint, 0 elsewhere: legs and trunk as in `stand`, the others as in `attractor`."""
+    """Where a return to stance ends, rad by joint, 0 elsewhere: legs and trunk as in `stand`, the others as in
+    `attractor`."""
     postures, carrying = robot.profile.postures, standing_dofs(robot, TRUNK)
     return {
         joint: (postures.stand if carrying[robot.body.dof_index(joint)] else postures.attractor).get(joint, 0.0)
@@ -170,7 +171,7 @@ def stance_angles(robot: RobotBody) -> dict[str, float]:
 def return_to_stance_of(
     robot: RobotBody, stance: Stance, standing: AskedLandmarks, balance: StandingBalance | None
 ) -> ReturnToStance | None:
-    """Of a robot; None without a pelvis, and where priorities look at no mass in motion."""
+    """The return to stance of a robot; None without a pelvis, and where priorities look at no mass in motion."""
     if balance is None or not balance.looks_at_motion or "pelvis" not in robot.profile.landmarks:
         return None
     return ReturnToStance(robot, stance, standing)
@@ -179,12 +180,12 @@ def return_to_stance_of(
 Parts = Literal["whole", "upper"]
 
 APPROACH_S = 3.0
-"""How long (s) after the start the robot takes to go from its slow approach to full haste."""
+"""Time (s) after the start in which the speed override rises from that of the approach to 1."""
 
 
 class Follower:
-    """Follows one performer with one robot. Deterministic; `start`, then one `step` per tick. steps: of a robot that
-    steps, else None."""
+    """Follows one performer with one robot. Deterministic; `start`, then one `step` per tick. steps: `Stepping` of a
+    robot that steps, else None."""
 
     def __init__(
         self,
@@ -198,8 +199,7 @@ class Follower:
     ) -> None:
         """dimensions: of the performer. parts: `upper` keeps pelvis and legs still. iterations: instead of the file's.
 
-        scene: what is around the robot, in its own world. Raises ConfigError: the priorities name what the robot does
-        not have.
+        scene: in the robot's world. Raises ConfigError: the priorities name what the robot does not have.
         """
         self._robot, self._body = robot, robot.body.solver_body()
         self.stance = plant(robot, robot.profile.postures.stand)
@@ -221,8 +221,8 @@ class Follower:
         build = partial(self._hierarchy_of, iterations=iterations)
         self.hierarchy = build(priorities, np.zeros_like(carrying) if parts == "whole" else carrying)
         still = frozenset(sole.frame.name for sole in stance.soles)
-        second = partial(FallbackHierarchy, build, priorities, self.hierarchy)
-        self._second = second(soles=still, carrying=carrying) if legs_move else None
+        fallback = partial(FallbackHierarchy, build, priorities, self.hierarchy)
+        self._fallback = fallback(soles=still, carrying=carrying) if legs_move else None
         stopping = partial(Stopping, robot.body, self._limits, carrying=carrying)
         self._planted = stopping(stance) if legs_move else None
         self.steps = Stepping(robot, priorities, stance, self.hierarchy, stopping=stopping) if steps else None
@@ -241,7 +241,7 @@ class Follower:
 
     @property
     def _stopping(self) -> Stopping | None:
-        """Ways to a stop on what carries."""
+        """Stop trajectories on the soles that carry."""
         return self._planted if self.steps is None else self.steps.stopping
 
     def _hierarchy_of(self, priorities: Priorities, locked: BoolArray, *, iterations: int | None) -> Hierarchy:
@@ -260,10 +260,10 @@ class Follower:
         )
 
     def start(self, human: "HumanPosture") -> RobotPosture:
-        """Stand, at rest. The way to the performer's posture is gone tick by tick, slowly at first."""
+        """Stand, at rest. The robot goes to the performer's posture tick by tick, slowly at first."""
         self.landmark_map.restart()
         self._governor.restart()
-        self._since_start, self._time.pace = 0.0, 1.0
+        self._since_start, self._time.scale = 0.0, 1.0
         self.scene_obstacles.restart()
         self._q = self.stance.q
         self._targets = standing_targets(self.hierarchy, self.stance)
@@ -276,9 +276,9 @@ class Follower:
         self._reached = self._reader.read(self._q)
         return self._posture(self._asked)
 
-    def arrive(self, human: "HumanPosture", dt: float) -> "list[RobotPosture]":
-        """After `start`: the way to where the performer stands still, tick by tick, until the robot rests there (see
-        `settling`). A hand that is asked high up is raised in good time, not chased from below."""
+    def settle(self, human: "HumanPosture", dt: float) -> "list[RobotPosture]":
+        """After `start`: go to where the performer stands still, tick by tick, until the robot rests there (see
+        `settling`). So a hand that is asked high up has been raised before the performer moves on."""
         if self.steps is not None:
             self.steps.waits = True
         way = settling(partial(self.step, human, dt), self._q, dt)
@@ -296,12 +296,12 @@ class Follower:
         return self._posture(self._asked)
 
     def _advance(self, asked: AskedLandmarks, dt: float, *, speed_override: float, to_stance: bool = False) -> None:
-        """Go on by `dt` s towards what is asked. lands: on the way to a stand."""
-        targets, hierarchy, pace = self._targets, self.hierarchy, self._time.pace
-        self.scene_obstacles.tick(hierarchy, dt, pace=pace)
-        if self._second is not None:
-            self._second.around = self.scene_obstacles.now
-        dt *= pace  # from here on the robot's own time
+        """Go on by `dt` s towards what is asked. to_stance: whether the robot returns to its stance."""
+        targets, hierarchy, scale = self._targets, self.hierarchy, self._time.scale
+        self.scene_obstacles.tick(hierarchy, dt, time_scale=scale)
+        if self._fallback is not None:
+            self._fallback.obstacles = self.scene_obstacles.now
+        dt *= scale  # from here on the robot's own time
         if self.steps is not None:
             asked = self.steps.aim(targets, self._q, hierarchy.solver.velocity, dt, asked=asked, at=self._reached)
         elif self._balance is not None:
@@ -311,12 +311,12 @@ class Follower:
             self._strength.aim(hierarchy, targets, self._q, self._mass(), dt, keeps=keeps)
         self._governor.aim(targets, asked, self._reached, dt, speed_override=speed_override)
         hierarchy.set_previous(targets, self._q, dt, settle=LED_SETTLE if to_stance else inf)
-        first = self._second.first(targets, self._q, dt) if self._second else hierarchy.solver.frame(targets, dt)
+        first = self._fallback.first(targets, self._q, dt) if self._fallback else hierarchy.solver.frame(targets, dt)
         self._q = self._safe(first, dt)
         self._reached = self._reader.read(self._q)
 
     def return_to_stance(self, dt: float) -> FloatArray | None:
-        """The next posture (nq,) on a way to a stand (see `to_stance`); None: the robot stands, or needs none."""
+        """The next posture (nq,) of the return to stance; None: the robot stands, or needs no return."""
         stands = self.steps is None or self.steps.wait()
         to_stance, hierarchy = self._return_to_stance, self.hierarchy
         if to_stance is None or not to_stance.goes_on(hierarchy.solver.velocity, dt, stands=stands):
@@ -326,25 +326,25 @@ class Follower:
         return self._q
 
     def begin_return_to_stance(self, q: FloatArray) -> None:
-        """Land from posture q (nq,), in which the robot stands, whether it has followed or not."""
+        """Begin the return to stance in posture q (nq,), whether the robot has followed or not."""
         self.reseed(q, np.zeros(self._robot.body.nv))
         if self._return_to_stance is not None:
             self._return_to_stance.begin(q)
 
-    def set_speed_override(self, pace: float) -> None:
+    def set_speed_override(self, share: float) -> None:
         """Follow at a share (0, 1] of all speeds, from the next tick on."""
-        if pace == self._time.pace:
+        if share == self._time.scale:
             return
         solver = self.hierarchy.solver
-        change = self._time.turn(pace, self._q, solver.velocity)
+        change = self._time.change(share, self._q, solver.velocity)
         solver.reset(self._q, solver.velocity / change)
         if self._stopping is not None:
             self._stopping.set_speed_override(change)
 
     def halt(self, dt: float) -> FloatArray | None:
-        """The next posture (nq,) on the way to a stop on the soles; None: none is known, or no soles carry it."""
+        """The next posture (nq,) of the stop on the soles; None: no stop trajectory is known, or no soles carry it."""
         self.scene_obstacles.tick(None, dt)
-        step = None if self._stopping is None else self._stopping.follow(dt * self._time.pace)
+        step = None if self._stopping is None else self._stopping.follow(dt * self._time.scale)
         if step is None:
             return None
         self.separate_limbs()
@@ -354,38 +354,36 @@ class Follower:
         return self._q
 
     def separate_limbs(self) -> None:
-        """If the robot stands, since a goal was refused, let its next thought be of parting limbs."""
-        if self._second is not None and self._stopping is not None:
-            self._second.parts = self._stopping.stands
+        """If the robot stands still because a goal was refused, separate limbs before all else in the next tick."""
+        if self._fallback is not None and self._stopping is not None:
+            self._fallback.separate = self._stopping.stands
 
     def pass_time(self, dt: float) -> None:
-        """Let obstacles move on in a tick in which somebody else leads the robot."""
+        """Let obstacles move on in a tick in which the follower does not lead the robot."""
         self.scene_obstacles.tick(None, dt)
 
     def set_contact_state(self, soles: BoolArray | None) -> None:
-        """Which soles (k,) press on the floor from now on; None: nobody knows. Who steps waits for it."""
+        """Set which soles (k,) press on the floor; None: not measured. A robot that steps waits for contact."""
         if self.steps is not None:
-            self.steps.felt = soles
+            self.steps.contact = soles
 
     def reseed(self, q: FloatArray, velocity: FloatArray) -> None:
-        """Go on from posture q (nq,), moving at velocity (nv,) per s: something else was sent than was asked."""
+        """Go on from posture q (nq,), moving at velocity (nv,) per s: the goal that was sent is another one."""
         self._q = q
-        velocity = velocity / self._time.pace
+        velocity = velocity / self._time.scale
         self.hierarchy.solver.reset(q, velocity)
         if self._stopping is not None:
             self._stopping.begin(q, velocity)
         self._reached = self._reader.read(q)
 
     def _safe(self, q: FloatArray, dt: float) -> FloatArray:
-        """The posture q (nq,) if the robot can stop from it on its soles, else the next one on its way to a stop.
-
-        Where it knows none, each joint brakes by itself, as the gate would have it do.
-        """
+        """The posture q (nq,) if the robot can stop from it on its soles, else that of a fallback hierarchy, else the
+        next one of its stop. Where no stop trajectory is known, each joint brakes by itself, as the gate would do."""
         if self._stopping is None or self._stopping.admits(q, self.hierarchy.solver.velocity, dt):
             return q
-        second = self._think_again(dt)
-        if second is not None:
-            return second
+        fallback = self._fall_back(dt)
+        if fallback is not None:
+            return fallback
         step = self._stopping.follow(dt)
         if step is None:
             q = self._stopping.brake(dt)
@@ -397,19 +395,19 @@ class Follower:
         self.hierarchy.solver.reset(q, velocity)
         return q
 
-    def _think_again(self, dt: float) -> FloatArray | None:
-        """The next posture (nq,) where the first that was thought of is not safe; None: no other is."""
+    def _fall_back(self, dt: float) -> FloatArray | None:
+        """The next posture (nq,) from a fallback hierarchy, where that of the first is not safe; None: no other is."""
         stopping = self._stopping
-        assert stopping is not None and self._second is not None
-        thoughts = self._second.after(self._targets, self._q, stopping.velocity, dt, stands=stopping.stands)
-        for q, velocity in thoughts:
+        assert stopping is not None and self._fallback is not None
+        candidates = self._fallback.after(self._targets, self._q, stopping.velocity, dt, stands=stopping.stands)
+        for q, velocity in candidates:
             if stopping.admits(q, velocity, dt):
                 self.hierarchy.solver.reset(q, velocity)
                 return q
         return None
 
     def _mass(self) -> tuple[FloatArray, FloatArray]:
-        """The centre of mass (3,) m and its velocity (3,) m/s, where that counts."""
+        """The centre of mass (3,) m and its velocity (3,) m/s; zero where priorities do not look at motion."""
         com = self._reached.centre_of_mass
         if self._balance is None or not self._balance.looks_at_motion:
             return com, np.zeros(3)

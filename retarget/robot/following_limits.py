@@ -1,4 +1,4 @@
-"""The limits within which a robot follows: those of its servos, and limbs that never get quite straight."""
+"""The limits within which a robot follows: those of its servos under load and lag, soft limits, and bent limbs."""
 
 from dataclasses import replace
 
@@ -16,15 +16,14 @@ from retarget.types import FloatArray
 __all__ = ["followed_speed", "following_limits", "loaded_speed", "soft_limits"]
 
 
-# How fast joints may be planned that their servos are not taken for stuck: a servo lags behind a goal that moves.
+# Speeds at which the guard does not take a lagging servo for a stuck one.
 #
 # A position loop with a P gain is behind a goal of steady speed by its time constant, and by the time that goal and
-# reading take on the bus. The guard stops a robot one of whose servos is far from its goal for long; a plan that turns
-# a
-# joint so fast for so long would stop itself.
+# reading take on the bus. The guard stops a robot one of whose servos is far from its goal for long. A plan that turns
+# a joint so fast for so long would stop the robot.
 
 SHARE = 0.95
-"""Of the error that the guard lets last, what a plan uses."""
+"""Share of the sustained following error that a plan uses."""
 
 
 def followed_speed(robot: RobotBody, limits: JointLimits, *, tracking_delay: float) -> JointLimits:
@@ -53,8 +52,8 @@ SLOWEST = 0.25
 def loaded_speed(robot: RobotBody, limits: JointLimits, *, speed_margin: float) -> JointLimits:
     """Limits (nv,) with the speeds at which servos hold the robot up in its lowest posture, on both soles.
 
-    A DC motor's speed falls in proportion to its torque, from the no-load speed to none at stall. reserve: share by
-    which the load in motion exceeds the one at rest. A robot that does not stand keeps its limits.
+    A DC motor's speed falls in proportion to its torque, from the no-load speed to none at stall. speed_margin: share
+    by which the load in motion exceeds the one at rest. A robot that does not stand keeps its limits.
     """
     if not robot.stands:
         return limits
@@ -74,8 +73,8 @@ def loaded_speed(robot: RobotBody, limits: JointLimits, *, speed_margin: float) 
     return replace(limits, max_velocity=speed)
 
 
-# Joints that carry a robot keep off the ends of their range: a servo overshoots, and a stop that it hits throws the
-# robot off its soles.
+# Soft limits: joints that carry a robot keep off the ends of their range. A servo overshoots, and a stop that it hits
+# throws the robot off its soles.
 
 MOST_SHARE = 0.25
 """Of a joint's range that it may lose at an end."""
@@ -114,8 +113,8 @@ SAMPLES = 181
 def following_limits(
     robot: RobotBody, stance: Stance, deflection_compensation: DeflectionCompensationSettings | None = None
 ) -> JointLimits:
-    """Limits of every DoF (nv,). A free root has none; speeds are capped by the profile's share for following. uphold:
-    of a robot with mass, which keeps off its stops, and to speeds of loaded servos."""
+    """Limits of every DoF (nv,). A free root has none; speeds are capped by the profile's share for following.
+    deflection_compensation: of a robot with mass; adds soft limits, and speeds of loaded and lagging servos."""
     servos, body = robot.limits, robot.body
     dofs = [body.dof_index(joint) for joint in robot.joint_map.joints]
     columns = []

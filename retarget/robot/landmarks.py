@@ -1,8 +1,8 @@
 """Human posture -> landmarks asked of the robot, scaled limb by limb, in the robot's world frame.
 
 The robot's world has its origin on the ground between the planted soles, x forward. Landmarks follow from the performer
-and from constants of the robot (profile, stance, envelope), never from what the robot does: a robot that lags behind or
-stands still does not look better than it is.
+and from constants of the robot (profile, stance, envelope), never from what the robot does: so a lag of the robot shows
+in its errors.
 
 Feet are asked where they are planted; those of a robot that hangs, by the length of the legs, and no closer to each
 other sideways than it stands (`feet_apart`). The pelvis is asked over the ankles by the length of the legs, its
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 __all__ = ["AskedLandmarks", "Facing", "FeetApart", "LandmarkMap", "PelvisOverFoot", "feet_apart"]
 
 
-# Where a performer faces: the slow heading in which a planted robot mirrors the performer.
+# Facing: the slow heading in which a planted robot mirrors the performer.
 #
 # A robot whose feet stay planted cannot turn with the performer. It keeps its stance and takes what the performer does
 # relative to this heading, so a performer who turns round slowly is followed as one who faces forward, while a quick
@@ -44,7 +44,7 @@ __all__ = ["AskedLandmarks", "Facing", "FeetApart", "LandmarkMap", "PelvisOverFo
 SETTLE_S = 1.0
 """Time constant (s of the robot's clock) with which the heading follows: slower than a twist, faster than a stroll."""
 CLEAR = 0.2
-"""Length of the mean of the unit directions below which feet and pelvis tell no direction, and the heading is held."""
+"""Length of the mean of the unit directions below which feet and pelvis give no direction, and the heading is held."""
 
 
 class Facing:
@@ -99,9 +99,8 @@ def _seen(pelvis: Quat, left_foot: Sequence[float], right_foot: Sequence[float])
 # The feet of a robot that hangs, no closer to each other sideways than it stands.
 #
 # Feet of performers pass each other within a hand's breadth, and cross; those of most robots are half as wide as their
-# hips are apart, and would meet. So what is asked of the left foot stays to the left of the right one's, at least by
-# the
-# way between both in the stance. What is asked farther apart stays as it is, and the middle of both feet always does.
+# hips are apart, and would meet. So the goal of the left foot stays to the left of that of the right one, at least by
+# their distance in the stance. Goals that are farther apart stay as they are, and the middle of both feet always does.
 
 KNEE = 0.1
 """Share of the least distance above which nothing changes; in between it is approached smoothly."""
@@ -116,38 +115,36 @@ class FeetApart:
     least: float
 
     def ask(self, landmarks: list[Vector]) -> None:
-        """Move both feet of `landmarks`, m, x forward and y left, aside in place, as far as they lack, each by half."""
+        """Move both feet of `landmarks`, m, x forward and y left, aside in place, each by half of what is missing."""
         (lx, ly, lz), (rx, ry, rz) = landmarks[self.left], landmarks[self.right]
         half = 0.5 * (_at_least(ly - ry, self.least) - (ly - ry))
         landmarks[self.left], landmarks[self.right] = (lx, ly + half, lz), (rx, ry - half, rz)
 
 
 def feet_apart(profile: RobotProfile, stance: Stance, rows: Sequence[str]) -> FeetApart | None:
-    """Of a robot whose landmarks are `rows`; None where it does not have two feet among them, beside each other."""
+    """Of a robot whose landmarks are `rows`; None where it does not have two feet among them, side by side."""
     soles = {foot.frame for foot in profile.feet.values()}
     feet = [row for row, name in enumerate(rows) if profile.landmarks[name].frame in soles]
     if len(feet) != 2:
         return None
-    beside = {row: float(stance.points[profile.landmarks[rows[row]].frame][1]) for row in feet}
-    left, right = sorted(feet, key=lambda row: -beside[row])
-    least = beside[left] - beside[right]
+    sideways = {row: float(stance.points[profile.landmarks[rows[row]].frame][1]) for row in feet}
+    left, right = sorted(feet, key=lambda row: -sideways[row])
+    least = sideways[left] - sideways[right]
     return FeetApart(left, right, least) if least > 0.0 else None
 
 
 def _at_least(value: float, least: float) -> float:
     """The value itself from a knee above `least` on; below, it approaches that smoothly."""
     room = KNEE * least
-    lack = least + room - value
-    return value if lack <= 0.0 else least + room * exp(-lack / room)
+    missing = least + room - value
+    return value if missing <= 0.0 else least + room * exp(-missing / room)
 
 
 # The pelvis of a performer on one foot: over that foot, and as high above it as the leg holds it.
 #
-# Measured from the middle of both ankles, who lifts a foot would seem to crouch by half of that. Fore and aft a
-# walker's
-# feet are at both ends of a stride, and a robot that steps in place has none: there the pelvis is over what it is
-# nearer
-# to, the foot or the middle.
+# Measured from the middle of both ankles, a performer who lifts a foot would seem to crouch by half of that. Fore and
+# aft a walker's feet are at both ends of a stride, and a robot that steps in place has none: there the pelvis is over
+# what it is nearer to, the foot or the middle.
 
 PELVIS_SETTLE_S = 0.2
 """Time constant (s) with which the pelvis goes from both feet to one, and back."""
@@ -189,7 +186,7 @@ PELVIS_JOINTS = {"pelvis", "l_hip", "r_hip"}
 HEAD = ("head",)
 """What a landmark follows that no joint of a limb moves."""
 APART = ("l_ankle", "r_ankle")
-"""What a robot that steps is told the distance of."""
+"""The points whose distance a robot that steps uses."""
 UP, FORWARD = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
 
@@ -209,7 +206,7 @@ class AskedLandmarks:
 
     landmarks: k points, m, in the order of the profile's landmarks. trunk: orientation wxyz of the trunk, the identity
     when the performer stands upright and faces the heading. gaze: unit direction of the performer's eyes. apart: their
-    left ankle from the right one, scaled as a leg, m, told to a robot that steps; carrying: which feet of theirs do.
+    left ankle from the right one, scaled as a leg, m, for a robot that steps; carrying: which of their feet carry.
     open: numbers of the landmarks that may be anywhere.
     """
 

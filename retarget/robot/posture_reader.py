@@ -1,4 +1,4 @@
-"""Where a robot's landmarks, trunk and eyes are in a posture, and the names under which priorities know its parts."""
+"""Posture reader: where a robot's landmarks, trunk and eyes are in a posture; and names of its parts in priorities."""
 
 import numpy as np
 

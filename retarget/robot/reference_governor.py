@@ -1,7 +1,7 @@
-"""The reference governor: what is asked, turned into goals that the robot can reach and brake before.
+"""Reference governor: turns what is asked into goals that the robot can reach, and stop at without overshoot.
 
-See `trajectory`. The pace of a limb follows from the acceleration of its own servos, the weakest of them, and from its
-length, so a new robot needs no tuning.
+See `OnlineTrajectory`. The limits of a limb follow from the acceleration of its own servos, the weakest of them, and
+from its length, so a new robot needs no tuning.
 """
 
 from collections.abc import Sequence
@@ -18,28 +18,28 @@ from retarget.rotations import Quat, Vector, arc, inverse, minus, product, rotat
 from retarget.schema.profile_parts import Landmark
 from retarget.types import FloatArray
 
-__all__ = ["Glide", "OnlineTrajectory", "Pace", "Reached", "ReferenceGovernor", "braking_displacement"]
+__all__ = ["ChannelLimits", "Glide", "OnlineTrajectory", "Reached", "ReferenceGovernor", "braking_displacement"]
 
 
-# How fast to go after what is asked, so that whatever happens the robot arrives without overshoot.
+# Online trajectory generation: how fast to approach what is asked, without overshoot.
 #
-# A solver that corrects all of an error at once, within the acceleration of its joints, arrives too fast to stop there
-# and swings about the goal. Here the step of a tick is the asked motion's own, as far as it is smooth, and beside it no
-# more than can be braked: v = sqrt(2 a gap). A motion within the limits is followed without any lag. A jump is neither
-# taken for motion nor followed at once: it is caught up with.
+# A solver that corrects all of an error at once, within the acceleration of its joints, gets there too fast to stop,
+# and oscillates about the goal. Here the step of a tick is the asked motion's own, as far as it is smooth, plus no more
+# than can be braked: v = sqrt(2 a gap). A motion within the limits is followed without any lag. A jump is neither taken
+# for motion nor followed at once: it is caught up with.
 
 SMOOTH_S = 0.04
-"""Time constant (s) of the asked motion's own velocity: shorter is noise. What this lags behind is caught up with."""
+"""Time constant (s) of the asked motion's own velocity: shorter is noise. The lag of this filter is caught up with."""
 RATE = 30.0
-"""Share of what is left that is caught up with, per s, where braking does not matter: the gain that noise meets."""
+"""Share of the gap that is caught up with, per s, where braking does not matter: the gain for noise."""
 STILL = 1e-12
 
 
 @dataclass(frozen=True)
-class Pace:
-    """Limits of a channel, in m or rad. own: greatest acceleration of the asked motion that is believed, per s^2.
+class ChannelLimits:
+    """Limits of a channel, in m or rad. own: greatest acceleration of the asked motion that counts as motion, per s^2.
 
-    catch_up: acceleration and braking of the way to what is asked, per s^2; speed: greatest speed of it, per s.
+    catch_up: acceleration and braking towards what is asked, per s^2; speed: greatest speed of that, per s.
     """
 
     own: float
@@ -50,9 +50,9 @@ class Pace:
 class OnlineTrajectory:
     """Steps of one channel, a vector of three: a point, or a rotation as rotation vectors."""
 
-    def __init__(self, pace: Pace, *, lead_time: float = 0.0) -> None:
-        """lead_time: s; it aims at where the motion will be then, if it keeps its own velocity."""
-        self._pace, self._lead_time = pace, lead_time
+    def __init__(self, limits: ChannelLimits, *, lead_time: float = 0.0) -> None:
+        """lead_time: s; the channel aims at where the motion will be then, at its own velocity."""
+        self._limits, self._lead_time = limits, lead_time
         self._own: Vector = (0.0, 0.0, 0.0)
         self._before = 0.0
 
@@ -65,13 +65,13 @@ class OnlineTrajectory:
         """Displacement to ask for in this tick of `dt` s.
 
         moved: how far what is asked moved since the last tick. error: from where the robot is to what is asked now.
-        haste: share of the catching-up speed and acceleration.
+        speed_override: share of the catching-up speed and acceleration.
         """
-        pace = self._pace
+        limits = self._limits
         ox, oy, oz = self._own
         share = 1.0 - exp(-dt / SMOOTH_S)
         cx, cy, cz = share * (moved[0] / dt - ox), share * (moved[1] / dt - oy), share * (moved[2] / dt - oz)
-        scale = min(1.0, pace.own * dt / max(sqrt(cx * cx + cy * cy + cz * cz), STILL))
+        scale = min(1.0, limits.own * dt / max(sqrt(cx * cx + cy * cy + cz * cz), STILL))
         ox, oy, oz = self._own = (ox + scale * cx, oy + scale * cy, oz + scale * cz)
 
         a = self._lead_time
@@ -79,9 +79,9 @@ class OnlineTrajectory:
         ox, oy, oz = ox * dt, oy * dt, oz * dt
         rx, ry, rz = ex - ox, ey - oy, ez - oz
         gap = sqrt(rx * rx + ry * ry + rz * rz)
-        change = pace.catch_up * speed_override * dt * dt
+        change = limits.catch_up * speed_override * dt * dt
         ahead = min(braking_displacement(gap, change), self._before + change)
-        self._before = ahead = min(ahead, pace.speed * speed_override * dt, gap * min(1.0, RATE * dt))
+        self._before = ahead = min(ahead, limits.speed * speed_override * dt, gap * min(1.0, RATE * dt))
         share = ahead / max(gap, STILL)
         return ox + share * rx, oy + share * ry, oz + share * rz
 
@@ -94,11 +94,11 @@ def braking_displacement(gap: float, change: float) -> float:
 
 STANDING, HELD = (0.5, 0.2, 0.5), (2.0, 0.4, 1.0)
 """Shares of a servo's acceleration, at the length of the limb, for the asked motion's own and for catching up; and of
-its speed for catching up. Of a robot on its soles, and of one that something else holds.
+its speed for catching up. STANDING: a robot on its soles. HELD: one on a stand or a gantry.
 
-What a joint makes of a limb's acceleration depends on the posture; a fifth leaves room for unfavourable ones, and what
-swings then tips nobody who is held. The own motion of a limb is that of several joints, of which one alone is looked at
-here; a foot that kicks may have what two can."""
+How a limb's acceleration maps to a joint's depends on the posture. A fifth leaves room for unfavourable ones, and a
+robot that is held cannot tip. The own motion of a limb is that of several joints, of which one alone is looked at here:
+a foot that kicks may have what two can."""
 FAR = 1e3
 """How far (m) away the point is that the eyes are turned to: a direction."""
 
@@ -137,11 +137,11 @@ class ReferenceGovernor:
         soles = [foot.frame for foot in robot.profile.feet.values()]
         self._rows = [names.index(name) for name in moving]
         self._points = [
-            OnlineTrajectory(_landmark_pace(robot, robot.profile.landmarks[name]), lead_time=lead_time)
+            OnlineTrajectory(_landmark_limits(robot, robot.profile.landmarks[name]), lead_time=lead_time)
             for name in moving
         ]
-        self._trunk = OnlineTrajectory(_pace(robot, TRUNK, soles), lead_time=lead_time)
-        self._gaze = OnlineTrajectory(_pace(robot, HEAD, [TRUNK]), lead_time=lead_time)
+        self._trunk = OnlineTrajectory(_limits(robot, TRUNK, soles), lead_time=lead_time)
+        self._gaze = OnlineTrajectory(_limits(robot, HEAD, [TRUNK]), lead_time=lead_time)
         self._source, self._slots = hierarchy.position_slots(moving)
         self._hierarchy = hierarchy
         self._trunk_at_stance = trunk_at_stance
@@ -156,7 +156,7 @@ class ReferenceGovernor:
     def aim(
         self, targets: FloatArray, asked: AskedLandmarks, reached: Reached, dt: float, *, speed_override: float
     ) -> None:
-        """Write the goals of a tick of `dt` s into the target vector. haste: see `OnlineTrajectory`."""
+        """Write the goals of a tick of `dt` s into the target vector. speed_override: see `OnlineTrajectory`."""
         before = asked if self._before is None else self._before
         self._before = asked
         goals = []
@@ -177,20 +177,20 @@ class ReferenceGovernor:
         self._hierarchy.set_look_at(targets, HEAD, np.array((FAR * x, FAR * y, FAR * z)))
 
 
-def _landmark_pace(robot: RobotBody, landmark: Landmark) -> Pace:
-    return _pace(robot, landmark.frame, landmark.anchor, landmark.robot_length)
+def _landmark_limits(robot: RobotBody, landmark: Landmark) -> ChannelLimits:
+    return _limits(robot, landmark.frame, landmark.anchor, landmark.robot_length)
 
 
-def _pace(robot: RobotBody, frame: str, others: Sequence[str], lever: float = 1.0) -> Pace:
-    """Pace of a frame that the joints between it and `others` move, `lever` m away from them (of a rotation: 1)."""
+def _limits(robot: RobotBody, frame: str, others: Sequence[str], lever: float = 1.0) -> ChannelLimits:
+    """Limits of a frame that the joints between it and `others` move, `lever` m away from them (of a rotation: 1)."""
     limits, movers = robot.limits, joints_between(robot, frame, others)
     acceleration = lever * float(limits.max_acceleration[movers].min())
     speed = lever * float(limits.max_velocity[movers].min())
     own, catch_up, fast = STANDING if robot.stands else HELD
-    return Pace(own * acceleration, catch_up * acceleration, fast * speed)
+    return ChannelLimits(own * acceleration, catch_up * acceleration, fast * speed)
 
 
-# A point that goes to a goal which may leap, with bounded speed and acceleration along each axis, and stops there.
+# A point that goes to a goal which may jump, with bounded speed and acceleration along each axis, and stops there.
 
 
 class Glide:
@@ -207,7 +207,7 @@ class Glide:
         self.moved = [0.0] * len(self.at) if moved is None else [float(value) for value in moved]
 
     def step(self, goal: Sequence[float], dt: float, *, speed_override: float = 1.0) -> list[float]:
-        """Where it is `dt` s later, on its way to a goal. haste: share of its speed."""
+        """Where it is `dt` s later, on its way to a goal. speed_override: share of its speed."""
         change, most = self._acceleration * dt * dt, speed_override * self._speed * dt
         for axis, (at, moved) in enumerate(zip(self.at, self.moved, strict=True)):
             gap = goal[axis] - at

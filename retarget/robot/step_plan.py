@@ -1,10 +1,10 @@
-"""Steps planned: when a foot lifts, which levels a stepping robot has, and where its mass goes.
+"""Step plan: when a foot lifts, which levels a stepping robot has, and where its mass goes.
 
     BOTH -- the performer lifts a foot --> SHIFT -- the mass is over the other, held --> SWING
     SHIFT -- the performer's foot is down again: too fast, declined --> BACK
     SWING -- the performer's foot is down --> the robot's is put down --> BACK -- the mass is between them --> BOTH
 
-In flight nobody's mass is over a foot: a robot on the floor stays planted.
+While the performer is in flight, the robot stays planted.
 """
 
 from collections.abc import Mapping, Sequence
@@ -50,8 +50,8 @@ OVER_M = 0.003
 """How far (m) inside the region over one sole the balance is before the other may lift."""
 HELD_S = 0.15
 """So long it has been there by then: servos are behind their goals."""
-UNFELT_S = 1.0
-"""So long (s) a sole that is in its place, and does not feel the floor, is waited for."""
+CONTACT_WAIT_S = 1.0
+"""Longest wait (s) for the contact of a sole that is in its place."""
 
 _STANDS_ON = {Carrying.LEFT: 0, Carrying.RIGHT: 1}
 
@@ -81,16 +81,16 @@ class StepTally:
 
 @dataclass(frozen=True)
 class Sight:
-    """What is seen in a tick. performer: which feet of theirs carry. over: how far (m) the robot's balance is inside
-    the region over its left sole, and over its right one; settled: whether its mass is where standing on both asks for
-    it. down: whether the foot that swings is in its place on the floor. felt: whether the left sole presses on it, and
-    the right one, as far as anybody feels that."""
+    """The input of a tick. performer: which feet of theirs carry. over: how far (m) the robot's balance is inside the
+    region over its left sole, and over its right one; settled: whether its mass is where standing on both asks for it.
+    down: whether the foot that swings is in its place on the floor. contact: whether the left sole presses on the
+    floor, and the right one; True where it is not measured."""
 
     performer: Carrying
     over: tuple[float, float]
     settled: bool
     down: bool
-    felt: tuple[bool, bool] = (True, True)
+    contact: tuple[bool, bool] = (True, True)
 
 
 class StepPlan:
@@ -102,9 +102,9 @@ class StepPlan:
         self.restart()
 
     def restart(self) -> None:
-        """Planted; what was counted stays."""
+        """Plant both soles; the tally stays."""
         self.state, self.onto, self.lowers = StepState.BOTH, None, False
-        self._performer, self._pending, self._held, self._unfelt = Carrying.BOTH, False, 0.0, 0.0
+        self._performer, self._pending, self._held, self._waited = Carrying.BOTH, False, 0.0, 0.0
 
     state: StepState
     onto: int | None
@@ -115,7 +115,7 @@ class StepPlan:
         return (True, True) if self.state is not StepState.SWING else (self.onto == 0, self.onto == 1)
 
     def return_weight(self) -> None:
-        """Bring the mass back between both feet, of a robot that was stopped where standing does not have it."""
+        """Bring the mass back between both feet, where a stop left it outside the region of standing."""
         if self.state is StepState.BOTH:
             self.state, self.onto = StepState.BACK, None
 
@@ -132,7 +132,7 @@ class StepPlan:
             self.state = StepState.BOTH if sight.settled else StepState.BACK
 
     def _count(self, performer: Carrying) -> None:
-        """A lift of the performer's is asked for until it is made or over."""
+        """Count the performer's lifts; each is pending until the robot makes it or the performer's foot is down."""
         if performer is self._performer:
             return
         self._pending = performer in _STANDS_ON
@@ -142,7 +142,7 @@ class StepPlan:
     def _shift(self, sight: Sight, wanted: int, dt: float) -> None:
         if self.state is not StepState.SHIFT or self.onto != wanted:
             self.state, self.onto, self._held = StepState.SHIFT, wanted, 0.0
-        self._held = self._held + dt if sight.over[wanted] > OVER_M and sight.felt[wanted] else 0.0
+        self._held = self._held + dt if sight.over[wanted] > OVER_M and sight.contact[wanted] else 0.0
         if self._held > HELD_S and self._pending:
             self.state, self.lowers = StepState.SWING, False
             self._pending = False
@@ -151,27 +151,27 @@ class StepPlan:
     def _swing(self, sight: Sight, wanted: int | None, dt: float) -> None:
         """A foot that is on its way down goes on to the floor, whatever is asked meanwhile."""
         self.lowers = self.lowers or wanted != self.onto
-        self._unfelt = self._unfelt + dt if self.lowers and sight.down else 0.0
-        if self._unfelt > 0.0 and (all(sight.felt) or self._unfelt > UNFELT_S):
+        self._waited = self._waited + dt if self.lowers and sight.down else 0.0
+        if self._waited > 0.0 and (all(sight.contact) or self._waited > CONTACT_WAIT_S):
             self.state, self.lowers, self._held = StepState.BACK, False, 0.0
             self.onto = None
 
 
-# Where capture point and zero-moment point of a stepping robot are to be: over both feet, over one, or on the way.
+# Step balance: where capture point and zero-moment point of a stepping robot are to be: over both feet, over one, or on
+# the way.
 #
-# As in `standing_balance`, each region is a share of what carries, about its middle. From one region to another its
-# mass goes through their hull, while both soles carry. A region only ever grows, or shrinks to one that holds both
-# points
-# already: so no change of it asks for a leap.
+# As in `StandingBalance`, each region is a share of the polygon that carries, about its middle. From one region to
+# another the mass goes through their hull, while both soles carry. A region only ever grows, or shrinks to one that
+# holds both points already: so no change of it asks for a jump.
 
 WELL_INSIDE = 0.8
-"""Share of the region of standing to which a mass comes back. What is to push it farther in has to be behind it, and
-would leave the region where it stood at its edge."""
+"""Share of the region of standing to which a mass comes back. The zero-moment point has to be behind the mass to push
+it farther in, and would leave the region if the mass stood at its edge."""
 WIDER = 1.4
-"""Share of the regions that a shift of weight goes through: who stood at the edge of one gets away from there."""
+"""Share of the regions that a shift of weight goes through, so that a mass at the edge of one gets away from there."""
 PRESSED = 0.5
-"""Share of what carries in which the zero-moment point is on such a way, more than its capture point: who has come to
-its edge could be pushed away from there no more."""
+"""Share of the support polygon for the zero-moment point on such a way. It is more than that of the capture point, else
+a mass at the edge could not be pushed away from there."""
 MOST_CORNERS = SUPPORT_EDGES // 2
 """Each edge makes two half-spaces."""
 
@@ -217,7 +217,7 @@ class StepBalance:
         spaces = moving_spaces(region, com, velocity, dt, pressed=self._pressed if region is self.on_the_way else None)
         if region is self.both:
             return spaces
-        # Where its height changes evenly. Else who may not go aside fast enough would throw up its arms for it.
+        # At the height of an even motion. Else a robot that may not go aside fast enough would throw up its arms.
         spaces[:, 3] -= spaces[:, 2] * float(com[2] + velocity[2] * dt)
         spaces[:, 2] = 0.0
         return spaces
@@ -359,20 +359,21 @@ SOLES = 2
 def with_steps(
     priorities: Priorities, robot: RobotBody, asked: Steps | None, *, parts: str
 ) -> tuple[Priorities, tuple[str, ...]]:
-    """The priorities with what was asked instead of their own `steps`, None for neither; and what is to be told: who is
-    too weak to stand on one leg stays planted.
+    """The priorities with `asked` instead of their own `steps`, and notes for the operator: a robot that is too weak to
+    stand on one leg stays planted.
 
-    parts: of the robot that follow. Raises UsageError or ConfigError where this robot cannot step so, as it is mounted.
+    asked: None keeps those of the file. parts: of the robot that follow. Raises UsageError or ConfigError where this
+    robot cannot step so, as it is mounted.
     """
     steps = priorities.steps if asked is None else asked
     notes: tuple[str, ...] = ()
     if steps is not None:
         fault = _fault(steps, robot, parts)
         if fault is not None:
-            found, then = fault
+            found, next_step = fault
             kind = ConfigError if asked is None else UsageError
             where = f"priorities {priorities.name}, steps" if asked is None else "--steps"
-            raise kind(f"steps {steps} are not possible here", where=where, found=found, next_step=then)
+            raise kind(f"steps {steps} are not possible here", where=where, found=found, next_step=next_step)
     if steps == "shift" and (load := one_leg_load(robot)).share > ENOUGH:
         steps = "planted"
         notes = (f"both soles stay planted: {load}, more than {100 * ENOUGH:.0f}%",)
@@ -380,7 +381,7 @@ def with_steps(
 
 
 def _fault(steps: Steps, robot: RobotBody, parts: str) -> tuple[str, str] | None:
-    """What hinders, and what to do."""
+    """What makes these steps impossible, and what to do."""
     name = robot.profile.name
     if steps == "follow" and robot.stands:
         return f"{name} stands on its own soles", "Choose --steps shift, or hang it (--bus physics --mount gantry)"

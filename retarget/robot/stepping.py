@@ -1,4 +1,4 @@
-"""Steps in place: what a follower's soles, weight and support are asked to do, tick by tick (see `step_plan`)."""
+"""Steps in place: goals for a follower's swinging sole, weight and support, tick by tick, as `StepPlan` decides."""
 
 from collections.abc import Callable
 from math import exp, sqrt
@@ -21,24 +21,24 @@ from retarget.types import BoolArray, Carrying, FloatArray
 __all__ = ["Stepping", "SwingFoot", "WeightShift", "reaching_aside"]
 
 
-# Where the sole goes that carries nothing: after the performer's foot, within bounds, and back to its place.
+# The swing foot: the sole that carries nothing follows the performer's foot within bounds, and returns to its place.
 
 LOW, HIGH = 0.06, 0.18
-"""How high a lifted sole is at least and at most, as shares of the length of the leg."""
+"""Least and greatest height of a lifted sole, as shares of the length of the leg."""
 WAY = 0.14
-"""How far it goes from above its place at most, as a share of the length of the leg; never towards the other foot."""
+"""Greatest distance from above its place, as a share of the length of the leg; never towards the other foot."""
 CLEAR = 0.7
-"""Share of the least height from which on it goes anywhere but up."""
+"""Share of the least height above which it may move sideways."""
 ACCELERATION, SPEED = 0.5, 0.1
-"""m/s^2 and m/s along each axis: slow enough that its mass asks for little balance."""
+"""m/s^2 and m/s along each axis: slow enough that its mass hardly disturbs the balance."""
 DOWNWARD = 0.4
 """Share of that speed at which it is put down."""
 ABOVE_M = 0.001
-"""So near to its place it may come down."""
+"""So near to above its place it may come down."""
 
 
 class SwingFoot:
-    """The way of one sole's centre, world frame. It begins and ends where it is planted, flat."""
+    """The path of one sole's centre, world frame. It begins and ends where the sole is planted, flat."""
 
     def __init__(self, place: FloatArray, *, outward: float, leg: float) -> None:
         """place (3,) m: where it is planted. outward: 1 for a left foot, -1 for a right one. leg: its length, m."""
@@ -48,7 +48,7 @@ class SwingFoot:
         self._glide = Glide(self._place, acceleration=ACCELERATION, speed=SPEED)
 
     def restart(self, at: list[float]) -> None:
-        """Go on at rest from a point, m."""
+        """Start at rest at a point, m."""
         self._glide.restart(at)
 
     @property
@@ -74,10 +74,10 @@ class SwingFoot:
         return self._glide.step((x, y, height), dt, speed_override=DOWNWARD if off < ABOVE_M else 1.0)
 
 
-# The way of a centre of mass from over one place to over another, no faster than what carries can push it.
+# Weight shift: the centre of mass goes from over one place to over another, no faster than the soles can push it.
 #
-# It is pushed by the zero-moment point being beside it: to speed up, behind it, to brake, ahead. Where that would leave
-# the region that carries, it speeds up or brakes less across that edge.
+# The distance of the zero-moment point from the centre of mass pushes it: behind it to speed up, before it to brake.
+# Where the zero-moment point would leave the region that carries, the mass speeds up or brakes less across that edge.
 
 ROOM_SHARE = 0.7
 """Share of the room around a place that the zero-moment point uses on the way to it."""
@@ -128,17 +128,18 @@ BENT = 0.02
 DOWN_M = 3e-4
 """A sole is down whose corners are no farther from their places than this."""
 SETTLED_M, SETTLED_SPEED = 0.003, 0.01
-"""So near (m) to where standing asks for it the mass is back, when it is no faster (m/s)."""
+"""The mass is back when it is so near (m) to where standing asks for it, and no faster (m/s)."""
 ASTRAY_M = 0.01
-"""What is so far from where it was to be has been sent elsewhere, and goes on from where it is."""
+"""A mass or sole that is so far from where it was to be has been led elsewhere, and goes on from where it is."""
 
 LED_S = 0.15
-"""Time constant (s) with which the whole body is led aside, and on one foot its hands go where they are asked."""
+"""Time constant (s) with which the whole body is led aside, and with which on one foot its hands return to their
+goals."""
 LED = (StepState.SHIFT, StepState.BACK)
-"""When it is."""
+"""States in which the whole body is led aside."""
 NOWHERE = (0.0, 0.0, 0.0)
 StoppingOn = Callable[[Stance], Stopping]
-"""From a stance to the ways to a stop in it."""
+"""From a stance to the stop trajectories in it."""
 
 
 def reaching_aside(envelope: Envelope | None, robot: RobotBody, stance: Stance) -> Envelope | None:
@@ -153,9 +154,9 @@ def reaching_aside(envelope: Envelope | None, robot: RobotBody, stance: Stance) 
 
 
 class Stepping:
-    """The feet of one robot. `stopping`: ways to a stop on what carries now. `plan`: what they do, and how often.
-    `waits`: it makes no new step, and ends the one that it makes. `felt`: which soles (2,) press on the floor, left and
-    right, where somebody feels it."""
+    """The feet of one robot. `stopping`: stop trajectories on the soles that carry now. `plan`: what the feet do, and
+    how often. `waits`: the robot makes no new step, and ends the one that it makes. `contact`: which soles (2,) press
+    on the floor, left and right; None where it is not measured."""
 
     def __init__(
         self, robot: RobotBody, priorities: Priorities, stance: Stance, hierarchy: Hierarchy, *, stopping: StoppingOn
@@ -181,7 +182,7 @@ class Stepping:
         self.plan = StepPlan()
         self._pelvis = list(robot.profile.landmarks).index("pelvis")
         self.waits = False
-        self.felt: BoolArray | None = None
+        self.contact: BoolArray | None = None
         self.restart()
 
     def restart(self) -> None:
@@ -216,8 +217,8 @@ class Stepping:
     def aim(
         self, targets: FloatArray, q: FloatArray, velocity: FloatArray, dt: float, *, asked: AskedLandmarks, at: Reached
     ) -> AskedLandmarks:
-        """Write what is asked in the next tick of `dt` s. q (nq,), velocity (nv,): of the robot now, which is `at`.
-        Returns what its other parts are to go for, so that its weight gets where it is to be."""
+        """Write the goals of the next tick of `dt` s. q (nq,), velocity (nv,): of the robot now, which has reached
+        `at`. Returns the goals of its other parts, which bring its weight where it is to be."""
         performer = Carrying.BOTH if self.waits else asked.carrying
         x, y, _ = minus(asked.landmarks[self._pelvis], at.landmarks[self._pelvis])
         com = self._body.centre_of_mass(q[None])[0]
@@ -245,7 +246,7 @@ class Stepping:
         *,
         performer: Carrying,
     ) -> None:
-        """Let the plan go on."""
+        """Let the plan go on by `dt` s."""
         balance = self._balance
         left, right = (balance.depth(region, com, moving, acceleration) for region in balance.over)
         near = float(np.abs(com[:2] - self._place).max()) < SETTLED_M
@@ -254,11 +255,11 @@ class Stepping:
         if self.waits and balance.depth(balance.both, com, np.zeros(3), np.zeros(3)) < 0.0:
             self.plan.return_weight()
         down = self.plan.state is not StepState.SWING or self._off(q, 1 - int(self.plan.onto or 0)) < DOWN_M
-        felt = (True, True) if self.felt is None else (bool(self.felt[0]), bool(self.felt[1]))
-        self.plan.look(Sight(performer, (left, right), settled, down, felt), dt)
+        contact = (True, True) if self.contact is None else (bool(self.contact[0]), bool(self.contact[1]))
+        self.plan.look(Sight(performer, (left, right), settled, down, contact), dt)
 
     def _change_feet(self, q: FloatArray, velocity: FloatArray) -> None:
-        """Stop on what carries from now on; what swings begins in its place."""
+        """Stop on the soles that carry from now on; a sole that swings begins in its place."""
         self.stopping = self._stoppings[self.plan.feet]
         self.stopping.begin(q, velocity)
         for foot, carries in enumerate(self.plan.feet):

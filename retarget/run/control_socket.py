@@ -20,24 +20,26 @@ WHERE = "--control-socket"
 MAX_PATH = 107
 """Bytes of a path that a socket can have (unix(7))."""
 MAX_LINE = 64
-"""Bytes; whoever sends a longer line is cut off."""
+"""Bytes; a client that sends a longer line is disconnected."""
 MOST_CLIENTS = 4
-"""At once; a newcomer takes the place of whoever has been there longest."""
+"""At once; a new client takes the place of the oldest one."""
 MOST_LINES = 8
-"""Of one client in one look."""
+"""That are read from one client in one poll."""
 CONNECT_S = 1.0
 
 
 def socket_path(text: str | None) -> Path:
-    """The path that is asked for; None or "usual": in the folder of this user's session. Raises UsageError where there
-    is none, or the path is too long."""
+    """The path that is given; for None or "usual", `retarget.sock` in the folder of this user's session.
+
+    Raises UsageError where there is no such folder, or the path is too long.
+    """
     if text is None or text == USUAL:
         folder = os.environ.get("XDG_RUNTIME_DIR", "")
         if not Path(folder).is_absolute():
             raise UsageError(
-                "XDG_RUNTIME_DIR is not set, so there is no usual place",
+                "XDG_RUNTIME_DIR is not set, so the socket has no usual path",
                 where=WHERE,
-                next_step="Give it a path, here and to `retarget stop --socket`",
+                next_step="Give a path, here and to `retarget stop --socket`",
             )
         path = Path(folder) / "retarget.sock"
     else:
@@ -45,13 +47,13 @@ def socket_path(text: str | None) -> Path:
     length = len(os.fsencode(path))
     if length > MAX_PATH or "\0" in str(path):
         raise UsageError(
-            "no socket can have such a path", where=WHERE, found=f"{length} bytes", allowed=f"{MAX_PATH} bytes"
+            "a socket cannot have this path", where=WHERE, found=f"{length} bytes", allowed=f"{MAX_PATH} bytes"
         )
     return path
 
 
 def connect_to(path: Path) -> socket.socket:
-    """A connection, blocking for CONNECT_S at most. Raises OSError."""
+    """Connect to a socket; blocks for CONNECT_S at most. Raises OSError."""
     client = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
         client.settimeout(CONNECT_S)
@@ -63,11 +65,13 @@ def connect_to(path: Path) -> socket.socket:
 
 
 class ControlSocket:
-    """The listener, as a context: only its owner may connect, and its file is gone afterwards. Nothing waits, nothing
-    from outside raises, memory is bounded."""
+    """The listener, as a context. Only its owner may connect, and its file is removed at the end.
+
+    Polling never waits, raises nothing that a client causes, and uses bounded memory.
+    """
 
     def __init__(self, path: Path) -> None:
-        """Raises UsageError: in use, no socket, or no such folder."""
+        """Raises UsageError for a path that is in use, is not a socket, or has no folder."""
         self.path = path
         self._clients: dict[socket.socket, bytes] = {}  # what each has sent of its next line; oldest first
         _clear(path)
@@ -86,23 +90,23 @@ class ControlSocket:
         self._listener.close()
 
     def poll(self, obey: Callable[[str], str]) -> None:
-        """Answer what has come. obey: from a word to the line that is answered."""
+        """Answer the words that have come. obey: carries a word out and returns the line to answer."""
         self._accept()
         for client in [*self._clients]:
-            self._hear(client, obey)
+            self._receive(client, obey)
 
     def _accept(self) -> None:
         for _ in range(MOST_CLIENTS):
             try:
                 client, _ = self._listener.accept()
-            except OSError:  # nobody, or somebody who has left already
+            except OSError:  # no client, or one that has left already
                 return
             client.setblocking(False)
             if len(self._clients) >= MOST_CLIENTS:
                 self._drop(next(iter(self._clients)))
             self._clients[client] = b""
 
-    def _hear(self, client: socket.socket, obey: Callable[[str], str]) -> None:
+    def _receive(self, client: socket.socket, obey: Callable[[str], str]) -> None:
         try:
             data = client.recv(MAX_LINE * MOST_LINES)
         except BlockingIOError:
@@ -114,7 +118,7 @@ class ControlSocket:
             self._drop(client)
         else:
             self._clients[client] = rest
-        for line in lines[:MOST_LINES]:  # also of somebody who did not wait for the answer
+        for line in lines[:MOST_LINES]:  # also of a client that did not wait for the answer
             answer = (
                 obey(line.decode("ascii", errors="replace").strip()) if len(line) <= MAX_LINE else "error: too long"
             )
@@ -136,20 +140,20 @@ class ControlSocket:
 
 
 def _clear(path: Path) -> None:
-    """Remove a socket that nobody listens on any more."""
+    """Remove the file of a socket on which no process listens any more."""
     try:
         mode = path.lstat().st_mode
     except OSError:
         return
     if not stat.S_ISSOCK(mode):
-        raise UsageError("this is no socket", where=f"{WHERE} {path}", next_step="Choose another path")
+        raise UsageError("this is not a socket", where=f"{WHERE} {path}", next_step="Choose another path")
     try:
         connect_to(path).close()
     except ConnectionRefusedError:
         with suppress(OSError):
             path.unlink()
         return
-    except OSError:  # somebody listens and is busy, or it is not ours: binding tells
+    except OSError:  # a busy listener, or another user's socket: binding fails with the reason
         pass
     raise UsageError(
         "another run listens there",
@@ -160,14 +164,14 @@ def _clear(path: Path) -> None:
 
 def _listening(path: Path) -> socket.socket:
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    before = os.umask(0o177)  # from its first moment on only its owner may connect
+    before = os.umask(0o177)  # only its owner may connect, from the start
     try:
         listener.setblocking(False)
         listener.bind(str(path))
         listener.listen(MOST_CLIENTS)
     except OSError as error:
         listener.close()
-        step = "Choose a path in a folder that is there and yours"
+        step = "Choose a path in a folder that exists and is yours"
         if error.errno == errno.EADDRINUSE:
             step = "Choose another path"
         raise UsageError(

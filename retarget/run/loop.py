@@ -1,4 +1,4 @@
-"""The tick loop: read the sensors, think (reconstruct, follow), act (gate, guard, bus). One loop for every source."""
+"""The tick loop of every source: read the sensors, reconstruct and follow, send through gate, guard and bus."""
 
 import gc
 from collections.abc import Callable, Iterator
@@ -9,7 +9,7 @@ import numpy as np
 
 from hardware.bus import ServoStates
 from hardware.clock import MonotonicClock, thread_cpu
-from hardware.guard import Think
+from hardware.guard import FindGoal
 from retarget.frames import SensorSample
 from retarget.human.samples import Samples
 from retarget.run.record import HumanRecord, Phase, Record, RecordRows, Timing
@@ -20,35 +20,35 @@ from retarget.types import FloatArray
 __all__ = ["Ending", "ExceptionSafe", "ObserverCallback", "Pipeline", "Watch"]
 
 
-# What must not fail while a robot moves: a question, and whoever looks on.
+# Callbacks that must not fail while a robot moves.
 
 
 class ObserverCallback:
-    """Shows every row of a record to `look`; from its first exception on to nobody. failure: that one, in words."""
+    """Passes every row of a record to `look`, until that raises. failure: the exception as text, else ""."""
 
     def __init__(self, look: Callable[[Record, int], object]) -> None:
         self._look = look
         self.failure = ""
 
     def __call__(self, record: Record, row: int) -> None:
-        """A row was filled."""
+        """Pass a row that was filled."""
         if not self.failure:
             try:
                 self._look(record, row)
-            except Exception as error:  # noqa: BLE001 - a robot goes on, whoever looks on
+            except Exception as error:  # noqa: BLE001 - an observer must not stop a robot
                 self.failure = f"{type(error).__name__}: {error}"
 
 
 class ExceptionSafe:
-    """Asks `question`. From its first exception on the answer is no, and nobody is asked any more; `settle` raises it,
-    when the robot stands."""
+    """Calls `question` until it raises; from then on the answer is no. `settle` raises the exception, once the robot
+    stands."""
 
     def __init__(self, question: Callable[[], bool]) -> None:
         self._question = question
         self._failure: Exception | None = None
 
     def __call__(self) -> bool:
-        """The answer."""
+        """Return the answer."""
         if self._failure is None:
             try:
                 return self._question()
@@ -57,22 +57,25 @@ class ExceptionSafe:
         return False
 
     def settle(self) -> None:
-        """Raise what the question failed with, if it did."""
+        """Raise the exception of the question, if there was one."""
         if self._failure is not None:
             raise self._failure
 
 
 INTERRUPTED = "interrupted by the user"
-NOT_FOLLOWABLE = "nobody could be followed ({})"
-HELD_UP_S = 10.0
-"""So much longer than it is laid out an approach may take and be recorded whole; of a longer one the end is."""
+NOT_FOLLOWABLE = "the performer could not be followed ({})"
+EXTRA_APPROACH_S = 10.0
+"""An approach may take this much longer than planned and be recorded whole; of a longer one the end is recorded."""
 
 
 @dataclass(frozen=True)
 class Watch:
-    """Who looks on. on_tick: told the number of ticks done, now and then; stop_asked: looked at when a tick is due,
-    before anything is sent in it; torque_off_asked: before every tick of braking, whether torque is to go off at once.
-    why: who asked for the stop. on_row: told the record, and its row that was just filled."""
+    """Callbacks of a run.
+
+    on_tick: receives the number of ticks done, once in `every` ticks. stop_asked: whether to stop, asked when a tick is
+    due, before anything is sent in it. torque_off_asked: whether torque is to go off at once, asked before every tick
+    of braking. why: who asked for the stop. on_row: receives the record and the row that was just filled.
+    """
 
     on_tick: Callable[[int], object] = lambda done: None
     stop_asked: Callable[[], bool] = lambda: False
@@ -84,7 +87,7 @@ class Watch:
 
 @dataclass(frozen=True, eq=False)
 class Ending:
-    """What a run left. state: of the guard, None without one; reason: why it stopped early; wall_s: of the clip."""
+    """The end of a run. state: of the guard, None without one; reason: why it stopped early; wall_s: of the clip."""
 
     record: Record
     state: str | None
@@ -93,7 +96,7 @@ class Ending:
 
 
 class Pipeline:
-    """Plays samples through both stages, or through the first alone where there is no robot."""
+    """Runs samples through both stages, or through the first alone where there is no robot."""
 
     def __init__(self, *, clip: Samples, reconstructor: ReconstructingStage, robot: RobotSide | None = None) -> None:
         self._clip = clip
@@ -101,31 +104,31 @@ class Pipeline:
         self._robot = robot
         self._wall = MonotonicClock()
         self._tick = 0  # of the clip
-        self._said: SensorSample | None = None  # of which the human was made; None: nothing that was believed
+        self._sample: SensorSample | None = None  # of which the human was made; None: no valid one
         self._record: Record
         self._rows: RecordRows
         self._on_row: Callable[[Record, int], object]
 
     def run(self, watch: Watch | None = None) -> Ending:
-        """Play the clip to its end, to a stop of the guard, or until somebody asks to stop.
+        """Play the clip to its end, to a stop of the guard, or until a stop is asked for.
 
         Every tick that is sent is kept: the approach before the clip and the braking after it too. Raises GuardError or
         BusError if the robot cannot be armed, TorqueError if a run fails and torque could not be switched off.
         """
         watch = Watch() if watch is None else watch
-        torque_off_asked = ExceptionSafe(watch.torque_off_asked)  # whatever it fails with, the robot brakes with torque
+        torque_off_asked = ExceptionSafe(watch.torque_off_asked)  # when it fails, the robot brakes with torque
         watch, self._on_row = replace(watch, torque_off_asked=torque_off_asked), watch.on_row
         first = self._clip.sample(0)
-        assert first is not None, "nobody is followed from the start"
-        self._human, self._said = self._reconstructor.start(first), first
+        assert first is not None, "the first sample is valid"
+        self._human, self._sample = self._reconstructor.start(first), first
         try:
             self._allocate(0 if self._robot is None else self._robot.begin(self._human))
-            with _collector_at_rest():
+            with _without_garbage_collection():
                 wall_s, interrupted = self._play(watch)
                 self._stand(watch, interrupted=interrupted)
             state, reason = self._finish(interrupted=interrupted)
         except BaseException as error:
-            # What goes wrong outside of a tick of the guard stops the robot too, before it is raised.
+            # An error outside of a tick of the guard stops the robot too, before it is raised.
             if self._robot is not None:
                 self._robot.give_up(error, watch.torque_off_asked)
             raise
@@ -137,24 +140,24 @@ class Pipeline:
         return Ending(record, state, reason, wall_s)
 
     def _allocate(self, approach: int) -> None:
-        """Make room for every row: of at least so many ticks of approach, of the clip, and of the longest braking."""
-        clip, robot, human, said = self._clip, self._robot, self._human, self._said
-        assert said is not None, "somebody is there at first"
+        """Make room for the rows of `approach` ticks at least, of the clip, and of the longest braking."""
+        clip, robot, human, sample = self._clip, self._robot, self._human, self._sample
+        assert sample is not None, "the first sample is valid"
         self._rows = RecordRows(
-            approach=0 if robot is None else approach + round(HELD_UP_S / clip.dt),
+            approach=0 if robot is None else approach + round(EXTRA_APPROACH_S / clip.dt),
             follow=clip.kept,
             brake=0 if robot is None else robot.stopping_ticks,
         )
         rows = self._rows.room
         self._record = Record(
-            np.zeros(rows),  # when following begins is known in the end
+            np.zeros(rows),  # filled in at the end, when the start of following is known
             np.full(rows, Phase.FOLLOW, dtype=np.int8),
             HumanRecord.empty(
                 rows,
                 nq=human.q.size,
                 joint_names=tuple(human.joint_names),
                 observers=human.observer_modes.size,
-                sensors=len(said.names),
+                sensors=len(sample.names),
             ),
             None if robot is None else robot.new_record(rows),
             Timing.empty(rows),
@@ -185,26 +188,26 @@ class Pipeline:
         return self._wall.now() - begun, None
 
     def _stand(self, watch: Watch, *, interrupted: str | None) -> None:
-        """Come to a stand, by a stop if somebody asked for it."""
+        """Come to rest; `interrupted` is the reason of a stop that was asked for."""
         robot = self._robot
         if robot is None:
             return
         if interrupted is not None:
             robot.stop(interrupted)
         robot.guard.rest()
-        while robot.braking and not robot.cut_short(watch.torque_off_asked):
+        while robot.braking and not robot.force_stop(watch.torque_off_asked):
             self._one_tick(_nothing)
 
-    def _one_tick(self, think: Think) -> None:
-        """Read, think, act; then keep what happened, if anything was sent and there is room."""
+    def _one_tick(self, find_goal: FindGoal) -> None:
+        """Run one tick; then record it, if anything was sent and there is room."""
         begun, record, robot = self._wall.now(), self._record, self._robot
         self._row = row = self._rows.row
         if robot is not None:
             robot.wait()
-        self._clip.listen()
+        self._clip.poll()
         if robot is None or record.robot is None:
             self._reconstruct()
-        elif robot.act(think):
+        elif robot.act(find_goal):
             record.phase[row] = robot.phase
             robot.keep(record.robot, row)
         else:
@@ -212,11 +215,11 @@ class Pipeline:
         self._keep_human(row, error=robot is None or robot.phase is Phase.FOLLOW)
         record.timing.cycle[row] = self._wall.now() - begun
         self._on_row(record, row)
-        record.timing.cycle[row] = self._wall.now() - begun  # whoever looks on is part of the tick
+        record.timing.cycle[row] = self._wall.now() - begun  # callbacks are part of the tick
         self._rows.filled(approaches=robot is not None and robot.approaching and robot.following)
 
     def _approach(self, states: ServoStates) -> FloatArray | None:
-        """The next goal posture, rad (n,), on the way to where following begins; None: wait on it."""
+        """The next goal of the approach, rad (n,); None: hold there."""
         assert self._robot is not None
         if self._clip.may_approach():
             return self._robot.approach()
@@ -224,7 +227,7 @@ class Pipeline:
         return None
 
     def _think(self, states: ServoStates) -> FloatArray | None:
-        """From the servo states to a goal posture, rad (n,), inside the guard's tick; None: nobody is followed."""
+        """From the servo states to a goal, rad (n,), in the guard's tick; None: the performer cannot be followed."""
         assert self._robot is not None
         begun = self._reconstruct()
         if begun is None:
@@ -237,13 +240,13 @@ class Pipeline:
         return goal
 
     def _reconstruct(self) -> float | None:
-        """From what the sensors say at this tick to the posture of the human. Returns thread CPU at its end, s; None
-        where they say nothing that can be trusted: then the human stays."""
+        """Reconstruct the human at this tick. Returns thread CPU at its end, s; None without a valid sample: then the
+        posture stays."""
         begun = thread_cpu()
-        sample = self._said = self._clip.sample(self._tick)
+        sample = self._sample = self._clip.sample(self._tick)
         if sample is None:
             return None
-        if self._tick > 0:  # the first posture is where the reconstructor was started
+        if self._tick > 0:  # the reconstructor was started with the first posture
             self._human = self._reconstructor.step(sample, self._clip.motion_dt)
         ended = thread_cpu()
         self._record.timing.reconstruct[self._row] = ended - begun
@@ -254,11 +257,11 @@ class Pipeline:
         kept.q[row] = self._human.q
         kept.joints[row] = self._human.joints
         kept.observer_modes[row] = self._human.observer_modes
-        kept.sensors[row] = np.nan if self._said is None else self._said.position
+        kept.sensors[row] = np.nan if self._sample is None else self._sample.position
         kept.balance_error[row] = self._human.balance_error if error else np.nan
 
     def _finish(self, *, interrupted: str | None) -> tuple[str | None, str | None]:
-        """The guard's last state and the reason of a stop; torque is off."""
+        """Switch torque off; return the guard's last state and the reason of a stop."""
         if self._robot is None:
             return None, interrupted
         guard = self._robot.guard
@@ -267,7 +270,7 @@ class Pipeline:
 
 
 @contextmanager
-def _collector_at_rest() -> Iterator[None]:
+def _without_garbage_collection() -> Iterator[None]:
     """Keep the garbage collector out of the ticks: nothing in them makes cycles."""
     was_on = gc.isenabled()
     gc.disable()

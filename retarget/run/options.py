@@ -1,4 +1,4 @@
-"""What a run is asked to be: checked by itself before any file is opened."""
+"""Options of a run, checked before any file is opened, and the priority files that they mean."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,7 +25,7 @@ __all__ = [
 ]
 
 
-# What a run with physics is asked to be: what the robot stands on, the seed, and what is perturbed on purpose.
+# Options of a run with physics: what the robot stands on, the seed, and what is perturbed on purpose.
 
 MOUNTS: dict[str, Root] = {"floor": "free", "stand": "fixed", "gantry": "suspended"}
 """What the robot is on, and the root with which it then follows."""
@@ -78,15 +78,15 @@ def _refuse(what: str, option: str, found: str, allowed: tuple[str, ...]) -> Non
 
 
 BUSES = ("mock", "emulator", "physics", "physics+wire", "none", "profile")
-"""Buses by name; any other is the path of a port."""
+"""Buses by name; anything else is the path of a port."""
 SIMULATED = ("mock", "emulator", "physics", "physics+wire", "none")
-"""Those on which no servo exists: a recording is played as fast as the machine can."""
+"""Buses without real servos: a recording is played as fast as the machine can."""
 PHYSICS = ("physics", "physics+wire")
-"""Those on which the robot has mass; on the second by way of the emulator's bytes."""
+"""Buses on which the simulated robot has mass; the second passes the emulator's bytes."""
 WIRED = ("emulator", "physics+wire")
-"""Those with a wire, on which faults can happen."""
+"""Buses with an emulated wire, on which faults can be injected."""
 SERVOLESS = ("mock", "none")
-"""Those that the virtual human is content with: the usual one, and none."""
+"""Buses that `--robot human` accepts: the default one, and none."""
 MAX_ITERATIONS = 100
 
 
@@ -95,7 +95,7 @@ class RunOptions:
     """Options of a run, named as on the command line. Raises UsageError for a value that cannot be meant.
 
     priorities: of the last stage; None: those of the robot's profile. iterations: per frame, of both stages; None: as
-    the priority files say. scene: what is around the last stage's body. allow_contact: also where it touches at the
+    the priority files say. scene: of the last stage's body. allow_contact: also where it touches at the
     start. steps: what the robot's feet do when the performer lifts one; None: as its priority file says. bus: a name of
     BUSES, or the path of a port: the robot's only one. faults: file of what goes wrong on the emulator. physics: of the
     simulated mechanics.
@@ -191,13 +191,13 @@ def _one_of(value: str, allowed: tuple[str, ...], option: str, what: str, also: 
 
 HUMAN_PRIORITIES = "human"
 WITHOUT_MASS = "servo"
-"""Looks at no motion. With mass another takes its place:"""
+"""For a robot without mass; with mass one of the next two takes its place."""
 STANDING_WITH_MASS, FIXED_WITH_MASS = "balanced", "fixed_base"
-"""of a robot on its own soles, and of one that hangs or is bolted down, whose servos lag behind."""
+"""For a robot on its own soles, and for one that hangs or is bolted down and whose servos lag behind."""
 
 
 def priority_names(robot: RobotBody | None, options: RunOptions) -> tuple[str, ...]:
-    """The priority files of the stages, by name or path; `--priorities` is the last one's."""
+    """The priority files of the stages, by name or path; `--priorities` replaces that of the last stage."""
     if robot is None:
         return (options.priorities or HUMAN_PRIORITIES,)
     usual = name_with_mass(robot) if options.has_mass or options.steps == "shift" else robot.profile.retarget

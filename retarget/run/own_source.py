@@ -1,7 +1,8 @@
-"""A live source of one's own: a function that is asked for the newest poses, in place of a socket.
+"""A live source of your own: a function that is polled for the newest poses, in place of a socket.
 
-What it says goes the way of every stream: admission, clock, trust, playout, calibration, holds. It is written as poses
-in JSON (docs/json-input.md) in between, so that a tap keeps it and `replay://` plays it again.
+Its frames go through the same steps as those of every stream: admission, clock, sensor validity, playout, calibration
+and holds. They are encoded as poses in JSON (docs/json-input.md), so that a tap can record them and `replay://` can
+play them again.
 """
 
 import json
@@ -24,19 +25,19 @@ from retarget.sources.stream_frame import Dropped, StreamFrame
 __all__ = ["OwnSource", "Read", "performing"]
 
 Read = Callable[[float], Sequence[StreamFrame] | None]
-"""From now, s of the run's clock, to the frames that came since it was last asked, oldest first; None: it is over."""
+"""From now, s of the run's clock, to the frames that came since the last poll, oldest first; None: it is over."""
 HERE = ("127.0.0.1", 0)
-"""The sender, as whoever admits senders is told: this program."""
+"""The sender that admission sees: this program."""
 MOST_WAITING = 1024
-"""Frames that may wait to be taken, as datagrams wait in the kernel; what comes after them is lost, and counted."""
+"""Frames that may wait, as datagrams wait in the kernel; further ones are dropped, and counted."""
 
 
 class OwnSource:
-    """A `retarget.live.admission.Receiver` that asks a function of one's own.
+    """A `retarget.live.admission.Receiver` that polls a function.
 
-    `read` is called in the thread of the ticks, before each of them (and every 10 ms while the performer is measured):
-    it must not wait. A tracker that is waited for belongs into a thread that fills a `queue.SimpleQueue`. What `read`
-    raises ends the run: with the robot braked, if it moves.
+    `read` is called in the thread of the ticks, before each of them (and every 10 ms while the performer is measured).
+    It must not wait: read a tracker that blocks in a thread of its own, which fills a `queue.SimpleQueue`. An exception
+    of `read` ends the run; a robot that moves brakes first.
     """
 
     def __init__(self, read: Read) -> None:
@@ -47,20 +48,20 @@ class OwnSource:
 
     @property
     def finished(self) -> bool:
-        """Whether the source is over, and all that it said is taken."""
+        """Whether the source is over, and all of its frames are taken."""
         return self._read is None and not self._waiting
 
     def poll(self, now: float) -> list[Datagram]:
-        """What the function says until `now`, s. Never blocks; raises what the function raises."""
-        for frame in self._asked(now):
+        """The frames until `now`, s, as datagrams. Never blocks; raises what the function raises."""
+        for frame in self._read_once(now):
             if len(self._waiting) < MOST_WAITING:
                 self._waiting.append(Datagram(now, HERE, written(frame)))
             else:
                 self.dropped.note("more frames than are taken")
         return [self._waiting.popleft() for _ in range(min(len(self._waiting), MOST_PER_POLL))]
 
-    def _asked(self, now: float) -> Sequence[StreamFrame]:
-        """What the function says. Whoever polls until nothing comes asks once: an instant has one answer."""
+    def _read_once(self, now: float) -> Sequence[StreamFrame]:
+        """The frames of the function, called once for each `now` however often the source is polled."""
         if self._read is None or now <= self._last:
             return ()
         self._last = now
@@ -70,7 +71,7 @@ class OwnSource:
         return frames or ()
 
     def close(self) -> None:
-        """Ask no more."""
+        """Stop calling the function."""
         self._read = None
         self._waiting.clear()
 
@@ -84,11 +85,11 @@ def performing(
     tap: RawTap | None = None,
     where: str = "own source",
 ) -> Perform:
-    """Who performs by a source of one's own, for `retarget.run.prepare.prepare_for`.
+    """A performance by a source of your own, for `retarget.run.prepare.prepare_for`.
 
-    clock: that of the run, whose time `read` is given. tell: hears what the performer is to do, and what changes. tap:
-    keeps what came. where: what messages call the source. Whoever is asked to perform raises InputError: no data,
-    sensors missing, nobody who stands still; UsageError: a performer who cannot be measured.
+    clock: that of the run, whose time `read` is given. notify: receives instructions to the performer, and changes.
+    tap: records what came. where: the source's name in messages. The result raises InputError where there are no data,
+    sensors are missing, or the performer does not stand still; UsageError for a performer who cannot be measured.
     """
 
     def perform(performer: Performer, robot: RobotBody | None) -> Performance:
@@ -104,9 +105,9 @@ def written(frame: StreamFrame) -> bytes:
     poses: dict[str, dict[str, Any]] = {}
     rows = zip(frame.names, frame.position.tolist(), frame.orientation.tolist(), frame.tracked.tolist(), strict=True)
     for name, position, orientation, tracked in rows:
-        told = {key: value for key, value in (("p", position), ("q", orientation)) if all(map(isfinite, value))}
-        if told:
-            poses[name] = told if tracked else {**told, "tracked": False}
+        pose = {key: value for key, value in (("p", position), ("q", orientation)) if all(map(isfinite, value))}
+        if pose:
+            poses[name] = pose if tracked else {**pose, "tracked": False}
     message: dict[str, Any] = {"axes": "rep103", "quaternion": "wxyz", "poses": poses}
     message |= {} if frame.stamp is None else {"time": float(frame.stamp)}
     message |= {} if frame.number is None else {"frame": int(frame.number)}

@@ -1,4 +1,4 @@
-"""Everything a run needs, loaded and checked: what cannot run is refused here, before anything moves or is written."""
+"""Load and check everything a run needs; what cannot run is refused before anything moves or is written."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
@@ -41,13 +41,13 @@ from retarget.schema.scene import load_scene, on_floor
 __all__ = ["MakeBus", "Perform", "Prepared", "make_gate", "prepare", "prepare_for"]
 
 
-# What a robot's goals pass last: the gate, with what it asks about collision, or none; and what holds the robot up.
+# The last filter of a robot's goals: the gate with its collision check, or none, and deflection compensation.
 
 
 @dataclass(frozen=True, eq=False)
 class MadeGate:
-    """goals: what the guard sends everything through. passes: whether it would hold the robot in a posture, None
-    without a gate. clearance: its look at collision, None without a gate or without observers."""
+    """goals: the filter of the guard. passes: whether it would pass a goal, None without a gate. clearance: its
+    collision check, None without a gate or without observers."""
 
     goals: GoalFilter
     passes: Callable[[FloatArray], bool] | None
@@ -55,7 +55,7 @@ class MadeGate:
 
 
 def make_gate(robot: RobotBody, follower: Follower, priorities: Priorities, *, gate: bool, dt: float) -> MadeGate:
-    """Of one robot, in ticks of `dt` s. gate: whether there is one; without it goals are postures."""
+    """Make the filter of a robot's goals, in ticks of `dt` s. gate: whether to check them; else all goals pass."""
     servos, caps = robot.joint_map, robot.profile.safety.speed_caps
     if not gate:
         return MadeGate(PassThroughGate(servos.max_acceleration, dt=dt), None, None)
@@ -81,24 +81,24 @@ MakeBus = Callable[[RobotBody, Clock], ServoBus]
 """From a robot to its bus."""
 
 Perform = Callable[[Performer, RobotBody | None], Performance]
-"""From who wears which sensors, and the robot (None: the human alone), to the performance."""
+"""From the performer and the robot (None: the human alone) to the performance."""
 
 Lead = Callable[[FollowingStage], FollowingStage]
-"""From the robot's own follower to who leads it."""
+"""From the robot's own follower to the stage that leads the robot."""
 
 Notify = Callable[[str], object]
-"""Hears a sentence."""
+"""Receives a sentence for the operator."""
 
 LONGEST_HOLD_S = 4.8
-"""So long a robot waits for a performer who cannot be followed; then it is parked, 5 s after the last data."""
+"""A robot holds this long for a performer who cannot be followed, then goes to rest: 5 s after the last data."""
 
 
-def _to_nobody(text: str) -> None:
-    """Nobody listens."""
+def _ignore(text: str) -> None:
+    """Drop the message."""
 
 
-def _by_itself(follower: FollowingStage) -> FollowingStage:
-    """It is led by its own follower."""
+def _own_follower(follower: FollowingStage) -> FollowingStage:
+    """Let the robot's own follower lead it."""
     return follower
 
 
@@ -122,7 +122,7 @@ class Prepared:
     goes_to_rest: bool = False
 
     def run(self, watch: Watch | None = None) -> RunResult:
-        """Play it. Raises GuardError or BusError when the robot cannot be armed."""
+        """Run it. Raises GuardError or BusError when the robot cannot be armed."""
         ending = Pipeline(clip=self.samples, reconstructor=self.reconstructor, robot=self.side).run(watch)
         return RunResult(
             record=ending.record,
@@ -136,15 +136,15 @@ class Prepared:
             reason=ending.reason,
             wall_s=ending.wall_s,
             has_bus=self.has_bus,
-            notes=self.notes + ending.record.lacks() + self._left(),
+            notes=self.notes + ending.record.missing() + self._not_at_rest(),
             stop=None if self.side is None else self.side.guard.stop_reason,
             scene=self.scene,
             observers=self.observers,
             steps=None if self.steps is None else replace(self.steps),
         )
 
-    def _left(self) -> tuple[str, ...]:
-        """What is to be told of where the robot was left."""
+    def _not_at_rest(self) -> tuple[str, ...]:
+        """A note about a robot that should have gone to rest and did not."""
         states = None if self.side is None else self.side.guard.states
         if self.side is None or states is None or not self.goes_to_rest:
             return ()
@@ -160,9 +160,9 @@ def prepare(
     clock: Clock,
     make_bus: MakeBus,
     goes_to_rest: bool = False,
-    notify: Notify = _to_nobody,
+    notify: Notify = _ignore,
 ) -> Iterator[Prepared]:
-    """A run of a recorded performance, see `prepare_for`."""
+    """Prepare a run of a recorded performance, see `prepare_for`."""
 
     def perform(performer: Performer, robot: RobotBody | None) -> Performance:
         frames, playback = read(), options.playback
@@ -184,15 +184,15 @@ def prepare_for(
     clock: Clock,
     make_bus: MakeBus,
     goes_to_rest: bool = False,
-    notify: Notify = _to_nobody,
-    lead: Lead = _by_itself,
+    notify: Notify = _ignore,
+    lead: Lead = _own_follower,
     robot: RobotBody | None = None,
 ) -> Iterator[Prepared]:
     """Load and check everything, small files first; the bus is open while the context lasts, and closed after it.
 
-    parks: the end of a run, and a stop, is in the robot's rest posture. tell: hears of servos that are not well. lead:
-    who leads the robot instead of its follower. robot: instead of the one that the options name.
-    Raises RetargetError for whatever cannot be used.
+    goes_to_rest: a run, and a stop, ends in the robot's rest posture. notify: receives warnings about servos. lead:
+    replaces the robot's follower. robot: replaces the one that the options name.
+    Raises RetargetError for what cannot be used.
     """
     performer = load_performer(options.performer)
     if robot is None and not options.is_human:
@@ -201,20 +201,20 @@ def prepare_for(
     performance = perform(performer, robot)
     samples, human = performance.samples, build_human(performance.dimensions)
     scene = _scene(robot, options)
-    around_human = scene if robot is None else None
+    human_scene = scene if robot is None else None
     reconstructor = Reconstructor(
-        human, for_human, performer, iterations=options.iterations, scene=around_human, intake=performance.intake
+        human, for_human, performer, iterations=options.iterations, scene=human_scene, intake=performance.intake
     )
-    _refuse_unobserved(reconstructor, around_human, for_human)
-    if around_human is not None and not options.allow_contact:
-        # Of its own, so that the run begins as if nobody had looked.
-        first = Reconstructor(human, for_human, performer, iterations=options.iterations, scene=around_human)
-        _refuse_swallowed(first, around_human, samples, human)
+    _refuse_unobserved(reconstructor, human_scene, for_human)
+    if human_scene is not None and not options.allow_contact:
+        # By a reconstructor of its own, so that the check does not change the run.
+        first = Reconstructor(human, for_human, performer, iterations=options.iterations, scene=human_scene)
+        _refuse_inside_obstacle(first, human_scene, samples, human)
     notes = (*performance.notes, *(() if robot is None else robot.body.notes), *on_steps)
     stages = tuple(file for file in (for_human, for_robot) if file is not None)
     if robot is None or for_robot is None:
-        worn, around = (reconstructor.observers, performance.intake), reconstructor.scene_obstacles
-        yield Prepared(samples, human, performer, reconstructor, None, stages, False, notes, scene, *worn, around)
+        of_human = (reconstructor.observers, performance.intake, reconstructor.scene_obstacles)
+        yield Prepared(samples, human, performer, reconstructor, None, stages, False, notes, scene, *of_human)
         return
     bus = make_bus(robot, clock)
     follower = _follower(robot, for_robot, human, options, scene)
@@ -231,18 +231,18 @@ def prepare_for(
     failed = True
     try:
         has_bus = options.bus != "none"
-        around, steps = follower.scene_obstacles, None if follower.steps is None else follower.steps.plan.tally
-        known = (has_bus, notes, scene, follower.observers, performance.intake, around, steps, goes_to_rest)
+        obstacles, steps = follower.scene_obstacles, None if follower.steps is None else follower.steps.plan.tally
+        known = (has_bus, notes, scene, follower.observers, performance.intake, obstacles, steps, goes_to_rest)
         yield Prepared(samples, human, performer, reconstructor, side, stages, *known)
         failed = side.guard.stop_reason is not None
     finally:
-        # What failed is in the run's result or on its way up; closing the bus once more must not lose that.
+        # A failure is in the run's result or is being raised; closing the bus must not replace it.
         with suppress(Exception) if failed else nullcontext():
             bus.close()
 
 
 def _scene(robot: RobotBody | None, options: RunOptions) -> SceneState | None:
-    """What is around: the scene that the options name, and the floor under a robot with feet."""
+    """The scene that the options name, with a floor under a robot with feet."""
     scene = None if options.scene is None else load_scene(options.scene)
     if robot is not None and robot.stands:
         scene = on_floor(scene)
@@ -250,7 +250,7 @@ def _scene(robot: RobotBody | None, options: RunOptions) -> SceneState | None:
 
 
 def _priorities(robot: RobotBody | None, options: RunOptions) -> tuple[Priorities, Priorities | None, tuple[str, ...]]:
-    """The priority files of both stages, and what is to be told of the robot's."""
+    """The priority files of both stages, and notes about the robot's."""
     names = priority_names(robot, options)
     first, *others = (load_priorities(name) for name in names)
     if robot is None:
@@ -262,25 +262,25 @@ def _priorities(robot: RobotBody | None, options: RunOptions) -> tuple[Prioritie
 
 
 def _refuse_unobserved(reconstructor: Reconstructor, scene: SceneState | None, priorities: Priorities) -> None:
-    """Raise UsageError for a scene around a human who does not see it."""
+    """Raise UsageError for a scene where the human has no observers."""
     if scene is not None and reconstructor.observers is None:
         raise UsageError(
-            "a scene that nobody observes",
+            "the human has no observers for a scene",
             where="--scene",
-            found=f"priority file {priorities.name}, which gives a human no observers",
+            found=f"priority file {priorities.name}",
             allowed="a priority file with observers: {human: lines, lines_and_head or capsules}",
         )
 
 
-def _refuse_swallowed(reconstructor: Reconstructor, scene: SceneState, samples: Samples, human: Human) -> None:
-    """Raise UsageError where an obstacle touches the human even after it has got out of its way as well as it can."""
+def _refuse_inside_obstacle(reconstructor: Reconstructor, scene: SceneState, samples: Samples, human: Human) -> None:
+    """Raise UsageError where the human cannot get clear of an obstacle in its first posture."""
     if reconstructor.observers is None:
         return
     sample = samples.sample(0)
-    assert sample is not None, "somebody is followed from the start"
+    assert sample is not None, "the first sample is valid"
     start = reconstructor.start(sample).q
-    beside_itself = replace(reconstructor.observers, pairs=np.zeros((0, 2), dtype=np.int64))
-    refuse_contact(contacts(human.body, beside_itself, scene, start), where="human, first posture")
+    without_self = replace(reconstructor.observers, pairs=np.zeros((0, 2), dtype=np.int64))
+    refuse_contact(contacts(human.body, without_self, scene, start), where="human, first posture")
 
 
 def _follower(

@@ -1,4 +1,4 @@
-"""What happened in a run, one row per tick: arrays made before the first tick and filled in place."""
+"""The record of a run, one row per tick: arrays made before the first tick and filled in place."""
 
 from dataclasses import dataclass, fields, replace
 from enum import IntEnum
@@ -19,13 +19,13 @@ ByteArray = NDArray[np.int8]
 
 
 class Phase(IntEnum):
-    """What a tick was for. A run goes through them in this order."""
+    """The purpose of a tick. A run goes through them in this order."""
 
     APPROACH = 0
-    """Slowly to where following begins."""
+    """A slow move to the posture in which following begins."""
     FOLLOW = 1
     BRAKE = 2
-    """To a stand, after the end of the clip or after a stop."""
+    """Braking, after the end of the clip or after a stop, and what follows: return to stance, rest."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class HumanRecord:
     """The reconstructed human. q (T, nq); joints (T, m, 3) m, world: centres of `joint_names`.
 
     balance_error (T,) m: of the centre of mass from its goal. Outside of following the human stands still, and only the
-    error is NaN. observer_modes (T, o). sensors (T, s, 3) m, world: what the posture was made of; NaN: not believed.
+    error is NaN. observer_modes (T, o). sensors (T, s, 3) m, world: what the posture was made of; NaN: not valid.
     """
 
     joint_names: tuple[str, ...]
@@ -60,16 +60,16 @@ class HumanRecord:
 
 @dataclass(frozen=True, eq=False)
 class RobotRecord:
-    """What was asked of the robot, what was sent, and where its servos were.
+    """What was asked of the robot, what was sent, and where its servos were, over T ticks.
 
     landmarks_asked (T, k, 3) m, world, NaN outside of following. q (T, nq): posture sent, before rounding to ticks,
-    with the root that the robot's stage believes in. goals (T, n) rad, servo order: what the filter returned, beside
-    the posture where it holds against a load; goal_ticks (T, n): the same, rounded; present (T, n) rad: read at the
-    start of the tick. gated (T,): the gate sent something else than was asked. unled (T,): nobody knew a goal, and the
-    filter braked by itself. bus_time (T,) s: when the servos were read, on the bus's clock. faults (T,): servos that
-    were silent or alarmed. temperature (T, n) degrees Celsius, voltage (T, n) V; retries (T,): requests repeated on the
-    bus since it was opened. observer_modes (T, o): of the stage that asked. start (n,) rad: where the robot stood
-    before the first tick.
+    with the root that the robot's stage assumes. goals (T, n) rad, servo order: what the filter returned, which differs
+    from the posture where it compensates a load; goal_ticks (T, n): the same, rounded; present (T, n) rad: read at the
+    start of the tick. gated (T,): the gate sent something else than was asked. no_command (T,): there was no goal, and
+    the filter braked by itself. bus_time (T,) s: when the servos were read, on the bus's clock. faults (T,): servos
+    that did not answer or reported an alert. temperature (T, n) degrees Celsius, voltage (T, n) V; retries (T,):
+    requests repeated on the bus since it was opened. observer_modes (T, o): of the stage that asked. start (n,) rad:
+    where the robot stood before the first tick.
     """
 
     landmark_names: tuple[str, ...]
@@ -113,7 +113,7 @@ class RobotRecord:
         )
 
     def keep_servos(self, row: int, states: ServoStates, joint_map: JointMap) -> None:
-        """Write what the servos said at the start of a tick into its row."""
+        """Write the servo states at the start of a tick into its row."""
         self.bus_time[row] = states.time
         self.present[row] = joint_map.to_radians(states.position)
         self.temperature[row], self.voltage[row] = states.temperature, states.voltage
@@ -162,11 +162,11 @@ class Record:
         rows = np.flatnonzero(self.phase == Phase.FOLLOW)
         return slice(int(rows[0]), int(rows[-1]) + 1) if rows.size else slice(0, 0)
 
-    def lacks(self) -> tuple[str, ...]:
-        """What of the run is not in it, in words."""
-        way = () if self.from_start else ("the way to the performer took long: of its beginning no record is kept",)
-        end = () if self.to_end else (f"no record is kept of what came after the first {self.time[-1]:.0f} s",)
-        return way + end
+    def missing(self) -> tuple[str, ...]:
+        """Notes about the parts of the run that are not in it."""
+        approach = () if self.from_start else ("the approach took long: its beginning is not recorded",)
+        end = () if self.to_end else (f"what came after the first {self.time[-1]:.0f} s is not recorded",)
+        return approach + end
 
     def rows(self, first: int, end: int) -> "Record":
         """The rows from `first` to before `end`, as views: for a run that ended early."""
@@ -174,9 +174,9 @@ class Record:
             self,
             time=self.time[first:end],
             phase=self.phase[first:end],
-            human=_cut(self.human, first, end),
-            robot=None if self.robot is None else _cut(self.robot, first, end),
-            timing=_cut(self.timing, first, end),
+            human=_sliced(self.human, first, end),
+            robot=None if self.robot is None else _sliced(self.robot, first, end),
+            timing=_sliced(self.timing, first, end),
         )
 
 
@@ -189,7 +189,7 @@ def _per_tick(record: HumanRecord | RobotRecord | Timing) -> dict[str, NDArray[A
     return {name: value for name, value in values.items() if isinstance(value, np.ndarray) and name != "start"}
 
 
-def _cut(record: R, first: int, end: int) -> R:
+def _sliced(record: R, first: int, end: int) -> R:
     values = {field.name: getattr(record, field.name) for field in fields(record)}
     return type(record)(**values | {name: value[first:end] for name, value in _per_tick(record).items()})
 
@@ -206,8 +206,8 @@ def arrays_per_tick(record: Record) -> list[NDArray[Any]]:
 class RecordRows:
     """Rows for so many ticks of approach, of following and of braking, filled one after the other.
 
-    What is kept has no gap, or rates, limits and missed ticks would be told of ticks that do not follow one another: of
-    an approach that was held up, the end is kept; of what comes after `close`, nothing.
+    The kept rows have no gap, because rates, limits and missed ticks are measured between consecutive rows. Of an
+    approach that takes longer than its rows, the end is kept; of what comes after `close`, nothing.
     """
 
     def __init__(self, *, approach: int, follow: int, brake: int) -> None:
@@ -215,35 +215,35 @@ class RecordRows:
         """Rows of the record; the last is for ticks that are not kept."""
         self.row = 0
         """The row that the next tick fills."""
-        self._approach, self._around = approach, False
+        self._approach, self._wrapped = approach, False
         self._oldest: int | None = None  # row of the approach, once it is over
         self._end: int | None = None  # rows that are kept, once no more are
 
     def filled(self, *, approaches: bool) -> None:
-        """A tick has filled its row. approaches: the tick that comes is still one of the approach."""
+        """Go on after a tick has filled its row. approaches: the next tick is still one of the approach."""
         if self._end is not None or self.row == self.room - 1:
             self.close()
             return
         self.row += 1
         if approaches:
             if self.row == self._approach:
-                self._around, self.row = True, 0
-        elif self._around and self._oldest is None:
+                self._wrapped, self.row = True, 0
+        elif self._wrapped and self._oldest is None:
             self._oldest, self.row = self.row % self._approach, self._approach
 
     def close(self) -> None:
-        """Keep none of the ticks that come."""
+        """Keep none of the ticks that follow."""
         if self._end is None:
             self._end, self.row = self.row, self.room - 1
 
     def of(self, record: Record) -> Record:
         """The rows of the record that are kept, in the order of their ticks; it is changed in place."""
         end, first = self.row if self._end is None else self._end, 0
-        if self._around:
+        if self._wrapped:
             oldest, first = self.row if self._oldest is None else self._oldest, 1
             end = end if self._oldest is not None else self._approach
             for array in arrays_per_tick(record):
                 array[: self._approach] = np.roll(array[: self._approach], -oldest, axis=0)
-            if record.robot is not None:  # what the oldest row sent is where those that are kept begin
+            if record.robot is not None:  # the goals of the oldest row are where the kept rows begin
                 record.robot.start[:] = record.robot.goals[0]
-        return replace(record.rows(first, end), from_start=not self._around, to_end=self._end is None)
+        return replace(record.rows(first, end), from_start=not self._wrapped, to_end=self._end is None)

@@ -1,4 +1,4 @@
-"""From a stop to rest: to a stance first, then along a rest trajectory, around what is in the way."""
+"""From a stop to posture `rest`: a return to stance first, then a rest trajectory that the gate passes."""
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
@@ -22,33 +22,35 @@ __all__ = [
     "NEAR_REST",
     "REST_WITHIN_S",
     "RestTrajectory",
-    "Way",
+    "Trajectory",
     "not_at_rest",
     "rest_trajectories",
 ]
 
 
-# The ways of a robot that stands to where it is parked: straight, and around what is in the way.
+# Trajectories from a stance to rest: straight, or around an obstacle.
 
-Way = Iterator[FloatArray]
-"""Goals (n,) rad, a tick from one to the next."""
+Trajectory = Iterator[FloatArray]
+"""Goals (n,) rad, one per tick."""
 REST_WITHIN_S = 2.5
-"""So long the straight way takes at most, and each part of one around something; it goes as fast as that asks."""
+"""Longest duration of the straight trajectory, and of each part of one around an obstacle, s; the speed follows."""
 ALONE_RAD = 0.3
-"""So far a joint goes aside alone, before all the arm does."""
+"""Farthest that a joint goes aside alone, before the whole arm does."""
 LONGEST_TO_REST_S = 45.0
-"""So long all of it takes at most, s; then its torque goes off where it is."""
+"""Longest time from the stop to rest, s; then torque goes off where the robot is."""
 NEAR_REST = 0.2
-"""A robot is parked when no joint is farther than this from posture `rest`, rad."""
+"""A robot is at rest when no joint is farther than this from posture `rest`, rad."""
 
 
-def rest_trajectories(robot: RobotBody, *, dt: float) -> Iterator[Callable[[FloatArray], Way]]:
-    """Ways to the profile's rest posture, one after the other, each from where the robot stands then, (n,) rad.
+def rest_trajectories(robot: RobotBody, *, dt: float) -> Iterator[Callable[[FloatArray], Trajectory]]:
+    """Trajectories to the profile's rest posture in the order in which they are tried, each from where the robot
+    stands then, (n,) rad.
 
-    First straight there. Then the arms aside, legs still; the whole robot to `stand`, and straight down from there.
-    Arms are aside as in `attractor`; if that is not to be had either, as in `stand`, then as in `neutral`. Then joint
-    by joint, the outermost first: one joint of an arm alone goes aside, then the rest as before - what keeps a hand off
-    its own forearm may be a wrist that goes first.
+    1. Straight to rest.
+    2. The arms aside as in `attractor` with the legs still, then the whole robot to `stand`, then straight to rest.
+    3. The same with the arms as in `stand`, then as in `neutral`.
+    4. For each joint of an arm, the outermost first: that joint alone goes aside, then as in 2. A wrist that moves
+       first may keep a hand off its own forearm.
     """
     columns, postures = robot.servo_columns, robot.profile.postures
     attractor, stand, neutral, rest = (
@@ -58,13 +60,13 @@ def rest_trajectories(robot: RobotBody, *, dt: float) -> Iterator[Callable[[Floa
     joints = [robot.body.dof_index(joint) for joint in robot.joint_map.joints]
     carrying = standing_dofs(robot)[joints]
 
-    def through(here: FloatArray, places: Iterable[FloatArray]) -> Way:
+    def through(here: FloatArray, waypoints: Iterable[FloatArray]) -> Trajectory:
         speed, within = robot.profile.safety.speed_caps.approach, REST_WITHIN_S - dt
-        for place in places:
-            yield from approach(here, place, robot.joint_map, speed=speed, dt=dt, within=within)
-            here = place
+        for waypoint in waypoints:
+            yield from approach(here, waypoint, robot.joint_map, speed=speed, dt=dt, within=within)
+            here = waypoint
 
-    def by(aside: FloatArray, alone: int | None, here: FloatArray) -> Way:
+    def by(aside: FloatArray, alone: int | None, here: FloatArray) -> Trajectory:
         first = here.copy()
         if alone is not None:
             first[alone] += float(np.clip(aside[alone] - here[alone], -ALONE_RAD, ALONE_RAD))
@@ -78,8 +80,8 @@ def rest_trajectories(robot: RobotBody, *, dt: float) -> Iterator[Callable[[Floa
 
 
 def not_at_rest(robot: RobotBody, joints: FloatArray, stop: Stop | None) -> tuple[str, ...]:
-    """What is to be told of a robot on its soles whose torque went off with `joints` (n,) rad, servo order, though it
-    was to be parked and nothing else stopped it."""
+    """A note about a robot on its soles whose torque went off away from rest, though nothing but the end of the run or
+    a stop that leads to rest ended it. joints (n,): rad, servo order, when torque went off."""
     if not robot.stands or (stop is not None and (stop.cause not in GOING_TO_REST or stop.then is not None)):
         return ()
     off = np.abs(joints - robot.posture(robot.profile.postures.rest)[robot.servo_columns])
@@ -87,7 +89,7 @@ def not_at_rest(robot: RobotBody, joints: FloatArray, stop: Stop | None) -> tupl
     if off[worst] <= NEAR_REST:
         return ()
     where = f"{robot.joint_map.joints[worst]} {off[worst]:.2f} rad from it"
-    return (f"not parked: no way to posture rest was found in time; torque went off with {where}",)
+    return (f"not at rest: no trajectory to posture rest was found in time; torque went off with {where}",)
 
 
 def _outermost(robot: RobotBody, carrying: BoolArray) -> list[int]:
@@ -97,29 +99,28 @@ def _outermost(robot: RobotBody, carrying: BoolArray) -> list[int]:
     return sorted(np.flatnonzero(~carrying).tolist(), key=lambda column: -depths[column])
 
 
-PACE = 0.5
-"""Share of all speeds at which the follower brings the robot to a stand: nobody waits for it, and what its mass does to
-the soles goes with the square."""
+RETURN_OVERRIDE = 0.5
+"""Speed override of the return to stance: it need not be fast, and dynamic loads on the soles grow with its square."""
 LONGEST_RETURN_S = 15.0
-"""After so long (s) on its way to a stand it stops, and goes home from where it is."""
+"""Longest return to stance, s; then the robot stops, and goes to rest from where it is."""
 SETTLE_S = 0.2
-"""So long (s) it stands after a refusal: servos are behind their goals, and the gate looks at both."""
+"""The robot holds this long after a refusal, s: servos are behind their goals, and the gate checks both."""
 
 
 class _Part(Enum):
-    """Of the way: to a stand, to a stop in the midst of that, home."""
+    """A part of the move: return to stance, stop in the middle of that, go to rest."""
 
-    LANDS = 0
-    STOPS = 1
-    GOES = 2
+    RETURN = 0
+    STOP = 1
+    REST = 2
 
 
 class RestTrajectory:
-    """One way to posture `rest`, tick by tick of `dt` s.
+    """The move to posture `rest`, tick by tick of `dt` s.
 
-    First the follower brings the robot to a stand (see `landing`), then it goes straight home. Where something is in
-    the way, it goes to a stand once more from there. After that come the other ways of `rest_trajectories`, and after
-    the last it stays.
+    First the follower returns the robot to its stance (see `FollowingStage.return_to_stance`), then the robot goes
+    straight to rest. Where the gate refuses that, it returns to the stance once more from there. After that it tries
+    the other trajectories of `rest_trajectories`, and after the last it holds.
     """
 
     def __init__(
@@ -130,131 +131,133 @@ class RestTrajectory:
         dt: float,
         notify: Callable[[str], object] = lambda text: None,
     ) -> None:
-        """tell: hears of what fails on the way."""
+        """notify: receives what fails."""
         self._robot, self._follower, self._dt, self._notify = robot, follower, dt, notify
-        self._ways = rest_trajectories(robot, dt=dt)
-        self._way: Way | None = None
-        self._part = _Part.GOES
+        self._trajectories = rest_trajectories(robot, dt=dt)
+        self._trajectory: Trajectory | None = None
+        self._part = _Part.REST
         self._returns = 0
-        """That may still begin."""
-        self._lasted = 0.0
-        """s of the landing at hand."""
-        self._waits = 0
-        """Ticks that it stands before it goes on."""
+        """Returns to stance that may still begin."""
+        self._elapsed = 0.0
+        """Time of the current return to stance, s."""
+        self._hold_ticks = 0
+        """Ticks to hold before going on."""
         self._refused = False
-        """Whether a landing stands because it was refused."""
+        """Whether the return to stance holds because its goal was refused."""
         self.begun = False
-        """Whether the robot has set off, and perhaps arrived."""
+        """Whether the move has begun; it may be over."""
         self._arrived = False
 
     @property
     def returns_to_stance(self) -> bool:
-        """Whether it is the follower that leads."""
-        return self._part is not _Part.GOES
+        """Whether the follower leads the robot."""
+        return self._part is not _Part.REST
 
     def next(
         self, q: FloatArray, *, passed: bool, stands: bool, returns_to_stance: bool = True, slow: float = 1.0
     ) -> FloatArray | None:
-        """The next posture (nq,); None: it is there, cannot go on, or has to come to a stand first.
+        """The next posture (nq,); None: it is at rest, cannot go on, or has to brake first.
 
-        q (nq,): where the robot was sent last; passed: whether that is what was asked for; stands: whether nothing is
-        left to brake. lands: whether it goes to a stand first, asked once, when it stands. slow: share of speed that is
-        left to a warm robot.
+        q (nq,): the posture that was sent last; passed: whether that is what was asked for; stands: whether nothing is
+        left to brake. returns_to_stance: whether a return to stance comes first, read in the first call only. slow:
+        speed override of a warm robot.
         """
         if not self.begun:
-            self.begun, passed = True, True  # nothing was asked for yet
+            self.begun, passed = True, True  # there is no earlier goal
             self._returns = 2 if returns_to_stance else 0
-            self._land(q)
-        if self._waits > 0:
-            self._waits -= 1
-            return self._stood(q)
-        there = self._landed(q, passed=passed, stands=stands, slow=slow) if self._part is _Part.LANDS else None
-        if there is None and self._part is _Part.STOPS:
+            self._begin_return(q)
+        if self._hold_ticks > 0:
+            self._hold_ticks -= 1
+            return self._hold(q)
+        there = (
+            self._return_to_stance(q, passed=passed, stands=stands, slow=slow) if self._part is _Part.RETURN else None
+        )
+        if there is None and self._part is _Part.STOP:
             there = None if stands else self._follower.halt(self._dt)
             if there is None and not stands:
                 return None
-            self._part = _Part.GOES if stands else _Part.STOPS
-        return self._gone(q, passed=passed, stands=stands) if there is None else there
+            self._part = _Part.REST if stands else _Part.STOP
+        return self._go_to_rest(q, passed=passed, stands=stands) if there is None else there
 
-    def _land(self, q: FloatArray) -> None:
-        """Begin a landing from where it stands (nq,), if one is left."""
-        self._refused, self._lasted = False, 0.0
-        self._part = _Part.LANDS if self._returns > 0 else _Part.GOES
+    def _begin_return(self, q: FloatArray) -> None:
+        """Begin a return to stance from q (nq,), where the robot stands, if one is left."""
+        self._refused, self._elapsed = False, 0.0
+        self._part = _Part.RETURN if self._returns > 0 else _Part.REST
         if self._returns > 0:
             self._returns -= 1
-            self._tried(lambda: self._follower.begin_return_to_stance(q.copy()))
+            self._call(lambda: self._follower.begin_return_to_stance(q.copy()))
 
-    def _wait(self, q: FloatArray) -> FloatArray:
-        """Where it stands (nq,), from here on."""
-        self._waits = round(SETTLE_S / self._dt) - 1
-        return self._stood(q)
+    def _settle(self, q: FloatArray) -> FloatArray:
+        """Hold q (nq,) for SETTLE_S."""
+        self._hold_ticks = round(SETTLE_S / self._dt) - 1
+        return self._hold(q)
 
-    def _stood(self, q: FloatArray) -> FloatArray:
-        """Where it stands (nq,), for a tick."""
-        self._lasted += self._dt
+    def _hold(self, q: FloatArray) -> FloatArray:
+        """Hold q (nq,) for a tick."""
+        self._elapsed += self._dt
         self._follower.pass_time(self._dt)
         return q.copy()
 
-    def _blocked(self, q: FloatArray) -> FloatArray:
-        """Where it stands (nq,): the way at hand is none."""
-        self._way = None
-        self._land(q)
-        return self._wait(q)
+    def _try_next(self, q: FloatArray) -> FloatArray:
+        """Drop the current trajectory, and hold q (nq,) before the next attempt."""
+        self._trajectory = None
+        self._begin_return(q)
+        return self._settle(q)
 
-    def _landed(self, q: FloatArray, *, passed: bool, stands: bool, slow: float) -> FloatArray | None:
-        """The next posture (nq,) of a landing; None: it is over."""
+    def _return_to_stance(self, q: FloatArray, *, passed: bool, stands: bool, slow: float) -> FloatArray | None:
+        """The next posture (nq,) of the return to stance; None: it is over."""
         if stands and not passed:
             if self._refused:
-                return self._blocked(q)
+                return self._try_next(q)
             self._refused = True
-            self._tried(self._follower.separate_limbs)
-            return self._wait(q)
+            self._call(self._follower.separate_limbs)
+            return self._settle(q)
         self._refused &= stands
-        self._lasted += self._dt
-        if self._lasted >= LONGEST_RETURN_S:
-            self._give_up(f"not there after {LONGEST_RETURN_S:g} s")
+        self._elapsed += self._dt
+        if self._elapsed >= LONGEST_RETURN_S:
+            self._abandon_return(f"not there after {LONGEST_RETURN_S:g} s")
             return None
 
-        def return_to_stance() -> FloatArray | None:
-            self._follower.set_speed_override(min(PACE, slow))
+        def step() -> FloatArray | None:
+            self._follower.set_speed_override(min(RETURN_OVERRIDE, slow))
             return self._follower.return_to_stance(self._dt)
 
-        there = self._tried(return_to_stance)
-        if there is None and self._part is _Part.LANDS:
-            self._part = _Part.GOES
+        there = self._call(step)
+        if there is None and self._part is _Part.RETURN:
+            self._part = _Part.REST
         return there
 
-    def _tried(self, call: Callable[[], FloatArray | None]) -> FloatArray | None:
-        """What the follower says; None where it fails."""
+    def _call(self, call: Callable[[], FloatArray | None]) -> FloatArray | None:
+        """The result of a call of the follower; None where it raises."""
         try:
             return call()
-        except Exception as error:  # noqa: BLE001 - without it the robot can still go home
-            self._give_up(str(error) or type(error).__name__)
+        except Exception as error:  # noqa: BLE001 - the robot can go to rest without it
+            self._abandon_return(str(error) or type(error).__name__)
             return None
 
-    def _give_up(self, reason: str) -> None:
-        """Land no more: stop, and go home from there."""
-        self._returns, self._part = 0, _Part.STOPS
-        with suppress(OSError):  # who hears nothing any more does not hinder it
-            self._notify(f"on its way to a stand: {reason}; it goes home from where it is")
+    def _abandon_return(self, reason: str) -> None:
+        """Return to stance no more: stop, and go to rest from there."""
+        self._returns, self._part = 0, _Part.STOP
+        with suppress(OSError):  # a lost terminal must not keep the robot from rest
+            self._notify(f"return to stance: {reason}; the robot goes to rest from where it is")
 
-    def _gone(self, q: FloatArray, *, passed: bool, stands: bool) -> FloatArray | None:
-        """The next posture (nq,) of a way home; None: it is there, there are no more ways, or something is in it."""
+    def _go_to_rest(self, q: FloatArray, *, passed: bool, stands: bool) -> FloatArray | None:
+        """The next posture (nq,) of a rest trajectory; None: at rest, none is left, or it has to brake first."""
         if self._arrived:
             return None
-        if self._way is not None and not passed:
+        if self._trajectory is not None and not passed:
             if stands:
-                return self._blocked(q)
+                return self._try_next(q)
             self._follower.pass_time(self._dt)
             return None
         columns = self._robot.servo_columns
-        if self._way is None:
-            begin = next(self._ways, None)
+        if self._trajectory is None:
+            begin = next(self._trajectories, None)
             if begin is None:
                 return None
-            self._way = begin(q[columns])
+            self._trajectory = begin(q[columns])
         self._follower.pass_time(self._dt)
-        goal = next(self._way, None)
+        goal = next(self._trajectory, None)
         if goal is None:
             self._arrived = True
             return None

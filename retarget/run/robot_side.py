@@ -1,4 +1,4 @@
-"""The robot's half of a tick: follow, gate, guard, bus; and what was sent, kept row by row."""
+"""The robot's half of a tick: follow, gate, guard, bus; and its rows of the record."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -8,7 +8,7 @@ import numpy as np
 from hardware.bus import ServoStates
 from hardware.clock import Clock
 from hardware.errors import TorqueError
-from hardware.guard import FOLLOWING, Guard, Think
+from hardware.guard import FOLLOWING, FindGoal, Guard
 from hardware.guard_state import GoalFilter, GuardState, StopCause
 from retarget.ik.base_pose import plant_root
 from retarget.model.robot import RobotBody
@@ -27,18 +27,18 @@ from retarget.types import FloatArray, HumanPosture, ModeArray, RobotPosture
 
 __all__ = ["GATED_RAD", "RobotSide"]
 
-FORCED_STOP = "torque off before the robot stood, as the user insisted"
+FORCED_STOP = "torque off before the robot stood, forced by the user"
 GATED_RAD = 1e-8
-"""A goal that is sent differs from the one asked by more than this, rad, where the filter changed it."""
+"""The filter changed a goal if the one sent differs from the one asked by more than this, rad."""
 
 
 class RobotSide:
-    """A robot that follows. `goals` is the filter that the guard sends everything through: the gate, or none.
+    """A robot that follows. goals: the filter through which the guard sends every goal.
 
-    clearance: what the gate asks about collision, told here where the robot is. parks: a stop ends in the profile's
-    rest posture, and not where the robot comes to a stand. passes: whether the gate would send a
-    goal; where it would not, the robot yields by itself, on its soles, before each joint is braked on its own. tell:
-    hears of servos that are not well, a sentence each.
+    clearance: the gate's collision check, which this class keeps up to date. passes: whether the gate would pass a
+    goal; where it would not, the follower halts the whole robot on its soles, before the gate brakes each joint on its
+    own. goes_to_rest: a stop ends in the profile's rest posture, else where the robot has braked. notify: receives
+    warnings about servos, a sentence each.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class RobotSide:
     ) -> None:
         self.robot, self.guard = robot, guard
         self.phase = Phase.APPROACH
-        """What the last tick was for."""
+        """The purpose of the last tick."""
         self._follower, self._goals = follower, goals
         self._clearance, self._passes = clearance, passes
         self._clock, self._dt = clock, dt
@@ -67,21 +67,18 @@ class RobotSide:
         self._change = robot.joint_map.max_acceleration * dt**2  # (n,) [rad]
         self._q = robot.body.qpos0.copy()
         self._before = self._q.copy()
-        self._velocity = np.zeros(robot.body.nv)  # with which it got there
+        self._velocity = np.zeros(robot.body.nv)  # at `_before`
         self._start = self._sent = self._moved = np.zeros(0)
         self._first: RobotPosture
-        self._way: SpeedOverrideTrajectory
+        self._trajectory: SpeedOverrideTrajectory
         self._started = False
-        # Of the tick that runs: what is asked, whether its root is known, and whether just that was sent.
+        # Of the current tick: what is asked, whether its root is known, and whether exactly that was sent.
         self._goal: FloatArray | None = None
         self._asked: FloatArray | None = None
         self._modes: ModeArray = np.zeros(0, dtype=np.uint8)
         self._rooted = self._passed = False
-        self._lost, self._goes_to_rest, self._notify = (
-            0,
-            goes_to_rest,
-            notify,
-        )  # lost: ticks in which no posture was found
+        self._lost = 0  # ticks in a row in which no posture was found
+        self._goes_to_rest, self._notify = goes_to_rest, notify
         self._rest_trajectory = RestTrajectory(robot, follower, dt=dt, notify=notify)
 
     @property
@@ -97,25 +94,25 @@ class RobotSide:
 
     @property
     def braking(self) -> bool:
-        """Whether the robot is on its way to a stand."""
+        """Whether the robot is stopping."""
         return self.guard.state is GuardState.STOPPING
 
     @property
     def approaching(self) -> bool:
-        """Whether the robot is still on its way to the posture from which to follow."""
-        return not (self._started or self._way.done)
+        """Whether the robot is still approaching the posture from which to follow."""
+        return not (self._started or self._trajectory.done)
 
     def begin(self, human: HumanPosture) -> int:
-        """Arm. Returns how many ticks of `approach` lead, slowly, to the posture from which to follow: at least.
+        """Arm. Returns the least number of ticks of `approach` to the posture from which to follow.
 
-        Raises GuardError or BusError when the robot cannot be armed, RetargetError where nobody knows where to go.
+        Raises GuardError or BusError when the robot cannot be armed, RetargetError where that posture is not known.
         """
         posture = self._follower.start(human)
-        arrival = self._follower.arrive(human, self._dt)
-        require_finite(posture, *arrival)
-        if arrival:
-            # Following begins with a tick of rest there.
-            self._first = arrival[-1]
+        path = self._follower.settle(human, self._dt)
+        require_finite(posture, *path)
+        if path:
+            # Following begins at rest there, for a tick.
+            self._first = path[-1]
             self._follower.reseed(self._first.q, np.zeros(self.robot.body.nv))
         else:
             self._first = posture
@@ -125,10 +122,10 @@ class RobotSide:
         if self._clearance is not None:
             self._clearance.begin(self._before, present)
         self._deadline = self._clock.now()
-        self._way = approach_trajectory(
-            self.robot, present, [one.joint_positions for one in (posture, *arrival)], dt=self._dt
+        self._trajectory = approach_trajectory(
+            self.robot, present, [one.joint_positions for one in (posture, *path)], dt=self._dt
         )
-        return self._way.ticks
+        return self._trajectory.ticks
 
     def new_record(self, rows: int) -> RobotRecord:
         """Room for so many ticks of this run, after `begin`."""
@@ -138,20 +135,20 @@ class RobotSide:
         return RobotRecord.empty(rows, nq=nq, start=self._start, landmark_names=names, observers=modes)
 
     def follow(self, human: HumanPosture, *, settled: float = 1.0) -> FloatArray | None:
-        """Think: the goal, rad (n,), for the human's posture; at first, for the posture from which to follow. settled:
-        how much of its speed it may use beyond that of the approach, 0 to 1."""
-        self._follower.set_speed_override(min(self.guard.health.slow, self._share.pace(settled)))
+        """The goal, rad (n,), for the human's posture; in the first tick, the posture from which to follow. settled:
+        how much of its speed the robot may use beyond that of the approach, 0 to 1."""
+        self._follower.set_speed_override(min(self.guard.health.slow, self._share.speed_override(settled)))
         posture = self._follower.step(human, self._dt) if self._started else self._first
         self.phase = Phase.FOLLOW
         self._lost = 0 if np.isfinite(posture.q).all() else self._lost + 1
-        if self._lost > 1:  # nobody knows where to go; a single one is for the gate to refuse
+        if self._lost > 1:  # a single one is left to the gate, which refuses it
             self._follower.reseed(self._before.copy(), self._velocity.copy())
             return None
         self._asked, self._modes = posture.landmarks_asked, posture.observer_modes
         may_yield, self._started = self._started, True
-        if not may_yield:  # it rests there
+        if not may_yield:  # it is at rest there
             self._before[:] = posture.q
-        wanted, moved = posture.q, self._share.moved(self._before, posture.q, self._moved, settled=settled)
+        wanted, moved = posture.q, self._share.limited(self._before, posture.q, self._moved, settled=settled)
         if moved is not None:
             wanted = self._kinematics.integrate(self._before, moved)
             self._follower.reseed(wanted.copy(), moved / self._dt)
@@ -164,23 +161,23 @@ class RobotSide:
         return self._take(wanted)
 
     def wait(self) -> None:
-        """Until the tick that comes is due; what is late is not caught up with."""
+        """Wait until the next tick is due; a late tick is not made up for."""
         if not self._awake:
             self._deadline = max(self._deadline + self._dt, self._clock.now())
             self._clock.sleep_until(self._deadline)
         self._awake = True
 
     def approach(self) -> FloatArray | None:
-        """A thought that is already finished: the next goal, rad (n,), on the way to where following begins; None while
-        somebody holds the robot there, and until it stands."""
-        if self.guard.paused or (self._way.left and not self._goals.at_rest):
+        """The next goal, rad (n,), of the approach trajectory; None while the operator holds the robot, and until it
+        has braked."""
+        if self.guard.paused or (self._trajectory.left and not self._goals.at_rest):
             return None
-        self.phase, self._goal = Phase.APPROACH, self._way.next(self.guard.health.slow, here=self._sent)
+        self.phase, self._goal = Phase.APPROACH, self._trajectory.next(self.guard.health.slow, here=self._sent)
         return self._goal
 
-    def act(self, think: Think) -> bool:
-        """One tick of the guard, when it is due: read the servos, let `think` find a goal, send what the filter makes
-        of it. Returns whether anything was sent."""
+    def act(self, find_goal: FindGoal) -> bool:
+        """One tick of the guard, when it is due: read the servos, call `find_goal`, send its goal through the filter.
+        Returns whether anything was sent."""
         self.wait()
         self._awake = False
         self._goal, self._asked, self._rooted = None, None, False
@@ -188,40 +185,40 @@ class RobotSide:
 
         def measured(states: ServoStates) -> FloatArray | None:
             self._measure()
-            return think(states)
+            return find_goal(states)
 
         self.guard.tick(measured, self._halt)
-        with suppress(OSError):  # who hears nothing any more does not hinder a stop
+        with suppress(OSError):  # a lost terminal must not keep the robot from a stop
             for text in self.guard.health.warnings.take_news():
                 self._notify(text)
         sent = self.guard.sent is not before
         if sent:
-            self._went()
+            self._after_sending()
         return sent
 
     def stop(self, reason: str) -> None:
-        """Stop because somebody asked for it."""
+        """Stop as requested."""
         self.guard.stop(reason, StopCause.REQUESTED)
 
-    def cut_short(self, asked: Callable[[], bool]) -> bool:
-        """Switch torque off without braking if that is `asked`. Returns whether it was."""
+    def force_stop(self, asked: Callable[[], bool]) -> bool:
+        """Switch torque off without braking if that is `asked` for. Returns whether it was."""
         forced_stop = asked()
         if forced_stop:
-            self.guard.cut(FORCED_STOP)
+            self.guard.force_torque_off(FORCED_STOP)
         return forced_stop
 
     def finish(self, torque_off_asked: Callable[[], bool] = lambda: False) -> None:
-        """Come to a stand and switch torque off, whatever fails or interrupts; the guard has latched what did."""
+        """Stop and switch torque off, also after a failure or an interrupt, which the guard has latched."""
         try:
             self.guard.rest()
-            while self.braking and not self.cut_short(torque_off_asked):
+            while self.braking and not self.force_stop(torque_off_asked):
                 self.act(lambda states: None)
         finally:
             with suppress(Exception):
                 self.guard.release()
 
     def give_up(self, error: BaseException, torque_off_asked: Callable[[], bool]) -> None:
-        """Come to a stand, torque off, because of an `error` outside of a tick, which the caller goes on raising.
+        """Stop and switch torque off because of an `error` outside of a tick, which the caller raises again.
 
         Raises TorqueError from it where torque could not be switched off.
         """
@@ -233,7 +230,7 @@ class RobotSide:
             raise TorqueError(stop.reason) from error
 
     def keep(self, record: RobotRecord, row: int) -> None:
-        """Write what this tick asked and sent into its row."""
+        """Write what was asked and sent in this tick into its row."""
         record.q[row] = self._q
         followed = self.phase is Phase.FOLLOW and self._asked is not None
         record.landmarks_asked[row] = self._asked if followed else np.nan
@@ -246,8 +243,8 @@ class RobotSide:
         record.goals[row], record.goal_ticks[row] = self._goals.sent, self.guard.sent
         record.keep_servos(row, states, self.robot.joint_map)
 
-    def _went(self) -> None:
-        """Something was sent: know where the robot is; tell the follower where it is something else than was asked."""
+    def _after_sending(self) -> None:
+        """Keep the posture that was sent; reseed the follower where it differs from what was asked."""
         sent, goal = self._goals.position, self._goal
         self._moved, self._sent = sent - self._sent, sent
         self._passed = goal is not None and np.count_nonzero(np.abs(sent - goal) <= GATED_RAD) == sent.size  # not NaN
@@ -264,34 +261,36 @@ class RobotSide:
             self._clearance.sent(sent, self._before)
 
     def _measure(self) -> None:
-        """Let the gate hear where the servos are, and the follower what the soles feel."""
+        """Pass the present positions to the gate's collision check, and the soles' contact state to the follower."""
         states = self.guard.states
         self._follower.set_contact_state(None if states is None else states.soles)
         if self._clearance is not None and states is not None:
             self._clearance.measure(self.robot.joint_map.to_radians(states.position))
 
     def _halt(self) -> FloatArray | None:
-        """The next goal, rad (n,), on a way to a stop: on the soles, or back in the line of the approach; from there on
-        the way to where the robot is parked."""
+        """The next goal, rad (n,), while stopping: a stop on the soles, or in the line of the approach; then the move
+        to rest. None: brake each joint on its own."""
         self.phase = Phase.BRAKE
         self._measure()
         if self._goals.at_rest or self._rest_trajectory.begun:
             if self._goes_to_rest and self.guard.state is GuardState.STOPPING and self.guard.may_go_to_rest:
-                return self._homeward()
+                return self._next_to_rest()
             if self._goals.at_rest or not self._rest_trajectory.returns_to_stance:
                 return None
-        if self._goal is not None:  # thought of in this tick and not sent: it lies on a way as well
+        if self._goal is not None:  # found in this tick and not sent: it lies on a trajectory as well
             return self._goal
         if not (self._started or self._rest_trajectory.returns_to_stance):
-            self._way.leave()
+            self._trajectory.leave()
             self._goal = self._sent + slower_in_line(self._moved, self._change)
             return self._goal
         q = self._follower.halt(self._dt)
         return None if q is None else self._take(q)
 
-    def _homeward(self) -> FloatArray | None:
-        """The next goal on the way to where the robot is parked; None: it is there, or cannot go on."""
-        returns_to_stance = self._started or not self._way.straight  # from there it goes back as it came
+    def _next_to_rest(self) -> FloatArray | None:
+        """The next goal of the move to rest; None: the robot is at rest, or cannot go on."""
+        returns_to_stance = (
+            self._started or not self._trajectory.straight
+        )  # on the straight part it goes back as it came
         stands, slow = self._goals.at_rest, self.guard.health.slow
         q = self._rest_trajectory.next(
             self._q, passed=self._passed, stands=stands, returns_to_stance=returns_to_stance, slow=slow
@@ -299,7 +298,7 @@ class RobotSide:
         return None if q is None else self._take(q)
 
     def _take(self, q: FloatArray) -> FloatArray:
-        """Remember what is asked in this tick: posture (nq,). Returns of it the servos' joints, rad (n,)."""
+        """Keep posture (nq,) as what is asked in this tick. Returns its servo joints, rad (n,)."""
         self._q[:], self._rooted = q, True
         self._goal = goal = q[self.robot.servo_columns]
         return goal

@@ -1,4 +1,4 @@
-"""A finished run: what was asked, what happened, and to which bodies. Metrics, pictures and files read it."""
+"""A finished run, which metrics, pictures and files read; and what is shown of a run while it goes on."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -23,7 +23,7 @@ from retarget.types import FloatArray
 __all__ = ["Extras", "Fallen", "PhysicsRun", "RunResult", "Truth", "in_truth", "truth_names"]
 
 
-# What a simulation knows of a run that a robot cannot know of itself: falls, pressure, slip, torque, heat.
+# What only a simulation knows of a run: falls, pressure, slip, torque, heat.
 
 
 @dataclass(frozen=True)
@@ -36,14 +36,14 @@ class Fallen:
 
 @dataclass(frozen=True, eq=False)
 class PhysicsRun:
-    """A run of n servos and k soles, looked at T times from the first torque on.
+    """A run of n servos and k soles, sampled T times from the first torque on.
 
-    mount: what the robot was on. seed, perturbations: of what was different on purpose. fall: the first, None while it
-    stands; toppled: what a parked robot did when its torque went off, if it did not stay sitting. time (T,) s, on the
-    run's time. com (T, 3), pressure (T, 2): centre of mass and centre of pressure of the soles, m, world, the latter
-    NaN where none carried; margin (T,): of it inside the hull of the soles that carried, m. slip (k,) m: horizontal
-    way of each sole while it carried. tilt: worst of a sole that carried, rad. torque (T, n) N m; hottest (n,) degrees
-    Celsius, by a stated model that nobody has calibrated. self_contacts, fixture_contacts: looks with any.
+    mount: what the robot was on. seed, perturbations: of what was perturbed on purpose. fall: the first, None while it
+    stands; toppled: the fall of a robot at rest after its torque went off, None if it stayed. time (T,) s, on the run's
+    time. com (T, 3), pressure (T, 2): centre of mass and centre of pressure of the soles, m, world, the latter NaN
+    where no sole carried; margin (T,): of it inside the hull of the soles that carried, m. slip (k,) m: horizontal path
+    of each sole while it carried. tilt: worst of a sole that carried, rad. torque (T, n) N m; hottest (n,) degrees
+    Celsius, by a stated model that is not calibrated. self_contacts, fixture_contacts: samples with any.
     """
 
     mount: str
@@ -76,9 +76,8 @@ class RunResult:
 
     human_limits (nv,). robot: None where only the human was reconstructed. priorities: of the stages. state, reason:
     how the run ended (see `StopReport`). wall_s: of the loop. has_bus: servos answered. stop: the guard's, None
-    without one. scene: what was around the last stage's body; observers: of that body. physics: what a simulation
-    saw, None without one; steps: None of a robot that makes none. live: what there is to tell of a stream, None of a
-    file.
+    without one. scene: of the last stage's body; observers: of that body. physics: what a simulation measured, None
+    without one; steps: None for a robot that makes none. live: the report of a stream, None for a file.
     """
 
     record: Record
@@ -152,7 +151,7 @@ class RunResult:
 
     @property
     def present_q(self) -> FloatArray | None:
-        """Postures (T, nq) in which the servos stood, on the sole that is planted; None without servos that answer."""
+        """Postures (T, nq) of the present positions, on the planted sole; None without servos that answer."""
         sent = self.record.robot
         if self.robot is None or sent is None or not self.has_bus:
             return None
@@ -168,14 +167,14 @@ class RunResult:
         return padded
 
 
-# What is shown of a run beside the rows of its record: asked of it when a moment is shown, and only then.
+# What is shown of a run in addition to the rows of its record, read only when a snapshot is shown.
 
 ROOT, PRESSURE = 7, 2
 
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """Where a simulated body really is. root (7,): xyz and wxyz of its root link; angles (j,): of its hinges and slides
+    """The state of a simulated body. root (7,): xyz and wxyz of its root link; angles (j,): of its hinges and slides
     in the order of the body; pressure (2,) m: centre of pressure of its soles, NaN where none carries."""
 
     root: FloatArray
@@ -183,12 +182,12 @@ class Truth:
     pressure: FloatArray
 
     def numbers(self) -> FloatArray:
-        """All of it, (7 + j + 2,)."""
+        """The state as one array, (7 + j + 2,)."""
         return np.concatenate([self.root, self.angles, self.pressure])
 
 
 def truth_names(body: BodyModel) -> tuple[str, ...]:
-    """What the numbers of a `Truth` about a body are."""
+    """Names of the numbers of a `Truth` about a body."""
     joints = [name for name, kind in zip(body.joint_names, body.joint_type, strict=True) if kind > JointType.BALL]
     return ("x", "y", "z", "qw", "qx", "qy", "qz", *joints, "pressure_x", "pressure_y")
 
@@ -196,7 +195,7 @@ def truth_names(body: BodyModel) -> tuple[str, ...]:
 def in_truth(body: BodyModel, goal: FloatArray, numbers: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Posture (nq,) of a body by the numbers of a `Truth`, and the centre of pressure (2,).
 
-    A body whose root is held has the root of `goal`.
+    The root of a body with a fixed root is that of `goal`.
     """
     q = goal.copy()
     if body.root == "free":
@@ -207,10 +206,10 @@ def in_truth(body: BodyModel, goal: FloatArray, numbers: FloatArray) -> tuple[Fl
 
 @dataclass(frozen=True)
 class Extras:
-    """words: what the robot does now, and why. current: what its servos draw, (s,) A. around: where obstacles are.
-    truth: where a simulated body really is. None: nobody knows, or there is none."""
+    """words: what the robot does now, and why. current: that of its servos, (s,) A. obstacles: their poses. truth: the
+    state of a simulated body. Each is None where it is not known or does not exist."""
 
     words: Callable[[], tuple[str, str]] = lambda: ("", "")
     current: Callable[[], FloatArray | None] = lambda: None
-    around: Callable[[], ObstaclePoses | None] = lambda: None
+    obstacles: Callable[[], ObstaclePoses | None] = lambda: None
     truth: Callable[[], Truth | None] = lambda: None

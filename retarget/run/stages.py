@@ -12,10 +12,10 @@ __all__ = ["FollowingStage", "ReconstructingStage"]
 
 
 class ReconstructingStage(Protocol):
-    """From what the sensors say to the posture of the human. `dt` is s of the performer's time."""
+    """From sensor samples to the posture of the human. `dt` is s of the performer's time."""
 
     def start(self, sample: SensorSample) -> "HumanPosture":
-        """The posture that the sensors show first."""
+        """The posture of the first sample."""
         ...
 
     def step(self, sample: SensorSample, dt: float) -> "HumanPosture":
@@ -30,44 +30,44 @@ class FollowingStage(Protocol):
         """The posture from which to follow."""
         ...
 
-    def arrive(self, human: "HumanPosture", dt: float) -> "list[RobotPosture]":
-        """After `start`: the postures, tick by tick, from there to where this human posture wants the robot."""
+    def settle(self, human: "HumanPosture", dt: float) -> "list[RobotPosture]":
+        """After `start`: the postures, tick by tick, from there to the one that this human posture asks for."""
         ...
 
     def step(self, human: "HumanPosture", dt: float) -> "RobotPosture":
         """The next posture."""
         ...
 
-    def set_speed_override(self, pace: float) -> None:
-        """From the next tick on, follow or land at a share (0, 1] of all speeds, called before every `step` and
-        `return_to_stance`: the robot lags behind what is too fast for that, and catches up smoothly."""
+    def set_speed_override(self, override: float) -> None:
+        """Follow, or return to stance, at a share (0, 1] of all speeds from the next tick on; called before every
+        `step` and `return_to_stance`. The robot lags behind faster motion, and catches up smoothly."""
         ...
 
     def set_contact_state(self, soles: BoolArray | None) -> None:
-        """Which soles (k,) of the robot press on the floor from now on; None: nobody knows."""
+        """Set which soles (k,) of the robot press on the floor from now on; None: not known."""
         ...
 
     def halt(self, dt: float) -> FloatArray | None:
-        """The next posture (nq,) on a way to a stop; None: none is known."""
+        """The next posture (nq,) of a stopping trajectory; None: there is none."""
         ...
 
     def begin_return_to_stance(self, q: FloatArray) -> None:
-        """Land from posture q (nq,), in which the robot stands, whether it has followed or not."""
+        """Begin the return to stance from posture q (nq,), in which the robot stands; it may not have followed yet."""
         ...
 
     def return_to_stance(self, dt: float) -> FloatArray | None:
-        """The next posture (nq,) of a robot on its way to a stand, a foot put down first; None: it stands there, or
-        needs none."""
+        """The next posture (nq,) of the return to stance, in which a raised foot touches down first; None: the robot
+        has reached the stance, or needs none."""
         ...
 
     def separate_limbs(self) -> None:
-        """If the robot stands, since a goal was refused, let the next thought be of parting limbs."""
+        """If the robot stands because a goal was refused, move limbs that touch apart in the next step."""
         ...
 
     def pass_time(self, dt: float) -> None:
-        """Let obstacles move on in a tick in which somebody else leads the robot."""
+        """Let obstacles move on in a tick in which this stage does not lead the robot."""
         ...
 
     def reseed(self, q: FloatArray, velocity: FloatArray) -> None:
-        """Go on from posture q (nq,), moving at velocity (nv,) per s: something else was sent than was asked."""
+        """Go on from posture q (nq,) at velocity (nv,) per s, because something else was sent than was asked."""
         ...

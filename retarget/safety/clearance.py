@@ -1,4 +1,4 @@
-"""Clearance of what is about to be sent, and of where a motion begins."""
+"""Swept clearance: the collision check of the gate for a path of goals, and contact where a motion begins."""
 
 from dataclasses import dataclass
 
@@ -27,13 +27,13 @@ __all__ = [
 ]
 
 
-# How far servos are from where they were sent, and how much of that their lag does not explain.
+# Following error: how far servos are from their goals, and how much of that their lag does not explain.
 
 REMEMBERED_S = 0.25
-"""A servo that is where it was sent at most so long (s) ago lags; one that is elsewhere is off its way."""
+"""A servo at a goal of the last so many seconds lags; one that is elsewhere has left its trajectory."""
 ROUNDING_TICKS = 2.0
-"""Encoder steps by which a servo that goes well may be off: its goal and its position are both rounded, and it holds
-within a step."""
+"""Encoder steps by which a good servo may be off: its goal and its position are both rounded, and it holds within a
+step."""
 
 
 class FollowingError:
@@ -45,7 +45,7 @@ class FollowingError:
         self._row = 0
 
     def seed(self, position: FloatArray) -> None:
-        """All that was ever sent is `position` (n,)."""
+        """Take `position` (n,) for all earlier goals."""
         self._goals[:] = position
 
     def sent(self, goal: FloatArray) -> None:
@@ -54,32 +54,31 @@ class FollowingError:
         self._goals[self._row] = goal
 
     def unexplained(self, measured: FloatArray) -> FloatArray:
-        """How far `measured` (n,) is outside of what was sent lately, rad, signed; 0 within."""
+        """How far `measured` (n,) is outside the range of the last goals, rad, signed; 0 within."""
         lo, hi = self._goals.min(axis=0) - self._slack, self._goals.max(axis=0) + self._slack
         off: FloatArray = measured - np.minimum(np.maximum(measured, lo), hi)
         return off
 
 
 KEPT_SHARE = 0.25
-"""Of each pair's margin, what the gate insists on. The observers keep the whole margin and do the work; if the gate
-asked for as much, every rounding of theirs would be a refusal. It is the proof, not the control."""
+"""Share of each pair's margin that the gate requires. The observers keep the whole margin; if the gate required as
+much, it would refuse a goal for every rounding of theirs. The gate checks, the observers control."""
 SERVOS_SHARE = 0.25
-"""The same for where servos are measured. The straight line from there to the goal cuts the corners of the way that
-they go, and the room that the gate keeps is there for just that."""
+"""The same for measured servo positions. The straight line from there to the goal cuts the corners of the servos' real
+path; the rest of the margin is the room for that."""
 
 
 class PathClearance:
-    """A `retarget.safety.gate.PathCheck` for one robot: the observers and the obstacles of its stage, and where it
-    stands.
+    """A `retarget.safety.gate.PathCheck` for one robot, with the observers and the obstacles of its stage.
 
-    Whoever sends tells it where the servos are (`measure`), before, and what was sent (`sent`), after.
+    The caller sets the servo positions (`measure`) before a goal is sent, and the goal that was sent (`sent`) after.
 
-    Two ways are looked at. First the one of the goals: from the posture sent last to the goal and on to rest. The
-    servos are behind it, but where a goal went the robot passes later, so that lag alone asks for nothing more. What
-    lag does not explain (see `FollowingError`: droop under load, play, a servo that slips) is known in size and in
-    direction; it is not spread as a margin in all directions, which would stop a robot whose knees give a little. So
-    the second way is the one of the servos: from where they are straight to the goal, and if they are off their way,
-    on to rest, off by as much as they are now.
+    Two paths are checked. The first is that of the goals: from the posture sent last to the goal and on to rest. The
+    servos lag behind it and pass the same places later, so lag needs no other check. Errors that lag does not explain
+    (see `FollowingError`: droop under load, play, a servo that slips) have a known size and direction. They are not
+    spread as a margin in all directions, which would stop a robot whose knees deflect a little. So the second path is
+    that of the servos: from where they are straight to the goal, and if they have left their trajectory, on to rest
+    with the same error as now.
     """
 
     def __init__(
@@ -94,7 +93,7 @@ class PathClearance:
             sole_links=[foot.body for foot in feet],
             sole_points=np.array([foot.position for foot in feet]).reshape(-1, 3),
         )
-        self._around = scene_obstacles
+        self._obstacles = scene_obstacles
         self._dt = dt
         self._columns = robot.servo_columns
         self._following = FollowingError(robot.joint_map.tick_rad, dt=dt)
@@ -102,25 +101,25 @@ class PathClearance:
         self._measured: FloatArray | None = None
 
     def begin(self, standing: FloatArray, position: FloatArray) -> None:
-        """The robot stands as in `standing` (nq,), with its servos at `position` (n,) rad."""
+        """Begin with the robot as in `standing` (nq,), and its servos at `position` (n,) rad."""
         self._checker.restart()
         self._standing[:] = standing
         self._following.seed(position)
         self._measured = None
 
     def measure(self, position: FloatArray) -> None:
-        """Where the servos (n,) rad are in the tick that begins."""
+        """Set the measured servo positions (n,) rad of the tick that begins."""
         self._measured = position
 
     def sent(self, position: FloatArray, standing: FloatArray) -> None:
-        """What was sent, (n,) rad; it stands as in `standing` (nq,)."""
+        """Remember the goal that was sent, (n,) rad; the robot stands as in `standing` (nq,)."""
         self._following.sent(position)
         self._standing[:] = standing
 
     def __call__(self, path: FloatArray, instead: FloatArray) -> bool:
         """Whether a path (k, n) rad is clear; instead (k, n): what is followed if not."""
-        self._around.look()
-        poses = self._around.now
+        self._obstacles.look()
+        poses = self._obstacles.now
         if poses is not None:
             self._checker.set_obstacles(poses.position, poses.quat, poses.linear_velocity, poses.angular_velocity)
         if not self._checker.is_clear(self._standing, path, dt=self._dt, share=KEPT_SHARE, instead=instead):
@@ -137,14 +136,14 @@ class PathClearance:
         )
 
 
-# What touches where a motion begins: parts of the body with each other, and with what is around it.
+# Contact where a motion begins: parts of the body with each other, and with obstacles.
 
 CONTACT_M = 1e-4
-"""Deeper than this (m) is contact, as for the solver: rounding is not."""
+"""Deeper than this (m) is contact, as for the solver; less is rounding."""
 
 
 NEAR_SOLE_M = 1e-3
-"""What is so near (m) to a sole that stands carries it."""
+"""An obstacle so near (m) to a sole that stands carries it."""
 
 
 @dataclass(frozen=True)
@@ -159,7 +158,7 @@ class Contact:
 def contacts(
     body: BodyModel, observers: Observers, scene: SceneState | None, q: FloatArray, *, deeper_than: float = CONTACT_M
 ) -> tuple[Contact, ...]:
-    """What touches in posture q (nq,) at the scene's time 0: pairs that are looked at, and obstacles; deepest first."""
+    """Contacts in posture q (nq,) at the scene's time 0, of checked pairs and with obstacles; deepest first."""
     position, quat = placed(body, observers, q)
     n, pairs = len(observers.names), observers.pairs
     kinds, sizes, others = observers.kinds, observers.sizes, observers.names
@@ -167,8 +166,8 @@ def contacts(
         poses, shapes = scene.at_rest(0.0), scene.shapes
         kinds, sizes = np.concatenate([kinds, shapes.kinds]), np.concatenate([sizes, shapes.sizes])
         position, quat = np.concatenate([position, poses.position]), np.concatenate([quat, poses.quat])
-        around, _ = observers.around(shapes)
-        pairs, others = np.concatenate([pairs, around + np.array([0, n])]), others + shapes.names
+        with_scene, _ = observers.obstacle_pairs(shapes)
+        pairs, others = np.concatenate([pairs, with_scene + np.array([0, n])]), others + shapes.names
     a, b = pairs[:, 0], pairs[:, 1]
     depths = -_solver.shape_distances(
         kinds[a], sizes[a], position[a], quat[a], kinds[b], sizes[b], position[b], quat[b]
@@ -179,14 +178,14 @@ def contacts(
 
 
 def refuse_contact(found: tuple[Contact, ...], *, where: str) -> None:
-    """Raise UsageError that names all of them, if there are any. where: what begins, for the message."""
+    """Raise UsageError that names all contacts, if there are any. where: what begins, for the message."""
     if found:
         raise UsageError.from_problems([_problem(contact, where) for contact in found])
 
 
 def refuse_floor(robot: RobotBody, observers: Observers, scene: SceneState, q: FloatArray) -> None:
-    """Raise UsageError if a robot that stands in posture q (nq,) has an obstacle under its soles: it would keep off
-    it."""
+    """Raise UsageError if a robot that stands in posture q (nq,) has an obstacle under its soles, which its observers
+    would avoid."""
     feet = {name for name, stands in zip(observers.names, observers.stands.tolist(), strict=True) if stands}
     for contact in contacts(robot.body, observers, scene, q, deeper_than=-NEAR_SOLE_M):
         if contact.part in feet and contact.other in scene.shapes.names:

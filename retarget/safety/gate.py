@@ -1,6 +1,4 @@
-"""The gate: the last word on a goal. Nothing passes that is not finite, inside every limit, and able to stop within
-them.
-"""
+"""The gate: the last check of a goal. A goal passes if it is finite, within every limit, and can stop within them."""
 
 from collections.abc import Callable
 
@@ -19,16 +17,16 @@ PathCheck = Callable[[FloatArray, FloatArray], bool]
 and that followed if it is refused; to whether all of the first is clear of collision."""
 
 ROUND_OFF = 1e-9
-"""How far, in rad, a goal may miss a bound before it counts as a refusal: two programs that agree differ by less."""
+"""How far, in rad, a goal may miss a bound before the gate refuses it: rounding of two programs that agree is less."""
 
 
 class Gate:
     """A `hardware.guard_state.GoalFilter`. Postures are joint radians (n,) in the profile's servo order; one call per
     tick of `dt` s.
 
-    A goal passes whole or not at all: a posture in which some joints brake and others go on was never asked for by
-    anybody. Limits are judged on radians, before goals are rounded to ticks (one tick of 1.5 mrad in 8 ms would alone
-    be 24 rad/s^2).
+    A goal passes whole or not at all: no caller has asked for a posture in which some joints brake and others go on.
+    Limits are checked on radians, before goals are rounded to ticks (one tick of 1.5 mrad in 8 ms would alone be
+    24 rad/s^2).
 
     Each joint brakes by its own full deceleration, so the braking trajectory follows from position and velocity alone:
     what was verified when a goal passed is what `brake` follows. After a refusal the caller starts anew from `position`

@@ -1,6 +1,6 @@
-"""Where configurations are: shipped ones beside the package, the user's own in the XDG config folder; by name or path.
+"""Where configurations are: shipped ones next to the package, the user's own in the XDG config folder; by name or path.
 
-Shipped: `configs/` inside the `retarget` package (an installed wheel) or beside it (a checkout). The user's:
+Shipped: `configs/` inside the `retarget` package (an installed wheel) or next to it (a checkout). The user's:
 `$XDG_CONFIG_HOME/retarget/` (`~/.config/retarget/` by default), with the same folders inside; a user's file hides the
 shipped one of the same name. What belongs to one specimen of a robot, its calibration, is the user's own only.
 """
@@ -62,7 +62,7 @@ def shipped_folder() -> Path:
 
 
 def user_folder(environment: Mapping[str, str] | None = None) -> Path:
-    """The user's own folder; relative values of XDG_CONFIG_HOME are ignored, as the XDG standard asks."""
+    """The user's own folder; relative values of XDG_CONFIG_HOME are ignored, as the XDG standard requires."""
     variables = os.environ if environment is None else environment
     base = Path(variables.get("XDG_CONFIG_HOME", ""))
     if not base.is_absolute():
@@ -114,7 +114,7 @@ def find(kind: Kind, name_or_path: str | Path) -> Path:
 
 
 def kind_of(path: Path) -> Kind | None:
-    """The kind of a configuration file by the folder that it lies in; None when no folder tells."""
+    """The kind of a configuration file by the folder that it lies in; None for any other folder."""
     folders = [folder.name for folder in path.resolve().parents]
     return next((kind for kind in Kind if kind.value in folders[:3]), None)
 

@@ -24,27 +24,27 @@ class PerformerSensor(Schema):
     joint: Name
     """Human joint that it sits on."""
     orientation: Switch = False
-    """Whether it is used how the sensor turns, where the source knows it."""
+    """Whether its orientation is used, where the source has one."""
     role: Text | None = None
-    """What a live sender calls it, where its convention does not say so already."""
+    """Its name at a live sender, where the convention of roles does not give it."""
     beside: Switch = False
     """It sits some centimetres beside its joint; where is found out while a live performer stands still (head and
     wrists)."""
 
 
 class Performer(Schema):
-    """A performer: who wears what, in the order of the sample's rows."""
+    """A performer: their sensors, in the order of the sample's rows."""
 
     name: Name
     """By which it is chosen."""
     description: Text
-    """For whoever chooses."""
+    """One line for lists."""
     roles: Name | None = None
     """Convention of a live sender's names (docs/live.md), where the kind of stream does not say so."""
     partial: Switch = False
-    """What a live stream lacks takes no part, instead of being waited for."""
+    """A sensor that a live stream does not have takes no part, instead of being waited for."""
     sensors: Annotated[dict[Name, PerformerSensor], Field(min_length=1, max_length=64)]
-    """Sensors that are worn, by canonical name."""
+    """Sensors on the performer, by canonical name."""
 
     @property
     def oriented(self) -> tuple[str, ...]:

@@ -100,7 +100,7 @@ class _Weighed(Schema):
     max_error: Positive | None = None
     """[m or rad] Cap of the error asked per iteration; absent: the solver's own."""
     optional: Switch = False
-    """What `of` names may be missing on the body or among the worn sensors."""
+    """Names in `of` may be missing on the body or among the performer's sensors."""
 
 
 class PositionTask(_Weighed):
@@ -202,7 +202,7 @@ class PostureTask(_Weighed):
     towards: Name = "attractor"
     """Name of the posture."""
     lowered: Name | None = None
-    """Name of what it becomes as the head comes down; absent: it stays."""
+    """Name of the posture that replaces it as the head comes down; absent: it stays."""
     stiffness: Annotated[dict[Name, NotNegative], Field(max_length=300, default_factory=_uniform)]
     """Weight by joint or group of joints; `default` is that of all others, and of a free root 0."""
     settle: NotNegative = 0.0
@@ -250,7 +250,7 @@ Task = Annotated[
 ]
 
 
-# How the heading is told from the sensors: weights of what hints at it. The `heading` section of a priority file.
+# The `heading` section of a priority file: weights of the hints by which the heading is found from the sensors.
 
 
 def _not_negative(pair: tuple[float, float]) -> tuple[float, float]:
@@ -265,11 +265,11 @@ class HeadingSettings(Schema):
     pairs: dict[Name, NotNegative] = Field(default_factory=lambda: {"ankle": 0.5, "wrist": 1.0}, max_length=16)
     """[1/m] By part with a left and a right sensor: weight of the line between the two."""
     hands: NotNegative = 1.0
-    """[1/m] Weight of how far ahead of the ankles the hands are."""
+    """[1/m] Weight of how far forward of the ankles the hands are."""
     velocity: NotNegative = 0.5
-    """[s/m] Weight of the way the head moves."""
+    """[s/m] Weight of the velocity of the head."""
     walking: Annotated[Interval, AfterValidator(_not_negative)] = (0.5, 1.0)
-    """[m/s] Speeds of the head at which that begins to count, and counts wholly."""
+    """[m/s] Speeds of the head at which its velocity begins to count, and counts wholly."""
     facing: dict[Name, NotNegative] = Field(
         default_factory=lambda: {"head": 1.0, "chest": 2.0, "pelvis": 2.0}, max_length=16
     )
@@ -277,7 +277,7 @@ class HeadingSettings(Schema):
     settle: Positive = 0.2
     """[s] Time constant of the low-pass."""
     velocity_settle: Positive = 0.05
-    """[s] Of that of the velocity."""
+    """[s] Time constant of the low-pass of the head's velocity."""
 
 
 Steps = Literal["planted", "shift", "follow"]
@@ -286,41 +286,42 @@ where something else carries the robot, whatever the performer's do."""
 
 
 class ObserverSettings(Schema):
-    """What this file asks of observers."""
+    """Observers of the human, and margins of all observers."""
 
     human: Literal["none", "lines", "lines_and_head", "capsules"] = "none"
-    """What a human wears: nothing, lines along the limbs, those and a ball for the head, or its own capsules. A robot
-    brings its own."""
+    """Observers of a human: none, lines along the limbs, those and a ball for the head, or its own capsules. The
+    profile of a robot has its own."""
     influence: Positive = 0.08
-    """[m] Of those of the human."""
+    """[m] Influence distance of the human's observers."""
     margin: NotNegative | None = None
-    """[m] Of all observers; absent: each its own."""
+    """[m] Margin of all observers; absent: each its own."""
     obstacle_margin: NotNegative | None = None
-    """[m] Of all obstacles; absent: each its own."""
+    """[m] Margin of all obstacles; absent: each its own."""
 
 
 class DeflectionCompensationSettings(Schema):
-    """Goals that hold a robot on its soles up where its servos give way (see
+    """Goals that hold a robot on its soles in its posture although its servos deflect (see
     `retarget.robot.deflection_compensation`)."""
 
     settle: Annotated[Positive, Field(le=1.0)] = 0.02
     """[s] Time constant with which goals follow the load."""
     speed_margin: NotNegative = 0.25
-    """Share by which the load of a crouch is exceeded in motion; what carries it is planned no faster than its motors
-    turn under that."""
+    """Share by which the load in motion exceeds that of a crouch at rest; joints that carry the robot are planned no
+    faster than their motors turn under it."""
     soft_limits: Annotated[NotNegative, Field(le=0.5)] = 0.05
-    """[rad] What carries the robot keeps so far off the ends of its range, for what its servos overshoot."""
+    """[rad] Distance that joints that carry the robot keep from the ends of their range, as their servos overshoot."""
     tracking_delay: Annotated[NotNegative, Field(le=1.0)] = 0.03
-    """[s] So late its bus may be before a servo at the speed of the plan is so far behind that the guard stops it."""
+    """[s] Delay of the bus that is allowed: at the speed of the plan the guard does not stop a servo that lags by so
+    much more."""
 
 
 class Level(Schema):
-    """Tasks of equal rank. A level without tasks keeps its place and asks nothing."""
+    """Tasks of equal rank. A level without tasks keeps its place and has no effect."""
 
     name: Text
     """For messages and reports."""
     tasks: Annotated[tuple[Task, ...], Field(max_length=32)]
-    """Of equal rank; none: the level keeps its place and asks nothing."""
+    """Tasks of equal rank; none: the level keeps its place and has no effect."""
 
 
 class Priorities(Schema):
@@ -329,23 +330,23 @@ class Priorities(Schema):
     name: Name
     """By which it is chosen."""
     description: Text
-    """For whoever chooses."""
+    """One line for lists."""
     iterations: Annotated[Integer, Field(ge=1, le=100)] = 5
     """Per frame, at most (the paper's N_IK)."""
     activation: Literal["closest", "ranked", "all"] = "closest"
-    """Which preventive observers put up their row: the closest per obstacle (paper), one after the other by distance,
-    or all."""
+    """Which preventive observers add their row: the closest per obstacle (paper), one after the other by distance, or
+    all."""
     observers: ObserverSettings = ObserverSettings()
-    """Which they are, and what they keep."""
+    """Observers and margins."""
     heading: HeadingSettings = HeadingSettings()
-    """How the heading of a performer is told from the sensors."""
+    """How the heading of a performer is found from the sensors."""
     deflection_compensation: DeflectionCompensationSettings | None = None
-    """Goals that hold up a robot with mass on its own soles; absent: goals are postures."""
+    """Goals for a robot with mass on its own soles; absent: goals are postures."""
     steps: Steps | None = None
     """What the feet do when the performer lifts one: stay; lift as well, in place, once the mass is over the other; or,
     of a robot that hangs, whatever the performer's do. Absent: they stay, and those of a robot that hangs follow."""
     lead_time: Annotated[NotNegative, Field(le=0.2)] = 0.0
-    """[s] So far ahead of what is asked a robot aims, by the asked motion's own velocity: its servos are behind it."""
+    """[s] The robot aims at where the asked motion will be then, by its own velocity, as servos lag behind goals."""
     levels: Annotated[tuple[Level, ...], Field(min_length=1, max_length=32)]
     """Highest first: a level is never traded for a lower one."""
 
@@ -385,14 +386,14 @@ _GIVE_HUMAN = f"Give the human a priority file of its own (shipped: {FOR_HUMANS}
 
 
 def check_for_human(priorities: Priorities, name: str) -> None:
-    """Raise ConfigError for tasks of which no performer can wear anything, and which would do nothing.
+    """Raise ConfigError for tasks that name no sensor of any performer, and would have no effect.
 
     name: of the priority file, or its path.
     """
     where = str(find(Kind.PRIORITIES, name))
     problems = [
         Problem(
-            f"task {task.type} of level {priorities.levels[level].name!r} names nothing that a performer wears",
+            f"task {task.type} of level {priorities.levels[level].name!r} names no sensor of a performer",
             where=where,
             found=listed(task.of),
             allowed=listed(SENSORS),

@@ -52,10 +52,10 @@ class _BodyNames:
 
 def check_body(profile: "RobotProfile", document: Document, folder: Path) -> list[Problem]:
     """All problems of the profile with its body file, whose path is relative to `folder`."""
-    if not profile.body:  # unsound, and told already
+    if not profile.body:  # not valid, and reported already
         return []
     if leaves_folder(profile.body):
-        what, allowed = "a path that leaves the profile's folder", "the name of a file beside the profile, or below it"
+        what, allowed = "a path that leaves the profile's folder", "the name of a file in that folder, or below it"
         return [document.problem(("body",), what, found=profile.body, allowed=allowed)]
     try:
         body = _read(folder / profile.body, profile.root)
@@ -174,7 +174,7 @@ class RobotProfile(Schema):
     buses: Annotated[dict[Name, Bus], Field(min_length=1, max_length=16)]
     """Lines of servos, by name."""
     observers: Annotated[dict[Name, Observer], Field(max_length=200)]
-    """What looks out for collisions, by name."""
+    """Observers, by name."""
     ignore_pairs: Annotated[tuple[IgnorePair, ...], Field(max_length=500)]
     """Links that are never checked against each other."""
     feet: Annotated[dict[Name, Foot], Field(max_length=4)]
@@ -241,12 +241,12 @@ def _check(profile: RobotProfile, document: Document) -> list[Problem]:
     return check_parts(profile, document) + check_body(profile, document, document.path.parent)
 
 
-# The mark on lines of a drafted profile that somebody who knows the robot must look at.
+# The mark on lines of a drafted profile that a person who knows the robot must check.
 
 DRAFT = "# DRAFT"
 
 
 def marked_lines(text: str) -> tuple[int, ...]:
-    """Numbers, from 1, of the lines of a profile that still bear the mark after what they say."""
+    """Numbers, from 1, of the lines of a profile that still end with the mark."""
     lines = enumerate(text.splitlines(), 1)
     return tuple(number for number, line in lines if DRAFT in line and not line.lstrip().startswith("#"))

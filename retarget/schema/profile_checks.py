@@ -1,6 +1,6 @@
 """Cross checks of a robot profile that need no body file: names that refer to each other, limits, soles, landmarks.
 
-Every check takes the sound part of a profile and its document, and returns problems with their places. Names are looked
+Every check takes the valid part of a profile and its document, and returns problems with their places. Names are looked
 up among the keys of the document, so that an entry with an error of its own is not called unknown as well.
 """
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 # Cross checks of a profile's servos, couplings and buses: what the servo side itself would refuse, with its place.
 #
-# Every check takes the sound part of a profile and its document, and returns problems with their places.
+# Every check takes the valid part of a profile and its document, and returns problems with their places.
 
 MAX_GAIN_1 = 254
 """Highest gain of a Protocol 1.0 servo (e-Manual, MX-28, registers 26 to 28)."""
@@ -62,7 +62,7 @@ def check_couplings(profile: "RobotProfile", document: Document) -> Iterable[Pro
     holder: dict[str, int] = {}
     for index, coupling in enumerate(profile.couplings):
         here: KeyPath = ("couplings", index)
-        sound = True
+        usable = True
         for place, joint in enumerate(coupling.joints):
             if joint not in joints:
                 yield unknown_name(document, (*here, "joints", place), "joint", joint, joints)
@@ -73,8 +73,8 @@ def check_couplings(profile: "RobotProfile", document: Document) -> Iterable[Pro
                 step = "Leave it out: it is part of the coupling's matrix"
                 where: KeyPath = ("servos", joint, "gear")
                 yield document.problem(where, "a coupled servo has no gear", found=str(servo.gear), next_step=step)
-            sound = sound and servo is not None and servo.gear == 1.0 and holder[joint] == index
-        if sound and all(_known(profile.servos[joint].model) for joint in coupling.joints):
+            usable = usable and servo is not None and servo.gear == 1.0 and holder[joint] == index
+        if usable and all(_known(profile.servos[joint].model) for joint in coupling.joints):
             specs = servo_specs({joint: profile.servos[joint] for joint in coupling.joints}, (coupling,))
             for text in coupling_problems(specs):
                 yield document.problem(here, text, next_step="Check joints, matrix, limits, zero_tick and direction")
@@ -284,7 +284,7 @@ def _side(start: Point2, end: Point2, point: Point2) -> float:
 def _postures(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
     joints = keys_of(document, "servos")
     for name in ("neutral", "stand", "rest", "attractor"):
-        posture = getattr(profile.postures, name, None)  # absent where the section is unsound
+        posture = getattr(profile.postures, name, None)  # absent where the section is not valid
         if posture is None:
             continue
         for joint in posture:

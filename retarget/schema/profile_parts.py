@@ -195,7 +195,7 @@ class IgnorePair(Schema):
     pair: tuple[Name, Name]
     """Two links."""
     reason: Text
-    """Why, for whoever reads the file."""
+    """Why, for the reader of the file."""
 
 
 class Foot(Schema):
@@ -219,7 +219,7 @@ class Postures(Schema):
     stand: Posture
     """[rad] From which a run begins."""
     rest: Posture
-    """[rad] In which it is parked."""
+    """[rad] In which torque goes off at the end of a run."""
     attractor: Posture
     """[rad] To which free joints are drawn."""
 

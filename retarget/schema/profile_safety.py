@@ -1,4 +1,4 @@
-"""A profile's `safety`: its keys, its levels in the guard's own terms, and warnings that come before stops."""
+"""The `safety` section of a profile: its keys, the limits of the guard that follow from them, and their checks."""
 
 from collections.abc import Iterable
 from math import inf
@@ -37,47 +37,46 @@ class SpeedCaps(Schema):
     approach: Share = 0.2
     """On the way to a posture (start, rest) and to the performer."""
     warm: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.25, le=1)] = 0.5
-    """Of the speed of following, left while a servo is too warm or draws too much."""
+    """Share of the speed of following, while a servo is too warm or draws too much."""
 
 
 class Safety(Schema):
-    """Bounds of operation; beyond one of them the guard stops the robot. What is left out is not watched."""
+    """Bounds of operation; beyond one of them the guard stops the robot. A key that is left out is not checked."""
 
     rate_hz: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=10, le=1000)]
     """[Hz] Ticks of the robot."""
     freshness: Positive
-    """[s] Oldest state of a servo that is acted on, and most that a goal may take from the start of its tick. Beyond
-    it: stop."""
+    """[s] Greatest age of a servo's state, and of a goal since the start of its tick. Beyond it: stop."""
     freshness_warn: Positive | None = None
-    """[s] From here on it is told."""
+    """[s] From here on: a warning."""
     speed_caps: SpeedCaps = SpeedCaps()
     """Shares of each servo's max_velocity, kept by stages and gate."""
     temperature_c: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=100)]
     """[degrees Celsius] Hottest servo; beyond it: stop."""
     temperature_warn_c: Positive | None = None
-    """[degrees Celsius] From here on it is told and the robot goes slower. Absent: 5 below temperature_c."""
+    """[degrees Celsius] From here on: a warning, and the robot goes slower. Absent: 5 below temperature_c."""
     voltage: Interval
     """[V] Lowest and highest supply; outside: stop."""
     voltage_warn: Interval | None = None
-    """[V] Outside it is told."""
+    """[V] Outside: a warning."""
     following_error: Positive
     """[rad] Largest distance between goal and present position; beyond it: stop."""
     following_error_sustained: Positive | None = None
-    """[rad] A smaller one that stops only if it lasts."""
+    """[rad] A smaller one that stops only after following_error_s."""
     following_error_s: Annotated[Positive, Field(le=10)] = 0.2
-    """[s] So long."""
+    """[s] Time after which a sustained error stops or warns."""
     following_error_warn: Positive | None = None
-    """[rad] One that lasts and is told."""
+    """[rad] One that gives a warning after following_error_s."""
     current_a: Positive | None = None
-    """[A] Most that a servo may draw for long; beyond it: stop."""
+    """[A] Greatest current of a servo for current_s; beyond it: stop."""
     current_warn_a: Positive | None = None
-    """[A] From here on it is told and the robot goes slower."""
+    """[A] From here on: a warning, and the robot goes slower."""
     current_s: Annotated[Positive, Field(le=60)] = 1.0
-    """[s] What is long."""
+    """[s] Time after which a current stops or warns."""
 
 
 def guard_limits(safety: Safety) -> GuardLimits:
-    """What the guard tolerates."""
+    """The limits of the guard."""
     return GuardLimits(
         max_age=safety.freshness,
         max_temperature=safety.temperature_c,
@@ -98,7 +97,7 @@ def guard_limits(safety: Safety) -> GuardLimits:
 
 def check_safety(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
     """Warnings that would come only after the stop."""
-    safety: Safety | None = getattr(profile, "safety", None)  # absent where the section is unsound
+    safety: Safety | None = getattr(profile, "safety", None)  # absent where the section is not valid
     if safety is None:
         return
     for key, other, unit in WITHIN:
@@ -121,29 +120,29 @@ def check_safety(profile: "RobotProfile", document: Document) -> Iterable[Proble
 
 
 def safety_facts(safety: Safety) -> dict[str, str]:
-    """What warns, slows and stops, in words for a person."""
+    """What warns, slows and stops, in words for the operator."""
     low, high = safety.voltage
-    warns = [f"{_warm(safety):g} degrees Celsius"]
-    warns += [] if safety.current_warn_a is None else [f"{safety.current_warn_a:g} A for {safety.current_s:g} s"]
+    slows = [f"{_warm(safety):g} degrees Celsius"]
+    slows += [] if safety.current_warn_a is None else [f"{safety.current_warn_a:g} A for {safety.current_s:g} s"]
     stops = [f"{safety.temperature_c:g} degrees Celsius", f"outside {low:g} to {high:g} V"]
     stops += [] if safety.current_a is None else [f"{safety.current_a:g} A for {safety.current_s:g} s"]
     stops += [f"{safety.following_error:g} rad from the goal"]
     if safety.following_error_sustained is not None:
         stops += [f"{safety.following_error_sustained:g} rad for {safety.following_error_s:g} s"]
     stops += [f"silent for {safety.freshness:g} s"]
-    told = [] if safety.voltage_warn is None else ["outside {:g} to {:g} V".format(*safety.voltage_warn)]
+    warns = [] if safety.voltage_warn is None else ["outside {:g} to {:g} V".format(*safety.voltage_warn)]
     if safety.following_error_warn is not None:
-        told += [f"{safety.following_error_warn:g} rad from the goal for {safety.following_error_s:g} s"]
-    told += [] if safety.freshness_warn is None else [f"silent for {safety.freshness_warn:g} s"]
+        warns += [f"{safety.following_error_warn:g} rad from the goal for {safety.following_error_s:g} s"]
+    warns += [] if safety.freshness_warn is None else [f"silent for {safety.freshness_warn:g} s"]
     return {
-        "slows": f"to {safety.speed_caps.warm:.0%} at {', '.join(warns)}",
-        "warns": ", ".join(told) or "as it slows",
+        "slows": f"to {safety.speed_caps.warm:.0%} at {', '.join(slows)}",
+        "warns": ", ".join(warns) or "as it slows",
         "stops": ", ".join(stops),
     }
 
 
 def _warm(safety: Safety) -> float:
-    """Where a servo is warm, degrees Celsius."""
+    """Temperature from which on a servo is warm, degrees Celsius."""
     given = safety.temperature_warn_c
     return safety.temperature_c - WARN_BEFORE_C if given is None else given
 

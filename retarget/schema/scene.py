@@ -1,4 +1,4 @@
-"""A scene file: what stands or moves around the robot. `configs/scenes/*.yaml`.
+"""A scene file: what stands or moves near the robot. `configs/scenes/*.yaml`.
 
 Frames. `world` is the world of the run: for a robot its own, with the origin on the ground between its soles at the
 start, x forward, y left, z up; for the virtual human the performer's. `stand` is fixed to what the robot stands or
@@ -227,7 +227,7 @@ SAME_POINT = 1e-6
 
 
 def check_obstacles(obstacles: Mapping[str, Obstacle], document: Document) -> list[Problem]:
-    """All problems of the obstacles that are sound by themselves."""
+    """All problems of the obstacles that are valid by themselves."""
     problems = []
     if document.data.get("obstacles") == {}:
         problems.append(document.problem(("obstacles",), "a scene without obstacles", allowed="one obstacle at least"))
@@ -342,9 +342,9 @@ class Scene(Schema):
     name: Name
     """By which it is chosen."""
     description: Text
-    """For whoever chooses."""
+    """One line for lists."""
     obstacles: Obstacles
-    """What is there, by name."""
+    """Obstacles, by name."""
 
 
 def load_scene(name_or_path: str | Path) -> Scene:
@@ -360,7 +360,7 @@ def load_scene(name_or_path: str | Path) -> Scene:
 def on_floor(scene: Scene | None) -> Scene:
     """A scene for a robot that stands on its feet: with the floor z = 0, unless the scene has an obstacle of that name.
 
-    scene: None, where nothing but the floor is around.
+    scene: None, where there is only the floor.
     """
     floor = {
         "shape": {"half_space": {"normal": (0.0, 0.0, 1.0)}},

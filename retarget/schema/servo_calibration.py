@@ -70,7 +70,7 @@ class ServoCalibration(Schema):
 def read_calibration(profile: "RobotProfile", path: Path | None = None) -> ServoCalibration | None:
     """The calibration of this robot; None where the user has none. path: this file instead of the user's.
 
-    Raises ConfigError: unsound, or of another robot.
+    Raises ConfigError: not valid, or of another robot.
     """
     path = calibration_path(profile.name) if path is None else path
     if not os.path.lexists(path):
@@ -91,7 +91,7 @@ def calibrated(specs: Sequence[ServoSpec], calibration: ServoCalibration) -> tup
 
 
 def write_calibration(calibration: ServoCalibration, path: Path | None = None) -> Path:
-    """Write the robot's own file, whole or not at all; the one that was there stays beside it. Returns its path.
+    """Write the robot's own file, whole or not at all; the one before is kept next to it. Returns its path.
 
     path: write this file instead, and no other. Raises UsageError with the system's reason.
     """

@@ -76,7 +76,7 @@ class Box(Schema):
 
 
 class SolidShape(Schema):
-    """Exactly one of the shapes, which whoever takes it checks."""
+    """Exactly one of the shapes; the model that holds it checks this."""
 
     segment: Annotated[Line, Keys] | None = None
     """A line without thickness."""

@@ -1,7 +1,7 @@
 """Models of configuration files: strict pydantic models, read through the strict YAML reader.
 
 `Schema` is the base of every model; `read_model` reads a file as one. Cross checks that look at several keys are plain
-functions from a model to problems (see `profile_checks`): they run on whatever part of the file is sound, so that a
+functions from a model to problems (see `profile_checks`): they run on whatever part of the file is valid, so that a
 user sees all errors of a file at once.
 """
 
@@ -54,7 +54,7 @@ def listed(names: Iterable[str], *, limit: int = 30) -> str:
 
 
 def keys_of(document: Document, section: str) -> tuple[str, ...]:
-    """The names that a section of the file gives entries to, sound or not."""
+    """The names that a section of the file gives entries to, valid or not."""
     entries = document.data.get(section)
     return tuple(entries) if isinstance(entries, dict) else ()
 
@@ -217,10 +217,10 @@ def read_model(model: type[M], path: Path, *, check: Check[M] | None = None) -> 
     try:
         read = model.model_validate(document.data)
     except ValidationError as error:
-        read = _sound_part(model, document.data)
-        told = {problem.where for problem in problems}
+        read = _valid_part(model, document.data)
+        reported = {problem.where for problem in problems}
         found = in_our_words(model, error, document)
-        problems += [problem for problem in found if problem.where not in told]
+        problems += [problem for problem in found if problem.where not in reported]
     if check is not None:
         problems += check(read, document)
     if problems:
@@ -228,22 +228,22 @@ def read_model(model: type[M], path: Path, *, check: Check[M] | None = None) -> 
     return read, document
 
 
-def _sound_part(model: type[M], data: Mapping[str, Any]) -> M:
-    """The model with what is sound in `data`; an unsound section is empty. Only cross checks ever see it."""
-    sound: dict[str, Any] = {}
+def _valid_part(model: type[M], data: Mapping[str, Any]) -> M:
+    """The model of the valid part of `data`; a section that is not valid is empty. Only cross checks get it."""
+    valid: dict[str, Any] = {}
     for name, field in model.model_fields.items():
         section = data.get(field.alias or name)
         if field.annotation is None or section is None:
-            sound[name] = None if field.is_required() else field.get_default(call_default_factory=True)
+            valid[name] = None if field.is_required() else field.get_default(call_default_factory=True)
         else:
-            sound[name] = _sound(Annotated[field.annotation, field], section)
-        if sound[name] is None and get_origin(field.annotation) in (dict, tuple):
-            sound[name] = get_origin(field.annotation)()  # type: ignore[misc]
-    return model.model_construct(**sound)
+            valid[name] = _validated(Annotated[field.annotation, field], section)
+        if valid[name] is None and get_origin(field.annotation) in (dict, tuple):
+            valid[name] = get_origin(field.annotation)()  # type: ignore[misc]
+    return model.model_construct(**valid)
 
 
-def _sound(kind: Any, data: Any) -> Any:
-    """`data` as `kind`; of a mapping its sound entries; None when nothing is sound."""
+def _validated(kind: Any, data: Any) -> Any:
+    """`data` as `kind`; of a mapping its valid entries; None when nothing is valid."""
     try:
         return TypeAdapter(kind).validate_python(data)
     except ValidationError:
@@ -251,11 +251,11 @@ def _sound(kind: Any, data: Any) -> Any:
     leaves = members(kind)
     if get_origin(leaves[0]) is dict and isinstance(data, dict):
         value_kind = get_args(leaves[0])[1]
-        entries = {name: _sound(value_kind, value) for name, value in data.items()}
+        entries = {name: _validated(value_kind, value) for name, value in data.items()}
         return {name: value for name, value in entries.items() if value is not None}
     model = model_of(kind)
     if model is not None and isinstance(data, dict):
         keys = set(keys_at(model, ()))
         if not keys >= data.keys():
-            return _sound(kind, {key: value for key, value in data.items() if key in keys})
+            return _validated(kind, {key: value for key, value in data.items() if key in keys})
     return None

@@ -163,7 +163,7 @@ def _take(capture: StreamCapture, datagram: Datagram, spy: _SpyDecoder, now: flo
             got = replace(got, detail="and others")
         capture.kinds[got] += 1
     before, spy.latest = stream.frames, []
-    stream.listen(now, moving=False)
+    stream.poll(now, moving=False)
     if stream.frames == before:
         return
     for frame in spy.latest:

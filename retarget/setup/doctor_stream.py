@@ -358,8 +358,8 @@ def _motive(address: StreamAddress, stream: LiveStream, now: float) -> list[Find
     if not isinstance(receiver, NatnetReceiver):
         return []
     found = fix_all("Motive", natnet_problems(receiver.session, now, host=address.host or ""))
-    if receiver.trouble:
-        found.append(fix("multicast", receiver.trouble, "Add interface=ADDRESS of the card that faces Motive"))
+    if receiver.join_error:
+        found.append(fix("multicast", receiver.join_error, "Add interface=ADDRESS of the card that faces Motive"))
     return found
 
 

@@ -1,4 +1,4 @@
-"""Colours of the page, and what each stands for: the scene and its legend say the same."""
+"""Colours of the page, what each stands for, limbs coloured by their servos, and the legend."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -68,7 +68,7 @@ MODES: tuple[Colour, ...] = ((120, 170, 130), (242, 158, 46), (214, 64, 69))
 
 @dataclass(frozen=True)
 class Entry:
-    """A part of the scene that can be hidden. box: beside its tick box; keys: its colours, each with what it means.
+    """A part of the scene that can be hidden. box: label of its tick box; keys: its colours, each with what it means.
 
     at_first: whether it is shown when the page opens.
     """
@@ -79,12 +79,12 @@ class Entry:
 
 
 LEGEND = {
-    "robot": Entry("robot", ((ROBOT, "robot, where its servos say that it is"),)),
+    "robot": Entry("robot", ((ROBOT, "robot, where its servos report it"),)),
     "body": Entry("robot", ((ROBOT, "robot, as the physics has it"),)),
     "goal": Entry("goal", ((GOAL, "goal that was sent, where the robot is not"),)),
     "performer": Entry("performer", ((HUMAN, "performer, as tall as the robot"),)),
     "human": Entry("performer", ((HUMAN, "performer"),)),
-    "sensors": Entry("sensors of the performer", ((SENSOR, "sensor, where it is believed to be"),)),
+    "sensors": Entry("sensors of the performer", ((SENSOR, "sensor, while it is valid"),)),
     "asked": Entry("asked of hands, feet, head", ((ASKED, "where hands, feet and head were asked to be"),)),
     "reached": Entry("reached by the goal", ((REACHED, "where the goal has them"),)),
     "balance": Entry(
@@ -104,7 +104,7 @@ LEGEND = {
         ((MODES[0], "observer: free"), (MODES[1], "slows down"), (MODES[2], "gets out of the way")),
         at_first=False,
     ),
-    "around": Entry("obstacles", ((OBSTACLE, "obstacle"),)),
+    "obstacles": Entry("obstacles", ((OBSTACLE, "obstacle"),)),
 }
 """By part of the scene, in the order of the page."""
 

@@ -1,4 +1,4 @@
-"""A moment of a run as shapes in the scene of the page."""
+"""A snapshot of a run as shapes in the scene of the page."""
 
 import threading
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ GOAL_OPACITY, GOAL_SIZE = 0.55, 0.94
 HUMAN_OPACITY = 0.65
 """Sensors are inside of the performer."""
 SEEN_THROUGH = 0.4
-BESIDE, FARTHEST = 1.15, 2.5
+LEFT_OF_ROBOT, FARTHEST = 1.15, 2.5
 """The performer stands so many heights of the robot to its left, or beyond what is there, as tall as it."""
 BALL, SENSOR_BALL = 0.018, 0.026
 """Radius of a landmark and of a sensor, as a share of the height of the robot: a sensor is thicker than a wrist."""
@@ -56,7 +56,7 @@ class Drawing:
                 self._limbs = LimbColours(cast.profile, self._robot.meshes)
         scale = height / cast.human.height
         self._human = Figure(self._scene, "performer", cast.human, colour=HUMAN, opacity=HUMAN_OPACITY, scale=scale)
-        self._place: Place | None = None  # of the performer, known from the first moment on
+        self._place: Place | None = None  # of the performer, known from the first snapshot on
         radii = {"sensors": SENSOR_BALL, "asked": BALL, "reached": BALL}
         self._balls = {name: _Balls(self._scene, name, radius * height) for name, radius in radii.items()}
         self._balls["sensors"].make(cast.sensors, SENSOR)
@@ -82,7 +82,7 @@ class Drawing:
         return None if self._limbs is None else self._limbs.scale
 
     def name_landmarks(self, names: Sequence[str]) -> None:
-        """Of which landmarks a moment tells."""
+        """Which landmarks the snapshots hold."""
         with self._lock:
             self._balls["asked"].make(names, ASKED)
             self._balls["reached"].make(names, REACHED)
@@ -134,7 +134,7 @@ class Drawing:
                 overlay.show(snapshot)
 
     def _again(self) -> None:
-        """Show the last moment again: something else of it is to be seen."""
+        """Show the last snapshot again, after another choice of what is seen."""
         if self._last is not None:
             self.show(self._last)
 
@@ -144,10 +144,10 @@ class Drawing:
         self._scene.add_grid(
             "/floor", 20.0, 20.0, cell_size=0.1, section_size=0.5, cell_color=(225, 228, 232), fade_distance=8.0
         )
-        self._look_from(0.0 if self._cast.robot is None else BESIDE)
+        self._look_from(0.0 if self._cast.robot is None else LEFT_OF_ROBOT)
 
     def _look_from(self, left: float) -> None:
-        """Let everybody come in before the robot and the performer, who is so many heights to its left."""
+        """Let every browser begin in front of robot and performer, who is so many heights to its left."""
         height, camera = self._height, self._server.initial_camera
         camera.position = (max(1.9, 1.2 * left) * height, 0.5 * left * height, 0.9 * height)
         camera.look_at = (0.0, 0.5 * left * height, 0.45 * height)
@@ -163,8 +163,8 @@ class Drawing:
             overlays["pressure"] = Pressure(scene, height=self._height)
         if robot is not None:
             overlays["observers"] = Observing(scene, robot)
-        if cast.around:
-            overlays["around"] = SceneFigures(scene, cast.around)
+        if cast.obstacles:
+            overlays["obstacles"] = SceneFigures(scene, cast.obstacles)
         return overlays
 
     def _begin(self, first: Snapshot) -> None:
@@ -174,7 +174,7 @@ class Drawing:
         self._look_from(left)
         to = np.array([0.0, left * self._height, 0.0])
         origin = first.human[:3] * (1.0, 1.0, 0.0)
-        self._place = Place(self._height / human.height, origin, _ahead(human, first), to)
+        self._place = Place(self._height / human.height, origin, _facing(human, first), to)
         self._balls["sensors"].at = self._place
         if alone:
             self._balance.at = self._balls["asked"].at = self._balls["reached"].at = self._place
@@ -221,17 +221,17 @@ class _Balls:
 
 def _left(cast: Cast, first: Snapshot) -> float:
     """How far to the left of the robot there is room for the performer, in heights of the robot."""
-    if cast.robot is None or first.around is None:
-        return BESIDE
-    height, left = cast.robot.height, BESIDE
-    for one, pose in zip(cast.around, first.around, strict=False):
+    if cast.robot is None or first.obstacle_poses is None:
+        return LEFT_OF_ROBOT
+    height, left = cast.robot.height, LEFT_OF_ROBOT
+    for one, pose in zip(cast.obstacles, first.obstacle_poses, strict=False):
         end = float((pose[1] + rotate(pose[3:], one.mesh[0])[:, 1]).max()) / height
         if end < FARTHEST:  # a wall goes on and on
-            left = max(left, end + 0.5 * BESIDE)
+            left = max(left, end + 0.5 * LEFT_OF_ROBOT)
     return left
 
 
-def _ahead(human: Actor, first: Snapshot) -> FloatArray:
+def _facing(human: Actor, first: Snapshot) -> FloatArray:
     """The turn about the vertical, wxyz (4,), after which the performer looks along x in the beginning."""
     _, turns = human.body.solver_body().forward(np.ascontiguousarray(first.human))
     x, y, _ = rotate(turns[1], np.array([1.0, 0.0, 0.0])).tolist()

@@ -1,4 +1,4 @@
-"""The run's end of a page: what happens goes out, and nothing comes in but that somebody wants it to stop.
+"""The run's end of a page: rows go out, and nothing comes in but that the operator wants the run to stop.
 
 The page is served by a process of its own. Between them is a pair of sockets whose ends never wait: what the other does
 not take at once is dropped, so that a page that is slow, stopped or dead costs a tick nothing.
@@ -25,7 +25,7 @@ from retarget.viewer.snapshot import placed
 __all__ = ["Announced", "LiveRow", "PageSetup", "RowSizes", "ViewFeed", "open_feed", "pack", "unpack"]
 
 
-# What a run tells the process of its page: one datagram per moment that is shown, of numbers in a fixed order.
+# What a run sends to the process of its page: one datagram per row that is shown, of numbers in a fixed order.
 
 _HEAD = struct.Struct("<d48s256s")
 """Time, state, and why it is so; UTF-8, cut."""
@@ -33,15 +33,15 @@ _HEAD = struct.Struct("<d48s256s")
 
 @dataclass(frozen=True)
 class RowSizes:
-    """How many numbers a row has: of q of robot and human, of servos, landmarks, observers and obstacles, and of the
-    truth about a simulated body, and of sensors."""
+    """How many numbers a row has: of q of robot and human, of servos, landmarks, observers and obstacles, of the
+    `Truth` of a simulated body, and of sensors."""
 
     robot: int
     human: int
     servos: int
     landmarks: int
     observers: int
-    around: int = 0
+    obstacles: int = 0
     truth: int = 0
     sensors: int = 0
 
@@ -49,15 +49,15 @@ class RowSizes:
     def lengths(self) -> tuple[int, ...]:
         """Of every part of a row after its head, in their order."""
         servos = (self.servos,) * 3
-        points, poses = 3 * self.landmarks, 7 * self.around
+        points, poses = 3 * self.landmarks, 7 * self.obstacles
         return (self.robot, self.human, *servos, points, self.observers, poses, self.truth, 3 * self.sensors)
 
 
 @dataclass(frozen=True, eq=False)
 class LiveRow:
     """time: s of the run. robot (nq,): posture sent; human (nq,). present (s,) rad, temperature (s,) degrees Celsius
-    and current (s,) A of the servos; asked (k, 3) m of the landmarks; modes (o,) of the observers; around (m, 7): poses
-    of the obstacles; truth: the numbers of a `Truth`, or none; sensors (s, 3) m."""
+    and current (s,) A of the servos; asked (k, 3) m of the landmarks; modes (o,) of the observers; obstacle_poses
+    (m, 7); truth: the numbers of a `Truth`, or none; sensors (s, 3) m."""
 
     time: float
     state: str
@@ -69,7 +69,7 @@ class LiveRow:
     current: FloatArray
     asked: FloatArray
     modes: ModeArray
-    around: FloatArray
+    obstacle_poses: FloatArray
     truth: FloatArray
     sensors: FloatArray
 
@@ -77,7 +77,7 @@ class LiveRow:
 def pack(row: LiveRow) -> bytes:
     """Bytes of a row, as 32-bit numbers: a tenth of a micrometre of a robot."""
     servos = (row.present, row.temperature, row.current)
-    flat = [points.reshape(-1) for points in (row.asked, row.modes, row.around, row.truth, row.sensors)]
+    flat = [points.reshape(-1) for points in (row.asked, row.modes, row.obstacle_poses, row.truth, row.sensors)]
     parts = (row.robot, row.human, *servos, *flat)
     head = _HEAD.pack(row.time, row.state.encode(errors="replace")[:48], row.why.encode(errors="replace")[:256])
     return head + np.concatenate(parts).astype(np.float32).tobytes()
@@ -90,7 +90,7 @@ def unpack(data: bytes, sizes: RowSizes) -> LiveRow | None:
     time, state, why = _HEAD.unpack_from(data)
     numbers = np.frombuffer(data, dtype=np.float32, offset=_HEAD.size).astype(np.float64)
     parts = np.split(numbers, np.cumsum(sizes.lengths)[:-1])
-    robot, human, present, temperature, current, asked, modes, around, truth, sensors = parts
+    robot, human, present, temperature, current, asked, modes, poses, truth, sensors = parts
     return LiveRow(
         time=time,
         state=_text(state),
@@ -102,7 +102,7 @@ def unpack(data: bytes, sizes: RowSizes) -> LiveRow | None:
         current=current,
         asked=asked.reshape(-1, 3),
         modes=np.nan_to_num(modes).astype(np.uint8),
-        around=around.reshape(-1, 7),
+        obstacle_poses=poses.reshape(-1, 7),
         truth=truth,
         sensors=sensors.reshape(-1, 3),
     )
@@ -118,7 +118,7 @@ READY, REFUSED = b"ready ", b"refused "
 START_S = 30.0
 """A page that is not there by then is not coming."""
 LAST_ROW_S, ENDING_S = 0.2, 4.0
-"""The end is told within this, and the process of the page has ended within that, s."""
+"""The last row is sent within the first of these, and the process of the page ends within the second, s."""
 BUFFER_BYTES = 1 << 17
 LONGEST_MESSAGE = 4096
 SAME_CODE = (
@@ -130,9 +130,9 @@ SAME_CODE = (
 
 @dataclass(frozen=True)
 class PageSetup:
-    """What the process of a page is told at its start. robot: name or file of the profile, "" for a human alone; root:
-    how it stands in the world, "" as its profile says; scene: file or name, "" for none. simulated: it has mass, and
-    rows tell where it really is. sensors: of the performer, names."""
+    """What the process of a page gets at its start. robot: name or file of the profile, "" for a human alone; root: how
+    it stands in the world, "" as its profile says; scene: file or name, "" for none. simulated: it has mass, and rows
+    hold where it really is. sensors: of the performer, names."""
 
     title: str
     port: int
@@ -146,12 +146,12 @@ class PageSetup:
 
 @dataclass(frozen=True)
 class Announced:
-    """What it is told before the first row: names of the landmarks, how many observers and obstacles there are, and
-    how many numbers tell the truth about a simulated body."""
+    """What it gets before the first row: names of the landmarks, numbers of observers and obstacles, and how many
+    numbers the `Truth` of a simulated body has."""
 
     landmarks: tuple[str, ...]
     observers: int
-    around: int
+    obstacles: int
     truth: int
 
 
@@ -163,12 +163,12 @@ class ViewFeed:
     ) -> None:
         self.address = address
         self.extras = Extras()
-        """Who knows what is not in the record."""
+        """What is not in the record."""
         self._link, self._process, self._rate_hz = link, process, rate_hz
         self._every = max(round(rate_hz / SHOWN_HZ), 1)
         self._ticks = 0
         self.dropped = 0
-        """Moments that nobody took."""
+        """Rows that the page did not take."""
         self._stop = self._announced = False
         self._last: tuple[Record, int] | None = None
 
@@ -184,7 +184,7 @@ class ViewFeed:
             self.dropped += 1
 
     def _show(self, record: Record, row: int) -> None:
-        """Raises OSError where nobody takes it at once."""
+        """Raises OSError where the page does not take it at once."""
         shown = _row(record, row, self.extras, time=self._ticks / self._rate_hz)
         if not self._announced:
             self._link.send(json.dumps(asdict(_announced(record, shown))).encode())
@@ -192,11 +192,11 @@ class ViewFeed:
         self._link.send(pack(shown))
 
     def stop_asked(self) -> bool:
-        """Whether somebody pressed the button of the page, ever."""
+        """Whether the operator pressed the button of the page, ever."""
         try:
             if self._link.recv(LONGEST_MESSAGE) == STOP:
                 self._stop = True
-        except OSError:  # nothing there, or nobody
+        except OSError:  # no message, or no process
             pass
         return self._stop
 
@@ -233,8 +233,8 @@ def open_feed(setup: PageSetup, *, rate_hz: float) -> ViewFeed:
         )
     assert process.stdin is not None
     try:
-        with process.stdin as told:
-            told.write(json.dumps(asdict(setup)).encode())
+        with process.stdin as stdin:
+            stdin.write(json.dumps(asdict(setup)).encode())
         ours.settimeout(START_S)
         answer = ours.recv(LONGEST_MESSAGE)
     except OSError as error:
@@ -252,12 +252,12 @@ def open_feed(setup: PageSetup, *, rate_hz: float) -> ViewFeed:
 
 def _announced(record: Record, first: LiveRow) -> Announced:
     names = () if record.robot is None else record.robot.landmark_names
-    return Announced(names, len(first.modes), len(first.around), len(first.truth))
+    return Announced(names, len(first.modes), len(first.obstacle_poses), len(first.truth))
 
 
 def _row(record: Record, row: int, extras: Extras, *, time: float) -> LiveRow:
-    (state, why), around, robot = extras.words(), extras.around(), record.robot
-    none, poses = np.zeros(0), np.zeros((0, 7)) if around is None else placed(around)
+    (state, why), obstacles, robot = extras.words(), extras.obstacles(), record.robot
+    none, poses = np.zeros(0), np.zeros((0, 7)) if obstacles is None else placed(obstacles)
     if robot is None:
         points, modes = np.zeros((0, 3)), np.zeros(0, dtype=np.uint8)
         human, sensors = record.human.q[row], record.human.sensors[row]
@@ -274,7 +274,7 @@ def _row(record: Record, row: int, extras: Extras, *, time: float) -> LiveRow:
         current=np.full(robot.present.shape[1], np.nan) if current is None else current,
         asked=robot.landmarks_asked[row],
         modes=robot.observer_modes[row],
-        around=poses,
+        obstacle_poses=poses,
         truth=none if truth is None else truth.numbers(),
         sensors=record.human.sensors[row],
     )

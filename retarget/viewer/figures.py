@@ -1,4 +1,4 @@
-"""A body in the scene of a page: a tree of links as its joints have it, of which only what moves is told anew."""
+"""Bodies, observers and obstacles in the scene of a page; only what moves is sent again."""
 
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -22,7 +22,7 @@ __all__ = ["HERE", "Figure", "Movable", "Observing", "Place", "SceneFigures"]
 
 
 STEP_M, STEP_RAD = 2e-5, 1e-4
-"""What moves less is not told."""
+"""What moves less is not sent."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +124,7 @@ class Figure:
             node.move(offsets[link], own[link])
 
 
-# Over the links of a robot and around it: observers by what they do, and obstacles.
+# Observers on the links of a robot, by what they do, and obstacles.
 
 SHAPE_OPACITY, ZONE_OPACITY, OBSTACLE_OPACITY = 0.35, 0.08, 0.75
 
@@ -177,12 +177,12 @@ class Observing:
 
 
 class SceneFigures:
-    """What stands and moves around the robot."""
+    """The obstacles of the scene."""
 
     def __init__(self, scene: "viser.SceneApi", obstacles: "Sequence[Obstacle]") -> None:
         self._handles = [
             scene.add_mesh_simple(
-                f"/around/{one.name.replace('/', '_')}",
+                f"/obstacles/{one.name.replace('/', '_')}",
                 one.mesh[0].astype(np.float32),
                 one.mesh[1],
                 color=OBSTACLE,
@@ -194,8 +194,8 @@ class SceneFigures:
 
     def show(self, snapshot: Snapshot) -> None:
         """Move them to where they are, where that is known."""
-        if snapshot.around is not None and len(snapshot.around) == len(self._nodes):
-            for node, pose in zip(self._nodes, snapshot.around, strict=True):
+        if snapshot.obstacle_poses is not None and len(snapshot.obstacle_poses) == len(self._nodes):
+            for node, pose in zip(self._nodes, snapshot.obstacle_poses, strict=True):
                 node.move(pose[:3], pose[3:])
 
     def see(self, *, visible: bool) -> None:

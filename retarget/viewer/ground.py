@@ -15,7 +15,7 @@ from retarget.viewer.snapshot import Snapshot
 if TYPE_CHECKING:
     import viser
 
-__all__ = ["SPACING_S", "Balance", "MassMotion", "Pressure", "Soles", "around_row", "zero_moment_point"]
+__all__ = ["SPACING_S", "Balance", "MassMotion", "Pressure", "Soles", "rows_around", "zero_moment_point"]
 
 
 LINE_M = 0.003
@@ -27,7 +27,8 @@ BALL, DISC, POINT = 0.023, 0.029, 0.022
 
 
 class Soles:
-    """The support polygon: the hull of the soles in the posture of the goals. edges (e, 3): see `support`, or None."""
+    """The support polygon: the hull of the soles in the posture of the goals. edges (e, 3): see `support_edges`, or
+    None."""
 
     def __init__(self, scene: "viser.SceneApi", robot: RobotBody) -> None:
         soles = plant(robot, robot.profile.postures.stand).soles
@@ -121,7 +122,7 @@ GRAVITY = 9.81  # [m/s^2]
 SPACING_S = 0.04
 """Between the three looks at the centre of mass of which its acceleration is made: a mean over twice that."""
 LONGEST_S = 0.2
-"""Looks that are farther apart tell nothing."""
+"""Looks that are farther apart give no acceleration."""
 
 
 def zero_moment_point(times: FloatArray, com: FloatArray) -> FloatArray:
@@ -142,7 +143,7 @@ def zero_moment_point(times: FloatArray, com: FloatArray) -> FloatArray:
     return point
 
 
-def around_row(times: FloatArray, row: int) -> tuple[int, int, int]:
+def rows_around(times: FloatArray, row: int) -> tuple[int, int, int]:
     """The row of times (T,) s, with one about SPACING_S before and one as long after it; NaN comes of those that are
     not there."""
     before, after = np.searchsorted(times, times[row] + np.array([-SPACING_S, SPACING_S]) - 1e-6)

@@ -88,7 +88,7 @@ def heights(*values: FloatArray) -> tuple[float, float]:
 
 
 def curves(tracks: Tracks, quantity: str) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Time, what was sent and what the servo said of one of QUANTITIES, (P,) each; NaN: there is no such thing."""
+    """Time, what was sent and what the servo reported, for one of QUANTITIES, (P,) each; NaN: not known."""
     rows = np.unique(np.linspace(0, len(tracks.time) - 1, PLOTTED).astype(int))
     sent, present = np.degrees(tracks.sent[rows]), np.degrees(tracks.present[rows])
     nothing = np.full(len(rows), np.nan)

@@ -34,19 +34,19 @@ from retarget.viewer.snapshot import Cast, Obstacle, Snapshot, Tracks, actor, ob
 if TYPE_CHECKING:
     import viser
 
-__all__ = ["LivePage", "announced", "main", "moment_of"]
+__all__ = ["LivePage", "announced", "main", "snapshot_of"]
 
 
 KEPT_S = 20.0
 """Of the plot."""
-PLOTTED_EVERY, TOLD_EVERY = 25, 3
-"""Moments from one drawing of the plot to the next, and of the letters while they say the same."""
+PLOTTED_EVERY, HEADLINE_EVERY = 25, 3
+"""Rows from one drawing of the plot to the next, and of the headline while its state stays the same."""
 MOST_KEPT = 2000
 STOP_WORDS, STOPPING_WORDS = "STOP THE ROBOT", "STOP IS ASKED FOR"
 
 
 class LivePage:
-    """Shows one row after the other. stop: called when somebody presses the button."""
+    """Shows one row after the other. stop: called when the operator presses the button."""
 
     def __init__(self, server: "viser.ViserServer", cast: Cast, stop: Callable[[], object]) -> None:
         self._server, self._cast, self._stop = server, cast, stop
@@ -67,12 +67,12 @@ class LivePage:
         self._last: Snapshot | None = None
 
     def name_landmarks(self, names: Sequence[str]) -> None:
-        """Of which landmarks rows tell."""
+        """Which landmarks the rows hold."""
         self._landmarks = tuple(names)
         self._drawing.name_landmarks(names)
 
     def show(self, row: LiveRow) -> None:
-        """The newest of what happened; it is drawn if anybody looks."""
+        """Keep the newest row; it is drawn if a browser is connected."""
         self._begun = row.time if self._begun is None else self._begun
         self._shown += 1
         self._keep(row)
@@ -87,17 +87,17 @@ class LivePage:
 
     def _draw(self, row: LiveRow) -> None:
         assert self._begun is not None
-        self._last = snapshot = moment_of(
+        self._last = snapshot = snapshot_of(
             row, self._cast, landmarks=self._landmarks, begun=self._begun, mass=self._mass
         )
         self._drawing.show(snapshot)
         said = (snapshot.state, snapshot.why)
-        if said != self._said or self._shown % TOLD_EVERY == 0:
+        if said != self._said or self._shown % HEADLINE_EVERY == 0:
             self._said, self._state.content = said, headline(snapshot)
         if self._plot is not None and self._shown % PLOTTED_EVERY == 0:
             self._plot.draw()
 
-    async def _pressed(self, _: object) -> None:  # of the thread that hears the browser: nothing comes between
+    async def _pressed(self, _: object) -> None:  # in the thread that serves the browser: nothing comes between
         self._stop()
         self._button.label = STOPPING_WORDS
 
@@ -117,15 +117,15 @@ class LivePage:
         return Tracks(np.array(time), *(np.array([one[joint] for one in other]) for other in others))
 
 
-def moment_of(row: LiveRow, cast: Cast, *, landmarks: tuple[str, ...], begun: float, mass: MassMotion) -> Snapshot:
+def snapshot_of(row: LiveRow, cast: Cast, *, landmarks: tuple[str, ...], begun: float, mass: MassMotion) -> Snapshot:
     """What a row shows. begun: its time of the first, s. mass: of the rows before it."""
     robot, none, time = cast.profile, np.zeros(0), row.time - begun
     if robot is None:
         com = cast.human.body.solver_body().centre_of_mass(row.human[None])[0]
-        nothing, zmp, said = np.full((len(landmarks), 3), np.nan), mass.look(row.time, com), row.sensors
-        around = row.around if row.around.size else None
+        nothing, zmp, sensors = np.full((len(landmarks), 3), np.nan), mass.look(row.time, com), row.sensors
+        poses = row.obstacle_poses if row.obstacle_poses.size else None
         alone = (none, none, row.human, none, none, nothing, nothing)
-        return Snapshot(time, row.state, *alone, com, row.why, zmp, sensors=said, around=around)
+        return Snapshot(time, row.state, *alone, com, row.why, zmp, sensors=sensors, obstacle_poses=poses)
     columns, goal = robot.servo_columns, row.robot
     there, pressure = goal.copy(), None
     there[columns] = np.where(np.isfinite(row.present), row.present, goal[columns])
@@ -147,7 +147,7 @@ def moment_of(row: LiveRow, cast: Cast, *, landmarks: tuple[str, ...], begun: fl
         zmp=mass.look(row.time, com),
         pressure=pressure,
         sensors=row.sensors,
-        around=row.around if row.around.size else None,
+        obstacle_poses=row.obstacle_poses if row.obstacle_poses.size else None,
         modes=row.modes,
         temperature=row.temperature,
         current=row.current,
@@ -159,9 +159,9 @@ def moment_of(row: LiveRow, cast: Cast, *, landmarks: tuple[str, ...], begun: fl
 # FD is its end of the pair of sockets that `feed` has the other end of; when that one is closed, it ends.
 
 NICENESS = 5
-"""The run comes first; but whoever presses the button must not wait behind everybody."""
+"""The run comes first, but a press of the button must not wait behind every other process."""
 LAST_SHOWN_S = 1.5
-"""So long the end stays on the page: whoever looks sees why."""
+"""So long the end stays on the page, with its reason."""
 LONGEST_ROW = 1 << 16
 
 
@@ -184,13 +184,13 @@ def main(arguments: list[str]) -> int:
     except RetargetError as error:
         link.send(REFUSED + str(error).encode()[: LONGEST_MESSAGE - len(REFUSED)])
         return 2
-    page = LivePage(server, cast, stop)  # whole before the run begins: it is work that the run would feel
+    page = LivePage(server, cast, stop)  # whole before the run begins: this work would slow the run
     link.send(READY + address.encode())
     first = link.recv(LONGEST_ROW)
     if first:
-        told = announced(first)
-        page.name_landmarks(told.landmarks)
-        _serve(link, page, _sizes(cast, told))
+        sizes = announced(first)
+        page.name_landmarks(sizes.landmarks)
+        _serve(link, page, _sizes(cast, sizes))
         page.end("The run has ended: this page, too")
         server.flush()
         clock = MonotonicClock()
@@ -199,21 +199,21 @@ def main(arguments: list[str]) -> int:
 
 
 def announced(message: bytes) -> Announced:
-    """What the run says of its rows."""
-    told = json.loads(message)
-    return Announced(tuple(told["landmarks"]), told["observers"], told["around"], told["truth"])
+    """What the run announces of its rows."""
+    fields = json.loads(message)
+    return Announced(tuple(fields["landmarks"]), fields["observers"], fields["obstacles"], fields["truth"])
 
 
-def _sizes(cast: Cast, told: Announced) -> RowSizes:
+def _sizes(cast: Cast, announced: Announced) -> RowSizes:
     robot = cast.profile
     return RowSizes(
         robot=0 if robot is None else robot.body.nq,
         human=cast.human.body.nq,
         servos=len(cast.joints),
-        landmarks=len(told.landmarks),
-        observers=told.observers,
-        around=told.around,
-        truth=told.truth,
+        landmarks=len(announced.landmarks),
+        observers=announced.observers,
+        obstacles=announced.obstacles,
+        truth=announced.truth,
         sensors=len(cast.sensors),
     )
 
@@ -239,15 +239,15 @@ def _setup(text: str) -> PageSetup:
 def _cast(setup: PageSetup) -> Cast:
     human = actor(compile_body_text(setup.human_mjcf, source="human of the run", root="free"))
     if not setup.robot:
-        return Cast(setup.title, None, human, (), (), around=_around(setup.scene), sensors=tuple(setup.sensors))
+        return Cast(setup.title, None, human, (), (), obstacles=_obstacles(setup.scene), sensors=tuple(setup.sensors))
     roots: dict[str, Root] = {"free": "free", "fixed": "fixed", "suspended": "suspended"}
     root = roots.get(setup.root)
     robot = load_robot(setup.robot, root=root)
     shown = actor(compile_body(robot.profile.body_path, root=root or robot.profile.root))
-    around, joints = _around(setup.scene), robot.joint_map.joints
-    return Cast(setup.title, shown, human, joints, (), robot, around, setup.simulated, tuple(setup.sensors))
+    scene, joints = _obstacles(setup.scene), robot.joint_map.joints
+    return Cast(setup.title, shown, human, joints, (), robot, scene, setup.simulated, tuple(setup.sensors))
 
 
-def _around(scene: str) -> tuple[Obstacle, ...]:
-    """The obstacles of a scene; rows tell where they are."""
+def _obstacles(scene: str) -> tuple[Obstacle, ...]:
+    """The obstacles of a scene; rows hold where they are."""
     return obstacles(scene_shapes(load_scene(scene))) if scene else ()

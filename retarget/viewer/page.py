@@ -1,4 +1,4 @@
-"""The page of a recorded run: timeline, scene and plot."""
+"""What the pages of live and recorded runs share, and the page of a recorded run: timeline, scene and plot."""
 
 from html import escape
 from typing import TYPE_CHECKING
@@ -78,7 +78,7 @@ def add_parts(server: "viser.ViserServer", drawing: Drawing) -> None:
 
 
 class Timeline:
-    """times (T,): of the rows, s, rising. Plays by the clock of whoever calls `at`."""
+    """times (T,): of the rows, s, rising. Plays by the clock that `at` is called with."""
 
     def __init__(self, times: FloatArray) -> None:
         assert times.size > 0
@@ -137,7 +137,7 @@ PLAY = "play / pause"
 
 
 class RecordedPage:
-    """A recorded run on a page: `tick` shows what is to be shown now, to whoever looks."""
+    """A recorded run on a page: `tick` shows the row of now to all connected browsers."""
 
     def __init__(self, server: "viser.ViserServer", viewed: Viewed, clock: Clock) -> None:
         self._server, self._viewed, self._clock = server, viewed, clock
@@ -161,7 +161,7 @@ class RecordedPage:
         self._show(0)
 
     def tick(self) -> None:
-        """Show what is to be shown now; nothing, while nobody looks."""
+        """Show the row of now; nothing, while no browser is connected."""
         row = self._timeline.at(self._clock.now())
         if row != self._shown and self._server.get_clients():
             self._show(row)

@@ -1,4 +1,4 @@
-"""A run saved with `--save FILE.npz`, to be looked at."""
+"""A finished run to be looked at: saved with `--save FILE.npz`, or recorded with `--record FILE.mcap`."""
 
 from collections.abc import Callable
 from functools import partial
@@ -17,14 +17,22 @@ from retarget.model.scene_state import SceneState
 from retarget.recording.configs import as_recorded, recorded_scene
 from retarget.recording.cycles import Cycles, Done
 from retarget.recording.npz import read_arrays
-from retarget.recording.reading import MAGIC, Recording, TopicRows, lacking, played, postures_sent, read_recording
-from retarget.recording.taps import STATES as FROM_MCAP_STATES
+from retarget.recording.reading import (
+    MAGIC,
+    Recording,
+    TopicRows,
+    fields_required,
+    played,
+    postures_sent,
+    read_recording,
+)
+from retarget.recording.taps import GUARD_STATES
 from retarget.recording.topics import HUMAN_POSTURE, LANDMARKS, TICK, TRUTH
 from retarget.run.record import Phase
 from retarget.run.run_result import in_truth, truth_names
 from retarget.schema.scene import load_scene
 from retarget.types import FloatArray
-from retarget.viewer.ground import around_row, zero_moment_point
+from retarget.viewer.ground import rows_around, zero_moment_point
 from retarget.viewer.snapshot import (
     PHASE_WORDS,
     Cast,
@@ -62,14 +70,14 @@ OPTIONAL: dict[str, tuple[str, tuple[str | int | None, ...]]] = {
     "sensor_names": ("text", ("s",)),
     "sensor_positions": ("perhaps", ("T", "s", 3)),
 }
-"""What it may lack."""
+"""What may be missing in it."""
 STATES = {phase.name.lower(): word for phase, word in PHASE_WORDS.items()}
 
 Arrays = dict[str, NDArray[Any]]
 
 
 class RecordedRun:
-    """See `Viewed`. One row of it is worked out when it is looked at."""
+    """A saved run, see `Viewed`. A row is computed when it is shown."""
 
     def __init__(self, arrays: Arrays, *, title: str) -> None:
         self.times: FloatArray = arrays["time"]
@@ -98,8 +106,8 @@ class RecordedRun:
         has_robot = bool((arrays["goal_ticks"] >= 0).any())
         self._present = arrays.get("servo_positions", np.full_like(arrays["joint_positions"], np.nan))
         self._solver = model.solver_body()
-        worn = arrays.get("sensor_names", ()) if "sensor_positions" in arrays else ()
-        sensors = tuple(str(name) for name in worn)
+        names_of_sensors = arrays.get("sensor_names", ()) if "sensor_positions" in arrays else ()
+        sensors = tuple(str(name) for name in names_of_sensors)
         followed = tuple(str(name) for name in arrays["landmark_names"])  # of a human its sensors
         self.cast = Cast(
             title,
@@ -117,7 +125,7 @@ class RecordedRun:
         arrays = self._arrays
         sent, present = arrays["joint_positions"][row], self._present[row]
         goal = self._posture(row, sent)
-        rows = list(around_row(self.times, row))
+        rows = list(rows_around(self.times, row))
         com = self._solver.centre_of_mass(np.array([self._posture(at, arrays["joint_positions"][at]) for at in rows]))
         return Snapshot(
             time=float(self.times[row]),
@@ -187,7 +195,7 @@ def _read(path: Path) -> Arrays:
 
 
 def _profile(body: Path) -> RobotBody | None:
-    """The robot whose body file it is, if its profile lies beside it and can be read: it only adds to what is shown."""
+    """The robot whose body file it is, if its profile lies next to it and can be read."""
     try:
         return load_robot(body.with_name("robot.yaml"), root="free")
     except RefusedError:
@@ -200,7 +208,7 @@ def _profile(body: Path) -> RobotBody | None:
 class RecordedScene:
     """kept: the cycles that are shown, a row each. notes: why it is not shown, or that its file is another one now.
 
-    A recording has its scene attached. Obstacles that were told of live are shown where the scene file has them.
+    A recording has its scene attached. Obstacles that a program moved live are shown where the scene file has them.
     """
 
     def __init__(self, recording: Recording, kept: Cycles) -> None:
@@ -228,7 +236,7 @@ class RecordedScene:
 
 
 def _ticks(kept: Cycles) -> NDArray[np.int64]:
-    """For how many ticks the obstacles had moved at each row: from the first that followed on, whenever one was led."""
+    """Ticks for which the obstacles had moved at each row: all with a command, from the first followed one on."""
     moves = (kept.phase != Phase.APPROACH) & ~kept.no_command
     return np.asarray(np.cumsum(moves) - moves)
 
@@ -237,15 +245,15 @@ def _ticks(kept: Cycles) -> NDArray[np.int64]:
 
 ZIP = b"PK"
 """Begins an NPZ file."""
-SAID = {FROM_MCAP_STATES[state]: state.value for state in (GuardState.HOLDING, GuardState.STOPPING, GuardState.STOPPED)}
-"""States of the guard that say more than the phase of a tick."""
+WORDS = {GUARD_STATES[state]: state.value for state in (GuardState.HOLDING, GuardState.STOPPING, GuardState.STOPPED)}
+"""States of the guard that are more precise than the phase of a tick."""
 
 
 class RecordedCycles:
-    """See `Viewed`. What is kept less often than every tick is shown as it was last. notes: what of it is missing."""
+    """A recorded run, see `Viewed`. What is kept less often than every tick is shown as it was last."""
 
     def __init__(self, recording: Recording) -> None:
-        """Raises InputError for one in which there is nothing to be seen, or of another robot than the one there is."""
+        """Raises InputError for a recording without a tick that was sent, or of a robot with another body."""
         self._whole = whole = played(recording)
         self._rows = np.flatnonzero(whole.cycles.kept)
         session, self._cycles = recording.session, whole.cycles
@@ -258,15 +266,15 @@ class RecordedCycles:
         follows = np.flatnonzero(self._cycles.phase[self._rows] == Phase.FOLLOW)
         index = self._cycles.index[self._rows]
         self.times: FloatArray = (index - index[follows[0] if follows.size else 0]) * session.dt
-        self._reasons = sorted((cycle, text) for (cycle, who), text in recording.texts.items() if _tells_why(who, text))
-        self._sensors = _believed(self._cycles)[_as_of(postures.cycles, self._cycles.index)]
+        self._reasons = sorted((cycle, text) for (cycle, who), text in recording.texts.items() if _is_reason(who, text))
+        self._sensors = _valid_sensors(self._cycles)[_as_of(postures.cycles, self._cycles.index)]
         self._points: FloatArray | None = None
         self._truth: FloatArray | None = None
         title = recording.path.name
         self._scene = RecordedScene(recording, self._cycles.taken(self._rows))
         self.notes += self._scene.notes
         if not session.joints:
-            self.cast = Cast(title, None, human, (), (), around=self._scene.obstacles, sensors=session.sensors)
+            self.cast = Cast(title, None, human, (), (), obstacles=self._scene.obstacles, sensors=session.sensors)
             return
         with as_recorded(recording) as configs:
             robot, self.notes = configs.robot, tuple(dict.fromkeys((*self.notes, *configs.notes)))
@@ -274,12 +282,12 @@ class RecordedCycles:
             shown = actor(compile_body(robot.profile.body_path, root=robot.profile.root))
         asked = recording.topics.get(LANDMARKS)
         names = tuple(robot.profile.landmarks) if asked is not None else ()
-        around, joints = self._scene.obstacles, robot.joint_map.joints
+        scene, joints = self._scene.obstacles, robot.joint_map.joints
         truth = recording.topics.get(TRUTH)
         if truth is not None and truth.rows["q"].shape[1] == len(truth_names(robot.body)):
             self._truth = _spread(truth, self._cycles.index, "q")
         simulated = self._truth is not None
-        self.cast = Cast(title, shown, human, joints, names, robot, around, simulated, session.sensors)
+        self.cast = Cast(title, shown, human, joints, names, robot, scene, simulated, session.sensors)
         postures_sent(whole, robot, self._rows[:1])  # refused now, if at all
         if asked is not None:
             self._points = _spread(asked, self._cycles.index, "poses")[..., :3]
@@ -289,15 +297,15 @@ class RecordedCycles:
     def snapshot(self, row: int) -> Snapshot:
         """The tick of a row."""
         at, robot, time = int(self._rows[row]), self.cast.profile, float(self.times[row])
-        human, around = self._human[at], self._scene.at(row)
-        state = SAID.get(int(self._cycles.state[at]), PHASE_WORDS[Phase(int(self._cycles.phase[at]))])
-        rows = list(around_row(self.times, row))
+        human, poses = self._human[at], self._scene.at(row)
+        state = WORDS.get(int(self._cycles.state[at]), PHASE_WORDS[Phase(int(self._cycles.phase[at]))])
+        rows = list(rows_around(self.times, row))
         if robot is None:
             none, points = np.zeros(0), _NO_POINTS
             com = self.cast.human.body.solver_body().centre_of_mass(self._human[self._rows[rows]])
             alone = (none, none, human, none, none, points, points)
             zmp = zero_moment_point(self.times[rows], com)
-            return Snapshot(time, state, *alone, com[1], zmp=zmp, sensors=self._sensors[at], around=around)
+            return Snapshot(time, state, *alone, com[1], zmp=zmp, sensors=self._sensors[at], obstacle_poses=poses)
         goals = postures_sent(self._whole, robot, self._rows[rows])
         goal, present = goals[1], self._present[at]
         there, pressure = goal.copy(), None
@@ -320,7 +328,7 @@ class RecordedCycles:
             zmp=zero_moment_point(self.times[rows], com),
             pressure=pressure,
             sensors=self._sensors[at],
-            around=around,
+            obstacle_poses=poses,
             modes=self._modes[at].astype(np.uint8),
             temperature=self._cycles.temperature[at],
             current=self._cycles.current[at],
@@ -333,7 +341,7 @@ class RecordedCycles:
         return Tracks(self.times, sent, present, cycles.temperature[rows, joint], cycles.current[rows, joint])
 
     def _why(self, at: int, state: str) -> str:
-        """What failed or stopped it until then, last."""
+        """The last failure or stop until then."""
         if state == "following":
             return ""
         index = int(self._cycles.index[at])
@@ -351,7 +359,7 @@ def open_viewed(path: Path) -> Viewed:
         raise InputError("cannot read the run", where=str(path), found=found, next_step=step) from error
     if begins == MAGIC:
         recording = read_recording(path)
-        with lacking(recording):
+        with fields_required(recording):
             return RecordedCycles(recording)
     if begins.startswith(ZIP):
         return open_recorded(path)
@@ -363,31 +371,31 @@ def open_viewed(path: Path) -> Viewed:
     )
 
 
-def _tells_why(who: str, text: str) -> bool:
-    """Whether an event is a failure or a stop: of those the cause is told, and then the reason."""
+def _is_reason(who: str, text: str) -> bool:
+    """Whether an event is a failure or a stop, whose text is a cause and a reason."""
     return who.startswith("bus ") or (who in ("guard", "outside") and ": " in text)
 
 
-def _believed(cycles: Cycles) -> FloatArray:
-    """Sensors (T, s, 3) m at every cycle, as they were said last, or first; NaN: they were not believed."""
-    said = cycles.sampled != Done.NOT
+def _valid_sensors(cycles: Cycles) -> FloatArray:
+    """Sensors (T, s, 3) m at every cycle, as they were sampled last, or first; NaN: not valid."""
+    sampled = cycles.sampled != Done.NOT
     position = np.where((cycles.sampled == Done.WELL)[:, None, None], cycles.sensor_position, np.nan)
     position[~cycles.sensor_valid] = np.nan
-    last = np.maximum.accumulate(np.where(said, np.arange(len(cycles)), -1))
-    return np.asarray(position[np.maximum(last, np.flatnonzero(said)[0])])
+    last = np.maximum.accumulate(np.where(sampled, np.arange(len(cycles)), -1))
+    return np.asarray(position[np.maximum(last, np.flatnonzero(sampled)[0])])
 
 
 def _as_of(cycles: NDArray[np.int64], index: NDArray[np.int64]) -> NDArray[np.intp]:
-    """Rows of the cycles `index` (T,) in which there was what is shown at each of them: what was said last in one of
-    `cycles`, or first. So sensors are those that the human who is shown was made of."""
-    said = cycles[np.maximum(np.searchsorted(cycles, index, side="right") - 1, 0)]
-    return np.minimum(np.searchsorted(index, said), len(index) - 1)
+    """Rows of the cycles `index` (T,) at which what is shown at each of them was recorded: the last of `cycles` until
+    then, or the first. So the sensors shown are those that the shown human was made of."""
+    kept = cycles[np.maximum(np.searchsorted(cycles, index, side="right") - 1, 0)]
+    return np.minimum(np.searchsorted(index, kept), len(index) - 1)
 
 
 _NO_POINTS = np.zeros((0, 3))
 
 
 def _spread(topic: TopicRows, index: NDArray[np.int64], name: str) -> FloatArray:
-    """A field of a topic at every cycle of `index` (T,): as it was said last, or first."""
+    """A field of a topic at every cycle of `index` (T,): as it was recorded last, or first."""
     at = np.searchsorted(topic.cycles, index, side="right") - 1
     return np.asarray(topic.rows[name][np.maximum(at, 0)], dtype=np.float64)

@@ -1,4 +1,4 @@
-"""A viser server that only this machine reaches, and of it only whoever has the key (see `AccessToken`)."""
+"""A viser server that only this machine reaches, and there only requests with its key (see `AccessToken`)."""
 
 import hmac
 import secrets
@@ -18,17 +18,15 @@ if TYPE_CHECKING:
 __all__ = ["PORT", "AccessToken", "Refused", "close_server", "open_server"]
 
 
-# Who may use the page: whoever has its address, from the page itself; nobody else, whatever they know.
+# The access token: only a browser that was given the whole address may use the page, and only from the page itself.
 #
 # A server on loopback is open to every page that any browser of this machine shows: a script of such a page can
-# connect,
-# by address or by a name that it lets lead here. So every path begins with a key that nobody can guess, and every
-# request
-# must name this server as its host and, where it says so, as its origin. A cookie would not do: browsers send those of
-# one port of this machine to every other, also to that of somebody else.
+# connect, by address or by a name that it lets resolve to it. So every path begins with a key that cannot be guessed,
+# and every request must name this server as its host and, if it has one, as its origin. A cookie would not do: browsers
+# send those of one port of this machine to every other, also to that of another user.
 
 PORT = 8080
-"""Where a page is, unless somebody says otherwise."""
+"""Default port of a page."""
 KEY_BYTES = 24
 HOSTS = ("127.0.0.1", "localhost", "[::1]")
 
@@ -66,7 +64,7 @@ class AccessToken:
             return Refused(HTTPStatus.FORBIDDEN, "this page has another address")
         origin = header("Origin")
         if origin is None and header("Upgrade") is not None:
-            return Refused(HTTPStatus.FORBIDDEN, "who connects has to say from which page")
+            return Refused(HTTPStatus.FORBIDDEN, "a connection has to name the page that it comes from")
         if origin is not None and origin.removeprefix("http://") not in self._hosts:
             return Refused(HTTPStatus.FORBIDDEN, "another page may not use this one")
         given, _, rest = path.removeprefix("/").partition("?")[0].partition("/")
@@ -90,9 +88,9 @@ def open_server(port: int, *, title: str, option: str = "--port") -> tuple["vise
             "the viewer needs viser", found=str(error), next_step="Install it: pip install 'retarget[view]'"
         ) from error
     access = AccessToken(_free(port, option))
-    with _guarded(access), redirect_stdout(StringIO()):  # viser prints an address that nobody may open
+    with _guarded(access), redirect_stdout(StringIO()):  # viser prints an address without the key
         server = viser.ViserServer(LOOPBACK, access.port, label=title, verbose=False)
-    if server.get_port() != access.port:  # taken meanwhile: viser has the next one, of which the door knows nothing
+    if server.get_port() != access.port:  # taken meanwhile: viser took the next port, without the access token
         server.stop()
         raise _taken(access.port, option)
     server.request_share_url = _shares_nothing  # type: ignore[method-assign]
@@ -134,7 +132,7 @@ def _taken(port: int, option: str) -> UsageError:
 
 @contextmanager
 def _guarded(access: AccessToken) -> Iterator[None]:
-    """What viser serves meanwhile is asked through the door; it has no setting for that."""
+    """While a viser server is made, check each of its requests by the token; viser has no setting for that."""
     from websockets.asyncio import server as sockets
     from websockets.datastructures import Headers
     from websockets.http11 import Request, Response
@@ -164,5 +162,5 @@ def _guarded(access: AccessToken) -> Iterator[None]:
 
 
 def _only(values: list[str]) -> str | None:
-    """The one value of a header; several are none that could be trusted."""
+    """The one value of a header; of several, one that no check passes."""
     return values[0] if len(values) == 1 else None if not values else "\0several"

@@ -1,4 +1,4 @@
-"""What there is to see: what stays the same, and one moment of it."""
+"""What a page shows: the cast of a run, which stays the same, and snapshots of it, one per tick."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -57,9 +57,9 @@ class Cast:
     """Who and what is seen. robot: None for a human alone. joints: n that a plot can show, landmarks (k) of the robot
     and sensors (s) of the performer: names.
 
-    profile: of the robot, where it is known: its soles, observers and servos. around: obstacles in its world.
-    simulated: it has mass, and its moments know where it really is. servos_commanded: its moments know how warm servos
-    are and what they draw.
+    profile: of the robot, where it is known: its soles, observers and servos. obstacles: of the scene. simulated: the
+    robot has mass, and snapshots hold where it really is. servos_commanded: snapshots hold temperatures and currents of
+    the servos.
     """
 
     title: str
@@ -68,7 +68,7 @@ class Cast:
     joints: tuple[str, ...]
     landmarks: tuple[str, ...]
     profile: RobotBody | None = None
-    around: tuple[Obstacle, ...] = ()
+    obstacles: tuple[Obstacle, ...] = ()
     simulated: bool = False
     sensors: tuple[str, ...] = ()
     servos_commanded: bool = True
@@ -78,11 +78,11 @@ class Cast:
 class Snapshot:
     """One tick. time: s of following. state: what the robot does, a word; why: of a stop, or "".
 
-    robot, goal (nq,): posture of the robot as its servos say, or as its physics has it, and as it was told; human
-    (nq,). present, sent (n,): rad, of the joints that a plot can show; NaN: no servo said. asked, reached (k, 3) m:
+    robot, goal (nq,): posture of the robot as its servos report it, or as its physics has it, and as it was sent; human
+    (nq,). present, sent (n,): rad, of the joints that a plot can show; NaN: not reported. asked, reached (k, 3) m:
     landmarks. com (3,) m; zmp, pressure (2,) m: zero-moment point of the goals, and centre of pressure of the soles of
-    a simulated robot, NaN where not known. sensors (s, 3) m: of the performer, NaN: not believed. around (o, 7):
-    position, m, and quaternion of the obstacles. modes (o,) of the observers, temperature (s,), degrees Celsius, and
+    a simulated robot, NaN where not known. sensors (s, 3) m: of the performer, NaN: not valid. obstacle_poses
+    (o, 7): position, m, and quaternion. modes (o,) of the observers, temperature (s,), degrees Celsius, and
     current (s,), A, of the servos. None: not known.
     """
 
@@ -100,21 +100,21 @@ class Snapshot:
     zmp: FloatArray | None = None
     pressure: FloatArray | None = None
     sensors: FloatArray | None = None
-    around: FloatArray | None = None
+    obstacle_poses: FloatArray | None = None
     modes: ModeArray | None = None
     temperature: FloatArray | None = None
     current: FloatArray | None = None
 
     @property
     def off(self) -> float:
-        """Farthest that a servo is from what it was told, rad; NaN where none said."""
+        """Largest distance of a servo from its goal, rad; NaN where no servo reported."""
         gap = np.abs(self.present - self.sent)
         return float(np.nanmax(gap)) if np.isfinite(gap).any() else float("nan")
 
 
 @dataclass(frozen=True, eq=False)
 class Tracks:
-    """One joint over T moments, for a plot: time (T,) s; sent, present (T,) rad; temperature (T,) degrees Celsius and
+    """One joint over T snapshots, for a plot: time (T,) s; sent, present (T,) rad; temperature (T,) degrees Celsius and
     current (T,) A of its servo, NaN where not known."""
 
     time: FloatArray
@@ -153,12 +153,12 @@ class Viewed(Protocol):
 
     cast: Cast
     times: FloatArray
-    """Of its T moments, s."""
+    """Of its T snapshots, s."""
     notes: tuple[str, ...]
     """What is missing of it."""
 
     def snapshot(self, row: int) -> Snapshot:
-        """One of them."""
+        """The snapshot of a row."""
 
     def track(self, joint: int) -> Tracks:
-        """A joint over all of them."""
+        """A joint over all snapshots."""

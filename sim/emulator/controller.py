@@ -49,7 +49,7 @@ _LEVEL: dict[int, int] = {Instruction.PING: 0, Instruction.READ: 1}
 
 
 class EmulatedController:
-    """A `sim.emulator.device.Device` at `baud` bits/s that cuts and gives the power of `powered` devices.
+    """A `sim.emulator.device.Device` at `baud` bits/s that switches the power of `powered` devices.
 
     on: whether they have power at first. It answers ping, read and write only.
     """
@@ -86,8 +86,8 @@ class EmulatedController:
         """Whether it has no power."""
         return now < self._silent_until
 
-    def hear(self, now: float) -> None:
-        """Nothing: it has no watchdog."""
+    def receive(self, now: float) -> None:
+        """Do nothing: it has no watchdog."""
 
     def execute(
         self, instruction: int, params: bytes, now: float, *, broadcast: bool, secondary: bool = False
@@ -112,7 +112,7 @@ class EmulatedController:
         return answer if self.memory.value("status_return_level") >= _LEVEL.get(instruction, 2) else None
 
     def read(self, address: int, length: int, now: float) -> Answer:
-        """Return the bytes of a range, or the error that it deserves."""
+        """Return the bytes of a range, or the error for it."""
         if not self.memory.readable(address, length):
             return Answer(Error2.ACCESS if length else Error2.DATA_LENGTH, b"")
         volts = VOLTAGE - self._supply.sag if self._volts is None else self._volts
@@ -120,7 +120,7 @@ class EmulatedController:
         return Answer(0, self.memory.slice(address, length))
 
     def write(self, address: int, data: bytes, now: float, *, secondary: bool = False) -> None:
-        """Take a write; what is refused is lost."""
+        """Carry out a write; a refused one is dropped."""
         if not self.booting(now) and not secondary:
             self._change(address, data, now)
 
@@ -133,28 +133,28 @@ class EmulatedController:
             self.power_back(now)
 
     def heat(self, celsius: float | None, now: float) -> None:
-        """Nothing: it reports no temperature."""
+        """Do nothing: it reports no temperature."""
 
     def load(self, torque: float, now: float) -> None:
-        """Nothing: it has no shaft."""
+        """Do nothing: it has no shaft."""
 
     def jam(self, stuck: bool, now: float) -> None:
-        """Nothing: it has no shaft."""
+        """Do nothing: it has no shaft."""
 
     def shock(self, now: float) -> None:
-        """Nothing: it has no motor."""
+        """Do nothing: it has no motor."""
 
     def power_cut(self, now: float) -> None:
-        """Take the power away: the servos lose theirs with it."""
+        """Switch the power off; the servos lose theirs with it."""
         self._silent_until = inf
         self._switch(False, now)
 
     def power_back(self, now: float) -> None:
-        """Give the power back; the servos' stays off until it is told."""
+        """Switch the power on; that of the servos stays off until register 24 is written."""
         self._silent_until = now
 
     def _change(self, address: int, data: bytes, now: float) -> Error2:
-        """Write registers, all or none; return why not."""
+        """Write registers, all or none; return the error."""
         parts = self.memory.parts(address, data)
         if isinstance(parts, Error2):
             return parts
@@ -172,7 +172,7 @@ class EmulatedController:
         return Error2.NONE
 
     def _switch(self, on: bool, now: float) -> None:
-        """Cut or give the servos' power."""
+        """Switch the servos' power."""
         self.memory.put("dynamixel_power", int(on))
         for device in self._powered:
             if on:

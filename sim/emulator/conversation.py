@@ -1,4 +1,4 @@
-"""Who answers an instruction, with which bytes, in which order: the devices of a line, without any time of the wire."""
+"""The replies of the devices on a line to an instruction: which devices, which bytes, in which order; no wire times."""
 
 import random
 from collections.abc import Collection, Sequence
@@ -15,7 +15,7 @@ from hardware.dynamixel.protocol2 import fast_length
 from sim.emulator.device import Answer, Device
 from sim.emulator.servo2_registers import FedBy
 
-# What a group instruction asks of each device, read from its parameters; what is cut short asks of nobody.
+# The part of each device in a group instruction, read from its parameters. A truncated part addresses no device.
 
 
 class ReadItem(NamedTuple):
@@ -37,15 +37,15 @@ class WriteItem(NamedTuple):
 GROUP_READS2 = frozenset(
     (Instruction.SYNC_READ, Instruction.BULK_READ, Instruction.FAST_SYNC_READ, Instruction.FAST_BULK_READ)
 )
-"""Instructions of protocol 2.0 that many answer in turn."""
+"""Instructions of protocol 2.0 that several devices answer in turn."""
 FAST_READS = frozenset((Instruction.FAST_SYNC_READ, Instruction.FAST_BULK_READ))
-"""Those of them that are answered by one frame."""
+"""Those of them that are answered by one common frame."""
 GROUP_READS1 = frozenset((Instruction.BULK_READ,))
 """As GROUP_READS2, of protocol 1.0."""
 GROUP_WRITES = frozenset((Instruction.SYNC_WRITE, Instruction.BULK_WRITE))
-"""Instructions that many obey and nobody answers (bulk write: 2.0 only)."""
+"""Instructions for several devices, without answers (bulk write: 2.0 only)."""
 REQUESTS = 64
-"""Different read requests that are remembered: a host repeats a few."""
+"""Different read requests that are cached: a host repeats a few."""
 
 
 @lru_cache(REQUESTS)
@@ -95,54 +95,54 @@ def _word(params: bytes, at: int) -> int:
     return int.from_bytes(params[at : at + 2], "little")
 
 
-# Damaged instructions: what a parser drops without a word, though header and length were sound.
+# Damaged instructions: frames that a parser drops although header and length were valid.
 
 
-def damaged_address(protocol: int, heard: bytes) -> int | None:
-    """Return the id that a frame was for which ends `heard` whole, but with a wrong CRC (2.0) or checksum (1.0)."""
-    return _address2(heard) if protocol == 2 else _address1(heard)
+def damaged_address(protocol: int, received: bytes) -> int | None:
+    """Return the id of the complete frame at the end of `received` if its CRC (2.0) or checksum (1.0) is wrong."""
+    return _address2(received) if protocol == 2 else _address1(received)
 
 
-def complaint(device: Device, now: float) -> Answer | None:
-    """Return what a device says of a damaged instruction: the error, beside those that stand in all it says (as in its
-    answer to a ping). None at status return level 0, where it answers pings alone."""
+def damage_answer(device: Device, now: float) -> Answer | None:
+    """Return the answer of a device to a damaged instruction: that error, and those that it has in every status (as in
+    its answer to a ping). None at status return level 0, where it answers pings only."""
     answer = device.execute(Instruction.PING, b"", now, broadcast=False)
     if answer is None or not device.answers_reads:
         return None
     return Answer(answer.error | (Error2.CRC if device.protocol == 2 else Error1.CHECKSUM), b"")
 
 
-def _address2(heard: bytes) -> int | None:
-    at = heard.rfind(protocol2.HEADER)  # stuffing keeps headers out of frames: the last one begins the last frame
-    frame = heard[at:] if at >= 0 else b""
+def _address2(received: bytes) -> int | None:
+    at = received.rfind(protocol2.HEADER)  # stuffing keeps headers out of frames: the last one begins the last frame
+    frame = received[at:] if at >= 0 else b""
     if len(frame) < protocol2.OVERHEAD + 3 or len(frame) != protocol2.OVERHEAD + int.from_bytes(frame[5:7], "little"):
         return None
     return frame[4] if umts(frame[:-2], 0) != int.from_bytes(frame[-2:], "little") else None
 
 
-def _address1(heard: bytes) -> int | None:
-    at = heard.find(protocol1.HEADER)
-    frame = heard[at:] if at >= 0 else b""
+def _address1(received: bytes) -> int | None:
+    at = received.find(protocol1.HEADER)
+    frame = received[at:] if at >= 0 else b""
     if len(frame) < protocol1.OVERHEAD + 2 or len(frame) != protocol1.OVERHEAD + frame[3]:
         return None
     return frame[2] if protocol1.checksum(frame[2:-1]) != frame[-1] else None
 
 
 class Gaps(Enum):
-    """What a missing servo does to those behind it in a group read.
+    """Effect of a missing servo on those behind it in a group read.
 
-    Each listens for its predecessor's status before it talks (e-Manual, protocol 1.0 bulk read; of 2.0 it only says
-    'in order'), so silence is what is inferred, and not verified on hardware.
+    Each waits for the status of its predecessor before it sends its own (e-Manual, protocol 1.0 bulk read; of 2.0 it
+    only says 'in order'). So silence is inferred; it is not verified on hardware.
     """
 
     SILENCE = "silence"
-    """All behind it stay silent; a fast reply stays cut short."""
+    """All behind it stay silent; a fast reply stays truncated."""
     SKIP = "skip"
-    """Those behind it talk as if it were not in the frame."""
+    """Those behind it answer as if it were not in the frame."""
 
 
-class Spoken(NamedTuple):
-    """Bytes of one device. return_delay: its own, s, before it talks; None: it goes on where the last one ended."""
+class Reply(NamedTuple):
+    """Bytes of one device. return_delay: its own, s, before they begin; None: they follow the previous ones at once."""
 
     id: int
     data: bytes
@@ -150,11 +150,11 @@ class Spoken(NamedTuple):
 
 
 Turn = tuple[Sequence[Device], ReadItem]
-"""Who talks next in a group read (several: of one id), and what it is asked."""
+"""The devices of the next id in a group read (several: of one id), and what is read."""
 
 
 class Conversation:
-    """Answers of devices to the sound frames of a line. `noise` makes what two talking at once sound like."""
+    """Replies of devices to the valid frames of a line. `noise`: generator of the bytes of a collision."""
 
     def __init__(
         self, *, gaps: Gaps = Gaps.SILENCE, fed_by: FedBy = FedBy.ANY, noise: random.Random | None = None
@@ -164,16 +164,15 @@ class Conversation:
         self._noise = noise or random.Random(0)
 
     def answers(
-        self, frame: Frame, listeners: Sequence[Device], now: float, *, cut: Collection[int] = ()
-    ) -> list[Spoken]:
-        """All that is said to `frame`, in order. `listeners`: those that hear it, of one protocol; whose watchdogs it
-        feeds are told so.
+        self, frame: Frame, listeners: Sequence[Device], now: float, *, silent: Collection[int] = ()
+    ) -> list[Reply]:
+        """Return all replies to `frame`, in order. `listeners`: the devices that receive it, of one protocol.
 
-        cut: devices that do not get to talk in group reads.
+        The watchdogs that the frame feeds are fed. silent: ids that do not answer group reads.
         """
-        everybody = frame.id == BROADCAST or self._fed_by is FedBy.ANY
-        for device in listeners if everybody else _of_id(frame.id, listeners):
-            device.hear(now)
+        to_all = frame.id == BROADCAST or self._fed_by is FedBy.ANY
+        for device in listeners if to_all else _of_id(frame.id, listeners):
+            device.receive(now)
         if not listeners or (frame.code == STATUS and listeners[0].protocol == 2):
             return []
         if frame.id != BROADCAST:
@@ -182,68 +181,68 @@ class Conversation:
         if frame.code in (GROUP_READS2 if second else GROUP_READS1):
             items = reads2(frame.code, frame.params) if second else reads1(frame.params)
             fast = second and frame.code in FAST_READS
-            turns = self._turns(items, _able(listeners, frame.code, cut))
+            turns = self._turns(items, _able(listeners, frame.code, silent))
             return self._fast(items, turns, now) if fast else self._in_turn(turns, now)
         if frame.code in GROUP_WRITES:
             _write(writes2(frame.code, frame.params) if second else writes1(frame.params), listeners, now)
             return []
         return self._to_all(frame, listeners, now)
 
-    def complaints(self, own: int, listeners: Sequence[Device], now: float) -> list[Spoken]:
-        """What devices of id `own` say to an instruction that came damaged."""
-        answers = [(device, complaint(device, now)) for device in listeners if device.id == own]
+    def damage_replies(self, own: int, listeners: Sequence[Device], now: float) -> list[Reply]:
+        """Return the replies of the devices of id `own` to an instruction that came damaged."""
+        answers = [(device, damage_answer(device, now)) for device in listeners if device.id == own]
         return self._together(own, [(device, answer) for device, answer in answers if answer is not None])
 
-    def _addressed(self, frame: Frame, listeners: Sequence[Device], now: float) -> list[Spoken]:
-        """A frame for one id: its devices answer, those whose secondary id it is obey in silence."""
-        said: list[tuple[Device, Answer]] = []
+    def _addressed(self, frame: Frame, listeners: Sequence[Device], now: float) -> list[Reply]:
+        """Carry out a frame for one id: its devices answer; those with this secondary id obey without an answer."""
+        replies: list[tuple[Device, Answer]] = []
         for device in listeners:
             if device.id == frame.id:
                 answer = device.execute(frame.code, frame.params, now, broadcast=False)
                 if answer is not None:
-                    said.append((device, answer))
+                    replies.append((device, answer))
             elif device.secondary_id == frame.id:
                 device.execute(frame.code, frame.params, now, broadcast=False, secondary=True)
-        return self._together(frame.id, said)
+        return self._together(frame.id, replies)
 
-    def _to_all(self, frame: Frame, listeners: Sequence[Device], now: float) -> list[Spoken]:
-        """A frame for everybody; only a ping is answered, in order of ids."""
-        said: dict[int, list[tuple[Device, Answer]]] = {}
+    def _to_all(self, frame: Frame, listeners: Sequence[Device], now: float) -> list[Reply]:
+        """Carry out a broadcast frame; only a ping is answered, in order of ids."""
+        replies: dict[int, list[tuple[Device, Answer]]] = {}
         for device in listeners:
             before = device.id
             answer = device.execute(frame.code, frame.params, now, broadcast=True)
             if answer is not None and frame.code == Instruction.PING:
-                said.setdefault(before, []).append((device, answer))
-        return [spoken for device in sorted(said) for spoken in self._together(device, said[device])]
+                replies.setdefault(before, []).append((device, answer))
+        return [reply for device in sorted(replies) for reply in self._together(device, replies[device])]
 
-    def _together(self, device: int, said: Sequence[tuple[Device, Answer]]) -> list[Spoken]:
-        """What is heard of all devices of one id: nothing, a status, or the mix of several."""
-        frames = [_status(who.protocol, device, answer) for who, answer in said]
+    def _together(self, device: int, replies: Sequence[tuple[Device, Answer]]) -> list[Reply]:
+        """Return what the host receives from the devices of one id: nothing, a status, or the mix of several."""
+        frames = [_status(who.protocol, device, answer) for who, answer in replies]
         if not frames:
             return []
-        delay = min(who.return_delay for who, _ in said)
-        return [Spoken(device, frames[0] if len(frames) == 1 else self._mixed(frames), delay)]
+        delay = min(who.return_delay for who, _ in replies)
+        return [Reply(device, frames[0] if len(frames) == 1 else self._mixed(frames), delay)]
 
     def _mixed(self, frames: Sequence[bytes]) -> bytes:
-        """Frames sent at the same time: neither keeps its bytes."""
+        """Return the bytes of frames sent at the same time: none keeps its own."""
         longest = max(map(len, frames))
         return self._noise.randbytes(longest)
 
-    def _in_turn(self, turns: Sequence[Turn], now: float) -> list[Spoken]:
-        """Sync and bulk read: one status each, in the order of the frame."""
-        said: list[Spoken] = []
+    def _in_turn(self, turns: Sequence[Turn], now: float) -> list[Reply]:
+        """Answer a sync or bulk read: one status each, in the order of the frame."""
+        replies: list[Reply] = []
         for devices, (own, address, length) in turns:
-            said += self._together(own, [(who, who.read(address, length, now)) for who in devices])
-        return said
+            replies += self._together(own, [(who, who.read(address, length, now)) for who in devices])
+        return replies
 
-    def _fast(self, items: Sequence[ReadItem], turns: Sequence[Turn], now: float) -> list[Spoken]:
-        """Fast sync and bulk read: all parts in one frame, not stuffed; the first to talk sends its header, each
+    def _fast(self, items: Sequence[ReadItem], turns: Sequence[Turn], now: float) -> list[Reply]:
+        """Answer a fast sync or bulk read: all parts in one frame, not stuffed. The first device sends the header, each
         closes its part with the CRC of everything so far (e-Manual, Fast Sync Read)."""
         whole = fast_length([item.length for item in items]) - protocol2.OVERHEAD
         if whole > 0xFFFF:
             return []
         head = protocol2.HEADER + bytes((BROADCAST,)) + whole.to_bytes(2, "little") + bytes((STATUS,))
-        total, closing, said = 0, b"", []
+        total, closing, replies = 0, b"", []
         for devices, (own, address, length) in turns:
             error, data = devices[0].read(address, length, now)
             if len(data) != length:
@@ -252,19 +251,19 @@ class Conversation:
             total = umts(closing + body, total)
             closing = total.to_bytes(2, "little")
             part = body + closing if len(devices) == 1 else self._mixed([body + closing])
-            said.append(Spoken(own, part, devices[0].return_delay if head else None))
+            replies.append(Reply(own, part, devices[0].return_delay if head else None))
             head = b""
-        return said
+        return replies
 
     def _turns(self, items: Sequence[ReadItem], listeners: Sequence[Device]) -> list[Turn]:
-        """Who talks in a group read, up to the first device that says nothing; an id counts once."""
-        talkers: dict[int, list[Device]] = {}
+        """Return the devices that answer a group read, up to the first silent one; an id counts once."""
+        answering: dict[int, list[Device]] = {}
         for device in listeners:
             if device.answers_reads:
-                talkers.setdefault(device.id, []).append(device)
+                answering.setdefault(device.id, []).append(device)
         turns: list[Turn] = []
         for item in items:
-            devices = talkers.pop(item.id, None)
+            devices = answering.pop(item.id, None)
             if devices is not None:
                 turns.append((devices, item))
             elif self._gaps is Gaps.SILENCE:
@@ -272,22 +271,22 @@ class Conversation:
         return turns
 
 
-def _able(listeners: Sequence[Device], code: int, cut: Collection[int]) -> list[Device]:
-    """Those who know a group read (old firmware has no fast ones, an AX no bulk read) and get to talk."""
+def _able(listeners: Sequence[Device], code: int, silent: Collection[int]) -> list[Device]:
+    """Return the devices that answer a group read: old firmware has no fast ones, an AX no bulk read."""
     if listeners[0].protocol == 1:
-        able = [who for who in listeners if not who.model.startswith("AX-")]
+        able = [device for device in listeners if not device.model.startswith("AX-")]
     else:
-        able = [who for who in listeners if who.fast_read] if code in FAST_READS else list(listeners)
-    return [who for who in able if who.id not in cut] if cut else able
+        able = [device for device in listeners if device.fast_read] if code in FAST_READS else list(listeners)
+    return [device for device in able if device.id not in silent] if silent else able
 
 
 def _of_id(own: int, listeners: Sequence[Device]) -> list[Device]:
-    """Those who have an id as their first or second."""
+    """Return the devices that have an id as their first or secondary one."""
     return [device for device in listeners if own in (device.id, device.secondary_id)]
 
 
 def _write(items: Sequence[WriteItem], listeners: Sequence[Device], now: float) -> None:
-    """A group write: each device takes its own part; a secondary id's is obeyed as well."""
+    """Carry out a group write: each device takes its own part, and that of its secondary id."""
     parts: dict[int, list[WriteItem]] = {}
     for item in items:
         parts.setdefault(item.id, []).append(item)

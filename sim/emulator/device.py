@@ -1,10 +1,10 @@
-"""What the line knows of a device: instructions and parameters in, an answer out, all at a given time."""
+"""The interface between a line and its devices: instructions and parameters in, an answer out, at a given time."""
 
 from typing import NamedTuple, Protocol
 
 
 class Answer(NamedTuple):
-    """What one device has to say: the error byte of its status frame, and the data behind it (no stuffing, no CRC)."""
+    """The answer of one device: the error byte of its status frame, and the data behind it (no stuffing, no CRC)."""
 
     error: int
     data: bytes
@@ -14,11 +14,11 @@ class Device(Protocol):
     """One device on a line. `now` is s of the line's clock and never decreases; a device reads no clock itself."""
 
     model: str
-    """Name as in `hardware.servo.SERVO_MODELS`, or what stands in its place for a device that is no servo."""
+    """Name as in `hardware.servo.SERVO_MODELS`, or another name for a device that is no servo."""
     number: int
-    """Model number, as a ping of protocol 2.0 says it."""
+    """Model number, as in the answer to a ping of protocol 2.0."""
     protocol: int
-    """1 or 2: the only one that the device hears."""
+    """1 or 2: the only one that the device understands."""
 
     @property
     def id(self) -> int:
@@ -27,7 +27,7 @@ class Device(Protocol):
 
     @property
     def secondary_id(self) -> int | None:
-        """Id that it obeys without ever answering, RAM area only; None: none is set."""
+        """Id that it obeys without an answer, RAM area only; None: none is set."""
         ...
 
     @property
@@ -47,15 +47,15 @@ class Device(Protocol):
 
     @property
     def fast_read(self) -> bool:
-        """Whether its model and firmware know Fast Sync Read and Fast Bulk Read."""
+        """Whether its model and firmware support Fast Sync Read and Fast Bulk Read."""
         ...
 
     def booting(self, now: float) -> bool:
-        """Whether it starts, or has no power: then it neither hears nor answers."""
+        """Whether it starts, or has no power: then it neither receives nor answers."""
         ...
 
-    def hear(self, now: float) -> None:
-        """Note a sound instruction frame on the line, for whomever it was: the life sign of the bus watchdog."""
+    def receive(self, now: float) -> None:
+        """Note a valid instruction frame on the line, whatever its id: it feeds the bus watchdog."""
         ...
 
     def execute(
@@ -69,12 +69,12 @@ class Device(Protocol):
         ...
 
     def write(self, address: int, data: bytes, now: float, *, secondary: bool = False) -> None:
-        """Take the device's part of a group write; what it refuses is lost without a word."""
+        """Carry out the device's part of a group write; a refused one is dropped without an answer."""
         ...
 
 
 class Faulty(Protocol):
-    """The handles by which a fault plan hurts a device while the line runs."""
+    """The methods by which a fault plan disturbs a device while the line runs."""
 
     def supply(self, volts: float | None, now: float) -> None:
         """Set the supply voltage in V; None: the nominal one, which sags with the current. Below what the electronics
@@ -90,17 +90,17 @@ class Faulty(Protocol):
         ...
 
     def jam(self, stuck: bool, now: float) -> None:
-        """Block the shaft, or free it: a blocked servo stalls on the way to its goal, and overloads after a while."""
+        """Block the shaft, or free it: a blocked servo stalls before its goal, and overloads after a while."""
         ...
 
     def shock(self, now: float) -> None:
-        """Make the electronics note an electrical shock, or a lack of power for the motor."""
+        """Make the electronics note an electrical shock, or too little power for the motor."""
         ...
 
     def power_cut(self, now: float) -> None:
-        """Take the power away: silence, and everything in RAM is lost."""
+        """Switch the power off: the device is silent, and everything in RAM is lost."""
         ...
 
     def power_back(self, now: float) -> None:
-        """Give the power back: the device boots."""
+        """Switch the power on: the device boots."""
         ...

@@ -1,4 +1,4 @@
-"""Which faults a line has right now: a plan, what was added live, and what they do to packets and devices."""
+"""The faults of a line: the fault file, which faults are active, their effects on packets and devices, typed faults."""
 
 import math
 import random
@@ -30,12 +30,12 @@ from sim.emulator.faults import BYTE_KINDS, KEYS, VALUES, Direction, Fault, Faul
 MAX_FAULTS = 1000
 """Most faults that a line keeps; further ones are refused."""
 
-Hurt = dict[tuple[FaultKind, int], float]
-"""What is done to devices: (kind, index of the device) -> value."""
+Effects = dict[tuple[FaultKind, int], float]
+"""Effects on devices: (kind, index of the device) -> value."""
 
 
 class FaultyDevice(Device, Faulty, Protocol):
-    """A device with the handles of a fault plan."""
+    """A device that a fault plan can disturb."""
 
 
 class FaultState:
@@ -51,26 +51,26 @@ class FaultState:
         self._chance = random.Random(seed)
         self._cycle = -1
         self._active: tuple[Fault, ...] = ()
-        self._hurt: Hurt = {}
-        self._now = origin  # [s] devices never see time go back
-        self._until = -math.inf  # [s] when what is present changes by time
+        self._effects: Effects = {}
+        self._now = origin  # [s] time never goes back for devices
+        self._until = -math.inf  # [s] when a fault begins or ends by time
         self._by_cycle = False
         self._look_again()
         self._reset()
 
     def _reset(self) -> None:
         self.missing = self._ids(FaultKind.MISSING)
-        """Ids that neither hear nor answer."""
+        """Ids that neither receive nor answer."""
         self.silent_tail = self._ids(FaultKind.SILENT_TAIL)
-        """Ids that say nothing in group reads."""
+        """Ids that do not answer group reads."""
         self.clashing = self._ids(FaultKind.ID_CLASH)
         """Ids that two devices have."""
         kinds = {fault.kind for fault in self._active}
         self.dead = FaultKind.SHORT in kinds
-        """Whether nobody hears anybody."""
+        """Whether no bytes pass between host and devices."""
         self._garbage = max((int(fault.amount) for fault in self._active if fault.kind is FaultKind.SHORT), default=0)
         self.echo = FaultKind.ECHO in kinds
-        """Whether the host hears itself."""
+        """Whether the host receives its own bytes."""
         self.unplugged = FaultKind.UNPLUG in kinds
         """Whether the host's adapter is gone."""
         hits = [fault for fault in self._active if fault.kind in BYTE_KINDS]
@@ -85,7 +85,7 @@ class FaultState:
 
     @property
     def active(self) -> tuple[Fault, ...]:
-        """Those that are present."""
+        """The active faults."""
         return self._active
 
     @property
@@ -110,13 +110,13 @@ class FaultState:
         return True
 
     def clear(self, now: float, kind: FaultKind | None = None) -> None:
-        """Forget all faults, or those of one kind; what they did to devices ends, what devices latched stays."""
+        """Remove all faults, or those of one kind; their effects on devices end, what devices latched stays."""
         self._faults = [] if kind is None else [fault for fault in self._faults if fault.kind is not kind]
         self._look_again()
         self.update(now)
 
     def update(self, now: float) -> None:
-        """Begin and end what is due by `now`."""
+        """Begin and end the faults that are due by `now`."""
         self._now = now = max(now, self._now)
         if now < self._until:
             return
@@ -128,56 +128,56 @@ class FaultState:
         if active != self._active:
             self._active = active
             self._reset()
-            self._hurt_devices(now)
+            self._apply_effects(now)
 
     def garbage(self) -> bytes:
-        """What the host hears of a dead line when it has sent a packet."""
+        """Return the bytes that the host receives from a dead line after a packet of its own."""
         return self._chance.randbytes(self._garbage)
 
     def to_servos(self, packet: bytes) -> list[Part]:
-        """What the devices get of bytes that the host sends."""
+        """Return what the devices receive of bytes that the host sends."""
         return mangled(packet, self._on_way_in, self._chance) if self._on_way_in else [Part(0.0, packet)]
 
     def to_host(self, device: int, packet: bytes) -> list[Part]:
-        """What the host gets of what a device says."""
+        """Return what the host receives of bytes that a device sends."""
         if device in self.clashing:
             packet = self._chance.randbytes(len(packet))
         hits = [fault for fault in self._on_way_out if not fault.ids or device in fault.ids]
         return mangled(packet, hits, self._chance) if hits else [Part(0.0, packet)]
 
     def _look_again(self) -> None:
-        """The list of faults has changed."""
+        """Recompute the next change after the list of faults has changed."""
         self._until = -math.inf
         self._by_cycle = any(fault.by_cycle for fault in self._faults)
 
     def _ids(self, kind: FaultKind) -> frozenset[int]:
-        """Ids of the present faults of a kind."""
+        """Return the ids of the active faults of a kind."""
         ids: set[int] = set()
         for fault in self._active:
             if fault.kind is kind:
                 ids |= set(fault.ids) or {device.id for device in self._devices}
         return frozenset(ids)
 
-    def _hurt_devices(self, now: float) -> None:
-        """Do to devices what has begun, undo what has ended."""
-        before, self._hurt = self._hurt, {}
+    def _apply_effects(self, now: float) -> None:
+        """Apply to devices the faults that have begun, undo those that have ended."""
+        before, self._effects = self._effects, {}
         for fault in self._active:
             if fault.kind in _HANDLES:
                 value = 1.0 if fault.kind is FaultKind.OVERLOAD else fault.amount
                 for index, device in enumerate(self._devices):
                     if not fault.ids or device.id in fault.ids:
-                        self._hurt[fault.kind, index] = value
-        for kind, index in sorted(before.keys() | self._hurt.keys(), key=lambda key: (key[0].value, key[1])):
-            value_now = self._hurt.get((kind, index))
+                        self._effects[fault.kind, index] = value
+        for kind, index in sorted(before.keys() | self._effects.keys(), key=lambda key: (key[0].value, key[1])):
+            value_now = self._effects.get((kind, index))
             if value_now != before.get((kind, index)):
-                _handle(cast(FaultyDevice, self._devices[index]), kind, value_now, now)
+                _apply_effect(cast(FaultyDevice, self._devices[index]), kind, value_now, now)
 
 
 _HANDLES = frozenset((FaultKind.OVER_TEMPERATURE, FaultKind.UNDER_VOLTAGE, FaultKind.OVERLOAD))
 
 
-def _handle(device: FaultyDevice, kind: FaultKind, value: float | None, now: float) -> None:
-    """Hurt a device, or (None) let it be."""
+def _apply_effect(device: FaultyDevice, kind: FaultKind, value: float | None, now: float) -> None:
+    """Apply an effect to a device, or (None) end it."""
     if kind is FaultKind.OVER_TEMPERATURE:
         device.heat(value, now)
     elif kind is FaultKind.UNDER_VOLTAGE:
@@ -186,7 +186,7 @@ def _handle(device: FaultyDevice, kind: FaultKind, value: float | None, now: flo
         device.jam(value is not None, now)
 
 
-# A fault file: what goes wrong on an emulated bus, and when. Strict YAML.
+# A fault file: the faults of an emulated bus, and their times. Strict YAML.
 #
 # seed: 1
 # faults:
@@ -234,7 +234,7 @@ class FaultEntry(Schema):
     bus: Name | None = None
 
     def to_fault(self) -> Fault:
-        """The same as the emulator knows it."""
+        """Return it as the emulator uses it."""
         return Fault(
             FaultKind(self.fault),
             ids=self.ids or (),
@@ -288,7 +288,7 @@ def read_fault(document: Document, buses: Buses) -> Fault:
 
 
 def _problems(document: Document, buses: Buses) -> list[Problem]:
-    """Cross checks of every entry that is sound by itself."""
+    """Cross checks of every entry that is valid by itself."""
     entries = document.data.get("faults")
     problems: list[Problem] = []
     for index, data in enumerate(entries if isinstance(entries, list) else []):
@@ -359,7 +359,7 @@ _KEYS = tuple(name for name in FaultEntry.model_fields if name not in ("fault", 
 
 
 def obey(line: str, states: dict[str, FaultState], buses: Buses, now: Callable[[], float]) -> str:
-    """Carry out one line on the faults of all buses (by name); returns what to say. Never raises for bad words."""
+    """Carry out one line on the faults of all buses (by name); return the reply. Never raises for bad words."""
     words = line[:MAX_LINE].split()
     if not words:
         return ""

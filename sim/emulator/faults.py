@@ -1,4 +1,4 @@
-"""What may go wrong on an emulated line, as data: what, when, to whom, how often."""
+"""Faults of an emulated line as data (kind, time, devices, rate), and their effect on the bytes of a packet."""
 
 import math
 import random
@@ -23,15 +23,15 @@ class FaultKind(Enum):
     NOISE = "noise"
     """Up to `value` random bytes stand in front of packets."""
     CRC_STORM = "crc_storm"
-    """The CRC or checksum of what devices say is wrong."""
+    """The CRC or checksum of what devices send is wrong."""
     MISSING = "missing"
-    """Devices neither hear nor answer."""
+    """Devices neither receive nor answer."""
     SILENT_TAIL = "silent_tail"
     """Devices stay silent in group reads, and with them those behind them."""
     ID_CLASH = "id_clash"
-    """A second device has the same id: whenever one answers, both do, and nobody understands them."""
+    """A second device has the same id: whenever one answers, both do, and their answers cannot be decoded."""
     SHORT = "short"
-    """The line is dead: nobody hears anybody; the host hears `value` random bytes for every packet of its own."""
+    """The line is dead: no bytes pass; the host receives `value` random bytes for every packet of its own."""
     ECHO = "echo"
     """The adapter gives the host its own bytes back."""
     OVER_TEMPERATURE = "over_temperature"
@@ -81,13 +81,13 @@ KEYS: dict[FaultKind, frozenset[str]] = {
     | (frozenset(("ids",)) if kind not in (FaultKind.SHORT, FaultKind.ECHO, FaultKind.UNPLUG) else frozenset())
     for kind in FaultKind
 }
-"""What each kind can be told."""
+"""The keys that each kind takes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
     """One fault. It lasts while both windows do: time s since the line began, from `start` and before `end`; cycles
-    (group reads heard, from 0), from `from_cycle` and before `to_cycle`.
+    (group reads received, from 0), from `from_cycle` and before `to_cycle`.
 
     ids: of the devices; none: all. Bytes on their way to the servos belong to no device: faults with ids leave them
     alone. rate: share of what `unit` says. value: see FaultKind; None: the usual one. bus: name of the only line that
@@ -161,7 +161,7 @@ def mangled(packet: bytes, faults: Sequence[Fault], chance: random.Random) -> li
 
 
 def _hit(part: Part, fault: Fault, chance: random.Random, *, last: int) -> list[Part]:
-    """last: byte of the packet as it was said; two storms leave it as wrong as one."""
+    """last: byte of the packet as it was sent; two storms leave it as wrong as one."""
     if fault.unit is Unit.BYTES:
         return _hit_bytes(part, fault, chance)
     if chance.random() >= fault.rate or not part.data:

@@ -1,4 +1,4 @@
-"""One half-duplex segment: bytes of the host in, bytes of its servos out, each at its time."""
+"""One half-duplex bus segment: bytes of the host in, bytes of its servos out, each at its time on the wire."""
 
 import random
 from collections import deque
@@ -9,12 +9,12 @@ from typing import NamedTuple
 from hardware.dynamixel import protocol2
 from hardware.dynamixel.packets import BROADCAST, Frame
 from hardware.dynamixel.parsers import Parser, parser1, parser2
-from sim.emulator.conversation import GROUP_READS2, Conversation, Gaps, Spoken, damaged_address
+from sim.emulator.conversation import GROUP_READS2, Conversation, Gaps, Reply, damaged_address
 from sim.emulator.device import Device
 from sim.emulator.fault_state import FaultState
 from sim.emulator.servo2_registers import FedBy
 
-# Time on the wire: how long bytes take, when a servo begins to talk, when the host gets to see it.
+# Time on the wire: how long bytes take, when a servo begins to answer, when the host receives it.
 
 BITS_PER_BYTE = 10.0
 """8N1: a start bit, eight bits, a stop bit."""
@@ -27,9 +27,9 @@ class Timing:
     """A line's times, in s.
 
     bits: per byte on the wire; 0: bytes take no time. return_delay: share of each servo's own Return Delay Time that
-    passes before its status. turnaround: what a servo needs beside that. latency: how long the adapter keeps a byte
-    that has arrived before the host sees it (FTDI: the latency timer). gap: longest pause between two bytes of one
-    instruction frame; after a longer one servos drop what they have heard of it (e-Manual: 1.5 ms).
+    passes before its status. turnaround: what a servo needs besides that. latency: how long the adapter keeps a byte
+    that has arrived before it passes it to the host (FTDI: the latency timer). gap: longest pause between two bytes of
+    one instruction frame; after a longer one servos drop what they have received of it (e-Manual: 1.5 ms).
     """
 
     bits: float = BITS_PER_BYTE
@@ -58,7 +58,7 @@ class Timing:
 
 
 class Chunk(NamedTuple):
-    """Bytes that the host gets to see at `due`, s."""
+    """Bytes that reach the host at `due`, s."""
 
     due: float
     data: bytes
@@ -67,16 +67,16 @@ class Chunk(NamedTuple):
 MAX_WAITING = 1 << 16
 """Most bytes that wait for a host which does not read; what comes after them is lost, as in a real adapter."""
 BAUD_TOLERANCE = 0.03
-"""Share by which two baud rates may differ and still understand each other."""
+"""Share by which two baud rates may differ and bytes are still decoded."""
 
 
 class Line:
     """Devices on one pair of wires, and the adapter between them and the host.
 
-    `hear` takes what the host sends; `take` gives what has arrived by a time, `next_due` says when more will. Frames
-    are carried out when they are heard, with the time at which their last byte is on the wire. answers_damage: whether
-    a device says that a frame for it came damaged; what is documented is the error number, not whether all hardware
-    does.
+    `receive` takes what the host sends; `take` returns what has arrived by a time, `next_due` is when more will. Frames
+    are carried out when they are received, with the time at which their last byte is on the wire. answers_damage:
+    whether a device answers a damaged frame for it with an error; the error number is documented, but not whether all
+    hardware sends it.
     """
 
     def __init__(
@@ -94,10 +94,10 @@ class Line:
         self.devices = tuple(devices)
         self.faults = faults or FaultState(devices, seed=seed)
         self.baud = baud
-        """Of the host's adapter, bits/s: devices at another rate hear noise, and nobody hears them."""
+        """Of the host's adapter, bits/s: devices at another rate receive noise, and the host cannot decode theirs."""
         self.timing = timing or Timing()
         self.lost = 0
-        """Bytes that a host which did not read never gets."""
+        """Bytes that were dropped because the host did not read."""
         self._noise = random.Random(seed)
         self._conversation = Conversation(gaps=gaps, fed_by=fed_by, noise=self._noise)
         self._answers_damage = answers_damage
@@ -107,8 +107,8 @@ class Line:
         self._waiting: deque[Chunk] = deque()  # by due time
         self._size = 0  # bytes waiting
         self._host_free = float("-inf")  # [s] when the host's last byte is on the wire
-        self._heard = float("-inf")  # [s] when the devices heard their last one
-        self._servos_free = float("-inf")  # [s] when the servos' last one is
+        self._last_received = float("-inf")  # [s] when the last one reached the devices
+        self._servos_free = float("-inf")  # [s] when the servos' last one is on the wire
 
     @property
     def next_due(self) -> float | None:
@@ -116,7 +116,7 @@ class Line:
         return self._waiting[0].due if self._waiting else None
 
     def last_due_within(self, span: float) -> float | None:
-        """When the last of those bytes arrives that come within `span` s of the next ones."""
+        """Return when the last of those bytes arrives that come within `span` s of the next ones."""
         if not self._waiting:
             return None
         last = first = self._waiting[0].due
@@ -127,7 +127,7 @@ class Line:
         return last
 
     def take(self, now: float) -> bytes:
-        """Everything that has arrived at the host by `now`, and is not taken yet."""
+        """Return everything that has arrived at the host by `now` and is not taken yet."""
         out = []
         while self._waiting and self._waiting[0].due <= now:
             out.append(self._waiting.popleft().data)
@@ -135,8 +135,8 @@ class Line:
         self._size -= len(data)
         return data
 
-    def hear(self, data: bytes, now: float) -> None:
-        """Bytes that the host hands to its adapter at `now`, s."""
+    def receive(self, data: bytes, now: float) -> None:
+        """Put bytes on the wire that the host hands to its adapter at `now`, s."""
         start = max(now, self._host_free)
         for piece in _pieces(data):
             self.faults.update(start)
@@ -160,24 +160,24 @@ class Line:
         return self.faults.unplugged
 
     def forget(self) -> None:
-        """Lose everything that is on its way."""
+        """Drop everything that is on its way."""
         self._waiting.clear()
         self._size = 0
         for parser in self._parsers.values():
             parser.reset()
 
     def _carry(self, piece: bytes, start: float) -> float:
-        """Let the devices hear what becomes of a piece, on the wire from `start` on; returns its end, s."""
+        """Pass a piece, with its faults, to the devices, on the wire from `start` on; return its end, s."""
         at = start
         for part in self.faults.to_servos(piece):
             at += part.delay
-            if at - self._heard > self.timing.gap:
+            if at - self._last_received > self.timing.gap:
                 for parser in self._parsers.values():
                     parser.reset()
-            self._heard = at = at + self.timing.on_wire(len(part.data), self.baud)
+            self._last_received = at = at + self.timing.on_wire(len(part.data), self.baud)
             for protocol, parser in self._parsers.items():
                 if self._answers_damage:
-                    self._complain(protocol, parser.pending + part.data, at)
+                    self._answer_damaged(protocol, parser.pending + part.data, at)
                 for frame in parser.feed(part.data):
                     self._execute(protocol, frame, at)
         return at
@@ -190,20 +190,20 @@ class Line:
         missing = self.faults.missing
         if missing:
             listeners = [device for device in listeners if device.id not in missing]
-        said = self._conversation.answers(frame, listeners, end, cut=self.faults.silent_tail)
-        if said:
-            self._speak(said, end)
+        replies = self._conversation.answers(frame, listeners, end, silent=self.faults.silent_tail)
+        if replies:
+            self._send_replies(replies, end)
 
-    def _complain(self, protocol: int, heard: bytes, end: float) -> None:
-        """Let those speak up for whom a frame was that came damaged."""
-        own = damaged_address(protocol, heard)
+    def _answer_damaged(self, protocol: int, received: bytes, end: float) -> None:
+        """Send the answers of the devices whose id a damaged frame has."""
+        own = damaged_address(protocol, received)
         if own is not None and own not in self.faults.missing:
-            said = self._conversation.complaints(own, self._awake(protocol, end), end)
-            if said:
-                self._speak(said, end)
+            replies = self._conversation.damage_replies(own, self._awake(protocol, end), end)
+            if replies:
+                self._send_replies(replies, end)
 
     def _awake(self, protocol: int, now: float) -> list[Device]:
-        """Devices of a protocol that hear the host."""
+        """Return the devices of a protocol that receive what the host sends."""
         lowest, highest = self.baud * (1.0 - BAUD_TOLERANCE), self.baud * (1.0 + BAUD_TOLERANCE)
         return [
             device
@@ -211,23 +211,23 @@ class Line:
             if device.protocol == protocol and lowest <= device.baud <= highest and not device.booting(now)
         ]
 
-    def _speak(self, said: Sequence[Spoken], end: float) -> None:
+    def _send_replies(self, replies: Sequence[Reply], end: float) -> None:
         """Put answers on the wire, one after the other, from `end` of the instruction on."""
         timing, faults = self.timing, self.faults
         at = max(end, self._servos_free)
         if timing.instant and not faults.spoil:
             self._servos_free = at
-            self._arrive(b"".join([spoken.data for spoken in said]), at + timing.latency)
+            self._arrive(b"".join([reply.data for reply in replies]), at + timing.latency)
             return
-        for spoken in said:
-            if spoken.return_delay is not None:
-                at += timing.before_status(spoken.return_delay)
-            at += timing.on_wire(len(spoken.data), self.baud)
+        for reply in replies:
+            if reply.return_delay is not None:
+                at += timing.before_status(reply.return_delay)
+            at += timing.on_wire(len(reply.data), self.baud)
             late = timing.latency
             if not faults.spoil:
-                self._arrive(spoken.data, at + late)
+                self._arrive(reply.data, at + late)
                 continue
-            for part in faults.to_host(spoken.id, spoken.data):
+            for part in faults.to_host(reply.id, reply.data):
                 late += part.delay
                 self._arrive(part.data, at + late)
         self._servos_free = at
@@ -242,7 +242,7 @@ class Line:
         self._size += len(data)
 
     def _collide(self, start: float) -> None:
-        """The host talks from `start` while servos do: they do not hear it, and it hears noise from then on."""
+        """Let the host send from `start` while servos do: they do not receive it, and it gets noise from then on."""
         seen = start + self.timing.latency
         for index, chunk in enumerate(self._waiting):
             if chunk.due > seen:
@@ -250,7 +250,7 @@ class Line:
 
 
 def _pieces(data: bytes) -> list[bytes]:
-    """Cut before each header of protocol 2.0: stuffing keeps headers out of frames, so each piece ends a frame."""
+    """Split before each header of protocol 2.0: stuffing keeps headers out of frames, so each piece ends a frame."""
     at = data.find(protocol2.HEADER, 1)
     if at < 0:
         return [data]

@@ -14,7 +14,7 @@ class Part(NamedTuple):
 
 
 class Memory:
-    """Bytes of a control table, all zero at first. Holes read as 0 beside something that is defined.
+    """Bytes of a control table, all zero at first. Holes read as 0 when a read also covers a defined register.
 
     An indirect data byte stands for the byte at the address in its indirect address register; where that leads to
     indirect data again, it is plain storage (a servo follows one step).
@@ -48,12 +48,12 @@ class Memory:
         return self.value(name) if self.table.has(name) else default
 
     def put(self, name: str, value: int) -> None:
-        """Set a register, whatever its access; beyond its width the value is cut to what it holds."""
+        """Set a register, whatever its access; beyond its width the value is clipped to what it holds."""
         if self.table.has(name):
             self.store(self.table[name], value)
 
     def store(self, register: Register, value: int) -> None:
-        """Set a register of this table, cut to what it holds."""
+        """Set a register of this table, clipped to what it holds."""
         counts = min(max(value, register.narrowest), register.widest)
         self.image[register.address : register.end] = register.encode(counts)
 
@@ -86,7 +86,7 @@ class Memory:
         return any(first <= self.target(place) < last for place in range(address, end))
 
     def parts(self, address: int, data: bytes) -> list[Part] | Error2:
-        """Return the registers that a write covers, in order, or the error that it deserves: DATA_LENGTH for a register
+        """Return the registers that a write covers, in order, or the error for it: DATA_LENGTH for a register
         that is not covered to its end, ACCESS for a hole, the table's end and what is read only. Nothing changes."""
         if not data:
             return Error2.DATA_LENGTH
@@ -113,7 +113,7 @@ class Memory:
         return [(start, bytes(run)) for start, run in runs]
 
     def _cover(self, address: int, data: bytes, found: list[Part]) -> Error2:
-        """Append the registers that `data` at `address` fills; Error2.NONE unless one is missing or cut short."""
+        """Append the registers that `data` at `address` fills; Error2.NONE unless one is missing or covered in part."""
         done = 0
         while done < len(data):
             register = self._starts[address + done]

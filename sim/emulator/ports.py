@@ -1,4 +1,4 @@
-"""A line of emulated devices as a port of this process: a host's own driver talks to it on any clock, without a pty."""
+"""Ports to a line of emulated devices: inside this process on any clock, or as a pseudo-terminal with a link."""
 
 import array
 import contextlib
@@ -36,7 +36,7 @@ class EmulatedPort:
 
     @property
     def name(self) -> str:
-        """What it was called."""
+        """Its name in messages."""
         return self._name
 
     @property
@@ -67,10 +67,10 @@ class EmulatedPort:
         self.drop()
 
     def write(self, data: bytes) -> None:
-        """Send; the line hears it now."""
+        """Send; the line receives it now."""
         self._require("write")
         if data:
-            self._line.hear(data, self._clock.now())
+            self._line.receive(data, self._clock.now())
 
     def read(self) -> bytes:
         """What has arrived by now."""
@@ -121,16 +121,16 @@ def _checked(baud: int, name: str) -> int:
     return baud
 
 
-# A name that one process of this machine has at a time, and that the system takes back when it ends, killed or not.
+# A name that one process of this machine holds at a time. The system releases it when that process ends in any way.
 
 _MANY = 4096
-"""Processes that may ask who the holder is: it never answers them."""
+"""Most pending connections of processes that ask for the holder: it never accepts them."""
 _CREDENTIALS = struct.Struct("3i")
-"""What SO_PEERCRED tells: process, user, group."""
+"""The fields of SO_PEERCRED: process, user, group."""
 
 
 class Claim:
-    """A path that is kept by a socket of a name without a file (Linux): nothing is left behind."""
+    """A path that is reserved by an abstract socket (Linux), so no file is left behind."""
 
     def __init__(self, path: Path) -> None:
         whole = path.parent.resolve() / path.name
@@ -138,7 +138,7 @@ class Claim:
         self._socket: socket.socket | None = None
 
     def take(self) -> bool:
-        """Whether it is this one's now, or was. Raises OSError where the system has no such sockets."""
+        """Take the name; return whether this claim holds it. Raises OSError where the system has no such sockets."""
         if self._socket is not None:
             return True
         fresh = socket.socket(socket.AF_UNIX)
@@ -154,23 +154,23 @@ class Claim:
         return True
 
     def release(self) -> None:
-        """Let others have it."""
+        """Release the name."""
         if self._socket is not None:
             self._socket.close()
         self._socket = None
 
     def holder(self) -> int | None:
-        """The process that has it; None where nobody has, or it cannot be told."""
+        """Return the process that holds the name; None where none does, or the system does not say."""
         with suppress(OSError), socket.socket(socket.AF_UNIX) as asking:
             asking.setblocking(False)
             asking.connect(self._name)
-            told = asking.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
-            return int(_CREDENTIALS.unpack(told)[0]) or None
+            credentials = asking.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+            return int(_CREDENTIALS.unpack(credentials)[0]) or None
         return None
 
 
-# A symlink to a pseudo-terminal: made and moved in one step, never in the place of anything that is not ours, and of
-# one emulator at a time.
+# A symlink to a pseudo-terminal: made and moved in one step. It never replaces anything that is not ours, and belongs
+# to one emulator at a time.
 
 _OURS = re.compile(r"/dev/pts/\d+")
 """Where links of this kind lead."""
@@ -185,7 +185,7 @@ class Link:
         self._claim = Claim(path)
 
     def check(self) -> None:
-        """Keep the path for this emulator until `remove`. One that a killed emulator left is free.
+        """Reserve the path for this emulator until `remove`. One that a killed emulator left is free.
 
         Raises UsageError when no link can be made there: no such folder, something of another kind, another emulator.
         """
@@ -212,7 +212,7 @@ class Link:
         self._keep()
 
     def point(self, target: str) -> None:
-        """Let it lead to `target`, in one step. Raises UsageError."""
+        """Point the link to `target`, in one step. Raises UsageError."""
         self.check()
         try:
             if self._is_ours():
@@ -228,12 +228,12 @@ class Link:
         self._target = target
 
     def remove(self) -> None:
-        """Take it away, and let other emulators have the path."""
+        """Remove the link and release the path."""
         self.hide()
         self._claim.release()
 
     def hide(self) -> None:
-        """Take it away, if it still leads where `point` let it; the path is kept."""
+        """Remove the link if it still leads where `point` set it; the path stays reserved."""
         with contextlib.suppress(OSError):
             if self._target is not None and os.readlink(self.path) == self._target:  # noqa: PTH115 - as text, unchanged
                 self.path.unlink()
@@ -267,12 +267,12 @@ class Link:
 CHUNK = 4096
 """Most bytes that are read at once; the kernel keeps no more."""
 _TCGETS2, _SPEED_WORD = 0x802C542A, 10
-"""Linux's ioctl that tells the real speed a client has set, and where in the answer."""
+"""Linux's ioctl that reads the speed that a client has set, and its index in the answer."""
 
 
 class PseudoTerminal:
-    """One line and its link. `hear` when its `fd` has bytes, `speak` when some are due, `follow` when a fault may have
-    pulled or put back the plug: then a new pseudo-terminal is behind the same link."""
+    """One line and its link. Call `receive` when its `fd` has bytes, `send` when some are due, `follow` when a fault
+    may have unplugged or replugged the adapter: then a new pseudo-terminal is behind the same link."""
 
     def __init__(self, line: Line, link: Link) -> None:
         self.line, self.link = line, link
@@ -281,7 +281,7 @@ class PseudoTerminal:
         self.path = ""
         """The pseudo-terminal itself."""
         self.lost = 0
-        """Bytes that the kernel did not take: nobody reads."""
+        """Bytes that the kernel did not take because no client reads."""
         self._client = -1
         self._speed = array.array("I", bytes(44))
 
@@ -310,17 +310,17 @@ class PseudoTerminal:
         self._hang_up()
         self.link.remove()
 
-    def hear(self, now: float) -> None:
-        """Hand what the client has written to the line, at the client's speed."""
+    def receive(self, now: float) -> None:
+        """Pass what the client has written to the line, at the client's speed."""
         try:
             data = os.read(self.fd, CHUNK)
         except (BlockingIOError, InterruptedError):
             return
         self.line.baud = self._baud()
-        self.line.hear(data, now)
+        self.line.receive(data, now)
 
-    def speak(self, now: float) -> None:
-        """Give the client what has arrived by `now`. What it does not take is lost, as in a real adapter."""
+    def send(self, now: float) -> None:
+        """Pass to the client what has arrived by `now`. What it does not take is lost, as in a real adapter."""
         data = self.line.take(now)
         if data:
             sent = 0
@@ -329,7 +329,7 @@ class PseudoTerminal:
             self.lost += len(data) - sent
 
     def follow(self, now: float) -> None:
-        """Hang up while the line is unplugged, be there again when it is back. The link stays this emulator's.
+        """Hang up while the line is unplugged, and open again when it is back. The link stays reserved.
 
         Raises UsageError for a lost link.
         """
@@ -354,11 +354,11 @@ class PseudoTerminal:
         return self._speed[_SPEED_WORD] or 1
 
 
-# Serve lines on pseudo-terminals until told to stop: asleep whenever nothing is due.
+# Serving lines on pseudo-terminals until the caller stops it; it sleeps whenever nothing is due.
 
 EARLY = 120e-6
-"""What is due within so many s is not slept for: a timer is no finer than 50 us, and a pseudo-terminal takes some 70 us
-for the way there and back, which no adapter has."""
+"""What is due within so many s is not slept for: a timer is no finer than 50 us, and a round trip through a
+pseudo-terminal takes some 70 us, which no adapter has."""
 BATCH = 0.3e-3
 """Answers that come within so many s of each other, and no more than the adapter's latency, are handed over together,
 when the last of them is due: an adapter passes packets on, not bytes."""
@@ -377,7 +377,8 @@ def serve(
     """Serve opened terminals until `until()` or the `deadline`, s on the clock.
 
     listen: further file descriptors and what to call when they have something; one whose call returns False is at its
-    end and listened to no more. A signal is noticed when a descriptor becomes readable by it (signal.set_wakeup_fd).
+    end and is not waited for any more. A signal is noticed when a descriptor becomes readable by it
+    (signal.set_wakeup_fd).
     """
     others = dict(listen or {})
     plugged = _by_fd(terminals)
@@ -396,7 +397,7 @@ def serve(
         now = clock.now()
         for fd in ready:
             if fd in plugged:
-                plugged[fd].hear(now)
+                plugged[fd].receive(now)
             elif not others[fd]():
                 del others[fd]
 
@@ -406,13 +407,13 @@ def _by_fd(terminals: Sequence[PseudoTerminal]) -> dict[int, PseudoTerminal]:
 
 
 def _attend(terminal: PseudoTerminal, now: float) -> float:
-    """Do what is due on a terminal; returns when something will be, s."""
+    """Do what is due on a terminal; return when something will be, s."""
     terminal.follow(now)
     line = terminal.line
     span = min(BATCH, line.timing.latency)
     due = line.last_due_within(span)
     if due is not None and due <= now + EARLY:
-        terminal.speak(now + EARLY)
+        terminal.send(now + EARLY)
         due = line.last_due_within(span)
     wake = math.inf if due is None else due - EARLY
     change = line.faults.next_change

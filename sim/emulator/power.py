@@ -17,8 +17,8 @@ from sim.servo_model import (
 
 WINDOW = 16e-3  # [s] shortest time over which current and acceleration are taken
 STILL = 1e-3  # of the top speed
-OVERLOAD_EFFORT = 0.8  # share of the stall torque that a servo holds for a while only
-OVERLOAD_TIME = 1.0  # [s] the while
+OVERLOAD_EFFORT = 0.8  # share of the stall torque that a servo holds for OVERLOAD_TIME only
+OVERLOAD_TIME = 1.0  # [s]
 BROWN_OUT = 0.4  # share of the nominal voltage below which the electronics reset
 
 
@@ -82,7 +82,7 @@ class Electrics:
         self.current = current
 
     def rest(self, now: float) -> None:
-        """Begin anew at `now` (s), cool of overload: after a start."""
+        """Begin anew at `now` (s), without overload, after a start."""
         self.time = now
         self._velocity = 0.0
         self._strained = 0.0

@@ -1,4 +1,4 @@
-"""The emulated buses of a robot: the servos of its profile, and what else it expects on them."""
+"""The emulated buses of a robot: the servos of its profile, and the other devices that it expects on them."""
 
 import random
 from collections.abc import Mapping, Sequence
@@ -22,15 +22,15 @@ from sim.emulator.servo2_registers import FedBy
 from sim.emulator.servo_body import BOOT_TIME, ServoBuild
 from sim.servo_model import AMBIENT
 
-# How emulated servos behave where the e-Manual is silent: a host can try what no hardware has confirmed.
+# How emulated servos behave where the e-Manual is silent, so that a host can be tried against every possibility.
 
 
 @dataclass(frozen=True, slots=True)
 class Conduct:
-    """Of all servos on the lines of a robot.
+    """Behaviour of all servos on the lines of a robot.
 
     gaps: what a missing servo does to those behind it in a group read. fed_by: which packets feed a bus watchdog (2.0).
-    answers_damage: whether a servo says that an instruction to its id came damaged (2.0: error 3, 1.0: 0x10).
+    answers_damage: whether a servo answers a damaged instruction to its id with an error (2.0: error 3, 1.0: 0x10).
     boot_time: s of a start. torque_by_goal: whether a goal position or moving speed switches torque on (1.0).
     """
 
@@ -41,7 +41,7 @@ class Conduct:
     torque_by_goal: bool = True
 
 
-# Builds the emulated servos of a robot's profile.
+# The emulated servos of a robot's profile.
 
 WARMER = 3.0  # [degrees Celsius] most by which a servo is above the room at first
 
@@ -65,14 +65,14 @@ def devices_of(
     baud that it lacks.
     """
     chance = random.Random(seed)
-    shared, ways = supply or Supply(), conduct or Conduct()
+    shared, behaviour = supply or Supply(), conduct or Conduct()
     devices: list[EmulatedServo | EmulatedServo1] = []
     for index, spec in enumerate(specs):
         table = find_table(spec.model.name, protocols[spec.bus])
         position = float(spec.zero_tick if start is None else start[index])
         warmth = AMBIENT + WARMER * chance.random()
-        build = ServoBuild(position, now=now, supply=shared, boot_time=ways.boot_time, warmth=warmth)
-        device = _built(table, spec.model, build, ways)
+        build = ServoBuild(position, now=now, supply=shared, boot_time=behaviour.boot_time, warmth=warmth)
+        device = _built(table, spec.model, build, behaviour)
         device.memory.put("id", spec.id)
         if bauds is not None and spec.bus in bauds:
             device.memory.put("baud_rate", _code(table, bauds[spec.bus], spec))
@@ -86,10 +86,12 @@ def devices_of(
     return tuple(devices)
 
 
-def _built(table: ControlTable, model: ServoModel, build: ServoBuild, ways: Conduct) -> EmulatedServo | EmulatedServo1:
+def _built(
+    table: ControlTable, model: ServoModel, build: ServoBuild, behaviour: Conduct
+) -> EmulatedServo | EmulatedServo1:
     if table.protocol == 2:
         return EmulatedServo(table, model, build)
-    return EmulatedServo1(table, model, build, torque_by_goal=ways.torque_by_goal)
+    return EmulatedServo1(table, model, build, torque_by_goal=behaviour.torque_by_goal)
 
 
 def _code(table: ControlTable, baud: int, spec: ServoSpec) -> int:
@@ -120,7 +122,7 @@ def robot_lines(
     whether the one with the power switch has it on at first. conduct: None: the usual. Raises HardwareError for what
     a model cannot be.
     """
-    ways = conduct or Conduct()
+    behaviour = conduct or Conduct()
     devices = devices_of(
         servos,
         protocols={bus.name: bus.protocol for bus in buses},
@@ -129,7 +131,7 @@ def robot_lines(
         start=start,
         seed=seed,
         now=now,
-        conduct=ways,
+        conduct=behaviour,
     )
     lines = {}
     for bus in buses:
@@ -141,17 +143,17 @@ def robot_lines(
                 switches = bus.power is not None and bus.power.id == device
                 on = powered or not switches
                 others.append(EmulatedController(own if switches else (), id=device, baud=bus.baud, now=now, on=on))
-        everyone = [*own, *others]
+        on_bus = [*own, *others]
         faults = () if plan is None else plan.of_bus(bus.name)
         origin_seed = f"{seed if plan is None else plan.seed} {bus.name}"
-        state = FaultState(everyone, faults=faults, origin=now, seed=origin_seed)
+        state = FaultState(on_bus, faults=faults, origin=now, seed=origin_seed)
         lines[bus.name] = Line(
-            everyone,
+            on_bus,
             baud=bus.baud,
             timing=timing,
-            gaps=ways.gaps,
-            fed_by=ways.fed_by,
-            answers_damage=ways.answers_damage,
+            gaps=behaviour.gaps,
+            fed_by=behaviour.fed_by,
+            answers_damage=behaviour.answers_damage,
             faults=state,
             seed=seed,
         )

@@ -1,8 +1,8 @@
 """An emulated servo of protocol 1.0: MX-28/64 and AX-12A.
 
 Source: e-Manual, protocol 1.0, MX-28, MX-64 and AX-12A. Its errors are not latched: they stand in every status as long
-as the cause lasts (an overload: until torque or torque limit are written again). What Shutdown (18) names takes the
-torque and sets Torque Limit (34) to 0. There is no bus watchdog. The D gain has no effect here.
+as the cause lasts (an overload: until torque or torque limit are written again). Errors that Shutdown (18) names switch
+torque off and set Torque Limit (34) to 0. There is no bus watchdog. The D gain has no effect here.
 
 A write that reaches Goal Position (30) or Moving Speed (32) switches torque on by itself. The e-Manual is silent on
 that; it is public field knowledge (vanadiumlabs/arbotix_ros #9, Luos-io/Pyluos #59, poppy-docs #36), not verified on
@@ -118,7 +118,7 @@ class EmulatedServo1(ServoBody):
         super().__init__(table, model, build)
         self.torque_by_goal = torque_by_goal
         self.registered: tuple[int, bytes] | None = None
-        self._wrong = Error1(0)  # as every status says it
+        self._wrong = Error1(0)  # as in every status
         self._overload = False
         self._reset()
 
@@ -128,8 +128,8 @@ class EmulatedServo1(ServoBody):
         self._goal_to_present()
         self.tune()
 
-    def hear(self, now: float) -> None:
-        """Nothing: these servos have no bus watchdog."""
+    def receive(self, now: float) -> None:
+        """Do nothing: these servos have no bus watchdog."""
 
     def execute(
         self, instruction: int, params: bytes, now: float, *, broadcast: bool, secondary: bool = False
@@ -153,7 +153,7 @@ class EmulatedServo1(ServoBody):
         return self._answer(Error1(0), self.memory.slice(address, length))
 
     def write(self, address: int, data: bytes, now: float, *, secondary: bool = False) -> None:
-        """Take a write; what is refused is lost."""
+        """Carry out a write; a refused one is dropped."""
         if now >= self._awake_at and not secondary:
             self.catch_up(now)
             self._change(address, data, now)
@@ -166,7 +166,7 @@ class EmulatedServo1(ServoBody):
         self.shaft.refresh()
 
     def check(self) -> None:
-        """See what is wrong with voltage, temperature and effort; what Shutdown names takes the torque."""
+        """Check voltage, temperature and effort; errors that Shutdown names switch torque off."""
         if self._awake_at == inf or self._starting:
             return
         memory, electrics = self.memory, self.electrics
@@ -183,7 +183,7 @@ class EmulatedServo1(ServoBody):
             self._set_torque(False)
 
     def shock(self, now: float) -> None:
-        """Nothing: protocol 1.0 has no such error."""
+        """Do nothing: protocol 1.0 has no such error."""
 
     def _carry_out(self, instruction: int, params: bytes, now: float) -> Answer:
         """Carry out an instruction for this servo."""
@@ -217,7 +217,7 @@ class EmulatedServo1(ServoBody):
         return Error1(0)
 
     def _change(self, address: int, data: bytes, now: float) -> Error1:
-        """Write registers, all or none; return why not."""
+        """Write registers, all or none; return the error."""
         parts = self._accepts(address, data)
         if isinstance(parts, Error1):
             return parts
@@ -300,7 +300,7 @@ class EmulatedServo1(ServoBody):
         self.memory.put("goal_position", max(min(self.memory.value("goal_position"), high), low))
 
     def _goal_to_present(self) -> None:
-        """Let the goal register show where the servo is, within its limits."""
+        """Set the goal register to the present position, within its limits."""
         low, high = goal_bounds1(self.memory)
         shown = round(shown_position(self.memory, self.shaft.position))
         self.memory.put("goal_position", max(min(shown, high), low))

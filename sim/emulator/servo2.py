@@ -1,6 +1,6 @@
 """An emulated servo of protocol 2.0: registers that work, and motion behind them.
 
-Source: e-Manual, X series and protocol 2.0; what a servo does between two instructions is `motion` and `power`.
+Source: e-Manual, X series and protocol 2.0. Motion, current and heat: `sim.emulator.shaft` and `sim.emulator.power`.
 """
 
 from collections.abc import Callable
@@ -45,7 +45,7 @@ from sim.emulator.shaft import Law
 CLEAR_TURNS = bytes((0x01, 0x44, 0x58, 0x4C, 0x22))
 STORE = bytes((0x01, 0x43, 0x54, 0x52, 0x4C))
 RESTORE = bytes((0x02, 0x43, 0x54, 0x52, 0x4C))
-_DEAF_TO_ALL = 42  # first firmware that ignores a factory reset of everything that is broadcast
+_IGNORES_BROADCAST_RESET = 42  # first firmware that ignores a factory reset of everything that is broadcast
 _LEVEL: dict[int, int] = {
     Instruction.PING: 0,
     Instruction.READ: 1,
@@ -64,7 +64,7 @@ def carry_out(
     if broadcast and instruction == Instruction.READ:
         return None
     everything = instruction == Instruction.FACTORY_RESET and params[:1] == bytes((ALL,))
-    if broadcast and everything and servo.memory.value("firmware_version") >= _DEAF_TO_ALL:
+    if broadcast and everything and servo.memory.value("firmware_version") >= _IGNORES_BROADCAST_RESET:
         return None
     handler = _HANDLERS.get(instruction)
     answer = servo.answer(Error2.INSTRUCTION) if handler is None else handler(servo, params, now, False)
@@ -122,7 +122,7 @@ def _factory_reset(servo: "EmulatedServo", params: bytes, now: float, secondary:
 
 
 def _reboot(servo: "EmulatedServo", params: bytes, now: float, secondary: bool) -> Answer:
-    answer = servo.answer()  # the alert of a latched error is still said
+    answer = servo.answer()  # the alert of a latched error is still sent
     servo.reboot(now)
     return answer
 
@@ -191,7 +191,7 @@ class EmulatedServo(ServoBody):
         self._alert = 0
         self._threshold = 0.0  # [tick/s] of moving
         self._lowest = self._highest = 0  # bounds of the goal position
-        self._direct = False  # a goal position needs no more than to become the target
+        self._direct = False  # a goal position only has to become the target
         self._fill_ram()
         self.place(build.position)
 
@@ -211,8 +211,8 @@ class EmulatedServo(ServoBody):
         goal_to_present(self.memory, position)
         self.tune()
 
-    def hear(self, now: float) -> None:
-        """Note a sound instruction on the line: it feeds the bus watchdog."""
+    def receive(self, now: float) -> None:
+        """Note a valid instruction on the line: it feeds the bus watchdog."""
         watchdog = self._watchdog
         if watchdog.deadline != inf:
             if now > watchdog.deadline:
@@ -229,7 +229,7 @@ class EmulatedServo(ServoBody):
         return carry_out(self, instruction, params, now, broadcast=broadcast, secondary=secondary)
 
     def read(self, address: int, length: int, now: float) -> Answer:
-        """Return the bytes of a range, or the error that it deserves."""
+        """Return the bytes of a range, or the error for it."""
         self.catch_up(now)
         end = address + length
         if MOTION <= address < end <= MOTION_END:
@@ -242,7 +242,7 @@ class EmulatedServo(ServoBody):
         return Answer(self._alert, memory.slice(address, length))
 
     def write(self, address: int, data: bytes, now: float, *, secondary: bool = False) -> None:
-        """Take a write; what is refused is lost."""
+        """Carry out a write; a refused one is dropped."""
         if now < self._awake_at:
             return
         if address == _GOAL and self._direct and len(data) == 4:
@@ -256,7 +256,7 @@ class EmulatedServo(ServoBody):
         self.change(address, data, now, ram_only=secondary)
 
     def change(self, address: int, data: bytes, now: float, *, ram_only: bool = False) -> Error2:
-        """Write registers, all or none; return why not."""
+        """Write registers, all or none; return the error."""
         self.catch_up(now)
         parts = self.accepts(address, data, ram_only=ram_only)
         if isinstance(parts, Error2):
@@ -358,7 +358,7 @@ class EmulatedServo(ServoBody):
         return bool(self._latched and self._latched & self.memory.value("shutdown") & ERRORS)
 
     def _latch(self, bits: int) -> None:
-        """Keep hardware errors until the next start; those that the shutdown mask names take the torque."""
+        """Keep hardware errors until the next start; those that the shutdown mask names switch torque off."""
         self._latched |= bits
         self._alert = ALERT
         self.memory.put("hardware_error_status", self._latched)

@@ -1,6 +1,7 @@
-"""From the registers of a 2.0 servo to the numbers of its loop: gains, limits, profile.
+"""The registers of a 2.0 servo at work: writes that are refused, the control loop, state registers, goals, resets,
+position counting and the bus watchdog.
 
-Units that the e-Manual leaves open are chosen so that one register step keeps its sense: PWM counts per tick of error
+Units that the e-Manual leaves open are taken as PWM counts per tick of error
 (P), per tick and ms (I), per tick/ms (D and first feedforward). The default D gain belongs to the loop that the P gain
 alone describes, as in the mock bus; only what is set beyond it damps. The second feedforward gain and the velocity
 gains have no effect on a motor without inertia.
@@ -262,7 +263,7 @@ def bound_goals(memory: Memory) -> None:
 
 
 def goal_to_present(memory: Memory, position: float) -> None:
-    """Let the goal position register show where the servo is (tick), within its limits."""
+    """Set the goal position register to the present position (tick), within its limits."""
     low, high = goal_bounds(memory, "goal_position")
     memory.put("goal_position", max(min(round(position), high), low))
 
@@ -399,21 +400,21 @@ STEP = 0.02  # [s] of register 98
 
 
 class FedBy(Enum):
-    """Which sound instructions are a life sign. The e-Manual says 'all instruction packets', and not whether those for
-    other ids count."""
+    """Which valid instructions feed the watchdog. The e-Manual says 'all instruction packets', and not whether those
+    for other ids count."""
 
     ANY = "any"
     """All on the line."""
     OWN = "own"
-    """Those to the servo's id or secondary id, and broadcasts (group reads and writes are, whomever they name)."""
+    """Those to the servo's id or secondary id, and broadcasts (group reads and writes are, whatever ids they name)."""
 
 
 class BusWatchdog:
-    """Runs only while armed. `tripped`: it has stopped the servo, and register 98 has not been cleared since."""
+    """A watchdog that runs only while armed. `tripped`: it has stopped the servo; register 98 is not cleared yet."""
 
     def __init__(self) -> None:
         self.deadline = inf
-        """When it trips unless something is heard, s."""
+        """When it trips unless an instruction is received, s."""
         self.tripped = False
         self._period = 0.0
 
@@ -423,7 +424,7 @@ class BusWatchdog:
         self.deadline = now + self._period if self._period and torque and not self.tripped else inf
 
     def feed(self, now: float) -> None:
-        """Something was heard at `now` (s), before the deadline."""
+        """Note an instruction at `now` (s), before the deadline."""
         if self.deadline < inf:
             self.deadline = max(self.deadline, now + self._period)
 

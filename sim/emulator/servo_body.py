@@ -1,4 +1,4 @@
-"""What emulated servos of both protocols share: memory, shaft, electrics, power and start, and the fault handles."""
+"""The common part of emulated servos of both protocols: memory, shaft, electrics, power, start, and applied faults."""
 
 from dataclasses import dataclass
 from math import inf
@@ -42,7 +42,7 @@ class ServoBuild:
 class ServoBody:
     """A servo of a table, as the maker delivers it, at the beginning that `build` says.
 
-    A subclass says what its protocol does at a start (`_reset`), after a change of settings (`tune`), and when
+    A subclass defines what its protocol does at a start (`_reset`), after a change of settings (`tune`), and when
     something is wrong (`check`).
     """
 
@@ -74,7 +74,7 @@ class ServoBody:
         self._awake_at = build.now
         self._starting = False
         self._eventless = -inf  # [s] before then nothing happens but motion
-        self._cut = False
+        self._power_is_cut = False
         self._torque_from_outside = 0.0  # [N m]
         self.defaults(0, table.eeprom_end)
 
@@ -101,7 +101,7 @@ class ServoBody:
         self._eventless = min(self.electrics.time + WINDOW, self._awake_at if self._starting else inf)
 
     def measure(self, now: float) -> None:
-        """Bring current, voltage and heat up to `now` (s), and see whether anything is wrong."""
+        """Bring current, voltage and heat up to `now` (s), and check for errors."""
         shaft = self.shaft
         if self._awake_at == inf:
             self.electrics.time = now
@@ -173,15 +173,15 @@ class ServoBody:
         self.tune()
 
     def power_cut(self, now: float) -> None:
-        """Take the power away."""
+        """Switch the power off."""
         self.catch_up(now)
-        self._cut = True
+        self._power_is_cut = True
         self._power(now)
 
     def power_back(self, now: float) -> None:
-        """Give the power back: the servo starts."""
+        """Switch the power on: the servo starts."""
         self.catch_up(now)
-        self._cut = False
+        self._power_is_cut = False
         self._power(now)
 
     @property
@@ -191,8 +191,8 @@ class ServoBody:
         return min(max(self._torque_from_outside / strength, -MOST_LOAD), MOST_LOAD)
 
     def _power(self, now: float) -> None:
-        """Let the power go, or come back, as cut and supply now have it."""
-        powered = not self._cut and self.electrics.supplied >= BROWN_OUT
+        """Switch the electronics as power switch and supply voltage now are."""
+        powered = not self._power_is_cut and self.electrics.supplied >= BROWN_OUT
         if not powered and self._awake_at < inf:
             self.reboot(now)
             self._awake_at = inf
@@ -202,7 +202,7 @@ class ServoBody:
             self.reboot(now)
 
     def wake(self, now: float) -> None:
-        """What happens at the end of a start, at `now` (s)."""
+        """Do what follows the end of a start, at `now` (s)."""
 
     def tune(self) -> None:
         """Take every setting from the registers to where it works."""
@@ -214,7 +214,7 @@ class ServoBody:
         self.answers_reads = memory.value("status_return_level") >= 1
 
     def check(self) -> None:
-        """See whether voltage, temperature and effort are as they should be, and note what is not."""
+        """Check voltage, temperature and effort, and note errors."""
 
     def _reset(self) -> None:
         """Bring the RAM area to its state after a start."""

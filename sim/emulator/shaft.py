@@ -1,4 +1,4 @@
-"""The shaft of an emulated servo: how it moves under its control loop, its limits and a load.
+"""The shaft of an emulated servo: its profile generator, and its motion under control loop, limits and a load.
 
 All in the servo's own ticks and sense of rotation. The motor has no inertia: its speed is its drive's share of full
 drive times the top speed, plus what a load pushes (a straight speed-torque line). In the plain case - position loop, no
@@ -48,7 +48,7 @@ class ProfilePath:
         self._start = start
         self._phases = phases
         self.end = start + sum(phase.duration for phase in phases)
-        """When it arrives, s."""
+        """When it reaches its goal, s."""
 
     def at(self, now: float) -> Point:
         """Return where the path is at `now` (s); its goal, at rest, from its end on."""
@@ -170,7 +170,7 @@ class Mechanics(Protocol):
 
 
 class Shaft:
-    """Where the shaft is, and where it is told to go. `top`: no-load speed in tick/s at full drive.
+    """Position of the shaft, and its goal. `top`: no-load speed in tick/s at full drive.
 
     Set attributes only at the time that `advance` last reached, then call `refresh`.
     """
@@ -275,7 +275,7 @@ class Shaft:
         return point.position, point.velocity
 
     def hold(self) -> None:
-        """Stop where it is; a current or PWM goal goes free."""
+        """Hold the present position; a current or PWM goal becomes 0."""
         self.path = None
         self.target = self.position
         self.speed = 0.0
@@ -349,7 +349,7 @@ class Shaft:
             return
         shift = self._bias + self.forward * speed + drift * self.lag
         rate = (end - begin) / step
-        settled = rate * self.lag - shift  # error at which it keeps pace
+        settled = rate * self.lag - shift  # error at which it moves as fast as its goal
         left = settled + (error - settled) * exp(-step / self.lag)
         moved = min(max(end - begin - (left - error), low * step), high * step)
         self.velocity = min(max((end - self.position - moved + shift) / self.lag, low), high)

@@ -1,1 +1,1 @@
-"""Everything that may go wrong in a live run, as a table, through the real pipeline and the emulator's bytes."""
+"""Faults of a live run as a table, injected into the real pipeline above the bytes of emulated servos."""

@@ -1,4 +1,4 @@
-"""One live run of OP3 that is hurt: sender, whole pipeline, the driver's bytes, emulated servos; on virtual time."""
+"""One live run of OP3 with faults: sender, whole pipeline, the driver's bytes, emulated servos; on virtual time."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -10,7 +10,7 @@ from hardware.bus import BusSpec, ServoBus, ServoStates
 from hardware.clock import Clock, VirtualClock
 from hardware.dynamixel.bus import DynamixelBus
 from hardware.errors import BusError
-from hardware.guard import Guard, Halt, Think
+from hardware.guard import FindGoal, Guard, Halt
 from hardware.guard_state import GuardState, Stop
 from retarget.frames import SensorSample
 from retarget.human.samples import Performance
@@ -39,15 +39,14 @@ from sim.emulator.servo2 import EmulatedServo
 from sim.faults.sender import FakeSender
 from sim.faults.wire_checker import READS, Sent, packets
 
-# What was seen of a live run that was hurt.
+# The trace of a live run with faults.
 
 HOLDS = (GuardState.HOLDING,)
 
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """The end of a tick of the guard, at `time`, s. latched: a stop is; slow: share of its speed that the robot is
-    left."""
+    """The end of a tick of the guard, at `time`, s. latched: whether a stop is; slow: speed override of the robot."""
 
     time: float
     state: GuardState
@@ -57,14 +56,15 @@ class Tick:
 
 @dataclass
 class Trace:
-    """All times in s of the run's clock. out: when which sensors took no part; steps: how far (m) the sensor that went
-    farthest went from one followed sample to the next; sent: every packet of the host; let_go:
-    when which servo (id) stopped driving by itself or was told to: its torque went, or its watchdog stopped it.
+    """The events of a run; all times in s of its clock.
 
-    began: when following began. arrived: when the robot was where it follows from. gone: when the host was killed.
-    acted: when faults that wait for their cue had it, each once. rebased: when a leap of the sender's clock was
-    understood. asked: postures (n,), rad, that a forced stage asked for. torque: registers of all servos in the end.
-    mute: the host could not write any more. left: nobody looked at how it ended. endless: it did not end.
+    out: when which sensors took no part. steps: greatest distance (m) of a sensor between followed samples. sent: every
+    packet of the host. let_go: when which servo (id) stopped driving: its torque went off, or its watchdog stopped it.
+    began: when following began. approach_ended: when the robot was where it follows from. gone: when the host was
+    killed. acted: when faults that wait for an event took effect, each once. rebased: when the clock map followed a
+    jump of the sender's clock. asked: postures (n,), rad, that a forced stage asked for. torque: registers of all
+    servos in the end. writes_fail: the host could not write any more. left: the end of the run was not observed.
+    endless: it did not end.
     """
 
     ticks: list[Tick] = field(default_factory=list)
@@ -77,11 +77,11 @@ class Trace:
     acted: list[float] = field(default_factory=list)
     stop: Stop | None = None
     began: float | None = None
-    arrived: float | None = None
+    approach_ended: float | None = None
     gone: float | None = None
     rebased: float | None = None
     ended: float = 0.0
-    mute: bool = False
+    writes_fail: bool = False
     left: bool = False
     endless: bool = False
     error: str = ""
@@ -115,26 +115,26 @@ class Trace:
         return found if since is None else [*found, (since, self.ticks[-1].time)]
 
 
-# A port of the emulator whose host can be killed, or can no longer write; what the host sends is kept.
+# A port of the emulator whose host can be killed or lose its writes; it keeps what the host sends.
 
 
 class Killed(BaseException):
-    """The host is gone, as by SIGKILL: nothing of it may do anything any more."""
+    """The host was killed, as by SIGKILL: none of its code may run any more."""
 
 
 class TappedPort(EmulatedPort):
-    """Keeps what the host sends, with the time. mute: writes raise, and what only asks passes; dead: nothing does."""
+    """Keeps what the host sends, with the time. writes_fail: writes raise, but reads pass; dead: every call raises."""
 
     def __init__(self, line: Line, clock: Clock, *, name: str, sent: list[Sent]) -> None:
         super().__init__(line, clock, name=name)
-        self.mute = self.dead = False
+        self.writes_fail = self.dead = False
         self._sent = sent
 
     def write(self, data: bytes) -> None:
         """Send, and keep."""
         self._alive()
         one = Sent(self.now(), data)
-        if self.mute and any(packet.instruction not in READS for packet in packets([one])):
+        if self.writes_fail and any(packet.instruction not in READS for packet in packets([one])):
             raise BusError("the adapter does not take what is written")
         self._sent.append(one)
         super().write(data)
@@ -157,19 +157,19 @@ class TappedPort(EmulatedPort):
 ROBOT = "op3"
 LISTED = IPv4Network("127.0.0.0/8")
 BEFORE_OPENING, BEFORE_ARMING = -1.0, -0.5
-"""Times of what is done before a run begins."""
+"""Times of faults before a run begins."""
 AFTERWARDS_S = 0.3
-"""So long the servos are looked at after the host has ended."""
+"""Time for which the servos are observed after the host has ended, s."""
 ENDLESS_S = 60.0
-"""By how much a run may be longer than what was to be followed, s: countdown, approach, holds on the way, parking."""
+"""By how much a run may be longer than what was to be followed, s: countdown, approach, holds, the way to rest."""
 
 
 class Bench:
-    """A run that can be hurt. `at` calls something once at a time, s after following began.
+    """A run with faults. `at` calls a function once at a time, s after following began.
 
-    stop_asked: what SIGINT and SIGTERM set. undo: called in the end. gate: without it nothing keeps goals from harm.
-    leaves: the run is not seen to its end, where the robot is parked.
-    approaching: `at` counts from when torque is on, and the robot begins where it rests.
+    stop_asked: what SIGINT and SIGTERM set. undo: called in the end. gate: False: goals are not checked.
+    leaves: the run is not observed to its end, where the robot is at rest.
+    approaching: `at` counts from when torque is on, and the robot begins in posture `rest`.
     thinking: called in every tick once a goal is found.
     """
 
@@ -196,7 +196,7 @@ class Bench:
         return [one for line in self.lines.values() for one in line.devices if isinstance(one, EmulatedServo)]
 
     def servo(self, device: int) -> EmulatedServo:
-        """The one of an id."""
+        """Return the servo of an id."""
         return next(one for one in self.servos if one.id == device)
 
     def at(self, time: float, act: Callable[[], object]) -> None:
@@ -211,14 +211,14 @@ class Bench:
             act()
 
     def kill(self) -> None:
-        """The host is gone, from now on."""
+        """Kill the host."""
         self.trace.gone = self.clock.now()
         for port in self.ports.values():
             port.dead = True
         raise Killed
 
     def run(self) -> Trace:
-        """Run it; whatever is refused is in the trace."""
+        """Run it and return its trace; an error that ends it is in the trace."""
         options = RunOptions(robot=ROBOT, bus="emulator", performer=self._performer, gate=self._gate)
         try:
             with prepare_for(
@@ -232,7 +232,7 @@ class Bench:
                 self._watch(prepared)
         except Killed:
             pass
-        except Exception as error:  # noqa: BLE001 - what a run ends with is what is judged
+        except Exception as error:  # noqa: BLE001 - how a run ends is judged later
             self.trace.error = f"{type(error).__name__}: {error}"
         finally:
             for act in self.undo:
@@ -252,8 +252,8 @@ class Bench:
         tick, sample, names = guard.tick, samples.sample, samples.stream.roles.sensors
         self._place, self._valid = np.zeros((len(names), 3)), np.zeros(len(names), dtype=bool)
 
-        def ticking(think: Think, halt: Halt = lambda: None) -> GuardState:
-            state = tick(self._thought(think), halt)
+        def ticking(find_goal: FindGoal, halt: Halt = lambda: None) -> GuardState:
+            state = tick(self._thought(find_goal), halt)
             self._saw_tick(state)
             return state
 
@@ -273,8 +273,8 @@ class Bench:
 
     def _saw_tick(self, state: GuardState) -> None:
         trace, guard, now = self.trace, self.guard, self.clock.now()
-        if trace.arrived is None and self.side.phase is not Phase.APPROACH:
-            trace.arrived = now
+        if trace.approach_ended is None and self.side.phase is not Phase.APPROACH:
+            trace.approach_ended = now
         if trace.began is None and state is GuardState.MOVING and "the performer is followed" in trace.said:
             trace.began = now
         trace.ticks.append(Tick(now, state, guard.stop_reason is not None, guard.health.slow))
@@ -293,7 +293,7 @@ class Bench:
         self.trace.steps.append((self.clock.now(), float(step)))
         self._place[:], self._valid[:] = found.position, found.valid
 
-    def _thought(self, think: Think) -> Think:
+    def _thought(self, think: FindGoal) -> FindGoal:
         def thought(states: ServoStates) -> FloatArray | None:
             goal = think(states)
             for act in self.thinking if goal is not None else ():
@@ -303,12 +303,12 @@ class Bench:
         return thought
 
     def leave(self) -> None:
-        """Nobody looks at what comes after this tick."""
+        """End the observation after this tick."""
         self.trace.left = True
         self.kill()
 
     def _leave(self, ticks: int) -> None:
-        """Where nobody looks at what comes after the last tick."""
+        """End the observation after the last tick, if the bench `leaves`."""
         if self.leaves and ticks == self._ticks:
             self.leave()
 
@@ -361,7 +361,7 @@ class Bench:
         return made
 
     def _tap(self, servo: EmulatedServo) -> None:
-        """Note when a servo drives no more."""
+        """Note when a servo stops driving."""
         trip, switch, restart = servo._trip, servo._set_torque, servo.reboot
         gone = self.trace.let_go
 

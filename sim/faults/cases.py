@@ -1,4 +1,4 @@
-"""Everything that `retarget faults` may run, as data that can be sent to another process."""
+"""The cases of `retarget faults` as data that can be sent to another process, and random runs with several faults."""
 
 import random
 from collections.abc import Iterable
@@ -29,7 +29,7 @@ __all__ = ["Case", "Result", "file_cases", "judged_case", "judged_seed", "pair_c
 # Random runs: faults of the table one after another, at random times, until one of them ends the run.
 
 HARMLESS = (Reaction.NONE, Reaction.MAY_HOLD, Reaction.REBASE, Reaction.RESUME, Reaction.OUT, Reaction.SLOW)
-"""What a run outlives: of these there may be several, of the others there is one, which may come at any time."""
+"""Reactions after which a run goes on. A random run has several of these, and one of the others at any time."""
 FEWEST, MOST = 2, 5
 MORE_S = 0.1
 """The run goes on for so long after the last reaction is due, s."""
@@ -38,7 +38,7 @@ MORE_S = 0.1
 def judged_seed(seed: int, *, seconds: float = 60.0) -> Verdict:
     """A run of so many virtual seconds of following, unless a fault ends it.
 
-    What may never be is judged, and the reaction to the harsh fault.
+    Judged are the rules of every run, and the reaction to the harsh fault.
     """
     chance = random.Random(seed)
     mild, harsh = ([row for row in ROWS if (row.reaction in HARMLESS) is harmless] for harmless in (True, False))
@@ -47,18 +47,18 @@ def judged_seed(seed: int, *, seconds: float = 60.0) -> Verdict:
     milder = [Struck(row, at) for at, row in drawn]
     last = chance.uniform(0.5, 0.98) * seconds
     end = Struck(chance.choice(harsh), last)
-    beside = Struck(row=chance.choice(ROWS), at=last + chance.choice((0.0, 0.02, 0.2, 0.8)))
-    plan = sorted([*milder, end, beside], key=lambda one: one.at)
-    after = max(need_of(one.row).limit + one.at - seconds for one in (end, beside)) + MORE_S
+    second = Struck(row=chance.choice(ROWS), at=last + chance.choice((0.0, 0.02, 0.2, 0.8)))
+    plan = sorted([*milder, end, second], key=lambda one: one.at)
+    after = max(need_of(one.row).limit + one.at - seconds for one in (end, second)) + MORE_S
     duration = ENGAGING_S + seconds + max(after, 0.0)
     bench = Bench(FakeSender(seed=seed + 3), duration=duration, seed=seed, performer="six")
     for one in plan:
-        one.row.hurt(bench, one.at)
+        one.row.inject(bench, one.at)
     trace = bench.run()
     names = ", ".join(f"{one.row.name} at {one.at:.1f} s" for one in plan)
     wrong = violations(bench, trace)
     if not any((one.row.name, end.row.name) in HIDDEN for one in plan):
-        wrong += missing(trace, end, beside, milder)
+        wrong += missing(trace, end, second, milder)
     return Verdict(names, tuple(wrong), None)
 
 
@@ -83,8 +83,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Result:
-    """name: of the case; wrong: what was not as it has to be, a line each; took: s to the reaction, where there is
-    one."""
+    """name: of the case; wrong: violations, a line each; took: s to the reaction, where there is one."""
 
     name: str
     wrong: tuple[str, ...]
@@ -92,14 +91,14 @@ class Result:
 
 
 def row_cases() -> list[Case]:
-    """Every row idle, moving and stopping, and on the approach what may come there."""
+    """Return every row idle, moving and stopping, and those that may come on the approach."""
     return [
         Case(row.name, when=when) for row in ROWS for when in When if when is not When.APPROACHING or row in APPROACHED
     ]
 
 
 def file_cases() -> list[Case]:
-    """Every malformed robot file; they are read before anything moves, and only then."""
+    """Every malformed robot file; they are read before anything moves."""
     return [Case(file.name) for file in MALFORMED]
 
 

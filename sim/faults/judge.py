@@ -1,4 +1,4 @@
-"""Holds a run against its row: the reaction in time, and what may never be, whatever happens."""
+"""Judges runs: malformed files, a row alone in each state of the robot, two faults together; each reaction in time."""
 
 import tempfile
 from collections import Counter
@@ -30,7 +30,6 @@ __all__ = [
     "Struck",
     "Verdict",
     "When",
-    "hurt_run",
     "judged",
     "judged_file",
     "judged_pair",
@@ -38,11 +37,12 @@ __all__ = [
     "need_of",
     "outdone",
     "reached",
+    "run_row",
     "verdict_of",
 ]
 
 
-# Judges what a run makes of a malformed robot file: refused before the performer is heard and a bus is made.
+# Malformed robot files: a run must refuse them before it opens the performer's source or makes a bus.
 
 BEGUN = "the run went on"
 
@@ -52,7 +52,7 @@ class _BegunError(Exception):
 
 
 def judged_file(file: Malformed) -> tuple[str, ...]:
-    """What was not as it has to be, a line each."""
+    """Return the violations, a line each."""
 
     def perform(performer: Performer, robot: RobotBody | None) -> Performance:
         raise _BegunError
@@ -72,19 +72,19 @@ def judged_file(file: Malformed) -> tuple[str, ...]:
         except TorqueError as error:
             return (f"not refused as a file: {error}",)
         except RetargetError as error:  # exit code 2, see `retarget.cli.exit`
-            return () if file.told in str(error) else (f"the refusal does not name {file.told!r}: {error}",)
+            return () if file.reason in str(error) else (f"the refusal does not name {file.reason!r}: {error}",)
         except Exception as error:  # noqa: BLE001 - a traceback is what must not be
             return (f"it was not foreseen: {type(error).__name__}: {error}",)
 
 
-# Judges a run that was hurt before its bus was opened.
+# Faults before the bus is opened.
 
 CONTROLLERS = frozenset((200,))
-"""Ids of what is no servo: the OpenCR, whose power switch is written."""
+"""Ids of devices that are no servos: the OpenCR, whose power switch is written."""
 
 
 def idle_wrong(row: Row, trace: Trace) -> list[str]:
-    """What was not as the row says, a line each."""
+    """Return how a run differs from the row, a line each."""
     match row.idle:
         case Idle.GOES_ON:
             return [f"it did not begin: {trace.error}"] if trace.error or not trace.ticks else []
@@ -101,19 +101,19 @@ def idle_wrong(row: Row, trace: Trace) -> list[str]:
 ONSET = 0.4
 """s of following before the fault."""
 STOP_BEFORE = 0.05
-"""So long before the fault a robot that is to be stopping was told to, s."""
+"""Time from the command to stop until the fault, s, for a robot that is to be stopping."""
 OUTLIVED = (Reaction.NONE, Reaction.MAY_HOLD, Reaction.OUT, Reaction.HOLD, Reaction.RESUME, Reaction.REBASE)
 IDLE_S = 0.3
-"""Ticks of a run that was hurt before it began, s: nobody is followed in it yet."""
+"""Length of a run with a fault before it began, s: no performer is followed in it yet."""
 SETTLED_S = 0.5
-"""A robot that approaches is looked at for so long after its reaction, s."""
+"""Time for which an approaching robot is observed after its reaction, s."""
 ENGAGING_S = 0.6
-"""So long after the beginning of a run the performer is followed, at most."""
+"""Longest time from the beginning of a run until the performer is followed, s."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """wrong: what was not as it has to be, a line each. took: s from the onset to the reaction, None without one."""
+    """wrong: violations, a line each. took: s from the onset to the reaction, None without one."""
 
     row: str
     wrong: tuple[str, ...]
@@ -131,11 +131,11 @@ class When(Enum):
 
 def judged(row: Row, *, when: When = When.MOVING, seed: int = 0) -> Verdict:
     """Run a row and judge it."""
-    return verdict_of(row, hurt_run(row, when=when, seed=seed), when=when)
+    return verdict_of(row, run_row(row, when=when, seed=seed), when=when)
 
 
-def hurt_run(row: Row, *, when: When = When.MOVING, seed: int = 0) -> Bench:
-    """Run a row. What is outlived is not seen to the end of the run: a row that hurts while stopping is."""
+def run_row(row: Row, *, when: When = When.MOVING, seed: int = 0) -> Bench:
+    """Run a row. A run that goes on after its reaction is observed to its end only if the robot was stopping."""
     followed = {When.IDLE: IDLE_S, When.MOVING: ENGAGING_S + ONSET + row.after, When.STOPPING: ENGAGING_S + ONSET}
     duration = followed.get(when, ENGAGING_S)
     bench = Bench(FakeSender(seed=seed + 3), duration=duration, seed=seed, performer=row.performer)
@@ -146,7 +146,7 @@ def hurt_run(row: Row, *, when: When = When.MOVING, seed: int = 0) -> Bench:
         bench.approaching = True
         if row.reaction in OUTLIVED:
             bench.at(ONSET + row.limit + SETTLED_S, bench.leave)
-    row.hurt(bench, -1.0 if when is When.IDLE else ONSET)
+    row.inject(bench, -1.0 if when is When.IDLE else ONSET)
     bench.run()
     return bench
 
@@ -167,7 +167,7 @@ def verdict_of(row: Row, bench: Bench, *, when: When = When.MOVING) -> Verdict:
 
 
 def _onset(trace: Trace, since: float | None) -> float | None:
-    """When the fault was done, after the first tick that ended late enough; or first took effect."""
+    """Return when the fault was injected, after the first tick that ended late enough; or when it first took effect."""
     if trace.acted:
         return trace.acted[0]
     return next((tick.time for tick in trace.ticks if since is not None and tick.time >= since + ONSET), None)
@@ -176,10 +176,10 @@ def _onset(trace: Trace, since: float | None) -> float | None:
 def _moving(row: Row, bench: Bench, trace: Trace) -> tuple[float | None, list[str]]:
     onset = _onset(trace, trace.began)
     if onset is None:
-        return None, [f"nobody was followed: {trace.error or trace.said[-1:]}"]
+        return None, [f"no performer was followed: {trace.error or trace.said[-1:]}"]
     took, wrong = reacted(row, Seen(bench, trace, onset))
     if row.said and not any(row.said in text for text in (*trace.said, trace.stop.reason if trace.stop else "")):
-        wrong.append(f"nobody was told of {row.said!r}")
+        wrong.append(f"no message says {row.said!r}")
     if row.counted and not not_used(bench)[row.counted]:
         wrong.append(f"nothing was counted as {row.counted!r}")
     if trace.error:
@@ -188,16 +188,16 @@ def _moving(row: Row, bench: Bench, trace: Trace) -> tuple[float | None, list[st
 
 
 def not_used(bench: Bench) -> Counter[str]:
-    """What came and was not used, by reason."""
+    """Return how many datagrams and values were not used, by reason."""
     stream = bench.stream
     parts = (stream.admission.refused, stream.decoder.dropped, stream.clock_map.dropped, stream.playout.dropped)
     return sum((part.reasons for part in (*parts, stream.validity.refused)), Counter[str]())
 
 
 def _approaching(row: Row, bench: Bench, trace: Trace) -> tuple[float | None, list[str]]:
-    """As while it moves; but nobody is followed yet, so nobody can be left out, or followed again."""
+    """Judge as while it moves. No performer is followed yet, so no sensor is left out, and no following resumes."""
     onset = _onset(trace, trace.armed)
-    if onset is None or (trace.arrived is not None and trace.arrived <= onset):
+    if onset is None or (trace.approach_ended is not None and trace.approach_ended <= onset):
         return None, [f"nothing was approached: {trace.error or trace.said[-1:]}"]
     if row.reaction is Reaction.OUT:
         row = replace(row, reaction=Reaction.MAY_HOLD)
@@ -207,7 +207,7 @@ def _approaching(row: Row, bench: Bench, trace: Trace) -> tuple[float | None, li
 
 
 def _stopping(row: Row, trace: Trace) -> list[str]:
-    """A stop goes on to its end, whatever comes on the way; where the bus is lost, torque goes at once."""
+    """Judge a stopping robot: the stop goes on to its end; where the bus is lost, torque goes off at once."""
     onset = _onset(trace, trace.began)
     if trace.latched is None or onset is None:
         return ["the stop was not latched"]
@@ -216,11 +216,11 @@ def _stopping(row: Row, trace: Trace) -> list[str]:
     if trace.first(GuardState.STOPPED, trace.latched) is None:
         return ["the stop did not come to its end"]
     if row.reaction is Reaction.TORQUE_OFF:
-        return late("torque off", Seen.cut(trace, onset), onset, row.limit) + Seen.let_go(trace, onset, row)
+        return late("torque off", Seen.torque_off_at(trace, onset), onset, row.limit) + Seen.let_go(trace, onset, row)
     return []
 
 
-# What a robot has at least to do after one fault, or after two that come one upon the other; and whether it did.
+# The least reaction to one fault, or to two in succession, and whether the robot showed it.
 
 SOON_S = 2.0
 """A stop that has more time than this is preceded by a hold."""
@@ -228,8 +228,8 @@ SOON_S = 2.0
 
 @dataclass(frozen=True)
 class Need:
-    """reaction: at least; limit: s from the onset; name: of the row that asks for it; words: what must be seen. sensor:
-    who has to be left out. watchdog: s until every servo stands by itself."""
+    """A required reaction. reaction: at least; limit: s from the onset; name: of the row; words: of the reaction.
+    sensor: the one that has to be left out. watchdog: s until every servo has stopped by itself."""
 
     name: str
     reaction: Reaction
@@ -251,29 +251,29 @@ STRENGTH = {
     Reaction.TORQUE_OFF: 6,
     Reaction.GONE: 7,
 }
-"""Who does the stronger thing has done the weaker."""
+"""A stronger reaction includes the weaker ones."""
 WORDS = {
     Reaction.OUT: "left out",
     Reaction.SLOW: "slow",
-    Reaction.REBASE: "understood",
+    Reaction.REBASE: "rebased",
     Reaction.HOLD: "held",
     Reaction.STOP: "stopped",
     Reaction.TORQUE_OFF: "torque off",
     Reaction.GONE: "stood by watchdogs",
 }
 HIDDEN = {("servo too hot", "servo warm"): "servo too hot"}
-"""Of two rows, one after the other, the one whose fault is not to be seen, or no more: the servo cools down."""
+"""Pairs of rows -> the one whose fault cannot be observed then, because the servo cools down."""
 BY_CHANCE, LUCK = ("30 % of packets damaged", "30 % of answers damaged"), 2.0
-"""Rows that are known by what share of the cycles of late was hurt, and by how much later that may be by chance: of 8
-seeds one needs 0.142 s instead of 0.1 s."""
+"""Rows that are detected by the share of damaged cycles, and the factor by which chance may delay that: of 8 seeds one
+needs 0.142 s instead of 0.1 s."""
 SLEEPS = "stopped for a second"
-"""Its host does nothing in the meantime."""
+"""The row in which the host is suspended."""
 DAWDLES, DAWDLING = "deadline missed", 2.2
-"""Its ticks last so many times as long, and what is counted in ticks takes as much longer: the robot holds by then."""
+"""The row with long ticks, and the factor: what is counted in ticks takes as much longer. The robot holds by then."""
 
 
 def need_of(row: Row) -> Need:
-    """What one fault asks for."""
+    """Return the reaction that one fault requires."""
     reaction, limit = row.reaction, row.limit
     if reaction in (Reaction.RESUME, Reaction.STAND) or (reaction is Reaction.STOP and limit > SOON_S):
         reaction, limit = Reaction.HOLD, limit if reaction is Reaction.STAND else HELD_S
@@ -284,7 +284,7 @@ def need_of(row: Row) -> Need:
 
 
 def outdone(first: Row, second: Row, *, apart: float) -> Need:
-    """What two faults ask for that are `apart`, s, from the later one on: the stronger of the two."""
+    """Return the reaction that two faults `apart`, s, require from the later one on: the stronger of the two."""
     one, other = need_of(first), need_of(second)
     hidden = HIDDEN.get((first.name, second.name))
     one, other = (Need(need.name, Reaction.NONE, 0.0) if need.name == hidden else need for need in (one, other))
@@ -297,20 +297,20 @@ def outdone(first: Row, second: Row, *, apart: float) -> Need:
 
 
 def stronger(one: Need, other: Need) -> Need:
-    """Which of two asks for more; of the same, the one that has longer."""
+    """Return the stronger of two; of equal ones, the one with the longer limit."""
     return max(one, other, key=lambda need: (STRENGTH[need.reaction], need.limit))
 
 
 def reached(trace: Trace, need: Need, first: float, last: float) -> bool:
-    """Whether the robot did between two times, s, what was needed, or more."""
+    """Return whether the robot showed the required reaction, or a stronger one, between two times, s."""
     strength = STRENGTH[need.reaction]
     ticks = [tick for tick in trace.ticks if tick.time <= last + 1e-9]
     if strength == 0 or (trace.gone is not None and trace.gone <= last and need.reaction is not Reaction.GONE):
         return True
-    cut = Seen.cut(trace, first)
+    torque_off_at = Seen.torque_off_at(trace, first)
     if strength >= STRENGTH[Reaction.TORQUE_OFF]:
         stopped = any(tick.state is GuardState.STOPPED for tick in ticks)
-        off = stopped or (cut is not None and cut <= last)
+        off = stopped or (torque_off_at is not None and torque_off_at <= last)
         return off or (need.reaction is Reaction.GONE and not _driving(trace, last))
     if any(tick.latched for tick in ticks) or trace.error:
         return True
@@ -327,33 +327,36 @@ def reached(trace: Trace, need: Need, first: float, last: float) -> bool:
 
 
 def _driving(trace: Trace, last: float) -> int:
-    """Servos that nothing has let go of by a time, s."""
+    """Return how many servos still drive at a time, s."""
     return len(trace.torque) - len({device for time, device in trace.let_go if time <= last})
 
 
-# Judges two faults in one run: the reaction to the first, and after both the stronger of the two, each in time.
+# Two faults in one run: the reaction to the first, and after both the stronger of the two, each in time.
 
 LONGER_S = 0.7
 """Following after the second fault, s, at least."""
 CUED_S = 0.05
-"""A fault that waits for its cue has it within this, s."""
+"""A fault that waits for an event takes effect within this, s."""
 
 
 @dataclass(frozen=True)
 class Struck:
-    """A row, and when its fault was to be done, s after following began."""
+    """A row, and when its fault is due, s after following began."""
 
     row: Row
     at: float
 
 
 def missing(trace: Trace, first: Struck, second: Struck, others: Sequence[Struck] = ()) -> list[str]:
-    """Which reaction to two faults did not come in time, in words. The first is judged by itself where its time is over
-    before the second; else, as the second by itself, the stronger one counts from the second on. others: beside which
-    a fault may not be seen (a stream is silent); where they overlap, the stronger one counts from the later on."""
+    """Return the reactions to two faults that did not come in time, in words.
+
+    The first is judged by itself where its time is over before the second. Otherwise the stronger reaction counts from
+    the second on. others: faults that may hide one of them (a stream is silent); where they overlap, the stronger
+    reaction counts from the later one on.
+    """
     one, other = (_onset_of(trace, struck.at) for struck in (first, second))
     if one is None:
-        return []  # it was over before
+        return []  # the run was over before
     needs: list[tuple[Need, float]] = []  # and from when on
     alone = need_of(first.row)
     if other is None or other > one + alone.limit:
@@ -362,22 +365,22 @@ def missing(trace: Trace, first: Struck, second: Struck, others: Sequence[Struck
         both = outdone(first.row, second.row, apart=other - one)
         if not (needs and both is alone):
             needs.append((both, other))
-    for beside in others:
-        at = _onset_of(trace, beside.at)
-        needs = [need if at is None else _beside(*need, need_of(beside.row), at) for need in needs]
+    for another in others:
+        at = _onset_of(trace, another.at)
+        needs = [need if at is None else _with_other(*need, need_of(another.row), at) for need in needs]
     left = [need for need, since in needs if not reached(trace, need, one, since + need.limit)]
     return [f"{need.name}: not {need.words} in time" for need in left]
 
 
-def _beside(need: Need, since: float, other: Need, at: float) -> tuple[Need, float]:
-    """What is needed, and from when on (s), where another fault comes at another time (s)."""
+def _with_other(need: Need, since: float, other: Need, at: float) -> tuple[Need, float]:
+    """Return the required reaction, and from when on (s), where another fault comes at another time (s)."""
     if at - need.limit < since < at + other.limit and stronger(need, other) is other:
         return other, max(since, at)
     return need, since
 
 
 def _onset_of(trace: Trace, at: float) -> float | None:
-    """When a fault was done, s: at the end of a tick, or on its cue."""
+    """Return when a fault took effect, s: at the end of a tick, or at its event."""
     if trace.began is None:
         return None
     done = next((tick.time for tick in trace.ticks if tick.time >= (trace.began or 0.0) + at), None)
@@ -389,8 +392,10 @@ def _onset_of(trace: Trace, at: float) -> float | None:
 def judged_pair(
     first: Row, second: Row, *, at: float, gap: float, seed: int, when: When = When.MOVING, longer: float = LONGER_S
 ) -> Verdict:
-    """Two faults, `gap` s apart, the first at `at` s of following: what may never be is judged, that it ends, and of a
-    robot that moves that it reacts."""
+    """Run and judge two faults, `gap` s apart, the first at `at` s of following.
+
+    Judged are the rules of every run, that it ends, and the reactions of a moving robot.
+    """
     idle, moving = when is When.IDLE, when is When.MOVING
     after = max(longer, *(need_of(row).limit + 0.1 for row in (first, second))) if moving else longer
     duration = IDLE_S if idle else ENGAGING_S + at + gap + after
@@ -398,8 +403,8 @@ def judged_pair(
     bench = Bench(FakeSender(seed=seed + 3), duration=duration, seed=seed, performer="six" if six else "five")
     if when is When.STOPPING:
         bench.at(at - STOP_BEFORE, lambda: bench.guard.stop("asked for"))
-    first.hurt(bench, -1.0 if idle else at)
-    second.hurt(bench, -1.0 if idle else at + gap)
+    first.inject(bench, -1.0 if idle else at)
+    second.inject(bench, -1.0 if idle else at + gap)
     trace = bench.run()
     wrong = violations(bench, trace)
     if moving:

@@ -1,4 +1,4 @@
-"""Rows of the fault table: robot files that are malformed, each in its own way. All are refused, no port is opened."""
+"""Rows of the fault table: malformed robot files. Each must be refused before a port is opened."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from retarget.errors import InputError
 __all__ = ["MALFORMED", "Malformed"]
 
 Change = Callable[[bytes, Path], bytes]
-"""From the sound file, and the folder that it will lie in, to the malformed one."""
+"""From the valid file, and the folder of the new one, to the malformed file."""
 
 _URDF = '<robot name="odd">{links}{joints}</robot>'
 _LINK = (
@@ -24,14 +24,14 @@ _JOINT = (
 
 @dataclass(frozen=True)
 class Malformed:
-    """One malformed file. told: what the refusal must say, so that it is for this reason."""
+    """One malformed file. reason: what the refusal must name."""
 
     name: str
     change: Change
-    told: str
+    reason: str
 
     def write(self, sound: Path, folder: Path) -> Path:
-        """A robot in `folder` that is as the one of the file `sound`, and malformed."""
+        """Write a robot into `folder`: that of the valid file `sound`, malformed. Return its path."""
         (folder / "body.xml").write_bytes((sound.parent / "body.xml").read_bytes())
         path = folder / "robot.yaml"
         path.write_bytes(self.change(sound.read_bytes(), folder))
@@ -39,7 +39,7 @@ class Malformed:
 
 
 def _swap(old: str, new: str) -> Change:
-    """One piece of text is another one."""
+    """Replace one piece of text."""
 
     def change(sound: bytes, folder: Path) -> bytes:
         if old.encode() not in sound:
@@ -50,17 +50,17 @@ def _swap(old: str, new: str) -> Change:
 
 
 def _all(text: bytes) -> Change:
-    """The whole file is something else."""
+    """Replace the whole file."""
     return lambda sound, folder: text
 
 
 def _more(text: bytes) -> Change:
-    """Something stands at the end."""
+    """Append text."""
     return lambda sound, folder: sound + text
 
 
 def _body(old: str, new: str) -> Change:
-    """The body's file is malformed."""
+    """Replace one piece of text of the body file."""
 
     def change(sound: bytes, folder: Path) -> bytes:
         body = folder / "body.xml"
@@ -71,7 +71,7 @@ def _body(old: str, new: str) -> Change:
 
 
 def _urdf(links: str, *joints: str) -> Change:
-    """The body is a URDF of these links, and of joints named by parent and child."""
+    """Replace the body by a URDF of these links, and of joints named by parent and child."""
 
     def change(sound: bytes, folder: Path) -> bytes:
         text = _URDF.format(
@@ -89,7 +89,7 @@ def _bomb(sound: bytes, folder: Path) -> bytes:
 
 
 def _outside(sound: bytes, folder: Path) -> bytes:
-    """A sound body, somewhere else."""
+    """Name a valid body outside of the folder."""
     (folder / "here").mkdir()
     return sound.replace(b"body: body.xml", b"body: here/../../" + folder.name.encode() + b"/body.xml", 1)
 

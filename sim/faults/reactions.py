@@ -1,4 +1,4 @@
-"""How long the reaction to a fault of a moving robot took, and what is wrong with it."""
+"""Rows of the fault table, the rules of every run, and how long a moving robot took to react, and what is wrong."""
 
 import math
 from collections.abc import Callable
@@ -17,45 +17,45 @@ from sim.faults.wire_checker import (
     beyond_limits,
     clearance_of,
     collisions,
+    detours,
     goal_writes,
-    hasty,
     once,
-    restless,
+    still_moving,
     stood,
+    too_fast,
     torque_off,
+    torque_on_again,
     tracks,
-    wavering,
-    woken,
     written,
 )
 
 __all__ = ["EVER", "HALF", "HELD_S", "Idle", "Reaction", "Row", "Seen", "late", "reacted", "violations"]
 
 
-# What a row of the fault table says: what is done to a run, and what the robot has to do about it.
+# A row of the fault table: the fault, and the required reaction.
 
 EVER = math.inf
 
 
 class Reaction(Enum):
-    """What a robot that moves has to do."""
+    """The required reaction of a moving robot."""
 
     NONE = "goes on"
     MAY_HOLD = "goes on, or holds"
     OUT = "the sensor takes no part"
     HOLD = "holds: brakes and stands, torque on"
     RESUME = "holds, and goes on by itself"
-    REBASE = "understands the clock anew"
+    REBASE = "follows the new clock"
     STAND = "brakes and stands, torque on"
     SLOW = "goes on at half its speed"
-    STOP = "stops: brakes, is parked, torque off, latched"
+    STOP = "stops: brakes, goes to rest, torque off, latched"
     TORQUE_OFF = "torque off at once, latched"
     GONE = "the servos stop by themselves"
     GATED = "what is asked is not sent"
 
 
 class Idle(Enum):
-    """What a run has to do that is hurt before its bus is opened."""
+    """The required reaction to a fault before the bus is opened."""
 
     GOES_ON = "begins"
     REFUSES = "does not begin, torque off"
@@ -65,19 +65,19 @@ class Idle(Enum):
 
 @dataclass(frozen=True)
 class Row:
-    """One fault. hurt: does it to a bench at a time (s after following began; below 0: before the bus is opened).
+    """One fault. inject: injects it into a bench at a time (s after following began; below 0: before the bus opens).
 
-    limit: s from its onset to the reaction. sensor: whose place is judged for OUT. said: what a person has to be told.
-    watchdog: s from the onset until every servo stands by itself; None: not asked. refusal: what the refusal of an idle
-    run must name, all of it. back: s after the onset data are good again, so that before back + 0.5 nothing goes on.
-    counted: by which reason what comes has to be counted as not used.
-    after: s of following after the onset. ends: s from the onset until the run has ended. performer: who wears what.
+    limit: s from its onset to the reaction. sensor: the one that is judged for OUT. said: text that a message must
+    have. watchdog: s from the onset until every servo has stopped by itself; None: not judged. refusal: texts that the
+    refusal of an idle run must have. back: s from the onset until data are good again; before back + 0.5 nothing
+    goes on. counted: reason under which unused data must be counted. after: s of following after the onset. ends: s
+    from the onset until the run has ended. performer: the performer file.
     """
 
     name: str
     reaction: Reaction
     limit: float
-    hurt: "Callable[[Bench, float], object]"
+    inject: "Callable[[Bench, float], object]"
     idle: Idle = Idle.GOES_ON
     sensor: str = ""
     said: str = ""
@@ -90,114 +90,118 @@ class Row:
     performer: str = "five"
 
 
-# What has to be true of every run, whatever was done to it.
+# The rules of every run, whatever the fault.
 
 REST_S = 0.35
-"""From the beginning of a hold until goals stand still; of a stop, until they are no faster than on the way home."""
+"""Time from the beginning of a hold until goals stand still, s; of a stop, until they are as slow as on the way to
+rest."""
 OFF_S = 3.0
 """From the beginning of a stop until torque is off."""
-HOME_SHARE = 0.45
-"""Of the greatest speeds: the longest way home of a joint, 2.4 rad, takes as much to be gone in 2.5 s."""
+TO_REST_SHARE = 0.45
+"""Share of the greatest speeds on the way to rest: the longest way of a joint, 2.4 rad, takes 2.5 s at this speed."""
 AGAIN_SHARE, AGAIN_S = 0.25, 0.75
-"""Of the greatest speeds, for so long after somebody is followed (again)."""
+"""Share of the greatest speeds after following resumes, and for how long, s."""
 STILL_WITHIN_S = 0.3
-"""A hold that is shorter is none after which the way back has to be slow: it is one of single ticks."""
+"""After a shorter hold, one of single ticks, the way back need not be slow, s."""
 SETTLED = (GuardState.STOPPING, GuardState.STOPPED)
-UNHURT = (StopCause.REQUESTED, StopCause.STALE_GOAL, StopCause.SOURCE)
-"""Stops of a robot with which nothing is wrong: it is parked before its torque goes."""
+ORDINARY_STOPS = (StopCause.REQUESTED, StopCause.STALE_GOAL, StopCause.SOURCE)
+"""Stops of a robot without a fault: it goes to rest before its torque goes off."""
 AT_REST_RAD = 0.01
-"""Goals this near to the rest posture are there, rad."""
+"""Goals this near to posture `rest` are at rest, rad."""
 
 
 def violations(bench: Bench, trace: Trace) -> list[str]:
-    """Everything that may never be, a line each."""
+    """Return every violation of the rules, a line each."""
     if not hasattr(bench, "robot"):
         return []
     robot, writes = bench.robot, written(trace.sent)
     dt = 1.0 / robot.profile.safety.rate_hz
-    ways = tracks(once(goal_writes(writes), within=0.5 * dt), robot.joint_map.servos)
-    wrong = beyond_limits(ways, dt) + collisions(robot, ways)
+    goal_tracks = tracks(once(goal_writes(writes), within=0.5 * dt), robot.joint_map.servos)
+    wrong = beyond_limits(goal_tracks, dt) + collisions(robot, goal_tracks)
     for first, last in trace.holds:
-        wrong += [f"in a hold {text}" for text in restless(ways, first + REST_S, last - dt)]
-    wrong += _speed_override(bench, trace, ways, dt) + _stop_violations(bench, trace, ways, writes, dt)
+        wrong += [f"in a hold {text}" for text in still_moving(goal_tracks, first + REST_S, last - dt)]
+    wrong += _speeds(bench, trace, goal_tracks, dt) + _stop_violations(bench, trace, goal_tracks, writes, dt)
     if trace.gone is None and not (trace.error or trace.stop) and trace.began is None and not trace.ticks:
-        wrong.append("nothing was done, and nobody was told why")
+        wrong.append("nothing was done, and no message says why")
     if trace.endless:
         wrong.append("the run did not end")
     return wrong + _torque(bench, trace)
 
 
-def _speed_override(bench: Bench, trace: Trace, ways: list[Track], dt: float) -> list[str]:
-    """Who hurries on the way to where following begins, or when somebody is followed again."""
+def _speeds(bench: Bench, trace: Trace, goal_tracks: list[Track], dt: float) -> list[str]:
+    """Return the joints that are too fast on the approach, or when following resumes."""
     if trace.armed is None:
         return []
     over = trace.ended if trace.latched is None else trace.latched
-    arrived = over if trace.arrived is None else trace.arrived
+    approach_ended = over if trace.approach_ended is None else trace.approach_ended
     share = bench.robot.profile.safety.speed_caps.approach
     wrong = [
-        f"on its approach {text}" for text in hasty(ways, trace.armed - dt, min(arrived, over), share=share, dt=dt)
+        f"on its approach {text}"
+        for text in too_fast(goal_tracks, trace.armed - dt, min(approach_ended, over), share=share, dt=dt)
     ]
     for first, last in trace.holds:
         if last - first > STILL_WITHIN_S:
-            again = hasty(ways, last, min(last + AGAIN_S, over), share=AGAIN_SHARE, dt=dt)
+            again = too_fast(goal_tracks, last, min(last + AGAIN_S, over), share=AGAIN_SHARE, dt=dt)
             wrong += [f"after a hold {text}" for text in again]
     return wrong[:8]
 
 
-def _stop_violations(bench: Bench, trace: Trace, ways: list[Track], writes: list[Written], dt: float) -> list[str]:
-    """A stop goes on to its end, and nothing else."""
+def _stop_violations(
+    bench: Bench, trace: Trace, goal_tracks: list[Track], writes: list[Written], dt: float
+) -> list[str]:
+    """Return violations of the rule that a stop goes on to its end, and nothing else happens."""
     begun = trace.latched
     if begun is None:
         return []
     since = trace.ticks[next(row for row, tick in enumerate(trace.ticks) if tick.latched) :]  # two may end at one time
     wrong = [f"{tick.state.value} after a stop" for tick in since if tick.state not in SETTLED]
     before = max((tick.time for tick in trace.ticks if tick.time < begun), default=begun)
-    wrong += woken(writes, before)
+    wrong += torque_on_again(writes, before)
     off = torque_off(writes, before)
     if off is None:
-        if trace.gone is None and not trace.mute:
-            wrong.append("torque was never told to go off")
+        if trace.gone is None and not trace.writes_fail:
+            wrong.append("torque off was never commanded")
     elif off - begun > OFF_S:
         wrong.append(f"torque went off {off - begun:.2f} s after the stop began, allowed {OFF_S:g} s")
     ended = trace.first(GuardState.STOPPED, begun)
     if ended is not None:
         wrong += after_latch(writes, ended)
-    wrong += hasty(ways, begun + REST_S, trace.ended, share=HOME_SHARE, dt=dt)
-    if ended is not None and trace.stop is not None and trace.stop.cause in UNHURT and trace.stop.then is None:
-        wrong += _astray(bench, ways)
-    return wrong[:8] + wavering(ways, begun + REST_S, trace.ended)
+    wrong += too_fast(goal_tracks, begun + REST_S, trace.ended, share=TO_REST_SHARE, dt=dt)
+    if ended is not None and trace.stop is not None and trace.stop.cause in ORDINARY_STOPS and trace.stop.then is None:
+        wrong += _not_at_rest(bench, goal_tracks)
+    return wrong[:8] + detours(goal_tracks, begun + REST_S, trace.ended)
 
 
-def _astray(bench: Bench, ways: list[Track]) -> list[str]:
-    """Who was not sent where the robot is parked in the end."""
+def _not_at_rest(bench: Bench, goal_tracks: list[Track]) -> list[str]:
+    """Return the servos that were not sent to posture `rest` in the end."""
     robot = bench.robot
     rest = robot.posture(robot.profile.postures.rest)[robot.servo_columns]
-    parked = dict(zip(robot.joint_map.joints, rest.tolist(), strict=True))
-    off = {track.servo.label: float(track.angle[-1]) - parked[track.servo.joint] for track in ways}
-    return [f"{label} is not parked, {by:.3f} rad off" for label, by in off.items() if abs(by) > AT_REST_RAD]
+    rest_angles = dict(zip(robot.joint_map.joints, rest.tolist(), strict=True))
+    off = {track.servo.label: float(track.angle[-1]) - rest_angles[track.servo.joint] for track in goal_tracks}
+    return [f"{label} is not at rest, {by:.3f} rad off" for label, by in off.items() if abs(by) > AT_REST_RAD]
 
 
 def _torque(bench: Bench, trace: Trace) -> list[str]:
-    """In the end nobody has torque, or a person knows; those of a host that is gone stand by their watchdogs."""
+    """Judge the end: no servo has torque, or a message says so; servos of a killed host are stopped by watchdogs."""
     if not any(trace.torque):
         return []
     if trace.gone is not None:
         return [] if all(servo.tripped or not servo.shaft.torque for servo in bench.servos) else ["servos still drive"]
-    told = trace.error or (trace.stop is not None and trace.stop.powered)
-    return [] if told else ["torque is on in the end, and nobody was told"]
+    reported = trace.error or (trace.stop is not None and trace.stop.powered)
+    return [] if reported else ["torque is on in the end, and no message says so"]
 
 
 HEALTHY_S = 0.5
-"""So long data must be good before a hold ends."""
+"""Time for which data must be good before a hold ends, s."""
 BACK_S = 0.6
-"""So long after data are good again a robot goes on, at the latest."""
+"""Longest time from good data until a robot goes on, s."""
 HELD_S = 0.150
-"""So soon a silent stream is held."""
+"""Longest time from silence of the stream to the hold, s."""
 HALF = 0.5
 STEP_M = 0.025
-"""From sample to sample no sensor goes farther, m, once a hold is over: 0.6 m/s on the way back, 2 m/s of its own."""
+"""Most that a sensor moves from sample to sample after a hold, m: 0.6 m/s of blending back, 2 m/s of its own."""
 MARGIN_M = 0.004
-"""What the observers of the profile keep, m."""
+"""Margin of the observers of the profile, m."""
 STOOD_S = 0.2
 
 Judged = tuple[float | None, list[str]]
@@ -205,7 +209,7 @@ Judged = tuple[float | None, list[str]]
 
 @dataclass(frozen=True)
 class Seen:
-    """A run, and when it was hurt, s."""
+    """A run, and the onset of its fault, s."""
 
     bench: Bench
     trace: Trace
@@ -217,7 +221,7 @@ class Seen:
         return 1.0 / self.bench.robot.profile.safety.rate_hz
 
     @cached_property
-    def ways(self) -> list[Track]:
+    def goal_tracks(self) -> list[Track]:
         """The goals of each servo."""
         goals = goal_writes(written(self.trace.sent))
         return tracks(once(goals, within=0.5 * self.dt), self.bench.robot.joint_map.servos)
@@ -232,14 +236,14 @@ class Seen:
         return next((tick.time for tick in self.trace.ticks if tick.time >= self.onset and tick.latched), None)
 
     @staticmethod
-    def cut(trace: Trace, onset: float) -> float | None:
-        """When torque was told to go off at once, or the guard had given up the bus."""
+    def torque_off_at(trace: Trace, onset: float) -> float | None:
+        """Return when torque off was commanded at once, or the guard had given up the bus."""
         seen = (torque_off(written(trace.sent), onset), trace.first(GuardState.STOPPED, onset))
         return min((time for time in seen if time is not None), default=None)
 
     @staticmethod
     def let_go(trace: Trace, onset: float, row: Row) -> list[str]:
-        """Servos that still drive after the row's time."""
+        """Return how many servos still drive after the row's time."""
         if row.watchdog is None:
             return []
         last = onset + row.watchdog
@@ -249,14 +253,14 @@ class Seen:
 
 
 def late(what: str, time: float | None, onset: float, limit: float) -> list[str]:
-    """Words for a reaction that did not come, or too late."""
+    """Return a line for a reaction that did not come, or came too late."""
     if time is None:
         return [f"not {what}"]
     return [f"{what} after {time - onset:.3f} s, allowed {limit:g} s"] if time - onset > limit + 1e-9 else []
 
 
 def reacted(row: Row, seen: Seen) -> Judged:
-    """s from the onset to the reaction, and what is wrong with it."""
+    """Return s from the onset to the reaction, and what is wrong with it."""
     took, wrong = _JUDGES[row.reaction](row, seen)
     ended = seen.trace.ended - seen.onset
     if row.ends is not None and ended > row.ends:
@@ -287,7 +291,7 @@ def _hold(row: Row, seen: Seen) -> Judged:
         wrong.append(f"it went on after {on - seen.onset:.3f} s, data were good from {row.back:g} s on")
     jump = max((step for time, step in seen.trace.steps if on is not None and time >= on), default=0.0)
     if jump > STEP_M:
-        wrong.append(f"it went on by a leap: {jump:.3f} m of a sensor in a tick")
+        wrong.append(f"it went on with a jump: {jump:.3f} m of a sensor in a tick")
     if row.reaction is Reaction.HOLD:
         return hold, wrong
     return on, wrong + late("on its way again", on, seen.onset, row.limit)
@@ -295,7 +299,7 @@ def _hold(row: Row, seen: Seen) -> Judged:
 
 def _rebase(row: Row, seen: Seen) -> Judged:
     again, hold = seen.trace.rebased, seen.first(GuardState.HOLDING)
-    wrong = late("understood", again, seen.onset, row.limit)
+    wrong = late("rebased", again, seen.onset, row.limit)
     if hold is not None:
         on = seen.trace.first(GuardState.MOVING, hold)
         wrong += late("on its way again", on, seen.onset, row.limit + BACK_S)
@@ -303,44 +307,44 @@ def _rebase(row: Row, seen: Seen) -> Judged:
 
 
 def _stand(row: Row, seen: Seen) -> Judged:
-    """From the goals alone: at rest in time, torque on."""
+    """Judge the goals alone: at rest in time, torque on."""
     end = seen.first(GuardState.STOPPING) or seen.trace.ended
-    wrong = restless(seen.ways, seen.onset + row.limit + REST_S, end - seen.dt)
+    wrong = still_moving(seen.goal_tracks, seen.onset + row.limit + REST_S, end - seen.dt)
     return None, wrong + (["it stopped"] if seen.stopped is not None else [])
 
 
 def _gated(row: Row, seen: Seen) -> Judged:
-    """What was asked for came nearer than the margin, and the robot stood; what was sent is looked at in any case."""
+    """Judge that the asked postures came nearer than the margin, and the robot stood. Sent goals are judged anyway."""
     robot, asked = seen.bench.robot, seen.trace.asked
     postures = np.tile(robot.body.qpos0, (len(asked), 1))
     postures[:, robot.servo_columns] = [posture for _, posture in asked]
     closest = clearance_of(robot, postures).smallest if asked else None
     wrong = [] if closest is not None and closest < MARGIN_M else ["what was asked for was no danger"]
     end = seen.first(GuardState.STOPPING) or seen.trace.ended
-    return None, wrong + restless(seen.ways, end - STOOD_S, end - seen.dt)
+    return None, wrong + still_moving(seen.goal_tracks, end - STOOD_S, end - seen.dt)
 
 
 def _slow(row: Row, seen: Seen) -> Judged:
     slow = next((tick.time for tick in seen.trace.ticks if tick.time >= seen.onset and tick.slow <= HALF), None)
     wrong = late("slow", slow, seen.onset, row.limit) + (["it stopped"] if seen.stopped is not None else [])
-    return slow, wrong + hasty(seen.ways, seen.onset + row.limit, seen.trace.ended, share=HALF, dt=seen.dt)
+    return slow, wrong + too_fast(seen.goal_tracks, seen.onset + row.limit, seen.trace.ended, share=HALF, dt=seen.dt)
 
 
 def _stop(row: Row, seen: Seen) -> Judged:
     stop = seen.stopped
     wrong = late("stopped", stop, seen.onset, row.limit)
     first = next((tick.state for tick in seen.trace.ticks if tick.time == stop), None)
-    if stop is not None and first is GuardState.STOPPED and not stood(seen.ways, stop):
+    if stop is not None and first is GuardState.STOPPED and not stood(seen.goal_tracks, stop):
         wrong.append("it did not brake")
     if seen.trace.stop is None or seen.trace.first(GuardState.STOPPED, seen.onset) is None:
         wrong.append("it was not latched")
     return stop, wrong
 
 
-def _cut(row: Row, seen: Seen) -> Judged:
-    cut = Seen.cut(seen.trace, seen.onset)
-    wrong = late("torque off", cut, seen.onset, row.limit)
-    return cut, wrong + ([] if seen.first(GuardState.STOPPED) is not None else ["it was not latched"])
+def _torque_off(row: Row, seen: Seen) -> Judged:
+    torque_off_at = Seen.torque_off_at(seen.trace, seen.onset)
+    wrong = late("torque off", torque_off_at, seen.onset, row.limit)
+    return torque_off_at, wrong + ([] if seen.first(GuardState.STOPPED) is not None else ["it was not latched"])
 
 
 def _gone(row: Row, seen: Seen) -> Judged:
@@ -363,6 +367,6 @@ _JUDGES = {
     Reaction.GATED: _gated,
     Reaction.SLOW: _slow,
     Reaction.STOP: _stop,
-    Reaction.TORQUE_OFF: _cut,
+    Reaction.TORQUE_OFF: _torque_off,
     Reaction.GONE: _gone,
 }

@@ -1,4 +1,4 @@
-"""The rows of the fault table: what is done to a run, and what the robot has to do about it."""
+"""The rows of the fault table: faults of sender, bus, servos and host, and the required reactions."""
 
 import re
 from collections.abc import Callable
@@ -18,7 +18,7 @@ from sim.faults.sender import SenderFault, encoded, flapping, frozen, lost, move
 __all__ = ["APPROACHED", "BUS", "ROWS"]
 
 
-# Rows of the fault table: what goes wrong with a sender and its datagrams.
+# Faults of a sender and its datagrams.
 
 FLOOD_HZ = 130_000.0
 _NO_NUMBER = "NaN or Infinity: leave the pose out, or say tracked: false"
@@ -27,7 +27,7 @@ _FIRST_NUMBER = re.compile(rb'"p": \[[^,]+,')
 
 
 def later(act: Callable[[Bench], object]) -> Callable[[Bench, float], object]:
-    """A fault that is done when it is due."""
+    """Return an injection that acts when it is due."""
     return lambda bench, at: bench.at(at, lambda: act(bench))
 
 
@@ -36,7 +36,7 @@ def _sender(make: Callable[[], SenderFault]) -> Callable[[Bench, float], object]
 
 
 def _number(text: bytes) -> Callable[[Bench, float], object]:
-    """A number of every place is something else."""
+    """Replace a number of every position."""
 
     def garble(time: float, datagram: bytes) -> list[bytes]:
         return [_FIRST_NUMBER.sub(b'"p": [' + text + b",", datagram)]
@@ -56,7 +56,7 @@ def _garbage_in_place(time: float, datagram: bytes) -> list[bytes]:
     return [datagram[: len(datagram) // 2], b"", b"\x00\xff" * 20, datagram, b'{"poses": [[[[']
 
 
-def _leaping(by: float) -> Callable[[Bench, float], object]:
+def _clock_jump(by: float) -> Callable[[Bench, float], object]:
     def jump(bench: Bench) -> None:
         before = bench.sender.stamp
         bench.sender.stamp = lambda time: before(time) + by
@@ -75,12 +75,12 @@ def _reordered(bench: Bench) -> None:
     bench.sender.garbles.append(garble)
 
 
-def _stranger(address: str) -> Callable[[Bench, float], object]:
-    """Somebody else sends whole poses."""
+def _other_sender(address: str) -> Callable[[Bench, float], object]:
+    """Let another sender send whole poses."""
 
     def begin(bench: Bench) -> None:
         def other(first: float, last: float) -> list[Datagram]:
-            stamp = bench.sender.stamp(last)  # only who sends it tells that it is another one's
+            stamp = bench.sender.stamp(last)  # only its address differs
             payload = encoded(stamp, {name: np.array([5.0, 5.0, 1.0]) for name in bench.sender.frames.names})
             return [Datagram(bench.clock.now(), (address, 50_000), payload)]
 
@@ -133,8 +133,8 @@ STREAM_ROWS: tuple[Row, ...] = (
         said="changed places",
     ),
     Row("late, reordered, twice", Reaction.NONE, 0.0, later(_reordered), counted="repeated"),
-    Row("sender's clock leaps on", Reaction.REBASE, 1.0, _leaping(3600.0), after=1.4),
-    Row("sender's clock leaps back", Reaction.REBASE, 1.0, _leaping(-3600.0), after=1.4),
+    Row("sender's clock jumps forward", Reaction.REBASE, 1.0, _clock_jump(3600.0), after=1.4),
+    Row("sender's clock jumps back", Reaction.REBASE, 1.0, _clock_jump(-3600.0), after=1.4),
     Row(
         "malformed and truncated",
         Reaction.NONE,
@@ -146,7 +146,7 @@ STREAM_ROWS: tuple[Row, ...] = (
         "unlisted source",
         Reaction.NONE,
         0.0,
-        _stranger("10.9.8.7"),
+        _other_sender("10.9.8.7"),
         said="not on the allow-list",
         counted="sender not on the allow-list",
     ),
@@ -154,7 +154,7 @@ STREAM_ROWS: tuple[Row, ...] = (
         "second source",
         Reaction.NONE,
         0.0,
-        _stranger("127.0.0.1"),
+        _other_sender("127.0.0.1"),
         said="127.0.0.1:50000 sends too",
         counted="a second source",
     ),
@@ -162,7 +162,7 @@ STREAM_ROWS: tuple[Row, ...] = (
 )
 
 
-# Rows of the fault table: what goes wrong on the bus and with servos.
+# Faults of the bus and of servos.
 
 BUS = "main"
 ELBOW, HEAD = 6, 19
@@ -171,12 +171,12 @@ SLIP_RAD = 0.25
 
 
 def on_line(fault: Fault) -> Callable[[Bench, float], object]:
-    """A fault of the emulated line."""
+    """Return the injection of a fault of the emulated line."""
     return later(lambda bench: bench.lines[BUS].faults.add(fault, bench.clock.now()))
 
 
 def _slip(bench: Bench) -> None:
-    """A shaft is blocked, away from its goal."""
+    """Block a shaft away from its goal."""
     servo, now = bench.servo(HEAD), bench.clock.now()
     servo.jam(True, now)
     servo.shaft.position += SLIP_RAD / servo.servo_model.tick_rad
@@ -184,8 +184,8 @@ def _slip(bench: Bench) -> None:
 
 def _unwritable(bench: Bench) -> None:
     for port in bench.ports.values():
-        port.mute = True
-    bench.trace.mute = True
+        port.writes_fail = True
+    bench.trace.writes_fail = True
 
 
 def _reset(bench: Bench) -> None:
@@ -264,17 +264,17 @@ BUS_ROWS: tuple[Row, ...] = (
 )
 
 
-# Rows of the fault table: what goes wrong in the host itself, or is done to it.
+# Faults of the host itself.
 
 HOUR_S = 3600.0
 OVERRUN = 1.2
 """Periods that a tick takes longer."""
 INWARDS = "l_hip_yaw", -1.2, 1.5
-"""A joint, rad, that turns the left leg into the right one, and the speed (rad/s) at which it is asked for."""
+"""A joint, the angle (rad) at which the left leg meets the right one, and the speed of the way there (rad/s)."""
 
 
 def _wall_clock(by: float) -> Callable[[Bench, float], object]:
-    """Somebody sets the wall clock."""
+    """Set the wall clock."""
 
     def jump(bench: Bench) -> None:
         for patched in (
@@ -297,9 +297,9 @@ def _raising(bench: Bench) -> None:
 def _follower(
     change: Callable[[Bench, RobotPosture], RobotPosture], times: int | None = None
 ) -> Callable[[Bench], None]:
-    """What the robot's stage finds is something else, so many times."""
+    """Change the result of the robot's stage, so many times."""
 
-    def hurt(bench: Bench) -> None:
+    def inject(bench: Bench) -> None:
         follower, left = bench.side._follower, [times]
         step, cued = follower.step, _cue(bench)
 
@@ -313,11 +313,11 @@ def _follower(
 
         follower.step = changed  # type: ignore[method-assign]
 
-    return hurt
+    return inject
 
 
 def _cue(bench: Bench) -> Callable[[], None]:
-    """Notes when it is first called."""
+    """Return a function that notes when it is first called."""
     known: list[float] = []
 
     def cued() -> None:
@@ -329,14 +329,14 @@ def _cue(bench: Bench) -> Callable[[], None]:
 
 
 def _when_following(act: Callable[[Bench], None]) -> Callable[[Bench, float], object]:
-    """Done to what is there only once the bus is open; of an idle run: before it arms."""
+    """Return an injection into objects that exist once the bus is open; in an idle run it acts before arming."""
     return lambda bench, at: bench.at(max(at, BEFORE_ARMING), lambda: act(bench))
 
 
 def _late(times: int | None = None) -> Callable[[Bench], None]:
-    """To find a goal takes longer than a tick may, so many times."""
+    """Make the search for a goal longer than a tick, so many times."""
 
-    def hurt(bench: Bench) -> None:
+    def inject(bench: Bench) -> None:
         left, cued = [times], _cue(bench)
 
         def dawdle() -> None:
@@ -348,7 +348,7 @@ def _late(times: int | None = None) -> Callable[[Bench], None]:
 
         bench.thinking.append(dawdle)
 
-    return hurt
+    return inject
 
 
 def _not_finite(bench: Bench, posture: RobotPosture) -> RobotPosture:
@@ -356,7 +356,7 @@ def _not_finite(bench: Bench, posture: RobotPosture) -> RobotPosture:
 
 
 def _inwards(bench: Bench, posture: RobotPosture) -> RobotPosture:
-    """A stage that has lost its observers turns a leg into the other, within all limits of the joint."""
+    """Act as a stage without observers: turn a leg into the other, within all limits of the joint."""
     joint, angle, speed = INWARDS
     servos, dt = bench.robot.joint_map, 1.0 / bench.robot.profile.safety.rate_hz
     if not bench.side._sent.size:
@@ -402,7 +402,7 @@ HOST_ROWS: tuple[Row, ...] = (
 )
 
 
-# Rows of the fault table: servos that are not those of the profile. Nothing may begin, and all is named at once.
+# Servos that are not those of the profile. No run may begin, and all are named at once.
 
 XL430 = 1060
 """Model number."""
@@ -413,7 +413,7 @@ SLOW_BAUD = 1
 
 
 def _register(device: int, name: str, value: int) -> Callable[[Bench], None]:
-    """A servo is another one, from the factory."""
+    """Replace a servo by one with another register value."""
 
     def put(bench: Bench) -> None:
         servo = bench.servo(device)
@@ -480,4 +480,4 @@ APPROACHED: tuple[Row, ...] = (
     *STREAM_ROWS,
     *(row for row in HOST_ROWS if not row.name.startswith(("solver", "clearance", "wall clock"))),
 )
-"""Rows that are done on the approach, too: nothing solves or gates there what a performer does."""
+"""Rows that are injected on the approach, too: the posture of a performer is neither solved nor gated there."""

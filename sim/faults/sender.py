@@ -1,4 +1,4 @@
-"""A performer's sensors as JSON datagrams on virtual time, and what may go wrong with a sender."""
+"""A performer's sensors as JSON datagrams on virtual time, and the faults of a sender."""
 
 import json
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from retarget.types import FloatArray
 from sim.performer import synthetic_performer
 
 STILL_S = 2.0
-"""So long the performer stands still first."""
+"""Time for which the performer stands still first, s."""
 NOISE_M = 0.0005
 JITTER_S = 0.004
 MOST_WAITING = 256
@@ -28,10 +28,10 @@ Garble = Callable[[float, bytes], list[bytes]]
 
 @dataclass
 class FakeSender:
-    """A `retarget.live.admission.Receiver` that hears a performer, on the clock that it is polled by.
+    """A `retarget.live.admission.Receiver` of the datagrams of a performer, on the clock by which it is polled.
 
-    faults: of what is sent; garbles: of datagrams; stamp: the sender's clock; others: what else arrives at a time, from
-    anywhere.
+    faults: of what is sent; garbles: of datagrams; stamp: the sender's clock; others: other datagrams that
+    arrive at a time, from any address.
     """
 
     frames: SensorFrames = field(default_factory=synthetic_performer)
@@ -63,7 +63,7 @@ class FakeSender:
         return False
 
     def poll(self, now: float) -> list[Datagram]:
-        """What was sent by now."""
+        """Return the datagrams that have arrived by `now`."""
         if self._begun is None:
             self._begun = self._polled = now
         found = []
@@ -101,9 +101,9 @@ class FakeSender:
 
 
 def encoded(stamp: float, poses: Poses) -> bytes:
-    """A datagram of `retarget.sources.json_pose`."""
-    told = {name: {"p": [round(float(x), 6) for x in point]} for name, point in poses.items()}
-    return json.dumps({"axes": "rep103", "time": stamp, "poses": told}).encode()
+    """Return a datagram of `retarget.sources.json_pose`."""
+    sent = {name: {"p": [round(float(x), 6) for x in point]} for name, point in poses.items()}
+    return json.dumps({"axes": "rep103", "time": stamp, "poses": sent}).encode()
 
 
 def silent(first: float, last: float) -> SenderFault:
@@ -162,7 +162,7 @@ def moved(name: str, first: float, last: float, by: tuple[float, float, float]) 
 
 
 def swapped(one: str, other: str, first: float, last: float) -> SenderFault:
-    """Two sensors exchange their names."""
+    """Two sensors swap their names."""
     names = {one: other, other: one}
     return lambda time, poses: (
         {names.get(name, name): at for name, at in poses.items()} if first <= time < last else poses

@@ -1,7 +1,7 @@
-"""Judges what a host put on the wires, from the bytes alone: goals inside limits, slow enough, at rest when they should
-be, none after a latch.
+"""Judges the bytes that a host sent: goals inside limits, slow enough, at rest in time, clear of collision, none after
+a latch.
 
-Shares nothing with the code that it judges.
+It shares no code with what it judges.
 """
 
 from collections.abc import Iterator, Sequence
@@ -18,20 +18,18 @@ from retarget.report.clearance import Clearance, PlacedBody
 from retarget.report.distances import moving_geoms
 from retarget.types import FloatArray
 
-# What a host put on the wires, taken apart once more: frames of protocol 2.0, and what they write.
-#
-# Shares nothing with the driver that it judges.
+# The frames of protocol 2.0 that a host sent, and what they write.
 
 HEADER = b"\xff\xff\xfd\x00"
 READS = frozenset((0x01, 0x02, 0x82, 0x8A, 0x92, 0x9A))
-"""Ping, read, (fast) sync read, (fast) bulk read: whoever hears them stays as he is."""
+"""Ping, read, (fast) sync read, (fast) bulk read: they change no device."""
 WRITE, REG_WRITE, SYNC_WRITE = 0x03, 0x04, 0x83
 GOAL_POSITION, TORQUE_ENABLE, WATCHDOG = 116, 64, 98
 
 
 @dataclass(frozen=True)
 class Sent:
-    """What the host handed to its port. time: s."""
+    """Bytes that the host passed to its port. time: s."""
 
     time: float
     data: bytes
@@ -39,7 +37,7 @@ class Sent:
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """An instruction. time: s; id: whom it is for; params: what follows the instruction, without stuffing."""
+    """An instruction. time: s; id: of the device; params: what follows the instruction, without stuffing."""
 
     time: float
     id: int
@@ -91,7 +89,7 @@ def goal_writes(writes: Sequence[Written]) -> list[tuple[float, dict[int, int]]]
 
 
 def torque_off(writes: Sequence[Written], since: float) -> float | None:
-    """When torque was first told to go off from a time on, s."""
+    """Return when torque off was first commanded from a time on, s."""
     return next(
         (
             one.time
@@ -103,13 +101,13 @@ def torque_off(writes: Sequence[Written], since: float) -> float | None:
 
 
 ROUNDED_TICKS, ROUNDED_INWARDS_TICKS = 0.5, 1.0
-"""Ticks by which rounding may change a goal; and one in the last tick inside a limit, beyond which nobody rounds."""
+"""Ticks by which rounding may change a goal; and in the last tick inside a limit, where goals are rounded inwards."""
 NUMERICS_RAD = 1e-9
-"""What numbers of 64 bits may add to a difference of goals, rad."""
+"""Rounding error of a difference of goals in 64 bits, rad."""
 STRAIGHT_TICKS = 3
-"""Ticks to and fro that are no detour."""
+"""Ticks back and forth that are no detour."""
 SPANS = (1, 2, 4, 8, 16)
-"""Ticks over which speed and its change are looked at: over many, rounding hides little."""
+"""Spans in ticks over which speed and its change are judged: over long ones, rounding hides little."""
 LATE_S = 0.5
 """Goals further apart than this are no motion from one to the other: torque was off in between."""
 Goals = Sequence[tuple[float, dict[int, int]]]
@@ -127,7 +125,7 @@ class Track:
 
 
 def once(goals: Goals, *, within: float) -> Goals:
-    """Goals that are sent again at once, as on a noisy line, are one goal."""
+    """Count goals that are sent again at once, as on a noisy line, as one goal."""
     found: list[tuple[float, dict[int, int]]] = []
     for time, goal in goals:
         if not (found and goal == found[-1][1] and time - found[-1][0] < within):
@@ -147,10 +145,10 @@ def tracks(goals: Goals, servos: Sequence[ServoSpec]) -> list[Track]:
     return found
 
 
-def beyond_limits(ways: Sequence[Track], dt: float) -> list[str]:
-    """What is wrong with goals that come every `dt` s, a line each. One that comes late is held to the same step as one
-    in time: whoever is late goes slower, and does not catch up."""
-    return [text for track in ways for text in _of_servo(track, dt)]
+def beyond_limits(goal_tracks: Sequence[Track], dt: float) -> list[str]:
+    """Return the violations of goals that come every `dt` s, a line each. A late goal has the same bound on its step as
+    one in time: it must not catch up."""
+    return [text for track in goal_tracks for text in _of_servo(track, dt)]
 
 
 def _of_servo(track: Track, dt: float) -> list[str]:
@@ -173,14 +171,14 @@ def _of_servo(track: Track, dt: float) -> list[str]:
 
 
 def _rounding(track: Track, angle: FloatArray) -> FloatArray:
-    """How far goals may be from those that were rounded, rad."""
+    """Return how far goals may be from the unrounded ones, rad."""
     room = np.minimum(angle - track.servo.lower, track.servo.upper - angle)
     ticks = np.where(room < track.step, ROUNDED_INWARDS_TICKS, ROUNDED_TICKS)
     return np.asarray(ticks * track.step)
 
 
 def _beyond(values: FloatArray, most: float, rounding: FloatArray) -> float:
-    """By how much values change more than allowed in a tick, at the worst; 0 where they do not. rounding: of each."""
+    """Return by how much values change more than allowed in a tick, at most; 0 where they do not. rounding: of each."""
     found = 0.0
     for n in SPANS[: int(np.searchsorted(SPANS, len(values)))]:
         change = np.abs(values[n:] - values[:-n]) - rounding[n:] - rounding[:-n] - NUMERICS_RAD
@@ -188,25 +186,25 @@ def _beyond(values: FloatArray, most: float, rounding: FloatArray) -> float:
     return found
 
 
-def restless(ways: Sequence[Track], first: float, last: float) -> list[str]:
-    """Who is sent somewhere else between two times, s, a line each."""
+def still_moving(goal_tracks: Sequence[Track], first: float, last: float) -> list[str]:
+    """Return the servos that still get other goals between two times, s, a line each."""
     found = []
-    for track in ways:
+    for track in goal_tracks:
         within = track.angle[(track.times >= first) & (track.times < last)]
         if within.size and np.ptp(within) > 0.0:
             found.append(f"{track.servo.label} still moves, by {np.ptp(within):.4f} rad")
     return found
 
 
-def stood(ways: Sequence[Track], time: float) -> bool:
-    """Whether the last two goals of everybody before a time, s, were the same."""
-    return all(len(set(track.angle[track.times <= time][-2:].tolist())) <= 1 for track in ways)
+def stood(goal_tracks: Sequence[Track], time: float) -> bool:
+    """Return whether the last two goals of every servo before a time, s, were the same."""
+    return all(len(set(track.angle[track.times <= time][-2:].tolist())) <= 1 for track in goal_tracks)
 
 
-def hasty(ways: Sequence[Track], first: float, last: float, *, share: float, dt: float) -> list[str]:
-    """Who goes faster than a share of its greatest speed between two times, s, a line each."""
+def too_fast(goal_tracks: Sequence[Track], first: float, last: float, *, share: float, dt: float) -> list[str]:
+    """Return the servos that go faster than a share of their greatest speed between two times, s, a line each."""
     found = []
-    for track in ways:
+    for track in goal_tracks:
         within = track.angle[(track.times >= first) & (track.times < last)]
         fast = _beyond(within, share * track.servo.max_velocity * dt, _rounding(track, within))
         if fast > 0.0:
@@ -214,20 +212,20 @@ def hasty(ways: Sequence[Track], first: float, last: float, *, share: float, dt:
     return found
 
 
-def wavering(ways: Sequence[Track], first: float, last: float) -> list[str]:
-    """Who does not go straight from where it is to somewhere between two times, s, a line each."""
+def detours(goal_tracks: Sequence[Track], first: float, last: float) -> list[str]:
+    """Return the servos that make a detour between two times, s, a line each."""
     found = []
-    for track in ways:
+    for track in goal_tracks:
         within = track.angle[(track.times >= first) & (track.times < last)]
         if within.size:
             more = float(np.abs(np.diff(within)).sum() - abs(within[-1] - within[0]))
             if more > STRAIGHT_TICKS * track.step:
-                found.append(f"{track.servo.label} goes to and fro, by {more:.3f} rad")
+                found.append(f"{track.servo.label} goes back and forth, by {more:.3f} rad")
     return found
 
 
 def after_latch(writes: Sequence[Written], latched: float) -> list[str]:
-    """What was written after a latch, s, that is not to let go of the robot: once of each kind."""
+    """Return writes after a latch, s, other than torque off and watchdog off: once of each kind."""
     wrong = {
         f"address {one.address} was written {one.time - latched:.3f} s after the latch"
         for one in writes
@@ -236,14 +234,14 @@ def after_latch(writes: Sequence[Written], latched: float) -> list[str]:
     return sorted(wrong)[:3]
 
 
-def woken(writes: Sequence[Written], since: float) -> list[str]:
-    """Who was given torque from a time on, s."""
+def torque_on_again(writes: Sequence[Written], since: float) -> list[str]:
+    """Return whether torque was switched on from a time on, s."""
     again = [one for one in writes if one.time > since and one.address == TORQUE_ENABLE and any(one.values.values())]
     return [f"torque was switched on {one.time - since:.3f} s after the stop began" for one in again[:1]]
 
 
 def not_reads(packets: Sequence[Packet], *, but: frozenset[int]) -> list[str]:
-    """Instructions that do more than ask; `but` for devices (ids) that are no servos."""
+    """Return instructions other than reads; `but` for devices (ids) that are no servos."""
     return [
         f"instruction 0x{one.instruction:02x} went to id {one.id}"
         for one in packets
@@ -251,10 +249,10 @@ def not_reads(packets: Sequence[Packet], *, but: frozenset[int]) -> list[str]:
     ][:3]
 
 
-# Whether goals on the wires keep a robot clear of itself: its body file in MuJoCo, nothing of what the gate asks.
+# Self-collision of the goals that were sent: by the body file in MuJoCo, without any code of the gate.
 
 DEEPEST_M = 2e-4
-"""As deep, m, as goals rounded to ticks may be in a touch: a tick of 1.5 mrad at an arm of 0.2 m moves it 0.3 mm."""
+"""Greatest depth of contact, m, by rounding to ticks: a tick of 1.5 mrad at an arm of 0.2 m moves it 0.3 mm."""
 
 
 @cache
@@ -264,30 +262,30 @@ def _model(path: str, root: str) -> Any:
     return compile_body(Path(path), root=root).model  # type: ignore[arg-type]
 
 
-def postures_of(robot: RobotBody, ways: Sequence[Track]) -> FloatArray:
-    """Postures (T, nq) of all goals, at the times of the first servo; the root as in the body file."""
-    if not ways:
+def postures_of(robot: RobotBody, goal_tracks: Sequence[Track]) -> FloatArray:
+    """Return the postures (T, nq) of all goals, at the times of the first servo; the root as in the body file."""
+    if not goal_tracks:
         return np.zeros((0, robot.body.nq))
-    times = ways[0].times
+    times = goal_tracks[0].times
     found = np.tile(robot.body.qpos0, (len(times), 1))
     columns = dict(zip(robot.joint_map.joints, robot.servo_columns, strict=True))
-    for track in ways:
+    for track in goal_tracks:
         rows = np.clip(np.searchsorted(track.times, times, side="right") - 1, 0, None)
         found[:, columns[track.servo.joint]] = track.angle[rows]
     return found
 
 
 def clearance_of(robot: RobotBody, postures: FloatArray) -> Clearance:
-    """Of the body to itself in postures (T, nq)."""
+    """Return the clearance of the body to itself in postures (T, nq)."""
     model = _model(str(robot.profile.body_path), robot.profile.root)
     placed = PlacedBody(model, moving_geoms(model, postures), np.arange(len(postures)))
     neutral = robot.posture(robot.profile.postures.neutral)
     return placed.to_itself(neutral=neutral, ignored=[entry.pair for entry in robot.profile.ignore_pairs])
 
 
-def collisions(robot: RobotBody, ways: Sequence[Track]) -> list[str]:
-    """The deepest collision of goals, in words, if there is one."""
-    found = clearance_of(robot, postures_of(robot, ways))
+def collisions(robot: RobotBody, goal_tracks: Sequence[Track]) -> list[str]:
+    """Return the deepest collision of goals, in words, if there is one."""
+    found = clearance_of(robot, postures_of(robot, goal_tracks))
     if found.smallest is None or found.smallest > -DEEPEST_M or found.pair is None:
         return []
     return [f"{' and '.join(found.pair)} are {1e3 * found.deepest:.1f} mm in each other"]

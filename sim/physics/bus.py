@@ -1,4 +1,4 @@
-"""A simulated robot with mass, behind the interface of every bus."""
+"""Buses above a simulated robot with mass: one in ticks, and one below the shafts of emulated servos."""
 
 from collections.abc import Mapping, Sequence
 from math import inf
@@ -24,7 +24,7 @@ class PhysicsBus:
     """A `hardware.bus.ServoBus`. Each call moves the simulation up to the clock's now, in whole steps.
 
     Goals take effect `latency` s after they are written: one cycle of the robot, as on a wire. Until torque first goes
-    on a hand holds the robot (see `hand`). `witness` looks at each read, and has what the report needs.
+    on a hand holds the robot (`sim.physics.mount`). `witness` observes each read, and has what the report needs.
     """
 
     def __init__(self, simulation: Simulation, clock: Clock, *, latency: float) -> None:
@@ -55,7 +55,7 @@ class PhysicsBus:
             self._origin = self._clock.now() - self.simulation.time
 
     def read(self) -> ServoStates:
-        """Move time on and return what the servos say. Raises BusError when closed."""
+        """Move time on and return the state of the servos. Raises BusError when closed."""
         self._require_open("read")
         self._catch_up()
         self.witness.look()
@@ -74,8 +74,8 @@ class PhysicsBus:
         self.simulation.aim((ticks - self._zero) * self._tick_rad, self._now() + self._latency)
 
     def torque(self, on: bool) -> None:
-        """Switch torque; a servo with an alert stays off. It is acknowledged, so goals that are on their way arrive
-        first. Raises BusError when closed."""
+        """Switch torque; a servo with an alert stays off. It is acknowledged, so goals that are on their way take
+        effect first. Raises BusError when closed."""
         self._require_open("torque")
         self._catch_up()
         wanted: BoolArray = np.full(len(self._servos), on)
@@ -85,7 +85,7 @@ class PhysicsBus:
         self.witness.switched(on)
 
     def close(self) -> None:
-        """Torque off; then the robot is watched for a while, whether it falls. No further call but `open`."""
+        """Switch torque off, then watch for AFTERMATH_S whether the robot falls. No further call but `open`."""
         if not self._open:
             return
         self.torque(False)
@@ -129,7 +129,7 @@ class PhysicsBus:
 # Emulated servos whose shafts the simulation turns: registers and bytes from the emulator, motion with mass.
 #
 # The registers decide as they do without physics: P gain, Goal PWM, torque, profile. Only position modes have a motor
-# here; in the others the shaft is free. A reversed Drive Mode is not known to it.
+# here; in the others the shaft is free. A reversed Drive Mode is ignored.
 
 SAME_TICK = 1e-3
 """Goals closer than this, ticks, are one."""
@@ -145,16 +145,15 @@ class SimulatedShafts:
         self._tick_rad = np.array([drive.servo.model.tick_rad for drive in simulation.world.drives])
         stall = [drive.numbers.stall_torque(drive.servo.model.voltage) for drive in simulation.world.drives]
         self._stall = np.array(stall)
-        self._seen = self._ticks()  # (n,) where each shaft last heard that it is
-        self._told = self._seen.copy()  # (n,) goals
+        self._seen = self._ticks()  # (n,) position of each shaft at its last update
+        self._sent = self._seen.copy()  # (n,) goals
         self._settings: tuple[tuple[float, float, bool], ...] = ()
         simulation.electrics.trips = False  # the emulated servo protects itself
 
     def follow(self, shaft: Shaft, now: float) -> tuple[float, float]:
         """Go on to `now` (s); return the position of the shaft, tick, and its velocity, tick/s.
 
-        Whatever counts the shaft's turns anew (homing offset, one turn) keeps doing so: what is added is how far it
-        turned.
+        The registers may count the turns anew (homing offset, one turn), so only the change of angle is added.
         """
         self._advance(now - self._begun)
         row = self._row[id(shaft)]
@@ -178,7 +177,7 @@ class SimulatedShafts:
             simulation.advance(min(to, simulation.time + BATCH_S))
 
     def _take_settings(self) -> None:
-        """Torque, gain and limit of drive, as the registers have them."""
+        """Take torque, gain and drive limit from the registers."""
         settings = tuple((shaft.lag * shaft.full, shaft.drive_limit, _driven(shaft)) for shaft in self._shafts)
         if settings == self._settings:
             return
@@ -192,8 +191,8 @@ class SimulatedShafts:
         simulation = self._simulation
         errors = [shaft.trajectory()[0] - shaft.position for shaft in self._shafts]
         goals = self._seen + np.array(errors)
-        if np.abs(goals - self._told).max() > SAME_TICK:
-            self._told = goals
+        if np.abs(goals - self._sent).max() > SAME_TICK:
+            self._sent = goals
             simulation.aim(goals * self._tick_rad, simulation.time)
 
     def _ticks(self) -> FloatArray:

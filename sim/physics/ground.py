@@ -1,4 +1,4 @@
-"""What a simulated robot touches: floor, its own soles, fixtures; and which shapes are looked at together.
+"""The contacts of a simulated robot: floor, soles, fixtures; and which shapes collide with which.
 
 A sole touches the floor with small balls in the corners of its polygon, whose lowest points are the corners: exact
 where it stands and where it tips, and the cheapest contact there is. The foot's own shapes do not see the floor.
@@ -37,7 +37,7 @@ ROBOT_BIT, GROUND_BIT, FIXTURE_BIT = 1, 2, 4
 
 
 def add_floor(spec: Any, friction: float) -> None:
-    """Put up the ground plane z = 0, whose friction holds in all its contacts."""
+    """Add the ground plane z = 0, whose friction holds in all its contacts."""
     mujoco = engine()
     spec.worldbody.add_geom(
         name=FLOOR,
@@ -54,7 +54,7 @@ def add_floor(spec: Any, friction: float) -> None:
 
 
 def add_soles(spec: Any, robot: RobotBody) -> None:
-    """Put balls into the corners of the soles. Their bodies have masses of their own: the balls weigh nothing."""
+    """Add massless balls in the corners of the soles."""
     mujoco = engine()
     for name, foot in robot.profile.feet.items():
         frame = robot.frame(foot.frame)
@@ -85,7 +85,7 @@ def sole_corners(polygon: FloatArray) -> FloatArray:
 
 
 def add_fixtures(spec: Any, scene: Scene, stand: Pose) -> tuple[str, ...]:
-    """Put up the obstacles of a scene that do not move. Returns the names of those that do, and are left out."""
+    """Add the obstacles of a scene that do not move. Return the names of those that do: they are left out."""
     mujoco = engine()
     kinds = {
         ShapeKind.CAPSULE: mujoco.mjtGeom.mjGEOM_CAPSULE,
@@ -118,7 +118,7 @@ def add_fixtures(spec: Any, scene: Scene, stand: Pose) -> tuple[str, ...]:
 
 
 def sort_shapes(spec: Any, feet: Sequence[str]) -> None:
-    """Set what the robot's own shapes see. feet: links that have soles. Shapes that touch nothing stay so."""
+    """Set what the robot's own shapes collide with. feet: links that have soles. Shapes without collision stay so."""
     for geom in spec.geoms:
         if geom.name.startswith((FLOOR, SOLE, FIXTURE)) or not (geom.contype or geom.conaffinity):
             continue

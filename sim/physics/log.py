@@ -1,4 +1,4 @@
-"""What happened to a simulated robot, tick by tick, and whether it has fallen."""
+"""The log of a simulated robot, tick by tick: states, slip of soles, extremes; and whether it has fallen."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -13,28 +13,28 @@ from retarget.model.robot import RobotBody
 from retarget.run.rest_trajectory import NEAR_REST
 from sim.physics.state import PhysicsState
 
-__all__ = ["SLIP_RESOLUTION_M", "Fall", "FallWatch", "PhysicsLog", "parked"]
+__all__ = ["SLIP_RESOLUTION_M", "Fall", "FallWatch", "PhysicsLog", "at_rest"]
 
 
 MAX_ROWS = 450_000
 """Most ticks that are kept, an hour at 125 Hz; the sums go on after them."""
 BLOCK_ROWS = 4096
-"""Room is made for so many at a time, and nothing is ever moved."""
+"""Memory is allocated for so many at a time, and nothing is ever moved."""
 SLIP_RESOLUTION_M = 1e-4
-"""A sole that carries has slipped when its corners are this far from where they were: what trembles within does not add
+"""A sole that carries has slipped when its corners are this far from where they were. Trembling below this does not add
 up."""
 
 
 LIFTED_S = 0.05
-"""A sole that bears nothing for longer has been lifted: where it comes down, it has not slipped to. One that slides
-trembles, and bears nothing for moments."""
+"""A sole without load for longer has been lifted: the way to where it comes down is no slip. A sliding sole trembles,
+and is without load for shorter times."""
 
 
 class PhysicsLog:
     """Rows of states, in single precision but for the time; `rows` says how many.
 
-    slip_m (k,): horizontal way of each sole while it carried, added up: the mean of its corners, each by what presses
-    on it. So a sole slips that turns on its spot, and one that rocks on an edge that stays does not. worst_tilt: of a
+    slip_m (k,): horizontal path length of each sole while it carried: the mean of its corners, weighted by their loads.
+    So a sole that turns on its spot slips, and one that rocks on a fixed edge does not. worst_tilt: of a
     sole that carried, rad.
     most_torque (n,), hottest (n,): of each servo. self_contact_ticks: with links touching each other.
     """
@@ -71,7 +71,7 @@ class PhysicsLog:
         self.fixture_contact_ticks = 0
 
     def add(self, state: PhysicsState) -> None:
-        """Take a state."""
+        """Append a state."""
         self._sum(state)
         if self.rows == MAX_ROWS:
             return
@@ -108,7 +108,7 @@ class PhysicsLog:
         return values.reshape(self.rows, values.shape[1] // 3, 3) if name == "sole" else values
 
     def _sum(self, state: PhysicsState) -> None:
-        """Sums and extremes."""
+        """Update sums and extremes."""
         carries, tilts = self._loaded(state.load).tolist(), state.tilt.tolist()
         places, pressed = state.corner.tolist(), state.pressed.tolist()
         for sole, corners in enumerate(self._corners):
@@ -125,9 +125,9 @@ class PhysicsLog:
         self.fixture_contact_ticks += state.fixture_contacts > 0
 
     def _slide(self, sole: int, places: list[tuple[float, float]], pressed: list[float]) -> None:
-        """Hold where the corners of a sole that carries are against where they were. In plain floats: they are few."""
+        """Add the displacement of the corners of a sole that carries. In plain floats: they are few."""
         anchors, load = self._anchors[sole], sum(pressed)
-        if anchors is None or load <= 0.0:  # it has just landed
+        if anchors is None or load <= 0.0:  # it has just touched down
             self._anchors[sole] = places
             return
         way = sum(force * hypot(x - u, y - v) for force, (x, y), (u, v) in zip(pressed, places, anchors, strict=True))
@@ -138,11 +138,13 @@ class PhysicsLog:
 
 # Whether a simulated robot has fallen.
 #
-# It has when every sole tips more than MOST_TILT (a torso that bends low over flat soles has not), when its pelvis (the
-# root link, where the profile has no such frame) is lower than LOW_SHARE of its height in `stand` - or, where the robot
-# parks lower still, than REST_SHARE of its height there -, or when anything but soles and hands touches the floor
-# (a hand there is no fall by itself). A robot that parks on more than its soles may do that in its rest posture only. A
-# robot without torque that was not parked and goes down has fallen too; one that was parked has sat down.
+# It has fallen if one of these holds:
+#   - every sole tips more than MOST_TILT (a torso that bends low over flat soles is no fall);
+#   - its pelvis (the root link, where the profile has no such frame) is lower than LOW_SHARE of its height in `stand`,
+#     or, where posture `rest` is lower still, than REST_SHARE of its height there;
+#   - anything but soles and hands touches the floor (a hand there is no fall by itself), except in posture `rest`.
+#
+# A robot without torque that goes down has fallen too, unless it was at rest: then it has sat down.
 
 MOST_TILT = radians(30.0)
 LOW_SHARE, REST_SHARE = 0.5, 0.8
@@ -158,12 +160,12 @@ class Fall:
 
 
 class FallWatch:
-    """Looks at each state of a robot that stands on the floor. `fall`: the first, None while it stands."""
+    """Judges each state of a robot that stands on the floor. `fall`: the first, None while it stands."""
 
     def __init__(self, robot: RobotBody) -> None:
         self._robot = robot
         stand, rest = (plant(robot, posture) for posture in (robot.profile.postures.stand, robot.profile.postures.rest))
-        # Height of the pelvis over the root link, seen by the root: with it each state costs one rotation.
+        # Height of the pelvis over the root link, in the frame of the root: so each state costs one rotation.
         frame = robot.profile.frames.get("pelvis")
         on_root = frame is not None and robot.frame("pelvis").body == int(np.flatnonzero(robot.body.parent == 0)[1])
         self._pelvis = robot.frame("pelvis").position.tolist() if on_root else [0.0, 0.0, 0.0]
@@ -188,17 +190,17 @@ class FallWatch:
         height = root[2] + _raised(root, self._pelvis)
         if height < self.lowest:
             return f"the pelvis is {1e3 * height:.0f} mm high, allowed {1e3 * self.lowest:.0f}"
-        if state.touching and not self.goes_to_rest(state.q):
+        if state.touching and not self.at_rest(state.q):
             return "more than soles and hands touches the floor"
         return None
 
-    def goes_to_rest(self, q: FloatArray) -> bool:
-        """Whether a posture (nq,) is the one in which the robot is parked."""
-        return parked(q[self._robot.servo_columns], self._rest)
+    def at_rest(self, q: FloatArray) -> bool:
+        """Whether a posture (nq,) is the profile's posture `rest`."""
+        return at_rest(q[self._robot.servo_columns], self._rest)
 
 
-def parked(joints: FloatArray, rest: FloatArray) -> bool:
-    """Whether joints (n,) rad are as in posture `rest` (n,)."""
+def at_rest(joints: FloatArray, rest: FloatArray) -> bool:
+    """Whether servo joints (n,) rad are within NEAR_REST of posture `rest` (n,)."""
     return bool(np.abs(joints - rest).max() <= NEAR_REST)
 
 

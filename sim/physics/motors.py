@@ -1,7 +1,7 @@
 """The servos of a robot as MuJoCo actuators, two on each shaft, all in the servo's own sense of rotation:
 
     drive:  stall torque x clip(P (goal - angle) - D speed, -1, 1)     the position loop at the present supply
-    e.m.f.: -(kt^2 / R) speed                                          what the turning motor takes off
+    e.m.f.: -(kt^2 / R) speed                                          what the turning motor loses
 
 and the joint bounds their sum to what the servo gives (its current limit too). So speed and torque are limited by the
 supply at every step of the engine, and implicitly, which is stable. Friction, armature and viscous friction are the
@@ -29,24 +29,22 @@ __all__ = [
     "Motors",
     "add_motors",
     "drive_numbers",
-    "lacks_gain",
+    "gain_missing",
     "position_loop",
 ]
 
 
-# From the gain registers of a servo to its position loop: drive (share of full voltage) per error, speed and time.
+# The position loop of a servo from its gain registers: drive (share of full voltage) per error, speed and time.
 #
 #     drive = P e + I sum(e) - D w,    |drive| <= 1,    voltage = drive x supply
 #
 # Source: e-Manual, Position PID Gain (80, 82, 84: units 1/16, 1/65536, 1/128 of a PWM count per tick) and Goal PWM
-# (100,
-# full at 885); the units of time that it leaves open are those of `sim.emulator.servo2_registers`, as is the rule that
-# the
-# default
-# D gain belongs to the loop that P alone describes. Protocol 1.0 (28: P, 32 the default): `sim.emulator.servo1`.
+# (100, full at 885). The units of time that it leaves open are those of `sim.emulator.servo2_registers`, as is the rule
+# that the default D gain belongs to the loop that P alone describes. Protocol 1.0 (28: P, 32 the default):
+# `sim.emulator.servo1`.
 
 _GAIN_OF_1 = 32.0
-"""P gain register, or compliance slope, of Protocol 1.0 that is as stiff as DEFAULT_P_GAIN of 2.0."""
+"""P gain register, or compliance slope, of Protocol 1.0 with the stiffness of DEFAULT_P_GAIN of 2.0."""
 
 
 @dataclass(frozen=True)
@@ -79,27 +77,26 @@ def position_loop(servo: ServoSpec, *, protocol: int) -> PositionLoop:
     )
 
 
-def lacks_gain(servo: ServoSpec, *, protocol: int) -> bool:
-    """Whether the profile does not say how stiff this servo is."""
+def gain_missing(servo: ServoSpec, *, protocol: int) -> bool:
+    """Whether the profile does not have the P gain of this servo."""
     return servo.gains.position_p is None and find_table(servo.model.name, protocol).has(_P_GAIN[protocol])
 
 
 _P_GAIN = {1: "p_gain", 2: "position_p_gain"}
 
 
-# What a servo's motor and gears are by measurement, one row per model; what nobody has measured is derived, and says
-# so.
+# Measured motors and gears of servos, one row per model. Values without a measurement are derived, as their source
+# says.
 #
-# All at the output shaft, N m, rad, A, V. The motor is the usual one: u = R i + kt w, torque = kt i, so that at supply
-# V
-# it stalls at kt V / R and turns no faster than V / kt.
+# All at the output shaft, N m, rad, A, V. The motor is the usual one: u = R i + kt w, torque = kt i. So at supply V it
+# stalls at kt V / R and turns no faster than V / kt.
 
 ARC_MINUTE = 2.908882e-4  # [rad]
 BACKLASH = 15.0 * ARC_MINUTE
-"""Play between the output shaft and its gears, e-Manual of the X540 series; taken for every model that says none."""
+"""Play between the output shaft and its gears, e-Manual of the X540 series; taken for every model without a value."""
 
 FRICTION_SHARE, ARMATURE_SHARE = 0.025, 0.003
-"""Of the stall torque (the latter in s^2): the middle of what was identified, for models that nobody has identified."""
+"""Of the stall torque (the latter in s^2): the middle of the identified values, for models without one."""
 
 
 @dataclass(frozen=True)
@@ -192,7 +189,7 @@ def _motor_by_maker(model: ServoModel, known: _Identified) -> tuple[float, float
 
 MOTOR, BACK_EMF, SHAFT = "physics_motor_", "physics_emf_", "physics_shaft_"
 STRAIN_SHARE = 0.25
-"""Share of the most torque that takes up all of the play of the gears."""
+"""Share of the most torque at which all of the play of the gears is taken up."""
 STRAIN_S = 0.02
 """Time constant with which the gears change sides in their play."""
 
@@ -207,7 +204,7 @@ class Drive:
 
     @property
     def most_torque(self) -> float:
-        """The smaller of what it can and of what its current limit allows, N m."""
+        """The smaller of the greatest torque of the motor and of the torque at the current limit, N m."""
         limit = self.servo.current_limit
         allowed = np.inf if limit is None else limit * self.numbers.torque_constant
         return min(self.numbers.most_torque, allowed)
@@ -219,7 +216,7 @@ class Drive:
 
 
 def add_motors(spec: Any, drives: Sequence[Drive]) -> None:
-    """Put actuators, armature and friction of these servos into a body. Viscous friction: `Motors`."""
+    """Add actuators, armature and friction of these servos to a body. Viscous friction: `Motors`."""
     mujoco = engine()
     for drive in drives:
         numbers, joint = drive.numbers, spec.joint(drive.servo.joint)
@@ -383,7 +380,7 @@ def _set_viscous(model: Any, drives: Sequence[Drive]) -> None:
             model.tendon_damping[model.tendon(SHAFT + drive.servo.joint).id] = viscous
 
 
-# Current, supply and heat of simulated servos: a stated model that nobody has calibrated on hardware.
+# Current, supply and heat of simulated servos: a stated model, calibrated on no hardware.
 #
 # Current is torque / kt. The supply is the nominal voltage of each model less what all servos together lose in battery
 # and wires. A servo warms as a first-order lag: its final rise is HEAT_PER_WATT times the loss R i^2 in its windings
@@ -393,11 +390,11 @@ HEAT_PER_WATT = HEAT_PER_AMPERE2 / (12.0 / LARGEST_CURRENT)
 """Final rise of temperature per loss, K/W."""
 _OVERLOAD, _OVERHEATING = np.uint8(ServoAlert.OVERLOAD), np.uint8(ServoAlert.OVERHEATING)
 NOTICED_V = 0.05
-"""By so much the supply changes before the motors are told, V."""
+"""Change of the supply after which the motors are updated, V."""
 
 
 class Electrics:
-    """Of n servos, arrays (n,): voltage V, temperature degrees Celsius, alert bits."""
+    """Electrical state of n servos, arrays (n,): voltage V, temperature degrees Celsius, alert bits."""
 
     def __init__(self, drives: Sequence[Drive]) -> None:
         numbers = [drive.numbers for drive in drives]
@@ -411,15 +408,15 @@ class Electrics:
         self.temperature: FloatArray = np.full(len(drives), AMBIENT)
         self.alert: ByteArray = np.zeros(len(drives), dtype=np.uint8)
         self.trips = True
-        """Whether what is wrong becomes an alert."""
+        """Whether overload and overheating become alerts."""
 
     def current(self, torque: FloatArray, driven: BoolArray) -> FloatArray:
-        """Of motors (n,) that give `torque` N m, A."""
+        """Return the current of motors (n,) that give `torque` N m, A."""
         return np.asarray(driven * torque / self._constant)
 
     def advance(self, torque: FloatArray, driven: BoolArray, elapsed: float) -> bool:
-        """Go on by `elapsed` s in which the motors gave `torque` (n,) N m. Returns whether the supply has changed so
-        much, or an alert is new, that the motors should know."""
+        """Go on by `elapsed` s in which the motors gave `torque` (n,) N m. Return whether the motors need an
+        update: the supply has changed by more than NOTICED_V, or an alert is new."""
         size = self.current(torque, driven)
         loss = self._resistance * size * size  # [W]
         final = AMBIENT + HEAT_PER_WATT * loss

@@ -1,4 +1,4 @@
-"""What a simulated robot stands on or hangs from."""
+"""What a simulated robot stands on or hangs from: floor, stand, gantry, the hand that holds it first; the checks."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -13,7 +13,7 @@ from retarget.model.body import Frame
 from retarget.model.body_file import body_spec, engine
 from retarget.model.robot import RobotBody
 from retarget.types import FloatArray
-from sim.physics.motors import lacks_gain
+from sim.physics.motors import gain_missing
 
 __all__ = [
     "RELEASE_S",
@@ -26,8 +26,8 @@ __all__ = [
     "check_masses",
     "check_mount",
     "damp_swinging",
-    "lacking",
     "mount_of",
+    "simulation_problem",
 ]
 
 
@@ -54,7 +54,7 @@ _BY_ROOT = {"free": Support.FLOOR, "fixed": Support.STAND, "suspended": Support.
 
 
 def mount_of(robot: RobotBody) -> Mount:
-    """How the profile's root says that the robot stands."""
+    """Return the mount that the profile's root names."""
     return Mount(_BY_ROOT[robot.profile.root])
 
 
@@ -92,12 +92,11 @@ def check_mount(robot: RobotBody, mount: Mount) -> None:
         )
 
 
-# The person who holds a robot while its servos have no torque, as one does with a real robot that cannot stand.
+# The hand that holds a robot before its servos have torque, as a person holds a real robot that cannot stand yet.
 #
 # Until torque first goes on, the hand holds the whole robot still in its first posture: no time passes for its
-# mechanics.
-# From then on it holds the root link where it is, ever more softly, and after RELEASE_S it has let go. It never comes
-# back: a robot whose torque goes off later is on its own.
+# mechanics. From then on it holds the root link where it is, ever more softly, and lets go after RELEASE_S. It does not
+# hold the robot again when torque goes off later.
 
 RELEASE_S = 0.6
 """From the first torque to the end of the hold, s."""
@@ -109,7 +108,7 @@ SOLREF = (0.03, 1.0)
 
 
 def add_hand(spec: Any, root: str) -> None:
-    """Put a hand on the root link of a body."""
+    """Add a hand that holds the root link of a body."""
     mujoco = engine()
     spec.worldbody.add_body(name=HAND, mocap=True)
     hold = spec.add_equality(name=HAND, type=mujoco.mjtEq.mjEQ_WELD, name1=root, name2=HAND)
@@ -119,7 +118,7 @@ def add_hand(spec: Any, root: str) -> None:
 
 
 class Hand:
-    """Holds the root link of a compiled model, and lets go. holding: whether it still does."""
+    """Holds the root link of a compiled model, and releases it. holding: whether it still holds."""
 
     def __init__(self, model: Any, data: Any, root: int) -> None:
         self._model, self._data = model, data
@@ -180,17 +179,17 @@ def damp_swinging(model: Any, weight: float) -> None:
     model.dof_damping[3:6] = TURN_DAMPING * mass
 
 
-# What physics needs of a robot's files, beyond what following needs.
+# What the simulation requires of the files of a robot, beyond what following requires.
 
 DEFAULT_DENSITY = 1000.0
-"""Of a shape whose file says none: then its mass is a guess from its volume."""
+"""Density of a shape whose file has none, kg/m^3: then its mass is only guessed from its volume."""
 LEAST_MASS = 1e-5
-"""What a servo moves weighs more, kg."""
+"""Least mass that a servo must move, kg."""
 MAX_NAMED = 5
 
 
-def lacking(robot: RobotBody) -> ConfigError | None:
-    """Why a robot, as its profile says that it stands or hangs, cannot be simulated; None: it can."""
+def simulation_problem(robot: RobotBody) -> ConfigError | None:
+    """Return why a robot cannot be simulated on the mount of its profile; None: it can."""
     try:
         check_mount(robot, mount_of(robot))
         check_gains(robot)
@@ -201,7 +200,7 @@ def lacking(robot: RobotBody) -> ConfigError | None:
 
 
 def check_masses(robot: RobotBody, spec: Any) -> None:
-    """Raise ConfigError for links that nobody has weighed. spec: of the body, as it was read."""
+    """Raise ConfigError for links without a mass of their own. spec: of the body, as it was read."""
     body = robot.body
     below = body.mass.copy()
     for link in range(len(below) - 1, 0, -1):
@@ -223,9 +222,9 @@ def check_masses(robot: RobotBody, spec: Any) -> None:
 
 
 def check_gains(robot: RobotBody) -> None:
-    """Raise ConfigError for servos whose stiffness the profile does not say."""
+    """Raise ConfigError for servos without a P gain in the profile."""
     protocols = {bus.name: bus.protocol for bus in robot.profile.bus_specs()}
-    unknown = [s.joint for s in robot.joint_map.servos if lacks_gain(s, protocol=protocols[s.bus])]
+    unknown = [s.joint for s in robot.joint_map.servos if gain_missing(s, protocol=protocols[s.bus])]
     if unknown:
         raise ConfigError(
             f"{_counted(unknown, 'servo')} without a P gain",

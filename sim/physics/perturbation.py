@@ -1,5 +1,4 @@
-"""What is different about a robot, its floor or its day: data, so that a run can be repeated under the same
-perturbations."""
+"""Perturbations of a simulated robot as data, so that a run can be repeated: masses, friction, latency, pushes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -11,7 +10,7 @@ import numpy as np
 __all__ = ["FRICTION", "NOMINAL", "Perturbation", "PerturbationKind", "Push", "combined", "drawn", "perturbation_kind"]
 
 FRICTION = 0.8
-"""Of rubber soles on a hard floor, where nothing else is said."""
+"""Friction of rubber soles on a hard floor, unless a perturbation changes it."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,7 @@ class Perturbation:
 
 
 NOMINAL = Perturbation()
-"""Nothing is different."""
+"""No perturbation."""
 
 
 class PerturbationKind(StrEnum):
@@ -61,12 +60,12 @@ _FRONT, _BACK, _SIDE = (-1.0, 0.0), (1.0, 0.0), (0.0, 1.0)
 
 
 def perturbation_kind(name: str) -> PerturbationKind:
-    """The kind of that name."""
+    """Return the kind of that name."""
     return PerturbationKind(name)
 
 
 def combined(parts: Sequence[Perturbation]) -> Perturbation:
-    """All of them at once: what one of them changes is changed. Two that change the same: the later one does."""
+    """Combine perturbations. Where two change the same value, the later one holds."""
     values = {
         field.name: getattr(part, field.name)
         for part in parts
@@ -77,7 +76,7 @@ def combined(parts: Sequence[Perturbation]) -> Perturbation:
 
 
 def drawn(kind: PerturbationKind, seed: int, *, within: tuple[float, float], frame: str | None = None) -> Perturbation:
-    """One of the cases of a kind of perturbation: mass +-10 %, CoM off by 10 mm, friction 0.5 to 1, latency 30 ms, a
+    """Draw a perturbation of one kind: mass +-10 %, CoM off by 10 mm, friction 0.5 to 1, latency 30 ms, a
     push of 3 N for 0.2 s. The same seed draws the same.
 
     within: times between which a push begins, s. frame: what is pushed, from the front, the back and the side in turn.

@@ -1,7 +1,7 @@
-"""A robot's mechanics over time: goals and torque go in at their times, shafts, contacts and heat come out.
+"""The mechanics of a robot over time: goals and torque in at their times, shafts, contacts and heat out.
 
-Time is seconds since the start, in whole steps of the engine. The only state that chance draws from the seed: where in
-its tick each shaft begins, and how much friction each servo has.
+Time is seconds since the start, in whole steps of the engine. The seed determines only where in its tick each shaft
+begins, and the friction of each servo.
 """
 
 from collections import deque
@@ -23,13 +23,12 @@ from sim.physics.world import World
 __all__ = ["Simulation", "SoleSteps"]
 
 
-# What the engine leaves out of its contacts: the acceleration that a sole would have of the speeds of the body alone.
+# A term that the engine leaves out of its contacts: the acceleration of a sole from the speeds of the body alone.
 #
 # A point with Jacobian J accelerates by J dv/dt + dJ/dt v. MuJoCo asks for a reference acceleration -b J v of the first
 # part only, so a sole that is stuck to the floor creeps by dJ/dt v / b while the legs above it move: 3 mm/s under an
-# OP3
-# that boxes, whatever the friction (b: 337 per second with contacts of 6 ms). Here the second part is taken off the
-# reference before forces are found, and what is stuck stays.
+# OP3 that boxes, whatever the friction (b: 337 per second with contacts of 6 ms). Here the second part is taken off the
+# reference before forces are found, so a sole that is stuck stays.
 
 ROWS = np.arange(3)  # of a contact: its normal and two tangents
 
@@ -55,7 +54,7 @@ class SoleSteps:
         self._found: FloatArray = np.zeros((0, 3))
 
     def take(self, steps: int) -> None:
-        """Go on by so many, few enough that a body moves on little: the correction is found at the first, and where
+        """Go on by a few steps, in which bodies move little: the correction is computed at the first, and again where
         contacts change."""
         model, data = self._model, self._data
         if not self._feet:
@@ -68,7 +67,7 @@ class SoleSteps:
             self._second(model, data)
 
     def _correct(self, *, due: bool) -> None:
-        """Take dJ/dt v off the reference accelerations of all corners that touch; find it anew if it is due."""
+        """Take dJ/dt v off the reference accelerations of all corners that touch; recompute it if due."""
         contact = self._data.contact
         known = contact.geom.tobytes(), contact.efc_address.tobytes()
         if known != self._known:
@@ -111,13 +110,13 @@ class SoleSteps:
 
 
 BATCH_S = 0.008
-"""Longest time between two looks at motors and hand, s."""
+"""Longest time between two updates of motors and hand, s."""
 HEAT_S = 0.032
-"""Time between two looks at supply and heat, s."""
+"""Time between two updates of supply and heat, s."""
 LONGEST_S = 60.0
 """More than this, s, is not simulated at one go: the rest of a longer silence is skipped."""
 MAX_WAITING = 1000
-"""Most goals that are on their way."""
+"""Most goals that wait for their time."""
 ROUND_OFF = 1e-6  # of a step
 FRICTION_SPREAD = 0.1
 """Share by which the friction of two servos of a type differs."""
@@ -130,7 +129,7 @@ class Simulation:
         mujoco = engine()
         self.world = world
         self.perturbation = perturbation
-        mujoco.set_mju_user_warning(_told_here)
+        mujoco.set_mju_user_warning(_ignore_warning)
         self._model = model = world.model
         chance = np.random.default_rng(seed)
         self.motors = Motors(model, world.drives)
@@ -170,18 +169,18 @@ class Simulation:
         return self.hand is not None and self.hand.holding
 
     def aim(self, angles: FloatArray, at: float) -> None:
-        """Let shafts go to `angles` (n,) rad from the time `at` on, s; later by the latency of the perturbation."""
+        """Set goals `angles` (n,) rad from the time `at` on, s, and later by the latency of the perturbation."""
         if len(self._waiting) < MAX_WAITING:
             self._waiting.append((self._count(at + self.perturbation.latency_s), angles))
 
     def settle_goals(self) -> None:
-        """Let everything arrive that is on its way."""
+        """Apply all goals that wait for their time."""
         if self._waiting:
             self.motors.goal = self._waiting[-1][1]
             self._waiting.clear()
 
     def switch(self, wanted: BoolArray) -> None:
-        """Switch torque: `wanted` (n,). What has an alert stays off."""
+        """Switch torque: `wanted` (n,). A servo with an alert stays off."""
         self._wanted = wanted & (self.electrics.alert == 0)
         self._power()
         if self._wanted.any():
@@ -226,7 +225,7 @@ class Simulation:
             )
 
     def _heat(self) -> None:
-        """Heat and alerts; a servo that has one loses its torque."""
+        """Update heat and alerts; a servo with an alert loses its torque."""
         elapsed = (self._done - self._heated) * self.world.step
         self._heated = self._done
         self._heat_due = self._done + self._count(HEAT_S)
@@ -274,7 +273,7 @@ class Simulation:
         data.xfrc_applied[link, 3:] += np.cross(point - data.xipos[link], force)
 
     def _vary(self, chance: np.random.Generator) -> None:
-        """No two servos are alike: friction by seed."""
+        """Vary the friction of each servo by the seed."""
         factors = 1.0 + FRICTION_SPREAD * chance.uniform(-1.0, 1.0, len(self.world.drives))
         for drive, factor in zip(self.world.drives, factors, strict=True):
             if drive.servo.coupling is None:
@@ -283,7 +282,7 @@ class Simulation:
                 self._model.tendon_frictionloss[self._model.tendon(SHAFT + drive.servo.joint).id] *= factor
 
     def _blur_start(self, chance: np.random.Generator) -> None:
-        """Where in its tick each shaft begins."""
+        """Draw where in its tick each shaft begins."""
         within = chance.uniform(-0.5, 0.5, len(self.world.drives))
         for drive, share in zip(self.world.drives, within, strict=True):
             if drive.servo.coupling is None:
@@ -291,8 +290,8 @@ class Simulation:
                 self.data.qpos[address] += share * drive.servo.model.tick_rad / drive.servo.gear
 
 
-def _told_here(text: str) -> None:
-    """Take a warning of the engine, which else writes it to a file where the user is: `Simulation` says the same."""
+def _ignore_warning(text: str) -> None:
+    """Drop a warning of the engine, which would write it to a file in the working folder. `Simulation` raises."""
 
 
 def _load(model: Any, world: World, perturbation: Perturbation) -> None:

@@ -1,4 +1,4 @@
-"""What a simulated robot does, as nobody can measure it on the real one: contacts, IMU, ground truth of balance."""
+"""The state of a simulated robot, most of it not measurable on a real one: contacts, IMU, ground truth of balance."""
 
 from dataclasses import dataclass
 from math import nan
@@ -71,10 +71,10 @@ class StateReader:
         self._joints = world.robot.body.joint_qpos[world.robot.body.joint_type > 1]
         self._before = (simulation.time, np.zeros(3))
         self._rest = np.zeros(3)
-        self._gain = np.array([0.0, 0.0, GRAVITY])  # of velocity, less what falls
+        self._gain = np.array([0.0, 0.0, GRAVITY])  # change of velocity per s, plus gravity
 
     def loaded(self, load: FloatArray) -> BoolArray:
-        """Which soles carry, by the load (k,) N on each."""
+        """Return which soles carry, by the load (k,) N on each."""
         return np.asarray(load > self._least, dtype=np.bool_)
 
     def read(self) -> PhysicsState:

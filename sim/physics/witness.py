@@ -1,4 +1,4 @@
-"""Who watches a simulated robot through a run: its present state, its log, and whether it fell."""
+"""The witness of a simulated robot in a run: present state, log, whether it fell, and what is reported of it."""
 
 from dataclasses import dataclass, replace
 
@@ -18,14 +18,14 @@ __all__ = ["AFTERMATH_S", "PhysicsSummary", "Witness", "WitnessedBus", "physics_
 
 
 AFTERMATH_S = 1.5
-"""How long a robot is watched after its torque went off for good, s: whether it goes down."""
+"""How long a robot is watched for a fall after its torque went off for good, s."""
 LOOK_S = 0.008
 """Between two looks then, s."""
 
 
 class Witness:
-    """state: as of the last `look`. log: of every look since torque first went on. parked: whether the robot was in
-    its rest posture when its torque went off last: then going down is sitting down."""
+    """state: as of the last `look`. log: of every look since torque first went on. at_rest: whether the robot
+    was in its rest posture when its torque went off last: then going down is sitting down."""
 
     def __init__(self, simulation: Simulation) -> None:
         world = simulation.world
@@ -35,7 +35,7 @@ class Witness:
         self._watch = FallWatch(world.robot) if stands else None
         self._sitting = FallWatch(world.robot) if stands else None
         self._powered = False
-        self.parked = False
+        self.at_rest = False
         self.state: PhysicsState = self._reader.read()
         self.log = PhysicsLog(
             servos=len(world.drives),
@@ -65,25 +65,25 @@ class Witness:
 
     @property
     def toppled(self) -> Fall | None:
-        """What a parked robot did when its torque went off, if it did not stay sitting; no `fall`, but no good rest
-        posture either."""
+        """How a robot at rest went down when its torque went off, if it did not stay sitting. That is no `fall`, but
+        no good rest posture either."""
         return None if self._sitting is None else self._sitting.fall
 
     def look(self) -> None:
-        """Take the state of now."""
+        """Take the present state."""
         self.state = state = self._reader.read()
         if self.simulation.moves:
             self.log.add(state)
             self._judge(state)
 
     def switched(self, on: bool) -> None:
-        """Torque has been switched."""
+        """Note that torque has been switched."""
         if self._powered and not on and self._watch is not None:
-            self.parked = self._watch.goes_to_rest(self._reader.read().q)
+            self.at_rest = self._watch.at_rest(self._reader.read().q)
         self._powered = on
 
     def see_it_out(self) -> None:
-        """Let AFTERMATH_S go by on the simulation's own time, and look on."""
+        """Watch for AFTERMATH_S on the simulation's own time."""
         if self._watch is None or not self.simulation.moves:
             return
         for _ in range(round(AFTERMATH_S / LOOK_S)):
@@ -91,16 +91,16 @@ class Witness:
             self._judge(self._reader.read())
 
     def _judge(self, state: PhysicsState) -> None:
-        watch = self._sitting if self.parked and not self._powered else self._watch
+        watch = self._sitting if self.at_rest and not self._powered else self._watch
         if watch is not None:
             watch.look(state, powered=self._powered)
 
 
-# Any bus above a simulated robot, with somebody who watches the robot at each read.
+# Any bus above a simulated robot, with a witness at each read.
 
 
 class WitnessedBus:
-    """A `hardware.bus.ServoBus` that hands everything on to another. `witness`: has what the report needs."""
+    """A `hardware.bus.ServoBus` that passes every call to another one. `witness` has what the report needs."""
 
     def __init__(self, bus: ServoBus, witness: Witness) -> None:
         self._bus = bus
@@ -112,7 +112,7 @@ class WitnessedBus:
         self._bus.open()
 
     def read(self) -> ServoStates:
-        """Read it, look at the robot, and feel its soles. Raises BusError as it does."""
+        """Read it, observe the robot, and add the contact state of its soles. Raises BusError as it does."""
         states = self._bus.read()
         self.witness.look()
         return replace(states, soles=self.witness.soles)
@@ -129,7 +129,7 @@ class WitnessedBus:
             self.witness.switched(on)
 
     def close(self) -> None:
-        """Close it; then the robot is watched for a while, whether it falls. Raises BusError as it does."""
+        """Close it, then watch for AFTERMATH_S whether the robot falls. Raises BusError as it does."""
         try:
             self._bus.close()
         finally:
@@ -139,15 +139,15 @@ class WitnessedBus:
                 self.witness.see_it_out()
 
 
-# What a report says of a run with physics.
+# The numbers of a report on a run with physics.
 
 
 @dataclass(frozen=True, eq=False)
 class PhysicsSummary:
-    """fall: the first, None while it stands. slip_m: horizontal way of all soles while they carried, together; tilt:
+    """fall: the first, None while it stands. slip_m: horizontal path length of all soles while they carried; tilt:
     worst of a sole that carried, rad. zmp_margin: least distance of the centre of pressure to the edge of the soles
     that carried, m, NaN where none did. torque (n,) N m, temperature (n,) degrees Celsius: most of each servo, in servo
-    order; heat is of a stated model that nobody has calibrated. self_contacts, fixture_contacts: ticks with any."""
+    order; heat is of a stated model, calibrated on no hardware. self_contacts, fixture_contacts: ticks with any."""
 
     fall: Fall | None
     slip_m: float
@@ -196,13 +196,13 @@ def zmp_margins(robot: RobotBody, log: PhysicsLog, *, least_load: float) -> Floa
     return margins
 
 
-# From who watched a simulated robot to what a report takes from it.
+# From the witness of a simulated robot to the result of a run.
 
 
 def physics_run(
     witness: Witness, *, begun: float = 0.0, seed: int = 0, perturbations: tuple[str, ...] = ()
 ) -> PhysicsRun:
-    """What was seen up to now. begun: the run's time, s, at the first look after torque went on."""
+    """Return what was observed up to now. begun: the run's time, s, at the first look after torque went on."""
     log, world = witness.log, witness.simulation.world
     time = log.column("time")
     later = begun - float(time[0]) if log.rows else 0.0

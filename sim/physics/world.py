@@ -27,7 +27,7 @@ STEP_S = 0.002
 """Step of the engine, s."""
 ITERATIONS, LINE_ITERATIONS = 20, 50
 """Most of the contact solver; it starts warm, and needs one or two. With fewer of the line search it ends far from the
-solution now and then, and soles leap."""
+solution now and then, and soles jump."""
 IMPEDANCE_RATIO = 10.0
 """How much firmer soles are along the floor than into it: else they creep under any load."""
 
@@ -65,13 +65,13 @@ class World:
 
     @cached_property
     def start_angles(self) -> FloatArray:
-        """Of the servo joints at the beginning, (n,) rad."""
+        """Angles of the servo joints at the beginning, (n,) rad."""
         columns = [self.model.joint(drive.servo.joint).qposadr[0] for drive in self.drives]
         return np.asarray(self.start[columns])
 
     @cached_property
     def weight(self) -> float:
-        """Of the robot, N."""
+        """Weight of the robot, N."""
         return float(self.model.body_subtreemass[self.root] * -self.model.opt.gravity[2])
 
 
@@ -84,10 +84,10 @@ def build_world(
     scene: Scene | None = None,
     notify: Callable[[str], object] = lambda note: None,
 ) -> World:
-    """The world in which a robot begins with servo joints at `angles` (n,) rad, its soles on the floor at the origin.
+    """Build the world of a robot that begins with servo joints at `angles` (n,) rad, soles on the floor at the origin.
 
-    tell: hears what of the scene is left out. Raises ConfigError for a robot that has no masses, no gains, nothing to
-    stand on or no hook to hang from, and where MuJoCo is missing.
+    notify: receives what of the scene is left out. Raises ConfigError for a robot that has no masses, no gains, nothing
+    to stand on or no hook to hang from, and where MuJoCo is missing.
     """
     engine()
     check_gains(robot)
@@ -144,8 +144,8 @@ def _placed(robot: RobotBody, stance: Stance, mount: Mount) -> Pose:
 
 
 def _lift(robot: RobotBody, mount: Mount) -> float:
-    """How far the start is above where the robot would stand, m. A file that bolts its root down says where, unless
-    legs that stretch from there would meet the floor."""
+    """How far the start is above where the robot would stand, m. A body file with a fixed root has its height, unless
+    stretched legs would touch the floor from there."""
     if mount.support is Support.FLOOR:
         return 0.0
     if robot.profile.root == "free":
@@ -156,7 +156,7 @@ def _lift(robot: RobotBody, mount: Mount) -> float:
 
 
 def _bare(spec: Any) -> Any:
-    """Take what belongs to another world out of a body; name its links. Returns the root link."""
+    """Remove actuators, sensors, cameras and world shapes from a body; name its links. Return the root link."""
     extras = (spec.actuators, spec.sensors, spec.worldbody.geoms, spec.cameras, spec.lights)
     for part in [part for parts in extras for part in list(parts)]:
         spec.delete(part)
@@ -174,13 +174,13 @@ def _set_options(spec: Any) -> None:
     option.impratio = IMPEDANCE_RATIO
     option.iterations, option.ls_iterations = ITERATIONS, LINE_ITERATIONS
     option.gravity = [0.0, 0.0, -9.81]
-    # One robot is one island. What diverges is said (see `Simulation`) and not begun anew.
+    # One robot is one island. `Simulation` raises when it diverges, so no reset.
     for flag in ("mjDSBL_ISLAND", "mjDSBL_MIDPHASE", "mjDSBL_AUTORESET"):
         option.disableflags |= int(getattr(mujoco.mjtDisableBit, flag, 0))  # younger engines have more of them
 
 
 def _let_touching_shapes_be(spec: Any, robot: RobotBody, drives: Sequence[Drive]) -> None:
-    """Exclude pairs of links that the profile ignores, and those that touch where the robot is at home: shapes are
+    """Exclude pairs of links that the profile ignores, and those that touch in `neutral`, `stand` or `rest`: shapes are
     larger than the links, and would press them apart."""
     mujoco = engine()
     model = _compiled(spec, robot)
@@ -210,7 +210,7 @@ def _compiled(spec: Any, robot: RobotBody) -> Any:
             "the body cannot be simulated",
             where=robot.body.source,
             found=" ".join(str(error).split()),
-            next_step="Mend the body file: kinematics needs less of it than physics",
+            next_step="Fix the body file: physics needs more of it than kinematics",
         ) from error
 
 

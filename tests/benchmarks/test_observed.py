@@ -178,7 +178,7 @@ class Blind:
         return self.found
 
 
-def test_a_peer_that_looks_at_less_is_told(watched: Watched, motion: Motion) -> None:
+def test_a_peer_that_looks_at_less_is_reported(watched: Watched, motion: Motion) -> None:
     check_pairs(watched, Blind(watched, motion.start))
     with refuses(RuntimeError):
         check_pairs(watched, Blind(watched, motion.start, missing=1))

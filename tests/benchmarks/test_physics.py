@@ -24,9 +24,9 @@ def test_a_cost_adds_up(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_every_case_is_played_in_order() -> None:
-    cases = [Case("op3", "synthetic", 1.0, 0.05, trouble, 1) for trouble in ("none", "push")]
+    cases = [Case("op3", "synthetic", 1.0, 0.05, perturbation, 1) for perturbation in ("none", "push")]
     ends = list(run_all(cases, jobs=1))
-    assert [(end.trouble, end.seed) for end in ends] == [("none", 1), ("push", 1)]
+    assert [(end.perturbation, end.seed) for end in ends] == [("none", 1), ("push", 1)]
     options = RunOptions(robot="op3", bus="physics", playback=Playback(end=0.05))
     assert stood("none", 0, play(synthetic_performer(), options)).fallen_at is None
 

@@ -1,4 +1,4 @@
-"""The benchmark of the viewer: what it counts, and that somebody really reads the page."""
+"""The benchmark of the viewer: what it counts, and that a client really reads the page."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Questions to a person."""
+"""Questions to the operator, options with a usual value, files that are replaced only with --overwrite, typed lines."""
 
 import io
 import os
@@ -50,11 +50,13 @@ def test_enter_is_no_where_something_would_be_changed(
     assert capsys.readouterr().out == "Go on? [y/N] " * typed.count("\n")
 
 
-def test_nobody_there(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_question_without_answer_is_refused(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setattr("sys.stdin", io.StringIO(""))
     with pytest.raises(UsageError) as refused:
         ask("Go on?", where="servo home")
-    said = "servo home: nobody answers the question: the input has ended. Run it in a terminal."
+    said = "servo home: the question has no answer: the input has ended. Run it in a terminal."
     assert str(refused.value) == said
     assert capsys.readouterr().out == "Go on? [Y/n] \n"
 
@@ -117,9 +119,9 @@ def test_a_run_is_refused_before_it_begins(
     monkeypatch.chdir(tmp_path)
     (tmp_path / name).write_bytes(MINE)
     assert code_of(*short, *words) == REFUSED
-    told = capsys.readouterr()
-    shows(told.err, words[0], name, "--overwrite")
-    assert told.out == "" and (tmp_path / name).read_bytes() == MINE
+    printed = capsys.readouterr()
+    shows(printed.err, words[0], name, "--overwrite")
+    assert printed.out == "" and (tmp_path / name).read_bytes() == MINE
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
@@ -193,7 +195,7 @@ def test_pictures_are_known_by_name_without_drawing_them() -> None:
 
 @pytest.fixture
 def pipe(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """The end that somebody types into."""
+    """The end to write into."""
     out, into = os.pipe()
     with os.fdopen(out) as stdin:
         monkeypatch.setattr(sys, "stdin", stdin)
@@ -201,15 +203,15 @@ def pipe(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
 
 
 def test_lines_come_whole(pipe: int) -> None:
-    heard: list[str] = []
-    typed = TypedLines(heard.append)
+    received: list[str] = []
+    typed = TypedLines(received.append)
     for piece in (b"miss", b"ing 5\ncle", b"ar\n\xff\n", b"rest"):
         os.write(pipe, piece)
         assert typed.read()
-    assert heard == ["missing 5", "clear", "\ufffd"]
+    assert received == ["missing 5", "clear", "\ufffd"]
     os.close(pipe)
     assert not typed.read()
-    assert heard[3:] == ["rest"]
+    assert received[3:] == ["rest"]
 
 
 def test_an_endless_line_costs_no_memory(pipe: int) -> None:

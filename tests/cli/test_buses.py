@@ -116,7 +116,7 @@ def play(asked: RunOptions, push: Push | None = None) -> RunResult:
     return bench.seen(run)
 
 
-def test_a_run_stands_reports_and_ends_parked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_stands_reports_and_ends_at_rest(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     def still() -> SensorFrames:
         return synthetic_performer().cut(0.0, 0.3)
 
@@ -171,7 +171,7 @@ def test_a_fall_at_the_very_end_is_a_stop_too() -> None:
     assert finished(run, Outputs()) == STOPPED
 
 
-def test_a_robot_that_finds_no_way_to_where_it_is_parked_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_robot_that_finds_no_rest_trajectory_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     shows(play(options(seconds=0.1)).notes)
     monkeypatch.setattr(RestTrajectory, "next", lambda self, q, **known: None)
     run = play(options(seconds=0.1))

@@ -33,7 +33,7 @@ def test_shipped_robot_is_good(capsys: pytest.CaptureFixture[str]) -> None:
     assert "20 x XM430-W350" in out
 
 
-def test_it_tells_whether_physics_takes_the_robot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_it_says_whether_physics_takes_the_robot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     _, out, _ = run(capsys, "check", "op3")
     assert re.search(r"physics: +ready\n", out)
     soft = copy_of_op3(tmp_path / "soft", (", gains: {p: 800, i: 0, d: 0}", ""))
@@ -119,7 +119,7 @@ def test_robots_lists_shipped_and_own(capsys: pytest.CaptureFixture[str], own: P
     shows_lines(out, "--robot")
 
 
-def test_several_faults_of_a_profile_are_told_at_once(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_several_faults_of_a_profile_are_shown_at_once(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     bad = copy_of_op3(
         tmp_path / "bad",
         ("name: op3", "name: op3\ncolour: red"),
@@ -160,7 +160,7 @@ def test_what_is_checked_elsewhere(capsys: pytest.CaptureFixture[str], tmp_path:
     assert step in err
 
 
-def test_a_robot_that_would_fall_over_is_told_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_robot_that_would_fall_over_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     shows(run(capsys, "check", "op3")[1], 61)
     soles = copy_of_op3(tmp_path / "op3")
     text = soles.read_text(encoding="utf-8")

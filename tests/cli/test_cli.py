@@ -50,7 +50,7 @@ def test_module_is_the_command() -> None:
     assert (result.returncode, result.stdout.strip()) == (0, f"retarget {retarget.__version__}")
 
 
-def test_a_process_of_its_own_makes_haste_and_one_that_is_shared_is_left_alone() -> None:
+def test_a_process_of_its_own_starts_fast_and_a_shared_one_is_left_alone() -> None:
     code = "import atexit, gc, sys; from retarget.cli import main; sys.argv = ['retarget', 'check', 'op3']\n"
     code += "atexit.register(lambda: print(gc.isenabled(), gc.get_freeze_count() > 0, 'glfw' in sys.modules))\n"
     for call, said in (("main()", "False True False"), ("main(['robots'])", "True False False")):
@@ -116,7 +116,7 @@ def test_an_interrupt_is_one_line(command: Callable[[], None], capsys: pytest.Ca
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
-def test_to_be_told_to_end_is_an_interrupt_too(number: signal.Signals, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_signal_to_end_is_an_interrupt_too(number: signal.Signals, capsys: pytest.CaptureFixture[str]) -> None:
     closed: list[bool] = []
 
     def command() -> None:
@@ -138,7 +138,7 @@ def test_an_interrupt_inside_a_command_is_the_same(
     assert capsys.readouterr().err == "interrupted\n"
 
 
-def test_torque_that_is_still_on_after_an_interrupt_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+def test_torque_that_is_still_on_after_an_interrupt_is_reported(capsys: pytest.CaptureFixture[str]) -> None:
     def fail() -> None:
         try:
             interrupted()

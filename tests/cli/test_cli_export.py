@@ -40,8 +40,8 @@ def test_beside_the_run_and_never_twice(to: str, run: Path, capsys: pytest.Captu
     before = {path.name for path in run.parent.iterdir()}
     assert code_of(run, "--to", to) == 0
     assert {path.name for path in run.parent.iterdir()} - before == {ENDINGS[to]}
-    told = capsys.readouterr().out
-    shows(told, 27, 10, 3)
+    out = capsys.readouterr().out
+    shows(out, 27, 10, 3)
     place = run.parent / ENDINGS[to]
     stamp = place.stat().st_mtime_ns
     assert code_of(run, "--to", to) == 2
@@ -84,8 +84,8 @@ def test_refused_in_one_line(
     before = sorted(path.name for path in run.parent.iterdir())
     words, message = REFUSED[case]
     assert code_of(run, *words) == 2
-    told = capsys.readouterr()
-    assert message in told.err and told.err.count("\n") == 1 and told.out == ""
+    printed = capsys.readouterr()
+    assert message in printed.err and printed.err.count("\n") == 1 and printed.out == ""
     assert sorted(path.name for path in run.parent.iterdir()) == before
 
 

@@ -5,7 +5,7 @@ from retarget.cli import COMMANDS
 from retarget.cli.servo import COMMANDS as SERVO
 
 
-def test_every_command_is_told() -> None:
+def test_every_command_is_documented() -> None:
     page = command_page()
     for command in COMMANDS:
         assert f"\n## retarget {command}\n" in page
@@ -18,7 +18,7 @@ def test_every_command_is_told() -> None:
     )
 
 
-def test_every_option_is_told_with_what_it_means() -> None:
+def test_every_option_is_documented_with_its_meaning() -> None:
     page = command_page()
     for words, command in commands():
         assert (command.help or "").strip().splitlines()[0] in page, words

@@ -1,4 +1,4 @@
-"""Who lets go of a robot, and what it does then: in whole runs of OP3, with a pedal that is pressed and let go."""
+"""Controls of a live run: dead-man key and pedal, pause, space bar, stop file, control socket, in whole runs of OP3."""
 
 import errno
 import io
@@ -57,15 +57,15 @@ from sim.faults.sender import FakeSender
 
 DT = 0.008
 LONGEST_HOLD_S = 1.0
-"""Of a hold that nobody wanted, here."""
+"""The longest hold without a performer in these tests."""
 LET_GO = ((0.3, 1.0), (3.0, 4.4))
 SECONDS = 6.0
 
 
 class FakePedal:
-    """Held as it is told, by the time of the run."""
+    """Held by a script, over the time of the run."""
 
-    told = "a pedal"
+    label = "a pedal"
 
     def __init__(self, held: Callable[[float], bool]) -> None:
         self._held, self.lost = held, ""
@@ -81,7 +81,7 @@ class FakePedal:
 
 
 class NoKeys(Keys):
-    """A keyboard that nobody touches."""
+    """A keyboard without keys pressed."""
 
     def __init__(self) -> None:
         """No terminal."""
@@ -94,7 +94,7 @@ class NoKeys(Keys):
 def played(
     held: Callable[[float], bool], seconds: float, *, most: float = np.inf
 ) -> tuple[LiveRig, RunResult, list[str]]:
-    """The run, and the guard's state before every tick. most: s, after which somebody stops it."""
+    """The run, and the guard's state before every tick. most: s, after which it is stopped."""
     rig = LiveRig(FakeSender(), options=LiveOptions(countdown=0.5, duration=seconds))
     states: list[str] = []
     with rig.prepared() as prepared:
@@ -228,7 +228,7 @@ def test_a_pedal_with_and_without_a_key(tmp_path: Path) -> None:
     fd = os.open(path, os.O_RDWR)
     for text, code, counts in (("", 57, True), ("#57", 57, True), ("#57", 30, False)):
         dead_man = open_dead_man(f"pedal:{path}{text}", terminal=False)
-        assert not dead_man.held("", 0.0) and str(path) in dead_man.told
+        assert not dead_man.held("", 0.0) and str(path) in dead_man.label
         os.write(fd, EVENT.pack(0, 0, 1, code, 1))
         assert dead_man.held("", 0.0) == counts and not dead_man.lost
         dead_man.close()
@@ -238,7 +238,7 @@ def test_a_pedal_with_and_without_a_key(tmp_path: Path) -> None:
 
 
 def test_a_key_needs_a_terminal() -> None:
-    assert "'b'" in open_dead_man("b", terminal=True).told
+    assert "'b'" in open_dead_man("b", terminal=True).label
     with refuses(UsageError):
         open_dead_man("b", terminal=False)
 
@@ -416,7 +416,7 @@ def _run(
     return prepared.run(Watch(stop_asked=look, torque_off_asked=controls.forced_stop, why=controls.why))
 
 
-def test_the_space_bar_stops_and_the_robot_is_parked() -> None:
+def test_the_space_bar_stops_and_the_robot_goes_to_rest() -> None:
     rig, result = live_controls_played({400: " "})
     assert result.stop is not None and result.stop.reason == SPACE
     shows(rig.said)
@@ -430,7 +430,7 @@ def test_the_space_bar_stops_and_the_robot_is_parked() -> None:
     assert away[-1] < 1e-6 < away[braking[0]] and len(braking) * result.clip.dt <= 3.0
 
 
-def test_the_space_bar_again_takes_the_torque_at_once() -> None:
+def test_the_space_bar_again_switches_torque_off_at_once() -> None:
     _, once = live_controls_played({400: " "})
     rig, twice = live_controls_played({400: " ", 560: " "})
     assert len(twice.record) < 560 < len(once.record) - 100
@@ -453,7 +453,7 @@ def test_a_pause_holds_and_goes_on() -> None:
     assert result.stop is None
 
 
-def test_a_new_heading_is_taken_without_a_leap() -> None:
+def test_a_new_heading_is_taken_without_a_jump() -> None:
     rig, result = live_controls_played({350: "h"})
     shows(rig.said)
     assert rig.said.count("the performer is followed") == 2
@@ -485,17 +485,17 @@ def test_where_the_file_is_there_at_the_first_look_nothing_gets_torque(tmp_path:
         assert controls.look() and stop.why() == f"{file} is there"
 
 
-def test_why_the_robot_stops_is_told_while_it_does() -> None:
-    """A servo that reports an error, and what nobody pressed a key for; once."""
+def test_why_the_robot_stops_is_reported_while_it_does() -> None:
+    """Once, of a servo that reports an error, without a key pressed."""
     rig = LiveRig(FakeSender(), options=LiveOptions(countdown=0.5, duration=5.0))
-    told: list[bool] = []
+    torque: list[bool] = []
     with rig.prepared() as prepared:
         stop, performer, side = StopRequest(), prepared.samples, prepared.side
         assert isinstance(performer, LivePerformer) and side is not None
 
         def notify(text: str) -> None:
             rig.said.append(text)
-            told.append(rig.bus.torque_on)
+            torque.append(rig.bus.torque_on)
 
         clutch = Clutch(performer, clock=rig.clock, notify=notify, guard=side.guard)
         controls = LiveControls(Typed({}), stop, performer, clutch, notify=notify, clock=rig.clock, guard=side.guard)
@@ -511,7 +511,7 @@ def test_why_the_robot_stops_is_told_while_it_does() -> None:
         rig.said.clear()
         prepared.run(Watch(stop_asked=look, torque_off_asked=controls.forced_stop, why=controls.why))
     line = "stopping: servo reports overload: l_knee (id 11)"
-    assert rig.said.count(line) == 1 and told[-1] and not rig.bus.torque_on
+    assert rig.said.count(line) == 1 and torque[-1] and not rig.bus.torque_on
     assert not any("stopping: " in text for text in live_controls_played({400: " "})[0].said)
 
 
@@ -521,12 +521,12 @@ class Unreadable(type(Path())):  # type: ignore[misc]
     failed = False
 
     def lstat(self) -> os.stat_result:
-        """Nobody knows."""
+        """Fail to look."""
         raise OSError(errno.EIO, os.strerror(errno.EIO)) if self.failed else FileNotFoundError
 
 
-def test_a_file_that_nobody_can_look_for_stops_the_robot_as_well() -> None:
-    """It brakes and is parked as ever, and looks that fail while it does take no torque."""
+def test_a_file_that_cannot_be_looked_for_stops_the_robot_as_well() -> None:
+    """It brakes and goes to rest as ever, and checks that fail meanwhile switch no torque off."""
     file = Unreadable("stop")
 
     def fail(look: int) -> None:
@@ -534,9 +534,9 @@ def test_a_file_that_nobody_can_look_for_stops_the_robot_as_well() -> None:
 
     rig, result = live_controls_played({}, stop_file=file, each=fail)
     _, asked = live_controls_played({332: " "})
-    told = f"stop cannot be looked for ({os.strerror(errno.EIO)}): stopping"
-    assert rig.said.count(told) == 1 and result.stop is not None
-    assert result.stop.reason == told.removesuffix(": stopping") and abs(len(result.record) - len(asked.record)) < 10
+    note = f"stop cannot be looked for ({os.strerror(errno.EIO)}): stopping"
+    assert rig.said.count(note) == 1 and result.stop is not None
+    assert result.stop.reason == note.removesuffix(": stopping") and abs(len(result.record) - len(asked.record)) < 10
 
 
 def test_a_file_in_a_place_that_cannot_be_reached_stops_the_robot(tmp_path: Path) -> None:
@@ -559,7 +559,7 @@ def test_a_file_in_a_place_that_cannot_be_reached_stops_the_robot(tmp_path: Path
         assert stop() and stop.why() == f"{file} cannot be looked for ({reason})"
 
 
-def test_a_stop_is_asked_before_it_is_told() -> None:
+def test_a_stop_is_requested_before_it_is_reported() -> None:
     rig = LiveRig(FakeSender(), options=LiveOptions(countdown=0.5, duration=1.0))
 
     def gone(text: str) -> None:
@@ -574,8 +574,8 @@ def test_a_stop_is_asked_before_it_is_told() -> None:
         assert stop() and not stop.forced_stop()
 
 
-def test_a_socket_holds_stops_and_tells_and_gives_no_motion(tmp_path: Path) -> None:
-    heard: dict[int, str] = {}
+def test_a_socket_holds_stops_and_answers_and_gives_no_motion(tmp_path: Path) -> None:
+    answers: dict[int, str] = {}
     asked = {300: "status", 310: "hold", 330: "resume", 340: "status", 450: "stop"}
     with ControlSocket(tmp_path / "control") as socket, connect_to(socket.path) as client:
 
@@ -583,14 +583,14 @@ def test_a_socket_holds_stops_and_tells_and_gives_no_motion(tmp_path: Path) -> N
             if look in asked:
                 client.sendall(asked[look].encode() + b"\n")
             if look - 1 in asked:
-                heard[look - 1] = client.recv(500).decode()
+                answers[look - 1] = client.recv(500).decode()
 
         rig, result = live_controls_played({}, socket=socket, each=each)
-        heard[450] = client.recv(500).decode()
-    assert json.loads(heard[300]) == {"state": "moving", "followed": True, "let_go": False, "stop": None}
-    assert heard[310] == "ok holding\n" and heard[450] == "ok stopping\n"
-    assert heard[330].startswith("error: found 'resume', allowed: stop, cut, hold, status")
-    assert json.loads(heard[340]) == {"state": "holding", "followed": False, "let_go": True, "stop": None}
+        answers[450] = client.recv(500).decode()
+    assert json.loads(answers[300]) == {"state": "moving", "followed": True, "let_go": False, "stop": None}
+    assert answers[310] == "ok holding\n" and answers[450] == "ok stopping\n"
+    assert answers[330].startswith("error: found 'resume', allowed: stop, torque_off, hold, status")
+    assert json.loads(answers[340]) == {"state": "holding", "followed": False, "let_go": True, "stop": None}
     shows(rig.said)
     assert rig.said.count("the performer is followed") == 1
     assert result.stop is not None and result.stop.reason == SOCKET and not rig.bus.torque_on
@@ -614,12 +614,12 @@ def test_a_pause_says_only_what_lets_it_go_on(tmp_path: Path) -> None:
         assert rig.said[-1] == "no pause any more: it goes on when it is held" and not clutch.engaged
 
 
-def test_a_socket_cuts_the_torque_at_once(tmp_path: Path) -> None:
+def test_a_socket_switches_torque_off_at_once(tmp_path: Path) -> None:
     with ControlSocket(tmp_path / "control") as socket, connect_to(socket.path) as client:
 
         def each(look: int) -> None:
             if look == 400:
-                client.sendall(b"cut\n")
+                client.sendall(b"torque_off\n")
 
         rig, result = live_controls_played({}, socket=socket, each=each)
     assert not rig.bus.torque_on and result.stop is not None
@@ -629,7 +629,7 @@ def test_a_socket_cuts_the_torque_at_once(tmp_path: Path) -> None:
 def test_words() -> None:
     assert words_for(LiveStatus("moving", True, False, None), approaching=False) == "following"
     assert words_for(LiveStatus("holding", False, False, None), approaching=False) == "holding"
-    assert words_for(LiveStatus("moving", True, False, None), approaching=True) == "on its way to the performer"
+    assert words_for(LiveStatus("moving", True, False, None), approaching=True) == "approaching the performer"
     assert words_for(LiveStatus("holding", False, True, None), approaching=True) == "paused: holding"
     assert words_for(LiveStatus("stopping", True, True, "SIGTERM"), approaching=False) == "stopping"
     assert words_for(LiveStatus(None, True, False, None), approaching=False) == "following"
@@ -644,14 +644,14 @@ class Terminal(io.StringIO):
 
 
 @pytest.mark.parametrize("screen", [Terminal(), io.StringIO()])
-def test_a_terminal_tells_it_and_a_pipe_hears_nothing(screen: io.StringIO, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_terminal_shows_it_and_a_pipe_gets_nothing(screen: io.StringIO, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stderr", screen)
     monkeypatch.setenv("TERM", "xterm")
     with live_state("op3", lambda: "holding"):
         pass
-    told = screen.getvalue()
-    assert ("op3" in told and "holding" in told and "0:00:00" in told) if screen.isatty() else not told
-    assert "%" not in told
+    shown = screen.getvalue()
+    assert ("op3" in shown and "holding" in shown and "0:00:00" in shown) if screen.isatty() else not shown
+    assert "%" not in shown
 
 
 def test_what_can_be_had_is_not_refused(tmp_path: Path) -> None:

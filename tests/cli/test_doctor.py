@@ -26,9 +26,9 @@ def leave(*words: str) -> int:
         (("vmc://:39539", "--robot", "op3"), "Leave one out"),
         (("vmc://:39539", "--seconds", "0"), "no such time"),
         (("vmc://:39539", "--seconds", "nan"), "no such time"),
-        (("vmc://:39539", "--performer", "nobody"), "unknown performer"),
+        (("vmc://:39539", "--performer", "unknown_name"), "unknown performer"),
         (("--performer", "five"), "only a stream has this"),
-        (("--robot", "nobody"), "unknown robot"),
+        (("--robot", "unknown_name"), "unknown robot"),
         (("replay://nowhere.raw",), "no such recording"),
     ],
 )
@@ -48,7 +48,7 @@ def test_a_port_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[
 
 @pytest.fixture
 def terminal() -> Iterator[str]:
-    """A pseudo-terminal that nobody else has open."""
+    """A pseudo-terminal that no other process has open."""
     master, slave = os.openpty()
     path = os.ttyname(slave)
     os.close(slave)

@@ -1,4 +1,4 @@
-"""`retarget emulate`: served until told to stop, hurt by what is typed, refused in one message when it cannot be."""
+"""`retarget emulate`: serves until it is stopped, takes typed faults, is refused in one message when it cannot run."""
 
 import importlib
 import os
@@ -120,7 +120,7 @@ def test_a_bus_each_has_a_link_of_its_name(tmp_path: Path, capsys: pytest.Captur
 
 @pytest.fixture
 def built(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Conduct, Line]]:
-    """How servos were told to behave, and their lines."""
+    """The conduct given to the servos, and their lines."""
     module = importlib.import_module("retarget.cli.emulate")
     make, made = module.robot_lines, []
 
@@ -161,7 +161,7 @@ def test_an_option_reaches_the_wire(
     assert leave("emulate", *words) == DONE
     ((_, line),) = built
     later = MonotonicClock().now() + 10.0
-    line.hear(protocol2.sync_read(64, 1, [1, 77, 2]), later)
+    line.receive(protocol2.sync_read(64, 1, [1, 77, 2]), later)
     assert line.take(later) == b"".join(protocol2.status(device, 0, b"\0") for device in (1, 2)[:parts])
 
 

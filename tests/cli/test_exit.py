@@ -1,4 +1,4 @@
-"""Whoever writes to a terminal that takes nothing neither waits nor fails, and memory is bounded."""
+"""How a command ends: detached screens, signals, forced stops, exit codes."""
 
 import errno
 import io
@@ -49,7 +49,7 @@ class Full(io.StringIO):
 
 @pytest.fixture
 def full_pipe() -> Iterator[tuple[int, int]]:
-    """Both ends of a pipe that takes no more, and that nobody reads."""
+    """Both ends of a pipe that is full and not read."""
     reading, writing = os.pipe()
     os.set_blocking(writing, False)
     with suppress(BlockingIOError):
@@ -74,7 +74,7 @@ def test_what_is_written_arrives_in_order(capsys: pytest.CaptureFixture[str]) ->
 
 @pytest.mark.parametrize("barred", [False, True])
 def test_nothing_goes_past_the_thread(barred: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is told, also above a progress bar, which has a stream of its own in front of stderr."""
+    """What is printed, also above a progress bar, which has a stream of its own in front of stderr."""
     wrote: list[str] = []
 
     def write(self: Detached, text: str) -> int:
@@ -95,7 +95,7 @@ def test_nothing_goes_past_the_thread(barred: bool, tmp_path: Path, monkeypatch:
     assert (tmp_path / "stderr").read_text(encoding="utf-8") == ""
 
 
-def test_a_pipe_that_nobody_reads_holds_nobody_up(full_pipe: tuple[int, int]) -> None:
+def test_an_unread_pipe_holds_nothing_up(full_pipe: tuple[int, int]) -> None:
     reading, writing = full_pipe
     begun = CLOCK.now()
     with os.fdopen(writing, "w", closefd=False) as stream:
@@ -116,7 +116,7 @@ def test_a_pipe_that_nobody_reads_holds_nobody_up(full_pipe: tuple[int, int]) ->
                 size += os.read(reading, 1 << 20).count(b"text")
         with suppress(BlockingIOError):
             size += os.read(reading, 1 << 20).count(b"text")
-    assert size == MOST  # somebody reads again: the latest are there
+    assert size == MOST  # read again: the latest are there
 
 
 def test_the_end_waits_for_both_at_once(full_pipe: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -152,7 +152,7 @@ def test_a_reader_that_has_left_is_counted(capsys: pytest.CaptureFixture[str]) -
         assert screen.lost == 1 and isinstance(screen.failure, BrokenPipeError)
 
 
-def test_a_full_device_is_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_device_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stdout", Full())
     with careful_stdout() as screen:
         with detached_screens():
@@ -224,7 +224,7 @@ def test_a_signal_asks_to_stop(number: signal.Signals) -> None:
 
 
 @pytest.mark.parametrize("first", [number for number in SIGNALS if number != signal.SIGINT])
-def test_ctrl_c_after_another_signal_insists_and_does_not_raise(first: signal.Signals) -> None:
+def test_ctrl_c_after_another_signal_forces_torque_off_and_does_not_raise(first: signal.Signals) -> None:
     with stop_on_signals() as asked:
         signal.raise_signal(first)
         assert asked() and not asked.forced_stop()
@@ -233,7 +233,7 @@ def test_ctrl_c_after_another_signal_insists_and_does_not_raise(first: signal.Si
             assert asked() and asked.forced_stop()
 
 
-def test_ctrl_c_that_is_held_asks_and_pressed_again_it_insists() -> None:
+def test_a_held_ctrl_c_asks_and_pressed_again_it_forces_torque_off() -> None:
     clock = VirtualClock()
     with stop_on_signals(clock) as asked:
         for _ in range(60):  # as a keyboard repeats it
@@ -246,7 +246,7 @@ def test_ctrl_c_that_is_held_asks_and_pressed_again_it_insists() -> None:
 
 
 def test_ctrl_z_suspends_no_robot_that_moves() -> None:
-    """It would stand there with torque, and nobody would look after it."""
+    """Else it would stand there with torque, without a process that controls it."""
     before = signal.getsignal(signal.SIGTSTP)
     with stop_on_signals():
         assert signal.getsignal(signal.SIGTSTP) is before, "where nothing moves, it suspends"
@@ -257,7 +257,7 @@ def test_ctrl_z_suspends_no_robot_that_moves() -> None:
     assert signal.getsignal(signal.SIGTSTP) is before
 
 
-def test_a_service_that_is_told_twice_still_brakes() -> None:
+def test_a_second_sigterm_still_brakes() -> None:
     with stop_on_signals() as asked:
         for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGTERM):
             signal.raise_signal(number)
@@ -287,7 +287,7 @@ def test_outside_of_a_motion_each_of_them_is_as_ctrl_c(number: signal.Signals) -
 
 
 @pytest.mark.parametrize("handler", [signal.SIG_IGN, lambda number, frame: None])
-def test_what_somebody_else_handles_or_ignores_is_left_to_them(handler: signal.Handlers) -> None:
+def test_signals_that_are_handled_or_ignored_already_are_left_alone(handler: signal.Handlers) -> None:
     before = signal.signal(signal.SIGTERM, handler)
     try:
         with all_as_ctrl_c():
@@ -379,7 +379,7 @@ def test_pressed_again_it_is() -> None:
     assert presses(0.0, 60.0) == [False, True]
 
 
-def test_twice_in_haste_is_once_until_it_is_pressed_again() -> None:
+def test_twice_in_quick_succession_is_once_until_it_is_pressed_again() -> None:
     assert presses(5.0, 5.3, 5.9, 7.0) == [False, False, False, True]
 
 

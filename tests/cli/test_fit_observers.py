@@ -72,7 +72,7 @@ def test_a_run_looks_at_the_pairs_that_are_left_to_check(op3: Fit, tmp_path: Pat
     assert f"# {len(observers.pairs)} pairs are left to check." in op3.text
 
 
-def test_far_parts_that_touch_in_the_neutral_posture_are_told(
+def test_far_parts_that_touch_in_the_neutral_posture_are_reported(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     link = '<body name="l{0}" pos="0.2 0 0"><joint name="j{0}" range="-90 90"/><geom size="0.05"/>'

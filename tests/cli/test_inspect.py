@@ -1,4 +1,4 @@
-"""`retarget inspect`: what a person and what a program is told about a motion file."""
+"""`retarget inspect`: what it shows of a motion file, as text and as JSON."""
 
 import json
 from pathlib import Path
@@ -21,7 +21,7 @@ def run(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str, str]
     return int(left.value.code or 0), out, err
 
 
-def test_a_person_is_told_size_sensors_and_notes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_text_has_size_sensors_and_notes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = write_amc(tmp_path, amc_text(5))
     code, out, err = run(capsys, str(path))
     assert code == 0 and err == ""

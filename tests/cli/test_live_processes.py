@@ -58,7 +58,7 @@ def test_frozen_for_a_second_it_stops_when_it_is_back(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGTSTP])
-def test_asked_to_end_it_brakes_is_parked_and_torque_is_off(tmp_path: Path, number: signal.Signals) -> None:
+def test_asked_to_end_it_brakes_goes_to_rest_and_torque_is_off(tmp_path: Path, number: signal.Signals) -> None:
     with live_run(tmp_path) as live:
         live.raise_arms()
         asked = CLOCK.now()

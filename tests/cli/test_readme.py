@@ -32,7 +32,7 @@ SHORTER = {
     "retarget faults": ["--row", "unknown key"],
     "retarget view": ["--port", "0"],
 }
-"""What is added to a line, so that it takes seconds; and a port that nobody else has."""
+"""What is added to a line, so that it takes seconds; and a port that no other process has."""
 ENDS = {"retarget doctor": {DONE, STOPPED}}
 """Exit codes where it is not only DONE: a machine may have something to fix."""
 

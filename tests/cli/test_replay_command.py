@@ -98,7 +98,9 @@ def test_a_robot_that_is_gone(tmp_path: Path, capsys: pytest.CaptureFixture[str]
 def test_goals_go_to_a_bus(plain: Recorded, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(plain.path, "--goals", "--bus", "emulator") == DONE
     out = capsys.readouterr().out
-    counts = re.search(r"(\d+) goals sent along .* emulator, (\d+) on .* and (\d+) on .*\n.* 0 of these (\d+)\n", out)
+    counts = re.search(
+        r"(\d+) goals sent along .* emulator, (\d+) during .* and (\d+) while .*\n.* 0 of these (\d+)\n", out
+    )
     assert counts is not None
     shows(out)
     followed, there, rest, of = map(int, counts.groups())

@@ -17,7 +17,7 @@ from messages import refuses, shows, shows_lines
 from retarget.cli import main
 from retarget.cli.controls import Clutch, Keys, LiveControls
 from retarget.cli.exit import DONE, INTERRUPTED, REFUSED, STOPPED, StopRequest
-from retarget.cli.run import _wait_until_wanted, in_time, refuse_for_file, sides_are_checked
+from retarget.cli.run import _wait_until_engaged, in_time, refuse_for_file, sides_are_checked
 from retarget.errors import UsageError
 from retarget.live.begin import LiveOptions
 from retarget.live.performer import LivePerformer
@@ -41,7 +41,7 @@ sensors:
 
 @pytest.fixture
 def slimevr(shared: Path) -> str:
-    """Somebody who stands still, and raises the left arm to the side two seconds later."""
+    """A performer who stands still, and raises the left arm to the side two seconds later."""
     return f"replay://{shared}/streams/slimevr/full12_vmc_50hz.udprec.gz?kind=vmc"
 
 
@@ -55,7 +55,7 @@ def run(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str]:
 
 
 def test_a_real_left_arm_to_the_side_is_not_enough(slimevr: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """The recorded arm goes straight to the side: that tells sides, but not whether the world is mirrored."""
+    """The recorded arm goes straight to the side: that shows the sides, but not whether the world is mirrored."""
     code, said = run(capsys, "--source", slimevr, "--check-sides")
     assert code == 2
     shows(said)
@@ -86,7 +86,7 @@ def test_exchanged_hands_are_refused(slimevr: str, tmp_path: Path, capsys: pytes
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("--recalibrate",), "--recalibrate: nobody is kept without a name"),
+        (("--recalibrate",), "--recalibrate: only a named person can be measured anew"),
         (("--person", "../anna"), "--person: this is no name of a performer"),
         (("--check-sides", "--yes"), "one asks, the other does not"),
     ],
@@ -98,7 +98,7 @@ def test_what_makes_no_sense_is_refused(
     assert code == 2 and message in said
 
 
-def test_the_sides_of_whoever_is_there_are_checked() -> None:
+def test_the_sides_of_a_live_performer_are_checked() -> None:
     assert sides_are_checked("vmc://:39539", None, yes=False)
     assert not sides_are_checked("vmc://:39539", None, yes=True)
     assert not sides_are_checked("vmc://:39539", asked=False, yes=False)
@@ -119,20 +119,20 @@ def test_what_was_asked_before_it_begins_is_obeyed_before_anything_has_torque() 
         assert isinstance(performer, LivePerformer)
         clutch = Clutch(performer, clock=rig.clock, notify=rig.said.append)
         controls = LiveControls(Keys(), stop, performer, clutch, notify=rig.said.append)
-        _wait_until_wanted(clutch, controls.look, performer, rig.clock)
+        _wait_until_engaged(clutch, controls.look, performer, rig.clock)
         clutch.pause()
         begun = rig.clock.now()
 
-        def listen() -> None:
+        def poll() -> None:
             if rig.clock.now() - begun > 1.0:
                 clutch.unpause()
 
-        performer.listen = listen  # type: ignore[method-assign]
-        _wait_until_wanted(clutch, controls.look, performer, rig.clock)
+        performer.poll = poll  # type: ignore[method-assign]
+        _wait_until_engaged(clutch, controls.look, performer, rig.clock)
         assert 1.0 < rig.clock.now() - begun < 1.1
-        stop.ask("somebody asked")
+        stop.ask("the operator asked")
         with pytest.raises(KeyboardInterrupt):
-            _wait_until_wanted(clutch, controls.look, performer, rig.clock)
+            _wait_until_engaged(clutch, controls.look, performer, rig.clock)
         assert not rig.bus.torque_on
 
 
@@ -153,9 +153,9 @@ def test_the_end_of_a_recorded_stream_is_the_end_of_the_run(tmp_path: Path, caps
     source, report = raw(tmp_path / "six.raw", seconds=6.0), tmp_path / "report.json"
     with pytest.raises(SystemExit) as ended:
         main(["run", "--robot", "op3", "--countdown", "0", "--source", source, "--report", str(report)])
-    told = json.loads(report.read_text())
-    assert ended.value.code == 0 and told["stop"]["reason"] is None
-    assert 3.0 < told["duration_s"] < 6.0
+    written = json.loads(report.read_text())
+    assert ended.value.code == 0 and written["stop"]["reason"] is None
+    assert 3.0 < written["duration_s"] < 6.0
     shows(capsys.readouterr().err)
 
 

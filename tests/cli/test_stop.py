@@ -1,4 +1,4 @@
-"""`retarget stop` from the command line: confirmed, not confirmed, nobody there."""
+"""`retarget stop` from the command line: confirmed, not confirmed, no run."""
 
 import threading
 from pathlib import Path
@@ -23,25 +23,25 @@ def run(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str]:
     ("words", "answer", "code", "said"),
     [
         ((), "ok stopping", 0, "ok stopping"),
-        (("--cut",), "ok torque off", 0, "ok torque off"),
+        (("--torque-off",), "ok torque off", 0, "ok torque off"),
         ((), "what?", 1, "did not confirm it (what?): cut the power"),
     ],
 )
-def test_a_run_is_told(
+def test_a_run_receives_the_word(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, ...], answer: str, code: int, said: str
 ) -> None:
-    heard: list[str] = []
+    received: list[str] = []
     clock, place = MonotonicClock(), tmp_path / "control"
 
     def obey(word: str) -> str:
-        heard.append(word)
+        received.append(word)
         return answer
 
     with ControlSocket(place) as server:
 
         def serve() -> None:
             deadline = clock.now() + 5.0
-            while not heard and clock.now() < deadline:
+            while not received and clock.now() < deadline:
                 server.poll(obey)
                 clock.sleep_until(clock.now() + 0.002)
 
@@ -50,10 +50,10 @@ def test_a_run_is_told(
         found = run(capsys, "--socket", str(place), *words)
         thread.join()
     assert found[0] == code and said in found[1]
-    assert heard == ["cut" if words else "stop"]
+    assert received == ["torque_off" if words else "stop"]
 
 
-def test_nobody_listens(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_run_listens(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, said = run(capsys, "--socket", str(tmp_path / "control"))
     assert code == 2
     shows(said, "--control-socket")

@@ -25,10 +25,10 @@ def test_what_is_no_run_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture
     other.write_text("no run")
     assert leave("view", other) == REFUSED
     assert leave("view", tmp_path / "none.npz") == REFUSED
-    told = capsys.readouterr().err.splitlines()
-    assert len(told) == 2
-    shows(told[0])
-    shows(told[1], "--record", "FILE.mcap")
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 2
+    shows(lines[0])
+    shows(lines[1], "--record", "FILE.mcap")
 
 
 def test_a_page_is_where_view_says() -> None:
@@ -46,21 +46,21 @@ class FakeFeed:
         self.rows.append(row)
 
 
-def test_the_button_is_a_stop_that_is_told_once() -> None:
-    feed, stop, told = FakeFeed(), StopRequest(), list[str]()
-    page = Viewing(cast(Any, feed), told.append)
-    asked = page.heard(stop, stop)
-    assert not asked() and not told
+def test_the_button_is_a_stop_that_is_reported_once() -> None:
+    feed, stop, notes = FakeFeed(), StopRequest(), list[str]()
+    page = Viewing(cast(Any, feed), notes.append)
+    asked = page.with_stop_button(stop, stop)
+    assert not asked() and not notes
     feed.pressed = True
     assert asked() and asked() and stop.why() == ON_THE_PAGE and not stop.forced_stop()
-    assert told == [f"{ON_THE_PAGE}: stopping"]
+    assert notes == [f"{ON_THE_PAGE}: stopping"]
 
 
 def test_who_asked_first_stays_the_reason() -> None:
     feed, stop = FakeFeed(), StopRequest()
     stop.ask("the space bar")
     feed.pressed = True
-    assert Viewing(cast(Any, feed)).heard(stop, stop)() and stop.why() == "the space bar"
+    assert Viewing(cast(Any, feed)).with_stop_button(stop, stop)() and stop.why() == "the space bar"
 
 
 def test_every_row_is_shown_to_all_who_look_on() -> None:
@@ -73,4 +73,4 @@ def test_every_row_is_shown_to_all_who_look_on() -> None:
 
 def test_without_a_page_nothing_is_changed() -> None:
     stop, watch = StopRequest(), Watch()
-    assert Viewing(None).heard(stop, stop) is stop and Viewing(None).watch(watch) is watch
+    assert Viewing(None).with_stop_button(stop, stop) is stop and Viewing(None).watch(watch) is watch

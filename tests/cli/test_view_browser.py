@@ -22,14 +22,14 @@ from retarget.cli import main
 from retarget.cli.exit import STOPPED
 from retarget.viewer.colours import ROBOT
 from saved_runs import saved_run
-from stamped_run import TOLD
+from stamped_run import STAMP
 
 pytestmark = pytest.mark.long
 
 ADDRESS = re.compile(r"http://127\.0\.0\.1:\d+/\S+/")
 STOPPED_WITHIN_S = 0.1
 QUIET = 'echo {niceness} 2>/dev/null >/proc/self/autogroup; exec "$@"'
-"""As if nobody else worked on this machine, where that is allowed: a session has a niceness of its own (autogroups)."""
+"""At a higher priority, where that is allowed: a session has a niceness of its own (autogroups)."""
 RUN_NICENESS, BROWSER_NICENESS = -15, -10
 PANEL = 330
 """Its width, pixels."""
@@ -183,8 +183,8 @@ def test_the_button_stops_the_emulated_servos_in_a_tenth_of_a_second(browser: An
     source = shared / "mocap" / "cmu_asfamc" / "02_06.amc"
     words = ("run", "--robot", "op3", "--source", source, "--bus", "emulator", "--loop", "--view", "0")
     process, address = started(*words, by=(str(ROOT / "tests/support/stamped_run.py"),))
-    told: list[str] = []
-    reader = threading.Thread(target=lambda: told.extend(process.stdout or ()))
+    lines: list[str] = []
+    reader = threading.Thread(target=lambda: lines.extend(process.stdout or ()))
     reader.start()
     try:
         page = browser.new_page(viewport={"width": 420, "height": 320})
@@ -196,8 +196,8 @@ def test_the_button_stops_the_emulated_servos_in_a_tenth_of_a_second(browser: An
         pressed = page.evaluate("() => window.pressed")
         assert process.wait(timeout=60.0) == STOPPED
         reader.join(timeout=10.0)
-        assert any("end" in line and "stopped on the web page" in line for line in told), told
-        stopped = next(float(line.rsplit(" ", 1)[1]) for line in told if line.startswith(TOLD))
+        assert any("end" in line and "stopped on the web page" in line for line in lines), lines
+        stopped = next(float(line.rsplit(" ", 1)[1]) for line in lines if line.startswith(STAMP))
         assert 0.0 < stopped - pressed < STOPPED_WITHIN_S, f"{stopped - pressed:.3f} s"
     finally:
         process.kill()

@@ -237,7 +237,7 @@ def test_the_command_refuses_without_a_commit(root: Path) -> None:
     assert done.returncode == 2 and "--against" in done.stderr
 
 
-def test_hashes_tell_arrays_apart() -> None:
+def test_hashes_distinguish_arrays() -> None:
     assert hashes(outcome()) == hashes(outcome())
     other = hashes(outcome(time=np.arange(3.0) + 1e-12))
     assert {name for name, value in hashes(outcome()).items() if other[name] != value} == {"time"}

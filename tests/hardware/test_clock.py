@@ -7,7 +7,7 @@ import pytest
 from hardware.clock import (
     MonotonicClock,
     PacedClock,
-    TickPace,
+    TickTiming,
     VirtualClock,
     process_cpu,
     thread_cpu,
@@ -82,12 +82,12 @@ PERIOD = 0.01
 
 def paced(pauses: list[float], period: float = PERIOD) -> list[bool]:
     """Whether it is behind at each tick after the first, by pauses in periods."""
-    pace, now, behind = TickPace(period), 5.0, []
-    assert pace.begin(now) == 0.0
+    timing, now, behind = TickTiming(period), 5.0, []
+    assert timing.begin(now) == 0.0
     for pause in pauses:
         now += pause * PERIOD
-        assert pace.begin(now) == pytest.approx(pause * PERIOD)
-        behind.append(pace.behind)
+        assert timing.begin(now) == pytest.approx(pause * PERIOD)
+        behind.append(timing.behind)
     return behind
 
 
@@ -109,12 +109,12 @@ def test_without_a_period_nothing_is_late() -> None:
     assert paced([1.0, 900.0, 1e6], period=float("inf")) == [False] * 3
 
 
-def test_after_a_restart_nobody_was_late() -> None:
-    pace = TickPace(PERIOD)
-    pace.begin(0.0)
-    pace.begin(1.0)
-    behind = [pace.behind]
-    pace.restart()
-    behind.append(pace.behind)
-    assert pace.begin(9.0) == 0.0
-    assert [*behind, pace.behind] == [True, False, False]
+def test_after_a_restart_no_tick_is_late() -> None:
+    timing = TickTiming(PERIOD)
+    timing.begin(0.0)
+    timing.begin(1.0)
+    behind = [timing.behind]
+    timing.restart()
+    behind.append(timing.behind)
+    assert timing.begin(9.0) == 0.0
+    assert [*behind, timing.behind] == [True, False, False]

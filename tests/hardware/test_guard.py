@@ -5,13 +5,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from guard_rig import DT as GUARD_DT
-from guard_rig import DT as GUARD_STOPS_DT
-from guard_rig import MAP, START, Rig
+from guard_rig import DT, MAP, START, Rig
 from hardware.arrays import FloatArray
 from hardware.bus import ServoAlert, ServoStates
 from hardware.errors import BusError, GuardError
-from hardware.guard import CUT_POWER, GOING_TO_REST, LED_S, TORQUE_OFF, Halt, NoCommand, StopLatch, Think
+from hardware.guard import COMMANDED_S, CUT_POWER, GOING_TO_REST, TORQUE_OFF, FindGoal, Halt, NoCommand, StopLatch
 from hardware.guard_state import GuardLimits, GuardState, StopCause
 from messages import refuses, shows
 from retarget.run.trajectory import approach
@@ -92,7 +90,7 @@ def test_without_a_goal_the_robot_brakes_and_holds_until_there_is_one() -> None:
     rig.check_goals()
 
 
-def test_a_hold_goes_along_the_callers_way() -> None:
+def test_a_hold_follows_the_callers_braking_trajectory() -> None:
     rig = Rig()
     rig.guard.arm()
     rig.run(20)
@@ -101,17 +99,17 @@ def test_a_hold_goes_along_the_callers_way() -> None:
     def gently() -> FloatArray:
         nonlocal asked
         asked += 1
-        return rig.gate.position + GUARD_DT * speed * max(0.0, 1.0 - asked / 40)
+        return rig.gate.position + DT * speed * max(0.0, 1.0 - asked / 40)
 
     for _ in range(45):
-        rig.clock.advance(GUARD_DT)
+        rig.clock.advance(DT)
         rig.guard.tick(lambda _: None, gently)
     assert rig.state() is GuardState.HOLDING and rig.gate.at_rest
     assert asked == 40
     rig.check_goals()
 
 
-def test_nobody_holds_for_ever() -> None:
+def test_a_hold_is_bounded_in_time() -> None:
     rig = Rig(limits=GuardLimits(max_hold=1.0))
     rig.guard.arm()
     rig.run(95, lambda _: None)
@@ -127,7 +125,7 @@ def test_nobody_holds_for_ever() -> None:
     shows(rig.guard.stop_reason.reason, "1.01", 1)
 
 
-def test_a_goal_now_and_then_does_not_lead() -> None:
+def test_single_goals_do_not_restart_the_count_of_a_hold() -> None:
     rig = Rig(limits=GuardLimits(max_hold=1.0))
     rig.guard.arm()
     for _ in range(4):
@@ -139,7 +137,7 @@ def test_a_goal_now_and_then_does_not_lead() -> None:
     assert rig.state() is GuardState.STOPPED
 
 
-def test_nobody_waits_for_ever_with_torque_before_the_first_goal() -> None:
+def test_the_wait_with_torque_for_the_first_goal_is_bounded() -> None:
     rig = Rig(limits=GuardLimits(max_hold=1.0))
     rig.guard.arm()
     rig.run(200, lambda _: None)
@@ -148,33 +146,33 @@ def test_nobody_waits_for_ever_with_torque_before_the_first_goal() -> None:
     assert not rig.bus.torque_on
 
 
-def test_a_stop_may_lead_on_to_where_the_robot_is_parked() -> None:
+def test_a_stop_may_continue_to_rest() -> None:
     rig = Rig()
     rig.guard.arm()
     rig.run(20)
     rig.guard.stop("space bar")
-    home = MAP.to_radians(START) + np.array([0.1, 0.0, 0.0, 0.0])
-    way: list[FloatArray] = []
+    rest = MAP.to_radians(START) + np.array([0.1, 0.0, 0.0, 0.0])
+    trajectory: list[FloatArray] = []
 
     def halt() -> FloatArray | None:
-        if not rig.gate.at_rest and not way:
+        if not rig.gate.at_rest and not trajectory:
             return None
-        if not way:
-            way.extend(approach(rig.gate.position, home, MAP, speed=0.5, dt=GUARD_DT))
-            way.append(home)
-        return way.pop(0) if len(way) > 1 else None
+        if not trajectory:
+            trajectory.extend(approach(rig.gate.position, rest, MAP, speed=0.5, dt=DT))
+            trajectory.append(rest)
+        return trajectory.pop(0) if len(trajectory) > 1 else None
 
     for _ in range(400):
         if rig.guard.active:
-            rig.clock.advance(GUARD_DT)
+            rig.clock.advance(DT)
             rig.guard.tick(rig.faster, halt)
     assert rig.state() is GuardState.STOPPED
-    np.testing.assert_allclose(rig.gate.position, home, atol=1e-9)
+    np.testing.assert_allclose(rig.gate.position, rest, atol=1e-9)
     rig.check_goals()
 
 
 @pytest.mark.parametrize("goal", ["where it stands", "not finite"])
-def test_a_robot_that_may_go_home_may_stand_and_think_on_its_way_but_not_for_ever(goal: str) -> None:
+def test_a_robot_that_may_go_to_rest_may_pause_on_its_trajectory_for_a_bounded_time(goal: str) -> None:
     rig = Rig(limits=GuardLimits(max_rest_ticks=50))
     rig.guard.arm()
     rig.run(20)
@@ -187,7 +185,7 @@ def test_a_robot_that_may_go_home_may_stand_and_think_on_its_way_but_not_for_eve
 
     stood = 0
     while rig.guard.active:
-        rig.clock.advance(GUARD_DT)
+        rig.clock.advance(DT)
         rig.guard.tick(rig.faster, halt)
         stood += rig.gate.at_rest
     assert stood == pytest.approx(50, abs=3)
@@ -211,18 +209,18 @@ def test_the_ordinary_end_comes_to_rest_unlatched_and_releases() -> None:
     assert not rig.bus.torque_on
 
 
-def failing(error: Exception, after: int) -> Callable[[Rig], Think]:
-    def build(rig: Rig) -> Think:
+def failing(error: Exception, after: int) -> Callable[[Rig], FindGoal]:
+    def build(rig: Rig) -> FindGoal:
         count = 0
 
-        def think(states: ServoStates) -> FloatArray:
+        def find_goal(states: ServoStates) -> FloatArray:
             nonlocal count
             count += 1
             if count > after:
                 raise error
             return rig.faster(states)
 
-        return think
+        return find_goal
 
     return build
 
@@ -247,31 +245,33 @@ def test_a_requested_stop_brakes_and_latches() -> None:
         rig.guard.arm()
 
 
-def test_a_stop_asked_for_while_thinking_sends_no_goal() -> None:
+def test_a_stop_asked_for_while_finding_a_goal_sends_no_goal() -> None:
     rig = Rig()
     rig.guard.arm()
     rig.run(20)
 
-    def think(states: ServoStates) -> FloatArray:
+    def find_goal(states: ServoStates) -> FloatArray:
         rig.guard.stop("enough")
         return rig.faster(states)
 
     speed = abs(rig.gate.velocity[0])
-    rig.run(1, think)
+    rig.run(1, find_goal)
     assert abs(rig.gate.velocity[0]) < speed
 
 
 @pytest.mark.parametrize(
-    ("think", "cause"),
+    ("find_goal", "cause"),
     [
         (failing(ValueError("no such sensor"), 20), StopCause.SOURCE),
         (failing(ZeroDivisionError(), 20), StopCause.SOURCE),
     ],
 )
-def test_an_exception_while_thinking_brakes_in_the_same_tick(think: Callable[[Rig], Think], cause: StopCause) -> None:
+def test_an_exception_while_finding_a_goal_brakes_in_the_same_tick(
+    find_goal: Callable[[Rig], FindGoal], cause: StopCause
+) -> None:
     rig = Rig()
     rig.guard.arm()
-    rig.run(100, think(rig))
+    rig.run(100, find_goal(rig))
     assert rig.state() is GuardState.STOPPED
     assert rig.guard.stop_reason is not None
     assert rig.guard.stop_reason.cause is cause
@@ -318,7 +318,7 @@ def test_a_dead_bus_costs_the_torque_and_nothing_more_is_written(kind: FaultKind
     shows(rig.guard.stop_reason.reason)
 
 
-def test_when_not_even_torque_goes_off_a_person_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_torque_that_cannot_be_switched_off_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = Rig(MockFault(FaultKind.WRITE_FAILS, first=20, cycles=1))
     rig.guard.arm()
 
@@ -371,11 +371,11 @@ def moving() -> Rig:
 
 
 def tick(rig: Rig, halt: Halt) -> None:
-    rig.clock.advance(GUARD_STOPS_DT)
+    rig.clock.advance(DT)
     rig.guard.tick(rig.faster, halt)
 
 
-def test_a_stop_goes_along_the_callers_way() -> None:
+def test_a_stop_follows_the_callers_braking_trajectory() -> None:
     """Slower than the filter would brake: what is written is the caller's."""
     rig = moving()
     speed = rig.gate.velocity
@@ -385,7 +385,7 @@ def test_a_stop_goes_along_the_callers_way() -> None:
     def gently() -> FloatArray | None:
         if rig.gate.at_rest:
             return None
-        asked.append(rig.gate.position + GUARD_STOPS_DT * speed * max(0.0, 1.0 - (len(asked) + 1) / 40))
+        asked.append(rig.gate.position + DT * speed * max(0.0, 1.0 - (len(asked) + 1) / 40))
         return asked[-1]
 
     for _ in range(60):
@@ -397,17 +397,23 @@ def test_a_stop_goes_along_the_callers_way() -> None:
     rig.check_goals()
 
 
-@pytest.mark.parametrize("way", ["faster than the filter lets", "not finite", "none", "fails"])
-def test_where_there_is_no_good_way_the_filter_brakes(way: str) -> None:
+@pytest.mark.parametrize("trajectory", ["faster than the filter lets", "not finite", "none", "fails"])
+def test_without_a_valid_braking_trajectory_the_filter_brakes(trajectory: str) -> None:
     rig = Rig(limits=GuardLimits(max_rest_ticks=0))
     rig.guard.arm()
     rig.run(20)
     rig.guard.stop("space bar")
 
     def halt() -> FloatArray | None:
-        if way == "fails":
-            raise ArithmeticError("no way")
-        return None if way == "none" else rig.gate.position if way.startswith("faster") else np.full(4, np.nan)
+        if trajectory == "fails":
+            raise ArithmeticError("no trajectory")
+        return (
+            None
+            if trajectory == "none"
+            else rig.gate.position
+            if trajectory.startswith("faster")
+            else np.full(4, np.nan)
+        )
 
     ticks = 0
     while rig.guard.active:
@@ -419,7 +425,7 @@ def test_where_there_is_no_good_way_the_filter_brakes(way: str) -> None:
     rig.check_goals()
 
 
-def test_a_filter_that_cannot_judge_the_way_still_brakes(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_filter_that_cannot_judge_a_goal_still_brakes(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = moving()
     monkeypatch.setattr(rig.gate, "admit", lambda goal: 1 // 0)
     while rig.guard.active:
@@ -429,17 +435,17 @@ def test_a_filter_that_cannot_judge_the_way_still_brakes(monkeypatch: pytest.Mon
     rig.check_goals()
 
 
-def test_a_way_that_fails_at_the_ordinary_end_is_said() -> None:
+def test_a_trajectory_that_fails_at_the_ordinary_end_is_reported() -> None:
     rig = moving()
     rig.guard.rest()
 
     def halt() -> FloatArray:
-        raise ArithmeticError("no way")
+        raise ArithmeticError("no trajectory")
 
     while rig.state() is GuardState.STOPPING:
         tick(rig, halt)
     assert rig.state() is GuardState.STOPPED
-    assert rig.guard.stop_reason is not None and rig.guard.stop_reason.reason == "no way"
+    assert rig.guard.stop_reason is not None and rig.guard.stop_reason.reason == "no trajectory"
     rig.check_goals()
 
 
@@ -492,7 +498,7 @@ def test_the_first_reason_stays_and_a_second_is_added_once() -> None:
 
 
 @pytest.mark.parametrize("cause", list(StopCause))
-def test_only_what_is_no_fault_of_the_robot_leads_home(cause: StopCause) -> None:
+def test_the_robot_goes_to_rest_only_if_it_has_no_fault(cause: StopCause) -> None:
     latch = StopLatch(GuardLimits())
     assert latch.may_go_to_rest
     latch.latch(cause, "x", 0.0)
@@ -501,7 +507,7 @@ def test_only_what_is_no_fault_of_the_robot_leads_home(cause: StopCause) -> None
     assert not latch.may_go_to_rest or cause is StopCause.FOLLOWING_ERROR
 
 
-def test_the_way_home_does_not_spend_the_ticks_of_braking_and_ends_by_itself() -> None:
+def test_going_to_rest_uses_no_ticks_of_braking_and_is_bounded() -> None:
     latch = StopLatch(GuardLimits(max_brake_ticks=5, max_rest_ticks=100))
     latch.begin()
     for _ in range(3):
@@ -515,50 +521,54 @@ def test_the_way_home_does_not_spend_the_ticks_of_braking_and_ends_by_itself() -
 
 def test_torque_that_is_off_after_all_needs_no_hand() -> None:
     latch = StopLatch(GuardLimits())
-    latch.cut(StopCause.BUS, "j1 did not confirm that torque is off. Cut the power by hand", 0.0, powered=True)
+    latch.latch_torque_off(
+        StopCause.BUS, "j1 did not confirm that torque is off. Cut the power by hand", 0.0, powered=True
+    )
     assert latch.stop is not None and latch.stop.powered and latch.stop.reason.endswith(CUT_POWER)
-    latch.cut(StopCause.BUS, "again", 0.0, powered=False)
+    latch.latch_torque_off(StopCause.BUS, "again", 0.0, powered=False)
     assert latch.stop.reason.endswith(TORQUE_OFF)
     shows(latch.stop.reason)
 
 
-DT = 0.008
+TICK_S = 0.008
 
 
-def led(watch: NoCommand, start: float, seconds: float) -> float:
+def commanded(watch: NoCommand, start: float, seconds: float) -> float:
     """Goals in every tick, from `start` on; the time after them, s."""
-    ticks = round(seconds / DT)
+    ticks = round(seconds / TICK_S)
     for tick in range(ticks):
-        watch.led(start + tick * DT)
-    return start + ticks * DT
+        watch.commanded(start + tick * TICK_S)
+    return start + ticks * TICK_S
 
 
 def test_time_without_a_goal_counts_from_its_first_tick() -> None:
     watch = NoCommand()
-    watch.led(0.0)
+    watch.commanded(0.0)
     assert watch.lasted(1.0, on_purpose=False) == 0.0
     assert watch.lasted(1.5, on_purpose=False) == 0.5
 
 
-@pytest.mark.parametrize(("seconds", "forgotten"), [(LED_S - 4 * DT, False), (LED_S + 4 * DT, True)])
+@pytest.mark.parametrize(
+    ("seconds", "forgotten"), [(COMMANDED_S - 4 * TICK_S, False), (COMMANDED_S + 4 * TICK_S, True)]
+)
 def test_only_half_a_second_of_goals_forgets_earlier_holds(seconds: float, forgotten: bool) -> None:
     watch = NoCommand()
     assert watch.lasted(0.0, on_purpose=False) == 0.0
-    now = led(watch, 1.0, seconds)
+    now = commanded(watch, 1.0, seconds)
     assert watch.lasted(now, on_purpose=False) == (0.0 if forgotten else pytest.approx(now))
 
 
-def test_a_goal_now_and_then_leads_nowhere() -> None:
+def test_single_goals_do_not_end_the_count() -> None:
     watch, lasted = NoCommand(), 0.0
     for tick in range(1000):
         if tick % 2:
-            watch.led(tick * DT)
+            watch.commanded(tick * TICK_S)
         else:
-            lasted = watch.lasted(tick * DT, on_purpose=False)
-    assert lasted == pytest.approx(998 * DT)
+            lasted = watch.lasted(tick * TICK_S, on_purpose=False)
+    assert lasted == pytest.approx(998 * TICK_S)
 
 
-def test_who_holds_it_on_purpose_leads_it() -> None:
+def test_a_pause_on_purpose_is_not_counted() -> None:
     watch = NoCommand()
     watch.lasted(0.0, on_purpose=False)
     assert watch.lasted(5.0, on_purpose=True) == 0.0

@@ -51,7 +51,7 @@ def test_an_interrupted_write_doubles_no_step(ticks: tuple[int, ...], monkeypatc
     assert longest_step(rig).max() <= 2.0 * DT + 0.002
 
 
-def test_one_who_goes_on_after_an_interrupt_leaps_neither(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_going_on_after_an_interrupt_doubles_no_step(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = fast()
     torn(rig, monkeypatch, 1)
     with pytest.raises(KeyboardInterrupt):
@@ -61,7 +61,7 @@ def test_one_who_goes_on_after_an_interrupt_leaps_neither(monkeypatch: pytest.Mo
     assert longest_step(rig).max() <= 2.0 * DT + 0.002
 
 
-def test_an_interrupted_brake_on_the_callers_way_doubles_no_step(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_brake_on_the_callers_trajectory_doubles_no_step(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = fast()
     rig.guard.stop("space bar")
     torn(rig, monkeypatch, 2)

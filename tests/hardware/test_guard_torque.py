@@ -35,7 +35,7 @@ def test_a_servo_that_is_lost_may_have_torque_in_the_end() -> None:
     assert rig.state() is GuardState.STOPPED
 
 
-def test_a_cut_that_a_servo_does_not_hear_is_not_called_safe() -> None:
+def test_torque_off_that_a_servo_does_not_receive_is_not_safe() -> None:
     lost = MockFault(FaultKind.MISSING, first=20, cycles=FOR_EVER, servo=2)
     rig = Rig(lost, MockFault(FaultKind.WRITE_FAILS, first=22, cycles=1))
     rig.guard.arm()
@@ -49,11 +49,11 @@ def test_a_second_try_that_succeeds_is_believed() -> None:
     rig = Rig(MockFault(FaultKind.MISSING, first=20, cycles=2, servo=2))
     rig.guard.arm()
     rig.run(20)
-    rig.guard.cut("space bar, twice")
+    rig.guard.force_torque_off("space bar, twice")
     assert powered(rig)
     rig.bus.read()
     rig.bus.read()
-    rig.guard.cut("again")
+    rig.guard.force_torque_off("again")
     assert not rig.bus.torque_on and not powered(rig)
     assert reason(rig) == "space bar, twice, then: again (torque is off)"
     assert rig.guard.stop_reason is not None and rig.guard.stop_reason.cause is StopCause.REQUESTED
@@ -84,14 +84,14 @@ def test_what_interrupts_arming_leaves_nothing_unsaid(
         rig.guard.arm()
 
 
-def test_a_refused_arming_with_torque_that_stays_on_is_latched_and_told() -> None:
+def test_a_refused_arming_with_torque_that_stays_on_is_latched_and_reported() -> None:
     rig = Rig(MockFault(FaultKind.HOT, 0, 99, servo=1, value=95.0), limits=GuardLimits(max_temperature=60.0))
     rig.bus._torque[:] = True  # of an earlier run
 
-    def deaf(on: bool) -> None:
+    def unconfirmed(on: bool) -> None:
         raise BusError("waist (id 3) did not confirm that torque is off. Cut the power by hand")
 
-    rig.bus.torque = deaf  # type: ignore[method-assign]
+    rig.bus.torque = unconfirmed  # type: ignore[method-assign]
     with refuses(GuardError):
         rig.guard.arm()
     assert rig.state() is GuardState.STOPPED and powered(rig)

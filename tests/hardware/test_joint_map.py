@@ -193,14 +193,14 @@ def test_one_joint_beyond_does_not_move_the_other_out() -> None:
     assert TRANSMISSION_MAP.upper[2] - 2 * TRANSMISSION_MAP.tick_rad[2] <= back[2] <= TRANSMISSION_MAP.upper[2] + 1e-9
 
 
-def test_a_number_that_is_none_is_told_of_its_own_joint() -> None:
+def test_a_value_that_is_not_finite_is_reported_with_its_joint() -> None:
     with refuses(HardwareError, "yaw", "3"):
         TRANSMISSION_MAP.to_ticks(np.array([0.0, 0.0, math.nan, 0.0]))
 
 
 def test_a_servo_that_is_silent_hides_both_joints() -> None:
-    assert TRANSMISSION_MAP.heard(np.array([True, False, True, True])).tolist() == [True, False, False, True]
-    assert TRANSMISSION_MAP.heard(np.array([False, True, True, True])).tolist() == [False, True, True, True]
+    assert TRANSMISSION_MAP.known_joints(np.array([True, False, True, True])).tolist() == [True, False, False, True]
+    assert TRANSMISSION_MAP.known_joints(np.array([False, True, True, True])).tolist() == [False, True, True, True]
 
 
 def test_of_the_pair_the_worst_case_counts() -> None:

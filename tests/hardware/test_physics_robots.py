@@ -53,4 +53,4 @@ def test_at_rest_it_stays_when_its_torque_goes(name: str, seed: int) -> None:
                 bus.write(ServoGoals(start))
     witness = bus.witness
     assert witness.state.tilt.max() < np.radians(1.0)
-    assert witness.parked and not witness.fallen and witness.toppled is None and not witness.state.touching
+    assert witness.at_rest and not witness.fallen and witness.toppled is None and not witness.state.touching

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from emulated import answered, servo2, shown, told
+from emulated import answered, read_register, servo2, write_register
 from hardware.dynamixel.packets import ALERT, Error2, Instruction
 from hardware.errors import HardwareError
 from hardware.servo import (
@@ -16,7 +16,7 @@ from hardware.servo import (
     MAX_CONDITION,
     SERVO_MODELS,
     Coupling,
-    ExpectedWay,
+    ExpectedRange,
     ServoGains,
     ServoMode,
     ServoSpec,
@@ -80,19 +80,19 @@ def test_every_model_moves_to_its_goal(model: str) -> None:
     servo = servo2(model)
     speaks(servo)
     hurts(servo)
-    assert told(servo, "torque_enable", 1) == 0
-    assert told(servo, "goal_position", 2100) == 0
-    assert shown(servo, "present_position", 2.0) == 2100
-    assert shown(servo, "model_number") == servo.number == servo.table.number
+    assert write_register(servo, "torque_enable", 1) == 0
+    assert write_register(servo, "goal_position", 2100) == 0
+    assert read_register(servo, "present_position", 2.0) == 2100
+    assert read_register(servo, "model_number") == servo.number == servo.table.number
 
 
 def test_eeprom_is_locked_while_torque_is_on() -> None:
     servo = servo2()
-    assert told(servo, "id", 9) == 0 and servo.id == 9
-    told(servo, "torque_enable", 1)
-    assert told(servo, "id", 10) == Error2.ACCESS and servo.id == 9
-    told(servo, "torque_enable", 0)
-    assert told(servo, "id", 253) == Error2.DATA_RANGE and servo.id == 9
+    assert write_register(servo, "id", 9) == 0 and servo.id == 9
+    write_register(servo, "torque_enable", 1)
+    assert write_register(servo, "id", 10) == Error2.ACCESS and servo.id == 9
+    write_register(servo, "torque_enable", 0)
+    assert write_register(servo, "id", 253) == Error2.DATA_RANGE and servo.id == 9
 
 
 @pytest.mark.parametrize(
@@ -116,7 +116,7 @@ def test_eeprom_is_locked_while_torque_is_on() -> None:
 )
 def test_a_bad_write_changes_nothing(address: int, data: bytes, error: Error2) -> None:
     servo = servo2()
-    told(servo, "goal_velocity", 7)
+    write_register(servo, "goal_velocity", 7)
     before = bytes(servo.memory.image)
     answer = answered(servo, Instruction.WRITE, address.to_bytes(2, "little") + data)
     assert answer == (error, b"")
@@ -134,120 +134,124 @@ def test_reads_across_holes_and_beyond_the_end() -> None:
 
 def test_torque_on_goes_to_the_old_goal() -> None:
     servo = servo2(position=1000.0)
-    told(servo, "goal_position", 3000)
-    assert shown(servo, "present_position", 1.0) == 1000
-    told(servo, "torque_enable", 1, 1.0)
-    assert shown(servo, "present_position", 3.0) == 3000
+    write_register(servo, "goal_position", 3000)
+    assert read_register(servo, "present_position", 1.0) == 1000
+    write_register(servo, "torque_enable", 1, 1.0)
+    assert read_register(servo, "present_position", 3.0) == 3000
 
 
 def test_a_goal_switches_torque_on_in_that_drive_mode_only() -> None:
     for mode, torque in ((0, 0), (8, 1)):
         servo = servo2()
-        told(servo, "drive_mode", mode)
+        write_register(servo, "drive_mode", mode)
         servo.write(116, (2100).to_bytes(4, "little"), 0.0)
-        assert shown(servo, "torque_enable") == torque
+        assert read_register(servo, "torque_enable") == torque
 
 
 def test_a_new_mode_resets_gains_profile_and_goals() -> None:
     servo = servo2()
     for name, value in (("position_p_gain", 100), ("profile_velocity", 9), ("goal_pwm", 3), ("goal_current", 4)):
-        told(servo, name, value)
-    told(servo, "operating_mode", 3)
-    assert shown(servo, "position_p_gain") == 100  # the same mode
-    told(servo, "operating_mode", 5)
+        write_register(servo, name, value)
+    write_register(servo, "operating_mode", 3)
+    assert read_register(servo, "position_p_gain") == 100  # the same mode
+    write_register(servo, "operating_mode", 5)
     names = ("position_p_gain", "profile_velocity", "goal_pwm", "goal_current")
-    assert [shown(servo, name) for name in names] == [800, 0, 885, 1193]
+    assert [read_register(servo, name) for name in names] == [800, 0, 885, 1193]
 
 
 def test_many_turns_and_the_way_back_to_one() -> None:
     servo = servo2(position=1000.0)
-    told(servo, "operating_mode", 4)
-    told(servo, "torque_enable", 1)
-    assert told(servo, "goal_position", 10000) == 0
-    assert shown(servo, "present_position", 20.0) == 10000
+    write_register(servo, "operating_mode", 4)
+    write_register(servo, "torque_enable", 1)
+    assert write_register(servo, "goal_position", 10000) == 0
+    assert read_register(servo, "present_position", 20.0) == 10000
     assert answered(servo, Instruction.CLEAR, bytes.fromhex("0144584c22"), 20.0) == (0, b"")
-    assert shown(servo, "present_position", 21.0) == 10000 - 2 * 4096 == shown(servo, "goal_position", 21.0)
-    told(servo, "goal_position", 10000, 21.0)
+    assert (
+        read_register(servo, "present_position", 21.0)
+        == 10000 - 2 * 4096
+        == read_register(servo, "goal_position", 21.0)
+    )
+    write_register(servo, "goal_position", 10000, 21.0)
     assert answered(servo, Instruction.CLEAR, bytes.fromhex("0144584c22"), 22.0).error == Error2.RESULT_FAIL
-    shown(servo, "present_position", 40.0)
-    told(servo, "torque_enable", 0, 40.0)
-    told(servo, "operating_mode", 3, 40.0)
-    assert shown(servo, "present_position", 40.0) == 10000 - 2 * 4096
-    assert shown(servo, "goal_position", 40.0) == 4095  # pulled inside its limits
+    read_register(servo, "present_position", 40.0)
+    write_register(servo, "torque_enable", 0, 40.0)
+    write_register(servo, "operating_mode", 3, 40.0)
+    assert read_register(servo, "present_position", 40.0) == 10000 - 2 * 4096
+    assert read_register(servo, "goal_position", 40.0) == 4095  # pulled inside its limits
 
 
 def test_reverse_mode_mirrors_and_the_offset_keeps_its_sign() -> None:
     servo = servo2(position=1000.0)
-    told(servo, "homing_offset", 100)
-    assert shown(servo, "present_position") == 1100
-    told(servo, "drive_mode", 1)
-    assert shown(servo, "present_position") == 4096 - 1000 + 100
-    told(servo, "homing_offset", 1025)  # ignored in mode 3
-    assert shown(servo, "present_position") == 4096 - 1000
-    told(servo, "operating_mode", 4)
-    assert shown(servo, "present_position") == 4096 - 1000 + 1025
+    write_register(servo, "homing_offset", 100)
+    assert read_register(servo, "present_position") == 1100
+    write_register(servo, "drive_mode", 1)
+    assert read_register(servo, "present_position") == 4096 - 1000 + 100
+    write_register(servo, "homing_offset", 1025)  # ignored in mode 3
+    assert read_register(servo, "present_position") == 4096 - 1000
+    write_register(servo, "operating_mode", 4)
+    assert read_register(servo, "present_position") == 4096 - 1000 + 1025
 
 
 def test_an_error_latches_until_reboot() -> None:
     servo = servo2()
-    told(servo, "torque_enable", 1)
+    write_register(servo, "torque_enable", 1)
     servo.heat(81.0, 1.0)
-    assert shown(servo, "hardware_error_status", 1.0) == 4 and shown(servo, "torque_enable", 1.0) == 0
+    assert read_register(servo, "hardware_error_status", 1.0) == 4 and read_register(servo, "torque_enable", 1.0) == 0
     servo.heat(None, 2.0)
-    assert told(servo, "torque_enable", 1, 2.0) == ALERT | Error2.RESULT_FAIL
+    assert write_register(servo, "torque_enable", 1, 2.0) == ALERT | Error2.RESULT_FAIL
     assert answered(servo, Instruction.PING, b"", 2.0).error == ALERT
     assert answered(servo, Instruction.REBOOT, b"", 2.0).error == ALERT
     assert servo.booting(2.1) and not servo.booting(2.21)
     assert servo.execute(Instruction.PING, b"", 2.1, broadcast=False) is None
-    assert told(servo, "torque_enable", 1, 2.3) == 0
+    assert write_register(servo, "torque_enable", 1, 2.3) == 0
 
 
 def test_an_error_outside_the_mask_only_alerts() -> None:
     servo = servo2()  # shutdown 52: voltage is not in it
-    told(servo, "torque_enable", 1)
+    write_register(servo, "torque_enable", 1)
     servo.supply(9.0, 1.0)
     assert servo.read(64, 1, 1.0) == (ALERT, b"\1")
     servo.shock(2.0)
-    assert servo.read(70, 1, 2.0) == (ALERT, b"\x11") and shown(servo, "torque_enable", 2.0) == 0
+    assert servo.read(70, 1, 2.0) == (ALERT, b"\x11") and read_register(servo, "torque_enable", 2.0) == 0
 
 
 def test_a_jam_overloads_after_a_while() -> None:
     servo = servo2()
-    told(servo, "torque_enable", 1)
+    write_register(servo, "torque_enable", 1)
     servo.jam(True, 0.0)
-    told(servo, "goal_position", 3000)
-    seen = [shown(servo, "hardware_error_status", 0.05 * step) for step in range(41)]
+    write_register(servo, "goal_position", 3000)
+    seen = [read_register(servo, "hardware_error_status", 0.05 * step) for step in range(41)]
     assert seen[10] == 0 and seen[-1] == 0x20
-    assert shown(servo, "present_position", 2.1) == 2048
+    assert read_register(servo, "present_position", 2.1) == 2048
 
 
 def test_a_brown_out_loses_the_ram() -> None:
     servo = servo2()
-    told(servo, "position_p_gain", 100)
-    told(servo, "torque_enable", 1)
+    write_register(servo, "position_p_gain", 100)
+    write_register(servo, "torque_enable", 1)
     servo.supply(3.0, 1.0)
     assert servo.booting(100.0)
     servo.supply(None, 100.0)
     assert servo.booting(100.1) and not servo.booting(100.3)
-    assert shown(servo, "torque_enable", 100.3) == 0 and shown(servo, "position_p_gain", 100.3) == 800
+    assert read_register(servo, "torque_enable", 100.3) == 0 and read_register(servo, "position_p_gain", 100.3) == 800
 
 
 def test_what_a_servo_kept_moves_into_another_one() -> None:
     servo = servo2(position=1234.0)
-    told(servo, "id", 7)
+    write_register(servo, "id", 7)
     other = servo2()
     other.restore(servo.keep(), 5.0)
-    assert other.id == 7 and other.booting(5.1) and shown(other, "present_position", 5.3) == 1234
+    assert other.id == 7 and other.booting(5.1) and read_register(other, "present_position", 5.3) == 1234
 
 
 def test_a_multi_register_write_with_a_profile_in_it() -> None:
     servo = servo2()
-    told(servo, "torque_enable", 1)
+    write_register(servo, "torque_enable", 1)
     data = (10).to_bytes(4, "little") + (50).to_bytes(4, "little") + (3000).to_bytes(4, "little")
     servo.write(108, data, 0.0)
-    assert shown(servo, "moving_status", 0.2) & 0x32 == 0x32
-    speeds = [shown(servo, "velocity_trajectory", 0.05 * step) for step in range(100)]
-    assert max(speeds) == 50 and speeds[-1] == 0 and shown(servo, "present_position", 6.0) == 3000
+    assert read_register(servo, "moving_status", 0.2) & 0x32 == 0x32
+    speeds = [read_register(servo, "velocity_trajectory", 0.05 * step) for step in range(100)]
+    assert max(speeds) == 50 and speeds[-1] == 0 and read_register(servo, "present_position", 6.0) == 3000
 
 
 def test_the_numbers_of_an_xm430() -> None:
@@ -330,10 +334,12 @@ DT, LAG = 0.008, 0.045
 
 
 def played(goals: list[int], positions: list[float]) -> list[float]:
-    """How far one servo is off its way, tick by tick: positions as read just before the next goal."""
-    way = ExpectedWay(np.array([LAG]))
+    """How far one servo is off its expected, tick by tick: positions as read just before the next goal."""
+    expected = ExpectedRange(np.array([LAG]))
     pairs = zip([goals[0], *goals[:-1]], positions, strict=True)
-    return [float(way.off(DT * k, np.array([goal]), np.array([round(at)]))[0]) for k, (goal, at) in enumerate(pairs)]
+    return [
+        float(expected.error(DT * k, np.array([goal]), np.array([round(at)]))[0]) for k, (goal, at) in enumerate(pairs)
+    ]
 
 
 @given(st.integers(0, 2**31))
@@ -367,16 +373,16 @@ def test_one_that_is_pushed_is_off_at_once_on_either_side() -> None:
 
 
 def test_without_lag_it_is_the_distance_to_the_goal() -> None:
-    way = ExpectedWay(np.zeros(2))
-    way.off(0.0, np.array([0, 0]), np.array([0, 0]))
-    assert way.off(DT, np.array([10, -10]), np.array([3, 0])).tolist() == [-7.0, 10.0]
+    expected = ExpectedRange(np.zeros(2))
+    expected.error(0.0, np.array([0, 0]), np.array([0, 0]))
+    assert expected.error(DT, np.array([10, -10]), np.array([3, 0])).tolist() == [-7.0, 10.0]
 
 
 def test_what_is_forgotten_begins_at_its_goal() -> None:
-    way = ExpectedWay(np.array([LAG]))
-    way.off(0.0, np.array([0]), np.array([0]))
-    way.forget()
-    assert way.off(1.0, np.array([400]), np.array([380])).tolist() == [-20.0]
+    expected = ExpectedRange(np.array([LAG]))
+    expected.error(0.0, np.array([0]), np.array([0]))
+    expected.forget()
+    assert expected.error(1.0, np.array([400]), np.array([380])).tolist() == [-20.0]
 
 
 def test_a_stiffer_loop_lags_less() -> None:

@@ -1,4 +1,4 @@
-"""Faults that the servos' states show: each stops the robot along a braking way, with a reason that names the servo."""
+"""Faults in the servo states: each brakes the robot, with a reason that names the servo. Also warnings and buses."""
 
 import re
 from dataclasses import replace
@@ -18,11 +18,11 @@ from hardware.guard_state import GuardLimits, GuardState, StopCause
 from hardware.joint_map import JointMap
 from hardware.servo_health import (
     CALM_S,
-    DEAF_CYCLES,
-    DEAF_S,
     HIGHEST_ERROR_RATE,
     MOST_NEWS,
     RAMP_S,
+    SILENT_CYCLES,
+    SILENT_S,
     LineHealth,
     Row,
     ServoHealth,
@@ -48,15 +48,15 @@ def silent(states: ServoStates, age: float, who: slice = slice(None)) -> ServoSt
     return replace(states, valid=valid, age=ages)
 
 
-def test_a_deaf_bus_is_lost_after_some_cycles_and_some_time(states: ServoStates) -> None:
+def test_a_silent_bus_is_lost_after_some_cycles_and_some_time(states: ServoStates) -> None:
     health = LineHealth(MAP)
-    for _ in range(DEAF_CYCLES - 1):
+    for _ in range(SILENT_CYCLES - 1):
         assert health.lost(silent(states, 9.0)) is None  # the host may have been held up
-    found = health.lost(silent(states, 2.0 * DEAF_S))
+    found = health.lost(silent(states, 2.0 * SILENT_S))
     assert found is not None and "bus" in found
-    assert health.lost(silent(states, 0.5 * DEAF_S)) is None
+    assert health.lost(silent(states, 0.5 * SILENT_S)) is None
     assert health.lost(states) is None
-    assert health.lost(silent(states, 9.0)) is None  # it was heard in between
+    assert health.lost(silent(states, 9.0)) is None  # it answered in between
 
 
 def test_one_servo_that_answers_keeps_a_bus(states: ServoStates) -> None:
@@ -70,18 +70,18 @@ def test_a_servo_alone_on_its_bus_is_left_to_its_age(states: ServoStates) -> Non
     assert all(health.lost(silent(states, 9.0)) is None for _ in range(50))
 
 
-def test_what_was_never_heard_is_not_lost(states: ServoStates) -> None:
+def test_a_bus_that_never_answered_is_not_lost(states: ServoStates) -> None:
     health = LineHealth(MAP)
     assert all(health.lost(silent(states, np.inf)) is None for _ in range(50))
 
 
-def test_a_rough_line_is_told(states: ServoStates) -> None:
+def test_a_high_error_rate_is_reported(states: ServoStates) -> None:
     health = LineHealth(MAP)
     assert health.error_rate(replace(states, error_rate=HIGHEST_ERROR_RATE - 0.01)) is None
     shows(health.error_rate(replace(states, error_rate=0.75)))
 
 
-def test_the_guard_cuts_when_a_bus_is_deaf() -> None:
+def test_the_guard_switches_torque_off_when_a_bus_is_silent() -> None:
     rig = Rig(*(MockFault(FaultKind.MISSING, first=20, cycles=1000, servo=servo) for servo in range(4)))
     rig.guard.arm()
     rig.run(19)
@@ -92,7 +92,7 @@ def test_the_guard_cuts_when_a_bus_is_deaf() -> None:
     assert rig.bus.calls[-1] == "torque off"
 
 
-def test_the_guard_brakes_on_a_rough_line() -> None:
+def test_the_guard_brakes_at_a_high_error_rate() -> None:
     rig = Rig()
     rig.guard.arm()
     rig.run(30)
@@ -162,7 +162,7 @@ def test_a_silent_servo_is_lost_and_not_far_from_its_goal() -> None:
     assert rig.guard.stop_reason is not None and rig.guard.stop_reason.cause is StopCause.SERVO_LOST
 
 
-LASTING = GuardLimits(max_age=0.1, following_error=0.5, sustained_error=0.2, sustained_time=0.2)
+SUSTAINED = GuardLimits(max_age=0.1, following_error=0.5, sustained_error=0.2, sustained_time=0.2)
 
 
 def displaced(rig: Rig, by: float, ticks: int) -> None:
@@ -182,7 +182,7 @@ def displaced(rig: Rig, by: float, ticks: int) -> None:
 
 @pytest.mark.parametrize(("by", "ticks", "stopped"), [(0.21, 21, True), (0.21, 19, False), (0.19, 200, False)])
 def test_a_following_error_that_lasts_stops_the_robot_in_time(by: float, ticks: int, stopped: bool) -> None:
-    rig = Rig(limits=LASTING)
+    rig = Rig(limits=SUSTAINED)
     rig.guard.arm()
     rig.run(10, lambda _: rig.gate.position)
     displaced(rig, by, ticks)
@@ -194,7 +194,7 @@ def test_a_following_error_that_lasts_stops_the_robot_in_time(by: float, ticks: 
 
 
 def test_following_errors_that_do_not_last_stop_nothing() -> None:
-    rig = Rig(limits=LASTING)
+    rig = Rig(limits=SUSTAINED)
     rig.guard.arm()
     for _ in range(5):
         displaced(rig, 0.3, 15)
@@ -212,7 +212,7 @@ def test_a_current_that_lasts_stops_the_robot() -> None:
     stop = rig.guard.stop_reason
     assert stop is not None and stop.cause is StopCause.CURRENT
     assert re.search(r"servo draws more than 1e-06 A for 0.1 s: shoulder \(id 1\) \d\.\d\d A", stop.reason)
-    assert rig.bus.read().current[3] != rig.bus.read().current[3]  # the AX tells none, and is not complained of
+    assert rig.bus.read().current[3] != rig.bus.read().current[3]  # the AX reports none, which is no fault
 
 
 def test_a_servo_that_was_reset_is_never_driven_again_by_itself() -> None:
@@ -229,7 +229,7 @@ def test_a_servo_that_was_reset_is_never_driven_again_by_itself() -> None:
         patched.setattr(rig.bus, "read", reset)
         rig.run(1)
     assert rig.guard.stop_reason is not None and rig.guard.stop_reason.cause is StopCause.SERVO_LIMP
-    rig.run(200)  # it says that it is driven again: nobody asks
+    rig.run(200)  # it reports that it is driven again, which changes nothing
     assert rig.state() is GuardState.STOPPED
     with pytest.raises(GuardError):
         rig.guard.arm()
@@ -299,17 +299,17 @@ def test_the_limits_are_those_of_the_profile() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "told"), [(FaultKind.HOT, "is hotter than .*not known"), (FaultKind.SUPPLY, "has a supply .*not known")]
+    ("kind", "text"), [(FaultKind.HOT, "is hotter than .*not known"), (FaultKind.SUPPLY, "has a supply .*not known")]
 )
-def test_a_value_that_nobody_knows_stops_the_robot(kind: FaultKind, told: str) -> None:
+def test_a_value_that_is_no_longer_known_stops_the_robot(kind: FaultKind, text: str) -> None:
     rig = Rig(MockFault(kind, 20, 99, servo=1, value=float("nan")), limits=LIMITS)
     rig.guard.arm()
     rig.run(50)
     assert rig.guard.stop_reason is not None
-    assert re.search(told, rig.guard.stop_reason.reason)
+    assert re.search(text, rig.guard.stop_reason.reason)
 
 
-def test_a_bus_that_never_tells_is_no_complaint() -> None:
+def test_a_bus_that_never_reports_a_value_is_no_complaint() -> None:
     nothing = float("nan")
     faults = (MockFault(kind, 0, 999, servo=1, value=nothing) for kind in (FaultKind.HOT, FaultKind.SUPPLY))
     rig = Rig(*faults, limits=LIMITS)
@@ -351,7 +351,7 @@ def test_what_a_load_explains_is_no_fault() -> None:
         shows(complaint[1], "0.50")
 
 
-def test_a_bus_that_tells_nothing_of_some_costs_nobody_else_a_warning() -> None:
+def test_values_missing_from_some_servos_suppress_no_warning_of_others() -> None:
     """Unknown values go along with known ones that are watched as ever."""
     rig = Rig(
         MockFault(FaultKind.SUPPLY, 0, 999, servo=1, value=float("nan")),
@@ -420,7 +420,7 @@ def warnings() -> tuple[ServoWarnings, np.ndarray[tuple[int, int], np.dtype[np.f
     return ServoWarnings(MAP.servos, rows, SERVO_WARNINGS_LIMITS.slow_share), seen
 
 
-def test_a_warm_servo_slows_the_robot_to_half_within_the_limit_and_is_told_once() -> None:
+def test_a_warm_servo_slows_the_robot_to_half_within_the_limit_and_is_reported_once() -> None:
     rig = Rig(MockFault(FaultKind.HOT, first=20, cycles=300, servo=1, value=61.0), limits=SERVO_WARNINGS_LIMITS)
     rig.guard.arm()
     slows, news = [], []
@@ -451,49 +451,49 @@ def test_each_tick_is_judged_though_nothing_was_wrong_for_long() -> None:
 
 
 def test_a_temperature_at_its_level_does_not_begin_and_end_all_the_time() -> None:
-    told, seen = warnings()
+    warned, seen = warnings()
     for tick in range(2000):
         seen[Row.TEMPERATURE, 0] = 61.0 if tick // 50 % 2 else 59.0
-        told.look(seen, tick * DT)
-    assert len(told.take_news()) == 1 and told.slow == 0.5
+        warned.look(seen, tick * DT)
+    assert len(warned.take_news()) == 1 and warned.slow == 0.5
 
 
 def test_only_what_heat_is_about_slows() -> None:
     for row, value, slows in ((Row.VOLTAGE, 10.5, False), (Row.AGE, 0.05, False), (Row.CURRENT, 1.6, True)):
-        told, seen = warnings()
+        warned, seen = warnings()
         seen[row, 2] = value
         for tick in range(150):
-            told.look(seen, tick * DT)
-        assert (told.slow == 0.5) == slows, row
-        (text,) = told.take_news()
+            warned.look(seen, tick * DT)
+        assert (warned.slow == 0.5) == slows, row
+        (text,) = warned.take_news()
         assert "waist (id 3)" in text and ("of its speed" in text) == slows
 
 
 def test_a_short_peak_of_current_is_no_warning() -> None:
-    told, seen = warnings()
+    warned, seen = warnings()
     for tick in range(300):
         seen[Row.CURRENT, 0] = 5.0 if tick % 50 else 0.0
-        told.look(seen, tick * DT)
-    assert told.take_news() == [] and told.slow == 1.0
+        warned.look(seen, tick * DT)
+    assert warned.take_news() == [] and warned.slow == 1.0
 
 
-def test_another_servo_is_told_by_itself() -> None:
-    told, seen = warnings()
+def test_another_servo_is_reported_by_itself() -> None:
+    warned, seen = warnings()
     seen[Row.TEMPERATURE, 0] = 61.0
-    told.look(seen, 0.0)
+    warned.look(seen, 0.0)
     seen[Row.TEMPERATURE, 1] = 62.0
-    told.look(seen, DT)
-    first, second = told.take_news()
+    warned.look(seen, DT)
+    first, second = warned.take_news()
     assert "shoulder" in first and "elbow" not in first
     assert "elbow" in second and "shoulder" not in second
 
 
-def test_news_that_nobody_asks_for_are_bounded() -> None:
-    told, seen = warnings()
+def test_news_that_are_not_taken_are_bounded() -> None:
+    warned, seen = warnings()
     for tick in range(3 * MOST_NEWS):
         seen[Row.VOLTAGE] = 12.0 if tick % 2 else 10.5
-        told.look(seen, 2.0 * tick)
-    assert len(told.take_news()) == MOST_NEWS
+        warned.look(seen, 2.0 * tick)
+    assert len(warned.take_news()) == MOST_NEWS
 
 
 def test_a_robot_that_was_never_warned_goes_at_full_speed() -> None:
@@ -505,16 +505,16 @@ def test_a_robot_that_was_never_warned_goes_at_full_speed() -> None:
 
 @given(st.lists(st.tuples(st.floats(20.0, 90.0), st.floats(0.0, 0.1)), min_size=1, max_size=60))
 @settings(max_examples=60, deadline=None)
-def test_the_speed_never_leaps(readings: list[tuple[float, float]]) -> None:
-    told, seen = warnings()
+def test_the_speed_never_jumps(readings: list[tuple[float, float]]) -> None:
+    warned, seen = warnings()
     now, before = 0.0, 1.0
     for temperature, elapsed in readings:
         now += elapsed
         seen[Row.TEMPERATURE, 3] = temperature
-        told.look(seen, now)
-        assert 0.5 <= told.slow <= 1.0
-        assert abs(told.slow - before) <= 0.5 * elapsed / RAMP_S + 1e-12
-        before = told.slow
+        warned.look(seen, now)
+        assert 0.5 <= warned.slow <= 1.0
+        assert abs(warned.slow - before) <= 0.5 * elapsed / RAMP_S + 1e-12
+        before = warned.slow
 
 
 CAUSES = {

@@ -184,7 +184,7 @@ def test_a_waist_beyond_its_servos_is_refused() -> None:
         JointMap(fast)
 
 
-def test_after_power_up_every_servo_tells_where_it_is() -> None:
+def test_after_power_up_the_turn_of_every_servo_is_known() -> None:
     """It then reports one turn, wherever it is, though its horn may sit anywhere."""
     random = np.random.default_rng(8)
     for posture in legal(random, 200):
@@ -194,7 +194,7 @@ def test_after_power_up_every_servo_tells_where_it_is() -> None:
         np.testing.assert_array_equal(np.mod(ticks, 4096) + resolve_turns(placed, np.mod(ticks, 4096)), ticks)
 
 
-def test_the_published_range_of_the_waist_would_not_tell() -> None:
+def test_the_published_range_of_the_waist_would_leave_the_turn_open() -> None:
     wide = JointMap([replace(s, lower=-1.5708, upper=1.5708) if s.id == 3 else s for s in joint_map().servos])
     posture = np.clip(np.zeros(30), wide.lower, wide.upper)
     posture[3] = 1.4

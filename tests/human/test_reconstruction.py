@@ -61,7 +61,7 @@ def test_no_limit_is_violated(priorities: str) -> None:
 
 
 def test_early_levels_converge_first(reaching: SensorFrames) -> None:
-    """Hands ask for 0.3 m forward at once, one iteration per frame: balance and ankles hold while hands are far off."""
+    """Hands are asked 0.3 m forward at once, one iteration per frame: balance and ankles hold with hands far off."""
 
     def reach(k: int, sample: SensorSample) -> SensorSample:
         first = reaching.sample(0.0)
@@ -152,7 +152,7 @@ def test_the_rate_does_not_matter_much() -> None:
 def test_nothing_valid_at_the_start_stands_still() -> None:
     frames = thinned(synthetic_performer().cut(0.0, 1.0), 4)
 
-    def late(k: int, sample: SensorSample) -> SensorSample:
+    def delayed(k: int, sample: SensorSample) -> SensorSample:
         return (
             sample
             if k >= 5
@@ -161,11 +161,11 @@ def test_nothing_valid_at_the_start_stands_still() -> None:
             )
         )
 
-    run = reconstruct(frames, "human", change=late)
+    run = reconstruct(frames, "human", change=delayed)
     assert np.isfinite(run.q).all() and np.isnan(run.errors_mm[:5]).all()
 
 
-def test_which_feet_carry_is_told_from_five_sensors(shared: Path) -> None:
+def test_which_feet_carry_is_found_from_five_sensors(shared: Path) -> None:
     frames = thinned(people.trial(shared, "49_18"), 8).cut(0.0, 4.0)
     assert {posture.carrying for posture in reconstruct(frames, "human").postures} == {Carrying.LEFT}
     assert {posture.carrying for posture in reconstruct(frames, "human", performer="three").postures} == {Carrying.BOTH}
@@ -191,9 +191,9 @@ def sample() -> SensorSample:
 
 
 def test_rows_are_the_performers_whatever_the_source_has() -> None:
-    worn = SensorLayout(PERFORMER, HUMAN, None)
-    position, valid = worn.read(sample())
-    assert worn.names == ("head", "l_wrist", "pelvis") and [POINTS[i] for i in worn.joints] == list(worn.names)
+    layout = SensorLayout(PERFORMER, HUMAN, None)
+    position, valid = layout.read(sample())
+    assert layout.names == ("head", "l_wrist", "pelvis") and [POINTS[i] for i in layout.joints] == list(layout.names)
     assert position[:2] == pytest.approx(np.array([[3.0, 4.0, 5.0], [0.0, 1.0, 2.0]]))
     assert list(valid) == [True, True, False]
 
@@ -210,9 +210,9 @@ def test_orientations_are_those_of_the_links() -> None:
     rest = np.tile(rotations.IDENTITY, (len(HUMAN_JOINTS), 1))
     t_pose = rotations.from_axis_angle(np.array([1.0, 0.0, 0.0]), np.array(np.pi / 2))
     rest[[joint.name for joint in HUMAN_JOINTS].index("l_wrist")] = t_pose
-    worn = SensorLayout(PERFORMER, HUMAN, rest)
-    worn.read(sample())
-    head, hand = worn.orientations(sample())
+    layout = SensorLayout(PERFORMER, HUMAN, rest)
+    layout.read(sample())
+    head, hand = layout.orientations(sample())
     assert (head.sensor, hand.sensor) == ("head", "l_wrist")
     assert head.link == pytest.approx(TURN) and head.forward == pytest.approx((np.cos(0.5), np.sin(0.5)))
     assert hand.link == pytest.approx(rotations.multiply(TURN, t_pose))
@@ -221,6 +221,6 @@ def test_orientations_are_those_of_the_links() -> None:
 def test_unknown_orientations_are_left_out() -> None:
     unknown = sample()
     unknown.orientation[0] = np.nan
-    worn = SensorLayout(PERFORMER, HUMAN, None)
-    worn.read(unknown)
-    assert [turn.sensor for turn in worn.orientations(unknown)] == ["head"]
+    layout = SensorLayout(PERFORMER, HUMAN, None)
+    layout.read(unknown)
+    assert [turn.sensor for turn in layout.orientations(unknown)] == ["head"]

@@ -79,11 +79,11 @@ def test_a_loop_closes_without_a_jump(frames: SensorFrames) -> None:
 
 def test_truth_is_reordered_and_unknown_joints_are_nan(frames: SensorFrames) -> None:
     clip = lay(frames, 60.0)
-    truth = clip.truth(("neck", "nobody", "l_knee"), 10)
+    truth = clip.truth(("neck", "unknown", "l_knee"), 10)
     assert truth is not None and frames.joints is not None
     np.testing.assert_array_equal(truth[0, 2], frames.joints.of("l_knee")[0])
     assert np.isnan(truth[:, 1]).all()
-    assert clip.truth(("nobody",), 10) is None
+    assert clip.truth(("unknown",), 10) is None
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Which feet carry, told from two ankles: made steps, jumps and noise, and what people did in recordings."""
+"""Which feet carry, from two ankles: made steps, jumps and noise, and what people did in recordings."""
 
 from collections.abc import Callable, Sequence
 from itertools import groupby
@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from retarget.human.support_phase import DWELL_S, LONGEST_FLIGHT_S, CarryingFeet
+from retarget.human.support_phase import LIFT_DWELL_S, LONGEST_FLIGHT_S, CarryingFeet
 from retarget.sources.open import open_source
 from retarget.types import Carrying, FloatArray
 
@@ -27,8 +27,8 @@ def phases(ankles: FloatArray, rate: float = RATE) -> list[Carrying]:
     return [feet.start(rows[0]), *(feet.step(row, 1.0 / rate) for row in rows[1:])]
 
 
-def changes(told: Sequence[Carrying]) -> list[Carrying]:
-    return [one for one, _ in groupby(told)]
+def changes(phases_found: Sequence[Carrying]) -> list[Carrying]:
+    return [one for one, _ in groupby(phases_found)]
 
 
 def standing(
@@ -61,10 +61,10 @@ def test_who_stands_on_a_noisy_floor_that_drifts_stands_on_both(seed: int, noise
 @given(high=st.floats(0.1, 0.5), lasts=st.floats(0.8, 5.0), rate=st.sampled_from([40.0, 60.0, 125.0, 240.0]))
 def test_a_foot_that_is_lifted_leaves_and_comes_back(high: float, lasts: float, rate: float) -> None:
     up = lifted(high, 1.0, 1.0 + lasts)
-    told = phases(standing(2.5 + lasts, rate=rate, right=up), rate)
-    assert changes(told) == [BOTH, LEFT, BOTH]
-    alone = np.flatnonzero(np.array([one is LEFT for one in told])) / rate
-    assert 1.0 <= alone[0] < 1.2 + 2 * DWELL_S + 1.0 / rate
+    phases_found = phases(standing(2.5 + lasts, rate=rate, right=up), rate)
+    assert changes(phases_found) == [BOTH, LEFT, BOTH]
+    alone = np.flatnonzero(np.array([one is LEFT for one in phases_found])) / rate
+    assert 1.0 <= alone[0] < 1.2 + 2 * LIFT_DWELL_S + 1.0 / rate
     assert alone[-1] < 1.0 + lasts + 0.2
 
 
@@ -76,8 +76,8 @@ def test_left_and_right_are_alike(seed: int) -> None:
     way = np.cumsum(np.cumsum(random.normal(0.0, 4e-4, (400, 2, 3)), axis=0), axis=0)
     way[..., 2] = np.abs(way[..., 2])
     mirrored = way[:, ::-1] * np.array([1.0, -1.0, 1.0])
-    told, other = phases(way), phases(np.ascontiguousarray(mirrored))
-    same = [MIRRORED[a] is b for a, b in zip(told, other, strict=True)]
+    phases_found, other = phases(way), phases(np.ascontiguousarray(mirrored))
+    same = [MIRRORED[a] is b for a, b in zip(phases_found, other, strict=True)]
     assert np.mean(same) > 0.99  # feet that leave in one tick leave one after the other
 
 
@@ -97,23 +97,23 @@ def test_what_lasts_for_less_than_a_moment_is_not_believed() -> None:
         return np.asarray(0.062 * np.sin(np.pi * np.clip((time - 1.0) / 0.3, 0.0, 1.0)))
 
     ankles = standing(2.0, right=bump)
-    assert 0.04 < (ankles[:, 1, 2] - ankles[:, 0, 2] > 0.06).sum() / RATE < DWELL_S
+    assert 0.04 < (ankles[:, 1, 2] - ankles[:, 0, 2] > 0.06).sum() / RATE < LIFT_DWELL_S
     assert changes(phases(ankles)) == [BOTH]
 
 
 def test_a_jump_is_flight_and_tiptoe_is_not() -> None:
     jump = lambda time: np.maximum(0.3 - 4.905 * (time - 1.25) ** 2, 0.0)  # noqa: E731
-    told = changes(phases(standing(3.0, left=jump, right=jump)))
-    assert FLIGHT in told and told[0] is told[-1] is BOTH
+    phases_found = changes(phases(standing(3.0, left=jump, right=jump)))
+    assert FLIGHT in phases_found and phases_found[0] is phases_found[-1] is BOTH
     toes = lifted(0.08, 1.0, 3.0, ramp=0.3)
     assert changes(phases(standing(4.0, left=toes, right=toes))) == [BOTH]
 
 
-def test_nobody_flies_for_long() -> None:
+def test_a_flight_ends_after_its_longest_time() -> None:
     """Who climbed a step stands on it."""
-    told = phases(standing(5.0, left=lifted(0.3, 1.0, 9.0), right=lifted(0.3, 1.2, 9.0)))
-    assert told[-1] is BOTH
-    assert sum(one is FLIGHT for one in told) / RATE < LONGEST_FLIGHT_S + 0.5
+    phases_found = phases(standing(5.0, left=lifted(0.3, 1.0, 9.0), right=lifted(0.3, 1.2, 9.0)))
+    assert phases_found[-1] is BOTH
+    assert sum(one is FLIGHT for one in phases_found) / RATE < LONGEST_FLIGHT_S + 0.5
 
 
 def test_who_begins_on_one_foot_is_believed_at_once() -> None:
@@ -134,15 +134,15 @@ def test_who_stays_in_place(shared: Path, name: str, expected: list[Carrying]) -
 
 
 def test_a_walk_goes_from_foot_to_foot_without_flight(shared: Path) -> None:
-    told = changes(recorded(shared / "mocap" / "cmu_asfamc" / "02_01.amc"))
-    assert told == [BOTH, LEFT, BOTH, RIGHT, BOTH, LEFT, BOTH, RIGHT, BOTH, LEFT]
+    phases_found = changes(recorded(shared / "mocap" / "cmu_asfamc" / "02_01.amc"))
+    assert phases_found == [BOTH, LEFT, BOTH, RIGHT, BOTH, LEFT, BOTH, RIGHT, BOTH, LEFT]
 
 
 def test_a_jog_flies_between_its_steps(shared: Path) -> None:
-    told = changes(recorded(shared / "mocap" / "cmu_asfamc" / "02_03.amc"))
-    assert told == [RIGHT, FLIGHT, LEFT, FLIGHT, RIGHT, FLIGHT, LEFT]
+    phases_found = changes(recorded(shared / "mocap" / "cmu_asfamc" / "02_03.amc"))
+    assert phases_found == [RIGHT, FLIGHT, LEFT, FLIGHT, RIGHT, FLIGHT, LEFT]
 
 
 def test_a_vertical_jump_is_one_flight(shared: Path) -> None:
-    told = changes(recorded(shared / "mocap" / "cmu_asfamc" / "02_04.amc"))
-    assert told.count(FLIGHT) == 1
+    phases_found = changes(recorded(shared / "mocap" / "cmu_asfamc" / "02_04.amc"))
+    assert phases_found.count(FLIGHT) == 1

@@ -1,4 +1,4 @@
-"""A root that is told by the lower sole."""
+"""The base pose from the lower sole."""
 
 import numpy as np
 import pytest
@@ -42,7 +42,7 @@ def test_on_both_it_is_as_with_planted_soles() -> None:
     assert np.abs(q - same).max() < 1e-6
 
 
-def test_a_sole_in_the_air_carries_nothing_and_none_leaps() -> None:
+def test_a_sole_in_the_air_carries_nothing_and_no_torque_jumps() -> None:
     load, still = GravityTorque(op3(), STANCE), np.zeros(3)
     both = load.torques(STANCE.q, still)
     assert (load.torques(STANCE.q, still, heights=np.zeros(2)) == both).all()

@@ -44,10 +44,10 @@ def by_inverse_dynamics(q: FloatArray, pressed: FloatArray) -> FloatArray:
     soles = standing().soles
     left, right = (sole.outline.mean(axis=0) for sole in soles)
     share = (pressed - left) @ (right - left) / ((right - left) @ (right - left))
-    beside = pressed - left - share * (right - left)
+    across = pressed - left - share * (right - left)
     for sole, middle, part in ((soles[0], left, 1.0 - share), (soles[1], right, share)):
         force = np.zeros(model.nv)
-        at = np.array([*(middle + beside), 0.0])
+        at = np.array([*(middle + across), 0.0])
         mujoco.mj_applyFT(model, data, np.array([0.0, 0.0, part * WEIGHT]), np.zeros(3), at, sole.frame.body, force)
         torque -= force
     return np.asarray(torque)

@@ -69,7 +69,7 @@ def test_named_targets_are_reached_and_what_is_not_set_is_absent() -> None:
     hand = np.array([0.35, 0.25, 1.2])
     hierarchy.set_position(targets, "l_wrist", hand)
     hierarchy.set_position(targets, "l_ankle", np.array([0.0, 0.1, 0.09]))
-    hierarchy.set_position(targets, "nobody", hand)
+    hierarchy.set_position(targets, "unknown", hand)
     q = settled(hierarchy, targets)
     frame = human().body.frame("l_wrist")
     reached = human().body.solver_body().points(q[None], [frame.body], frame.position[None])[0, 0]
@@ -167,19 +167,19 @@ def test_unknown_names_are_refused_with_the_nearest() -> None:
 BALL: dict[str, Any] = {"shape": {"sphere": {"radius": 0.1}}, "velocity": (1.0, 0.0, 0.0), "at": {"pos": (0, 0, 1)}}
 
 
-class Listener:
-    """In place of a hierarchy: what it was told."""
+class Receiver:
+    """In place of a hierarchy: records the obstacle poses that it gets."""
 
     def __init__(self) -> None:
-        self.told: list[ObstaclePoses] = []
+        self.received: list[ObstaclePoses] = []
 
     def set_obstacles(self, poses: ObstaclePoses) -> None:
-        self.told.append(poses)
+        self.received.append(poses)
 
-    def tick(self, around: SceneObstacles, dt: float = 0.5) -> tuple[float, float]:
-        """Place and speed along x that one tick tells."""
-        around.tick(cast(Hierarchy, self), dt)
-        return float(self.told[-1].position[0, 0]), float(self.told[-1].linear_velocity[0, 0])
+    def tick(self, obstacles: SceneObstacles, dt: float = 0.5) -> tuple[float, float]:
+        """Place and speed along x that one tick sets."""
+        obstacles.tick(cast(Hierarchy, self), dt)
+        return float(self.received[-1].position[0, 0]), float(self.received[-1].linear_velocity[0, 0])
 
 
 def ball() -> SceneObstacles:
@@ -187,48 +187,48 @@ def ball() -> SceneObstacles:
 
 
 def test_time_goes_by_as_ever_for_obstacles_and_they_seem_faster_to_a_slow_robot() -> None:
-    around, listener = ball(), Listener()
-    around.begin()
-    around.tick(cast(Hierarchy, listener), 0.5, pace=0.5)
-    around.tick(cast(Hierarchy, listener), 0.5, pace=0.5)
-    poses = listener.told[-1]
-    assert around.time == 1.0
+    obstacles, receiver = ball(), Receiver()
+    obstacles.begin()
+    obstacles.tick(cast(Hierarchy, receiver), 0.5, time_scale=0.5)
+    obstacles.tick(cast(Hierarchy, receiver), 0.5, time_scale=0.5)
+    poses = receiver.received[-1]
+    assert obstacles.time == 1.0
     assert (float(poses.position[0, 0]), float(poses.linear_velocity[0, 0])) == (0.5, 2.0)
-    assert around.now is not None and float(around.now.linear_velocity[0, 0]) == 1.0  # what the gate looks at
+    assert obstacles.now is not None and float(obstacles.now.linear_velocity[0, 0]) == 1.0  # what the gate looks at
 
 
 def test_until_it_begins_everything_stands_where_it_is_at_first() -> None:
-    around, listener = ball(), Listener()
-    assert [listener.tick(around) for _ in range(3)] == [(0.0, 0.0)] * 3
-    assert around.time == 0.0
+    obstacles, receiver = ball(), Receiver()
+    assert [receiver.tick(obstacles) for _ in range(3)] == [(0.0, 0.0)] * 3
+    assert obstacles.time == 0.0
 
 
 def test_then_time_goes_on_tick_by_tick() -> None:
-    around, listener = ball(), Listener()
-    around.begin()
-    assert [listener.tick(around) for _ in range(3)] == [(0.0, 1.0), (0.5, 1.0), (1.0, 1.0)]
-    assert around.time == 1.5
+    obstacles, receiver = ball(), Receiver()
+    obstacles.begin()
+    assert [receiver.tick(obstacles) for _ in range(3)] == [(0.0, 1.0), (0.5, 1.0), (1.0, 1.0)]
+    assert obstacles.time == 1.5
 
 
-def test_time_goes_on_though_nobody_listens() -> None:
-    around, listener = ball(), Listener()
-    around.begin()
-    around.tick(None, 2.0)
-    assert listener.tick(around) == (2.0, 1.0)
+def test_time_goes_on_without_a_hierarchy() -> None:
+    obstacles, receiver = ball(), Receiver()
+    obstacles.begin()
+    obstacles.tick(None, 2.0)
+    assert receiver.tick(obstacles) == (2.0, 1.0)
 
 
 def test_a_restart_is_a_rest_at_the_beginning() -> None:
-    around, listener = ball(), Listener()
-    around.begin()
-    listener.tick(around)
-    around.restart()
-    assert listener.tick(around) == (0.0, 0.0) and around.time == 0.0
+    obstacles, receiver = ball(), Receiver()
+    obstacles.begin()
+    receiver.tick(obstacles)
+    obstacles.restart()
+    assert receiver.tick(obstacles) == (0.0, 0.0) and obstacles.time == 0.0
 
 
-def test_without_a_scene_nobody_is_told_anything() -> None:
-    around, listener = SceneObstacles(None), Listener()
-    around.begin()
-    around.tick(cast(Hierarchy, listener), 1.0)
-    assert not listener.told and around.shapes is NO_SCENE
+def test_without_a_scene_no_poses_are_set() -> None:
+    obstacles, receiver = SceneObstacles(None), Receiver()
+    obstacles.begin()
+    obstacles.tick(cast(Hierarchy, receiver), 1.0)
+    assert not receiver.received and obstacles.shapes is NO_SCENE
     assert ball().shapes.names == ("b",)
     assert NO_SCENE.sizes.shape == (0, 3) and np.size(NO_SCENE.kinds) == 0

@@ -61,7 +61,7 @@ def test_shipped_robots_stand(name: str) -> None:
     assert margin is not None and margin > 0.01
 
 
-def test_who_leans_too_far_is_told_where_the_centre_of_mass_is() -> None:
+def test_the_message_of_a_stand_that_falls_shows_the_centre_of_mass() -> None:
     margins = [check_stand(leaning(degrees)) for degrees in (0.0, 5.0, 10.0)]
     assert len({round(1e3 * (margin or 0.0)) for margin in margins}) == 3
     worst = max((-30.0, 30.0), key=lambda degrees: degrees if margins[2] < margins[0] else -degrees)  # type: ignore[operator]

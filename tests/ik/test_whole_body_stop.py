@@ -103,7 +103,7 @@ def test_a_stop_that_is_taken_for_granted_is_found_when_it_is_looked_for() -> No
             velocity *= np.sqrt(1.2 * SHORT_RAD * 2.0 * 40.0) * random.uniform() / max(float(legs.max()), 1e-9)
             guard.begin(stance().q)
             if guard._stops_short(q, velocity):
-                assert guard.knows_way(DT), velocity
+                assert guard.has_trajectory(DT), velocity
                 assert guard._known
                 short += 1
     assert short > 100
@@ -133,9 +133,9 @@ def test_a_stop_towards_the_edge_is_not_taken_for_granted(monkeypatch: pytest.Mo
 def test_a_robot_that_was_moved_otherwise_looks_for_a_new_way() -> None:
     guard, where = stopping(), stance()
     guard.begin(where.q, upward(0.1))
-    assert guard.knows_way(DT)
+    assert guard.has_trajectory(DT)
     guard.begin(where.q, upward(0.6))
-    assert not guard.knows_way(DT)
+    assert not guard.has_trajectory(DT)
     assert guard.follow(DT) is None
 
 

@@ -1,4 +1,4 @@
-"""Who may move the robot: allow-list, first source, rate. Whatever arrives, an owner that moves the robot stays it."""
+"""Who may move the robot: allow-list, first source, rate. The owner of a robot that moves stays its owner."""
 
 import struct
 from ipaddress import IPv4Network
@@ -83,7 +83,7 @@ def test_the_allow_list(allow: tuple[str, ...], source: str, expected: bool) -> 
     assert admission.refused.reasons == ({} if expected else {NOT_ALLOWED: 1})
 
 
-def test_the_first_source_that_makes_sense_owns_the_stream() -> None:
+def test_the_first_source_that_can_be_decoded_owns_the_stream() -> None:
     admission = Admission(allow=LAN)
     assert admit(admission, B) and admit(admission, A)
     assert owner_of(admission) is None
@@ -104,7 +104,7 @@ def test_motive_answers_from_one_port_and_sends_frames_from_another() -> None:
     assert admit(admission, answers) and admit(admission, frames)
     assert admission.confirm(frames, now=0.0, moving=True)
     assert admit(admission, answers, moving=True) and admit(admission, frames, moving=True)
-    assert not admit(admission, B, 1e6), "nobody but the server"
+    assert not admit(admission, B, 1e6), "no source but the server"
     assert admission.refused.reasons == {NOT_ALLOWED: 1}
 
 
@@ -114,7 +114,7 @@ def test_the_lock_on_a_computer_keeps_the_others_out() -> None:
     assert not admit(admission, B) and admit(admission, (A[0], 1)) and not admit(admission, B)
 
 
-def test_the_gate_of_an_address_is_its_list() -> None:
+def test_the_admission_of_an_address_is_its_list() -> None:
     admission = admission_for(parse_address("vmc://0.0.0.0?allow=192.168.1.0/24"))
     assert admit(admission, A) and not admit(admission, C)
     assert admission.confirm(A, now=0.0, moving=False) and not admit(admission, (A[0], 1))
@@ -170,7 +170,7 @@ def test_length(size: int, expected: bool) -> None:
     assert admission.refused.reasons == ({} if expected else {TOO_LONG: 1})
 
 
-def test_refused_sources_are_told_once_and_in_bounded_number() -> None:
+def test_refused_sources_are_reported_once_and_in_bounded_number() -> None:
     admission = owned()
     for port in range(10):
         admit(admission, (B[0], 6000 + port))
@@ -183,7 +183,7 @@ def test_refused_sources_are_told_once_and_in_bounded_number() -> None:
 
 
 @pytest.mark.parametrize("options", [{"release_after": -1.0}, {"release_after": float("nan")}, {"rate": 0.0}])
-def test_options_that_mean_nothing_are_refused(options: dict[str, float]) -> None:
+def test_options_out_of_range_are_refused(options: dict[str, float]) -> None:
     with refuses(ValueError):
         Admission(**options)  # type: ignore[arg-type]
 
@@ -192,20 +192,20 @@ EVENTS = st.lists(st.tuples(st.sampled_from([A, B, C]), st.floats(0.0, 4.0), st.
 
 
 @given(EVENTS)
-def test_no_order_of_events_gives_a_moving_robot_to_somebody_else(
+def test_no_order_of_events_gives_a_moving_robot_to_another_source(
     events: list[tuple[Source, float, bool, bool]],
 ) -> None:
-    """Against the rule, written down again: who owned last, when it was heard, and whether anything moves."""
+    """Checked by a second version of the rule: the last owner, its last frame, and whether anything moves."""
     admission, now = Admission(allow=LAN, release_after=5.0), 0.0
     owner: Source | None = None
-    heard = 0.0
+    last_frame = 0.0
     for source, step, moving, decodable in events:
         now += step
-        may = source != C and (owner in (None, source) or (not moving and now - heard > 5.0))
+        may = source != C and (owner in (None, source) or (not moving and now - last_frame > 5.0))
         assert admit(admission, source, now, moving=moving) is may
         if may and decodable:
             assert admission.confirm(source, now=now, moving=moving)
-            owner, heard = source, now
+            owner, last_frame = source, now
         assert admission.owner == owner
         assert owner != C
 
@@ -232,16 +232,16 @@ def test_a_recording_of_a_socket_gives_what_the_socket_gave(tmp_path: Path) -> N
         live.poll(CLOCK.now())
         for payload in (b"one", b"two", b"three"):
             sender.send(payload)
-        told = arrived(live)
-    for datagram in told:
+        live_rows = arrived(live)
+    for datagram in live_rows:
         address, port = datagram.source
         writer.append(datagram.payload, time_ns=round(datagram.arrival * 1e9), address=address, port=port)
     writer.close()
     receivers: list[Receiver] = [live, ReplayReceiver(RawReader(tmp_path / "a.raw"))]
     again = receivers[1].poll(0.0) + receivers[1].poll(60.0)
-    assert [datagram[1:] for datagram in again] == [datagram[1:] for datagram in told]
-    first = told[0].arrival
-    assert [d.arrival for d in again] == pytest.approx([d.arrival - first for d in told], abs=1e-6)
+    assert [datagram[1:] for datagram in again] == [datagram[1:] for datagram in live_rows]
+    first = live_rows[0].arrival
+    assert [d.arrival for d in again] == pytest.approx([d.arrival - first for d in live_rows], abs=1e-6)
     for receiver in receivers:
         receiver.close()
         assert receiver.poll(1e6) == [] and isinstance(receiver.dropped.count, int)
@@ -329,12 +329,12 @@ def hearing(payloads: list[bytes], decoder: StreamDecoder) -> LiveStream:
 
 
 @pytest.mark.parametrize("cost", [0.0, 100.0, 700.0, 1e6])
-def test_what_is_dear_waits_in_order_and_nothing_is_lost(cost: float) -> None:
+def test_what_costs_much_waits_in_order_and_nothing_is_lost(cost: float) -> None:
     sent, decoder = [struct.pack(">I", k) for k in range(300)], Dear(cost)
     stream, polls = hearing(sent, decoder), 0
     while len(decoder.seen) < 300:
         before = len(decoder.seen)
-        stream.listen(0.01 * polls, moving=True)
+        stream.poll(0.01 * polls, moving=True)
         polls += 1
         done = len(decoder.seen) - before
         assert 0 < done <= MOST_PER_POLL and (done - 1) * cost < WORK_PER_POLL and stream.waiting < MOST_PER_POLL
@@ -361,10 +361,10 @@ def test_decoders_that_some_datagrams_cost_more_count_it(decoder: StreamDecoder)
     assert work_of(MvnDecoder()) == 0.0
 
 
-def test_a_flood_of_the_dearest_osc_is_a_few_datagrams_a_poll() -> None:
+def test_a_flood_of_the_costliest_osc_is_a_few_datagrams_a_poll() -> None:
     flood = [bundle(*[message(f"/{number}", "TTT")] * 500) for number in range(20)]
     stream = hearing(flood, VmcDecoder())
-    stream.listen(0.0, moving=True)
+    stream.poll(0.0, moving=True)
     assert 1 <= stream.arrived <= 3 and stream.waiting == 20 - stream.arrived
 
 
@@ -378,7 +378,7 @@ def test_a_real_sender_never_waits(
     stream.receiver = ReplayReceiver(recording, speed=speed)
     while not stream.receiver.finished:
         now += 0.01
-        stream.listen(now, moving=True)
+        stream.poll(now, moving=True)
         assert stream.waiting == 0
     assert stream.frames > 250 and stream.admission.refused.count == 0
 
@@ -391,6 +391,6 @@ def test_what_waited_a_quarter_of_a_second_is_taken_in_a_few_ticks(shared: Path)
         stream = hearing([payload] * count, decoder)
         polls = 0
         while stream.arrived < count:
-            stream.listen(0.01 * polls, moving=True)
+            stream.poll(0.01 * polls, moving=True)
             polls += 1
         assert polls <= 6 and stream.frames == count

@@ -1,4 +1,4 @@
-"""How a live run begins: what makes no sense is refused before a port is opened; the help names every performer."""
+"""How a live run begins: options out of range are refused before a port is opened; the help names every performer."""
 
 import re
 from pathlib import Path
@@ -22,7 +22,7 @@ from sim.faults.sender import FakeSender, SenderFault, lost, moved, silent
 
 
 @pytest.mark.parametrize("countdown", [-5.0, -1e-9, 600.1, float("inf"), float("nan"), float("-inf")])
-def test_a_countdown_that_is_none_is_refused(countdown: float) -> None:
+def test_a_countdown_out_of_range_is_refused(countdown: float) -> None:
     with refuses(UsageError, "--countdown", allowed=(0, 600)):
         LiveOptions(countdown=countdown)
 
@@ -40,7 +40,7 @@ def test_the_help_names_every_performer_that_is_shipped(monkeypatch: pytest.Monk
 
 
 BEGINS_S = 3.0
-"""By then whoever stands still from 0.5 s on has been measured."""
+"""By then a performer who stands still from 0.5 s on has been measured."""
 
 
 def raising(name: str, by: float, *, forward: float = 0.45, begins: float = BEGINS_S) -> SenderFault:
@@ -60,7 +60,7 @@ def reflected(axis: int) -> SenderFault:
 
 
 def standing() -> FakeSender:
-    """Somebody who stands still and does nothing else."""
+    """A performer who stands still and does nothing else."""
     frames = FakeSender().frames
     return FakeSender(frames=frames.resample(np.linspace(0.0, 0.01, 4)))
 
@@ -76,7 +76,7 @@ def begun(*faults: SenderFault, within: float = 1.5) -> list[str]:
     return said
 
 
-def test_whoever_raises_the_left_arm_passes() -> None:
+def test_a_raised_left_arm_passes() -> None:
     said = begun(raising("l_wrist", 0.5))
     assert said[-2:] == [
         "Raise your left arm forward, to the front, and only that: 10 s",
@@ -103,7 +103,7 @@ def test_a_wrist_that_is_lost_meanwhile_is_named_and_the_check_not_left_out() ->
     assert "--no-check-sides" not in str(refusal.value)
 
 
-def test_a_stream_that_falls_silent_meanwhile_is_told_at_once_and_is_the_reason() -> None:
+def test_a_stream_that_falls_silent_meanwhile_is_reported_at_once_and_is_the_reason() -> None:
     said: list[str] = []
     sender, clock = standing(), VirtualClock()
     sender.faults = [silent(BEGINS_S, 1e9)]
@@ -125,7 +125,7 @@ def test_an_arm_that_comes_to_the_front_when_it_is_asked_again_passes() -> None:
     assert [text.split(",")[0] for text in said[-3:]] == ["Raise your left arm forward", "To the front", "left is left"]
 
 
-def test_who_turns_around_with_the_arm_proves_nothing() -> None:
+def test_turning_around_with_the_arm_proves_nothing() -> None:
     with refuses(InputError):
         begun(raising("l_wrist", 0.5), raising("r_wrist", 0.0, forward=0.3))
 
@@ -143,13 +143,13 @@ def test_who_turns_around_with_the_arm_proves_nothing() -> None:
         ),
     ],
 )
-def test_whatever_else_moves_is_refused_by_name(name: str, by: float, facts: Facts) -> None:
+def test_any_other_motion_is_refused_by_name(name: str, by: float, facts: Facts) -> None:
     with refuses(InputError, facts):
         begun(raising(name, by))
 
 
-def test_whoever_was_measured_keeps_the_stream_though_silent() -> None:
-    """Nobody else raises the arm, and drives with their size, when the owner goes away for 6 s after the measuring."""
+def test_a_measured_performer_keeps_the_stream_though_silent() -> None:
+    """No other sender can raise the arm with its size when the owner is silent for 6 s after the calibration."""
     sender = standing()
     sender.faults = [silent(BEGINS_S, 60.0)]
     other = standing()
@@ -167,7 +167,7 @@ def test_both_arms_prove_nothing() -> None:
         begun(raising("l_wrist", 0.5), raising("r_wrist", 0.5))
 
 
-def test_a_wrist_that_leaps_proves_nothing() -> None:
+def test_a_wrist_that_jumps_proves_nothing() -> None:
     with refuses(InputError):
         begun(moved("l_wrist", BEGINS_S, BEGINS_S + 0.1, (0.0, 0.0, 0.5)))
 

@@ -1,4 +1,4 @@
-"""Capture times from the stamps of a sender whose clock drifts, loses its resolution, restarts and lies."""
+"""Capture times from the stamps of a sender whose clock drifts, loses its resolution, restarts and misreports."""
 
 import gzip
 import struct
@@ -17,29 +17,29 @@ from retarget.types import FloatArray
 PATIENCE = 0.25
 
 
-def believed_after(arrivals: list[float], stamps: list[float]) -> int | None:
-    """How many it took."""
+def jump_after(arrivals: list[float], stamps: list[float]) -> int | None:
+    """Index of the datagram that shows a jump; None for no jump."""
     run = OddRun()
     for i, (arrival, stamp) in enumerate(zip(arrivals, stamps, strict=True), 1):
         run.note(arrival, stamp, 0.0)
-        if run.is_believed(arrival, patience=PATIENCE):
+        if run.shows_jump(arrival, patience=PATIENCE):
             return i
     return None
 
 
 def test_three_that_agree_over_ten_ms() -> None:
-    assert believed_after([1.0, 1.01, 1.02, 1.03], [5.0, 5.01, 5.02, 5.03]) == 3
-    assert believed_after([1.0, 1.004, 1.008, 1.012], [5.0, 5.004, 5.008, 5.012]) == 4
+    assert jump_after([1.0, 1.01, 1.02, 1.03], [5.0, 5.01, 5.02, 5.03]) == 3
+    assert jump_after([1.0, 1.004, 1.008, 1.012], [5.0, 5.004, 5.008, 5.012]) == 4
 
 
-def test_a_backlog_and_a_repeated_frame_tell_nothing() -> None:
-    assert believed_after([1.0] * 50, [5.0 + 0.001 * i for i in range(50)]) is None
-    assert believed_after([1.0, 1.01, 1.02, 1.03], [5.0] * 4) is None
+def test_a_backlog_and_a_repeated_frame_show_no_jump() -> None:
+    assert jump_after([1.0] * 50, [5.0 + 0.001 * i for i in range(50)]) is None
+    assert jump_after([1.0, 1.01, 1.02, 1.03], [5.0] * 4) is None
 
 
 def test_disagreement_takes_patience() -> None:
     stamps = [5.0 + (-1) ** i * i for i in range(60)]
-    assert believed_after([1.0 + 0.01 * i for i in range(60)], stamps) == 26
+    assert jump_after([1.0 + 0.01 * i for i in range(60)], stamps) == 26
 
 
 def test_a_good_one_between_starts_again() -> None:
@@ -50,7 +50,7 @@ def test_a_good_one_between_starts_again() -> None:
     run.clear()
     assert run.least == inf
     run.note(1.02, 5.02, 0.0)
-    assert not run.is_believed(1.02, patience=PATIENCE)
+    assert not run.shows_jump(1.02, patience=PATIENCE)
 
 
 MIN_DELAY = 0.0003
@@ -77,7 +77,7 @@ def frames(seconds: float, rate: float, start: float = 1000.0) -> FloatArray:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_the_minimum_lands_where_asking_would(seed: int) -> None:
+def test_the_minimum_agrees_with_asking(seed: int) -> None:
     """At 120 Hz with the measured delays the offset is within 0.42 ms of the true one, the least delay aside."""
     capture = frames(10.0, 120.0)
     clock = ClockMap()
@@ -101,7 +101,7 @@ def test_it_follows_a_clock_that_runs_wrong(ppm: float) -> None:
 
 @pytest.mark.parametrize(("hours", "worst"), [(0.1, 0.0012), (2.4, 0.0025), (36.1, 0.0055)])
 def test_float32_seconds_lose_resolution_but_not_frames(hours: float, worst: float) -> None:
-    """A frame's step of 1 ms after 2.3 h, 16 ms after 36 h: the arrival tells what the stamp no longer can."""
+    """A frame's step of 1 ms after 2.3 h, 16 ms after 36 h: the arrival shows what the stamp no longer can."""
     capture = frames(20.0, 232.0)
     clock = ClockMap(significand=24)
     born = capture[0] - hours * 3600.0
@@ -166,9 +166,9 @@ JUMPS: dict[str, tuple[Callable[[float], float], JumpKind]] = {
 }
 
 
-@pytest.mark.parametrize("leap", JUMPS)
+@pytest.mark.parametrize("jump", JUMPS)
 @pytest.mark.parametrize("rate", [30.0, 232.0])
-def test_a_clock_that_leaps_is_followed_within_a_second_and_time_goes_on(jump: str, rate: float) -> None:
+def test_a_clock_that_jumps_is_followed_within_a_second_and_time_goes_on(jump: str, rate: float) -> None:
     after, kind = JUMPS[jump]
     capture = frames(6.0, rate)
     clock = ClockMap()
@@ -185,18 +185,18 @@ def test_a_clock_that_leaps_is_followed_within_a_second_and_time_goes_on(jump: s
     assert (mapped[kept] <= (capture + 0.006)[kept]).all()
 
 
-def test_time_never_goes_back_after_a_leap_even_when_told_to() -> None:
-    """80 ms back: what comes after is not placed before what was delivered, once the leap is believed."""
+def test_time_never_goes_back_after_a_jump_even_where_stamps_do() -> None:
+    """80 ms back: what comes after is not placed before what was delivered, once the jump is accepted."""
     capture = frames(6.0, 100.0)
     clock = ClockMap()
     mapped = feed(clock, capture, delays(600, 6), lambda t: t if t < 1003.0 else t - 0.080)
     assert clock.last_jump is not None
-    believed = capture >= clock.last_jump.arrival - 0.001
-    assert (np.diff(mapped[believed]) > 0.0).all()
-    assert mapped[believed].min() > np.nanmax(mapped[~believed])
+    accepted = capture >= clock.last_jump.arrival - 0.001
+    assert (np.diff(mapped[accepted]) > 0.0).all()
+    assert mapped[accepted].min() > np.nanmax(mapped[~accepted])
 
 
-def test_a_second_leap_is_followed_too() -> None:
+def test_a_second_jump_is_followed_too() -> None:
     clock = ClockMap()
     capture = frames(9.0, 100.0)
     feed(clock, capture, delays(900, 7), lambda t: t if t < 1003.0 else t - 500.0 if t < 1006.0 else t - 1006.0)
@@ -217,7 +217,7 @@ def test_repeated_and_overtaken_datagrams() -> None:
     assert clock.dropped.reasons == {"repeated": 2, "out of order": 1}
 
 
-def test_a_frame_told_in_parts_has_one_time() -> None:
+def test_a_frame_sent_in_parts_has_one_time() -> None:
     clock = ClockMap(parts=3)
     times = [clock.map(10.0 + 0.01 * i + 0.001 * part, 0.01 * i, None) for i in range(5) for part in range(4)]
     for i in range(5):
@@ -269,7 +269,7 @@ def test_times_rise_even_where_two_clocks_contradict() -> None:
     assert (np.diff(np.array([first.map(5.0, 0.004 * i, None) for i in range(2)], float)) > 0.0).all()
 
 
-def test_silence_is_not_a_leap() -> None:
+def test_silence_is_not_a_jump() -> None:
     clock = ClockMap()
     for i in range(300):
         clock.map(10.0 + 0.01 * i, 0.01 * i, None)
@@ -282,11 +282,11 @@ def test_a_real_sender_is_followed(shared: Path) -> None:
     path = shared / "streams" / "slimevr" / "full12_vmc_50hz.udprec.gz"
     if not path.is_file():
         pytest.skip("no recorded streams")
-    told, at, clock = gzip.decompress(path.read_bytes()), 8, ClockMap(significand=24)
+    recording, at, clock = gzip.decompress(path.read_bytes()), 8, ClockMap(significand=24)
     arrivals, mapped = [], []
-    while at < len(told):
-        nanoseconds, _, size = struct.unpack_from("<QHI", told, at)
-        datagram = told[at + 14 : at + 14 + size]
+    while at < len(recording):
+        nanoseconds, _, size = struct.unpack_from("<QHI", recording, at)
+        datagram = recording[at + 14 : at + 14 + size]
         at += 14 + size
         tag = datagram.index(b",f\0\0", datagram.index(b"/VMC/Ext/T\0"))
         arrivals.append(1e-9 * nanoseconds)
@@ -301,12 +301,12 @@ TIMES = st.one_of(st.none(), st.sampled_from([0.0, nan, inf, -inf, 1e300, -5.0])
 
 
 @given(st.lists(st.tuples(st.floats(0.0, 0.5), TIMES, st.one_of(st.none(), st.integers(0, 2**64))), max_size=80))
-def test_whatever_is_told_what_is_delivered_is_never_ahead(
-    told: list[tuple[float, float | None, int | None]],
+def test_whatever_is_sent_what_is_delivered_is_never_ahead(
+    sent: list[tuple[float, float | None, int | None]],
 ) -> None:
     for clock in (ClockMap(), ClockMap(period=0.01, significand=24, parts=2)):
         now = 0.0
-        for gap, stamp, number in told:
+        for gap, stamp, number in sent:
             now += gap
             time = clock.map(now, stamp, number)
             assert time is None or -0.3 <= time <= now + 1e-4
@@ -327,15 +327,15 @@ STEPS = st.lists(st.tuples(st.floats(0.0, 3.0), st.floats(-10.0, 10.0)), min_siz
 
 
 @given(STEPS)
-def test_it_remembers_what_is_young_and_nothing_that_is_old(steps: list[tuple[float, float]]) -> None:
+def test_it_keeps_young_values_and_no_old_ones(steps: list[tuple[float, float]]) -> None:
     least, now = SlidingMinimum(2.0, buckets=8), 100.0
-    told: list[tuple[float, float]] = []
+    added: list[tuple[float, float]] = []
     for step, value in steps:
         now += step
         least.add(now, value)
-        told.append((now, value))
-        young = min(value for at, value in told if at >= now - 1.75)
-        whole = min(value for at, value in told if at >= now - 2.0 - 1e-9)
+        added.append((now, value))
+        young = min(value for at, value in added if at >= now - 1.75)
+        whole = min(value for at, value in added if at >= now - 2.0 - 1e-9)
         assert whole <= least.at(now) <= young
 
 

@@ -1,4 +1,4 @@
-"""Following and holding: only good data end a hold, and nothing that is followed ever leaps."""
+"""Following and holding: only good data end a hold, and the followed sample never jumps."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def sample(x: float, *, valid: tuple[bool, bool] = (True, True)) -> SensorSample
     return SensorSample(NAMES, position, np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)), np.array(valid))
 
 
-def test_it_begins_with_good_data_for_long_enough_and_a_blend_from_where_the_robot_arrived() -> None:
+def test_it_begins_with_good_data_for_long_enough_and_a_blend_from_the_approached_sample() -> None:
     engagement, followed = Engagement(sample(0.0)), list[float]()
     for tick in range(200):
         shown = engagement.step(DT * tick, sample(0.2), good=True)
@@ -45,7 +45,7 @@ def test_it_begins_with_good_data_for_long_enough_and_a_blend_from_where_the_rob
     assert followed.index(0.2) * DT == pytest.approx(TIMES.blend, abs=2 * DT)
 
 
-def test_a_long_way_back_is_slow() -> None:
+def test_a_long_blend_is_slow() -> None:
     engagement, followed = Engagement(sample(0.0)), list[float]()
     for tick in range(1000):
         shown = engagement.step(DT * tick, sample(3.0), good=True)
@@ -61,7 +61,7 @@ def test_flapping_data_are_not_followed() -> None:
     assert engagement.state is Engaged.HOLDING
 
 
-def test_a_clutch_lets_go_and_takes_up_again_without_a_leap() -> None:
+def test_a_clutch_lets_go_and_takes_up_again_without_a_jump() -> None:
     engagement = Engagement(sample(0.0))
     last, largest = 0.0, 0.0
     for tick in range(900):
@@ -106,7 +106,7 @@ def test_a_great_turn_back_takes_its_time_too() -> None:
     assert np.diff(angles).max() <= TIMES.turn * DT * 1.001 and angles[-1] == pytest.approx(np.pi)
 
 
-def test_the_robot_has_all_of_its_speed_when_the_way_back_is_over_and_never_in_a_hold() -> None:
+def test_the_robot_has_all_of_its_speed_after_the_blend_and_never_in_a_hold() -> None:
     engagement, settled = Engagement(sample(0.0)), list[float]()
     for tick in range(300):
         shown = engagement.step(DT * tick, sample(0.1), good=tick < 280)
@@ -121,19 +121,19 @@ def test_the_robot_has_all_of_its_speed_when_the_way_back_is_over_and_never_in_a
 
 
 def test_what_was_bad_must_be_good_for_so_long_without_a_gap() -> None:
-    sustained = Debounce(0.5)
-    assert [sustained.step(t, good=True) for t in (0.0, 0.3, 0.5, 0.6)] == [False, False, True, True]
-    assert [sustained.step(t, good=good) for t, good in ((0.7, False), (0.8, True), (1.2, False), (1.6, True))] == [
+    debounce = Debounce(0.5)
+    assert [debounce.step(t, good=True) for t in (0.0, 0.3, 0.5, 0.6)] == [False, False, True, True]
+    assert [debounce.step(t, good=good) for t, good in ((0.7, False), (0.8, True), (1.2, False), (1.6, True))] == [
         False
     ] * 4
-    assert sustained.step(2.1, good=True)
-    sustained.restart()
-    assert not sustained.step(2.2, good=True)
+    assert debounce.step(2.1, good=True)
+    debounce.restart()
+    assert not debounce.step(2.2, good=True)
 
 
 def test_what_was_good_until_now_needs_no_time() -> None:
-    sustained = Debounce(0.5, good=True)
-    assert sustained.step(0.0, good=True) and not sustained.step(0.1, good=False) and not sustained.step(0.2, good=True)
+    debounce = Debounce(0.5, good=True)
+    assert debounce.step(0.0, good=True) and not debounce.step(0.1, good=False) and not debounce.step(0.2, good=True)
 
 
 FRESH = np.array([ValidityState.FRESH], dtype=np.uint8)
@@ -148,29 +148,29 @@ def weights(states: list[np.ndarray], *, full: bool = True) -> np.ndarray:
 
 
 @pytest.mark.parametrize("state", [state for state in ValidityState if state is not ValidityState.FRESH])
-def test_who_is_not_believed_is_out_within_a_tenth_of_a_second(state: ValidityState) -> None:
-    way = weights([np.array([state], dtype=np.uint8)] * 20)
-    assert (way[9:] == 0.0).all() and way[0] > 0.9 and (np.diff(way) <= 0.0).all()
+def test_an_invalid_sensor_has_no_weight_within_a_tenth_of_a_second(state: ValidityState) -> None:
+    weight = weights([np.array([state], dtype=np.uint8)] * 20)
+    assert (weight[9:] == 0.0).all() and weight[0] > 0.9 and (np.diff(weight) <= 0.0).all()
 
 
 def test_back_by_a_blend_after_half_a_second() -> None:
-    way = weights([LOST] * 20 + [FRESH] * 140)[20:]
-    assert (way[:49] == 0.0).all() and way[52] > 0.0
-    assert way[int(0.5 / DT + 0.375 / DT)] == pytest.approx(0.5, abs=0.03)
-    assert (np.diff(way) >= 0.0).all() and way[int(1.25 / DT) + 1] == pytest.approx(1.0)
+    weight = weights([LOST] * 20 + [FRESH] * 140)[20:]
+    assert (weight[:49] == 0.0).all() and weight[52] > 0.0
+    assert weight[int(0.5 / DT + 0.375 / DT)] == pytest.approx(0.5, abs=0.03)
+    assert (np.diff(weight) >= 0.0).all() and weight[int(1.25 / DT) + 1] == pytest.approx(1.0)
 
 
 def test_a_flicker_starts_the_wait_anew() -> None:
-    way = weights([LOST] * 20 + ([FRESH] * 45 + [LOST]) * 5)
-    assert (way[20:] == 0.0).all()
+    weight = weights([LOST] * 20 + ([FRESH] * 45 + [LOST]) * 5)
+    assert (weight[20:] == 0.0).all()
 
 
-def test_who_flickers_once_goes_all_the_way_out_first() -> None:
-    way = weights([LOST] + [FRESH] * 200)
-    assert way[8] == 0.0 and way[-1] == 1.0
+def test_a_sensor_that_flickers_once_fades_out_first() -> None:
+    weight = weights([LOST] + [FRESH] * 200)
+    assert weight[8] == 0.0 and weight[-1] == 1.0
 
 
-def test_nobody_takes_part_at_first_and_whoever_is_believed_after_a_start() -> None:
+def test_no_sensor_has_weight_at_first_and_every_fresh_one_after_a_start() -> None:
     assert weights([FRESH], full=False)[0] == 0.0
     assert weights([FRESH])[0] == 1.0
     reacquisition = ReacquisitionBlend(2)
@@ -221,7 +221,7 @@ def test_it_is_turned_by_its_weight_from_where_it_was_last() -> None:
     assert got == pytest.approx([0.3, 0.55, 0.8, 1.3])
 
 
-def test_who_was_never_known_or_takes_part_in_full_is_as_it_is() -> None:
+def test_a_sensor_never_known_or_of_full_weight_is_not_turned() -> None:
     turning = ReacquisitionTurn(1)
     assert angle(turning.step(reacquisition_sample(1.0, 0.1))) == pytest.approx(1.0)
     assert angle(turning.step(reacquisition_sample(0.7, None))) == pytest.approx(0.7)

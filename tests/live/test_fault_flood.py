@@ -1,4 +1,4 @@
-"""What a flood costs a tick, in CPU time: on virtual time to decode is free, so it is measured here."""
+"""The CPU time that a flood costs a tick: on virtual time decoding is free, so it is measured here."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ class Counting(JsonPoseDecoder):
     given = 0
 
     def decode(self, payload: bytes) -> list[StreamFrame]:
-        """As ever."""
+        """Decode, and count."""
         self.given += 1
         return super().decode(payload)
 
@@ -50,7 +50,7 @@ class Handed:
 
 def flooded(payload: bytes | None, source: Source, *, owned: bool) -> tuple[list[float], list[int]]:
     """CPU time (s) of each poll and datagrams decoded in it, while a `source` sends payloads, None: the owner's own
-    frames, FLOOD_HZ a second. owned: whether somebody has the stream by then."""
+    frames, FLOOD_HZ a second. owned: whether the stream has an owner by then."""
     sender, handed = FakeSender(source=OWNER), Handed()
     stream, decoder = live_stream(sender, load_performer("five")), Counting()
     stream.decoder, stream.receiver = decoder, handed
@@ -70,7 +70,7 @@ def flooded(payload: bytes | None, source: Source, *, owned: bool) -> tuple[list
         handed.found = sender.poll(now) if flooding or owned else []
         frame = next((one.payload for one in handed.found if one.source == OWNER), frame)
         before, begun = decoder.given, thread_cpu()
-        stream.listen(now, moving=owned)
+        stream.poll(now, moving=owned)
         if flooding:
             cost.append(thread_cpu() - begun)
             decoded.append(decoder.given - before)
@@ -86,7 +86,7 @@ def flooded(payload: bytes | None, source: Source, *, owned: bool) -> tuple[list
         (b"x" * 64, OWNER, True),
         (None, OWNER, True),
     ],
-    ids=["a stranger", "nobody yet", "brackets", "the owner's junk", "the owner's frames"],
+    ids=["another sender", "no owner yet", "brackets", "the owner's junk", "the owner's frames"],
 )
 def test_a_flood_costs_no_tick(payload: bytes | None, source: Source, owned: bool) -> None:
     cost, decoded = flooded(payload, source, owned=owned)

@@ -1,4 +1,4 @@
-"""Measured once, known from then on: half a second for floor and heading; who else stands there is refused."""
+"""A person measured once is known from then on: half a second for floor and heading; another person is refused."""
 
 from contextlib import suppress
 from pathlib import Path
@@ -43,7 +43,7 @@ def begun(
     recalibrate: bool = False,
     performer: Performer | None = None,
 ) -> tuple[Performance, list[str], float]:
-    """What begins, what is said, and how long it took, s."""
+    """The performance, the messages, and how long it took, s."""
     said: list[str] = []
     clock, stream = VirtualClock(), live_stream(FakeSender(faults=list(faults)), performer or five())
     options = LiveOptions(patience=1.0, countdown=COUNTDOWN_S, person=person, recalibrate=recalibrate)
@@ -63,7 +63,7 @@ def origin(performance: Performance) -> FloatArray:
     return performance.samples.alignment.origin
 
 
-def test_who_is_measured_once_is_known_in_another_place() -> None:
+def test_a_person_measured_once_is_known_in_another_place() -> None:
     first, said, took = begun()
     assert said[-1] == f"kept for --person anna: {person_path('anna')}"
     kept = read_person("anna")
@@ -78,7 +78,7 @@ def test_who_is_measured_once_is_known_in_another_place() -> None:
     assert origin(again)[2] - origin(first)[2] == pytest.approx(0.4, abs=0.003)
 
 
-def test_who_is_not_named_is_not_kept() -> None:
+def test_a_size_without_a_name_is_not_kept() -> None:
     begun(person=None)
     assert not person_path("anna").parent.exists()
 
@@ -93,13 +93,13 @@ def test_measured_anew_where_it_is_asked() -> None:
 
 
 @pytest.mark.parametrize("stature", [1.4, 2.1])
-def test_somebody_else_is_refused(stature: float) -> None:
+def test_another_person_is_refused(stature: float) -> None:
     write_person(person_of("anna", proportional_dimensions(stature), sensors=("head",), date="2020-01-01"))
     with refuses(InputError, "--recalibrate"):
         begun()
 
 
-def test_a_file_that_is_unsound_is_refused_before_the_stream_is_waited_for() -> None:
+def test_an_invalid_file_is_refused_before_the_stream_is_waited_for() -> None:
     path = write_person(person_of("anna", proportional_dimensions(1.7), sensors=("head",), date="2020-01-01"))
     path.write_text(path.read_text().replace("layout: 1", "layout: 7"))
     clock = VirtualClock()
@@ -124,7 +124,7 @@ def test_without_ankles_the_floor_is_as_far_below_the_head_as_the_person_is_tall
         begun(worn, placed(0.0, (0.0, 0.0, 0.5)), performer=three)
 
 
-def test_a_known_size_is_told_as_such() -> None:
+def test_a_known_size_is_reported_as_such() -> None:
     said: list[str] = []
     clock, stream = VirtualClock(), live_stream(FakeSender(), five())
     size = proportional_dimensions(1.72)
@@ -134,11 +134,11 @@ def test_a_known_size_is_told_as_such() -> None:
     assert said[-1] == f"known: 1.72 m tall ({size.origin})"
 
 
-def test_a_stream_that_falls_silent_is_told_as_the_reason_and_no_tracker_is_blamed() -> None:
+def test_a_stream_that_falls_silent_is_the_reason_and_no_tracker_is() -> None:
     said: list[str] = []
     clock, stream = VirtualClock(), live_stream(FakeSender(faults=[silent(0.5, 99.0)]), five())
     for tick in range(40):
-        stream.listen(0.01 * tick, moving=False)
+        stream.poll(0.01 * tick, moving=False)
     clock.advance(0.4)
     options = LiveOptions(patience=2.0, countdown=COUNTDOWN_S)
     with refuses(InputError):
@@ -146,8 +146,8 @@ def test_a_stream_that_falls_silent_is_told_as_the_reason_and_no_tracker_is_blam
     assert sum("nothing has arrived for 1.0 s" in text for text in said) == 1
 
 
-def test_what_was_in_the_way_for_longest_is_told_and_not_what_came_last() -> None:
-    """The head is not told until 3 s, and only then moved."""
+def test_the_reason_is_what_was_wrong_for_longest_and_not_what_came_last() -> None:
+    """The head is not sent until 3 s, and moves only then."""
 
     def hidden_and_moved(time: float, poses: Poses) -> Poses | None:
         if 0.15 < time < 3.0:
@@ -173,15 +173,15 @@ class SlowClock(VirtualClock):
 def test_a_busy_machine_is_not_taken_for_a_silent_stream() -> None:
     said: list[str] = []
     clock, stream = SlowClock(), live_stream(FakeSender(rate_hz=120.0), five())
-    with suppress(InputError):  # with so few looks nobody can be measured
+    with suppress(InputError):  # so few polls are not enough to measure
         options = LiveOptions(patience=6.0, countdown=0.0)
         measure(stream, options, None, clock=clock, where=WHERE, notify=said.append)
     assert stream.arrived > 600
     shows(said)
 
 
-def test_nobody_stands_still_for_a_sensor_that_the_sender_never_tells() -> None:
-    """Who takes what there is, takes it at once; one that was told and is lost is waited for."""
+def test_no_performer_waits_for_a_sensor_that_is_never_sent() -> None:
+    """A partial performer begins at once; a sensor that was sent and is lost is waited for."""
 
     took = [begun(lost("l_toe", since, 1e9), person=None, performer=load_performer("all"))[2] for since in (0.0, 0.1)]
     assert took[0] < begun(person=None, performer=load_performer("all"))[2] + 0.1

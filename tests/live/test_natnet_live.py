@@ -33,7 +33,7 @@ Transport = Literal["unicast", "multicast"]
 
 
 class Lab:
-    """A server without cameras on loopback, and a stream that hears it; time goes by as fast as both can talk."""
+    """A server without cameras on loopback, and a stream from it. Time goes by as fast as both can send."""
 
     def __init__(self, transport: Transport, server: socket.socket) -> None:
         whole = synthetic_performer()
@@ -70,11 +70,11 @@ class Lab:
         self.now = CLOCK.now()
 
     def run(self, seconds: float) -> None:
-        """Both sides for so long."""
+        """Run both sides for some seconds."""
         end = self.now + seconds
         while self.now < end:
             self.now += TICK_S
-            self.stream.listen(self.now, moving=False)
+            self.stream.poll(self.now, moving=False)
             while select.select([self._server], [], [], 0.0)[0]:
                 question, self._client = self._server.recvfrom(65_536)
                 self.requests += question[:2] == b"\x04\0"
@@ -107,30 +107,30 @@ def lab(transport: Transport) -> Iterator[Lab]:
 
 
 @pytest.mark.parametrize("transport", ["unicast", "multicast"])
-def test_sensors_are_known_by_the_names_that_motive_tells(transport: Transport) -> None:
+def test_sensors_are_known_by_the_names_that_motive_sends(transport: Transport) -> None:
     with lab(transport) as made:
         made.run(0.5)
         assert made.requests == 1 and made.stream.read(made.now).fresh.all()
         assert set(made.stream.names) >= {f"rigid://{name}" for name in OWN_NAMES.values()}
         made.run(2.5)
-        assert made.requests == 1  # nobody asks for what is known
+        assert made.requests == 1  # no request for what is known
 
 
 @pytest.mark.parametrize("transport", ["unicast", "multicast"])
 def test_bodies_that_are_new_are_asked_for_though_no_flag_says_so(transport: Transport) -> None:
     with lab(transport) as made:
         made.run(0.5)
-        made.motive.rename([f"new_{name}" for name in OWN_NAMES.values()], first_id=100, told=False)
+        made.motive.rename([f"new_{name}" for name in OWN_NAMES.values()], first_id=100, announced=False)
         made.run(1.2)  # no two questions within a second
         assert made.requests == 2 and not made.decoder.names_missing
         assert "rigid://new_head" in made.stream.names
-        made.motive.rename(list(OWN_NAMES.values()), first_id=200, told=False)
+        made.motive.rename(list(OWN_NAMES.values()), first_id=200, announced=False)
         made.run(UNNAMED_S + 0.2)
         assert made.requests == 3 and made.stream.read(made.now).fresh.all()
 
 
 @pytest.mark.parametrize("transport", ["unicast", "multicast"])
-def test_a_change_that_is_told_is_asked_about_at_once(transport: Transport) -> None:
+def test_a_change_that_is_flagged_is_asked_about_at_once(transport: Transport) -> None:
     with lab(transport) as made:
         made.run(0.5)
         made.motive.rename([f"new_{name}" for name in OWN_NAMES.values()])

@@ -1,4 +1,4 @@
-"""Each address is listened to by what can hear it."""
+"""Each address has its receiver."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Sensors without which a live run does not begin: named by who wears them, heard, or refused."""
+"""Sensors without which a live run does not begin: waited for, named, or refused."""
 
 import pytest
 
@@ -7,7 +7,7 @@ from live_rig import WHERE, live_stream
 from messages import refuses
 from retarget.errors import InputError, UsageError
 from retarget.live.begin import LiveOptions, begin_live
-from retarget.live.performer import LivePerformer, carrying, needed, refuse_unmeasurable
+from retarget.live.performer import LivePerformer, base_sensors, needed, refuse_unmeasurable
 from retarget.live.roles import roles_of
 from retarget.schema.performer import Performer, load_performer
 from sim.faults.sender import FakeSender, Poses, SenderFault
@@ -31,14 +31,14 @@ def begun(performer: Performer, *faults: SenderFault) -> LivePerformer:
     return found.samples
 
 
-@pytest.mark.parametrize(("name", "lacking"), [("six", "pelvis"), ("ten", "l_knee")])
-def test_a_listed_role_that_the_stream_lacks_is_refused_by_name(name: str, lacking: str) -> None:
-    with refuses(InputError, lacking, "--performer"):
+@pytest.mark.parametrize(("name", "missing"), [("six", "pelvis"), ("ten", "l_knee")])
+def test_a_listed_role_that_the_stream_does_not_have_is_refused_by_name(name: str, missing: str) -> None:
+    with refuses(InputError, missing, "--performer"):
         begun(load_performer(name), FIVE)
 
 
 @pytest.mark.parametrize("lost", ["pelvis", "l_ankle"])
-def test_what_carries_is_waited_for(lost: str) -> None:
+def test_base_sensors_are_waited_for(lost: str) -> None:
     kept = [name for name in load_performer("six").sensors if name != lost]
     with refuses(InputError, found=lost):
         begun(load_performer("six"), lambda time, poses: {name: poses[name] for name in kept if name in poses})
@@ -48,12 +48,12 @@ def test_all_takes_what_there_is_and_moves() -> None:
     performer = begun(load_performer("all"), FIVE)
     clock = performer._clock
     assert isinstance(clock, VirtualClock)
-    told = 0
+    followed = 0
     for tick in range(300):
         clock.advance(0.01)
-        performer.listen()
-        told += performer.sample(tick) is not None
-    assert told > 150
+        performer.poll()
+        followed += performer.sample(tick) is not None
+    assert followed > 150
 
 
 def test_a_file_without_wrists_is_refused_at_once() -> None:
@@ -71,8 +71,8 @@ def test_vrchat_without_wrists_is_refused_at_once_whatever_its_file_lists() -> N
         refuse_unmeasurable(roles, where="vrchat://:9000")
 
 
-def test_what_carries() -> None:
-    assert carrying(("head", "l_ankle", "l_wrist")) == ("l_ankle",)
-    assert carrying(("head", "l_wrist")) == ("head",)
+def test_base_sensors() -> None:
+    assert base_sensors(("head", "l_ankle", "l_wrist")) == ("l_ankle",)
+    assert base_sensors(("head", "l_wrist")) == ("head",)
     six, everything = (roles_of(load_performer(name), "json", where="test") for name in ("six", "all"))
     assert {"pelvis", "head", "l_ankle"} <= set(needed(six)) and needed(everything) == ("head", "l_wrist", "r_wrist")

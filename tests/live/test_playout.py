@@ -1,4 +1,4 @@
-"""Sensors told with jitter, out of order and at their own times, read on a steady tick."""
+"""Sensors sent with jitter, out of order and at their own times, read on a steady tick."""
 
 from math import inf, nan
 
@@ -36,7 +36,7 @@ def push(playout: Playout, time: float, *, late: float = 0.001, rows: FloatArray
 
 
 def worst(played: Played) -> float:
-    """Largest error against the motion at the time that is said to be shown, m or rad."""
+    """Largest error against the motion at the time of the played pose, m or rad."""
     errors = [0.0]
     for row in np.nonzero(played.how != How.NONE)[0]:
         position, orientation = pose(float(played.time[row]))
@@ -112,16 +112,16 @@ def test_latest_wins_shows_the_newest_as_it_is() -> None:
     assert set(playout.read(1.2).how) == {How.HELD}
 
 
-def test_a_sensor_never_told_is_nothing() -> None:
+def test_a_sensor_never_sent_is_nan() -> None:
     for playout in (buffered(), Playout(COUNT)):
         played = playout.read(1.0)
         assert set(played.how) == {How.NONE} and not played.valid.any() and (played.age == inf).all()
         push(playout, 2.0, rows=np.array([3.0, 5.0]))
         played = playout.read(2.01)
-        told = np.isin(ROWS, [3, 5])
-        assert ((played.how != How.NONE) == told).all() and (played.valid == told).all()
-        assert (np.isnan(played.position).all(axis=1) == ~told).all()
-        assert (np.isnan(played.time) == ~told).all()
+        sent = np.isin(ROWS, [3, 5])
+        assert ((played.how != How.NONE) == sent).all() and (played.valid == sent).all()
+        assert (np.isnan(played.position).all(axis=1) == ~sent).all()
+        assert (np.isnan(played.time) == ~sent).all()
 
 
 def test_before_its_first_pose_a_sensor_shows_that() -> None:
@@ -134,7 +134,7 @@ def test_before_its_first_pose_a_sensor_shows_that() -> None:
     assert worst(played) < 1e-7
 
 
-def test_sensors_told_at_their_own_times_are_read_at_one() -> None:
+def test_sensors_sent_at_their_own_times_are_read_at_one() -> None:
     playout = buffered()
     assert playout.delay == 0.0
     for i in range(300):
@@ -293,7 +293,7 @@ def test_a_share_of_the_frame_time_is_added() -> None:
     assert run(PlayoutDelay(periods=0.5), 3.0, 0.003, start=10.0, rate=50.0)[-1] == pytest.approx(0.013)
 
 
-def test_nothing_told_nothing_waited() -> None:
+def test_without_frames_there_is_no_delay() -> None:
     delay = PlayoutDelay()
     assert delay.at(1.0) == delay.at(2.0) == 0.0
     run(delay, 1.0, 0.01, start=3.0)
@@ -302,9 +302,9 @@ def test_nothing_told_nothing_waited() -> None:
 
 
 @given(st.lists(st.tuples(st.floats(0.0, 1.0), st.floats(-1.0, 10.0), st.floats(0.0, 10.0)), max_size=50))
-def test_it_is_bounded(told: list[tuple[float, float, float]]) -> None:
+def test_it_is_bounded(sent: list[tuple[float, float, float]]) -> None:
     delay, now = PlayoutDelay(cap=0.03), 0.0
-    for step, lateness, gap in told:
+    for step, lateness, gap in sent:
         now += step
         delay.note(now, lateness=lateness, gap=gap)
         assert 0.0 <= delay.at(now) <= 0.03

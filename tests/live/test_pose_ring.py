@@ -1,4 +1,4 @@
-"""The compiled ring against a sorted list."""
+"""The compiled pose ring against a sorted list."""
 
 from bisect import bisect_right
 
@@ -17,7 +17,7 @@ DEPTH = 5
 COUNT = 3
 UNIT = 1.0 / 64.0
 """s; whole numbers of it are exact."""
-TOLD = st.lists(
+PUSHES = st.lists(
     st.tuples(st.sets(st.integers(0, COUNT - 1), min_size=1), st.integers(0, 40), st.floats(-2.0, 60.0)), max_size=60
 )
 
@@ -55,7 +55,7 @@ def expected(row: int, times: list[float], at: float) -> tuple[How, float, Float
     return how, time, place(row, before) + share * (place(row, after) - place(row, before))
 
 
-@given(TOLD)
+@given(PUSHES)
 def test_it_is_a_sorted_list_of_the_newest(pushes: list[tuple[set[int], int, float]]) -> None:
     ring = new(COUNT, DEPTH)
     lists: list[list[float]] = [[] for _ in range(COUNT)]
@@ -80,9 +80,9 @@ def test_it_is_a_sorted_list_of_the_newest(pushes: list[tuple[set[int], int, flo
 
 def test_what_is_not_stored_is_counted() -> None:
     ring = new(1, 3)
-    told = [push(ring, [0], time) for time in (1.0, 2.0, 3.0, 2.0, 0.5, 2.5)]
-    assert [counts[1:] for counts in told] == [(0, 0), (0, 0), (0, 0), (1, 0), (0, 1), (0, 0)]
-    assert [told[0][0], told[1][0], told[5][0]] == [-np.inf, 1.0, 3.0]
+    counted = [push(ring, [0], time) for time in (1.0, 2.0, 3.0, 2.0, 0.5, 2.5)]
+    assert [counts[1:] for counts in counted] == [(0, 0), (0, 0), (0, 0), (1, 0), (0, 1), (0, 0)]
+    assert [counted[0][0], counted[1][0], counted[5][0]] == [-np.inf, 1.0, 3.0]
     nothing = ring.push(np.array([0]), 4.0, np.full((1, 3), np.nan), np.full((1, 4), np.nan), np.ones(1, dtype=bool))
     assert nothing == (None, 0, 0)
 

@@ -26,7 +26,7 @@ def datagram(number: int, size: int = 10) -> Datagram:
 
 
 class HeldWriter(RawWriter):
-    """A writer on a disk that does not answer until it is told to; `reached` when somebody waits for it."""
+    """A writer on a disk that does not answer until `answers` is set; `reached` when the thread waits for it."""
 
     def __init__(self, path: Path) -> None:
         self.answers = threading.Event()
@@ -48,7 +48,7 @@ def test_what_is_taken_is_in_the_file_once_it_is_closed(tmp_path: Path) -> None:
     tap.close()
     reader = RawReader(path)
     found = list(reader)
-    assert reader.url == "vmc://:39539" and (tap.lost, tap.trouble) == (0, "")
+    assert reader.url == "vmc://:39539" and (tap.lost, tap.failure) == (0, "")
     assert [row.payload for row in found] == [datagram(number).payload for number in range(500)]
     assert [row.time_s for row in found] == pytest.approx([100.0 + number * 0.01 for number in range(500)], abs=1e-9)
     assert {(row.address, row.port) for row in found} == {("192.168.1.20", 5000 + port) for port in range(10)}
@@ -61,11 +61,11 @@ def test_it_is_written_while_the_run_goes_on(tmp_path: Path, monkeypatch: pytest
         tap.take(datagram(1))
         for _ in range(2):
             writer.reached.clear()
-            assert writer.reached.wait(PATIENCE_S), "nobody writes"
+            assert writer.reached.wait(PATIENCE_S), "no thread writes"
         assert len(list(RawReader(tmp_path / "a.raw"))) == 1
 
 
-def test_a_disk_that_hangs_holds_nobody_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_that_hangs_holds_up_no_tick(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(raw_recording, "FLUSH_S", 0.001)
     monkeypatch.setattr(raw_recording, "PATIENCE_S", 0.01)
     writer = HeldWriter(tmp_path / "a.raw")
@@ -77,7 +77,7 @@ def test_a_disk_that_hangs_holds_nobody_up(tmp_path: Path, monkeypatch: pytest.M
         tap.take(datagram(number, size=60_000))
     assert tap.lost >= 100 - MAX_UNWRITTEN // 60_000
     tap.close()
-    assert tap.trouble == "the disk does not answer"
+    assert tap.failure == "the disk does not answer"
     writer.answers.set()
 
 
@@ -90,7 +90,7 @@ def test_a_full_disk_ends_the_recording_and_nothing_else(tmp_path: Path) -> None
         tap = RawTap(writer)
         tap.take(datagram(1))
         tap.close()
-    assert tap.trouble == "No space left on device"
+    assert tap.failure == "No space left on device"
     before = tap.lost
     tap.take(datagram(2))
     assert tap.lost == before + 1

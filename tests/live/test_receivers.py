@@ -58,7 +58,7 @@ def conversation(address: StreamAddress) -> Iterator[tuple[Server, NatnetReceive
         yield server, receiver
 
 
-def heard(receiver: NatnetReceiver, count: int) -> list[Datagram]:
+def received(receiver: NatnetReceiver, count: int) -> list[Datagram]:
     """Polls until `count` datagrams came."""
     found: list[Datagram] = []
     sockets = [part for part in (receiver._commands, receiver._frames) if part is not None]
@@ -74,15 +74,15 @@ def test_unicast_goes_through_one_socket() -> None:
         kind, client = server.asked()
         assert kind == MessageId.CONNECT and client == ("127.0.0.1", receiver.port)
         server.socket.sendto(server_info(VERSION), client)
-        assert len(heard(receiver, 1)) == 1 and receiver.session.server is not None
+        assert len(received(receiver, 1)) == 1 and receiver.session.server is not None
         receiver.poll(CLOCK.now())
         assert {server.asked()[0] for _ in range(2)} == {MessageId.DEFINITIONS_REQUEST, MessageId.KEEP_ALIVE}
         server.socket.sendto(frame(Motion(), VERSION), client)
-        assert [datagram.payload for datagram in heard(receiver, 1)] == [frame(Motion(), VERSION)]
+        assert [datagram.payload for datagram in received(receiver, 1)] == [frame(Motion(), VERSION)]
         assert receiver.session.frames == 1 and receiver.dropped.count == receiver.overflowed == 0
 
 
-def test_frames_come_through_the_group_and_the_port_that_the_server_tells() -> None:
+def test_frames_come_through_the_group_and_the_port_that_the_server_reports() -> None:
     with conversation(MULTICAST) as (server, receiver):
         receiver.poll(CLOCK.now())
         client = server.asked()[1]
@@ -90,17 +90,17 @@ def test_frames_come_through_the_group_and_the_port_that_the_server_tells() -> N
             probe.bind((GROUP, 0))
             port = probe.getsockname()[1]
         server.socket.sendto(server_info(VERSION, multicast=True, port=port), client)
-        heard(receiver, 1)
-        assert receiver.trouble == "" and receiver._frames is not None and receiver._frames.port == port
+        received(receiver, 1)
+        assert receiver.join_error == "" and receiver._frames is not None and receiver._frames.port == port
         same = receiver._frames
         server.socket.sendto(frame(Motion(), VERSION), (GROUP, port))
         if not select.select([same], [], [], PATIENCE_S / 5)[0]:
             pytest.skip("this kernel delivers no multicast over loopback")
-        assert [datagram.payload for datagram in heard(receiver, 1)] == [frame(Motion(), VERSION)]
+        assert [datagram.payload for datagram in received(receiver, 1)] == [frame(Motion(), VERSION)]
         assert receiver.session.frames == 1 and receiver._frames is same
 
 
-def test_a_group_that_cannot_be_joined_is_told_and_tried_again() -> None:
+def test_a_group_that_cannot_be_joined_is_reported_and_tried_again() -> None:
     with conversation(MULTICAST) as (server, receiver):
         receiver.poll(CLOCK.now())
         client = server.asked()[1]
@@ -109,16 +109,16 @@ def test_a_group_that_cannot_be_joined_is_told_and_tried_again() -> None:
             port = taken.getsockname()[1]
             before = receiver._frames
             server.socket.sendto(server_info(VERSION, multicast=True, port=port), client)
-            heard(receiver, 1)
-            shows(receiver.trouble)
+            received(receiver, 1)
+            shows(receiver.join_error)
             assert receiver._frames is before
         receiver.poll(CLOCK.now())
-        assert receiver.trouble, "not before its time"
+        assert receiver.join_error, "not before its time"
         receiver.poll(CLOCK.now() + REACQUISITION_S)
-        assert receiver.trouble == "" and receiver._frames is not None and receiver._frames.port == port
+        assert receiver.join_error == "" and receiver._frames is not None and receiver._frames.port == port
 
 
-def test_what_others_send_is_not_the_servers_word() -> None:
+def test_only_datagrams_of_the_server_are_returned() -> None:
     address = replace(UNICAST, bind="127.0.0.1", host="127.0.0.9")
     with conversation(address) as (server, receiver):
         server.socket.sendto(server_info(VERSION), ("127.0.0.1", receiver.port))
@@ -168,7 +168,7 @@ def ready(connection: socket.socket | None) -> None:
     assert select.select([connection], [], [], PATIENCE_S)[0], "nothing arrived over loopback"
 
 
-def tcp_heard(receiver: TcpReceiver, count: int, now: float = 0.0) -> list[Datagram]:
+def tcp_received(receiver: TcpReceiver, count: int, now: float = 0.0) -> list[Datagram]:
     found: list[Datagram] = []
     while len(found) < count:
         if not receiver._waiting:
@@ -184,27 +184,27 @@ def test_datagrams_that_come_end_to_end_and_in_pieces() -> None:
         whole = b"".join(sent)
         for piece in (whole[:10], whole[10:1000], whole[1000:]):
             caller.sendall(piece)
-        found = tcp_heard(receiver, 5, now=7.5)
+        found = tcp_received(receiver, 5, now=7.5)
         assert [row.payload for row in found] == sent and connected(receiver)
         assert {(row.arrival, row.source) for row in found} == {(7.5, caller.getsockname())}
         assert receiver.poll(8.0) == [] and receiver.dropped.count == 0
 
 
 def test_another_computer_is_turned_away() -> None:
-    with TcpReceiver(ADDRESS) as receiver, calling(receiver, "127.0.0.9") as stranger:
-        stranger.sendall(datagram(1))
+    with TcpReceiver(ADDRESS) as receiver, calling(receiver, "127.0.0.9") as other:
+        other.sendall(datagram(1))
         ready(receiver._listener)
         assert receiver.poll(0.0) == [] and not connected(receiver)
         assert receiver.dropped.reasons == {NOT_THE_SENDER: 1}
         with calling(receiver) as caller:
             caller.sendall(datagram(2))
-            assert [row.payload for row in tcp_heard(receiver, 1)] == [datagram(2)]
+            assert [row.payload for row in tcp_received(receiver, 1)] == [datagram(2)]
 
 
 def test_a_second_connection_waits_until_the_first_is_silent() -> None:
     with TcpReceiver(ADDRESS) as receiver, calling(receiver) as first:
         first.sendall(datagram(1))
-        tcp_heard(receiver, 1, now=10.0)
+        tcp_received(receiver, 1, now=10.0)
         with calling(receiver) as second:
             ready(receiver._listener)
             assert receiver.poll(10.0 + 0.9 * SILENT_S) == []
@@ -216,7 +216,7 @@ def test_a_second_connection_waits_until_the_first_is_silent() -> None:
         with calling(receiver) as third:
             third.sendall(datagram(3))
             ready(receiver._listener)
-            found = receiver.poll(11.0 + SILENT_S) or tcp_heard(receiver, 1, now=11.0 + SILENT_S)
+            found = receiver.poll(11.0 + SILENT_S) or tcp_received(receiver, 1, now=11.0 + SILENT_S)
             assert [(row.payload, row.source) for row in found] == [(datagram(3), third.getsockname())]
 
 
@@ -225,7 +225,7 @@ def test_the_sender_may_come_back() -> None:
         for number in range(3):
             with calling(receiver) as caller:
                 caller.sendall(datagram(number) + datagram(9)[:50])
-                assert [row.payload for row in tcp_heard(receiver, 1)] == [datagram(number)]
+                assert [row.payload for row in tcp_received(receiver, 1)] == [datagram(number)]
             while receiver.connected:
                 ready(receiver._connection)
                 assert receiver.poll(0.0) == []
@@ -235,7 +235,7 @@ def test_the_sender_may_come_back() -> None:
 def test_a_connection_that_breaks_is_only_the_end_of_it() -> None:
     with TcpReceiver(ADDRESS) as receiver, calling(receiver) as caller:
         caller.sendall(datagram(1))
-        tcp_heard(receiver, 1)
+        tcp_received(receiver, 1)
         caller.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
         caller.close()
         ready(receiver._connection)
@@ -246,9 +246,9 @@ def test_garbage_is_counted_and_a_poll_is_bounded() -> None:
     small = quaternions([])
     with TcpReceiver(ADDRESS) as receiver, calling(receiver) as caller:
         caller.sendall(b"no datagram at all" + small * 1000)
-        found = tcp_heard(receiver, 1)
+        found = tcp_received(receiver, 1)
         assert len(found) == MOST_PER_POLL
-        found += tcp_heard(receiver, 1000 - MOST_PER_POLL)
+        found += tcp_received(receiver, 1000 - MOST_PER_POLL)
         assert {row.payload for row in found} == {small} and len(found) == 1000
         assert receiver.dropped.count == 1
 
@@ -262,7 +262,7 @@ def test_tcp_a_closed_receiver_stays_quiet() -> None:
     receiver = TcpReceiver(ADDRESS)
     with calling(receiver) as caller:
         caller.sendall(datagram(1) * (MOST_PER_POLL + 5))
-        tcp_heard(receiver, 1)
+        tcp_received(receiver, 1)
         receiver.close()
         receiver.close()
         assert (receiver.poll(0.0), receiver.port, receiver.connected) == ([], 0, False)

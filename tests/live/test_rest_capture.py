@@ -20,7 +20,7 @@ from retarget.live.admission import Admission, Datagram
 from retarget.live.begin import LiveOptions, begin_live
 from retarget.live.clock_map import ClockMap
 from retarget.live.playout import Playout
-from retarget.live.rest_capture import CAPTURE_S, Alignment, Calibrated, RestCapture, align, told_skeleton
+from retarget.live.rest_capture import CAPTURE_S, Alignment, Calibrated, RestCapture, align, skeleton_of
 from retarget.live.roles import roles_of
 from retarget.live.sensor_validity import SensorValidity
 from retarget.live.stream import LiveStream
@@ -39,27 +39,27 @@ PLACES = st.tuples(st.floats(-5, 5), st.floats(-5, 5), st.floats(-1, 1))
 
 @settings(max_examples=60)
 @given(ANGLES, PLACES)
-def test_whoever_stands_faces_x_on_the_floor(yaw: float, place: tuple[float, float, float]) -> None:
+def test_a_standing_performer_faces_x_on_the_floor(yaw: float, place: tuple[float, float, float]) -> None:
     turn = rotations.from_axis_angle([0.0, 0.0, 1.0], yaw)
-    told = rotations.rotate(turn, STANDING) + np.array(place)
-    found = align(NAMES, told)
-    ours = found.positions(told)
+    sent = rotations.rotate(turn, STANDING) + np.array(place)
+    found = align(NAMES, sent)
+    ours = found.positions(sent)
     np.testing.assert_allclose(ours[:, :2], STANDING[:, :2], atol=1e-9)
     np.testing.assert_allclose(ours[3, 2], 0.07, atol=0.01)
     assert rotations.angle_between(found.orientations(turn), rotations.IDENTITY) < 1e-7
 
 
-def test_without_ankles_the_stream_s_floor_is_believed() -> None:
-    told = STANDING.copy()
-    told[3:] = np.nan
-    assert align(NAMES, told).origin[2] == 0.0
+def test_without_ankles_the_floor_of_the_stream_is_used() -> None:
+    sent = STANDING.copy()
+    sent[3:] = np.nan
+    assert align(NAMES, sent).origin[2] == 0.0
 
 
-def test_left_and_right_in_one_place_tell_nothing() -> None:
-    told = STANDING.copy()
-    told[:, 1] = 0.0
+def test_left_and_right_in_one_place_show_no_direction() -> None:
+    sent = STANDING.copy()
+    sent[:, 1] = 0.0
     with refuses(InputError):
-        align(NAMES, told, where="vmc://:39539")
+        align(NAMES, sent, where="vmc://:39539")
 
 
 @settings(max_examples=60)
@@ -69,10 +69,10 @@ def test_a_turn_keeps_its_centre(
 ) -> None:
     before = Alignment(yaw, np.array(origin))
     after = before.turned(turn, np.array(about))
-    told = np.array([[0.3, -0.2, 1.0], [1.0, 2.0, 0.0]])
-    ours, centre = before.positions(told), np.array([about[0], about[1], 0.0])
+    sent = np.array([[0.3, -0.2, 1.0], [1.0, 2.0, 0.0]])
+    ours, centre = before.positions(sent), np.array([about[0], about[1], 0.0])
     spun = rotations.rotate(rotations.from_axis_angle([0.0, 0.0, 1.0], turn), ours - centre) + centre
-    np.testing.assert_allclose(after.positions(told), spun, atol=1e-9)
+    np.testing.assert_allclose(after.positions(sent), spun, atol=1e-9)
     q = rotations.from_axis_angle([0.0, 1.0, 0.0], 0.4)
     expected = rotations.multiply(rotations.from_axis_angle([0.0, 0.0, 1.0], turn), before.orientations(q))
     assert rotations.angle_between(after.orientations(q), expected) < 1e-7
@@ -108,7 +108,7 @@ def captured(*, lost: tuple[str, ...] = (), sway: float = 0.004, wave: float = 0
     return capture.result()
 
 
-def test_whoever_stands_still_is_measured_and_faces_x() -> None:
+def test_a_performer_who_stands_still_is_measured_and_faces_x() -> None:
     found = captured()
     assert found.dimensions.stature == pytest.approx(1.75, abs=0.03)
     assert found.missing == ()
@@ -125,7 +125,7 @@ def test_a_sensor_that_is_not_fresh_is_named_and_missing_where_it_can_be() -> No
         captured(lost=("l_wrist",))
 
 
-def test_whoever_moves_is_told_with_what() -> None:
+def test_sensors_that_move_are_named() -> None:
     with refuses(InputError, found="l_wrist"):
         captured(wave=0.5)
 
@@ -135,7 +135,7 @@ def test_without_data_there_is_nothing_to_calibrate() -> None:
         RestCapture(where=WHERE).result()
 
 
-def test_whoever_lies_down_is_refused() -> None:
+def test_lying_down_is_refused() -> None:
     capture = RestCapture(where=WHERE)
     base = np.array([REST_CAPTURE_STANDING[name] for name in REST_CAPTURE_NAMES])[:, [2, 1, 0]]
     for tick in range(150):
@@ -161,7 +161,7 @@ def test_one_arm_out_and_the_other_hanging_is_no_rest_pose(raised: str) -> None:
 
 
 @pytest.mark.parametrize(("stature", "fits"), [(1.05, False), (1.3, True), (2.1, True), (2.4, False)])
-def test_a_stature_of_nobody_who_stands_is_refused(stature: float, fits: bool) -> None:
+def test_an_impossible_stature_is_refused(stature: float, fits: bool) -> None:
     standing = at_rest(proportional_dimensions(stature), 0.1, turn=0.9)
     if fits:
         assert taken(standing).dimensions.stature == pytest.approx(stature, abs=0.04)
@@ -195,7 +195,7 @@ def t_pose(person: HumanDimensions) -> bytes:
 
 @dataclass
 class MvnSender:
-    """Somebody stands still at 100 Hz; the T-pose comes once, with what `rest` makes of it."""
+    """A performer who stands still at 100 Hz; the T-pose datagram `rest` comes once, at first."""
 
     person: HumanDimensions
     rest: bytes
@@ -243,9 +243,9 @@ def worst_limb(found: HumanDimensions, true: HumanDimensions) -> float:
 
 def test_the_skeleton_of_mvn_is_the_size() -> None:
     person = long_legs()
-    told, said = begun(MvnSender(person, t_pose(person)))
+    found, said = begun(MvnSender(person, t_pose(person)))
     fitted, measured = begun(MvnSender(person, b""))
-    assert worst_limb(told.dimensions, person) < 1e-5
+    assert worst_limb(found.dimensions, person) < 1e-5
     assert worst_limb(fitted.dimensions, person) > 0.02  # what the rest pose of five sensors cannot see
     assert said[-1].startswith("known: ")
     shows(said[-1], "mvn://:9763")
@@ -267,6 +267,6 @@ def test_a_skeleton_that_is_no_human_s_is_left_aside() -> None:
     assert found.dimensions.origin.startswith("N-pose")
 
 
-def test_other_senders_tell_none() -> None:
-    assert told_skeleton(JsonPoseDecoder()) is None
-    assert told_skeleton(MvnDecoder()) is None
+def test_other_senders_have_no_skeleton() -> None:
+    assert skeleton_of(JsonPoseDecoder()) is None
+    assert skeleton_of(MvnDecoder()) is None

@@ -29,7 +29,7 @@ FIVE = load_performer("five")
 
 
 def frame(poses: dict[str, tuple[list[float] | None, list[float] | None]], *, untracked: str = "") -> StreamFrame:
-    """Poses by name; None: not told."""
+    """Poses by name; None: not sent."""
     nothing3, nothing4 = [np.nan] * 3, [np.nan] * 4
     return StreamFrame(
         tuple(poses),
@@ -47,9 +47,9 @@ def test_every_convention_has_the_default_sensors(convention: str) -> None:
     assert set(CONVENTIONS[convention]) <= set(SENSORS)
 
 
-def test_a_hanging_hand_of_slimevr_is_a_wrist_behind_the_point_that_is_told() -> None:
+def test_a_hanging_hand_of_slimevr_is_a_wrist_behind_the_point_that_is_sent() -> None:
     roles = roles_of(FIVE, "slimevr", where="five.yaml")
-    # The identity is an arm that hangs: in the T-pose the sender tells a turn about forward.
+    # The identity is an arm that hangs: in the T-pose the sender sends a turn about forward.
     raised = rotations.from_axis_angle([1.0, 0.0, 0.0], np.pi / 2).tolist()
     poses = roles.take(
         frame(
@@ -72,7 +72,7 @@ def test_a_hanging_hand_of_slimevr_is_a_wrist_behind_the_point_that_is_told() ->
     assert rotations.angle_between(turned.orientation[0], rotations.IDENTITY) < 1e-9
 
 
-def test_what_a_datagram_does_not_tell_stays_untold() -> None:
+def test_what_a_datagram_does_not_hold_stays_unknown() -> None:
     performer = Performer(
         name="p", description="d", sensors={"l_knee": PerformerSensor(joint="l_knee", orientation=True)}
     )
@@ -88,7 +88,7 @@ def test_what_a_datagram_does_not_tell_stays_untold() -> None:
 
 
 def test_a_point_and_its_segment_may_be_two_poses() -> None:
-    """SlimeVR's KNEE turns with the thigh: nothing tells the shank of a knee sensor."""
+    """SlimeVR's KNEE turns with the thigh: no pose gives the shank of a knee sensor."""
     performer = Performer(
         name="p", description="d", sensors={"l_knee": PerformerSensor(joint="l_knee", orientation=True)}
     )
@@ -114,7 +114,7 @@ def test_names_of_the_file_come_first() -> None:
         roles_of(performer, "slimvr", where="p.yaml")
 
 
-def test_changing_names_are_remembered_within_bounds() -> None:
+def test_changing_names_are_kept_within_bounds() -> None:
     roles = Roles(("head",), [CONVENTIONS["json"]["head"]])
     for number in range(3 * MAX_KNOWN):
         assert roles.take(frame({f"other{number}": (None, None), "head": ([0.0, 0.0, 1.0], None)})) is not None
@@ -122,19 +122,19 @@ def test_changing_names_are_remembered_within_bounds() -> None:
 
 
 @pytest.mark.parametrize(
-    ("convention", "told"),
+    ("convention", "facts"),
     [
         ("slimevr_vrchat", ("l_wrist", "r_wrist", "vmc://:39539")),
         ("natnet", ("head", "l_wrist", "--performer")),
     ],
 )
-def test_what_a_kind_of_sender_never_tells_is_refused_once_with_what_to_do(convention: str, told: Facts) -> None:
-    with refuses(UsageError, told) as refusal:
+def test_what_a_kind_of_sender_never_sends_is_refused_once_with_the_next_step(convention: str, facts: Facts) -> None:
+    with refuses(UsageError, facts) as refusal:
         roles_of(FIVE, convention, where="five.yaml")
     assert len(refusal.value.problems) == 1
 
 
-def test_who_takes_what_there_is_leaves_out_what_a_kind_of_sender_never_tells() -> None:
+def test_a_partial_performer_leaves_out_what_a_kind_of_sender_never_sends() -> None:
     everything = load_performer("all")
     roles = roles_of(everything, "slimevr", where="all.yaml")
     assert roles.sensors == tuple(everything.sensors) and roles.partial
@@ -153,10 +153,10 @@ def test_who_takes_what_there_is_leaves_out_what_a_kind_of_sender_never_tells() 
 def test_each_sensor_has_one_source(roles: RoleSet) -> None:
     names = [role.name for role in roles.roles]
     assert len(set(names)) == len(names) and all(roles.role(name) is not None for name in names)
-    for told in ([r.point for r in roles.roles if r.point], [r.segment for r in roles.roles if r.segment]):
-        assert len(set(told)) == len(told) and set(told) <= set(SENSORS)
-        assert {mirrored_name(sensor) for sensor in told} == set(told)
-    assert roles.role("nobody") is None
+    for sensors in ([r.point for r in roles.roles if r.point], [r.segment for r in roles.roles if r.segment]):
+        assert len(set(sensors)) == len(sensors) and set(sensors) <= set(SENSORS)
+        assert {mirrored_name(sensor) for sensor in sensors} == set(sensors)
+    assert roles.role("unknown") is None
 
 
 def test_sides_are_where_names_say() -> None:
@@ -190,7 +190,7 @@ def test_bones_are_unitys() -> None:
 
 
 def test_a_hanging_arm_is_turned_from_the_t_pose() -> None:
-    """Told the identity, the left arm hangs: its canonical orientation takes sideward (the T-pose) to down."""
+    """At the identity the left arm hangs: its canonical orientation takes sideward (the T-pose) to down."""
     for name, side in (("human://LEFT_ELBOW", 1.0), ("human://RIGHT_HAND", -1.0)):
         role = role_set("slimevr").role(name)
         assert role is not None

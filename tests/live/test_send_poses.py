@@ -40,7 +40,7 @@ def test_a_waving_performer_is_decoded(root: Path) -> None:
 
 
 class _Sender:
-    """What the example sends, from any moment of it on."""
+    """What the example sends, from datagram `first` on."""
 
     def __init__(self, message: Callable[[int], bytes], first: int) -> None:
         self._message, self._first, self._sent = message, first, 0

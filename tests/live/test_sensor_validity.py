@@ -1,4 +1,4 @@
-"""Two sensors have changed places, or two hands have met."""
+"""Sensor validity: swaps and jumps, the checks of single poses, and the states of sensors in a walk."""
 
 import warnings
 from math import hypot
@@ -23,39 +23,37 @@ from retarget.live.sensor_validity import (
     ValidityLimits,
     ValidityState,
     sides_swapped,
+    taken_over,
     watched_sensors,
 )
-from retarget.live.sensor_validity import taken_over as exchange_taken_over
 from retarget.types import FloatArray
-from validity_rig import HOME, LAG, Stream, judge, walk
-from validity_rig import NAMES as VALIDITY_HOSTILE_NAMES
-from validity_rig import NAMES as VALIDITY_NAMES
+from validity_rig import HOME, LAG, NAMES, Stream, judge, walk
 
 DT, LEAST = 0.01, 0.08
 LEFT, RIGHT = [0.0, 0.12, 0.1], [0.0, -0.12, 0.1]
 _Point = list[float]
 
 
-def test_those_who_stand_where_the_other_stood_have() -> None:
+def test_sensors_at_each_others_places_are_swapped() -> None:
     was = (LEFT, RIGHT)
     assert sides_swapped(was, was, (RIGHT, LEFT), DT, LEAST)
     assert not sides_swapped(was, was, was, DT, LEAST)
 
 
-def test_both_must_have() -> None:
+def test_both_must_have_moved() -> None:
     was = (LEFT, RIGHT)
     assert not sides_swapped(was, was, (RIGHT, RIGHT), DT, LEAST)
     assert not sides_swapped(was, was, (LEFT, LEFT), DT, LEAST)
     assert not sides_swapped(was, was, (RIGHT, [0.5, 0.12, 0.1]), DT, LEAST)
 
 
-def test_those_who_are_too_near_are_not_told_apart() -> None:
+def test_sensors_that_are_too_near_are_not_distinguished() -> None:
     was = ([0.0, 0.03, 1.0], [0.0, -0.03, 1.0])
     assert not sides_swapped(was, was, (was[1], was[0]), DT, LEAST)
 
 
-def test_hands_that_clap_and_rebound_have_not() -> None:
-    """At 5 m/s each, told at 60 Hz: due behind each other, they are back on their own sides."""
+def test_hands_that_clap_and_rebound_are_not_swapped() -> None:
+    """At 5 m/s each, sent at 60 Hz: due behind each other, they are back on their own sides."""
     was = ([0.0, 0.02, 1.0], [0.0, -0.02, 1.0])
     due = ([0.0, -0.063, 1.0], [0.0, 0.063, 1.0])
     for back in (0.0, 0.02, 0.05, 0.08):
@@ -80,32 +78,27 @@ def test_it_does_not_matter_where_in_the_room() -> None:
 
 
 def test_one_that_goes_on_where_the_other_was_took_its_place() -> None:
-    took = [
-        exchange_taken_over((LEFT, RIGHT), [0.0, y, 0.1], (0.1, DT), least=LEAST, calm=0.06)
-        for y in (-0.12, -0.15, 0.0)
-    ]
+    took = [taken_over((LEFT, RIGHT), [0.0, y, 0.1], (0.1, DT), least=LEAST, calm=0.06) for y in (-0.12, -0.15, 0.0)]
     assert took == [False] * 3  # a hard movement would do
     far = ([0.0, 0.3, 1.0], [0.0, -0.3, 1.0])
-    at = {
-        y: exchange_taken_over(far, [0.0, y, 1.0], (0.1, DT), least=LEAST, calm=0.06) for y in (-0.3, -0.26, -0.2, 0.3)
-    }
+    at = {y: taken_over(far, [0.0, y, 1.0], (0.1, DT), least=LEAST, calm=0.06) for y in (-0.3, -0.26, -0.2, 0.3)}
     assert at == {-0.3: True, -0.26: True, -0.2: False, 0.3: False}
-    assert exchange_taken_over(far, [0.0, -0.2, 1.0], (0.1, 0.1), least=LEAST, calm=0.06)  # told seldom
+    assert taken_over(far, [0.0, -0.2, 1.0], (0.1, 0.1), least=LEAST, calm=0.06)  # sent seldom
 
 
 PLACES = np.array([[0.0, 0.3, 1.0], [0.0, -0.3, 1.0], [0.0, 0.0, 1.0]])
-NAMES = ("l_wrist", "r_wrist", "pelvis")
+THREE = ("l_wrist", "r_wrist", "pelvis")
 
 
 class Line:
-    """Leaps with the last poses that they are judged against."""
+    """Jump detection with the last poses that it judges against."""
 
     def __init__(self) -> None:
         self.last = watched_sensors(3, ValidityLimits())
-        self.jumps = JumpDetection(NAMES, self.last, ValidityLimits())
-        self.notify(0.0, {row: PLACES[row] for row in range(3)})
+        self.jumps = JumpDetection(THREE, self.last, ValidityLimits())
+        self.take(0.0, {row: PLACES[row] for row in range(3)})
 
-    def notify(self, time: float, places: dict[int, np.ndarray]) -> list[bool]:
+    def take(self, time: float, places: dict[int, np.ndarray]) -> list[bool]:
         rows = np.array(list(places))
         position = np.array(list(places.values()))
         usable, stored = self.jumps.take(rows, time, position)
@@ -115,91 +108,91 @@ class Line:
         return list(map(bool, usable))
 
 
-def test_a_late_pose_may_be_used_but_is_not_gone_on_from() -> None:
+def test_a_late_pose_may_be_used_but_is_not_the_last_accepted_one() -> None:
     line = Line()
-    line.notify(0.1, {0: PLACES[0] + 0.1})
-    assert line.notify(0.05, {0: PLACES[0] + 0.05}) == [True]
+    line.take(0.1, {0: PLACES[0] + 0.1})
+    assert line.take(0.05, {0: PLACES[0] + 0.05}) == [True]
     assert line.last.at[0] == 0.1 and np.allclose(line.last.pose[0, :3], PLACES[0] + 0.1)
-    assert line.notify(0.1, {0: PLACES[0] + 1.0}) == [False] and not line.jumps.any_doubted
+    assert line.take(0.1, {0: PLACES[0] + 1.0}) == [False] and not line.jumps.any_refused
 
 
 def test_as_fast_as_a_human_and_faster() -> None:
     for metres, usable in ((0.7, True), (0.8, False)):
-        assert Line().notify(0.05, {0: PLACES[0] + [metres, 0.0, 0.0]}) == [usable]
+        assert Line().take(0.05, {0: PLACES[0] + [metres, 0.0, 0.0]}) == [usable]
 
 
-def test_jitter_of_stamps_is_no_leap() -> None:
-    assert Line().notify(0.0001, {0: PLACES[0] + [0.2, 0.0, 0.0]}) == [True]
+def test_jitter_of_stamps_is_no_jump() -> None:
+    assert Line().take(0.0001, {0: PLACES[0] + [0.2, 0.0, 0.0]}) == [True]
 
 
-def test_a_leap_back_is_believed_and_a_leap_on_waits_anew() -> None:
+def test_a_jump_back_is_accepted_and_a_jump_on_waits_anew() -> None:
     line = Line()
-    assert line.notify(0.01, {0: PLACES[0] + [2.0, 0.0, 0.0]}) == [False]
+    assert line.take(0.01, {0: PLACES[0] + [2.0, 0.0, 0.0]}) == [False]
     assert line.jumps.state[0] == ValidityState.FRESH
-    assert line.notify(0.02, {0: PLACES[0] + [2.0, 0.0, 0.0]}) == [False]
+    assert line.take(0.02, {0: PLACES[0] + [2.0, 0.0, 0.0]}) == [False]
     assert line.jumps.state[0] == ValidityState.JUMPED
-    assert line.notify(0.03, {0: PLACES[0]}) == [True] and not line.jumps.any_doubted
+    assert line.take(0.03, {0: PLACES[0]}) == [True] and not line.jumps.any_refused
     assert line.jumps.state[0] == ValidityState.FRESH
     for i in range(4, 30):
-        assert line.notify(0.01 * i, {0: PLACES[0] + [2.0, 0.0, 0.0]}) == [False]
+        assert line.take(0.01 * i, {0: PLACES[0] + [2.0, 0.0, 0.0]}) == [False]
     for i in range(30, 78):
-        assert line.notify(0.01 * i, {0: PLACES[0] + [5.0, 0.0, 0.0]}) == [False]
-    line.notify(0.79, {0: PLACES[0] + [5.0, 0.0, 0.0]})
-    assert line.notify(0.81, {0: PLACES[0] + [5.0, 0.0, 0.0]}) == [True] and line.jumps.resettled[0]
+        assert line.take(0.01 * i, {0: PLACES[0] + [5.0, 0.0, 0.0]}) == [False]
+    line.take(0.79, {0: PLACES[0] + [5.0, 0.0, 0.0]})
+    assert line.take(0.81, {0: PLACES[0] + [5.0, 0.0, 0.0]}) == [True] and line.jumps.resettled[0]
 
 
-def test_a_leap_that_falls_silent_waits_anew() -> None:
+def test_a_jump_that_falls_silent_waits_anew() -> None:
     line = Line()
     for time in (0.01, 0.02, 0.03, 0.6):
-        assert line.notify(time, {0: PLACES[0] + [9.0, 0.0, 0.0]}) == [False]
+        assert line.take(time, {0: PLACES[0] + [9.0, 0.0, 0.0]}) == [False]
 
 
-def test_an_exchange_in_two_datagrams() -> None:
+def test_a_swap_in_two_datagrams() -> None:
     line = Line()
-    assert line.notify(0.01, {0: PLACES[1]}) == [False] and line.notify(0.02, {1: PLACES[0]}) == [False]
+    assert line.take(0.01, {0: PLACES[1]}) == [False] and line.take(0.02, {1: PLACES[0]}) == [False]
     assert line.jumps.state.tolist() == [ValidityState.SWAPPED, ValidityState.SWAPPED, ValidityState.FRESH]
 
 
-def test_two_leaps_to_elsewhere_are_no_exchange() -> None:
+def test_two_jumps_to_elsewhere_are_no_swap() -> None:
     line = Line()
     for time in (0.01, 0.02):
-        line.notify(time, {0: PLACES[1], 1: PLACES[1] + [1.0, 0.0, 0.0]})
+        line.take(time, {0: PLACES[1], 1: PLACES[1] + [1.0, 0.0, 0.0]})
     assert line.jumps.state.tolist() == [ValidityState.JUMPED, ValidityState.JUMPED, ValidityState.FRESH]
 
 
 def test_a_clock_that_was_set_back_starts_anew() -> None:
     line = Line()
-    assert line.notify(-3.0, {0: PLACES[0] + 2.0}) == [True] and line.last.at[0] == -3.0
+    assert line.take(-3.0, {0: PLACES[0] + 2.0}) == [True] and line.last.at[0] == -3.0
 
 
-def test_a_leap_to_a_third_place_is_no_way_back() -> None:
+def test_a_jump_to_a_third_place_is_no_return() -> None:
     for third in ([-1.3, 0.0, 0.0], [1.2, 0.0, 0.0]):
         line = Line()
-        line.notify(0.01, {0: PLACES[0] + [2.0, 0.0, 0.0]})
-        assert line.notify(0.09, {0: PLACES[0] + third}) == [False]
+        line.take(0.01, {0: PLACES[0] + [2.0, 0.0, 0.0]})
+        assert line.take(0.09, {0: PLACES[0] + third}) == [False]
     line = Line()
     for i in range(1, 40):
-        line.notify(0.01 * i, {0: PLACES[0] + [9.0, 0.0, 0.0]})
-    assert line.notify(0.4, {0: PLACES[0] + [2.0, 0.0, 0.0]}) == [False]
+        line.take(0.01 * i, {0: PLACES[0] + [9.0, 0.0, 0.0]})
+    assert line.take(0.4, {0: PLACES[0] + [2.0, 0.0, 0.0]}) == [False]
 
 
-def test_to_walk_through_the_old_place_is_no_way_back() -> None:
+def test_walking_through_the_old_place_is_no_return() -> None:
     line = Line()
     for i in range(1, 30):
-        assert line.notify(0.01 * i, {0: PLACES[0] + [0.3 - 0.02 * (i - 1), 0.0, 0.0]}) == [False]
+        assert line.take(0.01 * i, {0: PLACES[0] + [0.3 - 0.02 * (i - 1), 0.0, 0.0]}) == [False]
 
 
-def test_an_exchange_in_one_datagram() -> None:
+def test_a_swap_in_one_datagram() -> None:
     line = Line()
-    assert line.notify(0.01, {0: PLACES[1], 1: PLACES[0], 2: PLACES[2]}) == [False, False, True]
+    assert line.take(0.01, {0: PLACES[1], 1: PLACES[0], 2: PLACES[2]}) == [False, False, True]
     assert line.jumps.state.tolist() == [ValidityState.SWAPPED, ValidityState.SWAPPED, ValidityState.FRESH]
-    assert line.notify(0.02, {0: PLACES[0], 1: PLACES[1]}) == [True, True] and not line.jumps.any_doubted
+    assert line.take(0.02, {0: PLACES[0], 1: PLACES[1]}) == [True, True] and not line.jumps.any_refused
 
 
 def swapped_at(line: Line, time: float, to: float) -> None:
-    """Both wrists are told at each other's places, wherever they go: the hands rise by `to`, m."""
+    """Both wrists are reported at each other's places while the hands rise by `to`, m."""
     up = np.array([0.0, 0.0, to])
-    assert line.notify(time, {0: PLACES[1] + up, 1: PLACES[0] + up}) == [False, False]
+    assert line.take(time, {0: PLACES[1] + up, 1: PLACES[0] + up}) == [False, False]
     assert line.jumps.state.tolist() == [ValidityState.SWAPPED, ValidityState.SWAPPED, ValidityState.FRESH]
 
 
@@ -209,7 +202,7 @@ def test_where_sides_are_known_a_swap_ends_only_by_swapping_back() -> None:
     for i in range(1, 1000):
         swapped_at(line, 0.01 * i, 0.001 * min(i, 500))
     up = np.array([0.0, 0.0, 0.5])
-    assert line.notify(10.0, {0: PLACES[0] + up, 1: PLACES[1] + up}) == [True, True] and not line.jumps.any_doubted
+    assert line.take(10.0, {0: PLACES[0] + up, 1: PLACES[1] + up}) == [True, True] and not line.jumps.any_refused
     assert not line.jumps.resettled.any() and np.allclose(line.last.pose[0, :3], PLACES[0] + up)
 
 
@@ -218,87 +211,87 @@ def test_silence_does_not_make_a_swap_right() -> None:
     line.jumps.keep_sides()
     for time in (0.01, 0.02, 3.0, 3.01, 9.0, 9.6):
         swapped_at(line, time, 0.0)
-    assert line.notify(20.0, {0: PLACES[0], 1: PLACES[1]}) == [True, True]
+    assert line.take(20.0, {0: PLACES[0], 1: PLACES[1]}) == [True, True]
 
 
-def test_swapping_back_may_be_told_in_two_datagrams_and_one_side_alone_is_not_enough() -> None:
+def test_swapping_back_may_take_two_datagrams_and_one_side_alone_is_not_enough() -> None:
     line = Line()
     line.jumps.keep_sides()
     swapped_at(line, 0.01, 0.0)
     swapped_at(line, 0.02, 0.0)
-    assert line.notify(0.03, {0: PLACES[0], 1: PLACES[0]}) == [False, False]
+    assert line.take(0.03, {0: PLACES[0], 1: PLACES[0]}) == [False, False]
     swapped_at(line, 0.04, 0.0)
-    assert line.notify(0.05, {0: PLACES[0]}) == [True] and line.notify(0.051, {1: PLACES[1]}) == [True]
-    assert not line.jumps.any_doubted
+    assert line.take(0.05, {0: PLACES[0]}) == [True] and line.take(0.051, {1: PLACES[1]}) == [True]
+    assert not line.jumps.any_refused
 
 
-def test_a_swap_before_sides_are_known_is_a_leap_that_settles() -> None:
+def test_a_swap_before_sides_are_known_is_a_jump_that_settles() -> None:
     line = Line()
     swapped_at(line, 0.01, 0.0)
     line.jumps.keep_sides()
-    told = [line.notify(0.01 * i, {0: PLACES[1], 1: PLACES[0]}) for i in range(2, 60)]
-    assert told[0] == [False, False] and told[-1] == [True, True]
+    taken = [line.take(0.01 * i, {0: PLACES[1], 1: PLACES[0]}) for i in range(2, 60)]
+    assert taken[0] == [False, False] and taken[-1] == [True, True]
 
 
-def taken_over(line: Line, first: float) -> None:
-    """The left wrist is told where the right one was, which is not told; twice."""
+def left_takes_over(line: Line, first: float) -> None:
+    """The left wrist is reported twice where the right one was, which is missing."""
     for time in (first, first + 0.01):
-        assert line.notify(time, {0: PLACES[1], 2: PLACES[2]}) == [False, True]
+        assert line.take(time, {0: PLACES[1], 2: PLACES[2]}) == [False, True]
     assert line.jumps.state.tolist() == [ValidityState.SWAPPED, ValidityState.SWAPPED, ValidityState.FRESH]
 
 
 @pytest.mark.parametrize("lost", [0.0, 0.05, 0.1, 0.5, 2.0])
 def test_one_that_takes_the_place_of_the_other_has_changed_places(lost: float) -> None:
-    """Lost for a while, and told at the place of the other side from when that one is not told."""
+    """Lost for a while, then reported at the place of the other side, which is missing from then on."""
     line = Line()
     line.jumps.keep_sides()
-    told = [0.01 * i for i in range(1, round(100.0 * lost) + 1)]
-    for time in told:
-        assert line.notify(time, {1: PLACES[1], 2: PLACES[2]}) == [True, True]
-    taken_over(line, lost + 0.01)
+    times = [0.01 * i for i in range(1, round(100.0 * lost) + 1)]
+    for time in times:
+        assert line.take(time, {1: PLACES[1], 2: PLACES[2]}) == [True, True]
+    left_takes_over(line, lost + 0.01)
     for i in range(3, 300):  # no time makes it right
-        assert line.notify(lost + 0.01 * i, {0: PLACES[1], 2: PLACES[2]}) == [False, True]
-    assert line.notify(lost + 3.0, {0: PLACES[0], 1: PLACES[1], 2: PLACES[2]}) == [True] * 3
-    assert not line.jumps.any_doubted
+        assert line.take(lost + 0.01 * i, {0: PLACES[1], 2: PLACES[2]}) == [False, True]
+    assert line.take(lost + 3.0, {0: PLACES[0], 1: PLACES[1], 2: PLACES[2]}) == [True] * 3
+    assert not line.jumps.any_refused
 
 
-def test_it_ends_when_the_other_is_told_at_its_own_place() -> None:
-    """However far the one that was not seen has gone: then each is itself."""
+def test_it_ends_when_the_other_is_reported_at_its_own_place() -> None:
+    """However far the one that was missing has gone: then neither is swapped."""
     line = Line()
     line.jumps.keep_sides()
-    taken_over(line, 0.01)
+    left_takes_over(line, 0.01)
     far = PLACES[0] + [0.3, 0.3, 0.5]
-    assert line.notify(0.1, {0: far, 1: PLACES[1]}) == [True, True] and not line.jumps.any_doubted
+    assert line.take(0.1, {0: far, 1: PLACES[1]}) == [True, True] and not line.jumps.any_refused
     line = Line()
     line.jumps.keep_sides()
-    taken_over(line, 0.01)
-    assert line.notify(0.1, {1: PLACES[1]}) == [True]  # one after the other
-    assert line.notify(0.105, {0: PLACES[0] + [9.0, 0.0, 0.0]}) == [False]  # no human goes so far
+    left_takes_over(line, 0.01)
+    assert line.take(0.1, {1: PLACES[1]}) == [True]  # one after the other
+    assert line.take(0.105, {0: PLACES[0] + [9.0, 0.0, 0.0]}) == [False]  # no human goes so far
     assert line.jumps.state[0] == ValidityState.JUMPED
 
 
-def test_both_told_at_each_others_places_go_on_as_a_swap() -> None:
+def test_both_at_each_others_places_go_on_as_a_swap() -> None:
     line = Line()
     line.jumps.keep_sides()
-    taken_over(line, 0.01)
+    left_takes_over(line, 0.01)
     for i in range(3, 100):
         swapped_at(line, 0.01 * i, 0.0)
-    assert line.notify(1.1, {0: PLACES[0], 1: PLACES[0]}) == [False, False]  # one side alone is not enough
+    assert line.take(1.1, {0: PLACES[0], 1: PLACES[0]}) == [False, False]  # one side alone is not enough
     swapped_at(line, 1.11, 0.0)
-    assert line.notify(1.12, {0: PLACES[0], 1: PLACES[1]}) == [True, True]
+    assert line.take(1.12, {0: PLACES[0], 1: PLACES[1]}) == [True, True]
 
 
-def test_hands_that_meet_one_told_after_the_other_have_not_changed_places() -> None:
-    """Each sensor in a datagram of its own: the left one comes back beside the right one, which is told next."""
+def test_hands_that_meet_in_two_datagrams_have_not_changed_places() -> None:
+    """Each sensor in a datagram of its own: the left one comes back beside the right one, which is sent next."""
     line = Line()
     line.jumps.keep_sides()
     for i in range(1, 20):
-        line.notify(0.01 * i, {1: PLACES[1]})
+        line.take(0.01 * i, {1: PLACES[1]})
     beside = PLACES[1] + [0.05, 0.0, 0.0]
-    line.notify(0.2, {0: beside})
-    assert line.notify(0.202, {1: PLACES[1]}) == [True]
-    assert line.notify(0.21, {0: beside}) == [True]
-    assert not line.jumps.any_doubted and (line.jumps.state == ValidityState.FRESH).all()
+    line.take(0.2, {0: beside})
+    assert line.take(0.202, {1: PLACES[1]}) == [True]
+    assert line.take(0.21, {0: beside}) == [True]
+    assert not line.jumps.any_refused and (line.jumps.state == ValidityState.FRESH).all()
 
 
 @pytest.mark.parametrize("row", [0, 1])
@@ -306,14 +299,14 @@ def test_a_swap_of_one_that_was_lost_for_long_is_seen_whichever_it_was(row: int)
     line = Line()
     line.jumps.keep_sides()
     for i in range(1, 150):
-        line.notify(0.01 * i, {1 - row: PLACES[1 - row]})
+        line.take(0.01 * i, {1 - row: PLACES[1 - row]})
     for i in range(150, 300):
         swapped_at(line, 0.01 * i, 0.0)
 
 
-def test_one_that_was_never_heard_takes_nobodys_place() -> None:
+def test_a_sensor_never_received_takes_no_other_place() -> None:
     last = watched_sensors(3, ValidityLimits())
-    jumps = JumpDetection(NAMES, last, ValidityLimits())
+    jumps = JumpDetection(THREE, last, ValidityLimits())
     rows, pose = np.array([1]), np.array([[*PLACES[1], 1.0, 0.0, 0.0, 0.0]])
     last.put(rows, 0.0, pose)
     with warnings.catch_warnings():
@@ -325,7 +318,7 @@ def test_one_that_was_never_heard_takes_nobodys_place() -> None:
 
 
 NAN, INF = float("nan"), float("inf")
-SOUND = (1.0, 2.0, 0.5, 0.6, 0.0, 0.8, 0.0)
+VALID = (1.0, 2.0, 0.5, 0.6, 0.0, 0.8, 0.0)
 VALUES = st.sampled_from([0.0, 1.0, -1.0, 0.6, 0.8, 1.03, 3.5, 11.0, NAN, INF, -INF, 1e200])
 
 
@@ -347,41 +340,41 @@ def reason(numbers: FloatArray, tracked: bool = True) -> str:
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_pose_is_sound(sign: float) -> None:
-    assert reason(pose(*SOUND[:3], *(sign * part for part in SOUND[3:]))) == ""
+def test_a_valid_pose_is_accepted(sign: float) -> None:
+    assert reason(pose(*VALID[:3], *(sign * part for part in VALID[3:]))) == ""
 
 
 def test_an_orientation_may_be_missing_but_not_in_part() -> None:
-    assert reason(pose(*SOUND[:3], NAN, NAN, NAN, NAN)) == ""
+    assert reason(pose(*VALID[:3], NAN, NAN, NAN, NAN)) == ""
     for parts in ((NAN, 0.0, 0.0, 0.0), (1.0, NAN, NAN, NAN), (1.0, 0.0, 0.0, NAN), (NAN, NAN, NAN, 1.0)):
-        assert reason(pose(*SOUND[:3], *parts)) == NOT_FINITE
+        assert reason(pose(*VALID[:3], *parts)) == NOT_FINITE
 
 
 @pytest.mark.parametrize("turn", [(0.0,) * 4, (0.97, 0.0, 0.0, 0.0), (0.0, 1.03, 0.0, 0.0), (1.0,) * 4, (1e200,) * 4])
 def test_what_is_no_rotation_is_refused(turn: tuple[float, ...]) -> None:
-    assert reason(pose(*SOUND[:3], *turn)) == NOT_A_ROTATION
+    assert reason(pose(*VALID[:3], *turn)) == NOT_A_ROTATION
 
 
 @pytest.mark.parametrize("place", [(10.1, 0, 1), (0, -10.1, 1), (0, 0, 3.1), (0, 0, -1.1), (1e300, 0, 0)])
 def test_a_place_outside_the_room_is_refused(place: tuple[float, ...]) -> None:
-    assert reason(pose(*place, *SOUND[3:])) == OUT_OF_RANGE
+    assert reason(pose(*place, *VALID[3:])) == OUT_OF_RANGE
 
 
 @pytest.mark.parametrize("wrong", [NAN, INF, -INF])
 @pytest.mark.parametrize("at", range(7))
 def test_what_is_not_finite_is_refused(at: int, wrong: float) -> None:
-    numbers = pose(*SOUND)
+    numbers = pose(*VALID)
     numbers[0, at] = wrong
     assert reason(numbers) == NOT_FINITE
 
 
 def test_what_the_sender_does_not_vouch_for_is_refused() -> None:
-    assert reason(pose(*SOUND), tracked=False) == UNTRACKED
+    assert reason(pose(*VALID), tracked=False) == UNTRACKED
 
 
 @settings(max_examples=100)
 @given(st.lists(st.tuples(st.lists(VALUES, min_size=7, max_size=7), st.booleans()), max_size=3))
-def test_each_is_judged_by_itself_and_as_said(rows: list[tuple[list[float], bool]]) -> None:
+def test_each_pose_is_judged_by_itself(rows: list[tuple[list[float], bool]]) -> None:
     numbers = np.array([row for row, _ in rows], dtype=float).reshape(len(rows), 7)
     tracked = [vouched for _, vouched in rows]
     limits, found = ValidityLimits(), reasons(numbers, tracked)
@@ -399,9 +392,9 @@ def test_each_is_judged_by_itself_and_as_said(rows: list[tuple[list[float], bool
 
 RATES = (50.0, 120.0)
 L_WRIST, R_WRIST, L_ANKLE = (
-    VALIDITY_NAMES.index("l_wrist"),
-    VALIDITY_NAMES.index("r_wrist"),
-    VALIDITY_NAMES.index("l_ankle"),
+    NAMES.index("l_wrist"),
+    NAMES.index("r_wrist"),
+    NAMES.index("l_ankle"),
 )
 
 
@@ -410,14 +403,14 @@ def onset(stream: Stream, seconds: float = 1.0) -> int:
 
 
 def seconds_until(stream: Stream, begin: int, wrong: np.ndarray) -> float:
-    """From the last sound capture to the first judgement that is `wrong`."""
+    """s from the last good capture to the first judgement that is `wrong`."""
     first = int(np.flatnonzero(wrong)[0])
     assert first >= begin
     return float(stream.time[first] + LAG - stream.time[begin - 1])
 
 
 def out_after(stream: Stream, begin: int, states: np.ndarray, row: int) -> float:
-    """s from `begin` until a sensor takes no part any more, in ticks of the stream."""
+    """s from `begin` until a sensor has no weight, in ticks of the stream."""
     reacquisition = ReacquisitionBlend(states.shape[1])
     reacquisition.start(states[begin - 1])
     for i in range(begin, len(states)):
@@ -428,7 +421,7 @@ def out_after(stream: Stream, begin: int, states: np.ndarray, row: int) -> float
 
 @pytest.mark.parametrize("rate", RATES)
 @pytest.mark.parametrize("swing", [0.0, 1.0])
-def test_who_walks_or_stands_is_believed(rate: float, swing: float) -> None:
+def test_walking_and_standing_are_valid(rate: float, swing: float) -> None:
     judged = judge(walk(rate=rate, swing=swing))
     assert not judged.alarms() and judged.usable.all()
     assert not judged.messages and not judged.validity.refused.count
@@ -447,7 +440,7 @@ def test_a_frozen_tracker_is_out_in_300_ms(row: int, carried: bool, rate: float)
     assert judged.alarms() == {ValidityState.FROZEN}
     assert not np.delete(judged.states, row, axis=1).any()
     assert out_after(stream, begin, judged.states, row) <= 0.3
-    assert [text for _, text in judged.messages] == [f"{VALIDITY_NAMES[row]}: frozen since 0.2 s (tracker lost?)"]
+    assert [text for _, text in judged.messages] == [f"{NAMES[row]}: frozen since 0.2 s (tracker lost?)"]
 
 
 def test_a_frozen_position_is_found_where_there_is_no_orientation() -> None:
@@ -460,7 +453,7 @@ def test_a_frozen_position_is_found_where_there_is_no_orientation() -> None:
     assert seconds_until(stream, begin, judged.states[:, L_ANKLE] > 0) < 0.23
 
 
-def test_a_tracker_that_thaws_is_believed_at_once() -> None:
+def test_a_tracker_that_moves_again_is_valid_at_once() -> None:
     stream = walk()
     stream.orientation[100:150, L_ANKLE] = stream.orientation[99, L_ANKLE]
     judged = judge(stream)
@@ -488,7 +481,7 @@ def test_repeats_of_a_slower_tracker_are_no_evidence() -> None:
     assert not judge(stream).alarms()
 
 
-def test_one_capture_told_again_and_again_is_old_and_not_frozen() -> None:
+def test_one_capture_sent_again_and_again_is_stale_and_not_frozen() -> None:
     stream = walk()
     validity = judge(stream).validity
     seen = set()
@@ -505,7 +498,7 @@ def test_one_capture_told_again_and_again_is_old_and_not_frozen() -> None:
     assert seen == {ValidityState.FRESH, ValidityState.STALE}
 
 
-@pytest.mark.parametrize("how", ["unheard", "untracked", "nan"])
+@pytest.mark.parametrize("how", ["missing", "untracked", "nan"])
 @pytest.mark.parametrize("rate", RATES)
 def test_a_lost_tracker_is_out_in_300_ms(rate: float, how: str) -> None:
     stream = walk(rate=rate)
@@ -540,12 +533,12 @@ def test_a_swap_is_seen_in_the_capture_in_which_it_happens(rate: float, at: floa
     assert judged.alarms() == {ValidityState.SWAPPED} and not np.delete(judged.states, [L_WRIST, R_WRIST], axis=1).any()
     assert [text for _, text in judged.messages] == [
         "l_wrist and r_wrist have changed places: the robot holds until they change back",
-        "l_wrist, r_wrist: believed again where it is now",
+        "l_wrist, r_wrist: accepted again at its new place",
     ]
     assert 0.5 <= stream.time[judged.messages[1][0]] - stream.time[begin] <= 0.53
 
 
-def test_a_pair_that_swaps_back_is_believed_at_once() -> None:
+def test_a_pair_that_swaps_back_is_accepted_at_once() -> None:
     judged = judge(swapped(walk(), 100, 120))
     assert (judged.states[100:120, L_WRIST] == ValidityState.SWAPPED).all() and not judged.states[120:].any()
     assert judged.messages[-1] == (120, "l_wrist, r_wrist: back")
@@ -553,7 +546,7 @@ def test_a_pair_that_swaps_back_is_believed_at_once() -> None:
 
 @pytest.mark.parametrize("rate", RATES)
 @pytest.mark.parametrize("far", [0.5, 2.0])
-def test_a_teleport_is_refused_at_once_and_believed_when_it_stays(rate: float, far: float) -> None:
+def test_a_jump_is_refused_at_once_and_accepted_when_it_stays(rate: float, far: float) -> None:
     stream = walk(rate=rate)
     begin = onset(stream)
     stream.position[begin:, L_WRIST, 0] += far
@@ -563,7 +556,7 @@ def test_a_teleport_is_refused_at_once_and_believed_when_it_stays(rate: float, f
     assert judged.alarms() == {ValidityState.JUMPED}
     assert [text for _, text in judged.messages] == [
         "l_wrist: jumped farther than a human can",
-        "l_wrist: believed again where it is now",
+        "l_wrist: accepted again at its new place",
     ]
 
 
@@ -575,7 +568,7 @@ def test_one_outlier_is_dropped_and_no_more() -> None:
     assert judged.validity.refused.reasons == {UNREACHABLE: 1}
 
 
-def test_a_sensor_that_flies_about_is_never_believed() -> None:
+def test_a_sensor_that_flies_about_is_never_accepted() -> None:
     stream = walk()
     stream.position[100:, L_WRIST, 0] += np.random.default_rng(0).uniform(-5.0, 5.0, len(stream.time) - 100)
     judged = judge(stream)
@@ -583,26 +576,26 @@ def test_a_sensor_that_flies_about_is_never_believed() -> None:
     assert (judged.states[102:, L_WRIST] != ValidityState.FRESH).mean() > 0.95
 
 
-def test_outside_the_room_is_said() -> None:
+def test_outside_the_room_is_reported() -> None:
     stream = walk()
     stream.position[100:, L_WRIST, 2] = 3.5
     judged = judge(stream)
     assert not judged.usable[100:, L_WRIST].any() and judged.alarms() == {ValidityState.OUT_OF_RANGE}
-    assert [text for _, text in judged.messages] == ["l_wrist: told to be outside the room"]
+    assert [text for _, text in judged.messages] == ["l_wrist: position outside the room"]
 
 
-def test_a_sensor_that_is_not_worn_is_said_once_and_may_be_put_on() -> None:
+def test_a_sensor_not_in_use_is_reported_once_and_may_come_later() -> None:
     stream = walk(6.0)
     stream.tracked[:500, L_WRIST] = False
     judged = judge(stream)
     assert (judged.states[301:500, L_WRIST] == ValidityState.NOT_IN_USE).all() and not judged.states[500:].any()
     assert [text for _, text in judged.messages] == [
-        "l_wrist: not heard since the start (not worn?)",
-        "l_wrist: heard now",
+        "l_wrist: not received since the start (not worn?)",
+        "l_wrist: received now",
     ]
 
 
-def test_an_orientation_may_be_told_for_a_while_only() -> None:
+def test_an_orientation_may_be_sent_for_a_while_only() -> None:
     stream = walk()
     stream.orientation[60:, L_ANKLE] = np.nan
     stream.orientation[120, L_ANKLE] = (1.0, 0.0, 0.0, 0.0)
@@ -640,7 +633,7 @@ def test_a_clock_that_is_set_is_followed(shift: float) -> None:
 
 def test_parts_in_many_datagrams_are_judged_alike() -> None:
     stream = swapped(walk(), 100)
-    validity, states = SensorValidity(VALIDITY_NAMES), []
+    validity, states = SensorValidity(NAMES), []
     for i, time in enumerate(stream.time.tolist()):
         for row in (3, 1, 0, 2, 5, 4):
             one = slice(row, row + 1)
@@ -656,25 +649,25 @@ def test_parts_in_many_datagrams_are_judged_alike() -> None:
     assert (np.array(states)[100:149, [L_WRIST, R_WRIST]] == ValidityState.SWAPPED).all()
 
 
-def test_what_has_mended_before_anybody_moved_is_not_told() -> None:
+def test_what_recovered_before_the_run_is_not_reported() -> None:
     validity, sensors = SensorValidity(("head", "l_wrist")), np.arange(2)
     chance = np.random.default_rng(2)
 
-    def notify(rows: np.ndarray, begin: float) -> None:
+    def send(rows: np.ndarray, begin: float) -> None:
         for time in np.arange(begin, begin + 1.0, 0.01):
             place = HOME[rows] + chance.normal(0.0, 0.001, (len(rows), 3))
             facing = np.tile([1.0, 0.0, 0.0, 0.0], (len(rows), 1))
             validity.take(rows, time, position=place, orientation=facing, tracked=np.ones(len(rows), dtype=bool))
             validity.judge(time)
 
-    notify(sensors, 1.0)
+    send(sensors, 1.0)
     validity.messages()
-    validity.judge(4.0)  # nobody was heard
-    notify(sensors[:1], 4.0)
+    validity.judge(4.0)  # no sensor was received
+    send(sensors[:1], 4.0)
     validity.forget_recovered()
     (text,) = validity.messages()
     assert text.startswith("l_wrist: nothing that can be used")
-    notify(sensors, 5.0)
+    send(sensors, 5.0)
     assert validity.messages() == ["l_wrist: back"]
 
 
@@ -684,7 +677,7 @@ VALUE = st.floats(width=64) | st.sampled_from([0.0, 1.0, 0.1, np.nan, np.inf, -1
 @settings(max_examples=25)
 @given(st.data())
 def test_anything_may_come(data: st.DataObject) -> None:
-    validity = SensorValidity(VALIDITY_HOSTILE_NAMES)
+    validity = SensorValidity(NAMES)
     draw = data.draw
     for _ in range(draw(st.integers(1, 6))):
         rows = np.array(draw(st.lists(st.integers(0, 5), unique=True)), dtype=np.intp)
@@ -700,9 +693,9 @@ def test_anything_may_come(data: st.DataObject) -> None:
     assert len(validity.messages()) <= MAX_CHANGES
 
 
-def test_memory_is_bounded_where_nobody_listens() -> None:
+def test_memory_is_bounded_where_no_messages_are_taken() -> None:
     stream = walk(1.0)
-    validity = SensorValidity(VALIDITY_HOSTILE_NAMES)
+    validity = SensorValidity(NAMES)
     for i in range(400):
         time = 0.2 * i
         validity.take(
@@ -714,7 +707,7 @@ def test_memory_is_bounded_where_nobody_listens() -> None:
 
 
 def test_a_time_that_is_none_is_refused() -> None:
-    stream, validity = walk(1.0), SensorValidity(VALIDITY_HOSTILE_NAMES)
+    stream, validity = walk(1.0), SensorValidity(NAMES)
     assert not validity.take(
         np.arange(6), np.nan, position=stream.position[0], orientation=stream.orientation[0], tracked=np.ones(6, bool)
     ).any()

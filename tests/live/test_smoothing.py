@@ -26,7 +26,7 @@ COUNT = 5
 
 
 def run(times: FloatArray, position: FloatArray, orientation: FloatArray) -> list[Smoothed]:
-    """What is told after each of n poses (n, k, 3), (n, k, 4) at times (n)."""
+    """The results after each of n poses (n, k, 3), (n, k, 4) at times (n)."""
     smoother = FixedLag(position.shape[1], length=LENGTH)
     return [
         smoother.step(np.full(position.shape[1], time), p, q)
@@ -36,7 +36,7 @@ def run(times: FloatArray, position: FloatArray, orientation: FloatArray) -> lis
 
 @settings(max_examples=15)
 @given(st.integers(0, 2**32 - 1))
-def test_even_motion_is_exact_at_the_time_that_is_told(seed: int) -> None:
+def test_even_motion_is_exact_at_the_time_of_the_mean(seed: int) -> None:
     rng = np.random.default_rng(seed)
     times = 10.0 + np.cumsum(rng.uniform(0.002, 0.02, 80))
     place, speed = rng.normal(size=(2, COUNT, 3))
@@ -96,7 +96,7 @@ def test_turning_the_world_turns_the_result() -> None:
         assert rotations.angle_between(rotations.multiply(world, a.orientation), b.orientation).max() < 1e-6
 
 
-def test_rows_that_tell_nothing_new_are_not_taken() -> None:
+def test_rows_without_news_are_not_taken() -> None:
     smoother = FixedLag(3, length=LENGTH, depth=4)
     one = np.tile(rotations.IDENTITY, (3, 1))
     nothing = smoother.step(np.full(3, np.nan), np.zeros((3, 3)), one)
@@ -347,7 +347,7 @@ UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 def window_filter_run(made: WindowFilter, x: FloatArray, begin: float = 0.0) -> FloatArray:
-    """Positions (T,) of a sensor that tells no turn, beside one that tells nothing else."""
+    """Positions (T,) of a sensor without orientation, beside one with nothing else."""
     found = []
     for k, at in enumerate(x):
         position, orientation = np.array([[at, 0.0, 1.0], [np.nan] * 3]), np.array([[np.nan] * 4, UPRIGHT])
@@ -367,7 +367,7 @@ def test_an_even_motion_is_half_a_window_late_and_noise_is_less() -> None:
     assert np.std(window_filter_run(WindowFilter(2), noise)[50:]) < 0.5 * np.std(noise)
 
 
-def test_who_is_forgotten_begins_where_it_is() -> None:
+def test_a_row_that_is_reset_begins_where_it_is() -> None:
     made = WindowFilter(2)
     window_filter_run(made, np.zeros(50))
     made.reset(np.array([True, False]))

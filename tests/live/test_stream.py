@@ -1,4 +1,4 @@
-"""What came while nobody listened is taken before anybody judges the stream, and that ends."""
+"""The backlog of a stream that was not polled is taken before the stream is judged, in bounded time."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ DT = 0.008
 
 
 class Slow:
-    """A receiver of a sender that sends at 250 Hz, of which a poll gives so many. ends: s."""
+    """A receiver of a sender that sends at 250 Hz, of which a poll gives `per_poll`. ends: s."""
 
     def __init__(self, per_poll: int, *, ends: float = np.inf, payload: bytes = b"") -> None:
         self.dropped, self._per_poll, self._ends, self._sent = Dropped(), per_poll, ends, 0
@@ -32,7 +32,7 @@ class Slow:
         """Nothing is open."""
 
 
-def hearing(receiver: Slow) -> LiveStream:
+def stream_from(receiver: Slow) -> LiveStream:
     stream = live_stream(FakeSender(), five_sensors())
     stream.receiver, stream.admission = receiver, Admission(burst=10_000)
     return stream
@@ -40,10 +40,10 @@ def hearing(receiver: Slow) -> LiveStream:
 
 def ticks_to_catch_up(receiver: Slow, *, after: float) -> tuple[int, float]:
     """Ticks until it is done, and how old the last datagram then is, s."""
-    stream = hearing(receiver)
+    stream = stream_from(receiver)
     catching, now, ticks = CatchingUp(stream), after, 0
     while True:
-        stream.listen(now, moving=True)
+        stream.poll(now, moving=True)
         if not catching.step(now):
             assert not catching.step(now + 10.0), "once done it stays so"
             return ticks, now - stream.last
@@ -60,23 +60,23 @@ def test_a_stream_that_is_up_to_date_waits_for_nothing() -> None:
     assert ticks_to_catch_up(Slow(128), after=0.1)[0] == 0
 
 
-def test_a_silent_stream_is_judged_as_such_when_its_last_is_taken() -> None:
+def test_a_silent_stream_ends_the_backlog_when_its_last_is_taken() -> None:
     ticks, age = ticks_to_catch_up(Slow(128, ends=0.2), after=1.0)
     assert ticks <= 6 and age > 0.7
 
 
-def test_a_sender_that_is_never_understood_is_not_waited_for_for_long() -> None:
+def test_a_sender_that_cannot_be_decoded_is_not_waited_for_for_long() -> None:
     ticks, _ = ticks_to_catch_up(Slow(2, payload=b"?"), after=2.0)
     assert ticks == pytest.approx(LONGEST_S / DT, abs=2)
 
 
 def test_at_once_takes_all() -> None:
-    stream = hearing(Slow(12))
+    stream = stream_from(Slow(12))
     CatchingUp(stream).at_once(1.0)
     assert stream.arrived == 250
 
 
-def test_a_robot_whose_power_took_a_second_is_told_nothing_of_lost_sensors(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_second_of_powering_reports_no_lost_sensors(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = LiveRig(FakeSender(), options=LiveOptions(countdown=0.5, duration=0.5))
     with rig.prepared() as prepared:
         assert prepared.side is not None

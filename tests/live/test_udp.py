@@ -192,7 +192,7 @@ def test_what_the_kernel_lost_is_counted(monkeypatch: pytest.MonkeyPatch) -> Non
         assert 0 < kept < 200 and receiver.overflowed == 200 - kept
 
 
-def test_requests_leave_from_the_port_that_listens() -> None:
+def test_requests_leave_from_the_port_that_receives() -> None:
     with UdpReceiver(LOOPBACK) as receiver, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as server:
         server.bind(("127.0.0.1", 0))
         server.settimeout(PATIENCE_S)
@@ -203,7 +203,7 @@ def test_requests_leave_from_the_port_that_listens() -> None:
         assert not receiver.send(b"ping", server.getsockname())
 
 
-def test_nobody_at_home_is_no_fault_of_the_stream() -> None:
+def test_a_request_that_no_program_receives_is_no_fault_of_the_stream() -> None:
     with UdpReceiver(LOOPBACK) as gone:
         port = gone.port
     with UdpReceiver(LOOPBACK) as receiver, sending(receiver) as sender:
@@ -278,7 +278,7 @@ def test_reasons_not_to_join(host: str, number: int, expected: Facts, monkeypatc
         open_socket(address)
 
 
-def test_a_group_is_heard_on_the_interface_that_was_chosen() -> None:
+def test_a_group_is_received_on_the_interface_that_was_chosen() -> None:
     with UdpReceiver(MULTICAST) as receiver, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1"))
         try:
@@ -294,7 +294,7 @@ def test_a_group_is_heard_on_the_interface_that_was_chosen() -> None:
         assert [datagram.payload for datagram in receiver.poll(CLOCK.now())] == [b"group"]
 
 
-def test_a_group_is_not_heard_on_an_interface_that_was_not_chosen() -> None:
+def test_a_group_is_not_received_on_an_interface_that_was_not_chosen() -> None:
     others = [address for address in local_interfaces().values() if not address.startswith("127.")]
     if not others:
         pytest.skip("this machine has loopback only")

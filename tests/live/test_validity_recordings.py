@@ -1,4 +1,4 @@
-"""Real motion and real bytes raise no alarm, but where they really leap."""
+"""Real motion and real bytes raise no alarm, but where they really jump."""
 
 from pathlib import Path
 
@@ -31,7 +31,7 @@ def test_no_recording_raises_an_alarm(rate: float, shared: Path) -> None:
         assert not judged.alarms() and not judged.validity.refused.count, path.name
 
 
-def test_the_real_leap_of_01_07_is_found(shared: Path) -> None:
+def test_the_real_jump_of_01_07_is_found(shared: Path) -> None:
     """Its markers were lost for a while, and frames 3363 and 3364 are 0.65 m apart."""
     frames = open_source(shared / "mocap" / "cmu_asfamc" / "01_07.amc").cut(27.0, 30.0)
     judged = judge(recorded(frames, 120.0, metres=0.001))
@@ -41,7 +41,7 @@ def test_the_real_leap_of_01_07_is_found(shared: Path) -> None:
 
 def test_real_slimevr_bytes_raise_no_alarm(shared: Path) -> None:
     """They were scripted, without noise: what rests there repeats itself to the bit while one arm moves. Before the
-    headset is heard, the head is at the origin; then everything goes up by 1.5 m, which is a leap."""
+    headset is received, the head is at the origin; then everything goes up by 1.5 m, which is a jump."""
     decoder, validity, alarms = VmcDecoder(), SensorValidity(()), []
     for record in RawReader(shared / "streams" / "slimevr" / "full12_vmc_50hz.udprec.gz"):
         for frame in decoder.decode(record.payload):

@@ -51,15 +51,15 @@ def test_observers_are_taken_out_and_nothing_else(tmp_path: Path) -> None:
 
 
 def test_what_is_placed_is_met_by_the_arms_alone_and_clear_at_the_start(free: Motion, scene: SceneState) -> None:
-    around, scale = scene_obstacles(free), height_scale(free)
+    obstacles, scale = scene_obstacles(free), height_scale(free)
     assert 0.9 < scale < 1.1
     np.testing.assert_allclose(scene.shapes.influence, INFLUENCE * scale, rtol=1e-3)
-    assert len(around.start.rows) == free.first + 1
-    start = around.start.to_scene(scene, around.start_times).smallest
-    rest = around.rest.to_scene(scene, around.times).smallest
+    assert len(obstacles.start.rows) == free.first + 1
+    start = obstacles.start.to_scene(scene, obstacles.start_times).smallest
+    rest = obstacles.rest.to_scene(scene, obstacles.times).smallest
     assert start is not None and start >= 2.0 * MARGIN * scale
     assert rest is not None and rest >= MARGIN * scale
-    assert (-around.arms.scene_distances(scene, around.times).min(axis=0) > 0.01).all()
+    assert (-obstacles.arms.scene_distances(scene, obstacles.times).min(axis=0) > 0.01).all()
 
 
 def test_how_far_a_post_is_from_a_table() -> None:

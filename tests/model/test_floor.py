@@ -40,7 +40,7 @@ def heights(robot: RobotBody, q: FloatArray) -> float:
 
 def looks_down(observers: Observers) -> set[str]:
     """Observers that look at the floor."""
-    pairs, _ = observers.around(SceneState(on_floor(None)).shapes)
+    pairs, _ = observers.obstacle_pairs(SceneState(on_floor(None)).shapes)
     return {observers.names[row] for row in pairs[:, 0]}
 
 

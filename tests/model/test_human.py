@@ -361,7 +361,7 @@ class Done:
         return float(np.abs(np.diff(self.q[-frames:, 7:], axis=0)).max() / DT)
 
 
-def around(**obstacles: Any) -> SceneState:
+def scene_of(**obstacles: Any) -> SceneState:
     return SceneState(Scene.model_validate({"name": "a", "description": "b", "obstacles": obstacles}))
 
 
@@ -417,8 +417,8 @@ def fixtures() -> dict[str, SceneState]:
         side: {"shape": {"box": {"size": (0.1, 0.03, 0.06)}}, "at": {"pos": (x + 0.05, y + off, z)}, **ZONE}
         for side, off in (("left", 0.05), ("right", -0.05))
     }
-    spheres = {f"sphere {k}": around(ball=sphere(way[k])) for k in (40, 60, 100, 125)}
-    return spheres | {"wall": around(wall=wall), "table edge": around(edge=edge), "gap": around(**gap)}
+    spheres = {f"sphere {k}": scene_of(ball=sphere(way[k])) for k in (40, 60, 100, 125)}
+    return spheres | {"wall": scene_of(wall=wall), "table edge": scene_of(edge=edge), "gap": scene_of(**gap)}
 
 
 @pytest.mark.parametrize("name", ["sphere 40", "sphere 60", "sphere 100", "sphere 125", "wall", "table edge", "gap"])
@@ -439,7 +439,7 @@ def test_a_still_arm_gets_out_of_the_way_of_a_sphere(speed: float, way: tuple[fl
     start = free().joint(R_WRIST)[0] - 0.6 * np.array(way)
     ball = sphere(start, velocity=tuple(speed * part for part in way), until=0.2 + 1.2 / speed)
     ball["from"] = 0.2
-    done = act(around(ball=ball), still(0.2 + 1.2 / speed + 0.8))
+    done = act(scene_of(ball=ball), still(0.2 + 1.2 / speed + 0.8))
     assert done.distance.min() > 0.004 and done.geoms_apart() > 0.0
     assert_within_limits(done.q)
     assert done.postures[-1].sensor_error.max() < 1e-3 and done.speed(10) < 1e-3
@@ -458,7 +458,7 @@ def closing(to: float) -> SceneState:
             "until": (0.5 - to) / 0.3,
             **ZONE,
         }
-    return around(**walls)
+    return scene_of(**walls)
 
 
 @pytest.mark.parametrize("to", [0.25, 0.2])
@@ -485,7 +485,7 @@ def test_squeezed_to_thirty_centimetres_it_is_finite_and_within_limits() -> None
 
 
 def test_an_obstacle_that_appears_inside_the_arm_is_left_at_a_bounded_speed() -> None:
-    made = reconstructor(state := around(ball=sphere(np.array([0.0, 5.0, 0.0]))))
+    made = reconstructor(state := scene_of(ball=sphere(np.array([0.0, 5.0, 0.0]))))
     sample, own = moving()[0], made.observers
     assert own is not None
     posture, near = made.start(sample), []
@@ -507,7 +507,7 @@ def test_an_obstacle_that_appears_inside_the_arm_is_left_at_a_bounded_speed() ->
 def test_among_random_obstacles_nothing_breaks() -> None:
     """30 scenes of four spheres, still or moving, some already inside; seed 0."""
     rng = np.random.default_rng(0)
-    state = around(**{f"o{k}": sphere(np.array([0.0, 9.0, 0.0]), radius=0.04 + 0.04 * k) for k in range(4)})
+    state = scene_of(**{f"o{k}": sphere(np.array([0.0, 9.0, 0.0]), radius=0.04 + 0.04 * k) for k in range(4)})
     made = reconstructor(state)
     own, time = made.observers, 0.0
     assert own is not None

@@ -18,10 +18,10 @@ mass="1"/>
 </worldbody></mujoco>"""
 
 
-def checker(xml: str, columns: list[int], obstacles: int = 1, worn: int = 1, at: float = 0.0) -> _solver.PathChecker:
-    """The gate's look at `worn` balls of 1 cm on the first link and as many obstacles."""
+def checker(xml: str, columns: list[int], obstacles: int = 1, count: int = 1, at: float = 0.0) -> _solver.PathChecker:
+    """The gate's check of `count` balls of 1 cm on the first link and as many obstacles."""
     body = load_body_text(xml, source="test").solver_body()
-    observers = [ball(1, 0.01, at=(at, 0.0, 0.0), influence=0.02)] * worn
+    observers = [ball(1, 0.01, at=(at, 0.0, 0.0), influence=0.02)] * count
     watched = binding(body, observers, (), [ball(radius=0.01, influence=0.02)] * obstacles)
     return _solver.PathChecker(body, watched, columns=np.array(columns), sole_links=[], sole_points=np.zeros((0, 3)))
 
@@ -70,10 +70,10 @@ def test_an_obstacle_that_recedes_while_the_robot_has_arrived_long_ago_is_met(ro
     assert not made.is_clear(np.zeros(2), path, dt=0.01, share=0.0)
 
 
-@pytest.mark.parametrize("worn", [1, 4, 5, 8])
-def test_however_many_observers_flee_they_may(worn: int) -> None:
+@pytest.mark.parametrize("count", [1, 4, 5, 8])
+def test_however_many_observers_flee_they_may(count: int) -> None:
     hinge = ON_ONE_LINK.replace('<joint name="s" type="slide" axis="1 0 0"/>', "")
-    made = checker(hinge, [0], obstacles=2, worn=worn, at=1.0)
+    made = checker(hinge, [0], obstacles=2, count=count, at=1.0)
     along, out = 0.05, 1.0204
     places = np.array([[out * np.cos(along), out * np.sin(along), 0.0], [1.0, -0.1, 0.0]])
     put(made, places, np.array([[0.0, 0.0, 0.0], [0.0, 1.2, 0.0]]))

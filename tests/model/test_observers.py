@@ -12,7 +12,7 @@ import followers
 from followers import op3
 from messages import refuses, shows
 from observed import CAPSULE, Rig, aim, ball, chain, rig, rod
-from observed_robot import act, around, robot
+from observed_robot import act, robot, scene_of
 from observed_robot import human as observers_idle_human
 from observers_idle_helpers import without_observers
 from reconstructions import thinned
@@ -23,7 +23,15 @@ from retarget.human.reconstruction import Reconstructor
 from retarget.model.body import BodyModel, load_body_text
 from retarget.model.human import Human, PostureReader, build_human
 from retarget.model.human_dimensions import POINTS, proportional_dimensions
-from retarget.model.observers import Observers, PairRules, Worn, assemble, human_observers, placed, robot_observers
+from retarget.model.observers import (
+    Observers,
+    ObserverSet,
+    PairRules,
+    assemble,
+    human_observers,
+    placed,
+    robot_observers,
+)
 from retarget.model.robot import RobotBody
 from retarget.model.scene_shapes import ShapeKind
 from retarget.model.scene_state import SceneState
@@ -42,10 +50,10 @@ def human(height: float = 1.75) -> Human:
     return build_human(proportional_dimensions(height))
 
 
-@pytest.mark.parametrize(("worn", "count"), [("lines", 8), ("lines_and_head", 9), ("capsules", 19)])
+@pytest.mark.parametrize(("chosen", "count"), [("lines", 8), ("lines_and_head", 9), ("capsules", 19)])
 @pytest.mark.parametrize("height", [1.0, 1.75, 2.1])
-def test_as_many_as_the_paper_has_at_any_size(worn: Worn, count: int, height: float) -> None:
-    made = human_observers(human(height), ObserverSettings(human=worn))
+def test_as_many_as_the_paper_has_at_any_size(chosen: ObserverSet, count: int, height: float) -> None:
+    made = human_observers(human(height), ObserverSettings(human=chosen))
     assert made is not None and len(made.names) == count
     assert len(made.pairs) > 20
 
@@ -124,31 +132,31 @@ def looked_at(observers: Observers) -> set[frozenset[str]]:
     return {frozenset(observers.names[k] for k in pair) for pair in observers.pairs.tolist()}
 
 
-def told(observers: Observers) -> dict[frozenset[str], str]:
+def dropped(observers: Observers) -> dict[frozenset[str], str]:
     return {frozenset((pair.first, pair.second)): pair.reason for pair in observers.dropped}
 
 
 def test_neighbours_are_not_looked_at_and_fixed_links_are_one() -> None:
     found = balls(0.01)
     near = "neighbours along the body"
-    assert told(found) == {
+    assert dropped(found) == {
         **{frozenset(pair): near for pair in (("base", "a"), ("plate", "a"), ("a", "b"), ("b", "c"), ("c", "d"))},
     }
     one = {frozenset(("base", "plate"))}
     every = {frozenset(pair) for pair in combinations(LINKS, 2)}
-    assert looked_at(found) == every - set(told(found)) - one
+    assert looked_at(found) == every - set(dropped(found)) - one
 
 
 def test_ignored_pairs_keep_their_reason() -> None:
     found = balls(0.01, ignored=(("a", "c"), ("d", "base")))
-    assert told(found)[frozenset(("a", "c"))] == told(found)[frozenset(("base", "d"))] == "because"
+    assert dropped(found)[frozenset(("a", "c"))] == dropped(found)[frozenset(("base", "d"))] == "because"
     assert not looked_at(found) & {frozenset(("a", "c")), frozenset(("base", "d"))}
 
 
-def test_what_touches_at_rest_is_dropped_and_told_how_deep() -> None:
+def test_what_touches_at_rest_is_dropped_and_the_reason_shows_how_deep() -> None:
     """Balls of 21 cm two joints apart overlap by 2 cm."""
     found = balls(0.21)
-    assert {pair: reason for pair, reason in told(found).items() if "touch" in reason} == {
+    assert {pair: reason for pair, reason in dropped(found).items() if "touch" in reason} == {
         frozenset(pair): "touch by 20.0 mm in the neutral posture" for pair in (("a", "c"), ("b", "d"), ("base", "b"))
     } | {frozenset(("plate", "b")): f"touch by {1e3 * (0.42 - np.hypot(0.4, 0.1)):.1f} mm in the neutral posture"}
 
@@ -160,17 +168,17 @@ def test_what_is_far_apart_along_the_body_and_touches_is_refused() -> None:
     text = str(refused.value)
     shows(text, 3)
     calm = balls(0.03, angles=TRIANGLE, ignored=(("a", "d"),))
-    assert told(calm)[frozenset(("a", "d"))] == "because"
+    assert dropped(calm)[frozenset(("a", "d"))] == "because"
 
 
-def test_every_pair_of_op3_is_looked_at_or_told() -> None:
+def test_every_pair_of_op3_is_looked_at_or_dropped_with_a_reason() -> None:
     found = robot_observers(op3())
     assert len(found.names) == 23 and len(found.pairs) == 223 and len(found.dropped) == 28
     assert len({tuple(sorted(pair)) for pair in found.pairs.tolist()}) == 223
     links = dict(zip(found.names, found.links.tolist(), strict=True))
     every = {frozenset(pair) for pair in combinations(found.names, 2) if links[pair[0]] != links[pair[1]]}
-    assert looked_at(found) | set(told(found)) == every and not looked_at(found) & set(told(found))
-    reasons = set(told(found).values())
+    assert looked_at(found) | set(dropped(found)) == every and not looked_at(found) & set(dropped(found))
+    reasons = set(dropped(found).values())
     assert reasons == {"neighbours along the body", op3().profile.ignore_pairs[0].reason}
 
 
@@ -206,7 +214,7 @@ def test_out_of_influence_the_human_moves_as_without_observers(name: str, scene:
     priorities = load_priorities(name)
     bare, _ = reconstructed(without_observers(priorities), None)
     small = ObserverSettings(human=priorities.observers.human, influence=2e-3, margin=1e-3)
-    q, modes = reconstructed(priorities.model_copy(update={"observers": small}), around(**FAR) if scene else None)
+    q, modes = reconstructed(priorities.model_copy(update={"observers": small}), scene_of(**FAR) if scene else None)
     assert modes.shape[1] > 7 and not modes.any()
     assert q == pytest.approx(bare, abs=1e-9)
 
@@ -221,7 +229,7 @@ def test_out_of_influence_the_robot_moves_as_without_observers(monkeypatch: pyte
     motion = observers_idle_human()[:50]  # before it folds onto its thighs
     bare = act(robot(None, without_observers(load_priorities("servo"))), None, motion)
     monkeypatch.setattr("retarget.robot.follower.robot_observers", small)
-    done = act(robot(around(**FAR) if scene else None), None, motion)
+    done = act(robot(scene_of(**FAR) if scene else None), None, motion)
     assert not any(posture.observer_modes.any() for posture in done.postures)
     assert done.q == pytest.approx(bare.q, abs=1e-9)
 
@@ -254,7 +262,7 @@ def reaching(made: Rig) -> _solver.Solver:
 
 
 def test_pairs_that_sleep_change_nothing() -> None:
-    """Against a solver that is told posture and velocity anew in every frame, so that it knows no distance."""
+    """Against a solver that gets posture and velocity anew in every frame, so that it knows no distance."""
     obstacles = [ball(at=(0.5, 0.45, 0.0)), ball(at=(-0.6, 0.3, 0.0)), ball(at=(0.9, -0.4, 0.0))]
     made = rig(chain(7), [rod(k + 1) for k in range(7)], obstacles, [(a, b) for a in range(7) for b in range(a + 2, 7)])
     remembers, forgets = reaching(made), reaching(made)

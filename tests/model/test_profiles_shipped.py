@@ -229,7 +229,7 @@ def test_acceleration_limits_are_within_the_torque(body: PosedBody) -> None:
 
 
 def test_the_stance_stands_by_the_actuators_of_the_body_file(name: str) -> None:
-    """Mechanics of 2 s on a floor, every servo told its angle: upright, not sunk in, soles where they were."""
+    """Mechanics of 2 s on a floor, every servo with its angle as goal: upright, not sunk in, soles where they were."""
     robot = load_robot(name)
     stance = plant(robot, robot.profile.postures.stand)
     spec = mujoco.MjSpec.from_file(str(robot.profile.body_path))

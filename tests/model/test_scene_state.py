@@ -92,7 +92,7 @@ def test_the_velocity_is_that_of_the_last_two_good_poses() -> None:
     assert moving.angular == pytest.approx((0, 0, 2))
 
 
-def test_a_velocity_that_is_told_counts() -> None:
+def test_a_velocity_that_is_sent_counts() -> None:
     live = LivePose()
     live.update((0, 0, 0), UPRIGHT, time=1.0, velocity=(0, 1, 0))
     assert seen(live, 1.0).linear == (0, 1, 0)
@@ -155,13 +155,13 @@ def test_quaternions_are_made_unit() -> None:
 
 
 @given(st.lists(st.tuples(ANY, ANY, ANY, ANY, ANY, ANY), max_size=8))
-def test_whatever_comes_what_is_told_is_finite(updates: list[tuple[float, ...]]) -> None:
+def test_for_any_update_poses_are_finite(updates: list[tuple[float, ...]]) -> None:
     live = LivePose()
     for x, y, w, i, time, speed in updates:
-        told = live.update((x, y, 0), (w, i, 0, 0), time=time)
-        told_more = live.update((0, y, x), (w, i, 0, 0), time=time, velocity=(speed, 0, 0))
+        taken = live.update((x, y, 0), (w, i, 0, 0), time=time)
+        taken_with_velocity = live.update((0, y, x), (w, i, 0, 0), time=time, velocity=(speed, 0, 0))
         moving = live.at(time)
-        assert moving is not None or not (told or told_more)
+        assert moving is not None or not (taken or taken_with_velocity)
         if moving is not None:
             numbers = (*moving.pose.position, *moving.pose.quat, *moving.linear, *moving.angular)
             assert all(map(math.isfinite, numbers))
@@ -243,7 +243,7 @@ def test_a_live_update_overrides_the_file(keys: dict[str, Any]) -> None:
     assert (state.age("ball", 3.0), state.dropped("ball"), state.dropped("other")) == (1.0, 2, 0)
 
 
-def test_an_unknown_obstacle_is_told_the_nearest() -> None:
+def test_an_unknown_obstacle_is_refused_with_the_nearest_name() -> None:
     state = SceneState(load_scene("table"))
     for ask in (
         lambda: state.update("tpo", (0, 0, 0), (1, 0, 0, 0), time=0.0),

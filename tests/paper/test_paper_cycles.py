@@ -1,4 +1,4 @@
-"""Crouch cycles are told from the head alone."""
+"""Crouch cycles are found by the head alone."""
 
 from itertools import pairwise
 

@@ -64,16 +64,16 @@ def test_sequences_are_what_cdr_asks_for(fields: list[tuple[str, int]]) -> None:
     assert rows.tobytes() == b"\x00\x01\x00\x00" + body
 
 
-def test_the_layout_is_told_to_strangers() -> None:
+def test_the_description_of_a_layout_is_enough_to_read_it() -> None:
     layout = CdrBuilder().header("world").poses("poses", 2).scalar("x", "uint8").build()
-    assert layout_from(layout.told) == layout.dtype
+    assert layout_from(layout.description) == layout.dtype
     rows = layout.rows(1)
     rows["poses"] = np.arange(14).reshape(1, 2, 7)
-    again = np.frombuffer(rows.tobytes(), dtype=layout_from(layout.told))
+    again = np.frombuffer(rows.tobytes(), dtype=layout_from(layout.description))
     np.testing.assert_array_equal(again["poses"], rows["poses"])
 
 
-@pytest.mark.parametrize("told", ["", "{}", "[]", '{"names": 3}'])
-def test_what_is_no_layout_is_an_error(told: str) -> None:
+@pytest.mark.parametrize("description", ["", "{}", "[]", '{"names": 3}'])
+def test_what_is_no_layout_is_an_error(description: str) -> None:
     with pytest.raises((ValueError, TypeError, KeyError)):
-        layout_from(told)
+        layout_from(description)

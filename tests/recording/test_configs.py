@@ -61,7 +61,7 @@ def test_files_that_are_as_they_were_are_used_where_they_are(found: Played, run:
 def test_a_robot_that_is_gone_is_in_the_recording(found: Played, home: Path) -> None:
     shutil.rmtree(home / "own")
     again = replay(found)
-    assert again.difference.none, again.difference.told()
+    assert again.difference.none, again.difference.lines()
     names = [sentence.split()[0] for sentence in again.changed]
     assert names == [PROFILE, "body.xml", "performer.yaml", PRIORITIES]
     shows(again.changed)

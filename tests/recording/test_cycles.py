@@ -62,7 +62,7 @@ def played(cursor: Cursor, count: int, *, follow: int) -> list[int]:
 
 def test_the_same_run_is_the_same_cycle_for_cycle() -> None:
     cursor = Cursor(recorded(list(range(10)), 4), has_robot=True, dt=DT)
-    assert played(cursor, 10, follow=4) == list(range(10)) and cursor.ahead == pytest.approx(0.0, abs=DT)
+    assert played(cursor, 10, follow=4) == list(range(10)) and cursor.clock_lead == pytest.approx(0.0, abs=DT)
 
 
 @pytest.mark.parametrize(("follow", "ahead"), [(2, 2 * DT), (6, -2 * DT)])
@@ -71,7 +71,7 @@ def test_following_begins_in_the_same_cycle(follow: int, ahead: float) -> None:
     cursor = Cursor(recorded(list(range(10)), 4), has_robot=True, dt=DT)
     rows = played(cursor, follow + 3, follow=follow)
     assert rows[follow:] == [4, 5, 6] and max(rows[:follow]) <= 4
-    assert cursor.ahead == pytest.approx(ahead)
+    assert cursor.clock_lead == pytest.approx(ahead)
 
 
 def test_lost_cycles_are_not_those_before_them() -> None:

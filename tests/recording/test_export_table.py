@@ -41,7 +41,7 @@ def test_a_csv_is_read_by_numpy_alone(motion: Motion) -> None:
     assert (table["ticks_lift"] == motion.goal_ticks[:, 0]).all()  # type: ignore[index]
 
 
-def test_phases_are_told_only_where_there_are_several(motion: Motion) -> None:
+def test_phases_are_a_column_only_where_there_are_several(motion: Motion) -> None:
     phase = motion.phase.astype("<U8")
     phase[:5] = "approach"
     stream = io.BytesIO()

@@ -1,4 +1,4 @@
-"""Recorded goals sent to a bus: the same goals, slowly there, parked in the end, and the gate's word stands."""
+"""Goal playback: the same goals are sent, the robot approaches slowly and ends at rest, and the gate may refuse."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -59,20 +59,20 @@ def test_the_same_goals_are_sent(plain: Recorded) -> None:
     check_motion(result)
 
 
-def test_it_goes_there_slowly_and_is_parked_in_the_end(plain: Recorded) -> None:
+def test_it_approaches_slowly_and_ends_at_rest(plain: Recorded) -> None:
     result = send(plain.played())
     robot, sent = result.robot, result.record.robot
     assert robot is not None and sent is not None
     phases = result.record.phase
-    way = np.vstack([sent.start, sent.q[phases == Phase.APPROACH][:, robot.servo_columns]])
-    speed = np.abs(np.diff(way, axis=0)) * robot.profile.safety.rate_hz
+    approach = np.vstack([sent.start, sent.q[phases == Phase.APPROACH][:, robot.servo_columns]])
+    speed = np.abs(np.diff(approach, axis=0)) * robot.profile.safety.rate_hz
     share = robot.profile.safety.speed_caps.approach
-    assert len(way) > 2 and (speed <= share * robot.limits.max_velocity * (1.0 + 1e-9)).all()
+    assert len(approach) > 2 and (speed <= share * robot.limits.max_velocity * (1.0 + 1e-9)).all()
     rest = robot.posture(robot.profile.postures.rest)[robot.servo_columns]
     np.testing.assert_allclose(sent.q[-1, robot.servo_columns], rest, atol=1e-6)
 
 
-def test_slower_is_the_same_way_in_more_ticks(plain: Recorded) -> None:
+def test_slower_is_the_same_trajectory_in_more_ticks(plain: Recorded) -> None:
     result = send(plain.played(), speed=0.5)
     robot, sent, then = result.robot, result.record.robot, plain.result.record.robot
     assert robot is not None and sent is not None and then is not None
@@ -82,7 +82,7 @@ def test_slower_is_the_same_way_in_more_ticks(plain: Recorded) -> None:
 
 
 def held_for_a_while(prepared: Prepared) -> Watch:
-    """Somebody holds the robot while it moves."""
+    """The operator holds the robot while it moves."""
     assert prepared.side is not None
     stage, ticks = prepared.side._follower, iter(range(10**6))
     step = stage.step
@@ -98,7 +98,7 @@ def held_for_a_while(prepared: Prepared) -> Watch:
     return Watch()
 
 
-def test_after_a_hold_it_comes_back_onto_its_way_slowly(plain: Recorded) -> None:
+def test_after_a_hold_it_rejoins_the_trajectory_slowly(plain: Recorded) -> None:
     result = send(plain.played(), watch=held_for_a_while)
     robot, sent = result.robot, result.record.robot
     assert robot is not None and sent is not None and result.reason is None
@@ -139,7 +139,7 @@ def test_who_has_no_goals_is_refused(tmp_path: Path, plain: Recorded) -> None:
 
 
 def test_the_gate_refuses_what_no_robot_can(plain: Recorded) -> None:
-    """A recording that was tampered with: a goal that leaps is not sent."""
+    """A recording that was tampered with: a goal that jumps is not sent."""
     found = plain.played()
     cycles = found.cycles.taken(np.arange(len(found.cycles)))
     cycles.q[200:, 3] += 1.0

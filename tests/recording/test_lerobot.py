@@ -119,7 +119,7 @@ def test_a_rate_that_is_no_whole_number_is_refused_with_the_next_step(tmp_path: 
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_servo_that_was_silent_is_told(motion: Motion, tmp_path: Path) -> None:
+def test_a_servo_that_was_silent_is_named(motion: Motion, tmp_path: Path) -> None:
     assert motion.servos is not None
     servos = motion.servos.copy()
     servos[7, 1] = np.nan

@@ -103,7 +103,7 @@ def test_it_is_found_again(session: Session, tmp_path: Path) -> None:
     assert file.size == (tmp_path / "a.mcap").stat().st_size
 
 
-def test_names_can_be_told_apart_whatever_is_in_them(session: Session, tmp_path: Path) -> None:
+def test_names_stay_distinct_whatever_is_in_them(session: Session, tmp_path: Path) -> None:
     file = RecordingFile(tmp_path / "a.mcap", session, ())
     layout, names = CdrBuilder().header("").sequence("q", "float32", 3).build(), ("left knee", "neck", "a\tb ")
     every = lambda cycles: cycles.kept  # noqa: E731
@@ -251,7 +251,7 @@ def test_who_may_wait_loses_nothing() -> None:
     assert seen == list(range(500)) and ring.lost == 0
 
 
-def test_nobody_waits_for_a_disk_that_is_gone() -> None:
+def test_no_thread_waits_for_a_disk_that_is_gone() -> None:
     ring = Ring(SHAPE, patient=True, rows=4)
     ring.close()
     fill(ring, 10)
@@ -304,19 +304,19 @@ def test_all_that_was_finished_is_in_the_file_in_order(
     begun.thread.close()
     begun.thread.close()
     recording = read_recording(tmp_path / "a.mcap")
-    assert begun.thread.trouble == "" and begun.thread.written == 40 and begun.thread.cpu_s > 0.0
+    assert begun.thread.failure == "" and begun.thread.written == 40 and begun.thread.cpu_s > 0.0
     assert recording.damage == "" and recording.topic(TICK).cycles.tolist() == list(range(40))
     assert recording.texts == {(10, "run"): "hello"}
     assert recording.topic(TICK).rows["stamp.nanosec"].tolist() == [10_000_000 * number for number in range(40)]
 
 
 @pytest.mark.parametrize(
-    ("error", "told"),
+    ("error", "failure"),
     [(OSError(errno.ENOSPC, "No space left on device"), "No space left on device"), (KeyError("x"), "KeyError: 'x'")],
 )
-def test_what_goes_wrong_is_said_and_frees_whoever_waits(
+def test_an_error_is_kept_and_frees_a_thread_that_waits(
     error: Exception,
-    told: str,
+    failure: str,
     tmp_path: Path,
     writing_session: Session,
     made: list[Topic],
@@ -331,9 +331,9 @@ def test_what_goes_wrong_is_said_and_frees_whoever_waits(
     begun.fill(3)
     begun.thread.start()
     begun.thread.close()
-    assert begun.thread.trouble == told and begun.thread.written == 0
+    assert begun.thread.failure == failure and begun.thread.written == 0
     begun.ring._patient = True
-    begun.fill(200)  # would wait for ever if somebody were still expected
+    begun.fill(200)  # would wait for ever if the writing thread were still expected
     assert begun.ring.lost > 0
 
 
@@ -343,4 +343,4 @@ def test_what_is_not_a_number_is_kept(tmp_path: Path, writing_session: Session, 
     begun.fill(2)
     begun.thread.start()
     begun.thread.close()
-    assert begun.thread.trouble == "" and read_recording(tmp_path / "a.mcap").damage == ""
+    assert begun.thread.failure == "" and read_recording(tmp_path / "a.mcap").damage == ""

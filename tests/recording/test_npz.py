@@ -1,4 +1,4 @@
-"""`--save`: keys, shapes, and a stranger with MuJoCo alone who finds the same landmarks."""
+"""`--save`: keys, shapes, and the same landmarks where MuJoCo alone reads the file."""
 
 from pathlib import Path
 
@@ -53,7 +53,7 @@ def test_every_tick_says_what_it_was_for_and_nothing_is_unknown(run: RunResult, 
         assert (known[phase == "brake"] == known[follow][-1]).all()
 
 
-def test_a_stranger_finds_the_same_landmarks(run: RunResult, tmp_path: Path) -> None:
+def test_mujoco_alone_finds_the_same_landmarks(run: RunResult, tmp_path: Path) -> None:
     write_npz(run, tmp_path / "run.npz")
     with np.load(tmp_path / "run.npz") as data:
         saved = dict(data)

@@ -103,7 +103,7 @@ BAD: dict[str, tuple[np.ndarray[tuple[int, ...], np.dtype[Any]], Facts]] = {
 
 
 @pytest.mark.parametrize("key", BAD)
-def test_wrong_content_is_told_by_its_key(key: str, motion: Motion, body: Path, tmp_path: Path) -> None:
+def test_wrong_content_is_named_by_its_key(key: str, motion: Motion, body: Path, tmp_path: Path) -> None:
     value, facts = BAD[key]
     with refuses(InputError, facts):
         read_run(export_reading_saved(motion, tmp_path / "run.npz", body, **{key: value}))

@@ -21,7 +21,7 @@ from retarget.recording.cdr import layout_from
 from retarget.recording.mcap_writer import Ring, _Direct, check_target
 from retarget.recording.reading import read_recording
 from retarget.recording.recorder import Recorder
-from retarget.recording.taps import STATES
+from retarget.recording.taps import GUARD_STATES
 from retarget.recording.topics import GOALS, HUMAN_JOINTS, JOINTS, SENSORS, TICK
 from retarget.run.options import RunOptions
 from retarget.run.run_result import RunResult
@@ -71,13 +71,13 @@ def test_every_tick_is_in_it(whole: Recorded) -> None:
     np.testing.assert_array_equal(cycles.temperature[kept], sent.temperature)
     rows = recording.topic(TICK).rows
     assert rows["observer_modes"].shape[1] == len(recording.session.observers)
-    assert set(rows["state"][1:].tolist()) <= {STATES[state] for state in GuardState}
+    assert set(rows["state"][1:].tolist()) <= {GUARD_STATES[state] for state in GuardState}
     followed = cycles.phase == 1
     asked = [result.clip.sample(tick).position for tick in range(result.clip.ticks)]
     np.testing.assert_array_equal(cycles.sensor_position[kept & followed], asked)
 
 
-def test_a_stranger_needs_numpy_and_the_metadata_of_the_topic(whole: Recorded) -> None:
+def test_numpy_and_the_metadata_of_the_topic_are_enough_to_read_it(whole: Recorded) -> None:
     with whole.path.open("rb") as stream:
         for _, channel, message in make_reader(stream).iter_messages(topics=[HUMAN_JOINTS]):
             points = np.frombuffer(message.data, dtype=layout_from(channel.metadata["layout"]))["poses"][0, :, :3]
@@ -87,11 +87,11 @@ def test_a_stranger_needs_numpy_and_the_metadata_of_the_topic(whole: Recorded) -
     assert len(np.unique(times)) == len(whole.result.record)
 
 
-def test_events_tell_what_happened(whole: Recorded) -> None:
+def test_events_are_logged(whole: Recorded) -> None:
     texts = read_recording(whole.path).texts
-    said = Counter(texts.values())
+    logged = Counter(texts.values())
     for wanted in ("torque on", "approach", "follow", "brake", "moving"):
-        assert said[wanted] == 1, wanted
+        assert logged[wanted] == 1, wanted
 
 
 def test_recording_changes_nothing(whole: Recorded) -> None:
@@ -117,8 +117,8 @@ def test_a_full_disk_ends_the_recording_and_nothing_else(
     monkeypatch.setattr("retarget.recording.recorder.Ring", lambda shape, patient: Ring(shape, patient=True, rows=32))
     run = record(tmp_path / "run.mcap")  # which waits for the disk, so knows in time that it is full
     assert goals(run.result) == goals(whole.result)
-    assert run.recorder.trouble == "No space left on device" and run.recorder.code(0) == 1
-    warned = [text for text in run.told if "the recording is not whole, the robot goes on" in text]
+    assert run.recorder.failure == "No space left on device" and run.recorder.code(0) == 1
+    warned = [text for text in run.notes if "the recording is not whole, the robot goes on" in text]
     assert len(warned) == 1 and warned[0].endswith("No space left on device")
     assert read_recording(run.path).damage
 
@@ -130,7 +130,7 @@ def test_a_disk_that_is_full_from_the_start_is_refused(tmp_path: Path, monkeypat
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_disk_that_hangs_holds_up_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, whole: Recorded) -> None:
+def test_a_disk_that_hangs_holds_up_no_tick(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, whole: Recorded) -> None:
     hangs, write = threading.Event(), _Direct.write
 
     def slow(self: _Direct, data: bytes) -> int:
@@ -144,10 +144,10 @@ def test_a_disk_that_hangs_holds_up_nobody(tmp_path: Path, monkeypatch: pytest.M
     run = record(tmp_path / "run.mcap")
     hangs.set()
     assert goals(run.result) == goals(whole.result)
-    assert run.recorder.trouble and run.recorder.code(0) == 1
-    shows(run.told[0])
-    shows(run.told[-1])
-    assert len(run.told) == 2
+    assert run.recorder.failure and run.recorder.code(0) == 1
+    shows(run.notes[0])
+    shows(run.notes[-1])
+    assert len(run.notes) == 2
 
 
 def test_what_the_bus_fails_with_is_in_it(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""A recording that is killed at any moment is there to within the last second; ten minutes of it are small."""
+"""A recording whose process is killed at any time loses at most its last second; ten minutes of it are small."""
 
 import os
 import random
@@ -42,8 +42,8 @@ def test_a_killed_run_is_there_but_for_the_last_second(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_fifty_killed_runs_are_there_but_for_the_last_second(tmp_path: Path) -> None:
-    moments = random.Random(50)
-    lost = [kill_while_it_moves(tmp_path / f"{run}.mcap", after=moments.uniform(0.0, 2.0)) for run in range(50)]
+    times = random.Random(50)
+    lost = [kill_while_it_moves(tmp_path / f"{run}.mcap", after=times.uniform(0.0, 2.0)) for run in range(50)]
     assert max(lost) < LOST_S, sorted(lost)[-5:]
 
 

@@ -1,4 +1,4 @@
-"""What differs from a recording, counted and told; goals in ticks, postures of a human to the bit."""
+"""Replay: what differs from a recording is counted, goals in ticks and postures of a human to the bit."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -9,6 +9,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+import retarget
 from hardware.arrays import TickArray
 from hardware.bus import ServoGoals
 from hardware.errors import BusError
@@ -63,10 +64,10 @@ def test_nothing_differs(run: Recorded) -> None:
     goals = sent(run.played())
     found = compared(run, goals)
     assert found.none and found.compared == len(goals) and found.first is None
-    assert found.told() == [f"all {len(goals)} goals are as recorded, to the tick"]
+    assert found.lines() == [f"all {len(goals)} goals are as recorded, to the tick"]
 
 
-def test_one_tick_of_one_joint_is_told_where_and_when(run: Recorded) -> None:
+def test_one_tick_of_one_joint_is_located(run: Recorded) -> None:
     goals = sent(run.played())
     row = goals[30][0]
     goals[30][1][4] -= 2
@@ -77,14 +78,14 @@ def test_one_tick_of_one_joint_is_told_where_and_when(run: Recorded) -> None:
     assert found.most == pytest.approx(2 * 360.0 / 4096.0, rel=1e-6)
     assert found.where == f"of {robot.joint_map.joints[4]} in cycle {found.first}"
     assert found.time_s == pytest.approx(0.008 * (int(cycles.index[row]) - 1), abs=0.02)
-    assert found.told()[0].startswith(f"1 of {len(goals)} goals differ, from cycle {found.first}")
+    assert found.lines()[0].startswith(f"1 of {len(goals)} goals differ, from cycle {found.first}")
 
 
 def test_goals_that_are_missing_or_more(run: Recorded) -> None:
     goals = sent(run.played())
     found = compared(run, [*goals[:-3], (-1, goals[0][1]), goals[5]])
     assert (found.differ, found.absent, found.extra) == (0, 3, 2) and not found.none
-    assert found.told() == ["3 goals were recorded and are not sent now", "2 goals are sent now and were not recorded"]
+    assert found.lines() == ["3 goals were recorded and are not sent now", "2 goals are sent now and were not recorded"]
 
 
 def test_what_comes_after_a_recording_that_was_cut_off_is_not_more(run: Recorded) -> None:
@@ -93,7 +94,7 @@ def test_what_comes_after_a_recording_that_was_cut_off_is_not_more(run: Recorded
     goals = sent(whole)
     found = compared(run, [*goals, (-1, goals[0][1])], cut)
     assert found.none and not found.whole
-    assert found.told() == [f"all {len(goals)} goals that it holds are as recorded, to the tick"]
+    assert found.lines() == [f"all {len(goals)} goals that it holds are as recorded, to the tick"]
 
 
 def test_postures_of_a_human(tmp_path: Path) -> None:
@@ -113,7 +114,7 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
 
 def same(again: Replayed, result: RunResult) -> None:
     """To the tick, and to the bit before rounding."""
-    assert again.difference.none and again.difference.differ == 0, again.difference.told()
+    assert again.difference.none and again.difference.differ == 0, again.difference.lines()
     now, then = again.result.record, result.record
     assert len(now) == len(then) and now.robot is not None and then.robot is not None
     np.testing.assert_array_equal(now.robot.goal_ticks, then.robot.goal_ticks)
@@ -127,7 +128,7 @@ def test_a_run_is_reproduced_to_the_bit(plain: Recorded) -> None:
     again = replay(plain.played())
     same(again, plain.result)
     assert again.changed == () and again.difference.compared == len(plain.result.record) + 1
-    assert again.difference.told() == [f"all {again.difference.compared} goals are as recorded, to the tick"]
+    assert again.difference.lines() == [f"all {again.difference.compared} goals are as recorded, to the tick"]
 
 
 def stopped_from_outside(prepared: Prepared) -> Watch:
@@ -178,12 +179,12 @@ def test_what_went_wrong_goes_wrong_again(fault: MockFault, tmp_path: Path) -> N
 
 
 class Held:
-    """Samples of somebody who cannot be trusted for a while, comes back by weight, and is then taken up slowly."""
+    """Samples that are invalid for a while, come back by weight, and are then followed slowly."""
 
     def __init__(self, clip: Samples) -> None:
         self._clip = clip
         self.ticks, self.kept, self.dt, self.motion_dt = clip.ticks, clip.kept, clip.dt, clip.motion_dt
-        self.over, self.hold_reason, self._tick, self._approach = False, "nobody there", 0, 0
+        self.over, self.hold_reason, self._tick, self._approach = False, "no performer", 0, 0
 
     @property
     def settled(self) -> float:
@@ -193,18 +194,18 @@ class Held:
         self._approach += 1
         return not 20 < self._approach < 40
 
-    def listen(self) -> None:
+    def poll(self) -> None:
         pass
 
     def sample(self, tick: int) -> SensorSample | None:
         self._tick = tick
-        said = self._clip.sample(tick)
-        assert said is not None
+        sample = self._clip.sample(tick)
+        assert sample is not None
         if 10 <= tick < 20:
             return None
         weight = np.ones(5)
         weight[2] = min(1.0, abs(tick - 20) / 20)
-        return replace(said, weight=weight) if tick >= 20 else said
+        return replace(sample, weight=weight) if tick >= 20 else sample
 
     def recorded(self) -> Clip:
         return self._clip.recorded()
@@ -221,7 +222,7 @@ def test_who_was_held_is_held_again(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_a_live_run_with_a_hold_is_reproduced(tmp_path: Path) -> None:
-    """Sensors are those that were followed: what the stream, its clocks and the trust made of it is done with."""
+    """Sensors are those that were followed: what the stream, its clocks and the validity checks made of it is over."""
     rig = LiveRig(FakeSender(faults=[silent(4.6, 5.0)]), options=LiveOptions(countdown=0.5, duration=2.5))
     recorder = Recorder(
         tmp_path / "run.mcap", rig.run_options, clock=rig.clock, goes_to_rest=True, notify=rig.said.append
@@ -239,7 +240,7 @@ def test_the_human_alone_is_reproduced(tmp_path: Path) -> None:
     run = record(tmp_path / "run.mcap", options=RunOptions(robot="human", bus="none"))
     again = replay(run.played())
     assert again.difference.none and again.difference.compared == len(run.result.record)
-    assert again.difference.told() == [f"all {len(run.result.record)} postures are as recorded, to the bit"]
+    assert again.difference.lines() == [f"all {len(run.result.record)} postures are as recorded, to the bit"]
     np.testing.assert_array_equal(again.result.record.human.q, run.result.record.human.q)
 
 
@@ -252,12 +253,12 @@ def test_a_changed_sensor_is_found_where_it_is(plain: Recorded) -> None:
     difference = again.difference
     assert not difference.none and difference.first is not None
     assert where <= difference.first <= where + 30 and 0 < difference.differ < difference.compared
-    first, second, *_ = difference.told()
+    first, second, *_ = difference.lines()
     assert first.startswith(f"{difference.differ} of {difference.compared} goals differ, from cycle {difference.first}")
     shows(second)
 
 
-def test_another_setting_is_told_as_a_difference(plain: Recorded) -> None:
+def test_another_setting_is_a_difference(plain: Recorded) -> None:
     found = plain.played()
     session = found.recording.session.model_copy(update={"iterations": 1})
     again = replay(replace(found, recording=replace(found.recording, session=session)))
@@ -266,7 +267,7 @@ def test_another_setting_is_told_as_a_difference(plain: Recorded) -> None:
 
 @pytest.mark.parametrize("then", ["sooner", "later"])
 def test_an_approach_that_lasts_longer_or_shorter_changes_nothing_after_it(then: str, plain: Recorded) -> None:
-    """As with another version that arrived then sooner or later: what follows is held against what followed."""
+    """As where another version ends its approach earlier or later: following is compared with following."""
     found = plain.played()
     cycles, follow = found.cycles, int(np.flatnonzero(found.cycles.sampled == 1)[1])
     if then == "sooner":
@@ -295,13 +296,13 @@ def test_a_recording_that_was_cut_off_is_played_as_far_as_it_goes(plain: Recorde
     assert again.result.state == "idle"
 
 
-def test_another_version_is_told(plain: Recorded) -> None:
+def test_another_version_is_named(plain: Recorded) -> None:
     session = plain.played().recording.session
     assert what_computes(session) == ()
-    told = what_computes(session.model_copy(update={"version": "0.0.1", "machine": "pdp11"}))
-    assert len(told) == 2
-    shows(told[0], "0.0.1")
-    shows(told[1], "pdp11")
+    notes = what_computes(session.model_copy(update={"version": "0.0.1", "machine": "pdp11"}))
+    assert len(notes) == 2
+    shows(notes[0], "0.0.1", retarget.__version__, varies=retarget.__version__)
+    shows(notes[1], "pdp11")
 
 
 def test_another_robot_or_performer_is_refused(plain: Recorded) -> None:

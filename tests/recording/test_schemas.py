@@ -1,4 +1,4 @@
-"""What is in a recording is what its own definitions say, for a strict reader and for the one that ROS users have."""
+"""A recording holds what its own definitions say, for a strict reader and for the one that ROS users have."""
 
 import math
 import struct

@@ -1,4 +1,4 @@
-"""What a recording says of its run: strict, and enough to ask for the same run again."""
+"""The session of a recording: strict, and enough to ask for the same run again."""
 
 import hashlib
 from pathlib import Path
@@ -34,21 +34,22 @@ def test_the_same_run_can_be_asked_for_again(run: Recorded, session: Session) ->
 
 
 def test_physics_is_part_of_it(session: Session) -> None:
-    told = session.model_copy(update={"bus": "physics", "mount": "gantry", "hook": "neck", "seed": 4, "trouble": ()})
-    assert told.options.physics == PhysicsOptions("gantry", "neck", 4, ())
+    options = {"bus": "physics", "mount": "gantry", "hook": "neck", "seed": 4, "perturbations": ("push",)}
+    of_physics = session.model_copy(update=options)
+    assert of_physics.options.physics == PhysicsOptions("gantry", "neck", 4, ("push",))
 
 
 def test_files_are_known_by_their_content(run: Recorded, session: Session) -> None:
-    told = {file.name: file for file in session.files}
+    files = {file.name: file for file in session.files}
     for file, content in config_files(ASKED, run.result.robot):
-        assert told[file.name] == file and hashlib.sha256(content).hexdigest() == file.sha256
+        assert files[file.name] == file and hashlib.sha256(content).hexdigest() == file.sha256
         assert Path(file.path).read_bytes() == content
 
 
 @pytest.mark.parametrize(
     ("key", "value"),
     [
-        ("format", 2),
+        ("format", 1),
         ("dt", 0.0),
         ("dt", float("nan")),
         ("ticks", 0),

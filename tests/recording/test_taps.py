@@ -1,4 +1,4 @@
-"""What stands between a run and its parts while it is recorded: the same goes through, and it is noted."""
+"""The taps of a recorder: all values pass through unchanged, and are noted."""
 
 from types import SimpleNamespace
 from typing import Any, cast
@@ -14,7 +14,7 @@ from retarget.frames import SensorSample
 from retarget.model.robot import RobotBody, load_robot
 from retarget.recording.cycles import READINGS, Asked, Cycles, Done, Shape
 from retarget.recording.mcap_writer import Level, Ring
-from retarget.recording.taps import STATES, Note, TappedBus, TappedClock, TappedSamples
+from retarget.recording.taps import GUARD_STATES, Note, TappedBus, TappedClock, TappedSamples
 from sim.mock_bus import FaultKind, MockBus, MockFault
 
 SHAPE = Shape(sensors=1, servos=2, rest=0, human=1, joints=1, landmarks=0, observers=0, human_observers=0)
@@ -47,7 +47,7 @@ def cycles(note: Note) -> Cycles:
     return ring.take()
 
 
-def said(note: Note) -> list[tuple[int, str, str]]:
+def events(note: Note) -> list[tuple[int, str, str]]:
     return [(event.cycle, event.who, event.text) for event in note.events.take()]
 
 
@@ -88,27 +88,27 @@ def test_a_cycle_ends_once_however_often_is_asked(note: Note) -> None:
     assert cycles(note).index.tolist() == [0, 1, 2, 3]
 
 
-def test_somebody_who_stops_the_guard_is_told_from_one_who_stopped_it_before(note: Note, guard: Guarded) -> None:
+def test_a_stop_from_outside_is_distinguished_from_one_before_it(note: Note, guard: Guarded) -> None:
     before = Stop(StopCause.BUS, "gone", 1.0)
     guard.stop_reason = before
     note.stop_asked(False, stop_before=before)
     guard.stop_reason = Stop(StopCause.FALLEN, "over a wire", 2.0)
     note.stop_asked(False, stop_before=before)
-    assert said(note) == [(0, "outside", f"{StopCause.FALLEN.value}: over a wire")]
+    assert events(note) == [(0, "outside", f"{StopCause.FALLEN.value}: over a wire")]
     assert int(cycles(note).asked[0]) == Asked.OUTSIDE
 
 
-def test_what_failed_is_marked_and_said(note: Note) -> None:
+def test_what_failed_is_marked_and_logged(note: Note) -> None:
     note.look()
     note.failed("bus", "read", BusError("no answer"))
     note.failed("bus", "write", BusError("no room"))
     note.failed("bus", "torque", BusError("no torque"))
-    assert said(note) == [(0, "bus read", "no answer"), (0, "bus write", "no room"), (0, "bus torque", "no torque")]
+    assert events(note) == [(0, "bus read", "no answer"), (0, "bus write", "no room"), (0, "bus torque", "no torque")]
     rows = cycles(note)
     assert (rows.read[0], rows.written[0]) == (Done.FAILED, Done.FAILED)
 
 
-def test_states_and_stops_are_said_when_they_change(note: Note, guard: Guarded) -> None:
+def test_states_and_stops_are_logged_when_they_change(note: Note, guard: Guarded) -> None:
     for state in (GuardState.ARMED, GuardState.ARMED, GuardState.MOVING):
         guard.state = state
         note.look()
@@ -125,7 +125,7 @@ def test_states_and_stops_are_said_when_they_change(note: Note, guard: Guarded) 
     ]
     assert [event.level for event in events][2] is Level.ERROR
     assert cycles(note).state.tolist()[:4] == [
-        STATES[state] for state in (GuardState.ARMED, GuardState.ARMED, GuardState.MOVING, GuardState.STOPPED)
+        GUARD_STATES[state] for state in (GuardState.ARMED, GuardState.ARMED, GuardState.MOVING, GuardState.STOPPED)
     ]
 
 
@@ -206,7 +206,7 @@ def samples(*said: SensorSample | None) -> Any:
         motion_dt=0.004,
         over=True,
         settled=0.25,
-        hold_reason="nobody",
+        hold_reason="no performer",
         may_approach=lambda: True,
         listen=lambda: None,
         sample=lambda tick: said[tick],
@@ -214,13 +214,13 @@ def samples(*said: SensorSample | None) -> Any:
     )
 
 
-def test_what_was_followed_is_kept_as_it_was_said(taps_note: Note) -> None:
+def test_what_was_followed_is_kept_unchanged(taps_note: Note) -> None:
     weight = np.array([0.5, 1.0])
     said = SensorSample(("a", "b"), np.ones((2, 3)), np.full((2, 4), 0.5), np.array([True, False]), weight)
     tapped = TappedSamples(samples(None, said), taps_note)
     assert tapped.sample(0) is None and row(taps_note).sampled[0] == Done.FAILED
     assert tapped.sample(1) is said
-    assert tapped.settled == 0.25 and tapped.over and tapped.may_approach() and tapped.hold_reason == "nobody"
+    assert tapped.settled == 0.25 and tapped.over and tapped.may_approach() and tapped.hold_reason == "no performer"
     kept = row(taps_note)
     assert (kept.sampled[0], kept.tick[0], kept.settled[0]) == (Done.WELL, 1, 0.25) and kept.weighted[0]
     np.testing.assert_array_equal(kept.sensor_position[0], said.position)

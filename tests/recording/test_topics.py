@@ -55,7 +55,7 @@ def kept(topic: Topic, rows: Cycles) -> list[int]:
     return [index for index, _, _ in topic.messages(rows, rows.index * 8_000_000)]
 
 
-def test_the_truth_about_a_simulated_body_is_kept_where_it_is_told(robot: RobotBody) -> None:
+def test_where_a_simulated_body_really_is_is_kept_if_it_is_known(robot: RobotBody) -> None:
     rows, names = cycles(robot), ("x", "y", "z")
     wide = replace(rows, truth=np.arange(120.0).reshape(40, 3))
     found = {
@@ -73,8 +73,8 @@ def test_the_truth_about_a_simulated_body_is_kept_where_it_is_told(robot: RobotB
     assert TRUTH not in made(robot) and found[TRUTH].names == names
     said = list(found[TRUTH].messages(wide, wide.index * 8_000_000))
     assert [index for index, _, _ in said] == kept(found[LANDMARKS], rows)
-    told = np.frombuffer(b"".join(data for _, _, data in said), dtype=found[TRUTH].layout.dtype)["q"]
-    np.testing.assert_array_equal(told, wide.truth[[index for index, _, _ in said]])
+    truth = np.frombuffer(b"".join(data for _, _, data in said), dtype=found[TRUTH].layout.dtype)["q"]
+    np.testing.assert_array_equal(truth, wide.truth[[index for index, _, _ in said]])
 
 
 def test_a_human_alone_has_no_servos_and_every_posture() -> None:

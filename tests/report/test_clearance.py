@@ -45,7 +45,7 @@ def test_the_smallest_gap_is_found_however_far(nearest: float) -> None:
     assert found.pair is not None and set(found.pair) == {"base", "hand"}
 
 
-def test_touches_are_told_from_penetrations() -> None:
+def test_touches_are_distinguished_from_penetrations() -> None:
     found = clearance([0.1, -5e-7, -0.0005, -0.002, 0.2, -0.0009, -0.0011])
     assert (found.penetrating, found.deep) == (4, 2)
 
@@ -204,7 +204,7 @@ CHAIN = """
 </worldbody><contact><exclude body1="hand" body2="leg"/></contact></mujoco>"""
 
 
-def test_every_pair_is_compared_or_told() -> None:
+def test_every_pair_is_compared_or_listed() -> None:
     model = mujoco.MjModel.from_xml_string(CHAIN)
     geoms = np.flatnonzero(model.geom_bodyid > 0)
     links = model.geom_bodyid[geoms].astype(np.int64)
@@ -224,8 +224,8 @@ def test_every_pair_is_compared_or_told() -> None:
         LeftOut("leg", "tip", "ignored by the profile"),
         LeftOut("base", "tip", "touch in the neutral posture"),
     }
-    told = {frozenset((pair.first, pair.second)) for pair in left_out}
+    listed = {frozenset((pair.first, pair.second)) for pair in left_out}
     names = [str(model.body(link).name) for link in sorted(set(links.tolist()))]
     every = {frozenset((a, b)) for k, a in enumerate(names) for b in names[k + 1 :]}
-    assert named | told == every
-    assert not named & told
+    assert named | listed == every
+    assert not named & listed

@@ -1,4 +1,4 @@
-"""What the report says of the bus: its clock as it went, and every failure that somebody saw."""
+"""The report of a finished run: the bus's clock as it went, every failure, and the last seconds alone."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -155,7 +155,7 @@ def test_its_rows_are_those_of_the_end(run: RunResult) -> None:
     np.testing.assert_array_equal(sent.start, whole.q[-501, run.robot.servo_columns])
 
 
-def test_it_tells_of_the_whole_what_costs_little(run: RunResult) -> None:
+def test_it_measures_on_the_whole_run_what_costs_little(run: RunResult) -> None:
     last, whole, part = measure_latest(run, 4.0), measure(run), measure(latest_of(run, 4.0))
     assert (last.ticks, last.frames, last.duration_s) == (whole.ticks, whole.frames, whole.duration_s)
     assert last.limit_violations == whole.limit_violations and last.bus == whole.bus and last.stop == whole.stop
@@ -169,7 +169,7 @@ def test_after_the_end_of_following_nothing_is_asked(run: RunResult) -> None:
     assert last.ticks_followed == 0 and measure(last).tracking_mm == {}
 
 
-def test_a_short_one_is_told_whole() -> None:
+def test_a_short_run_is_measured_whole() -> None:
     run = scripted_run()
     assert latest_of(run, 10.0) is run and measure_latest(run, 10.0) == measure(run)
 
@@ -179,7 +179,7 @@ def test_who_asked_a_run_to_end_waits_for_its_end_only(
 ) -> None:
     monkeypatch.setattr(follow_clip, "measure_latest", lambda run: measure_latest(run, 4.0))
     said: list[tuple[str, ...]] = []
-    monkeypatch.setattr(follow_clip, "_notify", lambda report, written: said.append(report.notes))
+    monkeypatch.setattr(follow_clip, "_show", lambda report, written: said.append(report.notes))
     assert follow_clip.finished(run, Outputs()) == STOPPED
     follow_clip.finished(replace(run, stop=None), Outputs())
     assert ["last 4 s" in " ".join(notes) for notes in said] == [True, False]
@@ -187,7 +187,7 @@ def test_who_asked_a_run_to_end_waits_for_its_end_only(
 
 def test_a_file_is_of_the_whole_run(run: RunResult, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     said: list[tuple[str, ...]] = []
-    monkeypatch.setattr(follow_clip, "_notify", lambda report, written: said.append(report.notes))
+    monkeypatch.setattr(follow_clip, "_show", lambda report, written: said.append(report.notes))
     monkeypatch.setattr(follow_clip, "measure_latest", lambda run: pytest.fail("not the whole"))
     follow_clip.finished(run, Outputs(report=tmp_path / "report.json"))
     assert "last" not in " ".join(said[0])

@@ -237,7 +237,7 @@ def test_the_approach_takes_no_part_in_the_jerk() -> None:
     assert report.jerk_p95 == jerk_p95(following, run.clip.dt)
 
 
-def test_the_worse_hand_is_told_beside_the_mean() -> None:
+def test_the_worse_hand_is_reported_with_the_mean() -> None:
     held = np.zeros((51, 20))
     held[15:, 3] = -1.0  # a jump of the left arm within reach, which the gate holds back
     hands = reported(Rig(held))[0].reachable_hands_mm

@@ -34,7 +34,7 @@ def test_calm_observers_have_no_worst_one() -> None:
     assert (found.switches.name, found.switches.worst, found.active, found.reactive) == (None, 0.0, 0.0, 0.0)
 
 
-def test_nothing_is_known_of_nobody() -> None:
+def test_nothing_is_known_without_ticks_or_observers() -> None:
     assert observer_activity(np.zeros((0, 2), dtype=np.uint8), ("a", "b"), dt=0.1) is None
     assert observer_activity(np.zeros((5, 0), dtype=np.uint8), (), dt=0.1) is None
     with refuses(ValueError, 1, 2):

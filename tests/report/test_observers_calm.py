@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from followers import DT, op3
-from observed_robot import ZONE, Done, act, around, human, raised, robot, sphere
+from observed_robot import ZONE, Done, act, human, raised, robot, scene_of, sphere
 from observers_idle_helpers import without_observers
 from retarget.report.motion_metrics import jerk_p95, observer_activity
 from retarget.schema.priorities import load_priorities
@@ -47,7 +47,7 @@ def test_no_shaking_at_switch_on() -> None:
 def test_a_hand_that_rests_against_a_sphere_rests(tick: int) -> None:
     motion = raised()[:tick]
     at = act(robot(None), None, motion).reached("r_hand")[-1]
-    done = act(state_of := robot(state := around(ball=sphere(at))), state, [*motion, *[motion[-1]] * 500])
+    done = act(state_of := robot(state := scene_of(ball=sphere(at))), state, [*motion, *[motion[-1]] * 500])
     assert state_of.observers.names and done.distance[-1].min() == pytest.approx(ZONE["margin"], abs=1e-4)
     assert done.swing() < 1e-4
 
@@ -57,5 +57,5 @@ def test_a_hand_that_rests_against_a_box_rests() -> None:
     motion = raised()[:200]
     x, y, z = act(robot(None), None, motion).reached("r_hand")[-1]
     box = {"shape": {"box": {"size": (0.05, 0.05, 0.02)}}, "at": {"pos": (x + 0.03, y, z + 0.01)}, **ZONE}
-    done = act(robot(state := around(box=box)), state, [*motion, *[motion[-1]] * 500])
+    done = act(robot(state := scene_of(box=box)), state, [*motion, *[motion[-1]] * 500])
     assert done.swing() < 1e-4

@@ -1,4 +1,4 @@
-"""HTML from text that nobody vouches for."""
+"""HTML from untrusted text."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The last part of the way to where a robot is parked is looked at before anything moves."""
+"""The last part of the rest trajectory is checked before anything moves."""
 
 from dataclasses import replace
 
@@ -21,31 +21,31 @@ def resting(robot: RobotBody, **changed: float) -> RobotBody:
 
 
 def found(robot: RobotBody) -> PathToRest:
-    way = path_to_rest(robot)
-    assert way is not None
-    return way
+    path = path_to_rest(robot)
+    assert path is not None
+    return path
 
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_every_shipped_robot_goes_straight_to_rest(name: str) -> None:
-    way = found(load_robot(name))
-    assert way.sound and way.margin > 0.04 and way.distance > 0.002
-    assert str(way).startswith("centre of mass ")
+    path = found(load_robot(name))
+    assert path.safe and path.margin > 0.04 and path.distance > 0.002
+    assert str(path).startswith("centre of mass ")
 
 
-def test_limbs_that_meet_on_the_way_are_named() -> None:
-    way = found(resting(load_robot("poppy"), abs_y=0.5))
-    assert not way.sound
-    assert str(way).startswith("not straight, as limbs meet: ")
-    shows(str(way), "l_hip", "0.5", "1.2")
+def test_limbs_that_meet_on_it_are_named() -> None:
+    path = found(resting(load_robot("poppy"), abs_y=0.5))
+    assert not path.safe
+    assert str(path).startswith("not straight, as limbs meet: ")
+    shows(str(path), "l_hip", "0.5", "1.2")
 
 
-def test_a_robot_that_would_fall_over_on_the_way_is_told() -> None:
+def test_a_robot_that_would_fall_over_on_it_is_named() -> None:
     ankles = {"l_ank_pitch": 0.4, "r_ank_pitch": -0.4}
-    way = found(resting(load_robot("op3"), **ankles))
-    assert not way.sound and way.margin < 0.0
-    assert str(way).startswith("not straight, as it would tip: ")
-    shows(str(way), f"{-1000.0 * way.margin:.0f}")
+    path = found(resting(load_robot("op3"), **ankles))
+    assert not path.safe and path.margin < 0.0
+    assert str(path).startswith("not straight, as it would tip: ")
+    shows(str(path), f"{-1000.0 * path.margin:.0f}")
 
 
 def test_a_robot_on_a_stand_is_not_looked_at_nor_one_whose_trunk_is_unknown() -> None:

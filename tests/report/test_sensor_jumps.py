@@ -77,12 +77,12 @@ def test_the_joints_keep_their_limits_tick_by_tick(run: Arrays) -> None:
     assert moved[after_jump(0.0)].max() > 1e-3  # it does go after the sensors
 
 
-def test_what_is_asked_leaps_and_what_is_sent_does_not(run: Arrays) -> None:
+def test_what_is_asked_jumps_and_what_is_sent_does_not(run: Arrays) -> None:
     asked, reached = steps(run["landmarks_asked"]), steps(run["landmarks_reached"])
     hands = [run["landmark_names"].tolist().index(name) for name in ("l_hand", "r_hand")]
     assert asked[after_jump(-0.02), hands].max() > 0.010
     assert reached.max() < 0.008  # 1 m/s
-    # Nor does a landmark change what it moves in a tick by a tenth of the leap.
+    # Nor does a landmark change what it moves in a tick by a tenth of the jump.
     assert np.abs(np.diff(reached[after_jump(-0.02)], axis=0)).max() < 0.001
 
 
@@ -94,7 +94,7 @@ def test_it_recovers(run: Arrays) -> None:
     columns = [names.index(name) for name in ("head", "l_wrist", "r_wrist", "l_ankle", "r_ankle")]
     off = np.linalg.norm(run["human_joint_positions"] - run["human_truth"], axis=-1)[:, columns]
     assert off[after_jump(-0.5)].max() < 1e-3 and off[after_jump(1.0)].max() < 1e-3
-    assert off[after_jump(0.0)].max() > 0.1  # what leapt is not believed at once
+    assert off[after_jump(0.0)].max() > 0.1  # a jump is not followed at once
 
 
 def test_nothing_is_lost(run: Arrays) -> None:

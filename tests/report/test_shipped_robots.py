@@ -1,4 +1,4 @@
-"""Every robot that is shipped stands through the demo with mass, is parked, and moves."""
+"""Every robot that is shipped stands through the demo with mass, goes to rest, and moves."""
 
 import pytest
 

@@ -48,17 +48,17 @@ def test_the_servos_stand_beside_what_was_sent(report: Report) -> None:
     assert line(lines, "servos").endswith(f"{late.max:.1f} at most (l_el)")
 
 
-def test_hands_within_reach_are_told_one_by_one(report: Report) -> None:
-    told = replace(
+def test_hands_within_reach_are_shown_one_by_one(report: Report) -> None:
+    reported = replace(
         report, reachable_hands_mm={"l_hand": 4.66, "mean": 4.66}, reachable_share={"l_hand": 0.715, "r_hand": 0.0}
     )
-    assert line(shown(told), "hands within reach").endswith("l_hand 4.7 mm off in 72% of ticks, r_hand never")
+    assert line(shown(reported), "hands within reach").endswith("l_hand 4.7 mm off in 72% of ticks, r_hand never")
 
 
 def test_a_good_hand_does_not_hide_a_bad_one(report: Report) -> None:
     hands = {"l_hand": 2.0, "r_hand": 30.0, "mean": 3.3, "worse": 30.0}
-    told = replace(report, reachable_hands_mm=hands, reachable_share={"l_hand": 0.95, "r_hand": 0.05})
-    text = line(shown(told), "hands within reach")
+    reported = replace(report, reachable_hands_mm=hands, reachable_share={"l_hand": 0.95, "r_hand": 0.05})
+    text = line(shown(reported), "hands within reach")
     assert text.endswith("l_hand 2.0 mm off in 95% of ticks, r_hand 30.0 mm off in 5% of ticks") and "3.3" not in text
 
 
@@ -69,7 +69,7 @@ def test_without_servos_nothing_is_said_of_them(report: Report) -> None:
     assert not [text for text in lines if text.startswith(("servos", "hands within"))]
 
 
-def test_ticks_that_the_gate_braked_by_itself_are_told(report: Report) -> None:
+def test_ticks_that_the_gate_braked_by_itself_are_shown(report: Report) -> None:
     led = replace(report, no_command_frames=0)
     assert line(shown(led), "gate") == f"gate changed 0 of {report.ticks} goals"
     alone = line(shown(replace(report, gated_frames=3, no_command_frames=7)), "gate")

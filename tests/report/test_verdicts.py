@@ -45,7 +45,7 @@ CASES: list[tuple[str, Any, str]] = [
         "1.5 mm inside each other",
     ),
     (
-        "What is around it",
+        "Obstacles",
         lambda r: replace(changed(r, "min_clearance_mm", scene=-4.0), penetrating_frames=2),
         "4.0 mm inside each other",
     ),
@@ -78,15 +78,15 @@ def test_a_supply_is_within_both_its_limits(volts: float | None, kept: bool, run
     assert run.robot is not None and report.bus is not None and report.bus.lowest_voltage is not None
     low, high = run.robot.profile.safety.voltage
     value = 0.5 * (low + high) if volts is None else high + volts if volts > 0.0 else low + volts
-    told = changed(report, "bus", lowest_voltage=replace(report.bus.lowest_voltage, value=value))
-    assert (of("Voltage", run, told).outcome is Outcome.PASS) is kept
+    reported = changed(report, "bus", lowest_voltage=replace(report.bus.lowest_voltage, value=value))
+    assert (of("Voltage", run, reported).outcome is Outcome.PASS) is kept
 
 
 def test_a_servo_at_its_temperature_limit_is_too_warm(run: RunResult, report: Report) -> None:
     assert run.robot is not None and report.bus is not None and report.bus.hottest is not None
     for value, kept in ((run.robot.profile.safety.temperature_c, False), (25.0, True)):
-        told = changed(report, "bus", hottest=replace(report.bus.hottest, value=value))
-        assert (of("Temperature", run, told).outcome is Outcome.PASS) is kept
+        reported = changed(report, "bus", hottest=replace(report.bus.hottest, value=value))
+        assert (of("Temperature", run, reported).outcome is Outcome.PASS) is kept
 
 
 def test_what_could_not_be_broken_has_no_verdict(run: RunResult, report: Report) -> None:

@@ -35,7 +35,7 @@ GRAVITY = 9.81
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_loads_are_told_beside_the_strength(name: str) -> None:
+def test_loads_are_shown_with_the_strength(name: str) -> None:
     robot = load_robot(name)
     stand, rest, alone = heaviest_loads(robot)
     assert [load.posture for load in (stand, rest, alone)] == ["in stand", "in rest", "on one leg"]
@@ -98,7 +98,7 @@ def farthest(spaces: FloatArray, way: FloatArray, com: FloatArray) -> FloatArray
 
 @settings(max_examples=12)
 @given(st.floats(0.0, 2.0 * np.pi), st.lists(st.sampled_from([-1.0, 1.0]), min_size=15, max_size=30))
-def test_whoever_goes_as_far_as_it_may_stays_on_its_soles(angle: float, turns: list[float]) -> None:
+def test_a_mass_that_goes_as_far_as_it_may_stays_over_the_soles(angle: float, turns: list[float]) -> None:
     """To and fro along any line: there is always a next point, and the zero-moment point never leaves."""
     keeps, way = balance(), np.array([np.cos(angle), np.sin(angle)])
     middle = np.concatenate([sole.outline for sole in plant(op3(), op3().profile.postures.stand).soles]).mean(axis=0)
@@ -110,7 +110,7 @@ def test_whoever_goes_as_far_as_it_may_stays_on_its_soles(angle: float, turns: l
         before, com = com, after
 
 
-def test_at_the_edge_of_its_room_a_robot_that_lands_may_be_pushed_in() -> None:
+def test_at_the_edge_of_its_room_a_return_to_stance_may_push_it_in() -> None:
     """The zero-moment point has to go beyond that edge for it."""
     keeps, still, (nx, ny, offset) = balance(), np.zeros(3), balance()._room[0]
     com = np.array([nx * offset, ny * offset, HEIGHT])
@@ -134,7 +134,7 @@ def test_at_rest_inside_it_may_stay_and_outside_it_must_come_back() -> None:
 @pytest.mark.parametrize("away", [0.002, 0.01])
 @pytest.mark.parametrize("edge", range(8))
 def test_from_outside_there_is_a_way_back_in(away: float, edge: int) -> None:
-    """Whom a stop left beyond the room, at rest, gets back there, and never presses beyond the soles for it."""
+    """A mass that a stop left beyond the room, at rest, gets back there, and never presses beyond the soles for it."""
     keeps, room = balance(), shrunk()
     way = room[edge, :2]
     before = com = np.array([*((room[edge, 2] + away) * way), HEIGHT])
@@ -182,7 +182,6 @@ def test_a_robot_that_follows_with_it_keeps_its_zero_moment_point_on_its_soles()
 
 
 SHARE = 0.3
-STANDING_STRENGTH_ROBOTS = ["op3", "poppy", "toddlerbot", "wolfgang"]
 
 
 @cache
@@ -202,7 +201,7 @@ def planted_moves(name: str, q: FloatArray, count: int) -> FloatArray:
     return np.asarray(1e-5 * np.random.default_rng(5).normal(size=(count, free.shape[1])) @ free.T)
 
 
-@pytest.mark.parametrize("name", STANDING_STRENGTH_ROBOTS)
+@pytest.mark.parametrize("name", ROBOTS)
 def test_torques_change_as_the_half_spaces_say(name: str) -> None:
     """By finite differences over postures with planted soles: but for the leg's own weight, which is left out."""
     keeps, body = strength(name), robot(name).body.solver_body()
@@ -260,7 +259,7 @@ def test_legs_carry_no_more_than_they_can_for_long() -> None:
     assert most_used("balanced_sustained") < 1.25
 
 
-def test_whoever_does_not_ask_for_it_keeps_to_balance_alone() -> None:
+def test_priorities_without_a_strength_task_keep_to_balance_alone() -> None:
     stance = plant(robot("op3"), robot("op3").profile.postures.stand)
     assert standing_strength(robot("op3"), load_priorities("balanced"), stance) is None
     assert standing_strength(robot("op3"), load_priorities("balanced_sustained"), stance) is not None

@@ -1,4 +1,4 @@
-"""Goals that hold a robot up: beside the posture by what servos give way, within the gate's limits, always."""
+"""Goals offset from postures by the deflection of servos, always within the gate's limits."""
 
 import numpy as np
 from hypothesis import given, settings
@@ -31,7 +31,7 @@ def make(held: HeldPath | None = None, *, start: FloatArray = STAND) -> Compensa
 
 
 def load_of(angles: dict[str, float]) -> FloatArray:
-    """How far servos give way (n,) rad in a posture on both soles."""
+    """Deflection of servos (n,) rad in a posture on both soles."""
     stance = plant(op3(), angles)
     torque = GravityTorque(op3(), stance).torques(stance.q, np.zeros(3))
     return np.asarray(joint_compliance(op3()) @ torque[[op3().body.dof_index(joint) for joint in JOINTS.joints]])
@@ -51,7 +51,7 @@ def test_it_is_a_goal_filter() -> None:
     np.testing.assert_array_equal(compensated.position, STAND)
 
 
-def test_a_standing_robot_is_held_by_what_its_servos_give_way() -> None:
+def test_the_offset_of_a_standing_robot_is_the_deflection_of_its_servos() -> None:
     compensated = make()
     goals = np.array([compensated.admit(STAND) for _ in range(100)])
     np.testing.assert_allclose(goals[-1] - STAND, load_of(op3().profile.postures.stand), atol=STILL_RAD)
@@ -64,7 +64,7 @@ def test_a_standing_robot_is_held_by_what_its_servos_give_way() -> None:
 
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 2**31))
-def test_whatever_is_asked_it_keeps_the_limits_and_tells_where_it_holds(seed: int) -> None:
+def test_for_any_goal_it_keeps_the_limits_and_position_plus_offset_is_the_goal(seed: int) -> None:
     rng = np.random.default_rng(seed)
     compensated, sent, asked = make(), [], STAND.copy()
     for _ in range(120):
@@ -82,8 +82,8 @@ def test_whatever_is_asked_it_keeps_the_limits_and_tells_where_it_holds(seed: in
         passed = compensated.passes(goal)
         sent.append(compensated.admit(goal))
         assert passed == bool(np.array_equal(compensated.position, goal))
-        np.testing.assert_allclose(compensated.position + compensated.beside, sent[-1], atol=1e-12)
-        assert np.abs(compensated.beside).max() <= MOST_RAD
+        np.testing.assert_allclose(compensated.position + compensated.offset, sent[-1], atol=1e-12)
+        assert np.abs(compensated.offset).max() <= MOST_RAD
         asked = compensated.position
     check_motion(np.array(sent), STAND)
 
@@ -99,19 +99,19 @@ def test_a_motion_within_the_limits_passes_while_the_load_changes() -> None:
     check_motion(np.array(sent), STAND)
 
 
-def test_a_stop_keeps_goals_beside_postures_and_ends() -> None:
+def test_a_stop_keeps_the_offsets_and_ends() -> None:
     compensated, way = make(), []
     for tick in range(60):
         compensated.admit(STAND + 0.001 * tick)
-    beside = compensated.beside
+    offset = compensated.offset
     for _ in range(60):
         sent = compensated.brake()
-        np.testing.assert_allclose(sent - compensated.position, beside, atol=1e-12)
+        np.testing.assert_allclose(sent - compensated.position, offset, atol=1e-12)
         way.append(sent)
     assert compensated.at_rest and np.array_equal(way[-1], way[-2])
 
 
-def test_who_asks_for_one_posture_is_soon_at_rest() -> None:
+def test_with_a_constant_posture_it_is_soon_at_rest() -> None:
     """The load settles for ever; goals do not: a stop must end."""
     compensated = make()
     for tick in range(40):
@@ -150,14 +150,14 @@ def test_collisions_are_looked_for_where_the_robot_is_held() -> None:
     for _ in range(149):
         compensated.admit(STAND)
         np.testing.assert_allclose(paths[-1][:2], np.array([STAND, STAND]), atol=1e-12)
-    assert np.abs(compensated.beside).max() > 0.01
+    assert np.abs(compensated.offset).max() > 0.01
     compensated.admit(STAND + 1e-4)  # refused
     np.testing.assert_allclose(paths[-1][1], STAND + 1e-4, atol=1e-12)
     np.testing.assert_allclose(compensated.position, STAND, atol=1e-3)
 
 
 def test_a_squatting_robot_with_mass_stands_in_its_posture() -> None:
-    """In physics: knees under load stand at their goals' posture, and beside it without."""
+    """In physics: knees under load stand in their posture with compensation, and off it without."""
     rest = op3().profile.postures.rest
     knees = [JOINTS.joints.index(joint) for joint in ("l_knee", "r_knee")]
     plan = op3().posture(rest)[op3().servo_columns]
@@ -175,7 +175,7 @@ def test_a_squatting_robot_with_mass_stands_in_its_posture() -> None:
 
 
 def test_legs_wait_for_their_slowest_servo() -> None:
-    """Wolfgang's stiff knees, at an even speed, are sent as far behind as its ankles lag more; arms wait for nobody."""
+    """Wolfgang's stiff knees, at an even speed, are sent as far behind as its ankles lag more; arms do not wait."""
     robot = load_robot("wolfgang")
     stance = plant(robot, robot.profile.postures.stand)
     joints = robot.joint_map

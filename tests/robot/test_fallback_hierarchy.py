@@ -1,4 +1,4 @@
-"""Where the first thought is not safe: soles before all else, then what the legs carry alone."""
+"""Fallback hierarchies where the first posture is not safe: soles before all else, then the parts above the legs."""
 
 from typing import Any
 
@@ -31,43 +31,43 @@ def test_the_level_of_the_soles_comes_first_and_the_others_keep_their_order() ->
     assert order[1:] == [k for k in range(len(levels)) if k != order[0]]
 
 
-def test_where_limbs_are_parted_nothing_comes_before_that() -> None:
+def test_separated_first_puts_nothing_before_the_separation_of_limbs() -> None:
     levels = load_priorities("balanced").levels
     names = [levels[k].name for k in separated_first(levels, SOLES)]
     assert names[:4] == ["self collision", "fixtures", "soles", "balance"]
 
 
-def test_who_stands_refused_thinks_once_of_parting_limbs(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_after_a_refusal_at_rest_limbs_are_separated_first_for_one_tick(monkeypatch: pytest.MonkeyPatch) -> None:
     human = postures(performer())[:120]
     robot = follower(priorities="balanced")
     robot.start(human[0])
-    second = robot._second
-    assert second is not None and not second.parts
-    thought, asked = second._thought, []
+    fallback = robot._fallback
+    assert fallback is not None and not fallback.separate
+    solve, separated = fallback._solve, []
 
-    def heard(hierarchy: Hierarchy, *rest: Any) -> tuple[FloatArray, FloatArray]:
-        asked.append(hierarchy is second._parted)
-        return thought(hierarchy, *rest)
+    def watched(hierarchy: Hierarchy, *rest: Any) -> tuple[FloatArray, FloatArray]:
+        separated.append(hierarchy is fallback._separated)
+        return solve(hierarchy, *rest)
 
-    monkeypatch.setattr(second, "_thought", heard)
+    monkeypatch.setattr(fallback, "_solve", watched)
     assert robot.halt(DT) is not None
     rows = np.array([robot.step(posture, DT).q for posture in human])
-    assert asked == [True]
-    assert np.abs(rows - followed(follower(priorities="balanced"), 120)).max() < 0.05  # it asks for the same
+    assert separated == [True]
+    assert np.abs(rows - followed(follower(priorities="balanced"), 120)).max() < 0.05  # its goals are the same
 
 
-def test_a_halt_in_motion_changes_no_thought() -> None:
+def test_a_halt_in_motion_separates_nothing() -> None:
     human = postures(performer())[:200]
     robot = follower()
     robot.start(human[0])
     for posture in human:
         robot.step(posture, DT)
     assert robot.halt(DT) is not None
-    assert robot._second is not None and not robot._second.parts
+    assert robot._fallback is not None and not robot._fallback.separate
 
 
-def test_with_soles_first_the_same_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where nothing is near, a robot that only ever thinks twice follows as one that thinks once."""
+def test_with_soles_first_the_robot_follows_as_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where nothing is near, a robot that always falls back follows as one that never does."""
     once = followed(follower())
     robot, admits, turn = follower(), Stopping.admits, [0]
 

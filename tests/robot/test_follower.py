@@ -36,7 +36,7 @@ from retarget.run.loop import Watch
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
 from retarget.run.record import Phase
-from retarget.run.rest_trajectory import LONGEST_RETURN_S, PACE
+from retarget.run.rest_trajectory import LONGEST_RETURN_S, RETURN_OVERRIDE
 from retarget.run.run_result import RunResult
 from retarget.safety.gate import Gate
 from retarget.schema.priorities import load_priorities
@@ -73,7 +73,7 @@ def assert_well(run: RunResult) -> None:
 
 @pytest.mark.parametrize(("trial", "start"), [("02_06", 2.0), ("02_06", 5.0), ("49_18", 0.0)])
 def test_a_raised_hand_is_raised_when_following_begins(trial: str, start: float, shared: Path) -> None:
-    """A hand that is chased from below while the clip runs stays 0.3 m behind for seconds."""
+    """A hand that follows from below while the clip runs stays 0.3 m behind for seconds."""
     run = run_from(shared / "mocap" / "cmu_asfamc" / f"{trial}.amc", start)
     sent = run.record.robot
     assert sent is not None and run.landmarks_reached is not None
@@ -99,7 +99,7 @@ def test_it_rests_where_it_arrives_and_takes_no_longer_than_it_may() -> None:
     human = postures(synthetic_performer())[250]
     robot = follower()
     robot.start(human)
-    way = robot.arrive(human, DT)
+    way = robot.settle(human, DT)
     q = np.array([posture.q for posture in way])
     assert 10 < len(way) <= SETTLING_S / DT
     assert np.abs(np.diff(q[-5:], axis=0)).max() < RESTING_SPEED * DT
@@ -114,7 +114,7 @@ def crouched(name: str = "op3", ticks: int = 300) -> Follower:
     robot = Follower(load_robot(name), load_priorities(STEADY[name]), dimensions(performer()))
     motion = postures(performer())
     robot.start(motion[0])
-    robot.arrive(motion[0], DT)
+    robot.settle(motion[0], DT)
     for human in motion[1:ticks]:
         robot.step(human, DT)
     for _ in range(100):
@@ -178,7 +178,7 @@ def leaning() -> Follower:
 
 
 def test_from_the_edge_of_its_room_it_comes_upright_at_once() -> None:
-    """With the room in which it follows, its mass would crawl along that edge, and the robot be parked from there."""
+    """With the room in which it follows, its mass would crawl along that edge, and the rest trajectory begin there."""
     robot = leaning()
 
     def away() -> float:
@@ -201,7 +201,7 @@ def test_joints_are_led_straight_from_where_they_are() -> None:
     start = follower._q.copy()
     to_stance.begin(start)
     way = [to_stance.lead(DT)[7:].copy()]
-    while not to_stance.arrived:
+    while not to_stance.at_end:
         way.append(to_stance.lead(DT)[7:].copy())
     steps = np.diff(np.array([start[7:], *way]), axis=0)
     assert np.abs(steps).max() <= LED_SPEED * DT + 1e-9
@@ -217,7 +217,7 @@ def test_one_tick_that_stands_still_is_no_stand() -> None:
     to_stance.begin(follower.stance.q)
     moving, still = np.ones(op3().body.nv), np.zeros(op3().body.nv)
     assert all(to_stance.goes_on(still, DT, stands=True) for _ in range(100)), "joints are still led"
-    while not to_stance.arrived:
+    while not to_stance.at_end:
         to_stance.lead(DT)
     for velocity in [moving] * 100 + [still] + [moving] * 10 + [still] * round((RESTS_S - 0.5 * DT) / DT):
         assert to_stance.goes_on(velocity, DT, stands=True)
@@ -228,7 +228,7 @@ def test_one_tick_that_stands_still_is_no_stand() -> None:
 
 def test_it_lands_at_half_of_its_speeds_and_ends_at_rest() -> None:
     robot = crouched()
-    robot.set_speed_override(PACE)
+    robot.set_speed_override(RETURN_OVERRIDE)
     way = [robot._q.copy()]
     while (q := robot.return_to_stance(DT)) is not None:
         way.append(q.copy())
@@ -255,7 +255,7 @@ def test_hands_that_do_not_get_there_do_not_draw_the_body() -> None:
     assert drawn[0] < 0.005 < drawn[1]
 
 
-def test_priorities_that_look_at_no_motion_know_no_landing() -> None:
+def test_priorities_that_look_at_no_motion_have_no_return_to_stance() -> None:
     stance = plant(op3(), op3().profile.postures.stand)
     servo = Follower(op3(), load_priorities("servo"), dimensions(performer()))
     servo.start(postures(performer())[0])
@@ -283,7 +283,7 @@ def asked(tick: int) -> float:
 def begun() -> Follower:
     robot = follower()
     robot.start(human()[0])
-    last = robot.arrive(human()[0], DT)[-1]
+    last = robot.settle(human()[0], DT)[-1]
     robot.reseed(last.q, np.zeros(op3().body.nv))
     return robot
 
@@ -325,8 +325,8 @@ def test_the_robot_lags_and_catches_up(both: tuple[tuple[FloatArray, ...], ...])
     (warm, behind), (cold, usual) = both
     assert np.array_equal(warm[: WARM.start], cold[: WARM.start])
     assert behind[WARM.start : WARM.stop].mean() > 1.2 * usual[WARM.start : WARM.stop].mean()
-    late = slice(WARM.stop + 150, TICKS)
-    assert behind[late].mean() < 1.1 * usual[late].mean()
+    last_part = slice(WARM.stop + 150, TICKS)
+    assert behind[last_part].mean() < 1.1 * usual[last_part].mean()
 
 
 def test_a_stop_at_half_speed_goes_on_smoothly_on_the_soles() -> None:
@@ -365,7 +365,7 @@ def test_a_leap_of_the_pace_is_none_of_the_robot() -> None:
         assert (np.abs(steps[1] - steps[0]) <= gentler * op3().joint_map.max_acceleration * DT**2 + 1e-9).all()
 
 
-def test_whoever_tells_where_it_is_speaks_of_our_time() -> None:
+def test_reseeding_takes_velocities_per_real_second() -> None:
     robot = begun()
     for posture in human()[:100]:
         before, q = robot.step(posture, DT), robot.step(posture, DT).q
@@ -379,13 +379,13 @@ def test_whoever_tells_where_it_is_speaks_of_our_time() -> None:
     assert change.max() <= 0.25 * op3().joint_map.max_acceleration.max() * DT**2 + 1e-9
 
 
-def test_obstacles_are_told_of_the_pace(monkeypatch: pytest.MonkeyPatch) -> None:
-    robot, told = begun(), list[tuple[float, float]]()
+def test_obstacles_get_the_time_scale(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, ticks = begun(), list[tuple[float, float]]()
     robot.set_speed_override(0.5)
-    monkeypatch.setattr(robot.scene_obstacles, "tick", lambda who, dt, pace=1.0: told.append((dt, pace)))
+    monkeypatch.setattr(robot.scene_obstacles, "tick", lambda who, dt, time_scale=1.0: ticks.append((dt, time_scale)))
     robot.step(human()[0], DT)
     robot.halt(DT)
-    assert told == [(DT, 0.5), (DT, 1.0)]
+    assert ticks == [(DT, 0.5), (DT, 1.0)]
 
 
 def hinge() -> tuple[TimeScaling, FloatArray, FloatArray]:
@@ -398,16 +398,16 @@ def test_a_joint_that_brakes_before_its_limit_is_not_asked_to_brake_less() -> No
     time, q, velocity = hinge()
     velocity[-1] = 2.0  # needs 0.2 rad to stand
     q[-1] = 0.75
-    assert time.turn(0.95, q, velocity) == 0.95 and time.pace == 0.95
+    assert time.change(0.95, q, velocity) == 0.95 and time.scale == 0.95
     q[-1] = 0.79
-    assert time.turn(0.9, q, velocity) == 1.0 and time.pace == 0.95
+    assert time.change(0.9, q, velocity) == 1.0 and time.scale == 0.95
     velocity[-1] = -2.0  # away from the limit
-    assert time.turn(0.9, q, velocity) == pytest.approx(0.9 / 0.95)
+    assert time.change(0.9, q, velocity) == pytest.approx(0.9 / 0.95)
 
 
 def test_faster_again_is_always_possible_and_a_joint_at_its_limit_hinders_nothing() -> None:
     time, q, velocity = hinge()
     q[-1] = 1.0
-    assert time.turn(0.5, q, velocity) == 0.5
+    assert time.change(0.5, q, velocity) == 0.5
     velocity[-1] = 2.0
-    assert time.turn(1.0, q, velocity) == 2.0 and time.pace == 1.0
+    assert time.change(1.0, q, velocity) == 2.0 and time.scale == 1.0

@@ -26,15 +26,15 @@ def limits(robot: RobotBody) -> JointLimits:
     return following_limits(robot, plant(robot, robot.profile.postures.stand))
 
 
-@pytest.mark.parametrize("late", [0.0, 0.03, 0.1])
-def test_a_servo_at_this_speed_stays_within_the_error_that_lasts(late: float) -> None:
+@pytest.mark.parametrize("tracking_delay", [0.0, 0.03, 0.1])
+def test_a_servo_at_this_speed_stays_within_the_sustained_error(tracking_delay: float) -> None:
     robot, dt = op3(), 1e-4
     safety = robot.profile.safety
     assert safety.following_error_sustained is not None
-    speeds = followed_speed(robot, limits(robot), tracking_delay=late).max_velocity
+    speeds = followed_speed(robot, limits(robot), tracking_delay=tracking_delay).max_velocity
     for servo in robot.joint_map.servos:
         speed = float(speeds[robot.body.dof_index(servo.joint)])
-        delay, share = round((1.0 / safety.rate_hz + late) / dt), dt / loop_lag(servo)
+        delay, share = round((1.0 / safety.rate_hz + tracking_delay) / dt), dt / loop_lag(servo)
         shaft, worst = 0.0, 0.0
         for tick in range(round(0.8 / dt)):
             shaft += share * (speed * max(tick - delay, 0) * dt - shaft)
@@ -46,7 +46,7 @@ def test_no_joint_gets_faster_and_nothing_else_changes() -> None:
     for name in ("op3", "wolfgang", "toddlerbot", "poppy"):
         robot = load_robot(name)
         free = limits(robot)
-        slow, slower = (followed_speed(robot, free, tracking_delay=late) for late in (0.0, 0.03))
+        slow, slower = (followed_speed(robot, free, tracking_delay=tracking_delay) for tracking_delay in (0.0, 0.03))
         assert (slow.max_velocity <= free.max_velocity).all()
         assert (slower.max_velocity <= slow.max_velocity).all() and (slower.max_velocity[6:] > 0.0).all()
         for part in ("lower", "upper", "max_acceleration"):

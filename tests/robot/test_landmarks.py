@@ -127,7 +127,7 @@ def test_what_is_asked_far_apart_stays(x: float, y: float, apart: float) -> None
 
 
 @given(reach, reach)
-def test_feet_that_meet_or_cross_pass_beside_each_other(left: float, right: float) -> None:
+def test_feet_that_meet_or_cross_pass_side_by_side(left: float, right: float) -> None:
     first, second = ask((0.1, left, 0.2), (-0.1, right, 0.0))
     assert first[1] - second[1] >= LEAST - 1e-12
     assert first[1] + second[1] == pytest.approx(left + right, abs=1e-12)
@@ -135,7 +135,7 @@ def test_feet_that_meet_or_cross_pass_beside_each_other(left: float, right: floa
 
 
 @given(st.floats(-0.3, 0.3), st.floats(1e-6, 1e-3))
-def test_no_leap_and_no_turning_back(apart: float, more: float) -> None:
+def test_no_jump_and_no_reversal(apart: float, more: float) -> None:
     """As feet come closer, what is asked comes closer as well, and never faster."""
     here, there = (ask((0.0, way, 0.0), (0.0, 0.0, 0.0)) for way in (apart, apart + more))
     grown = (there[0][1] - there[1][1]) - (here[0][1] - here[1][1])
@@ -285,13 +285,13 @@ def stepping_map() -> LandmarkMap:
     return LandmarkMap(op3().profile, dimensions(performer()), stance, WIDE, steps=True)
 
 
-def test_a_robot_that_steps_is_asked_the_same_of_who_stands_on_both() -> None:
+def test_stepping_changes_nothing_for_a_performer_on_both_feet() -> None:
     one, other = landmark_map().ask(human(), LANDMARKS_DT), stepping_map().ask(human(), LANDMARKS_DT)
     assert np.allclose(one.landmarks, other.landmarks, atol=1e-12)
     assert 0.0 < other.apart[1] < 0.1 and one.apart == (0.0, 0.0, 0.0)
 
 
-def test_who_lifts_a_foot_asks_a_robot_that_steps_for_no_crouch() -> None:
+def test_stepping_a_lifted_foot_is_no_crouch() -> None:
     lifted = replace(
         human(changed(lambda n, p: p + np.array([0.0, 0.0, 0.3]) if n == "r_ankle" else p)), carrying=Carrying.LEFT
     )
@@ -313,7 +313,7 @@ def test_a_body_that_is_led_aside_goes_there_as_a_whole_or_the_pelvis_alone() ->
         assert np.allclose(np.delete(moved, row, axis=0), share * np.array(aside))
 
 
-def test_what_asks_a_robot_to_stand_is_its_stance() -> None:
+def test_the_standing_landmarks_are_those_of_the_stance() -> None:
     stance = plant(op3(), op3().profile.postures.stand)
     asked = dict(zip(landmark_map().names, landmark_map().standing.landmarks, strict=True))
     assert all(np.allclose(asked[name], stance.points[op3().profile.landmarks[name].frame]) for name in asked)
@@ -323,8 +323,8 @@ def test_a_robot_that_hangs_keeps_its_feet_apart_and_its_head_on_its_trunk() -> 
     robot = load_robot("op3", root="suspended")
     stance = plant(robot, robot.profile.postures.stand)
     where = LandmarkMap(robot.profile, dimensions(performer()), stance, None)
-    beside = {"l_ankle": np.array([0.0, -0.2, 0.0]), "head": np.array([0.1, 0.0, -0.1])}  # a foot across, a bent neck
-    joints = changed(lambda name, point: point + beside.get(name, 0.0))
+    moved = {"l_ankle": np.array([0.0, -0.2, 0.0]), "head": np.array([0.1, 0.0, -0.1])}  # a foot across, a bent neck
+    joints = changed(lambda name, point: point + moved.get(name, 0.0))
     asked = dict(zip(where.names, map(np.array, where.ask(human(joints), LANDMARKS_DT).landmarks), strict=True))
     apart = stance.points["l_sole"][1] - stance.points["r_sole"][1]
     assert apart <= asked["l_sole"][1] - asked["r_sole"][1] < 1.1 * apart
@@ -346,7 +346,7 @@ def test_on_both_feet_it_is_where_it_was() -> None:
     assert settled(Carrying.FLIGHT, (0.02, 0.0, 0.2), (0.1, 0.07, 0.0)) == [0.0, 0.0, 0.0]
 
 
-def test_who_lifts_a_foot_does_not_crouch() -> None:
+def test_a_performer_who_lifts_a_foot_does_not_crouch() -> None:
     """The middle of both ankles rises by half of what the foot does."""
     assert settled(Carrying.LEFT, (0.0, 0.0, 0.15), (0.0, 0.07, -0.1))[2] == pytest.approx(0.05)
     assert settled(Carrying.RIGHT, (0.0, 0.0, 0.15), (0.0, 0.07, 0.1))[2] == pytest.approx(0.05)

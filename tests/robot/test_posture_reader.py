@@ -1,4 +1,4 @@
-"""Where a robot's parts are, and under which names priorities know them."""
+"""Where a robot's parts are, and their names in priorities."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Goals of one tick: near to where the robot is, towards what is asked, and nothing for what nobody asked."""
+"""Goals of one tick: near to where the robot is, towards what is asked, and none for what was not asked."""
 
 from dataclasses import replace
 
@@ -19,9 +19,9 @@ from retarget.robot.posture_reader import RobotReader
 from retarget.robot.reference_governor import (
     HELD,
     STANDING,
+    ChannelLimits,
     Glide,
     OnlineTrajectory,
-    Pace,
     ReferenceGovernor,
     braking_displacement,
 )
@@ -61,7 +61,7 @@ def test_a_goal_is_a_step_from_where_the_robot_is_towards_what_is_asked() -> Non
     assert np.allclose(goal(hierarchy, targets, "pelvis")[1:], reached.landmarks[3], atol=1e-12)
 
 
-def test_planted_landmarks_are_not_chased() -> None:
+def test_planted_landmarks_get_no_goals() -> None:
     robot = follower()
     governor = ReferenceGovernor(op3(), robot.hierarchy, still=STILL, trunk_at_stance=(1.0, 0.0, 0.0, 0.0))
     targets = robot.hierarchy.blank()
@@ -78,8 +78,8 @@ def test_planted_landmarks_are_not_chased() -> None:
     assert robot.hierarchy.uses(SlotKind.POSITION, "l_sole")
 
 
-def test_the_pace_of_a_limb_is_that_of_its_own_joints() -> None:
-    """A weak joint elsewhere, such as a waist's, holds up no hand."""
+def test_the_limits_of_a_limb_are_those_of_its_own_joints() -> None:
+    """A weak joint elsewhere, such as a waist's, slows no hand."""
     steps = {}
     for weak in ("none", "l_el", "l_ank_roll"):
         servos = [
@@ -104,7 +104,7 @@ def test_the_pace_of_a_limb_is_that_of_its_own_joints() -> None:
         assert steps[weak, name] == steps["none", name] > 0.0
 
 
-def test_who_is_held_goes_after_what_is_asked_with_more_of_its_servos() -> None:
+def test_a_robot_that_is_held_uses_more_of_its_servos() -> None:
     steps = []
     for root in ("free", "suspended"):
         robot = load_robot("op3", root=root)
@@ -136,7 +136,7 @@ def test_whatever_is_asked_it_keeps_its_speed_and_acceleration(goals: list[tuple
 
 
 @given(goal=st.floats(-0.2, 0.2))
-def test_from_rest_it_arrives_without_overshoot_and_stays(goal: float) -> None:
+def test_from_rest_it_settles_without_overshoot(goal: float) -> None:
     glide = Glide((0.0,), acceleration=ACCELERATION, speed=SPEED)
     way = np.array([glide.step((goal,), DT)[0] for _ in range(500)])
     assert (np.abs(way) <= abs(goal) + 1e-12).all()
@@ -151,12 +151,12 @@ def test_it_goes_on_as_it_moved() -> None:
 
 
 TRAJECTORY_DT = 0.008
-PACE = Pace(own=4.0, catch_up=2.0, speed=0.5)
+CHANNEL = ChannelLimits(own=4.0, catch_up=2.0, speed=0.5)
 
 
 def governor(asked: FloatArray, start: float | None = None, *, speed_override: float = 1.0) -> FloatArray:
-    """Where a point gets that goes after asked (T,) m along x and reaches every goal."""
-    trajectory = OnlineTrajectory(PACE)
+    """Where a point gets that follows asked (T,) m along x and reaches every goal."""
+    trajectory = OnlineTrajectory(CHANNEL)
     here, last = asked[0] if start is None else start, asked[0]
     track = []
     for there in asked:
@@ -187,7 +187,7 @@ def test_a_jump_is_caught_up_with_once_and_for_all() -> None:
     speed = np.diff(track) / TRAJECTORY_DT
     assert track.max() < 0.3 * 1.005
     assert abs(track[-1] - 0.3) < 1e-4
-    assert speed.max() <= PACE.speed + PACE.own * TRAJECTORY_DT + 1e-9
+    assert speed.max() <= CHANNEL.speed + CHANNEL.own * TRAJECTORY_DT + 1e-9
 
 
 def test_a_smooth_motion_is_followed_with_hardly_any_lag() -> None:
@@ -202,14 +202,14 @@ def test_noise_is_not_passed_on() -> None:
     assert np.std(np.diff(track, n=2)[50:]) < 0.25 * np.std(np.diff(noise, n=2)[50:])
 
 
-def test_haste_slows_the_way_there() -> None:
+def test_a_speed_override_slows_the_approach() -> None:
     asked = np.full(400, 0.3)
     slow = np.diff(governor(asked, 0.0, speed_override=0.2)) / TRAJECTORY_DT
-    assert slow.max() <= 0.2 * PACE.speed + 1e-9
+    assert slow.max() <= 0.2 * CHANNEL.speed + 1e-9
 
 
 def test_a_restart_forgets_the_motion() -> None:
-    trajectory = OnlineTrajectory(PACE)
+    trajectory = OnlineTrajectory(CHANNEL)
     for _ in range(50):
         trajectory.step((0.002, 0.0, 0.0), (0.002, 0.0, 0.0), TRAJECTORY_DT)
     trajectory.restart()
@@ -217,14 +217,14 @@ def test_a_restart_forgets_the_motion() -> None:
 
 
 def test_ahead_of_an_even_motion_by_just_so_much_time() -> None:
-    """Of a jump, which has no motion of its own that is believed at once, it is not ahead for long."""
-    ahead, speed = 0.05, 0.3
+    """A jump does not count as motion at once, so it is not ahead of one for long."""
+    lead_time, speed = 0.05, 0.3
     asked = speed * TRAJECTORY_DT * np.arange(150)
-    trajectory, here, last = OnlineTrajectory(PACE, lead_time=ahead), 0.0, 0.0
+    trajectory, here, last = OnlineTrajectory(CHANNEL, lead_time=lead_time), 0.0, 0.0
     for there in asked:
         here += trajectory.step((there - last, 0.0, 0.0), (there - here, 0.0, 0.0), TRAJECTORY_DT)[0]
         last = there
-    assert here - asked[-1] == pytest.approx(speed * ahead, rel=0.05)
+    assert here - asked[-1] == pytest.approx(speed * lead_time, rel=0.05)
     for _ in range(200):
         here += trajectory.step((0.0, 0.0, 0.0), (last - here, 0.0, 0.0), TRAJECTORY_DT)[0]
     assert here == pytest.approx(last, abs=1e-6)

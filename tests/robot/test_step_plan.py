@@ -18,11 +18,11 @@ from retarget.model.robot import load_robot
 from retarget.robot.balance import GRAVITY
 from retarget.robot.posture_reader import robot_frames
 from retarget.robot.step_plan import (
+    CONTACT_WAIT_S,
     HELD_S,
     MOST_CORNERS,
     OVER_M,
     SWINGING,
-    UNFELT_S,
     WEIGHT,
     Sight,
     StepBalance,
@@ -71,7 +71,7 @@ def test_capture_point_and_zero_moment_point_count() -> None:
 
 
 def test_on_the_way_height_is_no_way_out() -> None:
-    """Who may not go aside fast enough gets there no sooner by throwing up its mass."""
+    """A robot that may not go aside fast enough gets there no sooner by throwing up its mass."""
     com = np.array([*BALANCE.middles[1], 0.25])
     assert (BALANCE.spaces(BALANCE.on_the_way, com, STILL, STEP_BALANCE_DT)[:, 2] == 0.0).all()
     both = BALANCE.spaces(BALANCE.both, np.array([0.0, 0.0, 0.25]), STILL, STEP_BALANCE_DT)
@@ -157,7 +157,7 @@ OVER_LEFT = replace(LIFTS, over=(2.0 * OVER_M, -0.09))
 TICKS = round(HELD_S / DT) + 2
 
 
-def told(plan: StepPlan, sight: Sight, ticks: int = 1) -> StepState:
+def looked(plan: StepPlan, sight: Sight, ticks: int = 1) -> StepState:
     for _ in range(ticks):
         plan.look(sight, DT)
     return plan.state
@@ -165,8 +165,8 @@ def told(plan: StepPlan, sight: Sight, ticks: int = 1) -> StepState:
 
 def swinging() -> StepPlan:
     plan = StepPlan()
-    assert told(plan, LIFTS, 50) is StepState.SHIFT and plan.onto == 0 and plan.feet == (True, True)
-    assert told(plan, OVER_LEFT, TICKS) is StepState.SWING
+    assert looked(plan, LIFTS, 50) is StepState.SHIFT and plan.onto == 0 and plan.feet == (True, True)
+    assert looked(plan, OVER_LEFT, TICKS) is StepState.SWING
     return plan
 
 
@@ -174,63 +174,65 @@ def test_a_step_from_its_beginning_to_its_end() -> None:
     plan = swinging()
     assert plan.feet == (True, False)
     off = replace(OVER_LEFT, down=False)
-    assert told(plan, off, 100) is StepState.SWING
+    assert looked(plan, off, 100) is StepState.SWING
     back = replace(off, performer=Carrying.BOTH)
-    assert told(plan, back) is StepState.SWING and plan.lowers, "not before it is down"
-    assert told(plan, replace(back, down=True)) is StepState.BACK and plan.feet == (True, True)
-    assert told(plan, replace(back, settled=False)) is StepState.BACK
-    assert told(plan, replace(IDLE, settled=True)) is StepState.BOTH
+    assert looked(plan, back) is StepState.SWING and plan.lowers, "not before it is down"
+    assert looked(plan, replace(back, down=True)) is StepState.BACK and plan.feet == (True, True)
+    assert looked(plan, replace(back, settled=False)) is StepState.BACK
+    assert looked(plan, replace(IDLE, settled=True)) is StepState.BOTH
     assert (plan.tally.asked, plan.tally.made, plan.tally.declined) == (1, 1, 0)
 
 
-def test_a_sole_is_locked_again_when_it_feels_the_floor_or_has_been_waited_for() -> None:
-    back = replace(OVER_LEFT, performer=Carrying.BOTH, felt=(True, False))
+def test_a_sole_is_locked_again_on_contact_or_after_the_wait() -> None:
+    back = replace(OVER_LEFT, performer=Carrying.BOTH, contact=(True, False))
     plan = swinging()
-    assert told(plan, back, round(0.5 * UNFELT_S / DT)) is StepState.SWING
-    assert told(plan, replace(back, felt=(True, True))) is StepState.BACK
+    assert looked(plan, back, round(0.5 * CONTACT_WAIT_S / DT)) is StepState.SWING
+    assert looked(plan, replace(back, contact=(True, True))) is StepState.BACK
     plan = swinging()
-    told(plan, back, round(0.9 * UNFELT_S / DT))
-    assert told(plan, back) is StepState.SWING and told(plan, back, round(0.2 * UNFELT_S / DT)) is StepState.BACK
+    looked(plan, back, round(0.9 * CONTACT_WAIT_S / DT))
+    assert (
+        looked(plan, back) is StepState.SWING and looked(plan, back, round(0.2 * CONTACT_WAIT_S / DT)) is StepState.BACK
+    )
 
 
-def test_no_weight_is_trusted_to_a_sole_that_does_not_feel_the_floor() -> None:
+def test_no_weight_goes_to_a_sole_without_contact() -> None:
     plan = StepPlan()
-    assert told(plan, replace(OVER_LEFT, felt=(False, True)), 10 * TICKS) is StepState.SHIFT
-    assert told(plan, replace(OVER_LEFT, felt=(True, False)), TICKS) is StepState.SWING
+    assert looked(plan, replace(OVER_LEFT, contact=(False, True)), 10 * TICKS) is StepState.SHIFT
+    assert looked(plan, replace(OVER_LEFT, contact=(True, False)), TICKS) is StepState.SWING
 
 
 def test_the_weight_is_held_over_the_foot_before_the_other_lifts() -> None:
     plan = StepPlan()
     for _ in range(20):  # there, and gone again before it is believed
-        told(plan, OVER_LEFT, TICKS // 2)
-        assert told(plan, LIFTS) is StepState.SHIFT
+        looked(plan, OVER_LEFT, TICKS // 2)
+        assert looked(plan, LIFTS) is StepState.SHIFT
 
 
-def test_who_is_faster_than_the_weight_is_declined() -> None:
+def test_a_step_faster_than_the_weight_is_declined() -> None:
     plan = StepPlan()
-    told(plan, LIFTS, 20)
-    assert told(plan, replace(IDLE, settled=False)) is StepState.BACK
+    looked(plan, LIFTS, 20)
+    assert looked(plan, replace(IDLE, settled=False)) is StepState.BACK
     assert (plan.tally.asked, plan.tally.made, plan.tally.declined) == (1, 0, 1)
-    told(plan, replace(LIFTS, performer=Carrying.RIGHT), 20)
+    looked(plan, replace(LIFTS, performer=Carrying.RIGHT), 20)
     assert plan.onto == 1 and plan.tally.asked == 2
-    told(plan, LIFTS, 5)
+    looked(plan, LIFTS, 5)
     assert plan.onto == 0 and (plan.tally.asked, plan.tally.made) == (3, 0)
 
 
 def test_in_flight_it_stays_planted_and_comes_down() -> None:
     plan = StepPlan()
-    assert told(plan, replace(IDLE, performer=Carrying.FLIGHT), 50) is StepState.BOTH
+    assert looked(plan, replace(IDLE, performer=Carrying.FLIGHT), 50) is StepState.BOTH
     plan = swinging()
-    told(plan, replace(OVER_LEFT, performer=Carrying.FLIGHT, down=False))
+    looked(plan, replace(OVER_LEFT, performer=Carrying.FLIGHT, down=False))
     assert plan.lowers
 
 
 def test_a_foot_that_comes_down_is_put_down_before_it_lifts_again() -> None:
     plan = swinging()
-    told(plan, replace(OVER_LEFT, performer=Carrying.BOTH, down=False))
-    assert told(plan, replace(OVER_LEFT, down=False), 50) is StepState.SWING and plan.lowers
-    assert told(plan, OVER_LEFT) is StepState.BACK
-    assert told(plan, OVER_LEFT, TICKS) is StepState.SWING and plan.tally.made == 2
+    looked(plan, replace(OVER_LEFT, performer=Carrying.BOTH, down=False))
+    assert looked(plan, replace(OVER_LEFT, down=False), 50) is StepState.SWING and plan.lowers
+    assert looked(plan, OVER_LEFT) is StepState.BACK
+    assert looked(plan, OVER_LEFT, TICKS) is StepState.SWING and plan.tally.made == 2
 
 
 @settings(max_examples=50)
@@ -251,25 +253,25 @@ def test_whatever_happens_one_sole_is_locked_and_the_counts_agree(
     story: list[tuple[Carrying, tuple[float, float], bool, bool, tuple[bool, bool], int]],
 ) -> None:
     plan = StepPlan()
-    for performer, over, settled, down, felt, ticks in story:
+    for performer, over, settled, down, contact, ticks in story:
         for _ in range(ticks):
             before, feet = plan.state, plan.feet
-            plan.look(Sight(performer, over, settled, down, felt), DT)
+            plan.look(Sight(performer, over, settled, down, contact), DT)
             assert any(plan.feet)
             if feet == (True, True) and plan.feet != feet:
                 assert before is StepState.SHIFT and plan.onto is not None and over[plan.onto] > OVER_M
-                assert felt[plan.onto]
+                assert contact[plan.onto]
             if feet != (True, True) and plan.feet == (True, True):
                 assert down and plan.state is StepState.BACK
     assert 0 <= plan.tally.made <= plan.tally.asked and plan.tally.declined >= 0
 
 
-STEADY = Path(__file__).parent.parent.parent / "configs" / "priorities" / "balanced.yaml"
+BALANCED = Path(__file__).parent.parent.parent / "configs" / "priorities" / "balanced.yaml"
 
 
 def written(folder: Path, steps: str) -> Priorities:
     file = folder / "mine.yaml"
-    file.write_text(f"steps: {steps}\n" + STEADY.read_text())
+    file.write_text(f"steps: {steps}\n" + BALANCED.read_text())
     return load_priorities(file)
 
 
@@ -298,20 +300,20 @@ def test_a_file_with_another_word_is_refused_with_its_line(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize(
-    ("steps", "root", "parts", "says"),
+    ("steps", "root", "parts", "fault"),
     [
         ("follow", "free", "whole", "shift"),
         ("shift", "suspended", "whole", "follow"),
         ("shift", "free", "upper", "whole"),
     ],
 )
-def test_what_a_robot_cannot_do_is_refused(tmp_path: Path, steps: str, root: str, parts: str, says: str) -> None:
+def test_what_a_robot_cannot_do_is_refused(tmp_path: Path, steps: str, root: str, parts: str, fault: str) -> None:
     assert root in ("free", "suspended") and steps in ("follow", "shift")
     robot = load_robot("op3", root="free" if root == "free" else "suspended")
     asked = "follow" if steps == "follow" else "shift"
-    with refuses(UsageError, "--steps", says):
+    with refuses(UsageError, "--steps", fault):
         with_steps(load_priorities("balanced"), robot, asked, parts=parts)  # type: ignore[arg-type]
-    with refuses(ConfigError, "priorities", says):
+    with refuses(ConfigError, "priorities", fault):
         with_steps(written(tmp_path, steps), robot, None, parts=parts)
 
 
@@ -331,6 +333,6 @@ def test_options_are_checked_before_any_file() -> None:
         RunOptions(robot="human", steps="shift")
 
 
-def test_who_steps_has_mass() -> None:
+def test_a_robot_that_steps_has_mass() -> None:
     assert priority_names(op3(), RunOptions(robot="op3", steps="shift"))[1] == "balanced"
     assert priority_names(op3(), RunOptions(robot="op3", steps="planted"))[1] == "servo"

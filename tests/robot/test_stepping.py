@@ -20,7 +20,7 @@ from retarget.ik.support_polygon import plant
 from retarget.report.measure import measure
 from retarget.robot.balance import GRAVITY
 from retarget.robot.follower import Follower
-from retarget.robot.step_plan import UNFELT_S, StepBalance, StepState
+from retarget.robot.step_plan import CONTACT_WAIT_S, StepBalance, StepState
 from retarget.robot.stepping import HIGH, LOW, WAY, SwingFoot, WeightShift
 from retarget.run.loop import Watch
 from retarget.run.options import RunOptions
@@ -106,7 +106,7 @@ def test_no_foot_is_off_the_floor_before_the_balance_is_over_the_other() -> None
     assert done.support.min() > 0.02
 
 
-def test_who_is_too_fast_is_declined_and_stays_planted() -> None:
+def test_a_step_that_is_too_fast_is_declined_and_the_robot_stays_planted() -> None:
     robot = stepper()
     done = played(robot, ((BOTH, 0.5), *((LEFT, 0.2), (BOTH, 0.3)) * 3, (BOTH, 2.0)))
     assert robot.steps is not None
@@ -119,14 +119,14 @@ def test_who_is_too_fast_is_declined_and_stays_planted() -> None:
 def test_on_its_way_to_the_first_posture_it_makes_no_step() -> None:
     robot = stepper()
     robot.start(lifting(LEFT))
-    way = robot.arrive(lifting(LEFT), STEPPING_DT)
+    way = robot.settle(lifting(LEFT), STEPPING_DT)
     assert max(float(soles(posture.q[None])[..., 2].max()) for posture in way) < 1e-4
     for _ in range(300):
         robot.step(lifting(LEFT), STEPPING_DT)
     assert robot.steps is not None and robot.steps.plan.state is StepState.SWING
 
 
-def test_a_stop_on_one_foot_keeps_it_and_landing_ends_on_both() -> None:
+def test_a_stop_on_one_foot_keeps_it_and_the_return_to_stance_ends_on_both() -> None:
     robot = stepper()
     played(robot, ((LEFT, 3.0),))
     assert robot.steps is not None and robot.steps.plan.state is StepState.SWING
@@ -141,12 +141,12 @@ def test_a_stop_on_one_foot_keeps_it_and_landing_ends_on_both() -> None:
     assert_within_limits(np.array(landed)[:, op3().servo_columns])
 
 
-def test_a_mass_that_was_stopped_beside_its_room_is_led_back_before_it_stands() -> None:
+def test_a_mass_that_was_stopped_outside_its_room_is_led_back_before_it_stands() -> None:
     robot = stepper()
     played(robot, ((BOTH, 0.5),))
     steps = robot.steps
     assert steps is not None and steps.stands
-    steps._balance.both = [[nx, ny, d - 0.05] for nx, ny, d in steps._balance.both]  # all of it is beside
+    steps._balance.both = [[nx, ny, d - 0.05] for nx, ny, d in steps._balance.both]  # all of it is outside
     assert robot.return_to_stance(STEPPING_DT) is not None and steps.plan.state is StepState.BACK
 
 
@@ -156,22 +156,22 @@ def test_planted_priorities_make_no_steps() -> None:
     assert robot.steps is None
 
 
-def test_a_foot_that_does_not_feel_the_floor_is_waited_for() -> None:
+def test_a_foot_without_contact_is_waited_for() -> None:
     took = []
-    for felt in (None, (True, True), (True, False)):
+    for contact in (None, (True, True), (True, False)):
         robot = stepper()
         played(robot, ((LEFT, 3.0),))
-        robot.set_contact_state(None if felt is None else np.array(felt))
+        robot.set_contact_state(None if contact is None else np.array(contact))
         ticks = 0
         while state(robot) is StepState.SWING:
             q, ticks = robot.step(STANDS, STEPPING_DT).q, ticks + 1
         took.append(ticks * STEPPING_DT)
         assert ticks > 0 and soles(q[None])[0, 1, 2] < 3e-4
-    assert took[1] == took[0] and took[2] - took[0] == pytest.approx(UNFELT_S, abs=2.0 * STEPPING_DT)
+    assert took[1] == took[0] and took[2] - took[0] == pytest.approx(CONTACT_WAIT_S, abs=2.0 * STEPPING_DT)
 
 
 @pytest.mark.parametrize("carrying", [LEFT, RIGHT])
-def test_whatever_goes_on_from_elsewhere_steps_on(carrying: Carrying) -> None:
+def test_it_steps_on_after_a_reseed(carrying: Carrying) -> None:
     """Something else was sent, as after a refusal of the gate."""
     robot = stepper()
     played(robot, ((carrying, 2.5),))
@@ -183,7 +183,7 @@ def test_whatever_goes_on_from_elsewhere_steps_on(carrying: Carrying) -> None:
 
 
 @pytest.mark.long
-def test_with_mass_it_stands_on_one_foot_and_is_parked_on_both(shared: Path) -> None:
+def test_with_mass_it_stands_on_one_foot_and_goes_to_rest_on_both(shared: Path) -> None:
     """A performer who balances on the left foot, for two seconds."""
     source = shared / "mocap" / "cmu_asfamc" / "49_18.amc"
     options = RunOptions(robot="op3", bus="physics", steps="shift", playback=Playback(end=1.5))
@@ -246,7 +246,7 @@ def shift() -> WeightShift:
 
 @settings(max_examples=20)
 @given(share_x=st.floats(-0.99, 0.99), share_y=st.floats(-0.99, 0.99), foot=st.sampled_from([1, 2]))
-def test_from_wherever_it_stands_it_arrives_and_is_never_pushed_from_outside(
+def test_from_anywhere_it_gets_to_its_goal_and_is_never_pushed_from_outside(
     share_x: float, share_y: float, foot: int
 ) -> None:
     way = shift()
@@ -260,7 +260,7 @@ def test_from_wherever_it_stands_it_arrives_and_is_never_pushed_from_outside(
     assert np.abs(path[-1] - BALANCE.middles[foot]).max() < 1e-6
 
 
-def test_who_stands_at_the_edge_still_goes_along_it() -> None:
+def test_at_the_edge_it_still_goes_along_it() -> None:
     """No room to be pushed away from the edge, but along it."""
     edge = max(offset for nx, _, offset in BALANCE.on_the_way if nx == 1.0)
     way = shift()

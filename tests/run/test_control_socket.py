@@ -1,4 +1,4 @@
-"""The local socket: words in, lines out; only its owner; whatever comes, nothing raises and nobody waits."""
+"""The control socket: words in, lines out; for its owner only; no input raises, and polling never waits."""
 
 import os
 import random
@@ -15,13 +15,13 @@ from retarget.run.control_socket import MAX_LINE, MOST_CLIENTS, ControlSocket, c
 
 
 class Words:
-    """Who obeys: remembers, and says the word again."""
+    """Records the words, and answers with them."""
 
     def __init__(self) -> None:
-        self.heard: list[str] = []
+        self.received: list[str] = []
 
     def __call__(self, word: str) -> str:
-        self.heard.append(word)
+        self.received.append(word)
         return f"ok {word}"
 
 
@@ -47,15 +47,15 @@ def test_a_word_is_obeyed_and_answered(server: ControlSocket, place: Path) -> No
         server.poll(words)
         assert client.recv(100) == b"ok status\n"
     server.poll(words)
-    assert words.heard == ["stop", "status"] and not server._clients
+    assert words.received == ["stop", "status"] and not server._clients
 
 
-def test_who_leaves_at_once_is_heard_all_the_same(server: ControlSocket, place: Path) -> None:
+def test_the_word_of_a_client_that_leaves_at_once_is_received(server: ControlSocket, place: Path) -> None:
     words = Words()
     with connect_to(place) as client:
         client.sendall(b"stop\n")
     server.poll(words)
-    assert words.heard == ["stop"]
+    assert words.received == ["stop"]
 
 
 def test_only_its_owner_may_connect_and_it_is_gone_afterwards(place: Path) -> None:
@@ -69,7 +69,7 @@ def test_only_its_owner_may_connect_and_it_is_gone_afterwards(place: Path) -> No
     assert not place.exists()
 
 
-def test_one_that_nobody_listens_on_is_replaced_and_one_in_use_is_not(place: Path) -> None:
+def test_a_stale_socket_is_replaced_and_one_in_use_is_not(place: Path) -> None:
     stale = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     stale.bind(str(place))
     stale.close()
@@ -81,7 +81,7 @@ def test_one_that_nobody_listens_on_is_replaced_and_one_in_use_is_not(place: Pat
             client.sendall(b"stop\n")
             server.poll(words)
             server.poll(words)
-        assert words.heard == ["stop"]
+        assert words.received == ["stop"]
 
 
 def test_what_cannot_be_a_socket_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -100,7 +100,7 @@ def test_what_cannot_be_a_socket_is_refused(tmp_path: Path, monkeypatch: pytest.
     assert socket_path(None) == socket_path("usual") == tmp_path / "retarget.sock"
 
 
-def test_a_line_without_an_end_is_cut_off(server: ControlSocket, place: Path) -> None:
+def test_a_client_without_an_end_of_line_is_disconnected(server: ControlSocket, place: Path) -> None:
     words = Words()
     with connect_to(place) as client:
         for _ in range(10):
@@ -109,14 +109,14 @@ def test_a_line_without_an_end_is_cut_off(server: ControlSocket, place: Path) ->
             except OSError:
                 break
             server.poll(words)
-        assert not words.heard and not server._clients
+        assert not words.received and not server._clients
     with connect_to(place) as client:
         client.sendall(b"y" * (MAX_LINE + 1) + b"\nstop\n")
         server.poll(words)
-        assert client.recv(100) == b"error: too long\nok stop\n" and words.heard == ["stop"]
+        assert client.recv(100) == b"error: too long\nok stop\n" and words.received == ["stop"]
 
 
-def test_clients_that_say_nothing_keep_nobody_out(server: ControlSocket, place: Path) -> None:
+def test_silent_clients_keep_no_other_out(server: ControlSocket, place: Path) -> None:
     words = Words()
     silent = []
     for _ in range(3 * MOST_CLIENTS):
@@ -131,7 +131,7 @@ def test_clients_that_say_nothing_keep_nobody_out(server: ControlSocket, place: 
         one.close()
 
 
-def test_who_does_not_read_is_dropped(server: ControlSocket, place: Path) -> None:
+def test_a_client_that_does_not_read_is_disconnected(server: ControlSocket, place: Path) -> None:
     client = connect_to(place)
     client.settimeout(0.0)
     for _ in range(20_000):
@@ -144,7 +144,7 @@ def test_who_does_not_read_is_dropped(server: ControlSocket, place: Path) -> Non
     client.close()
 
 
-def test_whatever_comes_nothing_raises_and_memory_is_bounded(server: ControlSocket, place: Path) -> None:
+def test_no_input_raises_and_memory_is_bounded(server: ControlSocket, place: Path) -> None:
     chance, words = random.Random(5), Words()
     clients: list[socket.socket] = []
     for _ in range(600):
@@ -163,6 +163,6 @@ def test_whatever_comes_nothing_raises_and_memory_is_bounded(server: ControlSock
         server.poll(words)
         assert len(server._clients) <= MOST_CLIENTS
         assert all(len(rest) <= MAX_LINE for rest in server._clients.values())
-    assert words.heard and all(len(word) <= MAX_LINE for word in words.heard)
+    assert words.received and all(len(word) <= MAX_LINE for word in words.received)
     for one in clients:
         one.close()

@@ -126,7 +126,7 @@ def test_who_looks_on_is_part_of_the_time_of_a_tick(monkeypatch: pytest.MonkeyPa
     assert seen == [0.0] * len(ending.record) and (ending.record.timing.cycle == 0.25).all()
 
 
-def test_a_jump_is_gated_and_the_follower_is_told() -> None:
+def test_a_jump_is_gated_and_the_follower_is_reseeded() -> None:
     script = still()
     script[10:, 3] = 1.0
     rig = Rig(script)
@@ -211,9 +211,9 @@ def test_a_stop_asked_for_during_the_approach_is_heard(after: int, monkeypatch: 
     assert record.following == slice(0, 0) and not np.isfinite(robot.landmarks_asked).any()
     if after == 60:
         # It stops on the line that it goes.
-        way = robot.q[:, rig.robot.servo_columns] - robot.start
-        line = way[-1] / np.linalg.norm(way[-1])
-        assert np.linalg.norm(way - np.outer(way @ line, line), axis=1).max() < 1e-12
+        path = robot.q[:, rig.robot.servo_columns] - robot.start
+        line = path[-1] / np.linalg.norm(path[-1])
+        assert np.linalg.norm(path - np.outer(path @ line, line), axis=1).max() < 1e-12
         sent = np.vstack([robot.start, robot.q[:, rig.robot.servo_columns]])
         assert limit_violations(sent, rig.robot.limits, rig.dt) == LimitViolations(0, 0, 0)
         assert len(record) - after > 1
@@ -234,13 +234,13 @@ def test_the_robot_walks_slowly_to_where_following_begins() -> None:
     assert robot is not None
     record = ending.record
     assert not robot.gated.any()
-    way = robot.q[record.phase == Phase.APPROACH][:, rig.robot.servo_columns]
+    path = robot.q[record.phase == Phase.APPROACH][:, rig.robot.servo_columns]
     stand = rig.follower.stance.q[rig.robot.servo_columns]
     np.testing.assert_allclose(robot.start, stand, atol=1e-3)
-    np.testing.assert_allclose(way[-1], stand + 0.4, atol=1e-12)
-    speed = np.abs(np.diff(np.vstack([robot.start, way]), axis=0)) / rig.dt
+    np.testing.assert_allclose(path[-1], stand + 0.4, atol=1e-12)
+    speed = np.abs(np.diff(np.vstack([robot.start, path]), axis=0)) / rig.dt
     assert (speed <= 0.2 * rig.robot.limits.max_velocity * (1.0 + 1e-9)).all()
-    assert len(way) * rig.dt > 1.8 * 0.4 / (0.2 * 4.5)
+    assert len(path) * rig.dt > 1.8 * 0.4 / (0.2 * 4.5)
 
 
 def test_the_human_alone_needs_no_robot() -> None:

@@ -28,7 +28,7 @@ def test_real_servos_are_never_moved_without_the_gate(bus: str) -> None:
 
 
 @pytest.mark.parametrize("bus", ["emulater", "ttyUSB0", "COM3", ""])
-def test_a_bus_that_nobody_knows_is_refused(bus: str) -> None:
+def test_an_unknown_bus_is_refused(bus: str) -> None:
     with refuses(UsageError):
         RunOptions(robot="op3", bus=bus)
 
@@ -37,21 +37,21 @@ def test_a_bus_that_nobody_knows_is_refused(bus: str) -> None:
     ("bus", "has_mass"),
     [("mock", False), ("emulator", False), ("physics", True), ("profile", True), ("/dev/ttyUSB0", True)],
 )
-def test_whatever_falls_without_torque_is_parked_first(bus: str, has_mass: bool) -> None:
+def test_a_robot_with_mass_goes_to_rest_before_torque_goes_off(bus: str, has_mass: bool) -> None:
     assert RunOptions(robot="op3", bus=bus).has_mass is has_mass
 
 
 def test_the_names_are_those_of_the_simulation() -> None:
     assert set(MOUNTS) == {support.value for support in Support}
-    assert set(PERTURBATIONS) == {trouble.value for trouble in PerturbationKind}
+    assert set(PERTURBATIONS) == {kind.value for kind in PerturbationKind}
 
 
 @pytest.mark.parametrize(
     ("values", "option", "hint"),
     [
         ({"mount": "gantri"}, "--mount", "gantry"),
-        ({"trouble": ("pusch",)}, "--perturb", "push"),
-        ({"trouble": ("push", "push")}, "--perturb", "Name each once"),
+        ({"perturbations": ("pusch",)}, "--perturb", "push"),
+        ({"perturbations": ("push", "push")}, "--perturb", "Name each once"),
         ({"seed": -1}, "--seed", "0 to 4294967295"),
         ({"mount": "floor", "hook": "neck"}, "--hook", "only a gantry"),
     ],

@@ -26,7 +26,7 @@ from sim.mock_bus import FaultKind, MockBus, MockFault
 from sim.performer import synthetic_performer
 
 WARM_UP_S = 4.0
-"""A robot follows at full haste after 3 s."""
+"""A robot follows at full speed after 3 s."""
 
 RECORDED = [("02_06", 4.68), ("02_06", 8.69), ("02_06", 14.35), ("02_05", 11.38), ("02_10", 6.02)]
 """Trial, and when (s) the stop comes: where braking joint by joint moves a sole most, and while crouching."""
@@ -122,7 +122,7 @@ def test_a_refusal_is_not_lost_in_closing_the_bus() -> None:
         prepared(synthetic_performer, 15.6, [silent]) as it,
     ):
         it.run()
-    assert isinstance(refusal.value.__cause__, GuardError)  # it is silent: nobody knows whether it has torque
+    assert isinstance(refusal.value.__cause__, GuardError)  # it is silent: whether it has torque is not known
 
 
 def test_without_the_way_the_same_stop_tears_the_soles(monkeypatch: pytest.MonkeyPatch) -> None:

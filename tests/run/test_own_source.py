@@ -93,7 +93,7 @@ def test_an_instant_is_asked_about_once() -> None:
     assert [len(source.poll(now)) for now in (1.0, 1.0, 1.0, 1.5, 1.25)] == [1, 0, 0, 1, 0]
 
 
-def test_nobody_is_asked_after_the_end() -> None:
+def test_the_function_is_not_called_after_the_end() -> None:
     asked: list[float] = []
 
     def read(now: float) -> Sequence[StreamFrame] | None:
@@ -107,7 +107,7 @@ def test_nobody_is_asked_after_the_end() -> None:
     assert other.finished and other.poll(3.0) == [] and asked == [1.0]
 
 
-def test_whoever_performs_is_followed_until_the_source_is_over_and_can_be_kept(tmp_path: Path) -> None:
+def test_the_performer_is_followed_until_the_source_is_over_and_can_be_recorded(tmp_path: Path) -> None:
     chance, clip, buses = np.random.default_rng(0), list[StreamFrame](), list[MockBus]()
     begun: list[float] = []
 
@@ -124,7 +124,7 @@ def test_whoever_performs_is_followed_until_the_source_is_over_and_can_be_kept(t
     assert kept and kept == [written(frame) for frame in clip[: len(kept)]]
 
 
-def test_a_mistake_in_ones_own_code_is_raised_once_the_robot_is_parked() -> None:
+def test_an_exception_of_the_function_is_raised_once_the_robot_is_at_rest() -> None:
     chance, clock, buses = np.random.default_rng(0), VirtualClock(), list[MockBus]()
     begun: list[float] = []
 
@@ -140,11 +140,11 @@ def test_a_mistake_in_ones_own_code_is_raised_once_the_robot_is_parked() -> None
     assert not buses[0].torque_on
 
 
-def test_nothing_said_is_nobody_to_follow() -> None:
+def test_a_source_without_frames_is_refused() -> None:
     with refuses(InputError, 2):
         run(lambda now: [], VirtualClock(), [])
 
 
-def test_a_performer_whom_the_sender_cannot_tell_is_refused() -> None:
+def test_a_performer_whose_sensors_are_missing_is_refused() -> None:
     with refuses(UsageError, "natnet", "head"):
         stream_of(OwnSource(lambda now: None), five(), kind=stream_kinds()["natnet"])

@@ -23,7 +23,7 @@ def test_without_a_gate_goals_are_postures() -> None:
     assert type(last.goals) is PassThroughGate and last.passes is None and last.clearance is None
 
 
-def test_what_is_upheld_is_looked_at_for_collision() -> None:
+def test_compensated_goals_are_checked_for_collision() -> None:
     """An arm that is lowered into the hip is refused before it is there."""
     last = make_gate(op3(), follower(priorities="balanced"), load_priorities("balanced"), gate=True, dt=DT)
     assert last.clearance is not None and last.passes is not None

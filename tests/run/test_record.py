@@ -51,7 +51,7 @@ def test_what_comes_after_the_last_room_is_not_kept() -> None:
 
 
 def played(*, pause: range = range(0), duration: float = 1.0) -> RunResult:
-    """A live run in which somebody holds the robot for so many ticks, counted from the first."""
+    """A live run in which the operator pauses the robot in these ticks, counted from the first."""
     rig, tick = LiveRig(FakeSender(), options=LiveOptions(countdown=0.5, duration=duration)), 0
     with rig.prepared() as prepared:
 
@@ -66,8 +66,8 @@ def played(*, pause: range = range(0), duration: float = 1.0) -> RunResult:
 
 
 def test_an_approach_that_is_held_up_misses_no_tick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its ticks came in time, and the robot kept its limits: nothing else is told of them."""
-    monkeypatch.setattr("retarget.run.loop.HELD_UP_S", 0.4)
+    """Its ticks came in time, and the robot kept its limits."""
+    monkeypatch.setattr("retarget.run.loop.EXTRA_APPROACH_S", 0.4)
     run = played(pause=range(40, 400))
     sent, report = run.record.robot, measure(run)
     assert sent is not None and report.bus is not None and not run.record.from_start
@@ -80,14 +80,14 @@ def test_an_approach_that_is_held_up_misses_no_tick(monkeypatch: pytest.MonkeyPa
 
 
 def test_a_robot_that_already_moves_at_the_first_row_broke_no_limit(monkeypatch: pytest.MonkeyPatch) -> None:
-    """So slow a way that not all of it has room."""
-    monkeypatch.setattr("retarget.run.loop.HELD_UP_S", -0.3)
+    """The record has no room for the whole approach."""
+    monkeypatch.setattr("retarget.run.loop.EXTRA_APPROACH_S", -0.3)
     run = played()
     moved = np.abs(np.diff(run.record.robot.q[:4, 7:], axis=0)).max() if run.record.robot else 0.0
     assert not run.record.from_start and moved > 1e-3
     assert measure(run).limit_violations == LimitViolations(0, 0, 0)
-    told = measure(replace(run, record=replace(run.record, from_start=True))).limit_violations
-    assert told.acceleration > 0
+    violations = measure(replace(run, record=replace(run.record, from_start=True))).limit_violations
+    assert violations.acceleration > 0
 
 
 def test_of_a_long_run_the_beginning_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -97,7 +97,7 @@ def test_of_a_long_run_the_beginning_is_kept(monkeypatch: pytest.MonkeyPatch) ->
     assert run.ticks_followed == 125 and not run.record.to_end and report.duration_s == pytest.approx(124 / 125)
     shows_lines(report.notes, 1)
     assert report.bus is not None and report.bus.missed_ticks == 0 and report.limit_violations.acceleration == 0
-    # What was sent is compared with what was said then.
+    # What was sent is compared with the samples of the same ticks.
     assert max(spread.max for spread in report.sensors_mm.values()) < 60.0
     assert run.record.robot is not None
     assert all(after > before for before, after in pairwise(run.record.robot.bus_time.tolist()))

@@ -29,7 +29,7 @@ def test_what_was_missed_in_a_stall_is_not_caught_up_with(
     assert (ending.state, ending.reason) == ("idle" if reason is None else "stopped", reason)
 
 
-def test_a_servo_that_is_silent_in_the_end_is_told_to_a_person() -> None:
+def test_a_servo_that_is_silent_at_the_end_is_reported() -> None:
     rig = Rig(swing())
     play(rig)
     last = rig.bus._cycle
@@ -52,9 +52,9 @@ def test_a_start_that_leaves_torque_on_says_so(error: BaseException, monkeypatch
         raise error
 
     monkeypatch.setattr(rig.bus, "torque", stuck)
-    with refuses(TorqueError) as told:
+    with refuses(TorqueError) as refused:
         play(rig)
-    assert told.value.__cause__ is error and rig.bus.torque_on
+    assert refused.value.__cause__ is error and rig.bus.torque_on
 
 
 def test_an_interrupted_start_switches_torque_off(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -118,13 +118,13 @@ def test_whatever_fails_in_switching_torque_off_the_record_is_kept(monkeypatch: 
 
 def test_a_failure_during_the_approach_brakes_on_its_line(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = Rig(np.zeros((60, 20)) + np.linspace(-0.4, 0.4, 20))
-    admit, way, refused, asked = rig.gate.admit, [], 0, 0
+    admit, path, refused, asked = rig.gate.admit, [], 0, 0
 
     def noted(goal: FloatArray) -> FloatArray:
         nonlocal refused
-        way.append(admit(goal))
-        refused += bool(np.abs(way[-1] - goal).max() > 0.0)
-        return way[-1]
+        path.append(admit(goal))
+        refused += bool(np.abs(path[-1] - goal).max() > 0.0)
+        return path[-1]
 
     def broken() -> bool:
         nonlocal asked
@@ -136,14 +136,14 @@ def test_a_failure_during_the_approach_brakes_on_its_line(monkeypatch: pytest.Mo
     monkeypatch.setattr(rig.gate, "admit", noted)
     with refuses(OSError):
         play(rig, Watch(stop_asked=broken))
-    assert refused == 0 and len(way) > 60 and rig.gate.at_rest and not rig.bus.torque_on
-    line = way[-1] - way[0]
-    off = (np.array(way) - way[0]) @ (np.eye(20) - np.outer(line, line) / (line @ line))
+    assert refused == 0 and len(path) > 60 and rig.gate.at_rest and not rig.bus.torque_on
+    line = path[-1] - path[0]
+    off = (np.array(path) - path[0]) @ (np.eye(20) - np.outer(line, line) / (line @ line))
     assert np.abs(off).max() < 1e-12
 
 
 def test_what_the_gate_would_refuse_is_not_asked_where_the_robot_can_yield(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It goes along the follower's way to a stop instead, from where it is; what has no such way is refused."""
+    """It follows the follower's stopping trajectory instead, from where it is; without one the goal is refused."""
     for knows_way, gated in ((True, False), (False, True)):
         rig = Rig(np.vstack([np.zeros((10, 20)), np.full((90, 20), 0.5)]))  # a leap that no gate sends
         rig.side._passes = rig.gate.passes
@@ -166,7 +166,7 @@ def test_what_the_gate_would_refuse_is_not_asked_where_the_robot_can_yield(monke
 
 
 def test_a_posture_that_is_not_finite_is_a_hold(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The robot brakes and stands, the guard knows that nobody is followed, and nothing but numbers is sent."""
+    """The robot brakes and stands, the guard holds, and only finite goals are sent."""
     script = 0.2 * swing()
     script[40:] = np.nan
     rig = Rig(script)
@@ -177,7 +177,7 @@ def test_a_posture_that_is_not_finite_is_a_hold(monkeypatch: pytest.MonkeyPatch)
     assert np.isfinite(ending.record.robot.q).all() and (ending.record.robot.goal_ticks >= 0).all()
 
 
-def test_no_joint_is_faster_than_its_share_on_the_way_to_where_following_begins(
+def test_no_joint_is_faster_than_its_share_during_the_approach(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     rig = Rig(np.zeros((60, 20)))
@@ -186,18 +186,18 @@ def test_no_joint_is_faster_than_its_share_on_the_way_to_where_following_begins(
     postures = [rig.follower._posture(tick) for tick in range(60)]
     rig.follower.script = rig.follower.script[-1:]
     monkeypatch.setattr(rig.follower, "start", lambda human: postures[0])
-    monkeypatch.setattr(rig.follower, "arrive", lambda human, dt: postures)
+    monkeypatch.setattr(rig.follower, "settle", lambda human, dt: postures)
     ending = play(rig)
     assert ending.record.robot is not None
-    way = ending.record.robot.q[ending.record.phase == Phase.APPROACH][:, rig.robot.servo_columns]
-    share = np.abs(np.diff(way, axis=0)).max(axis=0) / (rig.robot.joint_map.max_velocity * rig.dt)
+    path = ending.record.robot.q[ending.record.phase == Phase.APPROACH][:, rig.robot.servo_columns]
+    share = np.abs(np.diff(path, axis=0)).max(axis=0) / (rig.robot.joint_map.max_velocity * rig.dt)
     cap = rig.robot.profile.safety.speed_caps.approach
     assert 0.9 * cap < share.max() <= cap * (1.0 + 1e-6)
-    np.testing.assert_allclose(way[-1], postures[-1].joint_positions, atol=1e-12)
+    np.testing.assert_allclose(path[-1], postures[-1].joint_positions, atol=1e-12)
     assert ending.record.time[ending.record.following][0] == 0.0
 
 
-def test_a_pause_on_the_way_uses_up_nothing_of_what_is_followed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_pause_during_the_approach_uses_up_no_tick_of_the_clip(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = Rig(np.zeros((60, 20)) + 0.3)
     looks = 0
 
@@ -215,7 +215,7 @@ def test_a_pause_on_the_way_uses_up_nothing_of_what_is_followed(monkeypatch: pyt
     assert share.max() <= 0.3 and share[ending.record.following].max() < 1e-6
 
 
-def test_who_insists_does_not_wait_for_the_robot_to_stand() -> None:
+def test_a_forced_stop_does_not_wait_for_the_robot_to_stand() -> None:
     rig, asked = Rig(swing()), 0
 
     def stop() -> bool:
@@ -229,7 +229,7 @@ def test_who_insists_does_not_wait_for_the_robot_to_stand() -> None:
     assert len(ending.record) == 29
 
 
-def test_who_insists_after_a_failure_does_not_wait_either() -> None:
+def test_a_forced_stop_after_a_failure_does_not_wait_either() -> None:
     rig = Rig(swing())
 
     def broken(done: int) -> None:
@@ -243,7 +243,7 @@ def test_who_insists_after_a_failure_does_not_wait_either() -> None:
 
 @pytest.mark.parametrize("in_clip", [True, False])
 def test_a_look_that_fails_while_it_brakes_is_raised_when_it_stands(in_clip: bool) -> None:
-    """In the stop that somebody asked for, and in that of the failure."""
+    """In a stop that was asked for, and in that of the failure."""
     rig, asked = Rig(swing()), 0
 
     def look() -> bool:
@@ -253,31 +253,31 @@ def test_a_look_that_fails_while_it_brakes_is_raised_when_it_stands(in_clip: boo
             raise OSError("no such drive")
         return asked >= 30
 
-    def cut() -> bool:
+    def torque_off() -> bool:
         raise OSError("no such drive")
 
     with refuses(OSError):
-        play(rig, Watch(stop_asked=look, torque_off_asked=cut))
+        play(rig, Watch(stop_asked=look, torque_off_asked=torque_off))
     assert rig.gate.at_rest and not rig.bus.torque_on and rig.guard.stop_reason is not None
 
 
-def test_who_cannot_hear_of_a_servo_does_not_hinder_the_stop(monkeypatch: pytest.MonkeyPatch) -> None:
-    rig, told = Rig(swing()), 0
+def test_a_lost_terminal_does_not_hinder_the_stop(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig, calls = Rig(swing()), 0
 
     def notify(text: str) -> None:
-        nonlocal told
-        told += 1
+        nonlocal calls
+        calls += 1
         raise BrokenPipeError
 
     monkeypatch.setattr(rig.side, "_notify", notify)
     monkeypatch.setattr(rig.guard.health.warnings, "take_news", lambda: ["it is warm"])
     ending = play(rig)
-    assert told > 40 and (ending.state, ending.reason) == ("idle", None)
+    assert calls > 40 and (ending.state, ending.reason) == ("idle", None)
     assert rig.gate.at_rest and not rig.bus.torque_on
 
 
 def test_a_stop_that_comes_during_the_wait_for_a_tick_brakes_in_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is asked just after a look is heard by the next one, a tick later, and nothing is followed any more."""
+    """A stop asked just after a poll is seen by the next one, a tick later, and nothing is followed any more."""
     rig, looked, stopped = Rig(swing()), list[float](), list[float]()
     stop = rig.guard.stop
 

@@ -1,4 +1,4 @@
-"""The way to where following begins: smooth, slow, and exactly there in the end."""
+"""Trajectories: the approach is smooth, slow and exact at its end; speed override; retiming; steps within limits."""
 
 from dataclasses import replace
 
@@ -21,7 +21,7 @@ from retarget.run.trajectory import (
     approach_trajectory,
     require_finite,
     retimed,
-    taken_of,
+    step_share,
 )
 from retarget.types import FloatArray
 
@@ -102,23 +102,23 @@ REJOINING = round(REJOINING_S / OVERRIDE_DT)
 ROWS = np.cumsum(np.sin(np.linspace(0.0, np.pi, 40)))[:, None] * [1.0, -0.5]
 
 
-def test_at_full_pace_it_is_row_by_row_to_the_bit() -> None:
-    way = SpeedOverrideTrajectory(ROWS, dt=OVERRIDE_DT)
-    got = [way.next() for _ in range(39)]
-    assert np.array_equal(got, ROWS[1:]) and way.done
-    assert np.array_equal(way.next(), ROWS[-1])
+def test_at_full_speed_it_is_row_by_row_to_the_bit() -> None:
+    trajectory = SpeedOverrideTrajectory(ROWS, dt=OVERRIDE_DT)
+    got = [trajectory.next() for _ in range(39)]
+    assert np.array_equal(got, ROWS[1:]) and trajectory.done
+    assert np.array_equal(trajectory.next(), ROWS[-1])
 
 
 def test_who_is_there_already_is_done() -> None:
-    way = SpeedOverrideTrajectory(ROWS[:1], dt=OVERRIDE_DT)
-    assert way.done and np.array_equal(way.next(0.5), ROWS[0])
+    trajectory = SpeedOverrideTrajectory(ROWS[:1], dt=OVERRIDE_DT)
+    assert trajectory.done and np.array_equal(trajectory.next(0.5), ROWS[0])
 
 
-def test_at_half_pace_it_takes_twice_as_long_at_half_the_speed() -> None:
-    way = SpeedOverrideTrajectory(ROWS, dt=OVERRIDE_DT)
+def test_at_half_override_it_takes_twice_as_long_at_half_the_speed() -> None:
+    trajectory = SpeedOverrideTrajectory(ROWS, dt=OVERRIDE_DT)
     got = [ROWS[0]]
-    while not way.done:
-        got.append(way.next(0.5))
+    while not trajectory.done:
+        got.append(trajectory.next(0.5))
     assert len(got) == 79
     steps, whole = np.diff(got, axis=0), np.diff(ROWS, axis=0)
     np.testing.assert_allclose(np.abs(steps).max(axis=0), 0.5 * np.abs(whole).max(axis=0))
@@ -129,51 +129,51 @@ def test_at_half_pace_it_takes_twice_as_long_at_half_the_speed() -> None:
 
 @given(st.lists(st.floats(0.25, 1.0), min_size=200, max_size=200))
 @settings(max_examples=40, deadline=None)
-def test_no_step_is_longer_than_its_pace_and_the_end_is_the_end(paces: list[float]) -> None:
-    way, before, most = (
+def test_no_step_is_longer_than_its_override_and_the_end_is_exact(overrides: list[float]) -> None:
+    trajectory, before, most = (
         SpeedOverrideTrajectory(ROWS, dt=OVERRIDE_DT),
         ROWS[0],
         np.abs(np.diff(ROWS, axis=0)).max(axis=0),
     )
-    for pace in paces:
-        here = way.next(pace)
-        assert (np.abs(here - before) <= pace * most + 1e-12).all()
+    for override in overrides:
+        here = trajectory.next(override)
+        assert (np.abs(here - before) <= override * most + 1e-12).all()
         before = here
-    assert way.done and np.array_equal(before, ROWS[-1])
+    assert trajectory.done and np.array_equal(before, ROWS[-1])
 
 
 def test_left_and_taken_up_again_it_comes_back_from_where_the_robot_stands_without_a_leap() -> None:
-    way, beside = SpeedOverrideTrajectory(ROWS, dt=OVERRIDE_DT), np.array([0.3, -0.2])
+    trajectory, offset = SpeedOverrideTrajectory(ROWS, dt=OVERRIDE_DT), np.array([0.3, -0.2])
     for _ in range(10):
-        last = way.next()
-    way.leave()
-    before, here = (way.left, way.done), last + beside
+        last = trajectory.next()
+    trajectory.leave()
+    before, here = (trajectory.left, trajectory.done), last + offset
     got = [here]
-    while not way.done:
-        got.append(way.next(here=here))
-    most = np.abs(np.diff(ROWS, axis=0)).max(axis=0) + 1.5 * np.abs(beside) / REJOINING
+    while not trajectory.done:
+        got.append(trajectory.next(here=here))
+    most = np.abs(np.diff(ROWS, axis=0)).max(axis=0) + 1.5 * np.abs(offset) / REJOINING
     steps = np.diff(got, axis=0)
     assert (np.abs(steps) <= most * 1.001).all() and (np.abs(steps[0]) < 0.02 * most).all()
     assert before == (True, False) and np.array_equal(got[-1], ROWS[-1])
 
 
-def test_left_at_its_end_it_is_gone_back_to() -> None:
-    way = SpeedOverrideTrajectory(ROWS, dt=OVERRIDE_DT)
+def test_left_at_its_end_it_is_rejoined() -> None:
+    trajectory = SpeedOverrideTrajectory(ROWS, dt=OVERRIDE_DT)
     for _ in range(39):
-        way.next()
-    assert way.done
-    way.leave()
-    got = [way.next(here=ROWS[-1] + 0.1) for _ in range(REJOINING)]
-    assert way.done and np.array_equal(got[-1], ROWS[-1]) and np.abs(got[0] - ROWS[-1]).max() > 0.09
+        trajectory.next()
+    assert trajectory.done
+    trajectory.leave()
+    got = [trajectory.next(here=ROWS[-1] + 0.1) for _ in range(REJOINING)]
+    assert trajectory.done and np.array_equal(got[-1], ROWS[-1]) and np.abs(got[0] - ROWS[-1]).max() > 0.09
 
 
 def test_coming_back_onto_it_takes_as_long_at_any_rate() -> None:
     for dt in (0.005, 0.008, 0.02):
-        way = SpeedOverrideTrajectory(ROWS[:1], dt=dt)
-        way.leave()
+        trajectory = SpeedOverrideTrajectory(ROWS[:1], dt=dt)
+        trajectory.leave()
         ticks = 0
-        while not way.done:
-            way.next(here=ROWS[0] + 0.1)
+        while not trajectory.done:
+            trajectory.next(here=ROWS[0] + 0.1)
             ticks += 1
         assert abs(ticks * dt - REJOINING_S) <= dt
 
@@ -183,17 +183,17 @@ STEPS = st.lists(st.floats(-1.0, 1.0), min_size=3, max_size=3).map(np.array)
 
 
 def test_a_step_that_is_short_enough_is_taken_whole() -> None:
-    assert taken_of(SPEED_SHARE_MOST, SPEED_SHARE_MOST, most=SPEED_SHARE_MOST, change=SPEED_SHARE_CHANGE) == 1.0
-    assert taken_of(np.zeros(3), SPEED_SHARE_MOST, most=SPEED_SHARE_MOST, change=SPEED_SHARE_CHANGE) == 1.0
+    assert step_share(SPEED_SHARE_MOST, SPEED_SHARE_MOST, most=SPEED_SHARE_MOST, change=SPEED_SHARE_CHANGE) == 1.0
+    assert step_share(np.zeros(3), SPEED_SHARE_MOST, most=SPEED_SHARE_MOST, change=SPEED_SHARE_CHANGE) == 1.0
 
 
-@given(way=st.lists(STEPS, min_size=5, max_size=60))
+@given(steps=st.lists(STEPS, min_size=5, max_size=60))
 @settings(max_examples=60, deadline=None)
-def test_from_rest_no_joint_exceeds_its_speed_by_more_than_one_change(way: list[FloatArray]) -> None:
+def test_from_rest_no_joint_exceeds_its_speed_by_more_than_one_change(steps: list[FloatArray]) -> None:
     before = np.zeros(3)
-    for wish in way:
+    for wish in steps:
         step = before + wish * SPEED_SHARE_CHANGE  # what its servos can
-        share = taken_of(step, before, most=SPEED_SHARE_MOST, change=SPEED_SHARE_CHANGE)
+        share = step_share(step, before, most=SPEED_SHARE_MOST, change=SPEED_SHARE_CHANGE)
         assert 0.0 < share <= 1.0
         taken = share * step
         assert (np.abs(taken - before) <= SPEED_SHARE_CHANGE * (1.0 + 1e-9)).all()
@@ -205,14 +205,14 @@ def test_who_goes_on_and_on_is_at_the_speed_and_not_beyond() -> None:
     before, fastest = np.zeros(3), 0.0
     for _ in range(100):
         step = before + SPEED_SHARE_CHANGE
-        before = taken_of(step, before, most=SPEED_SHARE_MOST, change=SPEED_SHARE_CHANGE) * step
+        before = step_share(step, before, most=SPEED_SHARE_MOST, change=SPEED_SHARE_CHANGE) * step
         fastest = max(fastest, float((before / SPEED_SHARE_MOST).max()))
     assert 0.99 < fastest <= 1.0 + 1e-9
 
 
 def test_who_was_faster_slows_down_as_fast_as_it_can_and_no_faster() -> None:
     before = np.array([0.02, 0.0, 0.0])
-    taken = taken_of(before, before, most=SPEED_SHARE_MOST, change=SPEED_SHARE_CHANGE) * before
+    taken = step_share(before, before, most=SPEED_SHARE_MOST, change=SPEED_SHARE_CHANGE) * before
     assert taken.tolist() == pytest.approx([0.018, 0.0, 0.0])
 
 
@@ -220,12 +220,12 @@ def test_no_joint_exceeds_its_share_and_it_ends_where_following_begins() -> None
     robot, s = op3(), np.linspace(0.0, 1.0, 60)[:, None]
     there = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
     present = there - 0.2
-    arrival = there + (s**3 * (10.0 - 15.0 * s + 6.0 * s**2)) * np.linspace(-0.6, 0.6, 20)
-    way = approach_trajectory(robot, present, [there, *arrival], dt=APPROACH_DT)
-    got = [present, *(way.next() for _ in range(way.ticks))]
+    path = there + (s**3 * (10.0 - 15.0 * s + 6.0 * s**2)) * np.linspace(-0.6, 0.6, 20)
+    trajectory = approach_trajectory(robot, present, [there, *path], dt=APPROACH_DT)
+    got = [present, *(trajectory.next() for _ in range(trajectory.ticks))]
     steps = np.diff(got, axis=0)
     most = robot.profile.safety.speed_caps.approach * robot.joint_map.max_velocity * APPROACH_DT
-    assert way.done and np.array_equal(got[-1], arrival[-1])
+    assert trajectory.done and np.array_equal(got[-1], path[-1])
     assert (np.abs(steps) <= most * (1.0 + 1e-6)).all() and np.abs(steps / most).max() > 0.9
     assert (np.abs(np.diff(steps, axis=0)) <= robot.joint_map.max_acceleration * APPROACH_DT**2).all()
 
@@ -236,7 +236,7 @@ def test_who_is_there_already_has_no_way() -> None:
     assert approach_trajectory(robot, there, [there], dt=APPROACH_DT).done
 
 
-def test_a_way_that_nobody_knows_is_refused() -> None:
+def test_an_approach_that_is_not_finite_is_refused() -> None:
     posture = follower().start(postures(performer())[0])
     require_finite(posture, posture)
     unknown = replace(posture, q=np.full_like(posture.q, np.nan))

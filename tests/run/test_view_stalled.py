@@ -49,7 +49,7 @@ def run(*, port: int | None, hurt: Callable[[int], object] = lambda process: Non
                 feeds.append(feed)
                 hurt(feed._process.pid)
 
-        watch = Watch(stop_asked=page.heard(stop, stop), on_row=hurting)
+        watch = Watch(stop_asked=page.with_stop_button(stop, stop), on_row=hurting)
         record = prepared.run(page.watch(watch)).record
         for one in feeds:  # else closing it would wait for a process that cannot end
             with suppress(ProcessLookupError):
@@ -63,7 +63,7 @@ def alone() -> Record:
 
 
 def nothing(process: int) -> None:
-    """Nobody hurts it."""
+    """No faults."""
 
 
 def stopped(process: int) -> None:

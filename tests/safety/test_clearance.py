@@ -168,7 +168,7 @@ def push(robot: GatedRobot, rng: np.random.Generator, direction: FloatArray) -> 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_whatever_is_asked_nothing_comes_nearer_than_is_kept(seed: int) -> None:
-    """Goals that rush at something and never think of stopping; judged at 20 places of every tick."""
+    """Goals that go fast at an obstacle and never brake; judged at 20 places of every tick."""
     rng = np.random.default_rng(seed)
     robot = obstacles(rng)
     keep, refused = robot.kept(), 0
@@ -205,8 +205,8 @@ def test_without_the_look_the_same_goals_collide() -> None:
 def test_a_goal_is_refused_in_the_last_tick_that_can_stop() -> None:
     robot = GatedRobot()
     turn = joint("l_sho_pitch")
-    ahead = path_clearance_hand(robot, (robot.sent + 0.8 * turn)[None])[0]
-    robot = GatedRobot(scene(ball=sphere(ahead, 0.02)))
+    forward = path_clearance_hand(robot, (robot.sent + 0.8 * turn)[None])[0]
+    robot = GatedRobot(scene(ball=sphere(forward, 0.02)))
     rng = np.random.default_rng(0)
     goal = push(robot, rng, turn)
     for _ in range(200):
@@ -278,16 +278,16 @@ def test_it_may_get_out_of_the_way_of_what_comes_and_not_into_it() -> None:
     robot = GatedRobot()
     at = path_clearance_hand(robot, robot.sent[None])[0]
     to = path_clearance_hand(robot, (robot.sent + 0.05 * joint("l_sho_pitch"))[None])[0] - at
-    ahead = to / np.linalg.norm(to)
-    ball = sphere(at + 0.09 * ahead, 0.02, velocity=(-1.0 * ahead).tolist())
+    forward = to / np.linalg.norm(to)
+    ball = sphere(at + 0.09 * forward, 0.02, velocity=(-1.0 * forward).tolist())
     for sign, passes in ((1.0, False), (-1.0, True)):
         robot = GatedRobot(scene(ball=ball))
-        robot.around.begin()
-        robot.around.tick(None, PATH_CLEARANCE_DT)
+        robot.obstacles.begin()
+        robot.obstacles.tick(None, PATH_CLEARANCE_DT)
         passed = []
         for _ in range(7):
             passed.append(robot.ask(push(robot, np.random.default_rng(0), sign * joint("l_sho_pitch"))))
-            robot.around.tick(None, PATH_CLEARANCE_DT)
+            robot.obstacles.tick(None, PATH_CLEARANCE_DT)
         assert all(passed) if passes else not all(passed)
 
 
@@ -301,9 +301,9 @@ def test_an_obstacle_is_where_it_will_be_then() -> None:
     comes, goes = (there + away, -away / time), (there, away / (0.5 * time))
     for (at, velocity), clear in ((comes, False), (goes, True)):
         robot = GatedRobot(scene(ball=sphere(at, 0.02, velocity=velocity.tolist())))
-        assert is_clear(robot, path) != clear  # it stands until it is told to go
-        robot.around.begin()
-        robot.around.tick(None, PATH_CLEARANCE_DT)
+        assert is_clear(robot, path) != clear  # it stands until `begin`
+        robot.obstacles.begin()
+        robot.obstacles.tick(None, PATH_CLEARANCE_DT)
         assert robot.clearance(path, path) if clear else not is_clear(robot, path)
 
 

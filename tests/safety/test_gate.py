@@ -98,7 +98,7 @@ def test_a_goal_from_which_no_braking_is_left_is_refused() -> None:
     gate = make()
     refused = 0
     velocity = np.zeros(4)
-    for _ in range(400):  # always faster towards the upper limits, and never a thought of stopping
+    for _ in range(400):  # always faster towards the upper limits, and never braking
         velocity = np.minimum(velocity + CHANGE, STEP)
         goal = gate.position + velocity
         refused += not passes(gate, goal) and bool((goal <= MAP.upper).all())
@@ -232,16 +232,16 @@ def test_the_oracle_uses_the_gap_to_the_last_bit(gap: float, change: float) -> N
 
 @given(st.lists(st.tuples(st.floats(-2.0, 2.0), st.booleans()), min_size=1, max_size=20))
 def test_asking_first_changes_nothing(asked: list[tuple[float, bool]]) -> None:
-    """`passes` says what `admit` does, and what is sent is the same whether anybody asked."""
-    told, silent = make(), make()
+    """`passes` says what `admit` does, and what is sent is the same with and without a call of it."""
+    checked, unchecked = make(), make()
     for size, other in asked:
-        goal = told.position + size * STEP
-        says = told.passes(goal)
+        goal = checked.position + size * STEP
+        says = checked.passes(goal)
         if other:
-            told.passes(goal + 1e-3)  # of something else, last
-        sent = told.admit(goal)
+            checked.passes(goal + 1e-3)  # of something else, last
+        sent = checked.admit(goal)
         assert says == np.array_equal(sent, goal)
-        np.testing.assert_array_equal(sent, silent.admit(goal))
+        np.testing.assert_array_equal(sent, unchecked.admit(goal))
 
 
 def test_a_verdict_does_not_outlive_the_posture_that_it_was_given_from() -> None:

@@ -1,4 +1,4 @@
-"""Where configurations are found, which one wins, and what unknown names are told."""
+"""Where configurations are found, which one wins, and how unknown names are refused."""
 
 from pathlib import Path
 
@@ -74,7 +74,7 @@ def test_paths(own: Path, tmp_path: Path) -> None:
         (Kind.PERFORMER, "a\0b", ()),
         (Kind.PERFORMER, "x" * 5000, ()),
         (Kind.PERFORMER, "x" * 5000 + ".yaml", ()),
-        (Kind.PERFORMER, "~nobody_of_that_name/x.yaml", ()),
+        (Kind.PERFORMER, "~no_user_of_that_name/x.yaml", ()),
     ],
 )
 def test_unknown_names_and_paths_are_refused(own: Path, kind: Kind, name: str, part: Facts) -> None:

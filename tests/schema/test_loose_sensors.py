@@ -31,7 +31,7 @@ ARMS = 0.1
 LENGTHS = ("l_elbow", "l_wrist", "l_knee", "l_ankle", "head")
 
 
-def somebody(chance: np.random.Generator) -> HumanDimensions:
+def random_person(chance: np.random.Generator) -> HumanDimensions:
     """Of any size, each proportion off the average as people's are."""
     parameters = np.zeros(rest_pose.COUNT)
     parameters[rest_pose.STATURE] = np.log(chance.uniform(1.55, 1.95))
@@ -52,7 +52,7 @@ def errors(names: tuple[str, ...], scale: float) -> FloatArray:
     """Mean error, m, over 8 people: of points taken for joints, before and after; of lengths, before and after."""
     chance, rows = np.random.default_rng(1), []
     for _ in range(8):
-        person = somebody(chance)
+        person = random_person(chance)
         off = {name: scale * by for name, by in beside(chance).items()}
         points = at_rest(person, ARMS)
         position = np.array([points[name] + off.get(name, chance.normal(0.0, 0.008, 3)) for name in names])
@@ -113,10 +113,10 @@ def test_what_is_known_further_is_added_in_the_axes_of_the_pose() -> None:
 
 @dataclass
 class Controllers(FakeSender):
-    """Somebody with ten sensors as JSON, a cap on the head and controllers in the hands, under names of their own. The
-    left arm is straight out to the side from `raised_s` on."""
+    """A performer with ten sensors as JSON: a cap on the head and controllers in the hands, under names of their own.
+    The left arm is straight out to the side from `raised_s` on."""
 
-    person: HumanDimensions = field(default_factory=lambda: somebody(np.random.default_rng(4)))
+    person: HumanDimensions = field(default_factory=lambda: random_person(np.random.default_rng(4)))
     off: dict[str, FloatArray] = field(default_factory=lambda: beside(np.random.default_rng(4)))
     raised_s: float = 99.0
 
@@ -128,13 +128,13 @@ class Controllers(FakeSender):
 
     def _payload(self, time: float) -> bytes | None:
         share = float(np.clip(time - self.raised_s, 0.0, 1.0))
-        points, told = self.joints(time), {}
+        points, poses = self.joints(time), {}
         for name in TEN:
             turn = rotations.from_axis_angle([1.0, 0.0, 0.0], 1.2 * share if name == "l_wrist" else 0.0)
             at = points[name] + rotations.rotate(turn, self.off.get(name, np.zeros(3)))
             at = at + self._chance.normal(0.0, 0.0005, 3)
-            told[f"my {name}"] = {"p": at.tolist(), "q": turn.tolist()}
-        return json.dumps({"axes": "rep103", "quaternion": "wxyz", "time": self.stamp(time), "poses": told}).encode()
+            poses[f"my {name}"] = {"p": at.tolist(), "q": turn.tolist()}
+        return json.dumps({"axes": "rep103", "quaternion": "wxyz", "time": self.stamp(time), "poses": poses}).encode()
 
 
 def wearing() -> Performer:
@@ -155,7 +155,7 @@ def followed(sender: Controllers, *, until: float) -> tuple[dict[str, FloatArray
     np.testing.assert_array_equal(sample.position, on_grid(sample).position)
     while clock.now() < until:
         clock.advance(0.01)
-        stream.listen(clock.now(), moving=False)
+        stream.poll(clock.now(), moving=False)
         heard = stream.read(clock.now())
     if until:
         at = live.alignment.positions(heard.position)

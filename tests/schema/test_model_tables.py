@@ -1,4 +1,4 @@
-"""Tables of keys: every key of every configuration file is told, with its unit, and as it is read."""
+"""Tables of keys: every key of every configuration file is there, with its unit, and as it is read."""
 
 import pytest
 from pydantic import BaseModel
@@ -32,9 +32,9 @@ def test_links_lead_to_sections_of_the_same_page(model: type[BaseModel]) -> None
             assert linked <= names
 
 
-def test_a_key_is_told_as_it_is_read() -> None:
-    told = {key.name: key for key in keys_of_model(Servo)}
-    limits, gear, mode = told["limits"], told["gear"], told["mode"]
+def test_a_key_is_listed_as_it_is_read() -> None:
+    keys = {key.name: key for key in keys_of_model(Servo)}
+    limits, gear, mode = keys["limits"], keys["gear"], keys["mode"]
     assert (limits.type, limits.unit, limits.default) == ("[lower, upper]", "rad", "**required**")
     assert (gear.type, gear.unit, gear.default) == ("number above 0", "", "`1`")
     assert mode.default == "`position`" and "or `current_based_position`" in mode.type

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from followers import DT, assert_within_limits, op3
-from observed_robot import SOON, ZONE, Done, act, around, human, observed, raised, robot, sphere
+from observed_robot import SOON, ZONE, Done, act, human, observed, raised, robot, scene_of, sphere
 from retarget.model.scene_state import SceneState
 from retarget.schema.priorities import ReactiveTask, load_priorities
 from retarget.types import FloatArray
@@ -38,13 +38,13 @@ def fixtures() -> dict[str, SceneState]:
         for side, sign in (("left", 1.0), ("right", -1.0))
     }
     return {
-        "low sphere": around(ball=sphere(low)),
-        "sphere": around(ball=sphere(middle)),
-        "high sphere": around(ball=sphere(high)),
-        "sphere ahead": around(ball=sphere(middle + np.array([0.02, 0.0, 0.0]))),
-        "wall": around(wall=wall),
-        "table edge": around(edge=edge),
-        "gap narrower than the arm": around(**gap),
+        "low sphere": scene_of(ball=sphere(low)),
+        "sphere": scene_of(ball=sphere(middle)),
+        "high sphere": scene_of(ball=sphere(high)),
+        "sphere ahead": scene_of(ball=sphere(middle + np.array([0.02, 0.0, 0.0]))),
+        "wall": scene_of(wall=wall),
+        "table edge": scene_of(edge=edge),
+        "gap narrower than the arm": scene_of(**gap),
     }
 
 
@@ -70,7 +70,7 @@ def test_a_still_arm_gets_out_of_the_way_of_a_sphere(speed: float, way: tuple[fl
     velocity, until = tuple(speed * part for part in way), SOON + 0.8 / speed
     ball = sphere(hand() - 0.4 * np.array(way), velocity=velocity, until=until)
     ball["from"] = SOON
-    state = around(ball=ball)
+    state = scene_of(ball=ball)
     done = act(robot(state), state, [human()[0]] * round((until + 1.0) / DT))
     assert observed(done.q[0], state, SOON + 0.4 / speed).min() < -0.02  # it would go through the hand
     assert done.distance.min() > 0.0035 and done.geoms_apart() > 0.0 and done.self_apart() > 0.0
@@ -91,7 +91,7 @@ def closing(to: float) -> SceneState:
             "until": SOON + (0.3 - to) / 0.1,
             **ZONE,
         }
-    return around(**walls)
+    return scene_of(**walls)
 
 
 @pytest.mark.parametrize("to", [0.16, 0.13])
@@ -123,10 +123,10 @@ def test_squeezed_it_is_calm() -> None:
 
 
 def test_an_obstacle_that_appears_inside_the_arm_is_left_at_a_bounded_speed() -> None:
-    state = around(ball=sphere((0.0, -0.6, 0.2)))
+    state = scene_of(ball=sphere((0.0, -0.6, 0.2)))
     follower = robot(state)
     follower.start(human()[0])
-    follower.arrive(human()[0], DT)
+    follower.settle(human()[0], DT)
     q, near = [follower.step(human()[0], DT).q], []
     depth_before = -np.inf
     for tick in range(400):
@@ -147,7 +147,7 @@ def test_an_obstacle_that_appears_inside_the_arm_is_left_at_a_bounded_speed() ->
 def test_among_random_obstacles_nothing_breaks() -> None:
     """100 scenes of four spheres, still, moving or already inside the robot; seed 0."""
     rng = np.random.default_rng(0)
-    state = around(**{f"o{k}": sphere((0.0, 2.0, k), radius=0.02 + 0.02 * k) for k in range(4)})
+    state = scene_of(**{f"o{k}": sphere((0.0, 2.0, k), radius=0.02 + 0.02 * k) for k in range(4)})
     follower = robot(state)
     for scene in range(100):
         follower.start(human()[0])

@@ -217,28 +217,29 @@ def test_unknown_name_is_refused() -> None:
 
 @pytest.mark.parametrize(
     ("settings", "part"),
-    [({"settle": 0.0}, "settle"), ({"settle": 2.0}, "settle"), ({"reserve": -0.1}, "reserve"), ({"share": 1}, "share")],
+    [
+        ({"settle": 0.0}, "settle"),
+        ({"settle": 2.0}, "settle"),
+        ({"speed_margin": -0.1}, "speed_margin"),
+        ({"share": 1}, "share"),
+    ],
 )
-def test_what_cannot_uphold_is_refused(settings: dict[str, float], part: Facts) -> None:
+def test_bad_deflection_compensation_is_refused(settings: dict[str, float], part: Facts) -> None:
     levels = [{"name": "b", "tasks": [{"type": "posture", "towards": "stand"}]}]
-    sound = {"name": "t", "description": "t", "levels": levels}
-    assert Priorities.model_validate(sound).deflection_compensation is None
-    deflection_compensation = Priorities.model_validate({**sound, "uphold": {}}).deflection_compensation
-    assert (
-        deflection_compensation is not None
-        and deflection_compensation.settle > 0.0
-        and deflection_compensation.speed_margin > 0.0
-    )
+    valid = {"name": "t", "description": "t", "levels": levels}
+    assert Priorities.model_validate(valid).deflection_compensation is None
+    usual = Priorities.model_validate({**valid, "deflection_compensation": {}}).deflection_compensation
+    assert usual is not None and usual.settle > 0.0 and usual.speed_margin > 0.0
     with refuses(ValueError, part):
-        Priorities.model_validate({**sound, "uphold": settings})
+        Priorities.model_validate({**valid, "deflection_compensation": settings})
 
 
-def test_only_steady_upholds_and_it_puts_soles_and_balance_before_limbs() -> None:
+def test_only_balanced_compensates_deflection_and_it_puts_soles_and_balance_before_limbs() -> None:
     for name in ("servo", "paper", "human"):
         assert load_priorities(name).deflection_compensation is None
-    steady = load_priorities("balanced")
-    assert steady.deflection_compensation is not None
-    assert [level.name for level in steady.levels][:3] == ["soles", "balance", "self collision"]
+    balanced = load_priorities("balanced")
+    assert balanced.deflection_compensation is not None
+    assert [level.name for level in balanced.levels][:3] == ["soles", "balance", "self collision"]
 
 
 @pytest.mark.parametrize("name", ["human", "paper"])
@@ -255,7 +256,7 @@ def test_a_robots_file_moves_no_human() -> None:
 @pytest.mark.parametrize(
     ("robot", "priorities", "message"),
     [
-        ("human", "servo", r"servo\.yaml.*nothing that a performer wears"),
+        ("human", "servo", r"servo\.yaml.*names no sensor of a performer"),
         ("op3", "human", r"human\.yaml: .*l_wrist, r_wrist.*leave --priorities out"),
     ],
 )

@@ -163,7 +163,7 @@ WRONG = {
         ("follow: 1.0", "follow: 1.5"),
         "safety.speed_caps.follow: wrong value; found 1.5; allowed: less than or equal to 1",
     ),
-    "no body": (("body: body.xml", "body: nobody.xml"), "body: the body cannot be used"),
+    "no body": (("body: body.xml", "body: missing.xml"), "body: the body cannot be used"),
     "body is no body": (("body: body.xml", "body: robot.yaml"), "body: the body cannot be used"),
     "body path with a zero byte": (("body: body.xml", 'body: "a\\0b"'), "body: the body cannot be used"),
 }
@@ -193,7 +193,7 @@ def test_all_errors_of_a_file_at_once(changed: Change) -> None:
         assert part in text, text
 
 
-def test_one_fault_is_told_once(changed: Change) -> None:
+def test_one_fault_is_reported_once(changed: Change) -> None:
     assert "problems" not in changed(("max_velocity: 4.5", "max_velocity: .nan"))
     assert "problems" not in changed(("limits: [-1.745329, 2.094395]", "limits: [2.094395, -1.745329]"))
     assert "problems" not in changed(("name: op3", "name: &n op3"))
@@ -320,7 +320,7 @@ PROFILE_SERVOS_WRONG = {
     "delay": (((POWER, "return_delay_us: 3"),), "main.return_delay_us: wrong value; found 3; allowed: a multiple of 2"),
     "power elsewhere": ((("id: 200, reg", "id: 201, reg"),), "power.id: the power switch is not on its bus; found 201"),
     "power of a servo": ((("id: 200, reg", "id: 20, reg"),), "power.id: a servo cannot switch the servos' power"),
-    "coupling of nobody": (
+    "coupling of unknown servos": (
         (coupled("[[1, 0], [0, 1]]", "[head_pan, head_tild]"),),
         "couplings[0].joints[1]: unknown joint; found 'head_tild'",
     ),
@@ -336,7 +336,7 @@ PROFILE_SERVOS_WRONG = {
 
 
 @pytest.mark.parametrize("case", list(PROFILE_SERVOS_WRONG))
-def test_every_wrong_entry_is_told_with_its_place(case: str, tmp_path: Path, root: Path) -> None:
+def test_every_wrong_entry_is_reported_with_its_place(case: str, tmp_path: Path, root: Path) -> None:
     replacements, text = PROFILE_SERVOS_WRONG[case]
     with pytest.raises(ConfigError) as refusal:
         load(tmp_path, root, *replacements)

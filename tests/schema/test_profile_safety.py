@@ -49,7 +49,7 @@ def test_every_key_arrives_at_the_guard() -> None:
     assert same == {"max_age", "max_temperature", "voltage", "following_error"}
 
 
-def test_everything_is_told_in_words() -> None:
+def test_everything_is_said_in_words() -> None:
     facts = safety_facts(safety(**ALL))
     assert facts["slows"] == "to 40% at 58 degrees Celsius, 1.5 A for 0.7 s"
     assert facts["warns"] == "outside 11 to 14 V, 0.15 rad from the goal for 0.3 s, silent for 0.05 s"
@@ -60,7 +60,7 @@ def test_everything_is_told_in_words() -> None:
 
 
 @pytest.mark.parametrize(
-    ("line", "told"),
+    ("line", "fault"),
     [
         ("temperature_warn_c: 65", "temperature_warn_c: must be below temperature_c; found 65 degrees Celsius"),
         ("freshness_warn: 0.1", "freshness_warn: must be below freshness"),
@@ -75,7 +75,7 @@ def test_everything_is_told_in_words() -> None:
         ("temperature_warn: 60", "temperature_warn: unknown key"),
     ],
 )
-def test_a_warning_after_the_stop_is_refused(line: str, told: str, tmp_path: Path) -> None:
+def test_a_warning_after_the_stop_is_refused(line: str, fault: str, tmp_path: Path) -> None:
     shipped = load_profile("op3").path
     key = line.split(":")[0]
     kept = [row for row in shipped.read_text().splitlines() if not row.startswith(f"  {key}:")]
@@ -85,5 +85,5 @@ def test_a_warning_after_the_stop_is_refused(line: str, told: str, tmp_path: Pat
     for other in shipped.parent.iterdir():
         if other != shipped:
             (tmp_path / other.name).symlink_to(other)
-    with refuses(ConfigError, f"safety.{told}"):
+    with refuses(ConfigError, f"safety.{fault}"):
         load_profile(copy)

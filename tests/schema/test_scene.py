@@ -67,7 +67,7 @@ def test_shipped_scenes_bear_their_names() -> None:
     assert all(load_scene(entry.path).name == entry.name for entry in shipped)
 
 
-def test_unknown_names_are_told_the_nearest() -> None:
+def test_unknown_names_are_refused_with_the_nearest() -> None:
     with refuses(UsageError, found="'tabel'", allowed="crossing_ball", next_step="table"):
         load_scene("tabel")
 
@@ -171,10 +171,10 @@ def test_the_examples_of_the_page_are_good(tmp_path: Path, root: Path) -> None:
 def test_all_errors_at_once(tmp_path: Path) -> None:
     text = GOOD.replace("radius: 0.02", "radius: 0").replace("from: 1, until: 2", "from: 2, until: 1")
     text = text.replace("[0, 0, 1]}}, angular", "[0, 0, 0]}}, angular").replace("frame: world", "frame: moon")
-    told = message(text, tmp_path)
-    shows(told, 4)
+    said = message(text, tmp_path)
+    shows(said, 4)
     for place in ("top.frame", "post.shape.cylinder.radius", "ball.until", "rope.shape.segment.to"):
-        assert place in told
+        assert place in said
 
 
 def test_a_sphere_needs_its_radius_only(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from type_words import models_in, words
 
 
 @pytest.mark.parametrize(
-    ("hint", "told"),
+    ("hint", "text"),
     [
         (Name, "name"),
         (Text, "text"),
@@ -44,8 +44,8 @@ from type_words import models_in, words
         (Annotated[tuple[Frame, ...], Field(max_length=4)], "list of [Frame](#frame)"),
     ],
 )
-def test_a_type_in_words(hint: Any, told: str) -> None:
-    assert words(hint) == told
+def test_a_type_in_words(hint: Any, text: str) -> None:
+    assert words(hint) == text
 
 
 def test_models_are_found_at_any_depth() -> None:

@@ -74,7 +74,7 @@ def test_before_torque_a_hand_holds_it() -> None:
     rig.clock.advance(5.0)
     assert rig.bus.read().position.tolist() == rig.start.tolist()
     assert not rig.bus.witness.fallen and rig.bus.witness.log.rows == 0
-    assert rig.bus.simulation.held and rig.bus.read().soles is None, "in a hand nothing is told of soles"
+    assert rig.bus.simulation.held and rig.bus.read().soles is None, "no state of soles while a hand holds the robot"
 
 
 def test_the_hand_lets_go_without_a_jolt() -> None:
@@ -94,7 +94,7 @@ def test_without_torque_it_falls_and_that_counts() -> None:
     rig.bus.torque(False)
     rig.run(2.0)
     fall = rig.bus.witness.fall
-    assert fall is not None and not fall.powered and not rig.bus.witness.parked
+    assert fall is not None and not fall.powered and not rig.bus.witness.at_rest
 
 
 def test_closing_watches_what_becomes_of_it() -> None:
@@ -107,14 +107,14 @@ def test_closing_watches_what_becomes_of_it() -> None:
     assert (before, rig.bus.witness.fallen) == (False, True)
 
 
-def test_a_robot_that_is_parked_may_lose_its_torque() -> None:
+def test_a_robot_at_rest_may_lose_its_torque() -> None:
     rest = ticks(op3().profile.postures.rest)
     rig = PhysicsRig(start=rest)
     rig.arm()
     rig.run(1.0, rest)
     rig.bus.close()
     witness = rig.bus.witness
-    assert witness.parked and not witness.fallen
+    assert witness.at_rest and not witness.fallen
 
 
 def test_the_guard_leads_it_from_arming_to_release() -> None:

@@ -168,7 +168,7 @@ def test_closing_switches_torque_off_and_closed_is_closed() -> None:
         bus.read()
 
 
-def test_torque_that_a_servo_does_not_hear_is_named_and_the_others_are_off() -> None:
+def test_a_servo_without_answer_to_torque_is_named_and_the_others_are_off() -> None:
     bus, clock = opened(MockFault(FaultKind.MISSING, first=1, cycles=9, servo=1))
     bus.read()
     bus.torque(True)

@@ -27,7 +27,7 @@ FAR = [
     (0.0, 0.0, -2.0),
 ]
 NEAR = [(0.45, 0.0, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, 0.6), (0.3, 0.3, 0.3)]
-"""m. Just out of reach is the harder case: limbs are stretched, and hardly anything tells it from in reach."""
+"""m. Just out of reach is the harder case: limbs are stretched, and it hardly differs from in reach."""
 BEGIN, RISE, COUNT, RATE = 30, 60, 240, 120.0
 
 
@@ -43,7 +43,7 @@ def asked_away(priorities: str, away: tuple[float, float, float], *, jump: bool)
     return reconstruct(synthetic_performer().resample(np.arange(COUNT) / RATE), priorities, change=change)
 
 
-@pytest.mark.parametrize("leap", [False, True], ids=["ramp", "leap"])
+@pytest.mark.parametrize("jump", [False, True], ids=["ramp", "jump"])
 @pytest.mark.parametrize("priorities", ["human", "paper"])
 @pytest.mark.parametrize("away", FAR + NEAR, ids=str)
 def test_ankles_and_balance_stay_and_the_body_comes_to_rest(

@@ -78,8 +78,8 @@ def test_every_shipped_robot_follows_it_within_all_limits(robot: str, tmp_path: 
 
 def test_inspect_says_what_is_in_it(capsys: pytest.CaptureFixture[str]) -> None:
     assert command("inspect", SAMPLE, "--json") == DONE
-    told = json.loads(capsys.readouterr().out)
-    assert told["source"] == SAMPLE and told["frames"] == round(DURATION_S * RATE_HZ) and told["jumps"] == []
+    report = json.loads(capsys.readouterr().out)
+    assert report["source"] == SAMPLE and report["frames"] == round(DURATION_S * RATE_HZ) and report["jumps"] == []
 
 
 def test_the_bare_word_is_the_sample_and_everything_else_a_file(
@@ -102,7 +102,7 @@ def test_unit_and_rate_reach_its_reader(sample: SensorFrames) -> None:
     assert open_source(SAMPLE, unit="mm").position == pytest.approx(0.1 * sample.position)
 
 
-def test_who_gives_no_source_that_is_there_is_told_of_it(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_missing_source_is_refused_with_a_hint_at_the_sample(capsys: pytest.CaptureFixture[str]) -> None:
     assert command("run", "--robot", "op3", "--source", "smaple") == REFUSED
     assert "sample" in capsys.readouterr().err
     assert command("inspect", "vmc://:39539") == REFUSED

@@ -1,4 +1,4 @@
-"""A warm servo in a whole run: half of the speed in time, by the goals that went onto the bus, and a person is told."""
+"""A warm servo in a whole run: half of the speed in time, by the goals that went onto the bus, and a message."""
 
 import numpy as np
 import pytest
@@ -24,18 +24,20 @@ TICK = 1.534e-3
 
 
 def run(*faults: MockFault) -> tuple[RunResult, FloatArray, list[str]]:
-    """The run, its goals (T, n) rad, and what was told."""
-    told: list[str] = []
+    """Return the run, its goals (T, n) rad, and its messages."""
+    messages: list[str] = []
 
     def make_bus(robot: RobotBody, clock: Clock) -> MockBus:
         stand = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
         return MockBus(robot.joint_map.servos, clock, start=robot.joint_map.to_ticks(stand), faults=faults)
 
     options = RunOptions(robot="op3", playback=Playback(speed=2.0, end=14.0))
-    with prepare(synthetic_performer, options, clock=VirtualClock(), make_bus=make_bus, notify=told.append) as ready:
+    with prepare(
+        synthetic_performer, options, clock=VirtualClock(), make_bus=make_bus, notify=messages.append
+    ) as ready:
         result = ready.run()
     assert result.robot is not None and result.record.robot is not None
-    return result, result.robot.joint_map.to_radians(result.record.robot.goal_ticks), told
+    return result, result.robot.joint_map.to_radians(result.record.robot.goal_ticks), messages
 
 
 @pytest.fixture(scope="module")
@@ -58,21 +60,23 @@ def test_goals_are_half_as_fast_within_the_limit(warm: tuple[RunResult, FloatArr
     assert result.record.robot is not None and not result.record.robot.gated[following.argmax() + 1 :].any()
 
 
-def test_it_is_told_once_that_it_began_and_once_that_it_ended(warm: tuple[RunResult, FloatArray, list[str]]) -> None:
-    _, _, told = warm
-    assert len(told) == 2
-    shows(told[0], 60, "l_sho_roll", 4, 61, "50%")
-    assert told[1].startswith("over: servo is hotter than 60 degrees Celsius: l_sho_roll (id 4)")
+def test_its_begin_and_its_end_are_reported_once(
+    warm: tuple[RunResult, FloatArray, list[str]],
+) -> None:
+    _, _, messages = warm
+    assert len(messages) == 2
+    shows(messages[0], 60, "l_sho_roll", 4, 61, "50%")
+    assert messages[1].startswith("over: servo is hotter than 60 degrees Celsius: l_sho_roll (id 4)")
 
 
 def test_a_hot_servo_stops_the_robot_all_the_same() -> None:
-    result, _, told = run(
+    result, _, messages = run(
         MockFault(FaultKind.HOT, FIRST, 60, servo=3, value=61.0),
         MockFault(FaultKind.HOT, FIRST + 60, 999, 3, value=66.0),
     )
     assert result.stop is not None
     shows(result.stop.reason, 65)
-    assert told[0].startswith("warning: ")
+    assert messages[0].startswith("warning: ")
     assert len(result.record.phase) < FIRST + 60 + 125
 
 

@@ -82,7 +82,7 @@ def test_columns_that_cannot_move_and_columns_that_follow() -> None:
         still = np.arange(problem.nv) % 7 == seed % 7
         lo, hi = np.where(still, inside, problem.lo), np.where(still, inside, problem.hi)
         alone = np.zeros((1, problem.nv))
-        alone[0, (seed + 1) % problem.nv] = 1.0  # one column is told by a row of its own
+        alone[0, (seed + 1) % problem.nv] = 1.0  # one column is fixed by a row of its own
         soles = replace(soles, C=np.vstack([soles.C, alone]), e=np.append(soles.e, alone @ inside))
         lo, hi = np.minimum(lo, inside - ~still * 1e-3), np.maximum(hi, inside + ~still * 1e-3)
         return replace(problem, lo=lo, hi=hi, levels=(problem.levels[0], soles, *problem.levels[2:]))

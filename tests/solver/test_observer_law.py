@@ -70,7 +70,7 @@ def test_an_approaching_obstacle_pushes_a_still_part_by_what_is_not_left_of_its_
 
 @pytest.mark.parametrize("n_ik", [1, 2, 5, 10])
 def test_an_obstacle_comes_nearer_iteration_by_iteration(n_ik: int) -> None:
-    """Nobody stops early while it does."""
+    """No iteration ends early while it does."""
     made = rig(POINT, [ball(1)], [ball(at=(0.16, 0.0, 0.0))])
     solver = made.solver([[Task.preventive()], [Task.position(1)]], n_ik=n_ik, early_stop=True)
     made.velocity[:] = (-1.0, 0.0, 0.0)
@@ -143,8 +143,8 @@ def test_the_closest_is_the_closest_of_those_that_approach() -> None:
 def test_a_lower_rank_yields_where_both_cannot_be() -> None:
     """An obstacle comes between two observers of one part on one rail: it is to go both ways, the closest decides."""
     rail = '<mujoco><worldbody><body><joint type="slide" axis="0 1 0"/><geom size=".1"/></body></worldbody></mujoco>'
-    worn = [ball(1, at=(0.0, 0.095, 0.0)), ball(1, at=(0.0, -0.1, 0.0))]
-    made = rig(rail, worn, [ball(at=(-0.08, 0.0, 0.0))])
+    shapes = [ball(1, at=(0.0, 0.095, 0.0)), ball(1, at=(0.0, -0.1, 0.0))]
+    made = rig(rail, shapes, [ball(at=(-0.08, 0.0, 0.0))])
     made.velocity[:] = AWAY
     solver = made.solver([[Task.preventive(group=1)], [Task.preventive(group=1)]], activation="ranked")
     near = made.near(np.zeros(1))

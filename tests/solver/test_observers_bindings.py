@@ -1,4 +1,4 @@
-"""What the compiled observers refuse, and what they tell; determinism."""
+"""What the compiled observers refuse and return; determinism."""
 
 from collections.abc import Callable
 from typing import Any
@@ -22,7 +22,7 @@ def carts(**instead: Any) -> _solver.Observers:
 
 
 @pytest.mark.parametrize(
-    ("instead", "told"),
+    ("instead", "part"),
     [
         ({"kinds": np.array([0])}, "kinds"),
         ({"kinds": np.array([0, 0, 0])}, "kinds"),
@@ -64,12 +64,12 @@ def carts(**instead: Any) -> _solver.Observers:
     ],
     ids=lambda value: "-".join(value) if isinstance(value, dict) else None,
 )
-def test_bad_observers_are_refused(instead: dict[str, Any], told: Facts) -> None:
-    with refuses(ValueError, told):
+def test_bad_observers_are_refused(instead: dict[str, Any], part: Facts) -> None:
+    with refuses(ValueError, part):
         carts(**instead)
 
 
-def test_they_tell_how_many_they_are() -> None:
+def test_they_say_how_many_they_are() -> None:
     made = carts()
     assert (made.count, made.obstacles) == (2, 1)
 
@@ -79,8 +79,8 @@ def test_bad_tasks_are_refused(task: Callable[..., Task]) -> None:
     for speed in (0.0, -1.0, NAN, np.inf):
         with refuses(ValueError, "m/s"):
             task(speed=speed)
-    with refuses(ValueError, '"nobody"'):
-        task(against="nobody")
+    with refuses(ValueError, '"unknown"'):
+        task(against="unknown")
     with refuses(ValueError):
         task(of=[2**40])
     with pytest.raises(OverflowError):
@@ -112,7 +112,7 @@ def test_a_solver_without_observers_has_no_obstacles() -> None:
 
 
 @pytest.mark.parametrize(
-    ("instead", "told"),
+    ("instead", "part"),
     [
         ({"position": np.zeros((2, 3))}, "position"),
         ({"position": np.full((1, 3), NAN)}, "position"),
@@ -126,11 +126,11 @@ def test_a_solver_without_observers_has_no_obstacles() -> None:
     ],
     ids=str,
 )
-def test_bad_obstacle_poses_are_refused_and_change_nothing(instead: dict[str, Any], told: Facts) -> None:
+def test_bad_obstacle_poses_are_refused_and_change_nothing(instead: dict[str, Any], part: Facts) -> None:
     solver = with_observers([[Task.preventive()], [Task.position(1)]])
     good = {"position": np.array([[0.11, 0.0, 0.0]]), "quat": np.array([[1.0, 0.0, 0.0, 0.0]])}
     solver.set_obstacles(**good)
-    with refuses(ValueError, told):
+    with refuses(ValueError, part):
         solver.set_obstacles(**(good | instead))
     assert solver.frame(aim(solver, l1_0=(0.03, 0.0, 0.0)), DT)[0] == pytest.approx(0.003, abs=1e-12)
 
@@ -142,7 +142,7 @@ def test_obstacles_that_were_not_placed_or_are_absent_are_not_there() -> None:
         *(made.body, [[Task.preventive()], [Task.position(1)]]),
         lower=np.full(3, -np.inf), upper=np.full(3, np.inf), max_velocity=np.full(3, 100.0),
         max_acceleration=np.full(3, np.inf), locked=np.zeros(3, dtype=bool), n_ik=1, damping=0.0,
-        observers=binding(made.body, made.worn, (), made.obstacles),
+        observers=binding(made.body, made.shapes, (), made.obstacles),
     )  # fmt: skip
     targets = aim(solver, l1_0=(0.03, 0.0, 0.0))
     assert solver.frame(targets, DT)[0] == pytest.approx(0.003, abs=1e-12)
@@ -154,7 +154,7 @@ def test_obstacles_that_were_not_placed_or_are_absent_are_not_there() -> None:
 
 @pytest.mark.parametrize("appears", [False, True], ids=["moved", "present again"])
 def test_an_obstacle_that_is_put_elsewhere_is_seen(appears: bool) -> None:
-    """Though its pair was so far apart that nobody needed to look at it."""
+    """Though its pair was so far apart that it was not looked at."""
     made = rig(POINT, [ball(1)], [ball(at=(0.08 if appears else 5.0, 0.0, 0.0))])
     levels = [[Task.reactive(speed=0.1)], [Task.preventive()], [Task.position(1)]]
     solver = made.solver(levels, activation="all", n_ik=3, speed=1.0, acceleration=100.0)
@@ -193,13 +193,13 @@ def test_the_same_bits_every_time() -> None:
 
 
 def test_obstacles_go_on_at_their_velocities() -> None:
-    """Told once or told every frame is the same."""
+    """Set once or set every frame is the same."""
     runs = []
-    for told in (False, True):
+    for every_frame in (False, True):
         made, solver, targets = among_obstacles()
         q = []
         for row in targets:
-            if told:
+            if every_frame:
                 made.show(solver)
             q.append(solver.frame(row, DT))
             made.at += DT * made.velocity

@@ -170,8 +170,8 @@ def test_both_sides_of_a_pair_move() -> None:
 
 def test_tasks_look_only_at_what_they_name() -> None:
     """`against` and `of`: the other side is free."""
-    worn, obstacles = [ball(1), ball(2, at=(0.11, 0.0, 0.0))], [ball(at=(-0.11, 0.0, 0.0))]
-    made = rig(CARTS, worn, obstacles, [(0, 1)])
+    shapes, obstacles = [ball(1), ball(2, at=(0.11, 0.0, 0.0))], [ball(at=(-0.11, 0.0, 0.0))]
+    made = rig(CARTS, shapes, obstacles, [(0, 1)])
     goals = [Task.position(1), Task.position(2)]
     for task, away, held in (
         (Task.preventive(against="self"), 0.02, True),

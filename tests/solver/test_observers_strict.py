@@ -107,7 +107,7 @@ def test_out_of_contact_comes_before_keeping_off_and_that_before_goals() -> None
 
 
 @pytest.mark.parametrize("activation", ["closest", "ranked", "all"])
-def test_errors_of_observers_are_told(activation: str) -> None:
+def test_errors_of_observers_are_returned(activation: str) -> None:
     """By how much contact is not yet left, and that what is off has no error."""
     made = rig(POINT, [ball(1)], [ball(at=(0.08, 0.0, 0.0))])
     levels = [[Task.position(1)], [Task.reactive(speed=0.1)], [Task.preventive()]]

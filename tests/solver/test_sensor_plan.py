@@ -1,4 +1,4 @@
-"""Sensors out of frames, and poses that are told in parts."""
+"""Sensors out of frames, and poses that are sent in parts."""
 
 import numpy as np
 

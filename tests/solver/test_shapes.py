@@ -65,7 +65,7 @@ def test_points_lie_on_the_solids_and_the_normal_keeps_them_apart(kinds: tuple[i
         )
     assert depth(a, point_a).max() < on_surface
     assert depth(b, point_b).max() < on_surface
-    # A difference of points that are 1e-10 apart tells its direction to 1e-6.
+    # A difference of points that are 1e-10 apart gives its direction to 1e-6.
     along = -support(a, -normal) - support(b, normal)
     assert np.all(np.abs(along - distance) < EXACT + 1e-16 / np.maximum(np.abs(distance), 1e-10))
 

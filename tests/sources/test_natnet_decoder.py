@@ -24,7 +24,7 @@ from natnet_packets import (
 from people import at_rest
 from retarget.errors import UsageError
 from retarget.human.calibration import dimensions_from_skeleton
-from retarget.live.rest_capture import told_skeleton
+from retarget.live.rest_capture import skeleton_of
 from retarget.model.human_dimensions import proportional_dimensions
 from retarget.rotations import angle_between, multiply, normalise, rotate
 from retarget.sources.natnet_decoder import (
@@ -415,7 +415,7 @@ def defined(owner: str, body: list[Body], *, version: Version = V41, up: str = "
 def test_limbs_have_the_lengths_of_the_definitions(up: str, version: Version, prefix: str) -> None:
     names = {joint: prefix + bone for joint, bone in BONE_NAMES.items()}
     decoder = defined("Al", bones(names, up=up, parents=PARENTS), version=version, up=up)
-    skeleton = told_skeleton(decoder, ["rigid://hat", "bone://Al/Head", "bone://Al/LHand"])
+    skeleton = skeleton_of(decoder, ["rigid://hat", "bone://Al/Head", "bone://Al/LHand"])
     assert skeleton is not None
     size = dimensions_from_skeleton(skeleton)
     for limb in LIMBS:
@@ -428,7 +428,7 @@ def test_other_names_of_bones() -> None:
         f"{s}_{part}": word + bone for part, bone in HUMAN_IK.items() for s, word in (("l", "Left"), ("r", "Right"))
     }
     names = {"pelvis": "Hips", "neck": "Neck", "head": "Head"} | sided
-    skeleton = told_skeleton(defined("Al", bones(names, parents=PARENTS)), ["bone://Al/Head"])
+    skeleton = skeleton_of(defined("Al", bones(names, parents=PARENTS)), ["bone://Al/Head"])
     assert skeleton is not None and skeleton.distance("l_knee", "l_ankle") == pytest.approx(PERSON.length("l_ankle"))
 
 
@@ -436,7 +436,7 @@ def test_other_names_of_bones() -> None:
     "names", [[], ["rigid://head"], ["bone://Bo/Head"], ["bone://Al/Head", "bone://Bo/Head"], ["bone://"]]
 )
 def test_without_its_bones_among_the_names_there_is_no_skeleton(names: list[str]) -> None:
-    assert told_skeleton(defined("Al", bones(BONE_NAMES)), names) is None
+    assert skeleton_of(defined("Al", bones(BONE_NAMES)), names) is None
 
 
 def _circle(body: list[Body]) -> list[Body]:
@@ -446,12 +446,10 @@ def _circle(body: list[Body]) -> list[Body]:
 
 
 def test_what_is_no_human_is_no_skeleton_and_no_error() -> None:
-    assert told_skeleton(defined("Al", bones(BONE_NAMES)[:4]), ["bone://Al/Head"]) is None
-    odd = told_skeleton(defined("Al", _circle(bones(BONE_NAMES, parents=PARENTS))), ["bone://Al/Head"])
+    assert skeleton_of(defined("Al", bones(BONE_NAMES)[:4]), ["bone://Al/Head"]) is None
+    odd = skeleton_of(defined("Al", _circle(bones(BONE_NAMES, parents=PARENTS))), ["bone://Al/Head"])
     assert odd is not None and "l_wrist" not in odd.names and "r_wrist" in odd.names
-    assert (
-        told_skeleton(defined("Al", [Body(bone.name, 1, 1) for bone in bones(BONE_NAMES)]), ["bone://Al/Head"]) is None
-    )
+    assert skeleton_of(defined("Al", [Body(bone.name, 1, 1) for bone in bones(BONE_NAMES)]), ["bone://Al/Head"]) is None
 
 
 def test_it_faces_x() -> None:

@@ -1,4 +1,4 @@
-"""A DynamixelBus above emulated servos on virtual time, and what it costs and says."""
+"""A DynamixelBus above emulated servos on virtual time, with the time that it takes and its notes."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -26,7 +26,7 @@ CYCLE = 0.008
 
 
 class Cycle(NamedTuple):
-    """What one read said, and how long it took, s."""
+    """The states of one read, and how long it took, s."""
 
     states: ServoStates
     took: float
@@ -50,7 +50,7 @@ def bus_of(servos: Sequence[ServoSpec], *, name: str = "main", protocol: int = 2
 
 
 class Tapped(EmulatedPort):
-    """An emulated port that keeps what was sent; `latency_command`: what would mend its adapter."""
+    """An emulated port that keeps what was sent; `latency_command`: the command that would fix its adapter."""
 
     latency_command = "echo 1 | sudo tee latency_timer"
 
@@ -131,11 +131,11 @@ class BusRig:
         return found
 
     def fault(self, fault: Fault) -> None:
-        """From now on."""
+        """Begin a fault now."""
         self.line.faults.add(fault, self.clock.now())
 
-    def mend(self) -> None:
-        """No fault from now on."""
+    def clear_faults(self) -> None:
+        """End all faults now."""
         self.line.faults.clear(self.clock.now())
 
     def shafts(self) -> TickArray:
@@ -160,7 +160,7 @@ class BusRig:
         return Cycle(states, self.clock.now() - begun)
 
     def tick(self, goals: Sequence[int] | TickArray | None = None) -> Cycle:
-        """One cycle of the robot: read, write (None: where the servos were said to be), and wait for the next."""
+        """One cycle of the robot: read, write (None: the reported positions), and wait for the next."""
         begun = self.clock.now()
         cycle = self.read()
         self.bus.write(ServoGoals(cycle.states.position if goals is None else np.asarray(goals)))

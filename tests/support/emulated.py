@@ -1,4 +1,4 @@
-"""Emulated servos for tests, and short words for what is done to them."""
+"""Emulated servos for tests; registers are written and read by instructions."""
 
 from hardware.dynamixel.control_table import find_table
 from hardware.dynamixel.packets import Instruction
@@ -19,27 +19,27 @@ def servo1(model: str = "MX-28", *, position: float = 2048.0) -> EmulatedServo1:
     return EmulatedServo1(find_table(model, 1), find_model(model), ServoBuild(position))
 
 
-def told(servo: EmulatedServo, name: str, value: int, now: float = 0.0) -> int:
+def write_register(servo: EmulatedServo, name: str, value: int, now: float = 0.0) -> int:
     """Write a register of a 2.0 servo by an instruction; return the error byte."""
     register = servo.table[name]
     params = register.address.to_bytes(2, "little") + register.encode(value)
     return answered(servo, Instruction.WRITE, params, now).error
 
 
-def shown(servo: EmulatedServo, name: str, now: float = 0.0) -> int:
+def read_register(servo: EmulatedServo, name: str, now: float = 0.0) -> int:
     """Read a register of a 2.0 servo."""
     register = servo.table[name]
     return register.decode(servo.read(register.address, register.size, now).data)
 
 
 def answered(servo: EmulatedServo, instruction: int, params: bytes = b"", now: float = 0.0) -> Answer:
-    """An instruction to a 2.0 servo that must answer."""
+    """Send an instruction to a 2.0 servo, which must answer."""
     answer = servo.execute(instruction, params, now, broadcast=False)
     assert answer is not None
     return answer
 
 
-def told1(servo: EmulatedServo1, name: str, value: int, now: float = 0.0) -> int:
+def write_register1(servo: EmulatedServo1, name: str, value: int, now: float = 0.0) -> int:
     """Write a register of a 1.0 servo by an instruction; return the error byte."""
     register = servo.table[name]
     params = bytes((register.address,)) + register.encode(value)
@@ -48,7 +48,7 @@ def told1(servo: EmulatedServo1, name: str, value: int, now: float = 0.0) -> int
     return answer.error
 
 
-def shown1(servo: EmulatedServo1, name: str, now: float = 0.0) -> int:
+def read_register1(servo: EmulatedServo1, name: str, now: float = 0.0) -> int:
     """Read a register of a 1.0 servo."""
     register = servo.table[name]
     return register.decode(servo.read(register.address, register.size, now).data)

@@ -41,9 +41,9 @@ class GatedRobot:
     def __init__(self, state: SceneState | None = None, *, watched: bool = True) -> None:
         self.robot, self.state = op3(), state
         self.observers: Observers = robot_observers(self.robot)
-        self.around = SceneObstacles(state)
-        compiled = self.observers.for_solver(self.robot.body, self.around.shapes)
-        self.clearance = PathClearance(self.robot, compiled, self.around, dt=DT)
+        self.obstacles = SceneObstacles(state)
+        compiled = self.observers.for_solver(self.robot.body, self.obstacles.shapes)
+        self.clearance = PathClearance(self.robot, compiled, self.obstacles, dt=DT)
         self.gate = Gate.for_servos(self.robot.joint_map, dt=DT, path_is_clear=self.clearance if watched else None)
         self.q = plant(self.robot, self.robot.profile.postures.stand).q
         self.gate.seed(self.sent)
@@ -91,17 +91,17 @@ class GatedRobot:
         """What the gate keeps of each pair, m."""
         n, margin = len(self.observers.names), self.observers.margin
         own = margin[self.observers.pairs].max(axis=1)
-        around = self.around.shapes.margin
-        return KEPT_SHARE * np.concatenate([own, np.maximum(np.repeat(around, n), np.tile(margin, len(around)))])
+        scene = self.obstacles.shapes.margin
+        return KEPT_SHARE * np.concatenate([own, np.maximum(np.repeat(scene, n), np.tile(margin, len(scene)))])
 
     def _distances(self, q: FloatArray) -> FloatArray:
-        obs, shapes, now = self.observers, self.around.shapes, self.around.now
+        obs, shapes, now = self.observers, self.obstacles.shapes, self.obstacles.now
         position, quat = placed(self.robot.body, obs, q)
         n, k = len(obs.names), len(shapes.names)
         kinds, sizes = np.concatenate([obs.kinds, shapes.kinds]), np.concatenate([obs.sizes, shapes.sizes])
         if now is not None:
             position, quat = np.concatenate([position, now.position]), np.concatenate([quat, now.quat])
-        around = np.array([(a, n + b) for b in range(k) for a in range(n)], dtype=np.int64).reshape(-1, 2)
-        pairs = np.concatenate([obs.pairs, around])
+        scene_pairs = np.array([(a, n + b) for b in range(k) for a in range(n)], dtype=np.int64).reshape(-1, 2)
+        pairs = np.concatenate([obs.pairs, scene_pairs])
         sides = [np.ascontiguousarray(x[pairs[:, s]]) for s in (0, 1) for x in (kinds, sizes, position, quat)]
         return _solver.shape_distances(*sides)[0]

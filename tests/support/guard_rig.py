@@ -5,7 +5,7 @@ import numpy as np
 from hardware.arrays import FloatArray
 from hardware.bus import ServoGoals, ServoStates
 from hardware.clock import VirtualClock
-from hardware.guard import Guard, Think
+from hardware.guard import FindGoal, Guard
 from hardware.guard_state import GuardLimits, GuardState
 from hardware.joint_map import JointMap
 from retarget.safety.gate import Gate
@@ -48,7 +48,7 @@ class Rig:
     def state(self) -> GuardState:
         return self.guard.state
 
-    def run(self, ticks: int, think: Think | None = None) -> None:
+    def run(self, ticks: int, think: FindGoal | None = None) -> None:
         for _ in range(ticks):
             if self.guard.active:
                 self.clock.advance(DT)

@@ -123,7 +123,7 @@ class Live:
         return self.run.returncode, " ".join([*self.said, *out.decode().split(), *err.decode().split()])
 
     def stick(self) -> None:
-        """From now on the pipes of stdout and stderr are full, and nobody reads them."""
+        """From now on the pipes of stdout and stderr are full and not read."""
         for stream in (self.run.stdout, self.run.stderr):
             assert stream is not None
             fill = os.open(f"/proc/self/fd/{stream.fileno()}", os.O_WRONLY | os.O_NONBLOCK)
@@ -144,7 +144,7 @@ class Live:
         return [float(row[1]) for row in rows if row[0] == "tripped"]
 
     def registers(self, where: tuple[int, int]) -> list[int]:
-        """Of servos 1 to 20, asked one by one; nobody else may have the port."""
+        """Values of a register of servos 1 to 20, read one by one; no other process may have the port."""
         address, size = where
         found = []
         with Serial(str(self.link), BAUD, timeout=2.0) as port:
@@ -157,7 +157,7 @@ class Live:
 
 
 def _goals(sent: Sequence[tuple[float, bytes]]) -> Iterator[tuple[float, dict[int, int]]]:
-    """Times (s) and ticks by id of what all servos are told to go to."""
+    """Times (s) and goal ticks by id, as sent to all servos."""
     parser = parser2()
     for time, data in sent:
         for frame in parser.feed(data):

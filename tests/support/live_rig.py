@@ -1,4 +1,4 @@
-"""A live run of OP3 on virtual time, that hears a sender of JSON poses."""
+"""A live run of OP3 on virtual time, with a sender of JSON poses."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -26,7 +26,7 @@ WHERE = "json://:7000"
 
 
 def live_stream(sender: FakeSender, performer: Performer) -> LiveStream:
-    """A stream that hears the sender."""
+    """A stream from the sender."""
     roles = roles_of(performer, "json", where="test")
     return LiveStream(
         sender,
@@ -41,7 +41,7 @@ def live_stream(sender: FakeSender, performer: Performer) -> LiveStream:
 
 
 class LiveRig:
-    """A live run of OP3 on a mock bus. said: what the performer and the user were told."""
+    """A live run of OP3 on a mock bus. said: messages to the performer and the user."""
 
     def __init__(self, sender: FakeSender, *, robot: str = "op3", options: LiveOptions | None = None) -> None:
         self.sender, self.clock, self.said = sender, VirtualClock(), list[str]()

@@ -28,7 +28,7 @@ class Pose:
 
 @dataclass(frozen=True)
 class Motion:
-    """What a frame is to tell. surplus: bytes of an unknown kind at the end of every block that tells its size."""
+    """The content of a frame. surplus: bytes of an unknown kind at the end of blocks that carry their size."""
 
     number: int = 7
     bodies: Sequence[Pose] = ()
@@ -105,14 +105,14 @@ class Body:
 
 @dataclass(frozen=True)
 class Catalogue:
-    """What the definitions are to tell. surplus: as in `Motion`."""
+    """The content of the definitions. surplus: as in `Motion`."""
 
     bodies: Sequence[Body] = ()
     skeletons: Sequence[tuple[str, int, Sequence[Body]]] = ()
     assets: Sequence[tuple[str, int, Sequence[Body]]] = ()
     surplus: bytes = b""
     crowd: bool = True
-    """Marker sets, a force plate and a device; cameras from 4.0, a kind that nobody knows from 4.1."""
+    """Marker sets, a force plate and a device; cameras from 4.0, an unknown kind from 4.1."""
 
 
 def definitions(catalogue: Catalogue, version: Version) -> bytes:
@@ -131,7 +131,7 @@ def definitions(catalogue: Catalogue, version: Version) -> bytes:
         if version >= (4, 0):
             sets.append((5, b"camera\0" + bytes(28)))
         if version >= (4, 1):
-            sets.append((99, b"nobody knows"))
+            sets.append((99, b"unknown kind"))
     out = pack("<I", len(sets))
     for kind, content in sets:
         if version >= (4, 1):

@@ -76,7 +76,7 @@ def some_frame(random_: random.Random) -> bytes:
         return protocol1.frame(device, code, data)
     if kind == 1:
         return protocol2.fast_status([Status(device, 0, data), Status(3, 0x80, noise(random_))])
-    if kind == 2:  # sound, but nobody stuffed it (dynamixel-sdk)
+    if kind == 2:  # valid, but not stuffed (as dynamixel-sdk sends it)
         out = protocol2.HEADER + bytes((device, len(data) + 3, 0, code)) + data
         return out + protocol2.crc(out).to_bytes(2, "little")
     return protocol2.frame(device, code, data)

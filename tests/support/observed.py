@@ -63,20 +63,20 @@ def wall(**more: Any) -> Shape:
 
 def binding(
     body: _solver.Body,
-    worn: Sequence[Shape],
+    shapes: Sequence[Shape],
     looking: Sequence[tuple[int, int]] = (),
     obstacles: Sequence[Shape] = (),
     **instead: Any,
 ) -> _solver.Observers:
     """The compiled observers; looking: pairs of them. `instead` replaces arguments."""
     arguments: dict[str, Any] = {
-        "links": np.array([shape.link for shape in worn], dtype=np.int64),
-        "kinds": np.array([shape.kind for shape in worn], dtype=np.int64),
-        "sizes": np.array([shape.size for shape in worn]).reshape(-1, 3),
-        "positions": np.array([shape.at for shape in worn]).reshape(-1, 3),
-        "quats": np.array([shape.quat for shape in worn]).reshape(-1, 4),
-        "influence": np.array([shape.influence for shape in worn]),
-        "margin": np.array([shape.margin for shape in worn]),
+        "links": np.array([shape.link for shape in shapes], dtype=np.int64),
+        "kinds": np.array([shape.kind for shape in shapes], dtype=np.int64),
+        "sizes": np.array([shape.size for shape in shapes]).reshape(-1, 3),
+        "positions": np.array([shape.at for shape in shapes]).reshape(-1, 3),
+        "quats": np.array([shape.quat for shape in shapes]).reshape(-1, 4),
+        "influence": np.array([shape.influence for shape in shapes]),
+        "margin": np.array([shape.margin for shape in shapes]),
         "pairs": np.array(looking, dtype=np.int64).reshape(-1, 2),
         "obstacle_kinds": np.array([shape.kind for shape in obstacles], dtype=np.int64),
         "obstacle_sizes": np.array([shape.size for shape in obstacles]).reshape(-1, 3),
@@ -102,7 +102,7 @@ class Rig:
     """A body with observers and obstacles, whose poses and velocities are known here too."""
 
     model: BodyModel
-    worn: Sequence[Shape] = ()
+    shapes: Sequence[Shape] = ()
     obstacles: Sequence[Shape] = ()
     pairs: Sequence[tuple[int, int]] = ()
     at: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
@@ -136,7 +136,7 @@ class Rig:
             "early_stop": False,
         }
         if observed:
-            arguments["observers"] = binding(self.body, self.worn, self.pairs, self.obstacles)
+            arguments["observers"] = binding(self.body, self.shapes, self.pairs, self.obstacles)
         made = _solver.Solver(self.body, [list(level) for level in levels], **(arguments | more))
         made.reset(self.body.rest())
         if observed:
@@ -144,20 +144,20 @@ class Rig:
         return made
 
     def show(self, solver: _solver.Solver) -> None:
-        """Tell a solver where the obstacles are."""
+        """Set where the obstacles of a solver are."""
         solver.set_obstacles(self.at, self.quat, self.velocity)
 
     def near(self, q: FloatArray, *, later: float = 0.0) -> Near:
         """Distances of `pairs`, then of every obstacle to every observer, after obstacles moved on for some s."""
         position, quat = self.body.forward(q)
-        links = [shape.link for shape in self.worn]
-        at = position[links] + rotations.rotate(quat[links], np.array([shape.at for shape in self.worn]))
-        turned = rotations.multiply(quat[links], np.array([shape.quat for shape in self.worn]))
-        own = [(k, at[k], turned[k]) for k in range(len(self.worn))]
+        links = [shape.link for shape in self.shapes]
+        at = position[links] + rotations.rotate(quat[links], np.array([shape.at for shape in self.shapes]))
+        turned = rotations.multiply(quat[links], np.array([shape.quat for shape in self.shapes]))
+        own = [(k, at[k], turned[k]) for k in range(len(self.shapes))]
         sides = [
-            *(((self.worn[a], *own[a][1:]), (self.worn[b], *own[b][1:])) for a, b in self.pairs),
+            *(((self.shapes[a], *own[a][1:]), (self.shapes[b], *own[b][1:])) for a, b in self.pairs),
             *(
-                ((self.worn[k], place, turn), (obstacle, self.at[o] + later * self.velocity[o], self.quat[o]))
+                ((self.shapes[k], place, turn), (obstacle, self.at[o] + later * self.velocity[o], self.quat[o]))
                 for o, obstacle in enumerate(self.obstacles)
                 for k, place, turn in own
             ),
@@ -172,8 +172,8 @@ class Rig:
 
     def rows(self, q: FloatArray, near: Near) -> FloatArray:
         """n . J (m, nv) of observers against obstacles; of `pairs` both sides move."""
-        links = [*((self.worn[a].link, self.worn[b].link) for a, b in self.pairs)]
-        links += [(shape.link, 0) for _ in self.obstacles for shape in self.worn]
+        links = [*((self.shapes[a].link, self.shapes[b].link) for a, b in self.pairs)]
+        links += [(shape.link, 0) for _ in self.obstacles for shape in self.shapes]
         ends = zip(links, near.normal, near.point, near.other_point, strict=True)
         return np.array([n @ (self._jacobian(q, a, p) - self._jacobian(q, b, o)) for (a, b), n, p, o in ends])
 
@@ -194,9 +194,9 @@ def _size(end: tuple[Shape, FloatArray, FloatArray]) -> Vector:
 
 
 def rig(
-    mjcf: str, worn: Sequence[Shape], obstacles: Sequence[Shape] = (), pairs: Sequence[tuple[int, int]] = ()
+    mjcf: str, shapes: Sequence[Shape], obstacles: Sequence[Shape] = (), pairs: Sequence[tuple[int, int]] = ()
 ) -> Rig:
-    return Rig(load_body_text(mjcf, source="tiny body"), worn, obstacles, pairs)
+    return Rig(load_body_text(mjcf, source="tiny body"), shapes, obstacles, pairs)
 
 
 def aim(solver: _solver.Solver, **asked: Any) -> FloatArray:

@@ -88,7 +88,7 @@ class Done:
         return float((np.abs(np.diff(last, axis=0)).sum(axis=0) - np.abs(last[-1] - last[0])).max())
 
 
-def around(**obstacles: Any) -> SceneState:
+def scene_of(**obstacles: Any) -> SceneState:
     return SceneState(Scene.model_validate({"name": "a", "description": "b", "obstacles": obstacles}))
 
 
@@ -117,7 +117,7 @@ def observed(q: FloatArray, state: SceneState, time: float) -> FloatArray:
 def act(follower: Follower, state: SceneState | None, motion: Sequence[HumanPosture]) -> Done:
     """Arrive, then follow; time 0 of the scene is the arrival."""
     follower.start(motion[0])
-    arrived = follower.arrive(motion[0], DT)
+    arrived = follower.settle(motion[0], DT)
     done, near, times = [arrived[-1]], [], [0.0]
     for tick, posture in enumerate(motion):
         done.append(follower.step(posture, DT))

@@ -13,7 +13,7 @@ class Vector(NamedTuple):
 
     printed: bytes
     built: bytes
-    heard: Frame
+    frame: Frame
 
 
 def vector(printed: str, built: bytes, code: int, params: str = "", *, device: int = 1) -> Vector:

@@ -1,4 +1,4 @@
-"""To be described."""
+"""A bus with a servo of many turns."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""A process that records a robot in real time, until somebody kills it: `python recording_process.py FILE SECONDS`."""
+"""A process that records a robot in real time, until it is killed: `python recording_process.py FILE SECONDS`."""
 
 import sys
 from pathlib import Path
@@ -15,7 +15,7 @@ from sim.performer import synthetic_performer
 
 
 def main(path: Path, seconds: float) -> None:
-    """Say when it moves, and in the end what writing cost."""
+    """Print when the robot moves, and at the end what writing cost."""
     clock, options = MonotonicClock(), RunOptions(robot="op3")
     recorder = Recorder(path, options, clock=clock, goes_to_rest=False, notify=say)
 
@@ -38,7 +38,7 @@ def main(path: Path, seconds: float) -> None:
 
 
 def say(text: str) -> None:
-    """To whoever reads the other end."""
+    """Write a line that the other end of the pipe gets at once."""
     sys.stdout.write(f"{text}\n")
     sys.stdout.flush()
 

@@ -25,11 +25,11 @@ SECONDS = 0.4
 
 @dataclass(frozen=True)
 class Recorded:
-    """A run, its recorder and what was told."""
+    """A run, its recorder and the recorder's messages."""
 
     result: RunResult
     recorder: Recorder
-    told: list[str]
+    notes: list[str]
     path: Path
 
     def played(self) -> Played:
@@ -55,8 +55,8 @@ def record(
     samples: Callable[[Samples], Samples] = lambda samples: samples,
 ) -> Recorded:
     """Run a synthetic performer, and record it; without a path only run."""
-    chosen, clock, told = options or RunOptions(robot="op3"), VirtualClock(), list[str]()
-    recorder = Recorder(path, chosen, clock=clock, goes_to_rest=False, notify=told.append)
+    chosen, clock, notes = options or RunOptions(robot="op3"), VirtualClock(), list[str]()
+    recorder = Recorder(path, chosen, clock=clock, goes_to_rest=False, notify=notes.append)
 
     def make(robot: RobotBody, clock: Clock) -> ServoBus:
         return mock_bus(robot, clock, faults=faults)
@@ -65,7 +65,7 @@ def record(
         prepared = replace(loaded, samples=samples(loaded.samples))
         with recorder.recording(prepared, source="synthetic") as recorded:
             result = recorded.run(recorder.watch(watch(prepared), prepared))
-    return Recorded(result, recorder, told, path or Path())
+    return Recorded(result, recorder, notes, path or Path())
 
 
 def messages(path: Path, topic: str) -> list[bytes]:

@@ -68,25 +68,25 @@ class StubFollower:
         self.script = script
         self.tick = 0
         self.reseeded: list[FloatArray] = []
-        self.felt: list[BoolArray | None] = []
-        self.paces: list[float] = []
-        self.landings: list[FloatArray] = []
-        self.parted, self.passed_s = 0, 0.0
+        self.contact_states: list[BoolArray | None] = []
+        self.overrides: list[float] = []
+        self.returns: list[FloatArray] = []
+        self.separated, self.passed_s = 0, 0.0
         self.stance = plant(robot, robot.profile.postures.stand)
 
     def start(self, human: HumanPosture) -> RobotPosture:
         self.tick = 0
         return self._posture(0)
 
-    def arrive(self, human: HumanPosture, dt: float) -> list[RobotPosture]:
+    def settle(self, human: HumanPosture, dt: float) -> list[RobotPosture]:
         return []
 
     def step(self, human: HumanPosture, dt: float) -> RobotPosture:
         self.tick += 1
         return self._posture(self.tick)
 
-    def set_speed_override(self, pace: float) -> None:
-        self.paces.append(pace)
+    def set_speed_override(self, override: float) -> None:
+        self.overrides.append(override)
 
     def halt(self, dt: float) -> FloatArray | None:
         return None
@@ -95,16 +95,16 @@ class StubFollower:
         return None
 
     def begin_return_to_stance(self, q: FloatArray) -> None:
-        self.landings.append(q[self.robot.servo_columns].copy())
+        self.returns.append(q[self.robot.servo_columns].copy())
 
     def separate_limbs(self) -> None:
-        self.parted += 1
+        self.separated += 1
 
     def pass_time(self, dt: float) -> None:
         self.passed_s += dt
 
     def set_contact_state(self, soles: BoolArray | None) -> None:
-        self.felt.append(soles)
+        self.contact_states.append(soles)
 
     def reseed(self, q: FloatArray, velocity: FloatArray) -> None:
         self.reseeded.append(q[self.robot.servo_columns].copy())
@@ -132,7 +132,7 @@ class Rig:
     """OP3 on a mock bus with a scripted follower."""
 
     def __init__(self, script: FloatArray, *, goes_to_rest: bool = False, **bus_options: object) -> None:
-        """parks: a stop leads on to the profile's rest posture."""
+        """goes_to_rest: a stop ends in the profile's rest posture."""
         self.robot = load_robot("op3")
         self.clock = VirtualClock()
         self.dt = 1.0 / self.robot.profile.safety.rate_hz

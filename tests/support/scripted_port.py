@@ -59,7 +59,7 @@ class ScriptedPort:
         pass
 
     def feed(self, data: bytes, after: float = 0.0) -> None:
-        """Bytes that nobody asked for."""
+        """Bytes that arrive without a request."""
         self._coming.append((self.now() + after, data))
         self._coming.sort(key=lambda item: item[0])
 

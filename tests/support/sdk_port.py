@@ -6,8 +6,8 @@ class SdkPort:
 
     is_using = False
 
-    def __init__(self, heard: bytes = b"") -> None:
-        self.heard, self.sent = heard, b""
+    def __init__(self, received: bytes = b"") -> None:
+        self.received, self.sent = received, b""
 
     def clearPort(self) -> None:
         pass
@@ -17,8 +17,8 @@ class SdkPort:
         return len(data)
 
     def readPort(self, size: int) -> list[int]:
-        taken, self.heard = self.heard[:size], self.heard[size:]
+        taken, self.received = self.received[:size], self.received[size:]
         return list(taken)
 
     def isPacketTimeout(self) -> bool:
-        return not self.heard
+        return not self.received

@@ -1,4 +1,4 @@
-"""`retarget servo` as a user meets it: the command line, what is typed, and the emulated servos behind it."""
+"""`retarget servo` as a user runs it: the command line, what is typed, and the emulated servos behind it."""
 
 import io
 from pathlib import Path
@@ -22,7 +22,7 @@ class ServoLab:
         self._make = places.emulated_lines
         self.before: dict[tuple[int, str], int] = {}
         self.models: dict[int, int] = {}
-        """Model numbers by id, where a servo is to be of a model that nobody knows."""
+        """Model numbers by id, where a servo is to be of an unknown model."""
         self.moved: dict[int, int] = {}
         """New ids by id."""
         self.faults: list[Fault] = []
@@ -38,7 +38,7 @@ class ServoLab:
     def _lines(self, body: RobotBody, clock: Clock, faults: Path | None) -> dict[str, Line]:
         self.lines = self._make(body, clock, faults)
         for (device, name), value in self.before.items():
-            self.notify(device, name, value)
+            self.write_register(device, name, value)
         for device, number in self.models.items():
             self.memory(device).put("model_number", number)
         for device, other in self.moved.items():
@@ -48,16 +48,16 @@ class ServoLab:
         line = self.line
         for fault in self.faults:
             line.faults.add(fault, clock.now())
-        hear = line.hear
+        receive = line.receive
 
-        def heard(data: bytes, now: float) -> None:
+        def received(data: bytes, now: float) -> None:
             self.sent.append(data)
             self.bauds.append(line.baud)
-            hear(data, now)
+            receive(data, now)
             if len(data) > 7 and data[7] in self.upon:
                 line.faults.add(self.upon.pop(data[7]), now)
 
-        self._patch.setattr(line, "hear", heard)
+        self._patch.setattr(line, "receive", received)
         return self.lines
 
     @property
@@ -71,8 +71,8 @@ class ServoLab:
         memory: Memory = servo.memory  # type: ignore[attr-defined]
         return memory
 
-    def notify(self, device: int, name: str, value: int) -> None:
-        """Write a register as an instruction would."""
+    def write_register(self, device: int, name: str, value: int) -> None:
+        """Write a register, as an instruction would."""
         servo = next(one for one in self.line.devices if one.id == device)
         register = self.memory(device).table[name]
         servo.write(register.address, register.encode(value), 0.0)

@@ -1,4 +1,4 @@
-"""`python stamped_run.py WORDS`: the command line, which tells at its end when the emulated servos heard of a stop.
+"""`python stamped_run.py WORDS`: the command line, which prints at its end when a stop reached the emulated servos.
 
 Time is unix time, as a browser has it, when the first goal after the guard's stop had been written.
 """
@@ -12,7 +12,7 @@ from hardware.dynamixel.bus import DynamixelBus
 from hardware.guard import Guard
 from retarget.cli import main
 
-TOLD = "first stopping goal at unix time"
+STAMP = "first stopping goal at unix time"
 
 
 def stamped() -> list[float]:
@@ -39,4 +39,4 @@ if __name__ == "__main__":
     try:
         main(sys.argv[1:])
     finally:
-        sys.stderr.write(f"{TOLD} {found[0] if found else 'never':}\n")
+        sys.stderr.write(f"{STAMP} {found[0] if found else 'never':}\n")

@@ -29,7 +29,7 @@ class StubDevice:
     def booting(self, now: float) -> bool:
         return self.boots
 
-    def hear(self, now: float) -> None:
+    def receive(self, now: float) -> None:
         self.heard.append(now)
 
     def execute(

@@ -12,19 +12,19 @@ from sim.emulator.servo2_registers import BusWatchdog
 
 
 def main(log: str, *words: str) -> None:
-    """Emulate until told to stop."""
-    hear, trip = Line.hear, BusWatchdog.trip
+    """Emulate until a signal ends it."""
+    receive, trip = Line.receive, BusWatchdog.trip
     with Path(log).open("w", buffering=1, encoding="ascii") as out:
 
-        def heard(self: Line, data: bytes, now: float) -> None:
+        def received(self: Line, data: bytes, now: float) -> None:
             out.write(f"heard {now!r} {data.hex()}\n")
-            hear(self, data, now)
+            receive(self, data, now)
 
         def tripped(self: BusWatchdog) -> None:
             out.write(f"tripped {self.deadline!r}\n")
             trip(self)
 
-        Line.hear, BusWatchdog.trip = heard, tripped  # type: ignore[method-assign]
+        Line.receive, BusWatchdog.trip = received, tripped  # type: ignore[method-assign]
         cli.main(["emulate", *words])
 
 

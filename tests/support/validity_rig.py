@@ -1,4 +1,4 @@
-"""A walk for the tests of trust: sensors that swing, with the noise of real ones; and what is thought of it."""
+"""A walk for the tests of sensor validity: sensors that swing, with the noise of real ones, and their judgement."""
 
 from dataclasses import dataclass, field
 
@@ -18,7 +18,7 @@ LAG = 0.005
 
 @dataclass
 class Stream:
-    """What a sender said; tests spoil it."""
+    """What a sender sent; tests change it."""
 
     time: FloatArray
     position: FloatArray
@@ -29,7 +29,7 @@ class Stream:
 
 @dataclass
 class Judged:
-    """What was thought of it: states and usable (T, k), messages with the row at which they came."""
+    """The judgement of a stream: states and usable (T, k), messages with the row at which they came."""
 
     validity: SensorValidity
     states: StateArray
@@ -43,14 +43,14 @@ class Judged:
 def noisy(
     position: FloatArray, orientation: FloatArray, *, seed: int = 0, metres: float = 0.002
 ) -> tuple[FloatArray, FloatArray]:
-    """With the noise of an optical or a consumer system: `metres`, and 0.1 degree."""
+    """The track with the noise of an optical or a consumer system: `metres`, and 0.1 degree."""
     random = np.random.default_rng(seed)
     turn = from_rotation_vector(random.normal(0.0, np.radians(0.1), position.shape))
     return position + random.normal(0.0, metres, position.shape), multiply(orientation, turn)
 
 
 def walk(seconds: float = 2.0, rate: float = 100.0, *, swing: float = 1.0, noise: bool = True) -> Stream:
-    """One step a second; `swing` 0: standing."""
+    """A walk of one step a second; `swing` 0: standing."""
     time = 5.0 + np.arange(0.0, seconds, 1.0 / rate)
     phase = swing * np.sin(2.0 * np.pi * time)[:, None] * SWING
     position = HOME + np.stack([phase, np.zeros_like(phase), 0.2 * np.abs(phase)], axis=-1)
@@ -61,7 +61,7 @@ def walk(seconds: float = 2.0, rate: float = 100.0, *, swing: float = 1.0, noise
 
 
 def recorded(frames: SensorFrames, rate: float, *, metres: float) -> Stream:
-    """A recording as a sender of `rate` Hz would tell it, with noise and with stamps that are off by up to 2 ms."""
+    """A recording as from a sender of `rate` Hz, with noise and with stamps that are off by up to 2 ms."""
     frames = frames.resample(np.arange(0.0, frames.duration_s, 1.0 / rate))
     position, orientation = noisy(frames.position, frames.orientation, metres=metres)
     late = np.random.default_rng(1).uniform(0.0, 0.002, len(frames))

@@ -1,4 +1,4 @@
-"""To be described."""
+"""Recorded runs of the synthetic performer, for the tests of the viewer."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -14,15 +14,17 @@ from retarget.run.run_result import RunResult
 from retarget.types import FloatArray
 from sim.performer import synthetic_performer
 
-Told = Callable[[], FloatArray | None] | None
+GivenTruth = Callable[[], FloatArray | None] | None
 
 
-def recorded(path: Path, *, robot: str, stop: int = 10**9, scene: str | None = None, truth: Told = None) -> RunResult:
-    """The first second of the performer; somebody stops it after so many ticks. truth: as if there were physics."""
+def recorded(
+    path: Path, *, robot: str, stop: int = 10**9, scene: str | None = None, truth: GivenTruth = None
+) -> RunResult:
+    """The first second of the performer, stopped after so many ticks. truth: as if there were physics."""
     bus = "mock" if truth is None else "physics"
     options = RunOptions(robot=robot, bus=bus, scene=scene, playback=Playback(end=1.0))
-    knows, clock = truth or (lambda: None), VirtualClock()
-    recorder = Recorder(path, options, clock=clock, goes_to_rest=False, notify=lambda text: None, truth=knows)
+    truth_of, clock = truth or (lambda: None), VirtualClock()
+    recorder = Recorder(path, options, clock=clock, goes_to_rest=False, notify=lambda text: None, truth=truth_of)
     asked = 0
 
     def stop_asked() -> bool:

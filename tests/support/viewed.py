@@ -1,4 +1,4 @@
-"""Who is seen on pages of tests: OP3 extras the synthetic performer, a ball around them."""
+"""What pages of tests show: OP3 beside the synthetic performer, and a ball as an obstacle."""
 
 from functools import cache
 

@@ -1,4 +1,4 @@
-"""The scene of a page: what moves is told, what stands still is not, and what is hidden costs nothing."""
+"""The scene of a page: what moves is sent, what stands still is not, and what is hidden costs nothing."""
 
 from dataclasses import replace
 from typing import Any
@@ -14,44 +14,44 @@ from viewed import cast_of_a_human, cast_of_op3, person, snapshot
 AWAY = np.array([[0.0, 2.0, 0.3, 1.0, 0.0, 0.0, 0.0]])
 
 
-def told(server: Any) -> int:
-    """How many messages browsers were told until now."""
+def sent(server: Any) -> int:
+    """How many messages browsers were sent until now."""
     return int(server._websock_server._broadcast_buffer.message_counter)
 
 
 def test_everything_has_a_box_and_a_meaning(server: Any) -> None:
     drawing = Drawing(server, cast_of_op3(simulated=True))
-    assert {"body", "goal", "performer", "asked", "balance", "pressure", "soles", "around"} <= set(drawing.parts)
+    assert {"body", "goal", "performer", "asked", "balance", "pressure", "soles", "obstacles"} <= set(drawing.parts)
     assert set(drawing.parts) <= set(LEGEND)
-    drawing.show(snapshot(around=AWAY))
+    drawing.show(snapshot(obstacle_poses=AWAY))
     for part in drawing.parts:
         drawing.see(part, visible=False)
-    before = told(server)
+    before = sent(server)
     q = op3().body.qpos0 + 0.1
-    drawing.show(snapshot(around=AWAY, robot=q, goal=q))
-    assert told(server) - before < 20, "of what is hidden hardly anything is told"
+    drawing.show(snapshot(obstacle_poses=AWAY, robot=q, goal=q))
+    assert sent(server) - before < 20, "of what is hidden hardly anything is sent"
 
 
-def test_only_what_moves_is_told(server: Any) -> None:
+def test_only_what_moves_is_sent(server: Any) -> None:
     drawing = Drawing(server, cast_of_op3())
     drawing.show(snapshot())
-    before = told(server)
+    before = sent(server)
     drawing.show(snapshot())
-    assert told(server) == before
+    assert sent(server) == before
     q = op3().body.qpos0.copy()
     q[op3().servo_columns[0]] += 0.1
     drawing.show(snapshot(robot=q))
-    assert told(server) == before + 1, "one joint: one link, in the frame of the one before it"
+    assert sent(server) == before + 1, "one joint: one link, in the frame of the one before it"
 
 
 def test_obstacles_are_where_they_are_and_the_performer_is_beyond_them(server: Any) -> None:
     drawing = Drawing(server, cast_of_op3())
     near = AWAY * [1.0, 0.3, 1.0, 1.0, 1.0, 1.0, 1.0]
-    drawing.show(snapshot(around=near))
-    ball: Any = drawing._overlays["around"]
+    drawing.show(snapshot(obstacle_poses=near))
+    ball: Any = drawing._overlays["obstacles"]
     assert tuple(ball._handles[0].position) == pytest.approx((0.0, 0.6, 0.3))
     assert drawing._place is not None and drawing._place.to[1] > 0.65
-    drawing.show(snapshot(around=near + 0.1))
+    drawing.show(snapshot(obstacle_poses=near + 0.1))
     assert tuple(ball._handles[0].position) == pytest.approx((0.1, 0.7, 0.4))
 
 
@@ -62,7 +62,7 @@ def test_the_zero_moment_point_is_red_outside_of_the_soles(server: Any) -> None:
     drawing.show(snapshot(zmp=np.array([0.5, 0.0])))
     assert tuple(drawing._balance._zmp.color) == OUTSIDE
     drawing.show(snapshot(zmp=np.full(2, np.nan)))
-    assert not drawing._balance._zmp.visible, "nobody knows it"
+    assert not drawing._balance._zmp.visible, "it is not known"
 
 
 def test_limbs_have_the_colour_that_was_chosen(server: Any) -> None:
@@ -96,11 +96,11 @@ def test_sensors_are_on_the_performer_and_can_be_hidden(server: Any) -> None:
         drawing.see("sensors", visible=visible)
         assert wrist.visible is visible
     drawing.show(snapshot(human=start, sensors=worn + np.nan))
-    assert not wrist.visible, "nobody believes it"
+    assert not wrist.visible, "it is not valid"
 
 
 def test_landmarks_that_are_named_later_can_be_hidden_from_the_beginning(server: Any) -> None:
-    """A run names them with its first moment; the boxes of the page are made before."""
+    """A run names them with its first row; the boxes of the page are made before."""
     drawing = Drawing(server, replace(cast_of_op3(), landmarks=()))
     assert {"asked", "reached"} <= set(drawing.parts)
 
@@ -115,12 +115,12 @@ def test_a_human_alone_stands_where_one_looks(server: Any) -> None:
     drawing.show(snapshot(human=start, com=com, asked=none, reached=none, sensors=worn))
     wrist, head = (ball[0] for ball in drawing._balls["sensors"]._balls)
     assert tuple(wrist.position) == pytest.approx((0.0, 0.0, 1.2), abs=1e-6)
-    assert wrist.visible and not head.visible, "the head's is not believed"
+    assert wrist.visible and not head.visible, "the head's is not valid"
     assert {"human", "sensors"} < set(drawing.parts) and not {"asked", "reached"} & set(drawing.parts)
     assert "human" in drawing.parts and "robot" not in drawing.parts and drawing.colourings == ()
 
 
-def test_what_servos_never_told_is_no_colour(server: Any) -> None:
+def test_what_servos_never_reported_is_no_colour(server: Any) -> None:
     """Limbs in the colour of a cold servo would say that it is cold."""
     assert len(Drawing(server, cast_of_op3()).colourings) > 1
     drawing = Drawing(server, replace(cast_of_op3(), servos_commanded=False))

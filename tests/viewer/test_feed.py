@@ -1,8 +1,8 @@
-"""What a run tells its page: never waiting for it, and hearing nothing from it but that it is to stop."""
+"""What a run sends to its page: it never waits for it, and receives nothing from it but that it is to stop."""
 
 import socket
 import subprocess
-from dataclasses import replace
+from dataclasses import fields, replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -63,8 +63,8 @@ def test_some_rows_are_shown_with_what_the_robot_does() -> None:
     whole = record()
     for row in range(TICKS):
         run.on_row(whole, row)
-    told = announced(page.recv(4096))
-    assert told.landmarks == ("l_hand", "r_hand") and told.observers == 21
+    sizes = announced(page.recv(4096))
+    assert sizes.landmarks == ("l_hand", "r_hand") and sizes.observers == 21
     rows = [unpack(page.recv(1 << 16), SIZES) for _ in range(10)]
     assert all(row is not None and row.state == "holding" and row.why == "the stream is silent" for row in rows)
     assert all(row is not None and (row.current == 1.25).all() for row in rows)
@@ -75,18 +75,18 @@ def test_some_rows_are_shown_with_what_the_robot_does() -> None:
     assert run.dropped == 0
 
 
-def test_what_is_beside_the_record_is_shown_too() -> None:
+def test_what_is_not_in_the_record_is_shown_too() -> None:
     run, page = feed(every=1)
     still = np.zeros((2, 3))
     poses = ObstaclePoses(np.full((2, 3), 0.5), np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)), still, still)
     truth = Truth(np.arange(7.0), np.arange(20.0), np.array([0.25, -0.5]))
-    run.extras = Extras(around=lambda: poses, truth=lambda: truth)
+    run.extras = Extras(obstacles=lambda: poses, truth=lambda: truth)
     run.on_row(record(), 0)
-    told = announced(page.recv(4096))
-    assert (told.around, told.truth) == (2, 29)
-    row = unpack(page.recv(1 << 16), replace(SIZES, around=told.around, truth=told.truth))
-    assert row is not None and np.isnan(row.current).all(), "nobody knows what the servos draw"
-    np.testing.assert_array_equal(row.around, [[0.5, 0.5, 0.5, 1.0, 0.0, 0.0, 0.0]] * 2)
+    sizes = announced(page.recv(4096))
+    assert (sizes.obstacles, sizes.truth) == (2, 29)
+    row = unpack(page.recv(1 << 16), replace(SIZES, obstacles=sizes.obstacles, truth=sizes.truth))
+    assert row is not None and np.isnan(row.current).all(), "current is not known"
+    np.testing.assert_array_equal(row.obstacle_poses, [[0.5, 0.5, 0.5, 1.0, 0.0, 0.0, 0.0]] * 2)
     np.testing.assert_array_equal(row.truth, truth.numbers())
 
 
@@ -155,13 +155,13 @@ def test_the_process_of_a_page_opens_and_ends_with_the_run() -> None:
     assert process.wait(timeout=20.0) == 0
 
 
-def test_what_the_page_cannot_show_is_said() -> None:
+def test_what_the_page_cannot_show_is_refused() -> None:
     human = build_human(dimensions(performer())).mjcf
     with refuses(ConfigError):
-        open_feed(PageSetup("", 0, "nobody", "", "", human), rate_hz=125.0)
+        open_feed(PageSetup("", 0, "unknown", "", "", human), rate_hz=125.0)
 
 
-VIEW_WIRE_SIZES = RowSizes(robot=27, human=55, servos=20, landmarks=6, observers=21, around=2, truth=29, sensors=5)
+VIEW_WIRE_SIZES = RowSizes(robot=27, human=55, servos=20, landmarks=6, observers=21, obstacles=2, truth=29, sensors=5)
 
 
 def row(*, state: str = "following", why: str = "") -> LiveRow:
@@ -188,12 +188,12 @@ def test_a_row_arrives() -> None:
     got = unpack(pack(sent), VIEW_WIRE_SIZES)
     assert got is not None
     assert (got.time, got.state, got.why) == (sent.time, sent.state, sent.why)
-    for name in ("robot", "human", "present", "temperature", "current", "asked", "modes", "around", "truth", "sensors"):
+    for name in [one.name for one in fields(LiveRow)][3:]:
         np.testing.assert_allclose(getattr(got, name), getattr(sent, name), atol=1e-5)
 
 
 @given(st.text(max_size=400))
-def test_whatever_is_said_fits(words: str) -> None:
+def test_a_text_of_any_length_fits(words: str) -> None:
     got = unpack(pack(row(state=words, why=words)), VIEW_WIRE_SIZES)
     assert got is not None
     assert words.startswith(got.state) and words.startswith(got.why)

@@ -1,4 +1,4 @@
-"""A body on a page: links where the solver has them, in a place, and told only where they move."""
+"""A body on a page: links where the solver has them, in a place, and sent only where they move."""
 
 from typing import Any
 
@@ -23,7 +23,7 @@ def test_a_place_is_scaled_and_turned_about_its_origin() -> None:
     np.testing.assert_allclose(place.of(points), [[0.0, 3.0, 0.0], [0.0, 3.5, 2.0]], atol=1e-12)
 
 
-def test_what_hardly_moves_is_not_told_but_never_drifts() -> None:
+def test_what_hardly_moves_is_not_sent_but_never_drifts() -> None:
     """Small steps add up: the node is never further off than one of them."""
 
     class Node:
@@ -123,12 +123,12 @@ def test_hidden_ones_do_not_move(observing: Observing) -> None:
 
 def test_obstacles_move_where_it_is_known_where_they_are(server: Any) -> None:
     mesh = shape_mesh(0, (0.05, 0.0, 0.0))
-    around = SceneFigures(server.scene, [Obstacle("a/b", mesh), Obstacle("c", mesh)])
+    figures = SceneFigures(server.scene, [Obstacle("a/b", mesh), Obstacle("c", mesh)])
     poses = np.array([[0.1, 0.2, 0.3, 0.0, 1.0, 0.0, 0.0], [0.4, 0.5, 0.6, 1.0, 0.0, 0.0, 0.0]])
-    around.show(snapshot(around=poses))
+    figures.show(snapshot(obstacle_poses=poses))
     for other in (None, poses[:1] + 1.0):
-        around.show(snapshot(around=other))
-    for handle, pose in zip(around._handles, poses, strict=True):
+        figures.show(snapshot(obstacle_poses=other))
+    for handle, pose in zip(figures._handles, poses, strict=True):
         np.testing.assert_allclose((*handle.position, *handle.wxyz), pose)
-    around.see(visible=False)
-    assert not any(handle.visible for handle in around._handles)
+    figures.see(visible=False)
+    assert not any(handle.visible for handle in figures._handles)

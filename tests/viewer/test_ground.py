@@ -1,9 +1,9 @@
-"""The zero-moment point of a motion, against what mechanics says of it."""
+"""The zero-moment point of a motion, against mechanics."""
 
 import numpy as np
 import pytest
 
-from retarget.viewer.ground import GRAVITY, SPACING_S, MassMotion, around_row, zero_moment_point
+from retarget.viewer.ground import GRAVITY, SPACING_S, MassMotion, rows_around, zero_moment_point
 
 
 def test_at_rest_it_is_below_the_centre_of_mass() -> None:
@@ -21,7 +21,7 @@ def test_under_a_constant_acceleration_it_is_behind(times: list[float]) -> None:
 
 
 @pytest.mark.parametrize("times", [[0.0, 0.0, 0.1], [0.0, 0.5, 0.54], [0.0, 0.04, 0.04]])
-def test_looks_that_tell_nothing_give_nothing(times: list[float]) -> None:
+def test_looks_too_near_or_too_far_apart_give_nothing(times: list[float]) -> None:
     assert np.isnan(zero_moment_point(np.array(times), np.ones((3, 3)))).all()
 
 
@@ -35,13 +35,13 @@ def test_a_mass_is_looked_at_one_after_the_other() -> None:
     mass, com = MassMotion(), np.array([0.1, 0.0, 0.2])
     assert np.isnan(mass.look(0.0, com)).all()
     assert np.isnan(mass.look(0.04, com)).all()
-    assert np.isnan(mass.look(0.04, com)).all(), "the same moment again is none more"
+    assert np.isnan(mass.look(0.04, com)).all(), "the same time again is no further look"
     np.testing.assert_allclose(mass.look(0.08, com), [0.1, 0.0])
 
 
 def test_rows_of_a_recording_are_as_far_apart() -> None:
     times = np.linspace(0.0, 0.792, 100)
-    before, row, after = around_row(times, 50)
+    before, row, after = rows_around(times, 50)
     assert (times[row] - times[before], times[after] - times[row]) == pytest.approx((SPACING_S, SPACING_S))
-    assert around_row(times, 0)[:2] == (0, 0) and around_row(times, 99)[1:] == (99, 99)
-    assert around_row(np.linspace(0.0, 0.4, 5), 2) == (1, 2, 3), "coarser than that, the next ones are taken"
+    assert rows_around(times, 0)[:2] == (0, 0) and rows_around(times, 99)[1:] == (99, 99)
+    assert rows_around(np.linspace(0.0, 0.4, 5), 2) == (1, 2, 3), "coarser than that, the next ones are taken"

@@ -1,4 +1,4 @@
-"""The page of a run: rows are drawn for whoever looks, its button stops, and its end is told."""
+"""The page of a live run: rows are drawn while a browser is connected, its button stops, and its end is shown."""
 
 import asyncio
 from typing import Any
@@ -10,7 +10,7 @@ from followers import op3
 from messages import shows
 from retarget.viewer.feed import LiveRow
 from retarget.viewer.ground import MassMotion
-from retarget.viewer.live_page import STOPPING_WORDS, LivePage, moment_of
+from retarget.viewer.live_page import STOPPING_WORDS, LivePage, snapshot_of
 from viewed import cast_of_op3, person
 
 
@@ -28,14 +28,14 @@ def row(tick: int, *, state: str = "following", truth: bool = False) -> LiveRow:
         current=np.full(20, 0.05 * tick),
         asked=np.full((1, 3), 0.1 if tick % 2 else np.nan),
         modes=np.full(len(robot.profile.observers), tick % 3, dtype=np.uint8),
-        around=np.array([[0.01 * tick, 0.2, 0.3, 1.0, 0.0, 0.0, 0.0]]),
+        obstacle_poses=np.array([[0.01 * tick, 0.2, 0.3, 1.0, 0.0, 0.0, 0.0]]),
         truth=np.arange(9.0 + joints) if truth else np.zeros(0),
         sensors=np.array([[0.01 * tick, 0.0, 1.0], [np.nan] * 3]),
     )
 
 
 class Watched:
-    """A page, the stops that were asked for on it, and whether somebody looks."""
+    """A page, the stops that were asked for on it, and whether a browser is connected."""
 
     def __init__(self, server: Any, monkeypatch: pytest.MonkeyPatch) -> None:
         self.stops, self.looked = list[int](), True
@@ -59,18 +59,18 @@ def test_it_can_be_stopped_before_anything_moves(watched: Watched) -> None:
     assert watched.stops == [1] and watched.page._button.label == STOPPING_WORDS
 
 
-def test_rows_are_drawn_and_the_end_is_told(watched: Watched) -> None:
+def test_rows_are_drawn_and_the_end_is_shown(watched: Watched) -> None:
     for tick in range(60):
         watched.page.show(row(tick))
     assert "FOLLOWING" in watched.letters and "2.36 s" in watched.letters
     watched.page.show(row(60, state="stopped"))
-    assert "STOPPED" in watched.letters, "what is new is said at once"
+    assert "STOPPED" in watched.letters, "a new state is shown at once"
     watched.page.end("over <b>")
     shows(watched.letters)
     assert watched.page._button.disabled
 
 
-def test_nothing_is_drawn_for_nobody_but_all_is_kept_for_the_plot(watched: Watched) -> None:
+def test_nothing_is_drawn_without_a_browser_but_all_is_kept_for_the_plot(watched: Watched) -> None:
     watched.looked = False
     for tick in range(600):
         watched.page.show(row(tick))
@@ -83,9 +83,9 @@ def test_nothing_is_drawn_for_nobody_but_all_is_kept_for_the_plot(watched: Watch
     np.testing.assert_allclose(track.temperature[-2:], [624.0, 625.0])
 
 
-def test_a_servo_that_said_nothing_is_where_its_goal_is() -> None:
+def test_a_servo_that_reported_nothing_is_where_its_goal_is() -> None:
     robot, cast, mass = op3(), cast_of_op3(), MassMotion()
-    snapshot = moment_of(row(7), cast, landmarks=("l_hand",), begun=100.0, mass=mass)
+    snapshot = snapshot_of(row(7), cast, landmarks=("l_hand",), begun=100.0, mass=mass)
     there = snapshot.robot[robot.servo_columns]
     assert there[3] == snapshot.sent[3] and there[2] == 0.07
     assert snapshot.time == pytest.approx(0.28) and snapshot.pressure is None
@@ -93,7 +93,7 @@ def test_a_servo_that_said_nothing_is_where_its_goal_is() -> None:
 
 def test_a_simulated_body_is_where_it_really_is() -> None:
     robot, cast, mass = op3(), cast_of_op3(), MassMotion()
-    snapshot = moment_of(row(7, truth=True), cast, landmarks=("l_hand",), begun=100.0, mass=mass)
+    snapshot = snapshot_of(row(7, truth=True), cast, landmarks=("l_hand",), begun=100.0, mass=mass)
     np.testing.assert_array_equal(snapshot.robot[:7], np.arange(7.0))
     np.testing.assert_array_equal(snapshot.pressure, [27.0, 28.0])
     assert set(snapshot.robot[robot.servo_columns]) == set(np.arange(7.0, 27.0))

@@ -1,4 +1,4 @@
-"""The page of a recorded run: what is shown when, by its buttons, its slider and the clock; nothing for nobody."""
+"""The page of a recorded run: what is shown when, by its buttons, its slider and the clock."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -40,7 +40,7 @@ class Run:
 
 
 class Watched:
-    """A page, whether somebody looks, and the clock that it plays by."""
+    """A page, whether a browser is connected, and the clock that it plays by."""
 
     def __init__(self, server: Any, monkeypatch: pytest.MonkeyPatch, run: Run) -> None:
         self.looked, self.clock, self.run = True, VirtualClock(), run
@@ -93,7 +93,7 @@ def test_a_person_slides_and_a_tick_does_not(watched: Watched) -> None:
     assert watched.after(0.1005) == 80, "the page moved its slider itself"
 
 
-def test_nothing_is_worked_out_for_nobody(watched: Watched) -> None:
+def test_nothing_is_computed_without_a_browser(watched: Watched) -> None:
     watched.looked = False
     before = len(watched.run.shown)
     for _ in range(5):
@@ -113,7 +113,7 @@ def test_a_run_of_one_tick(server: Any, monkeypatch: pytest.MonkeyPatch) -> None
 TIMES = np.arange(-1.0, 4.0, 0.01)
 
 
-def test_it_plays_as_fast_as_it_happened_or_as_it_is_told() -> None:
+def test_it_plays_as_fast_as_it_happened_or_at_another_speed() -> None:
     line = Timeline(TIMES)
     assert not line.playing and line.at(100.0) == 0
     line.play(100.0)
@@ -175,7 +175,7 @@ def test_the_legend_has_the_colours_of_what_is_shown() -> None:
     for colour, words in (*LEGEND["goal"].keys, *LEGEND["balance"].keys):
         assert web(colour) in text and words in text
     assert "30 \u00b0C" in text and f"{op3().profile.safety.temperature_c:g} \u00b0C" in text
-    assert LEGEND["around"].keys[0][1] not in legend(["goal"], None)
+    assert LEGEND["obstacles"].keys[0][1] not in legend(["goal"], None)
 
 
 def test_shares_of_a_scale_end_at_its_ends() -> None:
@@ -197,9 +197,9 @@ def test_curves_of_a_joint_are_no_more_than_can_be_seen(quantity: str) -> None:
     assert np.isnan(goal).all() == (quantity != "angle")
 
 
-@pytest.mark.parametrize(("told", "quantities"), [(True, QUANTITIES), (False, ("angle", "off its goal"))])
-def test_a_plot_offers_what_is_known(told: bool, quantities: tuple[str, ...], server: Any) -> None:
-    plot = JointPlot(server, replace(cast_of_op3(), servos_commanded=told), lambda _: None)
+@pytest.mark.parametrize(("commanded", "quantities"), [(True, QUANTITIES), (False, ("angle", "off its goal"))])
+def test_a_plot_offers_what_is_known(commanded: bool, quantities: tuple[str, ...], server: Any) -> None:
+    plot = JointPlot(server, replace(cast_of_op3(), servos_commanded=commanded), lambda _: None)
     assert plot._quantity.options == quantities
 
 
@@ -217,7 +217,7 @@ def test_a_plot_reaches_beyond_all_that_is_known(values: list[float]) -> None:
 
 
 @pytest.mark.parametrize("quantity", QUANTITIES)
-def test_a_page_is_told_how_far_a_plot_reaches(quantity: str, server: Any) -> None:
+def test_a_plot_gives_its_range(quantity: str, server: Any) -> None:
     """It finds that out by itself only where all is known: a goal that is NaN left the whole plot empty."""
     time, gone = np.arange(50.0), np.where(np.arange(50) < 9, np.nan, 0.1)
     plot: Any = JointPlot(server, cast_of_op3(), lambda _: Tracks(time, gone + 0.1, gone, gone + 40.0, gone))

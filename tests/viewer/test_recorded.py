@@ -21,7 +21,7 @@ from view_mcap_helpers import recorded
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A recording beside its scene file, in which a ball moves at once."""
+    """A recording next to its scene file, in which a ball moves at once."""
     folder = tmp_path_factory.mktemp("run")
     crossing = find(Kind.SCENE, "crossing_ball").read_text()
     (folder / "scene.yaml").write_text(crossing.replace("      - {time: 1, pos: [0.2, 0.6, 0.34]}\n", ""))
@@ -57,7 +57,7 @@ def test_obstacles_move_from_the_first_tick_that_followed(recording: Recording, 
     assert at(scene, first + 50)[0, 1] == pytest.approx(0.6 - 0.3 * 50 * dt, abs=1e-9), "1.2 m in 4 s"
 
 
-def test_they_stand_while_nobody_leads(recording: Recording, cycles: Cycles) -> None:
+def test_they_stand_without_a_command(recording: Recording, cycles: Cycles) -> None:
     first = int(np.flatnonzero(cycles.phase == Phase.FOLLOW)[0])
     no_command = cycles.no_command.copy()
     no_command[first + 10 : first + 20] = True
@@ -76,7 +76,7 @@ def test_a_scene_that_changed_since_is_shown_as_it_was(recording: Recording, cyc
         assert np.abs(scene.obstacles[0].mesh[0]).max() == pytest.approx(0.05, abs=1e-3)
         assert len(scene.notes) == 1
         shows(scene.notes[0])
-        assert sum("another one now" in note for note in open_viewed(recording.path).notes) == 1, "told once"
+        assert sum("another one now" in note for note in open_viewed(recording.path).notes) == 1, "noted once"
         file.unlink()
         assert len(RecordedScene(recording, cycles).obstacles) == 1
     finally:
@@ -139,7 +139,7 @@ def test_the_centre_of_mass_is_over_the_soles_of_the_profile(run: RecordedRun) -
     assert zmp is not None and 1e-5 < np.abs(zmp - com[:2]).max() < 0.1
     for row in (0, len(run.times) - 1):
         zmp = run.snapshot(row).zmp
-        assert zmp is not None and np.isnan(zmp).all(), "nobody knows what was before, or comes after"
+        assert zmp is not None and np.isnan(zmp).all(), "neither the row before nor the one after is known"
 
 
 def test_a_human_alone_has_no_robot(tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ def test_the_address_opens_the_page_and_all_of_it() -> None:
 @pytest.mark.parametrize(
     "path", ["/", "", "//", f"//{KEY}/", f"/{KEY[:-1]}/", f"/x/{KEY}/", f"/?key={KEY}", f"/{KEY}x/"]
 )
-def test_without_the_key_nobody_gets_anything(path: str) -> None:
+def test_without_the_key_nothing_is_served(path: str) -> None:
     judged = judge(path, cookie=f"key={KEY}")
     assert isinstance(judged, Refused) and judged.status is HTTPStatus.UNAUTHORIZED
 
@@ -50,7 +50,7 @@ def test_who_connects_says_from_where(upgrade: str) -> None:
 @pytest.mark.parametrize(
     "host", ["evil.example:8080", "127.0.0.1", "127.0.0.1:8081", "", "127.0.0.1:8080.evil.example"]
 )
-def test_a_name_that_somebody_lets_lead_here_is_refused(host: str) -> None:
+def test_a_foreign_name_that_resolves_here_is_refused(host: str) -> None:
     assert isinstance(AccessToken(8080, key=KEY).judge(f"/{KEY}/", {"Host": host}.get), Refused)
 
 

@@ -50,7 +50,7 @@ def test_every_tick_is_as_it_was(path: Path, run: RunResult) -> None:
     np.testing.assert_array_equal(track.temperature, sent.temperature[:, 4])
 
 
-def test_why_it_stopped_is_said(path: Path, run: RunResult) -> None:
+def test_why_it_stopped_is_shown(path: Path, run: RunResult) -> None:
     seen = open_viewed(path)
     last = seen.snapshot(len(seen.times) - 1)
     assert last.state == "stopping"
@@ -70,16 +70,16 @@ def test_a_human_alone(tmp_path: Path) -> None:
 
 
 def test_a_simulated_body_is_where_it_really_was(tmp_path: Path) -> None:
-    """Fallen, say, with bent knees; until somebody knows, it is where its servos have it."""
+    """Fallen, say, with bent knees; until that is known, it is where its servos have it."""
     path, ticks, robot = tmp_path / "run.mcap", 0, op3()
     truth = np.concatenate([[0.5, 0.25, 0.125, 0.0, 1.0, 0.0, 0.0], np.linspace(-0.5, 0.5, 20), [0.0625, -0.25]])
 
-    def told() -> FloatArray | None:
+    def late_truth() -> FloatArray | None:
         nonlocal ticks
         ticks += 1
         return truth if ticks > 100 else None
 
-    run = recorded(path, robot="op3", truth=told)
+    run = recorded(path, robot="op3", truth=late_truth)
     seen = open_viewed(path)
     assert seen.cast.simulated and run.record.robot is not None
     before, after = seen.snapshot(50), seen.snapshot(len(seen.times) - 1)

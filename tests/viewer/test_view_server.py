@@ -68,7 +68,7 @@ def test_only_this_machine_reaches_it(page: tuple[int, str]) -> None:
         other.connect(("127.0.0.2", page[0]))
 
 
-def test_a_port_that_is_taken_is_said() -> None:
+def test_a_port_that_is_taken_is_refused() -> None:
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         other.listen()
@@ -79,7 +79,7 @@ def test_a_port_that_is_taken_is_said() -> None:
             open_server(port, title="test", option="--view")
 
 
-def test_it_is_shared_with_nobody() -> None:
+def test_it_is_not_shared() -> None:
     server, _ = open_server(0, title="test")
     assert server.request_share_url() is None
     server.stop()

@@ -1,5 +1,4 @@
-"""`retarget servo COMMAND`: what is done with servos apart from a run. One file per command, with a function of its
-name."""
+"""`retarget servo COMMAND`: work with servos outside a run. One file per command, with a function of its name."""
 
 COMMANDS = {
     "scan": "Find every servo on a port.",

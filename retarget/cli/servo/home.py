@@ -1,4 +1,5 @@
-"""`retarget servo home`: a person places the limp robot in a posture, and the zero of each servo is written down."""
+"""`retarget servo home`: the operator places the limp robot in a known posture, and the zero of each servo is
+stored."""
 
 import re
 from collections.abc import Callable
@@ -33,17 +34,17 @@ from retarget.schema.servo_calibration import (
 from retarget.setup.homing import FAR, Homing, calibration_of, homed_columns
 from retarget.setup.homing import home as home_servos
 
-# Where the zeros of a homed robot are kept: its own calibration, a file that was named, or nowhere.
+# The file of a homed robot's zeros: its own calibration, a named file, or none.
 
 _PSEUDO_TERMINAL = re.compile(r"/dev/pts/\d+")
-"""What no adapter of real servos is, and every emulator on a port."""
+"""Every emulator on a port is one, no adapter of real servos is."""
 
 
 @dataclass(frozen=True)
 class HomedFile:
-    """path: None: nothing is kept. own: it is what every later run reads. real: whether there are servos at all.
+    """path: None: nothing is kept. own: the calibration that every later run reads. real: whether the servos are real.
 
-    looks: what looks like an emulator although a port was named; empty where nothing does.
+    looks: the port that looks like an emulator's, in words; empty where none does.
     """
 
     path: Path | None
@@ -79,11 +80,11 @@ class HomedFile:
 
     @property
     def notice(self) -> str:
-        """What a person has to know before anything is opened; empty where all is as usual."""
+        """The notice before anything is opened; empty in the usual case."""
         if self.real:
             return "" if self.own else f"What is found is written to {self.path} alone."
         kept = "nothing is kept; --out FILE keeps it in a file" if self.path is None else f"only {self.path} is written"
-        return f"These servos are simulated: everything is walked through, and {kept}."
+        return f"These servos are simulated: all steps run, and {kept}."
 
     @property
     def doubts(self) -> list[str]:
@@ -100,7 +101,7 @@ class HomedFile:
         return f"and, after a question, write {self.path}"
 
     def write(self, calibration: ServoCalibration, agree: Callable[[str], bool]) -> None:
-        """Write the file if the person agrees, and say what became of it. Raises UsageError."""
+        """Write the file if the operator agrees, and print the result. Raises UsageError."""
         if self.path is None:
             typer.echo("nothing was kept: these servos are simulated; --out FILE keeps it in a file")
             return
@@ -116,7 +117,7 @@ class HomedFile:
 
 
 def _pseudo_terminal(port: str) -> str:
-    """What a port that looks like an emulator's leads to; empty for any other."""
+    """A description of a port that looks like an emulator's; empty for any other."""
     target = str(Path(port).resolve())
     if not _PSEUDO_TERMINAL.fullmatch(target):
         return ""
@@ -148,7 +149,8 @@ def home(
     overwrite: Overwrite = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be done, and touch nothing.")] = False,
 ) -> None:
-    """Find the zero of each servo: with torque off a person places the robot in a known posture, and keeps it still.
+    """Find the zero of each servo: with torque off the operator places the robot in a known posture, and keeps it
+    still.
 
     Opening the bus switches the servos' power on where a device does that, and brings servos without torque to the
     profile's settings. What is read is shown, and written only when you agree; the last calibration is kept beside it.
@@ -198,7 +200,7 @@ def _refuse_no_bus(bus: str) -> None:
 def _say_all(
     body: RobotBody, posture: FloatArray, chosen: BoolArray, options: RunOptions, file: HomedFile, pose: str
 ) -> None:
-    """What would be done."""
+    """Print what would be done."""
     typer.echo(f"would open the bus {options.bus!r}: {_opening(body)};")
     typer.echo(f"then, after a question each, switch torque off on all {len(chosen)} servos,")
     typer.echo(f"read {int(chosen.sum())} of them in the posture {pose!r}: {_angles(body, posture)},")
@@ -206,7 +208,7 @@ def _say_all(
 
 
 def _opening(body: RobotBody) -> str:
-    """What opening the bus of a robot does to its servos."""
+    """The effects of opening the bus of a robot on its servos, in words."""
     buses = body.profile.bus_specs()
     power = [f"device {bus.power.id} switches the servos' power on" for bus in buses if bus.power is not None]
     old = ", status return level" if any(bus.protocol == 1 for bus in buses) else ""
@@ -263,7 +265,7 @@ def _table(body: RobotBody, homing: Homing) -> Table:
 
 
 def _refuse(body: RobotBody, homing: Homing, new: ServoCalibration, *, force: bool) -> None:
-    """Raise UsageError for zeros that nobody asked for, or that no servo can serve."""
+    """Raise UsageError for zeros that are far off (without --force), or that no servo can serve."""
     servos = body.joint_map.servos
     if homing.far.any() and not force:
         names = ", ".join(

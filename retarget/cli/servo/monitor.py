@@ -34,7 +34,7 @@ def monitor(
     faults: Faults = None,
     dry_run: DryRun = False,
 ) -> None:
-    """Show what all servos say, until Ctrl-C: nothing is written, and torque stays as it is."""
+    """Show the state of all servos, until Ctrl-C: nothing is written, and torque stays as it is."""
     if not 1.0 <= rate <= 500.0:
         raise UsageError("an impossible rate", where="--rate", found=f"{rate:g}", allowed="1 to 500 Hz")
     console = Console()
@@ -73,8 +73,8 @@ def shown(servos: list[ServoSpec], states: ServoStates, watch: Watch, rate: floa
         table.add_column(heading, justify="left" if heading in ("joint", "errors") else "right")
     for at, servo in enumerate(servos):
         angle = math.degrees((int(states.position[at]) - servo.zero_tick) / servo.ticks_per_rad)
-        heard = math.isfinite(states.age[at])
-        values = (f"{states.position[at]}", f"{angle:.1f}") if heard else ("-", "-")
+        answered = math.isfinite(states.age[at])
+        values = (f"{states.position[at]}", f"{angle:.1f}") if answered else ("-", "-")
         table.add_row(
             servo.joint,
             str(servo.id),
@@ -83,7 +83,7 @@ def shown(servos: list[ServoSpec], states: ServoStates, watch: Watch, rate: floa
             _number(states.temperature[at], 0),
             _number(states.voltage[at], 1),
             watch.torque[at],
-            f"{states.age[at]:.1f}" if heard else "never",
+            f"{states.age[at]:.1f}" if answered else "never",
             str(watch.losses[at]),
             alert_text(int(states.alert[at])) if states.alert[at] else "",
         )

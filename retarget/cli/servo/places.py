@@ -1,4 +1,4 @@
-"""Where servos are looked for: the ports of a robot, one port, or emulated ones in this process."""
+"""Ports and servos of the `servo` commands: those of a robot, of one port, or emulated; a look at them; a question."""
 
 import sys
 from collections.abc import Iterator, Sequence
@@ -22,7 +22,7 @@ from hardware.dynamixel.line_scan import (
     has_speed,
     scan_line,
 )
-from hardware.dynamixel.opening import everybody
+from hardware.dynamixel.opening import servos_on
 from hardware.dynamixel.serial_port import ECHOES, BytePort, SerialPort
 from hardware.dynamixel.single_requests import OneOff
 from hardware.errors import BusError, describe
@@ -54,7 +54,7 @@ DryRun = Annotated[bool, typer.Option("--dry-run", help="Say what would be done,
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """A port, and what the profile says of it: its bus, and its servos with their place in the robot's order.
+    """A port, and its bus and servos in the profile, with their places in the robot's order.
 
     Without a robot there is neither.
     """
@@ -65,7 +65,7 @@ class Place:
 
     @property
     def where(self) -> str:
-        """What a person calls it."""
+        """Its name in messages."""
         return self.port.name if self.spec is None else f"bus {self.spec.name} ({self.port.name})"
 
 
@@ -99,7 +99,7 @@ def find_places(
 
 
 def _at_port(buses: Sequence[BusSpec], port: str) -> list[BusSpec]:
-    """The bus whose port this is. Raises UsageError where it is none's."""
+    """The bus with this port. Raises UsageError where no bus has it."""
     found = [bus for bus in buses if bus.port == port]
     if len(found) != 1:
         ports = ", ".join(f"{bus.port} (bus {bus.name})" for bus in buses)
@@ -167,7 +167,7 @@ def _servos_of(body: RobotBody, bus: BusSpec) -> tuple[tuple[int, ServoSpec], ..
     return tuple((index, servo) for index, servo in enumerate(body.joint_map.servos) if servo.bus == bus.name)
 
 
-# Every servo of the open ports, by the profile of the robot or as found.
+# A look at every servo of the open ports, by the profile of the robot or as found.
 
 
 def look_at(
@@ -176,12 +176,12 @@ def look_at(
     protocol: int | None = None,
     baud: int | None = None,
     ids: Sequence[int] | None = None,
-    strange_too: bool = False,
+    unknown_too: bool = False,
 ) -> list[Look]:
     """A look at each port. protocol, baud, ids (None: all): narrow the search where there is no profile.
 
-    strange_too: servos of unknown models are worth a look by themselves. Raises BusError when nobody answers,
-    UsageError for a speed beside a profile.
+    unknown_too: servos of unknown models are enough. Raises BusError when no servo answers, UsageError for a speed
+    together with a profile.
     """
     check_search(places, protocol, baud)
     looks: list[Look] = []
@@ -194,13 +194,13 @@ def look_at(
             first = sum(len(one.line.servos) for one in looks)
             found = look(place.port, *as_bus(place.port.name, seen.sightings, first=first), seen.sightings)
             looks.append(replace(found, notes=(*found.notes, *_echo_notes(seen.echoes))))
-    if not any(one.line.images or (strange_too and one.strange) for one in looks):
-        told = [note for one in looks for note in one.notes]
+    if not any(one.line.images or (unknown_too and one.unknown) for one in looks):
+        notes = [note for one in looks for note in one.notes]
         raise BusError(
             describe(
                 what="no servo answers",
                 where=", ".join(place.where for place in places),
-                found="; ".join(told) or None,
+                found="; ".join(notes) or None,
                 then="Check power and wiring, and see `retarget servo scan`",
             )
         )
@@ -211,7 +211,7 @@ def look_at(
 
 
 def check_search(places: Sequence[Place], protocol: int | None, baud: int | None) -> None:
-    """Raise UsageError for a speed that no servo has, or that stands beside a profile."""
+    """Raise UsageError for a speed that no servo has, or that is given together with a profile."""
     check_speed(protocol, baud)
     if any(place.spec is not None for place in places) and (protocol is not None or baud is not None):
         raise UsageError(
@@ -230,16 +230,16 @@ def _search(place: Place, speeds: Sequence[Speed], ids: Sequence[int] | None) ->
 
 
 def _known(place: Place, spec: BusSpec) -> Look:
-    """The bus of a profile; a few of those that are missing are looked for at other speeds."""
+    """A look at a bus of a profile; the first missing servos are looked for at other speeds."""
     port = place.port
     port.set_baud(spec.baud)
     client = OneOff(port, spec.protocol)
-    everyone, told = everybody(port, client, spec)
-    for note in told:
+    answering, messages = servos_on(port, client, spec)
+    for note in messages:
         typer.echo(f"note: {note}", err=True)
-    seen = [Sighting(one, Speed(spec.protocol, spec.baud)) for one in everyone]
+    seen = [Sighting(one, Speed(spec.protocol, spec.baud)) for one in answering]
     found = look(port, spec, place.servos, seen)
-    there = {one.id for one in everyone}
+    there = {one.id for one in answering}
     named = {servo.id: servo.label for _, servo in place.servos}
     silent = [device for device in spec.ids if device not in there]
     notes = [*elsewhere_texts(port, spec, silent, named), *found.notes, *_echo_notes(client.echoes)]
@@ -251,8 +251,8 @@ def _echo_notes(echoes: bool) -> list[str]:
 
 
 def names(look_: Look, ids: Sequence[int]) -> str:
-    """Servos by joint and id; strange ones by id and model."""
-    models = {one.found.id: one.model for one in look_.strange}
+    """Servos by joint and id; unknown ones by id and model."""
+    models = {one.found.id: one.model for one in look_.unknown}
     servos = look_.line.servos
     return ", ".join(
         f"{servos[device].joint} (id {device})" if device in servos else f"id {device} ({models[device]})"
@@ -260,12 +260,12 @@ def names(look_: Look, ids: Sequence[int]) -> str:
     )
 
 
-# A question before something is written or goes limp: only a clear yes is one.
+# The question before something is written or goes limp; only `y` or `yes` agrees.
 
 
 def agreed(question: str, *, yes: bool) -> bool:
-    """Whether a person agrees, or did beforehand (`yes`); ENTER alone is no. Raises UsageError where nobody can
-    answer."""
+    """Whether the operator agrees, or did beforehand (`yes`); ENTER alone is no. Raises UsageError where the input has
+    ended."""
     if yes:
         return True
     typer.echo(f"{question} [y/N] ", nl=False)
@@ -274,7 +274,9 @@ def agreed(question: str, *, yes: bool) -> bool:
     if not line:
         typer.echo()
         raise UsageError(
-            "nobody answers: the input has ended", where="servo", next_step="Run it in a terminal, or agree with --yes"
+            "no answer to the question: the input has ended",
+            where="servo",
+            next_step="Run it in a terminal, or agree with --yes",
         )
     if line.strip().lower() in ("y", "yes"):
         return True

@@ -41,8 +41,8 @@ def reboot(
 ) -> None:
     """Restart servos, which clears their latched errors; their torque goes off, and their RAM is the maker's again.
 
-    Shows what they have latched and what it means, and afterwards sees that they are back, without errors and limp.
-    Ctrl-C ends it before the next servo, and tells who is done.
+    Shows the latched errors and their meaning, and checks afterwards that the servos are back, without errors and limp.
+    Ctrl-C ends it before the next servo, and the servos restarted so far are printed.
     """
     wanted = ids_of(ids, option="--id", highest=MAX_ID)
     if (wanted is None) != everyone:
@@ -65,12 +65,13 @@ def reboot(
             return
         problems = _restart(chosen)
     if problems:
-        raise BusError("\n  ".join(["after the restart not all is well:", *problems]))
+        raise BusError("\n  ".join(["problems after the restart:", *problems]))
     typer.echo(f"{count} servo{'s are' if count > 1 else ' is'} back, without errors, torque off")
 
 
 def _restart(chosen: Sequence[tuple[Look, list[int]]]) -> list[str]:
-    """What is wrong afterwards. An interrupt is heard between two servos: then it is told who is done, and it ends."""
+    """Restart, and return the problems afterwards. An interrupt ends it between two servos; those restarted are
+    printed."""
     done: list[str] = []
     left: list[str] = []
     problems: list[str] = []
@@ -81,7 +82,7 @@ def _restart(chosen: Sequence[tuple[Look, list[int]]]) -> list[str]:
             done += [names(one, [device]) for device in restarted.ids]
             left += [names(one, [device]) for device in some if device not in restarted.ids]
         if left:
-            typer.echo(f"interrupted; restarted: {', '.join(done) or 'nobody'}; not: {', '.join(left)}", err=True)
+            typer.echo(f"interrupted; restarted: {', '.join(done) or 'no servo'}; not: {', '.join(left)}", err=True)
             for problem in problems:
                 typer.echo(problem, err=True)
             raise typer.Exit(1 if done else 130)
@@ -93,7 +94,7 @@ def _chosen(one: Look, wanted: list[int] | None) -> list[int]:
 
 
 def _refuse(chosen: list[tuple[Look, list[int]]], wanted: list[int] | None, *, yes: bool) -> None:
-    """Raise for ids that nobody has or two have, for protocol 1.0, and for torque that nobody agreed to lose."""
+    """Raise for ids that no servo has, for protocol 1.0, and for servos with torque unless `yes`."""
     there = {device for _, some in chosen for device in some}
     absent = sorted(set(wanted or ()) - there)
     if absent:
@@ -108,7 +109,7 @@ def _refuse(chosen: list[tuple[Look, list[int]]], wanted: list[int] | None, *, y
         where = f"bus {one.line.spec.name}"
         if some and one.line.spec.protocol == 1:
             then = "Switch their power off and on"
-            raise BusError(describe(what="servos of protocol 1.0 know no reboot", where=where, then=then))
+            raise BusError(describe(what="servos of protocol 1.0 have no reboot instruction", where=where, then=then))
         driven = [device for device in some if one.line.images[device].value("torque_enable")]
         if driven and not yes:
             raise BusError(
@@ -122,7 +123,7 @@ def _refuse(chosen: list[tuple[Look, list[int]]], wanted: list[int] | None, *, y
 
 
 def _said(one: Look, device: int) -> str:
-    """What a servo has latched, in words."""
+    """The errors that a servo has latched, in words."""
     image = one.line.images[device]
     bits = image.value("hardware_error_status") if image.has("hardware_error_status") else 0
     torque = ", torque on" if image.value("torque_enable") else ""

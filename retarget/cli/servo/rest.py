@@ -27,7 +27,9 @@ from retarget.cli.servo.places import (
     opened,
 )
 
-TOLD = "Torque off was told to everybody, and nobody confirmed it: run it again, or cut the power by hand."
+UNCONFIRMED = (
+    "Torque off was sent to all servos, and no servo has confirmed it: run it again, or cut the power by hand."
+)
 
 
 def rest(
@@ -41,67 +43,69 @@ def rest(
 ) -> None:
     """Switch torque off on all servos at once, wherever they are: a robot that stands falls, so hold it.
 
-    Everybody is told by broadcasts at all speeds first, that of the profile before the others: it takes 0.5 s. Nobody
-    confirms a broadcast, so the servos are then looked for, told again and read back, also those of unknown models; one
-    that does not confirm is named, and the exit code is 1. Nothing else is written but the bus watchdog, which is
+    Broadcasts at all speeds come first, that of the profile before the others: this takes 0.5 s. No servo confirms a
+    broadcast, so the servos are then looked for, switched off again and read back, also those of unknown models. A
+    servo that does not confirm is named, and the exit code is 1. Nothing else is written but the bus watchdog, which is
     cleared. Without a profile the look takes up to a minute. Ctrl-C does not end the writing half way.
     """
     places = find_places(robot, port, faults=faults)
     check_search(places, protocol, baud)
     if dry_run:
         for place in places:
-            typer.echo(f"would tell everybody on {place.where} after a question, at all speeds, and look for servos")
+            typer.echo(
+                f"would send torque off to all on {place.where} after a question, at all speeds, and look for servos"
+            )
         typer.echo("torque_enable := 0 and bus_watchdog := 0, and read torque_enable back")
         return
     with opened(places):
-        asked = yes
+        sent = yes
         if not yes and not all(place.spec for place in places):  # the look would take longer than a fall
             if not agreed("Switch torque off on all servos? A robot that stands falls.", yes=False):
                 return
-            asked = True
-        if asked:
-            _tell_everybody(places, protocol, baud)
+            sent = True
+        if sent:
+            _broadcast(places, protocol, baud)
         try:
-            looks = look_at(places, protocol=protocol, baud=baud, strange_too=True)
+            looks = look_at(places, protocol=protocol, baud=baud, unknown_too=True)
         except BusError as error:
-            raise BusError(f"{error} {TOLD if asked else ''}".rstrip()) from error
+            raise BusError(f"{error} {UNCONFIRMED if sent else ''}".rstrip()) from error
         except KeyboardInterrupt:
-            if asked:
-                raise TorqueError(f"interrupted. {TOLD}") from None
+            if sent:
+                raise TorqueError(f"interrupted. {UNCONFIRMED}") from None
             raise
-        count = sum(len(one.line.images) + len(one.strange) for one in looks)
-        if not asked:
+        count = sum(len(one.line.images) + len(one.unknown) for one in looks)
+        if not sent:
             if not _is_due(looks, count):
                 return
             if not agreed(f"Switch torque off on {count} servos? A robot that stands falls.", yes=False):
                 return
-            _tell_everybody(places, protocol, baud)
+            _broadcast(places, protocol, baud)
         else:
             _say_missing(looks)
-        with stop_on_signals():  # which nobody asks: half of a robot with torque is the worst
+        with stop_on_signals():  # signals wait: a robot half of whose servos have torque is the worst case
             _switch_off(looks)
     typer.echo(f"torque is off on all {count} servos")
 
 
-def _tell_everybody(places: Sequence[Place], protocol: int | None, baud: int | None) -> None:
-    """All ports, whichever fails; each is left at the speed of its bus."""
+def _broadcast(places: Sequence[Place], protocol: int | None, baud: int | None) -> None:
+    """Send torque off by broadcast on all ports, also after one fails; each is left at the speed of its bus."""
     with stop_on_signals():
         for place in places:
             wanted = protocol if place.spec is None else place.spec.protocol
-            with suppress(BusError):  # whether anybody heard is asked afterwards
+            with suppress(BusError):  # the servos are read back afterwards
                 broadcast_torque_off(place.port, chosen_speeds(place, wanted, baud, everywhere=True))
                 if place.spec is not None:
                     place.port.set_baud(place.spec.baud)
-    typer.echo("everybody was told to switch torque off; now each is looked for and asked")
+    typer.echo("torque off was sent to all servos; now each is looked for and read back")
 
 
 def _is_due(looks: Sequence[Look], count: int) -> bool:
-    """Whether anybody has torque, or does not say; tells who."""
+    """Whether any servo has torque or does not answer; prints which."""
     driven = [names(one, on) for one in looks if (on := _driven(one))]
     if not driven and not any(one.missing for one in looks):
         typer.echo(f"torque is off already on all {count} servos")
         return False
-    typer.echo(f"torque is on: {', '.join(driven) or 'nowhere that is known'}")
+    typer.echo(f"torque is on: {', '.join(driven) or 'no servo that answers'}")
     _say_missing(looks)
     return True
 
@@ -112,30 +116,30 @@ def _say_missing(looks: Sequence[Look]) -> None:
             typer.echo(f"no answer: {names(one, one.missing)}")
 
 
-def _strange(one: Look) -> list[int]:
-    return [sighting.found.id for sighting in one.strange]
+def _unknown(one: Look) -> list[int]:
+    return [sighting.found.id for sighting in one.unknown]
 
 
 def _driven(one: Look) -> list[int]:
-    """Servos that have torque, or do not say just now."""
-    strange = not_limp(one.line, _strange(one))
+    """Servos that have torque, or do not answer now."""
+    unknown = not_limp(one.line, _unknown(one))
     if not one.line.images:
-        return strange
+        return unknown
     table = next(iter(one.line.images.values())).table
     said = one.line.read_all(table["torque_enable"], list(one.line.images))
-    return [device for device in one.line.images if said.get(device) != 0] + strange
+    return [device for device in one.line.images if said.get(device) != 0] + unknown
 
 
 def _switch_off(looks: Sequence[Look]) -> None:
-    """All are told before anybody is asked, whichever fails. Raises TorqueError with those that did not confirm."""
+    """Send torque off to all servos before any is read back. Raises TorqueError with those that did not confirm."""
     unsure: list[str] = []
     for one in looks:
-        with suppress(BusError):  # whether they heard is asked below
-            send_torque_off(one.line, [*one.missing, *_strange(one)])
+        with suppress(BusError):  # they are read back below
+            send_torque_off(one.line, [*one.missing, *_unknown(one)])
     unsure += off_everywhere([one.line for one in looks if one.line.images])
     for one in looks:
         try:
-            left = not_limp(one.line, [*one.missing, *_strange(one)])
+            left = not_limp(one.line, [*one.missing, *_unknown(one)])
             if left:
                 send_torque_off(one.line, left)
                 left = not_limp(one.line, left)

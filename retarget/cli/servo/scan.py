@@ -1,4 +1,4 @@
-"""`retarget servo scan`: who answers on a port, at any speed, in either protocol."""
+"""`retarget servo scan`: the servos that answer on a port, at any speed, in either protocol."""
 
 import sys
 from collections.abc import Sequence
@@ -40,7 +40,7 @@ def scan(
 ) -> None:
     """Find every servo on a port: all speeds, both protocols, the likely ones first. Nothing is written to a servo.
 
-    Everybody is printed when found; Ctrl-C ends it with what has been found. All of a port takes about a minute.
+    Each servo is printed when found; Ctrl-C ends it with those found so far. A whole port takes about a minute.
     With --robot the ids of its profile are compared with what answers.
     """
     wanted = ids_of(ids, highest=HIGHEST_ID - 1 if protocol == 2 else HIGHEST_ID)
@@ -87,11 +87,11 @@ class Rows:
     def __init__(self) -> None:
         self.count = 0
         self._place: Place | None = None
-        # A bar on stderr takes what is printed to itself: right for a terminal, wrong for a pipe.
+        # The progress bar on stderr redirects what is printed: right for a terminal, wrong for a pipe.
         self._out = None if sys.stdout.isatty() else sys.stdout
 
     def add(self, place: Place, sighting: Sighting) -> None:
-        """Print one servo, and whose port it is where that is new."""
+        """Print one servo, after a heading where its port is a new one."""
         if place is not self._place:
             typer.echo(f"{place.where}:", file=self._out)
             typer.echo(_row("protocol", "baud", "id", "model", "firmware", "remarks"), file=self._out)
@@ -112,14 +112,14 @@ def _row(protocol: str, baud: str, device: str, model: str, firmware: str, remar
 def _scan(place: Place, speeds: Sequence[Speed], ids: Sequence[int] | None, rows: Rows) -> LineScan:
     try:
         with progress_bar(f"looking on {place.where}", len(speeds)) as progress:
-            return scan_line(place.port, speeds, ids=ids, progress=progress, told=partial(rows.add, place))
+            return scan_line(place.port, speeds, ids=ids, progress=progress, on_found=partial(rows.add, place))
     except KeyboardInterrupt:  # what ends the command says "interrupted"
         typer.echo(f"not all was looked at; found so far: {rows.count}")
         raise
 
 
 def _conclude(place: Place, one: LineScan, wanted: Sequence[int] | None) -> None:
-    """What is to be said of a port beside who answered."""
+    """Print notes, skipped speeds and missing servos of a port."""
     if one.echoes:
         typer.echo(f"note: {place.where}: {ECHOES}", err=True)
     for text in one.skipped:
@@ -130,7 +130,7 @@ def _conclude(place: Place, one: LineScan, wanted: Sequence[int] | None) -> None
 
 
 def known_as(place: Place, sighting: Sighting) -> str:
-    """What the profile says of a servo: its joint, and what is not as it says; "" without a profile."""
+    """A servo's joint in the profile, and where it differs from the profile; "" without a profile."""
     spec, found = place.spec, sighting.found
     if spec is None:
         return ""
@@ -146,7 +146,7 @@ def known_as(place: Place, sighting: Sighting) -> str:
 
 
 def _missing(place: Place, one: LineScan, wanted: Sequence[int] | None) -> list[str]:
-    """Who of the profile was looked for, and answered nowhere."""
+    """Devices of the profile that were looked for and did not answer."""
     if place.spec is None:
         return []
     there = {sighting.found.id for sighting in one.sightings}

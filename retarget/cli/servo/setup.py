@@ -1,4 +1,4 @@
-"""`retarget servo setup`: one servo gets its id, its speed and other settings that it keeps."""
+"""`retarget servo setup`: write id, speed and other EEPROM settings of one servo."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -10,7 +10,7 @@ import typer
 from hardware.bus import BusSpec
 from hardware.dynamixel.checks import Span, needed_ticks, wishes
 from hardware.dynamixel.control_table import ControlTable, Register, code_of, tables
-from hardware.dynamixel.found_servos import LEVEL, PINGS_ONLY, answers_pings_only, unmute
+from hardware.dynamixel.found_servos import LEVEL, PINGS_ONLY, answers_pings_only, enable_status_return
 from hardware.dynamixel.line_scan import Sighting, Speed, scan_line, write_setting
 from hardware.dynamixel.settings import (
     ANSWER_ALL,
@@ -48,12 +48,12 @@ from retarget.cli.servo.places import (
 from retarget.errors import UsageError, suggest
 from retarget.model.robot import RobotBody, load_robot, load_uncalibrated
 
-# What a person asks of a servo's EEPROM: all that no servo can hold is refused before a port is opened.
+# The settings asked for; those that no servo can hold are refused before a port is opened.
 
 
 @dataclass(frozen=True)
 class Asked:
-    """Options as they were typed; None: not. baud: bits/s; return_delay: us; registers: counts by name."""
+    """Options as typed; None: not given. baud: bits/s; return_delay: us; registers: counts by name."""
 
     new_id: int | None = None
     baud: int | None = None
@@ -93,14 +93,14 @@ def check_device(device: int, protocol: int | None) -> None:
     highest = HIGHEST_ID + (protocol == 1)
     if not 0 <= device <= highest:
         raise UsageError(
-            "no servo has this id", where="--id", found=device, allowed=f"0 to {highest}: 254 is everybody"
+            "no servo has this id", where="--id", found=device, allowed=f"0 to {highest}: 254 is the broadcast id"
         )
 
 
 def check_asked(asked: Asked, protocol: int | None, model: str | None) -> None:
     """Raise UsageError for what no servo (of this protocol, of this model; None: any) can hold."""
     if asked.new_id is not None and not 0 <= asked.new_id <= HIGHEST_ID:
-        allowed = f"0 to {HIGHEST_ID}: 254 is everybody"
+        allowed = f"0 to {HIGHEST_ID}: 254 is the broadcast id"
         raise UsageError("no servo has this id", where="--new-id", found=asked.new_id, allowed=allowed)
     if asked.return_delay is not None and not possible_delay(1e-6 * asked.return_delay):
         found = f"{asked.return_delay:g} us"
@@ -152,12 +152,12 @@ def _highest(register: Register) -> int:
     return register.widest if register.highest is None else register.highest
 
 
-# Which servo is meant: by its id on a port, or by its joint in a robot's profile, which tells the bus.
+# Which servo is meant: by its id on a port, or by its joint in a robot's profile, which also gives the bus.
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """One servo. device: its id as it is; servo, needed: what the profile says of it, None without."""
+    """One servo. device: its present id; servo, needed: its entry in the profile and its ticks, None without."""
 
     place: Place
     device: int
@@ -168,7 +168,7 @@ class Target:
 def find_target(
     robot: str | None, port: str | None, joint: str | None, device: int | None, faults: Path | None
 ) -> Target:
-    """The servo that is meant; its port is not open. device: its id as it is, None: that of the profile.
+    """The servo that is meant; its port is not open. device: its present id, None: that of the profile.
 
     Raises UsageError where that names none, or several.
     """
@@ -222,21 +222,22 @@ def _buses_at(body: RobotBody, port: str | None) -> list[BusSpec]:
 
 
 def _calibrated(robot: str, body: RobotBody) -> RobotBody:
-    """With the zero ticks of this specimen, where it has sound ones: what a joint needs depends on them."""
+    """The body with the zero ticks of its calibration, where they are valid: the ticks that a joint needs depend on
+    them."""
     try:
         return load_robot(robot)
     except RetargetError:
         return body
 
 
-# What a servo is to hold: what was asked for, and all else as its profile says.
+# The values that a servo is to hold: the options first, then its profile.
 
 
 def wanted_of(target: Target, asked: Asked, seen: Sighting, image: ServoImage) -> Asked:
-    """Options filled up by the profile, which comes second; the drive mode is among the registers.
+    """The options, completed by the profile; the drive mode is among the registers.
 
-    Status Return Level is in RAM with protocol 2.0, and is left out: whoever is mute was told before, and every run
-    sets it. Raises BusError for a servo that is not of the profile's model and protocol.
+    Status Return Level is in RAM with protocol 2.0, and is left out: a servo with status return off was set before, and
+    every run sets it. Raises BusError for a servo that is not of the profile's model and protocol.
     """
     level = LEVEL[2].name
     registers = {
@@ -256,13 +257,13 @@ def wanted_of(target: Target, asked: Asked, seen: Sighting, image: ServoImage) -
                 then="Check which servo it is, or correct the profile",
             )
         )
-    wished = wishes(servo, bus, image, target.needed)
+    profiled = wishes(servo, bus, image, target.needed)
     return Asked(
         servo.id if asked.new_id is None else asked.new_id,
         bus.baud if asked.baud is None else asked.baud,
         1e6 * bus.return_delay if asked.return_delay is None else asked.return_delay,
         None,
-        wished | registers,
+        profiled | registers,
     )
 
 
@@ -294,10 +295,10 @@ def setup(
     _check(target, asked, protocol)
     place = target.place
     with opened([place]):
-        heard = _voice(target, asked, _find(place, target.device, protocol), yes=yes, dry_run=dry_run)
-        if heard is None:
+        responsive = _make_responsive(target, asked, _find(place, target.device, protocol), yes=yes, dry_run=dry_run)
+        if responsive is None:
             return
-        seen, table = _known(place, heard)
+        seen, table = _known(place, responsive)
         place.port.set_baud(seen.speed.baud)
         image = read_image(OneOff(place.port, seen.speed.protocol), target.device, table)
         typer.echo(f"id {target.device}: {seen.model}, firmware {seen.found.firmware}, {seen.speed}")
@@ -324,7 +325,7 @@ def _check(target: Target, asked: Asked, protocol: int | None) -> None:
         if spec is not None and not asked.anything:
             known = ", ".join(str(one.id) for _, one in target.place.servos)
             raise UsageError(
-                "no servo of the profile has this id, so it says nothing of it",
+                "no servo of the profile has this id",
                 where="--id",
                 found=target.device,
                 allowed=known,
@@ -342,10 +343,11 @@ def _preview(image: ServoImage, due: list[Setting]) -> None:
         typer.echo(f"  {name}: {image.value(name)} -> {one.value}" + (f" ({meaning})" if meaning else ""))
 
 
-def _voice(target: Target, asked: Asked, seen: Sighting, *, yes: bool, dry_run: bool) -> Sighting | None:
-    """The servo as it talks: one that answers pings only is written blind, where somebody (or the profile) wants it.
+def _make_responsive(target: Target, asked: Asked, seen: Sighting, *, yes: bool, dry_run: bool) -> Sighting | None:
+    """The servo, answering all instructions. One that answers pings only is set to, if an option or the profile says
+    so.
 
-    None: no more is to be done. Raises BusError where nobody asked for it.
+    None: nothing more is to be done. Raises BusError where neither says so.
     """
     place, device = target.place, target.device
     place.port.set_baud(seen.speed.baud)
@@ -363,7 +365,7 @@ def _voice(target: Target, asked: Asked, seen: Sighting, *, yes: bool, dry_run: 
         return None
     if not agreed("Write this?", yes=yes):
         return None
-    unmute(client, device)
+    enable_status_return(client, device)
     typer.echo(f"written and read back: {name}")
     return _find(place, device, seen.speed.protocol)
 
@@ -380,7 +382,7 @@ def _find(place: Place, device: int, protocol: int | None) -> Sighting:
     elif len(seen) > 1 or seen[0].found.clash:
         what = f"several servos have id {device}"
     if what:
-        then = "Connect one servo at a time; `retarget servo scan` shows who is there"
+        then = "Connect one servo at a time; `retarget servo scan` shows the servos on the port"
         raise BusError(describe(what=what, where=place.where, then=then))
     return seen[0]
 
@@ -409,7 +411,7 @@ def _refuse_taken(place: Place, seen: Sighting, new_id: int, baud: int) -> None:
 
 
 def _write(place: Place, seen: Sighting, due: list[Setting]) -> None:
-    """Write all, each whole; says what was written if it ends early."""
+    """Write all settings, each completely; print what was written if it ends early."""
     assert seen.table is not None
     device, speed = seen.found.id, Speed(*seen.speed)
     done: list[str] = []

@@ -13,7 +13,7 @@ struct Counting;
 static ALLOCATOR: Counting = Counting;
 
 fn count_one() {
-    // A thread that ends may allocate after its locals are gone; nobody counts there.
+    // A thread that ends may allocate after its locals are gone; such an allocation is not counted.
     let _ = COUNT.try_with(|count| count.set(count.get() + 1));
 }
 

@@ -3,9 +3,9 @@
 use crate::bounds::iteration_bounds;
 use crate::frame::FrameSolver;
 use crate::hierarchy::Problem;
-use crate::layout::Placed;
-use crate::rows::{Columns, RowWriter};
+use crate::level_rows::Placed;
 use crate::task::TaskKind;
+use crate::task_rows::{Columns, RowWriter};
 use std::ops::Range;
 
 impl FrameSolver {

@@ -1,4 +1,4 @@
-//! Observers inside the convergence loop: their rows in the problem of one iteration, and the second solve that a trial asks for.
+//! Observers inside the convergence loop: their rows in the problem of one iteration, and the second solve that a trial requires.
 
 use crate::frame::FrameSolver;
 use crate::hierarchy::solve;
@@ -34,7 +34,7 @@ impl FrameSolver {
         }
     }
 
-    /// Solve again with the rows of pairs that the answer would bring too near, although nobody expected it.
+    /// Solve again with the rows of pairs that the answer would bring too near although they had no row.
     fn solve_surprises(&mut self, first: bool) {
         for _ in 0..MOST_SURPRISES {
             self.read_step();

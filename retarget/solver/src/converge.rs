@@ -2,7 +2,7 @@
 
 use crate::bounds::frame_bounds;
 use crate::frame::FrameSolver;
-use crate::progress::Moment;
+use crate::progress::Instant;
 use crate::task::TaskKind;
 
 /// Iterations at the end of a frame that may be used to repair what lower levels did to higher ones.
@@ -20,7 +20,7 @@ impl FrameSolver {
             self.frame_box[i] = frame_bounds(self.coordinate(i), self.velocity[i] * dt, &self.limits[i], dt);
             self.done[i] = 0.0;
         }
-        self.look(targets, Moment::Start, 0, dt);
+        self.look(targets, Instant::Start, 0, dt);
         for iteration in 0..self.settings.n_ik {
             if iteration > 0 {
                 if self.settings.early_stop && self.may_stay() && self.progress.is_done() && self.none_comes() {
@@ -37,7 +37,7 @@ impl FrameSolver {
                 self.first_sides.0.clone_from(&self.problem.variable_side);
                 self.first_sides.1.clone_from(&self.problem.row_side);
             }
-            self.look(targets, Moment::Step, iteration + 1, dt);
+            self.look(targets, Instant::Step, iteration + 1, dt);
             self.take_back(targets, iteration + 1, dt);
             self.stats.iterations += 1;
         }
@@ -51,16 +51,16 @@ impl FrameSolver {
     }
 
     /// Kinematics and errors of the posture as it is, after so many iterations of a frame of `dt` s.
-    fn look(&mut self, targets: &[f64], moment: Moment, done: usize, dt: f64) {
-        if moment != Moment::Start || !self.posed {
+    fn look(&mut self, targets: &[f64], instant: Instant, done: usize, dt: f64) {
+        if instant != Instant::Start || !self.posed {
             self.body.forward(&self.q, &mut self.pose);
             self.body.mass_properties(&mut self.pose);
             self.posed = true;
         }
         let mut violation: &[f64] = &[];
         if let Some(watch) = &mut self.watch {
-            match moment {
-                Moment::Start => {
+            match instant {
+                Instant::Start => {
                     for p in &self.placed {
                         if let TaskKind::Observers(task) = &p.task.kind {
                             watch.tasks[task.index].on = p.task.is_present(&targets[p.target.clone()]);
@@ -72,7 +72,7 @@ impl FrameSolver {
             }
             violation = &watch.violation;
         }
-        self.progress.look(&self.body, &self.pose, &self.placed, targets, moment, violation, &mut self.task_errors);
+        self.progress.look(&self.body, &self.pose, &self.placed, targets, instant, violation, &mut self.task_errors);
     }
 
     /// No obstacle comes nearer in the iterations that are left.
@@ -97,7 +97,7 @@ impl FrameSolver {
                 *done += step;
             }
             self.body.integrate(&mut self.q, &self.step);
-            self.look(targets, Moment::StepTakenBack, done, dt);
+            self.look(targets, Instant::StepTakenBack, done, dt);
         }
     }
 

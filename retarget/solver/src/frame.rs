@@ -5,11 +5,11 @@ use crate::body::Body;
 use crate::bounds::{FrameBox, Limit};
 use crate::hierarchy::{Problem, Side, Workspace};
 use crate::kinematics::Pose;
-use crate::layout::{reserve_rows, watch, Layout, Placed};
+use crate::level_rows::{reserve_rows, watch, Layout, Placed};
 use crate::observers::{Activation, ObserverSet, Watch};
 use crate::progress::Progress;
-use crate::rows::Columns;
 use crate::task::Task;
+use crate::task_rows::Columns;
 use std::ops::Range;
 use std::sync::Arc;
 

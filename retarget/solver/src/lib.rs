@@ -1,5 +1,5 @@
-//! retarget._solver: kinematics, strict hierarchies, whole frames; and, beside them, what is done with poses as they come in. Knows no
-//! file, no clock, no servo. `use` runs one way between the files here (`tests/test_arrows_rust.py`).
+//! retarget._solver: kinematics, strict hierarchies, whole frames; and filters for streams of poses. It uses no file, no clock, no
+//! servo. `use` runs one way between the files here (`tests/test_arrows_rust.py`).
 
 #[cfg(feature = "count-allocations")]
 pub mod allocations; // heap allocations of a thread, counted for tests
@@ -14,15 +14,15 @@ pub mod frame; // what a solver of frames holds
 pub mod geometry; // solids and the distance between them
 pub mod hierarchy; // strict levels of linear tasks, solved exactly
 pub mod kinematics; // where links are, and Jacobians
-mod layout; // where tasks go in targets and rows
+mod level_rows; // which rows of the problem each level and each of its tasks has
 pub mod math; // vectors, quaternions, matrices
 pub mod observers; // observers, obstacles, their rows; paths
 mod progress; // how levels fare from iteration to iteration
 #[cfg(feature = "python")]
 pub mod python; // the bindings of all but the streams
-pub mod rows; // Jacobian rows of tasks
 pub mod streams; // poses of sensors as they come in
 pub mod task; // what is asked of a body
+pub mod task_rows; // Jacobian rows of one task
 #[cfg(test)]
 mod tests; // against closed forms and optimality conditions
 

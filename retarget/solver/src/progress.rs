@@ -1,8 +1,8 @@
-//! How each level fares from iteration to iteration of one frame: when to stop, what to damp, who has to wait.
+//! How each level fares from iteration to iteration of one frame: when to stop, what to damp, and which levels wait.
 
 use crate::body::Body;
 use crate::kinematics::Pose;
-use crate::layout::Placed;
+use crate::level_rows::Placed;
 use crate::task::TaskKind;
 
 /// Errors of a level (m, as it weighs them) below this are met.
@@ -35,9 +35,9 @@ struct Level {
     waits: bool,
 }
 
-/// What the posture is that is looked at.
+/// Which posture is looked at.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Moment {
+pub enum Instant {
     /// That of the frame before, with the targets of this one.
     Start,
     /// After a step towards the targets.
@@ -79,25 +79,25 @@ impl Progress {
         pose: &Pose,
         placed: &[Placed],
         targets: &[f64],
-        moment: Moment,
+        instant: Instant,
         violation: &[f64],
         errors: &mut [f64],
     ) {
-        self.cut = moment == Moment::StepTakenBack;
+        self.cut = instant == Instant::StepTakenBack;
         if !self.cut {
             self.errors_before.clear();
             self.errors_before.extend_from_slice(errors);
         }
         for level in &mut self.levels {
-            if moment == Moment::Start {
+            if instant == Instant::Start {
                 level.kept = level.error <= KEPT;
                 level.waits = false;
             }
-            if moment != Moment::StepTakenBack {
+            if instant != Instant::StepTakenBack {
                 level.before = level.error;
             }
             level.error = 0.0;
-            if moment != Moment::Start && !level.waits {
+            if instant != Instant::Start && !level.waits {
                 (level.unmet, level.distance) = (0.0, 0.0);
             }
         }
@@ -121,7 +121,7 @@ impl Progress {
             }
             level.error = level.error.hypot(energy.sqrt());
             let most = p.task.max_error;
-            let left = if moment != Moment::Start {
+            let left = if instant != Instant::Start {
                 let brought = ((before - norm) / before.min(most)).clamp(0.0, 1.0);
                 norm * (1.0 - brought) * (1.0 - brought)
             } else {
@@ -130,7 +130,7 @@ impl Progress {
             };
             if left > 0.0 && !level.waits {
                 let unmet = energy.sqrt() * left.min(most) / norm;
-                level.unmet = if moment != Moment::Start { level.unmet.hypot(unmet) } else { level.unmet.max(unmet) };
+                level.unmet = if instant != Instant::Start { level.unmet.hypot(unmet) } else { level.unmet.max(unmet) };
                 level.distance = level.distance.max(left / most);
             }
         }
@@ -139,8 +139,8 @@ impl Progress {
         }
     }
 
-    /// No error falls any more, none has grown that may yet be taken back, and none stands still only because it was told to or
-    /// because the step was cut.
+    /// No error falls any more, none has grown that may yet be taken back, and none stands still only because its level waits or
+    /// because the step was shortened.
     pub fn is_done(&self) -> bool {
         !self.cut
             && self.levels.iter().enumerate().all(|(k, l)| {

@@ -31,7 +31,7 @@ def test_a_latched_error_is_explained_and_cleared(lab: ServoLab) -> None:
     assert lab.memory(7).value("hardware_error_status") == 0
 
 
-def test_a_cause_that_lasts_is_told(lab: ServoLab) -> None:
+def test_a_cause_that_persists_is_reported(lab: ServoLab) -> None:
     lab.faults = [Fault(FaultKind.OVER_TEMPERATURE, ids=(7,), value=95.0)]
     code, _, err = lab.run("reboot", "--robot", "op3", "--port", "emulator", "--all", "--yes")
     assert code == 2 and "id 8" not in err
@@ -49,14 +49,14 @@ def test_torque_is_not_dropped_unasked(lab: ServoLab) -> None:
     shows(out)
 
 
-def test_a_servo_that_switches_its_torque_on_at_start_is_told(lab: ServoLab) -> None:
+def test_a_servo_that_switches_its_torque_on_at_start_is_reported(lab: ServoLab) -> None:
     lab.before = {(13, "startup_configuration"): 1}
     code, _, err = lab.run("reboot", "--robot", "op3", "--port", "emulator", "--id", "13", "--yes")
     assert code == 2
     shows(err, "r_knee", 13)
 
 
-def test_a_servo_that_does_not_come_back_is_told(lab: ServoLab) -> None:
+def test_a_servo_that_does_not_come_back_is_reported(lab: ServoLab) -> None:
     lab.upon = {Instruction.REBOOT: Fault(FaultKind.MISSING, ids=(13,))}
     code, _, err = lab.run("reboot", "--robot", "op3", "--port", "emulator", "--id", "13", "--yes")
     assert code == 2
@@ -89,10 +89,10 @@ def test_no_and_dry_run_restart_nothing(lab: ServoLab) -> None:
 
 
 @pytest.mark.parametrize(
-    ("at", "code", "told"), [(0, 130, "restarted: nobody; not: r_sho_pitch"), (2, 1, "r_sho_pitch")]
+    ("at", "code", "text"), [(0, 130, "restarted: no servo; not: r_sho_pitch"), (2, 1, "r_sho_pitch")]
 )
-def test_ctrl_c_ends_before_the_next_servo_and_tells_who_is_done(
-    at: int, code: int, told: str, lab: ServoLab, monkeypatch: pytest.MonkeyPatch
+def test_ctrl_c_ends_before_the_next_servo_and_lists_those_restarted(
+    at: int, code: int, text: str, lab: ServoLab, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     done: list[int] = []
     reboot = OneOff.reboot
@@ -114,7 +114,7 @@ def test_ctrl_c_ends_before_the_next_servo_and_tells_who_is_done(
     monkeypatch.setattr(OneOff, "reboot", counted)
     monkeypatch.setattr(reboot_file, "agreed", asked)
     left, _, err = lab.run("reboot", "--robot", "op3", "--port", "emulator", "--id", "1,2,3")
-    assert left == code and told in err
+    assert left == code and text in err
     shows(err)
     assert done == [1, 2, 3][:at] and "(id 3)" in err.partition("; not: ")[2]
 

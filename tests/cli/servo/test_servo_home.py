@@ -101,9 +101,9 @@ def test_no_writes_nothing(typed: str, lab: Lab) -> None:
     assert not calibration_path("op3").exists() and lab.closed()
 
 
-def test_nobody_there_is_refused(lab: Lab) -> None:
+def test_an_ended_input_is_refused(lab: Lab) -> None:
     code, _, err = lab.home(typed="y\n")
-    said = "error: servo home: nobody answers the question: the input has ended. Run it in a terminal.\n"
+    said = "error: servo home: the question has no answer: the input has ended. Run it in a terminal.\n"
     assert (code, err) == (2, said)
     assert not calibration_path("op3").exists() and lab.closed()
 
@@ -192,7 +192,7 @@ def test_an_unknown_command_of_the_group_is_refused(capsys: pytest.CaptureFixtur
     assert left.value.code == 2 and "home" in capsys.readouterr().err
 
 
-def test_a_posture_of_zeros_is_told_in_short(lab: Lab) -> None:
+def test_a_posture_of_zeros_is_shown_in_short(lab: Lab) -> None:
     robot = load_robot("op3")
     assert home_file._angles(robot, np.zeros(20)) == "all joints at 0"
 
@@ -228,7 +228,7 @@ def test_of_servos_that_are_simulated_nothing_is_kept(bus: str, lab: Lab, own: P
     code, out, err = lab.home("--bus", bus, typed="\n\n\n")
     assert (code, err) == (0, "") and "+0.046" in out and lab.closed()
     first, last = out.splitlines()[0], out.splitlines()[-1]
-    assert first.startswith("These servos are simulated: everything is walked through, and nothing is kept; --out FILE")
+    assert first.startswith("These servos are simulated: all steps run, and nothing is kept; --out FILE")
     assert last.startswith("nothing was kept: these servos are simulated") and "[y/N]" not in out
     assert _files(own) == []
     code, out, _ = lab.home("--bus", bus, "--dry-run")
@@ -236,7 +236,7 @@ def test_of_servos_that_are_simulated_nothing_is_kept(bus: str, lab: Lab, own: P
     shows(out)
 
 
-def test_a_real_emulator_is_walked_through(own: Path, lab: Lab) -> None:
+def test_all_steps_run_on_an_emulator_at_a_port(own: Path, lab: Lab) -> None:
     lab.real()
     code, out, err = lab.home("--bus", "emulator", "--pose", "stand", typed="\n\n\n")
     assert (code, err) == (0, "") and _files(own) == []

@@ -142,7 +142,7 @@ def test_whatever_some_servo_takes_passes() -> None:
                     check_asked(Asked(registers={register.name: value or 0}), protocol, model)
 
 
-def test_sound_options_pass() -> None:
+def test_valid_options_pass() -> None:
     everything = Asked(252, 57_600, 508, 5, {"shutdown": 52, "status_return_level": 2})
     check_asked(everything, 2, X)
     check_asked(everything, None, None)

@@ -1,4 +1,4 @@
-"""Watching servos that somebody else drives: what is shown of their torque is what they say."""
+"""Watching servos that another process drives: their torque is shown as they report it."""
 
 import numpy as np
 
@@ -20,7 +20,7 @@ def test_torque_is_what_the_servos_say() -> None:
     rig.device(2).memory.put("torque_enable", 0)
     rig.clock.advance(0.25)
     watch.read()
-    assert watch.torque[0] is Torque.HELD  # nobody had spoken for longer than the watchdog waits
+    assert watch.torque[0] is Torque.HELD  # no instruction for longer than the watchdog's time
     assert watch.torque[1] is Torque.OFF
 
 
@@ -34,7 +34,7 @@ def test_a_servo_that_its_watchdog_has_stopped_is_not_called_limp() -> None:
     assert rig.shown("torque_enable") == [1, 1, 1]
 
 
-def test_whoever_is_silent_is_not_known() -> None:
+def test_torque_of_a_silent_servo_is_not_known() -> None:
     rig, watch = watched()
     watch.read()
     rig.fault(Fault(FaultKind.MISSING, ids=(2,)))

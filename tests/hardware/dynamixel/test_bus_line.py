@@ -1,4 +1,4 @@
-"""Registers of all servos of a bus at once: nobody is taken for silent because another one is."""
+"""Registers of all servos of a bus at once: a silent servo makes no other one seem silent."""
 
 import pytest
 
@@ -7,7 +7,7 @@ from sim.emulator.faults import Fault, FaultKind
 
 
 @pytest.mark.parametrize("gone", [(), (1,), (2,), (3,), (5,), (1, 2), (1, 3, 5), (1, 2, 3, 4), (1, 2, 3, 4, 5)])
-def test_who_is_there_is_read_whoever_is_missing(gone: tuple[int, ...]) -> None:
+def test_servos_that_answer_are_read_whichever_is_missing(gone: tuple[int, ...]) -> None:
     rig = BusRig(specs(5)).ready()
     if gone:
         rig.fault(Fault(FaultKind.MISSING, ids=gone))
@@ -17,7 +17,7 @@ def test_who_is_there_is_read_whoever_is_missing(gone: tuple[int, ...]) -> None:
     assert line.read_all(register, range(1, 6)) == {device: device for device in there}
 
 
-def test_nobody_asked_is_nobody_told() -> None:
+def test_without_ids_nothing_is_sent() -> None:
     rig = BusRig(specs(2)).ready()
     (line,) = rig.bus.lines
     rig.port.sent.clear()

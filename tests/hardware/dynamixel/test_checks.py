@@ -64,7 +64,7 @@ def test_a_second_id_is_refused_and_none_is_not() -> None:
     assert [bool(said(secondary_id=value)) for value in (0, 252, 253, 255)] == [True, True, False, False]
 
 
-def test_every_cure_that_names_the_setup_says_a_whole_command() -> None:
+def test_every_fix_that_names_the_setup_gives_a_whole_command() -> None:
     found = said(drive_mode=0x0B, startup_configuration=1, secondary_id=3, homing_offset=9, min_position_limit=1500)
     assert len(found) == 7
     for text in found:
@@ -84,12 +84,12 @@ def _image(model: str, protocol: int, **values: int) -> tuple[ServoSpec, BusSpec
 
 
 @pytest.mark.parametrize("model", ["AX-12A", "MX-28"])
-def test_a_locked_eeprom_is_told_with_what_opens_it(model: str) -> None:
-    for lock, told in ((0, False), (1, True)):
+def test_a_locked_eeprom_is_reported_with_what_opens_it(model: str) -> None:
+    for lock, reported in ((0, False), (1, True)):
         servo, bus, image = _image(model, 1, lock=lock)
         text = " ".join(complaints(servo, bus, image, needed_ticks([servo])["j1"]))
         shows(text)
-        assert ("EEPROM" in text) == told
+        assert ("EEPROM" in text) == reported
 
 
 def test_a_follower_of_protocol_1_is_refused() -> None:
@@ -101,7 +101,7 @@ def test_a_follower_of_protocol_1_is_refused() -> None:
     ("model", "protocol", "fine"),
     [("XL430-W250", 2, False), ("AX-12A", 1, False), ("MX-64", 1, False), ("MX-64", 2, True), ("XM430-W350", 2, True)],
 )
-def test_a_current_that_nobody_limits_is_refused(model: str, protocol: int, fine: bool) -> None:
+def test_a_current_that_the_servo_cannot_limit_is_refused(model: str, protocol: int, fine: bool) -> None:
     servo, bus, image = _image(model, protocol)
     needed = needed_ticks([servo])["j1"]
     assert complaints(servo, bus, image, needed) == []

@@ -1,4 +1,4 @@
-"""Control tables: sound by themselves, true to the facts, and in agreement with the maker's model files."""
+"""Control tables: consistent in themselves, true to the facts, and in agreement with the maker's model files."""
 
 import csv
 import importlib.util
@@ -374,7 +374,7 @@ def test_every_layer_is_used_and_every_used_layer_exists() -> None:
 
 @pytest.mark.parametrize("model", model_rows(), ids=lambda row: f"{row.model}-{row.protocol}")
 def test_every_row_of_a_model_has_an_effect(model: ModelRow) -> None:
-    """A row that changes a register which nobody made is a misspelt name."""
+    """A row that changes a register that no row has made has a misspelt name."""
     made: set[str] = set()
     for layer in model.layers:
         for row in layer_rows()[layer]:

@@ -115,7 +115,7 @@ def test_a_missing_servo_costs_little_and_the_others_nothing(gone: int, gaps: Ga
     assert np.median(costs[3:]) <= USED
     looks = sum(cost > USED for cost in costs[3:])
     assert looks <= 97 * CYCLE / PROBE_PERIOD + 1
-    rig.mend()
+    rig.clear_faults()
     back = [bool(rig.tick(goals).states.valid.all()) for _ in range(round(PROBE_PERIOD / CYCLE) + 3)]
     assert back[-1] and back == sorted(back)
 
@@ -136,15 +136,15 @@ def test_three_missing_at_once_leave_the_rest(gone: tuple[int, ...]) -> None:
     rig.tick()
     for _ in range(60):
         assert whole(rig.tick().states, gone)
-    rig.mend()
+    rig.clear_faults()
     for _ in range(60):
         states = rig.tick().states
     assert whole(states)
-    # They have heard nobody for longer than their watchdogs allow, and say so.
+    # They have received nothing for longer than their watchdogs allow, and report it.
     assert (np.flatnonzero(~states.driven) + 1).tolist() == list(gone)
 
 
-def test_nobody_there_is_bounded_and_no_exception() -> None:
+def test_a_bus_without_servos_is_bounded_and_no_exception() -> None:
     rig = BusRig().ready(torque=True)
     rig.fault(Fault(FaultKind.MISSING))
     took = [rig.tick().took for _ in range(40)]
@@ -267,7 +267,7 @@ def test_an_adapter_that_is_slower_than_it_says_is_noted_once(monkeypatch: pytes
     assert sum("had to be repeated" in note for note in rig.notes) == 1
 
 
-def test_temperatures_that_nobody_hears_are_forgotten() -> None:
+def test_temperatures_that_are_not_received_are_forgotten() -> None:
     rig = BusRig(specs(3)).ready(torque=True)
     two, read = rig.device(2), rig.device(2).read
     two.read = lambda address, length, now: (  # type: ignore[method-assign]
@@ -373,7 +373,7 @@ def test_a_limp_servo_of_protocol_1_is_sent_no_goal() -> None:
     assert len(packet) == 10 + 4 + 3 * 5
 
 
-def test_silence_is_not_rough_and_one_retry_neither() -> None:
+def test_neither_silence_nor_one_retry_is_an_error() -> None:
     error_rate = ErrorRate()
     for cycle in range(20):
         error_rate.note(0.01 * cycle, retries=ERROR_RATE_RETRIES, spoiled=0)

@@ -1,10 +1,10 @@
-"""Whatever a servo is told, it stays a servo: random instructions, times and faults."""
+"""Random instructions, times and faults: an emulated servo stays a servo."""
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emulated import servo1, servo2, shown, told
+from emulated import read_register, servo1, servo2, write_register
 from hardware.dynamixel.packets import Instruction
 from sim.emulator.servo1 import EmulatedServo1
 from sim.emulator.servo2 import EmulatedServo
@@ -82,7 +82,7 @@ def test_no_instruction_breaks_a_servo(model: str, steps: list[tuple[float, tupl
             hurt(servo, what, with_what, now)  # type: ignore[arg-type]
         else:
             assert isinstance(with_what, bytes)
-            servo.hear(now)
+            servo.receive(now)
             servo.execute(what, with_what, now, broadcast=False)
         sound(servo)
         latched, mask = servo.memory.value("hardware_error_status"), servo.memory.value("shutdown") & 0x3F
@@ -138,11 +138,11 @@ def test_what_is_accepted_is_read_back(address: int, data: bytes) -> None:
 )
 def test_the_watchdog_trips_in_silence_only(value: int, gaps: list[float], torque: bool, silence: float) -> None:
     servo, now = servo2(), 0.0
-    told(servo, "bus_watchdog", value)
-    told(servo, "torque_enable", int(torque))
+    write_register(servo, "bus_watchdog", value)
+    write_register(servo, "torque_enable", int(torque))
     for gap in gaps:
         now += gap * value * 0.02
-        servo.hear(now)
-        assert shown(servo, "bus_watchdog", now) == value
+        servo.receive(now)
+        assert read_register(servo, "bus_watchdog", now) == value
     now += silence * value * 0.02
-    assert shown(servo, "bus_watchdog", now) == (-1 if torque else value)
+    assert read_register(servo, "bus_watchdog", now) == (-1 if torque else value)

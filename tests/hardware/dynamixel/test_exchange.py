@@ -59,11 +59,11 @@ def _slotted(*ids: int) -> Replies:
 
 def test_all_answer_a_broadcast_in_their_slots() -> None:
     port = ScriptedPort(lambda request: _slotted(0, 1, 7, 252))
-    heard = exchange.broadcast_ping(port, 252, SLACK)
-    assert [answer.id for answer in heard.answers] == [0, 1, 7, 252]
-    assert heard.damaged == 0
+    received = exchange.broadcast_ping(port, 252, SLACK)
+    assert [answer.id for answer in received.answers] == [0, 1, 7, 252]
+    assert received.damaged == 0
     assert port.sent == [protocol2.ping(BROADCAST)]
-    assert exchange.found_by_broadcast(heard)[1] == Found(1, 2, 1030, 38)
+    assert exchange.found_by_broadcast(received)[1] == Found(1, 2, 1030, 38)
 
 
 def test_the_window_is_that_of_the_highest_id() -> None:
@@ -75,13 +75,13 @@ def test_the_window_is_that_of_the_highest_id() -> None:
     assert 0.770 < port.now() < 0.800
 
 
-def test_damage_is_counted_and_the_sound_are_kept() -> None:
+def test_damage_is_counted_and_valid_answers_are_kept() -> None:
     broken = bytearray(protocol2.status(2, 0, PING1))
     broken[9] ^= 0x10
     port = ScriptedPort(lambda request: [*_slotted(1, 3), (0.007, bytes(broken))])
-    heard = exchange.broadcast_ping(port, 5, SLACK)
-    assert [answer.id for answer in heard.answers] == [1, 3]
-    assert heard.damaged == len(broken)
+    received = exchange.broadcast_ping(port, 5, SLACK)
+    assert [answer.id for answer in received.answers] == [1, 3]
+    assert received.damaged == len(broken)
 
 
 def test_two_answers_to_a_broadcast_are_a_clash() -> None:
@@ -91,7 +91,7 @@ def test_two_answers_to_a_broadcast_are_a_clash() -> None:
 
 
 @pytest.mark.parametrize("protocol", [1, 2])
-def test_a_second_answer_to_one_ping_is_heard(protocol: int) -> None:
+def test_a_second_answer_to_one_ping_is_noticed(protocol: int) -> None:
     answer = protocol1.status(4) if protocol == 1 else protocol2.status(4, 0, PING1)
     port = ScriptedPort(lambda request: [(0.0005, answer), (0.001, answer)])
     assert len(exchange.ping_alone(port, protocol, 4, SLACK).answers) == 2
@@ -100,18 +100,18 @@ def test_a_second_answer_to_one_ping_is_heard(protocol: int) -> None:
 @pytest.mark.parametrize("protocol", [1, 2])
 def test_an_echo_is_no_answer(protocol: int) -> None:
     port = ScriptedPort(lambda request: [(0.0001, request)])
-    heard = exchange.ping_alone(port, protocol, 4, SLACK)
-    assert heard == exchange.PingReplies((), 0, True)
+    received = exchange.ping_alone(port, protocol, 4, SLACK)
+    assert received == exchange.PingReplies((), 0, True)
 
 
 def test_a_line_that_never_falls_silent_is_left() -> None:
     port = ScriptedPort(lambda request: [(1e-5 * at, bytes(1000)) for at in range(200)])
-    heard = exchange.broadcast_ping(port, 252, SLACK)
-    assert heard.damaged <= exchange.MAX_HEARD + 1000
+    received = exchange.broadcast_ping(port, 252, SLACK)
+    assert received.damaged <= exchange.MAX_RECEIVED + 1000
     assert port.now() < 0.1
 
 
-def test_a_refused_ping_tells_no_model() -> None:
+def test_a_refused_ping_returns_no_model() -> None:
     assert exchange.found_by_ping(Status(3, 0x81, b"")) == Found(3, 2, None, None, alert=True)
 
 
@@ -162,7 +162,7 @@ def pieces(reply: bytes, *, begun: float, size: int = SIZE + 4) -> list[tuple[fl
     return [(begun + BYTE * end, reply[at:end]) for at, end in pairwise(cuts) if end > at]
 
 
-def heard(wire: Wire) -> tuple[int, float]:
+def received(wire: Wire) -> tuple[int, float]:
     """How many answers, and when it was known that there are no more, s."""
     ask = Ask(Kind.FAST, IDS, 126, SIZE)
     found = collect(wire, ask, 0.0, ask.timeouts(wire, 0.0))  # type: ignore[arg-type]
@@ -171,21 +171,21 @@ def heard(wire: Wire) -> tuple[int, float]:
 
 def test_a_whole_reply_wakes_twice_and_is_there_with_its_last_byte() -> None:
     wire = Wire(pieces(REPLY, begun=1e-3))
-    answers, known = heard(wire)
+    answers, known = received(wire)
     assert answers == 20 and known == pytest.approx(1e-3 + BYTE * len(REPLY)) and wire.waits <= 2
 
 
 def test_one_that_comes_in_one_piece_costs_no_sleep() -> None:
     wire = Wire([(2e-3, REPLY)])
-    assert heard(wire) == (20, 2e-3) and wire.waits == 1
+    assert received(wire) == (20, 2e-3) and wire.waits == 1
 
 
 @pytest.mark.parametrize("count", [1, 2, 10, 19])
-def test_silence_is_counted_from_the_last_byte_and_not_from_when_somebody_looked(count: int) -> None:
+def test_silence_is_counted_from_the_last_byte_and_not_from_the_read(count: int) -> None:
     end = 8 + (SIZE + 4) * count
     wire = Wire(pieces(REPLY[:end], begun=1e-3))
     idle = Ask(Kind.FAST, IDS, 126, SIZE).timeouts(wire, 0.0).idle  # type: ignore[arg-type]
-    answers, known = heard(wire)
+    answers, known = received(wire)
     assert answers == count
     assert known <= 1e-3 + BYTE * end + idle + 1e-9
 
@@ -193,7 +193,7 @@ def test_silence_is_counted_from_the_last_byte_and_not_from_when_somebody_looked
 @pytest.mark.parametrize("pause", [0.2e-3, 0.8e-3])
 def test_a_pause_in_the_middle_is_waited_for(pause: float) -> None:
     due = [(at + (pause if k >= 7 else 0.0), data) for k, (at, data) in enumerate(pieces(REPLY, begun=1e-3))]
-    answers, known = heard(Wire(due))
+    answers, known = received(Wire(due))
     assert answers == 20 and known == pytest.approx(1e-3 + BYTE * len(REPLY) + pause, abs=2 * (SIZE + 4) * BYTE)
 
 
@@ -204,7 +204,7 @@ def test_an_adapter_that_collects_bytes_is_waited_for_no_longer_than_its_reply()
         due[int(at * 1e3) + 1] = due.get(int(at * 1e3) + 1, b"") + data
     wire = Wire([(1e-3 * ms, data) for ms, data in due.items()])
     last = 1e-3 * max(due)
-    answers, known = heard(wire)
+    answers, known = received(wire)
     assert answers == 20 and known == pytest.approx(last) and wire.waits <= len(due)
 
 

@@ -1,4 +1,4 @@
-"""Torque off by broadcasts at speeds that nobody knows."""
+"""Servos as found, and torque off by broadcasts at unknown speeds."""
 
 import pytest
 
@@ -11,11 +11,11 @@ from hardware.dynamixel.found_servos import (
     answers_pings_only,
     as_bus,
     broadcast_torque_off,
+    enable_status_return,
     is_controller,
     look,
     not_limp,
     send_torque_off,
-    unmute,
 )
 from hardware.dynamixel.line_scan import Sighting, Speed, all_speeds, scan_line
 from hardware.dynamixel.single_requests import OneOff
@@ -37,7 +37,7 @@ def _rig(model: str = "XM430-W350", protocol: int = 2) -> BusRig:
 
 
 @pytest.mark.parametrize(("model", "protocol"), [("XM430-W350", 2), ("MX-28", 2), ("MX-28", 1), ("AX-12A", 1)])
-def test_everybody_hears_within_a_second_at_any_speed(model: str, protocol: int) -> None:
+def test_all_servos_receive_it_within_a_second_at_any_speed(model: str, protocol: int) -> None:
     rig = _rig(model, protocol)
     begun = rig.clock.now()
     broadcast_torque_off(rig.port, all_speeds())
@@ -51,7 +51,7 @@ def test_only_the_speeds_named() -> None:
     assert rig.shown("torque_enable") == [0, 1, 0] and rig.port.baud == 1_000_000
 
 
-def test_a_speed_that_the_adapter_lacks_is_left_out_and_a_port_that_is_gone_is_told(
+def test_an_impossible_speed_is_left_out_and_a_port_that_is_gone_is_reported(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     rig = _rig()
@@ -80,7 +80,7 @@ def _sightings(rig: BusRig) -> tuple[Sighting, ...]:
     return scan_line(rig.port, [SPEED]).sightings
 
 
-def test_who_is_read_who_is_missing_and_who_is_strange() -> None:
+def test_read_missing_and_unknown_servos() -> None:
     rig = BusRig(specs(5), unknown_ids=[spec(40)])
     rig.device(2).memory.put("model_number", 1120)
     rig.device(3).memory.put("model_number", 1060)
@@ -88,11 +88,11 @@ def test_who_is_read_who_is_missing_and_who_is_strange() -> None:
     placed = [(7 + at, servo) for at, servo in enumerate(rig.servos)]
     seen = look(rig.port, rig.buses[0], placed, _sightings(rig))
     assert list(seen.line.images) == [1, 3, 5] and seen.missing == (4,)
-    assert [one.found.id for one in seen.strange] == [2, 40]
+    assert [one.found.id for one in seen.unknown] == [2, 40]
     assert seen.line.index_of[5] == 11
-    told = "\n".join(seen.notes)
+    notes = "\n".join(seen.notes)
     for text in ("j2 (id 2) is a model that is not known here: number 1120", "j3 (id 3) is XL430-W250", "40 (XM430"):
-        assert text in told
+        assert text in notes
 
 
 def test_a_bus_of_what_answers_holds_every_known_servo_in_order() -> None:
@@ -102,11 +102,11 @@ def test_a_bus_of_what_answers_holds_every_known_servo_in_order() -> None:
     assert [(place, servo.id) for place, servo in placed] == [(5, 1), (6, 2), (7, 4)]
     assert (bus.baud, bus.protocol, bus.ids) == (2_000_000, 2, (1, 2, 4))
     seen = look(rig.port, bus, placed, _sightings(rig))
-    assert not seen.missing and [one.found.id for one in seen.strange] == [3]
+    assert not seen.missing and [one.found.id for one in seen.unknown] == [3]
     shows(seen.notes, 3, 1120)
 
 
-def test_a_mute_servo_is_told_from_a_silent_one() -> None:
+def test_a_servo_with_status_return_off_is_distinguished_from_a_silent_one() -> None:
     rig = BusRig(specs(3))
     rig.device(2).memory.put("status_return_level", 0)
     rig.device(2).tune()
@@ -121,7 +121,7 @@ def test_a_controller_is_no_servo() -> None:
     rig = BusRig(specs(2))
     rig.device(2).memory.put("model_number", 0x7400)
     bus, placed = as_bus("here", _sightings(rig))
-    assert look(rig.port, bus, placed, _sightings(rig)).strange == ()
+    assert look(rig.port, bus, placed, _sightings(rig)).unknown == ()
 
 
 def test_several_speeds_are_refused_with_what_was_seen() -> None:
@@ -150,7 +150,7 @@ def test_who_answers_pings_only(protocol: int) -> None:
 @pytest.mark.parametrize("protocol", [1, 2])
 def test_it_is_written_without_its_answer(protocol: int) -> None:
     rig, client = _status_return_off_rig(protocol)
-    unmute(client, 2)
+    enable_status_return(client, 2)
     assert rig.shown("status_return_level")[1] == 2
     assert not answers_pings_only(client, 2)
 
@@ -162,7 +162,7 @@ def test_every_known_model_has_its_torque_there() -> None:
 
 
 @pytest.mark.parametrize("protocol", [1, 2])
-def test_a_line_that_knows_nobody_switches_them_off_and_asks(protocol: int) -> None:
+def test_a_line_without_known_servos_switches_them_off_and_asks(protocol: int) -> None:
     servos = specs(4, "MX-28")
     rig = BusRig(servos, buses=[bus_of(servos, protocol=protocol, baud=1_000_000)])
     rig.port.open(1_000_000)

@@ -13,8 +13,8 @@ from hardware.dynamixel.line_scan import (
     Speed,
     all_ids,
     all_speeds,
+    answering_elsewhere,
     has_speed,
-    heard_elsewhere,
     scan_line,
     write_setting,
 )
@@ -51,15 +51,15 @@ def test_each_servo_is_seen_once_at_its_own_speed() -> None:
 
 def test_the_choice_of_ids_and_speeds_is_kept_to() -> None:
     rig = _rig(s2=57_600)
-    heard: list[int] = []
-    seen = scan_line(rig.port, [Speed(2, 57_600)], ids=[2, 2, 300], progress=heard.append)
+    done: list[int] = []
+    seen = scan_line(rig.port, [Speed(2, 57_600)], ids=[2, 2, 300], progress=done.append)
     assert [one.found.id for one in seen.sightings] == [2]
-    assert heard == [0, 1] and rig.port.baud == 57_600
+    assert done == [0, 1] and rig.port.baud == 57_600
     assert all_speeds((1,), 9600) == [Speed(1, 9600)]
     assert (all_ids(1)[-1], all_ids(2)[-1]) == (253, 252)
 
 
-def test_a_speed_that_the_adapter_lacks_is_told_and_a_port_that_is_gone_ends_it(
+def test_an_impossible_speed_is_reported_and_a_port_that_is_gone_ends_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     rig = _rig()
@@ -79,7 +79,7 @@ def test_a_speed_that_the_adapter_lacks_is_told_and_a_port_that_is_gone_ends_it(
         scan_line(rig.port, all_speeds((2,)))
 
 
-def test_errors_are_told_in_words_and_unknown_models_by_number() -> None:
+def test_errors_are_given_in_words_and_unknown_models_by_number() -> None:
     rig = _rig()
     rig.device(2).memory.put("model_number", 1120)
     rig.fault(replace(Fault(FaultKind.OVER_TEMPERATURE), ids=(3,)))
@@ -106,13 +106,13 @@ def test_speeds_that_servos_have(protocol: int, baud: int, there: bool) -> None:
 
 
 @pytest.mark.parametrize("protocol", [1, 2])
-def test_everybody_is_told_of_when_found(protocol: int) -> None:
+def test_each_servo_is_reported_when_found(protocol: int) -> None:
     servos = specs(3, "MX-28")
     rig = BusRig(servos, buses=[bus_of(servos, protocol=protocol, baud=1_000_000)])
     rig.port.open(1_000_000)
-    told: list[Sighting] = []
-    seen = scan_line(rig.port, [Speed(protocol, 1_000_000)], ids=[1, 3], told=told.append)
-    assert [one.found.id for one in told] == [1, 3] and tuple(told) == seen.sightings
+    printed: list[Sighting] = []
+    seen = scan_line(rig.port, [Speed(protocol, 1_000_000)], ids=[1, 3], on_found=printed.append)
+    assert [one.found.id for one in printed] == [1, 3] and tuple(printed) == seen.sightings
     assert not seen.echoes
 
 
@@ -135,20 +135,20 @@ def _other_speeds_rig(*elsewhere: int) -> BusRig:
     return rig
 
 
-def test_who_is_heard_and_where() -> None:
+def test_servos_that_answer_elsewhere_and_where() -> None:
     rig = _other_speeds_rig(2, 5)
-    assert heard_elsewhere(rig.port, rig.buses[0], [2, 5, 9]) == {2: [115_200], 5: [115_200]}
+    assert answering_elsewhere(rig.port, rig.buses[0], [2, 5, 9]) == {2: [115_200], 5: [115_200]}
     assert rig.port.baud == 2_000_000
 
 
 def test_a_few_only_are_looked_for() -> None:
     rig = _other_speeds_rig(1, 2, 3, 4, 5)
     begun = rig.clock.now()
-    assert sorted(heard_elsewhere(rig.port, rig.buses[0], [1, 2, 3, 4, 5])) == [1, 2, 3][:MOST]
+    assert sorted(answering_elsewhere(rig.port, rig.buses[0], [1, 2, 3, 4, 5])) == [1, 2, 3][:MOST]
     assert rig.clock.now() - begun < 1.0
 
 
-def test_a_speed_that_the_adapter_lacks_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_impossible_speed_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = _other_speeds_rig(2)
     set_baud = rig.port.set_baud
 
@@ -158,7 +158,7 @@ def test_a_speed_that_the_adapter_lacks_is_left_out(monkeypatch: pytest.MonkeyPa
         set_baud(baud)
 
     monkeypatch.setattr(rig.port, "set_baud", limited)
-    assert heard_elsewhere(rig.port, rig.buses[0], [2]) == {2: [115_200]}
+    assert answering_elsewhere(rig.port, rig.buses[0], [2]) == {2: [115_200]}
 
 
 SPEED = Speed(2, 2_000_000)
@@ -185,7 +185,7 @@ def test_where_it_is_afterwards(name: str, value: int, after: tuple[int, Speed],
     assert rig.shown(name)[0] != value
 
 
-def test_a_servo_that_vanishes_is_told_with_where_it_was_looked_for() -> None:
+def test_a_servo_that_vanishes_is_reported_with_where_it_was_looked_for() -> None:
     rig = BusRig(specs(2))
     rig.fault(Fault(FaultKind.MISSING, ids=(2,)))
     code = code_of(rig.devices[1].table, 57_600)

@@ -1,4 +1,4 @@
-"""Everything that keeps a bus from being used is said at once, with its cure; nothing is written then."""
+"""All problems of a bus are reported at once, each with its fix; nothing is written then."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,7 +11,7 @@ from hardware.dynamixel import protocol2
 from hardware.dynamixel.checks import needed_ticks
 from hardware.dynamixel.control_table import code_of, find_table
 from hardware.dynamixel.exchange import Ask, Kind
-from hardware.dynamixel.opening import LOOKS, everybody, too_slow
+from hardware.dynamixel.opening import LOOKS, servos_on, too_slow
 from hardware.dynamixel.protocol2 import frame
 from hardware.dynamixel.single_requests import OneOff
 from hardware.errors import BusError
@@ -50,7 +50,7 @@ def test_an_echo_is_no_answer(protocol: int) -> None:
     assert not _said(protocol, 20e-6, Fault(FaultKind.ECHO))[0]
 
 
-def test_one_fast_answer_is_enough_and_silence_is_told_elsewhere() -> None:
+def test_one_fast_answer_is_enough_and_silence_is_no_slowness() -> None:
     assert _said(2, 20e-6, Fault(FaultKind.LATE, value=0.05, end=0.1))[0] == ""
     assert _said(2, 20e-6, Fault(FaultKind.MISSING, ids=(1,)))[0] == ""
 
@@ -65,9 +65,9 @@ def test_an_answer_in_pieces_is_no_quick_one(late: float) -> None:
         return [(late, status[:5]), (late + 0.001, status[5:10]), (late + 0.002, status[10:])]
 
     port = ScriptedPort(in_pieces, baud=57_600)
-    told = too_slow(port, table, 1, 0.0)
+    problem = too_slow(port, table, 1, 0.0)
     allowed = Ask(Kind.SYNC, (1,), 132, 4).timeouts(port, 0.0).first
-    assert bool(told) == (late > allowed)
+    assert bool(problem) == (late > allowed)
 
 
 Spoil = Callable[[BusRig], None]
@@ -117,7 +117,7 @@ PROBLEMS: dict[str, tuple[Spoil, tuple[str, ...]]] = {
         fault(FaultKind.MISSING, 2, 4),
         ("servo j2 (id 2), servo j4 (id 4) did not answer", "servo scan", "a host that is too busy"),
     ),
-    "nobody": (
+    "no servo": (
         fault(FaultKind.MISSING),
         ("no servo answers", "57600", "4500000", "check the servos' power", "too busy"),
     ),
@@ -130,9 +130,12 @@ PROBLEMS: dict[str, tuple[Spoil, tuple[str, ...]]] = {
         ("j3 (id 3) did not answer", "servo j3 (id 3) answers at 57600 baud, and its bus has 2000000", "--id 3 --baud"),
     ),
     "second id": (register(2, secondary_id=1), ("servo j2 (id 2) also obeys what is meant for id 1",)),
-    "mute": (register(2, status_return_level=0), ("servo j2 (id 2) answers pings only", "status_return_level=2`")),
+    "status return off": (
+        register(2, status_return_level=0),
+        ("servo j2 (id 2) answers pings only", "status_return_level=2`"),
+    ),
     "unknown": (register(4, id=9), ("j4 (id 4) did not answer", "ids that the profile does not know: 9 (XM430-W350)")),
-    "clash": (fault(FaultKind.ID_CLASH, 3), ("servo j3 (id 3) answers in several voices", "one at a time")),
+    "clash": (fault(FaultKind.ID_CLASH, 3), ("servo j3 (id 3) gives several different answers", "one at a time")),
     "errors": (overheated, ("servo j2 (id 2) has latched OVERHEATING (too hot)", "servo reboot")),
     "voltage": (supply, ("has a supply of 9.0 V, allowed 9.5 to 16 V", "battery")),
     "torque": (register(1, torque_enable=1), ("has torque on, and its EEPROM must be written", "servo rest")),
@@ -163,7 +166,7 @@ def refusal(rig: BusRig) -> str:
 
 
 @pytest.mark.parametrize("case", list(PROBLEMS))
-def test_each_problem_is_named_with_its_cure(case: str) -> None:
+def test_each_problem_is_named_with_its_fix(case: str) -> None:
     rig = BusRig(specs(4))
     spoil, texts = PROBLEMS[case]
     spoil(rig)
@@ -173,7 +176,7 @@ def test_each_problem_is_named_with_its_cure(case: str) -> None:
     assert "main" in said or "servo j" in said
 
 
-def test_a_sound_bus_opens_and_says_nothing_of_that_kind() -> None:
+def test_a_valid_bus_opens_without_problems() -> None:
     rig = BusRig(specs(4))
     rig.bus.open()
     assert rig.port.opened
@@ -229,7 +232,7 @@ def test_wheel_mode_of_protocol_1_is_refused() -> None:
     assert rig.images() == before
 
 
-def test_protocol_1_is_told_to_have_no_watchdog() -> None:
+def test_protocol_1_is_noted_to_have_no_watchdog() -> None:
     servos = specs(1, "AX-12A")
     rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)]).ready()
     shows(rig.notes, 1)
@@ -246,7 +249,7 @@ def test_the_speed_is_the_bus_s_again_after_others_were_tried() -> None:
     rig.fault(Fault(FaultKind.MISSING))
     refusal(rig)
     assert rig.line.baud == rig.buses[0].baud
-    rig.mend()
+    rig.clear_faults()
     rig.bus.open()
 
 
@@ -258,14 +261,14 @@ def test_a_device_of_the_profile_without_a_joint_must_be_there() -> None:
     assert frame(30, 1, b"") in rig.port.sent
 
 
-def test_strangers_are_found_whatever_their_id() -> None:
+def test_unknown_ids_are_found_whatever_their_number() -> None:
     rig = BusRig(specs(2), unknown_ids=[spec(252)])
     begun = rig.clock.now()
     shows(refusal(rig), 252, "XM430-W350")
     assert rig.clock.now() - begun < 1.0
 
 
-def test_a_stranger_of_protocol_1_is_found() -> None:
+def test_an_unknown_id_of_protocol_1_is_found() -> None:
     servos = specs(2, "AX-12A")
     rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)], unknown_ids=[spec(252, "AX-12A")])
     begun = rig.clock.now()
@@ -274,7 +277,7 @@ def test_a_stranger_of_protocol_1_is_found() -> None:
     assert rig.clock.now() - begun < 1.5
 
 
-def test_a_mute_servo_of_protocol_1_is_told_from_a_silent_one() -> None:
+def test_protocol_1_status_return_off_is_distinguished_from_silence() -> None:
     servos = specs(2, "AX-12A")
     rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)])
     register(2, status_return_level=0)(rig)
@@ -321,28 +324,28 @@ def test_all_are_found_and_nothing_comes_afterwards(protocol: int, model: str) -
     rig = BusRig(servos, buses=buses, unknown_ids=[spec(0, model), spec(40, model), spec(252, model)])
     rig.port.open(1_000_000)
     begun = rig.clock.now()
-    found, told = everybody(rig.port, OneOff(rig.port, protocol), rig.buses[0])
-    assert [one.id for one in found] == [0, 1, 2, 3, 40, 252] and told == []
+    found, notes = servos_on(rig.port, OneOff(rig.port, protocol), rig.buses[0])
+    assert [one.id for one in found] == [0, 1, 2, 3, 40, 252] and notes == []
     assert len({one.model for one in found}) == 1 and not any(one.clash for one in found)
     assert rig.clock.now() - begun < 1.1
     rig.clock.advance(1.0)
     assert rig.port.read() == b""
 
 
-def test_noise_is_no_stranger() -> None:
+def test_noise_is_no_servo() -> None:
     rig = BusRig(specs(2))
     rig.port.open(2_000_000)
     rig.fault(Fault(FaultKind.SHORT, value=40))
-    found, _ = everybody(rig.port, OneOff(rig.port, 2), rig.buses[0])
+    found, _ = servos_on(rig.port, OneOff(rig.port, 2), rig.buses[0])
     assert {one.id for one in found} <= {1, 2}
 
 
-def test_where_it_would_take_too_long_it_is_told() -> None:
+def test_a_search_that_would_take_too_long_is_noted() -> None:
     servos = specs(2, "AX-12A")
     slow = Timing(latency=0.016)
     buses = [bus_of(servos, protocol=1, baud=1_000_000)]
     rig = BusRig(servos, buses=buses, timing=slow, unknown_ids=[spec(9, "AX-12A")])
     rig.port.open(1_000_000)
-    found, told = everybody(rig.port, OneOff(rig.port, 1), rig.buses[0])
+    found, notes = servos_on(rig.port, OneOff(rig.port, 1), rig.buses[0])
     assert [one.id for one in found] == [1, 2]
-    assert told == ["bus main: too slow to look for servos that the profile does not know"]
+    assert notes == ["bus main: too slow to look for servos that the profile does not know"]

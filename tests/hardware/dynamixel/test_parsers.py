@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hardware.dynamixel import protocol1, protocol2
 from hardware.dynamixel.packets import ALERT, Frame, Status
 from hardware.dynamixel.parsers import parser1, parser2, whole_frames, whole_reply
-from hardware.dynamixel.protocol2 import sound_parts
+from hardware.dynamixel.protocol2 import valid_parts
 from noise import LINES, bytes_of, noise, pieces, stretch
 from packet_vectors import ONE, TWO
 
@@ -23,19 +23,19 @@ SEEDS = st.integers(0, 2**32 - 1)
 def test_the_manuals_frames_are_understood(protocol: int) -> None:
     for vector in VECTORS[protocol]:
         parser = LINES[protocol].parser()
-        assert parser.feed(vector.printed) == [vector.heard]
+        assert parser.feed(vector.printed) == [vector.frame]
         assert (parser.pending, parser.skipped) == (b"", 0)
 
 
 @both
 def test_frames_come_with_their_last_byte(protocol: int) -> None:
-    parser, heard = LINES[protocol].parser(), []
+    parser, received = LINES[protocol].parser(), []
     for vector in VECTORS[protocol]:
         for at, byte in enumerate(vector.printed):
             frames = parser.feed(bytes((byte,)))
             assert bool(frames) == (at == len(vector.printed) - 1)
-            heard += frames
-    assert heard == [vector.heard for vector in VECTORS[protocol]]
+            received += frames
+    assert received == [vector.frame for vector in VECTORS[protocol]]
     assert parser.skipped == 0
 
 
@@ -77,8 +77,8 @@ def test_headers_and_stuffing_inside_a_fast_status_are_data() -> None:
 @both
 @settings(max_examples=150)
 @given(seed=SEEDS)
-def test_a_sound_frame_behind_garbage_is_found(protocol: int, seed: int) -> None:
-    """At once, or after silence when the garbage claims its bytes; unless both together make another sound frame."""
+def test_a_valid_frame_behind_garbage_is_found(protocol: int, seed: int) -> None:
+    """At once, or after silence when the garbage claims its bytes; unless both together make another valid frame."""
     random_, line = random.Random(seed), LINES[protocol]
     garbage, frame = stretch(random_), line.frame(1, 0x55, b"\x00\x2a\xff\xff\x17")
     parser = line.parser()
@@ -87,7 +87,7 @@ def test_a_sound_frame_behind_garbage_is_found(protocol: int, seed: int) -> None
     assert parser.pending == b""
     if Frame(1, 0x55, b"\x00\x2a\xff\xff\x17") not in frames:
         begun = [at for at in range(len(garbage)) if garbage.startswith(line.header[:2], at)]
-        assert any(line.stands_at(garbage + frame, at, heard) > len(garbage) for at in begun for heard in frames)
+        assert any(line.stands_at(garbage + frame, at, received) > len(garbage) for at in begun for received in frames)
 
 
 STATUSES = [Frame(device, 0x55, bytes((0, device, 0xFF, 0xFF, 0xFD, 0xFD, 0, 5))) for device in range(1, 8)]
@@ -127,7 +127,7 @@ def test_every_lost_or_doubled_byte_costs_one_frame() -> None:
 
 
 def test_what_a_damaged_length_claims_in_the_first_protocol_comes_back_after_silence() -> None:
-    """There a header may stand in the data, so only silence tells."""
+    """There a header may stand in the data, so only silence shows the end."""
     damaged, good = bytearray(protocol1.status(1, 0, b"\x01\x02")), protocol1.status(2, 0, b"\x03\x04")
     damaged[3] = 60
     parser = parser1()
@@ -145,14 +145,14 @@ def test_reset_forgets_and_counts(protocol: int) -> None:
     assert parser.pending == vector.printed[:-1]
     parser.reset()
     assert (parser.pending, parser.skipped) == (b"", len(vector.printed) - 1)
-    assert parser.feed(vector.printed) == [vector.heard]
+    assert parser.feed(vector.printed) == [vector.frame]
 
 
 @both
 def test_an_echo_comes_before_its_answer(protocol: int) -> None:
     line = LINES[protocol]
     question, answer = VECTORS[protocol][2 + (protocol == 2)], VECTORS[protocol][3 + (protocol == 2)]
-    assert line.parser().feed(question.printed + answer.printed) == [question.heard, answer.heard]
+    assert line.parser().feed(question.printed + answer.printed) == [question.frame, answer.frame]
 
 
 @both
@@ -161,7 +161,7 @@ def test_a_bytearray_may_be_fed_and_changed_afterwards(protocol: int) -> None:
     parser, data = LINES[protocol].parser(), bytearray(vector.printed[:-1])
     assert parser.feed(data) == []
     data[:] = bytes(len(data))
-    assert parser.feed(vector.printed[-1:]) == [vector.heard]
+    assert parser.feed(vector.printed[-1:]) == [vector.frame]
 
 
 PING = protocol2.ping(1)
@@ -220,7 +220,7 @@ def test_a_flood_is_bounded_in_memory_and_over_with_the_next_frame(protocol: int
         assert len(single.pending) < line.longest
     assert single.pending == whole.pending
     vector = (ONE if protocol == 1 else TWO)[0]
-    assert (whole.feed(vector.printed) + whole.flush())[-1:] == [vector.heard]
+    assert (whole.feed(vector.printed) + whole.flush())[-1:] == [vector.frame]
 
 
 @pytest.mark.long
@@ -272,8 +272,8 @@ def test_a_frame_with_an_unstuffed_header_inside_is_none() -> None:
     assert parser2().feed(sealed + PING) == [Frame(1, 1, b"")]
 
 
-def test_a_frame_that_nobody_stuffed_is_taken_when_no_header_is_inside() -> None:
-    """So dynamixel-sdk sends it; header, length and CRC are sound, and nothing else is to be done with it."""
+def test_a_frame_without_stuffing_is_taken_when_no_header_is_inside() -> None:
+    """dynamixel-sdk sends such frames; header, length and CRC are valid, so the frame counts."""
     raw = protocol2.HEADER + bytes.fromhex("01 0900 03 7400 FFFFFDFF")
     sealed = raw + protocol2.crc(raw).to_bytes(2, "little")
     assert parser2().feed(sealed) == [Frame(1, 3, b"\x74\0\xff\xff\xfd\xff")]
@@ -303,7 +303,7 @@ def test_last_parameters_and_crc_that_look_like_a_header(tail: bytes, crc: bytes
     stream = raw + behind + raw + PING
     assert parser2().feed(stream) == [frame, frame, Frame(1, 1, b"")]
     single = parser2()
-    assert [heard for byte in stream for heard in single.feed(bytes((byte,)))] == [frame, frame, Frame(1, 1, b"")]
+    assert [received for byte in stream for received in single.feed(bytes((byte,)))] == [frame, frame, Frame(1, 1, b"")]
     assert single.skipped == len(behind)
 
 
@@ -319,7 +319,7 @@ def test_the_other_protocols_bytes_are_noise() -> None:
     two, one = b"".join(vector.printed for vector in TWO), b"".join(vector.printed for vector in ONE)
     assert parser1().feed(two) == []
     assert parser2().feed(one) == []
-    assert parser1().feed(PING + ONE[0].printed) == [ONE[0].heard]
+    assert parser1().feed(PING + ONE[0].printed) == [ONE[0].frame]
     assert parser2().feed(ONE[0].printed + PING) == [Frame(1, 1, b"")]
 
 
@@ -351,14 +351,14 @@ def answers(draw: st.DrawFn) -> list[Status]:
 
 @settings(max_examples=150)
 @given(answers(), st.data())
-def test_it_is_taken_only_where_every_part_is_sound(said: list[Status], data: st.DataObject) -> None:
+def test_it_is_taken_only_where_every_part_is_valid(said: list[Status], data: st.DataObject) -> None:
     reply, ids, size = protocol2.fast_status(said), tuple(one.id for one in said), len(said[0].data)
     found = whole_reply(reply, ids, size)
     assert found is not None and found.statuses == said
     damaged = bytearray(reply)
     for _ in range(data.draw(st.integers(1, 4))):
         damaged[data.draw(st.integers(0, len(reply) - 1))] ^= data.draw(st.integers(1, 255))
-    parts = sound_parts(bytes(damaged), [size] * len(ids))
+    parts = valid_parts(bytes(damaged), [size] * len(ids))
     good = [part for part, device in zip(parts, ids, strict=False) if part.id == device and not part.error & 0x7F]
     whole = whole_reply(bytes(damaged), ids, size)
     assert (whole is not None) == (len(good) == len(ids))
@@ -367,7 +367,7 @@ def test_it_is_taken_only_where_every_part_is_sound(said: list[Status], data: st
 
 
 def test_a_part_whose_followers_took_its_damage_for_granted_is_not_taken() -> None:
-    """Who listens on the line sums what it heard: all CRCs behind a damaged part may be right again."""
+    """A device on the line sums what it has received: all CRCs behind a damaged part may be right again."""
     said = [Status(device, 0, bytes(range(device, device + 10))) for device in range(1, 21)]
     ids = tuple(one.id for one in said)
     chance = random.Random(3)
@@ -399,16 +399,16 @@ def test_a_refusal_in_place_of_data_is_no_answer() -> None:
     assert whole_reply(protocol2.fast_status(said), (1, 2), 4) is None
 
 
-def one_by_one(heard: bytes, ids: tuple[int, ...], size: int) -> list[Status]:
+def one_by_one(received: bytes, ids: tuple[int, ...], size: int) -> list[Status]:
     """What a parser makes of it, as far as it answers the request."""
     parser = parser2()
-    found = [protocol2.status_of(frame) for frame in [*parser.feed(heard), *parser.flush()]]
+    found = [protocol2.status_of(frame) for frame in [*parser.feed(received), *parser.flush()]]
     return [one for one in found if one and one.id in ids and len(one.data) == size and not one.error & ~ALERT]
 
 
 @settings(max_examples=150)
 @given(answers(), st.data())
-def test_frames_are_taken_only_where_every_one_is_sound(said: list[Status], data: st.DataObject) -> None:
+def test_frames_are_taken_only_where_every_one_is_valid(said: list[Status], data: st.DataObject) -> None:
     frames = [protocol2.status(*one) for one in said]
     reply, ids, size = b"".join(frames), tuple(one.id for one in said), len(said[0].data)
     found = whole_frames(reply, ids, size)

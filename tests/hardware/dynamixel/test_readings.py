@@ -60,7 +60,7 @@ def test_who_is_silent_keeps_what_it_said_and_ages() -> None:
 
 
 def test_what_was_given_is_nobodys_to_change_and_not_changed_later() -> None:
-    """Arrays that stay as they are may be given again: whoever wrote into one would write into all."""
+    """Arrays that stay as they are may be given again: a write into one would be a write into all."""
     readings = Readings([TABLE])
     take(readings, 0, answer(1, error=0x80), 1.0)
     first = readings.states(1.0)
@@ -82,7 +82,7 @@ def test_what_was_given_is_nobodys_to_change_and_not_changed_later() -> None:
             assert not array.flags.writeable or not any(array is getattr(other, name) for other in calm[1:])
 
 
-def test_an_alert_is_unknown_until_it_is_told_and_gone_when_it_is() -> None:
+def test_an_alert_is_unknown_until_it_is_read_and_gone_when_reported_gone() -> None:
     readings = Readings([TABLE] * 2)
     take(readings, 0, answer(1, error=0x80), 0.0)
     assert readings.states(0.0).alert.tolist() == [UNKNOWN_ALERT, 0]

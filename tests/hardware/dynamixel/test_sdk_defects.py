@@ -1,6 +1,6 @@
 """What dynamixel-sdk 4.1.0 gets wrong, shown on the SDK itself, and that ours does it right.
 
-A newer SDK that mends one of them fails the first half of its test: then our way around it may go.
+A newer SDK that fixes one of them fails the first half of its test: then our workaround may go.
 """
 
 import itertools
@@ -53,8 +53,8 @@ def test_2_unstuffing_loses_a_byte() -> None:
         length = got[5] | got[6] << 8
         if bytes(got[9 : 5 + length]) != bytes(payload):
             lost.append(bytes(payload))
-        mended = PatchedProtocol2().removeStuffing(list(frame))
-        assert bytes(mended[9:-2]) == bytes(payload)
+        fixed = PatchedProtocol2().removeStuffing(list(frame))
+        assert bytes(fixed[9:-2]) == bytes(payload)
     assert lost
     port = ScriptedPort(always(protocol2.status(1, 0, data)))
     assert OneOff(port, 2).read_block(1, 116, len(data)) == data

@@ -1,6 +1,6 @@
 """What the ports of dynamixel-sdk 4.1.0 get wrong, shown on the SDK itself, and that ours does it right.
 
-A newer SDK that mends one of them fails the first half of its test: then our way around it may go.
+A newer SDK that fixes one of them fails the first half of its test: then our workaround may go.
 """
 
 import os

@@ -25,7 +25,7 @@ from sim.emulator.faults import Fault, FaultKind
 @pytest.mark.parametrize(("model", "protocol"), [("XM430-W350", 2), ("MX-28", 1), ("AX-12A", 1)])
 @pytest.mark.parametrize("echo", [False, True])
 @pytest.mark.parametrize("silent", [False, True])
-def test_opening_tells_of_it_once(model: str, protocol: int, echo: bool, silent: bool) -> None:
+def test_opening_notes_it_once(model: str, protocol: int, echo: bool, silent: bool) -> None:
     servos = specs(2, model)
     rig = BusRig(servos, buses=[bus_of(servos, protocol=protocol, baud=1_000_000)])
     rig.port.open(1_000_000)
@@ -35,8 +35,8 @@ def test_opening_tells_of_it_once(model: str, protocol: int, echo: bool, silent:
         rig.fault(Fault(FaultKind.MISSING))
     bus = rig.buses[0]
     opening = examine(rig.port, OneOff(rig.port, protocol), bus, servos)
-    told = sum(ECHOES in note for note in opening.notes)
-    assert told == (1 if echo else 0) or (silent and protocol == 1)
+    count = sum(ECHOES in note for note in opening.notes)
+    assert count == (1 if echo else 0) or (silent and protocol == 1)
     assert bool(opening.problems) is silent
 
 
@@ -77,11 +77,11 @@ def test_what_it_means() -> None:
     assert serial_port.latency(1) == serial_port.latency(0) == serial_port.latency(None) == 0.001
 
 
-def test_the_command_is_told_where_it_helps() -> None:
+def test_the_command_is_given_where_it_helps() -> None:
     port = SerialPort("/dev/ttyUSB0", MonotonicClock())
-    for timer, told in [(None, False), (1, False), (16, True)]:
+    for timer, given in [(None, False), (1, False), (16, True)]:
         port.latency_timer_ms = timer
-        assert (port.latency_command is not None) == told
+        assert (port.latency_command is not None) == given
         assert port.latency == serial_port.latency(timer)
 
 
@@ -133,7 +133,7 @@ def _process(folder: Path, number: int, command: str, *held: Path) -> None:
     (process / "cmdline").write_text(command.replace(" ", "\0") + "\0")
 
 
-def test_who_holds_a_port_is_told_with_its_command_line(tmp_path: Path) -> None:
+def test_the_process_that_holds_a_port_is_named_with_its_command_line(tmp_path: Path) -> None:
     device, other = tmp_path / "tty", tmp_path / "other"
     device.touch()
     other.touch()
@@ -148,33 +148,33 @@ def test_who_holds_a_port_is_told_with_its_command_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("command", "told"),
+    ("command", "text"),
     [
         ("retarget emulate --link port", "process 11 (retarget emulate --link port) is the emulator"),
         ("socat pty", "process 11 (socat pty) is its other end"),
     ],
 )
-def test_what_is_behind_a_pseudo_terminal_is_not_what_holds_it(tmp_path: Path, command: str, told: str) -> None:
+def test_what_is_behind_a_pseudo_terminal_is_not_what_holds_it(tmp_path: Path, command: str, text: str) -> None:
     device, processes = Path("/dev/pts/71"), tmp_path / "proc"
     _process(processes, 11, command, Path("/dev/ptmx"), device)
-    assert serial_port.holders(str(device), processes) == f"another process; {told}"
+    assert serial_port.holders(str(device), processes) == f"another process; {text}"
     _process(processes, 12, "retarget servo monitor", Path("/dev/null"), device)
     _process(processes, 13, "sshd", Path("/dev/pts/ptmx"), Path("/dev/pts/72"))
     (processes / "13" / "fdinfo" / "0").write_text("tty-index:\t7\n")
-    assert serial_port.holders(str(device), processes) == f"process 12 (retarget servo monitor); {told}"
+    assert serial_port.holders(str(device), processes) == f"process 12 (retarget servo monitor); {text}"
 
 
 def test_a_real_pseudo_terminal_knows_its_other_end() -> None:
     master, client = os.openpty()
     try:
-        told = serial_port.holders(os.ttyname(client))
+        text = serial_port.holders(os.ttyname(client))
     finally:
         os.close(client)
         os.close(master)
-    assert told.startswith(f"another process; process {os.getpid()} (") and told.endswith(") is its other end")
+    assert text.startswith(f"another process; process {os.getpid()} (") and text.endswith(") is its other end")
 
 
-def test_who_may_use_a_port_is_told() -> None:
+def test_the_owner_of_a_port_is_named() -> None:
     error = serial_port.why_not_open(os.devnull, 57_600, PermissionError(errno.EACCES, "no"))
     shows(str(error))
     error = serial_port.why_not_open("/dev/none", 57_600, PermissionError(errno.EACCES, "no"))
@@ -286,7 +286,7 @@ def test_what_had_arrived_can_be_dropped(pty: Pty, port: SerialPort) -> None:
     assert port.read() == b""
 
 
-def test_a_second_one_is_told_that_the_port_is_busy(pty: Pty, port: SerialPort) -> None:
+def test_a_second_process_is_refused_a_busy_port(pty: Pty, port: SerialPort) -> None:
     second = SerialPort(pty.path, MonotonicClock())
     with refuses(BusError, os.getpid()):
         second.open(57_600)

@@ -23,7 +23,7 @@ def lab(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> 
 
 
 @pytest.mark.parametrize("words", [("--robot", "op3"), ("--baud", "2000000", "--protocol", "2")])
-def test_a_table_of_everybody_and_nothing_written(words: tuple[str, ...], lab: ServoLab) -> None:
+def test_a_table_of_all_servos_and_nothing_written(words: tuple[str, ...], lab: ServoLab) -> None:
     lab.before = {(13, "torque_enable"): 1}
     lab.faults = [Fault(FaultKind.OVER_TEMPERATURE, ids=(7,), value=95.0)]
     code, out, _ = lab.run("monitor", *words, "--port", "emulator", "--once")
@@ -35,7 +35,7 @@ def test_a_table_of_everybody_and_nothing_written(words: tuple[str, ...], lab: S
     assert lab.instructions() <= READING and lab.memory(13).value("torque_enable") == 1
 
 
-def test_a_missing_servo_is_shown_as_never_heard(lab: ServoLab) -> None:
+def test_a_missing_servo_is_shown_as_never_answered(lab: ServoLab) -> None:
     lab.faults = [Fault(FaultKind.MISSING, ids=(13,))]
     code, out, _ = lab.run("monitor", "--robot", "op3", "--port", "emulator", "--once")
     assert code == 0 and out.count("never") == 1

@@ -40,7 +40,7 @@ def test_without_a_yes_nothing_is_written(typed: str, lab: ServoLab) -> None:
     assert not lab.instructions() & {Instruction.WRITE, Instruction.SYNC_WRITE}
 
 
-def test_nobody_there_to_answer_is_refused(lab: ServoLab) -> None:
+def test_an_ended_input_is_refused(lab: ServoLab) -> None:
     code, _, err = lab.run("rest", "--robot", "op3", "--port", "emulator")
     assert code == 2 and "--yes" in err and all(_torques(lab))
 
@@ -61,14 +61,14 @@ def test_a_silent_servo_is_named_and_the_others_are_limp(lab: ServoLab) -> None:
     assert [device for device, on in enumerate(_torques(lab), 1) if on] == [13]
 
 
-def test_nobody_answers(lab: ServoLab) -> None:
+def test_no_servo_answers(lab: ServoLab) -> None:
     lab.faults = [Fault(FaultKind.SHORT)]
     code, _, err = lab.run("rest", "--robot", "op3", "--port", "emulator", "--yes")
     assert code == 2
     shows(err)
 
 
-def test_a_power_switch_that_is_off_is_told(lab: ServoLab) -> None:
+def test_a_power_switch_that_is_off_is_reported(lab: ServoLab) -> None:
     lab.before = {(200, "dynamixel_power"): 0}
     code, _, err = lab.run("rest", "--robot", "op3", "--port", "emulator", "--yes")
     assert code == 2
@@ -92,18 +92,18 @@ WAYS = [("--robot", "op3"), ("--baud", "2000000", "--protocol", "2")]
 
 
 @pytest.mark.parametrize("words", WAYS)
-@pytest.mark.parametrize("strange", [(7,), tuple(range(1, 21))])
-def test_servos_of_unknown_models_go_limp_too(words: tuple[str, ...], strange: tuple[int, ...], lab: ServoLab) -> None:
-    lab.models = dict.fromkeys(strange, XM540)
+@pytest.mark.parametrize("unknown", [(7,), tuple(range(1, 21))])
+def test_servos_of_unknown_models_go_limp_too(words: tuple[str, ...], unknown: tuple[int, ...], lab: ServoLab) -> None:
+    lab.models = dict.fromkeys(unknown, XM540)
     code, out, err = lab.run("rest", *words, "--port", "emulator", "--yes")
     assert code == 0 and not any(_torques(lab))
     shows(out, 20)
-    assert f"(id {strange[0]}) is a model" in err or f"id {strange[0]} is a model" in err
+    assert f"(id {unknown[0]}) is a model" in err or f"id {unknown[0]} is a model" in err
     assert "number 1120" in err
 
 
 @pytest.mark.parametrize("moved", [30, 252])
-def test_a_stranger_to_the_profile_goes_limp_too(moved: int, lab: ServoLab) -> None:
+def test_an_id_unknown_to_the_profile_goes_limp_too(moved: int, lab: ServoLab) -> None:
     lab.moved = {7: moved}
     code, _, err = lab.run("rest", "--robot", "op3", "--port", "emulator", "--yes")
     assert code == 1
@@ -144,9 +144,9 @@ def test_an_interrupt_does_not_leave_half_of_them_powered(
 
 
 @pytest.mark.parametrize(("words", "first"), [((), 57_600), (("--robot", "op3"), 2_000_000)])
-def test_everybody_is_told_before_anybody_is_looked_for(words: tuple[str, ...], first: int, lab: ServoLab) -> None:
+def test_torque_off_is_sent_to_all_before_any_is_looked_for(words: tuple[str, ...], first: int, lab: ServoLab) -> None:
     lab.before = {(5, "baud_rate"): 1} | lab.before
-    lab.upon = {Instruction.PING: Fault(FaultKind.MISSING)}  # from the first look on nobody hears
+    lab.upon = {Instruction.PING: Fault(FaultKind.MISSING)}  # from the first ping on no servo receives anything
     code, _, err = lab.run("rest", *words, "--port", "emulator", "--yes")
     assert code == 2
     shows(err)
@@ -167,7 +167,7 @@ def test_servos_at_another_speed_go_limp_and_the_speed_is_named(lab: ServoLab) -
     shows(err, 1, 1000000, 2000000, "--baud", "2000000`")
 
 
-def test_ctrl_c_in_the_look_says_that_nobody_confirmed(lab: ServoLab, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_in_the_look_says_that_no_servo_confirmed(lab: ServoLab, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(*arguments: object, **more: object) -> object:
         raise KeyboardInterrupt
 

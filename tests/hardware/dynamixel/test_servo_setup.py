@@ -36,8 +36,8 @@ def test_id_and_speed_last_and_verified(lab: ServoLab) -> None:
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (("--id", "254"), "254 is everybody"),
-        (("--id", "13", "--new-id", "254"), "254 is everybody"),
+        (("--id", "254"), "254 is the broadcast id"),
+        (("--id", "13", "--new-id", "254"), "254 is the broadcast id"),
         (("--id", "13", "--new-id", "253"), "found 253"),
         (("--id", "13", "--new-id", "14"), "id 14 is taken"),
         (("--id", "13", "--baud", "123456"), "--baud: no such speed"),
@@ -123,7 +123,7 @@ def test_a_servo_that_answers_pings_only_is_written_blind(lab: ServoLab) -> None
 
 
 @pytest.mark.parametrize("model", ["MX-28", "AX-12A"])
-def test_a_mute_servo_of_protocol_1_too(model: str, lab: ServoLab, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_status_return_off_of_protocol_1_too(model: str, lab: ServoLab, monkeypatch: pytest.MonkeyPatch) -> None:
     servos = specs(2, model)
     rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)])
     rig.devices[1].memory.put("status_return_level", 0)

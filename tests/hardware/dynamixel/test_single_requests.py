@@ -78,7 +78,7 @@ def test_protocol_1_has_no_reboot() -> None:
 
 
 @pytest.mark.parametrize(("protocol", "device"), [(2, -1), (2, 253), (1, 254), (2, BROADCAST), (2, 300)])
-def test_ids_that_nobody_can_have(protocol: int, device: int) -> None:
+def test_ids_that_no_servo_can_have(protocol: int, device: int) -> None:
     port = ScriptedPort(always())
     servo = OneOff(port, protocol)
     for ask in (servo.ping, lambda it: servo.scan([it]), lambda it: servo.read_block(it, 0, 2)):
@@ -87,7 +87,7 @@ def test_ids_that_nobody_can_have(protocol: int, device: int) -> None:
     assert not port.sent
 
 
-def test_a_refusal_is_told_in_words_and_once() -> None:
+def test_a_refusal_is_reported_in_words_and_once() -> None:
     port = ScriptedPort(always(protocol2.status(5, Error2.ACCESS)))
     with refuses(ServoError, 5, "EEPROM") as raised:
         OneOff(port, 2).write(5, TABLE["id"], 6)
@@ -167,7 +167,7 @@ def test_later_tries_are_more_patient() -> None:
     assert OneOff(ScriptedPort(lambda request: [(next(delays), ANSWER)]), 2).read(1, POSITION) == 166
 
 
-def test_tries_are_bounded_and_silence_is_told() -> None:
+def test_tries_are_bounded_and_silence_is_reported() -> None:
     port = ScriptedPort(always())
     with refuses(NoAnswer, 1, "goal_position", "5", 3):
         OneOff(port, 2).write(1, GOAL, 5)
@@ -175,7 +175,7 @@ def test_tries_are_bounded_and_silence_is_told() -> None:
     assert port.now() < 0.1  # after each, a late answer may pass
 
 
-def test_damage_is_told_from_silence() -> None:
+def test_damage_is_distinguished_from_silence() -> None:
     port = ScriptedPort(in_turn(_flipped(ANSWER), b"", _flipped(ANSWER)))
     with refuses(NoAnswer, 2) as raised:
         OneOff(port, 2).read(1, POSITION)
@@ -202,7 +202,7 @@ def test_written_values_can_be_verified() -> None:
         OneOff(port, 2).write(1, GOAL, 167, verify=True)
 
 
-def test_a_muted_write_counts_when_it_reads_back() -> None:
+def test_a_write_without_answer_counts_when_it_reads_back() -> None:
     port = ScriptedPort(lambda request: [(0.0005, ANSWER)] if request[7] == 2 else [])
     OneOff(port, 2).write(1, GOAL, 166, verify=True)
     with pytest.raises(NoAnswer):
@@ -328,7 +328,7 @@ def test_scan_asks_alone_when_the_broadcast_is_lost() -> None:
 
 
 def test_scan_finds_a_clash() -> None:
-    """Two servos with id 2 talk into each other, whoever asks; ids 1 and 3 stay sound."""
+    """The answers of two servos with id 2 collide; those of ids 1 and 3 stay valid."""
 
     def answer(request: bytes) -> Replies:
         pinged = (1, 2, 3) if request[4] == BROADCAST else (request[4],)
@@ -460,7 +460,7 @@ def test_an_echo_is_dropped(protocol: int) -> None:
     sdk = _sdk(port)
     assert packet_handler(protocol).read1ByteTxRx(sdk, 1, 43) == (32, COMM_SUCCESS, 0)
     assert sdk.echoed
-    assert sdk.heard == len(answer)
+    assert sdk.received == len(answer)
     assert port.sent == [codec.read(1, 43, 1)]
 
 
@@ -470,7 +470,7 @@ def test_an_echo_alone_is_no_answer() -> None:
     sdk = _sdk(port)
     assert packet_handler(1).ping(sdk, 1)[1] == COMM_RX_TIMEOUT
     assert sdk.echoed
-    assert sdk.heard == 0
+    assert sdk.received == 0
 
 
 def test_an_answer_that_begins_like_the_instruction_is_an_answer() -> None:

@@ -38,7 +38,7 @@ def test_who_carries_the_robot_never_gets_less() -> None:
     rig = BusRig(specs(2)).ready(torque=True)
     rig.device(2).memory.put("goal_pwm", 300)
     (line,) = rig.bus.lines
-    rig.bus.torque(True)  # reads everybody anew, and raises the second one's drive from where it was
+    rig.bus.torque(True)  # reads all servos again, and raises the second one's drive from where it was
     assert rig.shown("goal_pwm") == [885, 885]
     rig.device(2).memory.put("goal_pwm", 300)
     line.images[2] = type(line.images[2])(line.images[2].table, bytes(rig.device(2).memory.image))
@@ -75,7 +75,7 @@ def test_a_late_answer_to_another_question_confirms_no_goal(
         rig.fault(Fault(FaultKind.LATE, value=late, end=lasts, direction=Direction.TO_HOST))
         check(line, goals)
 
-    monkeypatch.setattr(torque, "check_still", hiccup)
+    monkeypatch.setattr("hardware.dynamixel.bus.check_still", hiccup)
     rig.bus.write(ServoGoals(rig.bus.read().position))
     with pytest.raises(BusError):
         rig.bus.torque(True)
@@ -96,7 +96,7 @@ def test_an_adapter_that_has_become_slow_confirms_nothing(monkeypatch: pytest.Mo
 
 
 @pytest.mark.parametrize("silent", [1, 2])
-def test_turns_are_counted_whoever_misses_the_first_cycle(silent: int) -> None:
+def test_turns_are_counted_whichever_servo_misses_the_first_cycle(silent: int) -> None:
     rig = of_many_turns()
     two = rig.device(2)
     two.place(FAR)
@@ -104,11 +104,11 @@ def test_turns_are_counted_whoever_misses_the_first_cycle(silent: int) -> None:
     rig.clock.advance(1.0)
     begin = rig.bus._begin
 
-    def deaf() -> None:
+    def skipped() -> None:
         rig.fault(Fault(FaultKind.MISSING, ids=(silent,), end=0.004))
         begin()
 
-    rig.bus._begin = deaf  # type: ignore[method-assign]
+    rig.bus._begin = skipped  # type: ignore[method-assign]
     rig.bus.open()
     rig.clock.advance(0.2)
     states = rig.tick().states
@@ -116,15 +116,15 @@ def test_turns_are_counted_whoever_misses_the_first_cycle(silent: int) -> None:
     assert guard_of(rig).arm() == pytest.approx([0.0, 4.5], abs=0.002)
 
 
-def test_nobody_is_armed_whose_turns_are_not_known() -> None:
+def test_torque_stays_off_where_turns_are_not_known() -> None:
     rig = of_many_turns()
     begin = rig.bus._begin
 
-    def deaf() -> None:
+    def skipped() -> None:
         rig.fault(Fault(FaultKind.MISSING, ids=(1,)))
         begin()
 
-    rig.bus._begin = deaf  # type: ignore[method-assign]
+    rig.bus._begin = skipped  # type: ignore[method-assign]
     rig.bus.open()
     rig.bus.write(ServoGoals(rig.bus.read().position))
     with refuses(BusError, "j1", 1):
@@ -163,7 +163,7 @@ def test_a_servo_that_started_anew_is_counted_anew_before_it_is_armed_again() ->
 
 
 @pytest.mark.parametrize(("protocol", "model"), [(2, "XM430-W350"), (1, "MX-28")])
-def test_a_robot_that_somebody_left_half_powered_is_brought_to_its_profile(
+def test_a_robot_left_half_powered_is_brought_to_its_profile(
     protocol: int, model: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     servos = [replace(one, gains=ServoGains(position_p=50)) for one in specs(2, model)]
@@ -311,13 +311,13 @@ def test_what_differs_is_written_once_and_kept() -> None:
         assert rig.shown(name) == [value] * 3
     table = rig.device(1).table
     for device in (1, 2, 3):
-        told = writes(rig, device)
-        assert len(told) == len(set(told))
-        modes = [address for address in told if address == table["operating_mode"].address]
+        written = writes(rig, device)
+        assert len(written) == len(set(written))
+        modes = [address for address in written if address == table["operating_mode"].address]
         assert len(modes) == (device > 1)
         # A change of mode resets the gains: they come after everything in EEPROM.
-        first_gain = min(told.index(table[name].address) for name in ("position_p_gain", "feedforward_1st_gain"))
-        assert all(address >= table.eeprom_end for address in told[first_gain:])
+        first_gain = min(written.index(table[name].address) for name in ("position_p_gain", "feedforward_1st_gain"))
+        assert all(address >= table.eeprom_end for address in written[first_gain:])
     shows(rig.notes, "j2", 2, "return_delay_time", 250, 0, "operating_mode", 3, 4)
     assert rig.shown("torque_enable") == [0] * 3
 
@@ -364,7 +364,7 @@ def test_current_is_the_drive_where_the_mode_limits_it() -> None:
 
 
 @pytest.mark.parametrize("model", ["AX-12A", "MX-28"])
-def test_protocol_1_is_told_what_it_has(model: str) -> None:
+def test_protocol_1_gets_the_values_that_it_has(model: str) -> None:
     servos = [replace(one, gains=ServoGains(position_p=40)) for one in specs(2, model)]
     rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)]).ready(torque=True)
     if model == "MX-28":
@@ -415,7 +415,7 @@ def test_one_that_stays_away_is_named_in_bounded_time() -> None:
     assert rig.clock.now() - begun < PATIENCE + 1.0
 
 
-def test_who_is_limp_is_told() -> None:
+def test_limp_servos_are_named() -> None:
     rig = BusRig(specs(4)).ready(torque=True)
     rig.device(3).reboot(rig.clock.now())
     rig.clock.advance(0.3)
@@ -449,24 +449,24 @@ def two_buses() -> BusRig:
     return BusRig(servos, buses=[bus_of(servos), bus_of(servos, name="two")]).ready(torque=True)
 
 
-def test_everybody_is_told_before_anybody_is_waited_for() -> None:
+def test_all_servos_are_asked_before_any_is_waited_for() -> None:
     rig = two_buses()
     rig.lines["main"].faults.add(Fault(FaultKind.MISSING), rig.clock.now())
-    begun, told = rig.clock.now(), list[float]()
+    begun, sent = rig.clock.now(), list[float]()
     send = rig.ports["two"].write
 
     def write(data: bytes) -> None:
-        told.append(rig.clock.now() - begun)
+        sent.append(rig.clock.now() - begun)
         send(data)
 
     rig.ports["two"].write = write  # type: ignore[method-assign]
     unsure = torque.off_everywhere(rig.bus.lines)
     assert unsure == ["j1 (id 1)", "j2 (id 2)", "j3 (id 3)"]
-    assert told[0] < 0.001
+    assert sent[0] < 0.001
     assert rig.shown("torque_enable") == [1, 1, 1, 0, 0]
 
 
-@pytest.mark.parametrize("act", ["_tell_off", "_confirm_off"])
+@pytest.mark.parametrize("act", ["_send_off", "_confirm_off"])
 def test_an_interrupt_keeps_no_bus_powered(act: str, monkeypatch: pytest.MonkeyPatch) -> None:
     rig = two_buses()
     real = getattr(torque, act)
@@ -483,7 +483,7 @@ def test_an_interrupt_keeps_no_bus_powered(act: str, monkeypatch: pytest.MonkeyP
     assert rig.shown("torque_enable") == [0] * 5
 
 
-def test_a_port_that_is_gone_is_named_and_the_others_are_told() -> None:
+def test_a_port_that_is_gone_is_named_and_the_others_are_switched_off() -> None:
     rig = two_buses()
 
     def gone(_: bytes) -> None:
@@ -494,16 +494,16 @@ def test_a_port_that_is_gone_is_named_and_the_others_are_told() -> None:
     assert rig.shown("torque_enable") == [1, 1, 1, 0, 0]
 
 
-def test_whoever_keeps_torque_keeps_its_watchdog() -> None:
+def test_a_servo_that_keeps_torque_keeps_its_watchdog() -> None:
     rig = BusRig(specs(2)).ready(torque=True)
     two = rig.device(2)
     write = two.write
 
-    def deaf(address: int, data: bytes, now: float, *, secondary: bool = False) -> None:
+    def ignored(address: int, data: bytes, now: float, *, secondary: bool = False) -> None:
         if address != 64:
             write(address, data, now, secondary=secondary)
 
-    two.write = deaf  # type: ignore[method-assign]
+    two.write = ignored  # type: ignore[method-assign]
     assert torque.off_everywhere(rig.bus.lines) == ["j2 (id 2)"]
     assert rig.shown("torque_enable") == [0, 1]
     assert rig.shown("bus_watchdog") == [0, 5]

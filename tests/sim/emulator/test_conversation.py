@@ -1,4 +1,4 @@
-"""Who answers what: addresses, order, gaps, fast replies, two devices of one id."""
+"""Replies of devices: addresses, order, gaps, fast replies, two devices of one id, damaged instructions."""
 
 import random
 from collections.abc import Sequence
@@ -11,14 +11,14 @@ from emulated import servo1, servo2
 from hardware.dynamixel import protocol1, protocol2
 from hardware.dynamixel.packets import ALERT, BROADCAST, Error1, Error2, Frame, Instruction, Status
 from hardware.dynamixel.parsers import parser1, parser2
-from hardware.dynamixel.protocol2 import sound_parts
+from hardware.dynamixel.protocol2 import valid_parts
 from sim.emulator.conversation import (
     Conversation,
     Gaps,
     ReadItem,
-    Spoken,
+    Reply,
     WriteItem,
-    complaint,
+    damage_answer,
     damaged_address,
     reads1,
     reads2,
@@ -30,12 +30,12 @@ from sim.emulator.line import Line, Timing
 from stub_devices import StubDevice
 
 
-def _said(data: bytes, devices: Sequence[StubDevice], gaps: Gaps = Gaps.SILENCE, **more: object) -> list[Spoken]:
+def _said(data: bytes, devices: Sequence[StubDevice], gaps: Gaps = Gaps.SILENCE, **more: object) -> list[Reply]:
     parser = parser2() if devices[0].protocol == 2 else parser1()
     (frame,) = parser.feed(data)
-    cut = more.get("cut", ())
-    assert isinstance(cut, tuple)
-    return Conversation(gaps=gaps).answers(frame, devices, 1.0, cut=cut)
+    silent = more.get("silent", ())
+    assert isinstance(silent, tuple)
+    return Conversation(gaps=gaps).answers(frame, devices, 1.0, silent=silent)
 
 
 def _row(*ids: int, protocol: int = 2) -> list[StubDevice]:
@@ -45,14 +45,14 @@ def _row(*ids: int, protocol: int = 2) -> list[StubDevice]:
     return devices
 
 
-def _who(said: Sequence[Spoken]) -> list[int]:
-    return [spoken.id for spoken in said]
+def _who(replies: Sequence[Reply]) -> list[int]:
+    return [reply.id for reply in replies]
 
 
-def test_an_address_reaches_its_device_and_all_hear_it() -> None:
+def test_an_address_reaches_its_device_and_all_receive_it() -> None:
     devices = _row(1, 2, 3)
-    (spoken,) = _said(protocol2.ping(2), devices)
-    assert spoken.data == protocol2.status(2, 0, b"\x06\x04\x26")
+    (reply,) = _said(protocol2.ping(2), devices)
+    assert reply.data == protocol2.status(2, 0, b"\x06\x04\x26")
     assert [len(device.done) for device in devices] == [0, 1, 0]
     assert [device.heard for device in devices] == [[1.0]] * 3
 
@@ -81,8 +81,8 @@ def test_a_secondary_id_is_obeyed_in_silence() -> None:
 
 def test_group_reads_are_answered_in_the_order_of_the_frame() -> None:
     for request in (protocol2.sync_read(132, 4, [3, 1, 2]), protocol2.bulk_read([(d, 132, 4) for d in (3, 1, 2)])):
-        said = _said(request, _row(1, 2, 3))
-        assert [spoken.data for spoken in said] == [protocol2.status(d, 0, bytes((d, 0, 0, 0))) for d in (3, 1, 2)]
+        replies = _said(request, _row(1, 2, 3))
+        assert [reply.data for reply in replies] == [protocol2.status(d, 0, bytes((d, 0, 0, 0))) for d in (3, 1, 2)]
 
 
 def test_a_missing_device_silences_those_behind_it_or_is_skipped() -> None:
@@ -103,33 +103,33 @@ def test_an_id_counts_once_in_a_bulk_read() -> None:
     assert _who(_said(request, _row(1, 2), Gaps.SKIP)) == [1, 2]
 
 
-def test_a_cut_tail_is_silent_in_group_reads_only() -> None:
+def test_a_silent_tail_is_silent_in_group_reads_only() -> None:
     devices = _row(1, 2, 3)
-    assert _who(_said(protocol2.sync_read(132, 4, [1, 2, 3]), devices, cut=(2,))) == [1]
-    assert _who(_said(protocol2.ping(2), devices, cut=(2,))) == [2]
+    assert _who(_said(protocol2.sync_read(132, 4, [1, 2, 3]), devices, silent=(2,))) == [1]
+    assert _who(_said(protocol2.ping(2), devices, silent=(2,))) == [2]
 
 
 def test_a_refused_part_has_its_error_and_no_data() -> None:
-    said = _said(protocol2.sync_read(2000, 4, [1, 2]), _row(1, 2))
-    assert [spoken.data for spoken in said] == [protocol2.status(1, 7), protocol2.status(2, 7)]
+    replies = _said(protocol2.sync_read(2000, 4, [1, 2]), _row(1, 2))
+    assert [reply.data for reply in replies] == [protocol2.status(1, 7), protocol2.status(2, 7)]
 
 
 def test_the_fast_reply_of_the_manual() -> None:
     devices = _row(3, 4, 7)
     for device, value in zip(devices, (166, 1023, 2079), strict=True):
         device.memory[132:136] = value.to_bytes(4, "little")
-    said = _said(protocol2.sync_read(132, 4, [3, 7, 4], fast=True), devices)
+    replies = _said(protocol2.sync_read(132, 4, [3, 7, 4], fast=True), devices)
     expected = "FFFFFD00FE1900550003A6000000840800071F08000016CA0004FF030000D19E"
-    assert b"".join(spoken.data for spoken in said) == bytes.fromhex(expected)
-    assert [spoken.return_delay for spoken in said] == [0.0, None, None]
+    assert b"".join(part.data for part in replies) == bytes.fromhex(expected)
+    assert [reply.return_delay for reply in replies] == [0.0, None, None]
 
 
 def test_a_fast_reply_is_cut_short_by_a_gap() -> None:
     request = protocol2.sync_read(132, 4, [1, 9, 2], fast=True)
-    reply = b"".join(spoken.data for spoken in _said(request, _row(1, 2)))
-    assert sound_parts(reply, [4, 4, 4]) == [Status(1, 0, b"\x01\0\0\0")]
+    reply = b"".join(part.data for part in _said(request, _row(1, 2)))
+    assert valid_parts(reply, [4, 4, 4]) == [Status(1, 0, b"\x01\0\0\0")]
     assert _said(protocol2.sync_read(132, 4, [9, 1], fast=True), _row(1, 2)) == []
-    reply = b"".join(spoken.data for spoken in _said(request, _row(1, 2), Gaps.SKIP))
+    reply = b"".join(part.data for part in _said(request, _row(1, 2), Gaps.SKIP))
     assert len(reply) == 8 + 2 * 8
 
 
@@ -143,21 +143,21 @@ def test_a_device_without_fast_reads_is_a_gap_in_them_alone() -> None:
 def test_a_fast_bulk_read_has_parts_of_their_own_length() -> None:
     devices = _row(1, 2)
     devices[0].memory[126:128] = b"\xff\xff"
-    said = _said(protocol2.bulk_read([(1, 126, 2), (2, 132, 4)], fast=True), devices)
-    reply = b"".join(spoken.data for spoken in said)
-    assert sound_parts(reply, [2, 4]) == [Status(1, 0, b"\xff\xff"), Status(2, 0, b"\x02\0\0\0")]
+    replies = _said(protocol2.bulk_read([(1, 126, 2), (2, 132, 4)], fast=True), devices)
+    reply = b"".join(part.data for part in replies)
+    assert valid_parts(reply, [2, 4]) == [Status(1, 0, b"\xff\xff"), Status(2, 0, b"\x02\0\0\0")]
 
 
 def test_two_devices_of_one_id_are_not_understood() -> None:
-    (spoken,) = _said(protocol2.ping(1), _row(1, 1))
-    assert parser2().feed(spoken.data) == []
+    (reply,) = _said(protocol2.ping(1), _row(1, 1))
+    assert parser2().feed(reply.data) == []
     (again,) = _said(protocol2.ping(1), _row(1, 1))
-    assert again == spoken
+    assert again == reply
     (frame,) = parser2().feed(protocol2.ping(1))
     (other,) = Conversation(noise=random.Random(1)).answers(frame, _row(1, 1), 1.0)
-    assert other.data != spoken.data
-    reply = b"".join(part.data for part in _said(protocol2.sync_read(132, 4, [1, 2], fast=True), _row(1, 1, 2)))
-    assert sound_parts(reply, [4, 4]) == []
+    assert other.data != reply.data
+    parts = b"".join(part.data for part in _said(protocol2.sync_read(132, 4, [1, 2], fast=True), _row(1, 1, 2)))
+    assert valid_parts(parts, [4, 4]) == []
 
 
 def test_a_status_frame_is_no_instruction() -> None:
@@ -169,8 +169,8 @@ def test_a_status_frame_is_no_instruction() -> None:
 def test_protocol_1_has_bulk_read_and_sync_write() -> None:
     devices = _row(1, 2, protocol=1)
     devices[1].memory[36] = 9
-    said = _said(protocol1.bulk_read([(2, 36, 2), (1, 36, 1)]), devices)
-    assert [spoken.data for spoken in said] == [protocol1.status(2, 0, b"\x09\0"), protocol1.status(1, 0, b"\0")]
+    replies = _said(protocol1.bulk_read([(2, 36, 2), (1, 36, 1)]), devices)
+    assert [reply.data for reply in replies] == [protocol1.status(2, 0, b"\x09\0"), protocol1.status(1, 0, b"\0")]
     assert _said(protocol1.sync_write(30, 1, [(1, b"\x07")]), devices) == []
     assert devices[0].memory[30] == 7
 
@@ -211,12 +211,12 @@ def test_one_changed_bit_behind_the_length_is_noticed(
 
 
 @settings(max_examples=100)
-@given(protocol=st.sampled_from((1, 2)), heard=st.binary(max_size=12))
-def test_any_bytes_are_borne(protocol: int, heard: bytes) -> None:
+@given(protocol=st.sampled_from((1, 2)), data=st.binary(max_size=12))
+def test_any_bytes_are_accepted(protocol: int, data: bytes) -> None:
     header = PROTOCOLS[protocol].HEADER
-    for said in (heard, header + heard):
-        found = damaged_address(protocol, said)
-        assert found is None or header + bytes((found,)) in said
+    for received in (data, header + data):
+        found = damaged_address(protocol, received)
+        assert found is None or header + bytes((found,)) in received
 
 
 @pytest.mark.parametrize("protocol", [1, 2])
@@ -232,16 +232,16 @@ def test_behind_a_frame_that_broke_off_the_last_one_counts() -> None:
     assert damaged_address(2, protocol2.ping(5)[:9] + _spoilt(protocol2.ping(7))) == 7
 
 
-def test_what_is_said_has_the_errors_that_stand() -> None:
+def test_an_answer_to_damage_has_the_present_errors() -> None:
     new, old = servo2(), servo1()
-    assert complaint(new, 0.0) == (Error2.CRC, b"") and complaint(old, 0.0) == (Error1.CHECKSUM, b"")
+    assert damage_answer(new, 0.0) == (Error2.CRC, b"") and damage_answer(old, 0.0) == (Error1.CHECKSUM, b"")
     new.heat(90.0, 1.0)
     old.heat(90.0, 1.0)
-    assert complaint(new, 1.0) == (ALERT | Error2.CRC, b"")
-    assert complaint(old, 1.0) == (Error1.OVERHEATING | Error1.CHECKSUM, b"")
+    assert damage_answer(new, 1.0) == (ALERT | Error2.CRC, b"")
+    assert damage_answer(old, 1.0) == (Error1.OVERHEATING | Error1.CHECKSUM, b"")
     for servo, level in ((new, 68), (old, 16)):
         servo.write(level, b"\0", 1.0)
-        assert complaint(servo, 1.0) is None
+        assert damage_answer(servo, 1.0) is None
 
 
 def _line(*devices: StubDevice, answers_damage: bool = True) -> Line:
@@ -249,12 +249,12 @@ def _line(*devices: StubDevice, answers_damage: bool = True) -> Line:
 
 
 def _ask(line: Line, data: bytes, now: float = 0.0) -> bytes:
-    line.hear(data, now)
+    line.receive(data, now)
     return line.take(1e9)
 
 
 @pytest.mark.parametrize(("protocol", "error"), [(1, Error1.CHECKSUM), (2, Error2.CRC)])
-def test_a_line_answers_damage_only_where_it_is_told_to(protocol: int, error: int) -> None:
+def test_a_line_answers_damage_only_where_it_is_set_to(protocol: int, error: int) -> None:
     words = PROTOCOLS[protocol]
     devices = [StubDevice(id=number, protocol=protocol) for number in (1, 2)]
     frame = _spoilt(words.write(2, 30, b"\x07"))
@@ -267,7 +267,7 @@ def test_a_line_answers_damage_only_where_it_is_told_to(protocol: int, error: in
     assert _ask(line, _spoilt(words.ping(9)), 3.0) == b""
 
 
-def test_who_is_missing_starts_or_has_another_speed_says_nothing() -> None:
+def test_a_device_that_is_missing_starts_or_has_another_speed_does_not_answer() -> None:
     frame = _spoilt(protocol2.ping(1))
     deaf = (StubDevice(boots=True), StubDevice(baud=1_000_000), StubDevice(id=2))
     assert [_ask(_line(device), frame) for device in deaf] == [b"", b"", b""]
@@ -282,9 +282,9 @@ def test_a_damaged_frame_in_pieces_is_answered_once() -> None:
     line = _line(StubDevice())
     frame = _spoilt(protocol2.ping(1))
     for byte in frame[:-1]:
-        line.hear(bytes((byte,)), 0.0)
+        line.receive(bytes((byte,)), 0.0)
     assert line.take(1e9) == b""
-    line.hear(frame[-1:], 0.0)
+    line.receive(frame[-1:], 0.0)
     assert line.take(1e9) == protocol2.status(1, Error2.CRC)
     assert _ask(line, protocol2.ping(1), 1.0) == protocol2.status(1, 0, b"\x06\x04\x26")
 
@@ -343,7 +343,7 @@ def test_any_parameters_are_read_without_an_error(params: bytes) -> None:
     writes1(params)
 
 
-def test_what_is_cut_short_asks_of_nobody() -> None:
+def test_a_truncated_part_addresses_no_device() -> None:
     whole = _frame2(protocol2.bulk_write([(1, 32, b"\xa0\0"), (2, 31, b"P")])).params
     assert writes2(Instruction.BULK_WRITE, whole[:-1]) == [WriteItem(1, 32, b"\xa0\0")]
     assert writes2(Instruction.SYNC_WRITE, b"\x74\0\x04\0\x01\x96\0\0") == []

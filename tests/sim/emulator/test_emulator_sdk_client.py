@@ -1,4 +1,4 @@
-"""dynamixel-sdk, a client that knows nothing of us, does all it can against emulated servos on a pseudo-terminal."""
+"""dynamixel-sdk, a client that knows nothing of us, makes every kind of call to emulated servos by a pty."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -86,7 +86,7 @@ def test_ping(port: sdk.PortHandler) -> None:
 def test_broadcast_ping(port: sdk.PortHandler) -> None:
     found, result = P2.broadcastPing(port)
     assert result == sdk.COMM_SUCCESS
-    assert {device: told[0] for device, told in found.items()} == {1: 1020, 2: 1020, 3: 1020}
+    assert {device: reply[0] for device, reply in found.items()} == {1: 1020, 2: 1020, 3: 1020}
 
 
 def test_read_and_write_of_every_size(port: sdk.PortHandler) -> None:
@@ -171,7 +171,7 @@ def test_factory_reset_but_id_and_baud(port: sdk.PortHandler) -> None:
     assert P2.read2ByteTxRx(port, 3, 38) == (1193, 0, 0)
 
 
-def test_another_speed_hears_nothing(port: sdk.PortHandler) -> None:
+def test_another_speed_receives_nothing(port: sdk.PortHandler) -> None:
     assert port.setBaudRate(57_600)
     assert P2.ping(port, 1)[1] == sdk.COMM_RX_TIMEOUT
     assert port.setBaudRate(BAUD)
@@ -181,7 +181,7 @@ def test_another_speed_hears_nothing(port: sdk.PortHandler) -> None:
 def test_a_vanished_servo_is_back_when_the_fault_is_cleared(line2: tuple[Line, sdk.PortHandler]) -> None:
     line, port = line2
     device: Device = line.devices[0]
-    device.baud = 9600  # type: ignore[misc]  # somebody else has set it
+    device.baud = 9600  # type: ignore[misc]  # as set by another process
     assert P2.ping(port, 1)[1] == sdk.COMM_RX_TIMEOUT
     device.baud = BAUD  # type: ignore[misc]
     assert P2.ping(port, 1) == (1020, 0, 0)

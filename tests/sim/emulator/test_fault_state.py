@@ -1,4 +1,4 @@
-"""Faults of a running line: they begin, hurt devices, end; live ones count from when they are added."""
+"""Faults of a running line: they begin, disturb devices, end; added ones count from when they are added."""
 
 import math
 from pathlib import Path
@@ -131,10 +131,10 @@ def test_all_problems_at_once_with_line_and_key(tmp_path: Path) -> None:
 """
     with pytest.raises(ConfigError) as caught:
         _load(tmp_path, text)
-    said = [problem.render() for problem in caught.value.problems]
+    replies = [problem.render() for problem in caught.value.problems]
     assert [problem.line for problem in caught.value.problems] == [2, 3, 4, 4, 5, 6, 7, 8, 9]
     for line, words in zip(
-        said,
+        replies,
         (
             "Did you mean missing",
             "rate",
@@ -148,8 +148,8 @@ def test_all_problems_at_once_with_line_and_key(tmp_path: Path) -> None:
         ),
         strict=True,
     ):
-        assert words in line, said
-    assert "faults[2].ids" in "".join(said)
+        assert words in line, replies
+    assert "faults[2].ids" in "".join(replies)
 
 
 @pytest.mark.parametrize("text", ["faults: 3", "fault: []", "", "faults: [a]", "seed: -1\nfaults: []"])

@@ -20,7 +20,7 @@ def test_a_value_is_the_usual_one_unless_given() -> None:
     assert Fault(FaultKind.OVER_TEMPERATURE, value=70.0).amount == 70.0
 
 
-def test_every_kind_says_what_it_can_be_told() -> None:
+def test_every_kind_has_its_keys() -> None:
     for kind in FaultKind:
         assert ("value" in KEYS[kind]) == (kind in VALUES)
         assert ("rate" in KEYS[kind]) == (kind in BYTE_KINDS)

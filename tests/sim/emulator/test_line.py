@@ -26,25 +26,25 @@ def _line(*devices: StubDevice, timing: Timing | None = None, faults: tuple[Faul
 
 
 def _ask(line: Line, data: bytes, now: float = 0.0) -> bytes:
-    line.hear(data, now)
+    line.receive(data, now)
     return line.take(FOREVER)
 
 
-def test_a_frame_in_pieces_is_heard() -> None:
+def test_a_frame_in_pieces_is_received() -> None:
     line = _line(StubDevice())
     for byte in protocol2.ping(1):
-        line.hear(bytes((byte,)), 0.0)
+        line.receive(bytes((byte,)), 0.0)
     assert line.take(0.0) == STATUS
 
 
 def test_a_pause_inside_a_frame_drops_it() -> None:
     ping = protocol2.ping(1)
     line = _line(StubDevice(), timing=Timing())
-    line.hear(ping[:5], 0.0)
-    line.hear(ping[5:], 0.0014)
+    line.receive(ping[:5], 0.0)
+    line.receive(ping[5:], 0.0014)
     assert line.take(FOREVER) == STATUS
-    line.hear(ping[:5], 1.0)
-    line.hear(ping[5:], 1.0 + 50 / 57600 + 0.0016)
+    line.receive(ping[:5], 1.0)
+    line.receive(ping[5:], 1.0 + 50 / 57600 + 0.0016)
     assert line.take(FOREVER) == b""
     assert _ask(line, ping, 2.0) == STATUS
 
@@ -60,7 +60,7 @@ def test_several_frames_in_one_write_are_carried_out_in_order() -> None:
     assert _ask(line, data) == protocol2.status(2, 0, b"\x55") + protocol2.status(1, 0, b"\0")
 
 
-def test_only_devices_at_the_hosts_rate_hear_it() -> None:
+def test_only_devices_at_the_hosts_rate_receive_it() -> None:
     slow, fast = StubDevice(id=1), StubDevice(id=2, baud=1_000_000)
     line = _line(slow, fast)
     assert _ask(line, protocol2.ping(2)) == b""
@@ -87,11 +87,11 @@ def test_both_protocols_on_one_line() -> None:
     assert _ask(line, protocol1.ping(1), 1.0) == protocol1.status(1)
 
 
-def test_talking_into_an_answer_spoils_both() -> None:
+def test_sending_into_an_answer_spoils_both() -> None:
     device = StubDevice()
     line = _line(device, timing=Timing())
-    line.hear(protocol2.ping(1), 0.0)
-    line.hear(protocol2.ping(1), 10 * 10 / 57600 + 0.0005)
+    line.receive(protocol2.ping(1), 0.0)
+    line.receive(protocol2.ping(1), 10 * 10 / 57600 + 0.0005)
     assert len(device.done) == 1
     heard = line.take(FOREVER)
     assert len(heard) == len(STATUS)
@@ -101,7 +101,7 @@ def test_talking_into_an_answer_spoils_both() -> None:
 
 def test_bytes_come_at_their_time() -> None:
     line = _line(StubDevice(), timing=Timing())
-    line.hear(protocol2.ping(1), 0.0)
+    line.receive(protocol2.ping(1), 0.0)
     due = line.next_due
     assert due is not None
     assert line.take(due - 1e-9) == b""
@@ -112,17 +112,17 @@ def test_bytes_come_at_their_time() -> None:
 def test_a_host_that_never_reads_costs_no_memory() -> None:
     line = _line(StubDevice())
     for index in range(line_module.MAX_WAITING // len(STATUS) + 10):
-        line.hear(protocol2.ping(1), float(index))
+        line.receive(protocol2.ping(1), float(index))
     assert line.lost >= 9 * len(STATUS)
     assert len(line.take(FOREVER)) <= line_module.MAX_WAITING
 
 
 @settings(max_examples=100)
 @given(st.lists(st.binary(max_size=40), max_size=6))
-def test_noise_harms_nobody_and_the_next_frame_is_heard(noise: list[bytes]) -> None:
+def test_noise_harms_no_device_and_the_next_frame_is_received(noise: list[bytes]) -> None:
     line = _line(StubDevice(id=1, memory=bytearray(70000)), StubDevice(id=1, protocol=1), timing=Timing())
     for index, data in enumerate(noise):
-        line.hear(data, float(index))
+        line.receive(data, float(index))
     line.take(FOREVER)
     assert STATUS in _ask(line, protocol2.ping(1), 1000.0)
 
@@ -140,7 +140,7 @@ def test_a_dead_line_an_echo_and_a_lost_adapter() -> None:
     assert _ask(line, ping, 0.5) == STATUS
     assert len(_ask(line, ping, 1.5)) == 4
     assert _ask(line, ping, 2.5) == ping + STATUS
-    line.hear(ping, 2.9)
+    line.receive(ping, 2.9)
     assert line.unplugged(3.5)
     assert line.take(FOREVER) == b""
     assert not line.unplugged(4.5)
@@ -164,7 +164,7 @@ def test_faults_by_cycle_count_group_reads() -> None:
     line = _line(StubDevice(), faults=(Fault(FaultKind.MISSING, from_cycle=1, to_cycle=2),))
     seen = []
     for index in range(4):
-        line.hear(protocol2.ping(0xFE), index - 0.5)
+        line.receive(protocol2.ping(0xFE), index - 0.5)
         line.take(FOREVER)
         seen.append(bool(_ask(line, protocol2.sync_read(0, 1, [1]), float(index))))
     assert seen == [True, False, True, True]
@@ -172,7 +172,7 @@ def test_faults_by_cycle_count_group_reads() -> None:
 
 def test_a_late_answer_holds_up_what_follows() -> None:
     line = _line(StubDevice(id=1), StubDevice(id=2), faults=(Fault(FaultKind.LATE, ids=(1,), value=0.25),))
-    line.hear(protocol2.sync_read(0, 1, [1, 2]), 1.0)
+    line.receive(protocol2.sync_read(0, 1, [1, 2]), 1.0)
     assert line.last_due_within(1.0) == 1.25
     assert line.take(1.2499) == b""
     assert line.take(1.25) == protocol2.status(1, 0, b"\0") + protocol2.status(2, 0, b"\0")
@@ -181,7 +181,7 @@ def test_a_late_answer_holds_up_what_follows() -> None:
 def test_what_comes_together_ends_at_its_last_byte() -> None:
     line = _line(*(StubDevice(id=index) for index in (1, 2, 3)), timing=Timing())
     assert line.last_due_within(1.0) is None
-    line.hear(protocol2.sync_read(0, 1, [1, 2, 3]), 0.0)
+    line.receive(protocol2.sync_read(0, 1, [1, 2, 3]), 0.0)
     first = line.next_due
     assert first is not None
     one = 120 / 57600 + 20e-6  # a status of 12 bytes

@@ -6,13 +6,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emulated import servo2, shown, told
+from emulated import read_register, servo2, write_register
 from hardware.dynamixel.control_table import find_table
 from hardware.dynamixel.packets import Error2
 from sim.emulator.memory import Memory, Part
 
 
-def test_a_write_is_cut_into_registers() -> None:
+def test_a_write_is_split_into_registers() -> None:
     memory = Memory(find_table("XM430-W350", 2))
     parts = memory.parts(108, bytes(range(12)))
     assert [part.register.name for part in cast(list[Part], parts)] == [
@@ -29,13 +29,13 @@ def test_a_write_is_cut_into_registers() -> None:
 def test_indirect_data_stand_for_what_they_point_at(model: str, first: int) -> None:
     servo = servo2(model)
     for offset in range(4):
-        assert told(servo, f"indirect_address_{first + offset}", 116 + offset) == 0
-    assert told(servo, f"indirect_address_{first + 4}", 132) == 0
+        assert write_register(servo, f"indirect_address_{first + offset}", 116 + offset) == 0
+    assert write_register(servo, f"indirect_address_{first + 4}", 132) == 0
     data = servo.table[f"indirect_data_{first}"].address
     servo.write(data, (2100).to_bytes(4, "little"), 0.0)
-    assert shown(servo, "goal_position") == 2100
+    assert read_register(servo, "goal_position") == 2100
     assert servo.read(data, 5, 0.0).data == (2100).to_bytes(4, "little") + b"\0"  # low byte of 2048
-    told(servo, "torque_enable", 1)
+    write_register(servo, "torque_enable", 1)
     assert servo.read(data + 4, 1, 3.0).data == (2100 & 0xFF).to_bytes(1, "little")
     assert servo.change(data, (4096).to_bytes(4, "little"), 3.0) == Error2.DATA_LIMIT
     assert servo.change(data, bytes(2), 3.0) == Error2.DATA_LENGTH
@@ -44,9 +44,9 @@ def test_indirect_data_stand_for_what_they_point_at(model: str, first: int) -> N
 
 def test_an_indirect_address_has_its_range() -> None:
     servo = servo2()
-    assert told(servo, "indirect_address_1", 63) == Error2.DATA_RANGE
-    assert told(servo, "indirect_address_1", 662) == Error2.DATA_RANGE
-    assert told(servo, "indirect_address_1", 66) == 0  # a hole may be pointed at, but not written
+    assert write_register(servo, "indirect_address_1", 63) == Error2.DATA_RANGE
+    assert write_register(servo, "indirect_address_1", 662) == Error2.DATA_RANGE
+    assert write_register(servo, "indirect_address_1", 66) == 0  # a hole may be pointed at, but not written
     assert servo.change(224, b"\1", 0.0) == Error2.ACCESS
 
 

@@ -1,4 +1,4 @@
-"""A path that one process has: until it lets go, or ends in whatever way."""
+"""Ports to emulated devices: the link and its reservation, a port in this process, pseudo-terminals, serving them."""
 
 import array
 import fcntl
@@ -53,7 +53,7 @@ def test_the_path_counts_and_not_how_it_is_written(tmp_path: Path, monkeypatch: 
     assert Claim(tmp_path / "real" / "servos2").take()
 
 
-def test_who_holds_it_can_be_asked_often(tmp_path: Path) -> None:
+def test_the_holder_can_be_asked_for_often(tmp_path: Path) -> None:
     first, second = Claim(tmp_path / "servos"), Claim(tmp_path / "servos")
     first.take()
     assert {second.holder() for _ in range(100)} == {os.getpid()}
@@ -91,7 +91,7 @@ def test_what_an_emulator_left_is_replaced(tmp_path: Path) -> None:
     assert path.readlink() == Path("/dev/pts/3")
 
 
-def test_a_link_that_somebody_moved_stays(tmp_path: Path) -> None:
+def test_a_link_that_was_moved_stays(tmp_path: Path) -> None:
     link = Link(tmp_path / "servos")
     link.point("/dev/pts/71")
     link.path.unlink()
@@ -124,7 +124,7 @@ def test_a_link_that_is_hidden_is_still_of_its_emulator(tmp_path: Path) -> None:
     assert first.path.readlink() == Path("/dev/pts/73")
 
 
-def test_where_no_path_can_be_kept_it_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_path_that_cannot_be_reserved_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def none(*_: object) -> socket.socket:
         raise OSError(97, "Address family not supported by protocol")
 
@@ -201,7 +201,7 @@ def test_without_wire_delay_the_answer_is_there_at_once() -> None:
     assert clock.now() == 1.0
 
 
-def test_another_baud_rate_hears_nothing_until_it_is_right() -> None:
+def test_another_baud_rate_receives_nothing_until_it_is_right() -> None:
     clock = VirtualClock()
     port = _port(clock, baud=57600)
     port.write(protocol2.ping(1))
@@ -291,13 +291,13 @@ def terminal(tmp_path: Path) -> Iterator[PseudoTerminal]:
 def _exchange(terminal: PseudoTerminal, client: Serial, data: bytes, now: float = 0.0) -> bytes:
     client.write(data)
     assert select.select([terminal.fd], [], [], 1.0)[0]
-    terminal.hear(now)
-    terminal.speak(now)
+    terminal.receive(now)
+    terminal.send(now)
     return bytes(client.read(len(STATUS)))
 
 
 @pytest.mark.parametrize("baud", [57_600, 1_000_000, 4_000_000, 4_500_000])
-def test_the_clients_own_speed_decides_who_hears_it(tmp_path: Path, baud: int) -> None:
+def test_the_clients_own_speed_decides_which_device_receives_it(tmp_path: Path, baud: int) -> None:
     terminal = _terminal(tmp_path, baud)
     with Serial(str(terminal.link.path), baud, timeout=0.5, exclusive=True) as client:
         assert _exchange(terminal, client, protocol2.ping(1)) == STATUS
@@ -311,10 +311,10 @@ def test_the_clients_own_speed_decides_who_hears_it(tmp_path: Path, baud: int) -
 def test_bytes_pass_as_they_are(terminal: PseudoTerminal) -> None:
     every = bytes(range(256))
     heard: list[bytes] = []
-    terminal.line.hear = lambda data, now: heard.append(data)  # type: ignore[method-assign]
+    terminal.line.receive = lambda data, now: heard.append(data)  # type: ignore[method-assign]
     with Serial(str(terminal.link.path), 1_000_000, timeout=0.5) as client:
         client.write(every)
-        terminal.hear(0.0)
+        terminal.receive(0.0)
         os.write(terminal.fd, every)
         assert client.read(256) == every
     assert b"".join(heard) == every
@@ -326,24 +326,24 @@ def test_a_client_may_come_again_even_after_it_locked_the_port(terminal: PseudoT
         try:
             fcntl.ioctl(fd, termios.TIOCEXCL)
             os.write(fd, b"x")
-            terminal.hear(0.0)
+            terminal.receive(0.0)
             assert not _locked(fd)
         finally:
             os.close(fd)
 
 
 def _locked(fd: int) -> bool:
-    told = array.array("i", [0])
-    fcntl.ioctl(fd, 0x80045440, told)  # TIOCGEXCL
-    return bool(told[0])
+    exclusive = array.array("i", [0])
+    fcntl.ioctl(fd, 0x80045440, exclusive)  # TIOCGEXCL
+    return bool(exclusive[0])
 
 
 def test_a_client_that_never_reads_costs_no_memory(terminal: PseudoTerminal) -> None:
     terminal.line.baud = 1_000_000
     with Serial(str(terminal.link.path), 1_000_000):
         for _ in range(6000):
-            terminal.line.hear(protocol2.ping(1), 0.0)
-            terminal.speak(0.0)
+            terminal.line.receive(protocol2.ping(1), 0.0)
+            terminal.send(0.0)
     assert terminal.lost > 0
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from emulated import servo2, shown, told
+from emulated import read_register, servo2, write_register
 from sim.emulator.power import OVERLOAD_TIME, Electrics, Supply
 from sim.servo_model import AMBIENT, HEAT_PER_AMPERE2, IDLE_CURRENT, LARGEST_CURRENT, SUPPLY_RESISTANCE
 
@@ -44,16 +44,16 @@ def test_overload_needs_time_on_end() -> None:
 
 def test_registers_show_voltage_and_temperature() -> None:
     servo = servo2()
-    assert shown(servo, "present_input_voltage") == 120
+    assert read_register(servo, "present_input_voltage") == 120
     servo.supply(11.1, 0.0)
-    assert shown(servo, "present_input_voltage") == 111
+    assert read_register(servo, "present_input_voltage") == 111
     servo.heat(55.4, 0.0)
-    assert shown(servo, "present_temperature") == 55
+    assert read_register(servo, "present_temperature") == 55
     servo.supply(None, 0.0)
-    told(servo, "torque_enable", 1)
+    write_register(servo, "torque_enable", 1)
     servo.heat(None, 0.0)
     servo.load(3.0, 0.0)
-    assert shown(servo, "present_temperature", 1.0) == 25
+    assert read_register(servo, "present_temperature", 1.0) == 25
     for minute in range(1, 11):
-        shown(servo, "present_temperature", 60.0 * minute)
-    assert shown(servo, "present_temperature", 601.0) > 40
+        read_register(servo, "present_temperature", 60.0 * minute)
+    assert read_register(servo, "present_temperature", 601.0) > 40

@@ -15,9 +15,9 @@ from powering_helpers import FAR, of_many_turns
 from sim.emulator.faults import Direction, Fault, FaultKind
 
 
-@pytest.mark.parametrize("trouble", ["silent", "beyond"])
-def test_turns_of_a_servo_that_has_torque_are_counted_before_it_is_driven(trouble: str) -> None:
-    """A run was killed; the next one finds torque on, and at first cannot tell where somebody else is."""
+@pytest.mark.parametrize("fault", ["silent", "beyond"])
+def test_turns_of_a_servo_that_has_torque_are_counted_before_it_is_driven(fault: str) -> None:
+    """A run was killed. The next one finds torque on, and at first another servo does not answer."""
     rig = of_many_turns().ready()
     rig.bus.close()
     two = rig.device(2)
@@ -26,25 +26,25 @@ def test_turns_of_a_servo_that_has_torque_are_counted_before_it_is_driven(troubl
     two.execute(Instruction.WRITE, b"\x40\x00\x01", rig.clock.now(), broadcast=False)
     assert two.memory.value("torque_enable") == 1
     rig.bus = rig.another()
-    if trouble == "beyond":
+    if fault == "beyond":
         rig.servos[0] = replace(rig.servos[0], mode=ServoMode.EXTENDED_POSITION, lower=1.0, upper=1.4)
         rig.bus = rig.another()
     begin = rig.bus._begin
 
-    def deaf() -> None:
-        if trouble == "silent":
+    def without_answer() -> None:
+        if fault == "silent":
             rig.fault(Fault(FaultKind.MISSING, ids=(1,)))
         begin()
-        rig.mend()
+        rig.clear_faults()
 
-    rig.bus._begin = deaf  # type: ignore[method-assign]
+    rig.bus._begin = without_answer  # type: ignore[method-assign]
     rig.bus.open()
     for _ in range(5):
         rig.clock.advance(0.05)
         states = rig.bus.read()
     assert int(states.position[1]) == FAR
     rig.bus.write(ServoGoals(states.position))
-    if trouble == "beyond":
+    if fault == "beyond":
         with refuses(BusError, "j1", 1):
             rig.bus.torque(True)
 

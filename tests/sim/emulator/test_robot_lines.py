@@ -36,7 +36,7 @@ def _line(conduct: Conduct | None, protocol: int = 2) -> Line:
 
 
 def _ask(line: Line, data: bytes, now: float) -> bytes:
-    line.hear(data, now)
+    line.receive(data, now)
     return line.take(now)
 
 
@@ -110,7 +110,7 @@ def _robot_lines_line(powered: bool) -> Line:
     return lines["main"]
 
 
-def test_servos_stand_and_everybody_answers() -> None:
+def test_servos_stand_and_every_device_answers() -> None:
     line = _robot_lines_line(powered=True)
     assert [device.id for device in line.devices] == [*(servo.id for servo in ROBOT.joint_map.servos), 200]
     for servo, tick in zip(ROBOT.joint_map.servos, standing_ticks(ROBOT), strict=True):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from emulated import answered, servo2, shown, told
+from emulated import answered, read_register, servo2, write_register
 from hardware.dynamixel.packets import Error2, Instruction
 from sim.emulator.servo2 import RESTORE, STORE
 
@@ -13,12 +13,12 @@ def test_ping_says_model_and_firmware() -> None:
     assert servo.execute(Instruction.PING, b"", 0.0, broadcast=True) is not None
 
 
-def test_status_return_level_mutes() -> None:
+def test_status_return_level_switches_answers_off() -> None:
     servo = servo2()
     expected = {0: (True, False, False), 1: (True, True, False), 2: (True, True, True)}
     for level, wanted in expected.items():
         servo.write(68, bytes((level,)), 0.0)
-        said = tuple(
+        replies = tuple(
             servo.execute(code, params, 0.0, broadcast=False) is not None
             for code, params in (
                 (Instruction.PING, b""),
@@ -26,18 +26,18 @@ def test_status_return_level_mutes() -> None:
                 (Instruction.WRITE, bytes((65, 0, 1))),
             )
         )
-        assert said == wanted and servo.answers_reads == (level >= 1)
+        assert replies == wanted and servo.answers_reads == (level >= 1)
 
 
 def test_a_registered_write_waits_for_its_action() -> None:
     servo = servo2()
     assert answered(servo, Instruction.ACTION).error == Error2.INSTRUCTION
     assert answered(servo, Instruction.REG_WRITE, bytes((66, 0, 1))).error == Error2.ACCESS
-    assert shown(servo, "registered_instruction") == 0
+    assert read_register(servo, "registered_instruction") == 0
     assert answered(servo, Instruction.REG_WRITE, bytes((65, 0, 1))).error == 0
-    assert shown(servo, "registered_instruction") == 1 and shown(servo, "led") == 0
+    assert read_register(servo, "registered_instruction") == 1 and read_register(servo, "led") == 0
     assert answered(servo, Instruction.ACTION).error == 0
-    assert shown(servo, "registered_instruction") == 0 and shown(servo, "led") == 1
+    assert read_register(servo, "registered_instruction") == 0 and read_register(servo, "led") == 1
     assert answered(servo, Instruction.ACTION).error == Error2.INSTRUCTION
 
 
@@ -45,17 +45,17 @@ def test_a_registered_write_waits_for_its_action() -> None:
 def test_factory_reset(option: int, kept: tuple[int, int]) -> None:
     servo = servo2()
     for name, value in (("id", 9), ("baud_rate", 3), ("velocity_limit", 50)):
-        told(servo, name, value)
+        write_register(servo, name, value)
     assert answered(servo, Instruction.FACTORY_RESET, bytes((option,))).error == 0
     assert servo.booting(0.1) and (servo.id, servo.baud) == kept
-    assert shown(servo, "velocity_limit", 1.0) == 200
+    assert read_register(servo, "velocity_limit", 1.0) == 200
 
 
 def test_a_broadcast_is_obeyed_in_silence() -> None:
     servo = servo2()
-    told(servo, "id", 9)
+    write_register(servo, "id", 9)
     assert servo.execute(Instruction.WRITE, bytes((65, 0, 1)), 0.0, broadcast=True) is None
-    assert shown(servo, "led") == 1
+    assert read_register(servo, "led") == 1
     assert servo.execute(Instruction.READ, bytes((65, 0, 1, 0)), 0.0, broadcast=True) is None
     servo.execute(Instruction.FACTORY_RESET, b"\xff", 0.0, broadcast=True)
     assert servo.id == 9  # since firmware 42
@@ -69,12 +69,12 @@ def test_a_broadcast_is_obeyed_in_silence() -> None:
 def test_a_secondary_id_reaches_the_ram_only() -> None:
     servo = servo2()
     assert servo2().secondary_id is None
-    told(servo, "secondary_id", 5)
+    write_register(servo, "secondary_id", 5)
     assert servo.secondary_id == 5
     for code, params in ((Instruction.WRITE, bytes((65, 0, 1))), (Instruction.WRITE, bytes((7, 0, 8)))):
         assert servo.execute(code, params, 0.0, broadcast=False, secondary=True) is None
     assert servo.execute(Instruction.REBOOT, b"", 0.0, broadcast=False, secondary=True) is None
-    assert shown(servo, "led") == 1 and servo.id == 1 and not servo.booting(0.0)
+    assert read_register(servo, "led") == 1 and servo.id == 1 and not servo.booting(0.0)
     servo.write(7, b"\x08", 0.0, secondary=True)
     assert servo.id == 1
 
@@ -82,27 +82,27 @@ def test_a_secondary_id_reaches_the_ram_only() -> None:
 def test_backup_and_restore() -> None:
     servo = servo2()
     assert answered(servo, Instruction.CONTROL_TABLE_BACKUP, RESTORE).error == Error2.RESULT_FAIL
-    told(servo, "startup_configuration", 2)
-    told(servo, "velocity_limit", 50)
-    told(servo, "position_p_gain", 77)
+    write_register(servo, "startup_configuration", 2)
+    write_register(servo, "velocity_limit", 50)
+    write_register(servo, "position_p_gain", 77)
     assert answered(servo, Instruction.CONTROL_TABLE_BACKUP, STORE).error == 0
-    assert shown(servo, "backup_ready") == 1
-    told(servo, "velocity_limit", 60)
-    told(servo, "torque_enable", 1)
+    assert read_register(servo, "backup_ready") == 1
+    write_register(servo, "velocity_limit", 60)
+    write_register(servo, "torque_enable", 1)
     assert answered(servo, Instruction.CONTROL_TABLE_BACKUP, RESTORE).error == Error2.RESULT_FAIL
-    told(servo, "torque_enable", 0)
+    write_register(servo, "torque_enable", 0)
     assert answered(servo, Instruction.CONTROL_TABLE_BACKUP, RESTORE).error == 0
-    assert servo.booting(0.1) and shown(servo, "velocity_limit", 1.0) == 50
-    assert shown(servo, "position_p_gain", 1.0) == 77 and shown(servo, "backup_ready", 1.0) == 1
+    assert servo.booting(0.1) and read_register(servo, "velocity_limit", 1.0) == 50
+    assert read_register(servo, "position_p_gain", 1.0) == 77 and read_register(servo, "backup_ready", 1.0) == 1
     old = servo2(firmware=44)
     assert answered(old, Instruction.CONTROL_TABLE_BACKUP, STORE).error == Error2.INSTRUCTION
 
 
 def test_torque_at_start_where_it_is_configured() -> None:
     servo = servo2()
-    told(servo, "startup_configuration", 1)
+    write_register(servo, "startup_configuration", 1)
     answered(servo, Instruction.REBOOT)
-    assert shown(servo, "torque_enable", 0.1) == 0 and shown(servo, "torque_enable", 0.3) == 1
+    assert read_register(servo, "torque_enable", 0.1) == 0 and read_register(servo, "torque_enable", 0.3) == 1
 
 
 @pytest.mark.parametrize("code", [0x00, 0x07, 0x55, 0x82, 0x8A, 0xFF])

@@ -1,4 +1,4 @@
-"""How a 2.0 servo counts its position: folding, offset, direction."""
+"""The registers of a 2.0 servo: position counting, writes that are refused, loop, goals, resets, the bus watchdog."""
 
 from math import inf
 
@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emulated import servo2, shown, told
+from emulated import read_register, servo2, write_register
 from hardware.dynamixel.control_table import Register, find_table
 from hardware.dynamixel.packets import Error2
 from hardware.servo import find_model
@@ -53,7 +53,7 @@ offsets = st.integers(-1_044_479, 1_044_479)
 
 
 class Counted:
-    """A shaft, and the registers that say how it is counted."""
+    """A shaft, and the registers that define how it is counted."""
 
     def __init__(self, mode: int, position: float = 0.0, offset: int = 0) -> None:
         self.memory = Memory(find_table("XM430-W350", 2))
@@ -308,39 +308,39 @@ def test_without_the_setting_or_a_backup_nothing_comes_back(startup: int, stored
 
 def test_the_realtime_tick_wraps() -> None:
     servo = servo2()
-    assert shown(servo, "realtime_tick", 0.5) == 500
-    assert shown(servo, "realtime_tick", 32.7675) == 32767
-    assert shown(servo, "realtime_tick", 32.7685) == 0
+    assert read_register(servo, "realtime_tick", 0.5) == 500
+    assert read_register(servo, "realtime_tick", 32.7675) == 32767
+    assert read_register(servo, "realtime_tick", 32.7685) == 0
 
 
 def test_moving_and_its_threshold() -> None:
     servo = servo2(position=0.0)
-    told(servo, "torque_enable", 1)
-    told(servo, "goal_position", 4000)
-    assert (shown(servo, "moving", 0.5), shown(servo, "moving_status", 0.5)) == (1, 8)
-    assert (shown(servo, "moving", 5.0), shown(servo, "moving_status", 5.0)) == (0, 1)
-    told(servo, "torque_enable", 0, 5.0)
-    told(servo, "moving_threshold", 1023, 5.0)
-    told(servo, "torque_enable", 1, 5.0)
-    told(servo, "goal_position", 0, 5.0)
-    assert shown(servo, "moving", 5.5) == 0 and shown(servo, "present_velocity", 5.5) < -150
+    write_register(servo, "torque_enable", 1)
+    write_register(servo, "goal_position", 4000)
+    assert (read_register(servo, "moving", 0.5), read_register(servo, "moving_status", 0.5)) == (1, 8)
+    assert (read_register(servo, "moving", 5.0), read_register(servo, "moving_status", 5.0)) == (0, 1)
+    write_register(servo, "torque_enable", 0, 5.0)
+    write_register(servo, "moving_threshold", 1023, 5.0)
+    write_register(servo, "torque_enable", 1, 5.0)
+    write_register(servo, "goal_position", 0, 5.0)
+    assert read_register(servo, "moving", 5.5) == 0 and read_register(servo, "present_velocity", 5.5) < -150
 
 
 def test_the_trajectory_is_ahead_of_the_shaft() -> None:
     servo = servo2(position=0.0)
-    told(servo, "profile_velocity", 100)
-    told(servo, "torque_enable", 1)
-    told(servo, "goal_position", 4000)
-    ahead = shown(servo, "position_trajectory", 1.0) - shown(servo, "present_position", 1.0)
-    assert 20 < ahead < 100 and shown(servo, "velocity_trajectory", 1.0) == 100
-    assert shown(servo, "moving_status", 1.0) == 2 | 1 << 4
+    write_register(servo, "profile_velocity", 100)
+    write_register(servo, "torque_enable", 1)
+    write_register(servo, "goal_position", 4000)
+    ahead = read_register(servo, "position_trajectory", 1.0) - read_register(servo, "present_position", 1.0)
+    assert 20 < ahead < 100 and read_register(servo, "velocity_trajectory", 1.0) == 100
+    assert read_register(servo, "moving_status", 1.0) == 2 | 1 << 4
 
 
 def test_a_load_register_where_there_is_no_current() -> None:
     servo = servo2("XL430-W250")
-    told(servo, "torque_enable", 1)
+    write_register(servo, "torque_enable", 1)
     servo.load(-1.0, 0.0)
-    assert 500 < shown(servo, "present_load", 0.5) < 800
+    assert 500 < read_register(servo, "present_load", 0.5) < 800
 
 
 LIMP = Condition(torque=False, barred=False, tripped=False)
@@ -550,23 +550,23 @@ def test_it_runs_with_torque_only() -> None:
 
 def test_a_trip_stops_the_servo_where_it_was_then() -> None:
     servo = servo2(position=0.0)
-    told(servo, "profile_velocity", 20)
-    told(servo, "bus_watchdog", 5)
-    told(servo, "torque_enable", 1)
-    told(servo, "goal_position", 4000)
-    place = shown(servo, "present_position", 3.0)  # nobody was heard since 0
+    write_register(servo, "profile_velocity", 20)
+    write_register(servo, "bus_watchdog", 5)
+    write_register(servo, "torque_enable", 1)
+    write_register(servo, "goal_position", 4000)
+    place = read_register(servo, "present_position", 3.0)  # no instruction was received since 0
     assert 5 < place < 40  # 0.1 s of 4.6 rpm
-    assert shown(servo, "bus_watchdog", 3.0) == -1 and shown(servo, "torque_enable", 3.0) == 1
-    assert shown(servo, "profile_velocity", 3.0) == 0
-    assert told(servo, "goal_position", 3000, 3.0) == Error2.DATA_RANGE
-    assert told(servo, "goal_velocity", 1, 3.0) == Error2.DATA_RANGE
-    assert told(servo, "bus_watchdog", 5, 3.0) == Error2.DATA_RANGE
+    assert read_register(servo, "bus_watchdog", 3.0) == -1 and read_register(servo, "torque_enable", 3.0) == 1
+    assert read_register(servo, "profile_velocity", 3.0) == 0
+    assert write_register(servo, "goal_position", 3000, 3.0) == Error2.DATA_RANGE
+    assert write_register(servo, "goal_velocity", 1, 3.0) == Error2.DATA_RANGE
+    assert write_register(servo, "bus_watchdog", 5, 3.0) == Error2.DATA_RANGE
     servo.write(116, (3000).to_bytes(4, "little"), 3.0)
-    assert shown(servo, "goal_position", 3.0) == 4000
-    assert told(servo, "bus_watchdog", 0, 3.0) == 0
-    assert shown(servo, "present_position", 4.0) == place  # it does not go on by itself
-    assert told(servo, "goal_position", 3000, 4.0) == 0
-    assert shown(servo, "present_position", 6.0) == 3000
+    assert read_register(servo, "goal_position", 3.0) == 4000
+    assert write_register(servo, "bus_watchdog", 0, 3.0) == 0
+    assert read_register(servo, "present_position", 4.0) == place  # it does not go on by itself
+    assert write_register(servo, "goal_position", 3000, 4.0) == 0
+    assert read_register(servo, "present_position", 6.0) == 3000
 
 
 def test_old_firmware_has_none() -> None:

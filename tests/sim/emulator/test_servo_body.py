@@ -1,4 +1,4 @@
-"""What emulated servos of both protocols share: start, power, what outlives it, load."""
+"""The common part of emulated servos of both protocols: start, power, what is kept without power, load."""
 
 from collections.abc import Callable
 
@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emulated import servo1, servo2, told
+from emulated import servo1, servo2, write_register
 from hardware.dynamixel.control_table import find_table
 from hardware.errors import HardwareError
 from hardware.servo import find_model
@@ -122,9 +122,9 @@ def test_a_load_is_a_bounded_share_of_what_the_motor_has(make: Make, torque: flo
 
 def test_a_jam_and_its_end_reach_the_shaft() -> None:
     servo = servo2(position=1000.0)
-    told(servo, "torque_enable", 1)
+    write_register(servo, "torque_enable", 1)
     servo.jam(True, 0.0)
-    told(servo, "goal_position", 1500, 0.1)
+    write_register(servo, "goal_position", 1500, 0.1)
     servo.catch_up(0.3)
     assert servo.shaft.position == 1000.0
     servo.jam(False, 0.3)

@@ -21,7 +21,7 @@ def _row(out: str, device: int) -> str:
     return next(line for line in out.splitlines() if line.split()[2:3] == [str(device)])
 
 
-def test_everybody_is_found_and_nothing_is_written(lab: ServoLab) -> None:
+def test_every_servo_is_found_and_nothing_is_written(lab: ServoLab) -> None:
     code, out, err = lab.run("scan", "--robot", "op3", "--port", "emulator")
     assert (code, err) == (0, "")
     assert len(out.splitlines()) == 1 + 1 + 21 and "missing" not in out
@@ -30,7 +30,7 @@ def test_everybody_is_found_and_nothing_is_written(lab: ServoLab) -> None:
     assert lab.instructions() <= {Instruction.PING, Instruction.READ}
 
 
-def test_missing_strange_fast_and_wrong_servos_are_told(lab: ServoLab) -> None:
+def test_missing_unknown_fast_and_wrong_servos_are_reported(lab: ServoLab) -> None:
     lab.before = {(2, "baud_rate"): 1, (3, "id"): 77}
     lab.faults = [Fault(FaultKind.MISSING, ids=(5,)), Fault(FaultKind.ID_CLASH, ids=(6,))]
     code, out, _ = lab.run("scan", "--robot", "op3", "--port", "emulator", "--protocol", "2")
@@ -119,7 +119,7 @@ def test_ctrl_c_leaves_what_was_found(lab: ServoLab, monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.parametrize("words", [("scan",), ("monitor", "--once"), ("rest", "--yes")])
-def test_an_adapter_that_echoes_is_told_once(words: tuple[str, ...], lab: ServoLab) -> None:
+def test_an_adapter_that_echoes_is_reported_once(words: tuple[str, ...], lab: ServoLab) -> None:
     lab.faults = [Fault(FaultKind.ECHO)]
     for more in (("--robot", "op3"), ("--protocol", "2", "--baud", "2000000")):
         if words[0] == "scan":

@@ -1,4 +1,4 @@
-"""One servo's loop in plain floats is the law that the mock bus has for arrays."""
+"""The shaft of an emulated servo: profiles, control laws, limits, loads; its law is that of the mock bus."""
 
 from itertools import pairwise
 
@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emulated import servo2, shown, told
+from emulated import read_register, servo2, write_register
 from hardware.bus import ServoGoals
 from hardware.clock import VirtualClock
 from hardware.servo import ServoSpec, find_model
@@ -60,8 +60,8 @@ def test_the_plain_case_is_the_mock_bus() -> None:
         for device, goal in zip(devices, goals.tolist(), strict=True):
             device.write(116, goal.to_bytes(4, "little"), clock.now())
         clock.advance(0.008)
-        said = [device.read(132, 4, clock.now()).data for device in devices]
-        positions = [int.from_bytes(data, "little", signed=True) for data in said]
+        replies = [device.read(132, 4, clock.now()).data for device in devices]
+        positions = [int.from_bytes(data, "little", signed=True) for data in replies]
         assert np.abs(mock.read().position - positions).max() <= 1
 
 
@@ -85,80 +85,80 @@ def test_the_stepped_motion_is_near_the_exact_one() -> None:
 
 def test_a_load_sags_and_the_i_gain_takes_it_out() -> None:
     servo = servo2()
-    told(servo, "torque_enable", 1)
+    write_register(servo, "torque_enable", 1)
     servo.load(1.0, 0.0)  # of 4.1 N m: a quarter of full drive, 35 ticks at the default gain
-    assert shown(servo, "present_position", 1.0) == pytest.approx(2048 + 1.0 / 4.1 * 885 * 128 / 800, abs=1)
-    assert shown(servo, "present_current", 1.0) < -100
-    told(servo, "position_i_gain", 1000, 1.0)
-    assert abs(shown(servo, "present_position", 6.0) - 2048) <= 2
+    assert read_register(servo, "present_position", 1.0) == pytest.approx(2048 + 1.0 / 4.1 * 885 * 128 / 800, abs=1)
+    assert read_register(servo, "present_current", 1.0) < -100
+    write_register(servo, "position_i_gain", 1000, 1.0)
+    assert abs(read_register(servo, "present_position", 6.0) - 2048) <= 2
 
 
 def test_goal_pwm_slows_down() -> None:
     servo = servo2(position=0.0)
-    told(servo, "goal_pwm", 177)  # a fifth
-    told(servo, "torque_enable", 1)
-    told(servo, "goal_position", 4000)
+    write_register(servo, "goal_pwm", 177)  # a fifth
+    write_register(servo, "torque_enable", 1)
+    write_register(servo, "goal_position", 4000)
     fifth = 0.2 * servo.top
-    assert shown(servo, "present_position", 1.0) == pytest.approx(fifth, abs=2)
-    assert shown(servo, "present_pwm", 1.0) == 177
+    assert read_register(servo, "present_position", 1.0) == pytest.approx(fifth, abs=2)
+    assert read_register(servo, "present_pwm", 1.0) == 177
 
 
 def test_supply_slows_down() -> None:
     servo = servo2(position=0.0)
     servo.supply(10.0, 0.0)
-    told(servo, "torque_enable", 1)
-    told(servo, "goal_position", 4000)
-    assert shown(servo, "present_position", 1.0) == pytest.approx(servo.top * 10.0 / 12.0, abs=2)
+    write_register(servo, "torque_enable", 1)
+    write_register(servo, "goal_position", 4000)
+    assert read_register(servo, "present_position", 1.0) == pytest.approx(servo.top * 10.0 / 12.0, abs=2)
 
 
 def test_no_p_gain_no_motion() -> None:
     servo = servo2(position=0.0)
-    told(servo, "position_p_gain", 0)
-    told(servo, "torque_enable", 1)
-    told(servo, "goal_position", 4000)
-    assert shown(servo, "present_position", 1.0) == 0
+    write_register(servo, "position_p_gain", 0)
+    write_register(servo, "torque_enable", 1)
+    write_register(servo, "goal_position", 4000)
+    assert read_register(servo, "present_position", 1.0) == 0
 
 
 def test_goal_current_gives_way_in_mode_5() -> None:
     servo = servo2()
-    told(servo, "operating_mode", 5)
-    told(servo, "goal_current", 100)  # 0.27 A
-    told(servo, "torque_enable", 1)
+    write_register(servo, "operating_mode", 5)
+    write_register(servo, "goal_current", 100)  # 0.27 A
+    write_register(servo, "torque_enable", 1)
     servo.load(2.0, 0.0)
-    assert shown(servo, "present_position", 1.0) > 2300
+    assert read_register(servo, "present_position", 1.0) > 2300
     servo.load(0.0, 1.0)
-    assert shown(servo, "present_position", 10.0) == 2048
-    told(servo, "goal_current", 30, 10.0)  # less than friction takes
-    told(servo, "goal_position", 3000, 10.0)
-    assert shown(servo, "present_position", 12.0) == 2048
+    assert read_register(servo, "present_position", 10.0) == 2048
+    write_register(servo, "goal_current", 30, 10.0)  # less than friction takes
+    write_register(servo, "goal_position", 3000, 10.0)
+    assert read_register(servo, "present_position", 12.0) == 2048
 
 
 def test_velocity_mode_with_and_without_ramp() -> None:
     servo = servo2()
-    told(servo, "operating_mode", 1)
-    told(servo, "torque_enable", 1)
-    told(servo, "goal_velocity", -100)
-    assert shown(servo, "present_velocity", 1.0) == -100
-    assert shown(servo, "present_position", 61.0) < -4096  # it counts on
-    told(servo, "profile_acceleration", 1, 61.0)
-    told(servo, "goal_velocity", 100, 61.0)
-    before = shown(servo, "present_velocity", 62.0)
-    assert -100 < before < 0 and shown(servo, "present_velocity", 80.0) == 100
+    write_register(servo, "operating_mode", 1)
+    write_register(servo, "torque_enable", 1)
+    write_register(servo, "goal_velocity", -100)
+    assert read_register(servo, "present_velocity", 1.0) == -100
+    assert read_register(servo, "present_position", 61.0) < -4096  # it counts on
+    write_register(servo, "profile_acceleration", 1, 61.0)
+    write_register(servo, "goal_velocity", 100, 61.0)
+    before = read_register(servo, "present_velocity", 62.0)
+    assert -100 < before < 0 and read_register(servo, "present_velocity", 80.0) == 100
 
 
 def test_pwm_and_current_modes() -> None:
     servo = servo2()
-    told(servo, "operating_mode", 16)
-    told(servo, "torque_enable", 1)
-    told(servo, "goal_pwm", -442)
-    assert shown(servo, "present_velocity", 1.0) == pytest.approx(-0.5 * 46 / 0.229, abs=1)
-    told(servo, "torque_enable", 0, 1.0)
-    told(servo, "operating_mode", 0, 1.0)
-    told(servo, "torque_enable", 1, 1.0)
-    told(servo, "goal_current", 0, 1.0)
-    still = shown(servo, "present_position", 2.0)
-    told(servo, "goal_current", 100, 2.0)
-    assert shown(servo, "present_position", 3.0) > still + 100
+    write_register(servo, "operating_mode", 16)
+    write_register(servo, "torque_enable", 1)
+    write_register(servo, "goal_pwm", -442)
+    assert read_register(servo, "present_velocity", 1.0) == pytest.approx(-0.5 * 46 / 0.229, abs=1)
+    write_register(servo, "torque_enable", 0, 1.0)
+    write_register(servo, "operating_mode", 0, 1.0)
+    write_register(servo, "torque_enable", 1, 1.0)
+    write_register(servo, "goal_current", 0, 1.0)
+    still = read_register(servo, "present_position", 2.0)
+    write_register(servo, "goal_current", 100, 2.0)
+    assert read_register(servo, "present_position", 3.0) > still + 100
 
 
 def test_a_free_shaft_gives_way_to_a_load() -> None:

@@ -29,7 +29,7 @@ def test_one_row_is_run_in_all_states(capsys: pytest.CaptureFixture[str]) -> Non
     shows(shown, 3)
 
 
-def test_what_is_bad_is_told(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_violation_is_reported(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     from sim.faults import cases
 
     monkeypatch.setattr(cases, "judged_case", lambda case: cases.Result("seed 5: x", ("on fire",), None))

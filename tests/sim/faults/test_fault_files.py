@@ -23,10 +23,10 @@ def test_a_malformed_file_is_refused(
     words = ["run", "--robot", str(path), "--source", "json://127.0.0.1:14150", "--bus", str(tmp_path / "port")]
     with pytest.raises(SystemExit) as leaving:
         cli.main(words)
-    told = capsys.readouterr().err
+    message = capsys.readouterr().err
     assert (leaving.value.code, opened) == (REFUSED, [])
-    assert told.startswith("error: ") and file.told in told
-    assert "Traceback" not in told
+    assert message.startswith("error: ") and file.reason in message
+    assert "Traceback" not in message
 
 
 def test_the_judge_says_no(tmp_path: Path) -> None:
@@ -43,5 +43,5 @@ def test_the_judge_says_no(tmp_path: Path) -> None:
     assert judged_file(Malformed("folder", raising, "not a regular file")) == ()
 
 
-def test_a_file_that_cannot_be_changed_is_told() -> None:
+def test_each_malformed_file_has_its_own_name() -> None:
     assert len({one.name for one in MALFORMED}) == 30

@@ -1,4 +1,4 @@
-"""Two faults in one run: a reaction that does not come is found; the stronger of two is asked for, and by when."""
+"""Two faults in one run: a missing reaction is found; the stronger of two is required, and by when."""
 
 from collections.abc import Iterator
 from unittest.mock import patch
@@ -24,7 +24,7 @@ def row(name: str) -> Row:
 
 @pytest.fixture
 def blind() -> Iterator[None]:
-    """A performer who believes everything."""
+    """Sensor validity that accepts everything."""
     with patch.object(LivePerformer, "_is_good", lambda self, heard, now: True):
         yield
 
@@ -35,20 +35,20 @@ PAIRS = [
 ]
 
 
-@pytest.mark.parametrize(("first", "second", "told"), PAIRS)
-def test_who_does_not_react_to_two_faults_is_found(first: str, second: str, told: str, blind: None) -> None:
-    assert told in judged_pair(row(first), row(second), at=0.3, gap=0.05, seed=0).wrong
+@pytest.mark.parametrize(("first", "second", "expected"), PAIRS)
+def test_a_missing_reaction_to_two_faults_is_found(first: str, second: str, expected: str, blind: None) -> None:
+    assert expected in judged_pair(row(first), row(second), at=0.3, gap=0.05, seed=0).wrong
 
 
-@pytest.mark.parametrize(("first", "second", "told"), PAIRS[:1])
-def test_who_reacts_is_not(first: str, second: str, told: str) -> None:
+@pytest.mark.parametrize(("first", "second", "expected"), PAIRS[:1])
+def test_a_reaction_to_two_faults_is_not_reported(first: str, second: str, expected: str) -> None:
     assert judged_pair(row(first), row(second), at=0.3, gap=0.05, seed=0).wrong == ()
 
 
 @pytest.mark.parametrize("gap", [0.0, 0.02, 0.05, 0.1])
 @pytest.mark.parametrize("names", [("wrist lost", "left and right swapped"), ("left and right swapped", "wrist lost")])
 def test_a_wrist_that_is_lost_and_sides_that_change_places_are_a_swap(names: tuple[str, str], gap: float) -> None:
-    """The one that is told is where the other was: nobody may follow it."""
+    """The sensor that is sent is where the other was: the robot must not follow it."""
     first, second = map(row, names)
     assert judged_pair(first, second, at=0.3, gap=gap, seed=1).wrong == ()
 
@@ -107,7 +107,7 @@ MOVING, HOLDING, STOPPING = GuardState.MOVING, GuardState.HOLDING, GuardState.ST
         ("adapter unplugged", seen((1.1, STOPPING, True)), False),
         ("adapter unplugged", seen((1.1, GuardState.STOPPED, True)), True),
         ("kill -9", seen((1.0, MOVING, False)), False),
-        ("sender's clock leaps on", seen((1.0, MOVING, False)), False),
+        ("sender's clock jumps forward", seen((1.0, MOVING, False)), False),
         ("servo warm", seen((1.0, MOVING, False)), False),
         ("wrist lost", seen((1.0, MOVING, False)), False),
         ("second source", seen((1.0, MOVING, False)), True),
@@ -118,22 +118,22 @@ def test_a_reaction_is_as_strong_as_needed_and_in_time(name: str, trace: Trace, 
 
 
 @pytest.mark.parametrize(
-    ("other", "at", "held", "told"),
+    ("other", "at", "held", "expected"),
     [
-        ("stream silent for a while", 0.498, 0.64, False),  # who hears nothing sees no swap
+        ("stream silent for a while", 0.498, 0.64, False),  # without data no swap is detected
         ("stream silent for a while", 0.55, 0.64, False),
         ("stream silent for a while", 0.2, 0.64, True),
         ("stream silent for a while", 0.498, 0.7, True),
-        ("wrist lost", 0.498, 0.64, True),  # asks for less
+        ("wrist lost", 0.498, 0.64, True),  # requires less
     ],
 )
-def test_another_fault_beside_the_two_may_hide_one(other: str, at: float, held: float, told: bool) -> None:
+def test_a_third_fault_may_hide_one_of_two(other: str, at: float, held: float, expected: bool) -> None:
     trace = seen(*((0.01 * k, MOVING, False) for k in range(100)))
     trace.ticks = [tick if tick.time < held else Tick(tick.time, HOLDING, False, 1.0) for tick in trace.ticks]
     trace.began = 0.0
     swapped, later = Struck(row("left and right swapped"), 0.5), Struck(row("second source"), 0.9)
     wrong = missing(trace, swapped, later, [Struck(row(other), at)])
-    assert bool(wrong) is told
+    assert bool(wrong) is expected
 
 
 def test_other_signs_of_a_reaction() -> None:
@@ -142,7 +142,7 @@ def test_other_signs_of_a_reaction() -> None:
     trace.rebased, trace.let_go = 1.1, [(1.05, 1), (1.15, 2)]
     assert reached(trace, need_of(row("wrist lost")), 1.0, 1.2)
     assert not reached(trace, need_of(row("wrist lost")), 1.0, 1.05)
-    assert reached(trace, need_of(row("sender's clock leaps on")), 1.0, 1.2)
+    assert reached(trace, need_of(row("sender's clock jumps forward")), 1.0, 1.2)
     assert reached(trace, need_of(row("kill -9")), 1.0, 1.2)
     assert not reached(trace, need_of(row("kill -9")), 1.0, 1.1)
 
@@ -158,7 +158,7 @@ def test_the_first_is_judged_alone_where_its_time_is_over_before_the_second() ->
     assert missing(trace, Struck(silent, 2.0), Struck(lost, 2.1)) == []
 
 
-def test_each_of_two_that_wait_for_their_cue_is_timed_from_its_own() -> None:
+def test_each_of_two_that_wait_for_an_event_is_timed_from_its_own() -> None:
     trace = seen(*((0.01 * k, MOVING if k < 46 else HOLDING, False) for k in range(100)))
     trace.began = 0.0
     two = Struck(row("solver not finite once"), 0.3), Struck(row("deadline missed"), 0.42)

@@ -1,5 +1,4 @@
-"""How fast the robot is on the wire where it must be slow: to where following begins, and when somebody is followed
-again; whoever hurries is found."""
+"""Speeds of the goals on the wire where they must be slow: on the approach, and when following resumes."""
 
 from dataclasses import replace
 
@@ -28,7 +27,7 @@ def t_pose() -> SenderFault:
 
 @pytest.fixture(scope="module")
 def paused() -> Bench:
-    """A performer who is not heard for a second and moves on in it."""
+    """A performer whose stream is silent for a second and who moves on meanwhile."""
     bench = Bench(FakeSender(), duration=3.9)
     bench.leaves = True
     bench.at(0.8, lambda: bench.sender.faults.append(pausing(1.0)))
@@ -40,12 +39,12 @@ def test_arms_straight_out_are_approached_slowly() -> None:
     bench = Bench(FakeSender(faults=[t_pose()]), duration=0.7)
     bench.leaves = True
     trace = bench.run()
-    assert trace.began is not None and trace.armed is not None and trace.arrived is not None
-    assert trace.arrived - trace.armed > 1.0
+    assert trace.began is not None and trace.armed is not None and trace.approach_ended is not None
+    assert trace.approach_ended - trace.armed > 1.0
     assert violations(bench, trace) == []
 
 
-def test_who_is_followed_again_is_followed_slowly_at_first(paused: Bench) -> None:
+def test_following_resumes_slowly_at_first(paused: Bench) -> None:
     assert len([last for first, last in paused.trace.holds if last - first > 0.3]) >= 2
     assert violations(paused, paused.trace) == []
 
@@ -61,10 +60,10 @@ def faster(trace: Trace, since: float, until: float) -> Trace:
     return replace(trace, sent=sent)
 
 
-def test_who_hurries_is_found(paused: Bench) -> None:
+def test_goals_that_are_too_fast_are_found(paused: Bench) -> None:
     trace = paused.trace
-    assert trace.armed is not None and trace.arrived is not None
-    middle = 0.5 * (trace.armed + trace.arrived)
-    shows(violations(paused, faster(trace, middle, trace.arrived)))
+    assert trace.armed is not None and trace.approach_ended is not None
+    middle = 0.5 * (trace.armed + trace.approach_ended)
+    shows(violations(paused, faster(trace, middle, trace.approach_ended)))
     again = [last for first, last in trace.holds if last - first > 0.3][-1]
     assert any("after a hold" in line for line in violations(paused, faster(trace, again, again + 0.7)))

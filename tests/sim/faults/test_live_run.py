@@ -1,4 +1,4 @@
-"""A live performer through the whole pipeline on virtual time: followed, held, left out, never a leap."""
+"""A live performer through the whole pipeline on virtual time: followed, held, left out, without any jump."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def check_motion(result: RunResult) -> None:
     assert (violations.position, violations.velocity, violations.acceleration) == (0, 0, 0)
 
 
-def test_whoever_performs_is_followed_and_the_end_is_parked() -> None:
+def test_a_performer_is_followed_and_the_robot_goes_to_rest() -> None:
     rig = LiveRig(FakeSender())
     result = run(rig)
     check_motion(result)
@@ -41,7 +41,7 @@ def test_whoever_performs_is_followed_and_the_end_is_parked() -> None:
     np.testing.assert_allclose(sent.q[-1, robot.servo_columns], rest[robot.servo_columns], atol=1e-6)
 
 
-def test_a_silent_stream_is_held_and_taken_up_again() -> None:
+def test_a_silent_stream_is_held_and_followed_again() -> None:
     rig = LiveRig(FakeSender(faults=[silent(5.0, 6.0)]), options=LiveOptions(countdown=0.5, duration=5.5))
     result = run(rig)
     check_motion(result)
@@ -77,7 +77,7 @@ def test_a_foot_that_is_lost_is_held() -> None:
 @pytest.mark.parametrize(
     "fault", [moved("r_wrist", 5.0, 8.0, (0.0, 0.0, 0.8)), swapped("l_wrist", "r_wrist", 5.0, 8.0)]
 )
-def test_a_leap_is_held_and_said(fault: object) -> None:
+def test_a_jump_is_held_and_reported(fault: object) -> None:
     rig = LiveRig(FakeSender(faults=[fault]), options=LiveOptions(countdown=0.5, duration=4.5))  # type: ignore[list-item]
     result = run(rig)
     check_motion(result)
@@ -85,7 +85,7 @@ def test_a_leap_is_held_and_said(fault: object) -> None:
     assert any("wrist" in text and ("jumped" in text or "changed places" in text) for text in rig.said)
 
 
-def test_sides_that_stay_exchanged_are_never_followed_and_end_in_a_stop() -> None:
+def test_sides_that_stay_swapped_are_never_followed_and_end_in_a_stop() -> None:
     rig = LiveRig(
         FakeSender(faults=[swapped("l_wrist", "r_wrist", 5.0, 99.0)]), options=LiveOptions(countdown=0.5, duration=12.0)
     )
@@ -96,15 +96,15 @@ def test_sides_that_stay_exchanged_are_never_followed_and_end_in_a_stop() -> Non
     assert result.stop is not None and result.stop.cause is StopCause.STALE_GOAL
 
 
-def test_clocks_that_leap_are_taken_up_again() -> None:
+def test_clocks_that_jump_are_followed_again() -> None:
     sender = FakeSender()
     sender.stamp = lambda time: time + (5000.0 if time > STILL_S + 3.0 else 1000.0)
     rig = LiveRig(sender, options=LiveOptions(countdown=0.5, duration=5.5))
     result = run(rig)
     check_motion(result)
-    told = [text for text in rig.said if "clock leapt" not in text]
-    assert told[-1] == "the performer is followed" and result.stop is None
-    assert [text for text in rig.said if text not in told] == ["the sender's clock leapt forward by 4000.00 s"]
+    notes = [text for text in rig.said if "clock jumped" not in text]
+    assert notes[-1] == "the performer is followed" and result.stop is None
+    assert [text for text in rig.said if text not in notes] == ["the sender's clock jumped forward by 4000.00 s"]
 
 
 def test_nothing_arrives() -> None:
@@ -113,13 +113,13 @@ def test_nothing_arrives() -> None:
         run(rig)
 
 
-def test_a_sensor_that_the_stream_lacks_is_named() -> None:
+def test_a_sensor_that_is_missing_in_the_stream_is_named() -> None:
     rig = LiveRig(FakeSender(faults=[lost("head", 0.0, 99.0)]), options=LiveOptions(patience=2.0))
     with refuses(InputError, found="head"):
         run(rig)
 
 
-def test_whoever_does_not_stand_still_is_not_measured() -> None:
+def test_a_performer_who_does_not_stand_still_is_not_measured() -> None:
     def dancing(time: float, poses: dict[str, FloatArray]) -> dict[str, FloatArray]:
         aside = np.array([0.0, 0.1 * np.sin(9.0 * time), 0.0])
         return {name: at + aside for name, at in poses.items()}

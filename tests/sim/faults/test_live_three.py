@@ -14,7 +14,7 @@ from sim.faults.sender import FakeSender, Poses, SenderFault, lost
 WORN = ("head", "l_wrist", "r_wrist")
 
 
-def only_worn(time: float, poses: Poses) -> Poses:
+def only_these(time: float, poses: Poses) -> Poses:
     return {name: at for name, at in poses.items() if name in WORN}
 
 
@@ -25,7 +25,7 @@ def run(live: LiveRig) -> RunResult:
 
 def rig(parts: Parts, *faults: SenderFault, duration: float) -> LiveRig:
     made = LiveRig(
-        FakeSender(faults=[only_worn, *faults]), options=LiveOptions(countdown=0.2, duration=duration, person="ida")
+        FakeSender(faults=[only_these, *faults]), options=LiveOptions(countdown=0.2, duration=duration, person="ida")
     )
     made.run_options = RunOptions(robot="op3", performer="three", parts=parts)
     return made
@@ -52,7 +52,7 @@ def test_head_and_hands_are_followed(parts: Parts, tmp_path: object, monkeypatch
     assert max(moved["l_el"], moved["r_el"]) > 0.05, moved
 
 
-def test_without_the_head_nobody_knows_where_the_body_is() -> None:
+def test_without_the_head_the_robot_holds() -> None:
     live = rig("upper", lost("head", 3.3, 4.0), duration=3.0)
     result = run(live)
     assert live.said.count("the performer is not followed: the robot holds") == 1

@@ -41,9 +41,9 @@ def progress(time: float) -> float:
     return 0.5 - 0.5 * float(np.cos(np.pi * np.clip(way / lasts, 0.0, 1.0)))
 
 
-class Restless(FakeSender):
-    """Goes through the synthetic performer's motion and back, the same to the bit in every round. At times it takes
-    long to be heard, which makes a tick late."""
+class NoisySender(FakeSender):
+    """Goes through the synthetic performer's motion and back, the same to the bit in every round. At times a poll
+    takes long, which makes a tick late."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -77,7 +77,7 @@ def resident_mb() -> float:
 class Diary:
     """What is noted of the run: memory once a minute, goals at the turn of every round, and late ticks."""
 
-    def __init__(self, rig: LiveRig, sender: Restless) -> None:
+    def __init__(self, rig: LiveRig, sender: NoisySender) -> None:
         self.memory: list[tuple[float, float, int]] = []
         """s of the run, MiB in use, blocks of Python."""
         self.turns: list[tuple[int, TickArray]] = []
@@ -105,7 +105,7 @@ class Diary:
 
 
 def test_an_hour_is_as_its_first_minutes() -> None:
-    sender = Restless()
+    sender = NoisySender()
     rig = LiveRig(sender, options=LiveOptions(countdown=0.5, duration=HOUR_S))
     sender.rig = rig
     with rig.prepared() as prepared:

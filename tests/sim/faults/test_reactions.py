@@ -1,4 +1,4 @@
-"""What may never be is found: traces of a sound run are doctored, each in one way."""
+"""Every violation of the rules is found: traces of a correct run are changed, each in one way."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -55,8 +55,8 @@ def crossed(trace: Trace) -> Trace:
     return replace(trace, sent=[Sent(0.0, goals(last_goals(trace) | {8: 1350})), *trace.sent])
 
 
-def halfway_home(trace: Trace) -> Trace:
-    """It stands where it is on the way to where it is parked."""
+def halfway_to_rest(trace: Trace) -> Trace:
+    """It stops half-way to posture `rest`."""
     middle = (trace.latched or 0.0) + 0.5
     return replace(trace, sent=[one for one in trace.sent if one.time < middle or not goal_writes(written([one]))])
 
@@ -92,7 +92,7 @@ def holds_while_it_moves(trace: Trace) -> Trace:
 
 
 def hurries(trace: Trace) -> Trace:
-    """On the way home, four times as far in the same time."""
+    """On the way to rest, four times as far in the same time."""
     begun, sent = (trace.latched or 0.0) + 0.4, []
     start = next(goal for time, goal in goal_writes(written(trace.sent)) if time >= begun)
     for one in trace.sent:
@@ -103,7 +103,7 @@ def hurries(trace: Trace) -> Trace:
 
 
 def follows_on(trace: Trace) -> Trace:
-    """The performer is followed on, under the name of a stop."""
+    """The performer is still followed in state STOPPING."""
     begun = (trace.began or 0.0) + 0.1
     return replace(trace, ticks=[replace(one, latched=one.time > begun) for one in trace.ticks])
 
@@ -116,33 +116,33 @@ def killed(trace: Trace) -> Trace:
     return replace(trace, torque=[1], gone=1.0)
 
 
-def test_a_sound_run_is_sound(bench: Bench) -> None:
+def test_a_correct_run_has_no_violation(bench: Bench) -> None:
     assert bench.trace.stop is not None and bench.trace.latched is not None
     assert violations(bench, bench.trace) == []
 
 
 @pytest.mark.parametrize(
-    ("doctor", "told"),
+    ("doctor", "expected"),
     [
         (late_goal, "address 116 was written"),
         (jump, "too fast"),
         (jump, "too hard"),
         (beyond, "beyond its limits"),
         (crossed, "mm in each other"),
-        (halfway_home, "is not parked"),
-        (no_torque_off, "torque was never told to go off"),
+        (halfway_to_rest, "is not at rest"),
+        (no_torque_off, "torque off was never commanded"),
         (slow_torque_off, "torque went off"),
         (torque_again, "torque was switched on"),
         (goes_on, "moving after a stop"),
         (holds_while_it_moves, "still moves"),
-        (follows_on, "goes to and fro"),
+        (follows_on, "goes back and forth"),
         (hurries, "faster than 45% of its speed"),
         (keeps_torque, "torque is on in the end"),
     ],
 )
-def test_every_violation_is_found(bench: Bench, doctor: Callable[[Trace], Trace], told: str) -> None:
+def test_every_violation_is_found(bench: Bench, doctor: Callable[[Trace], Trace], expected: str) -> None:
     found = violations(bench, doctor(bench.trace))
-    assert any(told in line for line in found), found
+    assert any(expected in line for line in found), found
 
 
 def test_what_ended_before_the_stop_did_is_no_tick_after_it(bench: Bench) -> None:

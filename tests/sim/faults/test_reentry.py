@@ -1,4 +1,4 @@
-"""A live robot takes the performer up again slowly, waits on its way where nobody can be believed, and never leaps."""
+"""A live robot follows a performer again slowly, waits on its approach while no sensor is valid, and never jumps."""
 
 from collections.abc import Callable
 
@@ -30,10 +30,10 @@ def raising(first: float, last: float) -> Callable[[float, Poses], Poses]:
             base.setdefault(name, point)
         share = min(max((time - first) / (last - first), 0.0), 1.0)
         noise = np.random.default_rng(int(time * 1000))
-        told = {name: point + noise.normal(0.0, 2e-4, 3) for name, point in base.items()}
+        sent = {name: point + noise.normal(0.0, 2e-4, 3) for name, point in base.items()}
         for name in ("l_wrist", "r_wrist"):
-            told[name] = told[name] + share * np.array(OVERHEAD)
-        return told
+            sent[name] = sent[name] + share * np.array(OVERHEAD)
+        return sent
 
     return fault
 
@@ -47,7 +47,7 @@ def shares(result: RunResult) -> FloatArray:
 
 
 def paused(first: int, last: int, *, raised: tuple[float, float]) -> tuple[LiveRig, RunResult]:
-    """Ticks between which somebody lets go of the robot, while the performer raises both arms."""
+    """Pause the robot by the clutch between two ticks, while the performer raises both arms."""
     sender = FakeSender()
     sender.faults.append(raising(*raised))
     rig = LiveRig(sender, options=LiveOptions(countdown=0.5, duration=6.0))
@@ -69,7 +69,7 @@ def paused(first: int, last: int, *, raised: tuple[float, float]) -> tuple[LiveR
 @pytest.mark.parametrize(
     ("first", "last", "raised"), [(420, 620, (5.8, 6.6)), (20, 420, (3.2, 4.4))], ids=["following", "on the way"]
 )
-def test_after_a_pause_no_joint_goes_fast_after_who_moved_on(
+def test_after_a_pause_no_joint_goes_fast_after_a_performer_who_moved_on(
     first: int, last: int, raised: tuple[float, float]
 ) -> None:
     rig, result = paused(first, last, raised=raised)
@@ -84,7 +84,7 @@ def test_after_a_pause_no_joint_goes_fast_after_who_moved_on(
 
 
 @pytest.mark.parametrize(("kind", "within"), [("silent", 0.15), ("late", 0.06)])
-def test_on_the_way_it_waits_while_nobody_can_be_believed(kind: str, within: float) -> None:
+def test_on_the_approach_it_waits_while_no_sensor_is_valid(kind: str, within: float) -> None:
     sender, trouble = FakeSender(), [0.0, 0.0]
     rig = LiveRig(sender, options=LiveOptions(countdown=0.5, duration=1.0))
 
@@ -128,13 +128,13 @@ def lost_wrist(blend: float, monkeypatch: pytest.MonkeyPatch) -> tuple[LiveRig, 
     still = raising(1e9, 2e9)
 
     def fault(time: float, poses: Poses) -> Poses:
-        told = still(time, poses)
-        told["head"] = told["head"] + 0.01 * np.sin(2.0 * time)
+        sent = still(time, poses)
+        sent["head"] = sent["head"] + 0.01 * np.sin(2.0 * time)
         if time >= 6.0:
-            told["l_wrist"] = told["l_wrist"] + np.array([0.15, 0.0, 0.6])
+            sent["l_wrist"] = sent["l_wrist"] + np.array([0.15, 0.0, 0.6])
         if 5.0 <= time < 7.0:
-            del told["l_wrist"]
-        return told
+            del sent["l_wrist"]
+        return sent
 
     sender = FakeSender()
     sender.faults.append(fault)

@@ -10,7 +10,7 @@ from messages import shows
 from retarget.live.admission import Admission
 from sim.faults.bench import Bench
 from sim.faults.cases import judged_seed
-from sim.faults.judge import When, hurt_run, judged, verdict_of
+from sim.faults.judge import When, judged, run_row, verdict_of
 from sim.faults.reactions import Idle, Reaction, Row
 from sim.faults.rows import APPROACHED, ROWS
 
@@ -35,8 +35,8 @@ def test_random_runs_harm_nothing(seed: int) -> None:
 
 
 @pytest.mark.parametrize("name", ["second source", "unlisted source"])
-def test_a_stranger_who_is_believed_is_found(name: str) -> None:
-    """The places that he tells are far off, and nothing but his address tells that they are his."""
+def test_following_another_sender_is_found(name: str) -> None:
+    """Another sender sends positions that are far off, and only its address differs."""
     with patch.object(Admission, "admit", return_value=True), patch.object(Admission, "confirm", return_value=True):
         wrong = judged(row(name)).wrong
     shows(wrong)
@@ -45,7 +45,7 @@ def test_a_stranger_who_is_believed_is_found(name: str) -> None:
 
 @cache
 def ran(name: str, when: When) -> Bench:
-    return hurt_run(row(name), when=when)
+    return run_row(row(name), when=when)
 
 
 def test_names_are_once() -> None:
@@ -53,15 +53,15 @@ def test_names_are_once() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "when", "claimed", "told"),
+    ("name", "when", "claimed", "expected"),
     [
         ("stream silent", When.MOVING, {"reaction": Reaction.NONE}, "it reacted"),
         ("stream silent", When.MOVING, {"limit": 0.05}, "held after 0.1"),
         ("stream silent", When.MOVING, {"reaction": Reaction.STAND, "limit": -0.35}, "still moves"),
         ("stream silent for a while", When.MOVING, {"back": 0.8}, "it went on after"),
         ("second source", When.MOVING, {"reaction": Reaction.STOP}, "not latched"),
-        ("second source", When.MOVING, {"reaction": Reaction.REBASE}, "not understood"),
-        ("second source", When.MOVING, {"said": "Elvis"}, "nobody was told of"),
+        ("second source", When.MOVING, {"reaction": Reaction.REBASE}, "not rebased"),
+        ("second source", When.MOVING, {"said": "Elvis"}, "no message says"),
         ("second source", When.MOVING, {"counted": "Elvis"}, "nothing was counted as 'Elvis'"),
         ("second source", When.IDLE, {"idle": Idle.REFUSES}, "it began"),
         ("second source", When.APPROACHING, {"reaction": Reaction.HOLD}, "not held"),
@@ -78,6 +78,6 @@ def test_names_are_once() -> None:
         ("adapter unplugged", When.MOVING, {"reaction": Reaction.HOLD}, "it stopped"),
     ],
 )
-def test_the_judge_says_no(name: str, when: When, claimed: dict[str, object], told: str) -> None:
+def test_the_judge_says_no(name: str, when: When, claimed: dict[str, object], expected: str) -> None:
     verdict = verdict_of(replace(row(name), **claimed), ran(name, when), when=when)  # type: ignore[arg-type]
-    assert any(told in line for line in verdict.wrong), verdict.wrong
+    assert any(expected in line for line in verdict.wrong), verdict.wrong

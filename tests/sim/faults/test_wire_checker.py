@@ -1,4 +1,4 @@
-"""The checker of the wire finds what it is there for: every kind of violation is planted once."""
+"""The wire checker finds every kind of violation that is planted."""
 
 import numpy as np
 import pytest
@@ -21,18 +21,18 @@ from sim.faults.wire_checker import (
     beyond_limits,
     clearance_of,
     collisions,
+    detours,
     goal_writes,
-    hasty,
     not_reads,
     once,
     packets,
     postures_of,
-    restless,
+    still_moving,
     stood,
+    too_fast,
     torque_off,
+    torque_on_again,
     tracks,
-    wavering,
-    woken,
     written,
 )
 
@@ -74,36 +74,36 @@ def test_goals_sent_twice_are_one() -> None:
 
 
 @pytest.mark.parametrize(
-    ("angles", "told"),
+    ("angles", "expected"),
     [
         (gentle(1.2), "beyond its limits"),
         ([0.0, 0.1, 0.2, 0.3], "too fast"),
         ([0.0, 0.0, 0.02, 0.0, 0.02, 0.0], "too hard"),
     ],
 )
-def test_goals_beyond_a_limit_are_found(angles: list[float], told: str) -> None:
-    assert told in " ".join(beyond_limits(ways(goals(angles)), DT))
+def test_goals_beyond_a_limit_are_found(angles: list[float], expected: str) -> None:
+    assert expected in " ".join(beyond_limits(ways(goals(angles)), DT))
 
 
 @pytest.mark.parametrize(
-    ("speed", "acceleration", "told"),
+    ("speed", "acceleration", "expected"),
     [(1.0, 1.0, ""), (1.05, 1.0, "too fast"), (1.1, 1.0, "too fast"), (1.0, 1.25, "too hard"), (1.0, 3.0, "too hard")],
 )
 @pytest.mark.parametrize("start", [-0.9, -0.9003, -0.8996])
-def test_rounding_is_all_that_is_tolerated(speed: float, acceleration: float, told: str, start: float) -> None:
+def test_rounding_is_all_that_is_tolerated(speed: float, acceleration: float, expected: str, start: float) -> None:
     steps = np.minimum(np.arange(60) * acceleration * SERVO.max_acceleration * DT, speed * SERVO.max_velocity)
     angles = start + np.cumsum(steps * DT)
     found = beyond_limits(ways(goals([float(angle) for angle in angles if angle < 0.9])), DT)
-    assert (told in " ".join(found)) if told else found == []
+    assert (expected in " ".join(found)) if expected else found == []
 
 
 @pytest.mark.parametrize(("last", "most"), [(1303, 8), (1200, 7)])
 def test_in_the_last_tick_inside_a_limit_goals_are_rounded_inwards(last: int, most: int) -> None:
     """The limit is at 1303.8 ticks; 5.2 ticks is what the displacement of a tick may change by."""
     tick = 1.0 / abs(SERVO.ticks_per_rad)
-    for ticks, told in ((most, ""), (most + 1, "too hard")):
+    for ticks, expected in ((most, ""), (most + 1, "too hard")):
         found = beyond_limits(ways(goals([(last - ticks) * tick, last * tick, last * tick])), DT)
-        assert (told in " ".join(found)) if told else found == []
+        assert (expected in " ".join(found)) if expected else found == []
 
 
 def test_a_late_goal_may_not_catch_up() -> None:
@@ -123,39 +123,39 @@ def test_what_is_not_finite_is_found() -> None:
     assert beyond_limits([track], DT) == ["knee (id 7): not finite"]
 
 
-def test_who_does_not_rest_is_found() -> None:
+def test_goals_that_still_move_are_found() -> None:
     still = ways(goals([0.1, 0.2, 0.2, 0.2, 0.3]))
-    assert restless(still, 5.005, 5.035) == []
-    shows(restless(still, 5.005, 5.045)[0], "0.0997")
-    assert restless(still, 8.0, 9.0) == []
+    assert still_moving(still, 5.005, 5.035) == []
+    shows(still_moving(still, 5.005, 5.045)[0], "0.0997")
+    assert still_moving(still, 8.0, 9.0) == []
     assert [stood(still, time) for time in (4.0, 5.015, 5.025, 5.035, 5.045)] == [True, False, True, True, False]
 
 
-def test_who_hurries_is_found() -> None:
+def test_goals_faster_than_a_share_are_found() -> None:
     way = ways(goals([0.0, 0.0, 0.03, 0.06, 0.09]))
-    assert hasty(way, 5.0, 5.1, share=1.0, dt=DT) == []
-    shows(hasty(way, 5.0, 5.1, share=0.5, dt=DT)[0], "50%")
-    assert hasty(way, 5.0, 5.015, share=0.5, dt=DT) == []
+    assert too_fast(way, 5.0, 5.1, share=1.0, dt=DT) == []
+    shows(too_fast(way, 5.0, 5.1, share=0.5, dt=DT)[0], "50%")
+    assert too_fast(way, 5.0, 5.015, share=0.5, dt=DT) == []
 
 
-def test_who_does_not_go_straight_is_found() -> None:
-    assert wavering(ways(goals([0.0, 0.1, 0.3, 0.4])), 5.0, 6.0) == []
-    assert wavering(ways(goals([0.0, 0.1, 0.099, 0.4])), 5.0, 6.0) == []
-    shows(wavering(ways(goals([0.0, 0.1, 0.0, 0.3])), 5.0, 6.0)[0], "0.199")
+def test_a_detour_is_found() -> None:
+    assert detours(ways(goals([0.0, 0.1, 0.3, 0.4])), 5.0, 6.0) == []
+    assert detours(ways(goals([0.0, 0.1, 0.099, 0.4])), 5.0, 6.0) == []
+    shows(detours(ways(goals([0.0, 0.1, 0.0, 0.3])), 5.0, 6.0)[0], "0.199")
 
 
-def test_after_a_latch_only_letting_go_is_good() -> None:
+def test_after_a_latch_only_torque_off_is_good() -> None:
     off = written([Sent(2.0, sync_write(64, 1, [(7, b"\0")]) + sync_write(98, 1, [(7, b"\0")]))])
     assert after_latch(off, 1.0) == []
     assert after_latch(written(goals([0.0])), 5.0) == []
     assert "address 116" in after_latch(written(goals([0.0])), 4.9)[0]
     on = written([Sent(2.0, sync_write(64, 1, [(6, b"\0"), (7, b"\1")]))])
     assert after_latch(on, 1.0) == ["address 64 was written 1.000 s after the latch"]
-    assert woken(on, 1.0) == ["torque was switched on 1.000 s after the stop began"]
-    assert woken(on, 2.0) == [] and woken(off, 1.0) == []
+    assert torque_on_again(on, 1.0) == ["torque was switched on 1.000 s after the stop began"]
+    assert torque_on_again(on, 2.0) == [] and torque_on_again(off, 1.0) == []
 
 
-def test_whatever_does_more_than_ask_is_found() -> None:
+def test_instructions_other_than_reads_are_found() -> None:
     sent = [Sent(0.0, ping(7)), *goals([0.0])]
     assert not_reads(list(packets(sent)), but=frozenset()) == ["instruction 0x83 went to id 254"]
     assert not_reads(list(packets(sent)), but=frozenset((254,))) == []
@@ -185,10 +185,10 @@ def test_goals_become_postures(op3: RobotBody) -> None:
     assert postures_of(op3, []).shape == (0, op3.body.nq)
 
 
-@pytest.mark.parametrize(("angle", "told"), [(-0.15, ""), (-0.6, "mm in each other")])
-def test_a_leg_in_the_other_is_found(op3: RobotBody, angle: float, told: str) -> None:
+@pytest.mark.parametrize(("angle", "expected"), [(-0.15, ""), (-0.6, "mm in each other")])
+def test_a_leg_in_the_other_is_found(op3: RobotBody, angle: float, expected: str) -> None:
     found = collisions(op3, swung(op3, "l_hip_yaw", angle))
-    assert told in " ".join(found) and bool(told) == bool(found)
+    assert expected in " ".join(found) and bool(expected) == bool(found)
 
 
 def test_no_goals_collide_with_nothing(op3: RobotBody) -> None:
@@ -199,7 +199,7 @@ def test_no_goals_collide_with_nothing(op3: RobotBody) -> None:
 def test_without_a_gate_the_forced_stage_is_a_collision() -> None:
     row = next(one for one in ROWS if one.name == "clearance below margin")
     bench = Bench(FakeSender(), duration=2.2, gate=False)
-    row.hurt(bench, 0.2)
+    row.inject(bench, 0.2)
     found = violations(bench, bench.run())
     shows(found)
 

@@ -50,11 +50,11 @@ def test_a_low_pelvis_is_a_fall_and_a_squat_is_none() -> None:
     assert how is not None and "pelvis" in how
 
 
-def test_touching_the_floor_with_more_than_soles_is_a_fall_unless_it_is_parked() -> None:
+def test_touching_the_floor_with_more_than_soles_is_a_fall_unless_at_rest() -> None:
     how = judged(replace(STANDING, touching=True))
     assert how is not None and "soles" in how
-    parked = op3().posture(op3().profile.postures.rest)
-    assert judged(replace(STANDING, touching=True, q=parked)) is None
+    at_rest = op3().posture(op3().profile.postures.rest)
+    assert judged(replace(STANDING, touching=True, q=at_rest)) is None
 
 
 def test_the_first_fall_stays() -> None:
@@ -148,7 +148,7 @@ def test_a_step_is_no_slip() -> None:
         one.add(replace(at(0.002 * tick, load=(0.0, 15.0), tilt=0.5), time=0.008 * tick))
     one.add(replace(at(0.05, load=(15.0, 15.0)), time=0.088))
     assert one.slip_m[0] == 0.0 and one.slip_m[1] == pytest.approx(0.05)
-    assert one.worst_tilt == 0.0  # of a sole in the air nobody asks
+    assert one.worst_tilt == 0.0  # a sole in the air does not count
 
 
 def test_a_sole_that_trembles_as_it_slides_has_not_been_lifted() -> None:

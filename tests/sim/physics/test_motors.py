@@ -18,7 +18,7 @@ from sim.physics.motors import (
     Motors,
     add_motors,
     drive_numbers,
-    lacks_gain,
+    gain_missing,
     position_loop,
 )
 from sim.physics.world import robot_drives
@@ -91,7 +91,7 @@ def test_heat_is_of_the_size_of_the_mock_bus() -> None:
     assert electrics.temperature[3] - AMBIENT == pytest.approx(HEAT_PER_AMPERE2 * current**2, rel=0.5)
 
 
-def test_the_supply_sags_and_the_motors_hear_of_it() -> None:
+def test_the_supply_sags_and_the_motors_follow_it() -> None:
     electrics = Electrics(DRIVES)
     before = electrics.voltage.copy()
     assert not electrics.advance(load(0.0), ON, 0.01)
@@ -263,9 +263,9 @@ def test_protocol_1_has_its_own_register() -> None:
     assert old.proportional == pytest.approx(new.proportional)
 
 
-def test_a_gain_that_nobody_gave_is_noticed() -> None:
+def test_a_missing_gain_is_noticed() -> None:
     spec = servo()
-    assert lacks_gain(spec, protocol=2) and not lacks_gain(servo(position_p=0), protocol=2)
-    assert lacks_gain(replace(spec, model=find_model("MX-28")), protocol=1)
-    assert not lacks_gain(replace(spec, model=find_model("AX-12A")), protocol=1)  # has no such register
+    assert gain_missing(spec, protocol=2) and not gain_missing(servo(position_p=0), protocol=2)
+    assert gain_missing(replace(spec, model=find_model("MX-28")), protocol=1)
+    assert not gain_missing(replace(spec, model=find_model("AX-12A")), protocol=1)  # has no such register
     assert position_loop(replace(spec, model=find_model("AX-12A")), protocol=1).proportional > 0.0

@@ -16,7 +16,7 @@ def settled(**options: object) -> PhysicsRig:
     return rig
 
 
-def test_at_rest_the_imu_feels_gravity_and_the_pressure_is_below_the_mass() -> None:
+def test_at_rest_the_imu_measures_gravity_and_the_pressure_is_below_the_mass() -> None:
     rig = settled()
     state = rig.bus.witness.state
     assert np.linalg.norm(state.accelerometer) == pytest.approx(9.81, rel=1e-2)
@@ -36,7 +36,7 @@ def test_pushed_the_pressure_moves_against_and_the_gyro_turns() -> None:
     assert rig.bus.witness.log.column("com")[-1, 0] > rig.bus.witness.log.column("com")[-12, 0]
 
 
-def test_in_free_fall_the_imu_feels_nothing_and_looking_twice_changes_nothing() -> None:
+def test_in_free_fall_the_imu_measures_nothing_and_reading_twice_changes_nothing() -> None:
     rig = settled(mount=Mount(Support.GANTRY, hook="neck", rope=0.3))
     rig.bus.simulation._model.tendon_range[:, 1] = 9.0  # the rope is cut
     rig.run(0.08)
@@ -46,14 +46,14 @@ def test_in_free_fall_the_imu_feels_nothing_and_looking_twice_changes_nothing() 
     assert rig.bus.witness.state.accelerometer.tolist() == once.tolist()
 
 
-def test_before_it_is_let_go_nobody_knows_its_pressure() -> None:
+def test_before_it_is_let_go_its_pressure_is_unknown() -> None:
     rig = PhysicsRig()
     rig.arm()
     rig.run(0.1)
     assert np.isnan(rig.bus.witness.state.zmp).all()
 
 
-def test_on_a_stand_nothing_carries_and_the_imu_still_feels_gravity() -> None:
+def test_on_a_stand_nothing_carries_and_the_imu_still_measures_gravity() -> None:
     rig = settled(mount=Mount(Support.STAND))
     state = rig.bus.witness.state
     assert np.isnan(state.zmp).all() and not state.load.any()

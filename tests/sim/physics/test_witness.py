@@ -95,7 +95,7 @@ def test_what_is_bolted_down_has_no_pressure(bare: RunResult) -> None:
     assert plot_pressure(replace(bare, physics=bolted)) is None
 
 
-def test_a_run_that_never_had_torque_is_told_too(bare: RunResult) -> None:
+def test_a_run_that_never_had_torque_is_reported_too(bare: RunResult) -> None:
     rig = PhysicsRig()
     rig.bus.close()
     report, lines = facts(bare, physics_run(rig.bus.witness))
@@ -132,7 +132,7 @@ def test_a_standing_robot_has_the_margin_of_its_centre_of_mass() -> None:
     assert summary.temperature.min() >= 25.0 and summary.self_contacts == 0
 
 
-def test_a_push_costs_margin_and_a_fall_is_told() -> None:
+def test_a_push_costs_margin_and_a_fall_is_reported() -> None:
     rig = PhysicsRig(perturbation=Perturbation(pushes=(Push((12.0, 0.0, 0.0), 1.2, 0.2),)))
     rig.arm()
     rig.run(2.2)
@@ -176,11 +176,11 @@ def test_a_robot_that_is_left_without_torque_is_seen_to_fall() -> None:
         witness.switched(on)
         simulation.advance(simulation.time + 1.0 * on)
     witness.see_it_out()
-    assert witness.fall is not None and not witness.fall.powered and not witness.parked
+    assert witness.fall is not None and not witness.fall.powered and not witness.at_rest
     assert 1.0 < witness.fall.time < 1.0 + AFTERMATH_S
 
 
-def test_on_a_mount_nobody_falls() -> None:
+def test_on_a_mount_no_robot_falls() -> None:
     simulation = simulation_of(op3(), start=standing(), mount=Mount(Support.STAND))
     witness = Witness(simulation)
     for on in (True, False):
@@ -190,7 +190,7 @@ def test_on_a_mount_nobody_falls() -> None:
     assert not witness.fallen
 
 
-def test_a_robot_that_is_parked_where_it_cannot_stay_topples_and_that_is_no_fall() -> None:
+def test_a_robot_at_rest_that_cannot_stay_topples_and_that_is_no_fall() -> None:
     postures = op3().profile.postures.model_copy(update={"rest": op3().profile.postures.stand})
     robot = replace(op3(), profile=op3().profile.model_copy(update={"postures": postures}))
     simulation = simulation_of(robot, start=standing())
@@ -200,5 +200,5 @@ def test_a_robot_that_is_parked_where_it_cannot_stay_topples_and_that_is_no_fall
         witness.switched(on)
         simulation.advance(simulation.time + 1.0 * on)
     witness.see_it_out()
-    assert witness.parked and not witness.fallen
+    assert witness.at_rest and not witness.fallen
     assert witness.toppled is not None and not witness.toppled.powered

@@ -13,7 +13,7 @@ use crate::math::{across, add, add_scaled, dot, mat_vec, norm, scale, Vec3};
 
 /// A direction whose gap is not less than this (m) below the distance of points that were found is as good as they are.
 const SAME: f64 = 1e-12;
-/// On round sides the iteration knows a direction to about the root of its tolerance: edges that may be across it, as a sine.
+/// On round sides the iteration finds a direction to about the root of its tolerance: edges that may be across it, as a sine.
 const NEARLY_ACROSS: f64 = 1e-2;
 /// Share of the distance to which polytopes and round sides are iterated.
 const EXACT: f64 = 1e-14;
@@ -72,7 +72,7 @@ fn round(a: &Solid, b: &Solid, m: &Difference, scratch: &mut Scratch) -> Nearest
     if miss <= MISS {
         return points;
     }
-    // Nearly parallel rims and sides: the direction does not tell the points; the iteration may, unless they all but touch.
+    // Nearly parallel rims and sides: the direction does not determine the points. The iteration may, unless they all but touch.
     match nearest_apart(m, facet.normal, EXACT) {
         Some(found) if norm(found.point) - m.gap(scale(found.point, 1.0 / norm(found.point))) < miss => {
             of_points(a, &found)

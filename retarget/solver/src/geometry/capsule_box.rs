@@ -9,7 +9,7 @@ use crate::math::{add_scaled, dot, mat_t_vec, mat_vec, norm, sub, Vec3};
 
 /// Below this (m) the direction is taken from faces and edges, not from a difference of points.
 pub const TOUCHING: f64 = 1e-8;
-/// Below this (m) a difference of points tells no direction.
+/// Below this (m) a difference of points gives no direction.
 pub const NO_DIRECTION: f64 = 1e-10;
 
 /// How far the point p is out of the box, along each axis.

@@ -5,7 +5,7 @@ use crate::math::{add_scaled, cross, dot, norm, perpendicular, scale, sub, Vec3}
 
 /// Squared sine of the angle below which two segments are parallel.
 const PARALLEL: f64 = 1e-20;
-/// Below this a distance (m) tells no direction.
+/// Below this a distance (m) gives no direction.
 const TOUCHING: f64 = 1e-10;
 
 /// A segment about its centre: `axis` is unit.

@@ -1,6 +1,6 @@
 //! Damping of near-singular levels: their targets become what a damped step reaches, for the whole solve.
 //!
-//! How much is for the caller to say (`progress`). Damping inside the active-set loop would change the problem with every change of the active
+//! The caller gives the amount (`progress`). Damping inside the active-set loop would change the problem with every change of the active
 //! set; a changed target is a convex problem like any other, solved exactly. What is closed stays closed, and away from
 //! singularities nothing is changed.
 
@@ -46,9 +46,9 @@ impl Factor {
         self.walk(1.0);
     }
 
-    /// One more level of the path, which asks for less: near-singular directions are damped towards what the last level wants,
-    /// and a step of little haste is shortened until it fits the box, so that nothing else is thrown about to make up for a joint
-    /// that is too slow. The level's targets become what that step reaches, and stay so for the rest of the solve.
+    /// One more level of the path, with nearer targets: near-singular directions are damped towards what the last level wants,
+    /// and a damped step is shortened until it fits the box, so that no other joint moves far to make up for one that is too slow.
+    /// The level's targets become what that step reaches, and stay so for the rest of the solve.
     #[inline(always)]
     pub fn add_damped_level<const FMA: bool>(&mut self, problem: &mut Problem, k: usize) {
         self.solve_path_level::<FMA>(problem, k);
@@ -110,7 +110,7 @@ impl Factor {
         share
     }
 
-    /// The level asks for what its `y` reaches, and for what nothing reaches as before.
+    /// Set the level's targets to what its `y` reaches, and leave what nothing reaches as before.
     fn lower_targets(&mut self, problem: &mut Problem, first: usize) {
         for slot in 0..self.members.len() {
             let r = self.members[slot];

@@ -1,4 +1,4 @@
-//! What meets a limit: moves that stop at the first one, and who is held or let go.
+//! Limits of moves: a move stops at the first limit that it meets; rows and variables are held there or released.
 
 use super::kernels::{compile_twice, dot};
 use super::problem::{Problem, Release, Side, CROSSED};

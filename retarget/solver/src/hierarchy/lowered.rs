@@ -1,4 +1,4 @@
-//! What damped levels may ask for: each finds the walls on its way by looking at the levels above it alone, and lowers its targets.
+//! Damped levels: each finds the limits on its way by looking at the levels above it alone, and moves its targets nearer.
 
 use super::kernels::{compile_twice, dot};
 use super::problem::{Outcome, Problem, Side, CROSSED};
@@ -10,7 +10,7 @@ const MOST_STOPS: u32 = 8;
 compile_twice! {
     /// Lower the targets of damped levels, each by looking at the levels above it alone.
     ///
-    /// It starts from no active set at all: one that the solve before left behind knows what lower levels want.
+    /// It starts from no active set at all: that of the solve before depends on what lower levels want.
     pub fn lower(problem: &mut Problem, work: &mut Work, outcome: &mut Outcome) = lower_any
 }
 

@@ -12,9 +12,9 @@
 //! * `problem`: rows, levels, box, and the active set.
 //! * `factor`, `levels`: the equality-only hierarchy for a given active set (orthogonal row basis, level after level).
 //! * `damping`: near-singular levels, once per solve.
-//! * `lowered`: what damped levels may ask for.
-//! * `multipliers`: who is held by a limit rightly, level by level.
-//! * `limits`: moves that stop at the first limit; who is held or let go.
+//! * `lowered`: targets of damped levels, moved nearer.
+//! * `multipliers`: which rows and variables a limit holds rightly, level by level.
+//! * `limits`: moves that stop at the first limit; what is held there or released.
 //! * `active_set`: guess, verify, move, add, release (Dimitrov, Sherikov, Wieber; Escande, Mansard, Wieber 2014).
 //! * `reduced`: the same in what planted soles leave, where many changes are needed.
 //! * `cascade`: level by level with a classical active set, behind it when it cycles.

@@ -1,4 +1,4 @@
-//! Who is held by a limit rightly? Level by level, the first multiplier that is not zero decides.
+//! Multipliers: which rows and variables a limit holds rightly. Level by level, the first multiplier that is not zero decides.
 //!
 //! At level k the gradient of its own residual must be balanced by the rows of higher levels and by held variables:
 //! `g_k + C_<k^T lambda + mu = 0`. A variable held at its lower bound may only push up (mu <= 0), a row held at its lower limit

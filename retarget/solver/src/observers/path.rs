@@ -293,7 +293,7 @@ impl PathChecker {
             self.stage.place(&self.way, row as f64);
             self.stage.nearest(pair).0 >= least
         });
-        self.looks_before += self.stage.looks - looks; // these count for nobody
+        self.looks_before += self.stage.looks - looks; // these do not count as looks of the path
         self.excused[pair]
     }
 }

@@ -16,7 +16,7 @@ pub struct Observer {
     pub margin: f64,
 }
 
-/// A fixture or a moving thing; where it is belongs to whoever looks.
+/// A fixture or a moving thing; its pose belongs to the caller.
 #[derive(Clone, Debug)]
 pub struct Obstacle {
     pub shape: Shape,

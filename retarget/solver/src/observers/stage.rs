@@ -1,7 +1,7 @@
 //! Where observers and obstacles are while a robot goes along a path, and how far pairs are apart.
 //!
-//! A robot on its feet turns and shifts with its joints, because the planted foot stays. Distances do not care who moves: the body is
-//! left where its root was, and the obstacles are seen from the foot.
+//! A robot on its feet turns and shifts with its joints, because the planted foot stays. Distances depend on relative motion only: the
+//! body is left where its root was, and the obstacles are placed relative to the foot.
 
 use super::obstacle::ObstaclePose;
 use super::set::{ObserverSet, Other};

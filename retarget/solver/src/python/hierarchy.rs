@@ -1,4 +1,4 @@
-//! `solve_hierarchy`: one linear solve, for tests and for those who bring their own rows.
+//! `solve_hierarchy`: one linear solve, for tests and for callers with rows of their own.
 
 use crate::hierarchy::{solve, Problem, Workspace};
 use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};

@@ -6,11 +6,11 @@ use crate::math::{Quat, Vec3};
 pub type Pose = [f64; 7];
 
 /// Numbers that differ less (m, parts of a unit quaternion) are the same: an orientation that was composed of others in float32
-/// wavers by 3e-7. The noise of an inertial sensor exceeds this within one sample, that of optical ones by far.
+/// varies by 3e-7. The noise of an inertial sensor exceeds this within one sample, that of optical ones by far.
 pub const SAME: f64 = 1e-6;
-/// A step that took longer (s) says nothing of how a sensor moves now.
+/// A step that took longer (s) does not show how a sensor moves now.
 const CARRIED: f64 = 0.1;
-/// A step shorter than this (m) needs no second look: it is neither a jump nor an exchange.
+/// A step shorter than this (m) needs no further check: it is neither a jump nor a swap of left and right.
 pub const CALM: f64 = 0.06;
 
 /// One sensor. pose: NaN where unknown. at, before: s, of this pose and the one before. step: from that one. since: s, the last
@@ -53,7 +53,7 @@ impl Last {
         step.iter().map(|d| d * d).sum::<f64>() <= CALM * CALM
     }
 
-    /// The next pose: in order and near, the first, after a leap, or on a clock that was set back.
+    /// The next pose: in order and near, the first, after a jump, or on a clock that was set back.
     pub fn put(&mut self, time: f64, pose: Pose) {
         let step = self.step_to(&pose);
         let first = step[0].is_nan();

@@ -1,13 +1,13 @@
-//! Poses of many sensors, each told at its own times, read at one: between them, a little beyond the newest, then held.
+//! Playout: poses of many sensors, each with its own times, read at one time: interpolated, a little extrapolated, then held.
 
 use super::smooth::along_arc;
 use crate::math::{Quat, Vec3};
 
 /// The velocity that is extrapolated is that since a pose at least this much older (s): noise of 1 mm is then 0.05 m/s.
 const BASELINE: f64 = 0.020;
-/// And at most this: what was longer ago says nothing of the velocity now.
+/// And at most this: an older pose does not show the velocity now.
 const LONGEST: f64 = 0.200;
-/// Nobody is further (m) from the origin: something else was told.
+/// No sensor is further (m) from the origin: such a position is not one.
 const FAR: f64 = 1e4;
 /// Time of a place that holds nothing.
 const EMPTY: f64 = f64::NEG_INFINITY;
@@ -23,7 +23,7 @@ pub enum How {
     Held = 4,
 }
 
-/// A pose as it is kept; a part that was not told is NaN.
+/// A pose as it is kept; a part that was not sent is NaN.
 #[derive(Clone, Copy, Debug)]
 struct Kept {
     time: f64,
@@ -33,7 +33,7 @@ struct Kept {
 
 const NOTHING: Kept = Kept { time: EMPTY, position: [f64::NAN; 3], orientation: [f64::NAN; 4] };
 
-/// What became of a pose that was told.
+/// What became of a pose that was sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stored {
     Yes,
@@ -41,7 +41,7 @@ pub enum Stored {
     Repeated,
     /// It is older than all that is kept.
     TooOld,
-    /// It is none, or the sender has lost the sensor.
+    /// It is not valid, or the sender has lost the sensor.
     Lost,
 }
 
@@ -72,7 +72,7 @@ impl Track {
         Self { ring: vec![NOTHING; depth], oldest: 0, extrapolation, lost_since: f64::INFINITY, shown: [0.0; 4] }
     }
 
-    /// Forget every pose.
+    /// Delete every pose.
     pub fn clear(&mut self) {
         self.ring.fill(NOTHING);
         (self.oldest, self.lost_since, self.shown) = (0, f64::INFINITY, [0.0; 4]);
@@ -111,7 +111,7 @@ impl Track {
         self.at_rank(self.ring.len() - 1).time
     }
 
-    /// Take a pose of a time, s; a part that is NaN throughout was not told, and any other that is not whole makes it none.
+    /// Take a pose of a time, s. A part that is NaN throughout was not sent; any other that is not whole makes the pose invalid.
     pub fn push(&mut self, time: f64, position: Vec3, orientation: Quat, valid: bool) -> Stored {
         let placed = position.iter().all(|x| x.abs() < FAR);
         let turned = orientation.iter().all(|x| x.abs() < 10.0) && orientation.iter().any(|x| x.abs() > 0.1);
@@ -191,20 +191,20 @@ impl Track {
         (if moving { between(first, newest, time) } else { Kept { time, ..*newest } }, how)
     }
 
-    /// On the side of what was shown last, and with what was never told or is lost marked so.
+    /// The pose, its quaternion on the side of the one shown last; not valid where none was sent or the sensor is lost.
     fn show(&mut self, pose: Kept, how: How, at: f64, now: f64) -> Shown {
         let cosine: f64 = pose.orientation.iter().zip(self.shown).map(|(x, y)| x * y).sum();
         let sign = if cosine < 0.0 { -1.0 } else { 1.0 };
         self.shown = pose.orientation.map(|x| sign * x);
         let newest = self.newest();
-        let told = newest > EMPTY;
+        let known = newest > EMPTY;
         Shown {
             position: pose.position,
             orientation: self.shown,
-            valid: told && self.lost_since > at,
+            valid: known && self.lost_since > at,
             age: (now - newest).max(0.0),
-            how: if told { how } else { How::Nothing },
-            time: if told { pose.time } else { f64::NAN },
+            how: if known { how } else { How::Nothing },
+            time: if known { pose.time } else { f64::NAN },
         }
     }
 }

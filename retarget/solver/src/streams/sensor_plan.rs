@@ -1,12 +1,12 @@
-//! From the poses that a sender tells to the sensors that a performer wears.
+//! Sensor plan: from the poses of a sender to the sensors of a performer.
 
 use crate::math::{quat_mul, Quat, Vec3};
 
-/// A pose that is told in parts (position here, rotation there) is put together from parts this near in time (s).
+/// A pose that is sent in parts (position here, rotation there) is put together from parts this near in time (s).
 const PARTNER: f64 = 0.1;
 
-/// Where a sensor's pose is found. point, segment: columns of the frame, None where it tells none. rest: what its orientation is
-/// multiplied by. offset: from the joint to the point that is told, m, in the axes of that pose.
+/// Where a sensor's pose is found. point, segment: columns of the frame, None where it has none. rest: what its orientation is
+/// multiplied by. offset: from the joint to the point that is sent, m, in the axes of that pose.
 #[derive(Clone, Copy, Debug)]
 pub struct Column {
     pub point: Option<usize>,
@@ -16,7 +16,7 @@ pub struct Column {
 }
 
 impl Column {
-    /// Position, orientation and whether the sender vouches for it; NaN where there is none.
+    /// Position, orientation and whether the sender marks it as tracked; NaN where there is none.
     pub fn read(&self, position: &[Vec3], orientation: &[Quat], tracked: &[bool]) -> (Vec3, Quat, bool) {
         let place = match (self.point, self.offset) {
             (None, _) => [f64::NAN; 3],
@@ -42,7 +42,7 @@ pub fn turned(q: Quat, v: Vec3) -> Vec3 {
     ]
 }
 
-/// What one sensor was told to be last, part by part, each with its time, s.
+/// The last pose of one sensor, part by part, each with its time, s.
 #[derive(Clone, Copy, Debug)]
 pub struct Parts {
     position: (f64, Vec3),
@@ -56,19 +56,19 @@ impl Default for Parts {
 }
 
 impl Parts {
-    /// The pose with a part that is not told taken from what was told just before.
+    /// The pose; a part that was not sent is that which was sent just before.
     pub fn complete(&mut self, time: f64, position: Vec3, orientation: Quat) -> (Vec3, Quat) {
         (part(&mut self.position, time, position), part(&mut self.orientation, time, orientation))
     }
 }
 
-fn part<const N: usize>(kept: &mut (f64, [f64; N]), time: f64, told: [f64; N]) -> [f64; N] {
-    if told[0].is_finite() {
-        *kept = (time, told);
-        told
+fn part<const N: usize>(kept: &mut (f64, [f64; N]), time: f64, sent: [f64; N]) -> [f64; N] {
+    if sent[0].is_finite() {
+        *kept = (time, sent);
+        sent
     } else if time - kept.0 <= PARTNER {
         kept.1
     } else {
-        told
+        sent
     }
 }

@@ -31,7 +31,7 @@ pub struct Cutoffs {
     pub of_speed: f64,
 }
 
-/// One vector's filter: how fast it goes, and when it was told last.
+/// One vector's filter: its speed, and the time of its last value.
 #[derive(Clone, Copy, Debug)]
 struct Filter {
     speed: Vec3,
@@ -41,7 +41,7 @@ struct Filter {
 const FRESH: Filter = Filter { speed: [0.0; 3], time: f64::NAN };
 
 impl Filter {
-    /// The share (0 to 1) of the way from the filtered value to the new one, which is ahead by `delta`. 0 where either is NaN
+    /// The share (0 to 1) of the way from the filtered value to the new one, which is turn by `delta`. 0 where either is NaN
     /// or time has not risen.
     fn share(&mut self, cutoffs: &Cutoffs, time: f64, delta: Vec3) -> f64 {
         let dt = time - self.time;
@@ -86,28 +86,28 @@ impl Default for SmoothPose {
 }
 
 impl SmoothPose {
-    /// The filtered position; NaN where it is not told, and then the state waits.
-    pub fn step_position(&mut self, cutoffs: &Cutoffs, time: f64, told: Vec3) -> Vec3 {
-        if time.is_nan() || told.iter().any(|v| v.is_nan()) {
+    /// The filtered position; NaN where none was sent, and then the state waits.
+    pub fn step_position(&mut self, cutoffs: &Cutoffs, time: f64, sent: Vec3) -> Vec3 {
+        if time.is_nan() || sent.iter().any(|v| v.is_nan()) {
             return [f64::NAN; 3];
         }
         let fresh = self.position.iter().any(|v| v.is_nan());
-        let before = if fresh { told } else { self.position };
-        let delta: Vec3 = std::array::from_fn(|i| told[i] - before[i]);
+        let before = if fresh { sent } else { self.position };
+        let delta: Vec3 = std::array::from_fn(|i| sent[i] - before[i]);
         let share = self.moves.share(cutoffs, time, delta);
         self.position = std::array::from_fn(|i| before[i] + share * delta[i]);
         self.position
     }
 
-    /// The filtered orientation; NaN where it is not told, and then the state waits.
-    pub fn step_orientation(&mut self, cutoffs: &Cutoffs, time: f64, told: Quat) -> Quat {
-        if time.is_nan() || told.iter().any(|v| v.is_nan()) {
+    /// The filtered orientation; NaN where none was sent, and then the state waits.
+    pub fn step_orientation(&mut self, cutoffs: &Cutoffs, time: f64, sent: Quat) -> Quat {
+        if time.is_nan() || sent.iter().any(|v| v.is_nan()) {
             return [f64::NAN; 4];
         }
         let fresh = self.orientation.iter().any(|v| v.is_nan());
-        let before = if fresh { told } else { self.orientation };
-        let ahead = quat_log(quat_mul(told, quat_conj(before)));
-        self.orientation = along_arc(before, told, self.turns.share(cutoffs, time, ahead));
+        let before = if fresh { sent } else { self.orientation };
+        let turn = quat_log(quat_mul(sent, quat_conj(before)));
+        self.orientation = along_arc(before, sent, self.turns.share(cutoffs, time, turn));
         self.orientation
     }
 }

@@ -10,7 +10,7 @@ const SNAPSHOTS: usize = 8;
 const SNAPSHOT: f64 = 0.04;
 
 /// stale_after, frozen_after: s. noticeable: how far another one must have moved, in m and in parts of a unit quaternion, to say
-/// that somebody moves.
+/// that the performer moves.
 #[derive(Clone, Copy, Debug)]
 pub struct Times {
     pub stale_after: f64,
@@ -41,7 +41,7 @@ impl Stillness {
         }
     }
 
-    /// Note where everybody is, from time to time.
+    /// Note the poses of all sensors, from time to time.
     pub fn remember(&mut self, time: f64, last: &[Last]) {
         if (time - self.taken).abs() >= SNAPSHOT {
             for (snapshots, last) in self.snapshots.iter_mut().zip(last) {
@@ -52,7 +52,7 @@ impl Stillness {
         }
     }
 
-    /// Find who is frozen at `now`. latest: of all captures, s.
+    /// Find which sensors are frozen at `now`. latest: of all captures, s.
     pub fn look(&mut self, now: f64, latest: f64, last: &[Last]) {
         let long = self.times.frozen_after;
         let early = latest - EARLY * long;
@@ -76,10 +76,10 @@ impl Stillness {
 
     /// Whether most of the sensors change, seen from one that does not, and one of them by more than noise.
     fn others_move(&self, now: f64, last: &[Last]) -> bool {
-        let heard = |last: &Last| (now - last.at).abs() <= self.times.stale_after;
-        let alive = |last: &Last| heard(last) && last.still_for() <= EARLY * self.times.frozen_after;
+        let recent = |last: &Last| (now - last.at).abs() <= self.times.stale_after;
+        let alive = |last: &Last| recent(last) && last.still_for() <= EARLY * self.times.frozen_after;
         let count = |which: &dyn Fn(&Last) -> bool| last.iter().filter(|one| which(one)).count();
-        if 2 * count(&alive) < count(&heard) {
+        if 2 * count(&alive) < count(&recent) {
             return false;
         }
         let mut moving = last.iter().zip(&self.snapshots).filter(|(last, _)| alive(last));

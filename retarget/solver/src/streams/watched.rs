@@ -1,18 +1,18 @@
-//! Sensors that are watched: which of their poses may be used without a second look, and what is thought of each.
+//! Watched sensors: which of their poses need no further check, and the state of each sensor.
 
 use super::last_poses::{joined, Last, Pose};
-use super::sound::{Room, Verdict};
+use super::pose_check::{Room, Verdict};
 use super::stillness::{Stillness, Times};
 use crate::math::{Quat, Vec3};
 
-/// What is thought of one sensor; the rest of what may be thought of it is found elsewhere.
+/// The state of one sensor. `ValidityState` in Python has more states, which this crate does not find.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum State {
     Fresh = 0,
     Stale = 1,
     Frozen = 2,
-    NotWorn = 5,
+    NotInUse = 5,
     OutOfRange = 6,
 }
 
@@ -23,20 +23,20 @@ pub struct Watched {
     pub latest: f64,
     room: Room,
     times: Times,
-    not_worn_after: f64,
+    not_in_use_after: f64,
     stillness: Stillness,
     outside_at: Vec<f64>,
     began: Option<f64>,
 }
 
 impl Watched {
-    pub fn new(count: usize, room: Room, times: Times, not_worn_after: f64) -> Self {
+    pub fn new(count: usize, room: Room, times: Times, not_in_use_after: f64) -> Self {
         Self {
             last: vec![Last::default(); count],
             latest: f64::NEG_INFINITY,
             room,
             times,
-            not_worn_after,
+            not_in_use_after,
             stillness: Stillness::new(count, times),
             outside_at: vec![f64::NEG_INFINITY; count],
             began: None,
@@ -52,14 +52,14 @@ impl Watched {
         verdict
     }
 
-    /// Take the sound poses of one capture if none of them needs a second look: all later than any, and near to where they were.
-    /// Whether they were taken.
-    pub fn take_calm(&mut self, time: f64, sound: impl Iterator<Item = (usize, Vec3, Quat)> + Clone) -> bool {
+    /// Take the valid poses of one capture if none of them needs a further check: all later than any before, and near to where the
+    /// sensors were. Returns whether they were taken.
+    pub fn take_calm(&mut self, time: f64, valid: impl Iterator<Item = (usize, Vec3, Quat)> + Clone) -> bool {
         let calm = |(row, position, _): (usize, Vec3, Quat)| self.last[row].is_calm(position);
-        if time <= self.latest || !sound.clone().all(calm) {
+        if time <= self.latest || !valid.clone().all(calm) {
             return false;
         }
-        for (row, position, orientation) in sound {
+        for (row, position, orientation) in valid {
             self.last[row].put(time, joined(position, orientation));
             if orientation[0].is_nan() {
                 self.last[row].forget_turn();
@@ -83,20 +83,20 @@ impl Watched {
         self.stillness.remember(time, &self.last);
     }
 
-    /// What is thought of every sensor at `now`, s.
+    /// The state of every sensor at `now`, s.
     pub fn judge(&mut self, now: f64) -> impl Iterator<Item = State> + '_ {
         let began = *self.began.get_or_insert(now);
         let now = if now.is_finite() { now } else { f64::INFINITY };
         self.stillness.look(now, self.latest, &self.last);
-        let worn_by_now = now - began >= self.not_worn_after;
+        let expected_by_now = now - began >= self.not_in_use_after;
         let patience = self.times.stale_after;
         let others = self.stillness.frozen.iter().zip(&self.outside_at);
         self.last.iter().zip(others).map(move |(last, (frozen, outside_at))| {
-            // A capture that lies far ahead is no more recent than one far back.
+            // A capture far in the future is no more recent than one far back.
             let stale = (now - last.at).abs() > patience;
             match () {
                 () if stale && (now - outside_at).abs() <= patience => State::OutOfRange,
-                () if stale && worn_by_now && !last.at.is_finite() => State::NotWorn,
+                () if stale && expected_by_now && !last.at.is_finite() => State::NotInUse,
                 () if stale => State::Stale,
                 () if *frozen => State::Frozen,
                 () => State::Fresh,

@@ -86,7 +86,7 @@ pub fn distance(b: &[f64], generators: &[Vec<f64>], free: &[Vec<f64>]) -> f64 {
         loop {
             let chosen: Vec<&Vec<f64>> = used.iter().map(|k| &columns[*k]).collect();
             let wanted = least_squares(&chosen, &b);
-            // As far as none turns negative; who reaches zero is out.
+            // As far as none turns negative; an entry that reaches zero is out.
             let stop = used.iter().zip(&wanted).filter(|(_, w)| **w <= 0.0).map(|(k, w)| x[*k] / (x[*k] - w));
             let share = stop.fold(1.0, f64::min);
             let share = if share.is_nan() { 0.0 } else { share };

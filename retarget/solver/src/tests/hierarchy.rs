@@ -153,17 +153,17 @@ fn every_answer_meets_the_conditions_of_every_level() {
 }
 
 #[test]
-fn the_conditions_tell_a_worse_answer() {
-    let mut told = 0;
+fn the_conditions_detect_a_worse_answer() {
+    let mut detected = 0;
     for seed in 0..200 {
         let hierarchy = random_hierarchy(seed);
         let (mut z, _) = hierarchy.solved(hierarchy.levels.len());
         let Some(i) = (0..z.len()).find(|i| hierarchy.hi[*i] - hierarchy.lo[*i] > 0.05) else { continue };
         z[i] += if hierarchy.hi[i] - z[i] > 0.02 { 0.01 } else { -0.01 };
         assert!(unmet_conditions(&hierarchy, &z) > 1e-6, "seed {seed}");
-        told += 1;
+        detected += 1;
     }
-    assert!(told > 150);
+    assert!(detected > 150);
 }
 
 #[test]

@@ -37,8 +37,8 @@ pub struct PyPoseFilter {
     orientation: Option<Cutoffs>,
 }
 
-fn cutoffs(told: Option<(f64, f64, f64)>) -> PyResult<Option<Cutoffs>> {
-    let Some((least, per_speed, of_speed)) = told else { return Ok(None) };
+fn cutoffs(values: Option<(f64, f64, f64)>) -> PyResult<Option<Cutoffs>> {
+    let Some((least, per_speed, of_speed)) = values else { return Ok(None) };
     if ![least, per_speed, of_speed].iter().all(|v| v.is_finite()) || least <= 0.0 || per_speed < 0.0 || of_speed <= 0.0
     {
         return Err(PyValueError::new_err("cutoffs of a filter are finite, positive numbers"));
@@ -73,9 +73,9 @@ impl PyPoseFilter {
         {
             let (mut moved, mut turned) = (moved.readwrite(), turned.readwrite());
             let (moved, turned) = (moved.as_slice_mut()?, turned.as_slice_mut()?);
-            let told = time.iter().zip(places).zip(turns);
+            let sent = time.iter().zip(places).zip(turns);
             let answer = moved.chunks_exact_mut(3).zip(turned.chunks_exact_mut(4));
-            for ((pose, ((time, place), turn)), (moved, turned)) in self.poses.iter_mut().zip(told).zip(answer) {
+            for ((pose, ((time, place), turn)), (moved, turned)) in self.poses.iter_mut().zip(sent).zip(answer) {
                 let place = self.position.map_or(*place, |cutoffs| pose.step_position(&cutoffs, *time, *place));
                 let turn = self.orientation.map_or(*turn, |cutoffs| pose.step_orientation(&cutoffs, *time, *turn));
                 moved.copy_from_slice(&place);

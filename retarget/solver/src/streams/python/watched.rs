@@ -2,7 +2,7 @@
 
 use crate::python::arrays::{bad, indices, numbers};
 use crate::streams::last_poses::{Last, Pose};
-use crate::streams::sound::{Room, Verdict};
+use crate::streams::pose_check::{Room, Verdict};
 use crate::streams::stillness::Times;
 use crate::streams::watched::Watched;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
@@ -61,9 +61,9 @@ impl PyWatchedSensors {
             self.verdicts.push(verdict);
         }
         let verdicts = &self.verdicts;
-        let sound = poses().zip(verdicts).filter(|(_, verdict)| **verdict == Verdict::Sound).map(|(pose, _)| pose);
-        let taken = !look_again && self.watched.take_calm(time, sound);
-        if taken && verdicts.iter().all(|verdict| *verdict == Verdict::Sound) {
+        let valid = poses().zip(verdicts).filter(|(_, verdict)| **verdict == Verdict::Valid).map(|(pose, _)| pose);
+        let taken = !look_again && self.watched.take_calm(time, valid);
+        if taken && verdicts.iter().all(|verdict| *verdict == Verdict::Valid) {
             return Ok(None);
         }
         Ok(Some((PyArray1::from_iter(py, verdicts.iter().map(|verdict| *verdict as u8)), taken)))

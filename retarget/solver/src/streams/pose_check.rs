@@ -1,12 +1,12 @@
-//! Which poses are poses at all, each by itself: finite, in the room, a rotation, and vouched for by the sender.
+//! Pose check, each pose by itself: finite, in the room, a rotation, and marked as tracked by the sender.
 
 use crate::math::{Quat, Vec3};
 
-/// What is thought of one pose.
+/// The verdict on one pose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Verdict {
-    Sound = 0,
+    Valid = 0,
     Untracked = 1,
     NotFinite = 2,
     NotARotation = 3,
@@ -24,7 +24,7 @@ pub struct Room {
 }
 
 impl Room {
-    /// A position is needed; an orientation may be missing: NaN throughout.
+    /// Judge a pose. A position is needed; an orientation may be missing: NaN throughout.
     pub fn judge(&self, position: Vec3, orientation: Quat, tracked: bool) -> Verdict {
         let missing = orientation.iter().all(|x| x.is_nan());
         let finite = position.iter().all(|x| x.is_finite()) && (missing || orientation.iter().all(|x| x.is_finite()));
@@ -40,7 +40,7 @@ impl Room {
         }
         let [x, y, z] = position;
         if x.abs() <= self.reach && y.abs() <= self.reach && (self.low..=self.high).contains(&z) {
-            Verdict::Sound
+            Verdict::Valid
         } else {
             Verdict::OutOfRange
         }

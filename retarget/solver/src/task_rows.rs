@@ -204,7 +204,7 @@ impl RowWriter<'_> {
         }
     }
 
-    /// One row per weighted coordinate; targets are set by the caller, who knows the posture error.
+    /// One row per weighted coordinate; the caller sets the targets, from the posture error.
     fn posture_rows(&mut self, task: &Task, first: usize, strength: f64) {
         let mut r = first;
         let columns = self.columns;

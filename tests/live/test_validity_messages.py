@@ -1,11 +1,11 @@
-"""What a person is told."""
+"""Messages about changes of validity."""
 
-from retarget.live.sensor_validity import ValidityChange, ValidityState, sentences, sustained
+from retarget.live.sensor_validity import ValidityChange, ValidityState, net_changes, sentences
 
 FRESH, STALE, SWAPPED = ValidityState.FRESH, ValidityState.STALE, ValidityState.SWAPPED
 
 
-def test_who_changes_alike_is_told_together() -> None:
+def test_sensors_that_change_alike_share_a_message() -> None:
     changes = [ValidityChange(1.0, name, FRESH, STALE, 0.16) for name in ("head", "pelvis")]
     assert sentences(changes) == ["head, pelvis: nothing that can be used for 0.2 s"]
     assert len(sentences([changes[0], ValidityChange(2.0, "pelvis", FRESH, STALE, 0.16)])) == 2
@@ -19,26 +19,26 @@ def test_pairs_that_changed_places() -> None:
     ]
 
 
-def test_every_state_has_its_words() -> None:
+def test_every_state_has_a_message() -> None:
     for before in ValidityState:
         for after in set(ValidityState) - {before}:
             (text,) = sentences([ValidityChange(1.0, "l_wrist", before, after, 0.25)])
             assert text.startswith("l_wrist") and len(text) > len("l_wrist: ") and "nan" not in text
 
 
-def test_how_it_came_back() -> None:
+def test_messages_of_sensors_that_come_back() -> None:
     assert sentences([ValidityChange(1.0, "head", STALE, FRESH)]) == ["head: back"]
-    assert sentences([ValidityChange(1.0, "head", ValidityState.NOT_IN_USE, FRESH)]) == ["head: heard now"]
+    assert sentences([ValidityChange(1.0, "head", ValidityState.NOT_IN_USE, FRESH)]) == ["head: received now"]
     assert sentences([ValidityChange(1.0, "head", ValidityState.JUMPED, FRESH, resettled=True)]) == [
-        "head: believed again where it is now"
+        "head: accepted again at its new place"
     ]
-    assert sentences([ValidityChange(1.0, "head", ValidityState.NOT_IN_USE, STALE)]) == ["head: not heard yet"]
+    assert sentences([ValidityChange(1.0, "head", ValidityState.NOT_IN_USE, STALE)]) == ["head: not received yet"]
 
 
-def test_what_came_and_went_unheard_is_not_told() -> None:
+def test_what_came_and_went_has_no_message() -> None:
     gone = [ValidityChange(1.0, name, FRESH, STALE, 0.3) for name in ("head", "pelvis")]
     back = [ValidityChange(1.1, "head", STALE, FRESH)]
-    assert sustained([*gone, *back]) == gone[1:] and sustained(gone) == gone and sustained([]) == []
+    assert net_changes([*gone, *back]) == gone[1:] and net_changes(gone) == gone and net_changes([]) == []
     jumped = [ValidityChange(1.0, "head", FRESH, ValidityState.JUMPED)]
     settled = [ValidityChange(1.2, "head", ValidityState.JUMPED, FRESH, resettled=True)]
-    assert sustained([*jumped, *settled]) == [*jumped, *settled]
+    assert net_changes([*jumped, *settled]) == [*jumped, *settled]

@@ -1,4 +1,4 @@
-"""Whole runs that are stopped at any time: the robot is parked, slowly, around what moves, and stays there."""
+"""Whole runs that are stopped at any time: the robot goes to rest, slowly, clear of what moves, and stays there."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from retarget.robot.follower import Follower
 from retarget.run.loop import Watch
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
-from retarget.run.rest_trajectory import PACE
+from retarget.run.rest_trajectory import RETURN_OVERRIDE
 from retarget.run.run_result import RunResult
 from retarget.safety.gate import Gate
 from retarget.types import FloatArray
@@ -25,7 +25,7 @@ from sim.physics.witness import Witness
 
 BALL = """
 name: ball
-description: A ball that comes to where the robot squats, while it is parked
+description: A ball that comes to where the robot squats, while it goes to rest
 obstacles:
   ball:
     shape: {sphere: {radius: 0.05}}
@@ -66,29 +66,29 @@ def test_a_stop_while_it_rises_leads_back_and_does_not_stand_it_up(name: str, af
     risen = (run.record.robot.goals - rest) @ (stand - rest) / ((stand - rest) @ (stand - rest))
     at_stop = risen[: after + 1].max()
     assert risen.max() < at_stop + 0.05 < 0.9  # it brakes first
-    assert np.abs(run.record.robot.goals[-1] - rest).max() < 0.1 and not any("parked" in note for note in run.notes)
+    assert np.abs(run.record.robot.goals[-1] - rest).max() < 0.1 and not any("rest" in note for note in run.notes)
 
 
-def test_a_stop_on_the_way_to_the_performers_posture_lands_from_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It has left the straight way on which it rises, and has not followed; some goals of the landing are refused."""
+def test_a_stop_on_the_approach_returns_to_stance_from_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It has left the straight part on which it rises, and has not followed; some goals of the return are refused."""
     refused: list[int] = []
     admit, return_to_stance, reseed = Gate.admit, Follower.return_to_stance, Follower.reseed
-    told: list[int] = []
-    landed: list[FloatArray] = []
+    reseeds: list[int] = []
+    returned: list[FloatArray] = []
 
     def to_stance(self: Follower, dt: float) -> FloatArray | None:
         q = return_to_stance(self, dt)
-        landed.extend([] if q is None else [q.copy()])
+        returned.extend([] if q is None else [q.copy()])
         return q
 
     def once(self: Gate, goal: FloatArray) -> FloatArray:
-        if len(landed) >= 60 and len(refused) < 3:
-            refused.append(len(landed))
+        if len(returned) >= 60 and len(refused) < 3:
+            refused.append(len(returned))
             return self.brake()
         return admit(self, goal)
 
     def reseeded(self: Follower, q: FloatArray, velocity: FloatArray) -> None:
-        told.append(len(landed))
+        reseeds.append(len(returned))
         reseed(self, q, velocity)
 
     monkeypatch.setattr(Follower, "return_to_stance", to_stance)
@@ -98,32 +98,32 @@ def test_a_stop_on_the_way_to_the_performers_posture_lands_from_there(monkeypatc
     assert run.record is not None and run.record.robot is not None and run.robot is not None
     assert run.record.following.start == run.record.following.stop
     assert np.count_nonzero(run.record.robot.gated) == len(refused) == 3, "it went on from where it was"
-    assert told[-3:] == refused and told[-4] == 0, "the follower knows, and began from where the robot stood"
+    assert reseeds[-3:] == refused and reseeds[-4] == 0, "reseeded, and begun from where the robot stood"
     aside = np.abs(run.record.robot.goals - angles(run.robot, "attractor"))[:, :6].max(axis=1)
     assert aside.min() < 0.05 and np.abs(run.record.robot.goals[-1] - angles(run.robot, "rest")).max() < 0.1
 
 
-def test_a_stop_after_it_followed_lands_at_half_of_all_speeds() -> None:
+def test_a_stop_after_it_followed_returns_to_stance_at_half_of_all_speeds() -> None:
     run, _ = stopped("op3", 10**6, start="stand")
     assert run.record is not None and run.record.robot is not None and run.robot is not None
     goals, dt = run.record.robot.goals, 1.0 / run.robot.profile.safety.rate_hz
     stop = run.record.following.stop + 60  # it brakes first
     speeds = np.abs(np.diff(goals[stop:], axis=0)) / dt / run.robot.joint_map.max_velocity
-    assert 0.1 < speeds.max() < PACE + 0.05  # goals are held beside postures
+    assert 0.1 < speeds.max() < RETURN_OVERRIDE + 0.05  # goals are held beside postures
     assert np.abs(goals[-1] - angles(run.robot, "rest")).max() < 0.1
 
 
-def test_obstacles_move_on_while_it_is_parked(tmp_path: Path) -> None:
+def test_obstacles_move_on_while_it_goes_to_rest(tmp_path: Path) -> None:
     scene = tmp_path / "ball.yaml"
     scene.write_text(BALL)
-    run, around = stopped("op3", 10**6, start="stand", scene=scene)
-    assert run.record is not None and run.record.robot is not None and run.robot is not None and around is not None
+    run, obstacles = stopped("op3", 10**6, start="stand", scene=scene)
+    assert run.record is not None and run.record.robot is not None and run.robot is not None and obstacles is not None
     lasted = float(run.record.time[-1])  # since it follows
-    assert lasted > 5.0 and around.time == pytest.approx(lasted, abs=0.1)
+    assert lasted > 5.0 and obstacles.time == pytest.approx(lasted, abs=0.1)
 
 
 @pytest.mark.parametrize("name", ["op3", "poppy", "wolfgang"])
-def test_a_run_that_is_parked_stays_so_when_its_torque_goes(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_robot_at_rest_stays_there_when_torque_goes_off(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """ToddlerBot does not: its ankles have no stop within reach, and next to no friction."""
     witnesses: list[Witness] = []
     see_it_out = Witness.see_it_out

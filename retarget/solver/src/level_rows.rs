@@ -1,9 +1,9 @@
-//! Where tasks go: their slices of the target vector, their rows, and the slack variables of soft rows; rows of observers too.
+//! Which rows of the problem each level has: slices of the target vector, rows and slack variables of its tasks, and rows of its observers.
 
 use crate::body::Body;
 use crate::observers::{Activation, ObserverSet, ObserverTask, Watch};
-use crate::rows::Columns;
 use crate::task::{Task, TaskKind};
+use crate::task_rows::Columns;
 use std::ops::Range;
 use std::sync::Arc;
 

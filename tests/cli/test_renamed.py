@@ -1,0 +1,86 @@
+"""Names of version 0.1.0 are refused with the new ones: options, priority files, keys of YAML, words of the socket."""
+
+from pathlib import Path
+
+import pytest
+
+from check_helpers import copy_of_op3
+from command_pages import commands
+from messages import shows
+from retarget.cli import main
+from retarget.cli.controls import WORDS, refused_word
+from retarget.cli.exit import REFUSED
+from retarget.errors import RENAMED
+from retarget.schema.catalogue import shipped_folder
+
+RUN = ("run", "--robot", "op3", "--source", "sample", "--bus", "none")
+OF_PROFILE = "following_error_lasting"
+PRIORITIES = shipped_folder() / "priorities"
+
+
+def text_of(file: str) -> str:
+    """A shipped priority file."""
+    return (PRIORITIES / f"{file}.yaml").read_text(encoding="utf-8")
+
+
+FILES = [old for old, new in RENAMED.items() if (PRIORITIES / f"{new}.yaml").is_file()]
+KEYS = [
+    (file, old) for file in ("balanced", "fixed_base") for old, new in RENAMED.items() if f"{new}:" in text_of(file)
+]
+
+
+def refused(capsys: pytest.CaptureFixture[str], *words: object) -> str:
+    """What is on stderr when the command line is refused."""
+    with pytest.raises(SystemExit) as left:
+        main([str(word) for word in words])
+    out, err = capsys.readouterr()
+    assert (left.value.code, out) == (REFUSED, "") and "Traceback" not in err
+    return err
+
+
+@pytest.mark.parametrize(
+    ("words", "old"),
+    [
+        ((*RUN, "--trouble", "mass"), "--trouble"),
+        ((*RUN, "--trouble=mass"), "--trouble"),
+        (("stop", "--cut"), "--cut"),
+    ],
+)
+def test_an_option(words: tuple[str, ...], old: str, capsys: pytest.CaptureFixture[str]) -> None:
+    shows(refused(capsys, *words), old, RENAMED[old])
+    command = next(command for name, command in commands() if name == words[0])
+    assert RENAMED[old] in {option for one in command.params for option in one.opts}
+
+
+@pytest.mark.parametrize("old", FILES)
+def test_a_priority_file(old: str, capsys: pytest.CaptureFixture[str]) -> None:
+    shows(refused(capsys, *RUN, "--priorities", old), old, f"called {RENAMED[old]} now")
+
+
+def test_a_priority_file_that_a_profile_names(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    profile = copy_of_op3(tmp_path, ("retarget: servo", "retarget: steady"))
+    shows(refused(capsys, "check", profile), "'steady'", "called balanced now")
+
+
+@pytest.mark.parametrize(("file", "old"), KEYS)
+def test_a_key_of_a_priority_file(file: str, old: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text(text_of(file).replace(f"{RENAMED[old]}:", f"{old}:"), encoding="utf-8")
+    shows(refused(capsys, "check", path), path, old, f"called {RENAMED[old]} now")
+
+
+def test_a_key_of_a_profile(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    new = RENAMED[OF_PROFILE]
+    profile = copy_of_op3(tmp_path, (new, OF_PROFILE))
+    shows(refused(capsys, "check", profile), profile, OF_PROFILE, f"called {new} now")
+
+
+def test_every_old_name_is_tried() -> None:
+    assert {"steady", "held"} < set(FILES) and {"uphold", "late", "ahead"} < {old for _, old in KEYS}
+    tried = {*FILES, *(old for _, old in KEYS), OF_PROFILE, "--trouble", "--cut", "cut"}
+    assert tried == set(RENAMED)
+
+
+def test_a_word_of_the_control_socket() -> None:
+    assert "torque_off" in WORDS and "cut" not in WORDS
+    shows(refused_word("cut"), "'cut'", "called torque_off now")
