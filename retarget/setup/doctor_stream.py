@@ -226,7 +226,8 @@ def _foreign(kind: str, capture: StreamCapture, address: StreamAddress) -> list[
             continue
         seen.add(got.name)
         what = f"{got.text}, {counts[got.name]} of {looked} datagrams looked at"
-        what += f", and {kind}:// is {'read' if recording else 'listened for'}" if got.kind != kind else ""
+        if got.kind != kind:
+            what += f", and {kind}:// is read" if recording else f", and {kind}:// is listened for"
         if capture.frames and not got.kind:
             found.append(note("protocol", f"also: {what}", advice))
         else:
