@@ -35,7 +35,7 @@ class Watched:
 
 
 @dataclass(frozen=True, eq=False)
-class SceneFigures:
+class StaticObstacles:
     """k obstacles at rest: kinds (k,) and sizes (k, 3) m as in `shape_distances`, position (k, 3) m, influence m."""
 
     kinds: NDArray[np.int64]
@@ -48,12 +48,12 @@ class SceneFigures:
         """Orientations (k, 4) wxyz: along the world's axes."""
         return np.tile([1.0, 0.0, 0.0, 0.0], (len(self.kinds), 1))
 
-    def leading(self, count: int) -> SceneFigures:
+    def leading(self, count: int) -> StaticObstacles:
         """The first `count` of them."""
-        return SceneFigures(self.kinds[:count], self.sizes[:count], self.position[:count], self.influence)
+        return StaticObstacles(self.kinds[:count], self.sizes[:count], self.position[:count], self.influence)
 
 
-NOTHING = SceneFigures(np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros((0, 3)), 0.1)
+NOTHING = StaticObstacles(np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros((0, 3)), 0.1)
 
 
 def watched_human(worn: Worn, dimensions: HumanDimensions | None = None) -> Watched:
@@ -105,7 +105,7 @@ def exact_self_distances(watched: Watched, q: Floats) -> Floats:
     return _solver.shape_distances(*_packed(first), *_packed(second))[0]
 
 
-def scene_distances(watched: Watched, postures: Floats, around: SceneFigures) -> Floats:
+def scene_distances(watched: Watched, postures: Floats, around: StaticObstacles) -> Floats:
     """Signed distance (T, n, k) m of every observer to every obstacle; beyond influence a bound, as above."""
     seen, (position, quat) = watched.observers, placed_observers(watched, postures)
     frames, n, k = len(postures), len(seen.names), len(around.kinds)

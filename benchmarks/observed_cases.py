@@ -13,7 +13,7 @@ from benchmarks.measure import TIMES, MakeSide, Outcome, outcome, play
 from benchmarks.motion import Motion, crouch_and_reach
 from benchmarks.observed_body import (
     NOTHING,
-    SceneFigures,
+    StaticObstacles,
     Watched,
     scene_distances,
     self_distances,
@@ -42,7 +42,7 @@ class Entry:
     """One side of a case. asked_us: median and p99; asked_share: of our median in this side's."""
 
     make: MakeSide
-    around: SceneFigures = NOTHING
+    around: StaticObstacles = NOTHING
     asked_us: tuple[float, float] | None = None
     asked_share: float | None = None
     looks: bool = True

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.bodies import Floats
-from benchmarks.observed_body import SceneFigures, Watched, placed_observers, scene_distances
+from benchmarks.observed_body import StaticObstacles, Watched, placed_observers, scene_distances
 from retarget.model.scene_shapes import ShapeKind
 
 HAND = "r_wrist"
@@ -30,7 +30,7 @@ def size_of(watched: Watched) -> float:
     return 0.05 if watched.body.name == "human" else 0.02
 
 
-def sphere_at_hand(watched: Watched, postures: Floats, gap: float) -> SceneFigures:
+def sphere_at_hand(watched: Watched, postures: Floats, gap: float) -> StaticObstacles:
     """A sphere ahead of the farthest place of the right hand, to which the body comes as near as `gap` m in postures
     (T, nq); negative: it goes in so deep."""
     hand = next(k for k, point in enumerate(watched.body.points) if point.name == HAND)
@@ -41,10 +41,10 @@ def sphere_at_hand(watched: Watched, postures: Floats, gap: float) -> SceneFigur
     ahead = (farthest - path[0]) / away.max()
     radius = size_of(watched)
 
-    def sphere(offset: float) -> SceneFigures:
+    def sphere(offset: float) -> StaticObstacles:
         centre = farthest + offset * ahead
         sizes = np.array([[radius, 0.0, 0.0]])
-        return SceneFigures(np.array([ShapeKind.CAPSULE], dtype=np.int64), sizes, centre[None], influence(watched))
+        return StaticObstacles(np.array([ShapeKind.CAPSULE], dtype=np.int64), sizes, centre[None], influence(watched))
 
     def reached(offset: float) -> bool:
         return bool(scene_distances(watched, seen, sphere(offset)).min() <= gap)
@@ -58,12 +58,12 @@ def sphere_at_hand(watched: Watched, postures: Floats, gap: float) -> SceneFigur
     return sphere(low)
 
 
-def around_arms(watched: Watched, postures: Floats, count: int) -> SceneFigures:
+def around_arms(watched: Watched, postures: Floats, count: int) -> StaticObstacles:
     """Spheres and boxes around both arms, by turns within influence in all of the postures (T, nq) and beyond it."""
     rng, zone = np.random.default_rng(SEED), influence(watched)
     seen = np.ascontiguousarray(postures[::EVERY])
-    near: list[SceneFigures] = []
-    far: list[SceneFigures] = []
+    near: list[StaticObstacles] = []
+    far: list[StaticObstacles] = []
     while min(len(near), len(far)) < (count + 1) // 2:
         tried = _candidates(rng, watched, seen[0], 16 * count)
         distance = scene_distances(watched, seen, tried).min(axis=1) / zone  # (T, k): of the nearest observer
@@ -71,7 +71,7 @@ def around_arms(watched: Watched, postures: Floats, count: int) -> SceneFigures:
             fits = np.flatnonzero((distance.min(axis=0) >= least) & (distance.max(axis=0) <= most))
             kept += [_only(tried, k) for k in fits.tolist()]
     turns = [one for pair in zip(near, far, strict=False) for one in pair][:count]
-    return SceneFigures(
+    return StaticObstacles(
         kinds=np.concatenate([one.kinds for one in turns]),
         sizes=np.vstack([one.sizes for one in turns]),
         position=np.vstack([one.position for one in turns]),
@@ -79,7 +79,7 @@ def around_arms(watched: Watched, postures: Floats, count: int) -> SceneFigures:
     )
 
 
-def _candidates(rng: np.random.Generator, watched: Watched, q: Floats, count: int) -> SceneFigures:
+def _candidates(rng: np.random.Generator, watched: Watched, q: Floats, count: int) -> StaticObstacles:
     """Spheres and cubes by turns, somewhere around the observers of the arms in a posture (nq,)."""
     names = watched.observers.names
     arms = [k for k, name in enumerate(names) if name[2:] in ARMS[watched.body.name]]
@@ -89,9 +89,9 @@ def _candidates(rng: np.random.Generator, watched: Watched, q: Floats, count: in
     kinds = np.where(np.arange(count) % 2 == 0, ShapeKind.CAPSULE, ShapeKind.BOX).astype(np.int64)
     sizes = np.where((kinds == ShapeKind.BOX)[:, None], 0.6 * radius, [[radius, 0.0, 0.0]])
     position = centres[rng.integers(len(arms), size=count)] + rng.uniform(-reach, reach, size=(count, 3))
-    return SceneFigures(kinds, sizes, position, influence(watched))
+    return StaticObstacles(kinds, sizes, position, influence(watched))
 
 
-def _only(around: SceneFigures, k: int) -> SceneFigures:
+def _only(around: StaticObstacles, k: int) -> StaticObstacles:
     one = slice(k, k + 1)
-    return SceneFigures(around.kinds[one], around.sizes[one], around.position[one], around.influence)
+    return StaticObstacles(around.kinds[one], around.sizes[one], around.position[one], around.influence)

@@ -11,7 +11,7 @@ import numpy as np
 
 from benchmarks.bodies import BenchBody, Floats
 from benchmarks.motion import Motion
-from benchmarks.observed_body import NOTHING, SceneFigures, Watched
+from benchmarks.observed_body import NOTHING, StaticObstacles, Watched
 from benchmarks.ours import Ours
 from benchmarks.side import N_IK, POSTURE_GAIN
 from retarget import _solver
@@ -41,7 +41,7 @@ class ObservedOurs(Ours):
         *,
         watched: Watched,
         activation: Activation | None,
-        around: SceneFigures = NOTHING,
+        around: StaticObstacles = NOTHING,
         name: str = "retarget",
     ) -> None:
         self.name = name
@@ -70,7 +70,7 @@ class ObservedOurs(Ours):
 
 
 def observed(
-    name: str, watched: Watched, activation: Activation | None, around: SceneFigures = NOTHING
+    name: str, watched: Watched, activation: Activation | None, around: StaticObstacles = NOTHING
 ) -> Callable[[BenchBody, Motion], ObservedOurs]:
     """A side by these choices, to be made for a body and a motion."""
     return partial(ObservedOurs, watched=watched, activation=activation, around=around, name=name)
@@ -105,7 +105,7 @@ def _asked(task: Task) -> Asked:
 
 
 def _make_solver(
-    body: BenchBody, levels: list[list[Asked]], watched: Watched, activation: Activation | None, around: SceneFigures
+    body: BenchBody, levels: list[list[Asked]], watched: Watched, activation: Activation | None, around: StaticObstacles
 ) -> _solver.Solver:
     model = body.model
     speed = np.full(model.nv, body.max_speed)
@@ -125,7 +125,7 @@ def _make_solver(
     )
 
 
-def _for_solver(watched: Watched, around: SceneFigures) -> _solver.Observers:
+def _for_solver(watched: Watched, around: StaticObstacles) -> _solver.Observers:
     seen, count = watched.observers, len(around.kinds)
     return _solver.Observers(
         watched.body.model.solver_body(),

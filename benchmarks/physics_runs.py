@@ -19,8 +19,6 @@ from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
 from retarget.run.run_result import RunResult
 
-__all__ = ["PhysicsCost", "Stood", "TimedBus", "cost_of_run", "play", "stood"]
-
 
 class TimedBus:
     """A `hardware.bus.ServoBus` that hands everything on, and adds up the thread CPU of it: `spent`, s."""

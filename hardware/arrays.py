@@ -5,9 +5,6 @@ about small arrays.
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BoolArray", "ByteArray", "FloatArray", "TickArray", "all_of", "any_of"]
-
-
 FloatArray = NDArray[np.float64]
 TickArray = NDArray[np.int64]
 ByteArray = NDArray[np.uint8]

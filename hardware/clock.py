@@ -88,11 +88,6 @@ def thread_cpu() -> float:
     return time.thread_time()
 
 
-def process_cpu() -> float:
-    """Return the CPU time of all threads of this process in s."""
-    return time.process_time()
-
-
 # Ticks that begin late. The servos still have a goal for one late tick.
 
 LATE = 1.35

@@ -13,20 +13,6 @@ from hardware.guard_state import GoalFilter, GuardLimits, GuardState, Stop, Stop
 from hardware.joint_map import JointMap
 from hardware.servo_health import ServoHealth
 
-__all__ = [
-    "COMMANDED_S",
-    "CUT_POWER",
-    "FOLLOWING",
-    "GOING_TO_REST",
-    "TORQUE_OFF",
-    "FindGoal",
-    "Guard",
-    "Halt",
-    "NoCommand",
-    "StopLatch",
-]
-
-
 # The latched stop: the first reason stays, one later fault is added, and the ticks until the end are bounded.
 
 TORQUE_OFF = " (torque is off)"

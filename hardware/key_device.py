@@ -9,8 +9,6 @@ from pathlib import Path
 
 from hardware.errors import HardwareError, describe
 
-__all__ = ["EVENT", "KeyDevice"]
-
 EVENT = struct.Struct("@llHHi")
 """A `struct input_event` (linux/input.h): two words of time, type, code, value."""
 EV_SYN, EV_KEY = 0, 1

@@ -11,17 +11,6 @@ from pathlib import Path
 
 from hardware.errors import HardwareError, describe
 
-__all__ = [
-    "HOW_TO_PERMIT",
-    "PROCESSES",
-    "USUAL_PRIORITY",
-    "Scheduling",
-    "named_process",
-    "refuse_scheduling",
-    "scheduled",
-]
-
-
 USUAL_PRIORITY = 40
 """Below the kernel's interrupt threads (50 on PREEMPT_RT), which bring what a tick waits for."""
 HOW_TO_PERMIT = 'echo "$USER - rtprio 50" | sudo tee /etc/security/limits.d/retarget.conf, then log in again'

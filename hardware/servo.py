@@ -9,28 +9,6 @@ import numpy as np
 from hardware.arrays import FloatArray, TickArray
 from hardware.errors import HardwareError, describe
 
-__all__ = [
-    "DEFAULT_P_GAIN",
-    "FULL_PWM",
-    "GAIN_UNIT",
-    "HOMING_REACH",
-    "MAX_CONDITION",
-    "MULTI_TURN_REACH",
-    "SERVO_MODELS",
-    "Coupling",
-    "ExpectedRange",
-    "ServoGains",
-    "ServoMode",
-    "ServoModel",
-    "ServoSpec",
-    "find_model",
-    "full_drive_error",
-    "lag_of_gain",
-    "loop_lag",
-    "loop_stiffness",
-]
-
-
 # Two joints that two servos turn together, as data: a differential such as the waist of a humanoid.
 
 MAX_CONDITION = 1e3

@@ -13,8 +13,6 @@ from typing import Self
 
 from hardware.errors import RetargetError, describe
 
-__all__ = ["ConfigError", "InputError", "Problem", "RefusedError", "RetargetError", "UsageError", "nearest", "suggest"]
-
 MAX_SHOWN = 20
 """At most this many problems are spelled out in one message; the rest are counted."""
 

@@ -15,26 +15,6 @@ from retarget import rotations
 from retarget.errors import UsageError, suggest
 from retarget.types import BoolArray, FloatArray
 
-__all__ = [
-    "JOINTS",
-    "SENSORS",
-    "STEP_M",
-    "STEP_TURN",
-    "Instants",
-    "JointTracks",
-    "SensorFrames",
-    "SensorSample",
-    "Skeleton",
-    "along_arcs",
-    "along_lines",
-    "locate",
-    "mirrored_name",
-    "on_grid",
-    "stature",
-    "valid_at",
-]
-
-
 # Tracks between their frames: positions straight, orientations along the short arc, valid where both ends are.
 
 SNAP = 1e-9

@@ -16,37 +16,6 @@ from numpy.typing import ArrayLike
 
 from retarget.types import FloatArray
 
-__all__ = [
-    "IDENTITY",
-    "Quat",
-    "Vector",
-    "angle_between",
-    "arc",
-    "axis_turn",
-    "conjugate",
-    "from_axis_angle",
-    "from_euler",
-    "from_matrix",
-    "from_rotation_vector",
-    "inverse",
-    "log",
-    "minus",
-    "multiply",
-    "normalise",
-    "plus",
-    "product",
-    "rotate",
-    "rotated",
-    "rotation_vector",
-    "shortest_arc",
-    "slerp",
-    "squares",
-    "to_euler",
-    "to_matrix",
-    "turn",
-]
-
-
 IDENTITY: FloatArray = np.array([1.0, 0.0, 0.0, 0.0])
 IDENTITY.flags.writeable = False
 

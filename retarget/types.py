@@ -1,5 +1,6 @@
 """Names for array types, and the data that travel between folders."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -11,6 +12,8 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 ModeArray = NDArray[np.uint8]
 """What observers do: 0 free, 1 preventive, 2 reactive."""
+Notify = Callable[[str], object]
+"""Takes a message for the operator, one sentence without a line end."""
 
 
 class Carrying(Enum):

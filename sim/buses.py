@@ -22,8 +22,6 @@ from sim.physics.simulation import Simulation
 from sim.physics.witness import Witness, WitnessedBus
 from sim.physics.world import build_world
 
-__all__ = ["emulated_bus", "physics_bus", "physics_wire_bus", "simulation_of"]
-
 
 def emulated_bus(
     robot: RobotBody,

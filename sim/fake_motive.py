@@ -13,8 +13,6 @@ from retarget.frames import SensorFrames
 from retarget.sources.natnet_wire import DATA_PORT, MULTICAST_GROUP, MessageId, Version, message, split
 from retarget.types import FloatArray
 
-__all__ = ["FakeMotive", "MotiveSettings"]
-
 _BODY = Struct("<i3f4ffh")
 _SIZED = Version(4, 1)
 _MARKERS_NAMED = Version(4, 0)

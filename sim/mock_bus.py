@@ -15,9 +15,6 @@ from hardware.servo import ServoSpec, loop_lag
 from retarget.model.robot import RobotBody
 from sim.servo_model import ServoLoad, saturated_lag
 
-__all__ = ["ALERT_BIT", "VELOCITY_UNIT", "FaultKind", "MockBus", "MockFault", "NoBus", "mock_bus"]
-
-
 # Faults of the mock bus as data: kind, servo, cycles.
 
 

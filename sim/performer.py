@@ -16,17 +16,6 @@ from retarget.frames import JOINTS, SENSORS, JointTracks, SensorFrames, Skeleton
 from retarget.sources.skeletons import JointTree, Pose, forward_kinematics
 from retarget.types import FloatArray
 
-__all__ = [
-    "CYCLES",
-    "DURATION_S",
-    "RATE_HZ",
-    "leg",
-    "minimum_jerk",
-    "rest_skeleton",
-    "synthetic_performer",
-    "upper_body",
-]
-
 RATE_HZ = 120.0
 DURATION_S = 18.6
 CYCLES = 6

@@ -18,8 +18,6 @@ from retarget.recording.bvh_export import AXES, CM, HUMAN, BvhSkeleton, Node, wr
 from retarget.types import FloatArray
 from sim.performer import leg, minimum_jerk, rest_skeleton, upper_body
 
-__all__ = ["DURATION_S", "RATE_HZ", "sample_recording"]
-
 RATE_HZ = 30.0
 DURATION_S = 11.0
 DIGITS = 3

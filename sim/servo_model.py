@@ -4,22 +4,6 @@ import numpy as np
 
 from hardware.arrays import BoolArray, FloatArray
 
-__all__ = [
-    "AMBIENT",
-    "FRICTION_CURRENT",
-    "HEAT_PER_AMPERE2",
-    "HEAT_TIME",
-    "IDLE_CURRENT",
-    "INERTIA",
-    "LARGEST_CURRENT",
-    "SPEED_CURRENT",
-    "SUPPLY_RESISTANCE",
-    "TORQUE_PER_AMPERE",
-    "ServoLoad",
-    "saturated_lag",
-]
-
-
 AMBIENT = 25.0  # [degrees Celsius]
 IDLE_CURRENT = 0.03  # [A] electronics of one servo
 FRICTION_CURRENT = 0.10  # [A] to overcome friction

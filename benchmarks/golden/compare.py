@@ -9,8 +9,6 @@ import numpy as np
 from benchmarks.golden.old_names import Names
 from benchmarks.golden.play import Arrays, Outcome
 
-__all__ = ["MESSAGES", "TIMINGS", "Difference", "array_difference", "compared_report", "differences", "wire_difference"]
-
 TIMINGS = {
     "frames_per_s": "wall clock: how fast this machine computed",
     "solve_us": "CPU time of both stages",

@@ -6,8 +6,6 @@ from pathlib import Path
 
 from benchmarks.golden.made_motion import write_clip, write_stream
 
-__all__ = ["Run", "Sources", "found_sources", "full_matrix", "small_matrix"]
-
 ROBOTS = ("op3", "poppy", "toddlerbot", "wolfgang")
 BUSES = ("mock", "emulator", "physics")
 CLIP = Path("mocap/cmu_asfamc/02_06.amc")

@@ -5,8 +5,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-__all__ = ["Names", "names_in"]
-
 
 @dataclass(frozen=True)
 class Names:

@@ -14,8 +14,6 @@ from benchmarks.golden.matrix import Run
 from benchmarks.golden.old_names import Names
 from benchmarks.golden.tree import Tree
 
-__all__ = ["Arrays", "Outcome", "play"]
-
 Arrays = dict[str, np.ndarray[Any, Any]]
 LONGEST_S = 400.0
 """Of one run. A machine that is busy with other work takes its time."""

@@ -19,8 +19,6 @@ from benchmarks.golden.old_names import Names
 from benchmarks.golden.play import Outcome, play
 from benchmarks.golden.tree import Tree, TreeError
 
-__all__ = ["STORED", "fingerprint", "hashes", "hashes_of_runs", "store"]
-
 STORED = Path(__file__).resolve().parent.parent.parent / "tests" / "golden" / "stored.json"
 CPU = Path("/proc/cpuinfo")
 PACKAGES = ("numpy", "scipy", "mujoco")

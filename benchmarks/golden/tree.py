@@ -13,8 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-__all__ = ["Tree", "TreeError", "other_tree", "resolved", "this_tree"]
-
 BUILD_S, LOOK_S = 900.0, 60.0
 """Longest build, and longest look at what is there, s."""
 

@@ -13,8 +13,6 @@ from retarget.frames import SensorFrames
 from retarget.model.human_dimensions import POINTS
 from retarget.types import FloatArray
 
-__all__ = ["figure_3", "figure_7", "figure_9", "figure_10"]
-
 POSES, CLOSE_POSES = 8, 6
 HAND_S, HEAD_S = 0.14, 0.22
 """How long before and after the deepest penetration without observers is shown, s: a hand is faster than a head."""

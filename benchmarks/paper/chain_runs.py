@@ -18,8 +18,6 @@ from retarget import _solver
 from retarget.model.body import BodyModel
 from retarget.types import FloatArray
 
-__all__ = ["DT", "ONE", "TWO", "ChainRun", "reaching_chain", "yielding_chain"]
-
 DT = 0.01
 """s per frame."""
 APPROACH = Ball(centre=(-0.45, 0.0, 0.27), radius=0.09, influence=0.12, velocity=(0.25, 0.0, 0.0))

@@ -19,8 +19,6 @@ from retarget.schema.priorities import load_priorities
 from retarget.schema.scene import Scene
 from retarget.types import FloatArray
 
-__all__ = ["CONFIGURATIONS", "Collisions", "Experiment", "Outcome", "crouching"]
-
 CONFIGURATIONS = ("paper", "human")
 """Priority files; the first is the paper's."""
 PENETRATION = 1e-3

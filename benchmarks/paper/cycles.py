@@ -6,8 +6,6 @@ import numpy as np
 
 from retarget.types import FloatArray
 
-__all__ = ["crouch_cycles"]
-
 LOWERED = 0.15
 """A crouch: the head comes lower than its usual height by more than this share of the height."""
 

@@ -8,8 +8,6 @@ from benchmarks.paper.solver_rig import Ball, make_solver, place_balls, sliding_
 from retarget import _solver
 from retarget.types import FloatArray
 
-__all__ = ["BALL", "POINTS", "DampedPoint", "damped_points"]
-
 BALL = Ball(centre=(0.0, 0.0, 0.0), radius=0.5, influence=0.6)
 POINTS: tuple[tuple[str, tuple[float, float, float], tuple[float, float, float]], ...] = (
     ("e1", (-1.05, 0.0, 0.95), (0.30, 0.0, 0.12)),

@@ -9,8 +9,6 @@ from retarget.model.human import Human, PostureReader, build_human
 from retarget.model.human_dimensions import POINTS, proportional_dimensions
 from retarget.types import FloatArray
 
-__all__ = ["made_jog", "made_jump"]
-
 RATE_HZ, STATURE = 120.0, 1.7
 STRIDES_PER_S, JOG_SPEED = 1.4, 2.4
 """Strides (two steps) per second; m/s."""

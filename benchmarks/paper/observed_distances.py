@@ -12,8 +12,6 @@ from retarget.report.clearance import Side, shape_rows
 from retarget.schema.scene import Scene
 from retarget.types import FloatArray
 
-__all__ = ["ObservedDistances", "observed_distances"]
-
 
 @dataclass(frozen=True, eq=False)
 class ObservedDistances:

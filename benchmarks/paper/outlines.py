@@ -14,8 +14,6 @@ from retarget.rotations import rotate
 from retarget.schema.scene import Scene
 from retarget.types import FloatArray
 
-__all__ = ["OBSTACLE", "Outline", "draw_outline", "scene_outlines"]
-
 OBSTACLE, ZONE_SHARE = "#009e73", 0.13
 """Colour of obstacles, and how much of it their zones have."""
 BEHIND = -5.0

@@ -20,8 +20,6 @@ from retarget.schema.priorities import ObserverSettings
 from retarget.schema.scene import Scene
 from retarget.types import FloatArray
 
-__all__ = ["FOREARM", "HEAD", "HINDERED", "clear_cylinder", "cycles_on_hold", "hindering_sphere"]
-
 HINDERED = 0.05
 """m: how deep the body would be inside the obstacle."""
 CYCLES = 2

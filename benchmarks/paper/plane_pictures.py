@@ -12,8 +12,6 @@ from benchmarks.paper.solver_rig import Ball
 from retarget.report.plot_style import ASKED, REACHED, WARNING, new_figure
 from retarget.types import FloatArray
 
-__all__ = ["figure_4", "figure_5", "figure_6"]
-
 NEAR = "#e69f00"
 """Colour of links within influence that do not act."""
 PANELS = 6

@@ -18,8 +18,6 @@ from retarget.schema.priorities import Priorities
 from retarget.schema.scene import Scene
 from retarget.types import FloatArray, ModeArray
 
-__all__ = ["PERFORMER", "Replay", "human_of", "replay"]
-
 PERFORMER = "five"
 """Head, wrists and ankles, as in the paper."""
 

@@ -20,8 +20,6 @@ from retarget.model.human_dimensions import POINTS
 from retarget.report.plot_style import save_figure
 from retarget.schema.priorities import load_priorities
 
-__all__ = ["NAMES", "Motions", "Results", "run_experiments"]
-
 NAMES = ("crouching", "jog", "jump", "figure4", "figure5", "figure6")
 """What `--only` takes: experiments 1 to 3 together, and one by one the figures of the paper's other sections."""
 

@@ -9,8 +9,6 @@ from retarget import _solver
 from retarget.model.body import BodyModel, load_body_text
 from retarget.types import FloatArray
 
-__all__ = ["Ball", "chain_points", "make_solver", "planar_chain", "sliding_point", "watching"]
-
 LINK = 0.1
 """Length of a link of a chain, m."""
 

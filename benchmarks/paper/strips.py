@@ -15,8 +15,6 @@ from retarget.report.pose_pictures import AZIMUTH, ELEVATION, HEAD, Bone, Skelet
 from retarget.schema.scene import Scene
 from retarget.types import FloatArray
 
-__all__ = ["Row", "View", "body_row", "draw_strips"]
-
 WIDTH, MOST_PER_HEIGHT, TITLE = 13.0, 2.0, 0.4
 """Inches: of the picture, of a body's height at most, of the title."""
 GAP, ROOM, LABEL = 0.06, 0.10, 0.14

@@ -9,8 +9,6 @@ from rich.table import Table
 
 from benchmarks.paper.crouching import Collisions, Outcome
 
-__all__ = ["as_data", "as_table"]
-
 
 def as_data(outcome: Outcome) -> dict[str, Any]:
     """Numbers of one experiment with one configuration; what does not exist is None."""

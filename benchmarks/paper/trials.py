@@ -6,8 +6,6 @@ from retarget.errors import UsageError
 from retarget.frames import SensorFrames
 from retarget.sources.open import open_source
 
-__all__ = ["CROUCH", "JOG", "JUMP", "find_trial", "read_trial"]
-
 CROUCH, JOG, JUMP = "02_06", "02_03", "02_04"
 """Reach and crouch cycles (2,235 frames), a jog, a vertical jump."""
 SUFFIXES = (".amc", ".bvh", ".c3d")

@@ -10,8 +10,6 @@ from typer.main import get_command
 from retarget.cli import COMMANDS
 from retarget.cli.application import EPILOG, application
 
-__all__ = ["command_page", "commands"]
-
 
 def commands() -> Iterator[tuple[str, Any]]:
     """Every command and every command of a group: its words, and the command."""

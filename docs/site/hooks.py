@@ -15,8 +15,6 @@ from retarget.schema.priorities import Priorities
 from retarget.schema.profile import RobotProfile
 from retarget.schema.scene import Scene
 
-__all__ = ["led_inside", "made_pages", "on_config", "on_files", "on_page_markdown", "parted_lists", "plain_pipes"]
-
 ROOT = Path(__file__).resolve().parents[2]
 MODELS: dict[str, tuple[str, str, type[BaseModel]]] = {
     "reference/robot.md": ("Keys of a robot profile", "`configs/robots/NAME/robot.yaml`", RobotProfile),

@@ -17,8 +17,6 @@ from pydantic_core import PydanticUndefined
 
 from type_words import models_in, words
 
-__all__ = ["Key", "keys_of_model", "models_below", "section"]
-
 
 @dataclass(frozen=True)
 class Key:

@@ -5,9 +5,6 @@ from dataclasses import dataclass
 
 import retarget
 
-__all__ = ["PAGES", "Page", "python_page"]
-
-
 HOMES: dict[str, str] = retarget._HOMES
 OPTIONS = "{show_root_heading: false, show_root_toc_entry: false, heading_level: 3}"
 

@@ -13,8 +13,6 @@ from retarget.schema import priorities, profile_parts
 from retarget.schema.priorities import RowWeights
 from retarget.schema.strict_models import Interval, Name, Quaternion, Text
 
-__all__ = ["models_in", "words"]
-
 KNOWN: tuple[tuple[Any, str], ...] = (
     (Name, "name"),
     (Text, "text"),

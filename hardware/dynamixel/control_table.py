@@ -9,25 +9,6 @@ from pathlib import Path
 from hardware.errors import HardwareError, describe
 from hardware.servo import find_model
 
-__all__ = [
-    "LAST_FIRMWARE",
-    "ControlTable",
-    "LayerRow",
-    "ModelRow",
-    "Register",
-    "baud_of",
-    "code_of",
-    "find_table",
-    "firmware_starts",
-    "layer_rows",
-    "model_rows",
-    "registers_of",
-    "rows_of",
-    "table_of_number",
-    "tables",
-]
-
-
 # One register of a control table: where it lies, what its bytes mean, what may be written.
 
 

@@ -17,23 +17,6 @@ from hardware.dynamixel.packets import MAX_ID, Error1, Error2, Instruction, Stat
 from hardware.dynamixel.serial_port import BytePort
 from hardware.errors import BusError, describe
 
-__all__ = [
-    "SLACK",
-    "NoAnswer",
-    "OneOff",
-    "PatchedProtocol2",
-    "ResetScope",
-    "SdkPort",
-    "ServoError",
-    "packet_handler",
-    "refusal",
-    "refused",
-    "state",
-    "unanswered",
-    "words",
-]
-
-
 # The port that dynamixel-sdk's packet handlers need, over a `BytePort`; and its handlers, with stuffing fixed.  The
 # SDK's own port polls, waits 34 ms and more for an answer that does not come, and stays "in use" for ever after an
 # exception.

@@ -17,9 +17,6 @@ from retarget.errors import RENAMED, UsageError
 from retarget.run.control_socket import USUAL
 from retarget.viewer.server import PORT
 
-__all__ = ["Overwrite", "TypedLines", "application", "ask", "progress_bar", "refuse_renamed", "with_values"]
-
-
 EPILOG = (
     "Exit codes: 0 done, 1 stopped by the guard or by Ctrl-C while something moved, or a file not written afterwards, "
     "2 refused before anything moved, 3 a defect of ours, 130 Ctrl-C before anything moved. "

@@ -20,14 +20,12 @@ from retarget.run.prepare import Prepared
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult, Truth
 from retarget.schema.scene import load_scene
-from retarget.types import FloatArray
+from retarget.types import FloatArray, Notify
 
 if TYPE_CHECKING:
     from sim.physics.bus import PhysicsBus
     from sim.physics.mount import Mount
     from sim.physics.witness import WitnessedBus
-
-__all__ = ["AFTER_FALL_S", "PhysicsBench", "make_bus", "standing_ticks"]
 
 
 def make_bus(name: str, robot: RobotBody, clock: Clock, *, faults: Path | None = None) -> ServoBus:
@@ -90,8 +88,6 @@ LIVE_PUSH_S = 30.0
 """Within this time of a live performance a push comes, s; of a recording, within its length."""
 CHEST = "chest"
 """The frame that is pushed, where the profile has it; else the centre of mass of the root link."""
-
-Notify = Callable[[str], object]
 
 
 class PhysicsBench:

@@ -22,26 +22,7 @@ from retarget.errors import RENAMED, UsageError
 from retarget.live.engagement import Engaged
 from retarget.live.performer import LivePerformer
 from retarget.run.control_socket import ControlSocket
-
-__all__ = [
-    "HELP",
-    "LET_GO_S",
-    "LONGEST_S",
-    "NEEDED",
-    "Clutch",
-    "DeadMan",
-    "HeldKey",
-    "Keys",
-    "LiveControls",
-    "LiveStatus",
-    "Oversight",
-    "Pedal",
-    "live_state",
-    "open_dead_man",
-    "refuse_oversight",
-    "words_for",
-]
-
+from retarget.types import Notify
 
 # A held key of the terminal, detected by its repeats: a terminal reports no release.
 
@@ -176,7 +157,7 @@ class Clutch:
         performer: LivePerformer,
         *,
         clock: Clock,
-        notify: Callable[[str], object],
+        notify: Notify,
         guard: Guard | None = None,
         dead_man: DeadMan | None = None,
     ) -> None:
@@ -384,7 +365,7 @@ class LiveControls:
         performer: LivePerformer,
         clutch: Clutch,
         *,
-        notify: Callable[[str], object],
+        notify: Notify,
         clock: Clock | None = None,
         guard: Guard | None = None,
         stop_file: Path | None = None,

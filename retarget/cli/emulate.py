@@ -26,8 +26,6 @@ from sim.emulator.robot_lines import Conduct, robot_lines
 from sim.emulator.servo2_registers import FedBy
 from sim.emulator.servo_body import BOOT_TIME
 
-__all__ = ["emulate"]
-
 RANDOM_SPAN = 60.0
 """Time in s over which faults of a bare seed are spread."""
 

@@ -15,28 +15,6 @@ from typing import Any, TextIO, cast
 from hardware.clock import Clock, MonotonicClock
 from hardware.errors import RetargetError, TorqueError
 
-__all__ = [
-    "AFTER_S",
-    "DEFECT",
-    "DONE",
-    "INTERRUPTED",
-    "PAUSE_S",
-    "REASONS",
-    "REFUSED",
-    "STOPPED",
-    "SUSPENDED",
-    "Detached",
-    "ForcedStopKey",
-    "Screen",
-    "StopRequest",
-    "all_as_ctrl_c",
-    "careful_stdout",
-    "detached_screens",
-    "exit_code_of",
-    "stop_on_signals",
-]
-
-
 # A stdout that never costs a run its files: a reader that left and a full device are noted, not raised.
 
 

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from retarget.report.outputs import Outputs
     from retarget.run.run_result import RunResult
 
-__all__ = ["replay"]
 
 SPEEDS = (0.05, 1.0)
 """Shares of the recorded speed at which goals are sent."""

@@ -56,9 +56,6 @@ from retarget.schema.performer import Performer
 from retarget.schema.priorities import Steps
 from retarget.sources.raw_record import RawWriter
 
-__all__ = ["finished", "follow_clip", "in_time", "refuse_for_file", "run", "sides_are_checked"]
-
-
 # Real-time ticks for a run without a robot, whose side else waits for each tick.
 
 

@@ -8,8 +8,6 @@ from retarget.cli.exit import DONE, STOPPED
 from retarget.errors import UsageError
 from retarget.run.control_socket import MAX_LINE, connect_to, socket_path
 
-__all__ = ["stop"]
-
 PATIENCE_S = 2.0
 
 

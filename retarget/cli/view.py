@@ -16,15 +16,12 @@ from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared
 from retarget.run.record import Record
 from retarget.run.run_result import Extras, Truth
-from retarget.types import FloatArray
+from retarget.types import FloatArray, Notify
 from retarget.viewer.feed import PageSetup, ViewFeed, open_feed
 from retarget.viewer.page import RecordedPage
 from retarget.viewer.recorded import open_viewed
 from retarget.viewer.server import PORT, close_server, open_server
 from retarget.viewer.snapshot import PHASE_WORDS, drawn
-
-__all__ = ["ON_THE_PAGE", "Viewing", "view", "viewing"]
-
 
 SHOWN_HZ = 30.0
 
@@ -64,7 +61,7 @@ ON_THE_PAGE = "stopped on the web page"
 class Viewing:
     """The page of a run; without one it changes nothing."""
 
-    def __init__(self, feed: ViewFeed | None, notify: Callable[[str], object] = lambda text: None) -> None:
+    def __init__(self, feed: ViewFeed | None, notify: Notify = lambda text: None) -> None:
         self._feed, self._notify = feed, notify
         self.over = False
         """Whether the run has ended."""
@@ -111,7 +108,7 @@ def viewing(
     words: Callable[[], str] | None = None,
     *,
     truth: Callable[[], Truth | None] = lambda: None,
-    notify: Callable[[str], object],
+    notify: Notify,
 ) -> Iterator[Viewing]:
     """Open the page of a run on a port of this machine; None: there is none. words: the present state, where the phase
     of its tick does not say enough. truth: the state of a simulated body. notify: receives the address. Raises

@@ -24,8 +24,6 @@ from retarget.model.human_dimensions import (
 )
 from retarget.types import FloatArray
 
-__all__ = ["calibrate", "dimensions_from_rest_pose", "dimensions_from_skeleton", "rest_orientations"]
-
 _LIMB = {"elbow", "wrist", "hand", "knee", "ankle"}
 """Points that hang straight below their parent in the rest frame."""
 

@@ -10,8 +10,6 @@ from math import exp, hypot
 
 from retarget.schema.priorities import HeadingSettings
 
-__all__ = ["Heading"]
-
 _NO_HINT_M = 0.01
 """A sum shorter than this gives no direction: the last heading stays."""
 

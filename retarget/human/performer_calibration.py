@@ -22,8 +22,6 @@ from retarget.schema.strict_models import Integer, Name, Positive, Schema, Text,
 from retarget.schema.strict_yaml import Document, KeyPath, read_text, scan
 from retarget.types import FloatArray
 
-__all__ = ["LAYOUT", "Person", "check_person_place", "person_of", "person_path", "read_person", "write_person"]
-
 OPTION = "--person"
 LAYOUT = 1
 """Layout of the file. Another one is refused, as the meaning of its numbers is not known."""

@@ -15,9 +15,6 @@ from retarget.model.human_dimensions import FRACTIONS, POINTS, HumanDimensions
 from retarget.schema.priorities import CentreOfMassTask
 from retarget.types import FloatArray
 
-__all__ = ["Balance", "Crouch", "VirtualFeet"]
-
-
 Ground = tuple[float, float]
 
 SPEED_SETTLE_S = 0.2

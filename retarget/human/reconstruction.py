@@ -25,9 +25,6 @@ from retarget.schema.performer import Performer
 from retarget.schema.priorities import CentreOfMassTask, PostureTask, Priorities
 from retarget.types import BoolArray, Carrying, FloatArray, HumanPosture
 
-__all__ = ["Reconstructor", "SensorLayout"]
-
-
 # Sensor layout: the performer's sensors, read out of a source's samples.
 
 

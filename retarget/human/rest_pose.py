@@ -25,23 +25,6 @@ from retarget.model.human_dimensions import (
 )
 from retarget.types import FloatArray
 
-__all__ = [
-    "COUNT",
-    "PROPORTIONS",
-    "ROOT",
-    "STATURE",
-    "RestFit",
-    "body_points",
-    "dimensions_from_rest_pose",
-    "find_rest_frames",
-    "fit_rest_pose",
-    "offsets",
-    "prior",
-    "rest_pose_name",
-    "standing_stature",
-]
-
-
 # A person at rest as a few numbers: where they stand, how they are built, and which way their limbs point.
 #
 # The body is upright; each arm and leg is two segments with a direction each. Proportions are logarithms about the

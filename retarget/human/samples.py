@@ -13,8 +13,6 @@ from retarget.model.human_dimensions import HumanDimensions
 from retarget.schema.performer import Performer
 from retarget.types import FloatArray
 
-__all__ = ["LOOP_LIMIT_S", "MAX_TICKS", "Clip", "Parts", "Performance", "Playback", "Samples", "lay_on_ticks"]
-
 
 class Samples(Protocol):
     """Sensors for every tick of a run."""

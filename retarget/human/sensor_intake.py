@@ -15,9 +15,6 @@ from retarget import rotations
 from retarget.model.human_dimensions import POINTS, HumanDimensions
 from retarget.types import BoolArray, FloatArray
 
-__all__ = ["IntakeTimes", "Reach", "SensorIntake"]
-
-
 FASTEST_M_S = 15.0
 """No sensor on a person moves faster: the fist of a boxer reaches about 10 m/s."""
 

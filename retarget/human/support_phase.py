@@ -11,9 +11,6 @@ from math import exp, sqrt
 
 from retarget.types import Carrying
 
-__all__ = ["CarryingFeet"]
-
-
 LIFTED_M, TOUCHDOWN_M = 0.06, 0.04
 """An ankle higher than the first above the other foot's has left the floor; it is back below the second. Shoes and
 noise are less."""

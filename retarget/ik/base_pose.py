@@ -10,8 +10,6 @@ from retarget.model.robot import RobotBody
 from retarget.rotations import Quat, Vector, inverse, minus, plus, product, rotated
 from retarget.types import FloatArray
 
-__all__ = ["SupportFootBase", "plant_root", "plant_roots"]
-
 
 def plant_root(robot: RobotBody, before: FloatArray, q: FloatArray) -> None:
     """Move the root of a posture q (nq,) so that the lower sole is where it was in `before` (nq,).

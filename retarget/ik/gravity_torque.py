@@ -18,9 +18,6 @@ from retarget.model.body import Frame
 from retarget.model.robot import RobotBody
 from retarget.types import FloatArray
 
-__all__ = ["GravityTorque", "joint_compliance"]
-
-
 CARRIES_BELOW_M = 0.002
 """A sole that is higher than this carries nothing. Up to there its share falls evenly, so that no torque jumps."""
 UPWARD = np.array([0.0, 0.0, 9.81])

@@ -21,9 +21,6 @@ from retarget.model.scene_state import ObstaclePoses, SceneState
 from retarget.schema.priorities import PreventiveTask, Priorities
 from retarget.types import BoolArray, FloatArray, IntArray
 
-__all__ = ["Hierarchy", "SceneObstacles", "body_frames"]
-
-
 RANKS = 4
 """Levels of observers that act by rank: the closest of each obstacle, the next, the one after it, and all others."""
 

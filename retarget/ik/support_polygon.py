@@ -15,19 +15,6 @@ from retarget.model.body import Frame
 from retarget.model.robot import RobotBody
 from retarget.types import FloatArray
 
-__all__ = [
-    "Sole",
-    "Stance",
-    "check_stand",
-    "convex_hull",
-    "half_spaces",
-    "plant",
-    "sole_outline",
-    "support_distance",
-    "support_edges",
-]
-
-
 SHORTEST_EDGE = 1e-6
 """Corners closer than this, m, are one."""
 

@@ -25,8 +25,6 @@ from retarget.schema.priorities import (
 )
 from retarget.types import FloatArray
 
-__all__ = ["CARRIES", "STRENGTH_EDGES", "SUPPORT_EDGES", "Slot", "SlotKind", "compile_task", "preventive"]
-
 SUPPORT_EDGES = 32
 """Most half-spaces of a support task: two for each edge of the convex hull of two feet of eight corners each."""
 

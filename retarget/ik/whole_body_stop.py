@@ -16,8 +16,6 @@ from retarget.ik.support_polygon import Stance, half_spaces
 from retarget.model.body import BodyModel, JointLimits
 from retarget.types import BoolArray, FloatArray
 
-__all__ = ["Stopping"]
-
 SOLE_M = 0.001
 """How far (m) a corner of a sole may be from its place on the way to a stop."""
 BALANCE_M = 0.003

@@ -13,20 +13,6 @@ from typing import Literal, TypeVar
 
 from retarget.errors import UsageError, suggest
 
-__all__ = [
-    "ANY_ADDRESS",
-    "KINDS",
-    "NATNET_COMMAND_PORT",
-    "RECORDED",
-    "StreamAddress",
-    "StreamKind",
-    "for_others",
-    "interface_towards",
-    "local_interfaces",
-    "parse_address",
-]
-
-
 # The network interfaces of this machine, and which of them leads to a computer.
 
 SIOCGIFADDR = 0x8915

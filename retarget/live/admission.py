@@ -14,28 +14,6 @@ from typing import Literal, NamedTuple, Protocol
 from retarget.live.address import ANY_ADDRESS, StreamAddress
 from retarget.sources.stream_frame import MAX_DATAGRAM, Dropped, StreamDecoder
 
-__all__ = [
-    "BURST",
-    "MOST_BYTES_PER_POLL",
-    "MOST_PER_POLL",
-    "NOT_ALLOWED",
-    "RATE",
-    "RELEASE_AFTER_S",
-    "SECOND_SOURCE",
-    "TOO_LONG",
-    "TOO_MANY",
-    "WORK_PER_POLL",
-    "Admission",
-    "Datagram",
-    "Receiver",
-    "Source",
-    "TokenBucket",
-    "WorkBudget",
-    "admission_for",
-    "work_of",
-]
-
-
 # One datagram of a live stream, and the protocol of its receivers: sockets and recordings alike.
 
 MOST_PER_POLL = 128

@@ -3,7 +3,6 @@ the performer that the run follows.
 """
 
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,20 +27,7 @@ from retarget.live.stream import LiveStream
 from retarget.live.stream_report import StreamProblems, refuse_version, unusable
 from retarget.model.human_dimensions import HumanDimensions, mirrored_dimensions
 from retarget.model.robot import RobotBody
-from retarget.types import FloatArray
-
-__all__ = [
-    "BACK_M",
-    "FRONT_M",
-    "LONGEST_COUNTDOWN_S",
-    "RISE_M",
-    "LiveOptions",
-    "SideCheck",
-    "begin_live",
-    "live_rate_hz",
-    "measure",
-]
-
+from retarget.types import FloatArray, Notify
 
 LONGEST_COUNTDOWN_S = 600.0
 
@@ -98,7 +84,7 @@ def measure(
     *,
     clock: Clock,
     where: str,
-    notify: Callable[[str], object],
+    notify: Notify,
 ) -> Calibrated:
     """Measure floor, heading and size. The size is `known`, else that of the stream's skeleton, else of the rest pose.
 
@@ -132,9 +118,7 @@ def _poll_for(stream: LiveStream, clock: Clock, seconds: float, *, measured: boo
         stream.read(clock.now())
 
 
-def _skeleton_size(
-    stream: LiveStream, options: LiveOptions, *, where: str, notify: Callable[[str], object]
-) -> HumanDimensions | None:
+def _skeleton_size(stream: LiveStream, options: LiveOptions, *, where: str, notify: Notify) -> HumanDimensions | None:
     """The size by the skeleton that the sender has sent; None where there is none, or none of a human's size."""
     skeleton = skeleton_of(stream.decoder, stream.roles.names)
     if skeleton is None:
@@ -154,7 +138,7 @@ def _captured(
     *,
     clock: Clock,
     where: str,
-    notify: Callable[[str], object],
+    notify: Notify,
 ) -> Calibrated:
     """The calibration from the first interval of standing still.
 
@@ -293,9 +277,7 @@ def _direction(forward: float) -> str:
     return "" if forward > FRONT_M else " aside"
 
 
-def check_sides(
-    stream: LiveStream, rest: Calibrated, *, clock: Clock, where: str, notify: Callable[[str], object]
-) -> None:
+def check_sides(stream: LiveStream, rest: Calibrated, *, clock: Clock, where: str, notify: Notify) -> None:
     """Ask for the left arm to the front, and wait until it comes. Ask once more if it goes to the side.
 
     rest: where the wrists were when the performer was measured. Raises InputError with what moved instead, and the next
@@ -387,7 +369,7 @@ def begin_live(
     clock: Clock,
     rate_hz: float,
     where: str,
-    notify: Callable[[str], object],
+    notify: Notify,
 ) -> Performance:
     """Wait for the stream, calibrate, and return the performance.
 
@@ -431,7 +413,7 @@ def begin_live(
     return Performance(performer, mirrored_dimensions(size) if options.mirror else size, notes, INTAKE)
 
 
-def _keep(name: str, calibrated: Calibrated, convention: str, notify: Callable[[str], object]) -> None:
+def _keep(name: str, calibrated: Calibrated, convention: str, notify: Notify) -> None:
     """Write the person's file."""
     rows = [row for row, sensor in enumerate(calibrated.sensors) if sensor not in calibrated.missing]
     person = person_of(

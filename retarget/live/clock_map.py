@@ -12,9 +12,6 @@ from math import frexp, inf, isfinite, ldexp
 
 from retarget.sources.stream_frame import Dropped
 
-__all__ = ["ClockMap", "JumpKind", "OddRun", "SlidingMinimum"]
-
-
 # Jumps of a sender's clock: their direction, and how many datagrams must agree before one is accepted.
 
 ALIKE_S = 0.020

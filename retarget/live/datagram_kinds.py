@@ -14,9 +14,6 @@ from retarget.sources.natnet_wire import MessageId, split
 from retarget.sources.osc import OscPacket, read_osc
 from retarget.sources.stream_frame import CONVENTIONS
 
-__all__ = ["DAMAGED", "Recognised", "advice_for", "recognise"]
-
-
 LONGEST_NAME = 60
 """Characters of a text of the sender that are shown."""
 DAMAGED = "damaged "

@@ -11,17 +11,6 @@ from retarget.frames import SensorSample
 from retarget.live.sensor_validity import StateArray, ValidityState
 from retarget.types import BoolArray, FloatArray
 
-__all__ = [
-    "Debounce",
-    "Engaged",
-    "Engagement",
-    "EngagementTimes",
-    "ReacquisitionBlend",
-    "ReacquisitionTimes",
-    "ReacquisitionTurn",
-]
-
-
 # Whether something has been good for long enough to be used again.
 
 

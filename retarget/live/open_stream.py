@@ -24,9 +24,6 @@ from retarget.sources.stream_frame import StreamDecoder
 from retarget.sources.vmc import VmcBodyDecoder, VmcDecoder
 from retarget.sources.vrchat import VrchatDecoder
 
-__all__ = ["StreamKind", "open_receiver", "open_stream", "stream_kinds", "stream_of"]
-
-
 # The receiver of an address: a UDP socket, the sockets of NatNet, a TCP port for MVN, or a recording.
 
 

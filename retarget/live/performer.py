@@ -1,6 +1,6 @@
 """A live performer as a run follows it: valid sensors in our world, with holds and reacquisition blends."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -24,10 +24,7 @@ from retarget.live.stream_report import (
     hold_reason_of,
     live_report,
 )
-from retarget.types import BoolArray, FloatArray
-
-__all__ = ["INTAKE", "LivePerformer", "base_sensors", "live_sample", "missing_sensors", "needed", "refuse_unmeasurable"]
-
+from retarget.types import BoolArray, FloatArray, Notify
 
 # The sensors without which a performer cannot be measured, and those without which the robot holds.
 
@@ -124,7 +121,7 @@ class LivePerformer:
         kept: int,
         mirror: bool = False,
         optional: tuple[str, ...] = (),
-        notify: Callable[[str], object] = lambda text: None,
+        notify: Notify = lambda text: None,
     ) -> None:
         self.stream, self.alignment, self.mirror = stream, alignment, mirror
         self.engagement = Engagement(first)

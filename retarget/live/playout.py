@@ -12,9 +12,6 @@ from retarget.live.clock_map import SlidingMinimum
 from retarget.sources.stream_frame import Dropped
 from retarget.types import BoolArray, FloatArray, IntArray
 
-__all__ = ["DELAY_CAP_S", "How", "Played", "Playout", "PlayoutDelay"]
-
-
 # The playout delay: how far behind the present a stream is played, so that late frames still arrive in time.
 
 DELAY_CAP_S = 0.040

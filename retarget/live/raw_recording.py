@@ -1,7 +1,7 @@
 """Raw recordings of a stream: every admitted datagram written to a file, and played back in place of a socket."""
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from itertools import islice
 from typing import Self
 
@@ -12,9 +12,7 @@ from retarget.live.datagram_kinds import recognise
 from retarget.sources import raw_record
 from retarget.sources.raw_record import RawReader, RawWriter
 from retarget.sources.stream_frame import Dropped
-
-__all__ = ["FLUSH_S", "RawTap", "ReplayReceiver", "open_replay", "recorded_kind"]
-
+from retarget.types import Notify
 
 UNKNOWN_SOURCE = "127.0.0.1"
 """The sender's address where a recording holds none."""
@@ -157,7 +155,7 @@ class RawTap:
     number of bytes).
     """
 
-    def __init__(self, writer: RawWriter, *, notify: Callable[[str], object] = lambda text: None) -> None:
+    def __init__(self, writer: RawWriter, *, notify: Notify = lambda text: None) -> None:
         """Start the thread. The tap owns the writer from here on. notify: receives what is missing, when it closes."""
         self._writer, self._notify = writer, notify
         self._hung = ""

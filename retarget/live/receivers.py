@@ -17,17 +17,6 @@ from retarget.sources.natnet_session import NatnetSession, SessionSettings
 from retarget.sources.natnet_wire import Version
 from retarget.sources.stream_frame import Dropped
 
-__all__ = [
-    "NOT_THE_SENDER",
-    "REACQUISITION_S",
-    "SECOND_CONNECTION",
-    "SILENT_S",
-    "NatnetReceiver",
-    "TcpReceiver",
-    "session_for",
-]
-
-
 REACQUISITION_S = 5.0
 """Time between two attempts to join the multicast group that the server reports."""
 NOT_THE_SERVER = "sender is not the server"

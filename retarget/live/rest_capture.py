@@ -18,19 +18,6 @@ from retarget.sources.natnet_decoder import NatnetDecoder
 from retarget.sources.stream_frame import StreamDecoder
 from retarget.types import BoolArray, FloatArray
 
-__all__ = [
-    "CAPTURE_S",
-    "KNOWN_CAPTURE_S",
-    "Alignment",
-    "Calibrated",
-    "RestCapture",
-    "align",
-    "facing_of",
-    "frozen_as_fresh",
-    "skeleton_of",
-]
-
-
 # The stream's world in ours: the floor at z = 0, the performer at the origin, facing x when calibrated.
 
 PAIRS = ("ankle", "wrist", "hip", "shoulder", "knee", "elbow")

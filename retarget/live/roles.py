@@ -20,22 +20,6 @@ from retarget.sources.mvn import MVN_SENSORS
 from retarget.sources.stream_frame import StreamFrame
 from retarget.types import BoolArray, FloatArray
 
-__all__ = [
-    "CONVENTIONS",
-    "NO_WRISTS",
-    "ROLE_SETS",
-    "Place",
-    "Role",
-    "RoleSet",
-    "Roles",
-    "SensorPoses",
-    "canonical_orientation",
-    "joint_position",
-    "role_set",
-    "roles_of",
-]
-
-
 # The poses of VMC and VRChat trackers as data: their joint, their segment, their rest pose.
 #
 # Canonical orientations are the identity in the T-pose, standing upright, facing x. A sender whose rest pose has

@@ -16,27 +16,6 @@ from retarget.frames import mirrored_name
 from retarget.sources.stream_frame import NORM_TOLERANCE, Dropped
 from retarget.types import BoolArray, FloatArray, IntArray
 
-__all__ = [
-    "MAX_CHANGES",
-    "NOT_A_ROTATION",
-    "NOT_FINITE",
-    "OUT_OF_RANGE",
-    "REASONS",
-    "UNTRACKED",
-    "JumpDetection",
-    "SensorValidity",
-    "StateArray",
-    "ValidityChange",
-    "ValidityLimits",
-    "ValidityState",
-    "net_changes",
-    "sentences",
-    "sides_swapped",
-    "taken_over",
-    "watched_sensors",
-]
-
-
 # Limits of validity.
 
 

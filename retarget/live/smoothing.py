@@ -10,19 +10,6 @@ from retarget.errors import UsageError, suggest
 from retarget.rotations import IDENTITY
 from retarget.types import BoolArray, FloatArray
 
-__all__ = [
-    "LIGHT",
-    "SMOOTHINGS",
-    "WINDOW",
-    "FixedLag",
-    "OneEuroSettings",
-    "PoseFilter",
-    "Smoothed",
-    "WindowFilter",
-    "pose_filter",
-]
-
-
 # Settings of the One-Euro filter (Casiez, Roussel and Vogel, CHI 2012).
 
 

@@ -16,9 +16,6 @@ from retarget.live.smoothing import PoseFilter, WindowFilter
 from retarget.sources.stream_frame import StreamDecoder, StreamFrame
 from retarget.types import BoolArray, FloatArray
 
-__all__ = ["RECENT_S", "CatchingUp", "LiveStream", "StreamReading"]
-
-
 _GONE = np.array([state not in (ValidityState.FRESH, ValidityState.FROZEN) for state in ValidityState])
 
 

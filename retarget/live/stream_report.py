@@ -2,7 +2,6 @@
 
 import shlex
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass
 from ipaddress import IPv4Address
 
@@ -19,21 +18,7 @@ from retarget.live.stream import LiveStream
 from retarget.live.udp import UdpReceiver
 from retarget.sources.mvn import MvnDecoder
 from retarget.sources.natnet_session import NEWEST, OLDEST, natnet_problems
-from retarget.types import BoolArray
-
-__all__ = [
-    "HoldEvidence",
-    "Holds",
-    "LiveReport",
-    "StreamNews",
-    "StreamProblems",
-    "Tally",
-    "hold_reason_of",
-    "live_report",
-    "refuse_version",
-    "unusable",
-]
-
+from retarget.types import BoolArray, Notify
 
 NOTED_S = 0.05
 """After this long without a frame, counts are noted: what arrives from then on arrives instead of frames."""
@@ -256,7 +241,7 @@ flood."""
 class StreamNews:
     """Watches a stream in every tick. Its messages are few, and bounded however much other senders send."""
 
-    def __init__(self, stream: LiveStream, notify: Callable[[str], object]) -> None:
+    def __init__(self, stream: LiveStream, notify: Notify) -> None:
         """notify: receives one sentence for each event."""
         self._stream, self._notify = stream, notify
         self._reported = set[str]()

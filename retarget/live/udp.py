@@ -16,9 +16,6 @@ from retarget.live.address import EVERYWHERE, StreamAddress, interface_towards, 
 from retarget.live.admission import MOST_BYTES_PER_POLL, MOST_PER_POLL, Datagram, Source
 from retarget.sources.stream_frame import MAX_DATAGRAM, Dropped
 
-__all__ = ["RECEIVE_BUFFER", "UdpReceiver", "not_bound", "open_socket", "port_holder"]
-
-
 # The process that holds a port of this machine, as far as this user may see it (Linux).
 
 MOST_PROCESSES = 100_000

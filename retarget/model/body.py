@@ -20,18 +20,6 @@ from retarget.types import FloatArray, IntArray
 if TYPE_CHECKING:
     from retarget import _solver
 
-__all__ = [
-    "BodyModel",
-    "Frame",
-    "Geom",
-    "JointLimits",
-    "JointType",
-    "joint_weights",
-    "load_body",
-    "load_body_text",
-    "low_inertia_joints",
-]
-
 
 class JointType(IntEnum):
     """Kinds of joint, with MuJoCo's numbers."""
@@ -42,8 +30,6 @@ class JointType(IntEnum):
     HINGE = 3
 
 
-POSITION_SIZE = {JointType.FREE: 7, JointType.BALL: 4, JointType.SLIDE: 1, JointType.HINGE: 1}
-VELOCITY_SIZE = {JointType.FREE: 6, JointType.BALL: 3, JointType.SLIDE: 1, JointType.HINGE: 1}
 _VELOCITY_SUFFIXES = {
     JointType.FREE: ("_x", "_y", "_z", "_rx", "_ry", "_rz"),
     JointType.BALL: ("_rx", "_ry", "_rz"),

@@ -12,8 +12,6 @@ from xml.etree import ElementTree
 
 from retarget.errors import ConfigError, InputError
 
-__all__ = ["BodyFile", "Root", "body_spec", "check_numbers", "compile_body", "compile_body_text", "engine"]
-
 Root = Literal["free", "fixed", "suspended"]
 """How the body stands in the world: `free` floats, `fixed` is bolted down, `suspended` hangs bolted to a stand."""
 

@@ -27,9 +27,6 @@ from retarget.model.human_dimensions import (
 )
 from retarget.types import ORIENTED, BoolArray, FloatArray
 
-__all__ = ["POSTURES", "Human", "Posture", "PostureReader", "Reading", "build_human", "human_limits", "human_mjcf"]
-
-
 # The virtual human as MJCF text, written from one person's dimensions.
 #
 # Links are named for the joint at their near end, so that a link's origin is that joint's centre; hinges are

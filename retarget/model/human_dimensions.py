@@ -8,29 +8,6 @@ from retarget.errors import InputError, Problem
 from retarget.frames import mirrored_name
 from retarget.types import FloatArray
 
-__all__ = [
-    "ENDS",
-    "FRACTIONS",
-    "HUMAN_JOINTS",
-    "LAXITY_DEG",
-    "PARENTS",
-    "POINTS",
-    "SEGMENTS",
-    "TRUNK_LEVELS",
-    "Hinge",
-    "HumanDimensions",
-    "HumanJoint",
-    "Segment",
-    "TrunkLevels",
-    "check_plausible",
-    "default_mass",
-    "mirrored_dimensions",
-    "points_of",
-    "proportional_dimensions",
-    "stature_of",
-]
-
-
 # Joints of the virtual human as data: tree, hinge chains, anatomical limits, and which hinges the smaller model locks.
 #
 # Eighteen joints: a floating root and seventeen internal ones, each a chain of three hinges in anatomical order, so

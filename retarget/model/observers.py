@@ -17,19 +17,6 @@ from retarget.schema.priorities import ObserverSettings
 from retarget.schema.profile_parts import Observer
 from retarget.types import FloatArray, IntArray
 
-__all__ = [
-    "NO_SCENE",
-    "DroppedPair",
-    "Observers",
-    "PairRules",
-    "assemble",
-    "human_observers",
-    "placed",
-    "robot_observers",
-    "steps_between",
-]
-
-
 # Which observers are looked at together: not those of one link or of neighbours, not what the profile ignores, and
 # not what touches at rest (paper, "Handling self collisions").
 

@@ -20,8 +20,6 @@ from retarget.types import BoolArray, FloatArray
 if TYPE_CHECKING:
     from retarget import _solver
 
-__all__ = ["HEAD", "TRUNK", "RobotBody", "joints_between", "load_robot", "load_uncalibrated", "robot_of"]
-
 
 TRUNK, HEAD = "neck", "head"
 """Frames of a profile that carry the trunk's orientation and the eyes."""

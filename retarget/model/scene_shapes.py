@@ -12,8 +12,6 @@ from retarget.schema.scene import ObstacleShape, Pose, Scene, unit
 from retarget.schema.shapes import Line, SolidShape
 from retarget.types import FloatArray
 
-__all__ = ["SceneShapes", "ShapeKind", "canonical", "scene_shapes"]
-
 UP: Vector = (0.0, 0.0, 1.0)
 DOWN: Vector = (0.0, 0.0, -1.0)
 UP_TO_DOWN: Quat = (0.0, 1.0, 0.0, 0.0)

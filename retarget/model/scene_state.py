@@ -17,21 +17,6 @@ from retarget.schema.shapes import MAX_COORDINATE
 from retarget.schema.strict_models import listed
 from retarget.types import FloatArray
 
-__all__ = [
-    "LIVE_SPEED",
-    "LIVE_TURN",
-    "VELOCITY_HOLDS",
-    "Drift",
-    "LivePose",
-    "Motion",
-    "ObstaclePoses",
-    "Path",
-    "Rest",
-    "SceneState",
-    "motion_of",
-]
-
-
 # The live pose of one obstacle: updates from outside are checked, the last good one is kept with its age.
 
 LIVE_SPEED = 10.0

@@ -14,9 +14,6 @@ from retarget.model.body import JointType
 from retarget.recording.motion import Links, Motion, links_of
 from retarget.types import FloatArray
 
-__all__ = ["BvhSkeleton", "Node", "write_bvh", "write_skeleton"]
-
-
 # Which parts of a body become joints of a BVH skeleton, what they are called, and where their last bones end.
 #
 # Of a robot every link is one, at its origin and under its own name. The virtual human's joints have the names that

@@ -11,8 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["CdrBuilder", "CdrLayout", "Rows", "layout_from"]
-
 Rows = NDArray[Any]
 """A structured array: one row per message."""
 

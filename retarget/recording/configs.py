@@ -16,8 +16,6 @@ from retarget.schema.catalogue import Kind, calibration_path, find
 from retarget.schema.profile import RobotProfile, read_profile
 from retarget.schema.servo_calibration import read_calibration
 
-__all__ = ["PROFILE", "Configs", "as_now", "as_recorded", "recorded_scene"]
-
 PROFILE, CALIBRATION, PERFORMER, SCENE = "robot.yaml", "calibration.yaml", "performer.yaml", "scene.yaml"
 PRIORITIES_OF = "priorities_of_the_{}.yaml"
 ANOTHER = "Say which robot is meant: --robot NAME|FILE"

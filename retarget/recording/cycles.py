@@ -13,9 +13,6 @@ from numpy.typing import NDArray
 
 from retarget.types import BoolArray, FloatArray
 
-__all__ = ["READINGS", "Asked", "Boundary", "Cursor", "Cycles", "Done", "Shape"]
-
-
 READINGS = 8
 """Readings of the clock that are kept of a cycle: it takes five at most."""
 

@@ -16,9 +16,6 @@ from retarget.recording.motion import Motion, angular_velocity, links_of, rate_o
 from retarget.recording.tables import write_csv, write_parquet
 from retarget.schema.files import check_folder, check_path, check_place, write_stream
 
-__all__ = ["FORMATS", "Format", "export_motion", "export_place", "format_named", "trainer_arrays", "write_trainer_npz"]
-
-
 # NPZ for trainers of motion tracking: the keys that whole_body_tracking (BeyondMimic) and mjlab load, and GMR's.
 
 Arrays = dict[str, NDArray[Any]]

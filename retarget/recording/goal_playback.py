@@ -1,6 +1,6 @@
 """Goal playback: a recording's goals are sent once more, to any bus. No performer is followed, all else is as ever."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -22,14 +22,10 @@ from retarget.run.record import Phase
 from retarget.run.stages import FollowingStage, ReconstructingStage
 from retarget.run.trajectory import SpeedOverrideTrajectory, slower_in_line
 from retarget.schema.performer import Performer
-from retarget.types import BoolArray, FloatArray, RobotPosture
+from retarget.types import BoolArray, FloatArray, Notify, RobotPosture
 
 if TYPE_CHECKING:
     from retarget.types import HumanPosture
-
-__all__ = ["RecordedGoals", "StillHuman", "goal_playback"]
-
-Notify = Callable[[str], object]
 
 
 NEAR = 1e-5

@@ -17,9 +17,6 @@ from retarget.recording.motion import CONVENTIONS, Motion
 from retarget.recording.tables import Arrow, arrow
 from retarget.types import BoolArray, FloatArray
 
-__all__ = ["DEFAULT_TASK", "VERSION", "Statistics", "write_lerobot"]
-
-
 # A motion as the features of a LeRobot dataset: observations and actions, frame by frame.
 
 

@@ -25,22 +25,6 @@ from retarget.recording.session import ConfigFile, Session
 from retarget.recording.topics import EVENTS, SCHEMAS, Topic
 from retarget.schema.files import check_place, refuse_existing
 
-__all__ = [
-    "FLUSH_S",
-    "METADATA",
-    "MOST_EVENTS",
-    "Event",
-    "Events",
-    "Level",
-    "RecordingFile",
-    "Ring",
-    "WritingThread",
-    "check_target",
-    "log_message",
-    "require_mcap",
-]
-
-
 OPTION = "--record"
 METADATA = "retarget"
 """Name of the metadata that hold the session."""

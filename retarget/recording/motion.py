@@ -12,22 +12,6 @@ from retarget.rotations import conjugate, log, multiply, slerp
 from retarget.run.record import Phase
 from retarget.types import FloatArray, IntArray
 
-__all__ = [
-    "CONVENTIONS",
-    "MAX_FPS",
-    "PHASE_NAMES",
-    "Links",
-    "Motion",
-    "Tracks",
-    "angular_velocity",
-    "links_of",
-    "posture",
-    "quaternion_columns",
-    "rate_of_change",
-    "resampled",
-]
-
-
 PHASE_NAMES = tuple(phase.name.lower() for phase in Phase)
 UNEVEN = 0.01
 """Ticks may be early or late by this share of their period and still count as evenly spaced."""

@@ -18,9 +18,6 @@ from retarget.run.run_result import RunResult
 from retarget.schema.files import check_place, write_atomic, write_stream
 from retarget.types import FloatArray, IntArray
 
-__all__ = ["human_body_path", "read_arrays", "read_npz_human", "read_npz_run", "run_arrays", "save_path", "write_npz"]
-
-
 NO_SERVO = -1
 PHASES = np.array([phase.name.lower() for phase in Phase])
 Arrays = dict[str, NDArray[Any]]

@@ -21,8 +21,6 @@ from retarget.rotations import normalise
 from retarget.run.record import Phase
 from retarget.types import FloatArray, IntArray
 
-__all__ = ["READERS", "Reader", "read_mcap_human", "read_mcap_run", "read_run"]
-
 
 def read_mcap_run(path: Path, *, body: Path | None = None) -> Motion:
     """What a run sent; of `--robot human` what it reconstructed. body: MJCF or URDF of the robot, instead of the

@@ -26,9 +26,6 @@ from retarget.recording.session import FORMAT, Session
 from retarget.recording.topics import GOALS, HUMAN_POSTURE, SENSORS, SERVO_FIELDS, SERVOS, TICK, TICK_FIELDS
 from retarget.types import FloatArray
 
-__all__ = ["Played", "Recording", "TopicRows", "fields_required", "played", "postures_sent", "read_recording"]
-
-
 LARGEST = 256 * 2**20
 """Bytes of the largest record that is read."""
 MAGIC = b"\x89MCAP0\r\n"

@@ -21,14 +21,10 @@ from retarget.run.options import RunOptions
 from retarget.run.prepare import MakeBus, Prepared
 from retarget.run.run_result import truth_names
 from retarget.schema.files import refuse_existing, remove
-from retarget.types import FloatArray
-
-__all__ = ["Recorder"]
+from retarget.types import FloatArray, Notify
 
 SWITCH_S = 1e-3
 """So long a tick that is due may wait for the interpreter while the writing thread encodes; usually it is 5 ms."""
-
-Notify = Callable[[str], object]
 
 
 class Recorder:

@@ -1,7 +1,6 @@
 """Replay: the recorded sensors, servos and clock through the pipeline of now, and how its goals differ."""
 
 import platform
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,21 +25,7 @@ from retarget.run.prepare import Prepared, prepare_for
 from retarget.run.record import Record
 from retarget.run.run_result import RunResult
 from retarget.schema.performer import Performer
-from retarget.types import FloatArray
-
-__all__ = [
-    "Difference",
-    "Replayed",
-    "ReplayedBus",
-    "ReplayedClock",
-    "ReplayedSamples",
-    "goal_difference",
-    "posture_difference",
-    "refuse_other_robot",
-    "replay",
-    "what_computes",
-]
-
+from retarget.types import FloatArray, Notify
 
 # What stands in for clock, servos and performer while a recording is run again: each gives what it gave then.
 
@@ -305,9 +290,6 @@ def _time(played: Played, row: int) -> float:
     """When a recorded tick began, s after the first one."""
     clock = played.cycles.clock
     return float(clock[row, 0] - clock[0, 0])
-
-
-Notify = Callable[[str], object]
 
 
 @dataclass(frozen=True, eq=False)

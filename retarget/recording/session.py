@@ -17,8 +17,6 @@ from retarget.run.prepare import Prepared
 from retarget.schema.catalogue import Kind, calibration_path, find
 from retarget.schema.priorities import Steps
 
-__all__ = ["FORMAT", "ConfigFile", "Session", "config_files", "session_of"]
-
 FORMAT: Final = 2
 """Of recordings; another one is refused. Format 1 is that of version 0.1.0."""
 

@@ -13,9 +13,6 @@ from numpy.typing import NDArray
 from retarget.errors import InputError, UsageError
 from retarget.recording.motion import CONVENTIONS, Motion
 
-__all__ = ["Arrow", "arrow", "columns_of", "write_csv", "write_parquet"]
-
-
 # What CSV and Parquet have in common: the columns.
 
 

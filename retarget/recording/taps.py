@@ -17,9 +17,6 @@ from retarget.recording.mcap_writer import Event, Events, Level, Ring
 from retarget.run.record import Phase, Record
 from retarget.types import FloatArray
 
-__all__ = ["GUARD_STATES", "Note", "TappedBus", "TappedClock", "TappedSamples"]
-
-
 # What the taps write into: the cycle that runs, its events, and the guard's state.
 
 GUARD_STATES = {state: place for place, state in enumerate(GuardState)}

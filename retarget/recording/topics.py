@@ -12,22 +12,6 @@ from retarget.recording.cdr import CdrBuilder, CdrLayout, Rows
 from retarget.recording.cycles import READINGS, Cycles, Done, Shape
 from retarget.types import FloatArray
 
-__all__ = [
-    "EVENTS",
-    "GOALS",
-    "HUMAN_JOINTS",
-    "HUMAN_POSTURE",
-    "JOINTS",
-    "SCHEMAS",
-    "SENSORS",
-    "SERVOS",
-    "TICK",
-    "TRUTH",
-    "Topic",
-    "topics",
-]
-
-
 SENSORS, JOINTS, GOALS, SERVOS, TICK = "/sensors", "/joint_states", "/goals", "/servos", "/tick"
 LANDMARKS, HUMAN_JOINTS, HUMAN_POSTURE, FRAMES = "/landmarks", "/human/joints", "/human/posture", "/tf"
 EVENTS, TRUTH = "/events", "/truth"

@@ -19,9 +19,6 @@ from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
 from retarget.types import BoolArray, FloatArray, IntArray
 
-__all__ = ["UNKNOWN", "Animation", "Figure", "Wires", "animation_of", "packed", "wires_of"]
-
-
 # The obstacles of a scene as edges, so that the page shows what the body had to keep clear of.
 
 ROUND = 12

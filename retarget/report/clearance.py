@@ -32,24 +32,6 @@ from retarget.report.report import Clearances
 from retarget.run.run_result import RunResult
 from retarget.types import FloatArray, IntArray
 
-__all__ = [
-    "DEEP_M",
-    "NEIGHBOURS",
-    "TOUCH_M",
-    "Clearance",
-    "LeftOut",
-    "PlacedBody",
-    "RunClearances",
-    "Side",
-    "clearances",
-    "compared_pairs",
-    "place_body",
-    "scene_clearance",
-    "self_clearance",
-    "shape_rows",
-]
-
-
 # Which geoms of a body are compared with each other, and which pairs of links are not, and why.
 
 Pair = tuple[int, int]

@@ -19,21 +19,6 @@ from retarget.rotations import to_matrix
 from retarget.schema.shapes import MAX_COORDINATE
 from retarget.types import FloatArray, IntArray
 
-__all__ = [
-    "Closest",
-    "Distances",
-    "MovingGeoms",
-    "ObstacleTracks",
-    "SceneModel",
-    "closest_pairs",
-    "geom_distances",
-    "moving_geoms",
-    "obstacle_tracks",
-    "scene_model",
-    "travelled",
-]
-
-
 Distances = Callable[[IntArray, IntArray], FloatArray]
 """Signed distances (m,) of pairs (m,) in postures (m,), m; the postures come in rising order."""
 

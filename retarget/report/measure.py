@@ -35,20 +35,6 @@ from retarget.report.tracking import Performance, reachable_hands, top_level_err
 from retarget.run.run_result import RunResult
 from retarget.types import ORIENTED, FloatArray
 
-__all__ = [
-    "LATEST_S",
-    "UNSENSED",
-    "fault_count",
-    "latest_of",
-    "limits_broken",
-    "longest_period",
-    "measure",
-    "measure_latest",
-    "missed_ticks",
-    "tick_rate",
-]
-
-
 # What the bus's own clock and the guard recorded of a run.
 
 LATE = 1.5

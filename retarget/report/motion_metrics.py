@@ -11,32 +11,6 @@ from retarget.model.robot import RobotBody
 from retarget.run.run_result import RunResult
 from retarget.types import BoolArray, FloatArray
 
-__all__ = [
-    "FREE",
-    "HEAT_MODEL",
-    "OUTSIDE_M",
-    "PREVENTIVE",
-    "REACTIVE",
-    "TOLERANCE",
-    "LimitViolations",
-    "ModeSwitches",
-    "ObserverActivity",
-    "PhysicsReport",
-    "Sole",
-    "TorqueSpread",
-    "foot_slide",
-    "jerk_p95",
-    "limit_violations",
-    "nearest",
-    "observer_activity",
-    "physics_report",
-    "sole_corners",
-    "sole_tilt",
-    "soles_of",
-    "support_margin",
-]
-
-
 TOLERANCE = 1e-8
 """A position may miss a limit by this, rad or m, before it counts; a displacement of one tick by this too, and the
 change of a displacement by twice this. It is the round-off of two programs that agree."""

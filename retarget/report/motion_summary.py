@@ -8,8 +8,6 @@ from retarget import rotations
 from retarget.frames import SensorFrames, Skeleton, stature
 from retarget.types import FloatArray
 
-__all__ = ["Jump", "MotionSummary", "SensorSummary", "body_lengths", "find_jumps", "summarise"]
-
 TRUNK_SPEED = 8.0
 LIMB_SPEED = 15.0
 """Speeds (m/s) that pelvis, chest and head, or hands and feet, do not exceed outside of competitive sport."""

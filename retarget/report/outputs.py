@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
     Figures = dict[str, Figure]
 
-__all__ = ["PICTURE_NAMES", "Outputs", "Written"]
 
 PICTURE_NAMES = ("tracking", "angles", "balance", "pressure", "poses")
 """Of the files in `--plots DIR`, known without importing what draws them."""

@@ -22,9 +22,6 @@ from retarget.report.verdicts import Moment, Outcome, Verdict, moments, verdicts
 from retarget.run.run_result import RunResult
 from retarget.schema.files import write_atomic
 
-__all__ = ["drawn", "element", "joined", "page_html", "safe", "write_page"]
-
-
 # HTML from untrusted text: whatever is not `Markup` already is escaped.
 
 Markup = NewType("Markup", str)

@@ -9,22 +9,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-__all__ = [
-    "ASKED",
-    "LEFT",
-    "LIMIT",
-    "MIDDLE",
-    "REACHED",
-    "RIGHT",
-    "SERVOS",
-    "WARNING",
-    "new_figure",
-    "plain",
-    "save_figure",
-    "side_colour",
-    "thinned",
-]
-
 # Okabe and Ito's palette.
 ASKED = "#7a7a7a"
 REACHED = "#0072b2"

@@ -32,9 +32,6 @@ from retarget.run.run_result import PhysicsRun, RunResult
 from retarget.schema.files import make_folder
 from retarget.types import FloatArray
 
-__all__ = ["PICTURES", "figures_of", "plot_balance", "plot_pressure", "plot_tracking", "write_plots"]
-
-
 # Every joint angle over time, and its limits.
 
 _COLUMNS = 4

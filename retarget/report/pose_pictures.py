@@ -15,19 +15,6 @@ from retarget.robot.landmarks import Facing
 from retarget.run.run_result import RunResult
 from retarget.types import ORIENTED, FloatArray
 
-__all__ = [
-    "ROBOT_BONES",
-    "Bone",
-    "Skeleton",
-    "draw_skeleton",
-    "performer_facing",
-    "plot_poses",
-    "project",
-    "telling_ticks",
-    "turned",
-]
-
-
 # A body of lines in the picture plane: where its points fall, and its bones drawn from the farthest to the nearest.
 
 Bone = tuple[str, str]

@@ -11,22 +11,6 @@ from retarget.live.stream_report import LiveReport
 from retarget.report.motion_metrics import LimitViolations, ModeSwitches, PhysicsReport
 from retarget.schema.files import check_folder, check_path, check_place, write_atomic
 
-__all__ = [
-    "BusReport",
-    "Clearances",
-    "DeepReport",
-    "ObserversReport",
-    "Percentiles",
-    "Report",
-    "Soles",
-    "Spread",
-    "StepsReport",
-    "StopReport",
-    "page_path",
-    "report_path",
-    "write_report",
-]
-
 DIGITS = 6
 """Significant digits of every number."""
 FILE_NAME, PAGE_NAME = "report.json", "report.html"

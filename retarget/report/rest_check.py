@@ -15,8 +15,6 @@ from retarget.report.clearance import shape_rows
 from retarget.robot.follower import stance_angles
 from retarget.safety.clearance import KEPT_SHARE
 
-__all__ = ["PathToRest", "path_to_rest"]
-
 ROWS = 41
 """Postures of the trajectory that are checked."""
 MM = 1e3

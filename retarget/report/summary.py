@@ -10,9 +10,6 @@ from retarget.live.stream_report import LiveReport
 from retarget.report.motion_metrics import PhysicsReport
 from retarget.report.report import Percentiles, Report, Spread
 
-__all__ = ["physics_facts", "show_summary", "stream_line"]
-
-
 # The simulated mechanics in the summary: one row for each question.
 
 

@@ -18,23 +18,6 @@ from retarget.schema.priorities import AxisTask, CentreOfMassTask, OrientationTa
 from retarget.schema.profile_parts import Landmark
 from retarget.types import BoolArray, FloatArray
 
-__all__ = [
-    "HANDS",
-    "Performance",
-    "Reachable",
-    "asked_arms",
-    "chain_to_anchor",
-    "distances",
-    "excursion_ratio",
-    "lag",
-    "path_ratio",
-    "reachable_hands",
-    "top_level_error",
-    "top_tasks",
-    "within_reach",
-]
-
-
 STILL_M = 1e-3
 """What is asked to move less than this, m, says nothing about moving."""
 COARSE = 4

@@ -13,9 +13,6 @@ from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
 from retarget.types import FloatArray
 
-__all__ = ["Moment", "Outcome", "Verdict", "limit_use", "moments", "verdicts"]
-
-
 # How much of each kind of joint limit a run used: the joint that came nearest to its own.
 
 

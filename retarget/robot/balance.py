@@ -33,24 +33,6 @@ from retarget.robot.reference_governor import braking_displacement
 from retarget.schema.priorities import CentreOfMassTask, Priorities, StrengthTask
 from retarget.types import FloatArray
 
-__all__ = [
-    "BEYOND_M",
-    "ENOUGH",
-    "GRAVITY",
-    "Edges",
-    "PostureLoad",
-    "StandingBalance",
-    "StandingStrength",
-    "carrying_frames",
-    "heaviest_loads",
-    "leg_joints",
-    "moving_spaces",
-    "one_leg_load",
-    "shrunk",
-    "standing_strength",
-]
-
-
 BRAKING = 1.0
 """Deceleration (m/s^2) with which the centre of mass can surely be stopped before the edge of the support polygon."""
 GRAVITY = 9.81

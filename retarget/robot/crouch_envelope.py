@@ -17,8 +17,6 @@ from retarget.model.robot import TRUNK, RobotBody
 from retarget.rotations import Quat, product, rotated, turn
 from retarget.types import FloatArray
 
-__all__ = ["Envelope", "measure_envelope"]
-
 HEIGHTS = 9
 """Pelvis heights at which the lean is measured."""
 DIRECTIONS = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))

@@ -23,8 +23,6 @@ from retarget.model.robot import RobotBody
 from retarget.robot.posture_reader import standing_dofs
 from retarget.safety.gate import Gate, PathCheck
 
-__all__ = ["CompensatedGoals", "HeldPath"]
-
 MOST_RAD = 0.2
 """Greatest offset of a goal from its posture; a servo that deflects by more is overloaded."""
 SPEED_SHARE = 0.4

@@ -25,8 +25,6 @@ from retarget.schema.priorities import (
 )
 from retarget.types import BoolArray, FloatArray, IntArray
 
-__all__ = ["FallbackHierarchy", "separated_first", "soles_first"]
-
 Build = Callable[[Priorities, BoolArray], Hierarchy]
 """From priorities and locked DoFs (nv,) to a hierarchy."""
 

@@ -35,17 +35,6 @@ from retarget.types import BoolArray, FloatArray, RobotPosture
 if TYPE_CHECKING:
     from retarget.types import HumanPosture
 
-__all__ = [
-    "LED_SPEED",
-    "RESTING_SPEED",
-    "SETTLING_S",
-    "Follower",
-    "ReturnToStance",
-    "TimeScaling",
-    "return_to_stance_of",
-    "stance_angles",
-]
-
 
 # Time scaling: a robot is slowed by a slower clock of its own, so that speeds fall and every stop stays possible.
 #

@@ -13,9 +13,6 @@ from retarget.robot.posture_reader import standing_dofs
 from retarget.schema.priorities import DeflectionCompensationSettings
 from retarget.types import FloatArray
 
-__all__ = ["followed_speed", "following_limits", "loaded_speed", "soft_limits"]
-
-
 # Speeds at which the guard does not take a lagging servo for a stuck one.
 #
 # A position loop with a P gain is behind a goal of steady speed by its time constant, and by the time that goal and

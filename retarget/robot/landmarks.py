@@ -32,8 +32,6 @@ from retarget.types import Carrying, FloatArray
 if TYPE_CHECKING:
     from retarget.types import HumanPosture
 
-__all__ = ["AskedLandmarks", "Facing", "FeetApart", "LandmarkMap", "PelvisOverFoot", "feet_apart"]
-
 
 # Facing: the slow heading in which a planted robot mirrors the performer.
 #

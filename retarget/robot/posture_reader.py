@@ -11,8 +11,6 @@ from retarget.robot.reference_governor import Reached
 from retarget.rotations import Quat, inverse, product, rotated
 from retarget.types import BoolArray, FloatArray
 
-__all__ = ["RobotReader", "robot_frames", "robot_postures", "standing_dofs", "standing_targets"]
-
 FORWARD = (1.0, 0.0, 0.0)
 
 

@@ -18,9 +18,6 @@ from retarget.rotations import Quat, Vector, arc, inverse, minus, product, rotat
 from retarget.schema.profile_parts import Landmark
 from retarget.types import FloatArray
 
-__all__ = ["ChannelLimits", "Glide", "OnlineTrajectory", "Reached", "ReferenceGovernor", "braking_displacement"]
-
-
 # Online trajectory generation: how fast to approach what is asked, without overshoot.
 #
 # A solver that corrects all of an error at once, within the acceleration of its joints, gets there too fast to stop,

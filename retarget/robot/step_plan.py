@@ -31,21 +31,6 @@ from retarget.schema.priorities import (
 )
 from retarget.types import Carrying, FloatArray
 
-__all__ = [
-    "SWINGING",
-    "Sight",
-    "StepBalance",
-    "StepPlan",
-    "StepState",
-    "StepTally",
-    "balance_in_motion",
-    "stepping_priorities",
-    "swinging",
-    "swinging_frames",
-    "with_steps",
-]
-
-
 OVER_M = 0.003
 """How far (m) inside the region over one sole the balance is before the other may lift."""
 HELD_S = 0.15

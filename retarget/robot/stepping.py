@@ -18,9 +18,6 @@ from retarget.rotations import Vector, minus
 from retarget.schema.priorities import Priorities
 from retarget.types import BoolArray, Carrying, FloatArray
 
-__all__ = ["Stepping", "SwingFoot", "WeightShift", "reaching_aside"]
-
-
 # The swing foot: the sole that carries nothing follows the performer's foot within bounds, and returns to its place.
 
 LOW, HIGH = 0.06, 0.18

@@ -12,8 +12,6 @@ from typing import Self
 
 from retarget.errors import UsageError
 
-__all__ = ["MAX_LINE", "MOST_CLIENTS", "USUAL", "ControlSocket", "connect_to", "socket_path"]
-
 USUAL = "usual"
 """What `--control-socket` means without a path."""
 WHERE = "--control-socket"

@@ -17,9 +17,6 @@ from retarget.run.robot_side import RobotSide
 from retarget.run.stages import ReconstructingStage
 from retarget.types import FloatArray
 
-__all__ = ["Ending", "ExceptionSafe", "ObserverCallback", "Pipeline", "Watch"]
-
-
 # Callbacks that must not fail while a robot moves.
 
 

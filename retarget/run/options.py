@@ -11,20 +11,6 @@ from retarget.model.robot import RobotBody
 from retarget.schema.catalogue import HUMAN
 from retarget.schema.priorities import Steps
 
-__all__ = [
-    "BUSES",
-    "HUMAN_PRIORITIES",
-    "MOUNTS",
-    "PERTURBATIONS",
-    "PHYSICS",
-    "SIMULATED",
-    "PhysicsOptions",
-    "RunOptions",
-    "name_with_mass",
-    "priority_names",
-]
-
-
 # Options of a run with physics: what the robot stands on, the seed, and what is perturbed on purpose.
 
 MOUNTS: dict[str, Root] = {"floor": "free", "stand": "fixed", "gantry": "suspended"}

@@ -21,8 +21,7 @@ from retarget.model.robot import RobotBody
 from retarget.run.prepare import Perform
 from retarget.schema.performer import Performer
 from retarget.sources.stream_frame import Dropped, StreamFrame
-
-__all__ = ["OwnSource", "Read", "performing"]
+from retarget.types import Notify
 
 Read = Callable[[float], Sequence[StreamFrame] | None]
 """From now, s of the run's clock, to the frames that came since the last poll, oldest first; None: it is over."""
@@ -81,7 +80,7 @@ def performing(
     options: LiveOptions,
     *,
     clock: Clock,
-    notify: Callable[[str], object] = lambda text: None,
+    notify: Notify = lambda text: None,
     tap: RawTap | None = None,
     where: str = "own source",
 ) -> Perform:

@@ -37,9 +37,7 @@ from retarget.safety.gate import Gate, PassThroughGate, PathCheck
 from retarget.schema.performer import Performer, load_performer
 from retarget.schema.priorities import Priorities, check_for_human, load_priorities, naming_file
 from retarget.schema.scene import load_scene, on_floor
-
-__all__ = ["MakeBus", "Perform", "Prepared", "make_gate", "prepare", "prepare_for"]
-
+from retarget.types import Notify
 
 # The last filter of a robot's goals: the gate with its collision check, or none, and deflection compensation.
 
@@ -86,8 +84,6 @@ Perform = Callable[[Performer, RobotBody | None], Performance]
 Lead = Callable[[FollowingStage], FollowingStage]
 """From the robot's own follower to the stage that leads the robot."""
 
-Notify = Callable[[str], object]
-"""Receives a sentence for the operator."""
 
 LONGEST_HOLD_S = 4.8
 """A robot holds this long for a performer who cannot be followed, then goes to rest: 5 s after the last data."""

@@ -12,9 +12,6 @@ from hardware.bus import ServoStates
 from hardware.joint_map import JointMap
 from retarget.types import BoolArray, FloatArray, IntArray, ModeArray
 
-__all__ = ["HumanRecord", "Phase", "Record", "RecordRows", "RobotRecord", "Timing"]
-
-
 ByteArray = NDArray[np.int8]
 
 

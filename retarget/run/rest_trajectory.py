@@ -14,19 +14,7 @@ from retarget.model.robot import RobotBody
 from retarget.robot.posture_reader import standing_dofs
 from retarget.run.stages import FollowingStage
 from retarget.run.trajectory import approach
-from retarget.types import BoolArray, FloatArray
-
-__all__ = [
-    "ALONE_RAD",
-    "LONGEST_TO_REST_S",
-    "NEAR_REST",
-    "REST_WITHIN_S",
-    "RestTrajectory",
-    "Trajectory",
-    "not_at_rest",
-    "rest_trajectories",
-]
-
+from retarget.types import BoolArray, FloatArray, Notify
 
 # Trajectories from a stance to rest: straight, or around an obstacle.
 
@@ -129,7 +117,7 @@ class RestTrajectory:
         follower: FollowingStage,
         *,
         dt: float,
-        notify: Callable[[str], object] = lambda text: None,
+        notify: Notify = lambda text: None,
     ) -> None:
         """notify: receives what fails."""
         self._robot, self._follower, self._dt, self._notify = robot, follower, dt, notify

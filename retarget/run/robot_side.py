@@ -23,9 +23,7 @@ from retarget.run.trajectory import (
     slower_in_line,
 )
 from retarget.safety.clearance import PathClearance
-from retarget.types import FloatArray, HumanPosture, ModeArray, RobotPosture
-
-__all__ = ["GATED_RAD", "RobotSide"]
+from retarget.types import FloatArray, HumanPosture, ModeArray, Notify, RobotPosture
 
 FORCED_STOP = "torque off before the robot stood, forced by the user"
 GATED_RAD = 1e-8
@@ -53,7 +51,7 @@ class RobotSide:
         clearance: PathClearance | None = None,
         passes: Callable[[FloatArray], bool] | None = None,
         goes_to_rest: bool = False,
-        notify: Callable[[str], object] = lambda text: None,
+        notify: Notify = lambda text: None,
     ) -> None:
         self.robot, self.guard = robot, guard
         self.phase = Phase.APPROACH

@@ -20,9 +20,6 @@ from retarget.schema.performer import Performer
 from retarget.schema.priorities import Priorities
 from retarget.types import FloatArray
 
-__all__ = ["Extras", "Fallen", "PhysicsRun", "RunResult", "Truth", "in_truth", "truth_names"]
-
-
 # What only a simulation knows of a run: falls, pressure, slip, torque, heat.
 
 

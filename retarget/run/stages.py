@@ -8,8 +8,6 @@ from retarget.types import BoolArray, FloatArray
 if TYPE_CHECKING:
     from retarget.types import HumanPosture, RobotPosture
 
-__all__ = ["FollowingStage", "ReconstructingStage"]
-
 
 class ReconstructingStage(Protocol):
     """From sensor samples to the posture of the human. `dt` is s of the performer's time."""

@@ -9,19 +9,6 @@ from hardware.joint_map import JointMap
 from retarget.model.robot import RobotBody
 from retarget.types import FloatArray, RobotPosture
 
-__all__ = [
-    "REJOINING_S",
-    "SpeedOverrideTrajectory",
-    "SpeedShare",
-    "approach",
-    "approach_trajectory",
-    "require_finite",
-    "retimed",
-    "slower_in_line",
-    "step_share",
-]
-
-
 PEAK_SPEED = 1.875
 """Peak speed of a minimum-jerk path over distance / duration: 30 (s^2 - 2 s^3 + s^4) at s = 1/2."""
 PEAK_ACCELERATION = 10.0 / np.sqrt(3.0)

@@ -13,20 +13,6 @@ from retarget.model.robot import RobotBody
 from retarget.model.scene_state import SceneState
 from retarget.types import FloatArray
 
-__all__ = [
-    "CONTACT_M",
-    "KEPT_SHARE",
-    "REMEMBERED_S",
-    "SERVOS_SHARE",
-    "Contact",
-    "FollowingError",
-    "PathClearance",
-    "contacts",
-    "refuse_contact",
-    "refuse_floor",
-]
-
-
 # Following error: how far servos are from their goals, and how much of that their lag does not explain.
 
 REMEMBERED_S = 0.25

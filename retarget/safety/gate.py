@@ -9,9 +9,6 @@ from hardware.errors import HardwareError, describe
 from hardware.joint_map import JointMap
 from retarget._solver import Braking
 
-__all__ = ["Gate", "PassThroughGate", "PathCheck"]
-
-
 PathCheck = Callable[[FloatArray, FloatArray], bool]
 """From two paths of postures, rad (k, n), a tick from row to row, first row present, last row at rest: that of the goal
 and that followed if it is refused; to whether all of the first is clear of collision."""

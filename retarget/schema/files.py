@@ -9,18 +9,6 @@ from typing import IO
 
 from retarget.errors import UsageError
 
-__all__ = [
-    "check_folder",
-    "check_path",
-    "check_place",
-    "make_folder",
-    "refuse_existing",
-    "remove",
-    "umask",
-    "write_atomic",
-    "write_stream",
-]
-
 
 def check_place(path: Path, *, option: str) -> None:
     """Raise UsageError unless a file can be written at `path`; nothing is left behind."""

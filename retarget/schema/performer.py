@@ -11,9 +11,6 @@ from retarget.schema.catalogue import Kind, find
 from retarget.schema.strict_models import Name, Schema, Switch, Text, read_model, unknown_name
 from retarget.schema.strict_yaml import Document
 
-__all__ = ["HELD", "Performer", "PerformerSensor", "load_performer"]
-
-
 HELD = ("head", "l_wrist", "r_wrist")
 """Sensors that may sit beside their joints: a cap or headset, and controllers, which turn with head and hands."""
 

@@ -34,31 +34,6 @@ from retarget.schema.strict_models import (
 )
 from retarget.schema.strict_yaml import Document
 
-__all__ = [
-    "FOR_HUMANS",
-    "AxisTask",
-    "CentreOfMassTask",
-    "DeflectionCompensationSettings",
-    "HeadingSettings",
-    "HeadingTask",
-    "Level",
-    "LookAtTask",
-    "ObserverSettings",
-    "OrientationTask",
-    "PositionTask",
-    "PostureTask",
-    "PreventiveTask",
-    "Priorities",
-    "ReactiveTask",
-    "Steps",
-    "StrengthTask",
-    "Task",
-    "check_for_human",
-    "load_priorities",
-    "naming_file",
-]
-
-
 # The tasks of a priority file: what each kind asks, and its keys. What `of` names depends on the stage: sensors for
 # `reconstruct`, landmarks or frames of the robot for `retarget`.
 

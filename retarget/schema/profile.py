@@ -32,9 +32,6 @@ from retarget.schema.profile_safety import Safety, guard_limits
 from retarget.schema.strict_models import Name, Schema, Text, keys_of, read_model, unknown_name
 from retarget.schema.strict_yaml import Document
 
-__all__ = ["DRAFT", "RobotProfile", "leaves_folder", "load_profile", "marked_lines", "read_profile"]
-
-
 # Cross checks of a robot profile against its body file: links, joints, geoms and joint ranges.
 
 RANGE_TOLERANCE = 1e-4  # [rad] profiles write limits with four or five decimals

@@ -14,7 +14,6 @@ from retarget.schema.strict_yaml import Document
 if TYPE_CHECKING:
     from retarget.schema.profile import RobotProfile
 
-__all__ = ["Safety", "SpeedCaps", "check_safety", "guard_limits", "safety_facts"]
 
 WARN_BEFORE_C = 5.0
 """[degrees Celsius] so much before the stop a servo is warm, where the profile does not say."""

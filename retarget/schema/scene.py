@@ -24,27 +24,6 @@ from retarget.schema.shapes import Distance, Keys, Point, Size, SolidShape
 from retarget.schema.strict_models import Name, Quaternion, Schema, Switch, Text, read_model
 from retarget.schema.strict_yaml import Document, KeyPath
 
-__all__ = [
-    "FLOOR",
-    "HERE",
-    "STILL",
-    "HalfSpace",
-    "MovingPose",
-    "Obstacle",
-    "ObstacleShape",
-    "PathPoint",
-    "Place",
-    "Pose",
-    "Scene",
-    "carried_by",
-    "cross",
-    "load_scene",
-    "on_body",
-    "on_floor",
-    "unit",
-]
-
-
 # Models of the entries of a scene: shapes, places and motions of obstacles. SI units.
 #
 # A shape is written in the obstacle's own frame, which `at`, `path` or a live update places in the world or on the

@@ -28,15 +28,6 @@ from retarget.schema.strict_yaml import Document, KeyPath
 if TYPE_CHECKING:
     from retarget.schema.profile import RobotProfile
 
-__all__ = [
-    "HomedServo",
-    "ServoCalibration",
-    "calibrated",
-    "impossible_zeros",
-    "previous_path",
-    "read_calibration",
-    "write_calibration",
-]
 
 OPTION = "calibration"
 STEP = "Was it made with another robot or profile? Remove the file, or home the robot anew: retarget servo home"

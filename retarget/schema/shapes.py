@@ -7,20 +7,6 @@ from pydantic_core import PydanticCustomError
 
 from retarget.schema.strict_models import Quaternion, Schema
 
-__all__ = [
-    "MAX_COORDINATE",
-    "Ball",
-    "Box",
-    "Coordinate",
-    "Distance",
-    "Keys",
-    "Line",
-    "Point",
-    "Rod",
-    "Size",
-    "SolidShape",
-]
-
 MAX_COORDINATE = 1000.0
 """Largest coordinate and size, m: far beyond any room, so that no distance ever overflows."""
 

@@ -15,9 +15,6 @@ from retarget.setup.observer_proposals import Zones, propose
 from retarget.setup.robot_file import Relaxed, Source, ready_urdf
 from retarget.types import FloatArray
 
-__all__ = ["BodyDraft", "draft_body", "facing_x", "replace_meshes"]
-
-
 # Meshes of a body as capsules and boxes: what is left of them in a body file that stands by itself.
 
 ZONES = Zones(influence=0.03, margin=0.005)

@@ -14,8 +14,6 @@ from retarget.live.stream import LiveStream
 from retarget.sources.stream_frame import Dropped, StreamDecoder, StreamFrame
 from retarget.types import FloatArray
 
-__all__ = ["FrameNote", "StreamCapture", "capture_stream"]
-
 STEP_S = 0.01
 SAMPLE_S = 0.05
 """Between two samples of the poses and of the validity of the sensors."""

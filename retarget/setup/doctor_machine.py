@@ -26,24 +26,6 @@ from hardware.realtime import HOW_TO_PERMIT, PROCESSES, USUAL_PRIORITY, Scheduli
 from retarget.errors import Problem
 from retarget.live.udp import RECEIVE_BUFFER
 
-__all__ = [
-    "Finding",
-    "Level",
-    "firewall_findings",
-    "fix",
-    "fix_all",
-    "frame_findings",
-    "lateness_finding",
-    "machine_findings",
-    "note",
-    "ok",
-    "port_findings",
-    "python_findings",
-    "seconds_per_frame",
-    "serial_findings",
-]
-
-
 # Findings: one thing that was checked, its level, and a line of text for it.
 
 

@@ -16,9 +16,6 @@ from retarget.setup.doctor_capture import FrameNote, StreamCapture
 from retarget.setup.doctor_machine import Finding, fix, note, ok
 from retarget.types import FloatArray
 
-__all__ = ["UNNAMED", "invented_findings", "rate_findings", "role_findings"]
-
-
 UNNAMED = "?"
 """Role of a sensor that neither the performer's file nor the sender's kind names."""
 NO_WRISTS = "Let the sender send VMC as well, which has wrists (vmc://:39539)"

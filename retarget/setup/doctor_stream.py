@@ -27,18 +27,6 @@ from retarget.sources.natnet_session import natnet_problems
 from retarget.sources.natnet_wire import DATA_PORT
 from retarget.sources.vmc import VmcDecoder
 
-__all__ = [
-    "USUAL_PORTS",
-    "OtherPorts",
-    "Stray",
-    "judge",
-    "sender_findings",
-    "silence_findings",
-    "stray_finding",
-    "stream_findings",
-]
-
-
 # Other ports and interfaces of this machine, for a sender that does not send to the stream's own address.
 #
 # Nothing that arrives there is decoded or kept; only the sender, the protocol and the port are noted.
@@ -238,7 +226,8 @@ def _foreign(kind: str, capture: StreamCapture, address: StreamAddress) -> list[
             continue
         seen.add(got.name)
         what = f"{got.text}, {counts[got.name]} of {looked} datagrams looked at"
-        what += f", and {kind}:// is {'read' if recording else 'listened for'}" if got.kind != kind else ""
+        if got.kind != kind:
+            what += f", and {kind}:// is read" if recording else f", and {kind}:// is listened for"
         if capture.frames and not got.kind:
             found.append(note("protocol", f"also: {what}", advice))
         else:

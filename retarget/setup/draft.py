@@ -15,9 +15,6 @@ from retarget.setup.frames import Placed
 from retarget.setup.servo_guess import ServoDraft
 from retarget.types import FloatArray
 
-__all__ = ["Draft", "FootDraft", "FrameDraft", "LandmarkDraft", "find_landmarks", "observer_text", "profile_text"]
-
-
 # The proposal of `fit-observers` as the sections of a drafted profile.
 
 HEAD = "# Proposed as retarget fit-observers does; what the comments mean is in docs/fitting.md.\n"

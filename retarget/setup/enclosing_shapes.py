@@ -20,20 +20,6 @@ from retarget.errors import InputError
 from retarget.rotations import from_matrix, to_matrix
 from retarget.types import FloatArray
 
-__all__ = [
-    "Box",
-    "Capsule",
-    "LinkGeometry",
-    "Lone",
-    "directions",
-    "distances_to_segment",
-    "enclosing_box",
-    "enclosing_capsule",
-    "link_geometries",
-    "solid_geoms",
-]
-
-
 MIN_RADIUS = 1e-4
 """[m] thinner geometry gets this radius."""
 POLISHED = 4

@@ -21,9 +21,6 @@ from retarget.setup.observer_proposals import DIGITS, Pair, Proposal, Zones, fla
 from retarget.setup.survey import SAFETY_FACTOR, OwnDistances, PairRecord, joint_ranges, own_distances, survey
 from retarget.types import FloatArray
 
-__all__ = ["DEFAULT_SAMPLES", "MAX_PAIRS", "Fit", "Subject", "Verdict", "find_subject", "fit", "fragment", "verdicts"]
-
-
 # Which pairs of links need no check, each with the numbers that say so.
 
 Kind = Literal["always", "excluded", "neighbours", "never"]

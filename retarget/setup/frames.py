@@ -10,9 +10,6 @@ from retarget.setup.limbs import UP, Anatomy, Limb, arm_roles, crossing, leg_rol
 from retarget.setup.tree import Tree, flat_underside
 from retarget.types import FloatArray
 
-__all__ = ["Angles", "Found", "FoundFrame", "FoundSole", "Placed", "Posed", "find_frames"]
-
-
 SIDES = ("l", "r")
 
 

@@ -11,8 +11,7 @@ from hardware.clock import Clock
 from hardware.errors import BusError, HardwareError, describe
 from hardware.joint_map import JointMap
 from retarget.schema.servo_calibration import HomedServo, ServoCalibration
-
-__all__ = ["FAR", "Homing", "calibration_of", "home", "homed_columns"]
+from retarget.types import Notify
 
 READS = 25
 """Cycles that are read once the robot is in place."""
@@ -68,7 +67,7 @@ def home(
     joint_map: JointMap,
     posture: FloatArray,
     ask: Callable[[str, bool], bool],
-    notify: Callable[[str], object],
+    notify: Notify,
     *,
     clock: Clock,
     chosen: BoolArray,

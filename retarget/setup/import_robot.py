@@ -36,8 +36,6 @@ from retarget.setup.robot_file import Relaxed, read_source, stated_speeds
 from retarget.setup.servo_guess import guess_servos
 from retarget.setup.tree import read_tree
 
-__all__ = ["DEFAULT_SAMPLES", "Imported", "import_robot"]
-
 DEFAULT_SAMPLES = 2000
 ZONES = Zones(influence=0.04, margin=0.005)
 OPTION = "--out"

@@ -8,9 +8,6 @@ import numpy as np
 from retarget.setup.tree import BASE, Mirror, Tree, find_mirror, flat_underside
 from retarget.types import FloatArray
 
-__all__ = ["Anatomy", "ArmRoles", "LegRoles", "Limb", "arm_roles", "crossing", "find_anatomy", "leg_roles", "tip"]
-
-
 UP = np.array([0.0, 0.0, 1.0])
 HIPS = 0.6
 """Of the trunk's height: legs begin no higher."""

@@ -21,9 +21,6 @@ from retarget.setup.enclosing_shapes import (
 )
 from retarget.types import FloatArray
 
-__all__ = ["DIGITS", "Pair", "Proposal", "ShapeModel", "Zones", "flattened", "propose"]
-
-
 DIGITS = 5
 """Decimals of lengths in m: shapes are rounded outwards to them, so that what is written still encloses."""
 FAR_TOO_LARGE = 3.0

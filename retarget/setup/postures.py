@@ -16,19 +16,6 @@ from retarget.setup.frames import Angles, Posed
 from retarget.setup.limbs import UP, arm_roles, leg_roles
 from retarget.types import FloatArray
 
-__all__ = [
-    "SPREADS",
-    "Cleared",
-    "Postures",
-    "Standing",
-    "arm_posture",
-    "clear_postures",
-    "find_postures",
-    "leg_length",
-    "stand",
-]
-
-
 # Joint angles of arms next to the trunk with bent elbows, for any joints of the arms.
 
 REST = 0.02

@@ -13,9 +13,6 @@ from xml.parsers import expat
 from retarget.errors import InputError, Problem
 from retarget.model.body_file import MAX_BYTES
 
-__all__ = ["MeshFile", "ReadyUrdf", "Relaxed", "Source", "find_mesh", "read_source", "ready_urdf", "stated_speeds"]
-
-
 MAX_DEPTH = 100
 """Elements inside each other: more overflows the stack of parsers."""
 MAX_ELEMENTS = 500_000

@@ -12,8 +12,6 @@ from hardware.servo import SERVO_MODELS, ServoModel
 from retarget.setup.limbs import Anatomy
 from retarget.setup.tree import Tree
 
-__all__ = ["ServoDraft", "guess_servos"]
-
 SPARE_SPEED = 0.9
 """Share of the no-load speed: the rest leaves the servo some torque."""
 SPARE_TORQUE = 0.5

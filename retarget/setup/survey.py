@@ -19,18 +19,6 @@ from retarget.setup.enclosing_shapes import solid_geoms
 from retarget.setup.observer_proposals import Pair, Proposal, ShapeModel
 from retarget.types import FloatArray
 
-__all__ = [
-    "SAFETY_FACTOR",
-    "SEARCHES",
-    "OwnDistances",
-    "PairRecord",
-    "dofs_between",
-    "joint_ranges",
-    "own_distances",
-    "survey",
-]
-
-
 # The postures that a robot can take: joint ranges, and samples of them.
 
 UNLIMITED = {JointType.HINGE: np.pi, JointType.SLIDE: 1.0}

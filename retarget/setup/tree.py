@@ -11,9 +11,6 @@ from retarget.errors import InputError
 from retarget.setup.enclosing_shapes import directions, link_geometries
 from retarget.types import FloatArray
 
-__all__ = ["BASE", "Mirror", "Node", "Sole", "Tree", "find_mirror", "flat_underside", "outline", "read_tree"]
-
-
 BASE = 0
 """Number of the node that no joint moves: the base."""
 MAX_JOINTS = 250

@@ -21,9 +21,6 @@ from retarget.sources.files import MAX_FRAMES, MAX_VALUE, check_frame_count, che
 from retarget.sources.skeletons import JointTree, Pose, forward_kinematics
 from retarget.types import FloatArray
 
-__all__ = ["DEFAULT_RATE_HZ", "MAX_BONES", "find_skeleton", "pose_of", "read_amc", "read_asf", "read_values"]
-
-
 # Acclaim skeleton files (.asf): bones with their lengths, directions, axes and degrees of freedom.
 #
 # Format: the Acclaim ASF/AMC description (sections :units, :root, :bonedata, :hierarchy). A bone turns about the start

@@ -20,9 +20,6 @@ from retarget.sources.files import MAX_VALUE, check_frame_count, check_rate, cut
 from retarget.sources.skeletons import JointTree, Pose, forward_kinematics
 from retarget.types import FloatArray
 
-__all__ = ["MAX_DEPTH", "MAX_JOINTS", "BvhMotion", "Channel", "pose_of", "read_bvh", "read_motion"]
-
-
 # The HIERARCHY section of a BVH file: joints, offsets and channels.
 #
 # Names may hold blanks, End Sites have neither name nor channels, keywords and channel names come in any case, and

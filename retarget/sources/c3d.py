@@ -24,8 +24,6 @@ from retarget.types import BoolArray, FloatArray
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["KNOWN_MARKERS", "MARKER_GROUPS", "MarkerTracks", "groups_in", "marker_name", "read_c3d", "read_markers"]
-
 
 # Marker sets as data: which markers make which sensor.
 #

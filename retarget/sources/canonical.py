@@ -18,20 +18,6 @@ from retarget.sources.files import frame_times
 from retarget.sources.skeletons import JointTree, Pose, joints_by_name, joints_by_shape
 from retarget.types import FloatArray
 
-__all__ = [
-    "UNITS",
-    "Axes",
-    "CanonicalJoint",
-    "Unit",
-    "canonical_frames",
-    "canonical_joints",
-    "choose_unit",
-    "named_unit",
-    "rest_axes",
-    "world_axes",
-]
-
-
 # Which way is up, left and forward in a motion file, from the body itself.
 
 REST_AXES_ERROR = "the rest pose of the skeleton has no up and left"

@@ -11,22 +11,6 @@ import numpy as np
 from retarget.errors import InputError
 from retarget.types import FloatArray
 
-__all__ = [
-    "MAX_FILE_BYTES",
-    "MAX_FRAMES",
-    "MAX_RATE_HZ",
-    "MAX_VALUE",
-    "MIN_RATE_HZ",
-    "check_frame_count",
-    "check_rate",
-    "cut_short",
-    "frame_times",
-    "numbers",
-    "read_bytes",
-    "read_head",
-    "read_lines",
-]
-
 MAX_FILE_BYTES = 128 * 2**20
 """Larger motion files are refused before they are read (128 MiB is about 20 minutes of AMC at 120 Hz)."""
 MAX_FRAMES = 200_000

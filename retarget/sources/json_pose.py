@@ -25,8 +25,6 @@ from retarget.sources.stream_frame import (
     StreamFrame,
 )
 
-__all__ = ["DEFAULT_PORT", "ORDERS", "JsonPoseDecoder"]
-
 DEFAULT_PORT = 14150
 """Default UDP port of senders."""
 

@@ -19,25 +19,6 @@ from retarget.rotations import from_euler
 from retarget.sources.stream_frame import CONVENTIONS, MAX_DATAGRAM, MAX_POSES, Dropped, StreamFrame, unusable
 from retarget.types import BoolArray, FloatArray
 
-__all__ = [
-    "HEADER_BYTES",
-    "MOST_SKIPS",
-    "MVN_JOINTS",
-    "MVN_SENSORS",
-    "QUATERNION",
-    "SEGMENTS",
-    "MvnDecoder",
-    "MvnHeader",
-    "MvnRest",
-    "MvnStream",
-    "SampleParts",
-    "SegmentRole",
-    "read_header",
-    "read_name",
-    "read_scale",
-]
-
-
 # Bytes of the Xsens MVN network streamer: the header of every datagram, and the names and scale that come with poses.
 #
 # Big-endian. Source: MVN real-time network streaming protocol specification, revision N (2018).

@@ -37,20 +37,6 @@ from retarget.sources.stream_frame import (
 )
 from retarget.types import BoolArray, FloatArray
 
-__all__ = [
-    "PARENTLESS",
-    "ROOT",
-    "UNKNOWN",
-    "NameTable",
-    "NatnetDecoder",
-    "PoseName",
-    "PosePlan",
-    "compose_bones",
-    "plan_poses",
-    "pose_names",
-]
-
-
 # Names of the poses of a NatNet frame: from the model definitions where they are known, else by number.
 
 PARENTLESS = None

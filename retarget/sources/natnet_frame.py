@@ -14,23 +14,6 @@ import numpy as np
 
 from retarget.sources.natnet_wire import Version, text_until_zero
 
-__all__ = [
-    "BODY",
-    "MARKER",
-    "SIZED_SINCE",
-    "BodyDefinition",
-    "Definitions",
-    "FrameFlags",
-    "FrameOfData",
-    "GroupDefinition",
-    "Owner",
-    "PoseGroup",
-    "read_definitions",
-    "read_flags",
-    "read_frame",
-]
-
-
 SIZED_SINCE = Version(4, 1)
 """The first bitstream whose blocks carry their sizes."""
 

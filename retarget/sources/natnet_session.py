@@ -37,18 +37,6 @@ from retarget.sources.natnet_wire import (
     split,
 )
 
-__all__ = [
-    "NEWEST",
-    "OLDEST",
-    "PATIENCE_S",
-    "UNNAMED_S",
-    "ClockReading",
-    "NatnetSession",
-    "SessionSettings",
-    "natnet_problems",
-]
-
-
 OLDEST, NEWEST = Version(3, 0), Version(4, 255)
 """Bitstreams that can be read."""
 PINNED = Version(4, 1)

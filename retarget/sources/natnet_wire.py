@@ -8,28 +8,6 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
-__all__ = [
-    "COMMAND_PORT",
-    "DATA_PORT",
-    "MULTICAST_GROUP",
-    "CommandAnswer",
-    "EchoAnswer",
-    "MessageId",
-    "ServerInfo",
-    "Version",
-    "command_message",
-    "connect_message",
-    "definitions_request",
-    "echo_message",
-    "keep_alive_message",
-    "message",
-    "read_command_answer",
-    "read_echo_answer",
-    "read_server_info",
-    "split",
-    "text_until_zero",
-]
-
 COMMAND_PORT = 1510
 """UDP port of the server, where clients ask."""
 DATA_PORT = 1511

@@ -16,8 +16,6 @@ from retarget.sources.c3d import read_c3d
 from retarget.sources.files import read_head
 from retarget.sources.raw_record import is_recording
 
-__all__ = ["FORMATS", "SAMPLE", "open_source", "recognise"]
-
 FORMATS = ("amc", "bvh", "c3d")
 
 SAMPLE = "sample"

@@ -10,20 +10,6 @@ from numpy.typing import NDArray
 
 from retarget.sources.stream_frame import MAX_DATAGRAM
 
-__all__ = [
-    "MAX_ARGUMENTS",
-    "MAX_ARGUMENTS_IN_ALL",
-    "MAX_DEPTH",
-    "MAX_MESSAGES",
-    "MAX_REMEMBERED",
-    "OscLayouts",
-    "OscMessage",
-    "OscPacket",
-    "OscValue",
-    "read_osc",
-]
-
-
 MAX_DEPTH = 4
 """Bundles within bundles that are taken apart, the outermost counted."""
 MAX_MESSAGES = 512

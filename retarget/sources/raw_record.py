@@ -23,8 +23,6 @@ from retarget.errors import InputError, UsageError
 from retarget.schema.files import refuse_existing
 from retarget.sources.stream_frame import MAX_DATAGRAM
 
-__all__ = ["MAX_UNWRITTEN", "Datagram", "RawReader", "RawWriter", "is_recording"]
-
 MAX_UNWRITTEN = 4 * 2**20
 """Bytes that a writer holds before it drops: six seconds of SlimeVR."""
 MAX_ADDRESS = 1024

@@ -14,18 +14,6 @@ import numpy as np
 from retarget import rotations
 from retarget.types import FloatArray
 
-__all__ = [
-    "STYLES",
-    "JointTree",
-    "NamingStyle",
-    "Pose",
-    "forward_kinematics",
-    "joints_by_name",
-    "joints_by_shape",
-    "plain_names",
-]
-
-
 REQUIRED = (
     "pelvis",
     "head",

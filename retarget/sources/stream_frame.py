@@ -11,21 +11,6 @@ from numpy.typing import ArrayLike
 from retarget.errors import UsageError, suggest
 from retarget.types import BoolArray, FloatArray
 
-__all__ = [
-    "CONVENTIONS",
-    "MAX_COORDINATE",
-    "MAX_DATAGRAM",
-    "MAX_POSES",
-    "NORM_TOLERANCE",
-    "Convention",
-    "Dropped",
-    "StreamDecoder",
-    "StreamFrame",
-    "convention",
-    "unusable",
-]
-
-
 MAX_DATAGRAM = 65_536
 """Bytes of the longest datagram that is decoded."""
 MAX_POSES = 256

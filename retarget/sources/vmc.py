@@ -22,26 +22,6 @@ from retarget.sources.osc import OscLayouts, OscMessage, OscPacket
 from retarget.sources.stream_frame import CONVENTIONS, MAX_POSES, Dropped, StreamFrame, unusable
 from retarget.types import BoolArray, FloatArray
 
-__all__ = [
-    "BODY_BONES",
-    "BONES",
-    "OPTIONAL",
-    "LocalBones",
-    "VmcBodyDecoder",
-    "VmcDecoder",
-    "bone_name",
-    "device_name",
-    "euler_from_unity",
-    "local_bones",
-    "merged",
-    "poses_from_unity",
-    "position_from_unity",
-    "t_pose_offsets",
-    "world_positions",
-    "world_rotations",
-]
-
-
 # Names of the poses of VMC: the bones of Unity's humanoid, and the serials of devices that are accepted.
 
 MAX_SERIAL = 128

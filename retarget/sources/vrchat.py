@@ -16,8 +16,6 @@ from retarget.sources.stream_frame import MAX_COORDINATE, Dropped, StreamFrame
 from retarget.sources.vmc import euler_from_unity, position_from_unity
 from retarget.types import BoolArray, FloatArray
 
-__all__ = ["VrchatDecoder"]
-
 UNKNOWN_ADDRESS = "OSC address that is not used"
 NOT_A_TRACKER = "tracker that is none of 1 to 8 and head"
 WRONG_ARGUMENTS = "VRChat message with too few arguments or of the wrong types"

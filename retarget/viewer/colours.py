@@ -14,37 +14,6 @@ from retarget.viewer.snapshot import Snapshot
 if TYPE_CHECKING:
     import viser
 
-__all__ = [
-    "ASKED",
-    "BALANCE",
-    "COLD",
-    "GOAL",
-    "HOT",
-    "HUMAN",
-    "LEGEND",
-    "LOAD",
-    "MODES",
-    "OBSTACLE",
-    "OUTSIDE",
-    "PLAIN",
-    "PRESSURE",
-    "REACHED",
-    "ROBOT",
-    "SENSOR",
-    "SOLES",
-    "TEMPERATURE",
-    "ZMP",
-    "Colour",
-    "Entry",
-    "LimbColours",
-    "Scale",
-    "current_scale",
-    "legend",
-    "mixed",
-    "temperature_scale",
-    "web",
-]
-
 
 Colour = tuple[int, int, int]
 

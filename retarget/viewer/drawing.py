@@ -16,7 +16,6 @@ from retarget.viewer.snapshot import Actor, Cast, Snapshot
 if TYPE_CHECKING:
     import viser
 
-__all__ = ["Drawing"]
 
 GOAL_OPACITY, GOAL_SIZE = 0.55, 0.94
 """A goal is seen where the robot is not."""

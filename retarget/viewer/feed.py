@@ -22,9 +22,6 @@ from retarget.run.run_result import Extras
 from retarget.types import FloatArray, ModeArray
 from retarget.viewer.snapshot import placed
 
-__all__ = ["Announced", "LiveRow", "PageSetup", "RowSizes", "ViewFeed", "open_feed", "pack", "unpack"]
-
-
 # What a run sends to the process of its page: one datagram per row that is shown, of numbers in a fixed order.
 
 _HEAD = struct.Struct("<d48s256s")

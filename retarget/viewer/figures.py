@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     import viser
 
-__all__ = ["HERE", "Figure", "Movable", "Observing", "Place", "SceneFigures"]
-
 
 STEP_M, STEP_RAD = 2e-5, 1e-4
 """What moves less is not sent."""

@@ -15,8 +15,6 @@ from retarget.viewer.snapshot import Snapshot
 if TYPE_CHECKING:
     import viser
 
-__all__ = ["SPACING_S", "Balance", "MassMotion", "Pressure", "Soles", "rows_around", "zero_moment_point"]
-
 
 LINE_M = 0.003
 """Width of the line round the support polygon, and its height over the floor."""

@@ -12,7 +12,6 @@ from retarget.viewer.snapshot import Cast, Tracks
 if TYPE_CHECKING:
     import viser
 
-__all__ = ["QUANTITIES", "JointPlot", "curves", "heights"]
 
 QUANTITIES = ("angle", "off its goal", "temperature", "current")
 OF_ANGLES = QUANTITIES[:2]

@@ -34,8 +34,6 @@ from retarget.viewer.snapshot import Cast, Obstacle, Snapshot, Tracks, actor, ob
 if TYPE_CHECKING:
     import viser
 
-__all__ = ["LivePage", "announced", "main", "snapshot_of"]
-
 
 KEPT_S = 20.0
 """Of the plot."""

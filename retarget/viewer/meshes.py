@@ -11,8 +11,6 @@ from retarget.model.scene_shapes import ShapeKind
 from retarget.rotations import rotate
 from retarget.types import FloatArray
 
-__all__ = ["LinkMesh", "Mesh", "creased", "link_meshes", "shape_mesh"]
-
 ROUND = 24
 """Corners of a circle."""
 SHARP = float(np.cos(np.radians(40.0)))

@@ -15,8 +15,6 @@ from retarget.viewer.snapshot import Snapshot, Viewed
 if TYPE_CHECKING:
     import viser
 
-__all__ = ["WAITING", "RecordedPage", "Timeline", "add_parts", "headline"]
-
 
 # What both pages have in their panel: what the robot does in large letters, and what of the scene is shown.
 

@@ -46,9 +46,6 @@ from retarget.viewer.snapshot import (
     placed,
 )
 
-__all__ = ["RecordedCycles", "RecordedRun", "RecordedScene", "open_recorded", "open_viewed"]
-
-
 KEYS: dict[str, tuple[str, tuple[str | int | None, ...]]] = {
     "time": ("known", ("T",)),
     "phase": ("text", ("T",)),

@@ -15,8 +15,6 @@ from retarget.errors import ConfigError, UsageError
 if TYPE_CHECKING:
     import viser
 
-__all__ = ["PORT", "AccessToken", "Refused", "close_server", "open_server"]
-
 
 # The access token: only a browser that was given the whole address may use the page, and only from the page itself.
 #

@@ -15,20 +15,6 @@ from retarget.schema.scene import FLOOR
 from retarget.types import FloatArray, ModeArray
 from retarget.viewer.meshes import LinkMesh, Mesh, link_meshes, shape_mesh
 
-__all__ = [
-    "PHASE_WORDS",
-    "Actor",
-    "Cast",
-    "Obstacle",
-    "Snapshot",
-    "Tracks",
-    "Viewed",
-    "actor",
-    "drawn",
-    "obstacles",
-    "placed",
-]
-
 PHASE_WORDS = {Phase.APPROACH: "approaching", Phase.FOLLOW: "following", Phase.BRAKE: "stopping"}
 """What a robot does in a tick of that phase."""
 LEAST_M = 0.05

@@ -23,8 +23,6 @@ from hardware.realtime import named_process
 from retarget.errors import UsageError
 from sim.emulator.line import Line
 
-__all__ = ["Claim", "EmulatedPort", "Link", "PseudoTerminal", "serve"]
-
 
 class EmulatedPort:
     """A `hardware.dynamixel.serial_port.BytePort` on a given clock. On a virtual one waiting takes no time, and several

@@ -23,9 +23,6 @@ from sim.faults.reactions import Reaction, violations
 from sim.faults.rows import APPROACHED, ROWS
 from sim.faults.sender import FakeSender
 
-__all__ = ["Case", "Result", "file_cases", "judged_case", "judged_seed", "pair_cases", "row_cases", "seed_cases"]
-
-
 # Random runs: faults of the table one after another, at random times, until one of them ends the run.
 
 HARMLESS = (Reaction.NONE, Reaction.MAY_HOLD, Reaction.REBASE, Reaction.RESUME, Reaction.OUT, Reaction.SLOW)

@@ -23,25 +23,6 @@ from sim.faults.reactions import HALF, HELD_S, Idle, Reaction, Row, Seen, late, 
 from sim.faults.sender import FakeSender
 from sim.faults.wire_checker import not_reads, packets
 
-__all__ = [
-    "ENGAGING_S",
-    "HIDDEN",
-    "ONSET",
-    "Struck",
-    "Verdict",
-    "When",
-    "judged",
-    "judged_file",
-    "judged_pair",
-    "missing",
-    "need_of",
-    "outdone",
-    "reached",
-    "run_row",
-    "verdict_of",
-]
-
-
 # Malformed robot files: a run must refuse them before it opens the performer's source or makes a bus.
 
 BEGUN = "the run went on"

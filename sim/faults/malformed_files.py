@@ -6,8 +6,6 @@ from pathlib import Path
 
 from retarget.errors import InputError
 
-__all__ = ["MALFORMED", "Malformed"]
-
 Change = Callable[[bytes, Path], bytes]
 """From the valid file, and the folder of the new one, to the malformed file."""
 

@@ -29,9 +29,6 @@ from sim.faults.wire_checker import (
     written,
 )
 
-__all__ = ["EVER", "HALF", "HELD_S", "Idle", "Reaction", "Row", "Seen", "late", "reacted", "violations"]
-
-
 # A row of the fault table: the fault, and the required reaction.
 
 EVER = math.inf

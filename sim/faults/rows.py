@@ -15,9 +15,6 @@ from sim.faults.bench import BEFORE_ARMING, Bench
 from sim.faults.reactions import EVER, Idle, Reaction, Row
 from sim.faults.sender import SenderFault, encoded, flapping, frozen, lost, moved, pausing, silent, swapped
 
-__all__ = ["APPROACHED", "BUS", "ROWS"]
-
-
 # Faults of a sender and its datagrams.
 
 FLOOD_HZ = 130_000.0

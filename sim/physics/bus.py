@@ -17,8 +17,6 @@ from sim.mock_bus import ALERT_BIT, VELOCITY_UNIT
 from sim.physics.simulation import BATCH_S, Simulation
 from sim.physics.witness import Witness
 
-__all__ = ["PhysicsBus", "SimulatedShafts", "drive_shafts"]
-
 
 class PhysicsBus:
     """A `hardware.bus.ServoBus`. Each call moves the simulation up to the clock's now, in whole steps.

@@ -18,8 +18,6 @@ from retarget.model.scene_state import Rest, SceneState, motion_of
 from retarget.schema.scene import Pose, Scene
 from retarget.types import FloatArray
 
-__all__ = ["FIXTURE", "FLOOR", "SOLE", "add_fixtures", "add_floor", "add_soles", "sole_corners", "sort_shapes"]
-
 FLOOR, SOLE, FIXTURE = "physics_floor", "physics_sole", "physics_fixture"
 """How the names of shapes begin that are not the robot's own."""
 

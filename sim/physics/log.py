@@ -13,9 +13,6 @@ from retarget.model.robot import RobotBody
 from retarget.run.rest_trajectory import NEAR_REST
 from sim.physics.state import PhysicsState
 
-__all__ = ["SLIP_RESOLUTION_M", "Fall", "FallWatch", "PhysicsLog", "at_rest"]
-
-
 MAX_ROWS = 450_000
 """Most ticks that are kept, an hour at 125 Hz; the sums go on after them."""
 BLOCK_ROWS = 4096

@@ -22,18 +22,6 @@ from retarget.model.body_file import engine
 from sim.emulator.power import OVERLOAD_EFFORT, OVERLOAD_TIME
 from sim.servo_model import AMBIENT, HEAT_PER_AMPERE2, HEAT_TIME, IDLE_CURRENT, LARGEST_CURRENT, SUPPLY_RESISTANCE
 
-__all__ = [
-    "HEAT_PER_WATT",
-    "Drive",
-    "Electrics",
-    "Motors",
-    "add_motors",
-    "drive_numbers",
-    "gain_missing",
-    "position_loop",
-]
-
-
 # The position loop of a servo from its gain registers: drive (share of full voltage) per error, speed and time.
 #
 #     drive = P e + I sum(e) - D w,    |drive| <= 1,    voltage = drive x supply

@@ -15,21 +15,6 @@ from retarget.model.robot import RobotBody
 from retarget.types import FloatArray
 from sim.physics.motors import gain_missing
 
-__all__ = [
-    "RELEASE_S",
-    "Hand",
-    "Mount",
-    "Support",
-    "add_hand",
-    "add_rope",
-    "check_gains",
-    "check_masses",
-    "check_mount",
-    "damp_swinging",
-    "mount_of",
-    "simulation_problem",
-]
-
 
 class Support(StrEnum):
     """floor: on its own soles. stand: its root is bolted down. gantry: it hangs from a rope, and swings."""

@@ -7,8 +7,6 @@ from math import cos, pi, sin
 
 import numpy as np
 
-__all__ = ["FRICTION", "NOMINAL", "Perturbation", "PerturbationKind", "Push", "combined", "drawn", "perturbation_kind"]
-
 FRICTION = 0.8
 """Friction of rubber soles on a hard floor, unless a perturbation changes it."""
 

@@ -20,9 +20,6 @@ from sim.physics.mount import Hand, Support, damp_swinging
 from sim.physics.perturbation import Perturbation, Push
 from sim.physics.world import World
 
-__all__ = ["Simulation", "SoleSteps"]
-
-
 # A term that the engine leaves out of its contacts: the acceleration of a sole from the speeds of the body alone.
 #
 # A point with Jacobian J accelerates by J dv/dt + dJ/dt v. MuJoCo asks for a reference acceleration -b J v of the first

@@ -12,8 +12,6 @@ from sim.physics.ground import BALL_M, SOLE
 from sim.physics.simulation import Simulation
 from sim.physics.world import World
 
-__all__ = ["LOADED_SHARE", "PhysicsState", "StateReader"]
-
 LOADED_SHARE = 0.03
 """A sole carries when it bears this share of the robot's weight."""
 GRAVITY = 9.81  # [m/s^2]

@@ -14,9 +14,6 @@ from sim.physics.mount import Support
 from sim.physics.simulation import Simulation
 from sim.physics.state import LOADED_SHARE, PhysicsState, StateReader
 
-__all__ = ["AFTERMATH_S", "PhysicsSummary", "Witness", "WitnessedBus", "physics_run", "physics_summary", "zmp_margins"]
-
-
 AFTERMATH_S = 1.5
 """How long a robot is watched for a fall after its torque went off for good, s."""
 LOOK_S = 0.008

@@ -20,8 +20,6 @@ from sim.physics.motors import Drive, add_motors, drive_numbers, position_loop
 from sim.physics.mount import Mount, Support, add_hand, add_rope, check_gains, check_masses, check_mount
 from sim.physics.perturbation import Perturbation
 
-__all__ = ["STEP_S", "World", "build_world"]
-
 HAND_LANDMARKS = ("l_hand", "r_hand")
 STEP_S = 0.002
 """Step of the engine, s."""

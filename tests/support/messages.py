@@ -28,8 +28,6 @@ from pydantic import ValidationError
 
 from retarget.errors import Problem, RefusedError
 
-__all__ = ["Fact", "Facts", "mentions", "refuses", "shows", "shows_lines"]
-
 Fact = str | int | float | Path | re.Pattern[str]
 Facts = Fact | tuple[Fact, ...]
 E = TypeVar("E", bound=BaseException)

@@ -4,8 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-__all__ = ["mutated"]
-
 
 def mutated(generator: np.random.Generator, real: Sequence[bytes]) -> bytes:
     """One of them with up to three bytes changed, mostly early ones; one in ten is also cut, one in ten random."""

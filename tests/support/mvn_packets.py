@@ -3,8 +3,6 @@
 import struct
 from collections.abc import Iterable, Sequence
 
-__all__ = ["euler", "meta", "mvn", "quaternions", "scale", "standing"]
-
 Segment = tuple[int, Sequence[float], Sequence[float]]
 """Id from 1, position, and the quaternion or the angles."""
 
