@@ -4,6 +4,7 @@ import shlex
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, cast
 
@@ -185,9 +186,7 @@ def follow_live(
     if live.recalibrate and live.person is None:
         raise UsageError("only a named person can be measured anew", where="--recalibrate", next_step="Give a --person")
     oversight, address = oversight or Oversight(), parse_address(source)
-    clock: Clock = MonotonicClock()
-    if address.kind == "replay" and options.simulated:  # a viewer shows it in real time
-        clock = VirtualClock() if outputs.view is None else PacedClock()
+    clock = _live_clock(address, options, outputs)
     refuse_oversight(oversight, virtual=type(clock) is VirtualClock)
     bench = PhysicsBench(options, _log)
     recorder = recorder_for(outputs, options, bench, clock=clock, goes_to_rest=True)
@@ -202,9 +201,8 @@ def follow_live(
             return begin_live(stream, live, clock=clock, rate_hz=live_rate_hz(robot), where=address.text, notify=notify)
 
         make_bus = recorder.make_bus(bench.make_bus)
-        with prepare_for(
-            perform, options, clock=recorder.clock, make_bus=make_bus, goes_to_rest=True, notify=notify
-        ) as prepared:
+        prepare_live = partial(prepare_for, clock=recorder.clock, make_bus=make_bus, goes_to_rest=True, notify=notify)
+        with prepare_live(perform, options) as prepared:
             stop, keys = stack.enter_context(stop_on_signals(moves=True)), stack.enter_context(Keys())
             performer, guard = prepared.samples, None if prepared.side is None else prepared.side.guard
             assert isinstance(performer, LivePerformer)
@@ -215,9 +213,8 @@ def follow_live(
             )
             _show_keys(keys, dead_man)
             words = _words(prepared, controls)
-            page = stack.enter_context(
-                viewing(outputs.view, prepared, options, words, truth=bench.truth, notify=notify)
-            )
+            shown = viewing(outputs.view, prepared, options, words, truth=bench.truth, notify=notify)
+            page = stack.enter_context(shown)
             look = page.with_stop_button(controls.look, stop)
             _wait_until_engaged(clutch, look, performer, clock)
             with recorder.recording(prepared, source=address.text) as recorded:
@@ -229,6 +226,13 @@ def follow_live(
             notify("no tick followed the performer: the stream was over before following began")
         stream_report = performer.report(address=address.text, person=live.person)
         return recorder.code(finished(replace(bench.seen(run), live=stream_report), outputs))
+
+
+def _live_clock(address: StreamAddress, options: RunOptions, outputs: Outputs) -> Clock:
+    """Real time, but for a recorded stream on a simulated bus: that runs as fast as it can, in real time on a page."""
+    if address.kind != "replay" or not options.simulated:
+        return MonotonicClock()
+    return VirtualClock() if outputs.view is None else PacedClock()
 
 
 def _raw_tap(path: Path | None, address: StreamAddress, stack: ExitStack, *, overwrite: bool) -> RawTap | None:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -198,14 +199,12 @@ def prepare_for(
     samples, human = performance.samples, build_human(performance.dimensions)
     scene = _scene(robot, options)
     human_scene = scene if robot is None else None
-    reconstructor = Reconstructor(
-        human, for_human, performer, iterations=options.iterations, scene=human_scene, intake=performance.intake
-    )
+    reconstruct = partial(Reconstructor, human, for_human, performer, iterations=options.iterations, scene=human_scene)
+    reconstructor = reconstruct(intake=performance.intake)
     _refuse_unobserved(reconstructor, human_scene, for_human)
     if human_scene is not None and not options.allow_contact:
         # By a reconstructor of its own, so that the check does not change the run.
-        first = Reconstructor(human, for_human, performer, iterations=options.iterations, scene=human_scene)
-        _refuse_inside_obstacle(first, human_scene, samples, human)
+        _refuse_inside_obstacle(reconstruct(), human_scene, samples, human)
     notes = (*performance.notes, *(() if robot is None else robot.body.notes), *on_steps)
     stages = tuple(file for file in (for_human, for_robot) if file is not None)
     if robot is None or for_robot is None:

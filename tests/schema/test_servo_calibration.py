@@ -205,7 +205,7 @@ def test_half_a_pair_shifted_beyond_its_servo_is_impossible() -> None:
 
 
 def test_check_shows_it(capsys: pytest.CaptureFixture[str]) -> None:
-    for text in ("calibration:   none: zero ticks of the profile", "2 of 20 servos homed on 2026-01-31 ("):
+    for text in ("calibration: none: zero ticks of the profile", "2 of 20 servos homed on 2026-01-31 ("):
         with pytest.raises(SystemExit):
             main(["check", "op3"])
         assert text in capsys.readouterr().out
