@@ -101,7 +101,7 @@ def _stream(live: LiveReport) -> str:
     """What came of a live stream."""
     unused = sum(live.dropped.values())
     held = f"; held {live.holds.count} times, {live.holds.s:.1f} s in all" if live.holds.count else ""
-    return f"{live.frames} frames in {live.datagrams} datagrams, {unused} things in them not used{held}"
+    return f"{live.frames} frames in {live.datagrams} datagrams, {unused} poses or datagrams not used{held}"
 
 
 def _tiles(report: Report) -> list[tuple[str, str]]:
