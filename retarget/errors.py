@@ -105,12 +105,18 @@ RENAMED = {
 socket. An old name is refused with the new one."""
 
 
+def renamed_to(name: str, known: Iterable[str]) -> str:
+    """A next step with the new name of `name`, where that is one of the known names; else ""."""
+    new = RENAMED.get(name)
+    return f"It is called {new} now" if new in known else ""
+
+
 def suggest(name: str, known: Iterable[str]) -> str:
     """A next step for an unknown name: its new name if it was renamed, "Did you mean a, b or c?", or "" when nothing
     is near."""
     known = tuple(known)
-    if RENAMED.get(name) in known:
-        return f"It is called {RENAMED[name]} now"
+    if renamed := renamed_to(name, known):
+        return renamed
     near = nearest(name, known)
     if not near:
         return ""

@@ -133,7 +133,7 @@ def look(port: BytePort, spec: BusSpec, servos: Sequence[Placed], sightings: Seq
             notes.append(f"{_called(line, one)} is a model that is not known here: {one.model}")
     unknown_ids = [f"{one.found.id} ({one.model})" for one in unknown if one.found.id not in line.servos and one.table]
     if unknown_ids:
-        notes.append(f"ids that the profile does not know: {', '.join(unknown_ids)}")
+        notes.append(f"ids that are not in the profile: {', '.join(unknown_ids)}")
     named = {one.found.id for one in unknown}
     missing = tuple(device for device in line.servos if device not in images and device not in named)
     if missing:

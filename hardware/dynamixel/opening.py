@@ -39,7 +39,7 @@ def servos_on(port: BytePort, client: OneOff, bus: BusSpec) -> tuple[list[Found]
     others = [device for device in range(MAX_ID + 2) if device not in bus.ids]
     each = exchange.SPREAD + wait + 10 * (len(protocol1.ping(0)) + 2 * protocol1.STATUS_BYTES) / port.baud
     if len(others) * each > LONGEST:
-        return [*found.values()], [f"bus {bus.name}: too slow to look for servos that the profile does not know"]
+        return [*found.values()], [f"bus {bus.name}: too slow to look for servos that are not in the profile"]
     for device in others:
         if any(answer.id == device for answer in exchange.ping_alone(port, 1, device, wait).answers):
             unexpected = client.ping(device)
@@ -137,7 +137,7 @@ def examine(
     _name_missing(port, bus, servos, found, opening)
     unknown_ids = [f"{one.id} ({_model(one)})" for one in found.values() if one.id not in bus.ids]
     if unknown_ids:
-        opening.problems.append(f"{where}: ids that the profile does not know: {', '.join(unknown_ids)}")
+        opening.problems.append(f"{where}: ids that are not in the profile: {', '.join(unknown_ids)}")
     needed = needed_ticks(robot or servos)
     for servo in servos:
         if servo.id in found:

@@ -162,7 +162,7 @@ REFUSED1 = Error1.ANGLE_LIMIT | Error1.RANGE | Error1.CHECKSUM | Error1.INSTRUCT
 """Error bits of protocol 1.0 that are about the instruction; the others show the servo's state."""
 _WORDS2 = {
     Error2.RESULT_FAIL: "it could not carry the instruction out",
-    Error2.INSTRUCTION: "it does not know this instruction, or Action without a registered write",
+    Error2.INSTRUCTION: "this instruction is not supported, or Action without a registered write",
     Error2.CRC: "the instruction arrived damaged",
     Error2.DATA_RANGE: "the value is outside the register's range, or the bus watchdog has tripped",
     Error2.DATA_LENGTH: "the data are shorter than the register",
@@ -173,7 +173,7 @@ _WORDS1 = {
     Error1.ANGLE_LIMIT: "the goal is outside its angle limits",
     Error1.RANGE: "the value is outside the register's range",
     Error1.CHECKSUM: "the instruction arrived damaged",
-    Error1.INSTRUCTION: "it does not know this instruction, or Action without a registered write",
+    Error1.INSTRUCTION: "this instruction is not supported, or Action without a registered write",
 }
 _NEXT2 = {Error2.ACCESS: "Switch torque off before writing EEPROM", Error2.DATA_LIMIT: "Check the servo's limits"}
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from hardware.bus import BusSpec
-from retarget.errors import ConfigError, Problem, RefusedError, UsageError, suggest
+from retarget.errors import ConfigError, Problem, RefusedError, UsageError, renamed_to, suggest
 from retarget.ik.support_polygon import check_stand
 from retarget.model.observers import NEVER_NEAR, DroppedPair, robot_observers
 from retarget.model.robot import RobotBody, load_robot
@@ -84,7 +84,7 @@ def _targets(name: str) -> list[_Target]:
             "there is no such file, and no configuration of that name",
             where=name[:200],
             allowed=", ".join(known),
-            next_step=suggest(name, known) or "Check the path",
+            next_step=suggest(name, known) or renamed_to(Path(name).stem, known) or "Check the path",
         ) from None
     return [_Target(_kind(path), path)]
 

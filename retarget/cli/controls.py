@@ -333,7 +333,7 @@ FILE_PERIOD = 5
 """Ticks between two checks for the file. The first poll checks, so no servo gets torque while the file is there."""
 WORDS = ("stop", "torque_off", "hold", "status")
 """Of the control socket."""
-SPACE, SOCKET = "interrupted by the user (space bar)", "stopped through the control socket (`retarget stop`)"
+SPACE, SOCKET = "interrupted by the user (space bar)", "requested through the control socket (`retarget stop`)"
 """Reasons of a stop."""
 GOES_ON, NEVER_GOES_ON = "p goes on", "there is no terminal whose p would go on, so stop it: `retarget stop`"
 """After a pause."""

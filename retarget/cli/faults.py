@@ -13,6 +13,8 @@ from retarget.errors import UsageError, suggest
 if TYPE_CHECKING:
     from sim.faults.cases import Case, Result
 
+FILE_ROW = "robot file: "
+"""Stands before the name of a row about a malformed robot file, in the table; `--row` takes both."""
 MOST_LINES = 5
 """Lines about the faults of one run."""
 
@@ -37,6 +39,7 @@ def faults(
     from sim.faults.rows import ROWS
 
     names = [*(one.name for one in ROWS), *(one.name for one in MALFORMED)]
+    row = row and row.removeprefix(FILE_ROW)
     if row is not None and row not in names:
         raise UsageError(
             "no such row", where="--row", found=repr(row), allowed=", ".join(names), next_step=suggest(row, names)
@@ -64,7 +67,7 @@ def _show(name: str | None) -> None:
             table.add_row(one.name, one.reaction.value, f"{one.limit:g} s" if one.limit else "-", one.idle.value)
     for file in MALFORMED:
         if name in (None, file.name):
-            table.add_row(f"robot file: {file.name}", "-", "-", "does not begin, no port opened")
+            table.add_row(f"{FILE_ROW}{file.name}", "-", "-", "does not begin, no port opened")
     Console().print(table)
 
 

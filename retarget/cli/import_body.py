@@ -66,7 +66,7 @@ def _summary(done: Imported) -> str:
     if done.problems:
         lines += ["  not complete yet, says retarget check:", *(f"    {text}" for text in done.problems)]
         return "\n".join([*lines, f"Next: fix {profile}, then retarget check {profile}"])
-    drafts = f"{done.drafts} lines marked DRAFT want a look before it moves a real robot"
+    drafts = f"{done.drafts} lines marked DRAFT must be checked before it moves a real robot"
     return "\n".join([*lines, f"Next: retarget demo --robot {profile} --bus mock", f"      {drafts}"])
 
 

@@ -101,7 +101,7 @@ def _stream(live: LiveReport) -> str:
     """What came of a live stream."""
     unused = sum(live.dropped.values())
     held = f"; held {live.holds.count} times, {live.holds.s:.1f} s in all" if live.holds.count else ""
-    return f"{live.frames} frames in {live.datagrams} datagrams, {unused} things in them not used{held}"
+    return f"{live.frames} frames in {live.datagrams} datagrams, {unused} poses or datagrams not used{held}"
 
 
 def _tiles(report: Report) -> list[tuple[str, str]]:
@@ -112,7 +112,7 @@ def _tiles(report: Report) -> list[tuple[str, str]]:
         ("hands, where within reach, are off by", None if hands is None else f"{hands:.1f} mm"),
         ("sensors are met to", f"{max(sensors):.2f} mm" if sensors and report.robot == "human" else None),
         ("lag", None if report.lag_s is None else f"{1e3 * report.lag_s:.0f} ms"),
-        ("of the hands' way was gone", None if report.hand_path_ratio is None else f"{report.hand_path_ratio:.0%}"),
+        ("of the hands' path was covered", None if report.hand_path_ratio is None else f"{report.hand_path_ratio:.0%}"),
         ("nearest of its own links", None if own is None else f"{own:.1f} mm"),
         ("from the edge of balance", None if report.com_margin_mm is None else f"{report.com_margin_mm:.1f} mm"),
         (

@@ -77,14 +77,15 @@ def stream_line(live: LiveReport | None) -> str:
         return ""
     parts = [f"{live.frames} frames in {live.datagrams} datagrams, played {live.playout_delay_ms:.0f} ms late"]
     if live.dropped:
-        parts.append("not used: " + ", ".join(f"{count} {reason}" for reason, count in [*live.dropped.items()][:MOST]))
+        reasons = [*live.dropped.items()][:MOST]
+        parts.append("not used: " + ", ".join(f"{reason} ({count})" for reason, count in reasons))
     if live.lost_s:
         longest = sorted(live.lost_s.items(), key=lambda item: -item[1])[:MOST]
         parts.append("lost: " + ", ".join(f"{name} {seconds:.1f} s" for name, seconds in longest))
     if live.holds.count:
         parts.append(f"held {live.holds.count} times, {live.holds.s:.1f} s")
     if live.refused:
-        parts.append(f"not listened to: {', '.join(live.refused[:MOST])}")
+        parts.append(f"refused senders: {', '.join(live.refused[:MOST])}")
     return "; ".join(parts)
 
 
@@ -202,7 +203,7 @@ def _servos(report: Report) -> str:
 def _gate(report: Report) -> str:
     if report.gated_frames is None:
         return ""
-    alone = f", braked by itself in {report.no_command_frames} ticks without any" if report.no_command_frames else ""
+    alone = f"; no goal in {report.no_command_frames} ticks: joints braked" if report.no_command_frames else ""
     return f"changed {report.gated_frames} of {report.ticks} goals{alone}"
 
 

@@ -247,13 +247,31 @@ def _scene(robot: RobotBody | None, options: RunOptions) -> SceneState | None:
 def _priorities(robot: RobotBody | None, options: RunOptions) -> tuple[Priorities, Priorities | None, tuple[str, ...]]:
     """The priority files of both stages, and notes about the robot's."""
     names = priority_names(robot, options)
-    first, *others = (load_priorities(name) for name in names)
+    first, *others = (_load_priorities(name, _where_named(robot, options, stage)) for stage, name in enumerate(names))
     if robot is None:
         check_for_human(first, names[0])
     last = next(iter(others), None)
     if robot is None or last is None:
         return first, last, ()
     return first, *with_steps(last, robot, options.steps, parts=options.parts)
+
+
+def _where_named(robot: RobotBody | None, options: RunOptions, stage: int) -> str:
+    """What names the priority file of a stage, 0 or 1: the option, or a key of the profile."""
+    if robot is None or (stage == 1 and options.priorities is not None):
+        return "--priorities"
+    name, profile = priority_names(robot, options)[stage], robot.profile
+    key = "reconstruct" if stage == 0 else "retarget" if name == profile.retarget else "standing"
+    return f"{key} in the profile of {profile.name}"
+
+
+def _load_priorities(name: str, named_by: str) -> Priorities:
+    """The priority file; of an unknown name the message says what names it."""
+    try:
+        return load_priorities(name)
+    except UsageError as error:
+        problems = [problem if problem.where else replace(problem, where=named_by) for problem in error.problems]
+        raise UsageError.from_problems(problems) from error
 
 
 def _refuse_unobserved(reconstructor: Reconstructor, scene: SceneState | None, priorities: Priorities) -> None:
@@ -281,7 +299,7 @@ def _refuse_inside_obstacle(reconstructor: Reconstructor, scene: SceneState, sam
 def _follower(
     robot: RobotBody, priorities: Priorities, human: Human, options: RunOptions, scene: SceneState | None
 ) -> Follower:
-    with naming_file(options.priorities or robot.profile.retarget, robot=robot.profile.name):
+    with naming_file(priority_names(robot, options)[-1], robot=robot.profile.name):
         return Follower(
             robot, priorities, human.dimensions, parts=options.parts, iterations=options.iterations, scene=scene
         )

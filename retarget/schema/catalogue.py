@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
-from retarget.errors import UsageError, suggest
+from retarget.errors import UsageError, renamed_to, suggest
 from retarget.schema.strict_models import listed
 
 MAX_LISTED = 1000
@@ -102,7 +102,7 @@ def find(kind: Kind, name_or_path: str | Path) -> Path:
             f"there is no such {kind.label}",
             where=shown,
             allowed=f"the path of a YAML file, or a name: {listed(known)}",
-            next_step="Check the path",
+            next_step=renamed_to(Path(text).stem, known) or "Check the path",
         )
     also = {HUMAN: "which only reconstructs the performer"} if kind is Kind.ROBOT else {}
     raise UsageError(

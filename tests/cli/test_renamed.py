@@ -62,6 +62,18 @@ def test_a_priority_file_that_a_profile_names(tmp_path: Path, capsys: pytest.Cap
     shows(refused(capsys, "check", profile), "'steady'", "called balanced now")
 
 
+def test_a_run_says_which_key_of_the_profile_names_the_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    profile = copy_of_op3(tmp_path, ("retarget: servo", "retarget: held"))
+    found = refused(capsys, "run", "--robot", profile, *RUN[3:])
+    shows(found, "retarget in the profile of op3", "'held'", "called fixed_base now")
+
+
+@pytest.mark.parametrize("words", [(*RUN, "--priorities"), ("check",)])
+def test_a_path_of_a_priority_file(words: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "priorities" / "steady.yaml"
+    shows(refused(capsys, *words, path), path, "called balanced now")
+
+
 @pytest.mark.parametrize(("file", "old"), KEYS)
 def test_a_key_of_a_priority_file(file: str, old: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "mine.yaml"

@@ -85,10 +85,10 @@ def test_the_summary_has_a_line_of_it() -> None:
         good, dropped={"late": 3}, refused=("10.0.0.2: a second source",), lost_s={"head": 1.0}, holds=Holds(2, 3.0)
     )
     assert stream_line(bad).split("; ")[1:] == [
-        "not used: 3 late",
+        "not used: late (3)",
         "lost: head 1.0 s",
         "held 2 times, 3.0 s",
-        "not listened to: 10.0.0.2: a second source",
+        "refused senders: 10.0.0.2: a second source",
     ]
 
 

@@ -73,4 +73,4 @@ def test_ticks_that_the_gate_braked_by_itself_are_shown(report: Report) -> None:
     led = replace(report, no_command_frames=0)
     assert line(shown(led), "gate") == f"gate changed 0 of {report.ticks} goals"
     alone = line(shown(replace(report, gated_frames=3, no_command_frames=7)), "gate")
-    assert alone == f"gate changed 3 of {report.ticks} goals, braked by itself in 7 ticks without any"
+    assert alone == f"gate changed 3 of {report.ticks} goals; no goal in 7 ticks: joints braked"

@@ -134,7 +134,7 @@ PROBLEMS: dict[str, tuple[Spoil, tuple[str, ...]]] = {
         register(2, status_return_level=0),
         ("servo j2 (id 2) answers pings only", "status_return_level=2`"),
     ),
-    "unknown": (register(4, id=9), ("j4 (id 4) did not answer", "ids that the profile does not know: 9 (XM430-W350)")),
+    "unknown": (register(4, id=9), ("j4 (id 4) did not answer", "ids that are not in the profile: 9 (XM430-W350)")),
     "clash": (fault(FaultKind.ID_CLASH, 3), ("servo j3 (id 3) gives several different answers", "one at a time")),
     "errors": (overheated, ("servo j2 (id 2) has latched OVERHEATING (too hot)", "servo reboot")),
     "voltage": (supply, ("has a supply of 9.0 V, allowed 9.5 to 16 V", "battery")),
@@ -348,4 +348,4 @@ def test_a_search_that_would_take_too_long_is_noted() -> None:
     rig.port.open(1_000_000)
     found, notes = servos_on(rig.port, OneOff(rig.port, 1), rig.buses[0])
     assert [one.id for one in found] == [1, 2]
-    assert notes == ["bus main: too slow to look for servos that the profile does not know"]
+    assert notes == ["bus main: too slow to look for servos that are not in the profile"]
