@@ -6,7 +6,7 @@ user sees all errors of a file at once.
 """
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
@@ -14,7 +14,7 @@ from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StrictBool, StrictInt, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from retarget.errors import ConfigError, Problem, suggest
+from retarget.errors import RENAMED, ConfigError, Problem, suggest
 from retarget.schema.strict_yaml import MAX_PROBLEMS, Document, KeyPath, read_text, scan
 
 # pydantic's errors in our words: the place in the file, what stands there, what may, and the nearest valid name.
@@ -57,6 +57,15 @@ def keys_of(document: Document, section: str) -> tuple[str, ...]:
     """The names that a section of the file gives entries to, valid or not."""
     entries = document.data.get(section)
     return tuple(entries) if isinstance(entries, dict) else ()
+
+
+def _renamed_inside(data: Any, path: KeyPath, document: Document, *, renamed: bool = False) -> Iterator[Problem]:
+    """The old keys inside sections that have an old name themselves: no model has looked at those."""
+    for key, value in data.items() if isinstance(data, dict) else ():
+        if renamed and key in RENAMED:
+            step = f"It is called {RENAMED[key]} now"
+            yield document.problem((*path, key), "unknown key", found=repr(key), next_step=step)
+        yield from _renamed_inside(value, (*path, key), document, renamed=renamed or key in RENAMED)
 
 
 def _problem(model: type[BaseModel], detail: ErrorDetails, document: Document) -> Problem:
@@ -219,7 +228,7 @@ def read_model(model: type[M], path: Path, *, check: Check[M] | None = None) -> 
     except ValidationError as error:
         read = _valid_part(model, document.data)
         reported = {problem.where for problem in problems}
-        found = in_our_words(model, error, document)
+        found = [*in_our_words(model, error, document), *_renamed_inside(document.data, (), document)]
         problems += [problem for problem in found if problem.where not in reported]
     if check is not None:
         problems += check(read, document)
