@@ -169,7 +169,7 @@ def watched_sensors(count: int, limits: ValidityLimits) -> WatchedSensors:
 
 VALID = 0
 """The verdict of `WatchedSensors` on a valid pose."""
-UNTRACKED = "pose that the sender does not vouch for"
+UNTRACKED = "pose that the sender marks as lost"
 NOT_FINITE = "pose that is not finite"
 NOT_A_ROTATION = "orientation that is no unit quaternion"
 OUT_OF_RANGE = "position outside the room"

@@ -295,7 +295,7 @@ def test_the_answer_is_that_of_the_question() -> None:
     answers = iter((False, True))
     asked = ExceptionSafe(lambda: next(answers))
     assert (asked(), asked()) == (False, True)
-    asked.settle()
+    asked.raise_failure()
 
 
 def test_from_its_failure_on_it_is_no_and_the_failure_is_raised_in_the_end() -> None:
@@ -311,4 +311,4 @@ def test_from_its_failure_on_it_is_no_and_the_failure_is_raised_in_the_end() -> 
     asked = ExceptionSafe(question)
     assert [asked() for _ in range(4)] == [True, False, False, False] and count == 2
     with refuses(OSError):
-        asked.settle()
+        asked.raise_failure()
