@@ -87,7 +87,7 @@ class Stopping:
 
     @property
     def velocity(self) -> FloatArray:
-        """Of the robot (nv,) there, per s."""
+        """Velocity (nv,) of the robot there, per s."""
         return self._velocity
 
     def admits(self, q: FloatArray, velocity: FloatArray, dt: float) -> bool:

@@ -35,7 +35,7 @@ FALLBACK = ("head",)
 
 
 def base_sensors(names: Iterable[str]) -> tuple[str, ...]:
-    """Of these sensors, those without which the robot holds."""
+    """The sensors among these without which the robot holds."""
     worn = tuple(names)
     return tuple(name for name in BASE_SENSORS if name in worn) or tuple(name for name in FALLBACK if name in worn)
 
@@ -146,7 +146,7 @@ class LivePerformer:
 
     @property
     def ticks(self) -> int:
-        """At most."""
+        """Greatest number of ticks."""
         return self._ticks
 
     @property

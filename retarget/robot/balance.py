@@ -152,12 +152,12 @@ def _pushed_back(edges: Edges, outer: Edges, capture: tuple[float, float]) -> tu
     beyond, nx, ny = max((ex * x + ey * y - offset, ex, ey) for ex, ey, offset in edges)
     if beyond <= BEYOND_M:
         return None
-    way = beyond
+    reach = beyond
     for ex, ey, offset in outer:
         along = ex * nx + ey * ny
         if along > 0.0:
-            way = min(way, max(offset - ex * x - ey * y, 0.0) / along)
-    return x + way * nx, y + way * ny, SPARE * way
+            reach = min(reach, max(offset - ex * x - ey * y, 0.0) / along)
+    return x + reach * nx, y + reach * ny, SPARE * reach
 
 
 # Standing strength: what the joints of a robot on its soles may carry. A servo's continuous torque is much less than
