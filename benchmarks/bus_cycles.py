@@ -95,12 +95,12 @@ def missing(side: BusSide, emulator: EmulatorProcess, *, count: int, device: int
     """Let `device` be silent for some cycles."""
     before, _ = _timed(side, count, cycles)
     emulator.notify(f"missing {device}")
-    first, heard_first = _timed(side, count, 5)
-    later, heard_later = _timed(side, count, cycles)
+    first, answered_first = _timed(side, count, 5)
+    later, answered_later = _timed(side, count, cycles)
     emulator.notify("clear")
     for k in range(WARM_UP * 4):
         side.cycle(goals(count, k))
-    others = int(min(heard_first.min(), heard_later.min()))
+    others = int(min(answered_first.min(), answered_later.min()))
     return Missing(float(np.median(before)), float(first.max()), float(np.median(later)), float(later.max()), others)
 
 

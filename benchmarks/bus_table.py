@@ -12,7 +12,7 @@ FULL_RATES = ("1 Mbps", "2 Mbps", "4 Mbps")
 
 def print_cycles(rows: Sequence[Cycles], count: int) -> None:
     """Ours first in each group of rows that took turns."""
-    print(f"\n| {count} servos, no wire delay | p50, ms | p99, ms | thread CPU, ms | ours / side | not heard |")
+    print(f"\n| {count} servos, no wire delay | p50, ms | p99, ms | thread CPU, ms | ours / side | no answer |")
     print("|---|---:|---:|---:|---:|---:|")
     ours = rows[0].cpu
     for row in rows:
@@ -24,9 +24,7 @@ def print_cycles(rows: Sequence[Cycles], count: int) -> None:
 
 def print_missing(rows: Sequence[Missing]) -> None:
     """Without wire delay, then with it."""
-    print(
-        "\n| one of 20 missing, ms | before | slowest of the first 5 | later, median | later, slowest | others heard |"
-    )
+    print("\n| one of 20 missing, ms | before | slowest of the first 5 | later, median | later, slowest | others |")
     print("|---|---:|---:|---:|---:|---:|")
     for name, row in zip(("no wire delay", "wire of 4 Mbps"), rows, strict=True):
         print(
@@ -40,7 +38,7 @@ def print_loads(rows: Sequence[Load], rate: float, full: int) -> None:
     names = [f"20 servos, {rate:.0f} Hz, no wire delay"]
     names += [f"{full} servos, {name}, cycle after cycle" for name in FULL_RATES]
     names += [f"{full} servos, 2 Mbps, 125 Hz"]
-    print("\n| % of a core | cycles per s | host's thread | emulator's process | not heard |")
+    print("\n| % of a core | cycles per s | host's thread | emulator's process | no answer |")
     print("|---|---:|---:|---:|---:|")
     for name, row in zip(names, rows, strict=True):
         print(f"| {name} | {row.rate:.0f} | {100 * row.host:.1f} | {100 * row.emulator:.1f} | {row.lost} |")

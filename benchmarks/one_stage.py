@@ -1,8 +1,9 @@
 """`python -m benchmarks.one_stage FILE ...`: sensors mapped straight onto the OP3, beside the two stages.
 
 One stage: the five sensors, scaled by the ratio of the heads' heights over the ground and placed over the feet, are the
-robot's goals for hands and head; soles, balance, limits and pursuit are the same. Its heading is that of the recorded
-whole body, which flatters it. Both are judged by the recorded whole body: what its landmarks, scaled limb by limb, ask.
+robot's goals for hands and head; soles, balance, limits and reference governor are the same. Its heading is that of the
+recorded whole body, which flatters it. Both are judged by the recorded whole body: what its landmarks, scaled limb by
+limb, ask.
 """
 
 import argparse

@@ -55,9 +55,10 @@ class TimedBus:
 
 @dataclass(frozen=True)
 class PhysicsCost:
-    """A run's thread CPU. ticks: of the bus; seconds: of the robot's time; cpu_s: of the whole loop, arming and parking
-    with it, without loading. real_time: seconds over cpu_s. us per tick: of the whole, of the simulated mechanics with
-    their bus, of the human's and of the robot's stage; rest: gate, guard, record. fallen: whether it fell."""
+    """A run's thread CPU. ticks: of the bus; seconds: of the robot's time; cpu_s: of the whole loop, with arming and
+    the move to rest, without loading. real_time: seconds over cpu_s. us per tick: of the whole, of the simulated
+    mechanics with their bus, of the human's and of the robot's stage; rest: gate, guard, record. fallen: whether it
+    fell."""
 
     motion: str
     speed: float

@@ -1,4 +1,4 @@
-"""What one tick of `retarget run` thinks: from a sensor sample to a robot posture, Python and solver together."""
+"""What one tick of `retarget run` computes: from a sensor sample to a robot posture, Python and solver together."""
 
 from __future__ import annotations
 

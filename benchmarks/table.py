@@ -30,7 +30,7 @@ def print_outcomes(outcomes: list[Outcome], *, ours: str) -> None:
 
 
 def print_real_frame(costs: list[FrameCost]) -> None:
-    """What a tick of `retarget run` thinks, and how much of that is in the solver."""
+    """What a tick of `retarget run` computes, and how much of that is in the solver."""
     rows = [
         [c.stage, f"{c.median_us:.0f}", f"{c.p99_us:.0f}", f"{c.solver_median_us:.0f}", f"{c.solver_p99_us:.0f}"]
         for c in costs

@@ -1,8 +1,8 @@
 """`python -m benchmarks.tick_cost`: what a live tick computes, sensor datagram in to goal bytes out.
 
 OP3 with its observers on emulated servos, all bytes of its bus, on virtual time; five sensors as JSON. Thread CPU of
-every tick of following, less what the emulator, its tap and the sender take. What is asked (hear, align, reconstruct,
-retarget, gate, encode) is this tick without reading the servos.
+every tick of following, less what the emulator, its tap and the sender take. What is asked (receive, align,
+reconstruct, retarget, gate, encode) is this tick without reading the servos.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ FOLLOWING = "follow, gate"
 PARTS_OF_ALL = {FOLLOWING: (RobotSide, "follow"), READING: (Guard, "_read")}
 """What is measured beside the tick itself where nothing else is."""
 PARTS = {
-    "hear": (LivePerformer, "poll"),
+    "receive": (LivePerformer, "poll"),
     "reconstruct": (Pipeline, "_reconstruct"),
     **PARTS_OF_ALL,
 }
@@ -56,7 +56,7 @@ class Meter:
         self._now: dict[str, float] = {}
 
     def other(self, call: Callable[..., Any]) -> Callable[..., Any]:
-        """Its time is somebody else's."""
+        """Its time is not ours."""
 
         def measured(*given: Any, **named: Any) -> Any:
             begun = thread_cpu()

@@ -238,7 +238,7 @@ MOST_NEWS = 100
 class ServoWarnings:
     """The warnings about one robot's servos. share: of its speed, at which the robot spares its servos.
 
-    slow: the present share of all speeds, from 1 down to `share`; it changes smoothly.
+    speed_override: the present share of all speeds, from 1 down to `share`; it changes smoothly.
     """
 
     def __init__(self, servos: Sequence[ServoSpec], rows: Sequence[Watched], share: float) -> None:
@@ -252,7 +252,7 @@ class ServoWarnings:
         self._beyond_at = np.full(self._active.shape, -np.inf)  # [s] when each was last beyond its calm bounds
         self._at: float | None = None  # [s] of the last look
         self._news: list[str] = []
-        self.slow = 1.0
+        self.speed_override = 1.0
         self.busy = False
         """Whether there is a warning, or one may come, or the robot is not back at its full speed."""
 
@@ -277,7 +277,7 @@ class ServoWarnings:
         if ended.any():
             self._notify(ended, seen, "over: servo {warning} {names} now")
         self._change_speed(now)
-        self.busy = self.slow < 1.0 or self.levels.waiting or bool(self._active.any())
+        self.busy = self.speed_override < 1.0 or self.levels.waiting or bool(self._active.any())
 
     def take_news(self) -> list[str]:
         """Return the warnings that began and ended since the last call, a sentence each."""
@@ -289,7 +289,11 @@ class ServoWarnings:
         self._at = now
         goal = self._share if self._active[self._slows].any() else 1.0
         step = (1.0 - self._share) * elapsed / RAMP_S
-        self.slow = max(goal, self.slow - step) if goal < self.slow else min(goal, self.slow + step)
+        self.speed_override = (
+            max(goal, self.speed_override - step)
+            if goal < self.speed_override
+            else min(goal, self.speed_override + step)
+        )
 
     def _notify(self, which: BoolArray, seen: FloatArray, form: str) -> None:
         for row, mask, values in zip(self._rows, which, seen, strict=True):
@@ -371,9 +375,9 @@ class ServoHealth:
         self._all_known = np.ones(self._seen.shape, dtype=np.bool_)
 
     @property
-    def slow(self) -> float:
-        """Share of all speeds, to 1, at which the robot spares servos that are too warm or draw too much."""
-        return self.warnings.slow
+    def speed_override(self) -> float:
+        """Share (0, 1] of all speeds, at which the robot spares servos that are too warm or draw too much."""
+        return self.warnings.speed_override
 
     def complaint(
         self, states: ServoStates, sent: TickArray | None, held: FloatArray | None = None

@@ -476,7 +476,7 @@ class WatchedSensors:
         stale_after: float,
         frozen_after: float,
         noticeable: tuple[float, float],
-        not_worn_after: float,
+        not_in_use_after: float,
     ) -> None: ...
     def take(
         self,

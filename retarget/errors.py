@@ -108,7 +108,7 @@ socket. An old name is refused with the new one."""
 def renamed_to(name: str, known: Iterable[str]) -> str:
     """A next step with the new name of `name`, where that is one of the known names; else ""."""
     new = RENAMED.get(name)
-    return f"It is called {new} now" if new in known else ""
+    return f"It is called {new} now" if new is not None and new in known else ""
 
 
 def suggest(name: str, known: Iterable[str]) -> str:

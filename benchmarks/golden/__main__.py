@@ -85,12 +85,12 @@ def _play_all(runs: list[Run], here: Tree, there: Tree, names: Names, jobs: int)
             for run in runs
         ]
         for run, ours, theirs in both:
-            bad += _told(run, ours.result(), theirs.result(), names)
+            bad += _print_comparison(run, ours.result(), theirs.result(), names)
     return bad
 
 
-def _told(run: Run, ours: Outcome, theirs: Outcome, names: Names) -> bool:
-    """Print how a run compares; whether it differs."""
+def _print_comparison(run: Run, ours: Outcome, theirs: Outcome, names: Names) -> bool:
+    """Print how a run compares. Returns whether it differs."""
     found = differences(ours, theirs, names)
     wire = f", {len(ours.wire['data'])} bytes on the wire" if ours.wire else ""
     ticks = f"{len(ours.arrays['joint_positions'])} ticks, {len(ours.arrays)} arrays" if ours.arrays else ""

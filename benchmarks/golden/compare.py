@@ -72,8 +72,8 @@ def _array_differences(ours: Arrays, theirs: Arrays, names: Names) -> list[Diffe
 
 
 def array_difference(name: str, ours: Floats, theirs: Floats, names: Names | None = None) -> Difference | None:
-    """None for the same bits. Arrays (T, ...) of which the first tick that differs is told, and the largest difference
-    of all; of texts only whether they are the same."""
+    """The first tick that differs in two arrays (T, ...), and the largest difference of all; None for the same bits. Of
+    texts only whether they are the same."""
     if ours.dtype.kind == "U" and theirs.dtype.kind == "U":
         keys = (names or Names()).keys
         ours = np.vectorize(lambda text: keys.get(text, text), otypes=[np.str_])(ours) if keys and ours.size else ours

@@ -98,7 +98,7 @@ def make_solver(
 
 
 def place_balls(solver: _solver.Solver, balls: Sequence[Ball], time: float = 0.0) -> None:
-    """Tell a solver where the balls are and how they move."""
+    """Set where the balls of a solver are, and how they move."""
     solver.set_obstacles(
         np.array([ball.after(time) for ball in balls]),
         np.tile([1.0, 0.0, 0.0, 0.0], (len(balls), 1)),

@@ -1,4 +1,4 @@
-"""What mkdocs is told beside mkdocs.yml: pages that are made, and what Git hosts read unlike Python-Markdown."""
+"""Hooks of mkdocs besides mkdocs.yml: pages that are made, and what Git hosts read unlike Python-Markdown."""
 
 import re
 from pathlib import Path, PurePosixPath

@@ -47,11 +47,11 @@ def models_below(root: type[BaseModel]) -> tuple[type[BaseModel], ...]:
 
 def keys_of_model(model: type[BaseModel]) -> tuple[Key, ...]:
     """Every key that may be written, in the model's order; what it has from the models above it comes last."""
-    told, hints = _docstrings(model), _hints(model)
+    meanings, hints = _docstrings(model), _hints(model)
     own = inspect.get_annotations(model)
     keys = []
     for name, field in sorted(model.model_fields.items(), key=lambda entry: entry[0] not in own):
-        unit, meaning = _parted(told.get(name, ""))
+        unit, meaning = _parted(meanings.get(name, ""))
         keys.append(Key(field.alias or name, words(hints[name]), unit, _default(field), meaning))
     return tuple(keys)
 

@@ -191,10 +191,10 @@ class Clutch:
         held = dead_man.held(pressed, self._clock.now())
         if dead_man.lost and not self._lost:
             self._lost = True
-            self._notify(f"{dead_man.lost}: it counts as let go, for good; stop the run")
+            self._notify(f"{dead_man.lost}: it counts as released for good: stop the run")
         if held != self._held:
             self._held = held
-            self._notify("held" if held else "let go: the robot holds")
+            self._notify("dead-man control held" if held else "dead-man control released: the robot holds")
             self._apply()
 
     def pause(self) -> None:
@@ -423,7 +423,7 @@ class LiveControls:
         if self._ticks % FILE_PERIOD == 1 and self._stop_file is not None:
             self._look_for(self._stop_file)
         if self._clutch.expired and not self._stop():
-            self._ask(f"let go for {LONGEST_S:g} s")
+            self._ask(f"paused by the operator for {LONGEST_S:g} s")
 
     def _look_for(self, file: Path) -> None:
         state = stop_file_state(file)
@@ -479,7 +479,7 @@ class LiveControls:
 
 
 def refused_word(word: str) -> str:
-    """The control socket's answer to a word that it does not know, or knows no more."""
+    """The answer of the control socket to a word that it does not have, or no longer has."""
     step = "only a person at the keyboard lets the robot move"
     if RENAMED.get(word) in WORDS:
         step = f"it is called {RENAMED[word]} now"

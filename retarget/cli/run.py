@@ -168,6 +168,20 @@ def sides_are_checked(source: str, asked: bool | None, *, yes: bool) -> bool:
     return not yes and not source.startswith("replay:") if asked is None else asked
 
 
+def _refuse_unnamed(live: LiveOptions) -> None:
+    """Raise UsageError where a person without a name is to be measured anew."""
+    if live.recalibrate and live.person is None:
+        raise UsageError("only a named person can be measured anew", where="--recalibrate", next_step="Give a --person")
+
+
+def _clock_of(address: StreamAddress, options: RunOptions, outputs: Outputs) -> Clock:
+    """The clock of a live run. A recording on simulated servos is played as fast as it goes; a viewer shows it in real
+    time."""
+    if address.kind != "replay" or not options.simulated:
+        return MonotonicClock()
+    return VirtualClock() if outputs.view is None else PacedClock()
+
+
 def follow_live(
     source: str,
     options: RunOptions,
@@ -183,10 +197,9 @@ def follow_live(
     stopped before anything moved.
     """
     _refuse_played(options)
-    if live.recalibrate and live.person is None:
-        raise UsageError("only a named person can be measured anew", where="--recalibrate", next_step="Give a --person")
+    _refuse_unnamed(live)
     oversight, address = oversight or Oversight(), parse_address(source)
-    clock = _live_clock(address, options, outputs)
+    clock = _clock_of(address, options, outputs)
     refuse_oversight(oversight, virtual=type(clock) is VirtualClock)
     bench = PhysicsBench(options, _log)
     recorder = recorder_for(outputs, options, bench, clock=clock, goes_to_rest=True)
@@ -213,8 +226,8 @@ def follow_live(
             )
             _show_keys(keys, dead_man)
             words = _words(prepared, controls)
-            shown = viewing(outputs.view, prepared, options, words, truth=bench.truth, notify=notify)
-            page = stack.enter_context(shown)
+            viewer = viewing(outputs.view, prepared, options, words, truth=bench.truth, notify=notify)
+            page = stack.enter_context(viewer)
             look = page.with_stop_button(controls.look, stop)
             _wait_until_engaged(clutch, look, performer, clock)
             with recorder.recording(prepared, source=address.text) as recorded:
@@ -226,13 +239,6 @@ def follow_live(
             notify("no tick followed the performer: the stream was over before following began")
         stream_report = performer.report(address=address.text, person=live.person)
         return recorder.code(finished(replace(bench.seen(run), live=stream_report), outputs))
-
-
-def _live_clock(address: StreamAddress, options: RunOptions, outputs: Outputs) -> Clock:
-    """Real time, but for a recorded stream on a simulated bus: that runs as fast as it can, in real time on a page."""
-    if address.kind != "replay" or not options.simulated:
-        return MonotonicClock()
-    return VirtualClock() if outputs.view is None else PacedClock()
 
 
 def _raw_tap(path: Path | None, address: StreamAddress, stack: ExitStack, *, overwrite: bool) -> RawTap | None:

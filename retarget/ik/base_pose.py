@@ -69,7 +69,7 @@ LOWER_M = 3e-5
 
 
 class SupportFootBase:
-    """Of one robot in a stance on two soles."""
+    """The base pose of one robot in a stance on two soles, from the sole that carries."""
 
     def __init__(self, robot: RobotBody, stance: Stance) -> None:
         self._robot, self._soles = robot, stance.soles

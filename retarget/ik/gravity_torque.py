@@ -25,7 +25,7 @@ UPWARD = np.array([0.0, 0.0, 9.81])
 
 
 class GravityTorque:
-    """Of one robot in a stance on one sole or two."""
+    """The gravity torques of one robot in a stance on one sole or two."""
 
     def __init__(self, robot: RobotBody, stance: Stance) -> None:
         self._body = robot.body.solver_body()

@@ -27,9 +27,10 @@ SPARE_TICKS = 2
 NO_WAY_BACK = 1e-9
 """Share of the way back to where the stop began: joints are to stand still, wherever they are by then."""
 LONGEST = 100
-"""Most ticks of a way; what takes longer to stop is not admitted."""
+"""Most ticks of a stop trajectory; a posture that takes longer to stop is not admitted."""
 SHORT_RAD = 0.03
-"""A stop in which no joint of a leg turns by more than this needs no way to be looked for, where nothing is near."""
+"""A stop in which no joint of a leg turns by more than this, rad, is admitted without a computed trajectory, where no
+limit or edge is near."""
 PLANTED_M = 0.1 * SOLE_M
 """How far (m) a corner of a sole may be from its place at the beginning of such a stop, and in the tick before."""
 STANDING = 1e-9
@@ -74,9 +75,9 @@ class Stopping:
         self._velocity = np.zeros_like(self._deceleration) if velocity is None else velocity
         self._slip, self._shortfall = self._losses(self._way)
 
-    def set_speed_override(self, change: float) -> None:
-        """Let time go by slower (change < 1) or faster from now on. Velocities change with it; the known stop
-        trajectory stays valid, as its rows are taken one by one."""
+    def rescale_time(self, change: float) -> None:
+        """Let time go by slower from now on (change < 1), or faster (change > 1). Velocities change with it. The known
+        stop trajectory stays valid, because it is followed row by row."""
         self._velocity = self._velocity / change
 
     @property
@@ -86,18 +87,18 @@ class Stopping:
 
     @property
     def velocity(self) -> FloatArray:
-        """Of the robot (nv,) there, per s."""
+        """Velocity (nv,) of the robot there, per s."""
         return self._velocity
 
     def admits(self, q: FloatArray, velocity: FloatArray, dt: float) -> bool:
         """Whether a robot that just got to posture q (nq,), moving at velocity (nv,), can stop from there.
 
-        If so, its way to the stop becomes the one that `follow` goes along.
+        If so, the stop trajectory from there becomes the one that `follow` goes along.
         """
-        return self._stops_short(q, velocity) or self._finds_way(q, velocity, dt)
+        return self._stops_short(q, velocity) or self._finds_trajectory(q, velocity, dt)
 
     def _stops_short(self, q: FloatArray, velocity: FloatArray) -> bool:
-        """Whether it surely can, because it hardly moves. The trajectory is computed only when `follow` needs it.
+        """Whether the robot surely can stop, because it hardly moves; `follow` computes the trajectory.
 
         The legs may then all brake in proportion: they turn too little to move the soles otherwise than now, not at
         all. Going on unbraked for as long, none would come to its limit, nor the centre of mass to its margin.
@@ -116,8 +117,8 @@ class Stopping:
         self._slip, self._shortfall = slip, shortfall
         return True
 
-    def _finds_way(self, q: FloatArray, velocity: FloatArray, dt: float) -> bool:
-        """Whether it can by a way that is found and verified here, which becomes the one that `follow` goes along."""
+    def _finds_trajectory(self, q: FloatArray, velocity: FloatArray, dt: float) -> bool:
+        """Whether a stop trajectory is found and verified here; it becomes the one that `follow` goes along."""
         way, ticks = q[None], self._ticks(velocity, dt)
         if ticks > LONGEST:
             return False
@@ -143,7 +144,7 @@ class Stopping:
 
     def has_trajectory(self, dt: float) -> bool:
         """Whether there is a trajectory to follow; it is computed where it is not known yet."""
-        return self._known or self._finds_way(self._way[0], self._velocity, dt)
+        return self._known or self._finds_trajectory(self._way[0], self._velocity, dt)
 
     def follow(self, dt: float) -> tuple[FloatArray, FloatArray] | None:
         """The next posture (nq,) on the last stop trajectory, and its velocity (nv,); at its end the robot stands.
@@ -159,7 +160,7 @@ class Stopping:
         slower = np.maximum(np.abs(free) - self._deceleration[self._free] * dt, 0.0)
         now[self._columns] = before[self._columns] + np.copysign(slower, free) * dt
         self._velocity = self._body.difference(before, now) / dt
-        self._way[self._at] = now  # last: at the end of the way this is `before`
+        self._way[self._at] = now  # last: at the end of the trajectory this is `before`
         return now, self._velocity
 
     def brake(self, dt: float) -> FloatArray:

@@ -35,7 +35,7 @@ FALLBACK = ("head",)
 
 
 def base_sensors(names: Iterable[str]) -> tuple[str, ...]:
-    """Of these sensors, those without which the robot holds."""
+    """The sensors among these without which the robot holds."""
     worn = tuple(names)
     return tuple(name for name in BASE_SENSORS if name in worn) or tuple(name for name in FALLBACK if name in worn)
 
@@ -129,7 +129,7 @@ class LivePerformer:
         self._problems, self._news = StreamProblems(stream), StreamNews(stream, notify)
         self._first, self._clock, self._notify = first, clock, notify
         self._rate_hz, self._ticks, self._kept = rate_hz, ticks, min(kept, ticks)
-        self._pace, self._catching_up = TickTiming(1.0 / rate_hz), CatchingUp(stream)
+        self._timing, self._catching_up = TickTiming(1.0 / rate_hz), CatchingUp(stream)
         names = stream.roles.sensors
         self._reacquisition: ReacquisitionBlend | None = None
         self._tally = Tally(names, self.dt)
@@ -146,7 +146,7 @@ class LivePerformer:
 
     @property
     def ticks(self) -> int:
-        """At most."""
+        """Greatest number of ticks."""
         return self._ticks
 
     @property
@@ -185,7 +185,7 @@ class LivePerformer:
         self._came_back = (self._came_back or good) and not goes
         self._say_news()
         if goes is self._waits:
-            late = " because ticks come late" if self._pace.behind else ""
+            late = " because ticks come late" if self._timing.behind else ""
             self._notify("the robot goes on" if goes else f"the robot waits during its approach{late}")
             self._waits = not goes
         return goes
@@ -216,8 +216,8 @@ class LivePerformer:
     def hold_reason(self) -> str:
         """Why the performer is not followed, in a few words."""
         if not self.engagement.wanted:
-            return "let go"
-        problem, late = self._problems.briefly(self._clock.now(), SILENCE_S), self._pace.behind
+            return "paused by the operator"
+        problem, late = self._problems.briefly(self._clock.now(), SILENCE_S), self._timing.behind
         evidence = HoldEvidence(self._states, self._jumped, tuple(self._base), late, problem, self._came_back)
         return hold_reason_of(self.stream.roles.sensors, evidence)
 
@@ -273,7 +273,7 @@ class LivePerformer:
         self._tally.count(reading.states, followed=followed is not None)
         self._say_news()
         if self.engagement.state is not before:
-            late = " because ticks come late" if self._pace.behind else ""
+            late = " because ticks come late" if self._timing.behind else ""
             self._notify(
                 "the performer is followed" if followed else f"the performer is not followed{late}: the robot holds"
             )
@@ -281,7 +281,7 @@ class LivePerformer:
 
     def _read(self, now: float) -> tuple[StreamReading, SensorSample]:
         """The reading of this tick, and the sample of its valid sensors in our world."""
-        self._pace.begin(now)
+        self._timing.begin(now)
         reading = self.stream.read(now)
         self._states = reading.states
         if self._reacquisition is None:  # the body has not moved yet
@@ -315,5 +315,5 @@ class LivePerformer:
         return (
             now - self.stream.last <= SILENCE_S
             and known
-            and not (self._pace.behind or np.count_nonzero(self._jumped) or self._problems.foreign)
+            and not (self._timing.behind or np.count_nonzero(self._jumped) or self._problems.foreign)
         )

@@ -123,7 +123,7 @@ _BONES = (
         for short, side in _SIDES
     ),
 )
-"""Unity's bones: the joint where the bone begins, and the bone; after forward kinematics (`vmc_bones`)."""
+"""Unity's bones: the joint where the bone begins, and the bone; after forward kinematics (`VmcBodyDecoder`)."""
 
 ROLE_SETS = MappingProxyType(
     {

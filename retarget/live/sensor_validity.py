@@ -161,7 +161,7 @@ def watched_sensors(count: int, limits: ValidityLimits) -> WatchedSensors:
         stale_after=limits.stale_after,
         frozen_after=limits.frozen_after,
         noticeable=limits.noticeable,
-        not_worn_after=limits.not_in_use_after,
+        not_in_use_after=limits.not_in_use_after,
     )
 
 
@@ -169,7 +169,7 @@ def watched_sensors(count: int, limits: ValidityLimits) -> WatchedSensors:
 
 VALID = 0
 """The verdict of `WatchedSensors` on a valid pose."""
-UNTRACKED = "pose that the sender does not vouch for"
+UNTRACKED = "pose that the sender marks as lost"
 NOT_FINITE = "pose that is not finite"
 NOT_A_ROTATION = "orientation that is no unit quaternion"
 OUT_OF_RANGE = "position outside the room"

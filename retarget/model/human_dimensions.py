@@ -322,7 +322,7 @@ def mirrored_dimensions(dimensions: HumanDimensions) -> HumanDimensions:
 
 
 def proportional_dimensions(stature: float, *, mass: float | None = None) -> HumanDimensions:
-    """A person of average proportions (see `anthropometry`) of this stature (m)."""
+    """A person of average proportions (see `StatureFractions`) of this stature (m)."""
     offset = np.array([_proportional_offset(name, FRACTIONS) for name in POINTS]) * stature
     return HumanDimensions(
         offset=offset,

@@ -187,5 +187,5 @@ def _channels(skeleton: BvhSkeleton) -> FloatArray:
         if skeleton.moves(joint):
             parts.append(skeleton.places[:, joint])
         angles = rotations.to_euler(skeleton.turns[:, joint], ORDER)
-        parts.append(np.rad2deg(np.unwrap(angles, axis=0)))  # no leap from 180 to -180 degrees between two frames
+        parts.append(np.rad2deg(np.unwrap(angles, axis=0)))  # no jump from 180 to -180 degrees between two frames
     return np.hstack(parts)

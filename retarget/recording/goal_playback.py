@@ -111,9 +111,9 @@ class RecordedGoals:
         self._here, self._moved = self._here + moved, moved
         return self._posture(self._here)
 
-    def set_speed_override(self, share: float) -> None:
+    def set_speed_override(self, override: float) -> None:
         """Play the postures at a share (0, 1] of the speed."""
-        self._speed_override = share
+        self._speed_override = override
 
     def halt(self, dt: float) -> FloatArray | None:
         """None: there is no trajectory to a stop; each joint brakes on its own."""

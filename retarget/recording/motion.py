@@ -35,7 +35,7 @@ class Motion:
     phase (T,): names of `Phase` in lower case. q (T, nq): what was sent, root xyz m and wxyz in the world (REP-103),
     then joints, rad or m. servos (T, n): where the servos were, as `joint_names`, NaN for a joint without servo; None
     where no servo answered. goal_ticks (T, n): servo goals, -1 without; None where rows are no ticks. asked: landmarks
-    (of a human: its sensors) that were asked for. row: what a row is. notes: for the user, of what the file lacks.
+    (of a human: its sensors) that were asked for. row: what a row is. notes: for the user, about missing parts.
     """
 
     source: str

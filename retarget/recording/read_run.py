@@ -108,7 +108,7 @@ def _kept(found: Played) -> NDArray[np.intp]:
 
 
 def _time(found: Played, index: NDArray[np.int64]) -> FloatArray:
-    """Of cycles (T,), s: 0 at the first that followed, or at what would have been the first."""
+    """Times of cycles (T,), s: 0 at the first that followed, or at what would have been the first."""
     cycles, kept = found.cycles, _kept(found)
     follows = np.flatnonzero(cycles.phase[kept] == Phase.FOLLOW)
     if follows.size:

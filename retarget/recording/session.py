@@ -18,7 +18,7 @@ from retarget.schema.catalogue import Kind, calibration_path, find
 from retarget.schema.priorities import Steps
 
 FORMAT: Final = 2
-"""Of recordings; another one is refused. Format 1 is that of version 0.1.0."""
+"""Format of recordings; another one is refused. Format 1 is that of version 0.1.0."""
 
 NotNegative = Annotated[float, Field(ge=0.0)]
 
@@ -110,7 +110,7 @@ class Session(_Strict):
 
 
 def session_of(prepared: Prepared, options: RunOptions, *, source: str, goes_to_rest: bool, begun_ns: int) -> Session:
-    """Of a run that can start. begun_ns: unix time."""
+    """The session of a run that can start. begun_ns: unix time."""
     size, samples, intake = prepared.human.dimensions, prepared.samples, prepared.intake
     robot = None if prepared.side is None else prepared.side.robot
     physics = options.physics

@@ -211,7 +211,7 @@ class PlacedBody:
         )
 
     def _name(self, geom: int) -> str:
-        """Of the geom's link."""
+        """Name of the geom's link."""
         return str(self.model.body(int(self.geoms.links[geom])).name)
 
 
@@ -345,7 +345,7 @@ class RunClearances:
 
 
 def clearances(run: RunResult) -> RunClearances:
-    """Of the postures that were sent to a robot, or else of the reconstructed human."""
+    """The clearance of the postures that were sent to a robot, or else of the reconstructed human."""
     body, q, placed, to_itself = _body(run)
     to_scene = to_ground = Clearance(None, 0, None)
     if run.scene is not None:

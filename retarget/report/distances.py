@@ -291,7 +291,7 @@ def obstacle_tracks(scene: SceneState, times: FloatArray) -> ObstacleTracks:
 
 
 def _radii(shapes: SceneShapes) -> FloatArray:
-    """Of balls (k,) about the obstacles, m."""
+    """Radii (k,) of balls about the obstacles, m."""
     radius = np.linalg.norm(shapes.sizes, axis=1)
     capsules, planes = shapes.kinds == ShapeKind.CAPSULE, shapes.kinds == ShapeKind.HALF_SPACE
     radius[capsules] = shapes.sizes[capsules].sum(axis=1)

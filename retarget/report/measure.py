@@ -258,7 +258,7 @@ def _joint_positions(run: RunResult) -> FloatArray:
 
 
 def limits_broken(run: RunResult) -> LimitViolations:
-    """Of the goals that were sent; of a human alone, of its posture."""
+    """Measured on the goals that were sent; of a human alone, on its posture."""
     if run.robot is not None and run.record.robot is not None:
         limits, kept = run.robot.limits, run.record
         sent = np.vstack([run.record.robot.start, run.record.robot.goals])
@@ -352,7 +352,7 @@ def _mm(metres: float | None) -> float | None:
 # The report of a run that the operator ended and now waits for: what costs much is measured on its last seconds only.
 
 LATEST_S = 10.0
-"""Of so long a run distances are measured within 0.4 s on a slow core."""
+"""Length of a run whose distances are measured within 0.4 s on a slow core."""
 
 
 def measure_latest(run: RunResult, seconds: float = LATEST_S) -> Report:

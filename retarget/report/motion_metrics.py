@@ -227,7 +227,7 @@ class PhysicsReport:
 
 
 def physics_report(run: RunResult) -> PhysicsReport | None:
-    """Of a run; None where nothing has mass."""
+    """The physics part of a run's report; None where nothing has mass."""
     physics, robot = run.physics, run.robot
     if physics is None or robot is None:
         return None

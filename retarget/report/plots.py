@@ -276,7 +276,7 @@ def plot_tracking(run: RunResult) -> Figure | None:
 
 
 def _tracks(run: RunResult, names: tuple[str, ...], reached: FloatArray, columns: list[int]) -> list[_Track]:
-    """Of a robot what was sent and, with servos that answer, where they stood; of a human what was reached."""
+    """What is drawn: of a robot goals and, with servos that answer, positions; of a human what was reached."""
     if run.robot is None:
         return [_Track("reached", REACHED, 1.0, reached[:, columns])]
     tracks = [_Track("sent", REACHED, 1.8, reached[:, columns])]

@@ -130,7 +130,7 @@ class Report:
     min_clearance_mm: on the body's own geoms; penetrating_frames: ticks in which they are in each other or in the
     scene, by anything. closest_links: what came closest.
     mode_switches_per_s: of observers, mean and worst. limit_violations: values beyond a limit by more than
-    `metrics.motion.TOLERANCE`. jerk_p95: rad/s^3.
+    `motion_metrics.TOLERANCE`. jerk_p95: rad/s^3.
 
     sensors_mm: as tracking_mm, of the reconstructed human. servo_tracking_mm: as tracking_mm, of where the servos were.
     servo_error_deg: how far each servo stood from the goal of the tick before. no_command_frames: ticks without

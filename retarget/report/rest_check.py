@@ -46,7 +46,7 @@ class PathToRest:
 
 
 def path_to_rest(robot: RobotBody) -> PathToRest | None:
-    """Of a robot that stands on soles; None for another, and for one without observers, or frame `neck`."""
+    """The check of a robot that stands on soles; None for another, and for one without observers or frame `neck`."""
     observers = robot_observers(robot)
     if not robot.stands or not len(observers.pairs) or TRUNK not in robot.profile.frames:
         return None

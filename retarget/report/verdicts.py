@@ -36,7 +36,7 @@ class LimitUse:
 
 
 def limit_use(run: RunResult) -> LimitUse:
-    """Of the postures that were sent (of a human: reconstructed), by finite differences."""
+    """The use of limits by the postures that were sent (of a human: reconstructed), by finite differences."""
     names, positions, limits, dt = _limited_joints(run)
     if len(positions) < 3 or not names:
         return LimitUse(None, None, None)
@@ -97,7 +97,7 @@ class Verdict:
 
 
 def verdicts(run: RunResult, report: Report) -> tuple[Verdict, ...]:
-    """Of everything that this run could break; what it could not (no feet, no scene, no bus) is left out."""
+    """The verdicts on everything that this run could break; the others (no feet, no scene, no bus) are left out."""
     use = limit_use(run)
     found = [*_joints(report, use), *_body(report), *_servos(run, report), *_physics(report)]
     reason = report.stop.reason

@@ -38,7 +38,7 @@ BRAKING = 1.0
 GRAVITY = 9.81
 """m/s^2"""
 BEYOND_M = 0.0003
-"""How far (m) beyond an edge the capture point of a robot that follows may be by rounding; it is not brought back."""
+"""m beyond an edge within which a capture point counts as inside: rounding."""
 RETURN_SHARE = 0.5
 """Share of the support polygon, about its middle, for the return to stance. A robot that begins it at the edge of the
 room in which it followed comes in only by pressing beyond that edge."""
@@ -51,8 +51,11 @@ Row = tuple[float, float, float, float]
 
 
 class StandingBalance:
-    """What the `support` tasks of priorities ask of a robot in a stance. `edges` (e, 3): of the support polygon, drawn
-    in by their margin. `looks_at_motion`: whether the velocity of the centre of mass counts."""
+    """The half-spaces of the `support` tasks of priorities, for a robot in a stance.
+
+    edges (e, 3): of the support polygon, drawn in by the margin of the tasks. looks_at_motion: whether the velocity of
+    the centre of mass counts, that is, whether capture point and zero-moment point are kept inside.
+    """
 
     def __init__(self, priorities: Priorities, stance: Stance) -> None:
         tasks = [task for _, _, task in priorities.tasks() if isinstance(task, CentreOfMassTask)]
@@ -108,8 +111,11 @@ def moving_spaces(
     outer: Edges | None = None,
     pressed: Edges | None = None,
 ) -> FloatArray:
-    """Half-spaces that keep capture point and zero-moment point inside of edges. pressed: other edges for the
-    zero-moment point. outer: edges inside of which it brings back a capture point that is out; None: it does not."""
+    """Half-spaces (k, 4) that keep capture point and zero-moment point inside of edges.
+
+    pressed: other edges for the zero-moment point. outer: edges inside of which the zero-moment point stays while it
+    brings back a capture point that is outside; None: such a capture point is not brought back.
+    """
     x, y, z = com.tolist()
     vx, vy, vz = velocity.tolist()
     settle = sqrt(z / GRAVITY) / dt
@@ -146,15 +152,16 @@ def _pushed_back(edges: Edges, outer: Edges, capture: tuple[float, float]) -> tu
     beyond, nx, ny = max((ex * x + ey * y - offset, ex, ey) for ex, ey, offset in edges)
     if beyond <= BEYOND_M:
         return None
-    way = beyond
+    reach = beyond
     for ex, ey, offset in outer:
         along = ex * nx + ey * ny
         if along > 0.0:
-            way = min(way, max(offset - ex * x - ey * y, 0.0) / along)
-    return x + way * nx, y + way * ny, SPARE * way
+            reach = min(reach, max(offset - ex * x - ey * y, 0.0) / along)
+    return x + reach * nx, y + reach * ny, SPARE * reach
 
 
-# Standing strength: what the joints of a robot on its soles may carry. A servo gives much less for long than stalled.
+# Standing strength: what the joints of a robot on its soles may carry. A servo's continuous torque is much less than
+# its stall torque.
 #
 # A leg's joint j at o, about the axis a, carries what the ground presses on its sole with, at p:
 #
@@ -166,24 +173,24 @@ def _pushed_back(edges: Edges, outer: Edges, capture: tuple[float, float]) -> tu
 # robot leans or crouches less. And the mass is not thrown up faster than the most loaded joint can.
 
 STANDING_SPARE = 1.1
-"""A joint may carry so many times what it does in `stand`, however much that is."""
+"""A joint may always carry this many times its torque in `stand`."""
 WATCHED = 0.5
-"""Share of what it may carry from which on a joint is watched."""
+"""Share of its greatest torque above which a joint is limited."""
 STRENGTH_BRAKING = 0.5
 """m/s^2 with which the centre of mass or a joint is braked before the joint carries what it may."""
 BACK = 0.5
-"""m/s^2 from rest with which an overloaded joint is asked back to what it may carry. What legs and balance could not
-give at once would be taken from limbs that are to be kept apart."""
+"""m/s^2 from rest with which an overloaded joint is brought back to its greatest torque. A faster return, which legs
+and balance could not make at once, would be made by limbs that are to be kept apart."""
 PEAK = 1.4
-"""So many times what it may carry for long a joint may carry while the mass is thrown up."""
+"""Multiple of its greatest continuous torque that a joint may carry while the mass is accelerated upwards."""
 LEAST_THROW = 1.0
-"""m/s^2 at which it may be thrown up anyway."""
+"""Upward acceleration of the mass that is always allowed, m/s^2."""
 
 _FREE = np.zeros((0, 7))
 
 
 class StandingStrength:
-    """Of one robot on two soles. share: of their stall torque, what joints may carry."""
+    """The torque limits of a robot's legs on two soles. share: of the stall torque, for continuous load."""
 
     def __init__(self, robot: RobotBody, stance: Stance, *, share: float) -> None:
         body = robot.body
@@ -197,7 +204,7 @@ class StandingStrength:
         self._probe = Probe(body.solver_body(), links, np.array([frame.position for frame in frames]), links)
         self._load = GravityTorque(robot, stance)
         self.dofs = body.joint_dof[rows]
-        """Of the joints (k,) that are watched."""
+        """DoFs (k,) of the limited joints."""
         self._middles = np.array([sole.outline.mean(axis=0) for sole in stance.soles])  # (2, 2) [m]
         self._weight = GRAVITY * body.total_mass  # [N]
         servos = {servo.joint: servo for servo in robot.joint_map.servos}
@@ -205,15 +212,15 @@ class StandingStrength:
         """Stall torque of each joint's servo (k,), N m."""
         at_rest = np.abs(self._load.torques(stance.q, np.zeros(3))[self.dofs])
         self.most = np.maximum(share * self.stall, STANDING_SPARE * at_rest)
-        """What each joint (k,) may carry for long, N m."""
+        """Greatest continuous torque of each joint (k,), N m."""
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The joints that are watched."""
+        """Names of the limited joints."""
         return self._names
 
     def torques(self, q: FloatArray) -> FloatArray:
-        """What the joints (k,) carry at rest in posture q (nq,), N m."""
+        """Torques of the joints (k,) at rest in posture q (nq,), N m."""
         return np.asarray(self._load.torques(q, np.zeros(3))[self.dofs])
 
     def aim(
@@ -226,8 +233,11 @@ class StandingStrength:
         *,
         keeps: bool = True,
     ) -> None:
-        """Write what is allowed in the next `dt` s to a robot in posture q (nq,). mass: its centre of mass (3,) m, and
-        the velocity of that (3,) m/s. keeps: whether anything is to be kept; on one leg more is to be carried."""
+        """Write the half-spaces of the next `dt` s into the target vector, for a robot in posture q (nq,).
+
+        mass: its centre of mass (3,) m, and the velocity of that (3,) m/s. keeps: False removes all limits, as on one
+        leg, which has to carry more.
+        """
         spaces = self.spaces(q, mass, dt) if keeps else [_FREE] * len(self._names)
         for name, edges in zip(self._names, spaces, strict=True):
             hierarchy.set_strength(targets, name, edges)
@@ -254,7 +264,8 @@ class StandingStrength:
         return [np.array(rows).reshape(-1, 7) for rows in edges]
 
     def _gradients(self, q: FloatArray, com: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Of the torques: by the centre of mass (k, 2) and by the joint's place (k, 2), N; and these places (k, 3)."""
+        """Gradients of the torques by the centre of mass (k, 2) and by the joint's place (k, 2), N; and these places
+        (k, 3) m."""
         places, turns, _ = self._probe.read(q)
         axes = rotations.rotate(turns, self._axis)
         u = np.column_stack([-axes[:, 1], axes[:, 0]])
@@ -273,7 +284,7 @@ class StandingStrength:
 
 
 def leg_joints(robot: RobotBody) -> dict[str, tuple[int, Frame]]:
-    """Joints that one leg alone has between root and sole: number of the foot, and where the joint is on its link."""
+    """Joints between the root and one sole alone: name -> number of the foot, and the joint's frame on its link."""
     body = robot.body
     chains = [body.chain_to_root(robot.frame(foot.frame).body) for foot in robot.profile.feet.values()]
     found = {}
@@ -293,7 +304,7 @@ def carrying_frames(robot: RobotBody) -> dict[str, Frame]:
 
 
 def standing_strength(robot: RobotBody, priorities: Priorities, stance: Stance) -> StandingStrength | None:
-    """What these priorities keep of the strength of a robot in its stance on two soles; None: nothing."""
+    """The torque limits of the `strength` tasks of priorities, for a robot in its stance on two soles; None without."""
     shares = [task.share for _, _, task in priorities.tasks() if isinstance(task, StrengthTask)]
     if not shares or len(stance.soles) != 2:
         return None
@@ -305,9 +316,9 @@ def standing_strength(robot: RobotBody, priorities: Priorities, stance: Stance) 
 ENOUGH = 0.65
 """Share of its stall torque that a servo may need for a posture out of which it has to move the robot again."""
 FROM_STAND = 1e-4
-"""How much a radian away from `stand` counts beside a metre off the floor, or off what carries."""
+"""Weight of a radian away from `stand`, relative to a metre off the floor or off the sole that carries."""
 FREE_ROOT = 3
-"""Coordinates of a root that goes where the legs ask; it does not turn."""
+"""Coordinates of the root that the fit may move: its position. It does not turn."""
 
 
 @dataclass(frozen=True)
@@ -322,7 +333,7 @@ class PostureLoad:
 
     @property
     def share(self) -> float:
-        """Of the stall torque."""
+        """Share of the stall torque."""
         return self.torque / self.stall
 
     def __str__(self) -> str:
@@ -330,7 +341,7 @@ class PostureLoad:
 
 
 def heaviest_loads(robot: RobotBody) -> list[PostureLoad]:
-    """Of the legs of a robot with two soles, in `stand`, in `rest` and on one leg; of another none."""
+    """The heaviest load of the legs in `stand`, in `rest` and on one leg; none for a robot without two soles."""
     stance = plant(robot, robot.profile.postures.stand)
     if len(stance.soles) != 2:
         return []
@@ -341,7 +352,8 @@ def heaviest_loads(robot: RobotBody) -> list[PostureLoad]:
 
 
 def one_leg_load(robot: RobotBody) -> PostureLoad:
-    """Of a robot with two soles, its mass over the middle of one, on the leg that carries more then."""
+    """The heavier load of both legs of a robot with two soles, each with the centre of mass over the middle of its
+    sole."""
     stance = plant(robot, robot.profile.postures.stand)
     keeps = StandingStrength(robot, stance, share=1.0)
     loads = []

@@ -46,7 +46,7 @@ STILL = 1e-4
 
 
 class TimeScaling:
-    """How fast time goes by for one robot. scale: s of its own clock in a second, (0, 1]."""
+    """The time scale of one robot. scale: s of its own clock in a second, (0, 1]."""
 
     def __init__(self, body: BodyModel, limits: JointLimits) -> None:
         single, address = body.scalar_joints()
@@ -84,14 +84,14 @@ RESTING_TICKS = 5
 
 def settling(step: Callable[[], RobotPosture], q: FloatArray, dt: float) -> list[RobotPosture]:
     """Postures, `dt` s apart, from q (nq,) until the robot rests. step: returns the next one."""
-    way: list[RobotPosture] = []
+    path: list[RobotPosture] = []
     resting = 0
-    while resting < RESTING_TICKS and len(way) * dt < SETTLING_S:
+    while resting < RESTING_TICKS and len(path) * dt < SETTLING_S:
         before = q
-        way.append(step())
-        q = way[-1].q
+        path.append(step())
+        q = path[-1].q
         resting = resting + 1 if float(np.abs(q - before).max()) < RESTING_SPEED * dt else 0
-    return way
+    return path
 
 
 # Return to stance: a robot on its own soles stands before it goes to rest, legs and trunk as in its stance, arms aside.
@@ -123,7 +123,7 @@ class ReturnToStance:
         self._end = robot.posture(stance_angles(robot))[self._joints]
         self._posture = stance.q.copy()
         self.at_end = False
-        """Whether the led joints are at the end of their way."""
+        """Whether the led joints have reached their end."""
         self._rested = 0.0
 
     def begin(self, q: FloatArray) -> None:
@@ -132,7 +132,7 @@ class ReturnToStance:
         self.at_end = False
 
     def goes_on(self, velocity: FloatArray, dt: float, *, stands: bool) -> bool:
-        """Whether the robot is still on its way after another `dt` s. velocity (nv,): of the robot, per s. stands:
+        """Whether the return is not over yet after another `dt` s. velocity (nv,): of the robot, per s. stands:
         whether it has both feet on the floor and its weight between them."""
         rests = self.at_end and float(np.abs(velocity).max()) < STANCE_RESTING_SPEED
         self._rested = self._rested + dt if rests and stands else 0.0
@@ -140,9 +140,9 @@ class ReturnToStance:
 
     def lead(self, dt: float) -> FloatArray:
         """The posture (nq,) in which joints are to be `dt` s later."""
-        way = self._end - self._posture[self._joints]
-        share = min(LED_SPEED * dt / max(float(np.abs(way).max(initial=0.0)), 1e-9), 1.0)
-        self._posture[self._joints] += share * way
+        left = self._end - self._posture[self._joints]
+        share = min(LED_SPEED * dt / max(float(np.abs(left).max(initial=0.0)), 1e-9), 1.0)
+        self._posture[self._joints] += share * left
         self.at_end = share == 1.0
         return self._posture
 
@@ -160,7 +160,7 @@ def stance_angles(robot: RobotBody) -> dict[str, float]:
 def return_to_stance_of(
     robot: RobotBody, stance: Stance, standing: AskedLandmarks, balance: StandingBalance | None
 ) -> ReturnToStance | None:
-    """The return to stance of a robot; None without a pelvis, and where priorities look at no mass in motion."""
+    """The return to stance of a robot; None without a pelvis, and where priorities balance it as if at rest."""
     if balance is None or not balance.looks_at_motion or "pelvis" not in robot.profile.landmarks:
         return None
     return ReturnToStance(robot, stance, standing)
@@ -270,21 +270,21 @@ class Follower:
         `settling`). So a hand that is asked high up has been raised before the performer moves on."""
         if self.steps is not None:
             self.steps.waits = True
-        way = settling(partial(self.step, human, dt), self._q, dt)
+        path = settling(partial(self.step, human, dt), self._q, dt)
         if self.steps is not None:
             self.steps.waits = False
         self.scene_obstacles.begin()
-        return way
+        return path
 
     def step(self, human: "HumanPosture", dt: float) -> RobotPosture:
         """The posture after the next `dt` s."""
         self._since_start += dt
         self._asked = self.landmark_map.ask(human, dt)
-        speed_override = self._approach + (1.0 - self._approach) * min(self._since_start / APPROACH_S, 1.0)
-        self._advance(self._asked, dt, speed_override=speed_override)
+        catch_up_share = self._approach + (1.0 - self._approach) * min(self._since_start / APPROACH_S, 1.0)
+        self._advance(self._asked, dt, catch_up_share=catch_up_share)
         return self._posture(self._asked)
 
-    def _advance(self, asked: AskedLandmarks, dt: float, *, speed_override: float, to_stance: bool = False) -> None:
+    def _advance(self, asked: AskedLandmarks, dt: float, *, catch_up_share: float, to_stance: bool = False) -> None:
         """Go on by `dt` s towards what is asked. to_stance: whether the robot returns to its stance."""
         targets, hierarchy, scale = self._targets, self.hierarchy, self._time.scale
         self.scene_obstacles.tick(hierarchy, dt, time_scale=scale)
@@ -298,7 +298,7 @@ class Follower:
         if self._strength is not None:
             keeps = self.steps is None or not self.steps.onto_one
             self._strength.aim(hierarchy, targets, self._q, self._mass(), dt, keeps=keeps)
-        self._governor.aim(targets, asked, self._reached, dt, speed_override=speed_override)
+        self._governor.aim(targets, asked, self._reached, dt, catch_up_share=catch_up_share)
         hierarchy.set_previous(targets, self._q, dt, settle=LED_SETTLE if to_stance else inf)
         first = self._fallback.first(targets, self._q, dt) if self._fallback else hierarchy.solver.frame(targets, dt)
         self._q = self._safe(first, dt)
@@ -311,7 +311,7 @@ class Follower:
         if to_stance is None or not to_stance.goes_on(hierarchy.solver.velocity, dt, stands=stands):
             return None
         hierarchy.set_posture(self._targets, to_stance.lead(dt))
-        self._advance(to_stance.asked, dt, speed_override=1.0, to_stance=True)
+        self._advance(to_stance.asked, dt, catch_up_share=1.0, to_stance=True)
         return self._q
 
     def begin_return_to_stance(self, q: FloatArray) -> None:
@@ -320,15 +320,15 @@ class Follower:
         if self._return_to_stance is not None:
             self._return_to_stance.begin(q)
 
-    def set_speed_override(self, share: float) -> None:
-        """Follow at a share (0, 1] of all speeds, from the next tick on."""
-        if share == self._time.scale:
+    def set_speed_override(self, override: float) -> None:
+        """Follow at a share (0, 1] of all speeds, from the next tick on: time is scaled by it."""
+        if override == self._time.scale:
             return
         solver = self.hierarchy.solver
-        change = self._time.change(share, self._q, solver.velocity)
+        change = self._time.change(override, self._q, solver.velocity)
         solver.reset(self._q, solver.velocity / change)
         if self._stopping is not None:
-            self._stopping.set_speed_override(change)
+            self._stopping.rescale_time(change)
 
     def halt(self, dt: float) -> FloatArray | None:
         """The next posture (nq,) of the stop on the soles; None: no stop trajectory is known, or no soles carry it."""
@@ -396,7 +396,7 @@ class Follower:
         return None
 
     def _mass(self) -> tuple[FloatArray, FloatArray]:
-        """The centre of mass (3,) m and its velocity (3,) m/s; zero where priorities do not look at motion."""
+        """The centre of mass (3,) m and its velocity (3,) m/s; zero where priorities balance it as if at rest."""
         com = self._reached.centre_of_mass
         if self._balance is None or not self._balance.looks_at_motion:
             return com, np.zeros(3)

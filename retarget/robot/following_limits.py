@@ -24,8 +24,11 @@ SHARE = 0.95
 
 
 def followed_speed(robot: RobotBody, limits: JointLimits, *, tracking_delay: float) -> JointLimits:
-    """Limits (nv,) with speeds at which every servo stays within the `following_error_sustained` of its profile, on a
-    bus that takes a cycle, and is `tracking_delay` s beyond that. A profile that has none keeps its limits."""
+    """Limits (nv,) with speeds at which every servo stays within the `following_error_sustained` of its profile.
+
+    tracking_delay: s that a servo is late beyond its own lag and the cycle of the bus. A profile without that key keeps
+    its limits.
+    """
     safety = robot.profile.safety
     if safety.following_error_sustained is None:
         return limits
@@ -70,11 +73,11 @@ def loaded_speed(robot: RobotBody, limits: JointLimits, *, speed_margin: float) 
     return replace(limits, max_velocity=speed)
 
 
-# Soft limits: joints that carry a robot keep off the ends of their range. A servo overshoots, and a stop that it hits
-# throws the robot off its soles.
+# Soft limits: joints that carry a robot keep off the ends of their range. A servo overshoots its goal, and hitting a
+# mechanical stop throws the robot off its soles.
 
 MOST_SHARE = 0.25
-"""Of a joint's range that it may lose at an end."""
+"""Greatest share of a joint's range that a soft limit takes from an end."""
 
 
 def soft_limits(robot: RobotBody, limits: JointLimits, *, margin: float) -> JointLimits:
@@ -141,7 +144,7 @@ def _compensated(
 
 
 def _keep_bent(robot: RobotBody, stance: Stance, limb: list[str], lower: FloatArray, upper: FloatArray) -> None:
-    """Draw in the limit (nv,) of a limb's middle joint on its straight side; not where the profile lacks its frames."""
+    """Draw in the limit (nv,) of a limb's middle joint on its straight side, if the profile has its frames."""
     body = robot.body
     if not set(limb) <= set(robot.profile.frames):
         return

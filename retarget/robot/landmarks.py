@@ -120,7 +120,7 @@ class FeetApart:
 
 
 def feet_apart(profile: RobotProfile, stance: Stance, rows: Sequence[str]) -> FeetApart | None:
-    """Of a robot whose landmarks are `rows`; None where it does not have two feet among them, side by side."""
+    """The `FeetApart` of a robot whose landmarks are `rows`; None where there are not two feet side by side in them."""
     soles = {foot.frame for foot in profile.feet.values()}
     feet = [row for row, name in enumerate(rows) if profile.landmarks[name].frame in soles]
     if len(feet) != 2:

@@ -34,7 +34,7 @@ from retarget.types import Carrying, FloatArray
 OVER_M = 0.003
 """How far (m) inside the region over one sole the balance is before the other may lift."""
 HELD_S = 0.15
-"""So long it has been there by then: servos are behind their goals."""
+"""s for which the balance must have been there by then, because servos lag behind their goals."""
 CONTACT_WAIT_S = 1.0
 """Longest wait (s) for the contact of a sole that is in its place."""
 
@@ -60,7 +60,7 @@ class StepTally:
 
     @property
     def declined(self) -> int:
-        """All that was asked and not made."""
+        """Lifts of the performer that the robot did not make."""
         return self.asked - self.made
 
 
@@ -162,7 +162,7 @@ MOST_CORNERS = SUPPORT_EDGES // 2
 
 
 def balance_in_motion(priorities: Priorities) -> float | None:
-    """The share of the support in which priorities keep a mass in motion; None: they look at it as if at rest."""
+    """The share of the support in which priorities keep a mass in motion; None: they balance it as if at rest."""
     tasks = [task for _, _, task in priorities.tasks() if isinstance(task, CentreOfMassTask)]
     return min((task.moving for task in tasks if task.moving is not None), default=None)
 

@@ -68,7 +68,7 @@ class SwingFoot:
         x, y, z = self._place
         off = max(abs(self.at[0] - x), abs(self.at[1] - y))
         height = z if off < ABOVE_M else z + self._low
-        return self._glide.step((x, y, height), dt, speed_override=DOWNWARD if off < ABOVE_M else 1.0)
+        return self._glide.step((x, y, height), dt, speed_share=DOWNWARD if off < ABOVE_M else 1.0)
 
 
 # Weight shift: the centre of mass goes from over one place to over another, no faster than the soles can push it.

@@ -37,8 +37,8 @@ class ObserverCallback:
 
 
 class ExceptionSafe:
-    """Calls `question` until it raises; from then on the answer is no. `settle` raises the exception, once the robot
-    stands."""
+    """Calls `question` until it raises; from then on the answer is no. `raise_failure` raises the exception, once the
+    robot stands."""
 
     def __init__(self, question: Callable[[], bool]) -> None:
         self._question = question
@@ -49,11 +49,11 @@ class ExceptionSafe:
         if self._failure is None:
             try:
                 return self._question()
-            except Exception as error:  # noqa: BLE001 - raised again by `settle`
+            except Exception as error:  # noqa: BLE001 - raised again by `raise_failure`
                 self._failure = error
         return False
 
-    def settle(self) -> None:
+    def raise_failure(self) -> None:
         """Raise the exception of the question, if there was one."""
         if self._failure is not None:
             raise self._failure
@@ -129,7 +129,7 @@ class Pipeline:
             if self._robot is not None:
                 self._robot.give_up(error, watch.torque_off_asked)
             raise
-        torque_off_asked.settle()
+        torque_off_asked.raise_failure()
         record = self._rows.of(self._record)
         followed = record.following
         begins = followed.start if followed.stop else np.count_nonzero(record.phase == Phase.APPROACH)
@@ -177,7 +177,7 @@ class Pipeline:
             self._tick = tick
             if tick == clip.kept:
                 self._rows.close()
-            self._one_tick(self._think)
+            self._one_tick(self._follow)
             if tick % watch.every == 0:
                 watch.on_tick(tick + 1)
             tick += 1
@@ -223,7 +223,7 @@ class Pipeline:
         self._robot.guard.hold_reason = NOT_FOLLOWABLE.format(self._clip.hold_reason)
         return None
 
-    def _think(self, states: ServoStates) -> FloatArray | None:
+    def _follow(self, states: ServoStates) -> FloatArray | None:
         """From the servo states to a goal, rad (n,), in the guard's tick; None: the performer cannot be followed."""
         assert self._robot is not None
         begun = self._reconstruct()

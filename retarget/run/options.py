@@ -81,10 +81,10 @@ class RunOptions:
     """Options of a run, named as on the command line. Raises UsageError for a value that cannot be meant.
 
     priorities: of the last stage; None: those of the robot's profile. iterations: per frame, of both stages; None: as
-    the priority files say. scene: of the last stage's body. allow_contact: also where it touches at the
-    start. steps: what the robot's feet do when the performer lifts one; None: as its priority file says. bus: a name of
-    BUSES, or the path of a port: the robot's only one. faults: file of what goes wrong on the emulator. physics: of the
-    simulated mechanics.
+    the priority files say. scene: of the last stage's body. allow_contact: run also where it touches at the
+    start. steps: what the robot does when the performer lifts a foot; None: as its priority file says. bus: a name of
+    BUSES, or the path of a port: the robot's only one. faults: file of the emulator's faults. physics: of the simulated
+    mechanics.
     """
 
     robot: str
@@ -105,13 +105,18 @@ class RunOptions:
         if "/" not in self.bus:
             _one_of(self.bus, BUSES, "--bus", "bus", also="the path of a port such as /dev/ttyUSB0")
         if self.faults is not None and self.bus not in WIRED:
-            raise UsageError("faults happen on the emulator", where="--faults", found=f"--bus {self.bus}")
+            raise UsageError(
+                "only the emulator has faults to inject",
+                where="--faults",
+                found=f"--bus {self.bus}",
+                allowed=_buses(WIRED),
+            )
         if self.physics != PhysicsOptions() and not self.has_physics:
             raise UsageError(
                 "only a robot with mass has these",
                 where="--mount, --hook, --seed, --perturb",
                 found=f"--bus {self.bus}",
-                allowed=" or ".join(f"--bus {bus}" for bus in PHYSICS),
+                allowed=_buses(PHYSICS),
             )
         if not self.gate and not self.simulated:
             raise UsageError("no goal goes to real servos unchecked", where="--no-gate", found=f"--bus {self.bus}")
@@ -130,11 +135,11 @@ class RunOptions:
             raise UsageError("there is no gate to leave out", where="--no-gate", found=f"--robot {HUMAN}")
 
     def _check_steps(self, steps: str) -> None:
-        _one_of(steps, get_args(Steps), "--steps", "way to step")
+        _one_of(steps, get_args(Steps), "--steps", "behaviour of the feet")
         if self.is_human:
             raise UsageError("a human's feet are the performer's", where="--steps", found=f"--robot {HUMAN}")
         if steps == "shift" and self.parts != "whole":
-            raise UsageError("legs that are kept still make no steps", where="--steps", found=f"--parts {self.parts}")
+            raise UsageError("legs that do not move make no steps", where="--steps", found=f"--parts {self.parts}")
 
     @property
     def simulated(self) -> bool:
@@ -160,6 +165,10 @@ class RunOptions:
     def is_human(self) -> bool:
         """Whether only the performer is reconstructed."""
         return self.robot == HUMAN
+
+
+def _buses(names: tuple[str, ...]) -> str:
+    return " or ".join(f"--bus {name}" for name in names)
 
 
 def _one_of(value: str, allowed: tuple[str, ...], option: str, what: str, also: str = "") -> None:

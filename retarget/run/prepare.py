@@ -214,10 +214,7 @@ def prepare_for(
     bus = make_bus(robot, clock)
     follower = _follower(robot, for_robot, human, options, scene)
     if not options.allow_contact:
-        touching = contacts(robot.body, follower.observers, scene, follower.stance.q)
-        refuse_contact(touching, where=f"{robot.profile.name}, standing")
-        if scene is not None:
-            refuse_floor(robot, follower.observers, scene, follower.stance.q)
+        _refuse_robot_in_contact(robot, follower, scene)
     last = make_gate(robot, follower, for_robot, gate=options.gate, dt=samples.dt)
     side = _robot_side(
         robot, follower, last, lead=lead, bus=bus, clock=clock, dt=samples.dt, goes_to_rest=goes_to_rest, notify=notify
@@ -294,6 +291,14 @@ def _refuse_inside_obstacle(reconstructor: Reconstructor, scene: SceneState, sam
     start = reconstructor.start(sample).q
     without_self = replace(reconstructor.observers, pairs=np.zeros((0, 2), dtype=np.int64))
     refuse_contact(contacts(human.body, without_self, scene, start), where="human, first posture")
+
+
+def _refuse_robot_in_contact(robot: RobotBody, follower: Follower, scene: SceneState | None) -> None:
+    """Raise UsageError where the robot in its stance touches an obstacle, or has one under its soles."""
+    touching = contacts(robot.body, follower.observers, scene, follower.stance.q)
+    refuse_contact(touching, where=f"{robot.profile.name}, standing")
+    if scene is not None:
+        refuse_floor(robot, follower.observers, scene, follower.stance.q)
 
 
 def _follower(

@@ -21,7 +21,8 @@ from retarget.types import BoolArray, FloatArray, Notify
 Trajectory = Iterator[FloatArray]
 """Goals (n,) rad, one per tick."""
 REST_WITHIN_S = 2.5
-"""Longest duration of the straight trajectory, and of each part of one around an obstacle, s; the speed follows."""
+"""Longest duration of the straight trajectory, and of each part of one around an obstacle, s. The speed follows from
+it."""
 ALONE_RAD = 0.3
 """Farthest that a joint goes aside alone, before the whole arm does."""
 LONGEST_TO_REST_S = 45.0
@@ -138,17 +139,17 @@ class RestTrajectory:
 
     @property
     def returns_to_stance(self) -> bool:
-        """Whether the follower leads the robot."""
+        """Whether the follower leads the robot: it returns to its stance, or stops on the way there."""
         return self._part is not _Part.REST
 
     def next(
-        self, q: FloatArray, *, passed: bool, stands: bool, returns_to_stance: bool = True, slow: float = 1.0
+        self, q: FloatArray, *, passed: bool, stands: bool, returns_to_stance: bool = True, speed_override: float = 1.0
     ) -> FloatArray | None:
         """The next posture (nq,); None: it is at rest, cannot go on, or has to brake first.
 
         q (nq,): the posture that was sent last; passed: whether that is what was asked for; stands: whether nothing is
-        left to brake. returns_to_stance: whether a return to stance comes first, read in the first call only. slow:
-        speed override of a warm robot.
+        left to brake. returns_to_stance: whether a return to stance comes first, read in the first call only.
+        speed_override: of a robot whose servos are warm.
         """
         if not self.begun:
             self.begun, passed = True, True  # there is no earlier goal
@@ -158,7 +159,9 @@ class RestTrajectory:
             self._hold_ticks -= 1
             return self._hold(q)
         there = (
-            self._return_to_stance(q, passed=passed, stands=stands, slow=slow) if self._part is _Part.RETURN else None
+            self._return_to_stance(q, passed=passed, stands=stands, speed_override=speed_override)
+            if self._part is _Part.RETURN
+            else None
         )
         if there is None and self._part is _Part.STOP:
             there = None if stands else self._follower.halt(self._dt)
@@ -192,7 +195,9 @@ class RestTrajectory:
         self._begin_return(q)
         return self._settle(q)
 
-    def _return_to_stance(self, q: FloatArray, *, passed: bool, stands: bool, slow: float) -> FloatArray | None:
+    def _return_to_stance(
+        self, q: FloatArray, *, passed: bool, stands: bool, speed_override: float
+    ) -> FloatArray | None:
         """The next posture (nq,) of the return to stance; None: it is over."""
         if stands and not passed:
             if self._refused:
@@ -207,7 +212,7 @@ class RestTrajectory:
             return None
 
         def step() -> FloatArray | None:
-            self._follower.set_speed_override(min(RETURN_OVERRIDE, slow))
+            self._follower.set_speed_override(min(RETURN_OVERRIDE, speed_override))
             return self._follower.return_to_stance(self._dt)
 
         there = self._call(step)

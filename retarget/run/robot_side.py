@@ -135,7 +135,7 @@ class RobotSide:
     def follow(self, human: HumanPosture, *, settled: float = 1.0) -> FloatArray | None:
         """The goal, rad (n,), for the human's posture; in the first tick, the posture from which to follow. settled:
         how much of its speed the robot may use beyond that of the approach, 0 to 1."""
-        self._follower.set_speed_override(min(self.guard.health.slow, self._share.speed_override(settled)))
+        self._follower.set_speed_override(min(self.guard.health.speed_override, self._share.speed_override(settled)))
         posture = self._follower.step(human, self._dt) if self._started else self._first
         self.phase = Phase.FOLLOW
         self._lost = 0 if np.isfinite(posture.q).all() else self._lost + 1
@@ -166,11 +166,12 @@ class RobotSide:
         self._awake = True
 
     def approach(self) -> FloatArray | None:
-        """The next goal, rad (n,), of the approach trajectory; None while the operator holds the robot, and until it
-        has braked."""
+        """The next goal, rad (n,), of the approach trajectory; None while the operator pauses the robot, and until it
+        has braked after that."""
         if self.guard.paused or (self._trajectory.left and not self._goals.at_rest):
             return None
-        self.phase, self._goal = Phase.APPROACH, self._trajectory.next(self.guard.health.slow, here=self._sent)
+        self.phase = Phase.APPROACH
+        self._goal = self._trajectory.next(self.guard.health.speed_override, here=self._sent)
         return self._goal
 
     def act(self, find_goal: FindGoal) -> bool:
@@ -286,12 +287,14 @@ class RobotSide:
 
     def _next_to_rest(self) -> FloatArray | None:
         """The next goal of the move to rest; None: the robot is at rest, or cannot go on."""
-        returns_to_stance = (
-            self._started or not self._trajectory.straight
-        )  # on the straight part it goes back as it came
-        stands, slow = self._goals.at_rest, self.guard.health.slow
+        # On the straight first part of the approach the robot goes to rest in a straight line too, without a stance.
+        returns_to_stance = self._started or not self._trajectory.straight
         q = self._rest_trajectory.next(
-            self._q, passed=self._passed, stands=stands, returns_to_stance=returns_to_stance, slow=slow
+            self._q,
+            passed=self._passed,
+            stands=self._goals.at_rest,
+            returns_to_stance=returns_to_stance,
+            speed_override=self.guard.health.speed_override,
         )
         return None if q is None else self._take(q)
 

@@ -61,7 +61,7 @@ class PhysicsRun:
 
     @property
     def least_margin(self) -> float | None:
-        """Of the centre of pressure until a fall, m; None where no sole carried."""
+        """Least margin of the centre of pressure until a fall, m; None where no sole carried."""
         standing = np.isfinite(self.margin) & (self.time <= (np.inf if self.fall is None else self.fall.time))
         known = self.margin[standing]
         return float(known.min()) if known.size else None
@@ -98,7 +98,7 @@ class RunResult:
 
     @property
     def observer_names(self) -> tuple[str, ...]:
-        """Of the last stage's body, in the order of the recorded modes."""
+        """Names of the observers of the last stage's body, in the order of the recorded modes."""
         return () if self.observers is None else self.observers.names
 
     @property

@@ -114,11 +114,11 @@ class PathClearance:
 
     def _servos_are_clear(self, path: FloatArray, instead: FloatArray, measured: FloatArray) -> bool:
         off = self._following.unexplained(measured)
-        rows = len(path) if off.any() else 2  # without, the rest of the way is the one that is clear already
-        way, other = path[:rows] + off, instead[:rows] + off
-        way[0] = other[0] = measured
+        rows = len(path) if off.any() else 2  # without an error, the rest is the path of goals, which is clear
+        measured_path, other = path[:rows] + off, instead[:rows] + off
+        measured_path[0] = other[0] = measured
         return self._checker.is_clear(
-            self._standing, way, dt=self._dt, share=SERVOS_SHARE, instead=other, remember=False
+            self._standing, measured_path, dt=self._dt, share=SERVOS_SHARE, instead=other, remember=False
         )
 
 

@@ -173,7 +173,7 @@ def _take(capture: StreamCapture, datagram: Datagram, spy: _SpyDecoder, now: flo
 
 
 def _completed(pose: FloatArray, before: FloatArray | None) -> FloatArray:
-    """A pose (7,), with the half that it lacks from the pose before: some senders split it over two datagrams."""
+    """A pose (7,), with its missing half from the pose before: some senders split it over two datagrams."""
     missing = np.isnan(pose)
     return pose if before is None or not missing.any() else np.where(missing, before, pose)
 

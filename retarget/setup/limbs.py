@@ -10,11 +10,11 @@ from retarget.types import FloatArray
 
 UP = np.array([0.0, 0.0, 1.0])
 HIPS = 0.6
-"""Of the trunk's height: legs begin no higher."""
+"""Share of the trunk's height: legs begin no higher."""
 LOW = 0.1
-"""Of the robot's height: feet end so near to its lowest point."""
+"""Share of the robot's height: feet end so near to its lowest point."""
 FINGERS = 0.3
-"""Of a limb's length: branches that reach no further are fingers, and the limb ends before them."""
+"""Share of a limb's length: branches that reach no further are fingers, and the limb ends before them."""
 LEAST_LEG, LEAST_ARM = 2, 2
 """Joints that make a leg, and an arm."""
 _SIDE = {"l": 1, "left": 1, "r": -1, "right": -1}
@@ -230,9 +230,9 @@ def _knee_ahead(tree: Tree, leg: Limb, ahead: FloatArray) -> float:
 ACROSS = 0.8
 """Least cosine between an axis and the left of the robot that makes it one of hip, knee or ankle pitch."""
 AT_FOOT = 0.25
-"""Of a leg's length: a joint so near to its end is at the ankle."""
+"""Share of a leg's length: a joint so near to its end is at the ankle."""
 LEVER = 0.2
-"""Of an arm's length: a joint that moves the hand less is a twist or a wrist."""
+"""Share of an arm's length: a joint that moves the hand less is a twist or a wrist."""
 
 
 @dataclass(frozen=True)
@@ -313,6 +313,6 @@ def crossing(tree: Tree, node: int, other: int) -> FloatArray:
 
 
 def _distance(tree: Tree, node: int, point: FloatArray) -> float:
-    """Of a point from a node's axis, m."""
+    """Distance of a point from a node's axis, m."""
     way = point - tree.nodes[node].anchor
     return float(np.linalg.norm(way - (way @ tree.nodes[node].axis) * tree.nodes[node].axis))

@@ -172,7 +172,7 @@ def _node(
 # Only lines of axes and the places of what they carry are compared, so names and link frames do not matter.
 
 TOLERANCE = 0.03
-"""Of the robot's size: so far a mirrored part may be from its counterpart."""
+"""Share of the robot's size: so far a mirrored part may be from its counterpart."""
 PARALLEL = 0.97
 """Least cosine between a mirrored axis and its counterpart."""
 NORMALS = (np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]))

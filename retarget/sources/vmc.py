@@ -148,7 +148,7 @@ def local_bones(frame: StreamFrame) -> LocalBones:
 
 
 def merged(later: LocalBones, earlier: LocalBones) -> LocalBones:
-    """`later`, with what it lacks from `earlier`: for senders that split an avatar over datagrams."""
+    """`later`, with what is missing in it from `earlier`: for senders that split an avatar over datagrams."""
     return LocalBones(
         np.where(np.isnan(later.rotation), earlier.rotation, later.rotation),
         np.where(np.isnan(later.position), earlier.position, later.position),

@@ -170,7 +170,7 @@ class Bench:
     stop_asked: what SIGINT and SIGTERM set. undo: called in the end. gate: False: goals are not checked.
     leaves: the run is not observed to its end, where the robot is at rest.
     approaching: `at` counts from when torque is on, and the robot begins in posture `rest`.
-    thinking: called in every tick once a goal is found.
+    on_goal: called in every tick once a goal is found.
     """
 
     def __init__(
@@ -180,7 +180,7 @@ class Bench:
         self.lines: dict[str, Line] = {}
         self.ports: dict[str, TappedPort] = {}
         self.stop_asked = self.leaves = self.approaching = False
-        self.thinking: list[Callable[[], object]] = []
+        self.on_goal: list[Callable[[], object]] = []
         self.undo: list[Callable[[], object]] = []
         self.robot: RobotBody
         self.side: RobotSide
@@ -253,7 +253,7 @@ class Bench:
         self._place, self._valid = np.zeros((len(names), 3)), np.zeros(len(names), dtype=bool)
 
         def ticking(find_goal: FindGoal, halt: Halt = lambda: None) -> GuardState:
-            state = tick(self._thought(find_goal), halt)
+            state = tick(self._with_acts(find_goal), halt)
             self._saw_tick(state)
             return state
 
@@ -277,7 +277,7 @@ class Bench:
             trace.approach_ended = now
         if trace.began is None and state is GuardState.MOVING and "the performer is followed" in trace.said:
             trace.began = now
-        trace.ticks.append(Tick(now, state, guard.stop_reason is not None, guard.health.slow))
+        trace.ticks.append(Tick(now, state, guard.stop_reason is not None, guard.health.speed_override))
         if trace.rebased is None and self.stream.clock_map.jumps:
             trace.rebased = now
         self._act(now)
@@ -293,14 +293,14 @@ class Bench:
         self.trace.steps.append((self.clock.now(), float(step)))
         self._place[:], self._valid[:] = found.position, found.valid
 
-    def _thought(self, think: FindGoal) -> FindGoal:
-        def thought(states: ServoStates) -> FloatArray | None:
-            goal = think(states)
-            for act in self.thinking if goal is not None else ():
+    def _with_acts(self, find_goal: FindGoal) -> FindGoal:
+        def found(states: ServoStates) -> FloatArray | None:
+            goal = find_goal(states)
+            for act in self.on_goal if goal is not None else ():
                 act()
             return goal
 
-        return thought
+        return found
 
     def leave(self) -> None:
         """End the observation after this tick."""

@@ -28,42 +28,42 @@ class Malformed:
     change: Change
     reason: str
 
-    def write(self, sound: Path, folder: Path) -> Path:
-        """Write a robot into `folder`: that of the valid file `sound`, malformed. Return its path."""
-        (folder / "body.xml").write_bytes((sound.parent / "body.xml").read_bytes())
+    def write(self, valid: Path, folder: Path) -> Path:
+        """Write a robot into `folder`: that of the valid file `valid`, malformed. Return its path."""
+        (folder / "body.xml").write_bytes((valid.parent / "body.xml").read_bytes())
         path = folder / "robot.yaml"
-        path.write_bytes(self.change(sound.read_bytes(), folder))
+        path.write_bytes(self.change(valid.read_bytes(), folder))
         return path
 
 
 def _swap(old: str, new: str) -> Change:
     """Replace one piece of text."""
 
-    def change(sound: bytes, folder: Path) -> bytes:
-        if old.encode() not in sound:
+    def change(valid: bytes, folder: Path) -> bytes:
+        if old.encode() not in valid:
             raise InputError("the robot's file has no such text", where="malformed files", found=old)
-        return sound.replace(old.encode(), new.encode(), 1)
+        return valid.replace(old.encode(), new.encode(), 1)
 
     return change
 
 
 def _all(text: bytes) -> Change:
     """Replace the whole file."""
-    return lambda sound, folder: text
+    return lambda valid, folder: text
 
 
 def _more(text: bytes) -> Change:
     """Append text."""
-    return lambda sound, folder: sound + text
+    return lambda valid, folder: valid + text
 
 
 def _body(old: str, new: str) -> Change:
     """Replace one piece of text of the body file."""
 
-    def change(sound: bytes, folder: Path) -> bytes:
+    def change(valid: bytes, folder: Path) -> bytes:
         body = folder / "body.xml"
         body.write_text(body.read_text(encoding="utf-8").replace(old, new, 1), encoding="utf-8")
-        return sound
+        return valid
 
     return change
 
@@ -71,25 +71,25 @@ def _body(old: str, new: str) -> Change:
 def _urdf(links: str, *joints: str) -> Change:
     """Replace the body by a URDF of these links, and of joints named by parent and child."""
 
-    def change(sound: bytes, folder: Path) -> bytes:
+    def change(valid: bytes, folder: Path) -> bytes:
         text = _URDF.format(
             links="".join(_LINK.format(link) for link in links), joints="".join(_JOINT.format(*pair) for pair in joints)
         )
         (folder / "body.urdf").write_text(text, encoding="utf-8")
-        return sound.replace(b"body: body.xml", b"body: body.urdf", 1)
+        return valid.replace(b"body: body.xml", b"body: body.urdf", 1)
 
     return change
 
 
-def _bomb(sound: bytes, folder: Path) -> bytes:
+def _bomb(valid: bytes, folder: Path) -> bytes:
     rows = [b"a0: &a0 [x, x]"] + [b"a%d: &a%d [*a%d, *a%d]" % (k, k, k - 1, k - 1) for k in range(1, 40)]
-    return b"\n".join(rows) + b"\n" + sound
+    return b"\n".join(rows) + b"\n" + valid
 
 
-def _outside(sound: bytes, folder: Path) -> bytes:
+def _outside(valid: bytes, folder: Path) -> bytes:
     """Name a valid body outside of the folder."""
     (folder / "here").mkdir()
-    return sound.replace(b"body: body.xml", b"body: here/../../" + folder.name.encode() + b"/body.xml", 1)
+    return valid.replace(b"body: body.xml", b"body: here/../../" + folder.name.encode() + b"/body.xml", 1)
 
 
 _HEAD = "head_pan:    {id: 19"

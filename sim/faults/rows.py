@@ -343,7 +343,7 @@ def _late(times: int | None = None) -> Callable[[Bench], None]:
             cued()
             bench.clock.advance(OVERRUN / bench.robot.profile.safety.rate_hz)
 
-        bench.thinking.append(dawdle)
+        bench.on_goal.append(dawdle)
 
     return inject
 

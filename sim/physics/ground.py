@@ -125,6 +125,6 @@ def sort_shapes(spec: Any, feet: Sequence[str]) -> None:
 
 
 def _area(polygon: FloatArray) -> float:
-    """Of a polygon (n, 2), counter-clockwise (shoelace formula)."""
+    """Area of a polygon (n, 2), counter-clockwise (shoelace formula)."""
     x, y = polygon.T
     return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2.0

@@ -165,7 +165,10 @@ def test_taken_up_again_it_moves_within_limits_and_not_at_once() -> None:
 def test_a_hold_on_purpose_does_not_end_the_run_and_the_approach_is_gone_to_its_end() -> None:
     rig, result, states = clutched()
     assert result.stop is None and states.count("stopping") == 0
-    assert rig.said.count("let go: the robot holds") == 2 and rig.said.count("held") == 3
+    assert (
+        rig.said.count("dead-man control released: the robot holds") == 2
+        and rig.said.count("dead-man control held") == 3
+    )
     phases = result.record.phase
     assert (phases[: round(0.3 / DT)] == Phase.APPROACH).all() and (phases == Phase.FOLLOW).any()
     assert result.record.robot is not None

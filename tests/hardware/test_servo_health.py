@@ -426,7 +426,7 @@ def test_a_warm_servo_slows_the_robot_to_half_within_the_limit_and_is_reported_o
     slows, news = [], []
     for _ in range(600):
         rig.run(1, lambda _: rig.gate.position)
-        slows.append(rig.guard.health.slow)
+        slows.append(rig.guard.health.speed_override)
         news += rig.guard.health.warnings.take_news()
     assert rig.state() is GuardState.MOVING
     assert news == [
@@ -447,7 +447,7 @@ def test_each_tick_is_judged_though_nothing_was_wrong_for_long() -> None:
     rig = Rig(MockFault(FaultKind.HOT, first=500, cycles=300, servo=1, value=61.0), limits=SERVO_WARNINGS_LIMITS)
     rig.guard.arm()
     rig.run(500, lambda _: rig.gate.position)
-    assert rig.guard.health.slow == pytest.approx(1.0 - 0.5 * DT / RAMP_S)
+    assert rig.guard.health.speed_override == pytest.approx(1.0 - 0.5 * DT / RAMP_S)
 
 
 def test_a_temperature_at_its_level_does_not_begin_and_end_all_the_time() -> None:
@@ -455,7 +455,7 @@ def test_a_temperature_at_its_level_does_not_begin_and_end_all_the_time() -> Non
     for tick in range(2000):
         seen[Row.TEMPERATURE, 0] = 61.0 if tick // 50 % 2 else 59.0
         warned.look(seen, tick * DT)
-    assert len(warned.take_news()) == 1 and warned.slow == 0.5
+    assert len(warned.take_news()) == 1 and warned.speed_override == 0.5
 
 
 def test_only_what_heat_is_about_slows() -> None:
@@ -464,7 +464,7 @@ def test_only_what_heat_is_about_slows() -> None:
         seen[row, 2] = value
         for tick in range(150):
             warned.look(seen, tick * DT)
-        assert (warned.slow == 0.5) == slows, row
+        assert (warned.speed_override == 0.5) == slows, row
         (text,) = warned.take_news()
         assert "waist (id 3)" in text and ("of its speed" in text) == slows
 
@@ -474,7 +474,7 @@ def test_a_short_peak_of_current_is_no_warning() -> None:
     for tick in range(300):
         seen[Row.CURRENT, 0] = 5.0 if tick % 50 else 0.0
         warned.look(seen, tick * DT)
-    assert warned.take_news() == [] and warned.slow == 1.0
+    assert warned.take_news() == [] and warned.speed_override == 1.0
 
 
 def test_another_servo_is_reported_by_itself() -> None:
@@ -499,7 +499,7 @@ def test_news_that_are_not_taken_are_bounded() -> None:
 def test_a_robot_that_was_never_warned_goes_at_full_speed() -> None:
     rig = still()
     rig.run(100, lambda _: rig.gate.position)
-    assert rig.guard.health.slow == 1.0 and not rig.guard.health.warnings.busy
+    assert rig.guard.health.speed_override == 1.0 and not rig.guard.health.warnings.busy
     assert rig.guard.health.warnings.take_news() == []
 
 
@@ -512,9 +512,9 @@ def test_the_speed_never_jumps(readings: list[tuple[float, float]]) -> None:
         now += elapsed
         seen[Row.TEMPERATURE, 3] = temperature
         warned.look(seen, now)
-        assert 0.5 <= warned.slow <= 1.0
-        assert abs(warned.slow - before) <= 0.5 * elapsed / RAMP_S + 1e-12
-        before = warned.slow
+        assert 0.5 <= warned.speed_override <= 1.0
+        assert abs(warned.speed_override - before) <= 0.5 * elapsed / RAMP_S + 1e-12
+        before = warned.speed_override
 
 
 CAUSES = {

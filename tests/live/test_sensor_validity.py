@@ -368,7 +368,7 @@ def test_what_is_not_finite_is_refused(at: int, wrong: float) -> None:
     assert reason(numbers) == NOT_FINITE
 
 
-def test_what_the_sender_does_not_vouch_for_is_refused() -> None:
+def test_what_the_sender_marks_as_lost_is_refused() -> None:
     assert reason(pose(*VALID), tracked=False) == UNTRACKED
 
 

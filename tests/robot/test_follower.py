@@ -173,7 +173,7 @@ def leaning() -> Follower:
     aside = [plus(place, (0.05, 0.05, 0.0)) for place in standing.landmarks]
     turned = (np.cos(0.3), 0.0, 0.0, np.sin(0.3))
     for _ in range(300):
-        robot._advance(AskedLandmarks(aside, turned, standing.gaze), DT, speed_override=1.0)
+        robot._advance(AskedLandmarks(aside, turned, standing.gaze), DT, catch_up_share=1.0)
     return robot
 
 
@@ -226,7 +226,7 @@ def test_one_tick_that_stands_still_is_no_stand() -> None:
     assert to_stance.goes_on(still, DT, stands=True), "and once more from the beginning"
 
 
-def test_it_lands_at_half_of_its_speeds_and_ends_at_rest() -> None:
+def test_the_return_to_stance_takes_half_of_its_speeds_and_ends_at_rest() -> None:
     robot = crouched()
     robot.set_speed_override(RETURN_OVERRIDE)
     way = [robot._q.copy()]
@@ -249,7 +249,7 @@ def test_hands_that_do_not_get_there_do_not_draw_the_body() -> None:
     drawn = []
     for anywhere in (hands, frozenset[int]()):
         for _ in range(200):
-            robot._advance(AskedLandmarks(away, standing.trunk, standing.gaze, open=anywhere), DT, speed_override=1.0)
+            robot._advance(AskedLandmarks(away, standing.trunk, standing.gaze, open=anywhere), DT, catch_up_share=1.0)
         pelvis = robot.landmark_map.names.index("pelvis")
         drawn.append(float(np.linalg.norm(np.subtract(robot._reached.landmarks[pelvis], standing.landmarks[pelvis]))))
     assert drawn[0] < 0.005 < drawn[1]
@@ -351,7 +351,7 @@ def test_a_stop_at_half_speed_goes_on_smoothly_on_the_soles() -> None:
     assert still * DT <= 0.35
 
 
-def test_a_leap_of_the_pace_is_none_of_the_robot() -> None:
+def test_a_jump_of_the_speed_override_is_no_jump_of_the_robot() -> None:
     """What moves goes on at its speed, and brakes from there: in following, and on the way to a stop."""
     for halts in (False, True):
         robot = begun()

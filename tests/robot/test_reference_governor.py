@@ -52,7 +52,7 @@ def test_a_goal_is_a_step_from_where_the_robot_is_towards_what_is_asked() -> Non
     targets = hierarchy.blank()
     steps = []
     for _ in range(5):
-        governor.aim(targets, asked, reached, GOVERNOR_DT, speed_override=1.0)
+        governor.aim(targets, asked, reached, GOVERNOR_DT, catch_up_share=1.0)
         weight, *place = goal(hierarchy, targets, "l_hand")
         steps.append(np.array(place) - np.array((x, y, z)))
         assert weight == 1.0
@@ -72,7 +72,7 @@ def test_planted_landmarks_get_no_goals() -> None:
         AskedLandmarks(reached.landmarks, reached.trunk, reached.gaze),
         reached,
         GOVERNOR_DT,
-        speed_override=1.0,
+        catch_up_share=1.0,
     )
     assert goal(robot.hierarchy, targets, "l_sole")[0] == 0.0
     assert robot.hierarchy.uses(SlotKind.POSITION, "l_sole")
@@ -93,7 +93,7 @@ def test_the_limits_of_a_limb_are_those_of_its_own_joints() -> None:
         there: list[Vector] = [(x + 0.1, y, z) for x, y, z in reached.landmarks]
         targets = hierarchy.blank()
         governor.aim(
-            targets, AskedLandmarks(there, reached.trunk, reached.gaze), reached, GOVERNOR_DT, speed_override=1.0
+            targets, AskedLandmarks(there, reached.trunk, reached.gaze), reached, GOVERNOR_DT, catch_up_share=1.0
         )
         for name in ("l_hand", "r_hand", "pelvis"):
             row = list(robot.profile.landmarks).index(name)
@@ -114,7 +114,7 @@ def test_a_robot_that_is_held_uses_more_of_its_servos() -> None:
         governor = ReferenceGovernor(robot, hierarchy, still=STILL, trunk_at_stance=reader.trunk_at_stance)
         targets, there = hierarchy.blank(), [(x + 0.1, y, z) for x, y, z in reached.landmarks]
         governor.aim(
-            targets, AskedLandmarks(there, reached.trunk, reached.gaze), reached, GOVERNOR_DT, speed_override=1.0
+            targets, AskedLandmarks(there, reached.trunk, reached.gaze), reached, GOVERNOR_DT, catch_up_share=1.0
         )
         row = list(robot.profile.landmarks).index("l_hand")
         steps.append(float(goal(hierarchy, targets, "l_hand")[1]) - reached.landmarks[row][0])
@@ -154,14 +154,14 @@ TRAJECTORY_DT = 0.008
 CHANNEL = ChannelLimits(own=4.0, catch_up=2.0, speed=0.5)
 
 
-def governor(asked: FloatArray, start: float | None = None, *, speed_override: float = 1.0) -> FloatArray:
+def governor(asked: FloatArray, start: float | None = None, *, catch_up_share: float = 1.0) -> FloatArray:
     """Where a point gets that follows asked (T,) m along x and reaches every goal."""
     trajectory = OnlineTrajectory(CHANNEL)
     here, last = asked[0] if start is None else start, asked[0]
     track = []
     for there in asked:
         here += trajectory.step(
-            (there - last, 0.0, 0.0), (there - here, 0.0, 0.0), TRAJECTORY_DT, speed_override=speed_override
+            (there - last, 0.0, 0.0), (there - here, 0.0, 0.0), TRAJECTORY_DT, catch_up_share=catch_up_share
         )[0]
         last = there
         track.append(here)
@@ -202,9 +202,9 @@ def test_noise_is_not_passed_on() -> None:
     assert np.std(np.diff(track, n=2)[50:]) < 0.25 * np.std(np.diff(noise, n=2)[50:])
 
 
-def test_a_speed_override_slows_the_approach() -> None:
+def test_a_share_of_catching_up_slows_the_approach() -> None:
     asked = np.full(400, 0.3)
-    slow = np.diff(governor(asked, 0.0, speed_override=0.2)) / TRAJECTORY_DT
+    slow = np.diff(governor(asked, 0.0, catch_up_share=0.2)) / TRAJECTORY_DT
     assert slow.max() <= 0.2 * CHANNEL.speed + 1e-9
 
 

@@ -197,7 +197,7 @@ def test_asking_to_stop_brakes() -> None:
 
 
 @pytest.mark.parametrize("after", [0, 1, 60])
-def test_a_stop_asked_for_during_the_approach_is_heard(after: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stop_asked_for_during_the_approach_is_carried_out(after: int, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = iter([False] * after + [True])
     rig = Rig(still() + np.linspace(-0.4, 0.4, 20))
     goals = written(rig, monkeypatch)
@@ -295,7 +295,7 @@ def test_the_answer_is_that_of_the_question() -> None:
     answers = iter((False, True))
     asked = ExceptionSafe(lambda: next(answers))
     assert (asked(), asked()) == (False, True)
-    asked.settle()
+    asked.raise_failure()
 
 
 def test_from_its_failure_on_it_is_no_and_the_failure_is_raised_in_the_end() -> None:
@@ -311,4 +311,4 @@ def test_from_its_failure_on_it_is_no_and_the_failure_is_raised_in_the_end() -> 
     asked = ExceptionSafe(question)
     assert [asked() for _ in range(4)] == [True, False, False, False] and count == 2
     with refuses(OSError):
-        asked.settle()
+        asked.raise_failure()

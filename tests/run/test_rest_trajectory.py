@@ -147,7 +147,7 @@ def test_one_that_has_not_risen_yet_goes_straight_to_rest() -> None:
 
 def test_a_warm_robot_returns_to_stance_no_faster_than_its_override() -> None:
     follower = ReturningFollower(20)
-    Bench(follower, slow=0.25).run(1000)
+    Bench(follower, speed_override=0.25).run(1000)
     assert set(follower.overrides) == {0.25}
 
 

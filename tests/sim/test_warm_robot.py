@@ -83,7 +83,7 @@ def test_a_hot_servo_stops_the_robot_all_the_same() -> None:
 def approaching(slow: float) -> FloatArray:
     """Goals (T, n) rad of the way to where following begins, 0.3 rad from where the robot stands."""
     rig = Rig(np.full((60, 20), 0.3))
-    rig.guard.health.warnings.slow = slow
+    rig.guard.health.warnings.speed_override = slow
     clip = short_clip(seconds=1.0)
     record = Pipeline(clip=clip, reconstructor=StubReconstructor(person()), robot=rig.side).run().record
     assert record.robot is not None

@@ -48,11 +48,11 @@ class Rig:
     def state(self) -> GuardState:
         return self.guard.state
 
-    def run(self, ticks: int, think: FindGoal | None = None) -> None:
+    def run(self, ticks: int, find_goal: FindGoal | None = None) -> None:
         for _ in range(ticks):
             if self.guard.active:
                 self.clock.advance(DT)
-                self.guard.tick(think or self.faster)
+                self.guard.tick(find_goal or self.faster)
 
     def faster(self, _: ServoStates) -> FloatArray:
         """A goal for the first joint, always faster."""

@@ -82,7 +82,9 @@ def find_places(
     Raises UsageError where no port is named, and for a port that none of the robot's several buses has.
     """
     if port != EMULATOR and faults is not None:
-        raise UsageError("faults happen on the emulator", where="--faults", found=f"--port {port or 'of the profile'}")
+        raise UsageError(
+            "only the emulator has faults to inject", where="--faults", found=f"--port {port or 'of the profile'}"
+        )
     if port == EMULATOR:
         body = load_uncalibrated(robot or EMULATED_ROBOT)
         return _emulated(body, clock or VirtualClock(), faults, robot is not None, bus)

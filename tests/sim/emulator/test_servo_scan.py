@@ -83,7 +83,7 @@ def test_a_dry_run_sends_nothing(lab: ServoLab) -> None:
             "no-such-port",
         ),
         (("--robot", "op4"), "Did you mean op3?"),
-        (("--port", "x", "--faults", "f.yaml"), "faults happen on the emulator"),
+        (("--port", "x", "--faults", "f.yaml"), "only the emulator has faults to inject"),
     ],
 )
 def test_bad_options(words: tuple[str, ...], text: str, lab: ServoLab) -> None:

@@ -1,7 +1,7 @@
 //! Where all observers act, each pair has a budget: how far it may still come nearer in this frame. A pair whose joints cannot have
 //! spent it sleeps: its distance is not looked at and its row is left out, for the step could not have crossed it. A pair whose
 //! budget the step would spend is woken, looked at, and gets its row before the step is taken, for four times in an iteration;
-//! what still surprises then is found after the step, and mended by the next one.
+//! what it misses is found after the step, and corrected by the next one.
 
 use super::modes::Mode;
 use super::obstacle::ObstaclePose;

@@ -20,7 +20,7 @@ pub struct PyWatchedSensors {
 #[pymethods]
 impl PyWatchedSensors {
     #[new]
-    #[pyo3(signature = (count, *, reach, height, norm_tolerance, stale_after, frozen_after, noticeable, not_worn_after))]
+    #[pyo3(signature = (count, *, reach, height, norm_tolerance, stale_after, frozen_after, noticeable, not_in_use_after))]
     #[allow(clippy::too_many_arguments)]
     fn new(
         count: usize,
@@ -30,11 +30,11 @@ impl PyWatchedSensors {
         stale_after: f64,
         frozen_after: f64,
         noticeable: (f64, f64),
-        not_worn_after: f64,
+        not_in_use_after: f64,
     ) -> Self {
         let room = Room { reach, low: height.0, high: height.1, norm: norm_tolerance };
         let times = Times { stale_after, frozen_after, noticeable };
-        Self { watched: Watched::new(count, room, times, not_worn_after), verdicts: Vec::with_capacity(count) }
+        Self { watched: Watched::new(count, room, times, not_in_use_after), verdicts: Vec::with_capacity(count) }
     }
 
     fn take<'py>(
