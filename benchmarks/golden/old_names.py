@@ -46,6 +46,7 @@ OLD_NAMES: dict[str, Names] = {
             "balanced": "steady",
             "balanced_sustained": "lasting",
             "fixed_base": "held",
+            "sender's clock jumps forward": "sender's clock leaps on",
         },
         keys={
             "no_command_frames": "unled_frames",
