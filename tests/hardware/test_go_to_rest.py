@@ -60,7 +60,7 @@ def test_a_faulty_robot_does_not_go_to_rest(kind: FaultKind, first: int) -> None
 
 def test_a_warm_robot_returns_to_stance_no_faster_than_it_may(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = Rig(np.zeros((40, 20)), goes_to_rest=True)
-    monkeypatch.setattr(type(rig.guard.health), "slow", property(lambda self: 0.25))
+    monkeypatch.setattr(type(rig.guard.health), "speed_override", property(lambda self: 0.25))
     in_stance = iter([rig.follower.stance.q] * 5)
     monkeypatch.setattr(rig.follower, "return_to_stance", lambda dt: next(in_stance, None))
     play(rig)

@@ -164,6 +164,7 @@ OF_THE_MACHINE = [
         rf"\b{re.escape(platform.machine())}\b": "<machine>",
         rf"\b{re.escape(platform.python_version())}\b": "<version>",
         r"/dev/pts/\d+": "/dev/pts/<number>",
+        r"(?<=\.py\", line )\d+": "<number>",
         r"(?<=allowed: )(/dev/tty\w+(, /dev/tty\w+)*\b(?! \(bus)|none, no serial port exists here)": "<ports>",
         r"owner \w+, group \w+, mode \S+": "<owner>",
         r"0x[0-9a-f]{8,}": "<address>",
