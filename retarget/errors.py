@@ -97,12 +97,12 @@ RENAMED = {
     "steady": "balanced",
     "lasting": "balanced_sustained",
     "held": "fixed_base",
-    "--trouble": "--perturb",
-    "--cut": "--torque-off",
+    "run --trouble": "--perturb",
+    "stop --cut": "--torque-off",
     "cut": "torque_off",
 }
-"""Names of version 0.1.0 and what they are called now: keys and files of configurations, options, words of the control
-socket. An old name is refused with the new one."""
+"""Names of version 0.1.0 and what they are called now: keys and files of configurations, options (with their command),
+words of the control socket. An old name is refused with the new one."""
 
 
 def renamed_to(name: str, known: Iterable[str]) -> str:

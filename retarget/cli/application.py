@@ -93,10 +93,11 @@ def with_values(words: Sequence[str]) -> list[str]:
 
 def refuse_renamed(words: Sequence[str]) -> None:
     """Raises UsageError for an option that has another name now."""
+    command = next((word for word in words if not word.startswith("-")), "")
     for word in words:
         option = word.partition("=")[0]
-        if option.startswith("--") and option in RENAMED:
-            raise UsageError("no such option", where=option, next_step=f"It is called {RENAMED[option]} now")
+        if new := RENAMED.get(f"{command} {option}"):
+            raise UsageError("no such option", where=option, next_step=f"It is called {new} now")
 
 
 # `--overwrite`: the one way in which a command replaces a file that is there.

@@ -47,9 +47,10 @@ def refused(capsys: pytest.CaptureFixture[str], *words: object) -> str:
     ],
 )
 def test_an_option(words: tuple[str, ...], old: str, capsys: pytest.CaptureFixture[str]) -> None:
-    shows(refused(capsys, *words), old, RENAMED[old])
+    new = RENAMED[f"{words[0]} {old}"]
+    shows(refused(capsys, *words), old, new)
     command = next(command for name, command in commands() if name == words[0])
-    assert RENAMED[old] in {option for one in command.params for option in one.opts}
+    assert new in {option for one in command.params for option in one.opts}
 
 
 @pytest.mark.parametrize("old", FILES)
@@ -89,10 +90,16 @@ def test_a_key_of_a_profile(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
 
 def test_every_old_name_is_tried() -> None:
     assert {"steady", "held"} < set(FILES) and {"uphold", "late", "ahead"} < {old for _, old in KEYS}
-    tried = {*FILES, *(old for _, old in KEYS), OF_PROFILE, "--trouble", "--cut", "cut"}
+    tried = {*FILES, *(old for _, old in KEYS), OF_PROFILE, "run --trouble", "stop --cut", "cut"}
     assert tried == set(RENAMED)
 
 
 def test_a_word_of_the_control_socket() -> None:
     assert "torque_off" in WORDS and "cut" not in WORDS
     shows(refused_word("cut"), "'cut'", "called torque_off now")
+
+
+def test_an_option_that_another_command_had_is_unknown(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as left:
+        main([*RUN, "--cut"])
+    assert left.value.code == REFUSED and "--torque-off" not in capsys.readouterr().err
