@@ -105,10 +105,10 @@ RENAMED = {
 words of the control socket. An old name is refused with the new one."""
 
 
-def renamed_to(name: str, known: Iterable[str]) -> str:
-    """A next step with the new name of `name`, where that is one of the known names; else ""."""
+def renamed_to(name: str, known: Iterable[str] | None = None) -> str:
+    """A next step with the new name of `name`, where that is one of the known names (None: any); else ""."""
     new = RENAMED.get(name)
-    return f"It is called {new} now" if new is not None and new in known else ""
+    return f"It is called {new} now" if new is not None and (known is None or new in known) else ""
 
 
 def suggest(name: str, known: Iterable[str]) -> str:

@@ -13,7 +13,7 @@ import typer
 
 import retarget
 from hardware.realtime import USUAL_PRIORITY
-from retarget.errors import RENAMED, UsageError
+from retarget.errors import UsageError, renamed_to
 from retarget.run.control_socket import USUAL
 from retarget.viewer.server import PORT
 
@@ -96,8 +96,8 @@ def refuse_renamed(words: Sequence[str]) -> None:
     command = next((word for word in words if not word.startswith("-")), "")
     for word in words:
         option = word.partition("=")[0]
-        if new := RENAMED.get(f"{command} {option}"):
-            raise UsageError("no such option", where=option, next_step=f"It is called {new} now")
+        if step := renamed_to(f"{command} {option}"):
+            raise UsageError("no such option", where=option, next_step=step)
 
 
 # `--overwrite`: the one way in which a command replaces a file that is there.

@@ -18,7 +18,7 @@ from hardware.guard import Guard
 from hardware.key_device import KeyDevice
 from hardware.realtime import Scheduling, refuse_scheduling
 from retarget.cli.exit import ForcedStopKey, StopRequest
-from retarget.errors import RENAMED, UsageError
+from retarget.errors import UsageError, renamed_to
 from retarget.live.engagement import Engaged
 from retarget.live.performer import LivePerformer
 from retarget.run.control_socket import ControlSocket
@@ -480,9 +480,7 @@ class LiveControls:
 
 def refused_word(word: str) -> str:
     """The answer of the control socket to a word that it does not have, or no longer has."""
-    step = "only a person at the keyboard lets the robot move"
-    if RENAMED.get(word) in WORDS:
-        step = f"it is called {RENAMED[word]} now"
+    step = renamed_to(word, WORDS) or "only a person at the keyboard lets the robot move"
     return f"error: found {word[:20]!a}, allowed: {', '.join(WORDS)}; {step}"
 
 

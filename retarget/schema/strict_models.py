@@ -14,7 +14,7 @@ from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StrictBool, StrictInt, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from retarget.errors import RENAMED, ConfigError, Problem, suggest
+from retarget.errors import ConfigError, Problem, renamed_to, suggest
 from retarget.schema.strict_yaml import MAX_PROBLEMS, Document, KeyPath, read_text, scan
 
 # pydantic's errors in our words: the place in the file, what stands there, what may, and the nearest valid name.
@@ -62,10 +62,9 @@ def keys_of(document: Document, section: str) -> tuple[str, ...]:
 def _renamed_inside(data: Any, path: KeyPath, document: Document, *, renamed: bool = False) -> Iterator[Problem]:
     """The old keys inside sections that have an old name themselves: no model has looked at those."""
     for key, value in data.items() if isinstance(data, dict) else ():
-        if renamed and key in RENAMED:
-            step = f"It is called {RENAMED[key]} now"
+        if renamed and (step := renamed_to(key)):
             yield document.problem((*path, key), "unknown key", found=repr(key), next_step=step)
-        yield from _renamed_inside(value, (*path, key), document, renamed=renamed or key in RENAMED)
+        yield from _renamed_inside(value, (*path, key), document, renamed=renamed or bool(renamed_to(key)))
 
 
 def _problem(model: type[BaseModel], detail: ErrorDetails, document: Document) -> Problem:
