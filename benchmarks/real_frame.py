@@ -75,14 +75,19 @@ def real_frame(path: Path, *, robot: str = "op3", repeats: int = 1, end: float |
     plain, timed = [], []
     for _ in range(repeats):
         plain.append(_play(path, robot, end)[0])
-        with ExitStack() as stack:
-            stack.enter_context(mock.patch.object(_solver, "Solver", TimedSolver))
-            stack.enter_context(mock.patch.object(whole_body_stop, "Solver", TimedSolver))
-            timed.append(_play(path, robot, end)[1])
+        timed.append(timed_play(path, robot=robot, end=end)[1])
     return [
         FrameCost(stage, *_percentiles([run[:, k] for run in plain]), *_percentiles([run[:, k] for run in timed]))
         for k, stage in enumerate(STAGES)
     ]
+
+
+def timed_play(path: Path, *, robot: str = "op3", end: float | None = None) -> tuple[Floats, Floats]:
+    """Thread CPU (T, 3) ns of human, robot and both, of one play: whole frames, and their solvers."""
+    with ExitStack() as stack:
+        stack.enter_context(mock.patch.object(_solver, "Solver", TimedSolver))
+        stack.enter_context(mock.patch.object(whole_body_stop, "Solver", TimedSolver))
+        return _play(path, robot, end)
 
 
 def _play(path: Path, name: str, end: float | None) -> tuple[Floats, Floats]:
