@@ -1,29 +1,8 @@
-"""The states of the guard, the causes of a stop, the limits that it watches, and the protocol of a goal filter."""
+"""The causes of a stop, the latched stop, and the limits that the guard watches."""
 
 import math
 from dataclasses import dataclass
 from enum import Enum
-from typing import Protocol
-
-from hardware.arrays import FloatArray
-
-
-class GuardState(Enum):
-    """State of a robot, from limp to moving. Only the guard changes it."""
-
-    IDLE = "idle"
-    """Torque off or unknown; nothing is written."""
-    ARMED = "armed"
-    """Torque on, holding the posture in which it was switched on; no goal has been followed yet."""
-    MOVING = "moving"
-    """Goals are followed, through the filter."""
-    HOLDING = "holding"
-    """There is no goal: the robot brakes and stands, torque on, until there is one again (stop category 2)."""
-    STOPPING = "stopping"
-    """Goals are ignored; the robot brakes, goes to rest if the caller gives a rest trajectory, and stands (stop
-    category 1)."""
-    STOPPED = "stopped"
-    """Latched: nothing is written until the operator acknowledges the reason."""
 
 
 class StopCause(Enum):
@@ -45,6 +24,10 @@ class StopCause(Enum):
     """Detected by the simulation of the robot."""
 
 
+FAULTLESS = (StopCause.REQUESTED, StopCause.STALE_GOAL, StopCause.SOURCE)
+"""Causes that are no fault of the robot: it may go to rest."""
+
+
 @dataclass(frozen=True)
 class Stop:
     """A latched stop: its cause, its reason in words, and when it began, in s on the guard's clock.
@@ -64,23 +47,19 @@ class Stop:
 class GuardLimits:
     """What the guard tolerates; limits that are not given are not watched.
 
-    max_age: s since a servo's last answer, from the start of a tick to its goal, and between ticks. max_temperature:
-    degrees Celsius. voltage: lowest and highest, V. following_error: rad of the joint between the present position and
-    the way to the goal of the last tick, at once; sustained_error: rad, for sustained_time, s. max_current: A, for
-    current_time, s. max_brake_ticks: until the robot must stand; max_rest_ticks: from there until it is at rest.
-    max_hold: s without a goal (see `NoCommand`). period: s between ticks, so that late ones are counted; infinite: none
-    is late. lag: s by which each servo's loop follows its goal, in servo order: errors are measured from the
-    response that such a loop has; none: from the goal. The fields named warn_ are warning levels, in the same
-    units. Beyond those of temperature and current the robot moves at slow_share of its speed.
+    max_age: s since a servo's last answer. max_pause: s between ticks, and from the start of a tick to its goal.
+    max_temperature: degrees Celsius. voltage: lowest and highest, V. following_error: rad of the joint between the
+    present position and the way to the goal of the last tick, at once; sustained_error: rad, for sustained_time, s.
+    max_current: A, for current_time, s. lag: s by which each servo's loop follows its goal, in servo order: errors are
+    measured from the response that such a loop has; none: from the goal. The fields named warn_ are warning levels, in
+    the same units. Beyond those of temperature and current the robot moves at slow_share of its speed.
     """
 
     max_age: float = 0.1
+    max_pause: float = 0.1
     max_temperature: float = math.inf
     voltage: tuple[float, float] = (-math.inf, math.inf)
     following_error: float = math.inf
-    max_brake_ticks: int = 1000
-    max_rest_ticks: int = 5000
-    max_hold: float = math.inf
     sustained_error: float = math.inf
     sustained_time: float = 0.2
     max_current: float = math.inf
@@ -91,45 +70,4 @@ class GuardLimits:
     warn_current: float = math.inf
     warn_following_error: float = math.inf
     slow_share: float = 0.5
-    period: float = math.inf
     lag: tuple[float, ...] = ()
-
-
-# The filter between a goal and the bus: the guard sends nothing that has not passed through a `GoalFilter`.
-
-
-class GoalFilter(Protocol):
-    """Last check of a goal. It can always stop: from every posture that it returns, it has a braking trajectory within
-    the limits.
-
-    Postures are joint positions in rad, (n,), in the profile's servo order.
-    """
-
-    @property
-    def position(self) -> FloatArray:
-        """The posture returned last, rad; a copy. Where a filter compensates the deflection of the servos, its goals
-        differ from the posture, and this is the posture."""
-        ...
-
-    @property
-    def sent(self) -> FloatArray:
-        """The goals returned last, rad; a copy. They keep the limits of the servos."""
-        ...
-
-    @property
-    def at_rest(self) -> bool:
-        """Whether the posture returned last equals the one before it, so that nothing is left to brake."""
-        ...
-
-    def seed(self, position: FloatArray) -> None:
-        """Start at rest at the robot's present `position`, which may lie beyond a limit. Raises HardwareError if not
-        finite."""
-        ...
-
-    def admit(self, goal: FloatArray) -> FloatArray:
-        """Return what to send this tick: `goal`, or the next posture of the last verified braking trajectory."""
-        ...
-
-    def brake(self) -> FloatArray:
-        """Return the next posture of the last verified braking trajectory; once at rest, the same posture for ever."""
-        ...

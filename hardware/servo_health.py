@@ -379,7 +379,7 @@ class ServoHealth:
         """Share (0, 1] of all speeds, at which the robot spares servos that are too warm or draw too much."""
         return self.warnings.speed_override
 
-    def complaint(
+    def fault(
         self, states: ServoStates, sent: TickArray | None, held: FloatArray | None = None
     ) -> tuple[StopCause, str] | None:
         """Why the robot must stop, or None. sent (n,): goal ticks of the last tick. held (n,): rad, where these goals

@@ -16,6 +16,24 @@ Notify = Callable[[str], object]
 """Takes a message for the operator, one sentence without a line end."""
 
 
+class RunState(Enum):
+    """The state of a run. `retarget.run.supervisor` has the table of states and transitions."""
+
+    IDLE = "idle"
+    COUNTDOWN = "countdown"
+    CALIBRATING = "calibrating"
+    CHECKING_SIDES = "checking sides"
+    ARMING = "arming"
+    APPROACH = "approach"
+    FOLLOW = "follow"
+    HOLD = "hold"
+    STOPPING = "stopping"
+    RETURN_TO_STANCE = "return to stance"
+    GO_TO_REST = "go to rest"
+    OFF = "off"
+    FAULT = "fault"
+
+
 class Carrying(Enum):
     """Which feet carry. The value is what reports call it."""
 

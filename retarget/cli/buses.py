@@ -17,10 +17,9 @@ from retarget.model.body import JointType
 from retarget.model.robot import RobotBody, load_robot
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared
-from retarget.run.record import Phase
 from retarget.run.run_result import RunResult, Truth
 from retarget.schema.scene import load_scene
-from retarget.types import FloatArray, Notify
+from retarget.types import FloatArray, Notify, RunState
 
 if TYPE_CHECKING:
     from sim.physics.bus import PhysicsBus
@@ -109,17 +108,17 @@ class PhysicsBench:
 
     def watching(self, stop_asked: Callable[[], bool], prepared: Prepared, *, live: bool = False) -> Callable[[], bool]:
         """A `stop_asked` for every tick that also stops the run after a fall."""
-        if self._bus is None or prepared.side is None:
+        if self._bus is None or prepared.machine is None:
             return stop_asked
-        side, samples = prepared.side, prepared.samples
+        machine, samples = prepared.machine, prepared.samples
         witness, within = self._bus.witness, LIVE_PUSH_S if live else samples.ticks * samples.dt
 
         def asked() -> bool:
             fall, now = witness.fall, witness.simulation.time
-            if self._to_push and side.phase is Phase.FOLLOW:
+            if self._to_push and machine.supervisor.state is RunState.FOLLOW:
                 self._push(now, within)
-            if fall is not None and now >= fall.time + AFTER_FALL_S and side.following:
-                side.guard.stop(f"the robot has fallen: {fall.how}", StopCause.FALLEN)
+            if fall is not None and now >= fall.time + AFTER_FALL_S and machine.guard.may_go_to_rest:
+                machine.guard.latch(StopCause.FALLEN, f"the robot has fallen: {fall.how}")
             return stop_asked()
 
         return asked

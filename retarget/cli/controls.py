@@ -14,7 +14,6 @@ from types import TracebackType
 from typing import Protocol, Self
 
 from hardware.clock import Clock, MonotonicClock
-from hardware.guard import Guard
 from hardware.key_device import KeyDevice
 from hardware.realtime import Scheduling, refuse_scheduling
 from retarget.cli.exit import ForcedStopKey, StopRequest
@@ -22,7 +21,8 @@ from retarget.errors import UsageError, renamed_to
 from retarget.live.engagement import Engaged
 from retarget.live.performer import LivePerformer
 from retarget.run.control_socket import ControlSocket
-from retarget.types import Notify
+from retarget.run.loop import Machine
+from retarget.types import Notify, RunState
 
 # A held key of the terminal, detected by its repeats: a terminal reports no release.
 
@@ -149,8 +149,7 @@ LONGEST_S = 300.0
 
 
 class Clutch:
-    """Disengages from the performer and engages again. guard: None where there is no robot. dead_man: None where
-    nothing has to be held."""
+    """Disengages from the performer and engages again. dead_man: None where nothing has to be held."""
 
     def __init__(
         self,
@@ -158,10 +157,9 @@ class Clutch:
         *,
         clock: Clock,
         notify: Notify,
-        guard: Guard | None = None,
         dead_man: DeadMan | None = None,
     ) -> None:
-        self._performer, self._guard, self._dead_man = performer, guard, dead_man
+        self._performer, self._dead_man = performer, dead_man
         self._clock, self._notify = clock, notify
         self._paused, self._held = False, dead_man is None
         self._since: float | None = None  # [s] when it was disengaged
@@ -210,8 +208,6 @@ class Clutch:
     def _apply(self) -> None:
         engaged = self.engaged
         self._performer.clutch(engaged=engaged)
-        if self._guard is not None:
-            self._guard.paused = not engaged
         self._since = None if engaged else self._clock.now() if self._since is None else self._since
 
 
@@ -341,7 +337,7 @@ GOES_ON, NEVER_GOES_ON = "p goes on", "there is no terminal whose p would go on,
 
 @dataclass(frozen=True)
 class LiveStatus:
-    """state: of the guard, null without a robot. followed: whether the performer is followed now. let_go: whether it
+    """state: of the run, null without a robot. followed: whether the performer is followed now. let_go: whether it
     holds on purpose. stop: why the robot stops or stopped, else null."""
 
     state: str | None
@@ -353,7 +349,7 @@ class LiveStatus:
 class LiveControls:
     """Controls of a live run; call `look` in every tick.
 
-    guard: of the robot, None without one. stop_file: its appearance stops the robot; it is not removed, and counts as
+    machine: the robot, None without one. stop_file: its appearance stops the robot; it is not removed, and counts as
     there where it cannot be looked for. socket: other programs stop or hold the robot through it, and cannot make it
     move. Every request is carried out before it is reported.
     """
@@ -367,12 +363,12 @@ class LiveControls:
         *,
         notify: Notify,
         clock: Clock | None = None,
-        guard: Guard | None = None,
+        machine: Machine | None = None,
         stop_file: Path | None = None,
         socket: ControlSocket | None = None,
     ) -> None:
         self._keys, self._stop, self._performer, self._clutch = keys, stop, performer, clutch
-        self._guard, self._stop_file, self._socket, self._notify = guard, stop_file, socket, notify
+        self._machine, self._stop_file, self._socket, self._notify = machine, stop_file, socket, notify
         self._clock, self._space = clock or MonotonicClock(), ForcedStopKey()
         self._ticks, self._announced = 0, False  # announced: that the robot stops
 
@@ -403,14 +399,14 @@ class LiveControls:
 
     def status(self) -> LiveStatus:
         """The present state."""
-        guard, following = self._guard, self._performer.engagement.state is Engaged.FOLLOWING
-        reason = None if guard is None or guard.stop_reason is None else guard.stop_reason.reason
-        state = None if guard is None else guard.state.value
+        machine, following = self._machine, self._performer.engagement.state is Engaged.FOLLOWING
+        reason = None if machine is None or machine.guard.stop is None else machine.guard.stop.reason
+        state = None if machine is None else machine.supervisor.state.value
         return LiveStatus(state, following, not self._clutch.engaged, reason)
 
     def _say_why(self) -> None:
         """Report why the robot stops, once, without waiting for the summary."""
-        reason = None if self._guard is None else self._guard.stop_reason
+        reason = None if self._machine is None else self._machine.guard.stop
         if reason is not None and not self._announced:
             with suppress(OSError):  # a lost terminal must not keep a second press from being received
                 self._say_stopping(f"stopping: {reason.reason}")
@@ -487,13 +483,17 @@ def refused_word(word: str) -> str:
 # The state and duration of a live run on a terminal; nothing in a pipe.
 
 
-def words_for(status: LiveStatus, *, approaching: bool) -> str:
+STOPS = (RunState.STOPPING.value, RunState.RETURN_TO_STANCE.value, RunState.GO_TO_REST.value)
+"""States of a run that ends."""
+
+
+def words_for(status: LiveStatus) -> str:
     """The present state in a few words."""
-    if status.stop is not None or status.state == "stopping":
+    if status.stop is not None or status.state in STOPS:
         return "stopping"
     if status.let_go:
         return "paused: holding"
-    if approaching:
+    if status.state == RunState.APPROACH.value:
         return "approaching the performer"
     return "following" if status.followed else "holding"
 

@@ -103,7 +103,7 @@ def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: 
                 progress_bar(options.robot, prepared.samples.ticks) as show,
             ):
                 asked = page.with_stop_button(bench.watching(stop, prepared), stop)
-                if prepared.side is None and outputs.view is not None:
+                if prepared.machine is None and outputs.view is not None:
                     asked = in_time(asked, prepared.samples.dt, clock)
                 watch = Watch(show, asked, stop.forced_stop, stop.why)
                 run = recorded.run(page.watch(recorder.watch(watch, prepared)))
@@ -217,12 +217,12 @@ def follow_live(
         prepare_live = partial(prepare_for, clock=recorder.clock, make_bus=make_bus, goes_to_rest=True, notify=notify)
         with prepare_live(perform, options) as prepared:
             stop, keys = stack.enter_context(stop_on_signals(moves=True)), stack.enter_context(Keys())
-            performer, guard = prepared.samples, None if prepared.side is None else prepared.side.guard
+            performer, machine = prepared.samples, prepared.machine
             assert isinstance(performer, LivePerformer)
-            clutch = Clutch(performer, clock=clock, notify=notify, guard=guard, dead_man=dead_man)
+            clutch = Clutch(performer, clock=clock, notify=notify, dead_man=dead_man)
             file = oversight.stop_file
             controls = LiveControls(
-                keys, stop, performer, clutch, notify=_log, clock=clock, guard=guard, stop_file=file, socket=socket
+                keys, stop, performer, clutch, notify=_log, clock=clock, machine=machine, stop_file=file, socket=socket
             )
             _show_keys(keys, dead_man)
             words = _words(prepared, controls)
@@ -286,15 +286,14 @@ def _wait_until_engaged(clutch: Clutch, look: Callable[[], bool], performer: Liv
 
 def _words(prepared: Prepared, controls: LiveControls) -> Callable[[], str]:
     """The present state of the run, in words."""
-    side = prepared.side
-    return lambda: words_for(controls.status(), approaching=side is not None and side.phase is Phase.APPROACH)
+    return lambda: words_for(controls.status())
 
 
 def _watch(
     prepared: Prepared, look: Callable[[], bool], controls: LiveControls, bench: PhysicsBench, clock: Clock
 ) -> Watch:
     """The callbacks of the run; without a robot they also wait for each tick."""
-    if prepared.side is None:
+    if prepared.machine is None:
         look = in_time(look, prepared.samples.dt, clock)
     asked = bench.watching(look, prepared, live=True)
     return Watch(stop_asked=asked, torque_off_asked=controls.forced_stop, why=controls.why)

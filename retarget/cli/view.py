@@ -128,12 +128,12 @@ def viewing(
 
 
 def _setup(port: int, prepared: Prepared, options: RunOptions) -> PageSetup:
-    side = prepared.side
+    machine = prepared.machine
     return PageSetup(
         title=f"retarget: {options.robot}",
         port=port,
-        robot="" if side is None else str(side.robot.profile.path),
-        root=(options.physics.root or "") if side is not None else "",
+        robot="" if machine is None else str(machine.robot.profile.path),
+        root=(options.physics.root or "") if machine is not None else "",
         scene="" if options.scene is None else str(options.scene),
         human_mjcf=prepared.human.mjcf,
         simulated=options.has_physics,
@@ -145,25 +145,25 @@ def _extras(
     prepared: Prepared, view: Viewing, words: Callable[[], str] | None, truth: Callable[[], Truth | None]
 ) -> Extras:
     """What the page shows in addition to the rows of the record."""
-    side, scene_obstacles = prepared.side, prepared.scene_obstacles
+    machine, scene_obstacles = prepared.machine, prepared.scene_obstacles
 
     def obstacles() -> ObstaclePoses | None:
         now = None if scene_obstacles is None else scene_obstacles.now
         return now if now is None or scene_obstacles is None else now.rows(drawn(scene_obstacles.shapes))
 
-    if side is None:
+    if machine is None:
         return Extras(words=lambda: ("ended" if view.over else "following", ""), obstacles=obstacles)
 
     def now() -> tuple[str, str]:
-        stop = side.guard.stop_reason
+        stop, supervisor = machine.guard.stop, machine.supervisor
         if stop is not None:
-            return "stopping" if side.guard.active else "stopped", stop.reason
-        if view.over or not side.guard.active:
+            return "stopped" if supervisor.over else "stopping", stop.reason
+        if view.over or not supervisor.torque:
             return "ended", ""
-        return PHASE_WORDS[side.phase] if words is None else words(), ""
+        return supervisor.state.value if words is None else words(), ""
 
     def current() -> FloatArray | None:
-        states = side.guard.states
+        states = machine.guard.states
         return None if states is None else states.current
 
     return Extras(words=now, current=current, obstacles=obstacles, truth=truth)

@@ -48,6 +48,11 @@ class Samples(Protocol):
         the robot returns to the performer slowly."""
         ...
 
+    @property
+    def paused(self) -> bool:
+        """Whether the operator pauses the robot: it then holds without a limit in time."""
+        ...
+
     def may_approach(self) -> bool:
         """Whether the robot is to go on with its approach; called in every tick of it."""
         ...
@@ -159,6 +164,11 @@ class Clip:
     def settled(self) -> float:
         """1: a clip is never held."""
         return 1.0
+
+    @property
+    def paused(self) -> bool:
+        """Never."""
+        return False
 
     def may_approach(self) -> bool:
         """Always: a clip waits."""

@@ -174,10 +174,15 @@ class LivePerformer:
         """Share of its speed that the robot may use beyond that of its slow approach, 0 to 1."""
         return self.engagement.settled
 
+    @property
+    def paused(self) -> bool:
+        """Whether the operator pauses the robot."""
+        return not self.engagement.wanted
+
     def may_approach(self) -> bool:
-        """Whether data have been good for long enough to go on with the approach."""
+        """Whether the robot is not paused, and data have been good for long enough to go on with the approach."""
         now = self._clock.now()
-        if self._catching_up.step(now):
+        if self.paused or self._catching_up.step(now):
             return False
         reading, _ = self._read(now)
         good = self._is_good(reading, now)

@@ -3,12 +3,13 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from enum import Enum
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hardware.clock import Clock
-from retarget._solver import frame_bounds
+from retarget._solver import TrajectoryGenerator, frame_bounds
 from retarget.errors import InputError
 from retarget.frames import SensorFrames, SensorSample
 from retarget.human.samples import Clip, Performance
@@ -20,7 +21,6 @@ from retarget.run.options import RunOptions
 from retarget.run.prepare import MakeBus, Prepared, prepare_for
 from retarget.run.record import Phase
 from retarget.run.stages import FollowingStage, ReconstructingStage
-from retarget.run.trajectory import SpeedOverrideTrajectory, slower_in_line
 from retarget.schema.performer import Performer
 from retarget.types import BoolArray, FloatArray, Notify, RobotPosture
 
@@ -33,8 +33,19 @@ NEAR = 1e-5
 MOST_REFUSED, GONE_S = 5, 1.0
 """The most refusals in a row, each within so many s of the trajectory after the last; one more ends the playback."""
 FOR_EVER = 10**9
-STILL = 1e-12
-"""rad; what moves less stands."""
+STILL = 1e-9
+"""rad/s; what is slower stands."""
+REGAIN_S, JERK_S = 0.4, 0.1
+"""Times in which the playback is back at its full speed after a hold, and in which a servo reaches its acceleration."""
+RATES = (1.0, 1.0, 4.0)
+"""Goals per tick, and the rise of this in shares of REGAIN_S: velocity, acceleration, jerk."""
+
+
+class PlaybackPart(Enum):
+    """What the playback does."""
+
+    PLAYING = "goes along the recorded goals"
+    RETURNING = "returns to them"
 
 
 class RecordedGoals:
@@ -63,7 +74,6 @@ class RecordedGoals:
         self._columns = np.setdiff1d(np.arange(robot.body.nq), robot.servo_columns)
         limits, caps = robot.limits, robot.profile.safety.speed_caps
         self._limits = replace(limits, max_velocity=max(caps.follow, caps.approach) * limits.max_velocity)
-        self._change = limits.max_acceleration * dt**2  # (n,) [rad]
         fastest = 2.0 * robot.joint_map.max_velocity * dt
         if not np.isfinite(joints).all() or (np.abs(np.diff(joints[-2:], axis=0)) > fastest).any():
             raise InputError(
@@ -71,14 +81,15 @@ class RecordedGoals:
                 where=str(played.recording.path),
                 found="a goal that is not finite, or last goals faster than twice the servos' speed",
             )
-        self._joints = np.vstack([joints, *_to_rest(joints, self._change)])
+        self._joints = np.vstack([joints, *self._to_rest(joints)])
         self._refused, self._refused_at = 0, 0.0
         body = robot.body
         self._dofs = body.joint_dof[[body.joint_index(joint) for joint in robot.joint_map.joints]]
-        self._speed_override, self._gone = 1.0, 0.0
-        self._here: FloatArray = self._joints[0]
-        self._moved: FloatArray = np.zeros_like(self._here)
-        self._trajectory = SpeedOverrideTrajectory(self._joints, dt=dt)
+        self._speed_override = 1.0
+        # Along the recorded goals, in goals; and back to them, where something else was sent.
+        self._along = TrajectoryGenerator(*(np.array([share / dt / REGAIN_S**k]) for k, share in enumerate(RATES)), dt=dt)
+        self._back = self._moves(robot.profile.safety.speed_caps.approach)
+        self._begin()
 
     @property
     def ticks(self) -> int:
@@ -88,26 +99,30 @@ class RecordedGoals:
     @property
     def done(self) -> bool:
         """Whether the last posture was asked for."""
-        return self._trajectory.done
+        return self._part is PlaybackPart.PLAYING and self._gone >= len(self._joints) - 1
 
     def start(self, human: "HumanPosture") -> RobotPosture:
         """The first posture."""
         self._begin()
         return self._posture(self._here)
 
-    def settle(self, human: "HumanPosture", dt: float) -> list[RobotPosture]:
-        """None: following begins at the first posture."""
-        return []
+    def settle(self, human: "HumanPosture", dt: float) -> None:
+        """Following begins at the first posture."""
 
     def step(self, human: "HumanPosture", dt: float) -> RobotPosture:
         """The next posture; NaN after too many refusals."""
         if self._refused > MOST_REFUSED:
             return self._posture(np.full_like(self._here, np.nan))
-        if self._trajectory.left and self._moved.any():
-            moved = slower_in_line(self._moved, self._change)
+        if self._part is PlaybackPart.RETURNING:
+            there = self._at(self._gone)
+            moved = self._back.step(there, self._speed_override) - self._here
+            if self._back.at_rest and np.array_equal(self._back.position, there):
+                self._part = PlaybackPart.PLAYING
+                self._along.reset(np.array([self._gone]))
         else:
-            self._gone += self._speed_override
-            moved = self._inside(self._trajectory.next(self._speed_override, here=self._here) - self._here)
+            beyond = np.array([len(self._joints) + 2.0 * REGAIN_S / self._dt])  # so that it does not slow down before
+            self._gone = float(self._along.step(beyond, self._speed_override)[0])
+            moved = self._inside(self._at(self._gone) - self._here)
         self._here, self._moved = self._here + moved, moved
         return self._posture(self._here)
 
@@ -123,11 +138,8 @@ class RecordedGoals:
         """None: the feet are taken to be on the floor."""
         return None
 
-    def begin_return_to_stance(self, q: FloatArray) -> None:
+    def begin_return_to_stance(self, q: FloatArray, dt: float) -> None:
         """Recorded goals do not depend on it."""
-
-    def separate_limbs(self) -> None:
-        """Recorded goals have no separate limbs."""
 
     def pass_time(self, dt: float) -> None:
         """No obstacle is known that could move."""
@@ -137,16 +149,40 @@ class RecordedGoals:
 
     def reseed(self, q: FloatArray, velocity: FloatArray) -> None:
         """Go on from what was sent instead of the last posture."""
-        moved = velocity[self._dofs] * self._dt
-        self._here, self._moved = q[self._robot.servo_columns].copy(), np.where(np.abs(moved) > STILL, moved, 0.0)
-        if not self._trajectory.left:
+        moved = velocity[self._dofs]
+        self._here = q[self._robot.servo_columns].copy()
+        self._moved = np.where(np.abs(moved) > STILL, moved, 0.0) * self._dt
+        self._back.reset(self._here, self._moved / self._dt)
+        if self._part is PlaybackPart.PLAYING:
             gone = (self._gone - self._refused_at) * self._dt > GONE_S
             self._refused, self._refused_at = 1 if gone else self._refused + 1, self._gone
-        self._trajectory.leave()
+        self._part = PlaybackPart.RETURNING
 
     def _begin(self) -> None:
-        self._trajectory = SpeedOverrideTrajectory(self._joints, dt=self._dt)
-        self._gone, self._here, self._moved = 0.0, self._joints[0], np.zeros_like(self._joints[0])
+        self._part, self._gone = PlaybackPart.PLAYING, 0.0
+        self._along.reset(np.zeros(1), np.array([1.0 / self._dt]))
+        self._here, self._moved = self._joints[0], np.zeros_like(self._joints[0])
+
+    def _at(self, gone: float) -> FloatArray:
+        """The recorded posture (n,) after so many goals, rad."""
+        row = min(int(gone), len(self._joints) - 1)
+        then = min(row + 1, len(self._joints) - 1)
+        between: FloatArray = self._joints[row] + (gone - row) * (self._joints[then] - self._joints[row])
+        return between if then > row else self._joints[row]
+
+    def _moves(self, share: float) -> TrajectoryGenerator:
+        """A trajectory generator for the servos at a share of their greatest speeds."""
+        limits = self._limits
+        jerk = limits.max_acceleration / JERK_S
+        return TrajectoryGenerator(share * limits.max_velocity, limits.max_acceleration, jerk, dt=self._dt)
+
+    def _to_rest(self, joints: FloatArray) -> list[FloatArray]:
+        """What follows postures (T, n) rad until all joints rest."""
+        moves, rows = self._moves(1.0), []
+        moves.reset(joints[-1], (joints[-1] - joints[-2]) / self._dt if len(joints) > 1 else None)
+        while not moves.at_rest:
+            rows.append(moves.step(joints[-1], 0.0))
+        return rows
 
     def _inside(self, moved: FloatArray) -> FloatArray:
         """A displacement (n,) rad, inside the limits where it misses them by a rounding."""
@@ -183,18 +219,6 @@ class RecordedGoals:
         )
 
 
-def _to_rest(joints: FloatArray, change: FloatArray) -> list[FloatArray]:
-    """What follows postures (T, n) rad until all joints rest: in line, braking by `change` (n,) rad per tick."""
-    rows: list[FloatArray] = []
-    moved = joints[-1] - joints[-2] if len(joints) > 1 else np.zeros_like(change)
-    here = joints[-1]
-    while np.abs(moved).max() > STILL:
-        moved = slower_in_line(moved, change)
-        here = here + moved
-        rows.append(here)
-    return rows
-
-
 class UntilDone:
     """`Samples` without a performer, until all goals were sent. kept: twice as many ticks as planned."""
 
@@ -202,6 +226,7 @@ class UntilDone:
         self._clip, self._stage = clip, stage
         self.ticks, self.kept = FOR_EVER, 2 * clip.ticks
         self.dt, self.motion_dt, self.settled, self.hold_reason = clip.dt, clip.motion_dt, 1.0, ""
+        self.paused = False
 
     @property
     def over(self) -> bool:

@@ -96,13 +96,13 @@ class Recorder:
         """A watch that also records what is asked for, to be used instead."""
         if self._path is None:
             return watch
-        note, guard = self._note, None if prepared.side is None else prepared.side.guard
+        note, guard = self._note, None if prepared.machine is None else prepared.machine.guard
 
         def stop_asked() -> bool:
             note.before()
             if not self._warned:
                 self._warn_of_failure()
-            before = None if guard is None else guard.stop_reason
+            before = None if guard is None else guard.stop
             answer = watch.stop_asked()
             note.stop_asked(answer, stop_before=before)
             return answer
@@ -129,7 +129,7 @@ class Recorder:
         started = self._clock.now()
         begun_ns = round(MonotonicClock().now() * 1e9) - wall_to_monotonic()
         session = session_of(prepared, self._options, source=source, goes_to_rest=self._goes_to_rest, begun_ns=begun_ns)
-        robot = None if prepared.side is None else prepared.side.robot
+        robot = None if prepared.machine is None else prepared.machine.robot
         if self._overwrite:
             remove(self._path, option=OPTION)
         file = RecordingFile(self._path, session, config_files(self._options, robot))
@@ -139,8 +139,7 @@ class Recorder:
         thread = WritingThread(
             file, ring, self._note.events, messages, lambda time: begun_ns + round((time - started) * 1e9)
         )
-        guard = None if prepared.side is None else prepared.side.guard
-        self._note.begin(ring, now=started, dt=prepared.samples.dt, robot=robot, guard=guard)
+        self._note.begin(ring, now=started, dt=prepared.samples.dt, machine=prepared.machine)
         self._thread, self._ring = thread, ring
         thread.start()
         switching = sys.getswitchinterval()
@@ -171,7 +170,7 @@ class Recorder:
 
 def _layout(prepared: Prepared, *, simulated: bool) -> tuple[Shape, list[Topic]]:
     """How wide a cycle is, and the topics."""
-    robot = None if prepared.side is None else prepared.side.robot
+    robot = None if prepared.machine is None else prepared.machine.robot
     own = prepared.reconstructor.observers if isinstance(prepared.reconstructor, Reconstructor) else None
     landmarks = () if robot is None else tuple(robot.profile.landmarks)
     observers = 0 if prepared.observers is None else len(prepared.observers.names)

@@ -142,6 +142,11 @@ class ReplayedSamples:
         """As it was, without words."""
         return "as recorded"
 
+    @property
+    def paused(self) -> bool:
+        """As it was."""
+        return self._cursor.asked(Asked.PAUSED)
+
     def may_approach(self) -> bool:
         """As it was; where this run is later than that one was, it goes on."""
         return self._cursor.late or self._cursor.asked(Asked.APPROACH)
@@ -385,14 +390,12 @@ def _refuse_other_performer(session: Session, performer: Performer) -> None:
 
 def _watch(played: Played, cursor: Cursor, prepared: Prepared, watch: Watch) -> Watch:
     """A watch that asks for what was asked for then."""
-    guard = None if prepared.side is None else prepared.side.guard
+    guard = None if prepared.machine is None else prepared.machine.guard
     texts = played.recording.texts
 
     def stop_asked() -> bool:
         cursor.before()
-        if guard is not None:
-            guard.paused = cursor.asked(Asked.PAUSED)
-            if cursor.asked(Asked.OUTSIDE):
+        if guard is not None and cursor.asked(Asked.OUTSIDE):
                 _stop(guard, texts.get((cursor.cycle, "outside"), ""))
         return cursor.asked(Asked.STOP)
 
@@ -411,4 +414,4 @@ def _stop(guard: Guard, text: str) -> None:
     """Stop the guard as the recorded watch did. text: cause and reason."""
     name, _, reason = text.partition(": ")
     cause = next((cause for cause in StopCause if cause.value == name), StopCause.REQUESTED)
-    guard.stop(reason or "as recorded", cause)
+    guard.latch(cause, reason or "as recorded")

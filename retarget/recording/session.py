@@ -112,7 +112,7 @@ class Session(_Strict):
 def session_of(prepared: Prepared, options: RunOptions, *, source: str, goes_to_rest: bool, begun_ns: int) -> Session:
     """The session of a run that can start. begun_ns: unix time."""
     size, samples, intake = prepared.human.dimensions, prepared.samples, prepared.intake
-    robot = None if prepared.side is None else prepared.side.robot
+    robot = None if prepared.machine is None else prepared.machine.robot
     physics = options.physics
     offset = [(float(x), float(y), float(z)) for x, y, z in size.offset]
     return Session(

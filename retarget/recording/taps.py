@@ -7,20 +7,19 @@ from numpy.typing import NDArray
 
 from hardware.bus import ServoBus, ServoGoals, ServoStates
 from hardware.clock import Clock
-from hardware.guard import Guard
-from hardware.guard_state import GuardState, Stop
+from hardware.guard_state import Stop
 from retarget.frames import SensorSample
 from retarget.human.samples import Clip, Samples
-from retarget.model.robot import RobotBody
 from retarget.recording.cycles import READINGS, Asked, Boundary, Done
 from retarget.recording.mcap_writer import Event, Events, Level, Ring
+from retarget.run.loop import Machine
 from retarget.run.record import Phase, Record
-from retarget.types import FloatArray
+from retarget.types import FloatArray, RunState
 
-# What the taps write into: the cycle that runs, its events, and the guard's state.
+# What the taps write into: the cycle that runs, its events, and the state of the run.
 
-GUARD_STATES = {state: place for place, state in enumerate(GuardState)}
-"""Numbers of the guard's states."""
+STATES_OF_RUN = {state: place for place, state in enumerate(RunState)}
+"""Numbers of the states of a run."""
 
 
 class Note:
@@ -37,9 +36,9 @@ class Note:
         self.rows = 0
         """Rows that the pipeline kept."""
         self._boundary = Boundary(self._turn)
-        self._guard: Guard | None = None
+        self._machine: Machine | None = None
         self._stop: Stop | None = None
-        self._state: GuardState | None = None
+        self._state: RunState | None = None
         self._phase: int = -1
         self._dt = 0.0
         self._names: tuple[str, ...] = ()  # of landmarks
@@ -47,10 +46,11 @@ class Note:
         self._servos: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
         self._rest: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
 
-    def begin(self, ring: Ring, *, now: float, dt: float, robot: RobotBody | None, guard: Guard | None) -> None:
+    def begin(self, ring: Ring, *, now: float, dt: float, machine: Machine | None) -> None:
         """From now on everything is noted."""
-        self.now, self._dt, self._guard = now, dt, guard
-        if robot is not None:
+        self.now, self._dt, self._machine = now, dt, machine
+        if machine is not None:
+            robot = machine.robot
             self._servos, self._names = robot.servo_columns, tuple(robot.profile.landmarks)
             self._rest = np.setdiff1d(np.arange(robot.body.nq), robot.servo_columns)
         ring.rows.time[ring.at] = now
@@ -75,11 +75,9 @@ class Note:
 
     def stop_asked(self, answer: bool, *, stop_before: Stop | None) -> None:
         """The operator was asked whether to stop. stop_before: the guard's stop before that."""
-        guard, asked = self._guard, Asked.STOP if answer else Asked(0)
-        if guard is not None:
-            if guard.paused:
-                asked |= Asked.PAUSED
-            stop = guard.stop_reason
+        machine, asked = self._machine, Asked.STOP if answer else Asked(0)
+        if machine is not None:
+            stop = machine.guard.stop
             if stop is not None and stop is not stop_before:
                 asked |= Asked.OUTSIDE
                 self.say("outside", f"{stop.cause.value}: {stop.reason}", Level.ERROR)
@@ -92,6 +90,10 @@ class Note:
     def over(self) -> None:
         """The stream is at its end."""
         self._ask(Asked.OVER)
+
+    def paused(self) -> None:
+        """The operator pauses the robot."""
+        self._ask(Asked.PAUSED)
 
     def approach(self) -> None:
         """The robot goes on with its approach."""
@@ -150,17 +152,17 @@ class Note:
 
     def _turn(self) -> None:
         """A cycle is finished: note where the guard is, and go to the next."""
-        ring, guard = self.ring, self._guard
+        ring, machine = self.ring, self._machine
         assert ring is not None, "nothing turns before it begins"
-        if guard is not None:
-            state, stop = guard.state, guard.stop_reason
-            ring.rows.state[ring.at] = GUARD_STATES[state]
+        if machine is not None:
+            state, stop = machine.supervisor.state, machine.guard.stop
+            ring.rows.state[ring.at] = STATES_OF_RUN[state]
             if stop is not self._stop and stop is not None:
                 self._stop = stop
                 self.say("guard", f"{stop.cause.value}: {stop.reason}", Level.ERROR)
             if state is not self._state:
                 self._state = state
-                self.say("guard", state.value)
+                self.say("run", state.value)
         ring.turn()
 
 
@@ -272,6 +274,14 @@ class TappedSamples:
     def hold_reason(self) -> str:
         """Why the performer is not followed."""
         return self._inner.hold_reason
+
+    @property
+    def paused(self) -> bool:
+        """Whether the operator pauses the robot."""
+        paused = self._inner.paused
+        if paused:
+            self._note.paused()
+        return paused
 
     def may_approach(self) -> bool:
         """Whether the robot is to go on with its approach."""

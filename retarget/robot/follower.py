@@ -3,7 +3,6 @@
 Besides following: time scaling, settling at the start, and the return to stance at the end of a run.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from math import inf
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from retarget._solver import TrajectoryGenerator
 from retarget.ik.base_pose import plant_root
 from retarget.ik.hierarchy import Hierarchy, SceneObstacles
 from retarget.ik.support_polygon import Stance, plant
@@ -76,22 +76,10 @@ class TimeScaling:
 # Settling: the robot goes from its stance to a performer who stands still, before it follows.
 
 SETTLING_S = 5.0
-"""Longest duration (s)."""
+"""Longest duration, s of the robot's own time."""
 RESTING_SPEED = 0.1
-"""A robot none of whose coordinates is faster (rad/s, m/s) rests, after RESTING_TICKS of it."""
-RESTING_TICKS = 5
-
-
-def settling(step: Callable[[], RobotPosture], q: FloatArray, dt: float) -> list[RobotPosture]:
-    """Postures, `dt` s apart, from q (nq,) until the robot rests. step: returns the next one."""
-    path: list[RobotPosture] = []
-    resting = 0
-    while resting < RESTING_TICKS and len(path) * dt < SETTLING_S:
-        before = q
-        path.append(step())
-        q = path[-1].q
-        resting = resting + 1 if float(np.abs(q - before).max()) < RESTING_SPEED * dt else 0
-    return path
+"""A robot none of whose coordinates is faster (rad/s, m/s, of its own time) rests, after RESTING_S of it."""
+RESTING_S = 0.04
 
 
 # Return to stance: a robot on its own soles stands before it goes to rest, legs and trunk as in its stance, arms aside.
@@ -106,8 +94,9 @@ def settling(step: Callable[[], RobotPosture], q: FloatArray, dt: float) -> list
 STANCE_RESTING_SPEED, RESTS_S = 0.1, 0.3
 """A robot none of whose coordinates is faster (rad/s, m/s) for so long (s) rests. One tick is not enough: where limbs
 meet, all joints stand still for one tick, and go on in the next."""
-LED_SPEED, LED_SETTLE = 1.0, 0.1
-"""rad/s of the joint that is led the longest way, and s by which the robot follows, of its own time."""
+LED_SPEED, LED_RISE, LED_JERK, LED_SETTLE = 2.0, 0.3, 0.1, 0.1
+"""rad/s of the joint that is led the longest way; s until it has this speed, and its acceleration; s by which the robot
+follows, of its own time."""
 
 
 class ReturnToStance:
@@ -122,28 +111,27 @@ class ReturnToStance:
         self._joints = address[single]
         self._end = robot.posture(stance_angles(robot))[self._joints]
         self._posture = stance.q.copy()
-        self.at_end = False
-        """Whether the led joints have reached their end."""
+        self._moves: TrajectoryGenerator
         self._rested = 0.0
 
-    def begin(self, q: FloatArray) -> None:
-        """Begin in posture q (nq,)."""
-        self._posture[self._joints] = q[self._joints]
-        self.at_end = False
+    def begin(self, q: FloatArray, dt: float) -> None:
+        """Begin in posture q (nq,), in ticks of `dt` s."""
+        speed = np.full(len(self._joints), LED_SPEED)
+        acceleration = speed / LED_RISE
+        self._moves = TrajectoryGenerator(speed, acceleration, acceleration / LED_JERK, dt=dt)
+        self._moves.reset(q[self._joints])
 
     def goes_on(self, velocity: FloatArray, dt: float, *, stands: bool) -> bool:
         """Whether the return is not over yet after another `dt` s. velocity (nv,): of the robot, per s. stands:
         whether it has both feet on the floor and its weight between them."""
-        rests = self.at_end and float(np.abs(velocity).max()) < STANCE_RESTING_SPEED
+        led = self._moves.at_rest and np.array_equal(self._moves.position, self._end)
+        rests = led and float(np.abs(velocity).max()) < STANCE_RESTING_SPEED
         self._rested = self._rested + dt if rests and stands else 0.0
         return self._rested < RESTS_S
 
-    def lead(self, dt: float) -> FloatArray:
-        """The posture (nq,) in which joints are to be `dt` s later."""
-        left = self._end - self._posture[self._joints]
-        share = min(LED_SPEED * dt / max(float(np.abs(left).max(initial=0.0)), 1e-9), 1.0)
-        self._posture[self._joints] += share * left
-        self.at_end = share == 1.0
+    def lead(self, speed_override: float) -> FloatArray:
+        """The posture (nq,) in which joints are to be a tick later."""
+        self._posture[self._joints] = self._moves.step(self._end, speed_override)
         return self._posture
 
 
@@ -252,7 +240,7 @@ class Follower:
         """Stand, at rest. The robot goes to the performer's posture tick by tick, slowly at first."""
         self.landmark_map.restart()
         self._governor.restart()
-        self._since_start, self._time.scale = 0.0, 1.0
+        self._since_start, self._rested, self._time.scale = 0.0, 0.0, 1.0
         self.scene_obstacles.restart()
         self._q = self.stance.q
         self._targets = standing_targets(self.hierarchy, self.stance)
@@ -265,16 +253,22 @@ class Follower:
         self._reached = self._reader.read(self._q)
         return self._posture(self._asked)
 
-    def settle(self, human: "HumanPosture", dt: float) -> "list[RobotPosture]":
-        """After `start`: go to where the performer stands still, tick by tick, until the robot rests there (see
-        `settling`). So a hand that is asked high up has been raised before the performer moves on."""
+    def settle(self, human: "HumanPosture", dt: float) -> RobotPosture | None:
+        """After `start`: the next posture on the way to where the performer stands still; None: the robot rests there.
+        So a hand that is asked high up has been raised before the performer moves on."""
+        if self._rested >= RESTING_S or self._since_start >= SETTLING_S:
+            if self.steps is not None:
+                self.steps.waits = False
+            self.scene_obstacles.begin()
+            return None
         if self.steps is not None:
             self.steps.waits = True
-        path = settling(partial(self.step, human, dt), self._q, dt)
-        if self.steps is not None:
-            self.steps.waits = False
-        self.scene_obstacles.begin()
-        return path
+        before, own_dt = self._q, dt * self._time.scale
+        posture = self.step(human, dt)
+        self._since_start += own_dt - dt  # counted in the robot's own time
+        slow = float(np.abs(self._q - before).max()) < RESTING_SPEED * own_dt
+        self._rested = self._rested + own_dt if slow else 0.0
+        return posture
 
     def step(self, human: "HumanPosture", dt: float) -> RobotPosture:
         """The posture after the next `dt` s."""
@@ -310,15 +304,15 @@ class Follower:
         to_stance, hierarchy = self._return_to_stance, self.hierarchy
         if to_stance is None or not to_stance.goes_on(hierarchy.solver.velocity, dt, stands=stands):
             return None
-        hierarchy.set_posture(self._targets, to_stance.lead(dt))
+        hierarchy.set_posture(self._targets, to_stance.lead(self._time.scale))
         self._advance(to_stance.asked, dt, catch_up_share=1.0, to_stance=True)
         return self._q
 
-    def begin_return_to_stance(self, q: FloatArray) -> None:
+    def begin_return_to_stance(self, q: FloatArray, dt: float) -> None:
         """Begin the return to stance in posture q (nq,), whether the robot has followed or not."""
         self.reseed(q, np.zeros(self._robot.body.nv))
         if self._return_to_stance is not None:
-            self._return_to_stance.begin(q)
+            self._return_to_stance.begin(q, dt)
 
     def set_speed_override(self, override: float) -> None:
         """Follow at a share (0, 1] of all speeds, from the next tick on: time is scaled by it."""
@@ -336,13 +330,13 @@ class Follower:
         step = None if self._stopping is None else self._stopping.follow(dt * self._time.scale)
         if step is None:
             return None
-        self.separate_limbs()
+        self._separate_limbs()
         self._q, velocity = step
         self.hierarchy.solver.reset(self._q, velocity)
         self._reached = self._reader.read(self._q)
         return self._q
 
-    def separate_limbs(self) -> None:
+    def _separate_limbs(self) -> None:
         """If the robot stands still because a goal was refused, separate limbs before all else in the next tick."""
         if self._fallback is not None and self._stopping is not None:
             self._fallback.separate = self._stopping.stands

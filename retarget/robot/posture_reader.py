@@ -50,7 +50,7 @@ def robot_frames(robot: RobotBody) -> dict[str, Frame]:
 def robot_postures(robot: RobotBody, stance: Stance) -> dict[str, FloatArray]:
     """The postures (nq,) of the profile, by name, with the root where the robot stands."""
     postures = {}
-    for name, angles in robot.profile.postures.model_dump().items():
+    for name, angles in robot.profile.postures.model_dump(exclude={"to_rest"}).items():
         q = robot.posture(angles)
         free = 7 if robot.profile.root == "free" else 0
         q[:free] = stance.q[:free]

@@ -1,23 +1,54 @@
-"""The tick loop of every source: read the sensors, reconstruct and follow, send through gate, guard and bus."""
+"""The loop of a run. `Loop.tick` is the whole of a tick: read, decide the state, find a target, check it, write it."""
 
 import gc
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hardware.bus import ServoStates
-from hardware.clock import MonotonicClock, thread_cpu
-from hardware.guard import FindGoal
+from hardware.checked_goal import CheckedGoal
+from hardware.clock import Clock, thread_cpu
+from hardware.errors import TorqueError
+from hardware.guard import Guard, text_of
+from hardware.guard_state import StopCause
 from retarget.frames import SensorSample
 from retarget.human.samples import Samples
-from retarget.run.record import HumanRecord, Phase, Record, RecordRows, Timing
-from retarget.run.robot_side import RobotSide
-from retarget.run.stages import ReconstructingStage
-from retarget.types import FloatArray
+from retarget.model.robot import RobotBody
+from retarget.run.controllers import (
+    Approach,
+    ApproachPart,
+    Commanded,
+    Controller,
+    Follow,
+    GoToRest,
+    ReturnToStance,
+    Target,
+    WholeBodyStop,
+    rest_joints,
+)
+from retarget.run.record import Phase, Record, TickRecorder
+from retarget.run.stages import FollowingStage, ReconstructingStage
+from retarget.run.supervisor import (
+    AT_RISK,
+    LONGEST_BRAKE_S,
+    LONGEST_RETURN_S,
+    LONGEST_TO_REST_S,
+    Event,
+    Situation,
+    Supervisor,
+)
+from retarget.safety.clearance import PathClearance
+from retarget.safety.gate import Gate, PassThroughGate
+from retarget.types import Notify, RunState
 
-# Callbacks that must not fail while a robot moves.
+INTERRUPTED = "interrupted by the user"
+FORCED_STOP = "torque off before the robot stood, forced by the user"
+NOT_FOLLOWABLE = "the performer could not be followed ({})"
+NEAR_REST = 0.2
+"""A robot is at rest when no joint is farther than this from posture `rest`, rad."""
+PHASES = {RunState.APPROACH: Phase.APPROACH, RunState.FOLLOW: Phase.FOLLOW}
+"""The purpose of a tick by its state; in all others the robot brakes, or goes to rest."""
 
 
 class ObserverCallback:
@@ -36,42 +67,13 @@ class ObserverCallback:
                 self.failure = f"{type(error).__name__}: {error}"
 
 
-class ExceptionSafe:
-    """Calls `question` until it raises; from then on the answer is no. `raise_failure` raises the exception, once the
-    robot stands."""
-
-    def __init__(self, question: Callable[[], bool]) -> None:
-        self._question = question
-        self._failure: Exception | None = None
-
-    def __call__(self) -> bool:
-        """Return the answer."""
-        if self._failure is None:
-            try:
-                return self._question()
-            except Exception as error:  # noqa: BLE001 - raised again by `raise_failure`
-                self._failure = error
-        return False
-
-    def raise_failure(self) -> None:
-        """Raise the exception of the question, if there was one."""
-        if self._failure is not None:
-            raise self._failure
-
-
-INTERRUPTED = "interrupted by the user"
-NOT_FOLLOWABLE = "the performer could not be followed ({})"
-EXTRA_APPROACH_S = 10.0
-"""An approach may take this much longer than planned and be recorded whole; of a longer one the end is recorded."""
-
-
 @dataclass(frozen=True)
 class Watch:
-    """Callbacks of a run.
+    """The operator of a run, and those who look on.
 
-    on_tick: receives the number of ticks done, once in `every` ticks. stop_asked: whether to stop, asked when a tick is
-    due, before anything is sent in it. torque_off_asked: whether torque is to go off at once, asked before every tick
-    of braking. why: who asked for the stop. on_row: receives the record and the row that was just filled.
+    on_tick: receives the number of ticks done, once in `every` ticks. stop_asked: whether to stop, asked in every tick
+    until the robot stops. torque_off_asked: whether torque is to go off at once, asked in every tick from then on. why:
+    who asked for the stop. on_row: receives the record and the row that was just filled.
     """
 
     on_tick: Callable[[int], object] = lambda done: None
@@ -84,186 +86,308 @@ class Watch:
 
 @dataclass(frozen=True, eq=False)
 class Ending:
-    """The end of a run. state: of the guard, None without one; reason: why it stopped early; wall_s: of the clip."""
+    """The end of a run. state: of the supervisor, None without a robot; reason: why it stopped early; wall_s: of the
+    ticks that followed."""
 
     record: Record
-    state: str | None
-    reason: str | None
     wall_s: float
+    state: RunState | None
+    reason: str | None
 
 
-class Pipeline:
-    """Runs samples through both stages, or through the first alone where there is no robot."""
+@dataclass(frozen=True, eq=False)
+class Machine:
+    """A robot that can run. clearance: the gate's collision check. goes_to_rest: a stop ends in the profile's posture
+    `rest`. notify: receives warnings about servos, a sentence each."""
 
-    def __init__(self, *, clip: Samples, reconstructor: ReconstructingStage, robot: RobotSide | None = None) -> None:
-        self._clip = clip
-        self._reconstructor = reconstructor
-        self._robot = robot
-        self._wall = MonotonicClock()
-        self._tick = 0  # of the clip
-        self._sample: SensorSample | None = None  # of which the human was made; None: no valid one
-        self._record: Record
-        self._rows: RecordRows
-        self._on_row: Callable[[Record, int], object]
+    robot: RobotBody
+    follower: FollowingStage
+    gate: Gate | PassThroughGate
+    guard: Guard
+    supervisor: Supervisor
+    clock: Clock
+    dt: float
+    clearance: PathClearance | None = None
+    goes_to_rest: bool = False
+    notify: Notify = lambda text: None
 
-    def run(self, watch: Watch | None = None) -> Ending:
-        """Play the clip to its end, to a stop of the guard, or until a stop is asked for.
+    def not_at_rest(self) -> tuple[str, ...]:
+        """A note about a robot on its soles whose torque went off away from rest, though nothing was wrong with it."""
+        states, robot = self.guard.states, self.robot
+        if states is None or not (self.goes_to_rest and robot.stands and self.guard.may_go_to_rest):
+            return ()
+        off = np.abs(robot.joint_map.to_radians(states.position) - rest_joints(robot))
+        worst = int(off.argmax())
+        if off[worst] <= NEAR_REST:
+            return ()
+        where = f"{robot.joint_map.joints[worst]} {off[worst]:.2f} rad from it"
+        return (f"not at rest: the gate did not let the robot go to rest in time; torque went off with {where}",)
 
-        Every tick that is sent is kept: the approach before the clip and the braking after it too. Raises GuardError or
-        BusError if the robot cannot be armed, TorqueError if a run fails and torque could not be switched off.
-        """
-        watch = Watch() if watch is None else watch
-        torque_off_asked = ExceptionSafe(watch.torque_off_asked)  # when it fails, the robot brakes with torque
-        watch, self._on_row = replace(watch, torque_off_asked=torque_off_asked), watch.on_row
-        first = self._clip.sample(0)
+
+class Loop:
+    """One run of one robot; call `run` once. `tick` is the whole of a tick."""
+
+    def __init__(self, machine: Machine, samples: Samples, reconstructor: ReconstructingStage, watch: Watch) -> None:
+        """Raises RetargetError where the posture to approach is not known."""
+        self._machine, self._samples, self._watch = machine, samples, watch
+        first = samples.sample(0)
         assert first is not None, "the first sample is valid"
-        self._human, self._sample = self._reconstructor.start(first), first
+        human = reconstructor.start(first)
+        robot, follower, dt = machine.robot, machine.follower, machine.dt
+        self._commanded = commanded = Commanded(robot, dt=dt)
+        self._approach = Approach(robot, follower, commanded, human, dt=dt)
+        slow = robot.profile.safety.speed_caps.approach
+        self._follow = Follow(reconstructor, follower, human, samples, slow=slow)
+        self._stop = WholeBodyStop(robot, follower, commanded, self._approach, dt=dt)
+        self._controllers: dict[RunState, Controller] = {
+            RunState.APPROACH: self._approach,
+            RunState.FOLLOW: self._follow,
+            RunState.HOLD: self._stop,
+            RunState.STOPPING: self._stop,
+            RunState.RETURN_TO_STANCE: ReturnToStance(robot, follower, commanded, dt=dt),
+            RunState.GO_TO_REST: GoToRest(robot, follower, commanded, dt=dt),
+        }
+        stopping = LONGEST_BRAKE_S + (LONGEST_RETURN_S + LONGEST_TO_REST_S if machine.goes_to_rest else 0.0)
+        self._recorder = TickRecorder(
+            samples, human, len(first.names), watch.on_row, robot=robot, posture=self._approach.first, stopping=stopping
+        )
+        self._sample: SensorSample | None = first
+        self._tick = 0  # of the performance
+        self._due = machine.clock.now()
+        self._part = StopCause.SOURCE  # what runs now: the cause of a stop if it fails
+
+    def run(self) -> Ending:
+        """Run from arming to torque off.
+
+        Raises GuardError or BusError where the robot cannot be armed, TorqueError where torque could not be switched
+        off after an interrupt.
+        """
+        self._arm()
         try:
-            self._allocate(0 if self._robot is None else self._robot.begin(self._human))
             with _without_garbage_collection():
-                wall_s, interrupted = self._play(watch)
-                self._stand(watch, interrupted=interrupted)
-            state, reason = self._finish(interrupted=interrupted)
+                while not self._machine.supervisor.over:
+                    self.tick()
         except BaseException as error:
-            # An error outside of a tick of the guard stops the robot too, before it is raised.
-            if self._robot is not None:
-                self._robot.give_up(error, watch.torque_off_asked)
+            self._give_up(error)
             raise
-        torque_off_asked.raise_failure()
-        record = self._rows.of(self._record)
-        followed = record.following
-        begins = followed.start if followed.stop else np.count_nonzero(record.phase == Phase.APPROACH)
-        record.time[:] = (np.arange(len(record)) - begins) * self._clip.dt
-        return Ending(record, state, reason, wall_s)
+        self._release()
+        stop, state = self._machine.guard.stop, self._machine.supervisor.state
+        self._watch.on_tick(self._samples.ticks)
+        return Ending(*self._recorder.finish(), state, None if stop is None else stop.reason)
 
-    def _allocate(self, approach: int) -> None:
-        """Make room for the rows of `approach` ticks at least, of the clip, and of the longest braking."""
-        clip, robot, human, sample = self._clip, self._robot, self._human, self._sample
-        assert sample is not None, "the first sample is valid"
-        self._rows = RecordRows(
-            approach=0 if robot is None else approach + round(EXTRA_APPROACH_S / clip.dt),
-            follow=clip.kept,
-            brake=0 if robot is None else robot.stopping_ticks,
-        )
-        rows = self._rows.room
-        self._record = Record(
-            np.zeros(rows),  # filled in at the end, when the start of following is known
-            np.full(rows, Phase.FOLLOW, dtype=np.int8),
-            HumanRecord.empty(
-                rows,
-                nq=human.q.size,
-                joint_names=tuple(human.joint_names),
-                observers=human.observer_modes.size,
-                sensors=len(sample.names),
-            ),
-            None if robot is None else robot.new_record(rows),
-            Timing.empty(rows),
-        )
+    def tick(self) -> None:
+        """One tick. An exception anywhere in it becomes a transition, and the robot brakes, or torque goes off."""
+        self._wait()
+        for attempt in (self._run_tick, self._brake):
+            try:
+                attempt()
+                return
+            except Exception as error:  # noqa: BLE001 - nothing that fails in a tick may leave the robot moving
+                may_brake = attempt == self._run_tick and self._part is not StopCause.BUS
+                machine, now = self._machine, self._machine.clock.now()
+                machine.supervisor.fail(now, text_of(error), self._part, machine.guard, may_brake=may_brake)
+            if self._machine.supervisor.over:
+                return
 
-    def _play(self, watch: Watch) -> tuple[float, str | None]:
-        """Tick until the clip or the guard ends it. Returns wall time of the clip, s, and who asked for a stop."""
-        robot, clip, begun, tick = self._robot, self._clip, self._wall.now(), 0
-        while tick < clip.ticks:
-            if robot is not None:
-                robot.wait()
-            if watch.stop_asked():
-                return self._wall.now() - begun, watch.why()
-            if clip.over or (robot is not None and not robot.following):
-                return self._wall.now() - begun, None
-            if robot is not None and robot.approaching:
-                self._one_tick(self._approach)
-                begun = self._wall.now()
-                continue
-            self._tick = tick
-            if tick == clip.kept:
-                self._rows.close()
-            self._one_tick(self._follow)
-            if tick % watch.every == 0:
-                watch.on_tick(tick + 1)
-            tick += 1
-        watch.on_tick(clip.ticks)
-        return self._wall.now() - begun, None
-
-    def _stand(self, watch: Watch, *, interrupted: str | None) -> None:
-        """Come to rest; `interrupted` is the reason of a stop that was asked for."""
-        robot = self._robot
-        if robot is None:
+    def _run_tick(self) -> None:
+        machine, gate = self._machine, self._machine.gate
+        self._recorder.begin()
+        asked = self._ask_operator()
+        self._samples.poll()
+        self._read()
+        state = self._change_state(asked)
+        if machine.supervisor.over:
             return
-        if interrupted is not None:
-            robot.stop(interrupted)
-        robot.guard.rest()
-        while robot.braking and not robot.force_stop(watch.torque_off_asked):
-            self._one_tick(_nothing)
+        target = self._controllers[state].target(self._sample, speed_override=machine.guard.health.speed_override)
+        self._part = StopCause.FILTER
+        goal = self._unwritten() or gate.check(None if target is None else target.joints)
+        if goal is None and self._is_led_on_soles(state):
+            target, goal = self._stop_on_soles()
+        goal = goal or gate.brake()
+        self._write(goal, target)
+        self._keep(state, goal, target)
 
-    def _one_tick(self, find_goal: FindGoal) -> None:
-        """Run one tick; then record it, if anything was sent and there is room."""
-        begun, record, robot = self._wall.now(), self._record, self._robot
-        self._row = row = self._rows.row
-        if robot is not None:
-            robot.wait()
-        self._clip.poll()
-        if robot is None or record.robot is None:
-            self._reconstruct()
-        elif robot.act(find_goal):
-            record.phase[row] = robot.phase
-            robot.keep(record.robot, row)
+    def _brake(self) -> None:
+        """Go on braking in a tick that has failed, each joint by itself."""
+        machine = self._machine
+        self._part = StopCause.FILTER
+        machine.supervisor.step(machine.clock.now(), Situation(stands=self._commanded.stands), machine.guard)
+        if not machine.supervisor.over:
+            goal = self._unwritten() or machine.gate.brake()
+            self._write(goal, None)
+            self._keep(machine.supervisor.state, goal, None)
+
+    # The steps of a tick.
+
+    def _wait(self) -> None:
+        """Wait until the next tick is due; a late tick is not made up for."""
+        clock = self._machine.clock
+        self._due = max(self._due + self._machine.dt, clock.now())
+        clock.sleep_until(self._due)
+
+    def _ask_operator(self) -> Situation:
+        """What the operator asks for."""
+        self._part = StopCause.SOURCE
+        watch = self._watch
+        if self._machine.supervisor.state in AT_RISK:
+            return Situation(stop=watch.why() if watch.stop_asked() else None)
+        return Situation(torque_off=FORCED_STOP if watch.torque_off_asked() else None)
+
+    def _read(self) -> None:
+        """Read the servos, and pass on what they report."""
+        machine = self._machine
+        self._part = StopCause.BUS
+        states = machine.guard.read()
+        self._part = StopCause.SOURCE
+        machine.follower.set_contact_state(states.soles)
+        if machine.clearance is not None:
+            machine.clearance.measure(machine.robot.joint_map.to_radians(states.position))
+        with suppress(OSError):  # a lost terminal must not keep the robot from a stop
+            for text in machine.guard.health.warnings.take_news():
+                machine.notify(text)
+
+    def _change_state(self, asked: Situation) -> RunState:
+        """Let the supervisor choose the state of this tick. A new state begins."""
+        machine, before = self._machine, self._machine.supervisor.state
+        situation = replace(
+            asked,
+            stands=self._commanded.stands,
+            straight=self._approach.part is ApproachPart.STRAIGHT,
+            arrived=self._controllers[before].arrived,
+            approached=self._approach.arrived,
+        )
+        if before in AT_RISK:
+            situation = self._look_at_performer(situation)
+        state = machine.supervisor.step(machine.clock.now(), situation, machine.guard)
+        if state is not before and state in self._controllers:
+            self._controllers[state].begin()
+        return state
+
+    def _look_at_performer(self, situation: Situation) -> Situation:
+        """Take the sample of this tick, and see whether the performer can be followed."""
+        samples, states = self._samples, self._machine.guard.states
+        if samples.over or self._tick >= samples.ticks:
+            return replace(situation, over=True)
+        answered = states is not None and bool(states.valid.any())
+        if not self._approach.arrived:
+            followable = samples.may_approach()
         else:
-            return
-        self._keep_human(row, error=robot is None or robot.phase is Phase.FOLLOW)
-        record.timing.cycle[row] = self._wall.now() - begun
-        self._on_row(record, row)
-        record.timing.cycle[row] = self._wall.now() - begun  # callbacks are part of the tick
-        self._rows.filled(approaches=robot is not None and robot.approaching and robot.following)
+            if self._tick == samples.kept:
+                self._recorder.close()
+            if self._tick % self._watch.every == 0:
+                self._watch.on_tick(self._tick + 1)
+            self._sample = samples.sample(self._tick)
+            self._tick += 1
+            followable = self._sample is not None
+        reason = NOT_FOLLOWABLE.format(samples.hold_reason) if not followable else ""
+        reason = reason or ("the bus is silent" if not answered else "no posture found")
+        followable = followable and answered and not self._follow.lost
+        return replace(situation, followable=followable, hold_reason=reason, paused=samples.paused)
 
-    def _approach(self, states: ServoStates) -> FloatArray | None:
-        """The next goal of the approach, rad (n,); None: hold there."""
-        assert self._robot is not None
-        if self._clip.may_approach():
-            return self._robot.approach()
-        self._robot.guard.hold_reason = NOT_FOLLOWABLE.format(self._clip.hold_reason)
-        return None
+    def _unwritten(self) -> CheckedGoal | None:
+        """The goal that an interrupt has kept from being written. Without it the next step would be twice as long."""
+        goal = self._machine.gate.goal
+        return None if goal is self._machine.guard.goal else goal
 
-    def _follow(self, states: ServoStates) -> FloatArray | None:
-        """From the servo states to a goal, rad (n,), in the guard's tick; None: the performer cannot be followed."""
-        assert self._robot is not None
-        begun = self._reconstruct()
-        if begun is None:
-            self._robot.guard.hold_reason = NOT_FOLLOWABLE.format(self._clip.hold_reason)
-            return None
-        goal = self._robot.follow(self._human, settled=self._clip.settled)
-        if goal is None:
-            self._robot.guard.hold_reason = "no posture found"
-        self._record.timing.retarget[self._row] = thread_cpu() - begun
-        return goal
+    def _is_led_on_soles(self, state: RunState) -> bool:
+        """Whether the follower leads the robot in a state, on its soles."""
+        if state is RunState.APPROACH:
+            return self._approach.part is not ApproachPart.STRAIGHT
+        return state in (RunState.FOLLOW, RunState.RETURN_TO_STANCE)
 
-    def _reconstruct(self) -> float | None:
-        """Reconstruct the human at this tick. Returns thread CPU at its end, s; None without a valid sample: then the
-        posture stays."""
-        begun = thread_cpu()
-        sample = self._sample = self._clip.sample(self._tick)
-        if sample is None:
-            return None
-        if self._tick > 0:  # the reconstructor was started with the first posture
-            self._human = self._reconstructor.step(sample, self._clip.motion_dt)
-        ended = thread_cpu()
-        self._record.timing.reconstruct[self._row] = ended - begun
-        return ended
+    def _stop_on_soles(self) -> tuple[Target | None, CheckedGoal | None]:
+        """The next target of a stop on the soles, and its goal, where the follower's own target was refused."""
+        self._machine.follower.reseed(self._commanded.q.copy(), self._commanded.velocity.copy())
+        target = self._stop.target()
+        return target, self._machine.gate.check(None if target is None else target.joints)
 
-    def _keep_human(self, row: int, *, error: bool) -> None:
-        kept = self._record.human
-        kept.q[row] = self._human.q
-        kept.joints[row] = self._human.joints
-        kept.observer_modes[row] = self._human.observer_modes
-        kept.sensors[row] = np.nan if self._sample is None else self._sample.position
-        kept.balance_error[row] = self._human.balance_error if error else np.nan
+    def _write(self, goal: CheckedGoal, target: Target | None) -> None:
+        """Write a goal, and take over where the robot was commanded to."""
+        machine, commanded = self._machine, self._commanded
+        self._part = StopCause.BUS
+        machine.guard.write(goal)
+        self._part = StopCause.SOURCE
+        straight = self._approach.part is ApproachPart.STRAIGHT
+        commanded.take(goal, target, on_soles=not straight)
+        if machine.clearance is not None:
+            machine.clearance.sent(commanded.joints, commanded.standing)
+        if not (straight or (goal.passed and target is not None)):
+            machine.follower.reseed(commanded.q.copy(), commanded.velocity.copy())
 
-    def _finish(self, *, interrupted: str | None) -> tuple[str | None, str | None]:
-        """Switch torque off; return the guard's last state and the reason of a stop."""
-        if self._robot is None:
-            return None, interrupted
-        guard = self._robot.guard
-        self._robot.finish()
-        return guard.state.value, guard.stop_reason.reason if guard.stop_reason else None
+    def _keep(self, state: RunState, goal: CheckedGoal, target: Target | None) -> None:
+        """Fill the row of this tick."""
+        machine, follow, recorder = self._machine, self._follow, self._recorder
+        followed = follow.posture if state is RunState.FOLLOW else None
+        recorder.keep_human(follow.human, self._sample, error=followed is not None)
+        recorder.keep_robot(machine.guard, self._commanded.q, goal, asked=target is not None, followed=followed)
+        if followed is not None:
+            recorder.keep_costs(*follow.costs)
+        approaches = state in AT_RISK and not self._approach.arrived
+        recorder.keep(PHASES.get(state, Phase.BRAKE), approaches=approaches)
+
+    # The beginning and the end of a run.
+
+    def _arm(self) -> None:
+        """Set every goal to its present position, then switch torque on."""
+        machine, now = self._machine, self._machine.clock.now
+        machine.supervisor.take(Event.READY, now())
+        present, standing = machine.guard.present(), self._approach.first.q
+        if machine.clearance is not None:
+            machine.clearance.begin(standing, present)
+        self._commanded.begin(standing, present)
+        self._recorder.started(present)
+        machine.guard.arm(machine.gate.begin(present))
+        machine.supervisor.take(Event.ARMED, now())
+        self._approach.begin()
+        self._due = now()
+
+    def _give_up(self, error: BaseException) -> None:
+        """Stop and switch torque off after an interrupt or an error outside of a tick. Raises TorqueError from it where
+        torque could not be switched off."""
+        machine = self._machine
+        machine.guard.latch(StopCause.REQUESTED, text_of(error))
+        while not machine.supervisor.over:
+            self.tick()
+        with suppress(Exception):
+            machine.guard.release()
+        stop = machine.guard.stop
+        if stop is not None and stop.powered:
+            raise TorqueError(stop.reason) from error
+
+    def _release(self) -> None:
+        """Switch torque off. A failure is latched, and is the reason of the stop."""
+        machine = self._machine
+        try:
+            machine.guard.release()
+        except Exception:  # noqa: BLE001 - the guard has latched it
+            machine.supervisor.take(Event.TORQUE_OFF, machine.clock.now())
+
+
+def run_human(samples: Samples, reconstructor: ReconstructingStage, watch: Watch) -> Ending:
+    """Run samples through the first stage alone, where there is no robot."""
+    first = samples.sample(0)
+    assert first is not None, "the first sample is valid"
+    human = reconstructor.start(first)
+    recorder = TickRecorder(samples, human, len(first.names), watch.on_row)
+    for tick in range(samples.ticks):
+        if tick == samples.kept:
+            recorder.close()
+        if watch.stop_asked():
+            return Ending(*recorder.finish(), None, watch.why())
+        if samples.over:
+            break
+        recorder.begin()
+        samples.poll()
+        begun, sample = thread_cpu(), samples.sample(tick)
+        if sample is not None and tick > 0:  # the reconstructor was started with the first sample
+            human = reconstructor.step(sample, samples.motion_dt)
+        recorder.keep_human(human, sample, error=True)
+        recorder.keep_costs(np.nan if sample is None else thread_cpu() - begun, np.nan)
+        recorder.keep(Phase.FOLLOW)
+        if tick % watch.every == 0:
+            watch.on_tick(tick + 1)
+    watch.on_tick(samples.ticks)
+    return Ending(*recorder.finish(), None, None)
 
 
 @contextmanager
@@ -276,7 +400,3 @@ def _without_garbage_collection() -> Iterator[None]:
     finally:
         if was_on:
             gc.enable()
-
-
-def _nothing(states: ServoStates) -> None:
-    """No goal."""

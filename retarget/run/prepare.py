@@ -4,14 +4,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
+from math import inf
 
 import numpy as np
 
-from hardware.arrays import FloatArray
 from hardware.bus import ServoBus
 from hardware.clock import Clock
 from hardware.guard import Guard
-from hardware.guard_state import GoalFilter
 from hardware.servo import loop_lag
 from retarget.errors import UsageError
 from retarget.frames import SensorFrames
@@ -24,56 +23,38 @@ from retarget.model.human import Human, build_human, human_limits
 from retarget.model.observers import Observers
 from retarget.model.robot import RobotBody, load_robot
 from retarget.model.scene_state import SceneState
-from retarget.robot.deflection_compensation import CompensatedGoals, HeldPath
+from retarget.robot.deflection_compensation import DeflectionCompensation
 from retarget.robot.follower import Follower
 from retarget.robot.step_plan import StepTally, with_steps
-from retarget.run.loop import Pipeline, Watch
+from retarget.run.loop import Loop, Machine, Watch, run_human
 from retarget.run.options import RunOptions, priority_names
-from retarget.run.rest_trajectory import LONGEST_TO_REST_S, not_at_rest
-from retarget.run.robot_side import RobotSide
 from retarget.run.run_result import RunResult
 from retarget.run.stages import FollowingStage, ReconstructingStage
+from retarget.run.supervisor import Supervisor
 from retarget.safety.clearance import PathClearance, contacts, refuse_contact, refuse_floor
-from retarget.safety.gate import Gate, PassThroughGate, PathCheck
+from retarget.safety.gate import Gate, PassThroughGate
 from retarget.schema.performer import Performer, load_performer
 from retarget.schema.priorities import Priorities, check_for_human, load_priorities, naming_file
 from retarget.schema.scene import load_scene, on_floor
 from retarget.types import Notify
 
-# The last filter of a robot's goals: the gate with its collision check, or none, and deflection compensation.
-
-
-@dataclass(frozen=True, eq=False)
-class MadeGate:
-    """goals: the filter of the guard. passes: whether it would pass a goal, None without a gate. clearance: its
-    collision check, None without a gate or without observers."""
-
-    goals: GoalFilter
-    passes: Callable[[FloatArray], bool] | None
-    clearance: PathClearance | None
-
-
-def make_gate(robot: RobotBody, follower: Follower, priorities: Priorities, *, gate: bool, dt: float) -> MadeGate:
-    """Make the filter of a robot's goals, in ticks of `dt` s. gate: whether to check them; else all goals pass."""
+def make_gate(
+    robot: RobotBody, follower: Follower, priorities: Priorities, *, checks: bool, dt: float
+) -> tuple[Gate | PassThroughGate, PathClearance | None]:
+    """The gate of a robot in ticks of `dt` s, and its collision check; None without observers. checks: whether goals
+    are checked; else all of them pass."""
     servos, caps = robot.joint_map, robot.profile.safety.speed_caps
-    if not gate:
-        return MadeGate(PassThroughGate(servos.max_acceleration, dt=dt), None, None)
-    observers, speed = follower.hierarchy.observers, max(caps.follow, caps.approach)
+    if not checks:
+        return PassThroughGate(servos.max_acceleration, dt=dt), None
+    observers, settings = follower.hierarchy.observers, priorities.deflection_compensation
     clearance = None if observers is None else PathClearance(robot, observers, follower.scene_obstacles, dt=dt)
-
-    def gate_with(path_is_clear: PathCheck | None) -> Gate:
-        return Gate.for_servos(servos, dt=dt, speed=speed, path_is_clear=path_is_clear)
-
-    deflection_compensation = priorities.deflection_compensation
-    if deflection_compensation is None or not follower.stance.soles:
-        plain = gate_with(clearance)
-        return MadeGate(plain, plain.passes, clearance)
-    held = None if clearance is None else HeldPath(clearance)
-    steps = follower.steps is not None
-    compensated = CompensatedGoals(
-        gate_with(held), robot, follower.stance, dt=dt, settle=deflection_compensation.settle, held=held, steps=steps
-    )
-    return MadeGate(compensated, compensated.passes, clearance)
+    compensation = None
+    if settings is not None and follower.stance.soles:
+        steps = follower.steps is not None
+        compensation = DeflectionCompensation(robot, follower.stance, dt=dt, settle=settings.settle, steps=steps)
+    speed = max(caps.follow, caps.approach)
+    gate = Gate.for_servos(servos, dt=dt, speed=speed, path_is_clear=clearance, compensation=compensation)
+    return gate, clearance
 
 
 MakeBus = Callable[[RobotBody, Clock], ServoBus]
@@ -84,10 +65,6 @@ Perform = Callable[[Performer, RobotBody | None], Performance]
 
 Lead = Callable[[FollowingStage], FollowingStage]
 """From the robot's own follower to the stage that leads the robot."""
-
-
-LONGEST_HOLD_S = 4.8
-"""A robot holds this long for a performer who cannot be followed, then goes to rest: 5 s after the last data."""
 
 
 def _ignore(text: str) -> None:
@@ -107,7 +84,7 @@ class Prepared:
     human: Human
     performer: Performer
     reconstructor: ReconstructingStage
-    side: RobotSide | None
+    machine: Machine | None
     priorities: tuple[Priorities, ...]
     has_bus: bool
     notes: tuple[str, ...]
@@ -116,37 +93,32 @@ class Prepared:
     intake: IntakeTimes = field(default_factory=IntakeTimes)
     scene_obstacles: SceneObstacles | None = None
     steps: StepTally | None = None
-    goes_to_rest: bool = False
 
     def run(self, watch: Watch | None = None) -> RunResult:
         """Run it. Raises GuardError or BusError when the robot cannot be armed."""
-        ending = Pipeline(clip=self.samples, reconstructor=self.reconstructor, robot=self.side).run(watch)
+        watch, machine = Watch() if watch is None else watch, self.machine
+        if machine is None:
+            ending = run_human(self.samples, self.reconstructor, watch)
+        else:
+            ending = Loop(machine, self.samples, self.reconstructor, watch).run()
         return RunResult(
             record=ending.record,
             clip=self.samples.recorded(),
             human=self.human,
             human_limits=human_limits(self.human.body),
             performer=self.performer,
-            robot=None if self.side is None else self.side.robot,
+            robot=None if machine is None else machine.robot,
             priorities=self.priorities,
-            state=ending.state,
+            state=None if ending.state is None else ending.state.value,
             reason=ending.reason,
             wall_s=ending.wall_s,
             has_bus=self.has_bus,
-            notes=self.notes + ending.record.missing() + self._not_at_rest(),
-            stop=None if self.side is None else self.side.guard.stop_reason,
+            notes=self.notes + ending.record.missing() + (() if machine is None else machine.not_at_rest()),
+            stop=None if machine is None else machine.guard.stop,
             scene=self.scene,
             observers=self.observers,
             steps=None if self.steps is None else replace(self.steps),
         )
-
-    def _not_at_rest(self) -> tuple[str, ...]:
-        """A note about a robot that should have gone to rest and did not."""
-        states = None if self.side is None else self.side.guard.states
-        if self.side is None or states is None or not self.goes_to_rest:
-            return ()
-        robot = self.side.robot
-        return not_at_rest(robot, robot.joint_map.to_radians(states.position), self.side.guard.stop_reason)
 
 
 @contextmanager
@@ -215,18 +187,18 @@ def prepare_for(
     follower = _follower(robot, for_robot, human, options, scene)
     if not options.allow_contact:
         _refuse_robot_in_contact(robot, follower, scene)
-    last = make_gate(robot, follower, for_robot, gate=options.gate, dt=samples.dt)
-    side = _robot_side(
-        robot, follower, last, lead=lead, bus=bus, clock=clock, dt=samples.dt, goes_to_rest=goes_to_rest, notify=notify
+    machine = _machine(
+        robot, follower, for_robot, options, bus=bus, clock=clock, dt=samples.dt, goes_to_rest=goes_to_rest, notify=notify
     )
+    machine = replace(machine, follower=lead(follower))
     bus.open()
     failed = True
     try:
         has_bus = options.bus != "none"
         obstacles, steps = follower.scene_obstacles, None if follower.steps is None else follower.steps.plan.tally
-        known = (has_bus, notes, scene, follower.observers, performance.intake, obstacles, steps, goes_to_rest)
-        yield Prepared(samples, human, performer, reconstructor, side, stages, *known)
-        failed = side.guard.stop_reason is not None
+        known = (has_bus, notes, scene, follower.observers, performance.intake, obstacles, steps)
+        yield Prepared(samples, human, performer, reconstructor, machine, stages, *known)
+        failed = machine.guard.stop is not None
     finally:
         # A failure is in the run's result or is being raised; closing the bus must not replace it.
         with suppress(Exception) if failed else nullcontext():
@@ -310,34 +282,25 @@ def _follower(
         )
 
 
-def _robot_side(
+def _machine(
     robot: RobotBody,
     follower: Follower,
-    last: MadeGate,
+    priorities: Priorities,
+    options: RunOptions,
     *,
-    lead: Lead,
     bus: ServoBus,
     clock: Clock,
     dt: float,
     goes_to_rest: bool,
     notify: Notify,
-) -> RobotSide:
+) -> Machine:
     servos = robot.joint_map
     protocols = {line.name: line.protocol for line in robot.profile.bus_specs()}
     lag = tuple(loop_lag(servo, protocol=protocols[servo.bus]) for servo in servos.servos)
     limits = replace(robot.profile.guard_limits(), lag=lag)
-    if goes_to_rest:
-        limits = replace(limits, max_hold=LONGEST_HOLD_S, max_rest_ticks=round(LONGEST_TO_REST_S / dt), period=dt)
-    guard = Guard(bus=bus, joint_map=servos, goal_filter=last.goals, clock=clock, limits=limits)
-    return RobotSide(
-        robot=robot,
-        follower=lead(follower),
-        goals=last.goals,
-        guard=guard,
-        clock=clock,
-        dt=dt,
-        clearance=last.clearance,
-        passes=last.passes,
-        goes_to_rest=goes_to_rest,
-        notify=notify,
-    )
+    if options.simulated:  # simulated servos wait for a slow host
+        limits = replace(limits, max_pause=inf)
+    gate, clearance = make_gate(robot, follower, priorities, checks=options.gate, dt=dt)
+    guard = Guard(bus=bus, joint_map=servos, clock=clock, limits=limits)
+    supervisor = Supervisor(goes_to_rest=goes_to_rest, notify=notify)
+    return Machine(robot, follower, gate, guard, supervisor, clock, dt, clearance, goes_to_rest, notify)

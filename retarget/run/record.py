@@ -1,5 +1,6 @@
 """The record of a run, one row per tick: arrays made before the first tick and filled in place."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from enum import IntEnum
 from typing import Any, TypeVar
@@ -9,8 +10,14 @@ from numpy.typing import NDArray
 
 from hardware.arrays import all_of, any_of
 from hardware.bus import ServoStates
+from hardware.checked_goal import CheckedGoal
+from hardware.clock import MonotonicClock
+from hardware.guard import Guard
 from hardware.joint_map import JointMap
-from retarget.types import BoolArray, FloatArray, IntArray, ModeArray
+from retarget.frames import SensorSample
+from retarget.human.samples import Samples
+from retarget.model.robot import RobotBody
+from retarget.types import BoolArray, FloatArray, HumanPosture, IntArray, ModeArray, RobotPosture
 
 ByteArray = NDArray[np.int8]
 
@@ -244,3 +251,112 @@ class RecordRows:
             if record.robot is not None:  # the goals of the oldest row are where the kept rows begin
                 record.robot.start[:] = record.robot.goals[0]
         return replace(record.rows(first, end), from_start=not self._wrapped, to_end=self._end is None)
+
+
+LONGEST_APPROACH_S = 30.0
+"""An approach that takes up to this long is recorded whole; of a longer one the end is recorded."""
+
+
+class TickRecorder:
+    """Fills the rows of one run while it goes on: `begin` of a tick, what is kept of it, then `keep`."""
+
+    def __init__(
+        self,
+        samples: Samples,
+        human: HumanPosture,
+        sensors: int,
+        on_row: Callable[[Record, int], object],
+        *,
+        robot: RobotBody | None = None,
+        posture: RobotPosture | None = None,
+        stopping: float = 0.0,
+    ) -> None:
+        """human, posture: the first ones. sensors: number of them. stopping: s that a stop may take. on_row: receives
+        the record and the row that was just filled."""
+        approach = 0 if robot is None else round(LONGEST_APPROACH_S / samples.dt)
+        self._rows = RecordRows(approach=approach, follow=samples.kept, brake=round(stopping / samples.dt))
+        self._samples, self._on_row, self._robot = samples, on_row, robot
+        self._wall, self._begun, self._followed_at = MonotonicClock(), 0.0, (0.0, 0.0)
+        self._record = self._empty(self._rows.room, human, sensors, posture)
+        self._followed = 0  # ticks
+
+    def _empty(self, rows: int, human: HumanPosture, sensors: int, posture: RobotPosture | None) -> Record:
+        own, robot = human.observer_modes.size, None
+        if self._robot is not None and posture is not None:
+            robot = RobotRecord.empty(
+                rows,
+                nq=self._robot.body.nq,
+                start=np.zeros(len(self._robot.joint_map)),
+                landmark_names=posture.landmark_names,
+                observers=posture.observer_modes.size,
+            )
+        return Record(
+            np.zeros(rows),  # filled in at the end, when the start of following is known
+            np.full(rows, Phase.FOLLOW, dtype=np.int8),
+            HumanRecord.empty(
+                rows, nq=human.q.size, joint_names=tuple(human.joint_names), observers=own, sensors=sensors
+            ),
+            robot,
+            Timing.empty(rows),
+        )
+
+    def started(self, present: FloatArray) -> None:
+        """Where the robot stands before the first tick, (n,) rad."""
+        if self._record.robot is not None:
+            self._record.robot.start[:] = present
+
+    def begin(self) -> None:
+        """A tick begins."""
+        self._begun = self._wall.now()
+
+    def keep_human(self, human: HumanPosture, sample: SensorSample | None, *, error: bool) -> None:
+        """The human of this tick, and the sample; error: whether the balance error is one of following."""
+        kept, row = self._record.human, self._rows.row
+        kept.q[row], kept.joints[row] = human.q, human.joints
+        kept.observer_modes[row] = human.observer_modes
+        kept.sensors[row] = np.nan if sample is None else sample.position
+        kept.balance_error[row] = human.balance_error if error else np.nan
+
+    def keep_costs(self, reconstruct: float, retarget: float) -> None:
+        """Thread CPU of both stages, s."""
+        timing, row = self._record.timing, self._rows.row
+        timing.reconstruct[row], timing.retarget[row] = reconstruct, retarget
+
+    def keep_robot(
+        self, guard: Guard, q: FloatArray, goal: CheckedGoal, *, asked: bool, followed: RobotPosture | None
+    ) -> None:
+        """What was sent: posture q (nq,) and goal. asked: whether there was a target; followed: for the performer."""
+        record, robot, row = self._record.robot, self._robot, self._rows.row
+        assert record is not None and robot is not None, "a goal was written"
+        assert guard.states is not None and guard.sent is not None, "a goal was written"
+        record.q[row], record.goals[row], record.goal_ticks[row] = q, goal.joints, guard.sent
+        record.gated[row], record.no_command[row] = asked and not goal.passed, not asked
+        record.landmarks_asked[row] = np.nan if followed is None else followed.landmarks_asked
+        if followed is not None:
+            record.observer_modes[row] = followed.observer_modes
+        record.keep_servos(row, guard.states, robot.joint_map)
+
+    def keep(self, phase: Phase, *, approaches: bool = False) -> None:
+        """The tick is over. approaches: the next one is still of the approach."""
+        record, row = self._record, self._rows.row
+        record.phase[row] = phase
+        now = self._wall.now()
+        record.timing.cycle[row] = now - self._begun
+        self._on_row(record, row)
+        record.timing.cycle[row] = self._wall.now() - self._begun  # callbacks are part of the tick
+        if phase is Phase.FOLLOW:
+            self._followed_at = (self._followed_at[0] if self._followed else self._begun, now)
+            self._followed += 1
+        self._rows.filled(approaches=approaches)
+
+    def close(self) -> None:
+        """Keep none of the ticks that follow."""
+        self._rows.close()
+
+    def finish(self) -> tuple[Record, float]:
+        """The record of the run, and the wall time of following, s."""
+        record = self._rows.of(self._record)
+        followed = record.following
+        begins = followed.start if followed.stop else np.count_nonzero(record.phase == Phase.APPROACH)
+        record.time[:] = (np.arange(len(record)) - begins) * self._samples.dt
+        return record, self._followed_at[1] - self._followed_at[0]

@@ -28,8 +28,9 @@ class FollowingStage(Protocol):
         """The posture from which to follow."""
         ...
 
-    def settle(self, human: "HumanPosture", dt: float) -> "list[RobotPosture]":
-        """After `start`: the postures, tick by tick, from there to the one that this human posture asks for."""
+    def settle(self, human: "HumanPosture", dt: float) -> "RobotPosture | None":
+        """After `start`: the next posture on the way to the one that this human posture asks for; None: it is there, and
+        following can begin."""
         ...
 
     def step(self, human: "HumanPosture", dt: float) -> "RobotPosture":
@@ -38,7 +39,7 @@ class FollowingStage(Protocol):
 
     def set_speed_override(self, override: float) -> None:
         """Follow, or return to stance, at a share (0, 1] of all speeds from the next tick on; called before every
-        `step` and `return_to_stance`. The robot lags behind faster motion, and catches up smoothly."""
+        `step`, `settle` and `return_to_stance`. The robot lags behind faster motion, and catches up smoothly."""
         ...
 
     def set_contact_state(self, soles: BoolArray | None) -> None:
@@ -49,17 +50,13 @@ class FollowingStage(Protocol):
         """The next posture (nq,) of a stopping trajectory; None: there is none."""
         ...
 
-    def begin_return_to_stance(self, q: FloatArray) -> None:
+    def begin_return_to_stance(self, q: FloatArray, dt: float) -> None:
         """Begin the return to stance from posture q (nq,), in which the robot stands; it may not have followed yet."""
         ...
 
     def return_to_stance(self, dt: float) -> FloatArray | None:
         """The next posture (nq,) of the return to stance, in which a raised foot touches down first; None: the robot
         has reached the stance, or needs none."""
-        ...
-
-    def separate_limbs(self) -> None:
-        """If the robot stands because a goal was refused, move limbs that touch apart in the next step."""
         ...
 
     def pass_time(self, dt: float) -> None:

@@ -1,10 +1,12 @@
 """The gate: the last check of a goal. A goal passes if it is finite, within every limit, and can stop within them."""
 
 from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 
 from hardware.arrays import FloatArray
+from hardware.checked_goal import CheckedGoal, _Seal
 from hardware.errors import HardwareError, describe
 from hardware.joint_map import JointMap
 from retarget._solver import Braking
@@ -17,17 +19,41 @@ ROUND_OFF = 1e-9
 """How far, in rad, a goal may miss a bound before the gate refuses it: rounding of two programs that agree is less."""
 
 
+class Compensation(Protocol):
+    """How far goals are offset from the postures in which they hold the joints, (n,) rad."""
+
+    @property
+    def offset(self) -> FloatArray:
+        """The offset of the goal sent last, rad (n,)."""
+        ...
+
+    def begin(self, posture: FloatArray) -> None:
+        """Begin without an offset in a posture, rad (n,)."""
+        ...
+
+    def propose(self, posture: FloatArray, nearest: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        """The goal (n,) for a posture (n,), rad. nearest: the goal within the gate's limits that is nearest to one."""
+        ...
+
+    def accept(self) -> None:
+        """The goal proposed last was passed."""
+        ...
+
+    def stop(self, posture: FloatArray) -> None:
+        """The robot brakes with the offset as it is, and is in a posture, rad (n,)."""
+        ...
+
+
 class Gate:
-    """A `hardware.guard_state.GoalFilter`. Postures are joint radians (n,) in the profile's servo order; one call per
+    """Makes every `CheckedGoal` of a robot. Postures are joint radians (n,) in the profile's servo order; one goal per
     tick of `dt` s.
 
-    A goal passes whole or not at all: no caller has asked for a posture in which some joints brake and others go on.
+    A target passes whole or not at all: no caller has asked for a posture in which some joints brake and others go on.
     Limits are checked on radians, before goals are rounded to ticks (one tick of 1.5 mrad in 8 ms would alone be
-    24 rad/s^2).
+    24 rad/s^2). With `compensation`, limits are checked on the goal, and clearance on the posture that it holds.
 
     Each joint brakes by its own full deceleration, so the braking trajectory follows from position and velocity alone:
-    what was verified when a goal passed is what `brake` follows. After a refusal the caller starts anew from `position`
-    and `velocity`.
+    what was verified when a goal passed is what `brake` follows.
     """
 
     def __init__(
@@ -39,10 +65,9 @@ class Gate:
         max_acceleration: FloatArray,
         dt: float,
         path_is_clear: PathCheck | None = None,
+        compensation: Compensation | None = None,
     ) -> None:
         limits = np.array([lower, upper, max_velocity, max_acceleration], dtype=np.float64)
-        self._dt = float(dt)
-        self._path_is_clear = path_is_clear
         if not (np.isfinite(limits).all() and (limits[0] < limits[1]).all() and (limits[2:] > 0.0).all()):
             raise HardwareError(
                 describe(
@@ -51,14 +76,23 @@ class Gate:
                     then="Correct the profile",
                 )
             )
+        self._dt, self._path_is_clear, self._compensation = float(dt), path_is_clear, compensation
         self._braking = Braking(*limits, dt=self._dt)
-        self._position: FloatArray = np.zeros_like(limits[0])
-        self._displacement: FloatArray = np.zeros_like(limits[0])
-        self._looked_at: tuple[FloatArray, FloatArray | None] | None = None  # goal and verdict, from here
+        self._joints = np.zeros_like(limits[0])  # sent last
+        self._displacement = np.zeros_like(limits[0])  # of the last tick
+        self._number = 0
+        self.goal: CheckedGoal | None = None
+        """The goal made last; None before `begin`."""
 
     @classmethod
     def for_servos(
-        cls, joint_map: JointMap, *, dt: float, speed: float = 1.0, path_is_clear: PathCheck | None = None
+        cls,
+        joint_map: JointMap,
+        *,
+        dt: float,
+        speed: float = 1.0,
+        path_is_clear: PathCheck | None = None,
+        compensation: Compensation | None = None,
     ) -> "Gate":
         """Return the gate for the limits of a profile's servos, with control period `dt` s.
 
@@ -71,21 +105,12 @@ class Gate:
             max_acceleration=joint_map.max_acceleration,
             dt=dt,
             path_is_clear=path_is_clear,
+            compensation=compensation,
         )
 
     @property
-    def position(self) -> FloatArray:
-        """Posture returned last, rad (n,); a copy."""
-        return self._position.copy()
-
-    @property
-    def sent(self) -> FloatArray:
-        """The same: goals are postures."""
-        return self.position
-
-    @property
     def velocity(self) -> FloatArray:
-        """Velocity at which the posture returned last was reached, rad/s (n,)."""
+        """Velocity at which the last goal was reached, rad/s (n,)."""
         return self._displacement / self._dt
 
     @property
@@ -93,113 +118,110 @@ class Gate:
         """Whether nothing is left to brake."""
         return not self._displacement.any()
 
-    def seed(self, position: FloatArray) -> None:
-        """Start at rest at `position`, rad (n,); beyond a limit a joint may stand or walk back in. Raises HardwareError
-        if not finite."""
+    def begin(self, position: FloatArray) -> CheckedGoal:
+        """Start at rest at the robot's present `position`, rad (n,); beyond a limit a joint may stand or walk back in.
+        Raises HardwareError if not finite."""
         start = np.array(position, dtype=np.float64)
-        if start.shape != self._position.shape or not np.isfinite(start).all():
+        if start.shape != self._joints.shape or not np.isfinite(start).all():
             raise HardwareError(
                 describe(
                     what="cannot start from this posture",
                     where="gate",
                     found=start,
-                    allowed=f"{self._position.size} finite joint angles",
+                    allowed=f"{self._joints.size} finite joint angles",
                     then="Check that every servo answers",
                 )
             )
-        self._position = start
-        self._displacement = np.zeros_like(start)
-        self._looked_at = None
+        if self._compensation is not None:
+            self._compensation.begin(start)
+        self._joints, self._displacement = start, np.zeros_like(start)
+        return self._make(start, passed=True)
 
-    def passes(self, goal: FloatArray) -> bool:
-        """Whether `admit` would send just this goal, rad (n,), now."""
-        goal = np.array(goal, dtype=np.float64, order="C")
-        self._looked_at = goal, self._admitted(goal)
-        return self._looked_at[1] is not None
-
-    def nearest(self, goal: FloatArray) -> FloatArray:
-        """The posture nearest to a finite `goal` that keeps the limits, rad (n,), clear or not; joint by joint."""
-        lo, hi = self._braking.bounds(self._position, self._displacement)
-        return np.minimum(np.maximum(goal, self._position + lo), self._position + hi)
-
-    def admit(self, goal: FloatArray) -> FloatArray:
-        """Return the posture to send for `goal`, rad (n,): the goal itself or, refused, the next one of the braking
-        trajectory."""
-        goal = np.array(goal, dtype=np.float64, order="C")
-        known, self._looked_at = self._looked_at, None
-        same = known is not None and known[0].tobytes() == goal.tobytes()
-        displacement = known[1] if known is not None and same else self._admitted(goal)
-        if displacement is None:
-            return self.brake()
-        # The goal to the bit: a difference of rounding would be asked for again in the next tick, and grow.
-        self._position, self._displacement = goal, displacement
-        return goal.copy()
-
-    def brake(self) -> FloatArray:
-        """Return the next posture of the last verified braking trajectory, rad (n,)."""
-        return self._advance(self._braking.braked(self._displacement))
-
-    def _admitted(self, goal: FloatArray) -> FloatArray | None:
-        """Displacement to a goal that passes, (n,); None for one that is refused."""
-        if goal.shape != self._position.shape:
+    def check(self, target: FloatArray | None) -> CheckedGoal | None:
+        """The goal for a target posture, rad (n,); None: it is refused, or there is none, and nothing has changed."""
+        if target is None or target.shape != self._joints.shape or not np.isfinite(target).all():
             return None
-        admitted = self._braking.admitted(self._position, self._displacement, goal, tolerance=ROUND_OFF)
-        if admitted is None or self._path_is_clear is None:
-            return admitted
-        paths = self._braking.paths(self._position, self._displacement, admitted)
-        return admitted if self._path_is_clear(*paths) else None
+        target = np.array(target, dtype=np.float64, order="C")
+        compensation = self._compensation
+        goal = target if compensation is None else compensation.propose(target, self._nearest)
+        displacement = self._braking.admitted(self._joints, self._displacement, goal, tolerance=ROUND_OFF)
+        if displacement is None or not self._is_clear(displacement, goal - target):
+            return None
+        if compensation is not None:
+            compensation.accept()
+        # The goal to the bit: a difference of rounding would be asked for again in the next tick, and grow.
+        self._joints, self._displacement = goal, displacement
+        return self._make(target, passed=True)
 
-    def _advance(self, displacement: FloatArray) -> FloatArray:
-        self._looked_at = None
-        self._position = self._position + displacement
-        self._displacement = displacement
-        return self._position.copy()
+    def brake(self) -> CheckedGoal:
+        """The next goal of the last verified braking trajectory; once at rest, the same goal for ever."""
+        self._displacement = self._braking.braked(self._displacement)
+        self._joints = self._joints + self._displacement
+        posture = self._joints
+        if self._compensation is not None:
+            posture = self._joints - self._compensation.offset
+            self._compensation.stop(posture)
+        return self._make(posture, passed=False)
 
+    def _nearest(self, goal: FloatArray) -> FloatArray:
+        """The goal nearest to a finite one that keeps the limits, rad (n,), clear or not; joint by joint."""
+        lo, hi = self._braking.bounds(self._joints, self._displacement)
+        return np.minimum(np.maximum(goal, self._joints + lo), self._joints + hi)
 
-# No gate: every finite goal passes. For servos that do not exist, to see what the gate would have held back.
+    def _is_clear(self, displacement: FloatArray, offset: FloatArray) -> bool:
+        """Whether the postures are clear on the way to a goal and from there to rest. offset (n,): of the goal."""
+        if self._path_is_clear is None:
+            return True
+        path, instead = self._braking.paths(self._joints, self._displacement, displacement)
+        if self._compensation is not None:
+            before = self._compensation.offset
+            path[0] -= before
+            path[1:] -= offset
+            instead -= before
+        return self._path_is_clear(path, instead)
+
+    def _make(self, posture: FloatArray, *, passed: bool) -> CheckedGoal:
+        self._number += 1
+        self.goal = CheckedGoal(self._joints.copy(), posture.copy(), passed, self._number, _Seal())
+        return self.goal
 
 
 class PassThroughGate:
-    """A `hardware.guard_state.GoalFilter` without limits. It still brakes within `max_acceleration` (n,) rad/s^2."""
+    """A gate without limits: every finite goal passes. For servos that do not exist, to see what a gate would have held
+    back. It still brakes within `max_acceleration` (n,) rad/s^2."""
 
     def __init__(self, max_acceleration: FloatArray, *, dt: float) -> None:
         self._change = np.asarray(max_acceleration) * dt**2
-        self._position = np.zeros_like(self._change)
-        self._displacement = np.zeros_like(self._change)
-
-    @property
-    def position(self) -> FloatArray:
-        """Posture returned last, rad (n,)."""
-        return self._position.copy()
-
-    @property
-    def sent(self) -> FloatArray:
-        """The same: goals are postures."""
-        return self.position
+        self._joints, self._displacement = np.zeros_like(self._change), np.zeros_like(self._change)
+        self._number = 0
+        self.goal: CheckedGoal | None = None
+        """The goal made last."""
 
     @property
     def at_rest(self) -> bool:
         """Whether nothing is left to brake."""
         return not self._displacement.any()
 
-    def seed(self, position: FloatArray) -> None:
+    def begin(self, position: FloatArray) -> CheckedGoal:
         """Start at rest at `position`, rad (n,). Raises HardwareError if not finite."""
-        self._position = self._finite(position)
-        self._displacement = np.zeros_like(self._position)
+        self._joints = self._finite(position)
+        self._displacement = np.zeros_like(self._joints)
+        return self._make(passed=True)
 
-    def admit(self, goal: FloatArray) -> FloatArray:
-        """Return `goal`, rad (n,). Raises HardwareError if not finite."""
-        goal = self._finite(goal)
-        self._displacement = goal - self._position
-        self._position = goal
-        return goal.copy()
+    def check(self, target: FloatArray | None) -> CheckedGoal | None:
+        """The goal for a target, rad (n,); None where there is none. Raises HardwareError if not finite."""
+        if target is None:
+            return None
+        target = self._finite(target)
+        self._displacement, self._joints = target - self._joints, target
+        return self._make(passed=True)
 
-    def brake(self) -> FloatArray:
-        """Return the next posture under full deceleration, rad (n,)."""
+    def brake(self) -> CheckedGoal:
+        """The next goal under full deceleration."""
         slower = np.maximum(np.abs(self._displacement) - self._change, 0.0)
         self._displacement = np.copysign(slower, self._displacement)
-        self._position = self._position + self._displacement
-        return self._position.copy()
+        self._joints = self._joints + self._displacement
+        return self._make(passed=False)
 
     def _finite(self, posture: FloatArray) -> FloatArray:
         posture = np.array(posture, dtype=np.float64)
@@ -208,3 +230,8 @@ class PassThroughGate:
                 describe(what="a goal that no servo can take", where="no gate", found=posture, allowed="finite angles")
             )
         return posture
+
+    def _make(self, *, passed: bool) -> CheckedGoal:
+        self._number += 1
+        self.goal = CheckedGoal(self._joints.copy(), self._joints.copy(), passed, self._number, _Seal())
+        return self.goal

@@ -222,6 +222,8 @@ class Postures(Schema):
     """[rad] In which torque goes off at the end of a run."""
     attractor: Posture
     """[rad] To which free joints are drawn."""
+    to_rest: Annotated[tuple[Literal["neutral", "stand", "rest", "attractor"], ...], Field(min_length=1)] = ("rest",)
+    """The keyframes through which the robot goes to rest, in order; the last is `rest`."""
 
 
 class Landmark(Schema):

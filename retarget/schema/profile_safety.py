@@ -78,6 +78,7 @@ def guard_limits(safety: Safety) -> GuardLimits:
     """The limits of the guard."""
     return GuardLimits(
         max_age=safety.freshness,
+        max_pause=safety.freshness,
         max_temperature=safety.temperature_c,
         voltage=safety.voltage,
         following_error=safety.following_error,

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hardware.guard_state import GuardState
 from retarget.errors import InputError, RefusedError
 from retarget.model.body_file import compile_body, compile_body_text
 from retarget.model.human import build_human
@@ -26,12 +25,12 @@ from retarget.recording.reading import (
     postures_sent,
     read_recording,
 )
-from retarget.recording.taps import GUARD_STATES
+from retarget.recording.taps import STATES_OF_RUN
 from retarget.recording.topics import HUMAN_POSTURE, LANDMARKS, TICK, TRUTH
 from retarget.run.record import Phase
 from retarget.run.run_result import in_truth, truth_names
 from retarget.schema.scene import load_scene
-from retarget.types import FloatArray
+from retarget.types import FloatArray, RunState
 from retarget.viewer.ground import rows_around, zero_moment_point
 from retarget.viewer.snapshot import (
     PHASE_WORDS,
@@ -242,7 +241,7 @@ def _ticks(kept: Cycles) -> NDArray[np.int64]:
 
 ZIP = b"PK"
 """Begins an NPZ file."""
-WORDS = {GUARD_STATES[state]: state.value for state in (GuardState.HOLDING, GuardState.STOPPING, GuardState.STOPPED)}
+WORDS = {STATES_OF_RUN[state]: state.value for state in RunState}
 """States of the guard that are more precise than the phase of a tick."""
 
 

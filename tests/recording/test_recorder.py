@@ -21,7 +21,7 @@ from retarget.recording.cdr import layout_from
 from retarget.recording.mcap_writer import Ring, _Direct, check_target
 from retarget.recording.reading import read_recording
 from retarget.recording.recorder import Recorder
-from retarget.recording.taps import GUARD_STATES
+from retarget.recording.taps import STATES_OF_RUN
 from retarget.recording.topics import GOALS, HUMAN_JOINTS, JOINTS, SENSORS, TICK
 from retarget.run.options import RunOptions
 from retarget.run.run_result import RunResult
@@ -71,7 +71,7 @@ def test_every_tick_is_in_it(whole: Recorded) -> None:
     np.testing.assert_array_equal(cycles.temperature[kept], sent.temperature)
     rows = recording.topic(TICK).rows
     assert rows["observer_modes"].shape[1] == len(recording.session.observers)
-    assert set(rows["state"][1:].tolist()) <= {GUARD_STATES[state] for state in GuardState}
+    assert set(rows["state"][1:].tolist()) <= {STATES_OF_RUN[state] for state in GuardState}
     followed = cycles.phase == 1
     asked = [result.clip.sample(tick).position for tick in range(result.clip.ticks)]
     np.testing.assert_array_equal(cycles.sensor_position[kept & followed], asked)

@@ -14,7 +14,7 @@ from retarget.frames import SensorSample
 from retarget.model.robot import RobotBody, load_robot
 from retarget.recording.cycles import READINGS, Asked, Cycles, Done, Shape
 from retarget.recording.mcap_writer import Level, Ring
-from retarget.recording.taps import GUARD_STATES, Note, TappedBus, TappedClock, TappedSamples
+from retarget.recording.taps import STATES_OF_RUN, Note, TappedBus, TappedClock, TappedSamples
 from sim.mock_bus import FaultKind, MockBus, MockFault
 
 SHAPE = Shape(sensors=1, servos=2, rest=0, human=1, joints=1, landmarks=0, observers=0, human_observers=0)
@@ -125,7 +125,7 @@ def test_states_and_stops_are_logged_when_they_change(note: Note, guard: Guarded
     ]
     assert [event.level for event in events][2] is Level.ERROR
     assert cycles(note).state.tolist()[:4] == [
-        GUARD_STATES[state] for state in (GuardState.ARMED, GuardState.ARMED, GuardState.MOVING, GuardState.STOPPED)
+        STATES_OF_RUN[state] for state in (GuardState.ARMED, GuardState.ARMED, GuardState.MOVING, GuardState.STOPPED)
     ]
 
 

@@ -1,0 +1,357 @@
+"""Controllers: what gives the target of a tick in each state of a run, and where the robot was commanded to last."""
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Protocol
+
+import numpy as np
+
+from hardware.checked_goal import CheckedGoal
+from hardware.clock import thread_cpu
+from hardware.errors import RetargetError, describe
+from retarget._solver import TrajectoryGenerator
+from retarget.frames import SensorSample
+from retarget.human.samples import Samples
+from retarget.ik.base_pose import plant_root
+from retarget.model.robot import RobotBody
+from retarget.run.stages import FollowingStage, ReconstructingStage
+from retarget.types import FloatArray, HumanPosture, RobotPosture
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """What a controller asks for. joints (n,): rad, servo order. q (nq,): the same with the root; None: the root
+    follows from the soles that are planted."""
+
+    joints: FloatArray
+    q: FloatArray | None = None
+
+
+class Controller(Protocol):
+    """Gives the targets of one state."""
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the controller has nothing left to do."""
+        ...
+
+    def begin(self) -> None:
+        """The state begins."""
+        ...
+
+    def target(self, sample: SensorSample | None, *, speed_override: float) -> Target | None:
+        """The target of the next tick; None: brake, or stand. sample: of the performer, in a state that follows one.
+        speed_override: (0, 1], of a robot whose servos are warm."""
+        ...
+
+
+class Commanded:
+    """Where the robot was commanded to last, without the deflection of its servos.
+
+    q (nq,): the posture; joints (n,): of it, rad, servo order. standing (nq,): as the robot stands; before it stands on
+    its soles, as it will. velocity (nv,): at which it got there, per s. stood_s: s since the last goal that moved.
+    """
+
+    def __init__(self, robot: RobotBody, *, dt: float) -> None:
+        self._robot, self._dt = robot, dt
+        self._kinematics = robot.body.solver_body()
+        self.begin(robot.body.qpos0, robot.body.qpos0[robot.servo_columns])
+
+    def begin(self, standing: FloatArray, joints: FloatArray) -> None:
+        """Begin at rest, with joints (n,) where they are, to stand as in `standing` (nq,)."""
+        self.q, self.standing, self.joints, self._goal = standing.copy(), standing.copy(), joints, joints
+        self.q[self._robot.servo_columns] = joints
+        self.velocity = np.zeros(self._robot.body.nv)
+        self.stood_s = self._dt
+
+    @property
+    def stands(self) -> bool:
+        """Whether nothing is left to brake."""
+        return self.stood_s > 0.0
+
+    def take(self, goal: CheckedGoal, target: Target | None, *, on_soles: bool) -> None:
+        """Take over a goal that was written for a target. on_soles: whether the robot stands as it was commanded."""
+        self.stood_s = self.stood_s + self._dt if np.array_equal(goal.joints, self._goal) else 0.0
+        self.joints, self._goal = goal.posture, goal.joints
+        if goal.passed and target is not None and target.q is not None:
+            self.q = target.q.copy()
+        else:
+            self.q = self.standing.copy()
+            self.q[self._robot.servo_columns] = goal.posture
+            plant_root(self._robot, self.standing, self.q)
+        if on_soles:
+            self.velocity = self._kinematics.difference(self.standing, self.q) / self._dt
+            self.standing = self.q.copy()
+
+
+RISE_S, JERK_S = 0.5, 0.2
+"""Times in which a slow move reaches its full speed, and its full acceleration: gentle enough for a robot whose mass
+moves over planted soles."""
+RETRY_S = 0.2
+"""A slow move goes on when the robot has stood this long after a refused goal: servos are behind their goals, and the
+gate checks both."""
+
+
+class SlowMove:
+    """A slow move of all joints at a share of their greatest speed, from where the robot was commanded to."""
+
+    def __init__(self, robot: RobotBody, commanded: Commanded, *, share: float, dt: float) -> None:
+        velocity = share * robot.joint_map.max_velocity
+        acceleration = np.minimum(velocity / RISE_S, robot.joint_map.max_acceleration)
+        self._moves = TrajectoryGenerator(velocity, acceleration, acceleration / JERK_S, dt=dt)
+        self._moves.reset(commanded.joints)
+        self._commanded = commanded
+
+    def is_at(self, goal: FloatArray) -> bool:
+        """Whether the robot was commanded to a goal (n,) and rests there."""
+        return self._moves.at_rest and np.array_equal(self._moves.position, goal) and self._follows
+
+    def towards(self, goal: FloatArray, *, speed_override: float) -> Target | None:
+        """The target of the next tick on the way to a goal (n,), rad; None: something else was sent, and the robot has
+        to stand first. speed_override 0: it brakes."""
+        if not self._follows:
+            if self._commanded.stood_s < RETRY_S:
+                return None
+            self._moves.reset(self._commanded.joints)
+        return Target(self._moves.step(goal, speed_override))
+
+    @property
+    def _follows(self) -> bool:
+        """Whether the robot was commanded as this move asked."""
+        return np.array_equal(self._moves.position, self._commanded.joints)
+
+
+class ApproachPart(Enum):
+    """A part of the approach."""
+
+    STRAIGHT = "straight to the follower's first posture"
+    SETTLING = "on its soles to the posture of the performer"
+    ARRIVED = "at rest there"
+
+
+class Approach:
+    """From where the robot was found to where following begins, no joint faster than the profile's `approach`."""
+
+    def __init__(
+        self, robot: RobotBody, follower: FollowingStage, commanded: Commanded, human: HumanPosture, *, dt: float
+    ) -> None:
+        """human: the performer's first posture. Raises RetargetError where the robot's posture for it is not finite."""
+        self._follower, self._human, self._dt = follower, human, dt
+        self._share = robot.profile.safety.speed_caps.approach
+        self.first = require_finite(follower.start(human))
+        """The posture in which the robot stands first."""
+        self._goal = self.first.joint_positions
+        self._columns, self._commanded = robot.servo_columns, commanded
+        self._move = SlowMove(robot, commanded, share=self._share, dt=dt)
+        self.part = ApproachPart.STRAIGHT
+
+    @property
+    def arrived(self) -> bool:
+        """Whether following can begin."""
+        return self.part is ApproachPart.ARRIVED
+
+    def begin(self) -> None:
+        """Go on: an approach may be held."""
+
+    def target(self, sample: SensorSample | None, *, speed_override: float) -> Target | None:
+        """The target of the next tick."""
+        if self.part is ApproachPart.STRAIGHT and self._move.is_at(self._goal):
+            self.part = ApproachPart.SETTLING
+        if self.part is ApproachPart.STRAIGHT:
+            self._follower.pass_time(self._dt)
+            return self._move.towards(self._goal, speed_override=speed_override)
+        self._follower.set_speed_override(self._share * speed_override)
+        posture = self._follower.settle(self._human, self._dt)
+        if posture is None:
+            self.part = ApproachPart.ARRIVED
+            return None
+        return Target(posture.q[self._columns], posture.q)
+
+    def brake(self) -> Target | None:
+        """The target of the next tick while the robot brakes on the straight part."""
+        return self._move.towards(self._goal, speed_override=0.0)
+
+
+class Follow:
+    """From a sample to the human, and from the human to the robot.
+
+    human: the posture reconstructed last. posture: of the robot for it, None before the first. costs: thread CPU of
+    both stages in the last tick, s.
+    """
+
+    def __init__(
+        self,
+        reconstructor: ReconstructingStage,
+        follower: FollowingStage,
+        human: HumanPosture,
+        samples: Samples,
+        *,
+        slow: float,
+    ) -> None:
+        """human: of the first sample. slow: share of its speed at which the robot returns to the performer."""
+        self._reconstructor, self._follower, self._samples, self._slow = reconstructor, follower, samples, slow
+        self.human = human
+        self.posture: RobotPosture | None = None
+        self.costs = (np.nan, np.nan)
+        self._ticks = 0
+
+    @property
+    def arrived(self) -> bool:
+        """Never: the performance ends, or is stopped."""
+        return False
+
+    @property
+    def lost(self) -> bool:
+        """Whether no posture was found in the last tick."""
+        return self.posture is not None and not np.isfinite(self.posture.q).all()
+
+    def begin(self) -> None:
+        """Follow from where the robot is."""
+        self.posture = None
+
+    def target(self, sample: SensorSample | None, *, speed_override: float) -> Target | None:
+        """The target for a sample; None: no posture was found."""
+        assert sample is not None, "the supervisor holds the robot without a sample"
+        begun = thread_cpu()
+        if self._ticks > 0:  # the human was started with the first sample
+            self.human = self._reconstructor.step(sample, self._samples.motion_dt)
+        self._ticks += 1
+        reconstructed = thread_cpu()
+        settled = self._slow + (1.0 - self._slow) * self._samples.settled
+        self._follower.set_speed_override(min(speed_override, settled))
+        self.posture = posture = self._follower.step(self.human, self._samples.dt)
+        self.costs = (reconstructed - begun, thread_cpu() - reconstructed)
+        return None if self.lost else Target(posture.joint_positions, posture.q)
+
+
+class WholeBodyStop:
+    """Brakes on the soles, as a whole; on the straight part of the approach along its line. Then the robot stands."""
+
+    def __init__(
+        self, robot: RobotBody, follower: FollowingStage, commanded: Commanded, approach: Approach, *, dt: float
+    ) -> None:
+        self._follower, self._commanded, self._approach, self._dt = follower, commanded, approach, dt
+        self._columns = robot.servo_columns
+
+    @property
+    def arrived(self) -> bool:
+        """Never: the supervisor looks at whether the robot stands."""
+        return False
+
+    def begin(self) -> None:
+        """Brake from where the robot is."""
+
+    def target(self, sample: SensorSample | None = None, *, speed_override: float = 1.0) -> Target | None:
+        """The next target of the stop trajectory; None: the robot stands, or there is none, and the gate brakes each
+        joint by itself."""
+        if self._commanded.stands:
+            self._follower.pass_time(self._dt)
+            return None
+        if self._approach.part is ApproachPart.STRAIGHT:
+            self._follower.pass_time(self._dt)
+            return self._approach.brake()
+        q = self._follower.halt(self._dt)
+        return None if q is None else Target(q[self._columns], q)
+
+
+RETURN_OVERRIDE = 0.5
+"""Speed override of the return to stance: it need not be fast, and dynamic loads on the soles grow with its square."""
+
+
+class ReturnPart(Enum):
+    """A part of the return to stance."""
+
+    DUE = "not begun"
+    RETURNING = "on the way"
+    OVER = "there, or tried once"
+
+
+class ReturnToStance:
+    """The follower leads the robot to its stance on its soles, once; see `FollowingStage.return_to_stance`."""
+
+    def __init__(self, robot: RobotBody, follower: FollowingStage, commanded: Commanded, *, dt: float) -> None:
+        self._follower, self._commanded, self._dt = follower, commanded, dt
+        self._columns = robot.servo_columns
+        self._part = ReturnPart.DUE
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the robot stands as in its stance, or has tried once."""
+        return self._part is ReturnPart.OVER
+
+    def begin(self) -> None:
+        """Begin where the robot stands, if it has not tried yet."""
+        if self._part is ReturnPart.DUE:
+            self._part = ReturnPart.RETURNING
+            self._follower.begin_return_to_stance(self._commanded.q.copy(), self._dt)
+        else:
+            self._part = ReturnPart.OVER
+
+    def target(self, sample: SensorSample | None, *, speed_override: float) -> Target | None:
+        """The target of the next tick; None: the return is over."""
+        if self.arrived:
+            return None
+        self._follower.set_speed_override(min(RETURN_OVERRIDE, speed_override))
+        q = self._follower.return_to_stance(self._dt)
+        if q is None:
+            self._part = ReturnPart.OVER
+            return None
+        return Target(q[self._columns], q)
+
+
+def rest_joints(robot: RobotBody) -> FloatArray:
+    """Posture `rest`, (n,) rad, servo order."""
+    return robot.posture(robot.profile.postures.rest)[robot.servo_columns]
+
+
+REST_WITHIN_S = 2.2
+"""Longest duration of a move from one keyframe to the next, where the servos can."""
+
+
+class GoToRest:
+    """From where the robot stands through the profile's keyframes (`postures.to_rest`) to posture `rest`. Where the gate
+    refuses a goal, the robot holds, and tries again from there."""
+
+    def __init__(self, robot: RobotBody, follower: FollowingStage, commanded: Commanded, *, dt: float) -> None:
+        self._robot, self._follower, self._commanded, self._dt = robot, follower, commanded, dt
+        self._keyframes: list[FloatArray] = []
+        self._move: SlowMove | None = None
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the robot is at rest."""
+        return self._move is not None and not self._keyframes
+
+    def begin(self) -> None:
+        """Begin where the robot was commanded to."""
+        postures = self._robot.profile.postures
+        angles = [getattr(postures, name) for name in postures.to_rest]
+        self._keyframes = [self._robot.posture(one)[self._robot.servo_columns] for one in angles]
+        servos, caps = self._robot.joint_map, self._robot.profile.safety.speed_caps
+        path = np.abs(np.diff([self._commanded.joints, *self._keyframes], axis=0)).max(axis=0)  # (n,) longest move
+        needed = float((path / servos.max_velocity).max()) / (REST_WITHIN_S - RISE_S - JERK_S)
+        self._move = SlowMove(self._robot, self._commanded, share=min(max(caps.approach, needed), 1.0), dt=self._dt)
+
+    def target(self, sample: SensorSample | None, *, speed_override: float) -> Target | None:
+        """The target of the next tick; None: at rest, or the robot has to stand first."""
+        assert self._move is not None, "the state has begun"
+        self._follower.pass_time(self._dt)
+        while self._keyframes and self._move.is_at(self._keyframes[0]):
+            self._keyframes.pop(0)
+        if not self._keyframes:
+            return None
+        return self._move.towards(self._keyframes[0], speed_override=speed_override)
+
+
+def require_finite(posture: RobotPosture) -> RobotPosture:
+    """The posture, if it is finite. Raises RetargetError before the robot has torque."""
+    if not np.isfinite(posture.q).all():
+        raise RetargetError(
+            describe(
+                what="the posture to approach is not finite",
+                where="solver",
+                found=f"{np.count_nonzero(~np.isfinite(posture.q))} of {posture.q.size} values",
+                then="Begin again; if it comes again, report it: no input may cause it",
+            )
+        )
+    return posture

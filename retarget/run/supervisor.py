@@ -1,0 +1,299 @@
+"""The supervisor: the state machine of a run, as one table of states and one of transitions that are executed.
+
+`docs/stops.md` shows both tables and a drawing, made by `tables_of_states` from what is executed here.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import Enum, IntEnum
+from math import inf
+
+from hardware.guard import Guard
+from hardware.guard_state import StopCause
+from retarget.types import Notify, RunState
+
+
+class StopCategory(IntEnum):
+    """Stop categories of IEC 60204-1."""
+
+    TORQUE_OFF = 0
+    """Torque off at once."""
+    BRAKE_AND_TORQUE_OFF = 1
+    """The robot brakes, goes to rest where it may, and torque goes off."""
+    HOLD = 2
+    """The robot brakes and stands, torque on."""
+
+
+@dataclass(frozen=True)
+class StateRow:
+    """One state. controls: who gives the targets, in words. torque: whether it is on. limit_s: longest stay, s."""
+
+    controls: str
+    torque: bool = False
+    limit_s: float = inf
+
+
+LONGEST_HOLD_S = 4.8
+"""A robot holds this long for a performer who cannot be followed, then goes to rest: 5 s after the last data."""
+LONGEST_BRAKE_S = 2.0
+"""Twice the longest stop trajectory that the whole-body stop admits (100 ticks at 100 Hz)."""
+LONGEST_RETURN_S = 15.0
+"""Longest return to stance; then the robot goes to rest from where it is."""
+LONGEST_TO_REST_S = 12.0
+"""Longest way to rest from there; then torque goes off where the robot is."""
+COMMANDED_S = 0.5
+"""Time for which the performer must be followed before an earlier hold no longer counts towards its limit: single
+targets between holds do not restart it."""
+
+STATES: dict[RunState, StateRow] = {
+    RunState.IDLE: StateRow("nothing; waits for data"),
+    RunState.COUNTDOWN: StateRow("nothing; the performer takes the pose"),
+    RunState.CALIBRATING: StateRow("nothing; the performer stands still"),
+    RunState.CHECKING_SIDES: StateRow("nothing; the performer raises the left arm"),
+    RunState.ARMING: StateRow("nothing; the present posture is the goal"),
+    RunState.APPROACH: StateRow("the approach", True),
+    RunState.FOLLOW: StateRow("the performer", True),
+    RunState.HOLD: StateRow("the whole-body stop", True, LONGEST_HOLD_S),
+    RunState.STOPPING: StateRow("the whole-body stop", True, LONGEST_BRAKE_S),
+    RunState.RETURN_TO_STANCE: StateRow("the return to stance", True, LONGEST_RETURN_S),
+    RunState.GO_TO_REST: StateRow("the keyframes of the profile", True, LONGEST_TO_REST_S),
+    RunState.OFF: StateRow("nothing"),
+    RunState.FAULT: StateRow("nothing; a person looks at the reason"),
+}
+
+
+class Event(Enum):
+    """What makes a state change. Of several in one tick, the first of this list that the present state has counts."""
+
+    TORQUE_OFF = "torque off is asked for, or a tick fails and the robot cannot brake"
+    FAULT = "a fault of the robot is latched"
+    STOP = "a stop is asked for or latched"
+    FAILED = "the controller fails"
+    OVER = "the performance is over"
+    TIMEOUT = "the time limit of the state is over"
+    NO_COMMAND = "there is no valid sample, no posture, or no answer from the bus"
+    RESUME_APPROACH = "the performer can be followed, the approach is not over"
+    RESUME = "the performer can be followed"
+    ARRIVED = "the controller has arrived"
+    STANDS_ON_SOLES = "the robot stands, and may go to rest by way of its stance"
+    STANDS_ON_APPROACH = "the robot stands on the straight part of its approach, and may go to rest"
+    STANDS = "the robot stands, and is not to go to rest"
+    STANDS_WITH_FAULT = "the robot stands, with a fault"
+    DATA = "every needed sensor is fresh"
+    COUNTED = "the countdown is over"
+    MEASURED = "the performer is measured, and sides are to be checked"
+    READY = "the performer is known"
+    ARMED = "torque is on"
+
+
+@dataclass(frozen=True)
+class Transition:
+    """To another state. category: of the stop that leaves the state, None where nothing stops."""
+
+    to: RunState
+    category: StopCategory | None = None
+
+
+_S, _E, _C = RunState, Event, StopCategory
+_TORQUE_OFF = Transition(_S.FAULT, _C.TORQUE_OFF)
+_STOP = Transition(_S.STOPPING, _C.BRAKE_AND_TORQUE_OFF)
+_HOLD = Transition(_S.HOLD, _C.HOLD)
+
+TRANSITIONS: dict[tuple[RunState, Event], Transition] = {
+    # Without torque: a performer is waited for, measured and checked; a recording is ready at once.
+    (_S.IDLE, _E.DATA): Transition(_S.COUNTDOWN),
+    (_S.IDLE, _E.READY): Transition(_S.ARMING),
+    (_S.COUNTDOWN, _E.COUNTED): Transition(_S.CALIBRATING),
+    (_S.CALIBRATING, _E.MEASURED): Transition(_S.CHECKING_SIDES),
+    (_S.CALIBRATING, _E.READY): Transition(_S.ARMING),
+    (_S.CHECKING_SIDES, _E.READY): Transition(_S.ARMING),
+    (_S.ARMING, _E.ARMED): Transition(_S.APPROACH),
+    (_S.ARMING, _E.TORQUE_OFF): _TORQUE_OFF,
+    # The robot moves with the performer.
+    **{
+        (state, event): transition
+        for state in (_S.APPROACH, _S.FOLLOW, _S.HOLD)
+        for event, transition in (
+            (_E.TORQUE_OFF, _TORQUE_OFF),
+            (_E.FAULT, _STOP),
+            (_E.STOP, _STOP),
+            (_E.FAILED, _STOP),
+            (_E.OVER, _STOP),
+        )
+    },
+    (_S.APPROACH, _E.NO_COMMAND): _HOLD,
+    (_S.APPROACH, _E.ARRIVED): Transition(_S.FOLLOW),
+    (_S.FOLLOW, _E.NO_COMMAND): _HOLD,
+    (_S.HOLD, _E.TIMEOUT): _STOP,
+    (_S.HOLD, _E.RESUME_APPROACH): Transition(_S.APPROACH),
+    (_S.HOLD, _E.RESUME): Transition(_S.FOLLOW),
+    # The robot stops, and goes to rest where it may.
+    (_S.STOPPING, _E.TORQUE_OFF): _TORQUE_OFF,
+    (_S.STOPPING, _E.TIMEOUT): _TORQUE_OFF,
+    (_S.STOPPING, _E.STANDS_ON_SOLES): Transition(_S.RETURN_TO_STANCE),
+    (_S.STOPPING, _E.STANDS_ON_APPROACH): Transition(_S.GO_TO_REST),
+    (_S.STOPPING, _E.STANDS): Transition(_S.OFF),
+    (_S.STOPPING, _E.STANDS_WITH_FAULT): Transition(_S.FAULT),
+    (_S.RETURN_TO_STANCE, _E.TORQUE_OFF): _TORQUE_OFF,
+    (_S.RETURN_TO_STANCE, _E.FAULT): _STOP,
+    (_S.RETURN_TO_STANCE, _E.FAILED): Transition(_S.GO_TO_REST),
+    (_S.RETURN_TO_STANCE, _E.TIMEOUT): Transition(_S.GO_TO_REST),
+    (_S.RETURN_TO_STANCE, _E.ARRIVED): Transition(_S.GO_TO_REST),
+    (_S.GO_TO_REST, _E.TORQUE_OFF): _TORQUE_OFF,
+    (_S.GO_TO_REST, _E.FAULT): _STOP,
+    (_S.GO_TO_REST, _E.FAILED): _STOP,
+    (_S.GO_TO_REST, _E.TIMEOUT): Transition(_S.OFF),
+    (_S.GO_TO_REST, _E.ARRIVED): Transition(_S.OFF),
+    (_S.OFF, _E.TORQUE_OFF): _TORQUE_OFF,
+}
+"""All transitions. An event that a state has no row for changes nothing."""
+
+AT_RISK = (RunState.APPROACH, RunState.FOLLOW, RunState.HOLD)
+"""States in which the robot moves with the performer."""
+
+
+@dataclass(frozen=True)
+class Situation:
+    """What one tick knows. followable: whether the performer can be followed now; hold_reason: why not.
+
+    paused: the operator pauses the robot: then a hold has no limit in time. approached: whether the approach is over.
+    arrived: whether the controller of the present state has arrived. stands: whether nothing is left to brake; straight:
+    whether that is on the straight part of the approach. over: the performance is. stop: why a stop is asked for;
+    torque_off: why torque is to go off at once.
+    """
+
+    followable: bool = False
+    hold_reason: str = ""
+    paused: bool = False
+    approached: bool = False
+    arrived: bool = False
+    stands: bool = False
+    straight: bool = False
+    over: bool = False
+    stop: str | None = None
+    torque_off: str | None = None
+
+
+class Supervisor:
+    """Changes the state of a run, and nothing else does. state: the present one; since: s, when it began."""
+
+    def __init__(self, *, goes_to_rest: bool = False, notify: Notify = lambda text: None) -> None:
+        """goes_to_rest: a stop ends in the profile's posture `rest`, else where the robot has braked."""
+        self.state, self.since = RunState.IDLE, 0.0
+        self.hold_reason = ""
+        """Why the robot holds, or held last."""
+        self._goes_to_rest, self._notify = goes_to_rest, notify
+        self._held_since = self._held_until = -inf  # [s] of holds that count as one
+
+    @property
+    def torque(self) -> bool:
+        """Whether torque is on in this state."""
+        return STATES[self.state].torque
+
+    @property
+    def over(self) -> bool:
+        """Whether the run has ended."""
+        return self.state in (RunState.OFF, RunState.FAULT)
+
+    def take(self, event: Event, now: float) -> bool:
+        """Take the transition of the present state for an event, at `now`, s, if it has one. Whether it has."""
+        transition = TRANSITIONS.get((self.state, event))
+        if transition is None:
+            return False
+        if self.state is RunState.HOLD:
+            self._held_until = now
+        self.state, self.since = transition.to, now
+        if transition.to is RunState.HOLD and now - self._held_until >= COMMANDED_S:
+            self._held_since = now
+        return True
+
+    def step(self, now: float, situation: Situation, guard: Guard) -> RunState:
+        """The state of the tick at `now`, s. The reason of a stop is latched in the guard; where a transition switches
+        torque off at once, the guard has switched it off."""
+        if self.state is RunState.HOLD and not situation.followable:
+            self.hold_reason = situation.hold_reason
+            self._held_since = now if situation.paused else self._held_since
+        for event in self._events(now, situation, guard):
+            if (self.state, event) in TRANSITIONS:
+                self._latch(event, now, situation, guard)
+                self.take(event, now)
+                break
+        return self.state
+
+    def fail(self, now: float, error: str, cause: StopCause, guard: Guard, *, may_brake: bool) -> None:
+        """A tick has failed. may_brake: whether the robot can still brake; else torque goes off now."""
+        if not may_brake:
+            guard.switch_off(cause, error)
+            self.take(Event.TORQUE_OFF, now)
+        elif self.state is RunState.RETURN_TO_STANCE:
+            self.take(Event.FAILED, now)
+            self._notify(f"return to stance: {error}; the robot goes to rest from where it is")
+        else:  # from where a way to rest fails, there is no other
+            guard.latch(StopCause.FILTER if self.state is RunState.GO_TO_REST else cause, error)
+            self.take(Event.FAILED, now)
+
+    def _events(self, now: float, situation: Situation, guard: Guard) -> Iterator[Event]:
+        """What is the case now, in the order of `Event`."""
+        if situation.torque_off is not None:
+            yield Event.TORQUE_OFF
+        if not guard.may_go_to_rest:
+            yield Event.FAULT
+        if situation.stop is not None or guard.stop is not None:
+            yield Event.STOP
+        if situation.over:
+            yield Event.OVER
+        began = self._held_since if self.state is RunState.HOLD else self.since
+        if now - began > STATES[self.state].limit_s:
+            yield Event.TIMEOUT
+        if not situation.followable:
+            yield Event.NO_COMMAND
+        else:
+            yield Event.RESUME if situation.approached else Event.RESUME_APPROACH
+        if situation.arrived:
+            yield Event.ARRIVED
+        if situation.stands:
+            yield self._stands(situation, guard)
+
+    def _stands(self, situation: Situation, guard: Guard) -> Event:
+        if not guard.may_go_to_rest:
+            return Event.STANDS_WITH_FAULT
+        if not self._goes_to_rest:
+            return Event.STANDS
+        return Event.STANDS_ON_APPROACH if situation.straight else Event.STANDS_ON_SOLES
+
+    def _latch(self, event: Event, now: float, situation: Situation, guard: Guard) -> None:
+        """Latch why, where a transition stops the robot."""
+        held = f"{self.hold_reason} for {now - self._held_since:.3g} s, allowed {LONGEST_HOLD_S:g} s"
+        if event is Event.TORQUE_OFF:
+            guard.switch_off(StopCause.REQUESTED, situation.torque_off or "")
+        elif event is Event.STOP and situation.stop is not None:
+            guard.latch(StopCause.REQUESTED, situation.stop)
+        elif event is Event.NO_COMMAND:
+            self.hold_reason = situation.hold_reason
+        elif event is Event.TIMEOUT and self.state is RunState.HOLD:
+            guard.latch(StopCause.STALE_GOAL, held)
+        elif event is Event.TIMEOUT and self.state is RunState.STOPPING:
+            guard.switch_off(StopCause.FILTER, f"still moving after {LONGEST_BRAKE_S:g} s of braking")
+
+
+# The tables and the drawing of the documentation.
+
+
+def tables_of_states() -> str:
+    """The states, the transitions and a drawing (Mermaid) in Markdown, for `docs/stops.md`."""
+    lines = ["| state | who gives the targets | torque | longest |", "|---|---|---|---|"]
+    for state, row in STATES.items():
+        longest = "" if row.limit_s == inf else f"{row.limit_s:g} s"
+        lines.append(f"| {state.value} | {row.controls} | {'on' if row.torque else 'off'} | {longest} |")
+    lines += ["", "| from | when | to | stop category |", "|---|---|---|---|"]
+    for (state, event), transition in TRANSITIONS.items():
+        category = "" if transition.category is None else str(int(transition.category))
+        lines.append(f"| {state.value} | {event.value} | {transition.to.value} | {category} |")
+    lines += ["", "```mermaid", "stateDiagram-v2"]
+    pairs = dict.fromkeys((state, transition.to) for (state, _), transition in TRANSITIONS.items())
+    lines += [f"    {_node(state)} --> {_node(to)}" for state, to in pairs]
+    return "\n".join([*lines, "```"])
+
+
+def _node(state: RunState) -> str:
+    return state.name
