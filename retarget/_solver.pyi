@@ -378,6 +378,44 @@ class Braking:
         """Postures (k, n) from the present one, tick by tick, through `displacement` to rest, and those of braking from
         `before`; the last rows may repeat."""
 
+@final
+class TrajectoryGenerator:
+    """Online trajectory generation for slow moves of n joints, called every dt seconds: limits (n,) of velocity in rad/s,
+    acceleration in rad/s^2 and jerk in rad/s^3; joints that arrive together; a target that may change in every tick.
+
+    Source: a cascade of moving averages (Biagiotti and Melchiorri, "FIR filters for online trajectory planning", Control
+    Engineering Practice 20, 2012). A move from rest to rest is a straight line and ends exactly at the target, after about
+    distance / v + v / a + 2 a / j. From rest, the position never leaves the convex hull of the start and the targets
+    so far. Raises ValueError for NaN, wrong shapes, limits or dt that are not positive, limits that would take more than
+    10,000 ticks to average over, and a use before the first `reset`.
+    """
+
+    def __init__(self, max_velocity: Floats, max_acceleration: Floats, max_jerk: Floats, *, dt: float) -> None: ...
+    def reset(self, position: Floats, velocity: Floats | None = None, acceleration: Floats | None = None) -> None:
+        """Go on from position (n,) rad, velocity (n,) rad/s and acceleration (n,) rad/s^2, absent: at rest; each at most
+        1e6. The acceleration fades out over 2 a / j. A joint that is too fast is braked at its limit of acceleration."""
+    def step(self, target: Floats, speed_override: float = 1.0) -> Floats:
+        """One tick towards rest at target (n,) rad: the new position (n,) rad.
+
+        speed_override: 0 to 1, scales the limits of velocity; 0 brakes to a stop.
+        """
+    def duration(self, target: Floats) -> float:
+        """Time in s until `at_rest` at target (n,) rad, at full speed; a close upper bound while moving."""
+    @property
+    def position(self) -> Floats: ...
+    @property
+    def velocity(self) -> Floats:
+        """rad/s (n,): the last displacement over dt."""
+    @property
+    def acceleration(self) -> Floats:
+        """rad/s^2 (n,): the last change of velocity over dt."""
+    @property
+    def target(self) -> Floats:
+        """The last target (n,) rad; after a reset the position."""
+    @property
+    def at_rest(self) -> bool:
+        """Whether the joints stand exactly at the target, and stay there."""
+
 def along_arc(a: Floats, b: Floats, share: Floats) -> Floats:
     """Orientations (k, 4) wxyz on the short arcs from unit quaternions a (k, 4) through b (k, 4), at shares (k,) of the
     way, which may exceed 1. NaN spreads."""

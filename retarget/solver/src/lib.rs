@@ -24,7 +24,8 @@ pub mod streams; // poses of sensors as they come in
 pub mod task; // what is asked of a body
 pub mod task_rows; // Jacobian rows of one task
 #[cfg(test)]
-mod tests; // against closed forms and optimality conditions
+mod tests;
+pub mod trajectory; // slow moves in joint space // against closed forms and optimality conditions
 
 #[cfg(feature = "python")]
 #[pyo3::pymodule]

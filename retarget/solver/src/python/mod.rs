@@ -12,6 +12,7 @@ mod probe;
 mod shapes;
 mod solver;
 mod task;
+mod trajectory;
 
 use pyo3::prelude::*;
 
@@ -21,6 +22,7 @@ pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<probe::PyProbe>()?;
     m.add_class::<probe::PyFooting>()?;
     m.add_class::<braking::PyBraking>()?;
+    m.add_class::<trajectory::PyTrajectoryGenerator>()?;
     m.add_class::<observers::PyObservers>()?;
     m.add_class::<path::PyPathChecker>()?;
     m.add_class::<solver::PySolver>()?;

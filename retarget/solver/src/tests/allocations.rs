@@ -10,6 +10,7 @@ use crate::geometry::Shape;
 use crate::hierarchy::{solve, Problem, Workspace};
 use crate::observers::{Activation, Ask, Observer, ObserverSet, ObserverTask, Obstacle, ObstaclePose, PathChecker};
 use crate::task::{Task, TaskKind};
+use crate::trajectory::{MotionLimit, TrajectoryGenerator};
 use std::hint::black_box;
 use std::sync::Arc;
 
@@ -252,4 +253,16 @@ fn no_check_of_a_path_allocates_once_it_was_seen() {
     assert_eq!(count, 0);
     let looks = checker.stage.looks;
     assert!(looks > 500, "{looks} postures were looked at");
+}
+
+#[test]
+fn no_step_of_a_trajectory_allocates() {
+    let limits = vec![MotionLimit { velocity: 4.0, acceleration: 40.0, jerk: 400.0 }; 20];
+    let mut generator = TrajectoryGenerator::new(limits, DT).unwrap();
+    generator.reset(&[0.1; 20], &[0.2; 20], &[0.3; 20]);
+    let random = &mut Random::new(3);
+    for _ in 0..100 {
+        let target: Vec<f64> = (0..20).map(|_| random.normal()).collect();
+        assert_eq!(counted(|| generator.step(&target, random.between(0.0, 1.0))), 0);
+    }
 }
