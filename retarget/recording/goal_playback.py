@@ -85,9 +85,14 @@ class RecordedGoals:
         self._refused, self._refused_at = 0, 0.0
         body = robot.body
         self._dofs = body.joint_dof[[body.joint_index(joint) for joint in robot.joint_map.joints]]
-        self._speed_override = 1.0
+        self._speed_override, self._gone = 1.0, 0.0
+        self._part = PlaybackPart.PLAYING
+        self._here: FloatArray = self._joints[0]
+        self._moved: FloatArray = np.zeros_like(self._here)
         # Along the recorded goals, in goals; and back to them, where something else was sent.
-        self._along = TrajectoryGenerator(*(np.array([share / dt / REGAIN_S**k]) for k, share in enumerate(RATES)), dt=dt)
+        self._along = TrajectoryGenerator(
+            *(np.array([share / dt / REGAIN_S**k]) for k, share in enumerate(RATES)), dt=dt
+        )
         self._back = self._moves(robot.profile.safety.speed_caps.approach)
         self._begin()
 

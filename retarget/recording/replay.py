@@ -396,7 +396,7 @@ def _watch(played: Played, cursor: Cursor, prepared: Prepared, watch: Watch) -> 
     def stop_asked() -> bool:
         cursor.before()
         if guard is not None and cursor.asked(Asked.OUTSIDE):
-                _stop(guard, texts.get((cursor.cycle, "outside"), ""))
+            _stop(guard, texts.get((cursor.cycle, "outside"), ""))
         return cursor.asked(Asked.STOP)
 
     def torque_off_asked() -> bool:

@@ -76,7 +76,7 @@ class TimeScaling:
 # Settling: the robot goes from its stance to a performer who stands still, before it follows.
 
 SETTLING_S = 5.0
-"""Longest duration, s of the robot's own time."""
+"""Longest duration, s."""
 RESTING_SPEED = 0.1
 """A robot none of whose coordinates is faster (rad/s, m/s, of its own time) rests, after RESTING_S of it."""
 RESTING_S = 0.04
@@ -156,9 +156,6 @@ def return_to_stance_of(
 
 Parts = Literal["whole", "upper"]
 
-APPROACH_S = 3.0
-"""Time (s) after the start in which the speed override rises from that of the approach to 1."""
-
 
 class Follower:
     """Follows one performer with one robot. Deterministic; `start`, then one `step` per tick. steps: `Stepping` of a
@@ -211,7 +208,6 @@ class Follower:
         self._return_to_stance = return_to_stance_of(
             robot, stance, self.landmark_map.standing, self._balance if legs_move else None
         )
-        self._approach = robot.profile.safety.speed_caps.approach
         self._servos = robot.servo_columns
         self._q = stance.q
         self._time = TimeScaling(robot.body, self._limits)
@@ -240,7 +236,7 @@ class Follower:
         """Stand, at rest. The robot goes to the performer's posture tick by tick, slowly at first."""
         self.landmark_map.restart()
         self._governor.restart()
-        self._since_start, self._rested, self._time.scale = 0.0, 0.0, 1.0
+        self._settled_s, self._rested_s, self._time.scale = 0.0, 0.0, 1.0
         self.scene_obstacles.restart()
         self._q = self.stance.q
         self._targets = standing_targets(self.hierarchy, self.stance)
@@ -256,29 +252,26 @@ class Follower:
     def settle(self, human: "HumanPosture", dt: float) -> RobotPosture | None:
         """After `start`: the next posture on the way to where the performer stands still; None: the robot rests there.
         So a hand that is asked high up has been raised before the performer moves on."""
-        if self._rested >= RESTING_S or self._since_start >= SETTLING_S:
-            if self.steps is not None:
-                self.steps.waits = False
+        waits = self._rested_s < RESTING_S and self._settled_s < SETTLING_S
+        if self.steps is not None:
+            self.steps.waits = waits
+        if not waits:
             self.scene_obstacles.begin()
             return None
-        if self.steps is not None:
-            self.steps.waits = True
         before, own_dt = self._q, dt * self._time.scale
         posture = self.step(human, dt)
-        self._since_start += own_dt - dt  # counted in the robot's own time
         slow = float(np.abs(self._q - before).max()) < RESTING_SPEED * own_dt
-        self._rested = self._rested + own_dt if slow else 0.0
+        self._rested_s = self._rested_s + own_dt if slow else 0.0
+        self._settled_s += dt
         return posture
 
     def step(self, human: "HumanPosture", dt: float) -> RobotPosture:
         """The posture after the next `dt` s."""
-        self._since_start += dt
         self._asked = self.landmark_map.ask(human, dt)
-        catch_up_share = self._approach + (1.0 - self._approach) * min(self._since_start / APPROACH_S, 1.0)
-        self._advance(self._asked, dt, catch_up_share=catch_up_share)
+        self._advance(self._asked, dt)
         return self._posture(self._asked)
 
-    def _advance(self, asked: AskedLandmarks, dt: float, *, catch_up_share: float, to_stance: bool = False) -> None:
+    def _advance(self, asked: AskedLandmarks, dt: float, *, to_stance: bool = False) -> None:
         """Go on by `dt` s towards what is asked. to_stance: whether the robot returns to its stance."""
         targets, hierarchy, scale = self._targets, self.hierarchy, self._time.scale
         self.scene_obstacles.tick(hierarchy, dt, time_scale=scale)
@@ -292,7 +285,7 @@ class Follower:
         if self._strength is not None:
             keeps = self.steps is None or not self.steps.onto_one
             self._strength.aim(hierarchy, targets, self._q, self._mass(), dt, keeps=keeps)
-        self._governor.aim(targets, asked, self._reached, dt, catch_up_share=catch_up_share)
+        self._governor.aim(targets, asked, self._reached, dt)
         hierarchy.set_previous(targets, self._q, dt, settle=LED_SETTLE if to_stance else inf)
         first = self._fallback.first(targets, self._q, dt) if self._fallback else hierarchy.solver.frame(targets, dt)
         self._q = self._safe(first, dt)
@@ -305,7 +298,7 @@ class Follower:
         if to_stance is None or not to_stance.goes_on(hierarchy.solver.velocity, dt, stands=stands):
             return None
         hierarchy.set_posture(self._targets, to_stance.lead(self._time.scale))
-        self._advance(to_stance.asked, dt, catch_up_share=1.0, to_stance=True)
+        self._advance(to_stance.asked, dt, to_stance=True)
         return self._q
 
     def begin_return_to_stance(self, q: FloatArray, dt: float) -> None:

@@ -58,11 +58,10 @@ class OnlineTrajectory:
         self._own = (0.0, 0.0, 0.0)
         self._before = 0.0
 
-    def step(self, moved: Vector, error: Vector, dt: float, *, catch_up_share: float = 1.0) -> Vector:
+    def step(self, moved: Vector, error: Vector, dt: float) -> Vector:
         """Displacement to ask for in this tick of `dt` s.
 
         moved: how far what is asked moved since the last tick. error: from where the robot is to what is asked now.
-        catch_up_share: share of the catching-up speed and acceleration.
         """
         limits = self._limits
         ox, oy, oz = self._own
@@ -76,9 +75,9 @@ class OnlineTrajectory:
         ox, oy, oz = ox * dt, oy * dt, oz * dt
         rx, ry, rz = ex - ox, ey - oy, ez - oz
         gap = sqrt(rx * rx + ry * ry + rz * rz)
-        change = limits.catch_up * catch_up_share * dt * dt
+        change = limits.catch_up * dt * dt
         ahead = min(braking_displacement(gap, change), self._before + change)
-        self._before = ahead = min(ahead, limits.speed * catch_up_share * dt, gap * min(1.0, RATE * dt))
+        self._before = ahead = min(ahead, limits.speed * dt, gap * min(1.0, RATE * dt))
         share = ahead / max(gap, STILL)
         return ox + share * rx, oy + share * ry, oz + share * rz
 
@@ -150,27 +149,25 @@ class ReferenceGovernor:
         for trajectory in (*self._points, self._trunk, self._gaze):
             trajectory.restart()
 
-    def aim(
-        self, targets: FloatArray, asked: AskedLandmarks, reached: Reached, dt: float, *, catch_up_share: float
-    ) -> None:
-        """Write the goals of a tick of `dt` s into the target vector. catch_up_share: see `OnlineTrajectory`."""
+    def aim(self, targets: FloatArray, asked: AskedLandmarks, reached: Reached, dt: float) -> None:
+        """Write the goals of a tick of `dt` s into the target vector."""
         before = asked if self._before is None else self._before
         self._before = asked
         goals = []
         for row, trajectory in zip(self._rows, self._points, strict=True):
             here, there, last = reached.landmarks[row], asked.landmarks[row], before.landmarks[row]
-            x, y, z = trajectory.step(minus(there, last), minus(there, here), dt, catch_up_share=catch_up_share)
+            x, y, z = trajectory.step(minus(there, last), minus(there, here), dt)
             weight = 0.0 if row in asked.open else 1.0
             goals.append((weight, here[0] + x, here[1] + y, here[2] + z))
         targets[self._slots] = np.array(goals)[self._source]
 
         moved = rotation_vector(product(asked.trunk, inverse(before.trunk)))
         error = rotation_vector(product(asked.trunk, inverse(reached.trunk)))
-        trunk = product(turn(self._trunk.step(moved, error, dt, catch_up_share=catch_up_share)), reached.trunk)
+        trunk = product(turn(self._trunk.step(moved, error, dt)), reached.trunk)
         self._hierarchy.set_orientation(targets, TRUNK, np.array(product(trunk, self._trunk_at_stance)))
 
         moved, error = rotation_vector(arc(before.gaze, asked.gaze)), rotation_vector(arc(reached.gaze, asked.gaze))
-        x, y, z = rotated(turn(self._gaze.step(moved, error, dt, catch_up_share=catch_up_share)), reached.gaze)
+        x, y, z = rotated(turn(self._gaze.step(moved, error, dt)), reached.gaze)
         self._hierarchy.set_look_at(targets, HEAD, np.array((FAR * x, FAR * y, FAR * z)))
 
 

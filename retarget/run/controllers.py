@@ -62,7 +62,7 @@ class Commanded:
         self.q, self.standing, self.joints, self._goal = standing.copy(), standing.copy(), joints, joints
         self.q[self._robot.servo_columns] = joints
         self.velocity = np.zeros(self._robot.body.nv)
-        self.stood_s = self._dt
+        self.stood_s = np.inf
 
     @property
     def stands(self) -> bool:
@@ -304,7 +304,7 @@ def rest_joints(robot: RobotBody) -> FloatArray:
     return robot.posture(robot.profile.postures.rest)[robot.servo_columns]
 
 
-REST_WITHIN_S = 2.2
+REST_WITHIN_S = 1.9
 """Longest duration of a move from one keyframe to the next, where the servos can."""
 
 
@@ -333,13 +333,13 @@ class GoToRest:
         self._move = SlowMove(self._robot, self._commanded, share=min(max(caps.approach, needed), 1.0), dt=self._dt)
 
     def target(self, sample: SensorSample | None, *, speed_override: float) -> Target | None:
-        """The target of the next tick; None: at rest, or the robot has to stand first."""
+        """The target of the next tick; None: the robot has to stand first."""
         assert self._move is not None, "the state has begun"
         self._follower.pass_time(self._dt)
         while self._keyframes and self._move.is_at(self._keyframes[0]):
             self._keyframes.pop(0)
         if not self._keyframes:
-            return None
+            return Target(self._commanded.joints)
         return self._move.towards(self._keyframes[0], speed_override=speed_override)
 
 

@@ -26,7 +26,7 @@ from retarget.model.scene_state import SceneState
 from retarget.robot.deflection_compensation import DeflectionCompensation
 from retarget.robot.follower import Follower
 from retarget.robot.step_plan import StepTally, with_steps
-from retarget.run.loop import Loop, Machine, Watch, run_human
+from retarget.run.loop import Ending, Loop, Machine, Watch, run_human
 from retarget.run.options import RunOptions, priority_names
 from retarget.run.run_result import RunResult
 from retarget.run.stages import FollowingStage, ReconstructingStage
@@ -37,6 +37,7 @@ from retarget.schema.performer import Performer, load_performer
 from retarget.schema.priorities import Priorities, check_for_human, load_priorities, naming_file
 from retarget.schema.scene import load_scene, on_floor
 from retarget.types import Notify
+
 
 def make_gate(
     robot: RobotBody, follower: Follower, priorities: Priorities, *, checks: bool, dt: float
@@ -94,13 +95,21 @@ class Prepared:
     scene_obstacles: SceneObstacles | None = None
     steps: StepTally | None = None
 
+    def loop(self, watch: Watch) -> Loop:
+        """The loop of a run of the robot. Raises RetargetError where the posture to approach is not known."""
+        assert self.machine is not None, "a human alone has no loop of a robot"
+        return Loop(self.machine, self.samples, self.reconstructor, watch)
+
     def run(self, watch: Watch | None = None) -> RunResult:
         """Run it. Raises GuardError or BusError when the robot cannot be armed."""
         watch, machine = Watch() if watch is None else watch, self.machine
         if machine is None:
-            ending = run_human(self.samples, self.reconstructor, watch)
-        else:
-            ending = Loop(machine, self.samples, self.reconstructor, watch).run()
+            return self.result(run_human(self.samples, self.reconstructor, watch))
+        return self.result(self.loop(watch).run())
+
+    def result(self, ending: Ending) -> RunResult:
+        """The run, with all that metrics, pictures and files need."""
+        machine = self.machine
         return RunResult(
             record=ending.record,
             clip=self.samples.recorded(),
@@ -188,7 +197,15 @@ def prepare_for(
     if not options.allow_contact:
         _refuse_robot_in_contact(robot, follower, scene)
     machine = _machine(
-        robot, follower, for_robot, options, bus=bus, clock=clock, dt=samples.dt, goes_to_rest=goes_to_rest, notify=notify
+        robot,
+        follower,
+        for_robot,
+        options,
+        bus=bus,
+        clock=clock,
+        dt=samples.dt,
+        goes_to_rest=goes_to_rest,
+        notify=notify,
     )
     machine = replace(machine, follower=lead(follower))
     bus.open()

@@ -111,7 +111,7 @@ class Gate:
     @property
     def velocity(self) -> FloatArray:
         """Velocity at which the last goal was reached, rad/s (n,)."""
-        return self._displacement / self._dt
+        return np.asarray(self._displacement / self._dt)
 
     @property
     def at_rest(self) -> bool:
@@ -166,7 +166,7 @@ class Gate:
     def _nearest(self, goal: FloatArray) -> FloatArray:
         """The goal nearest to a finite one that keeps the limits, rad (n,), clear or not; joint by joint."""
         lo, hi = self._braking.bounds(self._joints, self._displacement)
-        return np.minimum(np.maximum(goal, self._joints + lo), self._joints + hi)
+        return np.asarray(np.minimum(np.maximum(goal, self._joints + lo), self._joints + hi))
 
     def _is_clear(self, displacement: FloatArray, offset: FloatArray) -> bool:
         """Whether the postures are clear on the way to a goal and from there to rest. offset (n,): of the goal."""

@@ -10,8 +10,9 @@ from hardware.bus import BusSpec, ServoBus, ServoStates
 from hardware.clock import Clock, VirtualClock
 from hardware.dynamixel.bus import DynamixelBus
 from hardware.errors import BusError
-from hardware.guard import FindGoal, Guard, Halt
-from hardware.guard_state import GuardState, Stop
+from hardware.checked_goal import CheckedGoal
+from hardware.guard import Guard
+from hardware.guard_state import Stop
 from retarget.frames import SensorSample
 from retarget.human.samples import Performance
 from retarget.live.admission import Admission
@@ -24,14 +25,12 @@ from retarget.live.sensor_validity import SensorValidity
 from retarget.live.smoothing import LIGHT, pose_filter
 from retarget.live.stream import LiveStream
 from retarget.model.robot import RobotBody
-from retarget.run.loop import Watch
+from retarget.run.loop import Machine, Watch
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared, prepare_for
-from retarget.run.record import Phase
-from retarget.run.robot_side import RobotSide
 from retarget.schema.performer import Performer
 from retarget.sources.json_pose import JsonPoseDecoder
-from retarget.types import FloatArray
+from retarget.types import FloatArray, RunState
 from sim.emulator.line import Line
 from sim.emulator.ports import EmulatedPort
 from sim.emulator.robot_lines import robot_lines
@@ -41,15 +40,19 @@ from sim.faults.wire_checker import READS, Sent, packets
 
 # The trace of a live run with faults.
 
-HOLDS = (GuardState.HOLDING,)
+MOVING = (RunState.APPROACH, RunState.FOLLOW)
+HOLDING = (RunState.HOLD,)
+STOPPING = (RunState.STOPPING, RunState.RETURN_TO_STANCE, RunState.GO_TO_REST)
+STOPPED = (RunState.OFF, RunState.FAULT)
+"""States of a run as the judge looks at them."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """The end of a tick of the guard, at `time`, s. latched: whether a stop is; slow: speed override of the robot."""
+    """The end of a tick, at `time`, s. latched: whether a stop is; slow: speed override of the robot."""
 
     time: float
-    state: GuardState
+    state: RunState
     latched: bool
     slow: float
 
@@ -87,9 +90,9 @@ class Trace:
     error: str = ""
     torque: list[int] = field(default_factory=list)
 
-    def first(self, state: GuardState, since: float) -> float | None:
-        """When a state was first seen from a time on, s."""
-        return next((tick.time for tick in self.ticks if tick.time >= since and tick.state is state), None)
+    def first(self, states: tuple[RunState, ...], since: float) -> float | None:
+        """When one of these states was first seen from a time on, s."""
+        return next((tick.time for tick in self.ticks if tick.time >= since and tick.state in states), None)
 
     @property
     def armed(self) -> float | None:
@@ -107,7 +110,7 @@ class Trace:
         found: list[tuple[float, float]] = []
         since: float | None = None
         for tick in self.ticks:
-            if tick.state in HOLDS:
+            if tick.state in HOLDING:
                 since = tick.time if since is None else since
             elif since is not None:
                 found.append((since, tick.time))
@@ -183,7 +186,7 @@ class Bench:
         self.on_goal: list[Callable[[], object]] = []
         self.undo: list[Callable[[], object]] = []
         self.robot: RobotBody
-        self.side: RobotSide
+        self.machine: Machine
         self.guard: Guard
         self.stream: LiveStream
         self._duration, self._seed, self._performer, self._gate = duration, seed, performer, gate
@@ -245,17 +248,17 @@ class Bench:
         return self.trace
 
     def _watch(self, prepared: Prepared) -> None:
-        assert prepared.side is not None and isinstance(prepared.samples, LivePerformer)
-        self.side, self._ticks = prepared.side, prepared.samples.ticks
-        self.guard = guard = prepared.side.guard
+        assert prepared.machine is not None and isinstance(prepared.samples, LivePerformer)
+        self.machine, self._ticks = prepared.machine, prepared.samples.ticks
+        self.guard = guard = prepared.machine.guard
         samples = prepared.samples
-        tick, sample, names = guard.tick, samples.sample, samples.stream.roles.sensors
+        write, sample, names = guard.write, samples.sample, samples.stream.roles.sensors
         self._place, self._valid = np.zeros((len(names), 3)), np.zeros(len(names), dtype=bool)
 
-        def ticking(find_goal: FindGoal, halt: Halt = lambda: None) -> GuardState:
-            state = tick(self._with_acts(find_goal), halt)
-            self._saw_tick(state)
-            return state
+        def written(goal: CheckedGoal) -> None:
+            for act in self.on_goal if goal.passed else ():
+                act()
+            write(goal)
 
         def sampled(index: int) -> object:
             found = sample(index)
@@ -263,21 +266,30 @@ class Bench:
                 self._saw_sample(found)
             return found
 
-        guard.tick = ticking  # type: ignore[method-assign]
+        guard.write = written  # type: ignore[method-assign]
         samples.sample = sampled  # type: ignore[method-assign, assignment]
         self._act_until(BEFORE_ARMING)
         try:
-            prepared.run(Watch(self._leave, stop_asked=lambda: self.stop_asked))
-        finally:
-            self.trace.stop = guard.stop_reason
+            loop = prepared.loop(Watch(self._leave, stop_asked=lambda: self.stop_asked))
+            tick = loop.tick
 
-    def _saw_tick(self, state: GuardState) -> None:
+            def ticking() -> None:
+                tick()
+                self._saw_tick()
+
+            loop.tick = ticking  # type: ignore[method-assign]
+            loop.run()
+        finally:
+            self.trace.stop = guard.stop
+
+    def _saw_tick(self) -> None:
         trace, guard, now = self.trace, self.guard, self.clock.now()
-        if trace.approach_ended is None and self.side.phase is not Phase.APPROACH:
+        state = self.machine.supervisor.state
+        if trace.approach_ended is None and state not in (RunState.APPROACH, RunState.HOLD):
             trace.approach_ended = now
-        if trace.began is None and state is GuardState.MOVING and "the performer is followed" in trace.said:
+        if trace.began is None and state is RunState.FOLLOW and "the performer is followed" in trace.said:
             trace.began = now
-        trace.ticks.append(Tick(now, state, guard.stop_reason is not None, guard.health.speed_override))
+        trace.ticks.append(Tick(now, state, guard.stop is not None, guard.health.speed_override))
         if trace.rebased is None and self.stream.clock_map.jumps:
             trace.rebased = now
         self._act(now)
@@ -292,15 +304,6 @@ class Bench:
         step = np.linalg.norm(found.position[both] - self._place[both], axis=1).max(initial=0.0)
         self.trace.steps.append((self.clock.now(), float(step)))
         self._place[:], self._valid[:] = found.position, found.valid
-
-    def _with_acts(self, find_goal: FindGoal) -> FindGoal:
-        def found(states: ServoStates) -> FloatArray | None:
-            goal = find_goal(states)
-            for act in self.on_goal if goal is not None else ():
-                act()
-            return goal
-
-        return found
 
     def leave(self) -> None:
         """End the observation after this tick."""

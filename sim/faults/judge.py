@@ -10,14 +10,14 @@ from pathlib import Path
 from hardware.bus import ServoBus
 from hardware.clock import Clock, VirtualClock
 from hardware.errors import RetargetError, TorqueError
-from hardware.guard_state import GuardState
+from hardware.guard_state import StopCause
 from retarget.human.samples import Performance
 from retarget.model.robot import RobotBody
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare_for
 from retarget.schema.catalogue import Kind, find
 from retarget.schema.performer import Performer
-from sim.faults.bench import ROBOT, Bench, Trace
+from sim.faults.bench import HOLDING, ROBOT, STOPPED, Bench, Trace
 from sim.faults.malformed_files import Malformed
 from sim.faults.reactions import HALF, HELD_S, Idle, Reaction, Row, Seen, late, reacted, violations
 from sim.faults.sender import FakeSender
@@ -121,7 +121,7 @@ def run_row(row: Row, *, when: When = When.MOVING, seed: int = 0) -> Bench:
     duration = followed.get(when, ENGAGING_S)
     bench = Bench(FakeSender(seed=seed + 3), duration=duration, seed=seed, performer=row.performer)
     if when is When.STOPPING:
-        bench.at(ONSET - STOP_BEFORE, lambda: bench.guard.stop("asked for"))
+        bench.at(ONSET - STOP_BEFORE, lambda: bench.guard.latch(StopCause.REQUESTED, "asked for"))
     bench.leaves = row.reaction in OUTLIVED and when is not When.STOPPING
     if when is When.APPROACHING:
         bench.approaching = True
@@ -194,7 +194,7 @@ def _stopping(row: Row, trace: Trace) -> list[str]:
         return ["the stop was not latched"]
     if row.reaction is Reaction.GONE:
         return Seen.let_go(trace, onset, row)
-    if trace.first(GuardState.STOPPED, trace.latched) is None:
+    if trace.first(STOPPED, trace.latched) is None:
         return ["the stop did not come to its end"]
     if row.reaction is Reaction.TORQUE_OFF:
         return late("torque off", Seen.torque_off_at(trace, onset), onset, row.limit) + Seen.let_go(trace, onset, row)
@@ -290,13 +290,13 @@ def reached(trace: Trace, need: Need, first: float, last: float) -> bool:
         return True
     torque_off_at = Seen.torque_off_at(trace, first)
     if strength >= STRENGTH[Reaction.TORQUE_OFF]:
-        stopped = any(tick.state is GuardState.STOPPED for tick in ticks)
+        stopped = any(tick.state in STOPPED for tick in ticks)
         off = stopped or (torque_off_at is not None and torque_off_at <= last)
         return off or (need.reaction is Reaction.GONE and not _driving(trace, last))
     if any(tick.latched for tick in ticks) or trace.error:
         return True
     since = [tick for tick in ticks if tick.time >= first]
-    if strength <= STRENGTH[Reaction.HOLD] and any(tick.state is GuardState.HOLDING for tick in since):
+    if strength <= STRENGTH[Reaction.HOLD] and any(tick.state in HOLDING for tick in since):
         return True
     if need.reaction is Reaction.REBASE:
         return trace.rebased is not None and trace.rebased <= last
@@ -383,7 +383,7 @@ def judged_pair(
     six = "six" in (first.performer, second.performer)
     bench = Bench(FakeSender(seed=seed + 3), duration=duration, seed=seed, performer="six" if six else "five")
     if when is When.STOPPING:
-        bench.at(at - STOP_BEFORE, lambda: bench.guard.stop("asked for"))
+        bench.at(at - STOP_BEFORE, lambda: bench.guard.latch(StopCause.REQUESTED, "asked for"))
     first.inject(bench, -1.0 if idle else at)
     second.inject(bench, -1.0 if idle else at + gap)
     trace = bench.run()

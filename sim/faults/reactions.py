@@ -8,8 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-from hardware.guard_state import GuardState, StopCause
-from sim.faults.bench import Bench, Trace
+from hardware.guard_state import StopCause
+from retarget.types import RunState
+from sim.faults.bench import HOLDING, MOVING, STOPPED, STOPPING, Bench, Trace
 from sim.faults.wire_checker import (
     Track,
     Written,
@@ -100,7 +101,7 @@ AGAIN_SHARE, AGAIN_S = 0.25, 0.75
 """Share of the greatest speeds after following resumes, and for how long, s."""
 STILL_WITHIN_S = 0.3
 """After a shorter hold, one of single ticks, the way back need not be slow, s."""
-SETTLED = (GuardState.STOPPING, GuardState.STOPPED)
+SETTLED = (*STOPPING, *STOPPED)
 ORDINARY_STOPS = (StopCause.REQUESTED, StopCause.STALE_GOAL, StopCause.SOURCE)
 """Stops of a robot without a fault: it goes to rest before its torque goes off."""
 AT_REST_RAD = 0.01
@@ -160,7 +161,7 @@ def _stop_violations(
             wrong.append("torque off was never commanded")
     elif off - begun > OFF_S:
         wrong.append(f"torque went off {off - begun:.2f} s after the stop began, allowed {OFF_S:g} s")
-    ended = trace.first(GuardState.STOPPED, begun)
+    ended = trace.first(STOPPED, begun)
     if ended is not None:
         wrong += after_latch(writes, ended)
     wrong += too_fast(goal_tracks, begun + REST_S, trace.ended, share=TO_REST_SHARE, dt=dt)
@@ -223,9 +224,9 @@ class Seen:
         goals = goal_writes(written(self.trace.sent))
         return tracks(once(goals, within=0.5 * self.dt), self.bench.robot.joint_map.servos)
 
-    def first(self, state: GuardState) -> float | None:
-        """When a state was first seen since."""
-        return self.trace.first(state, self.onset)
+    def first(self, states: tuple[RunState, ...]) -> float | None:
+        """When one of these states was first seen since."""
+        return self.trace.first(states, self.onset)
 
     @property
     def stopped(self) -> float | None:
@@ -235,7 +236,7 @@ class Seen:
     @staticmethod
     def torque_off_at(trace: Trace, onset: float) -> float | None:
         """Return when torque off was commanded at once, or the guard had given up the bus."""
-        seen = (torque_off(written(trace.sent), onset), trace.first(GuardState.STOPPED, onset))
+        seen = (torque_off(written(trace.sent), onset), trace.first(STOPPED, onset))
         return min((time for time in seen if time is not None), default=None)
 
     @staticmethod
@@ -267,7 +268,7 @@ def reacted(row: Row, seen: Seen) -> Judged:
 
 
 def _none(row: Row, seen: Seen) -> Judged:
-    hold, stop = seen.first(GuardState.HOLDING), seen.stopped
+    hold, stop = seen.first(HOLDING), seen.stopped
     if row.reaction is Reaction.MAY_HOLD:
         hold = None
     return None, [f"it reacted after {time - seen.onset:.3f} s" for time in (hold, stop) if time is not None][:1]
@@ -276,14 +277,14 @@ def _none(row: Row, seen: Seen) -> Judged:
 def _out(row: Row, seen: Seen) -> Judged:
     out = next((time for time, gone in seen.trace.out if time >= seen.onset and row.sensor in gone), None)
     wrong = late("left out", out, seen.onset, row.limit)
-    return out, wrong + (["the robot held"] if seen.first(GuardState.HOLDING) is not None else [])
+    return out, wrong + (["the robot held"] if seen.first(HOLDING) is not None else [])
 
 
 def _hold(row: Row, seen: Seen) -> Judged:
-    hold = seen.first(GuardState.HOLDING)
+    hold = seen.first(HOLDING)
     wrong = late("held", hold, seen.onset, row.limit if row.reaction is Reaction.HOLD else HELD_S)
     wrong += ["it stopped"] if seen.stopped is not None else []
-    on = None if hold is None else seen.trace.first(GuardState.MOVING, hold)
+    on = None if hold is None else seen.trace.first(MOVING, hold)
     if row.back is not None and on is not None and on - seen.onset < row.back + HEALTHY_S:
         wrong.append(f"it went on after {on - seen.onset:.3f} s, data were good from {row.back:g} s on")
     jump = max((step for time, step in seen.trace.steps if on is not None and time >= on), default=0.0)
@@ -295,17 +296,17 @@ def _hold(row: Row, seen: Seen) -> Judged:
 
 
 def _rebase(row: Row, seen: Seen) -> Judged:
-    again, hold = seen.trace.rebased, seen.first(GuardState.HOLDING)
+    again, hold = seen.trace.rebased, seen.first(HOLDING)
     wrong = late("rebased", again, seen.onset, row.limit)
     if hold is not None:
-        on = seen.trace.first(GuardState.MOVING, hold)
+        on = seen.trace.first(MOVING, hold)
         wrong += late("on its way again", on, seen.onset, row.limit + BACK_S)
     return again, wrong
 
 
 def _stand(row: Row, seen: Seen) -> Judged:
     """Judge the goals alone: at rest in time, torque on."""
-    end = seen.first(GuardState.STOPPING) or seen.trace.ended
+    end = seen.first(STOPPING) or seen.trace.ended
     wrong = still_moving(seen.goal_tracks, seen.onset + row.limit + REST_S, end - seen.dt)
     return None, wrong + (["it stopped"] if seen.stopped is not None else [])
 
@@ -317,7 +318,7 @@ def _gated(row: Row, seen: Seen) -> Judged:
     postures[:, robot.servo_columns] = [posture for _, posture in asked]
     closest = clearance_of(robot, postures).smallest if asked else None
     wrong = [] if closest is not None and closest < MARGIN_M else ["what was asked for was no danger"]
-    end = seen.first(GuardState.STOPPING) or seen.trace.ended
+    end = seen.first(STOPPING) or seen.trace.ended
     return None, wrong + still_moving(seen.goal_tracks, end - STOOD_S, end - seen.dt)
 
 
@@ -331,9 +332,9 @@ def _stop(row: Row, seen: Seen) -> Judged:
     stop = seen.stopped
     wrong = late("stopped", stop, seen.onset, row.limit)
     first = next((tick.state for tick in seen.trace.ticks if tick.time == stop), None)
-    if stop is not None and first is GuardState.STOPPED and not stood(seen.goal_tracks, stop):
+    if stop is not None and first in STOPPED and not stood(seen.goal_tracks, stop):
         wrong.append("it did not brake")
-    if seen.trace.stop is None or seen.trace.first(GuardState.STOPPED, seen.onset) is None:
+    if seen.trace.stop is None or seen.trace.first(STOPPED, seen.onset) is None:
         wrong.append("it was not latched")
     return stop, wrong
 
@@ -341,12 +342,12 @@ def _stop(row: Row, seen: Seen) -> Judged:
 def _torque_off(row: Row, seen: Seen) -> Judged:
     torque_off_at = Seen.torque_off_at(seen.trace, seen.onset)
     wrong = late("torque off", torque_off_at, seen.onset, row.limit)
-    return torque_off_at, wrong + ([] if seen.first(GuardState.STOPPED) is not None else ["it was not latched"])
+    return torque_off_at, wrong + ([] if seen.first(STOPPED) is not None else ["it was not latched"])
 
 
 def _gone(row: Row, seen: Seen) -> Judged:
     wrong = Seen.let_go(seen.trace, seen.onset, row)
-    latched = seen.first(GuardState.STOPPED)
+    latched = seen.first(STOPPED)
     if seen.trace.gone is None:
         wrong += late("latched", latched, seen.onset, row.limit)
     gone = [time for time, _ in seen.trace.let_go if time >= seen.onset]

@@ -393,7 +393,7 @@ HOST_ROWS: tuple[Row, ...] = (
         "person stops it",
         Reaction.STOP,
         0.020,
-        _when_following(lambda bench: bench.guard.stop("space bar")),
+        _when_following(lambda bench: bench.guard.latch(StopCause.REQUESTED, "space bar")),
         Idle.REFUSES,
     ),
 )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from hardware.arrays import BoolArray, FloatArray
 from retarget.ik.support_polygon import plant
 from retarget.model.robot import RobotBody
-from retarget.run.rest_trajectory import NEAR_REST
+from retarget.run.loop import NEAR_REST
 from sim.physics.state import PhysicsState
 
 MAX_ROWS = 450_000
