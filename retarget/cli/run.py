@@ -50,7 +50,6 @@ from retarget.run.control_socket import ControlSocket, socket_path
 from retarget.run.loop import Watch
 from retarget.run.options import PhysicsOptions, RunOptions
 from retarget.run.prepare import Prepared, prepare, prepare_for
-from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
 from retarget.schema.files import remove
 from retarget.schema.performer import Performer

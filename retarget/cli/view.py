@@ -21,7 +21,7 @@ from retarget.viewer.feed import PageSetup, ViewFeed, open_feed
 from retarget.viewer.page import RecordedPage
 from retarget.viewer.recorded import open_viewed
 from retarget.viewer.server import PORT, close_server, open_server
-from retarget.viewer.snapshot import PHASE_WORDS, drawn
+from retarget.viewer.snapshot import drawn
 
 SHOWN_HZ = 30.0
 

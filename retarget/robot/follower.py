@@ -94,7 +94,7 @@ RESTING_S = 0.04
 STANCE_RESTING_SPEED, RESTS_S = 0.1, 0.3
 """A robot none of whose coordinates is faster (rad/s, m/s) for so long (s) rests. One tick is not enough: where limbs
 meet, all joints stand still for one tick, and go on in the next."""
-LED_SPEED, LED_RISE, LED_JERK, LED_SETTLE = 2.0, 0.3, 0.1, 0.1
+LED_SPEED, LED_RISE, LED_JERK, LED_SETTLE = 2.0, 0.2, 0.05, 0.1
 """rad/s of the joint that is led the longest way; s until it has this speed, and its acceleration; s by which the robot
 follows, of its own time."""
 
@@ -320,7 +320,10 @@ class Follower:
     def halt(self, dt: float) -> FloatArray | None:
         """The next posture (nq,) of the stop on the soles; None: no stop trajectory is known, or no soles carry it."""
         self.scene_obstacles.tick(None, dt)
-        step = None if self._stopping is None else self._stopping.follow(dt * self._time.scale)
+        if self._stopping is not None and self._time.scale < 1.0:  # brake as hard as servos can, not as on a slow clock
+            self.set_speed_override(1.0)
+            self._stopping.begin(self._q, self.hierarchy.solver.velocity)
+        step = None if self._stopping is None else self._stopping.follow(dt)
         if step is None:
             return None
         self._separate_limbs()

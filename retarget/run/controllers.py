@@ -309,8 +309,9 @@ REST_WITHIN_S = 1.9
 
 
 class GoToRest:
-    """From where the robot stands through the profile's keyframes (`postures.to_rest`) to posture `rest`. Where the gate
-    refuses a goal, the robot holds, and tries again from there."""
+    """From where the robot stands through the keyframes of the profile (`postures.to_rest`) to posture `rest`.
+
+    Where the gate refuses a goal, the robot holds, and tries again from there."""
 
     def __init__(self, robot: RobotBody, follower: FollowingStage, commanded: Commanded, *, dt: float) -> None:
         self._robot, self._follower, self._commanded, self._dt = robot, follower, commanded, dt
@@ -329,7 +330,7 @@ class GoToRest:
         self._keyframes = [self._robot.posture(one)[self._robot.servo_columns] for one in angles]
         servos, caps = self._robot.joint_map, self._robot.profile.safety.speed_caps
         path = np.abs(np.diff([self._commanded.joints, *self._keyframes], axis=0)).max(axis=0)  # (n,) longest move
-        needed = float((path / servos.max_velocity).max()) / (REST_WITHIN_S - RISE_S - JERK_S)
+        needed = float((path / servos.max_velocity).max()) / (REST_WITHIN_S - RISE_S - 2.0 * JERK_S)
         self._move = SlowMove(self._robot, self._commanded, share=min(max(caps.approach, needed), 1.0), dt=self._dt)
 
     def target(self, sample: SensorSample | None, *, speed_override: float) -> Target | None:

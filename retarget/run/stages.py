@@ -29,8 +29,8 @@ class FollowingStage(Protocol):
         ...
 
     def settle(self, human: "HumanPosture", dt: float) -> "RobotPosture | None":
-        """After `start`: the next posture on the way to the one that this human posture asks for; None: it is there, and
-        following can begin."""
+        """After `start`: the next posture on the way to what this human posture asks for; None: it is
+        there, and following can begin."""
         ...
 
     def step(self, human: "HumanPosture", dt: float) -> "RobotPosture":

@@ -157,9 +157,9 @@ class Situation:
     """What one tick knows. followable: whether the performer can be followed now; hold_reason: why not.
 
     paused: the operator pauses the robot: then a hold has no limit in time. approached: whether the approach is over.
-    arrived: whether the controller of the present state has arrived. stands: whether nothing is left to brake; straight:
-    whether that is on the straight part of the approach. over: the performance is. stop: why a stop is asked for;
-    torque_off: why torque is to go off at once.
+    arrived: whether the controller of the present state has arrived. stands: whether nothing is left to brake;
+    straight: whether that is on the straight part of the approach. over: the performance is. stop: why a stop is asked
+    for; torque_off: why torque is to go off at once.
     """
 
     followable: bool = False

@@ -6,11 +6,11 @@ from ipaddress import IPv4Network
 
 import numpy as np
 
-from hardware.bus import BusSpec, ServoBus, ServoStates
+from hardware.bus import BusSpec, ServoBus
+from hardware.checked_goal import CheckedGoal
 from hardware.clock import Clock, VirtualClock
 from hardware.dynamixel.bus import DynamixelBus
 from hardware.errors import BusError
-from hardware.checked_goal import CheckedGoal
 from hardware.guard import Guard
 from hardware.guard_state import Stop
 from retarget.frames import SensorSample
@@ -222,7 +222,7 @@ class Bench:
 
     def run(self) -> Trace:
         """Run it and return its trace; an error that ends it is in the trace."""
-        options = RunOptions(robot=ROBOT, bus="emulator", performer=self._performer, gate=self._gate)
+        options = RunOptions(robot=ROBOT, bus="profile", performer=self._performer, gate=self._gate)
         try:
             with prepare_for(
                 self._perform,

@@ -8,7 +8,9 @@ from unittest.mock import patch
 
 import numpy as np
 
+from hardware.guard_state import StopCause
 from retarget.live.admission import Datagram
+from retarget.safety.gate import Gate
 from retarget.types import HumanPosture, RobotPosture
 from sim.emulator.faults import Direction, Fault, FaultKind
 from sim.faults.bench import BEFORE_ARMING, Bench
@@ -297,7 +299,7 @@ def _follower(
     """Change the result of the robot's stage, so many times."""
 
     def inject(bench: Bench) -> None:
-        follower, left = bench.side._follower, [times]
+        follower, left = bench.machine.follower, [times]
         step, cued = follower.step, _cue(bench)
 
         def changed(human: HumanPosture, dt: float) -> RobotPosture:
@@ -356,10 +358,11 @@ def _inwards(bench: Bench, posture: RobotPosture) -> RobotPosture:
     """Act as a stage without observers: turn a leg into the other, within all limits of the joint."""
     joint, angle, speed = INWARDS
     servos, dt = bench.robot.joint_map, 1.0 / bench.robot.profile.safety.rate_hz
-    if not bench.side._sent.size:
-        return posture  # nothing has been sent yet
+    last, gate = bench.guard.goal, bench.machine.gate
+    if last is None or not isinstance(gate, Gate):
+        return posture  # nothing has been sent yet, or nothing is checked
     column = servos.joints.index(joint)
-    goal, sent, moved = posture.joint_positions.copy(), bench.side._sent, bench.side._moved
+    goal, sent, moved = posture.joint_positions.copy(), last.posture, gate.velocity * dt
     change = 0.5 * float(servos.max_acceleration[column]) * dt * dt
     way = np.clip(angle - sent[column], -speed * dt, speed * dt)
     goal[column] = sent[column] + np.clip(way, moved[column] - change, moved[column] + change)
