@@ -6,7 +6,7 @@ from hardware.arrays import FloatArray
 
 
 class _Seal:
-    """Proof that a goal comes from a gate: only `retarget.safety.gate` imports it (tests/test_arrows.py)."""
+    """One gate's proof that a goal is its own: only `retarget.safety.gate` imports it (tests/test_arrows.py)."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)

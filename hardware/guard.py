@@ -117,7 +117,8 @@ class Guard:
     def write(self, goal: CheckedGoal) -> None:
         """Send a goal to the servos. One that took too long since the servos were read is the last of its kind: a stop
         is latched. Raises GuardError for anything but the gate's next goal, BusError when the bus fails."""
-        if type(goal) is not CheckedGoal or self.goal is None or goal.number <= self.goal.number:
+        last = self.goal
+        if type(goal) is not CheckedGoal or last is None or goal.seal is not last.seal or goal.number <= last.number:
             raise GuardError(
                 describe(what="only the next goal of the gate is written", where="guard", found=type(goal).__name__)
             )

@@ -9,7 +9,7 @@ import numpy as np
 
 from hardware.checked_goal import CheckedGoal
 from hardware.clock import Clock, thread_cpu
-from hardware.errors import TorqueError
+from hardware.errors import BusError, HardwareError, TorqueError
 from hardware.guard import Guard, text_of
 from hardware.guard_state import StopCause
 from retarget.frames import SensorSample
@@ -162,8 +162,8 @@ class Loop:
         Raises GuardError or BusError where the robot cannot be armed, TorqueError where torque could not be switched
         off after an interrupt.
         """
-        self._arm()
         try:
+            self._arm()
             with _without_garbage_collection():
                 while not self._machine.supervisor.over:
                     self.tick()
@@ -183,9 +183,7 @@ class Loop:
                 attempt()
                 return
             except Exception as error:  # noqa: BLE001 - nothing that fails in a tick may leave the robot moving
-                may_brake = attempt == self._run_tick and self._part is not StopCause.BUS
-                machine, now = self._machine, self._machine.clock.now()
-                machine.supervisor.fail(now, text_of(error), self._part, machine.guard, may_brake=may_brake)
+                self._fail(error, may_brake=attempt == self._run_tick)
             if self._machine.supervisor.over:
                 return
 
@@ -202,7 +200,8 @@ class Loop:
         self._part = StopCause.FILTER
         goal = self._unwritten() or gate.check(None if target is None else target.joints)
         if goal is None and self._is_led_on_soles(state):
-            target, goal = self._stop_on_soles()
+            alternative, goal = self._stop_on_soles()
+            target = alternative or target
         goal = goal or gate.brake()
         self._write(goal, target)
         self._keep(state, goal, target)
@@ -216,6 +215,14 @@ class Loop:
             goal = self._unwritten() or machine.gate.brake()
             self._write(goal, None)
             self._keep(machine.supervisor.state, goal, None)
+
+    def _fail(self, error: Exception, *, may_brake: bool) -> None:
+        """A tick has failed. Without the bus no robot brakes; a goal that no servo takes is no failure of the bus."""
+        machine, cause = self._machine, self._part
+        if isinstance(error, HardwareError) and not isinstance(error, BusError):
+            cause = StopCause.FILTER if cause is StopCause.BUS else cause
+        may_brake = may_brake and cause is not StopCause.BUS
+        machine.supervisor.fail(machine.clock.now(), text_of(error), cause, machine.guard, may_brake=may_brake)
 
     # The steps of a tick.
 
@@ -281,7 +288,8 @@ class Loop:
             followable = self._sample is not None
         reason = NOT_FOLLOWABLE.format(samples.hold_reason) if not followable else ""
         reason = reason or ("the bus is silent" if not answered else "no posture found")
-        followable = followable and answered and not self._follow.lost
+        lost = self._machine.supervisor.state is RunState.FOLLOW and self._follow.lost
+        followable = followable and answered and not lost
         return replace(situation, followable=followable, hold_reason=reason, paused=samples.paused)
 
     def _unwritten(self) -> CheckedGoal | None:
@@ -345,11 +353,12 @@ class Loop:
         """Stop and switch torque off after an interrupt or an error outside of a tick. Raises TorqueError from it where
         torque could not be switched off."""
         machine = self._machine
-        machine.guard.latch(StopCause.REQUESTED, text_of(error))
-        while not machine.supervisor.over:
-            self.tick()
-        with suppress(Exception):
-            machine.guard.release()
+        if machine.supervisor.torque:
+            machine.guard.latch(StopCause.REQUESTED, text_of(error))
+            while not machine.supervisor.over:
+                self.tick()
+            with suppress(Exception):
+                machine.guard.release()
         stop = machine.guard.stop
         if stop is not None and stop.powered:
             raise TorqueError(stop.reason) from error

@@ -80,7 +80,7 @@ class Gate:
         self._braking = Braking(*limits, dt=self._dt)
         self._joints = np.zeros_like(limits[0])  # sent last
         self._displacement = np.zeros_like(limits[0])  # of the last tick
-        self._number = 0
+        self._number, self._seal = 0, _Seal()
         self.goal: CheckedGoal | None = None
         """The goal made last; None before `begin`."""
 
@@ -182,7 +182,7 @@ class Gate:
 
     def _make(self, posture: FloatArray, *, passed: bool) -> CheckedGoal:
         self._number += 1
-        self.goal = CheckedGoal(self._joints.copy(), posture.copy(), passed, self._number, _Seal())
+        self.goal = CheckedGoal(self._joints.copy(), posture.copy(), passed, self._number, self._seal)
         return self.goal
 
 
@@ -193,7 +193,7 @@ class PassThroughGate:
     def __init__(self, max_acceleration: FloatArray, *, dt: float) -> None:
         self._change = np.asarray(max_acceleration) * dt**2
         self._joints, self._displacement = np.zeros_like(self._change), np.zeros_like(self._change)
-        self._number = 0
+        self._number, self._seal = 0, _Seal()
         self.goal: CheckedGoal | None = None
         """The goal made last."""
 
@@ -233,5 +233,5 @@ class PassThroughGate:
 
     def _make(self, *, passed: bool) -> CheckedGoal:
         self._number += 1
-        self.goal = CheckedGoal(self._joints.copy(), self._joints.copy(), passed, self._number, _Seal())
+        self.goal = CheckedGoal(self._joints.copy(), self._joints.copy(), passed, self._number, self._seal)
         return self.goal

@@ -9,7 +9,7 @@ import pytest
 from messages import refuses
 from retarget.errors import UsageError
 from retarget.recording.npz import human_body_path, save_path, write_npz
-from retarget.run.loop import Pipeline
+from retarget.run.loop import Watch, run_human
 from retarget.run.run_result import RunResult
 from rig import StubReconstructor, person, result, scripted_run, short_clip
 
@@ -72,7 +72,7 @@ def test_mujoco_alone_finds_the_same_landmarks(run: RunResult, tmp_path: Path) -
 
 def test_a_run_of_the_human_brings_its_body(tmp_path: Path) -> None:
     human, clip = person(), short_clip(rate_hz=None)
-    ending = Pipeline(clip=clip, reconstructor=StubReconstructor(human)).run()
+    ending = run_human(clip, StubReconstructor(human), Watch())
     path = tmp_path / "run.npz"
     write_npz(result(ending, clip, human, None), path)
     with np.load(path) as data:

@@ -20,7 +20,7 @@ from retarget.recording.motion import Motion
 from retarget.recording.npz import write_npz
 from retarget.recording.read_run import read_run
 from retarget.recording.reading import read_recording
-from retarget.run.loop import Pipeline
+from retarget.run.loop import Watch, run_human
 from retarget.run.options import PhysicsOptions, RunOptions
 from rig import StubReconstructor, person, result, scripted_run, short_clip
 
@@ -62,7 +62,7 @@ def test_what_run_saves_is_read(tmp_path: Path) -> None:
 
 def test_a_run_of_the_human_alone_needs_no_body_file(tmp_path: Path) -> None:
     human, clip = person(), short_clip(rate_hz=None)
-    run = result(Pipeline(clip=clip, reconstructor=StubReconstructor(human)).run(), clip, human, None)
+    run = result(run_human(clip, StubReconstructor(human), Watch()), clip, human, None)
     write_npz(run, tmp_path / "run.npz")
     (tmp_path / "run_human.xml").unlink()
     found = read_run(tmp_path / "run.npz")

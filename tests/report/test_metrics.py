@@ -11,7 +11,7 @@ from retarget.report.measure import measure
 from retarget.report.motion_metrics import jerk_p95, limit_violations
 from retarget.report.report import Report
 from retarget.rotations import IDENTITY
-from retarget.run.loop import Pipeline
+from retarget.run.loop import Watch, run_human
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
 from retarget.types import FloatArray
@@ -166,7 +166,7 @@ def report() -> Report:
     script = np.zeros((51, 20))
     script[30:, 3] = 1.0
     rig, human, clip = Rig(script), person(), short_clip()
-    ending = Pipeline(clip=clip, reconstructor=StubReconstructor(human), robot=rig.side).run()
+    ending = rig.loop(clip).run()
     return measure(result(ending, clip, human, rig.robot))
 
 
@@ -189,7 +189,7 @@ def test_the_report_of_a_held_robot(report: Report) -> None:
 def reported(rig: Rig) -> tuple[Report, RunResult]:
     human, clip = person(), short_clip()
     run = result(
-        Pipeline(clip=clip, reconstructor=StubReconstructor(human), robot=rig.side).run(), clip, human, rig.robot
+        rig.loop(clip).run(), clip, human, rig.robot
     )
     return measure(run), run
 
@@ -251,7 +251,7 @@ def test_what_does_not_exist_yet_is_none(report: Report) -> None:
 
 def test_the_report_of_a_human_has_no_robots_values() -> None:
     human, clip = person(), short_clip(rate_hz=None)
-    ending = Pipeline(clip=clip, reconstructor=StubReconstructor(human)).run()
+    ending = run_human(clip, StubReconstructor(human), Watch())
     report = measure(result(ending, clip, human, None))
     assert report.robot == "human" and list(report.tracking_mm) == list(clip.frames.names)
     for value in (

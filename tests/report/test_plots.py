@@ -11,7 +11,7 @@ from retarget.errors import UsageError
 from retarget.report.plots import PICTURES, plot_balance, plot_tracking, write_plots
 from retarget.report.pose_pictures import performer_facing, plot_poses, telling_ticks, turned
 from retarget.rotations import multiply
-from retarget.run.loop import Pipeline
+from retarget.run.loop import Watch, run_human
 from retarget.run.run_result import RunResult
 from rig import Rig, StubReconstructor, person, result, short_clip
 
@@ -19,14 +19,14 @@ from rig import Rig, StubReconstructor, person, result, short_clip
 @pytest.fixture(scope="module")
 def run() -> RunResult:
     rig, human, clip = Rig(np.zeros((51, 20))), person(), short_clip()
-    ending = Pipeline(clip=clip, reconstructor=StubReconstructor(human), robot=rig.side).run()
+    ending = rig.loop(clip).run()
     return result(ending, clip, human, rig.robot)
 
 
 @pytest.fixture(scope="module")
 def human_run() -> RunResult:
     human, clip = person(), short_clip(rate_hz=None)
-    ending = Pipeline(clip=clip, reconstructor=StubReconstructor(human)).run()
+    ending = run_human(clip, StubReconstructor(human), Watch())
     return result(ending, clip, human, None)
 
 

@@ -11,7 +11,6 @@ from messages import refuses
 from retarget.errors import UsageError
 from retarget.report.measure import measure
 from retarget.report.report import Report, report_path, write_report
-from retarget.run.loop import Pipeline
 from retarget.schema.files import check_folder, check_place, write_atomic
 from rig import Rig, StubReconstructor, person, result, short_clip
 
@@ -26,7 +25,7 @@ CONTRACT = [
 @pytest.fixture(scope="module")
 def report() -> Report:
     rig, human, clip = Rig(np.zeros((51, 20))), person(), short_clip()
-    ending = Pipeline(clip=clip, reconstructor=StubReconstructor(human), robot=rig.side).run()
+    ending = rig.loop(clip).run()
     return measure(result(ending, clip, human, rig.robot))
 
 
@@ -45,7 +44,7 @@ def test_numbers_that_are_not_finite_become_null() -> None:
     from dataclasses import replace
 
     rig, human, clip = Rig(np.zeros((51, 20))), person(), short_clip()
-    ending = Pipeline(clip=clip, reconstructor=StubReconstructor(human), robot=rig.side).run()
+    ending = rig.loop(clip).run()
     broken = replace(measure(result(ending, clip, human, rig.robot)), lag_s=float("nan"), jerk_p95=float("inf"))
     data = json.loads(broken.as_json())
     assert data["lag_s"] is None and data["jerk_p95"] is None

@@ -22,7 +22,7 @@ from retarget.report.plot_style import new_figure
 from retarget.report.plots import PICTURES
 from retarget.report.report import Report, page_path, report_path
 from retarget.report.verdicts import moments
-from retarget.run.loop import Pipeline
+from retarget.run.loop import Watch, run_human
 from retarget.run.run_result import Fallen, PhysicsRun, RunResult
 from rig import StubReconstructor, person, result, scripted_run, short_clip
 
@@ -226,7 +226,7 @@ def test_a_fall_is_a_moment_too(run: RunResult) -> None:
 
 def test_a_human_alone(tmp_path: Path) -> None:
     human, clip = person(), short_clip(rate_hz=None)
-    alone = result(Pipeline(clip=clip, reconstructor=StubReconstructor(human)).run(), clip, human, None)
+    alone = result(run_human(clip, StubReconstructor(human), Watch()), clip, human, None)
     write_page(alone, measure(alone), tmp_path / "report.html")
     page = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
     data = data_of(page)

@@ -10,7 +10,6 @@ from rich.console import Console
 from retarget.report.measure import measure
 from retarget.report.report import Report
 from retarget.report.summary import show_summary
-from retarget.run.loop import Pipeline
 from rig import Rig, StubReconstructor, person, result, short_clip
 
 
@@ -20,7 +19,7 @@ def report() -> Report:
     script = np.zeros((51, 20))
     script[:, 5] = 0.15 * (1.0 - np.cos(2.0 * np.pi * np.arange(51) / 50.0))
     rig, human, clip = Rig(script), person(), short_clip()
-    ending = Pipeline(clip=clip, reconstructor=StubReconstructor(human), robot=rig.side).run()
+    ending = rig.loop(clip).run()
     return measure(result(ending, clip, human, rig.robot))
 
 

@@ -7,7 +7,6 @@ from hardware.clock import Clock, VirtualClock
 from messages import shows
 from retarget.human.samples import Playback
 from retarget.model.robot import RobotBody
-from retarget.run.loop import Pipeline
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
 from retarget.run.record import Phase
@@ -85,7 +84,7 @@ def approaching(slow: float) -> FloatArray:
     rig = Rig(np.full((60, 20), 0.3))
     rig.guard.health.warnings.speed_override = slow
     clip = short_clip(seconds=1.0)
-    record = Pipeline(clip=clip, reconstructor=StubReconstructor(person()), robot=rig.side).run().record
+    record = rig.loop(clip).run().record
     assert record.robot is not None
     return rig.robot.joint_map.to_radians(record.robot.goal_ticks[record.phase == Phase.APPROACH])
 

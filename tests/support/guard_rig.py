@@ -3,10 +3,11 @@
 import numpy as np
 
 from hardware.arrays import FloatArray
-from hardware.bus import ServoGoals, ServoStates
+from hardware.bus import ServoGoals
+from hardware.checked_goal import CheckedGoal
 from hardware.clock import VirtualClock
-from hardware.guard import FindGoal, Guard
-from hardware.guard_state import GuardLimits, GuardState
+from hardware.guard import Guard
+from hardware.guard_state import GuardLimits
 from hardware.joint_map import JointMap
 from retarget.safety.gate import Gate
 from servos import four_servos
@@ -36,28 +37,34 @@ class Recorder(MockBus):
 
 
 class Rig:
-    """A guard with everything around it, on virtual time."""
+    """A guard and a gate with everything around them, on virtual time."""
 
     def __init__(self, *faults: MockFault, limits: GuardLimits | None = None) -> None:
         self.clock = VirtualClock()
         self.bus = Recorder(self.clock, faults)
         self.gate = Gate.for_servos(MAP, dt=DT)
-        self.guard = Guard(bus=self.bus, joint_map=MAP, goal_filter=self.gate, clock=self.clock, limits=limits)
+        self.guard = Guard(bus=self.bus, joint_map=MAP, clock=self.clock, limits=limits)
         self.bus.open()
 
-    def state(self) -> GuardState:
-        return self.guard.state
+    def arm(self) -> FloatArray:
+        """Switch torque on. Returns the present posture, rad (4,)."""
+        present = self.guard.present()
+        self.guard.arm(self.gate.begin(present))
+        return present
 
-    def run(self, ticks: int, find_goal: FindGoal | None = None) -> None:
+    def run(self, ticks: int) -> None:
+        """So many ticks towards a goal for the first joint, always faster; braking once a stop is latched."""
         for _ in range(ticks):
-            if self.guard.active:
-                self.clock.advance(DT)
-                self.guard.tick(find_goal or self.faster)
+            self.clock.advance(DT)
+            self.guard.read()
+            self.guard.write(self.gate.brake() if self.guard.stop else self.faster())
 
-    def faster(self, _: ServoStates) -> FloatArray:
-        """A goal for the first joint, always faster."""
+    def faster(self) -> CheckedGoal:
+        """The next goal of the first joint, a little faster than the last."""
         speed = np.minimum(np.abs(self.gate.velocity) + MAP.max_acceleration * DT, 2.0)
-        return self.gate.position + speed * DT * [-1, 0, 0, 0]
+        assert self.gate.goal is not None
+        goal = self.gate.check(self.gate.goal.joints + speed * DT * [-1, 0, 0, 0])
+        return goal or self.gate.brake()
 
     def check_goals(self) -> None:
         """Assert that what was written keeps speed and acceleration, but for the rounding to ticks."""

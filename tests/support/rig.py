@@ -10,9 +10,9 @@ from retarget.ik.support_polygon import plant
 from retarget.model.human import Human, PostureReader, build_human, human_limits
 from retarget.model.human_dimensions import POINTS, proportional_dimensions
 from retarget.model.robot import RobotBody, load_robot
-from retarget.run.loop import Ending, Pipeline, Watch
-from retarget.run.robot_side import RobotSide
+from retarget.run.loop import Ending, Loop, Machine, Watch
 from retarget.run.run_result import RunResult
+from retarget.run.supervisor import Supervisor
 from retarget.safety.gate import Gate
 from retarget.schema.performer import Performer, load_performer
 from retarget.types import BoolArray, FloatArray, HumanPosture, RobotPosture
@@ -71,19 +71,19 @@ class StubFollower:
         self.contact_states: list[BoolArray | None] = []
         self.overrides: list[float] = []
         self.returns: list[FloatArray] = []
-        self.separated, self.passed_s = 0, 0.0
+        self.passed_s = 0.0
         self.stance = plant(robot, robot.profile.postures.stand)
 
     def start(self, human: HumanPosture) -> RobotPosture:
         self.tick = 0
         return self._posture(0)
 
-    def settle(self, human: HumanPosture, dt: float) -> list[RobotPosture]:
-        return []
+    def settle(self, human: HumanPosture, dt: float) -> RobotPosture | None:
+        return None
 
     def step(self, human: HumanPosture, dt: float) -> RobotPosture:
         self.tick += 1
-        return self._posture(self.tick)
+        return self._posture(self.tick - 1)
 
     def set_speed_override(self, override: float) -> None:
         self.overrides.append(override)
@@ -94,11 +94,8 @@ class StubFollower:
     def return_to_stance(self, dt: float) -> FloatArray | None:
         return None
 
-    def begin_return_to_stance(self, q: FloatArray) -> None:
+    def begin_return_to_stance(self, q: FloatArray, dt: float) -> None:
         self.returns.append(q[self.robot.servo_columns].copy())
-
-    def separate_limbs(self) -> None:
-        self.separated += 1
 
     def pass_time(self, dt: float) -> None:
         self.passed_s += dt
@@ -141,17 +138,26 @@ class Rig:
         self.bus = MockBus(self.robot.joint_map.servos, self.clock, start=start, **bus_options)  # type: ignore[arg-type]
         self.bus.open()
         self.gate = Gate.for_servos(self.robot.joint_map, dt=self.dt)
-        self.guard = Guard(bus=self.bus, joint_map=self.robot.joint_map, goal_filter=self.gate, clock=self.clock)
+        self.guard = Guard(bus=self.bus, joint_map=self.robot.joint_map, clock=self.clock)
         self.follower = StubFollower(self.robot, script)
-        self.side = RobotSide(
+        self.supervisor = Supervisor(goes_to_rest=goes_to_rest)
+        self.notes: list[str] = []
+        self.machine = Machine(
             robot=self.robot,
             follower=self.follower,
-            goals=self.gate,
+            gate=self.gate,
             guard=self.guard,
+            supervisor=self.supervisor,
             clock=self.clock,
             dt=self.dt,
             goes_to_rest=goes_to_rest,
+            notify=self.notes.append,
         )
+
+    def loop(self, clip: Clip | None = None, watch: Watch | None = None) -> Loop:
+        """A run of a clip; None: 0.4 s of the synthetic performer."""
+        clip = short_clip(seconds=0.4) if clip is None else clip
+        return Loop(self.machine, clip, StubReconstructor(person()), Watch() if watch is None else watch)
 
 
 def person() -> Human:
@@ -167,7 +173,7 @@ def result(ending: Ending, clip: Clip, human: Human, robot: RobotBody | None) ->
         performer=five(),
         robot=robot,
         priorities=(),
-        state=ending.state,
+        state=None if ending.state is None else ending.state.value,
         reason=ending.reason,
         wall_s=ending.wall_s,
         has_bus=robot is not None,
@@ -179,10 +185,9 @@ def scripted_run() -> RunResult:
     script = np.zeros((51, 20))
     script[:, 1] = np.linspace(0.0, 0.02, 51)
     rig, human, clip = Rig(script), person(), short_clip()
-    ending = Pipeline(clip=clip, reconstructor=StubReconstructor(human), robot=rig.side).run()
+    ending = rig.loop(clip).run()
     return result(ending, clip, human, rig.robot)
 
 
 def play(rig: Rig, watch: Watch | None = None) -> Ending:
-    clip = short_clip(seconds=0.4)
-    return Pipeline(clip=clip, reconstructor=StubReconstructor(person()), robot=rig.side).run(watch)
+    return rig.loop(watch=watch).run()

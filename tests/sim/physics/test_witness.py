@@ -12,7 +12,6 @@ from retarget.report.measure import measure
 from retarget.report.motion_metrics import PhysicsReport, physics_report
 from retarget.report.plots import plot_pressure
 from retarget.report.summary import physics_facts
-from retarget.run.loop import Pipeline
 from retarget.run.run_result import PhysicsRun, RunResult
 from rig import Rig, StubReconstructor, person, result, short_clip
 from sim.buses import simulation_of
@@ -24,7 +23,7 @@ from sim.physics.witness import AFTERMATH_S, Witness, physics_run, physics_summa
 @pytest.fixture(scope="module")
 def bare() -> RunResult:
     rig, human, clip = Rig(np.zeros((51, 20))), person(), short_clip()
-    ending = Pipeline(clip=clip, reconstructor=StubReconstructor(human), robot=rig.side).run()
+    ending = rig.loop(clip).run()
     return result(ending, clip, human, rig.robot)
 
 

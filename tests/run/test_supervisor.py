@@ -1,0 +1,241 @@
+"""The state machine of a run: its table, its time limits, and what it latches."""
+
+from math import inf
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from guard_rig import Rig
+from hardware.guard import Torque
+from hardware.guard_state import StopCause
+from messages import shows
+from retarget.run.supervisor import (
+    AT_RISK,
+    COMMANDED_S,
+    LONGEST_BRAKE_S,
+    LONGEST_HOLD_S,
+    STATES,
+    TRANSITIONS,
+    Event,
+    Situation,
+    StopCategory,
+    Supervisor,
+    tables_of_states,
+)
+from retarget.types import RunState
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "stops.md"
+FOLLOWED = Situation(followable=True, approached=True)
+LOST = Situation(hold_reason="no data", approached=True)
+STANDS = Situation(approached=True, stands=True)
+
+
+def running(*, goes_to_rest: bool = True, state: RunState = RunState.FOLLOW) -> tuple[Supervisor, Rig]:
+    """A supervisor in a state, and an armed guard."""
+    rig, supervisor = Rig(), Supervisor(goes_to_rest=goes_to_rest)
+    rig.arm()
+    for event in (Event.READY, Event.ARMED, Event.ARRIVED):
+        assert supervisor.take(event, 0.0)
+    supervisor.state = state
+    return supervisor, rig
+
+
+# The table.
+
+
+def test_every_state_with_torque_can_be_switched_off_at_once() -> None:
+    for state, row in STATES.items():
+        if row.torque:
+            transition = TRANSITIONS[state, Event.TORQUE_OFF]
+            assert (transition.to, transition.category) == (RunState.FAULT, StopCategory.TORQUE_OFF)
+
+
+def test_every_state_is_reached_and_every_one_with_torque_ends() -> None:
+    reached = {RunState.IDLE}
+    for _ in STATES:
+        reached |= {row.to for (state, _), row in TRANSITIONS.items() if state in reached}
+    assert reached == set(RunState) == set(STATES)
+    ends = {RunState.OFF, RunState.FAULT}
+    for _ in STATES:
+        ends |= {state for (state, _), row in TRANSITIONS.items() if row.to in ends}
+    assert {state for state, row in STATES.items() if row.torque} <= ends
+
+
+def test_torque_comes_on_only_by_arming() -> None:
+    on = {(state, event) for (state, event), row in TRANSITIONS.items() if STATES[row.to].torque}
+    assert {one for one in on if not STATES[one[0]].torque} == {(RunState.ARMING, Event.ARMED)}
+
+
+def test_a_robot_that_stops_never_follows_again() -> None:
+    after = {RunState.STOPPING}
+    for _ in STATES:
+        after |= {row.to for (state, _), row in TRANSITIONS.items() if state in after}
+    assert after == {
+        RunState.STOPPING,
+        RunState.RETURN_TO_STANCE,
+        RunState.GO_TO_REST,
+        RunState.OFF,
+        RunState.FAULT,
+    }
+
+
+def test_every_state_in_which_the_robot_does_not_follow_has_a_time_limit() -> None:
+    unlimited = {state for state, row in STATES.items() if row.torque and row.limit_s == inf}
+    assert unlimited == {RunState.APPROACH, RunState.FOLLOW}
+    assert all((state, Event.TIMEOUT) in TRANSITIONS for state, row in STATES.items() if row.limit_s < inf)
+
+
+def test_the_page_shows_what_is_executed() -> None:
+    assert tables_of_states() in PAGE.read_text(encoding="utf-8")
+
+
+@given(events=st.lists(st.sampled_from(Event), max_size=30))
+def test_no_order_of_events_leaves_the_table(events: list[Event]) -> None:
+    supervisor = Supervisor()
+    for event in events:
+        before = supervisor.state
+        assert supervisor.take(event, 1.0) == ((before, event) in TRANSITIONS)
+        assert supervisor.state is (TRANSITIONS[before, event].to if (before, event) in TRANSITIONS else before)
+
+
+# What a situation leads to.
+
+
+def test_a_performer_who_is_lost_is_held_and_followed_again() -> None:
+    supervisor, rig = running()
+    assert supervisor.step(1.0, FOLLOWED, rig.guard) is RunState.FOLLOW
+    assert supervisor.step(1.1, LOST, rig.guard) is RunState.HOLD and supervisor.hold_reason == "no data"
+    assert supervisor.step(1.2, FOLLOWED, rig.guard) is RunState.FOLLOW
+    assert rig.guard.stop is None
+
+
+def test_a_hold_on_the_approach_goes_on_with_it() -> None:
+    supervisor, rig = running(state=RunState.APPROACH)
+    assert supervisor.step(1.0, Situation(hold_reason="no data"), rig.guard) is RunState.HOLD
+    assert supervisor.step(1.1, Situation(followable=True), rig.guard) is RunState.APPROACH
+
+
+def test_a_hold_ends_in_a_stop_with_its_reason() -> None:
+    supervisor, rig = running()
+    supervisor.step(1.0, LOST, rig.guard)
+    assert supervisor.step(1.0 + LONGEST_HOLD_S, LOST, rig.guard) is RunState.HOLD
+    assert supervisor.step(1.1 + LONGEST_HOLD_S, LOST, rig.guard) is RunState.STOPPING
+    assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.STALE_GOAL
+    shows(rig.guard.stop.reason)
+
+
+@pytest.mark.parametrize(("between", "ends"), [(0.9 * COMMANDED_S, True), (1.1 * COMMANDED_S, False)])
+def test_holds_with_single_goals_between_them_count_as_one(between: float, ends: bool) -> None:
+    supervisor, rig = running()
+    supervisor.step(10.0, LOST, rig.guard)
+    supervisor.step(13.0, FOLLOWED, rig.guard)
+    supervisor.step(13.0 + between, LOST, rig.guard)
+    state = supervisor.step(10.1 + LONGEST_HOLD_S, LOST, rig.guard)
+    assert state is (RunState.STOPPING if ends else RunState.HOLD)
+
+
+def test_a_pause_on_purpose_is_not_counted() -> None:
+    supervisor, rig = running()
+    paused = Situation(approached=True, paused=True, hold_reason="paused by the operator")
+    for second in range(100):
+        assert supervisor.step(float(second), paused, rig.guard) is RunState.HOLD
+    assert supervisor.step(99.0 + LONGEST_HOLD_S, LOST, rig.guard) is RunState.HOLD
+
+
+@pytest.mark.parametrize("state", AT_RISK)
+@pytest.mark.parametrize("situation", [Situation(stop="space bar"), Situation(over=True)])
+def test_a_stop_that_is_asked_for_and_the_end_stop_the_robot(state: RunState, situation: Situation) -> None:
+    supervisor, rig = running(state=state)
+    assert supervisor.step(1.0, situation, rig.guard) is RunState.STOPPING
+    assert (rig.guard.stop is None) == situation.over
+    assert rig.guard.stop is None or rig.guard.stop.cause is StopCause.REQUESTED
+
+
+@pytest.mark.parametrize("state", [state for state, row in STATES.items() if row.torque])
+def test_a_forced_stop_switches_torque_off_at_once(state: RunState) -> None:
+    supervisor, rig = running(state=state)
+    assert supervisor.step(1.0, Situation(torque_off="forced"), rig.guard) is RunState.FAULT
+    assert rig.guard.torque is Torque.OFF and not rig.bus.torque_on
+    assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.REQUESTED
+
+
+@pytest.mark.parametrize("state", [*AT_RISK, RunState.RETURN_TO_STANCE, RunState.GO_TO_REST])
+def test_a_fault_brakes_and_does_not_lead_to_rest(state: RunState) -> None:
+    supervisor, rig = running(state=state)
+    rig.guard.latch(StopCause.SERVO_ALERT, "too hot")
+    assert supervisor.step(1.0, FOLLOWED, rig.guard) is RunState.STOPPING
+    assert rig.guard.torque is Torque.ON
+    assert supervisor.step(1.1, STANDS, rig.guard) is RunState.FAULT
+
+
+def test_a_stop_goes_by_the_stance_to_rest() -> None:
+    supervisor, rig = running()
+    supervisor.step(1.0, Situation(stop="space bar"), rig.guard)
+    assert supervisor.step(1.1, Situation(approached=True), rig.guard) is RunState.STOPPING
+    assert supervisor.step(1.2, STANDS, rig.guard) is RunState.RETURN_TO_STANCE
+    assert supervisor.step(1.3, Situation(arrived=True, stands=True), rig.guard) is RunState.GO_TO_REST
+    assert supervisor.step(1.4, Situation(arrived=True, stands=True), rig.guard) is RunState.OFF
+    assert supervisor.over and not supervisor.torque
+
+
+def test_on_the_straight_approach_a_stop_goes_straight_to_rest() -> None:
+    supervisor, rig = running(state=RunState.APPROACH)
+    supervisor.step(1.0, Situation(stop="space bar"), rig.guard)
+    assert supervisor.step(1.1, Situation(stands=True, straight=True), rig.guard) is RunState.GO_TO_REST
+
+
+def test_without_a_way_to_rest_torque_goes_off_where_the_robot_stands() -> None:
+    supervisor, rig = running(goes_to_rest=False)
+    supervisor.step(1.0, Situation(over=True), rig.guard)
+    assert supervisor.step(1.1, STANDS, rig.guard) is RunState.OFF
+
+
+def test_braking_has_a_bound() -> None:
+    supervisor, rig = running()
+    supervisor.step(1.0, Situation(stop="space bar"), rig.guard)
+    assert supervisor.step(1.1 + LONGEST_BRAKE_S, Situation(), rig.guard) is RunState.FAULT
+    assert rig.guard.torque is Torque.OFF and rig.guard.stop is not None
+    shows(rig.guard.stop.reason)
+
+
+@pytest.mark.parametrize("state", [RunState.RETURN_TO_STANCE, RunState.GO_TO_REST])
+def test_the_way_to_rest_has_a_bound(state: RunState) -> None:
+    supervisor, rig = running(state=state)
+    after = supervisor.step(1.0 + STATES[state].limit_s, Situation(), rig.guard)
+    assert after is TRANSITIONS[state, Event.TIMEOUT].to and rig.guard.stop is None
+
+
+# A tick that fails.
+
+
+@pytest.mark.parametrize("state", AT_RISK)
+def test_a_failure_stops_the_robot_with_its_cause(state: RunState) -> None:
+    supervisor, rig = running(state=state)
+    supervisor.fail(1.0, "it broke", StopCause.SOURCE, rig.guard, may_brake=True)
+    assert supervisor.state is RunState.STOPPING and rig.guard.stop is not None
+    assert (rig.guard.stop.cause, rig.guard.stop.reason) == (StopCause.SOURCE, "it broke")
+
+
+@pytest.mark.parametrize("state", [state for state, row in STATES.items() if row.torque])
+def test_a_failure_of_the_bus_costs_the_torque(state: RunState) -> None:
+    supervisor, rig = running(state=state)
+    supervisor.fail(1.0, "port gone", StopCause.BUS, rig.guard, may_brake=False)
+    assert supervisor.state is RunState.FAULT and rig.guard.torque is Torque.OFF
+
+
+def test_a_return_to_stance_that_fails_is_no_fault_of_the_robot() -> None:
+    said: list[str] = []
+    supervisor, rig = running(state=RunState.RETURN_TO_STANCE)
+    supervisor._notify = said.append
+    supervisor.fail(1.0, "it broke", StopCause.SOURCE, rig.guard, may_brake=True)
+    assert rig.guard.stop is None and TRANSITIONS[RunState.RETURN_TO_STANCE, Event.FAILED].to is supervisor.state
+    shows(said[0])
+
+
+def test_a_way_to_rest_that_fails_ends_where_the_robot_stands() -> None:
+    supervisor, rig = running(state=RunState.GO_TO_REST)
+    supervisor.fail(1.0, "it broke", StopCause.SOURCE, rig.guard, may_brake=True)
+    assert supervisor.state is RunState.STOPPING
+    assert supervisor.step(1.1, STANDS, rig.guard) is RunState.FAULT
