@@ -106,10 +106,10 @@ class PhysicsBench:
         self._bus = self._physics_bus(robot, clock)
         return self._bus
 
-    def watching(self, stop_asked: Callable[[], bool], prepared: Prepared, *, live: bool = False) -> Callable[[], bool]:
-        """A `stop_asked` for every tick that also stops the run after a fall."""
+    def watching(self, question: Callable[[], bool], prepared: Prepared, *, live: bool = False) -> Callable[[], bool]:
+        """A question of every tick that also looks at the simulation: a fall stops the run, whatever its state."""
         if self._bus is None or prepared.machine is None:
-            return stop_asked
+            return question
         machine, samples = prepared.machine, prepared.samples
         witness, within = self._bus.witness, LIVE_PUSH_S if live else samples.ticks * samples.dt
 
@@ -119,7 +119,7 @@ class PhysicsBench:
                 self._push(now, within)
             if fall is not None and now >= fall.time + AFTER_FALL_S and machine.guard.may_go_to_rest:
                 machine.guard.latch(StopCause.FALLEN, f"the robot has fallen: {fall.how}")
-            return stop_asked()
+            return question()
 
         return asked
 

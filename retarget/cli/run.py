@@ -104,7 +104,7 @@ def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: 
                 asked = page.with_stop_button(bench.watching(stop, prepared), stop)
                 if prepared.machine is None and outputs.view is not None:
                     asked = in_time(asked, prepared.samples.dt, clock)
-                watch = Watch(show, asked, stop.forced_stop, stop.why)
+                watch = Watch(show, asked, bench.watching(stop.forced_stop, prepared), stop.why)
                 run = recorded.run(page.watch(recorder.watch(watch, prepared)))
         # Signals are still received and not raised, so that the files are written.
         return recorder.code(finished(bench.seen(run), outputs))
@@ -295,7 +295,8 @@ def _watch(
     if prepared.machine is None:
         look = in_time(look, prepared.samples.dt, clock)
     asked = bench.watching(look, prepared, live=True)
-    return Watch(stop_asked=asked, torque_off_asked=controls.forced_stop, why=controls.why)
+    forced = bench.watching(controls.forced_stop, prepared, live=True)
+    return Watch(stop_asked=asked, torque_off_asked=forced, why=controls.why)
 
 
 def _refuse_played(options: RunOptions) -> None:

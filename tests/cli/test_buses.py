@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from retarget.run.rest_trajectory import RestTrajectory
 
 from check_helpers import copy_of_op3
 from hardware.clock import VirtualClock
@@ -32,7 +33,6 @@ from retarget.report.outputs import Outputs
 from retarget.run.loop import Watch
 from retarget.run.options import PhysicsOptions, RunOptions
 from retarget.run.prepare import prepare
-from retarget.run.rest_trajectory import RestTrajectory
 from retarget.run.run_result import RunResult
 from retarget.sources.asf_amc import read_amc
 from sim.mock_bus import MockBus, NoBus

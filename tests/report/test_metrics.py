@@ -188,9 +188,7 @@ def test_the_report_of_a_held_robot(report: Report) -> None:
 
 def reported(rig: Rig) -> tuple[Report, RunResult]:
     human, clip = person(), short_clip()
-    run = result(
-        rig.loop(clip).run(), clip, human, rig.robot
-    )
+    run = result(rig.loop(clip).run(), clip, human, rig.robot)
     return measure(run), run
 
 

@@ -12,7 +12,7 @@ from retarget.errors import UsageError
 from retarget.report.measure import measure
 from retarget.report.report import Report, report_path, write_report
 from retarget.schema.files import check_folder, check_place, write_atomic
-from rig import Rig, StubReconstructor, person, result, short_clip
+from rig import Rig, person, result, short_clip
 
 CONTRACT = [
     *("frames", "ticks", "duration_s", "rate_hz", "frames_per_s", "solve_us", "reconstruct_us", "retarget_us"),

@@ -10,7 +10,7 @@ from rich.console import Console
 from retarget.report.measure import measure
 from retarget.report.report import Report
 from retarget.report.summary import show_summary
-from rig import Rig, StubReconstructor, person, result, short_clip
+from rig import Rig, person, result, short_clip
 
 
 @pytest.fixture(scope="module")

@@ -5,16 +5,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from followers import DT, op3
+from gates import admit, held, sent
 from hardware.arrays import FloatArray
 from hardware.bus import ServoGoals
-from hardware.guard_state import GoalFilter
 from hardware.servo import loop_lag
 from physics_rig import PhysicsRig, ticks
 from retarget.ik.gravity_torque import GravityTorque, joint_compliance
 from retarget.ik.support_polygon import plant
 from retarget.model.robot import load_robot
-from retarget.robot.deflection_compensation import MOST_RAD, STILL_RAD, CompensatedGoals, HeldPath
-from retarget.safety.gate import Gate
+from retarget.robot.deflection_compensation import MOST_RAD, STILL_RAD, DeflectionCompensation
+from retarget.safety.gate import Gate, PathCheck
 
 JOINTS = op3().joint_map
 STANCE = plant(op3(), op3().profile.postures.stand)
@@ -22,12 +22,11 @@ STAND = STANCE.q[op3().servo_columns]
 TINY = 1e-8
 
 
-def make(held: HeldPath | None = None, *, start: FloatArray = STAND) -> CompensatedGoals:
-    compensated = CompensatedGoals(
-        Gate.for_servos(JOINTS, dt=DT, path_is_clear=held), op3(), STANCE, dt=DT, settle=0.02, held=held
-    )
-    compensated.seed(start)
-    return compensated
+def make(path_is_clear: PathCheck | None = None, *, start: FloatArray = STAND) -> tuple[Gate, DeflectionCompensation]:
+    compensation = DeflectionCompensation(op3(), STANCE, dt=DT, settle=0.02)
+    gate = Gate.for_servos(JOINTS, dt=DT, path_is_clear=path_is_clear, compensation=compensation)
+    gate.begin(start)
+    return gate, compensation
 
 
 def load_of(angles: dict[str, float]) -> FloatArray:
@@ -45,18 +44,12 @@ def check_motion(goals: FloatArray, start: FloatArray) -> None:
     assert np.all(np.abs(np.diff(steps, axis=0, prepend=0.0)) <= JOINTS.max_acceleration * DT**2 + TINY)
 
 
-def test_it_is_a_goal_filter() -> None:
-    compensated: GoalFilter = make()
-    assert compensated.at_rest
-    np.testing.assert_array_equal(compensated.position, STAND)
-
-
 def test_the_offset_of_a_standing_robot_is_the_deflection_of_its_servos() -> None:
-    compensated = make()
-    goals = np.array([compensated.admit(STAND) for _ in range(100)])
+    gate, _ = make()
+    goals = np.array([admit(gate, STAND) for _ in range(100)])
     np.testing.assert_allclose(goals[-1] - STAND, load_of(op3().profile.postures.stand), atol=STILL_RAD)
-    np.testing.assert_array_equal(compensated.position, STAND)
-    np.testing.assert_array_equal(compensated.sent, goals[-1])
+    np.testing.assert_array_equal(held(gate), STAND)
+    np.testing.assert_array_equal(sent(gate), goals[-1])
     check_motion(goals, STAND)
     knee = JOINTS.joints.index("l_knee")
     assert np.all(np.diff(goals[:, knee]) * (goals[-1, knee] - STAND[knee]) >= 0.0), "it comes to it from one side"
@@ -66,7 +59,7 @@ def test_the_offset_of_a_standing_robot_is_the_deflection_of_its_servos() -> Non
 @given(st.integers(0, 2**31))
 def test_for_any_goal_it_keeps_the_limits_and_position_plus_offset_is_the_goal(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    compensated, sent, asked = make(), [], STAND.copy()
+    (gate, compensation), path, asked = make(), list[FloatArray](), STAND.copy()
     for _ in range(120):
         match rng.integers(8):
             case 0:
@@ -74,55 +67,54 @@ def test_for_any_goal_it_keeps_the_limits_and_position_plus_offset_is_the_goal(s
             case 1:
                 goal = np.full(len(JOINTS), rng.choice([np.nan, np.inf]))
             case 2:
-                sent.append(compensated.brake())
-                asked = compensated.position
+                path.append(gate.brake().joints)
+                asked = held(gate)
                 continue
             case _:
                 goal = asked + rng.normal(0.0, 0.002, len(JOINTS))
-        passed = compensated.passes(goal)
-        sent.append(compensated.admit(goal))
-        assert passed == bool(np.array_equal(compensated.position, goal))
-        np.testing.assert_allclose(compensated.position + compensated.offset, sent[-1], atol=1e-12)
-        assert np.abs(compensated.offset).max() <= MOST_RAD
-        asked = compensated.position
-    check_motion(np.array(sent), STAND)
+        path.append(admit(gate, goal))
+        assert gate.goal is not None and gate.goal.passed == bool(np.array_equal(held(gate), goal))
+        np.testing.assert_allclose(held(gate) + compensation.offset, path[-1], atol=1e-12)
+        assert np.abs(compensation.offset).max() <= MOST_RAD
+        asked = held(gate)
+    check_motion(np.array(path), STAND)
 
 
 def test_a_motion_within_the_limits_passes_while_the_load_changes() -> None:
     """From standing down to the rest posture: no goal is refused, and all that is sent keeps the limits."""
     end = op3().posture(op3().profile.postures.rest)[op3().servo_columns]
-    compensated, sent = make(), []
+    (gate, _), path = make(), list[FloatArray]()
     for share in 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, 200)):
         goal = STAND + share * (end - STAND)
-        sent.append(compensated.admit(goal))
-        np.testing.assert_array_equal(compensated.position, goal)
-    check_motion(np.array(sent), STAND)
+        path.append(admit(gate, goal))
+        np.testing.assert_array_equal(held(gate), goal)
+    check_motion(np.array(path), STAND)
 
 
 def test_a_stop_keeps_the_offsets_and_ends() -> None:
-    compensated, way = make(), []
+    (gate, compensation), way = make(), list[FloatArray]()
     for tick in range(60):
-        compensated.admit(STAND + 0.001 * tick)
-    offset = compensated.offset
+        admit(gate, STAND + 0.001 * tick)
+    offset = compensation.offset
     for _ in range(60):
-        sent = compensated.brake()
-        np.testing.assert_allclose(sent - compensated.position, offset, atol=1e-12)
-        way.append(sent)
-    assert compensated.at_rest and np.array_equal(way[-1], way[-2])
+        goal = gate.brake()
+        np.testing.assert_allclose(goal.joints - goal.posture, offset, atol=1e-12)
+        way.append(goal.joints)
+    assert gate.at_rest and np.array_equal(way[-1], way[-2])
 
 
 def test_with_a_constant_posture_it_is_soon_at_rest() -> None:
     """The load settles for ever; goals do not: a stop must end."""
-    compensated = make()
+    gate, _ = make()
     for tick in range(40):
-        compensated.admit(STAND + 0.002 * np.sin(0.1 * tick))
+        admit(gate, STAND + 0.002 * np.sin(0.1 * tick))
     ticks_moving = 0
     for _ in range(8):  # its own velocity is braked first
-        compensated.brake()
-    posture = compensated.position
+        gate.brake()
+    posture = held(gate)
     while ticks_moving < 100:
-        compensated.admit(posture)
-        if compensated.at_rest:
+        admit(gate, posture)
+        if gate.at_rest:
             break
         ticks_moving += 1
     assert ticks_moving < 40
@@ -133,10 +125,10 @@ def test_at_a_limit_the_goal_stays_within_it() -> None:
     start = STAND.copy()
     knee = JOINTS.joints.index("l_knee")
     start[knee] = upper[knee]  # bent as far as it goes, the load bends it more or holds it back
-    compensated = make(start=start)
-    sent = np.array([compensated.admit(start) for _ in range(50)])
-    assert (sent <= JOINTS.upper + TINY).all() and (sent >= JOINTS.lower - TINY).all()
-    np.testing.assert_array_equal(compensated.position, start)
+    gate, _ = make(start=start)
+    path = np.array([admit(gate, start) for _ in range(50)])
+    assert (path <= JOINTS.upper + TINY).all() and (path >= JOINTS.lower - TINY).all()
+    np.testing.assert_array_equal(held(gate), start)
 
 
 def test_collisions_are_looked_for_where_the_robot_is_held() -> None:
@@ -146,14 +138,14 @@ def test_collisions_are_looked_for_where_the_robot_is_held() -> None:
         paths.append(path.copy())
         return len(paths) < 150
 
-    compensated = make(HeldPath(look))
+    gate, compensation = make(look)
     for _ in range(149):
-        compensated.admit(STAND)
+        admit(gate, STAND)
         np.testing.assert_allclose(paths[-1][:2], np.array([STAND, STAND]), atol=1e-12)
-    assert np.abs(compensated.offset).max() > 0.01
-    compensated.admit(STAND + 1e-4)  # refused
+    assert np.abs(compensation.offset).max() > 0.01
+    admit(gate, STAND + 1e-4)  # refused
     np.testing.assert_allclose(paths[-1][1], STAND + 1e-4, atol=1e-12)
-    np.testing.assert_allclose(compensated.position, STAND, atol=1e-3)
+    np.testing.assert_allclose(held(gate), STAND, atol=1e-3)
 
 
 def test_a_squatting_robot_with_mass_stands_in_its_posture() -> None:
@@ -161,14 +153,14 @@ def test_a_squatting_robot_with_mass_stands_in_its_posture() -> None:
     rest = op3().profile.postures.rest
     knees = [JOINTS.joints.index(joint) for joint in ("l_knee", "r_knee")]
     plan = op3().posture(rest)[op3().servo_columns]
-    compensated = make(start=plan)
+    gate, _ = make(start=plan)
     for _ in range(100):
-        goal = compensated.admit(plan)
+        goal = admit(gate, plan)
     off = []
-    for sent in (plan, goal):
+    for goals in (plan, goal):
         rig = PhysicsRig(start=ticks(rest))
         rig.arm()
-        states = rig.run(2.0, JOINTS.to_ticks(sent))
+        states = rig.run(2.0, JOINTS.to_ticks(goals))
         off.append(float(np.abs(JOINTS.to_radians(states.position) - plan)[knees].max()))
         rig.bus.write(ServoGoals(states.position))
     assert off[0] > 0.04 > 0.012 > off[1]
@@ -181,15 +173,16 @@ def test_legs_wait_for_their_slowest_servo() -> None:
     joints = robot.joint_map
     protocols = {line.name: line.protocol for line in robot.profile.bus_specs()}
     lag = {servo.joint: loop_lag(servo, protocol=protocols[servo.bus]) for servo in joints.servos}
-    compensated = CompensatedGoals(Gate.for_servos(joints, dt=DT), robot, stance, dt=DT, settle=0.02)
+    compensation = DeflectionCompensation(robot, stance, dt=DT, settle=0.02)
+    gate = Gate.for_servos(joints, dt=DT, compensation=compensation)
     posture, speed = stance.q[robot.servo_columns].copy(), np.zeros(len(joints))
-    compensated.seed(posture)
+    gate.begin(posture)
     knee, ankle, elbow = (joints.joints.index(name) for name in ("LKnee", "LAnklePitch", "LElbow"))
     for _ in range(40):
         speed[[knee, ankle, elbow]] = np.minimum(speed[[knee, ankle, elbow]] + 20.0 * DT, 0.5)
         posture = posture + speed * DT
-        compensated.admit(posture)
-        np.testing.assert_array_equal(compensated.position, posture)
+        admit(gate, posture)
+        np.testing.assert_array_equal(held(gate), posture)
     assert lag["LAnklePitch"] > 2.0 * lag["LKnee"]
-    behind = compensated._behind[[knee, ankle, elbow]]
+    behind = compensation._sent.behind[[knee, ankle, elbow]]
     np.testing.assert_allclose(behind, [-0.5 * (lag["LAnklePitch"] - lag["LKnee"]), 0.0, 0.0], atol=1e-4)

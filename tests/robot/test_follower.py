@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from retarget.run.rest_trajectory import LONGEST_RETURN_S, RETURN_OVERRIDE
 
 from followers import DT, dimensions, follower, op3, performer, postures
 from hardware.bus import ServoBus
@@ -36,7 +37,6 @@ from retarget.run.loop import Watch
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
 from retarget.run.record import Phase
-from retarget.run.rest_trajectory import LONGEST_RETURN_S, RETURN_OVERRIDE
 from retarget.run.run_result import RunResult
 from retarget.safety.gate import Gate
 from retarget.schema.priorities import load_priorities
@@ -298,10 +298,9 @@ def followed(*, warm: bool) -> tuple[FloatArray, FloatArray]:
             robot.set_speed_override(asked(tick))
         reached = robot.step(posture, DT)
         if not rows:
-            gate.seed(reached.joint_positions)
+            gate.begin(reached.joint_positions)
         rows.append(reached.joint_positions)
-        assert gate.passes(rows[-1]), tick
-        gate.admit(rows[-1])
+        assert gate.check(rows[-1]) is not None, tick
         behind.append(float(np.linalg.norm(reached.landmarks_asked - reached.landmarks_reached, axis=1).max()))
     return np.array(rows), np.array(behind)
 

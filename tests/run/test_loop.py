@@ -8,7 +8,7 @@ from hardware.clock import VirtualClock
 from hardware.errors import BusError, RetargetError
 from messages import refuses, shows
 from retarget.report.motion_metrics import LimitViolations, limit_violations
-from retarget.run.loop import FORCED_STOP, INTERRUPTED, Ending, Watch, run_human
+from retarget.run.loop import INTERRUPTED, Ending, Watch, run_human
 from retarget.run.record import Phase, Record
 from retarget.types import FloatArray, HumanPosture, RobotPosture, RunState
 from rig import Rig, StubReconstructor, person, short_clip

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from retarget.run.rest_trajectory import RETURN_OVERRIDE
 
 from hardware.bus import ServoBus
 from hardware.clock import Clock, VirtualClock
@@ -15,7 +16,6 @@ from retarget.robot.follower import Follower
 from retarget.run.loop import Watch
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
-from retarget.run.rest_trajectory import RETURN_OVERRIDE
 from retarget.run.run_result import RunResult
 from retarget.safety.gate import Gate
 from retarget.types import FloatArray

@@ -8,6 +8,7 @@ import pytest
 from followers import DT as PATH_CLEARANCE_DT
 from followers import op3
 from gated_robot import GatedRobot, scene, sphere
+from gates import sent
 from hardware.clock import VirtualClock
 from messages import refuses
 from retarget._solver import frame_bounds
@@ -154,7 +155,7 @@ def push(robot: GatedRobot, rng: np.random.Generator, direction: FloatArray) -> 
     """A goal within every limit of the joints, as far in a direction (n,) of signs as they let it."""
     servos, gate = robot.robot.joint_map, robot.gate
     lo, hi = frame_bounds(
-        gate.position,
+        sent(gate),
         gate.velocity * PATH_CLEARANCE_DT,
         servos.lower,
         servos.upper,
@@ -163,7 +164,7 @@ def push(robot: GatedRobot, rng: np.random.Generator, direction: FloatArray) -> 
         PATH_CLEARANCE_DT,
     )
     whim = np.where(rng.random(lo.size) < 0.1, rng.uniform(lo, hi), np.where(direction > 0, hi, lo))
-    return gate.position + np.where(direction == 0.0, np.clip(0.0, lo, hi), whim)
+    return sent(gate) + np.where(direction == 0.0, np.clip(0.0, lo, hi), whim)
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -12,7 +12,7 @@ from retarget.run.prepare import prepare
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
 from retarget.types import FloatArray
-from rig import Rig, StubReconstructor, person, short_clip
+from rig import Rig, short_clip
 from sim.mock_bus import FaultKind, MockBus, MockFault
 from sim.performer import synthetic_performer
 

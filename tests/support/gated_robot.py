@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from followers import DT, op3
+from gates import admit
 from retarget import _solver
 from retarget.ik.base_pose import plant_roots
 from retarget.ik.hierarchy import SceneObstacles
@@ -46,7 +47,7 @@ class GatedRobot:
         self.clearance = PathClearance(self.robot, compiled, self.obstacles, dt=DT)
         self.gate = Gate.for_servos(self.robot.joint_map, dt=DT, path_is_clear=self.clearance if watched else None)
         self.q = plant(self.robot, self.robot.profile.postures.stand).q
-        self.gate.seed(self.sent)
+        self.gate.begin(self.sent)
         self.clearance.begin(self.q, self.sent)
 
     @property
@@ -55,7 +56,7 @@ class GatedRobot:
 
     def ask(self, goal: FloatArray) -> bool:
         """One tick. Returns whether the goal is what was sent."""
-        sent = self.gate.admit(goal)
+        sent = admit(self.gate, goal)
         q = self.standing(sent[None])[0]
         self.q = q
         self.clearance.sent(sent, q)

@@ -13,7 +13,7 @@ from retarget.report.motion_metrics import PhysicsReport, physics_report
 from retarget.report.plots import plot_pressure
 from retarget.report.summary import physics_facts
 from retarget.run.run_result import PhysicsRun, RunResult
-from rig import Rig, StubReconstructor, person, result, short_clip
+from rig import Rig, person, result, short_clip
 from sim.buses import simulation_of
 from sim.physics.mount import Mount, Support
 from sim.physics.perturbation import Perturbation, Push
