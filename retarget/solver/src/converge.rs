@@ -1,6 +1,6 @@
 //! One frame: targets in, posture out, in at most `n_ik` iterations of the convergence loop (paper, Figure 2).
 
-use crate::bounds::frame_bounds;
+use crate::braking::frame_bounds;
 use crate::frame::FrameSolver;
 use crate::progress::Instant;
 use crate::task::TaskKind;

@@ -2,7 +2,7 @@
 //! `converge` runs a frame of it, `clip` many.
 
 use crate::body::Body;
-use crate::bounds::{FrameBox, Limit};
+use crate::braking::{FrameBox, Limit};
 use crate::hierarchy::{Problem, Side, Workspace};
 use crate::kinematics::Pose;
 use crate::level_rows::{reserve_rows, watch, Layout, Placed};

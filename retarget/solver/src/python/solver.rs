@@ -2,7 +2,7 @@
 
 use super::arrays::{bad, finite, triple};
 use super::body::PyBody;
-use super::bounds::limits;
+use super::braking::limits;
 use super::observers::{activation_named, check_observed, obstacle_rows, PyObservers};
 use super::task::PyTask;
 use crate::frame::{FrameSolver, Settings};
