@@ -360,6 +360,12 @@ def frame_bounds(
     """Displacement box (lo, hi), each (n,), of one frame of dt seconds: velocity, acceleration, and a braking
     distance that stays inside lower and upper. A start beyond a limit may only come back. Always lo <= hi."""
 
+def braking_displacement(gap: float, change: float) -> float:
+    """Largest displacement x of a tick for which x + (x - change) + ... down to zero covers no more than `gap`.
+
+    change: how much a displacement may change from tick to tick. Beyond the end (gap < 0) the gap itself.
+    """
+
 @final
 class Braking:
     """Joints that each brake by themselves, within limits (n,): what may be asked of them in a tick of dt seconds, and
@@ -371,7 +377,9 @@ class Braking:
     def bounds(self, position: Floats, displacement: Floats) -> tuple[Floats, Floats]:
         """Least and largest displacements (n,) that leave a way to brake; to go on braking is always among them."""
     def braked(self, displacement: Floats) -> Floats:
-        """The next displacement (n,) under full deceleration."""
+        """The next displacement (n,) under full deceleration, each joint by itself."""
+    def in_line(self, displacement: Floats) -> Floats:
+        """The next displacement (n,) in the same direction: the joints brake together, the slowest to do so fully."""
     def admitted(self, position: Floats, displacement: Floats, goal: Floats, *, tolerance: float) -> Floats | None:
         """Displacement (n,) to a goal that misses no bound by more than `tolerance`, laid within them; else None."""
     def paths(self, position: Floats, before: Floats, displacement: Floats) -> tuple[Floats, Floats]:
@@ -380,20 +388,22 @@ class Braking:
 
 @final
 class TrajectoryGenerator:
-    """Online trajectory generation for slow moves of n joints, called every dt seconds: limits (n,) of velocity in rad/s,
-    acceleration in rad/s^2 and jerk in rad/s^3; joints that arrive together; a target that may change in every tick.
+    """Online trajectory generation for slow moves of n joints, called every dt seconds: limits (n,) of velocity in
+    rad/s, acceleration in rad/s^2 and jerk in rad/s^3; joints that arrive together; a target that may change in every
+    tick.
 
-    Source: a cascade of moving averages (Biagiotti and Melchiorri, "FIR filters for online trajectory planning", Control
-    Engineering Practice 20, 2012). A move from rest to rest is a straight line and ends exactly at the target, after about
-    distance / v + v / a + 2 a / j. From rest, the position never leaves the convex hull of the start and the targets
-    so far. Raises ValueError for NaN, wrong shapes, limits or dt that are not positive, limits that would take more than
-    10,000 ticks to average over, and a use before the first `reset`.
+    Source: a cascade of moving averages (Biagiotti and Melchiorri, "FIR filters for online trajectory planning",
+    Control Engineering Practice 20, 2012). A move from rest to rest is a straight line and ends exactly at the target,
+    after about distance / v + v / a + 2 a / j. From rest, the position never leaves the convex hull of the start and
+    the targets so far. Raises ValueError for NaN, wrong shapes, limits or dt that are not positive, limits that would
+    take more than 10,000 ticks to average over, and a use before the first `reset`.
     """
 
     def __init__(self, max_velocity: Floats, max_acceleration: Floats, max_jerk: Floats, *, dt: float) -> None: ...
     def reset(self, position: Floats, velocity: Floats | None = None, acceleration: Floats | None = None) -> None:
-        """Go on from position (n,) rad, velocity (n,) rad/s and acceleration (n,) rad/s^2, absent: at rest; each at most
-        1e6. The acceleration fades out over 2 a / j. A joint that is too fast is braked at its limit of acceleration."""
+        """Go on from position (n,) rad, velocity (n,) rad/s and acceleration (n,) rad/s^2, absent: at rest; each at
+        most 1e6. The acceleration fades out over 2 a / j. A joint that is too fast is braked at its limit of
+        acceleration."""
     def step(self, target: Floats, speed_override: float = 1.0) -> Floats:
         """One tick towards rest at target (n,) rad: the new position (n,) rad.
 

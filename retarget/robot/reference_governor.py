@@ -6,10 +6,11 @@ from its length, so a new robot needs no tuning.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import copysign, exp, floor, sqrt
+from math import copysign, exp, sqrt
 
 import numpy as np
 
+from retarget._solver import braking_displacement as braking_displacement
 from retarget.ik.hierarchy import Hierarchy
 from retarget.ik.tasks import SlotKind
 from retarget.model.robot import HEAD, TRUNK, RobotBody, joints_between
@@ -80,12 +81,6 @@ class OnlineTrajectory:
         self._before = ahead = min(ahead, limits.speed * dt, gap * min(1.0, RATE * dt))
         share = ahead / max(gap, STILL)
         return ox + share * rx, oy + share * ry, oz + share * rz
-
-
-def braking_displacement(gap: float, change: float) -> float:
-    """Largest displacement x of a tick for which x + (x - change) + ... down to zero covers no more than `gap`."""
-    ticks = floor(0.5 * (sqrt(1.0 + 8.0 * max(gap, 0.0) / change) - 1.0))
-    return (gap + 0.5 * change * ticks * (ticks + 1.0)) / (ticks + 1.0)
 
 
 STANDING, HELD = (0.5, 0.2, 0.5), (2.0, 0.4, 1.0)

@@ -32,7 +32,8 @@ class Move:
     def posture(self) -> FloatArray:
         """Some joints often do not differ from zero."""
         n = len(self.velocity)
-        return self.random.uniform(-1.5, 1.5, n) * (self.random.random(n) < self.random.choice([0.5, 1.0]))
+        anywhere = self.random.uniform(-1.5, 1.5, n)
+        return np.where(self.random.random(n) < self.random.choice([0.5, 1.0]), anywhere, 0.0)
 
     def step(self, target: FloatArray, speed_override: float = 1.0) -> FloatArray:
         self.rows.append(self.generator.step(target, speed_override))

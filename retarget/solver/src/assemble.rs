@@ -1,6 +1,6 @@
 //! The linear problem of one iteration: metric, rows and box, in the variables z = (dq - reference) / scale.
 
-use crate::bounds::iteration_bounds;
+use crate::braking::iteration_bounds;
 use crate::frame::FrameSolver;
 use crate::hierarchy::Problem;
 use crate::level_rows::Placed;

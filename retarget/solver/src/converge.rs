@@ -1,6 +1,6 @@
-//! One frame: targets in, posture out, in at most `n_ik` iterations of the convergence loop (paper, Figure 2).
+//! One frame: targets in, posture out, in at most `n_ik` iterations of the convergence loop (paper, Figure 2); and many frames in a row.
 
-use crate::bounds::frame_bounds;
+use crate::braking::frame_bounds;
 use crate::frame::FrameSolver;
 use crate::progress::Instant;
 use crate::task::TaskKind;
@@ -131,6 +131,20 @@ impl FrameSolver {
             *done += step;
         }
         self.body.integrate(&mut self.q, &self.step);
+    }
+
+    /// A row of `targets` and a row of `postures` (nq) for each frame of `dt` seconds. A clip begins with the active set with which the
+    /// clip before began: where one is made in every tick, as a way to a stop is, it begins much alike.
+    pub fn clip(&mut self, targets: &[f64], dt: f64, postures: &mut [f64]) {
+        self.first_sides.clone_from(&self.clip_sides);
+        let rows = targets.chunks_exact(self.target_size.max(1));
+        for (t, (row, posture)) in rows.zip(postures.chunks_exact_mut(self.body.nq)).enumerate() {
+            self.frame(row, dt);
+            posture.copy_from_slice(&self.q);
+            if t == 0 {
+                self.clip_sides.clone_from(&self.first_sides);
+            }
+        }
     }
 
     /// Value of a hinge or slide coordinate; 0 for others (they have no position limit).

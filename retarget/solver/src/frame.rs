@@ -1,8 +1,8 @@
 //! What a solver of frames holds from frame to frame: body, tasks, limits, the linear problem, and the posture that was reached.
-//! `converge` runs a frame of it, `clip` many.
+//! `converge` runs a frame of it, or many.
 
 use crate::body::Body;
-use crate::bounds::{FrameBox, Limit};
+use crate::braking::{FrameBox, Limit};
 use crate::hierarchy::{Problem, Side, Workspace};
 use crate::kinematics::Pose;
 use crate::level_rows::{reserve_rows, watch, Layout, Placed};

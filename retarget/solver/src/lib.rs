@@ -6,10 +6,8 @@ pub mod allocations; // heap allocations of a thread, counted for tests
 mod assemble; // the linear problem of one iteration
 mod avoid; // observers inside the convergence loop
 pub mod body; // links and joints
-pub mod bounds; // how far a coordinate may go in one frame
-pub mod braking; // goals from which every joint can stop
-mod clip; // many frames in a row
-mod converge; // one frame: the convergence loop
+pub mod braking; // how far a coordinate may go in one frame, and how joints come to rest
+mod converge; // one frame: the convergence loop; many frames in a row
 pub mod frame; // what a solver of frames holds
 pub mod geometry; // solids and the distance between them
 pub mod hierarchy; // strict levels of linear tasks, solved exactly

@@ -1,10 +1,9 @@
 //! Boxes and cylinders among themselves.
 
-use super::best::Best;
 use super::capsule_box::NO_DIRECTION;
 use super::climb::climb;
 use super::contact::{meet, touching, MISS};
-use super::difference::Difference;
+use super::difference::{Best, Difference};
 use super::gjk::{nearest_apart, Apart};
 use super::separating::separating;
 use super::way_out::{flat, way_out};

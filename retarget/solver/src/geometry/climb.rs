@@ -1,7 +1,6 @@
 //! The best direction nearby: Newton's method on the unit sphere, where no edge is met.
 
-use super::best::Best;
-use super::difference::Difference;
+use super::difference::{Best, Difference};
 use crate::math::{add, add_scaled, cross, dot, norm, perpendicular, scale, Vec3};
 
 const STEPS: usize = 30;

@@ -1,12 +1,13 @@
-//! Signed distance of any two solids: which method finds it.
+//! Signed distance of any two solids: which method finds it, and a cheap lower bound, to look closer only at pairs that may be near.
 
 use super::bulky::bulky;
 use super::capsule_box::capsule_box;
 use super::capsule_cylinder::capsule_cylinder;
 use super::capsules::capsules;
-use super::half_space::over_half_space;
+use super::half_space::{extreme, over_half_space};
 use super::nearest::{Nearest, Scratch};
 use super::shape::{Shape, Solid};
+use crate::math::{dot, mat_t_vec, norm, scale, sub, Vec3};
 
 /// Nearest points of two solids; of two half-spaces, those of the origin of `a` and of `b`.
 pub fn nearest(a: &Solid, b: &Solid, scratch: &mut Scratch) -> Nearest {
@@ -19,5 +20,44 @@ pub fn nearest(a: &Solid, b: &Solid, scratch: &mut Scratch) -> Nearest {
         (Shape::Capsule { .. }, Shape::Cylinder { .. }) => capsule_cylinder(a, b, scratch),
         (Shape::Cylinder { .. }, Shape::Capsule { .. }) => capsule_cylinder(b, a, scratch).swapped(),
         _ => bulky(a, b, scratch),
+    }
+}
+
+/// Signed distance of a point to the outside of a flat-sided profile: `excess` is how far it is over each side.
+fn outside(excess: Vec3) -> f64 {
+    let out = norm([excess[0].max(0.0), excess[1].max(0.0), excess[2].max(0.0)]);
+    out + excess[0].max(excess[1]).max(excess[2]).min(0.0)
+}
+
+/// Signed distance (exact) of the world point `p` to a solid.
+pub fn point_gap(solid: &Solid, p: Vec3) -> f64 {
+    let from = sub(p, solid.position);
+    match solid.shape {
+        Shape::Capsule { half_length, radius } => {
+            let along = dot(from, solid.axis());
+            let beyond = (along.abs() - half_length).max(0.0);
+            let across = norm(sub(from, scale(solid.axis(), along)));
+            (beyond * beyond + across * across).sqrt() - radius
+        }
+        Shape::Cylinder { half_length, radius } => {
+            let along = dot(from, solid.axis());
+            let across = norm(sub(from, scale(solid.axis(), along)));
+            outside([along.abs() - half_length, across - radius, f64::NEG_INFINITY])
+        }
+        Shape::Box { half } => {
+            let local = mat_t_vec(&solid.rotation, from);
+            outside([local[0].abs() - half[0], local[1].abs() - half[1], local[2].abs() - half[2]])
+        }
+        Shape::HalfSpace => dot(from, solid.axis()),
+    }
+}
+
+/// A distance that `nearest` will not fall below: the ball about one solid against the other, the better of both ways. Exact for
+/// half-spaces and balls.
+pub fn gap_at_least(a: &Solid, b: &Solid) -> f64 {
+    match (a.shape, b.shape) {
+        (_, Shape::HalfSpace) => point_gap(b, a.position) - extreme(a, scale(b.axis(), -1.0)).0,
+        (Shape::HalfSpace, _) => gap_at_least(b, a),
+        _ => (point_gap(b, a.position) - a.shape.reach()).max(point_gap(a, b.position) - b.shape.reach()),
     }
 }

@@ -5,7 +5,6 @@
 //! overlapping, it is minus the way out (`way_out.rs`).
 
 mod along;
-mod best;
 mod bulky;
 mod capsule_box;
 mod capsule_cylinder;
@@ -16,7 +15,6 @@ mod contact;
 mod difference;
 mod distance;
 mod face;
-mod gap;
 mod gjk;
 mod half_space;
 mod nearest;
@@ -26,8 +24,7 @@ mod shape;
 mod simplex;
 mod way_out;
 
-pub use distance::nearest;
-pub use gap::gap_at_least;
+pub use distance::{gap_at_least, nearest};
 pub use half_space::extreme;
 pub use nearest::{Nearest, Scratch};
 pub use shape::{Shape, Solid};

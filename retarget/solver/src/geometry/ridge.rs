@@ -1,7 +1,6 @@
 //! Ways out across one edge that sweeps a disc: the largest gap over the directions perpendicular to that edge.
 
-use super::best::Best;
-use super::difference::Difference;
+use super::difference::{Best, Difference};
 use crate::math::{add_scaled, cross, dot, perpendicular, scale, Vec3};
 use std::f64::consts::{FRAC_PI_2, PI};
 

@@ -1,7 +1,6 @@
 //! The fifteen directions along which two boxes can be kept apart (Gottschalk, Lin, Manocha, 1996): faces, and edge across edge.
 
-use super::best::Best;
-use super::difference::Difference;
+use super::difference::{Best, Difference};
 use crate::math::{cross, dot, scale, Vec3};
 
 /// Sine below which two edges span no facet.

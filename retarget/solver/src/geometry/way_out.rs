@@ -4,9 +4,8 @@
 //! curved one way (an edge sweeps a disc: `ridge.rs`) or both ways (two discs: `climb.rs`). Each kind gives its candidates;
 //! the best one is the answer, exactly, for every gap along a direction is a lower bound.
 
-use super::best::Best;
 use super::climb::curved;
-use super::difference::Difference;
+use super::difference::{Best, Difference};
 use super::ridge::ridge;
 use crate::math::{cross, norm, scale};
 

@@ -4,8 +4,7 @@
 //! what it misses is found after the step, and corrected by the next one.
 
 use super::modes::Mode;
-use super::obstacle::ObstaclePose;
-use super::set::{Mover, Other};
+use super::set::{Mover, ObstaclePose, Other};
 use super::watch::Watch;
 use crate::geometry::{gap_at_least, nearest, Nearest, Solid};
 use crate::hierarchy::Side;

@@ -17,7 +17,6 @@ mod budget;
 pub mod law;
 mod look;
 mod modes;
-mod obstacle;
 mod path;
 mod rows;
 mod set;
@@ -28,9 +27,8 @@ mod watch;
 mod way;
 
 pub use modes::Mode;
-pub use obstacle::ObstaclePose;
 pub use path::{Ask, PathChecker};
 pub use rows::Shift;
-pub use set::{Mover, Observer, ObserverSet, Obstacle, Other, Pair};
+pub use set::{Mover, Observer, ObserverSet, Obstacle, ObstaclePose, Other, Pair};
 pub use task::{Activation, ObserverTask};
 pub use watch::Watch;

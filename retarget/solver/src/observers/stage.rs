@@ -3,8 +3,7 @@
 //! A robot on its feet turns and shifts with its joints, because the planted foot stays. Distances depend on relative motion only: the
 //! body is left where its root was, and the obstacles are placed relative to the foot.
 
-use super::obstacle::ObstaclePose;
-use super::set::{ObserverSet, Other};
+use super::set::{ObserverSet, ObstaclePose, Other};
 use super::way::Way;
 use crate::body::Body;
 use crate::geometry::{extreme, gap_at_least, nearest, Scratch, Shape, Solid};

@@ -2,8 +2,7 @@
 
 use super::law::{damped_floor, damping_share, way_out};
 use super::modes::{Mode, Tally};
-use super::obstacle::ObstaclePose;
-use super::set::{Mover, ObserverSet, Other};
+use super::set::{Mover, ObserverSet, ObstaclePose, Other};
 use super::task::{Activation, ObserverTask};
 use crate::geometry::{gap_at_least, nearest, Nearest, Scratch, Solid};
 use crate::hierarchy::Side;

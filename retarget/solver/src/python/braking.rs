@@ -1,13 +1,80 @@
-//! `Braking` for Python.
+//! Limits and braking for Python: the gate and the solver share one rule.
 
-use super::arrays::bad;
-use super::bounds::limits;
-use crate::braking::Braking;
+use super::arrays::{bad, finite};
+use crate::braking::{self, Braking, Limit};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::prelude::*;
 
 type Vector<'py> = Bound<'py, PyArray1<f64>>;
 type Table<'py> = Bound<'py, PyArray2<f64>>;
+
+/// Limits of every coordinate; raises on NaN, on negative speeds and on lower > upper.
+pub fn limits(lower: &[f64], upper: &[f64], velocity: &[f64], acceleration: &[f64]) -> PyResult<Vec<Limit>> {
+    let n = lower.len();
+    if upper.len() != n || velocity.len() != n || acceleration.len() != n {
+        return Err(bad(format!(
+            "limits differ in length: {n}, {}, {}, {}",
+            upper.len(),
+            velocity.len(),
+            acceleration.len()
+        )));
+    }
+    (0..n)
+        .map(|i| {
+            if !(lower[i] <= upper[i]) {
+                return Err(bad(format!(
+                    "limits of coordinate {i}: lower {} is not below upper {}",
+                    lower[i], upper[i]
+                )));
+            }
+            if !(velocity[i] >= 0.0) || !(acceleration[i] >= 0.0) {
+                return Err(bad(format!(
+                    "limits of coordinate {i}: velocity {} and acceleration {} must not be negative",
+                    velocity[i], acceleration[i]
+                )));
+            }
+            Ok(Limit { lower: lower[i], upper: upper[i], velocity: velocity[i], acceleration: acceleration[i] })
+        })
+        .collect()
+}
+
+/// See `retarget/_solver.pyi`.
+#[pyfunction]
+pub fn braking_displacement(gap: f64, change: f64) -> f64 {
+    braking::braking_displacement(gap, change)
+}
+
+/// Displacement box (lo, hi) of one frame; see `retarget/_solver.pyi`.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)]
+pub fn frame_bounds<'py>(
+    py: Python<'py>,
+    q: PyReadonlyArray1<'py, f64>,
+    displacement_before: PyReadonlyArray1<'py, f64>,
+    lower: PyReadonlyArray1<'py, f64>,
+    upper: PyReadonlyArray1<'py, f64>,
+    max_velocity: PyReadonlyArray1<'py, f64>,
+    max_acceleration: PyReadonlyArray1<'py, f64>,
+    dt: f64,
+) -> PyResult<(Vector<'py>, Vector<'py>)> {
+    let limits = limits(lower.as_slice()?, upper.as_slice()?, max_velocity.as_slice()?, max_acceleration.as_slice()?)?;
+    let (q, before) = (q.as_slice()?, displacement_before.as_slice()?);
+    if q.len() != limits.len() || before.len() != limits.len() {
+        return Err(bad(format!(
+            "q has {}, displacement_before {}, the limits {} entries",
+            q.len(),
+            before.len(),
+            limits.len()
+        )));
+    }
+    if !(dt > 0.0) || !dt.is_finite() {
+        return Err(bad(format!("dt is {dt}, expected a positive time in seconds")));
+    }
+    finite(q, "q")?;
+    finite(before, "displacement_before")?;
+    let boxes: Vec<_> = (0..q.len()).map(|i| braking::frame_bounds(q[i], before[i], &limits[i], dt)).collect();
+    Ok((PyArray1::from_iter(py, boxes.iter().map(|b| b.lo)), PyArray1::from_iter(py, boxes.iter().map(|b| b.hi))))
+}
 
 /// See `retarget/_solver.pyi`.
 #[pyclass(name = "Braking", module = "retarget._solver")]
@@ -52,6 +119,10 @@ impl PyBraking {
 
     fn braked<'py>(&self, py: Python<'py>, displacement: PyReadonlyArray1<'py, f64>) -> PyResult<Vector<'py>> {
         Ok(PyArray1::from_vec(py, self.slower(self.joints(&displacement)?)))
+    }
+
+    fn in_line<'py>(&self, py: Python<'py>, displacement: PyReadonlyArray1<'py, f64>) -> PyResult<Vector<'py>> {
+        Ok(PyArray1::from_vec(py, self.braking.in_line(self.joints(&displacement)?)))
     }
 
     #[pyo3(signature = (position, displacement, goal, *, tolerance))]

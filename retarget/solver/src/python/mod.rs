@@ -3,7 +3,6 @@
 
 pub mod arrays;
 mod body;
-mod bounds;
 mod braking;
 mod hierarchy;
 mod observers;
@@ -28,7 +27,8 @@ pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<solver::PySolver>()?;
     m.add_class::<hierarchy::HierarchyResult>()?;
     m.add_function(wrap_pyfunction!(hierarchy::solve_hierarchy, m)?)?;
-    m.add_function(wrap_pyfunction!(bounds::frame_bounds, m)?)?;
+    m.add_function(wrap_pyfunction!(braking::frame_bounds, m)?)?;
+    m.add_function(wrap_pyfunction!(braking::braking_displacement, m)?)?;
     m.add_function(wrap_pyfunction!(shapes::shape_distances, m)?)?;
     m.add_function(wrap_pyfunction!(shapes::shape_gaps_at_least, m)?)
 }

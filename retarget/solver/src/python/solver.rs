@@ -2,7 +2,7 @@
 
 use super::arrays::{bad, finite, triple};
 use super::body::PyBody;
-use super::bounds::limits;
+use super::braking::limits;
 use super::observers::{activation_named, check_observed, obstacle_rows, PyObservers};
 use super::task::PyTask;
 use crate::frame::{FrameSolver, Settings};
@@ -98,10 +98,7 @@ impl PySolver {
         let q = q.as_slice()?;
         let (nq, nv) = (self.solver.body.nq, self.solver.body.nv);
         let still = vec![0.0; nv];
-        let velocity = match &velocity {
-            Some(v) => v.as_slice()?,
-            None => &still,
-        };
+        let velocity = velocity.as_ref().map_or(Ok(&still[..]), |v| v.as_slice())?;
         if q.len() != nq || velocity.len() != nv {
             return Err(bad(format!(
                 "q has {} entries and velocity {}, the body {nq} and {nv}",
@@ -162,19 +159,10 @@ impl PySolver {
         let k = watch.obstacles.len();
         let (position, quat) = (obstacle_rows(&position, k, 3, "position")?, obstacle_rows(&quat, k, 4, "quat")?);
         let still = vec![0.0; 3 * k];
-        let linear = match &linear {
-            Some(rows) => obstacle_rows(rows, k, 3, "linear")?,
-            None => &still,
-        };
-        let angular = match &angular {
-            Some(rows) => obstacle_rows(rows, k, 3, "angular")?,
-            None => &still,
-        };
+        let linear = linear.as_ref().map_or(Ok(&still[..]), |rows| obstacle_rows(rows, k, 3, "linear"))?;
+        let angular = angular.as_ref().map_or(Ok(&still[..]), |rows| obstacle_rows(rows, k, 3, "angular"))?;
         let everywhere = vec![true; k];
-        let present = match &present {
-            Some(present) => present.as_slice()?,
-            None => &everywhere,
-        };
+        let present = present.as_ref().map_or(Ok(&everywhere[..]), |present| present.as_slice())?;
         if present.len() != k {
             return Err(bad(format!("present has {} entries, expected {k}", present.len())));
         }

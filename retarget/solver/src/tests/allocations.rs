@@ -4,7 +4,7 @@ use super::bodies::{chain, humanoid, Humanoid};
 use super::random::Random;
 use crate::allocations::allocations;
 use crate::body::Body;
-use crate::bounds::Limit;
+use crate::braking::Limit;
 use crate::frame::{FrameSolver, Settings};
 use crate::geometry::Shape;
 use crate::hierarchy::{solve, Problem, Workspace};
