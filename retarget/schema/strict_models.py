@@ -221,6 +221,11 @@ Quaternion = Annotated[tuple[Number, Number, Number, Number], AfterValidator(_un
 def read_model(model: type[M], path: Path, *, check: Check[M] | None = None) -> tuple[M, Document]:
     """Read a YAML file as `model`. Raises ConfigError with all problems of the file, those of `check` included."""
     document = scan(read_text(path), path)
+    return validated(model, document, check=check), document
+
+
+def validated(model: type[M], document: Document, *, check: Check[M] | None = None) -> M:
+    """A document that is read, as `model`. Raises ConfigError as `read_model`."""
     problems = list(document.problems)
     try:
         read = model.model_validate(document.data)
@@ -232,8 +237,8 @@ def read_model(model: type[M], path: Path, *, check: Check[M] | None = None) -> 
     if check is not None:
         problems += check(read, document)
     if problems:
-        raise ConfigError.from_problems(problems, title=f"{path}: {len(problems)} problems")
-    return read, document
+        raise ConfigError.from_problems(problems, title=f"{document.path}: {len(problems)} problems")
+    return read
 
 
 def _valid_part(model: type[M], data: Mapping[str, Any]) -> M:
