@@ -5,7 +5,6 @@ up among the keys of the document, so that an entry with an error of its own is 
 """
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
 from hardware.bus import BAUDS, WATCHDOG_STEP, fastest_baud
 from hardware.errors import HardwareError
@@ -13,14 +12,11 @@ from hardware.joint_map import coupling_problems
 from hardware.servo import HOMING_REACH, SERVO_MODELS, ServoModel, find_model
 from retarget.errors import Problem
 from retarget.frames import JOINTS
+from retarget.schema.profile import RobotProfile
 from retarget.schema.profile_parts import Bus, Landmark, Point2, Servo, servo_specs
-from retarget.schema.profile_safety import check_safety
+from retarget.schema.profile_safety import Safety
 from retarget.schema.strict_models import keys_of, listed, unknown_name
 from retarget.schema.strict_yaml import Document, KeyPath
-
-if TYPE_CHECKING:
-    from retarget.schema.profile import RobotProfile
-
 
 # Cross checks of a profile's servos, couplings and buses: what the servo side itself would refuse, with its place.
 #
@@ -31,7 +27,7 @@ MAX_GAIN_1 = 254
 TOLERANCE = 1e-9  # [s] by which a watchdog may miss a multiple of its step
 
 
-def check_servos(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
+def check_servos(profile: RobotProfile, document: Document) -> Iterable[Problem]:
     """Names and ids, and what model, protocol and mode cannot do."""
     yield from _duplicate_ids(document)
     buses = keys_of(document, "buses")
@@ -56,7 +52,7 @@ def check_servos(profile: "RobotProfile", document: Document) -> Iterable[Proble
             yield from _travel(here, servo, model, document)
 
 
-def check_couplings(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
+def check_couplings(profile: RobotProfile, document: Document) -> Iterable[Problem]:
     """Joints that exist, each in one coupling only; matrices that can be inverted; limits that the servos can serve."""
     joints = keys_of(document, "servos")
     holder: dict[str, int] = {}
@@ -88,7 +84,7 @@ def _known(model: str) -> bool:
     return True
 
 
-def check_buses(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
+def check_buses(profile: RobotProfile, document: Document) -> Iterable[Problem]:
     """Ids, speed, watchdog and power switch of each bus."""
     for name, bus in profile.buses.items():
         here: KeyPath = ("buses", name)
@@ -227,7 +223,7 @@ STANDING_LANDMARKS = ("pelvis", "l_sole", "r_sole")
 MIN_AREA = 1e-9  # [m^2] twice the area of the smallest triangle that counts as a turn
 
 
-def check_parts(profile: "RobotProfile", document: Document) -> list[Problem]:
+def check_parts(profile: RobotProfile, document: Document) -> list[Problem]:
     """All problems of the profile by itself."""
     checks = (
         check_servos,
@@ -239,12 +235,12 @@ def check_parts(profile: "RobotProfile", document: Document) -> list[Problem]:
         _landmarks,
         _observers,
         _ignore_pairs,
-        check_safety,
+        _safety,
     )
     return [problem for check in checks for problem in check(profile, document)]
 
 
-def _frame_names(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
+def _frame_names(profile: RobotProfile, document: Document) -> Iterable[Problem]:
     frames = keys_of(document, "frames")
     for name, foot in profile.feet.items():
         if foot.frame not in frames:
@@ -256,7 +252,7 @@ def _frame_names(profile: "RobotProfile", document: Document) -> Iterable[Proble
                     yield unknown_name(document, ("landmarks", name, key), "frame", frame, frames)
 
 
-def _feet(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
+def _feet(profile: RobotProfile, document: Document) -> Iterable[Problem]:
     for name, foot in profile.feet.items():
         if not is_convex(foot.polygon):
             yield document.problem(
@@ -281,7 +277,7 @@ def _side(start: Point2, end: Point2, point: Point2) -> float:
     return (end[0] - start[0]) * (point[1] - start[1]) - (end[1] - start[1]) * (point[0] - start[0])
 
 
-def _postures(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
+def _postures(profile: RobotProfile, document: Document) -> Iterable[Problem]:
     joints = keys_of(document, "servos")
     for name in ("neutral", "stand", "rest", "attractor"):
         posture = getattr(profile.postures, name, None)  # absent where the section is not valid
@@ -301,7 +297,7 @@ def _postures(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
                 )
 
 
-def _landmarks(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
+def _landmarks(profile: RobotProfile, document: Document) -> Iterable[Problem]:
     present = keys_of(document, "landmarks")
     needed = LANDMARKS + (STANDING_LANDMARKS if profile.root == "free" else ())
     missing = [name for name in needed if name not in present]
@@ -322,7 +318,7 @@ def _human_joints(landmark: Landmark) -> Iterable[tuple[str, str]]:
     yield from (("human_length", joint) for point in landmark.human_length for joint in point)
 
 
-def _observers(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
+def _observers(profile: RobotProfile, document: Document) -> Iterable[Problem]:
     for name, observer in profile.observers.items():
         if observer.margin >= observer.influence:
             yield document.problem(
@@ -333,8 +329,43 @@ def _observers(profile: "RobotProfile", document: Document) -> Iterable[Problem]
             )
 
 
-def _ignore_pairs(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
+def _ignore_pairs(profile: RobotProfile, document: Document) -> Iterable[Problem]:
     for index, ignored in enumerate(profile.ignore_pairs):
         if ignored.pair[0] == ignored.pair[1]:
             found = f"{ignored.pair[0]} twice"
             yield document.problem(("ignore_pairs", index, "pair"), "a pair needs two different links", found=found)
+
+
+WITHIN = (
+    ("freshness_warn", "freshness", "s"),
+    ("temperature_warn_c", "temperature_c", "degrees Celsius"),
+    ("following_error_sustained", "following_error", "rad"),
+    ("following_error_warn", "following_error_sustained", "rad"),
+    ("following_error_warn", "following_error", "rad"),
+    ("current_warn_a", "current_a", "A"),
+)
+"""Keys whose value must be below that of another, and their unit."""
+
+
+def _safety(profile: RobotProfile, document: Document) -> Iterable[Problem]:
+    """Warnings that would come only after the stop."""
+    safety: Safety | None = getattr(profile, "safety", None)  # absent where the section is not valid
+    if safety is None:
+        return
+    for key, other, unit in WITHIN:
+        value, most = getattr(safety, key, None), getattr(safety, other, None)
+        if value is not None and most is not None and value >= most:
+            yield document.problem(
+                ("safety", key),
+                f"must be below {other}",
+                found=f"{value:g} {unit}",
+                allowed=f"less than {most:g} {unit}",
+            )
+    warn, stop = getattr(safety, "voltage_warn", None), getattr(safety, "voltage", None)
+    if warn is not None and stop is not None and not (stop[0] <= warn[0] and warn[1] <= stop[1]):
+        yield document.problem(
+            ("safety", "voltage_warn"),
+            "must lie within voltage",
+            found=f"{warn[0]:g} to {warn[1]:g} V",
+            allowed=f"{stop[0]:g} to {stop[1]:g} V",
+        )

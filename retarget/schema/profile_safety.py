@@ -1,31 +1,15 @@
-"""The `safety` section of a profile: its keys, the limits of the guard that follow from them, and their checks."""
+"""The `safety` section of a profile: its keys, and the limits of the guard that follow from them."""
 
-from collections.abc import Iterable
 from math import inf
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from pydantic import Field
 
 from hardware.guard_state import GuardLimits
-from retarget.errors import Problem
 from retarget.schema.strict_models import Interval, Positive, Schema, Share
-from retarget.schema.strict_yaml import Document
-
-if TYPE_CHECKING:
-    from retarget.schema.profile import RobotProfile
-
 
 WARN_BEFORE_C = 5.0
 """[degrees Celsius] so much before the stop a servo is warm, where the profile does not say."""
-WITHIN = (
-    ("freshness_warn", "freshness", "s"),
-    ("temperature_warn_c", "temperature_c", "degrees Celsius"),
-    ("following_error_sustained", "following_error", "rad"),
-    ("following_error_warn", "following_error_sustained", "rad"),
-    ("following_error_warn", "following_error", "rad"),
-    ("current_warn_a", "current_a", "A"),
-)
-"""Keys whose value must be below that of another, and their unit."""
 
 
 class SpeedCaps(Schema):
@@ -92,30 +76,6 @@ def guard_limits(safety: Safety) -> GuardLimits:
         warn_following_error=_or_any(safety.following_error_warn),
         slow_share=safety.speed_caps.warm,
     )
-
-
-def check_safety(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
-    """Warnings that would come only after the stop."""
-    safety: Safety | None = getattr(profile, "safety", None)  # absent where the section is not valid
-    if safety is None:
-        return
-    for key, other, unit in WITHIN:
-        value, most = getattr(safety, key, None), getattr(safety, other, None)
-        if value is not None and most is not None and value >= most:
-            yield document.problem(
-                ("safety", key),
-                f"must be below {other}",
-                found=f"{value:g} {unit}",
-                allowed=f"less than {most:g} {unit}",
-            )
-    warn, stop = getattr(safety, "voltage_warn", None), getattr(safety, "voltage", None)
-    if warn is not None and stop is not None and not (stop[0] <= warn[0] and warn[1] <= stop[1]):
-        yield document.problem(
-            ("safety", "voltage_warn"),
-            "must lie within voltage",
-            found=f"{warn[0]:g} to {warn[1]:g} V",
-            allowed=f"{stop[0]:g} to {stop[1]:g} V",
-        )
 
 
 def safety_facts(safety: Safety) -> dict[str, str]:

@@ -10,7 +10,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Annotated
+from typing import IO, Annotated
 
 import numpy as np
 from pydantic import Field
@@ -21,13 +21,10 @@ from hardware.servo import ServoSpec, find_model
 from retarget.errors import Problem
 from retarget.schema.catalogue import calibration_path
 from retarget.schema.files import make_folder, write_atomic, write_stream
+from retarget.schema.profile import RobotProfile
 from retarget.schema.profile_parts import ServoId, Tick
 from retarget.schema.strict_models import Integer, Name, Number, Schema, read_model, unknown_name
 from retarget.schema.strict_yaml import Document, KeyPath
-
-if TYPE_CHECKING:
-    from retarget.schema.profile import RobotProfile
-
 
 OPTION = "calibration"
 STEP = "Was it made with another robot or profile? Remove the file, or home the robot anew: retarget servo home"
@@ -58,7 +55,7 @@ class ServoCalibration(Schema):
     servos: Annotated[dict[Name, HomedServo], Field(min_length=1, max_length=250)]
 
 
-def read_calibration(profile: "RobotProfile", path: Path | None = None) -> ServoCalibration | None:
+def read_calibration(profile: RobotProfile, path: Path | None = None) -> ServoCalibration | None:
     """The calibration of this robot; None where the user has none. path: this file instead of the user's.
 
     Raises ConfigError: not valid, or of another robot.
@@ -107,7 +104,7 @@ def previous_path(path: Path) -> Path:
     return path.with_suffix(".previous.yaml")
 
 
-def _problems(profile: "RobotProfile", read: ServoCalibration, document: Document) -> list[Problem]:
+def _problems(profile: RobotProfile, read: ServoCalibration, document: Document) -> list[Problem]:
     """Everything by which the file is of another robot."""
     found: list[Problem] = []
     if read.robot and read.robot != profile.name:
@@ -137,7 +134,7 @@ def _problems(profile: "RobotProfile", read: ServoCalibration, document: Documen
     return found or _beyond_the_servos(profile, read, document)
 
 
-def _beyond_the_servos(profile: "RobotProfile", read: ServoCalibration, document: Document) -> list[Problem]:
+def _beyond_the_servos(profile: RobotProfile, read: ServoCalibration, document: Document) -> list[Problem]:
     """What the servos could not reach with these zero ticks."""
     if document.problems or not read.servos:
         return []

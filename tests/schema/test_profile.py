@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from hardware.joint_map import JointMap
 from messages import refuses
 from retarget.errors import ConfigError, UsageError
+from retarget.model.robot import load_profile
 from retarget.schema.catalogue import shipped_folder
-from retarget.schema.profile import RobotProfile, load_profile, read_profile
+from retarget.schema.profile import RobotProfile, read_profile
 from retarget.schema.strict_yaml import parse
 
 KEYS = [

@@ -10,7 +10,8 @@ from hardware.bus import PowerSwitch
 from hardware.joint_map import JointMap
 from hardware.servo import ServoMode
 from retarget.errors import ConfigError
-from retarget.schema.profile import RobotProfile, load_profile
+from retarget.model.robot import load_profile
+from retarget.schema.profile import RobotProfile
 from retarget.schema.profile_checks import is_convex
 from retarget.schema.profile_parts import Foot
 

@@ -7,7 +7,7 @@ import pytest
 
 from messages import refuses
 from retarget.errors import ConfigError
-from retarget.schema.profile import load_profile
+from retarget.model.robot import load_profile
 from retarget.schema.profile_safety import Safety, guard_limits, safety_facts
 
 LEAST = {"rate_hz": 100.0, "freshness": 0.1, "temperature_c": 65.0, "voltage": [10.0, 14.8], "following_error": 0.35}

@@ -14,9 +14,9 @@ from hardware.servo import ServoSpec
 from messages import refuses, shows
 from retarget.cli import main
 from retarget.errors import ConfigError, UsageError
-from retarget.model.robot import load_robot, load_uncalibrated
+from retarget.model.robot import load_profile, load_robot, load_uncalibrated
 from retarget.schema.catalogue import calibration_path
-from retarget.schema.profile import RobotProfile, load_profile
+from retarget.schema.profile import RobotProfile
 from retarget.schema.servo_calibration import (
     HomedServo,
     ServoCalibration,
