@@ -63,6 +63,19 @@ def write_atomic(path: Path, content: bytes, *, option: str) -> None:
     write_stream(path, lambda stream: stream.write(content), option=option)
 
 
+def write_own(path: Path, content: bytes, *, option: str) -> None:
+    """Write one of the user's own files in its folder; the one before is kept next to it, as `.previous.yaml`."""
+    make_folder(path.parent, option=option)
+    if path.is_file():
+        write_atomic(previous_path(path), path.read_bytes(), option=option)
+    write_atomic(path, content, option=option)
+
+
+def previous_path(path: Path) -> Path:
+    """Where one of the user's own files is kept that a new one replaced."""
+    return path.with_suffix(".previous.yaml")
+
+
 def write_stream(path: Path, write: Callable[[IO[bytes]], object], *, option: str) -> None:
     """As `write_atomic`, from a function that writes to a stream."""
     try:
@@ -70,6 +83,8 @@ def write_stream(path: Path, write: Callable[[IO[bytes]], object], *, option: st
         try:
             with os.fdopen(descriptor, "wb") as stream:
                 write(stream)
+                stream.flush()
+                os.fsync(stream.fileno())
             Path(name).chmod(0o666 & ~umask())
             Path(name).replace(path)
         except BaseException:

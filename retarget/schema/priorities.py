@@ -33,6 +33,7 @@ from retarget.schema.strict_models import (
     Text,
     Vector3,
     listed,
+    one_or_more,
     unknown_name,
     validated,
 )
@@ -53,10 +54,6 @@ def _not_all_zero(value: tuple[float, float, float]) -> tuple[float, float, floa
     return value
 
 
-def _one_or_more(value: Any) -> Any:
-    return (value,) if isinstance(value, str) else value
-
-
 def _uniform() -> dict[str, float]:
     return {"default": 1.0}
 
@@ -68,7 +65,7 @@ RowWeights = Annotated[
 Direction = Annotated[Vector3, AfterValidator(_not_all_zero)]
 """A direction; its length does not matter."""
 Against = Literal["self", "scene", "all"]
-Names = Annotated[tuple[Name, ...], BeforeValidator(_one_or_more), Field(min_length=1, max_length=64)]
+Names = Annotated[tuple[Name, ...], BeforeValidator(one_or_more), Field(min_length=1, max_length=64)]
 
 
 class _Weighed(Schema):

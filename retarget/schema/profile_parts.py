@@ -3,8 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field
-from pydantic_core import PydanticCustomError
+from pydantic import BeforeValidator, Field
 
 import hardware.servo
 from hardware.bus import MAX_WATCHDOG, BusSpec, PowerSwitch
@@ -21,6 +20,7 @@ from retarget.schema.strict_models import (
     Schema,
     Text,
     Vector3,
+    one_or_more,
 )
 
 MAX_HOMING_OFFSET = 1_044_479
@@ -32,20 +32,11 @@ Tick = Annotated[Integer, Field(ge=-MULTI_TURN_REACH, le=MULTI_TURN_REACH)]
 Row = tuple[Number, Number]
 
 
-def _one_or_more(value: Any) -> Any:
-    """`name` means the same as `[name]`."""
-    return (value,) if isinstance(value, str) else value
-
-
 def _chain(value: Any) -> Any:
-    return (
-        [_one_or_more(point) for point in value]
-        if isinstance(value, Sequence) and not isinstance(value, str)
-        else value
-    )
+    return [one_or_more(point) for point in value] if isinstance(value, list | tuple) else value
 
 
-Names = Annotated[tuple[Name, ...], BeforeValidator(_one_or_more), Field(min_length=1, max_length=8)]
+Names = Annotated[tuple[Name, ...], BeforeValidator(one_or_more), Field(min_length=1, max_length=8)]
 """One name, or several whose mean point is meant."""
 
 
@@ -165,23 +156,12 @@ class Shape(SolidShape):
     """Takes over the geom of this name from the body file."""
 
 
-def _one_shape(shape: Shape) -> Shape:
-    if len(shape.model_fields_set) != 1:
-        raise PydanticCustomError(
-            "shape", "a shape needs exactly one of: segment, capsule, cylinder, sphere, box, geom"
-        )
-    return shape
-
-
-AnyShape = Annotated[Shape, AfterValidator(_one_shape)]
-
-
 class Observer(Schema):
     """A collision observer on a link."""
 
     link: Name
     """Link that carries it."""
-    shape: AnyShape
+    shape: Shape
     """In the frame of the link."""
     influence: Positive
     """[m] Distance at which it acts."""
@@ -272,9 +252,7 @@ def servo_specs(servos: Mapping[str, Servo], couplings: Sequence[Coupling]) -> t
             max_velocity=servo.max_velocity,
             max_acceleration=servo.max_acceleration,
             gear=servo.gear,
-            gains=ServoGains(
-                servo.gains.p, servo.gains.i, servo.gains.d, servo.gains.feedforward_1, servo.gains.feedforward_2
-            ),
+            gains=ServoGains(*servo.gains.model_dump().values()),
             current_limit=servo.current,
             mode=ServoMode(servo.mode),
             homing_offset=servo.homing_offset,

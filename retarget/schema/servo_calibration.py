@@ -10,7 +10,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import IO, Annotated
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
@@ -20,7 +20,7 @@ from hardware.joint_map import JointMap, coupling_problems
 from hardware.servo import ServoSpec, find_model
 from retarget.errors import Problem
 from retarget.schema.catalogue import calibration_path
-from retarget.schema.files import make_folder, write_atomic, write_stream
+from retarget.schema.files import write_atomic, write_own
 from retarget.schema.profile import RobotProfile
 from retarget.schema.profile_parts import ServoId, Tick
 from retarget.schema.strict_models import Integer, Name, Number, Schema, read_model, unknown_name
@@ -83,25 +83,13 @@ def write_calibration(calibration: ServoCalibration, path: Path | None = None) -
 
     path: write this file instead, and no other. Raises UsageError with the system's reason.
     """
-    if path is None:
-        path = calibration_path(calibration.robot)
-        make_folder(path.parent, option=OPTION)
-        if path.is_file():
-            write_atomic(previous_path(path), path.read_bytes(), option=OPTION)
     content = _as_yaml(calibration).encode()
-
-    def write(stream: IO[bytes]) -> None:
-        stream.write(content)
-        stream.flush()
-        os.fsync(stream.fileno())
-
-    write_stream(path, write, option=OPTION)
+    if path is not None:
+        write_atomic(path, content, option=OPTION)
+        return path
+    path = calibration_path(calibration.robot)
+    write_own(path, content, option=OPTION)
     return path
-
-
-def previous_path(path: Path) -> Path:
-    """Where the calibration that a new one replaced is kept."""
-    return path.with_suffix(".previous.yaml")
 
 
 def _problems(profile: RobotProfile, read: ServoCalibration, document: Document) -> list[Problem]:

@@ -80,13 +80,11 @@ def _problem(model: type[BaseModel], detail: ErrorDetails, document: Document) -
     if kind in ("missing", "union_tag_not_found"):
         return document.problem(key_path, "missing key", next_step=f"Add {str(key_path[-1])!r}")
     expected = message.removeprefix("Input should be ").removeprefix("a valid ")
-    expected = _PLAIN_WORDS.get(expected, expected)
+    expected = _PLAIN_WORDS.get(expected.split(" or instance of ")[0], expected)
     if kind == "union_tag_invalid":
         expected = str(detail.get("ctx", {}).get("expected_tags", ""))
         key_path = (*key_path, "type")
-    elif not message.startswith(
-        "Input should be "
-    ):  # not pydantic's own "should be": one of our validators, whose message says it all
+    elif not message.startswith("Input should be "):  # one of our validators, whose message says it all
         expected = ""
     allowed = str(detail.get("ctx", {}).get("allowed", expected))  # our validators bring theirs
     found = _value_at(document.data, key_path)
@@ -210,6 +208,11 @@ def _unit(quat: tuple[float, float, float, float]) -> tuple[float, float, float,
             {"allowed": "[w, x, y, z] whose squares sum to 1; no turn: [1, 0, 0, 0]"},
         )
     return quat
+
+
+def one_or_more(value: Any) -> Any:
+    """`name` means the same as `[name]`."""
+    return (value,) if isinstance(value, str) else value
 
 
 Interval = Annotated[tuple[Number, Number], AfterValidator(_ascending)]
