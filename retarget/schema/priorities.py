@@ -22,7 +22,6 @@ from retarget.frames import SENSORS
 from retarget.schema.catalogue import Kind, find, is_file
 from retarget.schema.strict_models import (
     Integer,
-    Interval,
     Name,
     NotNegative,
     Number,
@@ -32,6 +31,7 @@ from retarget.schema.strict_models import (
     Switch,
     Text,
     Vector3,
+    ascending,
     listed,
     one_or_more,
     unknown_name,
@@ -52,10 +52,6 @@ def _not_all_zero(value: tuple[float, float, float]) -> tuple[float, float, floa
     if not any(value):
         raise PydanticCustomError("zero", "all three are zero")
     return value
-
-
-def _uniform() -> dict[str, float]:
-    return {"default": 1.0}
 
 
 RowWeights = Annotated[
@@ -179,7 +175,7 @@ class PostureTask(_Weighed):
     """Name of the posture."""
     lowered: Name | None = None
     """Name of the posture that replaces it as the head comes down; absent: it stays."""
-    stiffness: Annotated[dict[Name, NotNegative], Field(max_length=300, default_factory=_uniform)]
+    stiffness: Annotated[dict[Name, NotNegative], Field(max_length=300, default_factory=lambda: {"default": 1.0})]
     """Weight by joint or group of joints; `default` is that of all others, and of a free root 0."""
     settle: NotNegative = 0.0
     """[s] Time constant with which free joints approach it; 0: at once."""
@@ -229,12 +225,6 @@ Task = Annotated[
 # The `heading` section of a priority file: weights of the hints by which the heading is found from the sensors.
 
 
-def _not_negative(pair: tuple[float, float]) -> tuple[float, float]:
-    if pair[0] < 0.0:
-        raise ValueError("a speed is not negative")
-    return pair
-
-
 class HeadingSettings(Schema):
     """Each hint is a vector on the ground; their weighted sum points to the left, or forward, of the body."""
 
@@ -244,7 +234,7 @@ class HeadingSettings(Schema):
     """[1/m] Weight of how far forward of the ankles the hands are."""
     velocity: NotNegative = 0.5
     """[s/m] Weight of the velocity of the head."""
-    walking: Annotated[Interval, AfterValidator(_not_negative)] = (0.5, 1.0)
+    walking: Annotated[tuple[NotNegative, NotNegative], AfterValidator(ascending)] = (0.5, 1.0)
     """[m/s] Speeds of the head at which its velocity begins to count, and counts wholly."""
     facing: dict[Name, NotNegative] = Field(
         default_factory=lambda: {"head": 1.0, "chest": 2.0, "pelvis": 2.0}, max_length=16

@@ -315,11 +315,11 @@ WITHIN = (
 
 def _safety(profile: RobotProfile, document: Document) -> Iterable[Problem]:
     """Warnings that would come only after the stop."""
-    safety: Safety | None = getattr(profile, "safety", None)  # absent where the section is not valid
-    if safety is None:
+    safety: Safety | None = profile.safety
+    if safety is None:  # the section is not valid
         return
     for key, other, unit in WITHIN:
-        value, most = getattr(safety, key, None), getattr(safety, other, None)
+        value, most = getattr(safety, key), getattr(safety, other)
         if value is not None and most is not None and value >= most:
             yield document.problem(
                 ("safety", key),
@@ -327,8 +327,8 @@ def _safety(profile: RobotProfile, document: Document) -> Iterable[Problem]:
                 found=f"{value:g} {unit}",
                 allowed=f"less than {most:g} {unit}",
             )
-    warn, stop = getattr(safety, "voltage_warn", None), getattr(safety, "voltage", None)
-    if warn is not None and stop is not None and not (stop[0] <= warn[0] and warn[1] <= stop[1]):
+    warn, stop = safety.voltage_warn, safety.voltage
+    if warn is not None and not (stop[0] <= warn[0] and warn[1] <= stop[1]):
         yield document.problem(
             ("safety", "voltage_warn"),
             "must lie within voltage",

@@ -192,7 +192,8 @@ M = TypeVar("M", bound=Schema)
 Check = Callable[[M, Document], list[Problem]]
 
 
-def _ascending(pair: tuple[float, float]) -> tuple[float, float]:
+def ascending(pair: tuple[float, float]) -> tuple[float, float]:
+    """Refuses limits of which the lower one is not below the upper one."""
     if pair[0] >= pair[1]:
         raise PydanticCustomError(
             "inverted", "inverted limits", {"allowed": "[lower, upper], the lower one first and below the upper one"}
@@ -215,7 +216,7 @@ def one_or_more(value: Any) -> Any:
     return (value,) if isinstance(value, str) else value
 
 
-Interval = Annotated[tuple[Number, Number], AfterValidator(_ascending)]
+Interval = Annotated[tuple[Number, Number], AfterValidator(ascending)]
 """Lower and upper limit; the lower one first and below the upper one."""
 Quaternion = Annotated[tuple[Number, Number, Number, Number], AfterValidator(_unit)]
 """Rotation as w x y z."""
