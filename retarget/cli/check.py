@@ -19,7 +19,7 @@ from retarget.schema.catalogue import Kind, calibration_path, entries, find, kin
 from retarget.schema.performer import Performer, load_performer
 from retarget.schema.priorities import Priorities, load_priorities
 from retarget.schema.profile import DRAFT, RobotProfile, marked_lines
-from retarget.schema.profile_safety import safety_facts
+from retarget.schema.profile_parts import safety_facts
 from retarget.schema.scene import Obstacle, Scene, load_scene
 from retarget.schema.strict_models import Schema, unknown_name
 from retarget.schema.strict_yaml import Document, read_text, scan

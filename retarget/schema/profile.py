@@ -18,11 +18,12 @@ from retarget.schema.profile_parts import (
     Landmark,
     Observer,
     Postures,
+    Safety,
     Servo,
     bus_specs,
+    guard_limits,
     servo_specs,
 )
-from retarget.schema.profile_safety import Safety, guard_limits
 from retarget.schema.strict_models import Check, Name, Schema, Text, read_model
 
 

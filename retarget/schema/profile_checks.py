@@ -13,8 +13,7 @@ from hardware.servo import HOMING_REACH, SERVO_MODELS, ServoModel, find_model
 from retarget.errors import Problem
 from retarget.frames import JOINTS
 from retarget.schema.profile import RobotProfile
-from retarget.schema.profile_parts import Bus, Landmark, Point2, Postures, Servo, servo_specs
-from retarget.schema.profile_safety import Safety
+from retarget.schema.profile_parts import Bus, Landmark, Point2, Postures, Safety, Servo, servo_specs
 from retarget.schema.strict_models import keys_of, listed, unknown_name
 from retarget.schema.strict_yaml import Document, KeyPath
 
