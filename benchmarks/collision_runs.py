@@ -21,6 +21,7 @@ from retarget.run.prepare import prepare
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
 from retarget.schema.catalogue import Kind, find
+from retarget.schema.priorities import self_contained
 from sim.mock_bus import MockBus
 
 OBSERVING = ("reactive", "preventive")
@@ -99,7 +100,7 @@ def motion_of(run: RunResult) -> Motion:
 def unobserving(robot: str, folder: Path) -> Path:
     """The priority file of the last stage without its observers, written to a folder."""
     name = HUMAN_PRIORITIES if robot == "human" else load_robot(robot).profile.retarget
-    file: dict[str, Any] = yaml.safe_load(find(Kind.PRIORITIES, name).read_text(encoding="utf-8"))
+    file: dict[str, Any] = yaml.safe_load(self_contained(find(Kind.PRIORITIES, name)))
     for level in file["levels"]:
         level["tasks"] = [task for task in level["tasks"] if task["type"] not in OBSERVING]
     path = folder / "unobserving.yaml"

@@ -1,6 +1,7 @@
 """Imports run one way: retarget -> hardware; sim -> retarget, hardware; only the command line and tests use sim."""
 
 import ast
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -63,7 +64,6 @@ BELOW["setup"] = {*BELOW["recording"], "report", "viewer"}
 BELOW["cli"] = {*BELOW["setup"], "setup"}
 EXCEPTIONS = {
     "robot/deflection_compensation.py": {"safety"},  # the gate looks at the goals beside the postures
-    "schema/profile.py": {"model"},  # a profile is checked against its body file
 }
 """Imports against the arrows, from which module into which folder. They wait for the straight tick; may only shrink."""
 
@@ -89,3 +89,14 @@ def test_folders_import_only_those_below() -> None:
         if home in BELOW and against:
             found[place.as_posix()] = against
     assert found == EXCEPTIONS
+
+
+@pytest.mark.parametrize("folder", [*BELOW])
+def test_no_modules_of_a_folder_import_each_other_in_a_circle(folder: str) -> None:
+    """For types neither."""
+    graph: dict[str, set[str]] = {}
+    for path in sorted((ROOT / "retarget" / folder).rglob("*.py")):
+        name = ".".join(path.relative_to(ROOT).with_suffix("").parts)
+        found = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        graph[name] = {node.module or "" for node in found if isinstance(node, ast.ImportFrom)} - {name}
+    assert list(TopologicalSorter(graph).static_order())

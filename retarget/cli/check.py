@@ -11,15 +11,15 @@ from hardware.bus import BusSpec
 from retarget.errors import ConfigError, Problem, RefusedError, UsageError, renamed_to, suggest
 from retarget.ik.support_polygon import check_stand
 from retarget.model.observers import NEVER_NEAR, DroppedPair, robot_observers
-from retarget.model.robot import RobotBody, load_robot
+from retarget.model.robot import RobotBody, load_profile, load_robot
 from retarget.report.rest_check import path_to_rest
 from retarget.robot.balance import heaviest_loads
 from retarget.run.options import name_with_mass
 from retarget.schema.catalogue import Kind, calibration_path, entries, find, kind_of
 from retarget.schema.performer import Performer, load_performer
 from retarget.schema.priorities import Priorities, load_priorities
-from retarget.schema.profile import DRAFT, RobotProfile, load_profile, marked_lines
-from retarget.schema.profile_safety import safety_facts
+from retarget.schema.profile import DRAFT, RobotProfile, marked_lines
+from retarget.schema.profile_parts import safety_facts
 from retarget.schema.scene import Obstacle, Scene, load_scene
 from retarget.schema.strict_models import Schema, unknown_name
 from retarget.schema.strict_yaml import Document, read_text, scan

@@ -7,7 +7,7 @@ import json
 import os
 import re
 from pathlib import Path
-from typing import IO, Annotated
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
@@ -17,7 +17,7 @@ from retarget.frames import SENSORS
 from retarget.human.rest_pose import MAX_LOOSE_M
 from retarget.model.human_dimensions import POINTS, STATURE_M, HumanDimensions, check_plausible, proportional_dimensions
 from retarget.schema.catalogue import user_folder
-from retarget.schema.files import check_folder, make_folder, write_atomic, write_stream
+from retarget.schema.files import check_folder, write_own
 from retarget.schema.strict_models import Integer, Name, Positive, Schema, Text, Vector3, read_model, unknown_name
 from retarget.schema.strict_yaml import Document, KeyPath, read_text, scan
 from retarget.types import FloatArray
@@ -134,17 +134,7 @@ def write_person(person: Person) -> Path:
     Raises UsageError with the system's reason.
     """
     path = person_path(person.name)
-    make_folder(path.parent, option=OPTION)
-    if path.is_file():
-        write_atomic(path.with_suffix(".previous.yaml"), path.read_bytes(), option=OPTION)
-    content = _as_yaml(person).encode()
-
-    def write(stream: IO[bytes]) -> None:
-        stream.write(content)
-        stream.flush()
-        os.fsync(stream.fileno())
-
-    write_stream(path, write, option=OPTION)
+    write_own(path, _as_yaml(person).encode(), option=OPTION)
     return path
 
 

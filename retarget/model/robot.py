@@ -1,8 +1,10 @@
-"""A robot as a run needs it: its profile, its kinematic tree and its servos, and where its frames are in a posture."""
+"""A robot as a run needs it: its profile, held against its body file; its kinematic tree and its servos, and where its
+frames are in a posture."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from os.path import normpath
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,11 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hardware.joint_map import JointMap
-from retarget.model.body import BodyModel, Frame, JointLimits, load_body
-from retarget.model.body_file import Root
+from retarget.errors import InputError, Problem
+from retarget.model.body import BodyModel, Frame, JointLimits, JointType, body_from_file, load_body
+from retarget.model.body_file import BodyFile, Root, compile_body
 from retarget.rotations import multiply
-from retarget.schema.profile import RobotProfile, load_profile
+from retarget.schema.profile import RobotProfile, read_profile
+from retarget.schema.profile_checks import check_parts
 from retarget.schema.servo_calibration import ServoCalibration, calibrated, read_calibration
+from retarget.schema.strict_models import keys_of, unknown_name
+from retarget.schema.strict_yaml import Document
 from retarget.types import BoolArray, FloatArray
 
 if TYPE_CHECKING:
@@ -86,6 +92,14 @@ class RobotBody:
         return tuple(self.profile.landmarks[name].frame for name in names)
 
 
+def load_profile(path_or_name: str | Path) -> RobotProfile:
+    """A robot's profile by shipped or user's name, path of the file, or path of its folder; checked against its body.
+
+    Raises UsageError for an unknown name, ConfigError with all problems of the file.
+    """
+    return read_profile(path_or_name, check=_check)
+
+
 def load_robot(name_or_path: str | Path, *, root: Root | None = None) -> RobotBody:
     """A robot by name or by path, with its calibration where the user has one. root: instead of the profile's.
 
@@ -128,3 +142,97 @@ def joints_between(robot: RobotBody, frame: str, others: Iterable[str]) -> BoolA
     links = body.joint_body[[body.joint_index(joint) for joint in robot.joint_map.joints]]
     found = np.isin(links, sorted(between))
     return found if found.any() else np.ones_like(found)
+
+
+# Cross checks of a robot profile against its body file: links, joints, geoms and joint ranges.
+
+RANGE_TOLERANCE = 1e-4  # [rad] profiles write limits with four or five decimals
+
+
+def leaves_folder(path: str) -> bool:
+    """Whether a path leads out of the folder that it is given in: a file from elsewhere must not name others."""
+    inside = Path(normpath(path))
+    return inside.is_absolute() or inside.parts[:1] == ("..",)
+
+
+def _check(profile: RobotProfile, document: Document) -> list[Problem]:
+    return check_parts(profile, document) + _check_body(profile, document)
+
+
+def _check_body(profile: RobotProfile, document: Document) -> list[Problem]:
+    """All problems of the profile with its body file."""
+    if not profile.body:  # not valid, and reported already
+        return []
+    if leaves_folder(profile.body):
+        what, allowed = "a path that leaves the profile's folder", "the name of a file in that folder, or below it"
+        return [document.problem(("body",), what, found=profile.body, allowed=allowed)]
+    try:
+        file = compile_body(document.path.parent / profile.body, root=profile.root)
+    except (InputError, ValueError) as error:  # ValueError: a path that no system can have
+        reason = error.problems[0] if isinstance(error, InputError) else Problem(str(error), profile.body)
+        return [
+            document.problem(
+                ("body",),
+                f"the body cannot be used: {reason.what}",
+                found=f"{reason.where}: {reason.found}" if reason.found else reason.where,
+                allowed=reason.allowed,
+                next_step="Give the path of an MJCF or URDF file, relative to the profile",
+            )
+        ]
+    body = body_from_file(file)
+    links, joints = _links(profile, document, body.body_names[1:]), _joints(profile, document, body, file)
+    return [*links, *joints, *_geoms(profile, document, body)]
+
+
+def _links(profile: RobotProfile, document: Document, links: tuple[str, ...]) -> Iterable[Problem]:
+    named = {("frames", name, "link"): frame.link for name, frame in profile.frames.items()}
+    named |= {("observers", name, "link"): observer.link for name, observer in profile.observers.items()}
+    pairs = [ignored.pair for ignored in profile.ignore_pairs]
+    in_pairs = {("ignore_pairs", i, "pair", j): link for i, pair in enumerate(pairs) for j, link in enumerate(pair)}
+    for key_path, link in (named | in_pairs).items():
+        if link not in links:
+            yield unknown_name(document, key_path, "link", link, links)
+
+
+def _joints(profile: RobotProfile, document: Document, body: BodyModel, file: BodyFile) -> Iterable[Problem]:
+    named = keys_of(document, "servos")
+    single = (JointType.SLIDE, JointType.HINGE)
+    joints = {name: int(body.joint_dof[i]) for i, name in enumerate(body.joint_names) if body.joint_type[i] in single}
+    for joint in named:
+        if joint not in joints:
+            yield unknown_name(document, ("servos", joint), "joint", joint, joints)
+    without = [joint for joint in _actuated(file) or joints if joint not in named]
+    if without and "servos" in document.data:
+        step = "Give each joint that the body actuates a servo"
+        yield document.problem(("servos",), "joints without a servo", found=", ".join(without), next_step=step)
+    for joint, servo in profile.servos.items():
+        if joint not in joints:
+            continue
+        lower, upper = body.lower[joints[joint]], body.upper[joints[joint]]
+        if servo.limits[0] < lower - RANGE_TOLERANCE or servo.limits[1] > upper + RANGE_TOLERANCE:
+            yield document.problem(
+                ("servos", joint, "limits"),
+                "limits outside the joint's range in the body",
+                found=f"{servo.limits[0]} to {servo.limits[1]} rad",
+                allowed=f"{lower:.4f} to {upper:.4f} rad",
+            )
+
+
+def _actuated(file: BodyFile) -> list[str]:
+    """The joints that the file's own actuators drive."""
+    import mujoco
+
+    model, on_joint = file.model, int(mujoco.mjtTrn.mjTRN_JOINT)
+    driven = [int(model.actuator_trnid[i, 0]) for i in range(model.nu) if int(model.actuator_trntype[i]) == on_joint]
+    return [model.joint(joint).name for joint in driven]
+
+
+def _geoms(profile: RobotProfile, document: Document, body: BodyModel) -> Iterable[Problem]:
+    link_of = {geom.name: body.body_names[geom.body] for geom in body.geoms}
+    for name, observer in profile.observers.items():
+        geom, here = observer.shape.geom, ("observers", name, "shape", "geom")
+        if geom is not None and geom not in link_of:
+            yield unknown_name(document, here, "geom", geom, link_of)
+        elif geom is not None and link_of[geom] != observer.link:
+            found, allowed = f"{geom} on {link_of[geom]}", f"a geom of {observer.link}"
+            yield document.problem(here, "the geom is on another link", found=found, allowed=allowed)

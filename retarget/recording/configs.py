@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 from retarget.errors import InputError, RefusedError, UsageError
 from retarget.model.robot import RobotBody, load_robot, robot_of
 from retarget.recording.reading import Recording
-from retarget.recording.session import ConfigFile
+from retarget.recording.session import ConfigFile, config_content
 from retarget.run.options import RunOptions, priority_names
 from retarget.schema.catalogue import Kind, calibration_path, find
 from retarget.schema.profile import RobotProfile, read_profile
@@ -133,8 +133,8 @@ class _Files:
         """Whether a file holds what it held."""
         said = self._said.get(name)
         try:
-            return said is not None and hashlib.sha256(path.read_bytes()).hexdigest() == said.sha256
-        except (OSError, ValueError):
+            return said is not None and hashlib.sha256(config_content(name, path)).hexdigest() == said.sha256
+        except (RefusedError, OSError, ValueError):
             return False
 
     def _attached(self, name: str) -> Path:

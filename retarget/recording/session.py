@@ -15,7 +15,7 @@ from retarget.model.robot import RobotBody
 from retarget.run.options import PhysicsOptions, RunOptions, priority_names
 from retarget.run.prepare import Prepared
 from retarget.schema.catalogue import Kind, calibration_path, find
-from retarget.schema.priorities import Steps
+from retarget.schema.priorities import Steps, self_contained
 
 FORMAT: Final = 2
 """Format of recordings; another one is refused. Format 1 is that of version 0.1.0."""
@@ -165,6 +165,11 @@ def config_files(options: RunOptions, robot: RobotBody | None) -> list[tuple[Con
     return [_config_file(name, path) for name, path in found]
 
 
+def config_content(name: str, path: Path) -> bytes:
+    """What a recording holds of a file, by the name of its attachment. Raises ConfigError, OSError."""
+    return self_contained(path) if name.startswith("priorities") else path.read_bytes()
+
+
 def _config_file(name: str, path: Path) -> tuple[ConfigFile, bytes]:
-    content = path.read_bytes()
+    content = config_content(name, path)
     return ConfigFile(name=name, path=str(path), sha256=hashlib.sha256(content).hexdigest()), content

@@ -91,9 +91,9 @@ def find(kind: Kind, name_or_path: str | Path) -> Path:
     if str(name_or_path) in known:
         return known[str(name_or_path)]
     path = Path(name_or_path)
-    if kind is Kind.ROBOT and _is_file(_inside(path)):
+    if kind is Kind.ROBOT and is_file(_inside(path)):
         return _inside(path)
-    if _is_file(path):
+    if is_file(path):
         return path
     text = str(name_or_path)
     shown = text if len(text) <= MAX_SHOWN else text[:MAX_SHOWN] + "..."
@@ -129,7 +129,7 @@ def _in_folder(kind: Kind, folder: Path, *, shipped: bool) -> list[Entry]:
     return [Entry(item.stem, item, shipped) for item in items if item.suffix == ".yaml" and item.is_file()]
 
 
-def _is_file(path: Path) -> bool:
+def is_file(path: Path) -> bool:
     """Whether a regular file is there; no for a path that the system cannot even look up (too long, a zero byte)."""
     try:
         return path.is_file()

@@ -3,7 +3,8 @@
 import os
 import shlex
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
@@ -44,18 +45,14 @@ def refuse_existing(path: Path, *, option: str) -> None:
 
 def remove(path: Path, *, option: str) -> None:
     """Remove a file that is to be replaced by one that grows. Raises UsageError with the system's reason."""
-    try:
+    with _refused(path, option):
         path.unlink(missing_ok=True)
-    except OSError as error:
-        raise _unwritable(path, option, error) from error
 
 
 def make_folder(path: Path, *, option: str) -> None:
     """Make a folder, and those above it. Raises UsageError with the system's reason."""
-    try:
+    with _refused(path, option):
         path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise _unwritable(path, option, error) from error
 
 
 def write_atomic(path: Path, content: bytes, *, option: str) -> None:
@@ -63,47 +60,57 @@ def write_atomic(path: Path, content: bytes, *, option: str) -> None:
     write_stream(path, lambda stream: stream.write(content), option=option)
 
 
+def write_own(path: Path, content: bytes, *, option: str) -> None:
+    """Write one of the user's own files in its folder; the one before is kept next to it, as `.previous.yaml`."""
+    make_folder(path.parent, option=option)
+    if path.is_file():
+        write_atomic(previous_path(path), path.read_bytes(), option=option)
+    write_atomic(path, content, option=option)
+
+
+def previous_path(path: Path) -> Path:
+    """Where one of the user's own files is kept that a new one replaced."""
+    return path.with_suffix(".previous.yaml")
+
+
 def write_stream(path: Path, write: Callable[[IO[bytes]], object], *, option: str) -> None:
     """As `write_atomic`, from a function that writes to a stream."""
-    try:
+    with _refused(path, option):
         descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name[:50]}.", suffix=".part")
         try:
             with os.fdopen(descriptor, "wb") as stream:
                 write(stream)
+                stream.flush()
+                os.fsync(stream.fileno())
             Path(name).chmod(0o666 & ~umask())
             Path(name).replace(path)
         except BaseException:
             Path(name).unlink(missing_ok=True)
             raise
-    except OSError as error:
-        raise _unwritable(path, option, error) from error
 
 
 def check_path(path: Path, *, option: str) -> None:
     """Raise UsageError for a path that the system cannot even look up: too long, a zero byte, a locked folder."""
     try:
-        path.lstat()
-    except (FileNotFoundError, NotADirectoryError):
-        return
-    except OSError as error:
-        raise _unwritable(path, option, error) from error
+        with _refused(path, option), suppress(FileNotFoundError, NotADirectoryError):
+            path.lstat()
     except ValueError as error:
         raise UsageError("this is no path", where=option, found=repr(str(path)[:200]), allowed=str(error)) from error
 
 
 def _try_folder(folder: Path, option: str) -> None:
+    with _refused(folder, option), tempfile.NamedTemporaryFile(dir=folder, prefix=".retarget."):
+        pass
+
+
+@contextmanager
+def _refused(path: Path, option: str) -> Iterator[None]:
+    """What the system refuses to do at `path` is a UsageError with its reason."""
     try:
-        with tempfile.NamedTemporaryFile(dir=folder, prefix=".retarget."):
-            pass
+        yield
     except OSError as error:
-        raise _unwritable(folder, option, error) from error
-
-
-def _unwritable(path: Path, option: str, error: OSError) -> UsageError:
-    reason = error.strerror or str(error)
-    return UsageError(
-        "cannot write here", where=option, found=f"{str(path)[:200]}: {reason}", next_step="Choose another place"
-    )
+        found = f"{str(path)[:200]}: {error.strerror or error}"
+        raise UsageError("cannot write here", where=option, found=found, next_step="Choose another place") from error
 
 
 def umask() -> int:

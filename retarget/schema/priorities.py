@@ -3,8 +3,11 @@
 Levels are data: level 1 is never traded for a lower one. What a task's `of` names depends on the stage: sensors for
 `reconstruct`, landmarks or frames of the robot for `retarget`. What is absent this frame takes no part; what the body
 does not have is refused when the hierarchy is built, unless the task is `optional`.
+
+A file that `extends` another is an overlay: it says only what differs from its base.
 """
 
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -14,12 +17,11 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field
 from pydantic_core import PydanticCustomError
 
-from retarget.errors import ConfigError, Problem
+from retarget.errors import ConfigError, Problem, UsageError
 from retarget.frames import SENSORS
-from retarget.schema.catalogue import Kind, find
+from retarget.schema.catalogue import Kind, find, is_file
 from retarget.schema.strict_models import (
     Integer,
-    Interval,
     Name,
     NotNegative,
     Number,
@@ -29,10 +31,13 @@ from retarget.schema.strict_models import (
     Switch,
     Text,
     Vector3,
+    ascending,
     listed,
-    read_model,
+    one_or_more,
+    unknown_name,
+    validated,
 )
-from retarget.schema.strict_yaml import Document
+from retarget.schema.strict_yaml import Document, Node, read_text, scan
 
 # The tasks of a priority file: what each kind asks, and its keys. What `of` names depends on the stage: sensors for
 # `reconstruct`, landmarks or frames of the robot for `retarget`.
@@ -49,14 +54,6 @@ def _not_all_zero(value: tuple[float, float, float]) -> tuple[float, float, floa
     return value
 
 
-def _one_or_more(value: Any) -> Any:
-    return (value,) if isinstance(value, str) else value
-
-
-def _uniform() -> dict[str, float]:
-    return {"default": 1.0}
-
-
 RowWeights = Annotated[
     tuple[NotNegative, NotNegative, NotNegative], BeforeValidator(_per_row), AfterValidator(_not_all_zero)
 ]
@@ -64,7 +61,7 @@ RowWeights = Annotated[
 Direction = Annotated[Vector3, AfterValidator(_not_all_zero)]
 """A direction; its length does not matter."""
 Against = Literal["self", "scene", "all"]
-Names = Annotated[tuple[Name, ...], BeforeValidator(_one_or_more), Field(min_length=1, max_length=64)]
+Names = Annotated[tuple[Name, ...], BeforeValidator(one_or_more), Field(min_length=1, max_length=64)]
 
 
 class _Weighed(Schema):
@@ -178,7 +175,7 @@ class PostureTask(_Weighed):
     """Name of the posture."""
     lowered: Name | None = None
     """Name of the posture that replaces it as the head comes down; absent: it stays."""
-    stiffness: Annotated[dict[Name, NotNegative], Field(max_length=300, default_factory=_uniform)]
+    stiffness: Annotated[dict[Name, NotNegative], Field(max_length=300, default_factory=lambda: {"default": 1.0})]
     """Weight by joint or group of joints; `default` is that of all others, and of a free root 0."""
     settle: NotNegative = 0.0
     """[s] Time constant with which free joints approach it; 0: at once."""
@@ -228,12 +225,6 @@ Task = Annotated[
 # The `heading` section of a priority file: weights of the hints by which the heading is found from the sensors.
 
 
-def _not_negative(pair: tuple[float, float]) -> tuple[float, float]:
-    if pair[0] < 0.0:
-        raise ValueError("a speed is not negative")
-    return pair
-
-
 class HeadingSettings(Schema):
     """Each hint is a vector on the ground; their weighted sum points to the left, or forward, of the body."""
 
@@ -243,7 +234,7 @@ class HeadingSettings(Schema):
     """[1/m] Weight of how far forward of the ankles the hands are."""
     velocity: NotNegative = 0.5
     """[s/m] Weight of the velocity of the head."""
-    walking: Annotated[Interval, AfterValidator(_not_negative)] = (0.5, 1.0)
+    walking: Annotated[tuple[NotNegative, NotNegative], AfterValidator(ascending)] = (0.5, 1.0)
     """[m/s] Speeds of the head at which its velocity begins to count, and counts wholly."""
     facing: dict[Name, NotNegative] = Field(
         default_factory=lambda: {"head": 1.0, "chest": 2.0, "pelvis": 2.0}, max_length=16
@@ -306,6 +297,9 @@ class Priorities(Schema):
     """By which it is chosen."""
     description: Text
     """One line for lists."""
+    extends: Text | None = None
+    """The base of an overlay: its name (a file beside this one comes first), or its path relative to this file. Keys of
+    the overlay replace those of its base whole. Of priorities that are loaded: None."""
     iterations: Annotated[Integer, Field(ge=1, le=100)] = 5
     """Per frame, at most (the paper's N_IK)."""
     activation: Literal["closest", "ranked", "all"] = "closest"
@@ -323,7 +317,8 @@ class Priorities(Schema):
     lead_time: Annotated[NotNegative, Field(le=0.2)] = 0.0
     """[s] The robot aims at where the asked motion will be then, by its own velocity, as servos lag behind goals."""
     levels: Annotated[tuple[Level, ...], Field(min_length=1, max_length=32)]
-    """Highest first: a level is never traded for a lower one."""
+    """Highest first: a level is never traded for a lower one. In an overlay an entry that is only a name is that level
+    of its base, an entry with tasks replaces the level of its name or adds one, and what is left out is dropped."""
 
     def tasks(self) -> Iterator[tuple[int, int, Task]]:
         """All tasks with their places: (level, index in the level, task), from 0."""
@@ -334,8 +329,71 @@ class Priorities(Schema):
 
 def load_priorities(path_or_name: str | Path) -> Priorities:
     """A priority file by shipped or user's name, or by path. Raises UsageError, ConfigError with all its problems."""
-    priorities, _ = read_model(Priorities, find(Kind.PRIORITIES, path_or_name), check=_check)
-    return priorities
+    return validated(Priorities, _merged(find(Kind.PRIORITIES, path_or_name)), check=_check)
+
+
+def self_contained(path: Path) -> bytes:
+    """What is in a priority file; an overlay is written out with its bases. Raises ConfigError, OSError."""
+    if scan(read_text(path), path).data.get("extends") is None:
+        return path.read_bytes()
+    return json.dumps(_merged(path).data, indent=1, ensure_ascii=False).encode()
+
+
+# Overlays. The levels of an overlay stand at the same places before and after the merge, and a base is valid by
+# itself: so every problem has its place in the overlay's own file.
+
+MAX_BASES = 8
+"""Most overlays on each other."""
+
+
+def _merged(path: Path, overlays: tuple[Path, ...] = ()) -> Document:
+    """A priority file, with what it takes from its base where it is an overlay. overlays: those that led here."""
+    document = scan(read_text(path), path)
+    if document.data.get("extends") is None:
+        return document
+    base = _merged(_base(document, overlays), (*overlays, path))
+    validated(Priorities, base, check=_check)
+    own = {key: value for key, value in document.data.items() if key != "extends"}
+    taken = {key: value for key, value in base.data.items() if key not in ("name", "description")}
+    problems = list(document.problems)
+    if isinstance(own.get("levels"), list):
+        own["levels"] = _levels(document, base, problems)
+    return replace(document, data=taken | own, problems=tuple(problems))
+
+
+def _base(document: Document, overlays: tuple[Path, ...]) -> Path:
+    """The file that an overlay extends. Raises ConfigError: there is none, or it leads back, or through too many."""
+    named, here = str(document.data["extends"]), ("extends",)
+    is_path = named.endswith((".yaml", ".yml"))
+    beside = document.path.parent / (named if is_path else f"{named}.yaml")
+    try:
+        base = find(Kind.PRIORITIES, beside if is_path or is_file(beside) else named)
+    except UsageError as error:
+        (problem,) = error.problems
+        place = document.problem(here, problem.what)
+        found = problem.found or problem.where
+        raise ConfigError.from_problems([replace(problem, where=place.where, found=found, line=place.line)]) from None
+    way = (*overlays, document.path, base)
+    names, step = " -> ".join(path.stem for path in way), "Extend another file, or give this one a name of its own"
+    if base.resolve() in (path.resolve() for path in way[:-1]):
+        problem = document.problem(here, "a priority file that extends itself", found=names, next_step=step)
+        raise ConfigError.from_problems([problem])
+    if len(way) > MAX_BASES + 1:
+        problem = document.problem(here, "too many overlays on each other", found=names, allowed=f"{MAX_BASES}")
+        raise ConfigError.from_problems([problem])
+    return base
+
+
+def _levels(document: Document, base: Document, problems: list[Problem]) -> list[Node]:
+    """The levels of an overlay, those that are only a name from the base. Adds to `problems` names that it lacks."""
+    entries, theirs = document.data["levels"], base.data["levels"]
+    assert isinstance(entries, list) and isinstance(theirs, list), "the base is valid"
+    by_name = {str(level["name"]): level for level in theirs if isinstance(level, dict)}
+    for index, entry in enumerate(entries):
+        if isinstance(entry, str) and entry not in by_name:
+            kind = f"level of {base.data['name']}"
+            problems.append(unknown_name(document, ("levels", index), kind, entry, by_name))
+    return [by_name.get(entry) if isinstance(entry, str) else entry for entry in entries]
 
 
 def _check(priorities: Priorities, document: Document) -> list[Problem]:

@@ -5,7 +5,6 @@ up among the keys of the document, so that an entry with an error of its own is 
 """
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
 from hardware.bus import BAUDS, WATCHDOG_STEP, fastest_baud
 from hardware.errors import HardwareError
@@ -13,82 +12,69 @@ from hardware.joint_map import coupling_problems
 from hardware.servo import HOMING_REACH, SERVO_MODELS, ServoModel, find_model
 from retarget.errors import Problem
 from retarget.frames import JOINTS
-from retarget.schema.profile_parts import Bus, Landmark, Point2, Servo, servo_specs
-from retarget.schema.profile_safety import check_safety
+from retarget.schema.profile import RobotProfile
+from retarget.schema.profile_parts import Bus, Landmark, Point2, Postures, Safety, Servo, servo_specs
 from retarget.schema.strict_models import keys_of, listed, unknown_name
 from retarget.schema.strict_yaml import Document, KeyPath
 
-if TYPE_CHECKING:
-    from retarget.schema.profile import RobotProfile
-
-
-# Cross checks of a profile's servos, couplings and buses: what the servo side itself would refuse, with its place.
-#
-# Every check takes the valid part of a profile and its document, and returns problems with their places.
+# Servos, couplings and buses: what the servo side itself would refuse, with its place.
 
 MAX_GAIN_1 = 254
 """Highest gain of a Protocol 1.0 servo (e-Manual, MX-28, registers 26 to 28)."""
 TOLERANCE = 1e-9  # [s] by which a watchdog may miss a multiple of its step
 
 
-def check_servos(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
+def check_servos(profile: RobotProfile, document: Document) -> Iterable[Problem]:
     """Names and ids, and what model, protocol and mode cannot do."""
     yield from _duplicate_ids(document)
     buses = keys_of(document, "buses")
-    coupled = {joint for coupling in profile.couplings for joint in coupling.joints}
     for joint, servo in profile.servos.items():
         here: KeyPath = ("servos", joint)
-        bus = profile.buses.get(servo.bus)
+        bus, model = profile.buses.get(servo.bus), _model(servo)
         if servo.bus not in buses:
             yield unknown_name(document, (*here, "bus"), "bus", servo.bus, buses)
         elif bus is not None and servo.id not in bus.ids:
             found = f"{servo.id}, which is not among the ids of bus {servo.bus!r}"
             yield document.problem((*here, "id"), "servo id not on its bus", found=found)
-        try:
-            model = find_model(servo.model)
-        except HardwareError:
+        if model is None:
             yield unknown_name(document, (*here, "model"), "servo model", servo.model, SERVO_MODELS)
             continue
-        yield from _mode(here, servo, model, document)
+        unfit = list(_mode(here, servo, model, document))
+        yield from unfit
         if bus is not None:
             yield from _protocol(here, servo, model, bus, document)
-        if joint not in coupled:
-            yield from _travel(here, servo, model, document)
+        if not unfit:
+            (spec,) = servo_specs({joint: servo}, profile.couplings)
+            step = "Check limits, zero_tick, direction, gear and mode"
+            for text in spec.problems():
+                yield document.problem(here, text.removeprefix(f"{joint}: "), next_step=step)
 
 
-def check_couplings(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
+def check_couplings(profile: RobotProfile, document: Document) -> Iterable[Problem]:
     """Joints that exist, each in one coupling only; matrices that can be inverted; limits that the servos can serve."""
     joints = keys_of(document, "servos")
     holder: dict[str, int] = {}
     for index, coupling in enumerate(profile.couplings):
         here: KeyPath = ("couplings", index)
-        usable = True
         for place, joint in enumerate(coupling.joints):
             if joint not in joints:
                 yield unknown_name(document, (*here, "joints", place), "joint", joint, joints)
             elif holder.setdefault(joint, index) != index:
                 yield document.problem((*here, "joints", place), "the joint is coupled already", found=joint)
-            servo = profile.servos.get(joint)
-            if servo is not None and servo.gear != 1.0:
-                step = "Leave it out: it is part of the coupling's matrix"
-                where: KeyPath = ("servos", joint, "gear")
-                yield document.problem(where, "a coupled servo has no gear", found=str(servo.gear), next_step=step)
-            usable = usable and servo is not None and servo.gear == 1.0 and holder[joint] == index
-        if usable and all(_known(profile.servos[joint].model) for joint in coupling.joints):
-            specs = servo_specs({joint: profile.servos[joint] for joint in coupling.joints}, (coupling,))
-            for text in coupling_problems(specs):
+        pair = {joint: profile.servos[joint] for joint in coupling.joints if joint in profile.servos}
+        if all(joint in pair and _model(pair[joint]) and holder[joint] == index for joint in coupling.joints):
+            for text in coupling_problems(servo_specs(pair, (coupling,))):
                 yield document.problem(here, text, next_step="Check joints, matrix, limits, zero_tick and direction")
 
 
-def _known(model: str) -> bool:
+def _model(servo: Servo) -> ServoModel | None:
     try:
-        find_model(model)
+        return find_model(servo.model)
     except HardwareError:
-        return False
-    return True
+        return None
 
 
-def check_buses(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
+def check_buses(profile: RobotProfile, document: Document) -> Iterable[Problem]:
     """Ids, speed, watchdog and power switch of each bus."""
     for name, bus in profile.buses.items():
         here: KeyPath = ("buses", name)
@@ -106,10 +92,8 @@ def _duplicate_ids(document: Document) -> Iterable[Problem]:
     servos = document.data.get("servos")
     first: dict[tuple[str, int], str] = {}
     for joint, servo in servos.items() if isinstance(servos, dict) else ():
-        if not isinstance(servo, dict):
-            continue
-        number, bus = servo.get("id"), servo.get("bus")
-        if not isinstance(number, int) or isinstance(number, bool) or not isinstance(bus, str):
+        number, bus = (servo.get("id"), servo.get("bus")) if isinstance(servo, dict) else (None, None)
+        if type(number) is not int or not isinstance(bus, str):
             continue
         holder = first.setdefault((bus, number), joint)
         if holder != joint:
@@ -161,39 +145,16 @@ def _protocol(here: KeyPath, servo: Servo, model: ServoModel, bus: Bus, document
             yield document.problem((*here, "gains", key), what, found=str(value), allowed=allowed)
 
 
-def _travel(here: KeyPath, servo: Servo, model: ServoModel, document: Document) -> Iterable[Problem]:
-    """Limits beyond the servo's travel, a speed beyond its own."""
-    fastest = model.no_load_speed / servo.gear
-    if servo.max_velocity > fastest:
-        yield document.problem(
-            (*here, "max_velocity"),
-            "faster than the servo",
-            found=f"{servo.max_velocity} rad/s",
-            allowed=f"at most {fastest:.2f} rad/s ({model.name} without load at {model.voltage:g} V)",
-        )
-    (spec,) = servo_specs({str(here[-1]): servo}, ())
-    for index, limit in enumerate(servo.limits):
-        tick = servo.zero_tick + spec.ticks_per_rad * limit
-        if not spec.lowest_tick - 0.5 <= tick <= spec.highest_tick + 0.5:
-            yield document.problem(
-                (*here, "limits", index),
-                "limit beyond the servo's travel",
-                found=f"{limit} rad, which is tick {tick:.0f}",
-                allowed=f"ticks {spec.lowest_tick} to {spec.highest_tick}",
-                next_step="Check limits, zero_tick, direction, gear and mode",
-            )
-
-
 def _baud(here: KeyPath, bus: Bus, servos: list[Servo], document: Document) -> Iterable[Problem]:
     allowed = BAUDS[bus.protocol]
     if bus.baud not in allowed:
         what, speeds = f"no speed of protocol {bus.protocol} servos", ", ".join(map(str, allowed))
         yield document.problem((*here, "baud"), what, found=str(bus.baud), allowed=speeds)
         return
-    for name in dict.fromkeys(servo.model for servo in servos):
-        most = fastest_baud(find_model(name)) if _known(name) else bus.baud
+    for model in dict.fromkeys(filter(None, map(_model, servos))):
+        most = fastest_baud(model)
         if bus.baud > most:
-            what = f"too fast for the {name} on this bus"
+            what = f"too fast for the {model.name} on this bus"
             yield document.problem((*here, "baud"), what, found=str(bus.baud), allowed=f"at most {most}")
 
 
@@ -227,7 +188,7 @@ STANDING_LANDMARKS = ("pelvis", "l_sole", "r_sole")
 MIN_AREA = 1e-9  # [m^2] twice the area of the smallest triangle that counts as a turn
 
 
-def check_parts(profile: "RobotProfile", document: Document) -> list[Problem]:
+def check_parts(profile: RobotProfile, document: Document) -> list[Problem]:
     """All problems of the profile by itself."""
     checks = (
         check_servos,
@@ -239,12 +200,12 @@ def check_parts(profile: "RobotProfile", document: Document) -> list[Problem]:
         _landmarks,
         _observers,
         _ignore_pairs,
-        check_safety,
+        _safety,
     )
     return [problem for check in checks for problem in check(profile, document)]
 
 
-def _frame_names(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
+def _frame_names(profile: RobotProfile, document: Document) -> Iterable[Problem]:
     frames = keys_of(document, "frames")
     for name, foot in profile.feet.items():
         if foot.frame not in frames:
@@ -256,7 +217,7 @@ def _frame_names(profile: "RobotProfile", document: Document) -> Iterable[Proble
                     yield unknown_name(document, ("landmarks", name, key), "frame", frame, frames)
 
 
-def _feet(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
+def _feet(profile: RobotProfile, document: Document) -> Iterable[Problem]:
     for name, foot in profile.feet.items():
         if not is_convex(foot.polygon):
             yield document.problem(
@@ -281,9 +242,9 @@ def _side(start: Point2, end: Point2, point: Point2) -> float:
     return (end[0] - start[0]) * (point[1] - start[1]) - (end[1] - start[1]) * (point[0] - start[0])
 
 
-def _postures(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
+def _postures(profile: RobotProfile, document: Document) -> Iterable[Problem]:
     joints = keys_of(document, "servos")
-    for name in ("neutral", "stand", "rest", "attractor"):
+    for name in Postures.model_fields:
         posture = getattr(profile.postures, name, None)  # absent where the section is not valid
         if posture is None:
             continue
@@ -301,7 +262,7 @@ def _postures(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
                 )
 
 
-def _landmarks(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
+def _landmarks(profile: RobotProfile, document: Document) -> Iterable[Problem]:
     present = keys_of(document, "landmarks")
     needed = LANDMARKS + (STANDING_LANDMARKS if profile.root == "free" else ())
     missing = [name for name in needed if name not in present]
@@ -322,7 +283,7 @@ def _human_joints(landmark: Landmark) -> Iterable[tuple[str, str]]:
     yield from (("human_length", joint) for point in landmark.human_length for joint in point)
 
 
-def _observers(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
+def _observers(profile: RobotProfile, document: Document) -> Iterable[Problem]:
     for name, observer in profile.observers.items():
         if observer.margin >= observer.influence:
             yield document.problem(
@@ -333,8 +294,43 @@ def _observers(profile: "RobotProfile", document: Document) -> Iterable[Problem]
             )
 
 
-def _ignore_pairs(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
+def _ignore_pairs(profile: RobotProfile, document: Document) -> Iterable[Problem]:
     for index, ignored in enumerate(profile.ignore_pairs):
         if ignored.pair[0] == ignored.pair[1]:
             found = f"{ignored.pair[0]} twice"
             yield document.problem(("ignore_pairs", index, "pair"), "a pair needs two different links", found=found)
+
+
+WITHIN = (
+    ("freshness_warn", "freshness", "s"),
+    ("temperature_warn_c", "temperature_c", "degrees Celsius"),
+    ("following_error_sustained", "following_error", "rad"),
+    ("following_error_warn", "following_error_sustained", "rad"),
+    ("following_error_warn", "following_error", "rad"),
+    ("current_warn_a", "current_a", "A"),
+)
+"""Keys whose value must be below that of another, and their unit."""
+
+
+def _safety(profile: RobotProfile, document: Document) -> Iterable[Problem]:
+    """Warnings that would come only after the stop."""
+    safety: Safety | None = profile.safety
+    if safety is None:  # the section is not valid
+        return
+    for key, other, unit in WITHIN:
+        value, most = getattr(safety, key), getattr(safety, other)
+        if value is not None and most is not None and value >= most:
+            yield document.problem(
+                ("safety", key),
+                f"must be below {other}",
+                found=f"{value:g} {unit}",
+                allowed=f"less than {most:g} {unit}",
+            )
+    warn, stop = safety.voltage_warn, safety.voltage
+    if warn is not None and not (stop[0] <= warn[0] and warn[1] <= stop[1]):
+        yield document.problem(
+            ("safety", "voltage_warn"),
+            "must lie within voltage",
+            found=f"{warn[0]:g} to {warn[1]:g} V",
+            allowed=f"{stop[0]:g} to {stop[1]:g} V",
+        )

@@ -12,15 +12,15 @@ from dataclasses import dataclass
 from itertools import pairwise
 from math import sqrt
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import AfterValidator, Field
 from pydantic_core import PydanticCustomError
 
 from retarget.errors import Problem
 from retarget.rotations import Quat, Vector, inverse, minus, plus, product, rotated, rotation_vector
 from retarget.schema.catalogue import Kind, find
-from retarget.schema.shapes import Distance, Keys, Point, Size, SolidShape
+from retarget.schema.shapes import Distance, Point, Size, SolidShape
 from retarget.schema.strict_models import Name, Quaternion, Schema, Switch, Text, read_model
 from retarget.schema.strict_yaml import Document, KeyPath
 
@@ -41,23 +41,9 @@ Turn = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-MAX_TURN, le
 Instant = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=1e6)]
 
 
-def _shape_mapping(value: Any) -> Any:
-    if not isinstance(value, dict):
-        allowed = "one shape with its measures, such as {sphere: {radius: 0.1}}"
-        raise PydanticCustomError("mapping", "not a shape", {"allowed": allowed})
-    return value
-
-
 def _direction(value: tuple[float, float, float]) -> tuple[float, float, float]:
     if sum(part * part for part in value) < MIN_NORMAL**2:
         raise PydanticCustomError("zero", "a direction without length", {"allowed": "such as [0, 0, 1]"})
-    return value
-
-
-def _timed(value: Any) -> Any:
-    if value is None:
-        allowed = "time: seconds from the start, rising from point to point"
-        raise PydanticCustomError("time", "a moving obstacle without time", {"allowed": allowed})
     return value
 
 
@@ -76,15 +62,8 @@ class HalfSpace(Schema):
 class ObstacleShape(SolidShape):
     """Exactly one of the shapes: those of a profile's observers, and the half-space."""
 
-    half_space: Annotated[HalfSpace, Keys] | None = None
+    half_space: HalfSpace | None = None
     """All that is behind a plane."""
-
-
-def _one_shape(shape: ObstacleShape) -> ObstacleShape:
-    if len(shape.model_fields_set) != 1:
-        allowed = "exactly one of: " + ", ".join(ObstacleShape.model_fields)
-        raise PydanticCustomError("shape", "not one shape", {"allowed": allowed})
-    return shape
 
 
 class Place(Schema):
@@ -99,7 +78,7 @@ class Place(Schema):
 class PathPoint(Schema):
     """Where an obstacle's own frame is at a time."""
 
-    time: Annotated[Instant, BeforeValidator(_timed)] = Field(default=None, validate_default=True)
+    time: Instant
     """[s] From the start, rising from point to point."""
     pos: Point
     """[m] Of the obstacle's origin."""
@@ -112,11 +91,11 @@ class Obstacle(Schema):
     both.
     """
 
-    shape: Annotated[ObstacleShape, BeforeValidator(_shape_mapping), AfterValidator(_one_shape)]
+    shape: ObstacleShape
     """Exactly one, in the obstacle's own frame."""
     frame: Literal["world", "stand"] = "world"
     """What `at`, `path`, `velocity` and live updates are written in: the world, or the robot's stand."""
-    at: Annotated[Place, Keys] = Place()
+    at: Place = Place()
     """Where the obstacle's own frame is at the start."""
     influence: Size = 0.1
     """[m] Distance at which observers begin to yield."""
@@ -132,13 +111,13 @@ class Obstacle(Schema):
     """[s] When it begins to move."""
     until: Instant | None = None
     """[s] When it stops; absent: never."""
-    path: Annotated[tuple[Annotated[PathPoint, Keys], ...], Field(max_length=10_000)] | None = None
+    path: Annotated[tuple[PathPoint, ...], Field(max_length=10_000)] | None = None
     """Poses at times, instead of `at` and velocities."""
     loop: Switch = False
     """The path again and again."""
 
 
-Obstacles = Annotated[dict[Name, Annotated[Obstacle, Keys]], Field(max_length=256)]
+Obstacles = Annotated[dict[Name, Obstacle], Field(max_length=256)]
 """Obstacles by name."""
 
 

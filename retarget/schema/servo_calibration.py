@@ -10,7 +10,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
@@ -20,14 +20,11 @@ from hardware.joint_map import JointMap, coupling_problems
 from hardware.servo import ServoSpec, find_model
 from retarget.errors import Problem
 from retarget.schema.catalogue import calibration_path
-from retarget.schema.files import make_folder, write_atomic, write_stream
+from retarget.schema.files import write_atomic, write_own
+from retarget.schema.profile import RobotProfile
 from retarget.schema.profile_parts import ServoId, Tick
 from retarget.schema.strict_models import Integer, Name, Number, Schema, read_model, unknown_name
 from retarget.schema.strict_yaml import Document, KeyPath
-
-if TYPE_CHECKING:
-    from retarget.schema.profile import RobotProfile
-
 
 OPTION = "calibration"
 STEP = "Was it made with another robot or profile? Remove the file, or home the robot anew: retarget servo home"
@@ -58,7 +55,7 @@ class ServoCalibration(Schema):
     servos: Annotated[dict[Name, HomedServo], Field(min_length=1, max_length=250)]
 
 
-def read_calibration(profile: "RobotProfile", path: Path | None = None) -> ServoCalibration | None:
+def read_calibration(profile: RobotProfile, path: Path | None = None) -> ServoCalibration | None:
     """The calibration of this robot; None where the user has none. path: this file instead of the user's.
 
     Raises ConfigError: not valid, or of another robot.
@@ -86,28 +83,16 @@ def write_calibration(calibration: ServoCalibration, path: Path | None = None) -
 
     path: write this file instead, and no other. Raises UsageError with the system's reason.
     """
-    if path is None:
-        path = calibration_path(calibration.robot)
-        make_folder(path.parent, option=OPTION)
-        if path.is_file():
-            write_atomic(previous_path(path), path.read_bytes(), option=OPTION)
     content = _as_yaml(calibration).encode()
-
-    def write(stream: IO[bytes]) -> None:
-        stream.write(content)
-        stream.flush()
-        os.fsync(stream.fileno())
-
-    write_stream(path, write, option=OPTION)
+    if path is not None:
+        write_atomic(path, content, option=OPTION)
+        return path
+    path = calibration_path(calibration.robot)
+    write_own(path, content, option=OPTION)
     return path
 
 
-def previous_path(path: Path) -> Path:
-    """Where the calibration that a new one replaced is kept."""
-    return path.with_suffix(".previous.yaml")
-
-
-def _problems(profile: "RobotProfile", read: ServoCalibration, document: Document) -> list[Problem]:
+def _problems(profile: RobotProfile, read: ServoCalibration, document: Document) -> list[Problem]:
     """Everything by which the file is of another robot."""
     found: list[Problem] = []
     if read.robot and read.robot != profile.name:
@@ -137,7 +122,7 @@ def _problems(profile: "RobotProfile", read: ServoCalibration, document: Documen
     return found or _beyond_the_servos(profile, read, document)
 
 
-def _beyond_the_servos(profile: "RobotProfile", read: ServoCalibration, document: Document) -> list[Problem]:
+def _beyond_the_servos(profile: RobotProfile, read: ServoCalibration, document: Document) -> list[Problem]:
     """What the servos could not reach with these zero ticks."""
     if document.problems or not read.servos:
         return []

@@ -1,8 +1,8 @@
 """Models of bounded shapes: of the observers of a profile and of the obstacles of a scene. SI units."""
 
-from typing import Annotated, Any
+from typing import Annotated, Self
 
-from pydantic import BeforeValidator, Field
+from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from retarget.schema.strict_models import Quaternion, Schema
@@ -14,15 +14,6 @@ Coordinate = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-MAX_CO
 Size = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=MAX_COORDINATE)]
 Distance = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=MAX_COORDINATE)]
 Point = tuple[Coordinate, Coordinate, Coordinate]
-
-
-def _mapping(value: Any) -> Any:
-    if not isinstance(value, dict):
-        raise PydanticCustomError("mapping", "keys are missing", {"allowed": "a mapping of keys"})
-    return value
-
-
-Keys = BeforeValidator(_mapping)
 
 
 class Line(Schema):
@@ -62,20 +53,27 @@ class Box(Schema):
 
 
 class SolidShape(Schema):
-    """Exactly one of the shapes; the model that holds it checks this."""
+    """Exactly one of the shapes."""
 
-    segment: Annotated[Line, Keys] | None = None
+    segment: Line | None = None
     """A line without thickness."""
-    capsule: Annotated[Rod, Keys] | None = None
+    capsule: Rod | None = None
     """A line with a radius and round ends."""
-    cylinder: Annotated[Rod, Keys] | None = None
+    cylinder: Rod | None = None
     """The same with flat ends."""
-    sphere: Annotated[Ball, Keys] | None = None
+    sphere: Ball | None = None
     """A ball."""
-    box: Annotated[Box, Keys] | None = None
+    box: Box | None = None
     """A box."""
 
     @property
     def label(self) -> str:
         """Its name in a file."""
         return next(iter(self.model_fields_set))
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> Self:
+        if len(self.model_fields_set) != 1:
+            shapes = ", ".join(type(self).model_fields)
+            raise PydanticCustomError("shape", "not one shape", {"allowed": f"exactly one of: {shapes}"})
+        return self

@@ -80,13 +80,11 @@ def _problem(model: type[BaseModel], detail: ErrorDetails, document: Document) -
     if kind in ("missing", "union_tag_not_found"):
         return document.problem(key_path, "missing key", next_step=f"Add {str(key_path[-1])!r}")
     expected = message.removeprefix("Input should be ").removeprefix("a valid ")
-    expected = _PLAIN_WORDS.get(expected, expected)
+    expected = _PLAIN_WORDS.get(expected.split(" or instance of ")[0], expected)
     if kind == "union_tag_invalid":
         expected = str(detail.get("ctx", {}).get("expected_tags", ""))
         key_path = (*key_path, "type")
-    elif not message.startswith(
-        "Input should be "
-    ):  # not pydantic's own "should be": one of our validators, whose message says it all
+    elif not message.startswith("Input should be "):  # one of our validators, whose message says it all
         expected = ""
     allowed = str(detail.get("ctx", {}).get("allowed", expected))  # our validators bring theirs
     found = _value_at(document.data, key_path)
@@ -194,7 +192,8 @@ M = TypeVar("M", bound=Schema)
 Check = Callable[[M, Document], list[Problem]]
 
 
-def _ascending(pair: tuple[float, float]) -> tuple[float, float]:
+def ascending(pair: tuple[float, float]) -> tuple[float, float]:
+    """Refuses limits of which the lower one is not below the upper one."""
     if pair[0] >= pair[1]:
         raise PydanticCustomError(
             "inverted", "inverted limits", {"allowed": "[lower, upper], the lower one first and below the upper one"}
@@ -212,7 +211,12 @@ def _unit(quat: tuple[float, float, float, float]) -> tuple[float, float, float,
     return quat
 
 
-Interval = Annotated[tuple[Number, Number], AfterValidator(_ascending)]
+def one_or_more(value: Any) -> Any:
+    """`name` means the same as `[name]`."""
+    return (value,) if isinstance(value, str) else value
+
+
+Interval = Annotated[tuple[Number, Number], AfterValidator(ascending)]
 """Lower and upper limit; the lower one first and below the upper one."""
 Quaternion = Annotated[tuple[Number, Number, Number, Number], AfterValidator(_unit)]
 """Rotation as w x y z."""
@@ -221,6 +225,11 @@ Quaternion = Annotated[tuple[Number, Number, Number, Number], AfterValidator(_un
 def read_model(model: type[M], path: Path, *, check: Check[M] | None = None) -> tuple[M, Document]:
     """Read a YAML file as `model`. Raises ConfigError with all problems of the file, those of `check` included."""
     document = scan(read_text(path), path)
+    return validated(model, document, check=check), document
+
+
+def validated(model: type[M], document: Document, *, check: Check[M] | None = None) -> M:
+    """A document that is read, as `model`. Raises ConfigError as `read_model`."""
     problems = list(document.problems)
     try:
         read = model.model_validate(document.data)
@@ -232,8 +241,8 @@ def read_model(model: type[M], path: Path, *, check: Check[M] | None = None) -> 
     if check is not None:
         problems += check(read, document)
     if problems:
-        raise ConfigError.from_problems(problems, title=f"{path}: {len(problems)} problems")
-    return read, document
+        raise ConfigError.from_problems(problems, title=f"{document.path}: {len(problems)} problems")
+    return read
 
 
 def _valid_part(model: type[M], data: Mapping[str, Any]) -> M:

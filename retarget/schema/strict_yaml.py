@@ -13,7 +13,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeAlias
+from typing import TypeAlias, TypedDict, Unpack
 
 import yaml
 from yaml import events as ev
@@ -33,9 +33,11 @@ Scalar: TypeAlias = str | int | float | bool | None
 Node: TypeAlias = "Scalar | list[Node] | dict[str, Node]"
 KeyPath: TypeAlias = tuple[str | int, ...]
 
-_NULL = frozenset({"", "~", "null", "Null", "NULL"})
-_TRUE = frozenset({"true", "True", "TRUE"})
-_FALSE = frozenset({"false", "False", "FALSE"})
+_WORDS = {
+    **dict.fromkeys(("", "~", "null", "Null", "NULL")),
+    **dict.fromkeys(("true", "True", "TRUE"), True),
+    **dict.fromkeys(("false", "False", "FALSE"), False),
+}
 _DECIMAL = re.compile(r"[-+]?[0-9]+")
 _LED_BY_ZERO = re.compile(r"[-+]?0[0-9]+")
 _OCTAL = re.compile(r"0o[0-7]+")
@@ -44,6 +46,14 @@ _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _NOT_FINITE = re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)")
 
 _Loader: type = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # same events; libyaml is ten times faster
+
+
+class _Details(TypedDict, total=False):
+    """What a problem may say besides what and where: see `Problem`."""
+
+    found: str
+    allowed: str
+    next_step: str
 
 
 @dataclass(frozen=True)
@@ -58,31 +68,17 @@ class Document:
     lines: dict[KeyPath, int] = field(repr=False)
     problems: tuple[Problem, ...] = ()
 
-    def problem(
-        self, key_path: KeyPath, what: str, *, found: str = "", allowed: str = "", next_step: str = ""
-    ) -> Problem:
+    def problem(self, key_path: KeyPath, what: str, **details: Unpack[_Details]) -> Problem:
         """A problem at `file:line: dotted.key`; the line is that of the nearest parent that stands in the file."""
         known = key_path
         while known and known not in self.lines:
             known = known[:-1]
-        return _problem(self.path, self.lines.get(known, 1), key_path, what, found, allowed, next_step)
-
-
-def load(path: Path) -> Document:
-    """Read a strict YAML file whose top level is a mapping. Raises ConfigError with all problems found."""
-    return parse(read_text(path), path)
-
-
-def parse(text: str, path: Path) -> Document:
-    """Strict YAML from text; `path` only names it in messages. Raises ConfigError with all problems found."""
-    document = scan(text, path)
-    if document.problems:
-        raise ConfigError.from_problems(document.problems, title=f"{path}: {len(document.problems)} problems")
-    return document
+        return _problem(self.path, self.lines.get(known, 1), key_path, what, **details)
 
 
 def scan(text: str, path: Path) -> Document:
-    """As `parse`, but what is refused stands in `Document.problems`. Raises ConfigError when there is no mapping."""
+    """Strict YAML from text; `path` only names it in messages. What is refused stands in `Document.problems`. Raises
+    ConfigError when there is no mapping."""
     builder = _Builder(path, text)
     data: Node = None
     try:
@@ -140,10 +136,8 @@ class _Builder:
         self.lines: dict[KeyPath, int] = {}
         self.values = 0
 
-    def problem(
-        self, line: int, key_path: KeyPath, what: str, *, found: str = "", allowed: str = "", next_step: str = ""
-    ) -> None:
-        self.problems.append(_problem(self.path, line, key_path, what, found, allowed, next_step))
+    def problem(self, line: int, key_path: KeyPath, what: str, **details: Unpack[_Details]) -> None:
+        self.problems.append(_problem(self.path, line, key_path, what, **details))
         if len(self.problems) >= MAX_PROBLEMS:
             raise _HopelessError
 
@@ -239,17 +233,16 @@ class _Builder:
         text: str = event.value
         if not event.implicit[0] or event.style in ("'", '"', "|", ">"):
             return text
-        value = _core(text)
-        number = isinstance(value, int | float) and not isinstance(value, bool)
+        value, line, found = _core(text), _line(event), text[:40]
         if _NOT_FINITE.fullmatch(text) or (isinstance(value, float) and not math.isfinite(value)):
-            what, found, step = "a number that is not finite", text[:40], "Write the number itself"
-            self.problem(_line(event), key_path, what, found=found, allowed="a finite number", next_step=step)
-        elif number and isinstance(value, int) and abs(value) > MAX_INTEGER:
+            what, step = "a number that is not finite", "Write the number itself"
+            self.problem(line, key_path, what, found=found, allowed="a finite number", next_step=step)
+        elif isinstance(value, int) and abs(value) > MAX_INTEGER:
             allowed = f"between -{MAX_INTEGER} and {MAX_INTEGER}"
-            self.problem(_line(event), key_path, "a number out of range", found=text[:40], allowed=allowed)
+            self.problem(line, key_path, "a number out of range", found=found, allowed=allowed)
         elif _LED_BY_ZERO.fullmatch(text):
             what, allowed = "a number that begins with 0: octal to some readers", "12, or 0o12 for octal"
-            self.problem(_line(event), key_path, what, found=text[:40], allowed=allowed)
+            self.problem(line, key_path, what, found=found, allowed=allowed)
         return value
 
 
@@ -257,11 +250,9 @@ class _HopelessError(Exception):
     """Ends the reading early; the problems are already noted."""
 
 
-def _problem(
-    path: Path, line: int, key_path: KeyPath, what: str, found: str, allowed: str, next_step: str = ""
-) -> Problem:
+def _problem(path: Path, line: int, key_path: KeyPath, what: str, **details: Unpack[_Details]) -> Problem:
     where = f"{path}:{line}" + (f": {dotted(key_path)}" if key_path else "")
-    return Problem(what, where, found, allowed, next_step, line)
+    return Problem(what, where, line=line, **details)
 
 
 def _line(event: ev.Event) -> int:
@@ -271,10 +262,8 @@ def _line(event: ev.Event) -> int:
 
 def _core(text: str) -> Scalar:
     """A plain scalar by the YAML 1.2 core schema."""
-    if text in _NULL:
-        return None
-    if text in _TRUE or text in _FALSE:
-        return text in _TRUE
+    if text in _WORDS:
+        return _WORDS[text]
     if _DECIMAL.fullmatch(text):
         # int() refuses thousands of digits; such a number is out of range as a float too, or merely absurd.
         return int(text) if len(text) <= 400 else math.inf

@@ -14,8 +14,9 @@ from retarget.errors import UsageError
 from retarget.model.body import BodyModel, body_from_file
 from retarget.model.body_file import BodyFile, compile_body
 from retarget.model.observers import NEAR_LINKS, NEVER_NEAR, steps_between
+from retarget.model.robot import load_profile
 from retarget.schema.catalogue import HUMAN
-from retarget.schema.profile import RobotProfile, load_profile
+from retarget.schema.profile import RobotProfile
 from retarget.setup.enclosing_shapes import Box, Capsule, LinkGeometry, Lone, link_geometries
 from retarget.setup.observer_proposals import DIGITS, Pair, Proposal, Zones, flattened, propose
 from retarget.setup.survey import SAFETY_FACTOR, OwnDistances, PairRecord, joint_ranges, own_distances, survey

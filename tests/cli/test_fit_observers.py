@@ -8,10 +8,9 @@ import pytest
 from messages import shows
 from retarget.cli import main
 from retarget.model.observers import robot_observers
-from retarget.model.robot import load_robot
+from retarget.model.robot import load_profile, load_robot
 from retarget.report.clearance import self_clearance
 from retarget.schema.catalogue import shipped_folder
-from retarget.schema.profile import load_profile
 from retarget.setup.fit_observers import Fit, find_subject, fit
 from retarget.setup.observer_proposals import Zones
 from retarget.setup.survey import joint_ranges

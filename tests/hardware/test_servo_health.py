@@ -32,7 +32,7 @@ from hardware.servo_health import (
     watched,
 )
 from messages import refuses, shows
-from retarget.schema.profile import load_profile
+from retarget.model.robot import load_profile
 from servos import four_servos, waist_servos
 from sim.mock_bus import FaultKind, MockBus, MockFault
 

@@ -14,7 +14,7 @@ from hardware.joint_map import JointMap, resolve_turns
 from hardware.servo import ServoMode
 from messages import refuses
 from posed_body import PosedBody
-from retarget.schema.profile import load_profile
+from retarget.model.robot import load_profile
 
 Array = NDArray[np.float64]
 

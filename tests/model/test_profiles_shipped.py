@@ -11,9 +11,8 @@ import pytest
 from posed_body import PosedBody
 from retarget.ik.support_polygon import plant, support_distance
 from retarget.model.observers import robot_observers
-from retarget.model.robot import load_robot
+from retarget.model.robot import load_profile, load_robot
 from retarget.schema.catalogue import Kind, entries
-from retarget.schema.profile import load_profile
 
 POSTURES = ("neutral", "stand", "rest", "attractor")
 STALL_SHARE = 0.82

@@ -16,6 +16,7 @@ from retarget.recording.reading import Played, read_recording
 from retarget.recording.replay import replay
 from retarget.run.options import RunOptions
 from retarget.schema.catalogue import shipped_folder
+from retarget.schema.priorities import load_priorities
 
 PRIORITIES = "priorities_of_the_robot.yaml"
 
@@ -180,3 +181,23 @@ def test_nothing_stays_behind(found: Played, home: Path) -> None:
         body = configs.robot.profile.body_path
         assert body.is_file() and configs.body_attached
     assert not body.parent.exists()
+
+
+def test_an_overlay_is_recorded_with_its_base(tmp_path: Path) -> None:
+    """A base that changed since, or is gone, changes nothing of the run of then."""
+    base, mine = tmp_path / "base.yaml", tmp_path / "mine.yaml"
+    shutil.copy(shipped_folder() / "priorities" / "servo.yaml", base)
+    mine.write_text("name: mine\ndescription: Slower.\nextends: base\niterations: 4\n", encoding="utf-8")
+    priorities = load_priorities(mine)
+    options = RunOptions(robot="op3", priorities=str(mine), bus="mock")
+    recording = record(tmp_path / "run.mcap", options=options, seconds=0.1).played().recording
+    with as_recorded(recording) as configs:
+        assert configs.notes == () and configs.options.priorities == str(mine)
+    base.write_text(base.read_text(encoding="utf-8").replace("margin: 0.01", "margin: 0.02"), encoding="utf-8")
+    with as_recorded(recording) as configs:
+        assert configs.notes == (f"{PRIORITIES} is another one now, {mine}: the one of then is used",)
+        assert configs.options.priorities is not None
+        assert load_priorities(configs.options.priorities) == priorities
+    base.unlink()
+    with as_recorded(recording) as configs:
+        assert configs.attached == {PRIORITIES}

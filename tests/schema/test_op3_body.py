@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from posed_body import PosedBody
-from retarget.schema.profile import load_profile
+from retarget.model.robot import load_profile
 
 # Zero-pose joint anchors in the base frame, m, and axes: computed from ROBOTIS' own model.
 LEFT = {

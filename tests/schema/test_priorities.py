@@ -1,5 +1,6 @@
 """Priority files: every task type, the defaults, and what is refused."""
 
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from retarget.errors import ConfigError, UsageError
 from retarget.model.robot import load_robot
 from retarget.robot.follower import Follower
 from retarget.run.options import PhysicsOptions, RunOptions, priority_names
+from retarget.schema.catalogue import Kind, find
 from retarget.schema.priorities import (
     AxisTask,
     CentreOfMassTask,
@@ -29,6 +31,7 @@ from retarget.schema.priorities import (
     Task,
     check_for_human,
     load_priorities,
+    self_contained,
 )
 
 
@@ -240,6 +243,135 @@ def test_only_balanced_compensates_deflection_and_it_puts_soles_and_balance_befo
     balanced = load_priorities("balanced")
     assert balanced.deflection_compensation is not None
     assert [level.name for level in balanced.levels][:3] == ["soles", "balance", "self collision"]
+
+
+WRITTEN_OUT = json.loads(Path(__file__).with_name("priorities_written_out.json").read_text(encoding="utf-8"))
+"""The shipped priority files of robots, each whole."""
+
+
+@pytest.mark.parametrize("name", sorted(WRITTEN_OUT))
+def test_shipped_overlays_are_what_they_say_written_out(name: str) -> None:
+    assert load_priorities(name) == Priorities.model_validate(WRITTEN_OUT[name])
+
+
+BASE = EVERYTHING.replace("name: everything", "name: base").replace("  - name: kept free\n    tasks: []\n", "")
+OVERLAY = """\
+name: mine
+description: Hands before feet.
+extends: base.yaml
+activation: all
+levels:
+  - balance
+  - hands
+  - name: feet
+    tasks:
+      - {type: position, of: [l_sole, r_sole]}
+  - name: eyes
+    tasks:
+      - {type: look_at, of: head}
+  - posture
+"""
+
+
+def overlay(folder: Path, text: str = OVERLAY, *, base: str = BASE) -> Priorities:
+    (folder / "base.yaml").write_text(base, encoding="utf-8")
+    return load(text, folder)
+
+
+def test_an_overlay_takes_from_its_base_what_it_does_not_say(tmp_path: Path) -> None:
+    mine, base = overlay(tmp_path), load_priorities(tmp_path / "base.yaml")
+    assert (mine.name, mine.description, mine.extends) == ("mine", "Hands before feet.", None)
+    assert (mine.iterations, mine.activation) == (8, "all")
+    theirs = {level.name: level for level in base.levels}
+    assert [level.name for level in mine.levels] == ["balance", "hands", "feet", "eyes", "posture"]
+    for name in ("balance", "hands", "posture"):
+        assert theirs[name] in mine.levels
+    assert len(mine.levels[2].tasks) == 1 and len(theirs["feet"].tasks) == 3
+
+
+def test_without_levels_an_overlay_has_those_of_its_base(tmp_path: Path) -> None:
+    mine = overlay(tmp_path, OVERLAY.split("levels")[0])
+    assert mine.levels == load_priorities(tmp_path / "base.yaml").levels
+
+
+def test_overlays_of_the_user_extend_shipped_ones_and_each_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    folder = tmp_path / "retarget" / "priorities"
+    folder.mkdir(parents=True)
+    head = "name: mine\ndescription: One of the user's.\n"
+    (folder / "slower.yaml").write_text(head + "extends: balanced_sustained\niterations: 3\n", encoding="utf-8")
+    (folder / "slowest.yaml").write_text(head + "extends: slower\nlead_time: 0.1\n", encoding="utf-8")
+    shipped, own = load_priorities("balanced_sustained"), load_priorities("slowest")
+    own_keys = {"name": "mine", "description": "One of the user's.", "iterations": 3, "lead_time": 0.1}
+    assert own == shipped.model_copy(update=own_keys)
+
+
+def test_a_shipped_overlay_extends_the_shipped_base_whatever_the_user_has(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    balanced = load_priorities("balanced")
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    folder = tmp_path / "retarget" / "priorities"
+    folder.mkdir(parents=True)
+    (folder / "servo.yaml").write_text(EVERYTHING, encoding="utf-8")
+    assert load_priorities("servo").name == "everything"
+    assert load_priorities("balanced") == balanced
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "facts"),
+    [
+        ("base.yaml", "servvo", (":3: extends", "'servvo'", "servo", "Did you mean servo?")),
+        ("base.yaml", "lasting", (":3: extends", "'lasting'", "balanced_sustained")),
+        ("base.yaml", "gone.yaml", (":3: extends", "gone.yaml")),
+        ("base.yaml", "[base.yaml]", (":3: extends", "base.yaml")),
+        ("base.yaml", "mine.yaml", (":3: extends", "mine -> mine")),
+        ("- hands", "- hans", (":7: levels[1]", "level of base", "'hans'", "Did you mean hands?")),
+        ("- hands", "- {name: hands}", (":7: levels[1].tasks", "missing key")),
+        ("- hands", "- balance", (":7: levels[1].name", "duplicate level name", "also of level 1")),
+        ("activation: all", "activaton: all", (":4: activaton", "Did you mean activation?")),
+        ("name: mine\n", "", ("name: missing key",)),
+        ("look_at", "look_it", (":13: levels[3].tasks[0].type", "'look_it'", "Did you mean look_at?")),
+        ("levels:\n", "levels: none\nlayers:\n", (":5: levels", "'none'", ":6: layers")),
+    ],
+)
+def test_a_bad_overlay_is_refused_with_its_place(tmp_path: Path, old: str, new: str, facts: tuple[str, ...]) -> None:
+    assert old in OVERLAY
+    with refuses(ConfigError, *facts, "mine.yaml"):
+        overlay(tmp_path, OVERLAY.replace(old, new, 1))
+
+
+def test_a_bad_base_is_refused_in_its_own_file(tmp_path: Path) -> None:
+    with refuses(ConfigError, "base.yaml:3: iterations", "found 0"):
+        overlay(tmp_path, base=BASE.replace("iterations: 8", "iterations: 0"))
+
+
+def test_a_name_alone_is_no_level_without_a_base(tmp_path: Path) -> None:
+    with refuses(ConfigError, "mine.yaml:5: levels[0]", "'balance'"):
+        load(OVERLAY.replace("extends: base.yaml\n", ""), tmp_path)
+
+
+def test_overlays_that_lead_back_or_too_far_are_refused(tmp_path: Path) -> None:
+    head = "name: a\ndescription: b\nextends: {}.yaml\n"
+    for number in range(10):
+        (tmp_path / f"{number}.yaml").write_text(head.format(number + 1), encoding="utf-8")
+    (tmp_path / "10.yaml").write_text(BASE, encoding="utf-8")
+    assert load_priorities(tmp_path / "2.yaml").levels
+    with refuses(ConfigError, "9.yaml:3: extends", "1 -> 2", "9 -> 10"):
+        load_priorities(tmp_path / "1.yaml")
+    (tmp_path / "10.yaml").write_text(head.format(9), encoding="utf-8")
+    with refuses(ConfigError, "10.yaml:3: extends", "9 -> 10 -> 9"):
+        load_priorities(tmp_path / "9.yaml")
+
+
+@pytest.mark.parametrize("name", ["human", "balanced_sustained"])
+def test_a_file_that_holds_all_that_it_takes_loads_as_the_file_itself(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "whole.yaml"
+    path.write_bytes(self_contained(find(Kind.PRIORITIES, name)))
+    assert "extends" not in path.read_text(encoding="utf-8")
+    assert load_priorities(path) == load_priorities(name)
 
 
 @pytest.mark.parametrize("name", ["human", "paper"])

@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 from hardware.joint_map import JointMap
 from messages import refuses
 from retarget.errors import ConfigError, UsageError
+from retarget.model.robot import load_profile
 from retarget.schema.catalogue import shipped_folder
-from retarget.schema.profile import RobotProfile, load_profile, read_profile
-from retarget.schema.strict_yaml import parse
+from retarget.schema.profile import RobotProfile, read_profile
+from retarget.schema.strict_yaml import scan
 
 KEYS = [
     *(
@@ -105,7 +106,7 @@ def test_any_value_in_any_place_is_read_or_refused(
     data: st.DataObject, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     op3 = shipped_folder() / "robots" / "op3"
-    tree = parse((op3 / "robot.yaml").read_text(encoding="utf-8"), op3).data
+    tree = scan((op3 / "robot.yaml").read_text(encoding="utf-8"), op3).data
     path = data.draw(st.sampled_from(_paths(tree)[1:]))
     node: object = tree
     for key in path[:-1]:

@@ -10,7 +10,8 @@ from hardware.bus import PowerSwitch
 from hardware.joint_map import JointMap
 from hardware.servo import ServoMode
 from retarget.errors import ConfigError
-from retarget.schema.profile import RobotProfile, load_profile
+from retarget.model.robot import load_profile
+from retarget.schema.profile import RobotProfile
 from retarget.schema.profile_checks import is_convex
 from retarget.schema.profile_parts import Foot
 
@@ -85,11 +86,11 @@ WRONG = {
     "unknown model": (("XM430-W350,", "XM430-W530,"), "unknown servo model; found 'XM430-W530'"),
     "beyond the travel": (
         ("zero_tick: 2048", "zero_tick: 200"),
-        "limit beyond the servo's travel; found -2.96706 rad, which is tick -1734",
+        "servos.r_sho_pitch: limits -2.9671 to 2.9671 rad need ticks -1734 to 2134; allowed: 0 to 4095",
     ),
     "too fast": (
         ("max_velocity: 4.5", "max_velocity: 9"),
-        "max_velocity: faster than the servo; found 9.0 rad/s; allowed: at most 4.82",
+        "max_velocity 9.000 rad/s is above the no-load speed 4.817",
     ),
     "NaN": (("max_velocity: 4.5", "max_velocity: .nan"), "max_velocity: a number that is not finite; found .nan"),
     "zero acceleration": (
@@ -115,7 +116,7 @@ WRONG = {
     ),
     "two shapes": (
         ("{geom: body_shell}", "{geom: body_shell, sphere: {at: [0, 0, 0], radius: 1}}"),
-        "a shape needs exactly one of",
+        "not one shape; found",
     ),
     "margin": (
         ("influence: 0.05, margin: 0.004", "influence: 0.03, margin: 0.03"),
@@ -307,7 +308,7 @@ PROFILE_SERVOS_WRONG = {
     "homing offset": ((head(extra=", homing_offset: 1025"),), "homing_offset: more than this mode honours; found 1025"),
     "travel": (
         (("zero_tick: 2048", "zero_tick: 5000"),),
-        "limit beyond the servo's travel; found 2.96706 rad, which is tick 6934; allowed: ticks 0 to 4095",
+        "servos.r_sho_pitch: limits -2.9671 to 2.9671 rad need ticks 3066 to 6934; allowed: 0 to 4095",
     ),
     "protocol": ((("protocol: 2", "protocol: 1"),), "found XM430-W350 on bus 'main' of protocol 1; allowed: 2"),
     "baud": ((("baud: 2000000", "baud: 1500000"),), "main.baud: no speed of protocol 2 servos; found 1500000"),
@@ -330,7 +331,7 @@ PROFILE_SERVOS_WRONG = {
     ),
     "singular": ((coupled("[[1, 1], [1, 1]]"),), "couplings[0]: coupling of head_pan and head_tilt: the matrix"),
     "too far together": ((coupled("[[-0.5, 0.5], [0.5, 0.5]]"),), "need ticks -1024 to 4608 of servo 19"),
-    "geared": ((head(extra=", gear: 2.0"), coupled("[[1, 0], [0, 1]]")), "head_pan.gear: a coupled servo has no gear"),
+    "geared": ((head(extra=", gear: 2.0"), coupled("[[1, 0], [0, 1]]")), "servos.head_pan: a coupled servo has gear 1"),
     "three in a row": ((coupled("[[1, 0, 0], [0, 1, 0]]"),), "couplings[0].matrix"),
 }
 

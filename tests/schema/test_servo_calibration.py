@@ -14,15 +14,15 @@ from hardware.servo import ServoSpec
 from messages import refuses, shows
 from retarget.cli import main
 from retarget.errors import ConfigError, UsageError
-from retarget.model.robot import load_robot, load_uncalibrated
+from retarget.model.robot import load_profile, load_robot, load_uncalibrated
 from retarget.schema.catalogue import calibration_path
-from retarget.schema.profile import RobotProfile, load_profile
+from retarget.schema.files import previous_path
+from retarget.schema.profile import RobotProfile
 from retarget.schema.servo_calibration import (
     HomedServo,
     ServoCalibration,
     calibrated,
     impossible_zeros,
-    previous_path,
     read_calibration,
     write_calibration,
 )
@@ -68,11 +68,11 @@ def test_what_is_written_is_read(op3: RobotProfile) -> None:
 )
 def test_any_name_and_number_survives_the_file(joint: str, angle: float, tick: int) -> None:
     from retarget.schema.servo_calibration import _as_yaml
-    from retarget.schema.strict_yaml import parse
+    from retarget.schema.strict_yaml import scan
 
     calibration = ServoCalibration(robot="op3", servos={joint: entry(3, tick, angle=angle, homing_offset=-7)})
-    document = parse(_as_yaml(calibration), Path("calibration.yaml"))
-    assert ServoCalibration.model_validate(document.data) == calibration
+    document = scan(_as_yaml(calibration), Path("calibration.yaml"))
+    assert not document.problems and ServoCalibration.model_validate(document.data) == calibration
 
 
 def test_the_one_before_is_kept(op3: RobotProfile) -> None:
@@ -102,7 +102,7 @@ def test_a_write_that_fails_leaves_the_old_one(op3: RobotProfile, monkeypatch: p
     def broken(descriptor: int) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("retarget.schema.servo_calibration.os.fsync", broken)
+    monkeypatch.setattr("retarget.schema.files.os.fsync", broken)
     with refuses(UsageError):
         write_calibration(head(servos={"head_pan": entry(19, 2200)}))
     assert read_calibration(op3) == head()

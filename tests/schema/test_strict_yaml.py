@@ -16,16 +16,22 @@ from retarget.schema.strict_yaml import (
     MAX_VALUES,
     Document,
     dotted,
-    load,
-    parse,
+    read_text,
     scan,
 )
 
 HERE = Path("robot.yaml")
 
 
-def read(text: str) -> Document:
-    return parse(text, HERE)
+def read(text: str, path: Path = HERE) -> Document:
+    document = scan(text, path)
+    if document.problems:
+        raise ConfigError.from_problems(document.problems)
+    return document
+
+
+def load(path: Path) -> Document:
+    return read(read_text(path), path)
 
 
 def refused(text: str) -> ConfigError:

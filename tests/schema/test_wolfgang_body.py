@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from posed_body import PosedBody
-from retarget.schema.profile import load_profile
+from retarget.model.robot import load_profile
 
 Triple = tuple[float, float, float]
 

@@ -9,8 +9,7 @@ from messages import refuses, shows
 from retarget.cli import main
 from retarget.errors import InputError, UsageError
 from retarget.ik.support_polygon import check_stand
-from retarget.model.robot import load_robot
-from retarget.schema.profile import load_profile
+from retarget.model.robot import load_profile, load_robot
 from retarget.setup.import_robot import Imported, import_robot
 from retarget.setup.robot_file import Relaxed
 from unknown_robots import SHIPPED, humanoid, scrambled, shipped_body, small_bust, table_arm

@@ -7,7 +7,7 @@ import pytest
 from hardware.servo import SERVO_MODELS, ServoMode, ServoSpec
 from messages import shows
 from retarget.model.body_file import compile_body, compile_body_text
-from retarget.schema.profile import load_profile
+from retarget.model.robot import load_profile
 from retarget.setup.limbs import find_anatomy
 from retarget.setup.servo_guess import UNKNOWN, ServoDraft, guess_servos
 from unknown_robots import ARM, SHIPPED, shipped_anatomy, shipped_body, shipped_tree, text_tree, urdf

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from retarget.model.observers import robot_observers
-from retarget.model.robot import load_robot
-from retarget.schema.profile import load_profile
+from retarget.model.robot import load_profile, load_robot
 from retarget.setup import postures
 from retarget.setup.import_robot import import_robot
 from retarget.setup.robot_file import Relaxed

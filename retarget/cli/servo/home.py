@@ -21,13 +21,12 @@ from retarget.errors import UsageError
 from retarget.model.robot import RobotBody, load_uncalibrated
 from retarget.run.options import RunOptions
 from retarget.schema.catalogue import calibration_path
-from retarget.schema.files import check_place, refuse_existing
+from retarget.schema.files import check_place, previous_path, refuse_existing
 from retarget.schema.profile import RobotProfile
 from retarget.schema.profile_parts import Postures
 from retarget.schema.servo_calibration import (
     ServoCalibration,
     impossible_zeros,
-    previous_path,
     read_calibration,
     write_calibration,
 )

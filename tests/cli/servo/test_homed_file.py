@@ -10,9 +10,10 @@ import pytest
 from messages import refuses, shows
 from retarget.cli.servo.home import HomedFile
 from retarget.errors import UsageError
+from retarget.model.robot import load_profile
 from retarget.run.options import RunOptions
 from retarget.schema.catalogue import calibration_path
-from retarget.schema.profile import RobotProfile, load_profile
+from retarget.schema.profile import RobotProfile
 
 
 @pytest.fixture(autouse=True)

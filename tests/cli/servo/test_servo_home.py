@@ -19,7 +19,7 @@ from retarget.cli.buses import make_bus
 from retarget.cli.servo import home as home_file
 from retarget.model.robot import RobotBody, load_robot
 from retarget.schema.catalogue import calibration_path
-from retarget.schema.servo_calibration import previous_path
+from retarget.schema.files import previous_path
 from sim.mock_bus import MockBus
 
 
