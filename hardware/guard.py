@@ -11,7 +11,7 @@ from hardware.clock import Clock, TickTiming
 from hardware.errors import GuardError, describe
 from hardware.guard_state import GoalFilter, GuardLimits, GuardState, Stop, StopCause
 from hardware.joint_map import JointMap
-from hardware.servo_health import ServoHealth
+from hardware.servo_health import ServoHealth, StopCategory
 
 # The latched stop: the first reason stays, one later fault is added, and the ticks until the end are bounded.
 
@@ -299,14 +299,22 @@ class Guard:
         self._step = StopCause.BUS
         self._states = states = self._bus.read()
         deflected = None if (held := self._filter.position).tobytes() == self._posture else held
-        if (complaint := self.health.complaint(states, self._sent, deflected)) is not None:
-            cause, reason = complaint
-            if self._state is GuardState.STOPPING:
-                self._latch.add(cause, reason)
-            self.stop(reason, cause)
+        fault = self.health.check(states, self._sent, deflected)
+        if fault is None or fault.category is StopCategory.HOLD:
+            return
+        if fault.category is StopCategory.TORQUE_OFF:
+            self.force_torque_off(fault.reason, fault.cause)
+            return
+        if self._state is GuardState.STOPPING:
+            self._latch.add(fault.cause, fault.reason)
+        self.stop(fault.reason, fault.cause)
 
     def _move(self, find_goal: FindGoal, halt: Halt, begun: float) -> None:
         assert self._states is not None, "a tick reads before it finds a goal"
+        if self.health.silent_for(self._states) > 0.0:
+            self.hold_reason = "the bus is silent"
+            self._hold(halt, begun)
+            return
         self._step = StopCause.SOURCE
         goal = find_goal(self._states)
         if self._state is GuardState.STOPPING:  # `find_goal` asked for a stop

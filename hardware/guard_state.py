@@ -31,6 +31,7 @@ class StopCause(Enum):
 
     REQUESTED = "requested"
     BUS = "bus"
+    BUS_SILENT = "bus silent"
     SERVO_LOST = "servo lost"
     SERVO_ALERT = "servo alert"
     SERVO_LIMP = "servo limp"
@@ -64,17 +65,19 @@ class Stop:
 class GuardLimits:
     """What the guard tolerates; limits that are not given are not watched.
 
-    max_age: s since a servo's last answer, from the start of a tick to its goal, and between ticks. max_temperature:
-    degrees Celsius. voltage: lowest and highest, V. following_error: rad of the joint between the present position and
-    the way to the goal of the last tick, at once; sustained_error: rad, for sustained_time, s. max_current: A, for
+    max_age: s since a servo's last answer, from the start of a tick to its goal, and between ticks. max_silence: s
+    without a valid answer from any servo of a bus: until then the robot holds. max_temperature: degrees Celsius.
+    voltage: lowest and highest, V. following_error: rad of the joint between the present position and the way to
+    the goal of the last tick, at once; sustained_error: rad, for sustained_time, s. max_current: A, for
     current_time, s. max_brake_ticks: until the robot must stand; max_rest_ticks: from there until it is at rest.
-    max_hold: s without a goal (see `NoCommand`). period: s between ticks, so that late ones are counted; infinite: none
-    is late. lag: s by which each servo's loop follows its goal, in servo order: errors are measured from the
+    max_hold: s without a goal (see `NoCommand`). period: s between ticks, so that late ones are counted; infinite:
+    none is late. lag: s by which each servo's loop follows its goal, in servo order: errors are measured from the
     response that such a loop has; none: from the goal. The fields named warn_ are warning levels, in the same
     units. Beyond those of temperature and current the robot moves at slow_share of its speed.
     """
 
     max_age: float = 0.1
+    max_silence: float = 0.05
     max_temperature: float = math.inf
     voltage: tuple[float, float] = (-math.inf, math.inf)
     following_error: float = math.inf
