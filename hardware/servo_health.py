@@ -3,8 +3,9 @@
 Also the health of the buses: whether any servo answers, and how many answers come damaged.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from enum import Enum, IntEnum
 from math import inf
 
 import numpy as np
@@ -16,7 +17,7 @@ from hardware.guard_state import GuardLimits, StopCause
 from hardware.joint_map import JointMap
 from hardware.servo import ExpectedRange, ServoSpec
 
-# The watched quantities: their bounds, and the words of a complaint or a warning.
+# The watched quantities: their bounds, and the words of a fault or a warning.
 
 InWords = Callable[[float], str]
 """A value in words."""
@@ -39,12 +40,12 @@ class Watched:
     """One quantity of every servo. stop: bounds beyond which the robot stops; patience: s that they may be exceeded.
 
     warn: bounds beyond which there is a warning, after the same patience; ease: how far within them the warning ends;
-    slows: the warning slows the robot too. complaint, warning: the words before the names of the servos.
+    slows: the warning slows the robot too. fault, warning: the words before the names of the servos.
     """
 
     cause: StopCause
     stop: Bounds
-    complaint: str
+    fault: str
     in_words: InWords
     patience: float = 0.0
     warn: Bounds = ANYTHING
@@ -58,7 +59,7 @@ def watched(limits: GuardLimits) -> tuple[Watched, ...]:
     return (*_by_the_servos(limits), _temperature(limits), _voltage(limits), _current(limits), *_following(limits))
 
 
-class Row:
+class Row(IntEnum):
     """Rows of the array of watched values (rows, n)."""
 
     ALERT, AGE, LIMP, TEMPERATURE, VOLTAGE, CURRENT, FAR, STILL_FAR = range(8)
@@ -83,13 +84,13 @@ def _by_the_servos(limits: GuardLimits) -> tuple[Watched, ...]:
         Watched(
             cause=StopCause.SERVO_ALERT,
             stop=(0, 0),
-            complaint="reports",
+            fault="reports",
             in_words=lambda value: _alert_text(int(value)),
         ),
         Watched(
             cause=StopCause.SERVO_LOST,
             stop=(0, limits.max_age),
-            complaint=f"has not answered for more than {limits.max_age:g} s:",
+            fault=f"has not answered for more than {limits.max_age:g} s:",
             in_words=_no_value,
             warn=(0, limits.warn_age),
             warning=f"has not answered for more than {limits.warn_age:g} s:",
@@ -97,7 +98,7 @@ def _by_the_servos(limits: GuardLimits) -> tuple[Watched, ...]:
         Watched(
             cause=StopCause.SERVO_LIMP,
             stop=(0, 0),
-            complaint="does not follow its goals (restarted, or stopped by its watchdog):",
+            fault="does not follow its goals (restarted, or stopped by its watchdog):",
             in_words=_no_value,
         ),
     )
@@ -107,7 +108,7 @@ def _temperature(limits: GuardLimits) -> Watched:
     return Watched(
         cause=StopCause.TEMPERATURE,
         stop=(-inf, limits.max_temperature),
-        complaint=f"is hotter than {limits.max_temperature:g} degrees Celsius:",
+        fault=f"is hotter than {limits.max_temperature:g} degrees Celsius:",
         in_words=lambda value: _known(f"{value:.0f}"),
         warn=(-inf, limits.warn_temperature),
         warning=f"is hotter than {limits.warn_temperature:g} degrees Celsius:",
@@ -122,7 +123,7 @@ def _voltage(limits: GuardLimits) -> Watched:
     return Watched(
         cause=StopCause.VOLTAGE,
         stop=limits.voltage,
-        complaint=f"has a supply outside {low:g} to {high:g} V:",
+        fault=f"has a supply outside {low:g} to {high:g} V:",
         in_words=lambda value: _known(f"{value:.1f} V"),
         warn=limits.warn_voltage,
         warning=f"has a supply outside {warn_low:g} to {warn_high:g} V:",
@@ -135,7 +136,7 @@ def _current(limits: GuardLimits) -> Watched:
     return Watched(
         cause=StopCause.CURRENT,
         stop=(0, limits.max_current),
-        complaint=f"draws more than {limits.max_current:g} A {sustained}",
+        fault=f"draws more than {limits.max_current:g} A {sustained}",
         in_words=lambda value: f"{value:.2f} A",
         patience=limits.current_time,
         warn=(0, limits.warn_current),
@@ -152,13 +153,13 @@ def _following(limits: GuardLimits) -> tuple[Watched, ...]:
         Watched(
             cause=StopCause.FOLLOWING_ERROR,
             stop=(0, limits.following_error),
-            complaint=f"is more than {limits.following_error:g} rad from its goal:",
+            fault=f"is more than {limits.following_error:g} rad from its goal:",
             in_words=_angle,
         ),
         Watched(
             cause=StopCause.FOLLOWING_ERROR,
             stop=(0, limits.sustained_error),
-            complaint=f"is more than {limits.sustained_error:g} {sustained}",
+            fault=f"is more than {limits.sustained_error:g} {sustained}",
             in_words=_angle,
             patience=limits.sustained_time,
             warn=(0, limits.warn_following_error),
@@ -189,6 +190,29 @@ def _alert_text(bits: int) -> str:
     known = [alert.name or "" for alert in ServoAlert if bits & alert]
     rest = bits & ~sum(ServoAlert)
     return "+".join([*known, *([f"0x{rest:02x}"] if rest else [])])
+
+
+# What is found wrong.
+
+
+class StopCategory(Enum):
+    """Stop categories of IEC 60204-1."""
+
+    TORQUE_OFF = 0
+    """At once: the robot cannot brake."""
+    BRAKE = 1
+    """Brake, go to rest if possible, then switch torque off."""
+    HOLD = 2
+    """Brake and stand, torque on, while it lasts."""
+
+
+@dataclass(frozen=True)
+class ServoFault:
+    """A fault of servos or of their bus: what the robot must do, the cause, and the reason in words."""
+
+    category: StopCategory
+    cause: StopCause
+    reason: str
 
 
 # Bounds of quantities that may be exceeded for some time.
@@ -306,67 +330,76 @@ class ServoWarnings:
 
 # The health of a bus: whether any servo on it answers, and the share of cycles with damaged answers.
 
-SILENT_CYCLES = 2
-"""Cycles in a row without one valid answer."""
-SILENT_S = 0.015
-"""[s] since the last valid answer on a bus before it is given up."""
 HIGHEST_ERROR_RATE = 0.6
 """Share of cycles with damaged answers at which the robot stops (see `ServoStates.error_rate`)."""
 
 
-class LineHealth:
+class BusHealth:
     """Judges the buses of one robot. A bus with one servo cannot be distinguished from that servo: the servo's age
     counts instead.
 
-    The age is counted to the beginning of a cycle, so that one cycle in which the host was delayed is not enough.
+    max_silence: s without a valid answer from any servo of a bus, within which the robot can hold.
     """
 
-    def __init__(self, joint_map: JointMap) -> None:
+    def __init__(self, joint_map: JointMap, max_silence: float) -> None:
         buses = np.array([servo.bus for servo in joint_map.servos])
         groups = {str(name): np.flatnonzero(buses == name) for name in buses}
         self._columns = {name: columns for name, columns in groups.items() if columns.size > 1}
-        self._silent = dict.fromkeys(self._columns, 0)
+        self._max_silence = max_silence
+        self._silent_since = inf  # [s] the first cycle in which a bus was silent; infinite: none is
 
-    def lost(self, states: ServoStates) -> str | None:
-        """Why the robot cannot brake, because no servo of a bus gives a valid answer any more; or None."""
-        if all_of(states.valid):
-            self._silent = dict.fromkeys(self._columns, 0)
+    def silent_for(self, states: ServoStates) -> float:
+        """The time, s, for which no servo of a bus has given a valid answer, the longest of all buses; 0: all answer.
+        Of a bus that never answered it is infinite."""
+        return self._quietest(states)[0]
+
+    def silence(self, states: ServoStates) -> "ServoFault | None":
+        """What a silent bus asks for: hold the robot, and switch its torque off after max_silence; None: no silence.
+
+        The age of an answer is counted to the beginning of a cycle, and a host may be held up before one: torque is
+        switched off in the second silent cycle at the earliest.
+        """
+        age, name = self._quietest(states)
+        first, self._silent_since = self._silent_since, inf if age == 0.0 else min(self._silent_since, states.time)
+        if age == 0.0:
             return None
-        for name, columns in self._columns.items():
-            if states.valid[columns].any():
-                self._silent[name] = 0
-                continue
-            self._silent[name] += 1
-            age = float(states.age[columns].min())
-            if self._silent[name] >= SILENT_CYCLES and SILENT_S < age < np.inf:
-                return f"no valid answer from any servo of bus {name} for {age:.3f} s"
-        return None
+        reason = f"the bus is silent: no valid answer from any servo of bus {name} for {age:.3f} s"
+        lost = self._max_silence < age < inf and first < states.time
+        return ServoFault(StopCategory.TORQUE_OFF if lost else StopCategory.HOLD, StopCause.BUS_SILENT, reason)
 
-    def error_rate(self, states: ServoStates) -> str | None:
-        """Why the robot must brake while the bus still works; or None."""
+    def error_rate(self, states: ServoStates) -> "ServoFault | None":
+        """The fault of a bus that still works, but badly; or None."""
         if states.error_rate < HIGHEST_ERROR_RATE:
             return None
         share = f"in {states.error_rate:.0%} of the cycles of late"
-        return f"answers came damaged or incomplete {share}: a noisy line, or answers that come late"
+        reason = f"answers came damaged or incomplete {share}: a noisy line, or answers that come late"
+        return ServoFault(StopCategory.BRAKE, StopCause.BUS, reason)
+
+    def _quietest(self, states: ServoStates) -> tuple[float, str]:
+        """The longest silence of a bus, s, and its name."""
+        if all_of(states.valid):
+            return 0.0, ""
+        ages = ((float(states.age[columns].min()), name) for name, columns in self._columns.items())
+        return max(ages, default=(0.0, ""))
 
 
 CHECK_BUS = "Check power, wiring and the bus of the profile, or whether the host is too busy"
 
 
 class ServoHealth:
-    """Judges the states of one robot's servos. A temperature or voltage that is no longer known (NaN) is a complaint.
+    """Judges the states of one robot's servos. A temperature or voltage that is no longer known (NaN) is a fault.
     One that never was known is none, since some buses do not report it; nor is an unknown current."""
 
     def __init__(self, joint_map: JointMap, limits: GuardLimits) -> None:
         self._joint_map = joint_map
         self._rows = watched(limits)
-        self._lines = LineHealth(joint_map)
+        self._buses = BusHealth(joint_map, limits.max_silence)
         self._expected = ExpectedRange(np.array(limits.lag or (0.0,) * len(joint_map)))
         count = len(joint_map)
         self._levels = ServoLevels([row.stop for row in self._rows], [row.patience for row in self._rows], count)
         self.warnings = ServoWarnings(joint_map.servos, self._rows, limits.slow_share)
         warned = self.warnings.levels
-        self._least = np.maximum(self._levels.least, warned.least)  # within these there is no complaint and no warning
+        self._least = np.maximum(self._levels.least, warned.least)  # within these there is neither fault nor warning
         self._most = np.minimum(self._levels.most, warned.most)
         self._seen = np.zeros((len(self._rows), count))
         self._known = np.zeros(self._seen.shape, dtype=np.bool_)  # what was reported at least once
@@ -379,28 +412,29 @@ class ServoHealth:
         """Share (0, 1] of all speeds, at which the robot spares servos that are too warm or draw too much."""
         return self.warnings.speed_override
 
-    def fault(
-        self, states: ServoStates, sent: TickArray | None, held: FloatArray | None = None
-    ) -> tuple[StopCause, str] | None:
-        """Why the robot must stop, or None. sent (n,): goal ticks of the last tick. held (n,): rad, where these goals
-        hold the joints under their load; None: at the goals.
+    def silent_for(self, states: ServoStates) -> float:
+        """The time, s, for which no servo of a bus has given a valid answer (see `BusHealth.silent_for`)."""
+        return self._buses.silent_for(states)
 
-        Raises BusError where no servo of a bus answers: the robot cannot brake.
+    def check(self, states: ServoStates, sent: TickArray | None, held: FloatArray | None = None) -> ServoFault | None:
+        """The fault for which the robot must stop or hold, the gravest first; or None. sent (n,): goal ticks of the
+        last tick. held (n,): rad, where these goals hold the joints under their load; None: at the goals.
         """
-        lost = self._lines.lost(states)
-        if lost is not None:
-            raise BusError(lost)
+        silence = self._buses.silence(states)
+        if silence is not None and silence.category is StopCategory.TORQUE_OFF:
+            return silence
         self._look(states, sent if sent is None or held is None else self._aimed(sent, held))
-        error_rate = self._lines.error_rate(states)
-        if error_rate is not None:
-            return StopCause.BUS, error_rate
+        return self._buses.error_rate(states) or self._servo_fault(states.time) or silence
+
+    def _servo_fault(self, now: float) -> ServoFault | None:
+        """The first fault of the watched values at `now`, s; warnings are noted."""
         seen, levels, warnings = self._seen, self._levels, self.warnings
         if not (levels.waiting or warnings.busy) and self._all_well():
-            warnings.pass_over(states.time)
+            warnings.pass_over(now)
             return None
-        warnings.look(seen, states.time)
-        wrong = self._wrong(states.time)
-        return next(iter(self._complaints(wrong)), None) if wrong.any() else None
+        warnings.look(seen, now)
+        wrong = self._wrong(now)
+        return next(self._faults(wrong), None) if wrong.any() else None
 
     def refuse_unhealthy(self, states: ServoStates) -> None:
         """Raise for servos that cannot be armed: BusError when none answers, GuardError with all that is wrong."""
@@ -412,7 +446,7 @@ class ServoHealth:
         age = self._rows[Row.AGE]
         names = name_servos(self._joint_map.servos, missing, age.in_words, states.age)
         problems = [f"servo does not answer: {names}"] if missing.any() else []
-        problems += [text for _, text in self._complaints(self._wrong(states.time) & states.valid)]
+        problems += [fault.reason for fault in self._faults(self._wrong(states.time) & states.valid)]
         if problems:
             raise GuardError(
                 describe(
@@ -470,11 +504,9 @@ class ServoHealth:
         self._known = self._known | ~unknown
         return np.asarray(wrong)
 
-    def _complaints(self, wrong: BoolArray) -> list[tuple[StopCause, str]]:
-        """All complaints about the servos (rows, n), in order of the rows."""
-        servos = self._joint_map.servos
-        return [
-            (row.cause, f"servo {row.complaint} {name_servos(servos, which, row.in_words, values)}")
-            for row, which, values in zip(self._rows, wrong, self._seen, strict=True)
-            if which.any()
-        ]
+    def _faults(self, wrong: BoolArray) -> Iterator[ServoFault]:
+        """All faults of the servos (rows, n), in order of the rows."""
+        for row, which, values in zip(self._rows, wrong, self._seen, strict=True):
+            if which.any():
+                names = name_servos(self._joint_map.servos, which, row.in_words, values)
+                yield ServoFault(StopCategory.BRAKE, row.cause, f"servo {row.fault} {names}")

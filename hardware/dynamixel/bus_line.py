@@ -124,7 +124,7 @@ def read_cycle(lines: Sequence[BusLine], readings: Readings, *, wide: bool) -> N
         line.cyclic.end(readings)
     for line in lines if (alarmed := readings.alarmed()) else ():
         for device in [device for device, index in line.index_of.items() if index in alarmed][:1]:
-            line.cyclic.ask_status(device)
+            line.cyclic.ask_status([device])
     _exchange(lines, readings)
 
 

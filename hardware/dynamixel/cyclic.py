@@ -1,11 +1,12 @@
 """The cyclic exchange on one port: goals out, states in, bounded retries, error rate.
 
 A missing servo silences those that answer after it, so it is asked last from the next request on. After LOST_AFTER
-cycles it is left out, and looked for every PROBE_PERIOD.
+cycles it is left out, and looked for every PROBE_PERIOD. Where no servo answers at all, the line is silent: that cycle
+is short, and all servos are asked again in the next one.
 """
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -74,6 +75,8 @@ class _Part:
 
 RETRIES = 3
 """Times that a request without an answer is repeated in the same cycle."""
+MOST_UNANSWERED = 3
+"""Requests after which a cycle without any byte ends: silence must not take the time of the next cycle."""
 LOST_AFTER = 3
 """Cycles without an answer after which a servo is no longer asked in every cycle."""
 PROBE_PERIOD = 0.1
@@ -139,10 +142,12 @@ class CyclicPort:
         self._goals = GoalPacket(servos)
         self._groups = _groups(servos)
         self._index_of = {servo.id: servo.index for servo in servos}
-        self._kind = {servo.id: Kind.SYNC if servo.table.protocol == 2 else Kind.SINGLE1 for servo in servos}
+        self._kind = {servo.id: kind_of(servo.table) for servo in servos}
         self._status_block = {servo.id: status_block(servo.table) for servo in servos}
         self._strikes: dict[int, int] = {}  # cycles in a row without an answer, of silent servos
         self._missed: set[int] = set()  # of this cycle: the first that did not answer, each time
+        self._unanswered = 0.0  # requests of this cycle without any byte; minus infinity once there was one
+        self._silent = False  # no servo answered in the last cycle
         self._queue: deque[Transaction] = deque()
         self._sent = 0.0  # [s]
         self._line_free = -np.inf  # [s] when the last goals have left the wire
@@ -181,6 +186,7 @@ class CyclicPort:
         self._cycle += 1
         self._queue.clear()
         self._missed.clear()
+        self._unanswered = 0.0
         strikes, usual = self._strikes, self._usual.get(wide)
         if usual is not None and not strikes:
             self._queue.extend(usual)
@@ -190,15 +196,15 @@ class CyclicPort:
                 ids = group.ids
                 if strikes:
                     first = [device for device in ids if device not in strikes]
-                    late = [device for device in ids if 0 < strikes.get(device, 0) < LOST_AFTER or device == lost]
-                    ids = (*first, *late)
+                    late = [device for device in ids if device in strikes and (self._asked(device) or device == lost)]
+                    ids = (*first, *sorted(late, key=strikes.__getitem__))
                 self._enqueue(group.kind, ids, group.wide if wide else group.motion, group.motion, group.names)
             if not strikes:
                 self._usual[wide] = list(self._queue)
         if self._cycle % STATUS_EVERY == 0:
             servo = self.servos[self._cycle // STATUS_EVERY % len(self.servos)]
             if servo.id not in strikes:
-                self.ask_status(servo.id)
+                self.ask_status([servo.id])
 
     @property
     def busy(self) -> bool:
@@ -213,6 +219,7 @@ class CyclicPort:
         """Wait for the answers to the last request, and keep them. Raises BusError."""
         transaction = self._queue.popleft()
         answers, noise = collect(self.port, transaction.ask, self._sent, transaction.timeouts)
+        self._unanswered = -np.inf if answers or noise else self._unanswered + 1
         if answers and transaction.names is not None:
             self._keep(readings, transaction, answers)
         elif answers:
@@ -220,24 +227,36 @@ class CyclicPort:
         if len(answers) < len(transaction.ask.ids):
             self._again(transaction, answers, noise=noise)
 
-    def ask_status(self, device: int) -> None:
-        """Let the next request be for the torque, errors and watchdog of one servo."""
-        block = self._status_block[device]
-        self._enqueue(self._kind[device], (device,), block, block, None)
+    def ask_status(self, devices: Iterable[int]) -> None:
+        """Let further requests be for the torque, errors and watchdog of servos."""
+        groups: dict[tuple[Kind, object], list[int]] = {}
+        for device in devices:
+            groups.setdefault((self._kind[device], self._status_block[device].layout), []).append(device)
+        for (kind, _), ids in groups.items():
+            block = self._status_block[ids[0]]
+            alone = Kind.SYNC if kind is Kind.FAST else Kind.SINGLE1 if kind is Kind.BULK1 else kind
+            self._enqueue(kind if len(ids) > 1 else alone, tuple(ids), block, block, None)
 
     def end(self, readings: Readings) -> None:
         """End the cycle: count silent servos, and ask those that are back for their status."""
         if readings.complete and not self._strikes:
+            self._silent = False
             return
-        valid, strikes = readings.valid, self._strikes
+        valid, strikes, back = readings.valid, self._strikes, list[int]()
+        was_silent, self._silent = self._silent, not any(valid[index] for index in self._index_of.values())
         for device, index in self._index_of.items():
             if not valid[index]:
                 if device in self._missed:
                     strikes[device] = strikes.get(device, 0) + 1
-            elif device in strikes:
-                if strikes.pop(device) >= LOST_AFTER:
+            elif device in strikes or was_silent:
+                if strikes.pop(device, 0) >= LOST_AFTER:
                     readings.take_drive(index, False)  # until its status is read: it may have restarted
-                self.ask_status(device)
+                back.append(device)
+        self.ask_status(back)
+
+    def _asked(self, device: int) -> bool:
+        """Whether a servo that did not answer before is asked in this cycle."""
+        return self._silent or self._strikes[device] < LOST_AFTER
 
     def _keep(self, readings: Readings, transaction: Transaction, answers: Answers) -> None:
         assert transaction.names is not None
@@ -249,23 +268,28 @@ class CyclicPort:
         return np.array([self._index_of[device] for device in ids])
 
     def _keep_status(self, readings: Readings, block: Block, answers: Answers) -> None:
-        index = self._index_of[answers.ids[0]]
-        status = dict(zip(block.dtype.names or (), block.unpack(answers)[0].item(), strict=True))
-        tripped = status.get("bus_watchdog", 0) in (-1, 0xFF)
-        readings.take_drive(index, bool(status["torque_enable"]) and not tripped)
-        readings.take_alert(index, status.get("hardware_error_status", 0))
+        for device, values in zip(answers.ids, block.unpack(answers), strict=True):
+            index = self._index_of[device]
+            status = dict(zip(block.dtype.names or (), values.item(), strict=True))
+            tripped = status.get("bus_watchdog", 0) in (-1, 0xFF)
+            readings.take_drive(index, bool(status["torque_enable"]) and not tripped)
+            readings.take_alert(index, status.get("hardware_error_status", 0))
 
     def _again(self, transaction: Transaction, answers: Answers, *, noise: bool) -> None:
         """Ask those that did not answer once more, the first of them last: it may have silenced the rest.
 
-        A single servo without any byte, asked twice or missed before, is left to the next cycle.
+        Without any byte they are asked in reverse, and that once: if there is none again, the line is silent. A single
+        servo without any byte that was missed before is left to the next cycle.
         """
         self.spoiled += noise
         answered = set(answers.ids)
         silent = [device for device in transaction.ask.ids if device not in answered]
+        nothing = not answers and not noise
         known = silent[0] in self._missed or silent[0] in self._strikes
         self._missed.add(silent[0])
-        if transaction.tries == RETRIES or (len(silent) == 1 and not noise and known):
+        if self._unanswered >= MOST_UNANSWERED:
+            self._queue.clear()
+        if transaction.tries == RETRIES or self._unanswered > 1 or (len(silent) == 1 and not noise and known):
             return
         self.retries += 1
         if noise:
@@ -273,8 +297,9 @@ class CyclicPort:
         kind = transaction.ask.kind
         if kind is Kind.FAST and (answers or noise):
             kind = Kind.SYNC  # damage in a fast reply spoils all that follows; in single answers only that answer
-        late = [device for device in silent if device in self._missed]
-        order = [device for device in silent if device not in self._missed] + late
+        late = [device for device in silent if device in self._missed or device in self._strikes]
+        order = [device for device in silent if device not in late]
+        order = (order[::-1] if nothing else order) + late
         if transaction.names is not None:  # a status that is due can wait: this cycle takes long enough
             self._queue = deque(later for later in self._queue if later.names is not None)
         self._enqueue(

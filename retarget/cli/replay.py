@@ -182,7 +182,9 @@ def _sent(found: "Played", options: RunOptions, robot: "RobotBody | None", speed
         ) as prepared:
             stop = signals.enter_context(stop_on_signals(moves=True))
             with progress_bar(options.robot, prepared.samples.kept // 2) as show:
-                run = prepared.run(Watch(show, bench.watching(stop, prepared), bench.watching(stop.forced_stop, prepared), stop.why))
+                run = prepared.run(
+                    Watch(show, bench.watching(stop, prepared), bench.watching(stop.forced_stop, prepared), stop.why)
+                )
         sent = run.record.robot
         assert sent is not None, "goals are a robot's"
         gated = int(sent.gated.sum())

@@ -39,6 +39,7 @@ from retarget.types import ORIENTED, FloatArray
 
 LATE = 1.5
 """Periods between two ticks from which on one is missing between them."""
+BUS_CAUSES = (StopCause.BUS, StopCause.BUS_SILENT)
 SERVO_CAUSES = (StopCause.SERVO_LOST, StopCause.SERVO_ALERT, StopCause.SERVO_LIMP)
 
 
@@ -54,7 +55,7 @@ def fault_count(run: RunResult) -> int:
         return seen
     if run.stop.cause in SERVO_CAUSES:
         seen = max(seen, 1)
-    return seen + (run.stop.cause, run.stop.then).count(StopCause.BUS)
+    return seen + sum(cause in BUS_CAUSES for cause in (run.stop.cause, run.stop.then))
 
 
 def tick_rate(times: FloatArray) -> float | None:

@@ -165,11 +165,13 @@ def prepare_for(
     notify: Notify = _ignore,
     lead: Lead = _own_follower,
     robot: RobotBody | None = None,
+    has_deadlines: bool | None = None,
 ) -> Iterator[Prepared]:
     """Load and check everything, small files first; the bus is open while the context lasts, and closed after it.
 
     goes_to_rest: a run, and a stop, ends in the robot's rest posture. notify: receives warnings about servos. lead:
-    replaces the robot's follower. robot: replaces the one that the options name.
+    replaces the robot's follower. robot: replaces the one that the options name. has_deadlines: whether a late tick stops
+    the robot; None: where the bus is real, for simulated servos wait for a slow host.
     Raises RetargetError for what cannot be used.
     """
     performer = load_performer(options.performer)
@@ -208,6 +210,8 @@ def prepare_for(
         notify=notify,
     )
     machine = replace(machine, follower=lead(follower))
+    if not options.simulated if has_deadlines is None else has_deadlines:
+        pass
     bus.open()
     failed = True
     try:

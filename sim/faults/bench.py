@@ -31,12 +31,15 @@ from retarget.run.prepare import Prepared, prepare_for
 from retarget.schema.performer import Performer
 from retarget.sources.json_pose import JsonPoseDecoder
 from retarget.types import FloatArray, RunState
+from sim.buses import simulation_of
 from sim.emulator.line import Line
 from sim.emulator.ports import EmulatedPort
 from sim.emulator.robot_lines import robot_lines
 from sim.emulator.servo2 import EmulatedServo
 from sim.faults.sender import FakeSender
 from sim.faults.wire_checker import READS, Sent, packets
+from sim.physics.bus import drive_shafts
+from sim.physics.witness import Witness, WitnessedBus
 
 # The trace of a live run with faults.
 
@@ -173,11 +176,19 @@ class Bench:
     stop_asked: what SIGINT and SIGTERM set. undo: called in the end. gate: False: goals are not checked.
     leaves: the run is not observed to its end, where the robot is at rest.
     approaching: `at` counts from when torque is on, and the robot begins in posture `rest`.
+    mass: on the path of a real port, with simulated mechanics behind the emulated wire.
     on_goal: called in every tick once a goal is found.
     """
 
     def __init__(
-        self, sender: FakeSender, *, duration: float, seed: int = 0, performer: str = "five", gate: bool = True
+        self,
+        sender: FakeSender,
+        *,
+        duration: float,
+        seed: int = 0,
+        performer: str = "five",
+        gate: bool = True,
+        mass: bool = False,
     ) -> None:
         self.sender, self.clock, self.trace = sender, VirtualClock(), Trace()
         self.lines: dict[str, Line] = {}
@@ -189,6 +200,8 @@ class Bench:
         self.machine: Machine
         self.guard: Guard
         self.stream: LiveStream
+        self.mass = mass
+        self.witness: Witness | None = None
         self._duration, self._seed, self._performer, self._gate = duration, seed, performer, gate
         self._due: list[tuple[float, Callable[[], object]]] = []
         self._ticks = 0
@@ -222,7 +235,8 @@ class Bench:
 
     def run(self) -> Trace:
         """Run it and return its trace; an error that ends it is in the trace."""
-        options = RunOptions(robot=ROBOT, bus="profile", performer=self._performer, gate=self._gate)
+        bus = "physics+wire" if self.mass else "emulator"
+        options = RunOptions(robot=ROBOT, bus=bus, performer=self._performer, gate=self._gate)
         try:
             with prepare_for(
                 self._perform,
@@ -230,6 +244,7 @@ class Bench:
                 clock=self.clock,
                 make_bus=self._bus,
                 goes_to_rest=True,
+                has_deadlines=True,
                 notify=self.trace.said.append,
             ) as prepared:
                 self._watch(prepared)
@@ -361,7 +376,12 @@ class Bench:
 
         made = DynamixelBus(robot.joint_map, buses, port, notify=self.trace.said.append)
         self._act_until(BEFORE_OPENING)
-        return made
+        if not self.mass:
+            return made
+        simulation = simulation_of(robot, start=start)
+        drive_shafts(simulation, robot.joint_map.servos, self.lines, now=clock.now())
+        self.witness = Witness(simulation)
+        return WitnessedBus(made, self.witness)
 
     def _tap(self, servo: EmulatedServo) -> None:
         """Note when a servo stops driving."""

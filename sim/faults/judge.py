@@ -19,7 +19,7 @@ from retarget.schema.catalogue import Kind, find
 from retarget.schema.performer import Performer
 from sim.faults.bench import HOLDING, ROBOT, STOPPED, Bench, Trace
 from sim.faults.malformed_files import Malformed
-from sim.faults.reactions import HALF, HELD_S, Idle, Reaction, Row, Seen, late, reacted, violations
+from sim.faults.reactions import HALF, Idle, Reaction, Row, Seen, late, reacted, said, violations
 from sim.faults.sender import FakeSender
 from sim.faults.wire_checker import not_reads, packets
 
@@ -119,7 +119,7 @@ def run_row(row: Row, *, when: When = When.MOVING, seed: int = 0) -> Bench:
     """Run a row. A run that goes on after its reaction is observed to its end only if the robot was stopping."""
     followed = {When.IDLE: IDLE_S, When.MOVING: ENGAGING_S + ONSET + row.after, When.STOPPING: ENGAGING_S + ONSET}
     duration = followed.get(when, ENGAGING_S)
-    bench = Bench(FakeSender(seed=seed + 3), duration=duration, seed=seed, performer=row.performer)
+    bench = Bench(FakeSender(seed=seed + 3), duration=duration, seed=seed, performer=row.performer, mass=row.mass)
     if when is When.STOPPING:
         bench.at(ONSET - STOP_BEFORE, lambda: bench.guard.latch(StopCause.REQUESTED, "asked for"))
     bench.leaves = row.reaction in OUTLIVED and when is not When.STOPPING
@@ -159,7 +159,7 @@ def _moving(row: Row, bench: Bench, trace: Trace) -> tuple[float | None, list[st
     if onset is None:
         return None, [f"no performer was followed: {trace.error or trace.said[-1:]}"]
     took, wrong = reacted(row, Seen(bench, trace, onset))
-    if row.said and not any(row.said in text for text in (*trace.said, trace.stop.reason if trace.stop else "")):
+    if not said(row, trace):
         wrong.append(f"no message says {row.said!r}")
     if row.counted and not not_used(bench)[row.counted]:
         wrong.append(f"nothing was counted as {row.counted!r}")
@@ -183,7 +183,7 @@ def _approaching(row: Row, bench: Bench, trace: Trace) -> tuple[float | None, li
     if row.reaction is Reaction.OUT:
         row = replace(row, reaction=Reaction.MAY_HOLD)
     elif row.reaction is Reaction.RESUME:
-        row = replace(row, reaction=Reaction.HOLD, limit=HELD_S)
+        row = replace(row, reaction=Reaction.HOLD, limit=row.held)
     return reacted(row, Seen(bench, trace, onset))
 
 
@@ -209,94 +209,72 @@ SOON_S = 2.0
 
 @dataclass(frozen=True)
 class Need:
-    """A required reaction. reaction: at least; limit: s from the onset; name: of the row; words: of the reaction.
-    sensor: the one that has to be left out. watchdog: s until every servo has stopped by itself."""
+    """A required reaction. reaction: at least; limit: s from the onset; name: of the row; sensor: the one that has to
+    be left out."""
 
     name: str
     reaction: Reaction
     limit: float
-    words: str = ""
     sensor: str = ""
-    watchdog: float | None = None
+
+    @property
+    def strength(self) -> int:
+        """Strength of the reaction."""
+        return STRONGER.get(self.reaction, (0, ""))[0]
 
 
-STRENGTH = {
-    Reaction.NONE: 0,
-    Reaction.MAY_HOLD: 0,
-    Reaction.GATED: 0,
-    Reaction.OUT: 1,
-    Reaction.SLOW: 2,
-    Reaction.REBASE: 3,
-    Reaction.HOLD: 4,
-    Reaction.STOP: 5,
-    Reaction.TORQUE_OFF: 6,
-    Reaction.GONE: 7,
+STRONGER = {
+    Reaction.OUT: (1, "left out"),
+    Reaction.SLOW: (2, "slow"),
+    Reaction.REBASE: (3, "rebased"),
+    Reaction.HOLD: (4, "held"),
+    Reaction.STOP: (5, "stopped"),
+    Reaction.TORQUE_OFF: (6, "torque off"),
+    Reaction.GONE: (7, "stood by watchdogs"),
 }
-"""A stronger reaction includes the weaker ones."""
-WORDS = {
-    Reaction.OUT: "left out",
-    Reaction.SLOW: "slow",
-    Reaction.REBASE: "rebased",
-    Reaction.HOLD: "held",
-    Reaction.STOP: "stopped",
-    Reaction.TORQUE_OFF: "torque off",
-    Reaction.GONE: "stood by watchdogs",
-}
-HIDDEN = {("servo too hot", "servo warm"): "servo too hot"}
-"""Pairs of rows -> the one whose fault cannot be observed then, because the servo cools down."""
-BY_CHANCE, LUCK = ("30 % of packets damaged", "30 % of answers damaged"), 2.0
-"""Rows that are detected by the share of damaged cycles, and the factor by which chance may delay that: of 8 seeds one
-needs 0.142 s instead of 0.1 s."""
-SLEEPS = "stopped for a second"
-"""The row in which the host is suspended."""
-DAWDLES, DAWDLING = "deadline missed", 2.2
-"""The row with long ticks, and the factor: what is counted in ticks takes as much longer. The robot holds by then."""
+"""Strength of a reaction, and its words. A stronger reaction includes the weaker ones; all others have strength 0."""
 
 
 def need_of(row: Row) -> Need:
     """Return the reaction that one fault requires."""
     reaction, limit = row.reaction, row.limit
     if reaction in (Reaction.RESUME, Reaction.STAND) or (reaction is Reaction.STOP and limit > SOON_S):
-        reaction, limit = Reaction.HOLD, limit if reaction is Reaction.STAND else HELD_S
-    if row.name in BY_CHANCE:
-        limit *= LUCK
-    words = WORDS.get(reaction, "")
-    return Need(row.name, reaction, limit, words, sensor=row.sensor, watchdog=row.watchdog)
+        reaction, limit = Reaction.HOLD, limit if reaction is Reaction.STAND else row.held
+    return Need(row.name, reaction, limit * row.chance, sensor=row.sensor)
 
 
 def outdone(first: Row, second: Row, *, apart: float) -> Need:
     """Return the reaction that two faults `apart`, s, require from the later one on: the stronger of the two."""
-    one, other = need_of(first), need_of(second)
-    hidden = HIDDEN.get((first.name, second.name))
-    one, other = (Need(need.name, Reaction.NONE, 0.0) if need.name == hidden else need for need in (one, other))
-    strongest = stronger(one, other)
-    if SLEEPS in (first.name, second.name) and apart < first.limit:
+    needs = [need_of(row) for row in (first, second) if row.name != second.hides]
+    strongest = max(needs, key=_strength)
+    if (first.suspends or second.suspends) and apart < first.limit:
         strongest = replace(strongest, limit=strongest.limit + max(first.limit, second.limit))
-    if DAWDLES in (first.name, second.name) and strongest.name != DAWDLES:
-        strongest = replace(strongest, limit=DAWDLING * strongest.limit)
+    for row in (first, second):  # what is counted in ticks takes longer
+        if row.name != strongest.name:
+            strongest = replace(strongest, limit=row.stretches * strongest.limit)
     return strongest
 
 
-def stronger(one: Need, other: Need) -> Need:
-    """Return the stronger of two; of equal ones, the one with the longer limit."""
-    return max(one, other, key=lambda need: (STRENGTH[need.reaction], need.limit))
+def _strength(need: Need) -> tuple[int, float]:
+    """Return the strength of a reaction; of equal ones, the one with the longer limit is stronger."""
+    return need.strength, need.limit
 
 
 def reached(trace: Trace, need: Need, first: float, last: float) -> bool:
     """Return whether the robot showed the required reaction, or a stronger one, between two times, s."""
-    strength = STRENGTH[need.reaction]
+    strength = need.strength
     ticks = [tick for tick in trace.ticks if tick.time <= last + 1e-9]
     if strength == 0 or (trace.gone is not None and trace.gone <= last and need.reaction is not Reaction.GONE):
         return True
     torque_off_at = Seen.torque_off_at(trace, first)
-    if strength >= STRENGTH[Reaction.TORQUE_OFF]:
+    if strength >= STRONGER[Reaction.TORQUE_OFF][0]:
         stopped = any(tick.state in STOPPED for tick in ticks)
         off = stopped or (torque_off_at is not None and torque_off_at <= last)
         return off or (need.reaction is Reaction.GONE and not _driving(trace, last))
     if any(tick.latched for tick in ticks) or trace.error:
         return True
     since = [tick for tick in ticks if tick.time >= first]
-    if strength <= STRENGTH[Reaction.HOLD] and any(tick.state in HOLDING for tick in since):
+    if strength <= STRONGER[Reaction.HOLD][0] and any(tick.state in HOLDING for tick in since):
         return True
     if need.reaction is Reaction.REBASE:
         return trace.rebased is not None and trace.rebased <= last
@@ -350,12 +328,12 @@ def missing(trace: Trace, first: Struck, second: Struck, others: Sequence[Struck
         at = _onset_of(trace, another.at)
         needs = [need if at is None else _with_other(*need, need_of(another.row), at) for need in needs]
     left = [need for need, since in needs if not reached(trace, need, one, since + need.limit)]
-    return [f"{need.name}: not {need.words} in time" for need in left]
+    return [f"{need.name}: not {STRONGER[need.reaction][1]} in time" for need in left]
 
 
 def _with_other(need: Need, since: float, other: Need, at: float) -> tuple[Need, float]:
     """Return the required reaction, and from when on (s), where another fault comes at another time (s)."""
-    if at - need.limit < since < at + other.limit and stronger(need, other) is other:
+    if at - need.limit < since < at + other.limit and _strength(other) > _strength(need):
         return other, max(since, at)
     return need, since
 

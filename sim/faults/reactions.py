@@ -1,6 +1,6 @@
 """Rows of the fault table, the rules of every run, and how long a moving robot took to react, and what is wrong."""
 
-import math
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
@@ -32,7 +32,9 @@ from sim.faults.wire_checker import (
 
 # A row of the fault table: the fault, and the required reaction.
 
-EVER = math.inf
+
+HELD_S = 0.150
+"""Longest time from silence of the stream to the hold, s."""
 
 
 class Reaction(Enum):
@@ -65,18 +67,26 @@ class Idle(Enum):
 class Row:
     """One fault. inject: injects it into a bench at a time (s after following began; below 0: before the bus opens).
 
-    limit: s from its onset to the reaction. sensor: the one that is judged for OUT. said: text that a message must
-    have. watchdog: s from the onset until every servo has stopped by itself; None: not judged. refusal: texts that the
-    refusal of an idle run must have. back: s from the onset until data are good again; before back + 0.5 nothing
-    goes on. counted: reason under which unused data must be counted. after: s of following after the onset. ends: s
-    from the onset until the run has ended. performer: the performer file.
+    limit: s from its onset to the reaction; held: to the hold, where the reaction comes after one. cause, then: of the
+    stop that is reported, and what ended its braking. sensor: the one that is judged for OUT. said: pattern that a
+    message must match. counted: reason under which unused data must be counted. watchdog: s from the onset until every
+    servo has stopped by itself; None: not judged. refusal: texts that the refusal of an idle run must have. back: s
+    from the onset until data are good again; before back + 0.5 nothing goes on. after: s of following after the onset.
+    ends: s from the onset until the run has ended. performer: the performer file. mass: run on the path of a real
+    port, with simulated mechanics behind the wire. approach: it is injected on the approach too.
+
+    Beside another fault: chance, by which factor chance may delay the reaction; stretches, by which factor long ticks
+    delay the other's; suspends: the host is suspended for the limit; hides: name of a row whose fault it ends.
     """
 
     name: str
-    reaction: Reaction
-    limit: float
     inject: "Callable[[Bench, float], object]"
+    reaction: Reaction = Reaction.NONE
+    limit: float = 0.0
+    held: float = HELD_S
     idle: Idle = Idle.GOES_ON
+    cause: StopCause | None = None
+    then: StopCause | None = None
     sensor: str = ""
     said: str = ""
     counted: str = ""
@@ -86,6 +96,12 @@ class Row:
     after: float = 0.55
     ends: float | None = None
     performer: str = "five"
+    mass: bool = False
+    approach: bool = False
+    chance: float = 1.0
+    stretches: float = 1.0
+    suspends: bool = False
+    hides: str = ""
 
 
 # The rules of every run, whatever the fault.
@@ -93,8 +109,8 @@ class Row:
 REST_S = 0.35
 """Time from the beginning of a hold until goals stand still, s; of a stop, until they are as slow as on the way to
 rest."""
-OFF_S = 3.0
-"""From the beginning of a stop until torque is off."""
+OFF_S, OFF_WITH_MASS_S = 3.0, 4.2
+"""From the beginning of a stop until torque is off; of a robot with mass, which returns to its stance first."""
 TO_REST_SHARE = 0.45
 """Share of the greatest speeds on the way to rest: the longest way of a joint, 2.4 rad, takes 2.5 s at this speed."""
 AGAIN_SHARE, AGAIN_S = 0.25, 0.75
@@ -104,8 +120,10 @@ STILL_WITHIN_S = 0.3
 SETTLED = (*STOPPING, *STOPPED)
 ORDINARY_STOPS = (StopCause.REQUESTED, StopCause.STALE_GOAL, StopCause.SOURCE)
 """Stops of a robot without a fault: it goes to rest before its torque goes off."""
-AT_REST_RAD = 0.01
-"""Goals this near to posture `rest` are at rest, rad."""
+DETOUR_WITH_MASS_RAD = 0.15
+"""Way back and forth of a joint that first returns to its stance, and then goes to rest, rad."""
+AT_REST_RAD, AT_REST_WITH_MASS_RAD = 0.01, 0.1
+"""Goals this near to posture `rest` are at rest, rad; with mass they lead by the servos' deflection."""
 
 
 def violations(bench: Bench, trace: Trace) -> list[str]:
@@ -123,6 +141,8 @@ def violations(bench: Bench, trace: Trace) -> list[str]:
         wrong.append("nothing was done, and no message says why")
     if trace.endless:
         wrong.append("the run did not end")
+    if bench.witness is not None and bench.witness.fall is not None:
+        wrong.append(f"the robot fell: {bench.witness.fall.how}")
     return wrong + _torque(bench, trace)
 
 
@@ -159,15 +179,16 @@ def _stop_violations(
     if off is None:
         if trace.gone is None and not trace.writes_fail:
             wrong.append("torque off was never commanded")
-    elif off - begun > OFF_S:
-        wrong.append(f"torque went off {off - begun:.2f} s after the stop began, allowed {OFF_S:g} s")
+    elif off - begun > (allowed := OFF_WITH_MASS_S if bench.mass else OFF_S):
+        wrong.append(f"torque went off {off - begun:.2f} s after the stop began, allowed {allowed:g} s")
     ended = trace.first(STOPPED, begun)
     if ended is not None:
         wrong += after_latch(writes, ended)
     wrong += too_fast(goal_tracks, begun + REST_S, trace.ended, share=TO_REST_SHARE, dt=dt)
     if ended is not None and trace.stop is not None and trace.stop.cause in ORDINARY_STOPS and trace.stop.then is None:
         wrong += _not_at_rest(bench, goal_tracks)
-    return wrong[:8] + detours(goal_tracks, begun + REST_S, trace.ended)
+    within = DETOUR_WITH_MASS_RAD if bench.mass else 0.0
+    return wrong[:8] + detours(goal_tracks, begun + REST_S, trace.ended, within=within)
 
 
 def _not_at_rest(bench: Bench, goal_tracks: list[Track]) -> list[str]:
@@ -176,7 +197,8 @@ def _not_at_rest(bench: Bench, goal_tracks: list[Track]) -> list[str]:
     rest = robot.posture(robot.profile.postures.rest)[robot.servo_columns]
     rest_angles = dict(zip(robot.joint_map.joints, rest.tolist(), strict=True))
     off = {track.servo.label: float(track.angle[-1]) - rest_angles[track.servo.joint] for track in goal_tracks}
-    return [f"{label} is not at rest, {by:.3f} rad off" for label, by in off.items() if abs(by) > AT_REST_RAD]
+    most = AT_REST_WITH_MASS_RAD if bench.mass else AT_REST_RAD
+    return [f"{label} is not at rest, {by:.3f} rad off" for label, by in off.items() if abs(by) > most]
 
 
 def _torque(bench: Bench, trace: Trace) -> list[str]:
@@ -193,8 +215,6 @@ HEALTHY_S = 0.5
 """Time for which data must be good before a hold ends, s."""
 BACK_S = 0.6
 """Longest time from good data until a robot goes on, s."""
-HELD_S = 0.150
-"""Longest time from silence of the stream to the hold, s."""
 HALF = 0.5
 STEP_M = 0.025
 """Most that a sensor moves from sample to sample after a hold, m: 0.6 m/s of blending back, 2 m/s of its own."""
@@ -264,7 +284,24 @@ def reacted(row: Row, seen: Seen) -> Judged:
     if row.ends is not None and ended > row.ends:
         wrong.append(f"it ended after {ended:.1f} s, allowed {row.ends:g} s")
     since = None if took is None else took - seen.onset
+    wrong += _reason(row, seen.trace)
     return since, wrong + (Seen.let_go(seen.trace, seen.onset, row) if row.reaction is not Reaction.GONE else [])
+
+
+def _reason(row: Row, trace: Trace) -> list[str]:
+    """Return how the reported reason differs from the row's."""
+    stop = trace.stop
+    found = ((row.cause, stop and stop.cause), (row.then, stop and stop.then))
+    return [
+        f"the reported cause is {'none' if cause is None else cause.value}, not {wanted.value}"
+        for wanted, cause in found
+        if wanted is not None and cause is not wanted
+    ]
+
+
+def said(row: Row, trace: Trace) -> bool:
+    """Return whether a message says what the row asks for."""
+    return any(re.search(row.said, text) for text in (*trace.said, trace.stop.reason if trace.stop else ""))
 
 
 def _none(row: Row, seen: Seen) -> Judged:
@@ -282,7 +319,7 @@ def _out(row: Row, seen: Seen) -> Judged:
 
 def _hold(row: Row, seen: Seen) -> Judged:
     hold = seen.first(HOLDING)
-    wrong = late("held", hold, seen.onset, row.limit if row.reaction is Reaction.HOLD else HELD_S)
+    wrong = late("held", hold, seen.onset, row.limit if row.reaction is Reaction.HOLD else row.held)
     wrong += ["it stopped"] if seen.stopped is not None else []
     on = None if hold is None else seen.trace.first(MOVING, hold)
     if row.back is not None and on is not None and on - seen.onset < row.back + HEALTHY_S:

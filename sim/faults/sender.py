@@ -1,7 +1,8 @@
 """A performer's sensors as JSON datagrams on virtual time, and the faults of a sender."""
 
 import json
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -106,8 +107,13 @@ def encoded(stamp: float, poses: Poses) -> bytes:
     return json.dumps({"axes": "rep103", "time": stamp, "poses": sent}).encode()
 
 
-def silent(first: float, last: float) -> SenderFault:
-    """Nothing is sent from `first` to `last`, s of the sender."""
+# Faults of a sender. A window is from `first` to before `last`, s of the sender.
+
+EVER = math.inf
+
+
+def silent(first: float = 0.0, last: float = EVER) -> SenderFault:
+    """Nothing is sent."""
     return lambda time, poses: None if first <= time < last else poses
 
 
@@ -133,37 +139,32 @@ def pausing(length: float) -> SenderFault:
     return fault
 
 
-def lost(name: str, first: float, last: float) -> SenderFault:
+def lost(name: str, first: float = 0.0, last: float = EVER) -> SenderFault:
     """One sensor is not in the datagrams."""
-    return lambda time, poses: (
-        {other: at for other, at in poses.items() if other != name} if first <= time < last else poses
-    )
+    return _within(first, last, lambda poses: {other: at for other, at in poses.items() if other != name})
 
 
-def frozen(name: str, first: float, last: float) -> SenderFault:
+def frozen(name: str, first: float = 0.0, last: float = EVER) -> SenderFault:
     """One sensor repeats its place, to the bit."""
-    kept: list[FloatArray] = []
+    kept: Poses = {}
 
-    def fault(time: float, poses: Poses) -> Poses:
-        if not first <= time < last or (name not in poses and not kept):
-            return poses
-        if not kept:
-            kept.append(poses[name])
-        return poses | {name: kept[0]}
+    def repeated(poses: Poses) -> Poses:
+        kept.update({name: poses[name]} if name in poses and not kept else {})
+        return poses | kept
 
-    return fault
+    return _within(first, last, repeated)
 
 
-def moved(name: str, first: float, last: float, by: tuple[float, float, float]) -> SenderFault:
+def moved(name: str, first: float, last: float, by: Sequence[float]) -> SenderFault:
     """One sensor is somewhere else at once."""
-    return lambda time, poses: (
-        poses | {name: poses[name] + np.array(by)} if first <= time < last and name in poses else poses
-    )
+    return _within(first, last, lambda poses: poses | {name: poses[name] + np.array(by)} if name in poses else poses)
 
 
-def swapped(one: str, other: str, first: float, last: float) -> SenderFault:
+def swapped(one: str, other: str, first: float = 0.0, last: float = EVER) -> SenderFault:
     """Two sensors swap their names."""
     names = {one: other, other: one}
-    return lambda time, poses: (
-        {names.get(name, name): at for name, at in poses.items()} if first <= time < last else poses
-    )
+    return _within(first, last, lambda poses: {names.get(name, name): at for name, at in poses.items()})
+
+
+def _within(first: float, last: float, change: Callable[[Poses], Poses]) -> SenderFault:
+    return lambda time, poses: change(poses) if first <= time < last else poses

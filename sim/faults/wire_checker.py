@@ -212,14 +212,14 @@ def too_fast(goal_tracks: Sequence[Track], first: float, last: float, *, share: 
     return found
 
 
-def detours(goal_tracks: Sequence[Track], first: float, last: float) -> list[str]:
-    """Return the servos that make a detour between two times, s, a line each."""
+def detours(goal_tracks: Sequence[Track], first: float, last: float, *, within: float = 0.0) -> list[str]:
+    """Return the servos that make a detour of more than `within`, rad, between two times, s, a line each."""
     found = []
     for track in goal_tracks:
-        within = track.angle[(track.times >= first) & (track.times < last)]
-        if within.size:
-            more = float(np.abs(np.diff(within)).sum() - abs(within[-1] - within[0]))
-            if more > STRAIGHT_TICKS * track.step:
+        way = track.angle[(track.times >= first) & (track.times < last)]
+        if way.size:
+            more = float(np.abs(np.diff(way)).sum() - abs(way[-1] - way[0]))
+            if more > max(within, STRAIGHT_TICKS * track.step):
                 found.append(f"{track.servo.label} goes back and forth, by {more:.3f} rad")
     return found
 

@@ -21,13 +21,12 @@ from hardware.servo_health import (
     HIGHEST_ERROR_RATE,
     MOST_NEWS,
     RAMP_S,
-    SILENT_CYCLES,
-    SILENT_S,
-    LineHealth,
+    BusHealth,
     Row,
     ServoHealth,
     ServoLevels,
     ServoWarnings,
+    StopCategory,
     name_servos,
     watched,
 )
@@ -48,47 +47,100 @@ def silent(states: ServoStates, age: float, who: slice = slice(None)) -> ServoSt
     return replace(states, valid=valid, age=ages)
 
 
-def test_a_silent_bus_is_lost_after_some_cycles_and_some_time(states: ServoStates) -> None:
-    health = LineHealth(MAP)
-    for _ in range(SILENT_CYCLES - 1):
-        assert health.lost(silent(states, 9.0)) is None  # the host may have been held up
-    found = health.lost(silent(states, 2.0 * SILENT_S))
-    assert found is not None and "bus" in found
-    assert health.lost(silent(states, 0.5 * SILENT_S)) is None
-    assert health.lost(states) is None
-    assert health.lost(silent(states, 9.0)) is None  # it answered in between
+def judge(health: BusHealth, states: ServoStates) -> StopCategory | None:
+    fault = health.silence(states)
+    assert fault is None or (fault.cause is StopCause.BUS_SILENT and "bus" in fault.reason)
+    return None if fault is None else fault.category
+
+
+def later(states: ServoStates) -> ServoStates:
+    return replace(states, time=states.time + DT)
+
+
+def test_a_silent_bus_is_held_at_once_and_lost_after_some_time(states: ServoStates) -> None:
+    health = BusHealth(MAP, 0.05)
+    assert judge(health, silent(states, 0.005)) is StopCategory.HOLD
+    assert judge(health, later(silent(states, 0.05))) is StopCategory.HOLD
+    assert judge(health, later(silent(states, 0.051))) is StopCategory.TORQUE_OFF
+    assert judge(health, states) is None
+
+
+def test_one_silent_cycle_of_a_host_that_was_held_up_is_no_lost_bus(states: ServoStates) -> None:
+    health = BusHealth(MAP, 0.05)
+    assert judge(health, silent(states, 9.0)) is StopCategory.HOLD
+    assert judge(health, states) is None
+    assert judge(health, silent(states, 9.0)) is StopCategory.HOLD  # it answered in between
+    assert judge(health, later(silent(states, 9.0))) is StopCategory.TORQUE_OFF
 
 
 def test_one_servo_that_answers_keeps_a_bus(states: ServoStates) -> None:
-    health = LineHealth(MAP)
-    assert all(health.lost(silent(states, 9.0, slice(1, None))) is None for _ in range(50))
+    health = BusHealth(MAP, 0.05)
+    some = silent(states, 9.0, slice(1, None))
+    assert health.silent_for(some) == 0.0 and judge(health, some) is None and judge(health, later(some)) is None
 
 
 def test_a_servo_alone_on_its_bus_is_left_to_its_age(states: ServoStates) -> None:
     servos = [replace(servo, bus=str(place)) for place, servo in enumerate(MAP.servos)]
-    health = LineHealth(JointMap(servos))
-    assert all(health.lost(silent(states, 9.0)) is None for _ in range(50))
+    health = BusHealth(JointMap(servos), 0.05)
+    assert judge(health, silent(states, 9.0)) is None and judge(health, later(silent(states, 9.0))) is None
+
+
+def test_the_longest_silence_of_several_buses_counts(states: ServoStates) -> None:
+    servos = [replace(servo, bus="legs" if place < 2 else "arms") for place, servo in enumerate(MAP.servos)]
+    health = BusHealth(JointMap(servos), 0.05)
+    arms = silent(states, 0.02, slice(2, None))
+    assert health.silent_for(arms) == 0.02
+    assert health.silent_for(silent(arms, 0.03, slice(2))) == 0.03
+    fault = health.silence(arms)
+    assert fault is not None and "bus arms" in fault.reason
 
 
 def test_a_bus_that_never_answered_is_not_lost(states: ServoStates) -> None:
-    health = LineHealth(MAP)
-    assert all(health.lost(silent(states, np.inf)) is None for _ in range(50))
+    health = BusHealth(MAP, 0.05)
+    assert all(judge(health, silent(states, np.inf)) is StopCategory.HOLD for _ in range(50))
 
 
 def test_a_high_error_rate_is_reported(states: ServoStates) -> None:
-    health = LineHealth(MAP)
+    health = BusHealth(MAP, 0.05)
     assert health.error_rate(replace(states, error_rate=HIGHEST_ERROR_RATE - 0.01)) is None
-    shows(health.error_rate(replace(states, error_rate=0.75)))
+    fault = health.error_rate(replace(states, error_rate=0.75))
+    assert fault is not None and fault.category is StopCategory.BRAKE
+    shows(fault.reason)
 
 
-def test_the_guard_switches_torque_off_when_a_bus_is_silent() -> None:
-    rig = Rig(*(MockFault(FaultKind.MISSING, first=20, cycles=1000, servo=servo) for servo in range(4)))
+def test_a_hot_servo_of_another_bus_stops_the_robot_while_one_bus_is_silent(states: ServoStates) -> None:
+    servos = [replace(servo, bus="legs" if place < 2 else "arms") for place, servo in enumerate(MAP.servos)]
+    health = ServoHealth(JointMap(servos), LIMITS)
+    hot = np.array([70.0, 30.0, 30.0, 30.0])
+    fault = health.check(replace(silent(states, 0.02, slice(2, None)), temperature=hot), None)
+    assert fault is not None and (fault.category, fault.cause) == (StopCategory.BRAKE, StopCause.TEMPERATURE)
+
+
+def rig_of_silence(cycles: int) -> Rig:
+    """A robot that moves when no servo of its bus answers, for so many cycles from the 20th on."""
+    rig = Rig(*(MockFault(FaultKind.MISSING, first=20, cycles=cycles, servo=servo) for servo in range(4)))
     rig.guard.arm()
     rig.run(19)
     assert rig.state() is GuardState.MOVING
-    rig.run(4)
+    return rig
+
+
+@pytest.mark.parametrize("cycles", [1, 3, 4])
+def test_a_short_silence_of_the_bus_is_held(cycles: int) -> None:
+    rig = rig_of_silence(cycles)
+    for _ in range(cycles):
+        rig.run(1)
+        assert rig.state() is GuardState.HOLDING and rig.bus.torque_on
+    rig.run(20)
+    assert rig.state() is GuardState.MOVING and rig.guard.stop_reason is None
+    rig.check_goals()
+
+
+def test_the_guard_switches_torque_off_when_a_bus_stays_silent() -> None:
+    rig = rig_of_silence(1000)
+    rig.run(round(0.05 / DT) + 2)
     assert rig.state() is GuardState.STOPPED
-    assert rig.guard.stop_reason is not None and rig.guard.stop_reason.cause is StopCause.BUS
+    assert rig.guard.stop_reason is not None and rig.guard.stop_reason.cause is StopCause.BUS_SILENT
     assert rig.bus.calls[-1] == "torque off"
 
 
@@ -309,7 +361,7 @@ def test_a_value_that_is_no_longer_known_stops_the_robot(kind: FaultKind, text: 
     assert re.search(text, rig.guard.stop_reason.reason)
 
 
-def test_a_bus_that_never_reports_a_value_is_no_complaint() -> None:
+def test_a_bus_that_never_reports_a_value_is_no_fault() -> None:
     nothing = float("nan")
     faults = (MockFault(kind, 0, 999, servo=1, value=nothing) for kind in (FaultKind.HOT, FaultKind.SUPPLY))
     rig = Rig(*faults, limits=LIMITS)
@@ -326,13 +378,13 @@ def test_of_a_coupled_pair_the_joints_count_not_the_servos() -> None:
     states = replace(bus.read(), driven=np.ones(4, dtype=np.bool_))
     # Both servos 0.9 rad off: the yaw by 0.38 rad (0.2083 of their sum), the roll not at all.
     off = np.array([0, 587, -587, 0])
-    complaint = health.complaint(states, states.position - off)
-    assert complaint is not None
-    assert complaint[1] == "servo is more than 0.35 rad from its goal: yaw (id 3) 0.38 rad"
-    assert health.complaint(states, states.position - np.array([0, 587, 587, 0]) // 2) is None  # roll, 0.26 rad
+    fault = health.check(states, states.position - off)
+    assert fault is not None
+    assert fault.reason == "servo is more than 0.35 rad from its goal: yaw (id 3) 0.38 rad"
+    assert health.check(states, states.position - np.array([0, 587, 587, 0]) // 2) is None  # roll, 0.26 rad
     # Where one of the two is silent, nothing is known of either joint.
     silent = replace(states, valid=np.array([True, False, True, True]))
-    assert health.complaint(silent, states.position - off) is None
+    assert health.check(silent, states.position - off) is None
 
 
 def test_what_a_load_explains_is_no_fault() -> None:
@@ -344,11 +396,11 @@ def test_what_a_load_explains_is_no_fault() -> None:
     at = joint_map.to_radians(states.position)
     goal = at + np.array([0.5, 0.0, 0.0, 0.0])
     sent = joint_map.to_ticks(goal)
-    assert ServoHealth(joint_map, LIMITS).complaint(states, sent, at) is None
+    assert ServoHealth(joint_map, LIMITS).check(states, sent, at) is None
     for held in (None, goal, np.full(4, 1e3)):  # the last is beyond any travel, and explains nothing
-        complaint = ServoHealth(joint_map, LIMITS).complaint(states, sent, held)
-        assert complaint is not None
-        shows(complaint[1], "0.50")
+        fault = ServoHealth(joint_map, LIMITS).check(states, sent, held)
+        assert fault is not None
+        shows(fault.reason, "0.50")
 
 
 def test_values_missing_from_some_servos_suppress_no_warning_of_others() -> None:
@@ -544,7 +596,7 @@ def test_levels_are_those_of_the_limits() -> None:
     assert rows[Row.STILL_FAR].stop == (0, 0.2) and rows[Row.STILL_FAR].patience == 0.3
     assert rows[Row.FAR].stop == (0, inf) and rows[Row.FAR].patience == 0.0
     assert rows[Row.CURRENT].stop == (0, 2.0) and rows[Row.CURRENT].patience == limits.current_time
-    shows(rows[Row.STILL_FAR].complaint, "0.2", "0.3")
+    shows(rows[Row.STILL_FAR].fault, "0.2", "0.3")
 
 
 def test_servos_are_named_with_their_values() -> None:

@@ -9,7 +9,7 @@ from retarget.live.admission import BURST, MOST_PER_POLL, RATE, Datagram, Source
 from retarget.schema.performer import load_performer
 from retarget.sources.json_pose import JsonPoseDecoder
 from retarget.sources.stream_frame import Dropped, StreamFrame
-from sim.faults.rows import FLOOD_HZ
+from sim.faults.inject import FLOOD_HZ
 from sim.faults.sender import FakeSender
 
 TICK_S = 0.008

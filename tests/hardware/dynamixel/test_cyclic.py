@@ -153,6 +153,37 @@ def test_a_bus_without_servos_is_bounded_and_no_exception() -> None:
     assert max(took) < 0.05
 
 
+@pytest.mark.parametrize("count", [2, 4, 20])
+@pytest.mark.parametrize("cycles", [1, 2, 5])
+def test_a_silent_line_costs_little_and_is_read_whole_when_it_is_back(count: int, cycles: int) -> None:
+    """Some cycles of silence on the whole line, as of a USB hub that hiccups: nothing raises, nobody is given up."""
+    rig = BusRig(specs(count)).ready(torque=True)
+    goals = np.full(count, 2048)
+    before = rig.tick(goals).states
+    rig.fault(Fault(FaultKind.SHORT))
+    for cycle in range(1, cycles + 1):
+        states, took = rig.tick(goals)
+        assert not states.valid.any() and (states.age >= (cycle - 1) * CYCLE).all()
+        assert (states.position == before.position).all() and states.error_rate == 0.0
+        assert took < CYCLE
+    rig.clear_faults()
+    states, took = rig.tick(goals)
+    assert whole(states) and states.driven.all() and took < 1.25 * CYCLE
+
+
+def test_servos_that_restarted_while_the_line_was_silent_are_seen_to_be_limp_at_once() -> None:
+    rig = BusRig().ready(torque=True)
+    rig.tick()
+    rig.fault(Fault(FaultKind.SHORT))
+    for servo in rig.devices:
+        servo.boot_time = 0.5 * CYCLE
+        servo.reboot(rig.clock.now())
+    rig.tick()
+    rig.clear_faults()
+    states = rig.tick().states
+    assert whole(states) and not states.driven.any()
+
+
 DAMAGE = {
     "flip": Fault(FaultKind.FLIP, rate=0.01),
     "drop": Fault(FaultKind.DROP, rate=0.01),
