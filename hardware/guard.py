@@ -16,7 +16,7 @@ from hardware.bus import ServoBus, ServoGoals, ServoStates
 from hardware.checked_goal import CheckedGoal
 from hardware.clock import Clock
 from hardware.errors import GuardError, describe
-from hardware.guard_state import FAULTLESS, GuardLimits, Stop, StopCause
+from hardware.guard_state import FAULTLESS, GuardLimits, Stop, StopCategory, StopCause
 from hardware.joint_map import JointMap
 from hardware.servo_health import ServoHealth
 
@@ -63,6 +63,11 @@ class Guard:
         self._read_at: float | None = None  # [s] when the present tick began
 
     @property
+    def is_silent(self) -> bool:
+        """Whether no servo of a bus has answered in the present cycle."""
+        return self.states is not None and self.health.silent_for(self.states) > 0.0
+
+    @property
     def may_go_to_rest(self) -> bool:
         """Whether the robot may go to rest: nothing is wrong with it."""
         return self.stop is None or (self.stop.cause in FAULTLESS and self.stop.then is None)
@@ -99,8 +104,9 @@ class Guard:
             self._bus.torque(True)
 
     def read(self) -> ServoStates:
-        """Read the servos, at the start of a tick. What is wrong with one is latched, also a pause between two ticks:
-        then the servos stand, and the goals have moved on. Raises BusError when the bus fails."""
+        """Read the servos, at the start of a tick. What is wrong with one is latched; where the robot cannot brake,
+        torque goes off. A pause between two ticks is latched, too: the servos stand by then, and the goals have moved
+        on. Raises BusError when the bus fails."""
         now = self._clock.now()
         pause = 0.0 if self._read_at is None else now - self._read_at
         self._read_at = now
@@ -109,9 +115,11 @@ class Guard:
         self.states = states = self._bus.read()
         goal = self.goal
         deflected = None if goal is None or goal.posture.tobytes() == goal.joints.tobytes() else goal.posture
-        fault = self.health.fault(states, self.sent, deflected)
-        if fault is not None:
-            self.latch(*fault)
+        fault = self.health.check(states, self.sent, deflected)
+        if fault is not None and fault.category is StopCategory.TORQUE_OFF:
+            self.switch_off(fault.cause, fault.reason)
+        elif fault is not None and fault.category is StopCategory.BRAKE_AND_TORQUE_OFF:
+            self.latch(fault.cause, fault.reason)
         return states
 
     def write(self, goal: CheckedGoal) -> None:

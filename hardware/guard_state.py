@@ -2,7 +2,18 @@
 
 import math
 from dataclasses import dataclass
-from enum import Enum
+from enum import Enum, IntEnum
+
+
+class StopCategory(IntEnum):
+    """Stop categories of IEC 60204-1."""
+
+    TORQUE_OFF = 0
+    """At once: the robot cannot brake."""
+    BRAKE_AND_TORQUE_OFF = 1
+    """The robot brakes, goes to rest where it may, and torque goes off."""
+    HOLD = 2
+    """The robot brakes and stands, torque on, while it lasts."""
 
 
 class StopCause(Enum):
@@ -10,6 +21,7 @@ class StopCause(Enum):
 
     REQUESTED = "requested"
     BUS = "bus"
+    BUS_SILENT = "bus silent"
     SERVO_LOST = "servo lost"
     SERVO_ALERT = "servo alert"
     SERVO_LIMP = "servo limp"
@@ -47,7 +59,8 @@ class Stop:
 class GuardLimits:
     """What the guard tolerates; limits that are not given are not watched.
 
-    max_age: s since a servo's last answer. max_pause: s between ticks, and from the start of a tick to its goal.
+    max_age: s since a servo's last answer. max_silence: s without a valid answer from any servo of a bus; until then
+    the robot holds. max_pause: s between ticks, and from the start of a tick to its goal.
     max_temperature: degrees Celsius. voltage: lowest and highest, V. following_error: rad of the joint between the
     present position and the way to the goal of the last tick, at once; sustained_error: rad, for sustained_time, s.
     max_current: A, for current_time, s. lag: s by which each servo's loop follows its goal, in servo order: errors are
@@ -57,6 +70,7 @@ class GuardLimits:
 
     max_age: float = 0.1
     max_pause: float = 0.1
+    max_silence: float = 0.05
     max_temperature: float = math.inf
     voltage: tuple[float, float] = (-math.inf, math.inf)
     following_error: float = math.inf

@@ -5,7 +5,7 @@ Also the health of the buses: whether any servo answers, and how many answers co
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from enum import Enum, IntEnum
+from enum import IntEnum
 from math import inf
 
 import numpy as np
@@ -13,7 +13,7 @@ import numpy as np
 from hardware.arrays import BoolArray, FloatArray, TickArray, all_of
 from hardware.bus import ServoAlert, ServoStates
 from hardware.errors import BusError, GuardError, HardwareError, describe
-from hardware.guard_state import GuardLimits, StopCause
+from hardware.guard_state import GuardLimits, StopCategory, StopCause
 from hardware.joint_map import JointMap
 from hardware.servo import ExpectedRange, ServoSpec
 
@@ -195,17 +195,6 @@ def _alert_text(bits: int) -> str:
 # What is found wrong.
 
 
-class StopCategory(Enum):
-    """Stop categories of IEC 60204-1."""
-
-    TORQUE_OFF = 0
-    """At once: the robot cannot brake."""
-    BRAKE = 1
-    """Brake, go to rest if possible, then switch torque off."""
-    HOLD = 2
-    """Brake and stand, torque on, while it lasts."""
-
-
 @dataclass(frozen=True)
 class ServoFault:
     """A fault of servos or of their bus: what the robot must do, the cause, and the reason in words."""
@@ -373,7 +362,7 @@ class BusHealth:
             return None
         share = f"in {states.error_rate:.0%} of the cycles of late"
         reason = f"answers came damaged or incomplete {share}: a noisy line, or answers that come late"
-        return ServoFault(StopCategory.BRAKE, StopCause.BUS, reason)
+        return ServoFault(StopCategory.BRAKE_AND_TORQUE_OFF, StopCause.BUS, reason)
 
     def _quietest(self, states: ServoStates) -> tuple[float, str]:
         """The longest silence of a bus, s, and its name."""
@@ -509,4 +498,4 @@ class ServoHealth:
         for row, which, values in zip(self._rows, wrong, self._seen, strict=True):
             if which.any():
                 names = name_servos(self._joint_map.servos, which, row.in_words, values)
-                yield ServoFault(StopCategory.BRAKE, row.cause, f"servo {row.fault} {names}")
+                yield ServoFault(StopCategory.BRAKE_AND_TORQUE_OFF, row.cause, f"servo {row.fault} {names}")

@@ -272,10 +272,9 @@ class Loop:
 
     def _look_at_performer(self, situation: Situation) -> Situation:
         """Take the sample of this tick, and see whether the performer can be followed."""
-        samples, states = self._samples, self._machine.guard.states
+        samples, silent = self._samples, self._machine.guard.is_silent
         if samples.over or self._tick >= samples.ticks:
             return replace(situation, over=True)
-        answered = states is not None and bool(states.valid.any())
         if not self._approach.arrived:
             followable = samples.may_approach()
         else:
@@ -287,9 +286,9 @@ class Loop:
             self._tick += 1
             followable = self._sample is not None
         reason = NOT_FOLLOWABLE.format(samples.hold_reason) if not followable else ""
-        reason = reason or ("the bus is silent" if not answered else "no posture found")
+        reason = reason or ("the bus is silent" if silent else "no posture found")
         lost = self._machine.supervisor.state is RunState.FOLLOW and self._follow.lost
-        followable = followable and answered and not lost
+        followable = followable and not silent and not lost
         return replace(situation, followable=followable, hold_reason=reason, paused=samples.paused)
 
     def _unwritten(self) -> CheckedGoal | None:

@@ -11,6 +11,7 @@ import numpy as np
 from hardware.bus import ServoBus
 from hardware.clock import Clock
 from hardware.guard import Guard
+from hardware.guard_state import GuardLimits
 from hardware.servo import loop_lag
 from retarget.errors import UsageError
 from retarget.frames import SensorFrames
@@ -170,8 +171,8 @@ def prepare_for(
     """Load and check everything, small files first; the bus is open while the context lasts, and closed after it.
 
     goes_to_rest: a run, and a stop, ends in the robot's rest posture. notify: receives warnings about servos. lead:
-    replaces the robot's follower. robot: replaces the one that the options name. has_deadlines: whether a late tick stops
-    the robot; None: where the bus is real, for simulated servos wait for a slow host.
+    replaces the robot's follower. robot: replaces the one that the options name. has_deadlines: whether a late tick
+    stops the robot; None: where the bus is real, for simulated servos wait for a slow host.
     Raises RetargetError for what cannot be used.
     """
     performer = load_performer(options.performer)
@@ -198,11 +199,13 @@ def prepare_for(
     follower = _follower(robot, for_robot, human, options, scene)
     if not options.allow_contact:
         _refuse_robot_in_contact(robot, follower, scene)
+    late = not options.simulated if has_deadlines is None else has_deadlines
     machine = _machine(
         robot,
         follower,
         for_robot,
-        options,
+        _limits(robot, has_deadlines=late),
+        gate=options.gate,
         bus=bus,
         clock=clock,
         dt=samples.dt,
@@ -210,8 +213,6 @@ def prepare_for(
         notify=notify,
     )
     machine = replace(machine, follower=lead(follower))
-    if not options.simulated if has_deadlines is None else has_deadlines:
-        pass
     bus.open()
     failed = True
     try:
@@ -307,21 +308,24 @@ def _machine(
     robot: RobotBody,
     follower: Follower,
     priorities: Priorities,
-    options: RunOptions,
+    limits: GuardLimits,
     *,
+    gate: bool,
     bus: ServoBus,
     clock: Clock,
     dt: float,
     goes_to_rest: bool,
     notify: Notify,
 ) -> Machine:
-    servos = robot.joint_map
-    protocols = {line.name: line.protocol for line in robot.profile.bus_specs()}
-    lag = tuple(loop_lag(servo, protocol=protocols[servo.bus]) for servo in servos.servos)
-    limits = replace(robot.profile.guard_limits(), lag=lag)
-    if options.simulated:  # simulated servos wait for a slow host
-        limits = replace(limits, max_pause=inf)
-    gate, clearance = make_gate(robot, follower, priorities, checks=options.gate, dt=dt)
-    guard = Guard(bus=bus, joint_map=servos, clock=clock, limits=limits)
+    checked, clearance = make_gate(robot, follower, priorities, checks=gate, dt=dt)
+    guard = Guard(bus=bus, joint_map=robot.joint_map, clock=clock, limits=limits)
     supervisor = Supervisor(goes_to_rest=goes_to_rest, notify=notify)
-    return Machine(robot, follower, gate, guard, supervisor, clock, dt, clearance, goes_to_rest, notify)
+    return Machine(robot, follower, checked, guard, supervisor, clock, dt, clearance, goes_to_rest, notify)
+
+
+def _limits(robot: RobotBody, *, has_deadlines: bool) -> GuardLimits:
+    """The limits of the guard, from the profile and the lags of its servos."""
+    protocols = {line.name: line.protocol for line in robot.profile.bus_specs()}
+    lag = tuple(loop_lag(servo, protocol=protocols[servo.bus]) for servo in robot.joint_map.servos)
+    limits = replace(robot.profile.guard_limits(), lag=lag)
+    return limits if has_deadlines else replace(limits, max_pause=inf)

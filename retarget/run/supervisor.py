@@ -5,23 +5,12 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from enum import Enum, IntEnum
+from enum import Enum
 from math import inf
 
-from hardware.guard import Guard
-from hardware.guard_state import StopCause
+from hardware.guard import Guard, Torque
+from hardware.guard_state import StopCategory, StopCause
 from retarget.types import Notify, RunState
-
-
-class StopCategory(IntEnum):
-    """Stop categories of IEC 60204-1."""
-
-    TORQUE_OFF = 0
-    """Torque off at once."""
-    BRAKE_AND_TORQUE_OFF = 1
-    """The robot brakes, goes to rest where it may, and torque goes off."""
-    HOLD = 2
-    """The robot brakes and stands, torque on."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +54,7 @@ STATES: dict[RunState, StateRow] = {
 class Event(Enum):
     """What makes a state change. Of several in one tick, the first of this list that the present state has counts."""
 
-    TORQUE_OFF = "torque off is asked for, or a tick fails and the robot cannot brake"
+    TORQUE_OFF = "torque off is asked for, the bus is lost, or a tick fails and the robot cannot brake"
     FAULT = "a fault of the robot is latched"
     STOP = "a stop is asked for or latched"
     FAILED = "the controller fails"
@@ -234,7 +223,7 @@ class Supervisor:
 
     def _events(self, now: float, situation: Situation, guard: Guard) -> Iterator[Event]:
         """What is the case now, in the order of `Event`."""
-        if situation.torque_off is not None:
+        if situation.torque_off is not None or guard.torque is not Torque.ON:
             yield Event.TORQUE_OFF
         if not guard.may_go_to_rest:
             yield Event.FAULT
@@ -265,7 +254,8 @@ class Supervisor:
         """Latch why, where a transition stops the robot."""
         held = f"{self.hold_reason} for {now - self._held_since:.3g} s, allowed {LONGEST_HOLD_S:g} s"
         if event is Event.TORQUE_OFF:
-            guard.switch_off(StopCause.REQUESTED, situation.torque_off or "")
+            if situation.torque_off is not None:
+                guard.switch_off(StopCause.REQUESTED, situation.torque_off)
         elif event is Event.STOP and situation.stop is not None:
             guard.latch(StopCause.REQUESTED, situation.stop)
         elif event is Event.NO_COMMAND:
