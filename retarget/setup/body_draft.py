@@ -10,7 +10,7 @@ import numpy as np
 from retarget import rotations
 from retarget.errors import InputError
 from retarget.model.body_file import check_numbers, engine
-from retarget.setup.enclosing_shapes import Box, Capsule, LinkGeometry, Lone, link_geometries
+from retarget.setup.enclosing_shapes import LinkGeometry, link_geometries
 from retarget.setup.observer_proposals import Zones, propose
 from retarget.setup.robot_file import Relaxed, Source, ready_urdf
 from retarget.types import FloatArray
@@ -32,28 +32,12 @@ def replace_meshes(spec: Any, model: Any, geometries: tuple[LinkGeometry, ...]) 
         body = spec.body(proposal.link_name)
         for geom in list(body.geoms):
             spec.delete(geom)
-        _add(body, proposal.shape, f"{proposal.link_name}_shell")
+        body.add_geom(name=f"{proposal.link_name}_shell", **proposal.shape.as_geom())
         count += 1
     for geom in list(spec.geoms):  # of links that no profile can name
         if geom.type == mesh:
             spec.delete(geom)
     return count
-
-
-def _add(body: Any, shape: Capsule | Box | Lone, name: str) -> None:
-    import mujoco
-
-    kinds = mujoco.mjtGeom
-    if isinstance(shape, Capsule) and shape.is_ball:
-        body.add_geom(name=name, type=kinds.mjGEOM_SPHERE, size=[shape.radius, 0, 0], pos=shape.start)
-    elif isinstance(shape, Capsule):
-        ends = [*map(float, shape.start), *map(float, shape.end)]
-        body.add_geom(name=name, type=kinds.mjGEOM_CAPSULE, size=[shape.radius, 0, 0], fromto=ends)
-    elif isinstance(shape, Box):
-        body.add_geom(name=name, type=kinds.mjGEOM_BOX, size=shape.size, pos=shape.pos, quat=shape.quat)
-    else:
-        kind = kinds.mjGEOM_BOX if shape.kind == "box" else kinds.mjGEOM_CYLINDER
-        body.add_geom(name=name, type=kind, size=shape.size, pos=shape.pos, quat=shape.quat)
 
 
 _NAME = re.compile(r"[^\s/\\]{1,80}")  # as `schema.Name`
