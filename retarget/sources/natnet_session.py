@@ -16,6 +16,7 @@ from math import isfinite
 from typing import Literal
 
 from retarget.errors import Problem, UsageError
+from retarget.sources.natnet_frame import OLDEST as OLDEST
 from retarget.sources.natnet_frame import FrameFlags, read_definitions, read_flags
 from retarget.sources.natnet_wire import (
     COMMAND_PORT,
@@ -33,8 +34,8 @@ from retarget.sources.natnet_wire import (
     text_until_zero,
 )
 
-OLDEST, NEWEST = Version(3, 0), Version(4, 255)
-"""Bitstreams that can be read."""
+NEWEST = Version(4, 255)
+"""The last bitstream that is read."""
 PINNED = Version(4, 1)
 """The first one whose blocks carry their sizes."""
 UNNAMED_S = 5.0
