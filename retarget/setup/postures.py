@@ -65,12 +65,16 @@ def arm_posture(posed: Posed, *, spread: float, ahead: float, bend: float) -> di
         if best.cost < GOOD:
             break
     assert best is not None
-    angles = {
+    return posed.mirrored(_rounded(posed, joints, best.x))
+
+
+def _rounded(posed: Posed, joints: list[str], angles: FloatArray) -> dict[str, float]:
+    """Joint -> rad, to three decimals and inside its limits, of the joints that are not at 0."""
+    return {
         joint: posed.inside(joint, round(float(angle), 3))
-        for joint, angle in zip(joints, best.x, strict=True)
+        for joint, angle in zip(joints, angles, strict=True)
         if abs(angle) > SIGNIFICANT
     }
-    return posed.mirrored(angles)
 
 
 def _down(forward: FloatArray, outward: FloatArray, ahead: float, spread: float) -> FloatArray:
@@ -148,11 +152,7 @@ def stand(posed: Posed, others: Angles, *, share: float) -> Standing:
         ),
         key=lambda result: float(result.cost) + _backward_knee(posed, both(result.x)),
     )
-    angles = {
-        joint: posed.inside(joint, round(float(angle), 3))
-        for joint, angle in zip(joints, best.x, strict=True)
-        if abs(angle) > SIGNIFICANT
-    }
+    angles = _rounded(posed, joints, best.x)
     tilt, rest = parts(np.array([angles.get(joint, posed.inside(joint, 0.0)) for joint in joints]))
     return Standing(
         posed.mirrored(angles), float(np.abs(tilt[:2]).max()), 0.5 * longest * float(np.abs(rest[:2]).max()), longest
@@ -168,15 +168,9 @@ def _starts(posed: Posed, low: FloatArray, high: FloatArray) -> list[FloatArray]
     """Thigh ahead, shin back, foot flat, with the knee bent less and more, from a straight leg."""
     tree, leg, left = posed.tree, posed.anatomy.legs[0], posed.anatomy.left
     roles = leg_roles(tree, leg, left)
-    share = {roles.hip: -0.5, roles.knee: 1.0, roles.ankle: -0.5}
-    starts = []
-    for bend in BENDS:
-        turn = [
-            bend * share[node] * float(np.sign(tree.nodes[node].axis @ left)) if node in share else 0.0
-            for node in leg.nodes
-        ]
-        starts.append(np.clip(np.array(turn), low, high))
-    return starts
+    shares = {roles.hip: -0.5, roles.knee: 1.0, roles.ankle: -0.5}
+    turn = np.array([shares.get(node, 0.0) * float(np.sign(tree.nodes[node].axis @ left)) for node in leg.nodes])
+    return [np.clip(bend * turn, low, high) for bend in BENDS]
 
 
 def _backward_knee(posed: Posed, angles: Angles) -> float:

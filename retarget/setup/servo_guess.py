@@ -127,21 +127,17 @@ def _inertias(model: Any) -> dict[str, float]:
             continue
         axis, anchor = data.xaxis[joint], data.xanchor[joint]
         total = float(model.dof_armature[model.jnt_dofadr[joint]])
-        for body in range(int(model.jnt_bodyid[joint]), model.nbody):
-            if not _carries(model, int(model.jnt_bodyid[joint]), body):
+        carried = {int(model.jnt_bodyid[joint])}
+        for body in range(min(carried), model.nbody):
+            if body not in carried and int(model.body_parentid[body]) not in carried:
                 continue
+            carried.add(body)
             way = data.xipos[body] - anchor
             across = way - (way @ axis) * axis
             local = data.ximat[body].reshape(3, 3).T @ axis
             total += float(model.body_mass[body] * (across @ across) + local**2 @ model.body_inertia[body])
         inertias[model.joint(joint).name] = total
     return inertias
-
-
-def _carries(model: Any, link: int, body: int) -> bool:
-    while body > link:
-        body = int(model.body_parentid[body])
-    return body == link
 
 
 def _limits(lower: float, upper: float, model: ServoModel) -> tuple[tuple[float, float], str]:
