@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
@@ -273,7 +273,7 @@ def fit(
     )
     ranges = joint_ranges(body, _limits(subject.profile))
     near = SAFETY_FACTOR * zones.influence
-    neutral = ranges.clipped(_neutral(subject.profile, body))
+    neutral = ranges.clipped(posture(body, {} if subject.profile is None else subject.profile.postures.neutral))
     for last in (False, True):
         records = survey(
             body, observers, ranges, neutral=neutral, near=near, samples=samples, seed=seed, progress=progress
@@ -313,9 +313,9 @@ def _limits(profile: RobotProfile | None) -> dict[str, tuple[float, float]]:
     return {} if profile is None else {joint: servo.limits for joint, servo in profile.servos.items()}
 
 
-def _neutral(profile: RobotProfile | None, body: BodyModel) -> FloatArray:
+def posture(body: BodyModel, angles: Mapping[str, float]) -> FloatArray:
+    """The posture (nq,) of a body with these joint angles, rad, and all else as in its file."""
     q = body.qpos0.copy()
-    angles = {} if profile is None else profile.postures.neutral
     for joint, angle in angles.items():
         q[body.joint_qpos[body.joint_index(joint)]] = angle
     return q
