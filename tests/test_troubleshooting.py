@@ -33,6 +33,8 @@ def said() -> str:
                     )
                 elif isinstance(node, ast.Constant) and isinstance(node.value, str):
                     texts.append(node.value)
+    table = (ROOT / "retarget/setup/doctor.yaml").read_text(encoding="utf-8")
+    texts += [re.sub(r"\{[^}]*\}", " ", line) for line in re.findall(r'"([^"]+)"', table)]
     return "\n".join(" ".join(re.findall(r"[\w'-]+", text.lower())) for text in texts)
 
 

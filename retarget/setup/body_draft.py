@@ -10,9 +10,9 @@ import numpy as np
 from retarget import rotations
 from retarget.errors import InputError
 from retarget.model.body_file import check_numbers, engine
-from retarget.setup.enclosing_shapes import Box, Capsule, LinkGeometry, Lone, link_geometries
+from retarget.setup.enclosing_shapes import LinkGeometry, link_geometries
 from retarget.setup.observer_proposals import Zones, propose
-from retarget.setup.robot_file import Relaxed, Source, ready_urdf
+from retarget.setup.robot_file import Relaxed, Source, listed, ready_urdf
 from retarget.types import FloatArray
 
 # Meshes of a body as capsules and boxes: what is left of them in a body file that stands by itself.
@@ -32,28 +32,12 @@ def replace_meshes(spec: Any, model: Any, geometries: tuple[LinkGeometry, ...]) 
         body = spec.body(proposal.link_name)
         for geom in list(body.geoms):
             spec.delete(geom)
-        _add(body, proposal.shape, f"{proposal.link_name}_shell")
+        body.add_geom(name=f"{proposal.link_name}_shell", **proposal.shape.as_geom())
         count += 1
     for geom in list(spec.geoms):  # of links that no profile can name
         if geom.type == mesh:
             spec.delete(geom)
     return count
-
-
-def _add(body: Any, shape: Capsule | Box | Lone, name: str) -> None:
-    import mujoco
-
-    kinds = mujoco.mjtGeom
-    if isinstance(shape, Capsule) and shape.is_ball:
-        body.add_geom(name=name, type=kinds.mjGEOM_SPHERE, size=[shape.radius, 0, 0], pos=shape.start)
-    elif isinstance(shape, Capsule):
-        ends = [*map(float, shape.start), *map(float, shape.end)]
-        body.add_geom(name=name, type=kinds.mjGEOM_CAPSULE, size=[shape.radius, 0, 0], fromto=ends)
-    elif isinstance(shape, Box):
-        body.add_geom(name=name, type=kinds.mjGEOM_BOX, size=shape.size, pos=shape.pos, quat=shape.quat)
-    else:
-        kind = kinds.mjGEOM_BOX if shape.kind == "box" else kinds.mjGEOM_CYLINDER
-        body.add_geom(name=name, type=kind, size=shape.size, pos=shape.pos, quat=shape.quat)
 
 
 _NAME = re.compile(r"[^\s/\\]{1,80}")  # as `schema.Name`
@@ -185,7 +169,7 @@ def _named(spec: Any, notes: list[str]) -> bool:
             part.name = name
             taken.add(name)
     if changed:
-        notes.append(f"names that a profile cannot hold were changed: {_listed(changed)}")
+        notes.append(f"names that a profile cannot hold were changed: {listed(changed)}")
     return bool(changed)
 
 
@@ -202,7 +186,7 @@ def _absent_meshes(spec: Any, source: Source, relaxed: Relaxed, notes: list[str]
         raise InputError(
             "meshes that cannot be read, without which soles and hands cannot be found",
             where=str(source.path),
-            found=_listed(list(absent.values())),
+            found=listed(list(absent.values())),
             allowed=f"files in {folder}",
             next_step="Put them there, or give --no-meshes to leave them out",
         )
@@ -212,7 +196,7 @@ def _absent_meshes(spec: Any, source: Source, relaxed: Relaxed, notes: list[str]
     for mesh in list(spec.meshes):
         if (mesh.name or Path(mesh.file).stem) in absent:
             spec.delete(mesh)
-    notes.append(f"{len(absent)} meshes that cannot be read are left out: {_listed(list(absent.values()))}")
+    notes.append(f"{len(absent)} meshes that cannot be read are left out: {listed(list(absent.values()))}")
     return True
 
 
@@ -234,7 +218,7 @@ def _passive(spec: Any, source: Source, relaxed: Relaxed, notes: list[str]) -> b
         raise InputError(
             "joints that no servo of their own turns: sliding, ball, coupled by an equality, or without an actuator",
             where=str(source.path),
-            found=_listed(stuck_names),
+            found=listed(stuck_names),
             allowed="hinges, each with an actuator (or none in the whole file)",
             next_step="Make them fixed in the file, or give --freeze, which imports them as rigid",
         )
@@ -246,10 +230,5 @@ def _passive(spec: Any, source: Source, relaxed: Relaxed, notes: list[str]) -> b
             spec.delete(part)
     for joint in stuck:
         spec.delete(joint)
-    notes.append(f"joints made rigid, as no servo of their own turns them: {_listed(stuck_names)}")
+    notes.append(f"joints made rigid, as no servo of their own turns them: {listed(stuck_names)}")
     return True
-
-
-def _listed(names: list[str]) -> str:
-    shown = ", ".join(name[:80] for name in names[:8])
-    return shown + (f" and {len(names) - 8} more" if len(names) > 8 else "")

@@ -8,12 +8,13 @@ import platform
 import shutil
 import stat
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cache
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from serial.tools.list_ports import comports
@@ -25,6 +26,7 @@ from hardware.errors import HardwareError
 from hardware.realtime import HOW_TO_PERMIT, PROCESSES, USUAL_PRIORITY, Scheduling, refuse_scheduling
 from retarget.errors import Problem
 from retarget.live.udp import RECEIVE_BUFFER
+from retarget.schema import strict_yaml
 
 # Findings: one thing that was checked, its level, and a line of text for it.
 
@@ -53,19 +55,25 @@ class Finding:
         return "".join(letter if letter.isprintable() else "?" for letter in line)
 
 
-def ok(subject: str, what: str) -> Finding:
-    """A finding with nothing to do."""
-    return Finding(Level.OK, subject, what)
+@cache
+def checks() -> Mapping[str, Any]:
+    """The table of checks, `doctor.yaml`."""
+    return strict_yaml.load(Path(__file__).with_name("doctor.yaml")).data
 
 
-def note(subject: str, what: str, then: str = "") -> Finding:
-    """A finding that is worth knowing; a run may go well all the same."""
-    return Finding(Level.NOTE, subject, what, then)
+def finding(check: str, *, subject: str = "", **facts: Any) -> Finding:
+    """The finding of a check with these facts, at the level and with the advice that `doctor.yaml` has for them."""
+    entry: Mapping[str, Any] = checks()[check]
+    row = next(row for row in entry.get("rows", ({},)) if _passes(row, facts))
+    what, then = entry.get("what", "") + row.get("what", ""), row.get("then", entry.get("then", ""))
+    level = Level(row.get("level", entry.get("level")))
+    return Finding(level, subject or check.split("/")[0], what.format_map(facts), then.format_map(facts))
 
 
-def fix(subject: str, what: str, then: str) -> Finding:
-    """A finding that is wrong, and what to do."""
-    return Finding(Level.FIX, subject, what, then)
+def _passes(row: Mapping[str, Any], facts: Mapping[str, Any]) -> bool:
+    """Whether facts are beyond all limits of a row."""
+    below = all(facts[fact] < facts.get(limit, limit) for fact, limit in row.get("under", {}).items())
+    return below and all(facts[fact] > facts.get(limit, limit) for fact, limit in row.get("over", {}).items())
 
 
 def fix_all(subject: str, problems: Iterable[Problem]) -> list[Finding]:
@@ -74,20 +82,18 @@ def fix_all(subject: str, problems: Iterable[Problem]) -> list[Finding]:
 
 
 ROOT = Path("/")
+GOOD_GOVERNORS = {"performance", "schedutil"}
 GOOD_CLOCKS = ("tsc", "arch_sys_counter", "kvm-clock", "hyperv_clocksource_tsc_page", "hyperv_clocksource")
-USUAL_BUFFER = 212_992
-"""Bytes of rmem_max that Linux has from the start: a quarter of a second of SlimeVR's VMC, with the kernel's share."""
 PER_HOUR = 2.3e9
 """Bytes of an hour of SlimeVR's VMC (2.6 kB, 232 a second, and the header of each)."""
 TICKS, TICK_S = 100, 0.01
-LATE_S = 0.003
 
 
 def machine_findings(folder: Path, *, root: Path = ROOT) -> list[Finding]:
     """Findings on the operating system. folder: where recordings would go. root: of the kernel's files."""
     return [
         _cores(root),
-        *_governor(root),
+        _governor(root),
         _scheduler(root),
         _realtime(),
         _clock_source(root),
@@ -102,39 +108,26 @@ def lateness_finding(clock: Clock) -> Finding:
     for tick in range(1, TICKS + 1):
         clock.sleep_until(start + tick * TICK_S)
         late.append(clock.now() - start - tick * TICK_S)
-    p50, p99 = np.percentile(late, (50, 99))
-    what = f"wakes up {1e3 * p50:.2f} ms late (p99 {1e3 * p99:.2f} ms) at 100 Hz"
-    if p99 > LATE_S:
-        step = "End other programs, set the governor to performance, use --realtime and --core"
-        return fix("ticks", what, step)
-    return ok("ticks", what)
+    p50, p99 = 1e3 * np.percentile(late, (50, 99))
+    return finding("ticks", p50=p50, p99=p99)
 
 
 def _cores(root: Path) -> Finding:
     usable, there = len(os.sched_getaffinity(0)), os.cpu_count() or 1
-    what = f"{usable} of {there}"
+    share, limited = float(usable), ""
     quota = _text(root / "sys/fs/cgroup/cpu.max").split()
     if len(quota) == 2 and quota[0].isdigit() and int(quota[1]) > 0:
-        what += f", limited to {int(quota[0]) / int(quota[1]):.1f} by a cgroup"
-        usable = min(usable, int(int(quota[0]) / int(quota[1])))
+        limit = int(quota[0]) / int(quota[1])
+        share, limited = min(usable, int(limit)), f", limited to {limit:.1f} by a cgroup"
     load = float((_text(root / "proc/loadavg").split() or ["0"])[0])
-    what += f"; load {load:.1f}"
-    if usable < 2:
-        return fix("cores", what, "Give it two cores: one for the run, one for everything else")
-    if load > usable:
-        return note("cores", what, "The load exceeds the cores: end other programs")
-    return ok("cores", what)
+    return finding("cores", usable=usable, there=there, quota=limited, share=share, load=load)
 
 
-def _governor(root: Path) -> list[Finding]:
+def _governor(root: Path) -> Finding:
     paths = (root / "sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor")
-    names = sorted({_text(path) for path in paths} - {""})
-    if not names:
-        return [ok("governor", "none: this system does not let the clock of the cores be set")]
-    what = ", ".join(names)
-    if set(names) <= {"performance", "schedutil"}:
-        return [ok("governor", what)]
-    return [note("governor", f"{what}: cores slow down between ticks", "sudo cpupower frequency-set -g performance")]
+    names = {_text(path) for path in paths} - {""}
+    case = "/none" if not names else "" if names <= GOOD_GOVERNORS else "/slow"
+    return finding("governor" + case, names=", ".join(sorted(names)))
 
 
 def _scheduler(root: Path) -> Finding:
@@ -142,45 +135,35 @@ def _scheduler(root: Path) -> Finding:
     kind = next((word for word in ("PREEMPT_RT", "PREEMPT_DYNAMIC", "PREEMPT") if word in version), "not preemptible")
     if _text(root / "sys/kernel/realtime") == "1":
         kind = "PREEMPT_RT"
-    return ok("scheduler", f"Linux {platform.release()}, {kind}")
+    return finding("scheduler", release=platform.release(), kind=kind)
 
 
 def _realtime() -> Finding:
     try:
         refuse_scheduling(Scheduling(priority=USUAL_PRIORITY))
     except HardwareError:
-        return note("real time", f"priority {USUAL_PRIORITY} not permitted", f"For --realtime: {HOW_TO_PERMIT}")
-    return ok("real time", f"priority {USUAL_PRIORITY} permitted (--realtime)")
+        return finding("real time/refused", priority=USUAL_PRIORITY, how=HOW_TO_PERMIT)
+    return finding("real time", priority=USUAL_PRIORITY)
 
 
 def _clock_source(root: Path) -> Finding:
-    name = _text(root / "sys/devices/system/clocksource/clocksource0/current_clocksource")
-    if not name or name in GOOD_CLOCKS:
-        return ok("clock", f"source {name or 'unknown'}")
-    return note("clock", f"source {name}, slow to read or coarse", "See in dmesg why tsc was given up")
+    name = _text(root / "sys/devices/system/clocksource/clocksource0/current_clocksource") or "unknown"
+    return finding("clock/source" if name in (*GOOD_CLOCKS, "unknown") else "clock/poor source", name=name)
 
 
 def _receive_buffer(root: Path) -> Finding:
     text = _text(root / "proc/sys/net/core/rmem_max")
     if not text.isdigit():
-        return ok("UDP buffer", "limit unknown")
-    most, step = int(text), f"sudo sysctl -w net.core.rmem_max={RECEIVE_BUFFER}"
-    what = f"net.core.rmem_max {most} bytes"
-    if most < USUAL_BUFFER:
-        return fix("UDP buffer", f"{what}: bursts are lost", step)
-    if most < RECEIVE_BUFFER:
-        return note("UDP buffer", f"{what}, and {RECEIVE_BUFFER} are asked for", f"To have them: {step}")
-    return ok("UDP buffer", what)
+        return finding("UDP buffer/unknown")
+    return finding("UDP buffer", most=int(text), wanted=RECEIVE_BUFFER)
 
 
 def _disk(folder: Path) -> Finding:
     try:
         free = shutil.disk_usage(folder).free
     except OSError as error:
-        return note("disk", f"{folder}: {error.strerror or error}", "Record to another folder")
-    hours = free / PER_HOUR
-    what = f"{free / 1e9:.0f} GB free here, {hours:.0f} h of --record-raw of SlimeVR's VMC"
-    return ok("disk", what) if hours > 1.0 else fix("disk", what, "Make room, or record to another disk")
+        return finding("disk/unreadable", folder=folder, reason=error.strerror or error)
+    return finding("disk", free=free / 1e9, hours=free / PER_HOUR)
 
 
 def _text(path: Path) -> str:
@@ -198,18 +181,17 @@ GROUP = "dialout"
 def serial_findings(ports: Iterable[str] | None = None) -> list[Finding]:
     """Whether this user may open serial ports. ports: paths; None: all of this machine."""
     paths = sorted(port.device for port in comports()) if ports is None else list(ports)
+    if not paths:
+        return [_no_port()]
     refused = [path for path in paths if not os.access(path, os.R_OK | os.W_OK)]
+    usable = [path for path in paths if path not in refused]
     found = []
     if refused:
         groups = sorted({group for path in refused if (group := _group(path))})
-        what = f"{', '.join(refused)} not for this user (group {', '.join(groups) or 'none'})"
-        step = f'Run "sudo usermod -aG {groups[0] if groups else GROUP} $USER", then log out and in again'
-        found.append(fix("serial", what, step))
-    usable = [path for path in paths if path not in refused]
+        known = {"groups": ", ".join(groups) or "none", "group": groups[0] if groups else GROUP}
+        found.append(finding("serial/refused", ports=", ".join(refused), **known))
     if usable:
-        found.append(ok("serial", f"{', '.join(usable)} for this user"))
-    if not paths:
-        found.append(_no_port())
+        found.append(finding("serial", ports=", ".join(usable)))
     return found
 
 
@@ -225,56 +207,43 @@ def _group(path: str) -> str:
 def _no_port() -> Finding:
     """Without a port to check: whether this user is in the group."""
     if os.geteuid() == 0:
-        return ok("serial", "no serial port here; root may open any")
+        return finding("serial/root")
     try:
         number = grp.getgrnam(GROUP).gr_gid
     except KeyError:
-        return ok("serial", "no serial port here")
-    if number in {*os.getgroups(), os.getegid()}:
-        return ok("serial", f"no serial port here; this user is in {GROUP}")
-    step = f'For servos: "sudo usermod -aG {GROUP} $USER", then log out and in again'
-    return note("serial", f"no serial port here, and this user is not in {GROUP}", step)
+        return finding("serial/no group")
+    member = number in {*os.getgroups(), os.getegid()}
+    return finding("serial/member" if member else "serial/no member", group=GROUP)
 
 
 # Python and the compiled solver: whether they can be used, and what a frame costs on this machine.
 
 OLDEST = (3, 11)
 FRAMES = 100
-SLOW_S, TOO_SLOW_S = 0.003, 0.008
-"""CPU time of both stages for a frame from which on a tick of 10 ms is tight, and too short."""
 AMPLITUDE_M = 0.05
 
 
 def python_findings(version: tuple[int, ...] = sys.version_info[:3]) -> list[Finding]:
     """Version of Python, and whether the compiled solver can be imported."""
-    what = f"{'.'.join(map(str, version))} ({platform.python_implementation()}, {platform.machine()})"
-    found = []
-    if version < OLDEST:
-        found.append(fix("Python", what, "Install Python 3.11 or newer, and retarget into it"))
-    else:
-        found.append(ok("Python", what))
+    python = finding(
+        "Python" if version >= OLDEST else "Python/old",
+        version=".".join(map(str, version)),
+        implementation=platform.python_implementation(),
+        machine=platform.machine(),
+    )
     try:
         importlib.import_module("retarget._solver")
     except ImportError as error:
-        step = "Install the wheel for this machine, or build it: make install (needs cargo)"
-        return [*found, fix("wheel", f"the compiled solver cannot be imported ({error})", step)]
-    return [*found, ok("wheel", f"retarget {retarget.__version__}, compiled solver there")]
+        return [python, finding("wheel/broken", error=error)]
+    return [python, finding("wheel", version=retarget.__version__)]
 
 
 def frame_findings(measure: "Callable[[], float] | None" = None) -> list[Finding]:
-    """What a frame costs. measure: returns s; None: `seconds_per_frame`."""
+    """CPU time of both stages for a frame. measure: returns s; None: `seconds_per_frame`."""
     try:
-        cost = (measure or seconds_per_frame)()
+        return [finding("solver", ms=1e3 * (measure or seconds_per_frame)())]
     except ImportError:
         return []
-    what = f"{1e3 * cost:.2f} ms of CPU per frame, performer to OP3"
-    if cost > TOO_SLOW_S:
-        return [
-            fix("solver", f"{what}, of a tick of 10 ms", "Use a faster computer, or a lower rate_hz in the profile")
-        ]
-    if cost > SLOW_S:
-        return [note("solver", what, "Little room is left in a tick of 10 ms: end other programs")]
-    return [ok("solver", what)]
 
 
 def seconds_per_frame(frames: int = FRAMES) -> float:
@@ -330,21 +299,21 @@ def port_findings(
     refusal = _open_refusal(path, baud or 57_600)
     if refusal is not None:
         return [refusal]
-    target = Path(path).resolve()
-    found = [ok(path, f"there ({target}), and this user may open it")]
-    found += _holders(path, processes)
-    timer = serial_port.latency_timer_ms(path, devices)
-    if timer is None:
-        found.append(ok(path, "no latency timer (the adapter is no FTDI)"))
-    elif timer > serial_port.WANTED_MS:
-        what = f"the adapter keeps bytes for up to {timer} ms, and {serial_port.WANTED_MS} ms is needed"
-        step = f"Type: {serial_port.timer_command(path, devices)}"
-        found.append(fix(path, what, step + " (docs/wiring.md has a rule that makes it stay)"))
-    else:
-        found.append(ok(path, f"latency timer {timer} ms"))
-    if baud is not None:
-        found.append(ok(path, f"{baud} baud in the profile; retarget servo scan lists the servos that answer"))
-    return found
+    timer, wanted = serial_port.latency_timer_ms(path, devices), serial_port.WANTED_MS
+    found = [
+        finding("servo port", subject=path, target=Path(path).resolve()),
+        *_holders(path, processes),
+        finding("servo port/no timer", subject=path)
+        if timer is None
+        else finding(
+            "servo port/timer",
+            subject=path,
+            timer=timer,
+            wanted=wanted,
+            command=serial_port.timer_command(path, devices) if timer > wanted else "",
+        ),
+    ]
+    return found if baud is None else [*found, finding("servo port/baud", subject=path, baud=baud)]
 
 
 def _open_refusal(path: str, baud: int) -> Finding | None:
@@ -368,40 +337,30 @@ def _open_refusal(path: str, baud: int) -> Finding | None:
 def _holders(path: str, processes: Path) -> list[Finding]:
     """Processes that have the port open; one at the other end of a pseudo-terminal is a note only."""
     holder, _, behind = serial_port.holders(path, processes).partition("; ")
-    found = [note(path, behind)] if behind else []
+    found = [finding("servo port/behind", subject=path, behind=behind)] if behind else []
     if holder != UNKNOWN_HOLDER:
-        return [fix(path, f"in use by {holder}", "Stop it, or wait"), *found]
-    return [*found, ok(path, "no process that can be seen has it open")]
+        return [finding("servo port/held", subject=path, holder=holder), *found]
+    return [*found, finding("servo port/free", subject=path)]
 
 
 # What may block a sender from a port of this machine: a firewall, a container, a virtual machine.
 
-FIREWALL = "firewall"
+_SIGNS = (
+    ("etc/ufw/ufw.conf", "enabled=yes", "firewall/ufw"),
+    ("run/firewalld", "", "firewall/firewalld"),
+    ("proc/version", "microsoft", "firewall/WSL"),
+    (".dockerenv", "", "firewall/container"),
+    ("run/.containerenv", "", "firewall/container"),
+)
+"""Paths that every user may read, what their content holds ("": that they exist is enough), and the check."""
 
 
 def firewall_findings(port: int, *, protocol: Literal["udp", "tcp"] = "udp", root: Path = ROOT) -> list[Finding]:
     """Firewalls that files readable by every user show, and the command that opens the port."""
-    found = []
-    if "ENABLED=yes" in _config_text(root / "etc/ufw/ufw.conf"):
-        found.append(note(FIREWALL, "ufw is on", f"Open the port: sudo ufw allow {port}/{protocol}"))
-    if (root / "run/firewalld").is_dir():
-        step = f"Open the port: sudo firewall-cmd --add-port={port}/{protocol}"
-        found.append(note(FIREWALL, "firewalld runs", step))
-    if "microsoft" in _config_text(root / "proc/version").lower():
-        step = "Set networkingMode=mirrored in .wslconfig, and open the port in Windows Defender Firewall"
-        found.append(note(FIREWALL, "this is WSL, which the network does not reach by itself", step))
-    if (root / ".dockerenv").exists() or (root / "run/.containerenv").exists():
-        step = f"Start it with --network host, or with -p {port}:{port}/{protocol}"
-        found.append(note(FIREWALL, "this is a container, which the network does not reach by itself", step))
-    if not found:
-        step = f"sudo nft list ruleset shows what lets {protocol.upper()} port {port} in"
-        found.append(note(FIREWALL, "no ufw and no firewalld here; other rules can only be seen by root", step))
-    sender = "On a sender with Windows, allow its program in Windows Defender Firewall, for private and public networks"
-    found.append(note(FIREWALL, "the sender's computer has one too", sender))
-    return found
-
-
-def _config_text(path: Path) -> str:
-    with suppress(OSError):
-        return path.read_text(encoding="utf-8", errors="replace")[:4096]
-    return ""
+    shown = dict.fromkeys(
+        check
+        for path, text, check in _SIGNS
+        if (text in _text(root / path).lower() if text else (root / path).exists())
+    )
+    names = [*(shown or ["firewall/none"]), "firewall/sender"]
+    return [finding(name, port=port, protocol=protocol, PROTOCOL=protocol.upper()) for name in names]

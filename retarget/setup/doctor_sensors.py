@@ -13,7 +13,7 @@ from retarget.live.sensor_validity import ValidityState
 from retarget.schema.catalogue import Kind, entries
 from retarget.schema.performer import Performer, load_performer
 from retarget.setup.doctor_capture import FrameNote, StreamCapture
-from retarget.setup.doctor_machine import Finding, fix, note, ok
+from retarget.setup.doctor_machine import Finding, finding
 from retarget.types import FloatArray
 
 UNNAMED = "?"
@@ -24,27 +24,15 @@ RECENT = 200
 """Last frames whose names are listed: Motive's bodies have numbers before they have names."""
 SHOWN = 30
 """Names of the sender that are listed."""
-SOME = 0.02
-"""Share of the time from which on a state is reported."""
-FROZEN_SHARE = 0.1
 UNUSABLE_SHARE = 0.2
-
-_WRONG_STATES = {
-    ValidityState.JUMPED: (
-        "jumps farther than a human can",
-        "Look for its tracker's view, drift or magnetic fields, and for two senders at once",
-    ),
-    ValidityState.SWAPPED: ("left and right change places", "Exchange the two trackers' roles at the sender"),
-    ValidityState.OUT_OF_RANGE: (
-        "reported outside the room (10 m)",
-        "Set the sender's origin, its axes and its unit (metres)",
-    ),
-    ValidityState.FROZEN: (
-        "repeats one value to the bit while others move",
-        "See that its tracker is on and in view; leave out what is not worn (another --performer)",
-    ),
+"""Share of the time from which on a sensor without a valid pose is reported."""
+_WRONG_SHARES = {
+    ValidityState.JUMPED: 0.02,
+    ValidityState.SWAPPED: 0.02,
+    ValidityState.OUT_OF_RANGE: 0.02,
+    ValidityState.FROZEN: 0.1,
 }
-_LEAST_SHARE = {ValidityState.FROZEN: FROZEN_SHARE}
+"""Share of the time from which on a state is reported."""
 
 
 def role_findings(performer: Performer, convention: str, capture: StreamCapture) -> list[Finding]:
@@ -59,9 +47,9 @@ def role_findings(performer: Performer, convention: str, capture: StreamCapture)
             missing.append((sensor, place))
     found = [_missing(performer, convention, missing, capture)] if missing else []
     wrong = _wrong_states(sent, capture) + _unusable(sent, capture)
-    affected = {name for finding in wrong for name in finding.subject.split(", ")}
+    affected = {name for one in wrong for name in one.subject.split(", ")}
     good = [] if "sensors" in affected else [sensor for sensor in sent if sensor not in affected]
-    return found + wrong + ([ok("sensors", f"{', '.join(good)} sent and valid")] if good else [])
+    return found + wrong + ([finding("sensors", sensors=", ".join(good))] if good else [])
 
 
 def _missing(
@@ -72,7 +60,7 @@ def _missing(
         for sensor, place in missing
     )
     if performer.partial and set(REQUIRED).isdisjoint(sensor for sensor, _ in missing):
-        return note("sensors", f"the stream has no {names}: they take no part")
+        return finding("sensors/no part", names=names)
     sent = list(dict.fromkeys(name for frame in capture.frames[-RECENT:] for name in frame.names))
     shown = ", ".join(sent[:SHOWN]) + (f" and {len(sent) - SHOWN} more" if len(sent) > SHOWN else "")
     unnamed = any(place.position == UNNAMED for _, place in missing)
@@ -85,7 +73,7 @@ def _missing(
         step = "Switch on, wear and assign what is missing"
     if others:
         step += f", or use --performer {' or '.join(others)}"
-    return fix("sensors", f"the stream has no {names}; it has {shown}", step)
+    return finding("sensors/missing", names=names, sent=shown, step=step)
 
 
 def _fitting(capture: StreamCapture, convention: str) -> list[str]:
@@ -106,12 +94,11 @@ def _fitting(capture: StreamCapture, convention: str) -> list[str]:
 def _wrong_states(sent: dict[str, Place], capture: StreamCapture) -> list[Finding]:
     """Sensors that are sent and not valid: one finding per state, for all sensors that are in it."""
     found = []
-    for state, (what, step) in _WRONG_STATES.items():
-        shares = {sensor: capture.share(sensor, state) for sensor in sent}
-        shares = {sensor: share for sensor, share in shares.items() if share > _LEAST_SHARE.get(state, SOME)}
+    for state, least in _WRONG_SHARES.items():
+        shares = {sensor: share for sensor in sent if (share := capture.share(sensor, state)) > least}
         if shares:
-            worst = f"{100 * max(shares.values()):.0f} % of the time"
-            found.append(fix(", ".join(shares), f"{what}, {worst}", step))
+            worst = 100 * max(shares.values())
+            found.append(finding(f"sensors/{state.name}", subject=", ".join(shares), percent=worst))
     return found
 
 
@@ -122,17 +109,12 @@ def _unusable(sent: dict[str, Place], capture: StreamCapture) -> list[Finding]:
     why = f" ({reasons})" if reasons else ""
     least = min(unusable.values(), default=0.0)
     found = [
-        fix(
-            sensor,
-            f"is sent, but cannot be used {100 * share:.0f} % of the time{why}",
-            "See that its tracker is seen by the system, and fixed well",
-        )
+        finding("sensors/unusable", subject=sensor, percent=100 * share, why=why)
         for sensor, share in unusable.items()
         if share > least + UNUSABLE_SHARE
     ]
     if least > UNUSABLE_SHARE and reasons:
-        step = "See that the system tracks, and that its unit is metres"
-        found.append(fix("sensors", f"none can be used {100 * least:.0f} % of the time{why}", step))
+        found.append(finding("sensors/none usable", percent=100 * least, why=why))
     return found
 
 
@@ -148,10 +130,10 @@ def _unusable_share(sensor: str, place: Place, capture: StreamCapture) -> float:
 
 SLOWEST_HZ = 1.0 / DELAY_CAP_S
 """Below it, there is not always a frame on both sides of the playout time."""
-GOOD_HZ = 50.0
 FEW = 5
 """Frames that a finding needs at least."""
-LOST_SHARE = 0.01
+LATE_SHARE = 0.01
+"""Share of frames that come too late from which on it is reported."""
 SKEW = 0.02
 """Allowed difference of a sender's second from the local one; a real clock is off by less than 0.0002."""
 SKEW_S = 3.0
@@ -169,11 +151,17 @@ def rate_findings(kind: str, capture: StreamCapture) -> list[Finding]:
     """Findings on the frames that hold the performer's sensors; on all frames where none does."""
     frames = _of_one_sensor(capture)
     if len(frames) < FEW:
-        return [] if not frames else [fix("rate", f"only {len(frames)} frames came", "Let the sender go on sending")]
+        return [] if not frames else [finding("rate/few", count=len(frames))]
     arrivals = np.array([frame.arrival for frame in frames])
     gaps = np.diff(arrivals)
-    found = [_rate(arrivals), _jitter(gaps), *_silences(gaps, capture)]
-    return found + _loss(kind, frames) + _clock(kind, frames, arrivals, capture)
+    rate = (len(arrivals) - 1) / max(float(arrivals[-1] - arrivals[0]), 1e-9)
+    p50, p99 = 1e3 * np.percentile(np.abs(gaps - np.median(gaps)), (50, 99))
+    found = [
+        finding("rate", rate=rate, slowest=SLOWEST_HZ),
+        finding("jitter", p50=p50, p99=p99, longest=1e3 * gaps.max(), most=1e3 * DELAY_CAP_S),
+        *_silences(gaps, capture),
+    ]
+    return [*found, *_loss(kind, frames), _clock(kind, frames, arrivals, capture)]
 
 
 def _of_one_sensor(capture: StreamCapture) -> list[FrameNote]:
@@ -183,38 +171,14 @@ def _of_one_sensor(capture: StreamCapture) -> list[FrameNote]:
     return max(frames.values(), key=len) if frames else capture.frames
 
 
-def _rate(arrivals: FloatArray) -> Finding:
-    rate = (len(arrivals) - 1) / max(float(arrivals[-1] - arrivals[0]), 1e-9)
-    what = f"{rate:.0f} frames/s"
-    if rate < SLOWEST_HZ:
-        step = "Raise the sender's rate to 60 or more; look at Wi-Fi and at the trackers' own rate"
-        return fix("rate", f"{what}, fewer than the {SLOWEST_HZ:.0f} that are needed", step)
-    if rate < GOOD_HZ:
-        return note("rate", f"{what}: enough; from {GOOD_HZ:.0f} on, motion is delayed less")
-    return ok("rate", what)
-
-
-def _jitter(gaps: FloatArray) -> Finding:
-    typical = float(np.median(gaps))
-    p50, p99 = np.percentile(np.abs(gaps - typical), (50, 99))
-    what = f"p50 {1e3 * p50:.1f} ms, p99 {1e3 * p99:.1f} ms, longest gap {1e3 * gaps.max():.0f} ms"
-    if p99 > DELAY_CAP_S:
-        step = "Use a cable, or a Wi-Fi of its own near the performer; end what else loads the sender"
-        return fix("jitter", f"{what}: more than the {1e3 * DELAY_CAP_S:.0f} ms that are evened out", step)
-    return ok("jitter", what)
-
-
 def _silences(gaps: FloatArray, capture: StreamCapture) -> list[Finding]:
     """Gaps in which a robot would have held."""
-    count = int(np.count_nonzero(gaps > SILENCE_S))
     found = []
-    if count:
-        step = "Look at Wi-Fi, at power saving of the trackers, and at what else the sender's computer does"
-        what = f"{count} gaps longer than {SILENCE_S:g} s, the longest {gaps.max():.2f} s: a robot holds in each"
-        found.append(fix("gaps", what, step))
+    if count := int(np.count_nonzero(gaps > SILENCE_S)):
+        found.append(finding("gaps", count=count, silence=SILENCE_S, longest=gaps.max()))
     quiet = capture.ended - capture.frames[-1].arrival
     if quiet > max(SILENCE_S, 3.0 * float(np.median(gaps))) and not getattr(capture.stream.receiver, "finished", 0):
-        found.append(fix("gaps", f"silent for the last {quiet:.1f} s", "See whether the sender stopped"))
+        found.append(finding("gaps/end", quiet=quiet))
     return found
 
 
@@ -224,56 +188,41 @@ def _loss(kind: str, frames: list[FrameNote]) -> list[Finding]:
     if len(numbers) < FEW:
         return []
     steps = np.diff(numbers)
-    found = []
     back = int(np.count_nonzero(steps < 0))
-    if back:
-        step = "Two senders or Wi-Fi cause several in a row; a frame out of order is sorted in or dropped"
-        found.append(note("order", f"{back} frames came after a later one", step))
+    found = [finding("order", count=back)] if back else []
     if not np.count_nonzero(steps > 0):
-        step = "Let the sender count its frames, or send no frame number"
-        return [*found, fix("order", "the frame number stands still", step)]
+        return [*found, finding("order/still")]
     usual = float(np.median(steps[steps > 0]))
     missing = float(np.sum(np.maximum(np.round(steps / usual) - 1.0, 0.0)))
-    share = missing / (missing + len(numbers))
-    what = f"{missing:.0f} of {missing + len(numbers):.0f} frames by their numbers ({100 * share:.1f} %)"
-    if kind == "mvn":
-        found.append(ok("loss", what + ", some of which MVN leaves out itself"))
-    elif share > LOST_SHARE:
-        found.append(fix("loss", what, "Use a cable, not Wi-Fi; see that nothing else fills the network"))
-    else:
-        found.append(ok("loss", what))
-    return found
+    everything = missing + len(numbers)
+    check = "loss/meant" if kind == "mvn" else "loss"
+    return [*found, finding(check, missing=missing, all=everything, percent=100 * (missing / everything))]
 
 
-def _clock(kind: str, frames: list[FrameNote], arrivals: FloatArray, capture: StreamCapture) -> list[Finding]:
+def _clock(kind: str, frames: list[FrameNote], arrivals: FloatArray, capture: StreamCapture) -> Finding:
     """The sender's clock: whether it stands still, runs at another speed, jumps, or has become coarse."""
     clock = capture.stream.clock_map
     stamped = [(frame.stamp, frame.arrival) for frame in frames if frame.stamp is not None]
     if len(stamped) < FEW:
-        return [ok("clock", "the sender sends no time: arrival times are used")]
+        return finding("clock/none")
     stamps, at = (np.array(column) for column in zip(*stamped, strict=True))
     if len(np.unique(stamps)) == 1:
-        step = "Let the sender stamp each frame, or send no time at all"
-        return [fix("clock", "the sender's time stands still", step)]
+        return finding("clock/still")
     speed = _speed(stamps, at)
     if at[-1] - at[0] > SKEW_S and abs(speed - 1.0) > SKEW:
-        step = "Let it send seconds of a steady clock; a recording must be played at its own speed"
-        return [fix("clock", f"the sender's second lasts {1.0 / max(speed, 1e-9):.2f} local seconds", step)]
+        return finding("clock/speed", second=1.0 / max(speed, 1e-9))
     if clock.jumps and clock.last_jump is not None:
-        step = "Let only one sender run; switch off what sets its clock, or let it send a steady one"
-        how = _JUMPS[clock.last_jump.kind]
-        shift = abs(clock.last_jump.shift)
         often = "once" if clock.jumps == 1 else f"{clock.jumps} times, the last time"
-        return [fix("clock", f"the sender's clock jumped {often} by {shift:.3f} s: {how}", step)]
+        how, shift = _JUMPS[clock.last_jump.kind], abs(clock.last_jump.shift)
+        return finding("clock/jump", often=often, shift=shift, how=how)
     coarse = float(np.spacing(np.float32(stamps[-1]))) if kind == "vmc" else 0.0
     if coarse > COARSE_S:
-        step = "Restart the sender: its seconds have single precision, which grows coarse in hours"
-        return [fix("clock", f"the sender's time goes in steps of {1e3 * coarse:.0f} ms", step)]
+        return finding("clock/coarse", ms=1e3 * coarse)
     late = sum(clock.dropped.reasons[reason] for reason in ("late", "stamped ahead", "out of order"))
-    if late > LOST_SHARE * len(frames):
+    if late > LATE_SHARE * len(frames):
         reasons = ", ".join(f"{reason} ({count})" for reason, count in clock.dropped.reasons.most_common(3))
-        return [fix("clock", f"frames that come too late to be used: {reasons}", "Use a cable, not Wi-Fi")]
-    return [ok("clock", f"no jump in {arrivals[-1] - arrivals[0]:.1f} s")]
+        return finding("clock/late", reasons=reasons)
+    return finding("clock", seconds=arrivals[-1] - arrivals[0])
 
 
 def _speed(stamps: FloatArray, at: FloatArray) -> float:
@@ -305,17 +254,15 @@ def invented_findings(convention: str, capture: StreamCapture) -> list[Finding]:
     if not capture.frames or len(capture.samples) < LEAST_SAMPLES:
         return []
     if not any(_moves(_track(capture, name)) for name in capture.last_poses):
-        step = "Walk and turn while the doctor listens: frozen and made-up sensors show only then"
-        return [note("sensors", "no sensor moved", step)]
+        return [finding("sensors/still")]
     found = []
     for carrier, limbs in _CARRIERS.items():
         if carrier not in known:
             continue
         for sensor, place in zip(capture.stream.roles.sensors, capture.stream.roles.places, strict=True):
             if sensor[2:] in limbs and _moves_with(place, known[carrier], capture):
-                what = f"moves with the {carrier} as if it had no tracker: the sender makes it up ({place.position})"
-                step = f"Wear and assign a tracker there, or leave {sensor} out (another --performer)"
-                found.append(fix(sensor, what, step))
+                facts = {"carrier": carrier, "name": place.position, "sensor": sensor}
+                found.append(finding("sensors/made up", subject=sensor, **facts))
     return found
 
 

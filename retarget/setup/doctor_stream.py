@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from ipaddress import AddressValueError, IPv4Address
+from typing import Any
 
 from hardware.clock import Clock
 from retarget.errors import InputError, UsageError
@@ -19,7 +20,7 @@ from retarget.live.stream import LiveStream
 from retarget.live.udp import UdpReceiver, port_holder
 from retarget.schema.performer import Performer, PerformerSensor
 from retarget.setup.doctor_capture import StreamCapture, capture_stream
-from retarget.setup.doctor_machine import Finding, firewall_findings, fix, fix_all, note, ok
+from retarget.setup.doctor_machine import Finding, finding, firewall_findings, fix_all
 from retarget.setup.doctor_sensors import UNNAMED, invented_findings, rate_findings, role_findings
 from retarget.sources.json_pose import DEFAULT_PORT
 from retarget.sources.natnet_decoder import NatnetDecoder
@@ -97,21 +98,19 @@ def silence_findings(
     """Why nothing arrives at an address, the surest cause first. answered: other findings say it already."""
     found = []
     if not answered:
-        found.append(fix("stream", f"nothing arrives in {seconds:.1f} s at {_place(address)}", _start(address)))
+        found.append(finding("stream/silent", seconds=seconds, place=_place(address), start=_start(address)))
     found += [stray_finding(address, stray) for stray in strays]
     if strays or address.kind == "replay":
         return found
+    interfaces = ", ".join(f"{number} ({name})" for name, number in local_interfaces().items()) or "none"
     if IPv4Address(address.bind).is_loopback:
         if address.kind != "natnet":
-            option = "allow" if _protocol(address) == "UDP" else "tcp"
-            step = for_others(address.kind, address.port, option=option)
-            what = f"only senders on this machine are received; its addresses are {_interfaces()}"
-            found.append(note("network", what, step))
+            others = for_others(address.kind, address.port, option="tcp" if _over_tcp(address) else "allow")
+            found.append(finding("network/loopback", interfaces=interfaces, others=others))
         return found
     allowed = ", ".join(str(network) for network in address.allow)
-    found.append(note("network", f"this machine is {_interfaces()}; allowed to send: {allowed}", "Compare both ends"))
-    port = address.port or DATA_PORT
-    return found + firewall_findings(port, protocol="udp" if _protocol(address) == "UDP" else "tcp")
+    found.append(finding("network/allowed", interfaces=interfaces, allowed=allowed))
+    return found + firewall_findings(address.port or DATA_PORT, protocol="tcp" if _over_tcp(address) else "udp")
 
 
 def _place(address: StreamAddress) -> str:
@@ -119,7 +118,7 @@ def _place(address: StreamAddress) -> str:
         return address.text
     if not address.port:
         return f"{address.bind}, any UDP port"
-    return f"{address.bind}, {_protocol(address)} port {address.port}"
+    return f"{address.bind}, {'TCP' if _over_tcp(address) else 'UDP'} port {address.port}"
 
 
 def _start(address: StreamAddress) -> str:
@@ -128,48 +127,35 @@ def _start(address: StreamAddress) -> str:
         return "Record again: this recording holds no datagram"
     if address.kind == "natnet":
         return "Start Motive, switch its streaming on, and see that this is its computer"
-    return f"Start {SENDERS[address.kind]}, and let it send to {_target(address)}, port {address.port}"
+    target = "one of this machine's addresses" if address.bind == EVERYWHERE else address.bind
+    return f"Start {SENDERS[address.kind]}, and let it send to {target}, port {address.port}"
 
 
 def stray_finding(address: StreamAddress, stray: Stray) -> Finding:
     """A sender that sends to another port or interface than the stream's."""
-    what = f"{stray.host} sends {stray.got.text} to port {stray.port}"
+    host, kind = stray.host, stray.got.kind
+    facts: dict[str, Any] = {"host": host, "got": stray.got.text, "port": stray.port}
     if stray.port == address.port:
-        what += f" of {stray.interface}, and {address.bind} is listened on"
-        return fix("network", what, f"Use {address.kind}://0.0.0.0:{address.port}?allow={stray.host}")
-    if not stray.got.kind:
-        return note("network", what, "It is not read here")
-    if stray.got.kind == "natnet":
-        return fix("network", what, f"Use natnet://{stray.host}, with ?multicast=GROUP where Motive streams multicast")
-    local = IPv4Address(stray.host).is_loopback
-    use = (
-        f"{stray.got.kind}://:{stray.port}" if local else f"{stray.got.kind}://0.0.0.0:{stray.port}?allow={stray.host}"
-    )
-    if stray.got.kind != address.kind:
-        return note("network", what, f"To use that: {use}")
-    return fix("network", what, f"Use {use}, or let it send to port {address.port}")
+        where = {"interface": stray.interface, "bind": address.bind, "kind": address.kind}
+        return finding("network/other interface", **facts, **where)
+    if not kind:
+        return finding("network/not read", **facts)
+    if kind == "natnet":
+        return finding("network/Motive", **facts)
+    local = IPv4Address(host).is_loopback
+    use = f"{kind}://:{stray.port}" if local else f"{kind}://0.0.0.0:{stray.port}?allow={host}"
+    check = "network/other port" if kind == address.kind else "network/other kind"
+    return finding(check, **facts, use=use, wanted=address.port)
 
 
-def _protocol(address: StreamAddress) -> str:
-    return "TCP" if address.kind == "mvn" and address.host is not None else "UDP"
-
-
-def _target(address: StreamAddress) -> str:
-    if address.bind == LOOPBACK:
-        return LOOPBACK
-    return "one of this machine's addresses" if address.bind == EVERYWHERE else address.bind
-
-
-def _interfaces() -> str:
-    return ", ".join(f"{number} ({name})" for name, number in local_interfaces().items()) or "none"
+def _over_tcp(address: StreamAddress) -> bool:
+    return address.kind == "mvn" and address.host is not None
 
 
 # Senders: the wrong protocol, refused senders, damaged or large datagrams, datagrams that the kernel lost.
 
 UNFRAGMENTED = 1472
 """Bytes of a UDP payload that fit one Ethernet frame of 1500."""
-DAMAGED_SHARE = 0.01
-"""Share of dropped datagrams from which on it is a fault of the stream."""
 _HARMLESS = ("not used", "none of 1 to 8 and head", "type ", "late", "repeated")
 """Parts of the reasons for which datagrams of a healthy sender are dropped."""
 
@@ -179,38 +165,30 @@ def sender_findings(address: StreamAddress, kind: str, capture: StreamCapture) -
     found = _refused(address, capture) + _foreign(kind, capture, address)
     if capture.frames:
         senders = ", ".join(dict.fromkeys(host for host, _ in capture.sources))
-        found.append(ok("stream", f"{capture.stream.frames} frames from {senders}"))
+        found.append(finding("stream", frames=capture.stream.frames, senders=senders))
     elif not found:
         reasons = "; ".join(reason for reason, _ in capture.stream.decoder.dropped.reasons.most_common(3))
-        what = f"{capture.arrived} datagrams arrive, and none holds a pose" + (f" ({reasons})" if reasons else "")
-        found.append(fix("stream", what, f"Look at the settings of {SENDERS[kind]}"))
+        facts = {"reasons": f" ({reasons})" if reasons else "", "sender": SENDERS[kind]}
+        found.append(finding("stream/no pose", arrived=capture.arrived, **facts))
     if capture.frames:
         found += _dropped(capture)
-    return found + _lost(capture) + _large(capture) + _states(capture)
+    return found + _lost(capture) + _states(capture)
 
 
 def _refused(address: StreamAddress, capture: StreamCapture) -> list[Finding]:
     """Senders that were refused."""
-    found = []
-    for (host, port), reason in capture.stream.admission.news():
+    found, admission = [], capture.stream.admission
+    for (host, port), reason in admission.news():
         if reason == NOT_ALLOWED:
-            step = f"Add {host} to ?allow= of the address if it is the sender, else stop it"
-            found.append(fix("sender", f"{host}, port {port}, sends, and is not on the allow-list", step))
+            found.append(finding("sender/not allowed", host=host, port=port))
         elif reason == SECOND_SOURCE:
-            owner = capture.stream.admission.owner
+            owner = admission.owner
             first = f"; {owner[0]}, port {owner[1]}, was first and is followed" if owner is not None else ""
-            step = "Let only one send here: stop the other, or give it another port"
-            found.append(fix("sender", f"{host}, port {port}, is a second source{first}", step))
-    too_many = capture.stream.admission.refused.reasons["more datagrams than the rate allows"]
-    if too_many:
-        step = "Lower the sender's rate, or see whether a second copy of it runs"
-        found.append(fix("sender", f"{too_many} datagrams beyond the rate that is taken", step))
-    others = capture.stream.receiver.dropped.reasons
-    found += [
-        fix("sender", f"{reason} ({count} times)", f"Stop that one, or correct {address.text}")
-        for reason, count in others.items()
-    ]
-    return found
+            found.append(finding("sender/second", host=host, port=port, first=first))
+    if too_many := admission.refused.reasons["more datagrams than the rate allows"]:
+        found.append(finding("sender/rate", count=too_many))
+    others = capture.stream.receiver.dropped.reasons.items()
+    return found + [finding("sender/refused", reason=why, count=n, address=address.text) for why, n in others]
 
 
 def _foreign(kind: str, capture: StreamCapture, address: StreamAddress) -> list[Finding]:
@@ -228,10 +206,8 @@ def _foreign(kind: str, capture: StreamCapture, address: StreamAddress) -> list[
         what = f"{got.text}, {counts[got.name]} of {looked} datagrams looked at"
         if got.kind != kind:
             what += f", and {kind}:// is read" if recording else f", and {kind}:// is listened for"
-        if capture.frames and not got.kind:
-            found.append(note("protocol", f"also: {what}", advice))
-        else:
-            found.append(fix("protocol", what, advice))
+        also = capture.frames and not got.kind
+        found.append(finding("protocol/also" if also else "protocol", got=what, advice=advice))
     return found
 
 
@@ -239,33 +215,18 @@ def _dropped(capture: StreamCapture) -> list[Finding]:
     """What the decoder dropped of a stream that has frames."""
     found = []
     for reason, count in capture.stream.decoder.dropped.reasons.most_common(8):
-        what = f"{reason}: {count} times in {capture.arrived} datagrams"
-        if any(part in reason for part in _HARMLESS):
-            found.append(ok("decoder", what))
-        elif count > DAMAGED_SHARE * capture.arrived:
-            found.append(fix("decoder", what, "Look at the sender's settings and version"))
-        else:
-            found.append(note("decoder", what))
+        check = "decoder/harmless" if any(part in reason for part in _HARMLESS) else "decoder"
+        share = count / max(capture.arrived, 1)
+        found.append(finding(check, reason=reason, count=count, arrived=capture.arrived, share=share))
     return found
 
 
 def _lost(capture: StreamCapture) -> list[Finding]:
+    """Datagrams that the kernel dropped, and those of other machines that are longer than an Ethernet frame."""
     overflowed = int(getattr(capture.stream.receiver, "overflowed", 0))
-    if not overflowed:
-        return []
-    step = "End other programs, and raise the buffer: sudo sysctl -w net.core.rmem_max=1048576"
-    return [fix("buffer", f"the kernel lost {overflowed} datagrams that were not fetched in time", step)]
-
-
-def _large(capture: StreamCapture) -> list[Finding]:
-    """Datagrams of other machines that are longer than an Ethernet frame: losing one fragment loses all of it."""
-    found = []
-    for host, size in capture.largest.items():
-        if size > UNFRAGMENTED and not _is_here(host):
-            step = "Use a cable, not Wi-Fi; let the sender send less, if it can"
-            what = f"{host} sends datagrams of {size} bytes, in IP fragments: one lost piece loses the frame"
-            found.append(note("network", what, step))
-    return found
+    found = [finding("buffer", count=overflowed)] if overflowed else []
+    long = {host: size for host, size in capture.largest.items() if size > UNFRAGMENTED and not _is_here(host)}
+    return found + [finding("network/fragments", host=host, size=size) for host, size in long.items()]
 
 
 def _is_here(host: str) -> bool:
@@ -278,14 +239,12 @@ def _is_here(host: str) -> bool:
 def _states(capture: StreamCapture) -> list[Finding]:
     """The state that the sender reports: no avatar, bad tracking, bodies without names."""
     decoder = capture.stream.decoder
-    if isinstance(decoder, VmcDecoder):
-        if decoder.loaded is False:
-            return [fix("sender", "it reports that no avatar is loaded: no pose counts", "Load one in the sender")]
-        if decoder.tracking is False:
-            return [fix("sender", "it reports that its tracking is bad: no pose counts", "Look at its trackers")]
+    if isinstance(decoder, VmcDecoder) and decoder.loaded is False:
+        return [finding("sender/no avatar")]
+    if isinstance(decoder, VmcDecoder) and decoder.tracking is False:
+        return [finding("sender/bad tracking")]
     if isinstance(decoder, NatnetDecoder) and decoder.names_missing:
-        step = "See that nothing drops large UDP datagrams from port 1510, and that the bodies are streamed"
-        return [fix("sender", "bodies have numbers and no names", step)]
+        return [finding("sender/no names")]
     return []
 
 
@@ -347,7 +306,7 @@ def _motive(address: StreamAddress, stream: LiveStream, now: float) -> list[Find
         return []
     found = fix_all("Motive", natnet_problems(receiver.session, now, host=address.host or ""))
     if receiver.join_error:
-        found.append(fix("multicast", receiver.join_error, "Add interface=ADDRESS of the card that faces Motive"))
+        found.append(finding("multicast", error=receiver.join_error))
     return found
 
 
@@ -355,12 +314,5 @@ def _holder(address: StreamAddress) -> list[Finding]:
     """Another process that has the port, on another address of this machine. Call it before opening the port."""
     if address.kind == "replay" or not address.port:
         return []
-    protocol = "tcp" if address.kind == "mvn" and address.host is not None else "udp"
-    holder = port_holder(address.port, protocol="tcp" if protocol == "tcp" else "udp")
-    if holder == "another process":
-        return []
-    return [
-        note(
-            "port", f"{holder} has a socket on port {address.port} too", "What is sent to that one does not arrive here"
-        )
-    ]
+    holder = port_holder(address.port, protocol="tcp" if _over_tcp(address) else "udp")
+    return [] if holder == "another process" else [finding("port/shared", holder=holder, port=address.port)]

@@ -3,16 +3,17 @@ only a draft.
 """
 
 import json
-import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from textwrap import wrap
+from pathlib import Path
+from string import Template
 
 import numpy as np
 
 from retarget.schema.profile import DRAFT
+from retarget.setup.fit_observers import comment, number, numbers, plain_name, wrapped
 from retarget.setup.frames import Placed
-from retarget.setup.servo_guess import ServoDraft
+from retarget.setup.servo_guess import LOW_VOLTAGE, ServoDraft
 from retarget.types import FloatArray
 
 # The proposal of `fit-observers` as the sections of a drafted profile.
@@ -134,11 +135,13 @@ class Draft:
 
 # A drafted profile as `robot.yaml`: in the order of the shipped ones, with comments that say what is only a draft.
 
-WIDTH = 118
 FEW_SERVOS, FAST_HZ, SLOW_HZ = 22, 100, 50
 """Up to FEW_SERVOS servos, one line of 1 Mbaud has time to read and write all of them at FAST_HZ; else at SLOW_HZ."""
-_PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]*")
-_RESERVED = {"true", "false", "null", "yes", "no", "on", "off", "y", "n"}
+_ROOTS = {
+    "free": "it stands on its own feet; `suspended` while it hangs on a stand",
+    "suspended": "it has legs but no soles to stand on, so it hangs on a stand",
+    "fixed": "bolted down",
+}
 _POSTURES = {
     "neutral": "Where pairs of observers that touch are no longer looked at.",
     "stand": "Where a run begins and ends.",
@@ -148,174 +151,88 @@ _POSTURES = {
 
 
 def profile_text(draft: Draft) -> str:
-    """YAML of a whole profile."""
-    parts = [
-        _head(draft),
-        _frames(draft.frames),
-        _servos(draft),
-        _buses(draft),
-        draft.observers.strip() + "\n",
-        _feet(draft),
-        _postures(draft),
-        _landmarks(draft),
-        _safety(draft),
-        "reconstruct: human\nretarget: servo\n",
-    ]
-    return "\n".join(part for part in parts if part)
+    """YAML of a whole profile: `robot.yaml.template` with the drafted lines."""
+    stands = "Trunk upright, soles flat, centre of mass over the middle of the soles; " if draft.feet else ""
+    ids = ", ".join(str(servo.number) for servo in draft.servos)
+    supply = min(servo.model.voltage for servo in draft.servos)
+    template = Template(Path(__file__).with_name("robot.yaml.template").read_text(encoding="utf-8"))
+    return template.substitute(
+        head=_lines(_head(draft)),
+        name=plain_name(draft.name),
+        body=plain_name(draft.body),
+        root=draft.root,
+        root_about=_ROOTS[draft.root],
+        frames=_lines(_frame(frame) for frame in draft.frames),
+        servos=_lines(_servos(draft.servos)),
+        mark=DRAFT,
+        ids=wrapped(f"    ids: [{ids}]", 10),
+        observers=draft.observers.strip(),
+        feet=_lines(_feet(draft.feet)),
+        about_postures=comment(f"{stands}joints that are not named are 0."),
+        postures=_lines(_postures(draft.postures)),
+        landmarks=_lines(_landmark(mark) for mark in draft.landmarks),
+        rate=FAST_HZ if len(draft.servos) <= FEW_SERVOS else SLOW_HZ,
+        count=len(draft.servos),
+        voltage="[4.0, 6.0]" if supply < LOW_VOLTAGE else "[10.0, 14.8]",
+    )
 
 
-def _head(draft: Draft) -> str:
-    lines = _comment(
+def _lines(lines: Iterable[str]) -> str:
+    return "\n".join(lines)
+
+
+def _head(draft: Draft) -> Iterator[str]:
+    yield comment(
         f"{draft.name}: drafted by retarget import from {draft.source}, and not yet tried on a robot. Lines that the "
         f"body file does not settle end in {DRAFT}; take the mark away once a line is right. retarget check counts the "
         "lines that are left."
     )
-    lines += _comment("Units m, rad, s, kg; x forward, y left, z up.")
-    lines += _comment(f"Front and back: {draft.facing}.")
-    for text in draft.missing:
-        lines += _comment(f"Not found: {text}.")
-    for text in draft.notes:
-        lines += _comment(f"Note: {text}.")
-    free = {
-        "free": "it stands on its own feet; `suspended` while it hangs on a stand",
-        "suspended": "it has legs but no soles to stand on, so it hangs on a stand",
-        "fixed": "bolted down",
-    }[draft.root]
-    lines += [f"name: {_name(draft.name)}", f"body: {_name(draft.body)}", f"root: {draft.root}  # {free}"]
-    return "\n".join(lines) + "\n"
+    yield comment("Units m, rad, s, kg; x forward, y left, z up.")
+    yield comment(f"Front and back: {draft.facing}.")
+    yield from (comment(f"Not found: {text}.") for text in draft.missing)
+    yield from (comment(f"Note: {text}.") for text in draft.notes)
 
 
-def _frames(frames: Iterable[FrameDraft]) -> str:
-    lines = [*_comment("Found by where axes meet and by the shapes of links; named as the human joints."), "frames:"]
-    for frame in frames:
-        turn = "" if abs(abs(frame.quat[0]) - 1.0) < 1e-6 else f", quat: {_list(frame.quat, 6)}"
-        entry = f"  {frame.name}: {{link: {_name(frame.link)}, pos: {_list(frame.pos, 5)}{turn}}}"
-        lines.append(f"{entry}  # {frame.about}" if frame.about else entry)
-    return "\n".join(lines) + "\n"
+def _frame(frame: FrameDraft) -> str:
+    turn = "" if abs(abs(frame.quat[0]) - 1.0) < 1e-6 else f", quat: {numbers(frame.quat, 6)}"
+    entry = f"  {frame.name}: {{link: {plain_name(frame.link)}, pos: {numbers(frame.pos, 5)}{turn}}}"
+    return f"{entry}  # {frame.about}" if frame.about else entry
 
 
-def _servos(draft: Draft) -> str:
-    lines = _comment(
-        "One line per joint, in the order of the body. For the robot itself, fill in: id (retarget servo scan lists "
-        "them), model, direction (-1 where the servo turns the other way), zero_tick (what it reports where the body "
-        "file has the joint at 0; retarget servo home finds it), gear (shaft turns per joint turn) where there is one. "
-        "Simulated servos do as they are."
-    )
-    lines += _comment(
-        "limits: of the body file. max_velocity: 0.9 of the model's speed without load, or that of the file."
-    )
-    lines += _comment(
-        "max_acceleration: half the stall torque on what hangs on the joint; at most 30 in legs and trunk."
-    )
-    lines += _comment("gains: the maker's default of the model; a run with physics needs what the servo really has.")
-    lines.append("servos:")
-    width = max(len(_name(servo.joint)) for servo in draft.servos) + 1
-    lines += [_servo(servo, width) for servo in draft.servos]
-    return "\n".join(lines) + "\n"
-
-
-def _servo(servo: ServoDraft, width: int) -> str:
-    why = f"id, direction, zero_tick; model: {servo.why}" + (f"; limits: {servo.note}" if servo.note else "")
-    return (
-        f"  {_name(servo.joint) + ':':<{width}} {{id: {servo.number}, model: {servo.model.name}, bus: main, "
-        f"direction: 1, zero_tick: {servo.model.centre_tick}, limits: {_list(servo.limits, 6)},\n"
-        f"  {'':<{width}}  max_velocity: {servo.max_velocity:g}, max_acceleration: {servo.max_acceleration:.1f}, "
-        f"gains: {{p: {servo.position_p}}}}}"
-        f"  {DRAFT} {why}"
-    )
-
-
-def _buses(draft: Draft) -> str:
-    ids = ", ".join(str(servo.number) for servo in draft.servos)
-    return "\n".join(
-        [
-            "buses:",
-            "  main:",
-            f"    port: /dev/ttyUSB0  {DRAFT} retarget servo scan finds it",
-            f"    baud: 1000000  {DRAFT} what the servos are set to",
-            "    protocol: 2",
-            *_wrapped(f"    ids: [{ids}]", 10),
-            "",
-        ]
-    )
-
-
-def _feet(draft: Draft) -> str:
-    if not draft.feet:
-        return "feet: {}\n"
-    lines = [*_comment("Outlines of the flat undersides of the feet, in the frames of the soles."), "feet:"]
-    for foot in draft.feet:
-        corners = ", ".join(_list(corner, 4) for corner in foot.polygon)
-        lines += _wrapped(f"  {foot.side}: {{frame: {foot.frame}, polygon: [{corners}]}}", 9)
-    return "\n".join(lines) + "\n"
-
-
-def _postures(draft: Draft) -> str:
-    stands = "Trunk upright, soles flat, centre of mass over the middle of the soles; " if draft.feet else ""
-    lines = [*_comment(stands + "joints that are not named are 0."), "postures:"]
-    for name, angles in draft.postures.items():
-        lines.append(f"  # {_POSTURES[name]}")
-        inside = ", ".join(f"{_name(joint)}: {_number(angle, 6)}" for joint, angle in angles.items())
-        lines += _wrapped(f"  {name}: {{{inside}}}", 4)
-    return "\n".join(lines) + "\n"
-
-
-def _landmarks(draft: Draft) -> str:
-    about = (
-        "Which frame follows which joint of the performer. robot_length is a little less than the stretched limb, so "
-        "that a stretched human limb does not ask for a singular one."
-    )
-    lines = [*_comment(about), "landmarks:"]
-    for mark in draft.landmarks:
-        offset = "" if mark.offset is None else f", offset: {_list(mark.offset, 4)}"
-        lines += _wrapped(
-            f"  {mark.name}: {{frame: {mark.name}, follows: {mark.follows}, from: {mark.measured_from}, "
-            f"anchor: {mark.anchor}, robot_length: {_number(mark.length, 4)}, "
-            f"human_length: {mark.human_length}{offset}}}",
-            4,
+def _servos(servos: Sequence[ServoDraft]) -> Iterator[str]:
+    width = max(len(plain_name(servo.joint)) for servo in servos) + 1
+    for servo in servos:
+        why = f"id, direction, zero_tick; model: {servo.why}" + (f"; limits: {servo.note}" if servo.note else "")
+        yield (
+            f"  {plain_name(servo.joint) + ':':<{width}} {{id: {servo.number}, model: {servo.model.name}, bus: main, "
+            f"direction: 1, zero_tick: {servo.model.centre_tick}, limits: {numbers(servo.limits, 6)},\n"
+            f"  {'':<{width}}  max_velocity: {servo.max_velocity:g}, max_acceleration: {servo.max_acceleration:.1f}, "
+            f"gains: {{p: {servo.position_p}}}}}  {DRAFT} {why}"
         )
-    return "\n".join(lines) + "\n"
 
 
-def _safety(draft: Draft) -> str:
-    supply = min(servo.model.voltage for servo in draft.servos)
-    low, high = (4.0, 6.0) if supply < 9.0 else (10.0, 14.8)
-    rate = FAST_HZ if len(draft.servos) <= FEW_SERVOS else SLOW_HZ
-    return "\n".join(
-        [
-            "safety:",
-            f"  rate_hz: {rate}  {DRAFT} so often a line of {len(draft.servos)} servos is read and written",
-            "  freshness: 0.08  # s: a few ticks, and less than the watchdog of the servos",
-            "  speed_caps: {follow: 1.0, approach: 0.2, warm: 0.5}",
-            f"  temperature_c: 65  {DRAFT} below where the servos switch themselves off",
-            f"  voltage: [{low}, {high}]  {DRAFT} V, of the supply",
-            "  following_error: 0.45  # rad, at once: the lag at full speed, and some",
-            "  following_error_sustained: 0.3",
-            "  following_error_s: 0.2",
-            "",
-        ]
+def _feet(feet: Sequence[FootDraft]) -> Iterator[str]:
+    if not feet:
+        yield "feet: {}"
+        return
+    yield comment("Outlines of the flat undersides of the feet, in the frames of the soles.")
+    yield "feet:"
+    for foot in feet:
+        corners = ", ".join(numbers(corner, 4) for corner in foot.polygon)
+        yield wrapped(f"  {foot.side}: {{frame: {foot.frame}, polygon: [{corners}]}}", 9)
+
+
+def _postures(postures: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
+    for name, angles in postures.items():
+        yield f"  # {_POSTURES[name]}"
+        inside = ", ".join(f"{plain_name(joint)}: {number(angle, 6)}" for joint, angle in angles.items())
+        yield wrapped(f"  {name}: {{{inside}}}", 4)
+
+
+def _landmark(mark: LandmarkDraft) -> str:
+    offset = "" if mark.offset is None else f", offset: {numbers(mark.offset, 4)}"
+    return wrapped(
+        f"  {mark.name}: {{frame: {mark.name}, follows: {mark.follows}, from: {mark.measured_from}, "
+        f"anchor: {mark.anchor}, robot_length: {number(mark.length, 4)}, human_length: {mark.human_length}{offset}}}",
+        4,
     )
-
-
-def _name(name: str) -> str:
-    return name if _PLAIN.fullmatch(name) and name.lower() not in _RESERVED else json.dumps(name)
-
-
-def _list(values: Iterable[float], digits: int) -> str:
-    return "[" + ", ".join(_number(value, digits) for value in values) + "]"
-
-
-def _number(value: float, digits: int) -> str:
-    text = f"{value:.{digits}f}".rstrip("0").rstrip(".")
-    return "0" if text in ("-0", "") else text
-
-
-def _wrapped(line: str, indent: int) -> list[str]:
-    """Long flow YAML, broken where a space may be a line's end."""
-    first = len(line) - len(line.lstrip())
-    parts = wrap(line.strip(), WIDTH - indent, break_long_words=False, break_on_hyphens=False)
-    return [" " * first + parts[0], *(" " * indent + part for part in parts[1:])]
-
-
-def _comment(text: str) -> list[str]:
-    return [f"# {line}" for line in wrap(text, WIDTH - 2, break_long_words=False, break_on_hyphens=False)]

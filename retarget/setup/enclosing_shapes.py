@@ -8,6 +8,7 @@ a given line and radius, and the best few are polished as smooth programs (SLSQP
 is then taken exactly from the balls, so that enclosure never depends on the optimiser.
 """
 
+import math
 import re
 from dataclasses import dataclass
 from typing import Any
@@ -51,6 +52,23 @@ class Capsule:
     def is_ball(self) -> bool:
         """Whether the segment is a point."""
         return self.length == 0.0
+
+    def support(self, directions: FloatArray) -> FloatArray:
+        """How far (n,), m, it reaches along unit vectors (n, 3)."""
+        return np.asarray(np.max(directions @ np.stack([self.start, self.end]).T, axis=1) + self.radius)
+
+    def as_geom(self) -> dict[str, Any]:
+        """The geom, as keywords of `mujoco.MjSpec`'s `add_geom`."""
+        size = [self.radius, 0.0, 0.0]
+        if self.is_ball:
+            return {"type": _geom_type("SPHERE"), "pos": self.start, "size": size}
+        return {"type": _geom_type("CAPSULE"), "fromto": np.concatenate([self.start, self.end]), "size": size}
+
+
+def _geom_type(name: str) -> Any:
+    import mujoco
+
+    return getattr(mujoco.mjtGeom, f"mjGEOM_{name}")
 
 
 def enclosing_capsule(centres: FloatArray, radii: FloatArray, *, axes: FloatArray | None = None) -> Capsule:
@@ -216,6 +234,17 @@ class Lone:
     quat: tuple[float, ...]
     size: tuple[float, ...]
 
+    @property
+    def volume(self) -> float:
+        """m^3."""
+        if self.kind == "box":
+            return 8.0 * math.prod(self.size)
+        return 2.0 * math.pi * self.size[0] ** 2 * self.size[1]
+
+    def as_geom(self) -> dict[str, Any]:
+        """The geom, as keywords of `mujoco.MjSpec`'s `add_geom`."""
+        return {"type": _geom_type(self.kind.upper()), "pos": self.pos, "quat": self.quat, "size": self.size}
+
 
 @dataclass(frozen=True, eq=False)
 class LinkGeometry:
@@ -376,6 +405,16 @@ class Box:
     def volume(self) -> float:
         """m^3."""
         return float(8.0 * np.prod(self.size))
+
+    def support(self, directions: FloatArray) -> FloatArray:
+        """How far (n,), m, it reaches along unit vectors (n, 3)."""
+        signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, -1).T
+        corners = self.pos + (signs * self.size) @ to_matrix(self.quat).T
+        return np.asarray(np.max(directions @ corners.T, axis=1))
+
+    def as_geom(self) -> dict[str, Any]:
+        """The geom, as keywords of `mujoco.MjSpec`'s `add_geom`."""
+        return {"type": _geom_type("BOX"), "pos": self.pos, "quat": self.quat, "size": self.size}
 
 
 def enclosing_box(geometry: LinkGeometry) -> Box:

@@ -2,10 +2,11 @@
 
 import json
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
+from textwrap import wrap
 from typing import Any, Literal
 
 import numpy as np
@@ -111,9 +112,38 @@ def _mm(metres: float) -> str:
 
 MAX_PAIRS = 500
 """A profile ignores no more pairs."""
-WIDTH = 116
+WIDTH = 118
 _PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]*")
 _RESERVED = {"true", "false", "null", "yes", "no", "on", "off", "y", "n"}
+
+
+def plain_name(name: str) -> str:
+    """A name as YAML, quoted where it must be."""
+    return name if _PLAIN.fullmatch(name) and name.lower() not in _RESERVED else json.dumps(name)
+
+
+def number(value: float, digits: int = DIGITS) -> str:
+    """A number with at most so many decimals, without zeros at its end."""
+    text = f"{value:.{digits}f}".rstrip("0").rstrip(".")
+    return "0" if text in ("-0", "") else text
+
+
+def numbers(values: Iterable[float], digits: int = DIGITS) -> str:
+    """A list of numbers."""
+    return "[" + ", ".join(number(value, digits) for value in values) + "]"
+
+
+def wrapped(line: str, indent: int) -> str:
+    """A long line of flow YAML, broken where a space may be a line's end; further lines are indented."""
+    first = line[: len(line) - len(line.lstrip())]
+    parts = wrap(line.strip(), WIDTH - indent, break_long_words=False, break_on_hyphens=False)
+    return ("\n" + " " * indent).join([first + parts[0], *parts[1:]])
+
+
+def comment(text: str, *, width: int = WIDTH - 2, indent: str = "") -> str:
+    """A paragraph as lines of comment, of at most `width` characters behind the mark."""
+    lines = wrap(" ".join(text.split()), width, break_long_words=False, break_on_hyphens=False)
+    return "\n".join(f"{indent}# {line}" for line in lines)
 
 
 def fragment(
@@ -125,7 +155,7 @@ def fragment(
     tail: Iterable[str] = (),
 ) -> str:
     """YAML text; head, tail: paragraphs of comment before and after it. What a profile cannot hold is left out."""
-    lines = [line for paragraph in head for line in _comment(paragraph, "")]
+    lines = [comment(paragraph, width=WIDTH - 1) for paragraph in head]
     lines += ["", "observers:"]
     for proposal in proposals:
         lines += _observer(proposal, zones)
@@ -133,13 +163,13 @@ def fragment(
     lines += ["", "ignore_pairs:" if kept else "ignore_pairs: []"]
     for verdict in kept:
         if verdict.warning:
-            lines += _comment(f"Beware: {verdict.warning}.", "  ")
-        pair = ", ".join(map(_name, verdict.links))
+            lines.append(_remark(f"Beware: {verdict.warning}."))
+        pair = ", ".join(map(plain_name, verdict.links))
         lines += [f"  - pair: [{pair}]", f"    reason: {json.dumps(verdict.reason)}"]
     closing = list(tail)
     if dropped > 0:
         closing.append(f"{dropped} more pairs are never near: a profile holds {MAX_PAIRS}, and they only cost time.")
-    lines += ["", *(line for paragraph in closing for line in _comment(paragraph, ""))] if closing else []
+    lines += ["", *(comment(paragraph, width=WIDTH - 1) for paragraph in closing)] if closing else []
     return "\n".join(lines) + "\n"
 
 
@@ -148,47 +178,28 @@ def _observer(proposal: Proposal, zones: Zones) -> list[str]:
     size = f"{ratio}, stands out by {1e3 * proposal.stands_out:.0f} mm at most"
     about = f"{proposal.why}; this: {size}" if proposal.why else size
     return [
-        *_comment(about[0].upper() + about[1:] + ".", "  "),
-        f"  {_name(proposal.name)}: {{link: {_name(proposal.link_name)},",
+        _remark(about[0].upper() + about[1:] + "."),
+        f"  {plain_name(proposal.name)}: {{link: {plain_name(proposal.link_name)},",
         f"      shape: {_shape(proposal.shape)},",
         f"      influence: {zones.influence!r}, margin: {zones.margin!r}}}",
     ]
 
 
+def _remark(text: str) -> str:
+    """A comment on an entry of a section."""
+    return comment(text, width=WIDTH - 3, indent="  ")
+
+
 def _shape(shape: Capsule | Box | Lone) -> str:
     if isinstance(shape, Lone):
-        return f"{{geom: {_name(shape.geom)}}}"
+        return f"{{geom: {plain_name(shape.geom)}}}"
     if isinstance(shape, Box):
         quat = ", ".join(f"{part:.9g}" for part in shape.quat)
         turn = "" if abs(abs(shape.quat[0]) - 1.0) < 1e-12 else f" quat: [{quat}],"
-        return f"{{box: {{pos: {_vector(shape.pos)},{turn} size: {_vector(shape.size)}}}}}"
+        return f"{{box: {{pos: {numbers(shape.pos)},{turn} size: {numbers(shape.size)}}}}}"
     if shape.is_ball:
-        return f"{{sphere: {{at: {_vector(shape.start)}, radius: {_number(shape.radius)}}}}}"
-    return f"{{capsule: {{from: {_vector(shape.start)}, to: {_vector(shape.end)}, radius: {_number(shape.radius)}}}}}"
-
-
-def _vector(values: Iterable[float]) -> str:
-    return "[" + ", ".join(map(_number, values)) + "]"
-
-
-def _number(value: float) -> str:
-    text = f"{value:.{DIGITS}f}".rstrip("0").rstrip(".")
-    return "0" if text in ("-0", "") else text
-
-
-def _name(name: str) -> str:
-    return name if _PLAIN.fullmatch(name) and name.lower() not in _RESERVED else json.dumps(name)
-
-
-def _comment(text: str, indent: str) -> list[str]:
-    """A paragraph as lines of comment."""
-    lines, line = [], ""
-    for word in text.split():
-        if line and len(indent) + len(line) + len(word) > WIDTH:
-            lines.append(line)
-            line = ""
-        line = f"{line} {word}" if line else word
-    return [f"{indent}# {line}" for line in [*lines, line]]
+        return f"{{sphere: {{at: {numbers(shape.start)}, radius: {number(shape.radius)}}}}}"
+    return f"{{capsule: {{from: {numbers(shape.start)}, to: {numbers(shape.end)}, radius: {number(shape.radius)}}}}}"
 
 
 DEFAULT_SAMPLES = 4000
@@ -263,7 +274,7 @@ def fit(
     )
     ranges = joint_ranges(body, _limits(subject.profile))
     near = SAFETY_FACTOR * zones.influence
-    neutral = ranges.clipped(_neutral(subject.profile, body))
+    neutral = ranges.clipped(posture(body, {} if subject.profile is None else subject.profile.postures.neutral))
     for last in (False, True):
         records = survey(
             body, observers, ranges, neutral=neutral, near=near, samples=samples, seed=seed, progress=progress
@@ -303,9 +314,9 @@ def _limits(profile: RobotProfile | None) -> dict[str, tuple[float, float]]:
     return {} if profile is None else {joint: servo.limits for joint, servo in profile.servos.items()}
 
 
-def _neutral(profile: RobotProfile | None, body: BodyModel) -> FloatArray:
+def posture(body: BodyModel, angles: Mapping[str, float]) -> FloatArray:
+    """The posture (nq,) of a body with these joint angles, rad, and all else as in its file."""
     q = body.qpos0.copy()
-    angles = {} if profile is None else profile.postures.neutral
     for joint, angle in angles.items():
         q[body.joint_qpos[body.joint_index(joint)]] = angle
     return q

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from retarget.setup.limbs import UP, Anatomy, Limb, arm_roles, crossing, leg_roles, tip
+from retarget.setup.limbs import UP, Anatomy, Limb, arm_roles, crossing, leg_roles, pitch_joints, tip
 from retarget.setup.tree import Tree, flat_underside
 from retarget.types import FloatArray
 
@@ -72,7 +72,8 @@ def find_frames(tree: Tree, anatomy: Anatomy) -> Found:
 def _leg(tree: Tree, anatomy: Anatomy, leg: Limb, side: str) -> tuple[list[FoundFrame], FoundSole | None]:
     axes = np.stack([anatomy.forward, anatomy.left, UP], axis=1)
     roles = leg_roles(tree, leg, anatomy.left)
-    others = [node for node in leg.nodes if abs(tree.nodes[node].axis @ anatomy.left) <= 0.8]
+    pitches = pitch_joints(tree, leg, anatomy.left)
+    others = [node for node in leg.nodes if node not in pitches]
     before = [node for node in others if node < roles.hip]
     crossed = before[-1:] or others[:1]
     hip = crossing(tree, roles.hip, crossed[0]) if crossed else tree.nodes[roles.hip].anchor
@@ -123,26 +124,15 @@ def _arm(tree: Tree, anatomy: Anatomy, arm: Limb, side: str, axes: FloatArray) -
     frames = [FoundFrame(f"{side}_shoulder", arm.parent, shoulder, axes, "on the trunk: the arm does not move it")]
     start = shoulder
     if roles.elbow is not None:
-        start = _nearest_on_axis(tree, roles.elbow, _middle(tree, roles.elbow))
+        start = tree.nodes[roles.elbow].nearest(tree.nodes[roles.elbow].middle)
         frames.append(FoundFrame(f"{side}_elbow", roles.elbow, start, axes))
     if roles.wrist is not None:
         node = arm.nodes[arm.nodes.index(roles.wrist) - 1]
-        place = _nearest_on_axis(tree, roles.wrist, start)
+        place = tree.nodes[roles.wrist].nearest(start)
         frames.append(FoundFrame(f"{side}_hand", node, place, axes, "the wrist: the end of the forearm"))
     else:
         frames.append(FoundFrame(f"{side}_hand", arm.nodes[-1], tip(tree, arm, start), axes, "the tip of the forearm"))
     return frames
-
-
-def _nearest_on_axis(tree: Tree, node: int, point: FloatArray) -> FloatArray:
-    """The point of a node's axis that is nearest to a point, (3,)."""
-    line = tree.nodes[node]
-    return np.asarray(line.anchor + ((point - line.anchor) @ line.axis) * line.axis)
-
-
-def _middle(tree: Tree, node: int) -> FloatArray:
-    points = tree.nodes[node].points
-    return np.asarray(0.5 * (points.min(axis=0) + points.max(axis=0)))
 
 
 def _trunk(tree: Tree, anatomy: Anatomy, limbs: list[FoundFrame], axes: FloatArray) -> list[FoundFrame]:
@@ -152,13 +142,15 @@ def _trunk(tree: Tree, anatomy: Anatomy, limbs: list[FoundFrame], axes: FloatArr
     if "l_hip" in places and "r_hip" in places:
         hips = 0.5 * (places["l_hip"] + places["r_hip"])
         frames.append(FoundFrame("pelvis", anatomy.pelvis, hips, axes, "mid-way between the hips"))
-    centre = _middle(tree, anatomy.chest)
+    centre = tree.nodes[anatomy.chest].middle
     top = np.array([centre[0], centre[1], tree.nodes[anatomy.chest].points[:, 2].max()])
     if anatomy.head:
         first, last = anatomy.head[0], anatomy.head[-1]
         neck = tree.nodes[first].anchor
         frames.append(FoundFrame("neck", anatomy.chest, neck, axes))
-        frames.append(FoundFrame("head", last, _middle(tree, last), axes, "centre of the head, x to where it looks"))
+        frames.append(
+            FoundFrame("head", last, tree.nodes[last].middle, axes, "centre of the head, x to where it looks")
+        )
     else:
         frames.append(FoundFrame("neck", anatomy.chest, centre, axes, "middle of the trunk: there is no neck"))
         frames.append(FoundFrame("head", anatomy.chest, top, axes, "top of the trunk: there is no head"))

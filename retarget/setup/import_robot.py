@@ -11,6 +11,7 @@ import numpy as np
 
 from retarget.errors import ConfigError, InputError, UsageError
 from retarget.ik.support_polygon import check_stand
+from retarget.model.body import body_from_file
 from retarget.model.body_file import Root, compile_body
 from retarget.model.robot import load_uncalibrated
 from retarget.rotations import from_matrix
@@ -176,14 +177,13 @@ def _drafted(
     profile = _written(folder, draft)
     if body.model.ngeom:
         subject = Subject(name, compile_body(folder / body.file, root=root), profile)
-        draft = _observed(folder, draft, subject, posed, postures, samples=samples, progress=progress)
+        draft = _observed(draft, subject, posed, postures, samples=samples, progress=progress)
     draft = replace(draft, landmarks=_landmarks(posed, draft))
     _written(folder, draft)
     return draft
 
 
 def _observed(
-    folder: Path,
     draft: Draft,
     subject: Subject,
     posed: Posed,
@@ -193,11 +193,10 @@ def _observed(
     progress: Callable[[float], None],
 ) -> Draft:
     """With observers, and with postures in which these do not touch."""
-    tight: frozenset[str] = frozenset()
+    body, tight = body_from_file(subject.file), frozenset[str]()
     for _ in range(ROUNDS):
         fitted = fit(subject, ZONES, samples=samples, thickest=THICK, tight=tight, progress=progress)
-        profile = _written(folder, replace(draft, observers=observer_text(fitted.text, ())))
-        cleared = clear_postures(profile, posed, first)
+        cleared = clear_postures(body, fitted, posed, first, soles=bool(draft.feet))
         touching = frozenset(link for pair in cleared.touching for link in pair)
         if touching <= tight:
             break

@@ -198,15 +198,12 @@ def _side(name: str) -> int:
 def _feet_ahead(tree: Tree, leg: Limb, ahead: FloatArray) -> float:
     """How far the middle of the sole is ahead of the last joint across it, as a share of the sole's length."""
     sole = flat_underside(tree, leg.ends)
-    if sole is None:
-        return 0.0
-    across = np.cross(UP, ahead)
-    pitches = [tree.nodes[node] for node in leg.nodes if abs(tree.nodes[node].axis @ across) > 0.8]
-    if not pitches:
+    pitches = pitch_joints(tree, leg, np.cross(UP, ahead))
+    if sole is None or not pitches:
         return 0.0
     along = sole.corners @ ahead
     middle = 0.5 * (along.min() + along.max())
-    return float((middle - pitches[-1].anchor @ ahead) / max(float(np.ptp(along)), 1e-6))
+    return float((middle - tree.nodes[pitches[-1]].anchor @ ahead) / max(float(np.ptp(along)), 1e-6))
 
 
 def _hands_ahead(tree: Tree, arm: Limb, ahead: FloatArray) -> float:
@@ -218,10 +215,11 @@ def _hands_ahead(tree: Tree, arm: Limb, ahead: FloatArray) -> float:
 def _knee_ahead(tree: Tree, leg: Limb, ahead: FloatArray) -> float:
     """1 where the knee's range says that the shin goes back as it bends, -1 where ahead, 0 where it says nothing."""
     across = np.cross(UP, ahead)
-    pitches = [tree.nodes[node] for node in leg.nodes if abs(tree.nodes[node].axis @ across) > 0.8]
-    if len(pitches) < 3 or not np.isfinite([pitches[1].lower, pitches[1].upper]).all():
+    pitches = pitch_joints(tree, leg, across)
+    knee = tree.nodes[pitches[1]] if len(pitches) > 2 else None
+    if knee is None or not np.isfinite([knee.lower, knee.upper]).all():
         return 0.0
-    middle = 0.5 * (pitches[1].lower + pitches[1].upper) * np.sign(pitches[1].axis @ across)
+    middle = 0.5 * (knee.lower + knee.upper) * np.sign(knee.axis @ across)
     return float(np.sign(middle)) if abs(middle) > 0.3 else 0.0
 
 
@@ -253,9 +251,14 @@ class ArmRoles:
     wrist: int | None
 
 
+def pitch_joints(tree: Tree, leg: Limb, left: FloatArray) -> list[int]:
+    """Nodes of the axes across the robot, from the hip down. left (3,): of the robot, or its opposite."""
+    return [node for node in leg.nodes if abs(tree.nodes[node].axis @ left) > ACROSS]
+
+
 def leg_roles(tree: Tree, leg: Limb, left: FloatArray) -> LegRoles:
     """By the axes across the robot, from the hip down."""
-    across = [node for node in leg.nodes if abs(tree.nodes[node].axis @ left) > ACROSS]
+    across = pitch_joints(tree, leg, left)
     if not across:
         return LegRoles(leg.nodes[0], None, None)
     floor = tree.points(leg.ends)[:, 2].min()
@@ -276,9 +279,9 @@ def arm_roles(tree: Tree, arm: Limb) -> ArmRoles:
         float(np.linalg.norm(tree.nodes[b].anchor - tree.nodes[a].anchor))
         for a, b in zip(arm.nodes, arm.nodes[1:], strict=False)
     ) + float(np.linalg.norm(hand - tree.nodes[arm.nodes[-1]].anchor))
-    outer = [node for node in arm.nodes[1:] if _distance(tree, node, hand) > LEVER * length]
-    inner = {node: _distance(tree, node, start) for node in outer}
-    elbow = max(outer, key=lambda node: min(inner[node], _distance(tree, node, hand)), default=None)
+    outer = [node for node in arm.nodes[1:] if tree.nodes[node].distance(hand) > LEVER * length]
+    inner = {node: tree.nodes[node].distance(start) for node in outer}
+    elbow = max(outer, key=lambda node: min(inner[node], tree.nodes[node].distance(hand)), default=None)
     if elbow is None or inner[elbow] < LEVER * length:
         return ArmRoles(arm.nodes[0], None, None)
     behind = arm.nodes[arm.nodes.index(elbow) + 1 :]
@@ -310,9 +313,3 @@ def crossing(tree: Tree, node: int, other: int) -> FloatArray:
     else:
         along = float((way @ a.axis - cosine * (way @ b.axis)) / (1.0 - cosine * cosine))
     return np.asarray(a.anchor + along * a.axis)
-
-
-def _distance(tree: Tree, node: int, point: FloatArray) -> float:
-    """Distance of a point from a node's axis, m."""
-    way = point - tree.nodes[node].anchor
-    return float(np.linalg.norm(way - (way @ tree.nodes[node].axis) * tree.nodes[node].axis))

@@ -83,7 +83,7 @@ def _propose(geometry: LinkGeometry, zones: Zones) -> Proposal:
     axes = geometry.axes.transpose(0, 2, 1).reshape(-1, 3)
     capsule = _rounded_capsule(enclosing_capsule(geometry.centres, geometry.radii, axes=axes), geometry)
     round_one = _proposal(geometry, capsule, "")
-    times, out = capsule.volume / _volume(_flat(geometry)), round_one.stands_out
+    times, out = capsule.volume / _flat(geometry).volume, round_one.stands_out
     if times < FAR_TOO_LARGE and not (times >= SOMEWHAT_LARGE and out > zones.influence):
         return round_one
     why = f"the smallest capsule is {times:.1f} times as large and stands out by {1e3 * out:.0f} mm"
@@ -96,7 +96,7 @@ def _flat(geometry: LinkGeometry) -> Box | Lone:
 
 def _proposal(geometry: LinkGeometry, shape: Capsule | Box | Lone, why: str) -> Proposal:
     hull = geometry.hull_volume()
-    ratio = _volume(shape) / hull if hull > 0.0 else None
+    ratio = shape.volume / hull if hull > 0.0 else None
     return Proposal(geometry.link, geometry.name, "", shape, ratio, _stands_out(shape, geometry), why)
 
 
@@ -108,30 +108,12 @@ def _names(geometries: tuple[LinkGeometry, ...]) -> list[str]:
     return [geometry.name for geometry in geometries]
 
 
-def _volume(shape: Capsule | Box | Lone) -> float:
-    if isinstance(shape, Lone):
-        return (
-            8.0 * math.prod(shape.size) if shape.kind == "box" else 2.0 * math.pi * shape.size[0] ** 2 * shape.size[1]
-        )
-    return shape.volume
-
-
 def _stands_out(shape: Capsule | Box | Lone, geometry: LinkGeometry) -> float:
     """Largest difference of the support functions, m: for nested convex bodies, how far the outer one reaches out."""
     if isinstance(shape, Lone):
         return 0.0
-    n = directions()
-    inner = np.max(n @ geometry.centres.T + geometry.radii, axis=1)
-    if isinstance(shape, Capsule):
-        outer = np.max(n @ np.stack([shape.start, shape.end]).T, axis=1) + shape.radius
-    else:
-        outer = np.max(n @ _corners(shape).T, axis=1)
-    return float(max(np.max(outer - inner), 0.0))
-
-
-def _corners(box: Box) -> FloatArray:
-    signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, -1).T
-    return np.asarray(box.pos + (signs * box.size) @ to_matrix(box.quat).T)
+    inner = np.max(directions() @ geometry.centres.T + geometry.radii, axis=1)
+    return float(max(np.max(shape.support(directions()) - inner), 0.0))
 
 
 def _rounded_capsule(capsule: Capsule, geometry: LinkGeometry) -> Capsule:
@@ -224,23 +206,9 @@ def _compile(mujoco: Any, body: BodyModel, proposals: tuple[Proposal, ...]) -> A
         if kind is not JointType.BALL:
             part.ref = body.qpos0[body.joint_qpos[joint]]
     for proposal in proposals:
-        _add(mujoco, links[proposal.link], proposal.shape)
+        links[proposal.link].add_geom(**proposal.shape.as_geom())
     model = spec.compile()
     # Geoms come in the order of links, as proposals do: their numbers are the same.
     assert [int(link) for link in model.geom_bodyid] == [proposal.link for proposal in proposals]
     assert np.array_equal(model.body_parentid, body.parent)
     return model
-
-
-def _add(mujoco: Any, link: Any, shape: Capsule | Box | Lone) -> None:
-    kinds = mujoco.mjtGeom
-    if isinstance(shape, Box):
-        link.add_geom(type=kinds.mjGEOM_BOX, pos=shape.pos, quat=shape.quat, size=shape.size)
-    elif isinstance(shape, Lone):
-        kind = kinds.mjGEOM_BOX if shape.kind == "box" else kinds.mjGEOM_CYLINDER
-        link.add_geom(type=kind, pos=shape.pos, quat=shape.quat, size=shape.size)
-    elif shape.is_ball:
-        link.add_geom(type=kinds.mjGEOM_SPHERE, pos=shape.start, size=[shape.radius, 0.0, 0.0])
-    else:
-        ends = np.concatenate([shape.start, shape.end])
-        link.add_geom(type=kinds.mjGEOM_CAPSULE, fromto=ends, size=[shape.radius, 0.0, 0.0])

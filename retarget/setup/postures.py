@@ -5,16 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from hardware.joint_map import JointMap
-from retarget import _solver
-from retarget.model.body import load_body
-from retarget.model.observers import NEAR_LINKS, Observers, placed, robot_observers, steps_between
-from retarget.model.robot import RobotBody
-from retarget.schema.profile import RobotProfile
-from retarget.schema.profile_parts import IgnorePair
+from retarget.model.body import BodyModel
+from retarget.model.observers import NEAR_LINKS, steps_between
+from retarget.setup.fit_observers import MAX_PAIRS, Fit, posture
 from retarget.setup.frames import Angles, Posed
 from retarget.setup.limbs import UP, arm_roles, leg_roles
-from retarget.types import FloatArray
+from retarget.setup.observer_proposals import ShapeModel
+from retarget.types import BoolArray, FloatArray
 
 # Joint angles of arms next to the trunk with bent elbows, for any joints of the arms.
 
@@ -65,12 +62,16 @@ def arm_posture(posed: Posed, *, spread: float, ahead: float, bend: float) -> di
         if best.cost < GOOD:
             break
     assert best is not None
-    angles = {
+    return posed.mirrored(_rounded(posed, joints, best.x))
+
+
+def _rounded(posed: Posed, joints: list[str], angles: FloatArray) -> dict[str, float]:
+    """Joint -> rad, to three decimals and inside its limits, of the joints that are not at 0."""
+    return {
         joint: posed.inside(joint, round(float(angle), 3))
-        for joint, angle in zip(joints, best.x, strict=True)
+        for joint, angle in zip(joints, angles, strict=True)
         if abs(angle) > SIGNIFICANT
     }
-    return posed.mirrored(angles)
 
 
 def _down(forward: FloatArray, outward: FloatArray, ahead: float, spread: float) -> FloatArray:
@@ -148,11 +149,7 @@ def stand(posed: Posed, others: Angles, *, share: float) -> Standing:
         ),
         key=lambda result: float(result.cost) + _backward_knee(posed, both(result.x)),
     )
-    angles = {
-        joint: posed.inside(joint, round(float(angle), 3))
-        for joint, angle in zip(joints, best.x, strict=True)
-        if abs(angle) > SIGNIFICANT
-    }
+    angles = _rounded(posed, joints, best.x)
     tilt, rest = parts(np.array([angles.get(joint, posed.inside(joint, 0.0)) for joint in joints]))
     return Standing(
         posed.mirrored(angles), float(np.abs(tilt[:2]).max()), 0.5 * longest * float(np.abs(rest[:2]).max()), longest
@@ -168,15 +165,9 @@ def _starts(posed: Posed, low: FloatArray, high: FloatArray) -> list[FloatArray]
     """Thigh ahead, shin back, foot flat, with the knee bent less and more, from a straight leg."""
     tree, leg, left = posed.tree, posed.anatomy.legs[0], posed.anatomy.left
     roles = leg_roles(tree, leg, left)
-    share = {roles.hip: -0.5, roles.knee: 1.0, roles.ankle: -0.5}
-    starts = []
-    for bend in BENDS:
-        turn = [
-            bend * share[node] * float(np.sign(tree.nodes[node].axis @ left)) if node in share else 0.0
-            for node in leg.nodes
-        ]
-        starts.append(np.clip(np.array(turn), low, high))
-    return starts
+    shares = {roles.hip: -0.5, roles.knee: 1.0, roles.ankle: -0.5}
+    turn = np.array([shares.get(node, 0.0) * float(np.sign(tree.nodes[node].axis @ left)) for node in leg.nodes])
+    return [np.clip(bend * turn, low, high) for bend in BENDS]
 
 
 def _backward_knee(posed: Posed, angles: Angles) -> float:
@@ -254,10 +245,12 @@ class Cleared:
     touching: tuple[Links, ...]
 
 
-def clear_postures(profile: RobotProfile, posed: Posed, first: Postures) -> Cleared:
-    """Arms as near to the trunk, and the crouch at rest as deep, as nothing touches. profile: with its observers.
-    first: the postures with the arms nearest to the trunk."""
-    bench, soles = _Bench(profile), bool(profile.feet)
+def clear_postures(body: BodyModel, fitted: Fit, posed: Posed, first: Postures, *, soles: bool) -> Cleared:
+    """Arms as near to the trunk, and the crouch at rest as deep, as nothing touches in the shapes of `fitted`.
+
+    body: that was fitted. first: the postures with the arms nearest to the trunk. soles: whether it stands.
+    """
+    bench = _Bench(body, fitted)
     best, spread = Cleared(first, bench.touching(first.angles)), SPREADS[0]
     for further in SPREADS[1:] if posed.anatomy.arms else ():
         if not best.touching:
@@ -276,62 +269,33 @@ def clear_postures(profile: RobotProfile, posed: Posed, first: Postures) -> Clea
 
 
 class _Bench:
-    """The observers of a profile, looked at in any posture."""
+    """The shapes of fitted observers, looked at in any posture."""
 
-    def __init__(self, profile: RobotProfile) -> None:
-        body = load_body(profile.body_path, root=profile.root)
-        servos = JointMap(profile.servo_specs())
-        columns = body.joint_qpos[[body.joint_index(joint) for joint in servos.joints]]
-        links = list(dict.fromkeys(entry.link for entry in profile.observers.values()))
-        everything = tuple(
-            IgnorePair(pair=(a, b), reason="not now") for place, a in enumerate(links) for b in links[:place]
-        )
-        blind = profile.model_copy(update={"ignore_pairs": everything})
-        self._robot = RobotBody(blind, body, servos, columns)
-        self._observers: Observers = robot_observers(self._robot)
-        ignored = {frozenset(entry.pair) for entry in profile.ignore_pairs}
-        first, second = np.triu_indices(len(self._observers.names), 1)
-        names = body.body_names
-        of = [names[int(link)] for link in self._observers.links]
-        steps = np.array(
-            [
-                steps_between(body, int(self._observers.links[a]), int(self._observers.links[b]))
-                if frozenset((of[a], of[b])) not in ignored
-                else 0
-                for a, b in zip(first, second, strict=True)
-            ],
-            dtype=int,
-        )
-        looked = steps > 1
-        self._pairs, self._steps = np.stack([first, second], axis=1)[looked], steps[looked]
-        self._of = of
+    def __init__(self, body: BodyModel, fitted: Fit) -> None:
+        observers, self._body, self._model = fitted.observers, body, ShapeModel(body, fitted.observers)
+        ignored = {frozenset(verdict.links) for verdict in fitted.ignored[:MAX_PAIRS]}
+        names = {record.pair: tuple(observers[place].link_name for place in record.pair) for record in fitted.records}
+        self._pairs = sorted(pair for pair, links in names.items() if frozenset(links) not in ignored)
+        self._links = [names[pair] for pair in self._pairs]
+        steps = [steps_between(body, observers[a].link, observers[b].link) for a, b in self._pairs]
+        self._near: BoolArray = np.array(steps, dtype=int) <= NEAR_LINKS
 
     def touching(self, postures: dict[str, dict[str, float]]) -> tuple[Links, ...]:
         """Pairs of links that keep a run from beginning: they touch, farther apart along the body than neighbours."""
-        neighbours = self._steps <= NEAR_LINKS
         neutral = self._distances(postures["neutral"])
-        found = (neutral <= NEAREST_M) & ~neighbours
+        found = (neutral <= NEAREST_M) & ~self._near
         for name in ("stand", "attractor"):
             distance = self._distances(postures[name])
             # Neighbours that touch in the neutral posture are never looked at, and others may well be near.
-            found |= np.where(neighbours, (distance <= 0.0) & (neutral > 0.0), distance <= NEAREST_M)
-        return self._named(found)
+            found |= np.where(self._near, (distance <= 0.0) & (neutral > 0.0), distance <= NEAREST_M)
+        return tuple(dict.fromkeys(self._links[place] for place in np.flatnonzero(found)))
 
     def touches_at_rest(self, postures: dict[str, dict[str, float]]) -> bool:
         """Whether the posture at rest touches where the neutral one does not."""
         rest, neutral = self._distances(postures["rest"]), self._distances(postures["neutral"])
         return bool(((rest <= NEAREST_M) & (neutral > NEAREST_M)).any())
 
-    def _distances(self, angles: dict[str, float]) -> FloatArray:
+    def _distances(self, angles: Angles) -> FloatArray:
         """Signed distance (p,) m of each pair in a posture."""
-        observers = self._observers
-        position, quat = placed(self._robot.body, observers, self._robot.posture(angles))
-        a, b = (np.ascontiguousarray(column) for column in self._pairs.T)
-        kinds, sizes = observers.kinds, observers.sizes
-        return _solver.shape_distances(
-            kinds[a], sizes[a], position[a], quat[a], kinds[b], sizes[b], position[b], quat[b]
-        )[0]
-
-    def _named(self, found: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> tuple[Links, ...]:
-        pairs = ((self._of[int(a)], self._of[int(b)]) for a, b in self._pairs[found])
-        return tuple(dict.fromkeys(pairs))
+        self._model.place(posture(self._body, angles))
+        return np.array([self._model.distance(pair) for pair in self._pairs])

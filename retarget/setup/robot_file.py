@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 from xml.etree import ElementTree
 from xml.parsers import expat
 
@@ -41,13 +41,11 @@ class Source:
 def read_source(path: Path) -> Source:
     """Read a body file, and look at every file that it includes. Raises InputError."""
     content = _content(path)
-    kind = KINDS.get(_scanned(path, content))
+    root = _parsed(path, content)
+    kind = KINDS.get(root.tag)
     if kind is None:
-        tag = _scanned(path, content)
-        raise InputError(
-            "neither URDF nor MJCF", where=str(path), found=f"the outermost element is <{tag[:80]}>", next_step=HELP
-        )
-    root = _tree(path, content)
+        found = f"the outermost element is <{root.tag[:80]}>"
+        raise InputError("neither URDF nor MJCF", where=str(path), found=found, next_step=HELP)
     return Source(path, kind, content, root, _look_at_includes(path, root, []))
 
 
@@ -68,46 +66,43 @@ def _content(path: Path) -> bytes:
         raise InputError("cannot read the body", where=str(path)[:200], found=reason, next_step=HELP) from error
 
 
-def _scanned(path: Path, content: bytes) -> str:
-    """The outermost tag of valid XML without entities. Raises InputError for other XML."""
-    parser: Any = expat.ParserCreate()
-    depth, count, outermost = 0, 0, ""
+def _parsed(path: Path, content: bytes) -> ElementTree.Element:
+    """The outermost element of valid XML without entities. Raises InputError for other XML, and for xacro."""
+    parser: Any = expat.ParserCreate(namespace_separator="}")
+    builder = ElementTree.TreeBuilder()
+    depth, count = 0, 0
 
-    def start(tag: str, _: dict[str, str]) -> None:
-        nonlocal depth, count, outermost
-        depth, count, outermost = depth + 1, count + 1, outermost or tag
+    def refuse(found: str, *, then: str = "") -> NoReturn:
+        where = f"{path}:{parser.CurrentLineNumber}"
+        raise InputError("not a usable body", where=where, found=found, next_step=then)
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal depth, count
+        depth, count = depth + 1, count + 1
         if depth > MAX_DEPTH or count > MAX_ELEMENTS:
-            what = f"elements more than {MAX_DEPTH} deep" if depth > MAX_DEPTH else f"more than {MAX_ELEMENTS} elements"
-            raise InputError("not a usable body", where=f"{path}:{parser.CurrentLineNumber}", found=what)
+            refuse(
+                f"elements more than {MAX_DEPTH} deep" if depth > MAX_DEPTH else f"more than {MAX_ELEMENTS} elements"
+            )
+        builder.start(_qualified(tag), {_qualified(name): value for name, value in attributes.items()})
 
-    def end(_: str) -> None:
+    def end(tag: str) -> None:
         nonlocal depth
         depth -= 1
+        builder.end(_qualified(tag))
 
     def doctype(*_: object) -> None:
-        raise InputError(
-            "not a usable body",
-            where=f"{path}:{parser.CurrentLineNumber}",
-            found="a document type, which may define entities",
-            next_step="Remove <!DOCTYPE ...>: neither URDF nor MJCF needs it",
-        )
+        then = "Remove <!DOCTYPE ...>: neither URDF nor MJCF needs it"
+        refuse("a document type, which may define entities", then=then)
 
     parser.StartElementHandler, parser.EndElementHandler, parser.StartDoctypeDeclHandler = start, end, doctype
     try:
         parser.Parse(content, True)
     except (expat.ExpatError, UnicodeDecodeError, LookupError) as error:
-        raise _unreadable(path, error) from error
-    return outermost
-
-
-def _tree(path: Path, content: bytes) -> ElementTree.Element:
-    """The elements of XML that was scanned. Raises InputError for prefixes that mean nothing, and for xacro."""
-    try:
-        root = ElementTree.fromstring(content)
-    except ElementTree.ParseError as error:
-        raise _unreadable(path, error) from error
+        step = f"Correct the XML; {XACRO}"
+        raise InputError("not XML that can be read", where=str(path), found=str(error), next_step=step) from error
+    root = builder.close()
     for element in root.iter():
-        space, _, tag = str(element.tag).rpartition("}")
+        space, _, tag = element.tag.rpartition("}")
         if "xacro" in space:
             raise InputError(
                 "xacro, from which the URDF has yet to be made",
@@ -118,9 +113,9 @@ def _tree(path: Path, content: bytes) -> ElementTree.Element:
     return root
 
 
-def _unreadable(path: Path, error: Exception) -> InputError:
-    step = f"Correct the XML; {XACRO}"
-    return InputError("not XML that can be read", where=str(path), found=str(error), next_step=step)
+def _qualified(name: str) -> str:
+    """A name as ElementTree writes it, `{namespace}name`."""
+    return "{" + name if "}" in name else name
 
 
 def _look_at_includes(path: Path, root: ElementTree.Element, seen: list[Path]) -> bool:
@@ -133,9 +128,7 @@ def _look_at_includes(path: Path, root: ElementTree.Element, seen: list[Path]) -
                 "includes that never end", where=str(path), found=name[:200], allowed=f"{MAX_INCLUDES} files, each once"
             )
         seen.append(other)
-        content = _content(other)
-        _scanned(other, content)
-        _look_at_includes(path, _tree(other, content), seen)
+        _look_at_includes(path, _parsed(other, _content(other)), seen)
     return bool(names)
 
 
@@ -214,6 +207,7 @@ TURNS = ("revolute", "continuous")
 KNOWN = (*TURNS, "fixed", "prismatic", "floating", "planar")
 DROPPED = "collision meshes that cannot be read are left out, these links have other shapes"
 TWINS = "meshes of a kind that is not read were read from the file of the same name in their folder"
+SHAPES = ("collision", "visual")
 INERTIA = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 
 
@@ -247,10 +241,13 @@ def ready_urdf(source: Source, relaxed: Relaxed) -> ReadyUrdf:
     if meshes.missing and not relaxed.no_meshes:
         problems.append(_missing_meshes(source, meshes.missing))
     elif meshes.missing:
-        _drop(root, meshes.missing)
-        notes.append(f"{len(meshes.missing)} meshes that cannot be read are left out: {_listed(meshes.missing)}")
+        for link in root.findall("link"):
+            for shape, mesh in _mesh_shapes(link):
+                if mesh.get("filename", "") in meshes.missing:
+                    link.remove(shape)
+        notes.append(f"{len(meshes.missing)} meshes that cannot be read are left out: {listed(meshes.missing)}")
     for note, names in ((DROPPED, meshes.dropped), (TWINS, meshes.twins)):
-        notes += [f"{note}: {_listed(names)}"] if names else []
+        notes += [f"{note}: {listed(names)}"] if names else []
     if problems:
         raise InputError.from_problems(problems, title=f"{source.path}: {len(problems)} problems")
     text = ElementTree.tostring(root, encoding="unicode")
@@ -262,10 +259,7 @@ def stated_speeds(source: Source) -> dict[str, float]:
     speeds = {}
     for joint in source.root.iter("joint"):
         limit = joint.find("limit")
-        try:
-            speed = float(limit.get("velocity", "nan")) if limit is not None else 0.0
-        except ValueError:
-            continue
+        speed = 0.0 if limit is None else _number(limit.get("velocity"))
         if 0.0 < speed < 1e3:
             speeds[joint.get("name", "")] = speed
     return speeds
@@ -289,12 +283,12 @@ def _joints(root: ElementTree.Element, source: Source, relaxed: Relaxed, notes: 
                         joint.remove(element)
     for kind, names in found.items():
         if relaxed.freeze:
-            notes.append(f"{kind} joints made rigid: {_listed(names)}")
+            notes.append(f"{kind} joints made rigid: {listed(names)}")
         else:
             yield Problem(
                 f"{kind} joints, which no servo of a profile drives",
                 str(source.path),
-                _listed(names),
+                listed(names),
                 "joints of type revolute, continuous or fixed",
                 "Make them fixed in the file, or give --freeze, which imports them as rigid",
             )
@@ -305,7 +299,7 @@ def _masses(root: ElementTree.Element, source: Source, notes: list[str]) -> Iter
     links = root.findall("link")
     yield from _inertia_problems(links, source)
     masses = {link.get("name", ""): link.find("inertial/mass") for link in links}
-    if links and not any(mass is not None and _positive(mass.get("value")) for mass in masses.values()):
+    if links and not any(mass is not None and _number(mass.get("value")) > 0.0 for mass in masses.values()):
         yield Problem(
             "no link has a mass, so its balance cannot be checked",
             str(source.path),
@@ -316,10 +310,10 @@ def _masses(root: ElementTree.Element, source: Source, notes: list[str]) -> Iter
     bare = [
         link.get("name", "")
         for link in links
-        if link.find("inertial") is None and any(link.find(kind) is not None for kind in ("collision", "visual"))
+        if link.find("inertial") is None and any(link.find(kind) is not None for kind in SHAPES)
     ]
     if bare:
-        notes.append(f"links with a shape but without <inertial> weigh nothing here: {_listed(bare)}")
+        notes.append(f"links with a shape but without <inertial> weigh nothing here: {listed(bare)}")
 
 
 def _inertia_problems(links: list[ElementTree.Element], source: Source) -> Iterator[Problem]:
@@ -336,7 +330,7 @@ def _inertia_problems(links: list[ElementTree.Element], source: Source) -> Itera
             found.setdefault("no <inertia> of six numbers", []).append(name)
     for what, names in found.items():
         step = "Correct it, or remove <inertial>: then the link weighs nothing"
-        yield Problem(f"links with an <inertial> that has {what}", str(source.path), _listed(names), "", step)
+        yield Problem(f"links with an <inertial> that has {what}", str(source.path), listed(names), "", step)
 
 
 def _number(text: str | None) -> float:
@@ -344,13 +338,6 @@ def _number(text: str | None) -> float:
         return float(text or "nan")
     except ValueError:
         return float("nan")
-
-
-def _positive(text: str | None) -> bool:
-    try:
-        return float(text or "0") > 0.0
-    except ValueError:
-        return False
 
 
 @dataclass(frozen=True, eq=False)
@@ -371,23 +358,20 @@ def _meshes(root: ElementTree.Element, path: Path) -> _Meshes:
     found = _Meshes()
     missing: dict[str, None] = {}
     for link in root.findall("link"):
-        undecoded, usable = [], 0
-        for shape in [shape for kind in ("collision", "visual") for shape in link.findall(kind)]:
-            mesh = shape.find("geometry/mesh")
-            name = "" if mesh is None else mesh.get("filename", "")
-            file = None if mesh is None else find_mesh(name, path)
-            if mesh is not None and file is None:
-                undecoded.append((shape, name))
+        unread = []
+        for shape, mesh in _mesh_shapes(link):
+            file = find_mesh(name := mesh.get("filename", ""), path)
+            if file is None:
+                unread.append((shape, name))
                 continue
-            usable += 1
-            if mesh is not None and file is not None:
-                key = f"mesh_{len(found.contents)}{file.path.suffix.lower()}"
-                found.contents[key] = file.content()
-                mesh.set("filename", key)
-                if file.twin and file.path.name not in found.twins:
-                    found.twins.append(file.path.name)
-        for shape, name in undecoded:
-            if not usable:
+            key = f"mesh_{len(found.contents)}{file.path.suffix.lower()}"
+            found.contents[key] = file.content()
+            mesh.set("filename", key)
+            if file.twin and file.path.name not in found.twins:
+                found.twins.append(file.path.name)
+        alone = len(unread) == sum(len(link.findall(kind)) for kind in SHAPES)
+        for shape, name in unread:
+            if alone:
                 missing[name] = None
                 continue
             link.remove(shape)
@@ -397,26 +381,24 @@ def _meshes(root: ElementTree.Element, path: Path) -> _Meshes:
     return found
 
 
+def _mesh_shapes(link: ElementTree.Element) -> list[tuple[ElementTree.Element, ElementTree.Element]]:
+    """The shapes of a link that are meshes, each with its <mesh>."""
+    shapes = [shape for kind in SHAPES for shape in link.findall(kind)]
+    return [(shape, mesh) for shape in shapes if (mesh := shape.find("geometry/mesh")) is not None]
+
+
 def _missing_meshes(source: Source, missing: list[str]) -> Problem:
     return Problem(
         "meshes that cannot be read, without which soles and hands cannot be found",
         str(source.path),
-        _listed(missing),
+        listed(missing),
         f"files {', '.join(READABLE)}, in the folder of the URDF, or in its package above it",
         "Put them there, or give --no-meshes to leave them out. Others (.dae): convert them to .stl of the same name "
         "in the same folder (Blender, MeshLab, or trimesh: see docs/own-robot.md); the URDF may stay as it is",
     )
 
 
-def _drop(root: ElementTree.Element, missing: list[str]) -> None:
-    for link in root.findall("link"):
-        for kind in ("collision", "visual"):
-            for shape in link.findall(kind):
-                mesh = shape.find("geometry/mesh")
-                if mesh is not None and mesh.get("filename", "") in missing:
-                    link.remove(shape)
-
-
-def _listed(names: list[str]) -> str:
+def listed(names: list[str]) -> str:
+    """The first names, and how many more there are."""
     shown = ", ".join(name if len(name) <= 60 else f"...{name[-57:]}" for name in names[:8])
     return shown + (f" and {len(names) - 8} more" if len(names) > 8 else "")

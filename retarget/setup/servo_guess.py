@@ -115,33 +115,16 @@ def _torques(model: Any) -> dict[str, float]:
 
 
 def _inertias(model: Any) -> dict[str, float]:
-    """Inertia (kg m^2) about each hinge of all that hangs on it, in the zero pose, with the armature."""
+    """Inertia (kg m^2) about each hinge of all that hangs on it, in the zero pose, with the armature.
+
+    It is the diagonal of the joint-space inertia matrix.
+    """
     import mujoco
 
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_comPos(model, data)
-    inertias = {}
-    for joint in range(model.njnt):
-        if model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_HINGE:
-            continue
-        axis, anchor = data.xaxis[joint], data.xanchor[joint]
-        total = float(model.dof_armature[model.jnt_dofadr[joint]])
-        for body in range(int(model.jnt_bodyid[joint]), model.nbody):
-            if not _carries(model, int(model.jnt_bodyid[joint]), body):
-                continue
-            way = data.xipos[body] - anchor
-            across = way - (way @ axis) * axis
-            local = data.ximat[body].reshape(3, 3).T @ axis
-            total += float(model.body_mass[body] * (across @ across) + local**2 @ model.body_inertia[body])
-        inertias[model.joint(joint).name] = total
-    return inertias
-
-
-def _carries(model: Any, link: int, body: int) -> bool:
-    while body > link:
-        body = int(model.body_parentid[body])
-    return body == link
+    data, matrix = mujoco.MjData(model), np.zeros((model.nv, model.nv))
+    mujoco.mj_forward(model, data)
+    mujoco.mj_fullM(model, data, matrix)
+    return {model.joint(joint).name: float(matrix[dof, dof]) for joint, dof in enumerate(model.jnt_dofadr)}
 
 
 def _limits(lower: float, upper: float, model: ServoModel) -> tuple[tuple[float, float], str]:

@@ -41,6 +41,20 @@ class Node:
         """Where it is, (k, 3): its geometry, or else the anchor of its axis."""
         return self.centres if len(self.centres) else self.anchor[None]
 
+    @property
+    def middle(self) -> FloatArray:
+        """Middle (3,) of the box around its points."""
+        return np.asarray(0.5 * (self.points.min(axis=0) + self.points.max(axis=0)))
+
+    def nearest(self, point: FloatArray) -> FloatArray:
+        """The point (3,) of its axis that is nearest to a point."""
+        return np.asarray(self.anchor + ((point - self.anchor) @ self.axis) * self.axis)
+
+    def distance(self, point: FloatArray) -> float:
+        """Distance of a point from its axis, m."""
+        way = point - self.anchor
+        return float(np.linalg.norm(way - (way @ self.axis) * self.axis))
+
 
 @dataclass(frozen=True, eq=False)
 class Tree:
@@ -253,8 +267,7 @@ def _apart(tree: Tree, mirror: Mirror, node: int, other: int) -> float | None:
     axis = mine.axis - 2.0 * (mine.axis @ normal) * normal
     if abs(axis @ theirs.axis) < PARALLEL:
         return None
-    way = _image(mine.anchor, mirror) - theirs.anchor
-    line = float(np.linalg.norm(way - (way @ theirs.axis) * theirs.axis))
+    line = theirs.distance(_image(mine.anchor, mirror))
     mark = float(np.linalg.norm(_image(_mark(tree, node), mirror) - _mark(tree, other)))
     return mark if line <= most and mark <= most else None
 
@@ -265,8 +278,7 @@ def _image(point: FloatArray, mirror: Mirror) -> FloatArray:
 
 def _mark(tree: Tree, node: int) -> FloatArray:
     """Where a branch is: the mean of the middles of its parts."""
-    middles = [0.5 * (tree.nodes[n].points.min(axis=0) + tree.nodes[n].points.max(axis=0)) for n in tree.below(node)]
-    return np.asarray(np.mean(middles, axis=0))
+    return np.asarray(np.mean([tree.nodes[n].middle for n in tree.below(node)], axis=0))
 
 
 def _sign(tree: Tree, normal: FloatArray, node: int, other: int) -> float:

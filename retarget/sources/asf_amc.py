@@ -8,7 +8,6 @@ joints as in `canonical`; the ground is where the file has it.
 import math
 from dataclasses import dataclass, field
 from itertools import groupby
-from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,7 @@ from retarget import rotations
 from retarget.errors import InputError, suggest
 from retarget.frames import SensorFrames
 from retarget.sources.canonical import CMU_METRES, Unit, canonical_frames, named_unit
-from retarget.sources.files import MAX_FRAMES, MAX_VALUE, check_frame_count, check_rate, cut_short, numbers, read_lines
+from retarget.sources.files import check_frame_count, check_rate, cut_short, numbers, read_lines
 from retarget.sources.skeletons import JointTree, Pose, forward_kinematics
 from retarget.types import FloatArray
 
@@ -319,12 +318,7 @@ def read_values(lines: list[str], asf: AsfSkeleton, path: Path) -> tuple[FloatAr
     Raises InputError with file and line.
     """
     start, degrees = _header(lines, asf, path)
-    tokens = " ".join(lines[start:]).split()
-    values = _regular_values(tokens, asf)
-    if values is None:
-        values = _checked_values(lines, start, asf, path)
-    check_frame_count(len(values), str(path))
-    return values, degrees
+    return _frame_values(lines, start, asf, path), degrees
 
 
 def pose_of(asf: AsfSkeleton, values: FloatArray, *, degrees: bool) -> Pose:
@@ -374,109 +368,73 @@ def _header(lines: list[str], asf: AsfSkeleton, path: Path) -> tuple[int, bool]:
     raise InputError("no frame of motion", where=str(path), next_step="The file is cut short: get it again")
 
 
-def _regular_values(tokens: list[str], asf: AsfSkeleton) -> FloatArray | None:
-    """The values if every frame has the same bones at the same places and all is well; else None.
-
-    A whole frame is compared and converted at once, which is what makes a long file fast.
-    """
-    width = {name: len(dof) for name, dof in zip(asf.tree.names, asf.dof, strict=True) if dof}
-    position, places = 1, {}
-    while position < len(tokens) and tokens[position] in width and tokens[position] not in places:
-        places[tokens[position]] = position
-        position += 1 + width[tokens[position]]
-    frames, rest = divmod(len(tokens), position)
-    if rest or len(places) != len(width) or not 1 <= frames <= MAX_FRAMES:
-        return None
-    names_of = itemgetter(*places.values())
-    values_of = itemgetter(*(places[name] + 1 + i for name, count in width.items() for i in range(count)))
-    rows, expected = [], names_of(tokens)
-    try:
-        for start in range(0, len(tokens), position):
-            frame = tokens[start : start + position]
-            if names_of(frame) != expected:
-                return None
-            rows.append([int(frame[0]), *map(float, values_of(frame))])
-        table = np.array(rows, float)
-    except (ValueError, OverflowError):
-        return None
-    values = np.ascontiguousarray(table[:, 1:])
-    valid = np.all(np.abs(values) <= MAX_VALUE) and np.all(np.diff(table[:, 0]) == 1.0)
-    return values if valid else None
-
-
-def _checked_values(lines: list[str], start: int, asf: AsfSkeleton, path: Path) -> FloatArray:
-    """The values line by line, in any order of bones, with an error that names the line."""
-    columns, rows = _Columns(asf), []
+def _frame_values(lines: list[str], start: int, asf: AsfSkeleton, path: Path) -> FloatArray:
+    """The values of all frames: each is a line with its number, then one line for each bone, in any order."""
+    dof = dict(zip(asf.tree.names, asf.dof, strict=True))
+    wanted = [name for name, channels in dof.items() if channels]
+    rows: list[list[float]] = []
     row: dict[str, list[float]] = {}
     number, number_line, line_number = -1, start + 1, start
-    last = max(index for index, line in enumerate(lines, start=1) if line.split("#", 1)[0].strip())
+    source, last = str(path), next(at for at in range(len(lines), 0, -1) if lines[at - 1].split("#", 1)[0].strip())
     for line_number, line in enumerate(lines[start:], start=start + 1):
-        words = line.split("#", 1)[0].split()
+        words = (line.split("#", 1)[0] if "#" in line else line).split()
         if not words:
             continue
-        where = f"{path}:{line_number}"
-        if len(words) == 1 and words[0].isdecimal():
-            if number >= 0:
-                rows.append(columns.assemble(row, number, f"{path}:{number_line}"))
-                check_frame_count(len(rows), where)
-                if int(words[0][:12]) != number + 1:
-                    raise InputError(
-                        "frames are missing or repeated",
-                        where=where,
-                        found=f"frame {words[0][:12]}",
-                        allowed=f"frame {number + 1}",
-                        next_step="Number the frames one by one, or get the file again",
-                    )
-            number, number_line, row = int(words[0][:12]), line_number, {}
-        else:
+        where = f"{source}:{line_number}"
+        if len(words) > 1 or not words[0].isdecimal():
             try:
-                columns.add(row, words, where)
+                _take_bone(row, words, dof, asf, where)
             except InputError as error:
                 raise (cut_short(error) if line_number == last else error) from None
-    rows.append(columns.assemble(row, number, f"{path}:{line_number}"))
+            continue
+        if number >= 0:
+            rows.append(_assembled(row, number, wanted, f"{source}:{number_line}"))
+            check_frame_count(len(rows), where)
+            if int(words[0][:12]) != number + 1:
+                raise InputError(
+                    "frames are missing or repeated",
+                    where=where,
+                    found=f"frame {words[0][:12]}",
+                    allowed=f"frame {number + 1}",
+                    next_step="Number the frames one by one, or get the file again",
+                )
+        number, number_line, row = int(words[0][:12]), line_number, {}
+    rows.append(_assembled(row, number, wanted, f"{source}:{line_number}"))
+    check_frame_count(len(rows), str(path))
     return np.array(rows)
 
 
-class _Columns:
-    """Checks one bone line or one frame at a time against the skeleton."""
+def _take_bone(
+    row: dict[str, list[float]], words: list[str], dof: dict[str, tuple[str, ...]], asf: AsfSkeleton, where: str
+) -> None:
+    """Take one line of a frame."""
+    name = words[0]
+    if name not in dof:
+        allowed, step = f"a bone of {asf.path.name}", suggest(name, dof)
+        raise InputError("unknown bone", where=where, found=repr(name[:40]), allowed=allowed, next_step=step)
+    if name in row:
+        raise InputError("a bone twice in one frame", where=where, found=repr(name))
+    channels = dof[name]
+    if len(words) - 1 != len(channels):
+        raise InputError(
+            f"wrong number of values for bone {name!r}",
+            where=where,
+            found=len(words) - 1,
+            allowed=f"{len(channels)} ({' '.join(channels)})" if channels else "no line at all: the bone has no dof",
+            next_step=f"Correct it or the dof in {asf.path.name}, or name another ASF with --skeleton",
+        )
+    row[name] = numbers(words[1:], where)
 
-    def __init__(self, asf: AsfSkeleton) -> None:
-        self._dof = dict(zip(asf.tree.names, asf.dof, strict=True))
-        self._asf = asf.path
 
-    def add(self, row: dict[str, list[float]], words: list[str], where: str) -> None:
-        """Take one line of a frame."""
-        name = words[0]
-        if name not in self._dof:
-            raise InputError(
-                "unknown bone",
-                where=where,
-                found=repr(name[:40]),
-                allowed=f"a bone of {self._asf.name}",
-                next_step=suggest(name, self._dof),
-            )
-        if name in row:
-            raise InputError("a bone twice in one frame", where=where, found=repr(name))
-        dof = self._dof[name]
-        if len(words) - 1 != len(dof):
-            raise InputError(
-                f"wrong number of values for bone {name!r}",
-                where=where,
-                found=len(words) - 1,
-                allowed=f"{len(dof)} ({' '.join(dof)})" if dof else "no line at all: the bone has no dof",
-                next_step=f"Correct it or the dof in {self._asf.name}, or name another ASF with --skeleton",
-            )
-        row[name] = numbers(words[1:], where)
-
-    def assemble(self, row: dict[str, list[float]], number: int, where: str) -> list[float]:
-        """All values of a frame in the order of the skeleton."""
-        lacking = [name for name, dof in self._dof.items() if dof and name not in row]
-        if lacking:
-            raise InputError(
-                f"frame {number} is incomplete",
-                where=where,
-                found=f"no line for {', '.join(lacking[:5])}"
-                + (f" and {len(lacking) - 5} more" if len(lacking) > 5 else ""),
-                next_step="The file is cut short or belongs to another skeleton",
-            )
-        return [value for name, dof in self._dof.items() if dof for value in row[name]]
+def _assembled(row: dict[str, list[float]], number: int, wanted: list[str], where: str) -> list[float]:
+    """All values of a frame in the order of the skeleton."""
+    lacking = [name for name in wanted if name not in row]
+    if lacking:
+        more = f" and {len(lacking) - 5} more" if len(lacking) > 5 else ""
+        raise InputError(
+            f"frame {number} is incomplete",
+            where=where,
+            found=f"no line for {', '.join(lacking[:5])}{more}",
+            next_step="The file is cut short or belongs to another skeleton",
+        )
+    return [value for name in wanted for value in row[name]]

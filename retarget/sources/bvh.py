@@ -16,7 +16,7 @@ from retarget import rotations
 from retarget.errors import InputError, suggest
 from retarget.frames import SensorFrames
 from retarget.sources.canonical import canonical_frames, named_unit
-from retarget.sources.files import MAX_VALUE, check_frame_count, check_rate, cut_short, numbers, read_lines
+from retarget.sources.files import check_frame_count, check_rate, cut_short, numbers, read_lines
 from retarget.sources.skeletons import JointTree, Pose, forward_kinematics
 from retarget.types import FloatArray
 
@@ -333,7 +333,7 @@ def _read_values(lines: list[str], frames: int, width: int, path: Path, before: 
 
 
 def _row(words: list[str], width: int, where: str) -> list[float]:
-    """One frame. Only a line that does not convert at once is looked at number by number."""
+    """One frame."""
     if len(words) != width:
         raise InputError(
             "wrong number of values in a frame",
@@ -342,12 +342,7 @@ def _row(words: list[str], width: int, where: str) -> list[float]:
             allowed=f"{width}, one for each channel",
             next_step="Correct the frame or the CHANNELS of the skeleton, or export the file again",
         )
-    try:
-        row = list(map(float, words))
-    except ValueError:
-        return numbers(words, where)
-    # One NaN or infinity spoils the sum, so a small sum means that all are finite.
-    return row if sum(map(abs, row)) < MAX_VALUE else numbers(words, where)
+    return numbers(words, where)
 
 
 def _notes(motion: BvhMotion, pose: Pose) -> tuple[str, ...]:

@@ -19,50 +19,16 @@ from retarget.errors import InputError
 from retarget.frames import SENSORS, SensorFrames
 from retarget.sources.canonical import UNITS, Axes, Unit, named_unit
 from retarget.sources.files import MAX_VALUE, check_frame_count, check_rate, frame_times, read_bytes
+from retarget.sources.skeletons import TABLES, names_of_sides
 from retarget.types import BoolArray, FloatArray
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
 
-# Marker sets as data: which markers make which sensor.
-#
-# Vicon's names, as in Plug-in Gait and the 41-marker set of the CMU recordings. A sensor is the mean of its markers,
-# which lie on the skin: a wrist's mean is its centre, an ankle's single marker sits some 4 cm outside of the joint. Of
-# several groups the first that a file holds whole counts.
-
-_MIDDLE: dict[str, tuple[tuple[str, ...], ...]] = {
-    "head": (("LFHD", "RFHD", "LBHD", "RBHD"), ("LFHD", "RFHD"), ("HEAD",)),
-    "pelvis": (
-        ("LASI", "RASI", "LPSI", "RPSI"),
-        ("LASI", "RASI", "SACR"),
-        ("LFWT", "RFWT", "LBWT", "RBWT"),
-        ("LASIS", "RASIS", "LPSIS", "RPSIS"),
-    ),
-    "chest": (("C7", "T10", "CLAV", "STRN"), ("C7", "CLAV"), ("CLAV", "STRN")),
-}
-_SIDED: dict[str, tuple[tuple[str, ...], ...]] = {
-    "shoulder": (("{s}SHO",),),
-    "elbow": (("{s}ELB", "{s}ELBM"), ("{s}ELB",)),
-    "wrist": (("{s}WRA", "{s}WRB"), ("{s}WRI",), ("{s}WRA",)),
-    "knee": (("{s}KNE", "{s}KNM"), ("{s}KNE", "{s}KNEM"), ("{s}KNE",)),
-    "ankle": (("{s}ANK", "{s}MED"), ("{s}ANK", "{s}ANKM"), ("{s}ANK",)),
-    "toe": (("{s}TOE",), ("{s}MT1", "{s}MT5")),
-}
-
-
-def _all_groups() -> dict[str, tuple[tuple[str, ...], ...]]:
-    groups = dict(_MIDDLE)
-    for side in "lr":
-        for part, choices in _SIDED.items():
-            groups[f"{side}_{part}"] = tuple(tuple(name.format(s=side.upper()) for name in group) for group in choices)
-    return {sensor: groups[sensor] for sensor in SENSORS if sensor in groups}
-
-
-MARKER_GROUPS: dict[str, tuple[tuple[str, ...], ...]] = _all_groups()
+_GROUPS = names_of_sides(TABLES["markers"])
+MARKER_GROUPS: dict[str, tuple[tuple[str, ...], ...]] = {name: _GROUPS[name] for name in SENSORS if name in _GROUPS}
 """Sensor -> groups of markers, best first."""
-
-
 KNOWN_MARKERS: frozenset[str] = frozenset(
     name for groups in MARKER_GROUPS.values() for group in groups for name in group
 )

@@ -2,7 +2,7 @@
 
 import math
 import stat
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -79,24 +79,32 @@ def read_lines(path: Path) -> list[str]:
     return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
 
 
-def numbers(tokens: Iterable[str], where: str) -> list[float]:
+def numbers(tokens: Sequence[str], where: str) -> list[float]:
     """The tokens as finite numbers of plausible size. Raises InputError that names the bad one."""
-    values = []
-    for token in tokens:
-        try:
-            value = float(token)
-        except ValueError:
-            value = math.nan
-        if not abs(value) <= MAX_VALUE:
-            raise InputError(
-                "not a usable number",
-                where=where,
-                found=repr(token[:40]),
-                allowed="a finite number up to 1e9",
-                next_step="Correct it, or export the recording again with its gaps filled",
-            )
-        values.append(value)
-    return values
+    try:
+        values = list(map(float, tokens))
+        # One NaN or infinity spoils the sum, so a small sum means that all are usable.
+        if sum(map(abs, values)) <= MAX_VALUE:
+            return values
+    except ValueError:
+        pass
+    return [_number(token, where) for token in tokens]
+
+
+def _number(token: str, where: str) -> float:
+    try:
+        value = float(token)
+    except ValueError:
+        value = math.nan
+    if abs(value) <= MAX_VALUE:
+        return value
+    raise InputError(
+        "not a usable number",
+        where=where,
+        found=repr(token[:40]),
+        allowed="a finite number up to 1e9",
+        next_step="Correct it, or export the recording again with its gaps filled",
+    )
 
 
 def cut_short(error: InputError) -> InputError:

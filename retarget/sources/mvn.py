@@ -8,14 +8,16 @@ skip samples, and arrival times are off by 15 ms, so these two place a sample in
 
 import struct
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
-from retarget.frames import Skeleton
+from retarget.frames import SENSORS, Skeleton
 from retarget.rotations import from_euler
+from retarget.sources.skeletons import TABLES, names_of_sides
 from retarget.sources.stream_frame import CONVENTIONS, MAX_DATAGRAM, MAX_POSES, Dropped, StreamFrame, unusable
 from retarget.types import BoolArray, FloatArray
 
@@ -225,13 +227,6 @@ def _plausible(header: MvnHeader) -> bool:
     return header.size <= MAX_PAYLOAD and (stride is None or header.items * stride == header.size)
 
 
-# MVN segments that give the position and the orientation of each canonical sensor, and of each canonical joint.
-#
-# The origin of a segment is the joint at its start (RightForeArm: the elbow; T8: where neck and arms part; Head: the
-# joint below the skull; RightToe: the ball of the foot). Every orientation is the identity in the T-pose, standing
-# upright and facing the calibrated x, which is the rest pose of canonical sensors.
-
-
 @dataclass(frozen=True, slots=True)
 class SegmentRole:
     """Names of the segments of a sensor: the origin of `position` is its place, `orientation` turns with it."""
@@ -240,44 +235,18 @@ class SegmentRole:
     orientation: str
 
 
-_SIDES = (("l_", "Left"), ("r_", "Right"))
-
-_SIDED = {
-    "wrist": ("Hand", "Hand"),
-    "ankle": ("Foot", "Foot"),
-    "knee": ("LowerLeg", "LowerLeg"),
-    "elbow": ("ForeArm", "ForeArm"),
-    "shoulder": ("UpperArm", "UpperArm"),
-    "hip": ("UpperLeg", "UpperLeg"),
-    "toe": ("Toe", "Foot"),
-}
+MVN_JOINTS: Mapping[str, str] = MappingProxyType(names_of_sides(TABLES["mvn"]))
+"""Canonical joint -> the segment whose origin it is."""
 
 MVN_SENSORS = MappingProxyType(
     {
-        "head": SegmentRole("Head", "Head"),
-        "pelvis": SegmentRole("Pelvis", "Pelvis"),
-        "chest": SegmentRole("T8", "T8"),
-        **{
-            short + part: SegmentRole(side + position, side + orientation)
-            for part, (position, orientation) in _SIDED.items()
-            for short, side in _SIDES
-        },
+        # The toe's segment bends at the ball of the foot; a toe sensor turns with the foot.
+        sensor: SegmentRole(MVN_JOINTS[sensor], MVN_JOINTS[sensor.replace("toe", "ankle")])
+        for sensor in SENSORS
     }
 )
-"""Canonical sensor -> segments."""
-
-MVN_JOINTS = MappingProxyType(
-    {
-        "pelvis": "Pelvis",
-        "spine": "L3",
-        "chest": "T8",
-        "neck": "Neck",
-        "head": "Head",
-        **{f"{short}collar": f"{side}Shoulder" for short, side in _SIDES},
-        **{short + part: side + position for part, (position, _) in _SIDED.items() for short, side in _SIDES},
-    }
-)
-"""Canonical joint -> the segment whose origin it is. MVN has no joint inside of the hand."""
+"""Canonical sensor -> segments. Every orientation is the identity in the T-pose, standing upright and facing the
+calibrated x, which is the rest pose of canonical sensors."""
 
 
 TALL = 10.0

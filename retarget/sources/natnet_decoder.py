@@ -2,9 +2,9 @@
 skeleton."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from retarget.frames import Skeleton
 from retarget.rotations import plus, product, rotated
 from retarget.sources.natnet_frame import (
     BODY,
+    OLDEST,
     SIZED_SINCE,
     BodyDefinition,
     Definitions,
@@ -24,7 +25,7 @@ from retarget.sources.natnet_frame import (
     read_definitions,
     read_frame,
 )
-from retarget.sources.natnet_wire import MessageId, Version, read_server_info, split
+from retarget.sources.natnet_wire import MessageId, read_server_info, split
 from retarget.sources.skeletons import joints_by_name
 from retarget.sources.stream_frame import (
     CONVENTIONS,
@@ -61,55 +62,47 @@ class NameTable:
 
     def __init__(self, definitions: Definitions | None = None) -> None:
         known = definitions or Definitions()
-        self._bodies = _by_number(known.rigid_bodies)
+        owners = {
+            Owner.RIGID_BODIES: (GroupDefinition("", 0, known.rigid_bodies),),
+            Owner.SKELETON: known.skeletons,
+            Owner.ASSET: known.assets,
+        }
         self._groups = {
-            Owner.SKELETON: _groups_by_number(known.skeletons),
-            Owner.ASSET: _groups_by_number(known.assets),
+            (owner, number): (group.name, _by_number(group.bones, owner))
+            for owner, groups in owners.items()
+            for number, group in _by_number(groups, Owner.RIGID_BODIES).items()
         }
 
     def of(self, group: PoseGroup, number: int) -> PoseName:
         """`rigid://NAME`, `bone://SKELETON/BONE` or `asset://ASSET/BODY`; `#NUMBER` where a name is not known."""
-        scheme = f"{group.owner.value}://"
+        owner, bodies = self._groups.get((group.owner, group.number), ("", {}))
+        number = _within(number, group.owner)
+        body = bodies.get(number)
+        text = _text(body.name if body else "", number)
         if group.owner is Owner.RIGID_BODIES:
-            body = self._bodies.get(number)
-            return PoseName(scheme + _text(body.name if body else "", number), number, body is not None)
-        # The wire writes owner << 16 | bone; the definitions only the bone.
-        bone = number & 0xFFFF
-        owner = self._groups[group.owner].get(group.number)
-        known = owner.bones.get(bone) if owner else None
-        text = f"{scheme}{_text(owner.name if owner else '', group.number)}/{_text(known.name if known else '', bone)}"
-        if owner is None or known is None:
-            return PoseName(text, bone, False)
-        parent = known.parent & 0xFFFF
-        return PoseName(text, bone, True, parent if parent in owner.bones and parent != bone else PARENTLESS)
+            return PoseName(f"rigid://{text}", number, body is not None)
+        parent = _within(body.parent, group.owner) if body is not None else number
+        has_parent = parent in bodies and parent != number
+        text = f"{group.owner.value}://{_text(owner, group.number)}/{text}"
+        return PoseName(text, number, body is not None, parent if has_parent else PARENTLESS)
 
 
-@dataclass(frozen=True, slots=True)
-class _Group:
-    name: str
-    bones: dict[int, BodyDefinition]
+_Named = TypeVar("_Named", BodyDefinition, GroupDefinition)
 
 
-def _by_number(bodies: Sequence[BodyDefinition]) -> dict[int, BodyDefinition]:
-    """The first body of each number; a name that an earlier body has becomes ""."""
-    found: dict[int, BodyDefinition] = {}
+def _by_number(items: Sequence[_Named], owner: Owner) -> dict[int, _Named]:
+    """The first item of each number; a name that an earlier item has becomes ""."""
+    found: dict[int, _Named] = {}
     names: set[str] = set()
-    for body in bodies:
-        name = "" if body.name in names else body.name
-        names.add(body.name)
-        found.setdefault(body.number, BodyDefinition(name, body.number, body.parent, body.offset))
+    for item in items:
+        found.setdefault(_within(item.number, owner), replace(item, name="" if item.name in names else item.name))
+        names.add(item.name)
     return found
 
 
-def _groups_by_number(groups: Sequence[GroupDefinition]) -> dict[int, _Group]:
-    found: dict[int, _Group] = {}
-    names: set[str] = set()
-    for group in groups:
-        name = "" if group.name in names else group.name
-        names.add(group.name)
-        bones = {number & 0xFFFF: bone for number, bone in _by_number(group.bones).items()}
-        found.setdefault(group.number, _Group(name, bones))
-    return found
+def _within(number: int, owner: Owner) -> int:
+    """The number of a body within its owner: the wire writes owner << 16 | bone, the definitions only the bone."""
+    return number if owner is Owner.RIGID_BODIES else number & 0xFFFF
 
 
 def _text(name: str, number: int) -> str:
@@ -273,7 +266,6 @@ TOO_MANY = "pose beyond the most that are taken"
 NO_POSE = "pose that is not finite, not in a room, or not a rotation"
 NO_PARENT = "bone whose parents are not known"
 
-_OLDEST = Version(3, 0)
 _SILENT = {
     MessageId.COMMAND_ANSWER,
     MessageId.ECHO_ANSWER,
@@ -311,7 +303,7 @@ class NatnetDecoder:
         self._local = bones == "local"
         self._axes = _AXES[up]
         self._definitions = Definitions()
-        self._version = _OLDEST
+        self._version = OLDEST
         self._clock_hz = 0
         self._table = NameTable()
         self._plan: tuple[_PlanKey, PosePlan] | None = None
@@ -355,7 +347,7 @@ class NatnetDecoder:
         info = read_server_info(payload)
         if info is None:
             return self._drop(BAD_SERVER)
-        self._version = max(info.version, _OLDEST)
+        self._version = max(info.version, OLDEST)
         self._clock_hz = info.clock_hz
         return []
 
@@ -374,9 +366,9 @@ class NatnetDecoder:
         if frame is not None and frame.surplus == 0:
             return frame
         sized = self._version >= SIZED_SINCE
-        other = read_frame(payload, _OLDEST if sized else SIZED_SINCE)
+        other = read_frame(payload, OLDEST if sized else SIZED_SINCE)
         if other is not None and other.surplus == 0:
-            self._version = _OLDEST if sized else SIZED_SINCE
+            self._version = OLDEST if sized else SIZED_SINCE
             return other
         # Blocks that carry their sizes let the suffix of a later version be longer than it is today.
         return frame if sized else None

@@ -1,37 +1,48 @@
-"""A NatNet frame of data: where the poses lie in it, and its suffix of stamps and flags.
+"""NatNet frames of data and model definitions: where poses, names and parents lie in their bytes.
 
-Blocks in this order, each led by a u32 count: marker sets, other markers, rigid bodies, skeletons, trained assets (from
-4.1), labelled markers, force plates, devices. From 4.1 on a u32 size in bytes follows each count, and what a block
-holds beyond what is known here is skipped by it. Only poses and labelled markers are kept.
+A frame is a u32 number, then blocks in a fixed order (`_BLOCKS`), each led by a u32 count, then a suffix of stamps and
+flags. Definitions are a u32 count of sets, each led by its u32 type (`_SETS`). From 4.1 on a u32 size in bytes stands
+before the content of each block and set, and what one holds beyond what is known here is skipped by it.
 """
 
 import struct
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import Enum
+from enum import Enum, IntFlag
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from retarget.sources.natnet_wire import Version, text_until_zero
 
+OLDEST = Version(3, 0)
+"""The first bitstream that is read."""
 SIZED_SINCE = Version(4, 1)
-"""The first bitstream whose blocks carry their sizes."""
+"""The first bitstream whose blocks carry their sizes; trained assets came with it."""
+_MARKERS_NAMED_SINCE = Version(4, 0)
+_TURNED_SINCE = Version(4, 2)
+"""The first bitstream whose bodies are defined with a rotation."""
+_LAYOUTS = (OLDEST, _MARKERS_NAMED_SINCE, SIZED_SINCE, _TURNED_SINCE)
+"""The first version of each layout of definitions."""
 
 BODY = np.dtype([("id", "<i4"), ("pose", "<f4", 7), ("error", "<f4"), ("flags", "<i2")])
 """One pose on the wire, 38 bytes: position m and quaternion xyzw, mean marker error m; bit 0 of flags: tracked."""
 
-MARKER = np.dtype([("id", "<i4"), ("position", "<f4", 3), ("size", "<f4"), ("flags", "<i2"), ("residual", "<f4")])
-"""One labelled marker on the wire, 26 bytes: m; bit 0 of flags: hidden from the cameras, its place is computed."""
 
-_POSITION = 12
-_NUMBER = struct.Struct("<I")
-_PAIR = struct.Struct("<II")
-_OWNER = struct.Struct("<iI")
-_PLAIN_SUFFIX = struct.Struct("<IIdQQQHI")
-_SIZED_SUFFIX = struct.Struct("<IIdQQQIIHI")
-_TAIL = struct.Struct("<H4x")
-_SHORTEST = 4 + 7 * 4 + _PLAIN_SUFFIX.size
-"""Bytes of an empty frame."""
+class _Text:
+    """A text that a NUL ends."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Counted:
+    """A u32 count, then as many items."""
+
+    item: "_Item"
+
+
+_Item: TypeAlias = "int | _Text | _Counted | tuple[_Item, ...]"
+"""What is passed over. A number is a size in bytes."""
+_TEXT = _Text()
 
 
 class Owner(Enum):
@@ -40,6 +51,58 @@ class Owner(Enum):
     RIGID_BODIES = "rigid"
     SKELETON = "bone"
     ASSET = "asset"
+
+
+_POSITION, _LABELLED_MARKER = 12, 26
+_CHANNELS = (4, _Counted(_Counted(4)))
+"""A force plate or device: id, channels of floats."""
+
+_BLOCKS: tuple[tuple["Owner | _Item", Version], ...] = (
+    ((_TEXT, _Counted(_POSITION)), OLDEST),  # marker sets
+    (_POSITION, OLDEST),  # other markers
+    (Owner.RIGID_BODIES, OLDEST),
+    (Owner.SKELETON, OLDEST),
+    (Owner.ASSET, SIZED_SINCE),
+    (_LABELLED_MARKER, OLDEST),
+    (_CHANNELS, OLDEST),  # force plates
+    (_CHANNELS, OLDEST),  # devices
+)
+"""Items of the blocks of a frame, and the version from which on they are there. Poses are kept. Records of one size
+must fit the block's own size; other items are passed over, by the block's size alone where it has one."""
+
+_PLATE = 2 * 4 + 12 + 144 * 4 + 12 * 4 + 2 * 4
+_SETS: Mapping[int, _Item] = {
+    0: (_TEXT, _Counted(_TEXT)),  # marker set: name, markers
+    3: (4, _TEXT, _PLATE, _Counted(_TEXT)),  # force plate: id, serial, geometry, channels
+    4: (4, _TEXT, _TEXT, 8, _Counted(_TEXT)),  # device: id, name, serial, type, channels
+    5: (_TEXT, 12 + 16),  # camera: name, pose
+}
+"""Type of a set of definitions that is passed over -> its content."""
+_RIGID_BODY, _SKELETON, _ASSET = 1, 2, 6
+"""Types of the sets that are kept."""
+
+_NUMBER = struct.Struct("<I")
+_OWNER = struct.Struct("<iI")
+_BODY = struct.Struct("<ii3f")
+_QUATERNION = 16
+_MARKER_OFFSET_AND_LABEL = 16
+_ASSET_MARKERS = _Counted((_TEXT, 4 + 12 + 4 + 2))
+_PLAIN_SUFFIX = struct.Struct("<IIdQQQHI")
+_SIZED_SUFFIX = struct.Struct("<IIdQQQIIHI")
+"""Time code and its fraction, timestamp s, ticks of exposure, arrival and sending, (from 4.1 s and fraction of an outer
+clock), flags, end tag."""
+_TAIL = struct.Struct("<H4x")
+_SHORTEST = 4 + 7 * 4 + _PLAIN_SUFFIX.size
+"""Bytes of an empty frame."""
+
+
+class FrameFlags(IntFlag):
+    """Bits of a frame as Motive sets them. EDIT: its edit mode, where it plays recordings back."""
+
+    RECORDING = 1
+    DEFINITIONS_CHANGED = 2
+    EDIT = 4
+    BITSTREAM_CHANGED = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,153 +114,72 @@ class PoseGroup:
     count: int
 
 
-@dataclass(frozen=True, slots=True)
-class FrameFlags:
-    """Bits of a frame as Motive sets them."""
-
-    bits: int
-
-    @property
-    def recording(self) -> bool:
-        """Motive is recording."""
-        return bool(self.bits & 1)
-
-    @property
-    def definitions_changed(self) -> bool:
-        """Names or ids are no longer what the last model definitions said."""
-        return bool(self.bits & 2)
-
-    @property
-    def edit(self) -> bool:
-        """Motive is in its edit mode, where it plays recordings back."""
-        return bool(self.bits & 4)
-
-    @property
-    def bitstream_changed(self) -> bool:
-        """From now on frames come in another version."""
-        return bool(self.bits & 8)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameOfData:
-    """Content of a frame. poses: records of `BODY`, group after group, as they came. markers: records of `MARKER`.
+    """Content of a frame. poses: records of `BODY`, group after group, as they came.
 
-    timestamp: s, as Motive counts them. mid_exposure, received, transmitted: ticks of the server's clock (0: unknown).
-    precision: seconds and fraction of an outer clock (2^-32 s), from 4.1. surplus: bytes behind the suffix.
+    timestamp: s, as Motive counts them. mid_exposure: ticks of the server's clock (0: unknown). surplus: bytes behind
+    the suffix.
     """
 
     number: int
     groups: tuple[PoseGroup, ...]
     poses: bytes
-    markers: bytes
     timestamp: float
     mid_exposure: int
-    received: int
-    transmitted: int
-    precision: tuple[int, int] | None
     flags: FrameFlags
     surplus: int
 
 
 class _Malformed(ValueError):
-    """The bytes end before what their counts announce."""
+    """The bytes do not hold what their counts and sizes announce."""
 
 
-class _Walk:
-    """Reads one payload front to back; `groups` and `slices` gather its poses."""
-
-    __slots__ = ("at", "groups", "markers", "payload", "slices")
+class _Cursor:
+    """Reads one payload front to back. Every method raises _Malformed or struct.error where the bytes end too soon."""
 
     def __init__(self, payload: bytes) -> None:
         self.payload = payload
-        self.at = 4
-        self.groups: list[PoseGroup] = []
-        self.slices: list[bytes] = []
-        self.markers = b""
+        self.at = 0
+
+    def unpack(self, layout: struct.Struct) -> tuple[Any, ...]:
+        """The values of a layout."""
+        values = layout.unpack_from(self.payload, self.at)
+        self.at += layout.size
+        return values
 
     def count(self) -> int:
         """A u32."""
-        (value,) = _NUMBER.unpack_from(self.payload, self.at)
-        self.at += 4
-        return int(value)
+        return int(self.unpack(_NUMBER)[0])
 
-    def skip(self, size: int) -> None:
-        """Leaves bytes out."""
+    def take(self, size: int) -> bytes:
+        """So many bytes."""
+        start = self.at
         self.at += size
         if self.at > len(self.payload):
             raise _Malformed
+        return self.payload[start : self.at]
 
-    def bodies(self, owner: Owner, number: int, count: int) -> None:
-        """Poses of one owner."""
-        start = self.at
-        self.skip(BODY.itemsize * count)
-        if count:
-            self.groups.append(PoseGroup(owner, number, count))
-            self.slices.append(self.payload[start : self.at])
+    def text(self) -> str:
+        """A text, with its NUL."""
+        end = self.payload.find(b"\0", self.at)
+        if end < 0:
+            raise _Malformed
+        return text_until_zero(self.take(end + 1 - self.at))
 
-    def marker_sets(self, count: int) -> None:
-        """Each: name, NUL, count, positions."""
-        for _ in range(count):
-            end = self.payload.find(b"\0", self.at)
-            if end < 0:
-                raise _Malformed
-            self.at = end + 1
-            self.skip(_POSITION * self.count())
-
-    def other_markers(self, count: int) -> None:
-        """Positions."""
-        self.skip(_POSITION * count)
-
-    def rigid_bodies(self, count: int) -> None:
-        """Poses."""
-        self.bodies(Owner.RIGID_BODIES, 0, count)
-
-    def skeletons(self, count: int) -> None:
-        """Each: id, count, poses."""
-        for _ in range(count):
-            number, bones = _OWNER.unpack_from(self.payload, self.at)
-            self.at += 8
-            self.bodies(Owner.SKELETON, number, bones)
-
-    def assets(self, count: int) -> None:
-        """Each: id, count, poses, count, labelled markers."""
-        for _ in range(count):
-            number, bodies = _OWNER.unpack_from(self.payload, self.at)
-            self.at += 8
-            self.bodies(Owner.ASSET, number, bodies)
-            self.skip(MARKER.itemsize * self.count())
-
-    def labelled_markers(self, count: int) -> None:
-        """Records of `MARKER`."""
-        start = self.at
-        self.skip(MARKER.itemsize * count)
-        self.markers = self.payload[start : self.at]
-
-    def channels(self, count: int) -> None:
-        """Force plates and devices, each: id, count of channels; each of them: count, floats."""
-        for _ in range(count):
-            _, channels = _PAIR.unpack_from(self.payload, self.at)
-            self.at += 8
-            for _ in range(channels):
-                self.skip(4 * self.count())
-
-
-_Block = Callable[[_Walk, int], None]
-_PLAIN: tuple[_Block, ...] = (
-    _Walk.marker_sets,
-    _Walk.other_markers,
-    _Walk.rigid_bodies,
-    _Walk.skeletons,
-    _Walk.labelled_markers,
-    _Walk.channels,
-    _Walk.channels,
-)
-_SIZED: tuple[_Block | None, ...] = (
-    *(None, None),
-    *(_Walk.rigid_bodies, _Walk.skeletons, _Walk.assets, _Walk.labelled_markers),
-    *(None, None),
-)
-"""None: skipped by its size alone."""
+    def skip(self, item: _Item, times: int = 1) -> None:
+        """Pass over items."""
+        if isinstance(item, int):
+            self.take(item * times)
+            return
+        for _ in range(times):
+            if isinstance(item, _Text):
+                self.text()
+            elif isinstance(item, _Counted):
+                self.skip(item.item, self.count())
+            else:
+                for part in item:
+                    self.skip(part)
 
 
 def read_frame(payload: bytes, version: Version) -> FrameOfData | None:
@@ -205,49 +187,54 @@ def read_frame(payload: bytes, version: Version) -> FrameOfData | None:
 
     A frame of another layout mostly gives None or a surplus: only one without surplus surely fits.
     """
-    walk = _Walk(payload)
+    cursor, sized = _Cursor(payload), version >= SIZED_SINCE
+    groups: list[PoseGroup] = []
+    poses: list[bytes] = []
     try:
-        (number,) = _NUMBER.unpack_from(payload)
-        if version >= SIZED_SINCE:
-            for block in _SIZED:
-                _read_sized(walk, block)
-            *stamps, seconds, fraction, flags, _ = _SIZED_SUFFIX.unpack_from(payload, walk.at)
-            walk.at += _SIZED_SUFFIX.size
-            precision = (seconds, fraction)
-        else:
-            for walker in _PLAIN:
-                walker(walk, walk.count())
-            *stamps, flags, _ = _PLAIN_SUFFIX.unpack_from(payload, walk.at)
-            walk.at += _PLAIN_SUFFIX.size
-            precision = None
+        number = cursor.count()
+        for content, since in _BLOCKS:
+            if version < since:
+                continue
+            count = cursor.count()
+            end = cursor.count() + cursor.at if sized else 0
+            if isinstance(content, Owner):
+                _read_poses(cursor, content, count, groups, poses)
+            elif isinstance(content, int) or not sized:
+                cursor.skip(content, count)
+            if sized:
+                _end(cursor, end)
+        _, _, timestamp, mid_exposure, *_, flags, _ = cursor.unpack(_SIZED_SUFFIX if sized else _PLAIN_SUFFIX)
     except (_Malformed, struct.error):
         return None
-    _, _, timestamp, mid_exposure, received, transmitted = stamps
     return FrameOfData(
         number=number,
-        groups=tuple(walk.groups),
-        poses=b"".join(walk.slices),
-        markers=walk.markers,
+        groups=tuple(groups),
+        poses=b"".join(poses),
         timestamp=timestamp,
         mid_exposure=mid_exposure,
-        received=received,
-        transmitted=transmitted,
-        precision=precision,
         flags=FrameFlags(flags),
-        surplus=len(payload) - walk.at,
+        surplus=len(payload) - cursor.at,
     )
 
 
-def _read_sized(walk: _Walk, block: _Block | None) -> None:
-    count, size = _PAIR.unpack_from(walk.payload, walk.at)
-    start = walk.at + 8
-    end = start + size
-    if block is not None:
-        walk.at = start
-        block(walk, count)
-        if walk.at > end:
-            raise _Malformed
-    walk.at = end
+def _read_poses(cursor: _Cursor, owner: Owner, count: int, groups: list[PoseGroup], poses: list[bytes]) -> None:
+    """A block of poses: of all rigid bodies, or of `count` skeletons or assets, each led by its id and count."""
+    alone = owner is Owner.RIGID_BODIES
+    for _ in range(1 if alone else count):
+        number, bodies = (0, count) if alone else cursor.unpack(_OWNER)
+        records = cursor.take(BODY.itemsize * bodies)
+        if bodies:
+            groups.append(PoseGroup(owner, number, bodies))
+            poses.append(records)
+        if owner is Owner.ASSET:
+            cursor.skip(_Counted(_LABELLED_MARKER))
+
+
+def _end(cursor: _Cursor, end: int, *, exact: bool = False) -> None:
+    """Go to where a size says that a block or set ends."""
+    if cursor.at > end or (exact and cursor.at < end):
+        raise _Malformed
+    cursor.at = end
 
 
 def read_flags(payload: bytes) -> FrameFlags | None:
@@ -255,24 +242,6 @@ def read_flags(payload: bytes) -> FrameFlags | None:
     if len(payload) < _SHORTEST:
         return None
     return FrameFlags(*_TAIL.unpack_from(payload, len(payload) - _TAIL.size))
-
-
-# NatNet model definitions: names, ids and parents of what the frames carry by id.
-#
-# A u32 count of data sets; each: u32 type, from 4.1 on u32 size in bytes, then the set. Rigid bodies name their markers
-# from 4.0 on and have a rotation from 4.2 on. Marker sets, force plates, devices and cameras are passed over.
-
-_MARKERS_NAMED_SINCE = Version(4, 0)
-_TURNED_SINCE = Version(4, 2)
-_LAYOUTS = (Version(3, 0), Version(4, 0), Version(4, 1), Version(4, 2))
-"""The first version of each layout."""
-
-_BODY = struct.Struct("<ii3f")
-_QUATERNION = 16
-_MARKER_OFFSET_AND_LABEL = 16
-_MARKER = 4 + 12 + 4 + 2
-_PLATE = 2 * 4 + 12 + 144 * 4 + 12 * 4 + 2 * 4
-_CAMERA = 12 + 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -306,106 +275,6 @@ class Definitions:
     assets: tuple[GroupDefinition, ...] = ()
 
 
-class _MalformedDefinitions(ValueError):
-    """The bytes do not hold what they announce."""
-
-
-class _Cursor:
-    """Reads one payload front to back in the layout of one version."""
-
-    def __init__(self, payload: bytes, version: Version) -> None:
-        self.payload = payload
-        self.at = 0
-        self.sized = version >= SIZED_SINCE
-        self.markers_named = version >= _MARKERS_NAMED_SINCE
-        self.turned = version >= _TURNED_SINCE
-
-    def number(self) -> int:
-        """A u32."""
-        (value,) = _NUMBER.unpack_from(self.payload, self.at)
-        self.at += 4
-        return int(value)
-
-    def skip(self, size: int) -> None:
-        """Leaves bytes out."""
-        self.at += size
-        if self.at > len(self.payload):
-            raise _MalformedDefinitions
-
-    def raw_text(self) -> bytes:
-        """Bytes up to a NUL, which is passed."""
-        start = self.at
-        end = self.payload.find(b"\0", start)
-        if end < 0:
-            raise _MalformedDefinitions
-        self.at = end + 1
-        return self.payload[start:end]
-
-    def texts(self, count: int) -> None:
-        """Passes over texts."""
-        for _ in range(count):
-            self.raw_text()
-
-    def body(self) -> BodyDefinition:
-        """A rigid body or bone."""
-        name = text_until_zero(self.raw_text())
-        number, parent, x, y, z = _BODY.unpack_from(self.payload, self.at)
-        self.at += _BODY.size
-        if self.turned:
-            self.skip(_QUATERNION)
-        markers = self.number()
-        self.skip(_MARKER_OFFSET_AND_LABEL * markers)
-        if self.markers_named:
-            self.texts(markers)
-        return BodyDefinition(name, number, parent, (x, y, z))
-
-    def skeleton(self) -> GroupDefinition:
-        """Name, id, bones."""
-        name = text_until_zero(self.raw_text())
-        number = _signed(self.number())
-        return GroupDefinition(name, number, self.bones())
-
-    def asset(self) -> GroupDefinition:
-        """Name, type, id, bones, markers."""
-        name = text_until_zero(self.raw_text())
-        self.skip(4)
-        number = _signed(self.number())
-        bones = self.bones()
-        for _ in range(self.number()):
-            self.raw_text()
-            self.skip(_MARKER)
-        return GroupDefinition(name, number, bones)
-
-    def bones(self) -> tuple[BodyDefinition, ...]:
-        """A count, then as many."""
-        return tuple([self.body() for _ in range(self.number())])
-
-    def pass_over(self, kind: int) -> None:
-        """A marker set (0), force plate (3), device (4) or camera (5)."""
-        if kind == 0:
-            self.raw_text()
-            self.texts(self.number())
-        elif kind == 3:
-            self.skip(4)
-            self.raw_text()
-            self.skip(_PLATE)
-            self.texts(self.number())
-        elif kind == 4:
-            self.skip(4)
-            self.texts(2)
-            self.skip(8)
-            self.texts(self.number())
-        elif kind == 5:
-            self.raw_text()
-            self.skip(_CAMERA)
-        else:
-            raise _MalformedDefinitions
-
-
-def _signed(value: int) -> int:
-    return value - 2**32 if value >= 2**31 else value
-
-
 def read_definitions(payload: bytes, version: Version) -> Definitions | None:
     """The definitions; None where the bytes hold none.
 
@@ -413,43 +282,58 @@ def read_definitions(payload: bytes, version: Version) -> Definitions | None:
     arrive, so the other layouts are tried after it; the one that uses up every byte is right. If none does, sets of the
     own layout may hold more than is known here, as their sizes say.
     """
-    own = max((layout for layout in _LAYOUTS if layout <= version), default=_LAYOUTS[0])
-    for layout in (own, *(layout for layout in _LAYOUTS if layout != own)):
-        found = _read(payload, layout, exact=True)
-        if found is not None:
-            return found
-    return _read(payload, own, exact=False)
+    own = max((layout for layout in _LAYOUTS if layout <= version), default=OLDEST)
+    others = [layout for layout in _LAYOUTS if layout != own]
+    for layout, exact in ((own, True), *((other, True) for other in others), (own, False)):
+        try:
+            return _read_sets(_Cursor(payload), layout, exact=exact)
+        except (_Malformed, struct.error):
+            continue
+    return None
 
 
-def _read(payload: bytes, layout: Version, *, exact: bool) -> Definitions | None:
-    try:
-        return _read_sets(_Cursor(payload, layout), exact=exact)
-    except (_MalformedDefinitions, struct.error):
-        return None
-
-
-def _read_sets(cursor: _Cursor, *, exact: bool) -> Definitions:
-    bodies: list[BodyDefinition] = []
-    skeletons: list[GroupDefinition] = []
-    assets: list[GroupDefinition] = []
-    for _ in range(cursor.number()):
-        kind = cursor.number()
-        size = cursor.number() if cursor.sized else 0
-        end = cursor.at + size
-        if kind == 1:
-            bodies.append(cursor.body())
-        elif kind == 2:
-            skeletons.append(cursor.skeleton())
-        elif kind == 6:
-            assets.append(cursor.asset())
-        elif cursor.sized:
-            cursor.skip(size)
+def _read_sets(cursor: _Cursor, version: Version, *, exact: bool) -> Definitions:
+    """All sets in the layout of a version. exact: whether sizes must be those of what is known here."""
+    sized = version >= SIZED_SINCE
+    found: dict[int, list[Any]] = {_RIGID_BODY: [], _SKELETON: [], _ASSET: []}
+    for _ in range(cursor.count()):
+        kind = cursor.count()
+        end = cursor.count() + cursor.at if sized else 0
+        if kind == _RIGID_BODY:
+            found[kind].append(_read_body(cursor, version))
+        elif kind in found:
+            found[kind].append(_read_group(cursor, version, kind))
+        elif sized:
+            cursor.take(end - cursor.at)
+        elif kind in _SETS:
+            cursor.skip(_SETS[kind])
         else:
-            cursor.pass_over(kind)
-        if cursor.sized:
-            if cursor.at > end or (exact and cursor.at != end):
-                raise _MalformedDefinitions
-            cursor.at = end
-    if cursor.at != len(cursor.payload):
-        raise _MalformedDefinitions
-    return Definitions(tuple(bodies), tuple(skeletons), tuple(assets))
+            raise _Malformed
+        if sized:
+            _end(cursor, end, exact=exact)
+    _end(cursor, len(cursor.payload), exact=True)
+    return Definitions(*(tuple(sets) for sets in found.values()))
+
+
+def _read_body(cursor: _Cursor, version: Version) -> BodyDefinition:
+    name = cursor.text()
+    number, parent, x, y, z = cursor.unpack(_BODY)
+    if version >= _TURNED_SINCE:
+        cursor.take(_QUATERNION)
+    markers = cursor.count()
+    cursor.take(_MARKER_OFFSET_AND_LABEL * markers)
+    if version >= _MARKERS_NAMED_SINCE:
+        cursor.skip(_TEXT, markers)
+    return BodyDefinition(name, number, parent, (x, y, z))
+
+
+def _read_group(cursor: _Cursor, version: Version, kind: int) -> GroupDefinition:
+    """A skeleton (name, id, bones) or an asset (name, type, id, bones, markers)."""
+    name = cursor.text()
+    if kind == _ASSET:
+        cursor.take(4)
+    number, bones = cursor.unpack(_OWNER)
+    found = tuple([_read_body(cursor, version) for _ in range(bones)])
+    if kind == _ASSET:
+        cursor.skip(_ASSET_MARKERS)
+    return GroupDefinition(name, number, found)

@@ -10,41 +10,37 @@ returns the decoder's property of that name. `natnet_problems` lists what is wro
   until a ServerInfo says otherwise; join again when they change.
 """
 
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import isfinite
 from typing import Literal
 
 from retarget.errors import Problem, UsageError
-from retarget.sources.natnet_frame import read_definitions, read_flags
+from retarget.sources.natnet_frame import OLDEST as OLDEST
+from retarget.sources.natnet_frame import FrameFlags, read_definitions, read_flags
 from retarget.sources.natnet_wire import (
     COMMAND_PORT,
     DATA_PORT,
     MULTICAST_GROUP,
-    EchoAnswer,
     MessageId,
     ServerInfo,
     Version,
     command_message,
     connect_message,
     definitions_request,
-    echo_message,
     keep_alive_message,
-    read_command_answer,
-    read_echo_answer,
     read_server_info,
     split,
+    text_until_zero,
 )
 
-OLDEST, NEWEST = Version(3, 0), Version(4, 255)
-"""Bitstreams that can be read."""
+NEWEST = Version(4, 255)
+"""The last bitstream that is read."""
 PINNED = Version(4, 1)
 """The first one whose blocks carry their sizes."""
 UNNAMED_S = 5.0
 """Time between two requests for names that the last answer did not have."""
 _PIN_TRIES = 3
-_READINGS = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,8 +49,8 @@ class SessionSettings:
 
     version: bitstream that a unicast server from 4.0 on is asked for, so that a newer Motive changes nothing here;
     None: its own. retry_s: between requests without answer. keep_alive_s: between keep-alive messages to a unicast
-    server. silence_s: time without frames after which the session connects again. echo_s: between readings of the
-    server's clock, None: never (a running minimum of arrival minus stamp does as well).
+    server. silence_s: time without frames after which the session connects again. The server's clock is not asked for:
+    a running minimum of arrival minus stamp does as well.
     """
 
     transport: Literal["unicast", "multicast"] = "unicast"
@@ -62,25 +58,16 @@ class SessionSettings:
     retry_s: float = 1.0
     keep_alive_s: float = 1.0
     silence_s: float = 2.0
-    echo_s: float | None = None
 
     def __post_init__(self) -> None:
         if self.transport not in ("unicast", "multicast"):
             raise UsageError("unknown NatNet transport", found=self.transport, allowed="unicast or multicast")
         if self.version is not None and not OLDEST <= self.version <= NEWEST:
             raise UsageError("NatNet version that cannot be read", found=self.version, allowed="3.0 to 4.x")
-        for name in ("retry_s", "keep_alive_s", "silence_s", "echo_s"):
+        for name in ("retry_s", "keep_alive_s", "silence_s"):
             value = getattr(self, name)
-            if value is not None and not (isfinite(value) and 0.1 <= value <= 60.0):
+            if not (isfinite(value) and 0.1 <= value <= 60.0):
                 raise UsageError("NatNet interval out of range", where=name, found=value, allowed="0.1 to 60 s")
-
-
-@dataclass(frozen=True, slots=True)
-class ClockReading:
-    """A reading of the server's clock. offset: its s minus the local s, right within half the round trip (s)."""
-
-    offset: float
-    round_trip: float
 
 
 class _Due:
@@ -123,14 +110,11 @@ class NatnetSession:
         self._flagged = (False, False)
         self._connects = 0
         self._pins = 0
-        self._echo: tuple[int, float] | None = None
-        self._readings: deque[ClockReading] = deque(maxlen=_READINGS)
         self._connect = _Due(self.settings.retry_s)
         self._definitions = _Due(self.settings.retry_s)
         self._pin = _Due(self.settings.retry_s)
         self._unnamed = _Due(UNNAMED_S)
         self._keep_alive = _Due(self.settings.keep_alive_s)
-        self._clock = _Due(self.settings.echo_s or 1.0)
 
     @property
     def clock_hz(self) -> int:
@@ -146,11 +130,6 @@ class NatnetSession:
     def data_port(self) -> int:
         """Port that multicast frames come to."""
         return (self.server.data_port if self.server else 0) or DATA_PORT
-
-    @property
-    def clock(self) -> ClockReading | None:
-        """The reading with the shortest round trip of the last _READINGS."""
-        return min(self._readings, key=lambda reading: reading.round_trip, default=None)
 
     def silent(self, now: float) -> bool:
         """Whether no frame came for `silence_s`, and the server answered at least that long ago."""
@@ -176,10 +155,6 @@ class NatnetSession:
             out.append(definitions_request())
         if self.settings.transport == "unicast" and self._keep_alive.take(now):
             out.append(keep_alive_message())
-        if self.settings.echo_s is not None and self._clock.take(now):
-            ticks = round(now * 1e6) % 2**64
-            self._echo = (ticks, now)
-            out.append(echo_message(ticks))
         return out
 
     def _connecting(self) -> bytes:
@@ -213,10 +188,8 @@ class NatnetSession:
             if read_definitions(payload, self.version or OLDEST) is not None:
                 self._wants_definitions = False
                 self.asked_at = None
-        elif kind == MessageId.ECHO_ANSWER:
-            self._echoed(now, read_echo_answer(payload))
         elif kind == MessageId.COMMAND_ANSWER:
-            self._commanded(read_command_answer(payload).text)
+            self._commanded(text_until_zero(payload))
         elif kind == MessageId.UNRECOGNISED:
             self.refused += 1
 
@@ -229,7 +202,6 @@ class NatnetSession:
         if info != self.server:
             self.server, self.version = info, info.version
             self._pins = 0
-            self._readings.clear()
             self._wants_definitions = True
 
     def _frame(self, now: float, payload: bytes) -> None:
@@ -243,19 +215,13 @@ class NatnetSession:
             self.version = self.server.version if self.server else None
         self.frames += 1
         self.frame_at = now
-        definitions, bitstream = flags.definitions_changed, flags.bitstream_changed
+        definitions = FrameFlags.DEFINITIONS_CHANGED in flags
+        bitstream = FrameFlags.BITSTREAM_CHANGED in flags
         if definitions and not self._flagged[0]:
             self._wants_definitions = True
         if bitstream and not self._flagged[1]:
             self._wants_server = self._wants_definitions = True
         self._flagged = (definitions, bitstream)
-
-    def _echoed(self, now: float, answer: EchoAnswer | None) -> None:
-        if answer is None or self._echo is None or answer.client_ticks != self._echo[0] or not self.clock_hz:
-            return
-        sent = self._echo[1]
-        self._echo = None
-        self._readings.append(ClockReading(answer.server_ticks / self.clock_hz - 0.5 * (sent + now), now - sent))
 
     def _commanded(self, text: str) -> None:
         """Take the version from `Bitstream,4.1`, which announces it for the frames that follow."""

@@ -1,4 +1,4 @@
-"""Messages of OptiTrack NatNet 3.0 to 4.x, all but frames and model definitions: connect, server, echo, commands.
+"""Messages of OptiTrack NatNet 3.0 to 4.x, all but frames and model definitions: connect, server, commands.
 
 All little-endian: u16 id, u16 payload size, payload. What a client sends goes to the command port of the server.
 """
@@ -23,8 +23,6 @@ CLIENT_VERSION = bytes((3, 0, 0, 0))
 
 _HEADER = struct.Struct("<HH")
 _SERVER = struct.Struct("<256s4s4sQHB4s")
-_ECHO = struct.Struct("<QQ")
-_CODE = struct.Struct("<i")
 
 
 class MessageId(IntEnum):
@@ -68,22 +66,6 @@ class ServerInfo:
     data_port: int
     multicast: bool
     group: str
-
-
-@dataclass(frozen=True, slots=True)
-class EchoAnswer:
-    """Our ticks, as we sent them, and the server's ticks of its clock."""
-
-    client_ticks: int
-    server_ticks: int
-
-
-@dataclass(frozen=True, slots=True)
-class CommandAnswer:
-    """Of a command: a code (0: done) or a text, never both."""
-
-    code: int | None
-    text: str
 
 
 def message(kind: MessageId, payload: bytes = b"") -> bytes:
@@ -130,11 +112,6 @@ def command_message(text: str) -> bytes:
     return message(MessageId.COMMAND, text.encode("ascii") + b"\0")
 
 
-def echo_message(client_ticks: int) -> bytes:
-    """Asks for the server's clock; the answer repeats the client's ticks (u64)."""
-    return message(MessageId.ECHO, struct.pack("<Q", client_ticks))
-
-
 def read_server_info(payload: bytes) -> ServerInfo | None:
     """None where it is too short (it has 279 bytes; more are left)."""
     if len(payload) < _SERVER.size:
@@ -149,18 +126,6 @@ def read_server_info(payload: bytes) -> ServerInfo | None:
         multicast=multicast != 0,
         group=".".join(str(part) for part in group),
     )
-
-
-def read_echo_answer(payload: bytes) -> EchoAnswer | None:
-    """None where it is not of 16 bytes."""
-    return EchoAnswer(*_ECHO.unpack(payload)) if len(payload) == _ECHO.size else None
-
-
-def read_command_answer(payload: bytes) -> CommandAnswer:
-    """Four bytes are a code, anything else is text."""
-    if len(payload) == _CODE.size:
-        return CommandAnswer(_CODE.unpack(payload)[0], "")
-    return CommandAnswer(None, text_until_zero(payload))
 
 
 def text_until_zero(raw: bytes) -> str:

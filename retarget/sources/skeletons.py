@@ -1,17 +1,18 @@
 """Skeletons as trees of joints: forward kinematics, and the canonical joints found by name or by shape.
 
-A name is compared in lower case, without its name space (`mixamorig:`), blanks, points, dashes and underscores, and
-without a prefix that all joints share (`Bip01`). In a side's entry `{s}` stands for the style's word of that side.
-Where several names are given, the first that occurs counts.
+The names are in `skeletons.yaml`.
 """
 
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from retarget import rotations
+from retarget.schema import strict_yaml
 from retarget.types import FloatArray
 
 REQUIRED = (
@@ -22,152 +23,29 @@ REQUIRED = (
 """Joints that a style must find before it counts."""
 
 
-@dataclass(frozen=True)
-class NamingStyle:
-    """One family of joint names. words: what stands for left and right. middle, sided: canonical joint -> names."""
-
-    name: str
-    words: tuple[str, str]
-    middle: Mapping[str, tuple[str, ...]]
-    sided: Mapping[str, tuple[str, ...]]
-
-
-def _style(name: str, *, words: tuple[str, str], middle: dict[str, str], **sided: str) -> NamingStyle:
-    """A row of the table below; names that mean the same are separated by blanks."""
-    return NamingStyle(
-        name,
-        words,
-        {joint: tuple(names.split()) for joint, names in middle.items()},
-        {part: tuple(names.split()) for part, names in sided.items()},
-    )
+def names_of_sides(section: Mapping[str, Any]) -> dict[str, Any]:
+    """A section of `skeletons.yaml` with each entry of a side as two, `l_` and `r_`, and lists as tuples."""
+    entries = {name: entry for name, entry in section.items() if name != "sides"}
+    sided = [name for name, entry in entries.items() if "{s}" in str(entry)]
+    found = {name: _with_word(entry, "") for name, entry in entries.items() if name not in sided}
+    for side, word in zip("lr", section["sides"], strict=True):
+        found |= {f"{side}_{name}": _with_word(entries[name], word) for name in sided}
+    return found
 
 
-STYLES: tuple[NamingStyle, ...] = (
-    _style(
-        "CMU ASF",
-        words=("l", "r"),
-        middle={"pelvis": "root", "neck": "lowerneck", "head": "head"},
-        collar="{s}clavicle",
-        shoulder="{s}humerus",
-        elbow="{s}radius",
-        wrist="{s}hand",
-        hand="{s}fingers",
-        hip="{s}femur",
-        knee="{s}tibia",
-        ankle="{s}foot",
-        toe="{s}toes",
-    ),
-    _style(
-        "HumanIK (MotionBuilder, Mixamo, CMU BVH)",
-        words=("left", "right"),
-        middle={"pelvis": "hips", "neck": "neck", "head": "head", "head_top": "headtopend headend headtop"},
-        collar="{s}shoulder",
-        shoulder="{s}arm",
-        elbow="{s}forearm",
-        wrist="{s}hand",
-        hand="{s}handmiddle1 {s}handindex1",
-        hip="{s}upleg",
-        knee="{s}leg",
-        ankle="{s}foot",
-        toe="{s}toebase",
-    ),
-    _style(
-        "joints by anatomy (Biovision, Mocapbank, SMPL)",
-        words=("left", "right"),
-        middle={"pelvis": "hips pelvis", "neck": "neck neck1", "head": "head"},
-        collar="{s}collar",
-        shoulder="{s}shoulder",
-        elbow="{s}elbow",
-        wrist="{s}wrist",
-        hand="{s}middle1 {s}index1",
-        hip="{s}hip",
-        knee="{s}knee",
-        ankle="{s}ankle",
-        toe="{s}toe {s}foot",
-    ),
-    _style(
-        "Xsens MVN",
-        words=("left", "right"),
-        middle={"pelvis": "hips pelvis", "neck": "neck", "head": "head"},
-        collar="{s}shoulder",
-        shoulder="{s}upperarm",
-        elbow="{s}forearm",
-        wrist="{s}hand",
-        hip="{s}upperleg",
-        knee="{s}lowerleg",
-        ankle="{s}foot",
-        toe="{s}toe",
-    ),
-    _style(
-        "Daz / Poser",
-        words=("l", "r"),
-        middle={"pelvis": "hip", "neck": "neck necklower", "head": "head"},
-        collar="{s}collar",
-        shoulder="{s}shldr {s}shldrbend",
-        elbow="{s}forearm {s}forearmbend",
-        wrist="{s}hand",
-        hand="{s}mid1",
-        hip="{s}thigh {s}thighbend",
-        knee="{s}shin",
-        ankle="{s}foot",
-        toe="{s}toe",
-    ),
-    _style(
-        "OptiTrack Motive",
-        words=("l", "r"),
-        middle={"pelvis": "hip", "neck": "neck", "head": "head"},
-        collar="{s}shoulder",
-        shoulder="{s}uarm",
-        elbow="{s}farm",
-        wrist="{s}hand",
-        hip="{s}thigh",
-        knee="{s}shin",
-        ankle="{s}foot",
-        toe="{s}toe",
-    ),
-    _style(
-        "3ds Max Biped",
-        words=("l", "r"),
-        middle={"pelvis": "pelvis", "neck": "neck", "head": "head"},
-        collar="{s}clavicle",
-        shoulder="{s}upperarm",
-        elbow="{s}forearm",
-        wrist="{s}hand",
-        hand="{s}finger2 {s}finger1",
-        hip="{s}thigh",
-        knee="{s}calf",
-        ankle="{s}foot",
-        toe="{s}toe0",
-    ),
-    _style(
-        "Unreal",
-        words=("l", "r"),
-        middle={"pelvis": "pelvis", "neck": "neck01", "head": "head"},
-        collar="clavicle{s}",
-        shoulder="upperarm{s}",
-        elbow="lowerarm{s}",
-        wrist="hand{s}",
-        hand="middle01{s}",
-        hip="thigh{s}",
-        knee="calf{s}",
-        ankle="foot{s}",
-        toe="ball{s}",
-    ),
-    _style(
-        "endorphin",
-        words=("left", "right"),
-        middle={"pelvis": "root", "neck": "lowerneckjoint", "head": "upperneckjoint"},
-        collar="{s}claviclejoint",
-        shoulder="{s}shoulderjoint",
-        elbow="{s}elbowjoint",
-        wrist="{s}wristjoint",
-        hand="{s}fingersjoint",
-        hip="{s}hipjoint",
-        knee="{s}kneejoint",
-        ankle="{s}anklejoint",
-        toe="{s}toesjoint",
-    ),
-)
+def _with_word(entry: Any, word: str) -> Any:
+    """Names, in lists of any depth, with the word of a side in place of {s}."""
+    if isinstance(entry, str):
+        return entry.replace("{s}", word)
+    return tuple(_with_word(part, word) for part in entry)
+
+
+TABLES: Mapping[str, Any] = strict_yaml.load(Path(__file__).with_name("skeletons.yaml")).data
+"""Section of `skeletons.yaml` -> its content."""
+STYLES: Mapping[str, dict[str, tuple[str, ...]]] = {
+    style: names_of_sides(section) for style, section in TABLES["joints"].items()
+}
+"""Family of joint names -> canonical joint (and `head_top`) -> names, best first."""
 
 
 def plain_names(names: tuple[str, ...]) -> list[str]:
@@ -192,22 +70,16 @@ def joints_by_name(names: tuple[str, ...]) -> dict[str, int] | None:
     index: dict[str, int] = {}
     for i, name in enumerate(plain):
         index.setdefault(name, i)
-    found = [joints for style in STYLES if set(REQUIRED) <= set(joints := _apply(style, index))]
+    found = [joints for names in STYLES.values() if set(REQUIRED) <= set(joints := _matched(names, index))]
     return max(found, key=len, default=None)
 
 
-def _apply(style: NamingStyle, index: Mapping[str, int]) -> dict[str, int]:
+def _matched(names: Mapping[str, tuple[str, ...]], index: Mapping[str, int]) -> dict[str, int]:
     """The joints of one style that occur."""
-    wanted = dict(style.middle)
-    for side, word in zip("lr", style.words, strict=True):
-        wanted |= {
-            f"{side}_{part}": tuple(name.format(s=word) for name in names) for part, names in style.sided.items()
-        }
-    joints = {}
-    for joint, candidates in wanted.items():
-        match = next((index[name] for name in candidates if name in index), None)
-        if match is not None:
-            joints[joint] = match
+    matches = {
+        joint: next((index[name] for name in options if name in index), None) for joint, options in names.items()
+    }
+    joints = {joint: match for joint, match in matches.items() if match is not None}
     # The pelvis is the root whatever it is called (a Biped's own root carries no name of its own).
     joints.setdefault("pelvis", 0)
     return joints

@@ -8,7 +8,6 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from retarget.errors import UsageError, suggest
 from retarget.types import BoolArray, FloatArray
 
 MAX_DATAGRAM = 65_536
@@ -78,8 +77,8 @@ class StreamDecoder(Protocol):
 class Convention:
     """Axes and length unit of a sender. x, y, z: what its axes mean, in words of the body ("right", "up", ...).
 
-    metres: of one of its length units. yaw_known: False where "forward" is whatever the operator chose; the heading
-    is then right up to a turn about the vertical, which calibration finds.
+    metres: of one of its length units. Where "forward" is whatever the operator chose, the heading is right up to a
+    turn about the vertical, which calibration finds.
     """
 
     name: str
@@ -87,9 +86,6 @@ class Convention:
     y: str
     z: str
     metres: float = 1.0
-    yaw_known: bool = True
-    handedness: int = field(init=False)
-    """1 right-handed, -1 left-handed."""
     _point: FloatArray = field(init=False, repr=False)
     _axis: FloatArray = field(init=False, repr=False)
     _same: bool = field(init=False, repr=False)
@@ -97,9 +93,9 @@ class Convention:
     def __post_init__(self) -> None:
         matrix = np.stack([_DIRECTIONS[word] for word in (self.x, self.y, self.z)], axis=1)
         assert np.array_equal(matrix @ matrix.T, np.eye(3)), f"{self.name}: the axes are not at right angles"
-        hand = float(np.round(np.linalg.det(matrix)))
-        for name, value in (("_point", matrix.T * self.metres), ("_axis", hand * matrix.T), ("handedness", int(hand))):
-            object.__setattr__(self, name, value)
+        hand = float(np.round(np.linalg.det(matrix)))  # -1: left-handed
+        object.__setattr__(self, "_point", matrix.T * self.metres)
+        object.__setattr__(self, "_axis", hand * matrix.T)
         object.__setattr__(self, "_same", bool(np.array_equal(matrix, np.eye(3))))
 
     def positions(self, positions: ArrayLike) -> FloatArray:
@@ -134,30 +130,16 @@ CONVENTIONS = MappingProxyType(
             Convention("rep103", "forward", "left", "up"),
             Convention("unity", "right", "up", "forward"),  # VMC, VRChat OSC and Rokoko too
             Convention("openxr", "right", "up", "back"),  # OpenVR and WebXR too
-            Convention("motive_y_up", "left", "up", "forward", yaw_known=False),
-            Convention("motive_z_up", "forward", "left", "up", yaw_known=False),
+            Convention("motive_y_up", "left", "up", "forward"),
+            Convention("motive_z_up", "forward", "left", "up"),
             Convention("xsens", "forward", "left", "up"),  # poses with quaternions (MXTP02)
             Convention("xsens_y_up", "left", "up", "forward"),  # poses with Euler angles (MXTP01)
-            Convention("vicon_mm", "forward", "left", "up", metres=1e-3, yaw_known=False),
-            Convention("qtm_mm", "forward", "left", "up", metres=1e-3, yaw_known=False),
+            Convention("vicon_mm", "forward", "left", "up", metres=1e-3),
+            Convention("qtm_mm", "forward", "left", "up", metres=1e-3),
         )
     }
 )
 """By name. Facts: left-handed Unity was measured on SlimeVR's bytes; a y-up lab is turned as y-up motion files are."""
-
-
-def convention(name: str, *, where: str = "") -> Convention:
-    """The convention of this name. Raises UsageError with the nearest names."""
-    try:
-        return CONVENTIONS[name]
-    except KeyError:
-        raise UsageError(
-            "unknown axes",
-            where=where,
-            found=repr(name),
-            allowed=", ".join(CONVENTIONS),
-            next_step=suggest(name, CONVENTIONS),
-        ) from None
 
 
 # Checks of a pose from outside, before anything is computed from it.

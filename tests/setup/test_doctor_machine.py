@@ -12,15 +12,15 @@ from hardware.clock import VirtualClock
 from messages import shows, shows_lines
 from retarget.errors import Problem
 from retarget.setup.doctor_machine import (
+    Finding,
     Level,
+    checks,
+    finding,
     firewall_findings,
-    fix,
     fix_all,
     frame_findings,
     lateness_finding,
     machine_findings,
-    note,
-    ok,
     port_findings,
     python_findings,
     seconds_per_frame,
@@ -29,19 +29,37 @@ from retarget.setup.doctor_machine import (
 
 
 def test_a_line_for_each() -> None:
-    assert ok("rate", "100 frames/s").render() == "ok   rate: 100 frames/s"
-    assert note("clock", "coarse").render() == "note clock: coarse"
-    assert fix("port", "taken", "Stop it").render() == "fix  port: taken. Stop it."
-    assert fix("port", "taken", "Who?").render().endswith("Who?")
+    assert Finding(Level.OK, "rate", "100 frames/s").render() == "ok   rate: 100 frames/s"
+    assert Finding(Level.NOTE, "clock", "coarse").render() == "note clock: coarse"
+    assert Finding(Level.FIX, "port", "taken", "Stop it").render() == "fix  port: taken. Stop it."
+    assert Finding(Level.FIX, "port", "taken", "Who?").render().endswith("Who?")
 
 
 def test_control_characters_of_a_sender_are_not_printed() -> None:
-    assert fix("sensors", "has \x1b[2Jx\n\r", "No").render() == "fix  sensors: has ?[2Jx??. No."
+    line = Finding(Level.FIX, "sensors", "has \x1b[2Jx\n\r", "No").render()
+    assert line == "fix  sensors: has ?[2Jx??. No."
+
+
+def test_the_first_row_whose_limits_are_passed_counts() -> None:
+    levels = [finding("rate", rate=rate, slowest=25.0).level for rate in (10.0, 24.9, 25.0, 49.0, 50.0, 100.0)]
+    assert levels == [Level.FIX] * 2 + [Level.NOTE] * 2 + [Level.OK] * 2
+    taken = finding("servo port/held", subject="/dev/x", holder="a")
+    assert (taken.subject, taken.level, taken.then) == ("/dev/x", Level.FIX, "Stop it, or wait")
+
+
+@pytest.mark.parametrize("name", checks())
+def test_each_check_has_a_level_whatever_its_facts(name: str) -> None:
+    entry = checks()[name]
+    *limited, last = entry.get("rows", [entry])
+    assert all(row.keys() & {"under", "over"} for row in limited) and not last.keys() & {"under", "over"}
+    for row in (*limited, last):
+        level = Level(row.get("level", entry.get("level")))
+        assert level is not Level.FIX or row.get("then", entry.get("then")), "it is wrong, and nothing is to be done"
 
 
 def test_problems_of_a_refusal() -> None:
     found = fix_all("port", [Problem("taken", next_step="Stop it"), Problem("also")])
-    assert [finding.level for finding in found] == [Level.FIX, Level.FIX]
+    assert [one.level for one in found] == [Level.FIX, Level.FIX]
     assert found[0].what == "taken. Stop it."
 
 
@@ -193,7 +211,7 @@ def test_a_wheel_that_cannot_be_imported(monkeypatch: pytest.MonkeyPatch) -> Non
 
 @pytest.mark.parametrize(("cost", "level"), [(0.0005, Level.OK), (0.005, Level.NOTE), (0.02, Level.FIX)])
 def test_the_cost_of_a_frame(cost: float, level: Level) -> None:
-    assert [finding.level for finding in frame_findings(lambda: cost)] == [level]
+    assert [one.level for one in frame_findings(lambda: cost)] == [level]
 
 
 def test_a_frame_is_really_solved() -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from retarget.model.observers import robot_observers
+from retarget.model.observers import NEAR_LINKS, robot_observers
 from retarget.model.robot import load_profile, load_robot
 from retarget.setup import postures
 from retarget.setup.import_robot import import_robot
@@ -51,7 +51,7 @@ def test_a_pair_is_listed_where_a_run_would_be_refused_for_it(
     steps: int, neutral: float, stand: float, listed: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bench = object.__new__(postures._Bench)
-    bench._steps, bench._pairs, bench._of = np.array([steps]), np.array([[0, 1]]), ["a", "b"]
+    bench._near, bench._links = np.array([steps <= NEAR_LINKS]), [("a", "b")]
     distance = {"neutral": neutral, "stand": stand, "attractor": 1.0}
     monkeypatch.setattr(bench, "_distances", lambda angles: np.array([distance[angles["name"]]]), raising=False)
     found = bench.touching({name: {"name": name} for name in distance})  # type: ignore[dict-item]

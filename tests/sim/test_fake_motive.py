@@ -132,13 +132,6 @@ def test_a_server_that_starts_late_and_pauses(motion: SensorFrames) -> None:
     assert lab.problems() == []
 
 
-def test_the_clock_is_read_by_echo(motion: SensorFrames) -> None:
-    lab = Lab(FakeMotive(motion), NatnetSession(SessionSettings(echo_s=0.5)))
-    lab.run(2.0)
-    assert lab.session.clock is not None
-    assert lab.session.clock.offset == pytest.approx(1000.0, abs=1e-6)
-
-
 def test_hidden_bodies_are_not_tracked(motion: SensorFrames) -> None:
     valid = motion.valid.copy()
     valid[:, 1] = False

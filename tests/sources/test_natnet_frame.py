@@ -31,17 +31,15 @@ def test_poses_stamps_and_groups(version: Version) -> None:
     found = read_frame(frame(MOTION, version)[4:], version)
     assert found is not None
     assert (found.number, found.timestamp, found.surplus) == (7, 12.5, 0)
-    assert (found.mid_exposure, found.received, found.transmitted) == (3_000_000, 3_100_000, 3_200_000)
+    assert found.mid_exposure == 3_000_000
     asset = (PoseGroup(Owner.ASSET, 8, 1),) if version in SIZED_VERSIONS else ()
     assert found.groups == (PoseGroup(Owner.RIGID_BODIES, 0, 2), PoseGroup(Owner.SKELETON, 5, 2), *asset)
-    assert found.precision == ((1_700_000_000, 2**31) if version in SIZED_VERSIONS else None)
     records = np.frombuffer(found.poses, BODY)
     assert records["id"].tolist()[:4] == [1, -9, BONE | 1, BONE | 2]
     np.testing.assert_array_equal(records["pose"][0], np.array([1, 2, 3, 0, 0, 0.6, 0.8], np.float32))
     np.testing.assert_array_equal(records["pose"][3], np.array([-1, -2, -3, 0, 0, 0, 1], np.float32))
     assert records["flags"].tolist()[:2] == [1, 0]
     assert records["error"][0] == 0.25
-    assert len(found.markers) == 2 * 26
 
 
 @pytest.mark.parametrize("surplus", [b"\xff", b"\xff" * 37], ids=len)
@@ -94,13 +92,11 @@ def test_absurd_counts_are_refused(block: int, version: Version, count: int) -> 
 
 @pytest.mark.parametrize("version", VERSIONS, ids=str)
 def test_flags(version: Version) -> None:
-    for bit, name in ((1, "recording"), (2, "definitions_changed"), (4, "edit"), (8, "bitstream_changed")):
-        payload = frame(Motion(flags=bit), version)[4:]
+    for bit in FrameFlags:
+        payload = frame(Motion(flags=int(bit)), version)[4:]
         found = read_frame(payload, version)
         assert found is not None
-        assert found.flags == read_flags(payload) == FrameFlags(bit)
-        names = ("recording", "definitions_changed", "edit", "bitstream_changed")
-        assert [getattr(found.flags, other) for other in names] == [other == name for other in names]
+        assert found.flags == read_flags(payload) == bit
     assert read_flags(bytes(77)) is None
     assert read_flags(bytes(78)) == FrameFlags(0)
 

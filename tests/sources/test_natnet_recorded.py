@@ -7,15 +7,12 @@ import numpy as np
 import pytest
 
 from retarget.sources.natnet_decoder import NatnetDecoder
-from retarget.sources.natnet_frame import MARKER, BodyDefinition, Definitions, read_definitions, read_frame
+from retarget.sources.natnet_frame import BodyDefinition, Definitions, read_definitions, read_frame
 from retarget.sources.natnet_wire import (
-    EchoAnswer,
     ServerInfo,
     Version,
     connect_message,
     definitions_request,
-    echo_message,
-    read_echo_answer,
     read_server_info,
 )
 
@@ -79,22 +76,7 @@ def test_every_byte_of_a_frame_is_used(recorded: Path, name: str, size: int) -> 
     found = read_frame(whole[4:], V3)
     assert found is not None
     assert found.surplus == 0
-    assert found.flags.bits == 0
-    assert found.mid_exposure < found.received < found.transmitted
-    # Motive's own latency: from exposure to sending.
-    assert 0.004 < (found.transmitted - found.mid_exposure) / CLOCK_HZ < 0.008
-
-
-def test_which_markers_were_hidden(recorded: Path) -> None:
-    found = read_frame((recorded / "mocapframe_packet_occluded_v3.bin").read_bytes()[4:], V3)
-    assert found is not None
-    markers = np.frombuffer(found.markers, MARKER)
-    assert markers["id"].tolist() == [7 << 16 | n for n in (2, 3, 4, 5)]
-    assert markers["flags"].tolist() == [0x0B, 0x0A, 0x0A, 0x0A]
-    assert float(markers["position"][3][2]) == single("ec39fb3e")
-    everybody = read_frame((recorded / "mocapframe_packet_v3.bin").read_bytes()[4:], V3)
-    assert everybody is not None
-    assert not (np.frombuffer(everybody.markers, MARKER)["flags"] & 1).any()
+    assert found.flags == 0 < found.mid_exposure
 
 
 @pytest.mark.parametrize("name", ["mocapframe_packet", "mocapframe_packet_occluded"])
@@ -126,9 +108,3 @@ def test_questions_are_as_the_real_client_asks_them(recorded: Path) -> None:
     assert len(real) == len(ours)
     assert (real[:4], real[260:]) == (ours[:4], ours[260:])
     assert (recorded / "requestmodeldef_packet_v3.bin").read_bytes() == definitions_request()
-    assert (recorded / "echorequest_packet_v3.bin").read_bytes() == echo_message(0x109A664E)
-
-
-def test_the_echo(recorded: Path) -> None:
-    whole = (recorded / "echoresponse_packet_v3.bin").read_bytes()
-    assert read_echo_answer(whole[4:]) == EchoAnswer(0x109A664E, 0x149CDE48504)

@@ -1,7 +1,5 @@
 """What a NatNet session sends and when, on virtual time."""
 
-from struct import pack
-
 import numpy as np
 import pytest
 
@@ -192,26 +190,6 @@ def test_what_it_knows() -> None:
     assert session.server is not None and session.server.name == "Motive"
 
 
-def test_the_clock_of_the_server_by_echo() -> None:
-    session = answered(SessionSettings(echo_s=1.0))
-    for now, there, back in ((10.0, 0.004, 0.016), (11.0, 0.001, 0.001), (12.0, 0.03, 0.0)):
-        session.receive(now, FRAME)
-        (echo,) = (message for message in session.poll(now) if message[0] == 12)
-        answer = datagram(13, echo[4:] + pack("<Q", round((now + there + 500.0) * 1e6)))
-        session.receive(now + there + back, answer)
-        session.receive(now + there + back, answer)
-    assert session.clock is not None
-    assert session.clock.offset == pytest.approx(500.0, abs=1e-6)
-    assert session.clock.round_trip == pytest.approx(0.002)
-    for _ in range(20):
-        session.receive(13.0, answer)
-    assert session.clock.round_trip == pytest.approx(0.002)
-    session.receive(13.0, FRAME)
-    assert any(message[0] == 12 for message in session.poll(13.0))
-    session.receive(13.0, datagram(13, pack("<QQ", 1, 2)))
-    assert session.clock.round_trip == pytest.approx(0.002)
-
-
 def test_damage_changes_nothing() -> None:
     session = answered()
     for whole in (
@@ -235,7 +213,7 @@ def test_damage_changes_nothing() -> None:
         ({"version": Version(5, 0)}, ("3.0", "4.x")),
         ({"keep_alive_s": 0.0}, ("0.1", 60)),
         ({"retry_s": float("nan")}, ("0.1", 60)),
-        ({"echo_s": -1.0}, ("0.1", 60)),
+        ({"silence_s": -1.0}, ("0.1", 60)),
     ],
 )
 def test_settings_that_cannot_be(wrong: dict[str, object], message: Facts) -> None:

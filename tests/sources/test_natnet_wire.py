@@ -8,19 +8,14 @@ from hypothesis import strategies as st
 
 from natnet_packets import server_info
 from retarget.sources.natnet_wire import (
-    CommandAnswer,
-    EchoAnswer,
     MessageId,
     ServerInfo,
     Version,
     command_message,
     connect_message,
     definitions_request,
-    echo_message,
     keep_alive_message,
     message,
-    read_command_answer,
-    read_echo_answer,
     read_server_info,
     split,
     text_until_zero,
@@ -45,7 +40,6 @@ def test_short_messages() -> None:
     assert definitions_request() == b"\x04\0\0\0"
     assert keep_alive_message() == b"\x0a\0\0\0"
     assert command_message("Bitstream,4.1") == b"\x02\0\x0e\0Bitstream,4.1\0"
-    assert echo_message(0x109A664E) == bytes.fromhex("0c0008004e669a1000000000")
 
 
 def test_a_server_is_read() -> None:
@@ -56,13 +50,6 @@ def test_a_server_is_read() -> None:
     )
     assert read_server_info(parts[1][:-1]) is None
     assert read_server_info(parts[1] + b"later") == read_server_info(parts[1])
-
-
-def test_echo_and_commands_are_read() -> None:
-    assert read_echo_answer(pack("<QQ", 5, 2**63)) == EchoAnswer(5, 2**63)
-    assert read_echo_answer(bytes(15)) is None
-    assert read_command_answer(b"\xff\xff\xff\xff") == CommandAnswer(-1, "")
-    assert read_command_answer(b"Bitstream,4.1\0junk") == CommandAnswer(None, "Bitstream,4.1")
 
 
 @given(st.integers(0, 2**16 - 1), st.binary(max_size=40), st.binary(max_size=8))
