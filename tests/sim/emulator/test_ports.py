@@ -344,8 +344,12 @@ def _asked_twice(folder: Path, *, late: float, answered: float = 0.01) -> tuple[
     terminal = PseudoTerminal(Line(devices, timing=Timing()), Link(folder / "servos"))
     terminal.open()
     with Serial(str(terminal.link.path), 1_000_000, timeout=0.05) as client:
-        for _ in range(2):
-            client.write(protocol2.ping(1))
+        asked = 2 * protocol2.ping(1)
+        client.write(asked)
+        held = array.array("i", [0])
+        while held[0] < len(asked):
+            select.select([terminal.fd], [], [], 1.0)
+            fcntl.ioctl(terminal.fd, termios.FIONREAD, held)
         terminal.receive(0.005, late=late)
         terminal.send(answered)
         got = bytes(client.read(2 * len(STATUS)))
