@@ -15,6 +15,8 @@ from sim.emulator.servo2_registers import (
     END,
     FIRST,
     GOALS,
+    MOTION,
+    MOTION_END,
     POSITION,
     BusWatchdog,
     Condition,
@@ -23,6 +25,7 @@ from sim.emulator.servo2_registers import (
     aim,
     bound_goals,
     factory_reset,
+    goal_bounds,
     goal_to_present,
     open_limits,
     refusal,
@@ -41,6 +44,7 @@ _IGNORES_BROADCAST_RESET = 42  # first firmware that ignores a factory reset of 
 TORQUE_BY_GOAL = 0x08  # bit of Drive Mode (10)
 TORQUE_AT_START = 0x01  # bit of Startup Configuration (60)
 VOLTAGE, HEAT, OVERLOAD = 0x01, 0x04, 0x20  # bits of Hardware Error Status (70)
+_GOAL, _GOAL_END = 116, 120  # goal position
 ERRORS = 0x3F  # of them, those that Shutdown (63) masks
 
 
@@ -57,6 +61,7 @@ class EmulatedServo(ServoBody):
         self._alert = 0
         self._threshold = 0.0  # [tick/s] of moving
         self._mode = 0  # operating mode that is tuned
+        self._direct = range(0)  # goal positions that only have to become the target
         self._reset()
         self.place(build.position)
 
@@ -83,6 +88,25 @@ class EmulatedServo(ServoBody):
             if now > watchdog.deadline:
                 self.catch_up(now)
             watchdog.feed(now)
+
+    def read(self, address: int, length: int, now: float) -> Answer:
+        """Return the bytes of a range, or the error for it. What a host reads every cycle, the motion, is quick."""
+        end = address + length
+        if MOTION <= address < end <= MOTION_END:
+            self.catch_up(now)
+            return Answer(self._alert, self._live.motion()[address - MOTION : end - MOTION])
+        return super().read(address, length, now)
+
+    def write(self, address: int, data: bytes, now: float, *, secondary: bool = False) -> None:
+        """Carry out a write; a refused one is dropped. What a host writes every cycle, goal positions, is quick."""
+        if address == _GOAL and len(data) == 4 and now >= self._awake_at:
+            self.catch_up(now)
+            goal = int.from_bytes(data, "little", signed=True)
+            if goal in self._direct:
+                self.memory.image[_GOAL:_GOAL_END] = data
+                self.shaft.target = goal
+                return
+        super().write(address, data, now, secondary=secondary)
 
     def show(self, address: int, length: int, now: float) -> None:
         """Refresh the registers of a range that show its state."""
@@ -196,6 +220,9 @@ class EmulatedServo(ServoBody):
         self._threshold = memory.value("moving_threshold") * self._live.speed_unit
         tune_loop(shaft, memory, self.servo_model, self.electrics.supplied)
         shaft.refresh()
+        stepping = shaft.law is Law.POSITION and shaft.torque and shaft.path is None and not self.tripped
+        low, high = goal_bounds(memory, "goal_position")
+        self._direct = range(low, high + 1) if stepping and not memory.value("profile_velocity") else range(0)
 
     def check(self) -> None:
         """Latch what is wrong with voltage, temperature and effort."""

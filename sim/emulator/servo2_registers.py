@@ -150,6 +150,9 @@ def path_to(goal: int, memory: Memory, tick: float, *, at: tuple[float, float], 
 FIRST, END = 120, 147
 IN_POSITION = 16  # [tick] not documented
 FOLLOWING_ERROR = 512  # [tick] not documented
+MOTION, MOTION_END = 126, 136
+"""Of it what hosts read most: current or load, velocity, position."""
+_MOTION_PIECE = Struct("<hii")
 _PIECE = Struct("<HBBhhiiiiHB")
 _WRAP = 0x80000000  # positions are shown in 32 bits
 _TICKS = 32768  # the realtime tick wraps, ms
@@ -177,6 +180,13 @@ class Live:
         self._strained = self._strain()
         self.tenths = max(round(10.0 * electrics.voltage), 0)
         self._warmth = min(max(round(electrics.warmth), 0), 255)
+
+    def motion(self) -> bytes:
+        """The registers from MOTION up to MOTION_END."""
+        shaft = self._shaft
+        return _MOTION_PIECE.pack(
+            self._strained, round(shaft.velocity / self.speed_unit), _wrapped(round(shaft.position))
+        )
 
     def show(self, image: bytearray, *, uptime: float, threshold: float) -> None:
         """Refresh the registers. uptime: s since the start; threshold: of moving, tick/s."""
