@@ -8,7 +8,7 @@ from hardware.clock import VirtualClock
 from retarget.model.robot import load_robot
 from sim.buses import physics_bus, simulation_of
 from sim.physics.perturbation import Perturbation, Push
-from sim.physics.witness import physics_summary
+from sim.physics.witness import physics_run
 
 robot, clock = load_robot("op3"), VirtualClock()
 stand = robot.joint_map.to_ticks(robot.posture(robot.profile.postures.stand)[robot.servo_columns])
@@ -22,6 +22,6 @@ for _ in range(500):
     states = bus.read()
     bus.write(ServoGoals(stand))
 error = abs(robot.joint_map.turned(states.position - stand)).max()
-summary = physics_summary(bus.witness)
-print(f"fallen: {bus.witness.fallen}; {error:.3f} rad off at most; slipped {1e3 * summary.slip_m:.2f} mm")
-print(f"pressure never nearer than {1e3 * summary.zmp_margin:.0f} mm to the edge of the soles")
+run = physics_run(bus.witness)
+print(f"fallen: {bus.witness.fallen}; {error:.3f} rad off at most; slipped {1e3 * run.slip.sum():.2f} mm")
+print(f"pressure never nearer than {1e3 * (run.least_margin or 0.0):.0f} mm to the edge of the soles")

@@ -140,7 +140,7 @@ def _serve(
         keyboard = TypedLines.descriptor()
         if keyboard is not None:
             listen[keyboard] = typed.read
-        serve(terminals, clock, until=stop, listen=listen, deadline=float("inf") if until is None else until)
+        serve(terminals, clock, until=stop, listen=listen, deadline=float("inf") if until is None else until, warn=_say)
 
 
 def _announce(robot: str, bus: BusSpec, terminal: PseudoTerminal) -> None:

@@ -1,6 +1,17 @@
-"""The interface between a line and its devices: instructions and parameters in, an answer out, at a given time."""
+"""A device on a line: its memory, the instructions that it carries out, and what disturbs it from outside.
 
-from typing import NamedTuple, Protocol
+Source: e-Manual, protocols 1.0 and 2.0. With protocol 1.0 addresses and lengths are bytes, with 2.0 words.
+"""
+
+from typing import NamedTuple
+
+from hardware.dynamixel.control_table import ControlTable, baud_of
+from hardware.dynamixel.packets import Error2, Instruction
+from sim.emulator.memory import Memory, Part
+
+_LEVEL: dict[int, int] = {Instruction.PING: 0, Instruction.READ: 1}  # status return level from which it answers, else 2
+_OBEYED = frozenset((Instruction.WRITE, Instruction.REG_WRITE, Instruction.ACTION))  # through a secondary id
+_REGISTERED = {1: "registered", 2: "registered_instruction"}  # whether a Reg Write waits for its Action
 
 
 class Answer(NamedTuple):
@@ -10,97 +21,178 @@ class Answer(NamedTuple):
     data: bytes
 
 
-class Device(Protocol):
-    """One device on a line. `now` is s of the line's clock and never decreases; a device reads no clock itself."""
+class Device:
+    """A device with the memory of its control table, as the maker delivers it.
 
-    model: str
-    """Name as in `hardware.servo.SERVO_MODELS`, or another name for a device that is no servo."""
-    number: int
-    """Model number, as in the answer to a ping of protocol 2.0."""
-    protocol: int
-    """1 or 2: the only one that the device understands."""
+    `now` is s of the line's clock and never decreases; a device reads no clock itself. id, secondary_id (obeyed without
+    an answer, RAM area only), baud (bits/s), return_delay (s before every status) and answers_reads (status return
+    level 1 and 2) are those of its registers. A subclass says what it refuses, how it reacts, and what it knows beyond
+    ping, read, write, registered write and action.
+    """
 
-    @property
-    def id(self) -> int:
-        """Id that it answers to, from its register."""
-        ...
+    malformed: int = Error2.DATA_LENGTH
+    """Error for an instruction with too few or too many parameters."""
+    unknown: int = Error2.INSTRUCTION
+    """Error for an instruction that it does not know, and for an action without a registered write."""
 
-    @property
-    def secondary_id(self) -> int | None:
-        """Id that it obeys without an answer, RAM area only; None: none is set."""
-        ...
+    def __init__(self, table: ControlTable, now: float) -> None:
+        self.table = table
+        self.model, self.number, self.protocol = table.model, table.number, table.protocol
+        self.fast_read = table.fast_read
+        self.memory = Memory(table)
+        self.id, self.baud, self.return_delay = 0, 0, 0.0
+        self.secondary_id: int | None = None
+        self.answers_reads = True
+        self.registered: tuple[int, bytes] | None = None
+        """Address and data of a Reg Write that waits for its Action."""
+        self._awake_at = now
+        self.defaults(0, table.eeprom_end)
 
-    @property
-    def baud(self) -> int:
-        """Rate of its port in bit/s, from its register."""
-        ...
-
-    @property
-    def return_delay(self) -> float:
-        """Time in s that it waits before every status frame, from its register."""
-        ...
-
-    @property
-    def answers_reads(self) -> bool:
-        """Whether the status return level lets it answer reads (level 1 and 2)."""
-        ...
-
-    @property
-    def fast_read(self) -> bool:
-        """Whether its model and firmware support Fast Sync Read and Fast Bulk Read."""
-        ...
+    def defaults(self, first: int, end: int) -> None:
+        """Set the registers from `first` up to `end` to what the maker gives them."""
+        for register in self.table.registers:
+            if first <= register.address < end:
+                self.memory.store(register, register.initial or 0)
+        self.memory.put("model_number", self.table.number)
+        self.memory.put("firmware_version", self.table.usual_firmware)
 
     def booting(self, now: float) -> bool:
         """Whether it starts, or has no power: then it neither receives nor answers."""
-        ...
+        return now < self._awake_at
 
     def receive(self, now: float) -> None:
         """Note a valid instruction frame on the line, whatever its id: it feeds the bus watchdog."""
-        ...
 
     def execute(
         self, instruction: int, params: bytes, now: float, *, broadcast: bool, secondary: bool = False
     ) -> Answer | None:
         """Carry out any instruction but group reads and writes; None: no status frame follows."""
-        ...
+        if now < self._awake_at:
+            return None
+        self.catch_up(now)
+        if (secondary and instruction not in _OBEYED) or (broadcast and self.ignores_broadcast(instruction, params)):
+            return None
+        answer = self._carry_out(instruction, params, now, ram_only=secondary)
+        if secondary or (broadcast and instruction != Instruction.PING):
+            return None
+        return answer if self.memory.value("status_return_level") >= _LEVEL.get(instruction, 2) else None
 
     def read(self, address: int, length: int, now: float) -> Answer:
-        """Answer the device's part of a group read."""
-        ...
+        """Return the bytes of a range, or the error for it: also the device's part of a group read."""
+        self.catch_up(now)
+        if not self.memory.readable(address, length):
+            return self.answer(self.error_of(Error2.ACCESS if length else Error2.DATA_LENGTH))
+        self.show(address, length, now)
+        return self.answer(0, self.memory.slice(address, length))
 
     def write(self, address: int, data: bytes, now: float, *, secondary: bool = False) -> None:
         """Carry out the device's part of a group write; a refused one is dropped without an answer."""
-        ...
+        if now >= self._awake_at:
+            self.change(address, data, now, ram_only=secondary)
 
+    def change(self, address: int, data: bytes, now: float, *, ram_only: bool = False) -> int:
+        """Write registers, all or none; return the error."""
+        self.catch_up(now)
+        parts = self.accepts(address, data, ram_only=ram_only)
+        if isinstance(parts, int):
+            return parts
+        for register, value in parts:
+            self.memory.store(register, value)
+        self.react({part.register.name for part in parts}, now)
+        return 0
 
-class Faulty(Protocol):
-    """The methods by which a fault plan disturbs a device while the line runs."""
+    def accepts(self, address: int, data: bytes, *, ram_only: bool = False) -> list[Part] | int:
+        """Return what a write would set, or the error by which it is refused as a whole. Nothing changes."""
+        if ram_only and address < self.table.eeprom_end:
+            return self.error_of(Error2.ACCESS)
+        parts = self.memory.parts(address, data)
+        if isinstance(parts, Error2):
+            return self.error_of(parts)
+        return next((error for error in map(self.refusal, parts) if error), None) or parts
+
+    def answer(self, error: int = 0, data: bytes = b"") -> Answer:
+        """Return an answer, with the errors that stand in every one."""
+        return Answer(error, data)
+
+    def catch_up(self, now: float) -> None:
+        """Let time pass up to `now` (s)."""
+
+    def tune(self) -> None:
+        """Take every setting from the registers to where it works."""
+        memory = self.memory
+        self.id = memory.value("id")
+        self.baud = baud_of(self.table, memory.value("baud_rate")) or 0
+        self.return_delay = memory.value("return_delay_time") * 2e-6
+        self.answers_reads = memory.value("status_return_level") >= 1
+
+    def error_of(self, error: Error2) -> int:
+        """Return an error of the memory as this device reports it."""
+        return error
+
+    def refusal(self, part: Part) -> int:
+        """Return the error by which a writable register refuses a value, 0 when it takes it."""
+        return 0 if part.register.allows(part.value) else Error2.DATA_RANGE
+
+    def react(self, names: set[str], now: float) -> None:
+        """Let the registers `names`, which have just been written, take effect."""
+        self.tune()
+
+    def show(self, address: int, length: int, now: float) -> None:
+        """Refresh the registers of a range that show its state."""
+
+    def ignores_broadcast(self, instruction: int, params: bytes) -> bool:
+        """Whether an instruction to all devices is not for this one."""
+        return instruction == Instruction.READ
+
+    def special(self, instruction: int, params: bytes, now: float) -> Answer:
+        """Carry out an instruction that not every device knows."""
+        return self.answer(self.unknown)
 
     def supply(self, volts: float | None, now: float) -> None:
         """Set the supply voltage in V; None: the nominal one, which sags with the current. Below what the electronics
         need, power is gone: a brown-out."""
-        ...
 
     def heat(self, celsius: float | None, now: float) -> None:
         """Set the temperature in degrees Celsius; None: it follows the current again."""
-        ...
-
-    def load(self, torque: float, now: float) -> None:
-        """Put a torque in N m on the shaft, positive towards higher ticks."""
-        ...
 
     def jam(self, stuck: bool, now: float) -> None:
         """Block the shaft, or free it: a blocked servo stalls before its goal, and overloads after a while."""
-        ...
-
-    def shock(self, now: float) -> None:
-        """Make the electronics note an electrical shock, or too little power for the motor."""
-        ...
 
     def power_cut(self, now: float) -> None:
         """Switch the power off: the device is silent, and everything in RAM is lost."""
-        ...
 
     def power_back(self, now: float) -> None:
         """Switch the power on: the device boots."""
-        ...
+
+    def _carry_out(self, instruction: int, params: bytes, now: float, *, ram_only: bool) -> Answer:
+        wide = self.protocol  # bytes of an address
+        address, data = int.from_bytes(params[:wide], "little"), params[wide:]
+        if instruction == Instruction.PING:
+            image = self.memory.image
+            return self.answer(0, bytes(image[0:2] + image[6:7]) if self.protocol == 2 else b"")
+        if instruction == Instruction.READ and len(data) == wide:
+            return self.read(address, int.from_bytes(data, "little"), now)
+        if instruction == Instruction.WRITE and data:
+            return self.answer(self.change(address, data, now, ram_only=ram_only))
+        if not self.table.has(_REGISTERED[self.protocol]) and instruction in (
+            Instruction.REG_WRITE,
+            Instruction.ACTION,
+        ):
+            return self.answer(self.unknown)
+        if instruction == Instruction.REG_WRITE and data:
+            checked = self.accepts(address, data, ram_only=ram_only)
+            if isinstance(checked, int):
+                return self.answer(checked)
+            self._register((address, data))
+            return self.answer()
+        if instruction == Instruction.ACTION and self.registered is not None:
+            address, data = self.registered
+            self._register(None)
+            return self.answer(self.change(address, data, now, ram_only=ram_only))
+        if instruction in (Instruction.READ, Instruction.WRITE, Instruction.REG_WRITE):
+            return self.answer(self.malformed)
+        return self.special(instruction, params, now)
+
+    def _register(self, write: tuple[int, bytes] | None) -> None:
+        self.registered = write
+        self.memory.put(_REGISTERED[self.protocol], int(write is not None))

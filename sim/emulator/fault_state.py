@@ -5,7 +5,7 @@ import random
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal, Protocol, cast
+from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError
 
@@ -24,7 +24,7 @@ from retarget.schema.strict_models import (
     unknown_name,
 )
 from retarget.schema.strict_yaml import Document, KeyPath, Node, scan
-from sim.emulator.device import Device, Faulty
+from sim.emulator.device import Device
 from sim.emulator.faults import BYTE_KINDS, KEYS, VALUES, Direction, Fault, FaultKind, Part, Unit, mangled
 
 MAX_FAULTS = 1000
@@ -32,10 +32,6 @@ MAX_FAULTS = 1000
 
 Effects = dict[tuple[FaultKind, int], float]
 """Effects on devices: (kind, index of the device) -> value."""
-
-
-class FaultyDevice(Device, Faulty, Protocol):
-    """A device that a fault plan can disturb."""
 
 
 class FaultState:
@@ -170,13 +166,13 @@ class FaultState:
         for kind, index in sorted(before.keys() | self._effects.keys(), key=lambda key: (key[0].value, key[1])):
             value_now = self._effects.get((kind, index))
             if value_now != before.get((kind, index)):
-                _apply_effect(cast(FaultyDevice, self._devices[index]), kind, value_now, now)
+                _apply_effect(self._devices[index], kind, value_now, now)
 
 
 _HANDLES = frozenset((FaultKind.OVER_TEMPERATURE, FaultKind.UNDER_VOLTAGE, FaultKind.OVERLOAD))
 
 
-def _apply_effect(device: FaultyDevice, kind: FaultKind, value: float | None, now: float) -> None:
+def _apply_effect(device: Device, kind: FaultKind, value: float | None, now: float) -> None:
     """Apply an effect to a device, or (None) end it."""
     if kind is FaultKind.OVER_TEMPERATURE:
         device.heat(value, now)

@@ -108,7 +108,8 @@ class Line:
         self._size = 0  # bytes waiting
         self._host_free = float("-inf")  # [s] when the host's last byte is on the wire
         self._last_received = float("-inf")  # [s] when the last one reached the devices
-        self._servos_free = float("-inf")  # [s] when the servos' last one is on the wire
+        self.servos_free = float("-inf")
+        """When the servos' last byte is on the wire, s."""
 
     @property
     def next_due(self) -> float | None:
@@ -138,14 +139,14 @@ class Line:
     def receive(self, data: bytes, now: float) -> None:
         """Put bytes on the wire that the host hands to its adapter at `now`, s."""
         start = max(now, self._host_free)
-        for piece in _pieces(data):
+        for piece in pieces(data):
             self.faults.update(start)
             end = start + self.timing.on_wire(len(piece), self.baud)
             if self.faults.echo:
                 self._arrive(piece, end + self.timing.latency)
             if self.faults.dead:
                 self._arrive(self.faults.garbage(), end + self.timing.latency)
-            elif start < self._servos_free:
+            elif start < self.servos_free:
                 self._collide(start)
             else:
                 end = max(end, self._carry(piece, start))
@@ -214,9 +215,9 @@ class Line:
     def _send_replies(self, replies: Sequence[Reply], end: float) -> None:
         """Put answers on the wire, one after the other, from `end` of the instruction on."""
         timing, faults = self.timing, self.faults
-        at = max(end, self._servos_free)
+        at = max(end, self.servos_free)
         if timing.instant and not faults.spoil:
-            self._servos_free = at
+            self.servos_free = at
             self._arrive(b"".join([reply.data for reply in replies]), at + timing.latency)
             return
         for reply in replies:
@@ -230,7 +231,7 @@ class Line:
             for part in faults.to_host(reply.id, reply.data):
                 late += part.delay
                 self._arrive(part.data, at + late)
-        self._servos_free = at
+        self.servos_free = at
 
     def _arrive(self, data: bytes, due: float) -> None:
         if self._size + len(data) > MAX_WAITING or not data:
@@ -249,7 +250,7 @@ class Line:
                 self._waiting[index] = Chunk(chunk.due, self._noise.randbytes(len(chunk.data)))
 
 
-def _pieces(data: bytes) -> list[bytes]:
+def pieces(data: bytes) -> list[bytes]:
     """Split before each header of protocol 2.0: stuffing keeps headers out of frames, so each piece ends a frame."""
     at = data.find(protocol2.HEADER, 1)
     if at < 0:

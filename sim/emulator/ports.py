@@ -1,7 +1,6 @@
 """Ports to a line of emulated devices: inside this process on any clock, or as a pseudo-terminal with a link."""
 
 import array
-import contextlib
 import errno
 import fcntl
 import hashlib
@@ -21,7 +20,7 @@ from hardware.clock import Clock
 from hardware.errors import BusError, HardwareError, describe
 from hardware.realtime import named_process
 from retarget.errors import UsageError
-from sim.emulator.line import Line
+from sim.emulator.line import Line, pieces
 
 
 class EmulatedPort:
@@ -29,13 +28,8 @@ class EmulatedPort:
     ports may share it; on a real one waiting sleeps."""
 
     def __init__(self, line: Line, clock: Clock, *, name: str = "emulator") -> None:
-        self._line, self._clock, self._name = line, clock, name
+        self._line, self._clock, self.name = line, clock, name
         self._open = False
-
-    @property
-    def name(self) -> str:
-        """Its name in messages."""
-        return self._name
 
     @property
     def baud(self) -> int:
@@ -51,17 +45,17 @@ class EmulatedPort:
         """Open it. Raises BusError when it is open already."""
         if self._open:
             raise BusError(
-                describe(what="the port is busy", where=self._name, then="Close what else uses it, then try again")
+                describe(what="the port is busy", where=self.name, then="Close what else uses it, then try again")
             )
-        self._require_plugged()
         self._open = True
-        self._line.baud = _checked(baud, self._name)
-        self.drop()
+        self.set_baud(baud)
 
     def set_baud(self, baud: int) -> None:
         """Change the host's speed; the devices keep theirs."""
         self._require("set the baud rate")
-        self._line.baud = _checked(baud, self._name)
+        if baud <= 0:
+            raise BusError(describe(what="no such baud rate", where=self.name, found=baud, allowed="above 0"))
+        self._line.baud = baud
         self.drop()
 
     def write(self, data: bytes) -> None:
@@ -102,69 +96,12 @@ class EmulatedPort:
 
     def _require(self, what: str) -> None:
         if not self._open:
-            raise BusError(describe(what=f"cannot {what}: the port is closed", where=self._name, then="Open it first"))
-        self._require_plugged()
-
-    def _require_plugged(self) -> None:
+            raise BusError(describe(what=f"cannot {what}: the port is closed", where=self.name, then="Open it first"))
         if self._line.unplugged(self._clock.now()):
             self._open = False
             raise BusError(
-                describe(what="there is no such port", where=self._name, then="Check the adapter and its cable")
+                describe(what="there is no such port", where=self.name, then="Check the adapter and its cable")
             )
-
-
-def _checked(baud: int, name: str) -> int:
-    if baud <= 0:
-        raise BusError(describe(what="no such baud rate", where=name, found=baud, allowed="above 0"))
-    return baud
-
-
-# A name that one process of this machine holds at a time. The system releases it when that process ends in any way.
-
-_MANY = 4096
-"""Most pending connections of processes that ask for the holder: it never accepts them."""
-_CREDENTIALS = struct.Struct("3i")
-"""The fields of SO_PEERCRED: process, user, group."""
-
-
-class Claim:
-    """A path that is reserved by an abstract socket (Linux), so no file is left behind."""
-
-    def __init__(self, path: Path) -> None:
-        whole = path.parent.resolve() / path.name
-        self._name = b"\0retarget-link-" + hashlib.sha256(os.fsencode(whole)).hexdigest().encode()
-        self._socket: socket.socket | None = None
-
-    def take(self) -> bool:
-        """Take the name; return whether this claim holds it. Raises OSError where the system has no such sockets."""
-        if self._socket is not None:
-            return True
-        fresh = socket.socket(socket.AF_UNIX)
-        try:
-            fresh.bind(self._name)
-            fresh.listen(_MANY)
-        except OSError as error:
-            fresh.close()
-            if error.errno == errno.EADDRINUSE:
-                return False
-            raise
-        self._socket = fresh
-        return True
-
-    def release(self) -> None:
-        """Release the name."""
-        if self._socket is not None:
-            self._socket.close()
-        self._socket = None
-
-    def holder(self) -> int | None:
-        """Return the process that holds the name; None where none does, or the system does not say."""
-        with suppress(OSError), socket.socket(socket.AF_UNIX) as asking:
-            asking.setblocking(False)
-            asking.connect(self._name)
-            credentials = asking.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
-            return int(_CREDENTIALS.unpack(credentials)[0]) or None
-        return None
 
 
 # A symlink to a pseudo-terminal: made and moved in one step. It never replaces anything that is not ours, and belongs
@@ -172,42 +109,47 @@ class Claim:
 
 _OURS = re.compile(r"/dev/pts/\d+")
 """Where links of this kind lead."""
+_MANY = 4096
+"""Most pending connections of processes that ask for the holder of a link: it never accepts them."""
+_CREDENTIALS = struct.Struct("3i")
+"""The fields of SO_PEERCRED: process, user, group."""
 
 
 class Link:
-    """A path by which clients know a line, whatever pseudo-terminal is behind it."""
+    """A path by which clients know a line, whatever pseudo-terminal is behind it.
+
+    It is reserved by an abstract socket (Linux): no file is left behind, and the system releases it when the process
+    ends in any way.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self._target: str | None = None
-        self._claim = Claim(path)
+        whole = path.parent.resolve() / path.name
+        self._name = b"\0retarget-link-" + hashlib.sha256(os.fsencode(whole)).hexdigest().encode()
+        self._held: socket.socket | None = None
 
     def check(self) -> None:
         """Reserve the path for this emulator until `remove`. One that a killed emulator left is free.
 
         Raises UsageError when no link can be made there: no such folder, something of another kind, another emulator.
         """
-        folder = self.path.parent
+        folder, where = self.path.parent, str(self.path)
         if not folder.is_dir():
-            raise UsageError(
-                "there is no such folder for the link",
-                where=str(self.path),
-                next_step="Make the folder, or name another",
-            )
+            step = "Make the folder, or name another"
+            raise UsageError("there is no such folder for the link", where=where, next_step=step)
         if not os.access(folder, os.W_OK | os.X_OK):
-            raise UsageError(
-                "nothing can be made in this folder", where=str(self.path), next_step="Name a folder of your own"
-            )
+            step = "Name a folder of your own"
+            raise UsageError("nothing can be made in this folder", where=where, next_step=step)
         if os.path.lexists(self.path) and not self._is_ours():
             raise UsageError(
                 "the path of the link is taken",
-                where=str(self.path),
+                where=where,
                 found="a folder" if self.path.is_dir() else "something that is no link to a pseudo-terminal",
                 allowed="a path where nothing is, or a link that an emulator left",
                 next_step="Name another path",
             )
-
-        self._keep()
+        self._reserve()
 
     def point(self, target: str) -> None:
         """Point the link to `target`, in one step. Raises UsageError."""
@@ -228,30 +170,51 @@ class Link:
     def remove(self) -> None:
         """Remove the link and release the path."""
         self.hide()
-        self._claim.release()
+        if self._held is not None:
+            self._held.close()
+        self._held = None
 
     def hide(self) -> None:
         """Remove the link if it still leads where `point` set it; the path stays reserved."""
-        with contextlib.suppress(OSError):
+        with suppress(OSError):
             if self._target is not None and os.readlink(self.path) == self._target:  # noqa: PTH115 - as text, unchanged
                 self.path.unlink()
         self._target = None
 
-    def _keep(self) -> None:
+    def _reserve(self) -> None:
+        if self._held is not None:
+            return
         try:
-            free = self._claim.take()
+            held = socket.socket(socket.AF_UNIX)
         except OSError as error:
-            raise UsageError(
-                f"the link cannot be kept from other emulators: {error.strerror}", where=str(self.path)
-            ) from None
-        if not free:
-            holder = self._claim.holder()
+            raise self._unkept(error) from None
+        try:
+            held.bind(self._name)
+            held.listen(_MANY)
+        except OSError as error:
+            held.close()
+            if error.errno != errno.EADDRINUSE:
+                raise self._unkept(error) from None
             raise UsageError(
                 "another emulator has this link",
                 where=str(self.path),
-                found=None if holder is None else named_process(holder),
+                found=self._holder(),
                 next_step="End it, or name another path",
-            )
+            ) from None
+        self._held = held
+
+    def _unkept(self, error: OSError) -> UsageError:
+        text = f"the link cannot be kept from other emulators: {error.strerror}"
+        return UsageError(text, where=str(self.path))
+
+    def _holder(self) -> str | None:
+        """Return the process that has the link, in words; None where the system does not say."""
+        with suppress(OSError), socket.socket(socket.AF_UNIX) as asking:
+            asking.setblocking(False)
+            asking.connect(self._name)
+            credentials = asking.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+            return named_process(_CREDENTIALS.unpack(credentials)[0])
+        return None
 
     def _is_ours(self) -> bool:
         try:
@@ -264,6 +227,10 @@ class Link:
 
 CHUNK = 4096
 """Most bytes that are read at once; the kernel keeps no more."""
+TOO_LATE = 2e-3
+"""A process that is later than this, s, may be why a client asks again: its answer takes longer than on a real bus."""
+HOPELESS = 20e-3
+"""No client waits so long for an answer, s."""
 _TCGETS2, _SPEED_WORD = 0x802C542A, 10
 """Linux's ioctl that reads the speed that a client has set, and its index in the answer."""
 
@@ -280,6 +247,8 @@ class PseudoTerminal:
         """The pseudo-terminal itself."""
         self.lost = 0
         """Bytes that the kernel did not take because no client reads."""
+        self.too_late = 0.0
+        """By how much an answer was too late for its client, s: the most since this was last 0."""
         self._client = -1
         self._speed = array.array("I", bytes(44))
 
@@ -308,23 +277,43 @@ class PseudoTerminal:
         self._hang_up()
         self.link.remove()
 
-    def receive(self, now: float) -> None:
-        """Pass what the client has written to the line, at the client's speed."""
+    def receive(self, now: float, late: float = 0.0) -> None:
+        """Pass what the client has written to the line, at the client's speed. late: how long that may have waited for
+        this process, s.
+
+        A client that asks again while servos answer collides with them. But where this process is late, the client was
+        not: it had waited in vain, so its bytes come after the answer, and `too_late` notes by how much that was too
+        late.
+        """
         try:
             data = os.read(self.fd, CHUNK)
         except (BlockingIOError, InterruptedError):
             return
         self.line.baud = self._baud()
-        self.line.receive(data, now)
+        for piece in pieces(data):
+            if late > TOO_LATE and now < self.line.servos_free:
+                self.too_late = max(self.too_late, late)
+                now = self.line.servos_free
+            self.line.receive(piece, now)
 
     def send(self, now: float) -> None:
         """Pass to the client what has arrived by `now`. What it does not take is lost, as in a real adapter."""
+        due = self.line.next_due
+        if due is not None and now - due > HOPELESS:
+            self.too_late = max(self.too_late, now - due)
         data = self.line.take(now)
         if data:
             sent = 0
-            with contextlib.suppress(BlockingIOError):
+            with suppress(BlockingIOError):
                 sent = os.write(self.fd, data)
             self.lost += len(data) - sent
+
+    @property
+    def next_due(self) -> float:
+        """When it is to send, or a fault begins or ends, s; inf: never."""
+        due = self.line.last_due_within(min(BATCH, self.line.timing.latency))
+        change = self.line.faults.next_change
+        return min(math.inf if due is None else due - EARLY, math.inf if change is None else change)
 
     def follow(self, now: float) -> None:
         """Hang up while the line is unplugged, and open again when it is back. The link stays reserved.
@@ -362,6 +351,8 @@ BATCH = 0.3e-3
 when the last of them is due: an adapter passes packets on, not bytes."""
 LONGEST_SLEEP = 3600.0
 """Longest single sleep, s."""
+WARN_AGAIN = 1.0
+"""Shortest time between two warnings, s."""
 
 
 def serve(
@@ -371,48 +362,45 @@ def serve(
     until: Callable[[], bool],
     listen: Mapping[int, Callable[[], bool]] | None = None,
     deadline: float = math.inf,
+    warn: Callable[[str], None] = lambda text: None,
 ) -> None:
     """Serve opened terminals until `until()` or the `deadline`, s on the clock.
 
     listen: further file descriptors and what to call when they have something; one whose call returns False is at its
     end and is not waited for any more. A signal is noticed when a descriptor becomes readable by it
-    (signal.set_wakeup_fd).
+    (signal.set_wakeup_fd). warn: receives what to say when this machine is too slow, at most every WARN_AGAIN s.
     """
     others = dict(listen or {})
-    plugged = _by_fd(terminals)
+    warned, turned, waited = -math.inf, clock.now(), time_in_queue()
     while not until():
         now = clock.now()
         if now >= deadline:
             return
-        wake, changed = min(deadline, now + LONGEST_SLEEP), False
         for terminal in terminals:
-            before = terminal.fd
-            wake = min(wake, _attend(terminal, now))
-            changed |= terminal.fd != before
-        if changed:
-            plugged = _by_fd(terminals)
+            terminal.follow(now)
+        plugged = {terminal.fd: terminal for terminal in terminals if terminal.fd >= 0}
+        wake = min(deadline, now + LONGEST_SLEEP, *(terminal.next_due for terminal in terminals))
+        busy = clock.now() - turned
         ready, _, _ = select.select([*plugged, *others], (), (), max(0.0, wake - clock.now()))
-        now = clock.now()
+        turned, before, waited = clock.now(), waited, time_in_queue()
         for fd in ready:
             if fd in plugged:
-                plugged[fd].receive(now)
+                plugged[fd].receive(turned, late=busy + waited - before)
             elif not others[fd]():
                 del others[fd]
+        for terminal in terminals:
+            if terminal.next_due <= (now := clock.now()):
+                terminal.send(now + EARLY)
+        late = max((terminal.too_late for terminal in terminals), default=0.0)
+        if late and turned >= warned + WARN_AGAIN:
+            warned = turned
+            warn(f"this machine is too slow: the emulator was late by {1e3 * late:.0f} ms")
+            for terminal in terminals:
+                terminal.too_late = 0.0
 
 
-def _by_fd(terminals: Sequence[PseudoTerminal]) -> dict[int, PseudoTerminal]:
-    return {terminal.fd: terminal for terminal in terminals if terminal.fd >= 0}
-
-
-def _attend(terminal: PseudoTerminal, now: float) -> float:
-    """Do what is due on a terminal; return when something will be, s."""
-    terminal.follow(now)
-    line = terminal.line
-    span = min(BATCH, line.timing.latency)
-    due = line.last_due_within(span)
-    if due is not None and due <= now + EARLY:
-        terminal.send(now + EARLY)
-        due = line.last_due_within(span)
-    wake = math.inf if due is None else due - EARLY
-    change = line.faults.next_change
-    return wake if change is None else min(wake, change)
+def time_in_queue() -> float:
+    """Return how long this thread has waited for a processor since it began, s; 0 where Linux does not say."""
+    with suppress(OSError, ValueError, IndexError):
+        return 1e-9 * int(Path("/proc/thread-self/schedstat").read_bytes().split()[1])
+    return 0.0

@@ -101,23 +101,23 @@ def live1(memory: Memory, shaft: Shaft, electrics: Electrics, model: ServoModel,
     memory.put("realtime_tick", int(1000.0 * uptime) % _TICKS)
 
 
-_LEVEL: dict[int, int] = {Instruction.PING: 0, Instruction.READ: 1}  # status return level from which it answers, else 2
 _LIVE_FIRST, _LIVE_END = 36, 52
 _MOVERS = frozenset(("goal_position", "moving_speed"))  # a write to them switches torque on
 
 
 class EmulatedServo1(ServoBody):
-    """A `sim.emulator.device.Device` (and `Faulty`) with the table of a 1.0 model.
+    """A servo with the table of a 1.0 model.
 
     torque_by_goal: whether a goal position or moving speed switches torque on (field knowledge, not verified).
     """
+
+    malformed = unknown = Error1.INSTRUCTION
 
     def __init__(
         self, table: ControlTable, model: ServoModel, build: ServoBuild, *, torque_by_goal: bool = True
     ) -> None:
         super().__init__(table, model, build)
         self.torque_by_goal = torque_by_goal
-        self.registered: tuple[int, bytes] | None = None
         self._wrong = Error1(0)  # as in every status
         self._overload = False
         self._reset()
@@ -128,41 +128,23 @@ class EmulatedServo1(ServoBody):
         self._goal_to_present()
         self.tune()
 
-    def receive(self, now: float) -> None:
-        """Do nothing: these servos have no bus watchdog."""
+    def answer(self, error: int = 0, data: bytes = b"") -> Answer:
+        """Return an answer with the errors that last."""
+        return Answer(error | int(self._wrong), data)
 
-    def execute(
-        self, instruction: int, params: bytes, now: float, *, broadcast: bool, secondary: bool = False
-    ) -> Answer | None:
-        """Carry out an instruction; None: no status follows."""
-        if now < self._awake_at or secondary or (broadcast and instruction == Instruction.READ):
-            return None
-        self.catch_up(now)
-        answer = self._carry_out(instruction, params, now)
-        if broadcast and instruction != Instruction.PING:
-            return None
-        return answer if self.memory.value("status_return_level") >= _LEVEL.get(instruction, 2) else None
+    def error_of(self, error: Error2) -> int:
+        """Return the one error that there is for a bad range of registers."""
+        return Error1.RANGE
 
-    def read(self, address: int, length: int, now: float) -> Answer:
-        """Return the bytes of a range, or a range error."""
-        self.catch_up(now)
-        if not self.memory.readable(address, length):
-            return self._answer(Error1.RANGE)
+    def show(self, address: int, length: int, now: float) -> None:
+        """Refresh the registers of a range that show its state."""
         if self.memory.touches(address, length, _LIVE_FIRST, _LIVE_END):
             live1(self.memory, self.shaft, self.electrics, self.servo_model, uptime=now - self.started)
-        return self._answer(Error1(0), self.memory.slice(address, length))
-
-    def write(self, address: int, data: bytes, now: float, *, secondary: bool = False) -> None:
-        """Carry out a write; a refused one is dropped."""
-        if now >= self._awake_at and not secondary:
-            self.catch_up(now)
-            self._change(address, data, now)
 
     def tune(self) -> None:
         """Take every setting from the registers."""
         super().tune()
         tune_loop1(self.shaft, self.memory, self.servo_model, self.electrics.supplied)
-        self.shaft.load = self.load_share
         self.shaft.refresh()
 
     def check(self) -> None:
@@ -182,78 +164,41 @@ class EmulatedServo1(ServoBody):
             self.memory.put("torque_limit", 0)
             self._set_torque(False)
 
-    def shock(self, now: float) -> None:
-        """Do nothing: protocol 1.0 has no such error."""
+    def special(self, instruction: int, params: bytes, now: float) -> Answer:
+        """Carry out a factory reset."""
+        if instruction != Instruction.FACTORY_RESET:
+            return self.answer(self.unknown)
+        answer = self.answer()
+        self.defaults(0, self.table.eeprom_end)
+        self.reboot(now)
+        return answer
 
-    def _carry_out(self, instruction: int, params: bytes, now: float) -> Answer:
-        """Carry out an instruction for this servo."""
-        if instruction == Instruction.PING:
-            return self._answer()
-        if instruction == Instruction.READ and len(params) == 2:
-            return self.read(params[0], params[1], now)
-        if instruction == Instruction.WRITE and len(params) >= 2:
-            return self._answer(self._change(params[0], params[1:], now))
-        if instruction == Instruction.REG_WRITE and len(params) >= 2:
-            return self._answer(self._register(params[0], params[1:]))
-        if instruction == Instruction.ACTION and self.registered is not None:
-            address, data = self.registered
-            self.registered = None
-            self.memory.put("registered", 0)
-            return self._answer(self._change(address, data, now))
-        if instruction == Instruction.FACTORY_RESET:
-            answer = self._answer()
-            self.defaults(0, self.table.eeprom_end)
-            self.reboot(now)
-            return answer
-        return self._answer(Error1.INSTRUCTION)
+    def refusal(self, part: Part) -> int:
+        """Return the error by which a register refuses a value."""
+        register, value = part
+        locked = self.memory.value("lock") != 0
+        if locked and (register.address < self.table.eeprom_end or (register.name == "lock" and not value)):
+            return Error1.RANGE
+        if not register.allows(value):
+            return Error1.RANGE
+        if register.name == "goal_position":
+            low, high = goal_bounds1(self.memory)
+            return 0 if low <= value <= high else Error1.ANGLE_LIMIT
+        return 0
 
-    def _register(self, address: int, data: bytes) -> Error1:
-        """Keep a write for the Action that follows."""
-        parts = self._accepts(address, data)
-        if isinstance(parts, Error1):
-            return parts
-        self.registered = (address, data)
-        self.memory.put("registered", 1)
-        return Error1(0)
-
-    def _change(self, address: int, data: bytes, now: float) -> Error1:
-        """Write registers, all or none; return the error."""
-        parts = self._accepts(address, data)
-        if isinstance(parts, Error1):
-            return parts
-        mode = mode_of(self.memory)
-        for register, value in parts:
-            self.memory.store(register, value)
-        names = {part.register.name for part in parts}
+    def react(self, names: set[str], now: float) -> None:
+        """Let the registers `names`, which have just been written, take effect."""
         if {"torque_enable", "torque_limit"} & names:
             self._overload = False
             self.check()
-        if mode_of(self.memory) is not mode or {"cw_angle_limit", "ccw_angle_limit"} & names:
-            self._bound_goal()
+        if {"cw_angle_limit", "ccw_angle_limit"} & names:
+            self._goal_to(self.memory.value("goal_position"))
         self.tune()
         if "torque_enable" in names:
             self._set_torque(bool(self.memory.value("torque_enable")))
         if self.torque_by_goal and not self.shaft.torque and names & _MOVERS:
             self._set_torque(True)
         self._aim(now)
-        return Error1(0)
-
-    def _accepts(self, address: int, data: bytes) -> list[Part] | Error1:
-        """Return what a write would set, or why it is refused as a whole. Nothing changes."""
-        parts = self.memory.parts(address, data)
-        if isinstance(parts, Error2):
-            return Error1.RANGE
-        locked = self.memory.value("lock") != 0
-        for register, value in parts:
-            if not register.writable or not register.allows(value):
-                return Error1.RANGE
-            if locked and (register.address < self.table.eeprom_end or (register.name == "lock" and not value)):
-                return Error1.RANGE
-            if register.name == "goal_position":
-                low, high = goal_bounds1(self.memory)
-                if not low <= value <= high:
-                    return Error1.ANGLE_LIMIT
-        return parts
 
     def _set_torque(self, on: bool) -> None:
         """Switch torque; on, it goes to whatever the goal registers hold."""
@@ -291,26 +236,19 @@ class EmulatedServo1(ServoBody):
             shaft.target = goal
         shaft.refresh()
 
-    def _answer(self, error: Error1 = Error1(0), data: bytes = b"") -> Answer:  # noqa: B008
-        return Answer(int(error | self._wrong), data)
-
-    def _bound_goal(self) -> None:
-        """Pull the goal register inside limits that have moved."""
-        low, high = goal_bounds1(self.memory)
-        self.memory.put("goal_position", max(min(self.memory.value("goal_position"), high), low))
-
     def _goal_to_present(self) -> None:
-        """Set the goal register to the present position, within its limits."""
+        self._goal_to(round(shown_position(self.memory, self.shaft.position)))
+
+    def _goal_to(self, count: int) -> None:
+        """Set the goal register, within its limits."""
         low, high = goal_bounds1(self.memory)
-        shown = round(shown_position(self.memory, self.shaft.position))
-        self.memory.put("goal_position", max(min(shown, high), low))
+        self.memory.put("goal_position", max(min(count, high), low))
 
     def _reset(self) -> None:
         """RAM after a start; the position is counted within one turn again where the model has a whole turn."""
         super()._reset()
         self._overload = False
         self._wrong = Error1(0)
-        self.registered = None
         self.memory.put("torque_limit", self.memory.value("max_torque"))
         if self._starting and mode_of(self.memory) is not Mode1.JOINT:
             self.shaft.position %= self.servo_model.ticks

@@ -46,7 +46,7 @@ def refusal(memory: Memory, part: Part, condition: Condition) -> Error2:
     """Return why `part` cannot be written now, Error2.NONE when it can."""
     register, value = part
     name = register.name
-    if not register.writable or (condition.torque and register.address < memory.table.eeprom_end):
+    if condition.torque and register.address < memory.table.eeprom_end:
         return Error2.ACCESS
     if not register.allows(value) or not _known(memory, name, value):
         return Error2.DATA_RANGE
@@ -152,8 +152,8 @@ IN_POSITION = 16  # [tick] not documented
 FOLLOWING_ERROR = 512  # [tick] not documented
 MOTION, MOTION_END = 126, 136
 """Of it what hosts read most: current or load, velocity, position."""
-_PIECE = Struct("<HBBhhiiiiHB")
 _MOTION_PIECE = Struct("<hii")
+_PIECE = Struct("<HBBhhiiiiHB")
 _WRAP = 0x80000000  # positions are shown in 32 bits
 _TICKS = 32768  # the realtime tick wraps, ms
 _FULL_LOAD = 1000  # load register, 0.1 %
@@ -184,10 +184,9 @@ class Live:
     def motion(self) -> bytes:
         """The registers from MOTION up to MOTION_END."""
         shaft = self._shaft
-        count = round(shaft.position)
-        if not -_WRAP <= count < _WRAP:
-            count = _wrapped(count)
-        return _MOTION_PIECE.pack(self._strained, round(shaft.velocity / self.speed_unit), count)
+        return _MOTION_PIECE.pack(
+            self._strained, round(shaft.velocity / self.speed_unit), _wrapped(round(shaft.position))
+        )
 
     def show(self, image: bytearray, *, uptime: float, threshold: float) -> None:
         """Refresh the registers. uptime: s since the start; threshold: of moving, tick/s."""

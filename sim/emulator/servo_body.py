@@ -1,30 +1,16 @@
-"""The common part of emulated servos of both protocols: memory, shaft, electrics, power, start, and applied faults."""
+"""The common part of emulated servos of both protocols: shaft, electrics, power, start, and applied faults."""
 
 from dataclasses import dataclass
 from math import inf
 
-from hardware.dynamixel.control_table import ControlTable, baud_of
-from hardware.errors import HardwareError, describe
+from hardware.dynamixel.control_table import ControlTable
 from hardware.servo import ServoModel
-from sim.emulator.memory import Memory
+from sim.emulator.device import Device
 from sim.emulator.power import BROWN_OUT, WINDOW, Electrics, Supply
 from sim.emulator.shaft import Shaft
 from sim.servo_model import AMBIENT
 
-MOST_LOAD = 3.0  # stall torques; beyond it the gears would break, and speeds mean nothing
 BOOT_TIME = 0.2  # [s] not documented; long enough for the pauses that field software makes
-
-
-@dataclass(frozen=True)
-class Kept:
-    """What a servo keeps without power: the EEPROM area of `model` and `protocol`, its backup if it made one, and where
-    its shaft is, in ticks."""
-
-    model: str
-    protocol: int
-    eeprom: bytes
-    backup: bytes | None
-    position: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +25,7 @@ class ServoBuild:
     warmth: float = AMBIENT
 
 
-class ServoBody:
+class ServoBody(Device):
     """A servo of a table, as the maker delivers it, at the beginning that `build` says.
 
     A subclass defines what its protocol does at a start (`_reset`), after a change of settings (`tune`), and when
@@ -47,40 +33,21 @@ class ServoBody:
     """
 
     def __init__(self, table: ControlTable, model: ServoModel, build: ServoBuild) -> None:
-        self.model = model.name
-        self.number = table.number
-        self.protocol = table.protocol
-        self.table = table
+        super().__init__(table, build.now)
         self.servo_model = model
         self.boot_time = build.boot_time
-        self.memory = Memory(table)
-        top = model.no_load_speed / model.tick_rad
-        self.top = top
+        self.top = top = model.no_load_speed / model.tick_rad
         """No-load speed at the nominal voltage, tick/s."""
         self.shaft = Shaft(build.position, top)
         self.shaft.time = build.now
         supply = build.supply or Supply()
         self.electrics = Electrics(supply, model.voltage, turn=model.tick_rad, top=top, warmth=build.warmth)
         self.electrics.time = build.now
-        self.backup: bytes | None = None
-        self.id = 0
-        self.secondary_id: int | None = None
-        self.baud = 0
-        self.return_delay = 0.0
-        self.answers_reads = True
-        self.fast_read = table.fast_read
         self.started = build.now
         """When it last woke, s: its realtime tick counts from there."""
-        self._awake_at = build.now
         self._starting = False
         self._eventless = -inf  # [s] before then nothing happens but motion
         self._power_is_cut = False
-        self._torque_from_outside = 0.0  # [N m]
-        self.defaults(0, table.eeprom_end)
-
-    def booting(self, now: float) -> bool:
-        """Whether it starts, or has no power."""
-        return now < self._awake_at
 
     def catch_up(self, now: float) -> None:
         """Let time pass up to `now` (s)."""
@@ -109,14 +76,6 @@ class ServoBody:
         self.electrics.advance(now, shaft.velocity, effort=shaft.effort(), torque=shaft.torque)
         self.check()
 
-    def defaults(self, first: int, end: int) -> None:
-        """Set the registers from `first` up to `end` to what the maker gives them."""
-        for register in self.table.registers:
-            if first <= register.address < end:
-                self.memory.store(register, register.initial or 0)
-        self.memory.put("model_number", self.table.number)
-        self.memory.put("firmware_version", self.table.usual_firmware)
-
     def reboot(self, now: float) -> None:
         """Start anew at `now` (s): silence for the boot time, everything in RAM lost."""
         self.shaft.torque = False
@@ -125,26 +84,6 @@ class ServoBody:
         self.started = self._awake_at
         self.electrics.rest(now)
         self._reset()
-
-    def keep(self) -> Kept:
-        """Return what outlives a power cut."""
-        eeprom = bytes(self.memory.image[: self.table.eeprom_end])
-        return Kept(self.model, self.protocol, eeprom, self.backup, self.shaft.position)
-
-    def restore(self, kept: Kept, now: float) -> None:
-        """Take over what another servo of the model kept, and start. Raises HardwareError for another model's."""
-        if (kept.model, kept.protocol, len(kept.eeprom)) != (self.model, self.protocol, self.table.eeprom_end):
-            raise HardwareError(
-                describe(
-                    what="the memory is another model's",
-                    where=f"emulated {self.model}, protocol {self.protocol}.0",
-                    found=f"{kept.model}, protocol {kept.protocol}.0, {len(kept.eeprom)} bytes",
-                )
-            )
-        self.memory.image[: self.table.eeprom_end] = kept.eeprom
-        self.backup = kept.backup
-        self.shaft.position = kept.position
-        self.reboot(now)
 
     def supply(self, volts: float | None, now: float) -> None:
         """Set the supply voltage in V, None: nominal less the sag; below BROWN_OUT of it the electronics reset."""
@@ -159,12 +98,6 @@ class ServoBody:
         self.catch_up(now)
         self.electrics.set_heat = celsius
         self.check()
-
-    def load(self, torque: float, now: float) -> None:
-        """Put `torque` N m on the shaft, in the sense of rotation of a servo that is not reversed."""
-        self.catch_up(now)
-        self._torque_from_outside = torque
-        self.tune()
 
     def jam(self, stuck: bool, now: float) -> None:
         """Block the shaft, or free it."""
@@ -184,12 +117,6 @@ class ServoBody:
         self._power_is_cut = False
         self._power(now)
 
-    @property
-    def load_share(self) -> float:
-        """Torque from outside as a share of the stall torque at the present supply, MOST_LOAD at most."""
-        strength = self.servo_model.stall_torque * max(self.electrics.supplied, 0.01)
-        return min(max(self._torque_from_outside / strength, -MOST_LOAD), MOST_LOAD)
-
     def _power(self, now: float) -> None:
         """Switch the electronics as power switch and supply voltage now are."""
         powered = not self._power_is_cut and self.electrics.supplied >= BROWN_OUT
@@ -207,15 +134,12 @@ class ServoBody:
     def tune(self) -> None:
         """Take every setting from the registers to where it works."""
         self._eventless = -inf
-        memory = self.memory
-        self.id = memory.value("id")
-        self.baud = baud_of(self.table, memory.value("baud_rate")) or 0
-        self.return_delay = memory.value("return_delay_time") * 2e-6
-        self.answers_reads = memory.value("status_return_level") >= 1
+        super().tune()
 
     def check(self) -> None:
         """Check voltage, temperature and effort, and note errors."""
 
     def _reset(self) -> None:
         """Bring the RAM area to its state after a start."""
+        self.registered = None
         self.defaults(self.table.eeprom_end, self.table.size)

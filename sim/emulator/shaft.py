@@ -1,9 +1,9 @@
 """The shaft of an emulated servo: its profile generator, and its motion under control loop, limits and a load.
 
 All in the servo's own ticks and sense of rotation. The motor has no inertia: its speed is its drive's share of full
-drive times the top speed, plus what a load pushes (a straight speed-torque line). In the plain case - position loop, no
-profile, no I gain, no load - the motion is exact over any time and the same as `sim.servo_model.saturated_lag`;
-otherwise it goes in steps, at most MAX_STEPS per call, each exact for a goal that moves evenly.
+drive times the top speed. In the plain case - position loop, no profile, no I gain - the motion is exact over any time
+and the same as `sim.servo_model.saturated_lag`; otherwise it goes in steps, at most MAX_STEPS per call, each exact for
+a goal that moves evenly.
 """
 
 import math
@@ -193,8 +193,6 @@ class Shaft:
         """Share of full drive that the PWM limits leave."""
         self.current_limit = inf
         """Most current that the loop may use, A."""
-        self.load = 0.0
-        """Torque from outside, share of the stall torque, positive towards higher ticks."""
         self.stuck = False
         self.target = position
         """Goal position, tick."""
@@ -224,7 +222,6 @@ class Shaft:
             and self.law is Law.POSITION
             and self.path is None
             and not self.stuck
-            and self.load == 0.0
             and self.integral == 0.0
             and self._top > 0.0
         )
@@ -243,25 +240,24 @@ class Shaft:
         elif self._plain:
             left, self.velocity = follow(self.target - self.position, self.lag, self._top, elapsed)
             self.position = self.target - left
-        elif self.torque or self.load:
+        elif self.torque:
             self._in_steps(now, elapsed)
 
     def effort(self) -> float:
-        """Torque of the motor as a share of its stall torque, signed: what it holds against the load or a jam."""
+        """Torque of the motor as a share of its stall torque, signed: what it holds against a jam."""
         if self.mechanics is not None:
             return self.mechanics.effort(self)
-        if not self.torque:
+        if not self.torque or not self.stuck:
             return 0.0
         most = self.current_limit / LARGEST_CURRENT
-        asked = self.drive() if self.stuck else -self.load
-        return min(max(asked, -most, -1.0), most, 1.0)
+        return min(max(self.drive(), -most, -1.0), most, 1.0)
 
     def drive(self) -> float:
         """Present drive as a share of full drive, signed."""
         if not self.torque or self.full <= 0.0:
             return 0.0
         if not self.stuck:
-            return min(max(self.velocity / self.full - self.load, -self.drive_limit), self.drive_limit)
+            return min(max(self.velocity / self.full, -self.drive_limit), self.drive_limit)
         asked = self._push() / self.full if self.law is Law.POSITION else self._asked_speed() / self.full
         return min(max(asked, -self.drive_limit), self.drive_limit)
 
@@ -299,26 +295,17 @@ class Shaft:
         beyond = max(abs(self.speed) - FRICTION_CURRENT, 0.0) / SPEED_CURRENT
         return self.full * min(beyond, 1.0) * (1.0 if self.speed >= 0.0 else -1.0)
 
-    def _drift(self) -> float:
-        """Speed, tick/s, that the load adds; nothing while the gears' friction holds it."""
-        if not self.torque:
-            return self.full * self.load if abs(self.load) * LARGEST_CURRENT > FRICTION_CURRENT else 0.0
-        return self.full * self.load
-
     def _in_steps(self, now: float, elapsed: float) -> None:
         """Move on by `elapsed` s that end at `now`."""
         count = min(ceil(elapsed / STEP), MAX_STEPS)
         step = elapsed / count
         for index in range(count):
-            if self.torque and self.law is Law.POSITION:
+            if self.law is Law.POSITION:
                 self._follow_path(now - elapsed + index * step, step)
             elif self.stuck:
                 self.velocity = 0.0
-            elif self.torque:
-                self._follow_speed(step)
             else:
-                self.velocity = self._drift()
-                self.position += self.velocity * step
+                self._follow_speed(step)
         self._end_path(now)
 
     def _end_path(self, now: float) -> None:
@@ -338,40 +325,23 @@ class Shaft:
         if self.integral:
             most = self.full * self.lag if self.lag < inf else 0.0
             self._bias = min(max(self._bias + self.integral * error * step, -most), most)
-        drift = self._drift()
-        low, high = self._limits(drift)
-        if self.stuck:
+        if self.stuck or self.lag == inf:
             self.velocity = 0.0
             return
-        if self.lag == inf:
-            moved, self.velocity = min(max(drift, low), high) * step, min(max(drift, low), high)
-            self.position += moved
-            return
-        shift = self._bias + self.forward * speed + drift * self.lag
+        shift = self._bias + self.forward * speed
         rate = (end - begin) / step
         settled = rate * self.lag - shift  # error at which it moves as fast as its goal
         left = settled + (error - settled) * exp(-step / self.lag)
-        moved = min(max(end - begin - (left - error), low * step), high * step)
-        self.velocity = min(max((end - self.position - moved + shift) / self.lag, low), high)
+        moved = min(max(end - begin - (left - error), -self._top * step), self._top * step)
+        self.velocity = min(max((end - self.position - moved + shift) / self.lag, -self._top), self._top)
         self.position += moved
-
-    def _limits(self, drift: float) -> tuple[float, float]:
-        """Slowest and fastest speed, tick/s, that drive, current limit and load allow."""
-        held = self.current_limit / LARGEST_CURRENT
-        if abs(self.load) > held:  # the load wins
-            lost = drift * (1.0 - held / abs(self.load))
-            return lost, lost
-        return drift - self._top, drift + self._top
 
     def _follow_speed(self, step: float) -> None:
         """One step of the velocity, current and PWM laws."""
         if self.law is Law.VELOCITY:
             change = min(max(self.speed - self._reference, -self.ramp * step), self.ramp * step)
             self._reference += change
-        drift = self._drift()
-        low, high = drift - self._top, drift + self._top
-        shift = 0.0 if self.law is Law.VELOCITY else drift
-        asked = min(max(self._asked_speed() + shift, low), high)
+        asked = min(max(self._asked_speed(), -self._top), self._top)
         keep = exp(-step / SPEED_LAG)
         self.position += asked * step + (self.velocity - asked) * SPEED_LAG * (1.0 - keep)
         self.velocity = asked + (self.velocity - asked) * keep

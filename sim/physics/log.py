@@ -33,7 +33,7 @@ class PhysicsLog:
     slip_m (k,): horizontal path length of each sole while it carried: the mean of its corners, weighted by their loads.
     So a sole that turns on its spot slips, and one that rocks on a fixed edge does not. worst_tilt: of a
     sole that carried, rad.
-    most_torque (n,), hottest (n,): of each servo. self_contact_ticks: with links touching each other.
+    hottest (n,): of each servo, degrees Celsius. self_contact_ticks: with links touching each other.
     """
 
     def __init__(
@@ -46,15 +46,10 @@ class PhysicsLog:
         loaded: Callable[[FloatArray], BoolArray],
     ) -> None:
         """corners (c,): of which sole each corner is. loaded: which soles carry, by the load on each."""
-        widths = {"q": nq, "root": 7, "com": 3, "zmp": 2, "load": soles, "sole": 3 * soles, "tilt": soles}
-        widths |= {"torque": servos}
-        self._slices: dict[str, slice] = {}
-        self._width = 0
-        for name, width in widths.items():
-            self._slices[name] = slice(self._width, self._width + width)
-            self._width += width
-        self._blocks: list[NDArray[np.float32]] = []
-        self._times: list[FloatArray] = []
+        shapes: dict[str, tuple[int, ...]] = {"q": (nq,), "root": (7,), "com": (3,), "zmp": (2,), "load": (soles,)}
+        shapes |= {"sole": (soles, 3), "tilt": (soles,), "torque": (servos,)}
+        self._row = np.dtype([("time", "f8"), *((name, "f4", shape) for name, shape in shapes.items())])
+        self._blocks: list[NDArray[np.void]] = []
         self._loaded = loaded
         self._corners = [[row for row, of in enumerate(corners) if of == sole] for sole in range(soles)]
         self._anchors: list[list[tuple[float, float]] | None] = [None] * soles
@@ -62,7 +57,6 @@ class PhysicsLog:
         self.rows = 0
         self.slip_m = np.zeros(soles)
         self.worst_tilt = 0.0
-        self.most_torque = np.zeros(servos)
         self.hottest = np.full(servos, -np.inf)
         self.self_contact_ticks = 0
         self.fixture_contact_ticks = 0
@@ -74,22 +68,8 @@ class PhysicsLog:
             return
         row = self.rows % BLOCK_ROWS
         if row == 0:
-            self._blocks.append(np.zeros((BLOCK_ROWS, self._width), dtype=np.float32))
-            self._times.append(np.zeros(BLOCK_ROWS))
-        self._times[-1][row] = state.time
-        np.concatenate(
-            (
-                state.q,
-                state.root,
-                state.com,
-                state.zmp,
-                state.load,
-                state.sole.ravel(),
-                state.tilt,
-                state.torque,
-            ),
-            out=self._blocks[-1][row],
-        )
+            self._blocks.append(np.zeros(BLOCK_ROWS, self._row))
+        self._blocks[-1][row] = tuple(getattr(state, name) for name in self._row.names or ())
         self.rows += 1
 
     def column(self, name: str) -> FloatArray:
@@ -97,12 +77,8 @@ class PhysicsLog:
 
         Kept are time, q, root, com, zmp, load, sole, tilt and torque.
         """
-        if name == "time":
-            return np.concatenate(self._times)[: self.rows] if self._times else np.zeros(0)
-        part = self._slices[name]
-        blocks = [block[:, part] for block in self._blocks] or [np.zeros((0, part.stop - part.start), dtype=np.float32)]
-        values = np.concatenate(blocks)[: self.rows].astype(np.float64)
-        return values.reshape(self.rows, values.shape[1] // 3, 3) if name == "sole" else values
+        blocks = [block[name] for block in self._blocks] or [np.zeros(0, self._row)[name]]
+        return np.asarray(np.concatenate(blocks)[: self.rows], dtype=np.float64)
 
     def _sum(self, state: PhysicsState) -> None:
         """Update sums and extremes."""
@@ -116,7 +92,6 @@ class PhysicsLog:
             self._borne[sole] = state.time
             self.worst_tilt = max(self.worst_tilt, tilts[sole])
             self._slide(sole, [places[row] for row in corners], [pressed[row] for row in corners])
-        np.maximum(self.most_torque, np.abs(state.torque), out=self.most_torque)
         np.maximum(self.hottest, state.temperature, out=self.hottest)
         self.self_contact_ticks += state.self_contacts > 0
         self.fixture_contact_ticks += state.fixture_contacts > 0

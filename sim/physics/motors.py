@@ -17,7 +17,15 @@ import numpy as np
 from hardware.arrays import BoolArray, ByteArray, FloatArray
 from hardware.bus import ServoAlert
 from hardware.dynamixel.control_table import find_table
-from hardware.servo import DEFAULT_P_GAIN, FULL_PWM, GAIN_UNIT, Coupling, ServoModel, ServoSpec, full_drive_error
+from hardware.servo import (
+    DEFAULT_P_GAIN,
+    DEFAULT_P_GAIN_1,
+    FULL_PWM,
+    GAIN_UNIT,
+    ServoModel,
+    ServoSpec,
+    full_drive_error,
+)
 from retarget.model.body_file import engine
 from sim.emulator.power import OVERLOAD_EFFORT, OVERLOAD_TIME
 from sim.servo_model import AMBIENT, HEAT_PER_AMPERE2, HEAT_TIME, IDLE_CURRENT, LARGEST_CURRENT, SUPPLY_RESISTANCE
@@ -30,9 +38,6 @@ from sim.servo_model import AMBIENT, HEAT_PER_AMPERE2, HEAT_TIME, IDLE_CURRENT, 
 # (100, full at 885). The units of time that it leaves open are those of `sim.emulator.servo2_registers`, as is the rule
 # that the default D gain belongs to the loop that P alone describes. Protocol 1.0 (28: P, 32 the default):
 # `sim.emulator.servo1`.
-
-_GAIN_OF_1 = 32.0
-"""P gain register, or compliance slope, of Protocol 1.0 with the stiffness of DEFAULT_P_GAIN of 2.0."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +55,8 @@ def position_loop(servo: ServoSpec, *, protocol: int) -> PositionLoop:
     gains, model = servo.gains, servo.model
     register = gains.position_p
     if protocol == 1:
-        gain = DEFAULT_P_GAIN * (register or _GAIN_OF_1) / _GAIN_OF_1
-        integral = (gains.position_i or 0) * 1000.0 / 2048.0 / (gain / DEFAULT_P_GAIN * _GAIN_OF_1 / 8.0)
+        gain = DEFAULT_P_GAIN * (register or DEFAULT_P_GAIN_1) / DEFAULT_P_GAIN_1
+        integral = (gains.position_i or 0) * 1000.0 / 2048.0 / (gain / DEFAULT_P_GAIN * DEFAULT_P_GAIN_1 / 8.0)
         return PositionLoop(1.0 / full_drive_error(model, gain), 0.0, integral)
     if not register:
         return PositionLoop(0.0, 0.0, 0.0)
@@ -198,55 +203,55 @@ class Drive:
         return min(self.numbers.most_torque, allowed)
 
     @property
-    def turns(self) -> float:
-        """Signed shaft turns per joint turn of a servo that is not coupled."""
-        return self.servo.direction * self.servo.gear
+    def coupled(self) -> bool:
+        """Whether the shaft turns two joints together with another servo."""
+        return self.servo.coupling is not None
+
+    @property
+    def turns(self) -> tuple[tuple[str, float], ...]:
+        """The joints that turn the shaft, and its signed turns per turn of each."""
+        servo, coupling = self.servo, self.servo.coupling
+        if coupling is None:
+            return ((servo.joint, servo.direction * servo.gear),)
+        shares = coupling.inverse[coupling.joints.index(servo.joint)]
+        return tuple((joint, servo.direction * share) for joint, share in zip(coupling.joints, shares, strict=True))
 
 
 def add_motors(spec: Any, drives: Sequence[Drive]) -> None:
     """Add actuators, armature and friction of these servos to a body. Viscous friction: `Motors`."""
-    mujoco = engine()
     for drive in drives:
         numbers, joint = drive.numbers, spec.joint(drive.servo.joint)
-        if drive.servo.coupling is None:
-            turns = drive.turns
+        if drive.coupled:
+            joint.armature = joint.frictionloss = 0.0
+            _add_shaft(spec, drive)
+        else:
+            ((_, turns),) = drive.turns
             joint.armature = turns**2 * numbers.armature
             joint.frictionloss = abs(turns) * numbers.friction
             joint.actfrclimited = True
             joint.actfrcrange = abs(turns) * drive.most_torque * np.array([-1.0, 1.0])
-            target, kind = drive.servo.joint, mujoco.mjtTrn.mjTRN_JOINT
-        else:
-            joint.armature = joint.frictionloss = 0.0
-            target, kind, turns = _add_shaft(spec, drive), mujoco.mjtTrn.mjTRN_TENDON, 1.0
-        _add_actuator(spec, MOTOR + drive.servo.joint, target, kind, turns)
+        _add_actuator(spec, drive, MOTOR)
     for drive in drives:
-        coupled = drive.servo.coupling is not None
-        target = SHAFT + drive.servo.joint if coupled else drive.servo.joint
-        kind = mujoco.mjtTrn.mjTRN_TENDON if coupled else mujoco.mjtTrn.mjTRN_JOINT
-        _add_actuator(spec, BACK_EMF + drive.servo.joint, target, kind, 1.0 if coupled else drive.turns)
+        _add_actuator(spec, drive, BACK_EMF)
 
 
-def _shaft_row(coupling: Coupling, drive: Drive) -> tuple[float, float]:
-    """Turns of a coupled shaft per turn of each joint of the coupling."""
-    first, second = coupling.inverse[coupling.joints.index(drive.servo.joint)]
-    return drive.servo.direction * first, drive.servo.direction * second
-
-
-def _add_shaft(spec: Any, drive: Drive) -> str:
-    """A tendon that is as long as a coupled servo's shaft angle. Returns its name."""
-    coupling, name = drive.servo.coupling, SHAFT + drive.servo.joint
-    assert coupling is not None
-    shaft = spec.add_tendon(name=name, armature=drive.numbers.armature, frictionloss=drive.numbers.friction)
+def _add_shaft(spec: Any, drive: Drive) -> None:
+    """Add a tendon that is as long as a coupled servo's shaft angle."""
+    numbers = drive.numbers
+    shaft = spec.add_tendon(name=SHAFT + drive.servo.joint, armature=numbers.armature, frictionloss=numbers.friction)
     shaft.actfrclimited = True
     shaft.actfrcrange = drive.most_torque * np.array([-1.0, 1.0])
-    for joint, turns in zip(coupling.joints, _shaft_row(coupling, drive), strict=True):
+    for joint, turns in drive.turns:
         shaft.wrap_joint(joint, turns)
-    return name
 
 
-def _add_actuator(spec: Any, name: str, target: str, kind: Any, turns: float) -> None:
+def _add_actuator(spec: Any, drive: Drive, part: str) -> None:
     mujoco = engine()
-    actuator = spec.add_actuator(name=name, target=target, trntype=kind)
+    name = drive.servo.joint
+    target, kind, turns = name, mujoco.mjtTrn.mjTRN_JOINT, drive.turns[0][1]
+    if drive.coupled:
+        target, kind, turns = SHAFT + name, mujoco.mjtTrn.mjTRN_TENDON, 1.0
+    actuator = spec.add_actuator(name=part + name, target=target, trntype=kind)
     actuator.gaintype, actuator.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
     actuator.dyntype = mujoco.mjtDyn.mjDYN_NONE
     actuator.gainprm[:] = 0.0  # a body file may set defaults
@@ -254,7 +259,7 @@ def _add_actuator(spec: Any, name: str, target: str, kind: Any, turns: float) ->
     actuator.gear[:] = [turns, 0.0, 0.0, 0.0, 0.0, 0.0]
     actuator.inheritrange = 0.0
     actuator.ctrllimited = False
-    actuator.forcelimited = name.startswith(MOTOR)
+    actuator.forcelimited = part == MOTOR
     actuator.forcerange = [-1.0, 1.0]
 
 
@@ -270,14 +275,14 @@ class Motors:
         self._dof = np.array([model.joint(name).dofadr[0] for name in names], dtype=np.intp)
         self._turns = _transmission(drives)  # (n, n) shaft angles = it @ joint angles
         self._plain = np.diag(self._turns).copy() if np.count_nonzero(self._turns) <= len(names) else None
-        self._most = np.array([drive.most_torque for drive in drives])
-        self._proportional = np.array([drive.loop.proportional for drive in drives])
         self._limit = np.ones(len(names))  # of the drive
-        self._derivative = np.array([drive.loop.derivative for drive in drives])
-        self._integral = np.array([drive.loop.integral for drive in drives])
-        self._per_volt = np.array([drive.numbers.stall_torque(1.0) for drive in drives])
-        self._back_emf = np.array([drive.numbers.back_emf for drive in drives])
-        self._play = np.array([0.5 * drive.numbers.backlash for drive in drives])
+        self._most = np.array([drive.most_torque for drive in drives])
+        self._proportional, self._derivative, self._integral = np.array(
+            [(drive.loop.proportional, drive.loop.derivative, drive.loop.integral) for drive in drives]
+        ).T
+        self._per_volt, self._back_emf, self._play = np.array(
+            [(one.stall_torque(1.0), one.back_emf, 0.5 * one.backlash) for one in (drive.numbers for drive in drives)]
+        ).T
         self._side = np.zeros(len(names))  # of the play, -1 to 1
         self._sum: FloatArray = np.zeros(len(names))  # [rad] of the I gain
         self._integrates = bool(self._integral.any())
@@ -348,11 +353,7 @@ def _transmission(drives: Sequence[Drive]) -> FloatArray:
     column = {drive.servo.joint: index for index, drive in enumerate(drives)}
     turns = np.zeros((len(drives), len(drives)))
     for row, drive in enumerate(drives):
-        coupling = drive.servo.coupling
-        if coupling is None:
-            turns[row, row] = drive.turns
-            continue
-        for joint, share in zip(coupling.joints, _shaft_row(coupling, drive), strict=True):
+        for joint, share in drive.turns:
             turns[row, column[joint]] = share
     return turns
 
@@ -360,12 +361,12 @@ def _transmission(drives: Sequence[Drive]) -> FloatArray:
 def _set_viscous(model: Any, drives: Sequence[Drive]) -> None:
     """Set viscous friction in the compiled model, whose arrays have one meaning in every version of the engine."""
     for drive in drives:
-        viscous = drive.numbers.viscous
-        coupled = drive.servo.coupling is not None
-        dof = model.joint(drive.servo.joint).dofadr[0]
-        model.dof_damping[dof] = 0.0 if coupled else drive.turns**2 * viscous
-        if coupled:
+        viscous, dof = drive.numbers.viscous, model.joint(drive.servo.joint).dofadr[0]
+        if drive.coupled:
+            model.dof_damping[dof] = 0.0
             model.tendon_damping[model.tendon(SHAFT + drive.servo.joint).id] = viscous
+        else:
+            model.dof_damping[dof] = drive.turns[0][1] ** 2 * viscous
 
 
 # Current, supply and heat of simulated servos: a stated model, calibrated on no hardware.

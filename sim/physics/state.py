@@ -1,4 +1,4 @@
-"""The state of a simulated robot, most of it not measurable on a real one: contacts, IMU, ground truth of balance."""
+"""The state of a simulated robot, most of it not measurable on a real one: contacts, ground truth of balance."""
 
 from dataclasses import dataclass
 from math import nan
@@ -14,7 +14,6 @@ from sim.physics.world import World
 
 LOADED_SHARE = 0.03
 """A sole carries when it bears this share of the robot's weight."""
-GRAVITY = 9.81  # [m/s^2]
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,19 +21,16 @@ class PhysicsState:
     """One tick of n servos and k soles. World frame, SI.
 
     q (nq,): posture in the coordinates of the robot's own body, root included where it has one; root (7,): xyz and
-    wxyz of the root link, and its velocity (3,). com (3,). zmp (2,): centre of pressure of the soles, NaN in the air
+    wxyz of the root link. com (3,). zmp (2,): centre of pressure of the soles, NaN in the air
     and while a hand holds the robot. load (k,): N on each sole. sole (k, 3): where each is; tilt (k,): of each to the
-    floor, rad. corner (c, 2): where the corners of all soles are on the floor; pressed (c,): N on each. gyro (3,) rad/s
-    and accelerometer (3,) m/s^2 at the root link's origin, in its frame; at rest it shows gravity upward. torque (n,)
-    N m at the shafts, temperature (n,) degrees Celsius. self_contacts: of links with each
-    other; fixture_contacts: with fixtures, and of hands with the floor; touching: whether anything but soles and hands
-    touches the floor.
+    floor, rad. corner (c, 2): where the corners of all soles are on the floor; pressed (c,): N on each. torque (n,) N m
+    at the shafts, temperature (n,) degrees Celsius. self_contacts: of links with each other; fixture_contacts: with
+    fixtures, and of hands with the floor; touching: whether anything but soles and hands touches the floor.
     """
 
     time: float
     q: FloatArray
     root: FloatArray
-    velocity: FloatArray
     com: FloatArray
     zmp: FloatArray
     load: FloatArray
@@ -42,8 +38,6 @@ class PhysicsState:
     tilt: FloatArray
     corner: FloatArray
     pressed: FloatArray
-    gyro: FloatArray
-    accelerometer: FloatArray
     torque: FloatArray
     temperature: FloatArray
     self_contacts: int
@@ -52,7 +46,7 @@ class PhysicsState:
 
 
 class StateReader:
-    """Reads states off a simulation, each since the one before. corner_soles (c,): of which sole each corner is."""
+    """Reads states off a simulation. corner_soles (c,): of which sole each corner is."""
 
     def __init__(self, simulation: Simulation) -> None:
         world = simulation.world
@@ -67,9 +61,6 @@ class StateReader:
         self._own_root = 7 if world.robot.body.root == "free" else 0
         self._q = world.robot.body.qpos0.copy()
         self._joints = world.robot.body.joint_qpos[world.robot.body.joint_type > 1]
-        self._before = (simulation.time, np.zeros(3))
-        self._rest = np.zeros(3)
-        self._gain = np.array([0.0, 0.0, GRAVITY])  # change of velocity per s, plus gravity
 
     def loaded(self, load: FloatArray) -> BoolArray:
         """Return which soles carry, by the load (k,) N on each."""
@@ -84,7 +75,7 @@ class StateReader:
         of = self._corner_rows
         corner = data.xpos[self._feet[of]] + (turns[of] @ self._corners)[:, :, 0]
         up = np.minimum((turns @ self._ups)[:, 2, 0], 1.0)
-        root, velocity, gyro, accelerometer = self._imu(data)
+        root = self._root(data)
         self._q[self._joints] = data.qpos[self._world.columns]
         if self._own_root:
             self._q[:7] = root
@@ -92,7 +83,6 @@ class StateReader:
             time=simulation.time,
             q=self._q.copy(),
             root=root,
-            velocity=velocity,
             com=data.subtree_com[self._world.root].copy(),
             zmp=zmp,
             load=load,
@@ -100,8 +90,6 @@ class StateReader:
             tilt=np.arccos(up),
             corner=corner[:, :2],
             pressed=pressed,
-            gyro=gyro,
-            accelerometer=accelerometer,
             torque=simulation.motors.torque(data),
             temperature=simulation.electrics.temperature,
             self_contacts=counts[0],
@@ -152,22 +140,11 @@ class StateReader:
         zmp = (moment_x / total, moment_y / total) if carried else (nan, nan)
         return np.array(load), np.array(pressed), np.array(zmp), (own, fixtures, touching)
 
-    def _imu(self, data: Any) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Root (7,), its velocity (3,), and what a gyro and an accelerometer there read, averaged since the last
-        reading."""
-        link = self._world.root
-        if not self._world.free:
-            turn = data.xmat[link].reshape(3, 3)
-            root = np.concatenate([data.xpos[link], data.xquat[link]])
-            return root, self._rest, self._rest, turn.T @ np.array([0.0, 0.0, GRAVITY])
-        root, velocity = data.qpos[:7].copy(), data.qvel[:3].copy()
-        time, before = self._before
-        elapsed = self._simulation.time - time
-        if elapsed > 0.0:
-            self._gain = (velocity - before) / elapsed
-            self._gain[2] += GRAVITY
-            self._before = (self._simulation.time, velocity)
-        return root, velocity, data.qvel[3:6].copy(), data.xmat[link].reshape(3, 3).T @ self._gain
+    def _root(self, data: Any) -> FloatArray:
+        """Place and turn of the root link (7,)."""
+        if self._world.free:
+            return np.array(data.qpos[:7])
+        return np.concatenate([data.xpos[self._world.root], data.xquat[self._world.root]])
 
 
 def _link(world: World, body: int) -> int:

@@ -1,6 +1,6 @@
 """The witness of a simulated robot in a run: present state, log, whether it fell, and what is reported of it."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -136,41 +136,7 @@ class WitnessedBus:
                 self.witness.see_it_out()
 
 
-# The numbers of a report on a run with physics.
-
-
-@dataclass(frozen=True, eq=False)
-class PhysicsSummary:
-    """fall: the first, None while it stands. slip_m: horizontal path length of all soles while they carried; tilt:
-    worst of a sole that carried, rad. zmp_margin: least distance of the centre of pressure to the edge of the soles
-    that carried, m, NaN where none did. torque (n,) N m, temperature (n,) degrees Celsius: most of each servo, in servo
-    order; heat is of a stated model, calibrated on no hardware. self_contacts, fixture_contacts: ticks with any."""
-
-    fall: Fall | None
-    slip_m: float
-    tilt: float
-    zmp_margin: float
-    torque: FloatArray
-    temperature: FloatArray
-    self_contacts: int
-    fixture_contacts: int
-
-
-def physics_summary(witness: Witness) -> PhysicsSummary:
-    """The numbers of a run up to now."""
-    log, world = witness.log, witness.simulation.world
-    margins = zmp_margins(world.robot, log, least_load=LOADED_SHARE * world.weight)
-    known = margins[np.isfinite(margins)]
-    return PhysicsSummary(
-        fall=witness.fall,
-        slip_m=float(log.slip_m.sum()),
-        tilt=log.worst_tilt,
-        zmp_margin=float(known.min()) if known.size else float("nan"),
-        torque=log.most_torque.copy(),
-        temperature=log.hottest.copy(),
-        self_contacts=log.self_contact_ticks,
-        fixture_contacts=log.fixture_contact_ticks,
-    )
+# From the witness of a simulated robot to the result of a run.
 
 
 def zmp_margins(robot: RobotBody, log: PhysicsLog, *, least_load: float) -> FloatArray:
@@ -191,9 +157,6 @@ def zmp_margins(robot: RobotBody, log: PhysicsLog, *, least_load: float) -> Floa
         ]
         margins[row] = support_distance(zmp[row], support_edges(outlines))
     return margins
-
-
-# From the witness of a simulated robot to the result of a run.
 
 
 def physics_run(

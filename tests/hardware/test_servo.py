@@ -27,7 +27,6 @@ from hardware.servo import (
 )
 from messages import refuses
 from servos import four_servos
-from sim.emulator.device import Device, Faulty
 
 Matrix = tuple[tuple[float, float], tuple[float, float]]
 numbers = st.floats(-10.0, 10.0)
@@ -67,19 +66,9 @@ def test_each_problem_is_found(joints: tuple[str, str], matrix: Matrix, text: st
     assert text in problem
 
 
-def speaks(device: Device) -> None:
-    assert device.protocol == 2 and not device.booting(0.0)
-
-
-def hurts(device: Faulty) -> None:
-    device.load(0.0, 0.0)
-
-
 @pytest.mark.parametrize("model", [name for name, model in SERVO_MODELS.items() if 2 in model.protocols])
 def test_every_model_moves_to_its_goal(model: str) -> None:
     servo = servo2(model)
-    speaks(servo)
-    hurts(servo)
     assert write_register(servo, "torque_enable", 1) == 0
     assert write_register(servo, "goal_position", 2100) == 0
     assert read_register(servo, "present_position", 2.0) == 2100
@@ -211,8 +200,8 @@ def test_an_error_outside_the_mask_only_alerts() -> None:
     write_register(servo, "torque_enable", 1)
     servo.supply(9.0, 1.0)
     assert servo.read(64, 1, 1.0) == (ALERT, b"\1")
-    servo.shock(2.0)
-    assert servo.read(70, 1, 2.0) == (ALERT, b"\x11") and read_register(servo, "torque_enable", 2.0) == 0
+    servo.heat(90.0, 2.0)
+    assert servo.read(70, 1, 2.0) == (ALERT, b"\x05") and read_register(servo, "torque_enable", 2.0) == 0
 
 
 def test_a_jam_overloads_after_a_while() -> None:
@@ -234,14 +223,6 @@ def test_a_brown_out_loses_the_ram() -> None:
     servo.supply(None, 100.0)
     assert servo.booting(100.1) and not servo.booting(100.3)
     assert read_register(servo, "torque_enable", 100.3) == 0 and read_register(servo, "position_p_gain", 100.3) == 800
-
-
-def test_what_a_servo_kept_moves_into_another_one() -> None:
-    servo = servo2(position=1234.0)
-    write_register(servo, "id", 7)
-    other = servo2()
-    other.restore(servo.keep(), 5.0)
-    assert other.id == 7 and other.booting(5.1) and read_register(other, "present_position", 5.3) == 1234
 
 
 def test_a_multi_register_write_with_a_profile_in_it() -> None:

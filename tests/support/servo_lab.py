@@ -44,7 +44,7 @@ class ServoLab:
         for device, other in self.moved.items():
             servo = next(one for one in self.line.devices if one.id == device)
             self.memory(device).put("id", other)
-            servo.tune()  # type: ignore[attr-defined]
+            servo.tune()
         line = self.line
         for fault in self.faults:
             line.faults.add(fault, clock.now())
@@ -68,7 +68,7 @@ class ServoLab:
     def memory(self, device: int) -> Memory:
         """Of the servo that has this id now."""
         servo = next(one for one in self.line.devices if one.id == device)
-        memory: Memory = servo.memory  # type: ignore[attr-defined]
+        memory: Memory = servo.memory
         return memory
 
     def write_register(self, device: int, name: str, value: int) -> None:

@@ -3,12 +3,12 @@
 from dataclasses import dataclass, field
 
 from hardware.dynamixel.packets import Error2, Instruction
-from sim.emulator.device import Answer
+from sim.emulator.device import Answer, Device
 
 
-@dataclass
-class StubDevice:
-    """A `sim.emulator.device.Device` of plain memory."""
+@dataclass(eq=False)
+class StubDevice(Device):
+    """A device of plain memory."""
 
     id: int = 1
     protocol: int = 2
@@ -21,7 +21,7 @@ class StubDevice:
     number: int = 1030
     firmware: int = 38
     boots: bool = False
-    memory: bytearray = field(default_factory=lambda: bytearray(1024))
+    store: bytearray = field(default_factory=lambda: bytearray(1024))
     heard: list[float] = field(default_factory=list)
     done: list[tuple[int, bytes, bool, bool]] = field(default_factory=list)
     handles: list[tuple[str, float | bool | None]] = field(default_factory=list)
@@ -48,12 +48,12 @@ class StubDevice:
         return None if broadcast or secondary else Answer(0, b"")
 
     def read(self, address: int, length: int, now: float) -> Answer:
-        if address + length > len(self.memory):
+        if address + length > len(self.store):
             return Answer(Error2.ACCESS, b"")
-        return Answer(0, bytes(self.memory[address : address + length]))
+        return Answer(0, bytes(self.store[address : address + length]))
 
     def write(self, address: int, data: bytes, now: float, *, secondary: bool = False) -> None:
-        self.memory[address : address + len(data)] = data
+        self.store[address : address + len(data)] = data
 
     def supply(self, volts: float | None, now: float) -> None:
         self.handles.append(("supply", volts))

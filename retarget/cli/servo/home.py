@@ -159,9 +159,12 @@ def home(
     posture = _posture(body, pose)
     names = [name for name in joints.split(",") if name]
     chosen = homed_columns(body.joint_map, names)
-    old = _old(body, names)
+    old = read_calibration(body.profile) if names else None  # of the joints that are not homed now
     options = RunOptions(robot=robot, bus=bus)
-    _refuse_no_bus(bus)
+    if bus == "none":
+        raise UsageError(
+            "there is no servo to read", where="--bus", found=bus, allowed="profile, a port, emulator, mock"
+        )
     file = HomedFile.of(body.profile, options, out, overwrite=overwrite)
     if dry_run:
         _say_all(body, posture, chosen, options, file, pose)
@@ -187,13 +190,6 @@ def home(
         new = ServoCalibration(robot=new.robot, servos=old.servos | new.servos)
     _refuse(body, homing, new, force=force)
     file.write(new, lambda question: agree(question, False))
-
-
-def _refuse_no_bus(bus: str) -> None:
-    if bus == "none":
-        raise UsageError(
-            "there is no servo to read", where="--bus", found=bus, allowed="profile, a port, emulator, mock"
-        )
 
 
 def _say_all(
@@ -239,11 +235,6 @@ def _posture(body: RobotBody, pose: str) -> FloatArray:
         raise UsageError("unknown posture", where="--pose", found=repr(pose[:80]), allowed=", ".join(POSES))
     angles: FloatArray = body.posture(getattr(body.profile.postures, pose))[body.servo_columns]
     return angles
-
-
-def _old(body: RobotBody, names: list[str]) -> ServoCalibration | None:
-    """The calibration of the joints that are not homed now; one of another robot is replaced only as a whole."""
-    return read_calibration(body.profile) if names else None
 
 
 def _angles(body: RobotBody, posture: FloatArray) -> str:

@@ -1,6 +1,5 @@
 """Ports and servos of the `servo` commands: those of a robot, of one port, or emulated; a look at them; a question."""
 
-import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -27,7 +26,7 @@ from hardware.dynamixel.serial_port import ECHOES, BytePort, SerialPort
 from hardware.dynamixel.single_requests import OneOff
 from hardware.errors import BusError, describe
 from hardware.servo import ServoSpec
-from retarget.cli.application import progress_bar
+from retarget.cli.application import ask, progress_bar
 from retarget.cli.buses import standing_ticks
 from retarget.errors import UsageError
 from retarget.model.robot import RobotBody, load_uncalibrated
@@ -262,25 +261,13 @@ def names(look_: Look, ids: Sequence[int]) -> str:
     )
 
 
-# The question before something is written or goes limp; only `y` or `yes` agrees.
+# The question before something is written or goes limp.
 
 
 def agreed(question: str, *, yes: bool) -> bool:
     """Whether the operator agrees, or did beforehand (`yes`); ENTER alone is no. Raises UsageError where the input has
     ended."""
-    if yes:
-        return True
-    typer.echo(f"{question} [y/N] ", nl=False)
-    sys.stdout.flush()
-    line = sys.stdin.readline()
-    if not line:
-        typer.echo()
-        raise UsageError(
-            "no answer to the question: the input has ended",
-            where="servo",
-            next_step="Run it in a terminal, or agree with --yes",
-        )
-    if line.strip().lower() in ("y", "yes"):
+    if yes or ask(question, enter=False, where="servo (--yes agrees beforehand)"):
         return True
     typer.echo("nothing was done")
     return False

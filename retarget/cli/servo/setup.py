@@ -7,17 +7,14 @@ from typing import Annotated
 
 import typer
 
-from hardware.bus import BusSpec
 from hardware.dynamixel.checks import Span, needed_ticks, wishes
-from hardware.dynamixel.control_table import ControlTable, Register, code_of, tables
+from hardware.dynamixel.control_table import ControlTable, code_of, tables
 from hardware.dynamixel.found_servos import LEVEL, PINGS_ONLY, answers_pings_only, enable_status_return
 from hardware.dynamixel.line_scan import Sighting, Speed, scan_line, write_setting
 from hardware.dynamixel.settings import (
     ANSWER_ALL,
     DELAYS,
     HIGHEST_ID,
-    OWN_OPTION,
-    SILENCING,
     ServoImage,
     Setting,
     in_units,
@@ -118,38 +115,22 @@ def check_asked(asked: Asked, protocol: int | None, model: str | None) -> None:
 
 
 def _check_register(possible: Sequence[ControlTable], name: str, value: int, option: str) -> None:
-    if (name, value) == (LEVEL[2].name, ANSWER_ALL) or any(_holds(one, name, value) for one in possible):
+    if (name, value) == (LEVEL[2].name, ANSWER_ALL):
         return
-    if name in OWN_OPTION:
-        raise UsageError("this register has its own option", where=option, found=name, allowed=OWN_OPTION[name])
-    having = [table[name] for table in possible if name in _eeprom(table)]
-    if having:
-        low, high = min(map(_lowest, having)), max(map(_highest, having))
-        raise UsageError(f"no such {name}", where=option, found=value, allowed=f"{low} to {high}")
-    names = dict.fromkeys(name for table in possible for name in _eeprom(table))
-    raise UsageError("no such register", where=option, found=repr(name[:80]), allowed=", ".join(names))
-
-
-def _holds(table: ControlTable, name: str, value: int) -> bool:
-    try:
-        setting_of(table, name, value)
-    except HardwareError:
-        return False
-    return True
-
-
-def _eeprom(table: ControlTable) -> list[str]:
-    """Registers that may be written by name."""
-    found = [one.name for one in table.registers if one.writable and one.address < table.eeprom_end]
-    return [name for name in found if name not in OWN_OPTION and name != SILENCING]
-
-
-def _lowest(register: Register) -> int:
-    return register.narrowest if register.lowest is None else register.lowest
-
-
-def _highest(register: Register) -> int:
-    return register.widest if register.highest is None else register.highest
+    having = [table for table in possible if table.has(name)]
+    refused = ""
+    if not having:
+        rows = [one for table in possible for one in table.registers if one.writable and one.address < table.eeprom_end]
+        allowed = ", ".join(dict.fromkeys(one.name for one in rows))
+        raise UsageError("no such register", where=option, found=repr(name[:80]), allowed=allowed)
+    for table in having:
+        try:
+            setting_of(table, name, value)
+        except HardwareError as error:
+            refused = str(error).removesuffix(".")
+        else:
+            return
+    raise UsageError(refused, where=option)
 
 
 # Which servo is meant: by its id on a port, or by its joint in a robot's profile, which also gives the bus.
@@ -205,7 +186,8 @@ def _servo(body: RobotBody, port: str | None, joint: str | None, device: int | N
         return found[0]
     if device is None:
         raise UsageError("which servo", where="servo setup", allowed="--joint NAME, or --id N of the profile")
-    there = {bus.name for bus in _buses_at(body, port)}
+    buses = body.profile.bus_specs()
+    there = {bus.name for bus in buses if bus.port == port} or {bus.name for bus in buses}
     found = [one for one in servos if one.id == device and one.bus in there]
     if len(found) > 1:
         joints = ", ".join(f"{one.joint} (bus {one.bus})" for one in found)
@@ -213,12 +195,6 @@ def _servo(body: RobotBody, port: str | None, joint: str | None, device: int | N
             "several servos have this id", where="--id", found=f"{device}: {joints}", allowed="--joint NAME"
         )
     return found[0] if found else None
-
-
-def _buses_at(body: RobotBody, port: str | None) -> list[BusSpec]:
-    """The buses of a port; all, where it is none of theirs."""
-    buses = list(body.profile.bus_specs())
-    return [bus for bus in buses if bus.port == port] or buses
 
 
 def _calibrated(robot: str, body: RobotBody) -> RobotBody:
@@ -239,15 +215,13 @@ def wanted_of(target: Target, asked: Asked, seen: Sighting, image: ServoImage) -
     Status Return Level is in RAM with protocol 2.0, and is left out: a servo with status return off was set before, and
     every run sets it. Raises BusError for a servo that is not of the profile's model and protocol.
     """
-    level = LEVEL[2].name
-    registers = {
-        name: value for name, value in asked.all_registers.items() if name != level or image.table.protocol == 1
-    }
+    registers = asked.all_registers
+    if image.table.protocol == 2:
+        registers.pop(LEVEL[2].name, None)
     servo, bus = target.servo, target.place.spec
     if servo is None or bus is None:
         return Asked(asked.new_id, asked.baud, asked.return_delay, None, registers)
-    own = Speed(bus.protocol, seen.speed.baud)
-    if seen.model != servo.model.name or seen.speed != own:
+    if (seen.model, seen.speed.protocol) != (servo.model.name, bus.protocol):
         raise BusError(
             describe(
                 what=f"id {target.device} is not the servo of {servo.joint} by its model or protocol",
@@ -295,12 +269,14 @@ def setup(
     _check(target, asked, protocol)
     place = target.place
     with opened([place]):
-        responsive = _make_responsive(target, asked, _find(place, target.device, protocol), yes=yes, dry_run=dry_run)
-        if responsive is None:
+        seen = _make_responsive(target, asked, _find(place, target.device, protocol), yes=yes, dry_run=dry_run)
+        if seen is None:
             return
-        seen, table = _known(place, responsive)
+        if seen.table is None:
+            what = f"id {seen.found.id} is a model that is not known here ({seen.model})"
+            raise BusError(describe(what=what, where=place.where, then="See `retarget servo scan`"))
         place.port.set_baud(seen.speed.baud)
-        image = read_image(OneOff(place.port, seen.speed.protocol), target.device, table)
+        image = read_image(OneOff(place.port, seen.speed.protocol), target.device, seen.table)
         typer.echo(f"id {target.device}: {seen.model}, firmware {seen.found.firmware}, {seen.speed}")
         wanted = wanted_of(target, asked, seen, image)
         pause = None if wanted.return_delay is None else 1e-6 * wanted.return_delay
@@ -376,23 +352,11 @@ def _find(place: Place, device: int, protocol: int | None) -> Sighting:
     with progress_bar(f"looking for id {device}", len(speeds)) as progress:
         scan = scan_line(place.port, speeds, ids=[device], progress=progress)
     seen = [one for one in scan.sightings if one.found.id == device]
-    what = ""
-    if not seen:
-        what = f"no servo answers to id {device} at any speed"
-    elif len(seen) > 1 or seen[0].found.clash:
-        what = f"several servos have id {device}"
-    if what:
+    if len(seen) != 1 or seen[0].found.clash:
+        what = f"several servos have id {device}" if seen else f"no servo answers to id {device} at any speed"
         then = "Connect one servo at a time; `retarget servo scan` shows the servos on the port"
         raise BusError(describe(what=what, where=place.where, then=then))
     return seen[0]
-
-
-def _known(place: Place, seen: Sighting) -> tuple[Sighting, ControlTable]:
-    """A servo and its registers. Raises BusError for a model that is not known."""
-    if seen.table is None:
-        what = f"id {seen.found.id} is a model that is not known here ({seen.model})"
-        raise BusError(describe(what=what, where=place.where, then="See `retarget servo scan`"))
-    return seen, seen.table
 
 
 def _refuse_taken(place: Place, seen: Sighting, new_id: int, baud: int) -> None:

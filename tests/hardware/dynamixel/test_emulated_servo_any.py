@@ -40,7 +40,7 @@ _known = st.sampled_from(
     )
 )
 _faults = st.tuples(
-    st.sampled_from(("supply", "heat", "load", "jam", "shock", "cut", "back")),
+    st.sampled_from(("supply", "heat", "jam", "cut", "back")),
     st.sampled_from((None, 0.0, 0.5, 3.0, 9.0, 12.0, 20.0, 85.0)),
 )
 _steps = st.lists(
@@ -53,12 +53,8 @@ def hurt(servo: EmulatedServo | EmulatedServo1, kind: str, value: float | None, 
         servo.supply(value, now)
     elif kind == "heat":
         servo.heat(value, now)
-    elif kind == "load":
-        servo.load(value or 0.0, now)
     elif kind == "jam":
         servo.jam(bool(value), now)
-    elif kind == "shock":
-        servo.shock(now)
     else:
         (servo.power_cut if kind == "cut" else servo.power_back)(now)
 

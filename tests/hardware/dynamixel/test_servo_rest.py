@@ -32,7 +32,7 @@ def test_all_go_limp_after_a_yes(words: tuple[str, ...], lab: ServoLab) -> None:
     assert not any(_torques(lab))
 
 
-@pytest.mark.parametrize("typed", ["n\n", "\n", "what\n"])
+@pytest.mark.parametrize("typed", ["n\n", "\n", "what\nn\n"])
 def test_without_a_yes_nothing_is_written(typed: str, lab: ServoLab) -> None:
     code, out, _ = lab.run("rest", "--robot", "op3", "--port", "emulator", typed=typed)
     assert code == 0 and all(_torques(lab))

@@ -3,22 +3,11 @@
 from emulated import servo2
 from hardware.dynamixel.packets import Error2, Instruction
 from sim.emulator.controller import ID, NUMBER, EmulatedController
-from sim.emulator.device import Device, Faulty
-
-
-def speaks(device: Device) -> None:
-    assert device.protocol == 2 and not device.booting(0.0)
-
-
-def hurts(device: Faulty) -> None:
-    device.shock(0.0)
 
 
 def test_it_switches_the_servos_power() -> None:
     servo = servo2()
     controller = EmulatedController([servo], baud=2_000_000)
-    speaks(controller)
-    hurts(controller)
     assert (controller.id, controller.baud) == (ID, 2_000_000)
     assert servo.booting(100.0)
     assert controller.execute(Instruction.WRITE, bytes((24, 0, 1)), 100.0, broadcast=False) == (0, b"")

@@ -41,7 +41,7 @@ def _said(data: bytes, devices: Sequence[StubDevice], gaps: Gaps = Gaps.SILENCE,
 def _row(*ids: int, protocol: int = 2) -> list[StubDevice]:
     devices = [StubDevice(id=device, protocol=protocol) for device in ids]
     for device in devices:
-        device.memory[132:136] = bytes((device.id, 0, 0, 0))
+        device.store[132:136] = bytes((device.id, 0, 0, 0))
     return devices
 
 
@@ -64,7 +64,7 @@ def test_a_broadcast_ping_is_answered_in_order_of_ids() -> None:
 def test_other_broadcasts_are_obeyed_in_silence() -> None:
     devices = _row(1, 2)
     assert _said(protocol2.write(0xFE, 64, b"\x01"), devices) == []
-    assert [device.memory[64] for device in devices] == [1, 1]
+    assert [device.store[64] for device in devices] == [1, 1]
     assert _said(protocol2.reboot(0xFE), devices) == []
     assert [device.done[-1] for device in devices] == [(Instruction.REBOOT, b"", True, False)] * 2
 
@@ -73,10 +73,10 @@ def test_a_secondary_id_is_obeyed_in_silence() -> None:
     devices = _row(1, 2, 3)
     devices[1].secondary_id = devices[2].secondary_id = 0
     assert _said(protocol2.write(0, 64, b"\x01"), devices) == []
-    assert [device.memory[64] for device in devices] == [0, 1, 1]
+    assert [device.store[64] for device in devices] == [0, 1, 1]
     assert devices[1].done[-1][3]
     assert _said(protocol2.sync_write(65, 1, [(0, b"\x05"), (1, b"\x06")]), devices) == []
-    assert [device.memory[65] for device in devices] == [6, 5, 5]
+    assert [device.store[65] for device in devices] == [6, 5, 5]
 
 
 def test_group_reads_are_answered_in_the_order_of_the_frame() -> None:
@@ -117,7 +117,7 @@ def test_a_refused_part_has_its_error_and_no_data() -> None:
 def test_the_fast_reply_of_the_manual() -> None:
     devices = _row(3, 4, 7)
     for device, value in zip(devices, (166, 1023, 2079), strict=True):
-        device.memory[132:136] = value.to_bytes(4, "little")
+        device.store[132:136] = value.to_bytes(4, "little")
     replies = _said(protocol2.sync_read(132, 4, [3, 7, 4], fast=True), devices)
     expected = "FFFFFD00FE1900550003A6000000840800071F08000016CA0004FF030000D19E"
     assert b"".join(part.data for part in replies) == bytes.fromhex(expected)
@@ -142,7 +142,7 @@ def test_a_device_without_fast_reads_is_a_gap_in_them_alone() -> None:
 
 def test_a_fast_bulk_read_has_parts_of_their_own_length() -> None:
     devices = _row(1, 2)
-    devices[0].memory[126:128] = b"\xff\xff"
+    devices[0].store[126:128] = b"\xff\xff"
     replies = _said(protocol2.bulk_read([(1, 126, 2), (2, 132, 4)], fast=True), devices)
     reply = b"".join(part.data for part in replies)
     assert valid_parts(reply, [2, 4]) == [Status(1, 0, b"\xff\xff"), Status(2, 0, b"\x02\0\0\0")]
@@ -168,11 +168,11 @@ def test_a_status_frame_is_no_instruction() -> None:
 
 def test_protocol_1_has_bulk_read_and_sync_write() -> None:
     devices = _row(1, 2, protocol=1)
-    devices[1].memory[36] = 9
+    devices[1].store[36] = 9
     replies = _said(protocol1.bulk_read([(2, 36, 2), (1, 36, 1)]), devices)
     assert [reply.data for reply in replies] == [protocol1.status(2, 0, b"\x09\0"), protocol1.status(1, 0, b"\0")]
     assert _said(protocol1.sync_write(30, 1, [(1, b"\x07")]), devices) == []
-    assert devices[0].memory[30] == 7
+    assert devices[0].store[30] == 7
 
 
 def test_an_ax_knows_no_bulk_read() -> None:
@@ -261,8 +261,8 @@ def test_a_line_answers_damage_only_where_it_is_set_to(protocol: int, error: int
     assert _ask(_line(*devices, answers_damage=False), frame) == b""
     line = _line(*devices)
     assert _ask(line, frame) == words.status(2, error)
-    assert devices[1].memory[30] == 0 and devices[1].heard == []  # neither obeyed nor a life sign
-    assert _ask(line, words.write(2, 30, b"\x07"), 1.0) == words.status(2) and devices[1].memory[30] == 7
+    assert devices[1].store[30] == 0 and devices[1].heard == []  # neither obeyed nor a life sign
+    assert _ask(line, words.write(2, 30, b"\x07"), 1.0) == words.status(2) and devices[1].store[30] == 7
     assert _ask(line, _spoilt(words.write(BROADCAST, 30, b"\x08")), 2.0) == b""
     assert _ask(line, _spoilt(words.ping(9)), 3.0) == b""
 

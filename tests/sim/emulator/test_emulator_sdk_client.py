@@ -181,9 +181,9 @@ def test_another_speed_receives_nothing(port: sdk.PortHandler) -> None:
 def test_a_vanished_servo_is_back_when_the_fault_is_cleared(line2: tuple[Line, sdk.PortHandler]) -> None:
     line, port = line2
     device: Device = line.devices[0]
-    device.baud = 9600  # type: ignore[misc]  # as set by another process
+    device.baud = 9600
     assert P2.ping(port, 1)[1] == sdk.COMM_RX_TIMEOUT
-    device.baud = BAUD  # type: ignore[misc]
+    device.baud = BAUD
     assert P2.ping(port, 1) == (1020, 0, 0)
 
 

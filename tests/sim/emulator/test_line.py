@@ -120,7 +120,7 @@ def test_a_host_that_never_reads_costs_no_memory() -> None:
 @settings(max_examples=100)
 @given(st.lists(st.binary(max_size=40), max_size=6))
 def test_noise_harms_no_device_and_the_next_frame_is_received(noise: list[bytes]) -> None:
-    line = _line(StubDevice(id=1, memory=bytearray(70000)), StubDevice(id=1, protocol=1), timing=Timing())
+    line = _line(StubDevice(id=1, store=bytearray(70000)), StubDevice(id=1, protocol=1), timing=Timing())
     for index, data in enumerate(noise):
         line.receive(data, float(index))
     line.take(FOREVER)

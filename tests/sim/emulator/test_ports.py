@@ -26,51 +26,41 @@ from retarget.errors import UsageError
 from sim.emulator.fault_state import FaultState
 from sim.emulator.faults import Fault, FaultKind
 from sim.emulator.line import Line, Timing
-from sim.emulator.ports import Claim, EmulatedPort, Link, PseudoTerminal, serve
+from sim.emulator.ports import EmulatedPort, Link, PseudoTerminal, serve
 from stub_devices import StubDevice
-
-
-def test_one_has_it_at_a_time(tmp_path: Path) -> None:
-    first, second = Claim(tmp_path / "servos"), Claim(tmp_path / "servos")
-    assert first.take() and first.take()
-    assert not second.take()
-    assert second.holder() == os.getpid()
-    first.release()
-    first.release()
-    assert second.holder() is None
-    assert second.take() and not first.take()
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_path_counts_and_not_how_it_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "real").mkdir()
     (tmp_path / "other").symlink_to("real")
     monkeypatch.chdir(tmp_path)
-    first = Claim(Path("real/servos"))
-    assert first.take()
-    assert not Claim(tmp_path / "other" / ".." / "real" / "servos").take()
-    assert not Claim(tmp_path / "other" / "servos").take()
-    assert Claim(tmp_path / "real" / "servos2").take()
-
-
-def test_the_holder_can_be_asked_for_often(tmp_path: Path) -> None:
-    first, second = Claim(tmp_path / "servos"), Claim(tmp_path / "servos")
-    first.take()
-    assert {second.holder() for _ in range(100)} == {os.getpid()}
+    first = Link(Path("real/servos"))
+    first.check()
+    first.check()
+    for same in (tmp_path / "other" / ".." / "real" / "servos", tmp_path / "other" / "servos"):
+        for _ in range(50):  # the holder can be asked for often
+            with pytest.raises(UsageError, match=str(os.getpid())):
+                Link(same).check()
+    Link(tmp_path / "real" / "servos2").check()
+    assert list((tmp_path / "real").iterdir()) == []
+    first.remove()
+    first.remove()
+    Link(tmp_path / "other" / "servos").check()
 
 
 def test_a_process_that_is_killed_has_nothing_any_more(tmp_path: Path) -> None:
-    code = "import sys, signal; from pathlib import Path; from sim.emulator.ports import Claim\n"
-    code += "claim = Claim(Path(sys.argv[1])); print(claim.take(), flush=True); signal.pause()"
+    code = "import sys, signal; from pathlib import Path; from sim.emulator.ports import Link\n"
+    code += "link = Link(Path(sys.argv[1])); print(link.check(), flush=True); signal.pause()"
     path = tmp_path / "servos"
     with subprocess.Popen([sys.executable, "-c", code, str(path)], stdout=subprocess.PIPE, text=True) as process:
         try:
-            assert process.stdout is not None and process.stdout.readline() == "True\n"
-            claim = Claim(path)
-            assert not claim.take() and claim.holder() == process.pid
+            assert process.stdout is not None and process.stdout.readline() == "None\n"
+            link = Link(path)
+            with pytest.raises(UsageError, match=str(process.pid)):
+                link.check()
         finally:
             process.send_signal(signal.SIGKILL)
-    assert claim.take()
+    link.check()
 
 
 def test_it_is_made_moved_and_taken_away(tmp_path: Path) -> None:
@@ -345,6 +335,57 @@ def test_a_client_that_never_reads_costs_no_memory(terminal: PseudoTerminal) -> 
             terminal.line.receive(protocol2.ping(1), 0.0)
             terminal.send(0.0)
     assert terminal.lost > 0
+
+
+def _asked_twice(folder: Path, *, late: float, answered: float = 0.01) -> tuple[bytes, float]:
+    """What a client gets that asks twice in 5 ms, of an emulator that is `late` s late and sends at `answered`, s; and
+    by how much the emulator says that it was too late."""
+    devices = [StubDevice(baud=1_000_000)]
+    terminal = PseudoTerminal(Line(devices, timing=Timing()), Link(folder / "servos"))
+    terminal.open()
+    with Serial(str(terminal.link.path), 1_000_000, timeout=0.05) as client:
+        asked = 2 * protocol2.ping(1)
+        client.write(asked)
+        held = array.array("i", [0])
+        while held[0] < len(asked):
+            select.select([terminal.fd], [], [], 1.0)
+            fcntl.ioctl(terminal.fd, termios.FIONREAD, held)
+        terminal.receive(0.005, late=late)
+        terminal.send(answered)
+        got = bytes(client.read(2 * len(STATUS)))
+    terminal.close()
+    return got, terminal.too_late
+
+
+def test_a_client_that_does_not_wait_collides_with_the_servos(tmp_path: Path) -> None:
+    got, too_late = _asked_twice(tmp_path, late=0.0)
+    assert len(got) == len(STATUS) and got != STATUS and too_late == 0.0
+
+
+def test_an_emulator_that_is_late_damages_no_answer(tmp_path: Path) -> None:
+    """The client had waited for the first answer; both requests waited for the emulator."""
+    assert _asked_twice(tmp_path, late=0.005) == (2 * STATUS, 0.005)
+
+
+def test_an_answer_that_is_sent_late_is_noted(tmp_path: Path) -> None:
+    _, too_late = _asked_twice(tmp_path, late=0.0, answered=1.0)
+    assert too_late == pytest.approx(1.0 - 0.00626, abs=1e-4)
+
+
+def test_a_machine_that_is_too_slow_is_named_and_seldom(tmp_path: Path) -> None:
+    clock, turns, said = VirtualClock(0.0), iter(range(4)), []
+    devices = [StubDevice(baud=1_000_000)]
+    terminal = PseudoTerminal(Line(devices, baud=1_000_000), Link(tmp_path / "servos"))
+    terminal.open()
+
+    def late_again() -> bool:
+        terminal.line.receive(protocol2.ping(1), clock.now())
+        clock.advance(0.3)
+        return next(turns, None) is None
+
+    serve([terminal], clock, until=late_again, warn=said.append)
+    terminal.close()
+    assert said == ["this machine is too slow: the emulator was late by 299 ms"]
 
 
 def test_unplugged_it_is_gone_and_then_a_new_one_is_there(tmp_path: Path) -> None:

@@ -50,9 +50,11 @@ def test_registers_show_voltage_and_temperature() -> None:
     servo.heat(55.4, 0.0)
     assert read_register(servo, "present_temperature") == 55
     servo.supply(None, 0.0)
+    write_register(servo, "shutdown", 0)  # an overload takes no torque
     write_register(servo, "torque_enable", 1)
     servo.heat(None, 0.0)
-    servo.load(3.0, 0.0)
+    servo.jam(True, 0.0)
+    write_register(servo, "goal_position", 4000)
     assert read_register(servo, "present_temperature", 1.0) == 25
     for minute in range(1, 11):
         read_register(servo, "present_temperature", 60.0 * minute)

@@ -11,17 +11,9 @@ from hardware.dynamixel.packets import Error1, Instruction
 from hardware.dynamixel.parsers import parser1
 from hardware.servo import find_model
 from sim.emulator.conversation import Conversation
-from sim.emulator.device import Answer, Device, Faulty
+from sim.emulator.device import Answer
 from sim.emulator.servo1 import EmulatedServo1
 from sim.emulator.servo_body import ServoBuild
-
-
-def speaks(device: Device) -> None:
-    assert device.protocol == 1 and not device.booting(0.0)
-
-
-def hurts(device: Faulty) -> None:
-    device.load(0.0, 0.0)
 
 
 def replies(servo: EmulatedServo1, code: int, params: bytes = b"", now: float = 0.0) -> Answer | None:
@@ -31,8 +23,6 @@ def replies(servo: EmulatedServo1, code: int, params: bytes = b"", now: float = 
 @pytest.mark.parametrize(("model", "goal"), [("MX-28", 2500), ("MX-64", 1500), ("AX-12A", 700)])
 def test_it_goes_to_its_goal(model: str, goal: int) -> None:
     servo = servo1(model, position=512.0)
-    speaks(servo)
-    hurts(servo)
     assert replies(servo, Instruction.PING) == (0, b"")
     assert read_register1(servo, "torque_enable") == 0
     assert write_register1(servo, "goal_position", goal) == 0

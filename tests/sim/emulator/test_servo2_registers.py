@@ -339,13 +339,14 @@ def test_the_trajectory_is_ahead_of_the_shaft() -> None:
 def test_a_load_register_where_there_is_no_current() -> None:
     servo = servo2("XL430-W250")
     write_register(servo, "torque_enable", 1)
-    servo.load(-1.0, 0.0)
+    servo.jam(True, 0.0)
+    write_register(servo, "goal_position", 2048 + 90)  # 141 ticks ask for full drive
     assert 500 < read_register(servo, "present_load", 0.5) < 800
 
 
 LIMP = Condition(torque=False, barred=False, tripped=False)
 TABLE = servo2().table
-_registers = st.sampled_from(TABLE.registers)
+_registers = st.sampled_from([register for register in TABLE.registers if register.writable])
 _conditions = st.builds(Condition, st.booleans(), st.booleans(), st.booleans())
 
 
@@ -363,13 +364,11 @@ def refused(one: Memory, name: str, value: int, condition: Condition = LIMP) -> 
 
 @settings(max_examples=100)
 @given(register=_registers, condition=_conditions, share=st.floats(0.0, 1.0))
-def test_the_lock_of_the_eeprom_and_of_what_is_read_only(
-    register: Register, condition: Condition, share: float
-) -> None:
+def test_the_lock_of_the_eeprom(register: Register, condition: Condition, share: float) -> None:
     value = register.narrowest + round(share * (register.widest - register.narrowest))
     locked = condition.torque and register.address < TABLE.eeprom_end
     got = refusal(rules_memory(), Part(register, value), condition)
-    assert (got is Error2.ACCESS) == (locked or not register.writable)
+    assert (got is Error2.ACCESS) == locked
     if got is Error2.NONE:
         assert register.allows(value)
 

@@ -8,13 +8,11 @@ from hypothesis import strategies as st
 
 from emulated import servo1, servo2, write_register
 from hardware.dynamixel.control_table import find_table
-from hardware.errors import HardwareError
 from hardware.servo import find_model
-from messages import refuses
 from sim.emulator.power import Supply
 from sim.emulator.servo1 import EmulatedServo1
 from sim.emulator.servo2 import EmulatedServo
-from sim.emulator.servo_body import MOST_LOAD, ServoBody, ServoBuild
+from sim.emulator.servo_body import ServoBody, ServoBuild
 
 Make = Callable[[], EmulatedServo | EmulatedServo1]
 both = pytest.mark.parametrize("make", [servo2, servo1])
@@ -75,49 +73,6 @@ def test_power_is_there_only_when_nothing_takes_it(make: Make) -> None:
     servo.power_back(5.0)  # it has power: nothing happens
     servo.supply(11.0, 5.0)
     assert not servo.booting(5.0)
-
-
-@both
-@settings(max_examples=30)
-@given(
-    number=st.integers(0, 252),
-    delay=st.integers(0, 254),
-    position=st.integers(0, 4095),
-    led=st.integers(0, 1),
-)
-def test_what_is_kept_moves_and_the_rest_does_not(make: Make, number: int, delay: int, position: int, led: int) -> None:
-    old, new = make(), make()
-    for name, value in (("id", number), ("return_delay_time", delay), ("led", led)):
-        old.memory.put(name, value)
-    old.shaft.position = float(position)
-    kept = old.keep()
-    new.restore(kept, 1.0)
-    assert (new.id, new.memory.value("return_delay_time")) == (number, delay)
-    assert new.shaft.position == position and new.memory.value("led") == 0
-    assert new.booting(1.0) and not new.shaft.torque
-    assert new.keep() == kept
-
-
-def test_another_model_s_memory_is_refused() -> None:
-    servo = servo2()
-    before = bytes(servo.memory.image)
-    for other in (servo2("XM430-W210"), servo2("MX-28"), servo1("MX-28")):
-        with refuses(HardwareError, other.model):
-            servo.restore(other.keep(), 0.0)
-    with refuses(HardwareError, "2.0"):
-        servo1("MX-28").restore(servo2("MX-28").keep(), 0.0)
-    assert bytes(servo.memory.image) == before and not servo.booting(0.0)
-
-
-@both
-@settings(max_examples=30)
-@given(torque=st.floats(-1e3, 1e3), volts=st.floats(0.0, 14.0))
-def test_a_load_is_a_bounded_share_of_what_the_motor_has(make: Make, torque: float, volts: float) -> None:
-    servo = make()
-    servo.supply(volts, 0.0)
-    servo.load(torque, 0.0)
-    strength = servo.servo_model.stall_torque * max(volts / servo.electrics.nominal, 0.01)
-    assert servo.load_share == pytest.approx(max(-MOST_LOAD, min(MOST_LOAD, torque / strength)))
 
 
 def test_a_jam_and_its_end_reach_the_shaft() -> None:
