@@ -229,42 +229,80 @@ def read_arrays(path: Path, *, needed: frozenset[str], used: frozenset[str]) -> 
 
 ROBOT = frozenset({"time", "joint_names", "joint_positions", "root_position", "root_quaternion", "body"})
 HUMAN = frozenset({"time", "human_q", "human_mjcf"})
-USED = frozenset({"phase", "goal_ticks", "servo_positions", "landmark_names", "landmarks_asked"})
+SHOWN = frozenset({"landmarks_reached", "sensor_names", "sensor_positions"})
+USED = frozenset({"phase", "goal_ticks", "servo_positions", "landmark_names", "landmarks_asked"}) | SHOWN
 UNIT = 0.01
 """A quaternion may miss unit length by this."""
 
 
-def read_npz_run(path: Path, *, body: Path | None = None) -> Motion:
-    """What a run sent; of `--robot human` what it reconstructed. body: MJCF or URDF of the robot instead of the one
-    that the file names.
+class SavedRun:
+    """A saved run, whose arrays are checked when they are asked for: then InputError is raised for what cannot be.
 
-    Raises InputError for anything that is not such a run, and where its body is not found.
+    body: MJCF or URDF of the robot instead of the one that the file names.
     """
-    file = read_arrays(path, needed=ROBOT, used=USED | HUMAN)
-    time = _time(file)
-    rows, names = len(time), tuple(str(name) for name in file.texts("joint_names", None))
-    human = _human(file, time) if all(key in file for key in HUMAN) else None
-    if human is not None and human.joint_names == names:
-        return replace(human, asked=_asked(file, rows))
-    model = _model_of_file(file, path, body)
-    q = _posture(file, model, names, rows)
-    motion = Motion(str(path), _robot_name(model), model, time, _phase(file, rows), q, asked=_asked(file, rows))
-    order = [names.index(name) if name in names else -1 for name in motion.joint_names]
-    return replace(motion, servos=_servos(file, len(names), order), goal_ticks=_goals(file, len(names), order))
 
+    def __init__(self, path: Path, *, needed: frozenset[str] = ROBOT, body: Path | None = None) -> None:
+        """Raises InputError for anything that is no such run."""
+        self.file = read_arrays(path, needed=needed, used=ROBOT | HUMAN | USED)
+        self.time = _time(self.file)
+        self._path, self._body = path, body
 
-def read_npz_human(path: Path) -> Motion:
-    """The virtual human of a run, as it was reconstructed. Raises InputError for anything that is not such a run."""
-    file = read_arrays(path, needed=HUMAN, used=USED)
-    return _human(file, _time(file))
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Of the joints in the file, in its order."""
+        return tuple(str(name) for name in self.file.texts("joint_names", None))
 
+    @property
+    def human_mjcf(self) -> str:
+        """The body of the human that was reconstructed."""
+        return str(self.file.texts("human_mjcf"))
 
-def _human(file: ArrayFile, time: FloatArray) -> Motion:
-    text = str(file.texts("human_mjcf"))
-    model = load_body_text(text, source=f"{file.source}: human_mjcf", root="free")
-    q = file.floats("human_q", len(time), model.nq)
-    q[:, 3:7] = _unit(file, q[:, 3:7])
-    return Motion(file.source, "human", model, time, _phase(file, len(time)), q)
+    def robot(self) -> Motion:
+        """What was sent; of `--robot human` what was reconstructed."""
+        file, names = self.file, self.joint_names
+        human = self.human() if all(key in file for key in HUMAN) else None
+        if human is not None and human.joint_names == names:
+            return replace(human, asked=self.points("landmark_names", "landmarks_asked"))
+        model = load_body(self.body_path(), root="free")
+        q = _posture(file, model, names, len(self.time))
+        motion = Motion(file.source, _robot_name(model), model, self.time, _phase(file, len(self.time)), q)
+        order = [names.index(name) if name in names else -1 for name in motion.joint_names]
+        return replace(
+            motion,
+            servos=_servos(file, len(names), order),
+            goal_ticks=_goals(file, len(names), order),
+            asked=self.points("landmark_names", "landmarks_asked"),
+        )
+
+    def human(self) -> Motion:
+        """The virtual human, as it was reconstructed."""
+        file, time = self.file, self.time
+        model = load_body_text(self.human_mjcf, source=f"{file.source}: human_mjcf", root="free")
+        q = file.floats("human_q", len(time), model.nq)
+        q[:, 3:7] = _unit(file, q[:, 3:7])
+        return Motion(file.source, "human", model, time, _phase(file, len(time)), q)
+
+    def points(self, names: str, tracks: str) -> Tracks | None:
+        """Points by the keys of their names and of where they were; None where the file has none."""
+        if names not in self.file or tracks not in self.file:
+            return None
+        named = tuple(str(name) for name in self.file.texts(names, None))
+        return Tracks(named, self.file.floats(tracks, len(self.time), len(named), 3, unknown=True))
+
+    def body_path(self) -> Path:
+        """The body that is given; the one that the file names, where it was; or one of that name beside the file."""
+        if self._body is not None:
+            return self._body
+        named = Path(str(self.file.texts("body")))
+        places = [place for place in (named, self._path.parent / named.name) if _is_there(place)]
+        if not places:
+            raise InputError(
+                "the robot's body is not there",
+                where=self.file.source,
+                found=str(named)[:200],
+                next_step="Say where its MJCF or URDF is now: --body FILE.xml",
+            )
+        return places[0]
 
 
 def _posture(file: ArrayFile, model: BodyModel, names: tuple[str, ...], rows: int) -> FloatArray:
@@ -321,22 +359,6 @@ def _unit(file: ArrayFile, turn: FloatArray) -> FloatArray:
     return normalise(turn)
 
 
-def _model_of_file(file: ArrayFile, path: Path, given: Path | None) -> BodyModel:
-    """The body that is given; the one that the file names, where it was; or one of that name beside the file."""
-    if given is not None:
-        return load_body(given, root="free")
-    named = Path(str(file.texts("body")))
-    places = [place for place in (named, path.parent / named.name) if _is_there(place)]
-    if not places:
-        raise InputError(
-            "the robot's body is not there",
-            where=file.source,
-            found=str(named)[:200],
-            next_step="Say where its MJCF or URDF is now: --body FILE.xml",
-        )
-    return load_body(places[0], root="free")
-
-
 def _is_there(place: Path) -> bool:
     try:
         return bool(place.name) and place.is_file()
@@ -358,10 +380,3 @@ def _goals(file: ArrayFile, joints: int, order: list[int]) -> IntArray | None:
     goals = file.whole("goal_ticks", file.arrays["time"].size, joints)
     goals = np.hstack([goals, np.full((len(goals), 1), -1)])[:, order]
     return goals if (goals >= 0).any() else None
-
-
-def _asked(file: ArrayFile, rows: int) -> Tracks | None:
-    if "landmark_names" not in file or "landmarks_asked" not in file:
-        return None
-    names = tuple(str(name) for name in file.texts("landmark_names", None))
-    return Tracks(names, file.floats("landmarks_asked", rows, len(names), 3, unknown=True))
