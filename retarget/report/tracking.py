@@ -138,10 +138,7 @@ def _errors(task: Task, run: RunResult) -> Iterable[FloatArray]:
         if robot is None or sent is None:
             yield run.record.human.balance_error
         elif task.mode == "support" and robot.stands:
-            soles = motion_metrics.soles_of(robot, sent.q)
-            corners = np.concatenate([motion_metrics.sole_corners(sole) for sole in soles], axis=1)
-            com = robot.body.solver_body().centre_of_mass(np.ascontiguousarray(sent.q))
-            yield np.maximum(task.margin - motion_metrics.support_margin(com, corners), 0.0)
+            yield np.maximum(task.margin - motion_metrics.standing_of(robot, sent.q).margin, 0.0)
     elif isinstance(task, PositionTask):
         names, asked, reached = run.followed
         errors = distances(asked * _rows(task), reached * _rows(task))
