@@ -84,20 +84,27 @@ def run_arrays(run: RunResult, body: Path) -> Arrays:
     return arrays if truth is None else arrays | {"human_truth": _held(record, truth)}
 
 
+def _moved_body(body: BodyModel, q: FloatArray) -> Arrays:
+    """Joints and root of a body in postures (T, nq)."""
+    single, address = body.scalar_joints()
+    solver, q = body.solver_body(), np.ascontiguousarray(q)
+    return {
+        "joint_names": np.array([name for name, kept in zip(body.dof_names, single, strict=True) if kept]),
+        "joint_positions": q[:, address[single]],
+        "root_position": solver.points(q, [1], np.zeros((1, 3)))[:, 0],
+        "root_quaternion": solver.orientations(q, [1])[:, 0],
+    }
+
+
 def _robot_body(run: RunResult) -> Arrays:
     robot, sent, reached = run.robot, run.record.robot, run.landmarks_reached
     assert robot is not None and sent is not None and reached is not None
-    single, address = robot.body.scalar_joints()
-    names = tuple(name for name, is_single in zip(robot.body.dof_names, single, strict=True) if is_single)
+    moved = _moved_body(robot.body, sent.q)
+    names = tuple(moved["joint_names"].tolist())
     present = np.full((len(sent.q), len(names)), np.nan)
     if run.has_bus:
         present[:, [names.index(joint) for joint in robot.joint_map.joints]] = sent.present
-    root, turn = _root(robot.body, sent.q)
-    return {
-        "joint_names": np.array(names),
-        "joint_positions": sent.q[:, address[single]],
-        "root_position": root,
-        "root_quaternion": turn,
+    return moved | {
         "goal_ticks": robot.joint_map.spread(names, sent.goal_ticks),
         "landmark_names": np.array(sent.landmark_names),
         "landmarks_asked": _held(run.record, sent.landmarks_asked),
@@ -108,20 +115,13 @@ def _robot_body(run: RunResult) -> Arrays:
 
 
 def _human_body(run: RunResult) -> Arrays:
-    q = run.record.human.q
-    single, address = run.human.body.scalar_joints()
-    names = [name for name, is_single in zip(run.human.body.dof_names, single, strict=True) if is_single]
-    root, turn = _root(run.human.body, q)
-    return {
-        "joint_names": np.array(names),
-        "joint_positions": q[:, address[single]],
-        "root_position": root,
-        "root_quaternion": turn,
-        "goal_ticks": np.full((len(q), len(names)), NO_SERVO, dtype=np.int64),
+    moved = _moved_body(run.human.body, run.record.human.q)
+    return moved | {
+        "goal_ticks": np.full(moved["joint_positions"].shape, NO_SERVO, dtype=np.int64),
         "landmark_names": np.array(run.sensors),
         "landmarks_asked": run.sensors_asked,
         "landmarks_reached": run.sensors_reached,
-        "gated": np.zeros(len(q), dtype=np.bool_),
+        "gated": np.zeros(len(run.record), dtype=np.bool_),
     }
 
 
@@ -130,13 +130,6 @@ def _held(record: Record, tracks: FloatArray) -> FloatArray:
     following = record.following
     rows = np.clip(np.arange(len(record)), following.start, max(following.stop - 1, 0))
     return np.asarray(tracks[rows])
-
-
-def _root(body: BodyModel, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """World position (T, 3) and orientation (T, 4) of the first link."""
-    solver_body = body.solver_body()
-    q = np.ascontiguousarray(q)
-    return solver_body.points(q, [1], np.zeros((1, 3)))[:, 0], solver_body.orientations(q, [1])[:, 0]
 
 
 # The arrays of a foreign NPZ file: what is missing, cut short, of another shape or not a number is refused at once.

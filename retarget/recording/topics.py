@@ -70,13 +70,13 @@ def topics(
         _sensors(sensors),
         _tick(shape),
         _points(HUMAN_JOINTS, human_joints, seldom, lambda cycles: cycles.human_joints),
-        _posture(shape.human, seldom if robot is not None else _kept),
+        _numbers(HUMAN_POSTURE, (), shape.human, seldom if robot is not None else _kept, lambda cycles: cycles.human_q),
     ]
     if robot is None:
         return own
     servos = robot.joint_map
     own += [_joints(servos, seldom), _goals(servos.joints), _servos(servos), _frames(robot, seldom)]
-    own += [_truth(truth, often)] if truth else []
+    own += [_numbers(TRUTH, truth, len(truth), often, lambda cycles: cycles.truth)] if truth else []
     return [*own, _points(LANDMARKS, landmarks, often, lambda cycles: cycles.landmarks)]
 
 
@@ -130,22 +130,16 @@ def _points(
     return Topic(topic, "geometry_msgs/msg/PoseArray", names, layout, which, fill)
 
 
-def _posture(size: int, which: Callable[[Cycles], Mask]) -> Topic:
+def _numbers(
+    topic: str, names: tuple[str, ...], size: int, which: Callable[[Cycles], Mask], of: Callable[[Cycles], FloatArray]
+) -> Topic:
+    """A posture, or other numbers (size,), in single precision."""
+
     def fill(rows: Rows, cycles: Cycles) -> None:
-        rows["q"] = cycles.human_q
+        rows["q"] = of(cycles)
 
     layout = CdrBuilder().header(WORLD).sequence("q", "float32", size).build()
-    return Topic(HUMAN_POSTURE, "retarget_msgs/msg/Posture", (), layout, which, fill)
-
-
-def _truth(names: tuple[str, ...], which: Callable[[Cycles], Mask]) -> Topic:
-    """Where a simulated body really was."""
-
-    def fill(rows: Rows, cycles: Cycles) -> None:
-        rows["q"] = cycles.truth
-
-    layout = CdrBuilder().header(WORLD).sequence("q", "float32", len(names)).build()
-    return Topic(TRUTH, "retarget_msgs/msg/Posture", names, layout, which, fill)
+    return Topic(topic, "retarget_msgs/msg/Posture", names, layout, which, fill)
 
 
 def _joints(servos: JointMap, which: Callable[[Cycles], Mask]) -> Topic:
