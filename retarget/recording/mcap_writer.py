@@ -5,7 +5,7 @@ Chunks are whole once they are flushed.
 
 import threading
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import IntEnum
@@ -14,7 +14,6 @@ from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hardware.clock import thread_cpu
 from retarget.errors import UsageError
@@ -239,7 +238,7 @@ class WritingThread:
     """Writes one recording. stamp: from s of the run's clock to ns of the file.
 
     failure: why it ended early, "" while all is well; a disk that is full ends the recording and nothing else. cpu_s:
-    of this thread, s. written: cycles in the file.
+    of this thread, s.
     """
 
     def __init__(
@@ -252,7 +251,6 @@ class WritingThread:
     ) -> None:
         self.failure = ""
         self.cpu_s = 0.0
-        self.written = 0
         self._file, self._ring, self._events, self._topics, self._stamp = file, ring, events, tuple(topics), stamp
         self._ending = False
         self._thread = threading.Thread(target=self._run, name="record", daemon=True)
@@ -292,7 +290,11 @@ class WritingThread:
         events = [self._events.popleft() for _ in range(len(self._events))]
         cycles = self._ring.take()
         stamps = np.array([self._stamp(time) for time in cycles.time.tolist()], dtype=np.int64)
-        messages = [(at, name, cycle, data) for name, cycle, at, data in self._encoded(cycles, stamps)]
+        messages = [
+            (at, topic.name, cycle, data)
+            for topic in self._topics
+            for cycle, at, data in topic.messages(cycles, stamps)
+        ]
         for event in events:
             at = self._stamp(event.time)
             messages.append((at, EVENTS, event.cycle, log_message(event, stamp_ns=at)))
@@ -302,10 +304,4 @@ class WritingThread:
         for at, name, cycle, data in messages:
             self._file.add(name, index=cycle, stamp_ns=at, data=data)
         self._file.flush()
-        self.written += len(cycles)
         self.cpu_s = thread_cpu()
-
-    def _encoded(self, cycles: Cycles, stamps: NDArray[np.int64]) -> Iterator[tuple[str, int, int, bytes]]:
-        for topic in self._topics:
-            for index, stamp, data in topic.messages(cycles, stamps):
-                yield topic.name, index, stamp, data

@@ -256,7 +256,7 @@ def test_all_that_was_finished_is_in_the_file_in_order(
     begun.thread.close()
     begun.thread.close()
     recording = read_recording(tmp_path / "a.mcap")
-    assert begun.thread.failure == "" and begun.thread.written == 40 and begun.thread.cpu_s > 0.0
+    assert begun.thread.failure == "" and begun.thread.cpu_s > 0.0
     assert recording.damage == "" and recording.topic(TICK).cycles.tolist() == list(range(40))
     assert recording.texts == {(10, "run"): "hello"}
     assert recording.topic(TICK).rows["stamp.nanosec"].tolist() == [10_000_000 * number for number in range(40)]
@@ -283,7 +283,7 @@ def test_an_error_is_kept_and_frees_a_thread_that_waits(
     begun.fill(3)
     begun.thread.start()
     begun.thread.close()
-    assert begun.thread.failure == failure and begun.thread.written == 0
+    assert begun.thread.failure == failure
     begun.ring._patient = True
     begun.fill(200)  # would wait for ever if the writing thread were still expected
     assert begun.ring.lost > 0
