@@ -47,7 +47,7 @@ def features_of(motion: Motion, *, rate_hz: int) -> tuple[Feature, ...]:
     task. Raises InputError where a servo is not known in some frame.
     """
     # Where no servo answered, all joints count as driven.
-    driven = np.isfinite(np.zeros_like(motion.joints) if motion.servos is None else motion.servos).any(axis=0)
+    driven = np.asarray(np.isfinite(motion.joints if motion.servos is None else motion.servos).any(axis=0))
     joints = tuple(f"{name}.pos" for name, kept in zip(motion.joint_names, driven, strict=True) if kept)
     sent = motion.joints[:, driven]
     seen = sent if motion.servos is None else motion.servos[:, driven]
