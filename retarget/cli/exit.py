@@ -273,8 +273,8 @@ PATIENCE_S = 0.4
 
 
 class Detached:
-    """A text stream in front of another one. Writing neither waits nor raises. failure: the first error of the stream;
-    lost: texts that were not shown."""
+    """A text stream in front of another one. Writing neither waits nor raises. failure: the first error of the
+    stream."""
 
     def __init__(self, stream: TextIO) -> None:
         """Start the thread."""
@@ -282,25 +282,17 @@ class Detached:
         self.encoding, self.errors = stream.encoding or "utf-8", "backslashreplace"
         self._stream, self._fd = stream, _descriptor(stream)
         self._waiting: deque[str] = deque(maxlen=MOST)
-        self._changed = threading.Condition()
+        self._changed = threading.Event()
         self._ended = False
-        self._pushed_out = self._failed = 0
         self._thread = threading.Thread(target=self._run, name="screen", daemon=True)
         self._thread.start()
-
-    @property
-    def lost(self) -> int:
-        """Number of texts that were not shown."""
-        return self._pushed_out + self._failed
 
     def write(self, text: str) -> int:
         """Leave it to the thread. Raises TypeError for what is no text, as any text stream."""
         if not isinstance(text, str):
             raise TypeError(f"a text stream takes str, found {type(text).__name__}")
-        with self._changed:
-            self._pushed_out += len(self._waiting) == MOST
-            self._waiting.append(text)
-            self._changed.notify()
+        self._waiting.append(text)
+        self._changed.set()
         return len(text)
 
     def flush(self) -> None:
@@ -308,9 +300,8 @@ class Detached:
 
     def end(self) -> None:
         """Write the rest, and nothing that follows; does not wait."""
-        with self._changed:
-            self._ended = True
-            self._changed.notify()
+        self._ended = True
+        self._changed.set()
 
     def close(self, patience: float = PATIENCE_S) -> None:
         """Write the rest; waits so many s at most. Twice does no harm."""
@@ -326,22 +317,16 @@ class Detached:
         return self._stream.fileno()
 
     def _run(self) -> None:
-        while texts := self._next():
+        while self._waiting or not self._ended:
+            self._changed.wait()
+            self._changed.clear()
+            texts = [self._waiting.popleft() for _ in range(len(self._waiting))]
             try:
                 self._put("".join(texts))
-            except (OSError, ValueError) as error:  # gone, full, or closed
-                self._failed += len(texts)
-                if isinstance(error, OSError):
-                    self.failure = self.failure or error
-
-    def _next(self) -> list[str]:
-        """All that waits; nothing at the end."""
-        with self._changed:
-            while not (self._waiting or self._ended):
-                self._changed.wait()
-            texts = [*self._waiting]
-            self._waiting.clear()
-            return texts
+            except OSError as error:  # gone, or full
+                self.failure = self.failure or error
+            except ValueError:  # closed
+                pass
 
     def _put(self, text: str) -> None:
         if self._fd is None:

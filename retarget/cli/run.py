@@ -146,18 +146,11 @@ def _show(report: Report, written: Written) -> None:
 # A live run: open the stream, calibrate, follow until it is stopped; on virtual time where nothing is real.
 
 
-def refuse_for_live(given: Mapping[str, object]) -> None:
-    """Raise UsageError for options that only a file has."""
+def refuse_given(given: Mapping[str, object], whose: str) -> None:
+    """Raise UsageError for options that only a source of another kind has."""
     found = [option for option, value in given.items() if value is not None]
     if found:
-        raise UsageError("only a motion file has this", where=", ".join(found), next_step="Leave it out")
-
-
-def refuse_for_file(given: Mapping[str, object]) -> None:
-    """Raise UsageError for options that only a live stream has."""
-    found = [option for option, value in given.items() if value is not None]
-    if found:
-        raise UsageError("only a live stream has this", where=", ".join(found), next_step="Leave it out")
+        raise UsageError(f"only a {whose} has this", where=", ".join(found), next_step="Leave it out")
 
 
 def sides_are_checked(source: str, asked: bool | None, *, yes: bool) -> bool:
@@ -535,7 +528,7 @@ def run(
     given |= {"--record-raw": record_raw, "--stop-file": stop_file, "--dead-man": dead_man}
     given |= {"--control-socket": control_socket, "--realtime": realtime, "--core": core}
     if "://" in source:
-        refuse_for_live({"--skeleton": skeleton, "--unit": unit, "--rate": rate, "--start": start})
+        refuse_given({"--skeleton": skeleton, "--unit": unit, "--rate": rate, "--start": start}, "motion file")
         live = LiveOptions(
             countdown=countdown,
             duration=end,
@@ -549,7 +542,7 @@ def run(
         ticks = Scheduling(priority=realtime, core=core)
         oversight = Oversight(stop_file=stop_file, dead_man=dead_man, control_socket=control_socket, scheduling=ticks)
         raise typer.Exit(follow_live(source, options, outputs, live, record_raw=record_raw, oversight=oversight))
-    refuse_for_file(given)
+    refuse_given(given, "live stream")
 
     def read() -> SensorFrames:
         from retarget.sources.open import open_source

@@ -19,7 +19,7 @@ from retarget.run.run_result import Extras, Truth
 from retarget.types import FloatArray, Notify
 from retarget.viewer.feed import PageSetup, ViewFeed, open_feed
 from retarget.viewer.page import RecordedPage
-from retarget.viewer.recorded import open_viewed
+from retarget.viewer.recorded import open_recorded
 from retarget.viewer.server import PORT, close_server, open_server
 from retarget.viewer.snapshot import drawn
 
@@ -33,12 +33,15 @@ def view(
     port: Annotated[
         int, typer.Option(help="Of the page, on this machine; 0: any.", metavar="PORT", min=0, max=65535)
     ] = PORT,
+    body: Annotated[
+        Path | None, typer.Option(help="The robot's MJCF or URDF, where FILE names none that is there.", metavar="FILE")
+    ] = None,
 ) -> None:
     """Show a recorded run on a web page: performer, robot, goals and joints, at any speed. Ctrl-C ends it.
 
     Open the address that is printed; its key keeps other pages and users out.
     """
-    run = open_viewed(file)
+    run = open_recorded(file, body=body)
     for note in run.notes:
         typer.echo(f"note: {file}: {note}", err=True)
     server, address = open_server(port, title=f"retarget: {file.name}")

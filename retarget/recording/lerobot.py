@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from retarget.errors import InputError, UsageError
 from retarget.recording.motion import CONVENTIONS, Motion
 from retarget.recording.tables import Arrow, arrow
-from retarget.types import BoolArray, FloatArray
+from retarget.types import FloatArray
 
 # A motion as the features of a LeRobot dataset: observations and actions, frame by frame.
 
@@ -46,7 +46,8 @@ def features_of(motion: Motion, *, rate_hz: int) -> tuple[Feature, ...]:
     for (m, world), those that are known in every frame. Then what LeRobot asks of every dataset, for one episode of one
     task. Raises InputError where a servo is not known in some frame.
     """
-    driven = _driven(motion)
+    # Where no servo answered, all joints count as driven.
+    driven = np.asarray(np.isfinite(motion.joints if motion.servos is None else motion.servos).any(axis=0))
     joints = tuple(f"{name}.pos" for name, kept in zip(motion.joint_names, driven, strict=True) if kept)
     sent = motion.joints[:, driven]
     seen = sent if motion.servos is None else motion.servos[:, driven]
@@ -59,13 +60,6 @@ def features_of(motion: Motion, *, rate_hz: int) -> tuple[Feature, ...]:
     counted = {"frame_index": frame, "episode_index": zero, "index": frame, "task_index": zero}
     features += [Feature(key, "int64", values.astype(np.int64)[:, None]) for key, values in counted.items()]
     return tuple(features)
-
-
-def _driven(motion: Motion) -> BoolArray:
-    """Which joints (n,) have a servo; all of them, where no servo answered."""
-    if motion.servos is None:
-        return np.ones(len(motion.joint_names), dtype=np.bool_)
-    return np.asarray(np.isfinite(motion.servos).any(axis=0))
 
 
 def _vector(key: str, names: tuple[str, ...], values: FloatArray) -> Feature:
@@ -97,35 +91,13 @@ def _check_known(seen: FloatArray, joints: tuple[str, ...], source: str) -> None
 QUANTILES = (1, 10, 50, 90, 99)
 
 
-@dataclass(frozen=True, eq=False)
-class Statistics:
-    """Of d values over T frames. least, most, mean, deviation (d,); quantiles (5, d): of `QUANTILES` percent."""
-
-    least: FloatArray
-    most: FloatArray
-    mean: FloatArray
-    deviation: FloatArray
-    quantiles: FloatArray
-    count: int
-
-    def entries(self) -> dict[str, list[float] | list[int]]:
-        """By the names that LeRobot gives them; the deviation is that of a population."""
-        named = {"min": self.least, "max": self.most, "mean": self.mean, "std": self.deviation}
-        named |= {f"q{percent:02d}": row for percent, row in zip(QUANTILES, self.quantiles, strict=True)}
-        return {**{name: values.tolist() for name, values in named.items()}, "count": [self.count]}
-
-
-def statistics_of(values: NDArray[np.generic]) -> Statistics:
-    """Statistics of values (T, d)."""
+def statistics_of(values: NDArray[np.generic]) -> dict[str, list[float] | list[int]]:
+    """Statistics of values (T, d) by the names that LeRobot gives them; the deviation is that of a population."""
     numbers = np.asarray(values, dtype=np.float64)
-    return Statistics(
-        least=numbers.min(axis=0),
-        most=numbers.max(axis=0),
-        mean=numbers.mean(axis=0),
-        deviation=numbers.std(axis=0),
-        quantiles=np.percentile(numbers, QUANTILES, axis=0),
-        count=len(numbers),
-    )
+    made = {name: getattr(numbers, name)(axis=0).tolist() for name in ("min", "max", "mean", "std")}
+    quantiles = np.percentile(numbers, QUANTILES, axis=0).tolist()
+    made |= {f"q{percent:02d}": row for percent, row in zip(QUANTILES, quantiles, strict=True)}
+    return {**made, "count": [len(numbers)]}
 
 
 VERSION = "v3.0"
@@ -151,7 +123,7 @@ def write_lerobot(motion: Motion, folder: Path, *, task: str = DEFAULT_TASK) -> 
     for place in ("data", "meta/episodes"):
         (folder / place / FIRST).parent.mkdir(parents=True)
     _write_json(folder / "meta/info.json", _info(motion, features, int(rate)))
-    _write_json(folder / "meta/stats.json", {item.key: statistics_of(item.values).entries() for item in features})
+    _write_json(folder / "meta/stats.json", {item.key: statistics_of(item.values) for item in features})
     _write(found, folder / "data" / FIRST, _frames(found, features))
     _write(found, folder / "meta/tasks.parquet", _tasks(found, task))
     _write(found, folder / "meta/episodes" / FIRST, _episode(found, features, task))
@@ -223,7 +195,7 @@ def _episode(found: Arrow, features: tuple[Feature, ...], task: str) -> Any:
         "dataset_to_index": frames,
     }
     for item in features:
-        row |= {f"stats/{item.key}/{name}": value for name, value in statistics_of(item.values).entries().items()}
+        row |= {f"stats/{item.key}/{name}": value for name, value in statistics_of(item.values).items()}
     row |= {"meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0}
     return found.core.table({key: [value] for key, value in row.items()})
 

@@ -3,26 +3,24 @@
 Chunks are whole once they are flushed.
 """
 
-import os
 import threading
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import IntEnum
 from hashlib import sha256
 from operator import itemgetter
 from pathlib import Path
-from typing import IO, Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hardware.clock import thread_cpu
 from retarget.errors import UsageError
 from retarget.recording.cdr import CdrBuilder
 from retarget.recording.cycles import Cycles, Done, Shape
 from retarget.recording.session import ConfigFile, Session
-from retarget.recording.topics import EVENTS, SCHEMAS, Topic
+from retarget.recording.topics import EVENTS, Topic, schema
 from retarget.schema.files import check_place, refuse_existing
 
 OPTION = "--record"
@@ -56,7 +54,7 @@ def check_target(path: Path) -> None:
 
 
 class RecordingFile:
-    """A new recording. size: bytes so far."""
+    """A new recording."""
 
     def __init__(self, path: Path, session: Session, configs: Iterable[tuple[ConfigFile, bytes]]) -> None:
         """Write what is known before the first cycle. Raises UsageError if there is a file, or none can be written."""
@@ -65,10 +63,10 @@ class RecordingFile:
         self.path = path
         refuse_existing(path, option=OPTION)
         try:
-            self._stream = _Direct(path)
+            self._stream = path.open("xb")
         except OSError as error:
             raise UsageError(f"cannot write here ({error.strerror})", where=OPTION, found=str(path)) from error
-        self._writer = Writer(cast(IO[Any], self._stream), chunk_size=CHUNK, compression=CompressionType.ZSTD)
+        self._writer = Writer(self._stream, chunk_size=CHUNK, compression=CompressionType.ZSTD)
         try:
             self._writer.start(profile=PROFILE)
             text = session.model_dump_json()
@@ -77,16 +75,12 @@ class RecordingFile:
             for config, content in configs:
                 if len(content) <= LARGEST:
                     self._writer.add_attachment(session.begun_ns, session.begun_ns, config.name, "text/plain", content)
+            self._stream.flush()
         except OSError as error:
             self.discard()
             raise UsageError(f"cannot write here ({error.strerror})", where=OPTION, found=str(path)) from error
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
-
-    @property
-    def size(self) -> int:
-        """Bytes so far."""
-        return self._stream.tell()
 
     def announce(self, topics: Sequence[Topic]) -> None:
         """Register the topics. Each one's metadata hold `layout`, a numpy dtype, and `names`."""
@@ -102,57 +96,32 @@ class RecordingFile:
     def flush(self) -> None:
         """Hand everything to the system: a crash of this process does not lose it. Raises OSError."""
         self._writer.flush()  # type: ignore[no-untyped-call]
+        self._stream.flush()
 
     def finish(self) -> None:
         """Write the rest and the index, and close. Raises OSError."""
         self._writer.finish()  # type: ignore[no-untyped-call]
-        self.close()
+        self._stream.close()
 
     def close(self) -> None:
         """Close, whatever is missing. Twice does no harm."""
-        self._stream.close()
+        with suppress(OSError):  # a full disk keeps the rest from it
+            self._stream.close()
 
     def discard(self) -> None:
         """Close and remove it: nothing was recorded."""
         self.close()
         self.path.unlink(missing_ok=True)
 
-    def _register(self, topic: str, schema: str, metadata: dict[str, str]) -> None:
-        if schema not in self._schemas:
-            self._schemas[schema] = self._writer.register_schema(schema, "ros2msg", SCHEMAS[schema].encode())
-        self._channels[topic] = self._writer.register_channel(topic, "cdr", self._schemas[schema], metadata)
+    def _register(self, topic: str, message: str, metadata: dict[str, str]) -> None:
+        if message not in self._schemas:
+            self._schemas[message] = self._writer.register_schema(message, "ros2msg", schema(message).encode())
+        self._channels[topic] = self._writer.register_channel(topic, "cdr", self._schemas[message], metadata)
 
 
 def _one_word(name: str) -> str:
     """A name as the metadata have it, in which blanks part one from the next."""
     return "_".join(name.split()) or "_"
-
-
-class _Direct:
-    """A new file without a buffer: what is written is the system's, or an OSError."""
-
-    def __init__(self, path: Path) -> None:
-        self._file: IO[bytes] = path.open("xb", buffering=0)
-        self._size = 0
-
-    def write(self, data: bytes) -> int:
-        view = memoryview(data)
-        while view:
-            count = self._file.write(view)
-            if not count:
-                raise OSError(5, os.strerror(5))
-            self._size += count
-            view = view[count:]
-        return len(data)
-
-    def tell(self) -> int:
-        return self._size
-
-    def flush(self) -> None:
-        """There is nothing to flush."""
-
-    def close(self) -> None:
-        self._file.close()
 
 
 # The bounded queue between the tick and the writing thread: rows are filled in place and never wait for a disk.
@@ -224,7 +193,7 @@ class Ring:
 # Events: each is logged once, with the cycle in which it happened.
 
 MOST_EVENTS = 10_000
-"""So many wait to be written, no more."""
+"""So many wait to be written; of more, the newest."""
 MAX_TEXT = 2000
 
 
@@ -245,25 +214,6 @@ class Event:
     level: Level
     who: str
     text: str
-
-
-class Events:
-    """Events on their way to the file. lost: those for which there was no room."""
-
-    def __init__(self) -> None:
-        self.lost = 0
-        self._waiting: deque[Event] = deque()
-
-    def add(self, event: Event) -> None:
-        """Take one; never waits."""
-        if len(self._waiting) >= MOST_EVENTS:
-            self.lost += 1
-        else:
-            self._waiting.append(event)
-
-    def take(self) -> list[Event]:
-        """All that wait."""
-        return [self._waiting.popleft() for _ in range(len(self._waiting))]
 
 
 def log_message(event: Event, *, stamp_ns: int) -> bytes:
@@ -288,15 +238,19 @@ class WritingThread:
     """Writes one recording. stamp: from s of the run's clock to ns of the file.
 
     failure: why it ended early, "" while all is well; a disk that is full ends the recording and nothing else. cpu_s:
-    of this thread, s. written: cycles in the file.
+    of this thread, s.
     """
 
     def __init__(
-        self, file: RecordingFile, ring: Ring, events: Events, topics: Sequence[Topic], stamp: Callable[[float], int]
+        self,
+        file: RecordingFile,
+        ring: Ring,
+        events: deque[Event],
+        topics: Sequence[Topic],
+        stamp: Callable[[float], int],
     ) -> None:
         self.failure = ""
         self.cpu_s = 0.0
-        self.written = 0
         self._file, self._ring, self._events, self._topics, self._stamp = file, ring, events, tuple(topics), stamp
         self._ending = False
         self._thread = threading.Thread(target=self._run, name="record", daemon=True)
@@ -333,9 +287,14 @@ class WritingThread:
 
     def _write(self) -> None:
         """All that is there, as one chunk."""
-        events, cycles = self._events.take(), self._ring.take()
+        events = [self._events.popleft() for _ in range(len(self._events))]
+        cycles = self._ring.take()
         stamps = np.array([self._stamp(time) for time in cycles.time.tolist()], dtype=np.int64)
-        messages = [(at, name, cycle, data) for name, cycle, at, data in self._encoded(cycles, stamps)]
+        messages = [
+            (at, topic.name, cycle, data)
+            for topic in self._topics
+            for cycle, at, data in topic.messages(cycles, stamps)
+        ]
         for event in events:
             at = self._stamp(event.time)
             messages.append((at, EVENTS, event.cycle, log_message(event, stamp_ns=at)))
@@ -345,10 +304,4 @@ class WritingThread:
         for at, name, cycle, data in messages:
             self._file.add(name, index=cycle, stamp_ns=at, data=data)
         self._file.flush()
-        self.written += len(cycles)
         self.cpu_s = thread_cpu()
-
-    def _encoded(self, cycles: Cycles, stamps: NDArray[np.int64]) -> Iterator[tuple[str, int, int, bytes]]:
-        for topic in self._topics:
-            for index, stamp, data in topic.messages(cycles, stamps):
-                yield topic.name, index, stamp, data

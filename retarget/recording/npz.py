@@ -84,20 +84,27 @@ def run_arrays(run: RunResult, body: Path) -> Arrays:
     return arrays if truth is None else arrays | {"human_truth": _held(record, truth)}
 
 
+def _moved_body(body: BodyModel, q: FloatArray) -> Arrays:
+    """Joints and root of a body in postures (T, nq)."""
+    single, address = body.scalar_joints()
+    solver, q = body.solver_body(), np.ascontiguousarray(q)
+    return {
+        "joint_names": np.array([name for name, kept in zip(body.dof_names, single, strict=True) if kept]),
+        "joint_positions": q[:, address[single]],
+        "root_position": solver.points(q, [1], np.zeros((1, 3)))[:, 0],
+        "root_quaternion": solver.orientations(q, [1])[:, 0],
+    }
+
+
 def _robot_body(run: RunResult) -> Arrays:
     robot, sent, reached = run.robot, run.record.robot, run.landmarks_reached
     assert robot is not None and sent is not None and reached is not None
-    single, address = robot.body.scalar_joints()
-    names = tuple(name for name, is_single in zip(robot.body.dof_names, single, strict=True) if is_single)
+    moved = _moved_body(robot.body, sent.q)
+    names = tuple(moved["joint_names"].tolist())
     present = np.full((len(sent.q), len(names)), np.nan)
     if run.has_bus:
         present[:, [names.index(joint) for joint in robot.joint_map.joints]] = sent.present
-    root, turn = _root(robot.body, sent.q)
-    return {
-        "joint_names": np.array(names),
-        "joint_positions": sent.q[:, address[single]],
-        "root_position": root,
-        "root_quaternion": turn,
+    return moved | {
         "goal_ticks": robot.joint_map.spread(names, sent.goal_ticks),
         "landmark_names": np.array(sent.landmark_names),
         "landmarks_asked": _held(run.record, sent.landmarks_asked),
@@ -108,20 +115,13 @@ def _robot_body(run: RunResult) -> Arrays:
 
 
 def _human_body(run: RunResult) -> Arrays:
-    q = run.record.human.q
-    single, address = run.human.body.scalar_joints()
-    names = [name for name, is_single in zip(run.human.body.dof_names, single, strict=True) if is_single]
-    root, turn = _root(run.human.body, q)
-    return {
-        "joint_names": np.array(names),
-        "joint_positions": q[:, address[single]],
-        "root_position": root,
-        "root_quaternion": turn,
-        "goal_ticks": np.full((len(q), len(names)), NO_SERVO, dtype=np.int64),
+    moved = _moved_body(run.human.body, run.record.human.q)
+    return moved | {
+        "goal_ticks": np.full(moved["joint_positions"].shape, NO_SERVO, dtype=np.int64),
         "landmark_names": np.array(run.sensors),
         "landmarks_asked": run.sensors_asked,
         "landmarks_reached": run.sensors_reached,
-        "gated": np.zeros(len(q), dtype=np.bool_),
+        "gated": np.zeros(len(run.record), dtype=np.bool_),
     }
 
 
@@ -130,13 +130,6 @@ def _held(record: Record, tracks: FloatArray) -> FloatArray:
     following = record.following
     rows = np.clip(np.arange(len(record)), following.start, max(following.stop - 1, 0))
     return np.asarray(tracks[rows])
-
-
-def _root(body: BodyModel, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """World position (T, 3) and orientation (T, 4) of the first link."""
-    solver_body = body.solver_body()
-    q = np.ascontiguousarray(q)
-    return solver_body.points(q, [1], np.zeros((1, 3)))[:, 0], solver_body.orientations(q, [1])[:, 0]
 
 
 # The arrays of a foreign NPZ file: what is missing, cut short, of another shape or not a number is refused at once.
@@ -229,42 +222,80 @@ def read_arrays(path: Path, *, needed: frozenset[str], used: frozenset[str]) -> 
 
 ROBOT = frozenset({"time", "joint_names", "joint_positions", "root_position", "root_quaternion", "body"})
 HUMAN = frozenset({"time", "human_q", "human_mjcf"})
-USED = frozenset({"phase", "goal_ticks", "servo_positions", "landmark_names", "landmarks_asked"})
+SHOWN = frozenset({"landmarks_reached", "sensor_names", "sensor_positions"})
+USED = frozenset({"phase", "goal_ticks", "servo_positions", "landmark_names", "landmarks_asked"}) | SHOWN
 UNIT = 0.01
 """A quaternion may miss unit length by this."""
 
 
-def read_npz_run(path: Path, *, body: Path | None = None) -> Motion:
-    """What a run sent; of `--robot human` what it reconstructed. body: MJCF or URDF of the robot instead of the one
-    that the file names.
+class SavedRun:
+    """A saved run, whose arrays are checked when they are asked for: then InputError is raised for what cannot be.
 
-    Raises InputError for anything that is not such a run, and where its body is not found.
+    body: MJCF or URDF of the robot instead of the one that the file names.
     """
-    file = read_arrays(path, needed=ROBOT, used=USED | HUMAN)
-    time = _time(file)
-    rows, names = len(time), tuple(str(name) for name in file.texts("joint_names", None))
-    human = _human(file, time) if all(key in file for key in HUMAN) else None
-    if human is not None and human.joint_names == names:
-        return replace(human, asked=_asked(file, rows))
-    model = _model_of_file(file, path, body)
-    q = _posture(file, model, names, rows)
-    motion = Motion(str(path), _robot_name(model), model, time, _phase(file, rows), q, asked=_asked(file, rows))
-    order = [names.index(name) if name in names else -1 for name in motion.joint_names]
-    return replace(motion, servos=_servos(file, len(names), order), goal_ticks=_goals(file, len(names), order))
 
+    def __init__(self, path: Path, *, needed: frozenset[str] = ROBOT, body: Path | None = None) -> None:
+        """Raises InputError for anything that is no such run."""
+        self.file = read_arrays(path, needed=needed, used=ROBOT | HUMAN | USED)
+        self.time = _time(self.file)
+        self._path, self._body = path, body
 
-def read_npz_human(path: Path) -> Motion:
-    """The virtual human of a run, as it was reconstructed. Raises InputError for anything that is not such a run."""
-    file = read_arrays(path, needed=HUMAN, used=USED)
-    return _human(file, _time(file))
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Of the joints in the file, in its order."""
+        return tuple(str(name) for name in self.file.texts("joint_names", None))
 
+    @property
+    def human_mjcf(self) -> str:
+        """The body of the human that was reconstructed."""
+        return str(self.file.texts("human_mjcf"))
 
-def _human(file: ArrayFile, time: FloatArray) -> Motion:
-    text = str(file.texts("human_mjcf"))
-    model = load_body_text(text, source=f"{file.source}: human_mjcf", root="free")
-    q = file.floats("human_q", len(time), model.nq)
-    q[:, 3:7] = _unit(file, q[:, 3:7])
-    return Motion(file.source, "human", model, time, _phase(file, len(time)), q)
+    def robot(self) -> Motion:
+        """What was sent; of `--robot human` what was reconstructed."""
+        file, names = self.file, self.joint_names
+        human = self.human() if all(key in file for key in HUMAN) else None
+        if human is not None and human.joint_names == names:
+            return replace(human, asked=self.points("landmark_names", "landmarks_asked"))
+        model = load_body(self.body_path(), root="free")
+        q = _posture(file, model, names, len(self.time))
+        motion = Motion(file.source, _robot_name(model), model, self.time, _phase(file, len(self.time)), q)
+        order = [names.index(name) if name in names else -1 for name in motion.joint_names]
+        return replace(
+            motion,
+            servos=_servos(file, len(names), order),
+            goal_ticks=_goals(file, len(names), order),
+            asked=self.points("landmark_names", "landmarks_asked"),
+        )
+
+    def human(self) -> Motion:
+        """The virtual human, as it was reconstructed."""
+        file, time = self.file, self.time
+        model = load_body_text(self.human_mjcf, source=f"{file.source}: human_mjcf", root="free")
+        q = file.floats("human_q", len(time), model.nq)
+        q[:, 3:7] = _unit(file, q[:, 3:7])
+        return Motion(file.source, "human", model, time, _phase(file, len(time)), q)
+
+    def points(self, names: str, tracks: str) -> Tracks | None:
+        """Points by the keys of their names and of where they were; None where the file has none."""
+        if names not in self.file or tracks not in self.file:
+            return None
+        named = tuple(str(name) for name in self.file.texts(names, None))
+        return Tracks(named, self.file.floats(tracks, len(self.time), len(named), 3, unknown=True))
+
+    def body_path(self) -> Path:
+        """The body that is given; the one that the file names, where it was; or one of that name beside the file."""
+        if self._body is not None:
+            return self._body
+        named = Path(str(self.file.texts("body")))
+        places = [place for place in (named, self._path.parent / named.name) if _is_there(place)]
+        if not places:
+            raise InputError(
+                "the robot's body is not there",
+                where=self.file.source,
+                found=str(named)[:200],
+                next_step="Say where its MJCF or URDF is now: --body FILE.xml",
+            )
+        return places[0]
 
 
 def _posture(file: ArrayFile, model: BodyModel, names: tuple[str, ...], rows: int) -> FloatArray:
@@ -321,22 +352,6 @@ def _unit(file: ArrayFile, turn: FloatArray) -> FloatArray:
     return normalise(turn)
 
 
-def _model_of_file(file: ArrayFile, path: Path, given: Path | None) -> BodyModel:
-    """The body that is given; the one that the file names, where it was; or one of that name beside the file."""
-    if given is not None:
-        return load_body(given, root="free")
-    named = Path(str(file.texts("body")))
-    places = [place for place in (named, path.parent / named.name) if _is_there(place)]
-    if not places:
-        raise InputError(
-            "the robot's body is not there",
-            where=file.source,
-            found=str(named)[:200],
-            next_step="Say where its MJCF or URDF is now: --body FILE.xml",
-        )
-    return load_body(places[0], root="free")
-
-
 def _is_there(place: Path) -> bool:
     try:
         return bool(place.name) and place.is_file()
@@ -358,10 +373,3 @@ def _goals(file: ArrayFile, joints: int, order: list[int]) -> IntArray | None:
     goals = file.whole("goal_ticks", file.arrays["time"].size, joints)
     goals = np.hstack([goals, np.full((len(goals), 1), -1)])[:, order]
     return goals if (goals >= 0).any() else None
-
-
-def _asked(file: ArrayFile, rows: int) -> Tracks | None:
-    if "landmark_names" not in file or "landmarks_asked" not in file:
-        return None
-    names = tuple(str(name) for name in file.texts("landmark_names", None))
-    return Tracks(names, file.floats("landmarks_asked", rows, len(names), 3, unknown=True))

@@ -1,7 +1,6 @@
 """Recorded runs read back as a `Motion`: the reader is chosen by the file's suffix."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ from retarget.model.robot import RobotBody
 from retarget.recording.configs import as_recorded
 from retarget.recording.cycles import Done
 from retarget.recording.motion import PHASE_NAMES, Motion, TextArray, Tracks, posture, quaternion_columns
-from retarget.recording.npz import read_npz_human, read_npz_run
+from retarget.recording.npz import HUMAN, SavedRun
 from retarget.recording.reading import Played, TopicRows, fields_required, played, postures_sent, read_recording
 from retarget.recording.topics import GOALS, HUMAN_POSTURE, LANDMARKS
 from retarget.rotations import normalise
@@ -180,22 +179,7 @@ def _notes(found: Played) -> tuple[str, ...]:
     return tuple(notes)
 
 
-# The readers of recorded runs, by the suffix of the file.
-
-
-@dataclass(frozen=True)
-class Reader:
-    """How files of one kind are read: robot (path, body instead of the file's own, or None), human (path)."""
-
-    robot: Callable[[Path, Path | None], Motion]
-    human: Callable[[Path], Motion]
-
-
-READERS = {
-    ".npz": Reader(lambda path, body: read_npz_run(path, body=body), read_npz_human),
-    ".mcap": Reader(lambda path, body: read_mcap_run(path, body=body), read_mcap_human),
-}
-"""Suffix -> reader. A new format adds a line here."""
+SUFFIXES = (".npz", ".mcap")
 
 
 def read_run(path: Path, *, of_human: bool = False, body: Path | None = None) -> Motion:
@@ -203,13 +187,15 @@ def read_run(path: Path, *, of_human: bool = False, body: Path | None = None) ->
 
     body: MJCF or URDF of the robot, where the one that the file names is not there any more. Raises InputError.
     """
-    reader = READERS.get(path.suffix.lower())
-    if reader is None:
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
         raise InputError(
             "not a recorded run",
             where=str(path)[:200],
             found=path.suffix or "no suffix",
-            allowed=", ".join(READERS),
+            allowed=", ".join(SUFFIXES),
             next_step="Give a file that `retarget run` wrote with --save FILE.npz or --record FILE.mcap",
         )
-    return reader.human(path) if of_human else reader.robot(path, body)
+    if suffix == ".mcap":
+        return read_mcap_human(path) if of_human else read_mcap_run(path, body=body)
+    return SavedRun(path, needed=HUMAN).human() if of_human else SavedRun(path, body=body).robot()

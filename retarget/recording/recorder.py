@@ -153,7 +153,7 @@ class Recorder:
             if not self._note.rows:
                 file.discard()  # it was refused, or stopped, before it made a tick
             elif not self.failure:
-                self._notify(f"recording: {self._path}, {file.size / 1e6:.1f} MB")
+                self._notify(f"recording: {self._path}, {self._path.stat().st_size / 1e6:.1f} MB")
             elif self.failure != self._warned:
                 self._warn_of_failure()
 

@@ -20,6 +20,9 @@ from retarget.schema.priorities import Steps, self_contained
 FORMAT: Final = 2
 """Format of recordings; another one is refused. Format 1 is that of version 0.1.0."""
 
+OPTIONS = ("robot", "bus", "performer", "priorities", "iterations", "parts", "steps", "gate", "scene", "allow_contact")
+OF_PHYSICS = ("mount", "hook", "seed", "perturbations")
+"""Fields of a session that are those of `RunOptions` and of `PhysicsOptions`."""
 NotNegative = Annotated[float, Field(ge=0.0)]
 
 
@@ -83,19 +86,8 @@ class Session(_Strict):
     @property
     def options(self) -> RunOptions:
         """What the run was asked to be."""
-        return RunOptions(
-            robot=self.robot,
-            bus=self.bus,
-            performer=self.performer,
-            priorities=self.priorities,
-            iterations=self.iterations,
-            parts=self.parts,
-            steps=self.steps,
-            gate=self.gate,
-            scene=self.scene,
-            allow_contact=self.allow_contact,
-            physics=PhysicsOptions(self.mount, self.hook, self.seed, self.perturbations),
-        )
+        physics = PhysicsOptions(**{name: getattr(self, name) for name in OF_PHYSICS})
+        return RunOptions(**{name: getattr(self, name) for name in OPTIONS}, physics=physics)
 
     @property
     def size(self) -> HumanDimensions:
@@ -113,7 +105,6 @@ def session_of(prepared: Prepared, options: RunOptions, *, source: str, goes_to_
     """The session of a run that can start. begun_ns: unix time."""
     size, samples, intake = prepared.human.dimensions, prepared.samples, prepared.intake
     robot = None if prepared.machine is None else prepared.machine.robot
-    physics = options.physics
     offset = [(float(x), float(y), float(z)) for x, y, z in size.offset]
     return Session(
         format=FORMAT,
@@ -121,20 +112,8 @@ def session_of(prepared: Prepared, options: RunOptions, *, source: str, goes_to_
         numpy=np.__version__,
         machine=platform.machine(),
         source=source.encode(errors="replace").decode(),  # of a file whose name is not UTF-8
-        robot=options.robot,
-        bus=options.bus,
-        performer=options.performer,
-        priorities=options.priorities,
-        iterations=options.iterations,
-        parts=options.parts,
-        steps=options.steps,
-        gate=options.gate,
-        scene=options.scene,
-        allow_contact=options.allow_contact,
-        mount=physics.mount,
-        hook=physics.hook,
-        seed=physics.seed,
-        perturbations=physics.perturbations,
+        **{name: getattr(options, name) for name in OPTIONS},
+        **{name: getattr(options.physics, name) for name in OF_PHYSICS},
         goes_to_rest=goes_to_rest,
         ticks=samples.ticks,
         dt=samples.dt,

@@ -1,5 +1,6 @@
 """Taps between a run and its clock, bus and samples while it is recorded: all values pass through, and are copied."""
 
+from collections import deque
 from collections.abc import Callable
 
 import numpy as np
@@ -11,7 +12,7 @@ from hardware.guard_state import Stop
 from retarget.frames import SensorSample
 from retarget.human.samples import Clip, Samples
 from retarget.recording.cycles import READINGS, Asked, Boundary, Done
-from retarget.recording.mcap_writer import Event, Events, Level, Ring
+from retarget.recording.mcap_writer import MOST_EVENTS, Event, Level, Ring
 from retarget.run.loop import Machine
 from retarget.run.record import Phase, Record
 from retarget.types import FloatArray, RunState
@@ -31,7 +32,7 @@ class Note:
     def __init__(self, truth: Callable[[], FloatArray | None] = lambda: None) -> None:
         self._truth = truth
         self.ring: Ring | None = None
-        self.events = Events()
+        self.events: deque[Event] = deque(maxlen=MOST_EVENTS)
         self.now = 0.0
         self.rows = 0
         """Rows that the pipeline kept."""
@@ -111,7 +112,7 @@ class Note:
     def say(self, who: str, text: str, level: Level = Level.INFO) -> None:
         """Log an event of this cycle."""
         if self.ring is not None:
-            self.events.add(Event(self.now, self.ring.index, level, who, text))
+            self.events.append(Event(self.now, self.ring.index, level, who, text))
 
     def kept(self, record: Record, row: int) -> None:
         """The pipeline has a row of this tick."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from importlib.resources import files
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,13 +70,13 @@ def topics(
         _sensors(sensors),
         _tick(shape),
         _points(HUMAN_JOINTS, human_joints, seldom, lambda cycles: cycles.human_joints),
-        _posture(shape.human, seldom if robot is not None else _kept),
+        _numbers(HUMAN_POSTURE, (), shape.human, seldom if robot is not None else _kept, lambda cycles: cycles.human_q),
     ]
     if robot is None:
         return own
     servos = robot.joint_map
     own += [_joints(servos, seldom), _goals(servos.joints), _servos(servos), _frames(robot, seldom)]
-    own += [_truth(truth, often)] if truth else []
+    own += [_numbers(TRUTH, truth, len(truth), often, lambda cycles: cycles.truth)] if truth else []
     return [*own, _points(LANDMARKS, landmarks, often, lambda cycles: cycles.landmarks)]
 
 
@@ -129,22 +130,16 @@ def _points(
     return Topic(topic, "geometry_msgs/msg/PoseArray", names, layout, which, fill)
 
 
-def _posture(size: int, which: Callable[[Cycles], Mask]) -> Topic:
+def _numbers(
+    topic: str, names: tuple[str, ...], size: int, which: Callable[[Cycles], Mask], of: Callable[[Cycles], FloatArray]
+) -> Topic:
+    """A posture, or other numbers (size,), in single precision."""
+
     def fill(rows: Rows, cycles: Cycles) -> None:
-        rows["q"] = cycles.human_q
+        rows["q"] = of(cycles)
 
     layout = CdrBuilder().header(WORLD).sequence("q", "float32", size).build()
-    return Topic(HUMAN_POSTURE, "retarget_msgs/msg/Posture", (), layout, which, fill)
-
-
-def _truth(names: tuple[str, ...], which: Callable[[Cycles], Mask]) -> Topic:
-    """Where a simulated body really was."""
-
-    def fill(rows: Rows, cycles: Cycles) -> None:
-        rows["q"] = cycles.truth
-
-    layout = CdrBuilder().header(WORLD).sequence("q", "float32", len(names)).build()
-    return Topic(TRUTH, "retarget_msgs/msg/Posture", names, layout, which, fill)
+    return Topic(topic, "retarget_msgs/msg/Posture", names, layout, which, fill)
 
 
 def _joints(servos: JointMap, which: Callable[[Cycles], Mask]) -> Topic:
@@ -274,60 +269,22 @@ def _tick(shape: Shape) -> Topic:
 
 # The messages of a recording as ROS 2 defines them (`ros2msg`): standard ones wherever there is one.
 
-_LINE = "=" * 80
-_TIME = "builtin_interfaces/Time", "int32 sec\nuint32 nanosec\n"
-_HEADER = "std_msgs/Header", "builtin_interfaces/Time stamp\nstring frame_id\n"
-_POINT = "geometry_msgs/Point", "float64 x\nfloat64 y\nfloat64 z\n"
-_VECTOR = "geometry_msgs/Vector3", "float64 x\nfloat64 y\nfloat64 z\n"
-_TURN = "geometry_msgs/Quaternion", "float64 x\nfloat64 y\nfloat64 z\nfloat64 w\n"
-_POSE = "geometry_msgs/Pose", "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n"
-_TRANSFORM = (
-    "geometry_msgs/Transform",
-    "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation\n",
-)
-_STAMPED = (
-    "geometry_msgs/TransformStamped",
-    "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/Transform transform\n",
-)
+_LINE = "=" * 80 + "\n"
+_PARTS = files("retarget.recording").joinpath("ros2_messages.txt").read_text(encoding="utf-8").split(f"{_LINE}MSG: ")
+_OWN = {name: text for name, _, text in (part.removeprefix("MSG: ").partition("\n") for part in _PARTS)}
 
 
-def _definition(own: str, *others: tuple[str, str]) -> str:
-    """A definition followed by those that it is made of, as `ros2msg` has them."""
-    return own + "".join(f"{_LINE}\nMSG: {name}\n{text}" for name, text in others)
+def _made_of(name: str) -> dict[str, None]:
+    """The messages that one is made of, itself first, each once."""
+    names = {name: None}
+    for field in _OWN[name].split("\n"):
+        kind = field.partition(" ")[0].removesuffix("[]")
+        names |= _made_of(kind) if kind in _OWN else {}
+    return names
 
 
-SCHEMAS: dict[str, str] = {
-    "geometry_msgs/msg/PoseArray": _definition(
-        "std_msgs/Header header\ngeometry_msgs/Pose[] poses\n", _HEADER, _TIME, _POSE, _POINT, _TURN
-    ),
-    "sensor_msgs/msg/JointState": _definition(
-        "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n",
-        _HEADER,
-        _TIME,
-    ),
-    "tf2_msgs/msg/TFMessage": _definition(
-        "geometry_msgs/TransformStamped[] transforms\n", _STAMPED, _HEADER, _TIME, _TRANSFORM, _VECTOR, _TURN
-    ),
-    "rcl_interfaces/msg/Log": _definition(
-        "byte DEBUG=10\nbyte INFO=20\nbyte WARN=30\nbyte ERROR=40\nbyte FATAL=50\nbuiltin_interfaces/Time stamp\n"
-        "uint8 level\nstring name\nstring msg\nstring file\nstring function\nuint32 line\n",
-        _TIME,
-    ),
-    "retarget_msgs/msg/Servos": _definition(
-        "std_msgs/Header header\nstring[] name\nfloat64 bus_time\nuint8 answer\nint32 retries\nfloat64 error_rate\n"
-        "int32[] position\nfloat64[] velocity\nfloat64[] current\nfloat64[] voltage\nfloat64[] temperature\n"
-        "float64[] age\nuint8[] error\nuint8[] alert\nbool[] valid\nbool[] driven\n",
-        _HEADER,
-        _TIME,
-    ),
-    "retarget_msgs/msg/Posture": _definition("std_msgs/Header header\nfloat32[] q\n", _HEADER, _TIME),
-    "retarget_msgs/msg/Tick": _definition(
-        "std_msgs/Header header\nuint32 cycle\nint32 tick\nuint32 asked\nint8 phase\nuint8 state\nuint8 sampled\n"
-        "uint8 written\nbool kept\nbool gated\nbool no_command\nuint8 readings\nfloat64 settled\nfloat64[] clock\n"
-        "int32[] goal\nfloat32[] root\nfloat64[] sensor_weight\nbool weighted\nbool[] sensor_valid\n"
-        "bool[] sensor_oriented\nuint8[] observer_modes\nuint8[] human_observer_modes\nfloat32[] cost\n",
-        _HEADER,
-        _TIME,
-    ),
-}
-"""By full name; docs/recording.md explains their fields."""
+def schema(name: str) -> str:
+    """The definition of a message by its full name, followed by those that it is made of. docs/recording.md explains
+    the fields."""
+    own, *others = _made_of(name.replace("/msg/", "/"))
+    return _OWN[own] + "".join(f"{_LINE}MSG: {other}\n{_OWN[other]}" for other in others)

@@ -245,12 +245,10 @@ def _ground(run: RunResult, rows: IntArray) -> Ground | None:
     robot, sent = run.robot, run.record.robot
     if robot is None or sent is None or not robot.stands:
         return None
-    corners = [motion_metrics.sole_corners(sole) for sole in motion_metrics.soles_of(robot, sent.q)]
-    com = robot.body.solver_body().centre_of_mass(np.ascontiguousarray(sent.q))
-    every = np.concatenate(corners, axis=1)
-    outside = ~(motion_metrics.support_margin(com, every) >= -motion_metrics.OUTSIDE_M)
-    sizes = tuple(sole.shape[1] for sole in corners)
-    return Ground(packed(every[rows]), sizes, packed(com[rows]), motion_metrics.CONTACT_M, _letters(outside, rows))
+    stand = motion_metrics.standing_of(robot, sent.q)
+    sizes = tuple(len(sole.polygon) for sole in stand.soles)
+    outside = _letters(stand.outside, rows)
+    return Ground(packed(stand.corners[rows]), sizes, packed(stand.com[rows]), motion_metrics.CONTACT_M, outside)
 
 
 def _obstacles(run: RunResult, rows: IntArray) -> Obstacles | None:

@@ -148,7 +148,7 @@ class PlacedBody:
     rows: IntArray
 
     def to_itself(self, *, neutral: FloatArray, ignored: Iterable[tuple[str, str]] = ()) -> Clearance:
-        """See `self_clearance`."""
+        """To itself. Not compared: see `compared_pairs`."""
         geoms = self.geoms
         pairs, left_out = compared_pairs(self.model, geoms.links, geoms.geoms, neutral=neutral, ignored=ignored)
         if not len(self.rows) or not len(pairs):
@@ -163,7 +163,8 @@ class PlacedBody:
         return _clearance(found, (first, second), self.rows, left_out)
 
     def to_scene(self, scene: SceneState, times: FloatArray) -> Clearance:
-        """See `scene_clearance`; times: one for every posture that was given. The ground is left out."""
+        """Between every geom and every obstacle of a scene but the ground, at times (T,) s on its clock: one for every
+        posture that was given."""
         return self._to_obstacles(scene, times, np.tile(~scene.shapes.ground, (len(self.geoms.links), 1)))
 
     def to_ground(self, scene: SceneState, times: FloatArray, *, soles: Iterable[str]) -> Clearance:
@@ -226,29 +227,6 @@ def place_body(body: Path | str, postures: FloatArray, *, root: Root | None = No
         model = compile_body_text(body, source="the body", root=root).model
     rows = np.flatnonzero(np.isfinite(postures).all(axis=1))
     return PlacedBody(model, moving_geoms(model, postures[rows]), rows)
-
-
-def self_clearance(
-    body: Path | str,
-    postures: FloatArray,
-    *,
-    root: Root | None = None,
-    neutral: FloatArray,
-    ignored: Iterable[tuple[str, str]] = (),
-) -> Clearance:
-    """Look at every posture (T, nq) of a body: a file, or MJCF text.
-
-    Not compared: geoms of one link, of a link and its parent, of `ignored` pairs of links, of pairs that the file
-    excludes, and of pairs that already touch in the posture `neutral` (nq,).
-    """
-    return place_body(body, postures, root=root).to_itself(neutral=neutral, ignored=ignored)
-
-
-def scene_clearance(
-    body: Path | str, postures: FloatArray, *, root: Root | None = None, scene: SceneState, times: FloatArray
-) -> Clearance:
-    """The same between every geom of a body and every obstacle of a scene, at times (T,) s on the scene's clock."""
-    return place_body(body, postures, root=root).to_scene(scene, times)
 
 
 def _clearance(found: Closest, pair: tuple[str, str], rows: IntArray, left_out: tuple[LeftOut, ...]) -> Clearance:

@@ -2,7 +2,7 @@
 
 Signed distance changes by no more than the two shapes move (Hausdorff distance; inside as outside). So between two
 postures a and b, in which a pair is d_a and d_b apart and which its shapes travel W in all between, it is never nearer
-than (d_a + d_b - W) / 2. Where that might be the nearest, or inside, the posture in the middle is looked at.
+than (d_a + d_b - W) / 2. Where that might be the nearest, or inside, all postures in between are looked at.
 """
 
 from collections.abc import Callable
@@ -33,85 +33,39 @@ class Closest:
     deeper: tuple[int, ...]
 
 
+STRIDE = 8
+"""Postures from one that is looked at for every pair to the next. A body at 125 Hz moves some mm in between: then few
+pairs are near enough for a second look, and an eighth of all looks is done in any case."""
+
+
 def closest_pairs(distances: Distances, way: FloatArray, *, tolerances: tuple[float, ...]) -> Closest:
     """Look at pairs over postures; way (T, P): what the two shapes of each pair travelled since the first posture, m.
 
-    tolerances: depths, m, rising. Raises ValueError without postures or pairs.
+    tolerances: depths, m. Raises ValueError without postures or pairs.
     """
-    rows, pairs = way.shape
-    if not rows or not pairs:
-        raise ValueError(f"nothing to compare: {rows} postures, {pairs} pairs")
-    search = _Search(distances, rows, tolerances)
-    every = np.arange(pairs, dtype=np.int64)
-    first = search.look(np.zeros(pairs, dtype=np.int64), every)
-    last = search.look(np.full(pairs, rows - 1, dtype=np.int64), every)
-    spans = _Spans(every, np.zeros(pairs, dtype=np.int64), np.full(pairs, rows - 1, dtype=np.int64), first, last)
-    while len(spans.pair):
-        spans = spans.chosen(search.may_matter(spans, way))
-        middle = (spans.start + spans.end) // 2
-        order = np.argsort(middle, kind="stable")
-        spans, middle = spans.chosen(order), middle[order]
-        spans = spans.halved(middle, search.look(middle, spans.pair))
-    return search.found()
+    count, pairs = way.shape
+    if not count or not pairs:
+        raise ValueError(f"nothing to compare: {count} postures, {pairs} pairs")
+    seen = np.unique(np.append(np.arange(0, count, STRIDE), count - 1))
+    rows, which = (index.ravel() for index in np.meshgrid(seen, np.arange(pairs), indexing="ij"))
+    found = distances(rows, which)
+    # Between two looks: only where a pair may be the nearest of all, or as deep as a tolerance.
+    known = found.reshape(len(seen), pairs)
+    bound = 0.5 * (known[:-1] + known[1:] - np.diff(way[seen], axis=0))
+    span, pair = np.nonzero(bound < max(float(known.min()), *(-depth for depth in tolerances)))
+    between = seen[span, None] + np.arange(1, STRIDE)
+    inside = between < seen[span + 1, None]
+    later, of_pair = between[inside], np.repeat(pair, STRIDE - 1).reshape(between.shape)[inside]
+    order = np.argsort(later, kind="stable")
+    found = np.append(found, distances(later[order], of_pair[order]))
+    rows, which = np.append(rows, later[order]), np.append(which, of_pair[order])
 
-
-@dataclass(frozen=True, eq=False)
-class _Spans:
-    """Stretches (s,) of postures, from `start` to `end`, of a pair, and its distance at both."""
-
-    pair: IntArray
-    start: IntArray
-    end: IntArray
-    first: FloatArray
-    last: FloatArray
-
-    def chosen(self, which: NDArray[np.bool_] | IntArray) -> "_Spans":
-        return _Spans(self.pair[which], self.start[which], self.end[which], self.first[which], self.last[which])
-
-    def halved(self, middle: IntArray, distance: FloatArray) -> "_Spans":
-        """Both halves of each."""
-        return _Spans(
-            np.concatenate([self.pair, self.pair]),
-            np.concatenate([self.start, middle]),
-            np.concatenate([middle, self.end]),
-            np.concatenate([self.first, distance]),
-            np.concatenate([distance, self.last]),
-        )
-
-
-class _Search:
-    """What is known so far: the nearest of each posture that was looked at, and the nearest of all."""
-
-    def __init__(self, distances: Distances, rows: int, tolerances: tuple[float, ...]) -> None:
-        self._distances = distances
-        self._tolerances = tolerances
-        self._nearest = np.full(rows, np.inf)  # (T,) [m]
-        self._best = (np.inf, 0, 0)
-
-    def look(self, rows: IntArray, pairs: IntArray) -> FloatArray:
-        """Distances (m,) of pairs in postures."""
-        distance = self._distances(rows, pairs)
-        if len(distance):
-            np.minimum.at(self._nearest, rows, distance)
-            k = int(np.argmin(distance))
-            self._best = min(self._best, (float(distance[k]), int(rows[k]), int(pairs[k])))
-        return distance
-
-    def may_matter(self, spans: _Spans, way: FloatArray) -> NDArray[np.bool_]:
-        """Which spans (s,) may hold the nearest of all, or a depth that is not yet known of one of their postures."""
-        travel = way[spans.end, spans.pair] - way[spans.start, spans.pair]
-        bound = 0.5 * (spans.first + spans.last - travel)
-        matters = bound < self._best[0]
-        inside = spans.end - spans.start - 1
-        for depth in self._tolerances:
-            known = np.concatenate([[0], np.cumsum(self._nearest < -depth)])
-            open_rows = known[spans.end] - known[spans.start + 1] < inside
-            matters |= (bound < -depth) & open_rows
-        return np.asarray(matters & (inside > 0))
-
-    def found(self) -> Closest:
-        deeper = tuple(int(np.count_nonzero(self._nearest < -depth)) for depth in self._tolerances)
-        return Closest(*self._best, deeper)
+    nearest = np.full(count, np.inf)  # (T,) [m]
+    np.minimum.at(nearest, rows, found)
+    least = np.flatnonzero(found == found.min())
+    first = least[np.lexsort((which[least], rows[least]))[0]]
+    deeper = tuple(int(np.count_nonzero(nearest < -depth)) for depth in tolerances)
+    return Closest(float(found[first]), int(rows[first]), int(which[first]), deeper)
 
 
 # MuJoCo's distance between two geoms of a model, wherever they are put.

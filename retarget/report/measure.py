@@ -297,18 +297,14 @@ def _standing(run: RunResult) -> _Standing:
     robot, sent = run.robot, run.record.robot
     if robot is None or sent is None or not robot.stands or not len(sent.q):
         return _Standing()
-    soles = motion_metrics.soles_of(robot, sent.q)
-    corners = np.concatenate([motion_metrics.sole_corners(sole) for sole in soles], axis=1)
-    com = robot.body.solver_body().centre_of_mass(np.ascontiguousarray(sent.q))
-    margin = motion_metrics.support_margin(com, corners)
-    known = margin[np.isfinite(margin)]
-    height = max(float(np.abs(sole.position[:, 2]).max()) for sole in soles)
-    tilt = max(float(motion_metrics.sole_tilt(sole).max()) for sole in soles)
+    stand = motion_metrics.standing_of(robot, sent.q)
+    known = stand.margin[np.isfinite(stand.margin)]
+    height = max(float(np.abs(sole.position[:, 2]).max()) for sole in stand.soles)
+    tilt = max(float(motion_metrics.sole_tilt(sole).max()) for sole in stand.soles)
     return _Standing(
-        # Where nothing touches, nothing supports.
-        outside=int(np.count_nonzero(~(margin >= -motion_metrics.OUTSIDE_M))),
+        outside=int(np.count_nonzero(stand.outside)),
         margin=float(known.min()) if known.size else None,
-        slide=max(motion_metrics.foot_slide(sole) for sole in soles),
+        slide=max(motion_metrics.foot_slide(sole) for sole in stand.soles),
         soles=Soles(MM * height, float(np.rad2deg(tilt))),
     )
 

@@ -16,6 +16,30 @@ TOLERANCE = 1e-8
 change of a displacement by twice this. It is the round-off of two programs that agree."""
 
 
+@dataclass(frozen=True, eq=False)
+class MovedJoints:
+    """The joints that a run moves, in one order: positions (T, n) that were sent, rad or m; limits (n,); dt s, by which
+    their speeds are judged. Of a human alone those that are free, and the postures that were made."""
+
+    names: tuple[str, ...]
+    positions: FloatArray
+    limits: JointLimits
+    dt: float
+
+
+def moved_joints(run: RunResult) -> MovedJoints:
+    """The joints that a run moves."""
+    robot, sent = run.robot, run.record.robot
+    if robot is not None and sent is not None:
+        return MovedJoints(robot.joint_map.joints, sent.q[:, robot.servo_columns], robot.limits, run.clip.dt)
+    body, whole = run.human.body, run.human_limits
+    single, address = body.scalar_joints()
+    free = single & ~run.human.locked
+    limits = JointLimits(whole.lower[free], whole.upper[free], whole.max_velocity[free], whole.max_acceleration[free])
+    names = tuple(name for name, kept in zip(body.dof_names, free, strict=True) if kept)
+    return MovedJoints(names, run.record.human.q[:, address[free]], limits, run.clip.motion_dt)
+
+
 @dataclass(frozen=True)
 class LimitViolations:
     """How many values, of all joints and ticks, were beyond a limit."""
@@ -111,6 +135,30 @@ def support_margin(centre_of_mass: FloatArray, corners: FloatArray) -> FloatArra
         np.fmax(farthest, offset @ directions, out=farthest)
     margin = farthest.min(axis=1)
     return np.asarray(np.where(touching.any(axis=1), margin, np.nan))
+
+
+@dataclass(frozen=True, eq=False)
+class Standing:
+    """A robot over its soles in T postures: corners (T, c, 3) m of all of them; com (T, 3) m; margin (T,) m, see
+    `support_margin`."""
+
+    soles: list[Sole]
+    corners: FloatArray
+    com: FloatArray
+    margin: FloatArray
+
+    @property
+    def outside(self) -> BoolArray:
+        """Whether (T,) the centre of mass is beyond the edge; where nothing touches, nothing supports."""
+        return np.asarray(~(self.margin >= -OUTSIDE_M))
+
+
+def standing_of(robot: RobotBody, q: FloatArray) -> Standing:
+    """A robot that stands on soles, in postures (T, nq)."""
+    soles = soles_of(robot, q)
+    corners = np.concatenate([sole_corners(sole) for sole in soles], axis=1)
+    com = robot.body.solver_body().centre_of_mass(np.ascontiguousarray(q))
+    return Standing(soles, corners, com, support_margin(com, corners))
 
 
 def foot_slide(sole: Sole) -> float:

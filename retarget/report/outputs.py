@@ -5,19 +5,12 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from retarget.errors import RefusedError
 from retarget.recording.npz import save_path, write_npz
 from retarget.report.report import Report, page_path, report_path, write_report
 from retarget.run.run_result import RunResult
 from retarget.schema.files import check_folder, make_folder, refuse_existing
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    Figures = dict[str, Figure]
-
 
 PICTURE_NAMES = ("tracking", "angles", "balance", "pressure", "poses")
 """Of the files in `--plots DIR`, known without importing what draws them."""
@@ -83,12 +76,16 @@ class Outputs:
 
     def write(self, run: RunResult, report: Report) -> "Written":
         """Write what was asked for, one after the other: what cannot be written does not keep the rest from it."""
-        figures = cache(lambda: _figures(run))  # page and pictures show the same
+        if self.page is not None or self.plots is not None:
+            from retarget.report.page import write_page
+            from retarget.report.plots import figures_of, write_plots
+
+        figures = cache(lambda: figures_of(run))  # page and pictures show the same
         tries: list[tuple[str, Path | None, Callable[[Path], object]]] = [
             ("report", self.report, lambda path: write_report(report, path)),
             ("run", self.save, lambda path: write_npz(run, path)),
-            ("page", self.page, lambda path: _write_page(run, report, path, figures())),
-            ("picture", self.plots, lambda path: _write_plots(run, path, figures())),
+            ("page", self.page, lambda path: write_page(run, report, path, figures=figures())),
+            ("picture", self.plots, lambda path: write_plots(run, path, figures=figures())),
         ]
         lines: list[str] = []
         problems: list[str] = []
@@ -112,24 +109,6 @@ class Written:
 
     lines: tuple[str, ...]
     problems: tuple[str, ...]
-
-
-def _figures(run: RunResult) -> "Figures":
-    from retarget.report.plots import figures_of
-
-    return figures_of(run)
-
-
-def _write_plots(run: RunResult, folder: Path, figures: "Figures") -> list[Path]:
-    from retarget.report.plots import write_plots
-
-    return write_plots(run, folder, figures=figures)
-
-
-def _write_page(run: RunResult, report: Report, path: Path, figures: "Figures") -> None:
-    from retarget.report.page import write_page
-
-    write_page(run, report, path, figures=figures)
 
 
 @contextmanager

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from html import escape
 from importlib.resources import files
 from pathlib import Path
+from string import Template
 from typing import NewType
 
 import matplotlib
@@ -27,8 +28,6 @@ from retarget.schema.files import write_atomic
 Markup = NewType("Markup", str)
 """HTML that is as it should be: made here, or from our own files."""
 
-VOID = frozenset({"meta", "input", "br"})
-
 
 def safe(content: object) -> Markup:
     """Text, escaped; nothing for None."""
@@ -45,8 +44,6 @@ def element(tag: str, *children: Markup, **attributes: str | None) -> Markup:
         for name, value in attributes.items()
         if value is not None
     )
-    if tag in VOID:
-        return Markup(f"<{tag}{said}>")
     return Markup(f"<{tag}{said}>{''.join(children)}</{tag}>")
 
 
@@ -279,9 +276,6 @@ def _own_ids(tag: str, name: str) -> str:
 
 # The part of the page that moves: what the script fills and drives.
 
-TIMES = "\N{MULTIPLICATION SIGN}"
-SPEEDS = (("0.25", f"¼ {TIMES}"), ("0.5", f"½ {TIMES}"), ("1", f"1 {TIMES}"), ("2", f"2 {TIMES}"))
-
 
 def player_section(animation: Animation | None) -> Markup:
     """Views, controls and the data; nothing for a run that followed nothing."""
@@ -300,7 +294,7 @@ def player_section(animation: Animation | None) -> Markup:
         "section",
         element("h2", safe("Motion")),
         element("div", joined(views), class_=f"views of{len(views)}"),
-        _controls(),
+        _own("controls.html"),
         element("canvas", id="strip", aria_hidden="true"),
         _legend(animation),
         element("p", safe(f"Drag a body to turn it; {every}."), class_="soft screen"),
@@ -317,20 +311,6 @@ def _view(name: str, title: str, caption: str) -> Markup:
     canvas = element("canvas", id=f"view-{name}", role="img", aria_label=f"{title}, animated")
     caption_element = element("figcaption", element("b", safe(title)), element("span", safe(caption)))
     return element("figure", canvas, caption_element, class_=f"view {name}")
-
-
-def _controls() -> Markup:
-    options = joined(
-        element("option", safe(label), value=value, selected="" if value == "1" else None) for value, label in SPEEDS
-    )
-    return element(
-        "div",
-        element("button", safe("▶ Play"), type="button", id="play"),
-        element("input", type="range", id="scrub", min="0", value="0", step="1", aria_label="time"),
-        element("output", safe(""), id="clock"),
-        element("select", options, id="speed", aria_label="speed"),
-        class_="controls",
-    )
 
 
 def _legend(animation: Animation) -> Markup:
@@ -378,20 +358,11 @@ def page_html(run: RunResult, report: Report, *, figures: Mapping[str, Figure] |
         notes_section(report.notes),
         numbers_section(report),
     )
-    script, style = _script(), _own("page.css")
+    script = _script()
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
-    policy = f"default-src 'none'; style-src 'unsafe-inline'; script-src 'sha256-{digest}'"
-    head = element(
-        "head",
-        element("meta", charset="utf-8"),
-        element("meta", http_equiv="Content-Security-Policy", content=policy),
-        element("meta", name="viewport", content="width=device-width, initial-scale=1"),
-        element("meta", name="color-scheme", content="light dark"),
-        element("title", safe(f"{report.robot}: {Path(report.source).name}")),
-        element("style", style),
-    )
-    page = element("html", head, element("body", joined([body, element("script", script)])), lang="en")
-    return f"<!DOCTYPE html>\n{page}\n"
+    title = safe(f"{report.robot}: {Path(report.source).name}")
+    frame = Template(_own("page.html"))
+    return frame.substitute(digest=digest, title=title, style=_own("page.css"), body=body, script=script)
 
 
 def _picture(name: str, drawing: Markup) -> Markup:

@@ -1,7 +1,7 @@
 """`--plots DIR`: pictures of a run, for a person who wants to see what happened. Matplotlib is imported only here."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 
 from retarget.errors import UsageError
 from retarget.ik.support_polygon import convex_hull, plant
-from retarget.model.robot import RobotBody
 from retarget.report import motion_metrics
+from retarget.report.motion_metrics import moved_joints
 from retarget.report.plot_style import (
     ASKED,
     LIMIT,
@@ -28,7 +28,7 @@ from retarget.report.plot_style import (
     thinned,
 )
 from retarget.report.pose_pictures import plot_poses
-from retarget.run.run_result import PhysicsRun, RunResult
+from retarget.run.run_result import RunResult
 from retarget.schema.files import make_folder
 from retarget.types import FloatArray
 
@@ -39,7 +39,10 @@ _COLUMNS = 4
 
 def plot_angles(run: RunResult) -> Figure | None:
     """A panel for each joint: the angle that was sent, in degrees, between its limits."""
-    names, angles, lower, upper = (_of_robot if run.robot is not None else _of_human)(run)
+    moved = moved_joints(run)
+    order = sorted(range(len(moved.names)), key=lambda index: _family(moved.names[index]))
+    names, angles = tuple(moved.names[index] for index in order), np.rad2deg(moved.positions[:, order])
+    lower, upper = np.rad2deg(moved.limits.lower[order]), np.rad2deg(moved.limits.upper[order])
     if not names or len(run.record) < 2:
         return None
     lines = math.ceil(len(names) / _COLUMNS)
@@ -73,29 +76,6 @@ def _window(angle: FloatArray, lower: float, upper: float) -> tuple[float, float
     return low - room, high + room
 
 
-def _of_robot(run: RunResult) -> tuple[tuple[str, ...], FloatArray, FloatArray, FloatArray]:
-    """Names, angles (T, n), lower and upper limits (n,), degrees, left and right side by side."""
-    robot, sent = run.robot, run.record.robot
-    assert robot is not None and sent is not None
-    joints = robot.joint_map.joints
-    order = sorted(range(len(joints)), key=lambda index: _family(joints[index]))
-    angles = np.rad2deg(sent.q[:, robot.servo_columns])[:, order]
-    lower, upper = np.rad2deg(robot.joint_map.lower)[order], np.rad2deg(robot.joint_map.upper)[order]
-    return tuple(joints[index] for index in order), angles, lower, upper
-
-
-def _of_human(run: RunResult) -> tuple[tuple[str, ...], FloatArray, FloatArray, FloatArray]:
-    """As of a robot, for the hinges of the human that are free to move."""
-    body = run.human.body
-    single, address = body.scalar_joints()
-    shown = np.flatnonzero(single & ~run.human.locked)
-    names = tuple(body.dof_names[dof] for dof in shown)
-    order = sorted(range(len(names)), key=lambda index: _family(names[index]))
-    dofs = shown[order]
-    angles = np.rad2deg(run.record.human.q[:, address[dofs]])
-    return tuple(names[index] for index in order), angles, np.rad2deg(body.lower[dofs]), np.rad2deg(body.upper[dofs])
-
-
 def _family(joint: str) -> tuple[bool, str, bool]:
     """Paired joints first, by what they are, left before right."""
     paired = joint[:2] in ("l_", "r_")
@@ -115,84 +95,69 @@ def plot_balance(run: RunResult) -> Figure | None:
     robot, sent = run.robot, run.record.robot
     if robot is None or sent is None or len(run.record) < 2 or not robot.stands:
         return None
-    soles = motion_metrics.soles_of(robot, sent.q)
-    corners = np.concatenate([motion_metrics.sole_corners(sole) for sole in soles], axis=1)
-    com = robot.body.solver_body().centre_of_mass(np.ascontiguousarray(sent.q))
-    margin = motion_metrics.support_margin(com, corners)
-    figure = new_figure(11.0, 4.6, f"{robot.profile.name}: centre of mass over the support polygon")
-    above, time = figure.subplots(1, 2, width_ratios=(1.0, 1.35))
-    _from_above(above, com, corners, margin, len(robot.profile.feet))
-    _over_time(time, run.record.time, margin)
-    return figure
-
-
-def _from_above(axes: Axes, com: FloatArray, corners: FloatArray, margin: FloatArray, feet: int) -> None:
-    """Soles where they were first, their hull, and the path of the centre of mass; forward is up, left is left."""
-    first = MM * corners[0]
-    for foot in np.split(first, feet):
-        axes.fill(-foot[:, 1], foot[:, 0], facecolor="#dddddd", edgecolor="#999999", linewidth=0.8)
-    hull = convex_hull(first[:, :2])
-    closed = np.vstack([hull, hull[:1]])
-    axes.plot(-closed[:, 1], closed[:, 0], color=MIDDLE, linewidth=1.0, linestyle="--", label="support polygon")
-    rows = thinned(len(com))
-    axes.plot(-MM * com[rows, 1], MM * com[rows, 0], color=REACHED, linewidth=0.9, label="centre of mass")
-    outside = margin < -motion_metrics.OUTSIDE_M
+    stand = motion_metrics.standing_of(robot, sent.q)
+    figure, above, time = _over_soles(f"{robot.profile.name}: centre of mass over the support polygon")
+    _outlines(above, np.split(MM * stand.corners[0], len(robot.profile.feet)), "support polygon")
+    rows, com, outside = thinned(len(stand.com)), MM * stand.com, stand.margin < -motion_metrics.OUTSIDE_M
+    above.plot(-com[rows, 1], com[rows, 0], color=REACHED, linewidth=0.9, label="centre of mass")
     if outside.any():
-        axes.plot(-MM * com[outside, 1], MM * com[outside, 0], ".", color=WARNING, markersize=4, label="outside")
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel("left  -  right [mm]", fontsize=9)
-    axes.set_ylabel("forward [mm]", fontsize=9)
-    axes.set_title("from above", fontsize=10, loc="left")
-    plain(axes)
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3, frameon=False, fontsize=9)
-
-
-def _over_time(axes: Axes, time: FloatArray, margin: FloatArray) -> None:
-    """Distance from the edge, mm; below 0 it would fall."""
-    rows = thinned(len(time))
-    axes.plot(time[rows], MM * margin[rows], color=REACHED, linewidth=1.0)
-    axes.axhline(0.0, color=WARNING, linewidth=1.2)
-    known = MM * margin[np.isfinite(margin)]
+        above.plot(-com[outside, 1], com[outside, 0], ".", color=WARNING, markersize=4, label="outside")
+    _finish_above(above)
+    margin = MM * stand.margin
+    time.plot(run.record.time[rows], margin[rows], color=REACHED, linewidth=1.0)
+    known = margin[np.isfinite(margin)]
     low = min(0.0, float(known.min())) if known.size else 0.0
     high = float(known.max()) if known.size else 1.0
-    axes.set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
-    axes.annotate("edge", (time[0], 0.0), xytext=(2, 3), textcoords="offset points", fontsize=8, color=WARNING)
-    axes.set_xlabel("time [s]", fontsize=9)
-    axes.set_ylabel("distance inside the edge [mm]", fontsize=9)
+    time.set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
     nearest = f"never nearer to the edge than {known.min():.1f} mm" if known.size else "in the air"
-    axes.set_title(nearest, fontsize=10, loc="left")
-    plain(axes)
-
-
-# The centre of pressure of a simulated robot: from above, and how far inside the soles that carried it was.
+    _finish_margin(time, float(run.record.time[0]), nearest)
+    return figure
 
 
 def plot_pressure(run: RunResult) -> Figure | None:
-    """Path of the centre of pressure and of the centre of mass over the soles, and the distance of the former from the
-    edge of the soles that carried. None without physics, or where no sole carried."""
+    """Path of the centre of pressure and of the centre of mass of a simulated robot over the soles, until a fall, and
+    the distance of the former from the edge of the soles that carried; 0: they begin to tip; a gap: no sole carried, or
+    a hand held the robot. None without physics, or where no sole carried."""
     robot, physics = run.robot, run.physics
     if robot is None or physics is None or physics.least_margin is None or not robot.stands:
         return None
-    figure = new_figure(11.0, 4.6, f"{robot.profile.name} in physics: centre of pressure under the soles")
-    above, time = figure.subplots(1, 2, width_ratios=(1.0, 1.35))
-    _pressure_from_above(above, robot, physics)
-    _pressure_over_time(time, physics)
+    figure, above, time = _over_soles(f"{robot.profile.name} in physics: centre of pressure under the soles")
+    _outlines(above, [MM * sole.outline for sole in plant(robot, robot.profile.postures.stand).soles], "both soles")
+    fall = physics.fall
+    stands = physics.time <= (np.inf if fall is None else fall.time)
+    rows = thinned(int(np.count_nonzero(stands)))
+    pressure, com = MM * physics.pressure[rows], MM * physics.com[rows]
+    above.plot(-pressure[:, 1], pressure[:, 0], color=REACHED, linewidth=0.7, label="pressure")
+    above.plot(-com[:, 1], com[:, 0], color="black", linewidth=0.9, label="centre of mass")
+    _finish_above(above)
+    rows = thinned(len(physics.time))
+    time.plot(physics.time[rows], MM * physics.margin[rows], color=REACHED, linewidth=0.8)
+    if fall is not None:
+        time.axvline(fall.time, color=WARNING, linewidth=1.0, linestyle="--")
+        where = (fall.time, time.get_ylim()[1])
+        time.annotate("fallen ", where, ha="right", va="top", fontsize=8, color=WARNING)
+    nearest = f"never nearer to the edge than {MM * physics.least_margin:z.1f} mm"
+    _finish_margin(time, float(physics.time[0]), nearest)
     return figure
 
 
-def _pressure_from_above(axes: Axes, robot: RobotBody, physics: PhysicsRun) -> None:
-    """Soles where they began, their hull, and both paths until a fall; forward is up, left is left."""
-    outlines = [MM * sole.outline for sole in plant(robot, robot.profile.postures.stand).soles]
-    for outline in outlines:
-        axes.fill(-outline[:, 1], outline[:, 0], facecolor="#dddddd", edgecolor="#999999", linewidth=0.8)
-    hull = convex_hull(np.concatenate(outlines))
+def _over_soles(title: str) -> tuple[Figure, Axes, Axes]:
+    """A figure with room for what is seen from above, and for a distance over time."""
+    figure = new_figure(11.0, 4.6, title)
+    above, time = figure.subplots(1, 2, width_ratios=(1.0, 1.35))
+    return figure, above, time
+
+
+def _outlines(axes: Axes, soles: Sequence[FloatArray], hull_label: str) -> None:
+    """Soles where they began, (c, 2 or 3) mm each, and their hull; forward is up, left is left."""
+    for sole in soles:
+        axes.fill(-sole[:, 1], sole[:, 0], facecolor="#dddddd", edgecolor="#999999", linewidth=0.8)
+    hull = convex_hull(np.concatenate(soles)[:, :2])
     closed = np.vstack([hull, hull[:1]])
-    axes.plot(-closed[:, 1], closed[:, 0], color=MIDDLE, linewidth=1.0, linestyle="--", label="both soles")
-    stands = physics.time <= (np.inf if physics.fall is None else physics.fall.time)
-    rows = thinned(int(np.count_nonzero(stands)))
-    pressure, com = MM * physics.pressure[rows], MM * physics.com[rows]
-    axes.plot(-pressure[:, 1], pressure[:, 0], color=REACHED, linewidth=0.7, label="pressure")
-    axes.plot(-com[:, 1], com[:, 0], color="black", linewidth=0.9, label="centre of mass")
+    axes.plot(-closed[:, 1], closed[:, 0], color=MIDDLE, linewidth=1.0, linestyle="--", label=hull_label)
+
+
+def _finish_above(axes: Axes) -> None:
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("left  -  right [mm]", fontsize=9)
     axes.set_ylabel("forward [mm]", fontsize=9)
@@ -201,22 +166,13 @@ def _pressure_from_above(axes: Axes, robot: RobotBody, physics: PhysicsRun) -> N
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3, frameon=False, fontsize=9)
 
 
-def _pressure_over_time(axes: Axes, physics: PhysicsRun) -> None:
-    """Distance from the edge, mm; at 0 the soles begin to tip. A gap: no sole carried, or a hand held the robot."""
-    rows = thinned(len(physics.time))
-    axes.plot(physics.time[rows], MM * physics.margin[rows], color=REACHED, linewidth=0.8)
+def _finish_margin(axes: Axes, start: float, title: str) -> None:
+    """A distance from the edge, mm, over time from `start`, s; below 0 it would fall."""
     axes.axhline(0.0, color=WARNING, linewidth=1.2)
-    axes.annotate("edge", (physics.time[0], 0.0), xytext=(2, 3), textcoords="offset points", fontsize=8, color=WARNING)
-    fall = physics.fall
-    if fall is not None:
-        axes.axvline(fall.time, color=WARNING, linewidth=1.0, linestyle="--")
-        where = (fall.time, axes.get_ylim()[1])
-        axes.annotate("fallen ", where, ha="right", va="top", fontsize=8, color=WARNING)
+    axes.annotate("edge", (start, 0.0), xytext=(2, 3), textcoords="offset points", fontsize=8, color=WARNING)
     axes.set_xlabel("time [s]", fontsize=9)
     axes.set_ylabel("distance inside the edge [mm]", fontsize=9)
-    axes.set_title(
-        f"never nearer to the edge than {MM * (physics.least_margin or 0.0):z.1f} mm", fontsize=10, loc="left"
-    )
+    axes.set_title(title, fontsize=10, loc="left")
     plain(axes)
 
 

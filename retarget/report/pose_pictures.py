@@ -11,7 +11,7 @@ from matplotlib.patches import Circle, Ellipse
 from retarget.model.human import PostureReader
 from retarget.model.human_dimensions import PARENTS, POINTS
 from retarget.report.plot_style import MIDDLE, new_figure, side_colour
-from retarget.robot.landmarks import Facing
+from retarget.report.tracking import headings
 from retarget.run.run_result import RunResult
 from retarget.types import ORIENTED, FloatArray
 
@@ -167,13 +167,9 @@ def plot_poses(run: RunResult) -> Figure | None:
 def performer_facing(run: RunResult) -> FloatArray:
     """Heading (t, 2), unit vectors on the ground, in which a robot mirrors the performer at the ticks that followed."""
     human, following = run.record.human, run.record.following
-    names, joints = human.joint_names, human.joints[following]
-    pelvis = PostureReader(run.human).orientations(np.ascontiguousarray(human.q[following]))[
-        :, ORIENTED.index("pelvis")
-    ]
-    feet = [joints[:, names.index(f"{side}_toe")] - joints[:, names.index(f"{side}_ankle")] for side in "lr"]
-    facing, rows = Facing(), zip(pelvis.tolist(), *(foot.tolist() for foot in feet), strict=True)
-    return np.array([facing.update(seen, left, right, run.clip.dt) for seen, left, right in rows]).reshape(-1, 2)
+    pelvis = PostureReader(run.human).orientations(np.ascontiguousarray(human.q[following]))
+    turns = pelvis[:, ORIENTED.index("pelvis")]
+    return headings(turns, human.joint_names, human.joints[following], run.clip.dt)
 
 
 def telling_ticks(run: RunResult) -> list[int]:

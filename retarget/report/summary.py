@@ -128,9 +128,7 @@ def _spread(spread: Spread | None) -> list[str]:
 
 def _facts_table(report: Report) -> Table:
     """One row for each question that was asked of the run; questions without an answer are left out."""
-    table = Table(box=None, pad_edge=False, show_header=False)
-    table.add_column()
-    table.add_column()
+    table = Table("", "", box=None, pad_edge=False, show_header=False)
     for question, answer in _facts(report):
         if answer:
             table.add_row(question, answer)
@@ -141,12 +139,9 @@ def _facts(report: Report) -> Iterable[tuple[str, str]]:
     limits = report.limit_violations
     yield "hands within reach", _hands(report)
     yield "servos", _servos(report)
-    yield "lag", _number(report.lag_s and 1e3 * report.lag_s, "ms")
-    yield "hand path", _number(report.hand_path_ratio and 100.0 * report.hand_path_ratio, "% of what was asked")
-    yield (
-        "pelvis travel",
-        _number(report.pelvis_excursion_ratio and 100.0 * report.pelvis_excursion_ratio, "% of what was asked"),
-    )
+    yield "lag", _number(report.lag_s, "ms", scale=1e3)
+    yield "hand path", _number(report.hand_path_ratio, "% of what was asked", scale=100.0)
+    yield "pelvis travel", _number(report.pelvis_excursion_ratio, "% of what was asked", scale=100.0)
     yield "joints without sensor", _number((report.unsensed_mm or {}).get("mean"), "mm off on average")
     yield "limits broken", f"position {limits.position}, velocity {limits.velocity}, acceleration {limits.acceleration}"
     yield "highest level", _number(report.priority_violation_max, "mm or mrad off at most", digits=3)
@@ -163,12 +158,7 @@ def _facts(report: Report) -> Iterable[tuple[str, str]]:
     yield from physics_facts(report.physics)
     yield "cost per tick", _cost(report)
     yield "ticks missed", _missed(report)
-    yield (
-        "end",
-        report.stop.state + (f": {report.stop.reason}" if report.stop.reason else "")
-        if report.stop.state
-        else (report.stop.reason or ""),
-    )
+    yield "end", ": ".join(part for part in (report.stop.state, report.stop.reason) if part)
 
 
 def _steps(report: Report) -> str:
@@ -178,8 +168,8 @@ def _steps(report: Report) -> str:
     return f"{steps.made} made of {steps.asked} asked; {steps.declined} declined, for it could not be in time"
 
 
-def _number(value: float | None, unit: str, *, digits: int = 1) -> str:
-    return "" if value is None else f"{value:.{digits}f} {unit}"
+def _number(value: float | None, unit: str, *, scale: float = 1.0, digits: int = 1) -> str:
+    return "" if value is None else f"{scale * value:.{digits}f} {unit}"
 
 
 def _hands(report: Report) -> str:
@@ -208,15 +198,12 @@ def _gate(report: Report) -> str:
 
 
 def _standing(report: Report) -> str:
-    if report.com_outside_support_frames is None:
+    outside, margin = report.com_outside_support_frames, report.com_margin_mm
+    if outside is None:
         return ""
-    return f"outside the support in {report.com_outside_support_frames} ticks" + (
-        ""
-        if report.com_margin_mm is None
-        else f", never nearer to its edge than {report.com_margin_mm:.1f} mm"
-        if report.com_margin_mm >= 0.0
-        else f", by up to {-report.com_margin_mm:.1f} mm"
-    )
+    inside = "" if margin is None else f", never nearer to its edge than {margin:.1f} mm"
+    by = inside if margin is None or margin >= 0.0 else f", by up to {-margin:.1f} mm"
+    return f"outside the support in {outside} ticks{by}"
 
 
 def _soles(report: Report) -> str:

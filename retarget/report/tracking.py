@@ -138,10 +138,7 @@ def _errors(task: Task, run: RunResult) -> Iterable[FloatArray]:
         if robot is None or sent is None:
             yield run.record.human.balance_error
         elif task.mode == "support" and robot.stands:
-            soles = motion_metrics.soles_of(robot, sent.q)
-            corners = np.concatenate([motion_metrics.sole_corners(sole) for sole in soles], axis=1)
-            com = robot.body.solver_body().centre_of_mass(np.ascontiguousarray(sent.q))
-            yield np.maximum(task.margin - motion_metrics.support_margin(com, corners), 0.0)
+            yield np.maximum(task.margin - motion_metrics.standing_of(robot, sent.q).margin, 0.0)
     elif isinstance(task, PositionTask):
         names, asked, reached = run.followed
         errors = distances(asked * _rows(task), reached * _rows(task))
@@ -216,7 +213,7 @@ def asked_arms(robot: RobotBody, stance: Stance, asked: Performance) -> dict[str
     entries = {name: robot.profile.landmarks[name] for name in HANDS if name in asked.landmark_names}
     if len(entries) < len(HANDS):
         return {}
-    heading = _headings(asked)
+    heading = headings(asked.pelvis, asked.joint_names, asked.joints, asked.dt)
     arms = {name: _turned(_limb(entry, asked), heading) + entry.offset for name, entry in entries.items()}
     stood = {name: np.mean([stance.points[frame] for frame in entry.anchor], axis=0) for name, entry in entries.items()}
     shoulders = {name: asked.landmarks[:, asked.landmark_names.index(name)] - arm for name, arm in arms.items()}
@@ -228,11 +225,13 @@ def asked_arms(robot: RobotBody, stance: Stance, asked: Performance) -> dict[str
     return {name: stood[name] + np.einsum("...ji,...j->...i", turn, arm) for name, arm in arms.items()}
 
 
-def _headings(asked: Performance) -> FloatArray:
-    """Unit vectors (T, 2) on the ground where the performer faces, as the landmarks have them."""
-    feet = [_joint(asked, f"{side}_toe") - _joint(asked, f"{side}_ankle") for side in "lr"]
-    facing, rows = Facing(), zip(asked.pelvis.tolist(), *(foot.tolist() for foot in feet), strict=True)
-    return np.array([facing.update(pelvis, left, right, asked.dt) for pelvis, left, right in rows]).reshape(-1, 2)
+def headings(pelvis: FloatArray, joint_names: tuple[str, ...], joints: FloatArray, dt: float) -> FloatArray:
+    """Unit vectors (T, 2) on the ground where a human faces, as the landmarks have them: by its pelvis (T, 4) wxyz and
+    joints (T, m, 3) m, `dt` s apart."""
+    at = {name: joints[:, joint_names.index(name)] for name in ("l_toe", "l_ankle", "r_toe", "r_ankle")}
+    feet = [at[f"{side}_toe"] - at[f"{side}_ankle"] for side in "lr"]
+    facing, rows = Facing(), zip(pelvis.tolist(), *(foot.tolist() for foot in feet), strict=True)
+    return np.array([facing.update(seen, left, right, dt) for seen, left, right in rows]).reshape(-1, 2)
 
 
 def _limb(entry: Landmark, asked: Performance) -> FloatArray:
@@ -243,12 +242,9 @@ def _limb(entry: Landmark, asked: Performance) -> FloatArray:
     return np.asarray(scale * (_mean(asked, entry.follows) - _mean(asked, entry.measured_from)))
 
 
-def _joint(asked: Performance, name: str) -> FloatArray:
-    return np.asarray(asked.joints[:, asked.joint_names.index(name)])
-
-
 def _mean(asked: Performance, names: Sequence[str]) -> FloatArray:
-    return np.asarray(np.mean([_joint(asked, name) for name in names], axis=0))
+    """Mean place (T, 3) m of some joints."""
+    return np.asarray(asked.joints[:, [asked.joint_names.index(name) for name in names]].mean(axis=1))
 
 
 def _turned(vectors: FloatArray, heading: FloatArray) -> FloatArray:

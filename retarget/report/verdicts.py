@@ -7,7 +7,7 @@ from enum import Enum
 import numpy as np
 
 from hardware.guard_state import StopCause
-from retarget.model.body import JointLimits
+from retarget.report.motion_metrics import moved_joints
 from retarget.report.report import Report
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
@@ -37,7 +37,9 @@ class LimitUse:
 
 def limit_use(run: RunResult) -> LimitUse:
     """The use of limits by the postures that were sent (of a human: reconstructed), by finite differences."""
-    names, positions, limits, dt = _limited_joints(run)
+    moved, sent = moved_joints(run), run.record.robot
+    names, limits, dt = moved.names, moved.limits, moved.dt
+    positions = moved.positions if sent is None else np.vstack([sent.start, moved.positions])
     if len(positions) < 3 or not names:
         return LimitUse(None, None, None)
     step = np.diff(positions, axis=0)
@@ -55,22 +57,6 @@ def _nearest(names: tuple[str, ...], values: FloatArray, limits: FloatArray) -> 
     share = values / np.where(limits > 0.0, limits, np.inf)
     joint = int(np.argmax(share))
     return Nearest(names[joint], float(values[joint]), float(limits[joint])) if np.isfinite(limits[joint]) else None
-
-
-def _limited_joints(run: RunResult) -> tuple[tuple[str, ...], FloatArray, JointLimits, float]:
-    """Names, positions (T, n), limits (n,) and the period that the report measures them by."""
-    robot, sent = run.robot, run.record.robot
-    if robot is not None and sent is not None:
-        names = tuple(robot.joint_map.joints)
-        return names, np.vstack([sent.start, sent.q[:, robot.servo_columns]]), robot.limits, run.clip.dt
-    body, whole = run.human.body, run.human_limits
-    single, address = body.scalar_joints()
-    shown = single & ~run.human.locked
-    limits = JointLimits(
-        *(field[shown] for field in (whole.lower, whole.upper, whole.max_velocity, whole.max_acceleration))
-    )
-    names = tuple(name for name, kept in zip(body.dof_names, shown, strict=True) if kept)
-    return names, run.record.human.q[:, address[shown]], limits, run.clip.motion_dt
 
 
 TIPS_MM = 0.05

@@ -1,7 +1,7 @@
 """A snapshot of a run as shapes in the scene of the page."""
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -28,12 +28,16 @@ BALL, SENSOR_BALL = 0.018, 0.026
 """Radius of a landmark and of a sensor, as a share of the height of the robot: a sensor is thicker than a wrist."""
 
 
-class _Part(Protocol):
+class _Hidden(Protocol):
     """What can be shown and hidden."""
 
-    def show(self, snapshot: Snapshot) -> None: ...
-
     def see(self, *, visible: bool) -> None: ...
+
+
+class _Part(_Hidden, Protocol):
+    """What also moves."""
+
+    def show(self, snapshot: Snapshot) -> None: ...
 
 
 class Drawing:
@@ -56,19 +60,20 @@ class Drawing:
         scale = height / cast.human.height
         self._human = Figure(self._scene, "performer", cast.human, colour=HUMAN, opacity=HUMAN_OPACITY, scale=scale)
         self._place: Place | None = None  # of the performer, known from the first snapshot on
-        radii = {"sensors": SENSOR_BALL, "asked": BALL, "reached": BALL}
-        self._balls = {name: _Balls(self._scene, name, radius * height) for name, radius in radii.items()}
+        self._balls = {
+            "sensors": _Balls(self._scene, "sensors", SENSOR_BALL * height, lambda snapshot: snapshot.sensors),
+            "asked": _Balls(self._scene, "asked", BALL * height, lambda snapshot: snapshot.asked),
+            "reached": _Balls(self._scene, "reached", BALL * height, lambda snapshot: snapshot.reached),
+        }
         self._balls["sensors"].make(cast.sensors, SENSOR)
         self._overlays = self._overlaid(cast)
         self.name_landmarks(cast.landmarks)
+        self._parts = self._named_parts(cast)
 
     @property
     def parts(self) -> tuple[str, ...]:
         """What can be hidden, by its names in `LEGEND`."""
-        human = self._robot is None
-        bodies = ("human",) if human else ("body" if self._cast.simulated else "robot", "goal", "performer")
-        landmarks = ("asked", "reached") if self._balls["asked"].names or not human else ()  # live, named later
-        return (*bodies, *(("sensors",) if self._cast.sensors else ()), *landmarks, *self._overlays)
+        return tuple(self._parts)
 
     @property
     def colourings(self) -> tuple[str, ...]:
@@ -102,14 +107,7 @@ class Drawing:
     def see(self, part: str, *, visible: bool) -> None:
         """Show or hide one of `parts`."""
         with self._lock:
-            figure = {"robot": self._robot, "body": self._robot, "goal": self._goal}.get(part)
-            figure = self._human if part in ("performer", "human") else figure
-            if figure is not None:
-                figure.visible = visible
-            elif part in self._overlays:
-                self._overlays[part].see(visible=visible)
-            else:
-                self._balls[part].see(visible=visible)
+            self._parts[part].see(visible=visible)
         self._again()
 
     def show(self, snapshot: Snapshot) -> None:
@@ -123,14 +121,10 @@ class Drawing:
                 self._robot.place(snapshot.robot)
                 self._goal.place(snapshot.goal)
             self._human.place(snapshot.human, self._place)
-            self._balls["asked"].show(snapshot.asked)
-            self._balls["reached"].show(snapshot.reached)
-            if snapshot.sensors is not None:
-                self._balls["sensors"].show(snapshot.sensors)
             if self._limbs is not None:
                 self._limbs.show(snapshot)
-            for overlay in self._overlays.values():
-                overlay.show(snapshot)
+            for part in (*self._balls.values(), *self._overlays.values()):
+                part.show(snapshot)
 
     def _again(self) -> None:
         """Show the last snapshot again, after another choice of what is seen."""
@@ -166,6 +160,17 @@ class Drawing:
             overlays["obstacles"] = SceneFigures(scene, cast.obstacles)
         return overlays
 
+    def _named_parts(self, cast: Cast) -> "dict[str, _Hidden]":
+        """What can be hidden, in the order of the page."""
+        named: dict[str, _Hidden] = {"human": self._human}
+        if self._robot is not None and self._goal is not None:
+            robot = "body" if cast.simulated else "robot"
+            named = {robot: self._robot, "goal": self._goal, "performer": self._human}
+        shown = ["sensors"] if cast.sensors else []
+        if cast.robot is not None or cast.landmarks:  # live, they are named later
+            shown += ["asked", "reached"]
+        return named | {name: self._balls[name] for name in shown} | self._overlays
+
     def _begin(self, first: Snapshot) -> None:
         """The performer stands to the left of the robot, or, alone, where one looks; facing as the robot does."""
         human, alone = self._cast.human, self._robot is None
@@ -180,12 +185,14 @@ class Drawing:
 
 
 class _Balls:
-    """Points, each a ball of some radius, m."""
+    """Points of a snapshot, each a ball of some radius, m."""
 
-    def __init__(self, scene: "viser.SceneApi", name: str, radius: float) -> None:
-        self._scene, self._name, self._radius = scene, name, radius
-        self._balls: list[tuple[viser.IcosphereHandle, Movable]] = []
-        self._shown = True
+    def __init__(
+        self, scene: "viser.SceneApi", name: str, radius: float, points: Callable[[Snapshot], FloatArray | None]
+    ) -> None:
+        self._scene, self._name, self._radius, self._points = scene, name, radius, points
+        self._balls: list[Movable] = []
+        self._seen = True
         self.names: tuple[str, ...] = ()
         self.at = HERE
 
@@ -193,29 +200,24 @@ class _Balls:
         """One for each name."""
         if tuple(names) == self.names:
             return
-        for handle, _ in self._balls:
-            handle.remove()
+        for ball in self._balls:
+            ball.handle.remove()
         self.names = tuple(names)
-        made = [
-            self._scene.add_icosphere(f"/{self._name}/{i}_{name.replace('/', '_')}", self._radius, color=colour)
-            for i, name in enumerate(names)
-        ]
-        self._balls = [(handle, Movable(handle)) for handle in made]
+        paths = [f"/{self._name}/{i}_{name.replace('/', '_')}" for i, name in enumerate(names)]
+        self._balls = [Movable(self._scene.add_icosphere(path, self._radius, color=colour)) for path in paths]
+        self.see(visible=self._seen)
 
-    def show(self, points: FloatArray) -> None:
+    def show(self, snapshot: Snapshot) -> None:
         """Move them to points (k, 3) m; those that are NaN are hidden."""
-        for (handle, node), point in zip(self._balls, points, strict=False):
-            known = self._shown and bool(np.isfinite(point).all())
-            if handle.visible != known:
-                handle.visible = known
-            if known:
-                node.move(self.at.of(point))
+        points = self._points(snapshot)
+        for ball, point in zip(self._balls, () if points is None else self.at.of(points), strict=False):
+            ball.put(point)
 
     def see(self, *, visible: bool) -> None:
         """Show or hide them."""
-        self._shown = visible
-        for handle, _ in self._balls:
-            handle.visible = visible
+        self._seen = visible
+        for ball in self._balls:
+            ball.see(visible=visible)
 
 
 def _left(cast: Cast, first: Snapshot) -> float:

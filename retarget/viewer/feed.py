@@ -5,109 +5,19 @@ not take at once is dropped, so that a page that is slow, stopped or dead costs 
 """
 
 import json
+import pickle
 import socket
-import struct
 import subprocess
 import sys
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from types import TracebackType
 from typing import Self
-
-import numpy as np
 
 from retarget.errors import ConfigError
 from retarget.run.record import Record
 from retarget.run.run_result import Extras
-from retarget.types import FloatArray, ModeArray
-from retarget.viewer.snapshot import placed
-
-# What a run sends to the process of its page: one datagram per row that is shown, of numbers in a fixed order.
-
-_HEAD = struct.Struct("<d48s256s")
-"""Time, state, and why it is so; UTF-8, cut."""
-
-
-@dataclass(frozen=True)
-class RowSizes:
-    """How many numbers a row has: of q of robot and human, of servos, landmarks, observers and obstacles, of the
-    `Truth` of a simulated body, and of sensors."""
-
-    robot: int
-    human: int
-    servos: int
-    landmarks: int
-    observers: int
-    obstacles: int = 0
-    truth: int = 0
-    sensors: int = 0
-
-    @property
-    def lengths(self) -> tuple[int, ...]:
-        """Of every part of a row after its head, in their order."""
-        servos = (self.servos,) * 3
-        points, poses = 3 * self.landmarks, 7 * self.obstacles
-        return (self.robot, self.human, *servos, points, self.observers, poses, self.truth, 3 * self.sensors)
-
-
-@dataclass(frozen=True, eq=False)
-class LiveRow:
-    """time: s of the run. robot (nq,): posture sent; human (nq,). present (s,) rad, temperature (s,) degrees Celsius
-    and current (s,) A of the servos; asked (k, 3) m of the landmarks; modes (o,) of the observers; obstacle_poses
-    (m, 7); truth: the numbers of a `Truth`, or none; sensors (s, 3) m."""
-
-    time: float
-    state: str
-    why: str
-    robot: FloatArray
-    human: FloatArray
-    present: FloatArray
-    temperature: FloatArray
-    current: FloatArray
-    asked: FloatArray
-    modes: ModeArray
-    obstacle_poses: FloatArray
-    truth: FloatArray
-    sensors: FloatArray
-
-
-def pack(row: LiveRow) -> bytes:
-    """Bytes of a row, as 32-bit numbers: a tenth of a micrometre of a robot."""
-    servos = (row.present, row.temperature, row.current)
-    flat = [points.reshape(-1) for points in (row.asked, row.modes, row.obstacle_poses, row.truth, row.sensors)]
-    parts = (row.robot, row.human, *servos, *flat)
-    head = _HEAD.pack(row.time, row.state.encode(errors="replace")[:48], row.why.encode(errors="replace")[:256])
-    return head + np.concatenate(parts).astype(np.float32).tobytes()
-
-
-def unpack(data: bytes, sizes: RowSizes) -> LiveRow | None:
-    """The row of these bytes; None for anything else."""
-    if len(data) != _HEAD.size + 4 * sum(sizes.lengths):
-        return None
-    time, state, why = _HEAD.unpack_from(data)
-    numbers = np.frombuffer(data, dtype=np.float32, offset=_HEAD.size).astype(np.float64)
-    parts = np.split(numbers, np.cumsum(sizes.lengths)[:-1])
-    robot, human, present, temperature, current, asked, modes, poses, truth, sensors = parts
-    return LiveRow(
-        time=time,
-        state=_text(state),
-        why=_text(why),
-        robot=robot,
-        human=human,
-        present=present,
-        temperature=temperature,
-        current=current,
-        asked=asked.reshape(-1, 3),
-        modes=np.nan_to_num(modes).astype(np.uint8),
-        obstacle_poses=poses.reshape(-1, 7),
-        truth=truth,
-        sensors=sensors.reshape(-1, 3),
-    )
-
-
-def _text(field: bytes) -> str:
-    return field.rstrip(b"\0").decode(errors="ignore")
-
+from retarget.viewer.snapshot import Row, placed
 
 SHOWN_HZ = 25.0
 STOP = b"stop"
@@ -141,17 +51,6 @@ class PageSetup:
     sensors: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class Announced:
-    """What it gets before the first row: names of the landmarks, numbers of observers and obstacles, and how many
-    numbers the `Truth` of a simulated body has."""
-
-    landmarks: tuple[str, ...]
-    observers: int
-    obstacles: int
-    truth: int
-
-
 class ViewFeed:
     """link: to the process of the page, never waiting. rate_hz: of the ticks."""
 
@@ -166,7 +65,7 @@ class ViewFeed:
         self._ticks = 0
         self.dropped = 0
         """Rows that the page did not take."""
-        self._stop = self._announced = False
+        self._stop = False
         self._last: tuple[Record, int] | None = None
 
     def on_row(self, record: Record, row: int) -> None:
@@ -182,11 +81,7 @@ class ViewFeed:
 
     def _show(self, record: Record, row: int) -> None:
         """Raises OSError where the page does not take it at once."""
-        shown = _row(record, row, self.extras, time=self._ticks / self._rate_hz)
-        if not self._announced:
-            self._link.send(json.dumps(asdict(_announced(record, shown))).encode())
-            self._announced = True
-        self._link.send(pack(shown))
+        self._link.send(pickle.dumps(_row(record, row, self.extras, time=self._ticks / self._rate_hz)))
 
     def stop_asked(self) -> bool:
         """Whether the operator pressed the button of the page, ever."""
@@ -231,7 +126,7 @@ def open_feed(setup: PageSetup, *, rate_hz: float) -> ViewFeed:
     assert process.stdin is not None
     try:
         with process.stdin as stdin:
-            stdin.write(json.dumps(asdict(setup)).encode())
+            pickle.dump(setup, stdin)
         ours.settimeout(START_S)
         answer = ours.recv(LONGEST_MESSAGE)
     except OSError as error:
@@ -247,31 +142,28 @@ def open_feed(setup: PageSetup, *, rate_hz: float) -> ViewFeed:
     return ViewFeed(ours, process, address=address, rate_hz=rate_hz)
 
 
-def _announced(record: Record, first: LiveRow) -> Announced:
-    names = () if record.robot is None else record.robot.landmark_names
-    return Announced(names, len(first.modes), len(first.obstacle_poses), len(first.truth))
-
-
-def _row(record: Record, row: int, extras: Extras, *, time: float) -> LiveRow:
+def _row(record: Record, row: int, extras: Extras, *, time: float) -> Row:
     (state, why), obstacles, robot = extras.words(), extras.obstacles(), record.robot
-    none, poses = np.zeros(0), np.zeros((0, 7)) if obstacles is None else placed(obstacles)
-    if robot is None:
-        points, modes = np.zeros((0, 3)), np.zeros(0, dtype=np.uint8)
-        human, sensors = record.human.q[row], record.human.sensors[row]
-        return LiveRow(time, state, why, none, human, none, none, none, points, modes, poses, none, sensors)
-    current, truth = extras.current(), extras.truth()
-    return LiveRow(
-        time=float(robot.bus_time[row]),
+    shown = Row(
+        time=time,
         state=state,
         why=why,
-        robot=robot.q[row],
         human=record.human.q[row],
+        sensors=record.human.sensors[row],
+        obstacle_poses=None if obstacles is None else placed(obstacles),
+    )
+    if robot is None:
+        return shown
+    truth = extras.truth()
+    return replace(
+        shown,
+        time=float(robot.bus_time[row]),
+        goal=robot.q[row],
         present=robot.present[row],
         temperature=robot.temperature[row],
-        current=np.full(robot.present.shape[1], np.nan) if current is None else current,
+        current=extras.current(),
+        landmarks=robot.landmark_names,
         asked=robot.landmarks_asked[row],
         modes=robot.observer_modes[row],
-        obstacle_poses=poses,
-        truth=none if truth is None else truth.numbers(),
-        sensors=record.human.sensors[row],
+        truth=None if truth is None else truth.numbers(),
     )

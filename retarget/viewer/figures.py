@@ -41,11 +41,12 @@ HERE = Place()
 
 
 class Movable:
-    """A node of the scene that may have moved."""
+    """A node of the scene that may have moved, and is hidden while nobody wants to see it or its place is not known."""
 
     def __init__(self, handle: "viser.SceneNodeHandle") -> None:
         self.handle = handle
         self._position, self._turn = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
+        self._seen = self._known = True
 
     def move(self, position: FloatArray, turn: FloatArray | None = None) -> None:
         """Put it at position (3,) m, turned by a quaternion (4,), if that is anywhere else."""
@@ -55,6 +56,22 @@ class Movable:
         if turn is not None and np.abs(turn - self._turn).max() > 0.5 * STEP_RAD:
             self._turn = turn.copy()
             self.handle.wxyz = tuple(turn.tolist())
+
+    def put(self, point: FloatArray) -> None:
+        """Put it at a point (3,) m; NaN: not known."""
+        self._known = bool(np.isfinite(point).all())
+        self._update()
+        if self.handle.visible:
+            self.move(point)
+
+    def see(self, *, visible: bool) -> None:
+        """Show or hide it."""
+        self._seen = visible
+        self._update()
+
+    def _update(self) -> None:
+        if self.handle.visible != (self._seen and self._known):
+            self.handle.visible = self._seen and self._known
 
 
 class Figure:
@@ -95,14 +112,9 @@ class Figure:
             self.meshes.append((link, shown))
             self._links.append(Movable(shown))
 
-    @property
-    def visible(self) -> bool:
-        """Whether it is shown."""
-        return bool(self._top.visible)
-
-    @visible.setter
-    def visible(self, shown: bool) -> None:
-        self._top.visible = shown
+    def see(self, *, visible: bool) -> None:
+        """Show or hide it."""
+        self._top.visible = visible
 
     def see_through(self, opacity: float | None) -> None:
         """Let what is inside be seen; None: no more."""
@@ -111,7 +123,7 @@ class Figure:
 
     def place(self, q: FloatArray, at: Place = HERE) -> None:
         """Pose it in posture q (nq,), in the scene; nothing, while it is hidden."""
-        if not self.visible:
+        if not self._top.visible:
             return
         positions, turns = self._body.forward(np.ascontiguousarray(q))
         positions, turns = at.of(positions), multiply(at.turn, turns)

@@ -54,6 +54,9 @@ class Soles:
         self._lines.visible = visible
 
 
+FLAT, UP = np.array([1.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+
+
 class Balance:
     """Centre of mass with the point below it, and the zero-moment point: of another colour outside of `soles`."""
 
@@ -61,57 +64,44 @@ class Balance:
         self._soles = soles
         self._centre = Movable(scene.add_icosphere("/balance/centre", BALL * height, color=BALANCE))
         self._below = Movable(scene.add_cylinder("/balance/below", DISC * height, 0.002, color=BALANCE))
-        self._zmp = scene.add_cylinder("/balance/zmp", POINT * height, 0.004, color=ZMP, visible=False)
-        self._there, self._shown, self._outside = Movable(self._zmp), True, False
+        self._disc = scene.add_cylinder("/balance/zmp", POINT * height, 0.004, color=ZMP, visible=False)
+        self._zmp, self._outside = Movable(self._disc), False
         self.at = HERE
         """Where the world of the body is in the scene."""
 
     def show(self, snapshot: Snapshot) -> None:
         """Move it."""
-        self._centre.move(self.at.of(snapshot.com))
-        x, y, _ = self.at.of(snapshot.com).tolist()
-        self._below.move(np.array([x, y, 0.001]))
-        zmp = snapshot.zmp
-        known = zmp is not None and bool(np.isfinite(zmp).all())
-        if self._zmp.visible != (known and self._shown):
-            self._zmp.visible = known and self._shown
-        if zmp is None or not known:
-            return
-        x, y, _ = self.at.of(np.append(zmp, 0.0)).tolist()
-        self._there.move(np.array([x, y, 0.002]))
+        com, zmp = self.at.of(snapshot.com), np.full(2, np.nan) if snapshot.zmp is None else snapshot.zmp
+        self._centre.put(com)
+        self._below.put(com * FLAT + 0.001 * UP)
+        self._zmp.put(self.at.of(np.append(zmp, 0.0)) * FLAT + 0.002 * UP)
         edges = None if self._soles is None else self._soles.edges
         outside = edges is not None and float(support_distance(zmp[None], edges)[0]) < -EDGE_M
         if outside != self._outside:
             self._outside = outside
-            self._zmp.color = OUTSIDE if outside else ZMP
+            self._disc.color = OUTSIDE if outside else ZMP
 
     def see(self, *, visible: bool) -> None:
         """Show or hide it."""
-        self._shown = visible
-        for node in (self._centre, self._below, self._there):
-            node.handle.visible = visible
+        for node in (self._centre, self._below, self._zmp):
+            node.see(visible=visible)
 
 
 class Pressure:
-    """The centre of pressure of the soles of a simulated robot."""
+    """The centre of pressure of the soles of a simulated robot; hidden where no sole carries."""
 
     def __init__(self, scene: "viser.SceneApi", *, height: float) -> None:
-        self._disc = scene.add_cylinder("/pressure", 0.6 * POINT * height, 0.006, color=PRESSURE, visible=False)
-        self._there, self._shown = Movable(self._disc), True
+        self._disc = Movable(
+            scene.add_cylinder("/pressure", 0.6 * POINT * height, 0.006, color=PRESSURE, visible=False)
+        )
 
     def show(self, snapshot: Snapshot) -> None:
-        """Move it; hide it where no sole carries."""
-        pressure = snapshot.pressure
-        known = pressure is not None and bool(np.isfinite(pressure).all())
-        if self._disc.visible != (known and self._shown):
-            self._disc.visible = known and self._shown
-        if pressure is not None and known:
-            self._there.move(np.append(pressure, 0.003))
+        """Move it."""
+        self._disc.put(np.full(3, np.nan) if snapshot.pressure is None else np.append(snapshot.pressure, 0.003))
 
     def see(self, *, visible: bool) -> None:
         """Show or hide it."""
-        self._shown = visible
-        self._disc.visible = visible and self._disc.visible
+        self._disc.see(visible=visible)
 
 
 # The zero-moment point of a motion that is looked at: where the floor would have to push.

@@ -13,7 +13,8 @@ from retarget.types import FloatArray
 
 ROUND = 24
 """Corners of a circle."""
-SHARP = float(np.cos(np.radians(40.0)))
+SHARP = float(np.radians(40.0))
+"""Faces that are turned by more than this, rad, meet in an edge that looks sharp."""
 THIN, GROUND = 0.002, 2.0
 """Least radius that is seen, and half the side of the piece of a half-space that is, m."""
 
@@ -34,11 +35,11 @@ def link_meshes(model: Any) -> tuple[LinkMesh, ...]:
     """
     found = []
     for link in range(1, model.nbody):
-        shapes = [g for g in range(model.ngeom) if model.geom_bodyid[g] == link and _shape(model, g) is not None]
-        shown = [g for g in shapes if not model.geom_contype[g] and not model.geom_conaffinity[g]]
-        parts = [part for g in shown or shapes if (part := _placed(model, g)) is not None]
-        if parts:
-            found.append(_joined(link, parts))
+        geoms = [g for g in range(model.ngeom) if model.geom_bodyid[g] == link]
+        meshes = {g: mesh for g in geoms if (mesh := _geom_mesh(model, g)) is not None}
+        shown = [g for g in meshes if not model.geom_contype[g] and not model.geom_conaffinity[g]]
+        if meshes:
+            found.append(_joined(link, [meshes[g] for g in shown or meshes]))
     return tuple(found)
 
 
@@ -50,20 +51,12 @@ def shape_mesh(kind: int, size: Sequence[float], *, more: float = 0.0) -> Mesh:
     """A canonical shape of `scene_shapes`, in its own frame, larger by `more` m on all sides."""
     x, y, z = (float(value) for value in size)
     if kind == ShapeKind.CAPSULE:
-        return _lathe(_rounded(max(x + more, THIN), y))
+        return _capsule(max(x + more, THIN), y)
     if kind == ShapeKind.CYLINDER:
-        return _lathe(np.array([[x + more, -y - more], [x + more, y + more]]))
+        return _cylinder(x + more, y + more)
     if kind == ShapeKind.BOX:
         return _box(np.array([x, y, z]) + more)
     return _box(np.array([GROUND, GROUND, THIN]))  # a half-space: its surface
-
-
-def _placed(model: Any, geom: int) -> Mesh | None:
-    mesh = _shape(model, geom)
-    if mesh is None:
-        return None
-    turned = rotate(np.asarray(model.geom_quat[geom], dtype=np.float64), mesh[0])
-    return turned + model.geom_pos[geom], mesh[1]
 
 
 def _joined(link: int, parts: list[Mesh]) -> LinkMesh:
@@ -72,79 +65,58 @@ def _joined(link: int, parts: list[Mesh]) -> LinkMesh:
     return LinkMesh(link, np.concatenate([vertices for vertices, _ in parts]), np.concatenate(faces))
 
 
-def _shape(model: Any, geom: int) -> Mesh | None:
-    """A shape in its own frame."""
+def _geom_mesh(model: Any, geom: int) -> Mesh | None:
+    """A geom in the frame of its link; None for planes and height fields."""
     import mujoco
+    from trimesh import Trimesh
 
-    size, kind = np.asarray(model.geom_size[geom], dtype=np.float64), mujoco.mjtGeom(model.geom_type[geom])
-    if kind == mujoco.mjtGeom.mjGEOM_MESH:
-        return _of_file(model, int(model.geom_dataid[geom]))
-    if kind == mujoco.mjtGeom.mjGEOM_BOX:
-        return _box(size)
-    if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
-        return _lathe(np.array([[size[0], -size[1]], [size[0], size[1]]]))
-    if kind in (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_CAPSULE):
-        half = size[1] if kind == mujoco.mjtGeom.mjGEOM_CAPSULE else 0.0
-        return _lathe(_rounded(size[0], half))
-    if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
-        vertices, faces = _lathe(_rounded(1.0, 0.0))
-        return vertices * size, faces
-    return None
+    types = mujoco.mjtGeom
+    size, kind = np.asarray(model.geom_size[geom]), types(model.geom_type[geom])
+    if kind == types.mjGEOM_MESH:
+        mesh = model.geom_dataid[geom]
+        first, face = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
+        vertices = model.mesh_vert[first : first + model.mesh_vertnum[mesh]]
+        shape = _creased(Trimesh(vertices, model.mesh_face[face : face + model.mesh_facenum[mesh]], process=False))
+    elif kind == types.mjGEOM_BOX:
+        shape = _box(size)
+    elif kind == types.mjGEOM_CYLINDER:
+        shape = _cylinder(size[0], size[1])
+    elif kind in (types.mjGEOM_SPHERE, types.mjGEOM_CAPSULE):
+        shape = _capsule(size[0], size[1] if kind == types.mjGEOM_CAPSULE else 0.0)
+    elif kind == types.mjGEOM_ELLIPSOID:
+        vertices, faces = _capsule(1.0, 0.0)
+        shape = vertices * size, faces
+    else:
+        return None
+    turn = np.asarray(model.geom_quat[geom], dtype=np.float64)
+    return rotate(turn, shape[0]) + model.geom_pos[geom], shape[1]
 
 
 def _box(half: FloatArray) -> Mesh:
-    return _lathe(np.array([[1.0, -half[2]], [1.0, half[2]]]), corners=4, across=half[:2])
+    from trimesh import creation
+
+    return _creased(creation.box(extents=2.0 * half))
 
 
-def _of_file(model: Any, mesh: int) -> Mesh:
-    first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
-    face, faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
-    return creased(
-        np.array(model.mesh_vert[first : first + count], dtype=np.float64),
-        np.array(model.mesh_face[face : face + faces], dtype=np.uint32),
-    )
+def _cylinder(radius: float, half: float) -> Mesh:
+    from trimesh import creation
+
+    return _creased(creation.cylinder(radius=radius, height=2.0 * half, sections=ROUND))
 
 
-def creased(vertices: FloatArray, faces: NDArray[np.uint32]) -> Mesh:
-    """The same mesh with edges that look sharp: a face that is turned away from the mean of those round its corner
-    gets a corner of its own, which no shading smooths."""
-    corners = vertices[faces]  # (f, 3, 3)
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])  # as long as the face is large
-    mean = np.zeros_like(vertices)
-    for place in range(3):
-        np.add.at(mean, faces[:, place], across)
-    size = np.linalg.norm(across, axis=1)[:, None] * np.linalg.norm(mean, axis=1)[faces]
-    sharp = np.einsum("fk,fpk->fp", across, mean[faces]) < SHARP * size
-    own = faces.copy()
-    own[sharp] = len(vertices) + np.arange(np.count_nonzero(sharp), dtype=np.uint32)
-    return np.concatenate([vertices, corners[sharp]]), own
+def _capsule(radius: float, half: float) -> Mesh:
+    """A capsule, or, with `half` 0, a sphere."""
+    from trimesh import creation
+
+    return _plain(creation.capsule(height=2.0 * half, radius=radius, count=[ROUND, ROUND]))
 
 
-def _rounded(radius: float, half: float) -> FloatArray:
-    """Radius and height of the rings of a capsule (r, 2)."""
-    angle = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 2 * (ROUND // 4) + 2)
-    lift = np.where(np.arange(len(angle)) < len(angle) // 2, -half, half)
-    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle) + lift])
+def _creased(mesh: Any) -> Mesh:
+    """The triangles of a `trimesh.Trimesh`, with corners of their own along edges that are to look sharp."""
+    from trimesh import graph
+
+    return _plain(graph.smooth_shade(mesh, angle=SHARP))
 
 
-def _lathe(rings: FloatArray, *, corners: int = ROUND, across: FloatArray | None = None) -> Mesh:
-    """Rings of (radius, height) about z, closed below and above. across (2,): half sizes of a box instead."""
-    angle = 2.0 * np.pi * (np.arange(corners) + (0.5 if across is not None else 0.0)) / corners
-    circle = np.column_stack([np.cos(angle), np.sin(angle)])
-    if across is not None:
-        circle = np.sign(circle) * across
-    sides = [np.column_stack([radius * circle, np.full(corners, height)]) for radius, height in rings]
-    # The caps have rings of their own: their edge is sharp.
-    vertices = np.concatenate([*sides, [[0.0, 0.0, rings[0, 1]], [0.0, 0.0, rings[-1, 1]]], sides[0], sides[-1]])
-    here, count = np.arange(corners), len(rings)
-    there = (here + 1) % corners
-    faces = []
-    for ring in range(count - 1):
-        low, high = ring * corners, (ring + 1) * corners
-        faces += [np.column_stack([here + low, there + low, there + high])]
-        faces += [np.column_stack([here + low, there + high, here + high])]
-    bottom, top, cap = count * corners, count * corners + 1, count * corners + 2
-    faces += [np.column_stack([there + cap, here + cap, np.full(corners, bottom)])]
-    faces += [np.column_stack([here + cap + corners, there + cap + corners, np.full(corners, top)])]
-    mesh = vertices, np.concatenate(faces).astype(np.uint32)
-    return mesh if across is None else creased(*mesh)
+def _plain(mesh: Any) -> Mesh:
+    return np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.uint32)

@@ -1,7 +1,6 @@
 """What a page shows: the cast of a run, which stays the same, and snapshots of it, one per tick."""
 
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -11,8 +10,9 @@ from retarget.model.robot import RobotBody
 from retarget.model.scene_shapes import SceneShapes
 from retarget.model.scene_state import ObstaclePoses
 from retarget.run.record import Phase
+from retarget.run.run_result import in_truth
 from retarget.schema.scene import FLOOR
-from retarget.types import FloatArray, ModeArray
+from retarget.types import FloatArray, IntArray, ModeArray
 from retarget.viewer.meshes import LinkMesh, Mesh, link_meshes, shape_mesh
 
 PHASE_WORDS = {Phase.APPROACH: "approaching", Phase.FOLLOW: "following", Phase.BRAKE: "stopping"}
@@ -45,7 +45,7 @@ class Cast:
 
     profile: of the robot, where it is known: its soles, observers and servos. obstacles: of the scene. simulated: the
     robot has mass, and snapshots hold where it really is. servos_commanded: snapshots hold temperatures and currents of
-    the servos.
+    the servos. columns (n,): where a posture of the robot holds `joints`.
     """
 
     title: str
@@ -58,44 +58,77 @@ class Cast:
     simulated: bool = False
     sensors: tuple[str, ...] = ()
     servos_commanded: bool = True
+    columns: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+
+    def com(self, q: FloatArray) -> FloatArray:
+        """Centre of mass (T, 3) m of the robot, or of a human alone, in postures (T, nq)."""
+        body = (self.robot or self.human).body
+        return body.solver_body().centre_of_mass(np.ascontiguousarray(q))
 
 
-@dataclass(frozen=True, eq=False)
-class Snapshot:
-    """One tick. time: s of following. state: what the robot does, a word; why: of a stop, or "".
+def _no_points() -> FloatArray:
+    return np.zeros((0, 3))
 
-    robot, goal (nq,): posture of the robot as its servos report it, or as its physics has it, and as it was sent; human
-    (nq,). present, sent (n,): rad, of the joints that a plot can show; NaN: not reported. asked, reached (k, 3) m:
-    landmarks. com (3,) m; zmp, pressure (2,) m: zero-moment point of the goals, and centre of pressure of the soles of
-    a simulated robot, NaN where not known. sensors (s, 3) m: of the performer, NaN: not valid. obstacle_poses
-    (o, 7): position, m, and quaternion. modes (o,) of the observers, temperature (s,), degrees Celsius, and
-    current (s,), A, of the servos. None: not known.
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Row:
+    """What a run says of one tick. time: s of following (live: of the run). state: what the robot does, a word; why: of
+    a stop, or "".
+
+    goal (nq,): posture of the robot that was sent, empty for a human alone; human (nq,). present (n,): rad, of the
+    joints of the cast, NaN: not reported. landmarks (k): names; asked, reached (k, 3) m. sensors (s, 3) m: of the
+    performer, NaN: not valid. obstacle_poses (o, 7): position, m, and quaternion. modes (o,) of the observers,
+    temperature (n,), degrees Celsius, and current (n,), A, of the servos. truth: the numbers of a `Truth` of a
+    simulated body. None, and empty `reached`: not known.
     """
 
     time: float
-    state: str
-    robot: FloatArray
-    goal: FloatArray
     human: FloatArray
-    present: FloatArray
-    sent: FloatArray
-    asked: FloatArray
-    reached: FloatArray
-    com: FloatArray
+    state: str = ""
     why: str = ""
-    zmp: FloatArray | None = None
-    pressure: FloatArray | None = None
+    goal: FloatArray = field(default_factory=lambda: np.zeros(0))
+    present: FloatArray = field(default_factory=lambda: np.zeros(0))
+    landmarks: tuple[str, ...] = ()
+    asked: FloatArray = field(default_factory=_no_points)
+    reached: FloatArray = field(default_factory=_no_points)
     sensors: FloatArray | None = None
     obstacle_poses: FloatArray | None = None
     modes: ModeArray | None = None
     temperature: FloatArray | None = None
     current: FloatArray | None = None
+    truth: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Snapshot(Row):
+    """A row, and what is computed of it. robot (nq,): posture of the robot as its servos report it, or as its physics
+    has it. sent (n,): rad, as `present`. com (3,) m; zmp, pressure (2,) m: zero-moment point of the goals, and centre
+    of pressure of the soles of a simulated robot, NaN or None where not known.
+    """
+
+    robot: FloatArray
+    sent: FloatArray
+    com: FloatArray
+    zmp: FloatArray | None = None
+    pressure: FloatArray | None = None
 
     @property
     def off(self) -> float:
         """Largest distance of a servo from its goal, rad; NaN where no servo reported."""
         gap = np.abs(self.present - self.sent)
         return float(np.nanmax(gap)) if np.isfinite(gap).any() else float("nan")
+
+
+def snapshot_of(row: Row, cast: Cast, *, com: FloatArray, zmp: FloatArray) -> Snapshot:
+    """What a row shows. com (3,), zmp (2,): of the motion that it is a part of, m."""
+    there, reached, pressure = row.goal.copy(), row.reached, None
+    there[cast.columns] = np.where(np.isfinite(row.present), row.present, there[cast.columns])
+    if cast.robot is not None and row.truth is not None and np.isfinite(row.truth[:-2]).all():
+        there, pressure = in_truth(cast.robot.body, row.goal, row.truth)
+    if cast.profile is not None and row.landmarks and not len(reached):
+        reached = cast.profile.points(row.goal[None], cast.profile.landmark_frames(row.landmarks))[0]
+    computed = {"robot": there, "sent": row.goal[cast.columns], "com": com, "zmp": zmp, "pressure": pressure}
+    return Snapshot(**vars(row) | computed | {"reached": reached})
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,19 +165,3 @@ def obstacles(shapes: SceneShapes) -> tuple[Obstacle, ...]:
 def placed(poses: ObstaclePoses) -> FloatArray:
     """Where obstacles are, (o, 7)."""
     return np.column_stack([poses.position, poses.quat])
-
-
-class Viewed(Protocol):
-    """A run that can be looked at, whole."""
-
-    cast: Cast
-    times: FloatArray
-    """Of its T snapshots, s."""
-    notes: tuple[str, ...]
-    """What is missing of it."""
-
-    def snapshot(self, row: int) -> Snapshot:
-        """The snapshot of a row."""
-
-    def track(self, joint: int) -> Tracks:
-        """A joint over all snapshots."""

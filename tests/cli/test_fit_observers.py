@@ -9,7 +9,7 @@ from messages import shows
 from retarget.cli import main
 from retarget.model.observers import robot_observers
 from retarget.model.robot import load_profile, load_robot
-from retarget.report.clearance import self_clearance
+from retarget.report.clearance import place_body
 from retarget.schema.catalogue import shipped_folder
 from retarget.setup.fit_observers import Fit, find_subject, fit
 from retarget.setup.observer_proposals import Zones
@@ -99,7 +99,9 @@ def test_ignoring_hides_no_collision_of_the_robots_own_geoms(op3: Fit) -> None:
     ranges = joint_ranges(robot.body, {joint: servo.limits for joint, servo in robot.profile.servos.items()})
     postures = ranges.sample(np.random.default_rng(99), 1000)
     neutral = robot.posture(robot.profile.postures.neutral)
-    found = self_clearance(robot.profile.body_path, postures, root="free", neutral=neutral, ignored=[*others, *nested])
+    found = place_body(robot.profile.body_path, postures, root="free").to_itself(
+        neutral=neutral, ignored=[*others, *nested]
+    )
     assert found.penetrating == 0
 
 

@@ -17,7 +17,7 @@ from messages import refuses, shows, shows_lines
 from retarget.cli import main
 from retarget.cli.controls import Clutch, Keys, LiveControls
 from retarget.cli.exit import DONE, INTERRUPTED, REFUSED, STOPPED, StopRequest
-from retarget.cli.run import _wait_until_engaged, in_time, refuse_for_file, sides_are_checked
+from retarget.cli.run import _wait_until_engaged, in_time, refuse_given, sides_are_checked
 from retarget.errors import UsageError
 from retarget.live.begin import LiveOptions
 from retarget.live.performer import LivePerformer
@@ -107,9 +107,9 @@ def test_the_sides_of_a_live_performer_are_checked() -> None:
 
 
 def test_a_file_has_no_live_options() -> None:
-    refuse_for_file({"--person": None})
+    refuse_given({"--person": None}, "live stream")
     with refuses(UsageError, "--person"):
-        refuse_for_file({"--person": "anna", "--recalibrate": None})
+        refuse_given({"--person": "anna", "--recalibrate": None}, "live stream")
 
 
 def test_what_was_asked_before_it_begins_is_obeyed_before_anything_has_torque() -> None:

@@ -152,7 +152,7 @@ def test_a_field_that_is_missing_is_one_message_to_its_reader(
     less = renamed(topic, field, run.played().recording)
     for module in (recorded, read_run):
         monkeypatch.setattr(module, "read_recording", lambda path: less)
-    for fine, read in ((shown, recorded.open_viewed), (exported, read_run.read_mcap_run)):
+    for fine, read in ((shown, recorded.open_recorded), (exported, read_run.read_mcap_run)):
         if fine:
             read(run.path)
         else:

@@ -1,10 +1,11 @@
 """`--record`: what is in the file is what happened, for any tool that reads MCAP; the run is the same as without."""
 
 import errno
+import io
 import threading
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from retarget.cli import main
 from retarget.cli.exit import REFUSED
 from retarget.errors import UsageError
 from retarget.recording.cdr import layout_from
-from retarget.recording.mcap_writer import Ring, _Direct, check_target
+from retarget.recording.mcap_writer import Ring, check_target
 from retarget.recording.reading import read_recording
 from retarget.recording.recorder import Recorder
 from retarget.recording.taps import STATES_OF_RUN
@@ -98,22 +99,35 @@ def test_recording_changes_nothing(whole: Recorded) -> None:
     assert goals(record(None).result) == goals(whole.result)
 
 
-def full_after(count: int) -> Callable[[_Direct, bytes], int]:
-    write = _Direct.write
+class Disk(io.FileIO):
+    """A file on a disk that is full, or hangs, when it has so many bytes of it."""
 
-    def full(self: _Direct, data: bytes) -> int:
-        if self.tell() + len(data) > count:
-            write(self, data[: max(count - self.tell(), 0)])
-            raise OSError(errno.ENOSPC, "No space left on device")
-        return write(self, data)
+    room = 0
+    hangs: threading.Event | None = None
 
-    return full
+    def write(self, data: Any) -> int:
+        if self.tell() + len(data) > self.room:
+            if self.hangs is None:
+                super().write(data[: max(self.room - self.tell(), 0)])
+                raise OSError(errno.ENOSPC, "No space left on device")
+            self.hangs.wait(20.0)
+        return super().write(data)
+
+
+def use_disk(monkeypatch: pytest.MonkeyPatch, *, room: int, hangs: threading.Event | None = None) -> None:
+    """Let new files lie on such a disk."""
+    usual, kind = Path.open, type("ThisDisk", (Disk,), {"room": room, "hangs": hangs})
+
+    def opened(path: Path, mode: str = "r", **more: Any) -> Any:
+        return io.BufferedWriter(kind(path, mode)) if mode == "xb" else usual(path, mode, **more)
+
+    monkeypatch.setattr(Path, "open", opened)
 
 
 def test_a_full_disk_ends_the_recording_and_nothing_else(
     whole: Recorded, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(_Direct, "write", full_after(60_000))
+    use_disk(monkeypatch, room=60_000)
     monkeypatch.setattr("retarget.recording.recorder.Ring", lambda shape, patient: Ring(shape, patient=True, rows=32))
     run = record(tmp_path / "run.mcap")  # which waits for the disk, so knows in time that it is full
     assert goals(run.result) == goals(whole.result)
@@ -124,21 +138,15 @@ def test_a_full_disk_ends_the_recording_and_nothing_else(
 
 
 def test_a_disk_that_is_full_from_the_start_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(_Direct, "write", full_after(100))
+    use_disk(monkeypatch, room=100)
     with refuses(UsageError):
         record(tmp_path / "run.mcap")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_disk_that_hangs_holds_up_no_tick(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, whole: Recorded) -> None:
-    hangs, write = threading.Event(), _Direct.write
-
-    def slow(self: _Direct, data: bytes) -> int:
-        if self.tell() > 40_000:
-            hangs.wait(20.0)
-        return write(self, data)
-
-    monkeypatch.setattr(_Direct, "write", slow)
+    hangs = threading.Event()
+    use_disk(monkeypatch, room=40_000, hangs=hangs)
     monkeypatch.setattr("retarget.recording.mcap_writer.PATIENCE_S", 0.05)
     monkeypatch.setattr("retarget.recording.recorder.Ring", lambda shape, patient: Ring(shape, rows=64))
     run = record(tmp_path / "run.mcap")

@@ -48,7 +48,7 @@ def cycles(note: Note) -> Cycles:
 
 
 def events(note: Note) -> list[tuple[int, str, str]]:
-    return [(event.cycle, event.who, event.text) for event in note.events.take()]
+    return [(event.cycle, event.who, event.text) for event in note.events]
 
 
 def test_before_it_begins_and_after_it_ends_nothing_is_noted(note: Note) -> None:
@@ -56,14 +56,14 @@ def test_before_it_begins_and_after_it_ends_nothing_is_noted(note: Note) -> None
     for one in (other, note):
         if one is note:
             note.end()
-            note.events.take()
+            note.events.clear()
         one.before()
         one.look()
         one.over()
         one.say("run", "hello")
         one.failed("bus", "read", BusError("gone"))
         one.stop_asked(True, stop_before=None)
-        assert one.ring is None and one.events.take() == [] and one.rows == 0
+        assert one.ring is None and not one.events and one.rows == 0
 
 
 def test_what_was_asked_is_of_its_cycle(note: Note, guard: Guarded) -> None:
@@ -116,7 +116,7 @@ def test_states_and_stops_are_logged_when_they_change(note: Note, guard: Guarded
     guard.state, guard.stop_reason = GuardState.STOPPED, Stop(StopCause.REQUESTED, "enough", 3.0)
     note.look()
     note.before()
-    events = note.events.take()
+    events = list(note.events)
     assert [(event.cycle, event.text) for event in events] == [
         (0, GuardState.ARMED.value),
         (2, GuardState.MOVING.value),
@@ -182,7 +182,7 @@ def test_servos_and_goals_go_through_and_are_kept(robot: RobotBody, taps_note: N
     for name in ("position", "velocity", "voltage", "temperature", "age", "valid", "driven", "alert", "error"):
         np.testing.assert_array_equal(getattr(kept, name)[0], getattr(states, name), err_msg=name)
     np.testing.assert_array_equal(kept.goal[0], states.position + 1)
-    assert [event.text for event in taps_note.events.take()] == ["torque on"]
+    assert [event.text for event in taps_note.events] == ["torque on"]
     tapped.close()
 
 
@@ -195,7 +195,7 @@ def test_what_fails_goes_through_too(kind: FaultKind, what: str, robot: RobotBod
         tapped.write(goals)
     kept = row(taps_note)
     assert (kept.read if what == "read" else kept.written)[0] == Done.FAILED
-    assert [event.who for event in taps_note.events.take()] == [f"bus {what}"]
+    assert [event.who for event in taps_note.events] == [f"bus {what}"]
 
 
 def samples(*said: SensorSample | None) -> Any:
@@ -234,4 +234,4 @@ def test_without_a_ring_all_goes_through_unseen(robot: RobotBody) -> None:
     note = Note()
     tapped = bus(robot, note)
     tapped.write(ServoGoals(tapped.read().position))
-    assert TappedSamples(samples(None), note).sample(0) is None and note.events.take() == []
+    assert TappedSamples(samples(None), note).sample(0) is None and not note.events

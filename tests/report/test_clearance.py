@@ -10,7 +10,7 @@ from retarget.model.human import build_human
 from retarget.model.human_dimensions import proportional_dimensions
 from retarget.model.robot import load_robot
 from retarget.model.scene_state import SceneState
-from retarget.report.clearance import Clearance, LeftOut, compared_pairs, place_body, scene_clearance, self_clearance
+from retarget.report.clearance import Clearance, LeftOut, compared_pairs, place_body
 from retarget.schema.scene import load_scene
 from retarget.types import FloatArray
 
@@ -26,7 +26,7 @@ TWO_BALLS = """
 
 def clearance(gaps: list[float]) -> Clearance:
     """Of two balls with these gaps (m) between them, one posture each."""
-    return self_clearance(TWO_BALLS, np.array([[gap] for gap in gaps]), root="fixed", neutral=np.array([1.0]))
+    return place_body(TWO_BALLS, np.array([[gap] for gap in gaps]), root="fixed").to_itself(neutral=np.array([1.0]))
 
 
 def scene(folder: Path, *obstacles: str) -> SceneState:
@@ -54,14 +54,14 @@ def test_a_body_file_is_read_as_its_text_is(tmp_path: Path) -> None:
     path = tmp_path / "balls.xml"
     path.write_text(TWO_BALLS)
     postures = np.array([[0.3], [0.2]])
-    assert self_clearance(path, postures, root="fixed", neutral=np.ones(1)) == clearance([0.3, 0.2])
+    assert place_body(path, postures, root="fixed").to_itself(neutral=np.ones(1)) == clearance([0.3, 0.2])
 
 
 def test_what_cannot_meet_has_no_clearance() -> None:
     alone = '<mujoco><worldbody><body name="b"><freejoint/><geom size="1"/></body></worldbody></mujoco>'
     q = np.array([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]])
-    assert self_clearance(alone, q, neutral=q[0]) == Clearance(None, 0, None)
-    assert self_clearance(TWO_BALLS, np.zeros((0, 1)), neutral=np.ones(1)).smallest is None
+    assert place_body(alone, q).to_itself(neutral=q[0]) == Clearance(None, 0, None)
+    assert place_body(TWO_BALLS, np.zeros((0, 1))).to_itself(neutral=np.ones(1)).smallest is None
 
 
 def test_postures_that_are_not_known_take_no_part() -> None:
@@ -82,8 +82,8 @@ def wavy(name: str, rows: int = 120) -> FloatArray:
 def test_no_posture_and_no_pair_is_overlooked() -> None:
     """Against a look at every pair of OP3's geoms in every posture."""
     robot, q = load_robot("op3"), wavy("op3")
-    found = self_clearance(
-        robot.profile.body_path, q, root="free", neutral=robot.posture(robot.profile.postures.neutral)
+    found = place_body(robot.profile.body_path, q, root="free").to_itself(
+        neutral=robot.posture(robot.profile.postures.neutral)
     )
     left_out = {frozenset((pair.first, pair.second)) for pair in found.left_out}
     model = place_body(robot.profile.body_path, q[:1], root="free").model
@@ -117,10 +117,10 @@ OBSTACLES = (
 @pytest.mark.parametrize(("shape", "gap"), OBSTACLES)
 def test_every_shape_of_a_scene_is_where_the_scene_says(tmp_path: Path, shape: str, gap: float) -> None:
     around = scene(tmp_path, f"it: {{shape: {shape}, at: {{pos: [0.53, 0, 0]}}}}")
-    found = scene_clearance(TWO_BALLS, np.array([[-1.0], [0.01], [-0.5]]), scene=around, times=np.zeros(3))
+    found = place_body(TWO_BALLS, np.array([[-1.0], [0.01], [-0.5]])).to_scene(around, np.zeros(3))
     assert found.smallest == pytest.approx(gap, abs=1e-9)
     assert (found.row, found.pair, found.penetrating) == (1, ("hand", "it"), 0)
-    inside = scene_clearance(TWO_BALLS, np.array([[0.01 + gap + 0.004]]), scene=around, times=np.zeros(1))
+    inside = place_body(TWO_BALLS, np.array([[0.01 + gap + 0.004]])).to_scene(around, np.zeros(1))
     assert inside.smallest == pytest.approx(-0.004, abs=1e-9)
     assert (inside.penetrating, inside.deep) == (1, 1)
 
@@ -131,7 +131,7 @@ def test_an_obstacle_is_where_it_is_at_the_time(tmp_path: Path) -> None:
         "it: {shape: {sphere: {radius: 0.1}}, at: {pos: [1, 0, 0]}, velocity: [-0.1, 0, 0]}",
     )  # fmt: skip
     times = np.linspace(-1.0, 6.0, 71)
-    found = scene_clearance(TWO_BALLS, np.full((71, 1), 0.08), scene=around, times=times)
+    found = place_body(TWO_BALLS, np.full((71, 1), 0.08)).to_scene(around, times)
     assert found.pair == ("hand", "it")
     assert found.smallest == pytest.approx(0.4 - 0.21, abs=1e-9)
     assert found.row == 70
@@ -144,7 +144,7 @@ def test_a_half_space_that_turns_is_followed(tmp_path: Path) -> None:
         "wall: {shape: {half_space: {normal: [0, 0, 1]}}, at: {pos: [0, 0, -0.2]}, angular_velocity: [0, 1, 0]}",
     )
     times = np.linspace(0.0, 2.0, 41)
-    found = scene_clearance(TWO_BALLS, np.full((41, 1), 0.48), scene=around, times=times)
+    found = place_body(TWO_BALLS, np.full((41, 1), 0.48)).to_scene(around, times)
     gaps = [0.5 * np.sin(t) + 0.2 * np.cos(t) - 0.01 for t in times]
     base = [0.2 * np.cos(t) - 0.01 for t in times]
     assert found.smallest == pytest.approx(min(*gaps, *base), abs=1e-9)
@@ -158,8 +158,8 @@ def test_a_mesh_is_measured_where_it_was(tmp_path: Path) -> None:
     )
     around = scene(tmp_path, "it: {shape: {box: {size: [0.1, 0.1, 0.1]}}, at: {pos: [0.6, 0.1, 0]}}")
     q = np.array([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], [0.0, 0.5, 0.0, 1.0, 0.0, 0.0, 0.0]])
-    assert scene_clearance(body, q[:1], scene=around, times=np.zeros(1)).smallest == pytest.approx(0.2, abs=1e-6)
-    turned = scene_clearance(body, q[1:], scene=around, times=np.zeros(1)).smallest
+    assert place_body(body, q[:1]).to_scene(around, np.zeros(1)).smallest == pytest.approx(0.2, abs=1e-6)
+    turned = place_body(body, q[1:]).to_scene(around, np.zeros(1)).smallest
     assert turned == pytest.approx(np.hypot(0.2, 0.3), abs=1e-6)
 
 

@@ -6,7 +6,7 @@ import pytest
 from retarget.model.body import JointLimits
 from retarget.model.robot import RobotBody, load_robot
 from retarget.report import motion_metrics, tracking
-from retarget.report.clearance import self_clearance
+from retarget.report.clearance import place_body
 from retarget.report.measure import measure
 from retarget.report.motion_metrics import jerk_p95, limit_violations
 from retarget.report.report import Report
@@ -147,7 +147,7 @@ def test_sole_tilt() -> None:
 def clearance_of(op3: RobotBody, q: FloatArray) -> tuple[float | None, int]:
     neutral = op3.posture(op3.profile.postures.neutral)
     pairs = [ignored.pair for ignored in op3.profile.ignore_pairs]
-    found = self_clearance(op3.profile.body_path, q, root="free", neutral=neutral, ignored=pairs)
+    found = place_body(op3.profile.body_path, q, root="free").to_itself(neutral=neutral, ignored=pairs)
     return found.smallest, found.penetrating
 
 

@@ -1,7 +1,5 @@
 """HTML from untrusted text."""
 
-import pytest
-
 from retarget.report.page import element, joined, safe
 
 
@@ -12,11 +10,6 @@ def test_text_is_only_text() -> None:
 
 def test_attributes_that_python_cannot_name() -> None:
     assert element("i", class_="x", data_row="1", hidden=None) == '<i class="x" data-row="1"></i>'
-
-
-@pytest.mark.parametrize("tag", ["meta", "input", "br"])
-def test_elements_that_hold_nothing(tag: str) -> None:
-    assert element(tag, name="n") == f'<{tag} name="n">'
 
 
 def test_several_in_a_row() -> None:

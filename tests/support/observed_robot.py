@@ -12,7 +12,7 @@ from followers import DT, op3, performer
 from retarget import _solver
 from retarget.model.observers import Observers, placed, robot_observers
 from retarget.model.scene_state import SceneState
-from retarget.report.clearance import scene_clearance, self_clearance
+from retarget.report.clearance import place_body
 from retarget.robot.follower import Follower
 from retarget.schema.priorities import Priorities, load_priorities
 from retarget.schema.scene import Scene
@@ -66,7 +66,7 @@ class Done:
         """Smallest distance (m) of the body's own geoms to the scene, by MuJoCo."""
         assert self.state is not None
         path = op3().profile.body_path
-        found = scene_clearance(path, self.q, scene=self.state, times=self.times, root="free").smallest
+        found = place_body(path, self.q, root="free").to_scene(self.state, self.times).smallest
         assert found is not None
         return found
 
@@ -78,7 +78,7 @@ class Done:
     def self_apart(self) -> float:
         """Smallest distance (m) of the body's own geoms to each other, by MuJoCo."""
         neutral = op3().posture(op3().profile.postures.neutral)
-        found = self_clearance(op3().profile.body_path, self.q, root="free", neutral=neutral).smallest
+        found = place_body(op3().profile.body_path, self.q, root="free").to_itself(neutral=neutral).smallest
         assert found is not None
         return found
 

@@ -24,7 +24,8 @@ def cast_of_op3(*, simulated: bool = False) -> Cast:
     shown = actor(compile_body(robot.profile.body_path, root="free"))
     human = actor(compile_body_text(person().mjcf, source="human", root="free"))
     ball = Obstacle("ball/1", shape_mesh(0, (0.05, 0.0, 0.0)))
-    return Cast("test", shown, human, robot.joint_map.joints, ("l_hand",), robot, (ball,), simulated, SENSORS)
+    joints, columns = robot.joint_map.joints, robot.servo_columns
+    return Cast("test", shown, human, joints, ("l_hand",), robot, (ball,), simulated, SENSORS, columns=columns)
 
 
 @cache

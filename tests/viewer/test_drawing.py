@@ -58,11 +58,11 @@ def test_obstacles_are_where_they_are_and_the_performer_is_beyond_them(server: A
 def test_the_zero_moment_point_is_red_outside_of_the_soles(server: Any) -> None:
     drawing = Drawing(server, cast_of_op3())
     drawing.show(snapshot(zmp=np.array([0.0, 0.0])))
-    assert tuple(drawing._balance._zmp.color) == ZMP and drawing._balance._zmp.visible
+    assert tuple(drawing._balance._disc.color) == ZMP and drawing._balance._disc.visible
     drawing.show(snapshot(zmp=np.array([0.5, 0.0])))
-    assert tuple(drawing._balance._zmp.color) == OUTSIDE
+    assert tuple(drawing._balance._disc.color) == OUTSIDE
     drawing.show(snapshot(zmp=np.full(2, np.nan)))
-    assert not drawing._balance._zmp.visible, "it is not known"
+    assert not drawing._balance._disc.visible, "it is not known"
 
 
 def test_limbs_have_the_colour_that_was_chosen(server: Any) -> None:
@@ -88,7 +88,7 @@ def test_sensors_are_on_the_performer_and_can_be_hidden(server: Any) -> None:
     start = person().body.qpos0.copy()
     worn = np.array([start[:3] + 0.1, [np.nan] * 3])
     drawing.show(snapshot(human=start, sensors=worn))
-    wrist: Any = drawing._balls["sensors"]._balls[0][0]
+    wrist: Any = drawing._balls["sensors"]._balls[0].handle
     assert drawing._place is not None
     np.testing.assert_allclose(wrist.position, drawing._place.of(worn[0]), atol=1e-6)
     assert wrist.position[1] > 0.3
@@ -113,7 +113,7 @@ def test_a_human_alone_stands_where_one_looks(server: Any) -> None:
     com, none = np.array([3.0, -4.0, 0.9]), np.zeros((0, 3))
     worn = np.array([[3.0, -4.0, 1.2], [np.nan] * 3])
     drawing.show(snapshot(human=start, com=com, asked=none, reached=none, sensors=worn))
-    wrist, head = (ball[0] for ball in drawing._balls["sensors"]._balls)
+    wrist, head = (ball.handle for ball in drawing._balls["sensors"]._balls)
     assert tuple(wrist.position) == pytest.approx((0.0, 0.0, 1.2), abs=1e-6)
     assert wrist.visible and not head.visible, "the head's is not valid"
     assert {"human", "sensors"} < set(drawing.parts) and not {"asked", "reached"} & set(drawing.parts)

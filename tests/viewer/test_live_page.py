@@ -8,20 +8,19 @@ import pytest
 
 from followers import op3
 from messages import shows
-from retarget.viewer.feed import LiveRow
-from retarget.viewer.ground import MassMotion
-from retarget.viewer.live_page import STOPPING_WORDS, LivePage, snapshot_of
+from retarget.viewer.live_page import STOPPING_WORDS, LivePage
+from retarget.viewer.snapshot import Row, Snapshot, snapshot_of
 from viewed import cast_of_op3, person
 
 
-def row(tick: int, *, state: str = "following", truth: bool = False) -> LiveRow:
+def row(tick: int, *, state: str = "following", truth: bool = False) -> Row:
     robot = op3()
     joints = int((robot.body.joint_type > 1).sum())
-    return LiveRow(
+    return Row(
         time=100.0 + 0.04 * tick,
         state=state,
         why="",
-        robot=robot.body.qpos0 + 0.001 * tick,
+        goal=robot.body.qpos0 + 0.001 * tick,
         human=person().body.qpos0,
         present=np.where(np.arange(20) == 3, np.nan, 0.01 * tick),
         temperature=np.full(20, 25.0 + tick),
@@ -29,7 +28,8 @@ def row(tick: int, *, state: str = "following", truth: bool = False) -> LiveRow:
         asked=np.full((1, 3), 0.1 if tick % 2 else np.nan),
         modes=np.full(len(robot.profile.observers), tick % 3, dtype=np.uint8),
         obstacle_poses=np.array([[0.01 * tick, 0.2, 0.3, 1.0, 0.0, 0.0, 0.0]]),
-        truth=np.arange(9.0 + joints) if truth else np.zeros(0),
+        truth=np.arange(9.0 + joints) if truth else None,
+        landmarks=("l_hand",),
         sensors=np.array([[0.01 * tick, 0.0, 1.0], [np.nan] * 3]),
     )
 
@@ -41,7 +41,6 @@ class Watched:
         self.stops, self.looked = list[int](), True
         monkeypatch.setattr(server, "get_clients", lambda: {0: None} if self.looked else {})
         self.page = LivePage(server, cast_of_op3(), lambda: self.stops.append(1))
-        self.page.name_landmarks(["l_hand"])
 
     @property
     def letters(self) -> str:
@@ -83,17 +82,19 @@ def test_nothing_is_drawn_without_a_browser_but_all_is_kept_for_the_plot(watched
     np.testing.assert_allclose(track.temperature[-2:], [624.0, 625.0])
 
 
+def shown(row: Row) -> Snapshot:
+    return snapshot_of(row, cast_of_op3(), com=np.zeros(3), zmp=np.zeros(2))
+
+
 def test_a_servo_that_reported_nothing_is_where_its_goal_is() -> None:
-    robot, cast, mass = op3(), cast_of_op3(), MassMotion()
-    snapshot = snapshot_of(row(7), cast, landmarks=("l_hand",), begun=100.0, mass=mass)
-    there = snapshot.robot[robot.servo_columns]
+    snapshot = shown(row(7))
+    there = snapshot.robot[op3().servo_columns]
     assert there[3] == snapshot.sent[3] and there[2] == 0.07
-    assert snapshot.time == pytest.approx(0.28) and snapshot.pressure is None
+    assert snapshot.pressure is None and snapshot.reached.shape == (1, 3)
 
 
 def test_a_simulated_body_is_where_it_really_is() -> None:
-    robot, cast, mass = op3(), cast_of_op3(), MassMotion()
-    snapshot = snapshot_of(row(7, truth=True), cast, landmarks=("l_hand",), begun=100.0, mass=mass)
+    snapshot = shown(row(7, truth=True))
     np.testing.assert_array_equal(snapshot.robot[:7], np.arange(7.0))
     np.testing.assert_array_equal(snapshot.pressure, [27.0, 28.0])
-    assert set(snapshot.robot[robot.servo_columns]) == set(np.arange(7.0, 27.0))
+    assert set(snapshot.robot[op3().servo_columns]) == set(np.arange(7.0, 27.0))

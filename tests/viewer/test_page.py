@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -45,7 +45,7 @@ class Watched:
     def __init__(self, server: Any, monkeypatch: pytest.MonkeyPatch, run: Run) -> None:
         self.looked, self.clock, self.run = True, VirtualClock(), run
         monkeypatch.setattr(server, "get_clients", lambda: {0: None} if self.looked else {})
-        self.page: Any = RecordedPage(server, run, self.clock)
+        self.page: Any = RecordedPage(server, cast(Any, run), self.clock)
 
     def after(self, seconds: float) -> int:
         self.clock.sleep_until(self.clock.now() + seconds)

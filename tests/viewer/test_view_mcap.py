@@ -10,7 +10,7 @@ from messages import shows
 from retarget.errors import InputError
 from retarget.run.run_result import RunResult
 from retarget.types import FloatArray
-from retarget.viewer.recorded import RecordedCycles, open_viewed
+from retarget.viewer.recorded import open_recorded
 from view_mcap_helpers import recorded
 
 
@@ -25,8 +25,8 @@ def run(path: Path) -> RunResult:
 
 
 def test_every_tick_is_as_it_was(path: Path, run: RunResult) -> None:
-    seen, sent = open_viewed(path), run.record.robot
-    assert isinstance(seen, RecordedCycles) and sent is not None and run.robot is not None
+    seen, sent = open_recorded(path), run.record.robot
+    assert sent is not None and run.robot is not None
     assert len(seen.times) == len(run.record.time)
     np.testing.assert_allclose(seen.times, run.record.time, atol=1e-9)
     columns = run.robot.servo_columns
@@ -51,7 +51,7 @@ def test_every_tick_is_as_it_was(path: Path, run: RunResult) -> None:
 
 
 def test_why_it_stopped_is_shown(path: Path, run: RunResult) -> None:
-    seen = open_viewed(path)
+    seen = open_recorded(path)
     last = seen.snapshot(len(seen.times) - 1)
     assert last.state == "stopping"
     shows(last.why)
@@ -62,7 +62,7 @@ def test_why_it_stopped_is_shown(path: Path, run: RunResult) -> None:
 def test_a_human_alone(tmp_path: Path) -> None:
     path = tmp_path / "human.mcap"
     run = recorded(path, robot="human")
-    seen = open_viewed(path)
+    seen = open_recorded(path)
     snapshot = seen.snapshot(10)
     assert seen.cast.robot is None and np.isfinite(snapshot.com).all()
     assert snapshot.sensors is not None and snapshot.zmp is not None and np.isfinite(snapshot.zmp).all()
@@ -80,7 +80,7 @@ def test_a_simulated_body_is_where_it_really_was(tmp_path: Path) -> None:
         return truth if ticks > 100 else None
 
     run = recorded(path, robot="op3", truth=late_truth)
-    seen = open_viewed(path)
+    seen = open_recorded(path)
     assert seen.cast.simulated and run.record.robot is not None
     before, after = seen.snapshot(50), seen.snapshot(len(seen.times) - 1)
     assert before.pressure is None
@@ -88,7 +88,7 @@ def test_a_simulated_body_is_where_it_really_was(tmp_path: Path) -> None:
     np.testing.assert_array_equal(after.robot[:7], truth[:7])
     np.testing.assert_allclose(after.robot[7:], truth[7:-2], atol=1e-6)
     assert after.pressure is not None and after.pressure.tolist() == [0.0625, -0.25]
-    assert not open_viewed(other_run(tmp_path)).cast.simulated
+    assert not open_recorded(other_run(tmp_path)).cast.simulated
 
 
 def other_run(folder: Path) -> Path:
@@ -99,8 +99,8 @@ def other_run(folder: Path) -> Path:
 def test_half_of_it_is_seen_and_nothing_is_refused(path: Path, run: RunResult, tmp_path: Path) -> None:
     half, other = tmp_path / "half.mcap", tmp_path / "other.mcap"
     half.write_bytes(path.read_bytes()[:-3000])
-    seen = open_viewed(half)
-    assert isinstance(seen, RecordedCycles) and seen.notes and 0 < len(seen.times) <= len(run.record.time)
+    seen = open_recorded(half)
+    assert seen.notes and 0 < len(seen.times) <= len(run.record.time)
     other.write_bytes(b"no recording")
     with pytest.raises(InputError):
-        open_viewed(other)
+        open_recorded(other)
