@@ -15,6 +15,7 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
+from retarget.run.robot_side import RobotSide
 
 from benchmarks.bodies import Floats
 from hardware.clock import thread_cpu
@@ -22,7 +23,6 @@ from hardware.guard import Guard
 from retarget.frames import SensorFrames
 from retarget.live.performer import LivePerformer
 from retarget.run.loop import Pipeline
-from retarget.run.robot_side import RobotSide
 from sim.faults.bench import Bench, TappedPort
 from sim.faults.sender import FakeSender
 from sim.performer import synthetic_performer

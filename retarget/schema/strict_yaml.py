@@ -76,6 +76,14 @@ class Document:
         return _problem(self.path, self.lines.get(known, 1), key_path, what, **details)
 
 
+def load(path: Path) -> Document:
+    """Strict YAML of a file whose top level is a mapping. Raises ConfigError with all problems found."""
+    document = scan(read_text(path), path)
+    if document.problems:
+        raise ConfigError.from_problems(document.problems, title=f"{path}: {len(document.problems)} problems")
+    return document
+
+
 def scan(text: str, path: Path) -> Document:
     """Strict YAML from text; `path` only names it in messages. What is refused stands in `Document.problems`. Raises
     ConfigError when there is no mapping."""
