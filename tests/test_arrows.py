@@ -62,12 +62,6 @@ BELOW["recording"] = {*BELOW["run"], "recording"}
 BELOW["report"] = BELOW["viewer"] = {*BELOW["recording"], "recording"}
 BELOW["setup"] = {*BELOW["recording"], "report", "viewer"}
 BELOW["cli"] = {*BELOW["setup"], "setup"}
-EXCEPTIONS = {
-    "robot/deflection_compensation.py": {"safety"},  # the gate looks at the goals beside the postures
-}
-"""Imports against the arrows, from which module into which folder. They wait for the straight tick; may only shrink."""
-
-
 def folders_imported(path: Path) -> set[str]:
     """Folders of `retarget` that a file imports from."""
     names: set[str] = set()
@@ -80,7 +74,6 @@ def folders_imported(path: Path) -> set[str]:
 
 
 def test_folders_import_only_those_below() -> None:
-    """The list of exceptions is exact: an import that goes away leaves it too."""
     found: dict[str, set[str]] = {}
     for path in sorted((ROOT / "retarget").rglob("*.py")):
         place = path.relative_to(ROOT / "retarget")
@@ -88,7 +81,20 @@ def test_folders_import_only_those_below() -> None:
         against = folders_imported(path) - BELOW.get(home, set()) - {home}
         if home in BELOW and against:
             found[place.as_posix()] = against
-    assert found == EXCEPTIONS
+    assert not found
+
+
+def test_only_the_gate_seals_goals() -> None:
+    """`hardware.checked_goal._Seal` is what a `CheckedGoal` cannot be made without."""
+    users = [path for path in FILES if path.suffix == ".py" and "_Seal" in path.read_text(encoding="utf-8")]
+    places = {path.relative_to(ROOT).as_posix() for path in users}
+    assert places == {"hardware/checked_goal.py", "retarget/safety/gate.py"}
+
+
+def test_hardware_takes_no_callbacks_but_of_what_it_says() -> None:
+    """Nothing in `hardware` calls back into `retarget`: the guard's methods take data alone."""
+    tree = ast.parse((ROOT / "hardware" / "guard.py").read_text(encoding="utf-8"))
+    assert "Callable" not in {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
 
 
 @pytest.mark.parametrize("folder", [*BELOW])
