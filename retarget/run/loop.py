@@ -45,6 +45,8 @@ from retarget.types import Notify, RunState
 INTERRUPTED = "interrupted by the user"
 FORCED_STOP = "torque off before the robot stood, forced by the user"
 NOT_FOLLOWABLE = "the performer could not be followed ({})"
+LATE, MANY_LATE = 0.35, 0.01
+"""A tick is late that begins so many periods after it is due; from this share of late ticks on, a note says so."""
 NEAR_REST = 0.2
 """A robot is at rest when no joint is farther than this from posture `rest`, rad."""
 PHASES = {RunState.APPROACH: Phase.APPROACH, RunState.FOLLOW: Phase.FOLLOW}
@@ -86,13 +88,22 @@ class Watch:
 
 @dataclass(frozen=True, eq=False)
 class Ending:
-    """The end of a run. state: of the supervisor, None without a robot; reason: why it stopped early; wall_s: of the
-    ticks that followed."""
+    """The end of a run. wall_s: of the ticks that followed. state: of the supervisor, None without a robot; reason: why
+    it stopped early. late_ticks: ticks that began late."""
 
     record: Record
     wall_s: float
     state: RunState | None
     reason: str | None
+    late_ticks: int = 0
+
+    @property
+    def too_slow(self) -> tuple[str, ...]:
+        """A note about a machine on which ticks came late."""
+        ticks = len(self.record)
+        if self.late_ticks <= MANY_LATE * ticks:
+            return ()
+        return (f"this machine is too slow or too busy: {self.late_ticks} of {ticks} ticks came late and were skipped",)
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +164,7 @@ class Loop:
         )
         self._sample: SensorSample | None = first
         self._tick = 0  # of the performance
-        self._due = machine.clock.now()
+        self._due, self._late_ticks = machine.clock.now(), 0
         self._part = StopCause.SOURCE  # what runs now: the cause of a stop if it fails
 
     def run(self) -> Ending:
@@ -173,7 +184,7 @@ class Loop:
         self._release()
         stop, state = self._machine.guard.stop, self._machine.supervisor.state
         self._watch.on_tick(self._samples.ticks)
-        return Ending(*self._recorder.finish(), state, None if stop is None else stop.reason)
+        return Ending(*self._recorder.finish(), state, None if stop is None else stop.reason, self._late_ticks)
 
     def tick(self) -> None:
         """One tick. An exception anywhere in it becomes a transition, and the robot brakes, or torque goes off."""
@@ -227,9 +238,11 @@ class Loop:
     # The steps of a tick.
 
     def _wait(self) -> None:
-        """Wait until the next tick is due; a late tick is not made up for."""
-        clock = self._machine.clock
-        self._due = max(self._due + self._machine.dt, clock.now())
+        """Wait until the next tick is due. What is late is skipped and counted: it is not made up for."""
+        clock, dt = self._machine.clock, self._machine.dt
+        due, now = self._due + dt, clock.now()
+        self._late_ticks += now - due > LATE * dt
+        self._due = max(due, now)
         clock.sleep_until(self._due)
 
     def _ask_operator(self) -> Situation:

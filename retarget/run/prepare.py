@@ -123,7 +123,7 @@ class Prepared:
             reason=ending.reason,
             wall_s=ending.wall_s,
             has_bus=self.has_bus,
-            notes=self.notes + ending.record.missing() + (() if machine is None else machine.not_at_rest()),
+            notes=self.notes + ending.record.missing() + ending.too_slow + (() if machine is None else machine.not_at_rest()),
             stop=None if machine is None else machine.guard.stop,
             scene=self.scene,
             observers=self.observers,
