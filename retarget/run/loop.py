@@ -275,6 +275,7 @@ class Loop:
             straight=self._approach.part is ApproachPart.STRAIGHT,
             arrived=self._controllers[before].arrived,
             approached=self._approach.arrived,
+            goes_to_rest=machine.goes_to_rest,
         )
         if before in AT_RISK:
             situation = self._look_at_performer(situation)

@@ -123,7 +123,10 @@ class Prepared:
             reason=ending.reason,
             wall_s=ending.wall_s,
             has_bus=self.has_bus,
-            notes=self.notes + ending.record.missing() + ending.too_slow + (() if machine is None else machine.not_at_rest()),
+            notes=self.notes
+            + ending.record.missing()
+            + ending.too_slow
+            + (() if machine is None else machine.not_at_rest()),
             stop=None if machine is None else machine.guard.stop,
             scene=self.scene,
             observers=self.observers,
@@ -167,64 +170,96 @@ def prepare_for(
     lead: Lead = _own_follower,
     robot: RobotBody | None = None,
     has_deadlines: bool | None = None,
+    supervisor: Supervisor | None = None,
 ) -> Iterator[Prepared]:
     """Load and check everything, small files first; the bus is open while the context lasts, and closed after it.
 
     goes_to_rest: a run, and a stop, ends in the robot's rest posture. notify: receives warnings about servos. lead:
     replaces the robot's follower. robot: replaces the one that the options name. has_deadlines: whether a late tick
-    stops the robot; None: where the bus is real, for simulated servos wait for a slow host.
+    stops the robot; None: where the bus is real, for simulated servos wait for a slow host. supervisor: of a run whose
+    performer is waited for and measured first; None: a new one.
     Raises RetargetError for what cannot be used.
     """
     performer = load_performer(options.performer)
     if robot is None and not options.is_human:
         robot = load_robot(options.robot, root=options.root)
     for_human, for_robot, on_steps = _priorities(robot, options)
-    performance = perform(performer, robot)
-    samples, human = performance.samples, build_human(performance.dimensions)
     scene = _scene(robot, options)
-    human_scene = scene if robot is None else None
-    reconstruct = partial(Reconstructor, human, for_human, performer, iterations=options.iterations, scene=human_scene)
-    reconstructor = reconstruct(intake=performance.intake)
-    _refuse_unobserved(reconstructor, human_scene, for_human)
-    if human_scene is not None and not options.allow_contact:
-        # By a reconstructor of its own, so that the check does not change the run.
-        _refuse_inside_obstacle(reconstruct(), human_scene, samples, human)
-    notes = (*performance.notes, *(() if robot is None else robot.body.notes), *on_steps)
-    stages = tuple(file for file in (for_human, for_robot) if file is not None)
+    human = _human(perform(performer, robot), performer, for_human, options, scene if robot is None else None)
     if robot is None or for_robot is None:
-        of_human = (reconstructor.observers, performance.intake, reconstructor.scene_obstacles)
-        yield Prepared(samples, human, performer, reconstructor, None, stages, False, notes, scene, *of_human)
+        yield human
         return
+    follower = _follower(robot, for_robot, human.human, options, scene)
     bus = make_bus(robot, clock)
-    follower = _follower(robot, for_robot, human, options, scene)
     if not options.allow_contact:
         _refuse_robot_in_contact(robot, follower, scene)
+    dt = human.samples.dt
+    gate, clearance = make_gate(robot, follower, for_robot, checks=options.gate, dt=dt)
     late = not options.simulated if has_deadlines is None else has_deadlines
-    machine = _machine(
-        robot,
-        follower,
-        for_robot,
-        _limits(robot, has_deadlines=late),
-        gate=options.gate,
-        bus=bus,
-        clock=clock,
-        dt=samples.dt,
-        goes_to_rest=goes_to_rest,
-        notify=notify,
+    limits = _limits(robot, has_deadlines=late)
+    guard = Guard(bus=bus, joint_map=robot.joint_map, clock=clock, limits=limits)
+    supervisor = supervisor or Supervisor(notify=notify)
+    machine = Machine(
+        robot, lead(follower), gate, guard, supervisor, clock, dt, clearance, goes_to_rest=goes_to_rest, notify=notify
     )
-    machine = replace(machine, follower=lead(follower))
+    prepared = replace(
+        human,
+        machine=machine,
+        priorities=(for_human, for_robot),
+        has_bus=options.bus != "none",
+        notes=(*human.notes, *robot.body.notes, *on_steps),
+        scene=scene,
+        observers=follower.observers,
+        scene_obstacles=follower.scene_obstacles,
+        steps=None if follower.steps is None else follower.steps.plan.tally,
+    )
+    with _open(bus, guard):
+        yield prepared
+
+
+@contextmanager
+def _open(bus: ServoBus, guard: Guard) -> Iterator[None]:
+    """The bus is open while the context lasts."""
     bus.open()
     failed = True
     try:
-        has_bus = options.bus != "none"
-        obstacles, steps = follower.scene_obstacles, None if follower.steps is None else follower.steps.plan.tally
-        known = (has_bus, notes, scene, follower.observers, performance.intake, obstacles, steps)
-        yield Prepared(samples, human, performer, reconstructor, machine, stages, *known)
-        failed = machine.guard.stop is not None
+        yield
+        failed = guard.stop is not None
     finally:
         # A failure is in the run's result or is being raised; closing the bus must not replace it.
         with suppress(Exception) if failed else nullcontext():
             bus.close()
+
+
+def _human(
+    performance: Performance,
+    performer: Performer,
+    priorities: Priorities,
+    options: RunOptions,
+    scene: SceneState | None,
+) -> Prepared:
+    """The human's stage alone. scene: of a run without a robot."""
+    samples, human = performance.samples, build_human(performance.dimensions)
+    reconstruct = partial(Reconstructor, human, priorities, performer, iterations=options.iterations, scene=scene)
+    reconstructor = reconstruct(intake=performance.intake)
+    _refuse_unobserved(reconstructor, scene, priorities)
+    if scene is not None and not options.allow_contact:
+        # By a reconstructor of its own, so that the check does not change the run.
+        _refuse_inside_obstacle(reconstruct(), scene, samples, human)
+    return Prepared(
+        samples=samples,
+        human=human,
+        performer=performer,
+        reconstructor=reconstructor,
+        machine=None,
+        priorities=(priorities,),
+        has_bus=False,
+        notes=performance.notes,
+        scene=scene,
+        observers=reconstructor.observers,
+        intake=performance.intake,
+        scene_obstacles=reconstructor.scene_obstacles,
+    )
 
 
 def _scene(robot: RobotBody | None, options: RunOptions) -> SceneState | None:
@@ -302,25 +337,6 @@ def _follower(
         return Follower(
             robot, priorities, human.dimensions, parts=options.parts, iterations=options.iterations, scene=scene
         )
-
-
-def _machine(
-    robot: RobotBody,
-    follower: Follower,
-    priorities: Priorities,
-    limits: GuardLimits,
-    *,
-    gate: bool,
-    bus: ServoBus,
-    clock: Clock,
-    dt: float,
-    goes_to_rest: bool,
-    notify: Notify,
-) -> Machine:
-    checked, clearance = make_gate(robot, follower, priorities, checks=gate, dt=dt)
-    guard = Guard(bus=bus, joint_map=robot.joint_map, clock=clock, limits=limits)
-    supervisor = Supervisor(goes_to_rest=goes_to_rest, notify=notify)
-    return Machine(robot, follower, checked, guard, supervisor, clock, dt, clearance, goes_to_rest, notify)
 
 
 def _limits(robot: RobotBody, *, has_deadlines: bool) -> GuardLimits:

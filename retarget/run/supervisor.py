@@ -147,7 +147,8 @@ class Situation:
 
     paused: the operator pauses the robot: then a hold has no limit in time. approached: whether the approach is over.
     arrived: whether the controller of the present state has arrived. stands: whether nothing is left to brake;
-    straight: whether that is on the straight part of the approach. over: the performance is. stop: why a stop is asked
+    straight: whether that is on the straight part of the approach. goes_to_rest: a stop ends in posture `rest`, else
+    where the robot has braked. over: the performance is. stop: why a stop is asked
     for; torque_off: why torque is to go off at once.
     """
 
@@ -158,6 +159,7 @@ class Situation:
     arrived: bool = False
     stands: bool = False
     straight: bool = False
+    goes_to_rest: bool = False
     over: bool = False
     stop: str | None = None
     torque_off: str | None = None
@@ -166,12 +168,12 @@ class Situation:
 class Supervisor:
     """Changes the state of a run, and nothing else does. state: the present one; since: s, when it began."""
 
-    def __init__(self, *, goes_to_rest: bool = False, notify: Notify = lambda text: None) -> None:
-        """goes_to_rest: a stop ends in the profile's posture `rest`, else where the robot has braked."""
+    def __init__(self, *, notify: Notify = lambda text: None) -> None:
+        """notify: receives what fails on the way to rest."""
         self.state, self.since = RunState.IDLE, 0.0
         self.hold_reason = ""
         """Why the robot holds, or held last."""
-        self._goes_to_rest, self._notify = goes_to_rest, notify
+        self._notify = notify
         self._held_since = self._held_until = -inf  # [s] of holds that count as one
 
     @property
@@ -195,6 +197,14 @@ class Supervisor:
         if transition.to is RunState.HOLD and now - self._held_until >= COMMANDED_S:
             self._held_since = now
         return True
+
+    def enter(self, state: RunState, now: float) -> None:
+        """Go on to a state without torque, while the performer is waited for, measured and checked. Raises ValueError for
+        one that the table does not lead to."""
+        events = [event for (before, event), row in TRANSITIONS.items() if before is self.state and row.to is state]
+        if not events or STATES[state].torque:
+            raise ValueError(f"no transition from {self.state.value} to {state.value}")
+        self.take(events[0], now)
 
     def step(self, now: float, situation: Situation, guard: Guard) -> RunState:
         """The state of the tick at `now`, s. The reason of a stop is latched in the guard; where a transition switches
@@ -246,7 +256,7 @@ class Supervisor:
     def _stands(self, situation: Situation, guard: Guard) -> Event:
         if not guard.may_go_to_rest:
             return Event.STANDS_WITH_FAULT
-        if not self._goes_to_rest:
+        if not situation.goes_to_rest:
             return Event.STANDS
         return Event.STANDS_ON_APPROACH if situation.straight else Event.STANDS_ON_SOLES
 

@@ -29,12 +29,12 @@ from retarget.types import RunState
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "stops.md"
 FOLLOWED = Situation(followable=True, approached=True)
 LOST = Situation(hold_reason="no data", approached=True)
-STANDS = Situation(approached=True, stands=True)
+STANDS = Situation(approached=True, stands=True, goes_to_rest=True)
 
 
-def running(*, goes_to_rest: bool = True, state: RunState = RunState.FOLLOW) -> tuple[Supervisor, Rig]:
+def running(*, state: RunState = RunState.FOLLOW) -> tuple[Supervisor, Rig]:
     """A supervisor in a state, and an armed guard."""
-    rig, supervisor = Rig(), Supervisor(goes_to_rest=goes_to_rest)
+    rig, supervisor = Rig(), Supervisor()
     rig.arm()
     for event in (Event.READY, Event.ARMED, Event.ARRIVED):
         assert supervisor.take(event, 0.0)
@@ -98,6 +98,18 @@ def test_no_order_of_events_leaves_the_table(events: list[Event]) -> None:
         before = supervisor.state
         assert supervisor.take(event, 1.0) == ((before, event) in TRANSITIONS)
         assert supervisor.state is (TRANSITIONS[before, event].to if (before, event) in TRANSITIONS else before)
+
+
+def test_a_live_performer_is_measured_before_the_robot_is_armed() -> None:
+    supervisor = Supervisor()
+    with pytest.raises(ValueError, match="no transition from idle to arming|no transition"):
+        supervisor.enter(RunState.CHECKING_SIDES, 0.0)
+    for state in (RunState.COUNTDOWN, RunState.CALIBRATING, RunState.CHECKING_SIDES):
+        supervisor.enter(state, 0.0)
+        assert supervisor.state is state
+    assert supervisor.take(Event.READY, 0.0) and supervisor.state is RunState.ARMING
+    with pytest.raises(ValueError, match="no transition"):
+        supervisor.enter(RunState.APPROACH, 0.0)
 
 
 # What a situation leads to.
@@ -183,13 +195,15 @@ def test_a_stop_goes_by_the_stance_to_rest() -> None:
 def test_on_the_straight_approach_a_stop_goes_straight_to_rest() -> None:
     supervisor, rig = running(state=RunState.APPROACH)
     supervisor.step(1.0, Situation(stop="space bar"), rig.guard)
-    assert supervisor.step(1.1, Situation(stands=True, straight=True), rig.guard) is RunState.GO_TO_REST
+    assert (
+        supervisor.step(1.1, Situation(stands=True, straight=True, goes_to_rest=True), rig.guard) is RunState.GO_TO_REST
+    )
 
 
 def test_without_a_way_to_rest_torque_goes_off_where_the_robot_stands() -> None:
-    supervisor, rig = running(goes_to_rest=False)
+    supervisor, rig = running()
     supervisor.step(1.0, Situation(over=True), rig.guard)
-    assert supervisor.step(1.1, STANDS, rig.guard) is RunState.OFF
+    assert supervisor.step(1.1, Situation(stands=True), rig.guard) is RunState.OFF
 
 
 def test_braking_has_a_bound() -> None:

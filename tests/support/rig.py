@@ -140,7 +140,7 @@ class Rig:
         self.gate = Gate.for_servos(self.robot.joint_map, dt=self.dt)
         self.guard = Guard(bus=self.bus, joint_map=self.robot.joint_map, clock=self.clock)
         self.follower = StubFollower(self.robot, script)
-        self.supervisor = Supervisor(goes_to_rest=goes_to_rest)
+        self.supervisor = Supervisor()
         self.notes: list[str] = []
         self.machine = Machine(
             robot=self.robot,
