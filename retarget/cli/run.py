@@ -51,6 +51,7 @@ from retarget.run.loop import Watch
 from retarget.run.options import PhysicsOptions, RunOptions
 from retarget.run.prepare import Prepared, prepare, prepare_for
 from retarget.run.run_result import RunResult
+from retarget.run.supervisor import Supervisor
 from retarget.schema.files import remove
 from retarget.schema.performer import Performer
 from retarget.schema.priorities import Steps
@@ -196,6 +197,7 @@ def follow_live(
     bench = PhysicsBench(options, _log)
     recorder = recorder_for(outputs, options, bench, clock=clock, goes_to_rest=True)
     notify = recorder.recorded_notify(_log)
+    supervisor = Supervisor(notify=notify)
     with detached_screens(), ExitStack() as stack:
         socket, dead_man = _opened(oversight, stack)
         tap = _raw_tap(record_raw, address, stack, overwrite=outputs.overwrite)
@@ -203,10 +205,25 @@ def follow_live(
         def perform(performer: Performer, robot: RobotBody | None) -> Performance:
             stream = open_stream(address, performer, clock=clock, tap=tap, smoothing=live.smoothing, latest=live.latest)
             stack.callback(stream.receiver.close)
-            return begin_live(stream, live, clock=clock, rate_hz=live_rate_hz(robot), where=address.text, notify=notify)
+            return begin_live(
+                stream,
+                live,
+                clock=clock,
+                rate_hz=live_rate_hz(robot),
+                where=address.text,
+                notify=notify,
+                enter=lambda state: supervisor.enter(state, clock.now()),
+            )
 
         make_bus = recorder.make_bus(bench.make_bus)
-        prepare_live = partial(prepare_for, clock=recorder.clock, make_bus=make_bus, goes_to_rest=True, notify=notify)
+        prepare_live = partial(
+            prepare_for,
+            clock=recorder.clock,
+            make_bus=make_bus,
+            goes_to_rest=True,
+            notify=notify,
+            supervisor=supervisor,
+        )
         with prepare_live(perform, options) as prepared:
             stop, keys = stack.enter_context(stop_on_signals(moves=True)), stack.enter_context(Keys())
             performer, machine = prepared.samples, prepared.machine

@@ -3,6 +3,7 @@ the performer that the run follows.
 """
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,8 +28,10 @@ from retarget.live.stream import LiveStream
 from retarget.live.stream_report import StreamProblems, refuse_version, unusable
 from retarget.model.human_dimensions import HumanDimensions, mirrored_dimensions
 from retarget.model.robot import RobotBody
-from retarget.types import FloatArray, Notify
+from retarget.types import FloatArray, Notify, RunState
 
+Enter = Callable[[RunState], object]
+"""Takes the state of a run that begins."""
 LONGEST_COUNTDOWN_S = 600.0
 
 
@@ -85,14 +88,18 @@ def measure(
     clock: Clock,
     where: str,
     notify: Notify,
+    enter: Enter = lambda state: None,
 ) -> Calibrated:
     """Measure floor, heading and size. The size is `known`, else that of the stream's skeleton, else of the rest pose.
+    enter: receives the states of the run as they begin.
 
     Raises InputError: no fresh data, not still, no rest pose, or not of the known size.
     """
     pose = "Stand upright and still, facing where the robot faces, arms hanging or straight out to the sides"
+    enter(RunState.COUNTDOWN)
     notify(f"{pose}: {options.countdown:g} s")
     _poll_for(stream, clock, options.countdown, measured=False)
+    enter(RunState.CALIBRATING)
     stream.validity.keep_sides()  # until here, the user may still have corrected the names of the trackers
     size = known or _skeleton_size(stream, options, where=where, notify=notify)
     seconds = CAPTURE_S if known is None else KNOWN_CAPTURE_S
@@ -370,10 +377,12 @@ def begin_live(
     rate_hz: float,
     where: str,
     notify: Notify,
+    enter: Enter = lambda state: None,
 ) -> Performance:
     """Wait for the stream, calibrate, and return the performance.
 
-    notify: receives what the performer is to do, and later what changes. Raises InputError: no data, sensors missing,
+    notify: receives what the performer is to do, and later what changes. enter: receives the states of the run as they
+    begin: COUNTDOWN, CALIBRATING, CHECKING_SIDES. Raises InputError: no data, sensors missing,
     not still, no rest pose, sides swapped; ConfigError, UsageError: the person's file. Each names the next step.
     """
     person = None
@@ -386,13 +395,14 @@ def begin_live(
     _wait(stream, options, clock, where=where)
     refuse_version(stream, clock.now())
     known = None if person is None else person.dimensions
-    calibrated = measure(stream, options, known, clock=clock, where=where, notify=notify)
+    calibrated = measure(stream, options, known, clock=clock, where=where, notify=notify, enter=enter)
     reading = stream.read(clock.now())
     every_sensor = np.ones(len(reading.states), dtype=bool)
     names = stream.roles.sensors
     first = live_sample(names, reading, calibrated.alignment, usable=every_sensor, mirror=options.mirror)
     ticks = FOR_EVER if options.duration is None else max(round(options.duration * rate_hz), 1)
     if options.check_sides:
+        enter(RunState.CHECKING_SIDES)
         check_sides(stream, calibrated, clock=clock, where=where, notify=notify)
     if options.person is not None and person is None:
         _keep(options.person, calibrated, stream.roles.convention, notify)

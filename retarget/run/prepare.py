@@ -110,7 +110,7 @@ class Prepared:
 
     def result(self, ending: Ending) -> RunResult:
         """The run, with all that metrics, pictures and files need."""
-        machine = self.machine
+        machine, notes = self.machine, self.notes + ending.record.missing() + ending.too_slow
         return RunResult(
             record=ending.record,
             clip=self.samples.recorded(),
@@ -123,10 +123,7 @@ class Prepared:
             reason=ending.reason,
             wall_s=ending.wall_s,
             has_bus=self.has_bus,
-            notes=self.notes
-            + ending.record.missing()
-            + ending.too_slow
-            + (() if machine is None else machine.not_at_rest()),
+            notes=notes if machine is None else notes + machine.not_at_rest(),
             stop=None if machine is None else machine.guard.stop,
             scene=self.scene,
             observers=self.observers,

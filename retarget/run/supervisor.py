@@ -199,8 +199,8 @@ class Supervisor:
         return True
 
     def enter(self, state: RunState, now: float) -> None:
-        """Go on to a state without torque, while the performer is waited for, measured and checked. Raises ValueError for
-        one that the table does not lead to."""
+        """Go on to a state without torque, while the performer is waited for, measured and checked. Raises ValueError
+        for one that the table does not lead to."""
         events = [event for (before, event), row in TRANSITIONS.items() if before is self.state and row.to is state]
         if not events or STATES[state].torque:
             raise ValueError(f"no transition from {self.state.value} to {state.value}")

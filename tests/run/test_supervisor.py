@@ -102,7 +102,7 @@ def test_no_order_of_events_leaves_the_table(events: list[Event]) -> None:
 
 def test_a_live_performer_is_measured_before_the_robot_is_armed() -> None:
     supervisor = Supervisor()
-    with pytest.raises(ValueError, match="no transition from idle to arming|no transition"):
+    with pytest.raises(ValueError, match="no transition"):
         supervisor.enter(RunState.CHECKING_SIDES, 0.0)
     for state in (RunState.COUNTDOWN, RunState.CALIBRATING, RunState.CHECKING_SIDES):
         supervisor.enter(state, 0.0)
