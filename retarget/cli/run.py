@@ -161,6 +161,14 @@ def sides_are_checked(source: str, asked: bool | None, *, yes: bool) -> bool:
     return not yes and not source.startswith("replay:") if asked is None else asked
 
 
+COUNTDOWN_S = 3.0
+
+
+def countdown_of(source: str, asked: float | None) -> float:
+    """Time to get into the pose, s: as asked, else none for a recording."""
+    return (0.0 if source.startswith("replay:") else COUNTDOWN_S) if asked is None else asked
+
+
 def _refuse_unnamed(live: LiveOptions) -> None:
     """Raise UsageError where a person without a name is to be measured anew."""
     if live.recalibrate and live.person is None:
@@ -244,10 +252,12 @@ def follow_live(
                 with live_state(options.robot, words), scheduled(oversight.scheduling):
                     watch = _watch(recorded, look, controls, bench, clock)
                     run = recorded.run(page.watch(recorder.watch(watch, recorded)))
-        if not run.ticks_followed and run.reason is None:
+        followed = run.ticks_followed > 0
+        if not followed and run.reason is None:
             notify("no tick followed the performer: the stream was over before following began")
         stream_report = performer.report(address=address.text, person=live.person)
-        return recorder.code(finished(replace(bench.seen(run), live=stream_report), outputs))
+        code = recorder.code(finished(replace(bench.seen(run), live=stream_report), outputs))
+        return code if followed else max(code, STOPPED)
 
 
 def _raw_tap(path: Path | None, address: StreamAddress, stack: ExitStack, *, overwrite: bool) -> RawTap | None:
@@ -426,9 +436,13 @@ def run(
         int, typer.Option(help="Of all random choices; the same seed gives the same run.", rich_help_panel=PHYSICS)
     ] = 0,
     countdown: Annotated[
-        float,
-        typer.Option(help="Time to get into the pose of the calibration.", metavar="S", rich_help_panel=LIVE),
-    ] = 3.0,
+        float | None,
+        typer.Option(
+            help="Time to get into the pose of the calibration; usually 3, and 0 for replay://.",
+            metavar="S",
+            rich_help_panel=LIVE,
+        ),
+    ] = None,
     person: Annotated[
         str | None,
         typer.Option(
@@ -547,7 +561,7 @@ def run(
     if "://" in source:
         refuse_given({"--skeleton": skeleton, "--unit": unit, "--rate": rate, "--start": start}, "motion file")
         live = LiveOptions(
-            countdown=countdown,
+            countdown=countdown_of(source, countdown),
             duration=end,
             mirror=mirror,
             smoothing=smoothing,
