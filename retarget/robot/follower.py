@@ -30,7 +30,7 @@ from retarget.robot.reference_governor import ReferenceGovernor
 from retarget.robot.step_plan import stepping_priorities, swinging_frames
 from retarget.robot.stepping import Stepping, reaching_aside
 from retarget.schema.priorities import Priorities
-from retarget.types import BoolArray, FloatArray, RobotPosture
+from retarget.types import BoolArray, Carrying, FloatArray, RobotPosture
 
 if TYPE_CHECKING:
     from retarget.types import HumanPosture
@@ -268,18 +268,20 @@ class Follower:
     def settle(self, human: "HumanPosture", dt: float) -> "list[RobotPosture]":
         """After `start`: go to where the performer stands still, tick by tick, until the robot rests there (see
         `settling`). So a hand that is asked high up has been raised before the performer moves on."""
-        if self.steps is not None:
-            self.steps.waits = True
-        path = settling(partial(self.step, human, dt), self._q, dt)
-        if self.steps is not None:
-            self.steps.waits = False
+        path = settling(
+            lambda: self._follow(replace(self.landmark_map.ask(human, dt), carrying=Carrying.BOTH), dt), self._q, dt
+        )
         self.scene_obstacles.begin()
         return path
 
     def step(self, human: "HumanPosture", dt: float) -> RobotPosture:
         """The posture after the next `dt` s."""
+        return self._follow(self.landmark_map.ask(human, dt), dt)
+
+    def _follow(self, asked: AskedLandmarks, dt: float) -> RobotPosture:
+        """The posture after the next `dt` s, on the way to what is asked."""
         self._since_start += dt
-        self._asked = self.landmark_map.ask(human, dt)
+        self._asked = asked
         catch_up_share = self._approach + (1.0 - self._approach) * min(self._since_start / APPROACH_S, 1.0)
         self._advance(self._asked, dt, catch_up_share=catch_up_share)
         return self._posture(self._asked)
@@ -292,11 +294,12 @@ class Follower:
             self._fallback.obstacles = self.scene_obstacles.now
         dt *= scale  # from here on the robot's own time
         if self.steps is not None:
-            asked = self.steps.aim(targets, self._q, hierarchy.solver.velocity, dt, asked=asked, at=self._reached)
+            velocity, at = hierarchy.solver.velocity, self._reached
+            asked = self.steps.aim(targets, self._q, velocity, dt, asked=asked, at=at, to_stance=to_stance)
         elif self._balance is not None:
             hierarchy.set_support(targets, self._balance.spaces(*self._mass(), dt, to_stance=to_stance))
         if self._strength is not None:
-            keeps = self.steps is None or not self.steps.onto_one
+            keeps = self.steps is None or self.steps.plan.support is None
             self._strength.aim(hierarchy, targets, self._q, self._mass(), dt, keeps=keeps)
         self._governor.aim(targets, asked, self._reached, dt, catch_up_share=catch_up_share)
         hierarchy.set_previous(targets, self._q, dt, settle=LED_SETTLE if to_stance else inf)
@@ -306,7 +309,7 @@ class Follower:
 
     def return_to_stance(self, dt: float) -> FloatArray | None:
         """The next posture (nq,) of the return to stance; None: the robot stands, or needs no return."""
-        stands = self.steps is None or self.steps.wait()
+        stands = self.steps is None or self.steps.stands
         to_stance, hierarchy = self._return_to_stance, self.hierarchy
         if to_stance is None or not to_stance.goes_on(hierarchy.solver.velocity, dt, stands=stands):
             return None
