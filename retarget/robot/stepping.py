@@ -6,8 +6,7 @@ from math import exp, sqrt
 import numpy as np
 
 from retarget.ik.hierarchy import Hierarchy
-from retarget.ik.support_polygon import Stance, convex_hull, support_edges
-from retarget.ik.tasks import SUPPORT_EDGES
+from retarget.ik.support_polygon import Stance, support_edges
 from retarget.ik.whole_body_stop import Stopping
 from retarget.model.robot import RobotBody
 from retarget.robot.balance import GRAVITY, Edges, inside, moving_share, moving_spaces, shrunk
@@ -34,8 +33,6 @@ WIDER = 1.4
 PRESSED = 0.5
 """Share of the support polygon for the zero-moment point on such a way. It is more than that of the capture point, else
 a mass at the edge could not be pushed away from there."""
-MOST_CORNERS = SUPPORT_EDGES // 2
-"""Each edge makes two half-spaces."""
 
 
 class StepBalance:
@@ -46,18 +43,16 @@ class StepBalance:
     def __init__(self, stance: Stance, share: float) -> None:
         """share: of what carries, about its middle."""
         outlines = [sole.outline for sole in stance.soles]
-        polygons = [convex_hull(np.concatenate(outlines)), *(convex_hull(outline) for outline in outlines)]
         self.middles = (np.concatenate(outlines).mean(axis=0), *(outline.mean(axis=0) for outline in outlines))
         self.both: Edges = shrunk(stance.edges(0.0), share, stance).tolist()
         self._well_inside: Edges = shrunk(stance.edges(0.0), WELL_INSIDE * share, stance).tolist()
-        self.over: tuple[Edges, ...] = tuple(
-            support_edges([about(polygon, middle, share)]).tolist()
-            for polygon, middle in zip(polygons[1:], self.middles[1:], strict=True)
+        left, right = (
+            shrunk(support_edges([sole.outline]), share, Stance(stance.q, stance.points, (sole,))).tolist()
+            for sole in stance.soles
         )
+        self.over: tuple[Edges, Edges] = (left, right)
         wider = min(WIDER * share, 1.0)
-        self.on_the_way, self._pressed = (
-            _around(polygons, self.middles, size) for size in (wider, max(wider, PRESSED))
-        )
+        self.on_the_way, self._pressed = (self._hull(outlines, size) for size in (wider, max(wider, PRESSED)))
         still = np.zeros(3)
         self.room = min(
             self.depth(region, np.array([*middle, 0.0]), still, still)
@@ -66,6 +61,15 @@ class StepBalance:
         self._outlines: tuple[Edges, ...] = tuple(
             support_edges([outline]).tolist() for outline in (np.concatenate(outlines), *outlines)
         )
+
+    def _hull(self, outlines: Sequence[FloatArray], size: float) -> Edges:
+        """Edges of the hull of both soles (c, 2), each at a share of its size about its middle. It holds the regions at
+        that share, of standing too."""
+        middles = self.middles[1:]
+        edges: Edges = support_edges(
+            [at + size * (sole - at) for sole, at in zip(outlines, middles, strict=True)]
+        ).tolist()
+        return edges
 
     def spaces(self, region: Edges, com: FloatArray, velocity: FloatArray, dt: float) -> FloatArray:
         """Half-spaces (k, 4) for a centre of mass after the next `dt` s, now at com (3,) m, moving at velocity (3,)
@@ -110,27 +114,6 @@ class StepBalance:
     def inside(self, com: FloatArray, support: int | None) -> float:
         """How far (m) a centre of mass (3,) is inside the outline of both soles, or of the support foot's."""
         return inside(self._outlines[0 if support is None else 1 + support], com)
-
-
-def _around(polygons: Sequence[FloatArray], middles: Sequence[FloatArray], share: float) -> Edges:
-    """Edges of the hull of polygons (c, 2), each at a share of its size about its middle (2,)."""
-    corners = [about(polygon, middle, share) for polygon, middle in zip(polygons, middles, strict=True)]
-    edges: Edges = support_edges([at_most(convex_hull(np.concatenate(corners)), MOST_CORNERS)]).tolist()
-    return edges
-
-
-def about(corners: FloatArray, middle: FloatArray, share: float) -> FloatArray:
-    """Corners (c, 2) of a polygon at a share of its size about a point (2,)."""
-    return np.asarray(middle + share * (corners - middle))
-
-
-def at_most(corners: FloatArray, count: int) -> FloatArray:
-    """A convex polygon (c, 2) without the corners that matter least to its area: never larger."""
-    while len(corners) > count:
-        before, after = np.roll(corners, 1, axis=0) - corners, np.roll(corners, -1, axis=0) - corners
-        area = np.abs(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0])
-        corners = np.delete(corners, int(np.argmin(area)), axis=0)
-    return corners
 
 
 # The swing foot: the sole that carries nothing follows the performer's foot within bounds, and returns to its place.
