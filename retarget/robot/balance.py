@@ -1,18 +1,18 @@
 """Balance of a robot on its soles: where its centre of mass may go, and what its joints may carry.
 
-At rest a robot stands while its centre of mass is over the support polygon. With mass in motion it stands while its
-zero-moment point (M. Vukobratovic and B. Borovac, Int. J. Humanoid Robotics 1(1), 2004) is in there: with the mass in
-one point c at height z,
+At rest a robot stands while its centre of mass c is over the support polygon. In motion, with the mass in one point at
+height z, it stands while its zero-moment point p is in there (M. Vukobratovic and B. Borovac, Int. J. Humanoid Robotics
+1(1), 2004), and it stays able to stop while its capture point xi is (J. Pratt et al., Humanoids 2006):
 
-    p = c - z / (g + z'') * c''
+    p  = c - z / (g + z'') c''                      n . p <= d for every edge (n, d) of the polygon
+    xi = c + c' / omega,  omega^2 = g / z           n . xi <= d;   xi' = omega (xi - p)
 
-To stay able to stop, its capture point c + c' / sqrt(g / z) (J. Pratt et al., Humanoids 2006) is kept in there as well:
-from there it can be stopped with the zero-moment point inside. Both are half-spaces for the centre of mass after the
-tick, which the hierarchy keeps like any others: where more is asked, the robot lags.
+Both are half-spaces for the centre of mass after the tick, which the hierarchy keeps like any others: where more is
+asked, the robot lags.
 
-A robot that has got out of that room (a stop brakes as hard as servos can) could stand there for ever: the mass is
-pushed in by pressing farther out, so it cannot come back with the zero-moment point inside. So from there the
-zero-moment point may go as far again beyond the edge as the capture point is, and does: that brings it back in.
+A capture point that is outside (a stop brakes as hard as servos can) only comes back in with the zero-moment point
+farther out. So from there the zero-moment point may go as far again beyond the edge, and does: with p = xi + (xi - d) n
+the distance outside falls as exp(-omega t).
 """
 
 from dataclasses import dataclass
@@ -58,11 +58,10 @@ class StandingBalance:
     """
 
     def __init__(self, priorities: Priorities, stance: Stance) -> None:
-        tasks = [task for _, _, task in priorities.tasks() if isinstance(task, CentreOfMassTask)]
-        self.edges = stance.edges(max((task.margin for task in tasks), default=0.0))
+        self.edges = stance.edges(max((task.margin for task in _support_tasks(priorities)), default=0.0))
         self._outline: Edges = stance.edges(0.0).tolist()
         self._drawn_in: Edges = self.edges.tolist()
-        share = min((task.moving for task in tasks if task.moving is not None), default=None)
+        share = moving_share(priorities)
         self.looks_at_motion = share is not None
         self._room = _room(self.edges, share, stance)
         self._wide = _room(self.edges, None if share is None else max(share, RETURN_SHARE), stance)
@@ -76,8 +75,22 @@ class StandingBalance:
 
     def inside(self, com: FloatArray) -> float:
         """How far (m) a centre of mass (3,) is inside the soles' outline."""
-        x, y, _ = com.tolist()
-        return float(min(offset - nx * x - ny * y for nx, ny, offset in self._outline))
+        return inside(self._outline, com)
+
+
+def _support_tasks(priorities: Priorities) -> list[CentreOfMassTask]:
+    return [task for _, _, task in priorities.tasks() if isinstance(task, CentreOfMassTask)]
+
+
+def moving_share(priorities: Priorities) -> float | None:
+    """The share of the support in which priorities keep a mass in motion; None: they balance it as if at rest."""
+    return min((task.moving for task in _support_tasks(priorities) if task.moving is not None), default=None)
+
+
+def inside(edges: Edges, point: FloatArray) -> float:
+    """How far (m) a point (3,) m is inside edges; negative: outside."""
+    x, y, _ = point.tolist()
+    return float(min(offset - nx * x - ny * y for nx, ny, offset in edges))
 
 
 def _room(edges: FloatArray, share: float | None, stance: Stance) -> Edges:
@@ -118,11 +131,12 @@ def moving_spaces(
     """
     x, y, z = com.tolist()
     vx, vy, vz = velocity.tolist()
-    settle = sqrt(z / GRAVITY) / dt
+    settle = sqrt(z / GRAVITY) / dt  # 1 / (omega dt)
     capture = (x + settle * dt * vx, y + settle * dt * vy)
     push = None if outer is None else _pushed_back(edges, outer, capture)
 
     def captured(nx: float, ny: float, offset: float) -> Row:
+        # n . (c + (c - c_now) / (omega dt)) <= d; one that is outside comes in as the push makes it
         at, speed = nx * x + ny * y, nx * vx + ny * vy
         inside = (offset + settle * at) / (1.0 + settle)
         if push is not None and nx * capture[0] + ny * capture[1] > offset:

@@ -30,7 +30,7 @@ from retarget.robot.reference_governor import ReferenceGovernor
 from retarget.robot.step_plan import stepping_priorities, swinging_frames
 from retarget.robot.stepping import Stepping, reaching_aside
 from retarget.schema.priorities import Priorities
-from retarget.types import BoolArray, FloatArray, RobotPosture
+from retarget.types import BoolArray, Carrying, FloatArray, RobotPosture
 
 if TYPE_CHECKING:
     from retarget.types import HumanPosture
@@ -252,14 +252,11 @@ class Follower:
     def settle(self, human: "HumanPosture", dt: float) -> RobotPosture | None:
         """After `start`: the next posture on the way to where the performer stands still; None: the robot rests there.
         So a hand that is asked high up has been raised before the performer moves on."""
-        waits = self._rested_s < RESTING_S and self._settled_s < SETTLING_S
-        if self.steps is not None:
-            self.steps.waits = waits
-        if not waits:
+        if self._rested_s >= RESTING_S or self._settled_s >= SETTLING_S:
             self.scene_obstacles.begin()
             return None
         before, own_dt = self._q, dt * self._time.scale
-        posture = self.step(human, dt)
+        posture = self._follow(replace(self.landmark_map.ask(human, dt), carrying=Carrying.BOTH), dt)
         slow = float(np.abs(self._q - before).max()) < RESTING_SPEED * own_dt
         self._rested_s = self._rested_s + own_dt if slow else 0.0
         self._settled_s += dt
@@ -267,8 +264,12 @@ class Follower:
 
     def step(self, human: "HumanPosture", dt: float) -> RobotPosture:
         """The posture after the next `dt` s."""
-        self._asked = self.landmark_map.ask(human, dt)
-        self._advance(self._asked, dt)
+        return self._follow(self.landmark_map.ask(human, dt), dt)
+
+    def _follow(self, asked: AskedLandmarks, dt: float) -> RobotPosture:
+        """The posture after the next `dt` s, on the way to what is asked."""
+        self._asked = asked
+        self._advance(asked, dt)
         return self._posture(self._asked)
 
     def _advance(self, asked: AskedLandmarks, dt: float, *, to_stance: bool = False) -> None:
@@ -279,11 +280,12 @@ class Follower:
             self._fallback.obstacles = self.scene_obstacles.now
         dt *= scale  # from here on the robot's own time
         if self.steps is not None:
-            asked = self.steps.aim(targets, self._q, hierarchy.solver.velocity, dt, asked=asked, at=self._reached)
+            velocity, at = hierarchy.solver.velocity, self._reached
+            asked = self.steps.aim(targets, self._q, velocity, dt, asked=asked, at=at, to_stance=to_stance)
         elif self._balance is not None:
             hierarchy.set_support(targets, self._balance.spaces(*self._mass(), dt, to_stance=to_stance))
         if self._strength is not None:
-            keeps = self.steps is None or not self.steps.onto_one
+            keeps = self.steps is None or self.steps.plan.support is None
             self._strength.aim(hierarchy, targets, self._q, self._mass(), dt, keeps=keeps)
         self._governor.aim(targets, asked, self._reached, dt)
         hierarchy.set_previous(targets, self._q, dt, settle=LED_SETTLE if to_stance else inf)
@@ -293,7 +295,7 @@ class Follower:
 
     def return_to_stance(self, dt: float) -> FloatArray | None:
         """The next posture (nq,) of the return to stance; None: the robot stands, or needs no return."""
-        stands = self.steps is None or self.steps.wait()
+        stands = self.steps is None or self.steps.stands
         to_stance, hierarchy = self._return_to_stance, self.hierarchy
         if to_stance is None or not to_stance.goes_on(hierarchy.solver.velocity, dt, stands=stands):
             return None

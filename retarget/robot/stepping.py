@@ -1,22 +1,120 @@
-"""Steps in place: goals for a follower's swinging sole, weight and support, tick by tick, as `StepPlan` decides."""
+"""Steps in place: goals for a follower's swing foot, weight and support, tick by tick, as `StepPlan` decides."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import exp, sqrt
 
 import numpy as np
 
 from retarget.ik.hierarchy import Hierarchy
-from retarget.ik.support_polygon import Stance
+from retarget.ik.support_polygon import Stance, support_edges
 from retarget.ik.whole_body_stop import Stopping
 from retarget.model.robot import RobotBody
-from retarget.robot.balance import GRAVITY, Edges
+from retarget.robot.balance import GRAVITY, Edges, inside, moving_share, moving_spaces, shrunk
 from retarget.robot.crouch_envelope import Envelope
 from retarget.robot.landmarks import AskedLandmarks
 from retarget.robot.reference_governor import Glide, Reached
-from retarget.robot.step_plan import Sight, StepBalance, StepPlan, StepState, balance_in_motion, swinging
+from retarget.robot.step_plan import FOOT, StepInput, StepPlan, StepState, swinging
 from retarget.rotations import Vector, minus
 from retarget.schema.priorities import Priorities
-from retarget.types import BoolArray, Carrying, FloatArray
+from retarget.types import BoolArray, FloatArray
+
+# Step balance: where capture point and zero-moment point of a stepping robot are to be: over both feet, over one, or on
+# the way.
+#
+# As in `StandingBalance`, each region is a share of the polygon that carries, about its middle. From one region to
+# another the mass goes through their hull, while both soles carry. A region only ever grows, or shrinks to one that
+# holds both points already: so no change of it asks for a jump.
+
+WELL_INSIDE = 0.8
+"""Share of the region of standing to which a mass comes back. The zero-moment point has to be behind the mass to push
+it farther in, and would leave the region if the mass stood at its edge."""
+WIDER = 1.4
+"""Share of the regions that a shift of weight goes through, so that a mass at the edge of one gets away from there."""
+PRESSED = 0.5
+"""Share of the support polygon for the zero-moment point on such a way. It is more than that of the capture point, else
+a mass at the edge could not be pushed away from there."""
+
+
+class StepBalance:
+    """Regions of one stance on two soles. both, on_the_way: of standing, and of every shift of weight; over: of
+    standing on the left sole, and on the right one; room: around the middle of these, m. middles: of the soles, (2,) m:
+    both, left, right."""
+
+    def __init__(self, stance: Stance, share: float) -> None:
+        """share: of what carries, about its middle."""
+        outlines = [sole.outline for sole in stance.soles]
+        self.middles = (np.concatenate(outlines).mean(axis=0), *(outline.mean(axis=0) for outline in outlines))
+        self.both: Edges = shrunk(stance.edges(0.0), share, stance).tolist()
+        self._well_inside: Edges = shrunk(stance.edges(0.0), WELL_INSIDE * share, stance).tolist()
+        left, right = (
+            shrunk(support_edges([sole.outline]), share, Stance(stance.q, stance.points, (sole,))).tolist()
+            for sole in stance.soles
+        )
+        self.over: tuple[Edges, Edges] = (left, right)
+        wider = min(WIDER * share, 1.0)
+        self.on_the_way, self._pressed = (self._hull(outlines, size) for size in (wider, max(wider, PRESSED)))
+        still = np.zeros(3)
+        self.room = min(
+            self.depth(region, np.array([*middle, 0.0]), still, still)
+            for region, middle in zip(self.over, self.middles[1:], strict=True)
+        )
+        self._outlines: tuple[Edges, ...] = tuple(
+            support_edges([outline]).tolist() for outline in (np.concatenate(outlines), *outlines)
+        )
+
+    def _hull(self, outlines: Sequence[FloatArray], size: float) -> Edges:
+        """Edges of the hull of both soles (c, 2), each at a share of its size about its middle. It holds the regions at
+        that share, of standing too."""
+        middles = self.middles[1:]
+        edges: Edges = support_edges(
+            [at + size * (sole - at) for sole, at in zip(outlines, middles, strict=True)]
+        ).tolist()
+        return edges
+
+    def spaces(self, region: Edges, com: FloatArray, velocity: FloatArray, dt: float) -> FloatArray:
+        """Half-spaces (k, 4) for a centre of mass after the next `dt` s, now at com (3,) m, moving at velocity (3,)
+        m/s."""
+        spaces = moving_spaces(region, com, velocity, dt, pressed=self._pressed if region is self.on_the_way else None)
+        if region is self.both:
+            return spaces
+        # At the height of an even motion. Else a robot that may not go aside fast enough would throw up its arms.
+        spaces[:, 3] -= spaces[:, 2] * float(com[2] + velocity[2] * dt)
+        spaces[:, 2] = 0.0
+        return spaces
+
+    def pressed(self, region: Edges) -> Edges:
+        """Where the zero-moment point may be of a mass that is to be in a region."""
+        return self._pressed if region is self.on_the_way else region
+
+    def depth(self, region: Edges, com: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> float:
+        """How far (m) inside a region both points are, of a mass at (3,) m, with (3,) m/s and (3,) m/s^2."""
+        height = float(com[2])
+        capture = com + velocity * (height / GRAVITY) ** 0.5
+        pressed = com - acceleration * (height / max(GRAVITY + float(acceleration[2]), 0.1 * GRAVITY))
+        return min(inside(region, capture), inside(region, pressed))
+
+    def settled(self, com: FloatArray, velocity: FloatArray, acceleration: FloatArray, place: FloatArray) -> bool:
+        """Whether a mass rests at a place (2,) m, inside the region of standing; com, velocity, acceleration (3,)."""
+        near = float(np.abs(com[:2] - place).max()) < SETTLED_M
+        slow = float(np.abs(velocity[:2]).max()) < SETTLED_SPEED
+        return near and slow and self.depth(self.both, com, velocity, acceleration) > 0.0
+
+    def place(self, asked: FloatArray) -> FloatArray:
+        """The place (2,) m well inside the region of standing that is nearest to the one asked (2,) m, on the line to
+        the middle."""
+        middle = self.middles[0]
+        share = 1.0
+        for nx, ny, offset in self._well_inside:
+            room = offset - nx * float(middle[0]) - ny * float(middle[1])
+            out = nx * float(asked[0] - middle[0]) + ny * float(asked[1] - middle[1])
+            if out > room:
+                share = min(share, room / out)
+        return np.asarray(middle + share * (asked - middle))
+
+    def inside(self, com: FloatArray, support: int | None) -> float:
+        """How far (m) a centre of mass (3,) is inside the outline of both soles, or of the support foot's."""
+        return inside(self._outlines[0 if support is None else 1 + support], com)
+
 
 # The swing foot: the sole that carries nothing follows the performer's foot within bounds, and returns to its place.
 
@@ -132,9 +230,8 @@ ASTRAY_M = 0.01
 LED_S = 0.15
 """Time constant (s) with which the whole body is led aside, and with which on one foot its hands return to their
 goals."""
-LED = (StepState.SHIFT, StepState.BACK)
+LED = (StepState.SHIFT_WEIGHT, StepState.RETURN_WEIGHT)
 """States in which the whole body is led aside."""
-NOWHERE = (0.0, 0.0, 0.0)
 StoppingOn = Callable[[Stance], Stopping]
 """From a stance to the stop trajectories in it."""
 
@@ -152,22 +249,18 @@ def reaching_aside(envelope: Envelope | None, robot: RobotBody, stance: Stance) 
 
 class Stepping:
     """The feet of one robot. `stopping`: stop trajectories on the soles that carry now. `plan`: what the feet do, and
-    how often. `waits`: the robot makes no new step, and ends the one that it makes. `contact`: which soles (2,) press
-    on the floor, left and right; None where it is not measured."""
+    how often. `contact`: which soles (2,) press on the floor, left and right; None where it is not measured."""
 
     def __init__(
         self, robot: RobotBody, priorities: Priorities, stance: Stance, hierarchy: Hierarchy, *, stopping: StoppingOn
     ) -> None:
         """hierarchy: of these priorities, which are `stepping_priorities`."""
-        share, leg = balance_in_motion(priorities), robot.profile.landmarks["pelvis"].robot_length
+        share, leg = moving_share(priorities), robot.profile.landmarks["pelvis"].robot_length
         assert share is not None, "checked with the levels"
         self._body, self._stance, self._hierarchy = robot.body.solver_body(), stance, hierarchy
         self._balance = StepBalance(stance, share)
-        one_by_one = [Stance(stance.q, stance.points, (sole,)) for sole in stance.soles]
-        self._stoppings = {(True, True): stopping(stance)}
-        self._stoppings |= {
-            feet: stopping(on) for feet, on in zip(((True, False), (False, True)), one_by_one, strict=True)
-        }
+        alone = {foot: Stance(stance.q, stance.points, (sole,)) for foot, sole in enumerate(stance.soles)}
+        self._stoppings = {foot: stopping(on) for foot, on in ({None: stance} | alone).items()}
         self._swings = [
             SwingFoot(sole.position, outward=outward, leg=leg)
             for sole, outward in zip(stance.soles, (1.0, -1.0), strict=True)
@@ -178,126 +271,106 @@ class Stepping:
         self._weight = WeightShift(room=self._balance.room, height=float(com[2]))
         self.plan = StepPlan()
         self._pelvis = list(robot.profile.landmarks).index("pelvis")
-        self.waits = False
         self.contact: BoolArray | None = None
         self.restart()
 
     def restart(self) -> None:
         """Planted on both soles, at rest."""
         self.plan.restart()
-        self.stopping = self._stoppings[True, True]
+        self.stopping = self._stoppings[None]
         self._velocity: FloatArray | None = None
-        self._place = self._standing = self._balance.middles[0]
-        self._aside: Vector = NOWHERE  # how far from where standing asks for it the pelvis is led, m
-        self._whole = 1.0  # share of that by which all others are led: hands that stay behind would hold it up
-        self._was = self.plan.state
+        self._whole = 1.0  # share of the way of the pelvis aside that the whole body goes: hands would hold it up
 
     @property
     def stands(self) -> bool:
         """Whether it stands on both soles, its mass where standing asks for it."""
-        return self.plan.state is StepState.BOTH
-
-    @property
-    def onto_one(self) -> bool:
-        """Whether its mass is over one sole, or on the way there."""
-        return self.plan.state in (StepState.SHIFT, StepState.SWING)
-
-    def wait(self) -> bool:
-        """Make no new step, and end the one that it makes. Returns whether it stands."""
-        self.waits = True
-        return self.stands
+        return self.plan.state is StepState.DOUBLE_SUPPORT
 
     def inside(self, com: FloatArray) -> float:
         """How far (m) a centre of mass (3,) is inside the outline of what carries."""
-        return self._balance.inside(com, self.plan.feet)
+        return self._balance.inside(com, self.plan.single_support)
 
     def aim(
-        self, targets: FloatArray, q: FloatArray, velocity: FloatArray, dt: float, *, asked: AskedLandmarks, at: Reached
+        self,
+        targets: FloatArray,
+        q: FloatArray,
+        velocity: FloatArray,
+        dt: float,
+        *,
+        asked: AskedLandmarks,
+        at: Reached,
+        to_stance: bool = False,
     ) -> AskedLandmarks:
         """Write the goals of the next tick of `dt` s. q (nq,), velocity (nv,): of the robot now, which has reached
-        `at`. Returns the goals of its other parts, which bring its weight where it is to be."""
-        performer = Carrying.BOTH if self.waits else asked.carrying
+        `at`. to_stance: whether the robot returns to its stance. Returns the goals of its other parts, which bring its
+        weight where it is to be."""
         x, y, _ = minus(asked.landmarks[self._pelvis], at.landmarks[self._pelvis])
         com = self._body.centre_of_mass(q[None])[0]
         moving = self._body.centre_of_mass_jacobian(q) @ velocity
+        standing = com[:2] + np.array((x, y))  # where its mass would be, stood it as it is asked to
+        place = self._balance.place(standing)
         acceleration = np.zeros(3) if self._velocity is None else (moving - self._velocity) / dt
         self._velocity = moving
-        before = self.plan.feet
-        self._standing = com[:2] + np.array((x, y))  # where its mass would be, stood it as it is asked to
-        self._place = self._balance.place(self._standing)
-        self._look(q, com, moving, acceleration, dt, performer=performer)
-        if self.plan.feet != before:
-            self._change_feet(q, velocity)
-        self._aim_weight(targets, com, moving, dt)
-        self._aim_soles(targets, q, dt, apart=asked.apart)
-        self._was = self.plan.state
-        return asked.led(self._pelvis, self._aside, self._whole)
-
-    def _look(
-        self,
-        q: FloatArray,
-        com: FloatArray,
-        moving: FloatArray,
-        acceleration: FloatArray,
-        dt: float,
-        *,
-        performer: Carrying,
-    ) -> None:
-        """Let the plan go on by `dt` s."""
-        balance = self._balance
-        left, right = (balance.depth(region, com, moving, acceleration) for region in balance.over)
-        near = float(np.abs(com[:2] - self._place).max()) < SETTLED_M
-        slow = float(np.abs(moving[:2]).max()) < SETTLED_SPEED
-        settled = near and slow and balance.depth(balance.both, com, moving, acceleration) > 0.0
-        if self.waits and balance.depth(balance.both, com, np.zeros(3), np.zeros(3)) < 0.0:
-            self.plan.return_weight()
-        down = self.plan.state is not StepState.SWING or self._off(q, 1 - int(self.plan.onto or 0)) < DOWN_M
+        settled = self._balance.settled(com, moving, acceleration, place)
+        left, right = (self._balance.depth(region, com, moving, acceleration) for region in self._balance.over)
+        outside = to_stance and self._balance.depth(self._balance.both, com, np.zeros(3), np.zeros(3)) < 0.0
+        before = self.plan.single_support
+        down = self.plan.state is StepState.TOUCHDOWN and self._off(q, 1 - int(self.plan.support or 0)) < DOWN_M
         contact = (True, True) if self.contact is None else (bool(self.contact[0]), bool(self.contact[1]))
-        self.plan.look(Sight(performer, (left, right), settled, down, contact), dt)
+        self.plan.step(StepInput(FOOT.get(asked.carrying), (left, right), outside, settled, down, contact), dt)
+        if self.plan.single_support != before:
+            self._change_support(q, velocity)
+        goal = self._aim_weight(targets, com, moving, dt, place=place)
+        self._aim_soles(targets, q, dt, apart=asked.apart)
+        self._whole += (1.0 - exp(-dt / LED_S)) * (float(self.plan.state in LED) - self._whole)
+        x, y = (goal - standing).tolist()
+        return asked.led(self._pelvis, (x, y, 0.0), self._whole)
 
-    def _change_feet(self, q: FloatArray, velocity: FloatArray) -> None:
-        """Stop on the soles that carry from now on; a sole that swings begins in its place."""
-        self.stopping = self._stoppings[self.plan.feet]
+    def _change_support(self, q: FloatArray, velocity: FloatArray) -> None:
+        """Stop on the soles that carry from now on; a swing foot begins in its place."""
+        support = self.plan.single_support
+        self.stopping = self._stoppings[support]
         self.stopping.begin(q, velocity)
-        for foot, carries in enumerate(self.plan.feet):
-            if not carries:
-                self._swings[foot].restart(self._stance.soles[foot].position.tolist())
+        if support is not None:
+            self._swings[1 - support].restart(self._stance.soles[1 - support].position.tolist())
 
-    def _aim_weight(self, targets: FloatArray, com: FloatArray, moving: FloatArray, dt: float) -> None:
+    def _aim_weight(
+        self, targets: FloatArray, com: FloatArray, moving: FloatArray, dt: float, *, place: FloatArray
+    ) -> FloatArray:
+        """Write the goal of the centre of mass, and the half-spaces that it stays in. Returns the goal (2,) m."""
         plan, balance, hierarchy = self.plan, self._balance, self._hierarchy
-        alone, region = plan.state is StepState.SWING, balance.on_the_way
-        if plan.state is StepState.BOTH:
-            region, goal = balance.both, self._place
+        if self.stands or float(np.abs(com[:2] - self._weight.at).max()) > ASTRAY_M:
+            self._weight.restart(com, moving, dt)
+        if self.stands:
             hierarchy.set_centre_of_mass(targets, com, 0.0)
-        else:
-            if self._was is StepState.BOTH or float(np.abs(com[:2] - self._weight.at).max()) > ASTRAY_M:
-                self._weight.restart(com, moving, dt)
-            if alone and plan.onto is not None:
-                region = balance.over[plan.onto]
-            to = self._place if plan.onto is None else balance.middles[1 + plan.onto]
-            goal = self._weight.step(to, balance.pressed(region), dt)
-            hierarchy.set_centre_of_mass(targets, np.array([*goal, 0.0]))
+            hierarchy.set_support(targets, balance.spaces(balance.both, com, moving, dt))
+            return place
+        region = balance.on_the_way if plan.single_support is None else balance.over[plan.single_support]
+        to = place if plan.support is None else balance.middles[1 + plan.support]
+        goal = self._weight.step(to, balance.pressed(region), dt)
+        hierarchy.set_centre_of_mass(targets, np.array([*goal, 0.0]))
         hierarchy.set_support(targets, balance.spaces(region, com, moving, dt))
-        x, y = (goal - self._standing).tolist()
-        self._aside = (x, y, 0.0)
-        self._whole += (1.0 - exp(-dt / LED_S)) * (float(plan.state in LED) - self._whole)
+        return goal
 
     def _aim_soles(self, targets: FloatArray, q: FloatArray, dt: float, *, apart: Vector) -> None:
-        for foot, (sole, carries) in enumerate(zip(self._stance.soles, self.plan.feet, strict=True)):
-            name, locked = sole.frame.name, float(carries)
+        """Write the goals of both soles. apart: the performer's left ankle from the right one, scaled, m."""
+        support = self.plan.single_support
+        for foot, sole in enumerate(self._stance.soles):
+            planted = support is None or foot == support
+            name, locked = sole.frame.name, float(planted)
             self._hierarchy.set_position(targets, name, sole.position, locked)
             self._hierarchy.set_orientation(targets, name, sole.orientation, locked)
-            place = sole.position if carries else np.array(self._swing(foot, q, dt, apart=apart))
+            place = sole.position if planted else np.array(self._swing(foot, q, dt, apart=apart))
             self._hierarchy.set_position(targets, swinging(name), place, 1.0 - locked)
             self._hierarchy.set_orientation(targets, swinging(name), sole.orientation, 1.0 - locked)
 
     def _swing(self, foot: int, q: FloatArray, dt: float, *, apart: Vector) -> list[float]:
-        """Where the sole that swings is to be."""
+        """Where the swing foot is to be, m."""
         swing, sole = self._swings[foot], self._stance.soles[foot]
         at = self._body.points(q[None], [sole.frame.body], sole.frame.position[None])[0, 0].tolist()
         if max(abs(a - b) for a, b in zip(at, swing.at, strict=True)) > ASTRAY_M:
             swing.restart(at)
-        if self.plan.lowers:
+        if self.plan.state is StepState.TOUCHDOWN:
             return swing.lower(dt)
         sign = 1.0 if foot == 0 else -1.0
         x, y, z = (sign * (now - planted) for now, planted in zip(apart, self._apart, strict=True))

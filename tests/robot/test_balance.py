@@ -22,6 +22,7 @@ from retarget.robot.balance import (
     StandingStrength,
     heaviest_loads,
     leg_joints,
+    moving_share,
     one_leg_load,
     standing_strength,
 )
@@ -158,6 +159,11 @@ def test_without_motion_the_margin_alone_counts() -> None:
     assert not keeps.looks_at_motion
     spaces = keeps.spaces(np.array([0.0, 0.0, HEIGHT]), np.array([9.0, 0.0, 0.0]), DT)
     assert len(spaces) == len(keeps.edges) and (spaces[:, 2] == 0.0).all()
+
+
+def test_which_priorities_look_at_motion() -> None:
+    assert moving_share(load_priorities("balanced")) == 0.22
+    assert moving_share(load_priorities("servo")) is None
 
 
 @pytest.mark.parametrize("share", [0.0, 1.5])

@@ -3,33 +3,26 @@
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from followers import DT as STEP_BALANCE_DT
 from followers import op3
 from hardware.errors import RetargetError
 from messages import refuses, shows
 from retarget.errors import ConfigError, UsageError
-from retarget.ik.support_polygon import convex_hull, plant, support_distance, support_edges
 from retarget.model.robot import load_robot
-from retarget.robot.balance import GRAVITY
 from retarget.robot.posture_reader import robot_frames
 from retarget.robot.step_plan import (
     CONTACT_WAIT_S,
     HELD_S,
-    MOST_CORNERS,
     OVER_M,
     SWINGING,
+    TRANSITIONS,
     WEIGHT,
-    Sight,
-    StepBalance,
+    StepInput,
     StepPlan,
     StepState,
-    at_most,
-    balance_in_motion,
     stepping_priorities,
     swinging_frames,
     with_steps,
@@ -37,88 +30,6 @@ from retarget.robot.step_plan import (
 from retarget.robot.step_plan import swinging as step_levels_swinging
 from retarget.run.options import RunOptions, priority_names
 from retarget.schema.priorities import Priorities, load_priorities
-from retarget.types import Carrying
-
-STANCE = plant(op3(), op3().profile.postures.stand)
-BALANCE = StepBalance(STANCE, 0.25)
-STILL = np.zeros(3)
-
-
-def depth(region: list[list[float]], x: float, y: float) -> float:
-    return BALANCE.depth(region, np.array([x, y, 0.25]), STILL, STILL)
-
-
-def test_each_region_lies_in_what_carries_and_all_in_the_way() -> None:
-    for foot, (region, sole) in enumerate(zip(BALANCE.over, STANCE.soles, strict=True)):
-        assert depth(region, *BALANCE.middles[1 + foot].tolist()) > 0.0
-        edges = np.array(region)
-        corners = convex_hull(sole.outline)
-        inward = BALANCE.middles[1 + foot] + 0.25 * (corners - BALANCE.middles[1 + foot])
-        assert np.abs(support_distance(inward, edges)).max() < 1e-9
-        assert (support_distance(inward, np.array(BALANCE.on_the_way)) > -1e-9).all()
-    assert depth(BALANCE.both, 0.0, 0.0) > 0.01 and depth(BALANCE.over[0], 0.0, 0.0) < -0.03
-    assert len(BALANCE.on_the_way) <= MOST_CORNERS
-
-
-def test_capture_point_and_zero_moment_point_count() -> None:
-    over = np.array([*BALANCE.middles[1], 0.25])
-    time = np.sqrt(0.25 / GRAVITY)
-    still = BALANCE.depth(BALANCE.over[0], over, STILL, STILL)
-    moving = BALANCE.depth(BALANCE.over[0], over, np.array([0.0, 0.01, 0.0]), STILL)
-    pushed = BALANCE.depth(BALANCE.over[0], over, STILL, np.array([0.0, -0.1, 0.0]))
-    assert abs(still - moving - 0.01 * time) < 1e-9
-    assert abs(still - pushed - 0.1 * 0.25 / GRAVITY) < 1e-9
-
-
-def test_on_the_way_height_is_no_way_out() -> None:
-    """A robot that may not go aside fast enough gets there no sooner by throwing up its mass."""
-    com = np.array([*BALANCE.middles[1], 0.25])
-    assert (BALANCE.spaces(BALANCE.on_the_way, com, STILL, STEP_BALANCE_DT)[:, 2] == 0.0).all()
-    both = BALANCE.spaces(BALANCE.both, np.array([0.0, 0.0, 0.25]), STILL, STEP_BALANCE_DT)
-    assert (both[1::2, 2] != 0.0).all(), "standing keeps the law of `standing_balance`"
-    inside = BALANCE.spaces(BALANCE.on_the_way, com, STILL, STEP_BALANCE_DT) @ np.append(com, -1.0)
-    assert (inside < 0.0).all()
-
-
-def test_from_the_edge_of_the_way_a_mass_at_rest_may_be_pushed_back() -> None:
-    """Its zero-moment point has to go beyond that edge for it."""
-    for nx, ny, offset in BALANCE.on_the_way:
-        at = np.array([nx * offset, ny * offset])
-        com = np.array([*at, 0.25])
-        back = com - np.array([nx, ny, 0.0]) * GRAVITY / 0.25 * 0.003 * STEP_BALANCE_DT**2  # as from 3 mm farther out
-        spaces = BALANCE.spaces(BALANCE.on_the_way, com, STILL, STEP_BALANCE_DT)
-        across = spaces[:, :2] @ np.array([nx, ny])
-        assert (spaces[np.abs(across) > 0.999] @ np.append(back, -1.0) <= 0.0).all()
-
-
-@given(x=st.floats(-0.2, 0.2), y=st.floats(-0.2, 0.2))
-def test_a_place_is_inside_and_what_is_inside_stays(x: float, y: float) -> None:
-    place = BALANCE.place(np.array([x, y]))
-    assert depth(BALANCE.both, *place.tolist()) > 0.0
-    again = BALANCE.place(place)
-    assert np.abs(again - place).max() < 1e-9
-
-
-def test_distance_is_to_the_outline_of_what_carries() -> None:
-    com = np.array([0.0, 0.0, 0.25])
-    assert BALANCE.inside(com, (True, True)) > 0.05
-    assert BALANCE.inside(com, (True, False)) < 0.0 and BALANCE.inside(com, (False, True)) < 0.0
-    left = np.array([*BALANCE.middles[1], 0.25])
-    assert BALANCE.inside(left, (True, False)) > 0.03 > BALANCE.inside(left, (False, True))
-
-
-def test_a_polygon_of_fewer_corners_is_never_larger() -> None:
-    angle = np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False)
-    circle = np.column_stack([np.cos(angle), np.sin(angle)])
-    less = at_most(circle, 16)
-    assert len(less) == 16
-    assert (support_distance(less, support_edges([circle])) > -1e-12).all()
-
-
-def test_which_priorities_look_at_motion() -> None:
-    assert balance_in_motion(load_priorities("balanced")) == 0.22
-    assert balance_in_motion(load_priorities("servo")) is None
-
 
 SOLES = ("l_sole", "r_sole")
 
@@ -151,95 +62,94 @@ def test_soles_that_are_not_planted_are_refused() -> None:
 
 
 DT = 0.008
-IDLE = Sight(Carrying.BOTH, (-0.04, -0.04), settled=True, down=True)
-LIFTS = replace(IDLE, performer=Carrying.LEFT, settled=False)
+IDLE = StepInput(None, (-0.04, -0.04), outside=False, settled=True, down=False)
+LIFTS = replace(IDLE, foot=0, settled=False)
 OVER_LEFT = replace(LIFTS, over=(2.0 * OVER_M, -0.09))
 TICKS = round(HELD_S / DT) + 2
 
 
-def looked(plan: StepPlan, sight: Sight, ticks: int = 1) -> StepState:
+def after(plan: StepPlan, now: StepInput, ticks: int = 1) -> StepState:
     for _ in range(ticks):
-        plan.look(sight, DT)
+        plan.step(now, DT)
     return plan.state
 
 
 def swinging() -> StepPlan:
     plan = StepPlan()
-    assert looked(plan, LIFTS, 50) is StepState.SHIFT and plan.onto == 0 and plan.feet == (True, True)
-    assert looked(plan, OVER_LEFT, TICKS) is StepState.SWING
+    assert after(plan, LIFTS, 50) is StepState.SHIFT_WEIGHT and (plan.support, plan.single_support) == (0, None)
+    assert after(plan, OVER_LEFT, TICKS) is StepState.SWING
     return plan
+
+
+def test_every_state_is_entered_and_left() -> None:
+    for way in ("start", "end"):
+        assert {getattr(transition, way) for transition in TRANSITIONS} == set(StepState)
 
 
 def test_a_step_from_its_beginning_to_its_end() -> None:
     plan = swinging()
-    assert plan.feet == (True, False)
-    off = replace(OVER_LEFT, down=False)
-    assert looked(plan, off, 100) is StepState.SWING
-    back = replace(off, performer=Carrying.BOTH)
-    assert looked(plan, back) is StepState.SWING and plan.lowers, "not before it is down"
-    assert looked(plan, replace(back, down=True)) is StepState.BACK and plan.feet == (True, True)
-    assert looked(plan, replace(back, settled=False)) is StepState.BACK
-    assert looked(plan, replace(IDLE, settled=True)) is StepState.BOTH
+    assert after(plan, OVER_LEFT, 100) is StepState.SWING and (plan.support, plan.single_support) == (0, 0)
+    back = replace(OVER_LEFT, foot=None)
+    assert after(plan, back, 100) is StepState.TOUCHDOWN, "not before it is down"
+    assert after(plan, replace(back, down=True)) is StepState.RETURN_WEIGHT and plan.single_support is None
+    assert after(plan, replace(back, settled=False)) is StepState.RETURN_WEIGHT
+    assert after(plan, IDLE) is StepState.DOUBLE_SUPPORT
     assert (plan.tally.asked, plan.tally.made, plan.tally.declined) == (1, 1, 0)
 
 
-def test_a_sole_is_locked_again_on_contact_or_after_the_wait() -> None:
-    back = replace(OVER_LEFT, performer=Carrying.BOTH, contact=(True, False))
+def test_a_sole_is_planted_again_on_contact_or_after_the_wait() -> None:
+    back = replace(OVER_LEFT, foot=None, down=True, contact=(True, False))
     plan = swinging()
-    assert looked(plan, back, round(0.5 * CONTACT_WAIT_S / DT)) is StepState.SWING
-    assert looked(plan, replace(back, contact=(True, True))) is StepState.BACK
+    assert after(plan, back, round(0.5 * CONTACT_WAIT_S / DT)) is StepState.TOUCHDOWN
+    assert after(plan, replace(back, contact=(True, True))) is StepState.RETURN_WEIGHT
     plan = swinging()
-    looked(plan, back, round(0.9 * CONTACT_WAIT_S / DT))
-    assert (
-        looked(plan, back) is StepState.SWING and looked(plan, back, round(0.2 * CONTACT_WAIT_S / DT)) is StepState.BACK
-    )
+    assert after(plan, back, round(0.9 * CONTACT_WAIT_S / DT)) is StepState.TOUCHDOWN
+    assert after(plan, back, round(0.2 * CONTACT_WAIT_S / DT)) is StepState.RETURN_WEIGHT
 
 
 def test_no_weight_goes_to_a_sole_without_contact() -> None:
     plan = StepPlan()
-    assert looked(plan, replace(OVER_LEFT, contact=(False, True)), 10 * TICKS) is StepState.SHIFT
-    assert looked(plan, replace(OVER_LEFT, contact=(True, False)), TICKS) is StepState.SWING
+    assert after(plan, replace(OVER_LEFT, contact=(False, True)), 10 * TICKS) is StepState.SHIFT_WEIGHT
+    assert after(plan, replace(OVER_LEFT, contact=(True, False)), TICKS) is StepState.SWING
 
 
 def test_the_weight_is_held_over_the_foot_before_the_other_lifts() -> None:
     plan = StepPlan()
-    for _ in range(20):  # there, and gone again before it is believed
-        looked(plan, OVER_LEFT, TICKS // 2)
-        assert looked(plan, LIFTS) is StepState.SHIFT
+    for _ in range(20):  # there, and gone again too soon
+        after(plan, OVER_LEFT, TICKS // 2)
+        assert after(plan, LIFTS) is StepState.SHIFT_WEIGHT
 
 
 def test_a_step_faster_than_the_weight_is_declined() -> None:
     plan = StepPlan()
-    looked(plan, LIFTS, 20)
-    assert looked(plan, replace(IDLE, settled=False)) is StepState.BACK
+    after(plan, LIFTS, 20)
+    assert after(plan, replace(IDLE, settled=False)) is StepState.RETURN_WEIGHT
     assert (plan.tally.asked, plan.tally.made, plan.tally.declined) == (1, 0, 1)
-    looked(plan, replace(LIFTS, performer=Carrying.RIGHT), 20)
-    assert plan.onto == 1 and plan.tally.asked == 2
-    looked(plan, LIFTS, 5)
-    assert plan.onto == 0 and (plan.tally.asked, plan.tally.made) == (3, 0)
+    after(plan, replace(LIFTS, foot=1), 20)
+    assert plan.support == 1 and plan.tally.asked == 2
+    after(plan, LIFTS, 5)
+    assert plan.support == 0 and (plan.tally.asked, plan.tally.made) == (3, 0)
 
 
-def test_in_flight_it_stays_planted_and_comes_down() -> None:
+def test_weight_that_a_stop_left_outside_goes_back() -> None:
     plan = StepPlan()
-    assert looked(plan, replace(IDLE, performer=Carrying.FLIGHT), 50) is StepState.BOTH
-    plan = swinging()
-    looked(plan, replace(OVER_LEFT, performer=Carrying.FLIGHT, down=False))
-    assert plan.lowers
+    assert after(plan, replace(IDLE, outside=True, settled=False), 5) is StepState.RETURN_WEIGHT
+    assert after(plan, IDLE) is StepState.DOUBLE_SUPPORT and plan.tally.asked == 0
 
 
 def test_a_foot_that_comes_down_is_put_down_before_it_lifts_again() -> None:
     plan = swinging()
-    looked(plan, replace(OVER_LEFT, performer=Carrying.BOTH, down=False))
-    assert looked(plan, replace(OVER_LEFT, down=False), 50) is StepState.SWING and plan.lowers
-    assert looked(plan, OVER_LEFT) is StepState.BACK
-    assert looked(plan, OVER_LEFT, TICKS) is StepState.SWING and plan.tally.made == 2
+    after(plan, replace(OVER_LEFT, foot=None))
+    assert after(plan, OVER_LEFT, 50) is StepState.TOUCHDOWN
+    assert after(plan, replace(OVER_LEFT, down=True)) is StepState.RETURN_WEIGHT
+    assert after(plan, OVER_LEFT, TICKS + 1) is StepState.SWING and plan.tally.made == 2
 
 
 @settings(max_examples=50)
 @given(
     st.lists(
         st.tuples(
-            st.sampled_from(list(Carrying)),
+            st.sampled_from([None, 0, 1]),
             st.tuples(st.sampled_from([-0.04, 0.01]), st.sampled_from([-0.04, 0.01])),
             st.booleans(),
             st.booleans(),
@@ -249,20 +159,19 @@ def test_a_foot_that_comes_down_is_put_down_before_it_lifts_again() -> None:
         max_size=30,
     )
 )
-def test_whatever_happens_one_sole_is_locked_and_the_counts_agree(
-    story: list[tuple[Carrying, tuple[float, float], bool, bool, tuple[bool, bool], int]],
+def test_whatever_happens_weight_is_over_a_lone_foot_and_the_counts_agree(
+    story: list[tuple[int | None, tuple[float, float], bool, bool, tuple[bool, bool], int]],
 ) -> None:
     plan = StepPlan()
-    for performer, over, settled, down, contact, ticks in story:
+    for foot, over, settled, down, contact, ticks in story:
         for _ in range(ticks):
-            before, feet = plan.state, plan.feet
-            plan.look(Sight(performer, over, settled, down, contact), DT)
-            assert any(plan.feet)
-            if feet == (True, True) and plan.feet != feet:
-                assert before is StepState.SHIFT and plan.onto is not None and over[plan.onto] > OVER_M
-                assert contact[plan.onto]
-            if feet != (True, True) and plan.feet == (True, True):
-                assert down and plan.state is StepState.BACK
+            before, alone = plan.state, plan.single_support
+            plan.step(StepInput(foot, over, False, settled, down, contact), DT)
+            if alone is None and plan.single_support is not None:
+                assert before is StepState.SHIFT_WEIGHT and over[plan.single_support] > OVER_M
+                assert contact[plan.single_support]
+            if alone is not None and plan.single_support is None:
+                assert down and plan.state is StepState.RETURN_WEIGHT
     assert 0 <= plan.tally.made <= plan.tally.asked and plan.tally.declined >= 0
 
 

@@ -16,12 +16,13 @@ from followers import Followed, assert_within_limits, collect, dimensions, op3, 
 from hardware.clock import VirtualClock
 from retarget.cli.buses import PhysicsBench
 from retarget.human.samples import Playback
-from retarget.ik.support_polygon import plant
+from retarget.ik.support_polygon import convex_hull, plant, support_distance
+from retarget.ik.tasks import SUPPORT_EDGES
 from retarget.report.measure import measure
 from retarget.robot.balance import GRAVITY
 from retarget.robot.follower import Follower
-from retarget.robot.step_plan import CONTACT_WAIT_S, StepBalance, StepState
-from retarget.robot.stepping import HIGH, LOW, WAY, SwingFoot, WeightShift
+from retarget.robot.step_plan import CONTACT_WAIT_S, StepState
+from retarget.robot.stepping import HIGH, LOW, WAY, StepBalance, SwingFoot, WeightShift
 from retarget.run.loop import Watch
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
@@ -74,7 +75,7 @@ def soles(q: FloatArray) -> FloatArray:
 def test_each_foot_is_lifted_in_turn_and_put_down_in_its_place() -> None:
     robot, done = two_steps()
     height = soles(done.q)[..., 2]
-    assert robot.steps is not None and robot.steps.plan.state is StepState.BOTH
+    assert robot.steps is not None and robot.steps.plan.state is StepState.DOUBLE_SUPPORT
     assert (robot.steps.plan.tally.asked, robot.steps.plan.tally.made) == (2, 2)
     assert (height.max(axis=0) > 0.03).all() and height.min() > -2e-4
     assert (height < 2e-4).any(axis=1).all(), "one is always down"
@@ -143,11 +144,12 @@ def test_a_stop_on_one_foot_keeps_it_and_the_return_to_stance_ends_on_both() -> 
 
 def test_a_mass_that_was_stopped_outside_its_room_is_led_back_before_it_stands() -> None:
     robot = stepper()
-    played(robot, ((BOTH, 0.5),))
+    q = played(robot, ((BOTH, 0.5),)).q[-1]
     steps = robot.steps
     assert steps is not None and steps.stands
+    robot.begin_return_to_stance(q)
     steps._balance.both = [[nx, ny, d - 0.05] for nx, ny, d in steps._balance.both]  # all of it is outside
-    assert robot.return_to_stance(STEPPING_DT) is not None and steps.plan.state is StepState.BACK
+    assert robot.return_to_stance(STEPPING_DT) is not None and steps.plan.state is StepState.RETURN_WEIGHT
 
 
 def test_planted_priorities_make_no_steps() -> None:
@@ -163,7 +165,7 @@ def test_a_foot_without_contact_is_waited_for() -> None:
         played(robot, ((LEFT, 3.0),))
         robot.set_contact_state(None if contact is None else np.array(contact))
         ticks = 0
-        while state(robot) is StepState.SWING:
+        while state(robot) in (StepState.SWING, StepState.TOUCHDOWN):
             q, ticks = robot.step(STANDS, STEPPING_DT).q, ticks + 1
         took.append(ticks * STEPPING_DT)
         assert ticks > 0 and soles(q[None])[0, 1, 2] < 3e-4
@@ -238,6 +240,69 @@ HEIGHT = 0.25
 STANCE = plant(op3(), op3().profile.postures.stand)
 BALANCE = StepBalance(STANCE, 0.25)
 STILL = np.zeros(3)
+
+
+def depth(region: list[list[float]], x: float, y: float) -> float:
+    return BALANCE.depth(region, np.array([x, y, 0.25]), STILL, STILL)
+
+
+def test_each_region_lies_in_what_carries_and_all_in_the_way() -> None:
+    for foot, (region, sole) in enumerate(zip(BALANCE.over, STANCE.soles, strict=True)):
+        assert depth(region, *BALANCE.middles[1 + foot].tolist()) > 0.0
+        edges = np.array(region)
+        corners = convex_hull(sole.outline)
+        inward = BALANCE.middles[1 + foot] + 0.25 * (corners - BALANCE.middles[1 + foot])
+        assert np.abs(support_distance(inward, edges)).max() < 1e-9
+        assert (support_distance(inward, np.array(BALANCE.on_the_way)) > -1e-9).all()
+    assert depth(BALANCE.both, 0.0, 0.0) > 0.01 and depth(BALANCE.over[0], 0.0, 0.0) < -0.03
+    assert 2 * len(BALANCE.on_the_way) <= SUPPORT_EDGES
+
+
+def test_capture_point_and_zero_moment_point_count() -> None:
+    over = np.array([*BALANCE.middles[1], 0.25])
+    time = np.sqrt(0.25 / GRAVITY)
+    still = BALANCE.depth(BALANCE.over[0], over, STILL, STILL)
+    moving = BALANCE.depth(BALANCE.over[0], over, np.array([0.0, 0.01, 0.0]), STILL)
+    pushed = BALANCE.depth(BALANCE.over[0], over, STILL, np.array([0.0, -0.1, 0.0]))
+    assert abs(still - moving - 0.01 * time) < 1e-9
+    assert abs(still - pushed - 0.1 * 0.25 / GRAVITY) < 1e-9
+
+
+def test_on_the_way_height_is_no_way_out() -> None:
+    """A robot that may not go aside fast enough gets there no sooner by throwing up its mass."""
+    com = np.array([*BALANCE.middles[1], 0.25])
+    assert (BALANCE.spaces(BALANCE.on_the_way, com, STILL, STEPPING_DT)[:, 2] == 0.0).all()
+    both = BALANCE.spaces(BALANCE.both, np.array([0.0, 0.0, 0.25]), STILL, STEPPING_DT)
+    assert (both[1::2, 2] != 0.0).all(), "standing keeps the law of `standing_balance`"
+    inside = BALANCE.spaces(BALANCE.on_the_way, com, STILL, STEPPING_DT) @ np.append(com, -1.0)
+    assert (inside < 0.0).all()
+
+
+def test_from_the_edge_of_the_way_a_mass_at_rest_may_be_pushed_back() -> None:
+    """Its zero-moment point has to go beyond that edge for it."""
+    for nx, ny, offset in BALANCE.on_the_way:
+        at = np.array([nx * offset, ny * offset])
+        com = np.array([*at, 0.25])
+        back = com - np.array([nx, ny, 0.0]) * GRAVITY / 0.25 * 0.003 * STEPPING_DT**2  # as from 3 mm farther out
+        spaces = BALANCE.spaces(BALANCE.on_the_way, com, STILL, STEPPING_DT)
+        across = spaces[:, :2] @ np.array([nx, ny])
+        assert (spaces[np.abs(across) > 0.999] @ np.append(back, -1.0) <= 0.0).all()
+
+
+@given(x=st.floats(-0.2, 0.2), y=st.floats(-0.2, 0.2))
+def test_a_place_is_inside_and_what_is_inside_stays(x: float, y: float) -> None:
+    place = BALANCE.place(np.array([x, y]))
+    assert depth(BALANCE.both, *place.tolist()) > 0.0
+    again = BALANCE.place(place)
+    assert np.abs(again - place).max() < 1e-9
+
+
+def test_distance_is_to_the_outline_of_what_carries() -> None:
+    com = np.array([0.0, 0.0, 0.25])
+    assert BALANCE.inside(com, None) > 0.05
+    assert BALANCE.inside(com, 0) < 0.0 and BALANCE.inside(com, 1) < 0.0
+    left = np.array([*BALANCE.middles[1], 0.25])
+    assert BALANCE.inside(left, 0) > 0.03 > BALANCE.inside(left, 1)
 
 
 def shift() -> WeightShift:
