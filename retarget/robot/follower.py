@@ -3,7 +3,7 @@
 Besides following: time scaling, settling at the start, and the return to stance at the end of a run.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from math import inf
 from typing import TYPE_CHECKING, Literal
@@ -20,7 +20,7 @@ from retarget.model.human_dimensions import HumanDimensions
 from retarget.model.observers import robot_observers
 from retarget.model.robot import TRUNK, RobotBody
 from retarget.model.scene_state import SceneState
-from retarget.robot.balance import StandingBalance, carrying_frames, standing_strength
+from retarget.robot.balance import StandingBalance, StandingStrength, carrying_frames, standing_strength
 from retarget.robot.crouch_envelope import measure_envelope
 from retarget.robot.fallback_hierarchy import FallbackHierarchy
 from retarget.robot.following_limits import following_limits
@@ -80,6 +80,24 @@ SETTLING_S = 5.0
 RESTING_SPEED = 0.1
 """A robot none of whose coordinates is faster (rad/s, m/s, of its own time) rests, after RESTING_S of it."""
 RESTING_S = 0.04
+
+
+class Settling:
+    """Whether a robot rests by now. seconds: since it began; rested: s of its own time that it has rested."""
+
+    def __init__(self) -> None:
+        self.seconds = self.rested = 0.0
+
+    @property
+    def over(self) -> bool:
+        """Whether the robot rests, or has taken long enough."""
+        return self.rested >= RESTING_S or self.seconds >= SETTLING_S
+
+    def step(self, moved: FloatArray, dt: float, *, time_scale: float) -> None:
+        """A tick of `dt` s in which the coordinates moved by `moved` (nq,). time_scale: of the robot."""
+        own = dt * time_scale
+        self.rested = self.rested + own if float(np.abs(moved).max()) < RESTING_SPEED * own else 0.0
+        self.seconds += dt
 
 
 # Return to stance: a robot on its own soles stands before it goes to rest, legs and trunk as in its stance, arms aside.
@@ -157,6 +175,29 @@ def return_to_stance_of(
 Parts = Literal["whole", "upper"]
 
 
+@dataclass(frozen=True, eq=False)
+class OnSoles:
+    """What a robot that stands on its soles has besides; each part may be missing. stop: the whole-body stop on both
+    soles. to_stance: the return to stance."""
+
+    balance: StandingBalance | None = None
+    strength: StandingStrength | None = None
+    fallback: FallbackHierarchy | None = None
+    stop: Stopping | None = None
+    steps: Stepping | None = None
+    to_stance: ReturnToStance | None = None
+
+    @property
+    def stopping(self) -> Stopping | None:
+        """Stop trajectories on the soles that carry."""
+        return self.stop if self.steps is None else self.steps.stopping
+
+    def inside(self, centre_of_mass: FloatArray) -> float:
+        """How far (m) a centre of mass (3,) is inside the outline of the soles that carry; infinite without soles."""
+        keeper = self.balance if self.steps is None else self.steps
+        return inf if keeper is None else keeper.inside(centre_of_mass)
+
+
 class Follower:
     """Follows one performer with one robot. Deterministic; `start`, then one `step` per tick. steps: `Stepping` of a
     robot that steps, else None."""
@@ -175,49 +216,53 @@ class Follower:
 
         scene: in the robot's world. Raises ConfigError: the priorities name what the robot does not have.
         """
-        self._robot, self._body = robot, robot.body.solver_body()
-        self.stance = plant(robot, robot.profile.postures.stand)
-        self._limits = following_limits(robot, self.stance, priorities.deflection_compensation)
-        stance, legs_move = self.stance, parts == "whole" and bool(self.stance.soles)
+        self._robot = robot
+        self.stance = stance = plant(robot, robot.profile.postures.stand)
+        limits = following_limits(robot, stance, priorities.deflection_compensation)
+        legs_move = parts == "whole" and bool(stance.soles)
         steps = legs_move and priorities.steps == "shift"
-        if steps:
-            priorities = stepping_priorities(priorities, tuple(sole.frame.name for sole in stance.soles))
-        self._balance = StandingBalance(priorities, stance) if stance.soles else None
-        self._strength = standing_strength(robot, priorities, stance) if legs_move else None
-        self._root = None if robot.profile.root == "free" else (robot.body.body_pos[1], robot.body.body_quat[1])
-        edges = self._balance.edges if legs_move and self._balance else None
-        envelope = None if edges is None else measure_envelope(robot, self._limits, stance, edges=edges)
+        soles = tuple(sole.frame.name for sole in stance.soles)
+        priorities = stepping_priorities(priorities, soles) if steps else priorities
+        balance = StandingBalance(priorities, stance) if soles else None
+        edges = balance.edges if legs_move and balance else None
+        envelope = None if edges is None else measure_envelope(robot, limits, stance, edges=edges)
         envelope = reaching_aside(envelope, robot, stance) if steps else envelope
         self.landmark_map = LandmarkMap(robot.profile, dimensions, stance, envelope, steps=steps)
         self.scene_obstacles = SceneObstacles(scene)
         self.observers = robot_observers(robot)
         carrying = standing_dofs(robot)
-        build = partial(self._hierarchy_of, iterations=iterations)
+        build = partial(self._hierarchy_of, limits=limits, iterations=iterations)
         self.hierarchy = build(priorities, np.zeros_like(carrying) if parts == "whole" else carrying)
-        still = frozenset(sole.frame.name for sole in stance.soles)
-        fallback = partial(FallbackHierarchy, build, priorities, self.hierarchy)
-        self._fallback = fallback(soles=still, carrying=carrying) if legs_move else None
-        stopping = partial(Stopping, robot.body, self._limits, carrying=carrying)
-        self._planted = stopping(stance) if legs_move else None
-        self.steps = Stepping(robot, priorities, stance, self.hierarchy, stopping=stopping) if steps else None
+        self._soles = OnSoles(balance)
+        if legs_move:
+            stopping = partial(Stopping, robot.body, limits, carrying=carrying)
+            still = frozenset(soles)
+            self._soles = OnSoles(
+                balance,
+                standing_strength(robot, priorities, stance),
+                FallbackHierarchy(build, priorities, self.hierarchy, soles=still, carrying=carrying),
+                stopping(stance),
+                Stepping(robot, priorities, stance, self.hierarchy, stopping=stopping) if steps else None,
+                return_to_stance_of(robot, stance, self.landmark_map.standing, balance),
+            )
         self._reader = RobotReader(robot, stance)
-        upright = self._reader.trunk_at_stance
         self._governor = ReferenceGovernor(
-            robot, self.hierarchy, still=still, trunk_at_stance=upright, lead_time=priorities.lead_time
+            robot,
+            self.hierarchy,
+            still=frozenset(soles),
+            trunk_at_stance=self._reader.trunk_at_stance,
+            lead_time=priorities.lead_time,
         )
-        self._return_to_stance = return_to_stance_of(
-            robot, stance, self.landmark_map.standing, self._balance if legs_move else None
-        )
-        self._servos = robot.servo_columns
-        self._q = stance.q
-        self._time = TimeScaling(robot.body, self._limits)
+        self._q, self._time, self._settling = stance.q, TimeScaling(robot.body, limits), Settling()
 
     @property
-    def _stopping(self) -> Stopping | None:
-        """Stop trajectories on the soles that carry."""
-        return self._planted if self.steps is None else self.steps.stopping
+    def steps(self) -> Stepping | None:
+        """The stepping of a robot that steps."""
+        return self._soles.steps
 
-    def _hierarchy_of(self, priorities: Priorities, locked: BoolArray, *, iterations: int | None) -> Hierarchy:
+    def _hierarchy_of(
+        self, priorities: Priorities, locked: BoolArray, *, limits: JointLimits, iterations: int | None
+    ) -> Hierarchy:
         """The robot's hierarchy, with these DoFs (nv,) locked."""
         return Hierarchy.build(
             priorities,
@@ -225,7 +270,7 @@ class Follower:
             frames=swinging_frames(robot_frames(self._robot), tuple(sole.frame.name for sole in self.stance.soles))
             | carrying_frames(self._robot),
             postures=robot_postures(self._robot, self.stance),
-            limits=self._limits,
+            limits=limits,
             locked=locked,
             iterations=iterations,
             observers=self.observers,
@@ -236,30 +281,27 @@ class Follower:
         """Stand, at rest. The robot goes to the performer's posture tick by tick, slowly at first."""
         self.landmark_map.restart()
         self._governor.restart()
-        self._settled_s, self._rested_s, self._time.scale = 0.0, 0.0, 1.0
+        self._settling, self._time.scale = Settling(), 1.0
         self.scene_obstacles.restart()
         self._q = self.stance.q
         self._targets = standing_targets(self.hierarchy, self.stance)
         self.hierarchy.solver.reset(self._q)
         if self.steps is not None:
             self.steps.restart()
-        if self._stopping is not None:
-            self._stopping.begin(self._q)
-        self._asked = self.landmark_map.ask(human, 0.0)
+        if self._soles.stopping is not None:
+            self._soles.stopping.begin(self._q)
         self._reached = self._reader.read(self._q)
-        return self._posture(self._asked)
+        return self._posture(self.landmark_map.ask(human, 0.0))
 
     def settle(self, human: "HumanPosture", dt: float) -> RobotPosture | None:
         """After `start`: the next posture on the way to where the performer stands still; None: the robot rests there.
         So a hand that is asked high up has been raised before the performer moves on."""
-        if self._rested_s >= RESTING_S or self._settled_s >= SETTLING_S:
+        if self._settling.over:
             self.scene_obstacles.begin()
             return None
-        before, own_dt = self._q, dt * self._time.scale
+        before = self._q
         posture = self._follow(replace(self.landmark_map.ask(human, dt), carrying=Carrying.BOTH), dt)
-        slow = float(np.abs(self._q - before).max()) < RESTING_SPEED * own_dt
-        self._rested_s = self._rested_s + own_dt if slow else 0.0
-        self._settled_s += dt
+        self._settling.step(self._q - before, dt, time_scale=self._time.scale)
         return posture
 
     def step(self, human: "HumanPosture", dt: float) -> RobotPosture:
@@ -268,35 +310,36 @@ class Follower:
 
     def _follow(self, asked: AskedLandmarks, dt: float) -> RobotPosture:
         """The posture after the next `dt` s, on the way to what is asked."""
-        self._asked = asked
         self._advance(asked, dt)
-        return self._posture(self._asked)
+        return self._posture(asked)
 
     def _advance(self, asked: AskedLandmarks, dt: float, *, to_stance: bool = False) -> None:
         """Go on by `dt` s towards what is asked. to_stance: whether the robot returns to its stance."""
         targets, hierarchy, scale = self._targets, self.hierarchy, self._time.scale
         self.scene_obstacles.tick(hierarchy, dt, time_scale=scale)
-        if self._fallback is not None:
-            self._fallback.obstacles = self.scene_obstacles.now
+        if self._soles.fallback is not None:
+            self._soles.fallback.obstacles = self.scene_obstacles.now
         dt *= scale  # from here on the robot's own time
-        if self.steps is not None:
+        soles = self._soles
+        if soles.steps is not None:
             velocity, at = hierarchy.solver.velocity, self._reached
-            asked = self.steps.aim(targets, self._q, velocity, dt, asked=asked, at=at, to_stance=to_stance)
-        elif self._balance is not None:
-            hierarchy.set_support(targets, self._balance.spaces(*self._mass(), dt, to_stance=to_stance))
-        if self._strength is not None:
-            keeps = self.steps is None or self.steps.plan.support is None
-            self._strength.aim(hierarchy, targets, self._q, self._mass(), dt, keeps=keeps)
+            asked = soles.steps.aim(targets, self._q, velocity, dt, asked=asked, at=at, to_stance=to_stance)
+        elif soles.balance is not None:
+            hierarchy.set_support(targets, soles.balance.spaces(*self._mass(), dt, to_stance=to_stance))
+        if soles.strength is not None:
+            keeps = soles.steps is None or soles.steps.plan.support is None
+            soles.strength.aim(hierarchy, targets, self._q, self._mass(), dt, keeps=keeps)
         self._governor.aim(targets, asked, self._reached, dt)
         hierarchy.set_previous(targets, self._q, dt, settle=LED_SETTLE if to_stance else inf)
-        first = self._fallback.first(targets, self._q, dt) if self._fallback else hierarchy.solver.frame(targets, dt)
+        fallback = soles.fallback
+        first = hierarchy.solver.frame(targets, dt) if fallback is None else fallback.first(targets, self._q, dt)
         self._q = self._safe(first, dt)
         self._reached = self._reader.read(self._q)
 
     def return_to_stance(self, dt: float) -> FloatArray | None:
         """The next posture (nq,) of the return to stance; None: the robot stands, or needs no return."""
         stands = self.steps is None or self.steps.stands
-        to_stance, hierarchy = self._return_to_stance, self.hierarchy
+        to_stance, hierarchy = self._soles.to_stance, self.hierarchy
         if to_stance is None or not to_stance.goes_on(hierarchy.solver.velocity, dt, stands=stands):
             return None
         hierarchy.set_posture(self._targets, to_stance.lead(self._time.scale))
@@ -306,8 +349,8 @@ class Follower:
     def begin_return_to_stance(self, q: FloatArray, dt: float) -> None:
         """Begin the return to stance in posture q (nq,), whether the robot has followed or not."""
         self.reseed(q, np.zeros(self._robot.body.nv))
-        if self._return_to_stance is not None:
-            self._return_to_stance.begin(q, dt)
+        if self._soles.to_stance is not None:
+            self._soles.to_stance.begin(q, dt)
 
     def set_speed_override(self, override: float) -> None:
         """Follow at a share (0, 1] of all speeds, from the next tick on: time is scaled by it."""
@@ -316,28 +359,27 @@ class Follower:
         solver = self.hierarchy.solver
         change = self._time.change(override, self._q, solver.velocity)
         solver.reset(self._q, solver.velocity / change)
-        if self._stopping is not None:
-            self._stopping.rescale_time(change)
+        if self._soles.stopping is not None:
+            self._soles.stopping.rescale_time(change)
 
     def halt(self, dt: float) -> FloatArray | None:
         """The next posture (nq,) of the stop on the soles; None: no stop trajectory is known, or no soles carry it."""
         self.scene_obstacles.tick(None, dt)
-        if self._stopping is not None and self._time.scale < 1.0:  # brake as hard as servos can, not as on a slow clock
+        stopping = self._soles.stopping
+        if stopping is None:
+            return None
+        if self._time.scale < 1.0:  # brake as hard as servos can, not as on a slow clock
             self.set_speed_override(1.0)
-            self._stopping.begin(self._q, self.hierarchy.solver.velocity)
-        step = None if self._stopping is None else self._stopping.follow(dt)
+            stopping.begin(self._q, self.hierarchy.solver.velocity)
+        step = stopping.follow(dt)
         if step is None:
             return None
-        self._separate_limbs()
+        if self._soles.fallback is not None:  # where it stands because a goal was refused, limbs part before all else
+            self._soles.fallback.separate = stopping.stands
         self._q, velocity = step
         self.hierarchy.solver.reset(self._q, velocity)
         self._reached = self._reader.read(self._q)
         return self._q
-
-    def _separate_limbs(self) -> None:
-        """If the robot stands still because a goal was refused, separate limbs before all else in the next tick."""
-        if self._fallback is not None and self._stopping is not None:
-            self._fallback.separate = self._stopping.stands
 
     def pass_time(self, dt: float) -> None:
         """Let obstacles move on in a tick in which the follower does not lead the robot."""
@@ -353,34 +395,34 @@ class Follower:
         self._q = q
         velocity = velocity / self._time.scale
         self.hierarchy.solver.reset(q, velocity)
-        if self._stopping is not None:
-            self._stopping.begin(q, velocity)
+        if self._soles.stopping is not None:
+            self._soles.stopping.begin(q, velocity)
         self._reached = self._reader.read(q)
 
     def _safe(self, q: FloatArray, dt: float) -> FloatArray:
         """The posture q (nq,) if the robot can stop from it on its soles, else that of a fallback hierarchy, else the
         next one of its stop. Where no stop trajectory is known, each joint brakes by itself, as the gate would do."""
-        if self._stopping is None or self._stopping.admits(q, self.hierarchy.solver.velocity, dt):
+        stopping = self._soles.stopping
+        if stopping is None or stopping.admits(q, self.hierarchy.solver.velocity, dt):
             return q
-        fallback = self._fall_back(dt)
+        fallback = self._fall_back(stopping, dt)
         if fallback is not None:
             return fallback
-        step = self._stopping.follow(dt)
+        step = stopping.follow(dt)
         if step is None:
-            q = self._stopping.brake(dt)
+            q = stopping.brake(dt)
             plant_root(self._robot, self._q, q)
-            velocity = self._body.difference(self._q, q) / dt
-            self._stopping.begin(q, velocity)
+            velocity = self._robot.kinematics.difference(self._q, q) / dt
+            stopping.begin(q, velocity)
         else:
             q, velocity = step
         self.hierarchy.solver.reset(q, velocity)
         return q
 
-    def _fall_back(self, dt: float) -> FloatArray | None:
+    def _fall_back(self, stopping: Stopping, dt: float) -> FloatArray | None:
         """The next posture (nq,) from a fallback hierarchy, where that of the first is not safe; None: no other is."""
-        stopping = self._stopping
-        assert stopping is not None and self._fallback is not None
-        candidates = self._fallback.after(self._targets, self._q, stopping.velocity, dt, stands=stopping.stands)
+        assert self._soles.fallback is not None, "legs that move may fall back"
+        candidates = self._soles.fallback.after(self._targets, self._q, stopping.velocity, dt, stands=stopping.stands)
         for q, velocity in candidates:
             if stopping.admits(q, velocity, dt):
                 self.hierarchy.solver.reset(q, velocity)
@@ -390,27 +432,22 @@ class Follower:
     def _mass(self) -> tuple[FloatArray, FloatArray]:
         """The centre of mass (3,) m and its velocity (3,) m/s; zero where priorities balance it as if at rest."""
         com = self._reached.centre_of_mass
-        if self._balance is None or not self._balance.looks_at_motion:
+        if self._soles.balance is None or not self._soles.balance.looks_at_motion:
             return com, np.zeros(3)
-        return com, self._body.centre_of_mass_jacobian(self._q) @ self.hierarchy.solver.velocity
-
-    def _support_distance(self, com: FloatArray) -> float:
-        """How far (m) a centre of mass (3,) is inside the outline of the soles that carry."""
-        keeper = self._balance if self.steps is None else self.steps
-        return np.inf if keeper is None else keeper.inside(com)
+        return com, self._robot.kinematics.centre_of_mass_jacobian(self._q) @ self.hierarchy.solver.velocity
 
     def _posture(self, asked: AskedLandmarks) -> RobotPosture:
-        q, reached = self._q, self._reached
-        root = (q[:3], q[3:7]) if self._root is None else self._root
+        robot, q, reached = self._robot, self._q, self._reached
+        free = robot.profile.root == "free"
         return RobotPosture(
             q=q,
-            joint_positions=q[self._servos],
-            root_position=root[0],
-            root_quaternion=root[1],
+            joint_positions=q[robot.servo_columns],
+            root_position=q[:3] if free else robot.body.body_pos[1],
+            root_quaternion=q[3:7] if free else robot.body.body_quat[1],
             landmark_names=self.landmark_map.names,
             landmarks_asked=np.array(asked.landmarks),
             landmarks_reached=reached.points,
             centre_of_mass=reached.centre_of_mass,
-            support_distance=self._support_distance(reached.centre_of_mass),
+            support_distance=self._soles.inside(reached.centre_of_mass),
             observer_modes=self.hierarchy.solver.observer_modes,
         )
