@@ -87,6 +87,8 @@ class Commanded:
 RISE_S, JERK_S = 0.5, 0.2
 """Times in which a slow move reaches its full speed, and its full acceleration: gentle enough for a robot whose mass
 moves over planted soles."""
+BRAKE_S, BRAKE_JERK_S = 0.2, 0.05
+"""The same of braking: the robot stands within 0.35 s of a hold, and stays on its line."""
 RETRY_S = 0.2
 """A slow move goes on when the robot has stood this long after a refused goal: servos are behind their goals, and the
 gate checks both."""
@@ -96,9 +98,11 @@ class SlowMove:
     """A slow move of all joints at a share of their greatest speed, from where the robot was commanded to."""
 
     def __init__(self, robot: RobotBody, commanded: Commanded, *, share: float, dt: float) -> None:
-        velocity = share * robot.joint_map.max_velocity
-        acceleration = np.minimum(velocity / RISE_S, robot.joint_map.max_acceleration)
-        self._moves = TrajectoryGenerator(velocity, acceleration, acceleration / JERK_S, dt=dt)
+        velocity, most = share * robot.joint_map.max_velocity, robot.joint_map.max_acceleration
+        moving, braking = np.minimum(velocity / RISE_S, most), np.minimum(velocity / BRAKE_S, most)
+        self._moving = TrajectoryGenerator(velocity, moving, moving / JERK_S, dt=dt)
+        self._braking = TrajectoryGenerator(velocity, braking, braking / BRAKE_JERK_S, dt=dt)
+        self._moves = self._moving
         self._moves.reset(commanded.joints)
         self._commanded = commanded
 
@@ -108,12 +112,26 @@ class SlowMove:
 
     def towards(self, goal: FloatArray, *, speed_override: float) -> Target | None:
         """The target of the next tick on the way to a goal (n,), rad; None: something else was sent, and the robot has
-        to stand first. speed_override 0: it brakes."""
+        to stand first."""
         if not self._follows:
             if self._commanded.stood_s < RETRY_S:
                 return None
             self._moves.reset(self._commanded.joints)
+        self._go_on_with(self._moving)
         return Target(self._moves.step(goal, speed_override))
+
+    def brake(self) -> Target | None:
+        """The target of the next tick while the robot brakes on its line; None: something else was sent."""
+        if not self._follows:
+            return None
+        self._go_on_with(self._braking)
+        return Target(self._moves.step(self._moves.position, 0.0))
+
+    def _go_on_with(self, moves: TrajectoryGenerator) -> None:
+        """Go on with other limits, as the robot moves."""
+        if moves is not self._moves:
+            moves.reset(self._moves.position, self._moves.velocity, self._moves.acceleration)
+            self._moves = moves
 
     @property
     def _follows(self) -> bool:
@@ -169,7 +187,7 @@ class Approach:
 
     def brake(self) -> Target | None:
         """The target of the next tick while the robot brakes on the straight part."""
-        return self._move.towards(self._goal, speed_override=0.0)
+        return self._move.brake()
 
 
 class Follow:
