@@ -86,7 +86,7 @@ def test_an_interrupt_of_a_recorded_motion(trial: str, at: float, shared: Path) 
     source = shared / "mocap" / "cmu_asfamc" / f"{trial}.amc"
     with prepared(lambda: open_source(source), at) as ready:
         run = stop_at(ready)
-    assert (run.state, run.reason) == ("stopped", INTERRUPTED)
+    assert (run.state, run.reason) == ("off", INTERRUPTED)
     assert_stands_well(run)
 
 
@@ -94,22 +94,22 @@ def test_an_interrupt_of_a_recorded_motion(trial: str, at: float, shared: Path) 
 def test_an_interrupt_of_the_synthetic_performer(at: float) -> None:
     with prepared(synthetic_performer, at) as ready:
         run = stop_at(ready)
-    assert (run.state, run.reason) == ("stopped", INTERRUPTED)
+    assert (run.state, run.reason) == ("off", INTERRUPTED)
     assert_stands_well(run)
 
 
 def test_the_end_of_a_clip_in_the_middle_of_a_motion() -> None:
     with prepared(synthetic_performer, 15.4) as ready:
         run = ready.run()
-    assert (run.state, run.reason) == ("idle", None)
+    assert (run.state, run.reason) == ("off", None)
     assert_stands_well(run)
 
 
 def test_a_stop_by_the_guard() -> None:
-    fault = MockFault(FaultKind.HOT, first=505, cycles=1, servo=4, value=70.0)
+    fault = MockFault(FaultKind.HOT, first=1041, cycles=1, servo=4, value=70.0)
     with prepared(synthetic_performer, 11.23, [fault]) as ready:
         run = ready.run()
-    assert run.state == "stopped"
+    assert run.state == "fault"
     assert run.reason is not None
     shows(run.reason, 65, "r_el", 5, 70)
     assert_stands_well(run)
@@ -128,8 +128,8 @@ def test_a_refusal_is_not_lost_in_closing_the_bus() -> None:
 def test_without_the_way_the_same_stop_tears_the_soles(monkeypatch: pytest.MonkeyPatch) -> None:
     """What these tests can see: each joint braking by itself, as fast as it can."""
     with prepared(synthetic_performer, 5.69) as ready:
-        assert ready.side is not None
-        monkeypatch.setattr(ready.side._follower, "halt", lambda dt: None)
+        assert ready.machine is not None
+        monkeypatch.setattr(ready.machine.follower, "halt", lambda dt: None)
         run = stop_at(ready)
     off, tilt = soles(run)
     assert off > 0.003 and tilt > np.deg2rad(0.5)

@@ -9,6 +9,7 @@ import pytest
 from live_rig import LiveRig
 from messages import shows, shows_lines
 from retarget.live.begin import LiveOptions
+from retarget.live.performer import LivePerformer
 from retarget.report.measure import measure
 from retarget.report.motion_metrics import LimitViolations
 from retarget.run.loop import Watch
@@ -57,8 +58,8 @@ def played(*, pause: range = range(0), duration: float = 1.0) -> RunResult:
 
         def stop_asked() -> bool:
             nonlocal tick
-            assert prepared.side is not None
-            prepared.side.guard.paused = tick in pause
+            assert isinstance(prepared.samples, LivePerformer)
+            prepared.samples.clutch(engaged=tick not in pause)
             tick += 1
             return False
 
@@ -67,7 +68,7 @@ def played(*, pause: range = range(0), duration: float = 1.0) -> RunResult:
 
 def test_an_approach_that_is_held_up_misses_no_tick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its ticks came in time, and the robot kept its limits."""
-    monkeypatch.setattr("retarget.run.loop.EXTRA_APPROACH_S", 0.4)
+    monkeypatch.setattr("retarget.run.record.LONGEST_APPROACH_S", 1.5)
     run = played(pause=range(40, 400))
     sent, report = run.record.robot, measure(run)
     assert sent is not None and report.bus is not None and not run.record.from_start
@@ -81,7 +82,7 @@ def test_an_approach_that_is_held_up_misses_no_tick(monkeypatch: pytest.MonkeyPa
 
 def test_a_robot_that_already_moves_at_the_first_row_broke_no_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     """The record has no room for the whole approach."""
-    monkeypatch.setattr("retarget.run.loop.EXTRA_APPROACH_S", -0.3)
+    monkeypatch.setattr("retarget.run.record.LONGEST_APPROACH_S", 0.8)
     run = played()
     moved = np.abs(np.diff(run.record.robot.q[:4, 7:], axis=0)).max() if run.record.robot else 0.0
     assert not run.record.from_start and moved > 1e-3

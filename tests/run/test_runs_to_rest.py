@@ -4,15 +4,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from retarget.run.rest_trajectory import RETURN_OVERRIDE
 
 from hardware.bus import ServoBus
+from hardware.checked_goal import CheckedGoal
 from hardware.clock import Clock, VirtualClock
 from retarget.cli.buses import PhysicsBench
 from retarget.human.samples import Playback
 from retarget.ik.hierarchy import SceneObstacles
 from retarget.model.robot import RobotBody, load_robot
 from retarget.robot.follower import Follower
+from retarget.run.controllers import RETURN_OVERRIDE
 from retarget.run.loop import Watch
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
@@ -33,6 +34,9 @@ obstacles:
       - {time: 0.0, pos: [2.0, 0.0, 0.5]}
       - {time: 30.0, pos: [1.0, 0.0, 0.5]}
 """
+
+REFUSED = (60, 61, 62)
+"""Goals of a return to stance."""
 
 
 def angles(robot: RobotBody, name: str) -> FloatArray:
@@ -65,14 +69,14 @@ def test_a_stop_while_it_rises_leads_back_and_does_not_stand_it_up(name: str, af
     rest, stand = angles(run.robot, "rest"), angles(run.robot, "stand")
     risen = (run.record.robot.goals - rest) @ (stand - rest) / ((stand - rest) @ (stand - rest))
     at_stop = risen[: after + 1].max()
-    assert risen.max() < at_stop + 0.05 < 0.9  # it brakes first
+    assert risen.max() < at_stop + 0.08 < 0.9  # it brakes first
     assert np.abs(run.record.robot.goals[-1] - rest).max() < 0.1 and not any("rest" in note for note in run.notes)
 
 
 def test_a_stop_on_the_approach_returns_to_stance_from_there(monkeypatch: pytest.MonkeyPatch) -> None:
     """It has left the straight part on which it rises, and has not followed; some goals of the return are refused."""
     refused: list[int] = []
-    admit, return_to_stance, reseed = Gate.admit, Follower.return_to_stance, Follower.reseed
+    check, return_to_stance, reseed = Gate.check, Follower.return_to_stance, Follower.reseed
     reseeds: list[int] = []
     returned: list[FloatArray] = []
 
@@ -81,11 +85,11 @@ def test_a_stop_on_the_approach_returns_to_stance_from_there(monkeypatch: pytest
         returned.extend([] if q is None else [q.copy()])
         return q
 
-    def once(self: Gate, goal: FloatArray) -> FloatArray:
-        if len(returned) >= 60 and len(refused) < 3:
+    def once(self: Gate, target: FloatArray | None) -> CheckedGoal | None:
+        if len(returned) in REFUSED:
             refused.append(len(returned))
-            return self.brake()
-        return admit(self, goal)
+            return None
+        return check(self, target)
 
     def reseeded(self: Follower, q: FloatArray, velocity: FloatArray) -> None:
         reseeds.append(len(returned))
@@ -93,12 +97,13 @@ def test_a_stop_on_the_approach_returns_to_stance_from_there(monkeypatch: pytest
 
     monkeypatch.setattr(Follower, "return_to_stance", to_stance)
     monkeypatch.setattr(Follower, "reseed", reseeded)
-    monkeypatch.setattr(Gate, "admit", once)
-    run, _ = stopped("op3", 60, start="stand")
+    monkeypatch.setattr(Gate, "check", once)
+    run, _ = stopped("op3", 130, start="stand")
     assert run.record is not None and run.record.robot is not None and run.robot is not None
     assert run.record.following.start == run.record.following.stop
-    assert np.count_nonzero(run.record.robot.gated) == len(refused) == 3, "it went on from where it was"
-    assert reseeds[-3:] == refused and reseeds[-4] == 0, "reseeded, and begun from where the robot stood"
+    assert np.count_nonzero(run.record.robot.gated) == len(REFUSED), "it went on from where it was"
+    assert refused == sorted([*REFUSED, *REFUSED]), "the return and the stop on the soles"
+    assert {*reseeds} == {0, *REFUSED, len(returned)}, "begun from where the robot stood, and stood after it"
     aside = np.abs(run.record.robot.goals - angles(run.robot, "attractor"))[:, :6].max(axis=1)
     assert aside.min() < 0.05 and np.abs(run.record.robot.goals[-1] - angles(run.robot, "rest")).max() < 0.1
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from guard_rig import Rig
 from hardware.guard import Torque
-from hardware.guard_state import StopCause
+from hardware.guard_state import StopCategory, StopCause
 from messages import shows
 from retarget.run.supervisor import (
     AT_RISK,
@@ -20,7 +20,6 @@ from retarget.run.supervisor import (
     TRANSITIONS,
     Event,
     Situation,
-    StopCategory,
     Supervisor,
     tables_of_states,
 )
