@@ -93,7 +93,6 @@ def measure(
     pose = "Stand upright and still, facing where the robot faces, arms hanging or straight out to the sides"
     notify(f"{pose}: {options.countdown:g} s")
     _poll_for(stream, clock, options.countdown, measured=False)
-    stream.validity.keep_sides()  # until here, the user may still have corrected the names of the trackers
     size = known or _skeleton_size(stream, options, where=where, notify=notify)
     seconds = CAPTURE_S if known is None else KNOWN_CAPTURE_S
     capture = RestCapture(where=where, seconds=seconds, loose=stream.roles.loose, needed=needed(stream.roles))

@@ -291,8 +291,8 @@ class LivePerformer:
         before = self._reacquisition.weights
         weight = self._reacquisition.step(reading.states, self.dt)
         if np.count_nonzero(reading.states):
-            suspect = (reading.states == ValidityState.JUMPED) | (reading.states == ValidityState.SWAPPED)
-            self._jumped = suspect & (self._jumped | (before > 0.5))
+            jumped = reading.states == ValidityState.JUMPED
+            self._jumped = jumped & (self._jumped | (before > 0.5))
         else:
             self._jumped = self._none
         self._message = self._problems.look(now)

@@ -383,7 +383,6 @@ WORDS = {
     ValidityState.STALE: "lost",
     ValidityState.FROZEN: "frozen",
     ValidityState.JUMPED: "jumped",
-    ValidityState.SWAPPED: "changed places",
     ValidityState.NOT_IN_USE: "not received",
     ValidityState.OUT_OF_RANGE: "outside the room",
 }

@@ -32,9 +32,8 @@ UNUSABLE_SHARE = 0.2
 _WRONG_STATES = {
     ValidityState.JUMPED: (
         "jumps farther than a human can",
-        "Look for its tracker's view, drift or magnetic fields, and for two senders at once",
+        "Look for its tracker's view, drift or magnetic fields, two senders at once, or left and right swapped",
     ),
-    ValidityState.SWAPPED: ("left and right change places", "Exchange the two trackers' roles at the sender"),
     ValidityState.OUT_OF_RANGE: (
         "reported outside the room (10 m)",
         "Set the sender's origin, its axes and its unit (metres)",

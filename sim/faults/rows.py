@@ -127,7 +127,7 @@ STREAM_ROWS: tuple[Row, ...] = (
         Reaction.HOLD,
         0.100,
         _sender(lambda: swapped("l_wrist", "r_wrist", 0.0, EVER)),
-        said="changed places",
+        said="jumped farther than a human can",
     ),
     Row("late, reordered, twice", Reaction.NONE, 0.0, later(_reordered), counted="repeated"),
     Row("sender's clock jumps forward", Reaction.REBASE, 1.0, _clock_jump(3600.0), after=1.4),
