@@ -71,8 +71,6 @@ POLL_S = 0.01
 """Between two polls of the stream while nothing moves."""
 SETTLE_S = 0.3
 """Time in which the smoothing filter settles after the offset of a sensor was corrected."""
-MOST_POLLS = 64
-"""Polls for one backlog: a fit takes a while on a busy machine, and the work of one poll is bounded."""
 TRY_S = 0.1
 """Between two checks whether the performer stands still by now."""
 
@@ -151,7 +149,7 @@ def _captured(
     while True:
         clock.sleep_until(clock.now() + POLL_S)
         now = clock.now()
-        _catch_up(stream, now)
+        stream.poll(now, moving=True)  # the size may be that of the sender's skeleton, so no other may take over
         capture.take(now, live_sample(names, frozen_as_fresh(stream.read(now)), Alignment(), usable=every_sensor))
         if message := problems.look(now):
             notify(message)
@@ -170,15 +168,6 @@ def _captured(
             if now < end and any(stream.has_sent(name) for name in found.missing):  # it may be fresh soon
                 continue
             return found
-
-
-def _catch_up(stream: LiveStream, now: float) -> None:
-    """Poll until nothing more has arrived. The size may be that of the sender's skeleton, so no other may take over."""
-    for _ in range(MOST_POLLS):
-        before = stream.arrived
-        stream.poll(now, moving=True)
-        if stream.arrived == before:
-            return
 
 
 # The check of sides: raise your left arm to the front. This one motion shows that left and right, up and down are not

@@ -10,12 +10,13 @@ from hardware.clock import Clock
 from retarget.errors import InputError, UsageError
 from retarget.live.address import EVERYWHERE, KINDS, LOOPBACK, StreamAddress, for_others, local_interfaces
 from retarget.live.admission import NOT_ALLOWED, SECOND_SOURCE
+from retarget.live.begin import HUMAN_RATE_HZ
 from retarget.live.datagram_kinds import DAMAGED, SENDERS, Recognised, advice_for, recognise
 from retarget.live.open_stream import open_stream, stream_kinds
 from retarget.live.raw_recording import recorded_kind
 from retarget.live.receivers import NatnetReceiver
 from retarget.live.roles import roles_of
-from retarget.live.stream import LiveStream
+from retarget.live.stream import MOST_DECODED, LiveStream
 from retarget.live.udp import UdpReceiver, port_holder
 from retarget.schema.performer import Performer, PerformerSensor
 from retarget.setup.doctor_capture import StreamCapture, capture_stream
@@ -201,10 +202,10 @@ def _refused(address: StreamAddress, capture: StreamCapture) -> list[Finding]:
             first = f"; {owner[0]}, port {owner[1]}, was first and is followed" if owner is not None else ""
             step = "Let only one send here: stop the other, or give it another port"
             found.append(fix("sender", f"{host}, port {port}, is a second source{first}", step))
-    too_many = capture.stream.admission.refused.reasons["more datagrams than the rate allows"]
-    if too_many:
+    taken, rate = MOST_DECODED * HUMAN_RATE_HZ, capture.arrived / max(capture.seconds, 0.1)
+    if rate > taken:
         step = "Lower the sender's rate, or see whether a second copy of it runs"
-        found.append(fix("sender", f"{too_many} datagrams beyond the rate that is taken", step))
+        found.append(fix("sender", f"{rate:.0f} datagrams a second, of which {taken:.0f} are taken", step))
     others = capture.stream.receiver.dropped.reasons
     found += [
         fix("sender", f"{reason} ({count} times)", f"Stop that one, or correct {address.text}")

@@ -16,7 +16,7 @@ from retarget.live.roles import canonical_orientation, joint_position, role_set
 from retarget.rotations import angle_between, conjugate, from_axis_angle, multiply
 from retarget.sources.raw_record import RawReader
 from retarget.sources.stream_frame import StreamDecoder, StreamFrame
-from retarget.sources.vmc import BODY_BONES, VmcDecoder, local_bones, world_rotations
+from retarget.sources.vmc import BODY_BONES, VmcDecoder, bone_poses, local_bones, world_rotations
 from retarget.sources.vrchat import NOT_A_TRACKER, VrchatDecoder
 from retarget.types import BoolArray, FloatArray
 
@@ -71,7 +71,7 @@ def segments(recording: Recording, roles: str) -> dict[str, FloatArray]:
 
 def bone_segments(recording: Recording) -> dict[str, FloatArray]:
     """The same from the bones alone, by forward kinematics."""
-    world = np.array([world_rotations(local_bones(frame)) for frame in recording.frames])
+    world = np.array([world_rotations(local_bones(bone_poses(frame))) for frame in recording.frames])
     return {
         role.segment: world[:, BODY_BONES.index(role.name.removeprefix("bone://"))]
         for role in role_set("unity_bones").roles
