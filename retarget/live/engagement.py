@@ -144,16 +144,17 @@ class ReacquisitionBlend:
         self._fresh_for = np.zeros(count)
         self._last: FloatArray = np.full((count, 4), np.nan)
         self.weights: FloatArray = np.zeros(count)
+        self._all_full = False
 
     def start(self, states: StateArray) -> None:
         """Give every valid sensor full weight at once: for a body that does not move yet."""
         self._share = (states == ValidityState.FRESH).astype(np.float64)
         self._fresh_for = self._share * self._limits.healthy
-        self.weights = self._share.copy()
+        self.weights, self._all_full = self._share.copy(), bool((self._share == 1.0).all())
 
     def step(self, states: StateArray, dt: float) -> FloatArray:
         """Weights (k,) `dt` s later, for the states (k,) of now."""
-        if not np.count_nonzero(states) and np.count_nonzero(self.weights == 1.0) == len(self.weights):
+        if self._all_full and not np.count_nonzero(states):
             return self.weights
         dt = min(max(dt, 0.0), LONGEST_STEP)
         self._fresh_for = np.where(states == ValidityState.FRESH, self._fresh_for + dt, 0.0)
@@ -162,14 +163,15 @@ class ReacquisitionBlend:
         change = np.where(back, dt / self._limits.blend, -dt / self._limits.leave)
         self._share = np.clip(self._share + change, 0.0, 1.0)
         self.weights = self._share * self._share * (3.0 - 2.0 * self._share)
+        self._all_full = bool((self._share == 1.0).all())
         return self.weights
 
     def turned(self, orientation: FloatArray) -> FloatArray:
         """Orientations (k, 4) wxyz, blended by the present weights from the last ones of full weight."""
-        whole = self.weights == 1.0
-        if np.count_nonzero(whole) == len(whole):
+        if self._all_full:
             self._last = orientation
             return orientation
+        whole = self.weights == 1.0
         self._last = np.where(whole[:, None], orientation, self._last)
         known = ~whole & np.isfinite(self._last[:, 0]) & np.isfinite(orientation[:, 0])
         blended = orientation.copy()

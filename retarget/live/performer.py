@@ -304,9 +304,10 @@ class LivePerformer:
         sample = live_sample(
             names, reading, self.alignment, usable=weight > 0.0, mirror=self.mirror, weight=weight.copy()
         )
-        for message in (*self.stream.validity.messages(), self._problems.look(now)):
-            if message:
-                self._notify(message)
+        for message in self.stream.validity.messages():
+            self._notify(message)
+        if problem := self._problems.look(now):
+            self._notify(problem)
         return reading, sample
 
     def _late(self) -> str:
@@ -328,7 +329,5 @@ class LivePerformer:
     def _is_good(self, reading: StreamReading, now: float) -> bool:
         """Whether data are good enough to move: the sender sends, no sensor has jumped, the base sensors are fresh, and
         ticks are on time."""
-        silent = now - self.stream.last > SILENCE_S
-        return bool(reading.fresh.any()) and not (
-            silent or self._timing.behind or self._problems.foreign or self._holding()
-        )
+        silent, known = now - self.stream.last > SILENCE_S, np.count_nonzero(reading.fresh) > 0
+        return known and not (silent or self._timing.behind or self._problems.foreign or self._holding())

@@ -188,6 +188,7 @@ class SensorValidity:
         ]
         self._validity = Validity(np.array(others, dtype=np.int64), limits)
         self._states: StateArray = np.full(len(others), ValidityState.STALE, dtype=np.uint8)
+        self._noted = self._states.tobytes()
         self._was_fresh = np.zeros(len(others), dtype=bool)
         self._changes: deque[ValidityChange] = deque(maxlen=MAX_CHANGES)
 
@@ -214,10 +215,10 @@ class SensorValidity:
     def judge(self, now: float) -> StateArray:
         """The ValidityState of each sensor at `now`, (k,), read-only."""
         states: StateArray = self._validity.judge(now)
-        if states.tobytes() != self._states.tobytes():
+        if (noted := states.tobytes()) != self._noted:
             self._note(np.flatnonzero(states != self._states), states, now)
         states.flags.writeable = False
-        self._states = states
+        self._states, self._noted = states, noted
         return states
 
     def messages(self) -> list[str]:
