@@ -145,12 +145,11 @@ def _captured(
     end, look = clock.now() + options.patience + CAPTURE_S, 0.0
     tries, refused = Counter[str](), dict[str, InputError]()  # by what was wrong
     names = stream.roles.sensors
-    every_sensor = np.ones(len(names), dtype=bool)
     while True:
         clock.sleep_until(clock.now() + POLL_S)
         now = clock.now()
         stream.poll(now, moving=True)  # the size may be that of the sender's skeleton, so no other may take over
-        capture.take(now, live_sample(names, frozen_as_fresh(stream.read(now)), Alignment(), usable=every_sensor))
+        capture.take(now, live_sample(names, frozen_as_fresh(stream.read(now)), Alignment()))
         if message := problems.look(now):
             notify(message)
         if now >= end or (capture.done and now >= look):
@@ -273,7 +272,6 @@ def check_sides(stream: LiveStream, rest: Calibrated, *, clock: Clock, where: st
     """
     names = stream.roles.sensors
     rows = [names.index("l_wrist"), names.index("r_wrist")]
-    every_sensor = np.ones(len(names), dtype=bool)
     check, asked_again, problems = SideCheck(rest.position[rows]), False, StreamProblems(stream)
     notify(f"Raise your left arm forward, to the front, and only that: {WAIT_S:g} s")
     end = clock.now() + WAIT_S
@@ -282,7 +280,7 @@ def check_sides(stream: LiveStream, rest: Calibrated, *, clock: Clock, where: st
         now = clock.now()
         stream.poll(now, moving=True)  # no other source may take over: the size is that of this performer
         reading = frozen_as_fresh(stream.read(now))
-        sample = live_sample(names, reading, rest.alignment, usable=every_sensor)
+        sample = live_sample(names, reading, rest.alignment)
         check.take(now, np.where(sample.valid[rows, None], sample.position[rows], np.nan))
         if message := problems.look(now):
             notify(message)
@@ -371,14 +369,11 @@ def begin_live(
     if person is not None:
         stream.roles = stream.roles.shifted(person.offset(stream.roles.convention, stream.roles.sensors))
     refuse_unmeasurable(stream.roles, where=where)
-    _wait(stream, options, clock, where=where)
+    wait_for_data(stream, options, clock, where=where)
     refuse_version(stream, clock.now())
     known = None if person is None else person.dimensions
     calibrated = measure(stream, options, known, clock=clock, where=where, notify=notify)
-    reading = stream.read(clock.now())
-    every_sensor = np.ones(len(reading.states), dtype=bool)
-    names = stream.roles.sensors
-    first = live_sample(names, reading, calibrated.alignment, usable=every_sensor, mirror=options.mirror)
+    first = live_sample(stream.roles.sensors, stream.read(clock.now()), calibrated.alignment, mirror=options.mirror)
     ticks = FOR_EVER if options.duration is None else max(round(options.duration * rate_hz), 1)
     if options.check_sides:
         check_sides(stream, calibrated, clock=clock, where=where, notify=notify)
@@ -416,7 +411,7 @@ def _keep(name: str, calibrated: Calibrated, convention: str, notify: Notify) ->
     notify(f"kept for --person {name}: {path}")
 
 
-def _wait(stream: LiveStream, options: LiveOptions, clock: Clock, *, where: str) -> None:
+def wait_for_data(stream: LiveStream, options: LiveOptions, clock: Clock, *, where: str) -> None:
     """Wait until every needed sensor is fresh, and the stream has every sensor that the performer's file lists.
 
     Raises InputError after `options.patience` s.

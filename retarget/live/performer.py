@@ -78,14 +78,13 @@ def live_sample(
     reading: StreamReading,
     alignment: Alignment,
     *,
-    usable: BoolArray,
     mirror: bool = False,
     weight: FloatArray | None = None,
 ) -> SensorSample:
-    """The sample of a reading, in our world. usable (k,): the other sensors are not valid in it; weight (k,): how far
-    sensors that were lost have come back. mirror: swap left and right."""
+    """The sample of a reading, in our world. weight (k,): how far sensors that were lost have come back; those of no
+    weight are not valid in it. mirror: swap left and right."""
     position, orientation = alignment.positions(reading.position), alignment.orientations(reading.orientation)
-    valid = reading.fresh & usable
+    valid = reading.fresh if weight is None else reading.fresh & (weight > 0.0)
     if mirror:
         order = [names.index(mirrored_name(name)) for name in names]
         position, orientation = position[order] * _REFLECT, orientation[order] * _REFLECT_TURN
@@ -251,9 +250,8 @@ class LivePerformer:
         """Take the direction that the performer faces now as straight ahead, since trackers drift. The robot holds, and
         goes on from there. Returns False where left and right sensors do not show a direction."""
         reading = self.stream.read(self._clock.now())
-        every_sensor = np.ones(len(reading.states), dtype=bool)
         names = self.stream.roles.sensors
-        sample = live_sample(names, reading, self.alignment, usable=every_sensor)
+        sample = live_sample(names, reading, self.alignment)
         at = {name: point for name, point, ok in zip(names, sample.position, sample.valid, strict=True) if ok}
         forward = facing_of(at)
         if forward is None:
@@ -301,9 +299,7 @@ class LivePerformer:
         if turned is not reading.orientation:
             reading = replace(reading, orientation=turned)
         names = self.stream.roles.sensors
-        sample = live_sample(
-            names, reading, self.alignment, usable=weight > 0.0, mirror=self.mirror, weight=weight.copy()
-        )
+        sample = live_sample(names, reading, self.alignment, mirror=self.mirror, weight=weight.copy())
         for message in self.stream.validity.messages():
             self._notify(message)
         if problem := self._problems.look(now):
