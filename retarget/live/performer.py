@@ -325,5 +325,5 @@ class LivePerformer:
     def _is_good(self, reading: StreamReading, now: float) -> bool:
         """Whether data are good enough to move: the sender sends, no sensor has jumped, the base sensors are fresh, and
         ticks are on time."""
-        silent, known = now - self.stream.last > SILENCE_S, np.count_nonzero(reading.fresh) > 0
+        silent, known = now - self.stream.last > SILENCE_S, bool(np.count_nonzero(reading.fresh))
         return known and not (silent or self._timing.behind or self._problems.foreign or self._holding())
