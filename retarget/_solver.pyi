@@ -507,25 +507,14 @@ class PoseParts:
         what was sent at most 0.1 s before `time`."""
 
 @final
-class WatchedSensors:
-    """Of `count` sensors the last accepted pose, how it got there, and who repeats one value while others move.
+class Validity:
+    """Which poses of k sensors may be used, and the state of each sensor; see `retarget.live.sensor_validity`.
 
-    reach: m, horizontally from the origin along each axis, and height: m, from and to, that a pose may have. Times in
-    s of capture, as in `retarget.live.sensor_validity`.
+    others (k,): the sensor of the other side of each, -1 where it has none. limits: a `ValidityLimits`, of which the
+    fields about poses, speed, age and value are read by their names.
     """
 
-    def __init__(
-        self,
-        count: int,
-        *,
-        reach: float,
-        height: tuple[float, float],
-        norm_tolerance: float,
-        stale_after: float,
-        frozen_after: float,
-        noticeable: tuple[float, float],
-        not_in_use_after: float,
-    ) -> None: ...
+    def __init__(self, others: NDArray[np.int64], limits: object) -> None: ...
     def take(
         self,
         rows: NDArray[np.int64],
@@ -533,42 +522,14 @@ class WatchedSensors:
         position: Floats,
         orientation: Floats,
         tracked: NDArray[np.bool_],
-        look_again: bool,
-    ) -> tuple[NDArray[np.uint8], bool] | None:
+    ) -> NDArray[np.uint8] | None:
         """Judge poses of one capture, position (m, 3) m, orientation (m, 4) wxyz or NaN throughout, of sensors rows
-        (m,), and take the valid ones if they come in order and near to where they were, and not look_again.
-
-        Returns a verdict on each (m,) (0 valid; see `retarget.live.sensor_validity`) and whether they were taken; None:
-        all are valid, and taken.
-        """
-    def put(self, rows: NDArray[np.int64], time: float, pose: Floats) -> None:
-        """Take any poses (m, 7): the first of a sensor, after a jump, on a clock that was set back."""
-    def forget_turn(self, rows: NDArray[np.int64]) -> None:
-        """These sensors come without an orientation now."""
+        (m,), and keep what is valid. Returns a verdict on each (m,), 0 or a key of `REASONS`; None: all are valid."""
     def judge(self, now: float) -> NDArray[np.uint8]:
-        """A `ValidityState` of each sensor at `now`, s: fresh, stale, frozen, not in use, out of range."""
-    @property
-    def latest(self) -> float:
-        """s, of all captures."""
-    @property
-    def pose(self) -> Floats:
-        """The last pose of each sensor (k, 7): position m and orientation wxyz, NaN where unknown; a copy."""
-    @property
-    def step(self) -> Floats:
-        """From the pose before (k, 7); 0 where that was long ago; a copy."""
-    @property
-    def since(self) -> Floats:
-        """s (k, 7): the last change of each number; NaN where it was never seen to change, but for the first position;
-        a copy."""
-    @property
-    def at(self) -> Floats:
-        """s (k,), of the last pose; a copy."""
-    @property
-    def before(self) -> Floats:
-        """s (k,), of the pose before the last; a copy."""
-    @property
-    def still_for(self) -> Floats:
-        """s (k,): how long each sensor has repeated its value; NaN where nothing is known; a copy."""
+        """A `ValidityState` of each sensor at `now`, s."""
+    def history(self, row: int) -> tuple[float, float, bool]:
+        """Of one sensor: s of its last accepted pose; how long it has repeated its value, s; whether it was accepted at
+        a new place after its last jump."""
 
 def shape_distances(
     kinds_a: NDArray[np.int64],

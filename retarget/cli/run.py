@@ -221,6 +221,7 @@ def follow_live(
                 where=address.text,
                 notify=notify,
                 enter=lambda state: supervisor.enter(state, clock.now()),
+                has_deadlines=not options.simulated,
             )
 
         make_bus = recorder.make_bus(bench.make_bus)

@@ -4,12 +4,13 @@ import fcntl
 import re
 import socket
 import struct
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from ipaddress import AddressValueError, IPv4Address, IPv4Network
 from math import isfinite
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 from retarget.errors import UsageError, suggest
 
@@ -56,19 +57,6 @@ RECORDED = ("vmc", "vrchat", "natnet", "mvn", "json")
 VERSIONS = ("3.0", "3.1", "4.0", "4.1", "4.2", "4.3", "4.4")
 """Bitstreams of NatNet (`facts/streams.md` section 4)."""
 
-_ALLOWED = {
-    "allow": f"any, or up to {MOST_ALLOWED} of ADDRESS or ADDRESS/BITS, with commas between them",
-    "tcp": "the IPv4 address of the computer with MVN",
-    "multicast": "a group from 224.0.0.0 to 239.255.255.255, such as 239.255.42.99",
-    "interface": "the IPv4 address of an interface of this machine",
-    "version": ", ".join(VERSIONS),
-    "up": "y or z, as Up Axis in Motive's streaming settings",
-    "bones": "global or local, as Skeleton Coordinates in Motive's streaming settings",
-    "speed": f"above 0, to {MAX_SPEED:g}",
-    "loop": "0 or 1",
-    "kind": ", ".join(RECORDED),
-}
-
 
 @dataclass(frozen=True, slots=True)
 class AddressOptions:
@@ -98,10 +86,10 @@ def read_options(text: str, query: str, known: tuple[str, ...]) -> AddressOption
             raise bad_address(text, f"the option '{name}' is given twice", next_step="Leave one out")
         seen.add(name)
         try:
-            options = _with(options, name, value)
+            options = replace(options, **{name: _OPTIONS[name].read(value)})
         except ValueError:
             what = f"the option '{name}' cannot be {'read' if value else 'empty'}"
-            raise bad_address(text, what, found=value, allowed=_ALLOWED[name] + _present(name)) from None
+            raise bad_address(text, what, found=value, allowed=_OPTIONS[name].allowed + _present(name)) from None
     return options
 
 
@@ -118,35 +106,6 @@ def bad_address(text: str, what: str, *, found: str = "", allowed: str = "", nex
     """The error for a part of the address `text`; what came from outside is shortened and made printable."""
     where, found = (repr(part if len(part) <= 200 else part[:200] + "...")[1:-1] for part in (text, found))
     return UsageError(what, where=where or "an empty address", found=found, allowed=allowed, next_step=next_step)
-
-
-def _with(options: AddressOptions, name: str, value: str) -> AddressOptions:
-    """Raises ValueError for a value that cannot be read."""
-    match name:
-        case "allow":
-            return replace(options, allow=_networks(value))
-        case "tcp":
-            return replace(options, tcp=_single(value))
-        case "multicast":
-            return replace(options, multicast=_chosen(IPv4Address(value), IPv4Address(value).is_multicast))
-        case "interface":
-            return replace(options, interface=_single(value))
-        case "version":
-            major, minor = _chosen(value, value in VERSIONS).split(".")
-            return replace(options, version=(int(major), int(minor)))
-        case "up":
-            return replace(options, up="z" if _chosen(value, value in {"y", "z"}) == "z" else "y")
-        case "bones":
-            local = _chosen(value, value in {"global", "local"}) == "local"
-            return replace(options, bones="local" if local else "global")
-        case "speed":
-            plain = re.fullmatch(r"[0-9]{1,9}(\.[0-9]{1,9})?", value, re.ASCII) is not None
-            speed = float(_chosen(value, plain))
-            return replace(options, speed=_chosen(speed, isfinite(speed) and 0.0 < speed <= MAX_SPEED))
-        case "kind":
-            return replace(options, kind=_chosen(value, value in RECORDED))
-    assert name == "loop"
-    return replace(options, loop=_chosen(value, value in {"0", "1"}) == "1")
 
 
 def _present(name: str) -> str:
@@ -173,6 +132,48 @@ def _chosen(value: Value, fits: bool) -> Value:
     if not fits:
         raise ValueError
     return value
+
+
+def _version(value: str) -> tuple[int, int]:
+    major, minor = _chosen(value, value in VERSIONS).split(".")
+    return int(major), int(minor)
+
+
+def _speed(value: str) -> float:
+    plain = re.fullmatch(r"[0-9]{1,9}(\.[0-9]{1,9})?", value, re.ASCII) is not None
+    speed = float(_chosen(value, plain))
+    return _chosen(speed, isfinite(speed) and 0.0 < speed <= MAX_SPEED)
+
+
+def _one_of(*values: str) -> Callable[[str], str]:
+    return lambda value: _chosen(value, value in values)
+
+
+@dataclass(frozen=True, slots=True)
+class _Option:
+    """What an option may be, in words, and its reader, which raises ValueError."""
+
+    allowed: str
+    read: Callable[[str], Any]
+
+
+_OPTIONS = {
+    "allow": _Option(f"any, or up to {MOST_ALLOWED} of ADDRESS or ADDRESS/BITS, with commas between them", _networks),
+    "tcp": _Option("the IPv4 address of the computer with MVN", _single),
+    "multicast": _Option(
+        "a group from 224.0.0.0 to 239.255.255.255, such as 239.255.42.99",
+        lambda value: _chosen(IPv4Address(value), IPv4Address(value).is_multicast),
+    ),
+    "interface": _Option("the IPv4 address of an interface of this machine", _single),
+    "version": _Option(", ".join(VERSIONS), _version),
+    "up": _Option("y or z, as Up Axis in Motive's streaming settings", _one_of("y", "z")),
+    "bones": _Option(
+        "global or local, as Skeleton Coordinates in Motive's streaming settings", _one_of("global", "local")
+    ),
+    "speed": _Option(f"above 0, to {MAX_SPEED:g}", _speed),
+    "loop": _Option("0 or 1", lambda value: _one_of("0", "1")(value) == "1"),
+    "kind": _Option(", ".join(RECORDED), _one_of(*RECORDED)),
+}
 
 
 NATNET_COMMAND_PORT = 1510

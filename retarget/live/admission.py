@@ -1,5 +1,4 @@
-"""Admission of datagrams: the receiver protocol, the allow-list, the one source that owns a stream, bounds on rate and
-work.
+"""Admission of datagrams: the receiver protocol, the allow-list, the one source that owns a stream.
 
 The first source that sends a frame that can be decoded owns the stream. Pure state without sockets or clocks: datagrams
 and their times go in, decisions come out. A refused datagram never reaches a decoder.
@@ -7,12 +6,11 @@ and their times go in, decisions come out. A refused datagram never reaches a de
 
 from collections.abc import Iterable
 from ipaddress import IPv4Network
-from math import isfinite
 from socket import inet_aton
 from typing import Literal, NamedTuple, Protocol
 
 from retarget.live.address import ANY_ADDRESS, StreamAddress
-from retarget.sources.stream_frame import MAX_DATAGRAM, Dropped, StreamDecoder
+from retarget.sources.stream_frame import MAX_DATAGRAM, Dropped
 
 # One datagram of a live stream, and the protocol of its receivers: sockets and recordings alike.
 
@@ -52,36 +50,6 @@ class Receiver(Protocol):
         ...
 
 
-# A bound on how often something may happen: a steady rate, and a burst above it. Reads no clock.
-
-
-class TokenBucket:
-    """Limits a rate: up to `burst` at once, and at most burst + rate * t in any t seconds."""
-
-    def __init__(self, *, rate: float, burst: int) -> None:
-        """Start full. Raises ValueError unless the rate is positive and finite, and the burst at least 1."""
-        if not (rate > 0.0 and isfinite(rate) and burst >= 1):
-            raise ValueError(f"a bucket needs a rate above 0 and a burst from 1; found {rate} and {burst}")
-        self._rate, self._burst = rate, float(burst)
-        self._tokens = self._burst
-        self._filled: float | None = None
-
-    def take(self, now: float) -> bool:
-        """Whether one more may happen at `now`, s. A time that goes back counts as no time passed."""
-        if self._filled is not None and now > self._filled:
-            self._tokens = min(self._burst, self._tokens + (now - self._filled) * self._rate)
-        if self._filled is None or now > self._filled:
-            self._filled = now
-        if self._tokens < 1.0:
-            return False
-        self._tokens -= 1.0
-        return True
-
-
-RATE = 2_000.0
-"""Datagrams a second: SlimeVR sends VMC at 232 Hz and VRChat OSC at 750 Hz, others a pose or two in each datagram."""
-BURST = 200
-"""Datagrams at once: what a link that hung for 0.25 s hands over of VRChat OSC."""
 RELEASE_AFTER_S = 5.0
 """Silence after which another source may take over the stream of a robot that does not move."""
 MOST_NAMED = 16
@@ -90,7 +58,7 @@ MOST_NAMED = 16
 NOT_ALLOWED = "sender not on the allow-list"
 SECOND_SOURCE = "a second source"
 TOO_LONG = "datagram empty or longer than 64 KiB"
-TOO_MANY = "more datagrams than the rate allows"
+TOO_MANY = "more datagrams than can be decoded in time"
 
 
 class Admission:
@@ -107,15 +75,12 @@ class Admission:
         *,
         allow: Iterable[IPv4Network] = (ANY_ADDRESS,),
         release_after: float | None = RELEASE_AFTER_S,
-        rate: float = RATE,
-        burst: int = BURST,
         source: Literal["port", "computer"] = "port",
     ) -> None:
         """source: whether a port or a computer counts as one source. Another program on the sender's computer has
         another port; but Motive answers requests from one port and sends frames from another.
 
-        `release_after` None: the owner keeps the stream for good. Raises ValueError for a rate or burst that admits no
-        datagram, and for a negative time.
+        `release_after` None: the owner keeps the stream for good. Raises ValueError for a negative time.
         """
         if release_after is not None and not release_after >= 0.0:
             raise ValueError(f"the silence that frees a stream is no negative time; found {release_after}")
@@ -123,7 +88,6 @@ class Admission:
         self._networks = tuple((int(net.network_address), int(net.netmask)) for net in allow)
         self._release_after = release_after
         self._by_port = source == "port"
-        self._bucket = TokenBucket(rate=rate, burst=burst)
         self._owner: Source | None = None
         self._last_frame = 0.0  # [s] of the owner
         self._named: dict[tuple[str, str], None] = {}
@@ -140,7 +104,7 @@ class Admission:
         return tuple(self._named)
 
     def admit(self, datagram: Datagram, *, now: float, moving: bool) -> bool:
-        """Whether a datagram may be decoded at `now`, s. Datagrams of other sources use up none of the owner's rate."""
+        """Whether a datagram may be decoded at `now`, s."""
         source = datagram.source
         if source != self._owner:
             if not self._allowed(source[0]):
@@ -149,9 +113,6 @@ class Admission:
                 return self._refuse(SECOND_SOURCE, source)
         if not 0 < len(datagram.payload) <= MAX_DATAGRAM:
             self.refused.note(TOO_LONG)
-            return False
-        if not self._bucket.take(now):
-            self.refused.note(TOO_MANY)
             return False
         return True
 
@@ -197,35 +158,3 @@ class Admission:
 def admission_for(address: StreamAddress) -> Admission:
     """The admission rules of an address."""
     return Admission(allow=address.allow, source="port" if address.host is None else "computer")
-
-
-# How much of what arrived is decoded in one tick. Work is counted, not timed, so that a replay decides as the run did.
-
-WORK_PER_POLL = 3_000.0
-"""Units of work of one poll. A unit is about a microsecond. This is three eighths of a tick; the bus needs as much. It
-is enough for 12 datagrams of SlimeVR, which sends two per tick."""
-PER_DATAGRAM, PER_BYTE, PER_FRAME = 30.0, 1.0 / 40.0, 150.0
-"""Units of every datagram, of each of its bytes and of each frame in it. Clock, validity and playout cost more than the
-decoding of a frame."""
-
-
-class WorkBudget:
-    """The work that is left of one poll."""
-
-    def __init__(self) -> None:
-        self._left = WORK_PER_POLL
-
-    @property
-    def spent(self) -> bool:
-        """Whether the next datagram has to wait for the next poll. The first datagram of a poll never waits."""
-        return self._left <= 0.0
-
-    def charge(self, payload: bytes, *, frames: int, work: float) -> None:
-        """Count one decoded datagram. work: units that its decoder counted for it."""
-        self._left -= PER_DATAGRAM + PER_BYTE * len(payload) + PER_FRAME * frames + work
-
-
-def work_of(decoder: StreamDecoder) -> float:
-    """Units that a decoder has counted so far, beyond the length of its datagrams; 0 for a decoder that counts none."""
-    # A check of a runtime protocol would cost more than a decoded datagram.
-    return float(getattr(decoder, "work", 0.0))

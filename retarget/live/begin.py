@@ -74,8 +74,6 @@ POLL_S = 0.01
 """Between two polls of the stream while nothing moves."""
 SETTLE_S = 0.3
 """Time in which the smoothing filter settles after the offset of a sensor was corrected."""
-MOST_POLLS = 64
-"""Polls for one backlog: a fit takes a while on a busy machine, and the work of one poll is bounded."""
 TRY_S = 0.1
 """Between two checks whether the performer stands still by now."""
 
@@ -100,7 +98,6 @@ def measure(
     notify(f"{pose}: {options.countdown:g} s")
     _poll_for(stream, clock, options.countdown, measured=False)
     enter(RunState.CALIBRATING)
-    stream.validity.keep_sides()  # until here, the user may still have corrected the names of the trackers
     size = known or _skeleton_size(stream, options, where=where, notify=notify)
     seconds = CAPTURE_S if known is None else KNOWN_CAPTURE_S
     capture = RestCapture(where=where, seconds=seconds, loose=stream.roles.loose, needed=needed(stream.roles))
@@ -155,12 +152,11 @@ def _captured(
     end, look = clock.now() + options.patience + CAPTURE_S, 0.0
     tries, refused = Counter[str](), dict[str, InputError]()  # by what was wrong
     names = stream.roles.sensors
-    every_sensor = np.ones(len(names), dtype=bool)
     while True:
         clock.sleep_until(clock.now() + POLL_S)
         now = clock.now()
-        _catch_up(stream, now)
-        capture.take(now, live_sample(names, frozen_as_fresh(stream.read(now)), Alignment(), usable=every_sensor))
+        stream.poll(now, moving=True)  # the size may be that of the sender's skeleton, so no other may take over
+        capture.take(now, live_sample(names, frozen_as_fresh(stream.read(now)), Alignment()))
         if message := problems.look(now):
             notify(message)
         if now >= end or (capture.done and now >= look):
@@ -178,15 +174,6 @@ def _captured(
             if now < end and any(stream.has_sent(name) for name in found.missing):  # it may be fresh soon
                 continue
             return found
-
-
-def _catch_up(stream: LiveStream, now: float) -> None:
-    """Poll until nothing more has arrived. The size may be that of the sender's skeleton, so no other may take over."""
-    for _ in range(MOST_POLLS):
-        before = stream.arrived
-        stream.poll(now, moving=True)
-        if stream.arrived == before:
-            return
 
 
 # The check of sides: raise your left arm to the front. This one motion shows that left and right, up and down are not
@@ -292,7 +279,6 @@ def check_sides(stream: LiveStream, rest: Calibrated, *, clock: Clock, where: st
     """
     names = stream.roles.sensors
     rows = [names.index("l_wrist"), names.index("r_wrist")]
-    every_sensor = np.ones(len(names), dtype=bool)
     check, asked_again, problems = SideCheck(rest.position[rows]), False, StreamProblems(stream)
     notify(f"Raise your left arm forward, to the front, and only that: {WAIT_S:g} s")
     end = clock.now() + WAIT_S
@@ -301,7 +287,7 @@ def check_sides(stream: LiveStream, rest: Calibrated, *, clock: Clock, where: st
         now = clock.now()
         stream.poll(now, moving=True)  # no other source may take over: the size is that of this performer
         reading = frozen_as_fresh(stream.read(now))
-        sample = live_sample(names, reading, rest.alignment, usable=every_sensor)
+        sample = live_sample(names, reading, rest.alignment)
         check.take(now, np.where(sample.valid[rows, None], sample.position[rows], np.nan))
         if message := problems.look(now):
             notify(message)
@@ -378,12 +364,13 @@ def begin_live(
     where: str,
     notify: Notify,
     enter: Enter = lambda state: None,
+    has_deadlines: bool = True,
 ) -> Performance:
     """Wait for the stream, calibrate, and return the performance.
 
     notify: receives what the performer is to do, and later what changes. enter: receives the states of the run as they
-    begin: COUNTDOWN, CALIBRATING, CHECKING_SIDES. Raises InputError: no data, sensors missing,
-    not still, no rest pose, sides swapped; ConfigError, UsageError: the person's file. Each names the next step.
+    begin: COUNTDOWN, CALIBRATING, CHECKING_SIDES. has_deadlines: as of `LivePerformer`. Raises InputError: no data,
+    sensors missing, not still, no rest pose, sides swapped; ConfigError, UsageError: the person's file. Each names the next step.
     """
     person = None
     if options.person is not None:
@@ -392,14 +379,11 @@ def begin_live(
     if person is not None:
         stream.roles = stream.roles.shifted(person.offset(stream.roles.convention, stream.roles.sensors))
     refuse_unmeasurable(stream.roles, where=where)
-    _wait(stream, options, clock, where=where)
+    wait_for_data(stream, options, clock, where=where)
     refuse_version(stream, clock.now())
     known = None if person is None else person.dimensions
     calibrated = measure(stream, options, known, clock=clock, where=where, notify=notify, enter=enter)
-    reading = stream.read(clock.now())
-    every_sensor = np.ones(len(reading.states), dtype=bool)
-    names = stream.roles.sensors
-    first = live_sample(names, reading, calibrated.alignment, usable=every_sensor, mirror=options.mirror)
+    first = live_sample(stream.roles.sensors, stream.read(clock.now()), calibrated.alignment, mirror=options.mirror)
     ticks = FOR_EVER if options.duration is None else max(round(options.duration * rate_hz), 1)
     if options.check_sides:
         enter(RunState.CHECKING_SIDES)
@@ -416,6 +400,7 @@ def begin_live(
         kept=min(ticks, round(KEPT_S * rate_hz), MAX_TICKS),
         mirror=options.mirror,
         optional=calibrated.missing if stream.roles.partial else (),
+        has_deadlines=has_deadlines,
         notify=notify,
     )
     notes = tuple(f"{name} is not worn, or was not fresh: it takes no part until it is" for name in calibrated.missing)
@@ -438,7 +423,7 @@ def _keep(name: str, calibrated: Calibrated, convention: str, notify: Notify) ->
     notify(f"kept for --person {name}: {path}")
 
 
-def _wait(stream: LiveStream, options: LiveOptions, clock: Clock, *, where: str) -> None:
+def wait_for_data(stream: LiveStream, options: LiveOptions, clock: Clock, *, where: str) -> None:
     """Wait until every needed sensor is fresh, and the stream has every sensor that the performer's file lists.
 
     Raises InputError after `options.patience` s.

@@ -142,26 +142,21 @@ REMEMBERED = 64
 
 
 class ClockMap:
-    """Maps one sender's stamps or frame numbers to the local monotonic clock.
+    """Maps one sender's stamps to the local monotonic clock.
 
-    period: s between two frames whose numbers differ by one, for senders without stamps (None: not known). resolution:
-    s, of stamps in coarse units. significand: bits of the stamps' format (24 for float32 seconds), from which their
-    step follows. parts: datagrams that may share one stamp or number, where a frame is sent in several.
+    resolution: s, of stamps in coarse units. significand: bits of the stamps' format (24 for float32 seconds), from
+    which their step follows. A frame with a number and no stamp counts as captured when it arrived.
 
     `jumps` counts jumps of the sender's clock, `last_jump` is the last of them; `dropped` counts by reason.
     """
 
-    def __init__(
-        self, *, period: float | None = None, resolution: float = 0.0, significand: int = 53, parts: int = 1
-    ) -> None:
-        assert (period is None or period > 0.0) and resolution >= 0.0 and significand > 1 and parts >= 1
+    def __init__(self, *, resolution: float = 0.0, significand: int = 53) -> None:
+        assert resolution >= 0.0 and significand > 1
         self.jumps = 0
         self.last_jump: ClockJump | None = None
         self.dropped = Dropped()
-        self._period = period
         self._resolution = resolution
         self._significand = significand
-        self._parts = parts
         self._least = SlidingMinimum(WINDOW_S)
         self._offset: float | None = None
         self._newest = -inf
@@ -171,11 +166,10 @@ class ClockMap:
         self._late_count = 0
         self._late_since = 0.0
         self._late_least = inf
-        self._recent: OrderedDict[tuple[float | None, int | None], list[float]] = OrderedDict()
+        self._recent: OrderedDict[tuple[float | None, int | None], None] = OrderedDict()
         self._stuck: tuple[float | None, int | None] | None = None
         self._repeats = 0
         self._newest_number: int | None = None
-        self._is_counting = False
 
     @property
     def offset(self) -> float | None:
@@ -197,25 +191,21 @@ class ClockMap:
         key = (stamp, number)
         if key == (None, None) or self._is_stuck(key, stamp):
             return self._deliver(arrival)
-        known = self._recent.get(key)
-        if known is not None and known[1] < self._parts:
-            known[1] += 1
-            return known[0]
-        if self._is_repeated(known is not None, stamp, number):
+        if self._is_repeated(key in self._recent, stamp, number):
             return self._repeated(arrival, key)
         time = self._placed(arrival, stamp, number)
         if time is not None:
             self._repeats = 0
-            self._remember(key, time)
+            self._recent[key] = None
+            if len(self._recent) > REMEMBERED:
+                self._recent.popitem(last=False)
         return time
 
     def _placed(self, arrival: float, stamp: float | None, number: int | None) -> float | None:
-        """The time by the stamp if there is one, by the number if its period is known, else by the arrival."""
+        """The time by the stamp if there is one, else by the arrival, in the order of the numbers."""
         if stamp is not None:
-            return self._by_clock(arrival, stamp, step=self._step(stamp), is_counting=False)
+            return self._by_clock(arrival, stamp, step=self._step(stamp))
         assert number is not None
-        if self._period is not None:
-            return self._by_clock(arrival, number * self._period, step=0.0, is_counting=True)
         newest, self._newest_number = self._newest_number, number
         if newest is not None and 0 < newest - number <= REMEMBERED:
             self._newest_number = newest
@@ -223,10 +213,8 @@ class ClockMap:
             return None
         return self._deliver(arrival)
 
-    def _by_clock(self, arrival: float, stamp: float, *, step: float, is_counting: bool) -> float | None:
-        """The time by a clock of the sender: its stamps, or its count of frames."""
-        if is_counting != self._is_counting:
-            self._is_counting, self._offset = is_counting, None
+    def _by_clock(self, arrival: float, stamp: float, *, step: float) -> float | None:
+        """The time by the stamps of the sender."""
         gap = arrival - stamp
         if self._offset is None:
             self._restart(arrival, gap)
@@ -302,11 +290,6 @@ class ClockMap:
     def _step(self, stamp: float) -> float:
         """The least time between two stamps, s."""
         return max(self._resolution, ldexp(1.0, frexp(stamp)[1] - self._significand))
-
-    def _remember(self, key: tuple[float | None, int | None], time: float) -> None:
-        self._recent[key] = [time, 1]
-        if len(self._recent) > REMEMBERED:
-            self._recent.popitem(last=False)
 
     def _is_stuck(self, key: tuple[float | None, int | None], stamp: float | None) -> bool:
         """Whether the sender's clock stands still, as found before."""

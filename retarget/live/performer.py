@@ -1,6 +1,8 @@
 """A live performer as a run follows it: valid sensors in our world, with holds and reacquisition blends."""
 
 from collections.abc import Iterable
+from dataclasses import replace
+from math import inf
 
 import numpy as np
 
@@ -10,20 +12,12 @@ from retarget.frames import SensorFrames, SensorSample, mirrored_name, on_grid
 from retarget.human.rest_pose import REQUIRED
 from retarget.human.samples import Clip
 from retarget.human.sensor_intake import IntakeTimes
-from retarget.live.engagement import Debounce, Engagement, EngagementTimes, ReacquisitionBlend, ReacquisitionTurn
+from retarget.live.engagement import Debounce, Engagement, ReacquisitionBlend
 from retarget.live.rest_capture import Alignment, facing_of
 from retarget.live.roles import NO_WRISTS, Roles
-from retarget.live.sensor_validity import ValidityState
-from retarget.live.stream import CatchingUp, LiveStream, StreamReading
-from retarget.live.stream_report import (
-    HoldEvidence,
-    LiveReport,
-    StreamNews,
-    StreamProblems,
-    Tally,
-    hold_reason_of,
-    live_report,
-)
+from retarget.live.sensor_validity import LIMITS, ValidityState
+from retarget.live.stream import LiveStream, StreamReading
+from retarget.live.stream_report import LiveReport, StreamNews, StreamProblems, Tally, live_report
 from retarget.types import BoolArray, FloatArray, Notify
 
 # The sensors without which a performer cannot be measured, and those without which the robot holds.
@@ -73,8 +67,7 @@ def refuse_unmeasurable(roles: Roles, *, where: str) -> None:
 INTAKE = IntakeTimes(hold=0.08, fade=0.25, speed=0.4)
 """A sensor becomes invalid within 0.2 s, and with these times has no weight within 0.3 s. It comes back by the weight
 of `ReacquisitionBlend`, no faster than `speed`, m/s: an elbow then uses at most half of its servo's speed."""
-SILENCE_S = 0.13
-"""The robot holds after this long without a frame, before the sensors are stale."""
+SILENCE_S = LIMITS.silent_after
 PLAYED_S = 0.05
 """A recording is over this long after its last datagram; the playout delay is less."""
 _REFLECT = np.array([1.0, -1.0, 1.0])
@@ -86,14 +79,13 @@ def live_sample(
     reading: StreamReading,
     alignment: Alignment,
     *,
-    usable: BoolArray,
     mirror: bool = False,
     weight: FloatArray | None = None,
 ) -> SensorSample:
-    """The sample of a reading, in our world. usable (k,): the other sensors are not valid in it; weight (k,): how far
-    sensors that were lost have come back. mirror: swap left and right."""
+    """The sample of a reading, in our world. weight (k,): how far sensors that were lost have come back; those of no
+    weight are not valid in it. mirror: swap left and right."""
     position, orientation = alignment.positions(reading.position), alignment.orientations(reading.orientation)
-    valid = reading.fresh & usable
+    valid = reading.fresh if weight is None else reading.fresh & (weight > 0.0)
     if mirror:
         order = [names.index(mirrored_name(name)) for name in names]
         position, orientation = position[order] * _REFLECT, orientation[order] * _REFLECT_TURN
@@ -102,11 +94,55 @@ def live_sample(
     return SensorSample(names, position, orientation, valid, weight)
 
 
+# Hold reasons in a few words; also the reason of a stop where a hold is too long.
+
+WORDS = {
+    ValidityState.STALE: "lost",
+    ValidityState.FROZEN: "frozen",
+    ValidityState.JUMPED: "jumped",
+    ValidityState.NOT_IN_USE: "not received",
+    ValidityState.OUT_OF_RANGE: "outside the room",
+}
+TOO_SHORT = "not for long enough at a time"
+
+
+class SampleRecord:
+    """The samples that were followed; during a hold, the held one. kept: the first ticks of a run, which are kept."""
+
+    def __init__(self, names: tuple[str, ...], *, kept: int, rate_hz: float) -> None:
+        self.kept, self.rate_hz = kept, rate_hz
+        self._names, self._count = names, 1
+        self._positions = np.full((kept, len(names), 3), np.nan)
+        self._orientations = np.full((kept, len(names), 4), np.nan)
+        self._valid = np.zeros((kept, len(names)), dtype=bool)
+
+    def append(self, tick: int, shown: SensorSample) -> None:
+        """Keep the sample of a tick, unless there are too many."""
+        if tick < self.kept:
+            self._positions[tick], self._orientations[tick] = shown.position, shown.orientation
+            self._valid[tick] = shown.valid
+            self._count = max(self._count, tick + 1)
+
+    def clip(self) -> Clip:
+        """All samples that were kept."""
+        count, valid = self._count, self._valid[: self._count]
+        frames = SensorFrames(
+            time=np.arange(count) / self.rate_hz,
+            names=self._names,
+            position=np.where(valid[..., None], self._positions[:count], np.nan),
+            orientation=np.where(valid[..., None], self._orientations[:count], np.nan),
+            valid=valid,
+            source="live",
+            rate_hz=self.rate_hz,
+        )
+        return Clip(frames, count, self.rate_hz, 1.0, count)
+
+
 class LivePerformer:
     """`retarget.human.samples.Samples` of a stream. `first`: the sample that the robot approaches.
 
-    ticks: at most; kept: samples that are recorded. optional: sensors for which the robot never holds. notify: receives
-    what changes, a sentence each.
+    ticks: at most; kept: samples that are recorded. optional: sensors for which the robot never holds. has_deadlines:
+    whether ticks that come late make it hold; simulated servos wait. notify: receives what changes, a sentence each.
     """
 
     def __init__(
@@ -121,28 +157,23 @@ class LivePerformer:
         kept: int,
         mirror: bool = False,
         optional: tuple[str, ...] = (),
+        has_deadlines: bool = True,
         notify: Notify = lambda text: None,
     ) -> None:
-        self.stream, self.alignment, self.mirror = stream, alignment, mirror
-        self.engagement = Engagement(first)
-        self._approaching, self._waits = Debounce(EngagementTimes().healthy, good=True), False
-        self._problems, self._news = StreamProblems(stream), StreamNews(stream, notify)
-        self._first, self._clock, self._notify = first, clock, notify
-        self._rate_hz, self._ticks, self._kept = rate_hz, ticks, min(kept, ticks)
-        self._timing, self._catching_up = TickTiming(1.0 / rate_hz), CatchingUp(stream)
         names = stream.roles.sensors
-        self._reacquisition: ReacquisitionBlend | None = None
+        self.stream, self.alignment, self.mirror = stream, alignment, mirror
+        self._ticks, self._clock, self._notify = ticks, clock, notify
+        self._record = SampleRecord(names, kept=min(kept, ticks), rate_hz=rate_hz)
+        self._timing = TickTiming(self.dt if has_deadlines else inf)
+        self._problems, self._news = StreamProblems(stream), StreamNews(stream, notify)
         self._tally = Tally(names, self.dt)
-        self._turning = ReacquisitionTurn(len(names))
-        self._message: str | None = None  # what is wrong with the stream
-        self._none: BoolArray = np.zeros(len(names), dtype=bool)
-        self._jumped = self._none  # while it was followed
-        self._came_back = False  # whether data have been good since the hold began
-        self._base = [names.index(name) for name in base_sensors(name for name in names if name not in optional)]
-        self._positions = np.full((self._kept, len(names), 3), np.nan)
-        self._orientations = np.full((self._kept, len(names), 4), np.nan)
-        self._valid = np.zeros((self._kept, len(names)), dtype=bool)
-        self._last_tick, self._states = -1, np.full(len(names), ValidityState.STALE, dtype=np.uint8)
+        self.engagement = Engagement(first)
+        self._approach = Debounce(good=True)
+        self._optional = optional
+        self._states = stream.read(clock.now()).states
+        self._reacquisition = ReacquisitionBlend(len(names))
+        self._reacquisition.start(self._states)  # the body has not moved yet
+        stream.validity.forget_recovered()
 
     @property
     def ticks(self) -> int:
@@ -152,12 +183,12 @@ class LivePerformer:
     @property
     def kept(self) -> int:
         """Ticks that are recorded."""
-        return self._kept
+        return self._record.kept
 
     @property
     def dt(self) -> float:
         """Seconds between ticks."""
-        return 1.0 / self._rate_hz
+        return 1.0 / self._record.rate_hz
 
     @property
     def motion_dt(self) -> float:
@@ -179,42 +210,30 @@ class LivePerformer:
         """Whether the operator pauses the robot."""
         return not self.engagement.wanted
 
-    def may_approach(self) -> bool:
-        """Whether the robot is not paused, and data have been good for long enough to go on with the approach."""
-        now = self._clock.now()
-        if self.paused or self._catching_up.step(now):
-            return False
-        reading, _ = self._read(now)
-        good = self._is_good(reading, now)
-        goes = self._approaching.step(now, good=good)
-        self._came_back = (self._came_back or good) and not goes
-        self._say_news()
-        if goes is self._waits:
-            late = " because ticks come late" if self._timing.behind else ""
-            self._notify("the robot goes on" if goes else f"the robot waits during its approach{late}")
-            self._waits = not goes
-        return goes
-
     def catch_up(self) -> None:
         """Take all that has arrived; for a robot without torque."""
-        self._catching_up.at_once(self._clock.now())
+        self.stream.poll(self._clock.now(), moving=True)
 
     def poll(self) -> None:
         """Take what has arrived, and report what changed."""
         self.stream.poll(self._clock.now(), moving=True)
         self._news.look()
 
+    def may_approach(self) -> bool:
+        """Whether the robot is not paused, and data have been good for long enough to go on with the approach."""
+        now = self._clock.now()
+        reading, _ = self._read(now)
+        good = not self.paused and self._is_good(reading, now)
+        went, goes = self._approach.good, self._approach.step(now, good=good)
+        if goes is not went:
+            self._notify("the robot goes on" if goes else f"the robot waits during its approach{self._late()}")
+        return goes
+
     def sample(self, tick: int) -> SensorSample | None:
         """The sample to follow now; None: hold."""
-        if tick == 0:
-            self.engagement.begin(self._first)
-        sample = self._first if tick == 0 else self._now()
+        sample = self._first() if tick == 0 else self._now()
         sample = None if sample is None else on_grid(sample)
-        if tick < self._kept:
-            shown = self.engagement.shown if sample is None else sample
-            self._positions[tick], self._orientations[tick] = shown.position, shown.orientation
-            self._valid[tick] = shown.valid
-            self._last_tick = max(self._last_tick, tick)
+        self._record.append(tick, self.engagement.shown if sample is None else sample)
         return sample
 
     @property
@@ -222,9 +241,12 @@ class LivePerformer:
         """Why the performer is not followed, in a few words."""
         if not self.engagement.wanted:
             return "paused by the operator"
-        problem, late = self._problems.briefly(self._clock.now(), SILENCE_S), self._timing.behind
-        evidence = HoldEvidence(self._states, self._jumped, tuple(self._base), late, problem, self._came_back)
-        return hold_reason_of(self.stream.roles.sensors, evidence)
+        sensors = ", ".join(f"{name}: {WORDS[state]}" for name, state in self._holding().items())
+        late = "ticks came late" if self._timing.behind else ""
+        now = self._problems.briefly(self._clock.now(), SILENCE_S) or sensors or late
+        if now and self.engagement.tries + self._approach.tries:
+            return f"{TOO_SHORT}, at last: {now}"
+        return now or TOO_SHORT
 
     def clutch(self, *, engaged: bool) -> None:
         """Follow again from where the robot is, or hold it."""
@@ -236,9 +258,8 @@ class LivePerformer:
         """Take the direction that the performer faces now as straight ahead, since trackers drift. The robot holds, and
         goes on from there. Returns False where left and right sensors do not show a direction."""
         reading = self.stream.read(self._clock.now())
-        every_sensor = np.ones(len(reading.states), dtype=bool)
         names = self.stream.roles.sensors
-        sample = live_sample(names, reading, self.alignment, usable=every_sensor)
+        sample = live_sample(names, reading, self.alignment)
         at = {name: point for name, point, ok in zip(names, sample.position, sample.valid, strict=True) if ok}
         forward = facing_of(at)
         if forward is None:
@@ -255,70 +276,62 @@ class LivePerformer:
 
     def recorded(self) -> Clip:
         """The samples that were followed; during a hold, the held one."""
-        count = max(self._last_tick + 1, 1)
-        valid = self._valid[:count]
-        frames = SensorFrames(
-            time=np.arange(count) / self._rate_hz,
-            names=self.stream.roles.sensors,
-            position=np.where(valid[..., None], self._positions[:count], np.nan),
-            orientation=np.where(valid[..., None], self._orientations[:count], np.nan),
-            valid=valid,
-            source="live",
-            rate_hz=self._rate_hz,
-        )
-        return Clip(frames, count, self._rate_hz, 1.0, count)
+        return self._record.clip()
+
+    def _first(self) -> SensorSample:
+        """The sample that the robot has approached; from here on it waits for good data."""
+        self.engagement.hold()
+        return self.engagement.shown
 
     def _now(self) -> SensorSample | None:
         now = self._clock.now()
         reading, sample = self._read(now)
         before = self.engagement.state
-        good = self._is_good(reading, now)
-        followed = self.engagement.step(now, sample, good=good)
-        self._came_back = (self._came_back or (good and self.engagement.wanted)) and followed is None
+        followed = self.engagement.step(now, sample, good=self._is_good(reading, now))
         self._tally.count(reading.states, followed=followed is not None)
-        self._say_news()
         if self.engagement.state is not before:
-            late = " because ticks come late" if self._timing.behind else ""
             self._notify(
-                "the performer is followed" if followed else f"the performer is not followed{late}: the robot holds"
+                "the performer is followed"
+                if followed
+                else f"the performer is not followed{self._late()}: the robot holds"
             )
         return followed
 
     def _read(self, now: float) -> tuple[StreamReading, SensorSample]:
-        """The reading of this tick, and the sample of its valid sensors in our world."""
+        """The reading of this tick, and the sample of its valid sensors in our world; reports what has changed."""
         self._timing.begin(now)
         reading = self.stream.read(now)
         self._states = reading.states
-        if self._reacquisition is None:  # the body has not moved yet
-            self._reacquisition = ReacquisitionBlend(len(reading.states))
-            self._reacquisition.start(reading.states)
-            self.stream.validity.forget_recovered()
-        before = self._reacquisition.weights
         weight = self._reacquisition.step(reading.states, self.dt)
-        if np.count_nonzero(reading.states):
-            suspect = (reading.states == ValidityState.JUMPED) | (reading.states == ValidityState.SWAPPED)
-            self._jumped = suspect & (self._jumped | (before > 0.5))
-        else:
-            self._jumped = self._none
-        self._message = self._problems.look(now)
+        turned = self._reacquisition.turned(reading.orientation)
+        if turned is not reading.orientation:
+            reading = replace(reading, orientation=turned)
         names = self.stream.roles.sensors
-        sample = live_sample(
-            names, reading, self.alignment, usable=weight > 0.0, mirror=self.mirror, weight=weight.copy()
-        )
-        return reading, self._turning.step(sample)
+        sample = live_sample(names, reading, self.alignment, mirror=self.mirror, weight=weight.copy())
+        for message in self.stream.validity.messages():
+            self._notify(message)
+        if problem := self._problems.look(now):
+            self._notify(problem)
+        return reading, sample
 
-    def _say_news(self) -> None:
-        for message in (*self.stream.validity.messages(), self._message):
-            if message:
-                self._notify(message)
+    def _late(self) -> str:
+        return " because ticks come late" if self._timing.behind else ""
+
+    def _holding(self) -> dict[str, ValidityState]:
+        """The sensors for which the robot holds: base sensors that are not fresh, and those that have jumped."""
+        if not np.count_nonzero(self._states):
+            return {}
+        states = zip(self.stream.roles.sensors, map(ValidityState, self._states.tolist()), strict=True)
+        worn = {name: state for name, state in states if name not in self._optional}
+        base = base_sensors(worn)
+        return {
+            name: state
+            for name, state in worn.items()
+            if state is ValidityState.JUMPED or (name in base and state is not ValidityState.FRESH)
+        }
 
     def _is_good(self, reading: StreamReading, now: float) -> bool:
         """Whether data are good enough to move: the sender sends, no sensor has jumped, the base sensors are fresh, and
         ticks are on time."""
-        fresh = reading.fresh.tolist()
-        known = any(fresh) and all(fresh[row] for row in self._base)
-        return (
-            now - self.stream.last <= SILENCE_S
-            and known
-            and not (self._timing.behind or np.count_nonzero(self._jumped) or self._problems.foreign)
-        )
+        silent, known = now - self.stream.last > SILENCE_S, bool(np.count_nonzero(reading.fresh))
+        return known and not (silent or self._timing.behind or self._problems.foreign or self._holding())

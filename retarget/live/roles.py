@@ -4,7 +4,6 @@ file.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,6 @@ from retarget._solver import SensorPlan
 from retarget.errors import Problem, UsageError, suggest
 from retarget.frames import SENSORS
 from retarget.human.rest_pose import REQUIRED
-from retarget.rotations import conjugate, multiply, rotate
 from retarget.schema.performer import Performer
 from retarget.sources.mvn import MVN_SENSORS
 from retarget.sources.stream_frame import StreamFrame
@@ -52,19 +50,6 @@ class Role:
 
     def __post_init__(self) -> None:
         assert {self.point, self.segment} <= {"", *SENSORS} and (self.point or self.segment)
-
-
-@dataclass(frozen=True, slots=True)
-class RoleSet:
-    """The roles of one kind of sender, under the name that performers' files use. local: relative to parent bones."""
-
-    name: str
-    roles: tuple[Role, ...]
-    local: bool = False
-
-    def role(self, name: str) -> Role | None:
-        """The role of a pose by the sender's name; None if it has none."""
-        return next((role for role in self.roles if role.name == name), None)
 
 
 _SIDES = (("l_", "Left"), ("r_", "Right"))
@@ -125,43 +110,8 @@ _BONES = (
 )
 """Unity's bones: the joint where the bone begins, and the bone; after forward kinematics (`VmcBodyDecoder`)."""
 
-ROLE_SETS = MappingProxyType(
-    {
-        row.name: row
-        for row in (
-            RoleSet("slimevr", _SLIMEVR),
-            RoleSet("slimevr_vrchat", _SLIMEVR_VRCHAT),
-            RoleSet("unity_bones", _BONES, local=True),
-        )
-    }
-)
-"""By name."""
-
-
-def role_set(name: str, *, where: str = "") -> RoleSet:
-    """The roles of this name. Raises UsageError with the nearest names."""
-    if name in ROLE_SETS:
-        return ROLE_SETS[name]
-    raise UsageError(
-        "unknown roles of a sender",
-        where=where,
-        found=repr(name),
-        allowed=", ".join(ROLE_SETS),
-        next_step=suggest(name, ROLE_SETS),
-    )
-
-
-def canonical_orientation(role: Role, orientation: FloatArray) -> FloatArray:
-    """World orientation (..., 4) wxyz of the role's segment, identity in the T-pose, from the sent orientation."""
-    return multiply(orientation, conjugate(role.rest))
-
-
-def joint_position(role: Role, position: FloatArray, orientation: FloatArray) -> FloatArray:
-    """World position (..., 3) m of the role's joint, from the sent position and orientation."""
-    if role.offset == (0.0, 0.0, 0.0):
-        return position  # also where no orientation is sent
-    return position - rotate(orientation, role.offset)
-
+ROLE_SETS = {"slimevr": _SLIMEVR, "slimevr_vrchat": _SLIMEVR_VRCHAT, "unity_bones": _BONES}
+"""The roles of one kind of sender, under the name that performers' files use."""
 
 _NOWHERE: Triple = (0.0, 0.0, 0.0)
 MAX_KNOWN = 64
@@ -187,7 +137,7 @@ class Place:
 
 
 def _of_role_set(name: str) -> dict[str, Place]:
-    roles = ROLE_SETS[name].roles
+    roles = ROLE_SETS[name]
     points = {role.point: role for role in roles if role.point}
     segments = {role.segment: role for role in roles if role.segment}
     found = {}

@@ -1,12 +1,11 @@
 """A live stream in a run: datagrams in as they arrive, the performer's sensors out, in the stream's world."""
 
-from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from retarget._solver import PoseParts
-from retarget.live.admission import Admission, Datagram, Receiver, WorkBudget, work_of
+from retarget.live.admission import MOST_PER_POLL, TOO_MANY, Admission, Datagram, Receiver
 from retarget.live.clock_map import ClockMap
 from retarget.live.playout import Playout
 from retarget.live.raw_recording import RawTap
@@ -34,6 +33,25 @@ class StreamReading:
         if np.count_nonzero(self.states):
             fresh &= self.states == ValidityState.FRESH
         object.__setattr__(self, "fresh", fresh)
+
+
+MOST_DECODED = 64
+"""Datagrams that one poll decodes: a whole avatar, bone by bone, and 6,400 a second at 100 Hz."""
+MOST_BYTES_DECODED = 2**15
+"""Bytes that one poll decodes: three whole avatars. A made datagram of so many costs some milliseconds."""
+MOST_ROUNDS = 4
+"""Polls of the receiver in one poll of the stream: a backlog of 512 datagrams is 0.7 s of VRChat OSC."""
+
+
+def _newest(admitted: list[Datagram]) -> int:
+    """Index of the first datagram that is decoded, of those that one poll admitted."""
+    first, size = len(admitted), 0
+    for datagram in admitted[: -MOST_DECODED - 1 : -1]:
+        size += len(datagram.payload)
+        if size > MOST_BYTES_DECODED and first < len(admitted):
+            break
+        first -= 1
+    return first
 
 
 class LiveStream:
@@ -65,13 +83,7 @@ class LiveStream:
         self.undecoded = b""
         """The last datagram that held no poses."""
         self.tap, self._smooth = tap, smooth
-        self._waiting: deque[Datagram] = deque()
         self._parts = PoseParts(len(roles.sensors))
-
-    @property
-    def waiting(self) -> int:
-        """Datagrams that were polled and are not decoded yet; at most those of one poll."""
-        return len(self._waiting)
 
     def has_sent(self, sensor: str) -> bool:
         """Whether the sender has sent a sensor so far, valid or not."""
@@ -81,21 +93,24 @@ class LiveStream:
     def poll(self, now: float, *, moving: bool) -> None:
         """Take what has arrived until `now`, s. moving: whether other sources are kept from taking over the stream.
 
-        What exceeds the work of one poll waits for the next poll. What comes meanwhile waits in the kernel.
+        Of more than MOST_DECODED datagrams or bytes the newest are decoded: a run that falls behind drops the old ones,
+        and its latency does not grow.
         """
-        if not self._waiting:
-            self._waiting.extend(self.receiver.poll(now))
-        budget = WorkBudget()
-        while self._waiting and not budget.spent:
-            datagram = self._waiting.popleft()
-            self.arrived += 1
-            if self.admission.admit(datagram, now=now, moving=moving):
-                if self.tap is not None:
-                    self.tap.take(datagram)
-                work, frames = work_of(self.decoder), self.frames
-                self._take(datagram, now, moving=moving)
-                work = work_of(self.decoder) - work
-                budget.charge(datagram.payload, frames=self.frames - frames, work=work)
+        admitted: list[Datagram] = []
+        for _ in range(MOST_ROUNDS):
+            found = self.receiver.poll(now)
+            self.arrived += len(found)
+            admitted += [one for one in found if self.admission.admit(one, now=now, moving=moving)]
+            if len(found) < MOST_PER_POLL:
+                break
+        if self.tap is not None:
+            for datagram in admitted:
+                self.tap.take(datagram)
+        first = _newest(admitted)
+        if first:
+            self.admission.refused.reasons[TOO_MANY] += first
+        for datagram in admitted[first:]:
+            self._take(datagram, now, moving=moving)
 
     def read(self, now: float) -> StreamReading:
         """Every sensor at `now`, s."""
@@ -131,43 +146,3 @@ class LiveStream:
     def _note_names(self, frame: StreamFrame) -> None:
         if self.frames < 1000 and len(self.names) < 256:  # only messages at the start need them
             self.names.update(dict.fromkeys(frame.names))
-
-
-# The backlog that arrived while the stream was not polled: it is taken before the stream is judged.
-
-RECENT_S = 0.05
-"""A datagram that arrived within this time is recent."""
-LONGEST_S = 1.0
-"""Longest wait for a recent frame: a sender whose frames cannot be decoded may go on for ever."""
-MOST_POLLS = 100
-
-
-class CatchingUp:
-    """Takes the backlog of a stream over several ticks. Powering a robot takes about a second without polls, in which
-    a stream sends more than one tick may decode."""
-
-    def __init__(self, stream: LiveStream) -> None:
-        self._stream = stream
-        self._arrived = -1
-        self._since: float | None = None  # [s]
-        self._done = False
-
-    def at_once(self, now: float) -> None:
-        """Take all that has arrived until `now`, s, however long that takes; for a robot without torque."""
-        for _ in range(MOST_POLLS):
-            before = self._stream.arrived
-            self._stream.poll(now, moving=True)
-            if self._stream.arrived == before:
-                return
-
-    def step(self, now: float) -> bool:
-        """Whether there is more to take; to be called once a tick after the poll, at `now`, s. Once False, it stays
-        False."""
-        if self._done:
-            return False
-        stream = self._stream
-        self._since = now if self._since is None else self._since
-        recent, silent = now - stream.last <= RECENT_S, stream.arrived == self._arrived
-        self._done = recent or silent or now - self._since > LONGEST_S
-        self._arrived = stream.arrived
-        return not self._done

@@ -1,4 +1,4 @@
-"""Reports on a stream: why it cannot be used, messages while it runs, hold reasons, and the report after the run."""
+"""Reports on a stream: why it cannot be used, messages while it runs, and the report after the run."""
 
 import shlex
 from collections import Counter
@@ -18,7 +18,7 @@ from retarget.live.stream import LiveStream
 from retarget.live.udp import UdpReceiver
 from retarget.sources.mvn import MvnDecoder
 from retarget.sources.natnet_session import NEWEST, OLDEST, natnet_problems
-from retarget.types import BoolArray, Notify
+from retarget.types import Notify
 
 NOTED_S = 0.05
 """After this long without a frame, counts are noted: what arrives from then on arrives instead of frames."""
@@ -30,9 +30,6 @@ MOST_REASONS, MOST_NAMES = 3, 40
 SENDER = "See that the sender speaks the protocol of this address"
 SWITCH_ON = "Wear and switch on these, or choose another --performer"
 FAR = "See in which unit the sender sends lengths, and where its origin is: sensors must be within 10 m of it"
-BEHIND = 100
-"""Frames read during a silence above which they are a backlog: a single late tick has fewer."""
-FEWER = "Let the sender send fewer frames: 30 to 240 a second are enough"
 REPLAY = "replay"
 OVER, LONGER = "the recording was over {:.1f} s ago", "Take a longer one, or play it again and again: ?loop=1"
 """Message and next step for a recording that ends too soon."""
@@ -116,35 +113,33 @@ def refuse_version(stream: LiveStream, now: float) -> None:
 
 
 class StreamProblems:
-    """Watches a stream in every tick, and reports the reason once in every silence.
-
-    foreign: whether the sender now has a version that cannot be read, whatever its frames look like.
-    """
+    """Watches a stream in every tick, and reports the reason once in every silence."""
 
     def __init__(self, stream: LiveStream) -> None:
         self._stream = stream
         self._patience = NATNET_S if isinstance(stream.receiver, NatnetReceiver) else SILENT_S
-        self._reported = self.foreign = False
-        self._before: tuple[int, Counter[str], int] | None = None
-        """Counts when the silence began: datagrams, refusals by reason, frames."""
+        self._reported = ""
+        self._before: tuple[int, Counter[str]] | None = None
+        """Counts when the silence began: datagrams, refusals by reason."""
+
+    @property
+    def foreign(self) -> bool:
+        """Whether the sender now has a version that cannot be read, whatever its frames look like."""
+        return _is_foreign(self._stream)
 
     def look(self, now: float) -> str:
         """What is wrong; "" where nothing is, or where it was reported before."""
-        was, self.foreign = self.foreign, _is_foreign(self._stream)
-        if self.foreign:
-            return "" if was else _motive(self._stream, now)[0].render()
         silence = now - self._stream.last
         if silence < NOTED_S:
             self._before = None
         elif self._before is None:
             self._before = self._seen()
-        if silence < 0.5 * self._patience:
-            self._reported = False
+        if not self.foreign and silence < 0.5 * self._patience:
+            self._reported = ""
+        if self._reported:
             return ""
-        if self._before is None or self._reported or silence < self._patience:
-            return ""
-        self._reported = True
-        return self._cause(silence, now, *self._before)
+        self._reported = _motive(self._stream, now)[0].render() if self.foreign else self.why(now)
+        return self._reported
 
     def briefly(self, now: float, patience: float) -> str:
         """What is wrong at `now`, s, in a few words; "" where a frame came within `patience`, s."""
@@ -152,11 +147,9 @@ class StreamProblems:
             return "the sender's version is not known"
         if now - self._stream.last <= patience:
             return ""
-        arrived, refused, frames = self._before or self._seen()
+        arrived, refused = self._before or self._seen()
         if self._stream.arrived == arrived:
             return "nothing arrived"
-        if self._stream.frames > frames + BEHIND:
-            return "more arrived than can be read in time"
         return f"what arrived was unusable: {_listed(_refused(self._stream) - refused) or 'no poses in it'}"
 
     def why(self, now: float) -> str:
@@ -164,10 +157,10 @@ class StreamProblems:
         silence = now - self._stream.last
         return "" if self._before is None or silence < self._patience else self._cause(silence, now, *self._before)
 
-    def _seen(self) -> tuple[int, Counter[str], int]:
-        return self._stream.arrived, _refused(self._stream), self._stream.frames
+    def _seen(self) -> tuple[int, Counter[str]]:
+        return self._stream.arrived, _refused(self._stream)
 
-    def _cause(self, silence: float, now: float, arrived: int, refused: Counter[str], frames: int) -> str:
+    def _cause(self, silence: float, now: float, arrived: int, refused: Counter[str]) -> str:
         problems, news = _motive(self._stream, now), _refused(self._stream) - refused
         if problems:
             return problems[0].render() + (f" What arrived was not used: {_listed(news)}" if news else "")
@@ -175,8 +168,6 @@ class StreamProblems:
             return f"{OVER.format(silence)}. {LONGER}"
         if self._stream.arrived == arrived:
             return f"nothing has arrived for {silence:.1f} s: see that the sender runs, and sends here"
-        if self._stream.frames > frames + BEHIND:
-            return f"what is read arrived {silence:.1f} s ago: more arrives than can be read in time. {FEWER}"
         reasons = _listed(news) or "no poses in it"
         return f"what arrives has been unusable for {silence:.1f} s: {reasons}. {_step(self._stream, news)}"
 
@@ -375,55 +366,3 @@ def live_report(stream: "LiveStream", tally: Tally, *, address: str, person: str
 
 def _refused_sources(admission: Admission) -> tuple[str, ...]:
     return tuple(f"{address}: {reason}" for address, reason in admission.named)
-
-
-# Hold reasons in a few words; also the reason of a stop where a hold is too long.
-
-WORDS = {
-    ValidityState.STALE: "lost",
-    ValidityState.FROZEN: "frozen",
-    ValidityState.JUMPED: "jumped",
-    ValidityState.SWAPPED: "changed places",
-    ValidityState.NOT_IN_USE: "not received",
-    ValidityState.OUT_OF_RANGE: "outside the room",
-}
-TOO_SHORT = "not for long enough at a time"
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class HoldEvidence:
-    """What decides whether the robot holds, as of the last tick, of k sensors.
-
-    states (k,): a `ValidityState` each; jumped (k,): sensors that may not be followed to their new places;
-    base_sensors: rows of those without which the robot holds; late: whether ticks come late; problem: of the stream, ""
-    for none; came_back: whether data were good in the meantime, but not for long enough.
-    """
-
-    states: StateArray
-    jumped: BoolArray
-    base_sensors: tuple[int, ...]
-    late: bool
-    problem: str
-    came_back: bool = False
-
-
-def hold_reason_of(names: tuple[str, ...], evidence: HoldEvidence) -> str:
-    """Why the robot holds now. Where data were good in the meantime, that comes first."""
-    now = _present_reason(names, evidence)
-    if not now:
-        return TOO_SHORT
-    return f"{TOO_SHORT}, at last: {now}" if evidence.came_back else now
-
-
-def _present_reason(names: tuple[str, ...], evidence: HoldEvidence) -> str:
-    """The first that applies: the stream, the sensors of `names` (k,), the ticks; "" for none."""
-    if evidence.problem:
-        return evidence.problem
-    invalid = [
-        f"{name}: {WORDS[state]}"
-        for row, (name, state) in enumerate(zip(names, map(ValidityState, evidence.states.tolist()), strict=True))
-        if state in WORDS and (row in evidence.base_sensors or evidence.jumped[row])
-    ]
-    if invalid:
-        return ", ".join(invalid)
-    return "ticks came late" if evidence.late else ""

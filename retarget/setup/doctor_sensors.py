@@ -28,7 +28,6 @@ UNUSABLE_SHARE = 0.2
 """Share of the time from which on a sensor without a valid pose is reported."""
 _WRONG_SHARES = {
     ValidityState.JUMPED: 0.02,
-    ValidityState.SWAPPED: 0.02,
     ValidityState.OUT_OF_RANGE: 0.02,
     ValidityState.FROZEN: 0.1,
 }

@@ -11,12 +11,13 @@ from hardware.clock import Clock
 from retarget.errors import InputError, UsageError
 from retarget.live.address import EVERYWHERE, KINDS, LOOPBACK, StreamAddress, for_others, local_interfaces
 from retarget.live.admission import NOT_ALLOWED, SECOND_SOURCE
+from retarget.live.begin import HUMAN_RATE_HZ
 from retarget.live.datagram_kinds import DAMAGED, SENDERS, Recognised, advice_for, recognise
 from retarget.live.open_stream import open_stream, stream_kinds
 from retarget.live.raw_recording import recorded_kind
 from retarget.live.receivers import NatnetReceiver
 from retarget.live.roles import roles_of
-from retarget.live.stream import LiveStream
+from retarget.live.stream import MOST_DECODED, LiveStream
 from retarget.live.udp import UdpReceiver, port_holder
 from retarget.schema.performer import Performer, PerformerSensor
 from retarget.setup.doctor_capture import StreamCapture, capture_stream
@@ -185,8 +186,9 @@ def _refused(address: StreamAddress, capture: StreamCapture) -> list[Finding]:
             owner = admission.owner
             first = f"; {owner[0]}, port {owner[1]}, was first and is followed" if owner is not None else ""
             found.append(finding("sender/second", host=host, port=port, first=first))
-    if too_many := admission.refused.reasons["more datagrams than the rate allows"]:
-        found.append(finding("sender/rate", count=too_many))
+    taken, rate = MOST_DECODED * HUMAN_RATE_HZ, capture.arrived / max(capture.seconds, 0.1)
+    if rate > taken:
+        found.append(finding("sender/rate", rate=rate, taken=taken))
     others = capture.stream.receiver.dropped.reasons.items()
     return found + [finding("sender/refused", reason=why, count=n, address=address.text) for why, n in others]
 

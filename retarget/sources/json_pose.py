@@ -43,9 +43,6 @@ _NOWHERE, _NO_TURN = (math.nan,) * 3, (math.nan,) * 4
 _LOW, _HIGH = (1.0 - NORM_TOLERANCE) ** 2, (1.0 + NORM_TOLERANCE) ** 2
 
 
-PER_BYTE = 0.12
-
-
 class _Refused(ValueError):
     """A datagram that is not used; its text is the reason."""
 
@@ -56,12 +53,9 @@ class JsonPoseDecoder:
     def __init__(self) -> None:
         self.dropped = Dropped()
         self._names: tuple[str, ...] = ()
-        self.work = 0.0
-        """Approximate cost of the datagrams beyond that of their length, microseconds: text costs more than numbers."""
 
     def decode(self, datagram: bytes) -> list[StreamFrame]:
         """The poses of one datagram. See `StreamDecoder`."""
-        self.work += PER_BYTE * len(datagram)
         try:
             return [self._frame(_parsed(datagram))]
         except _Refused as refused:

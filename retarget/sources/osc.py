@@ -63,15 +63,14 @@ class OscPacket:
 
     messages: in the order of the wire. time_tags: first byte of the time tag of each bundle (they carry no time: every
     known sender writes "immediately"). dropped: a constant reason for each part that could not be read. A datagram
-    whose sizes do not fit, or that exceeds a limit, has no messages at all: a part of it may be missing. arguments,
-    elements: counts of those that were decoded, dropped ones included.
+    whose sizes do not fit, or that exceeds a limit, has no messages at all: a part of it may be missing. arguments: how
+    many were decoded, dropped ones included.
     """
 
     messages: list[OscMessage] = field(default_factory=list)
     time_tags: list[int] = field(default_factory=list)
     dropped: list[str] = field(default_factory=list)
     arguments: int = field(default=0, compare=False)
-    elements: int = field(default=0, compare=False)
 
 
 class _Unreadable(Exception):
@@ -86,13 +85,12 @@ def read_osc(datagram: bytes) -> OscPacket:
     try:
         _element(datagram, 0, len(datagram), 1, packet)
     except _Unreadable as error:
-        return OscPacket(dropped=[str(error)], arguments=packet.arguments, elements=packet.elements)
+        return OscPacket(dropped=[str(error)], arguments=packet.arguments)
     return packet
 
 
 def _element(data: bytes, start: int, end: int, depth: int, packet: OscPacket) -> None:
     """A message or a bundle. Raises _Unreadable where sizes do not fit or a bound is passed."""
-    packet.elements += 1
     if end - start < 4 or (end - start) % 4:
         raise _Unreadable(BAD_SIZE)
     if data.startswith(_BUNDLE, start, end):
@@ -195,8 +193,6 @@ MAX_LENGTHS = 32
 MAX_ALIKE = 4
 """Layouts remembered of one length, the latest first."""
 
-PER_ELEMENT, PER_ARGUMENT = 5.0, 0.4
-
 Plan = TypeVar("Plan")
 
 
@@ -226,8 +222,6 @@ class OscLayouts(Generic[Plan]):
     def __init__(self, plan: Callable[[OscPacket], Plan]) -> None:
         self._make = plan
         self._known: dict[int, list[_Known[Plan]]] = {}
-        self.work = 0.0
-        """Microseconds, about, that taking apart has cost so far: of each element and each argument."""
 
     def of(self, datagram: bytes) -> Plan:
         """The plan of this datagram's layout."""
@@ -236,7 +230,6 @@ class OscLayouts(Generic[Plan]):
             if known.fits(datagram):
                 return known.plan
         packet = read_osc(datagram)
-        self.work += PER_ELEMENT * packet.elements + PER_ARGUMENT * packet.arguments
         plan = self._make(packet)
         if len(packet.messages) >= MIN_MESSAGES and len(datagram) <= MAX_REMEMBERED:
             self._remember(_Known(datagram, packet, plan), len(datagram))

@@ -88,7 +88,7 @@ _CHAINS = (
 )
 _PARENT = {bone: parent for chain in _CHAINS for parent, bone in pairwise(chain)}
 _ROW = {bone: row for row, bone in enumerate(BODY_BONES)}
-_COLUMN = {f"bone://{bone}": row for row, bone in enumerate(BODY_BONES)}
+_COLUMN = {**{f"bone://{bone}": row for row, bone in enumerate(BODY_BONES)}, "root://root": len(BODY_BONES)}
 _IS_OPTIONAL = np.array([bone in OPTIONAL for bone in BODY_BONES])
 
 
@@ -136,25 +136,20 @@ class LocalBones:
     root_position: FloatArray
 
 
-def local_bones(frame: StreamFrame) -> LocalBones:
-    """The tracked bones of one frame."""
+def bone_poses(frame: StreamFrame) -> FloatArray:
+    """Position m and orientation wxyz (23, 7) of the tracked bones of one frame, the root last; NaN where not sent."""
     poses = np.full((len(BODY_BONES) + 1, 7), np.nan)
     for index, name in enumerate(frame.names):
-        row = len(BODY_BONES) if name == "root://root" else _COLUMN.get(name)
+        row = _COLUMN.get(name)
         if row is not None and frame.tracked[index]:
             poses[row, :3] = frame.position[index]
             poses[row, 3:] = frame.orientation[index]
+    return poses
+
+
+def local_bones(poses: FloatArray) -> LocalBones:
+    """The bones of `bone_poses`."""
     return LocalBones(poses[:-1, 3:], poses[:-1, :3], poses[-1, 3:], poses[-1, :3])
-
-
-def merged(later: LocalBones, earlier: LocalBones) -> LocalBones:
-    """`later`, with what is missing in it from `earlier`: for senders that split an avatar over datagrams."""
-    return LocalBones(
-        np.where(np.isnan(later.rotation), earlier.rotation, later.rotation),
-        np.where(np.isnan(later.position), earlier.position, later.position),
-        np.where(np.isnan(later.root_rotation), earlier.root_rotation, later.root_rotation),
-        np.where(np.isnan(later.root_position), earlier.root_position, later.root_position),
-    )
 
 
 def world_rotations(bones: LocalBones) -> FloatArray:
@@ -320,11 +315,6 @@ class VmcDecoder:
         self._layouts = OscLayouts(_plan)
         self._names: tuple[str, ...] = ()
 
-    @property
-    def work(self) -> float:
-        """Approximate cost of the datagrams beyond that of their length, microseconds."""
-        return self._layouts.work
-
     def decode(self, datagram: bytes) -> list[StreamFrame]:
         """The frame of one datagram; none if it has no pose."""
         plan = self._layouts.of(datagram)
@@ -440,8 +430,8 @@ def _state(message: OscMessage) -> _State:
 
 STATURE_M = 1.70
 """Stature of a person of unknown size, m: calibration measures the limbs."""
-PARTS = 8
-"""Datagrams with bones for which a bone stays valid after it was sent: some senders split an avatar."""
+ROUNDS = 8
+"""A bone is lost that was not sent while another one was sent so often: 0.13 s of a sender of 60 Hz."""
 _NAMES = tuple(f"bone://{bone}" for bone in BODY_BONES)
 _FEET = [BODY_BONES.index("LeftFoot"), BODY_BONES.index("RightFoot")]
 _HIPS = BODY_BONES.index("Hips")
@@ -450,8 +440,9 @@ _HIPS = BODY_BONES.index("Hips")
 class VmcBodyDecoder:
     """A `StreamDecoder`: the 22 bones of a humanoid, each `bone://NAME`, position of the joint where it begins.
 
-    Bone lengths that are not sent are those of `person`. Where the position of the hips is not sent, the lower foot
-    stands on the ground.
+    A sender may put an avatar into one datagram, or a bone into each: a body is given once each bone that it sends has
+    come, or when the next round begins without one. Bone lengths that are not sent are those of `person`. Where the
+    position of the hips is not sent, the lower foot stands on the ground.
     """
 
     def __init__(self, person: HumanDimensions | None = None) -> None:
@@ -459,26 +450,23 @@ class VmcBodyDecoder:
         self.dropped: Dropped = self._decoder.dropped
         self._offsets = t_pose_offsets(person or proportional_dimensions(STATURE_M))
         self._ankle = FRACTIONS.ankle_height * (STATURE_M if person is None else person.stature)
-        self._before: list[LocalBones] = []
-
-    @property
-    def work(self) -> float:
-        """Approximate cost of the datagrams beyond that of their length, microseconds."""
-        return self._decoder.work
+        count = len(_COLUMN)
+        self._poses: FloatArray = np.full((count, 7), np.nan)
+        self._sent = np.zeros(count, dtype=np.int64)  # how often each bone was sent
+        self._last = np.full(count, -ROUNDS, dtype=np.int64)  # of the bone that was sent most, when it was sent last
+        self._round: BoolArray = np.zeros(count, dtype=bool)  # bones of the present round
 
     def decode(self, datagram: bytes) -> list[StreamFrame]:
-        """The body of one datagram; none if it has no bone."""
+        """The body of one datagram; none if it has no bone, or if more of them are to come."""
         return [body for frame in self._decoder.decode(datagram) if (body := self._body(frame)) is not None]
 
     def _body(self, frame: StreamFrame) -> StreamFrame | None:
-        bones = local_bones(frame)
-        if np.isnan(bones.rotation).all():
+        poses = bone_poses(frame)
+        sent: BoolArray = np.isfinite(poses[:, 3])
+        self._poses[sent] = poses[sent]
+        if not sent.any() or not self._is_whole(sent) or np.isnan(self._poses[:-1, 3]).all():
             return None
-        self._before = [bones, *self._before[: PARTS - 1]]
-        for earlier in self._before[1:]:
-            if not np.isnan(bones.rotation).any():
-                break
-            bones = merged(bones, earlier)
+        bones = local_bones(self._poses)
         rotations = world_rotations(bones)
         positions = world_positions(bones, rotations, self._offsets)
         if np.isnan(bones.position[_HIPS, 0]):
@@ -486,3 +474,16 @@ class VmcBodyDecoder:
             positions[:, 2] += self._ankle - lowest
         known: BoolArray = np.asarray(np.isfinite(np.hstack((rotations, positions))).all(axis=1))
         return StreamFrame(_NAMES, positions, rotations, known, frame.stamp, frame.number)
+
+    def _is_whole(self, sent: BoolArray) -> bool:
+        """Whether a body is to be given after the bones (23,) that were just sent: all that are sent at all have come
+        in this round, or the round before has ended without one. Forgets the bones that are lost."""
+        self._sent[sent] += 1
+        most = self._sent.max()
+        self._last[sent] = most
+        alive = most - self._last < ROUNDS
+        self._poses[~alive] = np.nan
+        again = bool((sent & self._round).any())
+        cut_short = again and not self._round[alive].all()
+        self._round = sent if again else self._round | sent
+        return cut_short or bool(self._round[alive].all())

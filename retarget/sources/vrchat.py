@@ -54,11 +54,6 @@ class VrchatDecoder:
         self._layouts = OscLayouts(_plan)
         self._names: tuple[str, ...] = ()
 
-    @property
-    def work(self) -> float:
-        """Approximate cost of the datagrams beyond that of their length, microseconds."""
-        return self._layouts.work
-
     def decode(self, datagram: bytes) -> list[StreamFrame]:
         """The frame of one datagram; none if it has no tracker."""
         plan = self._layouts.of(datagram)

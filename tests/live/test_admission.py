@@ -1,8 +1,6 @@
-"""Who may move the robot: allow-list, first source, rate. The owner of a robot that moves stays its owner."""
+"""Who may move the robot: allow-list, first source. The owner of a robot that moves stays its owner."""
 
-import struct
 from ipaddress import IPv4Network
-from itertools import accumulate
 from pathlib import Path
 
 import pytest
@@ -10,41 +8,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from datagrams import CLOCK, LOOPBACK, arrived, sending
-from live_rig import five, live_stream
 from messages import refuses
-from osc_bytes import bundle, message
 from retarget.live.address import parse_address
 from retarget.live.admission import (
-    BURST,
-    MOST_PER_POLL,
     NOT_ALLOWED,
-    PER_BYTE,
-    PER_DATAGRAM,
-    PER_FRAME,
-    RATE,
     SECOND_SOURCE,
     TOO_LONG,
-    TOO_MANY,
-    WORK_PER_POLL,
     Admission,
     Datagram,
     Receiver,
     Source,
-    TokenBucket,
-    WorkBudget,
     admission_for,
-    work_of,
 )
 from retarget.live.raw_recording import ReplayReceiver
-from retarget.live.stream import LiveStream
 from retarget.live.udp import UdpReceiver
-from retarget.sources.json_pose import JsonPoseDecoder
-from retarget.sources.mvn import MvnDecoder
 from retarget.sources.raw_record import RawReader, RawWriter
-from retarget.sources.stream_frame import Dropped, StreamDecoder, StreamFrame
-from retarget.sources.vmc import VmcBodyDecoder, VmcDecoder
-from retarget.sources.vrchat import VrchatDecoder
-from sim.faults.sender import FakeSender
 
 A, B, C = ("192.168.1.20", 5000), ("192.168.1.21", 5000), ("10.9.9.9", 5000)
 LAN = (IPv4Network("192.168.1.0/24"),)
@@ -147,22 +125,6 @@ def test_without_a_time_nothing_frees_the_stream() -> None:
     assert not admit(owned(release_after=None), B, 1e9)
 
 
-def test_what_others_send_costs_the_owner_nothing() -> None:
-    admission = owned(rate=1.0, burst=2.0)
-    for _ in range(1000):
-        assert not admit(admission, B) and not admit(admission, C)
-    assert admit(admission, A)
-    assert not admit(admission, A) and admission.refused.reasons[TOO_MANY] == 1
-    assert admission.refused.reasons[SECOND_SOURCE] == admission.refused.reasons[NOT_ALLOWED] == 1000
-
-
-@pytest.mark.parametrize("rate", [232.0, 750.0])
-def test_real_senders_stay_below_the_rate_also_after_the_link_hung(rate: float) -> None:
-    admission = owned()
-    arrivals = [max(5.25, k / rate) if k / rate > 5.0 else k / rate for k in range(int(20 * rate))]
-    assert all(admit(admission, A, now, moving=True) for now in arrivals)
-
-
 @pytest.mark.parametrize(("size", "expected"), [(0, False), (1, True), (65_536, True), (65_537, False)])
 def test_length(size: int, expected: bool) -> None:
     admission = Admission()
@@ -182,7 +144,7 @@ def test_refused_sources_are_reported_once_and_in_bounded_number() -> None:
     assert admission.refused.count == 220
 
 
-@pytest.mark.parametrize("options", [{"release_after": -1.0}, {"release_after": float("nan")}, {"rate": 0.0}])
+@pytest.mark.parametrize("options", [{"release_after": -1.0}, {"release_after": float("nan")}])
 def test_options_out_of_range_are_refused(options: dict[str, float]) -> None:
     with refuses(ValueError):
         Admission(**options)  # type: ignore[arg-type]
@@ -210,20 +172,11 @@ def test_no_order_of_events_gives_a_moving_robot_to_another_source(
         assert owner != C
 
 
-@given(st.lists(st.tuples(st.sampled_from([A, B, C]), st.floats(0.0, 0.01)), max_size=200))
-def test_every_datagram_is_admitted_or_counted(arrivals: list[tuple[Source, float]]) -> None:
-    admission, now, admitted = Admission(allow=LAN, rate=100.0, burst=5), 0.0, 0
-    for source, step in arrivals:
-        now += step
-        admitted += admit(admission, source, now)
-    assert admitted + admission.refused.count == len(arrivals)
-    assert admitted <= 5 + 100.0 * now + 1e-6
-
-
-def test_the_defaults_bound_the_work_of_a_second() -> None:
-    admission = Admission()
-    admitted = sum(admit(admission, A, k / 130_000) for k in range(130_000))
-    assert BURST <= admitted <= RATE + BURST
+@given(st.lists(st.sampled_from([A, B, C]), max_size=200))
+def test_every_datagram_is_admitted_or_counted(sources: list[Source]) -> None:
+    admission = Admission(allow=LAN)
+    admitted = sum(admit(admission, source) for source in sources)
+    assert admitted + admission.refused.count == len(sources)
 
 
 def test_a_recording_of_a_socket_gives_what_the_socket_gave(tmp_path: Path) -> None:
@@ -250,147 +203,3 @@ def test_a_recording_of_a_socket_gives_what_the_socket_gave(tmp_path: Path) -> N
 def test_a_datagram_is_a_plain_row() -> None:
     arrival, source, payload = Datagram(1.0, ("127.0.0.1", 5), b"x")
     assert (arrival, source, payload) == (1.0, ("127.0.0.1", 5), b"x")
-
-
-STEPS = st.lists(st.floats(0.0, 0.5) | st.just(0.0), min_size=1, max_size=120)
-
-
-@given(STEPS, st.floats(0.5, 200.0), st.integers(1, 20))
-def test_no_stretch_of_time_holds_more_than_the_burst_and_the_rate(steps: list[float], rate: float, burst: int) -> None:
-    bucket = TokenBucket(rate=rate, burst=burst)
-    taken = [now for now in accumulate(steps) if bucket.take(now)]
-    for first, start in enumerate(taken):
-        for last in range(first, len(taken)):
-            assert last - first + 1 <= burst + rate * (taken[last] - start) + 1e-6
-
-
-@given(st.floats(1.0, 500.0), st.integers(1, 20))
-def test_what_keeps_to_the_rate_is_never_refused(rate: float, burst: int) -> None:
-    bucket = TokenBucket(rate=rate, burst=burst)
-    assert all(bucket.take(k * 1.0001 / rate) for k in range(200))
-
-
-def test_a_full_bucket_gives_its_burst_and_not_one_more() -> None:
-    bucket = TokenBucket(rate=10.0, burst=3)
-    assert [bucket.take(5.0) for _ in range(4)] == [True, True, True, False]
-    assert [bucket.take(5.15), bucket.take(5.15)] == [True, False]
-    assert [bucket.take(1e6) for _ in range(4)] == [True, True, True, False]
-
-
-def test_time_that_goes_back_gives_nothing() -> None:
-    bucket = TokenBucket(rate=10.0, burst=1)
-    assert bucket.take(100.0)
-    assert not bucket.take(50.0) and not bucket.take(100.05) and bucket.take(100.2)
-
-
-@pytest.mark.parametrize(("rate", "burst"), [(0.0, 1), (-1.0, 1), (float("nan"), 1), (float("inf"), 1), (1.0, 0)])
-def test_a_bucket_that_means_nothing_is_refused(rate: float, burst: int) -> None:
-    with refuses(ValueError):
-        TokenBucket(rate=rate, burst=burst)
-
-
-SENDER: Source = ("127.0.0.1", 40_000)
-
-
-class Queue:
-    """A Receiver of what waits in a kernel."""
-
-    def __init__(self, payloads: list[bytes]) -> None:
-        self.dropped = Dropped()
-        self.waiting = [Datagram(0.0, SENDER, payload) for payload in payloads]
-
-    finished = False
-
-    def poll(self, now: float) -> list[Datagram]:
-        taken, self.waiting = self.waiting[:MOST_PER_POLL], self.waiting[MOST_PER_POLL:]
-        return taken
-
-    def close(self) -> None:
-        """Nothing is open."""
-
-
-class Dear:
-    """A decoder of which each datagram costs so much; what it decoded, in order."""
-
-    def __init__(self, cost: float) -> None:
-        self.dropped, self.work, self.seen, self._cost = Dropped(), 0.0, list[bytes](), cost
-
-    def decode(self, datagram: bytes) -> list[StreamFrame]:
-        self.work += self._cost
-        self.seen.append(datagram)
-        return []
-
-
-def hearing(payloads: list[bytes], decoder: StreamDecoder) -> LiveStream:
-    stream = live_stream(FakeSender(), five())
-    stream.receiver, stream.decoder = Queue(payloads), decoder
-    stream.admission = Admission(burst=10_000)
-    return stream
-
-
-@pytest.mark.parametrize("cost", [0.0, 100.0, 700.0, 1e6])
-def test_what_costs_much_waits_in_order_and_nothing_is_lost(cost: float) -> None:
-    sent, decoder = [struct.pack(">I", k) for k in range(300)], Dear(cost)
-    stream, polls = hearing(sent, decoder), 0
-    while len(decoder.seen) < 300:
-        before = len(decoder.seen)
-        stream.poll(0.01 * polls, moving=True)
-        polls += 1
-        done = len(decoder.seen) - before
-        assert 0 < done <= MOST_PER_POLL and (done - 1) * cost < WORK_PER_POLL and stream.waiting < MOST_PER_POLL
-    assert decoder.seen == sent and stream.arrived == 300
-    assert polls == {0.0: 5, 100.0: 14, 700.0: 61, 1e6: 300}[cost]
-
-
-def test_what_counts() -> None:
-    budget = WorkBudget()
-    budget.charge(b"x" * 400, frames=2, work=7.0)
-    assert not budget.spent
-    budget.charge(b"", frames=0, work=WORK_PER_POLL - 2 * PER_DATAGRAM - 400 * PER_BYTE - 2 * PER_FRAME - 7.1)
-    assert not budget.spent
-    budget.charge(b"", frames=0, work=0.0)
-    assert budget.spent
-
-
-@pytest.mark.parametrize("decoder", [VmcDecoder(), VrchatDecoder(), VmcBodyDecoder(), JsonPoseDecoder()])
-def test_decoders_that_some_datagrams_cost_more_count_it(decoder: StreamDecoder) -> None:
-    many = b'{"poses": [' + b"{}," * 1000 + b"{}]}"
-    payload = many if isinstance(decoder, JsonPoseDecoder) else bundle(*[message("/x", "TTT")] * 400)
-    decoder.decode(payload)
-    assert work_of(decoder) > 300.0
-    assert work_of(MvnDecoder()) == 0.0
-
-
-def test_a_flood_of_the_costliest_osc_is_a_few_datagrams_a_poll() -> None:
-    flood = [bundle(*[message(f"/{number}", "TTT")] * 500) for number in range(20)]
-    stream = hearing(flood, VmcDecoder())
-    stream.poll(0.0, moving=True)
-    assert 1 <= stream.arrived <= 3 and stream.waiting == 20 - stream.arrived
-
-
-@pytest.mark.parametrize(("name", "decoder"), [("vmc_50hz", VmcDecoder), ("vrcosc_20hz", VrchatDecoder)])
-@pytest.mark.parametrize("speed", [1.0, 5.0])
-def test_a_real_sender_never_waits(
-    name: str, decoder: type[VmcDecoder | VrchatDecoder], speed: float, shared: Path
-) -> None:
-    recording = RawReader(shared / f"streams/slimevr/full12_{name}.udprec.gz")
-    stream, now = hearing([], decoder()), 0.0
-    stream.receiver = ReplayReceiver(recording, speed=speed)
-    while not stream.receiver.finished:
-        now += 0.01
-        stream.poll(now, moving=True)
-        assert stream.waiting == 0
-    assert stream.frames > 250 and stream.admission.refused.count == 0
-
-
-def test_what_waited_a_quarter_of_a_second_is_taken_in_a_few_ticks(shared: Path) -> None:
-    """MVN at 240 Hz, and SlimeVR's VMC at its 232 Hz, after the link hung."""
-    mvn = (shared / "streams/mxtp02_tpose.bin").read_bytes()
-    vmc = (shared / "streams/slimevr/one_bundle_pose_left_arm_T_right_elbow90_left_hip60.bin").read_bytes()
-    for payload, count, decoder in ((mvn, 60, MvnDecoder()), (vmc, 58, VmcDecoder())):
-        stream = hearing([payload] * count, decoder)
-        polls = 0
-        while stream.arrived < count:
-            stream.poll(0.01 * polls, moving=True)
-            polls += 1
-        assert polls <= 6 and stream.frames == count

@@ -1,79 +1,94 @@
-"""The backlog of a stream that was not polled is taken before the stream is judged, in bounded time."""
+"""A run that falls behind takes the newest data: its latency is bounded, and so is the work of a poll."""
 
-import numpy as np
+import json
+from pathlib import Path
+
 import pytest
 
 from live_rig import LiveRig, live_stream
 from live_rig import five as five_sensors
-from retarget.live.admission import Admission, Datagram
+from retarget.live.admission import MOST_PER_POLL, TOO_MANY, Datagram
 from retarget.live.begin import LiveOptions
-from retarget.live.stream import LONGEST_S, RECENT_S, CatchingUp, LiveStream
-from retarget.sources.stream_frame import Dropped
-from sim.faults.sender import FakeSender, encoded
+from retarget.live.raw_recording import ReplayReceiver
+from retarget.live.stream import MOST_BYTES_DECODED, MOST_DECODED, LiveStream
+from retarget.sources.raw_record import RawReader
+from retarget.sources.stream_frame import Dropped, StreamDecoder, StreamFrame
+from retarget.sources.vmc import VmcDecoder
+from retarget.sources.vrchat import VrchatDecoder
+from sim.faults.sender import FakeSender
 
-DT = 0.008
 
-
-class Slow:
-    """A receiver of a sender that sends at 250 Hz, of which a poll gives `per_poll`. ends: s."""
-
-    def __init__(self, per_poll: int, *, ends: float = np.inf, payload: bytes = b"") -> None:
-        self.dropped, self._per_poll, self._ends, self._sent = Dropped(), per_poll, ends, 0
-        self._payload = payload or encoded(0.0, {"head": np.array([0.0, 0.0, 1.6])})
+class Queue:
+    """A receiver of what waits in a kernel."""
 
     finished = False
 
+    def __init__(self, payloads: list[bytes]) -> None:
+        self.dropped = Dropped()
+        self.waiting = [Datagram(0.001 * k, ("127.0.0.1", 4), payload) for k, payload in enumerate(payloads)]
+
     def poll(self, now: float) -> list[Datagram]:
-        due = int(min(now, self._ends) / 0.004)
-        first, self._sent = self._sent, min(due, self._sent + self._per_poll)
-        return [Datagram(0.004 * k, ("127.0.0.1", 4), self._payload) for k in range(first, self._sent)]
+        taken, self.waiting = self.waiting[:MOST_PER_POLL], self.waiting[MOST_PER_POLL:]
+        return taken
 
     def close(self) -> None:
         """Nothing is open."""
 
 
-def stream_from(receiver: Slow) -> LiveStream:
+class Seen:
+    """A decoder of nothing; what it was given, in order."""
+
+    def __init__(self) -> None:
+        self.dropped, self.given = Dropped(), list[bytes]()
+
+    def decode(self, datagram: bytes) -> list[StreamFrame]:
+        self.given.append(datagram)
+        return []
+
+
+def polling(payloads: list[bytes], decoder: StreamDecoder) -> LiveStream:
     stream = live_stream(FakeSender(), five_sensors())
-    stream.receiver, stream.admission = receiver, Admission(burst=10_000)
+    stream.receiver, stream.decoder = Queue(payloads), decoder
     return stream
 
 
-def ticks_to_catch_up(receiver: Slow, *, after: float) -> tuple[int, float]:
-    """Ticks until it is done, and how old the last datagram then is, s."""
-    stream = stream_from(receiver)
-    catching, now, ticks = CatchingUp(stream), after, 0
-    while True:
+@pytest.mark.parametrize("count", [1, MOST_DECODED, 300])
+def test_the_newest_datagrams_of_a_backlog_are_decoded_at_once(count: int) -> None:
+    sent, decoder = [json.dumps(k).encode() for k in range(count)], Seen()
+    stream = polling(sent, decoder)
+    stream.poll(1.0, moving=True)
+    assert decoder.given == sent[-MOST_DECODED:] and stream.arrived == count
+    assert stream.admission.refused.reasons[TOO_MANY] == max(0, count - MOST_DECODED)
+
+
+def test_the_latency_of_a_run_that_falls_behind_is_bounded() -> None:
+    """A sender at 19,000 Hz, polled at 100 Hz: what is decoded in a tick is of this tick, however long it goes on."""
+    stream = live_stream(FakeSender(rate_hz=19_000.0), five_sensors())
+    for tick in range(100):
+        stream.poll(0.01 * tick, moving=True)
+        assert tick == 0 or 0.01 * tick - stream.last < 0.01
+    assert stream.frames <= 100 * MOST_DECODED and stream.admission.refused.reasons[TOO_MANY] > 10_000
+
+
+def test_a_flood_of_long_datagrams_is_a_few_of_them_a_poll() -> None:
+    for size, taken in ((MOST_BYTES_DECODED // 4, 4), (60_000, 1)):
+        decoder = Seen()
+        stream = polling([bytes(size)] * 20, decoder)
+        stream.poll(1.0, moving=True)
+        assert len(decoder.given) == taken and stream.arrived == 20
+
+
+@pytest.mark.parametrize(("name", "decoder"), [("vmc_50hz", VmcDecoder), ("vrcosc_20hz", VrchatDecoder)])
+@pytest.mark.parametrize("speed", [1.0, 5.0])
+def test_nothing_of_a_real_sender_is_dropped(
+    name: str, decoder: type[VmcDecoder | VrchatDecoder], speed: float, shared: Path
+) -> None:
+    stream, now = polling([], decoder()), 0.0
+    stream.receiver = ReplayReceiver(RawReader(shared / f"streams/slimevr/full12_{name}.udprec.gz"), speed=speed)
+    while not stream.receiver.finished:
+        now += 0.01
         stream.poll(now, moving=True)
-        if not catching.step(now):
-            assert not catching.step(now + 10.0), "once done it stays so"
-            return ticks, now - stream.last
-        ticks, now = ticks + 1, now + DT
-        assert ticks < 500
-
-
-def test_a_backlog_is_taken_over_several_ticks() -> None:
-    ticks, age = ticks_to_catch_up(Slow(12), after=0.8)
-    assert 10 <= ticks <= 25 and age <= RECENT_S
-
-
-def test_a_stream_that_is_up_to_date_waits_for_nothing() -> None:
-    assert ticks_to_catch_up(Slow(128), after=0.1)[0] == 0
-
-
-def test_a_silent_stream_ends_the_backlog_when_its_last_is_taken() -> None:
-    ticks, age = ticks_to_catch_up(Slow(128, ends=0.2), after=1.0)
-    assert ticks <= 6 and age > 0.7
-
-
-def test_a_sender_that_cannot_be_decoded_is_not_waited_for_for_long() -> None:
-    ticks, _ = ticks_to_catch_up(Slow(2, payload=b"?"), after=2.0)
-    assert ticks == pytest.approx(LONGEST_S / DT, abs=2)
-
-
-def test_at_once_takes_all() -> None:
-    stream = stream_from(Slow(12))
-    CatchingUp(stream).at_once(1.0)
-    assert stream.arrived == 250
+    assert stream.frames > 250 and stream.admission.refused.count == 0
 
 
 def test_a_second_of_powering_reports_no_lost_sensors(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -88,16 +103,6 @@ def test_a_second_of_powering_reports_no_lost_sensors(monkeypatch: pytest.Monkey
             return present
 
         monkeypatch.setattr(guard, "arm", slowly)
-        poll, most = rig.sender.poll, 4  # as a work budget lets it
-        waiting: list[Datagram] = []
-
-        def some(now: float) -> list[Datagram]:
-            waiting.extend(poll(now))
-            taken = waiting[:most]
-            del waiting[:most]
-            return taken
-
-        monkeypatch.setattr(rig.sender, "poll", some)
         rig.said.clear()
         result = prepared.run()
     assert result.stop is None

@@ -175,7 +175,7 @@ def test_one_that_is_missing_is_named_with_what_comes_instead() -> None:
         (frozen("l_wrist", 3.0, 99.0), "l_wrist", "repeats one value"),
         (moved("head", 3.0, 99.0, (50.0, 0.0, 0.0)), "head", "outside the room"),
         (moved("r_wrist", 3.0, 3.9, (1.5, 0.0, 0.5)), "r_wrist", "jumps"),
-        (swapped("l_wrist", "r_wrist", 4.0, 99.0), "l_wrist, r_wrist", "change places"),
+        (swapped("l_wrist", "r_wrist", 4.0, 99.0), "l_wrist, r_wrist", "jumps farther"),
         (lost("head", 3.0, 99.0), "head", "cannot be used"),
     ],
 )

@@ -136,7 +136,8 @@ def test_damage_is_reported_with_its_share() -> None:
 
 
 def test_a_rate_beyond_what_is_taken() -> None:
-    shows(fixes(judged(played(steady(ONE, rate=5000.0, seconds=1.0)))))
+    found = fixes(judged(played(steady(ONE, rate=9000.0, seconds=0.5), seconds=0.5)))
+    shows(found, "datagrams a second", "6400")
 
 
 def test_what_the_kernel_lost() -> None:

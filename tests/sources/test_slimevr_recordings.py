@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from retarget.live.roles import canonical_orientation, joint_position, role_set
+from retarget.live.roles import ROLE_SETS
 from retarget.rotations import angle_between, conjugate, from_axis_angle, multiply
 from retarget.sources.raw_record import RawReader
 from retarget.sources.stream_frame import StreamDecoder, StreamFrame
-from retarget.sources.vmc import BODY_BONES, VmcDecoder, local_bones, world_rotations
+from retarget.sources.vmc import BODY_BONES, VmcDecoder, bone_poses, local_bones, world_rotations
 from retarget.sources.vrchat import NOT_A_TRACKER, VrchatDecoder
 from retarget.types import BoolArray, FloatArray
+from sent_roles import canonical_orientation, joint_position, role
 
 DOWN = {"l_": 0.5 * np.pi, "r_": -0.5 * np.pi}
 """From a hanging arm to the T-pose, about forward."""
@@ -63,19 +64,19 @@ def vrchat(shared: Path) -> Recording:
 def segments(recording: Recording, roles: str) -> dict[str, FloatArray]:
     """World orientations (T, 4), identity in the T-pose, by canonical sensor."""
     return {
-        role.segment: canonical_orientation(role, recording.orientations(role.name))
-        for role in role_set(roles).roles
-        if role.segment
+        one.segment: canonical_orientation(one, recording.orientations(one.name))
+        for one in ROLE_SETS[roles]
+        if one.segment
     }
 
 
 def bone_segments(recording: Recording) -> dict[str, FloatArray]:
     """The same from the bones alone, by forward kinematics."""
-    world = np.array([world_rotations(local_bones(frame)) for frame in recording.frames])
+    world = np.array([world_rotations(local_bones(bone_poses(frame))) for frame in recording.frames])
     return {
-        role.segment: world[:, BODY_BONES.index(role.name.removeprefix("bone://"))]
-        for role in role_set("unity_bones").roles
-        if role.segment
+        one.segment: world[:, BODY_BONES.index(one.name.removeprefix("bone://"))]
+        for one in ROLE_SETS["unity_bones"]
+        if one.segment
     }
 
 
@@ -181,9 +182,7 @@ def test_a_hand_without_its_offset_lies_on_the_forearm(shared: Path) -> None:
     (frame,) = VmcDecoder().decode(raw.read_bytes())
     for side, along in (("LEFT", (0.0, 0.295, 0.0)), ("RIGHT", (0.295, 0.0, 0.0))):
         hand, elbow = (frame.names.index(f"human://{side}_{part}") for part in ("HAND", "ELBOW"))
-        role = role_set("slimevr").role(f"human://{side}_HAND")
-        assert role is not None
-        wrist = joint_position(role, frame.position[hand], frame.orientation[hand])
+        wrist = joint_position(role("slimevr", f"human://{side}_HAND"), frame.position[hand], frame.orientation[hand])
         assert_allclose(wrist - frame.position[elbow], along, atol=1e-3)
 
 

@@ -1,6 +1,7 @@
 """A live robot follows a performer again slowly, waits on its approach while no sensor is valid, and never jumps."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ from live_rig import LiveRig
 from messages import shows
 from retarget.live import performer
 from retarget.live.begin import LiveOptions
-from retarget.live.engagement import ReacquisitionBlend, ReacquisitionTimes
+from retarget.live.engagement import ReacquisitionBlend
+from retarget.live.sensor_validity import LIMITS
 from retarget.run.loop import Watch
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
@@ -123,7 +125,7 @@ def test_on_the_approach_it_waits_while_no_sensor_is_valid(kind: str, within: fl
 def lost_wrist(blend: float, monkeypatch: pytest.MonkeyPatch) -> tuple[LiveRig, RunResult]:
     """A wrist that is lost for 2 s while its arm is raised to the shoulder."""
     monkeypatch.setattr(
-        performer, "ReacquisitionBlend", lambda count: ReacquisitionBlend(count, ReacquisitionTimes(blend=blend))
+        performer, "ReacquisitionBlend", lambda count: ReacquisitionBlend(count, replace(LIMITS, blend=blend))
     )
     still = raising(1e9, 2e9)
 
@@ -144,7 +146,7 @@ def lost_wrist(blend: float, monkeypatch: pytest.MonkeyPatch) -> tuple[LiveRig, 
 
 
 def test_a_sensor_that_comes_back_is_blended_in_and_no_joint_goes_fast(monkeypatch: pytest.MonkeyPatch) -> None:
-    rig, result = lost_wrist(ReacquisitionTimes().blend, monkeypatch)
+    rig, result = lost_wrist(LIMITS.blend, monkeypatch)
     shows(rig.said, "l_wrist")
     assert result.stop is None and result.record.robot is not None
     share = shares(result)

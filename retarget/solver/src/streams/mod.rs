@@ -5,22 +5,16 @@
 //! In the order of the data:
 //!
 //! * `sensor_plan`: which poses of a sender make up each sensor, and poses that come in parts.
-//! * `pose_check`: whether a pose is valid, by itself.
-//! * `last_poses`: the last accepted pose of each sensor, and since when it has not changed.
-//! * `stillness`: sensors that repeat one value while others move.
-//! * `watched`: the three before together: poses that need no further check, and the state of every sensor.
+//! * `validity`: whether a pose may be used, and the state of every sensor.
 //! * `playout`: poses of many capture times, read at one.
 //! * `smooth`: arcs between orientations, and the One-Euro filter.
 //! * `python`: what Python sees of them.
 //!
 //! Times are seconds of one clock, which the caller reads. NaN stands for what was not sent.
 
-pub mod last_poses;
 pub mod playout;
-pub mod pose_check;
 #[cfg(feature = "python")]
 pub mod python;
 pub mod sensor_plan;
 pub mod smooth;
-pub mod stillness;
-pub mod watched;
+pub mod validity;

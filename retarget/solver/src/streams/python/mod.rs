@@ -3,7 +3,7 @@
 mod playout;
 mod sensor_plan;
 mod smooth;
-mod watched;
+mod validity;
 
 use pyo3::prelude::*;
 
@@ -13,5 +13,5 @@ pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<playout::PyPoseRing>()?;
     m.add_class::<sensor_plan::PySensorPlan>()?;
     m.add_class::<sensor_plan::PyPoseParts>()?;
-    m.add_class::<watched::PyWatchedSensors>()
+    m.add_class::<validity::PyValidity>()
 }
