@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+import more_frames
 from bus_rig import BusRig, Tapped
 from hardware.dynamixel import exchange, protocol1, protocol2
 from hardware.dynamixel.control_table import find_table
@@ -118,7 +119,7 @@ def test_a_refused_ping_returns_no_model() -> None:
 BAUD, SIZE = 1_000_000, 10
 BYTE = 10 / BAUD
 IDS = tuple(range(1, 21))
-REPLY = protocol2.fast_status([Status(device, 0, bytes(range(device, device + SIZE))) for device in IDS])
+REPLY = more_frames.fast_status([Status(device, 0, bytes(range(device, device + SIZE))) for device in IDS])
 
 
 @dataclass
