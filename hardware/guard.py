@@ -114,6 +114,8 @@ Halt = Callable[[], FloatArray | None]
 """The next goal, rad (n,), of a braking trajectory; None: there is none, and the filter brakes joint by joint. Once the
 robot stands: the next goal of a rest trajectory; None: the robot is at rest, or stays where it is."""
 
+ARMING_READS = 5
+"""Cycles in which a bus that is silent when the robot is armed is read again."""
 FOLLOWING = (GuardState.ARMED, GuardState.MOVING, GuardState.HOLDING)
 """States in which each tick asks for a goal."""
 
@@ -198,6 +200,10 @@ class Guard:
         self._require(GuardState.IDLE)
         try:
             states = self._bus.read()
+            for _ in range(ARMING_READS - 1):
+                if self.health.silent_for(states) == 0.0:
+                    break
+                states = self._bus.read()
             self._states = states
             self.health.refuse_unhealthy(states)
             self._filter.seed(self._map.to_radians(states.position))
