@@ -80,7 +80,7 @@ MADE: dict[str, Change] = {
 CHANGES: dict[str, Callable[[Any], Change]] = {
     "whole": lambda text: lambda valid, folder: text.encode(),
     "append": lambda text: lambda valid, folder: valid + text.encode("latin-1"),
-    "profile": lambda words: lambda valid, folder: _swapped(*words, valid),
+    "profile": lambda words: lambda valid, folder: _swapped(words[0], words[1], valid),
     "body": lambda words: partial(_with_body, *words),
     "urdf": lambda names: partial(_with_urdf, names[0], names[1:]),
     "make": MADE.__getitem__,
