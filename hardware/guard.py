@@ -24,6 +24,10 @@ TORQUE_OFF = " (torque is off)"
 CUT_POWER = " (torque could not be switched off: cut the power)"
 
 
+ARMING_READS = 5
+"""Cycles in which a bus that is silent when the robot is armed is read again."""
+
+
 class Torque(Enum):
     """Whether the servos of a robot are driven, as far as the guard knows."""
 
@@ -81,7 +85,10 @@ class Guard:
         if self.torque is not Torque.OFF or self.stop is not None:
             raise self._impossible("arming")
         with self._arming():
-            self.states = states = self._bus.read()
+            for _ in range(ARMING_READS):
+                self.states = states = self._bus.read()
+                if not self.is_silent:
+                    break
             self.health.refuse_unhealthy(states)
             return self._map.to_radians(states.position)
 

@@ -25,7 +25,7 @@ MakePort = Callable[[BusSpec], BytePort]
 """From a bus of the profile to its port."""
 
 FIRST_CYCLES = 5
-"""Cycles at opening in which servos that have not answered yet are waited for."""
+"""Cycles in which servos that do not answer are waited for, at opening and before torque comes on."""
 NOISY_CYCLES = 50
 """Cycles in a row with repeated requests after which there is a note."""
 
@@ -170,10 +170,7 @@ class DynamixelBus:
         self._counted = np.ones(len(servos), dtype=np.bool_)  # whose turns are known
         for group in turn_groups(self._map):
             self._counted[group] = False
-        for _ in range(FIRST_CYCLES):
-            if self._cycle().valid.all():
-                break
-        valid = self._readings.valid
+        valid = self._cycle_of_all().valid
         with suppress(BusError):  # it can be read and homed, but not driven: torque on counts again
             self._count_turns(np.flatnonzero(valid).tolist())
 
@@ -217,6 +214,15 @@ class DynamixelBus:
             )
         return self._readings.states(now, retries=retries, error_rate=share)
 
+    def _cycle_of_all(self) -> ServoStates:
+        """Run cycles until every servo has answered in one, FIRST_CYCLES at most. Returns the states of the last."""
+        states = self._cycle()
+        for _ in range(FIRST_CYCLES - 1):
+            if states.valid.all():
+                break
+            states = self._cycle()
+        return states
+
     def _torque_on(self) -> None:
         """Provision servos that have restarted, check goals, arm watchdogs, then let the drive rise."""
         if self._goals is None:
@@ -240,7 +246,7 @@ class DynamixelBus:
 
         Raises BusError where they are not known, or have changed.
         """
-        states = self._cycle()
+        states = self._cycle_of_all()
         if not states.valid.all():
             silent = [servo.label for servo, valid in zip(self._map.servos, states.valid, strict=True) if not valid]
             raise BusError(describe(what=f"no answer from {', '.join(silent)}", where="bus, torque on"))

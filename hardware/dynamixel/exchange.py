@@ -113,13 +113,15 @@ class Ask:
         return len(status.data) == self.size and status.id in self.ids and not refused
 
     def _parts(self, received: bytes) -> list[Status]:
-        """Valid parts of the fast reply, searched at every header: an echo or a stale answer may precede it."""
+        """Valid parts of the fast reply, searched at every header: an echo or a stale answer may precede it.
+
+        Any order will do: a request is repeated in another one, and the answer to the first may still come.
+        """
         best: list[Status] = []
         at = received.find(protocol2.HEADER)
         while at >= 0 and len(best) < len(self.ids):
             parts = valid_parts(received[at:], (self.size,) * len(self.ids))
-            asked = iter(self.ids)  # in this order; one that is missing may leave no gap
-            valid = [part for part in parts if part.id in asked and not _refused(part)]
+            valid = [part for part in parts if part.id in self.ids and not _refused(part)]
             best = max(best, valid, key=len)
             at = received.find(protocol2.HEADER, at + 1)
         return best

@@ -56,21 +56,6 @@ def write(device: int, address: int, data: bytes) -> bytes:
     return frame(device, Instruction.WRITE, bytes((address,)) + data)
 
 
-def reg_write(device: int, address: int, data: bytes) -> bytes:
-    """Keep a write until Action."""
-    return frame(device, Instruction.REG_WRITE, bytes((address,)) + data)
-
-
-def action(device: int) -> bytes:
-    """Carry out what Reg Write left."""
-    return frame(device, Instruction.ACTION)
-
-
-def factory_reset(device: int) -> bytes:
-    """Reset the control table."""
-    return frame(device, Instruction.FACTORY_RESET)
-
-
 def sync_write(address: int, length: int, items: Iterable[tuple[int, bytes]]) -> bytes:
     """Write the same registers of several devices; none answers. Raises ValueError for data of another length."""
     params = bytearray((address, length))

@@ -24,11 +24,6 @@ PATTERN = b"\xff\xff\xfd"
 """Nowhere in a frame but at its beginning, and where stuffing follows."""
 
 
-def crc(data: bytes, before: int = 0) -> int:
-    """CRC-16 of `data` (CRC-16/UMTS: polynomial 0x8005, no reflection), going on from `before`."""
-    return umts(data, before)
-
-
 def stuff(body: bytes) -> bytes:
     """Body (instruction to last parameter) in which no header can appear: FF FF FD becomes FF FF FD FD."""
     return body.replace(PATTERN, STUFFED) if PATTERN in body else body
@@ -51,24 +46,6 @@ def status(device: int, error: int = 0, data: bytes = b"") -> bytes:
     return frame(device, STATUS, bytes((error,)) + data)
 
 
-def fast_status(answers: Sequence[Status]) -> bytes:
-    """The one status frame of a Fast Sync Read or Fast Bulk Read: parts in order, not stuffed, each closed by the CRC
-    of everything so far (the last is the frame's)."""
-    length = 1 + sum(len(answer.data) + 4 for answer in answers)
-    if not 1 < length <= MAX_LENGTH:
-        raise ValueError(
-            f"a fast status of {len(answers)} parts, {length} bytes; allowed: 1 part or more, {MAX_LENGTH} bytes"
-        )
-    out = bytearray(HEADER + bytes((BROADCAST,)) + length.to_bytes(2, "little") + bytes((STATUS,)))
-    total, done = 0, 0
-    for answer in answers:
-        out += bytes((answer.error, answer.id)) + answer.data
-        total = crc(bytes(out[done:]), total)
-        done = len(out)
-        out += total.to_bytes(2, "little")
-    return bytes(out)
-
-
 def status_of(received: Frame) -> Status | None:
     """The status of one device in a frame; None for an instruction (of an adapter that echoes, say) and for the reply
     to a fast read, which holds several."""
@@ -82,49 +59,9 @@ def ping(device: int) -> bytes:
     return frame(device, Instruction.PING)
 
 
-def read(device: int, address: int, length: int) -> bytes:
-    """Read `length` bytes from `address`."""
-    return frame(device, Instruction.READ, _span(address, length))
-
-
 def write(device: int, address: int, data: bytes) -> bytes:
     """Write `data` to `address`."""
     return frame(device, Instruction.WRITE, _word(address) + data)
-
-
-def reg_write(device: int, address: int, data: bytes) -> bytes:
-    """Keep a write until Action."""
-    return frame(device, Instruction.REG_WRITE, _word(address) + data)
-
-
-def action(device: int) -> bytes:
-    """Carry out what Reg Write left."""
-    return frame(device, Instruction.ACTION)
-
-
-def factory_reset(device: int, option: int) -> bytes:
-    """Reset the control table: 0xFF all of it, 1 all but the id, 2 all but id and baud rate."""
-    return frame(device, Instruction.FACTORY_RESET, bytes((option,)))
-
-
-def reboot(device: int) -> bytes:
-    """Restart the device."""
-    return frame(device, Instruction.REBOOT)
-
-
-def clear_turns(device: int) -> bytes:
-    """Clear the turns of the present position."""
-    return frame(device, Instruction.CLEAR, b"\x01\x44\x58\x4c\x22")
-
-
-def backup(device: int) -> bytes:
-    """Store the control table."""
-    return frame(device, Instruction.CONTROL_TABLE_BACKUP, b"\x01CTRL")
-
-
-def restore(device: int) -> bytes:
-    """Take back the stored control table."""
-    return frame(device, Instruction.CONTROL_TABLE_BACKUP, b"\x02CTRL")
 
 
 def sync_read(address: int, length: int, ids: Iterable[int], *, fast: bool = False) -> bytes:
@@ -136,18 +73,6 @@ def sync_read(address: int, length: int, ids: Iterable[int], *, fast: bool = Fal
 def sync_write(address: int, length: int, items: Iterable[tuple[int, bytes]]) -> bytes:
     """Write the same registers of several devices; none answers. Raises ValueError for data of another length."""
     return frame(BROADCAST, Instruction.SYNC_WRITE, _span(address, length) + _items(items, length))
-
-
-def bulk_read(items: Iterable[tuple[int, int, int]], *, fast: bool = False) -> bytes:
-    """Read registers (id, address, length) of several devices."""
-    params = b"".join(_members((device,)) + _span(address, length) for device, address, length in items)
-    return frame(BROADCAST, Instruction.FAST_BULK_READ if fast else Instruction.BULK_READ, params)
-
-
-def bulk_write(items: Iterable[tuple[int, int, bytes]]) -> bytes:
-    """Write registers (id, address, data) of several devices; none answers."""
-    params = b"".join(_members((device,)) + _span(address, len(data)) + data for device, address, data in items)
-    return frame(BROADCAST, Instruction.BULK_WRITE, params)
 
 
 def _closed(device: int, body: bytes) -> bytes:

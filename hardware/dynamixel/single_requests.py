@@ -6,7 +6,6 @@ IndexErrors, alerts as errors).
 
 import threading
 from collections.abc import Iterable
-from enum import IntEnum
 
 from dynamixel_sdk import COMM_SUCCESS, Protocol1PacketHandler, Protocol2PacketHandler
 
@@ -243,15 +242,6 @@ MODEL_BYTES = 3
 """Protocol 1.0: model number and firmware, from address 0."""
 LONGEST_READ = 230
 """Bytes of one answer that the SDK takes in both protocols."""
-_CLEAR_TURNS = b"\x01\x44\x58\x4c\x22"
-
-
-class ResetScope(IntEnum):
-    """The values that a factory reset keeps."""
-
-    NOTHING = 0xFF
-    ID = 0x01
-    ID_AND_BAUD = 0x02
 
 
 class OneOff:
@@ -357,19 +347,9 @@ class OneOff:
 
     def reboot(self, device: int) -> None:
         """Restart a servo; it stays silent for some 0.1 s. Protocol 2.0 only."""
-        self._need_protocol2(device, "reboot")
+        if self.protocol == 1:
+            raise self._impossible(device, "reboot", "protocol 2.0 only")
         self._ask(device, Instruction.REBOOT, b"", asked="reboot")
-
-    def factory_reset(self, device: int, scope: ResetScope = ResetScope.ID_AND_BAUD) -> None:
-        """Reset the control table to the maker's values; 1.0 resets all of it, the id too."""
-        if self.protocol == 1 and scope is not ResetScope.NOTHING:
-            raise self._impossible(device, "factory reset that keeps the id", "protocol 1.0 resets everything")
-        self._ask(device, Instruction.FACTORY_RESET, bytes((scope,)) if self.protocol == 2 else b"", asked="reset")
-
-    def clear(self, device: int) -> None:
-        """Forget whole turns of the present position. Protocol 2.0 only; refused while it moves."""
-        self._need_protocol2(device, "clear")
-        self._ask(device, Instruction.CLEAR, _CLEAR_TURNS, asked="clear")
 
     def _read(self, device: int, address: int, length: int, register: str) -> bytes:
         if not 1 <= length <= LONGEST_READ:
@@ -465,10 +445,6 @@ class OneOff:
         highest = MAX_ID if self.protocol == 2 else MAX_ID + 1
         if not 0 <= device <= highest:
             raise self._impossible(device, f"id {device}", f"0 to {highest}, since only one servo can answer")
-
-    def _need_protocol2(self, device: int, what: str) -> None:
-        if self.protocol == 1:
-            raise self._impossible(device, what, "protocol 2.0 only")
 
     def _impossible(self, device: int, what: str, allowed: str) -> ServoError:
         return ServoError(

@@ -232,11 +232,11 @@ ARMED_ACTS: dict[str, Act] = {
 """Injections into objects that exist once the bus is open: in an idle run they act before arming."""
 
 
-def injection(entry: object) -> Callable[[Bench, float], None]:
+def injection(entry: object) -> Callable[[Bench, float], object]:
     """The injection of an entry of the table: a name, a mapping from the name to its arguments, or a list of these."""
     if isinstance(entry, list):
         parts = [injection(one) for one in entry]
-        return lambda bench, at: [part(bench, at) for part in parts] and None
+        return lambda bench, at: [part(bench, at) for part in parts]
     ((name, words),) = entry.items() if isinstance(entry, Mapping) else ((str(entry), []),)
     keys = dict(words) if isinstance(words, Mapping) else {}
     places = [] if keys else words if isinstance(words, list) else [words]

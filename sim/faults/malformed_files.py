@@ -1,8 +1,12 @@
-"""Rows of the fault table: malformed robot files. Each must be refused before a port is opened."""
+"""Rows of the fault table: malformed robot files, of `malformed.yaml`. Each must be refused before a port is opened."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
+
+import yaml
 
 from retarget.errors import InputError
 
@@ -36,49 +40,25 @@ class Malformed:
         return path
 
 
-def _swap(old: str, new: str) -> Change:
-    """Replace one piece of text."""
-
-    def change(valid: bytes, folder: Path) -> bytes:
-        if old.encode() not in valid:
-            raise InputError("the robot's file has no such text", where="malformed files", found=old)
-        return valid.replace(old.encode(), new.encode(), 1)
-
-    return change
+def _swapped(old: str, new: str, text: bytes) -> bytes:
+    """Replace one piece of text. Raises InputError where it is not there."""
+    if old.encode() not in text:
+        raise InputError("the robot's file has no such text", where="malformed files", found=old)
+    return text.replace(old.encode(), new.encode(), 1)
 
 
-def _all(text: bytes) -> Change:
-    """Replace the whole file."""
-    return lambda valid, folder: text
+def _with_body(old: str, new: str, valid: bytes, folder: Path) -> bytes:
+    body = folder / "body.xml"
+    body.write_bytes(_swapped(old, new, body.read_bytes()))
+    return valid
 
 
-def _more(text: bytes) -> Change:
-    """Append text."""
-    return lambda valid, folder: valid + text
-
-
-def _body(old: str, new: str) -> Change:
-    """Replace one piece of text of the body file."""
-
-    def change(valid: bytes, folder: Path) -> bytes:
-        body = folder / "body.xml"
-        body.write_text(body.read_text(encoding="utf-8").replace(old, new, 1), encoding="utf-8")
-        return valid
-
-    return change
-
-
-def _urdf(links: str, *joints: str) -> Change:
-    """Replace the body by a URDF of these links, and of joints named by parent and child."""
-
-    def change(valid: bytes, folder: Path) -> bytes:
-        text = _URDF.format(
-            links="".join(_LINK.format(link) for link in links), joints="".join(_JOINT.format(*pair) for pair in joints)
-        )
-        (folder / "body.urdf").write_text(text, encoding="utf-8")
-        return valid.replace(b"body: body.xml", b"body: body.urdf", 1)
-
-    return change
+def _with_urdf(links: str, joints: list[str], valid: bytes, folder: Path) -> bytes:
+    text = _URDF.format(
+        links="".join(_LINK.format(link) for link in links), joints="".join(_JOINT.format(*pair) for pair in joints)
+    )
+    (folder / "body.urdf").write_text(text, encoding="utf-8")
+    return _swapped("body: body.xml", "body: body.urdf", valid)
 
 
 def _bomb(valid: bytes, folder: Path) -> bytes:
@@ -89,49 +69,31 @@ def _bomb(valid: bytes, folder: Path) -> bytes:
 def _outside(valid: bytes, folder: Path) -> bytes:
     """Name a valid body outside of the folder."""
     (folder / "here").mkdir()
-    return valid.replace(b"body: body.xml", b"body: here/../../" + folder.name.encode() + b"/body.xml", 1)
+    return _swapped("body: body.xml", f"body: here/../../{folder.name}/body.xml", valid)
 
 
-_HEAD = "head_pan:    {id: 19"
-_HEAD_SERVO = (
-    "head_pan:    {id: 19, model: XM430-W350, bus: main, direction: 1, zero_tick: 2048, limits: [-2.356194, 2.356194]"
-)
-_SPEED = "max_velocity: 4.5"
-MALFORMED: tuple[Malformed, ...] = (
-    Malformed("empty", _all(b""), "empty"),
-    Malformed("not UTF-8", _more(b"\n# \xff\xfe\n"), "UTF-8"),
-    Malformed("tab", _swap("  head_pan:", "\thead_pan:"), "not valid YAML"),
-    Malformed("unclosed quote", _swap("name: op3", 'name: "op3'), "not valid YAML"),
-    Malformed("over 1 MiB", _more(b"#" * (1 << 20)), "too large"),
-    Malformed("alias bomb", _bomb, "anchor"),
-    Malformed("tag", _swap("name: op3", "name: !!python/name:os.system op3"), "tag"),
-    Malformed("duplicate key", _more(b"\nname: op4\n"), "duplicate key"),
-    Malformed("unknown key", _more(b"\nnmae: op3\n"), "nmae"),
-    Malformed("missing key", _swap("  rate_hz: 125", "  # rate_hz: 125"), "rate_hz"),
-    Malformed("wrong type", _swap("  rate_hz: 125", "  rate_hz: fast"), "rate_hz"),
-    Malformed("comma as decimal point", _swap(_SPEED, "max_velocity: '4,5'"), "max_velocity"),
-    Malformed("NaN", _swap(_SPEED, "max_velocity: .nan"), "not finite"),
-    Malformed("infinite", _swap(_SPEED, "max_velocity: .inf"), "not finite"),
-    Malformed("no", _swap("  rate_hz: 125", "  rate_hz: no"), "rate_hz"),
-    Malformed("012", _swap("l_hip_pitch: {id: 12", "l_hip_pitch: {id: 012"), "012"),
-    Malformed("sexagesimal", _swap("  rate_hz: 125", "  rate_hz: 2:05"), "rate_hz"),
-    Malformed("negative speed", _swap(_SPEED, "max_velocity: -4.5"), "max_velocity"),
-    Malformed(
-        "inverted limits",
-        _swap(_HEAD_SERVO, _HEAD_SERVO.replace("[-2.356194, 2.356194]", "[2.356194, -2.356194]")),
-        "inverted",
-    ),
-    Malformed("home outside limits", _swap("{l_sho_pitch: -0.3,", "{l_sho_pitch: -3.2,"), "stand.l_sho_pitch"),
-    Malformed("degrees for radians", _swap(_HEAD_SERVO, _HEAD_SERVO.replace("2.356194", "90")), "head_pan"),
-    Malformed("duplicate id", _swap(_HEAD, "head_pan:    {id: 20"), "20"),
-    Malformed("id 254", _swap(_HEAD, "head_pan:    {id: 254"), "254"),
-    Malformed("unknown joint", _swap("head_pan:    {id", "head_pam:    {id"), "head_pam"),
-    Malformed("cycle", _urdf("abcd", "ab", "bc", "cd", "db"), "the body cannot be used"),
-    Malformed("two roots", _urdf("abcd", "ab", "cd"), "no single root"),
-    Malformed("axis of zeros", _body('name="head_pan" axis="0 0 1"', 'name="head_pan" axis="0 0 0"'), "axis too small"),
-    Malformed(
-        "bad quaternion", _swap("pos: [0, 0, -0.0285]}", "pos: [0, 0, -0.0285], quat: [0, 0, 0, 0]}"), "quaternion"
-    ),
-    Malformed("sign 0", _swap("direction: 1", "direction: 0"), "direction"),
-    Malformed("path traversal", _outside, "leaves the profile's folder"),
+MADE: dict[str, Change] = {
+    "huge": lambda valid, folder: valid + b"#" * (1 << 20),
+    "bomb": _bomb,
+    "outside": _outside,
+}
+CHANGES: dict[str, Callable[[Any], Change]] = {
+    "whole": lambda text: lambda valid, folder: text.encode(),
+    "append": lambda text: lambda valid, folder: valid + text.encode("latin-1"),
+    "profile": lambda words: lambda valid, folder: _swapped(words[0], words[1], valid),
+    "body": lambda words: partial(_with_body, *words),
+    "urdf": lambda names: partial(_with_urdf, names[0], names[1:]),
+    "make": MADE.__getitem__,
+}
+"""The changes of the table, by its keys."""
+
+
+def _malformed(name: str, reason: str, **change: Any) -> Malformed:
+    ((key, value),) = change.items()
+    return Malformed(name, CHANGES[key](value), reason)
+
+
+TABLE = Path(__file__).with_name("malformed.yaml")
+MALFORMED: tuple[Malformed, ...] = tuple(
+    _malformed(**entry) for entry in yaml.safe_load(TABLE.read_text(encoding="utf-8"))
 )

@@ -291,7 +291,7 @@ def reacted(row: Row, seen: Seen) -> Judged:
 def _reason(row: Row, trace: Trace) -> list[str]:
     """Return how the reported reason differs from the row's."""
     stop = trace.stop
-    found = ((row.cause, stop and stop.cause), (row.then, stop and stop.then))
+    found = ((row.cause, stop.cause if stop else None), (row.then, stop.then if stop else None))
     return [
         f"the reported cause is {'none' if cause is None else cause.value}, not {wanted.value}"
         for wanted, cause in found

@@ -10,11 +10,11 @@ from sim.faults.inject import injection
 from sim.faults.reactions import Idle, Reaction, Row
 
 TABLE = Path(__file__).with_name("rows.yaml")
-ENUMS = {"reaction": Reaction, "idle": Idle, "cause": StopCause, "then": StopCause}
+ENUMS: dict[str, Any] = {"reaction": Reaction, "idle": Idle, "cause": StopCause, "then": StopCause}
 
 
 def _row(entry: dict[str, Any]) -> Row:
-    values = {key: ENUMS[key][value] if key in ENUMS else value for key, value in entry.items()}
+    values: dict[str, Any] = {key: ENUMS[key][value] if key in ENUMS else value for key, value in entry.items()}
     return Row(**values | {"inject": injection(entry["inject"]), "refusal": tuple(entry.get("refusal", ()))})
 
 

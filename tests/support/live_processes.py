@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from serial import Serial
 
+import more_frames
 from hardware.clock import MonotonicClock
 from hardware.dynamixel import protocol2
 from hardware.dynamixel.parsers import parser2
@@ -149,7 +150,7 @@ class Live:
         found = []
         with Serial(str(self.link), BAUD, timeout=2.0) as port:
             for device in range(1, 21):
-                port.write(protocol2.read(device, address, size))
+                port.write(more_frames.read(device, address, size))
                 answer = port.read(11 + size)
                 assert len(answer) == 11 + size, f"servo {device} says {answer.hex()}"
                 found.append(unpack_from("<i", answer[9 : 9 + size].ljust(4, b"\0"))[0])

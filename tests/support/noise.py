@@ -5,6 +5,7 @@ from collections.abc import Callable
 from itertools import pairwise
 from typing import NamedTuple
 
+import more_frames
 from hardware.dynamixel import protocol1, protocol2
 from hardware.dynamixel.packets import BROADCAST, STATUS, Frame, Status
 from hardware.dynamixel.parsers import Parser, parser1, parser2
@@ -28,7 +29,7 @@ def stands_at_2(stream: bytes, at: int, frame: Frame) -> int:
     end = at + 7 + int.from_bytes(stream[at + 5 : at + 7], "little")
     if len(stream) < end or stream[at + 4] != frame.id:
         return -1
-    if protocol2.crc(stream[at : end - 2]) != int.from_bytes(stream[end - 2 : end], "little"):
+    if more_frames.crc(stream[at : end - 2]) != int.from_bytes(stream[end - 2 : end], "little"):
         return -1
     body = stream[at + 7 : end - 2]
     if frame.id != BROADCAST or frame.code != STATUS:
@@ -75,10 +76,10 @@ def some_frame(random_: random.Random) -> bytes:
     if kind == 0:
         return protocol1.frame(device, code, data)
     if kind == 1:
-        return protocol2.fast_status([Status(device, 0, data), Status(3, 0x80, noise(random_))])
+        return more_frames.fast_status([Status(device, 0, data), Status(3, 0x80, noise(random_))])
     if kind == 2:  # valid, but not stuffed (as dynamixel-sdk sends it)
         out = protocol2.HEADER + bytes((device, len(data) + 3, 0, code)) + data
-        return out + protocol2.crc(out).to_bytes(2, "little")
+        return out + more_frames.crc(out).to_bytes(2, "little")
     return protocol2.frame(device, code, data)
 
 

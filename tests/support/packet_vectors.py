@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+import more_frames as more
 from hardware.dynamixel import protocol1 as p1
 from hardware.dynamixel import protocol2 as p2
 from hardware.dynamixel.packets import BROADCAST, STATUS, Frame, Status
@@ -33,17 +34,22 @@ TWO = [
     vector("FFFFFD000103000119 4E", p2.ping(1), Code.PING),
     vector("FFFFFD0001070055000604 26655D", p2.status(1, 0, b"\x06\x04\x26"), STATUS, "00060426"),
     vector("FFFFFD00FE0300013142", p2.ping(BROADCAST), Code.PING, device=BROADCAST),
-    vector("FFFFFD00010700028400 04001D15", p2.read(1, 132, 4), Code.READ, "84000400"),
+    vector("FFFFFD00010700028400 04001D15", more.read(1, 132, 4), Code.READ, "84000400"),
     vector("FFFFFD0001080055 00A6000000 8CC0", p2.status(1, 0, b"\xa6\0\0\0"), STATUS, "00A6000000"),
     vector("FFFFFD0001090003 7400 00020000 CA89", p2.write(1, 116, b"\0\2\0\0"), Code.WRITE, "740000020000"),
     vector("FFFFFD0001040055 00 A10C", p2.status(1), STATUS, "00"),
-    vector("FFFFFD0001090004 6800 C8000000 AE8E", p2.reg_write(1, 104, b"\xc8\0\0\0"), Code.REG_WRITE, "6800C8000000"),
-    vector("FFFFFD0001030005 02CE", p2.action(1), Code.ACTION),
-    vector("FFFFFD0001040006 01 A1E6", p2.factory_reset(1, 1), Code.FACTORY_RESET, "01"),
-    vector("FFFFFD0001030008 2F4E", p2.reboot(1), Code.REBOOT),
-    vector("FFFFFD0001080010 0144584C22 B1DC", p2.clear_turns(1), Code.CLEAR, "0144584C22"),
-    vector("FFFFFD0001080020 014354524C 16F5", p2.backup(1), Code.CONTROL_TABLE_BACKUP, "014354524C"),
-    vector("FFFFFD0001080020 024354524C 9EF5", p2.restore(1), Code.CONTROL_TABLE_BACKUP, "024354524C"),
+    vector(
+        "FFFFFD0001090004 6800 C8000000 AE8E",
+        more.reg_write(1, 104, b"\xc8\0\0\0"),
+        Code.REG_WRITE,
+        "6800C8000000",
+    ),
+    vector("FFFFFD0001030005 02CE", more.action(1), Code.ACTION),
+    vector("FFFFFD0001040006 01 A1E6", more.factory_reset(1, 1), Code.FACTORY_RESET, "01"),
+    vector("FFFFFD0001030008 2F4E", more.reboot(1), Code.REBOOT),
+    vector("FFFFFD0001080010 0144584C22 B1DC", more.clear_turns(1), Code.CLEAR, "0144584C22"),
+    vector("FFFFFD0001080020 014354524C 16F5", more.backup(1), Code.CONTROL_TABLE_BACKUP, "014354524C"),
+    vector("FFFFFD0001080020 024354524C 9EF5", more.restore(1), Code.CONTROL_TABLE_BACKUP, "024354524C"),
     vector(
         "FFFFFD00FE090082 8400 0400 0102 CEFA",
         p2.sync_read(132, 4, (1, 2)),
@@ -60,14 +66,14 @@ TWO = [
     ),
     vector(
         "FFFFFD00FE0D0092 0190000200 0292000100 1A05",
-        p2.bulk_read(((1, 144, 2), (2, 146, 1))),
+        more.bulk_read(((1, 144, 2), (2, 146, 1))),
         Code.BULK_READ,
         "0190000200 0292000100",
         device=BROADCAST,
     ),
     vector(
         "FFFFFD00FE100093 0120000200A000 021F00010050 B768",
-        p2.bulk_write(((1, 32, b"\xa0\0"), (2, 31, b"\x50"))),
+        more.bulk_write(((1, 32, b"\xa0\0"), (2, 31, b"\x50"))),
         Code.BULK_WRITE,
         "0120000200A000 021F00010050",
         device=BROADCAST,
@@ -81,13 +87,13 @@ TWO = [
     ),
     vector(
         "FFFFFD00FE12009A 0384000400 077C000200 0492000100 DA2D",
-        p2.bulk_read(((3, 132, 4), (7, 124, 2), (4, 146, 1)), fast=True),
+        more.bulk_read(((3, 132, 4), (7, 124, 2), (4, 146, 1)), fast=True),
         Code.FAST_BULK_READ,
         "0384000400 077C000200 0492000100",
         device=BROADCAST,
     ),
-    Vector(FAST_BULK_REPLY, p2.fast_status(FAST_BULK), Frame(BROADCAST, STATUS, FAST_BULK_REPLY[8:-2])),
-    Vector(FAST_SYNC_REPLY, p2.fast_status(FAST_SYNC), Frame(BROADCAST, STATUS, FAST_SYNC_REPLY[8:-2])),
+    Vector(FAST_BULK_REPLY, more.fast_status(FAST_BULK), Frame(BROADCAST, STATUS, FAST_BULK_REPLY[8:-2])),
+    Vector(FAST_SYNC_REPLY, more.fast_status(FAST_SYNC), Frame(BROADCAST, STATUS, FAST_SYNC_REPLY[8:-2])),
 ]
 """Protocol 2.0. The CRCs of restore and fast bulk read are right here, not in print."""
 
@@ -97,8 +103,8 @@ ONE = [
     vector("FFFF010402 2B01 CC", p1.read(1, 43, 1), Code.READ, "2B01"),
     vector("FFFF010300 20 DB", p1.status(1, 0, b"\x20"), 0, "20"),
     vector("FFFFFE0403 0301 F6", p1.write(BROADCAST, 3, b"\x01"), Code.WRITE, "0301", device=BROADCAST),
-    vector("FFFF010504 1EF401 E2", p1.reg_write(1, 30, b"\xf4\x01"), Code.REG_WRITE, "1EF401"),
-    vector("FFFFFE0205FA", p1.action(BROADCAST), Code.ACTION, device=BROADCAST),
+    vector("FFFF010504 1EF401 E2", more.reg_write1(1, 30, b"\xf4\x01"), Code.REG_WRITE, "1EF401"),
+    vector("FFFFFE0205FA", more.action1(BROADCAST), Code.ACTION, device=BROADCAST),
     vector(
         "FFFFFE0E83 1E04 0010005001 0120026003 67",
         p1.sync_write(30, 4, ((0, b"\x10\0\x50\x01"), (1, b"\x20\x02\x60\x03"))),

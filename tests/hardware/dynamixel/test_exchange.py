@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+import more_frames
 from bus_rig import BusRig, Tapped
 from hardware.dynamixel import exchange, protocol1, protocol2
 from hardware.dynamixel.control_table import find_table
@@ -118,7 +119,7 @@ def test_a_refused_ping_returns_no_model() -> None:
 BAUD, SIZE = 1_000_000, 10
 BYTE = 10 / BAUD
 IDS = tuple(range(1, 21))
-REPLY = protocol2.fast_status([Status(device, 0, bytes(range(device, device + SIZE))) for device in IDS])
+REPLY = more_frames.fast_status([Status(device, 0, bytes(range(device, device + SIZE))) for device in IDS])
 
 
 @dataclass
@@ -229,3 +230,11 @@ def test_a_cycle_of_twenty_servos_waits_a_few_times(monkeypatch: pytest.MonkeyPa
     states, took = rig.tick()
     others = np.arange(1, 21) != 10
     assert states.valid[others].all() and took - usual <= 6e-3
+
+
+def test_an_answer_to_the_same_request_in_another_order_is_taken() -> None:
+    """A request is repeated in another order; the answer to the first one may still come."""
+    parts = [Status(device, 0, bytes((device, 0, 0, 0))) for device in (1, 2, 3)]
+    found = Ask(Kind.FAST, (3, 2, 1), 132, 4).answers(more_frames.fast_status(parts))
+    assert found == side_by_side(parts)
+    assert not Ask(Kind.FAST, (3, 2, 4), 132, 4).answers(more_frames.fast_status(parts[:2])).ids

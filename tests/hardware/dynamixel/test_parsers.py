@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import more_frames
 from hardware.dynamixel import protocol1, protocol2
 from hardware.dynamixel.packets import ALERT, Frame, Status
 from hardware.dynamixel.parsers import parser1, parser2, whole_frames, whole_reply
@@ -65,12 +66,12 @@ def test_any_frame_round_trips(protocol: int, device: int, code: int, params: by
 
 @given(st.lists(st.builds(Status, st.integers(0, 252), st.integers(0, 255), st.binary(max_size=12)), min_size=1))
 def test_a_fast_status_is_taken_as_it_is(answers: list[Status]) -> None:
-    reply = protocol2.fast_status(answers)
+    reply = more_frames.fast_status(answers)
     assert parser2().feed(reply) == [Frame(0xFE, 0x55, reply[8:-2])]
 
 
 def test_headers_and_stuffing_inside_a_fast_status_are_data() -> None:
-    reply = protocol2.fast_status([Status(1, 0, protocol2.ping(3)), Status(2, 0, b"\xff\xff\xfd\xfd")])
+    reply = more_frames.fast_status([Status(1, 0, protocol2.ping(3)), Status(2, 0, b"\xff\xff\xfd\xfd")])
     assert parser2().feed(reply) == [Frame(0xFE, 0x55, reply[8:-2])]
 
 
@@ -258,7 +259,7 @@ REFUSED = {
 @pytest.mark.parametrize("beginning", REFUSED.values(), ids=REFUSED.keys())
 def test_a_frame_that_cannot_be_is_passed_over_at_once(beginning: str) -> None:
     raw = bytes.fromhex(beginning)
-    sealed = raw + protocol2.crc(raw).to_bytes(2, "little")
+    sealed = raw + more_frames.crc(raw).to_bytes(2, "little")
     parser = parser2()
     assert parser.feed(sealed) == []
     assert len(parser.pending) < protocol2.OVERHEAD
@@ -268,14 +269,14 @@ def test_a_frame_that_cannot_be_is_passed_over_at_once(beginning: str) -> None:
 
 def test_a_frame_with_an_unstuffed_header_inside_is_none() -> None:
     raw = protocol2.HEADER + bytes.fromhex("01 0900 03 7400 FFFFFD00")
-    sealed = raw + protocol2.crc(raw).to_bytes(2, "little")
+    sealed = raw + more_frames.crc(raw).to_bytes(2, "little")
     assert parser2().feed(sealed + PING) == [Frame(1, 1, b"")]
 
 
 def test_a_frame_without_stuffing_is_taken_when_no_header_is_inside() -> None:
     """dynamixel-sdk sends such frames; header, length and CRC are valid, so the frame counts."""
     raw = protocol2.HEADER + bytes.fromhex("01 0900 03 7400 FFFFFDFF")
-    sealed = raw + protocol2.crc(raw).to_bytes(2, "little")
+    sealed = raw + more_frames.crc(raw).to_bytes(2, "little")
     assert parser2().feed(sealed) == [Frame(1, 3, b"\x74\0\xff\xff\xfd\xff")]
 
 
@@ -330,7 +331,7 @@ def test_ids_at_the_edge_of_the_first_protocol() -> None:
 
 
 def test_a_cut_fast_reply_holds_back_what_follows_until_silence() -> None:
-    reply = protocol2.fast_status([Status(1, 0, bytes(10)), Status(2, 0, bytes(10))])
+    reply = more_frames.fast_status([Status(1, 0, bytes(10)), Status(2, 0, bytes(10))])
     parser = parser2()
     assert parser.feed(reply[:20] + PING) == []
     assert parser.flush() == [Frame(1, 1, b"")]
@@ -352,7 +353,7 @@ def answers(draw: st.DrawFn) -> list[Status]:
 @settings(max_examples=150)
 @given(answers(), st.data())
 def test_it_is_taken_only_where_every_part_is_valid(said: list[Status], data: st.DataObject) -> None:
-    reply, ids, size = protocol2.fast_status(said), tuple(one.id for one in said), len(said[0].data)
+    reply, ids, size = more_frames.fast_status(said), tuple(one.id for one in said), len(said[0].data)
     found = whole_reply(reply, ids, size)
     assert found is not None and found.statuses == said
     damaged = bytearray(reply)
@@ -372,22 +373,22 @@ def test_a_part_whose_followers_took_its_damage_for_granted_is_not_taken() -> No
     ids = tuple(one.id for one in said)
     chance = random.Random(3)
     for _ in range(200):
-        out = bytearray(protocol2.fast_status(said))
+        out = bytearray(more_frames.fast_status(said))
         part = chance.randrange(20)
         at = 8 + 14 * part + chance.randrange(12)
         out[at] ^= chance.randrange(1, 256)
-        total = protocol2.crc(bytes(out[: 8 + 14 * (part + 1)]))
+        total = more_frames.crc(bytes(out[: 8 + 14 * (part + 1)]))
         for k in range(part + 1, 20):
             end = 8 + 14 * (k + 1) - 2
-            total = protocol2.crc(bytes(out[8 + 14 * k : end]), total)
+            total = more_frames.crc(bytes(out[8 + 14 * k : end]), total)
             out[end : end + 2] = total.to_bytes(2, "little")
-            total = protocol2.crc(bytes(out[end : end + 2]), total)
+            total = more_frames.crc(bytes(out[end : end + 2]), total)
         assert whole_reply(bytes(out), ids, 10) is None
 
 
 @pytest.mark.parametrize("cut", [1, 14, 20])
 def test_neither_short_nor_long_is_whole(cut: int) -> None:
-    reply = protocol2.fast_status([Status(1, 0, b"\x01\x02\x03\x04"), Status(2, 0, b"\x05\x06\x07\x08")])
+    reply = more_frames.fast_status([Status(1, 0, b"\x01\x02\x03\x04"), Status(2, 0, b"\x05\x06\x07\x08")])
     assert whole_reply(reply[:-cut], (1, 2), 4) is None
     assert whole_reply(reply + reply[:cut], (1, 2), 4) is None
     assert whole_reply(reply, (2, 1), 4) is None
@@ -396,7 +397,7 @@ def test_neither_short_nor_long_is_whole(cut: int) -> None:
 
 def test_a_refusal_in_place_of_data_is_no_answer() -> None:
     said = [Status(1, 0, b"\x01\x02\x03\x04"), Status(2, 7, bytes(4))]
-    assert whole_reply(protocol2.fast_status(said), (1, 2), 4) is None
+    assert whole_reply(more_frames.fast_status(said), (1, 2), 4) is None
 
 
 def one_by_one(received: bytes, ids: tuple[int, ...], size: int) -> list[Status]:
@@ -429,7 +430,7 @@ def test_frames_with_stuffing_out_of_order_refused_or_cut_are_looked_at_one_by_o
     stuffed = frame(1, 0, b"\xff\xff\xfd")
     assert len(stuffed) == protocol2.STATUS_BYTES + 4 and whole_frames(stuffed, (1,), 4) is None
     raw = b"\xff\xff\xfd\x00\x01\x08\x00\x55\x00\xff\xff\xfd\x07"  # unstuffed, CRC right
-    assert whole_frames(raw + protocol2.crc(raw).to_bytes(2, "little"), (1,), 4) is None
+    assert whole_frames(raw + more_frames.crc(raw).to_bytes(2, "little"), (1,), 4) is None
     assert whole_frames(calm, (2, 1), 4) is None
     assert whole_frames(calm[:-1], (1, 2), 4) is None and whole_frames(calm + b"\0", (1, 2), 4) is None
     assert whole_frames(frame(1, 7, bytes(4)), (1,), 4) is None

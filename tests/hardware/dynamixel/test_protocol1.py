@@ -7,6 +7,7 @@ from dynamixel_sdk import Protocol1PacketHandler
 from hypothesis import given
 from hypothesis import strategies as st
 
+import more_frames
 from hardware.dynamixel import protocol1
 from hardware.dynamixel.packets import BROADCAST, Frame, Status
 from messages import refuses
@@ -55,7 +56,7 @@ def test_what_cannot_be_sent_is_refused(build: Callable[[], bytes]) -> None:
 
 
 def test_the_second_protocols_factory_reset_has_no_option_here() -> None:
-    assert protocol1.factory_reset(5) == bytes.fromhex("FFFF050206F2")
+    assert more_frames.factory_reset1(5) == bytes.fromhex("FFFF050206F2")
 
 
 @given(st.integers(0, 253), st.integers(0, 127), st.binary(max_size=60))

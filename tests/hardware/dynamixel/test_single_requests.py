@@ -7,6 +7,7 @@ from dynamixel_sdk import COMM_RX_CORRUPT, COMM_RX_TIMEOUT, COMM_SUCCESS
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+import more_frames
 from hardware.dynamixel import protocol1, protocol2, single_requests
 from hardware.dynamixel.control_table import Register, find_table
 from hardware.dynamixel.exchange import Found
@@ -16,7 +17,6 @@ from hardware.dynamixel.single_requests import (
     NoAnswer,
     OneOff,
     PatchedProtocol2,
-    ResetScope,
     SdkPort,
     ServoError,
     packet_handler,
@@ -38,7 +38,7 @@ def _flipped(frame: bytes) -> bytes:
 def test_a_value_is_signed() -> None:
     port = ScriptedPort(always(protocol2.status(1, 0, b"\xff\xff\xff\xff")))
     assert OneOff(port, 2).read(1, POSITION) == -1
-    assert port.sent == [protocol2.read(1, 132, 4)]
+    assert port.sent == [more_frames.read(1, 132, 4)]
 
 
 @pytest.mark.parametrize("value", [0, -1, -131_073, 2_048])
@@ -56,24 +56,16 @@ def test_protocol_1_both_ways() -> None:
     assert port.sent == [protocol1.read(1, 36, 2), protocol1.write(1, 30, b"\xf4\x01")]
 
 
-def test_the_other_instructions() -> None:
+def test_a_reboot_is_one_instruction() -> None:
     port = ScriptedPort(always(protocol2.status(1)))
-    servo = OneOff(port, 2)
-    servo.reboot(1)
-    servo.clear(1)
-    servo.factory_reset(1, ResetScope.ID)
-    assert port.sent == [protocol2.reboot(1), protocol2.clear_turns(1), protocol2.factory_reset(1, 1)]
-    port = ScriptedPort(always(protocol1.status(1)))
-    OneOff(port, 1).factory_reset(1, ResetScope.NOTHING)
-    assert port.sent == [protocol1.factory_reset(1)]
+    OneOff(port, 2).reboot(1)
+    assert port.sent == [more_frames.reboot(1)]
 
 
 def test_protocol_1_has_no_reboot() -> None:
     port = ScriptedPort(always())
-    servo = OneOff(port, 1)
-    for ask in (servo.reboot, servo.clear, servo.factory_reset):
-        with refuses(ServoError):
-            ask(1)
+    with refuses(ServoError):
+        OneOff(port, 1).reboot(1)
     assert not port.sent
 
 
@@ -137,7 +129,8 @@ def test_a_servo_of_protocol_1_in_trouble_still_answers() -> None:
         protocol2.status(2, 0, b"\0\0\0\0"),
         protocol2.status(1, 0, b"\0\0"),
         protocol2.status(1, Error2.CRC),
-        b"\xff\xff\xfd\x00\x01\x03\x00\x55" + protocol2.crc(b"\xff\xff\xfd\x00\x01\x03\x00\x55").to_bytes(2, "little"),
+        b"\xff\xff\xfd\x00\x01\x03\x00\x55"
+        + more_frames.crc(b"\xff\xff\xfd\x00\x01\x03\x00\x55").to_bytes(2, "little"),
         b"\xff" * 30,
     ],
 )
@@ -147,7 +140,7 @@ def test_one_bad_try_is_repeated(bad: bytes) -> None:
     assert len(port.sent) == 2
 
 
-@pytest.mark.parametrize("before", [b"\0\xff\xff", protocol2.status(9, 0, b"\1\2\3\4"), protocol2.read(1, 132, 4)])
+@pytest.mark.parametrize("before", [b"\0\xff\xff", protocol2.status(9, 0, b"\1\2\3\4"), more_frames.read(1, 132, 4)])
 def test_what_stands_before_the_answer_is_skipped(before: bytes) -> None:
     port = ScriptedPort(always(before + ANSWER))
     assert OneOff(port, 2).read(1, POSITION) == 166
@@ -156,7 +149,7 @@ def test_what_stands_before_the_answer_is_skipped(before: bytes) -> None:
 
 def test_a_status_too_short_to_be_one_is_damage() -> None:
     short = protocol2.HEADER + b"\x01\x03\x00\x55"
-    short += protocol2.crc(short).to_bytes(2, "little") + b"\0"
+    short += more_frames.crc(short).to_bytes(2, "little") + b"\0"
     port = ScriptedPort(in_turn(short, protocol2.status(1)))
     OneOff(port, 2).write(1, GOAL, 0)
     assert len(port.sent) == 2
@@ -361,7 +354,7 @@ def test_scan_of_nothing_sends_nothing() -> None:
     assert not port.sent
 
 
-READ = protocol2.read(1, 132, 4)
+READ = more_frames.read(1, 132, 4)
 STATUS = bytes.fromhex("FF FF FD 00 01 08 00 55 00 A6 00 00 00 8C C0")
 
 
@@ -454,14 +447,14 @@ def test_stale_bytes_are_dropped_before_sending(stale: bytes) -> None:
 
 @pytest.mark.parametrize("protocol", [1, 2])
 def test_an_echo_is_dropped(protocol: int) -> None:
-    codec = protocol1 if protocol == 1 else protocol2
+    read = protocol1.read if protocol == 1 else more_frames.read
     answer = protocol1.status(1, 0, b"\x20") if protocol == 1 else protocol2.status(1, 0, b"\x20")
     port = ScriptedPort(lambda request: [(0.0001, request), (0.0008, answer)])
     sdk = _sdk(port)
     assert packet_handler(protocol).read1ByteTxRx(sdk, 1, 43) == (32, COMM_SUCCESS, 0)
     assert sdk.echoed
     assert sdk.received == len(answer)
-    assert port.sent == [codec.read(1, 43, 1)]
+    assert port.sent == [read(1, 43, 1)]
 
 
 def test_an_echo_alone_is_no_answer() -> None:

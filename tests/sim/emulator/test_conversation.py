@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import more_frames
 from emulated import servo1, servo2
 from hardware.dynamixel import protocol1, protocol2
 from hardware.dynamixel.packets import ALERT, BROADCAST, Error1, Error2, Frame, Instruction, Status
@@ -65,7 +66,7 @@ def test_other_broadcasts_are_obeyed_in_silence() -> None:
     devices = _row(1, 2)
     assert _said(protocol2.write(0xFE, 64, b"\x01"), devices) == []
     assert [device.store[64] for device in devices] == [1, 1]
-    assert _said(protocol2.reboot(0xFE), devices) == []
+    assert _said(more_frames.reboot(0xFE), devices) == []
     assert [device.done[-1] for device in devices] == [(Instruction.REBOOT, b"", True, False)] * 2
 
 
@@ -80,7 +81,7 @@ def test_a_secondary_id_is_obeyed_in_silence() -> None:
 
 
 def test_group_reads_are_answered_in_the_order_of_the_frame() -> None:
-    for request in (protocol2.sync_read(132, 4, [3, 1, 2]), protocol2.bulk_read([(d, 132, 4) for d in (3, 1, 2)])):
+    for request in (protocol2.sync_read(132, 4, [3, 1, 2]), more_frames.bulk_read([(d, 132, 4) for d in (3, 1, 2)])):
         replies = _said(request, _row(1, 2, 3))
         assert [reply.data for reply in replies] == [protocol2.status(d, 0, bytes((d, 0, 0, 0))) for d in (3, 1, 2)]
 
@@ -98,7 +99,7 @@ def test_a_device_that_answers_no_reads_is_a_gap() -> None:
 
 
 def test_an_id_counts_once_in_a_bulk_read() -> None:
-    request = protocol2.bulk_read([(1, 132, 4), (1, 126, 2), (2, 132, 4)])
+    request = more_frames.bulk_read([(1, 132, 4), (1, 126, 2), (2, 132, 4)])
     assert _who(_said(request, _row(1, 2))) == [1]
     assert _who(_said(request, _row(1, 2), Gaps.SKIP)) == [1, 2]
 
@@ -143,7 +144,7 @@ def test_a_device_without_fast_reads_is_a_gap_in_them_alone() -> None:
 def test_a_fast_bulk_read_has_parts_of_their_own_length() -> None:
     devices = _row(1, 2)
     devices[0].store[126:128] = b"\xff\xff"
-    replies = _said(protocol2.bulk_read([(1, 126, 2), (2, 132, 4)], fast=True), devices)
+    replies = _said(more_frames.bulk_read([(1, 126, 2), (2, 132, 4)], fast=True), devices)
     reply = b"".join(part.data for part in replies)
     assert valid_parts(reply, [2, 4]) == [Status(1, 0, b"\xff\xff"), Status(2, 0, b"\x02\0\0\0")]
 
@@ -308,14 +309,14 @@ def test_a_sync_read_asks_each_id_for_the_same(address: int, length: int, ids: l
 @settings(max_examples=50)
 @given(st.lists(st.tuples(IDS, WORDS, WORDS), max_size=40), st.booleans())
 def test_a_bulk_read_asks_each_id_for_its_own(items: list[tuple[int, int, int]], fast: bool) -> None:
-    frame = _frame2(protocol2.bulk_read(items, fast=fast))
+    frame = _frame2(more_frames.bulk_read(items, fast=fast))
     assert list(reads2(frame.code, frame.params)) == items
 
 
 @settings(max_examples=50)
 @given(st.lists(st.tuples(IDS, WORDS, st.binary(max_size=12)), max_size=20))
 def test_a_bulk_write_gives_each_id_its_own(items: list[tuple[int, int, bytes]]) -> None:
-    frame = _frame2(protocol2.bulk_write(items))
+    frame = _frame2(more_frames.bulk_write(items))
     assert writes2(frame.code, frame.params) == items
 
 
@@ -344,7 +345,7 @@ def test_any_parameters_are_read_without_an_error(params: bytes) -> None:
 
 
 def test_a_truncated_part_addresses_no_device() -> None:
-    whole = _frame2(protocol2.bulk_write([(1, 32, b"\xa0\0"), (2, 31, b"P")])).params
+    whole = _frame2(more_frames.bulk_write([(1, 32, b"\xa0\0"), (2, 31, b"P")])).params
     assert writes2(Instruction.BULK_WRITE, whole[:-1]) == [WriteItem(1, 32, b"\xa0\0")]
     assert writes2(Instruction.SYNC_WRITE, b"\x74\0\x04\0\x01\x96\0\0") == []
     assert not reads2(Instruction.BULK_READ, b"\x01\x90\0\x02")

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import more_frames
 from hardware.bus import BusSpec
 from hardware.dynamixel import protocol1, protocol2
 from hardware.dynamixel.packets import Error1, Error2
@@ -53,7 +54,7 @@ def test_gaps(conduct: Conduct | None, who: tuple[int, ...]) -> None:
 @pytest.mark.parametrize(("conduct", "boot"), [(None, 0.2), (Conduct(boot_time=1.5), 1.5), (Conduct(boot_time=0), 0)])
 def test_the_time_of_a_start(conduct: Conduct | None, boot: float) -> None:
     line = _line(conduct)
-    assert _ask(line, protocol2.reboot(2), 1.0) == protocol2.status(2)
+    assert _ask(line, more_frames.reboot(2), 1.0) == protocol2.status(2)
     assert boot == 0 or _ask(line, protocol2.ping(2), 1.0 + 0.99 * boot) == b""
     assert len(_ask(line, protocol2.ping(2), 1.0 + 1.01 * boot)) == 14
 
@@ -75,7 +76,7 @@ def test_what_feeds_the_bus_watchdog(fed_by: FedBy, packet: bytes, feeds: bool) 
     for step in range(1, 11):
         _ask(line, packet, 0.05 * step)
     trip = protocol2.status(1, 0, b"\x05" if feeds else b"\xff")
-    assert _ask(line, protocol2.read(1, WATCHDOG, 1), 0.55) == trip
+    assert _ask(line, more_frames.read(1, WATCHDOG, 1), 0.55) == trip
 
 
 @pytest.mark.parametrize("protocol", [1, 2])
@@ -115,7 +116,7 @@ def test_servos_stand_and_every_device_answers() -> None:
     assert [device.id for device in line.devices] == [*(servo.id for servo in ROBOT.joint_map.servos), 200]
     for servo, tick in zip(ROBOT.joint_map.servos, standing_ticks(ROBOT), strict=True):
         status = protocol2.status(servo.id, 0, int(tick).to_bytes(4, "little", signed=True))
-        assert _ask(line, protocol2.read(servo.id, 132, 4), 5.0) == status
+        assert _ask(line, more_frames.read(servo.id, 132, 4), 5.0) == status
 
 
 def test_without_power_only_the_switch_answers_until_it_is_on() -> None:

@@ -5,9 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hardware.dynamixel.protocol2 import ping, reboot, sync_read, sync_write, write
+from hardware.dynamixel.protocol2 import ping, sync_read, sync_write, write
 from hardware.servo import ServoSpec, find_model
 from messages import shows
+from more_frames import reboot
 from retarget.model.robot import RobotBody, load_robot
 from sim.faults.bench import Bench
 from sim.faults.reactions import violations
