@@ -1,9 +1,9 @@
 """Xsens MVN network streamer: datagrams of one character -> poses of its 23 body segments.
 
-Used: type 02 (quaternions; the one to choose in MVN), type 01 (Euler angles, only while no quaternions come) and 13 (the
-T-pose). Type 12 (the performer's name) is passed over, and all else is counted. Names of poses are MVN's own: "Pelvis", "L5", "RightForeArm"
-(`SEGMENTS`); props and fingers are left out. The stamp is the time code, the number the sample counter: a sender may
-skip samples, and arrival times are off by 15 ms, so these two place a sample in time.
+Used: type 02 (quaternions; the one to choose in MVN), type 01 (Euler angles, only while no quaternions come) and 13
+(the T-pose). Type 12 (the performer's name) is passed over, and all else is counted. Names of poses are MVN's own:
+"Pelvis", "L5", "RightForeArm" (`SEGMENTS`); props and fingers are left out. The stamp is the time code, the number the
+sample counter: a sender may skip samples, and arrival times are off by 15 ms, so these two place a sample in time.
 """
 
 import struct
