@@ -41,31 +41,20 @@ def inspect(
 
 def show(summary: MotionSummary, console: Console) -> None:
     """Print a summary for a person."""
-    out = _Printer(console)
-    out.line(summary.source)
+    console.out(summary.source)
     length = f"{summary.frames} frames at {summary.rate_hz:g} Hz, {summary.duration_s:.2f} s"
-    out.line(f"{length}, over {summary.travel_m:.1f} m of floor")
+    console.out(f"{length}, over {summary.travel_m:.1f} m of floor")
     if summary.stature_m is not None:
         bones = ", ".join(f"{name} {length:.3f}" for name, length in summary.lengths_m.items())
-        out.line(f"body about {summary.stature_m:.2f} m tall; {bones}")
-    out.line(
+        console.out(f"body about {summary.stature_m:.2f} m tall; {bones}")
+    console.out(
         f"whole body known: {len(summary.joints)} joints" if summary.joints else "whole body not known: sensors only"
     )
     console.print()
     console.print(_sensor_table(summary))
-    _show_jumps(summary, out)
+    _show_jumps(summary, console)
     for note in summary.notes:
-        out.line(f"note: {note}")
-
-
-class _Printer:
-    """Plain lines: no markup and no highlighting in file names."""
-
-    def __init__(self, console: Console) -> None:
-        self._console = console
-
-    def line(self, text: str) -> None:
-        self._console.print(text, markup=False, highlight=False, soft_wrap=True)
+        console.out(f"note: {note}")
 
 
 def _sensor_table(summary: MotionSummary) -> Table:
@@ -89,21 +78,21 @@ def _share(value: float) -> str:
     return f"{min(max(100.0 * value, 0.1), 99.9):.1f} %"
 
 
-def _show_jumps(summary: MotionSummary, out: _Printer) -> None:
+def _show_jumps(summary: MotionSummary, console: Console) -> None:
     if not summary.jumps:
-        out.line("\nno jumps: nothing moves faster than a human can")
+        console.out("\nno jumps: nothing moves faster than a human can")
         return
     count = len({jump.frame for jump in summary.jumps})
-    out.line(f"\n{count} jumps faster than a human can move, between a frame and the next:")
+    console.out(f"\n{count} jumps faster than a human can move, between a frame and the next:")
     by_frame: dict[int, list[str]] = {}
     for jump in summary.jumps:
         size = f"{jump.distance_m:.2f} m" if jump.distance_m >= 0.05 else f"{jump.turn_deg:.0f} deg"
         by_frame.setdefault(jump.frame, []).append(f"{jump.sensor} {size}")
     for frame, parts in list(by_frame.items())[:SHOWN_JUMPS]:
         more = f" and {len(parts) - 4} more" if len(parts) > 4 else ""
-        out.line(f"  frame {frame + 1} ({frame / summary.rate_hz:.2f} s): {', '.join(parts[:4])}{more}")
+        console.out(f"  frame {frame + 1} ({frame / summary.rate_hz:.2f} s): {', '.join(parts[:4])}{more}")
     if count > SHOWN_JUMPS:
-        out.line(f"  ... and {count - SHOWN_JUMPS} more (--json has them all)")
+        console.out(f"  ... and {count - SHOWN_JUMPS} more (--json has them all)")
 
 
 def _plain(value: Any) -> Any:

@@ -220,7 +220,6 @@ def _no_port() -> Finding:
 
 OLDEST = (3, 11)
 FRAMES = 100
-AMPLITUDE_M = 0.05
 
 
 def python_findings(version: tuple[int, ...] = sys.version_info[:3]) -> list[Finding]:
@@ -247,38 +246,26 @@ def frame_findings(measure: "Callable[[], float] | None" = None) -> list[Finding
 
 
 def seconds_per_frame(frames: int = FRAMES) -> float:
-    """Median CPU time, s, of both stages for a performer who waves while OP3 follows. Takes about a second."""
-    from retarget.frames import SensorSample
+    """Median CPU time, s, of both stages while OP3 follows the sample recording at 100 Hz. Takes about a second."""
+    from retarget.human.calibration import calibrate
     from retarget.human.reconstruction import Reconstructor
+    from retarget.human.samples import Playback, lay_on_ticks
     from retarget.model.human import build_human
-    from retarget.model.human_dimensions import proportional_dimensions
     from retarget.model.robot import load_robot
     from retarget.robot.follower import Follower
     from retarget.schema.performer import load_performer
     from retarget.schema.priorities import load_priorities
+    from retarget.sources.open import SAMPLE, open_source
 
-    size = proportional_dimensions(1.75)
-    human, performer = build_human(size), load_performer("five")
-    names = tuple(performer.sensors)
-    kinematics, q = human.body.solver_body(), human.posture("attractor")
-    joints = [human.body.frame(name) for name in names]
-    rest = kinematics.points(q[None], [one.body for one in joints], np.array([one.position for one in joints]))[0]
-    wrists = [names.index("l_wrist"), names.index("r_wrist")]
-    blank, valid = np.full((len(names), 4), np.nan), np.ones(len(names), dtype=bool)
-
-    def sample(tick: int) -> SensorSample:
-        place = np.array(rest)
-        place[wrists, 2] += AMPLITUDE_M * np.sin(0.05 * tick)
-        return SensorSample(names, place, blank, valid)
-
-    reconstructor = Reconstructor(human, load_priorities("human"), performer)
-    robot = load_robot("op3")
+    recording, performer, robot = open_source(SAMPLE), load_performer("five"), load_robot("op3")
+    clip, size = lay_on_ticks(recording, performer=performer, playback=Playback(), rate_hz=100.0), calibrate(recording)
+    reconstructor = Reconstructor(build_human(size), load_priorities("human"), performer)
     follower = Follower(robot, load_priorities(robot.profile.retarget), size)
-    follower.start(reconstructor.start(sample(0)))
+    follower.start(reconstructor.start(clip.sample(0)))
     costs = []
     for tick in range(1, frames + 1):
         before = thread_cpu()
-        follower.step(reconstructor.step(sample(tick), 0.01), 0.01)
+        follower.step(reconstructor.step(clip.sample(tick), clip.dt), clip.dt)
         costs.append(thread_cpu() - before)
     return float(np.median(costs))
 

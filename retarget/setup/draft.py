@@ -4,7 +4,7 @@ only a draft.
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from string import Template
 
@@ -20,6 +20,7 @@ from retarget.types import FloatArray
 
 HEAD = "# Proposed as retarget fit-observers does; what the comments mean is in docs/fitting.md.\n"
 EMPTY = "ignore_pairs: []"
+NO_OBSERVERS = f"observers: {{}}\n{EMPTY}\n"
 
 
 def observer_text(fitted: str, touching: tuple[tuple[str, str], ...]) -> str:
@@ -130,7 +131,7 @@ class Draft:
     facing: str
     missing: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
-    observers: str = field(default="observers: {}\nignore_pairs: []\n")
+    observers: str = NO_OBSERVERS
 
 
 # A drafted profile as `robot.yaml`: in the order of the shipped ones, with comments that say what is only a draft.

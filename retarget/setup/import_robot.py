@@ -17,9 +17,10 @@ from retarget.model.robot import load_uncalibrated
 from retarget.rotations import from_matrix
 from retarget.schema.catalogue import Kind, entries
 from retarget.schema.files import check_folder, check_path, umask
-from retarget.schema.profile import RobotProfile, marked_lines, read_profile
+from retarget.schema.profile import marked_lines, read_profile
 from retarget.setup.body_draft import BodyDraft, draft_body, facing_x
 from retarget.setup.draft import (
+    NO_OBSERVERS,
     Draft,
     FootDraft,
     FrameDraft,
@@ -32,7 +33,7 @@ from retarget.setup.fit_observers import Subject, fit
 from retarget.setup.frames import Found, Posed, find_frames
 from retarget.setup.limbs import UP, Anatomy, find_anatomy
 from retarget.setup.observer_proposals import Zones
-from retarget.setup.postures import SPREADS, Cleared, Postures, clear_postures, find_postures, leg_length
+from retarget.setup.postures import SPREADS, Postures, clear_postures, find_postures, leg_length
 from retarget.setup.robot_file import Relaxed, read_source, stated_speeds
 from retarget.setup.servo_guess import guess_servos
 from retarget.setup.tree import read_tree
@@ -159,62 +160,57 @@ def _drafted(
     root, notes = _root(folder / body.file, anatomy, found)
     soles = root == "free"
     postures = find_postures(posed, spread=SPREADS[0], soles=soles)
-    draft = Draft(
-        name=name,
-        source=source,
-        body=body.file,
-        root=root,
-        frames=_frames(body, posed, found),
-        servos=servos,
-        feet=_feet(found) if soles else (),
-        postures=postures.angles,
-        landmarks=(),
-        facing=anatomy.facing,
-        missing=found.missing,
-        notes=(*body.notes, *notes, *_odd(anatomy), *(() if body.model.ngeom else (SHAPELESS,))),
-    )
-    draft = replace(draft, landmarks=_landmarks(posed, draft))
-    profile = _written(folder, draft)
-    if body.model.ngeom:
-        subject = Subject(name, compile_body(folder / body.file, root=root), profile)
-        draft = _observed(draft, subject, posed, postures, samples=samples, progress=progress)
-    draft = replace(draft, landmarks=_landmarks(posed, draft))
-    _written(folder, draft)
-    return draft
+    notes = (*body.notes, *notes, *_odd(anatomy), *(() if body.model.ngeom else (SHAPELESS,)))
+
+    def write(postures: Postures, notes: tuple[str, ...], observers: str = NO_OBSERVERS) -> Draft:
+        """The profile with these postures, into the folder."""
+        draft = Draft(
+            name=name,
+            source=source,
+            body=body.file,
+            root=root,
+            frames=_frames(body, posed, found),
+            servos=servos,
+            feet=_feet(found) if soles else (),
+            postures=postures.angles,
+            landmarks=_landmarks(posed, postures),
+            facing=anatomy.facing,
+            missing=found.missing,
+            notes=notes,
+            observers=observers,
+        )
+        (folder / "robot.yaml").write_text(profile_text(draft), encoding="utf-8")
+        return draft
+
+    draft = write(postures, notes)
+    if not body.model.ngeom:
+        return draft
+    subject = Subject(name, compile_body(folder / body.file, root=root), read_profile(folder / "robot.yaml"))
+    cleared, observers = _observed(subject, posed, postures, soles=soles, samples=samples, progress=progress)
+    if soles and not cleared.stands:
+        notes = (*notes, "no posture was found in which it stands with flat soles: correct `postures`")
+    return write(cleared, notes, observers)
 
 
 def _observed(
-    draft: Draft,
     subject: Subject,
     posed: Posed,
     first: Postures,
     *,
+    soles: bool,
     samples: int,
     progress: Callable[[float], None],
-) -> Draft:
-    """With observers, and with postures in which these do not touch."""
+) -> tuple[Postures, str]:
+    """Postures in which the fitted observers do not touch, and these as text."""
     body, tight = body_from_file(subject.file), frozenset[str]()
     for _ in range(ROUNDS):
         fitted = fit(subject, ZONES, samples=samples, thickest=THICK, tight=tight, progress=progress)
-        cleared = clear_postures(body, fitted, posed, first, soles=bool(draft.feet))
+        cleared = clear_postures(body, fitted, posed, first, soles=soles)
         touching = frozenset(link for pair in cleared.touching for link in pair)
         if touching <= tight:
             break
         tight |= touching
-    return _settled(draft, cleared, observer_text(fitted.text, cleared.touching))
-
-
-def _settled(draft: Draft, cleared: Cleared, observers: str) -> Draft:
-    notes = draft.notes
-    if draft.feet and not cleared.postures.stands:
-        notes = (*notes, "no posture was found in which it stands with flat soles: correct `postures`")
-    return replace(draft, postures=cleared.postures.angles, observers=observers, notes=notes)
-
-
-def _written(folder: Path, draft: Draft) -> RobotProfile:
-    path = folder / "robot.yaml"
-    path.write_text(profile_text(draft), encoding="utf-8")
-    return read_profile(path)
+    return cleared.postures, observer_text(fitted.text, cleared.touching)
 
 
 def _root(body: Path, anatomy: Anatomy, found: Found) -> tuple[Root, tuple[str, ...]]:
@@ -248,11 +244,11 @@ def _feet(found: Found) -> tuple[FootDraft, ...]:
     )
 
 
-def _landmarks(posed: Posed, draft: Draft) -> tuple[LandmarkDraft, ...]:
+def _landmarks(posed: Posed, postures: Postures) -> tuple[LandmarkDraft, ...]:
     anatomy = posed.anatomy
     leg = leg_length(posed) if anatomy.legs else 0.0
     axes = np.stack([anatomy.forward, anatomy.left, UP], axis=1)
-    return find_landmarks(posed.place(draft.postures["stand"]), leg, axes)
+    return find_landmarks(posed.place(postures.angles["stand"]), leg, axes)
 
 
 def _odd(anatomy: Anatomy) -> tuple[str, ...]:

@@ -156,20 +156,12 @@ def _forward(
 ) -> tuple[FloatArray, str]:
     """Forward (3,), and by what it was found: of the two directions in the mirror plane, that with more evidence."""
     ahead = np.cross(mirror.normal, UP)  # forward, if the normal points left
-    evidence: list[tuple[float, str]] = []
-    if named := _named(tree, mirror):
-        evidence.append((3.0 * named, "names of left and right"))
+    evidence = [(3.0 * _named(tree, mirror), "names of left and right")]
     if legs is not None:
-        feet = _feet_ahead(tree, legs[0], ahead)
-        if abs(feet) > 0.02:
-            evidence.append((float(np.sign(feet)) * 2.0, "feet, longer ahead of the ankle"))
-        knee = _knee_ahead(tree, legs[0], ahead)
-        if knee:
-            evidence.append((2.0 * knee, "knees, which bend backwards"))
+        evidence.append((2.0 * _feet_ahead(tree, legs[0], ahead), "feet, longer ahead of the ankle"))
+        evidence.append((2.0 * _knee_ahead(tree, legs[0], ahead), "knees, which bend backwards"))
     if arms is not None:
-        hands = _hands_ahead(tree, arms[0], ahead)
-        if hands:
-            evidence.append((hands, "hands, ahead of the shoulders"))
+        evidence.append((_hands_ahead(tree, arms[0], ahead), "hands, ahead of the shoulders"))
     total = sum(weight for weight, _ in evidence)
     if total == 0.0:
         usual = ahead if ahead @ np.array([1.0, 1.0, 0.0]) > 0.0 else -ahead
@@ -196,14 +188,15 @@ def _side(name: str) -> int:
 
 
 def _feet_ahead(tree: Tree, leg: Limb, ahead: FloatArray) -> float:
-    """How far the middle of the sole is ahead of the last joint across it, as a share of the sole's length."""
+    """1 where the middle of the sole is ahead of the last joint across it, -1 where behind, else 0."""
     sole = flat_underside(tree, leg.ends)
     pitches = pitch_joints(tree, leg, np.cross(UP, ahead))
     if sole is None or not pitches:
         return 0.0
     along = sole.corners @ ahead
     middle = 0.5 * (along.min() + along.max())
-    return float((middle - tree.nodes[pitches[-1]].anchor @ ahead) / max(float(np.ptp(along)), 1e-6))
+    share = (middle - tree.nodes[pitches[-1]].anchor @ ahead) / max(float(np.ptp(along)), 1e-6)
+    return float(np.sign(share)) if abs(share) > 0.02 else 0.0
 
 
 def _hands_ahead(tree: Tree, arm: Limb, ahead: FloatArray) -> float:

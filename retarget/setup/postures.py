@@ -274,9 +274,10 @@ class _Bench:
     def __init__(self, body: BodyModel, fitted: Fit) -> None:
         observers, self._body, self._model = fitted.observers, body, ShapeModel(body, fitted.observers)
         ignored = {frozenset(verdict.links) for verdict in fitted.ignored[:MAX_PAIRS]}
-        names = {record.pair: tuple(observers[place].link_name for place in record.pair) for record in fitted.records}
-        self._pairs = sorted(pair for pair, links in names.items() if frozenset(links) not in ignored)
-        self._links = [names[pair] for pair in self._pairs]
+        pairs = sorted(record.pair for record in fitted.records)
+        links = [(observers[a].link_name, observers[b].link_name) for a, b in pairs]
+        looked = [place for place, names in enumerate(links) if frozenset(names) not in ignored]
+        self._pairs, self._links = [pairs[place] for place in looked], [links[place] for place in looked]
         steps = [steps_between(body, observers[a].link, observers[b].link) for a, b in self._pairs]
         self._near: BoolArray = np.array(steps, dtype=int) <= NEAR_LINKS
 

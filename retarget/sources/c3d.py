@@ -11,20 +11,16 @@ import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from retarget.errors import InputError
 from retarget.frames import SENSORS, SensorFrames
-from retarget.sources.canonical import UNITS, Axes, Unit, named_unit
+from retarget.sources.canonical import UNITS, Axes, named_unit
 from retarget.sources.files import MAX_VALUE, check_frame_count, check_rate, frame_times, read_bytes
 from retarget.sources.skeletons import TABLES, names_of_sides
 from retarget.types import BoolArray, FloatArray
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
 
 _GROUPS = names_of_sides(TABLES["markers"])
 MARKER_GROUPS: dict[str, tuple[tuple[str, ...], ...]] = {name: _GROUPS[name] for name in SENSORS if name in _GROUPS}
@@ -83,18 +79,13 @@ def read_c3d(path: Path, *, unit: str | None = None, rate: float | None = None) 
     columns, notes = _one_subject(markers.labels)
     groups = groups_in(columns)
     if not groups:
-        found = ", ".join(markers.labels[:12])
-        raise InputError(
-            "no known marker",
-            where=str(path),
-            found=found,
-            allowed="Vicon names such as LFHD, LWRA, LANK (docs/motion-files.md)",
-        )
+        raise _no_marker(markers.labels, path)
     sensors = tuple(sensor for sensor in SENSORS if sensor in groups)
     position, valid = _sensor_tracks(markers, [[columns[label] for label in groups[sensor]] for sensor in sensors])
     scale, unit_note = _metres(markers, unit, path)
     position = position @ Axes.with_up(markers.up).matrix().T * scale
-    lost = [f"{sensor} lost in {count} of {len(valid)} frames" for sensor, count in _lost(sensors, valid).items()]
+    counts = zip(sensors, (~valid).sum(axis=0).tolist(), strict=True)
+    lost = [f"{sensor} lost in {count} of {len(valid)} frames" for sensor, count in counts if count]
     rate = markers.rate_hz if rate is None else rate
     return SensorFrames(
         time=frame_times(len(position), check_rate(rate, str(path))),
@@ -153,8 +144,7 @@ def _tracks(reader: Any, path: Path) -> MarkerTracks:
     labels = _labels(reader, points)
     columns = [column for column, label in enumerate(labels) if marker_name(label) in KNOWN_MARKERS]
     if not columns:
-        allowed = "Vicon names such as LFHD, LWRA, LANK (docs/motion-files.md)"
-        raise InputError("no known marker", where=where, found=", ".join(labels[:12]) or "no labels", allowed=allowed)
+        raise _no_marker(labels, path)
     frames = []
     for _, block, _ in reader.read_frames(copy=True, analog_transform=False):
         frames.append(block[columns, :4])
@@ -177,6 +167,12 @@ def _tracks(reader: Any, path: Path) -> MarkerTracks:
         unit=_text(reader, "POINT:UNITS"),
         up=_up_axis(_text(reader, "POINT:Y_SCREEN")),
     )
+
+
+def _no_marker(labels: tuple[str, ...], path: Path) -> InputError:
+    allowed = "Vicon names such as LFHD, LWRA, LANK (docs/motion-files.md)"
+    found = ", ".join(labels[:12]) or "no labels"
+    return InputError("no known marker", where=str(path), found=found, allowed=allowed)
 
 
 def _labels(reader: Any, points: int) -> tuple[str, ...]:
@@ -235,7 +231,7 @@ def _metres(markers: MarkerTracks, unit: str | None, path: Path) -> tuple[float,
     name = markers.unit.lower()
     name = _UNIT_NAMES.get(name, name)
     if name in UNITS:
-        return Unit(name, UNITS[name]).metres, ()
+        return UNITS[name], ()
     if name:
         raise InputError(
             "unknown unit in the file",
@@ -245,9 +241,3 @@ def _metres(markers: MarkerTracks, unit: str | None, path: Path) -> tuple[float,
             next_step="Say it with --unit",
         )
     return UNITS["mm"], ("unit not stated: taken as mm (change it with --unit)",)
-
-
-def _lost(sensors: tuple[str, ...], valid: BoolArray) -> "Mapping[str, int]":
-    """Sensor -> number of frames without it, where there are any."""
-    counts = (~valid).sum(axis=0)
-    return {sensor: int(count) for sensor, count in zip(sensors, counts, strict=True) if count}

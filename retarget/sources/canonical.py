@@ -15,7 +15,7 @@ from retarget import rotations
 from retarget.errors import InputError, UsageError, suggest
 from retarget.frames import JOINTS, SENSORS, JointTracks, SensorFrames, Skeleton, stature
 from retarget.sources.files import frame_times
-from retarget.sources.skeletons import JointTree, Pose, joints_by_name, joints_by_shape
+from retarget.sources.skeletons import JointTree, Pose, joints_by_name, joints_by_shape, shared_path
 from retarget.types import FloatArray
 
 # Which way is up, left and forward in a motion file, from the body itself.
@@ -257,9 +257,8 @@ def segment_joint(tree: JointTree, joints: dict[str, CanonicalJoint], name: str)
 
 def _add_trunk(tree: JointTree, joints: dict[str, CanonicalJoint]) -> None:
     """Chest, spine and neck, as far as the tree has joints for them."""
-    paths = [tree.path(joints[name].joint) for name in ("head", "l_shoulder", "r_shoulder")]
-    shared = [step[0] for step in zip(*paths, strict=False) if len(set(step)) == 1]
-    above = paths[0][len(shared) :]
+    shared = shared_path(tree, [joints[name].joint for name in ("head", "l_shoulder", "r_shoulder")])
+    above = tree.path(joints["head"].joint)[len(shared) :]
     rest = tree.rest_positions()
     zero = np.zeros(3)
     if len(shared) > 1:

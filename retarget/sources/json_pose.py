@@ -10,6 +10,7 @@ position or no rotation drop only their own pose.
 
 import json
 import math
+from collections.abc import Callable
 from typing import Any, NoReturn
 
 import numpy as np
@@ -20,7 +21,6 @@ from retarget.sources.stream_frame import (
     MAX_DATAGRAM,
     MAX_POSES,
     NORM_TOLERANCE,
-    Convention,
     Dropped,
     StreamFrame,
 )
@@ -36,7 +36,6 @@ MAX_NAME = 64
 MAX_TIME = 1e12
 MAX_FRAME = 2**63 - 1
 
-_KEYS = {"axes", "quaternion", "time", "frame", "poses"}
 _POSE_KEYS = {"p", "q", "tracked"}
 _NUMBER = frozenset((float, int))
 _NOWHERE, _NO_TURN = (math.nan,) * 3, (math.nan,) * 4
@@ -63,12 +62,9 @@ class JsonPoseDecoder:
             return []
 
     def _frame(self, message: dict[str, Any]) -> StreamFrame:
-        if not message.keys() <= _KEYS:
-            raise _Refused("a key other than axes, quaternion, time, frame, poses")
-        axes, order = _axes(message), _order(message)
-        poses = message.get("poses")
-        if type(poses) is not dict or not 0 < len(poses) <= MAX_POSES:
-            raise _Refused(f'"poses" is no object of 1 to {MAX_POSES} poses')
+        _check(message)
+        axes, order, poses = CONVENTIONS[message["axes"]], ORDERS.get(message.get("quaternion", "")), message["poses"]
+        time = message.get("time")
         places, turns, tracked = [], [], []
         for pose in poses.values():
             place, turn, is_tracked = _pose(pose, order)
@@ -83,8 +79,8 @@ class JsonPoseDecoder:
             position=axes.positions(np.array(places)),
             orientation=axes.orientations(np.array(turns)),
             tracked=np.array(tracked),
-            stamp=_time(message),
-            number=_number(message),
+            stamp=None if time is None else float(time),
+            number=message.get("frame"),
         )
 
     def _named(self, names: tuple[str, ...]) -> tuple[str, ...]:
@@ -126,38 +122,30 @@ _JSON = json.JSONDecoder(object_pairs_hook=_object, parse_constant=_no_constant)
 """Made once: that costs as much as a pose."""
 
 
-def _axes(message: dict[str, Any]) -> Convention:
-    name = message.get("axes")
-    if type(name) is not str or name not in CONVENTIONS:
-        raise _Refused('"axes" is missing or no known convention')
-    return CONVENTIONS[name]
+_FIELDS: dict[str, tuple[Callable[[Any], bool], str]] = {
+    "axes": (lambda name: type(name) is str and name in CONVENTIONS, '"axes" is missing or no known convention'),
+    "quaternion": (lambda name: type(name) is str and name in ORDERS, '"quaternion" is neither "wxyz" nor "xyzw"'),
+    "time": (
+        lambda time: type(time) in (float, int) and abs(time) <= MAX_TIME,
+        '"time" is no finite number of seconds',
+    ),
+    "frame": (lambda number: type(number) is int and 0 <= number <= MAX_FRAME, '"frame" is no whole number from 0'),
+    "poses": (
+        lambda poses: type(poses) is dict and 0 < len(poses) <= MAX_POSES,
+        f'"poses" is no object of 1 to {MAX_POSES} poses',
+    ),
+}
+"""Key of a message -> what its value must be, and why the message is refused otherwise."""
+_REQUIRED = {"axes", "poses"}
 
 
-def _order(message: dict[str, Any]) -> tuple[int, int, int, int] | None:
-    if "quaternion" not in message:
-        return None
-    name = message["quaternion"]
-    if type(name) is not str or name not in ORDERS:
-        raise _Refused('"quaternion" is neither "wxyz" nor "xyzw"')
-    return ORDERS[name]
-
-
-def _time(message: dict[str, Any]) -> float | None:
-    if "time" not in message:
-        return None
-    time = message["time"]
-    if type(time) not in (float, int) or not abs(time) <= MAX_TIME:
-        raise _Refused('"time" is no finite number of seconds')
-    return float(time)
-
-
-def _number(message: dict[str, Any]) -> int | None:
-    if "frame" not in message:
-        return None
-    number = message["frame"]
-    if type(number) is not int or not 0 <= number <= MAX_FRAME:
-        raise _Refused('"frame" is no whole number from 0')
-    return number
+def _check(message: dict[str, Any]) -> None:
+    """Raise _Refused for a message with a key or a value that is not usable."""
+    if not message.keys() <= _FIELDS.keys():
+        raise _Refused("a key other than axes, quaternion, time, frame, poses")
+    for key, (is_usable, reason) in _FIELDS.items():
+        if (key in message or key in _REQUIRED) and not is_usable(message.get(key)):
+            raise _Refused(reason)
 
 
 def _pose(pose: object, order: tuple[int, int, int, int] | None) -> tuple[Any, Any, bool]:

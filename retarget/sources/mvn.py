@@ -1,13 +1,12 @@
 """Xsens MVN network streamer: datagrams of one character -> poses of its 23 body segments.
 
-Used: type 02 (quaternions; the one to choose in MVN), type 01 (Euler angles, only while no quaternions come), 12 (the
-performer's name) and 13 (the T-pose). All else is counted. Names of poses are MVN's own: "Pelvis", "L5", "RightForeArm"
-(`SEGMENTS`); props and fingers are left out. The stamp is the time code, the number the sample counter: a sender may
-skip samples, and arrival times are off by 15 ms, so these two place a sample in time.
+Used: type 02 (quaternions; the one to choose in MVN), type 01 (Euler angles, only while no quaternions come) and 13
+(the T-pose). Type 12 (the performer's name) is passed over, and all else is counted. Names of poses are MVN's own:
+"Pelvis", "L5", "RightForeArm" (`SEGMENTS`); props and fingers are left out. The stamp is the time code, the number the
+sample counter: a sender may skip samples, and arrival times are off by 15 ms, so these two place a sample in time.
 """
 
 import struct
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -75,18 +74,6 @@ def read_header(data: bytes | bytearray, offset: int = 0) -> MvnHeader | None:
     return MvnHeader(int(digits), sample, counter & 0x7F, counter >= 0x80, items, time_ms, character, size)
 
 
-def read_name(payload: bytes) -> str | None:
-    """The performer's name in a type 12 payload: one counted text of lines `key:value`; None if there is none."""
-    text = _text(payload, 0, limit=len(payload))
-    if text is None:
-        return None
-    for line in text[0].split("\n"):
-        key, colon, value = line.partition(":")
-        if colon and key == "name" and value.isprintable():
-            return value[:MAX_NAME]
-    return None
-
-
 def read_scale(payload: bytes) -> tuple[tuple[str, ...], FloatArray] | None:
     """Segment names (k) and their origins (k, 3) in the T-pose, sender's unit, of one type 13 payload.
 
@@ -100,7 +87,7 @@ def read_scale(payload: bytes) -> tuple[tuple[str, ...], FloatArray] | None:
         return None
     at, names, origins = _COUNT.size, [], []
     for _ in range(count):
-        named = _text(payload, at, limit=MAX_NAME)
+        named = _text(payload, at)
         if named is None or len(payload) - named[1] < _ORIGIN.size:
             return None
         name, at = named
@@ -110,13 +97,13 @@ def read_scale(payload: bytes) -> tuple[tuple[str, ...], FloatArray] | None:
     return tuple(names), np.array(origins, float).reshape(count, 3)
 
 
-def _text(payload: bytes, at: int, *, limit: int) -> tuple[str, int] | None:
-    """A text that its u32 length precedes, and where it ends; None if it is longer than the limit or the payload."""
+def _text(payload: bytes, at: int) -> tuple[str, int] | None:
+    """A text that its u32 length precedes, and where it ends; None if it is longer than MAX_NAME or the payload."""
     if len(payload) - at < _COUNT.size:
         return None
     (length,) = _COUNT.unpack_from(payload, at)
     begin, end = at + _COUNT.size, at + _COUNT.size + length
-    if length > limit or end > len(payload):
+    if length > MAX_NAME or end > len(payload):
         return None
     try:
         return payload[begin:end].decode("utf-8").rstrip("\0"), end
@@ -254,8 +241,6 @@ TALL = 10.0
 TALL_SAMPLES = 5
 """Tall samples in a row that change the unit: one damaged sample must not shrink the performer for good."""
 
-CENTIMETRES = "MVN sends centimetres (pelvis above 10): taken as such"
-
 _OTHER = {
     5: "type 05 (Unity poses): choose Position + Orientation (Quaternion) in MVN",
     20: "type 20 (joint angles)",
@@ -295,17 +280,13 @@ class _Layout:
 class MvnDecoder:
     """Implements StreamDecoder. character: its id in MVN; None takes the first that arrives and keeps it.
 
-    rest: the T-pose, None before the first type 13 datagram. name: of the performer, "" before the first type 12
-    datagram. types: datagrams by type. notes: messages to the user, each once.
+    rest: the T-pose, None before the first type 13 datagram.
     """
 
     def __init__(self, *, character: int | None = None) -> None:
         self.dropped = Dropped()
         self.character = character
         self.rest: MvnRest | None = None
-        self.name = ""
-        self.types: Counter[int] = Counter()
-        self.notes: list[str] = []
         self._parts = {EULER: SampleParts(self.dropped), QUATERNION: SampleParts(self.dropped)}
         self._layout = _Layout(b"", (), slice(0), None, "no body segment")
         self._quaternions = False
@@ -322,16 +303,13 @@ class MvnDecoder:
         if header.character != self.character:
             self.dropped.note("another character")
             return []
-        self.types[header.kind] += 1
         payload = datagram[HEADER_BYTES:]
         if header.kind in self._parts:
             frame = self._sample(header, payload)
             return [] if frame is None else [frame]
         if header.kind == SCALE:
             self._take_scale(payload)
-        elif header.kind == NAMES:
-            self._take_name(payload)
-        else:
+        elif header.kind != NAMES:
             self.dropped.note(_OTHER.get(header.kind, "type unknown"))
         return []
 
@@ -349,7 +327,10 @@ class MvnDecoder:
 
     def _frame(self, header: MvnHeader, payload: bytes) -> StreamFrame | None:
         words = np.frombuffer(payload, ">u4").reshape(-1, STRIDES[header.kind] // 4)
-        layout = self._lay_out(words[:, 0].tobytes())
+        ids = words[:, 0].tobytes()
+        if ids != self._layout.ids:
+            self._layout = _layout(ids)
+        layout = self._layout
         if layout.error:
             self.dropped.note(layout.error)
             return None
@@ -377,12 +358,6 @@ class MvnDecoder:
             number=header.sample,
         )
 
-    def _lay_out(self, ids: bytes) -> _Layout:
-        """The layout for these ids: the last one, or a new one if they changed."""
-        if ids != self._layout.ids:
-            self._layout = _layout(ids)
-        return self._layout
-
     def _unit_is_clear(self, height: float) -> bool:
         """Whether the unit fits a pelvis at this height (sender's unit); TALL_SAMPLES in a row change the unit."""
         if self._metres != 1.0 or not height > TALL:
@@ -392,7 +367,6 @@ class MvnDecoder:
         if self._tall < TALL_SAMPLES:
             return False
         self._metres = 0.01
-        self.notes.append(CENTIMETRES)
         return True
 
     def _take_scale(self, payload: bytes) -> None:
@@ -410,13 +384,6 @@ class MvnDecoder:
             return
         tall = float(np.ptp(origins[:, 2])) > TALL
         self.rest = MvnRest(names, origins * (0.01 if tall else 1.0))
-
-    def _take_name(self, payload: bytes) -> None:
-        name = read_name(payload)
-        if name is None:
-            self.dropped.note("type 12 (names) without a name")
-        else:
-            self.name = name
 
 
 def _layout(ids: bytes) -> _Layout:

@@ -12,7 +12,7 @@ returns the decoder's property of that name. `natnet_problems` lists what is wro
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import isfinite
+from math import inf, isfinite
 from typing import Literal
 
 from retarget.errors import Problem, UsageError
@@ -70,21 +70,6 @@ class SessionSettings:
                 raise UsageError("NatNet interval out of range", where=name, found=value, allowed="0.1 to 60 s")
 
 
-class _Due:
-    """A timer that is due at most every `interval` s."""
-
-    def __init__(self, interval: float) -> None:
-        self.interval = interval
-        self.last: float | None = None
-
-    def take(self, now: float) -> bool:
-        """Whether it is due; if so, it starts again."""
-        if self.last is not None and now - self.last < self.interval:
-            return False
-        self.last = now
-        return True
-
-
 class NatnetSession:
     """State of one session. `now`: s of one monotonic clock throughout.
 
@@ -110,11 +95,8 @@ class NatnetSession:
         self._flagged = (False, False)
         self._connects = 0
         self._pins = 0
-        self._connect = _Due(self.settings.retry_s)
-        self._definitions = _Due(self.settings.retry_s)
-        self._pin = _Due(self.settings.retry_s)
-        self._unnamed = _Due(UNNAMED_S)
-        self._keep_alive = _Due(self.settings.keep_alive_s)
+        self._sent: dict[str, float] = {}
+        """When each kind of message was last sent, s."""
 
     @property
     def clock_hz(self) -> int:
@@ -140,22 +122,30 @@ class NatnetSession:
         """Datagrams to send now, all to the command port."""
         if self.started is None:
             self.started = now
-        out = []
-        if (self._wants_server or self.silent(now)) and self._connect.take(now):
+        out, retry = [], self.settings.retry_s
+        if (self._wants_server or self.silent(now)) and self._due("connect", retry, now):
             out.append(self._connecting())
         if self.server is None:
             return out
-        if self._must_pin() and self._pin.take(now):
+        if self._must_pin() and self._due("pin", retry, now):
             self._pins += 1
             out.append(command_message(f"Bitstream,{self.settings.version}"))
-        if self.frames and not self._wants_definitions and self.names_missing() and self._unnamed.take(now):
+        unnamed = self.frames and not self._wants_definitions and self.names_missing()
+        if unnamed and self._due("names", UNNAMED_S, now):
             self._wants_definitions = True
-        if self._wants_definitions and self._definitions.take(now):
+        if self._wants_definitions and self._due("definitions", retry, now):
             self.asked_at = now if self.asked_at is None else self.asked_at
             out.append(definitions_request())
-        if self.settings.transport == "unicast" and self._keep_alive.take(now):
+        if self.settings.transport == "unicast" and self._due("keep-alive", self.settings.keep_alive_s, now):
             out.append(keep_alive_message())
         return out
+
+    def _due(self, kind: str, interval: float, now: float) -> bool:
+        """Whether a kind of message was not sent for `interval` s; if so, it counts as sent now."""
+        due = now - self._sent.get(kind, -inf) >= interval
+        if due:
+            self._sent[kind] = now
+        return due
 
     def _connecting(self) -> bytes:
         """Connect message, alternately with and without the pinned version: old servers may reject the longer one."""

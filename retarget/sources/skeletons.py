@@ -218,7 +218,7 @@ def joints_by_shape(tree: JointTree) -> dict[str, int] | None:
     left = _left_sign(tree, limbs, stance)
     sides = {("+" if left > 0 else "-"): "l_", ("-" if left > 0 else "+"): "r_"}
     joints = {sides[name[0]] + name[1:]: joint for name, joint in limbs.items()}
-    trunk = _shared_path(tree, [joints["l_hip"], joints["r_hip"], head.joint])
+    trunk = shared_path(tree, [joints["l_hip"], joints["r_hip"], head.joint])
     has_end = any(end.any() for end in tree.ends[head.joint])
     top = head.joint if has_end else tree.parents[head.joint]
     if not trunk or top in (trunk[-1], -1):
@@ -259,14 +259,14 @@ def _limbs_of_side(tree: JointTree, leaves: list[_Leaf], head: int, stance: _Sta
     if len(leaves) < 2:
         return None
     foot = min(leaves, key=lambda leaf: stance.up * float(leaf.point[stance.up_axis]))
-    hip_branch = len(_shared_path(tree, [foot.joint, head]))
-    arms = [leaf for leaf in leaves if len(_shared_path(tree, [leaf.joint, foot.joint])) <= hip_branch]
+    hip_branch = len(shared_path(tree, [foot.joint, head]))
+    arms = [leaf for leaf in leaves if len(shared_path(tree, [leaf.joint, foot.joint])) <= hip_branch]
     if not arms:
         return None
     hand = max(arms, key=lambda leaf: _path_length(tree, leaf.joint))
     leg = _two_longest_bones(tree, tree.path(foot.joint)[hip_branch:])
     rest = tree.rest_positions()
-    above_trunk = tree.path(hand.joint)[len(_shared_path(tree, [hand.joint, head])) :]
+    above_trunk = tree.path(hand.joint)[len(shared_path(tree, [hand.joint, head])) :]
     far = [abs(rest[joint][stance.side_axis]) > SHOULDER * stance.size for joint in above_trunk]
     arm = _two_longest_bones(tree, above_trunk[far.index(True) :] if True in far else [])
     if leg is None or arm is None:
@@ -298,7 +298,7 @@ def _left_sign(tree: JointTree, limbs: dict[str, int], stance: _Stance) -> float
     return float(np.cross(vertical, forward)[stance.side_axis]) or 1.0
 
 
-def _shared_path(tree: JointTree, joints: list[int]) -> list[int]:
+def shared_path(tree: JointTree, joints: list[int]) -> list[int]:
     """Joints from the root down to the last common ancestor."""
     paths = [tree.path(joint) for joint in joints]
     return [step[0] for step in zip(*paths, strict=False) if len(set(step)) == 1]
