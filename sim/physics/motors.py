@@ -325,7 +325,7 @@ class Motors:
 
     def angle(self, data: Any) -> FloatArray:
         """Shaft angles (n,) rad as the encoders see them, on the servo's side of the play."""
-        return self._of_shafts(data.qpos[self._qpos]) + self._play * self._side
+        return np.asarray(self._of_shafts(data.qpos[self._qpos]) + self._play * self._side)
 
     def shaft(self, data: Any, row: int) -> tuple[float, float]:
         """Angle rad and speed rad/s of one shaft."""
