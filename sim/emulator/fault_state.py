@@ -5,7 +5,7 @@ import random
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import Field, ValidationError
 
@@ -186,23 +186,6 @@ _EFFECTS: dict[FaultKind, Callable[[Device, float | None, float], None]] = {
 #   - {fault: crc_storm, from_cycle: 100, to_cycle: 110} # group reads, from 0
 
 Cycle = Annotated[Integer, Field(ge=0)]
-Kinds = Literal[
-    "drop",
-    "flip",
-    "duplicate",
-    "late",
-    "noise",
-    "crc_storm",
-    "missing",
-    "silent_tail",
-    "id_clash",
-    "short",
-    "echo",
-    "over_temperature",
-    "under_voltage",
-    "overload",
-    "unplug",
-]
 Buses = Mapping[str, Collection[int]]
 """The ids on each bus, by the bus's name."""
 
@@ -210,35 +193,22 @@ Buses = Mapping[str, Collection[int]]
 class FaultEntry(Schema):
     """One fault, as `sim.emulator.faults.Fault`."""
 
-    fault: Kinds
-    ids: Annotated[tuple[Annotated[Integer, Field(ge=0, le=253)], ...], Field(min_length=1, max_length=253)] | None = (
-        None
-    )
+    fault: FaultKind
+    ids: Annotated[tuple[Annotated[Integer, Field(ge=0, le=253)], ...], Field(min_length=1, max_length=253)] = ()
     start: NotNegative = 0.0
-    end: Positive | None = None
+    end: Positive = math.inf
     from_cycle: Cycle = 0
     to_cycle: Cycle | None = None
     rate: Share = 1.0
-    of: Literal["packets", "bytes"] = "packets"
-    direction: Literal["to_servos", "to_host", "both"] = "both"
+    of: Unit = Unit.PACKETS
+    direction: Direction = Direction.BOTH
     value: Number | None = None
     bus: Name | None = None
 
     def to_fault(self) -> Fault:
         """Return it as the emulator uses it."""
-        return Fault(
-            FaultKind(self.fault),
-            ids=self.ids or (),
-            start=self.start,
-            end=math.inf if self.end is None else self.end,
-            from_cycle=self.from_cycle,
-            to_cycle=self.to_cycle,
-            rate=self.rate,
-            unit=Unit(self.of),
-            direction=Direction(self.direction),
-            value=self.value,
-            bus=self.bus,
-        )
+        values = dict(self)
+        return Fault(values.pop("fault"), unit=values.pop("of"), **values)
 
 
 class FaultFile(Schema):
@@ -292,7 +262,7 @@ def _problems(document: Document, buses: Buses) -> list[Problem]:
 
 
 def _entry_problems(entry: FaultEntry, document: Document, at: KeyPath, buses: Buses) -> list[Problem]:
-    kind = FaultKind(entry.fault)
+    kind = entry.fault
     problems = [
         document.problem(
             (*at, key),
@@ -324,7 +294,7 @@ def _places(entry: FaultEntry, document: Document, at: KeyPath, buses: Buses) ->
     known = {device for name, ids in buses.items() if entry.bus in (None, name) for device in ids}
     return [
         document.problem((*at, "ids"), "no such device", found=str(device), allowed=listed(map(str, sorted(known))))
-        for device in entry.ids or ()
+        for device in entry.ids
         if device not in known
     ]
 
