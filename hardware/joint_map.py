@@ -16,6 +16,11 @@ ROUND_OFF = 1e-6
 """Round-off, in ticks, by which a limit may miss the tick that it was written for."""
 
 
+def _values(servos: Sequence[ServoSpec], name: str) -> FloatArray:
+    """One number of each servo (n,), by the name of its attribute."""
+    return np.array([getattr(servo, name) for servo in servos], dtype=np.float64)
+
+
 class CoupledPair:
     """Two servos and their two joints; arrays have the pair as last axis (..., 2), in the order of the coupling.
 
@@ -30,10 +35,8 @@ class CoupledPair:
         self.columns = np.array(columns, dtype=np.intp)
         self._turn = np.array(coupling.matrix, dtype=np.float64).T  # (2, 2) joints = shafts @ it
         self._back = np.array(coupling.inverse, dtype=np.float64).T  # (2, 2) shafts = joints @ it
-        self._zero = np.array([servo.zero_tick for servo in pair], dtype=np.float64)  # (2,) [tick]
-        self._scale = np.array([servo.ticks_per_rad for servo in pair], dtype=np.float64)  # (2,) [tick/rad]
-        self._lower = np.array([servo.lower for servo in pair], dtype=np.float64)  # (2,) [rad]
-        self._upper = np.array([servo.upper for servo in pair], dtype=np.float64)  # (2,) [rad]
+        self._zero, self._scale = _values(pair, "zero_tick"), _values(pair, "ticks_per_rad")  # (2,) [tick], [tick/rad]
+        self._lower, self._upper = _values(pair, "lower"), _values(pair, "upper")  # (2,) [rad]
         self.tick_rad: FloatArray = (1.0 / np.abs(self._scale)) @ np.abs(self._turn)  # (2,) [rad] a tick of both servos
         self.reach: FloatArray = self.tick_rad / 2.0
 
@@ -150,17 +153,14 @@ class JointMap:
             )
         self.servos = tuple(servos)
         self.joints = tuple(servo.joint for servo in servos)
-        self.lower = np.array([servo.lower for servo in servos], dtype=np.float64)  # (n,) [rad]
-        self.upper = np.array([servo.upper for servo in servos], dtype=np.float64)  # (n,) [rad]
-        self.max_velocity = np.array([servo.max_velocity for servo in servos], dtype=np.float64)  # (n,) [rad/s]
-        self.max_acceleration = np.array(
-            [servo.max_acceleration for servo in servos], dtype=np.float64
-        )  # (n,) [rad/s^2]
-        self._scale = np.array([servo.ticks_per_rad for servo in servos], dtype=np.float64)  # (n,) [tick/rad]
-        self._zero = np.array([servo.zero_tick for servo in servos], dtype=np.float64)  # (n,) [tick]
-        self._shaft = np.array(
-            [servo.direction * servo.gear for servo in servos], dtype=np.float64
-        )  # (n,) joint -> shaft
+        self.lower, self.upper = _values(servos, "lower"), _values(servos, "upper")  # (n,) [rad]
+        self.max_velocity = _values(servos, "max_velocity")  # (n,) [rad/s]
+        self.max_acceleration = _values(servos, "max_acceleration")  # (n,) [rad/s^2]
+        self._scale, self._zero = (
+            _values(servos, "ticks_per_rad"),
+            _values(servos, "zero_tick"),
+        )  # (n,) [tick/rad], [tick]
+        self._shaft = _values(servos, "direction") * _values(servos, "gear")  # (n,) joint -> shaft
         self._lowest = np.array([servo.lowest_tick for servo in servos], dtype=np.int64)  # (n,) [tick]
         self._highest = np.array([servo.highest_tick for servo in servos], dtype=np.int64)  # (n,) [tick]
         self._pairs = coupled_pairs(servos)
@@ -296,11 +296,8 @@ def resolve_turns(
     problems: list[str] = []
     for group in map(list, turn_groups(joint_map) if groups is None else groups):
         turns = [_turns(joint_map, column, int(ticks[column]), slack) for column in group]
-        found = [
-            shift
-            for shift in product(*turns)
-            if _inside(joint_map, group, ticks[group] + np.array(shift, dtype=np.int64), slack)
-        ]
+        shifts = [np.array(shift, dtype=np.int64) for shift in product(*turns)]
+        found = [shift for shift in shifts if _inside(joint_map, group, ticks[group] + shift, slack)]
         if len(found) == 1:
             offsets[group] = found[0]
         else:
@@ -354,7 +351,7 @@ def _angles(joint_map: JointMap, group: list[int], ticks: TickArray) -> FloatArr
     return joint_map.to_radians(every)[group]
 
 
-def _problem(joint_map: JointMap, group: list[int], ticks: TickArray, found: list[tuple[int, ...]]) -> str:
+def _problem(joint_map: JointMap, group: list[int], ticks: TickArray, found: list[TickArray]) -> str:
     servos = [joint_map.servos[column] for column in group]
     names = " and ".join(
         f"{servo.joint} (id {servo.id}) at tick {ticks[column]}" for servo, column in zip(servos, group, strict=True)
@@ -363,10 +360,7 @@ def _problem(joint_map: JointMap, group: list[int], ticks: TickArray, found: lis
         limits = " and ".join(f"{servo.lower:.3f} to {servo.upper:.3f}" for servo in servos)
         return f"{names}: on no turn within {limits} rad"
     places = [
-        ", ".join(
-            f"{round(angle, 3) + 0.0:.3f}"
-            for angle in _angles(joint_map, group, ticks[group] + np.array(shift, dtype=np.int64))
-        )
+        ", ".join(f"{round(angle, 3) + 0.0:.3f}" for angle in _angles(joint_map, group, ticks[group] + shift))
         for shift in found[:4]
     ]
     return f"{names}: may be at " + " or at ".join(places) + " rad"

@@ -130,7 +130,7 @@ class MockBus:
             raise BusError(
                 describe(what="no answer from any servo", where="mock bus, read", then="Check power and wiring")
             )
-        missing = self._silent()
+        missing = self._struck(FaultKind.MISSING)
         fresh = self._registers()
         self._shown = self._merged(fresh, missing) if missing.any() else fresh
         self._answered[~missing] = self._time
@@ -147,18 +147,15 @@ class MockBus:
                     what="the port takes no data", where="mock bus, write", then="Check that the adapter is plugged in"
                 )
             )
-        if goals.ticks.shape != self._last.shape or ((goals.ticks < self._first) | (goals.ticks > self._last)).any():
-            allowed = f"{self._first} to {self._last}"
-            text = describe(what="goal ticks out of range", where="mock bus, write", found=goals.ticks, allowed=allowed)
-            raise BusError(text)
-        self._goal = np.where(self._silent(), self._goal, goals.ticks)
+        check_goals(goals.ticks, self._first, self._last, where="mock bus, write")
+        self._goal = np.where(self._struck(FaultKind.MISSING), self._goal, goals.ticks)
 
     def torque(self, on: bool) -> None:
         """Switch torque; a servo with an alert stays off. The goal registers keep what they had, so goals come
         first. Raises BusError when closed, and, once all others are switched, for servos that do not answer."""
         self._require_open("torque")
         self._catch_up()
-        silent = self._silent()
+        silent = self._struck(FaultKind.MISSING)
         self._torque = np.where(silent, self._torque, on & (self._alert == 0))
         if silent.any():
             names = ", ".join(f"{servo.joint} (id {servo.id})" for servo in compress(self._servos, silent))
@@ -227,10 +224,6 @@ class MockBus:
             driven=np.where(missing, old.driven, fresh.driven),
         )
 
-    def _silent(self) -> BoolArray:
-        """Mask (n,) of servos that are missing in this cycle."""
-        return self._struck(FaultKind.MISSING)
-
     def _struck(self, kind: FaultKind) -> BoolArray:
         """Mask (n,) of servos that have such a fault in this cycle."""
         if not self._faults:
@@ -252,8 +245,20 @@ class MockBus:
         return any(fault.kind is kind and fault.lasts(self._cycle) for fault in self._faults)
 
     def _require_open(self, action: str) -> None:
-        if not self._open:
-            raise BusError(describe(what="the bus is closed", where=f"mock bus, {action}", then="Call open first"))
+        check_open(self._open, where=f"mock bus, {action}")
+
+
+def check_open(is_open: bool, *, where: str) -> None:
+    """Raise BusError for a bus that is closed."""
+    if not is_open:
+        raise BusError(describe(what="the bus is closed", where=where, then="Call open first"))
+
+
+def check_goals(ticks: TickArray, first: TickArray, last: TickArray, *, where: str) -> None:
+    """Raise BusError unless goals (n,) lie from `first` to `last` (n,)."""
+    if ticks.shape != last.shape or ((ticks < first) | (ticks > last)).any():
+        text = describe(what="goal ticks out of range", where=where, found=ticks, allowed=f"{first} to {last}")
+        raise BusError(text)
 
 
 # No bus: servos that are always at their goals, for runs that only compute.
@@ -278,7 +283,7 @@ class NoBus:
 
     def read(self) -> ServoStates:
         """Every servo at its goal, at rest and healthy; currents, voltages and temperatures are unknown."""
-        self._require_open()
+        check_open(self._open, where="no bus")
         return ServoStates(
             time=self._clock.now(),
             position=self._position,
@@ -295,7 +300,7 @@ class NoBus:
 
     def write(self, goals: ServoGoals) -> None:
         """Take the goals as positions."""
-        self._require_open()
+        check_open(self._open, where="no bus")
         self._position = goals.ticks
 
     def torque(self, on: bool) -> None:
@@ -304,7 +309,3 @@ class NoBus:
     def close(self) -> None:
         """Nothing to close; no further call but `open`."""
         self._open = False
-
-    def _require_open(self) -> None:
-        if not self._open:
-            raise BusError(describe(what="the bus is closed", where="no bus", then="Call open first"))

@@ -20,7 +20,7 @@ from retarget.model.robot import RobotBody, load_robot
 from sim.emulator.conversation import Gaps
 from sim.emulator.fault_state import Buses, FaultPlan, load_fault_plan, obey
 from sim.emulator.faults import random_faults
-from sim.emulator.line import REAL_TIME_GAP, Line, Timing
+from sim.emulator.line import REAL_TIME_GAP, Timing
 from sim.emulator.ports import Link, PseudoTerminal, serve
 from sim.emulator.robot_lines import Conduct, robot_lines
 from sim.emulator.servo2_registers import FedBy
@@ -135,20 +135,15 @@ def _serve(
         for bus, terminal in zip(buses, terminals, strict=True):
             stack.callback(terminal.close)
             terminal.open()
-            _announce(body.profile.name, bus, terminal)
+            typer.echo(
+                f"{body.profile.name}, bus {bus.name}: {len(terminal.line.devices)} devices answer on "
+                f"{terminal.link.path} (protocol {bus.protocol}.0, {bus.baud} baud). Ctrl-C ends it."
+            )
         listen: dict[int, Callable[[], bool]] = {wake: lambda: bool(os.read(wake, 512))}
         keyboard = TypedLines.descriptor()
         if keyboard is not None:
             listen[keyboard] = typed.read
         serve(terminals, clock, until=stop, listen=listen, deadline=float("inf") if until is None else until, warn=_say)
-
-
-def _announce(robot: str, bus: BusSpec, terminal: PseudoTerminal) -> None:
-    line: Line = terminal.line
-    typer.echo(
-        f"{robot}, bus {bus.name}: {len(line.devices)} devices answer on {terminal.link.path} "
-        f"(protocol {bus.protocol}.0, {bus.baud} baud). Ctrl-C ends it."
-    )
 
 
 def _say(text: str) -> None:

@@ -5,7 +5,7 @@ import random
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import Field, ValidationError
 
@@ -158,28 +158,23 @@ class FaultState:
         """Apply to devices the faults that have begun, undo those that have ended."""
         before, self._effects = self._effects, {}
         for fault in self._active:
-            if fault.kind in _HANDLES:
-                value = 1.0 if fault.kind is FaultKind.OVERLOAD else fault.amount
+            if fault.kind in _EFFECTS:
+                value = fault.amount if fault.kind in VALUES else 1.0
                 for index, device in enumerate(self._devices):
                     if not fault.ids or device.id in fault.ids:
                         self._effects[fault.kind, index] = value
         for kind, index in sorted(before.keys() | self._effects.keys(), key=lambda key: (key[0].value, key[1])):
             value_now = self._effects.get((kind, index))
             if value_now != before.get((kind, index)):
-                _apply_effect(self._devices[index], kind, value_now, now)
+                _EFFECTS[kind](self._devices[index], value_now, now)
 
 
-_HANDLES = frozenset((FaultKind.OVER_TEMPERATURE, FaultKind.UNDER_VOLTAGE, FaultKind.OVERLOAD))
-
-
-def _apply_effect(device: Device, kind: FaultKind, value: float | None, now: float) -> None:
-    """Apply an effect to a device, or (None) end it."""
-    if kind is FaultKind.OVER_TEMPERATURE:
-        device.heat(value, now)
-    elif kind is FaultKind.UNDER_VOLTAGE:
-        device.supply(value, now)
-    else:
-        device.jam(value is not None, now)
+_EFFECTS: dict[FaultKind, Callable[[Device, float | None, float], None]] = {
+    FaultKind.OVER_TEMPERATURE: lambda device, value, now: device.heat(value, now),
+    FaultKind.UNDER_VOLTAGE: lambda device, value, now: device.supply(value, now),
+    FaultKind.OVERLOAD: lambda device, value, now: device.jam(value is not None, now),
+}
+"""How a fault of a kind sets in on a device with its value, or (None) ends."""
 
 
 # A fault file: the faults of an emulated bus, and their times. Strict YAML.
@@ -191,23 +186,6 @@ def _apply_effect(device: Device, kind: FaultKind, value: float | None, now: flo
 #   - {fault: crc_storm, from_cycle: 100, to_cycle: 110} # group reads, from 0
 
 Cycle = Annotated[Integer, Field(ge=0)]
-Kinds = Literal[
-    "drop",
-    "flip",
-    "duplicate",
-    "late",
-    "noise",
-    "crc_storm",
-    "missing",
-    "silent_tail",
-    "id_clash",
-    "short",
-    "echo",
-    "over_temperature",
-    "under_voltage",
-    "overload",
-    "unplug",
-]
 Buses = Mapping[str, Collection[int]]
 """The ids on each bus, by the bus's name."""
 
@@ -215,35 +193,22 @@ Buses = Mapping[str, Collection[int]]
 class FaultEntry(Schema):
     """One fault, as `sim.emulator.faults.Fault`."""
 
-    fault: Kinds
-    ids: Annotated[tuple[Annotated[Integer, Field(ge=0, le=253)], ...], Field(min_length=1, max_length=253)] | None = (
-        None
-    )
+    fault: FaultKind
+    ids: Annotated[tuple[Annotated[Integer, Field(ge=0, le=253)], ...], Field(min_length=1, max_length=253)] = ()
     start: NotNegative = 0.0
-    end: Positive | None = None
+    end: Positive = math.inf
     from_cycle: Cycle = 0
     to_cycle: Cycle | None = None
     rate: Share = 1.0
-    of: Literal["packets", "bytes"] = "packets"
-    direction: Literal["to_servos", "to_host", "both"] = "both"
+    of: Unit = Unit.PACKETS
+    direction: Direction = Direction.BOTH
     value: Number | None = None
     bus: Name | None = None
 
     def to_fault(self) -> Fault:
         """Return it as the emulator uses it."""
-        return Fault(
-            FaultKind(self.fault),
-            ids=self.ids or (),
-            start=self.start,
-            end=math.inf if self.end is None else self.end,
-            from_cycle=self.from_cycle,
-            to_cycle=self.to_cycle,
-            rate=self.rate,
-            unit=Unit(self.of),
-            direction=Direction(self.direction),
-            value=self.value,
-            bus=self.bus,
-        )
+        values = dict(self)
+        return Fault(values.pop("fault"), unit=values.pop("of"), **values)
 
 
 class FaultFile(Schema):
@@ -297,7 +262,7 @@ def _problems(document: Document, buses: Buses) -> list[Problem]:
 
 
 def _entry_problems(entry: FaultEntry, document: Document, at: KeyPath, buses: Buses) -> list[Problem]:
-    kind = FaultKind(entry.fault)
+    kind = entry.fault
     problems = [
         document.problem(
             (*at, key),
@@ -308,18 +273,10 @@ def _entry_problems(entry: FaultEntry, document: Document, at: KeyPath, buses: B
         )
         for key in sorted(entry.model_fields_set - KEYS[kind] - {"fault"})
     ]
-    if entry.end is not None and entry.end <= entry.start:
-        problems.append(
-            document.problem(
-                (*at, "end"), "a fault ends before it begins", found=f"{entry.end:g}", allowed=f"above {entry.start:g}"
-            )
-        )
-    if entry.to_cycle is not None and entry.to_cycle <= entry.from_cycle:
-        allowed = f"above {entry.from_cycle}"
-        found = f"{entry.to_cycle}"
-        problems.append(
-            document.problem((*at, "to_cycle"), "a fault ends before it begins", found=found, allowed=allowed)
-        )
+    for key, begin, end in (("end", entry.start, entry.end), ("to_cycle", entry.from_cycle, entry.to_cycle)):
+        if end is not None and end <= begin:
+            what, allowed = "a fault ends before it begins", f"above {begin:g}"
+            problems.append(document.problem((*at, key), what, found=f"{end:g}", allowed=allowed))
     if entry.value is not None and kind in VALUES:
         _, low, high = VALUES[kind]
         if not low <= entry.value <= high:
@@ -337,7 +294,7 @@ def _places(entry: FaultEntry, document: Document, at: KeyPath, buses: Buses) ->
     known = {device for name, ids in buses.items() if entry.bus in (None, name) for device in ids}
     return [
         document.problem((*at, "ids"), "no such device", found=str(device), allowed=listed(map(str, sorted(known))))
-        for device in entry.ids or ()
+        for device in entry.ids
         if device not in known
     ]
 

@@ -24,17 +24,14 @@ class Memory:
         self.table = table
         self.image = bytearray(table.size)
         self._starts: list[Register | None] = [None] * table.size  # the register that begins at an address
-        self._next = [table.size] * (table.size + 1)  # first defined address at or after an address
+        self._defined = bytearray(table.size)  # 1 where a register is
         self._pointers: dict[int, int] = {}  # address of indirect data -> that of its indirect address register
         for register in table.registers:
             self._starts[register.address] = register
-            for address in range(register.address, register.end):
-                self._next[address] = address
+            self._defined[register.address : register.end] = b"\1" * register.size
             if register.name.startswith("indirect_data_"):
                 pointer = table["indirect_address_" + register.name.removeprefix("indirect_data_")]
                 self._pointers[register.address] = pointer.address
-        for address in reversed(range(table.size)):
-            self._next[address] = min(self._next[address], self._next[address + 1])
         self.plain_end = min(self._pointers, default=table.size)
         """Below this address nothing is indirect."""
 
@@ -60,7 +57,7 @@ class Memory:
     def readable(self, address: int, length: int) -> bool:
         """Whether a read stays inside the table and meets anything that is defined."""
         end = address + length
-        return length > 0 and address >= 0 and end <= len(self.image) and self._next[address] < end
+        return length > 0 and address >= 0 and end <= len(self.image) and 1 in self._defined[address:end]
 
     def slice(self, address: int, length: int) -> bytes:
         """Return the bytes of a readable range, indirect data followed."""

@@ -385,7 +385,7 @@ def serve(
         turned, before, waited = clock.now(), waited, time_in_queue()
         for fd in ready:
             if fd in plugged:
-                plugged[fd].receive(turned, late=busy + waited - before)
+                plugged[fd].receive(turned, late=max(busy, waited - before))
             elif not others[fd]():
                 del others[fd]
         for terminal in terminals:

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 from hardware.arrays import TickArray
 from hardware.bus import BusSpec
-from hardware.dynamixel.control_table import ControlTable, code_of, find_table
+from hardware.dynamixel.control_table import code_of, find_table
 from hardware.dynamixel.settings import MODES
 from hardware.errors import HardwareError, describe
-from hardware.servo import ServoModel, ServoSpec
+from hardware.servo import ServoSpec
 from sim.emulator.controller import EmulatedController
 from sim.emulator.conversation import Gaps
 from sim.emulator.device import Device
@@ -56,7 +56,6 @@ def devices_of(
     seed: int = 0,
     now: float = 0.0,
     conduct: Conduct | None = None,
-    supply: Supply | None = None,
 ) -> tuple[EmulatedServo | EmulatedServo1, ...]:
     """Return one device per servo, in order, with id, mode and homing offset of the profile, all else as delivered.
 
@@ -65,17 +64,26 @@ def devices_of(
     baud that it lacks.
     """
     chance = random.Random(seed)
-    shared, behaviour = supply or Supply(), conduct or Conduct()
+    shared, behaviour = Supply(), conduct or Conduct()
     devices: list[EmulatedServo | EmulatedServo1] = []
     for index, spec in enumerate(specs):
         table = find_table(spec.model.name, protocols[spec.bus])
         position = float(spec.zero_tick if start is None else start[index])
         warmth = AMBIENT + WARMER * chance.random()
         build = ServoBuild(position, now=now, supply=shared, boot_time=behaviour.boot_time, warmth=warmth)
-        device = _built(table, spec.model, build, behaviour)
+        device: EmulatedServo | EmulatedServo1
+        if table.protocol == 2:
+            device = EmulatedServo(table, spec.model, build)
+        else:
+            device = EmulatedServo1(table, spec.model, build, torque_by_goal=behaviour.torque_by_goal)
         device.memory.put("id", spec.id)
         if bauds is not None and spec.bus in bauds:
-            device.memory.put("baud_rate", _code(table, bauds[spec.bus], spec))
+            baud, where = bauds[spec.bus], f"{spec.joint} ({table.model})"
+            code = code_of(table, baud)
+            if code is None:
+                what = "the servo does not have this baud rate"
+                raise HardwareError(describe(what=what, where=where, found=baud))
+            device.memory.put("baud_rate", code)
         if return_delays is not None and spec.bus in return_delays:
             device.memory.put("return_delay_time", return_delays[spec.bus])
         if table.protocol == 2:
@@ -84,24 +92,6 @@ def devices_of(
         device.place(position)
         devices.append(device)
     return tuple(devices)
-
-
-def _built(
-    table: ControlTable, model: ServoModel, build: ServoBuild, behaviour: Conduct
-) -> EmulatedServo | EmulatedServo1:
-    if table.protocol == 2:
-        return EmulatedServo(table, model, build)
-    return EmulatedServo1(table, model, build, torque_by_goal=behaviour.torque_by_goal)
-
-
-def _code(table: ControlTable, baud: int, spec: ServoSpec) -> int:
-    """The register value of a rate in bits/s."""
-    code = code_of(table, baud)
-    if code is None:
-        raise HardwareError(
-            describe(what="the servo does not have this baud rate", where=f"{spec.joint} ({table.model})", found=baud)
-        )
-    return code
 
 
 def robot_lines(

@@ -8,12 +8,11 @@ import numpy as np
 from hardware.arrays import BoolArray, FloatArray
 from hardware.bus import ServoGoals, ServoStates
 from hardware.clock import Clock
-from hardware.errors import BusError, describe
 from hardware.servo import ServoSpec
 from sim.emulator.line import Line
 from sim.emulator.servo_body import ServoBody
 from sim.emulator.shaft import Law, Shaft
-from sim.mock_bus import ALERT_BIT, VELOCITY_UNIT
+from sim.mock_bus import ALERT_BIT, VELOCITY_UNIT, check_goals, check_open
 from sim.physics.simulation import BATCH_S, Simulation
 from sim.physics.witness import Witness
 
@@ -35,7 +34,6 @@ class PhysicsBus:
         self._tick_rad = np.array([servo.model.tick_rad for servo in servos])
         self._first = np.array([servo.lowest_tick for servo in servos], dtype=np.int64)
         self._last = np.array([servo.highest_tick for servo in servos], dtype=np.int64)
-        self._here: BoolArray = np.ones(len(servos), dtype=np.bool_)
         self._unit = np.array([servo.model.current_unit or np.nan for servo in servos])
         self._origin = clock.now()
         self._open = False
@@ -54,27 +52,23 @@ class PhysicsBus:
 
     def read(self) -> ServoStates:
         """Move time on and return the state of the servos. Raises BusError when closed."""
-        self._require_open("read")
+        check_open(self._open, where="physics bus, read")
         self._catch_up()
         self.witness.look()
         return self._registers()
 
     def write(self, goals: ServoGoals) -> None:
         """Set the goal registers. Raises BusError when closed, and on a goal that a servo does not have."""
-        self._require_open("write")
+        check_open(self._open, where="physics bus, write")
         self._catch_up()
         ticks = goals.ticks
-        if ticks.shape != self._last.shape or ((ticks < self._first) | (ticks > self._last)).any():
-            allowed = f"{self._first} to {self._last}"
-            raise BusError(
-                describe(what="goal ticks out of range", where="physics bus, write", found=ticks, allowed=allowed)
-            )
+        check_goals(ticks, self._first, self._last, where="physics bus, write")
         self.simulation.aim((ticks - self._zero) * self._tick_rad, self._now() + self._latency)
 
     def torque(self, on: bool) -> None:
         """Switch torque; a servo with an alert stays off. It is acknowledged, so goals that are on their way take
         effect first. Raises BusError when closed."""
-        self._require_open("torque")
+        check_open(self._open, where="physics bus, torque")
         self._catch_up()
         wanted: BoolArray = np.full(len(self._servos), on)
         if on:
@@ -114,14 +108,10 @@ class PhysicsBus:
             error=ALERT_BIT * (electrics.alert != 0),
             alert=electrics.alert.copy(),
             age=np.zeros(count),
-            valid=self._here.copy(),
+            valid=np.ones(count, dtype=np.bool_),
             driven=motors.driven.copy(),
             soles=self.witness.soles,
         )
-
-    def _require_open(self, action: str) -> None:
-        if not self._open:
-            raise BusError(describe(what="the bus is closed", where=f"physics bus, {action}", then="Call open first"))
 
 
 # Emulated servos whose shafts the simulation turns: registers and bytes from the emulator, motion with mass.

@@ -84,19 +84,25 @@ def find_places(
         raise UsageError(
             "only the emulator has faults to inject", where="--faults", found=f"--port {port or 'of the profile'}"
         )
-    if port == EMULATOR:
-        body = load_uncalibrated(robot or EMULATED_ROBOT)
-        return _emulated(body, clock or VirtualClock(), faults, robot is not None, bus)
-    clock = clock or MonotonicClock()
-    if robot is None:
+    emulated = port == EMULATOR
+    clock = clock or (VirtualClock() if emulated else MonotonicClock())
+    if robot is None and not emulated:
         if port is None:
             raise UsageError("no port is named", where="servo", allowed="--port PATH, --port emulator, or --robot NAME")
         return [Place(SerialPort(port, clock))]
-    body = load_uncalibrated(robot)
+    body = load_uncalibrated(robot or EMULATED_ROBOT)
+    lines = emulated_lines(body, clock, faults) if emulated else {}
     buses = [one for one in body.profile.bus_specs() if bus in (None, one.name)]
-    if port is not None and len(buses) > 1:
+    if port is not None and not emulated and len(buses) > 1:
         buses = _at_port(buses, port)
-    return [Place(SerialPort(port or one.port, clock), one, _servos_of(body, one)) for one in buses]
+    places = []
+    for one in buses:
+        found: BytePort = SerialPort(port or one.port, clock)
+        if emulated:
+            found = EmulatedPort(lines[one.name], clock, name=f"emulated {one.port}")
+        servos = [(index, servo) for index, servo in enumerate(body.joint_map.servos) if servo.bus == one.name]
+        places.append(Place(found) if robot is None else Place(found, one, tuple(servos)))
+    return places
 
 
 def _at_port(buses: Sequence[BusSpec], port: str) -> list[BusSpec]:
@@ -126,12 +132,10 @@ def opened(places: Sequence[Place]) -> Iterator[None]:
             place.port.close()
 
 
-def chosen_speeds(place: Place, protocol: int | None, baud: int | None, *, everywhere: bool) -> list[Speed]:
-    """Where to look: at the bus's speed, unless `everywhere`; narrowed by the options. Raises UsageError."""
+def chosen_speeds(place: Place, protocol: int | None, baud: int | None) -> list[Speed]:
+    """Where to look: at all speeds, that of the bus first; narrowed by the options. Raises UsageError."""
     check_speed(protocol, baud)
     own = None if place.spec is None else Speed(place.spec.protocol, place.spec.baud)
-    if own is not None and not everywhere and protocol is None and baud is None:
-        return [own]
     protocols = [one for one in PROTOCOLS if protocol in (None, one) and (baud is None or has_speed(one, baud))]
     return all_speeds(protocols, baud, first=own)
 
@@ -151,21 +155,6 @@ def emulated_lines(body: RobotBody, clock: Clock, faults: Path | None) -> dict[s
     servos, buses = body.joint_map.servos, body.profile.bus_specs()
     plan = None if faults is None else load_fault_plan(faults, {bus.name: bus.ids for bus in buses})
     return robot_lines(servos, buses, start=standing_ticks(body), now=clock.now(), plan=plan, powered=True)
-
-
-def _emulated(body: RobotBody, clock: Clock, faults: Path | None, known: bool, only: str | None) -> list[Place]:
-    lines = emulated_lines(body, clock, faults)
-    places = []
-    for bus in body.profile.bus_specs():
-        if only not in (None, bus.name):
-            continue
-        port = EmulatedPort(lines[bus.name], clock, name=f"emulated {bus.port}")
-        places.append(Place(port, bus, _servos_of(body, bus)) if known else Place(port))
-    return places
-
-
-def _servos_of(body: RobotBody, bus: BusSpec) -> tuple[tuple[int, ServoSpec], ...]:
-    return tuple((index, servo) for index, servo in enumerate(body.joint_map.servos) if servo.bus == bus.name)
 
 
 # A look at every servo of the open ports, by the profile of the robot or as found.
@@ -190,11 +179,11 @@ def look_at(
         if place.spec is not None:
             looks.append(_known(place, place.spec))
             continue
-        seen = _search(place, chosen_speeds(place, protocol, baud, everywhere=False), ids)
+        seen = _search(place, chosen_speeds(place, protocol, baud), ids)
         if seen.sightings:
             first = sum(len(one.line.servos) for one in looks)
             found = look(place.port, *as_bus(place.port.name, seen.sightings, first=first), seen.sightings)
-            looks.append(replace(found, notes=(*found.notes, *_echo_notes(seen.echoes))))
+            looks.append(replace(found, notes=(*found.notes, *([ECHOES] if seen.echoes else []))))
     if not any(one.line.images or (unknown_too and one.unknown) for one in looks):
         notes = [note for one in looks for note in one.notes]
         raise BusError(
@@ -243,12 +232,8 @@ def _known(place: Place, spec: BusSpec) -> Look:
     there = {one.id for one in answering}
     named = {servo.id: servo.label for _, servo in place.servos}
     silent = [device for device in spec.ids if device not in there]
-    notes = [*elsewhere_texts(port, spec, silent, named), *found.notes, *_echo_notes(client.echoes)]
+    notes = [*elsewhere_texts(port, spec, silent, named), *found.notes, *([ECHOES] if client.echoes else [])]
     return replace(found, notes=tuple(notes))
-
-
-def _echo_notes(echoes: bool) -> list[str]:
-    return [ECHOES] if echoes else []
 
 
 def names(look_: Look, ids: Sequence[int]) -> str:

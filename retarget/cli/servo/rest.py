@@ -93,7 +93,7 @@ def _broadcast(places: Sequence[Place], protocol: int | None, baud: int | None) 
         for place in places:
             wanted = protocol if place.spec is None else place.spec.protocol
             with suppress(BusError):  # the servos are read back afterwards
-                broadcast_torque_off(place.port, chosen_speeds(place, wanted, baud, everywhere=True))
+                broadcast_torque_off(place.port, chosen_speeds(place, wanted, baud))
                 if place.spec is not None:
                     place.port.set_baud(place.spec.baud)
     typer.echo("torque off was sent to all servos; now each is looked for and read back")

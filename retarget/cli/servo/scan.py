@@ -45,7 +45,7 @@ def scan(
     """
     wanted = ids_of(ids, highest=HIGHEST_ID - 1 if protocol == 2 else HIGHEST_ID)
     places = find_places(robot, port, faults=faults)
-    speeds = [chosen_speeds(place, protocol, baud, everywhere=True) for place in places]
+    speeds = [chosen_speeds(place, protocol, baud) for place in places]
     if dry_run:
         for place, some in zip(places, speeds, strict=True):
             typer.echo(f"would ping {_ids_text(wanted)} on {place.where} at {_speeds_text(some)}; nothing is written")

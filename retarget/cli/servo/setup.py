@@ -348,7 +348,7 @@ def _make_responsive(target: Target, asked: Asked, seen: Sighting, *, yes: bool,
 
 def _find(place: Place, device: int, protocol: int | None) -> Sighting:
     """The only servo with this id, at any speed. Raises BusError."""
-    speeds = chosen_speeds(place, protocol, None, everywhere=True)
+    speeds = chosen_speeds(place, protocol, None)
     with progress_bar(f"looking for id {device}", len(speeds)) as progress:
         scan = scan_line(place.port, speeds, ids=[device], progress=progress)
     seen = [one for one in scan.sightings if one.found.id == device]

@@ -2,7 +2,6 @@
 
 import math
 from pathlib import Path
-from typing import get_args
 
 import pytest
 
@@ -10,7 +9,7 @@ from hardware.dynamixel import protocol2
 from hardware.dynamixel.parsers import parser2
 from retarget.errors import ConfigError
 from sim.emulator import fault_state
-from sim.emulator.fault_state import FaultPlan, FaultState, Kinds, load_fault_plan, obey
+from sim.emulator.fault_state import FaultPlan, FaultState, load_fault_plan, obey
 from sim.emulator.faults import Direction, Fault, FaultKind, Unit
 from stub_devices import StubDevice
 
@@ -107,10 +106,6 @@ faults:
     assert plan == FaultPlan((drop, sag), 7)
     assert (plan.of_bus("left"), plan.of_bus("right")) == ((sag,), (drop, sag))
     assert sag.end == 2.5 and drop.end == math.inf
-
-
-def test_the_file_knows_every_kind() -> None:
-    assert set(get_args(Kinds)) == {kind.value for kind in FaultKind}
 
 
 @pytest.mark.parametrize("kind", FaultKind)

@@ -373,7 +373,8 @@ def test_an_answer_that_is_sent_late_is_noted(tmp_path: Path) -> None:
 
 
 def test_a_machine_that_is_too_slow_is_named_and_seldom(tmp_path: Path) -> None:
-    clock, turns, said = VirtualClock(0.0), iter(range(4)), []
+    clock, turns = VirtualClock(0.0), iter(range(4))
+    said: list[str] = []
     devices = [StubDevice(baud=1_000_000)]
     terminal = PseudoTerminal(Line(devices, baud=1_000_000), Link(tmp_path / "servos"))
     terminal.open()
