@@ -16,7 +16,7 @@ from retarget.model.robot import RobotBody, load_robot
 from retarget.model.scene_state import SceneState
 from retarget.recording.configs import as_recorded, recorded_scene
 from retarget.recording.cycles import Cycles, Done
-from retarget.recording.npz import HUMAN, ROBOT, SavedRun
+from retarget.recording.npz import HUMAN, NO_RUN, ROBOT, SavedRun, refuse_no_file
 from retarget.recording.reading import (
     MAGIC,
     Recording,
@@ -92,12 +92,12 @@ def open_recorded(path: Path, *, body: Path | None = None) -> RecordedRun:
     """Read a run: saved or recorded, by what is in the file. body: MJCF or URDF of the robot, where the one that the
     file names is not there any more. Raises InputError for anything else."""
     try:
+        refuse_no_file(path)
         with path.open("rb") as file:
             begins = file.read(len(MAGIC))
     except OSError as error:
-        step = "Give a file that `retarget run` wrote with --save FILE.npz or --record FILE.mcap"
         found = error.strerror or str(error)
-        raise InputError("cannot read the run", where=str(path), found=found, next_step=step) from error
+        raise InputError("cannot read the run", where=str(path), found=found, next_step=NO_RUN) from error
     if begins == MAGIC:
         recording = read_recording(path)
         with fields_required(recording):
