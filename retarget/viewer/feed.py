@@ -15,6 +15,7 @@ from types import TracebackType
 from typing import Self
 
 from retarget.errors import ConfigError
+from retarget.model.body_file import Root
 from retarget.run.record import Record
 from retarget.run.run_result import Extras
 from retarget.viewer.snapshot import Row, placed
@@ -37,15 +38,15 @@ SAME_CODE = (
 
 @dataclass(frozen=True)
 class PageSetup:
-    """What the process of a page gets at its start. robot: name or file of the profile, "" for a human alone; root: how
-    it stands in the world, "" as its profile says; scene: file or name, "" for none. simulated: it has mass, and rows
+    """What the process of a page gets at its start. robot: name or file of the profile, None for a human alone; root:
+    how it stands in the world, None as its profile says; scene: file or name. simulated: it has mass, and rows
     hold where it really is. sensors: of the performer, names."""
 
     title: str
     port: int
-    robot: str
-    root: str
-    scene: str
+    robot: str | None
+    root: Root | None
+    scene: str | None
     human_mjcf: str
     simulated: bool = False
     sensors: tuple[str, ...] = ()

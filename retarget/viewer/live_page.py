@@ -18,7 +18,7 @@ import numpy as np
 
 from hardware.clock import MonotonicClock
 from hardware.errors import RetargetError
-from retarget.model.body_file import Root, compile_body, compile_body_text
+from retarget.model.body_file import compile_body, compile_body_text
 from retarget.model.robot import load_robot
 from retarget.model.scene_shapes import scene_shapes
 from retarget.schema.scene import load_scene
@@ -171,12 +171,10 @@ def _serve(link: socket.socket, page: LivePage, newest: bytes) -> None:
 
 def _cast(setup: PageSetup) -> Cast:
     human = actor(compile_body_text(setup.human_mjcf, source="human of the run", root="free"))
-    if not setup.robot:
+    if setup.robot is None:
         return Cast(setup.title, None, human, (), (), obstacles=_obstacles(setup.scene), sensors=setup.sensors)
-    roots: dict[str, Root] = {"free": "free", "fixed": "fixed", "suspended": "suspended"}
-    root = roots.get(setup.root)
-    robot = load_robot(setup.robot, root=root)
-    shown = actor(compile_body(robot.profile.body_path, root=root or robot.profile.root))
+    robot = load_robot(setup.robot, root=setup.root)
+    shown = actor(compile_body(robot.profile.body_path, root=setup.root or robot.profile.root))
     scene, joints = _obstacles(setup.scene), robot.joint_map.joints
     return Cast(
         setup.title,
@@ -192,6 +190,6 @@ def _cast(setup: PageSetup) -> Cast:
     )
 
 
-def _obstacles(scene: str) -> tuple[Obstacle, ...]:
+def _obstacles(scene: str | None) -> tuple[Obstacle, ...]:
     """The obstacles of a scene; rows hold where they are."""
     return obstacles(scene_shapes(load_scene(scene))) if scene else ()

@@ -144,12 +144,12 @@ def test_it_can_only_stop_and_stays_so() -> None:
 
 def test_the_process_of_a_page_opens_and_ends_with_the_run() -> None:
     human = build_human(dimensions(performer()))
-    setup = PageSetup("a <b>run</b>", 0, str(op3().profile.path), "", "table", human.mjcf)
+    setup = PageSetup("a <b>run</b>", 0, str(op3().profile.path), None, "table", human.mjcf)
     with open_feed(setup, rate_hz=125.0) as run:
         assert run.address.startswith("http://127.0.0.1:")
         port = int(run.address.split(":")[2].split("/")[0])
         with refuses(ConfigError):
-            open_feed(PageSetup("", port, "", "", "", human.mjcf), rate_hz=125.0)
+            open_feed(PageSetup("", port, None, None, None, human.mjcf), rate_hz=125.0)
         process = run._process
     assert process.wait(timeout=20.0) == 0
 
@@ -157,4 +157,4 @@ def test_the_process_of_a_page_opens_and_ends_with_the_run() -> None:
 def test_what_the_page_cannot_show_is_refused() -> None:
     human = build_human(dimensions(performer())).mjcf
     with refuses(ConfigError):
-        open_feed(PageSetup("", 0, "unknown", "", "", human), rate_hz=125.0)
+        open_feed(PageSetup("", 0, "unknown", None, None, human), rate_hz=125.0)
