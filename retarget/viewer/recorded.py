@@ -19,6 +19,7 @@ from retarget.recording.cycles import Cycles, Done
 from retarget.recording.npz import HUMAN, NO_RUN, ROBOT, SavedRun, refuse_no_file
 from retarget.recording.reading import (
     MAGIC,
+    Played,
     Recording,
     TopicRows,
     fields_required,
@@ -234,7 +235,27 @@ def _of_recording(recording: Recording, body: Path | None) -> RecordedRun:
         robot, notes = configs.robot, tuple(dict.fromkeys((*notes, *configs.notes)))
         assert robot is not None, "there are joints"
         shown = actor(compile_body(robot.profile.body_path, root=robot.profile.root))
-    tracks |= {
+    tracks |= _robot_tracks(whole, robot, rows)
+    simulated = "truth" in tracks
+    cast = Cast(
+        title,
+        shown,
+        human,
+        robot.joint_map.joints,
+        tuple(robot.profile.landmarks) if "asked" in tracks else (),
+        robot,
+        scene.obstacles,
+        simulated,
+        session.sensors,
+        columns=robot.servo_columns,
+    )
+    return RecordedRun(cast, times, states, tracks, _whys(recording, cycles, states), scene.at, notes)
+
+
+def _robot_tracks(whole: Played, robot: RobotBody, rows: NDArray[np.intp]) -> dict[str, NDArray[Any]]:
+    """What a recording holds of its robot in some rows of the cycles. Raises InputError where the body is another."""
+    recording, cycles = whole.recording, whole.cycles.taken(rows)
+    tracks: dict[str, NDArray[Any]] = {
         "goal": postures_sent(whole, robot, rows),
         "present": robot.joint_map.to_radians(cycles.position),
         "modes": _spread(recording.topic(TICK), cycles.index, "observer_modes").astype(np.uint8),
@@ -244,22 +265,9 @@ def _of_recording(recording: Recording, body: Path | None) -> RecordedRun:
     asked, truth = recording.topics.get(LANDMARKS), recording.topics.get(TRUTH)
     if asked is not None:
         tracks["asked"] = _spread(asked, cycles.index, "poses")[..., :3]
-    simulated = truth is not None and truth.rows["q"].shape[1] == len(truth_names(robot.body))
-    if truth is not None and simulated:
+    if truth is not None and truth.rows["q"].shape[1] == len(truth_names(robot.body)):
         tracks["truth"] = _spread(truth, cycles.index, "q")
-    cast = Cast(
-        title,
-        shown,
-        human,
-        robot.joint_map.joints,
-        () if asked is None else tuple(robot.profile.landmarks),
-        robot,
-        scene.obstacles,
-        simulated,
-        session.sensors,
-        columns=robot.servo_columns,
-    )
-    return RecordedRun(cast, times, states, tracks, _whys(recording, cycles, states), scene.at, notes)
+    return tracks
 
 
 def _whys(recording: Recording, cycles: Cycles, states: list[str]) -> list[str]:
