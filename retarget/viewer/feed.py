@@ -41,7 +41,7 @@ def unpack(data: bytes) -> Row:
     """The row of the bytes of `pack`."""
     at = _LENGTH + int.from_bytes(data[:_LENGTH], "little")
     words, kinds = json.loads(data[_LENGTH:at])
-    arrays = {}
+    arrays: dict[str, Any] = {}
     for name, (kind, shape) in kinds.items():
         count = math.prod(shape)
         arrays[name] = np.frombuffer(data, dtype=kind, count=count, offset=at).reshape(shape)
