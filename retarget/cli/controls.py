@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Self
 
 from hardware.clock import Clock, MonotonicClock
 from hardware.key_device import KeyDevice
@@ -68,28 +68,6 @@ TAKEN = " ph"
 ALLOWED = "a letter or digit key of the terminal but p and h, or pedal:/dev/input/... of a pedal, button or keyboard"
 
 
-class DeadMan(Protocol):
-    """A control that is held or released."""
-
-    @property
-    def lost(self) -> str:
-        """Why it has failed, which counts as released for good; "" while it works."""
-        ...
-
-    @property
-    def label(self) -> str:
-        """What the operator has to hold."""
-        ...
-
-    def held(self, pressed: str, now: float) -> bool:
-        """Whether it is held at `now`, s. pressed: keys of the terminal since the last poll."""
-        ...
-
-    def close(self) -> None:
-        """Close the device."""
-        ...
-
-
 class Pedal:
     """A device that reports presses and releases."""
 
@@ -113,6 +91,10 @@ class Pedal:
     def close(self) -> None:
         """Close the device."""
         self._device.close()
+
+
+DeadMan = HeldKey | Pedal
+"""A control that is held or released. `lost`: why it has failed, which counts as released for good."""
 
 
 def open_dead_man(text: str, *, terminal: bool) -> DeadMan:
@@ -416,19 +398,14 @@ class LiveControls:
         self._notify(text)
 
     def _check_automatic_stops(self) -> None:
-        if self._ticks % FILE_PERIOD == 1 and self._stop_file is not None:
-            self._look_for(self._stop_file)
-        if self._clutch.expired and not self._stop():
-            self._ask(f"paused by the operator for {LONGEST_S:g} s")
-
-    def _look_for(self, file: Path) -> None:
-        state = stop_file_state(file)
-        if state:
-            self._ask(f"{file} {state}")
-
-    def _ask(self, why: str) -> None:
-        self._stop.ask(why)
-        self._say_stopping(f"{why}: stopping")
+        file, why = self._stop_file, ""
+        if self._ticks % FILE_PERIOD == 1 and file is not None and (state := stop_file_state(file)):
+            why = f"{file} {state}"
+        elif self._clutch.expired:
+            why = f"paused by the operator for {LONGEST_S:g} s"
+        if why:
+            self._stop.ask(why)
+            self._say_stopping(f"{why}: stopping")
 
     def _press_space(self, count: int) -> None:
         """count: how often it came since the last look."""

@@ -135,9 +135,9 @@ def _setup(port: int, prepared: Prepared, options: RunOptions) -> PageSetup:
     return PageSetup(
         title=f"retarget: {options.robot}",
         port=port,
-        robot="" if machine is None else str(machine.robot.profile.path),
-        root=(options.physics.root or "") if machine is not None else "",
-        scene="" if options.scene is None else str(options.scene),
+        robot=None if machine is None else str(machine.robot.profile.path),
+        root=None if machine is None else options.physics.root,
+        scene=options.scene,
         human_mjcf=prepared.human.mjcf,
         simulated=options.has_physics,
         sensors=tuple(prepared.performer.sensors),

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from retarget.errors import InputError, UsageError
 from retarget.recording.motion import CONVENTIONS, Motion
-from retarget.recording.tables import Arrow, arrow
+from retarget.recording.tables import arrow
 from retarget.types import FloatArray
 
 # A motion as the features of a LeRobot dataset: observations and actions, frame by frame.
@@ -113,7 +113,7 @@ def write_lerobot(motion: Motion, folder: Path, *, task: str = DEFAULT_TASK) -> 
     Raises UsageError without pyarrow or where the rate is no whole number, which LeRobot cannot say; InputError where
     rows are not evenly spaced or a servo is not known.
     """
-    found, rate = arrow(), motion.rate_hz
+    pa, rate = arrow(), motion.rate_hz
     if not rate.is_integer():
         step = f"Have it resampled: --fps {max(round(rate), 1)}"
         raise UsageError(
@@ -124,9 +124,9 @@ def write_lerobot(motion: Motion, folder: Path, *, task: str = DEFAULT_TASK) -> 
         (folder / place / FIRST).parent.mkdir(parents=True)
     _write_json(folder / "meta/info.json", _info(motion, features, int(rate)))
     _write_json(folder / "meta/stats.json", {item.key: statistics_of(item.values) for item in features})
-    _write(found, folder / "data" / FIRST, _frames(found, features))
-    _write(found, folder / "meta/tasks.parquet", _tasks(found, task))
-    _write(found, folder / "meta/episodes" / FIRST, _episode(found, features, task))
+    _write(pa, folder / "data" / FIRST, _frames(pa, features))
+    _write(pa, folder / "meta/tasks.parquet", _tasks(pa, task))
+    _write(pa, folder / "meta/episodes" / FIRST, _episode(pa, features, task))
     (folder / "README.md").write_text(_readme(motion, features), encoding="utf-8")
 
 
@@ -156,8 +156,7 @@ def _info(motion: Motion, features: tuple[Feature, ...], rate: int) -> dict[str,
     }
 
 
-def _frames(found: Arrow, features: tuple[Feature, ...]) -> Any:
-    pa = found.core
+def _frames(pa: Any, features: tuple[Feature, ...]) -> Any:
     arrays = {}
     for item in features:
         flat = pa.array(item.values.ravel())
@@ -165,9 +164,8 @@ def _frames(found: Arrow, features: tuple[Feature, ...]) -> Any:
     return pa.table(arrays)
 
 
-def _tasks(found: Arrow, task: str) -> Any:
+def _tasks(pa: Any, task: str) -> Any:
     """The tasks, as the index of a data frame; the schema's metadata say so to pandas, with which LeRobot reads it."""
-    pa = found.core
 
     def column(name: str, kind: str, stored: str) -> dict[str, Any]:
         return {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": stored, "metadata": None}
@@ -183,7 +181,7 @@ def _tasks(found: Arrow, task: str) -> Any:
     return pa.table([pa.array([0]), pa.array([task])], schema=schema)
 
 
-def _episode(found: Arrow, features: tuple[Feature, ...], task: str) -> Any:
+def _episode(pa: Any, features: tuple[Feature, ...], task: str) -> Any:
     frames = len(features[0].values)
     row: dict[str, Any] = {
         "episode_index": 0,
@@ -197,11 +195,11 @@ def _episode(found: Arrow, features: tuple[Feature, ...], task: str) -> Any:
     for item in features:
         row |= {f"stats/{item.key}/{name}": value for name, value in statistics_of(item.values).items()}
     row |= {"meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0}
-    return found.core.table({key: [value] for key, value in row.items()})
+    return pa.table({key: [value] for key, value in row.items()})
 
 
-def _write(found: Arrow, path: Path, table: Any) -> None:
-    found.parquet.write_table(table, path, compression=COMPRESSION)
+def _write(pa: Any, path: Path, table: Any) -> None:
+    pa.parquet.write_table(table, path, compression=COMPRESSION)
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:

@@ -1,5 +1,6 @@
 """`--save FILE.npz`: a run as arrays, written and read back, for checks with any tool. Its keys are a contract."""
 
+import tokenize
 import zipfile
 import zlib
 from dataclasses import dataclass, replace
@@ -137,7 +138,11 @@ def _held(record: Record, tracks: FloatArray) -> FloatArray:
 MAX_BYTES = 8 * 1024**3
 """Largest content that is unpacked; an hour of a robot at 125 Hz takes a tenth of it."""
 NOT_A_RUN = "Give a file that `retarget run --save FILE.npz` wrote"
-BROKEN = (OSError, ValueError, EOFError, KeyError, NotImplementedError, RuntimeError, MemoryError, OverflowError)
+NO_RUN = "Give a file that `retarget run` wrote with --save FILE.npz or --record FILE.mcap"
+BROKEN = (
+    *(OSError, ValueError, EOFError, KeyError, NotImplementedError, RuntimeError, MemoryError, OverflowError),
+    *(tokenize.TokenError, zlib.error),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,11 +198,18 @@ class ArrayFile:
         )
 
 
+def refuse_no_file(path: Path) -> None:
+    """Raise InputError for a folder, and for a pipe or device, which might be waited for without an end."""
+    if path.is_dir():
+        raise InputError("this is a folder, not a run", where=str(path), next_step=NOT_A_RUN)
+    if path.exists() and not path.is_file():
+        raise InputError("not a regular file", where=str(path)[:200], found="a pipe or a device", next_step=NO_RUN)
+
+
 def read_arrays(path: Path, *, needed: frozenset[str], used: frozenset[str]) -> ArrayFile:
     """The arrays `needed`, and those `used` that are there. Raises InputError: no NPZ, cut short, a key missing."""
     try:
-        if path.is_dir():
-            raise InputError("this is a folder, not a run", where=str(path), next_step=NOT_A_RUN)
+        refuse_no_file(path)
         with zipfile.ZipFile(path) as archive:
             size = sum(entry.file_size for entry in archive.infolist())
         if size > MAX_BYTES:
@@ -213,7 +225,7 @@ def read_arrays(path: Path, *, needed: frozenset[str], used: frozenset[str]) -> 
     except zipfile.BadZipFile as error:
         step = f"If it was one, it is cut short: get it again. {NOT_A_RUN}"
         raise InputError("not an NPZ file", where=str(path), found=error, next_step=step) from error
-    except (*BROKEN, zlib.error) as error:
+    except BROKEN as error:
         found = " ".join(str(error).split())[:200] or type(error).__name__
         raise InputError("a damaged NPZ file", where=str(path), found=found, next_step="Get it again") from error
 

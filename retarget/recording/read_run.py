@@ -13,7 +13,7 @@ from retarget.model.robot import RobotBody
 from retarget.recording.configs import as_recorded
 from retarget.recording.cycles import Done
 from retarget.recording.motion import PHASE_NAMES, Motion, TextArray, Tracks, posture, quaternion_columns
-from retarget.recording.npz import HUMAN, SavedRun
+from retarget.recording.npz import HUMAN, NO_RUN, SavedRun
 from retarget.recording.reading import Played, TopicRows, fields_required, played, postures_sent, read_recording
 from retarget.recording.topics import GOALS, HUMAN_POSTURE, LANDMARKS
 from retarget.rotations import normalise
@@ -194,7 +194,7 @@ def read_run(path: Path, *, of_human: bool = False, body: Path | None = None) ->
             where=str(path)[:200],
             found=path.suffix or "no suffix",
             allowed=", ".join(SUFFIXES),
-            next_step="Give a file that `retarget run` wrote with --save FILE.npz or --record FILE.mcap",
+            next_step=NO_RUN,
         )
     if suffix == ".mcap":
         return read_mcap_human(path) if of_human else read_mcap_run(path, body=body)

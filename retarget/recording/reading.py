@@ -22,10 +22,13 @@ from retarget.model.robot import RobotBody
 from retarget.recording.cdr import Rows, layout_from
 from retarget.recording.cycles import Cycles, Done, Shape
 from retarget.recording.mcap_writer import METADATA, require_mcap
+from retarget.recording.npz import refuse_no_file
 from retarget.recording.session import FORMAT, Session
 from retarget.recording.topics import GOALS, HUMAN_POSTURE, SENSORS, SERVO_FIELDS, SERVOS, TICK, TICK_FIELDS
 from retarget.types import FloatArray
 
+OTHERS = (RuntimeError, MemoryError, OverflowError)
+"""Of a length that no record has."""
 LARGEST = 256 * 2**20
 """Bytes of the largest record that is read."""
 MAGIC = b"\x89MCAP0\r\n"
@@ -83,6 +86,7 @@ def read_recording(path: Path) -> Recording:
     where = str(path)[:200]
     found = _Found()
     try:
+        refuse_no_file(path)
         with path.open("rb") as stream:
             if stream.read(len(MAGIC)) != MAGIC:
                 raise InputError("this is no MCAP file", where=where, allowed="a file that --record wrote")
@@ -121,7 +125,7 @@ def _read(stream: Any, found: _Found) -> str:
                 found.attachments[record.name] = record.data
     except EndOfFile:
         return "it ends early: the run was cut off, or the file is not whole"
-    except (McapError, ValueError, struct.error, zstandard.ZstdError, RuntimeError, MemoryError) as error:
+    except (McapError, ValueError, struct.error, zstandard.ZstdError, *OTHERS) as error:
         return f"it ends early, in a damaged record ({error})"
     return ""
 

@@ -93,18 +93,11 @@ def _texts(column: Column) -> list[str]:
 # Apache Arrow, which writes Parquet: an extra, imported only by the exports that need it.
 
 
-@dataclass(frozen=True)
-class Arrow:
-    """The modules `pyarrow` and `pyarrow.parquet`."""
-
-    core: Any
-    parquet: Any
-
-
-def arrow() -> Arrow:
-    """Arrow. Raises UsageError where it is missing or broken."""
+def arrow() -> Any:
+    """The module `pyarrow`, with `pyarrow.parquet` in it. Raises UsageError where it is missing or broken."""
     try:
-        return Arrow(importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet"))
+        importlib.import_module("pyarrow.parquet")
+        return importlib.import_module("pyarrow")
     except ImportError as error:
         raise UsageError(
             "pyarrow is missing, which writes Parquet and LeRobot datasets",
@@ -123,8 +116,7 @@ def write_parquet(motion: Motion, stream: IO[bytes]) -> None:
 
     A column's unit is the key `unit` of its field's metadata; the schema's metadata has `retarget`, a JSON object.
     """
-    found = arrow()
-    pa = found.core
+    pa = arrow()
     columns = columns_of(motion)
     about = {**CONVENTIONS, "root_link": motion.body.body_names[1], "rows": len(motion)}
     schema = pa.schema(
@@ -138,4 +130,4 @@ def write_parquet(motion: Motion, stream: IO[bytes]) -> None:
     )
     # Arrow distinguishes "not known" from NaN; here both are one.
     arrays = [pa.array(column.values, from_pandas=True) for column in columns]
-    found.parquet.write_table(pa.table(arrays, schema=schema), stream)
+    pa.parquet.write_table(pa.table(arrays, schema=schema), stream)

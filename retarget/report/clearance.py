@@ -337,8 +337,8 @@ def clearances(run: RunResult) -> RunClearances:
     if run.observers is not None:
         seen = observer_clearance(body, run.observers, q, scene=run.scene, times=run.record.time)
     return RunClearances(
-        geoms=Clearances(_mm(to_itself.smallest), _mm(to_scene.smallest), _mm(to_ground.smallest)),
-        observers=Clearances(*(_mm(distance) for distance in seen)),
+        geoms=Clearances(in_mm(to_itself.smallest), in_mm(to_scene.smallest), in_mm(to_ground.smallest)),
+        observers=Clearances(*(in_mm(distance) for distance in seen)),
         penetrating=_sum([part.penetrating for part in parts]),
         deep=_sum([part.deep for part in parts]),
         closest=to_itself.pair,
@@ -369,5 +369,6 @@ def _sum(counts: list[int]) -> int | None:
     return sum(counts) if counts else None
 
 
-def _mm(metres: float | None) -> float | None:
+def in_mm(metres: float | None) -> float | None:
+    """Metres in mm; None stays not known."""
     return None if metres is None else MM * metres

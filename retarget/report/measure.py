@@ -10,7 +10,7 @@ from retarget.human.samples import Clip
 from retarget.model.body import JointLimits
 from retarget.model.human import PostureReader
 from retarget.report import motion_metrics, tracking
-from retarget.report.clearance import RunClearances, clearances
+from retarget.report.clearance import RunClearances, clearances, in_mm
 from retarget.report.motion_metrics import (
     LimitViolations,
     ModeSwitches,
@@ -143,9 +143,9 @@ def measure(run: RunResult) -> Report:
         penetrating_frames=clear.penetrating,
         gated_frames=None if run.record.robot is None else int(np.count_nonzero(run.record.robot.gated)),
         limit_violations=limits_broken(run),
-        priority_violation_max=_mm(top_level_error(run)),
+        priority_violation_max=in_mm(top_level_error(run)),
         com_outside_support_frames=stand.outside,
-        foot_slide_mm=_mm(stand.slide),
+        foot_slide_mm=in_mm(stand.slide),
         jerk_p95=jerk_p95(_joint_positions(run)[run.record.following], run.clip.dt),
         fallen=None if run.physics is None else run.physics.fall is not None,
         mode_switches_per_s=switches,
@@ -157,7 +157,7 @@ def measure(run: RunResult) -> Report:
         no_command_frames=None if run.record.robot is None else int(np.count_nonzero(run.record.robot.no_command)),
         reachable_hands_mm=(hands := _hands(run, reached)).errors,
         reachable_share=hands.shares,
-        com_margin_mm=_mm(stand.margin),
+        com_margin_mm=in_mm(stand.margin),
         soles=stand.soles,
         closest_links=clear.closest,
         deep=DeepReport(clear.deep, clear.closest_obstacle, clear.closest_ground),
@@ -340,10 +340,6 @@ def _spread_of(names: tuple[str, ...], errors: FloatArray) -> dict[str, Spread]:
         if known.size:
             spreads[name] = Spread(float(known.mean()), float(np.percentile(known, 95)), float(known.max()))
     return spreads
-
-
-def _mm(metres: float | None) -> float | None:
-    return None if metres is None else MM * metres
 
 
 # The report of a run that the operator ended and now waits for: what costs much is measured on its last seconds only.

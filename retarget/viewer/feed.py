@@ -5,19 +5,49 @@ not take at once is dropped, so that a page that is slow, stopped or dead costs 
 """
 
 import json
-import pickle
+import math
 import socket
 import subprocess
 import sys
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
+
+import numpy as np
 
 from retarget.errors import ConfigError
+from retarget.model.body_file import Root
 from retarget.run.record import Record
 from retarget.run.run_result import Extras
 from retarget.viewer.snapshot import Row, placed
+
+# A row on its way to the process of the page: words as JSON, with the kind and shape of each array, then their bytes.
+
+_LENGTH = 4
+"""Bytes that hold the length of the words."""
+
+
+def pack(row: Row) -> bytes:
+    """The bytes of a row."""
+    values = vars(row)
+    arrays = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+    words = {name: value for name, value in values.items() if name not in arrays}
+    head = json.dumps([words, {name: (array.dtype.str, array.shape) for name, array in arrays.items()}]).encode()
+    return b"".join([len(head).to_bytes(_LENGTH, "little"), head, *(array.tobytes() for array in arrays.values())])
+
+
+def unpack(data: bytes) -> Row:
+    """The row of the bytes of `pack`."""
+    at = _LENGTH + int.from_bytes(data[:_LENGTH], "little")
+    words, kinds = json.loads(data[_LENGTH:at])
+    arrays: dict[str, Any] = {}
+    for name, (kind, shape) in kinds.items():
+        count = math.prod(shape)
+        arrays[name] = np.frombuffer(data, dtype=kind, count=count, offset=at).reshape(shape)
+        at += arrays[name].nbytes
+    return Row(**words | {"landmarks": tuple(words["landmarks"])}, **arrays)
+
 
 SHOWN_HZ = 25.0
 STOP = b"stop"
@@ -37,15 +67,15 @@ SAME_CODE = (
 
 @dataclass(frozen=True)
 class PageSetup:
-    """What the process of a page gets at its start. robot: name or file of the profile, "" for a human alone; root: how
-    it stands in the world, "" as its profile says; scene: file or name, "" for none. simulated: it has mass, and rows
+    """What the process of a page gets at its start. robot: name or file of the profile, None for a human alone; root:
+    how it stands in the world, None as its profile says; scene: file or name. simulated: it has mass, and rows
     hold where it really is. sensors: of the performer, names."""
 
     title: str
     port: int
-    robot: str
-    root: str
-    scene: str
+    robot: str | None
+    root: Root | None
+    scene: str | None
     human_mjcf: str
     simulated: bool = False
     sensors: tuple[str, ...] = ()
@@ -81,7 +111,7 @@ class ViewFeed:
 
     def _show(self, record: Record, row: int) -> None:
         """Raises OSError where the page does not take it at once."""
-        self._link.send(pickle.dumps(_row(record, row, self.extras, time=self._ticks / self._rate_hz)))
+        self._link.send(pack(_row(record, row, self.extras, time=self._ticks / self._rate_hz)))
 
     def stop_asked(self) -> bool:
         """Whether the operator pressed the button of the page, ever."""
@@ -126,7 +156,7 @@ def open_feed(setup: PageSetup, *, rate_hz: float) -> ViewFeed:
     assert process.stdin is not None
     try:
         with process.stdin as stdin:
-            pickle.dump(setup, stdin)
+            stdin.write(json.dumps(asdict(setup)).encode())
         ours.settimeout(START_S)
         answer = ours.recv(LONGEST_MESSAGE)
     except OSError as error:
@@ -144,26 +174,23 @@ def open_feed(setup: PageSetup, *, rate_hz: float) -> ViewFeed:
 
 def _row(record: Record, row: int, extras: Extras, *, time: float) -> Row:
     (state, why), obstacles, robot = extras.words(), extras.obstacles(), record.robot
-    shown = Row(
-        time=time,
-        state=state,
-        why=why,
-        human=record.human.q[row],
-        sensors=record.human.sensors[row],
-        obstacle_poses=None if obstacles is None else placed(obstacles),
-    )
-    if robot is None:
-        return shown
-    truth = extras.truth()
-    return replace(
-        shown,
-        time=float(robot.bus_time[row]),
-        goal=robot.q[row],
-        present=robot.present[row],
-        temperature=robot.temperature[row],
-        current=extras.current(),
-        landmarks=robot.landmark_names,
-        asked=robot.landmarks_asked[row],
-        modes=robot.observer_modes[row],
-        truth=None if truth is None else truth.numbers(),
-    )
+    known: dict[str, Any] = {
+        "time": time,
+        "human": record.human.q[row],
+        "sensors": record.human.sensors[row],
+        "obstacle_poses": None if obstacles is None else placed(obstacles),
+    }
+    if robot is not None:
+        truth = extras.truth()
+        known |= {
+            "time": float(robot.bus_time[row]),
+            "goal": robot.q[row],
+            "present": robot.present[row],
+            "temperature": robot.temperature[row],
+            "current": extras.current(),
+            "landmarks": robot.landmark_names,
+            "asked": robot.landmarks_asked[row],
+            "modes": robot.observer_modes[row],
+            "truth": None if truth is None else truth.numbers(),
+        }
+    return Row(state=state, why=why, **known)

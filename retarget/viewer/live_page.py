@@ -2,8 +2,8 @@
 seconds of one joint.
 """
 
+import json
 import os
-import pickle
 import select
 import signal
 import socket
@@ -18,13 +18,13 @@ import numpy as np
 
 from hardware.clock import MonotonicClock
 from hardware.errors import RetargetError
-from retarget.model.body_file import Root, compile_body, compile_body_text
+from retarget.model.body_file import compile_body, compile_body_text
 from retarget.model.robot import load_robot
 from retarget.model.scene_shapes import scene_shapes
 from retarget.schema.scene import load_scene
 from retarget.types import FloatArray
 from retarget.viewer.drawing import Drawing
-from retarget.viewer.feed import LONGEST_MESSAGE, READY, REFUSED, STOP, PageSetup
+from retarget.viewer.feed import LONGEST_MESSAGE, READY, REFUSED, STOP, PageSetup, unpack
 from retarget.viewer.ground import MassMotion
 from retarget.viewer.joint_plot import JointPlot
 from retarget.viewer.page import WAITING, add_parts, headline
@@ -140,7 +140,7 @@ def main(arguments: list[str]) -> int:
             link.send(STOP)
 
     try:
-        setup: PageSetup = pickle.load(sys.stdin.buffer)  # noqa: S301 - of the run that started this process
+        setup = PageSetup(**json.load(sys.stdin))
         cast = _cast(setup)
         server, address = open_server(setup.port, title=setup.title, option="--view")
     except RetargetError as error:
@@ -165,18 +165,16 @@ def _serve(link: socket.socket, page: LivePage, newest: bytes) -> None:
         while later and select.select([link], [], [], 0.0)[0]:  # what is older is not shown any more
             later = link.recv(LONGEST_ROW)
             newest = later or newest
-        page.show(pickle.loads(newest))  # noqa: S301 - of the run that started this process, by its own socket
+        page.show(unpack(newest))
         newest = link.recv(LONGEST_ROW) if later else b""
 
 
 def _cast(setup: PageSetup) -> Cast:
     human = actor(compile_body_text(setup.human_mjcf, source="human of the run", root="free"))
-    if not setup.robot:
-        return Cast(setup.title, None, human, (), (), obstacles=_obstacles(setup.scene), sensors=setup.sensors)
-    roots: dict[str, Root] = {"free": "free", "fixed": "fixed", "suspended": "suspended"}
-    root = roots.get(setup.root)
-    robot = load_robot(setup.robot, root=root)
-    shown = actor(compile_body(robot.profile.body_path, root=root or robot.profile.root))
+    if setup.robot is None:
+        return Cast(setup.title, None, human, (), (), obstacles=_obstacles(setup.scene), sensors=tuple(setup.sensors))
+    robot = load_robot(setup.robot, root=setup.root)
+    shown = actor(compile_body(robot.profile.body_path, root=setup.root or robot.profile.root))
     scene, joints = _obstacles(setup.scene), robot.joint_map.joints
     return Cast(
         setup.title,
@@ -187,11 +185,11 @@ def _cast(setup: PageSetup) -> Cast:
         robot,
         scene,
         setup.simulated,
-        setup.sensors,
+        tuple(setup.sensors),
         columns=robot.servo_columns,
     )
 
 
-def _obstacles(scene: str) -> tuple[Obstacle, ...]:
+def _obstacles(scene: str | None) -> tuple[Obstacle, ...]:
     """The obstacles of a scene; rows hold where they are."""
     return obstacles(scene_shapes(load_scene(scene))) if scene else ()

@@ -15,9 +15,10 @@ from retarget.model.robot import RobotBody, load_robot
 from retarget.model.scene_state import SceneState
 from retarget.recording.configs import as_recorded, recorded_scene
 from retarget.recording.cycles import Cycles, Done
-from retarget.recording.npz import HUMAN, ROBOT, SavedRun
+from retarget.recording.npz import HUMAN, NO_RUN, ROBOT, SavedRun, refuse_no_file
 from retarget.recording.reading import (
     MAGIC,
+    Played,
     Recording,
     TopicRows,
     fields_required,
@@ -91,12 +92,12 @@ def open_recorded(path: Path, *, body: Path | None = None) -> RecordedRun:
     """Read a run: saved or recorded, by what is in the file. body: MJCF or URDF of the robot, where the one that the
     file names is not there any more. Raises InputError for anything else."""
     try:
+        refuse_no_file(path)
         with path.open("rb") as file:
             begins = file.read(len(MAGIC))
     except OSError as error:
-        step = "Give a file that `retarget run` wrote with --save FILE.npz or --record FILE.mcap"
         found = error.strerror or str(error)
-        raise InputError("cannot read the run", where=str(path), found=found, next_step=step) from error
+        raise InputError("cannot read the run", where=str(path), found=found, next_step=NO_RUN) from error
     if begins == MAGIC:
         recording = read_recording(path)
         with fields_required(recording):
@@ -233,7 +234,27 @@ def _of_recording(recording: Recording, body: Path | None) -> RecordedRun:
         robot, notes = configs.robot, tuple(dict.fromkeys((*notes, *configs.notes)))
         assert robot is not None, "there are joints"
         shown = actor(compile_body(robot.profile.body_path, root=robot.profile.root))
-    tracks |= {
+    tracks |= _robot_tracks(whole, robot, rows)
+    simulated = "truth" in tracks
+    cast = Cast(
+        title,
+        shown,
+        human,
+        robot.joint_map.joints,
+        tuple(robot.profile.landmarks) if "asked" in tracks else (),
+        robot,
+        scene.obstacles,
+        simulated,
+        session.sensors,
+        columns=robot.servo_columns,
+    )
+    return RecordedRun(cast, times, states, tracks, _whys(recording, cycles, states), scene.at, notes)
+
+
+def _robot_tracks(whole: Played, robot: RobotBody, rows: NDArray[np.intp]) -> dict[str, NDArray[Any]]:
+    """What a recording holds of its robot in some rows of the cycles. Raises InputError where the body is another."""
+    recording, cycles = whole.recording, whole.cycles.taken(rows)
+    tracks: dict[str, NDArray[Any]] = {
         "goal": postures_sent(whole, robot, rows),
         "present": robot.joint_map.to_radians(cycles.position),
         "modes": _spread(recording.topic(TICK), cycles.index, "observer_modes").astype(np.uint8),
@@ -243,22 +264,9 @@ def _of_recording(recording: Recording, body: Path | None) -> RecordedRun:
     asked, truth = recording.topics.get(LANDMARKS), recording.topics.get(TRUTH)
     if asked is not None:
         tracks["asked"] = _spread(asked, cycles.index, "poses")[..., :3]
-    simulated = truth is not None and truth.rows["q"].shape[1] == len(truth_names(robot.body))
-    if truth is not None and simulated:
+    if truth is not None and truth.rows["q"].shape[1] == len(truth_names(robot.body)):
         tracks["truth"] = _spread(truth, cycles.index, "q")
-    cast = Cast(
-        title,
-        shown,
-        human,
-        robot.joint_map.joints,
-        () if asked is None else tuple(robot.profile.landmarks),
-        robot,
-        scene.obstacles,
-        simulated,
-        session.sensors,
-        columns=robot.servo_columns,
-    )
-    return RecordedRun(cast, times, states, tracks, _whys(recording, cycles, states), scene.at, notes)
+    return tracks
 
 
 def _whys(recording: Recording, cycles: Cycles, states: list[str]) -> list[str]:

@@ -62,19 +62,19 @@ LET_GO = ((0.3, 1.0), (3.0, 4.4))
 SECONDS = 6.0
 
 
-class FakePedal:
+class FakePedal(HeldKey):
     """Held by a script, over the time of the run."""
 
     label = "a pedal"
 
     def __init__(self, held: Callable[[float], bool]) -> None:
-        self._held, self.lost = held, ""
+        self._script, self.lost = held, ""
         self.begun: float | None = None
 
     def held(self, pressed: str, now: float) -> bool:
         """Whether it is pressed now."""
         self.begun = now if self.begun is None else self.begun
-        return self._held(now - self.begun)
+        return self._script(now - self.begun)
 
     def close(self) -> None:
         """Nothing is open."""

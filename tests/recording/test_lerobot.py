@@ -19,7 +19,7 @@ FILES = {
     *("README.md", "data/chunk-000/file-000.parquet", "meta/episodes/chunk-000/file-000.parquet"),
     *("meta/info.json", "meta/stats.json", "meta/tasks.parquet"),
 }
-ARROW = arrow().core
+ARROW = arrow()
 DTYPES = {"float32": ARROW.float32(), "int64": ARROW.int64()}
 
 
