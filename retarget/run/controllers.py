@@ -438,8 +438,9 @@ class RobotMotion:
         return state in self._controllers and self._controllers[state].arrived
 
     def target(self, state: RunState, sample: SensorSample | None, *, speed_override: float) -> Target | None:
-        """The target of the next tick in a state that has a controller, see `Controller.target`."""
-        return self._controllers[state].target(sample, speed_override=speed_override)
+        """The target of the next tick, see `Controller.target`; None also in a state without a controller."""
+        controller = self._controllers.get(state)
+        return None if controller is None else controller.target(sample, speed_override=speed_override)
 
     def check(self, state: RunState, target: Target | None) -> tuple[CheckedGoal, Target | None]:
         """The goal for a target, and the target that it is for. Of a refused target, and where there is none, the robot
