@@ -5,8 +5,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from hardware.clock import VirtualClock
-from retarget import RunOptions, import_robot, load_robot, measure
+from retarget import RunOptions, load_robot, measure
 from retarget.run.prepare import prepare
+from retarget.setup.import_robot import import_robot
 from sim.mock_bus import mock_bus
 from sim.performer import synthetic_performer
 

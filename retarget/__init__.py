@@ -8,12 +8,12 @@ from retarget import siblings
 __version__ = "0.2.0"
 
 _HOMES = {
-    "Gate": "retarget.safety.gate",
+    "Pipeline": "retarget.pipeline",
     "RetargetError": "hardware.errors",
     "RunOptions": "retarget.run.options",
     "SensorFrames": "retarget.frames",
-    "import_robot": "retarget.setup.import_robot",
-    "load_body": "retarget.model.body",
+    "SensorSample": "retarget.frames",
+    "load_performer": "retarget.schema.performer",
     "load_robot": "retarget.model.robot",
     "measure": "retarget.report.measure",
     "open_source": "retarget.sources.open",

@@ -4,7 +4,7 @@ World frame REP-103 (x forward, y left, z up), metres, seconds, quaternions wxyz
 read-only, so that one recording can be shared by every stage.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -141,6 +141,17 @@ class SensorSample:
     orientation: FloatArray
     valid: BoolArray
     weight: FloatArray | None = None
+
+    @classmethod
+    def of(
+        cls, positions: Mapping[str, ArrayLike | None], orientations: Mapping[str, ArrayLike] | None = None
+    ) -> "SensorSample":
+        """A sample from positions (3,) m by sensor, None for a lost one, and orientations (4,) wxyz of those known."""
+        turns = {} if orientations is None else orientations
+        unknown = np.full(3, np.nan), np.full(4, np.nan)
+        position = np.array([unknown[0] if at is None else at for at in positions.values()], float).reshape(-1, 3)
+        orientation = np.array([turns.get(name, unknown[1]) for name in positions], float).reshape(-1, 4)
+        return cls(tuple(positions), position, orientation, np.isfinite(position).all(axis=1))
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,9 @@ class Page:
 PAGES = {
     "reference/run.md": Page(
         "Python: a run",
-        "From a performer to a finished run: prepared, played, measured, saved.",
+        "From a performer to a finished run: prepared, played, measured, saved; `Pipeline` for a loop of your own.",
         (
+            "retarget.pipeline",
             "retarget.run.options",
             "retarget.human.samples",
             "retarget.run.prepare",

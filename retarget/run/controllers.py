@@ -1,4 +1,7 @@
-"""Controllers: what gives the target of a tick in each state of a run, and where the robot was commanded to last."""
+"""Controllers: what gives the target of a tick in each state of a run, and where the robot was commanded to last.
+
+`RobotMotion` has them all, and the gate: a run (`retarget.run.loop`) and `retarget.Pipeline` move a robot by it.
+"""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -11,11 +14,12 @@ from hardware.clock import thread_cpu
 from hardware.errors import RetargetError, describe
 from retarget._solver import TrajectoryGenerator
 from retarget.frames import SensorSample
-from retarget.human.samples import Samples
 from retarget.ik.base_pose import plant_root
 from retarget.model.robot import RobotBody
 from retarget.run.stages import FollowingStage, ReconstructingStage
-from retarget.types import FloatArray, HumanPosture, RobotPosture
+from retarget.safety.clearance import PathClearance
+from retarget.safety.gate import Gate, PassThroughGate
+from retarget.types import FloatArray, HumanPosture, RobotPosture, RunState
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,6 +194,25 @@ class Approach:
         return self._move.brake()
 
 
+class Pace(Protocol):
+    """How fast a performer is followed; each as in `retarget.human.samples.Samples`."""
+
+    @property
+    def dt(self) -> float:
+        """Seconds between ticks."""
+        ...
+
+    @property
+    def motion_dt(self) -> float:
+        """Seconds of the performer's time between ticks."""
+        ...
+
+    @property
+    def settled(self) -> float:
+        """How much of its speed the robot may use beyond that of its slow approach, 0 to 1."""
+        ...
+
+
 class Follow:
     """From a sample to the human, and from the human to the robot.
 
@@ -202,12 +225,12 @@ class Follow:
         reconstructor: ReconstructingStage,
         follower: FollowingStage,
         human: HumanPosture,
-        samples: Samples,
+        pace: Pace,
         *,
         slow: float,
     ) -> None:
         """human: of the first sample. slow: share of its speed at which the robot returns to the performer."""
-        self._reconstructor, self._follower, self._samples, self._slow = reconstructor, follower, samples, slow
+        self._reconstructor, self._follower, self._pace, self._slow = reconstructor, follower, pace, slow
         self.human = human
         self.posture: RobotPosture | None = None
         self.costs = (np.nan, np.nan)
@@ -232,12 +255,12 @@ class Follow:
         assert sample is not None, "the supervisor holds the robot without a sample"
         begun = thread_cpu()
         if self._ticks > 0:  # the human was started with the first sample
-            self.human = self._reconstructor.step(sample, self._samples.motion_dt)
+            self.human = self._reconstructor.step(sample, self._pace.motion_dt)
         self._ticks += 1
         reconstructed = thread_cpu()
-        settled = self._slow + (1.0 - self._slow) * self._samples.settled
+        settled = self._slow + (1.0 - self._slow) * self._pace.settled
         self._follower.set_speed_override(min(speed_override, settled))
-        self.posture = posture = self._follower.step(self.human, self._samples.dt)
+        self.posture = posture = self._follower.step(self.human, self._pace.dt)
         self.costs = (reconstructed - begun, thread_cpu() - reconstructed)
         return None if self.lost else Target(posture.joint_positions, posture.q)
 
@@ -374,3 +397,93 @@ def require_finite(posture: RobotPosture) -> RobotPosture:
             )
         )
     return posture
+
+
+class RobotMotion:
+    """Moves one robot: the controller of each state, the gate, and where the robot was commanded to last.
+
+    In each tick: `target`, then `check`, and `sent` when the goal was sent.
+    """
+
+    def __init__(
+        self,
+        robot: RobotBody,
+        reconstructor: ReconstructingStage,
+        follower: FollowingStage,
+        gate: Gate | PassThroughGate,
+        *,
+        first: SensorSample,
+        pace: Pace,
+        clearance: PathClearance | None = None,
+    ) -> None:
+        """first: the sample that the robot approaches. clearance: the gate's collision check.
+        Raises RetargetError where the posture to approach is not known."""
+        self._follower, self._gate, self._clearance, dt = follower, gate, clearance, pace.dt
+        human = reconstructor.start(first)
+        self.commanded = commanded = Commanded(robot, dt=dt)
+        self.approach = Approach(robot, follower, commanded, human, dt=dt)
+        self.follow = Follow(reconstructor, follower, human, pace, slow=robot.profile.safety.speed_caps.approach)
+        self._stop = WholeBodyStop(robot, follower, commanded, self.approach, dt=dt)
+        self._controllers: dict[RunState, Controller] = {
+            RunState.APPROACH: self.approach,
+            RunState.FOLLOW: self.follow,
+            RunState.HOLD: self._stop,
+            RunState.STOPPING: self._stop,
+            RunState.RETURN_TO_STANCE: ReturnToStance(robot, follower, commanded, dt=dt),
+            RunState.GO_TO_REST: GoToRest(robot, follower, commanded, dt=dt),
+        }
+
+    @property
+    def on_approach(self) -> bool:
+        """Whether the robot is on the straight part of its approach."""
+        return self.approach.part is ApproachPart.STRAIGHT
+
+    def begin(self, present: FloatArray) -> CheckedGoal:
+        """Begin at rest at the present joint positions, rad (n,). Raises HardwareError if not finite."""
+        goal, standing = self._gate.begin(present), self.approach.first.q
+        if self._clearance is not None:
+            self._clearance.begin(standing, present)
+        self.commanded.begin(standing, present)
+        return goal
+
+    def enter(self, state: RunState) -> None:
+        """Begin a state, if a controller gives its targets."""
+        if state in self._controllers:
+            self._controllers[state].begin()
+
+    def has_arrived(self, state: RunState) -> bool:
+        """Whether the controller of a state has nothing left to do."""
+        return state in self._controllers and self._controllers[state].arrived
+
+    def target(self, state: RunState, sample: SensorSample | None, *, speed_override: float) -> Target | None:
+        """The target of the next tick, see `Controller.target`; None also in a state without a controller."""
+        controller = self._controllers.get(state)
+        return None if controller is None else controller.target(sample, speed_override=speed_override)
+
+    def check(self, state: RunState, target: Target | None) -> tuple[CheckedGoal, Target | None]:
+        """The goal for a target, and the target that it is for. Of a refused target, and where there is none, the robot
+        stops on its soles where the follower leads it, else each joint brakes by itself."""
+        goal = self._passed(target)
+        if goal is None and self._is_led_on_soles(state):
+            self._follower.reseed(self.commanded.q.copy(), self.commanded.velocity.copy())
+            alternative = self._stop.target()
+            goal, target = self._passed(alternative), alternative or target
+        return goal or self._gate.brake(), target
+
+    def sent(self, goal: CheckedGoal, target: Target | None) -> None:
+        """Take over where the robot was commanded to by a goal that was sent for a target."""
+        commanded = self.commanded
+        commanded.take(goal, target, on_soles=not self.on_approach)
+        if self._clearance is not None:
+            self._clearance.sent(commanded.joints, commanded.standing)
+        if not (self.on_approach or (goal.passed and target is not None)):
+            self._follower.reseed(commanded.q.copy(), commanded.velocity.copy())
+
+    def _passed(self, target: Target | None) -> CheckedGoal | None:
+        return self._gate.check(None if target is None else target.joints)
+
+    def _is_led_on_soles(self, state: RunState) -> bool:
+        """Whether the follower leads the robot in a state, on its soles."""
+        if state is RunState.APPROACH:
+            return not self.on_approach
+        return state in (RunState.FOLLOW, RunState.RETURN_TO_STANCE)

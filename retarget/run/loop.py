@@ -15,18 +15,7 @@ from hardware.guard_state import StopCause
 from retarget.frames import SensorSample
 from retarget.human.samples import Samples
 from retarget.model.robot import RobotBody
-from retarget.run.controllers import (
-    Approach,
-    ApproachPart,
-    Commanded,
-    Controller,
-    Follow,
-    GoToRest,
-    ReturnToStance,
-    Target,
-    WholeBodyStop,
-    rest_joints,
-)
+from retarget.run.controllers import RobotMotion, Target, rest_joints
 from retarget.run.record import Phase, Record, TickRecorder
 from retarget.run.stages import FollowingStage, ReconstructingStage
 from retarget.run.supervisor import (
@@ -143,24 +132,24 @@ class Loop:
         self._machine, self._samples, self._watch = machine, samples, watch
         first = samples.sample(0)
         assert first is not None, "the first sample is valid"
-        human = reconstructor.start(first)
-        robot, follower, dt = machine.robot, machine.follower, machine.dt
-        self._commanded = commanded = Commanded(robot, dt=dt)
-        self._approach = Approach(robot, follower, commanded, human, dt=dt)
-        slow = robot.profile.safety.speed_caps.approach
-        self._follow = Follow(reconstructor, follower, human, samples, slow=slow)
-        self._stop = WholeBodyStop(robot, follower, commanded, self._approach, dt=dt)
-        self._controllers: dict[RunState, Controller] = {
-            RunState.APPROACH: self._approach,
-            RunState.FOLLOW: self._follow,
-            RunState.HOLD: self._stop,
-            RunState.STOPPING: self._stop,
-            RunState.RETURN_TO_STANCE: ReturnToStance(robot, follower, commanded, dt=dt),
-            RunState.GO_TO_REST: GoToRest(robot, follower, commanded, dt=dt),
-        }
+        self._motion = motion = RobotMotion(
+            machine.robot,
+            reconstructor,
+            machine.follower,
+            machine.gate,
+            first=first,
+            pace=samples,
+            clearance=machine.clearance,
+        )
         stopping = LONGEST_BRAKE_S + (LONGEST_RETURN_S + LONGEST_TO_REST_S if machine.goes_to_rest else 0.0)
         self._recorder = TickRecorder(
-            samples, human, len(first.names), watch.on_row, robot=robot, posture=self._approach.first, stopping=stopping
+            samples,
+            motion.follow.human,
+            len(first.names),
+            watch.on_row,
+            robot=machine.robot,
+            posture=motion.approach.first,
+            stopping=stopping,
         )
         self._sample: SensorSample | None = first
         self._tick = 0  # of the performance
@@ -199,7 +188,7 @@ class Loop:
                 return
 
     def _run_tick(self) -> None:
-        machine, gate = self._machine, self._machine.gate
+        machine, motion = self._machine, self._motion
         self._recorder.begin()
         asked = self._ask_operator()
         self._samples.poll()
@@ -207,13 +196,11 @@ class Loop:
         state = self._change_state(asked)
         if machine.supervisor.over:
             return
-        target = self._controllers[state].target(self._sample, speed_override=machine.guard.health.speed_override)
+        target = motion.target(state, self._sample, speed_override=machine.guard.health.speed_override)
         self._part = StopCause.FILTER
-        goal = self._unwritten() or gate.check(None if target is None else target.joints)
-        if goal is None and self._is_led_on_soles(state):
-            alternative, goal = self._stop_on_soles()
-            target = alternative or target
-        goal = goal or gate.brake()
+        goal = self._unwritten()
+        if goal is None:
+            goal, target = motion.check(state, target)
         self._write(goal, target)
         self._keep(state, goal, target)
 
@@ -221,7 +208,7 @@ class Loop:
         """Go on braking in a tick that has failed, each joint by itself."""
         machine = self._machine
         self._part = StopCause.FILTER
-        machine.supervisor.step(machine.clock.now(), Situation(stands=self._commanded.stands), machine.guard)
+        machine.supervisor.step(machine.clock.now(), Situation(stands=self._motion.commanded.stands), machine.guard)
         if not machine.supervisor.over:
             goal = self._unwritten() or machine.gate.brake()
             self._write(goal, None)
@@ -271,17 +258,17 @@ class Loop:
         machine, before = self._machine, self._machine.supervisor.state
         situation = replace(
             asked,
-            stands=self._commanded.stands,
-            straight=self._approach.part is ApproachPart.STRAIGHT,
-            arrived=self._controllers[before].arrived,
-            approached=self._approach.arrived,
+            stands=self._motion.commanded.stands,
+            straight=self._motion.on_approach,
+            arrived=self._motion.has_arrived(before),
+            approached=self._motion.approach.arrived,
             goes_to_rest=machine.goes_to_rest,
         )
         if before in AT_RISK:
             situation = self._look_at_performer(situation)
         state = machine.supervisor.step(machine.clock.now(), situation, machine.guard)
-        if state is not before and state in self._controllers:
-            self._controllers[state].begin()
+        if state is not before:
+            self._motion.enter(state)
         return state
 
     def _look_at_performer(self, situation: Situation) -> Situation:
@@ -289,7 +276,7 @@ class Loop:
         samples, silent = self._samples, self._machine.guard.is_silent
         if samples.over or self._tick >= samples.ticks:
             return replace(situation, over=True)
-        if not self._approach.arrived:
+        if not self._motion.approach.arrived:
             followable = samples.may_approach()
         else:
             if self._tick == samples.kept:
@@ -301,7 +288,7 @@ class Loop:
             followable = self._sample is not None
         reason = NOT_FOLLOWABLE.format(samples.hold_reason) if not followable else ""
         reason = reason or ("the bus is silent" if silent else "no posture found")
-        lost = self._machine.supervisor.state is RunState.FOLLOW and self._follow.lost
+        lost = self._machine.supervisor.state is RunState.FOLLOW and self._motion.follow.lost
         followable = followable and not silent and not lost
         return replace(situation, followable=followable, hold_reason=reason, paused=samples.paused)
 
@@ -310,40 +297,23 @@ class Loop:
         goal = self._machine.gate.goal
         return None if goal is self._machine.guard.goal else goal
 
-    def _is_led_on_soles(self, state: RunState) -> bool:
-        """Whether the follower leads the robot in a state, on its soles."""
-        if state is RunState.APPROACH:
-            return self._approach.part is not ApproachPart.STRAIGHT
-        return state in (RunState.FOLLOW, RunState.RETURN_TO_STANCE)
-
-    def _stop_on_soles(self) -> tuple[Target | None, CheckedGoal | None]:
-        """The next target of a stop on the soles, and its goal, where the follower's own target was refused."""
-        self._machine.follower.reseed(self._commanded.q.copy(), self._commanded.velocity.copy())
-        target = self._stop.target()
-        return target, self._machine.gate.check(None if target is None else target.joints)
-
     def _write(self, goal: CheckedGoal, target: Target | None) -> None:
         """Write a goal, and take over where the robot was commanded to."""
-        machine, commanded = self._machine, self._commanded
         self._part = StopCause.BUS
-        machine.guard.write(goal)
+        self._machine.guard.write(goal)
         self._part = StopCause.SOURCE
-        straight = self._approach.part is ApproachPart.STRAIGHT
-        commanded.take(goal, target, on_soles=not straight)
-        if machine.clearance is not None:
-            machine.clearance.sent(commanded.joints, commanded.standing)
-        if not (straight or (goal.passed and target is not None)):
-            machine.follower.reseed(commanded.q.copy(), commanded.velocity.copy())
+        self._motion.sent(goal, target)
 
     def _keep(self, state: RunState, goal: CheckedGoal, target: Target | None) -> None:
         """Fill the row of this tick."""
-        machine, follow, recorder = self._machine, self._follow, self._recorder
+        machine, motion, recorder = self._machine, self._motion, self._recorder
+        follow = motion.follow
         followed = follow.posture if state is RunState.FOLLOW else None
         recorder.keep_human(follow.human, self._sample, error=followed is not None)
-        recorder.keep_robot(machine.guard, self._commanded.q, goal, asked=target is not None, followed=followed)
+        recorder.keep_robot(machine.guard, motion.commanded.q, goal, asked=target is not None, followed=followed)
         if followed is not None:
             recorder.keep_costs(*follow.costs)
-        approaches = state in AT_RISK and not self._approach.arrived
+        approaches = state in AT_RISK and not motion.approach.arrived
         recorder.keep(PHASES.get(state, Phase.BRAKE), approaches=approaches)
 
     # The beginning and the end of a run.
@@ -352,14 +322,11 @@ class Loop:
         """Set every goal to its present position, then switch torque on."""
         machine, now = self._machine, self._machine.clock.now
         machine.supervisor.take(Event.READY, now())
-        present, standing = machine.guard.present(), self._approach.first.q
-        if machine.clearance is not None:
-            machine.clearance.begin(standing, present)
-        self._commanded.begin(standing, present)
+        present = machine.guard.present()
         self._recorder.started(present)
-        machine.guard.arm(machine.gate.begin(present))
+        machine.guard.arm(self._motion.begin(present))
         machine.supervisor.take(Event.ARMED, now())
-        self._approach.begin()
+        self._motion.enter(RunState.APPROACH)
         self._due = now()
 
     def _give_up(self, error: BaseException) -> None:

@@ -59,6 +59,20 @@ def make_gate(
     return gate, clearance
 
 
+def robot_stage(
+    robot: RobotBody, priorities: Priorities, human: Human, options: RunOptions, scene: SceneState | None, *, dt: float
+) -> tuple[Follower, Gate | PassThroughGate, PathClearance | None]:
+    """The robot's follower, and its gate as `make_gate` makes it. Raises UsageError where the robot touches the scene,
+    ConfigError where the priorities name what it does not have."""
+    with naming_file(priority_names(robot, options)[-1], robot=robot.profile.name):
+        follower = Follower(
+            robot, priorities, human.dimensions, parts=options.parts, iterations=options.iterations, scene=scene
+        )
+    if not options.allow_contact:
+        _refuse_robot_in_contact(robot, follower, scene)
+    return follower, *make_gate(robot, follower, priorities, checks=options.gate, dt=dt)
+
+
 MakeBus = Callable[[RobotBody, Clock], ServoBus]
 """From a robot to its bus."""
 
@@ -180,18 +194,15 @@ def prepare_for(
     performer = load_performer(options.performer)
     if robot is None and not options.is_human:
         robot = load_robot(options.robot, root=options.root)
-    for_human, for_robot, on_steps = _priorities(robot, options)
-    scene = _scene(robot, options)
+    for_human, for_robot, on_steps = stage_priorities(robot, options)
+    scene = scene_of(robot, options)
     human = _human(perform(performer, robot), performer, for_human, options, scene if robot is None else None)
     if robot is None or for_robot is None:
         yield human
         return
-    follower = _follower(robot, for_robot, human.human, options, scene)
-    bus = make_bus(robot, clock)
-    if not options.allow_contact:
-        _refuse_robot_in_contact(robot, follower, scene)
     dt = human.samples.dt
-    gate, clearance = make_gate(robot, follower, for_robot, checks=options.gate, dt=dt)
+    follower, gate, clearance = robot_stage(robot, for_robot, human.human, options, scene, dt=dt)
+    bus = make_bus(robot, clock)
     late = not options.simulated if has_deadlines is None else has_deadlines
     limits = _limits(robot, has_deadlines=late)
     guard = Guard(bus=bus, joint_map=robot.joint_map, clock=clock, limits=limits)
@@ -259,7 +270,7 @@ def _human(
     )
 
 
-def _scene(robot: RobotBody | None, options: RunOptions) -> SceneState | None:
+def scene_of(robot: RobotBody | None, options: RunOptions) -> SceneState | None:
     """The scene that the options name, with a floor under a robot with feet."""
     scene = None if options.scene is None else load_scene(options.scene)
     if robot is not None and robot.stands:
@@ -267,7 +278,9 @@ def _scene(robot: RobotBody | None, options: RunOptions) -> SceneState | None:
     return None if scene is None else SceneState(scene)
 
 
-def _priorities(robot: RobotBody | None, options: RunOptions) -> tuple[Priorities, Priorities | None, tuple[str, ...]]:
+def stage_priorities(
+    robot: RobotBody | None, options: RunOptions
+) -> tuple[Priorities, Priorities | None, tuple[str, ...]]:
     """The priority files of both stages, and notes about the robot's."""
     names = priority_names(robot, options)
     first, *others = (_load_priorities(name, _where_named(robot, options, stage)) for stage, name in enumerate(names))
@@ -325,15 +338,6 @@ def _refuse_robot_in_contact(robot: RobotBody, follower: Follower, scene: SceneS
     refuse_contact(touching, where=f"{robot.profile.name}, standing")
     if scene is not None:
         refuse_floor(robot, follower.observers, scene, follower.stance.q)
-
-
-def _follower(
-    robot: RobotBody, priorities: Priorities, human: Human, options: RunOptions, scene: SceneState | None
-) -> Follower:
-    with naming_file(priority_names(robot, options)[-1], robot=robot.profile.name):
-        return Follower(
-            robot, priorities, human.dimensions, parts=options.parts, iterations=options.iterations, scene=scene
-        )
 
 
 def _limits(robot: RobotBody, *, has_deadlines: bool) -> GuardLimits:

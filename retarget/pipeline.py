@@ -1,0 +1,341 @@
+"""`Pipeline`: from a sensor sample to checked joint goals in one call, for programs with their own loop and bus.
+
+It moves a robot by what a run moves it by (`retarget.run.controllers.RobotMotion`, and the same table of states), and
+has no files beyond configurations, no threads, no bus and no clock.
+"""
+
+from dataclasses import dataclass
+from math import isfinite
+from pathlib import Path
+
+import numpy as np
+
+from retarget.errors import InputError, UsageError
+from retarget.frames import SensorSample
+from retarget.human.performer_calibration import Person
+from retarget.human.reconstruction import Reconstructor
+from retarget.human.rest_pose import dimensions_from_rest_pose
+from retarget.human.samples import RATES_HZ, Parts
+from retarget.live.begin import live_rate_hz
+from retarget.live.engagement import Debounce, Engagement, EngagementTimes
+from retarget.live.performer import base_sensors
+from retarget.model.human import build_human
+from retarget.model.human_dimensions import HumanDimensions
+from retarget.model.robot import RobotBody, load_robot
+from retarget.rotations import IDENTITY
+from retarget.run.controllers import RobotMotion
+from retarget.run.options import RunOptions
+from retarget.run.prepare import robot_stage, scene_of, stage_priorities
+from retarget.run.supervisor import AT_RISK, Event, Supervisor
+from retarget.schema.catalogue import HUMAN
+from retarget.schema.performer import Performer, load_performer
+from retarget.sources.stream_frame import unusable
+from retarget.types import FloatArray, HumanPosture, RunState
+
+DT_TOLERANCE = 0.01
+"""Share by which `dt` may differ from the period of the pipeline: the gate keeps speeds for that period."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Goal:
+    """The result of one tick.
+
+    joint_positions (n,): rad, by joint_names, to be sent now. gated: something else than following asked for, because
+    that was refused. human: the reconstructed performer. landmarks_asked, landmarks_reached (k, 3): m, by
+    landmark_names, in the robot's world; NaN in a tick in which the robot does not follow. Without a robot n and k
+    are 0.
+    """
+
+    joint_names: tuple[str, ...]
+    joint_positions: FloatArray
+    gated: bool
+    human: HumanPosture
+    landmark_names: tuple[str, ...]
+    landmarks_asked: FloatArray
+    landmarks_reached: FloatArray
+
+
+class SensorReader:
+    """The sensors of a performer in the samples of a caller, in the performer's order."""
+
+    def __init__(self, performer: Performer) -> None:
+        self.names = tuple(performer.sensors)
+        self._performer = performer.name
+        self._base = [self.names.index(name) for name in base_sensors(self.names)]
+        self._given: tuple[str, ...] = ()
+        self._columns: list[int] = []
+
+    def read(self, sample: SensorSample) -> SensorSample | None:
+        """The sample, in which what is no pose in a room is not valid; None where a base sensor is not valid.
+
+        Raises UsageError for a sample without all sensors of the performer, or of a wrong shape.
+        """
+        if sample.names != self._given:
+            self._columns, self._given = self._columns_of(sample.names), sample.names
+        _check_shapes(sample)
+        columns = self._columns
+        position, orientation = sample.position.take(columns, axis=0), sample.orientation.take(columns, axis=0)
+        known = np.isfinite(orientation).all(axis=1)
+        bad = unusable(position, np.where(known[:, None], orientation, IDENTITY))
+        valid = sample.valid.take(columns) & ~bad
+        if not (valid.any() and valid[self._base].all()):
+            return None
+        position[~valid], orientation[~valid] = np.nan, np.nan
+        weight = None if sample.weight is None else sample.weight.take(columns)
+        return SensorSample(self.names, position, orientation, valid, weight)
+
+    def _columns_of(self, names: tuple[str, ...]) -> list[int]:
+        missing = [name for name in self.names if name not in names]
+        if missing:
+            raise UsageError(
+                f"the sample does not have all sensors of performer {self._performer!r}",
+                where="Pipeline",
+                found=f"no {', '.join(missing)}",
+                allowed=", ".join(self.names),
+                next_step="Name them so, with valid False for one that is lost, or choose another performer",
+            )
+        return [names.index(name) for name in self.names]
+
+
+def _check_shapes(sample: SensorSample) -> None:
+    """Raise UsageError for arrays that are not one row per name."""
+    k = len(sample.names)
+    found = sample.position.shape, sample.orientation.shape, sample.valid.shape
+    if found != ((k, 3), (k, 4), (k,)):
+        raise UsageError(
+            "arrays of a wrong shape",
+            where="SensorSample",
+            found=f"position {found[0]}, orientation {found[1]}, valid {found[2]}",
+            allowed=f"({k}, 3), ({k}, 4), ({k},) for {k} names",
+        )
+
+
+class SteppedPerformer:
+    """A performer whose samples come one by one: as a live performer, without a stream. None is an invalid sample.
+
+    settled: see `retarget.human.samples.Samples`. dt, motion_dt: s between samples.
+    """
+
+    def __init__(self, first: SensorSample, dt: float) -> None:
+        """first: the sample that the robot approaches."""
+        self.dt = self.motion_dt = dt
+        self._first, self._engagement = first, Engagement(first)
+        self._approaching = Debounce(EngagementTimes().healthy, good=True)
+        self._ticks = 0  # in which the approach was over
+
+    @property
+    def settled(self) -> float:
+        """Share of its speed that the robot may use beyond that of its slow approach, 0 to 1."""
+        return self._engagement.settled
+
+    def may_approach(self, now: float, sample: SensorSample | None) -> bool:
+        """Whether the robot may go on with its approach at `now`, s."""
+        return self._approaching.step(now, good=sample is not None)
+
+    def sample(self, now: float, sample: SensorSample | None) -> SensorSample | None:
+        """The sample to follow at `now`, s; None: hold. It goes from the one approached to that of the caller."""
+        self._ticks += 1
+        if self._ticks == 1:
+            self._engagement.begin(self._first)
+            return self._first
+        if sample is None:
+            self._engagement.hold()
+            return None
+        return self._engagement.step(now, sample, good=True)
+
+
+class Pipeline:
+    """Three lines from a sensor sample to joint goals: `Pipeline(robot)`, `start(sample)`, and a `step` in every tick.
+
+    Samples are in a world with z up and the ground at z = 0, in m. Deterministic: the same calls give the same goals.
+    """
+
+    def __init__(
+        self,
+        robot: str | Path | RobotBody | None,
+        performer: str | Path | Performer = "five",
+        *,
+        rate_hz: float | None = None,
+        priorities: str | None = None,
+        parts: Parts = "whole",
+    ) -> None:
+        """robot: a name, a path, or a robot; None or "human": only the performer is reconstructed. rate_hz: of your
+        loop; None: that of the robot's profile. priorities: of the last stage, None: as for real servos. parts: `upper`
+        keeps pelvis and legs still. Raises UsageError, ConfigError, InputError, HardwareError."""
+        self._performer = performer if isinstance(performer, Performer) else load_performer(performer)
+        self._robot = robot if isinstance(robot, RobotBody) else _robot_named(robot)
+        name = HUMAN if self._robot is None else self._robot.profile.name
+        bus = "none" if self._robot is None else "profile"  # real servos: the robot has mass
+        self._options = RunOptions(robot=name, bus=bus, priorities=priorities, parts=parts)
+        self._priorities = stage_priorities(self._robot, self._options)[:2]
+        self.dt = 1.0 / _checked_rate(live_rate_hz(self._robot) if rate_hz is None else rate_hz)
+        """s, the period of the loop that calls `step`."""
+        self._sensors = SensorReader(self._performer)
+        self._supervisor, self._now = Supervisor(), 0.0
+        self._reconstructor: Reconstructor | None = None
+        self._human: HumanPosture
+        self._samples: SteppedPerformer
+        self._motion: RobotMotion | None = None
+        self._goal: FloatArray | None = None  # the last one
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The joints of all goals, in their order; none without a robot."""
+        return () if self._robot is None else self._robot.joint_map.joints
+
+    @property
+    def state(self) -> RunState:
+        """IDLE before `start`, then APPROACH, FOLLOW or HOLD; STOPPING and OFF after `stop`."""
+        return self._supervisor.state
+
+    @property
+    def stands(self) -> bool:
+        """Whether the last goals have not moved: nothing is left to brake."""
+        return self._motion is None or self._motion.commanded.stands
+
+    def start(
+        self,
+        sample: SensorSample,
+        *,
+        present: FloatArray | None = None,
+        calibration: HumanDimensions | Person | None = None,
+    ) -> None:
+        """Begin with a performer who stands still as in `sample`. This takes half a second; goals begin with `step`.
+
+        present: the robot's joint positions, rad (n,), from which it goes slowly to its stance, then to the performer's
+        posture; None: those of the last goal, before the first one those of the stance. calibration: the performer's
+        size; None: it is measured from the sample, a rest pose. Raises InputError: not a rest pose, or sensors are not
+        valid; HardwareError: `present` is not finite; UsageError: the robot still moves. Then nothing has changed.
+        """
+        if not self.stands:
+            raise UsageError(
+                "the robot moves",
+                where="Pipeline.start",
+                found=self.state.value,
+                next_step="Call stop(), and step(None, dt) until `stands`",
+            )
+        first = self._sensors.read(sample)
+        if first is None:
+            raise InputError(
+                "the first sample does not show the performer",
+                where="Pipeline.start",
+                found=f"valid: {', '.join(_valid_names(sample)) or 'no sensor'}",
+                allowed=f"at least {', '.join(base_sensors(self._sensors.names))}, finite",
+                next_step="Wait for a sample in which they are valid",
+            )
+        human = build_human(_dimensions(first, calibration))
+        for_human, for_robot = self._priorities
+        reconstructor, performer = Reconstructor(human, for_human, self._performer), SteppedPerformer(first, self.dt)
+        motion = None
+        if self._robot is not None and for_robot is not None:
+            scene = scene_of(self._robot, self._options)
+            follower, gate, clearance = robot_stage(self._robot, for_robot, human, self._options, scene, dt=self.dt)
+            motion = RobotMotion(
+                self._robot, reconstructor, follower, gate, first=first, pace=performer, clearance=clearance
+            )
+            last = motion.approach.first.joint_positions if self._goal is None else self._goal
+            motion.begin(np.array(last if present is None else present, dtype=np.float64))
+        self._human = reconstructor.start(first) if motion is None else motion.follow.human
+        self._reconstructor, self._samples, self._motion = reconstructor, performer, motion
+        self._supervisor, self._now = Supervisor(), 0.0
+        for event in (Event.READY, Event.ARMED, *(() if motion else (Event.ARRIVED,))):
+            self._take(event)
+
+    def step(self, sample: SensorSample | None, dt: float) -> Goal:
+        """The goal of the next tick. sample: the newest; None, or one without valid base sensors: the robot brakes on
+        its soles, holds, and comes back slowly. dt: s, the period of your loop. Raises UsageError for another dt, other
+        sensors, or before `start`; then nothing has changed."""
+        if self._reconstructor is None:
+            raise UsageError("no performer yet", where="Pipeline.step", next_step="Call start(sample) first")
+        if not abs(dt - self.dt) <= DT_TOLERANCE * self.dt:
+            raise UsageError(
+                "another period than the pipeline's",
+                where="Pipeline.step",
+                found=f"dt {dt:g} s",
+                allowed=f"{self.dt:g} s",
+                next_step="Give the period of your loop, not a measured time, and Pipeline(..., rate_hz=) its rate",
+            )
+        seen = None if sample is None else self._sensors.read(sample)
+        self._now += self.dt
+        if self._motion is None:
+            return self._without_robot(self._reconstructor, seen)
+        return self._moved(self._motion, seen)
+
+    def stop(self) -> None:
+        """Let the robot brake from the next `step` on; call that until `stands`. It holds until another `start`."""
+        self._take(Event.STOP)
+
+    def _moved(self, motion: RobotMotion, seen: SensorSample | None) -> Goal:
+        sample = self._change_state(motion, seen)
+        wanted = motion.target(self.state, sample, speed_override=1.0)
+        goal, target = motion.check(self.state, wanted)
+        motion.sent(goal, target)
+        self._goal = goal.joints
+        posture = motion.follow.posture if self.state is RunState.FOLLOW else None
+        names = motion.approach.first.landmark_names
+        unknown = np.full((len(names), 3), np.nan)
+        return Goal(
+            joint_names=self.joint_names,
+            joint_positions=goal.joints,
+            gated=wanted is not None and not (goal.passed and target is wanted),
+            human=motion.follow.human,
+            landmark_names=names,
+            landmarks_asked=unknown if posture is None else posture.landmarks_asked,
+            landmarks_reached=unknown if posture is None else posture.landmarks_reached,
+        )
+
+    def _change_state(self, motion: RobotMotion, seen: SensorSample | None) -> SensorSample | None:
+        """Choose the state of this tick. Returns the sample to follow."""
+        before, approached, sample = self.state, motion.approach.arrived, None
+        if before in AT_RISK:
+            if approached:
+                sample = self._samples.sample(self._now, seen)
+                followable = sample is not None and not (before is RunState.FOLLOW and motion.follow.lost)
+            else:
+                followable = self._samples.may_approach(self._now, seen)
+            on = Event.RESUME if approached else Event.RESUME_APPROACH
+            if self._take(on if followable else Event.NO_COMMAND):
+                return sample
+        if not (motion.has_arrived(before) and self._take(Event.ARRIVED)) and motion.commanded.stands:
+            self._take(Event.STANDS)
+        return sample
+
+    def _take(self, event: Event) -> bool:
+        """Take a transition, if the present state has it. Whether it has."""
+        changed = self._supervisor.take(event, self._now)
+        if changed and self._motion is not None:
+            self._motion.enter(self.state)
+        return changed
+
+    def _without_robot(self, reconstructor: Reconstructor, seen: SensorSample | None) -> Goal:
+        """The human alone; it stays as it is without a valid sample."""
+        if seen is not None:
+            self._human = reconstructor.step(seen, self.dt)
+        nothing = np.zeros((0, 3))
+        return Goal((), np.zeros(0), False, self._human, (), nothing, nothing)
+
+
+def _robot_named(robot: str | Path | None) -> RobotBody | None:
+    return None if robot is None or str(robot) == HUMAN else load_robot(robot)
+
+
+def _checked_rate(rate_hz: float) -> float:
+    low, high = RATES_HZ
+    if not (isfinite(rate_hz) and low <= rate_hz <= high):
+        allowed = f"{low:g} to {high:g} Hz"
+        raise UsageError(
+            "impossible rate of ticks", where="Pipeline, rate_hz", found=f"{rate_hz:g} Hz", allowed=allowed
+        )
+    return float(rate_hz)
+
+
+def _dimensions(first: SensorSample, calibration: HumanDimensions | Person | None) -> HumanDimensions:
+    """The performer's size; measured from the first sample where it is not known."""
+    if calibration is not None:
+        return calibration.dimensions if isinstance(calibration, Person) else calibration
+    names = tuple(name for name, valid in zip(first.names, first.valid, strict=True) if valid)
+    return dimensions_from_rest_pose(names, first.position[first.valid], source="the first sample")
+
+
+def _valid_names(sample: SensorSample) -> list[str]:
+    return [name for name, valid in zip(sample.names, sample.valid.tolist(), strict=True) if valid]

@@ -1,0 +1,325 @@
+"""`retarget.Pipeline`: goals keep every limit whatever comes in, and are those of a run."""
+
+import re
+import runpy
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hardware.clock import VirtualClock
+from hardware.errors import HardwareError
+from messages import refuses
+from retarget import Pipeline, RunOptions, SensorSample, load_performer, load_robot
+from retarget.errors import InputError, UsageError
+from retarget.frames import SensorFrames
+from retarget.human.calibration import calibrate
+from retarget.human.performer_calibration import person_of
+from retarget.human.samples import Clip, Performance, Playback, lay_on_ticks
+from retarget.pipeline import Goal, SteppedPerformer
+from retarget.report.motion_metrics import LimitViolations, limit_violations
+from retarget.run.prepare import prepare_for
+from retarget.schema.performer import Performer
+from retarget.types import FloatArray, RunState
+from sim.mock_bus import mock_bus
+from sim.performer import synthetic_performer
+
+PAGE = Path(__file__).resolve().parent.parent / "docs/pipeline.md"
+DT = 0.008
+FIVE = ("head", "l_wrist", "r_wrist", "l_ankle", "r_ankle")
+
+
+@cache
+def frames() -> SensorFrames:
+    return synthetic_performer(rate_hz=125.0).select(FIVE)
+
+
+def still() -> SensorSample:
+    return frames().sample(0.0)
+
+
+def started(**options: object) -> Pipeline:
+    """A pipeline of OP3 whose robot follows a performer who stands still, at full speed."""
+    pipeline = Pipeline("op3", performer="five", priorities="servo")
+    pipeline.start(still(), **options)  # type: ignore[arg-type]
+    run_to(pipeline, RunState.FOLLOW, ticks=220)
+    return pipeline
+
+
+def run_to(pipeline: Pipeline, state: RunState, *, ticks: int = 1, most: int = 2000) -> list[Goal]:
+    """Goals of a performer who stands still, until so many ticks in a row were of a state."""
+    goals, seen = list[Goal](), 0
+    while seen < ticks:
+        goals.append(pipeline.step(still(), pipeline.dt))
+        seen = seen + 1 if pipeline.state is state else 0
+        assert len(goals) < most, f"still {pipeline.state.value}"
+    return goals
+
+
+def keep_limits(goals: list[FloatArray]) -> bool:
+    found = limit_violations(np.array(goals), load_robot("op3").limits, DT, from_rest=False)
+    return found == LimitViolations(0, 0, 0)
+
+
+def lost(sample: SensorSample, *names: str) -> SensorSample:
+    return replace(sample, valid=sample.valid & ~np.isin(sample.names, names))
+
+
+def moved(sample: SensorSample, by: float, *names: str) -> SensorSample:
+    return replace(sample, position=sample.position + np.where(np.isin(sample.names, names), by, 0.0)[:, None])
+
+
+def test_a_loop_of_a_dozen_lines_gives_joint_angles(tmp_path: Path) -> None:
+    code = re.findall(r"```python\n(.+?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)[0]
+    assert len(code.strip().splitlines()) <= 12
+    sent, ticks = list[dict[str, float]](), iter(range(20))
+    robot = SimpleNamespace(
+        read=lambda: np.zeros(20),
+        is_on=lambda: next(ticks, None) is not None,
+        send=lambda names, angles: sent.append(dict(zip(names, angles.tolist(), strict=True))),
+    )
+    poses = dict(zip(FIVE, still().position, strict=True))
+    script = tmp_path / "loop.py"
+    script.write_text(code, encoding="utf-8")
+    runpy.run_path(str(script), {"tracker": SimpleNamespace(poses=lambda: poses), "robot": robot})
+    assert len(sent) == 20 and sent[0].keys() == set(load_robot("op3").joint_map.joints)
+
+
+def test_the_program_of_the_page_is_short_and_valid() -> None:
+    code = re.findall(r"```python\n(.+?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)[1]
+    compile(code, "page", mode="exec")
+    assert len([line for line in code.splitlines() if line]) <= 26
+
+
+def test_a_sample_of_positions_by_name() -> None:
+    sample = SensorSample.of({"head": (0, 0, 1.6), "pelvis": None}, {"head": (1, 0, 0, 0)})
+    assert sample.names == ("head", "pelvis") and sample.valid.tolist() == [True, False]
+    assert sample.orientation[0].tolist() == [1, 0, 0, 0] and np.isnan(sample.orientation[1]).all()
+
+
+def test_the_performer_is_followed() -> None:
+    pipeline = started()
+    goals = [pipeline.step(frames().sample(tick * DT), DT) for tick in range(250)]
+    hands = [goals[0].landmark_names.index(name) for name in ("l_hand", "r_hand")]
+    off = [np.linalg.norm(one.landmarks_asked - one.landmarks_reached, axis=1)[hands].max() for one in goals]
+    assert np.median(off) < 0.02
+    assert min(one.human.joint("head")[2] for one in goals) < goals[0].human.joint("head")[2] - 0.1
+    assert np.ptp([one.joint_positions for one in goals], axis=0).max() > 0.5
+    assert keep_limits([one.joint_positions for one in goals])
+
+
+class Stepped:
+    """Samples that come one by one, as a run takes them; then the performance is over."""
+
+    def __init__(self, given: list[SensorSample | None]) -> None:
+        assert given[0] is not None
+        self._performer = SteppedPerformer(given[0], DT)
+        self._given, self._first, self._now, self._row = given, given[0], 0.0, -1
+        self.ticks = self.kept = 2000
+        self.dt = self.motion_dt = DT
+        self.paused, self.hold_reason = False, "no sample"
+
+    @property
+    def over(self) -> bool:
+        return self._row + 1 >= len(self._given)
+
+    @property
+    def settled(self) -> float:
+        return self._performer.settled
+
+    def poll(self) -> None:
+        pass
+
+    def _next(self) -> SensorSample | None:
+        self._row, self._now = self._row + 1, self._now + DT
+        return self._given[self._row]
+
+    def may_approach(self) -> bool:
+        return self._performer.may_approach(self._now, self._next())
+
+    def sample(self, tick: int) -> SensorSample | None:
+        return self._first if self._row < 0 else self._performer.sample(self._now + DT, self._next())
+
+    def recorded(self) -> Clip:
+        return lay_on_ticks(frames(), performer=load_performer("five"), playback=Playback(end=0.1), rate_hz=125.0)
+
+
+@pytest.mark.parametrize("priorities", ["servo", "balanced"])
+def test_goals_are_those_of_a_run(priorities: str) -> None:
+    clip: list[SensorSample | None] = [frames().sample(max(0.0, (tick - 500) * DT)) for tick in range(900)]
+    clip[100:110] = clip[700:730] = [None] * 10  # during the approach, and in a crouch
+    size = calibrate(synthetic_performer())
+
+    def perform(performer: Performer, robot: object) -> Performance:
+        return Performance(Stepped(clip), size)
+
+    options = RunOptions(robot="op3", priorities=priorities)
+    with prepare_for(perform, options, clock=VirtualClock(), make_bus=mock_bus) as prepared:
+        record = prepared.run().record.robot
+    assert record is not None
+    pipeline = Pipeline("op3", performer="five", priorities=priorities)
+    pipeline.start(still(), present=record.start, calibration=size)
+    states, goals = list[RunState](), list[Goal]()
+    for sample in clip:
+        goals.append(pipeline.step(sample, DT))
+        states.append(pipeline.state)
+    assert {RunState.APPROACH, RunState.FOLLOW, RunState.HOLD} == set(states)
+    count = len(clip) - 1
+    np.testing.assert_array_equal(np.array([one.joint_positions for one in goals])[:count], record.goals[:count])
+    assert [one.gated for one in goals][:count] == record.gated[:count].tolist()
+
+
+def wild() -> Iterator[st.SearchStrategy[object]]:
+    """Samples of a hostile tracker: (kind, size)."""
+    yield st.none()
+    yield st.tuples(st.sampled_from(FIVE), st.sampled_from([0.1, 1.0, 30.0, 1e5, 1e300, np.inf, np.nan]))
+
+
+@settings(max_examples=12, deadline=None)
+@given(st.lists(st.tuples(st.one_of(*wild()), st.integers(1, 60), st.floats(0.0, 15.0)), min_size=1, max_size=6))
+def test_wild_and_missing_samples_break_no_limit(pieces: list[tuple[tuple[str, float] | None, int, float]]) -> None:
+    pipeline = wild_pipeline()
+    goals = [pipeline.step(still(), DT).joint_positions]
+    for what, ticks, begin in pieces:
+        for tick in range(ticks):
+            sample = frames().sample(begin + tick * DT)
+            given_now = None if what is None else moved(sample, what[1], what[0])
+            goals.append(pipeline.step(given_now, DT).joint_positions)
+    pipeline.stop()
+    while not pipeline.stands:
+        goals.append(pipeline.step(None, DT).joint_positions)
+        assert len(goals) < 1000
+    assert np.isfinite(goals).all() and keep_limits(goals)
+    pipeline.start(still())
+    run_to(pipeline, RunState.FOLLOW, ticks=30)
+
+
+@cache
+def wild_pipeline() -> Pipeline:
+    return started()
+
+
+def test_without_samples_the_robot_brakes_holds_and_comes_back_slowly() -> None:
+    pipeline = started()
+    follow = [pipeline.step(frames().sample(tick * DT), DT).joint_positions for tick in range(120)]
+    gone = [pipeline.step(None, DT).joint_positions for _ in range(150)]
+    assert pipeline.state is RunState.HOLD and pipeline.stands
+    assert (np.abs(np.diff(gone, axis=0)[100:]).max(axis=1) == 0.0).all()
+    sample = frames().sample(3.0)
+    back = [pipeline.step(sample, DT) for _ in range(350)]
+    assert pipeline.state is RunState.FOLLOW
+    speeds = np.abs(np.diff([one.joint_positions for one in back], axis=0)) / DT
+    assert speeds[:60].max() == 0.0  # half a second of valid samples first
+    assert speeds[:100].max() < 0.3 * load_robot("op3").limits.max_velocity.max()
+    assert np.isnan(back[0].landmarks_asked).all() and np.isfinite(back[-1].landmarks_asked).all()
+    assert keep_limits([*follow, *gone, *(one.joint_positions for one in back)])
+
+
+@pytest.mark.parametrize("names", [("l_ankle",), FIVE])
+def test_a_lost_ankle_holds_the_robot_and_a_lost_wrist_does_not(names: tuple[str, ...]) -> None:
+    pipeline = started()
+    pipeline.step(lost(still(), "l_wrist"), DT)
+    assert pipeline.state is RunState.FOLLOW
+    pipeline.step(lost(still(), *names), DT)
+    assert pipeline.state is RunState.HOLD
+
+
+def test_it_begins_slowly_where_the_robot_is() -> None:
+    robot = load_robot("op3")
+    far = robot.posture(robot.profile.postures.rest)[robot.servo_columns]
+    pipeline = Pipeline(robot, load_performer("five"), priorities="servo")
+    pipeline.start(still(), present=far)
+    path = [far, *(one.joint_positions for one in run_to(pipeline, RunState.FOLLOW))]
+    approach = robot.profile.safety.speed_caps.approach
+    limit = approach * robot.limits.max_velocity * DT * (1.0 + 1e-6)
+    stance = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
+    at_stance = int(np.argmin(np.abs(np.array(path) - stance).max(axis=1)))
+    assert np.abs(path[at_stance] - stance).max() < 1e-9
+    assert (np.abs(np.diff(path[: at_stance + 1], axis=0)) <= limit).all()
+    assert keep_limits(path)
+
+
+def test_a_stop_brakes_and_a_new_start_goes_on_from_there() -> None:
+    pipeline = started()
+    for tick in range(150):
+        pipeline.step(frames().sample(tick * DT), DT)
+    pipeline.stop()
+    with refuses(UsageError, "Pipeline.start", "stop()"):
+        pipeline.start(still())
+    goals = [pipeline.step(None, DT).joint_positions]
+    while not pipeline.stands:
+        goals.append(pipeline.step(frames().sample(2.0), DT).joint_positions)
+    assert keep_limits(goals) and len(goals) * DT < 1.0
+    assert pipeline.step(still(), DT).joint_positions.tolist() == goals[-1].tolist()
+    assert pipeline.state is RunState.OFF
+    pipeline.start(still())
+    assert np.abs(pipeline.step(still(), DT).joint_positions - goals[-1]).max() < 1e-3
+
+
+@pytest.mark.parametrize("robot", [None, "human"])
+def test_the_human_alone(robot: str | None) -> None:
+    pipeline = Pipeline(robot, rate_hz=100.0)
+    pipeline.start(still())
+    first = pipeline.step(still(), 0.01)
+    assert first.joint_names == first.landmark_names == () and first.joint_positions.size == 0 and not first.gated
+    for tick in range(120):
+        goal = pipeline.step(frames().sample(0.01 * tick), 0.01)
+    assert goal.human.joint("head")[2] < first.human.joint("head")[2] - 0.2
+    assert pipeline.step(None, 0.01).human.q.tolist() == goal.human.q.tolist()
+
+
+def test_the_same_calls_give_the_same_goals() -> None:
+    def goals() -> list[list[float]]:
+        pipeline = Pipeline("op3", performer="five")
+        pipeline.start(still())
+        clip = [frames().sample(0.0)] * 450 + [frames().sample(tick * DT) for tick in range(60)]
+        return [pipeline.step(one, DT).joint_positions.tolist() for one in clip]
+
+    assert goals() == goals()
+
+
+def test_a_known_performer_is_not_measured() -> None:
+    size = calibrate(synthetic_performer())
+    person = person_of("ann", size, sensors=FIVE, date="2026-01-01")
+    crouching = frames().sample(1.2)
+    for known in (size, person):
+        pipeline = Pipeline(None)
+        pipeline.start(crouching, calibration=known)
+        assert pipeline.step(crouching, pipeline.dt).human.sensor_error.max() < 0.05
+
+
+def test_what_cannot_be_used_is_refused_and_nothing_changes() -> None:
+    pipeline = started()
+    before = pipeline.step(still(), DT).joint_positions
+    for dt in (0.01, 0.0, -DT, np.nan, np.inf):
+        with refuses(UsageError, "Pipeline.step", "rate_hz"):
+            pipeline.step(still(), dt)
+    with refuses(UsageError, "l_ankle"):
+        pipeline.step(SensorSample.of({"head": (0.0, 0.0, 1.6)}), DT)
+    with refuses(UsageError, "SensorSample", "(5, 3)"):
+        pipeline.step(replace(still(), position=still().position[:, :2]), DT)
+    assert np.abs(pipeline.step(still(), DT).joint_positions - before).max() < 1e-3
+
+
+def test_what_cannot_be_started_is_refused() -> None:
+    with refuses(UsageError, "rate_hz"):
+        Pipeline(None, rate_hz=np.nan)
+    with refuses(UsageError, "op4"):
+        Pipeline("op4")
+    pipeline = Pipeline("op3")
+    assert pipeline.state is RunState.IDLE
+    with refuses(UsageError, "start(sample)"):
+        pipeline.step(still(), DT)
+    with refuses(InputError, "Pipeline.start", "l_ankle"):
+        pipeline.start(moved(still(), np.nan, *FIVE))
+    with refuses(InputError):  # a crouch is no rest pose
+        pipeline.start(moved(still(), -1.2, "head"))
+    with refuses(HardwareError):
+        pipeline.start(still(), present=np.full(20, np.nan))
+    assert pipeline.state is RunState.IDLE
