@@ -62,6 +62,8 @@ BELOW["recording"] = {*BELOW["run"], "recording"}
 BELOW["report"] = BELOW["viewer"] = {*BELOW["recording"], "recording"}
 BELOW["setup"] = {*BELOW["recording"], "report", "viewer"}
 BELOW["cli"] = {*BELOW["setup"], "setup"}
+
+
 def folders_imported(path: Path) -> set[str]:
     """Folders of `retarget` that a file imports from."""
     names: set[str] = set()

@@ -370,7 +370,8 @@ def begin_live(
 
     notify: receives what the performer is to do, and later what changes. enter: receives the states of the run as they
     begin: COUNTDOWN, CALIBRATING, CHECKING_SIDES. has_deadlines: as of `LivePerformer`. Raises InputError: no data,
-    sensors missing, not still, no rest pose, sides swapped; ConfigError, UsageError: the person's file. Each names the next step.
+    sensors missing, not still, no rest pose, sides swapped; ConfigError, UsageError: the person's file. Each names the
+    next step.
     """
     person = None
     if options.person is not None:

@@ -289,7 +289,7 @@ class _Bench:
             distance = self._distances(postures[name])
             # Neighbours that touch in the neutral posture are never looked at, and others may well be near.
             found |= np.where(self._near, (distance <= 0.0) & (neutral > 0.0), distance <= NEAREST_M)
-        return tuple(dict.fromkeys(self._links[place] for place in np.flatnonzero(found)))  # type: ignore[misc]
+        return tuple(dict.fromkeys(self._links[place] for place in np.flatnonzero(found)))
 
     def touches_at_rest(self, postures: dict[str, dict[str, float]]) -> bool:
         """Whether the posture at rest touches where the neutral one does not."""
