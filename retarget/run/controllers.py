@@ -291,6 +291,10 @@ class WholeBodyStop:
         if self._approach.part is ApproachPart.STRAIGHT:
             self._follower.pass_time(self._dt)
             return self._approach.brake()
+        return self.halt()
+
+    def halt(self) -> Target | None:
+        """The next target of the follower's stop trajectory, of a robot that may stand already; None: there is none."""
         q = self._follower.halt(self._dt)
         return None if q is None else Target(q[self._columns], q)
 
@@ -466,7 +470,7 @@ class RobotMotion:
         goal = self._passed(target)
         if goal is None and self._is_led_on_soles(state):
             self._follower.reseed(self.commanded.q.copy(), self.commanded.velocity.copy())
-            alternative = self._stop.target()
+            alternative = self._stop.halt()
             goal, target = self._passed(alternative), alternative or target
         return goal or self._gate.brake(), target
 
