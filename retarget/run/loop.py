@@ -207,9 +207,12 @@ class Loop:
         state = self._change_state(asked)
         if machine.supervisor.over:
             return
-        target = self._controllers[state].target(self._sample, speed_override=machine.guard.health.speed_override)
-        self._part = StopCause.FILTER
-        goal = self._unwritten() or gate.check(None if target is None else target.joints)
+        goal, target = self._unwritten(), None
+        if goal is None:
+            override = machine.guard.health.speed_override
+            target = self._controllers[state].target(self._sample, speed_override=override)
+            self._part = StopCause.FILTER
+            goal = gate.check(None if target is None else target.joints)
         if goal is None and self._is_led_on_soles(state):
             alternative, goal = self._stop_on_soles()
             target = alternative or target
@@ -368,10 +371,12 @@ class Loop:
         machine = self._machine
         if machine.supervisor.torque:
             machine.guard.latch(StopCause.REQUESTED, text_of(error))
-            while not machine.supervisor.over:
-                self.tick()
-            with suppress(Exception):
-                machine.guard.release()
+            try:
+                while not machine.supervisor.over:
+                    self.tick()
+            finally:  # a second interrupt does not wait for the robot to stand
+                with suppress(Exception):
+                    machine.guard.release()
         stop = machine.guard.stop
         if stop is not None and stop.powered:
             raise TorqueError(stop.reason) from error
