@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from hardware.checked_goal import CheckedGoal
 from live_rig import LiveRig, live_stream
 from live_rig import five as five_sensors
 from retarget.live.admission import Admission, Datagram
@@ -79,13 +80,12 @@ def test_at_once_takes_all() -> None:
 def test_a_second_of_powering_reports_no_lost_sensors(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = LiveRig(FakeSender(), options=LiveOptions(countdown=0.5, duration=0.5))
     with rig.prepared() as prepared:
-        assert prepared.side is not None
-        arm, guard = prepared.side.guard.arm, prepared.side.guard
+        assert prepared.machine is not None
+        arm, guard = prepared.machine.guard.arm, prepared.machine.guard
 
-        def slowly() -> object:
-            present = arm()
+        def slowly(goal: CheckedGoal) -> None:
+            arm(goal)
             rig.clock.sleep_until(rig.clock.now() + 1.0)
-            return present
 
         monkeypatch.setattr(guard, "arm", slowly)
         poll, most = rig.sender.poll, 4  # as a work budget lets it
