@@ -17,7 +17,7 @@ from retarget.human.reconstruction import Reconstructor
 from retarget.human.rest_pose import dimensions_from_rest_pose
 from retarget.human.samples import RATES_HZ, Parts
 from retarget.live.begin import live_rate_hz
-from retarget.live.engagement import Debounce, Engagement, EngagementTimes
+from retarget.live.engagement import Debounce, Engagement
 from retarget.live.performer import base_sensors
 from retarget.model.human import build_human
 from retarget.model.human_dimensions import HumanDimensions
@@ -30,7 +30,7 @@ from retarget.run.supervisor import AT_RISK, Event, Supervisor
 from retarget.schema.catalogue import HUMAN
 from retarget.schema.performer import Performer, load_performer
 from retarget.sources.stream_frame import unusable
-from retarget.types import FloatArray, HumanPosture, RunState
+from retarget.types import BoolArray, FloatArray, HumanPosture, RunState
 
 DT_TOLERANCE = 0.01
 """Share by which `dt` may differ from the period of the pipeline: the gate keeps speeds for that period."""
@@ -76,7 +76,7 @@ class SensorReader:
         columns = self._columns
         position, orientation = sample.position.take(columns, axis=0), sample.orientation.take(columns, axis=0)
         known = np.isfinite(orientation).all(axis=1)
-        bad = unusable(position, np.where(known[:, None], orientation, IDENTITY))
+        bad: BoolArray = np.asarray(unusable(position, np.where(known[:, None], orientation, IDENTITY)))
         valid = sample.valid.take(columns) & ~bad
         if not (valid.any() and valid[self._base].all()):
             return None
@@ -120,7 +120,7 @@ class SteppedPerformer:
         """first: the sample that the robot approaches."""
         self.dt = self.motion_dt = dt
         self._first, self._engagement = first, Engagement(first)
-        self._approaching = Debounce(EngagementTimes().healthy, good=True)
+        self._approaching = Debounce(good=True)
         self._ticks = 0  # in which the approach was over
 
     @property
@@ -136,7 +136,7 @@ class SteppedPerformer:
         """The sample to follow at `now`, s; None: hold. It goes from the one approached to that of the caller."""
         self._ticks += 1
         if self._ticks == 1:
-            self._engagement.begin(self._first)
+            self._engagement.hold()
             return self._first
         if sample is None:
             self._engagement.hold()
