@@ -78,7 +78,8 @@ class SensorReader:
         known = np.isfinite(orientation).all(axis=1)
         bad: BoolArray = np.asarray(unusable(position, np.where(known[:, None], orientation, IDENTITY)))
         valid = sample.valid.take(columns) & ~bad
-        if not (valid.any() and valid[self._base].all()):
+        usable = valid.tolist()
+        if not any(usable) or not all(usable[row] for row in self._base):
             return None
         position[~valid], orientation[~valid] = np.nan, np.nan
         weight = None if sample.weight is None else sample.weight.take(columns)
@@ -219,8 +220,8 @@ class Pipeline:
             raise InputError(
                 "the first sample does not show the performer",
                 where="Pipeline.start",
-                found=f"valid: {', '.join(_valid_names(sample)) or 'no sensor'}",
-                allowed=f"at least {', '.join(base_sensors(self._sensors.names))}, finite",
+                found=f"valid and finite: {', '.join(_valid_names(sample)) or 'no sensor'}",
+                allowed=f"at least {', '.join(base_sensors(self._sensors.names))}",
                 next_step="Wait for a sample in which they are valid",
             )
         human = build_human(_dimensions(first, calibration))
@@ -338,4 +339,5 @@ def _dimensions(first: SensorSample, calibration: HumanDimensions | Person | Non
 
 
 def _valid_names(sample: SensorSample) -> list[str]:
-    return [name for name, valid in zip(sample.names, sample.valid.tolist(), strict=True) if valid]
+    valid = sample.valid & np.isfinite(sample.position).all(axis=1)
+    return [name for name, ok in zip(sample.names, valid.tolist(), strict=True) if ok]
