@@ -76,7 +76,7 @@ class SensorReader:
         columns = self._columns
         position, orientation = sample.position.take(columns, axis=0), sample.orientation.take(columns, axis=0)
         known = np.isfinite(orientation).all(axis=1)
-        bad: BoolArray = np.asarray(unusable(position, np.where(known[:, None], orientation, IDENTITY)))
+        bad: BoolArray = np.asarray(unusable(position, np.where(np.asarray(known)[:, None], orientation, IDENTITY)))
         valid = sample.valid.take(columns) & ~bad
         usable = valid.tolist()
         if not any(usable) or not all(usable[row] for row in self._base):
