@@ -196,10 +196,10 @@ class Loop:
         state = self._change_state(asked)
         if machine.supervisor.over:
             return
-        target = motion.target(state, self._sample, speed_override=machine.guard.health.speed_override)
-        self._part = StopCause.FILTER
-        goal = self._unwritten()
+        goal, target = self._unwritten(), None
         if goal is None:
+            target = motion.target(state, self._sample, speed_override=machine.guard.health.speed_override)
+            self._part = StopCause.FILTER
             goal, target = motion.check(state, target)
         self._write(goal, target)
         self._keep(state, goal, target)
@@ -335,10 +335,12 @@ class Loop:
         machine = self._machine
         if machine.supervisor.torque:
             machine.guard.latch(StopCause.REQUESTED, text_of(error))
-            while not machine.supervisor.over:
-                self.tick()
-            with suppress(Exception):
-                machine.guard.release()
+            try:
+                while not machine.supervisor.over:
+                    self.tick()
+            finally:  # a second interrupt does not wait for the robot to stand
+                with suppress(Exception):
+                    machine.guard.release()
         stop = machine.guard.stop
         if stop is not None and stop.powered:
             raise TorqueError(stop.reason) from error
