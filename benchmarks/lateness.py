@@ -32,9 +32,9 @@ from retarget.model.robot import RobotBody
 from retarget.run.loop import Watch
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare_for
-from retarget.run.record import Phase
 from retarget.schema.catalogue import Kind, find
 from retarget.schema.performer import Performer
+from retarget.types import RunState
 from sim.buses import emulated_bus
 
 RATE_HZ = 100.0
@@ -104,11 +104,11 @@ def live_leg(seconds: float, robot: Path) -> list[float]:
 
     options = RunOptions(robot=str(robot), bus="emulator")
     with PoseSender(port), prepare_for(perform, options, clock=clock, make_bus=make_bus, goes_to_rest=True) as prepared:
-        side = prepared.side
-        assert side is not None
+        machine = prepared.machine
+        assert machine is not None
 
         def enough() -> bool:
-            clock.counting = side.phase is Phase.FOLLOW
+            clock.counting = machine.supervisor.state is RunState.FOLLOW
             return len(clock.late) >= seconds * RATE_HZ
 
         result = prepared.run(Watch(stop_asked=enough))

@@ -101,7 +101,7 @@ def one_stage(robot: RobotBody, frames: SensorFrames, truth: Sequence[HumanPostu
         for name, (a, b, c) in zip(("head", "l_hand", "r_hand"), (ankle + scale * turned).tolist(), strict=True):
             goals[name] = (a, b, c)
         asked = AskedLandmarks([goals[name] for name in names], (1.0, 0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
-        governor.aim(targets, asked, reached, dt, speed_override=1.0)
+        governor.aim(targets, asked, reached, dt)
         hierarchy.set_previous(targets, q, dt)
         q = hierarchy.solver.frame(targets, dt)
         reached = reader.read(q)

@@ -15,14 +15,16 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-from retarget.run.robot_side import RobotSide
 
 from benchmarks.bodies import Floats
 from hardware.clock import thread_cpu
 from hardware.guard import Guard
 from retarget.frames import SensorFrames
+from retarget.human.reconstruction import Reconstructor
 from retarget.live.performer import LivePerformer
-from retarget.run.loop import Pipeline
+from retarget.robot.follower import Follower
+from retarget.run.loop import Loop
+from retarget.safety.gate import Gate
 from sim.faults.bench import Bench, TappedPort
 from sim.faults.sender import FakeSender
 from sim.performer import synthetic_performer
@@ -35,13 +37,14 @@ NOT_OURS = [
 ]
 READING = "read the bus"
 ASKED = "as asked (without reading the servos)"
-FOLLOWING = "follow, gate"
-PARTS_OF_ALL = {FOLLOWING: (RobotSide, "follow"), READING: (Guard, "_read")}
+FOLLOWING = "follow"
+PARTS_OF_ALL = {FOLLOWING: (Follower, "step"), READING: (Guard, "read")}
 """What is measured beside the tick itself where nothing else is."""
 PARTS = {
     "receive": (LivePerformer, "poll"),
-    "reconstruct": (Pipeline, "_reconstruct"),
+    "reconstruct": (Reconstructor, "step"),
     **PARTS_OF_ALL,
+    "gate": (Gate, "check"),
 }
 SETTLED = 50
 """Ticks of following that are left out: buffers that are made once."""
@@ -115,7 +118,7 @@ def measure(seconds: float, *, parts: bool) -> dict[str, Floats]:
             stack.enter_context(patch.object(kind, name, meter.other(getattr(kind, name))))
         for label, (owner, name) in wanted.items():
             stack.enter_context(patch.object(owner, name, meter.part(label, getattr(owner, name))))
-        stack.enter_context(patch.object(Pipeline, "_one_tick", meter.tick(Pipeline._one_tick)))
+        stack.enter_context(patch.object(Loop, "_run_tick", meter.tick(Loop._run_tick)))
         trace = Bench(FakeSender(five()), duration=seconds).run()
     if trace.error:
         raise RuntimeError(trace.error)

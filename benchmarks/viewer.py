@@ -30,7 +30,7 @@ from retarget.human.samples import Playback
 from retarget.run.loop import Watch
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared, prepare
-from retarget.run.record import Phase
+from retarget.types import RunState
 from retarget.viewer.feed import ViewFeed
 from sim.performer import synthetic_performer
 
@@ -89,14 +89,14 @@ def leg(page: str, seconds: float) -> tuple[list[float], list[float]]:
         ) as prepared,
         looked_at(page, prepared, options) as (viewed, feed),
     ):
-        side, stop, ticks = prepared.side, StopRequest(), round(seconds / prepared.samples.dt)
-        assert side is not None
+        machine, stop, ticks = prepared.machine, StopRequest(), round(seconds / prepared.samples.dt)
+        assert machine is not None
         asked = viewed.with_stop_button(stop, stop)
         followed = 0
 
         def enough() -> bool:
             nonlocal followed
-            followed += side.phase is Phase.FOLLOW
+            followed += machine.supervisor.state is RunState.FOLLOW
             if followed == SETTLED // 2 and page == "stopped" and feed is not None:
                 os.kill(feed._process.pid, signal.SIGSTOP)
             meter.counting = followed > SETTLED

@@ -16,23 +16,23 @@ def main() -> None:
     """Turn the head by TURN rad within SECONDS, and print how far off the servo is in the end."""
     robot, clock = load_robot("op3"), VirtualClock()
     joints = robot.joint_map
-    gate = Gate(**vars(robot.limits), dt=DT)
+    gate = Gate.for_servos(joints, dt=DT)
     bus = emulated_bus(robot, clock, start=standing_ticks(robot), notify=print)
-    guard = Guard(bus=bus, joint_map=joints, goal_filter=gate, clock=clock, limits=robot.profile.guard_limits())
+    guard = Guard(bus=bus, joint_map=joints, clock=clock, limits=robot.profile.guard_limits())
     head, ticks = joints.joints.index("head_pan"), round(SECONDS / DT)
     bus.open()  # checks every servo and writes what the profile wants
     try:
-        goal = guard.arm()  # torque on, where the robot is
-        due, path = clock.now(), goal[head] + TURN * (1.0 - np.cos(np.linspace(0.0, np.pi, ticks))) / 2.0
+        target = guard.present()
+        guard.arm(gate.begin(target))  # torque on, where the robot is
+        due, path = clock.now(), target[head] + TURN * (1.0 - np.cos(np.linspace(0.0, np.pi, ticks))) / 2.0
         for tick, angle in enumerate(path):
-            goal[head] = angle
-            guard.tick(lambda _: goal)
             clock.sleep_until(due + (tick + 1) * DT)
+            states, target[head] = guard.read(), angle
+            guard.write((None if guard.stop else gate.check(target)) or gate.brake())
     finally:
         bus.close()  # torque off, whatever happened
-    if guard.stop_reason is None and guard.states is not None:
-        off = joints.to_radians(guard.states.position)[head] - goal[head]
-        print(f"head_pan turned to {goal[head]:.2f} rad, its servo is {abs(off):.4f} rad off; {bus.retries} retries")
+    off = abs(joints.to_radians(states.position)[head] - target[head])
+    print(f"head_pan turned to {target[head]:.2f} rad, its servo is {off:.4f} rad off; {bus.retries} retries")
 
 
 if __name__ == "__main__":

@@ -145,17 +145,17 @@ def test_a_fall_that_no_servo_notices_stops_the_run_by_itself() -> None:
     asked = options(seconds=6.0)
     bench = PhysicsBench(asked, lambda text: None)
     with prepare(synthetic_performer, asked, clock=VirtualClock(), make_bus=bench.make_bus) as prepared:
-        assert bench._bus is not None and prepared.side is not None
-        witness, side = bench._bus.witness, prepared.side
+        assert bench._bus is not None and prepared.machine is not None
+        witness, machine = bench._bus.witness, prepared.machine
         watching = bench.watching(lambda: False, prepared)
-        side.guard.arm()
+        machine.guard.arm(machine.gate.begin(machine.guard.present()))
         assert witness._watch is not None
         for ago, goes_on in ((0.0, True), (0.5 * AFTER_FALL_S, True), (AFTER_FALL_S, False)):
             witness._watch.fall = Fall(witness.simulation.time - ago, "it lies", powered=True)
-            assert not watching() and side.following is goes_on
-        stop = side.guard.stop_reason
+            assert not watching() and (machine.guard.stop is None) is goes_on
+        stop = machine.guard.stop
         assert stop is not None and stop.reason == "the robot has fallen: it lies"
-        assert stop.cause is StopCause.FALLEN and not side.guard.may_go_to_rest
+        assert stop.cause is StopCause.FALLEN and not machine.guard.may_go_to_rest
 
 
 def test_a_fall_at_the_very_end_is_a_stop_too() -> None:

@@ -203,7 +203,7 @@ def test_a_live_run_whose_terminal_takes_nothing_is_stopped_and_leaves_its_repor
             CLOCK.sleep_until(CLOCK.now() + 0.1)
         assert asked(control, "stop") == "ok stopping\n"
         assert run.wait(8.0) == STOPPED
-        assert json.loads(report.read_text())["stop"]["state"] == "stopped"
+        assert json.loads(report.read_text())["stop"]["state"] == "off"
     finally:
         performer.done.set()
         run.kill()

@@ -203,7 +203,7 @@ def test_a_robot_follows_a_recording(amc: Path, tmp_path: Path, capsys: pytest.C
     assert code == DONE
     data = json.loads(report.read_text())
     assert data["frames"] == 361 and data["ticks"] > 751 and data["rate_hz"] == 125.0
-    assert data["stop"] == {"state": "idle", "reason": None}
+    assert data["stop"] == {"state": "off", "reason": None}
     assert data["limit_violations"] == {"position": 0, "velocity": 0, "acceleration": 0}
     assert data["hand_path_ratio"] > 0.5 and data["pelvis_excursion_ratio"] > 0.3
     with np.load(saved) as arrays:

@@ -5,16 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bus_rig import CYCLE, BusRig, bus_of, moved, spec, specs
+from bus_rig import CYCLE, BusRig, GuardedBus, bus_of, moved, spec, specs
 from hardware.bus import BAUDS, BusSpec, ServoGoals, fastest_baud
 from hardware.dynamixel.torque import FIRST_DRIVE, RAMP_TIME
 from hardware.errors import BusError
-from hardware.guard import Guard
-from hardware.guard_state import GuardState, StopCause
-from hardware.joint_map import JointMap
+from hardware.guard_state import StopCause
 from hardware.servo import SERVO_MODELS, ServoMode, ServoSpec, find_model
 from messages import refuses
-from retarget.safety.gate import Gate
 from sim.emulator.faults import Fault, FaultKind
 from sim.emulator.line import Timing
 
@@ -38,23 +35,13 @@ FULL = 885  # PWM limit as delivered
 LINES = ("one", "two", "three")
 
 
-def guarded(rig: BusRig) -> Guard:
+def guarded(rig: BusRig) -> GuardedBus:
     """A guard over the open bus, armed and moving on the spot."""
-    joint_map = JointMap(rig.servos)
-    gate = Gate.for_servos(joint_map, dt=CYCLE)
-    guard = Guard(bus=rig.bus, joint_map=joint_map, goal_filter=gate, clock=rig.clock)
-    guard.arm()
-    run(rig, guard, 5)
-    assert guard.state is GuardState.MOVING
-    return guard
-
-
-def run(rig: BusRig, guard: Guard, ticks: int) -> None:
-    for _ in range(ticks):
-        if guard.active:
-            begun = rig.clock.now()
-            guard.tick(lambda states: np.zeros(len(rig.servos)))
-            rig.clock.sleep_until(begun + CYCLE)
+    guarded = GuardedBus(rig)
+    guarded.arm()
+    guarded.run(5)
+    assert guarded.guard.stop is None
+    return guarded
 
 
 @pytest.mark.parametrize("action", ["read", "write", "torque"])
@@ -225,8 +212,8 @@ def test_a_hot_servo_stops_the_guard() -> None:
     rig = BusRig(specs(6)).ready()
     guard = guarded(rig)
     rig.fault(Fault(FaultKind.OVER_TEMPERATURE, ids=(4,)))
-    run(rig, guard, 20)
-    stop = guard.stop_reason
+    guard.run(20)
+    stop = guard.guard.stop
     assert stop is not None and stop.cause is StopCause.SERVO_ALERT
     assert "j4 (id 4) OVERHEATING" in stop.reason
     assert "j3" not in stop.reason
@@ -237,8 +224,8 @@ def test_a_servo_that_starts_anew_stops_the_guard_and_stays_limp_until_asked() -
     guard = guarded(rig)
     rig.device(4).boot_time = 0.02
     rig.device(4).reboot(rig.clock.now())
-    run(rig, guard, 60)
-    stop = guard.stop_reason
+    guard.run(60)
+    stop = guard.guard.stop
     assert stop is not None and stop.cause is StopCause.SERVO_LIMP
     assert "j4 (id 4)" in stop.reason and "j5" not in stop.reason
     for _ in range(30):

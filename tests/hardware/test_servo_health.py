@@ -10,11 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from guard_rig import DT, MAP, Rig
-from hardware.arrays import FloatArray
 from hardware.bus import ServoStates
+from hardware.checked_goal import CheckedGoal
 from hardware.clock import VirtualClock
 from hardware.errors import GuardError
-from hardware.guard_state import GuardLimits, GuardState, StopCause
+from hardware.guard import Torque
+from hardware.guard_state import GuardLimits, StopCategory, StopCause
 from hardware.joint_map import JointMap
 from hardware.servo_health import (
     CALM_S,
@@ -26,7 +27,6 @@ from hardware.servo_health import (
     ServoHealth,
     ServoLevels,
     ServoWarnings,
-    StopCategory,
     name_servos,
     watched,
 )
@@ -105,7 +105,7 @@ def test_a_high_error_rate_is_reported(states: ServoStates) -> None:
     health = BusHealth(MAP, 0.05)
     assert health.error_rate(replace(states, error_rate=HIGHEST_ERROR_RATE - 0.01)) is None
     fault = health.error_rate(replace(states, error_rate=0.75))
-    assert fault is not None and fault.category is StopCategory.BRAKE
+    assert fault is not None and fault.category is StopCategory.BRAKE_AND_TORQUE_OFF
     shows(fault.reason)
 
 
@@ -114,15 +114,18 @@ def test_a_hot_servo_of_another_bus_stops_the_robot_while_one_bus_is_silent(stat
     health = ServoHealth(JointMap(servos), LIMITS)
     hot = np.array([70.0, 30.0, 30.0, 30.0])
     fault = health.check(replace(silent(states, 0.02, slice(2, None)), temperature=hot), None)
-    assert fault is not None and (fault.category, fault.cause) == (StopCategory.BRAKE, StopCause.TEMPERATURE)
+    assert fault is not None and (fault.category, fault.cause) == (
+        StopCategory.BRAKE_AND_TORQUE_OFF,
+        StopCause.TEMPERATURE,
+    )
 
 
 def rig_of_silence(cycles: int) -> Rig:
     """A robot that moves when no servo of its bus answers, for so many cycles from the 20th on."""
     rig = Rig(*(MockFault(FaultKind.MISSING, first=20, cycles=cycles, servo=servo) for servo in range(4)))
-    rig.guard.arm()
+    rig.arm()
     rig.run(19)
-    assert rig.state() is GuardState.MOVING
+    assert rig.guard.stop is None
     return rig
 
 
@@ -131,9 +134,9 @@ def test_a_short_silence_of_the_bus_is_held(cycles: int) -> None:
     rig = rig_of_silence(cycles)
     for _ in range(cycles):
         rig.run(1)
-        assert rig.state() is GuardState.HOLDING and rig.bus.torque_on
+        assert rig.guard.is_silent and rig.guard.stop is None and rig.bus.torque_on
     rig.run(20)
-    assert rig.state() is GuardState.MOVING and rig.guard.stop_reason is None
+    assert rig.guard.stop is None
     rig.check_goals()
 
 
@@ -146,22 +149,21 @@ def test_a_bus_that_is_silent_for_two_cycles_can_be_armed() -> None:
 def test_the_guard_switches_torque_off_when_a_bus_stays_silent() -> None:
     rig = rig_of_silence(1000)
     rig.run(round(0.05 / DT) + 2)
-    assert rig.state() is GuardState.STOPPED
-    assert rig.guard.stop_reason is not None and rig.guard.stop_reason.cause is StopCause.BUS_SILENT
+    assert rig.guard.torque is not Torque.ON
+    assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.BUS_SILENT
     assert rig.bus.calls[-1] == "torque off"
 
 
 def test_the_guard_brakes_at_a_high_error_rate() -> None:
     rig = Rig()
-    rig.guard.arm()
+    rig.arm()
     rig.run(30)
     read = rig.bus.read
     rig.bus.read = lambda: replace(read(), error_rate=0.9)  # type: ignore[method-assign]
-    rig.clock.advance(DT)
-    rig.guard.tick(rig.faster)
-    assert rig.state() is GuardState.STOPPING
+    rig.run(1)
+    assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.BUS
     rig.run(100)
-    assert rig.state() is GuardState.STOPPED and rig.gate.at_rest
+    assert rig.gate.at_rest and rig.guard.torque is Torque.ON
     rig.check_goals()
 
 
@@ -179,12 +181,11 @@ FAULTS = {
 def test_a_servo_out_of_bounds_stops_the_robot(case: str) -> None:
     kind, value, cause, text = FAULTS[case]
     rig = Rig(MockFault(kind, first=20, cycles=1000, servo=0, value=value), limits=LIMITS)
-    rig.guard.arm()
+    rig.arm()
     rig.run(19)
-    assert rig.state() is GuardState.MOVING
+    assert rig.guard.stop is None
     rig.run(100)
-    assert rig.state() is GuardState.STOPPED
-    stop = rig.guard.stop_reason
+    stop = rig.guard.stop
     assert stop is not None and stop.cause is cause
     assert text in stop.reason
     assert rig.gate.at_rest and rig.bus.torque_on
@@ -197,9 +198,9 @@ def test_within_bounds_or_unwatched_nothing_stops(case: str) -> None:
     inside = {"hot": 65.0, "low": 10.0, "high": 14.8, "stuck": 0.0}[case]
     short = MockFault(kind, first=20, cycles=3 if case == "stuck" else 1000, servo=0, value=inside)
     for rig in (Rig(short, limits=LIMITS), Rig(MockFault(kind, 20, 1000, servo=0, value=value))):
-        rig.guard.arm()
+        rig.arm()
         rig.run(60)
-        assert rig.state() is GuardState.MOVING
+        assert rig.guard.stop is None
 
 
 @pytest.mark.parametrize("case", ["hot", "low", "high"])
@@ -207,7 +208,7 @@ def test_a_servo_out_of_bounds_is_not_armed(case: str) -> None:
     kind, value, _, text = FAULTS[case]
     rig = Rig(MockFault(kind, first=0, cycles=9, servo=0, value=value), limits=LIMITS)
     with refuses(GuardError) as refusal:
-        rig.guard.arm()
+        rig.arm()
     assert text in str(refusal.value)
     assert rig.bus.calls == ["torque off"]
 
@@ -216,9 +217,9 @@ def test_a_silent_servo_is_lost_and_not_far_from_its_goal() -> None:
     """What it said last is old: it says nothing about where it is."""
     fault = MockFault(FaultKind.MISSING, first=20, cycles=1000, servo=0)
     rig = Rig(fault, limits=GuardLimits(max_age=0.1, following_error=0.1))
-    rig.guard.arm()
+    rig.arm()
     rig.run(100)
-    assert rig.guard.stop_reason is not None and rig.guard.stop_reason.cause is StopCause.SERVO_LOST
+    assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.SERVO_LOST
 
 
 SUSTAINED = GuardLimits(max_age=0.1, following_error=0.5, sustained_error=0.2, sustained_time=0.2)
@@ -236,16 +237,16 @@ def displaced(rig: Rig, by: float, ticks: int) -> None:
 
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(rig.bus, "read", off)
-        rig.run(ticks, lambda _: rig.gate.position)
+        rig.run(ticks, rig.stand)
 
 
 @pytest.mark.parametrize(("by", "ticks", "stopped"), [(0.21, 21, True), (0.21, 19, False), (0.19, 200, False)])
 def test_a_following_error_that_lasts_stops_the_robot_in_time(by: float, ticks: int, stopped: bool) -> None:
     rig = Rig(limits=SUSTAINED)
-    rig.guard.arm()
-    rig.run(10, lambda _: rig.gate.position)
+    rig.arm()
+    rig.run(10, rig.stand)
     displaced(rig, by, ticks)
-    stop = rig.guard.stop_reason
+    stop = rig.guard.stop
     assert (stop is not None) == stopped
     if stop is not None:
         assert stop.cause is StopCause.FOLLOWING_ERROR
@@ -254,21 +255,21 @@ def test_a_following_error_that_lasts_stops_the_robot_in_time(by: float, ticks: 
 
 def test_following_errors_that_do_not_last_stop_nothing() -> None:
     rig = Rig(limits=SUSTAINED)
-    rig.guard.arm()
+    rig.arm()
     for _ in range(5):
         displaced(rig, 0.3, 15)
         displaced(rig, 0.0, 1)
-    assert rig.state() is GuardState.MOVING
+    assert rig.guard.stop is None
     displaced(rig, 0.51, 1)  # the larger bound is one at once
-    assert rig.guard.stop_reason is not None
-    shows(rig.guard.stop_reason.reason, "0.5")
+    assert rig.guard.stop is not None
+    shows(rig.guard.stop.reason, "0.5")
 
 
 def test_a_current_that_lasts_stops_the_robot() -> None:
     rig = Rig(limits=GuardLimits(max_current=1e-6, current_time=0.1))
-    rig.guard.arm()
+    rig.arm()
     rig.run(60)
-    stop = rig.guard.stop_reason
+    stop = rig.guard.stop
     assert stop is not None and stop.cause is StopCause.CURRENT
     assert re.search(r"servo draws more than 1e-06 A for 0.1 s: shoulder \(id 1\) \d\.\d\d A", stop.reason)
     assert rig.bus.read().current[3] != rig.bus.read().current[3]  # the AX reports none, which is no fault
@@ -276,7 +277,7 @@ def test_a_current_that_lasts_stops_the_robot() -> None:
 
 def test_a_servo_that_was_reset_is_never_driven_again_by_itself() -> None:
     rig = Rig(limits=LIMITS)
-    rig.guard.arm()
+    rig.arm()
     rig.run(20)
     read, whole = rig.bus.read, rig.bus.calls.count("torque on")
 
@@ -287,41 +288,40 @@ def test_a_servo_that_was_reset_is_never_driven_again_by_itself() -> None:
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(rig.bus, "read", reset)
         rig.run(1)
-    assert rig.guard.stop_reason is not None and rig.guard.stop_reason.cause is StopCause.SERVO_LIMP
+    assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.SERVO_LIMP
     rig.run(200)  # it reports that it is driven again, which changes nothing
-    assert rig.state() is GuardState.STOPPED
+    assert rig.guard.stop.cause is StopCause.SERVO_LIMP and rig.gate.at_rest
+    rig.guard.release()
     with pytest.raises(GuardError):
-        rig.guard.arm()
+        rig.arm()
     assert rig.bus.calls.count("torque on") == whole == 1
 
 
 @pytest.mark.parametrize(("seconds", "stopped"), [(0.09, False), (0.11, True)])
-def test_a_goal_that_comes_too_late_is_not_sent(seconds: float, stopped: bool) -> None:
+def test_a_goal_that_comes_too_late_is_the_last(seconds: float, stopped: bool) -> None:
     rig = Rig(limits=LIMITS)
-    rig.guard.arm()
+    rig.arm()
     rig.run(20)
-    speed = float(np.abs(rig.gate.velocity).max())
 
-    def slow(states: ServoStates) -> FloatArray:
+    def slow() -> CheckedGoal:
         rig.clock.advance(seconds)
-        return rig.faster(states)
+        return rig.faster()
 
     rig.run(1, slow)
-    assert (rig.state() is GuardState.STOPPING) == stopped
-    assert (float(np.abs(rig.gate.velocity).max()) < speed) == stopped
-    if stopped:
-        assert rig.guard.stop_reason is not None and rig.guard.stop_reason.cause is StopCause.STALE_GOAL
-        shows(rig.guard.stop_reason.reason, "0.11", "0.1")
+    assert (rig.guard.stop is not None) == stopped
+    if rig.guard.stop is not None:
+        assert rig.guard.stop.cause is StopCause.STALE_GOAL
+        shows(rig.guard.stop.reason, "0.11", "0.1")
         rig.run(100)
+        assert rig.gate.at_rest
         rig.check_goals()
 
 
 def test_a_reading_that_takes_too_long_makes_the_goal_stale(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = Rig(limits=LIMITS)
-    rig.guard.arm()
+    rig.arm()
     rig.run(20)
-    read, written = rig.bus.read, len(rig.bus.goals)
-    speed = float(np.abs(rig.gate.velocity).max())
+    read = rig.bus.read
 
     def slow() -> ServoStates:
         rig.clock.advance(0.11)
@@ -329,24 +329,23 @@ def test_a_reading_that_takes_too_long_makes_the_goal_stale(monkeypatch: pytest.
 
     monkeypatch.setattr(rig.bus, "read", slow)
     rig.run(1)
-    assert rig.guard.stop_reason is not None and rig.guard.stop_reason.cause is StopCause.STALE_GOAL
-    assert len(rig.bus.goals) == written + 1 and float(np.abs(rig.gate.velocity).max()) < speed
+    assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.STALE_GOAL
 
 
 @pytest.mark.parametrize(("seconds", "stopped"), [(0.08, False), (0.11, True)])
 def test_a_pause_between_ticks_stops(seconds: float, stopped: bool) -> None:
     rig = Rig(limits=LIMITS)
-    rig.guard.arm()
+    rig.arm()
     rig.clock.advance(5.0)  # a robot that was only just armed may be held as long as one likes
     rig.run(20)
     rig.clock.advance(seconds)
     rig.run(1)
-    assert (rig.state() is GuardState.STOPPING) == stopped
-    if stopped:
-        assert rig.guard.stop_reason is not None and rig.guard.stop_reason.cause is StopCause.STALE_GOAL
-        shows(rig.guard.stop_reason.reason, "0.12", "0.1")
+    assert (rig.guard.stop is not None) == stopped
+    if rig.guard.stop is not None:
+        assert rig.guard.stop.cause is StopCause.STALE_GOAL
+        shows(rig.guard.stop.reason, "0.12", "0.1")
         rig.run(100)
-        assert rig.state() is GuardState.STOPPED
+        assert rig.gate.at_rest
         rig.check_goals()
 
 
@@ -362,19 +361,19 @@ def test_the_limits_are_those_of_the_profile() -> None:
 )
 def test_a_value_that_is_no_longer_known_stops_the_robot(kind: FaultKind, text: str) -> None:
     rig = Rig(MockFault(kind, 20, 99, servo=1, value=float("nan")), limits=LIMITS)
-    rig.guard.arm()
+    rig.arm()
     rig.run(50)
-    assert rig.guard.stop_reason is not None
-    assert re.search(text, rig.guard.stop_reason.reason)
+    assert rig.guard.stop is not None
+    assert re.search(text, rig.guard.stop.reason)
 
 
 def test_a_bus_that_never_reports_a_value_is_no_fault() -> None:
     nothing = float("nan")
     faults = (MockFault(kind, 0, 999, servo=1, value=nothing) for kind in (FaultKind.HOT, FaultKind.SUPPLY))
     rig = Rig(*faults, limits=LIMITS)
-    rig.guard.arm()
+    rig.arm()
     rig.run(50)
-    assert rig.state() is GuardState.MOVING
+    assert rig.guard.stop is None
 
 
 def test_of_a_coupled_pair_the_joints_count_not_the_servos() -> None:
@@ -417,16 +416,16 @@ def test_values_missing_from_some_servos_suppress_no_warning_of_others() -> None
         MockFault(FaultKind.HOT, first=20, cycles=999, servo=0, value=66.0),
         limits=LIMITS,
     )
-    rig.guard.arm()
+    rig.arm()
     rig.run(50)
-    assert rig.guard.stop_reason is not None and rig.guard.stop_reason.cause is StopCause.TEMPERATURE
+    assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.TEMPERATURE
 
 
 def test_a_value_without_a_limit_is_not_missed() -> None:
     rig = Rig(MockFault(FaultKind.HOT, 20, 99, servo=1, value=float("nan")), limits=GuardLimits(voltage=(10.0, 14.8)))
-    rig.guard.arm()
+    rig.arm()
     rig.run(50)
-    assert rig.state() is GuardState.MOVING
+    assert rig.guard.stop is None
 
 
 def test_what_has_no_patience_is_beyond_at_once_and_nan_never_is() -> None:
@@ -468,7 +467,7 @@ SERVO_WARNINGS_LIMITS = GuardLimits(
 
 def still() -> Rig:
     rig = Rig(limits=SERVO_WARNINGS_LIMITS)
-    rig.guard.arm()
+    rig.arm()
     return rig
 
 
@@ -481,13 +480,13 @@ def warnings() -> tuple[ServoWarnings, np.ndarray[tuple[int, int], np.dtype[np.f
 
 def test_a_warm_servo_slows_the_robot_to_half_within_the_limit_and_is_reported_once() -> None:
     rig = Rig(MockFault(FaultKind.HOT, first=20, cycles=300, servo=1, value=61.0), limits=SERVO_WARNINGS_LIMITS)
-    rig.guard.arm()
+    rig.arm()
     slows, news = [], []
     for _ in range(600):
-        rig.run(1, lambda _: rig.gate.position)
+        rig.run(1, rig.stand)
         slows.append(rig.guard.health.speed_override)
         news += rig.guard.health.warnings.take_news()
-    assert rig.state() is GuardState.MOVING
+    assert rig.guard.stop is None
     assert news == [
         "warning: servo is hotter than 60 degrees Celsius: elbow (id 2) 61; the robot goes at 50% of its speed",
         news[-1],
@@ -504,8 +503,8 @@ def test_a_warm_servo_slows_the_robot_to_half_within_the_limit_and_is_reported_o
 def test_each_tick_is_judged_though_nothing_was_wrong_for_long() -> None:
     """The ramp counts from the tick in which it begins."""
     rig = Rig(MockFault(FaultKind.HOT, first=500, cycles=300, servo=1, value=61.0), limits=SERVO_WARNINGS_LIMITS)
-    rig.guard.arm()
-    rig.run(500, lambda _: rig.gate.position)
+    rig.arm()
+    rig.run(500, rig.stand)
     assert rig.guard.health.speed_override == pytest.approx(1.0 - 0.5 * DT / RAMP_S)
 
 
@@ -557,7 +556,7 @@ def test_news_that_are_not_taken_are_bounded() -> None:
 
 def test_a_robot_that_was_never_warned_goes_at_full_speed() -> None:
     rig = still()
-    rig.run(100, lambda _: rig.gate.position)
+    rig.run(100, rig.stand)
     assert rig.guard.health.speed_override == 1.0 and not rig.guard.health.warnings.busy
     assert rig.guard.health.warnings.take_news() == []
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from hardware.checked_goal import CheckedGoal
 from live_rig import LiveRig, live_stream
 from live_rig import five as five_sensors
 from retarget.live.admission import MOST_PER_POLL, TOO_MANY, Datagram
@@ -94,13 +95,12 @@ def test_nothing_of_a_real_sender_is_dropped(
 def test_a_second_of_powering_reports_no_lost_sensors(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = LiveRig(FakeSender(), options=LiveOptions(countdown=0.5, duration=0.5))
     with rig.prepared() as prepared:
-        assert prepared.side is not None
-        arm, guard = prepared.side.guard.arm, prepared.side.guard
+        assert prepared.machine is not None
+        arm, guard = prepared.machine.guard.arm, prepared.machine.guard
 
-        def slowly() -> object:
-            present = arm()
+        def slowly(goal: CheckedGoal) -> None:
+            arm(goal)
             rig.clock.sleep_until(rig.clock.now() + 1.0)
-            return present
 
         monkeypatch.setattr(guard, "arm", slowly)
         rig.said.clear()

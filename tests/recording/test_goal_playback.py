@@ -12,7 +12,7 @@ from hardware.guard_state import StopCause
 from messages import refuses, shows
 from recordings import Recorded, mock_bus, record
 from retarget.errors import InputError
-from retarget.recording.goal_playback import goal_playback
+from retarget.recording.goal_playback import RecordedGoals, goal_playback
 from retarget.recording.reading import Played
 from retarget.report.motion_metrics import LimitViolations, limit_violations
 from retarget.run.loop import Watch
@@ -83,15 +83,14 @@ def test_slower_is_the_same_trajectory_in_more_ticks(plain: Recorded) -> None:
 
 def held_for_a_while(prepared: Prepared) -> Watch:
     """The operator holds the robot while it moves."""
-    assert prepared.side is not None
-    stage, ticks = prepared.side._follower, iter(range(10**6))
+    assert prepared.machine is not None
+    stage, ticks = prepared.machine.follower, iter(range(10**6))
+    assert isinstance(stage, RecordedGoals)
     step = stage.step
 
     def step_or_not(human: HumanPosture, dt: float) -> RobotPosture:
         if 120 <= next(ticks) < 140:
-            start = stage._posture(np.full(20, np.nan))  # type: ignore[attr-defined]
-            assert isinstance(start, RobotPosture)
-            return start
+            return stage._posture(np.full(20, np.nan))
         return step(human, dt)
 
     stage.step = step_or_not  # type: ignore[method-assign]

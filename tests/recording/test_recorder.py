@@ -12,7 +12,6 @@ import pytest
 from mcap.reader import make_reader
 
 from hardware.errors import RetargetError
-from hardware.guard_state import GuardState
 from messages import Facts, refuses, shows
 from recordings import Recorded, messages, mock_bus, performer, record
 from retarget.cli import main
@@ -26,6 +25,7 @@ from retarget.recording.taps import STATES_OF_RUN
 from retarget.recording.topics import GOALS, HUMAN_JOINTS, JOINTS, SENSORS, TICK
 from retarget.run.options import RunOptions
 from retarget.run.run_result import RunResult
+from retarget.types import RunState
 from sim.mock_bus import FaultKind, MockFault
 
 
@@ -72,7 +72,7 @@ def test_every_tick_is_in_it(whole: Recorded) -> None:
     np.testing.assert_array_equal(cycles.temperature[kept], sent.temperature)
     rows = recording.topic(TICK).rows
     assert rows["observer_modes"].shape[1] == len(recording.session.observers)
-    assert set(rows["state"][1:].tolist()) <= {STATES_OF_RUN[state] for state in GuardState}
+    assert set(rows["state"][1:].tolist()) <= {STATES_OF_RUN[state] for state in RunState}
     followed = cycles.phase == 1
     asked = [result.clip.sample(tick).position for tick in range(result.clip.ticks)]
     np.testing.assert_array_equal(cycles.sensor_position[kept & followed], asked)

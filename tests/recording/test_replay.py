@@ -22,7 +22,7 @@ from retarget.frames import SensorSample
 from retarget.human.samples import Clip, Samples
 from retarget.live.begin import LiveOptions
 from retarget.recording.configs import as_now
-from retarget.recording.cycles import Cursor, Done
+from retarget.recording.cycles import Asked, Cursor, Done
 from retarget.recording.reading import Played, played, read_recording
 from retarget.recording.recorder import Recorder
 from retarget.recording.replay import (
@@ -132,30 +132,23 @@ def test_a_run_is_reproduced_to_the_bit(plain: Recorded) -> None:
 
 
 def stopped_from_outside(prepared: Prepared) -> Watch:
-    assert prepared.side is not None
-    guard, asked = prepared.side.guard, iter(range(10_000))
+    assert prepared.machine is not None
+    guard, asked = prepared.machine.guard, iter(range(10_000))
 
     def look() -> bool:
         if next(asked) == 70:
-            guard.stop("the robot has fallen: over a wire", StopCause.FALLEN)
+            guard.latch(StopCause.FALLEN, "the robot has fallen: over a wire")
         return False
 
     return Watch(stop_asked=look)
 
 
-def held_and_then_stopped(prepared: Prepared) -> Watch:
-    assert prepared.side is not None
-    guard, asked = prepared.side.guard, iter(range(10_000))
-
-    def look() -> bool:
-        tick = next(asked)
-        guard.paused = 20 <= tick < 60
-        return tick == 180
-
-    return Watch(stop_asked=look)
+def stopped_by_the_operator(prepared: Prepared) -> Watch:
+    asked = iter(range(10_000))
+    return Watch(stop_asked=lambda: next(asked) == 180)
 
 
-@pytest.mark.parametrize("watch", [stopped_from_outside, held_and_then_stopped])
+@pytest.mark.parametrize("watch", [stopped_from_outside, stopped_by_the_operator])
 def test_what_people_asked_for_is_asked_for_again(watch: Callable[[Prepared], Watch], tmp_path: Path) -> None:
     run = record(tmp_path / "run.mcap", watch=watch)
     again = replay(run.played())
@@ -184,18 +177,23 @@ class Held:
     def __init__(self, clip: Samples) -> None:
         self._clip = clip
         self.ticks, self.kept, self.dt, self.motion_dt = clip.ticks, clip.kept, clip.dt, clip.motion_dt
-        self.over, self.hold_reason, self._tick, self._approach = False, "no performer", 0, 0
+        self.over, self.hold_reason, self._tick, self._approach, self._polls = False, "no performer", 0, 0, 0
 
     @property
     def settled(self) -> float:
         return 1.0 if self._tick < 15 else min(1.0, 0.05 * (self._tick - 15))
 
+    @property
+    def paused(self) -> bool:
+        """The operator pauses the robot on its approach."""
+        return 50 <= self._polls < 90
+
     def may_approach(self) -> bool:
         self._approach += 1
-        return not 20 < self._approach < 40
+        return not (self.paused or 20 < self._approach < 40)
 
     def poll(self) -> None:
-        pass
+        self._polls += 1
 
     def sample(self, tick: int) -> SensorSample | None:
         self._tick = tick
@@ -216,6 +214,7 @@ def test_who_was_held_is_held_again(tmp_path: Path) -> None:
     found = run.played()
     assert (found.cycles.sampled == 2).sum() == 10 and found.cycles.weighted.any()
     assert found.cycles.settled.min() < 0.3
+    assert np.count_nonzero(found.cycles.asked & Asked.PAUSED) == 40
     same(replay(found), run.result)
     assert run.result.record.robot is not None and run.result.record.robot.no_command.sum() >= 10
 
@@ -278,7 +277,7 @@ def test_an_approach_that_lasts_longer_or_shorter_changes_nothing_after_it(then:
     cycles.index[:] = np.arange(len(cycles))
     cycles.clock[:] = np.maximum(np.arange(len(cycles)) * 0.008, 0.0)[:, None]
     again = replay(replace(found, cycles=cycles))
-    assert again.result.reason is None and again.result.state == "idle"
+    assert again.result.reason is None and again.result.state == "off"
     following = np.flatnonzero(cycles.phase == 1)
     assert (again.difference.first or 0) < following[0] and again.difference.differ == 0
     assert (again.difference.extra, again.difference.absent) == ((20, 0) if then == "sooner" else (0, 20))
@@ -293,7 +292,7 @@ def test_a_recording_that_was_cut_off_is_played_as_far_as_it_goes(plain: Recorde
     cut = replace(found, cycles=found.cycles.taken(rows), recording=replace(found.recording, damage="it ends early"))
     again = replay(cut)
     assert again.difference.none and again.difference.compared == len(rows)
-    assert again.result.state == "idle"
+    assert again.result.state == "off"
 
 
 def test_another_version_is_named(plain: Recorded) -> None:

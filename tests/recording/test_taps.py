@@ -9,34 +9,28 @@ import pytest
 from hardware.bus import ServoGoals
 from hardware.clock import VirtualClock
 from hardware.errors import BusError
-from hardware.guard_state import GuardState, Stop, StopCause
+from hardware.guard_state import Stop, StopCause
 from retarget.frames import SensorSample
 from retarget.model.robot import RobotBody, load_robot
 from retarget.recording.cycles import READINGS, Asked, Cycles, Done, Shape
 from retarget.recording.mcap_writer import Level, Ring
 from retarget.recording.taps import STATES_OF_RUN, Note, TappedBus, TappedClock, TappedSamples
+from retarget.types import RunState
+from rig import Rig
 from sim.mock_bus import FaultKind, MockBus, MockFault
 
 SHAPE = Shape(sensors=1, servos=2, rest=0, human=1, joints=1, landmarks=0, observers=0, human_observers=0)
 
 
-class Guarded:
-    """A guard that is looked at."""
-
-    def __init__(self) -> None:
-        self.state, self.paused = GuardState.ARMED, False
-        self.stop_reason: Stop | None = None
+@pytest.fixture
+def rig() -> Rig:
+    return Rig(np.zeros((1, 20)))
 
 
 @pytest.fixture
-def guard() -> Guarded:
-    return Guarded()
-
-
-@pytest.fixture
-def note(guard: Guarded) -> Note:
+def note(rig: Rig) -> Note:
     note = Note()
-    note.begin(Ring(SHAPE), now=2.0, dt=0.008, robot=None, guard=guard)  # type: ignore[arg-type]
+    note.begin(Ring(SHAPE), now=2.0, dt=0.008, machine=rig.machine)
     return note
 
 
@@ -66,12 +60,12 @@ def test_before_it_begins_and_after_it_ends_nothing_is_noted(note: Note) -> None
         assert one.ring is None and not one.events and one.rows == 0
 
 
-def test_what_was_asked_is_of_its_cycle(note: Note, guard: Guarded) -> None:
+def test_what_was_asked_is_of_its_cycle(note: Note) -> None:
     note.look()
     note.approach()
     note.before()
     note.stop_asked(False, stop_before=None)
-    guard.paused = True
+    note.paused()
     note.stop_asked(True, stop_before=None)
     note.look()
     note.torque_off_asked()
@@ -88,11 +82,11 @@ def test_a_cycle_ends_once_however_often_is_asked(note: Note) -> None:
     assert cycles(note).index.tolist() == [0, 1, 2, 3]
 
 
-def test_a_stop_from_outside_is_distinguished_from_one_before_it(note: Note, guard: Guarded) -> None:
+def test_a_stop_from_outside_is_distinguished_from_one_before_it(note: Note, rig: Rig) -> None:
     before = Stop(StopCause.BUS, "gone", 1.0)
-    guard.stop_reason = before
+    rig.guard.stop = before
     note.stop_asked(False, stop_before=before)
-    guard.stop_reason = Stop(StopCause.FALLEN, "over a wire", 2.0)
+    rig.guard.stop = Stop(StopCause.FALLEN, "over a wire", 2.0)
     note.stop_asked(False, stop_before=before)
     assert events(note) == [(0, "outside", f"{StopCause.FALLEN.value}: over a wire")]
     assert int(cycles(note).asked[0]) == Asked.OUTSIDE
@@ -108,24 +102,24 @@ def test_what_failed_is_marked_and_logged(note: Note) -> None:
     assert (rows.read[0], rows.written[0]) == (Done.FAILED, Done.FAILED)
 
 
-def test_states_and_stops_are_logged_when_they_change(note: Note, guard: Guarded) -> None:
-    for state in (GuardState.ARMED, GuardState.ARMED, GuardState.MOVING):
-        guard.state = state
+def test_states_and_stops_are_logged_when_they_change(note: Note, rig: Rig) -> None:
+    for state in (RunState.APPROACH, RunState.APPROACH, RunState.FOLLOW):
+        rig.supervisor.state = state
         note.look()
         note.before()
-    guard.state, guard.stop_reason = GuardState.STOPPED, Stop(StopCause.REQUESTED, "enough", 3.0)
+    rig.supervisor.state, rig.guard.stop = RunState.FAULT, Stop(StopCause.REQUESTED, "enough", 3.0)
     note.look()
     note.before()
     events = list(note.events)
     assert [(event.cycle, event.text) for event in events] == [
-        (0, GuardState.ARMED.value),
-        (2, GuardState.MOVING.value),
+        (0, RunState.APPROACH.value),
+        (2, RunState.FOLLOW.value),
         (3, f"{StopCause.REQUESTED.value}: enough"),
-        (3, GuardState.STOPPED.value),
+        (3, RunState.FAULT.value),
     ]
     assert [event.level for event in events][2] is Level.ERROR
     assert cycles(note).state.tolist()[:4] == [
-        STATES_OF_RUN[state] for state in (GuardState.ARMED, GuardState.ARMED, GuardState.MOVING, GuardState.STOPPED)
+        STATES_OF_RUN[state] for state in (RunState.APPROACH, RunState.APPROACH, RunState.FOLLOW, RunState.FAULT)
     ]
 
 
@@ -138,7 +132,7 @@ def robot() -> RobotBody:
 def taps_note(robot: RobotBody) -> Note:
     shape = Shape(2, len(robot.joint_map), 0, 1, 1, 0, 0, 0)
     note = Note()
-    note.begin(Ring(shape), now=0.0, dt=0.008, robot=None, guard=None)
+    note.begin(Ring(shape), now=0.0, dt=0.008, machine=None)
     return note
 
 

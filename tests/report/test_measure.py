@@ -32,7 +32,7 @@ TICKS = 51
 def played(rig: Rig, watch: Watch | None = None) -> tuple[BusReport, RunResult]:
     human = person()
     stage = StubReconstructor(human)
-    prepared = Prepared(short_clip(), human, five(), stage, rig.side, (), has_bus=True, notes=())
+    prepared = Prepared(short_clip(), human, five(), stage, rig.machine, (), has_bus=True, notes=())
     run = prepared.run(watch)
     found = measure(run).bus
     assert found is not None
@@ -110,7 +110,7 @@ def test_a_bus_that_dies_while_the_robot_brakes_is_a_fault(monkeypatch: pytest.M
     write = rig.bus.write
 
     def failing(goals: ServoGoals) -> None:
-        if rig.guard.stop_reason is not None:
+        if rig.guard.stop is not None:
             raise BusError("the cable is out")
         write(goals)
 

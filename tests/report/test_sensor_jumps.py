@@ -39,7 +39,7 @@ def run(recording: Path, worn: str, tmp_path_factory: pytest.TempPathFactory) ->
         main([*map(str, words), "--report", str(folder), "--save", str(folder / "run.npz")])
     assert leaving.value.code == 0
     report = json.loads((folder / "report.json").read_text())
-    assert report["stop"] == {"state": "idle", "reason": None}
+    assert report["stop"] == {"state": "off", "reason": None}
     assert report["limit_violations"] == {"position": 0, "velocity": 0, "acceleration": 0}
     with np.load(folder / "run.npz") as saved:
         following = (saved["time"] > -1e-6) & (saved["time"] < END - START + 1e-6)

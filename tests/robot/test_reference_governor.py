@@ -52,7 +52,7 @@ def test_a_goal_is_a_step_from_where_the_robot_is_towards_what_is_asked() -> Non
     targets = hierarchy.blank()
     steps = []
     for _ in range(5):
-        governor.aim(targets, asked, reached, GOVERNOR_DT, catch_up_share=1.0)
+        governor.aim(targets, asked, reached, GOVERNOR_DT)
         weight, *place = goal(hierarchy, targets, "l_hand")
         steps.append(np.array(place) - np.array((x, y, z)))
         assert weight == 1.0
@@ -72,7 +72,6 @@ def test_planted_landmarks_get_no_goals() -> None:
         AskedLandmarks(reached.landmarks, reached.trunk, reached.gaze),
         reached,
         GOVERNOR_DT,
-        catch_up_share=1.0,
     )
     assert goal(robot.hierarchy, targets, "l_sole")[0] == 0.0
     assert robot.hierarchy.uses(SlotKind.POSITION, "l_sole")
@@ -154,15 +153,13 @@ TRAJECTORY_DT = 0.008
 CHANNEL = ChannelLimits(own=4.0, catch_up=2.0, speed=0.5)
 
 
-def governor(asked: FloatArray, start: float | None = None, *, catch_up_share: float = 1.0) -> FloatArray:
+def governor(asked: FloatArray, start: float | None = None) -> FloatArray:
     """Where a point gets that follows asked (T,) m along x and reaches every goal."""
     trajectory = OnlineTrajectory(CHANNEL)
     here, last = asked[0] if start is None else start, asked[0]
     track = []
     for there in asked:
-        here += trajectory.step(
-            (there - last, 0.0, 0.0), (there - here, 0.0, 0.0), TRAJECTORY_DT, catch_up_share=catch_up_share
-        )[0]
+        here += trajectory.step((there - last, 0.0, 0.0), (there - here, 0.0, 0.0), TRAJECTORY_DT)[0]
         last = there
         track.append(here)
     return np.array(track)
@@ -200,12 +197,6 @@ def test_noise_is_not_passed_on() -> None:
     noise = 0.001 * np.random.default_rng(0).standard_normal(1000)
     track = governor(noise)
     assert np.std(np.diff(track, n=2)[50:]) < 0.25 * np.std(np.diff(noise, n=2)[50:])
-
-
-def test_a_share_of_catching_up_slows_the_approach() -> None:
-    asked = np.full(400, 0.3)
-    slow = np.diff(governor(asked, 0.0, catch_up_share=0.2)) / TRAJECTORY_DT
-    assert slow.max() <= 0.2 * CHANNEL.speed + 1e-9
 
 
 def test_a_restart_forgets_the_motion() -> None:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from followers import DT as STEPPING_DT
 from followers import DT as WEIGHT_SHIFT_DT
-from followers import Followed, assert_within_limits, collect, dimensions, op3, performer, postures
+from followers import Followed, assert_within_limits, collect, dimensions, op3, performer, postures, settled
 from hardware.clock import VirtualClock
 from retarget.cli.buses import PhysicsBench
 from retarget.human.samples import Playback
@@ -120,7 +120,7 @@ def test_a_step_that_is_too_fast_is_declined_and_the_robot_stays_planted() -> No
 def test_on_its_way_to_the_first_posture_it_makes_no_step() -> None:
     robot = stepper()
     robot.start(lifting(LEFT))
-    way = robot.settle(lifting(LEFT), STEPPING_DT)
+    way = settled(robot, lifting(LEFT))
     assert max(float(soles(posture.q[None])[..., 2].max()) for posture in way) < 1e-4
     for _ in range(300):
         robot.step(lifting(LEFT), STEPPING_DT)

@@ -3,12 +3,10 @@
 import numpy as np
 import pytest
 
-from hardware.arrays import FloatArray
-from hardware.bus import ServoBus, ServoGoals, ServoStates
+from hardware.bus import ServoBus, ServoGoals
 from hardware.clock import VirtualClock
 from hardware.errors import BusError
 from hardware.guard import Guard
-from hardware.guard_state import GuardState
 from messages import refuses
 from physics_rig import DT, PhysicsRig, op3, standing, ticks
 from retarget.cli.buses import make_bus, standing_ticks
@@ -122,20 +120,17 @@ def test_the_guard_leads_it_from_arming_to_release() -> None:
     guard = Guard(
         bus=rig.bus,
         joint_map=joints,
-        goal_filter=Gate.for_servos(joints, dt=DT),
         clock=rig.clock,
         limits=op3().profile.guard_limits(),
     )
-    present = guard.arm()
+    present, gate = guard.present(), Gate.for_servos(joints, dt=DT)
+    guard.arm(gate.begin(present))
     arms = np.arange(len(joints)) < 6
-
-    def wave(states: ServoStates) -> FloatArray:
-        return np.asarray(present + 0.05 * np.sin(2.0 * rig.clock.now()) * arms)
-
     for _ in range(150):
         rig.clock.advance(DT)
-        guard.tick(wave, lambda: None)
-    assert guard.state is GuardState.MOVING and not rig.bus.witness.fallen
+        guard.read()
+        guard.write(gate.check(present + 0.05 * np.sin(2.0 * rig.clock.now()) * arms) or gate.brake())
+    assert guard.stop is None and not rig.bus.witness.fallen
     guard.release()
     assert not rig.bus.torque_on
 

@@ -46,7 +46,7 @@ def warm() -> tuple[RunResult, FloatArray, list[str]]:
 
 def test_goals_are_half_as_fast_within_the_limit(warm: tuple[RunResult, FloatArray, list[str]]) -> None:
     result, goals, _ = warm
-    assert result.robot is not None and result.state == "idle"
+    assert result.robot is not None and result.state == "off"
     most, dt = result.robot.joint_map.max_velocity, 1.0 / result.robot.profile.safety.rate_hz
     steps = np.abs(np.diff(goals, axis=0))
     following = result.record.phase[1:] == Phase.FOLLOW

@@ -6,12 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hardware.arrays import TickArray
+from hardware.arrays import FloatArray, TickArray
 from hardware.bus import BusSpec, ServoGoals, ServoStates
 from hardware.clock import VirtualClock
 from hardware.dynamixel.bus import DynamixelBus
+from hardware.guard import Guard, Torque
 from hardware.joint_map import JointMap
 from hardware.servo import ServoSpec, find_model
+from retarget.safety.gate import Gate
 from sim.emulator.conversation import Gaps
 from sim.emulator.fault_state import FaultState
 from sim.emulator.faults import Fault
@@ -180,3 +182,28 @@ class BusRig:
 def moved(servo: ServoSpec, bus: str) -> ServoSpec:
     """The same servo on another bus."""
     return replace(servo, bus=bus)
+
+
+class GuardedBus:
+    """A guard and a gate over an open bus."""
+
+    def __init__(self, rig: BusRig) -> None:
+        joint_map = JointMap(rig.servos)
+        self._clock, self._gate = rig.clock, Gate.for_servos(joint_map, dt=CYCLE)
+        self.guard = Guard(bus=rig.bus, joint_map=joint_map, clock=rig.clock)
+
+    def arm(self) -> FloatArray:
+        """Switch torque on. Returns the present posture, rad (n,)."""
+        present = self.guard.present()
+        self.guard.arm(self._gate.begin(present))
+        return present
+
+    def run(self, ticks: int) -> None:
+        """So many ticks on the spot, while torque is on."""
+        for _ in range(ticks):
+            if self.guard.torque is Torque.ON:
+                begun = self._clock.now()
+                self.guard.read()
+                if self.guard.torque is Torque.ON:
+                    self.guard.write(self._gate.brake())
+                self._clock.sleep_until(begun + CYCLE)

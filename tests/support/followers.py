@@ -74,6 +74,14 @@ def follower(frames: SensorFrames | None = None, *, parts: str = "whole", priori
     return Follower(op3(), load_priorities(priorities), size, parts="upper" if parts == "upper" else "whole")
 
 
+def settled(robot: Follower, human: HumanPosture) -> list[RobotPosture]:
+    """The postures on the way from the start of a robot to what a human posture asks for."""
+    way: list[RobotPosture] = []
+    while (posture := robot.settle(human, DT)) is not None:
+        way.append(posture)
+    return way
+
+
 @dataclass(frozen=True, eq=False)
 class Followed:
     """What a robot did, its start included: q (T, nq), joints (T, n) rad, landmarks (T, k, 3) m, support (T,) m."""

@@ -1,12 +1,14 @@
 """A guard on a mock bus, on virtual time, with everything that it wrote recorded."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from hardware.arrays import FloatArray
 from hardware.bus import ServoGoals
 from hardware.checked_goal import CheckedGoal
 from hardware.clock import VirtualClock
-from hardware.guard import Guard
+from hardware.guard import Guard, Torque
 from hardware.guard_state import GuardLimits
 from hardware.joint_map import JointMap
 from retarget.safety.gate import Gate
@@ -52,12 +54,20 @@ class Rig:
         self.guard.arm(self.gate.begin(present))
         return present
 
-    def run(self, ticks: int) -> None:
-        """So many ticks towards a goal for the first joint, always faster; braking once a stop is latched."""
+    def run(self, ticks: int, next_goal: Callable[[], CheckedGoal] | None = None) -> None:
+        """So many ticks, by default towards a goal for the first joint, always faster; braking once a stop is latched,
+        nothing once torque is off."""
         for _ in range(ticks):
-            self.clock.advance(DT)
-            self.guard.read()
-            self.guard.write(self.gate.brake() if self.guard.stop else self.faster())
+            if self.guard.torque is Torque.ON:
+                self.clock.advance(DT)
+                self.guard.read()
+            if self.guard.torque is Torque.ON:
+                self.guard.write(self.gate.brake() if self.guard.stop else (next_goal or self.faster)())
+
+    def stand(self) -> CheckedGoal:
+        """The goal of a robot that stands where it was sent."""
+        assert self.gate.goal is not None
+        return self.gate.check(self.gate.goal.posture) or self.gate.brake()
 
     def faster(self) -> CheckedGoal:
         """The next goal of the first joint, a little faster than the last."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import followers
-from followers import DT, op3, performer
+from followers import DT, op3, performer, settled
 from retarget import _solver
 from retarget.model.observers import Observers, placed, robot_observers
 from retarget.model.scene_state import SceneState
@@ -117,7 +117,7 @@ def observed(q: FloatArray, state: SceneState, time: float) -> FloatArray:
 def act(follower: Follower, state: SceneState | None, motion: Sequence[HumanPosture]) -> Done:
     """Arrive, then follow; time 0 of the scene is the arrival."""
     follower.start(motion[0])
-    arrived = follower.settle(motion[0], DT)
+    arrived = settled(follower, motion[0])
     done, near, times = [arrived[-1]], [], [0.0]
     for tick, posture in enumerate(motion):
         done.append(follower.step(posture, DT))

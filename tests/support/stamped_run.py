@@ -5,11 +5,11 @@ Time is unix time, as a browser has it, when the first goal after the guard's st
 
 import sys
 from datetime import UTC, datetime
-from typing import Any
 
 from hardware.bus import ServoGoals
 from hardware.dynamixel.bus import DynamixelBus
 from hardware.guard import Guard
+from hardware.guard_state import StopCause
 from retarget.cli import main
 
 STAMP = "first stopping goal at unix time"
@@ -17,20 +17,20 @@ STAMP = "first stopping goal at unix time"
 
 def stamped() -> list[float]:
     """From now on goals are watched. Returns the list in which the time will be."""
-    stop, write = Guard.stop, DynamixelBus.write
+    latch, write = Guard.latch, DynamixelBus.write
     asked: list[float] = []
     stamps: list[float] = []
 
-    def stopping(self: Guard, *given: Any, **named: Any) -> Any:
+    def latching(self: Guard, cause: StopCause, reason: str) -> None:
         asked.append(0.0)
-        return stop(self, *given, **named)
+        latch(self, cause, reason)
 
     def writing(self: DynamixelBus, goals: ServoGoals) -> None:
         write(self, goals)
         if asked and not stamps:
             stamps.append(datetime.now(UTC).timestamp())
 
-    Guard.stop, DynamixelBus.write = stopping, writing  # type: ignore[method-assign]
+    Guard.latch, DynamixelBus.write = latching, writing  # type: ignore[method-assign]
     return stamps
 
 

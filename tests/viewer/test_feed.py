@@ -105,9 +105,9 @@ def test_the_end_is_shown_also_where_no_row_was_sent_for_it() -> None:
     with run:
         run.extras = Extras(words=lambda: ("following", ""))
         run.on_row(record(), 3)
-        run.extras = Extras(words=lambda: ("stopped", "the bus is dead"))
+        run.extras = Extras(words=lambda: ("fault", "the bus is dead"))
     row = received(page)
-    assert (row.state, row.why) == ("stopped", "the bus is dead")
+    assert (row.state, row.why) == ("fault", "the bus is dead")
     assert page.recv(1) == b""
 
 

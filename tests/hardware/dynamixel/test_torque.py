@@ -6,20 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bus_rig import CYCLE, BusRig, Tapped, bus_of, spec, specs
+from bus_rig import BusRig, GuardedBus, Tapped, bus_of, spec, specs
 from hardware.bus import ServoGoals
 from hardware.dynamixel import torque
 from hardware.dynamixel.bus_line import BusLine
 from hardware.dynamixel.packets import Instruction
 from hardware.dynamixel.torque import PATIENCE, Drive, restart
 from hardware.errors import BusError
-from hardware.guard import Guard
-from hardware.guard_state import GuardState
-from hardware.joint_map import JointMap
 from hardware.servo import ServoGains, ServoMode, ServoSpec
 from messages import refuses, shows
 from powering_helpers import FAR, TURN, of_many_turns
-from retarget.safety.gate import Gate
 from sim.emulator.faults import Direction, Fault, FaultKind
 from sim.emulator.line import Timing
 
@@ -46,11 +42,6 @@ def test_who_carries_the_robot_never_gets_less() -> None:
     drive.confirm(0.1)
     assert rig.shown("goal_pwm") == [885, 300]
     assert drive.limited
-
-
-def guard_of(rig: BusRig) -> Guard:
-    joint_map = JointMap(rig.servos)
-    return Guard(bus=rig.bus, joint_map=joint_map, goal_filter=Gate.for_servos(joint_map, dt=CYCLE), clock=rig.clock)
 
 
 @pytest.mark.parametrize("late", [0.001, 0.0015, 0.003, 0.006, 0.012])
@@ -113,7 +104,7 @@ def test_turns_are_counted_whichever_servo_misses_the_first_cycle(silent: int) -
     rig.clock.advance(0.2)
     states = rig.tick().states
     assert states.position.tolist() == [2048, FAR]
-    assert guard_of(rig).arm() == pytest.approx([0.0, 4.5], abs=0.002)
+    assert GuardedBus(rig).arm() == pytest.approx([0.0, 4.5], abs=0.002)
 
 
 def test_torque_stays_off_where_turns_are_not_known() -> None:
@@ -135,30 +126,21 @@ def test_torque_stays_off_where_turns_are_not_known() -> None:
 def test_a_servo_that_started_anew_is_counted_anew_before_it_is_armed_again() -> None:
     rig = of_many_turns()
     rig.bus.open()
-    guard = guard_of(rig)
-    held = guard.arm()
-
-    def tick(count: int) -> None:
-        for _ in range(count):
-            if guard.active:
-                begun = rig.clock.now()
-                guard.tick(lambda _: held)
-                rig.clock.sleep_until(begun + CYCLE)
-
-    tick(5)
+    guarded = GuardedBus(rig)
+    guarded.arm()
+    guarded.run(5)
     rig.device(2).reboot(rig.clock.now())
-    tick(100)
-    assert guard.state is GuardState.STOPPED
+    guarded.run(100)
+    assert guarded.guard.stop is not None
     rig.clock.advance(1.0)
-    guard.acknowledge()
     for _ in range(20):
         rig.clock.advance(0.05)
         rig.bus.read()
     with refuses(BusError, "j2", 2):
-        guard.arm()
-    guard.acknowledge()
-    assert guard.arm() == pytest.approx([0.0, 4.5], abs=0.003)
-    tick(5)
+        GuardedBus(rig).arm()
+    guarded = GuardedBus(rig)
+    assert guarded.arm() == pytest.approx([0.0, 4.5], abs=0.003)
+    guarded.run(5)
     assert rig.shafts()[1] == pytest.approx(FAR, abs=2) or rig.shafts()[1] % TURN == pytest.approx(FAR % TURN, abs=2)
 
 
