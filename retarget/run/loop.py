@@ -198,8 +198,7 @@ class Loop:
             return
         goal, target = self._unwritten(), None
         if goal is None:
-            override = machine.guard.health.speed_override
-            target = motion.target(state, self._sample, speed_override=override)
+            target = motion.target(state, self._sample, speed_override=machine.guard.health.speed_override)
             self._part = StopCause.FILTER
             goal, target = motion.check(state, target)
         self._write(goal, target)
