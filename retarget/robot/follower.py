@@ -349,6 +349,7 @@ class Follower:
     def begin_return_to_stance(self, q: FloatArray, dt: float) -> None:
         """Begin the return to stance in posture q (nq,), whether the robot has followed or not."""
         self.reseed(q, np.zeros(self._robot.body.nv))
+        self._governor.restart()  # the stance is no motion of the performer
         if self._soles.to_stance is not None:
             self._soles.to_stance.begin(q, dt)
 
