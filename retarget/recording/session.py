@@ -17,7 +17,7 @@ from retarget.run.prepare import Prepared
 from retarget.schema.catalogue import Kind, calibration_path, find
 from retarget.schema.priorities import Steps, self_contained
 
-FORMAT: Final = 2
+FORMAT: Final = 3
 """Format of recordings; another one is refused. Format 1 is that of version 0.1.0."""
 
 OPTIONS = ("robot", "bus", "performer", "priorities", "iterations", "parts", "steps", "gate", "scene", "allow_contact")
