@@ -51,7 +51,7 @@ class Session(_Strict):
     """A run. version, numpy, machine: what it was computed by. Options as in `RunOptions`; ticks, dt, motion_dt: of its
     samples; intake: hold, fade, speed."""
 
-    format: Literal[2]
+    format: Literal[3]
     version: str
     numpy: str
     machine: str
