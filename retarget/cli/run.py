@@ -27,7 +27,6 @@ from retarget.cli.controls import (
     live_state,
     open_dead_man,
     refuse_oversight,
-    words_for,
 )
 from retarget.cli.exit import DONE, STOPPED, detached_screens, stop_on_signals
 from retarget.cli.view import viewing
@@ -213,27 +212,13 @@ def follow_live(
         def perform(performer: Performer, robot: RobotBody | None) -> Performance:
             stream = open_stream(address, performer, clock=clock, tap=tap, smoothing=live.smoothing, latest=live.latest)
             stack.callback(stream.receiver.close)
-            return begin_live(
-                stream,
-                live,
-                clock=clock,
-                rate_hz=live_rate_hz(robot),
-                where=address.text,
-                notify=notify,
-                enter=lambda state: supervisor.enter(state, clock.now()),
-                has_deadlines=not options.simulated,
+            begin = partial(begin_live, stream, live, clock=clock, rate_hz=live_rate_hz(robot), where=address.text)
+            return begin(
+                notify=notify, enter=partial(supervisor.enter, clock=clock), has_deadlines=not options.simulated
             )
 
-        make_bus = recorder.make_bus(bench.make_bus)
-        prepare_live = partial(
-            prepare_for,
-            clock=recorder.clock,
-            make_bus=make_bus,
-            goes_to_rest=True,
-            notify=notify,
-            supervisor=supervisor,
-        )
-        with prepare_live(perform, options) as prepared:
+        prepare_live = partial(prepare_for, clock=recorder.clock, make_bus=recorder.make_bus(bench.make_bus))
+        with prepare_live(perform, options, goes_to_rest=True, notify=notify, supervisor=supervisor) as prepared:
             stop, keys = stack.enter_context(stop_on_signals(moves=True)), stack.enter_context(Keys())
             performer, machine = prepared.samples, prepared.machine
             assert isinstance(performer, LivePerformer)
@@ -243,14 +228,13 @@ def follow_live(
                 keys, stop, performer, clutch, notify=_log, clock=clock, machine=machine, stop_file=file, socket=socket
             )
             _show_keys(keys, dead_man)
-            words = _words(prepared, controls)
-            viewer = viewing(outputs.view, prepared, options, words, truth=bench.truth, notify=notify)
+            viewer = viewing(outputs.view, prepared, options, controls.words, truth=bench.truth, notify=notify)
             page = stack.enter_context(viewer)
             look = page.with_stop_button(controls.look, stop)
             _wait_until_engaged(clutch, look, performer, clock)
             with recorder.recording(prepared, source=address.text) as recorded:
                 performer.catch_up()
-                with live_state(options.robot, words), scheduled(oversight.scheduling):
+                with live_state(options.robot, controls.words), scheduled(oversight.scheduling):
                     watch = _watch(recorded, look, controls, bench, clock)
                     run = recorded.run(page.watch(recorder.watch(watch, recorded)))
         followed = run.ticks_followed > 0
@@ -302,11 +286,6 @@ def _wait_until_engaged(clutch: Clutch, look: Callable[[], bool], performer: Liv
             return
         performer.poll()
         clock.sleep_until(clock.now() + performer.dt)
-
-
-def _words(prepared: Prepared, controls: LiveControls) -> Callable[[], str]:
-    """The present state of the run, in words."""
-    return lambda: words_for(controls.status())
 
 
 def _watch(

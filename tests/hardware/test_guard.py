@@ -51,7 +51,7 @@ def test_a_goal_elsewhere_than_the_robot_switches_no_torque_on() -> None:
     present = rig.guard.present()
     with refuses(GuardError):
         rig.guard.arm(rig.gate.begin(present + 0.1))
-    assert "torque on" not in rig.bus.calls and rig.guard.torque is Torque.OFF
+    assert not rig.bus.torque_on and rig.guard.torque is Torque.OFF and set(rig.bus.calls) == {"torque off"}
 
 
 @pytest.mark.parametrize(
