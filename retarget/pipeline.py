@@ -75,9 +75,9 @@ class SensorReader:
         _check_shapes(sample)
         columns = self._columns
         position, orientation = sample.position.take(columns, axis=0), sample.orientation.take(columns, axis=0)
-        known = np.isfinite(orientation).all(axis=1)
-        bad: BoolArray = np.asarray(unusable(position, np.where(np.asarray(known)[:, None], orientation, IDENTITY)))
-        valid = sample.valid.take(columns) & ~bad
+        turns = orientation.copy()
+        turns[np.isnan(turns[:, 0])] = IDENTITY  # not known, which is no fault
+        valid = sample.valid.take(columns) & ~unusable(position, turns)
         usable = valid.tolist()
         if not any(usable) or not all(usable[row] for row in self._base):
             return None
