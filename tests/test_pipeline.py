@@ -107,6 +107,12 @@ def test_a_sample_of_positions_by_name() -> None:
     assert sample.orientation[0].tolist() == [1, 0, 0, 0] and np.isnan(sample.orientation[1]).all()
 
 
+@pytest.mark.parametrize("wrong", [(0, 1), "left", ((0, 0, 1), 2, 3), {}])
+def test_a_sample_of_what_are_no_positions_is_refused(wrong: object) -> None:
+    with refuses(UsageError, "SensorSample.of"):
+        SensorSample.of({"head": (0, 0, 1.6), "pelvis": wrong})  # type: ignore[dict-item]
+
+
 def test_the_performer_is_followed() -> None:
     pipeline = started()
     goals = [pipeline.step(frames().sample(tick * DT), DT) for tick in range(250)]
