@@ -30,7 +30,7 @@ from retarget.run.supervisor import AT_RISK, Event, Supervisor
 from retarget.schema.catalogue import HUMAN
 from retarget.schema.performer import Performer, load_performer
 from retarget.sources.stream_frame import unusable
-from retarget.types import BoolArray, FloatArray, HumanPosture, RunState
+from retarget.types import FloatArray, HumanPosture, RunState
 
 DT_TOLERANCE = 0.01
 """Share by which `dt` may differ from the period of the pipeline: the gate keeps speeds for that period."""
