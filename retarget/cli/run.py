@@ -55,6 +55,7 @@ from retarget.schema.files import remove
 from retarget.schema.performer import Performer
 from retarget.schema.priorities import Steps
 from retarget.sources.raw_record import RawWriter
+from retarget.types import Notify
 
 # Real-time ticks for a run without a robot, whose side else waits for each tick.
 
