@@ -10,7 +10,7 @@ import numpy as np
 from hardware.checked_goal import CheckedGoal
 from hardware.clock import Clock, thread_cpu
 from hardware.errors import BusError, HardwareError, TorqueError
-from hardware.guard import Guard, text_of
+from hardware.guard import Guard, Torque, text_of
 from hardware.guard_state import StopCause
 from retarget.frames import SensorSample
 from retarget.human.samples import Samples
@@ -339,17 +339,18 @@ class Loop:
         """Stop and switch torque off after an interrupt or an error outside of a tick. Raises TorqueError from it where
         torque could not be switched off."""
         machine = self._machine
-        if machine.supervisor.torque:
-            machine.guard.latch(StopCause.REQUESTED, text_of(error))
-            try:
-                while not machine.supervisor.over:
-                    self.tick()
-            finally:  # a second interrupt does not wait for the robot to stand
+        try:
+            if machine.supervisor.torque:
+                machine.guard.latch(StopCause.REQUESTED, text_of(error))
+            while machine.supervisor.torque:
+                self.tick()
+        finally:  # a second interrupt does not wait for the robot to stand
+            if machine.guard.torque is Torque.ON:
                 with suppress(Exception):
                     machine.guard.release()
-        stop = machine.guard.stop
-        if stop is not None and stop.powered:
-            raise TorqueError(stop.reason) from error
+            stop = machine.guard.stop
+            if stop is not None and stop.powered:
+                raise TorqueError(stop.reason) from error
 
     def _release(self) -> None:
         """Switch torque off. A failure is latched, and is the reason of the stop."""

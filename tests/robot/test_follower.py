@@ -176,6 +176,7 @@ def leaning() -> Follower:
     turned = (np.cos(0.3), 0.0, 0.0, np.sin(0.3))
     for _ in range(300):
         robot._advance(AskedLandmarks(aside, turned, standing.gaze), DT)
+    robot.begin_return_to_stance(robot._q.copy(), DT)
     return robot
 
 
