@@ -153,7 +153,7 @@ def test_legs_and_trunk_end_as_in_the_stance_and_arms_aside(name: str) -> None:
         last = q.copy()
     carrying, arms = joints_of(robot)
     stand = follower.stance.q
-    assert np.abs(start - stand)[carrying].max() > 0.3
+    assert np.abs(start - stand)[carrying].max() > 0.15
     assert np.abs(last - stand)[carrying].max() < 0.06
     aside = robot.posture(robot.profile.postures.attractor)
     assert np.abs(start - aside)[arms].max() > 0.3
