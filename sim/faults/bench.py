@@ -177,7 +177,7 @@ class Bench:
     leaves: the run is not observed to its end, where the robot is at rest.
     approaching: `at` counts from when torque is on, and the robot begins in posture `rest`.
     mass: on the path of a real port, with simulated mechanics behind the emulated wire.
-    on_goal: called in every tick once a goal is found.
+    on_goal: called in every tick of a moving robot once a goal is found.
     """
 
     def __init__(
@@ -204,7 +204,6 @@ class Bench:
         self.witness: Witness | None = None
         self._duration, self._seed, self._performer, self._gate = duration, seed, performer, gate
         self._due: list[tuple[float, Callable[[], object]]] = []
-        self._ticks = 0
 
     @property
     def servos(self) -> list[EmulatedServo]:
@@ -264,14 +263,14 @@ class Bench:
 
     def _watch(self, prepared: Prepared) -> None:
         assert prepared.machine is not None and isinstance(prepared.samples, LivePerformer)
-        self.machine, self._ticks = prepared.machine, prepared.samples.ticks
+        self.machine = prepared.machine
         self.guard = guard = prepared.machine.guard
         samples = prepared.samples
         write, sample, names = guard.write, samples.sample, samples.stream.roles.sensors
         self._place, self._valid = np.zeros((len(names), 3)), np.zeros(len(names), dtype=bool)
 
         def written(goal: CheckedGoal) -> None:
-            for act in self.on_goal if goal.passed else ():
+            for act in self.on_goal if goal.passed and self.machine.supervisor.state in MOVING else ():
                 act()
             write(goal)
 
@@ -285,7 +284,7 @@ class Bench:
         samples.sample = sampled  # type: ignore[method-assign, assignment]
         self._act_until(BEFORE_ARMING)
         try:
-            loop = prepared.loop(Watch(self._leave, stop_asked=lambda: self.stop_asked))
+            loop = prepared.loop(Watch(stop_asked=lambda: self.stop_asked))
             tick = loop.tick
 
             def ticking() -> None:
@@ -308,6 +307,8 @@ class Bench:
         if trace.rebased is None and self.stream.clock_map.jumps:
             trace.rebased = now
         self._act(now)
+        if self.leaves and state in STOPPING and guard.stop is None:  # nothing is followed any more
+            self.leave()
         if now > self._duration + ENDLESS_S:
             trace.endless = True
             self.kill()
@@ -324,11 +325,6 @@ class Bench:
         """End the observation after this tick."""
         self.trace.left = True
         self.kill()
-
-    def _leave(self, ticks: int) -> None:
-        """End the observation after the last tick, if the bench `leaves`."""
-        if self.leaves and ticks == self._ticks:
-            self.leave()
 
     def _act(self, now: float) -> None:
         """Do what is due."""

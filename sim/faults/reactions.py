@@ -150,7 +150,8 @@ def _speeds(bench: Bench, trace: Trace, goal_tracks: list[Track], dt: float) -> 
     """Return the joints that are too fast on the approach, or when following resumes."""
     if trace.armed is None:
         return []
-    over = trace.ended if trace.latched is None else trace.latched
+    ends = (trace.ended, trace.latched, trace.first(SETTLED, trace.armed))
+    over = min(time for time in ends if time is not None)
     approach_ended = over if trace.approach_ended is None else trace.approach_ended
     share = bench.robot.profile.safety.speed_caps.approach
     wrong = [
