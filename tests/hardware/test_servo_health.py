@@ -142,8 +142,8 @@ def test_a_short_silence_of_the_bus_is_held(cycles: int) -> None:
 
 def test_a_bus_that_is_silent_for_two_cycles_can_be_armed() -> None:
     rig = Rig(*(MockFault(FaultKind.MISSING, first=0, cycles=2, servo=servo) for servo in range(4)))
-    rig.guard.arm()
-    assert rig.state() is GuardState.ARMED and rig.bus.torque_on
+    rig.arm()
+    assert rig.guard.torque is Torque.ON and rig.bus.torque_on
 
 
 def test_the_guard_switches_torque_off_when_a_bus_stays_silent() -> None:
