@@ -255,6 +255,10 @@ def most_used(priorities: str) -> float:
     keeps, used = strength("toddlerbot"), 0.0
     humans = postures(performer(), speed=2.0)[:600]
     follower.start(humans[0])
+    follower.set_speed_override(0.2)
+    while follower.settle(humans[0], DT) is not None:
+        pass
+    follower.set_speed_override(1.0)
     for human in humans:
         used = max(used, float((np.abs(keeps.torques(follower.step(human, DT).q)) / keeps.most).max()))
     return used
