@@ -65,7 +65,7 @@ class Trace:
     """The events of a run; all times in s of its clock.
 
     out: when which sensors took no part. steps: greatest distance (m) of a sensor between followed samples. sent: every
-    packet of the host. let_go: when which servo (id) stopped driving: its torque went off, or its watchdog stopped it.
+    packet of the host. postures: in which each goal holds the joints under their load, (n,) rad. let_go: when which servo (id) stopped driving: its torque went off, or its watchdog stopped it.
     began: when following began. approach_ended: when the robot was where it follows from. gone: when the host was
     killed. acted: when faults that wait for an event took effect, each once. rebased: when the clock map followed a
     jump of the sender's clock. asked: postures (n,), rad, that a forced stage asked for. torque: registers of all
@@ -77,6 +77,7 @@ class Trace:
     out: list[tuple[float, frozenset[str]]] = field(default_factory=list)
     steps: list[tuple[float, float]] = field(default_factory=list)
     sent: list[Sent] = field(default_factory=list)
+    postures: list[tuple[float, FloatArray]] = field(default_factory=list)
     let_go: list[tuple[float, int]] = field(default_factory=list)
     said: list[str] = field(default_factory=list)
     asked: list[tuple[float, FloatArray]] = field(default_factory=list)
@@ -272,6 +273,7 @@ class Bench:
         def written(goal: CheckedGoal) -> None:
             for act in self.on_goal if goal.passed and self.machine.supervisor.state in MOVING else ():
                 act()
+            self.trace.postures.append((self.clock.now(), goal.posture))
             write(goal)
 
         def sampled(index: int) -> object:
