@@ -18,7 +18,7 @@ RUST_TARGETS := x86_64-unknown-linux-gnu aarch64-unknown-linux-gnu
 JOBS ?= 2
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help demo test lint golden golden-store bench bench-bus bench-tick bench-lateness bench-viewer bench-physics paper robustness long docs wheels clean machine
+.PHONY: help demo test lint golden golden-store bench bench-bus bench-tick bench-lateness bench-viewer bench-physics paper robustness mutants long docs wheels clean machine
 
 help:
 	@echo 'make demo    a synthetic performer drives a robot on emulated servos; report and pictures in out/demo'
@@ -34,6 +34,7 @@ help:
 	@echo 'make bench-physics  how many times faster than real time a robot with mass runs'
 	@echo 'make paper   the experiments and figures of the paper, run anew'
 	@echo 'make robustness  in how many runs under perturbations it stands; takes half an hour'
+	@echo 'make mutants  every protection of guard, gate, supervisor and loop removed in turn: does a test fail?'
 	@echo 'make long    tests that take minutes'
 	@echo 'make docs    the documentation site in out/site; it opens from disk'
 	@echo 'make wheels  wheels for x86-64 and aarch64 in wheels/'
@@ -92,6 +93,9 @@ paper: $(VENV)/.with-test
 
 robustness: $(VENV)/.with-test
 	$(BIN)/python -m benchmarks.robustness --jobs $(JOBS) $(BENCH)
+
+mutants: $(VENV)/.with-test
+	$(BIN)/python tests/mutants/run.py $(MUTANTS)
 
 # zig links against an old glibc (2.17), for machines older than this one and for the other architecture.
 wheels: $(VENV)/.pip

@@ -195,7 +195,16 @@ def test_a_latched_stop_keeps_the_robot_from_being_armed_again() -> None:
     rig.guard.latch(StopCause.REQUESTED, "space bar")
     rig.guard.release()
     with refuses(GuardError):
-        rig.arm()
+        rig.guard.present()
+
+
+def test_a_stop_between_reading_and_arming_leaves_torque_off() -> None:
+    rig = Rig()
+    goal = rig.gate.begin(rig.guard.present())
+    rig.guard.latch(StopCause.REQUESTED, "space bar")
+    with pytest.raises(GuardError):
+        rig.guard.arm(goal)
+    assert rig.bus.calls == [] and rig.guard.torque is Torque.OFF
 
 
 def test_torque_that_is_off_after_all_needs_no_hand(monkeypatch: pytest.MonkeyPatch) -> None:

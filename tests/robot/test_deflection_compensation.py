@@ -132,20 +132,35 @@ def test_at_a_limit_the_goal_stays_within_it() -> None:
 
 
 def test_collisions_are_looked_for_where_the_robot_is_held() -> None:
-    paths: list[FloatArray] = []
+    paths, alternatives = list[FloatArray](), list[FloatArray]()
 
     def look(path: FloatArray, instead: FloatArray) -> bool:
         paths.append(path.copy())
+        alternatives.append(instead.copy())
         return len(paths) < 150
 
     gate, compensation = make(look)
     for _ in range(149):
         admit(gate, STAND)
         np.testing.assert_allclose(paths[-1][:2], np.array([STAND, STAND]), atol=1e-12)
+        np.testing.assert_allclose(alternatives[-1][0], STAND, atol=1e-12)
     assert np.abs(compensation.offset).max() > 0.01
     admit(gate, STAND + 1e-4)  # refused
     np.testing.assert_allclose(paths[-1][1], STAND + 1e-4, atol=1e-12)
     np.testing.assert_allclose(held(gate), STAND, atol=1e-3)
+
+
+def test_a_refusal_changes_no_offset() -> None:
+    is_clear = [True]
+    gate, compensation = make(lambda path, instead: is_clear[-1])
+    for _ in range(20):
+        assert gate.check(STAND) is not None
+    before = compensation.offset.copy()
+    is_clear.append(False)
+    assert gate.check(STAND) is None
+    np.testing.assert_array_equal(compensation.offset, before)
+    is_clear.append(True)
+    assert gate.check(STAND) is not None and (compensation.offset != before).any()
 
 
 def test_a_squatting_robot_with_mass_stands_in_its_posture() -> None:

@@ -1,6 +1,6 @@
 """Controllers: slow moves in joint space, the approach, the return to stance, and the way to rest."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -18,6 +18,7 @@ from retarget.run.controllers import (
     Approach,
     ApproachPart,
     Commanded,
+    Follow,
     GoToRest,
     ReturnToStance,
     SlowMove,
@@ -28,7 +29,7 @@ from retarget.run.controllers import (
 )
 from retarget.safety.gate import Gate
 from retarget.types import FloatArray, HumanPosture, RobotPosture
-from rig import StubFollower
+from rig import StubFollower, StubReconstructor, person, short_clip
 
 SHARE = 0.2
 STANDS_S = 0.35
@@ -226,6 +227,29 @@ def test_a_stop_on_the_straight_part_keeps_its_line_and_one_on_the_soles_is_the_
     assert target is not None and target.q is halted
 
 
+# Following.
+
+
+@dataclass
+class FixedPace:
+    """A performer to whom the robot has come back by so much."""
+
+    settled: float
+    dt: float = DT
+    motion_dt: float = DT
+
+
+@pytest.mark.parametrize(("settled", "warm", "override"), [(0.0, 1.0, 0.2), (0.5, 1.0, 0.6), (1.0, 0.3, 0.3)])
+def test_following_begins_slowly(settled: float, warm: float, override: float) -> None:
+    driven, reconstructor, sample = Driven(), StubReconstructor(person()), short_clip().sample(0)
+    assert sample is not None
+    human = reconstructor.start(sample)
+    follow = Follow(reconstructor, driven.follower, human, FixedPace(settled), slow=0.2)
+    follow.begin()
+    assert follow.target(sample, speed_override=warm) is not None
+    assert driven.follower.overrides == [pytest.approx(override)]
+
+
 # The return to stance.
 
 
@@ -347,7 +371,9 @@ def test_a_second_way_to_rest_begins_where_the_robot_stands() -> None:
 
 def test_a_goal_that_is_refused_is_where_the_gate_brakes_to() -> None:
     driven = Driven()
-    driven.take(Target(stand() + 1.0))
+    far = standing().copy()
+    far[op3().servo_columns] += 1.0
+    driven.take(Target(stand() + 1.0, far))
     np.testing.assert_array_equal(driven.commanded.joints, stand())
     assert driven.commanded.stands and not driven.commanded.velocity.any()
     q = standing().copy()

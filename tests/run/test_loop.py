@@ -1,17 +1,22 @@
 """The tick loop: rows, timing, gating, stops. Stages are stand-ins; bus, guard and gate are real."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from hardware.bus import ServoGoals
+from hardware.bus import ServoGoals, ServoStates
+from hardware.checked_goal import CheckedGoal
 from hardware.clock import VirtualClock
-from hardware.errors import BusError, RetargetError
+from hardware.errors import BusError, HardwareError, RetargetError
+from hardware.servo_health import ServoHealth
 from messages import refuses, shows
 from retarget.report.motion_metrics import LimitViolations, limit_violations
-from retarget.run.loop import INTERRUPTED, Ending, Watch, run_human
+from retarget.run.controllers import rest_joints
+from retarget.run.loop import FORCED_STOP, INTERRUPTED, Ending, Watch, run_human
 from retarget.run.record import Phase, Record
 from retarget.types import FloatArray, HumanPosture, RobotPosture, RunState
-from rig import Rig, StubReconstructor, person, short_clip
+from rig import Rig, StubFollower, StubReconstructor, person, short_clip
 from sim.mock_bus import FaultKind, MockFault
 
 TICKS = 51
@@ -289,3 +294,205 @@ def test_torque_that_cannot_be_switched_off_is_said(monkeypatch: pytest.MonkeyPa
     assert ending.state is RunState.FAULT
     assert ending.reason is not None
     shows(ending.reason)
+
+
+# What fails in a tick, and what is asked for.
+
+MOVING = 130
+"""A tick of `swing` in which the robot moves."""
+
+
+def reads(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The times, s, at which the servos are read, filled while the rig plays; the first is at arming."""
+    times: list[float] = []
+    read = rig.bus.read
+
+    def noted() -> ServoStates:
+        times.append(rig.clock.now())
+        return read()
+
+    monkeypatch.setattr(rig.bus, "read", noted)
+    return times
+
+
+def broken_stage(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The follower fails once while the robot moves. When, s, filled while the rig plays."""
+    times: list[float] = []
+    follow = rig.follower.step
+
+    def step(human: HumanPosture, dt: float) -> RobotPosture:
+        if rig.follower.tick == 12 and not times:
+            times.append(rig.clock.now())
+            raise ArithmeticError("the stage broke")
+        return follow(human, dt)
+
+    monkeypatch.setattr(rig.follower, "step", step)
+    return times
+
+
+def test_the_tick_that_fails_brakes_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig(swing(0.3))
+    goals, times = written(rig, monkeypatch), reads(rig, monkeypatch)
+    assert broken_stage(rig, monkeypatch) == [] and play(rig).state is RunState.OFF
+    assert len(goals) == len(times) - 1, "one in every tick but the last, in which torque goes off"
+
+
+def test_a_robot_that_cannot_brake_loses_its_torque(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig(swing(0.3))
+    failed, brakes = broken_stage(rig, monkeypatch), rig.gate.brake
+
+    def brake() -> CheckedGoal:
+        if failed:
+            raise ArithmeticError("no way to brake")
+        return brakes()
+
+    monkeypatch.setattr(rig.gate, "brake", brake)
+    ending = play(rig)
+    assert ending.state is RunState.FAULT and ending.reason is not None and "no way to brake" in ending.reason
+    assert not rig.bus.torque_on and rig.clock.now() == failed[0]
+
+
+def test_a_goal_that_an_interrupt_kept_from_the_bus_is_sent_next(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig(swing(0.3))
+    goals, kept, write = written(rig, monkeypatch), list[list[int]](), rig.guard.write
+
+    def interrupted(goal: CheckedGoal) -> None:
+        if len(goals) == MOVING and not kept:
+            kept.append(rig.robot.joint_map.to_ticks(goal.joints).tolist())
+            raise KeyboardInterrupt
+        write(goal)
+
+    monkeypatch.setattr(rig.guard, "write", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        play(rig)
+    assert goals[MOVING] == kept[0] != goals[MOVING - 1]
+    assert rig.gate.at_rest and not rig.bus.torque_on
+
+
+def test_a_goal_that_the_servos_did_not_take_is_sent_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig(swing(0.3))
+    write, refused = rig.bus.write, list[list[int]]()
+
+    def refuse(wanted: ServoGoals) -> None:
+        if len(goals) == MOVING and not refused:
+            refused.append(wanted.ticks.tolist())
+            raise HardwareError("no servo takes this")
+        write(wanted)
+
+    monkeypatch.setattr(rig.bus, "write", refuse)
+    goals = written(rig, monkeypatch)
+    ending = play(rig)
+    assert ending.state is RunState.FAULT and ending.reason == "no servo takes this"
+    assert goals[MOVING] == refused[0] != goals[MOVING - 1] and rig.gate.at_rest
+
+
+class NotedClearance:
+    """Notes what the check of collisions is given."""
+
+    def __init__(self) -> None:
+        self.began, self.measured, self.goals = list[FloatArray](), list[FloatArray](), list[FloatArray]()
+
+    def begin(self, standing: FloatArray, position: FloatArray) -> None:
+        self.began.append(position)
+
+    def measure(self, position: FloatArray) -> None:
+        assert len(self.measured) == len(self.goals), "once in a tick, before its goal"
+        self.measured.append(position)
+
+    def sent(self, position: FloatArray, standing: FloatArray) -> None:
+        self.goals.append(position)
+
+
+def test_the_check_of_collisions_knows_the_servos_and_the_goals() -> None:
+    rig, noted = Rig(swing(0.1)), NotedClearance()
+    rig.machine = replace(rig.machine, clearance=noted)  # type: ignore[arg-type]
+    robot = play(rig).record.robot
+    assert robot is not None
+    np.testing.assert_array_equal(noted.began, [robot.start])
+    np.testing.assert_array_equal(noted.measured[:-1], robot.present)
+    np.testing.assert_array_equal(noted.goals, robot.q[:, rig.robot.servo_columns])
+
+
+def test_a_stop_leads_to_rest() -> None:
+    rig = Rig(ramp(), goes_to_rest=True)
+    ending = play(rig)
+    assert (ending.state, ending.reason) == (RunState.OFF, None) and len(rig.follower.returns) == 1
+    assert rig.guard.goal is not None
+    np.testing.assert_array_equal(rig.guard.goal.joints, rest_joints(rig.robot))
+
+
+def test_a_second_stop_switches_torque_off_at_once() -> None:
+    asked = iter([False] * MOVING + [True])
+    rig = Rig(swing(0.3))
+    ending = play(rig, Watch(stop_asked=lambda: next(asked), torque_off_asked=lambda: True))
+    assert ending.state is RunState.FAULT and ending.reason is not None and FORCED_STOP in ending.reason
+    assert np.count_nonzero(ending.record.phase == Phase.BRAKE) == 1 and not rig.bus.torque_on
+
+
+def test_a_second_interrupt_switches_torque_off_at_once() -> None:
+    asked = iter([False] * MOVING)
+    rig = Rig(swing(0.3))
+
+    def interrupt() -> bool:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        play(rig, Watch(stop_asked=lambda: next(asked, None) is None and interrupt(), torque_off_asked=interrupt))
+    assert not rig.bus.torque_on and not rig.gate.at_rest
+
+
+def test_a_silent_bus_is_held_and_followed_again() -> None:
+    silent, cycles = range(MOVING, MOVING + 3), 3
+    faults = [MockFault(FaultKind.MISSING, first=silent[0], cycles=cycles, servo=servo) for servo in range(20)]
+    ending = play(Rig(still(), faults=faults))
+    assert (ending.state, ending.reason) == (RunState.OFF, None)
+    held = np.flatnonzero(ending.record.phase == Phase.BRAKE)[:cycles]
+    assert held.tolist() == [tick - 1 for tick in silent], "the first is read to arm"
+    assert ending.record.phase[silent[-1]] == Phase.FOLLOW
+
+
+def test_a_warm_robot_follows_more_slowly(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ServoHealth, "speed_override", property(lambda health: 0.05))
+    rig = Rig(still())
+    play(rig)
+    assert set(rig.follower.overrides[-TICKS:]) == {0.05}
+
+
+def test_a_late_tick_is_skipped_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig(swing(0.1))
+    times, follow = reads(rig, monkeypatch), rig.follower.step
+
+    def slow(human: HumanPosture, dt: float) -> RobotPosture:
+        rig.clock.advance(2.5 * rig.dt if rig.follower.tick == 12 else 0.0)
+        return follow(human, dt)
+
+    monkeypatch.setattr(rig.follower, "step", slow)
+    ending = play(rig)
+    between = np.diff(times[1:]) / rig.dt
+    assert ending.late_ticks == 1 and between.max() == pytest.approx(2.5) and between.min() == pytest.approx(1.0)
+
+
+class HaltingFollower(StubFollower):
+    """Stops at once where it was reseeded last."""
+
+    halts = 0
+
+    def halt(self, dt: float) -> FloatArray | None:
+        self.halts += 1
+        q = self.stance.q.copy()
+        q[self.robot.servo_columns] = self.reseeded[-1]
+        return q
+
+
+def test_a_refused_goal_is_stopped_on_the_soles_from_where_the_robot_is() -> None:
+    script = still()
+    script[10:, 3] = 1.0
+    rig = Rig(script)
+    rig.follower = follower = HaltingFollower(rig.robot, script)
+    rig.machine = replace(rig.machine, follower=follower)
+    ending = play(rig)
+    robot = ending.record.robot
+    assert (ending.state, ending.reason) == (RunState.OFF, None) and robot is not None
+    assert follower.halts == TICKS - 10 + 1, "and once where the approach is over"
+    stood = robot.q[ending.record.following][:, rig.robot.servo_columns]
+    assert (stood == follower.stance.q[rig.robot.servo_columns]).all()

@@ -173,6 +173,33 @@ def test_a_forced_stop_switches_torque_off_at_once(state: RunState) -> None:
     assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.REQUESTED
 
 
+@pytest.mark.parametrize("state", [state for state, row in STATES.items() if row.torque])
+def test_torque_that_the_guard_switched_off_ends_the_run(state: RunState) -> None:
+    supervisor, rig = running(state=state)
+    rig.guard.switch_off(StopCause.BUS_SILENT, "no answer")
+    assert supervisor.step(1.0, FOLLOWED, rig.guard) is RunState.FAULT
+
+
+@pytest.mark.parametrize("state", AT_RISK)
+def test_a_stop_that_the_guard_latched_stops_the_robot(state: RunState) -> None:
+    supervisor, rig = running(state=state)
+    rig.guard.latch(StopCause.STALE_GOAL, "no tick")
+    assert supervisor.step(1.0, FOLLOWED, rig.guard) is RunState.STOPPING
+    assert supervisor.step(1.1, STANDS, rig.guard) is RunState.RETURN_TO_STANCE
+
+
+def test_a_stop_in_the_last_tick_keeps_its_reason() -> None:
+    supervisor, rig = running()
+    assert supervisor.step(1.0, Situation(stop="space bar", over=True), rig.guard) is RunState.STOPPING
+    assert rig.guard.stop is not None and rig.guard.stop.reason == "space bar"
+
+
+def test_a_hold_that_was_too_long_does_not_resume() -> None:
+    supervisor, rig = running()
+    supervisor.step(1.0, LOST, rig.guard)
+    assert supervisor.step(1.1 + LONGEST_HOLD_S, FOLLOWED, rig.guard) is RunState.STOPPING
+
+
 @pytest.mark.parametrize("state", [*AT_RISK, RunState.RETURN_TO_STANCE, RunState.GO_TO_REST])
 def test_a_fault_brakes_and_does_not_lead_to_rest(state: RunState) -> None:
     supervisor, rig = running(state=state)

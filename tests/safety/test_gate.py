@@ -1,5 +1,7 @@
 """The gate: whatever is asked, what is sent is finite, inside the limits, and can stop."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -230,10 +232,39 @@ def test_a_refusal_changes_nothing(asked: list[tuple[float, bool]]) -> None:
     """What is sent is the same with and without another target that was refused before."""
     one, other = make(), make()
     for size, also in asked:
-        goal = sent(one) + size * STEP
+        goal = sent(one) + one.velocity * DT + size * CHANGE
         if also:
             assert one.check(goal + 10.0) is None
         np.testing.assert_array_equal(admit(one, goal), admit(other, goal))
+
+
+class NotedCompensation:
+    """Offsets nothing, and notes the postures that it is asked for."""
+
+    def __init__(self) -> None:
+        self.offset, self.asked = np.zeros(4), list[FloatArray]()
+
+    def begin(self, posture: FloatArray) -> None:
+        pass
+
+    def propose(self, posture: FloatArray, nearest: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        self.asked.append(posture)
+        return posture
+
+    def accept(self) -> None:
+        pass
+
+    def stop(self, posture: FloatArray) -> None:
+        pass
+
+
+def test_a_senseless_goal_reaches_no_compensation() -> None:
+    compensation = NotedCompensation()
+    gate = Gate.for_servos(MAP, dt=DT, compensation=compensation)
+    gate.begin(np.zeros(4))
+    for senseless in ([0.0, np.nan, 0.0, 0.0], [0.0, 0.0, 0.0]):
+        assert gate.check(np.array(senseless)) is None and not compensation.asked
+    assert gate.check(0.5 * CHANGE) is not None and len(compensation.asked) == 1
 
 
 def test_goals_are_numbered_and_belong_to_their_gate() -> None:
