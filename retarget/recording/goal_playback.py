@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hardware.clock import Clock
-from retarget._solver import TrajectoryGenerator, frame_bounds
+from retarget._solver import Braking, TrajectoryGenerator, frame_bounds
 from retarget.errors import InputError
 from retarget.frames import SensorFrames, SensorSample
 from retarget.human.samples import Clip, Performance
@@ -35,16 +35,17 @@ MOST_REFUSED, GONE_S = 5, 1.0
 FOR_EVER = 10**9
 STILL = 1e-9
 """rad/s; what is slower stands."""
-REGAIN_S, JERK_S = 0.4, 0.1
-"""Times in which the playback is back at its full speed after a hold, and in which a servo reaches its acceleration."""
-RATES = (1.0, 1.0, 4.0)
-"""Goals per tick, and the rise of this in shares of REGAIN_S: velocity, acceleration, jerk."""
+REGAIN_S = 0.4
+"""Time in which the playback is back at its full speed after a hold."""
+RISE_S, JERK_S = 0.5, 0.2
+"""Times in which the way back reaches its full speed, and its full acceleration."""
 
 
 class PlaybackPart(Enum):
     """What the playback does."""
 
     PLAYING = "goes along the recorded goals"
+    BRAKING = "stands first, after something else was sent"
     RETURNING = "returns to them"
 
 
@@ -81,6 +82,8 @@ class RecordedGoals:
                 where=str(played.recording.path),
                 found="a goal that is not finite, or last goals faster than twice the servos' speed",
             )
+        bounds = (limits.lower, limits.upper, self._limits.max_velocity, limits.max_acceleration)
+        self._braking = Braking(*bounds, dt=dt)
         self._joints = np.vstack([joints, *self._to_rest(joints)])
         self._refused, self._refused_at = 0, 0.0
         body = robot.body
@@ -89,11 +92,9 @@ class RecordedGoals:
         self._part = PlaybackPart.PLAYING
         self._here: FloatArray = self._joints[0]
         self._moved: FloatArray = np.zeros_like(self._here)
-        # Along the recorded goals, in goals; and back to them, where something else was sent.
-        self._along = TrajectoryGenerator(
-            *(np.array([share / dt / REGAIN_S**k]) for k, share in enumerate(RATES)), dt=dt
-        )
-        self._back = self._moves(robot.profile.safety.speed_caps.approach)
+        velocity = robot.profile.safety.speed_caps.approach * limits.max_velocity
+        acceleration = np.minimum(velocity / RISE_S, limits.max_acceleration)
+        self._back = TrajectoryGenerator(velocity, acceleration, acceleration / JERK_S, dt=dt)
         self._begin()
 
     @property
@@ -118,15 +119,21 @@ class RecordedGoals:
         """The next posture; NaN after too many refusals."""
         if self._refused > MOST_REFUSED:
             return self._posture(np.full_like(self._here, np.nan))
-        if self._part is PlaybackPart.RETURNING:
-            there = self._at(self._gone)
+        if self._part is PlaybackPart.BRAKING and not self._moved.any():
+            self._part = PlaybackPart.RETURNING
+            self._back.reset(self._here)
+        there = self._at(self._gone)
+        if self._part is PlaybackPart.RETURNING and np.array_equal(self._here, there):
+            self._part, self._pace = PlaybackPart.PLAYING, 0.0
+        if self._part is PlaybackPart.BRAKING:
+            moved = self._braking.in_line(self._moved)
+        elif self._part is PlaybackPart.RETURNING:
             moved = self._back.step(there, self._speed_override) - self._here
-            if self._back.at_rest and np.array_equal(self._back.position, there):
-                self._part = PlaybackPart.PLAYING
-                self._along.reset(np.array([self._gone]))
+            if np.array_equal(self._back.position, there):
+                moved = there - self._here
         else:
-            beyond = np.array([len(self._joints) + 2.0 * REGAIN_S / self._dt])  # so that it does not slow down before
-            self._gone = float(self._along.step(beyond, self._speed_override)[0])
+            self._gone += self._pace * self._speed_override
+            self._pace = min(self._pace + self._dt / REGAIN_S, 1.0)
             moved = self._inside(self._at(self._gone) - self._here)
         self._here, self._moved = self._here + moved, moved
         return self._posture(self._here)
@@ -157,15 +164,14 @@ class RecordedGoals:
         moved = velocity[self._dofs]
         self._here = q[self._robot.servo_columns].copy()
         self._moved = np.where(np.abs(moved) > STILL, moved, 0.0) * self._dt
-        self._back.reset(self._here, self._moved / self._dt)
         if self._part is PlaybackPart.PLAYING:
             gone = (self._gone - self._refused_at) * self._dt > GONE_S
             self._refused, self._refused_at = 1 if gone else self._refused + 1, self._gone
-        self._part = PlaybackPart.RETURNING
+        self._part = PlaybackPart.BRAKING
 
     def _begin(self) -> None:
         self._part, self._gone = PlaybackPart.PLAYING, 0.0
-        self._along.reset(np.zeros(1), np.array([1.0 / self._dt]))
+        self._pace = 1.0  # share of the speed of then: all of it, but after a return
         self._here, self._moved = self._joints[0], np.zeros_like(self._joints[0])
 
     def _at(self, gone: float) -> FloatArray:
@@ -175,18 +181,14 @@ class RecordedGoals:
         between: FloatArray = self._joints[row] + (gone - row) * (self._joints[then] - self._joints[row])
         return between if then > row else self._joints[row]
 
-    def _moves(self, share: float) -> TrajectoryGenerator:
-        """A trajectory generator for the servos at a share of their greatest speeds."""
-        limits = self._limits
-        jerk = limits.max_acceleration / JERK_S
-        return TrajectoryGenerator(share * limits.max_velocity, limits.max_acceleration, jerk, dt=self._dt)
-
     def _to_rest(self, joints: FloatArray) -> list[FloatArray]:
-        """What follows postures (T, n) rad until all joints rest."""
-        moves, rows = self._moves(1.0), []
-        moves.reset(joints[-1], (joints[-1] - joints[-2]) / self._dt if len(joints) > 1 else None)
-        while moves.velocity.any():
-            rows.append(moves.step(joints[-1], 0.0))
+        """What follows postures (T, n) rad until all joints rest: in line, the joints brake together."""
+        rows: list[FloatArray] = []
+        here, moved = joints[-1], joints[-1] - joints[-2] if len(joints) > 1 else np.zeros(joints.shape[1])
+        while np.abs(moved).max() > STILL * self._dt:
+            moved = self._braking.in_line(moved)
+            here = here + moved
+            rows.append(here)
         return rows
 
     def _inside(self, moved: FloatArray) -> FloatArray:

@@ -103,7 +103,9 @@ def _changes(text: str) -> Iterator[tuple[int, str, str]]:
         elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
             operand = ast.unparse(node.operand)
             yield node.lineno, f"`{operand}` without `not`", _put(text, node, node, f"({operand})")
-        elif isinstance(node, ast.Constant) and type(node.value) in (int, float) and node.value:
+        elif (
+            isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not isinstance(node.value, bool)
+        ):
             yield node.lineno, f"2 x {node.value}", _put(text, node, node, f"(2 * {node.value})")
         elif isinstance(node, ast.If):
             yield (

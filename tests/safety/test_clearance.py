@@ -221,6 +221,7 @@ def test_a_goal_is_refused_in_the_last_tick_that_can_stop() -> None:
     while not robot.gate.at_rest:
         robot.ask(np.full(turn.size, np.nan))
     assert robot.kept().max() < robot.distances(robot.sent[None]).min() < 0.02
+    assert robot.kept().max() >= 0.001, "a quarter of the margin of the ball"
 
 
 def test_a_thin_obstacle_between_two_clear_rows_is_found() -> None:

@@ -82,7 +82,9 @@ def test_a_hot_servo_stops_the_robot_all_the_same() -> None:
 def approaching(slow: float) -> FloatArray:
     """Goals (T, n) rad of the way to where following begins, 0.8 rad from where the robot stands."""
     rig = Rig(np.zeros((60, 20)))
-    inwards = 0.5 * (rig.robot.joint_map.lower + rig.robot.joint_map.upper) - rig.follower.stance.q[rig.robot.servo_columns]
+    inwards = (
+        0.5 * (rig.robot.joint_map.lower + rig.robot.joint_map.upper) - rig.follower.stance.q[rig.robot.servo_columns]
+    )
     rig.follower.script = np.tile(0.8 * np.sign(inwards), (60, 1))
     rig.guard.health.warnings.speed_override = slow
     clip = short_clip(seconds=1.0)
