@@ -164,7 +164,7 @@ class RecordedGoals:
         moved = velocity[self._dofs]
         self._here = q[self._robot.servo_columns].copy()
         self._moved = np.where(np.abs(moved) > STILL, moved, 0.0) * self._dt
-        if self._part is PlaybackPart.PLAYING:
+        if self._part is not PlaybackPart.BRAKING:
             gone = (self._gone - self._refused_at) * self._dt > GONE_S
             self._refused, self._refused_at = 1 if gone else self._refused + 1, self._gone
         self._part = PlaybackPart.BRAKING
