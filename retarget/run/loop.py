@@ -178,14 +178,12 @@ class Loop:
     def tick(self) -> None:
         """One tick. An exception anywhere in it becomes a transition, and the robot brakes, or torque goes off."""
         self._wait()
-        for attempt in (self._run_tick, self._brake):
-            try:
-                attempt()
-                return
-            except Exception as error:  # noqa: BLE001 - nothing that fails in a tick may leave the robot moving
-                self._fail(error, may_brake=attempt == self._run_tick)
-            if self._machine.supervisor.over:
-                return
+        before = self._machine.supervisor.state
+        try:
+            self._run_tick()
+        except Exception as error:  # noqa: BLE001 - nothing that fails in a tick may leave the robot moving
+            self._fail(error, may_brake=True)
+            self._brake(before)
 
     def _run_tick(self) -> None:
         machine, motion = self._machine, self._motion
@@ -204,15 +202,22 @@ class Loop:
         self._write(goal, target)
         self._keep(state, goal, target)
 
-    def _brake(self) -> None:
-        """Go on braking in a tick that has failed, each joint by itself."""
+    def _brake(self, before: RunState) -> None:
+        """Go on braking in a tick that has failed, each joint by itself. A robot that stands goes to rest from the next
+        tick on; where that tick fails too, torque goes off. before: the state in which this tick began."""
         machine = self._machine
-        self._part = StopCause.FILTER
-        machine.supervisor.step(machine.clock.now(), Situation(stands=self._motion.commanded.stands), machine.guard)
-        if not machine.supervisor.over:
-            goal = self._unwritten() or machine.gate.brake()
-            self._write(goal, None)
-            self._keep(machine.supervisor.state, goal, None)
+        if machine.supervisor.over:
+            return
+        try:
+            self._part = StopCause.FILTER
+            stands = self._motion.commanded.stands and before is RunState.STOPPING
+            machine.supervisor.step(machine.clock.now(), Situation(stands=stands), machine.guard)
+            if not machine.supervisor.over:
+                goal = self._unwritten() or machine.gate.brake()
+                self._write(goal, None)
+                self._keep(machine.supervisor.state, goal, None)
+        except Exception as error:  # noqa: BLE001 - without braking there is only torque off
+            self._fail(error, may_brake=False)
 
     def _fail(self, error: Exception, *, may_brake: bool) -> None:
         """A tick has failed. Without the bus no robot brakes; a goal that no servo takes is no failure of the bus."""

@@ -85,8 +85,8 @@ def _flood(bench: Bench) -> None:
 OVERRUN = 1.2
 """Periods that a tick takes longer."""
 INWARDS = "l_hip_yaw", -1.2, 1.0
-"""A joint, the angle (rad) at which the left leg meets the right one, and the speed of the way there (rad/s): slow enough
-for a robot that has just gone on."""
+"""A joint, the angle (rad) at which the left leg meets the right one, and the speed of the way there (rad/s): slow
+enough for a robot that has just gone on."""
 
 
 def _wall_clock(bench: Bench, by: float) -> None:

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
+from itertools import takewhile
 
 import numpy as np
 
@@ -186,9 +187,8 @@ def _stop_violations(
     if ended is not None:
         wrong += after_latch(writes, ended)
     wrong += too_fast(goal_tracks, begun + REST_S, trace.ended, share=TO_REST_SHARE, dt=dt)
-    stands = trace.first(STANDING, begun)
-    if stands is not None:
-        wrong += late("at rest", stands, begun, REST_S)
+    braking = list(takewhile(lambda tick: tick.state not in STANDING, since))
+    wrong += late("at rest", braking[-1].time, begun, REST_S) if braking else []
     # With mass, goals lead the postures by the servos' deflection, and the robot returns to its stance first.
     shafts = posture_tracks(trace.postures, bench.robot.joint_map.servos) if bench.mass else goal_tracks
     if ended is not None and trace.stop is not None and trace.stop.cause in ORDINARY_STOPS and trace.stop.then is None:
