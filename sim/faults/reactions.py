@@ -112,8 +112,9 @@ REST_S = 0.35
 """Time from the beginning of a hold, or of a stop, until the robot stands, s."""
 OFF_S, OFF_WITH_MASS_S = 3.0, 4.0
 """From the beginning of a stop until torque is off; of a robot with mass, which returns to its stance first."""
-TO_REST_SHARE = 0.45
-"""Share of the greatest speeds on the way to rest: the longest way of a joint, 2.4 rad, takes 2.5 s at this speed."""
+TO_REST_SHARE = 0.55
+"""Share of the greatest speeds on the way to rest: the longest way of a joint, 2.4 rad, takes 1.9 s at this speed, with
+a gentle rise and fall."""
 AGAIN_SHARE, AGAIN_S = 0.25, 0.75
 """Share of the greatest speeds after following resumes, and for how long, s."""
 STILL_WITHIN_S = 0.3
