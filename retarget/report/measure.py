@@ -344,8 +344,8 @@ def _spread_of(names: tuple[str, ...], errors: FloatArray) -> dict[str, Spread]:
 
 # The report of a run that the operator ended and now waits for: what costs much is measured on its last seconds only.
 
-LATEST_S = 10.0
-"""Length of a run whose distances are measured within 0.4 s on a slow core."""
+LATEST_S = 5.0
+"""Length of a run whose distances are measured within 0.3 s on a slow core."""
 
 
 def measure_latest(run: RunResult, seconds: float = LATEST_S) -> Report:

@@ -53,7 +53,8 @@ class Commanded:
     """Where the robot was commanded to last, without the deflection of its servos.
 
     q (nq,): the posture; joints (n,): of it, rad, servo order. standing (nq,): as the robot stands; before it stands on
-    its soles, as it will. velocity (nv,): at which it got there, per s. stood_s: s since the last goal that moved.
+    its soles, as it will. velocity (nv,): at which it got there, per s. stood_s: s since the last goal that moved;
+    waited_s: s since then, and since the last target that was refused.
     """
 
     def __init__(self, robot: RobotBody, *, dt: float) -> None:
@@ -66,7 +67,7 @@ class Commanded:
         self.q, self.standing, self.joints, self._goal = standing.copy(), standing.copy(), joints, joints
         self.q[self._robot.servo_columns] = joints
         self.velocity = np.zeros(self._robot.body.nv)
-        self.stood_s = np.inf
+        self.stood_s = self.waited_s = np.inf
 
     @property
     def stands(self) -> bool:
@@ -76,6 +77,8 @@ class Commanded:
     def take(self, goal: CheckedGoal, target: Target | None, *, on_soles: bool) -> None:
         """Take over a goal that was written for a target. on_soles: whether the robot stands as it was commanded."""
         self.stood_s = self.stood_s + self._dt if np.array_equal(goal.joints, self._goal) else 0.0
+        refused = target is not None and not goal.passed
+        self.waited_s = 0.0 if refused else min(self.waited_s + self._dt, self.stood_s)
         self.joints, self._goal = goal.posture, goal.joints
         if goal.passed and target is not None and target.q is not None:
             self.q = target.q.copy()
@@ -118,7 +121,7 @@ class SlowMove:
         """The target of the next tick on the way to a goal (n,), rad; None: something else was sent, and the robot has
         to stand first."""
         if not self._follows:
-            if self._commanded.stood_s < RETRY_S:
+            if self._commanded.waited_s < RETRY_S:
                 return None
             self._moves.reset(self._commanded.joints)
         self._go_on_with(self._moving)

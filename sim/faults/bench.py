@@ -65,7 +65,8 @@ class Trace:
     """The events of a run; all times in s of its clock.
 
     out: when which sensors took no part. steps: greatest distance (m) of a sensor between followed samples. sent: every
-    packet of the host. postures: in which each goal holds the joints under their load, (n,) rad. let_go: when which servo (id) stopped driving: its torque went off, or its watchdog stopped it.
+    packet of the host. postures: in which each goal holds the joints under their load, (n,) rad. let_go: when which
+    servo (id) stopped driving: its torque went off, or its watchdog stopped it.
     began: when following began. approach_ended: when the robot was where it follows from. gone: when the host was
     killed. acted: when faults that wait for an event took effect, each once. rebased: when the clock map followed a
     jump of the sender's clock. asked: postures (n,), rad, that a forced stage asked for. torque: registers of all

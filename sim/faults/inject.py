@@ -10,7 +10,6 @@ import numpy as np
 
 from hardware.guard_state import StopCause
 from retarget.live.admission import Datagram
-from retarget.safety.gate import Gate
 from retarget.types import RobotPosture
 from sim.emulator.faults import Fault, FaultKind
 from sim.faults import sender
@@ -85,8 +84,8 @@ def _flood(bench: Bench) -> None:
 OVERRUN = 1.2
 """Periods that a tick takes longer."""
 INWARDS = "l_hip_yaw", -1.2, 1.0
-"""A joint, the angle (rad) at which the left leg meets the right one, and the speed of the way there (rad/s): slow enough
-for a robot that has just gone on."""
+"""A joint, the angle (rad) at which the left leg meets the right one, and the speed of the way there (rad/s): slow
+enough for a robot that has just gone on."""
 
 
 def _wall_clock(bench: Bench, by: float) -> None:
@@ -147,11 +146,11 @@ def _leg_inwards(bench: Bench, posture: RobotPosture) -> RobotPosture:
     """Act as a stage without observers: turn a leg into the other, within all limits of the joint."""
     joint, angle, speed = INWARDS
     servos, dt = bench.robot.joint_map, 1.0 / bench.robot.profile.safety.rate_hz
-    last, gate = bench.guard.goal, bench.machine.gate
-    if last is None or not isinstance(gate, Gate):
+    if len(bench.trace.postures) < 2:
         return posture  # nothing has been sent yet
     column = servos.joints.index(joint)
-    goal, sent, moved = posture.joint_positions.copy(), last.posture, gate.velocity * dt
+    (_, before), (_, sent) = bench.trace.postures[-2:]
+    goal, moved = posture.joint_positions.copy(), sent - before
     change = 0.5 * float(servos.max_acceleration[column]) * dt * dt
     way = np.clip(angle - sent[column], -speed * dt, speed * dt)
     goal[column] = sent[column] + np.clip(way, moved[column] - change, moved[column] + change)

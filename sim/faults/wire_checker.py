@@ -150,8 +150,7 @@ def posture_tracks(postures: Sequence[tuple[float, FloatArray]], servos: Sequenc
     times = np.array([time for time, _ in postures])
     angles = np.array([posture for _, posture in postures]).reshape(len(postures), len(servos))
     return [
-        Track(servo, times, angles[:, column], servo.model.tick_rad / servo.gear)
-        for column, servo in enumerate(servos)
+        Track(servo, times, angles[:, column], servo.model.tick_rad / servo.gear) for column, servo in enumerate(servos)
     ]
 
 

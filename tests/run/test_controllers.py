@@ -222,7 +222,7 @@ def test_a_stop_on_the_straight_part_keeps_its_line_and_one_on_the_soles_is_the_
     driven.assert_straight()
     approach.part, halted = ApproachPart.SETTLING, standing() + 0.0
     driven.follower.halt = lambda dt: halted  # type: ignore[method-assign]
-    driven.commanded.stood_s = 0.0
+    driven.commanded.stood_s = driven.commanded.waited_s = 0.0
     target = stop.target()
     assert target is not None and target.q is halted
 

@@ -190,6 +190,30 @@ def test_an_exception_in_a_stage_stops_the_robot(monkeypatch: pytest.MonkeyPatch
     assert ending.state is RunState.OFF and ending.reason == "the stage broke"
 
 
+@pytest.mark.parametrize(("again", "at_rest"), [(1, True), (2, False)])
+def test_a_tick_that_fails_on_a_robot_that_stands_leads_to_rest(
+    again: int, at_rest: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where the next tick fails too, torque goes off."""
+    rig, failures = Rig(still(), goes_to_rest=True), 0
+    read = rig.guard.health.warnings.take_news
+
+    def fail() -> list[str]:
+        nonlocal failures
+        if rig.follower.tick > 12 and failures < again:
+            failures += 1
+            raise ArithmeticError("the tick broke")
+        return read()
+
+    monkeypatch.setattr(rig.guard.health.warnings, "take_news", fail)
+    ending = play(rig)
+    assert ending.state is RunState.OFF and ending.reason == "the tick broke" and not rig.bus.torque_on
+    assert ending.record.robot is not None
+    rest = rig.robot.posture(rig.robot.profile.postures.rest)[rig.robot.servo_columns]
+    off = np.abs(ending.record.robot.q[-1, rig.robot.servo_columns] - rest).max()
+    assert bool(off < 1e-6) is at_rest
+
+
 def test_asking_to_stop_brakes() -> None:
     asked = iter([False] * 130 + [True] * 1000)
     rig = Rig(swing(0.3))

@@ -53,7 +53,7 @@ def test_head_and_hands_are_followed(parts: Parts, tmp_path: object, monkeypatch
 
 
 def test_without_the_head_the_robot_holds() -> None:
-    live = rig("upper", lost("head", 3.3, 4.0), duration=3.0)
+    live = rig("upper", lost("head", 7.0, 7.7), duration=4.0)
     result = run(live)
     assert live.said.count("the performer is not followed: the robot holds") == 1
     assert result.stop is None

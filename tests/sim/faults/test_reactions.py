@@ -137,7 +137,7 @@ def test_a_correct_run_has_no_violation(bench: Bench) -> None:
         (goes_on, "follow after a stop"),
         (holds_while_it_moves, "still moves"),
         (follows_on, "goes back and forth"),
-        (hurries, "faster than 45% of its speed"),
+        (hurries, "faster than 55% of its speed"),
         (keeps_torque, "torque is on in the end"),
     ],
 )

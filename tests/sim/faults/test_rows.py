@@ -6,19 +6,19 @@ Those of a robot that moves are run always; the rest takes minutes and is marked
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from math import inf
 from unittest.mock import patch
 
 import pytest
 
 from hardware import servo_health
-from hardware.guard import Guard
 from hardware.guard_state import GuardLimits, StopCause
 from hardware.servo_health import ANYTHING, BusHealth, ServoHealth, Watched, watched
 from hardware.servo_health import Row as Quantity
 from messages import shows
 from retarget.live.admission import Admission
 from retarget.live.performer import LivePerformer
-from sim.faults.bench import Bench
+from sim.faults.bench import BEFORE_ARMING, Bench
 from sim.faults.cases import judged_seed
 from sim.faults.judge import When, judged, run_row, verdict_of
 from sim.faults.reactions import Idle, Reaction, Row
@@ -141,8 +141,16 @@ def test_a_row_fails_without_its_protection(name: str, quantity: Quantity) -> No
 
 
 def test_a_stopped_host_is_distinguished_from_a_limp_servo() -> None:
-    with patch.object(Guard, "_refuse_pause", lambda self, begun: None):
-        shows(judged(row("stopped for a second")).wrong)
+    one = row("stopped for a second")
+
+    def with_any_pause(bench: Bench, at: float) -> None:
+        def allow() -> None:
+            bench.guard.limits = replace(bench.guard.limits, max_pause=inf)
+
+        bench.at(BEFORE_ARMING, allow)
+        one.inject(bench, at)
+
+    shows(judged(replace(one, inject=with_any_pause)).wrong)
 
 
 def test_a_robot_that_does_not_hold_while_the_bus_is_silent_is_found() -> None:

@@ -199,7 +199,7 @@ def test_no_goals_collide_with_nothing(op3: RobotBody) -> None:
 
 def test_without_a_gate_the_forced_stage_is_a_collision() -> None:
     row = next(one for one in ROWS if one.name == "clearance below margin")
-    bench = Bench(FakeSender(), duration=2.2, gate=False)
+    bench = Bench(FakeSender(), duration=2.8, gate=False)
     row.inject(bench, 0.2)
     found = violations(bench, bench.run())
     shows(found)
