@@ -1,6 +1,7 @@
 """Faults in the servo states: each brakes the robot, with a reason that names the servo. Also warnings and buses."""
 
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from math import inf
 
@@ -230,7 +231,7 @@ def test_a_silent_servo_is_lost_and_not_far_from_its_goal() -> None:
 SUSTAINED = GuardLimits(max_age=0.1, following_error=0.5, sustained_error=0.2, sustained_time=0.2)
 
 
-def displaced(rig: Rig, by: float, ticks: int) -> None:
+def displaced(rig: Rig, by: float, ticks: int, goal: Callable[[], CheckedGoal] | None = None) -> None:
     """Ticks in which the first servo is `by` rad off its goal, which stands."""
     read = rig.bus.read
 
@@ -242,7 +243,7 @@ def displaced(rig: Rig, by: float, ticks: int) -> None:
 
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(rig.bus, "read", off)
-        rig.run(ticks, rig.stand)
+        rig.run(ticks, goal or rig.stand)
 
 
 @pytest.mark.parametrize(("by", "ticks", "stopped"), [(0.21, 21, True), (0.21, 19, False), (0.19, 200, False)])
@@ -412,6 +413,21 @@ def test_what_a_load_explains_is_no_fault() -> None:
         fault = ServoHealth(joint_map, LIMITS).check(states, sent, held)
         assert fault is not None
         shows(fault.reason, "0.50")
+
+
+def test_the_guard_measures_errors_from_where_goals_hold_the_joints() -> None:
+    rig = Rig(limits=SUSTAINED)
+    rig.arm()
+    off = np.array([round(0.3 / float(MAP.tick_rad[0])), 0, 0, 0])
+
+    def loaded() -> CheckedGoal:
+        goal = rig.stand()
+        return replace(goal, posture=MAP.to_radians(MAP.to_ticks(goal.joints) + off))
+
+    displaced(rig, 0.3, 100, loaded)
+    assert not is_stopped(rig)
+    displaced(rig, 0.0, 100, loaded)
+    assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.FOLLOWING_ERROR
 
 
 def test_values_missing_from_some_servos_suppress_no_warning_of_others() -> None:

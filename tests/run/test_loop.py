@@ -11,6 +11,7 @@ from hardware.clock import VirtualClock
 from hardware.errors import BusError, HardwareError, RetargetError
 from hardware.servo_health import ServoHealth
 from messages import refuses, shows
+from retarget.model.robot import RobotBody
 from retarget.report.motion_metrics import LimitViolations, limit_violations
 from retarget.run.controllers import rest_joints
 from retarget.run.loop import FORCED_STOP, INTERRUPTED, Ending, Watch, run_human
@@ -496,3 +497,28 @@ def test_a_refused_goal_is_stopped_on_the_soles_from_where_the_robot_is() -> Non
     assert follower.halts == TICKS - 10 + 1, "and once where the approach is over"
     stood = robot.q[ending.record.following][:, rig.robot.servo_columns]
     assert (stood == follower.stance.q[rig.robot.servo_columns]).all()
+
+
+class RecallingFollower(StubFollower):
+    """Notes the posture that it was reseeded with last, at every step."""
+
+    def __init__(self, robot: RobotBody, script: FloatArray) -> None:
+        super().__init__(robot, script)
+        self.recalled: list[FloatArray | None] = []
+
+    def step(self, human: HumanPosture, dt: float) -> RobotPosture:
+        self.recalled.append(self.reseeded[-1] if self.reseeded else None)
+        return super().step(human, dt)
+
+
+def test_after_a_refused_goal_the_follower_goes_on_from_what_was_sent() -> None:
+    script = swing(0.3)
+    script[12:, 3] = 1.0
+    rig = Rig(script)
+    rig.follower = follower = RecallingFollower(rig.robot, script)
+    rig.machine = replace(rig.machine, follower=follower)
+    record = play(rig).record
+    assert record.robot is not None
+    sent = record.robot.q[record.following][:, rig.robot.servo_columns]
+    assert np.abs(sent[13] - sent[12]).max() > 1e-4, "it still brakes"
+    np.testing.assert_array_equal([*follower.recalled[13:17]], sent[12:16])
