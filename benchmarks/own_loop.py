@@ -1,4 +1,4 @@
-"""`python -m benchmarks.own_loop`: thread CPU of `retarget.Pipeline.step` on OP3, five sensors, following."""
+"""`python -m benchmarks.own_loop`: thread CPU of `retarget.Pipeline.step`: OP3 follows five sensors of the sample."""
 
 import argparse
 
@@ -6,8 +6,8 @@ import numpy as np
 
 from hardware.clock import thread_cpu
 from retarget.pipeline import Pipeline
+from retarget.sources.open import open_source
 from retarget.types import RunState
-from sim.performer import synthetic_performer
 
 LONGEST_APPROACH = 2000
 """Ticks."""
@@ -16,7 +16,7 @@ LONGEST_APPROACH = 2000
 def measure(seconds: float, priorities: str | None) -> list[float]:
     """ms of each step, from the moment at which the robot follows at full speed."""
     pipeline = Pipeline("op3", performer="five", priorities=priorities)
-    frames, dt = synthetic_performer(), pipeline.dt
+    frames, dt = open_source("sample"), pipeline.dt
     pipeline.start(frames.sample(0.0))
     followed = 0
     for _ in range(LONGEST_APPROACH):
@@ -36,8 +36,9 @@ def main() -> None:
     """Measure, and print a line for each priority file."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=5.0, help="of following")
-    for name in ("balanced", "servo"):
-        spent = measure(parser.parse_args().seconds, name)
+    seconds = parser.parse_args().seconds
+    for name in ("servo", "balanced"):
+        spent = measure(seconds, name)
         median, late = np.median(spent), np.percentile(spent, 99)
         print(f"Pipeline.step, op3, {name}: {median:.3f} ms thread CPU in the median, {late:.3f} ms at p99")
 

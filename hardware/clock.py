@@ -97,20 +97,21 @@ LOST = 1.1
 
 
 class TickTiming:
-    """Counts late ticks. period: s; infinite: no tick is late.
-
-    behind: whether ticks in a row came so late that more than one goal is missing. Then the goals are out of date.
-    """
+    """Counts late ticks. period: s; infinite: no tick is late."""
 
     def __init__(self, period: float = inf) -> None:
-        self.behind = False
         self._period = period
         self._begun: float | None = None  # [s]
         self._late = 0.0  # periods, of ticks in a row
 
+    @property
+    def behind(self) -> bool:
+        """Whether ticks in a row came so late that more than one goal is missing. Then the goals are out of date."""
+        return self._late > LOST
+
     def restart(self) -> None:
         """Forget the ticks so far: the next one is the first."""
-        self._begun, self._late, self.behind = None, 0.0, False
+        self._begun, self._late = None, 0.0
 
     def begin(self, now: float) -> float:
         """Note a tick that begins at `now`, s. Return the time since the one before began, s; 0 for the first."""
@@ -119,5 +120,4 @@ class TickTiming:
         periods = pause / self._period
         late = periods > LATE
         self._late = self._late + periods - 1.0 if late else 0.0
-        self.behind = self._late > LOST
         return pause

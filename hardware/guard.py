@@ -39,8 +39,9 @@ class Torque(Enum):
 
 
 def text_of(error: BaseException) -> str:
-    """An exception as the reason of a stop."""
-    return str(error).rstrip(".") or type(error).__name__
+    """An exception as the reason of a stop. Of a key that is not there, the text alone would be a riddle."""
+    text, kind = str(error).rstrip("."), type(error).__name__
+    return f"{kind}: {text}" if text and isinstance(error, LookupError) else text or kind
 
 
 class Guard:

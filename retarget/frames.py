@@ -146,11 +146,24 @@ class SensorSample:
     def of(
         cls, positions: Mapping[str, ArrayLike | None], orientations: Mapping[str, ArrayLike] | None = None
     ) -> "SensorSample":
-        """A sample from positions (3,) m by sensor, None for a lost one, and orientations (4,) wxyz of those known."""
+        """A sample from positions (3,) m by sensor, None for a lost one, and orientations (4,) wxyz of those known.
+
+        Raises UsageError for what are no such numbers.
+        """
+        lost, unknown = np.full(3, np.nan), np.full(4, np.nan)
         turns = {} if orientations is None else orientations
-        unknown = np.full(3, np.nan), np.full(4, np.nan)
-        position = np.array([unknown[0] if at is None else at for at in positions.values()], float).reshape(-1, 3)
-        orientation = np.array([turns.get(name, unknown[1]) for name in positions], float).reshape(-1, 4)
+        try:
+            position = np.array([lost if at is None else at for at in positions.values()], float)
+            orientation = np.array([turns.get(name, unknown) for name in positions], float)
+        except (TypeError, ValueError):
+            position = orientation = np.zeros(0)
+        if position.shape != (len(positions), 3) or orientation.shape != (len(positions), 4):
+            raise UsageError(
+                "no positions and orientations of sensors",
+                where="SensorSample.of",
+                found=f"{dict(positions)}"[:120],
+                allowed="3 numbers or None for each position, 4 for each orientation",
+            )
         return cls(tuple(positions), position, orientation, np.isfinite(position).all(axis=1))
 
 

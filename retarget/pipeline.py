@@ -30,7 +30,7 @@ from retarget.run.supervisor import AT_RISK, Event, Supervisor
 from retarget.schema.catalogue import HUMAN
 from retarget.schema.performer import Performer, load_performer
 from retarget.sources.stream_frame import unusable
-from retarget.types import BoolArray, FloatArray, HumanPosture, RunState
+from retarget.types import FloatArray, HumanPosture, RunState
 
 DT_TOLERANCE = 0.01
 """Share by which `dt` may differ from the period of the pipeline: the gate keeps speeds for that period."""
@@ -75,9 +75,9 @@ class SensorReader:
         _check_shapes(sample)
         columns = self._columns
         position, orientation = sample.position.take(columns, axis=0), sample.orientation.take(columns, axis=0)
-        known = np.isfinite(orientation).all(axis=1)
-        bad: BoolArray = np.asarray(unusable(position, np.where(np.asarray(known)[:, None], orientation, IDENTITY)))
-        valid = sample.valid.take(columns) & ~bad
+        turns = orientation.copy()
+        turns[np.isnan(turns[:, 0])] = IDENTITY  # not known, which is no fault
+        valid = sample.valid.take(columns) & ~unusable(position, turns)
         usable = valid.tolist()
         if not any(usable) or not all(usable[row] for row in self._base):
             return None

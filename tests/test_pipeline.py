@@ -63,7 +63,7 @@ def run_to(pipeline: Pipeline, state: RunState, *, ticks: int = 1, most: int = 2
 
 
 def state_of(pipeline: Pipeline) -> str:
-    return pipeline.state.value
+    return str(pipeline.state.value)
 
 
 def keep_limits(goals: list[FloatArray]) -> bool:
@@ -105,6 +105,12 @@ def test_a_sample_of_positions_by_name() -> None:
     sample = SensorSample.of({"head": (0, 0, 1.6), "pelvis": None}, {"head": (1, 0, 0, 0)})
     assert sample.names == ("head", "pelvis") and sample.valid.tolist() == [True, False]
     assert sample.orientation[0].tolist() == [1, 0, 0, 0] and np.isnan(sample.orientation[1]).all()
+
+
+@pytest.mark.parametrize("wrong", [(0, 1), "left", ((0, 0, 1), 2, 3), {}])
+def test_a_sample_of_what_are_no_positions_is_refused(wrong: object) -> None:
+    with refuses(UsageError, "SensorSample.of"):
+        SensorSample.of({"head": (0, 0, 1.6), "pelvis": wrong})
 
 
 def test_the_performer_is_followed() -> None:
@@ -223,6 +229,30 @@ def test_without_samples_the_robot_brakes_holds_and_comes_back_slowly() -> None:
     assert speeds[:100].max() < 0.3 * load_robot("op3").limits.max_velocity.max()
     assert np.isnan(back[0].landmarks_asked).all() and np.isfinite(back[-1].landmarks_asked).all()
     assert keep_limits([*follow, *gone, *(one.joint_positions for one in back)])
+
+
+@pytest.mark.parametrize("by", [1e7, 1e300, np.inf, np.nan])
+def test_a_wrist_that_is_nowhere_is_a_lost_wrist(by: float) -> None:
+    def goals(sample: SensorSample) -> list[list[float]]:
+        pipeline = started()
+        return [pipeline.step(sample, DT).joint_positions.tolist() for _ in range(10)]
+
+    assert goals(moved(still(), by, "l_wrist")) == goals(lost(still(), "l_wrist"))
+
+
+def test_the_robot_waits_in_its_approach_for_a_performer_who_is_lost() -> None:
+    pipeline = Pipeline("op3", priorities="servo")
+    robot = load_robot("op3")
+    far = robot.posture(robot.profile.postures.rest)[robot.servo_columns]
+    pipeline.start(still(), present=far)
+    goals = [pipeline.step(still(), DT).joint_positions for _ in range(60)]
+    goals += [pipeline.step(lost(still(), "r_ankle"), DT).joint_positions for _ in range(150)]
+    assert state_of(pipeline) == "hold" and pipeline.stands
+    goals += [pipeline.step(still(), DT).joint_positions for _ in range(50)]
+    assert pipeline.stands  # less than half a second of valid samples
+    goals += [pipeline.step(still(), DT).joint_positions for _ in range(50)]
+    assert state_of(pipeline) == "approach" and not pipeline.stands
+    assert keep_limits(goals)
 
 
 @pytest.mark.parametrize("names", [("l_ankle",), FIVE])

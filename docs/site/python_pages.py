@@ -85,6 +85,7 @@ PAGES = {
             "hardware.bus",
             "hardware.guard",
             "hardware.guard_state",
+            "hardware.checked_goal",
             "hardware.clock",
             "hardware.servo",
             "hardware.joint_map",

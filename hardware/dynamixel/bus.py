@@ -4,7 +4,7 @@ nothing."""
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from enum import StrEnum
+from enum import Enum, StrEnum
 
 import numpy as np
 
@@ -32,6 +32,14 @@ NOISY_CYCLES = 50
 
 def _quiet(note: str) -> None:
     """Drop the note."""
+
+
+class BusState(Enum):
+    """The state of all ports of a robot."""
+
+    CLOSED = "closed"
+    OPEN = "open"
+    POWERED = "torque may be on, through this bus"
 
 
 class DynamixelBus:
@@ -63,8 +71,7 @@ class DynamixelBus:
         self._goals: TickArray | None = None
         self._noisy_cycles = 0  # cycles
         self._error_rates = [ErrorRate() for _ in self._lines]
-        self._open = False
-        self._powered = False  # torque may be on, through this bus
+        self._state = BusState.CLOSED
 
     @property
     def lines(self) -> tuple[BusLine, ...]:
@@ -82,7 +89,7 @@ class DynamixelBus:
         Raises BusError with every problem of all ports at once; then nothing was written to a servo. Where a servo
         refuses a value, the message says what others have taken by then.
         """
-        if self._open:
+        if self._state is not BusState.CLOSED:
             raise BusError(describe(what="the bus is open already", where="bus, open", then="Call close first"))
         try:
             found = self._examine()
@@ -98,7 +105,7 @@ class DynamixelBus:
         except BaseException:
             self._close_ports()
             raise
-        self._open = True
+        self._state = BusState.OPEN
 
     def read(self) -> ServoStates:
         """One cycle of all ports."""
@@ -132,7 +139,7 @@ class DynamixelBus:
         try:
             self._torque_on()
         except BaseException:
-            if self._powered:
+            if self._state is BusState.POWERED:
                 with suppress(BusError):  # the first error is the one to raise
                     self._torque_off()
             raise
@@ -140,13 +147,13 @@ class DynamixelBus:
     def close(self) -> None:
         """Torque that this bus switched on goes off; then the ports are closed. Raises BusError for servos that do not
         confirm it."""
-        if not self._open:
+        if self._state is BusState.CLOSED:
             return
         try:
-            if self._powered:
+            if self._state is BusState.POWERED:
                 self._torque_off()
         finally:
-            self._open = False
+            self._state = BusState.CLOSED
             self._close_ports()
 
     def _examine(self) -> list[Opening]:
@@ -235,7 +242,7 @@ class DynamixelBus:
         goals = [{device: int(raw[index]) for device, index in line.index_of.items()} for line in self._lines]
         for line, own in zip(self._lines, goals, strict=True):
             check_still(line, own)
-        self._powered = True
+        self._state = BusState.POWERED
         drives = switch_on(ready, goals)
         for index in range(len(self._map)):
             self._readings.take_drive(index, True)
@@ -286,7 +293,7 @@ class DynamixelBus:
                     then="Cut the power by hand",
                 )
             )
-        self._powered = False
+        self._state = BusState.OPEN
 
     def _close_ports(self) -> None:
         for line in self._lines:
@@ -294,7 +301,7 @@ class DynamixelBus:
                 line.port.close()
 
     def _require_open(self, action: str) -> None:
-        if not self._open:
+        if self._state is BusState.CLOSED:
             raise BusError(describe(what="the bus is closed", where=f"bus, {action}", then="Call open first"))
 
 

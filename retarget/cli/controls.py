@@ -386,6 +386,10 @@ class LiveControls:
         state = None if machine is None else machine.supervisor.state.value
         return LiveStatus(state, following, not self._clutch.engaged, reason)
 
+    def words(self) -> str:
+        """The present state of the run, in a few words."""
+        return words_for(self.status())
+
     def _say_why(self) -> None:
         """Report why the robot stops, once, without waiting for the summary."""
         reason = None if self._machine is None else self._machine.guard.stop

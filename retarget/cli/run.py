@@ -27,7 +27,6 @@ from retarget.cli.controls import (
     live_state,
     open_dead_man,
     refuse_oversight,
-    words_for,
 )
 from retarget.cli.exit import DONE, STOPPED, detached_screens, stop_on_signals
 from retarget.cli.view import viewing
@@ -56,6 +55,7 @@ from retarget.schema.files import remove
 from retarget.schema.performer import Performer
 from retarget.schema.priorities import Steps
 from retarget.sources.raw_record import RawWriter
+from retarget.types import Notify
 
 # Real-time ticks for a run without a robot, whose side else waits for each tick.
 
@@ -169,12 +169,6 @@ def countdown_of(source: str, asked: float | None) -> float:
     return (0.0 if source.startswith("replay:") else COUNTDOWN_S) if asked is None else asked
 
 
-def _refuse_unnamed(live: LiveOptions) -> None:
-    """Raise UsageError where a person without a name is to be measured anew."""
-    if live.recalibrate and live.person is None:
-        raise UsageError("only a named person can be measured anew", where="--recalibrate", next_step="Give a --person")
-
-
 def _clock_of(address: StreamAddress, options: RunOptions, outputs: Outputs) -> Clock:
     """The clock of a live run. A recording on simulated servos is played as fast as it goes; a viewer shows it in real
     time."""
@@ -197,8 +191,7 @@ def follow_live(
     Raises RetargetError for what cannot be run; then nothing has moved and nothing is written. KeyboardInterrupt:
     stopped before anything moved.
     """
-    _refuse_played(options)
-    _refuse_unnamed(live)
+    _refuse_for_a_performer(options, live)
     oversight, address = oversight or Oversight(), parse_address(source)
     clock = _clock_of(address, options, outputs)
     refuse_oversight(oversight, virtual=type(clock) is VirtualClock)
@@ -207,33 +200,19 @@ def follow_live(
     notify = recorder.recorded_notify(_log)
     supervisor = Supervisor(notify=notify)
     with detached_screens(), ExitStack() as stack:
-        socket, dead_man = _opened(oversight, stack)
+        operator = stack.enter_context(ExitStack())
+        socket, dead_man = _opened(oversight, operator)
         tap = _raw_tap(record_raw, address, stack, overwrite=outputs.overwrite)
 
         def perform(performer: Performer, robot: RobotBody | None) -> Performance:
             stream = open_stream(address, performer, clock=clock, tap=tap, smoothing=live.smoothing, latest=live.latest)
             stack.callback(stream.receiver.close)
-            return begin_live(
-                stream,
-                live,
-                clock=clock,
-                rate_hz=live_rate_hz(robot),
-                where=address.text,
-                notify=notify,
-                enter=lambda state: supervisor.enter(state, clock.now()),
-                has_deadlines=not options.simulated,
-            )
+            begin = partial(begin_live, stream, live, clock=clock, rate_hz=live_rate_hz(robot), where=address.text)
+            enter, late = partial(supervisor.enter, clock=clock), not options.simulated
+            return begin(notify=notify, enter=enter, has_deadlines=late)
 
-        make_bus = recorder.make_bus(bench.make_bus)
-        prepare_live = partial(
-            prepare_for,
-            clock=recorder.clock,
-            make_bus=make_bus,
-            goes_to_rest=True,
-            notify=notify,
-            supervisor=supervisor,
-        )
-        with prepare_live(perform, options) as prepared:
+        prepare_live = partial(prepare_for, clock=recorder.clock, make_bus=recorder.make_bus(bench.make_bus))
+        with prepare_live(perform, options, goes_to_rest=True, notify=notify, supervisor=supervisor) as prepared:
             stop, keys = stack.enter_context(stop_on_signals(moves=True)), stack.enter_context(Keys())
             performer, machine = prepared.samples, prepared.machine
             assert isinstance(performer, LivePerformer)
@@ -243,22 +222,27 @@ def follow_live(
                 keys, stop, performer, clutch, notify=_log, clock=clock, machine=machine, stop_file=file, socket=socket
             )
             _show_keys(keys, dead_man)
-            words = _words(prepared, controls)
-            viewer = viewing(outputs.view, prepared, options, words, truth=bench.truth, notify=notify)
-            page = stack.enter_context(viewer)
+            seen = viewing(outputs.view, prepared, options, controls.words, truth=bench.truth, notify=notify)
+            page = stack.enter_context(seen)
             look = page.with_stop_button(controls.look, stop)
             _wait_until_engaged(clutch, look, performer, clock)
             with recorder.recording(prepared, source=address.text) as recorded:
                 performer.catch_up()
-                with live_state(options.robot, words), scheduled(oversight.scheduling):
+                with live_state(options.robot, controls.words), scheduled(oversight.scheduling):
                     watch = _watch(recorded, look, controls, bench, clock)
                     run = recorded.run(page.watch(recorder.watch(watch, recorded)))
-        followed = run.ticks_followed > 0
-        if not followed and run.reason is None:
-            notify("no tick followed the performer: the stream was over before following began")
-        stream_report = performer.report(address=address.text, person=live.person)
-        code = recorder.code(finished(replace(bench.seen(run), live=stream_report), outputs))
-        return code if followed else max(code, STOPPED)
+        operator.close()  # a stop that comes while the report is written finds no run
+        run = replace(bench.seen(run), live=performer.report(address=address.text, person=live.person))
+        return max(recorder.code(finished(run, outputs)), _followed(run, notify))
+
+
+def _followed(run: RunResult, notify: Notify) -> int:
+    """The exit code of a run by whether the performer was followed at all."""
+    if run.ticks_followed > 0:
+        return DONE
+    if run.reason is None:
+        notify("no tick followed the performer: the stream was over before following began")
+    return STOPPED
 
 
 def _raw_tap(path: Path | None, address: StreamAddress, stack: ExitStack, *, overwrite: bool) -> RawTap | None:
@@ -304,11 +288,6 @@ def _wait_until_engaged(clutch: Clutch, look: Callable[[], bool], performer: Liv
         clock.sleep_until(clock.now() + performer.dt)
 
 
-def _words(prepared: Prepared, controls: LiveControls) -> Callable[[], str]:
-    """The present state of the run, in words."""
-    return lambda: words_for(controls.status())
-
-
 def _watch(
     prepared: Prepared, look: Callable[[], bool], controls: LiveControls, bench: PhysicsBench, clock: Clock
 ) -> Watch:
@@ -320,12 +299,16 @@ def _watch(
     return Watch(stop_asked=asked, torque_off_asked=forced, why=controls.why)
 
 
-def _refuse_played(options: RunOptions) -> None:
+def _refuse_for_a_performer(options: RunOptions, live: LiveOptions) -> None:
+    """Raise UsageError for options that a live performer does not have, and for a person to be measured anew without a
+    name."""
     playback = options.playback
     if playback.speed != 1.0 or playback.loop:
         raise UsageError(
             "a live performer moves in real time", where="--speed, --loop", next_step="Leave them out, or play a file"
         )
+    if live.recalibrate and live.person is None:
+        raise UsageError("only a named person can be measured anew", where="--recalibrate", next_step="Give a --person")
 
 
 def _log(text: str) -> None:

@@ -21,7 +21,7 @@ from retarget.viewer.feed import PageSetup, ViewFeed, open_feed
 from retarget.viewer.page import RecordedPage
 from retarget.viewer.recorded import open_recorded
 from retarget.viewer.server import PORT, close_server, open_server
-from retarget.viewer.snapshot import drawn
+from retarget.viewer.snapshot import STATE_WORDS, drawn
 
 SHOWN_HZ = 30.0
 
@@ -163,7 +163,7 @@ def _extras(
             return "stopped" if supervisor.over else "stopping", stop.reason
         if view.over or not supervisor.torque:
             return "ended", ""
-        return supervisor.state.value if words is None else words(), ""
+        return STATE_WORDS.get(supervisor.state, supervisor.state.value) if words is None else words(), ""
 
     def current() -> FloatArray | None:
         states = machine.guard.states

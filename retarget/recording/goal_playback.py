@@ -185,7 +185,7 @@ class RecordedGoals:
         """What follows postures (T, n) rad until all joints rest."""
         moves, rows = self._moves(1.0), []
         moves.reset(joints[-1], (joints[-1] - joints[-2]) / self._dt if len(joints) > 1 else None)
-        while not moves.at_rest:
+        while moves.velocity.any():
             rows.append(moves.step(joints[-1], 0.0))
         return rows
 

@@ -17,7 +17,7 @@ from retarget.run.prepare import Prepared
 from retarget.schema.catalogue import Kind, calibration_path, find
 from retarget.schema.priorities import Steps, self_contained
 
-FORMAT: Final = 2
+FORMAT: Final = 3
 """Format of recordings; another one is refused. Format 1 is that of version 0.1.0."""
 
 OPTIONS = ("robot", "bus", "performer", "priorities", "iterations", "parts", "steps", "gate", "scene", "allow_contact")
@@ -51,7 +51,7 @@ class Session(_Strict):
     """A run. version, numpy, machine: what it was computed by. Options as in `RunOptions`; ticks, dt, motion_dt: of its
     samples; intake: hold, fade, speed."""
 
-    format: Literal[2]
+    format: Literal[3]
     version: str
     numpy: str
     machine: str

@@ -262,7 +262,6 @@ class LandmarkMap:
         place = np.zeros(3) if pelvis is None else stance.points[pelvis.frame]
         anchors = [np.mean([stance.points[name] for name in entry.anchor], axis=0) for entry in entries]
         self._pelvis = None if pelvis is None else self.names.index("pelvis")
-        self._pelvis_place = _vector(place)
         self._feet = _vector(anchors[self._pelvis]) if self._pelvis is not None else (0.0, 0.0, 0.0)
         self._places = [_vector(stance.points[entry.frame]) for entry in entries]
         self._offset = [entry.offset for entry in entries]
@@ -327,7 +326,7 @@ class LandmarkMap:
     def _pelvis_asked(self, limbs: list[Vector], aside: Vector | None) -> Vector:
         """The pelvis over the planted ankles, `aside` of their middle, no lower than the robot gets."""
         if self._envelope is None or self._pelvis is None:
-            return self._pelvis_place
+            return (0.0, 0.0, 0.0) if self._pelvis is None else self._places[self._pelvis]
         over = plus(plus(self._feet, limbs[self._pelvis]), self._offset[self._pelvis])
         x, y, z = over if aside is None else plus(over, aside)
         low, high = self._envelope.lowest, self._envelope.highest

@@ -10,7 +10,7 @@ import numpy as np
 from hardware.checked_goal import CheckedGoal
 from hardware.clock import Clock, thread_cpu
 from hardware.errors import BusError, HardwareError, TorqueError
-from hardware.guard import Guard, text_of
+from hardware.guard import Guard, Torque, text_of
 from hardware.guard_state import StopCause
 from retarget.frames import SensorSample
 from retarget.human.samples import Samples
@@ -38,8 +38,13 @@ LATE, MANY_LATE = 0.35, 0.01
 """A tick is late that begins so many periods after it is due; from this share of late ticks on, a note says so."""
 NEAR_REST = 0.2
 """A robot is at rest when no joint is farther than this from posture `rest`, rad."""
-PHASES = {RunState.APPROACH: Phase.APPROACH, RunState.FOLLOW: Phase.FOLLOW}
-"""The purpose of a tick by its state; in all others the robot brakes, or goes to rest."""
+
+
+def phase_of(state: RunState, *, approaches: bool) -> Phase:
+    """The purpose of a tick. A hold belongs to what it holds up; what ends a run brakes, or goes to rest."""
+    if state not in AT_RISK:
+        return Phase.BRAKE
+    return Phase.APPROACH if approaches else Phase.FOLLOW
 
 
 class ObserverCallback:
@@ -208,11 +213,9 @@ class Loop:
         """Go on braking in a tick that has failed, each joint by itself."""
         machine = self._machine
         self._part = StopCause.FILTER
-        machine.supervisor.step(machine.clock.now(), Situation(stands=self._motion.commanded.stands), machine.guard)
-        if not machine.supervisor.over:
-            goal = self._unwritten() or machine.gate.brake()
-            self._write(goal, None)
-            self._keep(machine.supervisor.state, goal, None)
+        goal = self._unwritten() or machine.gate.brake()
+        self._write(goal, None)
+        self._keep(machine.supervisor.state, goal, None)
 
     def _fail(self, error: Exception, *, may_brake: bool) -> None:
         """A tick has failed. Without the bus no robot brakes; a goal that no servo takes is no failure of the bus."""
@@ -220,7 +223,10 @@ class Loop:
         if isinstance(error, HardwareError) and not isinstance(error, BusError):
             cause = StopCause.FILTER if cause is StopCause.BUS else cause
         may_brake = may_brake and cause is not StopCause.BUS
-        machine.supervisor.fail(machine.clock.now(), text_of(error), cause, machine.guard, may_brake=may_brake)
+        supervisor, now, before = machine.supervisor, machine.clock.now(), machine.supervisor.state
+        supervisor.fail(now, text_of(error), cause, machine.guard, may_brake=may_brake)
+        if supervisor.state is before:  # a stop that goes on failing ends where the robot stands
+            supervisor.step(now, Situation(stands=self._motion.commanded.stands), machine.guard)
 
     # The steps of a tick.
 
@@ -314,7 +320,7 @@ class Loop:
         if followed is not None:
             recorder.keep_costs(*follow.costs)
         approaches = state in AT_RISK and not motion.approach.arrived
-        recorder.keep(PHASES.get(state, Phase.BRAKE), approaches=approaches)
+        recorder.keep(phase_of(state, approaches=state is RunState.APPROACH or approaches), approaches=approaches)
 
     # The beginning and the end of a run.
 
@@ -333,17 +339,18 @@ class Loop:
         """Stop and switch torque off after an interrupt or an error outside of a tick. Raises TorqueError from it where
         torque could not be switched off."""
         machine = self._machine
-        if machine.supervisor.torque:
-            machine.guard.latch(StopCause.REQUESTED, text_of(error))
-            try:
-                while not machine.supervisor.over:
-                    self.tick()
-            finally:  # a second interrupt does not wait for the robot to stand
+        try:
+            if machine.supervisor.torque:
+                machine.guard.latch(StopCause.REQUESTED, text_of(error))
+            while machine.supervisor.torque:
+                self.tick()
+        finally:  # a second interrupt does not wait for the robot to stand
+            if machine.guard.torque is Torque.ON:
                 with suppress(Exception):
                     machine.guard.release()
-        stop = machine.guard.stop
-        if stop is not None and stop.powered:
-            raise TorqueError(stop.reason) from error
+            stop = machine.guard.stop
+            if stop is not None and stop.powered:
+                raise TorqueError(stop.reason) from error
 
     def _release(self) -> None:
         """Switch torque off. A failure is latched, and is the reason of the stop."""

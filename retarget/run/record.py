@@ -219,7 +219,7 @@ class RecordRows:
         """Rows of the record; the last is for ticks that are not kept."""
         self.row = 0
         """The row that the next tick fills."""
-        self._approach, self._wrapped = approach, False
+        self._approach, self._laps = approach, 0  # times that the approach has filled its rows
         self._oldest: int | None = None  # row of the approach, once it is over
         self._end: int | None = None  # rows that are kept, once no more are
 
@@ -231,8 +231,8 @@ class RecordRows:
         self.row += 1
         if approaches:
             if self.row == self._approach:
-                self._wrapped, self.row = True, 0
-        elif self._wrapped and self._oldest is None:
+                self._laps, self.row = self._laps + 1, 0
+        elif self._laps and self._oldest is None:
             self._oldest, self.row = self.row % self._approach, self._approach
 
     def close(self) -> None:
@@ -243,14 +243,14 @@ class RecordRows:
     def of(self, record: Record) -> Record:
         """The rows of the record that are kept, in the order of their ticks; it is changed in place."""
         end, first = self.row if self._end is None else self._end, 0
-        if self._wrapped:
+        if self._laps:
             oldest, first = self.row if self._oldest is None else self._oldest, 1
             end = end if self._oldest is not None else self._approach
             for array in arrays_per_tick(record):
                 array[: self._approach] = np.roll(array[: self._approach], -oldest, axis=0)
             if record.robot is not None:  # the goals of the oldest row are where the kept rows begin
                 record.robot.start[:] = record.robot.goals[0]
-        return replace(record.rows(first, end), from_start=not self._wrapped, to_end=self._end is None)
+        return replace(record.rows(first, end), from_start=self._laps == 0, to_end=self._end is None)
 
 
 LONGEST_APPROACH_S = 30.0

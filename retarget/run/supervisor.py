@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from enum import Enum
 from math import inf
 
+from hardware.clock import Clock
 from hardware.guard import Guard, Torque
 from hardware.guard_state import StopCategory, StopCause
 from retarget.types import Notify, RunState
@@ -198,13 +199,13 @@ class Supervisor:
             self._held_since = now
         return True
 
-    def enter(self, state: RunState, now: float) -> None:
+    def enter(self, state: RunState, clock: Clock) -> None:
         """Go on to a state without torque, while the performer is waited for, measured and checked. Raises ValueError
         for one that the table does not lead to."""
         events = [event for (before, event), row in TRANSITIONS.items() if before is self.state and row.to is state]
         if not events or STATES[state].torque:
             raise ValueError(f"no transition from {self.state.value} to {state.value}")
-        self.take(events[0], now)
+        self.take(events[0], clock.now())
 
     def step(self, now: float, situation: Situation, guard: Guard) -> RunState:
         """The state of the tick at `now`, s. The reason of a stop is latched in the guard; where a transition switches

@@ -31,10 +31,11 @@ from retarget.recording.topics import HUMAN_POSTURE, LANDMARKS, TICK, TRUTH
 from retarget.run.record import Phase
 from retarget.run.run_result import truth_names
 from retarget.schema.scene import load_scene
-from retarget.types import FloatArray, RunState
+from retarget.types import FloatArray
 from retarget.viewer.ground import rows_around, zero_moment_point
 from retarget.viewer.snapshot import (
     PHASE_WORDS,
+    STATE_WORDS,
     Cast,
     Obstacle,
     Row,
@@ -201,7 +202,7 @@ def _ticks(kept: Cycles) -> NDArray[np.int64]:
 
 ZIP = b"PK"
 """Begins an NPZ file."""
-WORDS = {STATES_OF_RUN[state]: state.value for state in RunState}
+WORDS = {STATES_OF_RUN[state]: words for state, words in STATE_WORDS.items()}
 """States of the guard that are more precise than the phase of a tick."""
 
 

@@ -12,11 +12,22 @@ from retarget.model.scene_state import ObstaclePoses
 from retarget.run.record import Phase
 from retarget.run.run_result import in_truth
 from retarget.schema.scene import FLOOR
-from retarget.types import FloatArray, IntArray, ModeArray
+from retarget.types import FloatArray, IntArray, ModeArray, RunState
 from retarget.viewer.meshes import LinkMesh, Mesh, link_meshes, shape_mesh
 
 PHASE_WORDS = {Phase.APPROACH: "approaching", Phase.FOLLOW: "following", Phase.BRAKE: "stopping"}
 """What a robot does in a tick of that phase."""
+STATE_WORDS = {
+    RunState.APPROACH: "approaching",
+    RunState.FOLLOW: "following",
+    RunState.HOLD: "holding",
+    RunState.STOPPING: "stopping",
+    RunState.RETURN_TO_STANCE: "returning to its stance",
+    RunState.GO_TO_REST: "going to rest",
+    RunState.OFF: "ended",
+    RunState.FAULT: "stopped",
+}
+"""The same by the state of the run."""
 LEAST_M = 0.05
 """Height of a body that has none: something to scale by."""
 

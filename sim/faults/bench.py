@@ -65,7 +65,7 @@ class Trace:
     """The events of a run; all times in s of its clock.
 
     out: when which sensors took no part. steps: greatest distance (m) of a sensor between followed samples. sent: every
-    packet of the host. let_go: when which servo (id) stopped driving: its torque went off, or its watchdog stopped it.
+    packet of the host. postures: in which each goal holds the joints under their load, (n,) rad. let_go: when which servo (id) stopped driving: its torque went off, or its watchdog stopped it.
     began: when following began. approach_ended: when the robot was where it follows from. gone: when the host was
     killed. acted: when faults that wait for an event took effect, each once. rebased: when the clock map followed a
     jump of the sender's clock. asked: postures (n,), rad, that a forced stage asked for. torque: registers of all
@@ -77,6 +77,7 @@ class Trace:
     out: list[tuple[float, frozenset[str]]] = field(default_factory=list)
     steps: list[tuple[float, float]] = field(default_factory=list)
     sent: list[Sent] = field(default_factory=list)
+    postures: list[tuple[float, FloatArray]] = field(default_factory=list)
     let_go: list[tuple[float, int]] = field(default_factory=list)
     said: list[str] = field(default_factory=list)
     asked: list[tuple[float, FloatArray]] = field(default_factory=list)
@@ -177,7 +178,7 @@ class Bench:
     leaves: the run is not observed to its end, where the robot is at rest.
     approaching: `at` counts from when torque is on, and the robot begins in posture `rest`.
     mass: on the path of a real port, with simulated mechanics behind the emulated wire.
-    on_goal: called in every tick once a goal is found.
+    on_goal: called in every tick of a moving robot once a goal is found.
     """
 
     def __init__(
@@ -204,7 +205,6 @@ class Bench:
         self.witness: Witness | None = None
         self._duration, self._seed, self._performer, self._gate = duration, seed, performer, gate
         self._due: list[tuple[float, Callable[[], object]]] = []
-        self._ticks = 0
 
     @property
     def servos(self) -> list[EmulatedServo]:
@@ -264,15 +264,16 @@ class Bench:
 
     def _watch(self, prepared: Prepared) -> None:
         assert prepared.machine is not None and isinstance(prepared.samples, LivePerformer)
-        self.machine, self._ticks = prepared.machine, prepared.samples.ticks
+        self.machine = prepared.machine
         self.guard = guard = prepared.machine.guard
         samples = prepared.samples
         write, sample, names = guard.write, samples.sample, samples.stream.roles.sensors
         self._place, self._valid = np.zeros((len(names), 3)), np.zeros(len(names), dtype=bool)
 
         def written(goal: CheckedGoal) -> None:
-            for act in self.on_goal if goal.passed else ():
+            for act in self.on_goal if goal.passed and self.machine.supervisor.state in MOVING else ():
                 act()
+            self.trace.postures.append((self.clock.now(), goal.posture))
             write(goal)
 
         def sampled(index: int) -> object:
@@ -285,7 +286,7 @@ class Bench:
         samples.sample = sampled  # type: ignore[method-assign, assignment]
         self._act_until(BEFORE_ARMING)
         try:
-            loop = prepared.loop(Watch(self._leave, stop_asked=lambda: self.stop_asked))
+            loop = prepared.loop(Watch(stop_asked=lambda: self.stop_asked))
             tick = loop.tick
 
             def ticking() -> None:
@@ -308,6 +309,8 @@ class Bench:
         if trace.rebased is None and self.stream.clock_map.jumps:
             trace.rebased = now
         self._act(now)
+        if self.leaves and state in STOPPING and guard.stop is None:  # nothing is followed any more
+            self.leave()
         if now > self._duration + ENDLESS_S:
             trace.endless = True
             self.kill()
@@ -324,11 +327,6 @@ class Bench:
         """End the observation after this tick."""
         self.trace.left = True
         self.kill()
-
-    def _leave(self, ticks: int) -> None:
-        """End the observation after the last tick, if the bench `leaves`."""
-        if self.leaves and ticks == self._ticks:
-            self.leave()
 
     def _act(self, now: float) -> None:
         """Do what is due."""

@@ -11,7 +11,7 @@ import numpy as np
 from hardware.guard_state import StopCause
 from retarget.live.admission import Datagram
 from retarget.safety.gate import Gate
-from retarget.types import HumanPosture, RobotPosture
+from retarget.types import RobotPosture
 from sim.emulator.faults import Fault, FaultKind
 from sim.faults import sender
 from sim.faults.bench import BEFORE_ARMING, Bench
@@ -84,8 +84,9 @@ def _flood(bench: Bench) -> None:
 
 OVERRUN = 1.2
 """Periods that a tick takes longer."""
-INWARDS = "l_hip_yaw", -1.2, 1.5
-"""A joint, the angle (rad) at which the left leg meets the right one, and the speed of the way there (rad/s)."""
+INWARDS = "l_hip_yaw", -1.2, 1.0
+"""A joint, the angle (rad) at which the left leg meets the right one, and the speed of the way there (rad/s): slow enough
+for a robot that has just gone on."""
 
 
 def _wall_clock(bench: Bench, by: float) -> None:
@@ -125,17 +126,17 @@ def _late(bench: Bench, times: float = np.inf) -> None:
 def _following(bench: Bench, change: Callable[[Bench, RobotPosture], RobotPosture], times: float = np.inf) -> None:
     """Change the result of the robot's stage, so many times."""
     follower, seen = bench.machine.follower, list[float]()
-    step = follower.step
+    start, step = follower.start, follower.step
 
-    def changed(human: HumanPosture, dt: float) -> RobotPosture:
-        posture = step(human, dt)
+    def changed(posture: RobotPosture) -> RobotPosture:
         if len(seen) == times:
             return posture
         seen.append(bench.clock.now())
         bench.trace.acted += seen if len(seen) == 1 else []
         return change(bench, posture)
 
-    follower.step = changed  # type: ignore[method-assign]
+    follower.start = lambda human: changed(start(human))  # type: ignore[method-assign]
+    follower.step = lambda human, dt: changed(step(human, dt))  # type: ignore[method-assign]
 
 
 def _not_finite(bench: Bench, posture: RobotPosture) -> RobotPosture:

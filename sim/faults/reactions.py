@@ -21,6 +21,7 @@ from sim.faults.wire_checker import (
     detours,
     goal_writes,
     once,
+    posture_tracks,
     still_moving,
     stood,
     too_fast,
@@ -107,9 +108,8 @@ class Row:
 # The rules of every run, whatever the fault.
 
 REST_S = 0.35
-"""Time from the beginning of a hold until goals stand still, s; of a stop, until they are as slow as on the way to
-rest."""
-OFF_S, OFF_WITH_MASS_S = 3.0, 4.2
+"""Time from the beginning of a hold, or of a stop, until the robot stands, s."""
+OFF_S, OFF_WITH_MASS_S = 3.0, 4.0
 """From the beginning of a stop until torque is off; of a robot with mass, which returns to its stance first."""
 TO_REST_SHARE = 0.45
 """Share of the greatest speeds on the way to rest: the longest way of a joint, 2.4 rad, takes 2.5 s at this speed."""
@@ -118,12 +118,12 @@ AGAIN_SHARE, AGAIN_S = 0.25, 0.75
 STILL_WITHIN_S = 0.3
 """After a shorter hold, one of single ticks, the way back need not be slow, s."""
 SETTLED = (*STOPPING, *STOPPED)
+STANDING = (RunState.RETURN_TO_STANCE, RunState.GO_TO_REST, *STOPPED)
+"""States of a robot that has braked, or has no torque any more."""
 ORDINARY_STOPS = (StopCause.REQUESTED, StopCause.STALE_GOAL, StopCause.SOURCE)
 """Stops of a robot without a fault: it goes to rest before its torque goes off."""
-DETOUR_WITH_MASS_RAD = 0.15
-"""Way back and forth of a joint that first returns to its stance, and then goes to rest, rad."""
-AT_REST_RAD, AT_REST_WITH_MASS_RAD = 0.01, 0.1
-"""Goals this near to posture `rest` are at rest, rad; with mass they lead by the servos' deflection."""
+AT_REST_RAD = 0.01
+"""A robot this near to posture `rest` is at rest, rad."""
 
 
 def violations(bench: Bench, trace: Trace) -> list[str]:
@@ -150,7 +150,8 @@ def _speeds(bench: Bench, trace: Trace, goal_tracks: list[Track], dt: float) -> 
     """Return the joints that are too fast on the approach, or when following resumes."""
     if trace.armed is None:
         return []
-    over = trace.ended if trace.latched is None else trace.latched
+    ends = (trace.ended, trace.latched, trace.first(SETTLED, trace.armed))
+    over = min(time for time in ends if time is not None)
     approach_ended = over if trace.approach_ended is None else trace.approach_ended
     share = bench.robot.profile.safety.speed_caps.approach
     wrong = [
@@ -185,20 +186,24 @@ def _stop_violations(
     if ended is not None:
         wrong += after_latch(writes, ended)
     wrong += too_fast(goal_tracks, begun + REST_S, trace.ended, share=TO_REST_SHARE, dt=dt)
+    stands = trace.first(STANDING, begun)
+    if stands is not None:
+        wrong += late("at rest", stands, begun, REST_S)
+    # With mass, goals lead the postures by the servos' deflection, and the robot returns to its stance first.
+    shafts = posture_tracks(trace.postures, bench.robot.joint_map.servos) if bench.mass else goal_tracks
     if ended is not None and trace.stop is not None and trace.stop.cause in ORDINARY_STOPS and trace.stop.then is None:
-        wrong += _not_at_rest(bench, goal_tracks)
-    within = DETOUR_WITH_MASS_RAD if bench.mass else 0.0
-    return wrong[:8] + detours(goal_tracks, begun + REST_S, trace.ended, within=within)
+        wrong += _not_at_rest(bench, shafts)
+    to_rest = trace.first((RunState.GO_TO_REST,), begun) if bench.mass else None
+    return wrong[:8] + detours(shafts, begun + REST_S if to_rest is None else to_rest, trace.ended)
 
 
-def _not_at_rest(bench: Bench, goal_tracks: list[Track]) -> list[str]:
-    """Return the servos that were not sent to posture `rest` in the end."""
+def _not_at_rest(bench: Bench, shafts: list[Track]) -> list[str]:
+    """Return the servos that did not go to posture `rest` in the end."""
     robot = bench.robot
     rest = robot.posture(robot.profile.postures.rest)[robot.servo_columns]
     rest_angles = dict(zip(robot.joint_map.joints, rest.tolist(), strict=True))
-    off = {track.servo.label: float(track.angle[-1]) - rest_angles[track.servo.joint] for track in goal_tracks}
-    most = AT_REST_WITH_MASS_RAD if bench.mass else AT_REST_RAD
-    return [f"{label} is not at rest, {by:.3f} rad off" for label, by in off.items() if abs(by) > most]
+    off = {track.servo.label: float(track.angle[-1]) - rest_angles[track.servo.joint] for track in shafts}
+    return [f"{label} is not at rest, {by:.3f} rad off" for label, by in off.items() if abs(by) > AT_REST_RAD]
 
 
 def _torque(bench: Bench, trace: Trace) -> list[str]:
@@ -349,14 +354,15 @@ def _stand(row: Row, seen: Seen) -> Judged:
 
 
 def _gated(row: Row, seen: Seen) -> Judged:
-    """Judge that the asked postures came nearer than the margin, and the robot stood. Sent goals are judged anyway."""
+    """Judge that the asked postures came nearer than the margin, and the robot stood, but for a tick that the moving
+    limbs leave it. Sent goals are judged anyway."""
     robot, asked = seen.bench.robot, seen.trace.asked
     postures = np.tile(robot.body.qpos0, (len(asked), 1))
     postures[:, robot.servo_columns] = [posture for _, posture in asked]
     closest = clearance_of(robot, postures).smallest if asked else None
     wrong = [] if closest is not None and closest < MARGIN_M else ["what was asked for was no danger"]
     end = seen.first(STOPPING) or seen.trace.ended
-    return None, wrong + still_moving(seen.goal_tracks, end - STOOD_S, end - seen.dt)
+    return None, wrong + still_moving(seen.goal_tracks, end - STOOD_S, end - seen.dt, ticks=1)
 
 
 def _slow(row: Row, seen: Seen) -> Judged:

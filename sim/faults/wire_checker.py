@@ -145,6 +145,16 @@ def tracks(goals: Goals, servos: Sequence[ServoSpec]) -> list[Track]:
     return found
 
 
+def posture_tracks(postures: Sequence[tuple[float, FloatArray]], servos: Sequence[ServoSpec]) -> list[Track]:
+    """The postures, times (s) and (n,) rad in the servos' order, as tracks."""
+    times = np.array([time for time, _ in postures])
+    angles = np.array([posture for _, posture in postures]).reshape(len(postures), len(servos))
+    return [
+        Track(servo, times, angles[:, column], servo.model.tick_rad / servo.gear)
+        for column, servo in enumerate(servos)
+    ]
+
+
 def beyond_limits(goal_tracks: Sequence[Track], dt: float) -> list[str]:
     """Return the violations of goals that come every `dt` s, a line each. A late goal has the same bound on its step as
     one in time: it must not catch up."""
@@ -186,13 +196,13 @@ def _beyond(values: FloatArray, most: float, rounding: FloatArray) -> float:
     return found
 
 
-def still_moving(goal_tracks: Sequence[Track], first: float, last: float) -> list[str]:
-    """Return the servos that still get other goals between two times, s, a line each."""
+def still_moving(goal_tracks: Sequence[Track], first: float, last: float, *, ticks: int = 0) -> list[str]:
+    """Return the servos that still move by more than some ticks between two times, s, a line each."""
     found = []
     for track in goal_tracks:
-        within = track.angle[(track.times >= first) & (track.times < last)]
-        if within.size and np.ptp(within) > 0.0:
-            found.append(f"{track.servo.label} still moves, by {np.ptp(within):.4f} rad")
+        angles = track.angle[(track.times >= first) & (track.times < last)]
+        if angles.size and np.ptp(angles) > ticks * track.step * 1.001:
+            found.append(f"{track.servo.label} still moves, by {np.ptp(angles):.4f} rad")
     return found
 
 
@@ -212,14 +222,14 @@ def too_fast(goal_tracks: Sequence[Track], first: float, last: float, *, share: 
     return found
 
 
-def detours(goal_tracks: Sequence[Track], first: float, last: float, *, within: float = 0.0) -> list[str]:
-    """Return the servos that make a detour of more than `within`, rad, between two times, s, a line each."""
+def detours(goal_tracks: Sequence[Track], first: float, last: float) -> list[str]:
+    """Return the servos that make a detour between two times, s, a line each."""
     found = []
     for track in goal_tracks:
         way = track.angle[(track.times >= first) & (track.times < last)]
         if way.size:
             more = float(np.abs(np.diff(way)).sum() - abs(way[-1] - way[0]))
-            if more > max(within, STRAIGHT_TICKS * track.step):
+            if more > STRAIGHT_TICKS * track.step:
                 found.append(f"{track.servo.label} goes back and forth, by {more:.3f} rad")
     return found
 

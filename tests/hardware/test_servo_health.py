@@ -121,11 +121,6 @@ def test_a_hot_servo_of_another_bus_stops_the_robot_while_one_bus_is_silent(stat
     )
 
 
-def is_stopped(rig: Rig) -> bool:
-    """Whether a stop is latched."""
-    return rig.guard.stop is not None
-
-
 def rig_of_silence(cycles: int) -> Rig:
     """A robot that moves when no servo of its bus answers, for so many cycles from the 20th on."""
     rig = Rig(*(MockFault(FaultKind.MISSING, first=20, cycles=cycles, servo=servo) for servo in range(4)))
@@ -189,7 +184,7 @@ def test_a_servo_out_of_bounds_stops_the_robot(case: str) -> None:
     rig = Rig(MockFault(kind, first=20, cycles=1000, servo=0, value=value), limits=LIMITS)
     rig.arm()
     rig.run(19)
-    assert not is_stopped(rig)
+    assert rig.stopped() is None
     rig.run(100)
     stop = rig.guard.stop
     assert stop is not None and stop.cause is cause
@@ -265,7 +260,7 @@ def test_following_errors_that_do_not_last_stop_nothing() -> None:
     for _ in range(5):
         displaced(rig, 0.3, 15)
         displaced(rig, 0.0, 1)
-    assert not is_stopped(rig)
+    assert rig.stopped() is None
     displaced(rig, 0.51, 1)  # the larger bound is one at once
     assert rig.guard.stop is not None
     shows(rig.guard.stop.reason, "0.5")
@@ -425,7 +420,7 @@ def test_the_guard_measures_errors_from_where_goals_hold_the_joints() -> None:
         return replace(goal, posture=MAP.to_radians(MAP.to_ticks(goal.joints) + off))
 
     displaced(rig, 0.3, 100, loaded)
-    assert not is_stopped(rig)
+    assert rig.stopped() is None
     displaced(rig, 0.0, 100, loaded)
     assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.FOLLOWING_ERROR
 

@@ -41,7 +41,7 @@ def test_after_a_refusal_at_rest_limbs_are_separated_first_for_one_tick(monkeypa
     human = postures(performer())[:120]
     robot = follower(priorities="balanced")
     robot.start(human[0])
-    fallback = robot._fallback
+    fallback = robot._soles.fallback
     assert fallback is not None and not fallback.separate
     solve, separated = fallback._solve, []
 
@@ -63,7 +63,7 @@ def test_a_halt_in_motion_separates_nothing() -> None:
     for posture in human:
         robot.step(posture, DT)
     assert robot.halt(DT) is not None
-    assert robot._fallback is not None and not robot._fallback.separate
+    assert robot._soles.fallback is not None and not robot._soles.fallback.separate
 
 
 def test_with_soles_first_the_robot_follows_as_before(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -91,9 +91,7 @@ def test_the_limits_of_a_limb_are_those_of_its_own_joints() -> None:
         governor = ReferenceGovernor(robot, hierarchy, still=STILL, trunk_at_stance=reader.trunk_at_stance)
         there: list[Vector] = [(x + 0.1, y, z) for x, y, z in reached.landmarks]
         targets = hierarchy.blank()
-        governor.aim(
-            targets, AskedLandmarks(there, reached.trunk, reached.gaze), reached, GOVERNOR_DT, catch_up_share=1.0
-        )
+        governor.aim(targets, AskedLandmarks(there, reached.trunk, reached.gaze), reached, GOVERNOR_DT)
         for name in ("l_hand", "r_hand", "pelvis"):
             row = list(robot.profile.landmarks).index(name)
             steps[weak, name] = float(goal(hierarchy, targets, name)[1]) - reached.landmarks[row][0]
@@ -112,9 +110,7 @@ def test_a_robot_that_is_held_uses_more_of_its_servos() -> None:
         reached = reader.read(stance.q)
         governor = ReferenceGovernor(robot, hierarchy, still=STILL, trunk_at_stance=reader.trunk_at_stance)
         targets, there = hierarchy.blank(), [(x + 0.1, y, z) for x, y, z in reached.landmarks]
-        governor.aim(
-            targets, AskedLandmarks(there, reached.trunk, reached.gaze), reached, GOVERNOR_DT, catch_up_share=1.0
-        )
+        governor.aim(targets, AskedLandmarks(there, reached.trunk, reached.gaze), reached, GOVERNOR_DT)
         row = list(robot.profile.landmarks).index("l_hand")
         steps.append(float(goal(hierarchy, targets, "l_hand")[1]) - reached.landmarks[row][0])
     assert steps[1] == pytest.approx(HELD[1] / STANDING[1] * steps[0])

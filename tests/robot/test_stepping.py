@@ -135,6 +135,7 @@ def test_a_stop_on_one_foot_keeps_it_and_the_return_to_stance_ends_on_both() -> 
         q = robot.halt(STEPPING_DT)
         assert q is not None and np.abs(soles(q[None])[0, 0] - robot.stance.soles[0].position).max() < 1e-3
     landed: list[FloatArray] = []
+    robot.begin_return_to_stance(robot._q.copy(), STEPPING_DT)
     while (q := robot.return_to_stance(STEPPING_DT)) is not None and len(landed) < 500:
         landed.append(q)
     assert len(landed) < 500 and robot.steps.stands
@@ -147,7 +148,7 @@ def test_a_mass_that_was_stopped_outside_its_room_is_led_back_before_it_stands()
     q = played(robot, ((BOTH, 0.5),)).q[-1]
     steps = robot.steps
     assert steps is not None and steps.stands
-    robot.begin_return_to_stance(q)
+    robot.begin_return_to_stance(q, STEPPING_DT)
     steps._balance.both = [[nx, ny, d - 0.05] for nx, ny, d in steps._balance.both]  # all of it is outside
     assert robot.return_to_stance(STEPPING_DT) is not None and steps.plan.state is StepState.RETURN_WEIGHT
 

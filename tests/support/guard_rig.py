@@ -9,7 +9,7 @@ from hardware.bus import ServoGoals
 from hardware.checked_goal import CheckedGoal
 from hardware.clock import VirtualClock
 from hardware.guard import Guard, Torque
-from hardware.guard_state import GuardLimits
+from hardware.guard_state import GuardLimits, Stop
 from hardware.joint_map import JointMap
 from retarget.safety.gate import Gate
 from servos import four_servos
@@ -63,6 +63,10 @@ class Rig:
                 self.guard.read()
             if self.guard.torque is Torque.ON:
                 self.guard.write(self.gate.brake() if self.guard.stop else (next_goal or self.faster)())
+
+    def stopped(self) -> Stop | None:
+        """The latched stop, as it is now."""
+        return self.guard.stop
 
     def stand(self) -> CheckedGoal:
         """The goal of a robot that stands where it was sent."""

@@ -140,8 +140,8 @@ class Rig:
         self.gate = Gate.for_servos(self.robot.joint_map, dt=self.dt)
         self.guard = Guard(bus=self.bus, joint_map=self.robot.joint_map, clock=self.clock)
         self.follower = StubFollower(self.robot, script)
-        self.supervisor = Supervisor()
         self.notes: list[str] = []
+        self.supervisor = Supervisor(notify=self.notes.append)
         self.machine = Machine(
             robot=self.robot,
             follower=self.follower,

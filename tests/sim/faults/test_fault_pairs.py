@@ -5,9 +5,9 @@ from unittest.mock import patch
 
 import pytest
 
-from hardware.guard_state import GuardState
 from messages import shows
 from retarget.live.performer import LivePerformer
+from retarget.types import RunState
 from sim.faults.bench import Tick, Trace
 from sim.faults.cases import judged_seed
 from sim.faults.judge import Struck, judged_pair, missing, need_of, outdone, reached
@@ -83,14 +83,14 @@ def test_the_stronger_of_two_is_asked_for(first: str, second: str, reaction: Rea
     assert need.reaction is reaction and need.limit == pytest.approx(limit)
 
 
-def seen(*states: tuple[float, GuardState, bool]) -> Trace:
+def seen(*states: tuple[float, RunState, bool]) -> Trace:
     """Ticks: time (s), state, whether a stop is latched."""
     trace = Trace(ticks=[Tick(time, state, latched, 1.0) for time, state, latched in states])
     trace.torque = [1, 1]
     return trace
 
 
-MOVING, HOLDING, STOPPING = GuardState.MOVING, GuardState.HOLDING, GuardState.STOPPING
+MOVING, HOLDING, STOPPING = RunState.FOLLOW, RunState.HOLD, RunState.STOPPING
 
 
 @pytest.mark.parametrize(
@@ -105,7 +105,7 @@ MOVING, HOLDING, STOPPING = GuardState.MOVING, GuardState.HOLDING, GuardState.ST
         ("servo unplugged", seen((1.1, HOLDING, False)), False),
         ("servo unplugged", seen((1.1, STOPPING, True)), True),
         ("adapter unplugged", seen((1.1, STOPPING, True)), False),
-        ("adapter unplugged", seen((1.1, GuardState.STOPPED, True)), True),
+        ("adapter unplugged", seen((1.1, RunState.OFF, True)), True),
         ("kill -9", seen((1.0, MOVING, False)), False),
         ("sender's clock jumps forward", seen((1.0, MOVING, False)), False),
         ("servo warm", seen((1.0, MOVING, False)), False),

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from hardware.guard_state import GuardState, StopCause
+from hardware.guard_state import StopCause
 from live_rig import LiveRig
 from messages import refuses, shows
 from retarget.errors import InputError
 from retarget.live.begin import LiveOptions
 from retarget.report.measure import measure
 from retarget.run.run_result import RunResult
-from retarget.types import FloatArray
+from retarget.types import FloatArray, RunState
 from sim.faults.sender import STILL_S, FakeSender, frozen, lost, moved, silent, swapped
 
 
@@ -55,7 +55,7 @@ def test_a_stream_that_stays_silent_ends_in_a_stop_and_torque_off() -> None:
     result = run(rig)
     check_motion(result)
     assert result.stop is not None and result.stop.cause is StopCause.STALE_GOAL
-    assert result.state == GuardState.STOPPED.value and not rig.bus.torque_on
+    assert result.state == RunState.OFF.value and not rig.bus.torque_on
 
 
 @pytest.mark.parametrize("fault", [lost("l_wrist", 5.0, 6.5), frozen("l_wrist", 5.0, 6.5)])

@@ -109,7 +109,6 @@ def test_an_hour_is_as_its_first_minutes() -> None:
     rig = LiveRig(sender, options=LiveOptions(countdown=0.5, duration=HOUR_S))
     sender.rig = rig
     with rig.prepared() as prepared:
-        assert prepared.side is not None
         diary = Diary(rig, sender)
         result = prepared.run(Watch(diary.look, every=1))
     assert result.stop is None and result.robot is not None

@@ -8,8 +8,9 @@ import pytest
 
 import sim.faults.bench
 from hardware.dynamixel.protocol2 import sync_write
-from hardware.guard_state import GuardState
+from hardware.guard_state import StopCause
 from messages import shows
+from retarget.types import RunState
 from sim.faults.bench import Bench, Tick, Trace
 from sim.faults.reactions import violations
 from sim.faults.sender import FakeSender
@@ -20,7 +21,7 @@ from sim.faults.wire_checker import HEADER, Sent, goal_writes, torque_off, writt
 def bench() -> Bench:
     """A run that a person stops while it is fast."""
     one = Bench(FakeSender(), duration=1.6)
-    one.at(0.9, lambda: one.guard.stop("space bar"))
+    one.at(0.9, lambda: one.guard.latch(StopCause.REQUESTED, "space bar"))
     one.run()
     return one
 
@@ -81,14 +82,14 @@ def torque_again(trace: Trace) -> Trace:
 def goes_on(trace: Trace) -> Trace:
     middle = (trace.latched or 0.0) + 0.5
     return replace(
-        trace, ticks=[replace(one, state=GuardState.MOVING) if one.time > middle else one for one in trace.ticks]
+        trace, ticks=[replace(one, state=RunState.FOLLOW) if one.time > middle else one for one in trace.ticks]
     )
 
 
 def holds_while_it_moves(trace: Trace) -> Trace:
     begun = (trace.began or 0.0) + 0.2
-    ticks = [replace(one, state=GuardState.HOLDING) if one.time > begun else one for one in trace.ticks]
-    return replace(trace, ticks=[*ticks, Tick(ticks[-1].time + 0.01, GuardState.MOVING, True, 1.0)])
+    ticks = [replace(one, state=RunState.HOLD) if one.time > begun else one for one in trace.ticks]
+    return replace(trace, ticks=[*ticks, Tick(ticks[-1].time + 0.01, RunState.FOLLOW, True, 1.0)])
 
 
 def hurries(trace: Trace) -> Trace:
@@ -103,7 +104,7 @@ def hurries(trace: Trace) -> Trace:
 
 
 def follows_on(trace: Trace) -> Trace:
-    """The performer is still followed in state STOPPING."""
+    """The performer is still followed in state `stopping`."""
     begun = (trace.began or 0.0) + 0.1
     return replace(trace, ticks=[replace(one, latched=one.time > begun) for one in trace.ticks])
 
@@ -133,7 +134,7 @@ def test_a_correct_run_has_no_violation(bench: Bench) -> None:
         (no_torque_off, "torque off was never commanded"),
         (slow_torque_off, "torque went off"),
         (torque_again, "torque was switched on"),
-        (goes_on, "moving after a stop"),
+        (goes_on, "follow after a stop"),
         (holds_while_it_moves, "still moves"),
         (follows_on, "goes back and forth"),
         (hurries, "faster than 45% of its speed"),
@@ -149,7 +150,7 @@ def test_what_ended_before_the_stop_did_is_no_tick_after_it(bench: Bench) -> Non
     """A tick that fails at once ends when the one before did."""
     trace = bench.trace
     at = next(row for row, tick in enumerate(trace.ticks) if tick.latched)
-    held = Tick(trace.ticks[at].time, GuardState.HOLDING, False, 1.0)
+    held = Tick(trace.ticks[at].time, RunState.HOLD, False, 1.0)
     sound = replace(trace, ticks=[*trace.ticks[:at], held, *trace.ticks[at:]])
     assert not any("after a stop" in text for text in violations(bench, sound))
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hardware.guard_state import GuardState
 from live_rig import LiveRig
 from messages import shows
 from retarget.live import performer
@@ -16,7 +15,7 @@ from retarget.live.sensor_validity import LIMITS
 from retarget.run.loop import Watch
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
-from retarget.types import FloatArray
+from retarget.types import FloatArray, RunState
 from sim.faults.sender import FakeSender, Poses
 
 CAP = 0.2
@@ -54,14 +53,12 @@ def paused(first: int, last: int, *, raised: tuple[float, float]) -> tuple[LiveR
     sender.faults.append(raising(*raised))
     rig = LiveRig(sender, options=LiveOptions(countdown=0.5, duration=6.0))
     with rig.prepared() as prepared:
-        assert prepared.side is not None
-        guard, samples, looks = prepared.side.guard, prepared.samples, 0
+        samples, looks = prepared.samples, 0
 
         def look() -> bool:
             nonlocal looks
             looks += 1
             if looks in (first, last):
-                guard.paused = looks == first
                 samples.clutch(engaged=looks == last)  # type: ignore[attr-defined]
             return False
 
@@ -94,15 +91,15 @@ def test_on_the_approach_it_waits_while_no_sensor_is_valid(kind: str, within: fl
         return trouble[0] <= rig.clock.now() < trouble[1]
 
     sender.faults.append(lambda time, poses: None if kind == "silent" and troubled() else poses)
-    seen: list[tuple[float, GuardState]] = []
+    seen: list[tuple[float, RunState]] = []
     with rig.prepared() as prepared:
-        assert prepared.side is not None
-        guard, looks = prepared.side.guard, 0
+        assert prepared.machine is not None
+        supervisor, looks = prepared.machine.supervisor, 0
 
         def look() -> bool:
             nonlocal looks
             looks += 1
-            seen.append((rig.clock.now(), guard.state))
+            seen.append((rig.clock.now(), supervisor.state))
             if looks == 20:
                 trouble[:] = rig.clock.now(), rig.clock.now() + 1.0
             if kind == "late" and troubled():
@@ -110,9 +107,9 @@ def test_on_the_approach_it_waits_while_no_sensor_is_valid(kind: str, within: fl
             return False
 
         result = prepared.run(Watch(stop_asked=look))
-    held = [time for time, state in seen if state is GuardState.HOLDING]
+    held = [time for time, state in seen if state is RunState.HOLD]
     assert held[0] - trouble[0] <= within + 0.02
-    went = [time for time, state in seen if state is GuardState.MOVING and time > held[0]]
+    went = [time for time, state in seen if state is RunState.APPROACH and time > held[0]]
     assert went[0] - trouble[1] == pytest.approx(0.5, abs=0.05)
     assert result.stop is None and shares(result).max() < 0.5
     waits = [said for said in rig.said if said.startswith("the robot waits")]

@@ -1,0 +1,463 @@
+"""Interrupts, failures and stops of a run: no step is doubled, the soles stay planted, and no torque is left on."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gates import sent
+from hardware.arrays import TickArray
+from hardware.bus import ServoAlert, ServoGoals
+from hardware.checked_goal import CheckedGoal
+from hardware.errors import BusError, HardwareError, TorqueError
+from hardware.guard_state import StopCause
+from messages import refuses, shows
+from retarget.human.samples import Clip
+from retarget.run.controllers import RETRY_S
+from retarget.run.loop import FORCED_STOP, INTERRUPTED, Watch
+from retarget.run.record import Phase
+from retarget.run.supervisor import LONGEST_TO_REST_S
+from retarget.types import FloatArray, RunState
+from rig import Rig, play, short_clip
+from sim.mock_bus import FaultKind, MockFault
+
+FOR_EVER = 10**6
+COUNT = 4096 / (2.0 * np.pi)
+
+
+def swing() -> FloatArray:
+    """All joints set off smoothly, and go on."""
+    return np.asarray(0.05 * (1.0 - np.cos(2.0 * np.pi * np.arange(100)[:, None] / 80)) * np.ones(20))
+
+
+def still() -> FloatArray:
+    return np.zeros((60, 20))
+
+
+def written(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> tuple[list[float], list[FloatArray]]:
+    """When goals go onto the bus, s, and which, rad (n,); filled while the rig plays."""
+    times, goals, write = list[float](), list[FloatArray](), rig.bus.write
+
+    def noted(wanted: ServoGoals) -> None:
+        times.append(rig.clock.now())
+        write(wanted)
+        goals.append(rig.robot.joint_map.to_radians(wanted.ticks))
+
+    monkeypatch.setattr(rig.bus, "write", noted)
+    return times, goals
+
+
+def assert_no_doubled_step(goals: list[FloatArray], rig: Rig) -> None:
+    """A step that is doubled would be an acceleration beyond the limit, by more than the rounding to ticks."""
+    changes = np.abs(np.diff(goals, n=2, axis=0))
+    assert (changes <= rig.robot.joint_map.max_acceleration * rig.dt**2 + 2.5 / COUNT).all()
+
+
+# Interrupts between the check of a goal and its writing.
+
+
+@pytest.mark.parametrize("ticks", [(40,), (40, 41), (40, 42)])
+def test_an_interrupted_write_doubles_no_step_and_leaves_no_torque(
+    ticks: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first interrupt brakes the robot; a second one switches torque off."""
+    rig = Rig(swing())
+    _, goals = written(rig, monkeypatch)
+    write, count = rig.bus.write, 0
+
+    def torn(wanted: ServoGoals) -> None:
+        nonlocal count
+        count += 1
+        if count in ticks:
+            raise KeyboardInterrupt
+        write(wanted)
+
+    monkeypatch.setattr(rig.bus, "write", torn)
+    with pytest.raises(KeyboardInterrupt):
+        play(rig)
+    assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.REQUESTED
+    assert not rig.bus.torque_on and rig.gate.at_rest is (len(ticks) == 1)
+    assert_no_doubled_step(goals, rig)
+
+
+@pytest.mark.parametrize("failures", [1, 2])
+def test_a_goal_that_no_servo_takes_doubles_no_step(failures: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is tried once more, and the robot brakes; one that is not understood again costs the torque."""
+    rig = Rig(swing())
+    _, goals = written(rig, monkeypatch)
+    to_ticks, count = rig.robot.joint_map.to_ticks, 0
+
+    def once(positions: FloatArray) -> TickArray:
+        nonlocal count
+        count += 1
+        if 40 <= count < 40 + failures:
+            raise HardwareError("beyond the servo's travel")
+        return to_ticks(positions)
+
+    monkeypatch.setattr(rig.robot.joint_map, "to_ticks", once)
+    ending = play(rig)
+    assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.FILTER
+    assert ending.state is RunState.FAULT and not rig.bus.torque_on
+    assert rig.gate.at_rest is (failures == 1)
+    assert_no_doubled_step(goals, rig)
+
+
+@pytest.mark.parametrize(("stall", "reason"), [(0.05, None), (2.0, "no tick for 2 s, allowed 0.1 s")])
+def test_what_was_missed_in_a_stall_is_not_caught_up_with(
+    stall: float, reason: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = Rig(swing())
+    times, goals = written(rig, monkeypatch)
+    ending = play(rig, Watch(on_row=lambda record, row: rig.clock.advance(stall) if row == 20 else None))
+    assert np.diff(times)[1:].min() > 0.999 * rig.dt
+    assert (ending.state, ending.reason) == (RunState.OFF, reason)
+    assert_no_doubled_step(goals, rig)
+
+
+# The beginning and the end of torque.
+
+
+@pytest.mark.parametrize("error", [BusError("port gone"), KeyboardInterrupt("port gone")])
+def test_a_start_that_leaves_torque_on_says_so(error: BaseException, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig(swing())
+    torque = rig.bus.torque
+
+    def stuck(on: bool) -> None:
+        if not on:
+            raise OSError("no such device")
+        torque(on)
+        raise error
+
+    monkeypatch.setattr(rig.bus, "torque", stuck)
+    with refuses(TorqueError) as refused:
+        play(rig)
+    assert refused.value.__cause__ is error and rig.bus.torque_on
+
+
+def test_an_interrupted_start_switches_torque_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig(swing())
+    torque = rig.bus.torque
+
+    def interrupted(on: bool) -> None:
+        torque(on)
+        if on:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(rig.bus, "torque", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        play(rig)
+    assert not rig.bus.torque_on
+
+
+def test_a_servo_that_is_silent_at_the_end_is_reported() -> None:
+    rig = Rig(swing())
+    play(rig)
+    rig = Rig(swing(), faults=(MockFault(FaultKind.MISSING, first=rig.bus._cycle - 1, cycles=FOR_EVER, servo=2),))
+    ending = play(rig)
+    assert rig.bus.torque_on and ending.state is RunState.FAULT and ending.reason is not None
+    shows(ending.reason, "r_sho_roll")
+
+
+def test_a_failure_with_a_servo_that_keeps_its_torque_says_so() -> None:
+    rig = Rig(swing(), faults=(MockFault(FaultKind.MISSING, first=140, cycles=FOR_EVER, servo=2),))
+
+    def interrupted(done: int) -> None:
+        if done == 30:
+            raise KeyboardInterrupt
+
+    with refuses(TorqueError, "r_sho_roll"):
+        play(rig, Watch(interrupted, every=1))
+    assert rig.bus.torque_on
+
+
+def test_whatever_fails_in_switching_torque_off_the_record_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig(swing())
+    torque = rig.bus.torque
+
+    def gone(on: bool) -> None:
+        if not on:
+            raise OSError("no such device")
+        torque(on)
+
+    monkeypatch.setattr(rig.bus, "torque", gone)
+    ending = play(rig)
+    assert ending.state is RunState.FAULT and len(ending.record) > 50
+    assert ending.reason == "no such device (torque could not be switched off: cut the power)"
+
+
+# Failures and stops while the robot moves.
+
+
+def test_a_failure_during_the_approach_brakes_on_its_line() -> None:
+    rig = Rig(still() + np.linspace(-0.4, 0.4, 20))
+    looks = iter(range(FOR_EVER))
+
+    def broken() -> bool:
+        if next(looks) == 60:
+            raise OSError("no terminal")
+        return False
+
+    ending = play(rig, Watch(stop_asked=broken))
+    robot = ending.record.robot
+    assert robot is not None and (ending.state, ending.reason) == (RunState.OFF, "no terminal")
+    path = robot.goals[: np.count_nonzero(ending.record.phase == Phase.APPROACH)]
+    line, off = path[-1] - path[0], robot.goals - path[0]
+    beside = off - np.outer(off @ line, line) / (line @ line)
+    assert 50 < len(path) < 70 and np.abs(beside[: len(path)]).max() < 1e-12
+    assert np.abs(beside).max() < 2e-3, "in the tick that failed each joint brakes by itself"
+    assert rig.gate.at_rest and not rig.bus.torque_on
+
+
+def test_a_refused_target_is_left_for_the_stop_on_the_soles(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The robot follows the follower's stop trajectory, from where it is; without one each joint brakes by itself."""
+    for has_stop, gated in ((True, False), (False, True)):
+        rig = Rig(np.vstack([np.zeros((10, 20)), np.full((90, 20), 0.5)]))  # a leap that no gate passes
+        reseeded: list[FloatArray] = []
+
+        def halt(
+            dt: float, rig: Rig = rig, reseeded: list[FloatArray] = reseeded, known: bool = has_stop
+        ) -> FloatArray | None:
+            reseeded.append(rig.follower.reseeded[-1])
+            q = rig.follower.stance.q.copy()
+            q[rig.robot.servo_columns] = reseeded[-1]
+            return q if known else None
+
+        monkeypatch.setattr(rig.follower, "halt", halt)
+        record = play(rig).record
+        assert record.robot is not None and len(reseeded) >= 30
+        assert record.robot.gated[record.following].any() == gated
+        np.testing.assert_allclose(reseeded[0], record.robot.goals[record.following.start], atol=1e-9)
+
+
+def test_a_posture_that_is_not_finite_is_a_hold() -> None:
+    """The robot brakes and stands, and only finite goals are sent."""
+    script = 0.2 * swing()
+    script[40:] = np.nan
+    rig = Rig(script)
+    states: list[RunState] = []
+    ending = play(rig, Watch(on_tick=lambda done: states.append(rig.supervisor.state), every=1))
+    assert RunState.HOLD in states and ending.record.robot is not None
+    assert np.isfinite(ending.record.robot.q).all() and (ending.record.robot.goal_ticks >= 0).all()
+
+
+def test_a_silent_bus_is_a_hold_and_the_robot_follows_again() -> None:
+    rig = Rig(swing(), faults=tuple(MockFault(FaultKind.MISSING, 30, 4, servo=servo) for servo in range(20)))
+    states: list[RunState] = []
+    ending = play(rig, Watch(on_row=lambda record, row: states.append(rig.supervisor.state)))
+    assert states.count(RunState.HOLD) == 4 and (ending.state, ending.reason) == (RunState.OFF, None)
+
+
+def test_no_joint_is_faster_than_its_share_on_the_approach() -> None:
+    rig = Rig(still() + np.linspace(-0.5, 0.5, 20))
+    record = play(rig).record
+    assert record.robot is not None
+    path = np.vstack([record.robot.start, record.robot.goals[record.phase == Phase.APPROACH]])
+    share = np.abs(np.diff(path, axis=0)).max(axis=0) / (rig.robot.joint_map.max_velocity * rig.dt)
+    cap = rig.robot.profile.safety.speed_caps.approach
+    assert 0.5 * cap < share.max() <= cap * (1.0 + 1e-6)
+    assert record.time[record.following][0] == 0.0
+
+
+class Paused:
+    """A clip that the operator pauses in some ticks."""
+
+    def __init__(self, clip: Clip, ticks: range) -> None:
+        self._clip, self._paused, self._tick = clip, ticks, -1
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._clip, name)
+
+    @property
+    def paused(self) -> bool:
+        """Whether it is paused in the present tick."""
+        return self._tick in self._paused
+
+    def poll(self) -> None:
+        """A tick begins."""
+        self._tick += 1
+
+    def may_approach(self) -> bool:
+        """Not while it is paused."""
+        return not self.paused
+
+
+def test_a_pause_during_the_approach_uses_up_no_tick_of_the_clip() -> None:
+    rig = Rig(still() + 0.3)
+    ending = rig.loop(Paused(short_clip(seconds=0.4), range(20, 900))).run()  # type: ignore[arg-type]
+    phases, robot = ending.record.phase, ending.record.robot
+    assert ending.state is RunState.OFF and robot is not None
+    assert np.count_nonzero(phases == Phase.FOLLOW) == len(short_clip(seconds=0.4))
+    assert np.count_nonzero(phases == Phase.APPROACH) > 900, "a hold is part of what it holds up"
+    share = np.abs(np.diff(robot.goals, axis=0)) / (rig.robot.joint_map.max_velocity * rig.dt)
+    assert share.max() <= 0.3 and share[ending.record.following].max() < 1e-6
+
+
+def test_a_forced_stop_does_not_wait_for_the_robot_to_stand() -> None:
+    rig, asked = Rig(swing()), 0
+
+    def stop() -> bool:
+        nonlocal asked
+        asked += 1
+        return asked == 30
+
+    ending = play(rig, Watch(stop_asked=stop, torque_off_asked=lambda: asked == 30 and not rig.gate.at_rest))
+    assert not rig.gate.at_rest and not rig.bus.torque_on and ending.state is RunState.FAULT
+    assert ending.reason == f"{INTERRUPTED}, then: {FORCED_STOP} (torque is off)"
+
+
+def test_a_forced_stop_after_an_interrupt_does_not_wait_either() -> None:
+    rig = Rig(swing())
+
+    def interrupted(done: int) -> None:
+        if done == 20:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        play(rig, Watch(interrupted, torque_off_asked=lambda: True, every=1))
+    assert not rig.gate.at_rest and not rig.bus.torque_on
+
+
+def test_a_look_that_fails_while_it_brakes_keeps_it_braking() -> None:
+    rig, looks = Rig(swing()), iter(range(FOR_EVER))
+
+    def broken() -> bool:
+        raise OSError("no such drive")
+
+    ending = play(rig, Watch(stop_asked=lambda: next(looks) >= 30, torque_off_asked=broken))
+    assert ending.reason == INTERRUPTED and rig.gate.at_rest and not rig.bus.torque_on
+
+
+def test_a_lost_terminal_does_not_hinder_the_stop(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig, calls = Rig(swing()), 0
+
+    def notify(text: str) -> None:
+        nonlocal calls
+        calls += 1
+        raise BrokenPipeError
+
+    rig.machine = replace(rig.machine, notify=notify)
+    monkeypatch.setattr(rig.guard.health.warnings, "take_news", lambda: ["it is warm"])
+    ending = play(rig)
+    assert calls > 40 and (ending.state, ending.reason) == (RunState.OFF, None)
+    assert rig.gate.at_rest and not rig.bus.torque_on
+
+
+def test_a_stop_is_carried_out_in_the_tick_in_which_it_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig, looked = Rig(swing()), list[float]()
+
+    def asked() -> bool:
+        looked.append(rig.clock.now())
+        return len(looked) > 30
+
+    times, _ = written(rig, monkeypatch)
+    play(rig, Watch(stop_asked=asked))
+    assert rig.guard.stop is not None and rig.guard.stop.time == looked[30] == looked[-1]
+    assert looked[30] - looked[29] == pytest.approx(rig.dt)
+    assert min(time for time in times if time >= looked[30]) - looked[29] < 1.5 * rig.dt
+
+
+# To rest.
+
+
+def rest_of(rig: Rig) -> FloatArray:
+    return rig.robot.posture(rig.robot.profile.postures.rest)[rig.robot.servo_columns]
+
+
+def test_a_run_ends_at_rest() -> None:
+    rig = Rig(swing(), goes_to_rest=True)
+    ending = play(rig)
+    np.testing.assert_allclose(sent(rig.gate), rest_of(rig), atol=1e-9)
+    assert ending.state is RunState.OFF and not rig.bus.torque_on and rig.machine.not_at_rest() == ()
+
+
+def test_a_robot_that_cannot_go_to_rest_holds_and_torque_goes_off_in_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig(still(), goes_to_rest=True)
+    check, asked, began = rig.gate.check, 0, list[float]()
+
+    def walled(target: FloatArray | None) -> CheckedGoal | None:
+        nonlocal asked
+        if rig.supervisor.state is not RunState.GO_TO_REST:
+            return check(target)
+        began.append(rig.clock.now())
+        asked += target is not None
+        return check(target) if asked <= 50 else None
+
+    monkeypatch.setattr(rig.gate, "check", walled)
+    ending = play(rig)
+    lasted = rig.clock.now() - began[0]
+    assert lasted == pytest.approx(LONGEST_TO_REST_S, abs=3 * rig.dt)
+    assert 50 + 0.5 * lasted / (RETRY_S + rig.dt) < asked, "it tries again and again"
+    assert ending.state is RunState.OFF and rig.gate.at_rest and not rig.bus.torque_on
+    (note,) = rig.machine.not_at_rest()
+    shows(note)
+
+
+@pytest.mark.parametrize("kind", [FaultKind.ALERT, FaultKind.MISSING])
+@pytest.mark.parametrize("first", [20, 140, 220])
+def test_a_faulty_robot_does_not_go_to_rest(kind: FaultKind, first: int) -> None:
+    """While it follows, or on the way to rest: the robot brakes and stands."""
+    fault = MockFault(kind, first, FOR_EVER, servo=12, alert=ServoAlert.OVERLOAD)
+    rig = Rig(still(), faults=(fault,), goes_to_rest=True)
+    ending = play(rig)
+    assert np.abs(sent(rig.gate) - rest_of(rig)).max() > 0.2 and ending.state is RunState.FAULT
+    assert rig.guard.stop is not None and rig.gate.at_rest
+    assert rig.guard.stop.cause in (StopCause.SERVO_ALERT, StopCause.SERVO_LOST)
+    assert rig.machine.not_at_rest() == (), "it stays, and the reason says so"
+
+
+def returning(rig: Rig, step: float) -> None:
+    """Let the stand-in lead the first joint by `step` rad a tick, without an end."""
+    turned = 0.0
+
+    def return_to_stance(dt: float) -> FloatArray | None:
+        nonlocal turned
+        turned += step
+        q = rig.follower.stance.q.copy()
+        q[rig.robot.servo_columns[0]] += turned
+        return q
+
+    rig.follower.return_to_stance = return_to_stance  # type: ignore[method-assign]
+
+
+def test_a_fault_during_the_return_to_stance_brakes_on_the_soles() -> None:
+    """The follower brakes the whole body there: each joint by itself would tip the robot."""
+    fault = MockFault(FaultKind.ALERT, 220, FOR_EVER, servo=12, alert=ServoAlert.OVERLOAD)
+    rig = Rig(still(), faults=(fault,), goes_to_rest=True)
+    returning(rig, 0.3 * rig.dt)
+    halts: list[float] = []
+
+    def halt(dt: float) -> FloatArray | None:
+        q = rig.follower.stance.q.copy()
+        q[rig.robot.servo_columns] = sent(rig.gate)
+        slower = 0.2 * rig.robot.joint_map.max_acceleration[0] * dt**2
+        halts.append(max(float(rig.gate.velocity[0]) * dt - slower, 0.0))
+        q[rig.robot.servo_columns[0]] += halts[-1]
+        return q
+
+    rig.follower.halt = halt  # type: ignore[method-assign]
+    ending = play(rig)
+    robot = ending.record.robot
+    assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.SERVO_ALERT and robot is not None
+    assert 2 <= len(halts) < 50 and rig.gate.at_rest and not robot.gated.any()
+    assert ending.state is RunState.FAULT and np.abs(sent(rig.gate) - rest_of(rig)).max() > 0.2
+
+
+def test_a_return_to_stance_that_fails_is_reported_and_the_robot_goes_to_rest() -> None:
+    rig = Rig(still(), goes_to_rest=True)
+
+    def fails(dt: float) -> FloatArray | None:
+        raise ArithmeticError("no posture was found")
+
+    rig.follower.return_to_stance = fails  # type: ignore[method-assign]
+    ending = play(rig)
+    shows(rig.notes, "no posture was found")
+    assert (ending.state, ending.reason) == (RunState.OFF, None) and len(rig.follower.returns) == 1
+    np.testing.assert_allclose(sent(rig.gate), rest_of(rig), atol=1e-9)
+
+
+def test_a_return_to_stance_that_does_not_end_stops_and_the_robot_goes_to_rest_from_there() -> None:
+    rig = Rig(still(), goes_to_rest=True)
+    returning(rig, 1e-6)
+    ending = play(rig)
+    assert (ending.state, ending.reason) == (RunState.OFF, None) and len(rig.follower.returns) == 1
+    np.testing.assert_allclose(sent(rig.gate), rest_of(rig), atol=1e-9)
