@@ -1,6 +1,7 @@
 """Faults in the servo states: each brakes the robot, with a reason that names the servo. Also warnings and buses."""
 
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from math import inf
 
@@ -120,11 +121,6 @@ def test_a_hot_servo_of_another_bus_stops_the_robot_while_one_bus_is_silent(stat
     )
 
 
-def is_stopped(rig: Rig) -> bool:
-    """Whether a stop is latched."""
-    return rig.guard.stop is not None
-
-
 def rig_of_silence(cycles: int) -> Rig:
     """A robot that moves when no servo of its bus answers, for so many cycles from the 20th on."""
     rig = Rig(*(MockFault(FaultKind.MISSING, first=20, cycles=cycles, servo=servo) for servo in range(4)))
@@ -188,7 +184,7 @@ def test_a_servo_out_of_bounds_stops_the_robot(case: str) -> None:
     rig = Rig(MockFault(kind, first=20, cycles=1000, servo=0, value=value), limits=LIMITS)
     rig.arm()
     rig.run(19)
-    assert not is_stopped(rig)
+    assert rig.stopped() is None
     rig.run(100)
     stop = rig.guard.stop
     assert stop is not None and stop.cause is cause
@@ -230,7 +226,7 @@ def test_a_silent_servo_is_lost_and_not_far_from_its_goal() -> None:
 SUSTAINED = GuardLimits(max_age=0.1, following_error=0.5, sustained_error=0.2, sustained_time=0.2)
 
 
-def displaced(rig: Rig, by: float, ticks: int) -> None:
+def displaced(rig: Rig, by: float, ticks: int, goal: Callable[[], CheckedGoal] | None = None) -> None:
     """Ticks in which the first servo is `by` rad off its goal, which stands."""
     read = rig.bus.read
 
@@ -242,7 +238,7 @@ def displaced(rig: Rig, by: float, ticks: int) -> None:
 
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(rig.bus, "read", off)
-        rig.run(ticks, rig.stand)
+        rig.run(ticks, goal or rig.stand)
 
 
 @pytest.mark.parametrize(("by", "ticks", "stopped"), [(0.21, 21, True), (0.21, 19, False), (0.19, 200, False)])
@@ -264,7 +260,7 @@ def test_following_errors_that_do_not_last_stop_nothing() -> None:
     for _ in range(5):
         displaced(rig, 0.3, 15)
         displaced(rig, 0.0, 1)
-    assert not is_stopped(rig)
+    assert rig.stopped() is None
     displaced(rig, 0.51, 1)  # the larger bound is one at once
     assert rig.guard.stop is not None
     shows(rig.guard.stop.reason, "0.5")
@@ -412,6 +408,21 @@ def test_what_a_load_explains_is_no_fault() -> None:
         fault = ServoHealth(joint_map, LIMITS).check(states, sent, held)
         assert fault is not None
         shows(fault.reason, "0.50")
+
+
+def test_the_guard_measures_errors_from_where_goals_hold_the_joints() -> None:
+    rig = Rig(limits=SUSTAINED)
+    rig.arm()
+    off = np.array([round(0.3 / float(MAP.tick_rad[0])), 0, 0, 0])
+
+    def loaded() -> CheckedGoal:
+        goal = rig.stand()
+        return replace(goal, posture=MAP.to_radians(MAP.to_ticks(goal.joints) + off))
+
+    displaced(rig, 0.3, 100, loaded)
+    assert rig.stopped() is None
+    displaced(rig, 0.0, 100, loaded)
+    assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.FOLLOWING_ERROR
 
 
 def test_values_missing_from_some_servos_suppress_no_warning_of_others() -> None:
