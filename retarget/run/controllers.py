@@ -141,6 +141,11 @@ class SlowMove:
             self._moves = moves
 
     @property
+    def is_refused(self) -> bool:
+        """Whether the gate has refused this move a moment ago."""
+        return not self._follows and self._commanded.waited_s < RETRY_S
+
+    @property
     def _follows(self) -> bool:
         """Whether the robot was commanded as this move asked."""
         return np.array_equal(self._moves.position, self._commanded.joints)
@@ -169,6 +174,11 @@ class Approach:
         self._columns, self._commanded = robot.servo_columns, commanded
         self._move = SlowMove(robot, commanded, share=self._share, dt=dt)
         self.part = ApproachPart.STRAIGHT
+
+    @property
+    def is_refused(self) -> bool:
+        """Whether the gate refuses the straight part: then the robot holds, and tries again after a moment."""
+        return self.part is ApproachPart.STRAIGHT and self._move.is_refused
 
     @property
     def arrived(self) -> bool:

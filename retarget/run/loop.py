@@ -208,6 +208,8 @@ class Loop:
             goal, target = motion.check(state, target)
         self._write(goal, target)
         self._keep(state, goal, target)
+        if state in AT_RISK and self._tick > 0 and self._tick % self._watch.every == 1 % self._watch.every:
+            self._watch.on_tick(self._tick)
 
     def _brake(self) -> None:
         """Go on braking in a tick that has failed, each joint by itself."""
@@ -287,15 +289,15 @@ class Loop:
         else:
             if self._tick == samples.kept:
                 self._recorder.close()
-            if self._tick % self._watch.every == 0:
-                self._watch.on_tick(self._tick + 1)
             self._sample = samples.sample(self._tick)
             self._tick += 1
             followable = self._sample is not None
         reason = NOT_FOLLOWABLE.format(samples.hold_reason) if not followable else ""
-        reason = reason or ("the bus is silent" if silent else "no posture found")
+        refused = self._motion.approach.is_refused
+        other = "the gate refuses the approach" if refused else "no posture found"
+        reason = reason or ("the bus is silent" if silent else other)
         lost = self._machine.supervisor.state is RunState.FOLLOW and self._motion.follow.lost
-        followable = followable and not silent and not lost
+        followable = followable and not (silent or lost or refused)
         return replace(situation, followable=followable, hold_reason=reason, paused=samples.paused)
 
     def _unwritten(self) -> CheckedGoal | None:
