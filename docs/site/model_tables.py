@@ -92,7 +92,8 @@ def _written(value: object) -> str:
     if isinstance(value, dict):
         return "`{" + ", ".join(f"{name}: {entry:g}" for name, entry in value.items()) + "}`"
     if isinstance(value, tuple):
-        return "`[" + ", ".join(f"{entry:g}" for entry in value) + "]`" if value else "none"
+        entries = (entry if isinstance(entry, str) else f"{entry:g}" for entry in value)
+        return "`[" + ", ".join(entries) + "]`" if value else "none"
     return f"`{value}`"
 
 

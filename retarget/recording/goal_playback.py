@@ -105,7 +105,7 @@ class RecordedGoals:
     @property
     def done(self) -> bool:
         """Whether the last posture was asked for."""
-        return self._part is PlaybackPart.PLAYING and self._gone >= len(self._joints) - 1
+        return self._part is PlaybackPart.PLAYING and self._gone > len(self._joints) - 1
 
     def start(self, human: "HumanPosture") -> RobotPosture:
         """The first posture."""
@@ -132,9 +132,11 @@ class RecordedGoals:
             if np.array_equal(self._back.position, there):
                 moved = there - self._here
         else:
-            self._gone += self._pace * self._speed_override
+            moved = self._inside(there - self._here)
+            last = len(self._joints) - 1.0
+            on = self._gone + self._pace * self._speed_override
+            self._gone = min(on, last) if self._gone < last else on
             self._pace = min(self._pace + self._dt / REGAIN_S, 1.0)
-            moved = self._inside(self._at(self._gone) - self._here)
         self._here, self._moved = self._here + moved, moved
         return self._posture(self._here)
 

@@ -14,7 +14,7 @@ from retarget.human.samples import Clip, Samples
 from retarget.recording.cycles import READINGS, Asked, Boundary, Done
 from retarget.recording.mcap_writer import MOST_EVENTS, Event, Level, Ring
 from retarget.run.loop import Machine
-from retarget.run.record import Phase, Record
+from retarget.run.record import Record
 from retarget.types import FloatArray, RunState
 
 # What the taps write into: the cycle that runs, its events, and the state of the run.
@@ -40,7 +40,6 @@ class Note:
         self._machine: Machine | None = None
         self._stop: Stop | None = None
         self._state: RunState | None = None
-        self._phase: int = -1
         self._dt = 0.0
         self._names: tuple[str, ...] = ()  # of landmarks
         self._landmarks: list[int] = []  # which of them are asked
@@ -143,9 +142,6 @@ class Note:
         if rows.truth.shape[1]:
             truth = self._truth()
             rows.truth[at] = np.nan if truth is None else truth
-        if record.phase[row] != self._phase:
-            self._phase = int(record.phase[row])
-            self.say("run", Phase(self._phase).name.lower())
 
     def _ask(self, asked: Asked) -> None:
         if self.ring is not None:

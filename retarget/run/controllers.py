@@ -199,7 +199,7 @@ class Approach:
         posture = self._follower.settle(self._human, self._dt)
         if posture is None:
             self.part = ApproachPart.ARRIVED
-            return None
+            return Target(self._commanded.joints, self._commanded.q)
         return Target(posture.q[self._columns], posture.q)
 
     def brake(self) -> Target | None:

@@ -201,8 +201,8 @@ def prepare_for(
         yield human
         return
     dt = human.samples.dt
-    follower, gate, clearance = robot_stage(robot, for_robot, human.human, options, scene, dt=dt)
     bus = make_bus(robot, clock)
+    follower, gate, clearance = robot_stage(robot, for_robot, human.human, options, scene, dt=dt)
     late = not options.simulated if has_deadlines is None else has_deadlines
     limits = _limits(robot, has_deadlines=late)
     guard = Guard(bus=bus, joint_map=robot.joint_map, clock=clock, limits=limits)

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from retarget.run.rest_trajectory import RestTrajectory
 
 from check_helpers import copy_of_op3
 from hardware.clock import VirtualClock
@@ -28,6 +27,7 @@ from retarget.model.robot import RobotBody, load_robot
 from retarget.recording.reading import read_recording
 from retarget.recording.topics import TRUTH
 from retarget.report.measure import limits_broken, measure
+from retarget.run.controllers import GoToRest
 from retarget.report.motion_metrics import LimitViolations
 from retarget.report.outputs import Outputs
 from retarget.run.loop import Watch
@@ -171,11 +171,12 @@ def test_a_fall_at_the_very_end_is_a_stop_too() -> None:
     assert finished(run, Outputs()) == STOPPED
 
 
-def test_a_robot_that_finds_no_rest_trajectory_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    shows(play(options(seconds=0.1)).notes)
-    monkeypatch.setattr(RestTrajectory, "next", lambda self, q, **known: None)
+def test_a_robot_that_does_not_come_to_rest_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert not any(note.startswith("not at rest") for note in play(options(seconds=0.1)).notes)
+    monkeypatch.setattr(GoToRest, "target", lambda self, sample, **known: None)
     run = play(options(seconds=0.1))
     shows(run.notes)
+    assert any(note.startswith("not at rest") for note in run.notes)
 
 
 def test_limits_are_those_of_the_goals_that_were_sent_not_of_postures_beside_them() -> None:

@@ -56,7 +56,7 @@ from retarget.types import FloatArray
 from sim.faults.sender import FakeSender
 
 DT = 0.008
-LET_GO = ((0.6, 1.3), (6.0, 11.4))
+LET_GO = ((2.0, 2.7), (6.0, 11.4))
 SECONDS = 10.0
 
 
@@ -431,8 +431,8 @@ def test_the_space_bar_stops_and_the_robot_goes_to_rest() -> None:
 
 def test_the_space_bar_again_switches_torque_off_at_once() -> None:
     _, once = live_controls_played({500: " "})
-    rig, twice = live_controls_played({500: " ", 640: " "})
-    assert len(twice.record) < 640 < len(once.record) - 80
+    rig, twice = live_controls_played({500: " ", 660: " "})
+    assert len(twice.record) < 660 < len(once.record) - 60
     assert not rig.bus.torque_on and twice.stop is not None
     shows(twice.stop.reason)
 

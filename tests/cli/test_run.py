@@ -164,7 +164,7 @@ def test_a_stream_that_is_over_before_following_begins_is_said(
 ) -> None:
     with pytest.raises(SystemExit) as ended:
         main(["run", "--robot", "op3", "--countdown", "0", "--source", raw(tmp_path / "short.raw", seconds=1.2)])
-    assert ended.value.code == 0
+    assert ended.value.code == 1
     shows(capsys.readouterr().err)
 
 

@@ -138,7 +138,7 @@ def test_every_state_of_a_sensor_has_a_word() -> None:
         (lost("l_ankle", 5.0, 60.0), "l_ankle: lost"),
         (frozen("r_ankle", 5.0, 60.0), "r_ankle: frozen"),
         (flying("l_wrist", 5.0), "not for long enough at a time, at last: l_wrist: jumped"),
-        (now_and_then(5.0, 9.9), "not for long enough at a time, at last: nothing arrived"),
+        (now_and_then(5.0, 8.7), "not for long enough at a time, at last: nothing arrived"),
     ],
 )
 def test_the_hold_reason_is_the_reason_of_the_stop(fault: SenderFault, cause: str) -> None:

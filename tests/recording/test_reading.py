@@ -287,11 +287,11 @@ def test_an_mcap_file_that_is_no_recording_of_ours_is_refused(tmp_path: Path) ->
     ("other", "session", "found"),
     [
         ("1", '{"format": 1, "version": "0.1.0"}', ("format 1", "0.1.0")),
-        ("3", '{"format": 3, "version": "9.9.9"}', ("format 3", "9.9.9")),
-        ("3", "{}", "format 3"),
-        ("3", "[]", "format 3"),
-        ("3", "no JSON", "format 3"),
-        ("3", "[" * 10**6, "format 3"),
+        ("4", '{"format": 4, "version": "9.9.9"}', ("format 4", "9.9.9")),
+        ("4", "{}", "format 4"),
+        ("4", "[]", "format 4"),
+        ("4", "no JSON", "format 4"),
+        ("4", "[" * 10**6, "format 4"),
     ],
     ids=["of 0.1.0", "later", "no version", "no object", "no JSON", "too deep"],
 )

@@ -91,7 +91,7 @@ def test_numpy_and_the_metadata_of_the_topic_are_enough_to_read_it(whole: Record
 def test_events_are_logged(whole: Recorded) -> None:
     texts = read_recording(whole.path).texts
     logged = Counter(texts.values())
-    for wanted in ("torque on", "approach", "follow", "brake", "moving"):
+    for wanted in ("torque on", "approach", "follow", "stopping"):
         assert logged[wanted] == 1, wanted
 
 

@@ -172,8 +172,8 @@ def report() -> Report:
 
 
 def test_the_report_of_a_held_robot(report: Report) -> None:
-    assert 51 < report.ticks < 60 and report.frames == 49
-    assert report.gated_frames == 21 and report.duration_s == pytest.approx(0.4)
+    assert 51 < report.ticks < 180 and report.frames == 49
+    assert report.gated_frames == 21 and report.duration_s == pytest.approx(51 * DT)
     assert (report.limit_violations.position, report.limit_violations.velocity) == (0, 0)
     assert report.limit_violations.acceleration == 0
     assert report.reachable_share is not None and report.reachable_hands_mm is not None
@@ -202,7 +202,7 @@ def swing() -> FloatArray:
 def test_a_run_that_is_cut_while_it_moves_breaks_a_limit() -> None:
     whole, _ = reported(Rig(swing()))
     assert whole.limit_violations.acceleration == 0
-    cut, _ = reported(Rig(swing(), faults=(MockFault(FaultKind.READ_FAILS, first=15, cycles=1000),)))
+    cut, _ = reported(Rig(swing(), faults=(MockFault(FaultKind.READ_FAILS, first=130, cycles=1000),)))
     assert cut.stop.state == "fault" and cut.limit_violations.acceleration > 0
 
 

@@ -62,7 +62,7 @@ def test_rows_are_drawn_and_the_end_is_shown(watched: Watched) -> None:
     for tick in range(60):
         watched.page.show(row(tick))
     assert "FOLLOWING" in watched.letters and "2.36 s" in watched.letters
-    watched.page.show(row(60, state="fault"))
+    watched.page.show(row(60, state="stopped"))
     assert "STOPPED" in watched.letters, "a new state is shown at once"
     watched.page.end("over <b>")
     shows(watched.letters)

@@ -21,7 +21,7 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def run(path: Path) -> RunResult:
-    return recorded(path, robot="op3", stop=150)
+    return recorded(path, robot="op3", stop=400)
 
 
 def test_every_tick_is_as_it_was(path: Path, run: RunResult) -> None:
