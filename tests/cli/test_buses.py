@@ -27,9 +27,9 @@ from retarget.model.robot import RobotBody, load_robot
 from retarget.recording.reading import read_recording
 from retarget.recording.topics import TRUTH
 from retarget.report.measure import limits_broken, measure
-from retarget.run.controllers import GoToRest
 from retarget.report.motion_metrics import LimitViolations
 from retarget.report.outputs import Outputs
+from retarget.run.controllers import GoToRest
 from retarget.run.loop import Watch
 from retarget.run.options import PhysicsOptions, RunOptions
 from retarget.run.prepare import prepare
