@@ -519,7 +519,7 @@ def test_a_refused_goal_is_stopped_on_the_soles_from_where_the_robot_is() -> Non
     ending = play(rig)
     robot = ending.record.robot
     assert (ending.state, ending.reason) == (RunState.OFF, None) and robot is not None
-    assert follower.halts == TICKS - 10 + 1, "and once where the approach is over"
+    assert follower.halts == TICKS - 10
     stood = robot.q[ending.record.following][:, rig.robot.servo_columns]
     assert (stood == follower.stance.q[rig.robot.servo_columns]).all()
 
