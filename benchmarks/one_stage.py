@@ -24,8 +24,7 @@ from retarget.model.human_dimensions import HumanDimensions
 from retarget.model.robot import RobotBody, load_robot
 from retarget.robot.follower import Follower
 from retarget.robot.following_limits import following_limits
-from retarget.robot.landmarks import AskedLandmarks, Facing
-from retarget.robot.posture_reader import RobotReader, robot_frames, robot_postures
+from retarget.robot.landmarks import AskedLandmarks, Facing, RobotReader, robot_frames, robot_postures
 from retarget.robot.reference_governor import ReferenceGovernor
 from retarget.schema.performer import load_performer
 from retarget.schema.priorities import Priorities, load_priorities

@@ -6,19 +6,43 @@ decided by the state machine of the run (`retarget.run.supervisor`), which reads
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import numpy as np
 
 from hardware.arrays import FloatArray, TickArray
 from hardware.bus import ServoBus, ServoGoals, ServoStates
-from hardware.checked_goal import CheckedGoal
 from hardware.clock import Clock
 from hardware.errors import GuardError, describe
 from hardware.guard_state import FAULTLESS, GuardLimits, Stop, StopCategory, StopCause
 from hardware.joint_map import JointMap
 from hardware.servo_health import ServoHealth
+
+
+class _Seal:
+    """One gate's proof that a goal is its own: only `retarget.safety.gate` imports it (tests/test_arrows.py)."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class CheckedGoal:
+    """A goal of one tick. number: counts the goals of a gate, so that none is written twice or late.
+
+    joints (n,): rad, servo order, what is sent. posture (n,): rad, in which these goals hold the joints under their
+    load; the same without deflection compensation. passed: the goal is the target that was checked, not the next
+    posture of the braking trajectory. Raises TypeError when anything but a gate makes one.
+    """
+
+    joints: FloatArray
+    posture: FloatArray
+    passed: bool
+    number: int
+    seal: _Seal = field(repr=False)
+
+    def __post_init__(self) -> None:
+        if type(self.seal) is not _Seal:
+            raise TypeError("a CheckedGoal is made by a gate alone: call Gate.check, Gate.brake or Gate.begin")
+
 
 TORQUE_OFF = " (torque is off)"
 CUT_POWER = " (torque could not be switched off: cut the power)"

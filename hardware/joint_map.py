@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 
-from hardware.arrays import BoolArray, FloatArray, TickArray, all_of
+from hardware.arrays import BoolArray, FloatArray, TickArray
 from hardware.errors import HardwareError, describe
 from hardware.servo import ServoSpec
 
@@ -182,14 +182,14 @@ class JointMap:
         exact = self._zero + self._scale * positions
         if not self._pairs:  # nearly always: inside or not, a tick that is inside is the one
             rounded = np.rint(exact)
-            if all_of(rounded >= self._first_inside) and all_of(rounded <= self._last_inside):
+            if (rounded >= self._first_inside).all() and (rounded <= self._last_inside).all():
                 return rounded.astype(np.int64)
         inside = (positions >= self.lower) & (positions <= self.upper)
         nearest: FloatArray = np.minimum(np.maximum(np.rint(exact), self._first_inside), self._last_inside)
         for pair in self._pairs:
             exact[..., pair.columns] = pair.exact_ticks(positions[..., pair.columns])
             nearest[..., pair.columns] = pair.nearest_ticks(positions[..., pair.columns])
-        if all_of(inside):
+        if inside.all():
             return nearest.astype(np.int64)
         if not np.isfinite(exact).all():
             bad = ~np.isfinite(positions)

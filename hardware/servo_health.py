@@ -10,7 +10,7 @@ from math import inf
 
 import numpy as np
 
-from hardware.arrays import BoolArray, FloatArray, TickArray, all_of
+from hardware.arrays import BoolArray, FloatArray, TickArray
 from hardware.bus import ServoAlert, ServoStates
 from hardware.errors import BusError, GuardError, HardwareError, describe
 from hardware.guard_state import GuardLimits, StopCategory, StopCause
@@ -366,7 +366,7 @@ class BusHealth:
 
     def _quietest(self, states: ServoStates) -> tuple[float, str]:
         """The longest silence of a bus, s, and its name."""
-        if all_of(states.valid):
+        if states.valid.all():
             return 0.0, ""
         ages = ((float(states.age[columns].min()), name) for name, columns in self._columns.items())
         return max(ages, default=(0.0, ""))
@@ -448,7 +448,7 @@ class ServoHealth:
 
     def _aimed(self, sent: TickArray, held: FloatArray) -> TickArray:
         """Ticks (n,) at which the shafts are to be: `held`, or `sent` where both agree within a tick."""
-        if all_of(np.abs(self._joint_map.to_radians(sent) - held) <= self._joint_map.tick_rad):
+        if (np.abs(self._joint_map.to_radians(sent) - held) <= self._joint_map.tick_rad).all():
             return sent
         try:
             return self._joint_map.to_ticks(held)
@@ -467,7 +467,7 @@ class ServoHealth:
             return
         np.logical_not(states.driven, out=seen[Row.LIMP])
         far = np.abs(self._joint_map.turned(self._expected.error(states.time, sent, states.position)))
-        if all_of(states.valid):
+        if states.valid.all():
             seen[Row.FAR] = seen[Row.STILL_FAR] = far
         else:  # the position of a silent servo is out of date: its last known error stays
             known = self._joint_map.known_joints(states.valid)
@@ -477,7 +477,7 @@ class ServoHealth:
         """Whether every value is within its bounds, or of a kind that the bus does not report."""
         seen = self._seen
         inside = (seen >= self._least) & (seen <= self._most)
-        if all_of(inside):
+        if inside.all():
             self._known = self._all_known
             return True
         unknown = np.isnan(seen)

@@ -432,7 +432,7 @@ def along_arc(a: Floats, b: Floats, share: Floats) -> Floats:
 
 @final
 class PoseFilter:
-    """The One-Euro filter on the poses of `count` sensors; see `retarget.live.smoothing`.
+    """The One-Euro filter on the poses of `count` sensors; see `retarget.live.playout`.
 
     position, orientation: (cutoff at rest in Hz, Hz that it rises per m/s or rad/s, cutoff of the speed's own filter in
     Hz), positive; None leaves that part as it is.

@@ -17,8 +17,8 @@ from retarget.human.reconstruction import Reconstructor
 from retarget.human.rest_pose import dimensions_from_rest_pose
 from retarget.human.samples import RATES_HZ, Parts
 from retarget.live.begin import live_rate_hz
-from retarget.live.engagement import Debounce, Engagement
 from retarget.live.performer import base_sensors
+from retarget.live.sensor_validity import Debounce, Engagement
 from retarget.model.human import build_human
 from retarget.model.human_dimensions import HumanDimensions
 from retarget.model.robot import RobotBody, load_robot

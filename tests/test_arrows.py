@@ -87,10 +87,10 @@ def test_folders_import_only_those_below() -> None:
 
 
 def test_only_the_gate_seals_goals() -> None:
-    """`hardware.checked_goal._Seal` is what a `CheckedGoal` cannot be made without."""
+    """`hardware.guard._Seal` is what a `CheckedGoal` cannot be made without."""
     users = [path for path in FILES if path.suffix == ".py" and "_Seal" in path.read_text(encoding="utf-8")]
     places = {path.relative_to(ROOT).as_posix() for path in users}
-    assert places == {"hardware/checked_goal.py", "retarget/safety/gate.py"}
+    assert places == {"hardware/guard.py", "retarget/safety/gate.py"}
 
 
 def test_hardware_takes_no_callbacks_but_of_what_it_says() -> None:

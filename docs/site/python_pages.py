@@ -85,7 +85,7 @@ PAGES = {
             "hardware.bus",
             "hardware.guard",
             "hardware.guard_state",
-            "hardware.checked_goal",
+            "hardware.guard",
             "hardware.clock",
             "hardware.servo",
             "hardware.joint_map",

@@ -8,12 +8,11 @@ from enum import Enum, StrEnum
 
 import numpy as np
 
-from hardware.arrays import TickArray, any_of
+from hardware.arrays import TickArray
 from hardware.bus import BusSpec, ServoGoals, ServoStates
-from hardware.dynamixel.bus_line import BusLine, read_cycle
 from hardware.dynamixel.checks import alert_text
 from hardware.dynamixel.control_table import Register
-from hardware.dynamixel.cyclic import ErrorRate
+from hardware.dynamixel.cyclic import BusLine, ErrorRate, read_cycle
 from hardware.dynamixel.opening import Opening, examine
 from hardware.dynamixel.readings import Readings
 from hardware.dynamixel.serial_port import BytePort
@@ -116,7 +115,7 @@ class DynamixelBus:
         """Send goal positions, one sync write for each port. Raises BusError for ticks that a servo does not have."""
         self._require_open("write")
         ticks = goals.ticks
-        if ticks.shape != self._lowest.shape or any_of(ticks < self._lowest) or any_of(ticks > self._highest):
+        if ticks.shape != self._lowest.shape or (ticks < self._lowest).any() or (ticks > self._highest).any():
             raise BusError(
                 describe(
                     what="goal ticks out of range",

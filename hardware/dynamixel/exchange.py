@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from hardware.dynamixel import protocol1, protocol2
 from hardware.dynamixel.control_table import ControlTable, Register
-from hardware.dynamixel.packets import ALERT, BROADCAST, MAX_ID, Answers, Status, side_by_side
-from hardware.dynamixel.parsers import parser1, parser2, whole_frames, whole_reply
+from hardware.dynamixel.packets import ALERT, BROADCAST, MAX_ID, Status
+from hardware.dynamixel.parsers import Answers, parser1, parser2, side_by_side, whole_frames, whole_reply
 from hardware.dynamixel.protocol2 import BEFORE_PARTS, PART_OVERHEAD, valid_parts
 from hardware.dynamixel.serial_port import BytePort
 

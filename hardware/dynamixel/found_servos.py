@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from hardware.bus import BusSpec
 from hardware.dynamixel import protocol1, protocol2
-from hardware.dynamixel.bus_line import BusLine
 from hardware.dynamixel.control_table import Register
+from hardware.dynamixel.cyclic import BusLine
 from hardware.dynamixel.exchange import Found
 from hardware.dynamixel.line_scan import Sighting, Speed, is_gone
 from hardware.dynamixel.packets import BROADCAST

@@ -3,7 +3,8 @@
 Also quick checks of a complete reply to a group read of protocol 2.0.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from struct import Struct
 from typing import NamedTuple
@@ -11,8 +12,39 @@ from typing import NamedTuple
 from fastcrc.crc16 import umts
 
 from hardware.dynamixel import protocol1, protocol2
-from hardware.dynamixel.packets import ALERT, BROADCAST, STATUS, Answers, Frame
+from hardware.dynamixel.packets import ALERT, BROADCAST, STATUS, Frame, Status
 from hardware.dynamixel.protocol2 import BEFORE_PARTS, PART_OVERHEAD, fast_length, fast_start
+
+
+@dataclass(frozen=True, slots=True)
+class Answers:
+    """Answers of k servos: ids, in the order in which they came; error bytes (k); data, one after the other (k *
+    size)."""
+
+    ids: tuple[int, ...] = ()
+    errors: bytes = b""
+    data: bytes = b""
+
+    def __len__(self) -> int:
+        """Number of servos."""
+        return len(self.ids)
+
+    @property
+    def statuses(self) -> list[Status]:
+        """One by one."""
+        size = len(self.data) // len(self.ids) if self.ids else 0
+        return [
+            Status(device, self.errors[k], self.data[k * size : (k + 1) * size]) for k, device in enumerate(self.ids)
+        ]
+
+
+def side_by_side(statuses: Sequence[Status]) -> Answers:
+    """Answers of equal size."""
+    return Answers(
+        tuple([status.id for status in statuses]),
+        bytes([status.error for status in statuses]),
+        b"".join([status.data for status in statuses]),
+    )
 
 
 class Found(NamedTuple):

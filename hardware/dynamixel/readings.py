@@ -7,7 +7,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hardware.arrays import BoolArray, TickArray, all_of
+from hardware.arrays import BoolArray, TickArray
 from hardware.bus import ServoAlert, ServoStates
 from hardware.dynamixel.control_table import ControlTable
 from hardware.dynamixel.packets import ALERT, Error1
@@ -167,7 +167,7 @@ class Readings:
     @property
     def complete(self) -> bool:
         """Whether all servos have answered in this cycle."""
-        return all_of(self._valid)
+        return bool(self._valid.all())
 
     def states(self, now: float, *, retries: int = 0, error_rate: float = 0.0) -> ServoStates:
         """The states as of `now`, s. They never change later; arrays that stay as they were may be given again.

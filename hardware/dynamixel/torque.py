@@ -5,9 +5,9 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from hardware.dynamixel.bus_line import BusLine
 from hardware.dynamixel.checks import alert_text
 from hardware.dynamixel.control_table import Register
+from hardware.dynamixel.cyclic import BusLine
 from hardware.dynamixel.settings import (
     WAKING,
     Setting,

@@ -18,8 +18,8 @@ from hardware.key_device import KeyDevice
 from hardware.realtime import Scheduling, refuse_scheduling
 from retarget.cli.exit import ForcedStopKey, StopRequest
 from retarget.errors import UsageError, renamed_to
-from retarget.live.engagement import Engaged
 from retarget.live.performer import LivePerformer
+from retarget.live.sensor_validity import Engaged
 from retarget.run.control_socket import ControlSocket
 from retarget.run.loop import Machine
 from retarget.types import Notify, RunState

@@ -37,8 +37,8 @@ from retarget.live.address import StreamAddress, parse_address
 from retarget.live.begin import LiveOptions, begin_live, live_rate_hz
 from retarget.live.open_stream import open_stream
 from retarget.live.performer import LivePerformer
+from retarget.live.playout import LIGHT
 from retarget.live.raw_recording import RawTap
-from retarget.live.smoothing import LIGHT
 from retarget.model.robot import RobotBody
 from retarget.recording.recorder import Recorder
 from retarget.report.measure import measure, measure_latest

@@ -1,20 +1,22 @@
-"""Posture prior: what is natural where no sensor measures it: balance, a crouch by the height of the head, and feet.
+"""Posture prior: what is natural where no sensor measures it: balance, a crouch by the height of the head, feet,
+which of them carry, and where the performer faces.
 
 A standing body is in balance when its centre of mass is over the feet that carry it; the faster it travels, the less
 that holds, so the weight of this goal falls with speed. The speed is that of the feet: a crouch moves the head, and
 changes nothing here.
 """
 
-from collections.abc import Sequence
-from math import exp, hypot
+from collections.abc import Mapping, Sequence
+from math import exp, hypot, sqrt
 
 import numpy as np
 
 from retarget.model.human import Human, PostureReader
 from retarget.model.human_dimensions import FRACTIONS, POINTS, HumanDimensions
-from retarget.schema.priorities import CentreOfMassTask
-from retarget.types import FloatArray
+from retarget.schema.priorities import CentreOfMassTask, HeadingSettings
+from retarget.types import Carrying, FloatArray
 
+Point = Sequence[float]
 Ground = tuple[float, float]
 
 SPEED_SETTLE_S = 0.2
@@ -146,3 +148,204 @@ class VirtualFeet:
         x, y = self._middle
         self.ankles[0] = x + aside[0], y + aside[1], self.ankle_height
         self.ankles[1] = x - aside[0], y - aside[1], self.ankle_height
+
+
+# Support phase, from height and speed of the ankles alone: both feet, left, right, or none in flight.
+#
+# The floor is where carrying feet are: recordings and trackers tilt and drift, so its height is estimated, not given. A
+# foot leaves the floor when it is high or fast, and touches down when it is low and slow. Between the two, and for a
+# short dwell time, it keeps its state. A flight ends after LONGEST_FLIGHT_S: then the lower foot stands on something
+# else, a step or its toes.
+
+LIFTED_M, TOUCHDOWN_M = 0.06, 0.04
+"""An ankle higher than the first above the other foot's has left the floor; it is back below the second. Shoes and
+noise are less."""
+LEFT_M = 0.1
+"""An ankle higher than this above the floor has left it in any case: on its toes, a foot still carries below."""
+FAST, FASTER, SLOW = 0.8, 1.5, 0.6
+"""m/s. A foot faster than the first is no longer planted, the last one only beyond the second: it rolls over its toes.
+It is again when slower than the third."""
+LIFT_DWELL_S, TOUCHDOWN_DWELL_S = 0.05, 0.02
+"""Time for which a foot must seem to have left the floor, or touched down, before its state changes."""
+LONGEST_FLIGHT_S = 0.8
+"""A jump of 0.8 m; a performer who is off the floor for longer stands on another one."""
+FOOT_SPEED_SETTLE_S = 0.03
+"""Time constant of the low-pass on a foot's speed."""
+FLOOR_SETTLE_S = 0.3
+"""Time constant with which the floor follows the feet that carry."""
+
+
+_OF_FEET = {one.feet: one for one in Carrying}
+
+
+class CarryingFeet:
+    """`carrying`, from the ankles tick by tick, in the performer's own time. Left before right throughout."""
+
+    def __init__(self) -> None:
+        self.carrying = Carrying.BOTH
+        self._before: tuple[Point, ...] = ()
+        self._velocity = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
+        self._carries = [True, True]
+        self._dwelt = [0.0, 0.0]  # s for which each foot has seemed to be in the other state
+        self._floor, self._flown = 0.0, 0.0
+
+    def start(self, ankles: Sequence[Point]) -> Carrying:
+        """At rest on the lower foot, and on the other unless it is high above it. ankles: x, y, z m, of both."""
+        self._floor, self._flown = min(ankle[2] for ankle in ankles), 0.0
+        self._before = tuple(ankles)
+        self._velocity = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
+        self._carries = [ankle[2] - self._floor < LIFTED_M for ankle in ankles]
+        self._dwelt = [0.0, 0.0]
+        return self._decide()
+
+    def step(self, ankles: Sequence[Point], dt: float) -> Carrying:
+        """Go on by `dt` s of the performer's time."""
+        if not self._before:
+            return self.start(ankles)
+        speeds = self._speeds(ankles, dt)
+        for foot in (0, 1):
+            carries = self._carries[foot]
+            otherwise = self._leaves(foot, ankles, speeds) if carries else self._touches_down(foot, ankles, speeds)
+            self._dwelt[foot] = self._dwelt[foot] + dt if otherwise else 0.0
+            if self._dwelt[foot] > (LIFT_DWELL_S if carries else TOUCHDOWN_DWELL_S):
+                self._carries[foot], self._dwelt[foot] = not carries, 0.0
+        self._end_long_flight(ankles, speeds, dt)
+        self._follow_floor(ankles, dt)
+        return self._decide()
+
+    def _leaves(self, foot: int, ankles: Sequence[Point], speeds: list[float]) -> bool:
+        """Whether a foot that carries seems to be off the floor. On tiptoe both ankles are high, and alike."""
+        height, other = ankles[foot][2], 1 - foot
+        if self._carries[other]:
+            return speeds[foot] > FAST or height - min(self._floor + LEFT_M, ankles[other][2] + LIFTED_M) > 0.0
+        return speeds[foot] > FASTER or height - self._floor > LEFT_M
+
+    def _touches_down(self, foot: int, ankles: Sequence[Point], speeds: list[float]) -> bool:
+        """Whether a foot that does not carry seems to be on the floor."""
+        return ankles[foot][2] - self._floor < TOUCHDOWN_M and speeds[foot] < SLOW
+
+    def _speeds(self, ankles: Sequence[Point], dt: float) -> list[float]:
+        """Speed of each ankle, m/s, low-passed."""
+        share = 1.0 - exp(-dt / FOOT_SPEED_SETTLE_S)
+        for velocity, before, now in zip(self._velocity, self._before, ankles, strict=True):
+            for axis in (0, 1, 2):
+                velocity[axis] += share * ((now[axis] - before[axis]) / dt - velocity[axis])
+        self._before = tuple(ankles)
+        return [sqrt(sum(part * part for part in velocity)) for velocity in self._velocity]
+
+    def _end_long_flight(self, ankles: Sequence[Point], speeds: list[float], dt: float) -> None:
+        """End a flight that is too long, as soon as the lower foot is slow: it stands on another floor."""
+        self._flown = 0.0 if any(self._carries) else self._flown + dt
+        lower = 0 if ankles[0][2] < ankles[1][2] else 1
+        if self._flown > LONGEST_FLIGHT_S and speeds[lower] < SLOW:
+            self._floor, self._flown = ankles[lower][2], 0.0
+            self._carries[lower] = True
+
+    def _follow_floor(self, ankles: Sequence[Point], dt: float) -> None:
+        """Move the floor to the feet that carry: up slowly, down at once, as no foot can be below it."""
+        down = [ankle[2] for ankle, carries in zip(ankles, self._carries, strict=True) if carries]
+        if down:
+            lowest = min(down)
+            share = 1.0 if lowest < self._floor else 1.0 - exp(-dt / FLOOR_SETTLE_S)
+            self._floor += share * (lowest - self._floor)
+
+    def _decide(self) -> Carrying:
+        left, right = self._carries
+        self.carrying = _OF_FEET[left, right]
+        return self.carrying
+
+
+# Heading, from a few sensors.
+#
+# One hint is not enough: the line between the ankles alone is wrong by 69 degrees on average while walking. So several
+# are summed, each a vector on the ground, and the sum is low-passed: lines between left and right, hands that work in
+# front of the body, the direction in which the head moves, and axes of sensors with an orientation.
+
+_NO_HINT_M = 0.01
+"""A sum shorter than this gives no direction: the last heading stays."""
+
+
+class Heading:
+    """The low-passed heading. `forward` (x, y) is a unit vector on the ground, world frame."""
+
+    def __init__(self, settings: HeadingSettings) -> None:
+        self._settings = settings
+        self._sum: Ground = (0.0, 0.0)
+        self._velocity: Ground = (0.0, 0.0)
+        self._head: Ground | None = None
+        self.forward: Ground = (1.0, 0.0)
+
+    def start(self, positions: Mapping[str, Point], facing: Mapping[str, Ground]) -> None:
+        """Take the heading of one instant, without any filtering. Arguments as of `step`."""
+        self._velocity, self._head = (0.0, 0.0), None
+        self._sum = self._hints(positions, facing)
+        self._turn()
+
+    def face(self, forward: Ground) -> None:
+        """Take a heading from a better source than the hints."""
+        length = hypot(*self._sum)
+        self.forward = forward
+        self._sum = (length * forward[0], length * forward[1])
+
+    def step(self, positions: Mapping[str, Point], facing: Mapping[str, Ground], *, dt: float) -> None:
+        """Go on by `dt` seconds.
+
+        positions: x, y (and z) m by sensor, valid ones only. facing: forward axes (x, y) of sensors with an
+        orientation, shorter than one where they point up or down.
+        """
+        self._move(positions.get("head"), dt)
+        share = 1.0 - exp(-dt / self._settings.settle)
+        x, y = self._hints(positions, facing)
+        self._sum = (self._sum[0] + share * (x - self._sum[0]), self._sum[1] + share * (y - self._sum[1]))
+        self._turn()
+
+    def _hints(self, positions: Mapping[str, Point], facing: Mapping[str, Ground]) -> Ground:
+        """Weighted sum of all hints, forward."""
+        settings = self._settings
+        x = y = 0.0
+        for part, weight in settings.pairs.items():
+            left, right = positions.get("l_" + part), positions.get("r_" + part)
+            if left is not None and right is not None:
+                x += weight * (left[1] - right[1])
+                y -= weight * (left[0] - right[0])
+        for name, axis in facing.items():
+            weight = settings.facing.get(name, 0.0)
+            x += weight * axis[0]
+            y += weight * axis[1]
+        slow, fast = settings.walking
+        weight = settings.velocity * min(max((hypot(*self._velocity) - slow) / (fast - slow), 0.0), 1.0)
+        ahead = self._hands_ahead(positions)
+        return (
+            x + weight * self._velocity[0] + settings.hands * ahead[0],
+            y + weight * self._velocity[1] + settings.hands * ahead[1],
+        )
+
+    def _hands_ahead(self, positions: Mapping[str, Point]) -> Ground:
+        """From the middle of the ankles to that of the wrists, m."""
+        try:
+            hands = positions["l_wrist"], positions["r_wrist"]
+            feet = positions["l_ankle"], positions["r_ankle"]
+        except KeyError:
+            return 0.0, 0.0
+        return (
+            0.5 * (hands[0][0] + hands[1][0] - feet[0][0] - feet[1][0]),
+            0.5 * (hands[0][1] + hands[1][1] - feet[0][1] - feet[1][1]),
+        )
+
+    def _move(self, head: Point | None, dt: float) -> None:
+        """Low-passed velocity of the head, m/s."""
+        before, self._head = self._head, None if head is None else (head[0], head[1])
+        if before is None or head is None:
+            return
+        share = 1.0 - exp(-dt / self._settings.velocity_settle)
+        vx, vy = self._velocity
+        self._velocity = (
+            vx + share * ((head[0] - before[0]) / dt - vx),
+            vy + share * ((head[1] - before[1]) / dt - vy),
+        )
+
+    def _turn(self) -> None:
+        x, y = self._sum
+        length = hypot(x, y)
+        if length > _NO_HINT_M:
+            self.forward = (x / length, y / length)

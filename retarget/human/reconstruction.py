@@ -11,10 +11,8 @@ import numpy as np
 
 from retarget import rotations
 from retarget.frames import SensorSample
-from retarget.human.heading import Heading
-from retarget.human.posture_prior import Balance, Crouch, VirtualFeet
+from retarget.human.posture_prior import Balance, CarryingFeet, Crouch, Heading, VirtualFeet
 from retarget.human.sensor_intake import IntakeTimes, Reach, SensorIntake
-from retarget.human.support_phase import CarryingFeet
 from retarget.ik.hierarchy import Hierarchy, SceneObstacles, body_frames
 from retarget.ik.tasks import SlotKind
 from retarget.model.human import POSTURES, Human, PostureReader, human_limits

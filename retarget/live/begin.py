@@ -14,6 +14,7 @@ from retarget.human.calibration import dimensions_from_skeleton
 from retarget.human.performer_calibration import check_person_place, person_of, read_person, write_person
 from retarget.human.samples import MAX_TICKS, Performance
 from retarget.live.performer import INTAKE, LivePerformer, live_sample, missing_sensors, needed, refuse_unmeasurable
+from retarget.live.playout import LIGHT
 from retarget.live.rest_capture import (
     CAPTURE_S,
     KNOWN_CAPTURE_S,
@@ -23,7 +24,6 @@ from retarget.live.rest_capture import (
     frozen_as_fresh,
     skeleton_of,
 )
-from retarget.live.smoothing import LIGHT
 from retarget.live.stream import LiveStream
 from retarget.live.stream_report import StreamProblems, refuse_version, unusable
 from retarget.model.human_dimensions import HumanDimensions, mirrored_dimensions

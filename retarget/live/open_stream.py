@@ -8,12 +8,11 @@ from retarget.errors import InputError, UsageError
 from retarget.live.address import StreamAddress
 from retarget.live.admission import Admission, Receiver, admission_for
 from retarget.live.clock_map import ClockMap
-from retarget.live.playout import Playout, PlayoutDelay
+from retarget.live.playout import LIGHT, Playout, PlayoutDelay, PoseFilter, WindowFilter, pose_filter
 from retarget.live.raw_recording import RawTap, open_replay, recorded_kind
 from retarget.live.receivers import NatnetReceiver, TcpReceiver, session_for
 from retarget.live.roles import Roles, roles_of
 from retarget.live.sensor_validity import SensorValidity
-from retarget.live.smoothing import LIGHT, PoseFilter, WindowFilter, pose_filter
 from retarget.live.stream import LiveStream
 from retarget.live.udp import UdpReceiver
 from retarget.schema.performer import Performer

@@ -21,7 +21,7 @@ from retarget.ik.base_pose import SupportFootBase, plant_root
 from retarget.ik.gravity_torque import GravityTorque, joint_compliance
 from retarget.ik.support_polygon import Stance
 from retarget.model.robot import RobotBody
-from retarget.robot.posture_reader import standing_dofs
+from retarget.robot.landmarks import standing_dofs
 
 MOST_RAD = 0.2
 """Greatest offset of a goal from its posture; a servo that deflects by more is overloaded."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from retarget._solver import TrajectoryGenerator
 from retarget.ik.base_pose import plant_root
-from retarget.ik.hierarchy import Hierarchy, SceneObstacles
+from retarget.ik.hierarchy import FallbackHierarchy, Hierarchy, SceneObstacles
 from retarget.ik.support_polygon import Stance, plant
 from retarget.ik.whole_body_stop import Stopping
 from retarget.model.body import BodyModel, JointLimits
@@ -22,10 +22,16 @@ from retarget.model.robot import TRUNK, RobotBody
 from retarget.model.scene_state import SceneState
 from retarget.robot.balance import StandingBalance, StandingStrength, carrying_frames, standing_strength
 from retarget.robot.crouch_envelope import measure_envelope
-from retarget.robot.fallback_hierarchy import FallbackHierarchy
 from retarget.robot.following_limits import following_limits
-from retarget.robot.landmarks import AskedLandmarks, LandmarkMap
-from retarget.robot.posture_reader import RobotReader, robot_frames, robot_postures, standing_dofs, standing_targets
+from retarget.robot.landmarks import (
+    AskedLandmarks,
+    LandmarkMap,
+    RobotReader,
+    robot_frames,
+    robot_postures,
+    standing_dofs,
+    standing_targets,
+)
 from retarget.robot.reference_governor import ReferenceGovernor
 from retarget.robot.step_plan import stepping_priorities, swinging_frames
 from retarget.robot.stepping import Stepping, reaching_aside

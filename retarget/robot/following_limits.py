@@ -9,7 +9,7 @@ from retarget.ik.gravity_torque import GravityTorque
 from retarget.ik.support_polygon import Stance, plant
 from retarget.model.body import JointLimits
 from retarget.model.robot import RobotBody
-from retarget.robot.posture_reader import standing_dofs
+from retarget.robot.landmarks import standing_dofs
 from retarget.schema.priorities import DeflectionCompensationSettings
 from retarget.types import FloatArray
 

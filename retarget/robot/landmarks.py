@@ -1,4 +1,4 @@
-"""Human posture -> landmarks asked of the robot, scaled limb by limb, in the robot's world frame.
+"""Landmarks of a robot: where a human posture asks them to be, scaled limb by limb, and where they are; in its world.
 
 The robot's world has its origin on the ground between the planted soles, x forward. Landmarks follow from the performer
 and from constants of the robot (profile, stance, envelope), never from what the robot does: so a lag of the robot shows
@@ -21,13 +21,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from retarget._solver import Probe
+from retarget.ik.hierarchy import Hierarchy, body_frames
 from retarget.ik.support_polygon import Stance
+from retarget.model.body import Frame
 from retarget.model.human_dimensions import POINTS, HumanDimensions
+from retarget.model.robot import HEAD, TRUNK, RobotBody
 from retarget.robot.crouch_envelope import Envelope
 from retarget.rotations import Quat, Vector, arc, axis_turn, inverse, plus, product, rotated
 from retarget.schema.profile import RobotProfile
 from retarget.schema.profile_parts import Landmark
-from retarget.types import Carrying, FloatArray
+from retarget.types import BoolArray, Carrying, FloatArray
 
 if TYPE_CHECKING:
     from retarget.types import HumanPosture
@@ -175,13 +179,13 @@ CROUCH_KNEE = 0.1
 """Share of the robot's range of heights, from its bottom, in which what is asked lower is drawn together."""
 LEAN_KNEE = 0.3
 """Share of the robot's lean, from its end, in which what is asked beyond is drawn together."""
-TRUNK = {"neck": 1.0, "l_hip": -0.5, "r_hip": -0.5}
+TRUNK_LINE = {"neck": 1.0, "l_hip": -0.5, "r_hip": -0.5}
 """The line of the trunk, from the hips to the base of the neck, as a sum of joints."""
 FEET = ({"l_toe": 1.0, "l_ankle": -1.0}, {"r_toe": 1.0, "r_ankle": -1.0})
 """The lines of the feet."""
 PELVIS_JOINTS = {"pelvis", "l_hip", "r_hip"}
 """A limb measured from here up is carried by the trunk, and leans as the robot's trunk is asked to."""
-HEAD = ("head",)
+HEAD_ALONE = ("head",)
 """What a landmark follows that no joint of a limb moves."""
 APART = ("l_ankle", "r_ankle")
 """The points whose distance a robot that steps uses."""
@@ -243,14 +247,14 @@ class LandmarkMap:
         self._facing = Facing()
         rest = dict(zip(POINTS, dimensions.standing(), strict=True))
         entries = list(profile.landmarks.values())
-        self._sums = [_limb(entry, rest) for entry in entries] + [TRUNK, *FEET]
+        self._sums = [_limb(entry, rest) for entry in entries] + [TRUNK_LINE, *FEET]
         self._over_foot = PelvisOverFoot(*(stance.points[name] for name in APART)) if steps else None
         if steps:
             scale = _scale(profile.landmarks["pelvis"], rest)
             self._sums.append({APART[0]: scale, APART[1]: -scale})
         self._joint_names: tuple[str, ...] = ()
         self._weights = np.zeros((len(self._sums), 0))
-        line = _weights([TRUNK], POINTS) @ dimensions.standing()
+        line = _weights([TRUNK_LINE], POINTS) @ dimensions.standing()
         self._upright = arc(_vector(line[0]), UP)
         self._plan(profile, entries, stance)
         self._feet_apart = None if stance.soles else feet_apart(profile, stance, self.names)
@@ -272,7 +276,7 @@ class LandmarkMap:
                 self._roles.append(Role.STILL)
             elif name == "pelvis":
                 self._roles.append(Role.PELVIS)
-            elif self._envelope is None and entry.follows == HEAD:
+            elif self._envelope is None and entry.follows == HEAD_ALONE:
                 self._roles.append(Role.STILL)
             else:
                 self._roles.append(Role.BORNE if set(entry.measured_from) <= PELVIS_JOINTS else Role.LIMB)
@@ -389,3 +393,88 @@ def _vector(array: FloatArray) -> Vector:
 def _quat(values: list[float]) -> Quat:
     w, x, y, z = values
     return w, x, y, z
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Reached:
+    """Where the robot is, m, in its world.
+
+    points (k, 3), and the same as tuples in `landmarks`; trunk: wxyz relative to its stance; gaze: unit direction of
+    the eyes; centre_of_mass (3,).
+    """
+
+    points: FloatArray
+    landmarks: list[Vector]
+    trunk: Quat
+    gaze: Vector
+    centre_of_mass: FloatArray
+
+
+# Where the landmarks, the trunk and the eyes of a robot are in a posture, and names of its parts in priorities.
+
+
+class RobotReader:
+    """Reads postures of one robot that stands in one stance."""
+
+    def __init__(self, robot: RobotBody, stance: Stance) -> None:
+        places = [robot.frame(landmark.frame) for landmark in robot.profile.landmarks.values()]
+        local = np.array([place.position for place in places]).reshape(-1, 3)
+        trunk, head = robot.frame(TRUNK), robot.frame(HEAD)
+        body = robot.body.solver_body()
+        self._probe = Probe(body, [place.body for place in places], local, [trunk.body, head.body])
+        self._head = _quat(head.quat.tolist())
+        self.trunk_at_stance = _quat(robot.orientations(stance.q[None], (TRUNK,))[0, 0].tolist())
+        """Orientation wxyz of the trunk's frame in the stance: where the performer's trunk is upright."""
+        self._trunk = product(_quat(trunk.quat.tolist()), inverse(self.trunk_at_stance))
+
+    def read(self, q: FloatArray) -> Reached:
+        """What posture q (nq,) reaches."""
+        points, oriented, centre_of_mass = self._probe.read(q)
+        trunk, head = oriented.tolist()
+        return Reached(
+            points,
+            points.tolist(),
+            product(_quat(trunk), self._trunk),
+            rotated(product(_quat(head), self._head), FORWARD),
+            centre_of_mass,
+        )
+
+
+def robot_frames(robot: RobotBody) -> dict[str, Frame]:
+    """What names in a priority file stand for: landmarks, frames of the profile, links and sites of the body."""
+    frames = body_frames(robot.body) | {name: robot.frame(name) for name in robot.profile.frames}
+    return frames | {name: robot.frame(entry.frame) for name, entry in robot.profile.landmarks.items()}
+
+
+def robot_postures(robot: RobotBody, stance: Stance) -> dict[str, FloatArray]:
+    """The postures (nq,) of the profile, by name, with the root where the robot stands."""
+    postures = {}
+    for name, angles in robot.profile.postures.model_dump(exclude={"to_rest"}).items():
+        q = robot.posture(angles)
+        free = 7 if robot.profile.root == "free" else 0
+        q[:free] = stance.q[:free]
+        postures[name] = q
+    return postures
+
+
+def standing_targets(hierarchy: Hierarchy, stance: Stance) -> FloatArray:
+    """Targets of a hierarchy for a robot that faces forward on its soles; nothing else is asked."""
+    targets = hierarchy.blank()
+    hierarchy.set_heading(targets, (1.0, 0.0))
+    for sole in stance.soles:
+        hierarchy.set_position(targets, sole.frame.name, sole.position)
+        hierarchy.set_orientation(targets, sole.frame.name, sole.orientation)
+    return targets
+
+
+def standing_dofs(robot: RobotBody, *frames: str) -> BoolArray:
+    """Which DoFs (nv,) carry the robot: a free root, and every joint between it and a sole, or one of these frames."""
+    ends = [robot.frame(name).body for name in (*(foot.frame for foot in robot.profile.feet.values()), *frames)]
+    return np.isin(_dof_links(robot), [link for end in ends for link in robot.body.chain_to_root(end)])
+
+
+def _dof_links(robot: RobotBody) -> FloatArray:
+    """Link (nv,) that each DoF moves."""
+    body = robot.body
+    ends = [*body.joint_dof[1:].tolist(), body.nv]
+    return np.repeat(body.joint_body, np.array(ends) - body.joint_dof).astype(float)

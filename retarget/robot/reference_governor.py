@@ -14,7 +14,7 @@ from retarget._solver import braking_displacement as braking_displacement
 from retarget.ik.hierarchy import Hierarchy
 from retarget.ik.tasks import SlotKind
 from retarget.model.robot import HEAD, TRUNK, RobotBody, joints_between
-from retarget.robot.landmarks import AskedLandmarks
+from retarget.robot.landmarks import AskedLandmarks, Reached
 from retarget.rotations import Quat, Vector, arc, inverse, minus, product, rotated, rotation_vector, turn
 from retarget.schema.profile_parts import Landmark
 from retarget.types import FloatArray
@@ -92,21 +92,6 @@ robot that is held cannot tip. The own motion of a limb is that of several joint
 a foot that kicks may have what two can."""
 FAR = 1e3
 """How far (m) away the point is that the eyes are turned to: a direction."""
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Reached:
-    """Where the robot is, m, in its world.
-
-    points (k, 3), and the same as tuples in `landmarks`; trunk: wxyz relative to its stance; gaze: unit direction of
-    the eyes; centre_of_mass (3,).
-    """
-
-    points: FloatArray
-    landmarks: list[Vector]
-    trunk: Quat
-    gaze: Vector
-    centre_of_mass: FloatArray
 
 
 class ReferenceGovernor:

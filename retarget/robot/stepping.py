@@ -11,8 +11,8 @@ from retarget.ik.whole_body_stop import Stopping
 from retarget.model.robot import RobotBody
 from retarget.robot.balance import GRAVITY, Edges, inside, moving_share, moving_spaces, shrunk
 from retarget.robot.crouch_envelope import Envelope
-from retarget.robot.landmarks import AskedLandmarks
-from retarget.robot.reference_governor import Glide, Reached
+from retarget.robot.landmarks import AskedLandmarks, Reached
+from retarget.robot.reference_governor import Glide
 from retarget.robot.step_plan import FOOT, StepInput, StepPlan, StepState, swinging
 from retarget.rotations import Vector, minus
 from retarget.schema.priorities import Priorities

@@ -9,9 +9,9 @@ from typing import Protocol
 
 import numpy as np
 
-from hardware.checked_goal import CheckedGoal
 from hardware.clock import thread_cpu
 from hardware.errors import RetargetError, describe
+from hardware.guard import CheckedGoal
 from retarget._solver import TrajectoryGenerator
 from retarget.frames import SensorSample
 from retarget.ik.base_pose import plant_root

@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hardware.checked_goal import CheckedGoal
 from hardware.clock import Clock, thread_cpu
 from hardware.errors import BusError, HardwareError, TorqueError
-from hardware.guard import Guard, Torque, text_of
+from hardware.guard import CheckedGoal, Guard, Torque, text_of
 from hardware.guard_state import StopCause
 from retarget.frames import SensorSample
 from retarget.human.samples import Samples

@@ -8,11 +8,9 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hardware.arrays import all_of, any_of
 from hardware.bus import ServoStates
-from hardware.checked_goal import CheckedGoal
 from hardware.clock import MonotonicClock
-from hardware.guard import Guard
+from hardware.guard import CheckedGoal, Guard
 from hardware.joint_map import JointMap
 from retarget.frames import SensorSample
 from retarget.human.samples import Samples
@@ -122,7 +120,7 @@ class RobotRecord:
         self.present[row] = joint_map.to_radians(states.position)
         self.temperature[row], self.voltage[row] = states.temperature, states.voltage
         self.retries[row] = states.retries
-        if any_of(states.alert) or not all_of(states.valid):
+        if states.alert.any() or not states.valid.all():
             self.faults[row] = np.count_nonzero(~states.valid | (states.alert != 0))
         else:
             self.faults[row] = 0

@@ -6,8 +6,8 @@ from typing import Protocol
 import numpy as np
 
 from hardware.arrays import FloatArray
-from hardware.checked_goal import CheckedGoal, _Seal
 from hardware.errors import HardwareError, describe
+from hardware.guard import CheckedGoal, _Seal
 from hardware.joint_map import JointMap
 from retarget._solver import Braking
 

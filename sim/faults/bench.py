@@ -7,11 +7,10 @@ from ipaddress import IPv4Network
 import numpy as np
 
 from hardware.bus import BusSpec, ServoBus
-from hardware.checked_goal import CheckedGoal
 from hardware.clock import Clock, VirtualClock
 from hardware.dynamixel.bus import DynamixelBus
 from hardware.errors import BusError
-from hardware.guard import Guard
+from hardware.guard import CheckedGoal, Guard
 from hardware.guard_state import Stop
 from retarget.frames import SensorSample
 from retarget.human.samples import Performance
@@ -19,10 +18,9 @@ from retarget.live.admission import Admission
 from retarget.live.begin import LiveOptions, begin_live
 from retarget.live.clock_map import ClockMap
 from retarget.live.performer import LivePerformer
-from retarget.live.playout import Playout, PlayoutDelay
+from retarget.live.playout import LIGHT, Playout, PlayoutDelay, pose_filter
 from retarget.live.roles import roles_of
 from retarget.live.sensor_validity import SensorValidity
-from retarget.live.smoothing import LIGHT, pose_filter
 from retarget.live.stream import LiveStream
 from retarget.model.robot import RobotBody
 from retarget.run.loop import Machine, Watch

@@ -7,9 +7,8 @@ import pytest
 
 from guard_rig import DT, MAP, START, Rig
 from hardware.bus import ServoAlert
-from hardware.checked_goal import CheckedGoal
 from hardware.errors import BusError, GuardError
-from hardware.guard import CUT_POWER, TORQUE_OFF, Torque
+from hardware.guard import CUT_POWER, TORQUE_OFF, CheckedGoal, Torque
 from hardware.guard_state import FAULTLESS, GuardLimits, StopCause
 from messages import refuses, shows
 from retarget.safety.gate import Gate

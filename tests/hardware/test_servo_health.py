@@ -12,10 +12,9 @@ from hypothesis import strategies as st
 
 from guard_rig import DT, MAP, Rig
 from hardware.bus import ServoStates
-from hardware.checked_goal import CheckedGoal
 from hardware.clock import VirtualClock
 from hardware.errors import GuardError
-from hardware.guard import Torque
+from hardware.guard import CheckedGoal, Torque
 from hardware.guard_state import GuardLimits, StopCategory, StopCause
 from hardware.joint_map import JointMap
 from hardware.servo_health import (

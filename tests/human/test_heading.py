@@ -4,7 +4,7 @@ from math import cos, exp, pi, sin
 
 import pytest
 
-from retarget.human.heading import Heading, Point
+from retarget.human.posture_prior import Heading, Point
 from retarget.schema.priorities import HeadingSettings
 
 STANDING: dict[str, Point] = {

@@ -8,7 +8,7 @@ from retarget.ik import whole_body_stop as stopping_module
 from retarget.ik.support_polygon import Stance, plant
 from retarget.ik.whole_body_stop import BALANCE_M, PLANTED_M, SHORT_RAD, SOLE_M, Stopping
 from retarget.robot.following_limits import following_limits
-from retarget.robot.posture_reader import standing_dofs
+from retarget.robot.landmarks import standing_dofs
 from retarget.types import FloatArray
 
 

@@ -6,15 +6,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from retarget.frames import SensorSample
-from retarget.live.engagement import (
+from retarget.live.sensor_validity import (
+    LIMITS,
     LONGEST_STEP,
     PEAK,
     Debounce,
     Engaged,
     Engagement,
     ReacquisitionBlend,
+    ValidityState,
 )
-from retarget.live.sensor_validity import LIMITS, ValidityState
 from retarget.rotations import from_axis_angle
 
 NAMES = ("head", "l_wrist")

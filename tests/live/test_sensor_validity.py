@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from messages import refuses
 from retarget._solver import Validity
 from retarget.errors import UsageError
-from retarget.live.engagement import ReacquisitionBlend
 from retarget.live.sensor_validity import (
     LIMITS,
     MAX_CHANGES,
@@ -21,6 +20,7 @@ from retarget.live.sensor_validity import (
     OUT_OF_RANGE,
     UNREACHABLE,
     UNTRACKED,
+    ReacquisitionBlend,
     SensorValidity,
     ValidityChange,
     ValidityLimits,

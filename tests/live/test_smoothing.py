@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from messages import refuses
 from retarget import rotations
 from retarget.errors import UsageError
-from retarget.live.smoothing import (
+from retarget.live.playout import (
     SMOOTHINGS,
     FixedLag,
     OneEuroSettings,

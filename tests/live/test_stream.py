@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from hardware.checked_goal import CheckedGoal
+from hardware.guard import CheckedGoal
 from live_rig import LiveRig, live_stream
 from live_rig import five as five_sensors
 from retarget.live.admission import MOST_PER_POLL, TOO_MANY, Datagram

@@ -17,7 +17,7 @@ from retarget.model.human import build_human
 from retarget.model.human_dimensions import proportional_dimensions
 from retarget.model.robot import load_robot
 from retarget.robot.follower import Follower
-from retarget.robot.posture_reader import robot_frames
+from retarget.robot.landmarks import robot_frames
 from retarget.schema.priorities import load_priorities
 from retarget.types import FloatArray
 

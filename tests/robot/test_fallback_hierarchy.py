@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from followers import DT, follower, performer, postures
-from retarget.ik.hierarchy import Hierarchy
+from retarget.ik.hierarchy import Hierarchy, separated_first, soles_first
 from retarget.ik.whole_body_stop import Stopping
-from retarget.robot.fallback_hierarchy import separated_first, soles_first
 from retarget.robot.follower import Follower
-from retarget.robot.posture_reader import standing_dofs
+from retarget.robot.landmarks import standing_dofs
 from retarget.schema.priorities import load_priorities
 from retarget.types import FloatArray
 

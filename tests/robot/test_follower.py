@@ -30,8 +30,7 @@ from retarget.robot.follower import (
     return_to_stance_of,
 )
 from retarget.robot.following_limits import following_limits
-from retarget.robot.landmarks import AskedLandmarks
-from retarget.robot.posture_reader import RobotReader, standing_dofs
+from retarget.robot.landmarks import AskedLandmarks, RobotReader, standing_dofs
 from retarget.rotations import plus
 from retarget.run.controllers import RETURN_OVERRIDE
 from retarget.run.loop import Watch

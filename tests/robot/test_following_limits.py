@@ -19,7 +19,7 @@ from retarget.robot.following_limits import (
     loaded_speed,
     soft_limits,
 )
-from retarget.robot.posture_reader import standing_dofs
+from retarget.robot.landmarks import standing_dofs
 
 
 def limits(robot: RobotBody) -> JointLimits:

@@ -5,7 +5,7 @@ import numpy as np
 from followers import op3
 from retarget import rotations
 from retarget.ik.support_polygon import plant
-from retarget.robot.posture_reader import RobotReader, robot_frames, robot_postures, standing_dofs
+from retarget.robot.landmarks import RobotReader, robot_frames, robot_postures, standing_dofs
 
 
 def test_the_stance_is_upright_and_looks_ahead() -> None:

@@ -14,8 +14,7 @@ from retarget.ik.hierarchy import Hierarchy
 from retarget.ik.support_polygon import plant
 from retarget.ik.tasks import SlotKind
 from retarget.model.robot import load_robot
-from retarget.robot.landmarks import AskedLandmarks
-from retarget.robot.posture_reader import RobotReader
+from retarget.robot.landmarks import AskedLandmarks, RobotReader
 from retarget.robot.reference_governor import (
     HELD,
     STANDING,

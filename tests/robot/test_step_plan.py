@@ -12,7 +12,7 @@ from hardware.errors import RetargetError
 from messages import refuses, shows
 from retarget.errors import ConfigError, UsageError
 from retarget.model.robot import load_robot
-from retarget.robot.posture_reader import robot_frames
+from retarget.robot.landmarks import robot_frames
 from retarget.robot.step_plan import (
     CONTACT_WAIT_S,
     HELD_S,

@@ -8,8 +8,8 @@ import pytest
 from gates import sent
 from hardware.arrays import TickArray
 from hardware.bus import ServoAlert, ServoGoals
-from hardware.checked_goal import CheckedGoal
 from hardware.errors import BusError, HardwareError, TorqueError
+from hardware.guard import CheckedGoal
 from hardware.guard_state import StopCause
 from messages import refuses, shows
 from retarget.human.samples import Clip

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from hardware.bus import ServoGoals, ServoStates
-from hardware.checked_goal import CheckedGoal
 from hardware.clock import VirtualClock
 from hardware.errors import BusError, HardwareError, RetargetError
+from hardware.guard import CheckedGoal
 from hardware.servo_health import ServoHealth
 from messages import refuses, shows
 from retarget.model.robot import RobotBody

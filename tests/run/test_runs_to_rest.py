@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from hardware.bus import ServoBus
-from hardware.checked_goal import CheckedGoal
 from hardware.clock import Clock, VirtualClock
+from hardware.guard import CheckedGoal
 from retarget.cli.buses import PhysicsBench
 from retarget.human.samples import Playback
 from retarget.ik.hierarchy import SceneObstacles

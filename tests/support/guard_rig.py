@@ -6,9 +6,8 @@ import numpy as np
 
 from hardware.arrays import FloatArray
 from hardware.bus import ServoGoals
-from hardware.checked_goal import CheckedGoal
 from hardware.clock import VirtualClock
-from hardware.guard import Guard, Torque
+from hardware.guard import CheckedGoal, Guard, Torque
 from hardware.guard_state import GuardLimits, Stop
 from hardware.joint_map import JointMap
 from retarget.safety.gate import Gate

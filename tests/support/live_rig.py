@@ -8,10 +8,9 @@ from retarget.human.samples import Performance
 from retarget.live.admission import Admission
 from retarget.live.begin import LiveOptions, begin_live
 from retarget.live.clock_map import ClockMap
-from retarget.live.playout import Playout, PlayoutDelay
+from retarget.live.playout import Playout, PlayoutDelay, pose_filter
 from retarget.live.roles import roles_of
 from retarget.live.sensor_validity import SensorValidity
-from retarget.live.smoothing import pose_filter
 from retarget.live.stream import LiveStream
 from retarget.model.robot import RobotBody
 from retarget.recording.recorder import Recorder

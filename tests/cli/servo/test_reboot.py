@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import pytest
 
-from hardware.dynamixel.bus_line import BusLine
+from hardware.dynamixel.cyclic import BusLine
 from hardware.dynamixel.packets import Instruction
 from hardware.dynamixel.single_requests import OneOff
 from hardware.dynamixel.torque import Restarted, restart

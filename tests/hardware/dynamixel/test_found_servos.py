@@ -3,8 +3,8 @@
 import pytest
 
 from bus_rig import BusRig, bus_of, spec, specs
-from hardware.dynamixel.bus_line import BusLine
 from hardware.dynamixel.control_table import code_of, tables
+from hardware.dynamixel.cyclic import BusLine
 from hardware.dynamixel.exchange import Found
 from hardware.dynamixel.found_servos import (
     TORQUE_ENABLE,

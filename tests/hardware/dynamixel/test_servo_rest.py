@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from hardware.dynamixel.bus_line import BusLine
+from hardware.dynamixel.cyclic import BusLine
 from hardware.dynamixel.packets import Instruction
 from hardware.dynamixel.torque import off_everywhere
 from messages import shows

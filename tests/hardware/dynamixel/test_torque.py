@@ -9,7 +9,7 @@ import pytest
 from bus_rig import BusRig, GuardedBus, Tapped, bus_of, spec, specs
 from hardware.bus import ServoGoals
 from hardware.dynamixel import torque
-from hardware.dynamixel.bus_line import BusLine
+from hardware.dynamixel.cyclic import BusLine
 from hardware.dynamixel.packets import Instruction
 from hardware.dynamixel.torque import PATIENCE, Drive, restart
 from hardware.errors import BusError

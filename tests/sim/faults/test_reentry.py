@@ -10,8 +10,7 @@ from live_rig import LiveRig
 from messages import shows
 from retarget.live import performer
 from retarget.live.begin import LiveOptions
-from retarget.live.engagement import ReacquisitionBlend
-from retarget.live.sensor_validity import LIMITS
+from retarget.live.sensor_validity import LIMITS, ReacquisitionBlend
 from retarget.run.loop import Watch
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
