@@ -83,7 +83,6 @@ PAGES = {
         "The bus, the guard who alone writes to it, and what stands in for servos.",
         (
             "hardware.bus",
-            "hardware.guard",
             "hardware.guard_state",
             "hardware.guard",
             "hardware.clock",
