@@ -332,8 +332,8 @@ class SceneState:
         for row, track in zip(rows, self._tracks.values(), strict=True):
             if not isinstance(track.motion, Rest) or track.live.age(time) < np.inf:
                 _write(row, track.at(time))
-        position, quat, linear, angular = (np.ascontiguousarray(part) for part in np.split(rows, (3, 7, 10), axis=1))
-        return ObstaclePoses(position, quat, linear, angular)
+        parts = (slice(0, 3), slice(3, 7), slice(7, 10), slice(10, 13))
+        return ObstaclePoses(*[np.ascontiguousarray(rows[:, part]) for part in parts])
 
     def restart(self) -> None:
         """Begin time anew, without live poses."""

@@ -3,7 +3,7 @@
 import gc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -260,44 +260,44 @@ class Loop:
             for text in machine.guard.health.warnings.take_news():
                 machine.notify(text)
 
-    def _change_state(self, asked: Situation) -> RunState:
-        """Let the supervisor choose the state of this tick. A new state begins."""
-        machine, before = self._machine, self._machine.supervisor.state
-        situation = replace(
-            asked,
-            stands=self._motion.commanded.stands,
-            straight=self._motion.on_approach,
-            arrived=self._motion.has_arrived(before),
-            approached=self._motion.approach.arrived,
-            goes_to_rest=machine.goes_to_rest,
-        )
+    def _change_state(self, situation: Situation) -> RunState:
+        """Let the supervisor choose the state of this tick, and begin it. situation: what the operator asks for."""
+        machine, motion, before = self._machine, self._motion, self._machine.supervisor.state
+        situation.stands, situation.straight = motion.commanded.stands, motion.on_approach
+        situation.arrived, situation.approached = motion.has_arrived(before), motion.approach.arrived
+        situation.goes_to_rest = machine.goes_to_rest
         if before in AT_RISK:
-            situation = self._look_at_performer(situation)
+            self._look_at_performer(situation)
         state = machine.supervisor.step(machine.clock.now(), situation, machine.guard)
         if state is not before:
-            self._motion.enter(state)
+            motion.enter(state)
         return state
 
-    def _look_at_performer(self, situation: Situation) -> Situation:
+    def _look_at_performer(self, situation: Situation) -> None:
         """Take the sample of this tick, and see whether the performer can be followed."""
-        samples, silent = self._samples, self._machine.guard.is_silent
+        samples, motion, machine = self._samples, self._motion, self._machine
         if samples.over or self._tick >= samples.ticks:
-            return replace(situation, over=True)
-        if not self._motion.approach.arrived:
-            followable = samples.may_approach()
-        else:
+            situation.over = True
+            return
+        if motion.approach.arrived:
             if self._tick == samples.kept:
                 self._recorder.close()
             self._sample = samples.sample(self._tick)
             self._tick += 1
-            followable = self._sample is not None
-        reason = NOT_FOLLOWABLE.format(samples.hold_reason) if not followable else ""
-        refused = self._motion.approach.is_refused
-        other = "the gate refuses the approach" if refused else "no posture found"
-        reason = reason or ("the bus is silent" if silent else other)
-        lost = self._machine.supervisor.state is RunState.FOLLOW and self._motion.follow.lost
-        followable = followable and not (silent or lost or refused)
-        return replace(situation, followable=followable, hold_reason=reason, paused=samples.paused)
+            may_go_on = self._sample is not None
+        else:
+            may_go_on = samples.may_approach()
+        situation.paused = samples.paused
+        if not may_go_on:
+            situation.hold_reason = NOT_FOLLOWABLE.format(samples.hold_reason)
+        elif machine.guard.is_silent:
+            situation.hold_reason = "the bus is silent"
+        elif motion.approach.is_refused:
+            situation.hold_reason = "the gate refuses the approach"
+        elif machine.supervisor.state is RunState.FOLLOW and motion.follow.lost:
+            situation.hold_reason = "no posture found"
+        else:
+            situation.followable = True
 
     def _unwritten(self) -> CheckedGoal | None:
         """The goal that an interrupt has kept from being written. Without it the next step would be twice as long."""

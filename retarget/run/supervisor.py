@@ -142,7 +142,7 @@ AT_RISK = (RunState.APPROACH, RunState.FOLLOW, RunState.HOLD)
 """States in which the robot moves with the performer."""
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Situation:
     """What one tick knows. followable: whether the performer can be followed now; hold_reason: why not.
 
