@@ -1,0 +1,76 @@
+"""The size of what a reader of one tick has to know."""
+
+import ast
+import sys
+from pathlib import Path
+from types import FrameType
+
+import pytest
+
+from retarget.run.loop import Loop
+from retarget.types import RunState
+from sim.faults.bench import Bench
+from sim.faults.sender import FakeSender
+
+ROOT = Path(__file__).resolve().parents[2]
+MOST_MODULES = 45
+RECEIVER = {"retarget/live/udp.py"}
+"""What the simulated sender of the test stands for."""
+MOST_ATTRIBUTES = 15
+SMALL_CLASSES = ("retarget/run", "retarget/robot", "retarget/safety")
+
+
+def test_a_tick_passes_few_modules(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From a datagram to goal bytes on the emulated wire, with all that looks on."""
+    passed: set[str] = set()
+    ticks = 0
+
+    def see(frame: FrameType, event: str, argument: object) -> None:
+        passed.add(frame.f_code.co_filename)
+
+    tick = Loop.tick
+
+    def profiled(loop: Loop) -> None:
+        nonlocal ticks
+        if bench.machine.supervisor.state is not RunState.FOLLOW:
+            tick(loop)
+            return
+        ticks += 1
+        sys.setprofile(see)
+        try:
+            tick(loop)
+        finally:
+            sys.setprofile(None)
+
+    monkeypatch.setattr(Loop, "tick", profiled)
+    bench = Bench(FakeSender(), duration=1.0)
+    trace = bench.run()
+    ours = {
+        str(Path(name).relative_to(ROOT))
+        for name in passed
+        if name.startswith((f"{ROOT}/retarget", f"{ROOT}/hardware"))
+    }
+    assert not trace.error and ticks > 50
+    assert {"retarget/run/loop.py", "retarget/ik/hierarchy.py", "hardware/guard.py"} <= ours
+    modules = sorted(ours | RECEIVER)
+    assert len(modules) <= MOST_MODULES, "\n".join(modules)
+
+
+def attributes(node: ast.ClassDef) -> set[str]:
+    """Names that a class or its methods assign on an instance, fields of a dataclass among them."""
+    found = {one.target.id for one in node.body if isinstance(one, ast.AnnAssign) and isinstance(one.target, ast.Name)}
+    for one in ast.walk(node):
+        if isinstance(one, ast.Attribute) and isinstance(one.ctx, ast.Store) and ast.unparse(one.value) == "self":
+            found.add(one.attr)
+    return found
+
+
+@pytest.mark.parametrize("folder", SMALL_CLASSES)
+def test_a_class_keeps_few_things(folder: str) -> None:
+    large = {
+        f"{path.name}: {node.name}": len(attributes(node))
+        for path in (ROOT / folder).rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ClassDef) and len(attributes(node)) > MOST_ATTRIBUTES
+    }
+    assert not large
