@@ -217,7 +217,7 @@ def read_arrays(path: Path, *, needed: frozenset[str], used: frozenset[str]) -> 
         with np.load(path, allow_pickle=False) as file:
             missing = sorted(needed - set(file.files))
             if missing:
-                found, allowed = f"no {', '.join(missing)}", "the keys of docs/report.md"
+                found, allowed = f"no {', '.join(missing)}", "the keys of docs/results.md"
                 raise InputError("not a saved run", where=str(path), found=found, allowed=allowed, next_step=NOT_A_RUN)
             return ArrayFile(str(path), {key: np.asarray(file[key]) for key in file.files if key in needed | used})
     except (FileNotFoundError, PermissionError) as error:

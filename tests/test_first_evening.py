@@ -1,4 +1,4 @@
-"""The page for a new robot: its commands have the options that it names, and the report has its keys."""
+"""The page of the first evening: its commands have the options that it names, and the report has its keys."""
 
 import re
 from dataclasses import fields
@@ -13,7 +13,7 @@ from retarget.cli.application import application
 from retarget.report.report import BusReport, Report, StopReport
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGE = (ROOT / "docs/first-contact.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs/first-evening.md").read_text(encoding="utf-8")
 COMMANDS = re.findall(r"^    retarget (.+)$", PAGE, re.MULTILINE)
 
 
