@@ -1,4 +1,4 @@
-"""Send a performer who stands and moves arms as JSON over UDP (docs/json-input.md): send_poses.py [HOST [PORT [S]]]."""
+"""Send a performer who stands and moves arms as JSON over UDP (docs/live.md): send_poses.py [HOST [PORT [S]]]."""
 
 import json
 import math

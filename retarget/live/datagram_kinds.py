@@ -147,12 +147,12 @@ SENDERS = {
 """The program that is to be configured, by the kind of an address."""
 
 _ALIEN = {
-    "Rokoko Studio": "Its stream is not read: let a bridge send VMC, or poses as JSON (docs/json-input.md)",
+    "Rokoko Studio": "Its stream is not read: let a bridge send VMC, or poses as JSON (docs/live.md)",
     "Axis Studio (Perception Neuron)": "Its broadcast is not read: let a bridge send VMC, or poses as JSON "
-    "(docs/json-input.md)",
+    "(docs/live.md)",
     "mocopi": "Its own protocol is not read: let MCP2VMCP or the receiver send VMC, to vmc://:39539",
     "VRChat OSC": "Switch OSC trackers on at the sender; better still VMC, which has wrists",
-    "JSON": "docs/json-input.md says which keys there are; examples/send_poses.py sends them",
+    "JSON": "docs/live.md says which keys there are; examples/send_poses.py sends them",
 }
 
 

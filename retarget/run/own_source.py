@@ -1,7 +1,7 @@
 """A live source of your own: a function that is polled for the newest poses, in place of a socket.
 
 Its frames go through the same steps as those of every stream: admission, clock, sensor validity, playout, calibration
-and holds. They are encoded as poses in JSON (docs/json-input.md), so that a tap can record them and `replay://` can
+and holds. They are encoded as poses in JSON (docs/live.md), so that a tap can record them and `replay://` can
 play them again.
 """
 

@@ -3,7 +3,7 @@
     {"axes": "unity", "quaternion": "xyzw", "time": 12.345, "frame": 741,
      "poses": {"l_wrist": {"p": [0.1, 1.2, 0.3], "q": [0, 0, 0, 1], "tracked": true}, ...}}
 
-docs/json-input.md is the specification. It is strict, so that an error of a sender shows on the first datagram. An
+docs/live.md is the specification. It is strict, so that an error of a sender shows on the first datagram. An
 unknown, missing or doubled key, or a value of the wrong type, refuses the datagram with a reason. Numbers that are no
 position or no rotation drop only their own pose.
 """

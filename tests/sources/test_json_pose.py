@@ -177,7 +177,7 @@ def test_a_refused_name_does_not_get_in_later() -> None:
 
 
 def test_the_page_shows_a_message_that_is_used_and_every_convention(root: Path) -> None:
-    page = (root / "docs/json-input.md").read_text(encoding="utf-8")
+    page = (root / "docs/live.md").read_text(encoding="utf-8")
     shown = page.split("```json\n")[1].split("```")[0]
     assert decoded(json.loads(shown)).tracked.all()
     for row in CONVENTIONS.values():

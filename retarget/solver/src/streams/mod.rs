@@ -1,6 +1,6 @@
 //! Stream filters: what is done with the poses of a performer's sensors between a decoder and the virtual human, a whole frame of
 //! sensors in one call. They share nothing with the solver but its vectors and quaternions; they are native because they run in
-//! every tick and on every frame that comes in (`docs/streams-native.md`).
+//! every tick and on every frame that comes in (`docs/live.md`).
 //!
 //! In the order of the data:
 //!
