@@ -18,7 +18,7 @@ from retarget.types import FloatArray
 
 # The proposal of `fit-observers` as the sections of a drafted profile.
 
-HEAD = "# Proposed as retarget fit-observers does; what the comments mean is in docs/fitting.md.\n"
+HEAD = "# Proposed as retarget fit-observers does; what the comments mean is in docs/own-robot.md.\n"
 EMPTY = "ignore_pairs: []"
 NO_OBSERVERS = f"observers: {{}}\n{EMPTY}\n"
 
