@@ -287,9 +287,12 @@ def tables_of_states() -> str:
         longest = "" if row.limit_s == inf else f"{row.limit_s:g} s"
         lines.append(f"| {state.value} | {row.controls} | {'on' if row.torque else 'off'} | {longest} |")
     lines += ["", "| from | when | to | stop category |", "|---|---|---|---|"]
+    alike: dict[tuple[Event, Transition], list[str]] = {}
     for (state, event), transition in TRANSITIONS.items():
+        alike.setdefault((event, transition), []).append(state.value)
+    for (event, transition), states in alike.items():
         category = "" if transition.category is None else str(int(transition.category))
-        lines.append(f"| {state.value} | {event.value} | {transition.to.value} | {category} |")
+        lines.append(f"| {', '.join(states)} | {event.value} | {transition.to.value} | {category} |")
     lines += ["", "```mermaid", "stateDiagram-v2"]
     pairs = dict.fromkeys((state, transition.to) for (state, _), transition in TRANSITIONS.items())
     lines += [f"    {_node(state)} --> {_node(to)}" for state, to in pairs]
