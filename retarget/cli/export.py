@@ -49,7 +49,7 @@ def export(
 ) -> None:
     """Export a recorded run: joint positions with names and units, in a format that others read.
 
-    csv, npz, bvh need nothing more; parquet and lerobot the extra 'record'. Root and quaternions: docs/export.md.
+    csv, npz, bvh need nothing more; parquet and lerobot the extra 'record'. Root and quaternions: docs/results.md.
     """
     form = format_named(to)
     for option, value, allowed in (("--phase", phase, (FOLLOW, ALL)), ("--of", of, (ROBOT, HUMAN))):
