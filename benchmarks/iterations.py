@@ -1,6 +1,6 @@
 """`python -m benchmarks.iterations FILE`: accuracy of the reconstruction over the iterations of a frame.
 
-Prints the table of docs/reconstruction.md: five sensors, the recording's rate and thinned to 24 Hz, errors at the
+Prints a table: five sensors, the recording's rate and thinned to 24 Hz, errors at the
 instants of the input.
 """
 

@@ -1,6 +1,6 @@
 """`python -m benchmarks.unsensed FILE...`: how far the joints that no sensor sees are from the recorded ones, mean mm.
 
-Prints the table of docs/reconstruction.md; a mean over the files stands below.
+Prints the table of docs/how-it-works.md; a mean over the files stands below.
 """
 
 from __future__ import annotations

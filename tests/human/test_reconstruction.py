@@ -76,7 +76,7 @@ def test_early_levels_converge_first(reaching: SensorFrames) -> None:
 
 
 def test_the_unsensed_body_is_near_the_recorded_one(shared: Path) -> None:
-    """Every tenth second of four people: far above what docs/reconstruction.md measures, far below a bad heading."""
+    """Every tenth second of four people: far above what docs/how-it-works.md measures, far below a bad heading."""
     for name in people.TRIALS:
         assert reconstruct(thinned(people.trial(shared, name).cut(0.0, 2.5), 4), "human").unsensed_mm() < 90.0
 
