@@ -1,6 +1,6 @@
 """`python -m benchmarks`: our frame beside PlaCo and mink, in one run on one core, and what our real frame costs.
 
-Prints the tables of docs/benchmarks.md; `--json FILE` keeps the numbers.
+Prints the tables that docs/benchmarks.md draws on; `--json FILE` keeps the numbers.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """`python -m benchmarks.bus`: cycles with emulated servos in a process of their own, beside dynamixel-sdk in one run.
 
-Prints the tables of docs/benchmarks.md; `--json FILE` keeps the numbers. Linux.
+Prints the tables that docs/benchmarks.md draws on; `--json FILE` keeps the numbers. Linux.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The results as Markdown, to be pasted into docs/benchmarks.md."""
+"""The results as Markdown, as docs/benchmarks.md draws on it."""
 
 from __future__ import annotations
 
