@@ -1,7 +1,8 @@
 """`python -m benchmarks.observed`: our frame with collision observers beside PlaCo and mink on the same pairs, and what
 obstacles cost.
 
-Prints the tables that docs/benchmarks.md draws on; `--plot FILE.png` draws the cost of obstacles, `--json FILE` keeps the numbers.
+Prints the tables that docs/benchmarks.md draws on; `--plot FILE.png` draws the cost of obstacles, `--json FILE` keeps
+the numbers.
 """
 
 from __future__ import annotations
