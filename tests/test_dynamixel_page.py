@@ -9,7 +9,7 @@ PAGE = Path(__file__).resolve().parent.parent / "docs" / "dynamixel.md"
 
 
 def test_every_model_stands_with_its_protocol() -> None:
-    text = PAGE.read_text(encoding="utf-8")
+    text = " ".join(PAGE.read_text(encoding="utf-8").split())
     start = text.index("Models by name")
     listed = text[start : text.index("Others can be scanned", start)]
     names = "|".join(map(re.escape, sorted(SERVO_MODELS, key=len, reverse=True)))
