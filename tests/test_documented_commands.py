@@ -55,6 +55,20 @@ def test_extras_are_there_and_named_beside_the_first_commands() -> None:
         assert page != "README.md" or named == {"record", "view", "c3d"}
 
 
+@pytest.mark.parametrize("page", PAGES)
+def test_what_a_page_names_of_the_repository_is_there(page: str) -> None:
+    """Targets of make, modules that are run, and paths that begin with a folder of the repository."""
+    text = (ROOT / page).read_text(encoding="utf-8")
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    for target in re.findall(r"(?:^    |`)make ([a-z-]+)", text, re.MULTILINE):
+        assert re.search(rf"^{target}:", makefile, re.MULTILINE), target
+    for module in re.findall(r"python -m (benchmarks[\w.]*)", text):
+        place = ROOT / module.replace(".", "/")
+        assert place.is_dir() or place.with_suffix(".py").is_file(), module
+    for path in re.findall(r"`((?:retarget|hardware|sim|configs|examples|benchmarks|tests)/[\w./-]*)`", text):
+        assert "NAME" in path or (ROOT / path).exists(), path
+
+
 def test_enough_is_shown_for_this_to_be_a_check() -> None:
     assert sum(len(shown(page)) for page in PAGES) > 100
     assert "--robot" in options()["run"] and "--dry-run" in options()["servo scan"]

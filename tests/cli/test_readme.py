@@ -93,11 +93,3 @@ def test_files_of_the_readme_come_with_the_program_or_from_a_line_before() -> No
         if (found := re.search(r"--source (\S+)|inspect (\S+)", line))
     ]
     assert {source for source in sources if "://" not in source} == {"sample"}
-
-
-def test_targets_of_make_are_there() -> None:
-    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
-    named = re.findall(r"(?:^    |`)make ([\w-]+)", (ROOT / "README.md").read_text(encoding="utf-8"), re.MULTILINE)
-    assert len(named) >= 5
-    for target in named:
-        assert re.search(rf"^{target}:", makefile, re.MULTILINE), target
