@@ -13,6 +13,7 @@ import typer
 
 import retarget
 from hardware.realtime import USUAL_PRIORITY
+from retarget.cli.options import command_of, described
 from retarget.errors import UsageError, renamed_to
 from retarget.run.control_socket import USUAL
 from retarget.viewer.server import PORT
@@ -54,7 +55,7 @@ def _commands(package: str, chosen: Sequence[str], *, epilog: str | None = None,
             inner.callback()(function)
             group.add_typer(inner, name=name)
         else:
-            group.command(name)(function)
+            group.command(name, help=described(function)[0])(command_of(function))
     return group
 
 
@@ -98,12 +99,6 @@ def refuse_renamed(words: Sequence[str]) -> None:
         option = word.partition("=")[0]
         if step := renamed_to(f"{command} {option}"):
             raise UsageError("no such option", where=option, next_step=step)
-
-
-# `--overwrite`: the one way in which a command replaces a file that is there.
-
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files that are there; else they are refused.")]
-"""An option of every command that writes files where the user says."""
 
 
 # A question to the operator at the terminal.

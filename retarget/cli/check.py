@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
@@ -41,10 +40,12 @@ ELSEWHERE = {
 """Suffixes of files that are not checked here, and what to do with them."""
 
 
-def check(
-    files: Annotated[list[str], typer.Argument(help="Files, folders of robots, or names of shipped or own ones.")],
-) -> None:
-    """Validate robot profiles, priority files, performers and scenes; all errors of a file are shown at once."""
+def check(files: list[str]) -> None:
+    """Validate robot profiles, priority files, performers and scenes; all errors of a file are shown at once.
+
+    Arguments:
+        files: Files, folders of robots, or names of shipped or own ones.
+    """
     refused = False
     for name in files:
         try:

@@ -8,7 +8,7 @@ import termios
 import tty
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -251,13 +251,27 @@ class Keys:
 
 @dataclass(frozen=True, kw_only=True)
 class Oversight:
-    """stop_file: its appearance stops the robot. dead_man: what must be held while the robot moves, see
-    `open_dead_man`. control_socket: path for other programs, see `socket_path`; None: no socket."""
+    """What may stop or hold a live run, and how its ticks are scheduled.
 
-    stop_file: Path | None = None
+    Live streams:
+        dead_man KEY|pedal:DEVICE: The robot moves only while this key of the terminal, or pedal, is held.
+        stop_file FILE: Stop when this file appears.
+        control_socket [PATH]: Be stopped or held by other programs, see `retarget stop`; in XDG_RUNTIME_DIR without a
+            PATH.
+        realtime [PRIORITY]: Real-time priority of the ticks (SCHED_FIFO), 1 to 99; 40 if none is given.
+        core N: The only core on which the ticks run.
+    """
+
     dead_man: str | None = None
+    stop_file: Path | None = None
     control_socket: str | None = None
-    scheduling: Scheduling = field(default_factory=Scheduling)
+    realtime: int | None = None
+    core: int | None = None
+
+    @property
+    def scheduling(self) -> Scheduling:
+        """Of the ticks."""
+        return Scheduling(priority=self.realtime, core=self.core)
 
 
 def refuse_oversight(oversight: Oversight, *, virtual: bool) -> None:

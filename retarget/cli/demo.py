@@ -1,11 +1,10 @@
 """`retarget demo`: a synthetic performer drives a robot on a simulated bus. No data, no hardware."""
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
-from retarget.cli.application import Overwrite
+from retarget.cli.options import Overwrite
 from retarget.cli.run import follow_clip
 from retarget.errors import UsageError
 from retarget.frames import SensorFrames
@@ -16,17 +15,19 @@ DEFAULT_FOLDER = Path("out/demo")
 
 
 def demo(
-    folder: Annotated[Path, typer.Argument(help="Where report, recording and pictures go.")] = DEFAULT_FOLDER,
-    robot: Annotated[str, typer.Option(help="Robot by name or path.", metavar="NAME|PATH")] = "op3",
-    bus: Annotated[
-        str, typer.Option(help="Where goals go, as of `run`.", metavar="mock|emulator|physics|physics+wire|none")
-    ] = "emulator",
-    overwrite: Overwrite = False,
+    folder: Path = DEFAULT_FOLDER, robot: str = "op3", bus: str = "emulator", overwrite: Overwrite = False
 ) -> None:
     """See it work: a synthetic performer reaches and crouches six times, and a robot follows on an emulated bus.
 
     Writes a report, its page, every tick and pictures into a folder (out/demo is its own: there they are replaced);
     needs no data and no hardware.
+
+    Arguments:
+        folder: Where report, recording and pictures go.
+
+    Options:
+        robot NAME|PATH: Robot by name or path.
+        bus mock|emulator|physics|physics+wire|none: Where goals go, as of `run`.
     """
     options = RunOptions(robot=robot, bus=bus)
     if not options.simulated:

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
@@ -31,38 +30,36 @@ RANDOM_SPAN = 60.0
 
 
 def emulate(
-    robot: Annotated[str, typer.Option(help="Robot by name or path.", metavar="NAME|PATH")],
-    link: Annotated[
-        Path, typer.Option(help="Where clients find it; with several buses PATH-NAME for each.", metavar="PATH")
-    ],
-    faults: Annotated[Path | None, typer.Option(help="What goes wrong, and when.", metavar="FILE.yaml")] = None,
-    seed: Annotated[
-        int | None, typer.Option(help="Of all chance in the faults; without a file: of the faults too.", metavar="N")
-    ] = None,
-    no_wire_delay: Annotated[
-        bool, typer.Option("--no-wire-delay", help="Answer at once, whatever the baud rate.")
-    ] = False,
-    power_off: Annotated[
-        bool, typer.Option("--power-off", help="Begin with the servos' power off, where the robot has a switch for it.")
-    ] = False,
-    gaps: Annotated[
-        Gaps, typer.Option(help="What a missing servo does to those behind it in a group read.")
-    ] = Gaps.SILENCE,
-    boot: Annotated[float, typer.Option(help="Time of a servo's start.", metavar="SECONDS")] = BOOT_TIME,
-    watchdog_fed_by: Annotated[
-        FedBy, typer.Option(help="Packets that feed a bus watchdog: all, or only those to the servo and broadcasts.")
-    ] = FedBy.ANY,
-    answers_damage: Annotated[
-        bool, typer.Option("--answers-damage", help="Servos answer damaged instructions by an error, not by silence.")
-    ] = False,
-    no_torque_by_goal: Annotated[
-        bool, typer.Option("--no-torque-by-goal", help="Goal or speed do not switch torque on in Protocol 1.0.")
-    ] = False,
-    seconds: Annotated[float | None, typer.Option("--for", help="End after so long.", metavar="SECONDS")] = None,
+    robot: str,
+    link: Path,
+    faults: Path | None = None,
+    seed: int | None = None,
+    no_wire_delay: bool = False,
+    power_off: bool = False,
+    gaps: Gaps = Gaps.SILENCE,
+    boot: float = BOOT_TIME,
+    watchdog_fed_by: FedBy = FedBy.ANY,
+    answers_damage: bool = False,
+    no_torque_by_goal: bool = False,
+    seconds: float | None = None,
 ) -> None:
     """Answer as a robot's servos would, on a serial port that any program can open, until Ctrl-C.
 
     Faults can be typed while it runs: 'missing 5', 'flip rate=0.01', 'clear', 'help'.
+
+    Options:
+        robot NAME|PATH: Robot by name or path.
+        link PATH: Where clients find it; with several buses PATH-NAME for each.
+        faults FILE.yaml: What goes wrong, and when.
+        seed N: Of all chance in the faults; without a file: of the faults too.
+        no_wire_delay: Answer at once, whatever the baud rate.
+        power_off: Begin with the servos' power off, where the robot has a switch for it.
+        gaps: What a missing servo does to those behind it in a group read.
+        boot SECONDS: Time of a servo's start.
+        watchdog_fed_by: Packets that feed a bus watchdog: all, or only those to the servo and broadcasts.
+        answers_damage: Servos answer damaged instructions by an error, not by silence.
+        no_torque_by_goal: Goal or speed do not switch torque on in Protocol 1.0.
+        seconds (--for) SECONDS: End after so long.
     """
     if seconds is not None and not 0.0 < seconds < float("inf"):
         raise UsageError("no such duration", where="--for", found=f"{seconds:g}", allowed="above 0 s")

@@ -1,13 +1,12 @@
 """`retarget export FILE --to FORMAT`: a recorded run for other tools."""
 
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 import typer
 
 from retarget.errors import InputError, UsageError
-from retarget.recording.export import FORMATS, export_motion, export_place, format_named
+from retarget.recording.export import export_motion, export_place, format_named
 from retarget.recording.lerobot import DEFAULT_TASK
 from retarget.recording.motion import PHASE_NAMES, Motion, resampled
 from retarget.recording.read_run import read_run
@@ -18,38 +17,31 @@ ROBOT, HUMAN = "robot", "human"
 
 
 def export(
-    file: Annotated[
-        Path,
-        typer.Argument(help="A run that was saved or recorded: FILE.npz, FILE.mcap.", metavar="FILE"),
-    ],
-    to: Annotated[
-        str,
-        typer.Option(
-            "--to",
-            help="Tables; arrays for trainers of motion tracking; an animated skeleton; a LeRobot dataset (v3.0).",
-            metavar="|".join(FORMATS),
-        ),
-    ],
-    out: Annotated[
-        Path | None, typer.Option(help="Where it goes, usually beside FILE. Nothing is overwritten.", metavar="PATH")
-    ] = None,
-    fps: Annotated[
-        float | None, typer.Option(help="Resample to so many rows per second; else rows are the ticks.", metavar="N")
-    ] = None,
-    phase: Annotated[
-        str, typer.Option(help="Part of the run: 'all' includes the approach and the braking.", metavar="follow|all")
-    ] = FOLLOW,
-    of: Annotated[
-        str, typer.Option(help="Whose motion: the robot's, or that of the human it followed.", metavar="robot|human")
-    ] = ROBOT,
-    body: Annotated[
-        Path | None, typer.Option(help="The robot's MJCF or URDF, where FILE names none that is there.", metavar="FILE")
-    ] = None,
-    task: Annotated[str, typer.Option(help="What is done, in words, for a LeRobot dataset.")] = DEFAULT_TASK,
+    file: Path,
+    to: str,
+    out: Path | None = None,
+    fps: float | None = None,
+    phase: str = FOLLOW,
+    of: str = ROBOT,
+    body: Path | None = None,
+    task: str = DEFAULT_TASK,
 ) -> None:
     """Export a recorded run: joint positions with names and units, in a format that others read.
 
     csv, npz, bvh need nothing more; parquet and lerobot the extra 'record'. Root and quaternions: docs/results.md.
+
+    Arguments:
+        file FILE: A run that was saved or recorded: FILE.npz, FILE.mcap.
+
+    Options:
+        to csv|npz|parquet|bvh|lerobot: Tables; arrays for trainers of motion tracking; an animated skeleton; a LeRobot
+            dataset (v3.0).
+        out PATH: Where it goes, usually beside FILE. Nothing is overwritten.
+        fps N: Resample to so many rows per second; else rows are the ticks.
+        phase follow|all: Part of the run: 'all' includes the approach and the braking.
+        of robot|human: Whose motion: the robot's, or that of the human it followed.
+        body FILE: The robot's MJCF or URDF, where FILE names none that is there.
+        task: What is done, in words, for a LeRobot dataset.
     """
     form = format_named(to)
     for option, value, allowed in (("--phase", phase, (FOLLOW, ALL)), ("--of", of, (ROBOT, HUMAN))):

@@ -20,19 +20,25 @@ MOST_LINES = 5
 
 
 def faults(
-    listed: Annotated[bool, typer.Option("--list", help="Only show the table.")] = False,
-    row: Annotated[str | None, typer.Option(help="Only this row.", metavar="NAME")] = None,
+    listed: bool = False,
+    row: str | None = None,
     seeds: Annotated[int, typer.Option(help="Also so many long runs with random faults.", metavar="N", min=0)] = 0,
     first_seed: Annotated[int, typer.Option(help="Of the random runs.", metavar="S", min=0)] = 0,
     seconds: Annotated[float, typer.Option(help="Virtual, of each random run.", metavar="S", min=1.0)] = 60.0,
-    pairs: Annotated[bool, typer.Option("--pairs", help="Every two rows together, too.")] = False,
-    rows: Annotated[bool, typer.Option("--rows/--no-rows", help="Every row alone.")] = True,
+    pairs: bool = False,
+    rows: bool = True,
     jobs: Annotated[int, typer.Option(help="Processes that share the work.", metavar="N", min=1, max=256)] = 1,
 ) -> None:
     """Inject every fault of the table into a live run of OP3 on emulated servos: idle, approaching, moving, stopping.
 
     Pipeline, gate, guard and driver are the real ones, on virtual time; goals are judged from the bytes on the wire.
     Exit code 1 when anything was not as it has to be.
+
+    Options:
+        listed (--list): Only show the table.
+        row NAME: Only this row.
+        pairs: Every two rows together, too.
+        rows: Every row alone.
     """
     from sim.faults.cases import file_cases, pair_cases, row_cases, seed_cases
     from sim.faults.malformed_files import MALFORMED

@@ -3,36 +3,28 @@
 import json
 import math
 from dataclasses import asdict
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
+from retarget.cli.options import FileOptions
 from retarget.report.motion_summary import MotionSummary, summarise
-from retarget.sources.canonical import UNITS
-from retarget.sources.open import open_source
 
 SHOWN_JUMPS = 8
 
 
-def inspect(
-    source: Annotated[
-        str,
-        typer.Argument(help="A motion file: AMC, BVH or C3D; or 'sample', which comes with the program."),
-    ],
-    skeleton: Annotated[
-        Path | None, typer.Option(help="The ASF of an AMC, where it does not lie beside it.", metavar="FILE.asf")
-    ] = None,
-    unit: Annotated[
-        str | None, typer.Option(help="Length unit of the file, where it states none.", metavar="|".join(UNITS))
-    ] = None,
-    rate: Annotated[float | None, typer.Option(help="Frames per second instead of the file's.", metavar="HZ")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Machine-readable, one object.")] = False,
-) -> None:
-    """Say what is in a motion file: frames, rate, sensors, size of the body, speeds and impossible jumps."""
-    summary = summarise(open_source(source, skeleton=skeleton, unit=unit, rate=rate))
+def inspect(source: str, file: FileOptions, as_json: bool = False) -> None:
+    """Say what is in a motion file: frames, rate, sensors, size of the body, speeds and impossible jumps.
+
+    Arguments:
+        source: A motion file: AMC, BVH or C3D; or 'sample', which comes with the program.
+
+    Options:
+        as_json (--json): Machine-readable, one object.
+    """
+    summary = summarise(file.open(source))
     if as_json:
         typer.echo(json.dumps(_plain(asdict(summary)), indent=2, allow_nan=False))
     else:

@@ -2,12 +2,12 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
-from retarget.cli.application import Overwrite
 from retarget.cli.exit import DONE, STOPPED
+from retarget.cli.options import Overwrite
 from retarget.errors import UsageError
 from retarget.run.loop import Watch
 from retarget.run.options import PhysicsOptions, RunOptions
@@ -27,31 +27,13 @@ SPEEDS = (0.05, 1.0)
 
 
 def replay(
-    file: Annotated[Path, typer.Argument(help="What `retarget run --record` wrote.", metavar="FILE.mcap")],
-    goals: Annotated[
-        bool, typer.Option("--goals", help="Send the goals that were sent then, as they are, to --bus.")
-    ] = False,
-    bus: Annotated[
-        str | None,
-        typer.Option(
-            help="Where --goals go, as of `run`.", metavar="mock|emulator|physics|physics+wire|none|profile|PORT"
-        ),
-    ] = None,
-    speed: Annotated[
-        float | None, typer.Option(help="Of --goals; 1 is as fast as they were recorded.", metavar="X")
-    ] = None,
-    robot: Annotated[
-        str | None,
-        typer.Option(
-            help="Use this robot, and all config files as they are now, instead of those of then.", metavar="NAME|PATH"
-        ),
-    ] = None,
-    report: Annotated[
-        Path | None, typer.Option(help="Write the numbers of the run as it is now.", metavar="FILE.json|DIR")
-    ] = None,
-    save: Annotated[
-        Path | None, typer.Option(help="Write every tick of it, for other tools.", metavar="FILE.npz")
-    ] = None,
+    file: Path,
+    goals: bool = False,
+    bus: str | None = None,
+    speed: float | None = None,
+    robot: str | None = None,
+    report: Path | None = None,
+    save: Path | None = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Run a recording again: its sensor, servo and clock data through this version, and say which goals differ.
@@ -59,6 +41,17 @@ def replay(
     With --goals nothing is computed: the robot goes slowly to the first of the recorded goals, then along them, then
     to rest; gate and guard check every goal. Exit code 0: all goals are the same, or were sent; 1: they differ, the
     recording is not whole, or the guard stopped; 2: a file that is no such recording.
+
+    Arguments:
+        file FILE.mcap: What `retarget run --record` wrote.
+
+    Options:
+        goals: Send the goals that were sent then, as they are, to --bus.
+        bus mock|emulator|physics|physics+wire|none|profile|PORT: Where --goals go, as of `run`.
+        speed X: Of --goals; 1 is as fast as they were recorded.
+        robot NAME|PATH: Use this robot, and all config files as they are now, instead of those of then.
+        report FILE.json|DIR: Write the numbers of the run as it is now.
+        save FILE.npz: Write every tick of it, for other tools.
     """
     from retarget.recording.reading import played, read_recording
     from retarget.report.outputs import Outputs

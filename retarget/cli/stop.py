@@ -1,7 +1,5 @@
 """`retarget stop`: stop a live run through its `--control-socket`."""
 
-from typing import Annotated
-
 import typer
 
 from retarget.cli.exit import DONE, STOPPED
@@ -11,18 +9,14 @@ from retarget.run.control_socket import MAX_LINE, connect_to, socket_path
 PATIENCE_S = 2.0
 
 
-def stop(
-    path: Annotated[
-        str | None,
-        typer.Option("--socket", help="The socket of the run, if it is not the usual one.", metavar="PATH"),
-    ] = None,
-    torque_off: Annotated[
-        bool, typer.Option("--torque-off", help="Torque off at once, without braking: it may fall.")
-    ] = False,
-) -> None:
+def stop(path: str | None = None, torque_off: bool = False) -> None:
     """Stop a live run that has a `--control-socket`: it brakes, goes to its rest posture, and torque goes off.
 
     Exit code 0: the run confirmed it; 1: it did not; 2: no run listens there.
+
+    Options:
+        path (--socket) PATH: The socket of the run, if it is not the usual one.
+        torque_off: Torque off at once, without braking: it may fall.
     """
     where = socket_path(path)
     try:

@@ -27,19 +27,21 @@ SHOWN_HZ = 30.0
 
 
 def view(
-    file: Annotated[
-        Path, typer.Argument(help="A run that was saved or recorded: FILE.npz, FILE.mcap.", metavar="FILE")
-    ],
+    file: Path,
     port: Annotated[
         int, typer.Option(help="Of the page, on this machine; 0: any.", metavar="PORT", min=0, max=65535)
     ] = PORT,
-    body: Annotated[
-        Path | None, typer.Option(help="The robot's MJCF or URDF, where FILE names none that is there.", metavar="FILE")
-    ] = None,
+    body: Path | None = None,
 ) -> None:
     """Show a recorded run on a web page: performer, robot, goals and joints, at any speed. Ctrl-C ends it.
 
     Open the address that is printed; its key keeps other pages and users out.
+
+    Arguments:
+        file FILE: A run that was saved or recorded: FILE.npz, FILE.mcap.
+
+    Options:
+        body FILE: The robot's MJCF or URDF, where FILE names none that is there.
     """
     run = open_recorded(file, body=body)
     for note in run.notes:

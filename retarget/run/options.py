@@ -23,9 +23,13 @@ MAX_SEED = 2**32 - 1
 class PhysicsOptions:
     """Options of `--bus physics`, named as on the command line. Raises UsageError for a value that cannot be meant.
 
-    mount: of MOUNTS; None: as the profile's root says. hook: frame of the profile from which a gantry holds the robot;
-    None: its frame `hook`. seed: of friction, of where in its tick each servo begins, and of what `perturbations`
-    draws. perturbations: of PERTURBATIONS, each at most once.
+    Physics:
+        mount floor|stand|gantry: What the robot is on; usually as its profile's root says.
+        hook FRAME: Frame of the profile by which a gantry holds it; usually 'hook'.
+        perturbations (--perturb) mass|centre_of_mass|friction|latency|push: Another mass (+-10 %), a centre of mass
+            10 mm off, friction from 0.5 to 1, 30 ms of latency, a push of 3 N for 0.2 s; drawn by the seed. Also
+            several times.
+        seed: Of all random choices; the same seed gives the same run.
     """
 
     mount: str | None = None
@@ -80,11 +84,26 @@ MAX_ITERATIONS = 100
 class RunOptions:
     """Options of a run, named as on the command line. Raises UsageError for a value that cannot be meant.
 
-    priorities: of the last stage; None: those of the robot's profile. iterations: per frame, of both stages; None: as
-    the priority files say. scene: of the last stage's body. allow_contact: run also where it touches at the
-    start. steps: what the robot does when the performer lifts a foot; None: as its priority file says. bus: a name of
-    BUSES, or the path of a port: the robot's only one. faults: file of the emulator's faults. physics: of the simulated
-    mechanics.
+    Options:
+        robot NAME|PATH: Robot by name or path; 'human' only reconstructs the performer.
+        bus mock|emulator|physics|physics+wire|none|profile|PORT: Where goals go: servos in this process, an emulator
+            that talks as they do, a robot with mass that can fall (with the emulator's bytes: +wire), nowhere; or real
+            servos on the ports of the profile, or on this one.
+        faults FILE.yaml: What goes wrong on the emulator's wire.
+        performer NAME|FILE: The performer's sensors: five, five_head, three, six, ten, all, avatar, optitrack,
+            optitrack_skeleton, or a file.
+        priorities NAME|FILE: Priority file of the robot (of 'human': its own).
+        scene NAME|FILE: The scene: table, wall, ..., or a file.
+        allow_contact: Run also where the body touches the scene at the start.
+        iterations (--n-ik) N: Iterations per frame at most, both stages.
+        parts whole|upper: What follows; 'upper' keeps the legs still.
+        steps planted|shift|follow: When the performer lifts a foot: stay, or step in place once the mass is over the
+            other; 'follow' for a robot that hangs. Usually as the priority file says: planted.
+        mirror: Swap left and right.
+        speed X: 1 is the performer's speed.
+        start S: Begin at this time of the recording.
+        end S: End at this time of the recording; live: after so long.
+        loop: Again and again until Ctrl-C, 10 minutes at most.
     """
 
     robot: str

@@ -1,7 +1,7 @@
 """Load and check everything a run needs; what cannot run is refused before anything moves or is written."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from math import inf
@@ -17,7 +17,7 @@ from retarget.errors import UsageError
 from retarget.frames import SensorFrames
 from retarget.human.calibration import calibrate
 from retarget.human.reconstruction import Reconstructor
-from retarget.human.samples import Performance, Samples, lay_on_ticks
+from retarget.human.samples import Performance, Playback, Samples, lay_on_ticks
 from retarget.human.sensor_intake import IntakeTimes
 from retarget.ik.hierarchy import SceneObstacles
 from retarget.model.human import Human, build_human, human_limits
@@ -145,7 +145,18 @@ class Prepared:
         )
 
 
-@contextmanager
+def performance_of(read: Callable[[], SensorFrames], playback: Playback) -> Perform:
+    """A recorded performance. read: opens the recording."""
+
+    def perform(performer: Performer, robot: RobotBody | None) -> Performance:
+        frames = read()
+        rate = None if robot is None else robot.profile.safety.rate_hz
+        clip = lay_on_ticks(frames, performer=performer, playback=playback, rate_hz=rate)
+        return Performance(clip, calibrate(frames.mirror() if playback.mirror else frames), frames.notes)
+
+    return perform
+
+
 def prepare(
     read: Callable[[], SensorFrames],
     options: RunOptions,
@@ -154,19 +165,10 @@ def prepare(
     make_bus: MakeBus,
     goes_to_rest: bool = False,
     notify: Notify = _ignore,
-) -> Iterator[Prepared]:
+) -> AbstractContextManager[Prepared]:
     """Prepare a run of a recorded performance, see `prepare_for`."""
-
-    def perform(performer: Performer, robot: RobotBody | None) -> Performance:
-        frames, playback = read(), options.playback
-        rate = None if robot is None else robot.profile.safety.rate_hz
-        clip = lay_on_ticks(frames, performer=performer, playback=playback, rate_hz=rate)
-        return Performance(clip, calibrate(frames.mirror() if playback.mirror else frames), frames.notes)
-
-    with prepare_for(
-        perform, options, clock=clock, make_bus=make_bus, goes_to_rest=goes_to_rest, notify=notify
-    ) as prepared:
-        yield prepared
+    perform = performance_of(read, options.playback)
+    return prepare_for(perform, options, clock=clock, make_bus=make_bus, goes_to_rest=goes_to_rest, notify=notify)
 
 
 @contextmanager

@@ -21,7 +21,6 @@ from hypothesis import strategies as st
 from hardware.errors import HardwareError
 from hardware.guard_state import StopCause
 from hardware.key_device import EVENT
-from hardware.realtime import Scheduling
 from live_rig import LiveRig
 from messages import refuses, shows
 from retarget.cli import main
@@ -668,7 +667,7 @@ def test_what_cannot_be_had_is_refused(tmp_path: Path) -> None:
     with refuses(UsageError):
         refuse_oversight(Oversight(dead_man="b"), virtual=True)
     with refuses(HardwareError, "--core"):
-        refuse_oversight(Oversight(scheduling=Scheduling(core=4096)), virtual=False)
+        refuse_oversight(Oversight(core=4096), virtual=False)
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 from messages import shows
 from motion_texts import amc_text, bvh_text, c3d_bytes, write_amc
 from retarget.cli import main
+from retarget.cli.application import application
 
 pytestmark = pytest.mark.filterwarnings("ignore:No analog data found:UserWarning")
 
@@ -74,11 +75,5 @@ def test_jumps_of_a_real_recording_are_shown(shared: Path, capsys: pytest.Captur
 
 
 def test_help_names_every_option() -> None:
-    import typer
-
-    from retarget.cli.inspect import inspect
-
-    application = typer.Typer()
-    application.command()(inspect)
-    text = CliRunner().invoke(application, ["--help"]).output
+    text = CliRunner().invoke(application(["inspect"]), ["inspect", "--help"]).output
     assert all(option in text for option in ("--skeleton", "--unit", "--rate", "--json"))

@@ -17,7 +17,8 @@ from messages import refuses, shows, shows_lines
 from retarget.cli import main
 from retarget.cli.controls import Clutch, Keys, LiveControls
 from retarget.cli.exit import DONE, INTERRUPTED, REFUSED, STOPPED, StopRequest
-from retarget.cli.run import _wait_until_engaged, in_time, refuse_given, sides_are_checked
+from retarget.cli.options import given, refuse_given
+from retarget.cli.run import StreamOptions, _wait_until_engaged, in_time, sides_are_checked
 from retarget.errors import UsageError
 from retarget.live.begin import LiveOptions
 from retarget.live.performer import LivePerformer
@@ -107,9 +108,11 @@ def test_the_sides_of_a_live_performer_are_checked() -> None:
 
 
 def test_a_file_has_no_live_options() -> None:
-    refuse_given({"--person": None}, "live stream")
+    assert given(StreamOptions()) == [] and given(StreamOptions(yes=True), but=("yes",)) == []
+    assert given(StreamOptions(person="anna", check_sides=False)) == ["--person", "--check-sides"]
+    refuse_given([], "live stream")
     with refuses(UsageError, "--person"):
-        refuse_given({"--person": "anna", "--recalibrate": None}, "live stream")
+        refuse_given(["--person"], "live stream")
 
 
 def test_what_was_asked_before_it_begins_is_obeyed_before_anything_has_torque() -> None:
