@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 
 from hardware.arrays import TickArray
-from hardware.bus import BusSpec
 from hardware.clock import Clock
 from hardware.dynamixel.bus import DynamixelBus
 from retarget.model.robot import RobotBody
@@ -43,11 +42,12 @@ def emulated_bus(
     lines = robot_lines(servos, buses, start=start, now=clock.now(), plan=plan, timing=timing)
     if simulation is not None:
         drive_shafts(simulation, servos, lines, now=clock.now())
-
-    def port(bus: BusSpec) -> EmulatedPort:
-        return EmulatedPort(lines[bus.name], clock, name=f"emulated {bus.port}")
-
-    return DynamixelBus(robot.joint_map, buses, port, notify=notify)
+    return DynamixelBus(
+        robot.joint_map,
+        buses,
+        lambda bus: EmulatedPort(lines[bus.name], clock, name=f"emulated {bus.port}"),
+        notify=notify,
+    )
 
 
 # A robot's bus above its simulated mechanics: what `--bus physics` opens.
@@ -82,7 +82,7 @@ def simulation_of(
     start: TickArray,
     scene: Scene | None = None,
     mount: Mount | None = None,
-    perturbation: Perturbation | None = None,
+    perturbation: Perturbation = NOMINAL,
     seed: int = 0,
     notify: Callable[[str], object] = lambda note: None,
 ) -> Simulation:
@@ -90,7 +90,6 @@ def simulation_of(
 
     notify: receives what is left out. The same seed gives the same bits. Raises ConfigError (see `build_world`).
     """
-    perturbation = NOMINAL if perturbation is None else perturbation
     world = build_world(
         robot,
         np.asarray(robot.joint_map.to_radians(start)),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from hardware.arrays import TickArray
-from hardware.bus import BusSpec, ServoBus
+from hardware.bus import ServoBus
 from hardware.clock import Clock
 from hardware.guard_state import StopCause
 from retarget.errors import UsageError
@@ -32,18 +32,17 @@ def make_bus(name: str, robot: RobotBody, clock: Clock, *, faults: Path | None =
 
     Raises UsageError for a port where the robot has several, ConfigError for a bad file of faults.
     """
-    if name == "none":
-        from sim.mock_bus import NoBus
+    from sim.mock_bus import NoBus, mock_bus
 
-        return NoBus(clock, start=standing_ticks(robot))
-    if name == "mock":
-        from sim.mock_bus import mock_bus
+    match name:
+        case "none":
+            return NoBus(clock, start=standing_ticks(robot))
+        case "mock":
+            return mock_bus(robot, clock)
+        case "emulator":
+            from sim.buses import emulated_bus
 
-        return mock_bus(robot, clock)
-    if name == "emulator":
-        from sim.buses import emulated_bus
-
-        return emulated_bus(robot, clock, start=standing_ticks(robot), faults=faults)
+            return emulated_bus(robot, clock, start=standing_ticks(robot), faults=faults)
     return _real_bus(name, robot, clock)
 
 
@@ -65,14 +64,9 @@ def _real_bus(name: str, robot: RobotBody, clock: Clock) -> ServoBus:
             allowed=f"profile, which takes the ports of {', '.join(bus.name for bus in buses)}",
             next_step="Write the ports into the profile",
         )
-
     if name != "profile":
         buses = tuple(replace(bus, port=name) for bus in buses)
-
-    def port(bus: BusSpec) -> SerialPort:
-        return SerialPort(bus.port, clock)
-
-    return DynamixelBus(robot.joint_map, buses, port, notify=_note)
+    return DynamixelBus(robot.joint_map, buses, lambda bus: SerialPort(bus.port, clock), notify=_note)
 
 
 def _note(text: str) -> None:
@@ -149,27 +143,22 @@ class PhysicsBench:
 
     def _physics_bus(self, robot: RobotBody, clock: Clock) -> "PhysicsBus | WitnessedBus":
         from sim.buses import physics_bus, physics_wire_bus, simulation_of
-        from sim.physics.mount import mount_of
         from sim.physics.perturbation import combined, drawn, perturbation_kind
 
         options, asked = self._options, self._options.physics
         if asked.root is not None:  # it follows with the root of its mount, and still has soles
             robot = load_robot(options.robot)
         self._robot = robot
-        mount = self._mount(robot) or mount_of(robot)
+        mount = self._mount(robot)
         if mount.support.value == "floor":
             check_stand(robot)
-        constant = [
-            drawn(perturbation_kind(name), asked.seed, within=(0.0, 0.0))
-            for name in asked.perturbations
-            if name != "push"
-        ]
+        constant = [perturbation_kind(name) for name in asked.perturbations if name != "push"]
         simulation = simulation_of(
             robot,
             start=standing_ticks(robot),
             scene=None if options.scene is None else load_scene(options.scene),
             mount=mount,
-            perturbation=combined(constant),
+            perturbation=combined([drawn(kind, asked.seed, within=(0.0, 0.0)) for kind in constant]),
             seed=asked.seed,
             notify=self._note,
         )
@@ -177,13 +166,11 @@ class PhysicsBench:
             return physics_bus(simulation, clock)
         return physics_wire_bus(simulation, clock, faults=options.faults, notify=self._note)
 
-    def _mount(self, robot: RobotBody) -> "Mount | None":
-        """The mount that the options ask for; None: that of the profile."""
+    def _mount(self, robot: RobotBody) -> "Mount":
+        """The mount that the options ask for, else that of the profile."""
         from sim.physics.mount import Mount, Support, mount_of
 
         asked = self._options.physics
-        if asked.mount is None and asked.hook is None:
-            return None
         mount = mount_of(robot) if asked.mount is None else Mount(Support(asked.mount))
         if asked.hook is None:
             return mount

@@ -7,7 +7,7 @@ import sys
 import threading
 import traceback
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import Any, TextIO, cast
@@ -106,15 +106,24 @@ class ForcedStopKey:
 # Signals that end a command, all as Ctrl-C does. While a robot moves they request a stop, and raise nothing.
 
 REASONS = {
-    "SIGINT": "interrupted by the user (Ctrl-C)",
-    "SIGTERM": "ended by another program (SIGTERM)",
-    "SIGHUP": "the terminal is gone (SIGHUP)",
-    "SIGQUIT": "asked to quit (Ctrl-\\, SIGQUIT)",
+    signal.SIGINT: "interrupted by the user (Ctrl-C)",
+    signal.SIGTERM: "ended by another program (SIGTERM)",
+    signal.SIGHUP: "the terminal is gone (SIGHUP)",
+    signal.SIGQUIT: "asked to quit (Ctrl-\\, SIGQUIT)",
 }
-SUSPENDED = {"SIGTSTP": "asked to suspend (Ctrl-Z, SIGTSTP)"}
+SUSPENDED = {signal.SIGTSTP: "asked to suspend (Ctrl-Z, SIGTSTP)"}
 """Handled while a robot moves: a suspended process would leave it standing with torque."""
-SIGNALS = [getattr(signal, name) for name in REASONS if hasattr(signal, name)]
-"""Those of them that the platform has."""
+
+
+@contextmanager
+def _handled(numbers: Iterable[int], handler: Callable[[int, FrameType | None], object]) -> Iterator[None]:
+    """These signals have this handler."""
+    before = {number: signal.signal(number, handler) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, earlier in before.items():
+            signal.signal(number, earlier)
 
 
 class StopRequest:
@@ -153,18 +162,10 @@ def all_as_ctrl_c() -> Iterator[None]:
 
     Only signals that are not handled or ignored yet, and only in the main thread, which alone may set handlers.
     """
-    mine = [
-        number
-        for number in SIGNALS
-        if threading.current_thread() is threading.main_thread() and signal.getsignal(number) is signal.SIG_DFL
-    ]
-    for number in mine:
-        signal.signal(number, signal.default_int_handler)
-    try:
+    mine = threading.current_thread() is threading.main_thread()
+    unhandled = [number for number in REASONS if mine and signal.getsignal(number) is signal.SIG_DFL]
+    with _handled(unhandled, signal.default_int_handler):
         yield
-    finally:
-        for number in mine:
-            signal.signal(number, signal.SIG_DFL)
 
 
 @contextmanager
@@ -175,23 +176,18 @@ def stop_on_signals(clock: Clock | None = None, *, moves: bool = False) -> Itera
     None of them raises. One that the process was started to ignore (`nohup`) stays ignored.
     """
     request, key, time = StopRequest(), ForcedStopKey(), clock or MonotonicClock()
+    reasons = {**REASONS, **SUSPENDED} if moves else REASONS
 
     def handle(number: int, frame: FrameType | None) -> None:
-        why = {**REASONS, **SUSPENDED}[signal.Signals(number).name]
+        why = reasons[signal.Signals(number)]
         again = number == signal.SIGINT and key.pressed(1, time.now())
-        if again or (number == signal.SIGINT and request() and request.why() != REASONS["SIGINT"]):
+        if again or (number == signal.SIGINT and request() and request.why() != why):
             request.force(why)
         else:
             request.ask(why)
 
-    known = [*SIGNALS, *(getattr(signal, name) for name in SUSPENDED if moves and hasattr(signal, name))]
-    handled = [number for number in known if signal.getsignal(number) is not signal.SIG_IGN]
-    before = {number: signal.signal(number, handle) for number in handled}
-    try:
+    with _handled([number for number in reasons if signal.getsignal(number) is not signal.SIG_IGN], handle):
         yield request
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 DONE = 0
@@ -224,28 +220,31 @@ def _code_of(command: Callable[[], object]) -> int:
         with all_as_ctrl_c():
             command()
     except SystemExit as leaving:
-        return _code_of_exit(leaving)
-    except TorqueError as error:
-        _say(f"error: {error}")
-        return STOPPED
-    except KeyboardInterrupt:
-        return _interrupted()
-    except Exception as error:  # noqa: BLE001 - the outermost boundary: nothing foreseen arrives here
-        if _was_interrupted(error):
-            return _interrupted()
-        if isinstance(error, RetargetError):
-            _say(f"error: {error}")
-            return REFUSED
-        traceback.print_exc()
+        code = STOPPED if isinstance(leaving.code, str) else leaving.code or DONE
+    except BaseException as error:  # noqa: BLE001 - the outermost boundary: nothing unforeseen goes past it
+        code = _code_of_error(error)
+    else:
+        return DONE
+    if code == INTERRUPTED:  # also typer's exit code for Ctrl-C inside a command
+        _say("interrupted")
+    return code
+
+
+CODES = {TorqueError: STOPPED, RetargetError: REFUSED}
+"""The exit code of each kind of error, the first that fits; any other error is a defect."""
+
+
+def _code_of_error(error: BaseException) -> int:
+    """The exit code; what went wrong is printed."""
+    if not isinstance(error, TorqueError) and _was_interrupted(error):
+        return INTERRUPTED
+    code = next((code for kind, code in CODES.items() if isinstance(error, kind)), DEFECT)
+    if code == DEFECT:
+        traceback.print_exception(error)
         _say("error: this is a defect of ours; please report it with the lines above")
-        return DEFECT
-    return DONE
-
-
-def _code_of_exit(leaving: SystemExit) -> int:
-    if leaving.code == INTERRUPTED:
-        return _interrupted()  # typer's exit code for Ctrl-C inside a command
-    return leaving.code if isinstance(leaving.code, int) else DONE if leaving.code is None else STOPPED
+    else:
+        _say(f"error: {error}")
+    return code
 
 
 def _was_interrupted(error: BaseException | None) -> bool:
@@ -253,11 +252,6 @@ def _was_interrupted(error: BaseException | None) -> bool:
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
     return error is not None
-
-
-def _interrupted() -> int:
-    _say("interrupted")
-    return INTERRUPTED
 
 
 def _say(text: str) -> None:
@@ -298,14 +292,10 @@ class Detached:
     def flush(self) -> None:
         """Do nothing: every text is passed on at once."""
 
-    def end(self) -> None:
-        """Write the rest, and nothing that follows; does not wait."""
+    def close(self, patience: float = PATIENCE_S) -> None:
+        """Write the rest, and nothing that follows; waits so many s at most. Twice does no harm."""
         self._ended = True
         self._changed.set()
-
-    def close(self, patience: float = PATIENCE_S) -> None:
-        """Write the rest; waits so many s at most. Twice does no harm."""
-        self.end()
         self._thread.join(max(patience, 0.0))
 
     def isatty(self) -> bool:
@@ -345,21 +335,19 @@ class Detached:
 def detached_screens() -> Iterator[None]:
     """Put a `Detached` in front of stdout and stderr, as far as the process has them."""
     stdout, stderr = sys.stdout, sys.stderr
-    out = None if stdout is None else Detached(stdout)
-    err = None if stderr is None else Detached(stderr)
-    sys.stdout, sys.stderr = cast(TextIO, out), cast(TextIO, err)
+    screens = [None if stream is None else Detached(stream) for stream in (stdout, stderr)]
+    sys.stdout, sys.stderr = (cast(TextIO, screen) for screen in screens)
     try:
         yield
     finally:
         sys.stdout, sys.stderr = stdout, stderr
-        streams, clock = [one for one in (out, err) if one is not None], MonotonicClock()
+        clock = MonotonicClock()
         last = clock.now() + PATIENCE_S
-        for one in streams:
-            one.end()
-        for one in streams:
-            one.close(last - clock.now())
-        if out is not None and out.failure is not None and isinstance(stdout, Screen):
-            stdout.lose(out.failure)
+        for screen in screens:
+            if screen is not None:
+                screen.close(last - clock.now())
+        if isinstance(stdout, Screen) and screens[0] is not None and screens[0].failure is not None:
+            stdout.lose(screens[0].failure)
 
 
 def _descriptor(stream: TextIO) -> int | None:

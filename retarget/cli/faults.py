@@ -1,6 +1,6 @@
 """`retarget faults`: inject every fault of the table into a live run, and judge whether the robot reacts as it must."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Annotated
 
@@ -78,31 +78,21 @@ def _show(name: str | None) -> None:
 
 
 def _run(work: "list[Case]", jobs: int) -> int:
-    bad = done = 0
+    from multiprocessing import get_context
+
+    from sim.faults.cases import judged_case
+
+    bad = 0
     with ExitStack() as stack:
-        for result in _results(work, jobs, stack):
-            done += 1
+        results: Iterable[Result] = map(judged_case, work)
+        if jobs > 1:
+            pool = get_context("spawn").Pool(min(jobs, len(work) or 1), maxtasksperchild=200)
+            results = stack.enter_context(pool).imap(judged_case, work)
+        for result in results:
             took = "" if result.took is None else f", after {result.took:.3f} s"
             typer.echo(f"{'BAD' if result.wrong else 'ok '} {result.name}{took}")
             for line in result.wrong[:MOST_LINES]:
                 typer.echo(f"    {line}")
             bad += bool(result.wrong)
-    typer.echo(f"{bad} of {done} bad" if bad else f"all {done} as it has to be")
+    typer.echo(f"{bad} of {len(work)} bad" if bad else f"all {len(work)} as it has to be")
     return 1 if bad else 0
-
-
-def _results(work: "list[Case]", jobs: int, stack: ExitStack) -> "Iterable[Result]":
-    from sim.faults.cases import judged_case
-
-    if jobs == 1:
-        return _here(work)
-    from multiprocessing import get_context
-
-    pool = stack.enter_context(get_context("spawn").Pool(min(jobs, len(work) or 1), maxtasksperchild=200))
-    return pool.imap(judged_case, work)
-
-
-def _here(work: "list[Case]") -> "Iterator[Result]":
-    from sim.faults.cases import judged_case
-
-    return (judged_case(case) for case in work)

@@ -9,7 +9,6 @@ import typer
 from retarget.cli.exit import DONE, STOPPED
 from retarget.cli.options import Overwrite
 from retarget.errors import UsageError
-from retarget.run.loop import Watch
 from retarget.run.options import PhysicsOptions, RunOptions
 from retarget.run.record import Phase
 
@@ -113,6 +112,7 @@ def _run(found: "Played", configs: "Configs") -> "Replayed":
     """Run it again, and say what differs."""
     from retarget.cli.application import progress_bar
     from retarget.recording.replay import replay as run_again
+    from retarget.run.loop import Watch
 
     session = found.recording.session
     with progress_bar(session.robot, found.last_tick + 1) as show:
@@ -161,23 +161,22 @@ def _send(found: "Played", bus: str, speed: float, robot: str | None) -> int:
 def _sent(found: "Played", options: RunOptions, robot: "RobotBody | None", speed: float) -> int:
     from contextlib import ExitStack
 
-    from hardware.clock import Clock, MonotonicClock, VirtualClock
     from retarget.cli.application import progress_bar
-    from retarget.cli.buses import PhysicsBench
     from retarget.cli.exit import stop_on_signals
+    from retarget.cli.run import CommandRun
+    from retarget.cli.view import Viewing
     from retarget.recording.goal_playback import goal_playback
+    from retarget.report.outputs import Outputs
 
-    clock: Clock = VirtualClock() if options.simulated else MonotonicClock()
-    bench = PhysicsBench(options, _note)
+    command = CommandRun(options, Outputs(), recorded=True, goes_to_rest=True)
+    clock, make_bus = command.clock, command.bench.make_bus
     with ExitStack() as signals:
         with goal_playback(
-            found, options, speed=speed, clock=clock, make_bus=bench.make_bus, notify=_note, robot=robot
+            found, options, speed=speed, clock=clock, make_bus=make_bus, notify=_note, robot=robot
         ) as prepared:
             stop = signals.enter_context(stop_on_signals(moves=True))
             with progress_bar(options.robot, prepared.samples.kept // 2) as show:
-                run = prepared.run(
-                    Watch(show, bench.watching(stop, prepared), bench.watching(stop.forced_stop, prepared), stop.why)
-                )
+                run = command.play(prepared, Viewing(None), stop, stop, show)
         sent = run.record.robot
         assert sent is not None, "goals are a robot's"
         gated = int(sent.gated.sum())

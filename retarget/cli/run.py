@@ -76,7 +76,7 @@ def in_time(look: Callable[[], bool], dt: float, clock: Clock) -> Callable[[], b
 # What all runs have: `run` from a file or a stream, and `demo`.
 
 
-class _Run:
+class CommandRun:
     """Options, clock, bus and recorder of one run. A run of a recorded performer (`recorded`) on simulated servos is
     played as fast as it goes; a viewer shows it in real time."""
 
@@ -139,7 +139,7 @@ def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: 
     read: opens the source, which a recording calls `source`. Raises RetargetError for what cannot be run; then nothing
     has moved and nothing is written.
     """
-    run = _Run(options, outputs, recorded=True, goes_to_rest=options.has_mass)
+    run = CommandRun(options, outputs, recorded=True, goes_to_rest=options.has_mass)
     with detached_screens(), ExitStack() as signals:
         with run.prepared(performance_of(read, options.playback)) as prepared:
             stop = signals.enter_context(stop_on_signals(moves=True))
@@ -252,7 +252,7 @@ def follow_live(source: str, options: RunOptions, outputs: Outputs, live: Stream
     """
     begins = live.begins(source, options.playback)
     address = parse_address(source)
-    run = _Run(options, outputs, recorded=address.kind == "replay", goes_to_rest=True)
+    run = CommandRun(options, outputs, recorded=address.kind == "replay", goes_to_rest=True)
     clock, notify = run.clock, run.notify
     refuse_oversight(live.oversight, virtual=type(clock) is VirtualClock)
     supervisor = Supervisor(notify=notify)

@@ -1,5 +1,7 @@
 """`retarget stop`: stop a live run through its `--control-socket`."""
 
+from contextlib import suppress
+
 import typer
 
 from retarget.cli.exit import DONE, STOPPED
@@ -30,15 +32,9 @@ def stop(path: str | None = None, torque_off: bool = False) -> None:
     answer = b""
     with client:
         client.settimeout(PATIENCE_S)
-        try:
+        with suppress(OSError):
             client.sendall(b"torque_off\n" if torque_off else b"stop\n")
-            while b"\n" not in answer and len(answer) <= MAX_LINE:
-                data = client.recv(MAX_LINE)
-                if not data:
-                    break
-                answer += data
-        except OSError:
-            pass
+            answer = client.makefile("rb").readline(MAX_LINE)
     text = answer.decode("ascii", errors="replace").strip()
     if not text.startswith("ok"):
         typer.echo(f"error: the run did not confirm it ({text or 'no answer'}): cut the power", err=True)

@@ -1,7 +1,7 @@
 """`retarget view FILE`: a recorded run on a web page that only this machine reaches."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -99,8 +99,9 @@ class Viewing:
 
         return replace(watch, on_row=both)
 
-    def settle(self) -> None:
-        """Report why the page stopped, if it did."""
+    def close(self) -> None:
+        """The run has ended: report why the page stopped before, if it did."""
+        self.over = True
         if self._shows.failure:
             self._notify(f"warning: the page showed nothing any more: {self._shows.failure}")
 
@@ -121,20 +122,8 @@ def viewing(
     if port is None:
         yield Viewing(None)
         return
-    with open_feed(_setup(port, prepared, options), rate_hz=1.0 / prepared.samples.dt) as feed:
-        view = Viewing(feed, notify)
-        feed.extras = _extras(prepared, view, words, truth)
-        notify(f"Look at it: {feed.address}")
-        try:
-            yield view
-        finally:
-            view.over = True
-            view.settle()
-
-
-def _setup(port: int, prepared: Prepared, options: RunOptions) -> PageSetup:
     machine = prepared.machine
-    return PageSetup(
+    setup = PageSetup(
         title=f"retarget: {options.robot}",
         port=port,
         robot=None if machine is None else str(machine.robot.profile.path),
@@ -144,6 +133,10 @@ def _setup(port: int, prepared: Prepared, options: RunOptions) -> PageSetup:
         simulated=options.has_physics,
         sensors=tuple(prepared.performer.sensors),
     )
+    with open_feed(setup, rate_hz=1.0 / prepared.samples.dt) as feed, closing(Viewing(feed, notify)) as view:
+        feed.extras = _extras(prepared, view, words, truth)
+        notify(f"Look at it: {feed.address}")
+        yield view
 
 
 def _extras(

@@ -38,11 +38,10 @@ class PhysicsOptions:
     perturbations: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.mount is not None and self.mount not in MOUNTS:
-            _refuse("unknown mount", "--mount", self.mount, tuple(MOUNTS))
+        if self.mount is not None:
+            _one_of(self.mount, tuple(MOUNTS), "--mount", "mount")
         for kind in self.perturbations:
-            if kind not in PERTURBATIONS:
-                _refuse("unknown perturbation", "--perturb", kind, PERTURBATIONS)
+            _one_of(kind, PERTURBATIONS, "--perturb", "perturbation")
         if len(set(self.perturbations)) < len(self.perturbations):
             found = ", ".join(self.perturbations)
             raise UsageError("one perturbation twice", where="--perturb", found=found, next_step="Name each once")
@@ -57,14 +56,15 @@ class PhysicsOptions:
         return None if self.mount is None else MOUNTS[self.mount]
 
 
-def _refuse(what: str, option: str, found: str, allowed: tuple[str, ...]) -> None:
-    raise UsageError(
-        what,
-        where=option,
-        found=repr(found[:80]),
-        allowed=", ".join(allowed),
-        next_step=suggest(found, allowed),
-    )
+def _one_of(value: str, allowed: tuple[str, ...], option: str, what: str, also: str = "") -> None:
+    if value not in allowed:
+        raise UsageError(
+            f"unknown {what}",
+            where=option,
+            found=repr(value[:80]),
+            allowed=", ".join(allowed) + (f", or {also}" if also else ""),
+            next_step=suggest(value, allowed),
+        )
 
 
 BUSES = ("mock", "emulator", "physics", "physics+wire", "none", "profile")
@@ -123,42 +123,37 @@ class RunOptions:
     def __post_init__(self) -> None:
         if "/" not in self.bus:
             _one_of(self.bus, BUSES, "--bus", "bus", also="the path of a port such as /dev/ttyUSB0")
-        if self.faults is not None and self.bus not in WIRED:
-            raise UsageError(
-                "only the emulator has faults to inject",
-                where="--faults",
-                found=f"--bus {self.bus}",
-                allowed=_buses(WIRED),
-            )
-        if self.physics != PhysicsOptions() and not self.has_physics:
-            raise UsageError(
-                "only a robot with mass has these",
-                where="--mount, --hook, --seed, --perturb",
-                found=f"--bus {self.bus}",
-                allowed=_buses(PHYSICS),
-            )
-        if not self.gate and not self.simulated:
-            raise UsageError("no goal goes to real servos unchecked", where="--no-gate", found=f"--bus {self.bus}")
         _one_of(self.parts, get_args(Parts), "--parts", "choice of parts")
         if self.steps is not None:
-            self._check_steps(self.steps)
+            _one_of(self.steps, get_args(Steps), "--steps", "behaviour of the feet")
         if self.iterations is not None and not 1 <= self.iterations <= MAX_ITERATIONS:
             allowed = f"1 to {MAX_ITERATIONS}"
             raise UsageError("impossible number of iterations", where="--n-ik", found=self.iterations, allowed=allowed)
-        if self.is_human and self.parts != "whole":
-            raise UsageError("parts are parts of a robot", where="--parts", found=f"--robot {HUMAN}")
-        if self.is_human and self.bus not in SERVOLESS:
-            found = f"--robot {HUMAN}, --bus {self.bus}"
-            raise UsageError("a human has no servos", where="--bus", found=found, allowed="none, or no --bus")
-        if self.is_human and not self.gate:
-            raise UsageError("there is no gate to leave out", where="--no-gate", found=f"--robot {HUMAN}")
-
-    def _check_steps(self, steps: str) -> None:
-        _one_of(steps, get_args(Steps), "--steps", "behaviour of the feet")
         if self.is_human:
-            raise UsageError("a human's feet are the performer's", where="--steps", found=f"--robot {HUMAN}")
-        if steps == "shift" and self.parts != "whole":
+            self._check_human()
+        bus = f"--bus {self.bus}"
+        if self.faults is not None and self.bus not in WIRED:
+            allowed = " or ".join(f"--bus {name}" for name in WIRED)
+            raise UsageError("only the emulator has faults to inject", where="--faults", found=bus, allowed=allowed)
+        if self.physics != PhysicsOptions() and not self.has_physics:
+            options, allowed = "--mount, --hook, --seed, --perturb", " or ".join(f"--bus {name}" for name in PHYSICS)
+            raise UsageError("only a robot with mass has these", where=options, found=bus, allowed=allowed)
+        if not self.gate and not self.simulated:
+            raise UsageError("no goal goes to real servos unchecked", where="--no-gate", found=bus)
+        if self.steps == "shift" and self.parts != "whole":
             raise UsageError("legs that do not move make no steps", where="--steps", found=f"--parts {self.parts}")
+
+    def _check_human(self) -> None:
+        robot = f"--robot {HUMAN}"
+        if self.parts != "whole":
+            raise UsageError("parts are parts of a robot", where="--parts", found=robot)
+        if self.steps is not None:
+            raise UsageError("a human's feet are the performer's", where="--steps", found=robot)
+        if self.bus not in SERVOLESS:
+            found = f"{robot}, --bus {self.bus}"
+            raise UsageError("a human has no servos", where="--bus", found=found, allowed="none, or no --bus")
+        if not self.gate:
+            raise UsageError("there is no gate to leave out", where="--no-gate", found=robot)
 
     @property
     def simulated(self) -> bool:
@@ -184,21 +179,6 @@ class RunOptions:
     def is_human(self) -> bool:
         """Whether only the performer is reconstructed."""
         return self.robot == HUMAN
-
-
-def _buses(names: tuple[str, ...]) -> str:
-    return " or ".join(f"--bus {name}" for name in names)
-
-
-def _one_of(value: str, allowed: tuple[str, ...], option: str, what: str, also: str = "") -> None:
-    if value not in allowed:
-        raise UsageError(
-            f"unknown {what}",
-            where=option,
-            found=repr(value[:80]),
-            allowed=", ".join(allowed) + (f", or {also}" if also else ""),
-            next_step=suggest(value, allowed),
-        )
 
 
 # Which priority files a run uses: those of its options, else of the robot's profile.

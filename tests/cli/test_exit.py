@@ -26,7 +26,6 @@ from retarget.cli.application import progress_bar
 from retarget.cli.exit import (
     MOST,
     REASONS,
-    SIGNALS,
     STOPPED,
     Detached,
     ForcedStopKey,
@@ -217,13 +216,13 @@ def test_a_signal_asks_to_stop(number: signal.Signals) -> None:
         assert not asked()
         signal.raise_signal(number)
         assert asked() and not asked.forced_stop()
-        assert asked.why() == REASONS[number.name] and number.name in asked.why().replace("Ctrl-C", "SIGINT")
+        assert asked.why() == REASONS[number] and number.name in asked.why().replace("Ctrl-C", "SIGINT")
         signal.raise_signal(signal.SIGINT)
-        assert asked.why() == REASONS[number.name], "the first one stays"
+        assert asked.why() == REASONS[number], "the first one stays"
     assert signal.getsignal(number) is before
 
 
-@pytest.mark.parametrize("first", [number for number in SIGNALS if number != signal.SIGINT])
+@pytest.mark.parametrize("first", [number for number in REASONS if number != signal.SIGINT])
 def test_ctrl_c_after_another_signal_forces_torque_off_and_does_not_raise(first: signal.Signals) -> None:
     with stop_on_signals() as asked:
         signal.raise_signal(first)
@@ -275,15 +274,15 @@ def test_what_is_ignored_stays_ignored() -> None:
         signal.signal(signal.SIGHUP, before)
 
 
-@pytest.mark.parametrize("number", SIGNALS)
+@pytest.mark.parametrize("number", [*REASONS])
 def test_outside_of_a_motion_each_of_them_is_as_ctrl_c(number: signal.Signals) -> None:
-    before = {each: signal.getsignal(each) for each in SIGNALS}
+    before = {each: signal.getsignal(each) for each in REASONS}
     with pytest.raises(KeyboardInterrupt), all_as_ctrl_c():
         with stop_on_signals() as asked:
             signal.raise_signal(number)
             assert asked()
         signal.raise_signal(number)
-    assert {each: signal.getsignal(each) for each in SIGNALS} == before
+    assert {each: signal.getsignal(each) for each in REASONS} == before
 
 
 @pytest.mark.parametrize("handler", [signal.SIG_IGN, lambda number, frame: None])

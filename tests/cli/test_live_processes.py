@@ -77,7 +77,7 @@ def test_asked_to_end_it_brakes_goes_to_rest_and_torque_is_off(tmp_path: Path, n
         # A goal may be on its way when the signal comes; the next one brakes.
         assert times[after][began] - asked <= BRAKES_S, braking.tolist()
         assert (np.diff(braking[began : rests + 1]) <= 1.0).all() and braking[rests] <= 1.0, braking.tolist()
-        assert code == STOPPED and {**REASONS, **SUSPENDED}[number.name] in said, said
+        assert code == STOPPED and {**REASONS, **SUSPENDED}[number] in said, said
         assert live.tripped() == [] and live.registers(TORQUE) == [0] * 20
 
 

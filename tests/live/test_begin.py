@@ -1,8 +1,8 @@
 """How a live run begins: options out of range are refused before a port is opened; the help names every performer."""
 
 import re
+from inspect import signature
 from pathlib import Path
-from typing import get_type_hints
 
 import numpy as np
 import pytest
@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from hardware.clock import VirtualClock
 from live_rig import WHERE, five, live_stream
 from messages import Facts, refuses
+from retarget.cli.options import command_of
 from retarget.cli.run import run
 from retarget.errors import InputError, UsageError
 from retarget.live.admission import SECOND_SOURCE
@@ -34,7 +35,7 @@ def test_any_other_is_taken(countdown: float) -> None:
 
 def test_the_help_names_every_performer_that_is_shipped(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
-    help_text = get_type_hints(run, include_extras=True)["performer"].__metadata__[0].help
+    help_text = signature(command_of(run)).parameters["performer"].annotation.__metadata__[0].help
     shipped = {entry.name for entry in entries(Kind.PERFORMER)}
     assert len(shipped) >= 9 and shipped <= set(re.findall(r"\w+", help_text))
 
