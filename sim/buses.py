@@ -82,7 +82,7 @@ def simulation_of(
     start: TickArray,
     scene: Scene | None = None,
     mount: Mount | None = None,
-    perturbation: Perturbation = NOMINAL,
+    perturbation: Perturbation | None = None,
     seed: int = 0,
     notify: Callable[[str], object] = lambda note: None,
 ) -> Simulation:
@@ -90,6 +90,7 @@ def simulation_of(
 
     notify: receives what is left out. The same seed gives the same bits. Raises ConfigError (see `build_world`).
     """
+    perturbation = NOMINAL if perturbation is None else perturbation
     world = build_world(
         robot,
         np.asarray(robot.joint_map.to_radians(start)),

@@ -109,42 +109,33 @@ def ask(question: str, *, enter: bool = True, where: str = "") -> bool:
 
     Raises UsageError when the input has ended.
     """
+    answers = {"": enter, "y": True, "yes": True, "n": False, "no": False}
     while True:
-        typer.echo(f"{question} [{'Y/n' if enter else 'y/N'}] ", nl=False)
-        sys.stdout.flush()
-        line = sys.stdin.readline()
-        if not line:
+        try:
+            answer = answers.get(input(f"{question} [{'Y/n' if enter else 'y/N'}] ").strip().lower())
+        except EOFError as error:
             typer.echo()
             raise UsageError(
                 "the question has no answer: the input has ended", where=where, next_step="Run it in a terminal"
-            )
-        answer = line.strip().lower()
-        if not answer:
-            return enter
-        if answer in ("y", "yes"):
-            return True
-        if answer in ("n", "no"):
-            return False
+            ) from error
+        if answer is not None:
+            return answer
 
 
-# A progress bar on a terminal, and nothing in a pipe.
+# A line about what goes on, on a terminal (stderr), and nothing in a pipe.
 
 
 @contextmanager
 def progress_bar(what: str, total: int | None) -> Iterator[Callable[[int], None]]:
-    """Yields a function that takes how much is done of `total` (None: not known). The bar is on stderr."""
+    """Yields a function that takes how much is done of `total` (None: not known)."""
     if not sys.stderr.isatty():
         yield lambda done: None
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.percentage:3.0f} %"),
-        TimeRemainingColumn(),
-    )
+    percentage = TextColumn("{task.percentage:3.0f} %")
+    columns = (TextColumn("{task.description}"), BarColumn(), percentage, TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(what, total=total)
         yield lambda done: bar.update(task, completed=done)
@@ -169,10 +160,11 @@ class TypedLines:
         """The descriptor to wait on; None where there is no input."""
         try:
             fd = sys.stdin.fileno()
-            mode = os.fstat(fd).st_mode
+            is_pipe = stat.S_ISFIFO(os.fstat(fd).st_mode)
+            in_front = os.isatty(fd) and os.tcgetpgrp(fd) == os.getpgrp()
         except (AttributeError, OSError, ValueError):
             return None
-        return fd if stat.S_ISFIFO(mode) or _in_front(fd) else None
+        return fd if is_pipe or in_front else None
 
     def read(self) -> bool:
         """Take what is there; False at the end of the input."""
@@ -188,11 +180,3 @@ class TypedLines:
         for line in lines:
             self._obey(line.decode(errors="replace"))
         return bool(data)
-
-
-def _in_front(fd: int) -> bool:
-    """Whether it is a terminal, and this process is in its foreground."""
-    try:
-        return os.isatty(fd) and os.tcgetpgrp(fd) == os.getpgrp()
-    except OSError:
-        return False

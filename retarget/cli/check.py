@@ -1,7 +1,6 @@
 """`retarget check FILE...`: validate robot profiles, priority files, performers and scenes; say what is in them."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import typer
@@ -49,8 +48,8 @@ def check(files: list[str]) -> None:
     refused = False
     for name in files:
         try:
-            for target in _targets(name):
-                typer.echo(_report(target))
+            for kind, path in _targets(name):
+                typer.echo(_REPORTS[kind](path))
         except RefusedError as error:
             refused = True
             typer.echo(f"error: {error}", err=True)
@@ -58,15 +57,10 @@ def check(files: list[str]) -> None:
         raise typer.Exit(2)
 
 
-@dataclass(frozen=True, slots=True)
-class _Target:
-    kind: Kind
-    path: Path
-
-
-def _targets(name: str) -> list[_Target]:
-    """The files that a name or a path means: a name may be one of a robot and of a priority file."""
-    named = [_Target(kind, entry.path) for kind in Kind for entry in entries(kind) if entry.name == name]
+def _targets(name: str) -> list[tuple[Kind, Path]]:
+    """The files that a name or a path means, and their kinds: a name may be one of a robot and of a priority file."""
+    every = [(kind, entry) for kind in Kind for entry in entries(kind)]
+    named = [(kind, entry.path) for kind, entry in every if entry.name == name]
     if named:
         return named
     path = Path(name)
@@ -80,14 +74,14 @@ def _targets(name: str) -> list[_Target]:
     try:
         path = find(Kind.ROBOT, path)
     except UsageError:
-        known = [entry.name for kind in Kind for entry in entries(kind)]
+        known = [entry.name for _, entry in every]
         raise UsageError(
             "there is no such file, and no configuration of that name",
             where=name[:200],
             allowed=", ".join(known),
             next_step=suggest(name, known) or renamed_to(Path(name).stem, known) or "Check the path",
         ) from None
-    return [_Target(_kind(path), path)]
+    return [(_kind(path), path)]
 
 
 def _kind(path: Path) -> Kind:
@@ -107,12 +101,9 @@ def _kind(path: Path) -> Kind:
     return kind
 
 
-def _report(target: _Target) -> str:
-    """A paragraph about a valid file. Raises ConfigError for any other."""
-    return _REPORTS[target.kind](target.path)
-
-
 def _robot(path: Path) -> str:
+    from sim.physics.mount import simulation_problem
+
     problems = _unknown_priorities(scan(read_text(path), path))
     try:
         profile = load_profile(path)
@@ -127,38 +118,32 @@ def _robot(path: Path) -> str:
     buses = (
         f"{bus.name} ({bus.port}, {bus.baud} baud, {len(bus.ids)} ids, {_watchdog(bus)})" for bus in profile.bus_specs()
     )
-    return _paragraph(
-        "robot",
-        profile,
-        path,
-        {
-            "body": f"{profile.body_path.name}, root {profile.root}",
-            "servos": ", ".join(f"{models.count(model)} x {model}" for model in dict.fromkeys(models)),
-            "buses": "; ".join(buses),
-            "calibration": _calibration(robot),
-            "frames": f"{len(profile.frames)}",
-            "landmarks": ", ".join(profile.landmarks),
-            "observers": f"{len(observers.names)}, {len(observers.pairs)} pairs of them checked",
-            "not checked": _not_checked(observers.dropped),
-            "feet": ", ".join(profile.feet) or "none",
-            **(
-                {}
-                if margin is None
-                else {
-                    "stands": f"centre of mass {1e3 * margin:.0f} mm inside the edge of the soles",
-                    "carries": "; ".join(map(str, heaviest_loads(robot))),
-                    "to rest": str(goes_to_rest or "nothing is checked"),
-                }
-            ),
-            "tick": f"{profile.safety.rate_hz:g} Hz",
-            **safety_facts(profile.safety),
-            "priorities": f"reconstruct {profile.reconstruct}, retarget {profile.retarget}, "
-            f"with mass {name_with_mass(robot)}",
-            "physics": _physics(robot),
-            **_drafts(path),
-        },
-        verdict="good" if goes_to_rest is None or goes_to_rest.safe else "good, but it does not go straight to rest",
-    )
+    facts = {
+        "body": f"{profile.body_path.name}, root {profile.root}",
+        "servos": ", ".join(f"{models.count(model)} x {model}" for model in dict.fromkeys(models)),
+        "buses": "; ".join(buses),
+        "calibration": _calibration(robot),
+        "frames": f"{len(profile.frames)}",
+        "landmarks": ", ".join(profile.landmarks),
+        "observers": f"{len(observers.names)}, {len(observers.pairs)} pairs of them checked",
+        "not checked": _not_checked(observers.dropped),
+        "feet": ", ".join(profile.feet) or "none",
+    }
+    if margin is not None:
+        facts["stands"] = f"centre of mass {1e3 * margin:.0f} mm inside the edge of the soles"
+        facts["carries"] = "; ".join(map(str, heaviest_loads(robot)))
+        facts["to rest"] = str(goes_to_rest or "nothing is checked")
+    facts |= {"tick": f"{profile.safety.rate_hz:g} Hz", **safety_facts(profile.safety)}
+    named = f"reconstruct {profile.reconstruct}, retarget {profile.retarget}"
+    facts["priorities"] = f"{named}, with mass {name_with_mass(robot)}"
+    missing = simulation_problem(robot)
+    facts["physics"] = "ready" if missing is None else f"not possible: {missing}"
+    if marked := marked_lines(read_text(path)):
+        shown = ", ".join(map(str, marked[:8])) + (", ..." if len(marked) > 8 else "")
+        facts["still a draft"] = f"{len(marked)} lines are marked {DRAFT}: correct or confirm them: {shown}"
+    safe = goes_to_rest is None or goes_to_rest.safe
+    verdict = "good" if safe else "good, but it does not go straight to rest"
+    return _paragraph("robot", profile, path, facts, verdict=verdict)
 
 
 def _not_checked(dropped: tuple[DroppedPair, ...]) -> str:
@@ -168,23 +153,6 @@ def _not_checked(dropped: tuple[DroppedPair, ...]) -> str:
     texts = [f"{pair.first} and {pair.second}: {pair.reason}" for pair in shown if pair not in far]
     texts += [f"{len(far)} pairs that are {NEVER_NEAR}"] if far else []
     return "; ".join(texts) or "only neighbours along the body"
-
-
-def _physics(robot: RobotBody) -> str:
-    """Whether `--bus physics` takes the robot, and if not, why."""
-    from sim.physics.mount import simulation_problem
-
-    missing = simulation_problem(robot)
-    return "ready" if missing is None else f"not possible: {missing}"
-
-
-def _drafts(path: Path) -> dict[str, str]:
-    """Lines that `retarget import` marked and that still have the mark."""
-    marked = marked_lines(read_text(path))
-    if not marked:
-        return {}
-    shown = ", ".join(map(str, marked[:8])) + (", ..." if len(marked) > 8 else "")
-    return {"still a draft": f"{len(marked)} lines are marked {DRAFT}: correct or confirm them: {shown}"}
 
 
 def _calibration(robot: RobotBody) -> str:

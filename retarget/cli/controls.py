@@ -7,10 +7,9 @@ import sys
 import termios
 import tty
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from hardware.clock import Clock, MonotonicClock
@@ -34,18 +33,13 @@ NEEDED = 4
 
 class HeldKey:
     """A key that is held from its fourth repeat (half a second after it went down, as keyboards are set) to 0.15 s
-    after its last. Another key ends the repeats, hence the hold."""
+    after its last. Another key ends the repeats, hence the hold. label: what the operator has to hold."""
 
     def __init__(self, key: str) -> None:
-        self.key = key
-        self.lost = ""
+        self.key, self.lost = key, ""
+        self.label = f"{key!r} (it must repeat)"
         self._last = float("-inf")
         self._run = 0
-
-    @property
-    def label(self) -> str:
-        """What the operator has to hold."""
-        return f"{self.key!r} (it must repeat)"
 
     def held(self, pressed: str, now: float) -> bool:
         """Whether it is held at `now`, s. pressed: keys since the last poll."""
@@ -69,28 +63,21 @@ ALLOWED = "a letter or digit key of the terminal but p and h, or pedal:/dev/inpu
 
 
 class Pedal:
-    """A device that reports presses and releases."""
+    """A device that reports presses and releases. label: what the operator has to hold."""
 
     def __init__(self, device: KeyDevice) -> None:
         self._device = device
+        self.label = f"the pedal {device.path}"
+        self.close = device.close
 
     @property
     def lost(self) -> str:
         """Why it has failed, else ""."""
         return f"{self._device.path}: {self._device.lost}" if self._device.lost else ""
 
-    @property
-    def label(self) -> str:
-        """What the operator has to hold."""
-        return f"the pedal {self._device.path}"
-
     def held(self, pressed: str, now: float) -> bool:
         """Whether it is pressed."""
         return self._device.pressed()
-
-    def close(self) -> None:
-        """Close the device."""
-        self._device.close()
 
 
 DeadMan = HeldKey | Pedal
@@ -201,7 +188,7 @@ INPUT_MODES = 0
 """Index into what `termios.tcgetattr` returns."""
 
 
-class Keys:
+class Keys(AbstractContextManager["Keys"]):
     """The keyboard of a terminal as a context. Ctrl-C stays a signal; Ctrl-S does not stop the output."""
 
     def __init__(self, fd: int | None = None) -> None:
@@ -218,9 +205,7 @@ class Keys:
             termios.tcsetattr(self._fd, termios.TCSANOW, as_keys)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *failure: object) -> None:
         if self._fd is not None and self._before is not None:
             with suppress(termios.error, OSError):  # the terminal may be gone
                 termios.tcsetattr(self._fd, termios.TCSANOW, self._before)  # type: ignore[arg-type]
@@ -275,9 +260,15 @@ class Oversight:
 
 
 def refuse_oversight(oversight: Oversight, *, virtual: bool) -> None:
-    """Raise UsageError or HardwareError for what is not possible. virtual: time runs as fast as the machine can."""
-    if oversight.stop_file is not None:
-        _refuse_stop_file(oversight.stop_file)
+    """Raise UsageError or HardwareError for what is not possible, also for a file that would stop the robot at once.
+    virtual: time runs as fast as the machine can."""
+    file = oversight.stop_file
+    if file is not None and (state := stop_file_state(file)):
+        already, step = "", "Name one in a folder that exists and is yours"
+        if state == IS_THERE:
+            already, step = " already", "Remove it"
+        what = f"the file that stops the robot {state}{already}"
+        raise UsageError(what, where="--stop-file", found=str(file), next_step=step)
     if virtual and oversight.dead_man is not None:
         raise UsageError(
             "a key cannot be held on virtual time",
@@ -288,6 +279,9 @@ def refuse_oversight(oversight: Oversight, *, virtual: bool) -> None:
     refuse_scheduling(oversight.scheduling)
 
 
+IS_THERE = "is there"
+
+
 def stop_file_state(file: Path) -> str:
     """Why the stop file stops the robot: it exists, or cannot be looked for; "" while it is absent."""
     try:
@@ -296,20 +290,7 @@ def stop_file_state(file: Path) -> str:
         return "" if file.parent.is_dir() else "cannot be looked for (its folder is not there)"
     except (OSError, ValueError) as error:
         return f"cannot be looked for ({getattr(error, 'strerror', None) or error})"
-    return "is there"
-
-
-def _refuse_stop_file(file: Path) -> None:
-    """Raise UsageError for a file that would stop the robot at once."""
-    state = stop_file_state(file)
-    if state:
-        there = state == "is there"
-        raise UsageError(
-            f"the file that stops the robot {state}{' already' if there else ''}",
-            where="--stop-file",
-            found=str(file),
-            next_step="Remove it" if there else "Name one in a folder that exists and is yours",
-        )
+    return IS_THERE
 
 
 def has_terminal() -> bool:
@@ -415,23 +396,25 @@ class LiveControls:
         self._announced = True
         self._notify(text)
 
-    def _check_automatic_stops(self) -> None:
-        file, why = self._stop_file, ""
-        if self._ticks % FILE_PERIOD == 1 and file is not None and (state := stop_file_state(file)):
-            why = f"{file} {state}"
-        elif self._clutch.expired:
-            why = f"paused by the operator for {LONGEST_S:g} s"
-        if why:
+    def _ask(self, why: str, text: str) -> None:
+        """Ask to stop, unless it was asked before."""
+        if not self._stop():
             self._stop.ask(why)
-            self._say_stopping(f"{why}: stopping")
+            self._say_stopping(text)
+
+    def _check_automatic_stops(self) -> None:
+        file = self._stop_file
+        if self._ticks % FILE_PERIOD == 1 and file is not None and (state := stop_file_state(file)):
+            self._ask(f"{file} {state}", f"{file} {state}: stopping")
+        if self._clutch.expired:
+            why = f"paused by the operator for {LONGEST_S:g} s"
+            self._ask(why, f"{why}: stopping")
 
     def _press_space(self, count: int) -> None:
         """count: how often it came since the last look."""
-        again = self._space.pressed(count, self._clock.now())
-        if not self._stop():
-            self._stop.ask(SPACE)
-            self._say_stopping("stopping")
-        elif again:
+        again, stopping = self._space.pressed(count, self._clock.now()), self._stop()
+        self._ask(SPACE, "stopping")
+        if again and stopping:
             self._stop.force(SPACE)
 
     def _press(self, key: str) -> None:
@@ -452,9 +435,7 @@ class LiveControls:
         if word == "status":
             return json.dumps(asdict(self.status()))
         if word == "stop":
-            if not self._stop():
-                self._stop.ask(SOCKET)
-                self._say_stopping("stopping, asked by the control socket")
+            self._ask(SOCKET, "stopping, asked by the control socket")
             return "ok stopping"
         if word == "torque_off":
             self._stop.force(SOCKET)

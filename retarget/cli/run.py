@@ -130,7 +130,7 @@ class CommandRun:
         asked = self.bench.watching(look, recorded, live=live)
         forced = self.bench.watching(operator.forced_stop, recorded, live=live)
         watch = Watch(show, asked, forced, operator.why)
-        return self.bench.seen(recorded.run(page.watch(self.recorder.watch(watch, recorded))))
+        return recorded.run(page.watch(self.recorder.watch(watch, recorded)))
 
 
 def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: Outputs, *, source: str = "") -> int:
@@ -150,7 +150,7 @@ def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: 
             ):
                 result = run.play(recorded, page, page.with_stop_button(stop, stop), stop, show)
         # Signals are still received and not raised, so that the files are written.
-        return run.recorder.code(finished(result, outputs))
+        return run.recorder.code(finished(run.bench.seen(result), outputs))
 
 
 def finished(run: RunResult, outputs: Outputs) -> int:
@@ -177,7 +177,6 @@ def _show(report: Report, written: Written) -> None:
 
 
 # A live run: open the stream, calibrate, follow until it is stopped; on virtual time where nothing is real.
-
 
 COUNTDOWN_S = 3.0
 """Time to get into the pose, where the source is no recording."""
@@ -288,7 +287,7 @@ def follow_live(source: str, options: RunOptions, outputs: Outputs, live: Stream
                 with live_state(options.robot, controls.words), scheduled(live.oversight.scheduling):
                     result = run.play(recorded, page, look, controls)
         operator.close()  # a stop that comes while the report is written finds no run
-        result = replace(result, live=performer.report(address=address.text, person=begins.person))
+        result = replace(run.bench.seen(result), live=performer.report(address=address.text, person=begins.person))
         return max(run.recorder.code(finished(result, outputs)), _followed(result, notify))
 
 

@@ -5,10 +5,8 @@ import os
 import socket
 import stat
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 from retarget.errors import UsageError
 
@@ -62,7 +60,7 @@ def connect_to(path: Path) -> socket.socket:
     return client
 
 
-class ControlSocket:
+class ControlSocket(AbstractContextManager["ControlSocket"]):
     """The listener, as a context. Only its owner may connect, and its file is removed at the end.
 
     Polling never waits, raises nothing that a client causes, and uses bounded memory.
@@ -75,12 +73,7 @@ class ControlSocket:
         _clear(path)
         self._listener = _listening(path)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *failure: object) -> None:
         for client in [*self._clients]:
             self._drop(client)
         with suppress(OSError):
@@ -117,18 +110,15 @@ class ControlSocket:
         else:
             self._clients[client] = rest
         for line in lines[:MOST_LINES]:  # also of a client that did not wait for the answer
-            answer = (
-                obey(line.decode("ascii", errors="replace").strip()) if len(line) <= MAX_LINE else "error: too long"
-            )
+            fits = len(line) <= MAX_LINE
+            answer = obey(line.decode("ascii", errors="replace").strip()) if fits else "error: too long"
             if client in self._clients:
                 self._answer(client, answer)
 
     def _answer(self, client: socket.socket, text: str) -> None:
-        line = text.encode() + b"\n"
-        try:
+        line, sent = text.encode() + b"\n", 0
+        with suppress(OSError):
             sent = client.send(line)
-        except OSError:
-            sent = 0
         if sent < len(line):  # it does not read
             self._drop(client)
 
@@ -169,12 +159,10 @@ def _listening(path: Path) -> socket.socket:
         listener.listen(MOST_CLIENTS)
     except OSError as error:
         listener.close()
-        step = "Choose a path in a folder that exists and is yours"
-        if error.errno == errno.EADDRINUSE:
-            step = "Choose another path"
-        raise UsageError(
-            f"cannot listen: {error.strerror or error}", where=f"{WHERE} {path}", next_step=step
-        ) from error
+        taken = error.errno == errno.EADDRINUSE
+        step = "Choose another path" if taken else "Choose a path in a folder that exists and is yours"
+        what = f"cannot listen: {error.strerror or error}"
+        raise UsageError(what, where=f"{WHERE} {path}", next_step=step) from error
     finally:
         os.umask(before)
     return listener

@@ -69,7 +69,10 @@ def robot_stage(
             robot, priorities, human.dimensions, parts=options.parts, iterations=options.iterations, scene=scene
         )
     if not options.allow_contact:
-        _refuse_robot_in_contact(robot, follower, scene)
+        touching = contacts(robot.body, follower.observers, scene, follower.stance.q)
+        refuse_contact(touching, where=f"{robot.profile.name}, standing")
+        if scene is not None:
+            refuse_floor(robot, follower.observers, scene, follower.stance.q)
     return follower, *make_gate(robot, follower, priorities, checks=options.gate, dt=dt)
 
 
@@ -85,11 +88,6 @@ Lead = Callable[[FollowingStage], FollowingStage]
 
 def _ignore(text: str) -> None:
     """Drop the message."""
-
-
-def _own_follower(follower: FollowingStage) -> FollowingStage:
-    """Let the robot's own follower lead it."""
-    return follower
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,7 +178,7 @@ def prepare_for(
     make_bus: MakeBus,
     goes_to_rest: bool = False,
     notify: Notify = _ignore,
-    lead: Lead = _own_follower,
+    lead: Lead | None = None,
     robot: RobotBody | None = None,
     has_deadlines: bool | None = None,
     supervisor: Supervisor | None = None,
@@ -209,8 +207,9 @@ def prepare_for(
     limits = _limits(robot, has_deadlines=late)
     guard = Guard(bus=bus, joint_map=robot.joint_map, clock=clock, limits=limits)
     supervisor = supervisor or Supervisor(notify=notify)
+    stage: FollowingStage = follower if lead is None else lead(follower)
     machine = Machine(
-        robot, lead(follower), gate, guard, supervisor, clock, dt, clearance, goes_to_rest=goes_to_rest, notify=notify
+        robot, stage, gate, guard, supervisor, clock, dt, clearance, goes_to_rest=goes_to_rest, notify=notify
     )
     prepared = replace(
         human,
@@ -252,7 +251,13 @@ def _human(
     samples, human = performance.samples, build_human(performance.dimensions)
     reconstruct = partial(Reconstructor, human, priorities, performer, iterations=options.iterations, scene=scene)
     reconstructor = reconstruct(intake=performance.intake)
-    _refuse_unobserved(reconstructor, scene, priorities)
+    if scene is not None and reconstructor.observers is None:
+        raise UsageError(
+            "the human has no observers for a scene",
+            where="--scene",
+            found=f"priority file {priorities.name}",
+            allowed="a priority file with observers: {human: lines, lines_and_head or capsules}",
+        )
     if scene is not None and not options.allow_contact:
         # By a reconstructor of its own, so that the check does not change the run.
         _refuse_inside_obstacle(reconstruct(), scene, samples, human)
@@ -284,23 +289,17 @@ def stage_priorities(
     robot: RobotBody | None, options: RunOptions
 ) -> tuple[Priorities, Priorities | None, tuple[str, ...]]:
     """The priority files of both stages, and notes about the robot's."""
-    names = priority_names(robot, options)
-    first, *others = (_load_priorities(name, _where_named(robot, options, stage)) for stage, name in enumerate(names))
+    first, *others = priority_names(robot, options)
     if robot is None:
-        check_for_human(first, names[0])
-    last = next(iter(others), None)
-    if robot is None or last is None:
-        return first, last, ()
-    return first, *with_steps(last, robot, options.steps, parts=options.parts)
-
-
-def _where_named(robot: RobotBody | None, options: RunOptions, stage: int) -> str:
-    """What names the priority file of a stage, 0 or 1: the option, or a key of the profile."""
-    if robot is None or (stage == 1 and options.priorities is not None):
-        return "--priorities"
-    name, profile = priority_names(robot, options)[stage], robot.profile
-    key = "reconstruct" if stage == 0 else "retarget" if name == profile.retarget else "standing"
-    return f"{key} in the profile of {profile.name}"
+        of_human = _load_priorities(first, "--priorities")
+        check_for_human(of_human, first)
+        return of_human, None, ()
+    [last], profile = others, robot.profile
+    by = f"in the profile of {profile.name}"
+    key = f"{'retarget' if last == profile.retarget else 'standing'} {by}"
+    of_human = _load_priorities(first, f"reconstruct {by}")
+    of_robot = _load_priorities(last, key if options.priorities is None else "--priorities")
+    return of_human, *with_steps(of_robot, robot, options.steps, parts=options.parts)
 
 
 def _load_priorities(name: str, named_by: str) -> Priorities:
@@ -312,34 +311,13 @@ def _load_priorities(name: str, named_by: str) -> Priorities:
         raise UsageError.from_problems(problems) from error
 
 
-def _refuse_unobserved(reconstructor: Reconstructor, scene: SceneState | None, priorities: Priorities) -> None:
-    """Raise UsageError for a scene where the human has no observers."""
-    if scene is not None and reconstructor.observers is None:
-        raise UsageError(
-            "the human has no observers for a scene",
-            where="--scene",
-            found=f"priority file {priorities.name}",
-            allowed="a priority file with observers: {human: lines, lines_and_head or capsules}",
-        )
-
-
 def _refuse_inside_obstacle(reconstructor: Reconstructor, scene: SceneState, samples: Samples, human: Human) -> None:
     """Raise UsageError where the human cannot get clear of an obstacle in its first posture."""
-    if reconstructor.observers is None:
-        return
     sample = samples.sample(0)
-    assert sample is not None, "the first sample is valid"
+    assert sample is not None and reconstructor.observers is not None, "the first sample is valid"
     start = reconstructor.start(sample).q
     without_self = replace(reconstructor.observers, pairs=np.zeros((0, 2), dtype=np.int64))
     refuse_contact(contacts(human.body, without_self, scene, start), where="human, first posture")
-
-
-def _refuse_robot_in_contact(robot: RobotBody, follower: Follower, scene: SceneState | None) -> None:
-    """Raise UsageError where the robot in its stance touches an obstacle, or has one under its soles."""
-    touching = contacts(robot.body, follower.observers, scene, follower.stance.q)
-    refuse_contact(touching, where=f"{robot.profile.name}, standing")
-    if scene is not None:
-        refuse_floor(robot, follower.observers, scene, follower.stance.q)
 
 
 def _limits(robot: RobotBody, *, has_deadlines: bool) -> GuardLimits:
