@@ -101,6 +101,19 @@ def refuse_renamed(words: Sequence[str]) -> None:
             raise UsageError("no such option", where=option, next_step=step)
 
 
+# What is said to the operator: on stderr, so that a pipe gets results alone.
+
+
+def log(text: str) -> None:
+    """Say what happens."""
+    typer.echo(text, err=True)
+
+
+def note(text: str) -> None:
+    """Say what the operator should know."""
+    log(f"note: {text}")
+
+
 # A question to the operator at the terminal.
 
 

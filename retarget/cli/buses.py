@@ -5,12 +5,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import typer
-
 from hardware.arrays import TickArray
 from hardware.bus import ServoBus
 from hardware.clock import Clock
 from hardware.guard_state import StopCause
+from retarget.cli.application import note
 from retarget.errors import UsageError
 from retarget.ik.support_polygon import check_stand
 from retarget.model.body import JointType
@@ -66,11 +65,7 @@ def _real_bus(name: str, robot: RobotBody, clock: Clock) -> ServoBus:
         )
     if name != "profile":
         buses = tuple(replace(bus, port=name) for bus in buses)
-    return DynamixelBus(robot.joint_map, buses, lambda bus: SerialPort(bus.port, clock), notify=_note)
-
-
-def _note(text: str) -> None:
-    typer.echo(f"note: {text}", err=True)
+    return DynamixelBus(robot.joint_map, buses, lambda bus: SerialPort(bus.port, clock), notify=note)
 
 
 # The bench of a run: its bus; for a simulated robot with mass also perturbations, and the stop after a fall.
@@ -146,6 +141,10 @@ class PhysicsBench:
         from sim.physics.perturbation import combined, drawn, perturbation_kind
 
         options, asked = self._options, self._options.physics
+
+        def notify(text: str) -> None:
+            self._notify(f"note: {text}")
+
         if asked.root is not None:  # it follows with the root of its mount, and still has soles
             robot = load_robot(options.robot)
         self._robot = robot
@@ -160,11 +159,11 @@ class PhysicsBench:
             mount=mount,
             perturbation=combined([drawn(kind, asked.seed, within=(0.0, 0.0)) for kind in constant]),
             seed=asked.seed,
-            notify=self._note,
+            notify=notify,
         )
         if options.bus == "physics":
             return physics_bus(simulation, clock)
-        return physics_wire_bus(simulation, clock, faults=options.faults, notify=self._note)
+        return physics_wire_bus(simulation, clock, faults=options.faults, notify=notify)
 
     def _mount(self, robot: RobotBody) -> "Mount":
         """The mount that the options ask for, else that of the profile."""
@@ -188,6 +187,3 @@ class PhysicsBench:
         later = (now + 0.1 * within, now + 0.9 * within)
         for push in drawn(PerturbationKind.PUSH, self._options.physics.seed, within=later, frame=frame).pushes:
             self._bus.witness.simulation.push(push)
-
-    def _note(self, text: str) -> None:
-        self._notify(f"note: {text}")

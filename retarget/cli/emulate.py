@@ -1,9 +1,9 @@
 """`retarget emulate`: a robot's servos on pseudo-terminals, for any program that opens a serial port."""
 
-import os
 import signal
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+import socket
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -69,7 +69,9 @@ def emulate(
         raise UsageError("no such start time of a servo", where="--boot", found=f"{boot:g}", allowed="0 s and above")
     body = load_robot(robot)
     buses = body.profile.bus_specs()
-    links = _links(link, buses)
+    links = {bus.name: Link(link if len(buses) == 1 else link.with_name(f"{link.name}-{bus.name}")) for bus in buses}
+    for made in links.values():
+        made.check()
     ids = {bus.name: bus.ids for bus in buses}
     plan = _plan(faults, seed, ids)
     clock = MonotonicClock()
@@ -92,17 +94,6 @@ def emulate(
     )
     terminals = [PseudoTerminal(lines[bus.name], links[bus.name]) for bus in buses]
     _serve(body, buses, terminals, clock, ids, until=None if seconds is None else clock.now() + seconds)
-
-
-def _links(link: Path, buses: Sequence[BusSpec]) -> dict[str, Link]:
-    """The link of each bus, by its name. Raises UsageError where one cannot be made."""
-    if len(buses) == 1:
-        links = {buses[0].name: Link(link)}
-    else:
-        links = {bus.name: Link(link.with_name(f"{link.name}-{bus.name}")) for bus in buses}
-    for made in links.values():
-        made.check()
-    return links
 
 
 def _plan(faults: Path | None, seed: int | None, ids: Buses) -> FaultPlan:
@@ -128,7 +119,11 @@ def _serve(
     typed = TypedLines(lambda line: _say(obey(line, states, ids, clock.now)))
     with ExitStack() as stack:
         stop = stack.enter_context(stop_on_signals())
-        wake = stack.enter_context(_woken_by_signals())
+        wake, poke = socket.socketpair()  # becomes readable by any signal with a handler
+        stack.callback(wake.close)
+        stack.callback(poke.close)
+        poke.setblocking(False)
+        stack.callback(signal.set_wakeup_fd, signal.set_wakeup_fd(poke.fileno(), warn_on_full_buffer=False))
         for bus, terminal in zip(buses, terminals, strict=True):
             stack.callback(terminal.close)
             terminal.open()
@@ -136,7 +131,7 @@ def _serve(
                 f"{body.profile.name}, bus {bus.name}: {len(terminal.line.devices)} devices answer on "
                 f"{terminal.link.path} (protocol {bus.protocol}.0, {bus.baud} baud). Ctrl-C ends it."
             )
-        listen: dict[int, Callable[[], bool]] = {wake: lambda: bool(os.read(wake, 512))}
+        listen: dict[int, Callable[[], bool]] = {wake.fileno(): lambda: bool(wake.recv(512))}
         keyboard = TypedLines.descriptor()
         if keyboard is not None:
             listen[keyboard] = typed.read
@@ -148,17 +143,3 @@ def _say(text: str) -> None:
     if text:
         with suppress(OSError):
             typer.echo(text, err=True)
-
-
-@contextmanager
-def _woken_by_signals() -> Iterator[int]:
-    """A file descriptor that becomes readable by any signal with a handler."""
-    wake, poke = os.pipe()
-    os.set_blocking(poke, False)
-    before = signal.set_wakeup_fd(poke, warn_on_full_buffer=False)
-    try:
-        yield wake
-    finally:
-        signal.set_wakeup_fd(before)
-        os.close(wake)
-        os.close(poke)

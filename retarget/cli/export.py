@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import typer
 
+from retarget.cli.application import note
 from retarget.errors import InputError, UsageError
 from retarget.recording.export import export_motion, export_place, format_named
 from retarget.recording.lerobot import DEFAULT_TASK
@@ -48,8 +49,8 @@ def export(
         if value not in allowed:
             raise UsageError("unknown choice", where=option, found=value[:80], allowed=", ".join(allowed))
     whole = read_run(file, of_human=of == HUMAN, body=body)
-    for note in whole.notes:
-        typer.echo(f"note: {note}", err=True)
+    for text in whole.notes:
+        note(text)
     place = export_place(form, file, out, of_human=of == HUMAN)
     motion = _chosen(whole, phase)
     if fps is not None:

@@ -1,11 +1,9 @@
 """`retarget inspect SOURCE`: what is in a motion file, before a robot follows it."""
 
-import json
 import math
-from dataclasses import asdict
-from typing import Any
 
 import typer
+from pydantic import TypeAdapter
 from rich.console import Console
 from rich.table import Table
 
@@ -26,7 +24,7 @@ def inspect(source: str, file: FileOptions, as_json: bool = False) -> None:
     """
     summary = summarise(file.open(source))
     if as_json:
-        typer.echo(json.dumps(_plain(asdict(summary)), indent=2, allow_nan=False))
+        typer.echo(TypeAdapter(MotionSummary).dump_json(summary, indent=2).decode())  # what is not finite is null
     else:
         show(summary, Console())
 
@@ -85,12 +83,3 @@ def _show_jumps(summary: MotionSummary, console: Console) -> None:
         console.out(f"  frame {frame + 1} ({frame / summary.rate_hz:.2f} s): {', '.join(parts[:4])}{more}")
     if count > SHOWN_JUMPS:
         console.out(f"  ... and {count - SHOWN_JUMPS} more (--json has them all)")
-
-
-def _plain(value: Any) -> Any:
-    """Data that JSON can hold: no NaN, no tuples."""
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

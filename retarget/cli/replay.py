@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from retarget.cli.application import note, progress_bar
 from retarget.cli.exit import DONE, STOPPED
 from retarget.cli.options import Overwrite
 from retarget.errors import UsageError
@@ -75,9 +76,9 @@ def _note_damage(found: "Played") -> None:
     if recording.damage:
         seconds = float(cycles.clock[-1, 0] - cycles.clock[0, 0])
         until = f"its first {seconds:.2f} s are read, up to cycle {cycles.index[-1]}"
-        _note(f"{recording.path}: {recording.damage}; {until}")
+        note(f"{recording.path}: {recording.damage}; {until}")
     if found.missing:
-        _note(f"{recording.path}: {found.missing} ticks were never written: from there on goals may differ")
+        note(f"{recording.path}: {found.missing} ticks were never written: from there on goals may differ")
 
 
 def _again(found: "Played", outputs: "Outputs", robot: str | None) -> int:
@@ -110,7 +111,6 @@ def _again(found: "Played", outputs: "Outputs", robot: str | None) -> int:
 
 def _run(found: "Played", configs: "Configs") -> "Replayed":
     """Run it again, and say what differs."""
-    from retarget.cli.application import progress_bar
     from retarget.recording.replay import replay as run_again
     from retarget.run.loop import Watch
 
@@ -118,7 +118,7 @@ def _run(found: "Played", configs: "Configs") -> "Replayed":
     with progress_bar(session.robot, found.last_tick + 1) as show:
         again = run_again(found, configs, watch=Watch(show))
     for changed in again.changed:
-        _note(changed)
+        note(changed)
     typer.echo(f"{found.recording.path}: {session.source or 'a run'} on {configs.options.robot}, --bus {session.bus}")
     for line in again.difference.lines():
         typer.echo(line)
@@ -153,15 +153,14 @@ def _send(found: "Played", bus: str, speed: float, robot: str | None) -> int:
                 found=options.robot[:80],
                 next_step="Say which robot is on the bus: --robot NAME|FILE",
             )
-        for note in configs.notes:
-            _note(note)
+        for text in configs.notes:
+            note(text)
         return _sent(found, configs.options, configs.robot, speed)
 
 
 def _sent(found: "Played", options: RunOptions, robot: "RobotBody | None", speed: float) -> int:
     from contextlib import ExitStack
 
-    from retarget.cli.application import progress_bar
     from retarget.cli.exit import stop_on_signals
     from retarget.cli.run import CommandRun
     from retarget.cli.view import Viewing
@@ -172,7 +171,7 @@ def _sent(found: "Played", options: RunOptions, robot: "RobotBody | None", speed
     clock, make_bus = command.clock, command.bench.make_bus
     with ExitStack() as signals:
         with goal_playback(
-            found, options, speed=speed, clock=clock, make_bus=make_bus, notify=_note, robot=robot
+            found, options, speed=speed, clock=clock, make_bus=make_bus, notify=note, robot=robot
         ) as prepared:
             stop = signals.enter_context(stop_on_signals(moves=True))
             with progress_bar(options.robot, prepared.samples.kept // 2) as show:
@@ -192,7 +191,3 @@ def _on_bus(options: RunOptions, bus: str) -> RunOptions:
     """The options of the recording on another bus; what only a simulation has is left where there is none."""
     physics = options.physics if bus.startswith("physics") else PhysicsOptions()
     return replace(options, bus=bus, physics=physics, gate=True)
-
-
-def _note(text: str) -> None:
-    typer.echo(f"note: {text}", err=True)

@@ -14,7 +14,7 @@ from rich.console import Console
 from hardware.clock import Clock, MonotonicClock, PacedClock, VirtualClock
 from hardware.guard_state import StopCause
 from hardware.realtime import scheduled
-from retarget.cli.application import progress_bar
+from retarget.cli.application import log, progress_bar
 from retarget.cli.buses import PhysicsBench
 from retarget.cli.controls import (
     HELP,
@@ -86,17 +86,17 @@ class CommandRun:
         self.clock: Clock = MonotonicClock()
         if recorded and options.simulated:
             self.clock = VirtualClock() if outputs.view is None else PacedClock()
-        self.bench = PhysicsBench(options, _log)
+        self.bench = PhysicsBench(options, log)
         self.recorder = Recorder(
             outputs.record,
             options,
             clock=self.clock,
             goes_to_rest=goes_to_rest,
-            notify=_log,
+            notify=log,
             overwrite=outputs.overwrite,
             truth=self.bench.truth_numbers,
         )
-        self.notify = self.recorder.recorded_notify(_log)
+        self.notify = self.recorder.recorded_notify(log)
 
     def prepared(self, perform: Perform, supervisor: Supervisor | None = None) -> AbstractContextManager[Prepared]:
         """The run that can start, with its bus open."""
@@ -161,10 +161,6 @@ def finished(run: RunResult, outputs: Outputs) -> int:
     written = outputs.write(run, report)
     _show(report, written)
     return STOPPED if run.reason is not None or report.fallen or written.problems else DONE
-
-
-def _log(text: str) -> None:
-    typer.echo(text, err=True)
 
 
 def _show(report: Report, written: Written) -> None:
@@ -276,7 +272,7 @@ def follow_live(source: str, options: RunOptions, outputs: Outputs, live: Stream
             clutch = Clutch(performer, clock=clock, notify=notify, dead_man=dead_man)
             file = live.oversight.stop_file
             controls = LiveControls(
-                keys, stop, performer, clutch, notify=_log, clock=clock, machine=machine, stop_file=file, socket=socket
+                keys, stop, performer, clutch, notify=log, clock=clock, machine=machine, stop_file=file, socket=socket
             )
             _show_keys(keys, dead_man)
             page = stack.enter_context(run.viewing(prepared, controls.words))
@@ -309,14 +305,14 @@ def _raw_tap(path: Path | None, address: StreamAddress, stack: ExitStack, *, ove
                 "this is the file that is played", where="--record-raw", found=str(path), next_step="Give another name"
             )
         remove(path, option="--record-raw")
-    return stack.enter_context(RawTap(RawWriter(path, url=address.text), notify=_log))
+    return stack.enter_context(RawTap(RawWriter(path, url=address.text), notify=log))
 
 
 def _opened(oversight: Oversight, stack: ExitStack) -> tuple[ControlSocket | None, DeadMan | None]:
     socket = dead_man = None
     if oversight.control_socket is not None:
         socket = stack.enter_context(ControlSocket(socket_path(oversight.control_socket)))
-        _log(f"`retarget stop --socket {shlex.quote(str(socket.path))}` stops it")
+        log(f"`retarget stop --socket {shlex.quote(str(socket.path))}` stops it")
     if oversight.dead_man is not None:
         dead_man = open_dead_man(oversight.dead_man, terminal=has_terminal())
         stack.callback(dead_man.close)
@@ -326,9 +322,9 @@ def _opened(oversight: Oversight, stack: ExitStack) -> tuple[ControlSocket | Non
 def _show_keys(keys: Keys, dead_man: DeadMan | None) -> None:
     """Say which keys do what."""
     if keys.listens:
-        _log(HELP)
+        log(HELP)
     if dead_man is not None:
-        _log(f"hold {dead_man.label}: the robot moves only while it is held")
+        log(f"hold {dead_man.label}: the robot moves only while it is held")
 
 
 def _wait_until_engaged(clutch: Clutch, look: Callable[[], bool], performer: LivePerformer, clock: Clock) -> None:

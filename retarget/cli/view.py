@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from hardware.clock import MonotonicClock
+from retarget.cli.application import note
 from retarget.cli.exit import StopRequest, stop_on_signals
 from retarget.model.scene_state import ObstaclePoses
 from retarget.run.loop import ObserverCallback, Watch
@@ -44,8 +45,8 @@ def view(
         body FILE: The robot's MJCF or URDF, where FILE names none that is there.
     """
     run = open_recorded(file, body=body)
-    for note in run.notes:
-        typer.echo(f"note: {file}: {note}", err=True)
+    for text in run.notes:
+        note(f"{file}: {text}")
     server, address = open_server(port, title=f"retarget: {file.name}")
     try:
         page, clock = RecordedPage(server, run, MonotonicClock()), MonotonicClock()
