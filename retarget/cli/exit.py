@@ -9,6 +9,7 @@ import traceback
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from types import FrameType
 from typing import Any, TextIO, cast
 
@@ -61,13 +62,12 @@ class Screen:
 
 
 @contextmanager
-def careful_stdout() -> Iterator[Screen | None]:
-    """Put a `Screen` in front of stdout, flushed in the end; None where the process has no stdout."""
-    stream = sys.stdout
-    if stream is None:
-        yield None
-        return
-    screen = Screen(stream)
+def careful_stdout() -> Iterator[Screen]:
+    """Put a `Screen` in front of stdout, flushed in the end. A process that has no stdout or stderr gets one that leads
+    nowhere."""
+    nowhere = Path(os.devnull).open("w")  # noqa: SIM115 - open as long as the process
+    sys.stdout, sys.stderr = sys.stdout or nowhere, sys.stderr or nowhere
+    stream, screen = sys.stdout, Screen(sys.stdout)
     sys.stdout = cast(TextIO, screen)
     try:
         yield screen
@@ -209,7 +209,7 @@ def exit_code_of(command: Callable[[], object]) -> int:
     """
     with careful_stdout() as screen:
         code = _code_of(command)
-    if screen is None or not screen.reason:
+    if not screen.reason:
         return code
     _say(f"error: stdout: cannot print: {screen.reason}. Files that were asked for are written all the same.")
     return code or REFUSED
@@ -333,10 +333,10 @@ class Detached:
 
 @contextmanager
 def detached_screens() -> Iterator[None]:
-    """Put a `Detached` in front of stdout and stderr, as far as the process has them."""
+    """Put a `Detached` in front of stdout and stderr."""
     stdout, stderr = sys.stdout, sys.stderr
-    screens = [None if stream is None else Detached(stream) for stream in (stdout, stderr)]
-    sys.stdout, sys.stderr = (cast(TextIO, screen) for screen in screens)
+    out, err = screens = Detached(stdout), Detached(stderr)
+    sys.stdout, sys.stderr = cast(TextIO, out), cast(TextIO, err)
     try:
         yield
     finally:
@@ -344,10 +344,9 @@ def detached_screens() -> Iterator[None]:
         clock = MonotonicClock()
         last = clock.now() + PATIENCE_S
         for screen in screens:
-            if screen is not None:
-                screen.close(last - clock.now())
-        if isinstance(stdout, Screen) and screens[0] is not None and screens[0].failure is not None:
-            stdout.lose(screens[0].failure)
+            screen.close(last - clock.now())
+        if isinstance(stdout, Screen) and out.failure is not None:
+            stdout.lose(out.failure)
 
 
 def _descriptor(stream: TextIO) -> int | None:

@@ -156,7 +156,7 @@ def test_a_full_device_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     with careful_stdout() as screen:
         with detached_screens():
             sys.stdout.write("text")
-        assert screen is not None and screen.reason == os.strerror(errno.ENOSPC)
+        assert screen.reason == os.strerror(errno.ENOSPC)
 
 
 def test_it_is_a_text_stream() -> None:
@@ -335,14 +335,15 @@ def test_what_works_passes(capsys: pytest.CaptureFixture[str]) -> None:
     with careful_stdout() as screen:
         sys.stdout.write("text\n")
     assert sys.stdout is before
-    assert screen is not None and screen.reason == ""
+    assert screen.reason == ""
     assert capsys.readouterr().out == "text\n"
 
 
 def test_a_process_without_stdout(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stdout", None)
-    with careful_stdout() as screen:
-        assert screen is None
+    with careful_stdout() as screen, detached_screens():
+        sys.stdout.write("text")
+    assert screen.reason == ""
 
 
 @pytest.mark.parametrize("words", [["robots"], ["--help"], ["check", "op3"]])
