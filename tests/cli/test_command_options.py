@@ -1,0 +1,125 @@
+"""From a function and its docstring to a command: options, groups of options, panels, required ones first."""
+
+import importlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, is_dataclass
+from inspect import signature
+from typing import Any, Literal, get_type_hints
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from messages import refuses
+from retarget.cli import COMMANDS, FILES
+from retarget.cli.options import command_of, described, given, refuse_given
+from retarget.errors import UsageError
+
+
+@dataclass(frozen=True)
+class Inner:
+    """A group in a group."""
+
+    loop: bool = False
+    hidden: float = 1.0
+
+
+@dataclass(frozen=True)
+class Group:
+    """How it is played.
+
+    Playing:
+        speed X: 1 is the performer's speed, and
+            more is faster.
+        kinds (--kind) a|b: Also several times.
+        loop: Again and again.
+    """
+
+    speed: float = 1.0
+    kinds: tuple[str, ...] = ()
+    inner: Inner = field(default_factory=Inner)
+
+
+CALLED: list[tuple[Any, ...]] = []
+
+
+def play(group: Group, source: str, parts: Literal["whole", "upper"] = "whole", out: str | None = None) -> None:
+    """Play it.
+
+    At once.
+
+    Arguments:
+        source FILE: What is played.
+
+    Options:
+        parts whole|upper: What follows.
+        out (--out, -o) PATH: Where it goes.
+    """
+    CALLED.append((group, source, parts, out))
+
+
+def run(*words: str) -> tuple[int, str]:
+    """Exit code and output of `play`."""
+    application = typer.Typer(rich_markup_mode=None)
+    application.command(help=described(play)[0])(command_of(play))
+    result = CliRunner().invoke(application, list(words))
+    return result.exit_code, result.output
+
+
+def test_defaults_are_those_of_the_function_and_of_its_groups() -> None:
+    assert run("a.bvh")[0] == 0
+    assert CALLED.pop() == (Group(), "a.bvh", "whole", None)
+
+
+def test_values_go_to_the_group_that_has_them() -> None:
+    code, said = run("a.bvh", "--speed", "2", "--kind", "a", "--kind", "b", "--loop", "--parts", "other", "-o", "x")
+    assert code == 0, said
+    # What takes a choice refuses it, and names the nearest one.
+    assert CALLED.pop() == (Group(2.0, ("a", "b"), Inner(loop=True)), "a.bvh", "other", "x")
+
+
+def test_what_is_not_described_is_no_option() -> None:
+    assert run("a.bvh", "--hidden", "2")[0] == 2
+    assert run("a.bvh", "--no-loop")[0] == 2, "a flag has no opposite"
+
+
+def test_the_help_is_the_docstring() -> None:
+    said = run("--help")[1]
+    assert "At once." in said and "Arguments:\n  FILE" in said and "source FILE" not in said
+    assert "1 is the performer's speed, and more is faster." in " ".join(said.split())
+    panels = {name: one.annotation.__metadata__[0].rich_help_panel for name, one in parameters(play).items()}
+    assert panels["speed"] == panels["loop"] == "Playing" and panels["parts"] is None
+    assert next(iter(panels)) == "source", "the required first"
+
+
+def test_options_that_are_given() -> None:
+    assert given(Group()) == [] and given(Group(2.0, ("a",), Inner(loop=True))) == ["--speed", "--kinds"]
+    assert given(Group(2.0, ("a",)), but=("speed",)) == ["--kinds"]
+    refuse_given([], "motion file")
+    with refuses(UsageError, "--speed, --kinds"):
+        refuse_given(["--speed", "--kinds"], "motion file")
+
+
+def parameters(function: Callable[..., Any]) -> dict[str, Any]:
+    """The parameters that typer sees."""
+    return dict(signature(command_of(function)).parameters)
+
+
+def names(holder: Callable[..., Any]) -> Iterator[str]:
+    """The parameters of a function and of its groups."""
+    hints = get_type_hints(holder if not isinstance(holder, type) else holder.__init__)
+    for name in signature(holder).parameters:
+        if is_dataclass(hints[name]):
+            yield from names(hints[name])  # type: ignore[arg-type]
+        else:
+            yield name
+
+
+@pytest.mark.parametrize("command", [name for name in COMMANDS if name != "servo"])
+def test_every_option_is_described_once_and_every_description_is_of_an_option(command: str) -> None:
+    word = FILES.get(command, command.replace("-", "_"))
+    function = getattr(importlib.import_module(f"retarget.cli.{word}"), word)
+    known, shown = list(names(function)), parameters(function)
+    assert len(set(known)) == len(known)
+    assert set(described(function)[1]) <= set(shown), "described, and no option"
+    assert set(signature(function).parameters) & set(known) <= set(shown), "a parameter that is not described"
