@@ -138,7 +138,7 @@ class PhysicsBench:
 
     def _physics_bus(self, robot: RobotBody, clock: Clock) -> "PhysicsBus | WitnessedBus":
         from sim.buses import physics_bus, physics_wire_bus, simulation_of
-        from sim.physics.perturbation import combined, drawn, perturbation_kind
+        from sim.physics.perturbation import PerturbationKind, combined, drawn
 
         options, asked = self._options, self._options.physics
 
@@ -151,7 +151,7 @@ class PhysicsBench:
         mount = self._mount(robot)
         if mount.support.value == "floor":
             check_stand(robot)
-        constant = [perturbation_kind(name) for name in asked.perturbations if name != "push"]
+        constant = [PerturbationKind(name) for name in asked.perturbations if name != "push"]
         simulation = simulation_of(
             robot,
             start=standing_ticks(robot),

@@ -84,6 +84,9 @@ MAX_ITERATIONS = 100
 class RunOptions:
     """Options of a run, named as on the command line. Raises UsageError for a value that cannot be meant.
 
+    None: as the robot's profile or the priority files say. gate: whether goals are checked before they are sent.
+    physics: of the simulated mechanics. playback: of a recording.
+
     Options:
         robot NAME|PATH: Robot by name or path; 'human' only reconstructs the performer.
         bus mock|emulator|physics|physics+wire|none|profile|PORT: Where goals go: servos in this process, an emulator
