@@ -16,14 +16,11 @@ from retarget.cli.buses import standing_ticks
 from retarget.cli.exit import stop_on_signals
 from retarget.errors import UsageError
 from retarget.model.robot import RobotBody, load_robot
-from sim.emulator.conversation import Gaps
 from sim.emulator.fault_state import Buses, FaultPlan, load_fault_plan, obey
 from sim.emulator.faults import random_faults
 from sim.emulator.line import REAL_TIME_GAP, Timing
 from sim.emulator.ports import Link, PseudoTerminal, serve
 from sim.emulator.robot_lines import Conduct, robot_lines
-from sim.emulator.servo2_registers import FedBy
-from sim.emulator.servo_body import BOOT_TIME
 
 RANDOM_SPAN = 60.0
 """Time in s over which faults of a bare seed are spread."""
@@ -36,10 +33,8 @@ def emulate(
     seed: int | None = None,
     no_wire_delay: bool = False,
     power_off: bool = False,
-    gaps: Gaps = Gaps.SILENCE,
-    boot: float = BOOT_TIME,
-    watchdog_fed_by: FedBy = FedBy.ANY,
-    answers_damage: bool = False,
+    *,
+    conduct: Conduct,
     no_torque_by_goal: bool = False,
     seconds: float | None = None,
 ) -> None:
@@ -55,8 +50,8 @@ def emulate(
         no_wire_delay: Answer at once, whatever the baud rate.
         power_off: Begin with the servos' power off, where the robot has a switch for it.
         gaps: What a missing servo does to those behind it in a group read.
-        boot SECONDS: Time of a servo's start.
-        watchdog_fed_by: Packets that feed a bus watchdog: all, or only those to the servo and broadcasts.
+        boot_time (--boot) SECONDS: Time of a servo's start.
+        fed_by (--watchdog-fed-by): Packets that feed a bus watchdog: all, or only those to the servo and broadcasts.
         answers_damage: Servos answer damaged instructions by an error, not by silence.
         no_torque_by_goal: Goal or speed do not switch torque on in Protocol 1.0.
         seconds (--for) SECONDS: End after so long.
@@ -65,7 +60,7 @@ def emulate(
         raise UsageError("no such duration", where="--for", found=f"{seconds:g}", allowed="above 0 s")
     if seed is not None and seed < 0:
         raise UsageError("a seed is not negative", where="--seed", found=seed, allowed="0 and above")
-    if not 0.0 <= boot < float("inf"):
+    if not 0.0 <= (boot := conduct.boot_time) < float("inf"):
         raise UsageError("no such start time of a servo", where="--boot", found=f"{boot:g}", allowed="0 s and above")
     body = load_robot(robot)
     buses = body.profile.bus_specs()
@@ -83,13 +78,7 @@ def emulate(
         plan=plan,
         seed=plan.seed,
         timing=replace(Timing.none() if no_wire_delay else Timing(), gap=REAL_TIME_GAP),
-        conduct=Conduct(
-            gaps=gaps,
-            fed_by=watchdog_fed_by,
-            answers_damage=answers_damage,
-            boot_time=boot,
-            torque_by_goal=not no_torque_by_goal,
-        ),
+        conduct=replace(conduct, torque_by_goal=not no_torque_by_goal),
         powered=not power_off,
     )
     terminals = [PseudoTerminal(lines[bus.name], links[bus.name]) for bus in buses]

@@ -221,7 +221,7 @@ def _code_of(command: Callable[[], object]) -> int:
             command()
     except SystemExit as leaving:
         code = STOPPED if isinstance(leaving.code, str) else leaving.code or DONE
-    except BaseException as error:  # noqa: BLE001 - the outermost boundary: nothing unforeseen goes past it
+    except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001 - the outermost boundary
         code = _code_of_error(error)
     else:
         return DONE
