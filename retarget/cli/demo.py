@@ -4,7 +4,7 @@ from pathlib import Path
 
 import typer
 
-from retarget.cli.options import Overwrite
+from retarget.cli.application import Overwrite
 from retarget.cli.run import follow_clip
 from retarget.errors import UsageError
 from retarget.frames import SensorFrames

@@ -1,7 +1,10 @@
 """`retarget emulate`: a robot's servos on pseudo-terminals, for any program that opens a serial port."""
 
+import os
 import signal
 import socket
+import stat
+import sys
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import replace
@@ -11,7 +14,6 @@ import typer
 
 from hardware.bus import BusSpec
 from hardware.clock import Clock, MonotonicClock
-from retarget.cli.application import TypedLines
 from retarget.cli.buses import standing_ticks
 from retarget.cli.exit import stop_on_signals
 from retarget.errors import UsageError
@@ -132,3 +134,44 @@ def _say(text: str) -> None:
     if text:
         with suppress(OSError):
             typer.echo(text, err=True)
+
+
+# Lines that are typed, or written by another program, while a command waits for other things too.
+
+MAX_LINE = 4096
+"""Longest line that is kept, bytes; a longer one is cut there."""
+
+
+class TypedLines:
+    """Passes whole lines of the standard input to `obey` as they come. Only a terminal in the foreground, or a pipe, is
+    read: reading would stop a background process."""
+
+    def __init__(self, obey: Callable[[str], None]) -> None:
+        self._obey = obey
+        self._pending = b""
+
+    @staticmethod
+    def descriptor() -> int | None:
+        """The descriptor to wait on; None where there is no input."""
+        try:
+            fd = sys.stdin.fileno()
+            is_pipe = stat.S_ISFIFO(os.fstat(fd).st_mode)
+            in_front = os.isatty(fd) and os.tcgetpgrp(fd) == os.getpgrp()
+        except (AttributeError, OSError, ValueError):
+            return None
+        return fd if is_pipe or in_front else None
+
+    def read(self) -> bool:
+        """Take what is there; False at the end of the input."""
+        fd = self.descriptor()
+        try:
+            data = b"" if fd is None else os.read(fd, MAX_LINE)
+        except OSError:
+            return False
+        *lines, rest = (self._pending + data).split(b"\n")
+        self._pending = rest[:MAX_LINE]
+        if not data and rest:
+            lines, self._pending = [rest], b""
+        for line in lines:
+            self._obey(line.decode(errors="replace"))
+        return bool(data)

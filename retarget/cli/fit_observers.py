@@ -5,8 +5,7 @@ from typing import Annotated
 
 import typer
 
-from retarget.cli.application import progress_bar
-from retarget.cli.options import Overwrite
+from retarget.cli.application import Overwrite, progress_bar
 from retarget.errors import UsageError
 from retarget.schema.files import check_place, refuse_existing, write_atomic
 from retarget.setup.fit_observers import DEFAULT_SAMPLES, Fit, Subject, find_subject, fit

@@ -7,7 +7,7 @@ from pydantic import TypeAdapter
 from rich.console import Console
 from rich.table import Table
 
-from retarget.cli.options import FileOptions
+from retarget.cli.application import FileOptions
 from retarget.report.motion_summary import MotionSummary, summarise
 
 SHOWN_JUMPS = 8

@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from retarget.cli.application import note, progress_bar
+from retarget.cli.application import Overwrite, note, progress_bar
 from retarget.cli.exit import DONE, STOPPED
-from retarget.cli.options import Overwrite
 from retarget.errors import UsageError
 from retarget.run.options import PhysicsOptions, RunOptions
 from retarget.run.record import Phase

@@ -14,7 +14,7 @@ from rich.console import Console
 from hardware.clock import Clock, MonotonicClock, PacedClock, VirtualClock
 from hardware.guard_state import StopCause
 from hardware.realtime import scheduled
-from retarget.cli.application import log, progress_bar
+from retarget.cli.application import FileOptions, Overwrite, given, log, progress_bar, refuse_given
 from retarget.cli.buses import PhysicsBench
 from retarget.cli.controls import (
     HELP,
@@ -29,7 +29,6 @@ from retarget.cli.controls import (
     refuse_oversight,
 )
 from retarget.cli.exit import DONE, STOPPED, StopRequest, detached_screens, stop_on_signals
-from retarget.cli.options import FileOptions, Overwrite, given, refuse_given
 from retarget.cli.view import Viewing, viewing
 from retarget.errors import UsageError
 from retarget.frames import SensorFrames

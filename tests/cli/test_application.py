@@ -12,7 +12,8 @@ import pytest
 from messages import refuses, shows
 from recordings import Recorded, record
 from retarget.cli import main
-from retarget.cli.application import TypedLines, ask, with_values
+from retarget.cli.application import ask, with_values
+from retarget.cli.emulate import TypedLines
 from retarget.cli.exit import DONE, REFUSED
 from retarget.errors import UsageError
 from retarget.recording.reading import read_recording

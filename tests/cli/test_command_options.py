@@ -4,7 +4,7 @@ import importlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, is_dataclass
 from inspect import signature
-from typing import Any, Literal, get_type_hints
+from typing import Any, Literal
 
 import pytest
 import typer
@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from messages import refuses
 from retarget.cli import COMMANDS, FILES
-from retarget.cli.options import command_of, described, given, refuse_given
+from retarget.cli.application import command_of, described, given, refuse_given
 from retarget.errors import UsageError
 
 
@@ -107,10 +107,9 @@ def parameters(function: Callable[..., Any]) -> dict[str, Any]:
 
 def names(holder: Callable[..., Any]) -> Iterator[str]:
     """The parameters of a function and of its groups."""
-    hints = get_type_hints(holder if not isinstance(holder, type) else holder.__init__)
-    for name in signature(holder).parameters:
-        if is_dataclass(hints[name]):
-            yield from names(hints[name])  # type: ignore[arg-type]
+    for name, one in signature(holder).parameters.items():
+        if is_dataclass(one.annotation):
+            yield from names(one.annotation)  # type: ignore[arg-type]
         else:
             yield name
 

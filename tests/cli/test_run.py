@@ -15,9 +15,9 @@ from hardware.clock import VirtualClock
 from live_rig import LiveRig
 from messages import refuses, shows, shows_lines
 from retarget.cli import main
+from retarget.cli.application import given, refuse_given
 from retarget.cli.controls import Clutch, Keys, LiveControls
 from retarget.cli.exit import DONE, INTERRUPTED, REFUSED, STOPPED, StopRequest
-from retarget.cli.options import given, refuse_given
 from retarget.cli.run import StreamOptions, _wait_until_engaged, in_time, sides_are_checked
 from retarget.errors import UsageError
 from retarget.live.begin import LiveOptions

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hardware.clock import VirtualClock
 from live_rig import WHERE, five, live_stream
 from messages import Facts, refuses
-from retarget.cli.options import command_of
+from retarget.cli.application import command_of
 from retarget.cli.run import run
 from retarget.errors import InputError, UsageError
 from retarget.live.admission import SECOND_SOURCE

@@ -15,9 +15,8 @@ from rich.table import Table
 from hardware.arrays import BoolArray, FloatArray
 from hardware.bus import ServoBus
 from hardware.clock import Clock, MonotonicClock, VirtualClock, today
-from retarget.cli.application import ask
+from retarget.cli.application import Overwrite, ask
 from retarget.cli.buses import make_bus
-from retarget.cli.options import Overwrite
 from retarget.errors import UsageError
 from retarget.model.robot import RobotBody, load_uncalibrated
 from retarget.run.options import RunOptions
