@@ -164,9 +164,7 @@ class Pipeline:
         loop; None: that of the robot's profile. priorities: of the last stage, None: as for real servos. parts: `upper`
         keeps pelvis and legs still. Raises UsageError, ConfigError, InputError, HardwareError."""
         self._performer = performer if isinstance(performer, Performer) else load_performer(performer)
-        if robot is not None and not isinstance(robot, RobotBody):
-            robot = None if str(robot) == HUMAN else load_robot(robot)
-        self._robot = robot
+        self._robot = robot if isinstance(robot, RobotBody) else _robot_named(robot)
         name = HUMAN if self._robot is None else self._robot.profile.name
         bus = "none" if self._robot is None else "profile"  # real servos: the robot has mass
         self._options = RunOptions(robot=name, bus=bus, priorities=priorities, parts=parts)
@@ -316,6 +314,10 @@ class Pipeline:
             self._human = reconstructor.step(seen, self.dt)
         nothing = np.zeros((0, 3))
         return Goal((), np.zeros(0), False, self._human, (), nothing, nothing)
+
+
+def _robot_named(robot: str | Path | None) -> RobotBody | None:
+    return None if robot is None or str(robot) == HUMAN else load_robot(robot)
 
 
 def _checked_rate(rate_hz: float) -> float:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from hardware.arrays import TickArray
+from hardware.bus import BusSpec
 from hardware.clock import Clock
 from hardware.dynamixel.bus import DynamixelBus
 from retarget.model.robot import RobotBody
@@ -42,12 +43,11 @@ def emulated_bus(
     lines = robot_lines(servos, buses, start=start, now=clock.now(), plan=plan, timing=timing)
     if simulation is not None:
         drive_shafts(simulation, servos, lines, now=clock.now())
-    return DynamixelBus(
-        robot.joint_map,
-        buses,
-        lambda bus: EmulatedPort(lines[bus.name], clock, name=f"emulated {bus.port}"),
-        notify=notify,
-    )
+
+    def port(bus: BusSpec) -> EmulatedPort:
+        return EmulatedPort(lines[bus.name], clock, name=f"emulated {bus.port}")
+
+    return DynamixelBus(robot.joint_map, buses, port, notify=notify)
 
 
 # A robot's bus above its simulated mechanics: what `--bus physics` opens.
