@@ -9,6 +9,7 @@ from typing import Literal
 import pytest
 
 from datagrams import CLOCK, PATIENCE_S
+from fake_motive import FakeMotive, MotiveSettings
 from retarget.frames import SensorFrames
 from retarget.live.address import parse_address
 from retarget.live.admission import admission_for
@@ -22,7 +23,6 @@ from retarget.schema.performer import load_performer
 from retarget.sources.natnet_decoder import NatnetDecoder
 from retarget.sources.natnet_session import UNNAMED_S
 from retarget.sources.natnet_wire import Version
-from sim.fake_motive import FakeMotive, MotiveSettings
 from sim.performer import synthetic_performer
 
 GROUP = "239.255.42.99"

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fake_motive import FakeMotive, MotiveSettings
 from hardware.clock import VirtualClock
 from live_rig import LiveRig, five, live_stream
 from live_rig import five as five_sensors
@@ -38,7 +39,6 @@ from retarget.sources.mvn import MvnDecoder
 from retarget.sources.natnet_wire import Version
 from retarget.sources.raw_record import RawWriter
 from retarget.types import FloatArray
-from sim.fake_motive import FakeMotive, MotiveSettings
 from sim.faults.sender import FakeSender, SenderFault, frozen, lost, silent
 from sim.performer import synthetic_performer
 

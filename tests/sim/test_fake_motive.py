@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fake_motive import FakeMotive, MotiveSettings
 from messages import shows
 from natnet_packets import VERSIONS
 from retarget.frames import SensorFrames
@@ -13,7 +14,6 @@ from retarget.sources.natnet_decoder import NatnetDecoder
 from retarget.sources.natnet_session import NatnetSession, SessionSettings, natnet_problems
 from retarget.sources.natnet_wire import Version, command_message, connect_message, read_server_info
 from retarget.sources.stream_frame import StreamFrame
-from sim.fake_motive import FakeMotive, MotiveSettings
 from sim.performer import synthetic_performer
 
 STEP_S = 1 / 200

@@ -1,4 +1,4 @@
-"""The recording that ships: made by `sim.sample_recording` byte by byte, a person's motion, and safe on every robot."""
+"""The recording that ships: made by `sample_recording` byte by byte, a person's motion, and safe on every robot."""
 
 import json
 from pathlib import Path
@@ -15,7 +15,7 @@ from retarget.report.motion_summary import summarise
 from retarget.schema.catalogue import Kind, entries
 from retarget.sources import open as opening
 from retarget.sources.open import SAMPLE, open_source
-from sim.sample_recording import DURATION_S, MOVES, RATE_HZ, sample_recording
+from sample_recording import DURATION_S, MOVES, RATE_HZ, sample_recording
 
 SHIPPED = Path(opening.__file__).with_name("sample_recording.bvh")
 LARGEST = 250_000
@@ -38,7 +38,7 @@ def track(sample: SensorFrames, name: str) -> np.ndarray:
 
 
 def test_its_script_makes_it_again_to_the_byte() -> None:
-    assert sample_recording() == SHIPPED.read_bytes(), "python -m sim.sample_recording FILE makes it"
+    assert sample_recording() == SHIPPED.read_bytes(), "python -m tests.support.sample_recording FILE makes it"
     assert SHIPPED.stat().st_size <= LARGEST
 
 

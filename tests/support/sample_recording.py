@@ -1,8 +1,8 @@
 """The sample recording that ships with the package (`--source sample`): who made it, and how to make it again.
 
 The body of `sim.performer` stands at ease, raises the right arm and waves, looks left and right, sinks into a shallow
-crouch and stands up again. Moves are minimum-jerk, feet stay where they are. `python -m sim.sample_recording FILE`
-writes the file; a test compares it with the shipped one, byte by byte.
+crouch and stands up again. Moves are minimum-jerk, feet stay where they are. `python -m tests.support.sample_recording
+FILE` writes the file; a test compares it with the shipped one, byte by byte.
 """
 
 import io
