@@ -3,29 +3,18 @@
 import math
 import random
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field, ValidationError
 
 from retarget.errors import ConfigError, Problem, UsageError, suggest
-from retarget.schema.strict_models import (
-    Integer,
-    Name,
-    NotNegative,
-    Number,
-    Positive,
-    Schema,
-    Share,
-    in_our_words,
-    listed,
-    read_model,
-    unknown_name,
-)
+from retarget.schema.strict_models import Integer, Schema, listed, read_model, unknown_name, validated
 from retarget.schema.strict_yaml import Document, KeyPath, Node, scan
 from sim.emulator.device import Device
-from sim.emulator.faults import BYTE_KINDS, KEYS, VALUES, Direction, Fault, FaultKind, Part, Unit, mangled
+from sim.emulator.faults import BYTE_KINDS, KEYS, VALUES, Direction, Fault, FaultKind, Part, mangled
 
 MAX_FAULTS = 1000
 """Most faults that a line keeps; further ones are refused."""
@@ -46,30 +35,29 @@ class FaultState:
         self._origin = origin
         self._chance = random.Random(seed)
         self._cycle = -1
-        self._active: tuple[Fault, ...] = ()
+        self.active: tuple[Fault, ...] = ()
+        """The active faults."""
         self._effects: Effects = {}
         self._now = origin  # [s] time never goes back for devices
         self._until = -math.inf  # [s] when a fault begins or ends by time
-        self._by_cycle = False
-        self._look_again()
         self._reset()
 
     def _reset(self) -> None:
+        """Sort the active faults by what they do."""
         self.missing = self._ids(FaultKind.MISSING)
         """Ids that neither receive nor answer."""
         self.silent_tail = self._ids(FaultKind.SILENT_TAIL)
         """Ids that do not answer group reads."""
         self.clashing = self._ids(FaultKind.ID_CLASH)
         """Ids that two devices have."""
-        kinds = {fault.kind for fault in self._active}
-        self.dead = FaultKind.SHORT in kinds
+        self._garbage = [int(fault.amount) for fault in self.active if fault.kind is FaultKind.SHORT]
+        self.dead = bool(self._garbage)
         """Whether no bytes pass between host and devices."""
-        self._garbage = max((int(fault.amount) for fault in self._active if fault.kind is FaultKind.SHORT), default=0)
-        self.echo = FaultKind.ECHO in kinds
-        """Whether the host receives its own bytes."""
-        self.unplugged = FaultKind.UNPLUG in kinds
-        """Whether the host's adapter is gone."""
-        hits = [fault for fault in self._active if fault.kind in BYTE_KINDS]
+        self.echo, self.unplugged = (
+            any(fault.kind is kind for fault in self.active) for kind in (FaultKind.ECHO, FaultKind.UNPLUG)
+        )
+        """Whether the host receives its own bytes; whether its adapter is gone."""
+        hits = [fault for fault in self.active if fault.kind in BYTE_KINDS]
         self._on_way_in = [
             fault
             for fault in hits
@@ -80,11 +68,6 @@ class FaultState:
         """Whether `to_host` may change anything."""
 
     @property
-    def active(self) -> tuple[Fault, ...]:
-        """The active faults."""
-        return self._active
-
-    @property
     def next_change(self) -> float | None:
         """When a fault begins or ends by time, s of the clock; None: never."""
         return self._until if math.isfinite(self._until) else None
@@ -92,7 +75,7 @@ class FaultState:
     def count_cycle(self) -> None:
         """Note that a group read is about to be answered."""
         self._cycle += 1
-        if self._by_cycle:
+        if any(fault.by_cycle for fault in self._faults):
             self._until = -math.inf
 
     def add(self, fault: Fault, now: float) -> bool:
@@ -100,15 +83,15 @@ class FaultState:
         if len(self._faults) >= MAX_FAULTS:
             return False
         since = max(now, self._now) - self._origin
-        self._faults.append(replace(fault, start=fault.start + since, end=fault.end + since))
-        self._look_again()
+        self._faults.append(fault.model_copy(update={"start": fault.start + since, "end": fault.end + since}))
+        self._until = -math.inf
         self.update(now)
         return True
 
     def clear(self, now: float, kind: FaultKind | None = None) -> None:
         """Remove all faults, or those of one kind; their effects on devices end, what devices latched stays."""
         self._faults = [] if kind is None else [fault for fault in self._faults if fault.kind is not kind]
-        self._look_again()
+        self._until = -math.inf
         self.update(now)
 
     def update(self, now: float) -> None:
@@ -121,48 +104,41 @@ class FaultState:
         active = tuple(fault for fault in self._faults if fault.lasts(time, cycle))
         edges = [edge for fault in self._faults for edge in (fault.start, fault.end) if edge > time]
         self._until = self._origin + min(edges, default=math.inf)
-        if active != self._active:
-            self._active = active
+        if active != self.active:
+            self.active = active
             self._reset()
             self._apply_effects(now)
 
     def garbage(self) -> bytes:
         """Return the bytes that the host receives from a dead line after a packet of its own."""
-        return self._chance.randbytes(self._garbage)
+        return self._chance.randbytes(max(self._garbage))
 
     def to_servos(self, packet: bytes) -> list[Part]:
         """Return what the devices receive of bytes that the host sends."""
-        return mangled(packet, self._on_way_in, self._chance) if self._on_way_in else [Part(0.0, packet)]
+        return mangled(packet, self._on_way_in, self._chance)
 
     def to_host(self, device: int, packet: bytes) -> list[Part]:
         """Return what the host receives of bytes that a device sends."""
         if device in self.clashing:
             packet = self._chance.randbytes(len(packet))
         hits = [fault for fault in self._on_way_out if not fault.ids or device in fault.ids]
-        return mangled(packet, hits, self._chance) if hits else [Part(0.0, packet)]
-
-    def _look_again(self) -> None:
-        """Recompute the next change after the list of faults has changed."""
-        self._until = -math.inf
-        self._by_cycle = any(fault.by_cycle for fault in self._faults)
+        return mangled(packet, hits, self._chance)
 
     def _ids(self, kind: FaultKind) -> frozenset[int]:
         """Return the ids of the active faults of a kind."""
-        ids: set[int] = set()
-        for fault in self._active:
-            if fault.kind is kind:
-                ids |= set(fault.ids) or {device.id for device in self._devices}
-        return frozenset(ids)
+        hit = [fault for fault in self.active if fault.kind is kind]
+        return frozenset(own for fault in hit for own in fault.ids or [device.id for device in self._devices])
 
     def _apply_effects(self, now: float) -> None:
         """Apply to devices the faults that have begun, undo those that have ended."""
-        before, self._effects = self._effects, {}
-        for fault in self._active:
-            if fault.kind in _EFFECTS:
-                value = fault.amount if fault.kind in VALUES else 1.0
-                for index, device in enumerate(self._devices):
-                    if not fault.ids or device.id in fault.ids:
-                        self._effects[fault.kind, index] = value
+        before = self._effects
+        self._effects = {
+            (fault.kind, index): fault.amount if fault.kind in VALUES else 1.0
+            for fault in self.active
+            if fault.kind in _EFFECTS
+            for index, device in enumerate(self._devices)
+            if not fault.ids or device.id in fault.ids
+        }
         for kind, index in sorted(before.keys() | self._effects.keys(), key=lambda key: (key[0].value, key[1])):
             value_now = self._effects.get((kind, index))
             if value_now != before.get((kind, index)):
@@ -185,37 +161,15 @@ _EFFECTS: dict[FaultKind, Callable[[Device, float | None, float], None]] = {
 #   - {fault: missing, ids: [5], start: 2, end: 3}       # s since the emulator began
 #   - {fault: crc_storm, from_cycle: 100, to_cycle: 110} # group reads, from 0
 
-Cycle = Annotated[Integer, Field(ge=0)]
 Buses = Mapping[str, Collection[int]]
 """The ids on each bus, by the bus's name."""
-
-
-class FaultEntry(Schema):
-    """One fault, as `sim.emulator.faults.Fault`."""
-
-    fault: FaultKind
-    ids: Annotated[tuple[Annotated[Integer, Field(ge=0, le=253)], ...], Field(min_length=1, max_length=253)] = ()
-    start: NotNegative = 0.0
-    end: Positive = math.inf
-    from_cycle: Cycle = 0
-    to_cycle: Cycle | None = None
-    rate: Share = 1.0
-    of: Unit = Unit.PACKETS
-    direction: Direction = Direction.BOTH
-    value: Number | None = None
-    bus: Name | None = None
-
-    def to_fault(self) -> Fault:
-        """Return it as the emulator uses it."""
-        values = dict(self)
-        return Fault(values.pop("fault"), unit=values.pop("of"), **values)
 
 
 class FaultFile(Schema):
     """Faults, and the seed of all chance in them."""
 
     seed: Annotated[Integer, Field(ge=0)] = 0
-    faults: Annotated[tuple[FaultEntry, ...], Field(max_length=MAX_FAULTS)]
+    faults: Annotated[tuple[Fault, ...], Field(max_length=MAX_FAULTS)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,19 +187,7 @@ class FaultPlan:
 def load_fault_plan(path: Path, buses: Buses) -> FaultPlan:
     """Read a fault file for a robot with these buses. Raises ConfigError with all its problems."""
     model, _ = read_model(FaultFile, path, check=lambda _, document: _problems(document, buses))
-    return FaultPlan(tuple(entry.to_fault() for entry in model.faults), model.seed)
-
-
-def read_fault(document: Document, buses: Buses) -> Fault:
-    """The only fault of a document whose top level is one entry. Raises ConfigError with all its problems."""
-    try:
-        entry = FaultEntry.model_validate(document.data)
-    except ValidationError as error:
-        raise ConfigError.from_problems(in_our_words(FaultEntry, error, document)) from None
-    problems = _entry_problems(entry, document, (), buses)
-    if problems:
-        raise ConfigError.from_problems(problems)
-    return entry.to_fault()
+    return FaultPlan(model.faults, model.seed)
 
 
 def _problems(document: Document, buses: Buses) -> list[Problem]:
@@ -253,49 +195,34 @@ def _problems(document: Document, buses: Buses) -> list[Problem]:
     entries = document.data.get("faults")
     problems: list[Problem] = []
     for index, data in enumerate(entries if isinstance(entries, list) else []):
-        try:
-            entry = FaultEntry.model_validate(data)
-        except ValidationError:
-            continue
-        problems += _entry_problems(entry, document, ("faults", index), buses)
+        with suppress(ValidationError):
+            problems += _entry_problems(Fault.model_validate(data), document, ("faults", index), buses)
     return problems
 
 
-def _entry_problems(entry: FaultEntry, document: Document, at: KeyPath, buses: Buses) -> list[Problem]:
-    kind = entry.fault
+def _entry_problems(entry: Fault, document: Document, at: KeyPath, buses: Buses) -> list[Problem]:
+    def wrong(key: str, what: str, found: str, allowed: str, next_step: str = "") -> Problem:
+        return document.problem((*at, key), what, found=found, allowed=allowed, next_step=next_step)
+
+    kind, known = entry.kind, KEYS[entry.kind]
     problems = [
-        document.problem(
-            (*at, key),
-            f"{kind.value} has no such key",
-            found=key,
-            allowed=", ".join(sorted(KEYS[kind])),
-            next_step="Remove the key",
-        )
-        for key in sorted(entry.model_fields_set - KEYS[kind] - {"fault"})
+        wrong(key, f"{kind.value} has no such key", key, ", ".join(sorted(known)), "Remove the key")
+        for key in sorted(entry.model_fields_set - known - {"kind"})
     ]
     for key, begin, end in (("end", entry.start, entry.end), ("to_cycle", entry.from_cycle, entry.to_cycle)):
         if end is not None and end <= begin:
-            what, allowed = "a fault ends before it begins", f"above {begin:g}"
-            problems.append(document.problem((*at, key), what, found=f"{end:g}", allowed=allowed))
+            problems.append(wrong(key, "a fault ends before it begins", f"{end:g}", f"above {begin:g}"))
     if entry.value is not None and kind in VALUES:
         _, low, high = VALUES[kind]
         if not low <= entry.value <= high:
-            allowed = f"{low:g} to {high:g}"
-            problems.append(
-                document.problem((*at, "value"), "a value out of range", found=f"{entry.value:g}", allowed=allowed)
-            )
-    return problems + _places(entry, document, at, buses)
-
-
-def _places(entry: FaultEntry, document: Document, at: KeyPath, buses: Buses) -> list[Problem]:
-    """A bus and ids that do not exist."""
+            problems.append(wrong("value", "a value out of range", f"{entry.value:g}", f"{low:g} to {high:g}"))
     if entry.bus is not None and entry.bus not in buses:
-        return [unknown_name(document, (*at, "bus"), "bus", entry.bus, buses)]
-    known = {device for name, ids in buses.items() if entry.bus in (None, name) for device in ids}
-    return [
-        document.problem((*at, "ids"), "no such device", found=str(device), allowed=listed(map(str, sorted(known))))
+        return [*problems, unknown_name(document, (*at, "bus"), "bus", entry.bus, buses)]
+    devices = {device for name, ids in buses.items() if entry.bus in (None, name) for device in ids}
+    return problems + [
+        wrong("ids", "no such device", str(device), listed(map(str, sorted(devices))))
         for device in entry.ids
-        if device not in known
+        if device not in devices
     ]
 
 
@@ -307,8 +234,6 @@ HELP = (
 )
 MAX_LINE = 1000
 """Longest line that is read, characters."""
-
-_KEYS = tuple(name for name in FaultEntry.model_fields if name not in ("fault", "ids"))
 
 
 def obey(line: str, states: dict[str, FaultState], buses: Buses, now: Callable[[], float]) -> str:
@@ -339,28 +264,15 @@ def _clear(words: Sequence[str], states: dict[str, FaultState], now: float) -> s
 
 def _begin(words: Sequence[str], states: dict[str, FaultState], buses: Buses, now: float) -> str:
     kind = _kind(words[0])
+    keys, ids = ([word for word in words[1:] if ("=" in word) is wanted] for wanted in (True, False))
     data: dict[str, Node] = {"fault": kind.value}
-    ids: list[Node] = []
-    for word in words[1:]:
-        key, equals, text = word.partition("=")
-        if equals:
-            if key not in _KEYS:
-                raise UsageError(
-                    "unknown key", found=repr(key), allowed=", ".join(_KEYS), next_step=suggest(key, _KEYS)
-                )
-            data[key] = _scalar(text)
-        else:
-            ids.append(_scalar(word))
-    if ids:
-        data["ids"] = ids
-    fault = read_fault(Document(Path("faults"), data, {}), buses)
-    for name, state in states.items():
-        if (
-            fault.bus in (None, name)
-            and (not fault.ids or set(fault.ids) & set(buses[name]))
-            and not state.add(fault, now)
-        ):
-            return "too many faults; type clear first"
+    data |= {"ids": [_scalar(word) for word in ids]} if ids else {}
+    data |= {key: _scalar(text) for key, _, text in (word.partition("=") for word in keys)}
+    entry = Document(Path("faults"), {"faults": [data]}, {})
+    (fault,) = validated(FaultFile, entry, check=lambda _, document: _problems(document, buses)).faults
+    meant = [name for name in states if fault.bus in (None, name) and set(fault.ids or buses[name]) & set(buses[name])]
+    if not all(states[name].add(fault, now) for name in meant):
+        return "too many faults; type clear first"
     return f"{' '.join(words)}: begun"
 
 

@@ -3,9 +3,12 @@
 import math
 import random
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import Enum
-from typing import NamedTuple
+from typing import Annotated, Any, NamedTuple
+
+from pydantic import Field
+
+from retarget.schema.strict_models import Integer, Name, NotNegative, Number, Positive, Schema, Share
 
 
 class FaultKind(Enum):
@@ -84,27 +87,33 @@ KEYS: dict[FaultKind, frozenset[str]] = {
 """The keys that each kind takes."""
 
 
-@dataclass(frozen=True, slots=True)
-class Fault:
-    """One fault. It lasts while both windows do: time s since the line began, from `start` and before `end`; cycles
-    (group reads received, from 0), from `from_cycle` and before `to_cycle`.
+Cycle = Annotated[Integer, Field(ge=0)]
 
-    ids: of the devices; none: all. Bytes on their way to the servos belong to no device: faults with ids leave them
-    alone. rate: share of what `unit` says. value: see FaultKind; None: the usual one. bus: name of the only line that
-    it is for; None: all.
+
+class Fault(Schema):
+    """One fault, and an entry of a fault file. It lasts while both windows do: time s since the line began, from
+    `start` and before `end`; cycles (group reads received, from 0), from `from_cycle` and before `to_cycle`.
+
+    kind: `fault` in a file. ids: of the devices; none: all. Bytes on their way to the servos belong to no device:
+    faults with ids leave them alone. rate: share of what `of` says. value: see FaultKind; None: the usual one. bus:
+    name of the only line that it is for; None: all. Raises ValidationError for values that no fault has.
     """
 
-    kind: FaultKind
-    ids: tuple[int, ...] = ()
-    start: float = 0.0
-    end: float = math.inf
-    from_cycle: int = 0
-    to_cycle: int | None = None
-    rate: float = 1.0
-    unit: Unit = Unit.PACKETS
+    kind: FaultKind = Field(alias="fault")
+    ids: Annotated[tuple[Annotated[Integer, Field(ge=0, le=253)], ...], Field(min_length=1, max_length=253)] = ()
+    start: NotNegative = 0.0
+    end: Positive = math.inf
+    from_cycle: Cycle = 0
+    to_cycle: Cycle | None = None
+    rate: Share = 1.0
+    of: Unit = Unit.PACKETS
     direction: Direction = Direction.BOTH
-    value: float | None = None
-    bus: str | None = None
+    value: Number | None = None
+    bus: Name | None = None
+
+    def __init__(self, *kind: FaultKind, **values: Any) -> None:
+        """`kind` comes first, or as the key `fault`."""
+        super().__init__(**values, **({"fault": kind[0]} if kind else {}))
 
     @property
     def amount(self) -> float:
@@ -130,15 +139,12 @@ def random_faults(seed: int, ids: Sequence[int], duration: float) -> tuple[Fault
         kind = chance.choice(tuple(FaultKind))
         start = chance.uniform(0.0, 0.8 * duration)
         some = tuple(sorted(chance.sample(list(ids), min(len(ids), chance.randint(1, 2)))))
-        faults.append(
-            Fault(
-                kind,
-                ids=some if "ids" in KEYS[kind] and kind not in BYTE_KINDS else (),
-                start=start,
-                end=start + chance.uniform(0.0, 0.2 * duration),
-                rate=10.0 ** chance.uniform(-3.0, -1.0) if kind in BYTE_KINDS else 1.0,
-            )
-        )
+        own: dict[str, Any] = {"end": start + chance.uniform(0.0, 0.2 * duration)}
+        if kind in BYTE_KINDS:
+            own["rate"] = 10.0 ** chance.uniform(-3.0, -1.0)
+        elif "ids" in KEYS[kind]:
+            own["ids"] = some
+        faults.append(Fault(kind, start=start, **own))
     return tuple(faults)
 
 
@@ -157,59 +163,34 @@ def mangled(packet: bytes, faults: Sequence[Fault], chance: random.Random) -> li
     parts = [Part(0.0, packet)]
     for fault in faults:
         parts = [new for part in parts for new in _hit(part, fault, chance, last=packet[-1])]
-    return [part for part in parts if part.data]
+    return parts
 
 
 def _hit(part: Part, fault: Fault, chance: random.Random, *, last: int) -> list[Part]:
-    """last: byte of the packet as it was sent; two storms leave it as wrong as one."""
-    if fault.unit is Unit.BYTES:
-        return _hit_bytes(part, fault, chance)
-    if chance.random() >= fault.rate or not part.data:
-        return [part]
-    delay, data = part
-    match fault.kind:
-        case FaultKind.DROP:
-            return []
-        case FaultKind.FLIP:
-            at = chance.randrange(len(data))
-            data = data[:at] + _flipped(data[at], chance) + data[at + 1 :]
-        case FaultKind.DUPLICATE:
-            data += data
-        case FaultKind.LATE:
-            delay += fault.amount
-        case FaultKind.NOISE:
-            data = _noise(fault, chance) + data
-        case FaultKind.CRC_STORM:
-            data = data[:-1] + bytes((last ^ 0xFF,))
-    return [Part(delay, data)]
+    """Hit a packet, or each of its bytes for itself: it may be lost, changed, come twice, or keep what follows waiting.
 
-
-def _hit_bytes(part: Part, fault: Fault, chance: random.Random) -> list[Part]:
-    """Each byte for itself: it may be lost, changed, come twice, or keep what follows waiting."""
+    last: byte of the packet as it was sent; two storms leave it as wrong as one.
+    """
+    whole = fault.of is Unit.PACKETS
     out: list[Part] = []
-    delay, done = part.delay, bytearray()
-    for byte in part.data:
-        own = bytes((byte,))
+    delay, done = part.delay, b""
+    for unit in [part.data] if whole else [bytes((byte,)) for byte in part.data]:
+        hit = unit
         if chance.random() < fault.rate:
             match fault.kind:
                 case FaultKind.DROP:
-                    own = b""
+                    hit = b""
                 case FaultKind.FLIP:
-                    own = _flipped(byte, chance)
+                    at = chance.randrange(len(unit)) if whole else 0
+                    hit = unit[:at] + bytes((unit[at] ^ 1 << chance.randrange(8),)) + unit[at + 1 :]
                 case FaultKind.DUPLICATE:
-                    own += own
+                    hit = unit + unit
                 case FaultKind.NOISE:
-                    own = _noise(fault, chance) + own
+                    hit = chance.randbytes(chance.randint(1, int(fault.amount))) + unit
+                case FaultKind.CRC_STORM:
+                    hit = unit[:-1] + bytes((last ^ 0xFF,))
                 case FaultKind.LATE:
-                    out.append(Part(delay, bytes(done)))
-                    delay, done = fault.amount, bytearray()
-        done += own
-    return [*out, Part(delay, bytes(done))]
-
-
-def _flipped(byte: int, chance: random.Random) -> bytes:
-    return bytes((byte ^ 1 << chance.randrange(8),))
-
-
-def _noise(fault: Fault, chance: random.Random) -> bytes:
-    return chance.randbytes(chance.randint(1, int(fault.amount)))
+                    out += [Part(delay, done)] if done else []
+                    delay, done = fault.amount if done else delay + fault.amount, b""
+        done += hit
+    return [one for one in (*out, Part(delay, done)) if one.data]

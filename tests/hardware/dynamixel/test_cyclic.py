@@ -190,7 +190,7 @@ DAMAGE = {
     "duplicate": Fault(FaultKind.DUPLICATE, rate=0.01),
     "noise": Fault(FaultKind.NOISE, rate=0.01),
     "late": Fault(FaultKind.LATE, rate=0.01, value=0.003),
-    "bytes": Fault(FaultKind.FLIP, rate=0.001, unit=Unit.BYTES),
+    "bytes": Fault(FaultKind.FLIP, rate=0.001, of=Unit.BYTES),
     "to host": Fault(FaultKind.FLIP, rate=0.03, direction=Direction.TO_HOST),
 }
 

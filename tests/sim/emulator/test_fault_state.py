@@ -95,7 +95,7 @@ faults:
         FaultKind.DROP,
         ids=(5,),
         rate=0.5,
-        unit=Unit.BYTES,
+        of=Unit.BYTES,
         direction=Direction.TO_HOST,
         from_cycle=2,
         to_cycle=4,

@@ -61,26 +61,26 @@ def test_of_packets() -> None:
 
 
 def test_of_bytes() -> None:
-    assert _all(Fault(FaultKind.DROP, unit=Unit.BYTES)) == b""
-    assert _bits(_all(Fault(FaultKind.FLIP, unit=Unit.BYTES)), PACKET) == len(PACKET)
-    assert _all(Fault(FaultKind.DUPLICATE, unit=Unit.BYTES)) == bytes(byte for byte in PACKET for _ in range(2))
-    late = mangled(PACKET[:3], [Fault(FaultKind.LATE, unit=Unit.BYTES, value=0.5)], random.Random(1))
+    assert _all(Fault(FaultKind.DROP, of=Unit.BYTES)) == b""
+    assert _bits(_all(Fault(FaultKind.FLIP, of=Unit.BYTES)), PACKET) == len(PACKET)
+    assert _all(Fault(FaultKind.DUPLICATE, of=Unit.BYTES)) == bytes(byte for byte in PACKET for _ in range(2))
+    late = mangled(PACKET[:3], [Fault(FaultKind.LATE, of=Unit.BYTES, value=0.5)], random.Random(1))
     assert late == [Part(0.5, PACKET[:1]), Part(0.5, PACKET[1:2]), Part(0.5, PACKET[2:3])]
-    assert len(_all(Fault(FaultKind.NOISE, unit=Unit.BYTES))) > len(PACKET)
+    assert len(_all(Fault(FaultKind.NOISE, of=Unit.BYTES))) > len(PACKET)
 
 
 @pytest.mark.parametrize("unit", Unit)
 @pytest.mark.parametrize("kind", [FaultKind.DROP, FaultKind.FLIP, FaultKind.DUPLICATE])
 def test_a_rate_hits_its_share(kind: FaultKind, unit: Unit) -> None:
     chance = random.Random(3)
-    fault = Fault(kind, rate=0.1, unit=unit)
+    fault = Fault(kind, rate=0.1, of=unit)
     packet = PACKET if unit is Unit.PACKETS else PACKET[:1]
     hit = sum(mangled(packet, [fault], chance) != [Part(0.0, packet)] for _ in range(3000))
     assert 230 <= hit <= 370
 
 
 def test_the_same_seed_does_the_same() -> None:
-    fault = Fault(FaultKind.FLIP, rate=0.3, unit=Unit.BYTES)
+    fault = Fault(FaultKind.FLIP, rate=0.3, of=Unit.BYTES)
     assert _all(fault, seed=5) == _all(fault, seed=5)
     assert _all(fault, seed=5) != _all(fault, seed=6)
 
