@@ -17,8 +17,7 @@ from hardware.dynamixel.packets import Error1, Error2, Instruction
 from hardware.servo import DEFAULT_P_GAIN, ServoModel, lag_of_gain
 from sim.emulator.device import Answer
 from sim.emulator.memory import Memory, Part
-from sim.emulator.power import Electrics
-from sim.emulator.servo_body import ServoBody, ServoBuild
+from sim.emulator.servo_body import OVERLOAD, ServoBody, ServoBuild
 from sim.emulator.shaft import Law, Shaft, path_by_velocity
 from sim.servo_model import IDLE_CURRENT, LARGEST_CURRENT
 
@@ -87,21 +86,6 @@ def tune_loop1(shaft: Shaft, memory: Memory, model: ServoModel, supplied: float)
         shaft.integral = memory.value("i_gain") * 1000.0 / 2048.0 / (gain / 8.0) if gain else 0.0
 
 
-def live1(memory: Memory, shaft: Shaft, electrics: Electrics, model: ServoModel, *, uptime: float) -> None:
-    """Refresh the registers that show the state of a servo that started `uptime` s ago."""
-    table = memory.table
-    unit = (table["present_speed"].scale or 1.0) / model.tick_rad
-    load = min(max(electrics.current - IDLE_CURRENT, 0.0) / LARGEST_CURRENT, 1.0)
-    memory.put("present_position", round(shown_position(memory, shaft.position)))
-    memory.put("present_speed", round(shaft.velocity / unit))
-    memory.put("present_load", round(electrics.direction * FULL_TORQUE * load))
-    memory.put("present_voltage", round(10.0 * electrics.voltage))
-    memory.put("present_temperature", round(electrics.warmth))
-    memory.put("moving", int(abs(shaft.velocity) > STILL * shaft.full))
-    memory.put("realtime_tick", int(1000.0 * uptime) % _TICKS)
-
-
-_LIVE_FIRST, _LIVE_END = 36, 52
 _MOVERS = frozenset(("goal_position", "moving_speed"))  # a write to them switches torque on
 
 
@@ -112,13 +96,14 @@ class EmulatedServo1(ServoBody):
     """
 
     malformed = unknown = Error1.INSTRUCTION
+    shown = 36, 52
 
     def __init__(
         self, table: ControlTable, model: ServoModel, build: ServoBuild, *, torque_by_goal: bool = True
     ) -> None:
         super().__init__(table, model, build)
         self.torque_by_goal = torque_by_goal
-        self._wrong = Error1(0)  # as in every status
+        self._wrong = 0  # as in every status
         self._overload = False
         self._reset()
 
@@ -130,16 +115,25 @@ class EmulatedServo1(ServoBody):
 
     def answer(self, error: int = 0, data: bytes = b"") -> Answer:
         """Return an answer with the errors that last."""
-        return Answer(error | int(self._wrong), data)
+        return Answer(error | self._wrong, data)
 
     def error_of(self, error: Error2) -> int:
         """Return the one error that there is for a bad range of registers."""
         return Error1.RANGE
 
-    def show(self, address: int, length: int, now: float) -> None:
-        """Refresh the registers of a range that show its state."""
-        if self.memory.touches(address, length, _LIVE_FIRST, _LIVE_END):
-            live1(self.memory, self.shaft, self.electrics, self.servo_model, uptime=now - self.started)
+    def live(self, now: float) -> dict[str, float]:
+        """What the registers that show its state show at `now` (s)."""
+        shaft, electrics, tick = self.shaft, self.electrics, self.servo_model.tick_rad
+        load = min(max(electrics.current - IDLE_CURRENT, 0.0) / LARGEST_CURRENT, 1.0)
+        return {
+            "present_position": shown_position(self.memory, shaft.position),
+            "present_speed": shaft.velocity / ((self.table["present_speed"].scale or 1.0) / tick),
+            "present_load": electrics.direction * FULL_TORQUE * load,
+            "present_voltage": 10.0 * electrics.voltage,
+            "present_temperature": electrics.warmth,
+            "moving": abs(shaft.velocity) > STILL * shaft.full,
+            "realtime_tick": int(1000.0 * (now - self.started)) % _TICKS,
+        }
 
     def tune(self) -> None:
         """Take every setting from the registers."""
@@ -147,20 +141,16 @@ class EmulatedServo1(ServoBody):
         tune_loop1(self.shaft, self.memory, self.servo_model, self.electrics.supplied)
         self.shaft.refresh()
 
-    def check(self) -> None:
-        """Check voltage, temperature and effort; errors that Shutdown names switch torque off."""
-        if self._awake_at == inf or self._starting:
-            return
-        memory, electrics = self.memory, self.electrics
-        tenths = round(10.0 * electrics.voltage)
-        self._overload = self._overload or electrics.overloaded
-        wrong = Error1.OVERLOAD if self._overload else Error1(0)
-        if not memory.value("min_voltage_limit") <= tenths <= memory.value("max_voltage_limit"):
-            wrong |= Error1.INPUT_VOLTAGE
-        if electrics.warmth > memory.value("temperature_limit"):
-            wrong |= Error1.OVERHEATING
-        self._wrong = wrong
-        if wrong & memory.value("shutdown") and self.shaft.torque:
+    @property
+    def barred(self) -> bool:
+        """Whether an error that Shutdown names keeps torque off."""
+        return bool(self._wrong & self.memory.value("shutdown"))
+
+    def note(self, wrong: int) -> None:
+        """Errors last as long as their cause; those that Shutdown names switch torque off."""
+        self._overload = self._overload or bool(wrong & OVERLOAD)
+        self._wrong = wrong | (OVERLOAD if self._overload else 0)
+        if self.barred and self.shaft.torque:
             self.memory.put("torque_limit", 0)
             self._set_torque(False)
 
@@ -202,13 +192,10 @@ class EmulatedServo1(ServoBody):
 
     def _set_torque(self, on: bool) -> None:
         """Switch torque; on, it goes to whatever the goal registers hold."""
-        on = on and not self._wrong & self.memory.value("shutdown")
-        self.memory.put("torque_enable", int(on))
-        if on != self.shaft.torque:
-            self.shaft.torque = on
-            self.shaft.path = None
+        if self.switch(on):
             self.shaft.refresh()
-            self.shaft.hold()
+            if self.shaft.torque:
+                self.shaft.hold()
 
     def _aim(self, now: float) -> None:
         """Go to what the goal registers hold."""
@@ -248,7 +235,7 @@ class EmulatedServo1(ServoBody):
         """RAM after a start; the position is counted within one turn again where the model has a whole turn."""
         super()._reset()
         self._overload = False
-        self._wrong = Error1(0)
+        self._wrong = 0
         self.memory.put("torque_limit", self.memory.value("max_torque"))
         if self._starting and mode_of(self.memory) is not Mode1.JOINT:
             self.shaft.position %= self.servo_model.ticks

@@ -4,24 +4,22 @@ Source: e-Manual, X series and protocol 2.0. Motion, current and heat: `sim.emul
 """
 
 from math import inf
+from struct import Struct
 
 from hardware.dynamixel.control_table import ControlTable
 from hardware.dynamixel.packets import ALERT, Error2, Instruction
-from hardware.servo import ServoModel
+from hardware.servo import FULL_PWM, ServoModel
 from sim.emulator.device import Answer
 from sim.emulator.memory import Part
 from sim.emulator.servo2_registers import (
     ALL,
-    END,
-    FIRST,
+    BUT_ID,
+    BUT_ID_AND_BAUD,
     GOALS,
-    MOTION,
-    MOTION_END,
     POSITION,
     BusWatchdog,
     Condition,
     Encoder,
-    Live,
     aim,
     bound_goals,
     factory_reset,
@@ -34,29 +32,54 @@ from sim.emulator.servo2_registers import (
     restore_ram,
     tune_loop,
 )
-from sim.emulator.servo_body import ServoBody, ServoBuild
+from sim.emulator.servo_body import OVERLOAD, ServoBody, ServoBuild
 from sim.emulator.shaft import Law
+from sim.servo_model import IDLE_CURRENT, LARGEST_CURRENT
 
 CLEAR_TURNS = bytes((0x01, 0x44, 0x58, 0x4C, 0x22))
 STORE = bytes((0x01, 0x43, 0x54, 0x52, 0x4C))
 RESTORE = bytes((0x02, 0x43, 0x54, 0x52, 0x4C))
+_PARAMETERS: dict[int, tuple[bytes, ...]] = {
+    Instruction.FACTORY_RESET: tuple(bytes((option,)) for option in (ALL, BUT_ID, BUT_ID_AND_BAUD)),
+    Instruction.CLEAR: (CLEAR_TURNS,),
+    Instruction.CONTROL_TABLE_BACKUP: (STORE, RESTORE),
+}
+"""What may stand behind these instructions."""
 _IGNORES_BROADCAST_RESET = 42  # first firmware that ignores a factory reset of everything that is broadcast
 TORQUE_BY_GOAL = 0x08  # bit of Drive Mode (10)
 TORQUE_AT_START = 0x01  # bit of Startup Configuration (60)
-VOLTAGE, HEAT, OVERLOAD = 0x01, 0x04, 0x20  # bits of Hardware Error Status (70)
 _GOAL, _GOAL_END = 116, 120  # goal position
-ERRORS = 0x3F  # of them, those that Shutdown (63) masks
+ERRORS = 0x3F  # bits of Hardware Error Status (70) that Shutdown (63) masks
+
+# The registers that show its state.
+
+MOTION, MOTION_END = 126, 136
+"""What hosts read most: current or load, velocity, position."""
+IN_POSITION = 16  # [tick] not documented
+FOLLOWING_ERROR = 512  # [tick] not documented
+_SPEED_AND_POSITION = Struct("<ii")
+_WRAP = 0x80000000  # positions are shown in 32 bits
+_TICKS = 32768  # the realtime tick wraps, ms
+_FULL_LOAD = 1000  # load register, 0.1 %
+
+
+def _wrapped(position: float) -> int:
+    """A position as the 32 bits of its register show it."""
+    return (round(position) + _WRAP & 2 * _WRAP - 1) - _WRAP
 
 
 class EmulatedServo(ServoBody):
     """A servo with the table of a 2.0 model."""
+
+    shown = 120, 147
 
     def __init__(self, table: ControlTable, model: ServoModel, build: ServoBuild) -> None:
         super().__init__(table, model, build)
         self.backup: bytes | None = None
         self._watchdog = BusWatchdog()
         self._encoder = Encoder(self.memory, self.shaft)
-        self._live = Live(table, model, self.shaft, self.electrics)
+        self._speed_unit = (table["present_velocity"].scale or 1.0) / model.tick_rad  # [tick/s]
+        self._current_unit = (table["present_current"].scale or 1.0) if table.has("present_current") else 1.0  # [A]
         self._latched = 0  # Hardware Error Status
         self._alert = 0
         self._threshold = 0.0  # [tick/s] of moving
@@ -64,6 +87,7 @@ class EmulatedServo(ServoBody):
         self._direct = range(0)  # goal positions that only have to become the target
         self._reset()
         self.place(build.position)
+        self._measured()
 
     @property
     def tripped(self) -> bool:
@@ -94,7 +118,11 @@ class EmulatedServo(ServoBody):
         end = address + length
         if MOTION <= address < end <= MOTION_END:
             self.catch_up(now)
-            return Answer(self._alert, self._live.motion()[address - MOTION : end - MOTION])
+            shaft = self.shaft
+            motion = _SPEED_AND_POSITION.pack(round(shaft.velocity / self._speed_unit), _wrapped(shaft.position))
+            return Answer(
+                self._alert, (self.memory.image[MOTION : MOTION + 2] + motion)[address - MOTION : end - MOTION]
+            )
         return super().read(address, length, now)
 
     def write(self, address: int, data: bytes, now: float, *, secondary: bool = False) -> None:
@@ -108,10 +136,36 @@ class EmulatedServo(ServoBody):
                 return
         super().write(address, data, now, secondary=secondary)
 
-    def show(self, address: int, length: int, now: float) -> None:
-        """Refresh the registers of a range that show its state."""
-        if self.memory.touches(address, length, FIRST, END):
-            self._live.show(self.memory.image, uptime=now - self.started, threshold=self._threshold)
+    def live(self, now: float) -> dict[str, float]:
+        """What the registers that show its motion show at `now` (s); the others change when it is checked."""
+        shaft = self.shaft
+        place, speed = shaft.trajectory() if shaft.path is not None else (shaft.target, 0.0)
+        if not shaft.torque:
+            place, speed = shaft.position, 0.0
+        off = abs(place - shaft.position)
+        status = off <= IN_POSITION if shaft.path is None else 2 | shaft.path.kind << 4
+        return {
+            "realtime_tick": int(1000.0 * (now - self.started)) % _TICKS,
+            "moving": self.moving,
+            "moving_status": status | 8 * (off > FOLLOWING_ERROR),
+            "present_pwm": FULL_PWM * shaft.drive(),
+            "present_velocity": shaft.velocity / self._speed_unit,
+            "present_position": _wrapped(shaft.position),
+            "velocity_trajectory": speed / self._speed_unit,
+            "position_trajectory": _wrapped(place),
+        }
+
+    def _measured(self) -> None:
+        """Show current or load, voltage and temperature as they are now."""
+        electrics = self.electrics
+        load = min(max((electrics.current - IDLE_CURRENT) / LARGEST_CURRENT, 0.0), 1.0)
+        values = {
+            "present_current": electrics.direction * electrics.current / self._current_unit,
+            "present_load": electrics.direction * _FULL_LOAD * load,
+            "present_input_voltage": 10.0 * electrics.voltage,
+            "present_temperature": electrics.warmth,
+        }
+        self.show_values(values)
 
     def answer(self, error: int = 0, data: bytes = b"") -> Answer:
         """Return an answer with the alert bit as it stands."""
@@ -119,7 +173,7 @@ class EmulatedServo(ServoBody):
 
     def refusal(self, part: Part) -> int:
         """Return the error by which a register refuses a value."""
-        condition = Condition(torque=self.shaft.torque, barred=self._barred, tripped=self.tripped)
+        condition = Condition(torque=self.shaft.torque, barred=self.barred, tripped=self.tripped)
         return refusal(self.memory, part, condition)
 
     def ignores_broadcast(self, instruction: int, params: bytes) -> bool:
@@ -130,30 +184,28 @@ class EmulatedServo(ServoBody):
 
     def special(self, instruction: int, params: bytes, now: float) -> Answer:
         """Carry out a reset, a restart, the clearing of turns, or a backup."""
-        alert, error = self._alert, self.unknown  # the alert of a latched error is still sent
+        alert = self._alert  # that of a latched error is still sent
+        return Answer(self._special(instruction, params, now) | alert, b"")
+
+    def _special(self, instruction: int, params: bytes, now: float) -> int:
         if instruction == Instruction.REBOOT:
             self.reboot(now)
-            error = Error2.NONE
-        elif instruction == Instruction.FACTORY_RESET:
-            error = self._factory_reset(params, now)
-        elif instruction == Instruction.CLEAR:
-            error = self._clear_turns(params)
-        elif instruction == Instruction.CONTROL_TABLE_BACKUP and self.table.has("backup_ready"):
-            error = self._back_up(params, now)
-        return Answer(error | alert, b"")
-
-    def _factory_reset(self, params: bytes, now: float) -> Error2:
-        if len(params) != 1:
-            return Error2.DATA_LENGTH
-        if not factory_reset(self.memory, params[0]):
-            return Error2.DATA_RANGE
+            return Error2.NONE
+        known = _PARAMETERS.get(instruction)
+        if known is None or (instruction == Instruction.CONTROL_TABLE_BACKUP and not self.table.has("backup_ready")):
+            return self.unknown
+        if params not in known:
+            return Error2.DATA_RANGE if len(params) == len(known[0]) else Error2.DATA_LENGTH
+        if instruction == Instruction.CLEAR:
+            return self._clear_turns()
+        if instruction == Instruction.CONTROL_TABLE_BACKUP:
+            return self._back_up(now, restores=params == RESTORE)
+        factory_reset(self.memory, params[0])
         self.reboot(now)
         return Error2.NONE
 
-    def _clear_turns(self, params: bytes) -> Error2:
+    def _clear_turns(self) -> Error2:
         """Fold the position to one turn; what it holds goes along, so that nothing moves."""
-        if params != CLEAR_TURNS:
-            return Error2.DATA_RANGE if len(params) == len(CLEAR_TURNS) else Error2.DATA_LENGTH
         if self.moving:
             return Error2.RESULT_FAIL
         self._encoder.clear_turns()
@@ -163,18 +215,16 @@ class EmulatedServo(ServoBody):
         self.tune()
         return Error2.NONE
 
-    def _back_up(self, params: bytes, now: float) -> Error2:
+    def _back_up(self, now: float, *, restores: bool) -> Error2:
         """Store the control table, or restore what was stored."""
-        if params not in (STORE, RESTORE):
-            return Error2.DATA_RANGE if len(params) == len(STORE) else Error2.DATA_LENGTH
-        if self.shaft.torque or (params == RESTORE and self.backup is None):
+        if self.shaft.torque or (restores and self.backup is None):
             return Error2.RESULT_FAIL
-        if params == STORE:
-            self.backup = bytes(self.memory.image)
-            self.memory.put("backup_ready", 1)
-        elif self.backup is not None:
+        if restores and self.backup is not None:
             restore_eeprom(self.memory, self.backup)
             self.reboot(now)
+        else:
+            self.backup = bytes(self.memory.image)
+            self.memory.put("backup_ready", 1)
         return Error2.NONE
 
     def react(self, names: set[str], now: float) -> None:
@@ -217,25 +267,16 @@ class EmulatedServo(ServoBody):
         second = memory.value_or("secondary_id", 255)
         self.secondary_id = second if second <= 252 else None
         self._mode = memory.value("operating_mode")
-        self._threshold = memory.value("moving_threshold") * self._live.speed_unit
+        self._threshold = memory.value("moving_threshold") * self._speed_unit
         tune_loop(shaft, memory, self.servo_model, self.electrics.supplied)
         shaft.refresh()
         stepping = shaft.law is Law.POSITION and shaft.torque and shaft.path is None and not self.tripped
         low, high = goal_bounds(memory, "goal_position")
         self._direct = range(low, high + 1) if stepping and not memory.value("profile_velocity") else range(0)
 
-    def check(self) -> None:
-        """Latch what is wrong with voltage, temperature and effort."""
-        image, electrics = self.memory.image, self.electrics
-        self._live.take()
-        if self._awake_at == inf or self._starting:
-            return
-        tenths = self._live.tenths
-        wrong = OVERLOAD if electrics.overloaded else 0
-        if tenths > image[32] | image[33] << 8 or tenths < image[34] | image[35] << 8:
-            wrong |= VOLTAGE
-        if electrics.warmth > image[31]:
-            wrong |= HEAT
+    def note(self, wrong: int) -> None:
+        """Latch what is wrong."""
+        self._measured()
         if wrong & ~self._latched:
             self._latch(wrong)
 
@@ -252,7 +293,7 @@ class EmulatedServo(ServoBody):
             self._set_torque(True, now)
 
     @property
-    def _barred(self) -> bool:
+    def barred(self) -> bool:
         """Whether a latched error keeps torque off."""
         return bool(self._latched and self._latched & self.memory.value("shutdown") & ERRORS)
 
@@ -261,12 +302,13 @@ class EmulatedServo(ServoBody):
         self._latched |= bits
         self._alert = ALERT
         self.memory.put("hardware_error_status", self._latched)
-        if self._barred:
+        if self.barred:
             self._set_torque(False, self.shaft.time)
 
     def _trip(self) -> None:
         """Stop: the bus has been silent for too long."""
         self._watchdog.trip()
+        self.let_go(self.shaft.time)
         self.memory.put("bus_watchdog", -1)
         self.memory.put("profile_acceleration", 0)
         self.memory.put("profile_velocity", 0)
@@ -275,17 +317,13 @@ class EmulatedServo(ServoBody):
 
     def _set_torque(self, on: bool, now: float) -> None:
         """Switch torque; on, it goes to whatever the goal registers hold."""
-        on = on and not self._barred
-        self.memory.put("torque_enable", int(on))
         shaft = self.shaft
-        if on != shaft.torque:
-            shaft.torque = on
-            shaft.path = None
-            self._watchdog.arm(self.memory.value_or("bus_watchdog", 0), now, torque=on)
-            if on and self.memory.value("operating_mode") == POSITION:
+        if self.switch(on):
+            self._watchdog.arm(self.memory.value_or("bus_watchdog", 0), now, torque=shaft.torque)
+            if shaft.torque and self.memory.value("operating_mode") == POSITION:
                 self._encoder.fold()
             shaft.refresh()
-            if on:
+            if shaft.torque:
                 shaft.hold()
                 self._aim(now, fresh=True)
         self.tune()

@@ -1,5 +1,6 @@
 """The common part of emulated servos of both protocols: shaft, electrics, power, start, and applied faults."""
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import inf
 
@@ -10,6 +11,8 @@ from sim.emulator.power import BROWN_OUT, WINDOW, Electrics, Supply
 from sim.emulator.shaft import Shaft
 from sim.servo_model import AMBIENT
 
+VOLTAGE, HEAT, OVERLOAD = 0x01, 0x04, 0x20
+"""Bits of the errors that a servo finds: in every status of protocol 1.0, in Hardware Error Status (70) of 2.0."""
 BOOT_TIME = 0.2  # [s] not documented; long enough for the pauses that field software makes
 
 
@@ -28,9 +31,12 @@ class ServoBuild:
 class ServoBody(Device):
     """A servo of a table, as the maker delivers it, at the beginning that `build` says.
 
-    A subclass defines what its protocol does at a start (`_reset`), after a change of settings (`tune`), and when
-    something is wrong (`check`).
+    A subclass defines what its protocol does at a start (`_reset`), after a change of settings (`tune`), and with what
+    is wrong (`note`); and what its registers show (`live`). let_go: called with the time, s, when it stops driving.
     """
+
+    shown: tuple[int, int]
+    """First address of the registers that show its state, and the one behind the last."""
 
     def __init__(self, table: ControlTable, model: ServoModel, build: ServoBuild) -> None:
         super().__init__(table, build.now)
@@ -48,6 +54,26 @@ class ServoBody(Device):
         self._starting = False
         self._eventless = -inf  # [s] before then nothing happens but motion
         self._power_is_cut = False
+        self.let_go: Callable[[float], object] = lambda now: None
+
+    @property
+    def barred(self) -> bool:
+        """Whether an error keeps torque off."""
+        raise NotImplementedError
+
+    def live(self, now: float) -> dict[str, float]:
+        """What the registers that show its state show at `now` (s)."""
+        raise NotImplementedError
+
+    def show(self, address: int, length: int, now: float) -> None:
+        """Refresh the registers of a range that show its state."""
+        if self.memory.touches(address, length, *self.shown):
+            self.show_values(self.live(now))
+
+    def show_values(self, values: Mapping[str, float]) -> None:
+        """Set registers by name, rounded; those that the model does not have are left out."""
+        for name, value in values.items():
+            self.memory.put(name, round(value))
 
     def catch_up(self, now: float) -> None:
         """Let time pass up to `now` (s)."""
@@ -78,6 +104,8 @@ class ServoBody(Device):
 
     def reboot(self, now: float) -> None:
         """Start anew at `now` (s): silence for the boot time, everything in RAM lost."""
+        if self.shaft.torque:
+            self.let_go(now)
         self.shaft.torque = False
         self._awake_at = now + self.boot_time
         self._starting = True
@@ -137,7 +165,33 @@ class ServoBody(Device):
         super().tune()
 
     def check(self) -> None:
-        """Check voltage, temperature and effort, and note errors."""
+        """Check voltage, temperature and effort of a servo that is awake."""
+        if self._awake_at == inf or self._starting:
+            return
+        memory, electrics = self.memory, self.electrics
+        wrong = OVERLOAD if electrics.overloaded else 0
+        tenths = round(10.0 * electrics.voltage)
+        if not memory.value("min_voltage_limit") <= tenths <= memory.value("max_voltage_limit"):
+            wrong |= VOLTAGE
+        if electrics.warmth > memory.value("temperature_limit"):
+            wrong |= HEAT
+        self.note(wrong)
+
+    def note(self, wrong: int) -> None:
+        """Take note of what is wrong now, bits."""
+        raise NotImplementedError
+
+    def switch(self, on: bool) -> bool:
+        """Switch torque, unless it is barred; return whether that changes it."""
+        on = on and not self.barred
+        self.memory.put("torque_enable", int(on))
+        shaft = self.shaft
+        if on == shaft.torque:
+            return False
+        shaft.torque, shaft.path = on, None
+        if not on:
+            self.let_go(shaft.time)
+        return True
 
     def _reset(self) -> None:
         """Bring the RAM area to its state after a start."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from ipaddress import IPv4Network
 
 import numpy as np
@@ -364,7 +365,7 @@ class Bench:
         )
 
         for servo in self.servos:
-            self._tap(servo)
+            servo.let_go = partial(self._saw_let_go, servo.id)
 
         def port(bus: BusSpec) -> TappedPort:
             made = TappedPort(self.lines[bus.name], clock, name=f"emulated {bus.port}", sent=self.trace.sent)
@@ -380,25 +381,6 @@ class Bench:
         self.witness = Witness(simulation)
         return WitnessedBus(made, self.witness)
 
-    def _tap(self, servo: EmulatedServo) -> None:
+    def _saw_let_go(self, device: int, now: float) -> None:
         """Note when a servo stops driving."""
-        trip, switch, restart = servo._trip, servo._set_torque, servo.reboot
-        gone = self.trace.let_go
-
-        def tripped() -> None:
-            trip()
-            gone.append((servo.shaft.time, servo.id))
-
-        def switched(on: bool, now: float) -> None:
-            had = servo.shaft.torque
-            switch(on, now)
-            if had and not servo.shaft.torque:
-                gone.append((now, servo.id))
-
-        def restarted(now: float) -> None:
-            had = servo.shaft.torque
-            restart(now)
-            if had and not servo.shaft.torque:
-                gone.append((now, servo.id))
-
-        servo._trip, servo._set_torque, servo.reboot = tripped, switched, restarted  # type: ignore[method-assign]
+        self.trace.let_go.append((now, device))

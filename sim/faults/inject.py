@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
+from typing import Any
 from unittest.mock import patch
 
 import numpy as np
@@ -163,10 +164,10 @@ def _leg_inwards(bench: Bench, posture: RobotPosture) -> RobotPosture:
 # Faults of the bus and of servos.
 
 
-def _line(bench: Bench, kind: str, ids: tuple[int, ...] = (), **rest: float) -> None:
+def _line(bench: Bench, kind: str, **rest: Any) -> None:
     """Begin a fault of the emulated line, with its keys."""
     for line in bench.lines.values():
-        line.faults.add(Fault(FaultKind(kind), ids=tuple(ids), **rest), bench.clock.now())  # type: ignore[arg-type]
+        line.faults.add(Fault(FaultKind(kind), **rest), bench.clock.now())
 
 
 def _unwritable(bench: Bench) -> None:
