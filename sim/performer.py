@@ -7,7 +7,7 @@ two-link inverse kinematics onto planted feet, so bone lengths are constant and 
 minimum-jerk, hence C2.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -47,58 +47,35 @@ _UPPER_BODY: tuple[tuple[str, str, tuple[float, float, float]], ...] = (
 )
 
 
-@dataclass(frozen=True)
-class _Stance:
-    """What the body does at one instant. Lengths m, angles degrees; flexion bends forward, an arm hangs at 0."""
+class _Path(NamedTuple):
+    """A quantity of the body: its value when it stands, crouches and reaches; by how much crouch and reach vary from
+    cycle to cycle (uniform, plus or minus); how much later (s) than the hand it comes to its reach."""
 
-    height: float = STANDING_HEIGHT
-    forward: float = 0.0
-    pelvis_pitch: float = 0.0
-    spine_pitch: float = 0.0
-    chest_pitch: float = 0.0
-    head_pitch: float = 0.0
-    twist: float = 0.0
-    sway: float = 0.0
-    r_collar: float = 0.0
-    r_shoulder: float = 4.0
-    r_elbow: float = 14.0
-    l_collar: float = 0.0
-    l_shoulder: float = 4.0
-    l_elbow: float = 14.0
-    spread: float = 12.0
+    standing: float
+    crouched: float
+    reached: float
+    varies: float = 0.0
+    delay: float = 0.0
 
 
-_CROUCH = _Stance(
-    forward=-0.13,
-    pelvis_pitch=35.0,
-    spine_pitch=22.0,
-    chest_pitch=15.0,
-    head_pitch=-18.0,
-    r_shoulder=72.0,
-    r_elbow=22.0,
-    l_shoulder=70.0,
-    l_elbow=24.0,
-    spread=9.0,
-)
-_REACH = _Stance(
-    pelvis_pitch=-1.0,
-    spine_pitch=-4.0,
-    chest_pitch=-4.0,
-    head_pitch=-14.0,
-    twist=7.0,
-    sway=-0.015,
-    r_collar=14.0,
-    r_shoulder=135.0,
-    r_elbow=10.0,
-    l_shoulder=16.0,
-    l_elbow=32.0,
-    spread=8.0,
-)
-
-_VARIATION = {"forward": 0.01, "twist": 3.0, "sway": 0.006, "r_shoulder": 2.5, "l_shoulder": 5.0, "l_elbow": 6.0}
-"""How much a value varies from cycle to cycle (uniform, plus or minus)."""
-_DELAY_S = {"height": -0.15, "forward": -0.15, "pelvis_pitch": -0.12, "spine_pitch": -0.06, "r_elbow": 0.03}
-"""How much later (s) than the hand a value comes to its reach."""
+# Lengths m, angles degrees; flexion bends forward, an arm hangs at 0. How low a crouch is: CROUCH_HEIGHT.
+_PATHS = {
+    "height": _Path(STANDING_HEIGHT, 0.0, STANDING_HEIGHT, delay=-0.15),
+    "forward": _Path(0.0, -0.13, 0.0, varies=0.01, delay=-0.15),
+    "pelvis_pitch": _Path(0.0, 35.0, -1.0, delay=-0.12),
+    "spine_pitch": _Path(0.0, 22.0, -4.0, delay=-0.06),
+    "chest_pitch": _Path(0.0, 15.0, -4.0),
+    "head_pitch": _Path(0.0, -18.0, -14.0),
+    "twist": _Path(0.0, 0.0, 7.0, varies=3.0),
+    "sway": _Path(0.0, 0.0, -0.015, varies=0.006),
+    "r_collar": _Path(0.0, 0.0, 14.0),
+    "r_shoulder": _Path(4.0, 72.0, 135.0, varies=2.5),
+    "r_elbow": _Path(14.0, 22.0, 10.0, delay=0.03),
+    "l_collar": _Path(0.0, 0.0, 0.0),
+    "l_shoulder": _Path(4.0, 70.0, 16.0, varies=5.0),
+    "l_elbow": _Path(14.0, 24.0, 32.0, varies=6.0),
+    "spread": _Path(12.0, 9.0, 8.0),
+}
 
 
 def synthetic_performer(seed: int = 0, *, rate_hz: float = RATE_HZ) -> SensorFrames:
@@ -141,18 +118,15 @@ def minimum_jerk(time: FloatArray, key_times: FloatArray, key_values: FloatArray
 
 
 def _paths(time: FloatArray, generator: np.random.Generator) -> dict[str, FloatArray]:
-    """Value (T,) of every field of `_Stance` over time."""
+    """Value (T,) of every quantity of `_PATHS` over time."""
     crouch_times = FIRST_CROUCH_S + CYCLE_S * np.arange(CYCLES) + generator.uniform(-0.03, 0.03, CYCLES)
     reach_times = crouch_times + CROUCH_TO_REACH_S + generator.uniform(-0.03, 0.03, CYCLES)
     heights = generator.uniform(*CROUCH_HEIGHT, CYCLES)
     end = reach_times[-1] + CROUCH_TO_REACH_S
     paths = {}
-    for name, standing in vars(_Stance()).items():
-        delay, spread = _DELAY_S.get(name, 0.0), _VARIATION.get(name, 0.0)
-        crouched = (
-            heights if name == "height" else getattr(_CROUCH, name) + spread * generator.uniform(-1.0, 1.0, CYCLES)
-        )
-        reached = getattr(_REACH, name) + (0.0 if name == "height" else spread * generator.uniform(-1.0, 1.0, CYCLES))
+    for name, (standing, crouch, reach, varies, delay) in _PATHS.items():
+        crouched = heights if name == "height" else crouch + varies * generator.uniform(-1.0, 1.0, CYCLES)
+        reached = reach + (0.0 if name == "height" else varies * generator.uniform(-1.0, 1.0, CYCLES))
         values = np.column_stack([crouched, np.broadcast_to(reached, CYCLES)]).ravel()
         # Only the way up is shifted: all joints reach the bottom together, from the pelvis outwards they leave it.
         times = np.column_stack([crouch_times, reach_times + delay]).ravel()

@@ -10,9 +10,12 @@ joint's. A servo without torque has neither actuator: its motor is open. Coupled
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from hardware.arrays import BoolArray, ByteArray, FloatArray
 from hardware.bus import ServoAlert
@@ -78,8 +81,8 @@ def gain_missing(servo: ServoSpec, *, protocol: int) -> bool:
 _P_GAIN = {1: "p_gain", 2: "position_p_gain"}
 
 
-# Measured motors and gears of servos, one row per model. Values without a measurement are derived, as their source
-# says.
+# Measured motors and gears of servos, one row per model in `motors.yaml`. Values without a measurement are derived, as
+# their source says.
 #
 # All at the output shaft, N m, rad, A, V. The motor is the usual one: u = R i + kt w, torque = kt i. So at supply V it
 # stalls at kt V / R and turns no faster than V / kt.
@@ -130,29 +133,19 @@ class _Identified:
     motor: tuple[float, float] | None = None
 
 
-_BAM = "Rhoban bam, model m1"
-_TODDLERBOT = "ToddlerBot 2.0 identification; kt and R of the maker's stall torque and no-load speed"
-_OP3 = "friction and torque: ToddlerBot 2.0; armature: public OP3 model, the larger; kt, R: the maker's numbers"
-_WOLFGANG = "Wolfgang model (as MX-106); kt and R of the maker's stall torque and no-load speed"
+MEASURED = Path(__file__).with_name("motors.yaml")
 
-_IDENTIFIED = {
-    "MX-64": _Identified(0.01195, 0.0904, 0.01169, _BAM, motor=(1.6225, 3.949)),
-    "MX-106": _Identified(0.02661, 0.1035, 0.0352, _BAM, motor=(2.1914, 2.965)),
-    "XL330-M288": _Identified(0.00181, 0.01283, 0.00366, _BAM, motor=(0.3867, 4.017)),
-    "XH540-W270": _Identified(0.025, 0.1, 0.0352, _WOLFGANG),
-    "XM430-W350": _Identified(0.045, 0.105, 0.0133, _OP3, most_torque=2.95),
-    "XM430-W210": _Identified(0.0022, 0.038, 0.0064, _TODDLERBOT, most_torque=1.94),
-    "XC430-W240": _Identified(0.0044, 0.014, 0.0072, _TODDLERBOT, most_torque=1.47),
-    "2XC430-W250": _Identified(0.0044, 0.06, 0.0028, _TODDLERBOT, most_torque=1.09),
-    "2XL430-W250": _Identified(0.0083, 0.069, 0.0013, _TODDLERBOT, most_torque=0.93),
-    "XC330-T288": _Identified(0.0048, 0.006, 0.001, _TODDLERBOT, most_torque=0.68),
-}
-"""XC330 and XC430 stand without a suffix in ToddlerBot's files; the types are those of the robot."""
+
+@cache
+def _identified() -> dict[str, _Identified]:
+    """The measured models, by name."""
+    rows = yaml.safe_load(MEASURED.read_text(encoding="utf-8"))
+    return {model: _Identified(**row) for model, row in rows.items()}
 
 
 def drive_numbers(model: ServoModel) -> DriveNumbers:
     """The numbers of a model, by identification where there is one."""
-    known = _IDENTIFIED.get(model.name)
+    known = _identified().get(model.name)
     if known is None:
         share = model.stall_torque
         known = _Identified(ARMATURE_SHARE * share, FRICTION_SHARE * share, 0.0, "derived from stall torque and speed")
