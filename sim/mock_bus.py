@@ -1,9 +1,6 @@
-"""Buses without wires: servos with speed limit, first-order lag, encoder and faults, or always at their goals."""
+"""Buses without wires: servos with speed limit, first-order lag and encoder, or always at their goals."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from enum import Enum
-from itertools import compress
 
 import numpy as np
 
@@ -14,46 +11,6 @@ from hardware.errors import BusError, describe
 from hardware.servo import ServoSpec, loop_lag
 from retarget.model.robot import RobotBody
 from sim.servo_model import ServoLoad, saturated_lag
-
-# Faults of the mock bus as data: kind, servo, cycles.
-
-
-class FaultKind(Enum):
-    """What happens while a fault lasts."""
-
-    MISSING = "missing"
-    """The servo does not answer, and receives neither goals nor torque commands."""
-    ALERT = "alert"
-    """The servo reports `alert` bits and its torque is off; it stays so when the fault is over, like a real one until
-    its reboot."""
-    READ_FAILS = "read fails"
-    """The whole bus raises BusError on a read."""
-    HOT = "hot"
-    """The servo reports `value` degrees Celsius."""
-    SUPPLY = "supply"
-    """The servo reports a supply of `value` V."""
-    STUCK = "stuck"
-    """The shaft stays where it is, whatever the goal."""
-    WRITE_FAILS = "write fails"
-    """The whole bus raises BusError on a write."""
-
-
-@dataclass(frozen=True)
-class MockFault:
-    """One fault: `kind`, from read cycle `first` (counted from 0) for `cycles` cycles, on `servo` (index in servo
-    order). `alert` bits and `value` as the kind says."""
-
-    kind: FaultKind
-    first: int
-    cycles: int
-    servo: int = 0
-    alert: int = 0
-    value: float = 0.0
-
-    def lasts(self, cycle: int) -> bool:
-        """Whether the fault is present in read cycle `cycle`."""
-        return self.first <= cycle < self.first + self.cycles
-
 
 VELOCITY_UNIT = 0.229 * 2.0 * np.pi / 60.0  # [rad/s] register step
 ALERT_BIT = np.uint8(0x80)  # of the error byte
@@ -82,13 +39,11 @@ class MockBus:
         *,
         start: TickArray | None = None,
         lag: float | None = None,
-        faults: Sequence[MockFault] = (),
         protocols: Mapping[str, int] | None = None,
     ) -> None:
         count = len(servos)
         self._clock = clock
         self._servos = tuple(servos)
-        self._faults = tuple(faults)
         models = [servo.model for servo in servos]
         self._tick_rad = np.array([model.tick_rad for model in models])  # (n,) [rad]
         self._top = np.array([model.no_load_speed / model.tick_rad for model in models])  # (n,) [tick/s]
@@ -107,13 +62,8 @@ class MockBus:
         )  # (n,) register [tick]
         self._velocity = np.zeros(count)  # (n,) [rad/s]
         self._load = ServoLoad(np.array([model.voltage for model in models]), self._top * self._tick_rad)
-        self._none = np.zeros(count, dtype=np.bool_)
-        self._torque = self._none.copy()
-        self._alert = np.zeros(count, dtype=np.uint8)
-        self._cycle = -1  # of reads
+        self._torque = np.zeros(count, dtype=np.bool_)
         self._time = clock.now()
-        self._answered = np.full(count, -np.inf)  # (n,) [s]
-        self._shown: ServoStates | None = None
         self._open = False
 
     def open(self) -> None:
@@ -122,47 +72,26 @@ class MockBus:
         self._time = self._clock.now()
 
     def read(self) -> ServoStates:
-        """Move time on and return the state of the servos. Raises BusError when closed, and under such a fault."""
-        self._require_open("read")
-        self._cycle += 1
+        """Move time on and return the state of the servos. Raises BusError when closed."""
+        check_open(self._open, where="mock bus, read")
         self._catch_up()
-        if self._failing(FaultKind.READ_FAILS):
-            raise BusError(
-                describe(what="no answer from any servo", where="mock bus, read", then="Check power and wiring")
-            )
-        missing = self._struck(FaultKind.MISSING)
-        fresh = self._registers()
-        self._shown = self._merged(fresh, missing) if missing.any() else fresh
-        self._answered[~missing] = self._time
-        return self._shown
+        return self._registers()
 
     def write(self, goals: ServoGoals) -> None:
-        """Set the goal registers. Raises BusError when closed, on a goal that a servo does not have, and under such
-        a fault."""
-        self._require_open("write")
+        """Set the goal registers. Raises BusError when closed and on a goal that a servo does not have."""
+        check_open(self._open, where="mock bus, write")
         self._catch_up()
-        if self._failing(FaultKind.WRITE_FAILS):
-            raise BusError(
-                describe(
-                    what="the port takes no data", where="mock bus, write", then="Check that the adapter is plugged in"
-                )
-            )
         check_goals(goals.ticks, self._first, self._last, where="mock bus, write")
-        self._goal = np.where(self._struck(FaultKind.MISSING), self._goal, goals.ticks)
+        self._goal = goals.ticks.astype(np.float64)
 
     def torque(self, on: bool) -> None:
-        """Switch torque; a servo with an alert stays off. The goal registers keep what they had, so goals come
-        first. Raises BusError when closed, and, once all others are switched, for servos that do not answer."""
-        self._require_open("torque")
+        """Switch torque. The goal registers keep what they had, so goals come first. Raises BusError when closed."""
+        check_open(self._open, where="mock bus, torque")
         self._catch_up()
-        silent = self._struck(FaultKind.MISSING)
-        self._torque = np.where(silent, self._torque, on & (self._alert == 0))
-        if silent.any():
-            names = ", ".join(f"{servo.joint} (id {servo.id})" for servo in compress(self._servos, silent))
-            raise BusError(describe(what=f"no answer from {names}", where=f"mock bus, torque {'on' if on else 'off'}"))
+        self._torque = np.full(len(self._servos), on)
 
     def close(self) -> None:
-        """Switch torque off; no further call but `open`. Raises BusError for servos that do not answer."""
+        """Switch torque off; no further call but `open`."""
         try:
             if self._open:
                 self.torque(False)
@@ -178,74 +107,34 @@ class MockBus:
         """Move every servo from the last call's time to now, exactly."""
         elapsed = self._clock.now() - self._time
         self._time += elapsed
-        for fault in self._faults:
-            if fault.kind is FaultKind.ALERT and fault.lasts(self._cycle):
-                self._alert[fault.servo] |= fault.alert
-                self._torque[fault.servo] &= not fault.alert
         if elapsed <= 0.0:
             return
-        before = self._velocity
+        before, turns = self._velocity, self._turning()
         moved, velocity = saturated_lag(self._goal - self._position, lag=self._lag, top=self._top, elapsed=elapsed)
-        turns = self._torque > self._struck(FaultKind.STUCK)  # has torque, and is not stuck
         self._position = self._position + turns * moved
         self._velocity = turns * velocity * self._tick_rad
         self._load.advance(before=before, after=self._velocity, torque=self._torque, elapsed=elapsed)
 
+    def _turning(self) -> BoolArray:
+        """Which shafts (n,) go to their goals."""
+        return self._torque
+
     def _registers(self) -> ServoStates:
         """What the registers of all servos show now, rounded as they round."""
+        count = len(self._servos)
         return ServoStates(
             time=self._time,
             position=np.rint(self._position).astype(np.int64),
             velocity=np.rint(self._velocity / VELOCITY_UNIT) * VELOCITY_UNIT,
             current=np.rint(self._load.current / self._current_unit) * self._current_unit,
-            voltage=self._said(FaultKind.SUPPLY, np.rint(10.0 * self._load.voltage) / 10.0),
-            temperature=self._said(FaultKind.HOT, np.rint(self._load.temperature)),
-            error=ALERT_BIT * (self._alert != 0),
-            alert=self._alert.copy(),
-            age=np.zeros(len(self._servos)),
-            valid=~self._none,
+            voltage=np.rint(10.0 * self._load.voltage) / 10.0,
+            temperature=np.rint(self._load.temperature),
+            error=np.zeros(count, dtype=np.uint8),
+            alert=np.zeros(count, dtype=np.uint8),
+            age=np.zeros(count),
+            valid=np.ones(count, dtype=np.bool_),
             driven=self._torque.copy(),
         )
-
-    def _merged(self, fresh: ServoStates, missing: BoolArray) -> ServoStates:
-        """Fresh values of the servos that answer, and the last values of the `missing` ones (n,)."""
-        old = self._shown or fresh
-        return ServoStates(
-            time=self._time,
-            position=np.where(missing, old.position, fresh.position),
-            velocity=np.where(missing, old.velocity, fresh.velocity),
-            current=np.where(missing, old.current, fresh.current),
-            voltage=np.where(missing, old.voltage, fresh.voltage),
-            temperature=np.where(missing, old.temperature, fresh.temperature),
-            error=np.where(missing, old.error, fresh.error),
-            alert=np.where(missing, old.alert, fresh.alert),
-            age=np.where(missing, self._time - self._answered, 0.0),
-            valid=~missing,
-            driven=np.where(missing, old.driven, fresh.driven),
-        )
-
-    def _struck(self, kind: FaultKind) -> BoolArray:
-        """Mask (n,) of servos that have such a fault in this cycle."""
-        if not self._faults:
-            return self._none
-        mask = self._none.copy()
-        for fault in self._faults:
-            if fault.kind is kind and fault.lasts(self._cycle):
-                mask[fault.servo] = True
-        return mask
-
-    def _said(self, kind: FaultKind, values: FloatArray) -> FloatArray:
-        """Return the registers (n,), changed by faults of this kind."""
-        for fault in self._faults:
-            if fault.kind is kind and fault.lasts(self._cycle):
-                values[fault.servo] = fault.value
-        return values
-
-    def _failing(self, kind: FaultKind) -> bool:
-        return any(fault.kind is kind and fault.lasts(self._cycle) for fault in self._faults)
-
-    def _require_open(self, action: str) -> None:
-        check_open(self._open, where=f"mock bus, {action}")
 
 
 def check_open(is_open: bool, *, where: str) -> None:

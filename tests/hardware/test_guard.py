@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from faulty_bus import FaultKind, MockFault
 from guard_rig import DT, MAP, START, Rig
 from hardware.bus import ServoAlert
 from hardware.errors import BusError, GuardError
@@ -12,7 +13,6 @@ from hardware.guard import CUT_POWER, TORQUE_OFF, CheckedGoal, Torque
 from hardware.guard_state import FAULTLESS, GuardLimits, StopCause
 from messages import refuses, shows
 from retarget.safety.gate import Gate
-from sim.mock_bus import FaultKind, MockFault
 
 
 def moving(*faults: MockFault, limits: GuardLimits | None = None) -> Rig:

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from faulty_bus import FaultKind, FaultyBus, MockFault
 from guard_rig import DT, MAP, Rig
 from hardware.bus import ServoStates
 from hardware.clock import VirtualClock
@@ -33,7 +34,6 @@ from hardware.servo_health import (
 from messages import refuses, shows
 from retarget.model.robot import load_profile
 from servos import four_servos, waist_servos
-from sim.mock_bus import FaultKind, MockBus, MockFault
 
 
 @pytest.fixture
@@ -378,7 +378,7 @@ def test_a_bus_that_never_reports_a_value_is_no_fault() -> None:
 
 def test_of_a_coupled_pair_the_joints_count_not_the_servos() -> None:
     joint_map = JointMap(waist_servos())
-    bus = MockBus(joint_map.servos, VirtualClock(), start=joint_map.to_ticks(np.zeros(4)))
+    bus = FaultyBus(joint_map.servos, VirtualClock(), start=joint_map.to_ticks(np.zeros(4)))
     bus.open()
     health = ServoHealth(joint_map, LIMITS)
     states = replace(bus.read(), driven=np.ones(4, dtype=np.bool_))
@@ -396,7 +396,7 @@ def test_of_a_coupled_pair_the_joints_count_not_the_servos() -> None:
 def test_what_a_load_explains_is_no_fault() -> None:
     """A servo that is held beside its goal is where it is to be; one that is not held there, is off."""
     joint_map = JointMap(waist_servos())
-    bus = MockBus(joint_map.servos, VirtualClock(), start=joint_map.to_ticks(np.zeros(4)))
+    bus = FaultyBus(joint_map.servos, VirtualClock(), start=joint_map.to_ticks(np.zeros(4)))
     bus.open()
     states = replace(bus.read(), driven=np.ones(4, dtype=np.bool_))
     at = joint_map.to_radians(states.position)

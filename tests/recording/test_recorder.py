@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
+from faulty_bus import FaultKind, MockFault
 from hardware.errors import RetargetError
 from messages import Facts, refuses, shows
 from recordings import Recorded, messages, mock_bus, performer, record
@@ -26,7 +27,6 @@ from retarget.recording.topics import GOALS, HUMAN_JOINTS, JOINTS, SENSORS, TICK
 from retarget.run.options import RunOptions
 from retarget.run.run_result import RunResult
 from retarget.types import RunState
-from sim.mock_bus import FaultKind, MockFault
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import retarget
+from faulty_bus import FaultKind, MockFault
 from hardware.arrays import TickArray
 from hardware.bus import ServoGoals
 from hardware.errors import BusError
@@ -42,7 +43,6 @@ from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared
 from retarget.run.run_result import RunResult
 from sim.faults.sender import FakeSender, silent
-from sim.mock_bus import FaultKind, MockFault
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from faulty_bus import FaultKind, FaultyBus, MockFault
 from hardware.bus import ServoGoals
 from hardware.clock import VirtualClock
 from hardware.errors import BusError
@@ -17,7 +18,6 @@ from retarget.recording.mcap_writer import Level, Ring
 from retarget.recording.taps import STATES_OF_RUN, Note, TappedBus, TappedClock, TappedSamples
 from retarget.types import RunState
 from rig import Rig
-from sim.mock_bus import FaultKind, MockBus, MockFault
 
 SHAPE = Shape(sensors=1, servos=2, rest=0, human=1, joints=1, landmarks=0, observers=0, human_observers=0)
 
@@ -143,7 +143,7 @@ def row(note: Note) -> Cycles:
 
 def bus(robot: RobotBody, note: Note, *faults: MockFault) -> TappedBus:
     start = robot.joint_map.to_ticks(robot.posture({})[robot.servo_columns])
-    tapped = TappedBus(MockBus(robot.joint_map.servos, VirtualClock(), start=start, faults=faults), note)
+    tapped = TappedBus(FaultyBus(robot.joint_map.servos, VirtualClock(), start=start, faults=faults), note)
     tapped.open()
     return tapped
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from faulty_bus import FaultKind, MockFault
 from hardware.bus import ServoGoals, ServoStates
 from hardware.errors import BusError
 from hardware.guard_state import StopCause
@@ -24,7 +25,6 @@ from retarget.run.run_result import RunResult
 from retarget.types import FloatArray
 from rig import Rig, StubReconstructor, five, person, scripted_run, short_clip
 from sim.faults.sender import FakeSender
-from sim.mock_bus import FaultKind, MockFault
 
 TICKS = 51
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from faulty_bus import FaultKind, MockFault
 from gates import sent
 from retarget.model.body import JointLimits
 from retarget.model.robot import RobotBody, load_robot
@@ -17,7 +18,6 @@ from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
 from retarget.types import FloatArray
 from rig import Rig, StubReconstructor, person, result, short_clip
-from sim.mock_bus import FaultKind, MockFault
 
 DT = 0.008
 

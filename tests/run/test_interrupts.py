@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from faulty_bus import FaultKind, MockFault
 from gates import sent
 from hardware.arrays import TickArray
 from hardware.bus import ServoAlert, ServoGoals
@@ -19,7 +20,6 @@ from retarget.run.record import Phase
 from retarget.run.supervisor import LONGEST_TO_REST_S
 from retarget.types import FloatArray, RunState
 from rig import Rig, play, short_clip
-from sim.mock_bus import FaultKind, MockFault
 
 FOR_EVER = 10**6
 COUNT = 4096 / (2.0 * np.pi)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from faulty_bus import FaultKind, MockFault
 from hardware.bus import ServoGoals, ServoStates
 from hardware.clock import VirtualClock
 from hardware.errors import BusError, HardwareError, RetargetError
@@ -18,7 +19,6 @@ from retarget.run.loop import FORCED_STOP, INTERRUPTED, Ending, Watch, run_human
 from retarget.run.record import Phase, Record
 from retarget.types import FloatArray, HumanPosture, RobotPosture, RunState
 from rig import Rig, StubFollower, StubReconstructor, person, short_clip
-from sim.mock_bus import FaultKind, MockFault
 
 TICKS = 51
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from faulty_bus import FaultKind, FaultyBus, MockFault
 from hardware.bus import ServoBus
 from hardware.clock import Clock, VirtualClock
 from hardware.errors import GuardError, TorqueError
@@ -22,7 +23,6 @@ from retarget.run.prepare import Prepared, prepare
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
 from retarget.sources.open import open_source
-from sim.mock_bus import FaultKind, MockBus, MockFault
 from sim.performer import synthetic_performer
 
 WARM_UP_S = 4.0
@@ -38,7 +38,7 @@ def prepared(read: Callable[[], SensorFrames], at: float, faults: Sequence[MockF
 
     def make_bus(robot: RobotBody, clock: Clock) -> ServoBus:
         stand = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
-        return MockBus(robot.joint_map.servos, clock, start=robot.joint_map.to_ticks(stand), faults=faults)
+        return FaultyBus(robot.joint_map.servos, clock, start=robot.joint_map.to_ticks(stand), faults=faults)
 
     options = RunOptions(robot="op3", playback=Playback(start=at - WARM_UP_S, end=at + 0.2))
     with prepare(read, options, clock=VirtualClock(), make_bus=make_bus) as ready:

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from faulty_bus import FaultKind, FaultyBus, MockFault
 from hardware.arrays import FloatArray, TickArray
 from hardware.bus import ServoStates
 from hardware.clock import VirtualClock
@@ -15,7 +16,6 @@ from hardware.servo import ServoSpec
 from messages import refuses, shows
 from retarget.setup.homing import FAR, READS, TRIES, Homing, calibration_of, home, homed_columns
 from servos import four_servos, waist_servos
-from sim.mock_bus import FaultKind, MockBus, MockFault
 
 ALL_SERVOS = np.ones(4, dtype=np.bool_)
 
@@ -38,7 +38,7 @@ class Person:
         self.messages.append(text)
 
 
-class ShakingBus(MockBus):
+class ShakingBus(FaultyBus):
     """A bus whose robot is held by a shaking hand: `shake(reads, ticks)` changes the ticks of each read."""
 
     shake: Callable[[int, TickArray], TickArray]
@@ -58,7 +58,7 @@ def run(
     *faults: MockFault,
     shake: Callable[[int, TickArray], TickArray] | None = None,
     chosen: np.ndarray[tuple[int], np.dtype[np.bool_]] = ALL_SERVOS,
-) -> tuple[Homing | None, MockBus]:
+) -> tuple[Homing | None, FaultyBus]:
     clock = VirtualClock()
     bus = ShakingBus(servos, clock, start=ticks, faults=faults)
     bus.shake = shake or (lambda _, position: position)
@@ -151,7 +151,7 @@ def test_without_the_operators_consent_nothing_more_changes(answers: tuple[bool,
 def test_a_servo_that_loses_some_answers_is_read_all_the_same() -> None:
     gap = MockFault(FaultKind.MISSING, first=0, cycles=READS // 2, servo=1)
     clock = VirtualClock()
-    bus = MockBus(four_servos(), clock, start=np.array([2048, 2110, 2048, 512]), faults=[gap])
+    bus = FaultyBus(four_servos(), clock, start=np.array([2048, 2110, 2048, 512]), faults=[gap])
     bus.open()
     person = Person()
 
@@ -161,7 +161,7 @@ def test_a_servo_that_loses_some_answers_is_read_all_the_same() -> None:
     bus.torque = quietly  # type: ignore[method-assign]
     homing = home(bus, JointMap(four_servos()), np.zeros(4), person.ask, person.notify, clock=clock, chosen=ALL_SERVOS)
     assert homing is not None and homing.zero[1] == 2110
-    bus = MockBus(four_servos(), clock, faults=[replace(gap, cycles=READS)])
+    bus = FaultyBus(four_servos(), clock, faults=[replace(gap, cycles=READS)])
     bus.open()
     bus.torque = quietly  # type: ignore[method-assign]
     with refuses(BusError, "elbow", 2):

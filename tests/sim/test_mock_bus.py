@@ -5,21 +5,21 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from faulty_bus import FaultKind, FaultyBus, MockFault
 from hardware.bus import ServoAlert, ServoBus, ServoGoals
 from hardware.clock import VirtualClock
 from hardware.errors import BusError
 from messages import refuses
 from servos import four_servos, waist_servos
-from sim.mock_bus import FaultKind, MockBus, MockFault
 
 SERVOS = four_servos()
 START = np.array([2048, 2100, 2048, 512])
 GOAL = np.array([2548, 1900, 2048, 600])
 
 
-def opened(*faults: MockFault, lag: float | None = None) -> tuple[MockBus, VirtualClock]:
+def opened(*faults: MockFault, lag: float | None = None) -> tuple[FaultyBus, VirtualClock]:
     clock = VirtualClock()
-    bus = MockBus(SERVOS, clock, lag=lag, faults=faults)
+    bus = FaultyBus(SERVOS, clock, lag=lag, faults=faults)
     bus.open()
     return bus, clock
 
@@ -184,7 +184,7 @@ def test_a_servo_without_answer_to_torque_is_named_and_the_others_are_off() -> N
 
 def test_servos_of_many_turns_take_goals_beyond_one() -> None:
     clock = VirtualClock()
-    bus = MockBus(waist_servos(), clock)
+    bus = FaultyBus(waist_servos(), clock)
     bus.open()
     goals = np.array([2048, -9000, 9000, 1500])
     bus.write(ServoGoals(goals))

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from faulty_bus import FaultKind, FaultyBus, MockFault
 from hardware.clock import Clock, VirtualClock
 from messages import shows
 from retarget.human.samples import Playback
@@ -13,7 +14,6 @@ from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
 from retarget.types import FloatArray
 from rig import Rig, short_clip
-from sim.mock_bus import FaultKind, MockBus, MockFault
 from sim.performer import synthetic_performer
 
 FIRST = 450
@@ -26,9 +26,9 @@ def run(*faults: MockFault) -> tuple[RunResult, FloatArray, list[str]]:
     """Return the run, its goals (T, n) rad, and its messages."""
     messages: list[str] = []
 
-    def make_bus(robot: RobotBody, clock: Clock) -> MockBus:
+    def make_bus(robot: RobotBody, clock: Clock) -> FaultyBus:
         stand = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
-        return MockBus(robot.joint_map.servos, clock, start=robot.joint_map.to_ticks(stand), faults=faults)
+        return FaultyBus(robot.joint_map.servos, clock, start=robot.joint_map.to_ticks(stand), faults=faults)
 
     options = RunOptions(robot="op3", playback=Playback(speed=2.0, end=14.0))
     with prepare(

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from faulty_bus import FaultyBus, MockFault
 from hardware.arrays import FloatArray
 from hardware.bus import ServoGoals
 from hardware.clock import VirtualClock
@@ -12,14 +13,13 @@ from hardware.guard_state import GuardLimits, Stop
 from hardware.joint_map import JointMap
 from retarget.safety.gate import Gate
 from servos import four_servos
-from sim.mock_bus import MockBus, MockFault
 
 MAP = JointMap(four_servos())
 DT = 0.01
 START = np.array([2148, 2000, 2048, 500])
 
 
-class Recorder(MockBus):
+class Recorder(FaultyBus):
     """A mock bus that keeps the order of what was asked of it."""
 
     def __init__(self, clock: VirtualClock, faults: tuple[MockFault, ...]) -> None:

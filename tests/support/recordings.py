@@ -6,6 +6,7 @@ from pathlib import Path
 
 from mcap.reader import make_reader
 
+from faulty_bus import FaultyBus, MockFault
 from hardware.bus import ServoBus
 from hardware.clock import Clock, VirtualClock
 from retarget.frames import SensorFrames
@@ -17,7 +18,6 @@ from retarget.run.loop import Watch
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared, prepare
 from retarget.run.run_result import RunResult
-from sim.mock_bus import MockBus, MockFault
 from sim.performer import synthetic_performer
 
 SECONDS = 0.4
@@ -42,7 +42,7 @@ def performer(seconds: float = SECONDS) -> Callable[[], SensorFrames]:
 
 def mock_bus(robot: RobotBody, clock: Clock, *, faults: tuple[MockFault, ...] = ()) -> ServoBus:
     stand = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
-    return MockBus(robot.joint_map.servos, clock, start=robot.joint_map.to_ticks(stand), faults=faults)
+    return FaultyBus(robot.joint_map.servos, clock, start=robot.joint_map.to_ticks(stand), faults=faults)
 
 
 def record(

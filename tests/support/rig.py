@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from faulty_bus import FaultyBus
 from hardware.clock import VirtualClock
 from hardware.guard import Guard
 from retarget.frames import SensorSample
@@ -16,7 +17,6 @@ from retarget.run.supervisor import Supervisor
 from retarget.safety.gate import Gate
 from retarget.schema.performer import Performer, load_performer
 from retarget.types import BoolArray, FloatArray, HumanPosture, RobotPosture
-from sim.mock_bus import MockBus
 from sim.performer import synthetic_performer
 
 
@@ -135,7 +135,7 @@ class Rig:
         self.dt = 1.0 / self.robot.profile.safety.rate_hz
         stand = self.robot.posture(self.robot.profile.postures.stand)[self.robot.servo_columns]
         start = self.robot.joint_map.to_ticks(stand)
-        self.bus = MockBus(self.robot.joint_map.servos, self.clock, start=start, **bus_options)  # type: ignore[arg-type]
+        self.bus = FaultyBus(self.robot.joint_map.servos, self.clock, start=start, **bus_options)  # type: ignore[arg-type]
         self.bus.open()
         self.gate = Gate.for_servos(self.robot.joint_map, dt=self.dt)
         self.guard = Guard(bus=self.bus, joint_map=self.robot.joint_map, clock=self.clock)
