@@ -120,12 +120,8 @@ class Line:
         """Return when the last of those bytes arrives that come within `span` s of the next ones."""
         if not self._waiting:
             return None
-        last = first = self._waiting[0].due
-        for chunk in self._waiting:
-            if chunk.due - first > span:
-                break
-            last = chunk.due
-        return last
+        first = self._waiting[0].due
+        return max(chunk.due for chunk in self._waiting if chunk.due - first <= span)
 
     def take(self, now: float) -> bytes:
         """Return everything that has arrived at the host by `now` and is not taken yet."""
@@ -252,11 +248,5 @@ class Line:
 
 def pieces(data: bytes) -> list[bytes]:
     """Split before each header of protocol 2.0: stuffing keeps headers out of frames, so each piece ends a frame."""
-    at = data.find(protocol2.HEADER, 1)
-    if at < 0:
-        return [data]
-    pieces, begun = [], 0
-    while at >= 0:
-        pieces.append(data[begun:at])
-        begun, at = at, data.find(protocol2.HEADER, at + 1)
-    return [*pieces, data[begun:]]
+    before, *framed = data.split(protocol2.HEADER)
+    return ([before] if before or not framed else []) + [protocol2.HEADER + rest for rest in framed]

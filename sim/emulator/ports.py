@@ -135,12 +135,9 @@ class Link:
         Raises UsageError when no link can be made there: no such folder, something of another kind, another emulator.
         """
         folder, where = self.path.parent, str(self.path)
-        if not folder.is_dir():
-            step = "Make the folder, or name another"
-            raise UsageError("there is no such folder for the link", where=where, next_step=step)
         if not os.access(folder, os.W_OK | os.X_OK):
-            step = "Name a folder of your own"
-            raise UsageError("nothing can be made in this folder", where=where, next_step=step)
+            step = "Make the folder, or name one of your own"
+            raise UsageError("there is no such folder, or nothing can be made in it", where=where, next_step=step)
         if os.path.lexists(self.path) and not self._is_ours():
             raise UsageError(
                 "the path of the link is taken",
@@ -155,12 +152,9 @@ class Link:
         """Point the link to `target`, in one step. Raises UsageError."""
         self.check()
         try:
-            if self._is_ours():
-                fresh = self.path.with_name(f".{self.path.name}.{os.getpid()}")
-                fresh.symlink_to(target)
-                fresh.replace(self.path)
-            else:
-                self.path.symlink_to(target)
+            fresh = self.path.with_name(f".{self.path.name}.{os.getpid()}")
+            fresh.symlink_to(target)
+            fresh.replace(self.path)
         except OSError as error:
             raise UsageError(
                 f"the link cannot be made: {error.strerror}", where=str(self.path), next_step="Name another path"
@@ -184,17 +178,17 @@ class Link:
     def _reserve(self) -> None:
         if self._held is not None:
             return
+        held = None
         try:
             held = socket.socket(socket.AF_UNIX)
-        except OSError as error:
-            raise self._unkept(error) from None
-        try:
             held.bind(self._name)
             held.listen(_MANY)
         except OSError as error:
-            held.close()
+            if held is not None:
+                held.close()
             if error.errno != errno.EADDRINUSE:
-                raise self._unkept(error) from None
+                what = f"the link cannot be kept from other emulators: {error.strerror}"
+                raise UsageError(what, where=str(self.path)) from None
             raise UsageError(
                 "another emulator has this link",
                 where=str(self.path),
@@ -202,10 +196,6 @@ class Link:
                 next_step="End it, or name another path",
             ) from None
         self._held = held
-
-    def _unkept(self, error: OSError) -> UsageError:
-        text = f"the link cannot be kept from other emulators: {error.strerror}"
-        return UsageError(text, where=str(self.path))
 
     def _holder(self) -> str | None:
         """Return the process that has the link, in words; None where the system does not say."""

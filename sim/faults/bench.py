@@ -4,6 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from ipaddress import IPv4Network
+from itertools import groupby
+from math import inf
 
 import numpy as np
 
@@ -36,7 +38,7 @@ from sim.emulator.ports import EmulatedPort
 from sim.emulator.robot_lines import robot_lines
 from sim.emulator.servo2 import EmulatedServo
 from sim.faults.sender import FakeSender
-from sim.faults.wire_checker import READS, Sent, packets
+from sim.faults.wire_checker import READS, Sent, packets, torque_off, written
 from sim.physics.bus import drive_shafts
 from sim.physics.witness import Witness, WitnessedBus
 
@@ -103,23 +105,26 @@ class Trace:
         """When the first tick with torque ended, s."""
         return self.ticks[0].time if self.ticks else None
 
+    def stopped(self, since: float) -> float | None:
+        """When a stop was latched, from a time on, s: at the end of the tick that did it."""
+        return next((tick.time for tick in self.ticks if tick.time >= since and tick.latched), None)
+
     @property
     def latched(self) -> float | None:
-        """When a stop was latched, s: at the end of the tick that did it."""
-        return next((tick.time for tick in self.ticks if tick.latched), None)
+        """When a stop was first latched, s."""
+        return self.stopped(-inf)
+
+    def torque_off_at(self, since: float) -> float | None:
+        """When torque off was commanded, or the guard had given up the bus, from a time on, s."""
+        seen = (torque_off(written(self.sent), since), self.first(STOPPED, since))
+        return min((time for time in seen if time is not None), default=None)
 
     @property
     def holds(self) -> list[tuple[float, float]]:
         """When the robot held, from and to, s."""
-        found: list[tuple[float, float]] = []
-        since: float | None = None
-        for tick in self.ticks:
-            if tick.state in HOLDING:
-                since = tick.time if since is None else since
-            elif since is not None:
-                found.append((since, tick.time))
-                since = None
-        return found if since is None else [*found, (since, self.ticks[-1].time)]
+        runs = [(held, next(ticks).time) for held, ticks in groupby(self.ticks, lambda tick: tick.state in HOLDING)]
+        ends = [begun for _, begun in runs[1:]] + [tick.time for tick in self.ticks[-1:]]
+        return [(begun, end) for (held, begun), end in zip(runs, ends, strict=True) if held]
 
 
 # A port of the emulator whose host can be killed or lose its writes; it keeps what the host sends.

@@ -19,7 +19,7 @@ from retarget.schema.catalogue import Kind, find
 from retarget.schema.performer import Performer
 from sim.faults.bench import HOLDING, ROBOT, STOPPED, Bench, Trace
 from sim.faults.malformed_files import Malformed
-from sim.faults.reactions import HALF, Idle, Reaction, Row, Seen, late, reacted, said, violations
+from sim.faults.reactions import HALF, Idle, Reaction, Row, Seen, late, let_go, reacted, said, violations
 from sim.faults.sender import FakeSender
 from sim.faults.wire_checker import not_reads, packets
 
@@ -193,11 +193,11 @@ def _stopping(row: Row, trace: Trace) -> list[str]:
     if trace.latched is None or onset is None:
         return ["the stop was not latched"]
     if row.reaction is Reaction.GONE:
-        return Seen.let_go(trace, onset, row)
+        return let_go(trace, onset, row)
     if trace.first(STOPPED, trace.latched) is None:
         return ["the stop did not come to its end"]
     if row.reaction is Reaction.TORQUE_OFF:
-        return late("torque off", Seen.torque_off_at(trace, onset), onset, row.limit) + Seen.let_go(trace, onset, row)
+        return late("torque off", trace.torque_off_at(onset), onset, row.limit) + let_go(trace, onset, row)
     return []
 
 
@@ -218,9 +218,9 @@ class Need:
     sensor: str = ""
 
     @property
-    def strength(self) -> int:
-        """Strength of the reaction."""
-        return STRONGER.get(self.reaction, (0, ""))[0]
+    def strength(self) -> tuple[int, float]:
+        """Strength of the reaction, and its limit: of equally strong ones, the one with the longer limit counts."""
+        return STRONGER.get(self.reaction, (0, ""))[0], self.limit
 
 
 STRONGER = {
@@ -246,7 +246,7 @@ def need_of(row: Row) -> Need:
 def outdone(first: Row, second: Row, *, apart: float) -> Need:
     """Return the reaction that two faults `apart`, s, require from the later one on: the stronger of the two."""
     needs = [need_of(row) for row in (first, second) if row.name != second.hides]
-    strongest = max(needs, key=_strength)
+    strongest = max(needs, key=lambda need: need.strength)
     if (first.suspends or second.suspends) and apart < first.limit:
         strongest = replace(strongest, limit=strongest.limit + max(first.limit, second.limit))
     for row in (first, second):  # what is counted in ticks takes longer
@@ -255,18 +255,13 @@ def outdone(first: Row, second: Row, *, apart: float) -> Need:
     return strongest
 
 
-def _strength(need: Need) -> tuple[int, float]:
-    """Return the strength of a reaction; of equal ones, the one with the longer limit is stronger."""
-    return need.strength, need.limit
-
-
 def reached(trace: Trace, need: Need, first: float, last: float) -> bool:
     """Return whether the robot showed the required reaction, or a stronger one, between two times, s."""
-    strength = need.strength
+    strength, _ = need.strength
     ticks = [tick for tick in trace.ticks if tick.time <= last + 1e-9]
     if strength == 0 or (trace.gone is not None and trace.gone <= last and need.reaction is not Reaction.GONE):
         return True
-    torque_off_at = Seen.torque_off_at(trace, first)
+    torque_off_at = trace.torque_off_at(first)
     if strength >= STRONGER[Reaction.TORQUE_OFF][0]:
         stopped = any(tick.state in STOPPED for tick in ticks)
         off = stopped or (torque_off_at is not None and torque_off_at <= last)
@@ -333,7 +328,7 @@ def missing(trace: Trace, first: Struck, second: Struck, others: Sequence[Struck
 
 def _with_other(need: Need, since: float, other: Need, at: float) -> tuple[Need, float]:
     """Return the required reaction, and from when on (s), where another fault comes at another time (s)."""
-    if at - need.limit < since < at + other.limit and _strength(other) > _strength(need):
+    if at - need.limit < since < at + other.limit and other.strength > need.strength:
         return other, max(since, at)
     return need, since
 

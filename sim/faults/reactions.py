@@ -128,13 +128,18 @@ AT_REST_RAD = 0.01
 """A robot this near to posture `rest` is at rest, rad."""
 
 
+def goals_of(bench: Bench, trace: Trace) -> tuple[float, list[Track]]:
+    """The time between two ticks, s, and the goals of each servo."""
+    dt = 1.0 / bench.robot.profile.safety.rate_hz
+    return dt, tracks(once(goal_writes(written(trace.sent)), within=0.5 * dt), bench.robot.joint_map.servos)
+
+
 def violations(bench: Bench, trace: Trace) -> list[str]:
     """Return every violation of the rules, a line each."""
     if not hasattr(bench, "robot"):
         return []
     robot, writes = bench.robot, written(trace.sent)
-    dt = 1.0 / robot.profile.safety.rate_hz
-    goal_tracks = tracks(once(goal_writes(writes), within=0.5 * dt), robot.joint_map.servos)
+    dt, goal_tracks = goals_of(bench, trace)
     wrong = beyond_limits(goal_tracks, dt) + collisions(robot, goal_tracks)
     for first, last in trace.holds:
         wrong += [f"in a hold {text}" for text in still_moving(goal_tracks, first + REST_S, last - dt)]
@@ -239,16 +244,10 @@ class Seen:
     trace: Trace
     onset: float
 
-    @property
-    def dt(self) -> float:
-        """s between ticks."""
-        return 1.0 / self.bench.robot.profile.safety.rate_hz
-
     @cached_property
-    def goal_tracks(self) -> list[Track]:
-        """The goals of each servo."""
-        goals = goal_writes(written(self.trace.sent))
-        return tracks(once(goals, within=0.5 * self.dt), self.bench.robot.joint_map.servos)
+    def goals(self) -> tuple[float, list[Track]]:
+        """The time between two ticks, s, and the goals of each servo."""
+        return goals_of(self.bench, self.trace)
 
     def first(self, states: tuple[RunState, ...]) -> float | None:
         """When one of these states was first seen since."""
@@ -257,23 +256,16 @@ class Seen:
     @property
     def stopped(self) -> float | None:
         """When a stop was latched since."""
-        return next((tick.time for tick in self.trace.ticks if tick.time >= self.onset and tick.latched), None)
+        return self.trace.stopped(self.onset)
 
-    @staticmethod
-    def torque_off_at(trace: Trace, onset: float) -> float | None:
-        """Return when torque off was commanded at once, or the guard had given up the bus."""
-        seen = (torque_off(written(trace.sent), onset), trace.first(STOPPED, onset))
-        return min((time for time in seen if time is not None), default=None)
 
-    @staticmethod
-    def let_go(trace: Trace, onset: float, row: Row) -> list[str]:
-        """Return how many servos still drive after the row's time."""
-        if row.watchdog is None:
-            return []
-        last = onset + row.watchdog
-        gone = {device for time, device in trace.let_go if onset <= time <= last}
-        still = len(trace.torque) - len(gone)
-        return [f"{still} servos still drove {row.watchdog:g} s after it"] if still else []
+def let_go(trace: Trace, onset: float, row: Row) -> list[str]:
+    """Return how many servos still drive after the row's time."""
+    if row.watchdog is None:
+        return []
+    last = onset + row.watchdog
+    still = len(trace.torque) - len({device for time, device in trace.let_go if onset <= time <= last})
+    return [f"{still} servos still drove {row.watchdog:g} s after it"] if still else []
 
 
 def late(what: str, time: float | None, onset: float, limit: float) -> list[str]:
@@ -291,7 +283,7 @@ def reacted(row: Row, seen: Seen) -> Judged:
         wrong.append(f"it ended after {ended:.1f} s, allowed {row.ends:g} s")
     since = None if took is None else took - seen.onset
     wrong += _reason(row, seen.trace)
-    return since, wrong + (Seen.let_go(seen.trace, seen.onset, row) if row.reaction is not Reaction.GONE else [])
+    return since, wrong + (let_go(seen.trace, seen.onset, row) if row.reaction is not Reaction.GONE else [])
 
 
 def _reason(row: Row, trace: Trace) -> list[str]:
@@ -349,8 +341,8 @@ def _rebase(row: Row, seen: Seen) -> Judged:
 
 def _stand(row: Row, seen: Seen) -> Judged:
     """Judge the goals alone: at rest in time, torque on."""
-    end = seen.first(STOPPING) or seen.trace.ended
-    wrong = still_moving(seen.goal_tracks, seen.onset + row.limit + REST_S, end - seen.dt)
+    (dt, goal_tracks), end = seen.goals, seen.first(STOPPING) or seen.trace.ended
+    wrong = still_moving(goal_tracks, seen.onset + row.limit + REST_S, end - dt)
     return None, wrong + (["it stopped"] if seen.stopped is not None else [])
 
 
@@ -362,21 +354,22 @@ def _gated(row: Row, seen: Seen) -> Judged:
     postures[:, robot.servo_columns] = [posture for _, posture in asked]
     closest = clearance_of(robot, postures).smallest if asked else None
     wrong = [] if closest is not None and closest < MARGIN_M else ["what was asked for was no danger"]
-    end = seen.first(STOPPING) or seen.trace.ended
-    return None, wrong + still_moving(seen.goal_tracks, end - STOOD_S, end - seen.dt, ticks=1)
+    (dt, goal_tracks), end = seen.goals, seen.first(STOPPING) or seen.trace.ended
+    return None, wrong + still_moving(goal_tracks, end - STOOD_S, end - dt, ticks=1)
 
 
 def _slow(row: Row, seen: Seen) -> Judged:
     slow = next((tick.time for tick in seen.trace.ticks if tick.time >= seen.onset and tick.slow <= HALF), None)
     wrong = late("slow", slow, seen.onset, row.limit) + (["it stopped"] if seen.stopped is not None else [])
-    return slow, wrong + too_fast(seen.goal_tracks, seen.onset + row.limit, seen.trace.ended, share=HALF, dt=seen.dt)
+    dt, goal_tracks = seen.goals
+    return slow, wrong + too_fast(goal_tracks, seen.onset + row.limit, seen.trace.ended, share=HALF, dt=dt)
 
 
 def _stop(row: Row, seen: Seen) -> Judged:
     stop = seen.stopped
     wrong = late("stopped", stop, seen.onset, row.limit)
     first = next((tick.state for tick in seen.trace.ticks if tick.time == stop), None)
-    if stop is not None and first in STOPPED and not stood(seen.goal_tracks, stop):
+    if stop is not None and first in STOPPED and not stood(seen.goals[1], stop):
         wrong.append("it did not brake")
     if seen.trace.stop is None or seen.trace.first(STOPPED, seen.onset) is None:
         wrong.append("it was not latched")
@@ -384,13 +377,13 @@ def _stop(row: Row, seen: Seen) -> Judged:
 
 
 def _torque_off(row: Row, seen: Seen) -> Judged:
-    torque_off_at = Seen.torque_off_at(seen.trace, seen.onset)
+    torque_off_at = seen.trace.torque_off_at(seen.onset)
     wrong = late("torque off", torque_off_at, seen.onset, row.limit)
     return torque_off_at, wrong + ([] if seen.first(STOPPED) is not None else ["it was not latched"])
 
 
 def _gone(row: Row, seen: Seen) -> Judged:
-    wrong = Seen.let_go(seen.trace, seen.onset, row)
+    wrong = let_go(seen.trace, seen.onset, row)
     latched = seen.first(STOPPED)
     if seen.trace.gone is None:
         wrong += late("latched", latched, seen.onset, row.limit)

@@ -57,11 +57,6 @@ class PerturbationKind(StrEnum):
 _FRONT, _BACK, _SIDE = (-1.0, 0.0), (1.0, 0.0), (0.0, 1.0)
 
 
-def perturbation_kind(name: str) -> PerturbationKind:
-    """Return the kind of that name."""
-    return PerturbationKind(name)
-
-
 def combined(parts: Sequence[Perturbation]) -> Perturbation:
     """Combine perturbations. Where two change the same value, the later one holds."""
     values = {
