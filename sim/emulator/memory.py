@@ -90,35 +90,16 @@ class Memory:
         if address + len(data) > len(self.image):
             return Error2.ACCESS
         found: list[Part] = []
-        for start, run in self._runs(address, data):
-            error = self._cover(start, run, found)
-            if error:
-                return error
-        return found
-
-    def _runs(self, address: int, data: bytes) -> list[tuple[int, bytes]]:
-        """A write as runs of target addresses that follow one another: one run unless it is indirect."""
-        if address + len(data) <= self.plain_end:
-            return [(address, data)]
-        runs: list[tuple[int, bytearray]] = []
-        for offset, byte in enumerate(data):
-            target = self.target(address + offset)
-            if runs and runs[-1][0] + len(runs[-1][1]) == target:
-                runs[-1][1].append(byte)
-            else:
-                runs.append((target, bytearray((byte,))))
-        return [(start, bytes(run)) for start, run in runs]
-
-    def _cover(self, address: int, data: bytes, found: list[Part]) -> Error2:
-        """Append the registers that `data` at `address` fills; Error2.NONE unless one is missing or covered in part."""
         done = 0
         while done < len(data):
-            register = self._starts[address + done]
+            first = self.target(address + done)
+            register = self._starts[first]
             if register is None or not register.writable:
                 return Error2.ACCESS
             chunk = data[done : done + register.size]
-            if len(chunk) < register.size:
+            places = [self.target(address + done + index) for index in range(len(chunk))]
+            if places != list(range(first, register.end)):
                 return Error2.DATA_LENGTH
             found.append(Part(register, register.decode(chunk)))
             done += register.size
-        return Error2.NONE
+        return found

@@ -120,9 +120,8 @@ class EmulatedServo(ServoBody):
             self.catch_up(now)
             shaft = self.shaft
             motion = _SPEED_AND_POSITION.pack(round(shaft.velocity / self._speed_unit), _wrapped(shaft.position))
-            return Answer(
-                self._alert, (self.memory.image[MOTION : MOTION + 2] + motion)[address - MOTION : end - MOTION]
-            )
+            whole = bytes(self.memory.image[MOTION : MOTION + 2]) + motion
+            return Answer(self._alert, whole[address - MOTION : end - MOTION])
         return super().read(address, length, now)
 
     def write(self, address: int, data: bytes, now: float, *, secondary: bool = False) -> None:

@@ -25,25 +25,18 @@ _FIRST_NUMBER = re.compile(rb'"p": \[[^,]+,')
 # Faults of a sender and its datagrams, besides those of `sender`.
 
 
-def _number(bench: Bench, text: str) -> None:
+def _number(datagram: bytes, text: str) -> list[bytes]:
     """Replace a number of every position."""
-    new = b'"p": [' + text.encode() + b","
-    bench.sender.garbles.append(lambda time, datagram: [_FIRST_NUMBER.sub(new, datagram)])
+    return [_FIRST_NUMBER.sub(b'"p": [' + text.encode() + b",", datagram)]
 
 
-def _no_rotation(bench: Bench) -> None:
-    def garble(time: float, datagram: bytes) -> list[bytes]:
-        turned = datagram.replace(b"]}", b'], "q": [0.0, 0.0, 0.0, 0.0]}')
-        return [turned.replace(b'"axes"', b'"quaternion": "wxyz", "axes"')]
-
-    bench.sender.garbles.append(garble)
+def _no_rotation(datagram: bytes) -> list[bytes]:
+    turned = datagram.replace(b"]}", b'], "q": [0.0, 0.0, 0.0, 0.0]}')
+    return [turned.replace(b'"axes"', b'"quaternion": "wxyz", "axes"')]
 
 
-def _garbage_in_place(bench: Bench) -> None:
-    def garble(time: float, datagram: bytes) -> list[bytes]:
-        return [datagram[: len(datagram) // 2], b"", b"\x00\xff" * 20, datagram, b'{"poses": [[[[']
-
-    bench.sender.garbles.append(garble)
+def _garbage_in_place(datagram: bytes) -> list[bytes]:
+    return [datagram[: len(datagram) // 2], b"", b"\x00\xff" * 20, datagram, b'{"poses": [[[[']
 
 
 def _reordered(bench: Bench) -> None:
@@ -200,13 +193,17 @@ def _sender(make: Callable[..., sender.SenderFault]) -> Act:
     return lambda bench, *words: bench.sender.faults.append(make(*words))
 
 
+def _garble(make: Callable[..., list[bytes]]) -> Act:
+    return lambda bench, *words: bench.sender.garbles.append(lambda time, datagram: make(datagram, *words))
+
+
 SENDERS = (sender.silent, sender.flapping, sender.pausing, sender.lost, sender.frozen, sender.swapped)
 ACTS: dict[str, Act] = {
     **{make.__name__: _sender(make) for make in SENDERS},
     "moved": _sender(lambda name, by: sender.moved(name, 0.0, sender.EVER, by)),
-    "number": _number,
-    "no_rotation": _no_rotation,
-    "garbage_in_place": _garbage_in_place,
+    "number": _garble(_number),
+    "no_rotation": _garble(_no_rotation),
+    "garbage_in_place": _garble(_garbage_in_place),
     "reordered": _reordered,
     "clock_jump": _clock_jump,
     "other_sender": _other_sender,

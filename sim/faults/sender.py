@@ -119,24 +119,12 @@ def silent(first: float = 0.0, last: float = EVER) -> SenderFault:
 
 def flapping(period: float = 0.3) -> SenderFault:
     """From the first call on: most of the time nothing is sent."""
-    begun: list[float] = []
-
-    def fault(time: float, poses: Poses) -> Poses | None:
-        begun[:] = begun or [time]
-        return None if ((time - begun[0]) / period) % 1.0 < 0.6 else poses
-
-    return fault
+    return _gaps(lambda time: (time / period) % 1.0 < 0.6)
 
 
 def pausing(length: float) -> SenderFault:
     """From the first call on nothing is sent for `length` s."""
-    begun: list[float] = []
-
-    def fault(time: float, poses: Poses) -> Poses | None:
-        begun[:] = begun or [time]
-        return None if time - begun[0] < length else poses
-
-    return fault
+    return _gaps(lambda time: time < length)
 
 
 def lost(name: str, first: float = 0.0, last: float = EVER) -> SenderFault:
@@ -164,6 +152,17 @@ def swapped(one: str, other: str, first: float = 0.0, last: float = EVER) -> Sen
     """Two sensors swap their names."""
     names = {one: other, other: one}
     return _within(first, last, lambda poses: {names.get(name, name): at for name, at in poses.items()})
+
+
+def _gaps(missing: Callable[[float], bool]) -> SenderFault:
+    """Nothing is sent while something is `missing`, by time since the first call, s."""
+    begun: list[float] = []
+
+    def fault(time: float, poses: Poses) -> Poses | None:
+        begun[:] = begun or [time]
+        return None if missing(time - begun[0]) else poses
+
+    return fault
 
 
 def _within(first: float, last: float, change: Callable[[Poses], Poses]) -> SenderFault:

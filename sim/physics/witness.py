@@ -56,11 +56,6 @@ class Witness:
         return self._reader.loaded(self.state.load)
 
     @property
-    def fallen(self) -> bool:
-        """Whether it has fallen."""
-        return self.fall is not None
-
-    @property
     def toppled(self) -> Fall | None:
         """How a robot at rest went down when its torque went off, if it did not stay sitting. That is no `fall`, but
         no good rest posture either."""

@@ -26,7 +26,7 @@ def test_it_stands(name: str) -> None:
         states = bus.read()
         bus.write(ServoGoals(start))
     witness = bus.witness
-    assert not witness.fallen and not states.alert.any()
+    assert witness.fall is None and not states.alert.any()
     assert witness.log.slip_m.max() < 5e-4 and np.degrees(witness.log.worst_tilt) < 1.0
     assert np.abs(robot.joint_map.turned(states.position - start)).max() < 0.06
     assert not witness.log.self_contact_ticks
@@ -53,4 +53,4 @@ def test_at_rest_it_stays_when_its_torque_goes(name: str, seed: int) -> None:
                 bus.write(ServoGoals(start))
     witness = bus.witness
     assert witness.state.tilt.max() < np.radians(1.0)
-    assert witness.at_rest and not witness.fallen and witness.toppled is None and not witness.state.touching
+    assert witness.at_rest and witness.fall is None and witness.toppled is None and not witness.state.touching

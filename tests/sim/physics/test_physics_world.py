@@ -101,7 +101,7 @@ def test_on_a_stand_it_keeps_its_root_and_never_falls() -> None:
     rig = PhysicsRig(mount=Mount(Support.STAND))
     rig.arm()
     states = rig.run(1.0)
-    assert not rig.bus.witness.fallen and not rig.bus.witness.state.load.any()
+    assert rig.bus.witness.fall is None and not rig.bus.witness.state.load.any()
     assert rig.error(states) < 0.03
     assert not np.ptp(rig.bus.witness.log.column("root"), axis=0).any()
     assert rig.bus.witness.state.sole[:, 2].min() > 0.04
@@ -112,7 +112,7 @@ def test_on_a_gantry_it_hangs_below_its_hook() -> None:
     rig.arm()
     rig.run(3.0)
     state = rig.bus.witness.state
-    assert not rig.bus.witness.fallen and not state.load.any() and not state.touching
+    assert rig.bus.witness.fall is None and not state.load.any() and not state.touching
     height = rig.bus.witness.log.column("root")[:, 2]
     assert np.ptp(height[200:]) < 5e-3
     neck = op3().points(state.q[None], (HOOK,))[0, 0]

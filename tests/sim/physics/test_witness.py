@@ -164,7 +164,7 @@ def test_what_never_moved_is_not_seen_out() -> None:
     simulation = simulation_of(op3(), start=standing())
     witness = Witness(simulation)
     witness.see_it_out()
-    assert simulation.time == 0.0 and not witness.fallen
+    assert simulation.time == 0.0 and witness.fall is None
 
 
 def test_a_robot_that_is_left_without_torque_is_seen_to_fall() -> None:
@@ -186,7 +186,7 @@ def test_on_a_mount_no_robot_falls() -> None:
         simulation.switch(np.full(20, on))
         witness.switched(on)
     witness.see_it_out()
-    assert not witness.fallen
+    assert witness.fall is None
 
 
 def test_a_robot_at_rest_that_cannot_stay_topples_and_that_is_no_fall() -> None:
@@ -199,5 +199,5 @@ def test_a_robot_at_rest_that_cannot_stay_topples_and_that_is_no_fall() -> None:
         witness.switched(on)
         simulation.advance(simulation.time + 1.0 * on)
     witness.see_it_out()
-    assert witness.at_rest and not witness.fallen
+    assert witness.at_rest and witness.fall is None
     assert witness.toppled is not None and not witness.toppled.powered
