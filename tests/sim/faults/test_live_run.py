@@ -1,4 +1,9 @@
-"""A live performer through the whole pipeline on virtual time: followed, held, left out, without any jump."""
+"""A live performer through the whole pipeline on virtual time: followed, held, left out, without any jump.
+
+What a row of the fault table also runs, and judges by its bytes, is marked `long` here.
+"""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -41,6 +46,7 @@ def test_a_performer_is_followed_and_the_robot_goes_to_rest() -> None:
     np.testing.assert_allclose(sent.q[-1, robot.servo_columns], rest[robot.servo_columns], atol=1e-6)
 
 
+@pytest.mark.long
 def test_a_silent_stream_is_held_and_followed_again() -> None:
     rig = LiveRig(FakeSender(faults=[silent(5.0, 6.0)]), options=LiveOptions(countdown=0.5, duration=5.5))
     result = run(rig)
@@ -50,6 +56,7 @@ def test_a_silent_stream_is_held_and_followed_again() -> None:
     assert result.stop is None
 
 
+@pytest.mark.long
 def test_a_stream_that_stays_silent_ends_in_a_stop_and_torque_off() -> None:
     rig = LiveRig(FakeSender(faults=[silent(5.0, 99.0)]), options=LiveOptions(countdown=0.5, duration=12.0))
     result = run(rig)
@@ -58,6 +65,7 @@ def test_a_stream_that_stays_silent_ends_in_a_stop_and_torque_off() -> None:
     assert result.state == RunState.OFF.value and not rig.bus.torque_on
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fault", [lost("l_wrist", 5.0, 6.5), frozen("l_wrist", 5.0, 6.5)])
 def test_a_wrist_that_is_lost_is_left_out_and_comes_back(fault: object) -> None:
     rig = LiveRig(FakeSender(faults=[fault]), options=LiveOptions(countdown=0.5, duration=6.0))  # type: ignore[list-item]
@@ -67,6 +75,7 @@ def test_a_wrist_that_is_lost_is_left_out_and_comes_back(fault: object) -> None:
     assert any(text.startswith("l_wrist") for text in rig.said)
 
 
+@pytest.mark.long
 def test_a_foot_that_is_lost_is_held() -> None:
     rig = LiveRig(FakeSender(faults=[lost("l_ankle", 5.0, 6.5)]), options=LiveOptions(countdown=0.5, duration=6.0))
     result = run(rig)
@@ -74,6 +83,7 @@ def test_a_foot_that_is_lost_is_held() -> None:
     assert rig.said.count("the performer is not followed: the robot holds") == 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "fault", [moved("r_wrist", 5.0, 8.0, (0.0, 0.0, 0.8)), swapped("l_wrist", "r_wrist", 5.0, 8.0)]
 )
@@ -85,7 +95,7 @@ def test_a_jump_is_held_and_reported(fault: object) -> None:
     assert any("wrist" in text and "jumped" in text for text in rig.said)
 
 
-@pytest.mark.parametrize("part", ["wrist", "ankle"])
+@pytest.mark.parametrize("part", [pytest.param("wrist", marks=pytest.mark.long), "ankle"])
 def test_sides_that_are_swapped_are_held_and_then_followed_by_a_blend(part: str) -> None:
     rig = LiveRig(
         FakeSender(faults=[swapped(f"l_{part}", f"r_{part}", 5.0, 99.0)]),
@@ -98,6 +108,7 @@ def test_sides_that_are_swapped_are_held_and_then_followed_by_a_blend(part: str)
     assert result.stop is None
 
 
+@pytest.mark.long
 def test_clocks_that_jump_are_followed_again() -> None:
     sender = FakeSender()
     sender.stamp = lambda time: time + (5000.0 if time > STILL_S + 3.0 else 1000.0)
@@ -139,8 +150,10 @@ def test_the_human_alone_is_followed_too() -> None:
 
 
 def test_mirrored_left_is_right() -> None:
-    plain = run(LiveRig(FakeSender(), options=LiveOptions(countdown=0.5, duration=3.0)))
-    mirrored = run(LiveRig(FakeSender(), options=LiveOptions(countdown=0.5, duration=3.0, mirror=True)))
+    options = LiveOptions(countdown=0.5, duration=3.0)
+    plain, mirrored = (
+        run(LiveRig(FakeSender(), robot="human", options=replace(options, mirror=mirror))) for mirror in (False, True)
+    )
     names = plain.clip.frames.names
     left, right = names.index("l_wrist"), names.index("r_wrist")
     rows = slice(200, 350)
