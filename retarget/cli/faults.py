@@ -11,7 +11,8 @@ from rich.table import Table
 from retarget.errors import UsageError, suggest
 
 if TYPE_CHECKING:
-    from sim.faults.cases import Case, Result
+    from sim.faults.cases import Case
+    from sim.faults.judge import Verdict
 
 FILE_ROW = "robot file: "
 """Stands before the name of a row about a malformed robot file, in the table; `--row` takes both."""
@@ -84,7 +85,7 @@ def _run(work: "list[Case]", jobs: int) -> int:
 
     bad = 0
     with ExitStack() as stack:
-        results: Iterable[Result] = map(judged_case, work)
+        results: Iterable[Verdict] = map(judged_case, work)
         if jobs > 1:
             pool = get_context("spawn").Pool(min(jobs, len(work) or 1), maxtasksperchild=200)
             results = stack.enter_context(pool).imap(judged_case, work)

@@ -2,7 +2,7 @@
 
 import random
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations_with_replacement
 
 from sim.faults.bench import Bench
@@ -53,7 +53,7 @@ def judged_seed(seed: int, *, seconds: float = 60.0) -> Verdict:
     trace = bench.run()
     names = ", ".join(f"{one.row.name} at {one.at:.1f} s" for one in plan)
     wrong = violations(bench, trace) + missing(trace, end, second, milder)
-    return Verdict(names, tuple(wrong), None)
+    return Verdict(names, tuple(wrong))
 
 
 PAIRED = (When.IDLE, When.MOVING, When.STOPPING)
@@ -73,15 +73,6 @@ class Case:
     when: When | None = None
     seed: int | None = None
     seconds: float = 0.0
-
-
-@dataclass(frozen=True)
-class Result:
-    """name: of the case; wrong: violations, a line each; took: s to the reaction, where there is one."""
-
-    name: str
-    wrong: tuple[str, ...]
-    took: float | None = None
 
 
 def row_cases() -> list[Case]:
@@ -106,18 +97,18 @@ def seed_cases(seeds: Iterable[int], *, seconds: float) -> list[Case]:
     return [Case(seed=seed, seconds=seconds) for seed in seeds]
 
 
-def judged_case(case: Case) -> Result:
+def judged_case(case: Case) -> Verdict:
     """Run and judge it."""
     if case.seed is not None:
         found = judged_seed(case.seed, seconds=case.seconds)
-        return Result(f"seed {case.seed}: {found.row}", found.wrong)
+        return replace(found, name=f"seed {case.seed}: {found.name}")
     if case.when is None:
         file = next(one for one in MALFORMED if one.name == case.name)
-        return Result(f"robot file: {file.name}", judged_file(file))
-    row = next(one for one in ROWS if one.name == case.name)
-    if case.second is None:
+        return Verdict(f"robot file: {file.name}", judged_file(file))
+    rows = {one.name: one for one in ROWS}
+    row, other = rows[case.name], rows.get(case.second or "")
+    if other is None:
         found = judged(row, when=case.when)
-        return Result(f"{found.row}, {case.when.value}", found.wrong, found.took)
-    other = next(one for one in ROWS if one.name == case.second)
-    found = judged_pair(row, other, at=PAIR_AT, gap=PAIR_GAP, seed=0, when=case.when)
-    return Result(f"{found.row}, {case.when.value}", found.wrong)
+    else:
+        found = judged_pair(row, other, at=PAIR_AT, gap=PAIR_GAP, seed=0, when=case.when)
+    return replace(found, name=f"{found.name}, {case.when.value}")

@@ -94,11 +94,12 @@ ENGAGING_S = 0.6
 
 @dataclass(frozen=True)
 class Verdict:
-    """wrong: violations, a line each. took: s from the onset to the reaction, None without one."""
+    """name: of what was judged. wrong: violations, a line each. took: s from the onset to the reaction, None without
+    one."""
 
-    row: str
+    name: str
     wrong: tuple[str, ...]
-    took: float | None
+    took: float | None = None
 
 
 class When(Enum):
@@ -363,4 +364,4 @@ def judged_pair(
     wrong = violations(bench, trace)
     if moving:
         wrong += missing(trace, Struck(first, at), Struck(second, at + gap))
-    return Verdict(f"{first.name} + {second.name}", tuple(wrong), None)
+    return Verdict(f"{first.name} + {second.name}", tuple(wrong))

@@ -132,7 +132,7 @@ class Fall:
 
 
 class FallWatch:
-    """Judges each state of a robot that stands on the floor. `fall`: the first, None while it stands."""
+    """Judges states of a robot that stands on the floor."""
 
     def __init__(self, robot: RobotBody) -> None:
         self._robot = robot
@@ -145,17 +145,9 @@ class FallWatch:
         self.lowest = min(LOW_SHARE * heights[0], REST_SHARE * heights[1])
         """Of the pelvis, m."""
         self._rest = robot.posture(robot.profile.postures.rest)[robot.servo_columns]
-        self.fall: Fall | None = None
 
-    def look(self, state: PhysicsState, *, powered: bool) -> None:
-        """Judge a state."""
-        if self.fall is not None:
-            return
-        how = self._judged(state)
-        if how is not None:
-            self.fall = Fall(state.time, how, powered)
-
-    def _judged(self, state: PhysicsState) -> str | None:
+    def look(self, state: PhysicsState) -> str | None:
+        """Return how it has fallen, in words; None: it stands."""
         root = state.root.tolist()
         if state.tilt.min(initial=np.inf) > MOST_TILT:
             return f"the soles tip by {degrees(state.tilt.min()):.0f} degrees"

@@ -22,15 +22,17 @@ LOOK_S = 0.008
 
 class Witness:
     """state: as of the last `look`. log: of every look since torque first went on. at_rest: whether the robot
-    was in its rest posture when its torque went off last: then going down is sitting down."""
+    was in its rest posture when its torque went off last: then going down is sitting down. fall: the first; None: it
+    has not fallen, or hangs. toppled: how a robot at rest went down when its torque went off, if it did not stay
+    sitting; that is no `fall`, but no good rest posture either."""
 
     def __init__(self, simulation: Simulation) -> None:
         world = simulation.world
         self.simulation = simulation
         self._reader = StateReader(simulation)
-        stands = world.mount.support is Support.FLOOR
-        self._watch = FallWatch(world.robot) if stands else None
-        self._sitting = FallWatch(world.robot) if stands else None
+        self._watch = FallWatch(world.robot) if world.mount.support is Support.FLOOR else None
+        self.fall: Fall | None = None
+        self.toppled: Fall | None = None
         self._powered = False
         self.at_rest = False
         self.state: PhysicsState = self._reader.read()
@@ -43,23 +45,12 @@ class Witness:
         )
 
     @property
-    def fall(self) -> Fall | None:
-        """The first fall; None: it has not fallen, or hangs."""
-        return None if self._watch is None else self._watch.fall
-
-    @property
     def soles(self) -> BoolArray | None:
         """Which soles (k,) carried at the last look; None: a hand holds the robot, or its feet are in the air for
         good."""
         if self._watch is None or self.simulation.held:
             return None
         return self._reader.loaded(self.state.load)
-
-    @property
-    def toppled(self) -> Fall | None:
-        """How a robot at rest went down when its torque went off, if it did not stay sitting. That is no `fall`, but
-        no good rest posture either."""
-        return None if self._sitting is None else self._sitting.fall
 
     def look(self) -> None:
         """Take the present state."""
@@ -83,9 +74,14 @@ class Witness:
             self._judge(self._reader.read())
 
     def _judge(self, state: PhysicsState) -> None:
-        watch = self._sitting if self.at_rest and not self._powered else self._watch
-        if watch is not None:
-            watch.look(state, powered=self._powered)
+        sits = self.at_rest and not self._powered
+        if self._watch is None or (self.toppled if sits else self.fall) is not None:
+            return
+        how = self._watch.look(state)
+        if how is not None and sits:
+            self.toppled = Fall(state.time, how, self._powered)
+        elif how is not None:
+            self.fall = Fall(state.time, how, self._powered)
 
 
 # Any bus above a simulated robot, with a witness at each read.

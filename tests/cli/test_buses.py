@@ -149,9 +149,8 @@ def test_a_fall_that_no_servo_notices_stops_the_run_by_itself() -> None:
         witness, machine = bench._bus.witness, prepared.machine
         watching = bench.watching(lambda: False, prepared)
         machine.guard.arm(machine.gate.begin(machine.guard.present()))
-        assert witness._watch is not None
         for ago, goes_on in ((0.0, True), (0.5 * AFTER_FALL_S, True), (AFTER_FALL_S, False)):
-            witness._watch.fall = Fall(witness.simulation.time - ago, "it lies", powered=True)
+            witness.fall = Fall(witness.simulation.time - ago, "it lies", powered=True)
             assert not watching() and (machine.guard.stop is None) is goes_on
         stop = machine.guard.stop
         assert stop is not None and stop.reason == "the robot has fallen: it lies"

@@ -4,6 +4,7 @@ import pytest
 
 from messages import shows
 from retarget import cli
+from sim.faults.judge import Verdict
 from sim.faults.malformed_files import MALFORMED
 from sim.faults.rows import ROWS
 
@@ -32,7 +33,7 @@ def test_one_row_is_run_in_all_states(capsys: pytest.CaptureFixture[str]) -> Non
 def test_a_violation_is_reported(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     from sim.faults import cases
 
-    monkeypatch.setattr(cases, "judged_case", lambda case: cases.Result("seed 5: x", ("on fire",), None))
+    monkeypatch.setattr(cases, "judged_case", lambda case: Verdict("seed 5: x", ("on fire",)))
     assert leave("--no-rows", "--seeds", "1", "--first-seed", "5", "--seconds", "1") == 1
     assert capsys.readouterr().out == "BAD seed 5: x\n    on fire\n1 of 1 bad\n"
 

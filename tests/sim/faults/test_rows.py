@@ -60,14 +60,14 @@ def test_a_robot_in_another_state_does_what_it_has_to(name: str, when: When) -> 
 @pytest.mark.parametrize("seed", range(2))
 def test_random_runs_harm_nothing(seed: int) -> None:
     verdict = judged_seed(seed, seconds=2.0)
-    assert verdict.wrong == (), verdict.row
+    assert verdict.wrong == (), verdict.name
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("seed", range(2, 20))
 def test_more_random_runs_harm_nothing(seed: int) -> None:
     verdict = judged_seed(seed, seconds=2.0)
-    assert verdict.wrong == (), verdict.row
+    assert verdict.wrong == (), verdict.name
 
 
 @pytest.mark.parametrize("name", ["second source", "unlisted source"])

@@ -14,9 +14,7 @@ STANDING = PhysicsRig().bus.witness.state
 
 
 def judged(state: PhysicsState) -> str | None:
-    watch = FallWatch(op3())
-    watch.look(state, powered=True)
-    return None if watch.fall is None else watch.fall.how
+    return FallWatch(op3()).look(state)
 
 
 def tipped(*degrees: float) -> PhysicsState:
@@ -58,10 +56,12 @@ def test_touching_the_floor_with_more_than_soles_is_a_fall_unless_at_rest() -> N
 
 
 def test_the_first_fall_stays() -> None:
-    watch = FallWatch(op3())
-    watch.look(replace(STANDING, time=1.0, touching=True), powered=True)
-    watch.look(replace(STANDING, time=2.0, touching=True), powered=False)
-    assert watch.fall is not None and watch.fall.time == 1.0 and watch.fall.powered
+    rig = PhysicsRig()
+    rig.arm()
+    witness = rig.bus.witness
+    for time in (1.0, 2.0):
+        witness._judge(replace(STANDING, time=time, touching=True))
+    assert witness.fall is not None and witness.fall.time == 1.0 and witness.fall.powered
 
 
 STATE = PhysicsRig().bus.witness.state
