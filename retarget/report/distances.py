@@ -226,7 +226,7 @@ def scene_model(source: Any, geoms: NDArray[np.int64], shapes: SceneShapes) -> S
         else:
             spec.worldbody.add_geom(name=f"body {number}", type=kind, size=size)
     for number, (code, sizes) in enumerate(zip(shapes.kinds, shapes.sizes, strict=True)):
-        kind, size = _primitive(mujoco, ShapeKind(int(code)), sizes)
+        kind, size = primitive(mujoco, ShapeKind(int(code)), sizes)
         spec.worldbody.add_geom(name=f"obstacle {number}", type=kind, size=size)
     model = spec.compile()
     body = np.array([model.geom(f"body {k}").id for k in range(len(geoms))], dtype=np.int64)
@@ -253,7 +253,7 @@ def _radii(shapes: SceneShapes) -> FloatArray:
     return np.asarray(radius)
 
 
-def _primitive(mujoco: Any, kind: ShapeKind, sizes: FloatArray) -> tuple[Any, list[float]]:
+def primitive(mujoco: Any, kind: ShapeKind, sizes: FloatArray) -> tuple[Any, list[float]]:
     """MuJoCo's type and size of a canonical shape."""
     types, (first, second, third) = mujoco.mjtGeom, sizes.tolist()
     if kind is ShapeKind.CAPSULE:

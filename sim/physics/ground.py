@@ -15,6 +15,7 @@ from retarget.model.body_file import engine
 from retarget.model.robot import RobotBody
 from retarget.model.scene_shapes import ShapeKind
 from retarget.model.scene_state import Rest, SceneState, motion_of
+from retarget.report.distances import primitive
 from retarget.schema.scene import Pose, Scene
 from retarget.types import FloatArray
 
@@ -85,12 +86,6 @@ def sole_corners(polygon: FloatArray) -> FloatArray:
 def add_fixtures(spec: Any, scene: Scene, stand: Pose) -> tuple[str, ...]:
     """Add the obstacles of a scene that do not move. Return the names of those that do: they are left out."""
     mujoco = engine()
-    kinds = {
-        ShapeKind.CAPSULE: mujoco.mjtGeom.mjGEOM_CAPSULE,
-        ShapeKind.CYLINDER: mujoco.mjtGeom.mjGEOM_CYLINDER,
-        ShapeKind.BOX: mujoco.mjtGeom.mjGEOM_BOX,
-        ShapeKind.HALF_SPACE: mujoco.mjtGeom.mjGEOM_PLANE,
-    }
     state = SceneState(scene, stand=stand)
     poses, shapes = state.at_rest(0.0), state.shapes
     moving = []
@@ -98,12 +93,11 @@ def add_fixtures(spec: Any, scene: Scene, stand: Pose) -> tuple[str, ...]:
         if not isinstance(motion_of(obstacle), Rest):
             moving.append(name)
             continue
-        kind, size = ShapeKind(int(shapes.kinds[row])), shapes.sizes[row]
-        ball = kind is ShapeKind.CAPSULE and size[1] == 0.0
+        kind, size = primitive(mujoco, ShapeKind(int(shapes.kinds[row])), shapes.sizes[row])
         spec.worldbody.add_geom(
             name=f"{FIXTURE}_{name}",
-            type=mujoco.mjtGeom.mjGEOM_SPHERE if ball else kinds[kind],
-            size=[0.0, 0.0, 1.0] if kind is ShapeKind.HALF_SPACE else np.maximum(size, 1e-4),
+            type=kind,
+            size=np.maximum(size, 1e-4),
             pos=poses.position[row],
             quat=poses.quat[row],
             contype=GROUND_BIT | FIXTURE_BIT,

@@ -160,12 +160,7 @@ class FallWatch:
 
     def at_rest(self, q: FloatArray) -> bool:
         """Whether a posture (nq,) is the profile's posture `rest`."""
-        return at_rest(q[self._robot.servo_columns], self._rest)
-
-
-def at_rest(joints: FloatArray, rest: FloatArray) -> bool:
-    """Whether servo joints (n,) rad are within NEAR_REST of posture `rest` (n,)."""
-    return bool(np.abs(joints - rest).max() <= NEAR_REST)
+        return bool(np.abs(q[self._robot.servo_columns] - self._rest).max() <= NEAR_REST)
 
 
 def _raised(root: Sequence[float], point: Sequence[float]) -> float:

@@ -148,17 +148,13 @@ class Simulation:
         self._waiting: deque[tuple[int, FloatArray]] = deque()
         self._done = self._heated = self._heat_due = 0  # steps
         self._pushes = [(self._count(push.start), self._count(push.end), push) for push in perturbation.pushes]
-        self._moves = False  # torque has been on
+        self.moves = False
+        """Whether the mechanics run: from the first torque on."""
 
     @property
     def time(self) -> float:
         """How far the engine is, s since the start."""
         return self._done * self.world.step
-
-    @property
-    def moves(self) -> bool:
-        """Whether the mechanics run: from the first torque on."""
-        return self._moves
 
     @property
     def held(self) -> bool:
@@ -179,9 +175,9 @@ class Simulation:
     def switch(self, wanted: BoolArray) -> None:
         """Switch torque: `wanted` (n,). A servo with an alert stays off."""
         self._wanted = wanted & (self.electrics.alert == 0)
-        self._power()
+        self.motors.power(self._wanted, self.electrics.voltage)
         if self._wanted.any():
-            self._moves = True
+            self.moves = True
             if self.hand is not None:
                 self.hand.let_go(self.time)
 
@@ -194,7 +190,7 @@ class Simulation:
             self._take_due()
             steps = min(self._next_event(), end) - self._done
             elapsed = steps * self.world.step
-            if self._moves:
+            if self.moves:
                 self._run(steps, elapsed)
             self._done += steps
             if self._done >= self._heat_due:
@@ -212,7 +208,7 @@ class Simulation:
             self._apply_pushes()
         self._steps.take(steps)
         if not isfinite(self.data.qvel.sum()):
-            self._moves = False
+            self.moves = False
             raise BusError(
                 describe(
                     what="the simulation has diverged",
@@ -228,10 +224,7 @@ class Simulation:
         self._heat_due = self._done + self._count(HEAT_S)
         if self.electrics.advance(self.motors.torque(self.data), self.motors.driven, elapsed):
             self._wanted &= self.electrics.alert == 0
-            self._power()
-
-    def _power(self) -> None:
-        self.motors.power(self._wanted, self.electrics.voltage)
+            self.motors.power(self._wanted, self.electrics.voltage)
 
     def _count(self, time: float) -> int:
         """Steps of the engine in a time, s."""
