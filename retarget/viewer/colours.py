@@ -1,4 +1,4 @@
-"""Colours of the page, what each stands for, limbs coloured by their servos, and the legend."""
+"""Colours of the page, what each stands for, limbs coloured by the heat of their servos, and the legend."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -9,7 +9,6 @@ import numpy as np
 
 from retarget.model.robot import RobotBody
 from retarget.types import FloatArray
-from retarget.viewer.snapshot import Snapshot
 
 if TYPE_CHECKING:
     import viser
@@ -31,20 +30,16 @@ PRESSURE: Colour = (30, 30, 30)
 OBSTACLE: Colour = (166, 124, 82)
 COLD: Colour = ROBOT
 HOT: Colour = (214, 40, 40)
-MODES: tuple[Colour, ...] = ((120, 170, 130), (242, 158, 46), (214, 64, 69))
-"""Free, preventive, reactive."""
+MODES: tuple[Colour, ...] = (GOAL, ASKED)
+"""Preventive, reactive."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A part of the scene that can be hidden. box: label of its tick box; keys: its colours, each with what it means.
-
-    at_first: whether it is shown when the page opens.
-    """
+    """A part of the scene that can be hidden. box: label of its tick box; keys: its colours and what each means."""
 
     box: str
     keys: tuple[tuple[Colour, str], ...]
-    at_first: bool = True
 
 
 LEGEND = {
@@ -68,20 +63,10 @@ LEGEND = {
         "support polygon",
         ((SOLES, "line round the soles: the support polygon"), (OUTSIDE, "zero-moment point outside of it: it tips")),
     ),
-    "observers": Entry(
-        "observers, with their zones",
-        ((MODES[0], "observer: free"), (MODES[1], "slows down"), (MODES[2], "gets out of the way")),
-        at_first=False,
-    ),
+    "observers": Entry("observers that act", ((MODES[0], "observer: slows down"), (MODES[1], "gets out of the way"))),
     "obstacles": Entry("obstacles", ((OBSTACLE, "obstacle"),)),
 }
 """By part of the scene, in the order of the page."""
-
-
-def mixed(share: float) -> Colour:
-    """From COLD (0) to HOT (1)."""
-    red, green, blue = (round(cold + share * (hot - cold)) for cold, hot in zip(COLD, HOT, strict=True))
-    return red, green, blue
 
 
 def web(colour: Colour) -> str:
@@ -89,107 +74,48 @@ def web(colour: Colour) -> str:
     return "#{:02x}{:02x}{:02x}".format(*colour)
 
 
-# Limbs in the colour of the servo that turns them: by its temperature, or by how much current it draws.
-
-TEMPERATURE, LOAD, PLAIN = "temperature", "load", "nothing"
 COLD_C = 30.0
 """Servos warmer than this begin to turn red; at the limit of the profile they are."""
 SHADES = 12
 """Steps of colour: a shade that stays is not sent again."""
 
 
-@dataclass(frozen=True, eq=False)
-class Scale:
-    """What a colour means. low, high: of the numbers at its ends. each (n,): the number at which a servo is red."""
-
-    words: str
-    unit: str
-    low: float
-    high: float
-    each: FloatArray
-
-    def shares(self, values: FloatArray) -> FloatArray:
-        """From 0 to 1; 0 for what is not known."""
-        return np.nan_to_num(np.clip((np.abs(values) - self.low) / (self.each - self.low), 0.0, 1.0))
-
-
 class LimbColours:
-    """Colours the links of a robot. `by`: TEMPERATURE, LOAD or PLAIN."""
+    """Colours the links of a robot by the temperature of the servo that turns them: red at that which stops it."""
 
     def __init__(self, robot: RobotBody, meshes: "Sequence[tuple[int, viser.MeshHandle]]") -> None:
         by_link, body = dict(meshes), robot.body
         self._handles = [by_link.get(int(body.joint_body[body.joint_index(j)])) for j in robot.joint_map.joints]
         self._shades = np.zeros(len(self._handles), dtype=int)
-        self._scales = {TEMPERATURE: temperature_scale(robot), LOAD: current_scale(robot)}
-        self.by = TEMPERATURE
+        self._limit = max(robot.profile.safety.temperature_c, COLD_C + 1.0)
+        self.keys = (
+            (COLD, f"limb whose servo is at {COLD_C:g} \u00b0C or colder"),
+            (HOT, f"limb whose servo is at {self._limit:g} \u00b0C: the robot stops"),
+        )
+        """For the legend."""
 
-    @property
-    def choices(self) -> tuple[str, ...]:
-        """What they can be coloured by."""
-        return (*(name for name, scale in self._scales.items() if scale is not None), PLAIN)
-
-    @property
-    def scale(self) -> Scale | None:
-        """Of the colours that are shown."""
-        return self._scales.get(self.by)
-
-    def show(self, snapshot: Snapshot) -> None:
-        """Where the numbers are known."""
-        values = {TEMPERATURE: snapshot.temperature, LOAD: snapshot.current}.get(self.by)
-        scale, shades = self.scale, np.zeros_like(self._shades)
-        if scale is not None and values is not None and len(values) == len(shades):
-            shades = np.round(scale.shares(values) * SHADES).astype(int)
+    def show(self, temperature: FloatArray | None) -> None:
+        """Temperatures (n,) degrees Celsius; NaN or None: not known."""
+        if temperature is None or len(temperature) != len(self._shades):
+            return
+        shares = np.clip((temperature - COLD_C) / (self._limit - COLD_C), 0.0, 1.0)
+        shades = np.round(np.nan_to_num(shares) * SHADES).astype(int)
         for index in np.flatnonzero(shades != self._shades):
             handle = self._handles[index]
             if handle is not None:
-                handle.color = mixed(shades[index] / SHADES)
+                share = shades[index] / SHADES
+                red, green, blue = (round(cold + share * (hot - cold)) for cold, hot in zip(COLD, HOT, strict=True))
+                handle.color = red, green, blue
         self._shades = shades
 
 
-def temperature_scale(robot: RobotBody) -> Scale:
-    """Red at the temperature that stops the robot."""
-    limit = max(robot.profile.safety.temperature_c, COLD_C + 1.0)
-    each = np.full(len(robot.joint_map), limit)
-    return Scale("limbs by temperature of their servo; red: the robot stops", "\u00b0C", COLD_C, limit, each)
-
-
-def current_scale(robot: RobotBody) -> Scale | None:
-    """Red at the smallest current that the profile names: of a servo, of a warning or of a stop; None without any."""
-    profile = robot.profile
-    known = [limit for limit in (profile.safety.current_warn_a, profile.safety.current_a) if limit is not None]
-    each = np.array([min([*known, *([own] if own is not None else [])], default=np.nan) for own in _own(robot)])
-    if not np.isfinite(each).any():
-        return None
-    return Scale("limbs by current of their servo; red: as much as it may draw", "A", 0.0, float(np.nanmax(each)), each)
-
-
-def _own(robot: RobotBody) -> list[float | None]:
-    """Most current that each servo may draw, A, in servo order."""
-    return [robot.profile.servos[joint].current for joint in robot.joint_map.joints]
-
-
-# What the colours of the scene mean, as HTML for the panel of the page.
-
-
-def legend(parts: Iterable[str], scale: Scale | None) -> str:
-    """Of these parts of the scene, and of the limbs where they are coloured."""
+def legend(parts: Iterable[str], more: Iterable[tuple[Colour, str]]) -> str:
+    """What the colours of these parts of the scene mean, and `more` of them, as HTML."""
     rows = [_row(colour, words) for part in parts for colour, words in LEGEND[part].keys]
-    if scale is not None:
-        rows.append(_bar(scale))
+    rows += [_row(colour, words) for colour, words in more]
     return f"<div style='padding:0 0.8em;font-size:0.8em;line-height:1.6'>{''.join(rows)}</div>"
 
 
 def _row(colour: Colour, words: str) -> str:
     style = f"display:inline-block;width:0.8em;height:0.8em;border-radius:50%;background:{web(colour)}"
     return f"<div><span style='{style}'></span> {escape(words)}</div>"
-
-
-def _bar(scale: Scale) -> str:
-    """A bar from one colour to the other, with the numbers at its ends."""
-    fade = f"background:linear-gradient(90deg,{web(COLD)},{web(HOT)})"
-    low, high = (f"{value:g} {scale.unit}" for value in (scale.low, scale.high))
-    return (
-        f"<div style='margin-top:0.4em'>{escape(scale.words)}</div>"
-        f"<div style='display:flex;gap:0.5em;align-items:center'><span>{low}</span>"
-        f"<span style='flex:1;height:0.7em;border-radius:0.3em;{fade}'></span><span>{high}</span></div>"
-    )

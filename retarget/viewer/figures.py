@@ -1,5 +1,6 @@
-"""Bodies, observers and obstacles in the scene of a page; only what moves is sent again."""
+"""Bodies, points, observers and obstacles in the scene of a page; only what moves is sent again."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -14,8 +15,6 @@ from retarget.viewer.meshes import shape_mesh
 from retarget.viewer.snapshot import Actor, Obstacle, Snapshot
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     import viser
 
 
@@ -41,15 +40,15 @@ HERE = Place()
 
 
 class Movable:
-    """A node of the scene that may have moved, and is hidden while nobody wants to see it or its place is not known."""
+    """A node of the scene that may have moved, and is hidden while its place is not known."""
 
     def __init__(self, handle: "viser.SceneNodeHandle") -> None:
         self.handle = handle
         self._position, self._turn = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
-        self._seen = self._known = True
 
     def move(self, position: FloatArray, turn: FloatArray | None = None) -> None:
-        """Put it at position (3,) m, turned by a quaternion (4,), if that is anywhere else."""
+        """Put it at position (3,) m (NaN: not known), turned by a quaternion (4,), if that is anywhere else."""
+        self.handle.visible = bool(np.isfinite(position).all())
         if np.abs(position - self._position).max() > STEP_M:
             self._position = position.copy()
             self.handle.position = tuple(position.tolist())
@@ -57,25 +56,9 @@ class Movable:
             self._turn = turn.copy()
             self.handle.wxyz = tuple(turn.tolist())
 
-    def put(self, point: FloatArray) -> None:
-        """Put it at a point (3,) m; NaN: not known."""
-        self._known = bool(np.isfinite(point).all())
-        self._update()
-        if self.handle.visible:
-            self.move(point)
-
-    def see(self, *, visible: bool) -> None:
-        """Show or hide it."""
-        self._seen = visible
-        self._update()
-
-    def _update(self) -> None:
-        if self.handle.visible != (self._seen and self._known):
-            self.handle.visible = self._seen and self._known
-
 
 class Figure:
-    """A body, `scale` times as large. meshes: handles by link."""
+    """A body, `scale` times as large. top: its frame, of which all else hangs; meshes: handles by link."""
 
     def __init__(
         self,
@@ -90,9 +73,9 @@ class Figure:
     ) -> None:
         """shrunk: every link by this about its middle, so that it is inside of one that is where it is; then it casts
         no shadow."""
-        self._body, self._opacity = actor.body.solver_body(), opacity
+        self._body = actor.body.solver_body()
         self._parent = np.asarray(actor.body.parent)
-        self._top = scene.add_frame(f"/{name}", show_axes=False)
+        self.top = scene.add_frame(f"/{name}", show_axes=False)
         self.meshes: list[tuple[int, viser.MeshHandle]] = []
         meshes, paths = {mesh.link: mesh for mesh in actor.meshes}, [f"/{name}"]
         self._links: list[Movable] = []
@@ -112,19 +95,8 @@ class Figure:
             self.meshes.append((link, shown))
             self._links.append(Movable(shown))
 
-    def see(self, *, visible: bool) -> None:
-        """Show or hide it."""
-        self._top.visible = visible
-
-    def see_through(self, opacity: float | None) -> None:
-        """Let what is inside be seen; None: no more."""
-        for _, handle in self.meshes:
-            handle.opacity = self._opacity if opacity is None else opacity
-
     def place(self, q: FloatArray, at: Place = HERE) -> None:
-        """Pose it in posture q (nq,), in the scene; nothing, while it is hidden."""
-        if not self._top.visible:
-            return
+        """Pose it in posture q (nq,), in the scene."""
         positions, turns = self._body.forward(np.ascontiguousarray(q))
         positions, turns = at.of(positions), multiply(at.turn, turns)
         positions[0], turns[0] = 0.0, (1.0, 0.0, 0.0, 0.0)  # the scene, in which the first link is
@@ -134,81 +106,83 @@ class Figure:
             node.move(offsets[link], own[link])
 
 
+class Balls:
+    """Points of a snapshot in the scene, each a ball of some radius, m."""
+
+    def __init__(
+        self, scene: "viser.SceneApi", name: str, points: Sequence[str], *, radius: float, colour: Colour
+    ) -> None:
+        self.top = scene.add_frame(f"/{name}", show_axes=False)
+        paths = [f"/{name}/{i}_{point.replace('/', '_')}" for i, point in enumerate(points)]
+        self.balls = [Movable(scene.add_icosphere(path, radius, color=colour, visible=False)) for path in paths]
+
+    def show(self, place: Place, points: FloatArray | None) -> None:
+        """Move them to points (k, 3) m of a world; those that are NaN are hidden. None: not known."""
+        for ball, point in zip(self.balls, () if points is None else place.of(points), strict=False):
+            ball.move(point)
+
+
 # Observers on the links of a robot, by what they do, and obstacles.
 
-SHAPE_OPACITY, ZONE_OPACITY, OBSTACLE_OPACITY = 0.35, 0.08, 0.75
+OBSERVER_OPACITY, OBSTACLE_OPACITY = 0.35, 0.75
 
 
 class Observing:
-    """Observers of a robot, in the colour of what they do, each in its zone of influence."""
+    """The observers of a robot that act, in the colour of what they do."""
 
     def __init__(self, scene: "viser.SceneApi", robot: RobotBody) -> None:
-        known = robot_observers(robot)
-        self._body, self._links = robot.body.solver_body(), known.links
-        self._at, self._turn = known.positions, known.quats
-        self._modes = np.zeros(len(known.names), dtype=np.uint8)
-        self._shapes: list[viser.MeshHandle] = []
-        self._zones: list[viser.MeshHandle] = []
-        for name, kind, size, influence in zip(known.names, known.kinds, known.sizes, known.influence, strict=True):
-            for kept, part, more, opacity in (
-                (self._shapes, "shape", 0.0, SHAPE_OPACITY),
-                (self._zones, "zone", float(influence), ZONE_OPACITY),
-            ):
-                vertices, faces = shape_mesh(int(kind), size, more=more)
-                place = f"/observers/{name.replace('/', '_')}/{part}"
-                kept.append(
-                    scene.add_mesh_simple(
-                        place, vertices.astype(np.float32), faces, color=MODES[0], opacity=opacity, cast_shadow=False
-                    )
+        self.top = scene.add_frame("/observers", show_axes=False)
+        self._known, self._body = robot_observers(robot), robot.body.solver_body()
+        self.shapes: list[viser.MeshHandle] = []
+        for name, kind, size in zip(self._known.names, self._known.kinds, self._known.sizes, strict=True):
+            vertices, faces = shape_mesh(int(kind), size)
+            self.shapes.append(
+                scene.add_mesh_simple(
+                    f"/observers/{name.replace('/', '_')}",
+                    vertices.astype(np.float32),
+                    faces,
+                    opacity=OBSERVER_OPACITY,
+                    cast_shadow=False,
+                    visible=False,
                 )
-        self._nodes = [(Movable(shape), Movable(zone)) for shape, zone in zip(self._shapes, self._zones, strict=True)]
+            )
+        self._nodes = [Movable(shape) for shape in self.shapes]
 
     def show(self, snapshot: Snapshot) -> None:
-        """Move them with the robot; colour them where it is known what they do."""
-        if not self._shapes or not self._shapes[0].visible:
-            return
+        """Show those that act, where it is known."""
+        known, modes = self._known, snapshot.modes
+        if modes is None or len(modes) != len(self._nodes):
+            modes = np.zeros(len(self._nodes), dtype=np.uint8)
         positions, turns = self._body.forward(np.ascontiguousarray(snapshot.goal))
-        at = positions[self._links] + rotate(turns[self._links], self._at)
-        turn = multiply(turns[self._links], self._turn)
-        for index, pair in enumerate(self._nodes):
-            for node in pair:
-                node.move(at[index], turn[index])
-        modes = snapshot.modes
-        if modes is None or len(modes) != len(self._modes):
-            return
-        for index in np.flatnonzero(modes != self._modes).tolist():
-            self._shapes[index].color = self._zones[index].color = MODES[min(int(modes[index]), len(MODES) - 1)]
-        self._modes = modes.copy()
-
-    def see(self, *, visible: bool) -> None:
-        """Show or hide them."""
-        for handle in (*self._shapes, *self._zones):
-            handle.visible = visible
+        at = positions[known.links] + rotate(turns[known.links], known.positions)
+        turn = multiply(turns[known.links], known.quats)
+        at[modes == 0] = np.nan
+        for index, mode in enumerate(modes.tolist()):
+            self._nodes[index].move(at[index], turn[index])
+            if mode:
+                self.shapes[index].color = MODES[min(mode, len(MODES)) - 1]
 
 
 class SceneFigures:
     """The obstacles of the scene."""
 
-    def __init__(self, scene: "viser.SceneApi", obstacles: "Sequence[Obstacle]") -> None:
-        self._handles = [
-            scene.add_mesh_simple(
-                f"/obstacles/{one.name.replace('/', '_')}",
-                one.mesh[0].astype(np.float32),
-                one.mesh[1],
-                color=OBSTACLE,
-                opacity=OBSTACLE_OPACITY,
+    def __init__(self, scene: "viser.SceneApi", obstacles: Sequence[Obstacle]) -> None:
+        self.top = scene.add_frame("/obstacles", show_axes=False)
+        self.nodes = [
+            Movable(
+                scene.add_mesh_simple(
+                    f"/obstacles/{one.name.replace('/', '_')}",
+                    one.mesh[0].astype(np.float32),
+                    one.mesh[1],
+                    color=OBSTACLE,
+                    opacity=OBSTACLE_OPACITY,
+                )
             )
             for one in obstacles
         ]
-        self._nodes = [Movable(handle) for handle in self._handles]
 
     def show(self, snapshot: Snapshot) -> None:
         """Move them to where they are, where that is known."""
-        if snapshot.obstacle_poses is not None and len(snapshot.obstacle_poses) == len(self._nodes):
-            for node, pose in zip(self._nodes, snapshot.obstacle_poses, strict=True):
+        if snapshot.obstacle_poses is not None and len(snapshot.obstacle_poses) == len(self.nodes):
+            for node, pose in zip(self.nodes, snapshot.obstacle_poses, strict=True):
                 node.move(pose[:3], pose[3:])
-
-    def see(self, *, visible: bool) -> None:
-        """Show or hide them."""
-        for handle in self._handles:
-            handle.visible = visible

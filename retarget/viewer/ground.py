@@ -1,6 +1,7 @@
 """Balance, as it is seen on the floor: centre of mass, zero-moment point, centre of pressure and support polygon."""
 
 from collections import deque
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,7 +10,7 @@ from retarget.ik.support_polygon import convex_hull, plant, support_distance, su
 from retarget.model.robot import RobotBody
 from retarget.types import FloatArray
 from retarget.viewer.colours import BALANCE, OUTSIDE, PRESSURE, SOLES, ZMP
-from retarget.viewer.figures import HERE, Movable
+from retarget.viewer.figures import Movable
 from retarget.viewer.snapshot import Snapshot
 
 if TYPE_CHECKING:
@@ -24,84 +25,58 @@ BALL, DISC, POINT = 0.023, 0.029, 0.022
 """Radii, as shares of the robot's height."""
 
 
-class Soles:
-    """The support polygon: the hull of the soles in the posture of the goals. edges (e, 3): see `support_edges`, or
-    None."""
+class Balance:
+    """Centre of mass with the point below it, and the zero-moment point, red outside of the support polygon: the hull
+    of the soles of a robot that stands, in the posture of its goals. top, soles, pressure: nodes that show and hide
+    them; soles is None for a body that does not stand."""
 
-    def __init__(self, scene: "viser.SceneApi", robot: RobotBody) -> None:
-        soles = plant(robot, robot.profile.postures.stand).soles
-        self._body = robot.body.solver_body()
-        self._links = [sole.frame.body for sole in soles for _ in sole.corners]
-        self._corners = np.concatenate([sole.corners for sole in soles])
-        self._hull = np.zeros((0, 2))
-        self.edges: FloatArray | None = None
-        self._lines = scene.add_line_segments(
-            "/soles", np.zeros((1, 2, 3), dtype=np.float32), np.array(SOLES, dtype=np.uint8), thickness=LINE_M
-        )
+    def __init__(self, scene: "viser.SceneApi", robot: RobotBody | None, *, height: float) -> None:
+        self.top = scene.add_frame("/balance", show_axes=False)
+        self._centre = Movable(scene.add_icosphere("/balance/centre", BALL * height, color=BALANCE))
+        self._below = Movable(scene.add_cylinder("/balance/below", DISC * height, 0.002, color=BALANCE))
+        self.disc = scene.add_cylinder("/balance/zmp", POINT * height, 0.004, color=ZMP, visible=False)
+        self._zmp = Movable(self.disc)
+        self.pressure = scene.add_frame("/pressure", show_axes=False)
+        disc = scene.add_cylinder("/pressure/disc", 0.6 * POINT * height, 0.006, color=PRESSURE, visible=False)
+        self._pressure = Movable(disc)
+        self.soles: viser.LineSegmentsHandle | None = None
+        if robot is not None and robot.stands:
+            soles = plant(robot, robot.profile.postures.stand).soles
+            self._body = robot.body.solver_body()
+            self._links = [sole.frame.body for sole in soles for _ in sole.corners]
+            self._corners = np.concatenate([sole.corners for sole in soles])
+            colour = np.array(SOLES, dtype=np.uint8)
+            self.soles = scene.add_line_segments("/soles", np.zeros((1, 2, 3), np.float32), colour, thickness=LINE_M)
 
-    def show(self, snapshot: Snapshot) -> None:
-        """Draw it anew where it has changed."""
-        points = self._body.points(np.ascontiguousarray(snapshot.goal)[None], self._links, self._corners)[0]
-        hull = convex_hull(points[:, :2])
-        if hull.shape == self._hull.shape and np.abs(hull - self._hull).max() < 1e-4:
-            return
-        self._hull, self.edges = hull, support_edges([hull])
-        corners = np.column_stack([hull, np.full(len(hull), LINE_M)])
-        self._lines.points = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1).astype(np.float32)
+    def show(self, snapshot: Snapshot, place: Callable[[FloatArray], FloatArray]) -> None:
+        """Move centre of mass and zero-moment point. place: from the world of the body to the scene."""
+        zmp = np.full(2, np.nan) if snapshot.zmp is None else snapshot.zmp
+        com, point = place(snapshot.com), place(np.append(zmp, 0.0))
+        self._centre.move(com)
+        self._below.move(com * FLAT + 0.001 * UP)
+        self._zmp.move(point * FLAT + 0.002 * UP)
+        if self.soles is not None:
+            inside = float(support_distance(zmp[None], support_edges([self._hull(snapshot.goal)]))[0])
+            self.disc.color = OUTSIDE if inside < -EDGE_M else ZMP
 
-    def see(self, *, visible: bool) -> None:
-        """Show or hide it."""
-        self._lines.visible = visible
+    def show_soles(self, snapshot: Snapshot) -> None:
+        """Draw the support polygon."""
+        assert self.soles is not None, "a robot that stands"
+        hull = self._hull(snapshot.goal)
+        corners = np.column_stack([hull, np.full(len(hull), LINE_M)]).round(4)
+        self.soles.points = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1).astype(np.float32)
+
+    def show_pressure(self, snapshot: Snapshot) -> None:
+        """Move the centre of pressure of a simulated robot; hidden where no sole carries."""
+        self._pressure.move(np.full(3, np.nan) if snapshot.pressure is None else np.append(snapshot.pressure, 0.003))
+
+    def _hull(self, goal: FloatArray) -> FloatArray:
+        """Corners (c, 2) m of the support polygon in a posture (nq,)."""
+        points = self._body.points(np.ascontiguousarray(goal)[None], self._links, self._corners)[0]
+        return convex_hull(points[:, :2])
 
 
 FLAT, UP = np.array([1.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
-
-
-class Balance:
-    """Centre of mass with the point below it, and the zero-moment point: of another colour outside of `soles`."""
-
-    def __init__(self, scene: "viser.SceneApi", *, height: float, soles: Soles | None) -> None:
-        self._soles = soles
-        self._centre = Movable(scene.add_icosphere("/balance/centre", BALL * height, color=BALANCE))
-        self._below = Movable(scene.add_cylinder("/balance/below", DISC * height, 0.002, color=BALANCE))
-        self._disc = scene.add_cylinder("/balance/zmp", POINT * height, 0.004, color=ZMP, visible=False)
-        self._zmp, self._outside = Movable(self._disc), False
-        self.at = HERE
-        """Where the world of the body is in the scene."""
-
-    def show(self, snapshot: Snapshot) -> None:
-        """Move it."""
-        com, zmp = self.at.of(snapshot.com), np.full(2, np.nan) if snapshot.zmp is None else snapshot.zmp
-        self._centre.put(com)
-        self._below.put(com * FLAT + 0.001 * UP)
-        self._zmp.put(self.at.of(np.append(zmp, 0.0)) * FLAT + 0.002 * UP)
-        edges = None if self._soles is None else self._soles.edges
-        outside = edges is not None and float(support_distance(zmp[None], edges)[0]) < -EDGE_M
-        if outside != self._outside:
-            self._outside = outside
-            self._disc.color = OUTSIDE if outside else ZMP
-
-    def see(self, *, visible: bool) -> None:
-        """Show or hide it."""
-        for node in (self._centre, self._below, self._zmp):
-            node.see(visible=visible)
-
-
-class Pressure:
-    """The centre of pressure of the soles of a simulated robot; hidden where no sole carries."""
-
-    def __init__(self, scene: "viser.SceneApi", *, height: float) -> None:
-        self._disc = Movable(
-            scene.add_cylinder("/pressure", 0.6 * POINT * height, 0.006, color=PRESSURE, visible=False)
-        )
-
-    def show(self, snapshot: Snapshot) -> None:
-        """Move it."""
-        self._disc.put(np.full(3, np.nan) if snapshot.pressure is None else np.append(snapshot.pressure, 0.003))
-
-    def see(self, *, visible: bool) -> None:
-        """Show or hide it."""
-        self._disc.see(visible=visible)
 
 
 # The zero-moment point of a motion that is looked at: where the floor would have to push.

@@ -18,7 +18,6 @@ import numpy as np
 
 from hardware.clock import MonotonicClock
 from hardware.errors import RetargetError
-from retarget.model.body_file import compile_body, compile_body_text
 from retarget.model.robot import load_robot
 from retarget.model.scene_shapes import scene_shapes
 from retarget.schema.scene import load_scene
@@ -29,7 +28,7 @@ from retarget.viewer.ground import MassMotion
 from retarget.viewer.joint_plot import JointPlot
 from retarget.viewer.page import WAITING, add_parts, headline
 from retarget.viewer.server import open_server
-from retarget.viewer.snapshot import Cast, Obstacle, Row, Snapshot, Tracks, actor, obstacles, snapshot_of
+from retarget.viewer.snapshot import Cast, Row, Snapshot, Tracks, cast_of, obstacles, snapshot_of
 
 if TYPE_CHECKING:
     import viser
@@ -82,7 +81,6 @@ class LivePage:
         com = self._cast.com((row.human if self._cast.robot is None else row.goal)[None])[0]
         shown = replace(row, time=row.time - self._begun)
         self._last = snapshot = snapshot_of(shown, self._cast, com=com, zmp=self._mass.look(row.time, com))
-        self._drawing.name_landmarks(row.landmarks)
         self._drawing.show(snapshot)
         said = (snapshot.state, snapshot.why)
         if said != self._said or self._shown % HEADLINE_EVERY == 0:
@@ -142,7 +140,7 @@ def main(arguments: list[str]) -> int:
     try:
         setup = PageSetup(**json.load(sys.stdin))
         cast = _cast(setup)
-        server, address = open_server(setup.port, title=setup.title, option="--view")
+        server, address = open_server(setup.port, title=setup.title)
     except RetargetError as error:
         link.send(REFUSED + str(error).encode()[: LONGEST_MESSAGE - len(REFUSED)])
         return 2
@@ -170,26 +168,7 @@ def _serve(link: socket.socket, page: LivePage, newest: bytes) -> None:
 
 
 def _cast(setup: PageSetup) -> Cast:
-    human = actor(compile_body_text(setup.human_mjcf, source="human of the run", root="free"))
-    if setup.robot is None:
-        return Cast(setup.title, None, human, (), (), obstacles=_obstacles(setup.scene), sensors=tuple(setup.sensors))
-    robot = load_robot(setup.robot, root=setup.root)
-    shown = actor(compile_body(robot.profile.body_path, root=setup.root or robot.profile.root))
-    scene, joints = _obstacles(setup.scene), robot.joint_map.joints
-    return Cast(
-        setup.title,
-        shown,
-        human,
-        joints,
-        (),
-        robot,
-        scene,
-        setup.simulated,
-        tuple(setup.sensors),
-        columns=robot.servo_columns,
-    )
-
-
-def _obstacles(scene: str | None) -> tuple[Obstacle, ...]:
-    """The obstacles of a scene; rows hold where they are."""
-    return obstacles(scene_shapes(load_scene(scene))) if scene else ()
+    robot = None if setup.robot is None else load_robot(setup.robot, root=setup.root)
+    shapes = obstacles(scene_shapes(load_scene(setup.scene))) if setup.scene else ()
+    more = {"obstacles": shapes, "simulated": setup.simulated, "sensors": tuple(setup.sensors)}
+    return cast_of(setup.title, setup.human_mjcf, robot, root=setup.root, **more)

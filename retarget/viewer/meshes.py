@@ -47,15 +47,15 @@ Mesh = tuple[FloatArray, NDArray[np.uint32]]
 """Vertices (v, 3) m and faces (f, 3)."""
 
 
-def shape_mesh(kind: int, size: Sequence[float], *, more: float = 0.0) -> Mesh:
-    """A canonical shape of `scene_shapes`, in its own frame, larger by `more` m on all sides."""
+def shape_mesh(kind: int, size: Sequence[float]) -> Mesh:
+    """A canonical shape of `scene_shapes`, in its own frame."""
     x, y, z = (float(value) for value in size)
     if kind == ShapeKind.CAPSULE:
-        return _capsule(max(x + more, THIN), y)
+        return _capsule(max(x, THIN), y)
     if kind == ShapeKind.CYLINDER:
-        return _cylinder(x + more, y + more)
+        return _cylinder(x, y)
     if kind == ShapeKind.BOX:
-        return _box(np.array([x, y, z]) + more)
+        return _box(np.array([x, y, z]))
     return _box(np.array([GROUND, GROUND, THIN]))  # a half-space: its surface
 
 

@@ -42,35 +42,23 @@ def headline(snapshot: Snapshot, note: str = "") -> str:
 
 
 def add_parts(server: "viser.ViserServer", drawing: Drawing) -> None:
-    """A box for everything that can be hidden, what limbs are coloured by, and what the colours mean."""
-    gui, parts = server.gui, drawing.parts
+    """A box for everything that can be hidden, and what the colours mean."""
+    gui = server.gui
     with gui.add_folder("what is shown"):
-        boxes = {part: gui.add_checkbox(LEGEND[part].box, LEGEND[part].at_first) for part in parts}
-        choices = drawing.colourings
-        chosen = gui.add_dropdown("limbs coloured by", choices, initial_value=choices[0]) if choices else None
-        clear = gui.add_checkbox("see through bodies", False)
+        boxes = {part: gui.add_checkbox(LEGEND[part].box, True) for part in drawing.parts}
     with gui.add_folder("what it means"):
         meaning = gui.add_html("")
-
-    def explain() -> None:
-        meaning.content = legend((part for part, box in boxes.items() if box.value), drawing.scale)
 
     def see(part: str) -> None:
         drawing.see(part, visible=bool(boxes[part].value))
         explain()
 
+    def explain() -> None:
+        meaning.content = legend((part for part, box in boxes.items() if box.value), drawing.limb_keys)
+
     for part, box in boxes.items():
-        see(part)
         box.on_update(lambda _, part=part: see(part))  # type: ignore[misc]
-    clear.on_update(lambda _: drawing.see_through(bodies=bool(clear.value)))
-    if chosen is not None:
-        picked = chosen
-
-        def colour(_: object) -> None:
-            drawing.colour_by(picked.value)
-            explain()
-
-        picked.on_update(colour)
+    explain()
 
 
 # Which row of a recording is shown now: playing, standing, stepping, at any speed, over and over or once.

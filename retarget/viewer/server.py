@@ -4,13 +4,13 @@ import hmac
 import secrets
 import socket
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass, replace
 from http import HTTPStatus
 from io import StringIO
 from typing import TYPE_CHECKING, Any
 
-from retarget.errors import ConfigError, UsageError
+from retarget.errors import ConfigError
 
 if TYPE_CHECKING:
     import viser
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 PORT = 8080
 """Default port of a page."""
+LOOKED_AT = 100
+"""Ports from the one that is asked for on; where none of them is free, the system chooses."""
 KEY_BYTES = 24
 HOSTS = ("127.0.0.1", "localhost", "[::1]")
 
@@ -41,12 +43,11 @@ class Refused:
 
 
 class AccessToken:
-    """Guards one page. port: where it is served; key: None draws one."""
+    """Guards one page. port: where it is served, known once the server has it; key: None draws one."""
 
-    def __init__(self, port: int, *, key: str | None = None) -> None:
+    def __init__(self, port: int | None = None, *, key: str | None = None) -> None:
         self.port = port
         self._key = key or secrets.token_urlsafe(KEY_BYTES)
-        self._hosts = frozenset(f"{host}:{port}" for host in HOSTS)
 
     @property
     def address(self) -> str:
@@ -58,12 +59,13 @@ class AccessToken:
 
         path: as requested; header: those of the request.
         """
-        if header("Host") not in self._hosts:
+        hosts = [f"{host}:{self.port}" for host in HOSTS]
+        if header("Host") not in hosts:
             return Refused(HTTPStatus.FORBIDDEN, "this page has another address")
         origin = header("Origin")
         if origin is None and header("Upgrade") is not None:
             return Refused(HTTPStatus.FORBIDDEN, "a connection has to name the page that it comes from")
-        if origin is not None and origin.removeprefix("http://") not in self._hosts:
+        if origin is not None and origin.removeprefix("http://") not in hosts:
             return Refused(HTTPStatus.FORBIDDEN, "another page may not use this one")
         given, _, rest = path.removeprefix("/").partition("?")[0].partition("/")
         if not hmac.compare_digest(given.encode(errors="replace"), self._key.encode()):
@@ -74,10 +76,10 @@ class AccessToken:
 LOOPBACK = "127.0.0.1"
 
 
-def open_server(port: int, *, title: str, option: str = "--port") -> tuple["viser.ViserServer", str]:
-    """A page on a port of loopback, and its address with its key. 0: any free port. option: by which it was chosen.
+def open_server(port: int, *, title: str) -> tuple["viser.ViserServer", str]:
+    """A page on a port of loopback, or the next one that is free, and its address with its key. 0: any free port.
 
-    Raises ConfigError where viser is missing, UsageError for a port that is taken.
+    Raises ConfigError where viser is missing.
     """
     try:
         import viser
@@ -85,12 +87,10 @@ def open_server(port: int, *, title: str, option: str = "--port") -> tuple["vise
         raise ConfigError(
             "the viewer needs viser", found=str(error), next_step="Install it: pip install 'retarget[view]'"
         ) from error
-    access = AccessToken(_free(port, option))
+    access = AccessToken()
     with _guarded(access), redirect_stdout(StringIO()):  # viser prints an address without the key
-        server = viser.ViserServer(LOOPBACK, access.port, label=title, verbose=False)
-    if server.get_port() != access.port:  # taken meanwhile: viser took the next port, without the access token
-        server.stop()
-        raise _taken(access.port, option)
+        server = viser.ViserServer(LOOPBACK, _free(port), label=title, verbose=False)
+    access.port = server.get_port()
     server.request_share_url = _shares_nothing  # type: ignore[method-assign]
     server.gui.main_panel.dock_right()
     server.gui.configure_theme(show_logo=False, show_share_button=False)
@@ -107,25 +107,14 @@ def _shares_nothing(verbose: bool = True) -> None:
     """The page stays on this machine."""
 
 
-def _free(port: int, option: str) -> int:
-    """The port, or any that is free for 0. Raises UsageError."""
-    with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind((LOOPBACK, port))
-        except (OSError, OverflowError) as error:
-            raise _taken(port, option) from error
-        return int(probe.getsockname()[1])
-
-
-def _taken(port: int, option: str) -> UsageError:
-    return UsageError(
-        "the port of the page cannot be had",
-        where=option,
-        found=f"{port}: taken, or not allowed",
-        allowed="0 (any that is free), or 1024 to 65535",
-        next_step=f"Close the other viewer, or give another port: {option} 0",
-    )
+def _free(port: int) -> int:
+    """The port, or the next one that is free; 0: any, which the system chooses."""
+    for candidate in range(port, min(port + LOOKED_AT, 2**16)):
+        with suppress(OSError), socket.socket() as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind((LOOPBACK, candidate))
+            return candidate
+    return 0
 
 
 @contextmanager

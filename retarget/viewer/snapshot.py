@@ -1,11 +1,12 @@
 """What a page shows: the cast of a run, which stays the same, and snapshots of it, one per tick."""
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from retarget.model.body import BodyModel, body_from_file
-from retarget.model.body_file import BodyFile
+from retarget.model.body_file import BodyFile, Root, compile_body, compile_body_text
 from retarget.model.robot import RobotBody
 from retarget.model.scene_shapes import SceneShapes
 from retarget.model.scene_state import ObstaclePoses
@@ -132,14 +133,25 @@ class Snapshot(Row):
 
 def snapshot_of(row: Row, cast: Cast, *, com: FloatArray, zmp: FloatArray) -> Snapshot:
     """What a row shows. com (3,), zmp (2,): of the motion that it is a part of, m."""
-    there, reached, pressure = row.goal.copy(), row.reached, None
+    there, pressure = row.goal.copy(), None
     there[cast.columns] = np.where(np.isfinite(row.present), row.present, there[cast.columns])
     if cast.robot is not None and row.truth is not None and np.isfinite(row.truth[:-2]).all():
         there, pressure = in_truth(cast.robot.body, row.goal, row.truth)
-    if cast.profile is not None and row.landmarks and not len(reached):
-        reached = cast.profile.points(row.goal[None], cast.profile.landmark_frames(row.landmarks))[0]
+    asked = reached = np.full((len(cast.landmarks), 3), np.nan)
+    if row.landmarks:
+        named = [cast.landmarks.index(name) for name in row.landmarks]
+        asked, reached = asked.copy(), reached.copy()
+        asked[named], reached[named] = row.asked, _reached(row, cast)
     computed = {"robot": there, "sent": row.goal[cast.columns], "com": com, "zmp": zmp, "pressure": pressure}
-    return Snapshot(**vars(row) | computed | {"reached": reached})
+    return Snapshot(**vars(row) | computed | {"asked": asked, "reached": reached})
+
+
+def _reached(row: Row, cast: Cast) -> FloatArray:
+    """Where the goal has the landmarks of a row (k, 3) m."""
+    if cast.profile is None or len(row.reached):
+        return row.reached
+    reached: FloatArray = cast.profile.points(row.goal[None], cast.profile.landmark_frames(row.landmarks))[0]
+    return reached
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +164,18 @@ class Tracks:
     present: FloatArray
     temperature: FloatArray
     current: FloatArray
+
+
+def cast_of(
+    title: str, human_mjcf: str, robot: RobotBody | None, *, root: Root | None, sensors: tuple[str, ...], **more: Any
+) -> Cast:
+    """Of a run of a robot whose profile is known, or of a human alone. root: how the robot stands. more: as `Cast`."""
+    human = actor(compile_body_text(human_mjcf, source="human of the run", root="free"))
+    if robot is None:
+        return Cast(title, None, human, (), (), sensors=sensors, **more)
+    shown = actor(compile_body(robot.profile.body_path, root=root or robot.profile.root))
+    more = {"landmarks": tuple(robot.profile.landmarks), "columns": robot.servo_columns} | more
+    return Cast(title, shown, human, robot.joint_map.joints, profile=robot, sensors=sensors, **more)
 
 
 def actor(file: BodyFile) -> Actor:

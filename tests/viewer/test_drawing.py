@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from followers import op3
-from retarget.viewer.colours import COLD, HOT, LEGEND, LOAD, OUTSIDE, PLAIN, TEMPERATURE, ZMP
+from retarget.model.observers import robot_observers
+from retarget.rotations import rotate
+from retarget.viewer.colours import COLD, HOT, LEGEND, MODES, OUTSIDE, ZMP
 from retarget.viewer.drawing import Drawing
 from viewed import cast_of_a_human, cast_of_op3, person, snapshot
 
@@ -17,6 +19,12 @@ AWAY = np.array([[0.0, 2.0, 0.3, 1.0, 0.0, 0.0, 0.0]])
 def sent(server: Any) -> int:
     """How many messages browsers were sent until now."""
     return int(server._websock_server._broadcast_buffer.message_counter)
+
+
+def node(server: Any, part: str, number: int = 0) -> Any:
+    """A shape of a part of the scene, by its number."""
+    nodes = server.scene._handle_from_node_name
+    return nodes[[name for name in nodes if name.startswith(f"/{part}/")][number]]
 
 
 def test_everything_has_a_box_and_a_meaning(server: Any) -> None:
@@ -44,42 +52,24 @@ def test_only_what_moves_is_sent(server: Any) -> None:
     assert sent(server) == before + 1, "one joint: one link, in the frame of the one before it"
 
 
-def test_obstacles_are_where_they_are_and_the_performer_is_beyond_them(server: Any) -> None:
+def test_obstacles_are_where_they_are(server: Any) -> None:
     drawing = Drawing(server, cast_of_op3())
     near = AWAY * [1.0, 0.3, 1.0, 1.0, 1.0, 1.0, 1.0]
     drawing.show(snapshot(obstacle_poses=near))
-    ball: Any = drawing._overlays["obstacles"]
-    assert tuple(ball._handles[0].position) == pytest.approx((0.0, 0.6, 0.3))
-    assert drawing._place is not None and drawing._place.to[1] > 0.65
+    ball = node(server, "obstacles")
+    assert tuple(ball.position) == pytest.approx((0.0, 0.6, 0.3))
     drawing.show(snapshot(obstacle_poses=near + 0.1))
-    assert tuple(ball._handles[0].position) == pytest.approx((0.1, 0.7, 0.4))
+    assert tuple(ball.position) == pytest.approx((0.1, 0.7, 0.4))
 
 
 def test_the_zero_moment_point_is_red_outside_of_the_soles(server: Any) -> None:
     drawing = Drawing(server, cast_of_op3())
     drawing.show(snapshot(zmp=np.array([0.0, 0.0])))
-    assert tuple(drawing._balance._disc.color) == ZMP and drawing._balance._disc.visible
+    assert tuple(drawing.balance.disc.color) == ZMP and drawing.balance.disc.visible
     drawing.show(snapshot(zmp=np.array([0.5, 0.0])))
-    assert tuple(drawing._balance._disc.color) == OUTSIDE
+    assert tuple(drawing.balance.disc.color) == OUTSIDE
     drawing.show(snapshot(zmp=np.full(2, np.nan)))
-    assert not drawing._balance._disc.visible, "it is not known"
-
-
-def test_limbs_have_the_colour_that_was_chosen(server: Any) -> None:
-    drawing = Drawing(server, cast_of_op3())
-    assert drawing.colourings == (TEMPERATURE, LOAD, PLAIN)
-    hot, much = np.full(20, 20.0), np.full(20, 0.0)
-    hot[0], much[1] = 200.0, 9.0
-    drawing.show(snapshot(temperature=hot, current=much))
-    limbs = drawing._limbs
-    assert limbs is not None and limbs._handles[0] is not None and limbs._handles[1] is not None
-    assert [tuple(limbs._handles[i].color) for i in (0, 1)] == [HOT, COLD]  # type: ignore[union-attr]
-    drawing.colour_by(LOAD)
-    assert [tuple(limbs._handles[i].color) for i in (0, 1)] == [COLD, HOT]  # type: ignore[union-attr]
-    assert drawing.scale is not None and drawing.scale.high == 1.5
-    drawing.colour_by(PLAIN)
-    assert [tuple(limbs._handles[i].color) for i in (0, 1)] == [COLD, COLD]  # type: ignore[union-attr]
-    assert drawing.scale is None
+    assert not drawing.balance.disc.visible, "it is not known"
 
 
 def test_sensors_are_on_the_performer_and_can_be_hidden(server: Any) -> None:
@@ -88,21 +78,14 @@ def test_sensors_are_on_the_performer_and_can_be_hidden(server: Any) -> None:
     start = person().body.qpos0.copy()
     worn = np.array([start[:3] + 0.1, [np.nan] * 3])
     drawing.show(snapshot(human=start, sensors=worn))
-    wrist: Any = drawing._balls["sensors"]._balls[0].handle
-    assert drawing._place is not None
-    np.testing.assert_allclose(wrist.position, drawing._place.of(worn[0]), atol=1e-6)
-    assert wrist.position[1] > 0.3
+    wrist = node(server, "sensors")
+    np.testing.assert_allclose(wrist.position, drawing.place.of(worn[0]), atol=1e-6)
+    assert wrist.position[1] > 0.3 and wrist.visible
     for visible in (False, True):
         drawing.see("sensors", visible=visible)
-        assert wrist.visible is visible
+        assert server.scene._handle_from_node_name["/sensors"].visible is visible
     drawing.show(snapshot(human=start, sensors=worn + np.nan))
     assert not wrist.visible, "it is not valid"
-
-
-def test_landmarks_that_are_named_later_can_be_hidden_from_the_beginning(server: Any) -> None:
-    """A run names them with its first row; the boxes of the page are made before."""
-    drawing = Drawing(server, replace(cast_of_op3(), landmarks=()))
-    assert {"asked", "reached"} <= set(drawing.parts)
 
 
 def test_a_human_alone_stands_where_one_looks(server: Any) -> None:
@@ -113,15 +96,46 @@ def test_a_human_alone_stands_where_one_looks(server: Any) -> None:
     com, none = np.array([3.0, -4.0, 0.9]), np.zeros((0, 3))
     worn = np.array([[3.0, -4.0, 1.2], [np.nan] * 3])
     drawing.show(snapshot(human=start, com=com, asked=none, reached=none, sensors=worn))
-    wrist, head = (ball.handle for ball in drawing._balls["sensors"]._balls)
+    wrist, head = (node(server, "sensors", at) for at in (0, 1))
     assert tuple(wrist.position) == pytest.approx((0.0, 0.0, 1.2), abs=1e-6)
     assert wrist.visible and not head.visible, "the head's is not valid"
     assert {"human", "sensors"} < set(drawing.parts) and not {"asked", "reached"} & set(drawing.parts)
-    assert "human" in drawing.parts and "robot" not in drawing.parts and drawing.colourings == ()
+    assert "human" in drawing.parts and "robot" not in drawing.parts and drawing.limb_keys == ()
 
 
 def test_what_servos_never_reported_is_no_colour(server: Any) -> None:
     """Limbs in the colour of a cold servo would say that it is cold."""
-    assert len(Drawing(server, cast_of_op3()).colourings) > 1
+    assert Drawing(server, cast_of_op3()).limb_keys
     drawing = Drawing(server, replace(cast_of_op3(), servos_commanded=False))
-    assert drawing.colourings == () and drawing.scale is None
+    assert drawing.limb_keys == ()
+
+
+def test_limbs_are_red_at_the_temperature_that_stops_the_robot(server: Any) -> None:
+    drawing, hot = Drawing(server, cast_of_op3()), np.full(20, 20.0)
+    hot[0], hot[1] = 200.0, np.nan
+    drawing.show(snapshot(temperature=hot))
+    limbs = drawing._limbs
+    assert limbs is not None and limbs._handles[0] is not None and limbs._handles[1] is not None
+    assert [tuple(limbs._handles[i].color) for i in (0, 1)] == [HOT, COLD]  # type: ignore[union-attr]
+    drawing.show(snapshot(temperature=None))
+    assert tuple(limbs._handles[0].color) == HOT, "what is not known changes nothing"
+
+
+def test_observers_are_seen_while_they_act(server: Any) -> None:
+    drawing = Drawing(server, cast_of_op3())
+    known = robot_observers(op3())
+    modes = np.zeros(len(known.names), dtype=np.uint8)
+    modes[1], modes[2] = 1, 2
+    q = op3().body.qpos0.copy()
+    q[op3().servo_columns] = np.linspace(-0.3, 0.3, 20)
+    drawing.show(snapshot(goal=q, modes=modes))
+    shapes = [node(server, "observers", at) for at in range(len(modes))]
+    assert [shape.visible for shape in shapes[:4]] == [False, True, True, False]
+    assert [tuple(shape.color) for shape in shapes[1:3]] == [*MODES]
+    positions, turns = op3().body.solver_body().forward(q)
+    expected = positions[known.links] + rotate(turns[known.links], known.positions)
+    for at in (1, 2):
+        np.testing.assert_allclose(shapes[at].position, expected[at], atol=1e-4)
+    for other in (None, modes[:3], np.zeros_like(modes)):
+        drawing.show(snapshot(modes=other))
+        assert not any(shape.visible for shape in shapes)

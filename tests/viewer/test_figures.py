@@ -7,10 +7,8 @@ import pytest
 
 from followers import op3
 from retarget import rotations
-from retarget.model.observers import robot_observers
-from retarget.rotations import rotate
-from retarget.viewer.colours import MODES, ROBOT
-from retarget.viewer.figures import STEP_M, Figure, Movable, Observing, Place, SceneFigures
+from retarget.viewer.colours import ROBOT
+from retarget.viewer.figures import STEP_M, Figure, Movable, Place, SceneFigures
 from retarget.viewer.meshes import shape_mesh
 from retarget.viewer.snapshot import Obstacle
 from viewed import cast_of_op3, snapshot
@@ -29,6 +27,7 @@ def test_what_hardly_moves_is_not_sent_but_never_drifts() -> None:
     class Node:
         position = (0.0, 0.0, 0.0)
         wxyz = (1.0, 0.0, 0.0, 0.0)
+        visible = True
 
     node = Node()
     there: Any = Movable(node)  # type: ignore[arg-type]
@@ -60,67 +59,6 @@ def test_links_are_where_the_body_has_them(scale: float, server: Any) -> None:
         assert rotations.angle_between(found[link][1], turns[link]) < 2e-3
 
 
-def test_what_was_seen_through_is_as_it_was_again(server: Any) -> None:
-    shown = cast_of_op3().human
-    figure = Figure(server.scene, "performer", shown, colour=ROBOT, opacity=0.65)
-    for opacity, seen in ((0.4, 0.4), (None, 0.65)):
-        figure.see_through(opacity)
-        assert {handle.opacity for _, handle in figure.meshes} == {seen}
-
-
-def test_a_hidden_body_does_not_move(server: Any) -> None:
-    shown = cast_of_op3().robot
-    assert shown is not None
-    figure = Figure(server.scene, "robot", shown, colour=ROBOT)
-    figure.see(visible=False)
-    figure.place(op3().body.qpos0 + 0.1)
-    assert tuple(figure._links[0].handle.position) == (0.0, 0.0, 0.0)
-
-
-@pytest.fixture
-def observing(server: Any) -> Observing:
-    return Observing(server.scene, op3())
-
-
-def test_they_are_on_their_links(observing: Observing) -> None:
-    q = op3().body.qpos0.copy()
-    q[op3().servo_columns] = np.linspace(-0.3, 0.3, 20)
-    observing.show(snapshot(goal=q))
-    known = robot_observers(op3())
-    positions, turns = op3().body.solver_body().forward(q)
-    expected = positions[known.links] + rotate(turns[known.links], known.positions)
-    for shape, zone, place in zip(observing._shapes, observing._zones, expected, strict=True):
-        np.testing.assert_allclose(shape.position, place, atol=1e-4)
-        np.testing.assert_allclose(zone.position, place, atol=1e-4)
-
-
-def test_a_zone_is_as_far_around_as_the_influence(observing: Observing) -> None:
-    known = robot_observers(op3())
-    for shape, zone, influence in zip(observing._shapes, observing._zones, known.influence, strict=True):
-        wider = np.ptp(zone.vertices, axis=0) - np.ptp(shape.vertices, axis=0)
-        np.testing.assert_allclose(wider, 2.0 * influence, atol=0.02 * influence + 1e-6)
-
-
-def test_colours_are_what_they_do(observing: Observing) -> None:
-    modes = np.zeros(len(observing._shapes), dtype=np.uint8)
-    modes[1], modes[2] = 1, 2
-    observing.show(snapshot(modes=modes))
-    for kept in (observing._shapes, observing._zones):
-        assert [tuple(handle.color) for handle in kept[:4]] == [MODES[0], MODES[1], MODES[2], MODES[0]]
-    observing.show(snapshot(modes=np.zeros_like(modes)))
-    assert {tuple(handle.color) for handle in observing._shapes} == {MODES[0]}
-    observing.show(snapshot(modes=None))
-    observing.show(snapshot(modes=modes[:3]))
-    assert {tuple(handle.color) for handle in observing._shapes} == {MODES[0]}, "of another robot"
-
-
-def test_hidden_ones_do_not_move(observing: Observing) -> None:
-    observing.see(visible=False)
-    observing.show(snapshot(goal=op3().body.qpos0 + 0.1, modes=np.full(len(observing._shapes), 2, dtype=np.uint8)))
-    assert not any(handle.visible for handle in (*observing._shapes, *observing._zones))
-    assert tuple(observing._shapes[0].color) == MODES[0]
-
-
 def test_obstacles_move_where_it_is_known_where_they_are(server: Any) -> None:
     mesh = shape_mesh(0, (0.05, 0.0, 0.0))
     figures = SceneFigures(server.scene, [Obstacle("a/b", mesh), Obstacle("c", mesh)])
@@ -128,7 +66,5 @@ def test_obstacles_move_where_it_is_known_where_they_are(server: Any) -> None:
     figures.show(snapshot(obstacle_poses=poses))
     for other in (None, poses[:1] + 1.0):
         figures.show(snapshot(obstacle_poses=other))
-    for handle, pose in zip(figures._handles, poses, strict=True):
-        np.testing.assert_allclose((*handle.position, *handle.wxyz), pose)
-    figures.see(visible=False)
-    assert not any(handle.visible for handle in figures._handles)
+    for node, pose in zip(figures.nodes, poses, strict=True):
+        np.testing.assert_allclose((*node.handle.position, *node.handle.wxyz), pose)

@@ -45,8 +45,6 @@ def test_shapes_are_closed_and_of_their_volume(
     mesh = shape_mesh(kind, size)
     assert is_closed(mesh)
     assert 0.93 * expected < volume(mesh) <= expected * (1.0 + 1e-9)
-    larger = shape_mesh(kind, size, more=0.05)
-    np.testing.assert_allclose(np.abs(larger[0]).max(axis=0), np.abs(mesh[0]).max(axis=0) + 0.05, atol=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -9,11 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from followers import op3
 from hardware.clock import VirtualClock
 from messages import shows
 from retarget.types import FloatArray
-from retarget.viewer.colours import LEGEND, current_scale, legend, mixed, temperature_scale, web
+from retarget.viewer.colours import HOT, LEGEND, legend, web
 from retarget.viewer.joint_plot import QUANTITIES, JointPlot, curves, heights
 from retarget.viewer.page import PLAY, RecordedPage, Timeline, headline
 from retarget.viewer.snapshot import Snapshot, Tracks
@@ -171,19 +170,11 @@ def test_letters_say_what_it_does_and_why_and_hold_no_markup() -> None:
 
 
 def test_the_legend_has_the_colours_of_what_is_shown() -> None:
-    text = legend(["goal", "balance"], temperature_scale(op3()))
+    text = legend(["goal", "balance"], [(HOT, "hot <servo>")])
     for colour, words in (*LEGEND["goal"].keys, *LEGEND["balance"].keys):
         assert web(colour) in text and words in text
-    assert "30 \u00b0C" in text and f"{op3().profile.safety.temperature_c:g} \u00b0C" in text
-    assert LEGEND["obstacles"].keys[0][1] not in legend(["goal"], None)
-
-
-def test_shares_of_a_scale_end_at_its_ends() -> None:
-    scale = current_scale(op3())
-    assert scale is not None
-    values = np.array([0.0, 0.75, -1.5, 9.0, np.nan, *np.zeros(15)])
-    np.testing.assert_allclose(scale.shares(values)[:5], [0.0, 0.5, 1.0, 1.0, 0.0])
-    assert mixed(0.0) != mixed(0.5) != mixed(1.0)
+    assert web(HOT) in text and "hot &lt;servo&gt;" in text
+    assert LEGEND["obstacles"].keys[0][1] not in legend(["goal"], [])
 
 
 @pytest.mark.parametrize("quantity", QUANTITIES)
