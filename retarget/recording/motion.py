@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from retarget.errors import InputError, UsageError
 from retarget.model.body import BodyModel, JointType
+from retarget.model.body_file import BodyFile
 from retarget.rotations import conjugate, log, multiply, slerp
 from retarget.run.record import Phase
 from retarget.types import FloatArray, IntArray
@@ -36,6 +37,7 @@ class Motion:
     then joints, rad or m. servos (T, n): where the servos were, as `joint_names`, NaN for a joint without servo; None
     where no servo answered. goal_ticks (T, n): servo goals, -1 without; None where rows are no ticks. asked: landmarks
     (of a human: its sensors) that were asked for. row: what a row is. notes: for the user, about missing parts.
+    compiled: the body with its shapes, where it is to be seen.
     """
 
     source: str
@@ -49,6 +51,7 @@ class Motion:
     asked: Tracks | None = None
     row: str = "tick"
     notes: tuple[str, ...] = ()
+    compiled: BodyFile | None = None
 
     def __len__(self) -> int:
         return len(self.time)

@@ -3,21 +3,19 @@
 import tokenize
 import zipfile
 import zlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from retarget.errors import ConfigError, InputError, UsageError
-from retarget.model.body import BodyModel, load_body, load_body_text
-from retarget.recording.motion import PHASE_NAMES, Motion, TextArray, Tracks, posture
-from retarget.rotations import normalise
+from retarget.errors import InputError, UsageError
+from retarget.model.body import BodyModel
 from retarget.run.record import Phase, Record
 from retarget.run.run_result import RunResult
 from retarget.schema.files import check_place, write_atomic, write_stream
-from retarget.types import FloatArray, IntArray
+from retarget.types import FloatArray
 
 NO_SERVO = -1
 PHASES = np.array([phase.name.lower() for phase in Phase])
@@ -228,160 +226,3 @@ def read_arrays(path: Path, *, needed: frozenset[str], used: frozenset[str]) -> 
     except BROKEN as error:
         found = " ".join(str(error).split())[:200] or type(error).__name__
         raise InputError("a damaged NPZ file", where=str(path), found=found, next_step="Get it again") from error
-
-
-# A run that `--save FILE.npz` wrote, as a `Motion`: of the robot, or of the human that it followed.
-
-ROBOT = frozenset({"time", "joint_names", "joint_positions", "root_position", "root_quaternion", "body"})
-HUMAN = frozenset({"time", "human_q", "human_mjcf"})
-SHOWN = frozenset({"landmarks_reached", "sensor_names", "sensor_positions"})
-USED = frozenset({"phase", "goal_ticks", "servo_positions", "landmark_names", "landmarks_asked"}) | SHOWN
-UNIT = 0.01
-"""A quaternion may miss unit length by this."""
-
-
-class SavedRun:
-    """A saved run, whose arrays are checked when they are asked for: then InputError is raised for what cannot be.
-
-    body: MJCF or URDF of the robot instead of the one that the file names.
-    """
-
-    def __init__(self, path: Path, *, needed: frozenset[str] = ROBOT, body: Path | None = None) -> None:
-        """Raises InputError for anything that is no such run."""
-        self.file = read_arrays(path, needed=needed, used=ROBOT | HUMAN | USED)
-        self.time = _time(self.file)
-        self._path, self._body = path, body
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Of the joints in the file, in its order."""
-        return tuple(str(name) for name in self.file.texts("joint_names", None))
-
-    @property
-    def human_mjcf(self) -> str:
-        """The body of the human that was reconstructed."""
-        return str(self.file.texts("human_mjcf"))
-
-    def robot(self) -> Motion:
-        """What was sent; of `--robot human` what was reconstructed."""
-        file, names = self.file, self.joint_names
-        human = self.human() if all(key in file for key in HUMAN) else None
-        if human is not None and human.joint_names == names:
-            return replace(human, asked=self.points("landmark_names", "landmarks_asked"))
-        model = load_body(self.body_path(), root="free")
-        q = _posture(file, model, names, len(self.time))
-        motion = Motion(file.source, _robot_name(model), model, self.time, _phase(file, len(self.time)), q)
-        order = [names.index(name) if name in names else -1 for name in motion.joint_names]
-        return replace(
-            motion,
-            servos=_servos(file, len(names), order),
-            goal_ticks=_goals(file, len(names), order),
-            asked=self.points("landmark_names", "landmarks_asked"),
-        )
-
-    def human(self) -> Motion:
-        """The virtual human, as it was reconstructed."""
-        file, time = self.file, self.time
-        model = load_body_text(self.human_mjcf, source=f"{file.source}: human_mjcf", root="free")
-        q = file.floats("human_q", len(time), model.nq)
-        q[:, 3:7] = _unit(file, q[:, 3:7])
-        return Motion(file.source, "human", model, time, _phase(file, len(time)), q)
-
-    def points(self, names: str, tracks: str) -> Tracks | None:
-        """Points by the keys of their names and of where they were; None where the file has none."""
-        if names not in self.file or tracks not in self.file:
-            return None
-        named = tuple(str(name) for name in self.file.texts(names, None))
-        return Tracks(named, self.file.floats(tracks, len(self.time), len(named), 3, unknown=True))
-
-    def body_path(self) -> Path:
-        """The body that is given; the one that the file names, where it was; or one of that name beside the file."""
-        if self._body is not None:
-            return self._body
-        named = Path(str(self.file.texts("body")))
-        places = [place for place in (named, self._path.parent / named.name) if _is_there(place)]
-        if not places:
-            raise InputError(
-                "the robot's body is not there",
-                where=self.file.source,
-                found=str(named)[:200],
-                next_step="Say where its MJCF or URDF is now: --body FILE.xml",
-            )
-        return places[0]
-
-
-def _posture(file: ArrayFile, model: BodyModel, names: tuple[str, ...], rows: int) -> FloatArray:
-    """Postures (T, nq) from what the file has of root and joints."""
-    joints = file.floats("joint_positions", rows, len(names))
-    turn = _unit(file, file.floats("root_quaternion", rows, 4))
-    root = np.hstack([file.floats("root_position", rows, 3), turn])
-    try:
-        return posture(model, names, joints, root)
-    except ConfigError as error:
-        step = "Give the body that was moved: --body FILE.xml"
-        what = "joints and body do not belong together"
-        raise InputError(what, where=file.source, found=error, next_step=step) from error
-
-
-def _robot_name(model: BodyModel) -> str:
-    """The folder of a body that a profile calls `body.xml`, else the name of its file."""
-    path = Path(model.source)
-    return path.resolve().parent.name if path.stem == "body" else path.stem
-
-
-def _time(file: ArrayFile) -> FloatArray:
-    time = file.floats("time", None)
-    if not time.size:
-        raise InputError("a run without ticks", where=file.source)
-    back = np.flatnonzero(np.diff(time) <= 0.0)
-    if back.size:
-        where = f"{file.source}: time"
-        raise InputError(
-            "time does not increase", where=where, found=f"row {back[0] + 2} is no later than the one before"
-        )
-    return time
-
-
-def _phase(file: ArrayFile, rows: int) -> TextArray:
-    """Files from before phases were saved are all following."""
-    if "phase" not in file:
-        return np.full(rows, PHASE_NAMES[Phase.FOLLOW])
-    phase = file.texts("phase", rows)
-    strange = sorted(set(phase.tolist()) - set(PHASE_NAMES))
-    if strange:
-        where, allowed = f"{file.source}: phase", ", ".join(PHASE_NAMES)
-        raise InputError("unknown phase", where=where, found=repr(strange[0])[:80], allowed=allowed)
-    return np.asarray(phase)
-
-
-def _unit(file: ArrayFile, turn: FloatArray) -> FloatArray:
-    """Quaternions made exactly unit. Raises InputError where they are none."""
-    off = np.abs(np.linalg.norm(turn, axis=1) - 1.0)
-    if off.max() > UNIT:
-        row = int(np.argmax(off)) + 1
-        where, found = f"{file.source}: orientation of the root", f"{turn[row - 1]} in row {row}"
-        raise InputError("no unit quaternion", where=where, found=found)
-    return normalise(turn)
-
-
-def _is_there(place: Path) -> bool:
-    try:
-        return bool(place.name) and place.is_file()
-    except OSError:
-        return False
-
-
-def _servos(file: ArrayFile, joints: int, order: list[int]) -> FloatArray | None:
-    if "servo_positions" not in file:
-        return None
-    servos = file.floats("servo_positions", file.arrays["time"].size, joints, unknown=True)
-    servos = np.hstack([servos, np.full((len(servos), 1), np.nan)])[:, order]
-    return servos if np.isfinite(servos).any() else None
-
-
-def _goals(file: ArrayFile, joints: int, order: list[int]) -> IntArray | None:
-    if "goal_ticks" not in file:
-        return None
-    goals = file.whole("goal_ticks", file.arrays["time"].size, joints)
-    goals = np.hstack([goals, np.full((len(goals), 1), -1)])[:, order]
-    return goals if (goals >= 0).any() else None

@@ -1,114 +1,339 @@
-"""Recorded runs read back as a `Motion`: the reader is chosen by the file's suffix."""
+"""A recorded run read back, whatever file it is from: for the page, for exports and for programs.
 
-from dataclasses import replace
+NPZ (`--save`) holds every tick in full precision. MCAP (`--record`) holds goals and the root in single precision, the
+landmarks asked for 25 times a second (between two of them they are on a straight line) and the human 12.5 times.
+"""
+
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from retarget.errors import InputError
-from retarget.model.body import load_body, load_body_text
+from retarget.errors import ConfigError, InputError
+from retarget.model.body import BodyModel, body_from_file
+from retarget.model.body_file import compile_body, compile_body_text
 from retarget.model.human import build_human
 from retarget.model.robot import RobotBody
 from retarget.recording.configs import as_recorded
-from retarget.recording.cycles import Done
+from retarget.recording.cycles import Cycles, Done
 from retarget.recording.motion import PHASE_NAMES, Motion, TextArray, Tracks, posture, quaternion_columns
-from retarget.recording.npz import HUMAN, NO_RUN, SavedRun
-from retarget.recording.reading import Played, TopicRows, fields_required, played, postures_sent, read_recording
-from retarget.recording.topics import GOALS, HUMAN_POSTURE, LANDMARKS
+from retarget.recording.npz import NO_RUN, NO_SERVO, ArrayFile, read_arrays, refuse_no_file
+from retarget.recording.reading import (
+    MAGIC,
+    Played,
+    Recording,
+    TopicRows,
+    fields_required,
+    played,
+    postures_sent,
+    read_recording,
+)
+from retarget.recording.topics import GOALS, HUMAN_POSTURE, LANDMARKS, TRUTH
 from retarget.rotations import normalise
 from retarget.run.record import Phase
+from retarget.run.run_result import truth_names
 from retarget.types import FloatArray, IntArray
 
 
-def read_mcap_run(path: Path, *, body: Path | None = None) -> Motion:
-    """What a run sent; of `--robot human` what it reconstructed. body: MJCF or URDF of the robot, instead of the
-    recorded run's.
+@dataclass(frozen=True, eq=False)
+class RecordedRun:
+    """A recorded run. robot: what was sent, a row per tick (T), None for a human alone and where it was not asked for.
+    human: what was reconstructed (H), of a human alone at every tick; None: not in the file.
 
-    Goals and the root are kept in single precision, the landmarks asked for 25 times a second: between two of them they
-    are on a straight line. Raises InputError for anything that is not such a run.
+    shown (T,): the row of the human at each tick, or the last before it. sensors: of the performer, at the human's
+    rows, NaN: not valid; reached: landmarks, at the ticks. profile: of the robot, with the tree of its motion. tracks:
+    what else is known at the ticks, by its names in `Cycles`. reasons: the last failure or stop until each tick, or "".
+    recording: of an MCAP file. notes: about missing parts.
     """
-    found = played(read_recording(path))
-    if not found.recording.session.joints:
-        return _human(found)
-    found.recording.topic(GOALS)
-    with as_recorded(found.recording, body=body) as configs:
-        robot = configs.robot
-        assert robot is not None, "there are joints"
-        model = load_body(robot.profile.body_path, root="free")
-    kept = _kept(found)
-    index, phase = found.cycles.index[kept], found.cycles.phase[kept]
-    single, _ = model.scalar_joints()
-    names = tuple(name for name, is_single in zip(model.dof_names, single, strict=True) if is_single)
-    motion = Motion(
-        str(path),
-        robot.profile.name,
-        model,
-        _time(found, index),
-        _names_of(phase),
-        posture(model, names, *_joints_and_root(found, robot, kept, names)),
-        servos=_servos(found, robot, kept, names),
-        goal_ticks=_goals(found, robot, kept, names),
-        notes=_notes(found),
+
+    robot: Motion | None
+    human: Motion | None
+    shown: IntArray
+    sensors: Tracks | None = None
+    reached: Tracks | None = None
+    profile: RobotBody | None = None
+    tracks: dict[str, NDArray[Any]] = field(default_factory=dict)
+    reasons: tuple[str, ...] = ()
+    recording: Recording | None = None
+    notes: tuple[str, ...] = ()
+
+
+def read_run(path: Path, *, of_human: bool = False, body: Path | None = None) -> Motion:
+    """The motion of a recorded run: of its robot, or of the virtual human that the robot followed.
+
+    body: MJCF or URDF of the robot, where the one that the file names is not there any more. Raises InputError.
+    """
+    run = read_recorded(path, robot=not of_human, body=body)
+    notes = tuple(f"{path}: {note}" for note in run.notes)
+    return replace(run.robot or human_of(run, path), notes=notes)
+
+
+def human_of(run: RecordedRun, path: Path) -> Motion:
+    """The human of a run that was read from `path`. Raises InputError where the file has none."""
+    if run.human is None:
+        found = "no human_q, human_mjcf or /human/posture"
+        raise InputError("the human is not in this run", where=str(path)[:200], found=found, next_step=NO_RUN)
+    return run.human
+
+
+def read_recorded(path: Path, *, robot: bool = True, body: Path | None = None) -> RecordedRun:
+    """A recorded run, by what is in its file. robot: whether it is needed; body: as of `read_run`.
+
+    Raises InputError for anything that is no such run, and for one without a tick that was sent.
+    """
+    try:
+        refuse_no_file(path)
+        with path.open("rb") as file:
+            begins = file.read(len(MAGIC))
+    except OSError as error:
+        found = error.strerror or str(error)
+        raise InputError("cannot read the run", where=str(path)[:200], found=found, next_step=NO_RUN) from error
+    if begins == MAGIC:
+        whole = played(read_recording(path))
+        with fields_required(whole.recording):
+            return _of_mcap(whole, robot, body)
+    if begins.startswith(ZIP):
+        return _of_npz(path, robot, body)
+    raise InputError("not a recorded run", where=str(path)[:200], found="neither NPZ nor MCAP", next_step=NO_RUN)
+
+
+# A run that `--save FILE.npz` wrote. It keeps no scene, temperatures, currents and physics.
+
+ZIP = b"PK"
+"""Begins an NPZ file."""
+ROBOT_KEYS = frozenset({"time", "joint_names", "joint_positions", "root_position", "root_quaternion", "body"})
+HUMAN_KEYS = frozenset({"time", "human_q", "human_mjcf"})
+OTHER_KEYS = frozenset({"phase", "goal_ticks", "servo_positions"})
+POINT_KEYS = frozenset({"landmark_names", "landmarks_asked", "landmarks_reached", "sensor_names", "sensor_positions"})
+UNIT = 0.01
+"""A quaternion may miss unit length by this."""
+
+
+def _of_npz(path: Path, robot: bool, body: Path | None) -> RecordedRun:
+    file = read_arrays(
+        path, needed=ROBOT_KEYS if robot else HUMAN_KEYS, used=ROBOT_KEYS | HUMAN_KEYS | OTHER_KEYS | POINT_KEYS
     )
-    landmarks = found.recording.topics.get(LANDMARKS)
-    if landmarks is None:
-        return motion
-    with fields_required(found.recording):
-        return replace(motion, asked=_asked(tuple(robot.profile.landmarks), landmarks, index))
+    time = _npz_time(file)
+    phase, human = _npz_phase(file, len(time)), None
+    if all(key in file for key in HUMAN_KEYS):
+        compiled = compile_body_text(str(file.texts("human_mjcf")), source=f"{path}: human_mjcf", root="free")
+        model = body_from_file(compiled)
+        q = file.floats("human_q", len(time), model.nq)
+        q[:, 3:7] = _unit(file, q[:, 3:7])
+        human = Motion(str(path), "human", model, time, phase, q, compiled=compiled)
+    run = RecordedRun(
+        None,
+        human,
+        np.arange(len(time)),
+        sensors=_npz_points(file, len(time), "sensor_names", "sensor_positions"),
+        reached=_npz_points(file, len(time), "landmark_names", "landmarks_reached"),
+    )
+    if not robot:
+        return run
+    names = tuple(str(name) for name in file.texts("joint_names", None))
+    asked = _npz_points(file, len(time), "landmark_names", "landmarks_asked")
+    if human is not None and human.joint_names == names:
+        return replace(run, human=replace(human, asked=asked))
+    return replace(run, robot=_npz_robot(file, _body_place(file, path, body), names, time, phase, asked))
 
 
-def read_mcap_human(path: Path) -> Motion:
-    """The virtual human of a run, as often as it was kept. Raises InputError for anything that is not such a run."""
-    return _human(played(read_recording(path)))
+def _npz_robot(
+    file: ArrayFile, body: Path, names: tuple[str, ...], time: FloatArray, phase: TextArray, asked: Tracks | None
+) -> Motion:
+    compiled = compile_body(body, root="free")
+    model, rows = body_from_file(compiled), len(time)
+    q = _npz_posture(file, model, names, rows)
+    robot = Motion(file.source, _robot_name(body), model, time, phase, q, asked=asked, compiled=compiled)
+    order = [names.index(name) if name in names else -1 for name in robot.joint_names]
+    if "servo_positions" in file:
+        servos = file.floats("servo_positions", rows, len(names), unknown=True)
+        servos = np.hstack([servos, np.full((rows, 1), np.nan)])[:, order]
+        robot = replace(robot, servos=servos if np.isfinite(servos).any() else None)
+    if "goal_ticks" in file:
+        goals = np.hstack([file.whole("goal_ticks", rows, len(names)), np.full((rows, 1), NO_SERVO)])[:, order]
+        robot = replace(robot, goal_ticks=goals if (goals != NO_SERVO).any() else None)
+    return robot
 
 
-def _human(found: Played) -> Motion:
-    recording, cycles = found.recording, found.cycles
-    topic, session = recording.topic(HUMAN_POSTURE), recording.session
-    model = load_body_text(build_human(session.size).mjcf, source=f"{recording.path}: the human", root="free")
-    with fields_required(recording):
-        _, each = np.unique(topic.cycles, return_index=True)
-        said, q = topic.cycles[each], np.asarray(topic.rows["q"][each], dtype=np.float64)
-    if q.shape[1] != model.nq:
-        raise InputError("the human has another tree now", where=str(recording.path), found=f"q of {q.shape[1]}")
-    at = np.searchsorted(cycles.index, said)
-    there = at < len(cycles)
-    there[there] = cycles.index[at[there]] == said[there]
-    if not there.any():
+def _npz_posture(file: ArrayFile, model: BodyModel, names: tuple[str, ...], rows: int) -> FloatArray:
+    """Postures (T, nq) from what the file has of root and joints."""
+    joints = file.floats("joint_positions", rows, len(names))
+    turn = _unit(file, file.floats("root_quaternion", rows, 4))
+    root = np.hstack([file.floats("root_position", rows, 3), turn])
+    try:
+        return posture(model, names, joints, root)
+    except ConfigError as error:
+        step = "Give the body that was moved: --body FILE.xml"
+        what = "joints and body do not belong together"
+        raise InputError(what, where=file.source, found=error, next_step=step) from error
+
+
+def _body_place(file: ArrayFile, path: Path, body: Path | None) -> Path:
+    """The body that is given; the one that the file names, where it was; or one of that name beside the file."""
+    named = Path(str(file.texts("body")))
+    for place in (named, path.parent / named.name) if body is None else (body,):
+        try:
+            if place == body or (place.name and place.is_file()):
+                return place
+        except OSError:  # a name that no system can have
+            continue
+    raise InputError(
+        "the robot's body is not there",
+        where=file.source,
+        found=str(named)[:200],
+        next_step="Say where its MJCF or URDF is now: --body FILE.xml",
+    )
+
+
+def _robot_name(body: Path) -> str:
+    """The folder of a body that a profile calls `body.xml`, else the name of its file."""
+    return body.resolve().parent.name if body.stem == "body" else body.stem
+
+
+def _npz_time(file: ArrayFile) -> FloatArray:
+    time = file.floats("time", None)
+    if not time.size:
+        raise InputError("a run without ticks", where=file.source)
+    back = np.flatnonzero(np.diff(time) <= 0.0)
+    if back.size:
+        where, found = f"{file.source}: time", f"row {back[0] + 2} is no later than the one before"
+        raise InputError("time does not increase", where=where, found=found)
+    return time
+
+
+def _npz_phase(file: ArrayFile, rows: int) -> TextArray:
+    """Files from before phases were saved are all following."""
+    if "phase" not in file:
+        return np.full(rows, PHASE_NAMES[Phase.FOLLOW])
+    phase = file.texts("phase", rows)
+    strange = sorted(set(phase.tolist()) - set(PHASE_NAMES))
+    if strange:
+        where, allowed = f"{file.source}: phase", ", ".join(PHASE_NAMES)
+        raise InputError("unknown phase", where=where, found=repr(strange[0])[:80], allowed=allowed)
+    return np.asarray(phase)
+
+
+def _npz_points(file: ArrayFile, rows: int, names: str, tracks: str) -> Tracks | None:
+    """Points by the keys of their names and of where they were; None where the file has none."""
+    if names not in file or tracks not in file:
+        return None
+    named = tuple(str(name) for name in file.texts(names, None))
+    return Tracks(named, file.floats(tracks, rows, len(named), 3, unknown=True))
+
+
+def _unit(file: ArrayFile, turn: FloatArray) -> FloatArray:
+    """Quaternions made exactly unit. Raises InputError where they are none."""
+    off = np.abs(np.linalg.norm(turn, axis=1) - 1.0)
+    if off.max() > UNIT:
+        row = int(np.argmax(off)) + 1
+        where, found = f"{file.source}: orientation of the root", f"{turn[row - 1]} in row {row}"
+        raise InputError("no unit quaternion", where=where, found=found)
+    return normalise(turn)
+
+
+# A run that `--record FILE.mcap` wrote.
+
+
+def _of_mcap(whole: Played, with_robot: bool, body: Path | None) -> RecordedRun:
+    recording, session = whole.recording, whole.recording.session
+    kept = np.flatnonzero(whole.cycles.kept)
+    if not kept.size:
         raise InputError("a run without ticks", where=str(recording.path))
-    rows, q = at[there], q[there]
+    cycles = whole.cycles.taken(kept)
+    tracks: dict[str, NDArray[Any]] = {"state": cycles.state, "no_command": cycles.no_command}
+    notes = [f"{recording.damage}; what is whole of it is used"] if recording.damage else []
+    notes += [f"{whole.missing} ticks were never written"] if whole.missing else []
+    run = RecordedRun(None, None, np.zeros(len(kept), dtype=np.int64), tracks=tracks, recording=recording)
+    if HUMAN_POSTURE in recording.topics:
+        run = _with_human(run, whole, cycles)
+    if with_robot and session.joints:
+        recording.topic(GOALS)
+        with as_recorded(recording, body=body) as configs:
+            assert configs.robot is not None, "there are joints"
+            run = _with_robot(run, whole, kept, configs.robot)
+            notes += configs.notes
+    elif session.joints and run.human is not None:
+        steps = np.diff(run.human.time)
+        often = 1.0 / float(np.median(steps)) if steps.size else 0.0
+        every = "`retarget replay` with --save FILE.npz has it at every tick"
+        notes.append(f"the human was kept {often:.3g} times a second; {every}")
+    return replace(run, reasons=_reasons(recording, cycles), notes=tuple(notes))
+
+
+def _with_human(run: RecordedRun, whole: Played, cycles: Cycles) -> RecordedRun:
+    """The run with its human, at those of the cycles (T,) at which it was kept."""
+    recording, session = whole.recording, whole.recording.session
+    topic, source = recording.topic(HUMAN_POSTURE), str(recording.path)
+    compiled = compile_body_text(build_human(session.size).mjcf, source=f"{source}: the human", root="free")
+    model = body_from_file(compiled)
+    index, said, rows = np.intersect1d(topic.cycles, cycles.index, return_indices=True)
+    q = np.asarray(topic.rows["q"][said], dtype=np.float64)
+    if q.shape[1] != model.nq:
+        raise InputError("the human has another tree now", where=source, found=f"q of {q.shape[1]}")
+    if not index.size:
+        return run
     q[:, 3:7] = normalise(q[:, 3:7])
-    index = cycles.index[rows]
-    motion = Motion(
-        str(recording.path),
+    worn = _valid_sensors(whole.cycles)[np.searchsorted(whole.cycles.index, index)]
+    sensors, alone = Tracks(session.sensors, worn), not session.joints
+    human = Motion(
+        source,
         "human",
         model,
-        _time(found, index),
-        _names_of(cycles.phase[rows] if session.joints else np.full(len(rows), Phase.FOLLOW, dtype=np.int8)),
+        _time(whole, index),
+        _names_of(cycles.phase[rows]),
         q,
-        notes=_notes(found),
+        asked=sensors if alone else None,
+        row="tick" if alone else "posture that was kept",
+        compiled=compiled,
     )
-    if session.joints:
-        often = 1.0 / (session.dt * float(np.median(np.diff(index)))) if len(index) > 1 else 0.0
-        every = "`retarget replay` with --save FILE.npz has it at every tick"
-        note = f"{recording.path}: the human was kept {often:.3g} times a second; {every}"
-        return replace(motion, row="posture that was kept", notes=(*motion.notes, note))
-    position = np.where(cycles.sensor_valid[rows][..., None], cycles.sensor_position[rows], np.nan)
-    return replace(motion, asked=Tracks(session.sensors, position))
+    shown = np.maximum(np.searchsorted(index, cycles.index, side="right") - 1, 0)
+    return replace(run, human=human, shown=shown, sensors=sensors)
 
 
-def _kept(found: Played) -> NDArray[np.intp]:
-    """Rows of the cycles that were sent."""
-    rows = np.flatnonzero(found.cycles.kept)
-    if not rows.size:
-        raise InputError("a run without ticks", where=str(found.recording.path))
-    return rows
+def _with_robot(run: RecordedRun, whole: Played, kept: NDArray[np.intp], robot: RobotBody) -> RecordedRun:
+    """The run with what was sent to its robot in the cycles `kept` (T,), on a tree with a free root."""
+    recording, cycles, servos = whole.recording, whole.cycles.taken(kept), robot.joint_map
+    compiled = compile_body(robot.profile.body_path, root="free")
+    model = body_from_file(compiled)
+    single, _ = model.scalar_joints()
+    names = tuple(name for name, is_single in zip(model.dof_names, single, strict=True) if is_single)
+    columns = [names.index(joint) for joint in servos.joints]
+    joints, root = _joints_and_root(whole, robot, kept, names)
+    motion = Motion(
+        str(recording.path),
+        robot.profile.name,
+        model,
+        _time(whole, cycles.index),
+        _names_of(cycles.phase),
+        posture(model, names, joints, root),
+        goal_ticks=servos.spread(names, cycles.goal),
+        compiled=compiled,
+    )
+    if recording.session.bus != "none":
+        present = np.full(joints.shape, np.nan)
+        read = (cycles.read == Done.WELL)[:, None]
+        present[:, columns] = np.where(read, servos.to_radians(cycles.position), np.nan)
+        motion = replace(motion, servos=present)
+    if LANDMARKS in recording.topics:
+        asked = _asked(tuple(robot.profile.landmarks), recording.topics[LANDMARKS], cycles.index)
+        motion = replace(motion, asked=asked)
+    tracks = run.tracks | {name: getattr(cycles, name) for name in ("temperature", "current", "observer_modes")}
+    truth = recording.topics.get(TRUTH)
+    if truth is not None and truth.rows["q"].shape[1] == len(truth_names(model)):
+        last = np.maximum(np.searchsorted(truth.cycles, cycles.index, side="right") - 1, 0)
+        tracks["truth"] = np.asarray(truth.rows["q"][last], dtype=np.float64)
+    profile = replace(
+        robot, body=model, servo_columns=model.joint_qpos[[model.joint_index(joint) for joint in servos.joints]]
+    )
+    return replace(run, robot=motion, profile=profile, tracks=tracks)
 
 
 def _time(found: Played, index: NDArray[np.int64]) -> FloatArray:
     """Times of cycles (T,), s: 0 at the first that followed, or at what would have been the first."""
-    cycles, kept = found.cycles, _kept(found)
+    cycles = found.cycles
+    kept = np.flatnonzero(cycles.kept)
     follows = np.flatnonzero(cycles.phase[kept] == Phase.FOLLOW)
     if follows.size:
         first = int(cycles.index[kept[follows[0]]])
@@ -137,65 +362,36 @@ def _joints_and_root(
     return np.asarray(q[:, columns]), root
 
 
-def _servos(found: Played, robot: RobotBody, kept: NDArray[np.intp], names: tuple[str, ...]) -> FloatArray | None:
-    """Where they were (T, n), read before that was sent."""
-    cycles, servos = found.cycles, robot.joint_map
-    if found.recording.session.bus == "none":
-        return None
-    present = np.full((len(kept), len(names)), np.nan)
-    read = cycles.read[kept] == Done.WELL
-    columns = [names.index(joint) for joint in servos.joints]
-    present[:, columns] = np.where(read[:, None], servos.to_radians(cycles.position[kept]), np.nan)
-    return present
-
-
-def _goals(found: Played, robot: RobotBody, kept: NDArray[np.intp], names: tuple[str, ...]) -> IntArray:
-    return robot.joint_map.spread(names, found.cycles.goal[kept])
-
-
 def _asked(names: tuple[str, ...], topic: TopicRows, index: NDArray[np.int64]) -> Tracks | None:
     """Landmarks at every cycle: between two that were kept on a straight line, before the first and after the last that
     were asked for as they stood then; unknown in between where one of them is."""
-    tracks = []
-    for at in range(topic.rows["poses"].shape[1]):
+    tracks = {}
+    for at, name in enumerate(names[: topic.rows["poses"].shape[1]]):
         said = topic.rows["poses"][:, at, :3]
         known = np.flatnonzero(np.isfinite(said).all(axis=1))
         if known.size:
             part = slice(known[0], known[-1] + 1)
             x, y = topic.cycles[part].astype(np.float64), said[part]
-            tracks.append((names[at], np.stack([np.interp(index, x, column) for column in y.T], axis=1)))
-    if not tracks:
-        return None
-    return Tracks(tuple(name for name, _ in tracks), np.stack([track for _, track in tracks], axis=1))
+            tracks[name] = np.stack([np.interp(index, x, column) for column in y.T], axis=1)
+    return Tracks(tuple(tracks), np.stack(list(tracks.values()), axis=1)) if tracks else None
 
 
-def _notes(found: Played) -> tuple[str, ...]:
-    """What is missing in the file."""
-    recording, notes = found.recording, []
-    if recording.damage:
-        notes.append(f"{recording.path}: {recording.damage}; what is whole of it is exported")
-    if found.missing:
-        notes.append(f"{recording.path}: {found.missing} ticks were never written")
-    return tuple(notes)
+def _reasons(recording: Recording, cycles: Cycles) -> tuple[str, ...]:
+    """The last failure or stop until each of the cycles, or ""."""
+    said = sorted((cycle, text) for (cycle, who), text in recording.texts.items() if _is_reason(who, text))
+    last = np.searchsorted([cycle for cycle, _ in said], cycles.index, side="right")
+    return tuple(said[count - 1][1] if count else "" for count in last.tolist())
 
 
-SUFFIXES = (".npz", ".mcap")
+def _is_reason(who: str, text: str) -> bool:
+    """Whether an event is a failure or a stop, whose text is a cause and a reason."""
+    return who.startswith("bus ") or (who in ("guard", "outside") and ": " in text)
 
 
-def read_run(path: Path, *, of_human: bool = False, body: Path | None = None) -> Motion:
-    """The motion of a recorded run: of its robot, or of the virtual human that the robot followed.
-
-    body: MJCF or URDF of the robot, where the one that the file names is not there any more. Raises InputError.
-    """
-    suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise InputError(
-            "not a recorded run",
-            where=str(path)[:200],
-            found=path.suffix or "no suffix",
-            allowed=", ".join(SUFFIXES),
-            next_step=NO_RUN,
-        )
-    if suffix == ".mcap":
-        return read_mcap_human(path) if of_human else read_mcap_run(path, body=body)
-    return SavedRun(path, needed=HUMAN).human() if of_human else SavedRun(path, body=body).robot()
+def _valid_sensors(cycles: Cycles) -> FloatArray:
+    """Sensors (T, s, 3) m at every cycle, as they were sampled last, or first; NaN: not valid."""
+    sampled = cycles.sampled != Done.NOT
+    position = np.where((cycles.sampled == Done.WELL)[:, None, None], cycles.sensor_position, np.nan)
+    position[~cycles.sensor_valid] = np.nan
+    last = np.maximum.accumulate(np.where(sampled, np.arange(len(cycles)), -1))
+    return np.asarray(position[np.maximum(last, np.flatnonzero(sampled)[0])])

@@ -283,8 +283,9 @@ def _played(recording: Recording) -> Played:
         raise ValueError("ticks that do not begin where a run begins")
     if rows["cycle"][-1] > MOST_CYCLES:
         raise ValueError(f"more than {MOST_CYCLES} cycles")
-    count, rest = len(recording.session.joints), _width(rows, "root")
-    cycles = Cycles.empty(len(rows), _shape(recording, rows, rest))
+    sensor_count, count = len(recording.session.sensors), len(recording.session.joints)
+    rest, observers = _width(rows, "root"), _width(rows, "observer_modes")
+    cycles = Cycles.empty(len(rows), Shape(sensor_count, count, rest, 0, 0, 0, observers, 0))
     for name, _, own in TICK_FIELDS:
         getattr(cycles, own)[:] = rows[name]
     cycles.clock[:], cycles.weighted[:], cycles.cost[:] = rows["clock"], rows["weighted"], rows["cost"]
@@ -293,6 +294,8 @@ def _played(recording: Recording) -> Played:
         cycles.goal[:] = rows["goal"]
     if rest:
         cycles.rest[:] = rows["root"]
+    if observers:
+        cycles.observer_modes[:] = rows["observer_modes"]
     _take_sensors(cycles, sensors, rows["sensor_oriented"])
     asked = cycles.sampled != Done.NOT
     first = np.flatnonzero(asked & (cycles.tick == 0))
@@ -320,11 +323,6 @@ def _in_order(ticks: TopicRows) -> NDArray[np.void]:
 
 def _width(rows: NDArray[np.void], name: str) -> int:
     return int(rows[name].shape[1]) if name in (rows.dtype.names or ()) else 0
-
-
-def _shape(recording: Recording, rows: NDArray[np.void], rest: int) -> Shape:
-    count = len(recording.session.joints)
-    return Shape(len(recording.session.sensors), count, rest, 0, 0, 0, 0, 0)
 
 
 def _places(cycles: Cycles, topic: TopicRows) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:

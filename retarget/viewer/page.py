@@ -10,7 +10,7 @@ from retarget.types import FloatArray
 from retarget.viewer.colours import LEGEND, legend
 from retarget.viewer.drawing import Drawing
 from retarget.viewer.joint_plot import JointPlot
-from retarget.viewer.recorded import RecordedRun
+from retarget.viewer.recorded import ShownRun
 from retarget.viewer.snapshot import Snapshot
 
 if TYPE_CHECKING:
@@ -126,7 +126,7 @@ PLAY = "play / pause"
 class RecordedPage:
     """A recorded run on a page: `tick` shows the row of now to all connected browsers."""
 
-    def __init__(self, server: "viser.ViserServer", viewed: RecordedRun, clock: Clock) -> None:
+    def __init__(self, server: "viser.ViserServer", viewed: ShownRun, clock: Clock) -> None:
         self._server, self._viewed, self._clock = server, viewed, clock
         self._timeline = Timeline(viewed.times)
         self._shown = -1

@@ -90,7 +90,7 @@ def test_another_robots_body(motion: Motion, tmp_path: Path) -> None:
 
 
 BAD: dict[str, tuple[np.ndarray[tuple[int, ...], np.dtype[Any]], Facts]] = {
-    "time": (np.arange(39) / 50.0, "(39, 3)"),
+    "time": (np.arange(39) / 50.0, "(39)"),
     "joint_positions": (np.full((40, 3), np.nan), ("joint_positions", "nan", 1)),
     "root_position": (np.full((40, 3), np.inf), "root_position"),
     "root_quaternion": (np.zeros((40, 4)), "[0. 0. 0. 0.]"),
@@ -288,7 +288,7 @@ def test_half_a_recording_is_exported_with_a_word(
     with pytest.raises(SystemExit) as left:
         main(["export", str(whole.path), "--to", "csv", "--phase", "all"])
     assert left.value.code == 0
-    mentions(capsys.readouterr().err, whole.path, "it ends early", "what is whole of it is exported")  # cut anywhere
+    mentions(capsys.readouterr().err, whole.path, "it ends early", "what is whole of it is used")  # cut anywhere
     rows = (tmp_path / "run.csv").read_text().count("\n") - 1
     assert 0 < rows < len(whole.result.record)
 

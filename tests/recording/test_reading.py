@@ -26,11 +26,11 @@ from retarget.errors import InputError, RefusedError, UsageError
 from retarget.recording import read_run
 from retarget.recording.cycles import Done
 from retarget.recording.mcap_writer import METADATA
-from retarget.recording.npz import ROBOT
+from retarget.recording.read_run import ROBOT_KEYS
 from retarget.recording.reading import MAGIC, Recording, TopicRows, played, read_recording
 from retarget.recording.session import FORMAT
 from retarget.recording.topics import GOALS, HUMAN_POSTURE, LANDMARKS, SENSORS, SERVOS, TICK
-from retarget.viewer import recorded
+from retarget.viewer.recorded import open_recorded
 
 OURS = str(FORMAT)
 
@@ -141,21 +141,20 @@ def renamed(topic: str, field: str, recording: Recording) -> Recording:
 
 
 @pytest.mark.parametrize(
-    ("topic", "field", "shown", "exported"),
+    ("topic", "field", "fine"),
     [
-        (TICK, "root", False, False),
-        (TICK, "observer_modes", False, True),
-        (HUMAN_POSTURE, "q", False, True),
-        (LANDMARKS, "poses", False, False),
+        (TICK, "root", False),
+        (TICK, "observer_modes", True),
+        (HUMAN_POSTURE, "q", False),
+        (LANDMARKS, "poses", False),
     ],
 )
 def test_a_field_that_is_missing_is_one_message_to_its_reader(
-    topic: str, field: str, shown: bool, exported: bool, run: Recorded, monkeypatch: pytest.MonkeyPatch
+    topic: str, field: str, fine: bool, run: Recorded, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     less = renamed(topic, field, run.played().recording)
-    for module in (recorded, read_run):
-        monkeypatch.setattr(module, "read_recording", lambda path: less)
-    for fine, read in ((shown, recorded.open_recorded), (exported, read_run.read_mcap_run)):
+    monkeypatch.setattr(read_run, "read_recording", lambda path: less)
+    for read in (open_recorded, read_run.read_run):
         if fine:
             read(run.path)
         else:
@@ -168,7 +167,7 @@ def test_a_human_whose_postures_have_no_order_is_exported_as_far_as_it_goes(
 ) -> None:
     still = changed(run.played().recording, HUMAN_POSTURE, lambda rows: TopicRows(rows.cycles * 0 + 20, rows.rows))
     monkeypatch.setattr(read_run, "read_recording", lambda path: still)
-    assert len(read_run.read_mcap_human(run.path)) == 1
+    assert len(read_run.read_run(run.path, of_human=True)) == 1
 
 
 @pytest.fixture(scope="module")
@@ -396,7 +395,7 @@ def test_ticks_that_cannot_be_are_refused(content: bytes, tmp_path: Path) -> Non
 def test_a_pipe_is_refused_and_not_waited_for(name: str, tmp_path: Path) -> None:
     path = tmp_path / name
     os.mkfifo(path)
-    for read in (read_recording, read_run.read_run, recorded.open_recorded):
+    for read in (read_recording, read_run.read_run, open_recorded):
         with refuses(InputError):
             read(path)
 
@@ -405,7 +404,7 @@ def test_an_array_whose_header_does_not_end_is_refused(tmp_path: Path) -> None:
     header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (3,), "
     path = tmp_path / "run.npz"
     with zipfile.ZipFile(path, "w") as archive:
-        for key in ROBOT:
+        for key in ROBOT_KEYS:
             archive.writestr(f"{key}.npy", b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header)
     with refuses(InputError, "damaged"):
         read_run.read_run(path)

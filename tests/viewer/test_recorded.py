@@ -9,12 +9,10 @@ import pytest
 
 from messages import Facts, refuses, shows
 from retarget.errors import InputError
-from retarget.recording.cycles import Cycles
-from retarget.recording.reading import Recording, played, read_recording
-from retarget.run.record import Phase
+from retarget.recording.read_run import RecordedRun, read_recorded
 from retarget.schema.catalogue import Kind, find
 from retarget.types import FloatArray
-from retarget.viewer.recorded import RecordedRun, RecordedScene, open_recorded
+from retarget.viewer.recorded import RecordedScene, ShownRun, open_recorded
 from saved_runs import saved_run
 from view_mcap_helpers import recorded
 
@@ -30,14 +28,20 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def recording(place: Path) -> Recording:
-    return read_recording(place / "run.mcap")
+def whole(place: Path) -> RecordedRun:
+    return read_recorded(place / "run.mcap")
 
 
-@pytest.fixture
-def cycles(recording: Recording) -> Cycles:
-    all_of_them = played(recording).cycles
-    return all_of_them.taken(np.flatnonzero(all_of_them.kept))
+def scene_of(run: RecordedRun, **changed: Any) -> RecordedScene:
+    """The scene of a run, whose recording, phase or no_command is another one."""
+    assert run.robot is not None and run.recording is not None
+    given = {"recording": run.recording, "phase": run.robot.phase, "no_command": run.tracks["no_command"]}
+    return RecordedScene(**given | changed)
+
+
+def first_followed(run: RecordedRun) -> int:
+    assert run.robot is not None
+    return int(np.flatnonzero(run.robot.phase == "follow")[0])
 
 
 def at(scene: RecordedScene, row: int) -> FloatArray:
@@ -46,54 +50,59 @@ def at(scene: RecordedScene, row: int) -> FloatArray:
     return poses
 
 
-def test_obstacles_move_from_the_first_tick_that_followed(recording: Recording, cycles: Cycles) -> None:
-    scene = RecordedScene(recording, cycles)
+def test_obstacles_move_from_the_first_tick_that_followed(whole: RecordedRun) -> None:
+    scene = scene_of(whole)
     assert [one.name for one in scene.obstacles] == ["ball"] and scene.notes == ()
-    first = int(np.flatnonzero(cycles.phase == Phase.FOLLOW)[0])
+    first = first_followed(whole)
     assert first > 10
     for row in (0, first // 2, first):
         np.testing.assert_allclose(at(scene, row), [[0.2, 0.6, 0.34, 1.0, 0.0, 0.0, 0.0]])
-    dt = recording.session.dt
+    assert whole.recording is not None
+    dt = whole.recording.session.dt
     assert at(scene, first + 50)[0, 1] == pytest.approx(0.6 - 0.3 * 50 * dt, abs=1e-9), "1.2 m in 4 s"
 
 
-def test_they_stand_without_a_command(recording: Recording, cycles: Cycles) -> None:
-    first = int(np.flatnonzero(cycles.phase == Phase.FOLLOW)[0])
-    no_command = cycles.no_command.copy()
+def test_they_stand_without_a_command(whole: RecordedRun) -> None:
+    first = first_followed(whole)
+    no_command = whole.tracks["no_command"].copy()
     no_command[first + 10 : first + 20] = True
-    scene, held = RecordedScene(recording, cycles), RecordedScene(recording, replace(cycles, no_command=no_command))
+    scene, held = scene_of(whole), scene_of(whole, no_command=no_command)
     np.testing.assert_allclose(at(held, first + 10), at(scene, first + 10))
     np.testing.assert_allclose(at(held, first + 19), at(scene, first + 10))
     np.testing.assert_allclose(at(held, first + 30), at(scene, first + 20))
 
 
-def test_a_scene_that_changed_since_is_shown_as_it_was(recording: Recording, cycles: Cycles, place: Path) -> None:
+def test_a_scene_that_changed_since_is_shown_as_it_was(whole: RecordedRun, place: Path) -> None:
     file = place / "scene.yaml"
     before = file.read_text()
     try:
         file.write_text(before.replace("radius: 0.05", "radius: 0.25"))
-        scene = RecordedScene(recording, cycles)
+        scene = scene_of(whole)
         assert np.abs(scene.obstacles[0].mesh[0]).max() == pytest.approx(0.05, abs=1e-3)
         assert len(scene.notes) == 1
         shows(scene.notes[0])
-        assert sum("another one now" in note for note in open_recorded(recording.path).notes) == 1, "noted once"
+        assert sum("another one now" in note for note in open_recorded(place / "run.mcap").notes) == 1, "noted once"
         file.unlink()
-        assert len(RecordedScene(recording, cycles).obstacles) == 1
+        assert len(scene_of(whole).obstacles) == 1
     finally:
         file.write_text(before)
 
 
-def test_why_it_is_not_shown(recording: Recording, cycles: Cycles, place: Path) -> None:
+def test_why_it_is_not_shown(whole: RecordedRun, place: Path) -> None:
     """Not there any more, and not attached; the run is seen all the same."""
+    recording = whole.recording
+    assert recording is not None
     session = recording.session.model_copy(update={"scene": "nowhere", "files": ()})
-    scene = RecordedScene(replace(recording, session=session, attachments={}), cycles)
+    scene = scene_of(whole, recording=replace(recording, session=session, attachments={}))
     assert scene.obstacles == () and scene.at(0) is None
     assert len(scene.notes) == 1 and scene.notes[0].startswith("its scene is not shown: ")
 
 
-def test_without_a_scene_there_is_nothing(recording: Recording, cycles: Cycles) -> None:
+def test_without_a_scene_there_is_nothing(whole: RecordedRun) -> None:
+    recording = whole.recording
+    assert recording is not None
     session = recording.session.model_copy(update={"scene": None})
-    scene = RecordedScene(replace(recording, session=session), cycles)
+    scene = scene_of(whole, recording=replace(recording, session=session))
     assert scene.obstacles == () and scene.at(0) is None and scene.notes == ()
 
 
@@ -103,11 +112,11 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def run(path: Path) -> RecordedRun:
+def run(path: Path) -> ShownRun:
     return open_recorded(path)
 
 
-def test_every_row_is_as_it_was(path: Path, run: RecordedRun) -> None:
+def test_every_row_is_as_it_was(path: Path, run: ShownRun) -> None:
     with np.load(path) as saved:
         arrays = {key: saved[key] for key in saved}
     robot = run.cast.robot
@@ -131,7 +140,7 @@ def test_every_row_is_as_it_was(path: Path, run: RecordedRun) -> None:
     assert np.isnan(track.temperature).all() and len(track.time) == len(run.times)
 
 
-def test_the_centre_of_mass_is_over_the_soles_of_the_profile(run: RecordedRun) -> None:
+def test_the_centre_of_mass_is_over_the_soles_of_the_profile(run: ShownRun) -> None:
     assert run.cast.profile is not None and run.cast.profile.profile.name == "op3"
     snapshot = run.snapshot(len(run.times) // 2)
     com, zmp = snapshot.com, snapshot.zmp
@@ -150,7 +159,7 @@ def test_a_human_alone_has_no_robot(tmp_path: Path) -> None:
     assert np.isfinite(snapshot.com).all() and np.isnan(snapshot.off)
 
 
-def test_sensors_are_shown_where_they_were_kept(path: Path, run: RecordedRun, tmp_path: Path) -> None:
+def test_sensors_are_shown_where_they_were_kept(path: Path, run: ShownRun, tmp_path: Path) -> None:
     with np.load(path) as saved:
         arrays = {key: saved[key] for key in saved}
     snapshot = run.snapshot(40)
