@@ -6,11 +6,11 @@ The arrays are made before the first cycle and written in place.
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from enum import IntEnum, IntFlag
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from retarget.run.record import room
 from retarget.types import BoolArray, FloatArray
 
 READINGS = 8
@@ -127,7 +127,7 @@ class Cycles:
         wide |= {"landmarks": (shape.landmarks, 3), "observer_modes": (shape.observers,)}
         wide |= {"human_q": (shape.human,), "human_joints": (shape.joints, 3)}
         wide |= {"human_observer_modes": (shape.human_observers,), "truth": (shape.truth,)}
-        return cls(**{one.name: np.zeros((rows, *wide.get(one.name, ())), _kind(one.type)) for one in fields(cls)})
+        return room(cls, rows, wide)
 
     def __len__(self) -> int:
         return len(self.index)
@@ -135,12 +135,6 @@ class Cycles:
     def taken(self, rows: NDArray[np.intp]) -> "Cycles":
         """Copies of some rows."""
         return Cycles(**{one.name: getattr(self, one.name)[rows] for one in fields(self)})
-
-
-def _kind(annotation: Any) -> np.dtype[Any]:
-    """The dtype of an array type such as NDArray[np.int64]."""
-    kind: np.dtype[Any] = np.dtype(annotation.__args__[1].__args__[0])
-    return kind
 
 
 # Where one cycle ends and the next begins: one rule for recording and for replay.

@@ -162,7 +162,8 @@ class Ring:
         rows.index[at] = self.index
         rows.readings[at] = rows.asked[at] = 0
         rows.sampled[at] = rows.read[at] = rows.written[at] = Done.NOT
-        rows.kept[at] = False
+        rows.kept[at] = rows.weighted[at] = rows.sensor_valid[at] = False
+        rows.clock[at] = rows.sensor_weight[at] = 0.0
 
     def take(self) -> Cycles:
         """The rows that are finished and were not taken before, as copies."""

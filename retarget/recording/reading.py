@@ -24,7 +24,18 @@ from retarget.recording.cycles import Cycles, Done, Shape
 from retarget.recording.mcap_writer import METADATA, require_mcap
 from retarget.recording.npz import refuse_no_file
 from retarget.recording.session import FORMAT, Session
-from retarget.recording.topics import GOALS, HUMAN_POSTURE, SENSORS, SERVO_FIELDS, SERVOS, TICK, TICK_FIELDS
+from retarget.recording.topics import (
+    BUS_FIELDS,
+    GOALS,
+    HUMAN_POSTURE,
+    SENSORS,
+    SERVO_FIELDS,
+    SERVOS,
+    TICK,
+    TICK_ARRAYS,
+    TICK_FIELDS,
+    sent_postures,
+)
 from retarget.types import FloatArray
 
 OTHERS = (RuntimeError, MemoryError, OverflowError)
@@ -260,18 +271,16 @@ def fields_required(recording: Recording) -> Iterator[None]:
 
 def postures_sent(found: Played, robot: RobotBody, rows: NDArray[np.intp]) -> FloatArray:
     """Postures (k, nq) that were sent in some rows of the cycles. Raises InputError where the body is another one."""
-    cycles, body = found.cycles, robot.body
-    rest = np.setdiff1d(np.arange(body.nq), robot.servo_columns)
-    if cycles.q.shape[1] != len(robot.servo_columns) or cycles.rest.shape[1] != len(rest):
+    cycles, body = found.cycles.taken(rows), robot.body
+    servos, recorded = len(robot.servo_columns), (cycles.q.shape[1], cycles.rest.shape[1])
+    if recorded != (servos, body.nq - servos):
         raise InputError(
             "joints and body do not belong together",
             where=str(found.recording.path),
-            found=f"{cycles.q.shape[1] + cycles.rest.shape[1]} coordinates, {body.source} has {body.nq}",
+            found=f"{sum(recorded)} coordinates, {body.source} has {body.nq}",
             next_step="Give the body that was moved: --body FILE.xml",
         )
-    q = np.empty((len(rows), body.nq))
-    q[:, robot.servo_columns], q[:, rest] = cycles.q[rows], cycles.rest[rows]
-    return q
+    return sent_postures(robot, cycles)
 
 
 def _played(recording: Recording) -> Played:
@@ -283,19 +292,13 @@ def _played(recording: Recording) -> Played:
         raise ValueError("ticks that do not begin where a run begins")
     if rows["cycle"][-1] > MOST_CYCLES:
         raise ValueError(f"more than {MOST_CYCLES} cycles")
-    sensor_count, count = len(recording.session.sensors), len(recording.session.joints)
-    rest, observers = _width(rows, "root"), _width(rows, "observer_modes")
-    cycles = Cycles.empty(len(rows), Shape(sensor_count, count, rest, 0, 0, 0, observers, 0))
-    for name, _, own in TICK_FIELDS:
-        getattr(cycles, own)[:] = rows[name]
-    cycles.clock[:], cycles.weighted[:], cycles.cost[:] = rows["clock"], rows["weighted"], rows["cost"]
-    cycles.sensor_valid[:], cycles.sensor_weight[:] = rows["sensor_valid"], rows["sensor_weight"]
-    if count:
-        cycles.goal[:] = rows["goal"]
-    if rest:
-        cycles.rest[:] = rows["root"]
-    if observers:
-        cycles.observer_modes[:] = rows["observer_modes"]
+    session, rest = recording.session, rows["root"].shape[1] if "root" in (rows.dtype.names or ()) else 0
+    observers = len(session.observers) if has_robot else 0
+    shape = Shape(len(session.sensors), len(session.joints), rest, 0, 0, 0, observers, 0)
+    cycles = Cycles.empty(len(rows), shape)
+    for name, own in {name: own for name, _, own in TICK_FIELDS}.items() | TICK_ARRAYS.items():
+        if getattr(cycles, own).size:
+            getattr(cycles, own)[:] = rows[name]
     _take_sensors(cycles, sensors, rows["sensor_oriented"])
     asked = cycles.sampled != Done.NOT
     first = np.flatnonzero(asked & (cycles.tick == 0))
@@ -321,10 +324,6 @@ def _in_order(ticks: TopicRows) -> NDArray[np.void]:
     return np.asarray(ticks.rows[first])
 
 
-def _width(rows: NDArray[np.void], name: str) -> int:
-    return int(rows[name].shape[1]) if name in (rows.dtype.names or ()) else 0
-
-
 def _places(cycles: Cycles, topic: TopicRows) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     """Rows of `cycles` of the messages, and which messages have one."""
     at = np.searchsorted(cycles.index, topic.cycles)
@@ -347,7 +346,5 @@ def _take_sensors(cycles: Cycles, topic: TopicRows, oriented: NDArray[np.bool_])
 def _take_servos(cycles: Cycles, topic: TopicRows) -> None:
     at, known = _places(cycles, topic)
     rows = topic.rows[known]
-    cycles.bus_time[at], cycles.read[at] = rows["bus_time"], rows["answer"]
-    cycles.retries[at], cycles.error_rate[at] = rows["retries"], rows["error_rate"]
-    for name, _ in SERVO_FIELDS:
-        getattr(cycles, name)[at] = rows[name]
+    for name, own in [*((name, own) for name, _, own in BUS_FIELDS), *((name, name) for name, _ in SERVO_FIELDS)]:
+        getattr(cycles, own)[at] = rows[name]

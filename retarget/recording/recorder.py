@@ -11,7 +11,7 @@ from hardware.clock import Clock, MonotonicClock, VirtualClock, wall_to_monotoni
 from retarget.human.reconstruction import Reconstructor
 from retarget.model.human_dimensions import POINTS
 from retarget.model.robot import RobotBody
-from retarget.recording.cycles import Shape
+from retarget.recording.cycles import Asked, Shape
 from retarget.recording.mcap_writer import OPTION, RecordingFile, Ring, WritingThread, check_target
 from retarget.recording.session import config_files, session_of
 from retarget.recording.taps import Note, TappedBus, TappedClock, TappedSamples
@@ -104,14 +104,16 @@ class Recorder:
                 self._warn_of_failure()
             before = None if guard is None else guard.stop
             answer = watch.stop_asked()
-            note.stop_asked(answer, stop_before=before)
+            note.stopped_outside(before)
+            if answer:
+                note.ask(Asked.STOP)
             return answer
 
         def torque_off_asked() -> bool:
             note.before()
             answer = watch.torque_off_asked()
             if answer:
-                note.torque_off_asked()
+                note.ask(Asked.TORQUE_OFF)
             return answer
 
         return replace(watch, stop_asked=stop_asked, torque_off_asked=torque_off_asked, on_row=self._keeps)

@@ -1,7 +1,7 @@
 """Replay: the recorded sensors, servos and clock through the pipeline of now, and how its goals differ."""
 
 import platform
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,12 +20,13 @@ from retarget.recording.configs import Configs, as_recorded
 from retarget.recording.cycles import Asked, Cursor, Done
 from retarget.recording.reading import Played
 from retarget.recording.session import Session
+from retarget.recording.topics import SERVO_FIELDS
 from retarget.run.loop import Watch
 from retarget.run.prepare import Prepared, prepare_for
 from retarget.run.record import Record
 from retarget.run.run_result import RunResult
 from retarget.schema.performer import Performer
-from retarget.types import FloatArray, Notify
+from retarget.types import FloatArray, IntArray, Notify
 
 # What stands in for clock, servos and performer while a recording is run again: each gives what it gave then.
 
@@ -75,22 +76,13 @@ class ReplayedBus:
         cycles, row = self._cursor.cycles, self._cursor.row
         if cycles.read[row] == Done.FAILED:
             raise BusError(self._text("bus read", row))
-        position = cycles.position[row].copy()
-        before = int(self._before[row])
+        before, position = int(self._before[row]), cycles.position[row].copy()
         if self.sent and before >= 0:
             position += self.sent[-1][1] - cycles.goal[before]
+        said = {name: getattr(cycles, name)[row].copy() for name, _ in SERVO_FIELDS}
         return ServoStates(
+            **said | {"position": position},
             time=float(cycles.bus_time[row]) - self._cursor.clock_lead,
-            position=position,
-            velocity=cycles.velocity[row].copy(),
-            current=cycles.current[row].copy(),
-            voltage=cycles.voltage[row].copy(),
-            temperature=cycles.temperature[row].copy(),
-            error=cycles.error[row].copy(),
-            alert=cycles.alert[row].copy(),
-            age=cycles.age[row].copy(),
-            valid=cycles.valid[row].copy(),
-            driven=cycles.driven[row].copy(),
             retries=int(cycles.retries[row]),
             error_rate=float(cycles.error_rate[row]),
         )
@@ -198,13 +190,13 @@ class Difference:
     absent: recorded and not sent now; extra: sent now and not recorded. whole: the recording holds all of its run."""
 
     compared: int
-    differ: int
-    first: int | None
-    time_s: float | None
-    most: float
-    ticks: int
-    where: str
-    unit: str
+    differ: int = 0
+    first: int | None = None
+    time_s: float | None = None
+    most: float = 0.0
+    ticks: int = 0
+    where: str = ""
+    unit: str = "m or rad"
     absent: int = 0
     extra: int = 0
     whole: bool = True
@@ -245,56 +237,42 @@ def goal_difference(played: Played, bus: ReplayedBus, robot: RobotBody) -> Diffe
         else:
             now[row] = goal
     sent = wrote[now[wrote, 0] != np.iinfo(np.int64).min]
-    off = now[sent] - cycles.goal[sent]
-    wrong = np.flatnonzero(off.any(axis=1))
-    absent, extra = len(wrote) - len(sent), extra if played.whole else 0
-    if not wrong.size:
-        return Difference(len(wrote), 0, None, None, 0.0, 0, "", "degrees", absent, extra, played.whole)
-    degrees = np.degrees(np.abs(robot.joint_map.to_radians(now[sent]) - robot.joint_map.to_radians(cycles.goal[sent])))
-    first = int(sent[wrong[0]])
-    at, joint = np.unravel_index(int(degrees.argmax()), degrees.shape)
-    return Difference(
+    servos = robot.joint_map
+    off = np.degrees(np.abs(servos.to_radians(now[sent]) - servos.to_radians(cycles.goal[sent])))
+    return replace(
+        _located(off, cycles.index[sent], servos.joints, cycles.clock[sent, 0] - cycles.clock[0, 0]),
         compared=len(wrote),
-        differ=len(wrong),
-        first=int(cycles.index[first]),
-        time_s=_time(played, first),
-        most=float(degrees.max()),
-        ticks=int(np.abs(off).max()),
-        where=f"of {robot.joint_map.joints[joint]} in cycle {int(cycles.index[sent[at]])}",
+        ticks=int(np.abs(now[sent] - cycles.goal[sent]).max(initial=0)),
         unit="degrees",
-        absent=absent,
-        extra=extra,
+        absent=len(wrote) - len(sent),
+        extra=extra if played.whole else 0,
         whole=played.whole,
     )
 
 
 def posture_difference(played: Played, q: FloatArray) -> Difference:
     """Of a human alone: postures now (T, nq), against those that were recorded, in single precision."""
-    recorded = played.postures
+    recorded, names = played.postures, tuple(f"q[{column}]" for column in range(q.shape[1]))
     both = min(len(recorded), len(q))
     off = np.abs(q[:both].astype(np.float32).astype(np.float64) - recorded[:both])
+    found = _located(off, np.arange(both), names, np.arange(both) * played.recording.session.dt)
+    return replace(found, compared=len(recorded), absent=len(recorded) - both, whole=played.whole)
+
+
+def _located(off: FloatArray, cycles: IntArray, names: tuple[str, ...], seconds: FloatArray) -> Difference:
+    """Where numbers (T, n) of these names are off, in cycles (T,) that began at seconds (T,) of the recording."""
     wrong = np.flatnonzero((off > 0.0).any(axis=1))
-    first = int(wrong[0]) if wrong.size else None
-    row, column = np.unravel_index(int(off.argmax()), off.shape) if off.size else (0, 0)
+    if not wrong.size:
+        return Difference(compared=len(off))
+    first, (row, column) = wrong[0], np.unravel_index(int(off.argmax()), off.shape)
     return Difference(
-        compared=len(recorded),
+        compared=len(off),
         differ=len(wrong),
-        first=None if first is None else int(played.posture_cycles[first]),
-        time_s=None if first is None else first * played.recording.session.dt,
-        most=float(off.max(initial=0.0)),
-        ticks=0,
-        where=f"of q[{int(column)}] in cycle {int(row)}",
-        unit="m or rad",
-        absent=len(recorded) - both,
-        extra=0,
-        whole=played.whole,
+        first=int(cycles[first]),
+        time_s=float(seconds[first]),
+        most=float(off.max()),
+        where=f"of {names[column]} in cycle {int(cycles[row])}",
     )
-
-
-def _time(played: Played, row: int) -> float:
-    """When a recorded tick began, s after the first one."""
-    clock = played.cycles.clock
-    return float(clock[row, 0] - clock[0, 0])
 
 
 @dataclass(frozen=True, eq=False)

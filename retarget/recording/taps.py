@@ -73,31 +73,17 @@ class Note:
             self._boundary.look()
             self.ring.rows.time[self.ring.at] = self.now
 
-    def stop_asked(self, answer: bool, *, stop_before: Stop | None) -> None:
-        """The operator was asked whether to stop. stop_before: the guard's stop before that."""
-        machine, asked = self._machine, Asked.STOP if answer else Asked(0)
-        if machine is not None:
-            stop = machine.guard.stop
-            if stop is not None and stop is not stop_before:
-                asked |= Asked.OUTSIDE
-                self.say("outside", f"{stop.cause.value}: {stop.reason}", Level.ERROR)
-        self._ask(asked)
+    def ask(self, asked: Asked) -> None:
+        """Something was asked for, and answered with yes."""
+        if self.ring is not None:
+            self.ring.rows.asked[self.ring.at] |= int(asked)
 
-    def torque_off_asked(self) -> None:
-        """The operator asked for torque off at once."""
-        self._ask(Asked.TORQUE_OFF)
-
-    def over(self) -> None:
-        """The stream is at its end."""
-        self._ask(Asked.OVER)
-
-    def paused(self) -> None:
-        """The operator pauses the robot."""
-        self._ask(Asked.PAUSED)
-
-    def approach(self) -> None:
-        """The robot goes on with its approach."""
-        self._ask(Asked.APPROACH)
+    def stopped_outside(self, before: Stop | None) -> None:
+        """The watch was asked whether to stop. before: the guard's stop before that; another one is the watch's."""
+        stop = None if self._machine is None else self._machine.guard.stop
+        if stop is not None and stop is not before:
+            self.ask(Asked.OUTSIDE)
+            self.say("outside", f"{stop.cause.value}: {stop.reason}", Level.ERROR)
 
     def failed(self, who: str, what: str, error: Exception) -> None:
         """The bus failed to read, write or switch torque."""
@@ -142,10 +128,6 @@ class Note:
         if rows.truth.shape[1]:
             truth = self._truth()
             rows.truth[at] = np.nan if truth is None else truth
-
-    def _ask(self, asked: Asked) -> None:
-        if self.ring is not None:
-            self.ring.rows.asked[self.ring.at] |= int(asked)
 
     def _turn(self) -> None:
         """A cycle is finished: note where the guard is, and go to the next."""
@@ -256,7 +238,7 @@ class TappedSamples:
         """Whether the performance has ended before its last tick."""
         over = self._inner.over
         if over:
-            self._note.over()
+            self._note.ask(Asked.OVER)
         return over
 
     @property
@@ -277,14 +259,14 @@ class TappedSamples:
         """Whether the operator pauses the robot."""
         paused = self._inner.paused
         if paused:
-            self._note.paused()
+            self._note.ask(Asked.PAUSED)
         return paused
 
     def may_approach(self) -> bool:
         """Whether the robot is to go on with its approach."""
         may = self._inner.may_approach()
         if may:
-            self._note.approach()
+            self._note.ask(Asked.APPROACH)
         return may
 
     def poll(self) -> None:
@@ -299,7 +281,7 @@ class TappedSamples:
         rows, at = ring.rows, ring.at
         rows.tick[at], rows.settled[at] = tick, 1.0
         if sample is None:
-            rows.sampled[at] = Done.FAILED
+            rows.sampled[at], rows.sensor_valid[at], rows.weighted[at] = Done.FAILED, False, False
             return None
         rows.sampled[at] = Done.WELL
         rows.sensor_position[at], rows.sensor_orientation[at] = sample.position, sample.orientation

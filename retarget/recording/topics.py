@@ -3,13 +3,14 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib.resources import files
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hardware.joint_map import JointMap
 from retarget.model.robot import RobotBody
-from retarget.recording.cdr import CdrBuilder, CdrLayout, Rows
+from retarget.recording.cdr import CdrBuilder, CdrLayout
 from retarget.recording.cycles import READINGS, Cycles, Done, Shape
 from retarget.types import FloatArray
 
@@ -28,14 +29,14 @@ Mask = NDArray[np.bool_]
 @dataclass(frozen=True, eq=False)
 class Topic:
     """name, schema: as in the file. names: of what its arrays hold, for its metadata. which: the cycles that become
-    messages, as a mask (T,). fill: from messages with their stamps and cycles, writes everything else."""
+    messages, as a mask (T,). values: of cycles (T), the fields of their messages by name, without their stamps."""
 
     name: str
     schema: str
     names: tuple[str, ...]
     layout: CdrLayout
     which: Callable[[Cycles], Mask]
-    fill: Callable[[Rows, Cycles], None]
+    values: Callable[[Cycles], dict[str, NDArray[Any]]]
 
     def messages(self, cycles: Cycles, stamp_ns: NDArray[np.int64]) -> Iterator[tuple[int, int, bytes]]:
         """Of some cycles that began at `stamp_ns` (T,): number of the cycle, stamp in ns and bytes of each message."""
@@ -47,7 +48,9 @@ class Topic:
         for name in rows.dtype.names or ():
             if name.endswith(".sec"):
                 rows[name], rows[f"{name.removesuffix('.sec')}.nanosec"] = np.divmod(stamps, 10**9)
-        self.fill(rows, taken)
+        for name, values in self.values(taken).items():
+            if name in (rows.dtype.names or ()):  # what has no columns has no field
+                rows[name] = values
         data, size = rows.tobytes(), self.layout.dtype.itemsize
         at = zip(taken.index.tolist(), stamps.tolist(), strict=True)
         for place, (index, stamp) in enumerate(at):
@@ -101,20 +104,21 @@ def _turned(orientation: FloatArray) -> FloatArray:
     return np.where(unknown, [0.0, 0.0, 0.0, 1.0], orientation[..., [1, 2, 3, 0]])
 
 
+def _poses(points: FloatArray, turns: FloatArray | None = None) -> dict[str, NDArray[Any]]:
+    """Poses (..., 7), of ROS: points (..., 3) m, turned by turns (..., 4) xyzw, else not turned."""
+    turns = np.broadcast_to([0.0, 0.0, 0.0, 1.0], (*points.shape[:-1], 4)) if turns is None else turns
+    return {"poses": np.concatenate([points, turns], axis=-1)}
+
+
 def _sensors(names: tuple[str, ...]) -> Topic:
     """What the sensors said, bit by bit: replay begins with it."""
-
-    def fill(rows: Rows, cycles: Cycles) -> None:
-        rows["poses"][..., :3], rows["poses"][..., 3:] = cycles.sensor_position, _turned(cycles.sensor_orientation)
-
-    layout = CdrBuilder().header(WORLD).poses("poses", len(names)).build()
     return Topic(
         SENSORS,
         "geometry_msgs/msg/PoseArray",
         names,
-        layout,
+        CdrBuilder().header(WORLD).poses("poses", len(names)).build(),
         lambda cycles: np.asarray(cycles.sampled == Done.WELL),
-        fill,
+        lambda cycles: _poses(cycles.sensor_position, _turned(cycles.sensor_orientation)),
     )
 
 
@@ -122,56 +126,49 @@ def _points(
     topic: str, names: tuple[str, ...], which: Callable[[Cycles], Mask], of: Callable[[Cycles], FloatArray]
 ) -> Topic:
     """Points as poses that are not turned."""
-
-    def fill(rows: Rows, cycles: Cycles) -> None:
-        rows["poses"][..., :3], rows["poses"][..., 6] = _rounded(of(cycles)), 1.0
-
     layout = CdrBuilder().header(WORLD).poses("poses", len(names)).build()
-    return Topic(topic, "geometry_msgs/msg/PoseArray", names, layout, which, fill)
+    values = lambda cycles: _poses(_rounded(of(cycles)))  # noqa: E731
+    return Topic(topic, "geometry_msgs/msg/PoseArray", names, layout, which, values)
 
 
 def _numbers(
     topic: str, names: tuple[str, ...], size: int, which: Callable[[Cycles], Mask], of: Callable[[Cycles], FloatArray]
 ) -> Topic:
     """A posture, or other numbers (size,), in single precision."""
-
-    def fill(rows: Rows, cycles: Cycles) -> None:
-        rows["q"] = of(cycles)
-
     layout = CdrBuilder().header(WORLD).sequence("q", "float32", size).build()
-    return Topic(topic, "retarget_msgs/msg/Posture", names, layout, which, fill)
+    return Topic(topic, "retarget_msgs/msg/Posture", names, layout, which, lambda cycles: {"q": of(cycles)})
 
 
 def _joints(servos: JointMap, which: Callable[[Cycles], Mask]) -> Topic:
     """Where the joints were, by what the servos said."""
-
-    def fill(rows: Rows, cycles: Cycles) -> None:
-        rows["position"] = _rounded(servos.to_radians(cycles.position))
-        rows["velocity"] = _rounded(servos.joint_velocity(cycles.velocity))
-
     names = servos.joints
     builder = CdrBuilder().header("").texts(names).sequence("position", "float64", len(names))
-    layout = builder.sequence("velocity", "float64", len(names)).count(0).build()
     return Topic(
         JOINTS,
         "sensor_msgs/msg/JointState",
         names,
-        layout,
+        builder.sequence("velocity", "float64", len(names)).count(0).build(),
         lambda cycles: which(cycles) & (cycles.read == Done.WELL),
-        fill,
+        lambda cycles: {
+            "position": _rounded(servos.to_radians(cycles.position)),
+            "velocity": _rounded(servos.joint_velocity(cycles.velocity)),
+        },
     )
 
 
 def _goals(names: tuple[str, ...]) -> Topic:
     """What was sent, before it was rounded to ticks; in single precision, far finer than those."""
-
-    def fill(rows: Rows, cycles: Cycles) -> None:
-        rows["position"] = cycles.q.astype(np.float32)
-
     builder = CdrBuilder().header("").texts(names).sequence("position", "float64", len(names))
-    return Topic(GOALS, "sensor_msgs/msg/JointState", names, builder.count(0).count(0).build(), _kept, fill)
+    layout = builder.count(0).count(0).build()
+    values = lambda cycles: {"position": cycles.q.astype(np.float32)}  # noqa: E731
+    return Topic(GOALS, "sensor_msgs/msg/JointState", names, layout, _kept, values)
 
 
+BUS_FIELDS = (
+    *(("bus_time", "float64", "bus_time"), ("answer", "uint8", "read")),
+    *(("retries", "int32", "retries"), ("error_rate", "float64", "error_rate")),
+)
+"""Of every reading of the servos: name, kind, and name in `Cycles`."""
 SERVO_FIELDS = (
     *(("position", "int32"), ("velocity", "float64"), ("current", "float64"), ("voltage", "float64")),
     *(("temperature", "float64"), ("age", "float64"), ("error", "uint8"), ("alert", "uint8")),
@@ -182,24 +179,19 @@ SERVO_FIELDS = (
 
 def _servos(servos: JointMap) -> Topic:
     names = servos.joints
-    builder = CdrBuilder().header("").texts(names).scalar("bus_time", "float64").scalar("answer", "uint8")
-    builder.scalar("retries", "int32").scalar("error_rate", "float64")
+    builder = CdrBuilder().header("").texts(names)
+    for field, kind, _ in BUS_FIELDS:
+        builder.scalar(field, kind)
     for field, kind in SERVO_FIELDS:
         builder.sequence(field, kind, len(names))
-
-    def fill(rows: Rows, cycles: Cycles) -> None:
-        rows["bus_time"], rows["answer"], rows["retries"] = cycles.bus_time, cycles.read, cycles.retries
-        rows["error_rate"] = cycles.error_rate
-        for field, _ in SERVO_FIELDS:
-            rows[field] = getattr(cycles, field)
-
+    owns = {field: own for field, _, own in BUS_FIELDS} | {field: field for field, _ in SERVO_FIELDS}
     return Topic(
         SERVOS,
         "retarget_msgs/msg/Servos",
         names,
         builder.build(),
         lambda cycles: np.asarray(cycles.read != Done.NOT),
-        fill,
+        lambda cycles: {field: getattr(cycles, own) for field, own in owns.items()},
     )
 
 
@@ -210,17 +202,22 @@ def _frames(robot: RobotBody, which: Callable[[Cycles], Mask]) -> Topic:
     builder = CdrBuilder().count(len(links))
     for name in names:
         builder.time(f"{name}.stamp").text(WORLD).text(name).fixed(f"{name}.pose", "float64", 7)
-    rest = np.setdiff1d(np.arange(robot.body.nq), robot.servo_columns)
 
-    def fill(rows: Rows, cycles: Cycles) -> None:
-        q = np.empty((len(cycles), robot.body.nq))
-        q[:, robot.servo_columns], q[:, rest] = cycles.q, cycles.rest
+    def values(cycles: Cycles) -> dict[str, NDArray[Any]]:
+        q = sent_postures(robot, cycles)
         points = _rounded(body.points(q, links, np.zeros((len(links), 3))))
-        turns = _rounded(_turned(body.orientations(q, links)))
-        for place, name in enumerate(names):
-            rows[f"{name}.pose"][:, :3], rows[f"{name}.pose"][:, 3:] = points[:, place], turns[:, place]
+        poses = _poses(points, _rounded(_turned(body.orientations(q, links))))["poses"]
+        return {f"{name}.pose": poses[:, place] for place, name in enumerate(names)}
 
-    return Topic(FRAMES, "tf2_msgs/msg/TFMessage", names, builder.build(), which, fill)
+    return Topic(FRAMES, "tf2_msgs/msg/TFMessage", names, builder.build(), which, values)
+
+
+def sent_postures(robot: RobotBody, cycles: Cycles) -> FloatArray:
+    """Postures (T, nq) of the robot that were sent in the cycles."""
+    q = np.empty((len(cycles), robot.body.nq))
+    q[:, robot.servo_columns] = cycles.q
+    q[:, np.setdiff1d(np.arange(robot.body.nq), robot.servo_columns)] = cycles.rest
+    return q
 
 
 TICK_FIELDS = (
@@ -230,6 +227,13 @@ TICK_FIELDS = (
     *(("no_command", "bool", "no_command"), ("readings", "uint8", "readings"), ("settled", "float64", "settled")),
 )
 """Of every cycle: name, kind, and name in `Cycles`."""
+TICK_ARRAYS = {
+    **{name: name for name in ("clock", "goal", "sensor_weight", "weighted", "sensor_valid", "cost")},
+    "root": "rest",
+    "observer_modes": "observer_modes",
+    "human_observer_modes": "human_observer_modes",
+}
+"""More of every cycle: name, and name in `Cycles`."""
 
 
 def _tick(shape: Shape) -> Topic:
@@ -243,28 +247,13 @@ def _tick(shape: Shape) -> Topic:
     builder.sequence("sensor_oriented", "bool", shape.sensors)
     builder.sequence("observer_modes", "uint8", shape.observers)
     builder.sequence("human_observer_modes", "uint8", shape.human_observers).sequence("cost", "float32", 3)
+    owns = {name: own for name, _, own in TICK_FIELDS} | TICK_ARRAYS
 
-    def fill(rows: Rows, cycles: Cycles) -> None:
-        for name, _, own in TICK_FIELDS:
-            rows[name] = getattr(cycles, own)
-        said = np.arange(READINGS) < cycles.readings[:, None]
-        rows["clock"] = np.where(said, cycles.clock, 0.0)
-        asked = (cycles.sampled == Done.WELL)[:, None]
-        rows["weighted"] = cycles.weighted & asked[:, 0]
-        rows["sensor_valid"] = cycles.sensor_valid & asked
-        rows["sensor_oriented"] = ~np.isnan(cycles.sensor_orientation).any(axis=2) & asked
-        rows["sensor_weight"] = np.where(rows["weighted"][:, None], cycles.sensor_weight, 0.0)
-        rows["cost"] = cycles.cost
-        for name, values in (
-            ("goal", cycles.goal),
-            ("root", cycles.rest),
-            ("observer_modes", cycles.observer_modes),
-            ("human_observer_modes", cycles.human_observer_modes),
-        ):
-            if name in (rows.dtype.names or ()):
-                rows[name] = values
+    def values(cycles: Cycles) -> dict[str, NDArray[Any]]:
+        oriented = ~np.isnan(cycles.sensor_orientation).any(axis=2) & (cycles.sampled == Done.WELL)[:, None]
+        return {name: getattr(cycles, own) for name, own in owns.items()} | {"sensor_oriented": oriented}
 
-    return Topic(TICK, "retarget_msgs/msg/Tick", (), builder.build(), lambda cycles: cycles.index >= 0, fill)
+    return Topic(TICK, "retarget_msgs/msg/Tick", (), builder.build(), lambda cycles: cycles.index >= 0, values)
 
 
 # The messages of a recording as ROS 2 defines them (`ros2msg`): standard ones wherever there is one.

@@ -1,6 +1,6 @@
 """The record of a run, one row per tick: arrays made before the first tick and filled in place."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from enum import IntEnum
 from typing import Any, TypeVar
@@ -30,6 +30,20 @@ class Phase(IntEnum):
     """Braking, after the end of the clip or after a stop, and what follows: return to stance, rest."""
 
 
+T = TypeVar("T")
+
+
+def room(kind: type[T], rows: int, wide: Mapping[str, tuple[int, ...]], **given: Any) -> T:
+    """A dataclass whose arrays have room for so many rows, zero and not touched yet: a long run is not filled before
+    its first tick. wide: of the arrays that have more than one number a row. given: fields that are no such array."""
+    arrays = {
+        one.name: np.zeros((rows, *wide.get(one.name, ())), one.type.__args__[1].__args__[0])  # type: ignore[union-attr]
+        for one in fields(kind)  # type: ignore[arg-type]
+        if one.name not in given
+    }
+    return kind(**arrays, **given)
+
+
 @dataclass(frozen=True, eq=False)
 class HumanRecord:
     """The reconstructed human. q (T, nq); joints (T, m, 3) m, world: centres of `joint_names`.
@@ -49,15 +63,9 @@ class HumanRecord:
     def empty(
         cls, ticks: int, *, nq: int, joint_names: tuple[str, ...], observers: int = 0, sensors: int = 0
     ) -> "HumanRecord":
-        """Room for so many ticks, not yet written: a long run is not filled before its first tick."""
-        return cls(
-            joint_names=joint_names,
-            q=np.empty((ticks, nq)),
-            joints=np.empty((ticks, len(joint_names), 3)),
-            balance_error=np.empty(ticks),
-            observer_modes=np.zeros((ticks, observers), dtype=np.uint8),
-            sensors=np.empty((ticks, sensors, 3)),
-        )
+        """Room for so many ticks."""
+        wide = {"q": (nq,), "joints": (len(joint_names), 3), "observer_modes": (observers,), "sensors": (sensors, 3)}
+        return room(cls, ticks, wide, joint_names=joint_names)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,25 +102,10 @@ class RobotRecord:
     def empty(
         cls, ticks: int, *, nq: int, start: FloatArray, landmark_names: tuple[str, ...], observers: int = 0
     ) -> "RobotRecord":
-        """Room for so many ticks, not yet written, of a robot that stands at `start` (n,) rad, servo order."""
-        servos = start.size
-        return cls(
-            landmark_names=landmark_names,
-            landmarks_asked=np.empty((ticks, len(landmark_names), 3)),
-            q=np.empty((ticks, nq)),
-            goals=np.empty((ticks, servos)),
-            goal_ticks=np.empty((ticks, servos), dtype=np.int64),
-            present=np.empty((ticks, servos)),
-            gated=np.zeros(ticks, dtype=np.bool_),
-            no_command=np.zeros(ticks, dtype=np.bool_),
-            bus_time=np.empty(ticks),
-            faults=np.zeros(ticks, dtype=np.int64),
-            temperature=np.empty((ticks, servos)),
-            voltage=np.empty((ticks, servos)),
-            retries=np.zeros(ticks, dtype=np.int64),
-            observer_modes=np.zeros((ticks, observers), dtype=np.uint8),
-            start=np.array(start, dtype=np.float64),
-        )
+        """Room for so many ticks of a robot that stands at `start` (n,) rad, servo order."""
+        wide = dict.fromkeys(("goals", "goal_ticks", "present", "temperature", "voltage"), start.shape)
+        wide |= {"landmarks_asked": (len(landmark_names), 3), "q": (nq,), "observer_modes": (observers,)}
+        return room(cls, ticks, wide, landmark_names=landmark_names, start=np.array(start, dtype=np.float64))
 
     def keep_servos(self, row: int, states: ServoStates, joint_map: JointMap) -> None:
         """Write the servo states at the start of a tick into its row."""

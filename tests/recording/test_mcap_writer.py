@@ -87,7 +87,7 @@ def test_names_stay_distinct_whatever_is_in_them(session: Session, tmp_path: Pat
     file = RecordingFile(tmp_path / "a.mcap", session, ())
     layout, names = CdrBuilder().header("").sequence("q", "float32", 3).build(), ("left knee", "neck", "a\tb ")
     every = lambda cycles: cycles.kept  # noqa: E731
-    file.announce([Topic("/x", "retarget_msgs/msg/Posture", names, layout, every, lambda rows, cycles: None)])
+    file.announce([Topic("/x", "retarget_msgs/msg/Posture", names, layout, every, lambda cycles: {})])
     file.add("/x", index=0, stamp_ns=0, data=layout.template)
     file.finish()
     with (tmp_path / "a.mcap").open("rb") as stream:

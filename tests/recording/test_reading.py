@@ -144,7 +144,8 @@ def renamed(topic: str, field: str, recording: Recording) -> Recording:
     ("topic", "field", "fine"),
     [
         (TICK, "root", False),
-        (TICK, "observer_modes", True),
+        (TICK, "observer_modes", False),
+        (TICK, "human_observer_modes", True),
         (HUMAN_POSTURE, "q", False),
         (LANDMARKS, "poses", False),
     ],

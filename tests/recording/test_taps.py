@@ -53,23 +53,22 @@ def test_before_it_begins_and_after_it_ends_nothing_is_noted(note: Note) -> None
             note.events.clear()
         one.before()
         one.look()
-        one.over()
+        one.ask(Asked.OVER)
         one.say("run", "hello")
         one.failed("bus", "read", BusError("gone"))
-        one.stop_asked(True, stop_before=None)
+        one.stopped_outside(None)
         assert one.ring is None and not one.events and one.rows == 0
 
 
 def test_what_was_asked_is_of_its_cycle(note: Note) -> None:
     note.look()
-    note.approach()
+    note.ask(Asked.APPROACH)
     note.before()
-    note.stop_asked(False, stop_before=None)
-    note.paused()
-    note.stop_asked(True, stop_before=None)
+    note.ask(Asked.PAUSED)
+    note.ask(Asked.STOP)
     note.look()
-    note.torque_off_asked()
-    note.over()
+    note.ask(Asked.TORQUE_OFF)
+    note.ask(Asked.OVER)
     asked = [int(bits) for bits in cycles(note).asked]
     assert asked == [Asked.APPROACH, Asked.STOP | Asked.PAUSED | Asked.TORQUE_OFF | Asked.OVER]
 
@@ -85,9 +84,9 @@ def test_a_cycle_ends_once_however_often_is_asked(note: Note) -> None:
 def test_a_stop_from_outside_is_distinguished_from_one_before_it(note: Note, rig: Rig) -> None:
     before = Stop(StopCause.BUS, "gone", 1.0)
     rig.guard.stop = before
-    note.stop_asked(False, stop_before=before)
+    note.stopped_outside(before)
     rig.guard.stop = Stop(StopCause.FALLEN, "over a wire", 2.0)
-    note.stop_asked(False, stop_before=before)
+    note.stopped_outside(before)
     assert events(note) == [(0, "outside", f"{StopCause.FALLEN.value}: over a wire")]
     assert int(cycles(note).asked[0]) == Asked.OUTSIDE
 

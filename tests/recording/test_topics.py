@@ -142,9 +142,3 @@ def test_stamps_are_split_into_seconds_and_the_rest(robot: RobotBody) -> None:
     assert [(index, stamp) for index, stamp, _ in found] == [(0, 5), (1, 3 * 10**9 + 1)]
     read = np.frombuffer(b"".join(data for _, _, data in found), topic.layout.dtype)
     assert read["stamp.sec"].tolist() == [0, 3] and read["stamp.nanosec"].tolist() == [5, 1]
-
-
-def test_readings_of_the_clock_that_were_not_made_are_zero(robot: RobotBody) -> None:
-    rows = cycles(robot, 1)
-    rows.clock[:], rows.readings[:] = 7.0, 2
-    assert content(made(robot)[TICK], rows)["clock"][0].tolist() == [7.0, 7.0, *[0.0] * 6]
