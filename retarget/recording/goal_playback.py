@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,7 @@ import numpy as np
 from hardware.clock import Clock
 from retarget._solver import Braking, TrajectoryGenerator, frame_bounds
 from retarget.errors import InputError
-from retarget.frames import SensorFrames, SensorSample
+from retarget.frames import SensorSample
 from retarget.human.samples import Clip, Performance
 from retarget.model.robot import RobotBody
 from retarget.recording.reading import Played
@@ -228,34 +228,26 @@ class RecordedGoals:
         )
 
 
-class UntilDone:
-    """`Samples` without a performer, until all goals were sent. kept: twice as many ticks as planned."""
+@dataclass(frozen=True, eq=False)
+class UntilDone(Clip):
+    """`Samples` of the first sample of a recording, until all goals were sent. planned: ticks that this takes."""
 
-    def __init__(self, clip: Clip, stage: RecordedGoals) -> None:
-        self._clip, self._stage = clip, stage
-        self.ticks, self.kept = FOR_EVER, 2 * clip.ticks
-        self.dt, self.motion_dt, self.settled, self.hold_reason = clip.dt, clip.motion_dt, 1.0, ""
-        self.paused = False
+    stage: RecordedGoals
+    planned: int
+
+    @property
+    def kept(self) -> int:
+        """Twice as many ticks as planned."""
+        return 2 * self.planned
 
     @property
     def over(self) -> bool:
         """Whether all goals were sent."""
-        return self._stage.done
-
-    def may_approach(self) -> bool:
-        """Always: no performer is waited for."""
-        return True
-
-    def poll(self) -> None:
-        """Nothing comes in."""
-
-    def sample(self, tick: int) -> SensorSample:
-        """The first sample of the recording."""
-        return self._clip.sample(0)
+        return self.stage.done
 
     def recorded(self) -> Clip:
         """The first sample, for as many ticks as planned."""
-        return self._clip
+        return Clip(self.frames, self.planned, self.rate_hz, self.speed, self.source_frames)
 
 
 class StillHuman:
@@ -300,7 +292,8 @@ def goal_playback(
         refuse_other_robot(session, robot)
         dt = 1.0 / robot.profile.safety.rate_hz
         stages.append(RecordedGoals(played, robot, speed=speed, dt=dt))
-        samples = UntilDone(_held(played, stages[0].ticks, dt), stages[0])
+        held = played.clip(np.zeros(1, dtype=np.intp), FOR_EVER, dt=dt, speed=1.0)
+        samples = UntilDone(**vars(held), stage=stages[0], planned=stages[0].ticks)
         return Performance(samples, session.size, session.notes, session.intake_times)
 
     def lead(follower: FollowingStage) -> FollowingStage:
@@ -310,19 +303,3 @@ def goal_playback(
         perform, options, clock=clock, make_bus=make_bus, goes_to_rest=True, notify=notify, lead=lead, robot=robot
     ) as prepared:
         yield replace(prepared, reconstructor=StillHuman(prepared.reconstructor))
-
-
-def _held(played: Played, ticks: int, dt: float) -> Clip:
-    """The first sample, for so many ticks."""
-    cycles, names = played.cycles, played.recording.session.sensors
-    valid = cycles.sensor_valid[:1]
-    frames = SensorFrames(
-        time=np.zeros(1),
-        names=names,
-        position=np.where(valid[..., None], cycles.sensor_position[:1], np.nan),
-        orientation=np.where(valid[..., None], cycles.sensor_orientation[:1], np.nan),
-        valid=valid,
-        source=played.recording.session.source,
-        rate_hz=1.0 / dt,
-    )
-    return Clip(frames, ticks, 1.0 / dt, 1.0, 1)

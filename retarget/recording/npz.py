@@ -101,7 +101,7 @@ def _robot_body(run: RunResult) -> Arrays:
     moved = _moved_body(robot.body, sent.q)
     names = tuple(moved["joint_names"].tolist())
     present = np.full((len(sent.q), len(names)), np.nan)
-    if run.has_bus:
+    if run.setup.has_bus:
         present[:, [names.index(joint) for joint in robot.joint_map.joints]] = sent.present
     return moved | {
         "goal_ticks": robot.joint_map.spread(names, sent.goal_ticks),
@@ -155,10 +155,7 @@ class ArrayFile:
 
     def floats(self, key: str, *shape: int | None, unknown: bool = False) -> NDArray[np.float64]:
         """Numbers of this shape (None: any size). unknown: NaN is allowed. Raises InputError."""
-        array = self._of_shape(key, shape)
-        if array.dtype.kind not in "fiu":
-            raise self._wrong(key, f"{array.dtype}", "numbers")
-        values = np.asarray(array, dtype=np.float64)
+        values = np.asarray(self._checked(key, "fiu", "numbers", shape), dtype=np.float64)
         bad = ~np.isfinite(values) & ~(unknown & np.isnan(values))
         if bad.any():
             row = int(np.argwhere(bad)[0][0]) if values.ndim else 0
@@ -168,26 +165,21 @@ class ArrayFile:
 
     def whole(self, key: str, *shape: int | None) -> NDArray[np.int64]:
         """Whole numbers of this shape. Raises InputError."""
-        array = self._of_shape(key, shape)
-        if array.dtype.kind not in "iu":
-            raise self._wrong(key, f"{array.dtype}", "whole numbers")
-        return np.asarray(array, dtype=np.int64)
+        return np.asarray(self._checked(key, "iu", "whole numbers", shape), dtype=np.int64)
 
     def texts(self, key: str, *shape: int | None) -> NDArray[np.str_]:
         """Texts of this shape. Raises InputError."""
-        array = self._of_shape(key, shape)
-        if array.dtype.kind != "U":
-            raise self._wrong(key, f"{array.dtype}", "texts")
-        return np.asarray(array, dtype=np.str_)
+        return np.asarray(self._checked(key, "U", "texts", shape), dtype=np.str_)
 
-    def _of_shape(self, key: str, shape: tuple[int | None, ...]) -> NDArray[Any]:
+    def _checked(self, key: str, kinds: str, what: str, shape: tuple[int | None, ...]) -> NDArray[Any]:
+        """An array of one of these kinds of dtypes, and of a shape."""
         array = self.arrays[key]
-        fits = array.ndim == len(shape) and all(
-            wanted in (None, size) for wanted, size in zip(shape, array.shape, strict=True)
-        )
-        if not fits:
-            allowed = "(" + ", ".join("any" if size is None else str(size) for size in shape) + ")"
-            raise self._wrong(key, f"shape {array.shape}", f"shape {allowed}")
+        sizes = zip(shape, array.shape, strict=False)
+        if array.ndim != len(shape) or any(wanted not in (None, size) for wanted, size in sizes):
+            allowed = ", ".join("any" if size is None else str(size) for size in shape)
+            raise self._wrong(key, f"shape {array.shape}", f"shape ({allowed})")
+        if array.dtype.kind not in kinds:
+            raise self._wrong(key, f"{array.dtype}", what)
         return array
 
     def _wrong(self, key: str, found: str, allowed: str) -> InputError:

@@ -18,6 +18,8 @@ from pydantic import ValidationError
 
 import retarget
 from retarget.errors import InputError
+from retarget.frames import SensorFrames
+from retarget.human.samples import Clip
 from retarget.model.robot import RobotBody
 from retarget.recording.cdr import Rows, layout_from
 from retarget.recording.cycles import Cycles, Done, Shape
@@ -247,6 +249,21 @@ class Played:
         """The last tick of the performance in it; -1: none."""
         asked = self.cycles.sampled != Done.NOT
         return int(self.cycles.tick[asked].max(initial=-1))
+
+    def clip(self, rows: NDArray[np.intp], ticks: int, *, dt: float, speed: float) -> Clip:
+        """What the sensors said in some rows of the cycles, for so many ticks, `dt` s apart."""
+        cycles, session = self.cycles, self.recording.session
+        valid = cycles.sensor_valid[rows]
+        frames = SensorFrames(
+            time=np.arange(len(rows), dtype=np.float64) * dt,
+            names=session.sensors,
+            position=np.where(valid[..., None], cycles.sensor_position[rows], np.nan),
+            orientation=np.where(valid[..., None], cycles.sensor_orientation[rows], np.nan),
+            valid=valid,
+            source=session.source,
+            rate_hz=1.0 / dt,
+        )
+        return Clip(frames, ticks, 1.0 / dt, speed, len(rows))
 
 
 def played(recording: Recording) -> Played:

@@ -13,7 +13,7 @@ from hardware.errors import BusError
 from hardware.guard import Guard
 from hardware.guard_state import StopCause
 from retarget.errors import InputError
-from retarget.frames import SensorFrames, SensorSample
+from retarget.frames import SensorSample
 from retarget.human.samples import Clip, Performance
 from retarget.model.robot import RobotBody
 from retarget.recording.configs import Configs, as_recorded
@@ -112,7 +112,7 @@ class ReplayedSamples:
         session, cycles = played.recording.session, cursor.cycles
         self.ticks, self.dt, self.motion_dt = session.ticks, session.dt, session.motion_dt
         self.kept = min(session.ticks, played.last_tick + 1)
-        self._names, self._source, self._cursor = session.sensors, session.source, cursor
+        self._played, self._cursor = played, cursor
         self._rows = np.full(self.kept, -1)
         sampled = np.flatnonzero(cycles.sampled != Done.NOT)
         self._rows[cycles.tick[sampled]] = sampled  # of the first tick, which is asked for twice, the second time
@@ -158,18 +158,8 @@ class ReplayedSamples:
 
     def recorded(self) -> Clip:
         """What was said at the ticks that were followed."""
-        cycles, rows = self._cursor.cycles, np.maximum.accumulate(np.maximum(self._rows, 0))
-        valid = cycles.sensor_valid[rows]
-        frames = SensorFrames(
-            time=np.arange(len(rows), dtype=np.float64) * self.dt,
-            names=self._names,
-            position=np.where(valid[..., None], cycles.sensor_position[rows], np.nan),
-            orientation=np.where(valid[..., None], cycles.sensor_orientation[rows], np.nan),
-            valid=valid,
-            source=self._source,
-            rate_hz=1.0 / self.dt,
-        )
-        return Clip(frames, len(rows), 1.0 / self.dt, self.motion_dt / self.dt, len(rows))
+        rows = np.maximum.accumulate(np.maximum(self._rows, 0))
+        return self._played.clip(rows, len(rows), dt=self.dt, speed=self.motion_dt / self.dt)
 
     def _at(self, row: int) -> SensorSample | None:
         cycles = self._cursor.cycles
@@ -177,7 +167,9 @@ class ReplayedSamples:
             return None
         weight = cycles.sensor_weight[row].copy() if cycles.weighted[row] else None
         position, orientation = cycles.sensor_position[row].copy(), cycles.sensor_orientation[row].copy()
-        return SensorSample(self._names, position, orientation, cycles.sensor_valid[row].copy(), weight)
+        return SensorSample(
+            self._played.recording.session.sensors, position, orientation, cycles.sensor_valid[row].copy(), weight
+        )
 
 
 # How a run that was replayed differs from what was recorded: in how many goals, from which tick, by how much.

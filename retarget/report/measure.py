@@ -8,7 +8,7 @@ from hardware.guard_state import StopCause
 from retarget.frames import JointTracks
 from retarget.human.samples import Clip
 from retarget.model.body import JointLimits
-from retarget.model.human import PostureReader
+from retarget.model.human import PostureReader, human_limits
 from retarget.report import motion_metrics, tracking
 from retarget.report.clearance import RunClearances, clearances, in_mm
 from retarget.report.motion_metrics import (
@@ -84,7 +84,7 @@ def missed_ticks(times: FloatArray, dt: float) -> int | None:
 def bus_report(run: RunResult) -> BusReport | None:
     """The report of the bus; None without one."""
     sent = run.record.robot
-    if sent is None or not run.has_bus:
+    if sent is None or not run.setup.has_bus:
         return None
     longest = longest_period(sent.bus_time)
     return BusReport(
@@ -167,8 +167,8 @@ def measure(run: RunResult) -> Report:
         robot="human" if run.robot is None else run.robot.profile.name,
         live=run.live,
         source=run.live.address if run.live else run.clip.frames.source,
-        performer=run.performer.name,
-        priorities=tuple(priorities.name for priorities in run.priorities),
+        performer=run.setup.performer.name,
+        priorities=tuple(priorities.name for priorities in run.setup.priorities),
         speed=run.clip.speed,
         notes=run.notes,
     )
@@ -238,7 +238,7 @@ def _unsensed(run: RunResult) -> dict[str, float] | None:
     truth, human = run.human_truth, run.record.human
     if truth is None:
         return None
-    sensed = {sensor.joint for sensor in run.performer.sensors.values()}
+    sensed = {sensor.joint for sensor in run.setup.performer.sensors.values()}
     errors = tracking.distances(truth, human.joints)
     means = {}
     for joint in UNSENSED:
@@ -265,7 +265,7 @@ def limits_broken(run: RunResult) -> LimitViolations:
         sent = np.vstack([run.record.robot.start, run.record.robot.goals])
         return limit_violations(sent, limits, run.clip.dt, from_rest=kept.from_start, to_rest=kept.to_end)
     single, _ = run.human.body.scalar_joints()
-    whole = run.human_limits
+    whole = human_limits(run.human.body)
     limits = JointLimits(
         whole.lower[single], whole.upper[single], whole.max_velocity[single], whole.max_acceleration[single]
     )
@@ -321,7 +321,7 @@ def _servo_tracking(run: RunResult) -> dict[str, Spread] | None:
 def _servo_error(run: RunResult) -> dict[str, Spread] | None:
     """How far, degrees, each servo stood at the start of a tick from the goal of the tick before."""
     sent, robot = run.record.robot, run.robot
-    if sent is None or robot is None or not run.has_bus:
+    if sent is None or robot is None or not run.setup.has_bus:
         return None
     off = np.rad2deg(np.abs(sent.present[1:] - sent.q[:-1, robot.servo_columns]))
     return _spread_of(robot.joint_map.joints, off)

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from retarget import rotations
 from retarget.model.body import JointLimits
+from retarget.model.human import human_limits
 from retarget.model.robot import RobotBody
 from retarget.run.run_result import RunResult
 from retarget.types import BoolArray, FloatArray
@@ -32,7 +33,7 @@ def moved_joints(run: RunResult) -> MovedJoints:
     robot, sent = run.robot, run.record.robot
     if robot is not None and sent is not None:
         return MovedJoints(robot.joint_map.joints, sent.q[:, robot.servo_columns], robot.limits, run.clip.dt)
-    body, whole = run.human.body, run.human_limits
+    body, whole = run.human.body, human_limits(run.human.body)
     single, address = body.scalar_joints()
     free = single & ~run.human.locked
     limits = JointLimits(whole.lower[free], whole.upper[free], whole.max_velocity[free], whole.max_acceleration[free])

@@ -124,9 +124,9 @@ def top_level_error(run: RunResult) -> float | None:
     Measured: positions that are landmarks or sensors, the centre of mass, soles that are to be flat, axes. None where
     the level holds nothing of the kind.
     """
-    if not run.priorities:
+    if not run.setup.priorities:
         return None
-    errors = [error for task in top_tasks(run.priorities[-1]) for error in _errors(task, run)]
+    errors = [error for task in top_tasks(run.setup.priorities[-1]) for error in _errors(task, run)]
     known = [float(np.nanmax(error)) for error in errors if np.isfinite(error).any()]
     return max(known) if known else None
 

@@ -20,7 +20,7 @@ from retarget.human.reconstruction import Reconstructor
 from retarget.human.samples import Performance, Playback, Samples, lay_on_ticks
 from retarget.human.sensor_intake import IntakeTimes
 from retarget.ik.hierarchy import SceneObstacles
-from retarget.model.human import Human, build_human, human_limits
+from retarget.model.human import Human, build_human
 from retarget.model.observers import Observers
 from retarget.model.robot import RobotBody, load_robot
 from retarget.model.scene_state import SceneState
@@ -29,7 +29,7 @@ from retarget.robot.follower import Follower
 from retarget.robot.step_plan import StepTally, with_steps
 from retarget.run.loop import Ending, Loop, Machine, Watch, run_human
 from retarget.run.options import RunOptions, priority_names
-from retarget.run.run_result import RunResult
+from retarget.run.run_result import RunResult, RunSetup
 from retarget.run.stages import FollowingStage, ReconstructingStage
 from retarget.run.supervisor import Supervisor
 from retarget.safety.clearance import PathClearance, contacts, refuse_contact, refuse_floor
@@ -127,14 +127,11 @@ class Prepared:
             record=ending.record,
             clip=self.samples.recorded(),
             human=self.human,
-            human_limits=human_limits(self.human.body),
-            performer=self.performer,
             robot=None if machine is None else machine.robot,
-            priorities=self.priorities,
+            setup=RunSetup(self.performer, self.priorities, self.has_bus),
             state=None if ending.state is None else ending.state.value,
             reason=ending.reason,
             wall_s=ending.wall_s,
-            has_bus=self.has_bus,
             notes=notes if machine is None else notes + machine.not_at_rest(),
             stop=None if machine is None else machine.guard.stop,
             scene=self.scene,

@@ -9,7 +9,7 @@ from hardware.guard_state import Stop
 from retarget.human.samples import Clip
 from retarget.ik.base_pose import plant_roots
 from retarget.live.stream_report import LiveReport
-from retarget.model.body import BodyModel, JointLimits, JointType
+from retarget.model.body import BodyModel, JointType
 from retarget.model.human import Human
 from retarget.model.observers import Observers
 from retarget.model.robot import RobotBody
@@ -68,26 +68,31 @@ class PhysicsRun:
 
 
 @dataclass(frozen=True, eq=False)
+class RunSetup:
+    """What a run was made of. priorities: of the stages. has_bus: servos answered."""
+
+    performer: Performer
+    priorities: tuple[Priorities, ...]
+    has_bus: bool
+
+
+@dataclass(frozen=True, eq=False)
 class RunResult:
     """A run. Everything per tick has the rows of `record`.
 
-    human_limits (nv,). robot: None where only the human was reconstructed. priorities: of the stages. state, reason:
-    how the run ended (see `StopReport`). wall_s: of the loop. has_bus: servos answered. stop: the guard's, None
-    without one. scene: of the last stage's body; observers: of that body. physics: what a simulation measured, None
+    robot: None where only the human was reconstructed. state, reason: how the run ended (see `StopReport`). wall_s: of
+    the loop. stop: the guard's, None without one. scene: of the last stage's body; observers: of that body. physics: what a simulation measured, None
     without one; steps: None for a robot that makes none. live: the report of a stream, None for a file.
     """
 
     record: Record
     clip: Clip
     human: Human
-    human_limits: JointLimits
-    performer: Performer
     robot: RobotBody | None
-    priorities: tuple[Priorities, ...]
+    setup: RunSetup
     state: str | None
     reason: str | None
     wall_s: float
-    has_bus: bool
     notes: tuple[str, ...] = field(default=())
     stop: Stop | None = None
     scene: SceneState | None = None
@@ -121,7 +126,7 @@ class RunResult:
     def sensors_reached(self) -> FloatArray:
         """Positions (T, k, 3) m of the human's joints that wear the sensors."""
         names = self.record.human.joint_names
-        columns = [names.index(self.performer.sensors[sensor].joint) for sensor in self.sensors]
+        columns = [names.index(self.setup.performer.sensors[sensor].joint) for sensor in self.sensors]
         return np.asarray(self.record.human.joints[:, columns])
 
     @property
@@ -150,7 +155,7 @@ class RunResult:
     def present_q(self) -> FloatArray | None:
         """Postures (T, nq) of the present positions, on the planted sole; None without servos that answer."""
         sent = self.record.robot
-        if self.robot is None or sent is None or not self.has_bus:
+        if self.robot is None or sent is None or not self.setup.has_bus:
             return None
         q = sent.q.copy()
         q[:, self.robot.servo_columns] = sent.present

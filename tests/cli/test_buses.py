@@ -227,7 +227,7 @@ def test_a_held_robot_walks_with_the_performer(mount: str, hook: str | None, sha
 
     with prepare(walk, asked, clock=VirtualClock(), make_bus=bench.make_bus, goes_to_rest=True) as prepared:
         run = bench.seen(prepared.run())
-    assert [priorities.name for priorities in run.priorities] == ["human", "fixed_base"]
+    assert [priorities.name for priorities in run.setup.priorities] == ["human", "fixed_base"]
     report = measure(run)
     assert report.servo_tracking_mm is not None and report.fallen is False
     for tracks in (report.tracking_mm, report.servo_tracking_mm):

@@ -95,7 +95,7 @@ def test_a_folder_that_cannot_be_made(run: RunResult, tmp_path: Path) -> None:
 
 
 def test_tracking_shows_what_was_sent_and_where_the_servos_stood(run: RunResult) -> None:
-    figure, unanswered = plot_tracking(run), plot_tracking(replace(run, has_bus=False))
+    figure, unanswered = plot_tracking(run), plot_tracking(replace(run, setup=replace(run.setup, has_bus=False)))
     assert figure is not None and unanswered is not None
     assert [line.get_label() for line in figure.axes[0].lines] == ["asked", "sent", "servos"]
     assert [line.get_label() for line in unanswered.axes[0].lines] == ["asked", "sent"]
@@ -110,7 +110,9 @@ def test_tracking_of_a_human_has_every_sensor_and_no_empty_panel(human_run: RunR
     assert figure is not None and len(figure.axes) == 4 * len(worn)
     joints = human_run.record.human.joints.copy()
     names = human_run.record.human.joint_names
-    joints[:, [names.index(human_run.performer.sensors[sensor].joint) for sensor in worn]] = human_run.sensors_asked
+    joints[:, [names.index(human_run.setup.performer.sensors[sensor].joint) for sensor in worn]] = (
+        human_run.sensors_asked
+    )
     exact = replace(human_run.record, human=replace(human_run.record.human, joints=joints))
     figure = plot_tracking(replace(human_run, record=exact))
     assert figure is not None and len(figure.axes) == 3 * len(worn)

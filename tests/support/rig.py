@@ -8,11 +8,11 @@ from hardware.guard import Guard
 from retarget.frames import SensorSample
 from retarget.human.samples import Clip, Playback, lay_on_ticks
 from retarget.ik.support_polygon import plant
-from retarget.model.human import Human, PostureReader, build_human, human_limits
+from retarget.model.human import Human, PostureReader, build_human
 from retarget.model.human_dimensions import POINTS, proportional_dimensions
 from retarget.model.robot import RobotBody, load_robot
 from retarget.run.loop import Ending, Loop, Machine, Watch
-from retarget.run.run_result import RunResult
+from retarget.run.run_result import RunResult, RunSetup
 from retarget.run.supervisor import Supervisor
 from retarget.safety.gate import Gate
 from retarget.schema.performer import Performer, load_performer
@@ -169,14 +169,11 @@ def result(ending: Ending, clip: Clip, human: Human, robot: RobotBody | None) ->
         record=ending.record,
         clip=clip,
         human=human,
-        human_limits=human_limits(human.body),
-        performer=five(),
         robot=robot,
-        priorities=(),
+        setup=RunSetup(five(), (), has_bus=robot is not None),
         state=None if ending.state is None else ending.state.value,
         reason=ending.reason,
         wall_s=ending.wall_s,
-        has_bus=robot is not None,
     )
 
 
