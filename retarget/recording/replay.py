@@ -167,9 +167,8 @@ class ReplayedSamples:
             return None
         weight = cycles.sensor_weight[row].copy() if cycles.weighted[row] else None
         position, orientation = cycles.sensor_position[row].copy(), cycles.sensor_orientation[row].copy()
-        return SensorSample(
-            self._played.recording.session.sensors, position, orientation, cycles.sensor_valid[row].copy(), weight
-        )
+        names, valid = self._played.recording.session.sensors, cycles.sensor_valid[row].copy()
+        return SensorSample(names, position, orientation, valid, weight)
 
 
 # How a run that was replayed differs from what was recorded: in how many goals, from which tick, by how much.
@@ -230,7 +229,7 @@ def goal_difference(played: Played, bus: ReplayedBus, robot: RobotBody) -> Diffe
             now[row] = goal
     sent = wrote[now[wrote, 0] != np.iinfo(np.int64).min]
     servos = robot.joint_map
-    off = np.degrees(np.abs(servos.to_radians(now[sent]) - servos.to_radians(cycles.goal[sent])))
+    off: FloatArray = np.degrees(np.abs(servos.to_radians(now[sent]) - servos.to_radians(cycles.goal[sent])))
     return replace(
         _located(off, cycles.index[sent], servos.joints, cycles.clock[sent, 0] - cycles.clock[0, 0]),
         compared=len(wrote),

@@ -81,8 +81,9 @@ class RunResult:
     """A run. Everything per tick has the rows of `record`.
 
     robot: None where only the human was reconstructed. state, reason: how the run ended (see `StopReport`). wall_s: of
-    the loop. stop: the guard's, None without one. scene: of the last stage's body; observers: of that body. physics: what a simulation measured, None
-    without one; steps: None for a robot that makes none. live: the report of a stream, None for a file.
+    the loop. stop: the guard's, None without one. scene: of the last stage's body; observers: of that body. physics:
+    what a simulation measured, None without one; steps: None for a robot that makes none. live: the report of a stream,
+    None for a file.
     """
 
     record: Record

@@ -7,7 +7,7 @@ import numpy as np
 
 from retarget.types import FloatArray
 from retarget.viewer.colours import GOAL, ROBOT, web
-from retarget.viewer.snapshot import Cast, Tracks
+from retarget.viewer.snapshot import Cast, Rows
 
 if TYPE_CHECKING:
     import viser
@@ -29,12 +29,12 @@ PLOTTED = 1500
 
 
 class JointPlot:
-    """cast: whose joints; track: what is known of one, by its number."""
+    """cast: whose joints; rows: gives what is known by now."""
 
-    def __init__(self, server: "viser.ViserServer", cast: Cast, track: Callable[[int], Tracks | None]) -> None:
+    def __init__(self, server: "viser.ViserServer", cast: Cast, rows: Callable[[], Rows]) -> None:
         from viser import uplot
 
-        self._joints, self._track = cast.joints, track
+        self._cast, self._rows = cast, rows
         with server.gui.add_folder("plot"):
             self._joint = server.gui.add_dropdown("joint", cast.joints)
             self._quantity = server.gui.add_dropdown("shows", QUANTITIES if cast.servos_commanded else OF_ANGLES)
@@ -56,10 +56,10 @@ class JointPlot:
 
     def draw(self) -> None:
         """Draw what is known by now."""
-        tracks, quantity = self._track(self._joints.index(self._joint.value)), self._quantity.value
-        if tracks is not None and len(tracks.time) > 1:
+        rows, quantity = self._rows(), self._quantity.value
+        if len(rows) > 1:
             self._plot.title = TITLES[quantity]
-            shown = curves(tracks, quantity)
+            shown = curves(rows, self._cast, self._cast.joints.index(self._joint.value), quantity)
             self._reach_to(heights(*shown[1:]))
             self._plot.data = shown
 
@@ -86,15 +86,14 @@ def heights(*values: FloatArray) -> tuple[float, float]:
     return float(edges[0] * step), float(edges[1] * step)
 
 
-def curves(tracks: Tracks, quantity: str) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Time, what was sent and what the servo reported, for one of QUANTITIES, (P,) each; NaN: not known."""
-    rows = np.unique(np.linspace(0, len(tracks.time) - 1, PLOTTED).astype(int))
-    sent, present = np.degrees(tracks.sent[rows]), np.degrees(tracks.present[rows])
-    nothing = np.full(len(rows), np.nan)
-    shown = {
-        "angle": (sent, present),
-        "off its goal": (nothing, sent - present),
-        "temperature": (nothing, tracks.temperature[rows]),
-        "current": (nothing, tracks.current[rows]),
-    }[quantity]
-    return tracks.time[rows], *shown
+def curves(rows: Rows, cast: Cast, joint: int, quantity: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Time, what was sent and what the servo of a joint reported, for one of QUANTITIES, (P,) each; NaN: not known."""
+    shown = [rows[at] for at in np.unique(np.linspace(0, len(rows) - 1, PLOTTED).astype(int))]
+    time = np.array([row.time for row in shown])
+    if quantity not in OF_ANGLES:
+        values = [getattr(row, quantity) for row in shown]
+        servo = np.array([np.nan if value is None else value[joint] for value in values])
+        return time, np.full(len(shown), np.nan), servo
+    sent = np.degrees([row.goal[cast.columns[joint]] for row in shown])
+    present = np.degrees([row.present[joint] for row in shown])
+    return (time, sent, present) if quantity == "angle" else (time, np.full(len(shown), np.nan), sent - present)

@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,14 +21,12 @@ from hardware.errors import RetargetError
 from retarget.model.robot import load_robot
 from retarget.model.scene_shapes import scene_shapes
 from retarget.schema.scene import load_scene
-from retarget.types import FloatArray
 from retarget.viewer.drawing import Drawing
 from retarget.viewer.feed import LONGEST_MESSAGE, READY, REFUSED, STOP, PageSetup, unpack
-from retarget.viewer.ground import MassMotion
 from retarget.viewer.joint_plot import JointPlot
 from retarget.viewer.page import WAITING, add_parts, headline
 from retarget.viewer.server import open_server
-from retarget.viewer.snapshot import Cast, Row, Snapshot, Tracks, cast_of, obstacles, snapshot_of
+from retarget.viewer.snapshot import Cast, Row, Snapshot, cast_of, obstacles, snapshot_at
 
 if TYPE_CHECKING:
     import viser
@@ -55,8 +53,7 @@ class LivePage:
         self._drawing = Drawing(server, cast)
         add_parts(server, self._drawing)
         self._kept: deque[Row] = deque(maxlen=MOST_KEPT)
-        self._plot = JointPlot(server, cast, self._track) if cast.joints else None
-        self._mass = MassMotion()
+        self._plot = JointPlot(server, cast, lambda: list(self._kept)) if cast.joints else None
         self._begun: float | None = None
         self._shown = 0
         self._said = ("", "")
@@ -66,9 +63,11 @@ class LivePage:
         """Keep the newest row; it is drawn if a browser is connected."""
         self._begun = row.time if self._begun is None else self._begun
         self._shown += 1
-        self._keep(row)
+        self._kept.append(replace(row, time=row.time - self._begun))
+        while self._kept[0].time < self._kept[-1].time - KEPT_S:
+            self._kept.popleft()
         if self._last is None or self._server.get_clients():
-            self._draw(row)
+            self._draw()
 
     def end(self, why: str) -> None:
         """The run is over."""
@@ -76,11 +75,10 @@ class LivePage:
         if self._last is not None:
             self._state.content = headline(self._last, why)
 
-    def _draw(self, row: Row) -> None:
-        assert self._begun is not None
-        com = self._cast.com((row.human if self._cast.robot is None else row.goal)[None])[0]
-        shown = replace(row, time=row.time - self._begun)
-        self._last = snapshot = snapshot_of(shown, self._cast, com=com, zmp=self._mass.look(row.time, com))
+    def _draw(self) -> None:
+        """Draw the newest row, with the zero-moment point of the one before it."""
+        times, newest = np.array([row.time for row in self._kept]), len(self._kept) - 1
+        self._last = snapshot = snapshot_at(self._kept, times, newest, max(newest - 1, 0), self._cast)
         self._drawing.show(snapshot)
         said = (snapshot.state, snapshot.why)
         if said != self._said or self._shown % HEADLINE_EVERY == 0:
@@ -91,27 +89,6 @@ class LivePage:
     async def _pressed(self, _: object) -> None:  # in the thread that serves the browser: nothing comes between
         self._stop()
         self._button.label = STOPPING_WORDS
-
-    def _keep(self, row: Row) -> None:
-        self._kept.append(row)
-        while self._kept[0].time < row.time - KEPT_S:
-            self._kept.popleft()
-
-    def _track(self, joint: int) -> Tracks | None:
-        rows, column = list(self._kept), self._cast.columns[joint]
-        if not rows or self._begun is None:
-            return None
-
-        def known(values: Callable[[Row], FloatArray | None]) -> FloatArray:
-            return np.array([np.nan if (value := values(row)) is None else value[joint] for row in rows])
-
-        return Tracks(
-            time=np.array([row.time - self._begun for row in rows]),
-            sent=np.array([row.goal[column] for row in rows]),
-            present=known(lambda row: row.present),
-            temperature=known(lambda row: row.temperature),
-            current=known(lambda row: row.current),
-        )
 
 
 # The process that serves the page of a run: `main([FD])`, its setup on stdin.
@@ -170,5 +147,5 @@ def _serve(link: socket.socket, page: LivePage, newest: bytes) -> None:
 def _cast(setup: PageSetup) -> Cast:
     robot = None if setup.robot is None else load_robot(setup.robot, root=setup.root)
     shapes = obstacles(scene_shapes(load_scene(setup.scene))) if setup.scene else ()
-    more = {"obstacles": shapes, "simulated": setup.simulated, "sensors": tuple(setup.sensors)}
+    more: dict[str, Any] = {"obstacles": shapes, "simulated": setup.simulated, "sensors": tuple(setup.sensors)}
     return cast_of(setup.title, setup.human_mjcf, robot, root=setup.root, **more)

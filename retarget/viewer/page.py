@@ -143,7 +143,7 @@ class RecordedPage:
         self._drawing = Drawing(server, viewed.cast)
         add_parts(server, self._drawing)
         if viewed.cast.joints:
-            JointPlot(server, viewed.cast, viewed.track)
+            JointPlot(server, viewed.cast, lambda: viewed)
         self._timeline.play(clock.now())
         self._show(0)
 

@@ -19,7 +19,6 @@ from retarget.recording.taps import STATES_OF_RUN
 from retarget.run.record import Phase
 from retarget.schema.scene import load_scene
 from retarget.types import BoolArray, FloatArray
-from retarget.viewer.ground import rows_around, zero_moment_point
 from retarget.viewer.snapshot import (
     PHASE_WORDS,
     STATE_WORDS,
@@ -27,12 +26,11 @@ from retarget.viewer.snapshot import (
     Obstacle,
     Row,
     Snapshot,
-    Tracks,
     actor,
     drawn,
     obstacles,
     placed,
-    snapshot_of,
+    snapshot_at,
 )
 
 WORDS = {STATES_OF_RUN[state]: words for state, words in STATE_WORDS.items()}
@@ -89,11 +87,12 @@ class ShownRun:
     scene: RecordedScene | None
     notes: tuple[str, ...] = ()
 
-    def snapshot(self, row: int) -> Snapshot:
+    def __len__(self) -> int:
+        return len(self.times)
+
+    def __getitem__(self, row: int) -> Row:
         """The tick of a row."""
-        rows = list(rows_around(self.times, row))
-        com = self.cast.com(self.tracks["human" if self.cast.robot is None else "goal"][rows])
-        shown = Row(
+        return Row(
             time=float(self.times[row]),
             state=self.states[row],
             why=self.whys[row],
@@ -101,14 +100,10 @@ class ShownRun:
             obstacle_poses=None if self.scene is None else self.scene.at(row),
             **{name: values[row] for name, values in self.tracks.items()},
         )
-        return snapshot_of(shown, self.cast, com=com[1], zmp=zero_moment_point(self.times[rows], com))
 
-    def track(self, joint: int) -> Tracks:
-        """A joint over all ticks."""
-        unknown = np.full((len(self.times), len(self.cast.joints)), np.nan)
-        temperature, current = (self.tracks.get(name, unknown)[:, joint] for name in ("temperature", "current"))
-        sent = self.tracks["goal"][:, self.cast.columns[joint]]
-        return Tracks(self.times, sent, self.tracks["present"][:, joint], temperature, current)
+    def snapshot(self, row: int) -> Snapshot:
+        """What is shown of a row."""
+        return snapshot_at(self, self.times, row, row, self.cast)
 
 
 def open_recorded(path: Path, *, body: Path | None = None) -> ShownRun:

@@ -1,7 +1,7 @@
 """What a page shows: the cast of a run, which stays the same, and snapshots of it, one per tick."""
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -154,18 +154,6 @@ def _reached(row: Row, cast: Cast) -> FloatArray:
     return reached
 
 
-@dataclass(frozen=True, eq=False)
-class Tracks:
-    """One joint over T snapshots, for a plot: time (T,) s; sent, present (T,) rad; temperature (T,) degrees Celsius and
-    current (T,) A of its servo, NaN where not known."""
-
-    time: FloatArray
-    sent: FloatArray
-    present: FloatArray
-    temperature: FloatArray
-    current: FloatArray
-
-
 def cast_of(
     title: str, human_mjcf: str, robot: RobotBody | None, *, root: Root | None, sensors: tuple[str, ...], **more: Any
 ) -> Cast:
@@ -200,3 +188,53 @@ def obstacles(shapes: SceneShapes) -> tuple[Obstacle, ...]:
 def placed(poses: ObstaclePoses) -> FloatArray:
     """Where obstacles are, (o, 7)."""
     return np.column_stack([poses.position, poses.quat])
+
+
+# The zero-moment point of a motion that is looked at: where the floor would have to push.
+
+GRAVITY = 9.81  # [m/s^2]
+SPACING_S = 0.04
+"""Between the three looks at the centre of mass of which its acceleration is made: a mean over twice that."""
+LONGEST_S = 0.2
+"""Looks that are farther apart give no acceleration."""
+
+
+def zero_moment_point(times: FloatArray, com: FloatArray) -> FloatArray:
+    """Where it was, (2,) m on the floor, at the second of three times (3,) s, of a centre of mass at com (3, 3) m.
+
+    As in `standing_balance`, with all mass in one point: p = c - z / (g + z'') c''. NaN where times are not apart, or
+    too far, and where it falls freely.
+    """
+    before, after = np.diff(times)
+    if not (0.0 < before <= LONGEST_S and 0.0 < after <= LONGEST_S):
+        return np.full(2, np.nan)
+    change = (com[2] - com[1]) / after - (com[1] - com[0]) / before
+    acceleration = 2.0 * change / (before + after)
+    weight = GRAVITY + acceleration[2]
+    if weight <= 0.0:
+        return np.full(2, np.nan)
+    point: FloatArray = com[1, :2] - com[1, 2] / weight * acceleration[:2]
+    return point
+
+
+def rows_around(times: FloatArray, row: int) -> tuple[int, int, int]:
+    """The row of times (T,) s, with one about SPACING_S before and one as long after it; NaN comes of those that are
+    not there."""
+    before, after = np.searchsorted(times, times[row] + np.array([-SPACING_S, SPACING_S]) - 1e-6)
+    last = len(times) - 1
+    return max(min(int(before), row - 1), 0), row, min(max(int(after), row + 1), last)
+
+
+class Rows(Protocol):
+    """Rows of a motion, in their order."""
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, row: int, /) -> Row: ...
+
+
+def snapshot_at(rows: Rows, times: FloatArray, at: int, looked: int, cast: Cast) -> Snapshot:
+    """What a row of a motion shows. times (T,) s: of its rows; looked: the row whose zero-moment point is shown."""
+    near = [*rows_around(times, looked), at]
+    com = cast.com(np.array([rows[i].human if cast.robot is None else rows[i].goal for i in near]))
+    return snapshot_of(rows[at], cast, com=com[3], zmp=zero_moment_point(times[near[:3]], com[:3]))

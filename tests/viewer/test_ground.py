@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from retarget.viewer.ground import GRAVITY, SPACING_S, MassMotion, rows_around, zero_moment_point
+from retarget.viewer.snapshot import GRAVITY, SPACING_S, rows_around, zero_moment_point
 
 
 def test_at_rest_it_is_below_the_centre_of_mass() -> None:
@@ -29,14 +29,6 @@ def test_in_free_fall_there_is_none() -> None:
     at = np.array([0.0, 0.04, 0.08])
     com = np.column_stack([np.zeros(3), np.zeros(3), 1.0 - 0.5 * 9.9 * at**2])
     assert np.isnan(zero_moment_point(at, com)).all()
-
-
-def test_a_mass_is_looked_at_one_after_the_other() -> None:
-    mass, com = MassMotion(), np.array([0.1, 0.0, 0.2])
-    assert np.isnan(mass.look(0.0, com)).all()
-    assert np.isnan(mass.look(0.04, com)).all()
-    assert np.isnan(mass.look(0.04, com)).all(), "the same time again is no further look"
-    np.testing.assert_allclose(mass.look(0.08, com), [0.1, 0.0])
 
 
 def test_rows_of_a_recording_are_as_far_apart() -> None:

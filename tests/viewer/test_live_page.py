@@ -8,6 +8,7 @@ import pytest
 
 from followers import op3
 from messages import shows
+from retarget.viewer.joint_plot import curves
 from retarget.viewer.live_page import STOPPING_WORDS, LivePage
 from retarget.viewer.snapshot import Row, Snapshot, snapshot_of
 from viewed import cast_of_op3, person
@@ -77,9 +78,9 @@ def test_nothing_is_drawn_without_a_browser_but_all_is_kept_for_the_plot(watched
     watched.looked = True
     watched.page.show(row(600, state="holding"))
     assert "HOLDING" in watched.letters and "24.00 s" in watched.letters
-    track = watched.page._track(0)
-    assert track is not None and track.time[0] == pytest.approx(4.0) and track.time[-1] == pytest.approx(24.0)
-    np.testing.assert_allclose(track.temperature[-2:], [624.0, 625.0])
+    time, _, temperature = curves(watched.page._kept, cast_of_op3(), 0, "temperature")
+    assert time[0] == pytest.approx(4.0) and time[-1] == pytest.approx(24.0)
+    np.testing.assert_allclose(temperature[-2:], [624.0, 625.0])
 
 
 def shown(row: Row) -> Snapshot:

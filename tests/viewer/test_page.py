@@ -9,14 +9,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from followers import op3
 from hardware.clock import VirtualClock
 from messages import shows
 from retarget.types import FloatArray
 from retarget.viewer.colours import HOT, LEGEND, legend, web
 from retarget.viewer.joint_plot import QUANTITIES, JointPlot, curves, heights
 from retarget.viewer.page import PLAY, RecordedPage, Timeline, headline
-from retarget.viewer.snapshot import Snapshot, Tracks
-from viewed import cast_of_op3, snapshot
+from retarget.viewer.snapshot import Row, Snapshot
+from viewed import cast_of_op3, person, snapshot
 
 ROWS, DT = 100, 0.01
 
@@ -34,8 +35,23 @@ class Run:
         self.shown.append(row)
         return snapshot(time=float(self.times[row]))
 
-    def track(self, joint: int) -> Tracks:
-        return Tracks(*(self.times,) * 5)
+    def __len__(self) -> int:
+        return len(self.times)
+
+    def __getitem__(self, row: int) -> Row:
+        return rows_of(self.times[row : row + 1])[0]
+
+
+def rows_of(times: FloatArray, *, present: float = 0.1) -> list[Row]:
+    """Goals at 0.2 rad; servos at `present` rad, from the tenth row on."""
+    human, servos = person().body.qpos0, np.ones(20)
+    goal = op3().body.qpos0.copy()
+    goal[op3().servo_columns] = 0.2
+    known: dict[str, Any] = {"human": human, "goal": goal, "temperature": 40.0 * servos, "current": 0.5 * servos}
+    return [
+        Row(time=time, present=(present if row > 8 or len(times) > 50 else np.nan) * servos, **known)
+        for row, time in enumerate(times.tolist())
+    ]
 
 
 class Watched:
@@ -179,9 +195,7 @@ def test_the_legend_has_the_colours_of_what_is_shown() -> None:
 
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_curves_of_a_joint_are_no_more_than_can_be_seen(quantity: str) -> None:
-    time = np.arange(5000.0)
-    tracks = Tracks(time, np.full(5000, 0.2), np.full(5000, 0.1), np.full(5000, 40.0), np.full(5000, 0.5))
-    at, goal, servo = curves(tracks, quantity)
+    at, goal, servo = curves(rows_of(np.arange(5000.0)), cast_of_op3(), 3, quantity)
     assert len(at) == len(goal) == len(servo) <= 1500 and (at[0], at[-1]) == (0.0, 4999.0)
     expected = {"angle": np.degrees(0.1), "off its goal": np.degrees(0.1), "temperature": 40.0, "current": 0.5}
     np.testing.assert_allclose(servo, expected[quantity])
@@ -190,7 +204,7 @@ def test_curves_of_a_joint_are_no_more_than_can_be_seen(quantity: str) -> None:
 
 @pytest.mark.parametrize(("commanded", "quantities"), [(True, QUANTITIES), (False, ("angle", "off its goal"))])
 def test_a_plot_offers_what_is_known(commanded: bool, quantities: tuple[str, ...], server: Any) -> None:
-    plot = JointPlot(server, replace(cast_of_op3(), servos_commanded=commanded), lambda _: None)
+    plot = JointPlot(server, replace(cast_of_op3(), servos_commanded=commanded), list)
     assert plot._quantity.options == quantities
 
 
@@ -210,8 +224,7 @@ def test_a_plot_reaches_beyond_all_that_is_known(values: list[float]) -> None:
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_a_plot_gives_its_range(quantity: str, server: Any) -> None:
     """It finds that out by itself only where all is known: a goal that is NaN left the whole plot empty."""
-    time, gone = np.arange(50.0), np.where(np.arange(50) < 9, np.nan, 0.1)
-    plot: Any = JointPlot(server, cast_of_op3(), lambda _: Tracks(time, gone + 0.1, gone, gone + 40.0, gone))
+    plot: Any = JointPlot(server, cast_of_op3(), lambda: rows_of(np.arange(50.0)))
     plot._quantity.value = quantity
     plot.draw()
     reach, shown = plot._plot.scales["y"]["range"], plot._plot.data[2]

@@ -10,6 +10,7 @@ from messages import shows
 from retarget.errors import InputError
 from retarget.run.run_result import RunResult
 from retarget.types import FloatArray
+from retarget.viewer.joint_plot import curves
 from retarget.viewer.recorded import open_recorded
 from view_mcap_helpers import recorded
 
@@ -44,10 +45,10 @@ def test_every_tick_is_as_it_was(path: Path, run: RunResult) -> None:
             "those that the human who is shown is made of"
         )
         assert np.abs(snapshot.human - run.record.human.q[max(row - 10, 0) : row + 1]).min(axis=0).max() < 1e-4
-    track = seen.track(4)
-    np.testing.assert_allclose(track.sent, sent.q[:, columns[4]], atol=1e-6)
-    np.testing.assert_allclose(track.present, sent.present[:, 4], atol=1e-9)
-    np.testing.assert_array_equal(track.temperature, sent.temperature[:, 4])
+    _, goal, present = curves(seen, seen.cast, 4, "angle")
+    np.testing.assert_allclose(goal, np.degrees(sent.q[:, columns[4]]), atol=1e-4)
+    np.testing.assert_allclose(present, np.degrees(sent.present[:, 4]), atol=1e-6)
+    np.testing.assert_array_equal(curves(seen, seen.cast, 4, "temperature")[2], sent.temperature[:, 4])
 
 
 def test_why_it_stopped_is_shown(path: Path, run: RunResult) -> None:
