@@ -1,11 +1,15 @@
 """ROS 2 messages of fixed size as numpy rows: all messages of a topic are filled and read at once, without a loop.
 
 Within one recording a message never changes its size: names and counts stand still. Its CDR encoding (OMG DDS-XTypes
-1.3, 7.4.3, plain CDR, little-endian) is then a structured dtype, in which lengths, names and padding are constants.
+1.3, 7.4.3, plain CDR, little-endian) is then a structured dtype, in which lengths, names and padding are constants. It
+follows from the message's definition (`ros2_messages.txt`, as `ros2msg` has them): standard ones wherever there is one.
 """
 
 import json
-from dataclasses import dataclass, field
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.resources import files
 from typing import Any
 
 import numpy as np
@@ -13,11 +17,44 @@ from numpy.typing import NDArray
 
 Rows = NDArray[Any]
 """A structured array: one row per message."""
+Given = Mapping[str, int | str | tuple[str, ...]]
+"""What stands still in a message, by field: the length of a sequence, a text, texts or the names of elements."""
 
 HEADER = b"\x00\x01\x00\x00"
 """Plain CDR, little-endian."""
+CALLED = {"transform": "pose"}
+"""Fields that have another name in a layout, as it was before layouts followed from definitions."""
 _KEYS = ("names", "formats", "offsets", "itemsize")
 _SIZES = {"bool": "?", "uint8": "u1", "int8": "i1", "int32": "<i4", "uint32": "<u4", "float32": "<f4", "float64": "<f8"}
+
+# The definitions of messages.
+
+_LINE = "=" * 80 + "\n"
+_PARTS = files("retarget.recording").joinpath("ros2_messages.txt").read_text(encoding="utf-8").split(f"{_LINE}MSG: ")
+_OWN = {name: text for name, _, text in (part.removeprefix("MSG: ").partition("\n") for part in _PARTS)}
+
+
+def _fields(name: str) -> list[tuple[str, str]]:
+    """Type and name of each field of a message, without its constants."""
+    return [(kind, field) for kind, field in (line.split() for line in _OWN[name].splitlines()) if "=" not in field]
+
+
+def _made_of(name: str) -> dict[str, None]:
+    """The messages that one is made of, itself first, each once."""
+    names = {name: None}
+    for kind, _ in _fields(name):
+        names |= _made_of(kind.removesuffix("[]")) if kind.removesuffix("[]") in _OWN else {}
+    return names
+
+
+def schema(name: str) -> str:
+    """The definition of a message by its full name, followed by those that it is made of. docs/recording.md explains
+    the fields."""
+    own, *others = _made_of(name.replace("/msg/", "/"))
+    return _OWN[own] + "".join(f"{_LINE}MSG: {other}\n{_OWN[other]}" for other in others)
+
+
+# The bytes of messages.
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,83 +80,75 @@ def layout_from(description: str) -> np.dtype[Any]:
     return made
 
 
-@dataclass(eq=False)
-class CdrBuilder:
-    """Lays out a message, field by field, in the order of its definition."""
+def layout_of(message: str, given: Given) -> CdrLayout:
+    """The layout of a message by its full name; sequences and texts that are not given are empty.
 
-    _bytes: bytearray = field(default_factory=lambda: bytearray(HEADER))
-    _fields: list[tuple[str, str, int]] = field(default_factory=list)
+    A field within another one is named by both, except those of a header; within an element, by that element. What is
+    made of float64 alone, as a pose is, is a row of them.
+    """
+    draft = _Draft(given)
+    draft.add_all(message.replace("/msg/", "/"), "")
+    names, formats, offsets = (list(column) for column in zip(*draft.fields, strict=True))
+    fields = {"names": names, "formats": formats, "offsets": offsets, "itemsize": len(draft.data)}
+    return CdrLayout(np.dtype(fields), bytes(draft.data), json.dumps(fields))  # type: ignore[call-overload]
 
-    def text(self, value: str) -> "CdrBuilder":
-        """A string that is the same in every message."""
-        data = value.encode(errors="replace") + b"\0"
-        self._constant(len(data))
-        self._bytes += data
-        return self
 
-    def texts(self, values: tuple[str, ...]) -> "CdrBuilder":
-        """A sequence of such strings."""
-        self._constant(len(values))
-        for value in values:
-            self.text(value)
-        return self
+def _numbers(kind: str) -> tuple[str, int]:
+    """The format and how many there are of it, of what is made of numbers of one kind; 0: of anything else."""
+    if kind in _SIZES:
+        return _SIZES[kind], 1
+    parts = [_numbers(part) for part, _ in _fields(kind)] if kind in _OWN else []
+    return ("<f8", sum(width for _, width in parts)) if parts and {form for form, _ in parts} == {"<f8"} else ("", 0)
 
-    def time(self, name: str = "stamp") -> "CdrBuilder":
-        """A builtin_interfaces/Time: fields `name`.sec and `name`.nanosec."""
-        return self.scalar(f"{name}.sec", "int32").scalar(f"{name}.nanosec", "uint32")
 
-    def header(self, frame: str) -> "CdrBuilder":
-        """A std_msgs/Header."""
-        return self.time().text(frame)
+class _Draft:
+    """A message that is laid out field by field. fields: name, format and offset of each."""
 
-    def scalar(self, name: str, kind: str) -> "CdrBuilder":
-        """One number of a kind, such as float64."""
-        self._place(name, _SIZES[kind], 1)
-        return self
+    def __init__(self, given: Given) -> None:
+        self.data, self.fields = bytearray(HEADER), list[tuple[str, str, int]]()
+        self._given = given
 
-    def fixed(self, name: str, kind: str, count: int) -> "CdrBuilder":
-        """So many numbers, without a length before them."""
-        if count:
-            self._place(name, _SIZES[kind], count, shape=f"({count},)")
-        return self
+    def add_all(self, message: str, before: str) -> None:
+        """All fields of a message. before: what begins their names."""
+        for kind, name in _fields(message):
+            self._add(kind.removesuffix("[]"), before + CALLED.get(name, name), many=kind.endswith("[]"), before=before)
 
-    def sequence(self, name: str, kind: str, count: int) -> "CdrBuilder":
-        """So many numbers, after their count."""
-        self._constant(count)
-        return self.fixed(name, kind, count)
+    def _add(self, kind: str, name: str, *, many: bool, before: str) -> None:
+        given = self._given.get(name, () if kind in _OWN or kind == "string" else 0)
+        form, width = _numbers(kind)
+        if width:
+            sizes = [int(given or 0)] * many + [width] * (width > 1)  # type: ignore[arg-type]
+            self._place(name, form, sizes, many=many)
+        elif many:
+            assert isinstance(given, tuple), "names of elements"
+            self._length(len(given))
+            for element in given:
+                self._text(element) if kind == "string" else self.add_all(kind, f"{element}.")
+        elif kind == "string":
+            self._text(str(given or ""))
+        else:
+            self.add_all(kind, before if kind == "std_msgs/Header" else f"{name}.")
 
-    def poses(self, name: str, count: int) -> "CdrBuilder":
-        """A sequence of geometry_msgs/Pose: rows of x y z and qx qy qz qw."""
-        self._constant(count)
-        if count:
-            self._place(name, "<f8", 7 * count, shape=f"({count}, 7)")
-        return self
-
-    def count(self, value: int) -> "CdrBuilder":
-        """The length of a sequence whose elements follow, one by one."""
-        self._constant(value)
-        return self
-
-    def build(self) -> CdrLayout:
-        """The finished layout."""
-        fields = {
-            "names": [name for name, _, _ in self._fields],
-            "formats": [form for _, form, _ in self._fields],
-            "offsets": [offset for _, _, offset in self._fields],
-            "itemsize": len(self._bytes),
-        }
-        return CdrLayout(np.dtype(fields), bytes(self._bytes), json.dumps(fields))  # type: ignore[call-overload]
-
-    def _constant(self, value: int) -> None:
-        self._align(4)
-        self._bytes += value.to_bytes(4, "little")
-
-    def _place(self, name: str, form: str, count: int, *, shape: str = "") -> None:
+    def _place(self, name: str, form: str, sizes: list[int], *, many: bool) -> None:
+        if many:
+            self._length(sizes[0])
+        if 0 in sizes:
+            return
         size = np.dtype(form).itemsize
         self._align(size)
-        self._fields.append((name, shape + form, len(self._bytes)))
-        self._bytes += bytes(size * count)
+        shape = f"{tuple(sizes)}" if sizes else ""
+        self.fields.append((name, shape + form, len(self.data)))
+        self.data += bytes(size * math.prod(sizes))
+
+    def _text(self, value: str) -> None:
+        content = value.encode(errors="replace") + b"\0"
+        self._length(len(content))
+        self.data += content
+
+    def _length(self, value: int) -> None:
+        self._align(4)
+        self.data += value.to_bytes(4, "little")
 
     def _align(self, size: int) -> None:
         """CDR counts from behind its header."""
-        self._bytes += bytes(-(len(self._bytes) - len(HEADER)) % size)
+        self.data += bytes(-(len(self.data) - len(HEADER)) % size)

@@ -17,10 +17,10 @@ import numpy as np
 
 from hardware.clock import thread_cpu
 from retarget.errors import UsageError
-from retarget.recording.cdr import CdrBuilder
+from retarget.recording.cdr import layout_of, schema
 from retarget.recording.cycles import Cycles, Done, Shape
 from retarget.recording.session import ConfigFile, Session
-from retarget.recording.topics import EVENTS, Topic, schema
+from retarget.recording.topics import EVENTS, Topic
 from retarget.schema.files import check_place, refuse_existing
 
 OPTION = "--record"
@@ -219,9 +219,7 @@ class Event:
 
 def log_message(event: Event, *, stamp_ns: int) -> bytes:
     """The event as rcl_interfaces/msg/Log in CDR; its `line` is the cycle."""
-    builder = CdrBuilder().time().scalar("level", "uint8").text(event.who).text(event.text[:MAX_TEXT])
-    layout = builder.text("").text("").scalar("line", "uint32").build()
-    row = layout.rows(1)
+    row = layout_of("rcl_interfaces/msg/Log", {"name": event.who, "msg": event.text[:MAX_TEXT]}).rows(1)
     row["stamp.sec"], row["stamp.nanosec"] = divmod(stamp_ns, 10**9)
     row["level"], row["line"] = event.level, max(event.cycle, 0)
     return row.tobytes()

@@ -131,6 +131,16 @@ def posture(body: BodyModel, joint_names: tuple[str, ...], joints: FloatArray, r
     return q
 
 
+def joints_and_root(body: BodyModel, q: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+    """Of postures (T, nq): names and positions (T, n) of all hinges and slides of the body, and its root (T, 7), xyz
+    and wxyz of the first link in the world."""
+    single, address = body.scalar_joints()
+    names = tuple(name for name, kept in zip(body.dof_names, single, strict=True) if kept)
+    solver, q = body.solver_body(), np.ascontiguousarray(q)
+    root = np.hstack([solver.points(q, [1], np.zeros((1, 3)))[:, 0], solver.orientations(q, [1])[:, 0]])
+    return names, np.asarray(q[:, address[single]]), root
+
+
 def quaternion_columns(body: BodyModel) -> list[int]:
     """Where in q each quaternion begins."""
     offset = {int(JointType.FREE): 3, int(JointType.BALL): 0}

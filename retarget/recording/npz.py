@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from retarget.errors import InputError, UsageError
 from retarget.model.body import BodyModel
+from retarget.recording.motion import joints_and_root
 from retarget.run.record import Phase, Record
 from retarget.run.run_result import RunResult
 from retarget.schema.files import check_place, write_atomic, write_stream
@@ -85,13 +86,12 @@ def run_arrays(run: RunResult, body: Path) -> Arrays:
 
 def _moved_body(body: BodyModel, q: FloatArray) -> Arrays:
     """Joints and root of a body in postures (T, nq)."""
-    single, address = body.scalar_joints()
-    solver, q = body.solver_body(), np.ascontiguousarray(q)
+    names, joints, root = joints_and_root(body, q)
     return {
-        "joint_names": np.array([name for name, kept in zip(body.dof_names, single, strict=True) if kept]),
-        "joint_positions": q[:, address[single]],
-        "root_position": solver.points(q, [1], np.zeros((1, 3)))[:, 0],
-        "root_quaternion": solver.orientations(q, [1])[:, 0],
+        "joint_names": np.array(names),
+        "joint_positions": joints,
+        "root_position": root[:, :3],
+        "root_quaternion": root[:, 3:],
     }
 
 

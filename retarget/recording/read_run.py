@@ -18,7 +18,15 @@ from retarget.model.human import build_human
 from retarget.model.robot import RobotBody
 from retarget.recording.configs import as_recorded
 from retarget.recording.cycles import Cycles, Done
-from retarget.recording.motion import PHASE_NAMES, Motion, TextArray, Tracks, posture, quaternion_columns
+from retarget.recording.motion import (
+    PHASE_NAMES,
+    Motion,
+    TextArray,
+    Tracks,
+    joints_and_root,
+    posture,
+    quaternion_columns,
+)
 from retarget.recording.npz import NO_RUN, NO_SERVO, ArrayFile, read_arrays, refuse_no_file
 from retarget.recording.reading import (
     MAGIC,
@@ -297,10 +305,12 @@ def _with_robot(run: RecordedRun, whole: Played, kept: NDArray[np.intp], robot: 
     recording, cycles, servos = whole.recording, whole.cycles.taken(kept), robot.joint_map
     compiled = compile_body(robot.profile.body_path, root="free")
     model = body_from_file(compiled)
-    single, _ = model.scalar_joints()
-    names = tuple(name for name, is_single in zip(model.dof_names, single, strict=True) if is_single)
-    columns = [names.index(joint) for joint in servos.joints]
-    joints, root = _joints_and_root(whole, robot, kept, names)
+    q = postures_sent(whole, robot, kept)
+    if not np.isfinite(q).all():
+        raise InputError("goals that are no numbers", where=str(recording.path))
+    for start in quaternion_columns(robot.body):
+        q[:, start : start + 4] = normalise(q[:, start : start + 4])
+    names, joints, root = joints_and_root(robot.body, q)
     motion = Motion(
         str(recording.path),
         robot.profile.name,
@@ -314,7 +324,9 @@ def _with_robot(run: RecordedRun, whole: Played, kept: NDArray[np.intp], robot: 
     if recording.session.bus != "none":
         present = np.full(joints.shape, np.nan)
         read = (cycles.read == Done.WELL)[:, None]
-        present[:, columns] = np.where(read, servos.to_radians(cycles.position), np.nan)
+        present[:, [names.index(joint) for joint in servos.joints]] = np.where(
+            read, servos.to_radians(cycles.position), np.nan
+        )
         motion = replace(motion, servos=present)
     if LANDMARKS in recording.topics:
         asked = _asked(tuple(robot.profile.landmarks), recording.topics[LANDMARKS], cycles.index)
@@ -344,22 +356,6 @@ def _time(found: Played, index: NDArray[np.int64]) -> FloatArray:
 
 def _names_of(phase: NDArray[np.int8]) -> TextArray:
     return np.array(PHASE_NAMES)[np.clip(phase, 0, len(PHASE_NAMES) - 1)]
-
-
-def _joints_and_root(
-    found: Played, robot: RobotBody, kept: NDArray[np.intp], names: tuple[str, ...]
-) -> tuple[FloatArray, FloatArray]:
-    """What was sent: joints (T, n) of `names`, and the root (T, 7), xyz and wxyz of the first link in the world."""
-    body = robot.body
-    q = postures_sent(found, robot, kept)
-    if not np.isfinite(q).all():
-        raise InputError("goals that are no numbers", where=str(found.recording.path))
-    for start in quaternion_columns(body):
-        q[:, start : start + 4] = normalise(q[:, start : start + 4])
-    columns = [body.joint_qpos[body.joint_index(name)] for name in names]
-    solver, origin = body.solver_body(), np.zeros((1, 3))
-    root = np.hstack([solver.points(q, [1], origin)[:, 0], solver.orientations(q, [1])[:, 0]])
-    return np.asarray(q[:, columns]), root
 
 
 def _asked(names: tuple[str, ...], topic: TopicRows, index: NDArray[np.int64]) -> Tracks | None:

@@ -5,6 +5,7 @@ The mcap library reads it, with its CRC checks on.
 
 import json
 import struct
+from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -34,7 +35,6 @@ from retarget.recording.topics import (
     SERVO_FIELDS,
     SERVOS,
     TICK,
-    TICK_ARRAYS,
     TICK_FIELDS,
     sent_postures,
 )
@@ -86,8 +86,7 @@ class _Found:
     metadata: dict[str, str] | None = None
     attachments: dict[str, bytes] = field(default_factory=dict)
     channels: dict[int, Any] = field(default_factory=dict)
-    data: dict[int, list[bytes]] = field(default_factory=dict)
-    cycles: dict[int, list[int]] = field(default_factory=dict)
+    messages: dict[int, list[Any]] = field(default_factory=lambda: defaultdict(list))
 
 
 def read_recording(path: Path) -> Recording:
@@ -128,8 +127,7 @@ def _read(stream: Any, found: _Found) -> str:
     try:
         for record in reader.records:
             if isinstance(record, Message):
-                found.data.setdefault(record.channel_id, []).append(record.data)
-                found.cycles.setdefault(record.channel_id, []).append(record.sequence)
+                found.messages[record.channel_id].append(record)
             elif isinstance(record, Channel):
                 found.channels[record.id] = record
             elif isinstance(record, Metadata) and record.name == METADATA:
@@ -186,11 +184,10 @@ def _topics(found: _Found, where: str) -> list[tuple[str, TopicRows]]:
         if description is None:
             continue
         try:
-            layout = layout_from(description)
-            rows = np.frombuffer(b"".join(found.data.get(number, [])), dtype=layout)
+            rows = np.frombuffer(b"".join(one.data for one in found.messages[number]), layout_from(description))
         except (ValueError, TypeError, KeyError, SyntaxError) as error:
             raise InputError("a topic is damaged", where=where, found=f"{channel.topic}: {error}") from None
-        cycles = np.array(found.cycles.get(number, []), dtype=np.int64)
+        cycles = np.array([one.sequence for one in found.messages[number]], dtype=np.int64)
         if len(rows) != len(cycles):
             raise InputError("a topic is damaged", where=where, found=f"{channel.topic}: messages of another size")
         made.append((str(channel.topic), TopicRows(cycles, rows)))
@@ -202,9 +199,9 @@ def _texts(found: _Found) -> dict[tuple[int, str], str]:
     texts: dict[tuple[int, str], str] = {}
     for number, channel in found.channels.items():
         if channel.metadata.get("layout") is None:
-            for cycle, data in zip(found.cycles.get(number, []), found.data.get(number, []), strict=True):
-                who, text = _log_of(data)
-                texts.setdefault((cycle, who), text)
+            for one in found.messages[number]:
+                who, text = _log_of(one.data)
+                texts.setdefault((one.sequence, who), text)
     return texts
 
 
@@ -313,7 +310,7 @@ def _played(recording: Recording) -> Played:
     observers = len(session.observers) if has_robot else 0
     shape = Shape(len(session.sensors), len(session.joints), rest, 0, 0, 0, observers, 0)
     cycles = Cycles.empty(len(rows), shape)
-    for name, own in {name: own for name, _, own in TICK_FIELDS}.items() | TICK_ARRAYS.items():
+    for name, own in TICK_FIELDS.items():
         if getattr(cycles, own).size:
             getattr(cycles, own)[:] = rows[name]
     _take_sensors(cycles, sensors, rows["sensor_oriented"])
@@ -363,5 +360,5 @@ def _take_sensors(cycles: Cycles, topic: TopicRows, oriented: NDArray[np.bool_])
 def _take_servos(cycles: Cycles, topic: TopicRows) -> None:
     at, known = _places(cycles, topic)
     rows = topic.rows[known]
-    for name, own in [*((name, own) for name, _, own in BUS_FIELDS), *((name, name) for name, _ in SERVO_FIELDS)]:
+    for name, own in (BUS_FIELDS | SERVO_FIELDS).items():
         getattr(cycles, own)[at] = rows[name]

@@ -79,7 +79,7 @@ class ReplayedBus:
         before, position = int(self._before[row]), cycles.position[row].copy()
         if self.sent and before >= 0:
             position += self.sent[-1][1] - cycles.goal[before]
-        said = {name: getattr(cycles, name)[row].copy() for name, _ in SERVO_FIELDS}
+        said = {name: getattr(cycles, name)[row].copy() for name in SERVO_FIELDS}
         return ServoStates(
             **said | {"position": position},
             time=float(cycles.bus_time[row]) - self._cursor.clock_lead,
@@ -229,7 +229,7 @@ def goal_difference(played: Played, bus: ReplayedBus, robot: RobotBody) -> Diffe
             now[row] = goal
     sent = wrote[now[wrote, 0] != np.iinfo(np.int64).min]
     servos = robot.joint_map
-    off: FloatArray = np.degrees(np.abs(servos.to_radians(now[sent]) - servos.to_radians(cycles.goal[sent])))
+    off = np.abs(np.rad2deg(servos.to_radians(now[sent]) - servos.to_radians(cycles.goal[sent])), dtype=np.float64)
     return replace(
         _located(off, cycles.index[sent], servos.joints, cycles.clock[sent, 0] - cycles.clock[0, 0]),
         compared=len(wrote),

@@ -165,34 +165,26 @@ class Record:
 
     def rows(self, first: int, end: int) -> "Record":
         """The rows from `first` to before `end`, as views: for a run that ended early."""
+        return self.each(lambda array: array[first:end])
+
+    def each(self, change: Callable[[NDArray[Any]], NDArray[Any]]) -> "Record":
+        """The record with every array that has one row per tick changed."""
         return replace(
             self,
-            time=self.time[first:end],
-            phase=self.phase[first:end],
-            human=_sliced(self.human, first, end),
-            robot=None if self.robot is None else _sliced(self.robot, first, end),
-            timing=_sliced(self.timing, first, end),
+            time=change(self.time),
+            phase=change(self.phase),
+            human=_each(self.human, change),
+            robot=None if self.robot is None else _each(self.robot, change),
+            timing=_each(self.timing, change),
         )
 
 
-R = TypeVar("R", HumanRecord, RobotRecord, Timing)
+Part = TypeVar("Part", HumanRecord, RobotRecord, Timing)
 
 
-def _per_tick(record: HumanRecord | RobotRecord | Timing) -> dict[str, NDArray[Any]]:
-    """Every array that has one row per tick."""
-    values = {field.name: getattr(record, field.name) for field in fields(record)}
-    return {name: value for name, value in values.items() if isinstance(value, np.ndarray) and name != "start"}
-
-
-def _sliced(record: R, first: int, end: int) -> R:
-    values = {field.name: getattr(record, field.name) for field in fields(record)}
-    return type(record)(**values | {name: value[first:end] for name, value in _per_tick(record).items()})
-
-
-def arrays_per_tick(record: Record) -> list[NDArray[Any]]:
-    """Every array of the record that has one row per tick."""
-    parts = (record.human, record.timing) if record.robot is None else (record.human, record.timing, record.robot)
-    return [record.time, record.phase, *(array for part in parts for array in _per_tick(part).values())]
+def _each(part: Part, change: Callable[[NDArray[Any]], NDArray[Any]]) -> Part:
+    arrays = {one.name: getattr(part, one.name) for one in fields(part) if one.name != "start"}
+    return replace(part, **{name: change(array) for name, array in arrays.items() if isinstance(array, np.ndarray)})
 
 
 # Which row of the record each tick fills, where a run lasts longer than there is room for.
@@ -237,8 +229,12 @@ class RecordRows:
         if self._laps:
             oldest, first = self.row if self._oldest is None else self._oldest, 1
             end = end if self._oldest is not None else self._approach
-            for array in arrays_per_tick(record):
+
+            def in_order(array: NDArray[Any]) -> NDArray[Any]:
                 array[: self._approach] = np.roll(array[: self._approach], -oldest, axis=0)
+                return array
+
+            record = record.each(in_order)
             if record.robot is not None:  # the goals of the oldest row are where the kept rows begin
                 record.robot.start[:] = record.robot.goals[0]
         return replace(record.rows(first, end), from_start=self._laps == 0, to_end=self._end is None)

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from retarget.recording.cdr import CdrBuilder, layout_from
+from retarget.recording.cdr import layout_from, layout_of, schema
+from ros2_messages import decoded, parsed
 
 KINDS = {"bool": "?", "uint8": "B", "int32": "i", "uint32": "I", "float32": "f", "float64": "d"}
 
@@ -39,7 +40,7 @@ def written_out(sec: int, nanosec: int, names: list[str], position: list[float])
 
 def test_a_joint_state_is_what_cdr_asks_for() -> None:
     names = ("a", "knee", "l_sho_pitch")
-    layout = CdrBuilder().header("").texts(names).sequence("position", "float64", 3).count(0).count(0).build()
+    layout = layout_of("sensor_msgs/msg/JointState", {"name": names, "position": 3})
     rows = layout.rows(2)
     rows["stamp.sec"], rows["stamp.nanosec"] = (1, 2), (10, 20)
     rows["position"] = [[0.5, -1.0, 2.0], [3.0, 4.0, 5.0]]
@@ -48,24 +49,21 @@ def test_a_joint_state_is_what_cdr_asks_for() -> None:
     assert rows.tobytes()[size:] == written_out(2, 20, list(names), [3.0, 4.0, 5.0])
 
 
-@given(st.lists(st.tuples(st.sampled_from(sorted(KINDS)), st.integers(0, 5)), min_size=1, max_size=8))
-def test_sequences_are_what_cdr_asks_for(fields: list[tuple[str, int]]) -> None:
-    builder, body = CdrBuilder(), b""
-    for number, (kind, count) in enumerate(fields):
-        builder.sequence(f"f{number}", kind, count)
-        body += b"\0" * (-len(body) % 4) + struct.pack("<I", count)
-        if count:
-            body += b"\0" * (-len(body) % struct.calcsize(KINDS[kind])) + struct.pack(
-                f"<{count}{KINDS[kind]}", *[1] * count
-            )
-    rows = builder.build().rows(1)
-    for name in rows.dtype.names or ():
+SERVOS = parsed("retarget_msgs/msg/Servos", schema("retarget_msgs/msg/Servos"))
+SEQUENCES = {name: kind for name, kind, many in SERVOS.own if many and kind in KINDS}
+
+
+@given(st.fixed_dictionaries({}, optional={name: st.integers(0, 5) for name in SEQUENCES}))
+def test_sequences_are_what_cdr_asks_for(counts: dict[str, int]) -> None:
+    rows = layout_of("retarget_msgs/msg/Servos", counts).rows(1)
+    for name in set(SEQUENCES) & set(rows.dtype.names or ()):
         rows[name] = 1
-    assert rows.tobytes() == b"\x00\x01\x00\x00" + body
+    message = decoded(SERVOS, rows.tobytes())
+    assert {name: message[name] for name in SEQUENCES} == {name: [1] * counts.get(name, 0) for name in SEQUENCES}
 
 
 def test_the_description_of_a_layout_is_enough_to_read_it() -> None:
-    layout = CdrBuilder().header("world").poses("poses", 2).scalar("x", "uint8").build()
+    layout = layout_of("geometry_msgs/msg/PoseArray", {"frame_id": "world", "poses": 2})
     assert layout_from(layout.description) == layout.dtype
     rows = layout.rows(1)
     rows["poses"] = np.arange(14).reshape(1, 2, 7)

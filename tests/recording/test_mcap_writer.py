@@ -13,7 +13,7 @@ from mcap.stream_reader import StreamReader
 from messages import refuses
 from recordings import record
 from retarget.errors import UsageError
-from retarget.recording.cdr import CdrBuilder
+from retarget.recording.cdr import layout_of, schema
 from retarget.recording.cycles import Cycles, Done, Shape
 from retarget.recording.mcap_writer import (
     METADATA,
@@ -26,7 +26,7 @@ from retarget.recording.mcap_writer import (
 )
 from retarget.recording.reading import _log_of, read_recording
 from retarget.recording.session import ConfigFile, Session
-from retarget.recording.topics import EVENTS, TICK, Topic, schema, topics
+from retarget.recording.topics import EVENTS, TICK, Topic, topics
 from ros2_messages import decoded, parsed
 
 LOG = parsed("rcl_interfaces/msg/Log", schema("rcl_interfaces/msg/Log"))
@@ -85,7 +85,7 @@ def test_it_is_found_again(session: Session, tmp_path: Path) -> None:
 
 def test_names_stay_distinct_whatever_is_in_them(session: Session, tmp_path: Path) -> None:
     file = RecordingFile(tmp_path / "a.mcap", session, ())
-    layout, names = CdrBuilder().header("").sequence("q", "float32", 3).build(), ("left knee", "neck", "a\tb ")
+    layout, names = layout_of("retarget_msgs/msg/Posture", {"q": 3}), ("left knee", "neck", "a\tb ")
     every = lambda cycles: cycles.kept  # noqa: E731
     file.announce([Topic("/x", "retarget_msgs/msg/Posture", names, layout, every, lambda cycles: {})])
     file.add("/x", index=0, stamp_ns=0, data=layout.template)

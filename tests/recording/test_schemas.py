@@ -10,8 +10,8 @@ from mcap.reader import make_reader
 
 from messages import Facts, refuses
 from recordings import Recorded, record
+from retarget.recording.cdr import schema as definition
 from retarget.recording.topics import EVENTS, FRAMES, GOALS, HUMAN_JOINTS, JOINTS, LANDMARKS, SENSORS
-from retarget.recording.topics import schema as definition
 from retarget.run.options import RunOptions
 from ros2_messages import Field, decoded, parsed
 
