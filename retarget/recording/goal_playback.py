@@ -16,7 +16,6 @@ from retarget.human.samples import Clip, Performance
 from retarget.model.robot import RobotBody
 from retarget.recording.reading import Played
 from retarget.recording.replay import refuse_other_robot
-from retarget.recording.topics import GOALS
 from retarget.run.options import RunOptions
 from retarget.run.prepare import MakeBus, Prepared, prepare_for
 from retarget.run.record import Phase
@@ -59,7 +58,6 @@ class RecordedGoals:
 
     def __init__(self, played: Played, robot: RobotBody, *, speed: float, dt: float) -> None:
         cycles = played.cycles
-        played.recording.topic(GOALS)
         followed = np.flatnonzero(cycles.kept & (cycles.phase == Phase.FOLLOW))
         if not followed.size:
             raise InputError(

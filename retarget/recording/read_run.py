@@ -33,12 +33,11 @@ from retarget.recording.reading import (
     Played,
     Recording,
     TopicRows,
-    fields_required,
     played,
     postures_sent,
     read_recording,
 )
-from retarget.recording.topics import GOALS, HUMAN_POSTURE, LANDMARKS, TRUTH
+from retarget.recording.topics import LANDMARKS
 from retarget.rotations import normalise
 from retarget.run.record import Phase
 from retarget.run.run_result import truth_names
@@ -99,9 +98,7 @@ def read_recorded(path: Path, *, robot: bool = True, body: Path | None = None) -
         found = error.strerror or str(error)
         raise InputError("cannot read the run", where=str(path)[:200], found=found, next_step=NO_RUN) from error
     if begins == MAGIC:
-        whole = played(read_recording(path))
-        with fields_required(whole.recording):
-            return _of_mcap(whole, robot, body)
+        return _of_mcap(played(read_recording(path)), robot, body)
     if begins.startswith(ZIP):
         return _of_npz(path, robot, body)
     raise InputError("not a recorded run", where=str(path)[:200], found="neither NPZ nor MCAP", next_step=NO_RUN)
@@ -254,10 +251,10 @@ def _of_mcap(whole: Played, with_robot: bool, body: Path | None) -> RecordedRun:
     notes = [f"{recording.damage}; what is whole of it is used"] if recording.damage else []
     notes += [f"{whole.missing} ticks were never written"] if whole.missing else []
     run = RecordedRun(None, None, np.zeros(len(kept), dtype=np.int64), tracks=tracks, recording=recording)
-    if HUMAN_POSTURE in recording.topics:
-        run = _with_human(run, whole, cycles)
+    rows = np.flatnonzero(np.isfinite(cycles.human_q).all(axis=1) & (cycles.human_q.shape[1] > 0))
+    if rows.size:
+        run = _with_human(run, whole, cycles, rows)
     if with_robot and session.joints:
-        recording.topic(GOALS)
         with as_recorded(recording, body=body) as configs:
             assert configs.robot is not None, "there are joints"
             run = _with_robot(run, whole, kept, configs.robot)
@@ -270,18 +267,14 @@ def _of_mcap(whole: Played, with_robot: bool, body: Path | None) -> RecordedRun:
     return replace(run, reasons=_reasons(recording, cycles), notes=tuple(notes))
 
 
-def _with_human(run: RecordedRun, whole: Played, cycles: Cycles) -> RecordedRun:
-    """The run with its human, at those of the cycles (T,) at which it was kept."""
+def _with_human(run: RecordedRun, whole: Played, cycles: Cycles, rows: NDArray[np.intp]) -> RecordedRun:
+    """The run with its human, which was kept in some rows of the cycles (T,)."""
     recording, session = whole.recording, whole.recording.session
-    topic, source = recording.topic(HUMAN_POSTURE), str(recording.path)
+    source, q, index = str(recording.path), cycles.human_q[rows], cycles.index[rows]
     compiled = compile_body_text(build_human(session.size).mjcf, source=f"{source}: the human", root="free")
     model = body_from_file(compiled)
-    index, said, rows = np.intersect1d(topic.cycles, cycles.index, return_indices=True)
-    q = np.asarray(topic.rows["q"][said], dtype=np.float64)
     if q.shape[1] != model.nq:
         raise InputError("the human has another tree now", where=source, found=f"q of {q.shape[1]}")
-    if not index.size:
-        return run
     q[:, 3:7] = normalise(q[:, 3:7])
     worn = _valid_sensors(whole.cycles)[np.searchsorted(whole.cycles.index, index)]
     sensors, alone = Tracks(session.sensors, worn), not session.joints
@@ -332,10 +325,9 @@ def _with_robot(run: RecordedRun, whole: Played, kept: NDArray[np.intp], robot: 
         asked = _asked(tuple(robot.profile.landmarks), recording.topics[LANDMARKS], cycles.index)
         motion = replace(motion, asked=asked)
     tracks = run.tracks | {name: getattr(cycles, name) for name in ("temperature", "current", "observer_modes")}
-    truth = recording.topics.get(TRUTH)
-    if truth is not None and truth.rows["q"].shape[1] == len(truth_names(model)):
-        last = np.maximum(np.searchsorted(truth.cycles, cycles.index, side="right") - 1, 0)
-        tracks["truth"] = np.asarray(truth.rows["q"][last], dtype=np.float64)
+    if cycles.truth.shape[1] == len(truth_names(model)):
+        known = np.where(np.isnan(cycles.truth).all(axis=1), 0, np.arange(len(cycles)))
+        tracks["truth"] = cycles.truth[np.maximum.accumulate(known)]
     profile = replace(
         robot, body=model, servo_columns=model.joint_qpos[[model.joint_index(joint) for joint in servos.joints]]
     )

@@ -6,8 +6,6 @@ The mcap library reads it, with its CRC checks on.
 import json
 import struct
 from collections import defaultdict
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
@@ -31,11 +29,13 @@ from retarget.recording.topics import (
     BUS_FIELDS,
     GOALS,
     HUMAN_POSTURE,
+    LANDMARKS,
     SENSORS,
     SERVO_FIELDS,
     SERVOS,
     TICK,
     TICK_FIELDS,
+    TRUTH,
     sent_postures,
 )
 from retarget.types import FloatArray
@@ -223,18 +223,23 @@ def _log_of(data: bytes) -> tuple[str, str]:
 
 MOST_CYCLES = 50_000_000
 """Four days at 125 Hz."""
+OF_TOPICS = {
+    SERVOS: BUS_FIELDS | SERVO_FIELDS,
+    GOALS: {"position": "q"},
+    HUMAN_POSTURE: {"q": "human_q"},
+    TRUTH: {"q": "truth"},
+}
+"""Fields of messages, and where they are in `Cycles`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Played:
     """recording: what was read. cycles: those that are whole, from the first one on. missing: cycles that were never
-    written. postures: of a human alone, (T, nq), and the cycles of each (T,)."""
+    written. In a cycle in which they were not kept, q, human_q and truth are NaN."""
 
     recording: Recording
     cycles: Cycles
     missing: int
-    postures: FloatArray
-    posture_cycles: NDArray[np.int64]
 
     @property
     def whole(self) -> bool:
@@ -264,23 +269,14 @@ class Played:
 
 
 def played(recording: Recording) -> Played:
-    """The cycles of a recording. Raises InputError where topics or fields of them are missing."""
-    with fields_required(recording):
-        return _played(recording)
-
-
-@contextmanager
-def fields_required(recording: Recording) -> Iterator[None]:
-    """While fields of its topics are read: one that is missing, or of another shape, is an InputError."""
+    """The cycles of a recording. Raises InputError where topics or fields of them are missing, or of another shape."""
     try:
-        yield
+        cycles = _cycles(recording)
     except (ValueError, KeyError, IndexError) as error:
-        raise InputError(
-            "the recording cannot be used",
-            where=str(recording.path),
-            found=str(error),
-            next_step="Record it anew",
-        ) from None
+        where, found = str(recording.path), str(error)
+        what = "the recording cannot be used"
+        raise InputError(what, where=where, found=found, next_step="Record it anew") from None
+    return Played(recording, cycles, int(cycles.index[-1]) + 1 - len(cycles))
 
 
 def postures_sent(found: Played, robot: RobotBody, rows: NDArray[np.intp]) -> FloatArray:
@@ -297,19 +293,17 @@ def postures_sent(found: Played, robot: RobotBody, rows: NDArray[np.intp]) -> Fl
     return sent_postures(robot, cycles)
 
 
-def _played(recording: Recording) -> Played:
-    ticks, sensors = recording.topic(TICK), recording.topic(SENSORS)
-    has_robot = bool(recording.session.joints)
-    servos = recording.topic(SERVOS) if has_robot else None
-    rows = _in_order(ticks)
+def _cycles(recording: Recording) -> Cycles:
+    ticks, sensors, session = recording.topic(TICK), recording.topic(SENSORS), recording.session
+    _, first = np.unique(ticks.rows["cycle"], return_index=True)
+    rows = ticks.rows[first]  # in order, each cycle once
     if rows["cycle"][0] != 0 or rows["tick"].min() < 0 or rows["tick"].max() > rows["cycle"][-1]:
         raise ValueError("ticks that do not begin where a run begins")
     if rows["cycle"][-1] > MOST_CYCLES:
         raise ValueError(f"more than {MOST_CYCLES} cycles")
-    session, rest = recording.session, rows["root"].shape[1] if "root" in (rows.dtype.names or ()) else 0
-    observers = len(session.observers) if has_robot else 0
-    shape = Shape(len(session.sensors), len(session.joints), rest, 0, 0, 0, observers, 0)
-    cycles = Cycles.empty(len(rows), shape)
+    if session.joints:
+        recording.topic(SERVOS)
+    cycles = Cycles.empty(len(rows), _shape(recording, rows))
     for name, own in TICK_FIELDS.items():
         if getattr(cycles, own).size:
             getattr(cycles, own)[:] = rows[name]
@@ -318,24 +312,24 @@ def _played(recording: Recording) -> Played:
     first = np.flatnonzero(asked & (cycles.tick == 0))
     if not asked[0] or cycles.tick[0] != 0 or (cycles.sampled[first] != Done.WELL).any():
         raise ValueError("no valid sensors in its first tick")
-    if cycles.tick[asked].max() >= recording.session.ticks:
+    if cycles.tick[asked].max() >= session.ticks:
         raise ValueError("more ticks than its session has")
-    if servos is not None:
-        _take_servos(cycles, servos)
-        if GOALS in recording.topics:
-            at, which = _places(cycles, recording.topics[GOALS])
-            cycles.q[at] = recording.topics[GOALS].rows["position"][which]
-    missing = int(cycles.index[-1]) + 1 - len(cycles)
-    human = recording.topics.get(HUMAN_POSTURE)
-    if human is None or has_robot:
-        return Played(recording, cycles, missing, np.zeros((0, 0)), np.zeros(0, dtype=np.int64))
-    return Played(recording, cycles, missing, np.asarray(human.rows["q"], dtype=np.float64), human.cycles)
+    cycles.q[:], cycles.human_q[:], cycles.truth[:] = np.nan, np.nan, np.nan
+    for topic, fields in OF_TOPICS.items():
+        if topic in recording.topics:
+            at, known = _places(cycles, recording.topics[topic])
+            for name, own in fields.items():
+                getattr(cycles, own)[at] = recording.topics[topic].rows[name][known]
+    return cycles
 
 
-def _in_order(ticks: TopicRows) -> NDArray[np.void]:
-    """The rows of /tick, each cycle once."""
-    _, first = np.unique(ticks.rows["cycle"], return_index=True)
-    return np.asarray(ticks.rows[first])
+def _shape(recording: Recording, rows: Rows) -> Shape:
+    session, topics = recording.session, recording.topics
+    fields = {HUMAN_POSTURE: "q", TRUTH: "q", LANDMARKS: "poses"}
+    human, truth, landmarks = (topics[at].rows[name].shape[1] if at in topics else 0 for at, name in fields.items())
+    rest = rows["root"].shape[1] if "root" in (rows.dtype.names or ()) else 0
+    observers = len(session.observers) if session.joints else 0
+    return Shape(len(session.sensors), len(session.joints), rest, human, 0, landmarks, observers, 0, truth)
 
 
 def _places(cycles: Cycles, topic: TopicRows) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
@@ -355,10 +349,3 @@ def _take_sensors(cycles: Cycles, topic: TopicRows, oriented: NDArray[np.bool_])
     unsaid[at] = False
     if unsaid.any():
         cycles.sampled[unsaid] = Done.FAILED
-
-
-def _take_servos(cycles: Cycles, topic: TopicRows) -> None:
-    at, known = _places(cycles, topic)
-    rows = topic.rows[known]
-    for name, own in (BUS_FIELDS | SERVO_FIELDS).items():
-        getattr(cycles, own)[at] = rows[name]

@@ -243,7 +243,8 @@ def goal_difference(played: Played, bus: ReplayedBus, robot: RobotBody) -> Diffe
 
 def posture_difference(played: Played, q: FloatArray) -> Difference:
     """Of a human alone: postures now (T, nq), against those that were recorded, in single precision."""
-    recorded, names = played.postures, tuple(f"q[{column}]" for column in range(q.shape[1]))
+    kept = played.cycles.human_q
+    recorded, names = kept[np.isfinite(kept).all(axis=1)], tuple(f"q[{column}]" for column in range(q.shape[1]))
     both = min(len(recorded), len(q))
     off = np.abs(q[:both].astype(np.float32).astype(np.float64) - recorded[:both])
     found = _located(off, np.arange(both), names, np.arange(both) * played.recording.session.dt)
