@@ -72,7 +72,6 @@ class RecordedGoals:
         self._rest = cycles.rest[rows][np.searchsorted(index, at, side="right") - 1]
         self._columns = np.setdiff1d(np.arange(robot.body.nq), robot.servo_columns)
         limits, caps = robot.limits, robot.profile.safety.speed_caps
-        self._limits = replace(limits, max_velocity=max(caps.follow, caps.approach) * limits.max_velocity)
         fastest = 2.0 * robot.joint_map.max_velocity * dt
         if not np.isfinite(joints).all() or (np.abs(np.diff(joints[-2:], axis=0)) > fastest).any():
             raise InputError(
@@ -80,16 +79,14 @@ class RecordedGoals:
                 where=str(played.recording.path),
                 found="a goal that is not finite, or last goals faster than twice the servos' speed",
             )
-        bounds = (limits.lower, limits.upper, self._limits.max_velocity, limits.max_acceleration)
-        self._braking = Braking(*bounds, dt=dt)
+        fast = max(caps.follow, caps.approach) * limits.max_velocity
+        self._bounds = (limits.lower, limits.upper, fast, limits.max_acceleration)
+        self._braking = Braking(*self._bounds, dt=dt)
         self._joints = np.vstack([joints, *self._to_rest(joints)])
         self._refused, self._refused_at = 0, 0.0
         body = robot.body
         self._dofs = body.joint_dof[[body.joint_index(joint) for joint in robot.joint_map.joints]]
-        self._speed_override, self._gone = 1.0, 0.0
-        self._part = PlaybackPart.PLAYING
-        self._here: FloatArray = self._joints[0]
-        self._moved: FloatArray = np.zeros_like(self._here)
+        self._speed_override = 1.0
         velocity = robot.profile.safety.speed_caps.approach * limits.max_velocity
         acceleration = np.minimum(velocity / RISE_S, limits.max_acceleration)
         self._back = TrajectoryGenerator(velocity, acceleration, acceleration / JERK_S, dt=dt)
@@ -172,7 +169,8 @@ class RecordedGoals:
     def _begin(self) -> None:
         self._part, self._gone = PlaybackPart.PLAYING, 0.0
         self._pace = 1.0  # share of the speed of then: all of it, but after a return
-        self._here, self._moved = self._joints[0], np.zeros_like(self._joints[0])
+        self._here: FloatArray = self._joints[0]
+        self._moved: FloatArray = np.zeros_like(self._here)
 
     def _at(self, gone: float) -> FloatArray:
         """The recorded posture (n,) after so many goals, rad."""
@@ -193,16 +191,7 @@ class RecordedGoals:
 
     def _inside(self, moved: FloatArray) -> FloatArray:
         """A displacement (n,) rad, inside the limits where it misses them by a rounding."""
-        limits = self._limits
-        low, high = frame_bounds(
-            self._here,
-            self._moved,
-            limits.lower,
-            limits.upper,
-            limits.max_velocity,
-            limits.max_acceleration,
-            self._dt,
-        )
+        low, high = frame_bounds(self._here, self._moved, *self._bounds, self._dt)
         inside = np.minimum(np.maximum(moved, low), high)
         return inside if np.abs(inside - moved).max() < NEAR else moved
 
@@ -211,19 +200,8 @@ class RecordedGoals:
         q[robot.servo_columns] = joints
         if self._columns.size == self._rest.shape[1]:
             q[self._columns] = self._rest[min(int(self._gone), len(self._rest) - 1)]
-        none = np.zeros((0, 3))
-        return RobotPosture(
-            q=q,
-            joint_positions=joints,
-            root_position=q[:3],
-            root_quaternion=q[3:7],
-            landmark_names=(),
-            landmarks_asked=none,
-            landmarks_reached=none,
-            centre_of_mass=np.zeros(3),
-            support_distance=float("inf"),
-            observer_modes=np.zeros(0, dtype=np.uint8),
-        )
+        landmarks, modes = np.zeros((0, 3)), np.zeros(0, dtype=np.uint8)
+        return RobotPosture(q, joints, q[:3], q[3:7], (), landmarks, landmarks, np.zeros(3), float("inf"), modes)
 
 
 @dataclass(frozen=True, eq=False)

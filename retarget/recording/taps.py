@@ -13,6 +13,7 @@ from retarget.frames import SensorSample
 from retarget.human.samples import Clip, Samples
 from retarget.recording.cycles import READINGS, Asked, Boundary, Done
 from retarget.recording.mcap_writer import MOST_EVENTS, Event, Level, Ring
+from retarget.recording.topics import SERVO_FIELDS
 from retarget.run.loop import Machine
 from retarget.run.record import Record
 from retarget.types import FloatArray, RunState
@@ -194,10 +195,8 @@ class TappedBus:
             rows, at = ring.rows, ring.at
             rows.read[at] = Done.WELL
             rows.bus_time[at], rows.retries[at], rows.error_rate[at] = states.time, states.retries, states.error_rate
-            rows.position[at], rows.velocity[at], rows.current[at] = states.position, states.velocity, states.current
-            rows.voltage[at], rows.temperature[at], rows.age[at] = states.voltage, states.temperature, states.age
-            rows.error[at], rows.alert[at] = states.error, states.alert
-            rows.valid[at], rows.driven[at] = states.valid, states.driven
+            for name in SERVO_FIELDS:
+                getattr(rows, name)[at] = getattr(states, name)
         return states
 
     def write(self, goals: ServoGoals) -> None:
