@@ -5,6 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from hardware.arrays import TickArray
 from hardware.bus import ServoBus
 from hardware.clock import Clock
@@ -16,7 +18,7 @@ from retarget.model.body import JointType
 from retarget.model.robot import RobotBody, load_robot
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared
-from retarget.run.run_result import RunResult, Truth
+from retarget.run.run_result import RunResult
 from retarget.schema.scene import load_scene
 from retarget.types import FloatArray, Notify, RunState
 
@@ -124,17 +126,12 @@ class PhysicsBench:
             run, physics=physics_run(self._bus.witness, begun=begun, seed=asked.seed, perturbations=asked.perturbations)
         )
 
-    def truth(self) -> Truth | None:
-        """Where the simulated body was when its servos were read last; None without physics."""
+    def truth(self) -> FloatArray | None:
+        """Where the simulated body was when its servos were read last (see `truth_names`); None without physics."""
         if self._bus is None:
             return None
         state, body = self._bus.witness.state, self._robot.body
-        return Truth(state.root, state.q[body.joint_qpos[body.joint_type > JointType.BALL]], state.zmp)
-
-    def truth_numbers(self) -> FloatArray | None:
-        """The same as numbers, for a recording."""
-        truth = self.truth()
-        return None if truth is None else truth.numbers()
+        return np.concatenate([state.root, state.q[body.joint_qpos[body.joint_type > JointType.BALL]], state.zmp])
 
     def _physics_bus(self, robot: RobotBody, clock: Clock) -> "PhysicsBus | WitnessedBus":
         from sim.buses import physics_bus, physics_wire_bus, simulation_of

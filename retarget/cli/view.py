@@ -16,7 +16,7 @@ from retarget.run.loop import ObserverCallback, Watch
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared
 from retarget.run.record import Record
-from retarget.run.run_result import Extras, Truth
+from retarget.run.run_result import Extras
 from retarget.types import FloatArray, Notify
 from retarget.viewer.feed import PageSetup, ViewFeed, open_feed
 from retarget.viewer.page import RecordedPage
@@ -114,7 +114,7 @@ def viewing(
     options: RunOptions,
     words: Callable[[], str] | None = None,
     *,
-    truth: Callable[[], Truth | None] = lambda: None,
+    truth: Callable[[], FloatArray | None] = lambda: None,
     notify: Notify,
 ) -> Iterator[Viewing]:
     """Open the page of a run on a port of this machine; None: there is none. words: the present state, where the phase
@@ -141,7 +141,7 @@ def viewing(
 
 
 def _extras(
-    prepared: Prepared, view: Viewing, words: Callable[[], str] | None, truth: Callable[[], Truth | None]
+    prepared: Prepared, view: Viewing, words: Callable[[], str] | None, truth: Callable[[], FloatArray | None]
 ) -> Extras:
     """What the page shows in addition to the rows of the record."""
     machine, scene_obstacles = prepared.machine, prepared.scene_obstacles

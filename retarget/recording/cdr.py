@@ -48,7 +48,7 @@ def _made_of(name: str) -> dict[str, None]:
 
 
 def schema(name: str) -> str:
-    """The definition of a message by its full name, followed by those that it is made of. docs/recording.md explains
+    """The definition of a message by its full name, followed by those that it is made of. docs/results.md explains
     the fields."""
     own, *others = _made_of(name.replace("/msg/", "/"))
     return _OWN[own] + "".join(f"{_LINE}MSG: {other}\n{_OWN[other]}" for other in others)

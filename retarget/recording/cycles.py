@@ -67,7 +67,7 @@ class Cycles:
     (T, READINGS) s: what the clock said, `readings` (T,) times. asked (T,): `Asked`. tick (T,): of the performance.
     sampled, read, written (T,): `Done`. goal (T, n) ticks. kept (T,): the pipeline has a row of it; then phase (T,),
     gated, no_command, q (T, n) rad as sent, before rounding, rest (T, r): the other columns of q, and so on. cost (T,
-    3) s of thread CPU of both stages and of wall time of the tick. truth (T, t): numbers of `run_result.Truth`.
+    3) s of thread CPU of both stages and of wall time of the tick. truth (T, t): numbers of `run_result.truth_names`.
     """
 
     index: NDArray[np.int64]

@@ -47,7 +47,7 @@ class Recorder:
     ) -> None:
         """Raises UsageError for a place at which no recording can be, or where something is, or without the library.
 
-        overwrite: what is there is removed as the recording begins. truth: numbers of the `Truth` of a simulated body.
+        overwrite: what is there is removed as the recording begins. truth: numbers of a simulated body.
         """
         if path is not None:
             check_target(path)

@@ -27,7 +27,7 @@ STATES_OF_RUN = {state: place for place, state in enumerate(RunState)}
 class Note:
     """Notes what happens in one run. ring: None before the run and after it: nothing is noted. now: s, read last.
 
-    truth: gives the numbers (t,) of the `Truth` of a simulated body; None: not known.
+    truth: gives the numbers (t,) of `truth_names` of a simulated body; None: not known.
     """
 
     def __init__(self, truth: Callable[[], FloatArray | None] = lambda: None) -> None:

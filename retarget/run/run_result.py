@@ -175,28 +175,15 @@ class RunResult:
 ROOT, PRESSURE = 7, 2
 
 
-@dataclass(frozen=True, eq=False)
-class Truth:
-    """The state of a simulated body. root (7,): xyz and wxyz of its root link; angles (j,): of its hinges and slides
-    in the order of the body; pressure (2,) m: centre of pressure of its soles, NaN where none carries."""
-
-    root: FloatArray
-    angles: FloatArray
-    pressure: FloatArray
-
-    def numbers(self) -> FloatArray:
-        """The state as one array, (7 + j + 2,)."""
-        return np.concatenate([self.root, self.angles, self.pressure])
-
-
 def truth_names(body: BodyModel) -> tuple[str, ...]:
-    """Names of the numbers of a `Truth` about a body."""
+    """Names of the numbers that describe the state of a simulated body: the pose of its root link, the angles of its
+    hinges and slides, and the centre of pressure of its soles (m, NaN where none carries)."""
     joints = [name for name, kind in zip(body.joint_names, body.joint_type, strict=True) if kind > JointType.BALL]
     return ("x", "y", "z", "qw", "qx", "qy", "qz", *joints, "pressure_x", "pressure_y")
 
 
 def in_truth(body: BodyModel, goal: FloatArray, numbers: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Posture (nq,) of a body by the numbers of a `Truth`, and the centre of pressure (2,).
+    """Posture (nq,) of a body by the numbers of `truth_names`, and the centre of pressure (2,).
 
     The root of a body with a fixed root is that of `goal`.
     """
@@ -215,4 +202,4 @@ class Extras:
     words: Callable[[], tuple[str, str]] = lambda: ("", "")
     current: Callable[[], FloatArray | None] = lambda: None
     obstacles: Callable[[], ObstaclePoses | None] = lambda: None
-    truth: Callable[[], Truth | None] = lambda: None
+    truth: Callable[[], FloatArray | None] = lambda: None

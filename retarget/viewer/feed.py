@@ -181,7 +181,6 @@ def _row(record: Record, row: int, extras: Extras, *, time: float) -> Row:
         "obstacle_poses": None if obstacles is None else placed(obstacles),
     }
     if robot is not None:
-        truth = extras.truth()
         known |= {
             "time": float(robot.bus_time[row]),
             "goal": robot.q[row],
@@ -191,6 +190,6 @@ def _row(record: Record, row: int, extras: Extras, *, time: float) -> Row:
             "landmarks": robot.landmark_names,
             "asked": robot.landmarks_asked[row],
             "modes": robot.observer_modes[row],
-            "truth": None if truth is None else truth.numbers(),
+            "truth": extras.truth(),
         }
     return Row(state=state, why=why, **known)

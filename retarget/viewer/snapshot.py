@@ -90,7 +90,7 @@ class Row:
     goal (nq,): posture of the robot that was sent, empty for a human alone; human (nq,). present (n,): rad, of the
     joints of the cast, NaN: not reported. landmarks (k): names; asked, reached (k, 3) m. sensors (s, 3) m: of the
     performer, NaN: not valid. obstacle_poses (o, 7): position, m, and quaternion. modes (o,) of the observers,
-    temperature (n,), degrees Celsius, and current (n,), A, of the servos. truth: the numbers of a `Truth` of a
+    temperature (n,), degrees Celsius, and current (n,), A, of the servos. truth: the numbers of `truth_names` of a
     simulated body. None, and empty `reached`: not known.
     """
 

@@ -14,7 +14,7 @@ from retarget.errors import ConfigError
 from retarget.model.human import build_human
 from retarget.model.scene_state import ObstaclePoses
 from retarget.run.record import HumanRecord, Record, RobotRecord, Timing
-from retarget.run.run_result import Extras, Truth
+from retarget.run.run_result import Extras
 from retarget.viewer.feed import STOP, PageSetup, ViewFeed, open_feed, pack, unpack
 from retarget.viewer.live_page import _serve
 from retarget.viewer.snapshot import Row
@@ -79,13 +79,13 @@ def test_what_is_not_in_the_record_is_shown_too() -> None:
     run, page = feed(every=1)
     still = np.zeros((2, 3))
     poses = ObstaclePoses(np.full((2, 3), 0.5), np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)), still, still)
-    truth = Truth(np.arange(7.0), np.arange(20.0), np.array([0.25, -0.5]))
+    truth = np.concatenate([np.arange(7.0), np.arange(20.0), [0.25, -0.5]])
     run.extras = Extras(obstacles=lambda: poses, truth=lambda: truth)
     run.on_row(record(), 0)
     row = received(page)
     assert row.current is None, "it is not known"
     np.testing.assert_array_equal(row.obstacle_poses, [[0.5, 0.5, 0.5, 1.0, 0.0, 0.0, 0.0]] * 2)
-    np.testing.assert_array_equal(row.truth, truth.numbers())
+    np.testing.assert_array_equal(row.truth, truth)
 
 
 def test_a_page_that_takes_nothing_costs_nothing() -> None:
