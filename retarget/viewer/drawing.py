@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from retarget.rotations import rotate
-from retarget.viewer.colours import ASKED, GOAL, HUMAN, REACHED, ROBOT, SENSOR, Colour, LimbColours
-from retarget.viewer.figures import HERE, Balls, Figure, Observing, Place, SceneFigures
+from retarget.types import FloatArray
+from retarget.viewer.colours import ASKED, GOAL, HUMAN, OBSTACLE, REACHED, ROBOT, SENSOR, Colour, LimbColours
+from retarget.viewer.figures import HERE, OBSTACLE_OPACITY, Figure, Observing, Place, Shapes, balls
 from retarget.viewer.ground import Balance
 from retarget.viewer.snapshot import Actor, Cast, Snapshot
 
@@ -95,13 +96,14 @@ class Drawing:
         name = "human" if cast.robot is None else "performer"
         self._parts[name] = human.top, lambda snapshot: human.place(snapshot.human, self.place)
         if cast.sensors:
-            worn = Balls(scene, "sensors", cast.sensors, radius=SENSOR_BALL * height, colour=SENSOR)
-            self._parts["sensors"] = worn.top, lambda snapshot: worn.show(self.place, snapshot.sensors)
+            worn = Shapes(scene, "sensors", balls(cast.sensors, SENSOR_BALL * height), colour=SENSOR)
+            self._parts["sensors"] = worn.top, lambda snapshot: worn.show(_at(self.place, snapshot.sensors))
         if cast.landmarks:
-            asked = Balls(scene, "asked", cast.landmarks, radius=BALL * height, colour=ASKED)
-            reached = Balls(scene, "reached", cast.landmarks, radius=BALL * height, colour=REACHED)
-            self._parts["asked"] = asked.top, lambda snapshot: asked.show(self._world, snapshot.asked)
-            self._parts["reached"] = reached.top, lambda snapshot: reached.show(self._world, snapshot.reached)
+            marks = balls(cast.landmarks, BALL * height)
+            asked = Shapes(scene, "asked", marks, colour=ASKED)
+            reached = Shapes(scene, "reached", marks, colour=REACHED)
+            self._parts["asked"] = asked.top, lambda snapshot: asked.show(snapshot.asked)
+            self._parts["reached"] = reached.top, lambda snapshot: reached.show(snapshot.reached)
 
     def _add_ground(self) -> None:
         """Balance, observers and obstacles."""
@@ -116,8 +118,14 @@ class Drawing:
             observing = Observing(scene, robot)
             self._parts["observers"] = observing.top, observing.show
         if cast.obstacles:
-            obstacles = SceneFigures(scene, cast.obstacles)
-            self._parts["obstacles"] = obstacles.top, obstacles.show
+            obstacles = Shapes(scene, "obstacles", cast.obstacles, colour=OBSTACLE, opacity=OBSTACLE_OPACITY)
+
+            def show_obstacles(snapshot: Snapshot) -> None:
+                poses = snapshot.obstacle_poses
+                if poses is not None:
+                    obstacles.show(poses[:, :3], poses[:, 3:])
+
+            self._parts["obstacles"] = obstacles.top, show_obstacles
 
     @property
     def _world(self) -> Place:
@@ -148,3 +156,8 @@ class Drawing:
         turn = np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
         origin = first.human[:3] * (1.0, 1.0, 0.0)
         self.place = Place(self.height / human.height, origin, turn, np.array([0.0, self._left, 0.0]))
+
+
+def _at(place: Place, points: FloatArray | None) -> FloatArray | None:
+    """Points (k, 3) m of a world, in the scene."""
+    return None if points is None else place.of(points)

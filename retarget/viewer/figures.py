@@ -1,6 +1,6 @@
 """Bodies, points, observers and obstacles in the scene of a page; only what moves is sent again."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -8,11 +8,12 @@ import numpy as np
 
 from retarget.model.observers import robot_observers
 from retarget.model.robot import RobotBody
+from retarget.model.scene_shapes import ShapeKind
 from retarget.rotations import conjugate, multiply, rotate
 from retarget.types import FloatArray
-from retarget.viewer.colours import MODES, OBSTACLE, Colour
-from retarget.viewer.meshes import shape_mesh
-from retarget.viewer.snapshot import Actor, Obstacle, Snapshot
+from retarget.viewer.colours import MODES, Colour
+from retarget.viewer.meshes import Mesh, shape_mesh
+from retarget.viewer.snapshot import Actor, Snapshot
 
 if TYPE_CHECKING:
     import viser
@@ -106,83 +107,71 @@ class Figure:
             node.move(offsets[link], own[link])
 
 
-class Balls:
-    """Points of a snapshot in the scene, each a ball of some radius, m."""
+UNTURNED = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+class Shapes:
+    """Shapes in the scene, each hidden until it is known where it is. top: of which all hang; nodes: one for each."""
 
     def __init__(
-        self, scene: "viser.SceneApi", name: str, points: Sequence[str], *, radius: float, colour: Colour
+        self,
+        scene: "viser.SceneApi",
+        name: str,
+        meshes: Mapping[str, Mesh],
+        *,
+        colour: Colour,
+        opacity: float | None = None,
     ) -> None:
         self.top = scene.add_frame(f"/{name}", show_axes=False)
-        paths = [f"/{name}/{i}_{point.replace('/', '_')}" for i, point in enumerate(points)]
-        self.balls = [Movable(scene.add_icosphere(path, radius, color=colour, visible=False)) for path in paths]
+        self.handles = [
+            scene.add_mesh_simple(
+                f"/{name}/{number}_{own.replace('/', '_')}",
+                vertices.astype(np.float32),
+                faces,
+                color=colour,
+                opacity=opacity,
+                cast_shadow=False,
+                visible=False,
+            )
+            for number, (own, (vertices, faces)) in enumerate(meshes.items())
+        ]
+        self._nodes = [Movable(handle) for handle in self.handles]
 
-    def show(self, place: Place, points: FloatArray | None) -> None:
-        """Move them to points (k, 3) m of a world; those that are NaN are hidden. None: not known."""
-        for ball, point in zip(self.balls, () if points is None else place.of(points), strict=False):
-            ball.move(point)
+    def show(self, points: FloatArray | None, turns: FloatArray | None = None) -> None:
+        """Move them to points (k, 3) m, turned by quaternions (k, 4), else not turned; None: not known. Those that are
+        NaN are hidden."""
+        if points is not None and len(points) == len(self._nodes):
+            for index, node in enumerate(self._nodes):
+                node.move(points[index], UNTURNED if turns is None else turns[index])
 
 
-# Observers on the links of a robot, by what they do, and obstacles.
+def balls(names: Sequence[str], radius: float) -> dict[str, Mesh]:
+    """A ball of some radius, m, for each point."""
+    return dict.fromkeys(names, shape_mesh(ShapeKind.CAPSULE, (radius, 0.0, 0.0)))
+
 
 OBSERVER_OPACITY, OBSTACLE_OPACITY = 0.35, 0.75
 
 
 class Observing:
-    """The observers of a robot that act, in the colour of what they do."""
+    """The observers of a robot that act, on its links, in the colour of what they do."""
 
     def __init__(self, scene: "viser.SceneApi", robot: RobotBody) -> None:
-        self.top = scene.add_frame("/observers", show_axes=False)
-        self._known, self._body = robot_observers(robot), robot.body.solver_body()
-        self.shapes: list[viser.MeshHandle] = []
-        for name, kind, size in zip(self._known.names, self._known.kinds, self._known.sizes, strict=True):
-            vertices, faces = shape_mesh(int(kind), size)
-            self.shapes.append(
-                scene.add_mesh_simple(
-                    f"/observers/{name.replace('/', '_')}",
-                    vertices.astype(np.float32),
-                    faces,
-                    opacity=OBSERVER_OPACITY,
-                    cast_shadow=False,
-                    visible=False,
-                )
-            )
-        self._nodes = [Movable(shape) for shape in self.shapes]
+        known = self._known = robot_observers(robot)
+        self._body = robot.body.solver_body()
+        kinds = zip(known.names, known.kinds.tolist(), known.sizes, strict=True)
+        meshes = {name: shape_mesh(kind, size) for name, kind, size in kinds}
+        self._shapes = Shapes(scene, "observers", meshes, colour=MODES[0], opacity=OBSERVER_OPACITY)
+        self.top = self._shapes.top
 
     def show(self, snapshot: Snapshot) -> None:
         """Show those that act, where it is known."""
         known, modes = self._known, snapshot.modes
-        if modes is None or len(modes) != len(self._nodes):
-            modes = np.zeros(len(self._nodes), dtype=np.uint8)
+        if modes is None or len(modes) != len(known.names):
+            modes = np.zeros(len(known.names), dtype=np.uint8)
         positions, turns = self._body.forward(np.ascontiguousarray(snapshot.goal))
         at = positions[known.links] + rotate(turns[known.links], known.positions)
-        turn = multiply(turns[known.links], known.quats)
         at[modes == 0] = np.nan
-        for index, mode in enumerate(modes.tolist()):
-            self._nodes[index].move(at[index], turn[index])
-            if mode:
-                self.shapes[index].color = MODES[min(mode, len(MODES)) - 1]
-
-
-class SceneFigures:
-    """The obstacles of the scene."""
-
-    def __init__(self, scene: "viser.SceneApi", obstacles: Sequence[Obstacle]) -> None:
-        self.top = scene.add_frame("/obstacles", show_axes=False)
-        self.nodes = [
-            Movable(
-                scene.add_mesh_simple(
-                    f"/obstacles/{one.name.replace('/', '_')}",
-                    one.mesh[0].astype(np.float32),
-                    one.mesh[1],
-                    color=OBSTACLE,
-                    opacity=OBSTACLE_OPACITY,
-                )
-            )
-            for one in obstacles
-        ]
-
-    def show(self, snapshot: Snapshot) -> None:
-        """Move them to where they are, where that is known."""
-        if snapshot.obstacle_poses is not None and len(snapshot.obstacle_poses) == len(self.nodes):
-            for node, pose in zip(self.nodes, snapshot.obstacle_poses, strict=True):
-                node.move(pose[:3], pose[3:])
+        self._shapes.show(at, multiply(turns[known.links], known.quats))
+        for index in np.flatnonzero(modes):
+            self._shapes.handles[index].color = MODES[min(int(modes[index]), len(MODES)) - 1]

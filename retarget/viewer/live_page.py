@@ -146,6 +146,6 @@ def _serve(link: socket.socket, page: LivePage, newest: bytes) -> None:
 
 def _cast(setup: PageSetup) -> Cast:
     robot = None if setup.robot is None else load_robot(setup.robot, root=setup.root)
-    shapes = obstacles(scene_shapes(load_scene(setup.scene))) if setup.scene else ()
+    shapes = obstacles(scene_shapes(load_scene(setup.scene))) if setup.scene else {}
     more: dict[str, Any] = {"obstacles": shapes, "simulated": setup.simulated, "sensors": tuple(setup.sensors)}
     return cast_of(setup.title, setup.human_mjcf, robot, root=setup.root, **more)

@@ -19,11 +19,11 @@ from retarget.recording.taps import STATES_OF_RUN
 from retarget.run.record import Phase
 from retarget.schema.scene import load_scene
 from retarget.types import BoolArray, FloatArray
+from retarget.viewer.meshes import Mesh
 from retarget.viewer.snapshot import (
     PHASE_WORDS,
     STATE_WORDS,
     Cast,
-    Obstacle,
     Row,
     Snapshot,
     actor,
@@ -49,7 +49,7 @@ class RecordedScene:
     """
 
     def __init__(self, recording: Recording, phase: NDArray[np.str_], no_command: BoolArray) -> None:
-        self.obstacles: tuple[Obstacle, ...] = ()
+        self.obstacles: dict[str, Mesh] = {}
         self.notes: tuple[str, ...] = ()
         self._state: SceneState | None = None
         moves = (phase != PHASE_NAMES[Phase.APPROACH]) & ~no_command
@@ -126,7 +126,7 @@ def open_recorded(path: Path, *, body: Path | None = None) -> ShownRun:
         actor(_compiled(human)),
         (),
         (),
-        obstacles=() if scene is None else scene.obstacles,
+        obstacles={} if scene is None else scene.obstacles,
         simulated="truth" in run.tracks,
         sensors=() if run.sensors is None else run.sensors.names,
         servos_commanded="temperature" in run.tracks,

@@ -43,14 +43,6 @@ class Actor:
 
 
 @dataclass(frozen=True, eq=False)
-class Obstacle:
-    """Of a scene: its mesh, in its own frame."""
-
-    name: str
-    mesh: Mesh
-
-
-@dataclass(frozen=True, eq=False)
 class Cast:
     """Who and what is seen. robot: None for a human alone. joints: n that a plot can show, landmarks (k) of the robot
     and sensors (s) of the performer: names.
@@ -66,7 +58,7 @@ class Cast:
     joints: tuple[str, ...]
     landmarks: tuple[str, ...]
     profile: RobotBody | None = None
-    obstacles: tuple[Obstacle, ...] = ()
+    obstacles: dict[str, Mesh] = field(default_factory=dict)
     simulated: bool = False
     sensors: tuple[str, ...] = ()
     servos_commanded: bool = True
@@ -178,11 +170,9 @@ def drawn(shapes: SceneShapes) -> list[int]:
     return [row for row, name in enumerate(shapes.names) if name != FLOOR]
 
 
-def obstacles(shapes: SceneShapes) -> tuple[Obstacle, ...]:
-    """Of a scene, those that are `drawn`."""
-    return tuple(
-        Obstacle(shapes.names[row], shape_mesh(int(shapes.kinds[row]), shapes.sizes[row])) for row in drawn(shapes)
-    )
+def obstacles(shapes: SceneShapes) -> dict[str, Mesh]:
+    """Meshes of a scene, each in its own frame: of those that are `drawn`, by name."""
+    return {shapes.names[row]: shape_mesh(int(shapes.kinds[row]), shapes.sizes[row]) for row in drawn(shapes)}
 
 
 def placed(poses: ObstaclePoses) -> FloatArray:

@@ -8,7 +8,7 @@ from followers import dimensions, op3, performer
 from retarget.model.body_file import compile_body, compile_body_text
 from retarget.model.human import Human, build_human
 from retarget.viewer.meshes import shape_mesh
-from retarget.viewer.snapshot import Cast, Obstacle, Snapshot, actor
+from retarget.viewer.snapshot import Cast, Snapshot, actor
 
 SENSORS = ("l_wrist", "head")
 
@@ -23,9 +23,9 @@ def cast_of_op3(*, simulated: bool = False) -> Cast:
     robot = op3()
     shown = actor(compile_body(robot.profile.body_path, root="free"))
     human = actor(compile_body_text(person().mjcf, source="human", root="free"))
-    ball = Obstacle("ball/1", shape_mesh(0, (0.05, 0.0, 0.0)))
+    ball = {"ball/1": shape_mesh(0, (0.05, 0.0, 0.0))}
     joints, columns = robot.joint_map.joints, robot.servo_columns
-    return Cast("test", shown, human, joints, ("l_hand",), robot, (ball,), simulated, SENSORS, columns=columns)
+    return Cast("test", shown, human, joints, ("l_hand",), robot, ball, simulated, SENSORS, columns=columns)
 
 
 @cache

@@ -8,10 +8,9 @@ import pytest
 from followers import op3
 from retarget import rotations
 from retarget.viewer.colours import ROBOT
-from retarget.viewer.figures import STEP_M, Figure, Movable, Place, SceneFigures
+from retarget.viewer.figures import STEP_M, Figure, Movable, Place, Shapes
 from retarget.viewer.meshes import shape_mesh
-from retarget.viewer.snapshot import Obstacle
-from viewed import cast_of_op3, snapshot
+from viewed import cast_of_op3
 
 
 def test_a_place_is_scaled_and_turned_about_its_origin() -> None:
@@ -59,12 +58,13 @@ def test_links_are_where_the_body_has_them(scale: float, server: Any) -> None:
         assert rotations.angle_between(found[link][1], turns[link]) < 2e-3
 
 
-def test_obstacles_move_where_it_is_known_where_they_are(server: Any) -> None:
+def test_shapes_move_where_it_is_known_where_they_are(server: Any) -> None:
     mesh = shape_mesh(0, (0.05, 0.0, 0.0))
-    figures = SceneFigures(server.scene, [Obstacle("a/b", mesh), Obstacle("c", mesh)])
+    shapes = Shapes(server.scene, "shapes", {"a/b": mesh, "c": mesh}, colour=ROBOT)
+    assert not any(handle.visible for handle in shapes.handles)
     poses = np.array([[0.1, 0.2, 0.3, 0.0, 1.0, 0.0, 0.0], [0.4, 0.5, 0.6, 1.0, 0.0, 0.0, 0.0]])
-    figures.show(snapshot(obstacle_poses=poses))
-    for other in (None, poses[:1] + 1.0):
-        figures.show(snapshot(obstacle_poses=other))
-    for node, pose in zip(figures.nodes, poses, strict=True):
-        np.testing.assert_allclose((*node.handle.position, *node.handle.wxyz), pose)
+    shapes.show(poses[:, :3], poses[:, 3:])
+    for other in (None, poses[:1, :3] + 1.0):
+        shapes.show(other)
+    for handle, pose in zip(shapes.handles, poses, strict=True):
+        np.testing.assert_allclose((*handle.position, *handle.wxyz), pose)

@@ -57,7 +57,7 @@ def at(scene: RecordedScene, row: int) -> FloatArray:
 
 def test_obstacles_move_from_the_first_tick_that_followed(whole: RecordedRun) -> None:
     scene = scene_of(whole)
-    assert [one.name for one in scene.obstacles] == ["ball"] and scene.notes == ()
+    assert list(scene.obstacles) == ["ball"] and scene.notes == ()
     first = first_followed(whole)
     assert first > 10
     for row in (0, first // 2, first):
@@ -83,7 +83,7 @@ def test_a_scene_that_changed_since_is_shown_as_it_was(whole: RecordedRun, place
     try:
         file.write_text(before.replace("radius: 0.05", "radius: 0.25"))
         scene = scene_of(whole)
-        assert np.abs(scene.obstacles[0].mesh[0]).max() == pytest.approx(0.05, abs=1e-3)
+        assert np.abs(scene.obstacles["ball"][0]).max() == pytest.approx(0.05, abs=1e-3)
         assert len(scene.notes) == 1
         shows(scene.notes[0])
         assert sum("another one now" in note for note in open_recorded(place / "run.mcap").notes) == 1, "noted once"
@@ -99,7 +99,7 @@ def test_why_it_is_not_shown(whole: RecordedRun, place: Path) -> None:
     assert recording is not None
     session = recording.session.model_copy(update={"scene": "nowhere", "files": ()})
     scene = scene_of(whole, recording=replace(recording, session=session, attachments={}))
-    assert scene.obstacles == () and scene.at(0) is None
+    assert not scene.obstacles and scene.at(0) is None
     assert len(scene.notes) == 1 and scene.notes[0].startswith("its scene is not shown: ")
 
 
@@ -108,7 +108,7 @@ def test_without_a_scene_there_is_nothing(whole: RecordedRun) -> None:
     assert recording is not None
     session = recording.session.model_copy(update={"scene": None})
     scene = scene_of(whole, recording=replace(recording, session=session))
-    assert scene.obstacles == () and scene.at(0) is None and scene.notes == ()
+    assert not scene.obstacles and scene.at(0) is None and scene.notes == ()
 
 
 @pytest.fixture(scope="module")
