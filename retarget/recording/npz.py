@@ -199,7 +199,6 @@ def refuse_no_file(path: Path) -> None:
 def read_arrays(path: Path, *, needed: frozenset[str], used: frozenset[str]) -> ArrayFile:
     """The arrays `needed`, and those `used` that are there. Raises InputError: no NPZ, cut short, a key missing."""
     try:
-        refuse_no_file(path)
         with zipfile.ZipFile(path) as archive:
             size = sum(entry.file_size for entry in archive.infolist())
         if size > MAX_BYTES:
@@ -210,8 +209,6 @@ def read_arrays(path: Path, *, needed: frozenset[str], used: frozenset[str]) -> 
                 found, allowed = f"no {', '.join(missing)}", "the keys of docs/results.md"
                 raise InputError("not a saved run", where=str(path), found=found, allowed=allowed, next_step=NOT_A_RUN)
             return ArrayFile(str(path), {key: np.asarray(file[key]) for key in file.files if key in needed | used})
-    except (FileNotFoundError, PermissionError) as error:
-        raise InputError("cannot read a run", where=str(path), found=error.strerror, next_step=NOT_A_RUN) from error
     except zipfile.BadZipFile as error:
         step = f"If it was one, it is cut short: get it again. {NOT_A_RUN}"
         raise InputError("not an NPZ file", where=str(path), found=error, next_step=step) from error

@@ -319,16 +319,12 @@ def replay(
 
 def what_computes(session: Session) -> tuple[str, ...]:
     """What differs from when it was recorded: version, numpy, kind of machine; a sentence each."""
-    changed = []
-    if session.version != retarget.__version__:
-        changed.append(f"recorded by retarget {session.version}, this is {retarget.__version__}")
-    for what, was, found in (
+    found = (
+        ("by retarget", session.version, retarget.__version__),
         ("with numpy", session.numpy, np.__version__),
         ("on", session.machine, platform.machine()),
-    ):
-        if was != found:
-            changed.append(f"recorded {what} {was}, this is {found}")
-    return tuple(changed)
+    )
+    return tuple(f"recorded {how} {was}, this is {now}" for how, was, now in found if was != now)
 
 
 def refuse_other_robot(session: Session, robot: RobotBody) -> None:

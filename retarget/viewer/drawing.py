@@ -129,7 +129,7 @@ class Drawing:
 
     @property
     def _world(self) -> Place:
-        """Where landmarks and balance are: in the robot's world, or in that of a human alone."""
+        """Where balance is: in the robot's world, or in that of a human alone."""
         return self.place if self._cast.robot is None else HERE
 
     def _furnish(self) -> None:

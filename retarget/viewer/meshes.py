@@ -18,6 +18,13 @@ SHARP = float(np.radians(40.0))
 THIN, GROUND = 0.002, 2.0
 """Least radius that is seen, and half the side of the piece of a half-space that is, m."""
 
+PRIMITIVES = {
+    "mjGEOM_BOX": ShapeKind.BOX,
+    "mjGEOM_CYLINDER": ShapeKind.CYLINDER,
+    "mjGEOM_CAPSULE": ShapeKind.CAPSULE,
+}
+"""Kinds of geoms in MuJoCo that are shapes of a scene, too."""
+
 
 @dataclass(frozen=True, eq=False)
 class LinkMesh:
@@ -48,15 +55,16 @@ Mesh = tuple[FloatArray, NDArray[np.uint32]]
 
 
 def shape_mesh(kind: int, size: Sequence[float]) -> Mesh:
-    """A canonical shape of `scene_shapes`, in its own frame."""
+    """A canonical shape of `scene_shapes`, in its own frame; of a half-space a piece of its surface."""
+    from trimesh import creation
+
     x, y, z = (float(value) for value in size)
     if kind == ShapeKind.CAPSULE:
-        return _capsule(max(x, THIN), y)
+        return _plain(creation.capsule(height=2.0 * y, radius=max(x, THIN), count=[ROUND, ROUND]))
     if kind == ShapeKind.CYLINDER:
-        return _cylinder(x, y)
-    if kind == ShapeKind.BOX:
-        return _box(np.array([x, y, z]))
-    return _box(np.array([GROUND, GROUND, THIN]))  # a half-space: its surface
+        return _creased(creation.cylinder(radius=x, height=2.0 * y, sections=ROUND))
+    half = (x, y, z) if kind == ShapeKind.BOX else (GROUND, GROUND, THIN)
+    return _creased(creation.box(extents=2.0 * np.array(half)))
 
 
 def _joined(link: int, parts: list[Mesh]) -> LinkMesh:
@@ -77,38 +85,17 @@ def _geom_mesh(model: Any, geom: int) -> Mesh | None:
         first, face = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
         vertices = model.mesh_vert[first : first + model.mesh_vertnum[mesh]]
         shape = _creased(Trimesh(vertices, model.mesh_face[face : face + model.mesh_facenum[mesh]], process=False))
-    elif kind == types.mjGEOM_BOX:
-        shape = _box(size)
-    elif kind == types.mjGEOM_CYLINDER:
-        shape = _cylinder(size[0], size[1])
-    elif kind in (types.mjGEOM_SPHERE, types.mjGEOM_CAPSULE):
-        shape = _capsule(size[0], size[1] if kind == types.mjGEOM_CAPSULE else 0.0)
     elif kind == types.mjGEOM_ELLIPSOID:
-        vertices, faces = _capsule(1.0, 0.0)
+        vertices, faces = shape_mesh(ShapeKind.CAPSULE, (1.0, 0.0, 0.0))
         shape = vertices * size, faces
+    elif kind == types.mjGEOM_SPHERE:
+        shape = shape_mesh(ShapeKind.CAPSULE, (size[0], 0.0, 0.0))
+    elif kind.name in PRIMITIVES:
+        shape = shape_mesh(PRIMITIVES[kind.name], size)
     else:
         return None
     turn = np.asarray(model.geom_quat[geom], dtype=np.float64)
     return rotate(turn, shape[0]) + model.geom_pos[geom], shape[1]
-
-
-def _box(half: FloatArray) -> Mesh:
-    from trimesh import creation
-
-    return _creased(creation.box(extents=2.0 * half))
-
-
-def _cylinder(radius: float, half: float) -> Mesh:
-    from trimesh import creation
-
-    return _creased(creation.cylinder(radius=radius, height=2.0 * half, sections=ROUND))
-
-
-def _capsule(radius: float, half: float) -> Mesh:
-    """A capsule, or, with `half` 0, a sphere."""
-    from trimesh import creation
-
-    return _plain(creation.capsule(height=2.0 * half, radius=radius, count=[ROUND, ROUND]))
 
 
 def _creased(mesh: Any) -> Mesh:
