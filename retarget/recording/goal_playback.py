@@ -86,7 +86,10 @@ class RecordedGoals:
         self._refused, self._refused_at = 0, 0.0
         body = robot.body
         self._dofs = body.joint_dof[[body.joint_index(joint) for joint in robot.joint_map.joints]]
-        self._speed_override = 1.0
+        self._speed_override, self._gone = 1.0, 0.0
+        self._part = PlaybackPart.PLAYING
+        self._here: FloatArray = self._joints[0]
+        self._moved: FloatArray = np.zeros_like(self._here)
         velocity = robot.profile.safety.speed_caps.approach * limits.max_velocity
         acceleration = np.minimum(velocity / RISE_S, limits.max_acceleration)
         self._back = TrajectoryGenerator(velocity, acceleration, acceleration / JERK_S, dt=dt)
@@ -169,8 +172,7 @@ class RecordedGoals:
     def _begin(self) -> None:
         self._part, self._gone = PlaybackPart.PLAYING, 0.0
         self._pace = 1.0  # share of the speed of then: all of it, but after a return
-        self._here: FloatArray = self._joints[0]
-        self._moved: FloatArray = np.zeros_like(self._here)
+        self._here, self._moved = self._joints[0], np.zeros_like(self._joints[0])
 
     def _at(self, gone: float) -> FloatArray:
         """The recorded posture (n,) after so many goals, rad."""

@@ -247,7 +247,7 @@ def posture_difference(played: Played, q: FloatArray) -> Difference:
     recorded, names = kept[np.isfinite(kept).all(axis=1)], tuple(f"q[{column}]" for column in range(q.shape[1]))
     both = min(len(recorded), len(q))
     off = np.abs(q[:both].astype(np.float32).astype(np.float64) - recorded[:both])
-    found = _located(off, np.arange(both), names, np.arange(both) * played.recording.session.dt)
+    found = _located(off, np.arange(both), names, np.asarray(np.arange(both) * played.recording.session.dt, np.float64))
     return replace(found, compared=len(recorded), absent=len(recorded) - both, whole=played.whole)
 
 

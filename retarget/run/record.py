@@ -183,8 +183,9 @@ Part = TypeVar("Part", HumanRecord, RobotRecord, Timing)
 
 
 def _each(part: Part, change: Callable[[NDArray[Any]], NDArray[Any]]) -> Part:
-    arrays = {one.name: getattr(part, one.name) for one in fields(part) if one.name != "start"}
-    return replace(part, **{name: change(array) for name, array in arrays.items() if isinstance(array, np.ndarray)})
+    values = {one.name: getattr(part, one.name) for one in fields(part) if one.name != "start"}
+    arrays: dict[str, Any] = {name: change(value) for name, value in values.items() if isinstance(value, np.ndarray)}
+    return replace(part, **arrays)
 
 
 # Which row of the record each tick fills, where a run lasts longer than there is room for.

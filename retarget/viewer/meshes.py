@@ -91,7 +91,7 @@ def _geom_mesh(model: Any, geom: int) -> Mesh | None:
     elif kind == types.mjGEOM_SPHERE:
         shape = shape_mesh(ShapeKind.CAPSULE, (size[0], 0.0, 0.0))
     elif kind.name in PRIMITIVES:
-        shape = shape_mesh(PRIMITIVES[kind.name], size)
+        shape = shape_mesh(PRIMITIVES[kind.name], size.tolist())
     else:
         return None
     turn = np.asarray(model.geom_quat[geom], dtype=np.float64)
