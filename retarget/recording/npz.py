@@ -63,18 +63,29 @@ def run_arrays(run: RunResult, body: Path) -> Arrays:
     the text of its body; sensor_names (s,), sensor_positions (T, s, 3) m, as the human was made of them, NaN where not
     valid; dt s; motion_dt s. Before and after following, landmarks_asked, human_truth and sensors stand still.
     """
-    record, human, mjcf = run.record, run.record.human, run.human.mjcf
-    arrays = {
-        "time": record.time,
-        "phase": PHASES[record.phase],
-        **(_human_body(run) if record.robot is None else _robot_body(run)),
-    }
+    record, human, robot, sent = run.record, run.record.human, run.robot, run.record.robot
+    names, asked, reached = run.followed
+    arrays: Arrays = {"time": record.time, "phase": PHASES[record.phase]}
+    if robot is None or sent is None:
+        arrays |= _moved_body(run.human.body, human.q)
+        arrays["goal_ticks"] = np.full(arrays["joint_positions"].shape, NO_SERVO, dtype=np.int64)
+    else:
+        arrays |= _moved_body(robot.body, sent.q)
+        joints = tuple(arrays["joint_names"].tolist())
+        arrays["goal_ticks"] = robot.joint_map.spread(joints, sent.goal_ticks)
+        arrays["servo_positions"] = present = np.full((len(sent.q), len(joints)), np.nan)
+        if run.setup.has_bus:
+            present[:, [joints.index(joint) for joint in robot.joint_map.joints]] = sent.present
     arrays |= {
+        "landmark_names": np.array(names),
+        "landmarks_asked": _held(record, asked),
+        "landmarks_reached": reached,
+        "gated": np.zeros(len(record), dtype=np.bool_) if sent is None else sent.gated,
         "body": np.array(str(body.resolve())),
         "human_joint_names": np.array(human.joint_names),
         "human_joint_positions": human.joints,
         "human_q": human.q,
-        "human_mjcf": np.array(mjcf),
+        "human_mjcf": np.array(run.human.mjcf),
         "sensor_names": np.array(run.sensors),
         "sensor_positions": human.sensors,
         "dt": np.array(run.clip.dt),
@@ -92,35 +103,6 @@ def _moved_body(body: BodyModel, q: FloatArray) -> Arrays:
         "joint_positions": joints,
         "root_position": root[:, :3],
         "root_quaternion": root[:, 3:],
-    }
-
-
-def _robot_body(run: RunResult) -> Arrays:
-    robot, sent, reached = run.robot, run.record.robot, run.landmarks_reached
-    assert robot is not None and sent is not None and reached is not None
-    moved = _moved_body(robot.body, sent.q)
-    names = tuple(moved["joint_names"].tolist())
-    present = np.full((len(sent.q), len(names)), np.nan)
-    if run.setup.has_bus:
-        present[:, [names.index(joint) for joint in robot.joint_map.joints]] = sent.present
-    return moved | {
-        "goal_ticks": robot.joint_map.spread(names, sent.goal_ticks),
-        "landmark_names": np.array(sent.landmark_names),
-        "landmarks_asked": _held(run.record, sent.landmarks_asked),
-        "landmarks_reached": reached,
-        "gated": sent.gated,
-        "servo_positions": present,
-    }
-
-
-def _human_body(run: RunResult) -> Arrays:
-    moved = _moved_body(run.human.body, run.record.human.q)
-    return moved | {
-        "goal_ticks": np.full(moved["joint_positions"].shape, NO_SERVO, dtype=np.int64),
-        "landmark_names": np.array(run.sensors),
-        "landmarks_asked": run.sensors_asked,
-        "landmarks_reached": run.sensors_reached,
-        "gated": np.zeros(len(run.record), dtype=np.bool_),
     }
 
 

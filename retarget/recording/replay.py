@@ -291,7 +291,8 @@ def replay(
     samples, bus, clock = ReplayedSamples(played, cursor), ReplayedBus(played, cursor), ReplayedClock(cursor)
 
     def perform(performer: Performer, robot: RobotBody | None) -> Performance:
-        _refuse_other_performer(session, performer)
+        now, allowed = tuple(performer.sensors), ", ".join(session.sensors)
+        _refuse_others("the performer has other sensors", now, session.sensors, where=performer.name, allowed=allowed)
         if robot is not None:
             refuse_other_robot(session, robot)
         return Performance(samples, session.size, session.notes, session.intake_times)
@@ -329,29 +330,17 @@ def what_computes(session: Session) -> tuple[str, ...]:
 
 def refuse_other_robot(session: Session, robot: RobotBody) -> None:
     """Raise InputError where the robot has other servos than it had."""
-    joints = robot.joint_map.joints
-    if joints != session.joints:
-        missing = [joint for joint in session.joints if joint not in joints]
-        added = [joint for joint in joints if joint not in session.joints]
-        found = "; ".join(
-            f"{what} {', '.join(names)}" for what, names in (("without", missing), ("with", added)) if names
-        )
-        raise InputError(
-            "the robot has other servos than when it was recorded",
-            where=robot.profile.name,
-            found=found or "another order of them",
-            allowed=f"the profile of then, of {session.robot}, which is attached to the recording",
-        )
+    allowed = f"the profile of then, of {session.robot}, which is attached to the recording"
+    now, where = robot.joint_map.joints, robot.profile.name
+    _refuse_others("the robot has other servos", now, session.joints, where=where, allowed=allowed)
 
 
-def _refuse_other_performer(session: Session, performer: Performer) -> None:
-    if tuple(performer.sensors) != session.sensors:
-        raise InputError(
-            "the performer has other sensors than when it was recorded",
-            where=performer.name,
-            found=", ".join(performer.sensors),
-            allowed=", ".join(session.sensors),
-        )
+def _refuse_others(what: str, now: tuple[str, ...], then: tuple[str, ...], *, where: str, allowed: str) -> None:
+    if now != then:
+        missing, added = [name for name in then if name not in now], [name for name in now if name not in then]
+        parts = [f"{word} {', '.join(names)}" for word, names in (("without", missing), ("with", added)) if names]
+        found = "; ".join(parts) or "another order of them"
+        raise InputError(f"{what} than when it was recorded", where=where, found=found, allowed=allowed)
 
 
 def _watch(played: Played, cursor: Cursor, prepared: Prepared, watch: Watch) -> Watch:
