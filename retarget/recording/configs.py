@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 from retarget.errors import InputError, RefusedError, UsageError
 from retarget.model.robot import RobotBody, load_robot, robot_of
 from retarget.recording.reading import Recording
-from retarget.recording.session import ConfigFile, config_content
+from retarget.recording.session import config_content
 from retarget.run.options import RunOptions, priority_names
 from retarget.schema.catalogue import Kind, calibration_path, find
 from retarget.schema.profile import RobotProfile, read_profile
@@ -64,7 +64,7 @@ def as_now(recording: Recording, options: RunOptions, *, robot: str | None = Non
         files = _Files(recording, Path(folder), now=True)
         if options.is_human:
             yield _configs(files, options, None)
-        elif robot is None and files.found(Kind.ROBOT, options.robot) is None:
+        elif robot is None and _found(Kind.ROBOT, options.robot) is None:
             yield _configs(files, options, _robot_of_then(files, options, None))
         else:
             options = options if robot is None else replace(options, robot=robot)
@@ -89,22 +89,8 @@ class _Files:
     def __init__(self, recording: Recording, folder: Path, *, now: bool) -> None:
         self.recording, self.notes, self.attached = recording, list[str](), set[str]()
         self._folder, self._now = folder, now
-        self._said = {file.name: file for file in recording.session.files}
-
-    def said(self, name: str) -> ConfigFile | None:
-        """The recording's entry of a file; None: there was none."""
-        return self._said.get(name)
-
-    def body_name(self) -> str:
-        """Of the robot's body: `body.xml` or `body.urdf`."""
-        return next((name for name in self._said if name.startswith("body.")), "body.xml")
-
-    def found(self, kind: Kind, name: str) -> Path | None:
-        """Where a file that an option names is now."""
-        try:
-            return find(kind, name)
-        except UsageError:
-            return None
+        self.said = {file.name: file for file in recording.session.files}
+        """Entries of the recording, by name."""
 
     def place(self, name: str, now: Path | None) -> Path:
         """Of one file. Raises InputError where it is nowhere."""
@@ -113,7 +99,7 @@ class _Files:
             return now
         if now is not None and self.is_as_then(name, now):
             return now
-        then = Path(self._said[name].path) if name in self._said else None
+        then = Path(self.said[name].path) if name in self.said else None
         if then is None or self._now or not self.is_as_then(name, then):
             then = self._attached(name)
         elif now is None:
@@ -124,14 +110,14 @@ class _Files:
 
     def note_changed(self, name: str, now: Path) -> None:
         """Note a file that is used as it is now, if it differs from that of then."""
-        if name not in self._said:
+        if name not in self.said:
             self.notes.append(f"{name}: there was none then: {now}")
         elif not self.is_as_then(name, now):
             self.notes.append(f"{name} has changed: {now}")
 
     def is_as_then(self, name: str, path: Path) -> bool:
         """Whether a file holds what it held."""
-        said = self._said.get(name)
+        said = self.said.get(name)
         try:
             return said is not None and hashlib.sha256(config_content(name, path)).hexdigest() == said.sha256
         except (RefusedError, OSError, ValueError):
@@ -140,12 +126,12 @@ class _Files:
     def _attached(self, name: str) -> Path:
         content = self.recording.attachments.get(name)
         if content is None or PurePosixPath(name).name != name:
-            said = self._said.get(name)
+            said, of_robot = self.said.get(name), name in (PROFILE, CALIBRATION) or name.startswith("body.")
             raise InputError(
                 "a file of the recorded run is not there any more, and not in the recording",
                 where=str(self.recording.path),
                 found=f"no {name}" + (f", which was {said.path}" if said else ""),
-                next_step="Put it back" + (f"; or {ANOTHER[0].lower()}{ANOTHER[1:]}" if _is_robots(name) else ""),
+                next_step="Put it back" + (f"; or {ANOTHER[0].lower()}{ANOTHER[1:]}" if of_robot else ""),
             )
         self.attached.add(name)
         path = self._folder / name
@@ -153,8 +139,12 @@ class _Files:
         return path
 
 
-def _is_robots(name: str) -> bool:
-    return name in (PROFILE, CALIBRATION) or name.startswith("body.")
+def _found(kind: Kind, name: str) -> Path | None:
+    """Where a file that an option names is now."""
+    try:
+        return find(kind, name)
+    except UsageError:
+        return None
 
 
 def _configs(files: _Files, options: RunOptions, robot: RobotBody | None) -> Configs:
@@ -176,19 +166,20 @@ def _configs(files: _Files, options: RunOptions, robot: RobotBody | None) -> Con
 
 def _named(files: _Files, name: str, kind: Kind, asked: str) -> str:
     """What the options name; a path where that does not lead to the file which is to be used."""
-    now = files.found(kind, asked)
+    now = _found(kind, asked)
     place = files.place(name, now)
     return asked if place == now else str(place)
 
 
 def _robot_of_then(files: _Files, options: RunOptions, body: Path | None) -> RobotBody:
-    found = files.found(Kind.ROBOT, options.robot)
+    found = _found(Kind.ROBOT, options.robot)
     path = files.place(PROFILE, found)
     try:
         profile = read_profile(path)
         if body is None:
             near = None if found is None else found.parent / profile.body
-            body = files.place(files.body_name(), near if near is not None and near.is_file() else None)
+            name = next((name for name in files.said if name.startswith("body.")), "body.xml")
+            body = files.place(name, near if near is not None and near.is_file() else None)
         profile = profile.model_copy(update={"body": str(body.resolve())})
         place = _calibration(files, profile)
         calibration = None if place is None else read_calibration(profile, place)
@@ -206,7 +197,7 @@ def _calibration(files: _Files, profile: RobotProfile) -> Path | None:
     """The calibration of then; None where there was none."""
     now = calibration_path(profile.name)
     there = now if now.is_file() else None
-    if files.said(CALIBRATION) is not None:
+    if CALIBRATION in files.said:
         return files.place(CALIBRATION, there)
     if there is not None:
         files.notes.append(f"{CALIBRATION}: there was none then; {there} is not used")
@@ -220,5 +211,5 @@ def _note_robot(files: _Files, robot: RobotBody) -> None:
     files.note_changed(f"body{profile.body_path.suffix}", profile.body_path)
     if robot.calibration is not None:
         files.note_changed(CALIBRATION, calibration_path(profile.name))
-    elif files.said(CALIBRATION) is not None:
+    elif CALIBRATION in files.said:
         files.notes.append(f"{CALIBRATION}: there is none now")

@@ -19,7 +19,7 @@ from retarget.recording.replay import refuse_other_robot
 from retarget.run.options import RunOptions
 from retarget.run.prepare import MakeBus, Prepared, prepare_for
 from retarget.run.record import Phase
-from retarget.run.stages import FollowingStage, ReconstructingStage
+from retarget.run.stages import ReconstructingStage
 from retarget.schema.performer import Performer
 from retarget.types import BoolArray, FloatArray, Notify, RobotPosture
 
@@ -274,10 +274,14 @@ def goal_playback(
         samples = UntilDone(**vars(held), stage=stages[0], planned=stages[0].ticks)
         return Performance(samples, session.size, session.notes, session.intake_times)
 
-    def lead(follower: FollowingStage) -> FollowingStage:
-        return stages[0]
-
     with prepare_for(
-        perform, options, clock=clock, make_bus=make_bus, goes_to_rest=True, notify=notify, lead=lead, robot=robot
+        perform,
+        options,
+        clock=clock,
+        make_bus=make_bus,
+        goes_to_rest=True,
+        notify=notify,
+        lead=lambda follower: stages[0],
+        robot=robot,
     ) as prepared:
         yield replace(prepared, reconstructor=StillHuman(prepared.reconstructor))

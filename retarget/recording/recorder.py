@@ -6,11 +6,9 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from hardware.bus import ServoBus
 from hardware.clock import Clock, MonotonicClock, VirtualClock, wall_to_monotonic
 from retarget.human.reconstruction import Reconstructor
 from retarget.model.human_dimensions import POINTS
-from retarget.model.robot import RobotBody
 from retarget.recording.cycles import Asked, Shape
 from retarget.recording.mcap_writer import OPTION, RecordingFile, Ring, WritingThread, check_target
 from retarget.recording.session import config_files, session_of
@@ -77,11 +75,7 @@ class Recorder:
         """What makes the run's bus, instead of `make`."""
         if self._path is None:
             return make
-
-        def tapped(robot: RobotBody, clock: Clock) -> ServoBus:
-            return TappedBus(make(robot, self._clock), self._note)
-
-        return tapped
+        return lambda robot, clock: TappedBus(make(robot, self._clock), self._note)
 
     def recorded_notify(self, notify: Notify) -> Notify:
         """A `notify` that also records each message, to be used instead."""

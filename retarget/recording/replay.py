@@ -7,8 +7,7 @@ import numpy as np
 
 import retarget
 from hardware.arrays import TickArray
-from hardware.bus import ServoBus, ServoGoals, ServoStates
-from hardware.clock import Clock
+from hardware.bus import ServoGoals, ServoStates
 from hardware.errors import BusError
 from hardware.guard import Guard
 from hardware.guard_state import StopCause
@@ -297,15 +296,12 @@ def replay(
             refuse_other_robot(session, robot)
         return Performance(samples, session.size, session.notes, session.intake_times)
 
-    def make_bus(robot: RobotBody, clock: Clock) -> ServoBus:
-        return bus
-
     robot = configs.robot
     with prepare_for(
         perform,
         configs.options,
         clock=clock,
-        make_bus=make_bus,
+        make_bus=lambda robot, clock: bus,
         goes_to_rest=session.goes_to_rest,
         notify=notify,
         robot=robot,
