@@ -93,7 +93,7 @@ class CommandRun:
             goes_to_rest=goes_to_rest,
             notify=log,
             overwrite=outputs.overwrite,
-            truth=self.bench.truth_numbers,
+            truth=self.bench.truth,
         )
         self.notify = self.recorder.recorded_notify(log)
 
