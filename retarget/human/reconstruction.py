@@ -131,7 +131,7 @@ class Reconstructor:
             priorities,
             human.body,
             frames=body_frames(human.body) | sensor_frames,
-            postures={posture.name: human.posture(posture.name) for posture in POSTURES},
+            postures={name: human.posture(name) for name in POSTURES},
             limits=human_limits(human.body),
             fed=names,
             locked=human.locked,

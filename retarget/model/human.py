@@ -5,7 +5,7 @@ axes each, beside the six of the root (57 velocities); B, 51 with the root, whic
 sideward axis of each elbow. B is the default.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -20,6 +20,7 @@ from retarget.model.human_dimensions import (
     HUMAN_JOINTS,
     POINTS,
     SEGMENTS,
+    TABLES,
     TRUNK_LEVELS,
     HumanDimensions,
     HumanJoint,
@@ -41,28 +42,8 @@ _HEADER = """<mujoco model="human">
   </default>
   <worldbody>"""
 
-_RADII: dict[str, float] = {
-    "pelvis": 0.055,
-    "spine": 0.065,
-    "chest": 0.065,
-    "neck": 0.032,
-    "collar": 0.035,
-    "shoulder": 0.026,
-    "elbow": 0.021,
-    "wrist": 0.019,
-    "hip": 0.034,
-    "knee": 0.023,
-    "ankle": 0.020,
-}
-"""Radius of each link's capsule as a share of stature.
-
-Thighs and shanks taper: their capsules are as thick as the knee and as the middle of the shank, so that legs which
-pass each other as people's do need not part for it."""
-
-_HEAD_RADIUS = 0.062
-"""Radius of the head's sphere as a share of stature: from the ear canal (0.936) to the vertex."""
-
-
+_RADII: Mapping[str, float] = TABLES["radii"]
+"""Radius of each link's capsule, and of the head's sphere, as a share of stature."""
 _POINT_M = 1e-3
 """A link shorter than this is a point: its shape is a sphere."""
 
@@ -83,9 +64,10 @@ def _write_link(lines: list[str], joint: HumanJoint, dimensions: HumanDimensions
     if is_root:
         lines.append(f'{indent}  <freejoint name="root"/>')
     for hinge in joint.hinges:
+        lower, upper = hinge.limits
         lines.append(
             f'{indent}  <joint name="{joint.name}_{hinge.motion}" axis="{_text(joint.axis(hinge))}" '
-            f'range="{hinge.lower_deg:g} {hinge.upper_deg:g}"/>'
+            f'range="{lower:g} {upper:g}"/>'
         )
     lines += [f"{indent}  {line}" for line in _inertial(joint, dimensions) + _shapes(joint, dimensions)]
     lines += [f"{indent}  {line}" for line in _sites(joint, dimensions)]
@@ -123,9 +105,8 @@ def _segment_point(name: str, joint: HumanJoint, dimensions: HumanDimensions) ->
     """Point (3,) of a segment's table entry in the link's frame, in the rest posture."""
     if name == _kind(joint.name):
         return np.zeros(3)
-    if name in ("hips", "l4_l5", "t12_l1", "c7_t1"):
-        share = 0.0 if name == "hips" else getattr(TRUNK_LEVELS, name)
-        return _trunk_point(share, dimensions) - _from_pelvis(joint.name, dimensions)
+    if name in TRUNK_LEVELS:
+        return _trunk_point(TRUNK_LEVELS[name], dimensions) - _from_pelvis(joint.name, dimensions)
     side = joint.name[:2] if joint.name[1] == "_" else ""
     return dimensions.of(side + name)
 
@@ -158,7 +139,7 @@ def _shapes(joint: HumanJoint, dimensions: HumanDimensions) -> list[str]:
         start, end = np.zeros(3), dimensions.of(ends[0])
     shapes = [_capsule(joint.name, start, end, radius)]
     if kind == "neck":
-        size = _HEAD_RADIUS * dimensions.stature
+        size = _RADII["head"] * dimensions.stature
         shapes.append(f'<geom name="head" type="sphere" pos="{_text(end)}" size="{size:.6g}"/>')
     if kind == "ankle":
         heel, tip = _foot_ends(joint.name, dimensions)
@@ -201,67 +182,9 @@ def _text(values: FloatArray) -> str:
     return " ".join(f"{value:.12g}" for value in values)
 
 
-# Reference postures of the virtual human as data: angles in degrees by motion; what is not named is 0.
-#
-# A name without a side means both sides. A posture task pulls the joints towards one of these.
-
-
-@dataclass(frozen=True)
-class Posture:
-    """A named posture: (motion, degrees) pairs, motions as in `human_joints` (`knee_flexion`: both knees)."""
-
-    name: str
-    description: str
-    angles_deg: tuple[tuple[str, float], ...]
-
-
-POSTURES: tuple[Posture, ...] = (
-    Posture("stand", "upright, arms hanging: the zero posture", ()),
-    Posture(
-        "attractor",
-        "as the paper describes: arms held away from the torso, knees bent, spine and hips near rest",
-        (
-            ("shoulder_elevation", 25.0),
-            ("shoulder_swing", -25.0),
-            ("elbow_flexion", 20.0),
-            ("hip_flexion", 10.0),
-            ("knee_flexion", 30.0),
-            ("ankle_dorsiflexion", 15.0),
-        ),
-    ),
-    Posture(
-        "natural",
-        "relaxed standing: legs vertical, arms hanging 18 degrees out, elbows bent, trunk bent a little",
-        (
-            ("spine_flexion", 3.0),
-            ("chest_flexion", 5.0),
-            ("shoulder_elevation", 12.9),
-            ("shoulder_swing", -12.6),
-            ("elbow_flexion", 35.0),
-        ),
-    ),
-    Posture(
-        "crouch",
-        "a deep crouch on flat feet, hands free: how people get down to the ground",
-        (
-            ("spine_flexion", 40.0),
-            ("chest_flexion", 6.0),
-            ("neck_flexion", -28.0),
-            ("shoulder_elevation", 12.9),
-            ("shoulder_swing", -12.6),
-            ("elbow_flexion", 35.0),
-            ("hip_flexion", 100.0),
-            ("knee_flexion", 110.0),
-            ("ankle_dorsiflexion", 20.0),
-        ),
-    ),
-    Posture(
-        "t_pose",
-        "arms straight out to the sides",
-        (("shoulder_elevation", 90.0), ("shoulder_swing", -45.0), ("shoulder_rotation", 45.0)),
-    ),
-)
-
+POSTURES: Mapping[str, Mapping[str, float]] = TABLES["postures"]
+"""Reference postures: name -> motion (`knee_flexion`: both knees) -> degrees. A posture task pulls the joints towards
+one of these."""
 
 Reading = Literal["A", "B"]
 
@@ -283,11 +206,10 @@ class Human:
 
     def posture(self, name: str) -> FloatArray:
         """Reference posture q (nq,), standing at the origin. Raises ConfigError with the nearest names."""
-        for posture in POSTURES:
-            if posture.name == name:
-                return self.posture_from(posture.angles_deg)
-        names = [posture.name for posture in POSTURES]
-        raise ConfigError("unknown posture", found=name, allowed=", ".join(names), next_step=suggest(name, names))
+        if name not in POSTURES:
+            allowed = ", ".join(POSTURES)
+            raise ConfigError("unknown posture", found=name, allowed=allowed, next_step=suggest(name, POSTURES))
+        return self.posture_from(POSTURES[name].items())
 
     def posture_from(self, angles_deg: Iterable[tuple[str, float]]) -> FloatArray:
         """Posture q (nq,) from (motion, degrees) pairs over the zero posture; no side means both sides.
@@ -306,10 +228,6 @@ class Human:
                     raise ConfigError("posture outside the joint's limits", where=name, found=degrees, allowed=allowed)
                 q[address[dof]] = angle
         return q
-
-    def weights(self, values: Iterable[tuple[str, float]], *, default: float) -> FloatArray:
-        """One number per DoF (nv,), as `joint_weights`. Raises ConfigError."""
-        return joint_weights(self.body, values, default=default)
 
     def _sided(self, motion: str) -> list[str]:
         return [motion] if motion in self.body.dof_names else [f"{side}_{motion}" for side in ("l", "r")]
@@ -331,38 +249,12 @@ def _locked(body: BodyModel, reading: Reading) -> BoolArray:
     return locked
 
 
-# How fast the joints of a human can move, as data.
-#
-# There are no acceleration limits: those of a human depend on muscle, load and posture, a recorded sensor is the motion
-# that really happened, and a limit would only make the virtual human lag behind it. A robot has both kinds.
-
-FASTEST: tuple[tuple[str, float], ...] = (
-    ("root_x", 15.0),
-    ("root_y", 15.0),
-    ("root_z", 15.0),
-    ("root_rx", 20.0),
-    ("root_ry", 20.0),
-    ("root_rz", 20.0),
-    ("spine", 15.0),
-    ("chest", 15.0),
-    ("neck", 15.0),
-    ("collar", 15.0),
-    ("shoulder", 25.0),
-    ("elbow", 25.0),
-    ("wrist", 25.0),
-    ("hip", 20.0),
-    ("knee", 25.0),
-    ("ankle", 20.0),
-)
-"""m/s and rad/s: about what people reach in sport, throwing excepted, so that no limit shapes an ordinary motion."""
-
-
 def human_limits(body: BodyModel) -> JointLimits:
-    """Anatomical positions, the speeds above, no limit on acceleration."""
+    """Anatomical positions, the speeds of the table, no limit on acceleration."""
     return JointLimits(
         lower=body.lower,
         upper=body.upper,
-        max_velocity=joint_weights(body, FASTEST, default=15.0),
+        max_velocity=joint_weights(body, TABLES["speeds"].items(), default=15.0),
         max_acceleration=np.full(body.nv, np.inf),
     )
 

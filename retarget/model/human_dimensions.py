@@ -1,40 +1,21 @@
 """Anthropometry: a person's joints, segment lengths and masses."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from retarget.errors import InputError, Problem
 from retarget.frames import mirrored_name
+from retarget.schema import strict_yaml
 from retarget.types import FloatArray
 
-# Joints of the virtual human as data: tree, hinge chains, anatomical limits, and which hinges the smaller model locks.
-#
-# Eighteen joints: a floating root and seventeen internal ones, each a chain of three hinges in anatomical order, so
-# that
-# limits are a box. Zero is standing upright with the arms hanging, thumbs forward. Axes are in the rest frame (x
-# forward,
-# y left, z up) and a positive angle is the motion that the name says: flexion, abduction, medial rotation, pronation,
-# dorsiflexion, inversion, elevation, protraction; trunk and neck bend and turn to the left. Limits: AAOS, those of the
-# trunk split over spine and chest; a 0 of the table is `LAXITY_DEG` here, because a hinge needs some range.
-#
-# The shoulder. Three hinges lose one direction (gimbal lock) when the upper arm points along the first axis, either
-# way.
-# Flexion first would lock with the arm held out to the side, abduction first with the arm held forward, a turn about
-# the
-# vertical first with the arm hanging or overhead: all common. Here the first hinge raises the arm in the plane of the
-# shoulder blade, half way between forward and sideward (`elevation`), the second swings it out of that plane
-# (`swing`: positive forward and across the chest, negative outward and back), the third turns it about itself. Lock
-# then
-# needs the upper arm 45 degrees behind the frontal plane or 45 degrees across the chest, both horizontal and both at
-# the
-# edge of what a shoulder can do: hanging, overhead, forward and sideward are all at least 45 degrees away.
+TABLES: Mapping[str, Any] = strict_yaml.load(Path(__file__).with_name("human.yaml")).data
+"""Section of `human.yaml` -> its content."""
 
-LAXITY_DEG = 2.0
-"""Range to each side of a hinge that the table gives none."""
-
-_SCAPULAR = float(np.sqrt(0.5))
-"""Sine and cosine of 45 degrees: the plane of shoulder elevation lies between forward and sideward."""
+# Joints of the virtual human: tree, hinge chains, anatomical limits, and which hinges the smaller model locks.
 
 
 @dataclass(frozen=True)
@@ -42,9 +23,8 @@ class Hinge:
     """One axis of a joint: motion name, axis in the rest frame (for a pair: of the left side), limits in degrees."""
 
     motion: str
-    axis: tuple[float, float, float]
-    lower_deg: float
-    upper_deg: float
+    axis: list[float]
+    limits: tuple[float, float]
     locked: bool = False
     """Locked in the model of 51 degrees of freedom."""
 
@@ -63,93 +43,28 @@ class HumanJoint:
         return np.asarray(np.array(hinge.axis) * mirror)
 
 
-_BACK, _LEFT, _UP = (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
-_FRONT, _RIGHT, _DOWN = (1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0)
+def _each_side(name: str, parent: str) -> list[tuple[str, str]]:
+    """A name of the tables and its parent, once, or for left and right where they have `{s}` for the side."""
+    sides = "lr" if "{s}" in name else "l"
+    return [(name.replace("{s}", side), parent.replace("{s}", side)) for side in sides]
 
 
-def _trunk(flexion: tuple[float, float], lateral: float, rotation: float) -> tuple[Hinge, ...]:
-    return (
-        Hinge("flexion", _LEFT, *flexion),
-        Hinge("lateral", _BACK, -lateral, lateral),
-        Hinge("rotation", _UP, -rotation, rotation),
-    )
-
-
-_COLLAR = (
-    Hinge("protraction", _DOWN, -20.0, 20.0),
-    Hinge("elevation", _FRONT, -10.0, 30.0),
-    Hinge("tilt", _LEFT, -20.0, 20.0),
-)
-_SHOULDER = (
-    Hinge("elevation", (_SCAPULAR, -_SCAPULAR, 0.0), -51.0, 180.0),
-    Hinge("swing", (-_SCAPULAR, -_SCAPULAR, 0.0), -80.0, 80.0),
-    Hinge("rotation", _DOWN, -90.0, 70.0),
-)
-_ELBOW = (
-    Hinge("flexion", _RIGHT, 0.0, 150.0),
-    Hinge("abduction", _FRONT, -LAXITY_DEG, LAXITY_DEG, locked=True),
-    Hinge("pronation", _DOWN, -80.0, 80.0),
-)
-_WRIST = (
-    Hinge("flexion", _BACK, -70.0, 80.0),
-    Hinge("deviation", _RIGHT, -30.0, 20.0),
-    Hinge("rotation", _DOWN, -10.0, 10.0),
-)
-_HIP = (
-    Hinge("flexion", _RIGHT, -30.0, 120.0),
-    Hinge("abduction", _FRONT, -30.0, 45.0),
-    Hinge("rotation", _DOWN, -45.0, 45.0),
-)
-_KNEE = (
-    Hinge("flexion", _LEFT, 0.0, 135.0),
-    Hinge("abduction", _FRONT, -LAXITY_DEG, LAXITY_DEG, locked=True),
-    Hinge("rotation", _DOWN, -LAXITY_DEG, LAXITY_DEG, locked=True),
-)
-_ANKLE = (
-    Hinge("dorsiflexion", _RIGHT, -50.0, 20.0),
-    Hinge("inversion", _BACK, -20.0, 35.0),
-    Hinge("rotation", _DOWN, -15.0, 15.0),
-)
-
-
-def _sides(name: str, parent: str, hinges: tuple[Hinge, ...], *, paired_parent: bool = True) -> list[HumanJoint]:
-    return [
-        HumanJoint(f"{side}_{name}", f"{side}_{parent}" if paired_parent else parent, hinges) for side in ("l", "r")
-    ]
-
-
-HUMAN_JOINTS: tuple[HumanJoint, ...] = (
-    HumanJoint("pelvis", "", ()),
-    HumanJoint("spine", "pelvis", _trunk((-15.0, 45.0), 20.0, 20.0)),
-    HumanJoint("chest", "spine", _trunk((-10.0, 35.0), 15.0, 25.0)),
-    HumanJoint("neck", "chest", _trunk((-45.0, 45.0), 45.0, 60.0)),
-    *_sides("collar", "chest", _COLLAR, paired_parent=False),
-    *_sides("shoulder", "collar", _SHOULDER),
-    *_sides("elbow", "shoulder", _ELBOW),
-    *_sides("wrist", "elbow", _WRIST),
-    *_sides("hip", "pelvis", _HIP, paired_parent=False),
-    *_sides("knee", "hip", _KNEE),
-    *_sides("ankle", "knee", _ANKLE),
+HUMAN_JOINTS: tuple[HumanJoint, ...] = tuple(
+    HumanJoint(name, parent, tuple(Hinge(**hinge) for hinge in entry["hinges"]))
+    for key, entry in TABLES["joints"].items()
+    for name, parent in _each_side(key, entry["parent"])
 )
 """Parents before children; the parent of the root is the world, ""."""
 
-ENDS: tuple[tuple[str, str], ...] = (
-    ("head", "neck"),
-    ("l_hand", "l_wrist"),
-    ("r_hand", "r_wrist"),
-    ("l_toe", "l_ankle"),
-    ("r_toe", "r_ankle"),
-)
+ENDS: tuple[tuple[str, str], ...] = tuple(pair for end in TABLES["ends"].items() for pair in _each_side(*end))
 """Points at the ends of the tree that no joint carries: name and the joint whose segment they are on."""
 
 
-# Body proportions as data: where a person's mass lies and how long the segments are.
+# Body proportions: where a person's mass lies and how long the segments are.
 #
-# Masses, centres of mass and radii of gyration are one table, Winter (2009) after Dempster, and are never mixed with
-# another source. Lengths are fractions of stature: limbs and heights after Drillis & Contini (1966; Winter's Figure
-# 4.1);
-# the inner points of trunk and shoulder girdle, which that figure does not have, are means over twelve skeletons of the
-# CMU motion database (clavicle 0.195 m, three trunk links of 0.117 m, hip offset 0.140 m at a stature of 1.72 m).
+# Lengths are fractions of stature: limbs and heights after Drillis & Contini (1966; Winter's Figure 4.1); the inner
+# points of trunk and shoulder girdle, which that figure does not have, are means over twelve skeletons of the CMU
+# motion database (clavicle 0.195 m, three trunk links of 0.117 m, hip offset 0.140 m at a stature of 1.72 m).
 
 
 @dataclass(frozen=True)
@@ -159,7 +74,7 @@ class Segment:
     body: the joint that carries it. mass: share of the body mass (of one side). com: centre of mass from `start`, as
     a share of the length. gyration: radius of gyration about the centre of mass, across the segment, as a share of the
     length; None where the table has none. The points are canonical joint names, or levels of the trunk (see
-    `TrunkLevels`) and `hips`, the middle between the hip joints.
+    `TRUNK_LEVELS`).
     """
 
     body: str
@@ -167,37 +82,13 @@ class Segment:
     end: str
     mass: float
     com: float
-    gyration: float | None
+    gyration: float | None = None
 
 
-SEGMENTS: tuple[Segment, ...] = (
-    Segment("pelvis", "l4_l5", "hips", 0.142, 0.105, None),
-    Segment("spine", "t12_l1", "l4_l5", 0.139, 0.44, None),
-    Segment("chest", "c7_t1", "t12_l1", 0.216, 0.82, None),
-    Segment("neck", "neck", "head", 0.081, 1.0, 0.495),
-    Segment("shoulder", "shoulder", "elbow", 0.028, 0.436, 0.322),
-    Segment("elbow", "elbow", "wrist", 0.016, 0.430, 0.303),
-    Segment("wrist", "wrist", "hand", 0.006, 0.506, 0.297),
-    Segment("hip", "hip", "knee", 0.100, 0.433, 0.323),
-    Segment("knee", "knee", "ankle", 0.0465, 0.433, 0.302),
-    Segment("ankle", "ankle", "toe", 0.0145, 0.50, 0.475),
-)
-"""Winter (2009), Table 4.1. A limb segment occurs on both sides; the collars carry no mass of their own (it is the
-thorax's). The head's centre of mass is at the ear canal, where the head point is. Sum over both sides: 1.000."""
+SEGMENTS: tuple[Segment, ...] = tuple(Segment(**entry) for entry in TABLES["segments"])
 
-
-@dataclass(frozen=True)
-class TrunkLevels:
-    """Heights on the trunk, as shares of the way from the hips (0) to the shoulders (1)."""
-
-    l4_l5: float
-    t12_l1: float
-    c7_t1: float
-
-
-TRUNK_LEVELS = TrunkLevels(l4_l5=0.25, t12_l1=0.617, c7_t1=1.13)
-"""L4-L5 at the iliac crest (0.602 of stature) and C7 at 0.855 of stature; T12-L1 lies where the three trunk parts
-together have their centre of mass at 0.50 of the trunk, as the same table says for the trunk as a whole."""
+TRUNK_LEVELS: Mapping[str, float] = TABLES["trunk_levels"]
+"""Heights on the trunk, as shares of the way from the middle of the hip joints (0) to that of the shoulders (1)."""
 
 
 @dataclass(frozen=True)

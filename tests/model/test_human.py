@@ -21,6 +21,7 @@ from retarget.errors import ConfigError
 from retarget.frames import JOINTS, SENSORS, SensorFrames, SensorSample
 from retarget.human.calibration import calibrate
 from retarget.human.reconstruction import Reconstructor
+from retarget.model.body import joint_weights
 from retarget.model.human import POSTURES, Human, PostureReader, build_human, human_limits, human_mjcf
 from retarget.model.human_dimensions import POINTS, SEGMENTS, HumanDimensions, proportional_dimensions
 from retarget.model.observers import Observers, placed
@@ -93,15 +94,17 @@ def test_postures_are_named_in_errors(human: Human) -> None:
 
 
 def test_weights_by_dof_motion_joint_and_pair(human: Human) -> None:
-    weights = human.weights(
-        [("spine", 20.0), ("collar", 10.0), ("knee_flexion", 0.5), ("l_knee_flexion", 0.7), ("root", 0.0)], default=1.0
+    weights = joint_weights(
+        human.body,
+        [("spine", 20.0), ("collar", 10.0), ("knee_flexion", 0.5), ("l_knee_flexion", 0.7), ("root", 0.0)],
+        default=1.0,
     )
     by_name = dict(zip(human.body.dof_names, weights, strict=True))
     assert by_name["spine_lateral"] == 20.0 and by_name["r_collar_tilt"] == 10.0
     assert by_name["r_knee_flexion"] == 0.5 and by_name["l_knee_flexion"] == 0.7 and by_name["root_rx"] == 0.0
     assert by_name["neck_rotation"] == 1.0
     with refuses(ConfigError, "collar"):
-        human.weights([("colar", 1.0)], default=1.0)
+        joint_weights(human.body, [("colar", 1.0)], default=1.0)
 
 
 def test_building_is_quick(human: Human) -> None:
@@ -199,7 +202,7 @@ def test_looked_up_by_name() -> None:
     assert (posture.orientation("head") == orientations[2]).all()
 
 
-@pytest.mark.parametrize("name", [posture.name for posture in POSTURES])
+@pytest.mark.parametrize("name", list(POSTURES))
 def test_every_posture_is_inside_the_limits(human: Human, name: str) -> None:
     q = human.posture(name)
     single, address = human.body.scalar_joints()

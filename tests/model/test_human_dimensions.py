@@ -31,7 +31,7 @@ def test_masses_of_both_sides_sum_to_the_body() -> None:
 
 
 def test_the_parts_of_the_trunk_have_the_trunks_own_mass_and_centre() -> None:
-    level = {"hips": 0.0, "l4_l5": TRUNK_LEVELS.l4_l5, "t12_l1": TRUNK_LEVELS.t12_l1, "c7_t1": TRUNK_LEVELS.c7_t1}
+    level = TRUNK_LEVELS
     parts = [s for s in SEGMENTS if s.body in TRUNK[:3]]
     masses = np.array([s.mass for s in parts])
     centres = np.array([level[s.start] + s.com * (level[s.end] - level[s.start]) for s in parts])
@@ -173,7 +173,8 @@ def test_seventeen_joints_of_three_hinges_six_of_them_locked() -> None:
 def test_every_limit_box_holds_zero() -> None:
     for joint in HUMAN_JOINTS:
         for hinge in joint.hinges:
-            assert hinge.lower_deg <= 0.0 <= hinge.upper_deg and hinge.lower_deg < hinge.upper_deg
+            lower, upper = hinge.limits
+            assert lower <= 0.0 <= upper and lower < upper
 
 
 @pytest.mark.parametrize(
