@@ -214,14 +214,7 @@ class SensorFrames:
 
     def select(self, names: Sequence[str]) -> "SensorFrames":
         """Only these sensors, in this order. Raises UsageError with the nearest names for one that is not there."""
-        columns = [self.index(name) for name in names]
-        return replace(
-            self,
-            names=tuple(names),
-            position=self.position[:, columns],
-            orientation=self.orientation[:, columns],
-            valid=self.valid[:, columns],
-        )
+        return self._columns(tuple(names), [self.index(name) for name in names])
 
     def cut(self, start: float | None = None, end: float | None = None) -> "SensorFrames":
         """The frames from `start` to `end` (s, both included), with time counted from 0 again.
@@ -230,22 +223,27 @@ class SensorFrames:
         """
         first = 0.0 if start is None else float(start)
         last = float(self.time[-1]) if end is None else float(end)
-        allowed = f"0 to {self.time[-1]:.3f} s, start before end"
-        if not (np.isfinite(first) and np.isfinite(last) and first <= last):
-            raise UsageError(
-                "start and end do not enclose anything",
-                found=f"{first:g} to {last:g} s",
-                allowed=allowed,
-            )
         margin = SNAP * max(self.duration_s, 1.0)
         rows = np.flatnonzero((self.time >= first - margin) & (self.time <= last + margin))
-        if rows.size == 0:
+        if not (first <= last < np.inf and rows.size):
             raise UsageError(
                 "no frame between start and end",
                 found=f"{first:g} to {last:g} s",
-                allowed=allowed,
+                allowed=f"0 to {self.time[-1]:.3f} s, start before end",
             )
-        return self._rows(slice(int(rows[0]), int(rows[-1]) + 1))
+        return self.at_rows(rows, self.time[rows] - self.time[rows[0]])
+
+    def at_rows(self, rows: Sequence[int] | NDArray[np.integer], time: FloatArray) -> "SensorFrames":
+        """The frames of these rows, in this order, at other times (s), which rise strictly."""
+        joints = self.joints
+        return replace(
+            self,
+            time=time,
+            position=self.position[rows],
+            orientation=self.orientation[rows],
+            valid=self.valid[rows],
+            joints=None if joints is None else JointTracks(joints.names, joints.position[rows]),
+        )
 
     def mirror(self) -> "SensorFrames":
         """Left and right exchanged: every position reflected at the world's x-z plane, every name on its other side."""
@@ -257,25 +255,19 @@ class SensorFrames:
         if skeleton is not None:
             joint_names, order = _mirror_order(skeleton.names)
             skeleton = Skeleton(joint_names, skeleton.position[order] * _REFLECT_POSITION)
+        there = self._columns(names, columns)
         return replace(
-            self,
-            names=names,
-            position=self.position[:, columns] * _REFLECT_POSITION,
-            orientation=self.orientation[:, columns] * _REFLECT_QUATERNION,
-            valid=self.valid[:, columns],
+            there,
+            position=there.position * _REFLECT_POSITION,
+            orientation=there.orientation * _REFLECT_QUATERNION,
             joints=joints,
             skeleton=skeleton,
         )
 
     def sample(self, time: float) -> SensorSample:
         """The sensors at `time` (s): see `resample`."""
-        at = locate(self.time, np.array([time]))
-        return SensorSample(
-            self.names,
-            along_lines(self.position, at)[0],
-            along_arcs(self.orientation, at)[0],
-            valid_at(self.valid, at)[0],
-        )
+        there = self.resample([time])
+        return SensorSample(there.names, there.position[0], there.orientation[0], there.valid[0])
 
     def resample(self, time: ArrayLike) -> "SensorFrames":
         """The same motion on another clock: `time` (n,) s, strictly rising.
@@ -297,14 +289,14 @@ class SensorFrames:
             rate_hz=float((time.size - 1) / (time[-1] - time[0])) if time.size > 1 else self.rate_hz,
         )
 
-    def _rows(self, rows: slice) -> "SensorFrames":
+    def _columns(self, names: tuple[str, ...], columns: Sequence[int]) -> "SensorFrames":
+        """The sensors of these columns, by these names."""
         return replace(
             self,
-            time=self.time[rows] - self.time[rows][0],
-            position=self.position[rows],
-            orientation=self.orientation[rows],
-            valid=self.valid[rows],
-            joints=None if self.joints is None else JointTracks(self.joints.names, self.joints.position[rows]),
+            names=names,
+            position=self.position[:, columns],
+            orientation=self.orientation[:, columns],
+            valid=self.valid[:, columns],
         )
 
 

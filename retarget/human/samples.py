@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from retarget.errors import UsageError
-from retarget.frames import JointTracks, SensorFrames, SensorSample, on_grid
+from retarget.frames import SensorFrames, SensorSample, on_grid
 from retarget.human.sensor_intake import IntakeTimes
 from retarget.model.human_dimensions import HumanDimensions
 from retarget.schema.performer import Performer
@@ -259,22 +259,8 @@ def _once(frames: SensorFrames, step: float) -> SensorFrames:
 def _looped(frames: SensorFrames, step: float) -> SensorFrames:
     """One round of a loop: the motion, then straight back to its beginning, in a whole number of ticks."""
     count = _count(frames.duration_s + SEAM_S, step)
-    closed = _closed(frames, count * step)
+    closed = frames.at_rows([*range(len(frames)), 0], np.append(frames.time, count * step))
     return closed.resample(np.arange(count) * step)
-
-
-def _closed(frames: SensorFrames, period: float) -> SensorFrames:
-    """The motion with its first frame once more at its end, at time `period` (s)."""
-    again = [*range(len(frames)), 0]
-    joints = frames.joints
-    return replace(
-        frames,
-        time=np.append(frames.time, period),
-        position=frames.position[again],
-        orientation=frames.orientation[again],
-        valid=frames.valid[again],
-        joints=None if joints is None else JointTracks(joints.names, joints.position[again]),
-    )
 
 
 def _count(duration: float, step: float) -> int:

@@ -5,17 +5,92 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import fmod, hypot, inf, isfinite
-from typing import Protocol
 
 import numpy as np
 
 from retarget.errors import UsageError, suggest
 from retarget.model.scene_shapes import SceneShapes, canonical, scene_shapes
 from retarget.rotations import Vector, inverse, minus, plus, product, rotation_vector, turn
-from retarget.schema.scene import HERE, STILL, MovingPose, Obstacle, PathPoint, Pose, Scene, carried_by, on_body, unit
+from retarget.schema.scene import HERE, STILL, MovingPose, Obstacle, Pose, Scene, carried_by, on_body, unit
 from retarget.schema.shapes import MAX_COORDINATE
 from retarget.schema.strict_models import listed
 from retarget.types import FloatArray
+
+# How an obstacle's own frame moves in the frame that the obstacle names: at rest, with a velocity, or along a path.
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """Stretches of constant velocity. times (m): rising, s, at which they begin; pieces (m): the pose at that time, and
+    how it moves from then on, the last one for ever. Before the first time it rests. loop: after the last time it
+    begins anew."""
+
+    times: tuple[float, ...]
+    pieces: tuple[MovingPose, ...]
+    loop: bool = False
+
+    @property
+    def moves(self) -> bool:
+        """Whether it ever does."""
+        return any(not _rests(piece) for piece in self.pieces)
+
+    def at(self, time: float) -> MovingPose:
+        """Pose and velocities at a time, s. Where the velocity jumps, the later one."""
+        first, last = self.times[0], self.times[-1]
+        if time < first:
+            return MovingPose(self.pieces[0].pose)
+        if self.loop:
+            time = first + fmod(time - first, last - first)
+        index = bisect_right(self.times, time) - 1
+        if self.loop:
+            index = min(index, len(self.times) - 2)  # rounding may reach the last time; a loop never rests there
+        piece = self.pieces[index]
+        return piece if _rests(piece) else _moved(piece, time - self.times[index])
+
+
+def motion_of(obstacle: Obstacle) -> Motion:
+    """The motion that the file gives to an obstacle."""
+    if obstacle.path is not None:
+        poses = [Pose(point.pos, unit(point.quat)) for point in obstacle.path]
+        times = tuple(point.time for point in obstacle.path)
+        pieces = [
+            _between(before, after, later - earlier)
+            for (before, after), (earlier, later) in zip(pairwise(poses), pairwise(times), strict=True)
+        ]
+        return Motion(times, (*pieces, MovingPose(poses[-1])), obstacle.loop)
+    pose = Pose(obstacle.at.pos, unit(obstacle.at.quat))
+    moving = MovingPose(pose, obstacle.velocity or STILL, obstacle.angular_velocity or STILL)
+    return _until(moving, obstacle.start, inf if obstacle.until is None else obstacle.until)
+
+
+def _until(moving: MovingPose, start: float, end: float) -> Motion:
+    """A motion from `start` to `end`, s; infinite: for ever."""
+    if end == inf:
+        return Motion((start,), (moving,))
+    return Motion((start, end), (moving, MovingPose(_moved(moving, end - start).pose)))
+
+
+def _rests(moving: MovingPose) -> bool:
+    return moving.linear == STILL and moving.angular == STILL
+
+
+def _between(before: Pose, after: Pose, duration: float) -> MovingPose:
+    """Straight and along the short arc from one pose to another."""
+    angular = rotation_vector(product(after.quat, inverse(before.quat)))
+    way = minus(after.position, before.position)
+    return MovingPose(before, _scaled(way, 1.0 / duration), _scaled(angular, 1.0 / duration))
+
+
+def _moved(moving: MovingPose, duration: float) -> MovingPose:
+    """After some time at constant velocities: p + v t, exp(w t) q."""
+    quat = unit(product(turn(_scaled(moving.angular, duration)), moving.pose.quat))
+    position = plus(moving.pose.position, _scaled(moving.linear, duration))
+    return MovingPose(Pose(position, quat), moving.linear, moving.angular)
+
+
+def _scaled(vector: Vector, factor: float) -> Vector:
+    return (factor * vector[0], factor * vector[1], factor * vector[2])
+
 
 # The live pose of one obstacle: updates from outside are checked, the last good one is kept with its age.
 
@@ -41,11 +116,11 @@ class _Seen:
 
 @dataclass(frozen=True, slots=True)
 class _Held:
-    """The last good update, with velocities, and the one before it."""
+    """The last good update and the one before it, and the motion that follows from them."""
 
     last: _Seen
     before: _Seen | None
-    moving: MovingPose
+    motion: Motion
 
 
 class LivePose:
@@ -79,7 +154,8 @@ class LivePose:
             self.dropped += 1
             return False
         before = None if held is None else held.last if held.last.time < seen.time else held.before
-        self._held = _Held(seen, before, _moving(seen, before))
+        motion = _until(_moving(seen, before), seen.time, seen.time + VELOCITY_HOLDS)
+        self._held = _Held(seen, before, motion)
         return True
 
     def restart(self) -> None:
@@ -90,15 +166,7 @@ class LivePose:
         """The last good pose gone on at its velocities for as long as they hold, then at rest; None before the
         first."""
         held = self._held
-        if held is None:
-            return None
-        age = time - held.last.time
-        (x, y, z), moving = held.last.pose.position, held.moving
-        gone = min(max(age, 0.0), VELOCITY_HOLDS)
-        (u, v, w), (p, q, r) = moving.linear, moving.angular
-        turned = product(turn((gone * p, gone * q, gone * r)), held.last.pose.quat)
-        there = Pose((x + gone * u, y + gone * v, z + gone * w), turned) if gone > 0.0 else held.last.pose
-        return MovingPose(there, moving.linear, moving.angular) if age <= VELOCITY_HOLDS else MovingPose(there)
+        return None if held is None else held.motion.at(max(time, held.last.time))
 
     def age(self, now: float) -> float:
         """How old the last good pose is, s; infinite before the first."""
@@ -148,121 +216,6 @@ def _rate(way: Vector, step: float, bound: float) -> Vector:
     if length > bound * step:
         return (bound / length * way[0], bound / length * way[1], bound / length * way[2])
     return (way[0] / step, way[1] / step, way[2] / step)
-
-
-# Where an obstacle is at a time, as its file says: at rest, with a velocity, or along a path.
-
-
-class Motion(Protocol):
-    """How an obstacle's own frame moves in the frame that the obstacle names."""
-
-    def at(self, time: float) -> MovingPose:
-        """Pose and velocities at a time, s. Where the velocity jumps, the later one."""
-        ...
-
-
-@dataclass(frozen=True, slots=True)
-class Rest:
-    """An obstacle that stays."""
-
-    pose: Pose
-
-    def at(self, time: float) -> MovingPose:
-        """Always the same."""
-        return MovingPose(self.pose)
-
-
-@dataclass(frozen=True, slots=True)
-class Drift:
-    """Constant velocity, m/s, and angular velocity, rad/s, from `start` until `until`, s; at rest before and after."""
-
-    pose: Pose
-    linear: Vector
-    angular: Vector
-    start: float
-    until: float
-
-    def at(self, time: float) -> MovingPose:
-        """As for every motion."""
-        pose = _moved(self.pose, self.linear, self.angular, min(max(time, self.start), self.until) - self.start)
-        if self.start <= time < self.until:
-            return MovingPose(pose, self.linear, self.angular)
-        return MovingPose(pose)
-
-
-@dataclass(frozen=True, slots=True)
-class _Piece:
-    """A stretch of a path, with constant velocities, from the pose at its beginning."""
-
-    pose: Pose
-    linear: Vector
-    angular: Vector
-
-
-@dataclass(frozen=True, slots=True)
-class Path:
-    """Poses at times: straight lines and the short arcs, each at constant speed; at rest before and after.
-
-    times (m): rising, s. pieces (m): the last one rests. loop: after the last time it begins anew.
-    """
-
-    times: tuple[float, ...]
-    pieces: tuple[_Piece, ...]
-    loop: bool
-
-    @classmethod
-    def through(cls, points: tuple[PathPoint, ...], *, loop: bool) -> "Path":
-        """The path through the points of a file."""
-        poses = [Pose(point.pos, unit(point.quat)) for point in points]
-        times = tuple(point.time for point in points)
-        pieces = [
-            _piece(before, after, later - earlier)
-            for (before, after), (earlier, later) in zip(pairwise(poses), pairwise(times), strict=True)
-        ]
-        return cls(times, (*pieces, _Piece(poses[-1], STILL, STILL)), loop)
-
-    def at(self, time: float) -> MovingPose:
-        """As for every motion."""
-        first, last = self.times[0], self.times[-1]
-        if time < first:
-            return MovingPose(self.pieces[0].pose)
-        if self.loop:
-            time = first + fmod(time - first, last - first)
-        index = bisect_right(self.times, time) - 1
-        if self.loop:
-            index = min(index, len(self.times) - 2)  # rounding may reach the last time; a loop never rests there
-        piece = self.pieces[index]
-        pose = _moved(piece.pose, piece.linear, piece.angular, time - self.times[index])
-        return MovingPose(pose, piece.linear, piece.angular)
-
-
-def motion_of(obstacle: Obstacle) -> Motion:
-    """The motion that the file gives to an obstacle."""
-    if obstacle.path is not None:
-        return Path.through(obstacle.path, loop=obstacle.loop)
-    pose = Pose(obstacle.at.pos, unit(obstacle.at.quat))
-    if obstacle.velocity is None and obstacle.angular_velocity is None:
-        return Rest(pose)
-    until = inf if obstacle.until is None else obstacle.until
-    return Drift(pose, obstacle.velocity or STILL, obstacle.angular_velocity or STILL, obstacle.start, until)
-
-
-def _piece(before: Pose, after: Pose, duration: float) -> _Piece:
-    angular = rotation_vector(product(after.quat, inverse(before.quat)))
-    return _Piece(
-        before, _scaled(minus(after.position, before.position), 1.0 / duration), _scaled(angular, 1.0 / duration)
-    )
-
-
-def _moved(pose: Pose, linear: Vector, angular: Vector, duration: float) -> Pose:
-    """After some time at constant velocities: p + v t, exp(w t) q."""
-    return Pose(
-        plus(pose.position, _scaled(linear, duration)), unit(product(turn(_scaled(angular, duration)), pose.quat))
-    )
-
-
-def _scaled(vector: Vector, factor: float) -> Vector:
-    return (factor * vector[0], factor * vector[1], factor * vector[2])
 
 
 @dataclass(frozen=True, eq=False)
@@ -330,7 +283,7 @@ class SceneState:
         """Poses and velocities at a time, s; arrays of their own."""
         rows = self._rows.copy()
         for row, track in zip(rows, self._tracks.values(), strict=True):
-            if not isinstance(track.motion, Rest) or track.live.age(time) < np.inf:
+            if track.motion.moves or track.live.age(time) < np.inf:
                 _write(row, track.at(time))
         parts = (slice(0, 3), slice(3, 7), slice(7, 10), slice(10, 13))
         return ObstaclePoses(*[np.ascontiguousarray(rows[:, part]) for part in parts])

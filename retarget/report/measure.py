@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hardware.guard_state import StopCause
-from retarget.frames import JointTracks
 from retarget.human.samples import Clip
 from retarget.model.body import JointLimits
 from retarget.model.human import PostureReader, human_limits
@@ -381,14 +380,10 @@ def latest_of(run: RunResult, seconds: float) -> RunResult:
 
 def _from(clip: Clip, first: int, end: int) -> Clip:
     """The ticks of a clip from `first` to before `end`; at least one."""
-    frames, rows = clip.frames, clip.rows(max(end, first + 1))[first:]
-    joints = frames.joints
-    shown = replace(
-        frames,
-        time=np.arange(len(rows)) / clip.rate_hz,
-        position=frames.position[rows],
-        orientation=frames.orientation[rows],
-        valid=frames.valid[rows],
-        joints=None if joints is None else JointTracks(joints.names, joints.position[rows]),
+    rows = clip.rows(max(end, first + 1))[first:]
+    return replace(
+        clip,
+        frames=clip.frames.at_rows(rows, np.arange(len(rows)) / clip.rate_hz),
+        ticks=len(rows),
+        source_frames=len(rows),
     )
-    return Clip(shown, len(rows), clip.rate_hz, clip.speed, len(rows))

@@ -14,7 +14,7 @@ from retarget import rotations
 from retarget.model.body_file import engine
 from retarget.model.robot import RobotBody
 from retarget.model.scene_shapes import ShapeKind
-from retarget.model.scene_state import Rest, SceneState, motion_of
+from retarget.model.scene_state import SceneState, motion_of
 from retarget.report.distances import primitive
 from retarget.schema.scene import Pose, Scene
 from retarget.types import FloatArray
@@ -90,7 +90,7 @@ def add_fixtures(spec: Any, scene: Scene, stand: Pose) -> tuple[str, ...]:
     poses, shapes = state.at_rest(0.0), state.shapes
     moving = []
     for row, (name, obstacle) in enumerate(scene.obstacles.items()):
-        if not isinstance(motion_of(obstacle), Rest):
+        if motion_of(obstacle).moves:
             moving.append(name)
             continue
         kind, size = primitive(mujoco, ShapeKind(int(shapes.kinds[row])), shapes.sizes[row])
