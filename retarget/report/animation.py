@@ -1,9 +1,8 @@
 """What the page's player draws: performer, robot, centre of mass and soles, in fewer rows than there are ticks."""
 
 import base64
-import json
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -162,11 +161,6 @@ class Animation:
     obstacles: Obstacles | None
     moments: tuple[int, ...]
     simulated: bool
-
-    def as_json(self) -> str:
-        """Compact, and safe inside a script element: no character there can end it."""
-        text = json.dumps(asdict(self), separators=(",", ":"), allow_nan=False)
-        return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
 def animation_of(run: RunResult) -> Animation | None:
