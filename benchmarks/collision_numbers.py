@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.bodies import Floats
+from benchmarks.collision_placement import chosen_part, scene_distances
 from benchmarks.collision_runs import Motion, gated_share
 from retarget.model.scene_state import SceneState
 from retarget.report.clearance import NEIGHBOURS, Clearance
@@ -103,9 +104,8 @@ def beyond_influence(free: Motion, ticks: NDArray[np.int64], scene: SceneState) 
     """Whether (F, 2) each arm of the free run is beyond the influence of every obstacle at ticks of following."""
     body, rows, far = free.body, free.first + ticks, []
     for links in whole_arms(free):
-        distance = body.part(rows, np.flatnonzero(np.isin(body.geoms.links, links))).scene_distances(
-            scene, free.time[rows]
-        )
+        arm = chosen_part(body, rows, np.flatnonzero(np.isin(body.geoms.links, links)))
+        distance = scene_distances(arm, scene, free.time[rows])
         far.append((distance > scene.shapes.influence).all(axis=1))
     return np.column_stack(far)
 

@@ -11,11 +11,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.bodies import Floats
 from benchmarks.collision_runs import Motion
 from retarget.model.scene_state import SceneState
 from retarget.report.clearance import PlacedBody
+from retarget.report.distances import MovingGeoms, obstacle_tracks
 from retarget.schema.scene import load_scene
 from retarget.types import FloatArray
 
@@ -91,12 +93,30 @@ def scene_obstacles(motion: Motion) -> SceneObstacles:
     start = np.arange(motion.beginning)
     rows = np.arange(motion.first, motion.end)
     return SceneObstacles(
-        start=body.part(start, every),
+        start=chosen_part(body, start, every),
         start_times=motion.time[start],
-        rest=body.part(rows, every[~of_arm]),
-        arms=body.part(rows, every[of_arm]),
+        rest=chosen_part(body, rows, every[~of_arm]),
+        arms=chosen_part(body, rows, every[of_arm]),
         times=motion.time[rows],
     )
+
+
+def chosen_part(body: PlacedBody, rows: NDArray[np.int64], which: NDArray[np.int64]) -> PlacedBody:
+    """Some of the geoms of a body in some of its postures, by number; the postures are numbered anew."""
+    of = body.geoms
+    geoms = MovingGeoms(
+        of.links[which], of.geoms[which], of.position[rows][:, which], of.matrix[rows][:, which], of.radius[which]
+    )
+    return PlacedBody(body.file, geoms, np.arange(len(rows)))
+
+
+def scene_distances(body: PlacedBody, scene: SceneState, times: FloatArray) -> FloatArray:
+    """Distance (T, k) m to each obstacle in each posture, of the geom that is nearest: all are looked at."""
+    count, shape = len(body.rows), (len(body.geoms.geoms), len(scene.shapes.names))
+    pairs = np.indices(shape).reshape(2, -1).T
+    rows, which = np.indices((count, len(pairs))).reshape(2, -1)
+    measure = body.obstacle_distances(scene, obstacle_tracks(scene, times[body.rows]), pairs)
+    return np.asarray(measure(rows, which).reshape(count, *shape).min(axis=1))
 
 
 def write_scene(obstacles: tuple[Obstacle, ...], path: Path, *, scale: float = 1.0) -> Path:

@@ -23,10 +23,12 @@ _BODY_HELP = "Give an MJCF (<mujoco>) or URDF (<robot>) file that MuJoCo can com
 
 @dataclass(frozen=True, eq=False)
 class BodyFile:
-    """A compiled body. `model`: `mujoco.MjModel`; `notes`: what was changed or is not used, for the user."""
+    """A compiled body. `model`: `mujoco.MjModel`; `spec`: the `mujoco.MjSpec` that it was compiled from; `notes`: what
+    was changed or is not used, for the user."""
 
     source: str
     model: Any
+    spec: Any
     root: Root
     notes: tuple[str, ...]
 
@@ -109,7 +111,7 @@ def _compile(parse: Callable[[], Any], *, urdf: bool, source: str, root: Root | 
             raise _refused(source, second) from second
     _check(model, source=source)
     notes += _unused(spec)
-    return BodyFile(source=source, model=model, root=found, notes=tuple(notes))
+    return BodyFile(source=source, model=model, spec=spec, root=found, notes=tuple(notes))
 
 
 def _prepared(parse: Callable[[], Any], *, urdf: bool, source: str, root: Root | None) -> tuple[Any, Root, list[str]]:

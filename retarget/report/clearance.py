@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 
 from retarget import _solver
 from retarget.model.body import BodyModel
-from retarget.model.body_file import Root, compile_body, compile_body_text
+from retarget.model.body_file import BodyFile, Root, compile_body, compile_body_text
 from retarget.model.observers import Observers, placed
 from retarget.model.scene_state import SceneState
 from retarget.report.distances import (
     Closest,
     Distances,
     MovingGeoms,
-    ObstacleTracks,
     closest_pairs,
     geom_distances,
     moving_geoms,
@@ -143,9 +142,14 @@ class Clearance:
 class PlacedBody:
     """A body in T postures, to be looked at in more than one way. rows (T,): their numbers among those given."""
 
-    model: Any
+    file: BodyFile
     geoms: MovingGeoms
     rows: IntArray
+
+    @property
+    def model(self) -> Any:
+        """The compiled `mujoco.MjModel`."""
+        return self.file.model
 
     def to_itself(self, *, neutral: FloatArray, ignored: Iterable[tuple[str, str]] = ()) -> Clearance:
         """To itself. Not compared: see `compared_pairs`."""
@@ -176,39 +180,28 @@ class PlacedBody:
         """looks (g, k): which geom is compared with which obstacle."""
         if not len(self.rows) or not looks.any():
             return Clearance(None, 0, None)
-        geoms, obstacles = self.geoms, obstacle_tracks(scene, times[self.rows])
-        pairs = np.argwhere(looks)
-        measure = self._distances(obstacles, scene, pairs)
+        geoms, pairs = self.geoms, np.argwhere(looks)
+        position, matrix, radius = tracks = obstacle_tracks(scene, times[self.rows])
+        measure = self.obstacle_distances(scene, tracks, pairs)
         way = travelled(geoms.position, geoms.matrix, geoms.radius)[:, pairs[:, 0]]
-        way += travelled(obstacles.position, obstacles.matrix, obstacles.radius)[:, pairs[:, 1]]
+        way += travelled(position, matrix, radius)[:, pairs[:, 1]]
         found = closest_pairs(measure, way, tolerances=(TOUCH_M, DEEP_M))
         link, obstacle = pairs[found.pair]
         return _clearance(found, (self._name(link), scene.shapes.names[obstacle]), self.rows, ())
 
-    def scene_distances(self, scene: SceneState, times: FloatArray) -> FloatArray:
-        """Distance (T, k) m to each obstacle in each posture, of the geom that is nearest: all are looked at."""
-        count, obstacles = len(self.rows), obstacle_tracks(scene, times[self.rows])
-        shape = len(self.geoms.geoms), len(scene.shapes.names)
-        pairs = np.indices(shape).reshape(2, -1).T
-        rows, which = np.indices((count, len(pairs))).reshape(2, -1)
-        distances = self._distances(obstacles, scene, pairs)(rows, which).reshape(count, *shape)
-        return np.asarray(distances.min(axis=1))
-
-    def part(self, rows: IntArray, which: IntArray) -> "PlacedBody":
-        """Some of the geoms in some of the postures, by number; the postures are numbered anew."""
-        return PlacedBody(self.model, self.geoms.chosen(rows, which), np.arange(len(rows)))
-
-    def _distances(self, obstacles: ObstacleTracks, scene: SceneState, pairs: IntArray) -> Distances:
-        """How the distances of pairs (p, 2) of geom and obstacle are measured."""
-        geoms = self.geoms
-        both = scene_model(self.model, geoms.geoms, scene.shapes)
-        position, matrix = both.placed(geoms)
+    def obstacle_distances(
+        self, scene: SceneState, tracks: tuple[FloatArray, FloatArray, FloatArray], pairs: IntArray
+    ) -> Distances:
+        """How the distances of pairs (p, 2) of geom and obstacle are measured. tracks: of `obstacle_tracks`."""
+        geoms, (position, matrix, _) = self.geoms, tracks
+        model, obstacles = scene_model(self.file, scene.shapes)
+        body = geoms.geoms + len(obstacles)
         return geom_distances(
-            both.model,
-            np.column_stack([both.body[pairs[:, 0]], both.obstacles[pairs[:, 1]]]),
-            geoms=np.concatenate([both.body, both.obstacles]),
-            position=np.concatenate([position, obstacles.position], axis=1),
-            matrix=np.concatenate([matrix, obstacles.matrix], axis=1),
+            model,
+            np.column_stack([body[pairs[:, 0]], obstacles[pairs[:, 1]]]),
+            geoms=np.concatenate([obstacles, body]),
+            position=np.concatenate([position, geoms.position], axis=1),
+            matrix=np.concatenate([matrix, geoms.matrix], axis=1),
         )
 
     def _name(self, geom: int) -> str:
@@ -222,11 +215,11 @@ def place_body(body: Path | str, postures: FloatArray, *, root: Root | None = No
     root: as in `compile_body`. Raises InputError.
     """
     if isinstance(body, Path):
-        model = compile_body(body, root=root).model
+        file = compile_body(body, root=root)
     else:
-        model = compile_body_text(body, source="the body", root=root).model
+        file = compile_body_text(body, source="the body", root=root)
     rows = np.flatnonzero(np.isfinite(postures).all(axis=1))
-    return PlacedBody(model, moving_geoms(model, postures[rows]), rows)
+    return PlacedBody(file, moving_geoms(file.model, postures[rows]), rows)
 
 
 def _clearance(found: Closest, pair: tuple[str, str], rows: IntArray, left_out: tuple[LeftOut, ...]) -> Clearance:

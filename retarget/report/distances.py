@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from retarget.model.body_file import BodyFile
 from retarget.model.scene_shapes import SceneShapes, ShapeKind
 from retarget.model.scene_state import SceneState
 from retarget.rotations import to_matrix
@@ -87,8 +88,9 @@ def geom_distances(
     measure, first, second = mujoco.mj_geomDistance, pairs[:, 0], pairs[:, 1]
     at, turned = data.geom_xpos, data.geom_xmat
     places: IntArray | slice = geoms
-    if np.array_equal(geoms, np.arange(len(geoms))):  # the usual case: a slice is written faster than single rows
-        at, turned, places = at[: len(geoms)], turned[: len(geoms)], slice(None)
+    begin, end = int(geoms[0]), int(geoms[0]) + len(geoms)
+    if np.array_equal(geoms, np.arange(begin, end)):  # the usual case: a slice is written faster than single rows
+        places = slice(begin, end)
 
     def distances(rows: IntArray, which: IntArray) -> FloatArray:
         found: list[float] = []
@@ -121,16 +123,6 @@ class MovingGeoms:
     position: FloatArray
     matrix: FloatArray
     radius: FloatArray
-
-    def chosen(self, rows: NDArray[np.int64], which: NDArray[np.int64]) -> "MovingGeoms":
-        """Some of the geoms in some of the postures, by number."""
-        return MovingGeoms(
-            self.links[which],
-            self.geoms[which],
-            self.position[rows][:, which],
-            self.matrix[rows][:, which],
-            self.radius[which],
-        )
 
     def within(self, base: int) -> "MovingGeoms":
         """The same, seen from the geom `base`, whose own motion then takes no part."""
@@ -173,7 +165,7 @@ def travelled(position: FloatArray, matrix: FloatArray, radius: FloatArray) -> F
     return np.vstack([np.zeros((1, position.shape[1])), np.cumsum(shift + radius * turn, axis=0)])
 
 
-# Obstacles of a scene and the geoms of a body, in one MuJoCo model that measures distances and nothing else.
+# Obstacles of a scene among the geoms of a body, in one MuJoCo model.
 
 LINE_M = 1e-12
 """Radius, m, of a segment: MuJoCo has no shapes without thickness."""
@@ -181,67 +173,28 @@ EVERYWHERE = 1.0
 """Size of a half-space's plane; a plane has no end, whatever is said."""
 
 
-@dataclass(frozen=True, eq=False)
-class SceneModel:
-    """model: geoms without links. body (g,) and obstacles (k,): numbers of the geoms.
-
-    shift (g, 3) m, turn (g, 3, 3): where each geom's frame is in that of the body's own model. A mesh is laid anew
-    along its axes when it is compiled.
-    """
-
-    model: Any
-    body: NDArray[np.int64]
-    obstacles: NDArray[np.int64]
-    shift: FloatArray
-    turn: FloatArray
-
-    def placed(self, geoms: MovingGeoms) -> tuple[FloatArray, FloatArray]:
-        """Positions (T, g, 3) m and matrices (T, g, 9), world, of the geoms of the body in this model."""
-        turn = geoms.matrix.reshape(*geoms.matrix.shape[:2], 3, 3)
-        position = geoms.position + (turn @ self.shift[..., None])[..., 0]
-        return position, (turn @ self.turn).reshape(geoms.matrix.shape)
-
-
-@dataclass(frozen=True, eq=False)
-class ObstacleTracks:
-    """k obstacles at T times: position (T, k, 3) m and matrix (T, k, 9), world; radius (k,) m as of `MovingGeoms`."""
-
-    position: FloatArray
-    matrix: FloatArray
-    radius: FloatArray
-
-
-def scene_model(source: Any, geoms: NDArray[np.int64], shapes: SceneShapes) -> SceneModel:
-    """Copy `geoms` (g,) of the compiled model `source`, and add the obstacles."""
+def scene_model(body: BodyFile, shapes: SceneShapes) -> tuple[Any, IntArray]:
+    """The model of a body with k obstacles, and the numbers (k,) of their geoms in it. They are the last ones of the
+    world, so that each geom of a link has a number higher by k than in the body's own model."""
     import mujoco
 
-    spec = mujoco.MjSpec()
-    for number, geom in enumerate(geoms):
-        size, kind, mesh = source.geom_size[geom], source.geom_type[geom], source.geom_dataid[geom]
-        if kind == mujoco.mjtGeom.mjGEOM_MESH:
-            begin, count = source.mesh_vertadr[mesh], source.mesh_vertnum[mesh]
-            vertices = source.mesh_vert[begin : begin + count]
-            spec.add_mesh(name=f"mesh {number}", uservert=vertices.ravel().tolist())
-            spec.worldbody.add_geom(name=f"body {number}", type=kind, meshname=f"mesh {number}")
-        else:
-            spec.worldbody.add_geom(name=f"body {number}", type=kind, size=size)
-    for number, (code, sizes) in enumerate(zip(shapes.kinds, shapes.sizes, strict=True)):
+    spec = body.spec.copy()
+    first = int(np.count_nonzero(np.asarray(body.model.geom_bodyid) == 0))
+    for code, sizes in zip(shapes.kinds, shapes.sizes, strict=True):
         kind, size = primitive(mujoco, ShapeKind(int(code)), sizes)
-        spec.worldbody.add_geom(name=f"obstacle {number}", type=kind, size=size)
-    model = spec.compile()
-    body = np.array([model.geom(f"body {k}").id for k in range(len(geoms))], dtype=np.int64)
-    obstacles = np.array([model.geom(f"obstacle {k}").id for k in range(len(shapes.names))], dtype=np.int64)
-    return SceneModel(model, body, obstacles, *_laid_anew(mujoco, model, body))
+        spec.worldbody.add_geom(type=kind, size=size)
+    return spec.compile(), first + np.arange(len(shapes.names))
 
 
-def obstacle_tracks(scene: SceneState, times: FloatArray) -> ObstacleTracks:
-    """Where the obstacles are at times (T,), s on the clock of the scene."""
+def obstacle_tracks(scene: SceneState, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Position (T, k, 3) m and matrix (T, k, 9), world, of the obstacles at times (T,), s on the clock of the scene,
+    and the radius (k,) m of a ball about each."""
     count = len(scene.shapes.names)
     position, quat = np.empty((len(times), count, 3)), np.empty((len(times), count, 4))
     for row, time in enumerate(times):
         poses = scene.at(float(time))
         position[row], quat[row] = poses.position, poses.quat
-    return ObstacleTracks(position, to_matrix(quat).reshape(len(times), count, 9), _radii(scene.shapes))
+    return position, to_matrix(quat).reshape(len(times), count, 9), _radii(scene.shapes)
 
 
 def _radii(shapes: SceneShapes) -> FloatArray:
@@ -265,14 +218,3 @@ def primitive(mujoco: Any, kind: ShapeKind, sizes: FloatArray) -> tuple[Any, lis
     if kind is ShapeKind.BOX:
         return types.mjGEOM_BOX, [first, second, third]
     return types.mjGEOM_PLANE, [EVERYWHERE] * 3
-
-
-def _laid_anew(mujoco: Any, model: Any, geoms: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
-    """Frames (g, 3) m and (g, 3, 3) of the geoms in the frames that they were copied from."""
-    shift, turn = np.zeros((len(geoms), 3)), np.tile(np.eye(3), (len(geoms), 1, 1))
-    for k, geom in enumerate(geoms):
-        if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
-            mesh, matrix = model.geom_dataid[geom], np.zeros(9)
-            mujoco.mju_quat2Mat(matrix, model.mesh_quat[mesh])
-            shift[k], turn[k] = model.mesh_pos[mesh], matrix.reshape(3, 3)
-    return shift, turn

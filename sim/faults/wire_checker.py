@@ -7,12 +7,11 @@ It shares no code with what it judges.
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
 
 import numpy as np
 
 from hardware.servo import ServoSpec
-from retarget.model.body_file import compile_body
+from retarget.model.body_file import BodyFile, compile_body
 from retarget.model.robot import RobotBody
 from retarget.report.clearance import Clearance, PlacedBody
 from retarget.report.distances import moving_geoms
@@ -265,10 +264,10 @@ DEEPEST_M = 2e-4
 
 
 @cache
-def _model(path: str, root: str) -> Any:
+def _body(path: str, root: str) -> BodyFile:
     from pathlib import Path
 
-    return compile_body(Path(path), root=root).model  # type: ignore[arg-type]
+    return compile_body(Path(path), root=root)  # type: ignore[arg-type]
 
 
 def postures_of(robot: RobotBody, goal_tracks: Sequence[Track]) -> FloatArray:
@@ -286,8 +285,8 @@ def postures_of(robot: RobotBody, goal_tracks: Sequence[Track]) -> FloatArray:
 
 def clearance_of(robot: RobotBody, postures: FloatArray) -> Clearance:
     """Return the clearance of the body to itself in postures (T, nq)."""
-    model = _model(str(robot.profile.body_path), robot.profile.root)
-    placed = PlacedBody(model, moving_geoms(model, postures), np.arange(len(postures)))
+    file = _body(str(robot.profile.body_path), robot.profile.root)
+    placed = PlacedBody(file, moving_geoms(file.model, postures), np.arange(len(postures)))
     neutral = robot.posture(robot.profile.postures.neutral)
     return placed.to_itself(neutral=neutral, ignored=[entry.pair for entry in robot.profile.ignore_pairs])
 

@@ -14,6 +14,7 @@ from benchmarks.collision_placement import (
     apart,
     height_scale,
     place,
+    scene_distances,
     scene_obstacles,
     write_scene,
 )
@@ -59,7 +60,7 @@ def test_what_is_placed_is_met_by_the_arms_alone_and_clear_at_the_start(free: Mo
     rest = obstacles.rest.to_scene(scene, obstacles.times).smallest
     assert start is not None and start >= 2.0 * MARGIN * scale
     assert rest is not None and rest >= MARGIN * scale
-    assert (-obstacles.arms.scene_distances(scene, obstacles.times).min(axis=0) > 0.01).all()
+    assert (-scene_distances(obstacles.arms, scene, obstacles.times).min(axis=0) > 0.01).all()
 
 
 def test_how_far_a_post_is_from_a_table() -> None:

@@ -175,19 +175,6 @@ def test_the_human_is_looked_at_by_its_text(tmp_path: Path) -> None:
     assert ground.pair is not None and ground.pair[0] in ("l_ankle", "r_ankle")
 
 
-def test_every_obstacle_in_every_posture_is_known(tmp_path: Path) -> None:
-    around = scene(
-        tmp_path, "a: {shape: {sphere: {radius: 0.1}}, at: {pos: [1, 0, 0]}}",
-        "b: {shape: {sphere: {radius: 0.1}}, at: {pos: [-1, 0, 0]}, velocity: [0.1, 0, 0]}",
-    )  # fmt: skip
-    placed = place_body(TWO_BALLS, np.array([[0.1], [0.2], [0.3]]))
-    times = np.array([0.0, 1.0, 2.0])
-    found = placed.scene_distances(around, times)
-    np.testing.assert_allclose(found, [[0.77, 0.89], [0.67, 0.79], [0.57, 0.69]], atol=1e-12)
-    hand = placed.part(np.array([2]), np.array([2])).scene_distances(around, times[2:])
-    np.testing.assert_allclose(hand, [[0.57, 1.01]], atol=1e-12)
-
-
 CHAIN = """
 <mujoco><worldbody><geom name="floor" type="plane" size="1 1 1"/>
   <body name="base"><freejoint/><geom size="0.01"/><geom size="0.01" pos="0.02 0 0"/>

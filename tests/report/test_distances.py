@@ -6,6 +6,7 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from messages import refuses
+from retarget.model.body_file import compile_body_text
 from retarget.model.scene_state import SceneState
 from retarget.report.distances import (
     MovingGeoms,
@@ -120,21 +121,22 @@ def test_seen_from_a_geom_distances_stay_and_it_rests() -> None:
 
 
 def test_a_body_and_its_scene_share_a_model() -> None:
-    body = mujoco.MjModel.from_xml_string(
-        '<mujoco><worldbody><geom type="plane" size="1 1 1"/><body><freejoint/><geom type="box" size="1 2 3"/>'
-        '<geom type="ellipsoid" size="1 2 3"/></body></worldbody></mujoco>'
+    body = compile_body_text(
+        '<mujoco><worldbody><geom type="plane" size="1 1 1"/><body><freejoint/><geom type="box" size="1 2 3" mass="1"/>'
+        '<geom type="ellipsoid" size="1 2 3"/></body></worldbody></mujoco>',
+        source="test",
     )
     scene = SceneState(load_scene("table"))
-    found = scene_model(body, np.array([1, 2]), scene.shapes)
-    assert found.model.ngeom == 2 + 5
-    np.testing.assert_allclose(found.model.geom_size[found.body], [[1, 2, 3], [1, 2, 3]])
+    model, obstacles = scene_model(body, scene.shapes)
+    assert model.ngeom == 1 + 5 + 2
+    np.testing.assert_allclose(model.geom_size[np.array([1, 2]) + 5], [[1, 2, 3], [1, 2, 3]])
     top = scene.shapes.names.index("top")
-    np.testing.assert_allclose(found.model.geom_size[found.obstacles[top]], [0.15, 0.3, 0.008])
+    np.testing.assert_allclose(model.geom_size[obstacles[top]], [0.15, 0.3, 0.008])
 
 
 def test_obstacles_are_followed_over_time() -> None:
     scene, times = SceneState(load_scene("crossing_ball")), np.array([-1.0, 1.0, 2.5, 4.0])
-    tracks = obstacle_tracks(scene, times)
-    np.testing.assert_allclose(tracks.position[:, 0, 1], [0.6, 0.6, 0.0, -0.6], atol=1e-12)
-    np.testing.assert_allclose(tracks.matrix[:, 0], np.tile(np.eye(3).ravel(), (4, 1)), atol=1e-12)
-    np.testing.assert_allclose(tracks.radius, [0.05])
+    position, matrix, radius = obstacle_tracks(scene, times)
+    np.testing.assert_allclose(position[:, 0, 1], [0.6, 0.6, 0.0, -0.6], atol=1e-12)
+    np.testing.assert_allclose(matrix[:, 0], np.tile(np.eye(3).ravel(), (4, 1)), atol=1e-12)
+    np.testing.assert_allclose(radius, [0.05])
