@@ -17,7 +17,7 @@ from benchmarks.bodies import Floats
 from benchmarks.collision_runs import Motion
 from retarget.model.scene_state import SceneState
 from retarget.report.clearance import PlacedBody
-from retarget.report.distances import MovingGeoms, obstacle_tracks
+from retarget.report.distances import MovingGeoms, among_obstacles
 from retarget.schema.scene import load_scene
 from retarget.types import FloatArray
 
@@ -104,18 +104,16 @@ def scene_obstacles(motion: Motion) -> SceneObstacles:
 def chosen_part(body: PlacedBody, rows: NDArray[np.int64], which: NDArray[np.int64]) -> PlacedBody:
     """Some of the geoms of a body in some of its postures, by number; the postures are numbered anew."""
     of = body.geoms
-    geoms = MovingGeoms(
-        of.links[which], of.geoms[which], of.position[rows][:, which], of.matrix[rows][:, which], of.radius[which]
-    )
+    geoms = MovingGeoms(of.model, of.geoms[which], of.position[rows][:, which], of.matrix[rows][:, which])
     return PlacedBody(body.file, geoms, np.arange(len(rows)))
 
 
 def scene_distances(body: PlacedBody, scene: SceneState, times: FloatArray) -> FloatArray:
     """Distance (T, k) m to each obstacle in each posture, of the geom that is nearest: all are looked at."""
     count, shape = len(body.rows), (len(body.geoms.geoms), len(scene.shapes.names))
-    pairs = np.indices(shape).reshape(2, -1).T
+    pairs = np.indices(shape).reshape(2, -1).T + np.array([shape[1], 0])
     rows, which = np.indices((count, len(pairs))).reshape(2, -1)
-    measure = body.obstacle_distances(scene, obstacle_tracks(scene, times[body.rows]), pairs)
+    measure = among_obstacles(body.file, body.geoms, scene, times[body.rows]).distances(pairs)
     return np.asarray(measure(rows, which).reshape(count, *shape).min(axis=1))
 
 

@@ -8,9 +8,11 @@ from retarget import _solver
 from retarget.model.body import BodyModel
 from retarget.model.observers import Observers, placed
 from retarget.model.scene_state import SceneState
-from retarget.report.clearance import Side, shape_rows
 from retarget.schema.scene import Scene
-from retarget.types import FloatArray
+from retarget.types import FloatArray, IntArray
+
+Side = tuple[IntArray, FloatArray, FloatArray, FloatArray]
+"""kinds (n,), sizes (n, 3), positions (T, n, 3) m and orientations (T, n, 4) wxyz of canonical frames."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,4 +75,16 @@ def _between(a: Side, b: Side) -> FloatArray:
     frames, count = a[2].shape[:2]
     if frames * count == 0:
         return np.zeros((frames, count))
-    return np.asarray(_solver.shape_distances(*shape_rows(*a), *shape_rows(*b))[0]).reshape(frames, count)
+    return np.asarray(_solver.shape_distances(*_rows(a), *_rows(b))[0]).reshape(frames, count)
+
+
+def _rows(side: Side) -> Side:
+    """One row for each shape of each posture."""
+    kinds, sizes, position, quat = side
+    frames = len(position)
+    return (
+        np.tile(kinds, frames),
+        np.tile(sizes, (frames, 1)),
+        np.ascontiguousarray(position).reshape(-1, 3),
+        np.ascontiguousarray(quat).reshape(-1, 4),
+    )

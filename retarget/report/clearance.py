@@ -3,7 +3,7 @@
 Distances are MuJoCo's own between two geoms (exact, inside too), not those of its contacts, which a margin distorts.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,17 +16,7 @@ from retarget.model.body import BodyModel
 from retarget.model.body_file import BodyFile, Root, compile_body, compile_body_text
 from retarget.model.observers import Observers, placed
 from retarget.model.scene_state import SceneState
-from retarget.report.distances import (
-    Closest,
-    Distances,
-    MovingGeoms,
-    closest_pairs,
-    geom_distances,
-    moving_geoms,
-    obstacle_tracks,
-    scene_model,
-    travelled,
-)
+from retarget.report.distances import Closest, MovingGeoms, among_obstacles, closest_pairs, moving_geoms
 from retarget.report.report import Clearances
 from retarget.run.run_result import RunResult
 from retarget.types import FloatArray, IntArray
@@ -157,12 +147,7 @@ class PlacedBody:
         pairs, left_out = compared_pairs(self.model, geoms.links, geoms.geoms, neutral=neutral, ignored=ignored)
         if not len(self.rows) or not len(pairs):
             return Clearance(None, 0, None, left_out=left_out)
-        seen = geoms.within(0)
-        way = travelled(seen.position, seen.matrix, seen.radius)
-        measure = geom_distances(
-            self.model, geoms.geoms[pairs], geoms=geoms.geoms, position=geoms.position, matrix=geoms.matrix
-        )
-        found = closest_pairs(measure, way[:, pairs[:, 0]] + way[:, pairs[:, 1]], tolerances=(TOUCH_M, DEEP_M))
+        found = geoms.closest(pairs, tolerances=(TOUCH_M, DEEP_M))
         first, second = (self._name(geom) for geom in pairs[found.pair])
         return _clearance(found, (first, second), self.rows, left_out)
 
@@ -180,29 +165,11 @@ class PlacedBody:
         """looks (g, k): which geom is compared with which obstacle."""
         if not len(self.rows) or not looks.any():
             return Clearance(None, 0, None)
-        geoms, pairs = self.geoms, np.argwhere(looks)
-        position, matrix, radius = tracks = obstacle_tracks(scene, times[self.rows])
-        measure = self.obstacle_distances(scene, tracks, pairs)
-        way = travelled(geoms.position, geoms.matrix, geoms.radius)[:, pairs[:, 0]]
-        way += travelled(position, matrix, radius)[:, pairs[:, 1]]
-        found = closest_pairs(measure, way, tolerances=(TOUCH_M, DEEP_M))
+        pairs, names = np.argwhere(looks), scene.shapes.names
+        both = among_obstacles(self.file, self.geoms, scene, times[self.rows])
+        found = both.closest(pairs + np.array([len(names), 0]), tolerances=(TOUCH_M, DEEP_M))
         link, obstacle = pairs[found.pair]
-        return _clearance(found, (self._name(link), scene.shapes.names[obstacle]), self.rows, ())
-
-    def obstacle_distances(
-        self, scene: SceneState, tracks: tuple[FloatArray, FloatArray, FloatArray], pairs: IntArray
-    ) -> Distances:
-        """How the distances of pairs (p, 2) of geom and obstacle are measured. tracks: of `obstacle_tracks`."""
-        geoms, (position, matrix, _) = self.geoms, tracks
-        model, obstacles = scene_model(self.file, scene.shapes)
-        body = geoms.geoms + len(obstacles)
-        return geom_distances(
-            model,
-            np.column_stack([body[pairs[:, 0]], obstacles[pairs[:, 1]]]),
-            geoms=np.concatenate([obstacles, body]),
-            position=np.concatenate([position, geoms.position], axis=1),
-            matrix=np.concatenate([matrix, geoms.matrix], axis=1),
-        )
+        return _clearance(found, (self._name(link), names[obstacle]), self.rows, ())
 
     def _name(self, geom: int) -> str:
         """Name of the geom's link."""
@@ -229,8 +196,39 @@ def _clearance(found: Closest, pair: tuple[str, str], rows: IntArray, left_out: 
 
 # How near a body's observers came to each other and to a scene: on their own shapes, by the solver's own distances.
 
-Side = tuple[IntArray, FloatArray, FloatArray, FloatArray]
-"""kinds (n,), sizes (n, 3), positions (n, 3) m and orientations (n, 4) wxyz of canonical frames."""
+Measure = Callable[..., Any]
+"""`_solver.shape_distances`, or the bound of these."""
+
+
+@dataclass(frozen=True, eq=False)
+class MovingShapes:
+    """n shapes in T postures: kinds (n,) and sizes (n, 3) as in `scene_shapes`, position (T, n, 3) m and quat (T, n, 4)
+    wxyz of their canonical frames."""
+
+    kinds: IntArray
+    sizes: FloatArray
+    position: FloatArray
+    quat: FloatArray
+
+    def measured(self, measure: Measure, rows: IntArray, pairs: IntArray) -> Any:
+        """What `measure` says of pairs (m, 2) in postures (m,)."""
+        sides = [(self.kinds[of], self.sizes[of], self.position[rows, of], self.quat[rows, of]) for of in pairs.T]
+        return measure(*sides[0], *sides[1])
+
+    def smallest(self, pairs: IntArray) -> float | None:
+        """The smallest distance, m, of pairs (P, 2) over all postures; None without pairs."""
+        if not len(pairs):
+            return None
+
+        def distances(rows: IntArray, which: IntArray) -> FloatArray:
+            return np.asarray(self.measured(_solver.shape_distances, rows, pairs[which])[0])
+
+        def bounds(rows: IntArray) -> FloatArray:
+            every, which = (index.ravel() for index in np.meshgrid(rows, np.arange(len(pairs)), indexing="ij"))
+            found = self.measured(_solver.shape_gaps_at_least, every, pairs[which])
+            return np.asarray(found).reshape(len(rows), len(pairs))
+
+        return closest_pairs(distances, bounds, len(self.position), tolerances=()).smallest
 
 
 def observer_clearance(
@@ -240,56 +238,19 @@ def observer_clearance(
     obstacle, and to the ground. None: nothing to look at."""
     if not len(q):
         return None, None, None
-    position, quat = placed(body, observers, q)
-    first, second = observers.pairs.T
-    own = _least(_side(observers, position, quat, first), _side(observers, position, quat, second))
+    own = MovingShapes(observers.kinds, observers.sizes, *placed(body, observers, q))
     if scene is None or not scene.shapes.names:
-        return own, None, None
-    poses = [scene.at(max(float(time), 0.0)) for time in times]
-    there = np.stack([pose.position for pose in poses]), np.stack([pose.quat for pose in poses])  # (T, k, ...)
-    shapes, (pairs, _) = scene.shapes, observers.obstacle_pairs(scene.shapes)
-
-    def least_to(ground: bool) -> float | None:
-        who, what = pairs[shapes.ground[pairs[:, 1]] == ground].T
-        obstacles = shape_rows(shapes.kinds[what], shapes.sizes[what], there[0][:, what], there[1][:, what])
-        return _least(_side(observers, position, quat, who), obstacles)
-
-    return own, least_to(False), least_to(True)
-
-
-def _side(observers: Observers, position: FloatArray, quat: FloatArray, which: IntArray) -> Side:
-    return shape_rows(observers.kinds[which], observers.sizes[which], position[:, which], quat[:, which])
-
-
-def shape_rows(kinds: IntArray, sizes: FloatArray, position: FloatArray, quat: FloatArray) -> Side:
-    """One row for each shape (n,) of each posture (T,)."""
-    postures = len(position)
-    return (
-        np.tile(kinds, postures),
-        np.tile(sizes, (postures, 1)),
-        np.ascontiguousarray(position).reshape(-1, 3),
-        np.ascontiguousarray(quat).reshape(-1, 4),
+        return own.smallest(observers.pairs), None, None
+    poses, shapes = [scene.at(max(float(time), 0.0)) for time in times], scene.shapes
+    both = MovingShapes(
+        np.concatenate([own.kinds, shapes.kinds]),
+        np.concatenate([own.sizes, shapes.sizes]),
+        np.concatenate([own.position, np.stack([pose.position for pose in poses])], axis=1),
+        np.concatenate([own.quat, np.stack([pose.quat for pose in poses])], axis=1),
     )
-
-
-def _least(a: Side, b: Side) -> float | None:
-    """The smallest distance of rows of a and b: looked at exactly only where a lower bound leaves it open."""
-    if not len(a[0]):
-        return None
-    bound = _solver.shape_gaps_at_least(*a, *b)
-    order = np.argsort(bound)
-    least, at = np.inf, 0
-    while at < len(order) and bound[order[at]] < least:
-        chosen = order[at : at + 4096]
-        near, far = _chosen(a, chosen), _chosen(b, chosen)
-        distance = _solver.shape_distances(*near, *far)[0]
-        least, at = min(least, float(distance.min())), at + 4096
-    return least
-
-
-def _chosen(side: Side, rows: IntArray) -> Side:
-    kinds, sizes, position, quat = side
-    return kinds[rows], sizes[rows], position[rows], quat[rows]
+    pairs, _ = observers.obstacle_pairs(shapes)
+    on_ground, pairs = shapes.ground[pairs[:, 1]], pairs + np.array([0, len(own.kinds)])
+    return own.smallest(observers.pairs), both.smallest(pairs[~on_ground]), both.smallest(pairs[on_ground])
 
 
 # How near the last stage's body came to itself and to its scene in a run: on its own geoms, and on its observers.

@@ -11,7 +11,7 @@ from retarget import _solver
 from retarget.ik.support_polygon import plant, support_distance
 from retarget.model.observers import placed, robot_observers
 from retarget.model.robot import TRUNK, RobotBody
-from retarget.report.clearance import shape_rows
+from retarget.report.clearance import MovingShapes
 from retarget.robot.follower import stance_angles
 from retarget.safety.clearance import KEPT_SHARE
 
@@ -55,13 +55,13 @@ def path_to_rest(robot: RobotBody) -> PathToRest | None:
     coms = robot.kinematics.centre_of_mass(np.array([stance.q for stance in stances]))
     margin = min(float(support_distance(com, at.edges(0.0))) for com, at in zip(coms, stances, strict=True))
 
-    position, quat = placed(robot.body, observers, np.array([stance.q for stance in stances]))
     first, second = observers.pairs.T
-    sides = [
-        shape_rows(observers.kinds[which], observers.sizes[which], position[:, which], quat[:, which])
-        for which in (first, second)
-    ]
-    distance = _solver.shape_distances(*sides[0], *sides[1])[0].reshape(len(trajectory), -1).min(axis=0)
+    shapes = MovingShapes(
+        observers.kinds, observers.sizes, *placed(robot.body, observers, np.array([stance.q for stance in stances]))
+    )
+    rows, which = np.indices((len(trajectory), len(first))).reshape(2, -1)
+    found = shapes.measured(_solver.shape_distances, rows, observers.pairs[which])[0]
+    distance = found.reshape(len(trajectory), -1).min(axis=0)
     margins = np.maximum(observers.margin[first], observers.margin[second])
     kept = KEPT_SHARE * np.minimum(margins, observers.pair_margin)
     worst = int((distance - kept).argmin())
