@@ -3,7 +3,6 @@
 A performer who has been measured once stands still only for floor and heading from then on. Layout 1: see `Person`.
 """
 
-import json
 import os
 import re
 from pathlib import Path
@@ -19,7 +18,7 @@ from retarget.model.human_dimensions import POINTS, STATURE_M, HumanDimensions, 
 from retarget.schema.catalogue import user_folder
 from retarget.schema.files import check_folder, write_own
 from retarget.schema.strict_models import Integer, Name, Positive, Schema, Text, Vector3, read_model, unknown_name
-from retarget.schema.strict_yaml import Document, KeyPath, read_text, scan
+from retarget.schema.strict_yaml import Document, KeyPath, dump, read_text, scan
 from retarget.types import FloatArray
 
 OPTION = "--person"
@@ -193,27 +192,5 @@ def _inhuman(read: Person, document: Document) -> list[Problem]:
 
 def _as_yaml(person: Person) -> str:
     """The file's text."""
-    lines = [
-        "# The size of one performer, in m and kg. Written by: retarget run --person NAME",
-        f"layout: {person.layout}",
-        f"name: {_text(person.name)}",
-        f"date: {_text(person.date)}",
-        f"stature: {person.stature!r}",
-        f"mass: {person.mass!r}",
-        f"origin: {_text(person.origin)}",
-        f"sensors: [{', '.join(_text(sensor) for sensor in person.sensors)}]",
-        "# Each point from its parent, standing, arms hanging: x forward, y left, z up.",
-        "offsets:",
-    ]
-    lines += [f"  {point}: [{x!r}, {y!r}, {z!r}]" for point, (x, y, z) in person.offsets.items()]
-    if person.sensor_offsets:
-        lines += ["# From its joint to each sensor, in the sensor's own axes.", "sensor_offsets:"]
-    for convention, offsets in person.sensor_offsets.items():
-        lines.append(f"  {convention}:")
-        lines += [f"    {sensor}: [{x!r}, {y!r}, {z!r}]" for sensor, (x, y, z) in offsets.items()]
-    return "\n".join(lines) + "\n"
-
-
-def _text(value: str) -> str:
-    """A text in YAML that cannot be taken for anything else."""
-    return json.dumps(value, ensure_ascii=False)
+    comment = "The size of one performer, m and kg: x forward, y left, z up. Written by: retarget run --person NAME"
+    return dump(person.model_dump(exclude_defaults=True), comment=comment)

@@ -8,11 +8,10 @@ from itertools import pairwise
 import numpy as np
 
 from retarget import rotations
-from retarget.model.human_dimensions import PARENTS, POINTS
 from retarget.model.scene_shapes import ShapeKind
 from retarget.model.scene_state import SceneState
 from retarget.report import motion_metrics
-from retarget.report.pose_pictures import ROBOT_BONES, performer_facing, turned
+from retarget.report.pose_pictures import HUMAN_BONES, ROBOT_BONES, Bone, bones_among, performer_facing, turned
 from retarget.report.verdicts import moments
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
@@ -107,7 +106,6 @@ MOST_ROWS = 3000
 """More pictures a second are not seen; a long run is shown more coarsely."""
 TRAVEL = 0.5
 """A body that gets farther than this share of its height is followed by the view."""
-PARENT = {name: POINTS[parent] for name, parent in zip(POINTS, PARENTS, strict=True) if parent >= 0}
 
 
 @dataclass(frozen=True)
@@ -189,11 +187,8 @@ def _performer(run: RunResult, rows: IntArray) -> Figure:
     """The reconstructed human and the sensors, turned so that it faces x where following begins."""
     human = run.record.human
     facing = np.repeat(performer_facing(run)[:1], len(rows), axis=0)
-    names = human.joint_names
-    bones = tuple((names.index(PARENT[name]), at) for at, name in enumerate(names) if PARENT.get(name) in names)
-    return _figure(
-        "performer", names, bones, turned(human.joints[rows], facing), turned(run.sensors_asked[rows], facing)
-    )
+    points, marks = (turned(places[rows], facing) for places in (human.joints, run.sensors_asked))
+    return _figure("performer", human.joint_names, HUMAN_BONES, points, marks)
 
 
 def _robot(run: RunResult, rows: IntArray) -> Figure | None:
@@ -203,19 +198,19 @@ def _robot(run: RunResult, rows: IntArray) -> Figure | None:
         return None
     q = np.ascontiguousarray(sent.q[rows])
     names = tuple(robot.profile.frames)
-    bones = tuple((names.index(a), names.index(b)) for a, b in ROBOT_BONES if a in names and b in names)
-    points = robot.points(q, names)
+    points, bones = robot.points(q, names), bones_among(names, ROBOT_BONES)
     if len(bones) < len(names) / 2:
         links = list(range(1, len(robot.body.body_names)))
         names = robot.body.body_names[1:]
-        bones = tuple((int(parent) - 1, at) for at, parent in enumerate(robot.body.parent[1:]) if parent > 0)
+        bones = tuple((names[parent - 1], names[at]) for at, parent in enumerate(robot.body.parent[1:]) if parent > 0)
         points = robot.body.solver_body().points(q, links, np.zeros((len(links), 3)))
     return _figure(robot.profile.name, names, bones, points, sent.landmarks_asked[rows])
 
 
 def _figure(
-    label: str, names: tuple[str, ...], bones: tuple[tuple[int, int], ...], points: FloatArray, marks: FloatArray
+    label: str, names: tuple[str, ...], bones: tuple[Bone, ...], points: FloatArray, marks: FloatArray
 ) -> Figure:
+    ends = tuple((names.index(a), names.index(b)) for a, b in bones_among(names, bones))
     height = max(float(np.nanmax(points[..., 2])), 1e-3)
     centre = np.nanmean(points[..., :2], axis=1)
     if np.ptp(centre, axis=0).max() < TRAVEL * height:
@@ -223,7 +218,7 @@ def _figure(
     else:
         centre = _smooth(centre, int(FPS))
     reach = float(np.nanmax(np.linalg.norm(points[..., :2] - centre[:, None], axis=-1)))
-    return Figure(label, names, bones, packed(points), packed(marks), marks.shape[1], packed(centre), height, reach)
+    return Figure(label, names, ends, packed(points), packed(marks), marks.shape[1], packed(centre), height, reach)
 
 
 def _smooth(track: FloatArray, width: int) -> FloatArray:

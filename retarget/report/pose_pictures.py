@@ -1,7 +1,6 @@
 """A strip of poses: the performer as reconstructed, and the robot below, at the same instants, facing the same way."""
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -125,7 +124,9 @@ WIDTH, MOST_PER_HEIGHT, TITLE = 13.5, 1.7, 0.45
 """Inches: of the whole picture, of a body's height at most, and of the title."""
 GAP, ROOM = 0.07, 0.12
 """Between poses and above each line of them, in heights of the head."""
-_PARENT = {name: POINTS[parent] for name, parent in zip(POINTS, PARENTS, strict=True) if parent >= 0}
+HUMAN_BONES: tuple[Bone, ...] = tuple(
+    (POINTS[parent], name) for name, parent in zip(POINTS, PARENTS, strict=True) if parent >= 0
+)
 _LIMBS = (("shoulder", "elbow"), ("elbow", "hand"), ("hip", "knee"), ("knee", "ankle"), ("ankle", "toe"))
 ROBOT_BONES: tuple[Bone, ...] = (
     *(("pelvis", "neck"), ("neck", "head")),
@@ -138,7 +139,9 @@ def plot_poses(run: RunResult) -> Figure | None:
     """The human above, the robot below; of a human alone, the recorded body over the reconstructed one."""
     if run.ticks_followed < 2:
         return None
-    ticks = telling_ticks(run)
+    following = run.record.following
+    count = min(POSES, run.ticks_followed)
+    ticks = np.linspace(following.start, following.stop - 1, count).round().astype(int).tolist()
     bodies = [_performer(run, ticks)] if run.robot is None else [_performer(run, ticks), _robot(run, ticks)]
     extents = np.array([[body.extent(pose) for pose in range(len(ticks))] for body in bodies])  # (lines, poses, 4)
     left, right = extents[..., 0].min(axis=0), extents[..., 1].max(axis=0)
@@ -172,24 +175,9 @@ def performer_facing(run: RunResult) -> FloatArray:
     return headings(turns, human.joint_names, human.joints[following], run.clip.dt)
 
 
-def telling_ticks(run: RunResult) -> list[int]:
-    """Rows to show: of the parts of the clip in turn, where the performer differs most from the pose shown before.
-
-    The first is where the hands are highest. None is nearer to the one before than half a part.
-    """
-    following = run.record.following
-    names = run.record.human.joint_names
-    joints = turned(run.record.human.joints[following], performer_facing(run))
-    high = joints[:, [names.index("l_wrist"), names.index("r_wrist")], 2].max(axis=1)
-    shape = joints - _feet(joints, names)
-    edges = np.linspace(0, len(joints), min(POSES, len(joints)) + 1)
-    gap = 0.5 * float(edges[1])
-    shown: list[int] = []
-    for start, end in pairwise(edges.astype(int)):
-        first = max(int(start), int(np.ceil(shown[-1] + gap))) if shown else int(start)
-        other = np.linalg.norm(shape[first:end] - shape[shown[-1]], axis=-1).mean(axis=-1) if shown else high[first:end]
-        shown.append(first + int(np.argmax(other)))
-    return [following.start + row for row in shown]
+def bones_among(names: tuple[str, ...], bones: tuple[Bone, ...]) -> tuple[Bone, ...]:
+    """The bones of which both ends are known."""
+    return tuple(bone for bone in bones if set(bone) <= set(names))
 
 
 def _title(run: RunResult) -> str:
@@ -209,8 +197,7 @@ def _performer(run: RunResult, ticks: list[int]) -> Skeleton:
     recorded = None
     if truth is not None and run.robot is None:
         recorded = (turned(truth[ticks], facing) - feet) / size
-    bones = tuple((_PARENT[name], name) for name in names if _PARENT.get(name) in names)
-    return Skeleton(names, bones, (points - feet) / size, recorded=recorded)
+    return Skeleton(names, bones_among(names, HUMAN_BONES), (points - feet) / size, recorded=recorded)
 
 
 def _robot(run: RunResult, ticks: list[int]) -> Skeleton:
@@ -226,8 +213,7 @@ def _robot(run: RunResult, ticks: list[int]) -> Skeleton:
         link, outline = robot.frame(foot.frame), np.array(foot.polygon)
         local = link.position + np.column_stack([outline, np.zeros(len(outline))])
         soles.append((robot.body.solver_body().points(q, [link.body] * len(local), local) - feet) / size)
-    bones = tuple((a, b) for a, b in ROBOT_BONES if a in names and b in names)
-    return Skeleton(names, bones, (points - feet) / size, soles=tuple(soles))
+    return Skeleton(names, bones_among(names, ROBOT_BONES), (points - feet) / size, soles=tuple(soles))
 
 
 def _feet(points: FloatArray, names: tuple[str, ...]) -> FloatArray:

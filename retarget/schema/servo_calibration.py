@@ -4,9 +4,7 @@
 profile's zero ticks. The file of another robot is refused.
 """
 
-import json
 import os
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -24,12 +22,10 @@ from retarget.schema.files import write_atomic, write_own
 from retarget.schema.profile import RobotProfile
 from retarget.schema.profile_parts import ServoId, Tick
 from retarget.schema.strict_models import Integer, Name, Number, Schema, read_model, unknown_name
-from retarget.schema.strict_yaml import Document, KeyPath
+from retarget.schema.strict_yaml import Document, KeyPath, dump
 
 OPTION = "calibration"
 STEP = "Was it made with another robot or profile? Remove the file, or home the robot anew: retarget servo home"
-_PLAIN = re.compile(r"[A-Za-z_][A-Za-z_0-9]*")
-_WORDS = {"null", "true", "false"}
 Day = Annotated[str, Field(pattern=r"^\d{4}-\d{2}-\d{2}$")]
 
 
@@ -152,21 +148,5 @@ def _model(name: str) -> str:
 
 def _as_yaml(calibration: ServoCalibration) -> str:
     """The file's text: one line for each servo."""
-    lines = [
-        "# Which tick each servo reads in a known posture of this one robot; instead of the profile's zero_tick.",
-        "# Written by: retarget servo home. angle: rad.",
-        f"robot: {_text(calibration.robot)}",
-        "servos:",
-    ]
-    for joint, servo in calibration.servos.items():
-        entry = ", ".join(
-            f"{key}: {_text(value) if isinstance(value, str) else repr(value)}"
-            for key, value in servo.model_dump(exclude_defaults=True).items()
-        )
-        lines.append(f"  {_text(joint)}: {{{entry}}}")
-    return "\n".join(lines) + "\n"
-
-
-def _text(value: str) -> str:
-    """A text in YAML: bare where nothing else could be meant."""
-    return value if _PLAIN.fullmatch(value) and value.lower() not in _WORDS else json.dumps(value, ensure_ascii=False)
+    comment = "Which tick each servo of this one robot reads at angle, rad. Written by: retarget servo home"
+    return dump(calibration.model_dump(exclude_defaults=True), comment=comment)

@@ -10,10 +10,10 @@ All problems of a file are collected; only a syntax error, too deep a nesting an
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeAlias, TypedDict, Unpack
+from typing import Any, TypeAlias, TypedDict, Unpack
 
 import yaml
 from yaml import events as ev
@@ -103,6 +103,26 @@ def scan(text: str, path: Path) -> Document:
     if not isinstance(data, dict):
         raise ConfigError.from_problems(builder.problems, title=f"{path}: {len(builder.problems)} problems")
     return Document(path, data, builder.lines, tuple(builder.problems))
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes text so that the scalars of this reader cannot be meant, and everything out where it stands."""
+
+    def ignore_aliases(self, data: object) -> bool:
+        return True
+
+    def represent_str(self, data: str) -> yaml.ScalarNode:
+        style = None if isinstance(_core(data), str) else '"'
+        return self.represent_scalar("tag:yaml.org,2002:str", data, style=style)
+
+
+_Dumper.add_representer(str, _Dumper.represent_str)
+
+
+def dump(data: Mapping[str, Any], *, comment: str) -> str:
+    """Data as a file that `scan` reads back, under a comment of one line; innermost lists and mappings on one line."""
+    text = yaml.dump(data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, default_flow_style=None, width=math.inf)
+    return f"# {comment}\n{text}"
 
 
 def dotted(key_path: KeyPath) -> str:
