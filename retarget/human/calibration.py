@@ -20,6 +20,7 @@ from retarget.model.human_dimensions import (
     HumanDimensions,
     check_plausible,
     default_mass,
+    kind_of,
     proportional_dimensions,
 )
 from retarget.types import FloatArray
@@ -90,11 +91,11 @@ def rest_orientations(skeleton: Skeleton) -> FloatArray:
     is turned the shortest way from hanging straight down (thumbs stay forward in a T-pose).
     """
     known = dict(zip(skeleton.names, skeleton.position, strict=True))
-    children = {POINTS[parent]: name for name, parent in zip(POINTS, PARENTS, strict=True) if _kind(name) in _LIMB}
+    children = {POINTS[parent]: name for name, parent in zip(POINTS, PARENTS, strict=True) if kind_of(name) in _LIMB}
     result = np.tile(rotations.IDENTITY, (len(HUMAN_JOINTS), 1))
     for i, joint in enumerate(HUMAN_JOINTS):
         near, far = known.get(joint.name), known.get(children.get(joint.name, ""))
-        if _kind(joint.name) == "ankle":  # the foot follows the shank
+        if kind_of(joint.name) == "ankle":  # the foot follows the shank
             near, far = known.get(joint.name[:2] + "knee"), known.get(joint.name)
         if near is not None and far is not None and np.linalg.norm(far - near) > 1e-6:
             result[i] = rotations.shortest_arc(_DOWN, far - near)
@@ -161,9 +162,9 @@ def _offset(name: str, points: dict[str, FloatArray]) -> FloatArray:
     if parent < 0:
         return np.zeros(3)
     offset = points[name] - points[POINTS[parent]]
-    if _kind(name) in _LIMB:
+    if kind_of(name) in _LIMB:
         return np.asarray(np.linalg.norm(offset) * _DOWN)
-    if _kind(name) == "toe":
+    if kind_of(name) == "toe":
         return rotations.rotate(rotations.conjugate(_foot_turn(name[:2], points)), offset)
     return np.asarray(offset)
 
@@ -171,8 +172,3 @@ def _offset(name: str, points: dict[str, FloatArray]) -> FloatArray:
 def _foot_turn(side: str, points: dict[str, FloatArray]) -> FloatArray:
     """Turn (4,) of a leg from hanging straight down to where the skeleton has it at rest."""
     return rotations.shortest_arc(_DOWN, points[side + "ankle"] - points[side + "knee"])
-
-
-def _kind(name: str) -> str:
-    """Name without its side."""
-    return name[2:] if name[1] == "_" else name

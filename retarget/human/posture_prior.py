@@ -25,24 +25,50 @@ LIFT_M = 0.08
 """A foot lifted so far above the other carries half as much."""
 
 
+class Velocity:
+    """The low-passed velocity of a point of two or three coordinates: `now`, m/s. settle: time constant, s."""
+
+    def __init__(self, settle: float, axes: int = 2) -> None:
+        self._settle, self._axes = settle, axes
+        self.start()
+
+    def start(self) -> None:
+        """At rest, without a past."""
+        self.now: list[float] = [0.0] * self._axes
+        self._before: Point | None = None
+
+    def step(self, point: Point | None, dt: float) -> None:
+        """Go on by `dt` s to a point; None: it is not known, and the velocity stays."""
+        before, self._before = self._before, point
+        if before is None or point is None:
+            return
+        share = 1.0 - exp(-dt / self._settle)
+        for axis in range(self._axes):
+            self.now[axis] += share * ((point[axis] - before[axis]) / dt - self.now[axis])
+
+
 class Balance:
     """The goal of an `over_feet` task: `goal` (3,) m, world (z unused), and its `weight`, 0 to 1."""
 
     def __init__(self, task: CentreOfMassTask) -> None:
         self._task = task
-        self._middle: Ground | None = None
-        self._velocity: Ground = (0.0, 0.0)
+        self._travel = Velocity(SPEED_SETTLE_S)
         self.goal: FloatArray = np.zeros(3)
         self.weight = 0.0
 
     def start(self) -> None:
         """Start at rest, without a past."""
-        self._middle, self._velocity = None, (0.0, 0.0)
+        self._travel.start()
 
     def step(self, feet: Sequence[Sequence[float]], forward: Ground, *, dt: float) -> None:
         """Go on by `dt` seconds. feet: ankles that are known, x, y, z m. forward: the heading, a unit vector."""
+        if len(feet) == 2:
+            (x, y, _), (u, v, _) = feet
+            self._travel.step((0.5 * (x + u), 0.5 * (y + v)), dt)
+        else:
+            self._travel.step(None, dt)
         if not feet:
-            self._middle, self.weight = None, 0.0
+            self.weight = 0.0
             return
         lowest = min(foot[2] for foot in feet)
         loads = [1.0 / (1.0 + ((foot[2] - lowest) / LIFT_M) ** 2) for foot in feet]
@@ -50,25 +76,8 @@ class Balance:
         for axis in (0, 1):
             over = sum(load * foot[axis] for load, foot in zip(loads, feet, strict=True)) / total
             self.goal[axis] = over + self._task.forward * forward[axis]
-        self._travel(feet, dt)
         fade = self._task.fade_speed
-        self.weight = 1.0 if fade is None else 1.0 / (1.0 + (hypot(*self._velocity) / fade) ** 4)
-
-    def _travel(self, feet: Sequence[Sequence[float]], dt: float) -> None:
-        """Low-passed velocity of the middle of both feet, m/s; it stands still while only one of them is known."""
-        before = self._middle
-        if len(feet) < 2:
-            self._middle = None
-            return
-        x, y = 0.5 * (feet[0][0] + feet[1][0]), 0.5 * (feet[0][1] + feet[1][1])
-        self._middle = (x, y)
-        if before is not None:
-            share = 1.0 - exp(-dt / SPEED_SETTLE_S)
-            vx, vy = self._velocity
-            self._velocity = (
-                vx + share * ((x - before[0]) / dt - vx),
-                vy + share * ((y - before[1]) / dt - vy),
-            )
+        self.weight = 1.0 if fade is None else 1.0 / (1.0 + (hypot(*self._travel.now) / fade) ** 4)
 
 
 # Crouch: the natural posture for a height of the head, from upright to a deep crouch.
@@ -183,8 +192,7 @@ class CarryingFeet:
 
     def __init__(self) -> None:
         self.carrying = Carrying.BOTH
-        self._before: tuple[Point, ...] = ()
-        self._velocity = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
+        self._velocity: tuple[Velocity, ...] = ()
         self._carries = [True, True]
         self._dwelt = [0.0, 0.0]  # s for which each foot has seemed to be in the other state
         self._floor, self._flown = 0.0, 0.0
@@ -192,15 +200,15 @@ class CarryingFeet:
     def start(self, ankles: Sequence[Point]) -> Carrying:
         """At rest on the lower foot, and on the other unless it is high above it. ankles: x, y, z m, of both."""
         self._floor, self._flown = min(ankle[2] for ankle in ankles), 0.0
-        self._before = tuple(ankles)
-        self._velocity = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
+        self._velocity = (Velocity(FOOT_SPEED_SETTLE_S, 3), Velocity(FOOT_SPEED_SETTLE_S, 3))
+        self._speeds(ankles, 0.0)
         self._carries = [ankle[2] - self._floor < LIFTED_M for ankle in ankles]
         self._dwelt = [0.0, 0.0]
         return self._decide()
 
     def step(self, ankles: Sequence[Point], dt: float) -> Carrying:
         """Go on by `dt` s of the performer's time."""
-        if not self._before:
+        if not self._velocity:
             return self.start(ankles)
         speeds = self._speeds(ankles, dt)
         for foot in (0, 1):
@@ -226,12 +234,9 @@ class CarryingFeet:
 
     def _speeds(self, ankles: Sequence[Point], dt: float) -> list[float]:
         """Speed of each ankle, m/s, low-passed."""
-        share = 1.0 - exp(-dt / FOOT_SPEED_SETTLE_S)
-        for velocity, before, now in zip(self._velocity, self._before, ankles, strict=True):
-            for axis in (0, 1, 2):
-                velocity[axis] += share * ((now[axis] - before[axis]) / dt - velocity[axis])
-        self._before = tuple(ankles)
-        return [sqrt(sum(part * part for part in velocity)) for velocity in self._velocity]
+        for velocity, ankle in zip(self._velocity, ankles, strict=True):
+            velocity.step(ankle, dt)
+        return [sqrt(sum(part * part for part in velocity.now)) for velocity in self._velocity]
 
     def _end_long_flight(self, ankles: Sequence[Point], speeds: list[float], dt: float) -> None:
         """End a flight that is too long, as soon as the lower foot is slow: it stands on another floor."""
@@ -271,21 +276,14 @@ class Heading:
     def __init__(self, settings: HeadingSettings) -> None:
         self._settings = settings
         self._sum: Ground = (0.0, 0.0)
-        self._velocity: Ground = (0.0, 0.0)
-        self._head: Ground | None = None
+        self._head = Velocity(settings.velocity_settle)
         self.forward: Ground = (1.0, 0.0)
 
     def start(self, positions: Mapping[str, Point], facing: Mapping[str, Ground]) -> None:
         """Take the heading of one instant, without any filtering. Arguments as of `step`."""
-        self._velocity, self._head = (0.0, 0.0), None
+        self._head.start()
         self._sum = self._hints(positions, facing)
         self._turn()
-
-    def face(self, forward: Ground) -> None:
-        """Take a heading from a better source than the hints."""
-        length = hypot(*self._sum)
-        self.forward = forward
-        self._sum = (length * forward[0], length * forward[1])
 
     def step(self, positions: Mapping[str, Point], facing: Mapping[str, Ground], *, dt: float) -> None:
         """Go on by `dt` seconds.
@@ -293,7 +291,7 @@ class Heading:
         positions: x, y (and z) m by sensor, valid ones only. facing: forward axes (x, y) of sensors with an
         orientation, shorter than one where they point up or down.
         """
-        self._move(positions.get("head"), dt)
+        self._head.step(positions.get("head"), dt)
         share = 1.0 - exp(-dt / self._settings.settle)
         x, y = self._hints(positions, facing)
         self._sum = (self._sum[0] + share * (x - self._sum[0]), self._sum[1] + share * (y - self._sum[1]))
@@ -313,11 +311,11 @@ class Heading:
             x += weight * axis[0]
             y += weight * axis[1]
         slow, fast = settings.walking
-        weight = settings.velocity * min(max((hypot(*self._velocity) - slow) / (fast - slow), 0.0), 1.0)
+        weight = settings.velocity * min(max((hypot(*self._head.now) - slow) / (fast - slow), 0.0), 1.0)
         ahead = self._hands_ahead(positions)
         return (
-            x + weight * self._velocity[0] + settings.hands * ahead[0],
-            y + weight * self._velocity[1] + settings.hands * ahead[1],
+            x + weight * self._head.now[0] + settings.hands * ahead[0],
+            y + weight * self._head.now[1] + settings.hands * ahead[1],
         )
 
     def _hands_ahead(self, positions: Mapping[str, Point]) -> Ground:
@@ -330,18 +328,6 @@ class Heading:
         return (
             0.5 * (hands[0][0] + hands[1][0] - feet[0][0] - feet[1][0]),
             0.5 * (hands[0][1] + hands[1][1] - feet[0][1] - feet[1][1]),
-        )
-
-    def _move(self, head: Point | None, dt: float) -> None:
-        """Low-passed velocity of the head, m/s."""
-        before, self._head = self._head, None if head is None else (head[0], head[1])
-        if before is None or head is None:
-            return
-        share = 1.0 - exp(-dt / self._settings.velocity_settle)
-        vx, vy = self._velocity
-        self._velocity = (
-            vx + share * ((head[0] - before[0]) / dt - vx),
-            vy + share * ((head[1] - before[1]) / dt - vy),
         )
 
     def _turn(self) -> None:

@@ -19,6 +19,7 @@ from retarget.model.human_dimensions import (
     STATURE_M,
     HumanDimensions,
     default_mass,
+    kind_of,
     points_of,
     proportional_dimensions,
     stature_of,
@@ -64,12 +65,11 @@ BEND_SPREAD_RAD = 0.15
 SEEN_BEND_SPREAD_RAD = 0.4
 """The same with one."""
 
-_UNIT = proportional_dimensions(1.0).offset
+_AVERAGE = proportional_dimensions(1.0)
 
 
 def _group_of(name: str) -> int:
-    kind = name[2:] if name[1] == "_" else name
-    return next((group for group, members in enumerate(_GROUPS) if kind in members), 0)
+    return next((group for group, members in enumerate(_GROUPS) if kind_of(name) in members), 0)
 
 
 _GROUP_OF = np.array([_group_of(name) for name in POINTS])
@@ -81,7 +81,7 @@ _HANDS = np.array([POINTS.index("l_hand"), POINTS.index("r_hand")])
 def offsets(parameters: FloatArray) -> FloatArray:
     """Offsets (23, 3) m from the parents, in the rest frame of the human, for these parameters."""
     scale = np.exp(parameters[PROPORTIONS])
-    result = _UNIT * np.exp(parameters[STATURE]) * scale[_GROUP_OF, None]
+    result = _AVERAGE.offset * np.exp(parameters[STATURE]) * scale[_GROUP_OF, None]
     result[_BROAD, 1] *= scale[-1] / scale[0]
     return np.asarray(result)
 
@@ -287,11 +287,12 @@ def _first_guess(sensors: Mapping[str, FloatArray], *, source: str) -> FloatArra
         left = left + sensors["l_ankle"] - sensors["r_ankle"]
     parameters = np.zeros(COUNT)
     parameters[:2] = sensors["head"][:2]
-    parameters[2] = ground + (FRACTIONS.ankle_height + FRACTIONS.shank + FRACTIONS.thigh) * stature
+    hips = FRACTIONS.ankle_height + _AVERAGE.length("l_ankle") + _AVERAGE.length("l_knee")
+    parameters[2] = ground + hips * stature
     parameters[HEADING] = np.arctan2(-left[0], left[1])
     parameters[STATURE] = np.log(stature)
-    arm = (FRACTIONS.upper_arm + FRACTIONS.forearm) * stature
-    outward = np.clip((half_span - FRACTIONS.shoulder_half_width * stature) / arm, -0.5, 1.0)
+    arm = (_AVERAGE.length("l_elbow") + _AVERAGE.length("l_wrist")) * stature
+    outward = np.clip((half_span - _AVERAGE.of("l_shoulder")[1] * stature) / arm, -0.5, 1.0)
     angles = parameters[ANGLES].reshape(4, 2, 2)
     angles[:2, :, 0] = np.arcsin(outward)
     return parameters

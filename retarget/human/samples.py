@@ -1,7 +1,7 @@
 """Sensor samples for the ticks of a run: from a recorded clip laid on these ticks, or from a live stream."""
 
 from dataclasses import dataclass, field, replace
-from typing import Literal, Protocol
+from typing import ClassVar, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -136,6 +136,11 @@ class Clip:
     rate_hz: float
     speed: float
     source_frames: int
+    # A clip ends with its last tick, and is never held or paused.
+    over: ClassVar[bool] = False
+    settled: ClassVar[float] = 1.0
+    paused: ClassVar[bool] = False
+    hold_reason: ClassVar[str] = ""
 
     def __len__(self) -> int:
         return self.ticks
@@ -155,29 +160,9 @@ class Clip:
         """All ticks."""
         return self.ticks
 
-    @property
-    def over(self) -> bool:
-        """Never: a clip ends with its last tick."""
-        return False
-
-    @property
-    def settled(self) -> float:
-        """1: a clip is never held."""
-        return 1.0
-
-    @property
-    def paused(self) -> bool:
-        """Never."""
-        return False
-
     def may_approach(self) -> bool:
         """Always: a clip waits."""
         return True
-
-    @property
-    def hold_reason(self) -> str:
-        """Empty: a clip is never held."""
-        return ""
 
     def poll(self) -> None:
         """Do nothing: all samples are there."""

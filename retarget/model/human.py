@@ -25,6 +25,7 @@ from retarget.model.human_dimensions import (
     HumanDimensions,
     HumanJoint,
     Segment,
+    kind_of,
 )
 from retarget.types import ORIENTED, BoolArray, FloatArray
 
@@ -78,7 +79,7 @@ def _write_link(lines: list[str], joint: HumanJoint, dimensions: HumanDimensions
 
 
 def _inertial(joint: HumanJoint, dimensions: HumanDimensions) -> list[str]:
-    kind = _kind(joint.name)
+    kind = kind_of(joint.name)
     for segment in SEGMENTS:
         if segment.body == kind:
             return [_segment_inertial(joint, segment, dimensions)]
@@ -103,7 +104,7 @@ def _segment_inertial(joint: HumanJoint, segment: Segment, dimensions: HumanDime
 
 def _segment_point(name: str, joint: HumanJoint, dimensions: HumanDimensions) -> FloatArray:
     """Point (3,) of a segment's table entry in the link's frame, in the rest posture."""
-    if name == _kind(joint.name):
+    if name == kind_of(joint.name):
         return np.zeros(3)
     if name in TRUNK_LEVELS:
         return _trunk_point(TRUNK_LEVELS[name], dimensions) - _from_pelvis(joint.name, dimensions)
@@ -129,7 +130,7 @@ def _from_pelvis(name: str, dimensions: HumanDimensions) -> FloatArray:
 
 def _shapes(joint: HumanJoint, dimensions: HumanDimensions) -> list[str]:
     """Capsule of the link, from its joint to the next; across the hips for the pelvis."""
-    kind = _kind(joint.name)
+    kind = kind_of(joint.name)
     radius = _RADII[kind] * dimensions.stature
     if kind == "pelvis":
         start, end = dimensions.of("l_hip"), dimensions.of("r_hip")
@@ -167,15 +168,10 @@ def _capsule(name: str, start: FloatArray, end: FloatArray, radius: float) -> st
 
 def _sites(joint: HumanJoint, dimensions: HumanDimensions) -> list[str]:
     sites = [(name, dimensions.of(name)) for name, parent in ENDS if parent == joint.name]
-    if _kind(joint.name) == "ankle":
+    if kind_of(joint.name) == "ankle":
         below = np.array([0.0, 0.0, -FRACTIONS.ankle_height * dimensions.stature])
         sites.append((joint.name[:2] + "sole", below))
     return [f'<site name="{name}" pos="{_text(position)}"/>' for name, position in sites]
-
-
-def _kind(name: str) -> str:
-    """Joint name without its side."""
-    return name[2:] if name[1] == "_" else name
 
 
 def _text(values: FloatArray) -> str:

@@ -61,10 +61,6 @@ ENDS: tuple[tuple[str, str], ...] = tuple(pair for end in TABLES["ends"].items()
 
 
 # Body proportions: where a person's mass lies and how long the segments are.
-#
-# Lengths are fractions of stature: limbs and heights after Drillis & Contini (1966; Winter's Figure 4.1); the inner
-# points of trunk and shoulder girdle, which that figure does not have, are means over twelve skeletons of the CMU
-# motion database (clavicle 0.195 m, three trunk links of 0.117 m, hip offset 0.140 m at a stature of 1.72 m).
 
 
 @dataclass(frozen=True)
@@ -93,38 +89,16 @@ TRUNK_LEVELS: Mapping[str, float] = TABLES["trunk_levels"]
 
 @dataclass(frozen=True)
 class StatureFractions:
-    """Lengths as shares of stature. `_rise` is upward, `_half_width` to one side, all in the standing body."""
+    """Lengths as shares of stature: the ankle and the middle of the head above the ground, the heel behind the ankle,
+    the tip of the foot before the toe joint."""
 
-    ankle_height: float = 0.039
-    shank: float = 0.246
-    thigh: float = 0.245
-    hip_half_width: float = 0.054
-    """Between the joint centres; the 0.191 of Drillis & Contini is the breadth of the hips outside."""
-    hip_forward: float = 0.020
-    pelvis_rise: float = 0.058
-    """From the hip joints to the pelvis point, at the level of L4-L5."""
-    spine_link: float = 0.068
-    """Each of pelvis to spine, spine to chest, chest to neck."""
-    collar_rise: float = 0.026
-    """From the base of the neck up to the shoulder joint; the trunk sums to the 0.288 of Drillis & Contini."""
-    shoulder_half_width: float = 0.110
-    """Between the joint centres; their 0.259 is the breadth of the shoulders outside."""
-    head_rise: float = 0.142
-    """From the base of the neck to the middle of the head, at the level of the eyes (0.936)."""
-    upper_arm: float = 0.186
-    forearm: float = 0.146
-    hand: float = 0.050
-    """Wrist to knuckles; to the finger tips it is 0.108."""
-    toe_forward: float = 0.069
-    toe_drop: float = 0.018
-    heel_back: float = 0.047
-    toe_tip: float = 0.036
-    """From the toe joint to the tip of the foot: the foot is 0.152 long."""
-    head_height: float = 0.936
-    """Middle of the head (eyes, ear canal) above the ground."""
+    ankle_height: float
+    head_height: float
+    heel_back: float
+    toe_tip: float
 
 
-FRACTIONS = StatureFractions()
+FRACTIONS = StatureFractions(**TABLES["lengths"])
 
 
 POINTS: tuple[str, ...] = tuple(joint.name for joint in HUMAN_JOINTS) + tuple(name for name, _ in ENDS)
@@ -135,6 +109,12 @@ PARENTS: tuple[int, ...] = tuple(
     for parent in [joint.parent for joint in HUMAN_JOINTS] + [parent for _, parent in ENDS]
 )
 """Index of each point's parent; -1 for the pelvis."""
+
+
+def kind_of(name: str) -> str:
+    """Name of a point without its side."""
+    return name[2:] if name[1] == "_" else name
+
 
 STATURE_M = (0.5, 2.6)
 """Statures that are taken for a human's, m: from an infant to the tallest people alive (2.5 m)."""
@@ -213,8 +193,10 @@ def mirrored_dimensions(dimensions: HumanDimensions) -> HumanDimensions:
 
 
 def proportional_dimensions(stature: float, *, mass: float | None = None) -> HumanDimensions:
-    """A person of average proportions (see `StatureFractions`) of this stature (m)."""
-    offset = np.array([_proportional_offset(name, FRACTIONS) for name in POINTS]) * stature
+    """A person of average proportions of this stature (m)."""
+    offset = np.array([TABLES["offsets"][kind_of(name)] for name in POINTS]) * stature
+    right = [POINTS.index(name) for name in ("r_shoulder", "r_hip")]
+    offset[right, 1] *= -1.0
     return HumanDimensions(
         offset=offset,
         stature=stature,
@@ -254,25 +236,3 @@ def check_plausible(dimensions: HumanDimensions, *, source: str) -> None:
 
 _CHECKED = tuple(f"{side}_{part}" for part in ("elbow", "wrist", "knee", "ankle") for side in "lr")
 """Points whose distance from their parent is checked: the limbs, which every skeleton has."""
-
-
-def _proportional_offset(name: str, part: StatureFractions) -> tuple[float, float, float]:
-    """Offset of a point from its parent as shares of stature."""
-    side = -1.0 if name.startswith("r_") else 1.0
-    table = {
-        "pelvis": (0.0, 0.0, 0.0),
-        "spine": (0.0, 0.0, part.spine_link),
-        "chest": (0.0, 0.0, part.spine_link),
-        "neck": (0.0, 0.0, part.spine_link),
-        "head": (0.0, 0.0, part.head_rise),
-        "collar": (0.0, 0.0, part.spine_link),
-        "shoulder": (0.0, side * part.shoulder_half_width, part.collar_rise),
-        "elbow": (0.0, 0.0, -part.upper_arm),
-        "wrist": (0.0, 0.0, -part.forearm),
-        "hand": (0.0, 0.0, -part.hand),
-        "hip": (part.hip_forward, side * part.hip_half_width, -part.pelvis_rise),
-        "knee": (0.0, 0.0, -part.thigh),
-        "ankle": (0.0, 0.0, -part.shank),
-        "toe": (part.toe_forward, 0.0, -part.toe_drop),
-    }
-    return table[name[2:] if name[1] == "_" else name]

@@ -1,7 +1,8 @@
 """Collision observers of a robot and of the virtual human: shapes on links, and the pairs of them that are checked."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,6 +131,18 @@ ShapeRow = tuple[ShapeKind, tuple[float, float, float], FloatArray, FloatArray]
 """Code, sizes (3,) m, position (3,) m and quat (4,) wxyz of a shape's canonical frame on its link."""
 
 
+class Part(NamedTuple):
+    """An observer: the number of its link, its shape there (see `ShapeRow`), influence and margin, m."""
+
+    link: int
+    kind: ShapeKind
+    sizes: tuple[float, float, float]
+    position: FloatArray
+    quat: FloatArray
+    influence: float
+    margin: float
+
+
 @dataclass(frozen=True, eq=False)
 class Observers:
     """n observers of a body and the p pairs of them that are looked at.
@@ -194,9 +207,10 @@ def robot_observers(robot: RobotBody) -> Observers:
     """The observers of a robot's profile. Raises ConfigError: parts far apart along the body touch in the neutral
     posture."""
     profile, body = robot.profile, robot.body
-    links = {name: body.body_index(entry.link) for name, entry in profile.observers.items()}
-    rows = {name: _shape(body, entry) for name, entry in profile.observers.items()}
-    zones = {name: (entry.influence, entry.margin) for name, entry in profile.observers.items()}
+    parts = {
+        name: Part(body.body_index(entry.link), *_shape(body, entry), entry.influence, entry.margin)
+        for name, entry in profile.observers.items()
+    }
     ignored = [
         (body.body_index(entry.pair[0]), body.body_index(entry.pair[1]), entry.reason) for entry in profile.ignore_pairs
     ]
@@ -206,7 +220,7 @@ def robot_observers(robot: RobotBody) -> Observers:
         ignored=tuple(ignored),
         where=str(profile.path),
     )
-    observers = assemble(body, links, rows, zones, rules)
+    observers = assemble(body, parts, rules)
     return _on_ground(robot, observers) if robot.stands else observers
 
 
@@ -252,23 +266,18 @@ def _heights(robot: RobotBody, observers: Observers, angles: dict[str, float]) -
     return _solver.shape_distances(observers.kinds, observers.sizes, position, quat, *ground)[0]
 
 
-def assemble(
-    body: BodyModel,
-    links: dict[str, int],
-    rows: dict[str, ShapeRow],
-    zones: dict[str, tuple[float, float]],
-    rules: PairRules,
-) -> Observers:
-    """Observers from a link, a shape, and influence and margin (m) for each name."""
+def assemble(body: BodyModel, parts: Mapping[str, Part], rules: PairRules) -> Observers:
+    """Observers from a part for each name."""
+    rows = tuple(parts.values())
     none = Observers(
-        names=tuple(rows),
-        links=np.array([links[name] for name in rows], dtype=np.int64),
-        kinds=np.array([row[0] for row in rows.values()], dtype=np.int64),
-        sizes=np.array([row[1] for row in rows.values()], dtype=float).reshape(-1, 3),
-        positions=np.array([row[2] for row in rows.values()], dtype=float).reshape(-1, 3),
-        quats=np.array([row[3] for row in rows.values()], dtype=float).reshape(-1, 4),
-        influence=np.array([zones[name][0] for name in rows], dtype=float),
-        margin=np.array([zones[name][1] for name in rows], dtype=float),
+        names=tuple(parts),
+        links=np.array([part.link for part in rows], dtype=np.int64),
+        kinds=np.array([part.kind for part in rows], dtype=np.int64),
+        sizes=np.array([part.sizes for part in rows], dtype=float).reshape(-1, 3),
+        positions=np.array([part.position for part in rows], dtype=float).reshape(-1, 3),
+        quats=np.array([part.quat for part in rows], dtype=float).reshape(-1, 4),
+        influence=np.array([part.influence for part in rows], dtype=float),
+        margin=np.array([part.margin for part in rows], dtype=float),
         pairs=np.zeros((0, 2), dtype=np.int64),
         dropped=(),
         pair_margin=np.zeros(0),
@@ -328,27 +337,21 @@ def human_observers(human: Human, settings: ObserverSettings, chosen: ObserverSe
     chosen = settings.human if chosen is None else chosen
     if chosen == "none":
         return None
-    names = {geom.name: geom for geom in human.body.geoms}
-    links, rows = {}, {}
-    if chosen == "capsules":
-        for name, geom in names.items():
-            row = geom_shape(geom)
-            assert row is not None, "a human is made of capsules and balls"
-            links[name], rows[name] = geom.body, row
-    else:
+    zone = settings.influence, 0.01 if settings.margin is None else settings.margin
+    parts = {}
+    if chosen != "capsules":
         for near, far in LIMBS:
-            for side in ("l", "r"):
-                name = f"{side}_{near}"
-                links[name], rows[name] = human.body.body_index(name), _line(human, f"{side}_{far}")
-    if chosen == "lines_and_head":
-        geom = names[HEAD]
-        row = geom_shape(geom)
-        assert row is not None, "a head is a ball"
-        links[HEAD], rows[HEAD] = geom.body, row
-    margin = 0.01 if settings.margin is None else settings.margin
-    zones = dict.fromkeys(rows, (settings.influence, margin))
+            for side in "lr":
+                link = human.body.body_index(f"{side}_{near}")
+                parts[f"{side}_{near}"] = Part(link, *_line(human, f"{side}_{far}"), *zone)
+    if chosen != "lines":
+        for geom in human.body.geoms:
+            if chosen == "capsules" or geom.name == HEAD:
+                row = geom_shape(geom)
+                assert row is not None, "a human is made of capsules and balls"
+                parts[geom.name] = Part(geom.body, *row, *zone)
     rules = PairRules(neutral=human.posture(NEUTRAL), where="virtual human")
-    return assemble(human.body, links, rows, zones, rules)
+    return assemble(human.body, parts, rules)
 
 
 def _line(human: Human, far: str) -> ShapeRow:

@@ -6,8 +6,7 @@ import numpy as np
 
 from hardware.guard_state import StopCause
 from retarget.human.samples import Clip
-from retarget.model.body import JointLimits
-from retarget.model.human import PostureReader, human_limits
+from retarget.model.human import PostureReader
 from retarget.report import motion_metrics, tracking
 from retarget.report.clearance import RunClearances, clearances, in_mm
 from retarget.report.motion_metrics import (
@@ -15,6 +14,7 @@ from retarget.report.motion_metrics import (
     ModeSwitches,
     jerk_p95,
     limit_violations,
+    moved_joints,
     observer_activity,
     physics_report,
 )
@@ -57,27 +57,17 @@ def fault_count(run: RunResult) -> int:
     return seen + sum(cause in BUS_CAUSES for cause in (run.stop.cause, run.stop.then))
 
 
-def tick_rate(times: FloatArray) -> float | None:
-    """Ticks per second, of the times (T,) s at which servos were read; None where that was not measured."""
+def pace(times: FloatArray, dt: float) -> tuple[float, float, int] | None:
+    """Ticks per second; the longest time (s) from one tick to the next, because a long run hides a single stall in its
+    rate; and deadlines that passed without a tick. Of the times (T,) s at which servos were read, in ticks that should
+    be `dt` s apart; None where that was not measured."""
     known = times[np.isfinite(times)]
-    lasted = float(known[-1] - known[0]) if known.size > 1 else 0.0
-    return (known.size - 1) / lasted if lasted > 0.0 else None
-
-
-def longest_period(times: FloatArray) -> float | None:
-    """Longest time (s) from one tick to the next: a single stall shows here, where a long run hides it in the rate."""
-    known = times[np.isfinite(times)]
-    return float(np.diff(known).max()) if known.size > 1 else None
-
-
-def missed_ticks(times: FloatArray, dt: float) -> int | None:
-    """Deadlines that passed without a tick, of the times (T,) s of ticks that should be `dt` s apart; None where they
-    were not measured."""
-    known = times[np.isfinite(times)]
-    if known.size < 2:
+    periods = np.diff(known)
+    lasted = float(periods.sum())
+    if lasted <= 0.0:
         return None
-    periods = np.diff(known) / dt
-    return int(np.rint(periods[periods > LATE] - 1.0).sum())
+    missed = np.rint(periods[periods > LATE * dt] / dt - 1.0).sum()
+    return periods.size / lasted, float(periods.max()), int(missed)
 
 
 def bus_report(run: RunResult) -> BusReport | None:
@@ -85,13 +75,13 @@ def bus_report(run: RunResult) -> BusReport | None:
     sent = run.record.robot
     if sent is None or not run.setup.has_bus:
         return None
-    longest = longest_period(sent.bus_time)
+    rate, longest, missed = pace(sent.bus_time, run.clip.dt) or (None, None, None)
     return BusReport(
-        rate_hz=tick_rate(sent.bus_time),
+        rate_hz=rate,
         cycle_ms=percentiles(run.record.timing.cycle, 1e3),
         faults=fault_count(run),
         longest_period_ms=None if longest is None else 1e3 * longest,
-        missed_ticks=missed_ticks(sent.bus_time, run.clip.dt),
+        missed_ticks=missed,
         retries=int(sent.retries.max(initial=0)),
         hottest=_extreme(run, sent.temperature),
         lowest_voltage=_extreme(run, -sent.voltage, sign=-1.0),
@@ -259,16 +249,11 @@ def _joint_positions(run: RunResult) -> FloatArray:
 
 def limits_broken(run: RunResult) -> LimitViolations:
     """Measured on the goals that were sent; of a human alone, on its posture."""
-    if run.robot is not None and run.record.robot is not None:
-        limits, kept = run.robot.limits, run.record
-        sent = np.vstack([run.record.robot.start, run.record.robot.goals])
-        return limit_violations(sent, limits, run.clip.dt, from_rest=kept.from_start, to_rest=kept.to_end)
-    single, _ = run.human.body.scalar_joints()
-    whole = human_limits(run.human.body)
-    limits = JointLimits(
-        whole.lower[single], whole.upper[single], whole.max_velocity[single], whole.max_acceleration[single]
-    )
-    return limit_violations(_joint_positions(run), limits, run.clip.motion_dt, from_rest=False)
+    moved, kept = moved_joints(run), run.record
+    if kept.robot is None:
+        return limit_violations(moved.positions, moved.limits, moved.dt, from_rest=False)
+    goals = np.vstack([kept.robot.start, kept.robot.goals])
+    return limit_violations(goals, moved.limits, moved.dt, from_rest=kept.from_start, to_rest=kept.to_end)
 
 
 def _observers(run: RunResult) -> tuple[RunClearances, ModeSwitches | None, ObserversReport | None]:

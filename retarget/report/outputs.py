@@ -1,7 +1,6 @@
 """The files that a command was asked to write: checked before anything moves, written when all is done."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -10,7 +9,7 @@ from retarget.errors import RefusedError
 from retarget.recording.npz import save_path, write_npz
 from retarget.report.report import Report, page_path, report_path, write_report
 from retarget.run.run_result import RunResult
-from retarget.schema.files import check_folder, make_folder, refuse_existing
+from retarget.schema.files import check_folder, refuse_existing
 
 PICTURE_NAMES = ("tracking", "angles", "balance", "pressure", "poses")
 """Of the files in `--plots DIR`, known without importing what draws them."""
@@ -89,17 +88,15 @@ class Outputs:
         ]
         lines: list[str] = []
         problems: list[str] = []
-        reports = None if self.page is None else self.page.parent
-        with _folder(reports, "--report", problems), _folder(self.plots, "--plots", problems):
-            for what, path, write in tries:
-                if path is None:
-                    continue
-                try:
-                    made = write(path)
-                except (RefusedError, OSError) as error:
-                    problems.append(f"{what} not written: {error}")
-                else:
-                    lines += [f"{what}: {file}" for file in (made if isinstance(made, list) else [path])]
+        for what, path, write in tries:
+            if path is None:
+                continue
+            try:
+                made = write(path)
+            except (RefusedError, OSError) as error:
+                problems.append(f"{what} not written: {error}")
+            else:
+                lines += [f"{what}: {file}" for file in (made if isinstance(made, list) else [path])]
         return Written(tuple(lines), tuple(problems))
 
 
@@ -109,20 +106,3 @@ class Written:
 
     lines: tuple[str, ...]
     problems: tuple[str, ...]
-
-
-@contextmanager
-def _folder(path: Path | None, option: str, problems: list[str]) -> Iterator[None]:
-    """Make a folder if need be; in the end what was made of it goes again if it is empty."""
-    if path is None:
-        yield
-        return
-    new = [folder for folder in (path, *path.parents) if not folder.exists()]
-    try:
-        make_folder(path, option=option)
-    except RefusedError as error:
-        problems.append(str(error))
-    yield
-    with suppress(OSError):
-        for folder in new:
-            folder.rmdir()

@@ -18,7 +18,7 @@ from retarget.report.plots import figures_of
 from retarget.report.report import Report, Spread
 from retarget.report.verdicts import Outcome, moments, verdicts
 from retarget.run.run_result import RunResult
-from retarget.schema.files import write_atomic
+from retarget.schema.files import make_folder, write_atomic
 
 # Our own pictures as drawings inside a page: they follow its light and dark, and stay sharp in print.
 
@@ -88,7 +88,9 @@ LEAST_BAR = 1.0
 
 
 def write_page(run: RunResult, report: Report, path: Path, *, figures: Mapping[str, Figure] | None = None) -> None:
-    """Write the page of a run, whole or not at all. Raises UsageError if the file cannot be written."""
+    """Write the page of a run, whole or not at all, into its folder, made if need be. Raises UsageError if that cannot
+    be."""
+    make_folder(path.parent, option="--report")
     write_atomic(path, page_html(run, report, figures=figures).encode(), option="--report")
 
 

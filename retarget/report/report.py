@@ -9,7 +9,7 @@ from typing import Any
 from retarget.errors import UsageError
 from retarget.live.stream_report import LiveReport
 from retarget.report.motion_metrics import LimitViolations, ModeSwitches, PhysicsReport
-from retarget.schema.files import check_folder, check_path, check_place, write_atomic
+from retarget.schema.files import check_folder, check_path, check_place, make_folder, write_atomic
 
 DIGITS = 6
 """Significant digits of every number."""
@@ -224,7 +224,8 @@ def page_path(text: str | Path) -> Path | None:
 
 
 def write_report(report: Report, path: Path) -> None:
-    """Write a report, whole or not at all. Raises UsageError if the file cannot be written."""
+    """Write a report, whole or not at all, into its folder, made if need be. Raises UsageError if that cannot be."""
+    make_folder(path.parent, option="--report")
     write_atomic(path, report.as_json().encode(), option="--report")
 
 

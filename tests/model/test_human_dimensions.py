@@ -40,13 +40,13 @@ def test_the_parts_of_the_trunk_have_the_trunks_own_mass_and_centre() -> None:
 
 
 def test_heights_of_the_standing_body_agree_with_drillis_and_contini() -> None:
-    f = FRACTIONS
-    hip = f.ankle_height + f.shank + f.thigh
+    body, f = proportional_dimensions(1.0), FRACTIONS
+    hip = f.ankle_height + body.length("l_ankle") + body.length("l_knee")
     assert hip == pytest.approx(0.530)
-    neck = hip + f.pelvis_rise + 3 * f.spine_link
-    assert neck + f.collar_rise == pytest.approx(0.818)
-    assert neck + f.head_rise == pytest.approx(f.head_height, abs=0.003)
-    assert f.heel_back + f.toe_forward + f.toe_tip == pytest.approx(0.152)
+    neck = hip - body.of("l_hip")[2] + sum(body.length(name) for name in ("spine", "chest", "neck"))
+    assert neck + body.of("l_shoulder")[2] == pytest.approx(0.818)
+    assert neck + body.length("head") == pytest.approx(f.head_height, abs=0.003)
+    assert f.heel_back + body.of("l_toe")[0] + f.toe_tip == pytest.approx(0.152)
 
 
 def test_the_points_are_the_canonical_joints_parents_first() -> None:

@@ -27,6 +27,7 @@ from retarget.model.observers import (
     Observers,
     ObserverSet,
     PairRules,
+    Part,
     assemble,
     human_observers,
     placed,
@@ -124,8 +125,7 @@ def balls(
         where="arm",
     )
     row = (ShapeKind.CAPSULE, (radius, 0.0, 0.0), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
-    links = {name: body.body_index(name) for name in LINKS}
-    return assemble(body, links, dict.fromkeys(LINKS, row), dict.fromkeys(LINKS, (0.05, 0.0)), rules)
+    return assemble(body, {name: Part(body.body_index(name), *row, 0.05, 0.0) for name in LINKS}, rules)
 
 
 def looked_at(observers: Observers) -> set[frozenset[str]]:

@@ -84,11 +84,10 @@ def test_a_stall_of_the_bus_shows(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_what_was_not_measured_is_unknown() -> None:
     for times in (np.zeros(0), np.zeros(1), np.full(3, np.nan), np.zeros(3)):
-        assert bus.tick_rate(times) is None
-    assert bus.longest_period(np.full(3, np.nan)) is None
-    assert bus.tick_rate(np.array([0.0, np.nan, 0.5])) == pytest.approx(2.0)
+        assert bus.pace(times, 0.01) is None
+    assert bus.pace(np.array([0.0, np.nan, 0.5]), 0.5) == (2.0, 0.5, 0)
     times = np.array([0.0, 0.01, 0.024, 0.03, np.nan, 0.05, 0.06, 0.1])
-    assert bus.missed_ticks(times, 0.01) == 4 and bus.missed_ticks(times[:1], 0.01) is None
+    assert bus.pace(times, 0.01) == (pytest.approx(60.0), pytest.approx(0.04), 4)
 
 
 def test_a_run_without_a_failure_has_no_faults() -> None:
