@@ -29,10 +29,10 @@ def main() -> None:
     stage.start(frames.sample(0.0))
     nearest = np.inf
     for tick, place in enumerate(np.linspace(hand + np.array([0.5, 0.0, 0.0]), hand, 300)):
-        scene.update("ball", place, (1.0, 0.0, 0.0, 0.0), time=tick * DT)
+        scene.live("ball").update(place, (1.0, 0.0, 0.0, 0.0), time=tick * DT)
         stage.step(frames.sample(tick * DT), DT)
         nearest = min(nearest, stage.hierarchy.solver.clearance[1])
-    print(f"the body kept {1e3 * nearest:.1f} mm off the ball; updates dropped: {scene.dropped('ball')}")
+    print(f"the body kept {1e3 * nearest:.1f} mm off the ball; updates dropped: {scene.live('ball').dropped}")
 
 
 if __name__ == "__main__":

@@ -299,34 +299,12 @@ class SceneState:
         still = np.zeros_like(poses.linear_velocity)
         return ObstaclePoses(poses.position, poses.quat, still, still)
 
-    def update(
-        self,
-        name: str,
-        position: Iterable[float],
-        quat: Iterable[float],
-        *,
-        time: float,
-        velocity: Iterable[float] | None = None,
-        angular_velocity: Iterable[float] | None = None,
-    ) -> bool:
-        """Set where an obstacle is by measurement; from the first good one on, the file's motion no longer counts.
+    def live(self, name: str) -> LivePose:
+        """Takes where an obstacle is by measurement; from the first good pose on, the file's motion no longer counts.
 
         All in the frame that the obstacle names in the file, of the obstacle's own frame (which `at` places there).
-        Returns whether it was taken. A bad update is dropped and counted, and the last good pose stays: see
-        `LivePose.update`. Raises UsageError for an unknown name.
+        Raises UsageError for an unknown name.
         """
-        live = self._track(name).live
-        return live.update(position, quat, time=time, velocity=velocity, angular_velocity=angular_velocity)
-
-    def dropped(self, name: str) -> int:
-        """How many updates of an obstacle were not taken. Raises UsageError for an unknown name."""
-        return self._track(name).live.dropped
-
-    def age(self, name: str, now: float) -> float:
-        """Age of an obstacle's last good live pose, s; infinite before the first. Raises UsageError as `update`."""
-        return self._track(name).live.age(now)
-
-    def _track(self, name: str) -> _Track:
         track = self._tracks.get(name)
         if track is None:
             known = self.shapes.names
@@ -336,7 +314,7 @@ class SceneState:
                 allowed=listed(known),
                 next_step=suggest(name, known) or "Name an obstacle of the scene file",
             )
-        return track
+        return track.live
 
 
 def _write(row: FloatArray, moving: MovingPose) -> None:

@@ -36,7 +36,6 @@ class Jump:
     time_s: float
     sensor: str
     distance_m: float
-    speed_m_s: float
     turn_deg: float
 
 
@@ -107,16 +106,14 @@ def find_jumps(frames: SensorFrames) -> tuple[Jump, ...]:
     distance = np.linalg.norm(np.diff(frames.position, axis=0), axis=-1)
     turn = rotations.angle_between(frames.orientation[:-1], frames.orientation[1:])
     limit = np.where([name in TRUNK for name in frames.names], TRUNK_SPEED, LIMB_SPEED)
-    speed = distance / interval
     # Comparisons with NaN (no position, no orientation) are false.
-    found = (speed > limit) | (turn / interval > TURN_SPEED)
+    found = (distance / interval > limit) | (turn / interval > TURN_SPEED)
     return tuple(
         Jump(
             frame=int(i),
             time_s=float(frames.time[i]),
             sensor=frames.names[k],
             distance_m=float(distance[i, k]),
-            speed_m_s=float(speed[i, k]),
             turn_deg=float(np.degrees(turn[i, k])),
         )
         for i, k in np.argwhere(found)

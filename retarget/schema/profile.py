@@ -20,8 +20,6 @@ from retarget.schema.profile_parts import (
     Postures,
     Safety,
     Servo,
-    bus_specs,
-    guard_limits,
     servo_specs,
 )
 from retarget.schema.strict_models import Check, Name, Schema, Text, read_model
@@ -85,11 +83,11 @@ class RobotProfile(Schema):
 
     def bus_specs(self) -> tuple[BusSpec, ...]:
         """The buses for the hardware side, in the profile's order."""
-        return bus_specs(self.buses)
+        return tuple(bus.spec(name) for name, bus in self.buses.items())
 
     def guard_limits(self) -> GuardLimits:
         """What the guard tolerates, by the profile's `safety`."""
-        return guard_limits(self.safety)
+        return self.safety.guard_limits()
 
 
 def read_profile(path_or_name: str | Path, *, check: Check[RobotProfile] | None = None) -> RobotProfile:

@@ -26,6 +26,9 @@ from retarget.schema.strict_models import (
     one_or_more,
 )
 
+DEFAULT_WATCHDOG = 0.1  # [s]
+WARN_BEFORE_C = 5.0
+"""[degrees Celsius] so much before the stop a servo is warm, where the profile does not say."""
 MAX_HOMING_OFFSET = 1_044_479
 """Of register 20, ticks either way (e-Manual)."""
 ServoId = Annotated[Integer, Field(ge=0, le=252)]
@@ -150,6 +153,22 @@ class Bus(Schema):
     """[us] Pause before an answer, even."""
     power: Power | None = None
     """Switch for the servos' power; absent: there is none."""
+
+    def spec(self, name: str) -> BusSpec:
+        """The bus of that name for the hardware side; servos of Protocol 1.0 have no watchdog."""
+        watchdog = self.watchdog_s
+        if watchdog is None:
+            watchdog = DEFAULT_WATCHDOG if self.protocol == 2 else 0.0
+        return BusSpec(
+            name=name,
+            port=self.port,
+            baud=self.baud,
+            protocol=self.protocol,
+            ids=self.ids,
+            watchdog=watchdog,
+            return_delay=self.return_delay_us * 1e-6,
+            power=None if self.power is None else PowerSwitch(*self.power.model_dump().values()),
+        )
 
 
 class Shape(SolidShape):
@@ -277,12 +296,34 @@ class Safety(Schema):
     current_s: Annotated[Positive, Field(le=60)] = 1.0
     """[s] Time after which a current stops or warns."""
 
+    @property
+    def warm_c(self) -> float:
+        """Temperature from which on a servo is warm, degrees Celsius."""
+        given = self.temperature_warn_c
+        return self.temperature_c - WARN_BEFORE_C if given is None else given
 
-# What the servo side needs of a profile: its servos, buses and bounds as the hardware's own data.
+    def guard_limits(self) -> GuardLimits:
+        """The limits of the guard."""
+        return GuardLimits(
+            max_age=self.freshness,
+            max_pause=self.freshness,
+            max_temperature=self.temperature_c,
+            voltage=self.voltage,
+            following_error=self.following_error,
+            sustained_error=_or_any(self.following_error_sustained),
+            sustained_time=self.following_error_s,
+            max_current=_or_any(self.current_a),
+            current_time=self.current_s,
+            warn_age=_or_any(self.freshness_warn),
+            warn_temperature=self.warm_c,
+            warn_voltage=self.voltage_warn or (-inf, inf),
+            warn_current=_or_any(self.current_warn_a),
+            warn_following_error=_or_any(self.following_error_warn),
+            slow_share=self.speed_caps.warm,
+        )
 
-DEFAULT_WATCHDOG = 0.1  # [s]
-WARN_BEFORE_C = 5.0
-"""[degrees Celsius] so much before the stop a servo is warm, where the profile does not say."""
+
+# What the servo side needs of a profile: its servos as the hardware's own data, and its bounds in words.
 
 
 def servo_specs(servos: Mapping[str, Servo], couplings: Sequence[Coupling]) -> tuple[ServoSpec, ...]:
@@ -315,57 +356,10 @@ def servo_specs(servos: Mapping[str, Servo], couplings: Sequence[Coupling]) -> t
     )
 
 
-def bus_specs(buses: Mapping[str, Bus]) -> tuple[BusSpec, ...]:
-    """The buses in the profile's order."""
-    return tuple(
-        BusSpec(
-            name=name,
-            port=bus.port,
-            baud=bus.baud,
-            protocol=bus.protocol,
-            ids=bus.ids,
-            watchdog=_watchdog(bus),
-            return_delay=bus.return_delay_us * 1e-6,
-            power=None
-            if bus.power is None
-            else PowerSwitch(bus.power.id, bus.power.register_, bus.power.value, bus.power.wait_s),
-        )
-        for name, bus in buses.items()
-    )
-
-
-def _watchdog(bus: Bus) -> float:
-    """Longest silence in s; servos of Protocol 1.0 have no watchdog."""
-    if bus.watchdog_s is not None:
-        return bus.watchdog_s
-    return DEFAULT_WATCHDOG if bus.protocol == 2 else 0.0
-
-
-def guard_limits(safety: Safety) -> GuardLimits:
-    """The limits of the guard."""
-    return GuardLimits(
-        max_age=safety.freshness,
-        max_pause=safety.freshness,
-        max_temperature=safety.temperature_c,
-        voltage=safety.voltage,
-        following_error=safety.following_error,
-        sustained_error=_or_any(safety.following_error_sustained),
-        sustained_time=safety.following_error_s,
-        max_current=_or_any(safety.current_a),
-        current_time=safety.current_s,
-        warn_age=_or_any(safety.freshness_warn),
-        warn_temperature=_warm(safety),
-        warn_voltage=safety.voltage_warn or (-inf, inf),
-        warn_current=_or_any(safety.current_warn_a),
-        warn_following_error=_or_any(safety.following_error_warn),
-        slow_share=safety.speed_caps.warm,
-    )
-
-
 def safety_facts(safety: Safety) -> dict[str, str]:
     """What warns, slows and stops, in words for the operator."""
     low, high = safety.voltage
-    slows = [f"{_warm(safety):g} degrees Celsius"]
+    slows = [f"{safety.warm_c:g} degrees Celsius"]
     slows += [] if safety.current_warn_a is None else [f"{safety.current_warn_a:g} A for {safety.current_s:g} s"]
     stops = [f"{safety.temperature_c:g} degrees Celsius", f"outside {low:g} to {high:g} V"]
     stops += [] if safety.current_a is None else [f"{safety.current_a:g} A for {safety.current_s:g} s"]
@@ -382,12 +376,6 @@ def safety_facts(safety: Safety) -> dict[str, str]:
         "warns": ", ".join(warns) or "as it slows",
         "stops": ", ".join(stops),
     }
-
-
-def _warm(safety: Safety) -> float:
-    """Temperature from which on a servo is warm, degrees Celsius."""
-    given = safety.temperature_warn_c
-    return safety.temperature_c - WARN_BEFORE_C if given is None else given
 
 
 def _or_any(level: float | None) -> float:

@@ -495,7 +495,7 @@ def test_an_obstacle_that_appears_inside_the_arm_is_left_at_a_bounded_speed() ->
     for tick in range(120):
         if tick == 5:
             at = posture.joints[R_WRIST] + np.array([0.05, 0.0, 0.03])
-            state.update("ball", at, (1.0, 0.0, 0.0, 0.0), time=tick * DT)
+            state.live("ball").update(at, (1.0, 0.0, 0.0, 0.0), time=tick * DT)
             near.append(float(observed(own, posture.q, state, tick * DT)[0]))
         posture = made.step(sample, DT)
         if tick >= 5:
@@ -523,7 +523,9 @@ def test_among_random_obstacles_nothing_breaks() -> None:
         for tick in range(6):
             time += DT
             for k in range(4):
-                state.update(f"o{k}", at[k] + tick * DT * speed[k], (1.0, 0.0, 0.0, 0.0), time=time, velocity=speed[k])
+                state.live(f"o{k}").update(
+                    at[k] + tick * DT * speed[k], (1.0, 0.0, 0.0, 0.0), time=time, velocity=speed[k]
+                )
             q.append(made.step(goal, DT).q)
             near.append(float(observed(own, q[-1], state, time).min()))
         assert np.isfinite(q).all()

@@ -206,7 +206,7 @@ def test_the_stand_carries_its_obstacles() -> None:
     now = state.at(1.0)
     assert_allclose(now.position, [[2, 0.2, 0], [0.8, 4, 0]], atol=1e-12)
     assert_allclose(now.linear_velocity, [[1, 0, 0], [0, 1, 0]], atol=1e-12)
-    assert state.update("there", (0, 0, 0), (1, 0, 0, 0), time=1.0, velocity=(0, 1, 0))
+    assert state.live("there").update((0, 0, 0), (1, 0, 0, 0), time=1.0, velocity=(0, 1, 0))
     now = state.at(1.0)
     assert_allclose(now.position[1], [0.8, 2, 0], atol=1e-12)
     assert_allclose(now.linear_velocity[1], [-1, 0, 0], atol=1e-12)
@@ -230,25 +230,20 @@ def test_velocities_of_shape_frames_are_derivatives() -> None:
 @pytest.mark.parametrize("keys", [{}, {"velocity": [1, 0, 0]}], ids=["still", "moving"])
 def test_a_live_update_overrides_the_file(keys: dict[str, Any]) -> None:
     state = SceneState(scene(other={"shape": ROD}, ball={"shape": {"sphere": {"radius": 0.1}}} | keys))
-    assert state.age("ball", 3.0) == math.inf
-    assert not state.update("ball", (math.nan, 0, 0), (1, 0, 0, 0), time=1.0)
+    assert state.live("ball").age(3.0) == math.inf
+    assert not state.live("ball").update((math.nan, 0, 0), (1, 0, 0, 0), time=1.0)
     assert state.at(1.0).position[1, 0] == pytest.approx(1.0 if keys else 0.0)
-    assert state.update("ball", (5, 6, 7), (1, 0, 0, 0), time=2.0)
-    assert not state.update("ball", (9, 9, 9), (1, 0, 0, 0), time=1.0)
+    assert state.live("ball").update((5, 6, 7), (1, 0, 0, 0), time=2.0)
+    assert not state.live("ball").update((9, 9, 9), (1, 0, 0, 0), time=1.0)
     assert_allclose(state.at(3.0).position, [[0.0, 0.2, 0.0], [5.0, 6.0, 7.0]])
     assert_array_equal(state.at(3.0).linear_velocity, np.zeros((2, 3)))
-    assert (state.age("ball", 3.0), state.dropped("ball"), state.dropped("other")) == (1.0, 2, 0)
+    assert (state.live("ball").age(3.0), state.live("ball").dropped, state.live("other").dropped) == (1.0, 2, 0)
 
 
 def test_an_unknown_obstacle_is_refused_with_the_nearest_name() -> None:
     state = SceneState(load_scene("table"))
-    for ask in (
-        lambda: state.update("tpo", (0, 0, 0), (1, 0, 0, 0), time=0.0),
-        lambda: state.dropped("tpo"),
-        lambda: state.age("tpo", 0.0),
-    ):
-        with refuses(UsageError, found="'tpo'", allowed="l_front_leg", next_step="top"):
-            ask()
+    with refuses(UsageError, found="'tpo'", allowed="l_front_leg", next_step="top"):
+        state.live("tpo")
 
 
 STEP = 1e-5

@@ -34,7 +34,7 @@ def test_a_moved_sensor_is_a_jump_there_and_back(performer: SensorFrames) -> Non
     position[500, performer.index("pelvis")] += [0.0, 0.2, 0.0]
     jumps = find_jumps(replace(performer, position=position))
     assert [(jump.frame, jump.sensor) for jump in jumps] == [(499, "pelvis"), (500, "pelvis")]
-    assert jumps[0].distance_m == pytest.approx(0.2, abs=0.01) and jumps[0].speed_m_s > 20.0
+    assert jumps[0].distance_m == pytest.approx(0.2, abs=0.01)
     assert jumps[0].time_s == performer.time[499]
 
 

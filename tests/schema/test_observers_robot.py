@@ -131,7 +131,7 @@ def test_an_obstacle_that_appears_inside_the_arm_is_left_at_a_bounded_speed() ->
     depth_before = -np.inf
     for tick in range(400):
         if tick == 10:
-            assert state.update("ball", hand() + np.array([0.0, -0.01, 0.0]), (1.0, 0.0, 0.0, 0.0), time=tick * DT)
+            assert state.live("ball").update(hand() + np.array([0.0, -0.01, 0.0]), (1.0, 0.0, 0.0, 0.0), time=tick * DT)
             depth_before = float(observed(q[-1], state, tick * DT)[0])
         q.append(follower.step(human()[0], DT).q)
         near.append(float(observed(q[-1], state, tick * DT)[0]))
@@ -158,7 +158,9 @@ def test_among_random_obstacles_nothing_breaks() -> None:
         for tick in range(12):
             time = (100 * scene + tick) * DT
             for k in range(4):
-                state.update(f"o{k}", at[k] + tick * DT * speed[k], (1.0, 0.0, 0.0, 0.0), time=time, velocity=speed[k])
+                state.live(f"o{k}").update(
+                    at[k] + tick * DT * speed[k], (1.0, 0.0, 0.0, 0.0), time=time, velocity=speed[k]
+                )
             posture = follower.step(goal, DT)
             done.append((posture.q, float(observed(posture.q, state, time).min())))
         q, near = np.array([q for q, _ in done]), np.array([d for _, d in done])

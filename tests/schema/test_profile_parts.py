@@ -8,7 +8,7 @@ import pytest
 from messages import refuses
 from retarget.errors import ConfigError
 from retarget.model.robot import load_profile
-from retarget.schema.profile_parts import DEFAULT_WATCHDOG, Bus, Safety, bus_specs, guard_limits, safety_facts
+from retarget.schema.profile_parts import DEFAULT_WATCHDOG, Bus, Safety, safety_facts
 
 LEAST = {"rate_hz": 100.0, "freshness": 0.1, "temperature_c": 65.0, "voltage": [10.0, 14.8], "following_error": 0.35}
 ALL = {
@@ -30,7 +30,7 @@ def safety(**keys: object) -> Safety:
 
 
 def test_what_is_left_out_is_not_watched_but_heat_warns_five_degrees_before() -> None:
-    limits = guard_limits(safety())
+    limits = safety().guard_limits()
     assert (limits.max_age, limits.max_temperature, limits.following_error) == (0.1, 65.0, 0.35)
     assert limits.warn_temperature == 60.0 and limits.slow_share == 0.5
     assert limits.warn_age == limits.max_current == limits.warn_current == limits.sustained_error == inf
@@ -38,12 +38,12 @@ def test_what_is_left_out_is_not_watched_but_heat_warns_five_degrees_before() ->
 
 
 def test_every_key_arrives_at_the_guard() -> None:
-    limits = guard_limits(safety(**ALL))
+    limits = safety(**ALL).guard_limits()
     assert (limits.warn_age, limits.warn_temperature, limits.warn_voltage) == (0.05, 58.0, (11.0, 14.0))
     assert (limits.sustained_error, limits.sustained_time, limits.warn_following_error) == (0.2, 0.3, 0.15)
     assert (limits.max_current, limits.warn_current, limits.current_time) == (2.0, 1.5, 0.7)
     assert limits.slow_share == 0.4
-    plain, given = vars(guard_limits(safety())), vars(limits)
+    plain, given = vars(safety().guard_limits()), vars(limits)
     guards_own = {"lag", "max_pause", "max_silence"}
     same = {key for key in given if plain[key] == given[key]} - guards_own
     assert same == {"max_age", "max_temperature", "voltage", "following_error"}
@@ -94,14 +94,13 @@ def bus(protocol: int, **more: object) -> Bus:
 
 
 def test_the_watchdog_is_on_where_there_is_one() -> None:
-    first, second, third, fourth = bus_specs(
-        {"a": bus(1), "b": bus(2), "c": bus(2, watchdog_s=0.0), "d": bus(2, watchdog_s=2.54)}
-    )
+    buses = (bus(1), bus(2), bus(2, watchdog_s=0.0), bus(2, watchdog_s=2.54))
+    first, second, third, fourth = (one.spec("a") for one in buses)
     assert [first.watchdog, second.watchdog, third.watchdog] == [0.0, DEFAULT_WATCHDOG, 0.0]
     assert fourth.watchdog_value == 127
 
 
 def test_microseconds_become_seconds() -> None:
-    (spec,) = bus_specs({"a": bus(2, return_delay_us=508)})
+    spec = bus(2, return_delay_us=508).spec("a")
     assert (spec.return_delay, spec.return_delay_value) == (508e-6, 254)
     assert (spec.name, spec.port, spec.ids, spec.power) == ("a", "/dev/a", (1, 2), None)
