@@ -246,11 +246,13 @@ class ObstaclePoses:
 
 @dataclass(frozen=True, slots=True)
 class _Track:
-    """One obstacle: T_world_frame of the frame that it names, T_obstacle_shape, its motion by the file and live."""
+    """One obstacle: T_world_frame of the frame that it names, T_obstacle_shape, its motion by the file, whether that ever
+    moves it, and live."""
 
     frame: Pose
     shape: Pose
     motion: Motion
+    moves: bool
     live: LivePose
 
     def at(self, time: float) -> MovingPose:
@@ -266,15 +268,10 @@ class SceneState:
 
     def __init__(self, scene: Scene, *, stand: Pose = HERE) -> None:
         self.shapes: SceneShapes = scene_shapes(scene)
-        self._tracks = {
-            name: _Track(
-                stand if obstacle.frame == "stand" else HERE,
-                canonical(obstacle.shape)[2],
-                motion_of(obstacle),
-                LivePose(),
-            )
-            for name, obstacle in scene.obstacles.items()
-        }
+        self._tracks: dict[str, _Track] = {}
+        for name, obstacle in scene.obstacles.items():
+            frame, motion = stand if obstacle.frame == "stand" else HERE, motion_of(obstacle)
+            self._tracks[name] = _Track(frame, canonical(obstacle.shape)[2], motion, motion.moves, LivePose())
         self._rows = np.zeros((len(self._tracks), 13))
         for row, track in enumerate(self._tracks.values()):
             _write(self._rows[row], track.at(0.0))
@@ -283,7 +280,7 @@ class SceneState:
         """Poses and velocities at a time, s; arrays of their own."""
         rows = self._rows.copy()
         for row, track in zip(rows, self._tracks.values(), strict=True):
-            if track.motion.moves or track.live.age(time) < np.inf:
+            if track.moves or track.live.age(time) < np.inf:
                 _write(row, track.at(time))
         parts = (slice(0, 3), slice(3, 7), slice(7, 10), slice(10, 13))
         return ObstaclePoses(*[np.ascontiguousarray(rows[:, part]) for part in parts])

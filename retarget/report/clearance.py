@@ -17,7 +17,7 @@ from retarget.model.body_file import BodyFile, Root, compile_body, compile_body_
 from retarget.model.observers import Observers, placed
 from retarget.model.scene_state import SceneState
 from retarget.report.distances import Closest, MovingGeoms, among_obstacles, closest_pairs, moving_geoms
-from retarget.report.report import Clearances
+from retarget.report.report import Clearances, DeepReport
 from retarget.run.run_result import RunResult
 from retarget.types import FloatArray, IntArray
 
@@ -262,18 +262,14 @@ MM = 1e3
 
 @dataclass(frozen=True)
 class RunClearances:
-    """geoms, observers: smallest distances. penetrating, deep: ticks, one that does both counts twice; None: nothing to
-    compare. closest: two links; closest_obstacle: a link and an obstacle;
-    closest_ground: a link and the ground.
-    """
+    """geoms, observers: smallest distances. penetrating: ticks, one that does both counts twice; None: nothing to
+    compare. closest: two links."""
 
     geoms: Clearances
     observers: Clearances
     penetrating: int | None
-    deep: int | None
+    deep: DeepReport
     closest: tuple[str, str] | None
-    closest_obstacle: tuple[str, str] | None
-    closest_ground: tuple[str, str] | None
 
 
 def clearances(run: RunResult) -> RunClearances:
@@ -294,10 +290,8 @@ def clearances(run: RunResult) -> RunClearances:
         geoms=Clearances(in_mm(to_itself.smallest), in_mm(to_scene.smallest), in_mm(to_ground.smallest)),
         observers=Clearances(*(in_mm(distance) for distance in seen)),
         penetrating=_sum([part.penetrating for part in parts]),
-        deep=_sum([part.deep for part in parts]),
+        deep=DeepReport(_sum([part.deep for part in parts]), to_scene.pair, to_ground.pair),
         closest=to_itself.pair,
-        closest_obstacle=to_scene.pair,
-        closest_ground=to_ground.pair,
     )
 
 

@@ -20,7 +20,6 @@ from retarget.report.motion_metrics import (
 )
 from retarget.report.report import (
     BusReport,
-    DeepReport,
     ObserversReport,
     Percentiles,
     Report,
@@ -114,6 +113,7 @@ MM = 1e3
 def measure(run: RunResult) -> Report:
     """The report of a run."""
     (names, asked, reached), stand, (clear, switches, observers) = run.followed, _standing(run), _observers(run)
+    hands_mm, within_reach = _hands(run, reached)
     return Report(
         frames=min(played := run.clip.frames_played(run.ticks_followed), run.clip.source_frames),
         ticks=len(run.record),
@@ -144,12 +144,12 @@ def measure(run: RunResult) -> Report:
         servo_tracking_mm=_servo_tracking(run),
         servo_error_deg=_servo_error(run),
         no_command_frames=None if run.record.robot is None else int(np.count_nonzero(run.record.robot.no_command)),
-        reachable_hands_mm=(hands := _hands(run, reached)).errors,
-        reachable_share=hands.shares,
+        reachable_hands_mm=hands_mm,
+        reachable_share=within_reach,
         com_margin_mm=in_mm(stand.margin),
         soles=stand.soles,
         closest_links=clear.closest,
-        deep=DeepReport(clear.deep, clear.closest_obstacle, clear.closest_ground),
+        deep=clear.deep,
         observers=observers,
         physics=physics_report(run),
         steps=None if run.steps is None else StepsReport(run.steps.asked, run.steps.made, run.steps.declined),
@@ -188,17 +188,12 @@ def _hand_path_ratio(names: tuple[str, ...], asked: FloatArray, reached: FloatAr
     return tracking.path_ratio(asked[:, hands], reached[:, hands]) if hands else None
 
 
-@dataclass(frozen=True)
-class _Hands:
-    errors: dict[str, float] | None = None
-    shares: dict[str, float] | None = None
-
-
-def _hands(run: RunResult, reached: FloatArray) -> _Hands:
-    """Hands at the ticks at which they were asked within reach; nothing without a robot that has both."""
+def _hands(run: RunResult, reached: FloatArray) -> tuple[dict[str, float] | None, dict[str, float] | None]:
+    """Errors of the hands, mm, at the ticks at which they were asked within reach, and the share of these ticks;
+    nothing without a robot that has both hands."""
     robot, sent, human = run.robot, run.record.robot, run.record.human
     if robot is None or sent is None or not len(sent.q):
-        return _Hands()
+        return None, None
     pelvis = PostureReader(run.human).orientations(human.q)[:, ORIENTED.index("pelvis")]
     asked = Performance(
         dimensions=run.human.dimensions,
@@ -211,7 +206,7 @@ def _hands(run: RunResult, reached: FloatArray) -> _Hands:
     )
     found = reachable_hands(robot, asked, reached)
     if not found:
-        return _Hands()
+        return None, None
     errors = {name: MM * hand.error for name, hand in found.items() if hand.error is not None}
     ticks = [found[name].share for name in errors]
     both = (
@@ -219,7 +214,7 @@ def _hands(run: RunResult, reached: FloatArray) -> _Hands:
         if errors
         else {}
     )
-    return _Hands(errors | both or None, {name: hand.share for name, hand in found.items()})
+    return errors | both or None, {name: hand.share for name, hand in found.items()}
 
 
 def _unsensed(run: RunResult) -> dict[str, float] | None:

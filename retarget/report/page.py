@@ -16,7 +16,7 @@ from retarget.report.animation import animation_of
 from retarget.report.plot_style import ASKED, LEFT, LIMIT, MIDDLE, REACHED, SERVOS
 from retarget.report.plots import figures_of
 from retarget.report.report import Report, Spread
-from retarget.report.verdicts import Outcome, moments, verdicts
+from retarget.report.verdicts import moments, verdicts
 from retarget.run.run_result import RunResult
 from retarget.schema.files import make_folder, write_atomic
 
@@ -76,13 +76,6 @@ def _own_ids(tag: str, name: str) -> str:
 FOLDER = Path(__file__).parent
 """Of the page's template `page.html`, its style and its scripts."""
 SCRIPTS = ("motion.js", "bodies.js", "ground.js", "player.js")
-HEADINGS = {
-    "poses": "Poses",
-    "tracking": "Asked and reached",
-    "balance": "Balance",
-    "pressure": "Pressure under the soles",
-    "angles": "Joint angles",
-}
 LEAST_BAR = 1.0
 """mm of a full bar at least: less cannot be seen."""
 
@@ -105,11 +98,10 @@ def page_html(run: RunResult, report: Report, *, figures: Mapping[str, Figure] |
     return pages.get_template("page.html").render(
         report=report,
         verdicts=found,
-        failed=sum(verdict.outcome is Outcome.FAIL for verdict in found),
+        failed=sum(not verdict.kept for verdict in found),
         moments=moments(run),
         animation=animation,
         motion=None if animation is None else asdict(animation),
-        headings=HEADINGS,
         drawings={name: drawn(figure, name) for name, figure in shown.items()},
         tracking=tracking,
         longest_bar=max([LEAST_BAR, *(spread.p95 for block in tracking.values() for spread in block.values())]),

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 
@@ -65,21 +64,14 @@ ROUND_OFF = 1e-4
 """Nearer to its limit than this, rad, a joint is at it."""
 
 
-class Outcome(Enum):
-    """Whether a limit was kept."""
-
-    PASS = "pass"
-    FAIL = "fail"
-
-
 @dataclass(frozen=True)
 class Verdict:
-    """One limit. allowed, measured: in words, with units."""
+    """One limit, and whether it was kept. allowed, measured: in words, with units."""
 
     limit: str
     allowed: str
     measured: str
-    outcome: Outcome
+    kept: bool
 
 
 def verdicts(run: RunResult, report: Report) -> tuple[Verdict, ...]:
@@ -88,11 +80,7 @@ def verdicts(run: RunResult, report: Report) -> tuple[Verdict, ...]:
     found = [*_joints(report, use), *_body(report), *_servos(run, report), *_physics(report)]
     reason = report.stop.reason
     ended = "to its end" if reason is None else f"stopped: {reason}"
-    return (*found, Verdict("The run", "to its end", ended, _kept(reason is None)))
-
-
-def _kept(kept: bool) -> Outcome:
-    return Outcome.PASS if kept else Outcome.FAIL
+    return (*found, Verdict("The run", "to its end", ended, reason is None))
 
 
 def _joints(report: Report, use: LimitUse) -> Iterator[Verdict]:
@@ -103,9 +91,7 @@ def _joints(report: Report, use: LimitUse) -> Iterator[Verdict]:
         measured = f"{joint} reached its limit"
         if abs(room) > ROUND_OFF:
             measured = f"nearest: {joint}, {abs(np.rad2deg(room)):.2f}° {'from' if room > 0.0 else 'beyond'} its limit"
-    yield Verdict(
-        "Joint positions", "within their limits", _count(measured, broken.position), _kept(not broken.position)
-    )
+    yield Verdict("Joint positions", "within their limits", _count(measured, broken.position), not broken.position)
     if use.velocity is not None:
         yield _of_joint("Joint speeds", use.velocity, "rad/s", broken.velocity)
     if use.acceleration is not None:
@@ -116,7 +102,7 @@ def _of_joint(limit: str, nearest: Nearest, unit: str, broken: int) -> Verdict:
     allowed = f"{nearest.joint}: {nearest.limit:.3g} {unit}"
     share = nearest.value / nearest.limit
     measured = f"{nearest.value:.3g} {unit}, {share:.0%} of it; no other joint came nearer"
-    return Verdict(limit, allowed, _count(measured, broken), _kept(not broken))
+    return Verdict(limit, allowed, _count(measured, broken), not broken)
 
 
 def _count(text: str, broken: int) -> str:
@@ -132,21 +118,17 @@ def _body(report: Report) -> Iterator[Verdict]:
             measured = f"outside in {outside} ticks" + (
                 "" if margin is None or margin > 0 else f", by up to {-margin:.1f} mm"
             )
-        yield Verdict("Centre of mass", "over the support polygon", measured, _kept(outside == 0))
+        yield Verdict("Centre of mass", "over the support polygon", measured, outside == 0)
     deep = (report.penetrating_frames or 0) > 0
     clearance = report.min_clearance_mm
-    own, scene, ground = clearance.self, clearance.scene, clearance.ground
-    if own is not None:
-        pair = f" ({' and '.join(report.closest_links)})" if report.closest_links else ""
-        yield Verdict("Its own links", "do not meet", f"{_gap(own)}{pair}", _kept(not deep or own >= 0.0))
-    if scene is not None:
-        pair = f" ({' and '.join(report.deep.obstacle)})" if report.deep.obstacle else ""
-        yield Verdict("Obstacles", "are not touched", f"{_gap(scene)}{pair}", _kept(not deep or scene >= 0.0))
-    if ground is not None:
-        pair = f" ({' and '.join(report.deep.ground)})" if report.deep.ground else ""
-        yield Verdict(
-            "The floor", "is touched by soles alone", f"{_gap(ground)}{pair}", _kept(not deep or ground >= 0.0)
-        )
+    for limit, allowed, mm, pair in (
+        ("Its own links", "do not meet", clearance.self, report.closest_links),
+        ("Obstacles", "are not touched", clearance.scene, report.deep.obstacle),
+        ("The floor", "is touched by soles alone", clearance.ground, report.deep.ground),
+    ):
+        if mm is not None:
+            named = f" ({' and '.join(pair)})" if pair else ""
+            yield Verdict(limit, allowed, f"{_gap(mm)}{named}", not deep or mm >= 0.0)
 
 
 def _gap(mm: float) -> str:
@@ -159,32 +141,32 @@ def _servos(run: RunResult, report: Report) -> Iterator[Verdict]:
         return
     safety = run.robot.profile.safety
     yield Verdict(
-        "Servos", "all answer, none is alarmed", _counted(bus.faults, "fault", "none failed"), _kept(bus.faults == 0)
+        "Servos", "all answer, none is alarmed", _counted(bus.faults, "fault", "none failed"), bus.faults == 0
     )
     if bus.missed_ticks is not None:
         allowed = f"{1e3 * run.clip.dt:.3g} ms each, none missed"
         longest = "" if bus.longest_period_ms is None else f"; the longest took {bus.longest_period_ms:.1f} ms"
         measured = _counted(bus.missed_ticks, "tick missed", "none missed") + longest
-        yield Verdict("Ticks", allowed, measured, _kept(bus.missed_ticks == 0))
+        yield Verdict("Ticks", allowed, measured, bus.missed_ticks == 0)
     errors = report.servo_error_deg or {}
     if errors:
         worst = max(errors, key=lambda name: errors[name].max)
         allowed = f"{np.rad2deg(safety.following_error):.3g}° from the trajectory to its goal"
         measured = f"{errors[worst].max:.1f}° at most from its goal ({worst})"
         stopped = run.stop is not None and run.stop.cause is StopCause.FOLLOWING_ERROR
-        yield Verdict("Servo against goal", allowed, measured, _kept(not stopped))
+        yield Verdict("Servo against goal", allowed, measured, not stopped)
     if bus.hottest is not None:
         measured = f"{bus.hottest.value:.0f} °C ({bus.hottest.joint})"
         yield Verdict(
             "Temperature",
             f"below {safety.temperature_c:g} °C",
             measured,
-            _kept(bus.hottest.value < safety.temperature_c),
+            bus.hottest.value < safety.temperature_c,
         )
     if bus.lowest_voltage is not None:
         low, high = safety.voltage
         measured = f"lowest {bus.lowest_voltage.value:.1f} V ({bus.lowest_voltage.joint})"
-        yield Verdict("Voltage", f"{low:g} to {high:g} V", measured, _kept(low <= bus.lowest_voltage.value <= high))
+        yield Verdict("Voltage", f"{low:g} to {high:g} V", measured, low <= bus.lowest_voltage.value <= high)
 
 
 def _counted(count: int, what: str, none: str) -> str:
@@ -197,19 +179,19 @@ def _physics(report: Report) -> Iterator[Verdict]:
         return
     at = "" if seen.fallen_at_s is None else f" at {seen.fallen_at_s:.2f} s"
     yield Verdict(
-        "Balance", "it does not fall", f"fell{at}: {seen.how}" if seen.fallen else "it stood", _kept(not seen.fallen)
+        "Balance", "it does not fall", f"fell{at}: {seen.how}" if seen.fallen else "it stood", not seen.fallen
     )
     if seen.min_zmp_margin_mm is not None:
         margin = seen.min_zmp_margin_mm
         measured = f"never nearer to their edge than {margin:.1f} mm" if margin > TIPS_MM else "reached their edge"
-        yield Verdict("Centre of pressure", "within the soles", measured, _kept(margin > TIPS_MM))
+        yield Verdict("Centre of pressure", "within the soles", measured, margin > TIPS_MM)
     contacts = seen.self_contacts + seen.fixture_contacts
     measured = (
         f"{seen.self_contacts} ticks with itself, {seen.fixture_contacts} with fixtures or the floor"
         if contacts
         else "none"
     )
-    yield Verdict("Contacts", "none but the soles", measured, _kept(contacts == 0))
+    yield Verdict("Contacts", "none but the soles", measured, contacts == 0)
 
 
 # The moments at which a run went wrong, on the time of the run: what stopped it, and a fall.

@@ -8,7 +8,7 @@ import pytest
 
 from retarget.report.measure import measure
 from retarget.report.report import Report
-from retarget.report.verdicts import Outcome, Verdict, limit_use, verdicts
+from retarget.report.verdicts import Verdict, limit_use, verdicts
 from retarget.run.run_result import RunResult
 from rig import scripted_run
 
@@ -65,11 +65,11 @@ def test_a_limit_that_was_not_kept_is_one_and_all_others_stay(
     limit: str, change: Any, measured: str, run: RunResult, report: Report
 ) -> None:
     report = changed(report, "bus", missed_ticks=0)
-    assert of(limit, run, report).outcome is Outcome.PASS
+    assert of(limit, run, report).kept
     broken = change(report)
-    assert of(limit, run, broken).outcome is Outcome.FAIL and measured in of(limit, run, broken).measured
-    before = {verdict.limit: verdict.outcome for verdict in verdicts(run, report)}
-    after = {verdict.limit: verdict.outcome for verdict in verdicts(run, broken)}
+    assert not of(limit, run, broken).kept and measured in of(limit, run, broken).measured
+    before = {verdict.limit: verdict.kept for verdict in verdicts(run, report)}
+    after = {verdict.limit: verdict.kept for verdict in verdicts(run, broken)}
     assert {name for name in before if before[name] is not after[name]} == {limit}
 
 
@@ -79,14 +79,14 @@ def test_a_supply_is_within_both_its_limits(volts: float | None, kept: bool, run
     low, high = run.robot.profile.safety.voltage
     value = 0.5 * (low + high) if volts is None else high + volts if volts > 0.0 else low + volts
     reported = changed(report, "bus", lowest_voltage=replace(report.bus.lowest_voltage, value=value))
-    assert (of("Voltage", run, reported).outcome is Outcome.PASS) is kept
+    assert of("Voltage", run, reported).kept is kept
 
 
 def test_a_servo_at_its_temperature_limit_is_too_warm(run: RunResult, report: Report) -> None:
     assert run.robot is not None and report.bus is not None and report.bus.hottest is not None
     for value, kept in ((run.robot.profile.safety.temperature_c, False), (25.0, True)):
         reported = changed(report, "bus", hottest=replace(report.bus.hottest, value=value))
-        assert (of("Temperature", run, reported).outcome is Outcome.PASS) is kept
+        assert of("Temperature", run, reported).kept is kept
 
 
 def test_what_could_not_be_broken_has_no_verdict(run: RunResult, report: Report) -> None:
