@@ -246,8 +246,8 @@ class ObstaclePoses:
 
 @dataclass(frozen=True, slots=True)
 class _Track:
-    """One obstacle: T_world_frame of the frame that it names, T_obstacle_shape, its motion by the file, whether that ever
-    moves it, and live."""
+    """One obstacle: T_world_frame of the frame that it names, T_obstacle_shape, its motion by the file, whether that
+    ever moves it, and live."""
 
     frame: Pose
     shape: Pose
