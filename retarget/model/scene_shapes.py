@@ -3,10 +3,12 @@
 import math
 from dataclasses import dataclass, replace
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from retarget.model.body_file import engine
 from retarget.rotations import Quat, Vector, arc, minus, plus, product
 from retarget.schema.scene import ObstacleShape, Pose, Scene, unit
 from retarget.schema.shapes import Line, SolidShape
@@ -45,6 +47,22 @@ class SceneShapes:
     def with_margin(self, margin: float | None) -> "SceneShapes":
         """The same, all with another margin, m; None: each its own."""
         return self if margin is None else replace(self, margin=np.full_like(self.margin, margin))
+
+
+def mujoco_geom(kind: ShapeKind, sizes: FloatArray, *, thinnest: float) -> tuple[Any, FloatArray]:
+    """MuJoCo's type and size of a canonical shape of these sizes (3,) m. It knows no shapes without thickness: they are
+    made `thinnest`, m. A plane has no end."""
+    types = engine().mjtGeom
+    if kind is ShapeKind.CAPSULE and sizes[1] == 0.0:
+        return types.mjGEOM_SPHERE, np.maximum(sizes, thinnest)
+    if kind is ShapeKind.HALF_SPACE:
+        return types.mjGEOM_PLANE, np.array([0.0, 0.0, 1.0])
+    kinds = {
+        ShapeKind.CAPSULE: types.mjGEOM_CAPSULE,
+        ShapeKind.CYLINDER: types.mjGEOM_CYLINDER,
+        ShapeKind.BOX: types.mjGEOM_BOX,
+    }
+    return kinds[kind], np.maximum(sizes, thinnest)
 
 
 def scene_shapes(scene: Scene) -> SceneShapes:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from retarget.model.body_file import BodyFile
-from retarget.model.scene_shapes import SceneShapes, ShapeKind
+from retarget.model.scene_shapes import SceneShapes, ShapeKind, mujoco_geom
 from retarget.model.scene_state import SceneState
 from retarget.rotations import to_matrix
 from retarget.types import FloatArray, IntArray
@@ -144,8 +144,6 @@ def moving_geoms(model: Any, postures: FloatArray) -> MovingGeoms:
 
 LINE_M = 1e-12
 """Radius, m, of a segment: MuJoCo has no shapes without thickness."""
-EVERYWHERE = 1.0
-"""Size of a half-space's plane; a plane has no end, whatever is said."""
 
 
 def among_obstacles(body: BodyFile, geoms: MovingGeoms, scene: SceneState, times: FloatArray) -> MovingGeoms:
@@ -167,25 +165,9 @@ def among_obstacles(body: BodyFile, geoms: MovingGeoms, scene: SceneState, times
 def scene_model(body: BodyFile, shapes: SceneShapes) -> tuple[Any, IntArray]:
     """The model of a body with k obstacles, and the numbers (k,) of their geoms in it. They are the last ones of the
     world, so that each geom of a link has a number higher by k than in the body's own model."""
-    import mujoco
-
     spec = body.spec.copy()
     first = int(np.count_nonzero(np.asarray(body.model.geom_bodyid) == 0))
     for code, sizes in zip(shapes.kinds, shapes.sizes, strict=True):
-        kind, size = primitive(mujoco, ShapeKind(int(code)), sizes)
+        kind, size = mujoco_geom(ShapeKind(int(code)), sizes, thinnest=LINE_M)
         spec.worldbody.add_geom(type=kind, size=size)
     return spec.compile(), first + np.arange(len(shapes.names))
-
-
-def primitive(mujoco: Any, kind: ShapeKind, sizes: FloatArray) -> tuple[Any, list[float]]:
-    """MuJoCo's type and size of a canonical shape."""
-    types, (first, second, third) = mujoco.mjtGeom, sizes.tolist()
-    if kind is ShapeKind.CAPSULE:
-        if second == 0.0:
-            return types.mjGEOM_SPHERE, [first, 0.0, 0.0]
-        return types.mjGEOM_CAPSULE, [max(first, LINE_M), second, 0.0]
-    if kind is ShapeKind.CYLINDER:
-        return types.mjGEOM_CYLINDER, [first, second, 0.0]
-    if kind is ShapeKind.BOX:
-        return types.mjGEOM_BOX, [first, second, third]
-    return types.mjGEOM_PLANE, [EVERYWHERE] * 3

@@ -13,9 +13,8 @@ import numpy as np
 from retarget import rotations
 from retarget.model.body_file import engine
 from retarget.model.robot import RobotBody
-from retarget.model.scene_shapes import ShapeKind
+from retarget.model.scene_shapes import ShapeKind, mujoco_geom
 from retarget.model.scene_state import SceneState, motion_of
-from retarget.report.distances import primitive
 from retarget.schema.scene import Pose, Scene
 from retarget.types import FloatArray
 
@@ -85,7 +84,6 @@ def sole_corners(polygon: FloatArray) -> FloatArray:
 
 def add_fixtures(spec: Any, scene: Scene, stand: Pose) -> tuple[str, ...]:
     """Add the obstacles of a scene that do not move. Return the names of those that do: they are left out."""
-    mujoco = engine()
     state = SceneState(scene, stand=stand)
     poses, shapes = state.at_rest(0.0), state.shapes
     moving = []
@@ -93,11 +91,11 @@ def add_fixtures(spec: Any, scene: Scene, stand: Pose) -> tuple[str, ...]:
         if motion_of(obstacle).moves:
             moving.append(name)
             continue
-        kind, size = primitive(mujoco, ShapeKind(int(shapes.kinds[row])), shapes.sizes[row])
+        kind, size = mujoco_geom(ShapeKind(int(shapes.kinds[row])), shapes.sizes[row], thinnest=1e-4)
         spec.worldbody.add_geom(
             name=f"{FIXTURE}_{name}",
             type=kind,
-            size=np.maximum(size, 1e-4),
+            size=size,
             pos=poses.position[row],
             quat=poses.quat[row],
             contype=GROUND_BIT | FIXTURE_BIT,
