@@ -113,7 +113,6 @@ MM = 1e3
 def measure(run: RunResult) -> Report:
     """The report of a run."""
     (names, asked, reached), stand, (clear, switches, observers) = run.followed, _standing(run), _observers(run)
-    hands_mm, within_reach = _hands(run, reached)
     return Report(
         frames=min(played := run.clip.frames_played(run.ticks_followed), run.clip.source_frames),
         ticks=len(run.record),
@@ -144,8 +143,8 @@ def measure(run: RunResult) -> Report:
         servo_tracking_mm=_servo_tracking(run),
         servo_error_deg=_servo_error(run),
         no_command_frames=None if run.record.robot is None else int(np.count_nonzero(run.record.robot.no_command)),
-        reachable_hands_mm=hands_mm,
-        reachable_share=within_reach,
+        reachable_hands_mm=(hands := _hands(run, reached))[0],
+        reachable_share=hands[1],
         com_margin_mm=in_mm(stand.margin),
         soles=stand.soles,
         closest_links=clear.closest,
