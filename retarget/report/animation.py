@@ -75,30 +75,12 @@ def _round(radius: float, half: float) -> tuple[FloatArray, list[tuple[int, int]
     return np.vstack(rings), [(ROUND * i + a, ROUND * i + b) for i in range(len(rings)) for a, b in pairwise(ring)]
 
 
-# Tracks of points, small enough to travel inside a page: 16 bits a number, as text.
-
-UNKNOWN = -32768
-"""Stands for NaN."""
-MOST = 32767
-FINEST = 1e-4
-"""m to a unit at least: 3.3 m are given to a tenth of a millimetre."""
+# Tracks of points as text inside a page.
 
 
-@dataclass(frozen=True)
-class Packed:
-    """data: base64 of little-endian 16-bit integers. unit: m to one of them."""
-
-    data: str
-    unit: float
-
-
-def packed(values: FloatArray) -> Packed:
-    """Any array of lengths, m; NaN stays not known."""
-    largest = float(np.nanmax(np.abs(values), initial=0.0)) if np.isfinite(values).any() else 0.0
-    unit = max(FINEST, largest / MOST)
-    with np.errstate(invalid="ignore"):
-        whole = np.where(np.isfinite(values), np.rint(values / unit), UNKNOWN)
-    return Packed(base64.b64encode(whole.astype("<i2").tobytes()).decode("ascii"), unit)
+def packed(values: FloatArray) -> str:
+    """Any array as base64 of little-endian 32-bit floats; NaN stays not known."""
+    return base64.b64encode(values.astype("<f4").tobytes()).decode("ascii")
 
 
 FPS = 30.0
@@ -116,10 +98,10 @@ class Figure:
     label: str
     names: tuple[str, ...]
     bones: tuple[tuple[int, int], ...]
-    points: Packed
-    marks: Packed
+    points: str
+    marks: str
     mark_count: int
-    centre: Packed
+    centre: str
     height: float
     reach: float
 
@@ -129,9 +111,9 @@ class Ground:
     """corners (T, c, 3) of all soles, `sizes` of them each; com (T, 3). contact: m above the ground that still carry.
     outside: a letter a row, 1 where the centre of mass was beyond the edge in any of its ticks."""
 
-    corners: Packed
+    corners: str
     sizes: tuple[int, ...]
-    com: Packed
+    com: str
     contact: float
     outside: str
 
@@ -140,7 +122,7 @@ class Ground:
 class Obstacles:
     """points (rows, p, 3): a row for each of the animation's, or one where nothing moves; edges: pairs of points."""
 
-    points: Packed
+    points: str
     rows: int
     edges: tuple[tuple[int, int], ...]
 

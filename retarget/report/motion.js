@@ -13,14 +13,7 @@ let playing = false;
 let colour = {};
 
 function unpack(packed) {
-  const bytes = Uint8Array.from(atob(packed.data), (letter) => letter.charCodeAt(0));
-  const view = new DataView(bytes.buffer);
-  const values = new Float32Array(bytes.length / 2);
-  for (let i = 0; i < values.length; i++) {
-    const whole = view.getInt16(2 * i, true);
-    values[i] = whole === -32768 ? NaN : whole * packed.unit;
-  }
-  return values;
+  return new Float32Array(Uint8Array.from(atob(packed), (letter) => letter.charCodeAt(0)).buffer);
 }
 
 function body(figure) {
