@@ -14,7 +14,7 @@ from retarget.errors import InputError, UsageError
 from retarget.frames import SensorSample
 from retarget.human.performer_calibration import Person
 from retarget.human.reconstruction import Reconstructor
-from retarget.human.rest_pose import dimensions_from_rest_pose
+from retarget.human.rest_pose import fit_rest_pose
 from retarget.human.samples import RATES_HZ, Parts
 from retarget.live.begin import live_rate_hz
 from retarget.live.performer import base_sensors
@@ -335,7 +335,7 @@ def _dimensions(first: SensorSample, calibration: HumanDimensions | Person | Non
     if calibration is not None:
         return calibration.dimensions if isinstance(calibration, Person) else calibration
     names = tuple(name for name, valid in zip(first.names, first.valid, strict=True) if valid)
-    return dimensions_from_rest_pose(names, first.position[first.valid], source="the first sample")
+    return fit_rest_pose(names, first.position[first.valid], source="the first sample").dimensions
 
 
 def _valid_names(sample: SensorSample) -> list[str]:

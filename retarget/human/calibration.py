@@ -11,7 +11,7 @@ import numpy as np
 from retarget import rotations
 from retarget.errors import InputError, Problem
 from retarget.frames import SensorFrames, Skeleton
-from retarget.human.rest_pose import dimensions_from_rest_pose, find_rest_frames, standing_stature
+from retarget.human.rest_pose import find_rest_frames, fit_rest_pose, standing_stature
 from retarget.model.human_dimensions import (
     FRACTIONS,
     HUMAN_JOINTS,
@@ -50,7 +50,7 @@ def calibrate(frames: SensorFrames, *, mass: float | None = None) -> HumanDimens
         names = tuple(name for name, valid in zip(frames.names, frames.valid[at], strict=True) if valid)
         position = frames.position[at, frames.valid[at]]
         try:
-            return dimensions_from_rest_pose(names, position, mass=mass, source=frames.source)
+            return fit_rest_pose(names, position, mass=mass, source=frames.source).dimensions
         except InputError:
             continue
     stature = max(standing_stature(frames, at) for at in candidates)

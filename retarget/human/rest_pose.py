@@ -157,13 +157,6 @@ class RestFit:
     arms: FloatArray
 
 
-def dimensions_from_rest_pose(
-    names: Sequence[str], position: FloatArray, *, mass: float | None = None, source: str = ""
-) -> HumanDimensions:
-    """The size of the person that is fitted to sensors at rest: see `fit_rest_pose`."""
-    return fit_rest_pose(names, position, mass=mass, source=source).dimensions
-
-
 def fit_rest_pose(
     names: Sequence[str],
     position: FloatArray,

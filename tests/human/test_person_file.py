@@ -12,7 +12,7 @@ from messages import Facts, refuses, shows
 from people import at_rest
 from retarget.errors import ConfigError, UsageError
 from retarget.human.performer_calibration import check_person_place, person_of, person_path, read_person, write_person
-from retarget.human.rest_pose import dimensions_from_rest_pose
+from retarget.human.rest_pose import fit_rest_pose
 from retarget.model.human_dimensions import proportional_dimensions
 
 FIVE = ("head", "l_wrist", "r_wrist", "l_ankle", "r_ankle")
@@ -33,7 +33,8 @@ def written(stature: float = 1.8, *, name: str = "anna", date: str = "2026-01-31
 def test_what_is_written_is_read(own: Path) -> None:
     assert read_person("anna") is None
     standing = at_rest(proportional_dimensions(1.68), 0.2)
-    size = dimensions_from_rest_pose(FIVE, np.array([standing[name] for name in FIVE]), mass=61.5, source="vmc://:1")
+    places = np.array([standing[name] for name in FIVE])
+    size = fit_rest_pose(FIVE, places, mass=61.5, source="vmc://:1").dimensions
     person = person_of("anna", size, sensors=FIVE, date="2026-01-31")
     assert write_person(person) == own / "anna.yaml" == person_path("anna")
     read = read_person("anna")

@@ -13,7 +13,7 @@ from retarget.errors import InputError
 from retarget.frames import SensorFrames
 from retarget.human import rest_pose
 from retarget.human.calibration import dimensions_from_skeleton
-from retarget.human.rest_pose import dimensions_from_rest_pose, find_rest_frames, rest_pose_name
+from retarget.human.rest_pose import find_rest_frames, fit_rest_pose, rest_pose_name
 from retarget.model.human_dimensions import POINTS, HumanDimensions, proportional_dimensions
 from retarget.types import FloatArray
 
@@ -78,7 +78,7 @@ POSES = {"N": 0.1, "A": 0.8, "T": np.pi / 2}
 
 
 def fitted(points: dict[str, FloatArray], names: tuple[str, ...] = FIVE) -> HumanDimensions:
-    return dimensions_from_rest_pose(names, np.array([points[name] for name in names]), source="test")
+    return fit_rest_pose(names, np.array([points[name] for name in names]), source="test").dimensions
 
 
 def arm(person: HumanDimensions) -> float:
