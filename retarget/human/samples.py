@@ -136,8 +136,7 @@ class Clip:
     rate_hz: float
     speed: float
     source_frames: int
-    # A clip ends with its last tick, and is never held or paused.
-    over: ClassVar[bool] = False
+    # A clip is never held or paused.
     settled: ClassVar[float] = 1.0
     paused: ClassVar[bool] = False
     hold_reason: ClassVar[str] = ""
@@ -159,6 +158,11 @@ class Clip:
     def kept(self) -> int:
         """All ticks."""
         return self.ticks
+
+    @property
+    def over(self) -> bool:
+        """Never before its last tick."""
+        return False
 
     def may_approach(self) -> bool:
         """Always: a clip waits."""
