@@ -46,9 +46,8 @@ def import_body(
 def _summary(done: Imported) -> str:
     """What was found, what was not, and what to do next."""
     draft, folder = done.draft, done.folder
-    frames = {frame.name for frame in draft.frames}
-    arms = sum(f"{side}_hand" in frames for side in "lr")
-    models = [servo.model.name for servo in draft.servos]
+    arms = sum(f"{side}_hand" in draft.frames for side in "lr")
+    models = [servo.entry.model for servo in draft.servos]
     unknown = sum(servo.why.startswith("nothing") for servo in draft.servos)
     guessed = ", ".join(f"{models.count(model)} x {model}" for model in dict.fromkeys(models))
     facts = {

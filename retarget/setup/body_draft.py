@@ -10,7 +10,8 @@ import numpy as np
 from retarget import rotations
 from retarget.errors import InputError
 from retarget.model.body_file import check_numbers, engine
-from retarget.setup.enclosing_shapes import LinkGeometry, link_geometries
+from retarget.model.scene_shapes import ShapeKind
+from retarget.setup.enclosing_shapes import LinkGeometry, canonical_shape, link_geometries
 from retarget.setup.observer_proposals import Zones, propose
 from retarget.setup.robot_file import Relaxed, Source, listed, ready_urdf
 from retarget.types import FloatArray
@@ -32,7 +33,10 @@ def replace_meshes(spec: Any, model: Any, geometries: tuple[LinkGeometry, ...]) 
         body = spec.body(proposal.link_name)
         for geom in list(body.geoms):
             spec.delete(geom)
-        body.add_geom(name=f"{proposal.link_name}_shell", **proposal.shape.as_geom())
+        kind, size, pos, quat = canonical_shape(proposal.shape)
+        name = "SPHERE" if kind is ShapeKind.CAPSULE and not size[1] else kind.name
+        geom_type = getattr(mujoco.mjtGeom, f"mjGEOM_{name}")
+        body.add_geom(name=f"{proposal.link_name}_shell", type=geom_type, size=size, pos=pos, quat=quat)
         count += 1
     for geom in list(spec.geoms):  # of links that no profile can name
         if geom.type == mesh:

@@ -2,44 +2,34 @@
 only a draft.
 """
 
-import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from string import Template
+from typing import Any
 
 import numpy as np
 
+from hardware.servo import SERVO_MODELS
 from retarget.schema.profile import DRAFT
-from retarget.setup.fit_observers import comment, number, numbers, plain_name, wrapped
+from retarget.schema.profile_parts import Foot, Frame, Landmark
+from retarget.schema.strict_models import Schema
+from retarget.setup.fit_observers import Fit, Verdict, comment, flow, fragment, wrapped
 from retarget.setup.frames import Placed
 from retarget.setup.servo_guess import LOW_VOLTAGE, ServoDraft
 from retarget.types import FloatArray
 
 # The proposal of `fit-observers` as the sections of a drafted profile.
 
-HEAD = "# Proposed as retarget fit-observers does; what the comments mean is in docs/own-robot.md.\n"
-EMPTY = "ignore_pairs: []"
-NO_OBSERVERS = f"observers: {{}}\n{EMPTY}\n"
+HEAD = "Proposed as retarget fit-observers does; what the comments mean is in docs/own-robot.md."
+NO_OBSERVERS = "observers: {}\nignore_pairs: []\n"
+TOUCH = "touch in the drafted postures: draw their shapes tighter, or move the postures, then remove this"
 
 
-def observer_text(fitted: str, touching: tuple[tuple[str, str], ...]) -> str:
-    """The two sections for a profile, without instructions for copying them.
-
-    fitted: text of `fit-observers`. touching: pairs that touch in the drafted postures, which are ignored too.
-    """
-    text = HEAD + fitted[fitted.index("observers:\n") :]
-    if not touching:
-        return text
-    reason = "touch in the drafted postures: draw their shapes tighter, or move the postures, then remove this"
-    lines = "\n".join(
-        f"  - pair: [{json.dumps(first)}, {json.dumps(second)}]  # DRAFT\n    reason: {json.dumps(reason)}"
-        for first, second in touching
-    )
-    place = "ignore_pairs:\n"
-    if EMPTY in text:
-        return text.replace(EMPTY, place + lines)
-    return text.replace(place, place + lines + "\n")
+def observer_text(fitted: Fit, touching: Sequence[tuple[str, str]]) -> str:
+    """The two sections for a profile. touching: pairs that touch in the drafted postures, which are ignored too."""
+    marked = tuple(Verdict("touching", links, TOUCH) for links in touching)
+    return fragment([HEAD], fitted.observers, (*marked, *fitted.ignored), fitted.zones, tail=fitted.tail)
 
 
 # How a drafted robot follows the human, limb by limb: landmarks by what limbs it has.
@@ -48,86 +38,52 @@ STRETCH = 0.97
 """Share of the stretched limb: a stretched human limb must not ask for a singular one."""
 
 
-@dataclass(frozen=True)
-class LandmarkDraft:
-    """As `profile_parts.Landmark`, as text of its lists. offset (3,) m, or nothing."""
-
-    name: str
-    follows: str
-    measured_from: str
-    anchor: str
-    length: float
-    human_length: str
-    offset: tuple[float, float, float] | None = None
-
-
-def find_landmarks(placed: Placed, leg: float, axes: FloatArray) -> tuple[LandmarkDraft, ...]:
+def find_landmarks(placed: Placed, leg: float, axes: FloatArray) -> dict[str, Landmark]:
     """placed: the robot standing, trunk upright. leg: stretched hip to ankle, m. axes (3, 3): of the robot, columns."""
-    at = placed.positions
-    found = []
+    at, found = placed.positions, dict[str, Landmark]()
+
+    def add(frame: str, follows: Any, measured_from: Any, anchor: Any, length: float, human: Any, **more: Any) -> None:
+        limb = {"follows": follows, "from": measured_from, "anchor": anchor, "human_length": human}
+        entry = {"frame": frame, "robot_length": round(length, 4), **limb, **more}
+        found[frame] = Landmark.model_validate(entry)
+
     for side in ("l", "r"):
         shoulder, elbow, hand = (f"{side}_{part}" for part in ("shoulder", "elbow", "hand"))
         if hand in at:
             way = [at[name] for name in (shoulder, elbow, hand) if name in at]
             length = STRETCH * float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
-            chain = f"[{side}_shoulder, {side}_elbow, {side}_wrist]"
-            found.append(LandmarkDraft(hand, f"{side}_wrist", shoulder, shoulder, length, chain))
-    if "pelvis" in at:
-        length = max(float(np.linalg.norm(at["head"] - at["pelvis"])), 0.01)
-        found.append(LandmarkDraft("head", "head", "[l_hip, r_hip]", "pelvis", length, "[[l_hip, r_hip], head]"))
-    else:
-        length = max(float(np.linalg.norm(at["head"] - at["neck"])), 0.01)
-        found.append(LandmarkDraft("head", "head", "neck", "neck", length, "[neck, head]"))
-    if "l_sole" not in at or "r_sole" not in at:
-        return tuple(found)
-    chain, length = "[l_hip, l_knee, l_ankle]", STRETCH * leg
-    ankles = "[l_ankle, r_ankle]"
-    found.append(LandmarkDraft("pelvis", "[l_hip, r_hip]", ankles, ankles, length, chain))
-    for side in ("l", "r"):
-        x, y, z = (axes.T @ (at[f"{side}_sole"] - at[f"{side}_ankle"])).round(4).tolist()
-        chain = f"[{side}_hip, {side}_knee, {side}_ankle]"
-        hip, ankle = f"{side}_hip", f"{side}_ankle"
-        found.append(LandmarkDraft(f"{side}_sole", ankle, hip, hip, length, chain, (x, y, z)))
-    return tuple(found)
-
-
-@dataclass(frozen=True)
-class FrameDraft:
-    """As `profile_parts.Frame`, and what it is."""
-
-    name: str
-    link: str
-    pos: tuple[float, ...]
-    quat: tuple[float, ...]
-    about: str
-
-
-@dataclass(frozen=True)
-class FootDraft:
-    """As `profile_parts.Foot`."""
-
-    side: str
-    frame: str
-    polygon: tuple[tuple[float, ...], ...]
+            wrist = f"{side}_wrist"
+            add(hand, wrist, shoulder, shoulder, length, [shoulder, elbow, wrist])
+    start, below = (["l_hip", "r_hip"], "pelvis") if "pelvis" in at else ("neck", "neck")
+    add("head", "head", start, below, max(float(np.linalg.norm(at["head"] - at[below])), 0.01), [start, "head"])
+    if "l_sole" in at and "r_sole" in at:
+        ankles, length = ["l_ankle", "r_ankle"], STRETCH * leg
+        add("pelvis", ["l_hip", "r_hip"], ankles, ankles, length, ["l_hip", "l_knee", "l_ankle"])
+        for side in ("l", "r"):
+            hip, knee, ankle, sole = (f"{side}_{part}" for part in ("hip", "knee", "ankle", "sole"))
+            offset = (axes.T @ (at[sole] - at[ankle])).round(4).tolist()
+            add(sole, ankle, hip, hip, length, [hip, knee, ankle], offset=offset)
+    return found
 
 
 @dataclass(frozen=True)
 class Draft:
     """A drafted profile as data.
 
-    source: name of the file that it is made from. postures: name -> joint -> rad. facing: by what front and back were
-    found. missing: what could not be found. notes: what was changed or assumed. observers: their sections as text.
+    source: name of the file that it is made from. frames: by name, each with what it is, for a comment. postures: name
+    -> joint -> rad. facing: by what front and back were found. missing: what could not be found. notes: what was
+    changed or assumed. observers: their sections as text.
     """
 
     name: str
     source: str
     body: str
     root: str
-    frames: tuple[FrameDraft, ...]
+    frames: dict[str, tuple[Frame, str]]
     servos: tuple[ServoDraft, ...]
-    feet: tuple[FootDraft, ...]
+    feet: dict[str, Foot]
     postures: dict[str, dict[str, float]]
-    landmarks: tuple[LandmarkDraft, ...]
+    landmarks: dict[str, Landmark]
     facing: str
     missing: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
@@ -154,24 +110,26 @@ _POSTURES = {
 def profile_text(draft: Draft) -> str:
     """YAML of a whole profile: `robot.yaml.template` with the drafted lines."""
     stands = "Trunk upright, soles flat, centre of mass over the middle of the soles; " if draft.feet else ""
-    ids = ", ".join(str(servo.number) for servo in draft.servos)
-    supply = min(servo.model.voltage for servo in draft.servos)
+    ids = [servo.entry.id for servo in draft.servos]
+    supply = min(SERVO_MODELS[servo.entry.model].voltage for servo in draft.servos)
     template = Template(Path(__file__).with_name("robot.yaml.template").read_text(encoding="utf-8"))
     return template.substitute(
         head=_lines(_head(draft)),
-        name=plain_name(draft.name),
-        body=plain_name(draft.body),
+        name=flow(draft.name),
+        body=flow(draft.body),
         root=draft.root,
         root_about=_ROOTS[draft.root],
-        frames=_lines(_frame(frame) for frame in draft.frames),
+        frames=_lines(
+            _entry(name, frame) + (f"  # {about}" if about else "") for name, (frame, about) in draft.frames.items()
+        ),
         servos=_lines(_servos(draft.servos)),
         mark=DRAFT,
-        ids=wrapped(f"    ids: [{ids}]", 10),
+        ids=wrapped(f"    ids: {flow(ids)}", 10),
         observers=draft.observers.strip(),
         feet=_lines(_feet(draft.feet)),
         about_postures=comment(f"{stands}joints that are not named are 0."),
         postures=_lines(_postures(draft.postures)),
-        landmarks=_lines(_landmark(mark) for mark in draft.landmarks),
+        landmarks=_lines(wrapped(_entry(name, landmark), 4) for name, landmark in draft.landmarks.items()),
         rate=FAST_HZ if len(draft.servos) <= FEW_SERVOS else SLOW_HZ,
         count=len(draft.servos),
         voltage="[4.0, 6.0]" if supply < LOW_VOLTAGE else "[10.0, 14.8]",
@@ -194,46 +152,30 @@ def _head(draft: Draft) -> Iterator[str]:
     yield from (comment(f"Note: {text}.") for text in draft.notes)
 
 
-def _frame(frame: FrameDraft) -> str:
-    turn = "" if abs(abs(frame.quat[0]) - 1.0) < 1e-6 else f", quat: {numbers(frame.quat, 6)}"
-    entry = f"  {frame.name}: {{link: {plain_name(frame.link)}, pos: {numbers(frame.pos, 5)}{turn}}}"
-    return f"{entry}  # {frame.about}" if frame.about else entry
+def _entry(name: str, entry: Schema, width: int = 0) -> str:
+    """An entry of a section, its name padded to `width`."""
+    keys = flow(entry.model_dump(by_alias=True, exclude_defaults=True))
+    return f"  {flow(name) + ':':<{width}} {keys}"
 
 
 def _servos(servos: Sequence[ServoDraft]) -> Iterator[str]:
-    width = max(len(plain_name(servo.joint)) for servo in servos) + 1
+    width = max(len(flow(servo.joint)) for servo in servos) + 1
     for servo in servos:
         why = f"id, direction, zero_tick; model: {servo.why}" + (f"; limits: {servo.note}" if servo.note else "")
-        yield (
-            f"  {plain_name(servo.joint) + ':':<{width}} {{id: {servo.number}, model: {servo.model.name}, bus: main, "
-            f"direction: 1, zero_tick: {servo.model.centre_tick}, limits: {numbers(servo.limits, 6)},\n"
-            f"  {'':<{width}}  max_velocity: {servo.max_velocity:g}, max_acceleration: {servo.max_acceleration:.1f}, "
-            f"gains: {{p: {servo.position_p}}}}}  {DRAFT} {why}"
-        )
+        yield f"{wrapped(_entry(servo.joint, servo.entry, width), width + 4)}  {DRAFT} {why}"
 
 
-def _feet(feet: Sequence[FootDraft]) -> Iterator[str]:
+def _feet(feet: Mapping[str, Foot]) -> Iterator[str]:
     if not feet:
         yield "feet: {}"
         return
     yield comment("Outlines of the flat undersides of the feet, in the frames of the soles.")
     yield "feet:"
-    for foot in feet:
-        corners = ", ".join(numbers(corner, 4) for corner in foot.polygon)
-        yield wrapped(f"  {foot.side}: {{frame: {foot.frame}, polygon: [{corners}]}}", 9)
+    for side, foot in feet.items():
+        yield wrapped(_entry(side, foot), 9)
 
 
 def _postures(postures: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
     for name, angles in postures.items():
         yield f"  # {_POSTURES[name]}"
-        inside = ", ".join(f"{plain_name(joint)}: {number(angle, 6)}" for joint, angle in angles.items())
-        yield wrapped(f"  {name}: {{{inside}}}", 4)
-
-
-def _landmark(mark: LandmarkDraft) -> str:
-    offset = "" if mark.offset is None else f", offset: {numbers(mark.offset, 4)}"
-    return wrapped(
-        f"  {mark.name}: {{frame: {mark.name}, follows: {mark.follows}, from: {mark.measured_from}, "
-        f"anchor: {mark.anchor}, robot_length: {number(mark.length, 4)}, human_length: {mark.human_length}{offset}}}",
-        4,
-    )
+        yield wrapped(f"  {name}: {flow(angles)}", 4)

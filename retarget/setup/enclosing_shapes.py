@@ -8,17 +8,19 @@ a given line and radius, and the best few are polished as smooth programs (SLSQP
 is then taken exactly from the balls, so that enclosure never depends on the optimiser.
 """
 
-import math
 import re
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from scipy.optimize import minimize
 from scipy.spatial import ConvexHull, QhullError
 
 from retarget.errors import InputError
+from retarget.model.observers import ShapeRow
+from retarget.model.scene_shapes import ShapeKind, canonical
 from retarget.rotations import from_matrix, to_matrix
+from retarget.schema.shapes import SolidShape
 from retarget.types import FloatArray
 
 MIN_RADIUS = 1e-4
@@ -53,22 +55,16 @@ class Capsule:
         """Whether the segment is a point."""
         return self.length == 0.0
 
+    @property
+    def entry(self) -> dict[str, Any]:
+        """The shape as a profile holds it, for `retarget.schema.profile_parts.Shape`."""
+        if self.is_ball:
+            return {"sphere": {"at": self.start.tolist(), "radius": self.radius}}
+        return {"capsule": {"from": self.start.tolist(), "to": self.end.tolist(), "radius": self.radius}}
+
     def support(self, directions: FloatArray) -> FloatArray:
         """How far (n,), m, it reaches along unit vectors (n, 3)."""
         return np.asarray(np.max(directions @ np.stack([self.start, self.end]).T, axis=1) + self.radius)
-
-    def as_geom(self) -> dict[str, Any]:
-        """The geom, as keywords of `mujoco.MjSpec`'s `add_geom`."""
-        size = [self.radius, 0.0, 0.0]
-        if self.is_ball:
-            return {"type": _geom_type("SPHERE"), "pos": self.start, "size": size}
-        return {"type": _geom_type("CAPSULE"), "fromto": np.concatenate([self.start, self.end]), "size": size}
-
-
-def _geom_type(name: str) -> Any:
-    import mujoco
-
-    return getattr(mujoco.mjtGeom, f"mjGEOM_{name}")
 
 
 def enclosing_capsule(centres: FloatArray, radii: FloatArray, *, axes: FloatArray | None = None) -> Capsule:
@@ -82,9 +78,11 @@ def enclosing_capsule(centres: FloatArray, radii: FloatArray, *, axes: FloatArra
         return Capsule(middle, middle.copy(), MIN_RADIUS)
     points, sizes = (centres - middle) / scale, radii / scale
     starts = sorted((_along(u, points, sizes) for u in _directions(points, axes)), key=lambda found: found.volume)
-    polished = [_polish(start, points, sizes) for start in starts[:POLISHED]]
+    polished = [
+        _polish(np.array([*start.start, *start.end, start.radius]), points, sizes) for start in starts[:POLISHED]
+    ]
     best = min([*starts[:1], *polished], key=lambda found: found.volume)
-    ball = _ball(points, sizes)
+    ball = _polish(np.array([0.0, 0.0, 0.0, 1.0]), points, sizes)
     if ball.volume <= best.volume * (1.0 + 1e-6):
         best = ball
     start, end = best.start * scale + middle, best.end * scale + middle
@@ -93,19 +91,14 @@ def enclosing_capsule(centres: FloatArray, radii: FloatArray, *, axes: FloatArra
 
 def distances_to_segment(points: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
     """Distances (k,) of points (k, 3) from a segment, m."""
-    return np.asarray(np.linalg.norm(_from_segment(points, start, end)[0], axis=1))
+    along = end - start
+    length2 = float(along @ along)
+    share = np.zeros(len(points)) if length2 == 0.0 else np.clip((points - start) @ along / length2, 0.0, 1.0)
+    return np.asarray(np.linalg.norm(points - start - share[:, None] * along, axis=1))
 
 
 def _needed_radius(start: FloatArray, end: FloatArray, centres: FloatArray, radii: FloatArray) -> float:
     return float(np.max(distances_to_segment(centres, start, end) + radii))
-
-
-def _from_segment(points: FloatArray, start: FloatArray, end: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Vectors (k, 3) from the closest points of the segment, and their share (k,) of the way from start to end."""
-    along = end - start
-    length2 = float(along @ along)
-    share = np.zeros(len(points)) if length2 == 0.0 else np.clip((points - start) @ along / length2, 0.0, 1.0)
-    return points - start - share[:, None] * along, share
 
 
 def _directions(points: FloatArray, axes: FloatArray | None) -> FloatArray:
@@ -141,74 +134,37 @@ def _on_line(origin: FloatArray, u: FloatArray, radius: float, points: FloatArra
     return Capsule(start, end, _needed_radius(start, end, points, sizes))
 
 
-def _polish(start: Capsule, points: FloatArray, sizes: FloatArray) -> Capsule:
-    """A local minimum near `start`, on a working set of balls that grows by those that stick out."""
-    x = np.array([*start.start, *start.end, start.radius])
-    working = np.argsort(sizes + distances_to_segment(points, x[:3], x[3:6]))[-WORKING:]
-    best = start
+def _polish(x: FloatArray, points: FloatArray, sizes: FloatArray) -> Capsule:
+    """The best of local minima near x: start, end and radius of a capsule (7,), or centre and radius of a ball (4,).
+
+    The working set of balls grows by those that stick out.
+    """
+    reach = sizes + distances_to_segment(points, x[:3], x[-4:-1])
+    working, best = np.argsort(reach)[-WORKING:], Capsule(x[:3], x[-4:-1], float(reach.max()))
     for _ in range(ROUNDS):
         x = _local_minimum(x, points[working], sizes[working])
-        a, b = x[:3], x[3:6]
-        found = Capsule(a, b, _needed_radius(a, b, points, sizes))
-        length = found.length
-        if length > 1e-9:
-            found = _on_line(a, (b - a) / length, found.radius, points, sizes)
+        start, end = x[:3], x[-4:-1]
+        reach = sizes + distances_to_segment(points, start, end)
+        found = Capsule(start, end, float(reach.max()))
+        if found.length > 1e-9:
+            found = _on_line(start, (end - start) / found.length, found.radius, points, sizes)
         best = min(best, found, key=lambda capsule: capsule.volume)
-        outside = sizes + distances_to_segment(points, a, b) - x[6]
-        if outside.max() < 1e-10:
+        grown = np.union1d(working, np.argsort(reach)[-WORKING // 3 :])
+        if len(grown) == len(working):
             break
-        working = np.union1d(working, np.argsort(outside)[-WORKING // 3 :])
+        working = grown
     return best
 
 
 def _local_minimum(x: FloatArray, points: FloatArray, sizes: FloatArray) -> FloatArray:
-    def volume(x: FloatArray) -> tuple[float, FloatArray]:
-        along, radius = x[3:6] - x[:3], x[6]
-        length = float(np.sqrt(along @ along + 1e-20))
-        side = np.pi * radius**2 * along / length
-        value = np.pi * radius**2 * (length + 4.0 / 3.0 * radius)
-        return float(value), np.array([*-side, *side, 2.0 * np.pi * radius * length + 4.0 * np.pi * radius**2])
-
-    def room(x: FloatArray) -> FloatArray:
-        return np.asarray(x[6] - sizes - distances_to_segment(points, x[:3], x[3:6]))
-
-    def room_slope(x: FloatArray) -> FloatArray:
-        away, share = _from_segment(points, x[:3], x[3:6])
-        normal = away / np.maximum(np.linalg.norm(away, axis=1), 1e-12)[:, None]
-        return np.hstack([normal * (1.0 - share)[:, None], normal * share[:, None], np.ones((len(points), 1))])
-
     found = minimize(
-        volume,
+        lambda x: Capsule(x[:3], x[-4:-1], x[-1]).volume,
         x,
-        jac=True,
         method="SLSQP",
-        constraints={"type": "ineq", "fun": room, "jac": room_slope},
-        options={"maxiter": 100, "ftol": 1e-13},
+        constraints={"type": "ineq", "fun": lambda x: x[-1] - sizes - distances_to_segment(points, x[:3], x[-4:-1])},
+        options={"maxiter": 100, "ftol": 1e-12},
     )
     return np.array(found.x) if np.all(np.isfinite(found.x)) else x
-
-
-def _ball(points: FloatArray, sizes: FloatArray) -> Capsule:
-    """The smallest ball around balls, a convex problem; growing working sets are not needed for its four variables."""
-
-    def room(x: FloatArray) -> FloatArray:
-        return np.asarray(x[3] - sizes - np.linalg.norm(points - x[:3], axis=1))
-
-    def room_slope(x: FloatArray) -> FloatArray:
-        away = points - x[:3]
-        normal = away / np.maximum(np.linalg.norm(away, axis=1), 1e-12)[:, None]
-        return np.hstack([normal, np.ones((len(points), 1))])
-
-    found = minimize(
-        lambda x: (x[3], np.array([0.0, 0.0, 0.0, 1.0])),
-        np.array([0.0, 0.0, 0.0, 1.0]),
-        jac=True,
-        method="SLSQP",
-        constraints={"type": "ineq", "fun": room, "jac": room_slope},
-        options={"maxiter": 100, "ftol": 1e-14},
-    )
-    centre = np.array(found.x[:3])
-    return Capsule(centre, centre.copy(), _needed_radius(centre, centre, points, sizes))
 
 
 # The volume of each link of a compiled body, as the convex hull of balls in the link's own frame.
@@ -224,33 +180,54 @@ MAX_LINKS = 200
 _NAME = re.compile(r"[^\s/\\]{1,80}")  # as `schema.Name`
 
 
-@dataclass(frozen=True)
-class Lone:
-    """The only geom of a link, a box or a cylinder with a name. pos (3,) m, quat wxyz, size: half sizes as MuJoCo's."""
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A box, or a cylinder along z, in the link's frame: pos (3,) m, quat (4,) wxyz, size (3,) m as MuJoCo's.
 
-    kind: str
-    geom: str
-    pos: tuple[float, ...]
-    quat: tuple[float, ...]
-    size: tuple[float, ...]
+    geom: name of the link's own geom that it is, else empty.
+    """
+
+    kind: Literal["box", "cylinder"]
+    pos: FloatArray
+    quat: FloatArray
+    size: FloatArray
+    geom: str = ""
 
     @property
     def volume(self) -> float:
         """m^3."""
         if self.kind == "box":
-            return 8.0 * math.prod(self.size)
-        return 2.0 * math.pi * self.size[0] ** 2 * self.size[1]
+            return float(8.0 * np.prod(self.size))
+        return float(2.0 * np.pi * self.size[0] ** 2 * self.size[1])
 
-    def as_geom(self) -> dict[str, Any]:
-        """The geom, as keywords of `mujoco.MjSpec`'s `add_geom`."""
-        return {"type": _geom_type(self.kind.upper()), "pos": self.pos, "quat": self.quat, "size": self.size}
+    @property
+    def entry(self) -> dict[str, Any]:
+        """The shape as a profile holds it, for `retarget.schema.profile_parts.Shape`."""
+        if self.geom:
+            return {"geom": self.geom}
+        turn = {} if abs(self.quat[0]) > 1.0 - 1e-12 else {"quat": self.quat.tolist()}
+        return {"box": {"pos": self.pos.tolist(), **turn, "size": self.size.tolist()}}
+
+    def support(self, directions: FloatArray) -> FloatArray:
+        """How far (n,), m, a box reaches along unit vectors (n, 3)."""
+        along = np.abs(directions @ to_matrix(self.quat)) @ self.size
+        return np.asarray(directions @ self.pos + along)
+
+
+def canonical_shape(shape: Capsule | Solid) -> ShapeRow:
+    """Code, sizes (3,) m, position (3,) m and quat (4,) wxyz of a shape, as the solver and MuJoCo take them."""
+    if isinstance(shape, Solid):
+        return ShapeKind[shape.kind.upper()], tuple(shape.size.tolist()), shape.pos, shape.quat
+    kind, sizes, pose = canonical(SolidShape.model_validate(shape.entry))
+    return kind, sizes, np.array(pose.position), np.array(pose.quat)
 
 
 @dataclass(frozen=True, eq=False)
 class LinkGeometry:
     """centres (k, 3) and radii (k,) of the balls, m; axes (j, 3, 3): orientations of the link's geoms, as columns.
 
-    link, name: index and name. lone: its only geom, where that is a named box or cylinder.
+    link, name: index and name. geoms: numbers of its geoms with a volume. lone: the only one of these, where that is a
+    named box or cylinder.
     """
 
     link: int
@@ -258,15 +235,12 @@ class LinkGeometry:
     centres: FloatArray
     radii: FloatArray
     axes: FloatArray
-    lone: Lone | None
+    geoms: tuple[int, ...]
+    lone: Solid | None
 
     def hull_volume(self) -> float:
         """Volume of the convex hull, m^3; 0 where it is flat."""
-        surface = np.concatenate(
-            [self.centres[self.radii == 0.0]]
-            + [c + r * _BALL for c, r in zip(self.centres, self.radii, strict=True) if r > 0.0]
-        )
-        hull = _hull(surface)
+        hull = hull_of_balls(self.centres, self.radii, directions())
         return 0.0 if hull is None else float(hull.volume)
 
 
@@ -282,7 +256,7 @@ def link_geometries(model: Any) -> tuple[tuple[LinkGeometry, ...], tuple[str, ..
         solid = [(geom, balls) for geom in geoms if (balls := _balls(model, geom)) is not None]
         if len(solid) < len(geoms):
             notes.append(f"{name or f'link {link}'}: planes and height fields are left out")
-        if solid and not _usable(name):
+        if solid and not _NAME.fullmatch(name):
             notes.append(f"link {link} has no name that a profile can hold, so no observer: {name!r}")
         elif solid:
             found.append(_geometry(model, link, name, solid))
@@ -295,37 +269,31 @@ def link_geometries(model: Any) -> tuple[tuple[LinkGeometry, ...], tuple[str, ..
     return tuple(found), tuple(notes)
 
 
-def _usable(name: str) -> bool:
-    """Whether a profile can hold a name."""
-    return _NAME.fullmatch(name) is not None
-
-
 def _geometry(model: Any, link: int, name: str, solid: list[tuple[int, tuple[FloatArray, float]]]) -> LinkGeometry:
-    centres, radii, axes = [], [], []
-    for geom, (points, radius) in solid:
-        turn = to_matrix(model.geom_quat[geom])
-        centres.append(points @ turn.T + model.geom_pos[geom])
-        radii.append(np.full(len(points), radius))
-        axes.append(turn)
+    geoms = tuple(geom for geom, _ in solid)
+    turns = [to_matrix(model.geom_quat[geom]) for geom in geoms]
+    balls = zip(solid, turns, strict=True)
     return LinkGeometry(
         link=link,
         name=name,
-        centres=np.concatenate(centres),
-        radii=np.concatenate(radii),
-        axes=np.array(axes),
-        lone=_lone(model, solid[0][0]) if len(solid) == 1 else None,
+        centres=np.concatenate([points @ turn.T + model.geom_pos[geom] for (geom, (points, _)), turn in balls]),
+        radii=np.concatenate([np.full(len(points), radius) for _, (points, radius) in solid]),
+        axes=np.array(turns),
+        geoms=geoms,
+        lone=_lone(model, geoms[0]) if len(geoms) == 1 else None,
     )
 
 
-def _lone(model: Any, geom: int) -> Lone | None:
+def _lone(model: Any, number: int) -> Solid | None:
     import mujoco
 
-    kinds = {int(mujoco.mjtGeom.mjGEOM_BOX): "box", int(mujoco.mjtGeom.mjGEOM_CYLINDER): "cylinder"}
-    kind, name = kinds.get(int(model.geom_type[geom])), model.geom(geom).name
-    if kind is None or not _usable(name):
+    geom = model.geom(number)
+    if not _NAME.fullmatch(geom.name):
         return None
-    pos, quat, size = (tuple(map(float, row[geom])) for row in (model.geom_pos, model.geom_quat, model.geom_size))
-    return Lone(kind, name, pos, quat, size)
+    for kind in ("box", "cylinder"):
+        if geom.type == getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}"):
+            return Solid(kind, geom.pos.copy(), geom.quat.copy(), geom.size.copy(), geom.name)
+    return None
 
 
 def _balls(model: Any, geom: int) -> tuple[FloatArray, float] | None:
@@ -351,7 +319,7 @@ def _balls(model: Any, geom: int) -> tuple[FloatArray, float] | None:
         mesh = int(model.geom_dataid[geom])
         first = int(model.mesh_vertadr[mesh])
         points = np.array(model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])], dtype=np.float64)
-        hull = _hull(points)
+        hull = convex_hull(points)
         return (points if hull is None else points[hull.vertices]), 0.0
     return None
 
@@ -361,17 +329,18 @@ def directions() -> FloatArray:
     return _BALL
 
 
-def solid_geoms(model: Any, link: int) -> list[int]:
-    """The geoms of a link that have a volume: no planes, no height fields."""
-    return [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] == link and _balls(model, geom) is not None]
-
-
-def _hull(points: FloatArray) -> Any:
-    """Convex hull, or None where the points are flat."""
+def convex_hull(points: FloatArray) -> ConvexHull | None:
+    """Convex hull of points (k, 2) or (k, 3), or None where they are flat."""
     try:
         return ConvexHull(points)
     except (QhullError, ValueError):
         return None
+
+
+def hull_of_balls(centres: FloatArray, radii: FloatArray, ball: FloatArray) -> ConvexHull | None:
+    """Convex hull of balls with centres (k, 3) and radii (k,), each as the unit vectors `ball` (n, 3); None: flat."""
+    round_ones = [c + r * ball for c, r in zip(centres, radii, strict=True) if r > 0.0]
+    return convex_hull(np.concatenate([centres[radii == 0.0], *round_ones]))
 
 
 def _sphere_points(count: int) -> FloatArray:
@@ -393,45 +362,20 @@ MIN_HALF = 1e-4
 """[m] flat geometry gets this half size."""
 
 
-@dataclass(frozen=True, eq=False)
-class Box:
-    """pos (3,) m and quat (4,) wxyz in the link's frame, half sizes (3,) m."""
-
-    pos: FloatArray
-    quat: FloatArray
-    size: FloatArray
-
-    @property
-    def volume(self) -> float:
-        """m^3."""
-        return float(8.0 * np.prod(self.size))
-
-    def support(self, directions: FloatArray) -> FloatArray:
-        """How far (n,), m, it reaches along unit vectors (n, 3)."""
-        signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, -1).T
-        corners = self.pos + (signs * self.size) @ to_matrix(self.quat).T
-        return np.asarray(np.max(directions @ corners.T, axis=1))
-
-    def as_geom(self) -> dict[str, Any]:
-        """The geom, as keywords of `mujoco.MjSpec`'s `add_geom`."""
-        return {"type": _geom_type("BOX"), "pos": self.pos, "quat": self.quat, "size": self.size}
-
-
-def enclosing_box(geometry: LinkGeometry) -> Box:
+def enclosing_box(geometry: LinkGeometry) -> Solid:
     """The smallest box along the link's own axes, its geoms' or the principal ones; in doubt the earlier of these."""
     centres = geometry.centres
     principal = np.linalg.svd(centres - centres.mean(axis=0), full_matrices=True)[2].T
-    best: Box | None = None
-    for turn in (np.eye(3), *geometry.axes, principal):
-        box = _box_along(turn if np.linalg.det(turn) > 0.0 else turn * [1.0, 1.0, -1.0], geometry)
-        if best is None or box.volume < best.volume * (1.0 - 1e-6):
-            best = box
-    assert best is not None
-    return best
+    boxes = [
+        _box_along(turn if np.linalg.det(turn) > 0.0 else turn * [1.0, 1.0, -1.0], geometry)
+        for turn in (np.eye(3), *geometry.axes, principal)
+    ]
+    smallest = min(box.volume for box in boxes)
+    return next(box for box in boxes if box.volume <= smallest * (1.0 + 1e-6))
 
 
-def _box_along(turn: FloatArray, geometry: LinkGeometry) -> Box:
+def _box_along(turn: FloatArray, geometry: LinkGeometry) -> Solid:
     local, radii = geometry.centres @ turn, geometry.radii[:, None]
     low, high = (local - radii).min(axis=0), (local + radii).max(axis=0)
     size = np.maximum((high - low) / 2.0, MIN_HALF)
-    return Box(turn @ ((low + high) / 2.0), from_matrix(turn), size)
+    return Solid("box", turn @ ((low + high) / 2.0), from_matrix(turn), size)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import inf
 from pathlib import Path
 from textwrap import wrap
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -17,15 +17,24 @@ from retarget.model.body_file import BodyFile, compile_body
 from retarget.model.observers import NEAR_LINKS, NEVER_NEAR, steps_between
 from retarget.model.robot import load_profile
 from retarget.schema.catalogue import HUMAN
-from retarget.schema.profile import RobotProfile
-from retarget.setup.enclosing_shapes import Box, Capsule, LinkGeometry, Lone, link_geometries
-from retarget.setup.observer_proposals import DIGITS, Pair, Proposal, Zones, flattened, propose
-from retarget.setup.survey import SAFETY_FACTOR, OwnDistances, PairRecord, joint_ranges, own_distances, survey
+from retarget.schema.profile import DRAFT, RobotProfile
+from retarget.setup.enclosing_shapes import Capsule, LinkGeometry, link_geometries
+from retarget.setup.observer_proposals import Proposal, Zones, flattened, propose
+from retarget.setup.survey import (
+    SAFETY_FACTOR,
+    OwnDistances,
+    Pair,
+    PairRecord,
+    joint_ranges,
+    survey,
+    with_own_distances,
+)
 from retarget.types import FloatArray
 
 # Which pairs of links need no check, each with the numbers that say so.
 
-Kind = Literal["always", "excluded", "neighbours", "never"]
+Kind = Literal["touching", "always", "excluded", "neighbours", "never"]
+"""touching: in the postures of a drafted profile."""
 
 
 @dataclass(frozen=True)
@@ -38,41 +47,32 @@ class Verdict:
     warning: str = ""
 
 
-def always_overlapping(records: Sequence[PairRecord]) -> list[PairRecord]:
-    """The pairs whose shapes were never apart."""
-    return [record for record in records if record.largest is not None]
-
-
 def verdicts(
     records: Sequence[PairRecord],
     proposals: tuple[Proposal, ...],
     body: BodyModel,
     *,
     near: float,
-    own: Sequence[OwnDistances],
     excluded: set[tuple[int, int]],
 ) -> tuple[Verdict, ...]:
     """The pairs to ignore: first those that always overlap, last those that never come as near as `near`, m.
 
-    own: of the pairs that always overlap, in their order. excluded: sorted link numbers of the body file's own pairs.
+    excluded: sorted link numbers of the body file's own pairs.
     """
-    by_pair = {record.pair: distances for record, distances in zip(always_overlapping(records), own, strict=True)}
     found = []
     for record in records:
         first, second = (proposals[place] for place in record.pair)
         names = (first.link_name, second.link_name)
-        if record.largest is not None:
-            found.append(_always(record, record.largest, names, by_pair[record.pair]))
+        if record.largest is not None and record.own is not None:
+            found.append(_always(record, record.largest, names, record.own))
         elif (min(first.link, second.link), max(first.link, second.link)) in excluded:
             found.append(Verdict("excluded", names, f"the body file excludes their contact, {_closest(record)}"))
         elif record.at_neutral <= 0.0 and _neighbours(record.pair, proposals, body):
             reason = f"neighbours along the tree with no volume between them, {_closest(record)}"
             found.append(Verdict("neighbours", names, reason))
         elif record.smallest > near:
-            reason = f"{NEVER_NEAR}, {_closest(record)}"
-            found.append(Verdict("never", names, reason))
-    order: tuple[Kind, ...] = ("always", "excluded", "neighbours", "never")
-    return tuple(sorted(found, key=lambda verdict: order.index(verdict.kind)))
+            found.append(Verdict("never", names, f"{NEVER_NEAR}, {_closest(record)}"))
+    return tuple(sorted(found, key=lambda verdict: get_args(Kind).index(verdict.kind)))
 
 
 def _always(record: PairRecord, largest: float, names: tuple[str, str], own: OwnDistances) -> Verdict:
@@ -117,20 +117,19 @@ _PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]*")
 _RESERVED = {"true", "false", "null", "yes", "no", "on", "off", "y", "n"}
 
 
-def plain_name(name: str) -> str:
-    """A name as YAML, quoted where it must be."""
-    return name if _PLAIN.fullmatch(name) and name.lower() not in _RESERVED else json.dumps(name)
-
-
-def number(value: float, digits: int = DIGITS) -> str:
-    """A number with at most so many decimals, without zeros at its end."""
-    text = f"{value:.{digits}f}".rstrip("0").rstrip(".")
-    return "0" if text in ("-0", "") else text
-
-
-def numbers(values: Iterable[float], digits: int = DIGITS) -> str:
-    """A list of numbers."""
-    return "[" + ", ".join(number(value, digits) for value in values) + "]"
+def flow(value: Any) -> str:
+    """Flow YAML of a name, a number, or a list or mapping of these; a list of one name is written as that name."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{flow(key)}: {flow(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, str):
+        return value if _PLAIN.fullmatch(value) and value.lower() not in _RESERVED else json.dumps(value)
+    if isinstance(value, float):
+        return np.format_float_positional(value + 0.0, trim="-")  # no -0, no exponent
+    if isinstance(value, int):
+        return str(value)
+    if len(value) == 1 and isinstance(value[0], str):
+        return flow(value[0])
+    return "[" + ", ".join(map(flow, value)) + "]"
 
 
 def wrapped(line: str, indent: int) -> str:
@@ -158,14 +157,19 @@ def fragment(
     lines = [comment(paragraph, width=WIDTH - 1) for paragraph in head]
     lines += ["", "observers:"]
     for proposal in proposals:
-        lines += _observer(proposal, zones)
+        lines += [
+            _remark(_about(proposal)),
+            f"  {flow(proposal.name)}: {{link: {flow(proposal.link_name)},",
+            f"      shape: {flow(proposal.shape.entry)},",
+            f"      influence: {flow(zones.influence)}, margin: {flow(zones.margin)}}}",
+        ]
     kept, dropped = pairs[:MAX_PAIRS], len(pairs) - MAX_PAIRS
     lines += ["", "ignore_pairs:" if kept else "ignore_pairs: []"]
     for verdict in kept:
         if verdict.warning:
             lines.append(_remark(f"Beware: {verdict.warning}."))
-        pair = ", ".join(map(plain_name, verdict.links))
-        lines += [f"  - pair: [{pair}]", f"    reason: {json.dumps(verdict.reason)}"]
+        mark = f"  {DRAFT}" if verdict.kind == "touching" else ""
+        lines += [f"  - pair: {flow(verdict.links)}{mark}", f"    reason: {json.dumps(verdict.reason)}"]
     closing = list(tail)
     if dropped > 0:
         closing.append(f"{dropped} more pairs are never near: a profile holds {MAX_PAIRS}, and they only cost time.")
@@ -173,33 +177,16 @@ def fragment(
     return "\n".join(lines) + "\n"
 
 
-def _observer(proposal: Proposal, zones: Zones) -> list[str]:
+def _about(proposal: Proposal) -> str:
     ratio = "flat geometry" if proposal.ratio is None else f"{proposal.ratio:.2f} times the volume of the geometry"
     size = f"{ratio}, stands out by {1e3 * proposal.stands_out:.0f} mm at most"
     about = f"{proposal.why}; this: {size}" if proposal.why else size
-    return [
-        _remark(about[0].upper() + about[1:] + "."),
-        f"  {plain_name(proposal.name)}: {{link: {plain_name(proposal.link_name)},",
-        f"      shape: {_shape(proposal.shape)},",
-        f"      influence: {zones.influence!r}, margin: {zones.margin!r}}}",
-    ]
+    return about[0].upper() + about[1:] + "."
 
 
 def _remark(text: str) -> str:
     """A comment on an entry of a section."""
     return comment(text, width=WIDTH - 3, indent="  ")
-
-
-def _shape(shape: Capsule | Box | Lone) -> str:
-    if isinstance(shape, Lone):
-        return f"{{geom: {plain_name(shape.geom)}}}"
-    if isinstance(shape, Box):
-        quat = ", ".join(f"{part:.9g}" for part in shape.quat)
-        turn = "" if abs(abs(shape.quat[0]) - 1.0) < 1e-12 else f" quat: [{quat}],"
-        return f"{{box: {{pos: {numbers(shape.pos)},{turn} size: {numbers(shape.size)}}}}}"
-    if shape.is_ball:
-        return f"{{sphere: {{at: {numbers(shape.start)}, radius: {number(shape.radius)}}}}}"
-    return f"{{capsule: {{from: {numbers(shape.start)}, to: {numbers(shape.end)}, radius: {number(shape.radius)}}}}}"
 
 
 DEFAULT_SAMPLES = 4000
@@ -224,12 +211,22 @@ class Subject:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """observers and the pairs to ignore, every pair that was looked at, and all as `text` for a profile."""
+    """observers with their zones, the pairs to ignore, and every pair that was looked at.
+
+    head, tail: paragraphs of comment.
+    """
 
     observers: tuple[Proposal, ...]
+    zones: Zones
     ignored: tuple[Verdict, ...]
     records: tuple[PairRecord, ...]
-    text: str
+    head: tuple[str, ...]
+    tail: tuple[str, ...]
+
+    @property
+    def text(self) -> str:
+        """The proposal for a profile, in YAML."""
+        return fragment(self.head, self.observers, self.ignored, self.zones, tail=self.tail)
 
 
 def find_subject(robot: str) -> Subject:
@@ -279,19 +276,17 @@ def fit(
         records = survey(
             body, observers, ranges, neutral=neutral, near=near, samples=samples, seed=seed, progress=progress
         )
-        overlapping = always_overlapping(records)
-        links = [(observers[record.pair[0]].link, observers[record.pair[1]].link) for record in overlapping]
-        own = own_distances(model, ranges, links, seed=seed)
-        hidden = [record.pair for record, distances in zip(overlapping, own, strict=True) if distances.may_collide]
+        records = with_own_distances(records, model, geometries, ranges, seed=seed)
+        hidden = [record.pair for record in records if record.own is not None and record.own.may_collide]
         tighter = observers if last else _tightened(observers, geometries, hidden)
         if tighter == observers:
             break
         observers = tighter
-    ignored = verdicts(records, observers, body, near=near, own=own, excluded=_excluded(model))
+    ignored = verdicts(records, observers, body, near=near, excluded=_excluded(model))
     assumed = (*notes, *ranges.notes, *subject.file.notes)
     head = _head(subject, zones, samples=samples, seed=seed, notes=assumed)
     tail = _tail(observers, ignored[:MAX_PAIRS], records, body)
-    return Fit(observers, ignored, records, fragment(head, observers, ignored, zones, tail=tail))
+    return Fit(observers, zones, ignored, records, tuple(head), tuple(tail))
 
 
 def _tightened(

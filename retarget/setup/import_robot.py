@@ -18,17 +18,9 @@ from retarget.rotations import from_matrix
 from retarget.schema.catalogue import Kind, entries
 from retarget.schema.files import check_folder, check_path, umask
 from retarget.schema.profile import marked_lines, read_profile
+from retarget.schema.profile_parts import Foot, Frame, Landmark
 from retarget.setup.body_draft import BodyDraft, draft_body, facing_x
-from retarget.setup.draft import (
-    NO_OBSERVERS,
-    Draft,
-    FootDraft,
-    FrameDraft,
-    LandmarkDraft,
-    find_landmarks,
-    observer_text,
-    profile_text,
-)
+from retarget.setup.draft import NO_OBSERVERS, Draft, find_landmarks, observer_text, profile_text
 from retarget.setup.fit_observers import Subject, fit
 from retarget.setup.frames import Found, Posed, find_frames
 from retarget.setup.limbs import UP, Anatomy, find_anatomy
@@ -155,7 +147,7 @@ def _drafted(
         anatomy = replace(find_anatomy(tree), facing=anatomy.facing)
     found = find_frames(tree, anatomy)
     servos = guess_servos(body.model, tree, anatomy, speeds)
-    posed = Posed(body.model, tree, anatomy, found, {servo.joint: servo.limits for servo in servos})
+    posed = Posed(body.model, tree, anatomy, found, {servo.joint: servo.entry.limits for servo in servos})
     (folder / body.file).write_bytes(body.content)
     root, notes = _root(folder / body.file, anatomy, found)
     soles = root == "free"
@@ -171,7 +163,7 @@ def _drafted(
             root=root,
             frames=_frames(body, posed, found),
             servos=servos,
-            feet=_feet(found) if soles else (),
+            feet=_feet(found) if soles else {},
             postures=postures.angles,
             landmarks=_landmarks(posed, postures),
             facing=anatomy.facing,
@@ -210,7 +202,7 @@ def _observed(
         if touching <= tight:
             break
         tight |= touching
-    return cleared.postures, observer_text(fitted.text, cleared.touching)
+    return cleared.postures, observer_text(fitted, cleared.touching)
 
 
 def _root(body: Path, anatomy: Anatomy, found: Found) -> tuple[Root, tuple[str, ...]]:
@@ -226,25 +218,24 @@ def _root(body: Path, anatomy: Anatomy, found: Found) -> tuple[Root, tuple[str, 
     return "free", ()
 
 
-def _frames(body: BodyDraft, posed: Posed, found: Found) -> tuple[FrameDraft, ...]:
-    drafts = []
+def _frames(body: BodyDraft, posed: Posed, found: Found) -> dict[str, tuple[Frame, str]]:
+    drafts = {}
     for name, frame in found.frames.items():
         link, position, axes = posed.on_link(name)
-        quat = from_matrix(axes)
-        drafts.append(
-            FrameDraft(name, body.model.body(link).name, tuple(position.tolist()), tuple(quat.tolist()), frame.about)
-        )
-    return tuple(drafts)
+        quat = from_matrix(axes).round(6) + 0.0  # no -0
+        place = {"pos": position.round(5).tolist(), "quat": quat.tolist()}
+        drafts[name] = Frame.model_validate({"link": body.model.body(link).name, **place}), frame.about
+    return drafts
 
 
-def _feet(found: Found) -> tuple[FootDraft, ...]:
-    return tuple(
-        FootDraft(side, sole.frame, tuple(tuple(corner) for corner in sole.polygon.round(4).tolist()))
+def _feet(found: Found) -> dict[str, Foot]:
+    return {
+        side: Foot.model_validate({"frame": sole.frame, "polygon": sole.polygon.round(4).tolist()})
         for side, sole in zip(("left", "right"), found.soles, strict=True)
-    )
+    }
 
 
-def _landmarks(posed: Posed, postures: Postures) -> tuple[LandmarkDraft, ...]:
+def _landmarks(posed: Posed, postures: Postures) -> dict[str, Landmark]:
     anatomy = posed.anatomy
     leg = leg_length(posed) if anatomy.legs else 0.0
     axes = np.stack([anatomy.forward, anatomy.left, UP], axis=1)

@@ -1,19 +1,16 @@
-"""Proposed observers: a capsule per link, or a flat shape where a capsule is far too large; and their distances."""
+"""Proposed observers: a capsule per link, or a flat shape where a capsule is far too large."""
 
 import math
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 from retarget.errors import UsageError
-from retarget.model.body import BodyModel, JointType
 from retarget.rotations import normalise, to_matrix
 from retarget.setup.enclosing_shapes import (
-    Box,
     Capsule,
     LinkGeometry,
-    Lone,
+    Solid,
     directions,
     distances_to_segment,
     enclosing_box,
@@ -58,7 +55,7 @@ class Proposal:
     link: int
     link_name: str
     name: str
-    shape: Capsule | Box | Lone
+    shape: Capsule | Solid
     ratio: float | None
     stands_out: float
     why: str
@@ -66,23 +63,19 @@ class Proposal:
 
 def propose(geometries: tuple[LinkGeometry, ...], zones: Zones) -> tuple[Proposal, ...]:
     """An observer for every link, named for it."""
-    return tuple(
-        replace(_propose(geometry, zones), name=name)
-        for geometry, name in zip(geometries, _names(geometries), strict=True)
-    )
+    return tuple(_propose(geometry, name, zones) for geometry, name in zip(geometries, _names(geometries), strict=True))
 
 
 def flattened(proposal: Proposal, geometry: LinkGeometry, why: str) -> Proposal:
     """The same observer as a box or a cylinder, and why it is none of a capsule."""
     flat = _flat(geometry)
-    kind = flat.kind if isinstance(flat, Lone) else "box"
-    return replace(_proposal(geometry, flat, f"{kind}: {why}"), name=proposal.name)
+    return _proposal(geometry, proposal.name, flat, f"{flat.kind}: {why}")
 
 
-def _propose(geometry: LinkGeometry, zones: Zones) -> Proposal:
+def _propose(geometry: LinkGeometry, name: str, zones: Zones) -> Proposal:
     axes = geometry.axes.transpose(0, 2, 1).reshape(-1, 3)
     capsule = _rounded_capsule(enclosing_capsule(geometry.centres, geometry.radii, axes=axes), geometry)
-    round_one = _proposal(geometry, capsule, "")
+    round_one = _proposal(geometry, name, capsule, "")
     times, out = capsule.volume / _flat(geometry).volume, round_one.stands_out
     if times < FAR_TOO_LARGE and not (times >= SOMEWHAT_LARGE and out > zones.influence):
         return round_one
@@ -90,14 +83,18 @@ def _propose(geometry: LinkGeometry, zones: Zones) -> Proposal:
     return flattened(round_one, geometry, why)
 
 
-def _flat(geometry: LinkGeometry) -> Box | Lone:
+def _flat(geometry: LinkGeometry) -> Solid:
     return geometry.lone or _rounded_box(enclosing_box(geometry), geometry)
 
 
-def _proposal(geometry: LinkGeometry, shape: Capsule | Box | Lone, why: str) -> Proposal:
-    hull = geometry.hull_volume()
+def _proposal(geometry: LinkGeometry, name: str, shape: Capsule | Solid, why: str) -> Proposal:
+    """With the largest difference of the support functions: for nested convex bodies, how far the outer reaches out."""
+    hull, stands_out = geometry.hull_volume(), 0.0
+    if shape is not geometry.lone:
+        inner = np.max(directions() @ geometry.centres.T + geometry.radii, axis=1)
+        stands_out = float(max(np.max(shape.support(directions()) - inner), 0.0))
     ratio = shape.volume / hull if hull > 0.0 else None
-    return Proposal(geometry.link, geometry.name, "", shape, ratio, _stands_out(shape, geometry), why)
+    return Proposal(geometry.link, geometry.name, name, shape, ratio, stands_out, why)
 
 
 def _names(geometries: tuple[LinkGeometry, ...]) -> list[str]:
@@ -108,14 +105,6 @@ def _names(geometries: tuple[LinkGeometry, ...]) -> list[str]:
     return [geometry.name for geometry in geometries]
 
 
-def _stands_out(shape: Capsule | Box | Lone, geometry: LinkGeometry) -> float:
-    """Largest difference of the support functions, m: for nested convex bodies, how far the outer one reaches out."""
-    if isinstance(shape, Lone):
-        return 0.0
-    inner = np.max(directions() @ geometry.centres.T + geometry.radii, axis=1)
-    return float(max(np.max(shape.support(directions()) - inner), 0.0))
-
-
 def _rounded_capsule(capsule: Capsule, geometry: LinkGeometry) -> Capsule:
     start, end = _round(capsule.start), _round(capsule.end)
     if capsule.is_ball:
@@ -124,11 +113,11 @@ def _rounded_capsule(capsule: Capsule, geometry: LinkGeometry) -> Capsule:
     return Capsule(start, end, round_up(max(needed, 10.0**-DIGITS)))
 
 
-def _rounded_box(box: Box, geometry: LinkGeometry) -> Box:
+def _rounded_box(box: Solid, geometry: LinkGeometry) -> Solid:
     pos, quat = _round(box.pos), np.round(box.quat, 9)
     local = (geometry.centres - pos) @ to_matrix(normalise(quat))
     needed = np.max(np.abs(local) + geometry.radii[:, None], axis=0)
-    return Box(pos, quat, np.array([round_up(max(float(half), 10.0**-DIGITS)) for half in needed]))
+    return Solid("box", pos, quat, np.array([round_up(max(float(half), 10.0**-DIGITS)) for half in needed]))
 
 
 def _round(values: FloatArray) -> FloatArray:
@@ -138,77 +127,3 @@ def _round(values: FloatArray) -> FloatArray:
 def round_up(value: float) -> float:
     """To DIGITS decimals, never below; a value within 1e-12 above a decimal counts as that decimal."""
     return round(math.ceil(value * 10.0**DIGITS - 10.0 ** (DIGITS - 12)) / 10.0**DIGITS, DIGITS)
-
-
-# The proposed shapes on the robot's tree, as a MuJoCo model that computes the distance between any two of them.
-
-FAR = 1e3
-"""[m] larger distances are reported as this one."""
-
-Pair = tuple[int, int]
-"""Two shapes by their place in the list of proposals, the smaller one first."""
-
-
-class ShapeModel:
-    """Shapes in one posture at a time."""
-
-    def __init__(self, body: BodyModel, proposals: tuple[Proposal, ...]) -> None:
-        import mujoco
-
-        self._mujoco = mujoco
-        self._model = _compile(mujoco, body, proposals)
-        self._data = mujoco.MjData(self._model)
-        self._reach = np.array(self._model.geom_rbound)
-
-    @property
-    def nv(self) -> int:
-        """Number of velocity coordinates, those of the body."""
-        return int(self._model.nv)
-
-    def place(self, q: FloatArray) -> None:
-        """Take the posture q (nq,)."""
-        self._data.qpos[:] = q
-        self._mujoco.mj_kinematics(self._model, self._data)
-
-    def distance(self, pair: Pair) -> float:
-        """Distance of two shapes, m, negative inside."""
-        return float(self._mujoco.mj_geomDistance(self._model, self._data, pair[0], pair[1], FAR, None))
-
-    def at_least(self, first: Any, second: Any) -> FloatArray:
-        """Lower bounds (k,) of the distances of shapes first (k,) and second (k,), m: of the balls around them."""
-        centres = self._data.geom_xpos
-        gaps = np.linalg.norm(centres[first] - centres[second], axis=1)
-        return np.asarray(gaps - self._reach[first] - self._reach[second])
-
-    def moved(self, q: FloatArray, step: FloatArray) -> FloatArray:
-        """The posture (nq,) after a step (nv,) from q."""
-        after = q.copy()
-        self._mujoco.mj_integratePos(self._model, after, step, 1.0)
-        return after
-
-
-def _compile(mujoco: Any, body: BodyModel, proposals: tuple[Proposal, ...]) -> Any:
-    spec = mujoco.MjSpec()
-    spec.compiler.degree = False
-    links = [spec.worldbody]
-    for link in range(1, len(body.body_names)):
-        part = links[body.parent[link]].add_body(name=f"link{link}", pos=body.body_pos[link], quat=body.body_quat[link])
-        part.mass, part.inertia, part.explicitinertial = 1.0, np.ones(3), True  # only shapes matter here
-        links.append(part)
-    for joint, link in enumerate(body.joint_body):
-        kind = JointType(body.joint_type[joint])
-        if kind is JointType.FREE:
-            links[link].add_freejoint()
-            continue
-        part = links[link].add_joint(
-            type=mujoco.mjtJoint(int(kind)), axis=body.joint_axis[joint], pos=body.joint_pos[joint]
-        )
-        if kind is not JointType.BALL:
-            part.ref = body.qpos0[body.joint_qpos[joint]]
-    for proposal in proposals:
-        links[proposal.link].add_geom(**proposal.shape.as_geom())
-    model = spec.compile()
-    # Geoms come in the order of links, as proposals do: their numbers are the same.
-    assert [int(link) for link in model.geom_bodyid] == [proposal.link for proposal in proposals]
-    assert np.array_equal(model.body_parentid, body.parent)
-    return model

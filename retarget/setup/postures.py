@@ -10,7 +10,7 @@ from retarget.model.observers import NEAR_LINKS, steps_between
 from retarget.setup.fit_observers import MAX_PAIRS, Fit, posture
 from retarget.setup.frames import Angles, Posed
 from retarget.setup.limbs import UP, arm_roles, leg_roles
-from retarget.setup.observer_proposals import ShapeModel
+from retarget.setup.survey import PlacedShapes
 from retarget.types import BoolArray, FloatArray
 
 # Joint angles of arms next to the trunk with bent elbows, for any joints of the arms.
@@ -272,12 +272,13 @@ class _Bench:
     """The shapes of fitted observers, looked at in any posture."""
 
     def __init__(self, body: BodyModel, fitted: Fit) -> None:
-        observers, self._body, self._model = fitted.observers, body, ShapeModel(body, fitted.observers)
+        observers, self._body, self._shapes = fitted.observers, body, PlacedShapes(body, fitted.observers)
         ignored = {frozenset(verdict.links) for verdict in fitted.ignored[:MAX_PAIRS]}
         pairs = sorted(record.pair for record in fitted.records)
         links = [(observers[a].link_name, observers[b].link_name) for a, b in pairs]
         looked = [place for place, names in enumerate(links) if frozenset(names) not in ignored]
-        self._pairs, self._links = [pairs[place] for place in looked], [links[place] for place in looked]
+        self._links = [links[place] for place in looked]
+        self._pairs = np.array([pairs[place] for place in looked], dtype=np.int64).reshape(-1, 2)
         steps = [steps_between(body, observers[a].link, observers[b].link) for a, b in self._pairs]
         self._near: BoolArray = np.array(steps, dtype=int) <= NEAR_LINKS
 
@@ -298,5 +299,4 @@ class _Bench:
 
     def _distances(self, angles: Angles) -> FloatArray:
         """Signed distance (p,) m of each pair in a posture."""
-        self._model.place(posture(self._body, angles))
-        return np.array([self._model.distance(pair) for pair in self._pairs])
+        return np.asarray(self._shapes.distances(posture(self._body, angles)[None], self._pairs)[0])

@@ -9,6 +9,7 @@ import numpy as np
 
 from hardware.dynamixel.control_table import find_table
 from hardware.servo import SERVO_MODELS, ServoModel
+from retarget.schema.profile_parts import Gains, Servo
 from retarget.setup.limbs import Anatomy
 from retarget.setup.tree import Tree
 
@@ -33,18 +34,9 @@ class ServoDraft:
     """A servo as drafted. why: by what the model was chosen. note: what was changed of the joint, for a comment."""
 
     joint: str
-    number: int
-    model: ServoModel
+    entry: Servo
     why: str
-    limits: tuple[float, float]
-    max_velocity: float
-    max_acceleration: float
     note: str = ""
-
-    @property
-    def position_p(self) -> int | None:
-        """The maker's default of the register Position P Gain."""
-        return find_table(self.model.name, 2)["position_p_gain"].initial
 
 
 def guess_servos(model: Any, tree: Tree, anatomy: Anatomy, speeds: Mapping[str, float]) -> tuple[ServoDraft, ...]:
@@ -62,18 +54,18 @@ def guess_servos(model: Any, tree: Tree, anatomy: Anatomy, speeds: Mapping[str, 
         speed = math.floor(10.0 * SPARE_SPEED * chosen.no_load_speed) / 10.0
         most = IN_LEGS if number in carrying else ACCELERATIONS[1]
         can = SPARE_TORQUE * chosen.stall_torque / max(inertias[node.joint], 1e-6)
-        drafts.append(
-            ServoDraft(
-                joint=node.joint,
-                number=number,
-                model=chosen,
-                why=why,
-                limits=limits,
-                max_velocity=min(speed, speeds.get(node.joint, math.inf)),
-                max_acceleration=float(math.floor(min(max(can, ACCELERATIONS[0]), most))),
-                note=note,
-            )
+        entry = Servo(
+            id=number,
+            model=chosen.name,
+            bus="main",
+            direction=1,
+            zero_tick=chosen.centre_tick,
+            limits=limits,
+            max_velocity=min(speed, speeds.get(node.joint, math.inf)),
+            max_acceleration=float(math.floor(min(max(can, ACCELERATIONS[0]), most))),
+            gains=Gains(p=find_table(chosen.name, 2)["position_p_gain"].initial),  # the maker's default
         )
+        drafts.append(ServoDraft(node.joint, entry, why, note))
     return tuple(drafts)
 
 

@@ -7,17 +7,18 @@ is driven apart in the same way.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from retarget import _solver
 from retarget.model.body import BodyModel, JointType
 from retarget.model.observers import steps_between
-from retarget.rotations import normalise
-from retarget.setup.enclosing_shapes import solid_geoms
-from retarget.setup.observer_proposals import Pair, Proposal, ShapeModel
-from retarget.types import FloatArray
+from retarget.rotations import multiply, normalise
+from retarget.setup.enclosing_shapes import LinkGeometry, canonical_shape
+from retarget.setup.observer_proposals import Proposal
+from retarget.types import BoolArray, FloatArray, IntArray
 
 # The postures that a robot can take: joint ranges, and samples of them.
 
@@ -27,14 +28,14 @@ UNLIMITED = {JointType.HINGE: np.pi, JointType.SLIDE: 1.0}
 
 @dataclass(frozen=True, eq=False)
 class JointRanges:
-    """lower, upper (m,) rad or m of the hinges and slides at the places `address` (m,) of q; `dofs` (m,) in velocities.
+    """lower, upper (m,) rad or m of the hinges and slides at the places `address` (m,) of q, on `links` (m,).
 
     balls: places in q of ball joints, which take any orientation. notes: what was assumed.
     """
 
     q0: FloatArray
-    address: NDArray[np.int64]
-    dofs: NDArray[np.int64]
+    address: IntArray
+    links: IntArray
     lower: FloatArray
     upper: FloatArray
     balls: tuple[int, ...]
@@ -85,7 +86,7 @@ def joint_ranges(body: BodyModel, limits: Mapping[str, tuple[float, float]]) -> 
     return JointRanges(
         q0=body.qpos0,
         address=body.joint_qpos[scalar],
-        dofs=dofs,
+        links=body.joint_body[scalar],
         lower=lower[dofs],
         upper=upper[dofs],
         balls=tuple(int(place) for place in body.joint_qpos[body.joint_type == JointType.BALL]),
@@ -93,100 +94,102 @@ def joint_ranges(body: BodyModel, limits: Mapping[str, tuple[float, float]]) -> 
     )
 
 
-# Looks for the posture in which two shapes are nearest, or farthest: a pattern search over the joints between them.
+# The proposed shapes on the robot's tree, and the distances between them in many postures at once.
+
+Pair = tuple[int, int]
+"""Two shapes by their place in the list of proposals, the smaller one first."""
+
+
+class PlacedShapes:
+    """Shapes on the links of a body."""
+
+    def __init__(self, body: BodyModel, proposals: tuple[Proposal, ...]) -> None:
+        rows = [canonical_shape(proposal.shape) for proposal in proposals]
+        self._body = body.solver_body()
+        self._links = np.array([proposal.link for proposal in proposals])
+        self._kinds = np.array([row[0] for row in rows], dtype=np.int64)
+        self._sizes, self._positions, self._quats = (
+            np.array([row[column] for row in rows], dtype=np.float64) for column in (1, 2, 3)
+        )
+
+    def distances(self, postures: FloatArray, pairs: IntArray, below: FloatArray | float = np.inf) -> FloatArray:
+        """Signed distances (t, p), m, of pairs (p, 2) of shapes in postures (t, nq).
+
+        Where one is positive and not below `below` (p,), m, it is only a lower bound, which costs less.
+        """
+        count, both = len(postures), pairs.T.ravel()
+        links = self._links[both].tolist()
+        position = self._body.points(np.ascontiguousarray(postures), links, self._positions[both])
+        quat = multiply(self._body.orientations(np.ascontiguousarray(postures), links), self._quats[both])
+        sides: list[Any] = []
+        for half in np.split(np.arange(len(both)), 2):
+            sides += [np.tile(self._kinds[both[half]], count), np.tile(self._sizes[both[half]], (count, 1))]
+            sides += [np.take(part, half, axis=1).reshape(-1, part.shape[2]) for part in (position, quat)]
+        found = _solver.shape_gaps_at_least(*sides)
+        exact = found < np.tile(np.broadcast_to(np.maximum(below, 0.0), len(pairs)), count)
+        found[exact] = _solver.shape_distances(*(part[exact] for part in sides))[0]
+        return found.reshape(count, len(pairs))
+
+
+# Looks for the posture in which two shapes are nearest, or farthest: pattern searches over the joints between them.
 
 FIRST_STEP = 0.25
 LAST_STEP = 1e-3
-"""Steps of the search, as shares of each joint's range."""
-RANDOM_STEPS = 4
-MAX_LOOKS = 1500
+"""Steps of a search, as shares of each joint's range."""
+RANDOM_STEPS = 12
+MAX_ROUNDS = 60
 
 
-def dofs_between(body: BodyModel, first: int, second: int) -> NDArray[np.int64]:
-    """Degrees of freedom that move one link against the other."""
-    moving = body.links_between(first, second)
-    ends = np.append(body.joint_dof[1:], body.nv)
-    found = [
-        dof
-        for joint, link in enumerate(body.joint_body)
-        if int(link) in moving
-        for dof in range(int(body.joint_dof[joint]), int(ends[joint]))
-    ]
-    return np.array(found, dtype=np.int64)
-
-
-def descend(
-    model: ShapeModel,
+def search(
+    shapes: PlacedShapes,
     ranges: JointRanges,
     pair: Pair,
-    q: FloatArray,
+    starts: FloatArray,
     *,
-    dofs: NDArray[np.int64],
+    moving: BoolArray,
     sign: float,
     enough: float,
     rng: np.random.Generator,
 ) -> float:
-    """A local minimum, m, of sign * distance, from the posture q (nq,).
+    """The smallest sign * distance, m, that searches from postures `starts` (k, nq) find, all at once.
 
-    Stops early below `enough`. Every joint is tried by itself, and all in random directions; steps shrink when none
-    helps.
+    moving (m,): the joints that move one shape against the other. Every search tries each of them by itself and all in
+    random directions, takes the best, and halves its step where none helps. All stop early below `enough`.
     """
-    spans = np.full(model.nv, np.pi)
-    spans[ranges.dofs] = ranges.upper - ranges.lower
-
-    def value(q: FloatArray) -> float:
-        model.place(q)
-        return sign * model.distance(pair)
-
-    best, step, looks = value(q), FIRST_STEP, 1
-    while step > LAST_STEP and best > enough and looks < MAX_LOOKS:
-        found, after, tried = _poll(model, ranges, value, best, q, _steps(dofs, spans * step, rng))
-        looks += tried
-        if found < best - 1e-9:
-            best, q = found, after
-        else:
-            step /= 2.0
-    return best
-
-
-def _steps(dofs: NDArray[np.int64], spans: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Steps (k, nv) to try: each degree of freedom to both sides, and some random directions."""
-    alone = np.zeros((len(dofs), len(spans)))
-    alone[np.arange(len(dofs)), dofs] = spans[dofs]
-    together = np.zeros((RANDOM_STEPS, len(spans)))
-    together[:, dofs] = rng.uniform(-1.0, 1.0, size=(RANDOM_STEPS, len(dofs))) * spans[dofs]
-    return np.concatenate([alone, -alone, together])
-
-
-def _poll(
-    model: ShapeModel,
-    ranges: JointRanges,
-    value: Callable[[FloatArray], float],
-    best: float,
-    q: FloatArray,
-    steps: FloatArray,
-) -> tuple[float, FloatArray, int]:
-    """Try steps one after the other, each from the best so far: value, posture and number of looks."""
-    for step in steps:
-        after = ranges.clipped(model.moved(q, step))
-        found = value(after)
-        if found < best:
-            best, q = found, after
-    return best, q, len(steps)
+    address, spans = ranges.address[moving], (ranges.upper - ranges.lower)[moving]
+    pairs, alone = np.array([pair]), np.eye(len(address))
+    q, best = starts, sign * shapes.distances(starts, np.array([pair]))[:, 0]
+    step = np.full(len(q), FIRST_STEP)
+    for _ in range(MAX_ROUNDS):
+        if best.min() <= enough or step.max() <= LAST_STEP:
+            break
+        together = rng.uniform(-1.0, 1.0, size=(RANDOM_STEPS, len(address)))
+        tried = np.repeat(q[:, None], 2 * len(address) + RANDOM_STEPS, axis=1)
+        tried[:, :, address] += step[:, None, None] * spans * np.concatenate([alone, -alone, together])
+        tried = ranges.clipped(tried)
+        found = sign * shapes.distances(tried.reshape(-1, q.shape[1]), pairs).reshape(len(q), -1)
+        least, gained = found.argmin(axis=1), found.min(axis=1) < best - 1e-9
+        q = np.where(gained[:, None], tried[np.arange(len(q)), least], q)
+        best = np.where(gained, found.min(axis=1), best)
+        step = np.where(gained, step, step / 2.0)
+    return float(best.min())
 
 
 SAFETY_FACTOR = 1.5
 """A pair is never near if it keeps so many times the influence."""
 SEARCHES = 20
 """Searches of each pair that looks decided."""
+BLOCK = 200
+"""Postures that are looked at together."""
 
 
 @dataclass(frozen=True, eq=False)
 class PairRecord:
     """Two shapes, and how near they come. Distances in m, negative inside.
 
-    smallest: the smallest found. largest: the largest found of a pair that always overlaps, None for any other.
-    at_neutral: in the neutral posture. samples, searches: how many postures were looked at, how many searches made.
+    smallest: the smallest found. largest: the largest found of a pair that always overlaps, None for any other. own:
+    distances of the links' own geoms, of a pair that always overlaps. at_neutral: in the neutral posture. samples,
+    searches: how many postures were looked at, how many searches made.
     """
 
     pair: Pair
@@ -195,6 +198,7 @@ class PairRecord:
     at_neutral: float
     samples: int
     searches: int
+    own: "OwnDistances | None" = None
 
 
 def survey(
@@ -215,102 +219,53 @@ def survey(
     """
     rng = np.random.default_rng(seed)
     pairs = _pairs(body, proposals)
-    model = ShapeModel(body, proposals)
+    shapes = PlacedShapes(body, proposals)
     postures = np.concatenate([neutral[None], ranges.sample(rng, samples)])
-    extremes = _Extremes(model, pairs)
-    for row, q in enumerate(postures):
-        extremes.look(row, q)
-        progress(0.5 * row / len(postures))
+    at_neutral = shapes.distances(neutral[None], pairs)[0]
+    smallest, largest = at_neutral.copy(), at_neutral.copy()
+    nearest, farthest = np.zeros(len(pairs), dtype=int), np.zeros(len(pairs), dtype=int)
+    for first in range(0, len(postures), BLOCK):
+        seen = shapes.distances(postures[first : first + BLOCK], pairs, smallest)
+        nearest = np.where(seen.min(axis=0) < smallest, first + seen.argmin(axis=0), nearest)
+        farthest = np.where(seen.max(axis=0) > largest, first + seen.argmax(axis=0), farthest)
+        smallest, largest = np.minimum(smallest, seen.min(axis=0)), np.maximum(largest, seen.max(axis=0))
+        progress(0.5 * first / len(postures))
     records = []
-    for index, pair in enumerate(pairs):
-        record = extremes.record(index, pair, len(postures))
-        dofs = dofs_between(body, proposals[pair[0]].link, proposals[pair[1]].link)
-        starts = ranges.sample(rng, SEARCHES)
-        starts[0] = postures[extremes.nearest[index] if record.smallest > near else extremes.farthest[index]]
-        records.append(_searched(record, model, ranges, starts, dofs=dofs, near=near, rng=rng))
+    for index, (one, other) in enumerate(pairs.tolist()):
+        sign = 1.0 if smallest[index] > near else -1.0 if largest[index] < 0.0 else 0.0
+        if sign:
+            starts = ranges.sample(rng, SEARCHES)
+            starts[0] = postures[nearest[index] if sign > 0.0 else farthest[index]]
+            moving = np.isin(ranges.links, list(body.links_between(proposals[one].link, proposals[other].link)))
+            enough = near if sign > 0.0 else 0.0
+            found = search(shapes, ranges, (one, other), starts, moving=moving, sign=sign, enough=enough, rng=rng)
+            if sign > 0.0:
+                smallest[index] = min(smallest[index], found)
+            else:
+                largest[index] = max(largest[index], -found)
+        records.append(
+            PairRecord(
+                pair=(one, other),
+                smallest=float(smallest[index]),
+                largest=float(largest[index]) if largest[index] < 0.0 else None,
+                at_neutral=float(at_neutral[index]),
+                samples=len(postures),
+                searches=SEARCHES if sign else 0,
+            )
+        )
         progress(0.5 + 0.5 * (index + 1) / len(pairs))
     return tuple(records)
 
 
-def _pairs(body: BodyModel, proposals: tuple[Proposal, ...]) -> list[Pair]:
+def _pairs(body: BodyModel, proposals: tuple[Proposal, ...]) -> IntArray:
     links = [proposal.link for proposal in proposals]
-    return [
+    found = [
         (first, second)
         for second in range(len(links))
         for first in range(second)
         if steps_between(body, links[first], links[second]) > 1
     ]
-
-
-def _searched(
-    record: PairRecord,
-    model: ShapeModel,
-    ranges: JointRanges,
-    starts: FloatArray,
-    *,
-    dofs: NDArray[np.int64],
-    near: float,
-    rng: np.random.Generator,
-) -> PairRecord:
-    """The record after searches from postures (k, nq), where it looks decided; until it no longer does."""
-    if record.smallest > near:
-        sign, best, enough = 1.0, record.smallest, near
-    elif record.largest is not None:
-        sign, best, enough = -1.0, -record.largest, 0.0
-    else:
-        return record
-    searches = 0
-    for start in starts:
-        searches += 1
-        best = min(best, descend(model, ranges, record.pair, start, dofs=dofs, sign=sign, enough=enough, rng=rng))
-        if best <= enough:
-            break
-    if sign > 0.0:
-        return replace(record, smallest=best, searches=searches)
-    return replace(record, largest=-best if best > 0.0 else None, searches=searches)
-
-
-class _Extremes:
-    """Nearest and farthest that each pair (k) came: smallest, largest (k,) m, nearest, farthest (k,) the postures.
-
-    largest is followed only as long as a pair has overlapped in every posture.
-    """
-
-    def __init__(self, model: ShapeModel, pairs: list[Pair]) -> None:
-        self._model = model
-        self._pairs = pairs
-        self._places = np.array(pairs, dtype=np.int64).reshape(-1, 2)
-        count = len(pairs)
-        self.smallest = np.full(count, np.inf)
-        self.largest = np.full(count, -np.inf)
-        self.at_neutral = np.full(count, np.inf)
-        self.nearest = np.zeros(count, dtype=np.int64)
-        self.farthest = np.zeros(count, dtype=np.int64)
-
-    def look(self, row: int, q: FloatArray) -> None:
-        """Look at posture number `row`, q (nq,); the first one is the neutral one."""
-        self._model.place(q)
-        bound = self._model.at_least(self._places[:, 0], self._places[:, 1])
-        for index in np.flatnonzero((bound < self.smallest) | (self.largest < 0.0)):
-            distance = self._model.distance(self._pairs[index])
-            if row == 0:
-                self.at_neutral[index] = distance
-            if distance < self.smallest[index]:
-                self.smallest[index], self.nearest[index] = distance, row
-            if distance > self.largest[index] and self.largest[index] < 0.0:
-                self.largest[index], self.farthest[index] = distance, row
-
-    def record(self, index: int, pair: Pair, samples: int) -> PairRecord:
-        """What was seen of one pair."""
-        largest = float(self.largest[index])
-        return PairRecord(
-            pair=pair,
-            smallest=float(self.smallest[index]),
-            largest=largest if largest < 0.0 else None,
-            at_neutral=float(self.at_neutral[index]),
-            samples=samples,
-            searches=0,
-        )
+    return np.array(found, dtype=np.int64).reshape(-1, 2)
 
 
 # How near the geoms of two links come themselves: whether a shape around them hides that they come apart.
@@ -333,16 +288,34 @@ class OwnDistances:
         return self.smallest < 0.0 < self.largest
 
 
-def own_distances(model: Any, ranges: JointRanges, links: list[tuple[int, int]], *, seed: int) -> list[OwnDistances]:
-    """For pairs of links of the compiled body `model`, over a sample of postures. Deterministic by `seed`."""
+def with_own_distances(
+    records: tuple[PairRecord, ...],
+    model: Any,
+    geometries: tuple[LinkGeometry, ...],
+    ranges: JointRanges,
+    *,
+    seed: int,
+) -> tuple[PairRecord, ...]:
+    """The records, those of pairs that always overlap with the distances of the links' own geoms in a sample.
+
+    model: `mujoco.MjModel` of the geometries. Deterministic by `seed`.
+    """
     import mujoco
 
     data = mujoco.MjData(model)
-    geoms = [[(a, b) for a in solid_geoms(model, first) for b in solid_geoms(model, second)] for first, second in links]
-    found = np.zeros((SAMPLES, len(links)))
-    for row, q in enumerate(ranges.sample(np.random.default_rng(seed), SAMPLES)):
+    geoms = {
+        record.pair: list(product(*(geometries[place].geoms for place in record.pair)))
+        for record in records
+        if record.largest is not None
+    }
+    found = np.zeros((SAMPLES, len(geoms)))
+    for row, q in enumerate(ranges.sample(np.random.default_rng(seed), SAMPLES if geoms else 0)):
         data.qpos[:] = q
         mujoco.mj_kinematics(model, data)
-        for column, pairs in enumerate(geoms):
+        for column, pairs in enumerate(geoms.values()):
             found[row, column] = min(mujoco.mj_geomDistance(model, data, a, b, FAR, None) for a, b in pairs)
-    return [OwnDistances(float(column.min()), float(column.max())) for column in found.T]
+    own = {
+        pair: OwnDistances(float(column.min()), float(column.max()))
+        for pair, column in zip(geoms, found.T, strict=True)
+    }
+    return tuple(replace(record, own=own.get(record.pair)) for record in records)

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from retarget.errors import InputError
-from retarget.setup.enclosing_shapes import directions, link_geometries
+from retarget.setup.enclosing_shapes import convex_hull, directions, hull_of_balls, link_geometries
 from retarget.types import FloatArray
 
 BASE = 0
@@ -343,9 +342,8 @@ def outline(points: FloatArray, up: FloatArray) -> tuple[FloatArray, float]:
     first = np.cross(up, [1.0, 0.0, 0.0] if abs(up[0]) < 0.8 else [0.0, 1.0, 0.0])
     first /= np.linalg.norm(first)
     flat = points @ np.stack([first, np.cross(up, first)], axis=1)
-    try:
-        hull = ConvexHull(flat)
-    except (QhullError, ValueError):
+    hull = convex_hull(flat)
+    if hull is None:
         return np.zeros((0, 3)), 0.0
     ring = _thinned([int(vertex) for vertex in hull.vertices], flat)
     height = float(np.mean(points @ up))
@@ -367,16 +365,11 @@ def _thinned(ring: list[int], flat: FloatArray) -> list[int]:
 
 def _facing_down(centres: FloatArray, radii: FloatArray) -> FloatArray | None:
     """Outward normal (3,) of the largest part of the hull that looks down in the zero pose."""
-    ball = directions()[::8]
-    surface = np.concatenate(
-        [centres[radii == 0.0], *(c + r * ball for c, r in zip(centres, radii, strict=True) if r > 0.0)]
-    )
-    try:
-        hull = ConvexHull(surface)
-    except (QhullError, ValueError):
+    hull = hull_of_balls(centres, radii, directions()[::8])
+    if hull is None:
         return np.array([0.0, 0.0, -1.0])
     normals = hull.equations[:, :3]
-    corners = surface[hull.simplices]
+    corners = hull.points[hull.simplices]
     areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     looking = np.flatnonzero(normals[:, 2] <= -STEEPEST)
     if not len(looking):

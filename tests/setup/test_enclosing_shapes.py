@@ -26,7 +26,7 @@ CORNERS = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, -1).T
 
 
 def geometry(centres: FloatArray, radii: FloatArray, turn: FloatArray) -> LinkGeometry:
-    return LinkGeometry(1, "link", centres, radii, turn[None], None)
+    return LinkGeometry(1, "link", centres, radii, turn[None], (), None)
 
 
 def test_a_turned_box_is_found_again() -> None:

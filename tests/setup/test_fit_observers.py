@@ -11,20 +11,20 @@ from retarget.model.body import load_body_text
 from retarget.model.body_file import compile_body_text
 from retarget.schema.profile_parts import IgnorePair, Observer
 from retarget.schema.strict_yaml import scan
-from retarget.setup.enclosing_shapes import Box, Capsule, Lone, link_geometries
+from retarget.setup.enclosing_shapes import Capsule, Solid, link_geometries
 from retarget.setup.fit_observers import MAX_PAIRS, WIDTH, Verdict, fragment, verdicts
 from retarget.setup.observer_proposals import Proposal, Zones, propose
-from retarget.setup.survey import OwnDistances, PairRecord, joint_ranges, own_distances
+from retarget.setup.survey import OwnDistances, PairRecord, joint_ranges, with_own_distances
 
 ZONES = Zones(0.03, 0.005)
 CAPSULE = Capsule(np.array([0.0, -0.00001, 1.5]), np.array([0.1, 0.0, 2.0]), 0.02345)
 BALL = Capsule(np.ones(3), np.ones(3), 0.1)
-BOX = Box(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.1, 0.2, 0.3]))
-TURNED = Box(np.zeros(3), np.array([0.6, 0.8, 0.0, 0.0]), np.array([0.1, 0.2, 0.3]))
-LONE = Lone("box", "geom:[x]", (0.0,) * 3, (1.0, 0.0, 0.0, 0.0), (1.0,) * 3)
+BOX = Solid("box", np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.1, 0.2, 0.3]))
+TURNED = Solid("box", np.zeros(3), np.array([0.6, 0.8, 0.0, 0.0]), np.array([0.1, 0.2, 0.3]))
+LONE = Solid("box", np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.ones(3), "geom:[x]")
 
 
-def observer(shape: Capsule | Box | Lone, *, name: str = "arm") -> Proposal:
+def observer(shape: Capsule | Solid, *, name: str = "arm") -> Proposal:
     return Proposal(1, name, name, shape, 2.0, 0.01, "")
 
 
@@ -36,10 +36,10 @@ def read(text: str) -> tuple[dict[str, Observer], list[IgnorePair]]:
 
 
 @pytest.mark.parametrize("shape", [CAPSULE, BALL, BOX, TURNED])
-def test_shapes_are_read_again_as_they_were(shape: Capsule | Box) -> None:
+def test_shapes_are_read_again_as_they_were(shape: Capsule | Solid) -> None:
     found = read(fragment([], [observer(shape)], [], ZONES))[0]["arm"]
     assert (found.influence, found.margin) == (0.03, 0.005)
-    if isinstance(shape, Box):
+    if isinstance(shape, Solid):
         assert found.shape.box is not None
         assert found.shape.box.size == tuple(shape.size)
         assert found.shape.box.quat == pytest.approx(tuple(shape.quat))
@@ -96,15 +96,18 @@ SHAPES = propose(link_geometries(MODEL)[0], Zones(0.03, 0.005))
 
 
 def record(
-    pair: tuple[int, int], *, smallest: float, largest: float | None = None, at_neutral: float = 1.0
+    pair: tuple[int, int],
+    *,
+    smallest: float,
+    largest: float | None = None,
+    at_neutral: float = 1.0,
+    own: tuple[float, float] | None = None,
 ) -> PairRecord:
-    return PairRecord(pair, smallest, largest, at_neutral, 100, 20)
+    return PairRecord(pair, smallest, largest, at_neutral, 100, 20, None if own is None else OwnDistances(*own))
 
 
-def one(
-    found: PairRecord, own: tuple[OwnDistances, ...] = (), excluded: tuple[int, int] = (0, 0)
-) -> tuple[Verdict, ...]:
-    return verdicts([found], SHAPES, BODY, near=0.045, own=own, excluded={excluded})
+def one(found: PairRecord, excluded: tuple[int, int] = (0, 0)) -> tuple[Verdict, ...]:
+    return verdicts([found], SHAPES, BODY, near=0.045, excluded={excluded})
 
 
 def test_never_near() -> None:
@@ -119,13 +122,15 @@ def test_sometimes_near_is_left_to_check() -> None:
 
 
 def test_always_overlapping_says_what_the_geoms_do() -> None:
-    found = record((0, 2), smallest=-0.02, largest=-0.001)
-    (nested,) = one(found, (OwnDistances(-0.01, -0.005),))
+    def found(*own: float) -> PairRecord:
+        return record((0, 2), smallest=-0.02, largest=-0.001, own=(own[0], own[1]))
+
+    (nested,) = one(found(-0.01, -0.005))
     assert nested.kind == "always" and nested.reason.endswith("and so do the links' own geoms")
     shows(nested.reason, "1.0", "20.0")
-    (apart,) = one(found, (OwnDistances(0.004, 0.02),))
+    (apart,) = one(found(0.004, 0.02))
     assert not apart.warning and apart.reason.endswith("their own geoms stay 4.0 mm apart")
-    (hidden,) = one(found, (OwnDistances(-0.004, 0.02),))
+    (hidden,) = one(found(-0.004, 0.02))
     shows(hidden.warning)
 
 
@@ -143,12 +148,16 @@ def test_neighbours_with_nothing_between_them_are_ignored_if_they_touch() -> Non
 
 
 def test_own_geoms_are_looked_at_in_many_postures() -> None:
-    (found,) = own_distances(MODEL, joint_ranges(BODY, {}), [(1, 3)], seed=0)
+    pairs = (record((0, 1), smallest=-0.02, largest=-0.01), record((0, 2), smallest=-0.02))
+    one, other = with_own_distances(pairs, MODEL, link_geometries(MODEL)[0], joint_ranges(BODY, {}), seed=0)
+    found = one.own
+    assert found is not None and other.own is None
     assert abs(found.smallest + 0.03) < 1e-6 and abs(found.largest + 0.03) < 1e-6
     assert not found.may_collide and OwnDistances(-1.0, 1.0).may_collide
 
 
 def test_what_a_profile_cannot_do_without_comes_first() -> None:
-    records = [record((0, 2), smallest=0.1)] * (MAX_PAIRS + 1) + [record((0, 2), smallest=-0.02, largest=-0.01)]
-    found = verdicts(records, SHAPES, BODY, near=0.045, own=[OwnDistances(-1.0, -1.0)], excluded=set())
+    records = [record((0, 2), smallest=0.1)] * (MAX_PAIRS + 1)
+    records += [record((0, 2), smallest=-0.02, largest=-0.01, own=(-1.0, -1.0))]
+    found = verdicts(records, SHAPES, BODY, near=0.045, excluded=set())
     assert found[0].kind == "always"

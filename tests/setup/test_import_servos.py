@@ -26,22 +26,23 @@ def arm(effort: float, *, limits: str = "") -> str:
 def test_every_draft_can_be_driven(robot: str) -> None:
     model = compile_body(shipped_body(robot)).model
     drafts = guess_servos(model, shipped_tree(robot), shipped_anatomy(robot), {})
-    assert [draft.number for draft in drafts] == list(range(1, len(drafts) + 1))
+    assert [draft.entry.id for draft in drafts] == list(range(1, len(drafts) + 1))
     for draft in drafts:
+        model = SERVO_MODELS[draft.entry.model]
         spec = ServoSpec(
             joint=draft.joint,
-            id=draft.number,
-            model=draft.model,
+            id=draft.entry.id,
+            model=model,
             bus="main",
             direction=1,
-            zero_tick=draft.model.centre_tick,
-            lower=draft.limits[0],
-            upper=draft.limits[1],
-            max_velocity=draft.max_velocity,
-            max_acceleration=draft.max_acceleration,
+            zero_tick=draft.entry.zero_tick,
+            lower=draft.entry.limits[0],
+            upper=draft.entry.limits[1],
+            max_velocity=draft.entry.max_velocity,
+            max_acceleration=draft.entry.max_acceleration,
             mode=ServoMode.POSITION,
         )
-        assert spec.problems() == () and draft.max_velocity < draft.model.no_load_speed
+        assert spec.problems() == () and draft.entry.max_velocity < model.no_load_speed
 
 
 def test_models_by_torque() -> None:
@@ -50,7 +51,7 @@ def test_models_by_torque() -> None:
         profile = load_profile(robot)
         model = compile_body(shipped_body(robot)).model
         drafts = guess_servos(model, shipped_tree(robot), shipped_anatomy(robot), {})
-        wrong = [draft for draft in drafts if draft.model.name != profile.servos[draft.joint].model]
+        wrong = [draft for draft in drafts if draft.entry.model != profile.servos[draft.joint].model]
         assert len(wrong) == exceptions
 
 
@@ -58,33 +59,33 @@ def test_models_by_torque() -> None:
 def test_torque_and_speed_identify_a_model(name: str) -> None:
     entry = SERVO_MODELS[name]
     drafts = guessed(arm(entry.stall_torque), {f"j_{part.name}": entry.no_load_speed for part in ARM})
-    found = {draft.model for draft in drafts}
+    found = {SERVO_MODELS[draft.entry.model] for draft in drafts}
     assert all(one.stall_torque == entry.stall_torque and one.voltage == entry.voltage for one in found)
 
 
 def test_no_torque_and_a_torque_that_no_servo_has() -> None:
     nothing = guessed(arm(0.0))
-    assert {draft.model.name for draft in nothing} == {UNKNOWN} and nothing[0].why == "the body states no torque"
+    assert {draft.entry.model for draft in nothing} == {UNKNOWN} and nothing[0].why == "the body states no torque"
     strong = guessed(arm(200.0))
-    assert strong[0].model.name == "XH540-W270" and strong[0].why.startswith("no known model has 200 N m")
+    assert strong[0].entry.model == "XH540-W270" and strong[0].why.startswith("no known model has 200 N m")
 
 
 def test_limits_are_drawn_into_the_servo() -> None:
     (wide, *_) = guessed(arm(2.5, limits='lower="-4" upper="4"'))
-    assert -math.pi < wide.limits[0] < -3.13 < 3.13 < wide.limits[1] < math.pi
+    assert -math.pi < wide.entry.limits[0] < -3.13 < 3.13 < wide.entry.limits[1] < math.pi
     shows(wide.note)
     (endless, *_) = guessed(arm(2.5).replace('type="revolute"', 'type="continuous"'))
-    assert endless.limits == wide.limits
+    assert endless.entry.limits == wide.entry.limits
     shows(endless.note)
     (narrow, *_) = guessed(arm(2.5, limits='lower="-0.1234567" upper="0.1234567"'))
-    assert narrow.limits == (-0.123456, 0.123456) and not narrow.note
+    assert narrow.entry.limits == (-0.123456, 0.123456) and not narrow.note
 
 
 def test_a_stated_speed_is_kept() -> None:
-    assert guessed(arm(2.5), {"j_turn": 1.25})[0].max_velocity == 1.25
+    assert guessed(arm(2.5), {"j_turn": 1.25})[0].entry.max_velocity == 1.25
 
 
 def test_gains_are_the_makers_defaults() -> None:
     """e-Manual, register 84: 800, of the MX series 850, of the XL430-W250 640."""
-    gains = {draft.model.name: draft.position_p for torque in (4.1, 2.5, 1.5) for draft in guessed(arm(torque))}
+    gains = {draft.entry.model: draft.entry.gains.p for torque in (4.1, 2.5, 1.5) for draft in guessed(arm(torque))}
     assert gains == {"XM430-W350": 800, "MX-28": 850, "XL430-W250": 640}

@@ -3,38 +3,56 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from hardware.servo import SERVO_MODELS
 from messages import shows
 from retarget.schema.profile import DRAFT, RobotProfile, marked_lines, read_profile
-from retarget.setup.draft import (
-    FAST_HZ,
-    SLOW_HZ,
-    Draft,
-    FootDraft,
-    FrameDraft,
-    LandmarkDraft,
-    observer_text,
-    profile_text,
-)
+from retarget.schema.profile_parts import Foot, Frame, Gains, Landmark, Servo
+from retarget.setup.draft import FAST_HZ, SLOW_HZ, Draft, observer_text, profile_text
+from retarget.setup.enclosing_shapes import Capsule
+from retarget.setup.fit_observers import Fit, Verdict
+from retarget.setup.observer_proposals import Proposal, Zones
 from retarget.setup.servo_guess import ServoDraft
 
-LINK = FrameDraft("head", "Yes", (0.1, -0.0, 1e-7), (1.0, 0.0, 0.0, 0.0), "centre: of it")
-SERVO = ServoDraft("no", 1, SERVO_MODELS["MX-28"], "by its 2.5 N m", (-1.5, 1.25), 5.2, 30.0, "drawn in")
-HAND = LandmarkDraft(
-    "l_hand", "l_wrist", "l_shoulder", "head", 0.25, "[l_shoulder, [l_elbow, l_wrist]]", (0.0, 0.1, -0.2)
+FRAME = Frame(link="Yes", pos=(0.1, -0.0, 1e-7))
+SERVO = Servo(
+    id=1,
+    model="MX-28",
+    bus="main",
+    direction=1,
+    zero_tick=2048,
+    limits=(-1.5, 1.25),
+    max_velocity=5.2,
+    max_acceleration=30.0,
+    gains=Gains(p=850),
 )
+DRAFTED_SERVO = ServoDraft("no", SERVO, "by its 2.5 N m", "drawn in")
+HAND = Landmark.model_validate(
+    {
+        "frame": "l_hand",
+        "follows": "l_wrist",
+        "from": "l_shoulder",
+        "anchor": "head",
+        "robot_length": 0.25,
+        "human_length": ["l_shoulder", ["l_elbow", "l_wrist"]],
+        "offset": (0.0, 0.1, -0.2),
+    }
+)
+TURNED = FRAME.model_copy(update={"quat": (0.707107, 0.0, 0.0, 0.707107)})
 DRAFTED = Draft(
     name="on",
     source="a body: with a # in it.urdf",
     body="body.xml",
     root="free",
-    frames=(LINK, replace(LINK, name="neck", quat=(0.707107, 0.0, 0.0, 0.707107))),
-    servos=(SERVO, replace(SERVO, joint='a"b:c#', number=2, note="")),
-    feet=(FootDraft("left", "head", ((0.1, 0.1), (-0.1, 0.1), (-0.1, -0.1))),),
+    frames={"head": (FRAME, "centre: of it"), "neck": (TURNED, "")},
+    servos=(
+        DRAFTED_SERVO,
+        ServoDraft('a"b:c#', SERVO.model_copy(update={"id": 2}), "by its 2.5 N m"),
+    ),
+    feet={"left": Foot(frame="head", polygon=((0.1, 0.1), (-0.1, 0.1), (-0.1, -0.1)))},
     postures={name: {"no": 0.5, 'a"b:c#': -0.25} for name in ("neutral", "stand", "rest", "attractor")},
-    landmarks=(HAND,),
+    landmarks={"l_hand": HAND},
     facing="assumed",
     missing=("l_hand: no such arm",),
     notes=("# a note: of [many] " + "words " * 40,),
@@ -51,7 +69,7 @@ def test_everything_comes_back(tmp_path: Path) -> None:
     text = profile_text(DRAFTED)
     profile = read(text, tmp_path)
     head, neck = profile.frames["head"], profile.frames["neck"]
-    assert (profile.name, head.link, list(head.pos)) == ("on", "Yes", [0.1, 0.0, 0.0])
+    assert (profile.name, head.link, list(head.pos)) == ("on", "Yes", [0.1, 0.0, 1e-7])
     assert list(neck.quat) == [0.707107, 0.0, 0.0, 0.707107]
     assert list(profile.servos) == ["no", 'a"b:c#'] and profile.servos["no"].limits == (-1.5, 1.25)
     assert profile.postures.rest == {"no": 0.5, 'a"b:c#': -0.25} and profile.feet["left"].polygon[0] == (0.1, 0.1)
@@ -70,22 +88,24 @@ def test_what_is_only_a_draft_is_marked() -> None:
 
 @pytest.mark.parametrize(("count", "rate"), [(2, FAST_HZ), (40, SLOW_HZ)])
 def test_many_servos_are_asked_less_often(count: int, rate: int, tmp_path: Path) -> None:
-    servos = tuple(replace(SERVO, joint=f"j{number}", number=number) for number in range(1, count + 1))
+    servos = tuple(
+        ServoDraft(f"j{number}", SERVO.model_copy(update={"id": number}), "") for number in range(1, count + 1)
+    )
     profile = read(profile_text(replace(DRAFTED, servos=servos)), tmp_path)
     assert profile.safety.rate_hz == rate and profile.buses["main"].ids == tuple(range(1, count + 1))
 
 
 def test_servos_of_five_volts(tmp_path: Path) -> None:
-    small = replace(SERVO, model=SERVO_MODELS["XL330-M288"])
+    small = ServoDraft("no", SERVO.model_copy(update={"model": "XL330-M288"}), "")
     assert read(profile_text(replace(DRAFTED, servos=(small,))), tmp_path).safety.voltage == (4.0, 6.0)
 
 
-@pytest.mark.parametrize("pairs", ["ignore_pairs: []\n", "ignore_pairs:\n  - pair: [a, b]\n    reason: near\n"])
-def test_pairs_that_touch_are_ignored_too(pairs: str, tmp_path: Path) -> None:
-    ball = "  b: {link: a, shape: {sphere: {at: [0, 0, 0], radius: 0.1}}, influence: 0.04, margin: 0.005}\n\n"
-    fitted = "# Proposed: put it elsewhere.\n\nobservers:\n" + ball + pairs
-    profile = read(profile_text(replace(DRAFTED, observers=observer_text(fitted, (("x", "y"),)))), tmp_path)
+@pytest.mark.parametrize("pairs", [(), (Verdict("never", ("a", "b"), "near"),)])
+def test_pairs_that_touch_are_ignored_too(pairs: tuple[Verdict, ...], tmp_path: Path) -> None:
+    ball = Proposal(1, "a", "b", Capsule(np.zeros(3), np.zeros(3), 0.1), 1.0, 0.0, "")
+    fitted = Fit((ball,), Zones(0.04, 0.005), pairs, (), ("Proposed: put it elsewhere.",), ())
+    profile = read(profile_text(replace(DRAFTED, observers=observer_text(fitted, [("x", "y")]))), tmp_path)
     assert profile.ignore_pairs[0].pair == ("x", "y")
     shows(profile.ignore_pairs[0].reason)
-    assert len(profile.ignore_pairs) == (1 if "[]" in pairs else 2)
+    assert len(profile.ignore_pairs) == 1 + len(pairs)
     shows(observer_text(fitted, ()))

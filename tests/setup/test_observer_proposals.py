@@ -7,7 +7,7 @@ from messages import shows
 from retarget.errors import UsageError
 from retarget.model.body_file import compile_body_text
 from retarget.rotations import normalise, to_matrix
-from retarget.setup.enclosing_shapes import Box, Capsule, Lone, distances_to_segment, link_geometries
+from retarget.setup.enclosing_shapes import Capsule, Solid, distances_to_segment, link_geometries
 from retarget.setup.observer_proposals import Proposal, Zones, propose, round_up
 
 ZONES = Zones(0.03, 0.005)
@@ -39,26 +39,26 @@ def test_a_capsule_gets_itself() -> None:
 
 def test_a_flat_foot_gets_its_geom_with_a_reason() -> None:
     found = proposal(FOOT)
-    assert isinstance(found.shape, Lone) and found.shape.geom == "sole"
+    assert isinstance(found.shape, Solid) and found.shape.geom == "sole"
     shows(found.why)
 
 
 def test_a_flat_disc_gets_its_cylinder() -> None:
     found = proposal('<geom name="disc" type="cylinder" size="0.1 0.005"/>')
-    assert isinstance(found.shape, Lone) and found.shape.kind == "cylinder"
+    assert isinstance(found.shape, Solid) and found.shape.kind == "cylinder"
     assert found.why.startswith("cylinder: ")
 
 
 def test_a_foot_of_two_boxes_gets_a_box_around_both() -> None:
     found = proposal(FOOT + FOOT.replace("sole", "toe").replace("/>", ' pos="0.02 0 0"/>'))
-    assert isinstance(found.shape, Box)
+    assert isinstance(found.shape, Solid) and not found.shape.geom
     assert found.shape.size == pytest.approx([0.0735, 0.028, 0.004])
     assert found.shape.pos == pytest.approx([0.01, 0.0, 0.0])
 
 
 def test_a_chunky_body_gets_a_box_if_a_capsule_would_reach_out_farther_than_it_acts() -> None:
     chunky = '<geom name="g" type="box" size="{} {} {}"/>'
-    assert isinstance(proposal(chunky.format(0.09, 0.07, 0.08)).shape, Lone)
+    assert isinstance(proposal(chunky.format(0.09, 0.07, 0.08)).shape, Solid)
     assert isinstance(proposal(chunky.format(0.009, 0.007, 0.008)).shape, Capsule)
 
 
@@ -71,7 +71,7 @@ def test_what_is_rounded_still_encloses(geoms: str) -> None:
         assert np.array_equal(np.round(shape.start, 5), shape.start)
         assert (distances_to_segment(geometry.centres, shape.start, shape.end) <= shape.radius + 1e-9).all()
     else:
-        assert isinstance(shape, Box)
+        assert isinstance(shape, Solid)
         local = (geometry.centres - shape.pos) @ to_matrix(normalise(shape.quat))
         assert (np.abs(local) <= shape.size + 1e-9).all()
 
