@@ -17,8 +17,8 @@ from retarget.model.body_file import BodyFile, compile_body
 from retarget.model.observers import NEAR_LINKS, NEVER_NEAR, steps_between
 from retarget.model.robot import load_profile
 from retarget.schema.catalogue import HUMAN
-from retarget.schema.profile import DRAFT, RobotProfile
-from retarget.setup.enclosing_shapes import Capsule, LinkGeometry, link_geometries
+from retarget.schema.profile import DRAFT
+from retarget.setup.enclosing_shapes import Capsule, link_geometries
 from retarget.setup.observer_proposals import Proposal, Zones, flattened, propose
 from retarget.setup.survey import (
     SAFETY_FACTOR,
@@ -191,22 +191,22 @@ def _remark(text: str) -> str:
 
 DEFAULT_SAMPLES = 4000
 MAX_SAMPLES = 1_000_000
+ROUNDS = 2
+"""Capsules that hide that two links can collide give way once."""
+GIVES_WAY = "a capsule would stand out too far, or overlap another link"
 BODY_SUFFIXES = (".xml", ".mjcf", ".urdf")
 
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """What is fitted: a body, and where there is a profile, its joint limits and its neutral posture."""
+    """What is fitted: a body, with its joint limits and the joint angles of its neutral posture, rad, where a profile
+    says them. inputs: the files that it was read from."""
 
     name: str
     file: BodyFile
-    profile: RobotProfile | None
-
-    @property
-    def inputs(self) -> tuple[Path, ...]:
-        """The files that it was read from."""
-        profile = () if self.profile is None else (self.profile.path,)
-        return (Path(self.file.source), *profile)
+    limits: Mapping[str, tuple[float, float]]
+    neutral: Mapping[str, float]
+    inputs: tuple[Path, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,9 +235,11 @@ def find_subject(robot: str) -> Subject:
         raise UsageError("the human is no robot", found=HUMAN, next_step="Give a robot's name, its profile or its body")
     path = Path(robot)
     if path.suffix.lower() in BODY_SUFFIXES:
-        return Subject(path.name, compile_body(path), None)
+        return Subject(path.name, compile_body(path), {}, {}, (path,))
     profile = load_profile(robot)
-    return Subject(profile.name, compile_body(profile.body_path, root=profile.root), profile)
+    limits = {joint: servo.limits for joint, servo in profile.servos.items()}
+    body, neutral = compile_body(profile.body_path, root=profile.root), profile.postures.neutral
+    return Subject(profile.name, body, limits, neutral, (profile.body_path, profile.path))
 
 
 def fit(
@@ -263,50 +265,32 @@ def fit(
         raise UsageError("no usable seed", where="--seed", found=str(seed), allowed="0 or more")
     model, body = subject.file.model, body_from_file(subject.file)
     geometries, notes = link_geometries(model)
-    observers = tuple(
-        flattened(proposal, geometry, "a capsule would stand out too far, or touch another link where the robot stands")
-        if isinstance(proposal.shape, Capsule) and (proposal.link_name in tight or (proposal.ratio or 0.0) > thickest)
-        else proposal
-        for proposal, geometry in zip(propose(geometries, zones), geometries, strict=True)
-    )
-    ranges = joint_ranges(body, _limits(subject.profile))
+    proposals = propose(geometries, zones)
+    flat = {proposal.link_name for proposal in proposals if (proposal.ratio or 0.0) > thickest} | tight
+    ranges = joint_ranges(body, subject.limits)
     near = SAFETY_FACTOR * zones.influence
-    neutral = ranges.clipped(posture(body, {} if subject.profile is None else subject.profile.postures.neutral))
-    for last in (False, True):
+    neutral = ranges.clipped(posture(body, subject.neutral))
+    for _ in range(ROUNDS):
+        observers = tuple(
+            flattened(proposal, geometry, GIVES_WAY)
+            if proposal.link_name in flat and isinstance(proposal.shape, Capsule)
+            else proposal
+            for proposal, geometry in zip(proposals, geometries, strict=True)
+        )
         records = survey(
             body, observers, ranges, neutral=neutral, near=near, samples=samples, seed=seed, progress=progress
         )
         records = with_own_distances(records, model, geometries, ranges, seed=seed)
-        hidden = [record.pair for record in records if record.own is not None and record.own.may_collide]
-        tighter = observers if last else _tightened(observers, geometries, hidden)
-        if tighter == observers:
+        hidden = {place for record in records if record.own and record.own.may_collide for place in record.pair}
+        hiding = {observers[place].link_name for place in hidden if isinstance(observers[place].shape, Capsule)}
+        if not hiding:
             break
-        observers = tighter
+        flat |= hiding
     ignored = verdicts(records, observers, body, near=near, excluded=_excluded(model))
     assumed = (*notes, *ranges.notes, *subject.file.notes)
     head = _head(subject, zones, samples=samples, seed=seed, notes=assumed)
     tail = _tail(observers, ignored[:MAX_PAIRS], records, body)
     return Fit(observers, zones, ignored, records, tuple(head), tuple(tail))
-
-
-def _tightened(
-    observers: tuple[Proposal, ...], geometries: tuple[LinkGeometry, ...], hidden: list[Pair]
-) -> tuple[Proposal, ...]:
-    """Observers in which, of each pair that overlaps always though its geoms do not, the larger capsule gives way."""
-    tighter = list(observers)
-    for pair in hidden:
-        capsules = [place for place in pair if isinstance(observers[place].shape, Capsule)]
-        if not capsules or any(tighter[place] is not observers[place] for place in pair):
-            continue
-        place = max(capsules, key=lambda place: observers[place].stands_out)
-        other = observers[pair[0] if place == pair[1] else pair[1]]
-        why = f"a capsule would overlap {other.link_name} at every posture, which the links themselves do not"
-        tighter[place] = flattened(observers[place], geometries[place], why)
-    return tuple(tighter)
-
-
-def _limits(profile: RobotProfile | None) -> dict[str, tuple[float, float]]:
-    return {} if profile is None else {joint: servo.limits for joint, servo in profile.servos.items()}
 
 
 def posture(body: BodyModel, angles: Mapping[str, float]) -> FloatArray:

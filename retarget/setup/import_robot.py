@@ -17,7 +17,7 @@ from retarget.model.robot import load_uncalibrated
 from retarget.rotations import from_matrix
 from retarget.schema.catalogue import Kind, entries
 from retarget.schema.files import check_folder, check_path, umask
-from retarget.schema.profile import marked_lines, read_profile
+from retarget.schema.profile import marked_lines
 from retarget.schema.profile_parts import Foot, Frame, Landmark
 from retarget.setup.body_draft import BodyDraft, draft_body, facing_x
 from retarget.setup.draft import NO_OBSERVERS, Draft, find_landmarks, observer_text, profile_text
@@ -147,41 +147,38 @@ def _drafted(
         anatomy = replace(find_anatomy(tree), facing=anatomy.facing)
     found = find_frames(tree, anatomy)
     servos = guess_servos(body.model, tree, anatomy, speeds)
-    posed = Posed(body.model, tree, anatomy, found, {servo.joint: servo.entry.limits for servo in servos})
+    limits = {servo.joint: servo.entry.limits for servo in servos}
+    posed = Posed(body.model, tree, anatomy, found, limits)
     (folder / body.file).write_bytes(body.content)
     root, notes = _root(folder / body.file, anatomy, found)
     soles = root == "free"
-    postures = find_postures(posed, spread=SPREADS[0], soles=soles)
-    notes = (*body.notes, *notes, *_odd(anatomy), *(() if body.model.ngeom else (SHAPELESS,)))
-
-    def write(postures: Postures, notes: tuple[str, ...], observers: str = NO_OBSERVERS) -> Draft:
-        """The profile with these postures, into the folder."""
-        draft = Draft(
-            name=name,
-            source=source,
-            body=body.file,
-            root=root,
-            frames=_frames(body, posed, found),
-            servos=servos,
-            feet=_feet(found) if soles else {},
-            postures=postures.angles,
-            landmarks=_landmarks(posed, postures),
-            facing=anatomy.facing,
-            missing=found.missing,
-            notes=notes,
-            observers=observers,
-        )
-        (folder / "robot.yaml").write_text(profile_text(draft), encoding="utf-8")
-        return draft
-
-    draft = write(postures, notes)
-    if not body.model.ngeom:
-        return draft
-    subject = Subject(name, compile_body(folder / body.file, root=root), read_profile(folder / "robot.yaml"))
-    cleared, observers = _observed(subject, posed, postures, soles=soles, samples=samples, progress=progress)
-    if soles and not cleared.stands:
+    notes = (*body.notes, *notes, *_odd(anatomy))
+    postures, observers = find_postures(posed, spread=SPREADS[0], soles=soles), NO_OBSERVERS
+    if body.model.ngeom:
+        file = compile_body(folder / body.file, root=root)
+        subject = Subject(name, file, limits, postures.angles["neutral"], ())
+        postures, observers = _observed(subject, posed, postures, soles=soles, samples=samples, progress=progress)
+    else:
+        notes = (*notes, SHAPELESS)
+    if soles and not postures.stands:
         notes = (*notes, "no posture was found in which it stands with flat soles: correct `postures`")
-    return write(cleared, notes, observers)
+    draft = Draft(
+        name=name,
+        source=source,
+        body=body.file,
+        root=root,
+        frames=_frames(body, posed, found),
+        servos=servos,
+        feet=_feet(found) if soles else {},
+        postures=postures.angles,
+        landmarks=_landmarks(posed, postures),
+        facing=anatomy.facing,
+        missing=found.missing,
+        notes=notes,
+        observers=observers,
+    )
+    (folder / "robot.yaml").write_text(profile_text(draft), encoding="utf-8")
+    return draft
 
 
 def _observed(

@@ -97,21 +97,19 @@ def read_tree(model: Any, *, source: str = "") -> Tree:
     mujoco.mj_kinematics(model, data)
     hinges = [index for index in range(model.njnt) if model.jnt_type[index] == mujoco.mjtJoint.mjJNT_HINGE]
     _refuse_others(model, hinges, source)
-    last: dict[int, int] = {}  # body -> node of its last hinge
-    nodes = [(-1, -1)]  # joint, parent
-    for joint in hinges:
-        body = int(model.jnt_bodyid[joint])
-        nodes.append((joint, last[body] if body in last else _node_above(model, last, body)))
-        last[body] = len(nodes) - 1
-    carried: dict[int, list[int]] = {number: [] for number in range(len(nodes))}
+    numbers = {int(model.jnt_dofadr[joint]): number for number, joint in enumerate(hinges, 1)}
+    parents = [numbers.get(int(model.dof_parentid[dof]), BASE) for dof in numbers]
+    carried: list[list[int]] = [[] for _ in range(len(hinges) + 1)]
     for body in range(1, model.nbody):
-        carried[last[body] if body in last else _node_above(model, last, body)].append(body)
+        moved = model.body_weldid[body]  # the link above that a joint moves
+        last_dof = int(model.body_dofadr[moved] + model.body_dofnum[moved] - 1)
+        carried[numbers.get(last_dof, BASE)].append(body)
     balls = _balls(model, data)
-    found = tuple(
-        _node(model, data, joint, parent, carried[number], balls) for number, (joint, parent) in enumerate(nodes)
-    )
+    found = [_node(model, data, -1, -1, carried[BASE], balls)]
+    for joint, parent, links in zip(hinges, parents, carried[1:], strict=True):
+        found.append(_node(model, data, joint, parent, links, balls))
     around = np.concatenate([node.points for node in found])
-    return Tree(found, float(np.linalg.norm(np.ptp(around, axis=0))))
+    return Tree(tuple(found), float(np.linalg.norm(np.ptp(around, axis=0))))
 
 
 def _refuse_others(model: Any, hinges: list[int], source: str) -> None:
@@ -135,14 +133,6 @@ def _refuse_others(model: Any, hinges: list[int], source: str) -> None:
             allowed=f"1 to {MAX_JOINTS}",
             next_step="Give the body of a whole robot, whose moving joints are revolute or continuous (MJCF: hinge)",
         )
-
-
-def _node_above(model: Any, last: dict[int, int], body: int) -> int:
-    while body > 0:
-        body = int(model.body_parentid[body])
-        if body in last:
-            return last[body]
-    return BASE
 
 
 def _balls(model: Any, data: Any) -> dict[int, tuple[FloatArray, FloatArray]]:
@@ -294,7 +284,6 @@ ALIKE = np.cos(np.radians(8.0))
 """Cosine of the largest angle between the normals of the faces of one underside."""
 TOUCHING_M = 0.0015
 """Largest height above the ground of a point that touches it."""
-ROUNDS = 4
 MAX_CORNERS = 16
 """Corners of the outline in a profile at most."""
 MIN_AREA = 1e-4
@@ -321,16 +310,6 @@ def flat_underside(tree: Tree, nodes: Sequence[int]) -> Sole | None:
     down = _facing_down(centres, radii)
     if down is None:
         return None
-    for _ in range(ROUNDS):
-        touching = _touching(centres, radii, down)
-        if len(touching) < 3:
-            return None
-        middle = touching.mean(axis=0)
-        normal = np.linalg.svd(touching - middle)[2][2]
-        normal = normal if normal @ down > 0.0 else -normal
-        if normal @ down < ALIKE:
-            break
-        down = normal
     touching = _touching(centres, radii, down)
     corners, area = outline(touching, -down)
     return None if area < MIN_AREA else Sole(-down, corners, area)
