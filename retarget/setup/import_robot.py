@@ -194,12 +194,12 @@ def _observed(
     body, tight = body_from_file(subject.file), frozenset[str]()
     for _ in range(ROUNDS):
         fitted = fit(subject, ZONES, samples=samples, thickest=THICK, tight=tight, progress=progress)
-        cleared = clear_postures(body, fitted, posed, first, soles=soles)
-        touching = frozenset(link for pair in cleared.touching for link in pair)
-        if touching <= tight:
+        postures, touching = clear_postures(body, fitted, posed, first, soles=soles)
+        links = frozenset(link for pair in touching for link in pair)
+        if links <= tight:
             break
-        tight |= touching
-    return cleared.postures, observer_text(fitted, cleared.touching)
+        tight |= links
+    return postures, observer_text(fitted, touching)
 
 
 def _root(body: Path, anatomy: Anatomy, found: Found) -> tuple[Root, tuple[str, ...]]:

@@ -1,6 +1,8 @@
 """Postures of a drafted robot: stand, neutral, rest and attractor, clear of itself."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -46,18 +48,17 @@ def arm_posture(posed: Posed, *, spread: float, ahead: float, bend: float) -> di
     length = max(upper + lower, 1e-6)
     at_elbow = shoulder + upper * _down(anatomy.forward, outward, ahead, spread)
     at_hand = at_elbow + lower * _down(anatomy.forward, outward, ahead + bend, spread)
-    low, high = np.array([posed.limits[joint] for joint in joints]).T
-    middle = np.clip(0.0, low, high)
 
     def off(angles: FloatArray) -> FloatArray:
-        there = posed.place(dict(zip(joints, angles.tolist(), strict=True))).positions
+        there = posed.place(_named(joints, angles)).positions
         parts = [there[hand] - at_hand] + ([there[elbow] - at_elbow] if elbow else [])
-        return np.concatenate([*(part / length for part in parts), REST * (angles - middle)])
+        return np.concatenate([part / length for part in parts])
 
+    low, high = _bounds(posed, joints)
     rng, best = np.random.default_rng(0), None
-    for number in range(1 + STARTS):
-        start = middle if number == 0 else rng.uniform(0.9 * low + 0.1 * high, 0.1 * low + 0.9 * high)
-        found = least_squares(off, start, bounds=(low - 1e-9, high + 1e-9), max_nfev=60)
+    starts = [np.clip(0.0, low, high), *rng.uniform(0.9 * low + 0.1 * high, 0.1 * low + 0.9 * high, (STARTS, len(low)))]
+    for start in starts:
+        found = _solved(posed, joints, off, start, REST)
         best = found if best is None or found.cost < best.cost else best
         if best.cost < GOOD:
             break
@@ -65,13 +66,34 @@ def arm_posture(posed: Posed, *, spread: float, ahead: float, bend: float) -> di
     return posed.mirrored(_rounded(posed, joints, best.x))
 
 
+def _named(joints: list[str], angles: FloatArray) -> dict[str, float]:
+    return dict(zip(joints, angles.tolist(), strict=True))
+
+
+def _bounds(posed: Posed, joints: list[str]) -> FloatArray:
+    """Lowest and highest angles (2, n), rad."""
+    return np.array([posed.limits[joint] for joint in joints]).T
+
+
+def _solved(
+    posed: Posed, joints: list[str], off: Callable[[FloatArray], FloatArray], start: FloatArray, rest: float
+) -> Any:
+    """Angles of joints near `start` (n,) where `off` is least, by `scipy.optimize.least_squares`. rest: weight of
+    staying near 0, for joints that do not matter."""
+    low, high = _bounds(posed, joints)
+    middle = np.clip(0.0, low, high)
+    return least_squares(
+        lambda angles: np.concatenate([off(angles), rest * (angles - middle)]),
+        start,
+        bounds=(low - 1e-9, high + 1e-9),
+        max_nfev=80,
+    )
+
+
 def _rounded(posed: Posed, joints: list[str], angles: FloatArray) -> dict[str, float]:
     """Joint -> rad, to three decimals and inside its limits, of the joints that are not at 0."""
-    return {
-        joint: posed.inside(joint, round(float(angle), 3))
-        for joint, angle in zip(joints, angles, strict=True)
-        if abs(angle) > SIGNIFICANT
-    }
+    significant = {joint: angle for joint, angle in _named(joints, angles).items() if abs(angle) > SIGNIFICANT}
+    return {joint: posed.inside(joint, round(angle, 3)) for joint, angle in significant.items()}
 
 
 def _down(forward: FloatArray, outward: FloatArray, ahead: float, spread: float) -> FloatArray:
@@ -90,18 +112,11 @@ FLAT, OVER = 0.01, 0.01
 
 @dataclass(frozen=True)
 class Standing:
-    """angles of the legs, rad. flat (rad): how far the soles are from it, off: how far the centre of mass is from the
-    middle of the soles and the legs from the length asked, m."""
+    """angles of the legs, rad. stands: whether soles are flat, the centre of mass is over their middle, and the legs
+    have the length asked."""
 
     angles: dict[str, float]
-    flat: float
-    off: float
-    length: float
-
-    @property
-    def stands(self) -> bool:
-        """Whether this is the posture that was asked for."""
-        return self.flat <= FLAT and self.off <= OVER * self.length
+    stands: bool
 
 
 def leg_length(posed: Posed) -> float:
@@ -121,38 +136,30 @@ def stand(posed: Posed, others: Angles, *, share: float) -> Standing:
     leg = anatomy.legs[0]
     joints = [tree.nodes[node].joint for node in leg.nodes]
     longest = leg_length(posed)
-    low, high = np.array([posed.limits[joint] for joint in joints]).T
     sideways = float(posed.place({}).positions["l_hip"] @ anatomy.left)
 
     def both(angles: FloatArray) -> dict[str, float]:
-        return {**others, **posed.mirrored(dict(zip(joints, angles.tolist(), strict=True)))}
+        return {**others, **posed.mirrored(_named(joints, angles))}
 
-    def parts(angles: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def off(angles: FloatArray) -> FloatArray:
         placed = posed.place(both(angles))
         sole, at = placed.axes["l_sole"], placed.positions
-        tilt = np.array([sole[:, 2] @ anatomy.forward, sole[:, 2] @ anatomy.left, sole[:, 0] @ anatomy.left])
         middle = 0.5 * (at["l_sole"] + at["r_sole"])
         ahead = (placed.centre_of_mass - middle) @ anatomy.forward / longest
         reach = float(np.linalg.norm(at["l_hip"] - at["l_ankle"])) / longest - share
         width = (float(at["l_ankle"] @ anatomy.left) - sideways) / longest
         behind = max(0.0, sole[:, 2] @ -UP)  # upside down
-        return tilt, np.array([2.0 * ahead, 2.0 * reach, 0.3 * width, 10.0 * behind])
-
-    def off(angles: FloatArray) -> FloatArray:
-        tilt, rest = parts(angles)
-        return np.concatenate([tilt, rest, LEG_REST * (angles - np.clip(0.0, low, high))])
+        tilt = [sole[:, 2] @ anatomy.forward, sole[:, 2] @ anatomy.left, sole[:, 0] @ anatomy.left]
+        return np.array([*tilt, 2.0 * ahead, 2.0 * reach, 0.3 * width, 10.0 * behind])
 
     best = min(
-        (
-            least_squares(off, start, bounds=(low - 1e-9, high + 1e-9), max_nfev=80)
-            for start in _starts(posed, low, high)
-        ),
+        (_solved(posed, joints, off, start, LEG_REST) for start in _starts(posed, *_bounds(posed, joints))),
         key=lambda result: float(result.cost) + _backward_knee(posed, both(result.x)),
     )
     angles = _rounded(posed, joints, best.x)
-    tilt, rest = parts(np.array([angles.get(joint, posed.inside(joint, 0.0)) for joint in joints]))
+    left = off(np.array([angles.get(joint, posed.inside(joint, 0.0)) for joint in joints]))
     return Standing(
-        posed.mirrored(angles), float(np.abs(tilt[:2]).max()), 0.5 * longest * float(np.abs(rest[:2]).max()), longest
+        posed.mirrored(angles), bool(np.abs(left[:2]).max() <= FLAT and np.abs(left[3:5]).max() <= 2 * OVER)
     )
 
 
@@ -237,35 +244,29 @@ NEAREST_M = 0.002
 Links = tuple[str, str]
 
 
-@dataclass(frozen=True)
-class Cleared:
-    """The postures, and pairs of links that touch in them whatever the arms do."""
-
-    postures: Postures
-    touching: tuple[Links, ...]
-
-
-def clear_postures(body: BodyModel, fitted: Fit, posed: Posed, first: Postures, *, soles: bool) -> Cleared:
-    """Arms as near to the trunk, and the crouch at rest as deep, as nothing touches in the shapes of `fitted`.
+def clear_postures(
+    body: BodyModel, fitted: Fit, posed: Posed, first: Postures, *, soles: bool
+) -> tuple[Postures, tuple[Links, ...]]:
+    """Arms as near to the trunk, and the crouch at rest as deep, as nothing touches in the shapes of `fitted`; and the
+    pairs of links that touch whatever the arms do.
 
     body: that was fitted. first: the postures with the arms nearest to the trunk. soles: whether it stands.
     """
     bench = _Bench(body, fitted)
-    best, spread = Cleared(first, bench.touching(first.angles)), SPREADS[0]
+    best, touching, spread = first, bench.touching(first.angles), SPREADS[0]
     for further in SPREADS[1:] if posed.anatomy.arms else ():
-        if not best.touching:
+        if not touching:
             break
         postures = find_postures(posed, spread=further, soles=soles)
-        touching = bench.touching(postures.angles)
-        if len(touching) < len(best.touching):
-            best, spread = Cleared(postures, touching), further
-    while soles and bench.touches_at_rest(best.postures.angles):
-        crouches = tuple(share for share in CROUCHES if share > best.postures.crouch)
+        found = bench.touching(postures.angles)
+        if len(found) < len(touching):
+            best, touching, spread = postures, found, further
+    while soles and bench.touches_at_rest(best.angles):
+        crouches = tuple(share for share in CROUCHES if share > best.crouch)
         if not crouches:
             break
-        postures = find_postures(posed, spread=spread, crouches=crouches, soles=soles)
-        best = Cleared(postures, best.touching)
-    return best
+        best = find_postures(posed, spread=spread, crouches=crouches, soles=soles)
+    return best, touching
 
 
 class _Bench:
@@ -274,13 +275,14 @@ class _Bench:
     def __init__(self, body: BodyModel, fitted: Fit) -> None:
         observers, self._body, self._shapes = fitted.observers, body, PlacedShapes(body, fitted.observers)
         ignored = {frozenset(verdict.links) for verdict in fitted.ignored[:MAX_PAIRS]}
-        pairs = sorted(record.pair for record in fitted.records)
-        links = [(observers[a].link_name, observers[b].link_name) for a, b in pairs]
-        looked = [place for place, names in enumerate(links) if frozenset(names) not in ignored]
-        self._links = [links[place] for place in looked]
-        self._pairs = np.array([pairs[place] for place in looked], dtype=np.int64).reshape(-1, 2)
-        steps = [steps_between(body, observers[a].link, observers[b].link) for a, b in self._pairs]
-        self._near: BoolArray = np.array(steps, dtype=int) <= NEAR_LINKS
+        looked = {}
+        for pair in sorted(record.pair for record in fitted.records):
+            first, second = (observers[place] for place in pair)
+            if frozenset((first.link_name, second.link_name)) not in ignored:
+                looked[pair] = (first.link_name, second.link_name), steps_between(body, first.link, second.link)
+        self._pairs = np.array(list(looked), dtype=np.int64).reshape(-1, 2)
+        self._links = [links for links, _ in looked.values()]
+        self._near: BoolArray = np.array([steps for _, steps in looked.values()], dtype=int) <= NEAR_LINKS
 
     def touching(self, postures: dict[str, dict[str, float]]) -> tuple[Links, ...]:
         """Pairs of links that keep a run from beginning: they touch, farther apart along the body than neighbours."""
