@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -19,10 +18,6 @@ from retarget.types import BoolArray, FloatArray
 
 REST = 0.02
 """Weight of staying near the middle of 0: joints that do not matter stay there."""
-STARTS = 6
-"""Guesses that the search starts from; an elbow may bend either way."""
-GOOD = 2e-3
-"""Cost of a posture that is near enough: elbow and hand within a few hundredths of the arm's length."""
 SIGNIFICANT = 1e-3
 """[rad] Less is 0."""
 
@@ -55,15 +50,8 @@ def arm_posture(posed: Posed, *, spread: float, ahead: float, bend: float) -> di
         return np.concatenate([part / length for part in parts])
 
     low, high = _bounds(posed, joints)
-    rng, best = np.random.default_rng(0), None
-    starts = [np.clip(0.0, low, high), *rng.uniform(0.9 * low + 0.1 * high, 0.1 * low + 0.9 * high, (STARTS, len(low)))]
-    for start in starts:
-        found = _solved(posed, joints, off, start, REST)
-        best = found if best is None or found.cost < best.cost else best
-        if best.cost < GOOD:
-            break
-    assert best is not None
-    return posed.mirrored(_rounded(posed, joints, best.x))
+    found = _solved(posed, joints, off, np.clip(0.0, low, high), REST)
+    return posed.mirrored(_rounded(posed, joints, found))
 
 
 def _named(joints: list[str], angles: FloatArray) -> dict[str, float]:
@@ -77,17 +65,18 @@ def _bounds(posed: Posed, joints: list[str]) -> FloatArray:
 
 def _solved(
     posed: Posed, joints: list[str], off: Callable[[FloatArray], FloatArray], start: FloatArray, rest: float
-) -> Any:
-    """Angles of joints near `start` (n,) where `off` is least, by `scipy.optimize.least_squares`. rest: weight of
-    staying near 0, for joints that do not matter."""
+) -> FloatArray:
+    """Angles (n,) of joints near `start` (n,) where `off` is least. rest: weight of staying near 0, for joints that do
+    not matter."""
     low, high = _bounds(posed, joints)
     middle = np.clip(0.0, low, high)
-    return least_squares(
+    found = least_squares(
         lambda angles: np.concatenate([off(angles), rest * (angles - middle)]),
         start,
         bounds=(low - 1e-9, high + 1e-9),
         max_nfev=80,
     )
+    return np.asarray(found.x)
 
 
 def _rounded(posed: Posed, joints: list[str], angles: FloatArray) -> dict[str, float]:
@@ -103,7 +92,7 @@ def _down(forward: FloatArray, outward: FloatArray, ahead: float, spread: float)
 
 # Standing: legs bent so far, trunk upright, soles flat, and the centre of mass over the middle of the soles.
 
-BENDS = (0.4, 0.9, 1.6)
+BEND = 0.9
 """[rad] of the knee, from which the search starts."""
 LEG_REST = 0.003
 FLAT, OVER = 0.01, 0.01
@@ -120,14 +109,10 @@ class Standing:
 
 
 def leg_length(posed: Posed) -> float:
-    """Longest distance (m) from hip to ankle, by the knee alone."""
-    joint = _knee(posed)
-    low, high = posed.limits[joint] if joint else (0.0, 0.0)
-    spans = []
-    for angle in np.linspace(low, high, 181):
-        there = posed.place({joint: float(angle)} if joint else {}).positions
-        spans.append(float(np.linalg.norm(there["l_hip"] - there["l_ankle"])))
-    return max(spans)
+    """Distance (m) from hip to ankle along the leg, which is that of the stretched leg."""
+    at = posed.place({}).positions
+    way = np.array([at[name] for name in ("l_hip", "l_knee", "l_ankle") if name in at])
+    return float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
 
 
 def stand(posed: Posed, others: Angles, *, share: float) -> Standing:
@@ -152,38 +137,21 @@ def stand(posed: Posed, others: Angles, *, share: float) -> Standing:
         tilt = [sole[:, 2] @ anatomy.forward, sole[:, 2] @ anatomy.left, sole[:, 0] @ anatomy.left]
         return np.array([*tilt, 2.0 * ahead, 2.0 * reach, 0.3 * width, 10.0 * behind])
 
-    best = min(
-        (_solved(posed, joints, off, start, LEG_REST) for start in _starts(posed, *_bounds(posed, joints))),
-        key=lambda result: float(result.cost) + _backward_knee(posed, both(result.x)),
-    )
-    angles = _rounded(posed, joints, best.x)
+    angles = _rounded(posed, joints, _solved(posed, joints, off, _bent(posed), LEG_REST))
     left = off(np.array([angles.get(joint, posed.inside(joint, 0.0)) for joint in joints]))
     return Standing(
         posed.mirrored(angles), bool(np.abs(left[:2]).max() <= FLAT and np.abs(left[3:5]).max() <= 2 * OVER)
     )
 
 
-def _knee(posed: Posed) -> str | None:
-    roles = leg_roles(posed.tree, posed.anatomy.legs[0], posed.anatomy.left)
-    return None if roles.knee is None else posed.tree.nodes[roles.knee].joint
-
-
-def _starts(posed: Posed, low: FloatArray, high: FloatArray) -> list[FloatArray]:
-    """Thigh ahead, shin back, foot flat, with the knee bent less and more, from a straight leg."""
+def _bent(posed: Posed) -> FloatArray:
+    """Angles (n,) of the first leg with thigh ahead, shin back and foot flat, from which the search starts."""
     tree, leg, left = posed.tree, posed.anatomy.legs[0], posed.anatomy.left
     roles = leg_roles(tree, leg, left)
     shares = {roles.hip: -0.5, roles.knee: 1.0, roles.ankle: -0.5}
     turn = np.array([shares.get(node, 0.0) * float(np.sign(tree.nodes[node].axis @ left)) for node in leg.nodes])
-    return [np.clip(bend * turn, low, high) for bend in BENDS]
-
-
-def _backward_knee(posed: Posed, angles: Angles) -> float:
-    """A large cost where the knee is behind the line from hip to ankle, as a bird's."""
-    at = posed.place(angles).positions
-    if "l_knee" not in at:
-        return 0.0
-    knee = (at["l_knee"] - 0.5 * (at["l_hip"] + at["l_ankle"])) @ posed.anatomy.forward
-    return 1.0 if knee < -0.02 * float(np.linalg.norm(at["l_hip"] - at["l_ankle"])) else 0.0
+    low, high = _bounds(posed, [tree.nodes[node].joint for node in leg.nodes])
+    return np.clip(BEND * turn, low, high)
 
 
 SPREADS = (0.3, 0.5, 0.75, 1.1)
