@@ -11,8 +11,8 @@ from retarget.live.admission import Datagram, Source
 from retarget.live.datagram_kinds import Recognised, recognise
 from retarget.live.sensor_validity import ValidityState
 from retarget.live.stream import LiveStream
-from retarget.sources.stream_frame import Dropped, StreamDecoder, StreamFrame
-from retarget.types import FloatArray
+from retarget.sources.stream_frame import StreamDecoder, StreamFrame
+from retarget.types import FloatArray, IntArray
 
 STEP_S = 0.01
 SAMPLE_S = 0.05
@@ -27,6 +27,7 @@ ALL_NAMED = 300
 """Datagrams that are all recognised; after them, one in SELDOM is."""
 SELDOM = 20
 MOST_NAMES = 256
+_UNKNOWN = np.full(7, np.nan)
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,9 +79,17 @@ class StreamCapture:
         The beginning does not count: trackers settle, and a capture that starts within a motion has nothing to compare
         with.
         """
-        column = self.stream.roles.sensors.index(sensor)
-        rows = self.states[self.settled :]
-        return sum(row[column] == state for row in rows) / max(len(rows), 1)
+        states = self.states_of(sensor)[self.settled :]
+        return float(np.sum(states == state) / max(len(states), 1))
+
+    def states_of(self, sensor: str) -> IntArray:
+        """The `ValidityState` (n,) of a sensor at each sample."""
+        states = np.array(self.states, dtype=np.int64).reshape(-1, len(self.stream.roles.sensors))
+        return np.asarray(states[:, self.stream.roles.sensors.index(sensor)])
+
+    def track(self, name: str) -> FloatArray:
+        """Poses (n, 7) of a name at each sample, NaN where it was not sent yet."""
+        return np.array([poses.get(name, _UNKNOWN) for poses in self.samples]).reshape(-1, 7)
 
 
 def capture_stream(
@@ -90,16 +99,14 @@ def capture_stream(
 
     Every datagram goes through the stream as in a run in which nothing moves.
     """
-    receiver, single = stream.receiver, _SingleDatagram(stream.receiver.dropped)
-    decoder = stream.decoder
-    spy = _SpyDecoder(decoder)
-    stream.receiver, stream.decoder = single, spy
+    receiver, decoder = stream.receiver, stream.decoder
+    spy = _Spy(decoder)
+    stream.receiver, stream.decoder = spy, spy
     capture = StreamCapture(stream, clock.now())
     sample_at = capture.began
     try:
         while (now := clock.now()) <= capture.began + seconds and not getattr(receiver, "finished", False):
             for datagram in receiver.poll(now):
-                single.waiting = [datagram]
                 _take(capture, datagram, spy, now)
             if now >= sample_at:
                 sample_at += SAMPLE_S
@@ -112,42 +119,32 @@ def capture_stream(
     return capture
 
 
-class _SingleDatagram:
-    """A Receiver that holds one datagram."""
+class _Spy:
+    """A Receiver and StreamDecoder in place of a stream's own: of one datagram, whose frames it keeps."""
 
-    def __init__(self, dropped: Dropped) -> None:
-        self.dropped = dropped
+    finished = False
+
+    def __init__(self, decoder: StreamDecoder) -> None:
+        self.dropped = decoder.dropped
         self.waiting: list[Datagram] = []
-
-    @property
-    def finished(self) -> bool:
-        """Never: the receiver that it replaces decides."""
-        return False
+        self.frames: list[StreamFrame] = []
+        self._decoder = decoder
 
     def poll(self, now: float) -> list[Datagram]:
         """The datagram, once."""
         found, self.waiting = self.waiting, []
         return found
 
+    def decode(self, datagram: bytes) -> list[StreamFrame]:
+        """Frames of the stream's own decoder."""
+        self.frames = self._decoder.decode(datagram)
+        return self.frames
+
     def close(self) -> None:
         """Nothing is open."""
 
 
-class _SpyDecoder:
-    """A StreamDecoder that keeps the frames of the last datagram."""
-
-    def __init__(self, inner: StreamDecoder) -> None:
-        self.dropped = inner.dropped
-        self.latest: list[StreamFrame] = []
-        self._inner = inner
-
-    def decode(self, datagram: bytes) -> list[StreamFrame]:
-        """Frames of the inner decoder."""
-        self.latest = self._inner.decode(datagram)
-        return self.latest
-
-
-def _take(capture: StreamCapture, datagram: Datagram, spy: _SpyDecoder, now: float) -> None:
+def _take(capture: StreamCapture, datagram: Datagram, spy: _Spy, now: float) -> None:
     """Pass one datagram through the stream, and count what it was."""
     stream = capture.stream
     capture.arrived += 1
@@ -160,11 +157,11 @@ def _take(capture: StreamCapture, datagram: Datagram, spy: _SpyDecoder, now: flo
         if got not in capture.kinds and len(capture.kinds) >= MOST_KINDS:
             got = replace(got, detail="and others")
         capture.kinds[got] += 1
-    before, spy.latest = stream.frames, []
+    before, spy.waiting, spy.frames = stream.frames, [datagram], []
     stream.poll(now, moving=False)
     if stream.frames == before:
         return
-    for frame in spy.latest:
+    for frame in spy.frames:
         if len(capture.frames) < MOST_FRAMES:
             capture.frames.append(FrameNote(datagram.arrival, frame.stamp, frame.number, frame.names))
         for name, place, turn in zip(frame.names, frame.position, frame.orientation, strict=True):

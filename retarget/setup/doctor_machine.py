@@ -32,8 +32,9 @@ from retarget.schema import strict_yaml
 
 
 class Level(StrEnum):
-    """Level of a finding. Only FIX counts as wrong."""
+    """Level of a finding. Only FIX counts as wrong. NONE: there is nothing to report."""
 
+    NONE = "none"
     OK = "ok"
     NOTE = "note"
     FIX = "fix"
@@ -68,6 +69,12 @@ def finding(check: str, *, subject: str = "", **facts: Any) -> Finding:
     what, then = entry.get("what", "") + row.get("what", ""), row.get("then", entry.get("then", ""))
     level = Level(row.get("level", entry.get("level")))
     return Finding(level, subject or check.split("/")[0], what.format_map(facts), then.format_map(facts))
+
+
+def findings(*names: str, **facts: Any) -> list[Finding]:
+    """The findings of several checks with these facts, without those at the level NONE."""
+    found = [finding(name, **facts) for name in names]
+    return [one for one in found if one.level is not Level.NONE]
 
 
 def _passes(row: Mapping[str, Any], facts: Mapping[str, Any]) -> bool:

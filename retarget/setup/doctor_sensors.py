@@ -13,7 +13,7 @@ from retarget.live.sensor_validity import ValidityState
 from retarget.schema.catalogue import Kind, entries
 from retarget.schema.performer import Performer, load_performer
 from retarget.setup.doctor_capture import FrameNote, StreamCapture
-from retarget.setup.doctor_machine import Finding, finding
+from retarget.setup.doctor_machine import Finding, finding, findings
 from retarget.types import FloatArray
 
 UNNAMED = "?"
@@ -119,10 +119,8 @@ def _unusable(sent: dict[str, Place], capture: StreamCapture) -> list[Finding]:
 
 def _unusable_share(sensor: str, place: Place, capture: StreamCapture) -> float:
     """Share of the time since the first pose of a sensor in which it had no valid pose, 0 to 1."""
-    column = capture.stream.roles.sensors.index(sensor)
-    rows = zip(capture.states, capture.samples, strict=True)
-    states = [row[column] for row, poses in rows if place.position in poses]
-    return sum(state in (ValidityState.STALE, ValidityState.NOT_IN_USE) for state in states) / max(len(states), 1)
+    states = capture.states_of(sensor)[[place.position in poses for poses in capture.samples]]
+    return float(np.isin(states, (ValidityState.STALE, ValidityState.NOT_IN_USE)).sum() / max(len(states), 1))
 
 
 # Rate, jitter, gaps, loss by frame numbers, and the sender's clock.
@@ -131,13 +129,6 @@ SLOWEST_HZ = 1.0 / DELAY_CAP_S
 """Below it, there is not always a frame on both sides of the playout time."""
 FEW = 5
 """Frames that a finding needs at least."""
-LATE_SHARE = 0.01
-"""Share of frames that come too late from which on it is reported."""
-SKEW = 0.02
-"""Allowed difference of a sender's second from the local one; a real clock is off by less than 0.0002."""
-SKEW_S = 3.0
-"""Time of a capture that measuring the skew needs."""
-COARSE_S = 0.002
 
 _JUMPS = {
     JumpKind.RESTARTED: "it was restarted",
@@ -150,17 +141,29 @@ def rate_findings(kind: str, capture: StreamCapture) -> list[Finding]:
     """Findings on the frames that hold the performer's sensors; on all frames where none does."""
     frames = _of_one_sensor(capture)
     if len(frames) < FEW:
-        return [] if not frames else [finding("rate/few", count=len(frames))]
+        return findings("rate/few", count=len(frames))
     arrivals = np.array([frame.arrival for frame in frames])
-    gaps = np.diff(arrivals)
-    rate = (len(arrivals) - 1) / max(float(arrivals[-1] - arrivals[0]), 1e-9)
+    gaps, seconds = np.diff(arrivals), float(arrivals[-1] - arrivals[0])
     p50, p99 = 1e3 * np.percentile(np.abs(gaps - np.median(gaps)), (50, 99))
-    found = [
-        finding("rate", rate=rate, slowest=SLOWEST_HZ),
-        finding("jitter", p50=p50, p99=p99, longest=1e3 * gaps.max(), most=1e3 * DELAY_CAP_S),
-        *_silences(gaps, capture),
-    ]
-    return [*found, *_loss(kind, frames), _clock(kind, frames, arrivals, capture)]
+    finished = getattr(capture.stream.receiver, "finished", False)
+    found = findings(
+        "rate",
+        "jitter",
+        "gaps",
+        "gaps/end",
+        rate=len(gaps) / max(seconds, 1e-9),
+        slowest=SLOWEST_HZ,
+        p50=p50,
+        p99=p99,
+        most=1e3 * DELAY_CAP_S,
+        longest_ms=1e3 * gaps.max(),
+        count=np.count_nonzero(gaps > SILENCE_S),
+        silence=SILENCE_S,
+        longest=gaps.max(),
+        quiet=0.0 if finished else capture.ended - capture.frames[-1].arrival,
+        usual=max(SILENCE_S, 3.0 * float(np.median(gaps))),
+    )
+    return found + _loss(kind, frames) + _clock(kind, frames, capture, seconds)
 
 
 def _of_one_sensor(capture: StreamCapture) -> list[FrameNote]:
@@ -170,58 +173,43 @@ def _of_one_sensor(capture: StreamCapture) -> list[FrameNote]:
     return max(frames.values(), key=len) if frames else capture.frames
 
 
-def _silences(gaps: FloatArray, capture: StreamCapture) -> list[Finding]:
-    """Gaps in which a robot would have held."""
-    found = []
-    if count := int(np.count_nonzero(gaps > SILENCE_S)):
-        found.append(finding("gaps", count=count, silence=SILENCE_S, longest=gaps.max()))
-    quiet = capture.ended - capture.frames[-1].arrival
-    if quiet > max(SILENCE_S, 3.0 * float(np.median(gaps))) and not getattr(capture.stream.receiver, "finished", 0):
-        found.append(finding("gaps/end", quiet=quiet))
-    return found
-
-
 def _loss(kind: str, frames: list[FrameNote]) -> list[Finding]:
     """By the sender's frame numbers, of which MVN leaves some out on purpose."""
     numbers = np.array([frame.number for frame in frames if frame.number is not None], dtype=float)
     if len(numbers) < FEW:
         return []
     steps = np.diff(numbers)
-    back = int(np.count_nonzero(steps < 0))
-    found = [finding("order", count=back)] if back else []
-    if not np.count_nonzero(steps > 0):
-        return [*found, finding("order/still")]
-    usual = float(np.median(steps[steps > 0]))
+    forward = steps[steps > 0]
+    usual = float(np.median(forward)) if len(forward) else 1.0
     missing = float(np.sum(np.maximum(np.round(steps / usual) - 1.0, 0.0)))
     everything = missing + len(numbers)
-    check = "loss/meant" if kind == "mvn" else "loss"
-    return [*found, finding(check, missing=missing, all=everything, percent=100 * (missing / everything))]
+    facts = {"missing": missing, "all": everything, "percent": 100.0 * missing / everything, "meant": kind == "mvn"}
+    return findings("order", "order/still", "loss", back=np.sum(steps < 0), forward=len(forward), **facts)
 
 
-def _clock(kind: str, frames: list[FrameNote], arrivals: FloatArray, capture: StreamCapture) -> Finding:
+def _clock(kind: str, frames: list[FrameNote], capture: StreamCapture, seconds: float) -> list[Finding]:
     """The sender's clock: whether it stands still, runs at another speed, jumps, or has become coarse."""
-    clock = capture.stream.clock_map
+    clock, jump = capture.stream.clock_map, capture.stream.clock_map.last_jump
     stamped = [(frame.stamp, frame.arrival) for frame in frames if frame.stamp is not None]
     if len(stamped) < FEW:
-        return finding("clock/none")
-    stamps, at = (np.array(column) for column in zip(*stamped, strict=True))
-    if len(np.unique(stamps)) == 1:
-        return finding("clock/still")
-    speed = _speed(stamps, at)
-    if at[-1] - at[0] > SKEW_S and abs(speed - 1.0) > SKEW:
-        return finding("clock/speed", second=1.0 / max(speed, 1e-9))
-    if clock.jumps and clock.last_jump is not None:
-        often = "once" if clock.jumps == 1 else f"{clock.jumps} times, the last time"
-        how, shift = _JUMPS[clock.last_jump.kind], abs(clock.last_jump.shift)
-        return finding("clock/jump", often=often, shift=shift, how=how)
-    coarse = float(np.spacing(np.float32(stamps[-1]))) if kind == "vmc" else 0.0
-    if coarse > COARSE_S:
-        return finding("clock/coarse", ms=1e3 * coarse)
-    late = sum(clock.dropped.reasons[reason] for reason in ("late", "stamped ahead", "out of order"))
-    if late > LATE_SHARE * len(frames):
-        reasons = ", ".join(f"{reason} ({count})" for reason, count in clock.dropped.reasons.most_common(3))
-        return finding("clock/late", reasons=reasons)
-    return finding("clock", seconds=arrivals[-1] - arrivals[0])
+        return findings("clock/none")
+    stamps, at = np.array(stamped).T
+    speed, reasons = _speed(stamps, at), clock.dropped.reasons
+    return findings(
+        "clock",
+        distinct=len(np.unique(stamps)),
+        skew=abs(speed - 1.0),
+        second=1.0 / max(speed, 1e-9),
+        local=at[-1] - at[0],
+        seconds=seconds,
+        jumps=clock.jumps,
+        often="once" if clock.jumps == 1 else f"{clock.jumps} times, the last time",
+        shift=0.0 if jump is None else abs(jump.shift),
+        how="" if jump is None else _JUMPS[jump.kind],
+        ms=1e3 * float(np.spacing(np.float32(stamps[-1]))) if kind == "vmc" else 0.0,
+        late=sum(reasons[reason] for reason in ("late", "stamped ahead", "out of order")) / len(frames),
+        reasons=", ".join(f"{reason} ({count})" for reason, count in reasons.most_common(3)),
+    )
 
 
 def _speed(stamps: FloatArray, at: FloatArray) -> float:
@@ -252,7 +240,7 @@ def invented_findings(convention: str, capture: StreamCapture) -> list[Finding]:
     known = CONVENTIONS.get(convention, {})
     if not capture.frames or len(capture.samples) < LEAST_SAMPLES:
         return []
-    if not any(_moves(_track(capture, name)) for name in capture.last_poses):
+    if not any(_moves(capture.track(name)) for name in capture.last_poses):
         return [finding("sensors/still")]
     found = []
     for carrier, limbs in _CARRIERS.items():
@@ -263,11 +251,6 @@ def invented_findings(convention: str, capture: StreamCapture) -> list[Finding]:
                 facts = {"carrier": carrier, "name": place.position, "sensor": sensor}
                 found.append(finding("sensors/made up", subject=sensor, **facts))
     return found
-
-
-def _track(capture: StreamCapture, name: str) -> FloatArray:
-    """Poses (n, 7) of a name, of the samples that hold it."""
-    return np.array([poses[name] for poses in capture.samples if name in poses]).reshape(-1, 7)
 
 
 def _moves(track: FloatArray) -> bool:
@@ -284,19 +267,12 @@ def _turned(turns: FloatArray) -> float:
 
 def _moves_with(limb: Place, trunk: Place, capture: StreamCapture) -> bool:
     """Whether a limb stays at one place of the trunk's frame while the trunk moves."""
-    both = [
-        (poses[limb.position], poses[trunk.position], poses[trunk.orientation])
-        for poses in capture.samples[capture.settled :]
-        if limb.position in poses and trunk.position in poses and trunk.orientation in poses
-    ]
+    rows = [capture.track(trunk.position)[:, :3], capture.track(trunk.orientation)[:, 3:]]
+    both = np.hstack([capture.track(limb.position)[:, :3], *rows])[capture.settled :]
+    both = both[np.isfinite(both).all(axis=1)]
     if len(both) < LEAST_SAMPLES:
         return False
-    rows = np.array(both)
-    place, base, turn = rows[:, 0, :3], rows[:, 1, :3], rows[:, 2, 3:]
-    finite = np.isfinite(np.concatenate((place, base, turn), axis=1)).all(axis=1)
-    place, base, turn = place[finite], base[finite], turn[finite]
-    if len(place) < LEAST_SAMPLES:
-        return False
+    place, base, turn = both[:, :3], both[:, 3:6], both[:, 6:]
     if np.ptp(base, axis=0).max() < MOVED_M and _turned(turn) < MOVED_RAD:
         return False
     moving = (np.linalg.norm(np.diff(base, axis=0), axis=1) > STEP_M) | (
