@@ -67,22 +67,20 @@ def draft_body(source: Source, relaxed: Relaxed) -> BodyDraft:
     notes: list[str] = []
     try:
         if source.kind == "urdf":
-            ready = ready_urdf(source, relaxed)
-            spec = mujoco.MjSpec.from_string(ready.text, assets=ready.meshes)
+            text, meshes = ready_urdf(source, relaxed, notes)
+            spec = mujoco.MjSpec.from_string(text, assets=meshes)
             spec.compiler.balanceinertia, spec.compiler.discardvisual = True, False
             spec.compiler.boundmass = max(spec.compiler.boundmass, 1e-9)
             spec.compiler.boundinertia = max(spec.compiler.boundinertia, 1e-12)
-            notes += ready.notes
-            rewrite = ready.changed or any(True for _ in source.root.iter("visual"))
+            rewrite = any(True for _ in source.root.iter("visual"))
         else:
             spec = mujoco.MjSpec.from_file(str(source.path))
-            rewrite = source.included
-            rewrite |= _absent_meshes(spec, source, relaxed, notes)
-            rewrite |= _passive(spec, source, relaxed, notes)
-            rewrite |= bool(list(spec.meshes) or list(spec.hfields) or list(spec.skins))
-            rewrite |= _unpainted(spec)
+            _leave_out_absent_meshes(spec, source, relaxed, notes)
+            _freeze_passive(spec, source, relaxed, notes)
+            rewrite = _unpainted(spec) or source.included or bool(list(spec.hfields) or list(spec.skins))
         spec.compiler.fusestatic = False
-        rewrite |= _named(spec, notes)
+        _rename(spec, notes)
+        rewrite |= bool(notes or list(spec.meshes))
         model = _compiled(spec)
         check_numbers(model, source=str(source.path))
         if not rewrite:
@@ -155,8 +153,8 @@ def _unpainted(spec: Any) -> bool:
     return files
 
 
-def _named(spec: Any, notes: list[str]) -> bool:
-    """Give every link and joint a name that a profile can hold; whether any was changed."""
+def _rename(spec: Any, notes: list[str]) -> None:
+    """Give every link and joint a name that a profile can hold."""
     changed = []
     for kind, parts in (("link", list(spec.bodies)[1:]), ("joint", list(spec.joints))):
         taken = {part.name for part in parts}
@@ -174,10 +172,9 @@ def _named(spec: Any, notes: list[str]) -> bool:
             taken.add(name)
     if changed:
         notes.append(f"names that a profile cannot hold were changed: {listed(changed)}")
-    return bool(changed)
 
 
-def _absent_meshes(spec: Any, source: Source, relaxed: Relaxed, notes: list[str]) -> bool:
+def _leave_out_absent_meshes(spec: Any, source: Source, relaxed: Relaxed, notes: list[str]) -> None:
     """Leave out meshes whose files are missing. Raises InputError without the option --no-meshes."""
     import mujoco
 
@@ -185,7 +182,7 @@ def _absent_meshes(spec: Any, source: Source, relaxed: Relaxed, notes: list[str]
     absent = {mesh.name or Path(mesh.file).stem: mesh.file for mesh in spec.meshes if mesh.file}
     absent = {name: file for name, file in absent.items() if not (folder / file).is_file()}
     if not absent:
-        return False
+        return
     if not relaxed.no_meshes:
         raise InputError(
             "meshes that cannot be read, without which soles and hands cannot be found",
@@ -201,10 +198,9 @@ def _absent_meshes(spec: Any, source: Source, relaxed: Relaxed, notes: list[str]
         if (mesh.name or Path(mesh.file).stem) in absent:
             spec.delete(mesh)
     notes.append(f"{len(absent)} meshes that cannot be read are left out: {listed(list(absent.values()))}")
-    return True
 
 
-def _passive(spec: Any, source: Source, relaxed: Relaxed, notes: list[str]) -> bool:
+def _freeze_passive(spec: Any, source: Source, relaxed: Relaxed, notes: list[str]) -> None:
     """Make rigid what no servo of its own turns. Raises InputError where the user did not let it go."""
     import mujoco
 
@@ -216,7 +212,7 @@ def _passive(spec: Any, source: Source, relaxed: Relaxed, notes: list[str]) -> b
     moving = [joint for joint in spec.joints if joint.type != free]
     stuck = [joint for joint in moving if joint.type != hinge or joint.name not in alone]
     if not stuck:
-        return False
+        return
     stuck_names = [joint.name or "without a name" for joint in stuck]
     if not relaxed.freeze:
         raise InputError(
@@ -235,4 +231,3 @@ def _passive(spec: Any, source: Source, relaxed: Relaxed, notes: list[str]) -> b
     for joint in stuck:
         spec.delete(joint)
     notes.append(f"joints made rigid, as no servo of their own turns them: {listed(stuck_names)}")
-    return True

@@ -3,7 +3,7 @@
 import copy
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 from typing import Any, NoReturn
@@ -219,39 +219,20 @@ class Relaxed:
     no_meshes: bool = False
 
 
-@dataclass(frozen=True, eq=False)
-class ReadyUrdf:
-    """A URDF for MuJoCo. text: names its meshes by the keys of `meshes` (name -> content). changed: whether it differs
-    from the file in more than these names. notes: what was changed."""
+def ready_urdf(source: Source, relaxed: Relaxed, notes: list[str]) -> tuple[str, dict[str, bytes]]:
+    """The URDF that is imported, and its meshes by the names that it has for them. What was changed becomes a note.
 
-    text: str
-    meshes: dict[str, bytes]
-    changed: bool
-    notes: tuple[str, ...]
-
-
-def ready_urdf(source: Source, relaxed: Relaxed) -> ReadyUrdf:
-    """The URDF that is imported. Raises InputError with all of its problems."""
-    root = copy.deepcopy(source.root)
-    problems: list[Problem] = []
-    notes: list[str] = []
-    problems += _joints(root, source, relaxed, notes)
-    problems += _masses(root, source, notes)
-    meshes = _meshes(root, source.path)
-    if meshes.missing and not relaxed.no_meshes:
-        problems.append(_missing_meshes(source, meshes.missing))
-    elif meshes.missing:
-        for link in root.findall("link"):
-            for shape, mesh in _mesh_shapes(link):
-                if mesh.get("filename", "") in meshes.missing:
-                    link.remove(shape)
-        notes.append(f"{len(meshes.missing)} meshes that cannot be read are left out: {listed(meshes.missing)}")
-    for note, names in ((DROPPED, meshes.dropped), (TWINS, meshes.twins)):
-        notes += [f"{note}: {listed(names)}"] if names else []
+    Raises InputError with all of its problems.
+    """
+    root, contents = copy.deepcopy(source.root), dict[str, bytes]()
+    problems = [
+        *_joints(root, source, relaxed, notes),
+        *_masses(root, source, notes),
+        *_meshes(root, source, relaxed, contents, notes),
+    ]
     if problems:
         raise InputError.from_problems(problems, title=f"{source.path}: {len(problems)} problems")
-    text = ElementTree.tostring(root, encoding="unicode")
-    return ReadyUrdf(text, meshes.contents, bool(notes) or bool(meshes.contents), tuple(notes))
+    return ElementTree.tostring(root, encoding="unicode"), contents
 
 
 def stated_speeds(source: Source) -> dict[str, float]:
@@ -295,42 +276,34 @@ def _joints(root: ElementTree.Element, source: Source, relaxed: Relaxed, notes: 
 
 
 def _masses(root: ElementTree.Element, source: Source, notes: list[str]) -> Iterator[Problem]:
-    """A problem for a robot without any mass, which cannot be balanced; a note for links with a shape and no mass."""
-    links = root.findall("link")
-    yield from _inertia_problems(links, source)
-    masses = {link.get("name", ""): link.find("inertial/mass") for link in links}
-    if links and not any(mass is not None and _number(mass.get("value")) > 0.0 for mass in masses.values()):
-        yield Problem(
-            "no link has a mass, so its balance cannot be checked",
-            str(source.path),
-            f"{len(links)} links without <inertial>, or with a mass of 0",
-            next_step="Add <inertial> with mass, origin and inertia to every link that weighs something",
-        )
-        return
-    bare = [
-        link.get("name", "")
-        for link in links
-        if link.find("inertial") is None and any(link.find(kind) is not None for kind in SHAPES)
-    ]
-    if bare:
-        notes.append(f"links with a shape but without <inertial> weigh nothing here: {listed(bare)}")
-
-
-def _inertia_problems(links: list[ElementTree.Element], source: Source) -> Iterator[Problem]:
-    """Problems of <inertial> with parts that are missing or no numbers, each once with all its links."""
-    found: dict[str, list[str]] = {}
+    """Problems of <inertial> with parts that are missing or no numbers, each once with all its links, and of a robot
+    without any mass, which cannot be balanced; a note for links with a shape and no mass."""
+    links, found = root.findall("link"), dict[str, list[str]]()
+    bare, heavy = [], False
     for link in links:
         inertial, name = link.find("inertial"), link.get("name", "without a name")
         if inertial is None:
+            bare += [name] if any(link.find(kind) is not None for kind in SHAPES) else []
             continue
         mass, inertia = inertial.find("mass"), inertial.find("inertia")
-        if mass is None or not 0.0 <= _number(mass.get("value")) < float("inf"):
+        value = float("nan") if mass is None else _number(mass.get("value"))
+        heavy = heavy or value > 0.0
+        if not 0.0 <= value < float("inf"):
             found.setdefault("no <mass> of 0 kg or more", []).append(name)
         if inertia is None or not all(isfinite(_number(inertia.get(key, "0"))) for key in INERTIA):
             found.setdefault("no <inertia> of six numbers", []).append(name)
     for what, names in found.items():
         step = "Correct it, or remove <inertial>: then the link weighs nothing"
         yield Problem(f"links with an <inertial> that has {what}", str(source.path), listed(names), "", step)
+    if links and not heavy:
+        yield Problem(
+            "no link has a mass, so its balance cannot be checked",
+            str(source.path),
+            f"{len(links)} links without <inertial>, or with a mass of 0",
+            next_step="Add <inertial> with mass, origin and inertia to every link that weighs something",
+        )
+    elif bare:
+        notes.append(f"links with a shape but without <inertial> weigh nothing here: {listed(bare)}")
 
 
 def _number(text: str | None) -> float:
@@ -340,62 +313,50 @@ def _number(text: str | None) -> float:
         return float("nan")
 
 
-@dataclass(frozen=True, eq=False)
-class _Meshes:
-    """Meshes of a URDF. contents: by the new names in its elements. missing: names of those that cannot be read.
-    dropped: "link (name)" of those that cannot be read and whose links have other shapes. twins: names of the files
-    that were read instead."""
-
-    contents: dict[str, bytes] = field(default_factory=dict)
-    missing: list[str] = field(default_factory=list)
-    dropped: list[str] = field(default_factory=list)
-    twins: list[str] = field(default_factory=list)
-
-
-def _meshes(root: ElementTree.Element, path: Path) -> _Meshes:
-    """Find the meshes, and remove shapes that cannot be read of links with other shapes. Only collision shapes among
-    them are listed in `dropped`: a visual shape more or less changes nothing."""
-    found = _Meshes()
-    missing: dict[str, None] = {}
+def _meshes(
+    root: ElementTree.Element, source: Source, relaxed: Relaxed, contents: dict[str, bytes], notes: list[str]
+) -> Iterator[Problem]:
+    """Read the meshes into `contents`, by new names, and remove the shapes that cannot be read. They are a problem for
+    links without another shape; of other links, only collision shapes are noted: a visual shape more or less changes
+    nothing."""
+    missing, dropped, twins = dict[str, None](), list[str](), dict[str, None]()
     for link in root.findall("link"):
         unread = []
         for shape, mesh in _mesh_shapes(link):
-            file = find_mesh(name := mesh.get("filename", ""), path)
+            file = find_mesh(name := mesh.get("filename", ""), source.path)
             if file is None:
                 unread.append((shape, name))
                 continue
-            key = f"mesh_{len(found.contents)}{file.path.suffix.lower()}"
-            found.contents[key] = file.content()
+            key = f"mesh_{len(contents)}{file.path.suffix.lower()}"
+            contents[key] = file.content()
             mesh.set("filename", key)
-            if file.twin and file.path.name not in found.twins:
-                found.twins.append(file.path.name)
+            if file.twin:
+                twins[file.path.name] = None
         alone = len(unread) == sum(len(link.findall(kind)) for kind in SHAPES)
         for shape, name in unread:
+            link.remove(shape)
             if alone:
                 missing[name] = None
-                continue
-            link.remove(shape)
-            if shape.tag == "collision":
-                found.dropped.append(f"{link.get('name', 'without a name')} ({name})")
-    found.missing.extend(missing)
-    return found
+            elif shape.tag == "collision":
+                dropped.append(f"{link.get('name', 'without a name')} ({name})")
+    if missing and not relaxed.no_meshes:
+        yield Problem(
+            "meshes that cannot be read, without which soles and hands cannot be found",
+            str(source.path),
+            listed(list(missing)),
+            f"files {', '.join(READABLE)}, in the folder of the URDF, or in its package above it",
+            "Put them there, or give --no-meshes to leave them out. Others (.dae): convert them to .stl of the same "
+            "name in the same folder (Blender, MeshLab, or trimesh: see docs/own-robot.md); the URDF may stay as it is",
+        )
+    left_out = f"{len(missing)} meshes that cannot be read are left out"
+    for note, names in ((left_out, list(missing)), (DROPPED, dropped), (TWINS, list(twins))):
+        notes += [f"{note}: {listed(names)}"] if names else []
 
 
 def _mesh_shapes(link: ElementTree.Element) -> list[tuple[ElementTree.Element, ElementTree.Element]]:
     """The shapes of a link that are meshes, each with its <mesh>."""
     shapes = [shape for kind in SHAPES for shape in link.findall(kind)]
     return [(shape, mesh) for shape in shapes if (mesh := shape.find("geometry/mesh")) is not None]
-
-
-def _missing_meshes(source: Source, missing: list[str]) -> Problem:
-    return Problem(
-        "meshes that cannot be read, without which soles and hands cannot be found",
-        str(source.path),
-        listed(missing),
-        f"files {', '.join(READABLE)}, in the folder of the URDF, or in its package above it",
-        "Put them there, or give --no-meshes to leave them out. Others (.dae): convert them to .stl of the same name "
-        "in the same folder (Blender, MeshLab, or trimesh: see docs/own-robot.md); the URDF may stay as it is",
-    )
 
 
 def listed(names: list[str]) -> str:
