@@ -28,8 +28,6 @@ MIN_RADIUS = 1e-4
 POLISHED = 4
 LATTICE = 60
 RADII = np.array([1.0, 1.02, 1.05, 1.1, 1.15, 1.22, 1.3, 1.45, 1.7, 2.0])  # of the smallest along a line
-WORKING = 60
-ROUNDS = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,12 +102,8 @@ def _needed_radius(start: FloatArray, end: FloatArray, centres: FloatArray, radi
 def _directions(points: FloatArray, axes: FloatArray | None) -> FloatArray:
     """Unit vectors (n, 3): the balls' principal axes, the given ones, and a lattice over the half sphere."""
     spread = np.linalg.svd(points - points.mean(axis=0), full_matrices=True)[2]
-    z = (np.arange(LATTICE) + 0.5) / LATTICE
-    angle = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(LATTICE)
-    flat = np.sqrt(1.0 - z**2)
-    lattice = np.stack([flat * np.cos(angle), flat * np.sin(angle), z], axis=1)
     given = np.zeros((0, 3)) if axes is None else axes
-    return np.concatenate([spread, np.eye(3), given, lattice])
+    return np.concatenate([spread, np.eye(3), given, _sphere_points(2 * LATTICE)[:LATTICE]])
 
 
 def _along(u: FloatArray, points: FloatArray, sizes: FloatArray) -> Capsule:
@@ -135,25 +129,17 @@ def _on_line(origin: FloatArray, u: FloatArray, radius: float, points: FloatArra
 
 
 def _polish(x: FloatArray, points: FloatArray, sizes: FloatArray) -> Capsule:
-    """The best of local minima near x: start, end and radius of a capsule (7,), or centre and radius of a ball (4,).
+    """A local minimum near x: start, end and radius of a capsule (7,), or centre and radius of a ball (4,).
 
-    The working set of balls grows by those that stick out.
+    It is that of the balls that reach farthest in one of many directions, but encloses all.
     """
-    reach = sizes + distances_to_segment(points, x[:3], x[-4:-1])
-    working, best = np.argsort(reach)[-WORKING:], Capsule(x[:3], x[-4:-1], float(reach.max()))
-    for _ in range(ROUNDS):
-        x = _local_minimum(x, points[working], sizes[working])
-        start, end = x[:3], x[-4:-1]
-        reach = sizes + distances_to_segment(points, start, end)
-        found = Capsule(start, end, float(reach.max()))
-        if found.length > 1e-9:
-            found = _on_line(start, (end - start) / found.length, found.radius, points, sizes)
-        best = min(best, found, key=lambda capsule: capsule.volume)
-        grown = np.union1d(working, np.argsort(reach)[-WORKING // 3 :])
-        if len(grown) == len(working):
-            break
-        working = grown
-    return best
+    outer = np.unique(np.argmax(directions()[::4] @ points.T + sizes, axis=1))
+    x = _local_minimum(x, points[outer], sizes[outer])
+    start, end = x[:3], x[-4:-1]
+    found = Capsule(start, end, _needed_radius(start, end, points, sizes))
+    if found.length < 1e-9:
+        return found
+    return _on_line(start, (end - start) / found.length, found.radius, points, sizes)
 
 
 def _local_minimum(x: FloatArray, points: FloatArray, sizes: FloatArray) -> FloatArray:

@@ -55,14 +55,14 @@ def find_anatomy(tree: Tree) -> Anatomy:
     """Legs, arms and head of a body, by its topology and geometry; names only help to distinguish left from right."""
     mirror = find_mirror(tree)
     if mirror is None:
-        arm = _limb(tree, _deepest(tree, BASE))
+        arm = _limb(tree, max(tree.children(BASE), key=lambda child: len(tree.below(child))))
         forward, left = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
         alone = (arm,) if len(arm.nodes) >= LEAST_ARM else ()
         return Anatomy(forward, left, None, (), alone, BASE, BASE, (), "assumed: x is forward", ())
     pairs = [(_limb(tree, a), _limb(tree, b)) for a, b in mirror.pairs(tree)]
     legs = _legs(tree, pairs, [node for node, other in mirror.partner.items() if node == other])
     rest = [pair for pair in pairs if pair != legs and len(pair[0].nodes) >= LEAST_ARM]
-    arms = max(rest, key=lambda pair: _reach(tree, pair[0]), default=None)
+    arms = max(rest, key=lambda pair: _span(tree, pair[0].nodes[0]), default=None)
     forward, facing = _forward(tree, mirror, legs, arms)
     left = np.cross(UP, forward)
     pelvis = legs[0].parent if legs else BASE
@@ -104,11 +104,6 @@ def _span(tree: Tree, branch: int) -> float:
     return float(np.linalg.norm(tree.points(tree.below(branch)) - tree.nodes[branch].anchor, axis=1).max())
 
 
-def _deepest(tree: Tree, node: int) -> int:
-    """The child whose branch has most joints."""
-    return max(tree.children(node), key=lambda child: len(tree.below(child)))
-
-
 def _legs(tree: Tree, pairs: list[tuple[Limb, Limb]], trunk: list[int]) -> tuple[Limb, Limb] | None:
     """The pair that ends at the bottom of the robot and begins low on its trunk; arms that hang begin high up."""
     heights = tree.points(range(len(tree.nodes)))[:, 2]
@@ -118,21 +113,10 @@ def _legs(tree: Tree, pairs: list[tuple[Limb, Limb]], trunk: list[int]) -> tuple
     standing = []
     for pair in pairs:
         root = float(tree.nodes[pair[0].nodes[0]].anchor[2])
-        low = _lowest(tree, pair[0])
+        low = float(tree.points(pair[0].ends)[:, 2].min())
         if len(pair[0].nodes) >= LEAST_LEG and low <= floor + LOW * height < root + 1e-9 and root <= highest + 1e-9:
             standing.append(pair)
     return min(standing, key=lambda pair: tree.nodes[pair[0].nodes[0]].anchor[2], default=None)
-
-
-def _lowest(tree: Tree, limb: Limb) -> float:
-    return float(tree.points(limb.ends)[:, 2].min())
-
-
-def _reach(tree: Tree, limb: Limb) -> float:
-    """Length (m) along a limb, joint by joint, to its farthest point."""
-    anchors = np.array([tree.nodes[node].anchor for node in limb.nodes])
-    tip = float(np.linalg.norm(tree.points(limb.ends) - anchors[-1], axis=1).max())
-    return float(np.linalg.norm(np.diff(anchors, axis=0), axis=1).sum()) + tip
 
 
 def _head(tree: Tree, mirror: Mirror, chest: int, pelvis: int) -> tuple[int, ...]:
@@ -202,7 +186,7 @@ def _feet_ahead(tree: Tree, leg: Limb, ahead: FloatArray) -> float:
 def _hands_ahead(tree: Tree, arm: Limb, ahead: FloatArray) -> float:
     """1 where the hand is well ahead of the shoulder, -1 where behind, else 0."""
     way = float((tree.points(arm.ends).mean(axis=0) - tree.nodes[arm.nodes[0]].anchor) @ ahead)
-    return float(np.sign(way)) if abs(way) > 0.2 * _reach(tree, arm) else 0.0
+    return float(np.sign(way)) if abs(way) > 0.2 * _span(tree, arm.nodes[0]) else 0.0
 
 
 def _knee_ahead(tree: Tree, leg: Limb, ahead: FloatArray) -> float:

@@ -324,22 +324,13 @@ def outline(points: FloatArray, up: FloatArray) -> tuple[FloatArray, float]:
     hull = convex_hull(flat)
     if hull is None:
         return np.zeros((0, 3)), 0.0
-    ring = _thinned([int(vertex) for vertex in hull.vertices], flat)
+    corners = flat[hull.vertices]
+    angles = np.arange(MAX_CORNERS) * (2.0 * np.pi / MAX_CORNERS)
+    farthest = np.argmax(corners @ np.stack([np.cos(angles), np.sin(angles)]), axis=0)
+    ring = hull.vertices[list(dict.fromkeys(farthest.tolist()))]
     height = float(np.mean(points @ up))
     level = points[ring] + (height - points[ring] @ up)[:, None] * up
     return np.asarray(level), float(hull.volume)
-
-
-def _thinned(ring: list[int], flat: FloatArray) -> list[int]:
-    """The outline without collinear corners, and with at most MAX_CORNERS: those that cost least area go first."""
-    while len(ring) > 3:
-        a, b, c = (flat[np.roll(ring, shift)] for shift in (1, 0, -1))
-        lost = 0.5 * np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
-        least = int(np.argmin(lost))
-        if len(ring) <= MAX_CORNERS and lost[least] > 2e-6:
-            break
-        del ring[least]
-    return ring
 
 
 def _facing_down(centres: FloatArray, radii: FloatArray) -> FloatArray | None:
