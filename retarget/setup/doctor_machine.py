@@ -90,7 +90,7 @@ def fix_all(subject: str, problems: Iterable[Problem]) -> list[Finding]:
 
 ROOT = Path("/")
 GOOD_GOVERNORS = {"performance", "schedutil"}
-GOOD_CLOCKS = ("tsc", "arch_sys_counter", "kvm-clock", "hyperv_clocksource_tsc_page", "hyperv_clocksource")
+GOOD_CLOCKS = ("unknown", "tsc", "arch_sys_counter", "kvm-clock", "hyperv_clocksource_tsc_page", "hyperv_clocksource")
 PER_HOUR = 2.3e9
 """Bytes of an hour of SlimeVR's VMC (2.6 kB, 232 a second, and the header of each)."""
 TICKS, TICK_S = 100, 0.01
@@ -98,15 +98,9 @@ TICKS, TICK_S = 100, 0.01
 
 def machine_findings(folder: Path, *, root: Path = ROOT) -> list[Finding]:
     """Findings on the operating system. folder: where recordings would go. root: of the kernel's files."""
-    return [
-        _cores(root),
-        _governor(root),
-        _scheduler(root),
-        _realtime(),
-        _clock_source(root),
-        _receive_buffer(root),
-        _disk(folder),
-    ]
+    names = ("cores", "governor", "scheduler", "real time", "clock/source", "UDP buffer", "disk")
+    facts = _core_facts(root) | _kernel_facts(root) | _realtime_facts() | _disk_facts(folder)
+    return findings(*names, **facts)
 
 
 def lateness_finding(clock: Clock) -> Finding:
@@ -119,7 +113,7 @@ def lateness_finding(clock: Clock) -> Finding:
     return finding("ticks", p50=p50, p99=p99)
 
 
-def _cores(root: Path) -> Finding:
+def _core_facts(root: Path) -> dict[str, Any]:
     usable, there = len(os.sched_getaffinity(0)), os.cpu_count() or 1
     share, limited = float(usable), ""
     quota = _text(root / "sys/fs/cgroup/cpu.max").split()
@@ -127,50 +121,38 @@ def _cores(root: Path) -> Finding:
         limit = int(quota[0]) / int(quota[1])
         share, limited = min(usable, int(limit)), f", limited to {limit:.1f} by a cgroup"
     load = float((_text(root / "proc/loadavg").split() or ["0"])[0])
-    return finding("cores", usable=usable, there=there, quota=limited, share=share, load=load)
-
-
-def _governor(root: Path) -> Finding:
     paths = (root / "sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor")
-    names = {_text(path) for path in paths} - {""}
-    case = "/none" if not names else "" if names <= GOOD_GOVERNORS else "/slow"
-    return finding("governor" + case, names=", ".join(sorted(names)))
+    governors = {_text(path) for path in paths} - {""}
+    facts = {"governors": ", ".join(sorted(governors)), "set": len(governors), "slow": len(governors - GOOD_GOVERNORS)}
+    return {"usable": usable, "there": there, "quota": limited, "share": share, "load": load, **facts}
 
 
-def _scheduler(root: Path) -> Finding:
+def _kernel_facts(root: Path) -> dict[str, Any]:
     version = _text(root / "proc/version")
     kind = next((word for word in ("PREEMPT_RT", "PREEMPT_DYNAMIC", "PREEMPT") if word in version), "not preemptible")
     if _text(root / "sys/kernel/realtime") == "1":
         kind = "PREEMPT_RT"
-    return finding("scheduler", release=platform.release(), kind=kind)
+    clock = _text(root / "sys/devices/system/clocksource/clocksource0/current_clocksource") or "unknown"
+    most = _text(root / "proc/sys/net/core/rmem_max")
+    buffer = {"most": int(most) if most.isdigit() else -1, "wanted": RECEIVE_BUFFER}
+    return {"release": platform.release(), "kind": kind, "clock": clock, "good": clock in GOOD_CLOCKS, **buffer}
 
 
-def _realtime() -> Finding:
+def _realtime_facts() -> dict[str, Any]:
+    facts = {"priority": USUAL_PRIORITY, "how": HOW_TO_PERMIT}
     try:
         refuse_scheduling(Scheduling(priority=USUAL_PRIORITY))
     except HardwareError:
-        return finding("real time/refused", priority=USUAL_PRIORITY, how=HOW_TO_PERMIT)
-    return finding("real time", priority=USUAL_PRIORITY)
+        return facts | {"permitted": False}
+    return facts | {"permitted": True}
 
 
-def _clock_source(root: Path) -> Finding:
-    name = _text(root / "sys/devices/system/clocksource/clocksource0/current_clocksource") or "unknown"
-    return finding("clock/source" if name in (*GOOD_CLOCKS, "unknown") else "clock/poor source", name=name)
-
-
-def _receive_buffer(root: Path) -> Finding:
-    text = _text(root / "proc/sys/net/core/rmem_max")
-    if not text.isdigit():
-        return finding("UDP buffer/unknown")
-    return finding("UDP buffer", most=int(text), wanted=RECEIVE_BUFFER)
-
-
-def _disk(folder: Path) -> Finding:
+def _disk_facts(folder: Path) -> dict[str, Any]:
     try:
         free = shutil.disk_usage(folder).free
     except OSError as error:
-        return finding("disk/unreadable", folder=folder, reason=error.strerror or error)
-    return finding("disk", free=free / 1e9, hours=free / PER_HOUR)
+        return {"folder": folder, "reason": error.strerror or error, "free": -1.0}
+    return {"free": free / 1e9, "hours": free / PER_HOUR}
 
 
 def _text(path: Path) -> str:
