@@ -15,9 +15,9 @@ from retarget.schema.profile import DRAFT
 from retarget.schema.profile_parts import Foot, Frame, Landmark
 from retarget.schema.strict_models import Schema
 from retarget.setup.fit_observers import Fit, Verdict, comment, flow, fragment, wrapped
-from retarget.setup.frames import Placed
+from retarget.setup.frames import Angles, Posed
+from retarget.setup.postures import leg_length
 from retarget.setup.servo_guess import LOW_VOLTAGE, ServoDraft
-from retarget.types import FloatArray
 
 # The proposal of `fit-observers` as the sections of a drafted profile.
 
@@ -38,9 +38,9 @@ STRETCH = 0.97
 """Share of the stretched limb: a stretched human limb must not ask for a singular one."""
 
 
-def find_landmarks(placed: Placed, leg: float, axes: FloatArray) -> dict[str, Landmark]:
-    """placed: the robot standing, trunk upright. leg: stretched hip to ankle, m. axes (3, 3): of the robot, columns."""
-    at, found = placed.positions, dict[str, Landmark]()
+def find_landmarks(posed: Posed, standing: Angles) -> dict[str, Landmark]:
+    """standing: angles of the robot standing, trunk upright, rad."""
+    at, found = posed.place(standing).positions, dict[str, Landmark]()
 
     def add(frame: str, follows: Any, measured_from: Any, anchor: Any, length: float, human: Any, **more: Any) -> None:
         limb = {"follows": follows, "from": measured_from, "anchor": anchor, "human_length": human}
@@ -57,11 +57,11 @@ def find_landmarks(placed: Placed, leg: float, axes: FloatArray) -> dict[str, La
     start, below = (["l_hip", "r_hip"], "pelvis") if "pelvis" in at else ("neck", "neck")
     add("head", "head", start, below, max(float(np.linalg.norm(at["head"] - at[below])), 0.01), [start, "head"])
     if "l_sole" in at and "r_sole" in at:
-        ankles, length = ["l_ankle", "r_ankle"], STRETCH * leg
+        ankles, length = ["l_ankle", "r_ankle"], STRETCH * leg_length(posed)
         add("pelvis", ["l_hip", "r_hip"], ankles, ankles, length, ["l_hip", "l_knee", "l_ankle"])
         for side in ("l", "r"):
             hip, knee, ankle, sole = (f"{side}_{part}" for part in ("hip", "knee", "ankle", "sole"))
-            offset = (axes.T @ (at[sole] - at[ankle])).round(4).tolist()
+            offset = (posed.anatomy.axes.T @ (at[sole] - at[ankle])).round(4).tolist()
             add(sole, ankle, hip, hip, length, [hip, knee, ankle], offset=offset)
     return found
 

@@ -6,11 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from retarget.setup.limbs import UP, Anatomy, Limb, arm_roles, crossing, leg_roles, pitch_joints, tip
+from retarget.rotations import from_matrix
+from retarget.schema.profile_parts import Foot, Frame
+from retarget.setup.limbs import Anatomy, Limb, arm_roles, crossing, leg_roles, pitch_joints, tip
 from retarget.setup.tree import Tree, flat_underside
 from retarget.types import FloatArray
 
-SIDES = ("l", "r")
+SIDES = {"l": "left", "r": "right"}
+"""Sides as they begin names of frames, and in `feet`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,51 +29,40 @@ class FoundFrame:
 
 
 @dataclass(frozen=True, eq=False)
-class FoundSole:
-    """A sole. frame: its name; polygon (k, 2) m in it. drawn: not found by its shape but assumed."""
-
-    frame: str
-    polygon: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
 class Found:
-    """All frames by name, the soles from left to right, and what could not be found."""
+    """All frames by name, the soles by side, and what could not be found."""
 
     frames: dict[str, FoundFrame]
-    soles: tuple[FoundSole, ...]
+    feet: dict[str, Foot]
     missing: tuple[str, ...]
 
 
 def find_frames(tree: Tree, anatomy: Anatomy) -> Found:
-    """Every frame that the body has a place for."""
-    axes = np.stack([anatomy.forward, anatomy.left, UP], axis=1)
+    """Every frame that the body has a place for; both soles or none."""
     frames: list[FoundFrame] = []
-    soles: list[FoundSole] = []
+    feet: dict[str, Foot] = {}
     missing: list[str] = []
     for side, leg in zip(SIDES, anatomy.legs, strict=False):
-        found, sole = _leg(tree, anatomy, leg, side)
+        found, foot = _leg(tree, anatomy, leg, side)
         frames += found
-        if sole is None:
+        if foot is None:
             missing.append(f"{side}_sole: the foot has no flat underside")
         else:
-            soles.append(sole)
-    if len(soles) < len(anatomy.legs):
-        soles = []
-    sides = SIDES if len(anatomy.arms) == 2 else ("r",)
+            feet[SIDES[side]] = foot
+    sides = tuple(SIDES) if len(anatomy.arms) == 2 else ("r",)
     for side, arm in zip(sides, anatomy.arms, strict=False):
-        frames += _arm(tree, anatomy, arm, side, axes)
-    frames = [*_trunk(tree, anatomy, frames, axes), *frames]
+        frames += _arm(tree, anatomy, arm, side)
+    frames = [*_trunk(tree, anatomy, frames), *frames]
     if not anatomy.head:
         missing.append("head: nothing turns above the trunk, so the frame is at its top")
     if not anatomy.legs:
         missing.append("legs: no two limbs reach the ground, so the root is fixed")
     missing += [f"{side}_hand: no such arm" for side in SIDES if side not in sides[: len(anatomy.arms)]]
-    return Found({frame.name: frame for frame in frames}, tuple(soles), tuple(missing))
+    return Found({frame.name: frame for frame in frames}, feet if len(feet) == 2 else {}, tuple(missing))
 
 
-def _leg(tree: Tree, anatomy: Anatomy, leg: Limb, side: str) -> tuple[list[FoundFrame], FoundSole | None]:
-    axes = np.stack([anatomy.forward, anatomy.left, UP], axis=1)
+def _leg(tree: Tree, anatomy: Anatomy, leg: Limb, side: str) -> tuple[list[FoundFrame], Foot | None]:
+    axes = anatomy.axes
     roles = leg_roles(tree, leg, anatomy.left)
     pitches = pitch_joints(tree, leg, anatomy.left)
     others = [node for node in leg.nodes if node not in pitches]
@@ -106,7 +98,8 @@ def _leg(tree: Tree, anatomy: Anatomy, leg: Limb, side: str) -> tuple[list[Found
     toe = np.array([high[0], middle[1], middle[2]])
     frames.append(FoundFrame(f"{side}_sole", foot, turned @ middle, turned, "middle of the sole: x to the toes, z up"))
     frames.append(FoundFrame(f"{side}_toe", foot, turned @ toe, turned))
-    return frames, FoundSole(f"{side}_sole", _ring(flat[:, :2] - middle[:2]))
+    polygon = _ring(flat[:, :2] - middle[:2]).round(4).tolist()
+    return frames, Foot.model_validate({"frame": f"{side}_sole", "polygon": polygon})
 
 
 def _ring(polygon: FloatArray) -> FloatArray:
@@ -116,8 +109,8 @@ def _ring(polygon: FloatArray) -> FloatArray:
     return np.roll(ring, -int(np.argmax(ring.sum(axis=1))), axis=0)
 
 
-def _arm(tree: Tree, anatomy: Anatomy, arm: Limb, side: str, axes: FloatArray) -> list[FoundFrame]:
-    roles = arm_roles(tree, arm)
+def _arm(tree: Tree, anatomy: Anatomy, arm: Limb, side: str) -> list[FoundFrame]:
+    roles, axes = arm_roles(tree, arm), anatomy.axes
     first = arm.nodes[0]
     others = [node for node in arm.nodes[1:] if abs(tree.nodes[node].axis @ tree.nodes[first].axis) < 0.9]
     shoulder = crossing(tree, first, others[0]) if others else tree.nodes[first].anchor
@@ -135,9 +128,9 @@ def _arm(tree: Tree, anatomy: Anatomy, arm: Limb, side: str, axes: FloatArray) -
     return frames
 
 
-def _trunk(tree: Tree, anatomy: Anatomy, limbs: list[FoundFrame], axes: FloatArray) -> list[FoundFrame]:
+def _trunk(tree: Tree, anatomy: Anatomy, limbs: list[FoundFrame]) -> list[FoundFrame]:
     """Pelvis, neck and head, of which neck and head are always made: a follower needs them."""
-    places = {frame.name: frame.position for frame in limbs}
+    places, axes = {frame.name: frame.position for frame in limbs}, anatomy.axes
     frames = []
     if "l_hip" in places and "r_hip" in places:
         hips = 0.5 * (places["l_hip"] + places["r_hip"])
@@ -191,9 +184,15 @@ class Posed:
             turn = self._data.xmat[link].reshape(3, 3)
             self._local[name] = (link, turn.T @ (frame.position - self._data.xpos[link]), turn.T @ frame.axes)
 
-    def on_link(self, name: str) -> tuple[int, FloatArray, FloatArray]:
-        """A frame's link, and its position (3,) m and axes (3, 3) there."""
-        return self._local[name]
+    def entries(self) -> dict[str, tuple[Frame, str]]:
+        """The frames for a profile, each with what it is."""
+        found = {}
+        for name, (link, position, axes) in self._local.items():
+            quat = from_matrix(axes).round(6) + 0.0  # no -0
+            place = {"pos": position.round(5).tolist(), "quat": quat.tolist()}
+            entry = Frame.model_validate({"link": self._model.body(link).name, **place})
+            found[name] = entry, self.found.frames[name].about
+        return found
 
     def inside(self, joint: str, angle: float) -> float:
         """The angle, drawn into the joint's limits."""

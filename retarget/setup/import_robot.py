@@ -7,25 +7,21 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from retarget.errors import ConfigError, InputError, UsageError
 from retarget.ik.support_polygon import check_stand
 from retarget.model.body import body_from_file
 from retarget.model.body_file import Root, compile_body
 from retarget.model.robot import load_uncalibrated
-from retarget.rotations import from_matrix
 from retarget.schema.catalogue import Kind, entries
 from retarget.schema.files import check_folder, check_path, umask
 from retarget.schema.profile import marked_lines
-from retarget.schema.profile_parts import Foot, Frame, Landmark
 from retarget.setup.body_draft import BodyDraft, draft_body, facing_x
 from retarget.setup.draft import NO_OBSERVERS, Draft, find_landmarks, observer_text, profile_text
 from retarget.setup.fit_observers import Subject, fit
 from retarget.setup.frames import Found, Posed, find_frames
-from retarget.setup.limbs import UP, Anatomy, find_anatomy
+from retarget.setup.limbs import Anatomy, find_anatomy
 from retarget.setup.observer_proposals import Zones
-from retarget.setup.postures import SPREADS, Postures, clear_postures, find_postures, leg_length
+from retarget.setup.postures import SPREADS, Postures, clear_postures, find_postures
 from retarget.setup.robot_file import Relaxed, read_source, stated_speeds
 from retarget.setup.servo_guess import guess_servos
 from retarget.setup.tree import read_tree
@@ -152,7 +148,9 @@ def _drafted(
     (folder / body.file).write_bytes(body.content)
     root, notes = _root(folder / body.file, anatomy, found)
     soles = root == "free"
-    notes = (*body.notes, *notes, *_odd(anatomy))
+    notes = (*body.notes, *notes)
+    if anatomy.odd:
+        notes = (*notes, f"joints without a counterpart on the other side: {', '.join(anatomy.odd[:10])}")
     postures, observers = find_postures(posed, spread=SPREADS[0], soles=soles), NO_OBSERVERS
     if body.model.ngeom:
         file = compile_body(folder / body.file, root=root)
@@ -167,11 +165,11 @@ def _drafted(
         source=source,
         body=body.file,
         root=root,
-        frames=_frames(body, posed, found),
+        frames=posed.entries(),
         servos=servos,
-        feet=_feet(found) if soles else {},
+        feet=found.feet if soles else {},
         postures=postures.angles,
-        landmarks=_landmarks(posed, postures),
+        landmarks=find_landmarks(posed, postures.angles["stand"]),
         facing=anatomy.facing,
         missing=found.missing,
         notes=notes,
@@ -206,38 +204,10 @@ def _root(body: Path, anatomy: Anatomy, found: Found) -> tuple[Root, tuple[str, 
     """How it stands in the world: free on two soles, if the body can be set free."""
     if not anatomy.legs:
         return "fixed", ()
-    if len(found.soles) < 2:
+    if not found.feet:
         return "suspended", ()
     try:
         compile_body(body, root="free")
     except InputError as error:
         return "suspended", (f"the body cannot be set free: {error.problems[0].what}, {error.problems[0].found}",)
     return "free", ()
-
-
-def _frames(body: BodyDraft, posed: Posed, found: Found) -> dict[str, tuple[Frame, str]]:
-    drafts = {}
-    for name, frame in found.frames.items():
-        link, position, axes = posed.on_link(name)
-        quat = from_matrix(axes).round(6) + 0.0  # no -0
-        place = {"pos": position.round(5).tolist(), "quat": quat.tolist()}
-        drafts[name] = Frame.model_validate({"link": body.model.body(link).name, **place}), frame.about
-    return drafts
-
-
-def _feet(found: Found) -> dict[str, Foot]:
-    return {
-        side: Foot.model_validate({"frame": sole.frame, "polygon": sole.polygon.round(4).tolist()})
-        for side, sole in zip(("left", "right"), found.soles, strict=True)
-    }
-
-
-def _landmarks(posed: Posed, postures: Postures) -> dict[str, Landmark]:
-    anatomy = posed.anatomy
-    leg = leg_length(posed) if anatomy.legs else 0.0
-    axes = np.stack([anatomy.forward, anatomy.left, UP], axis=1)
-    return find_landmarks(posed.place(postures.angles["stand"]), leg, axes)
-
-
-def _odd(anatomy: Anatomy) -> tuple[str, ...]:
-    return (f"joints without a counterpart on the other side: {', '.join(anatomy.odd[:10])}",) if anatomy.odd else ()

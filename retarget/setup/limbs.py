@@ -50,6 +50,11 @@ class Anatomy:
     facing: str
     odd: tuple[str, ...]
 
+    @property
+    def axes(self) -> FloatArray:
+        """Forward, left and up as columns (3, 3)."""
+        return np.stack([self.forward, self.left, UP], axis=1)
+
 
 def find_anatomy(tree: Tree) -> Anatomy:
     """Legs, arms and head of a body, by its topology and geometry; names only help to distinguish left from right."""

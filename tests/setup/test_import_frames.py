@@ -32,9 +32,9 @@ def test_frames_are_where_people_put_them(robot: str) -> None:
 def test_soles_are_those_of_the_profiles(robot: str) -> None:
     known = load_robot(robot)
     for sole, foot in zip(
-        find_frames(shipped_tree(robot), shipped_anatomy(robot)).soles, known.profile.feet.values(), strict=True
+        find_frames(shipped_tree(robot), shipped_anatomy(robot)).feet.values(), known.profile.feet.values(), strict=True
     ):
-        assert is_convex(tuple((float(x), float(y)) for x, y in sole.polygon))
+        assert is_convex(sole.polygon)
         assert np.ptp(sole.polygon, axis=0) == pytest.approx(np.ptp(np.array(foot.polygon), axis=0), abs=5e-4)
 
 
@@ -49,7 +49,7 @@ def test_a_foot_that_is_a_ball_has_no_sole() -> None:
     text = humanoid().replace('<box size="0.07 0.14 0.02"/>', '<sphere radius="0.03"/>')
     tree = text_tree(text)
     found = find_frames(tree, find_anatomy(tree))
-    assert not found.soles and any(text.startswith("l_sole: the foot has no flat") for text in found.missing)
+    assert not found.feet and any(text.startswith("l_sole: the foot has no flat") for text in found.missing)
 
 
 def test_outlines_are_thinned() -> None:
