@@ -21,7 +21,7 @@ from retarget.live.stream import MOST_DECODED, LiveStream
 from retarget.live.udp import UdpReceiver, port_holder
 from retarget.schema.performer import Performer, PerformerSensor
 from retarget.setup.doctor_capture import StreamCapture, capture_stream
-from retarget.setup.doctor_machine import Finding, finding, firewall_findings, fix_all
+from retarget.setup.doctor_machine import Finding, finding, findings, firewall_findings, fix_all
 from retarget.setup.doctor_sensors import UNNAMED, invented_findings, rate_findings, role_findings
 from retarget.sources.json_pose import DEFAULT_PORT
 from retarget.sources.natnet_decoder import NatnetDecoder
@@ -186,9 +186,9 @@ def _refused(address: StreamAddress, capture: StreamCapture) -> list[Finding]:
             owner = admission.owner
             first = f"; {owner[0]}, port {owner[1]}, was first and is followed" if owner is not None else ""
             found.append(finding("sender/second", host=host, port=port, first=first))
-    taken, rate = MOST_DECODED * HUMAN_RATE_HZ, capture.arrived / max(capture.seconds, 0.1)
-    if rate > taken:
-        found.append(finding("sender/rate", rate=rate, taken=taken))
+    found += findings(
+        "sender/rate", rate=capture.arrived / max(capture.seconds, 0.1), taken=MOST_DECODED * HUMAN_RATE_HZ
+    )
     others = capture.stream.receiver.dropped.reasons.items()
     return found + [finding("sender/refused", reason=why, count=n, address=address.text) for why, n in others]
 
@@ -217,16 +217,15 @@ def _dropped(capture: StreamCapture) -> list[Finding]:
     """What the decoder dropped of a stream that has frames."""
     found = []
     for reason, count in capture.stream.decoder.dropped.reasons.most_common(8):
-        check = "decoder/harmless" if any(part in reason for part in _HARMLESS) else "decoder"
-        share = count / max(capture.arrived, 1)
-        found.append(finding(check, reason=reason, count=count, arrived=capture.arrived, share=share))
+        facts: dict[str, Any] = {"reason": reason, "count": count, "arrived": capture.arrived}
+        harmless, share = any(part in reason for part in _HARMLESS), count / max(capture.arrived, 1)
+        found.append(finding("decoder", **facts, harmless=harmless, share=share))
     return found
 
 
 def _lost(capture: StreamCapture) -> list[Finding]:
     """Datagrams that the kernel dropped, and those of other machines that are longer than an Ethernet frame."""
-    overflowed = int(getattr(capture.stream.receiver, "overflowed", 0))
-    found = [finding("buffer", count=overflowed)] if overflowed else []
+    found = findings("buffer", count=getattr(capture.stream.receiver, "overflowed", 0))
     long = {host: size for host, size in capture.largest.items() if size > UNFRAGMENTED and not _is_here(host)}
     return found + [finding("network/fragments", host=host, size=size) for host, size in long.items()]
 

@@ -1,7 +1,7 @@
 """Reads the body file of an import: checks it as XML, finds its meshes, and makes a URDF ready for MuJoCo."""
 
 import copy
-import struct
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import isfinite
@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any, NoReturn
 from xml.etree import ElementTree
 from xml.parsers import expat
+
+import numpy as np
 
 from retarget.errors import InputError, Problem
 from retarget.model.body_file import MAX_BYTES
@@ -140,7 +142,7 @@ PACKAGE_DEPTH = 6
 """Folders above the body in which its package may be."""
 STL_HEAD = 84
 """Bytes before the first triangle of a binary STL."""
-STL_TRIANGLE = struct.Struct("<12fH")
+STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", 9), ("attributes", "<u2")])
 
 
 @dataclass(frozen=True)
@@ -183,22 +185,17 @@ def find_mesh(name: str, body: Path) -> MeshFile | None:
 
 def _binary(content: bytes) -> bytes:
     """A text STL as a binary one; other content is returned as it is, for MuJoCo to refuse."""
-    is_binary = len(content) >= STL_HEAD and len(content) == STL_HEAD + STL_TRIANGLE.size * _count(content)
-    if is_binary or content.lstrip()[:5].lower() != b"solid":
+    count = int.from_bytes(content[STL_HEAD - 4 : STL_HEAD], "little")
+    is_binary = len(content) >= STL_HEAD and len(content) == STL_HEAD + STL_TRIANGLE.itemsize * count
+    corners = re.findall(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", content)
+    if is_binary or content.lstrip()[:5].lower() != b"solid" or not corners:
         return content
-    words = content.split()
     try:
-        corners = [tuple(map(float, words[at + 1 : at + 4])) for at, word in enumerate(words) if word == b"vertex"]
-        triangles = [corners[at : at + 3] for at in range(0, len(corners), 3)]
-        rows = [STL_TRIANGLE.pack(0.0, 0.0, 0.0, *a, *b, *c, 0) for a, b, c in triangles]
-    except (ValueError, struct.error):
+        rows = np.zeros(len(corners) // 3, dtype=STL_TRIANGLE)
+        rows["corners"] = np.array(corners, dtype=np.float32).reshape(-1, 9)
+    except ValueError:
         return content
-    return bytes(STL_HEAD - 4) + struct.pack("<I", len(rows)) + b"".join(rows) if rows else content
-
-
-def _count(content: bytes) -> int:
-    """Number of triangles in the header of a binary STL."""
-    return int.from_bytes(content[STL_HEAD - 4 : STL_HEAD], "little")
+    return bytes(STL_HEAD - 4) + len(rows).to_bytes(4, "little") + rows.tobytes()
 
 
 # A URDF made ready for import: joints that no servo turns, links without mass, meshes that are found or missing.
