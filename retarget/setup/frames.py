@@ -9,7 +9,7 @@ import numpy as np
 from retarget.rotations import from_matrix
 from retarget.schema.profile_parts import Foot, Frame
 from retarget.setup.limbs import Anatomy, Limb, arm_roles, crossing, leg_roles, pitch_joints, tip
-from retarget.setup.tree import Tree, flat_underside
+from retarget.setup.tree import Tree, flat_underside, outline
 from retarget.types import FloatArray
 
 SIDES = {"l": "left", "r": "right"}
@@ -92,21 +92,14 @@ def _leg(tree: Tree, anatomy: Anatomy, leg: Limb, side: str) -> tuple[list[Found
     x = anatomy.forward - (anatomy.forward @ sole.up) * sole.up
     x /= np.linalg.norm(x)
     turned = np.stack([x, np.cross(sole.up, x), sole.up], axis=1)
-    flat = sole.corners @ turned
+    flat = sole.points @ turned
     low, high = flat.min(axis=0), flat.max(axis=0)
     middle = 0.5 * (low + high)
     toe = np.array([high[0], middle[1], middle[2]])
     frames.append(FoundFrame(f"{side}_sole", foot, turned @ middle, turned, "middle of the sole: x to the toes, z up"))
     frames.append(FoundFrame(f"{side}_toe", foot, turned @ toe, turned))
-    polygon = _ring(flat[:, :2] - middle[:2]).round(4).tolist()
+    polygon = outline((flat[:, :2] - middle[:2]).round(4)).tolist()
     return frames, Foot.model_validate({"frame": f"{side}_sole", "polygon": polygon})
-
-
-def _ring(polygon: FloatArray) -> FloatArray:
-    """Counter-clockwise from the corner at the front left."""
-    area = np.sum(polygon[:, 0] * np.roll(polygon[:, 1], -1) - np.roll(polygon[:, 0], -1) * polygon[:, 1])
-    ring = polygon if area > 0.0 else polygon[::-1]
-    return np.roll(ring, -int(np.argmax(ring.sum(axis=1))), axis=0)
 
 
 def _arm(tree: Tree, anatomy: Anatomy, arm: Limb, side: str) -> list[FoundFrame]:

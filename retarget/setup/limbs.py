@@ -182,7 +182,7 @@ def _feet_ahead(tree: Tree, leg: Limb, ahead: FloatArray) -> float:
     pitches = pitch_joints(tree, leg, np.cross(UP, ahead))
     if sole is None or not pitches:
         return 0.0
-    along = sole.corners @ ahead
+    along = sole.points @ ahead
     middle = 0.5 * (along.min() + along.max())
     share = (middle - tree.nodes[pitches[-1]].anchor @ ahead) / max(float(np.ptp(along)), 1e-6)
     return float(np.sign(share)) if abs(share) > 0.02 else 0.0

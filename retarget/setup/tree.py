@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from retarget.errors import InputError
-from retarget.setup.enclosing_shapes import convex_hull, directions, hull_of_balls, link_geometries
+from retarget.setup.enclosing_shapes import directions, hull_of_balls, link_geometries
 from retarget.types import FloatArray
 
 BASE = 0
@@ -292,45 +292,34 @@ MIN_AREA = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Sole:
-    """up (3,): the normal of the sole, into the foot. corners (k, 3) m: of its convex outline, all in the world of the
-    zero pose. area, m^2."""
+    """up (3,): the normal of the sole, into the foot. points (k, 3) m: that touch the ground, in the world of the zero
+    pose."""
 
     up: FloatArray
-    corners: FloatArray
-    area: float
+    points: FloatArray
 
 
 def flat_underside(tree: Tree, nodes: Sequence[int]) -> Sole | None:
     """The largest flat underside of these nodes together; None where they have no geometry that could stand."""
-    solid = [node for node in nodes if len(tree.nodes[node].centres)]
-    if not solid:
-        return None
-    centres = np.concatenate([tree.nodes[node].centres for node in solid])
-    radii = np.concatenate([tree.nodes[node].radii for node in solid])
-    down = _facing_down(centres, radii)
+    centres = np.concatenate([tree.nodes[node].centres for node in nodes])
+    radii = np.concatenate([tree.nodes[node].radii for node in nodes])
+    down = _facing_down(centres, radii) if len(centres) else None
     if down is None:
         return None
-    touching = _touching(centres, radii, down)
-    corners, area = outline(touching, -down)
-    return None if area < MIN_AREA else Sole(-down, corners, area)
+    lowest = centres + radii[:, None] * down
+    depth = lowest @ down
+    touching = lowest[depth >= depth.max() - TOUCHING_M]
+    around = touching - touching.mean(axis=0)
+    sides = np.ptp(around @ np.linalg.svd(around)[2][:2].T, axis=0)
+    return None if sides.prod() < MIN_AREA else Sole(-down, touching)
 
 
-def outline(points: FloatArray, up: FloatArray) -> tuple[FloatArray, float]:
-    """Corners (k, 3) of the convex outline of points (n, 3) seen along `up`, counter-clockwise, at most MAX_CORNERS,
-    and its area, m^2; no corners and 0 where it is an edge."""
-    first = np.cross(up, [1.0, 0.0, 0.0] if abs(up[0]) < 0.8 else [0.0, 1.0, 0.0])
-    first /= np.linalg.norm(first)
-    flat = points @ np.stack([first, np.cross(up, first)], axis=1)
-    hull = convex_hull(flat)
-    if hull is None:
-        return np.zeros((0, 3)), 0.0
-    corners = flat[hull.vertices]
-    angles = np.arange(MAX_CORNERS) * (2.0 * np.pi / MAX_CORNERS)
-    farthest = np.argmax(corners @ np.stack([np.cos(angles), np.sin(angles)]), axis=0)
-    ring = hull.vertices[list(dict.fromkeys(farthest.tolist()))]
-    height = float(np.mean(points @ up))
-    level = points[ring] + (height - points[ring] @ up)[:, None] * up
-    return np.asarray(level), float(hull.volume)
+def outline(points: FloatArray) -> FloatArray:
+    """Corners (k, 2) of the convex outline of points (n, 2), counter-clockwise from the front left: those that are
+    farthest in MAX_CORNERS directions."""
+    angles = np.pi / 4.0 + np.arange(MAX_CORNERS) * (2.0 * np.pi / MAX_CORNERS)
+    farthest = np.argmax(points @ np.stack([np.cos(angles), np.sin(angles)]), axis=0)
+    return np.asarray(points[list(dict.fromkeys(farthest.tolist()))])
 
 
 def _facing_down(centres: FloatArray, radii: FloatArray) -> FloatArray | None:
@@ -349,10 +338,3 @@ def _facing_down(centres: FloatArray, radii: FloatArray) -> FloatArray | None:
     best = looking[alike[int(np.argmax(sums))]]
     normal = (normals[best] * areas[best][:, None]).sum(axis=0)
     return np.asarray(normal / np.linalg.norm(normal))
-
-
-def _touching(centres: FloatArray, radii: FloatArray, down: FloatArray) -> FloatArray:
-    """The lowest points (k, 3) of the balls that touch the ground below."""
-    lowest = centres + radii[:, None] * down
-    depth = lowest @ down
-    return np.asarray(lowest[depth >= depth.max() - TOUCHING_M])

@@ -54,11 +54,17 @@ def test_a_foot_that_is_a_ball_has_no_sole() -> None:
 
 def test_outlines_are_thinned() -> None:
     angles = np.linspace(0.0, 2.0 * np.pi, 200, endpoint=False)
-    ring = np.stack([0.05 * np.cos(angles), 0.1 * np.sin(angles), np.zeros(200)], axis=1)
-    corners, area = outline(ring, np.array([0.0, 0.0, 1.0]))
-    assert len(corners) <= MAX_CORNERS and area == pytest.approx(np.pi * 0.05 * 0.1, rel=1e-3)
-    line, none = outline(ring[:, [2, 1, 2]], np.array([0.0, 0.0, 1.0]))
-    assert len(line) == 0 and none == 0.0
+    corners = outline(np.stack([0.05 * np.cos(angles), 0.1 * np.sin(angles)], axis=1))
+    assert len(corners) == MAX_CORNERS and is_convex(tuple(map(tuple, corners.tolist())))
+    x, y = corners.T
+    area = 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
+    assert area == pytest.approx(np.pi * 0.05 * 0.1, rel=0.05)  # inside the round one
+
+
+def test_a_foot_that_is_an_edge_has_no_sole() -> None:
+    text = humanoid().replace('<box size="0.07 0.14 0.02"/>', '<box size="0.0002 0.14 0.02"/>')
+    tree = text_tree(text)
+    assert not find_frames(tree, find_anatomy(tree)).feet
 
 
 def test_an_arm_has_a_hand_and_a_list_of_missing_parts() -> None:
