@@ -28,8 +28,8 @@ def replace_meshes(spec: Any, model: Any, geometries: tuple[LinkGeometry, ...]) 
     mesh = mujoco.mjtGeom.mjGEOM_MESH
     meshes = [geom for geom in range(model.ngeom) if model.geom_type[geom] == mesh]
     links = {model.body(int(model.geom_bodyid[geom])).name for geom in meshes}
-    count = 0
-    for proposal in propose(tuple(one for one in geometries if one.name in links), ZONES):
+    proposals = propose(tuple(one for one in geometries if one.name in links), ZONES)
+    for proposal in proposals:
         body = spec.body(proposal.link_name)
         for geom in list(body.geoms):
             spec.delete(geom)
@@ -37,11 +37,10 @@ def replace_meshes(spec: Any, model: Any, geometries: tuple[LinkGeometry, ...]) 
         name = "SPHERE" if kind is ShapeKind.CAPSULE and not size[1] else kind.name
         geom_type = getattr(mujoco.mjtGeom, f"mjGEOM_{name}")
         body.add_geom(name=f"{proposal.link_name}_shell", type=geom_type, size=size, pos=pos, quat=quat)
-        count += 1
     for geom in list(spec.geoms):  # of links that no profile can name
         if geom.type == mesh:
             spec.delete(geom)
-    return count
+    return len(proposals)
 
 
 _NAME = re.compile(r"[^\s/\\]{1,80}")  # as `schema.Name`

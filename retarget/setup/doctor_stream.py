@@ -8,7 +8,7 @@ from ipaddress import AddressValueError, IPv4Address
 from typing import Any
 
 from hardware.clock import Clock
-from retarget.errors import InputError, UsageError
+from retarget.errors import InputError
 from retarget.live.address import EVERYWHERE, KINDS, LOOPBACK, StreamAddress, for_others, local_interfaces
 from retarget.live.admission import NOT_ALLOWED, SECOND_SOURCE
 from retarget.live.begin import HUMAN_RATE_HZ
@@ -16,10 +16,10 @@ from retarget.live.datagram_kinds import DAMAGED, SENDERS, Recognised, advice_fo
 from retarget.live.open_stream import open_stream, stream_kinds
 from retarget.live.raw_recording import recorded_kind
 from retarget.live.receivers import NatnetReceiver
-from retarget.live.roles import roles_of
+from retarget.live.roles import CONVENTIONS
 from retarget.live.stream import MOST_DECODED, LiveStream
 from retarget.live.udp import UdpReceiver, port_holder
-from retarget.schema.performer import Performer, PerformerSensor
+from retarget.schema.performer import Performer
 from retarget.setup.doctor_capture import StreamCapture, capture_stream
 from retarget.setup.doctor_machine import Finding, finding, findings, firewall_findings, fix_all
 from retarget.setup.doctor_sensors import UNNAMED, invented_findings, rate_findings, role_findings
@@ -290,14 +290,13 @@ def named_for(performer: Performer, convention: str) -> Performer:
 
     No sender has a pose of that name, so the sensor is reported as missing.
     """
-    sensors = dict[str, PerformerSensor]()
+    known = CONVENTIONS.get(performer.roles or convention, {})
+    sensors = {}
     for name, sensor in performer.sensors.items():
-        alone = performer.model_copy(update={"sensors": {name: sensor}})
-        try:
-            roles_of(alone, convention, where=performer.name)
-        except UsageError:
-            sensor = sensor.model_copy(update={"role": UNNAMED})
-        sensors[name] = sensor
+        place = known.get(name)
+        sends = place is not None and (not sensor.beside or place.position == place.orientation)
+        named = sends or sensor.role is not None
+        sensors[name] = sensor if named else sensor.model_copy(update={"role": UNNAMED})
     return performer.model_copy(update={"sensors": sensors})
 
 

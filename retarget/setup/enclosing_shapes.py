@@ -10,7 +10,7 @@ is then taken exactly from the balls, so that enclosure never depends on the opt
 
 import re
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
@@ -170,10 +170,11 @@ _NAME = re.compile(r"[^\s/\\]{1,80}")  # as `schema.Name`
 class Solid:
     """A box, or a cylinder along z, in the link's frame: pos (3,) m, quat (4,) wxyz, size (3,) m as MuJoCo's.
 
+    kind: box or cylinder.
     geom: name of the link's own geom that it is, else empty.
     """
 
-    kind: Literal["box", "cylinder"]
+    kind: str
     pos: FloatArray
     quat: FloatArray
     size: FloatArray
@@ -274,12 +275,10 @@ def _lone(model: Any, number: int) -> Solid | None:
     import mujoco
 
     geom = model.geom(number)
-    if not _NAME.fullmatch(geom.name):
+    kind = mujoco.mjtGeom(geom.type.item()).name.removeprefix("mjGEOM_").lower()
+    if kind not in ("box", "cylinder") or not _NAME.fullmatch(geom.name):
         return None
-    for kind in ("box", "cylinder"):
-        if geom.type == getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}"):
-            return Solid(kind, geom.pos.copy(), geom.quat.copy(), geom.size.copy(), geom.name)
-    return None
+    return Solid(kind, geom.pos.copy(), geom.quat.copy(), geom.size.copy(), geom.name)
 
 
 def _balls(model: Any, geom: int) -> tuple[FloatArray, float] | None:

@@ -22,8 +22,8 @@ from retarget.types import BoolArray, FloatArray, IntArray
 
 # The postures that a robot can take: joint ranges, and samples of them.
 
-UNLIMITED = {JointType.HINGE: np.pi, JointType.SLIDE: 1.0}
-"""Half range of a joint without limits, rad or m."""
+UNLIMITED = {JointType.HINGE: (np.pi, "rad"), JointType.SLIDE: (1.0, "m")}
+"""Half range of a joint without limits, and its unit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,9 +52,8 @@ class JointRanges:
         size = (count, len(self.address))
         uniform = rng.uniform(size=size)
         corners = rng.integers(2, size=size).astype(np.float64)
-        mixed = rng.uniform(size=size) < 0.5
-        kind = np.arange(count)[:, None] % 4
-        share = np.where((kind == 1) | ((kind == 3) & mixed), corners, uniform)
+        often = np.array([0.0, 1.0, 0.0, 0.5])[np.arange(count) % 4]
+        share = np.where(rng.uniform(size=size) < often[:, None], corners, uniform)
         q = np.repeat(self.q0[None], count, axis=0)
         q[:, self.address] = self.lower + share * (self.upper - self.lower)
         for ball in self.balls:
@@ -73,22 +72,20 @@ def joint_ranges(body: BodyModel, limits: Mapping[str, tuple[float, float]]) -> 
         dof = body.joint_dof[body.joint_index(name)]
         lower[dof], upper[dof] = low, high
     scalar = np.isin(body.joint_type, (JointType.HINGE, JointType.SLIDE))
-    for joint in np.flatnonzero(scalar):
-        dof, kind = body.joint_dof[joint], JointType(body.joint_type[joint])
-        if not np.isfinite([lower[dof], upper[dof]]).all():
-            half = UNLIMITED[kind]
-            lower[dof] = lower[dof] if np.isfinite(lower[dof]) else -half
-            upper[dof] = upper[dof] if np.isfinite(upper[dof]) else half
-            unit = "m" if kind is JointType.SLIDE else "rad"
-            looked = f"{lower[dof]:.2f} to {upper[dof]:.2f} {unit}"
+    low, high = lower[body.joint_dof[scalar]], upper[body.joint_dof[scalar]]
+    for row, joint in enumerate(np.flatnonzero(scalar)):
+        if not np.isfinite(low[row]) or not np.isfinite(high[row]):
+            half, unit = UNLIMITED[JointType(body.joint_type[joint])]
+            low[row] = np.nan_to_num(low[row], neginf=-half)
+            high[row] = np.nan_to_num(high[row], posinf=half)
+            looked = f"{low[row]:.2f} to {high[row]:.2f} {unit}"
             notes.append(f"joint {body.joint_names[joint]} has no limits, {looked} was looked at")
-    dofs = body.joint_dof[scalar]
     return JointRanges(
         q0=body.qpos0,
         address=body.joint_qpos[scalar],
         links=body.joint_body[scalar],
-        lower=lower[dofs],
-        upper=upper[dofs],
+        lower=low,
+        upper=high,
         balls=tuple(int(place) for place in body.joint_qpos[body.joint_type == JointType.BALL]),
         notes=tuple(notes),
     )
