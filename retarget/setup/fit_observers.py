@@ -324,9 +324,11 @@ def _tail(
     checked = [
         record for record in records if tuple(observers[place].link_name for place in record.pair) not in skipped
     ]
-    touching = [record.pair for record in checked if record.at_neutral <= 0.0]
-    dropped = [pair for pair in touching if _steps(body, observers, pair) <= NEAR_LINKS]
-    refused = [pair for pair in touching if pair not in dropped]
+    dropped, refused = list[Pair](), list[Pair]()
+    for record in checked:
+        if record.at_neutral <= 0.0:
+            steps = steps_between(body, *(observers[place].link for place in record.pair))
+            (dropped if steps <= NEAR_LINKS else refused).append(record.pair)
     looked_at = {record.pair for record in records}
     everything = [(first, second) for second in range(len(observers)) for first in range(second)]
     neighbours = [pair for pair in everything if pair not in looked_at]
@@ -341,10 +343,6 @@ def _tail(
             f"start: {_listed(observers, refused)}. Choose another neutral posture, or tighter shapes."
         )
     return lines
-
-
-def _steps(body: BodyModel, observers: tuple[Proposal, ...], pair: Pair) -> int:
-    return steps_between(body, observers[pair[0]].link, observers[pair[1]].link)
 
 
 def _listed(observers: tuple[Proposal, ...], pairs: list[Pair]) -> str:

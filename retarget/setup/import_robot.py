@@ -1,11 +1,10 @@
 """Imports a body file: a folder with a drafted profile and the body, written whole or not at all."""
 
 import re
-import shutil
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from retarget.errors import ConfigError, InputError, UsageError
 from retarget.ik.support_polygon import check_stand
@@ -13,7 +12,7 @@ from retarget.model.body import body_from_file
 from retarget.model.body_file import Root, compile_body
 from retarget.model.robot import load_uncalibrated
 from retarget.schema.catalogue import Kind, entries
-from retarget.schema.files import check_folder, check_path, umask
+from retarget.schema.files import check_folder, check_path
 from retarget.schema.profile import marked_lines
 from retarget.setup.body_draft import BodyDraft, draft_body, facing_x
 from retarget.setup.draft import NO_OBSERVERS, Draft, find_landmarks, observer_text, profile_text
@@ -78,19 +77,15 @@ def import_robot(
     speeds = stated_speeds(source) if source.kind == "urdf" else {}
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
-        folder = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name[:50]}."))
+        with TemporaryDirectory(dir=out.parent, prefix=f".{out.name[:50]}.") as place:
+            folder = Path(place) / "robot"
+            folder.mkdir()
+            draft = _drafted(folder, robot, path.name, body, speeds, samples=samples, progress=progress)
+            problems, margin = _checked(folder)
+            _check_out(out)
+            folder.rename(out)
     except OSError as error:
         raise UsageError("cannot write here", where=OPTION, found=f"{out}: {error.strerror}") from error
-    try:
-        draft = _drafted(folder, robot, path.name, body, speeds, samples=samples, progress=progress)
-        problems, margin = _checked(folder)
-        folder.chmod(0o777 & ~umask())
-        _check_out(out)
-        folder.rename(out)
-    except OSError as error:
-        raise UsageError("cannot write here", where=OPTION, found=f"{out}: {error.strerror}") from error
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
     return Imported(out, draft, problems, margin, len(marked_lines(profile_text(draft))))
 
 

@@ -18,8 +18,6 @@ from retarget.types import BoolArray, FloatArray
 
 REST = 0.02
 """Weight of staying near the middle of 0: joints that do not matter stay there."""
-SIGNIFICANT = 1e-3
-"""[rad] Less is 0."""
 
 
 def arm_posture(posed: Posed, *, spread: float, ahead: float, bend: float) -> dict[str, float]:
@@ -45,17 +43,17 @@ def arm_posture(posed: Posed, *, spread: float, ahead: float, bend: float) -> di
     at_hand = at_elbow + lower * _down(anatomy.forward, outward, ahead + bend, spread)
 
     def off(angles: FloatArray) -> FloatArray:
-        there = posed.place(_named(joints, angles)).positions
+        there = posed.place(_named(posed, joints, angles)).positions
         parts = [there[hand] - at_hand] + ([there[elbow] - at_elbow] if elbow else [])
         return np.concatenate([part / length for part in parts])
 
     low, high = _bounds(posed, joints)
     found = _solved(posed, joints, off, np.clip(0.0, low, high), REST)
-    return posed.mirrored(_rounded(posed, joints, found))
+    return posed.mirrored(_named(posed, joints, found))
 
 
-def _named(joints: list[str], angles: FloatArray) -> dict[str, float]:
-    return dict(zip(joints, angles.tolist(), strict=True))
+def _named(posed: Posed, joints: list[str], angles: FloatArray) -> dict[str, float]:
+    return {joint: posed.inside(joint, angle) for joint, angle in zip(joints, angles.tolist(), strict=True)}
 
 
 def _bounds(posed: Posed, joints: list[str]) -> FloatArray:
@@ -77,12 +75,6 @@ def _solved(
         max_nfev=80,
     )
     return np.asarray(found.x)
-
-
-def _rounded(posed: Posed, joints: list[str], angles: FloatArray) -> dict[str, float]:
-    """Joint -> rad, to three decimals and inside its limits, of the joints that are not at 0."""
-    significant = {joint: angle for joint, angle in _named(joints, angles).items() if abs(angle) > SIGNIFICANT}
-    return {joint: posed.inside(joint, round(angle, 3)) for joint, angle in significant.items()}
 
 
 def _down(forward: FloatArray, outward: FloatArray, ahead: float, spread: float) -> FloatArray:
@@ -124,7 +116,7 @@ def stand(posed: Posed, others: Angles, *, share: float) -> Standing:
     sideways = float(posed.place({}).positions["l_hip"] @ anatomy.left)
 
     def both(angles: FloatArray) -> dict[str, float]:
-        return {**others, **posed.mirrored(_named(joints, angles))}
+        return {**others, **posed.mirrored(_named(posed, joints, angles))}
 
     def off(angles: FloatArray) -> FloatArray:
         placed = posed.place(both(angles))
@@ -137,10 +129,10 @@ def stand(posed: Posed, others: Angles, *, share: float) -> Standing:
         tilt = [sole[:, 2] @ anatomy.forward, sole[:, 2] @ anatomy.left, sole[:, 0] @ anatomy.left]
         return np.array([*tilt, 2.0 * ahead, 2.0 * reach, 0.3 * width, 10.0 * behind])
 
-    angles = _rounded(posed, joints, _solved(posed, joints, off, _bent(posed), LEG_REST))
-    left = off(np.array([angles.get(joint, posed.inside(joint, 0.0)) for joint in joints]))
+    found = _solved(posed, joints, off, _bent(posed), LEG_REST)
+    left = np.abs(off(found))
     return Standing(
-        posed.mirrored(angles), bool(np.abs(left[:2]).max() <= FLAT and np.abs(left[3:5]).max() <= 2 * OVER)
+        posed.mirrored(_named(posed, joints, found)), left[:2].max() <= FLAT and left[3:5].max() <= 2.0 * OVER
     )
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -219,12 +220,9 @@ def find_mirror(tree: Tree) -> Mirror | None:
 
 
 def _offsets(tree: Tree, normal: FloatArray) -> list[float]:
-    """Where the plane may be: through the base's origin, or mid-way between two branches of one node."""
-    found = [float(tree.nodes[BASE].anchor @ normal)]
-    for node in range(len(tree.nodes)):
-        marks = [float(_mark(tree, child) @ normal) for child in tree.children(node)]
-        found += [0.5 * (first + second) for place, first in enumerate(marks) for second in marks[:place]]
-    return found[:200]
+    """Where the plane may be: through the base's origin, or mid-way between two branches of the base."""
+    marks = [float(_mark(tree, child) @ normal) for child in tree.children(BASE)]
+    return [float(tree.nodes[BASE].anchor @ normal), *(0.5 * sum(pair) for pair in combinations(marks, 2))]
 
 
 def _matched(tree: Tree, normal: FloatArray, offset: float) -> Mirror:
