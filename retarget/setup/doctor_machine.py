@@ -174,14 +174,10 @@ def serial_findings(ports: Iterable[str] | None = None) -> list[Finding]:
         return [_no_port()]
     refused = [path for path in paths if not os.access(path, os.R_OK | os.W_OK)]
     usable = [path for path in paths if path not in refused]
-    found = []
-    if refused:
-        groups = sorted({group for path in refused if (group := _group(path))})
-        known = {"groups": ", ".join(groups) or "none", "group": groups[0] if groups else GROUP}
-        found.append(finding("serial/refused", ports=", ".join(refused), **known))
-    if usable:
-        found.append(finding("serial", ports=", ".join(usable)))
-    return found
+    groups = sorted({group for path in refused if (group := _group(path))})
+    known = {"groups": ", ".join(groups) or "none", "group": groups[0] if groups else GROUP}
+    found = [finding("serial/refused", ports=", ".join(refused), **known)] if refused else []
+    return found + ([finding("serial", ports=", ".join(usable))] if usable else [])
 
 
 def _group(path: str) -> str:
@@ -275,19 +271,12 @@ def port_findings(
     refusal = _open_refusal(path, baud or 57_600)
     if refusal is not None:
         return [refusal]
-    timer, wanted = serial_port.latency_timer_ms(path, devices), serial_port.WANTED_MS
+    timer = serial_port.latency_timer_ms(path, devices)
+    limits = {"timer": -1 if timer is None else timer, "wanted": serial_port.WANTED_MS}
     found = [
         finding("servo port", subject=path, target=Path(path).resolve()),
         *_holders(path, processes),
-        finding("servo port/no timer", subject=path)
-        if timer is None
-        else finding(
-            "servo port/timer",
-            subject=path,
-            timer=timer,
-            wanted=wanted,
-            command=serial_port.timer_command(path, devices) if timer > wanted else "",
-        ),
+        finding("servo port/timer", subject=path, command=serial_port.timer_command(path, devices), **limits),
     ]
     return found if baud is None else [*found, finding("servo port/baud", subject=path, baud=baud)]
 

@@ -128,19 +128,14 @@ def _trunk(tree: Tree, anatomy: Anatomy, limbs: list[FoundFrame]) -> list[FoundF
     if "l_hip" in places and "r_hip" in places:
         hips = 0.5 * (places["l_hip"] + places["r_hip"])
         frames.append(FoundFrame("pelvis", anatomy.pelvis, hips, axes, "mid-way between the hips"))
-    centre = tree.nodes[anatomy.chest].middle
-    top = np.array([centre[0], centre[1], tree.nodes[anatomy.chest].points[:, 2].max()])
+    chest, centre = anatomy.chest, tree.nodes[anatomy.chest].middle
     if anatomy.head:
         first, last = anatomy.head[0], anatomy.head[-1]
-        neck = tree.nodes[first].anchor
-        frames.append(FoundFrame("neck", anatomy.chest, neck, axes))
-        frames.append(
-            FoundFrame("head", last, tree.nodes[last].middle, axes, "centre of the head, x to where it looks")
-        )
-    else:
-        frames.append(FoundFrame("neck", anatomy.chest, centre, axes, "middle of the trunk: there is no neck"))
-        frames.append(FoundFrame("head", anatomy.chest, top, axes, "top of the trunk: there is no head"))
-    return frames
+        head = FoundFrame("head", last, tree.nodes[last].middle, axes, "centre of the head, x to where it looks")
+        return [*frames, FoundFrame("neck", chest, tree.nodes[first].anchor, axes), head]
+    top = np.array([centre[0], centre[1], tree.nodes[chest].points[:, 2].max()])
+    neck = FoundFrame("neck", chest, centre, axes, "middle of the trunk: there is no neck")
+    return [*frames, neck, FoundFrame("head", chest, top, axes, "top of the trunk: there is no head")]
 
 
 # A drafted robot in a posture: where its frames and its centre of mass are.
