@@ -18,8 +18,6 @@ from retarget.types import FloatArray
 
 UNNAMED = "?"
 """Role of a sensor that neither the performer's file nor the sender's kind names."""
-NO_WRISTS = "Let the sender send VMC as well, which has wrists (vmc://:39539)"
-"""VRChat's trackers are hip, feet, knees, elbows, chest and head."""
 RECENT = 200
 """Last frames whose names are listed: Motive's bodies have numbers before they have names."""
 SHOWN = 30
@@ -63,16 +61,16 @@ def _missing(
     sent = list(dict.fromkeys(name for frame in capture.frames[-RECENT:] for name in frame.names))
     shown = ", ".join(sent[:SHOWN]) + (f" and {len(sent) - SHOWN} more" if len(sent) > SHOWN else "")
     unnamed = any(place.position == UNNAMED for _, place in missing)
-    others = _fitting(capture, convention)
-    if unnamed and convention == "slimevr_vrchat":
-        step = NO_WRISTS
-    elif unnamed or (len(missing) == len(performer.sensors) and not others):
-        step = f"Name each pose with `role` in the performer's file (a copy of {performer.name})"
-    else:
-        step = "Switch on, wear and assign what is missing"
-    if others:
-        step += f", or use --performer {' or '.join(others)}"
-    return finding("sensors/missing", names=names, sent=shown, step=step)
+    others = " or ".join(_fitting(capture, convention))
+    return finding(
+        "sensors/missing",
+        names=names,
+        sent=shown,
+        wristless=unnamed and convention == "slimevr_vrchat",
+        unnamed=unnamed or (len(missing) == len(performer.sensors) and not others),
+        performer=performer.name,
+        others=f", or use --performer {others}" if others else "",
+    )
 
 
 def _fitting(capture: StreamCapture, convention: str) -> list[str]:

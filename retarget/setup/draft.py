@@ -2,7 +2,7 @@
 only a draft.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from string import Template
@@ -99,12 +99,6 @@ _ROOTS = {
     "suspended": "it has legs but no soles to stand on, so it hangs on a stand",
     "fixed": "bolted down",
 }
-_POSTURES = {
-    "neutral": "Where pairs of observers that touch are no longer looked at.",
-    "stand": "Where a run begins and ends.",
-    "rest": "At rest, before torque goes off.",
-    "attractor": "Arms away from the trunk, knees bent: in reach of everything.",
-}
 
 
 def profile_text(draft: Draft) -> str:
@@ -126,9 +120,9 @@ def profile_text(draft: Draft) -> str:
         mark=DRAFT,
         ids=wrapped(f"    ids: {flow(ids)}", 10),
         observers=draft.observers.strip(),
-        feet=_lines(_feet(draft.feet)),
+        feet=_section("feet", (wrapped(_entry(side, foot), 9) for side, foot in draft.feet.items())),
         about_postures=comment(f"{stands}joints that are not named are 0."),
-        postures=_lines(_postures(draft.postures)),
+        **{name: wrapped(f"  {name}: {flow(angles)}", 4) for name, angles in draft.postures.items()},
         landmarks=_lines(wrapped(_entry(name, landmark), 4) for name, landmark in draft.landmarks.items()),
         rate=FAST_HZ if len(draft.servos) <= FEW_SERVOS else SLOW_HZ,
         count=len(draft.servos),
@@ -138,6 +132,12 @@ def profile_text(draft: Draft) -> str:
 
 def _lines(lines: Iterable[str]) -> str:
     return "\n".join(lines)
+
+
+def _section(name: str, entries: Iterable[str]) -> str:
+    """A section with its entries, {} without."""
+    lines = _lines(entries)
+    return f"{name}:\n{lines}" if lines else f"{name}: {{}}"
 
 
 def _head(draft: Draft) -> Iterator[str]:
@@ -163,19 +163,3 @@ def _servos(servos: Sequence[ServoDraft]) -> Iterator[str]:
     for servo in servos:
         why = f"id, direction, zero_tick; model: {servo.why}" + (f"; limits: {servo.note}" if servo.note else "")
         yield f"{wrapped(_entry(servo.joint, servo.entry, width), width + 4)}  {DRAFT} {why}"
-
-
-def _feet(feet: Mapping[str, Foot]) -> Iterator[str]:
-    if not feet:
-        yield "feet: {}"
-        return
-    yield comment("Outlines of the flat undersides of the feet, in the frames of the soles.")
-    yield "feet:"
-    for side, foot in feet.items():
-        yield wrapped(_entry(side, foot), 9)
-
-
-def _postures(postures: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
-    for name, angles in postures.items():
-        yield f"  # {_POSTURES[name]}"
-        yield wrapped(f"  {name}: {flow(angles)}", 4)

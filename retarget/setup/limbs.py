@@ -257,10 +257,8 @@ def arm_roles(tree: Tree, arm: Limb) -> ArmRoles:
     """The elbow is the joint nearest to the middle of the arm that moves the hand; the wrist one behind it."""
     hand = tree.points(arm.ends).mean(axis=0)
     start = tree.nodes[arm.nodes[0]].anchor
-    length = sum(
-        float(np.linalg.norm(tree.nodes[b].anchor - tree.nodes[a].anchor))
-        for a, b in zip(arm.nodes, arm.nodes[1:], strict=False)
-    ) + float(np.linalg.norm(hand - tree.nodes[arm.nodes[-1]].anchor))
+    way = np.array([*(tree.nodes[node].anchor for node in arm.nodes), hand])
+    length = float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
     outer = [node for node in arm.nodes[1:] if tree.nodes[node].distance(hand) > LEVER * length]
     inner = {node: tree.nodes[node].distance(start) for node in outer}
     elbow = max(outer, key=lambda node: min(inner[node], tree.nodes[node].distance(hand)), default=None)

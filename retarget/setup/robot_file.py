@@ -256,9 +256,8 @@ def _joints(root: ElementTree.Element, source: Source, relaxed: Relaxed, notes: 
             found.setdefault(kind, []).append(name)
             if relaxed.freeze:
                 joint.set("type", "fixed")
-                for part in ("mimic", "limit", "axis", "dynamics", "safety_controller"):
-                    for element in joint.findall(part):
-                        joint.remove(element)
+                if mimic is not None:
+                    joint.remove(mimic)
     for kind, names in found.items():
         if relaxed.freeze:
             notes.append(f"{kind} joints made rigid: {listed(names)}")

@@ -155,20 +155,15 @@ def _node(
     model: Any, data: Any, joint: int, parent: int, links: list[int], balls: dict[int, tuple[FloatArray, FloatArray]]
 ) -> Node:
     parts = [balls[link] for link in links if link in balls]
-    base = np.array(data.xpos[links[0]]) if links else np.zeros(3)
-    limited = joint >= 0 and bool(model.jnt_limited[joint])
-    body = int(model.jnt_bodyid[joint]) if joint >= 0 else -1
-    return Node(
-        joint=model.joint(joint).name if joint >= 0 else "",
-        parent=parent,
-        axis=np.array(data.xaxis[joint]) if joint >= 0 else np.array([0.0, 0.0, 1.0]),
-        anchor=np.array(data.xanchor[joint]) if joint >= 0 else base,
-        links=tuple(links) if links else ((body,) if body >= 0 else ()),
-        lower=float(model.jnt_range[joint, 0]) if limited else -np.inf,
-        upper=float(model.jnt_range[joint, 1]) if limited else np.inf,
-        centres=np.concatenate([part[0] for part in parts]) if parts else np.zeros((0, 3)),
-        radii=np.concatenate([part[1] for part in parts]) if parts else np.zeros(0),
-    )
+    centres = np.concatenate([np.zeros((0, 3)), *(part[0] for part in parts)])
+    radii = np.concatenate([np.zeros(0), *(part[1] for part in parts)])
+    if joint < 0:
+        origin = data.xpos[links[0]].copy() if links else np.zeros(3)
+        return Node("", parent, np.array([0.0, 0.0, 1.0]), origin, tuple(links), -np.inf, np.inf, centres, radii)
+    lower, upper = model.jnt_range[joint].tolist() if model.jnt_limited[joint] else (-np.inf, np.inf)
+    name, axis, anchor = model.joint(joint).name, data.xaxis[joint].copy(), data.xanchor[joint].copy()
+    carried = tuple(links) or (int(model.jnt_bodyid[joint]),)
+    return Node(name, parent, axis, anchor, carried, lower, upper, centres, radii)
 
 
 # Left and right: the plane that mirrors a robot onto itself, and which joint is whose mirror image.
