@@ -11,6 +11,7 @@ import typer
 
 from hardware.clock import Clock, MonotonicClock, VirtualClock
 from retarget.errors import UsageError
+from retarget.schema.files import write_atomic
 from retarget.setup.doctor_machine import Finding, Level
 
 LISTEN_S = 5.0
@@ -124,7 +125,4 @@ def _machine(clock: Clock) -> list[Finding]:
 
 def _write(file: Path, found: Sequence[Finding]) -> None:
     text = json.dumps({"findings": [asdict(finding) for finding in found]}, indent=2, ensure_ascii=False)
-    try:
-        file.write_text(text + "\n", encoding="utf-8")
-    except OSError as error:
-        raise UsageError("cannot be written", where=f"--json {file}", found=error.strerror or error) from error
+    write_atomic(file, f"{text}\n".encode(), option="--json")

@@ -139,9 +139,9 @@ def wrapped(line: str, indent: int) -> str:
     return ("\n" + " " * indent).join([first + parts[0], *parts[1:]])
 
 
-def comment(text: str, *, width: int = WIDTH - 2, indent: str = "") -> str:
-    """A paragraph as lines of comment, of at most `width` characters behind the mark."""
-    lines = wrap(" ".join(text.split()), width, break_long_words=False, break_on_hyphens=False)
+def comment(text: str, indent: str = "") -> str:
+    """A paragraph as lines of comment."""
+    lines = wrap(" ".join(text.split()), WIDTH - len(indent) - 1, break_long_words=False, break_on_hyphens=False)
     return "\n".join(f"{indent}# {line}" for line in lines)
 
 
@@ -154,11 +154,11 @@ def fragment(
     tail: Iterable[str] = (),
 ) -> str:
     """YAML text; head, tail: paragraphs of comment before and after it. What a profile cannot hold is left out."""
-    lines = [comment(paragraph, width=WIDTH - 1) for paragraph in head]
+    lines = [comment(paragraph) for paragraph in head]
     lines += ["", "observers:"]
     for proposal in proposals:
         lines += [
-            _remark(_about(proposal)),
+            comment(_about(proposal), "  "),
             f"  {flow(proposal.name)}: {{link: {flow(proposal.link_name)},",
             f"      shape: {flow(proposal.shape.entry)},",
             f"      influence: {flow(zones.influence)}, margin: {flow(zones.margin)}}}",
@@ -167,13 +167,13 @@ def fragment(
     lines += ["", "ignore_pairs:" if kept else "ignore_pairs: []"]
     for verdict in kept:
         if verdict.warning:
-            lines.append(_remark(f"Beware: {verdict.warning}."))
+            lines.append(comment(f"Beware: {verdict.warning}.", "  "))
         mark = f"  {DRAFT}" if verdict.kind == "touching" else ""
         lines += [f"  - pair: {flow(verdict.links)}{mark}", f"    reason: {json.dumps(verdict.reason)}"]
     closing = list(tail)
     if dropped > 0:
         closing.append(f"{dropped} more pairs are never near: a profile holds {MAX_PAIRS}, and they only cost time.")
-    lines += ["", *(comment(paragraph, width=WIDTH - 1) for paragraph in closing)] if closing else []
+    lines += ["", *map(comment, closing)] if closing else []
     return "\n".join(lines) + "\n"
 
 
@@ -182,11 +182,6 @@ def _about(proposal: Proposal) -> str:
     size = f"{ratio}, stands out by {1e3 * proposal.stands_out:.0f} mm at most"
     about = f"{proposal.why}; this: {size}" if proposal.why else size
     return about[0].upper() + about[1:] + "."
-
-
-def _remark(text: str) -> str:
-    """A comment on an entry of a section."""
-    return comment(text, width=WIDTH - 3, indent="  ")
 
 
 DEFAULT_SAMPLES = 4000

@@ -168,12 +168,9 @@ def _named(tree: Tree, mirror: Mirror) -> float:
 
 
 def _side(name: str) -> int:
-    """1 for a name of the left, -1 of the right, 0 of neither."""
-    words = re.findall(r"[a-z]+|[A-Z]+(?![a-z])|[A-Z][a-z]*", name)
-    split = [part.lower() for word in words for part in ([word[0], word] if re.match(r"[LR][A-Z]", word) else [word])]
-    if re.match(r"[LR][A-Z][a-z]", name):
-        split.insert(0, name[0].lower())
-    return next((_SIDE[word] for word in split if word in _SIDE), 0)
+    """1 for a name of the left, -1 of the right, 0 of neither; words are parted by signs or by capitals."""
+    words = re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+", name)
+    return next((_SIDE[word.lower()] for word in words if word.lower() in _SIDE), 0)
 
 
 def _feet_ahead(tree: Tree, leg: Limb, ahead: FloatArray) -> float:
