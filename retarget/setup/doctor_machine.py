@@ -191,14 +191,12 @@ def _group(path: str) -> str:
 
 def _no_port() -> Finding:
     """Without a port to check: whether this user is in the group."""
-    if os.geteuid() == 0:
-        return finding("serial/root")
     try:
         number = grp.getgrnam(GROUP).gr_gid
     except KeyError:
-        return finding("serial/no group")
+        number = -1
     member = number in {*os.getgroups(), os.getegid()}
-    return finding("serial/member" if member else "serial/no member", group=GROUP)
+    return finding("serial/none", root=os.geteuid() == 0, known=number >= 0, member=member, group=GROUP)
 
 
 # Python and the compiled solver: whether they can be used, and what a frame costs on this machine.

@@ -115,11 +115,8 @@ def stand(posed: Posed, others: Angles, *, share: float) -> Standing:
     longest = leg_length(posed)
     sideways = float(posed.place({}).positions["l_hip"] @ anatomy.left)
 
-    def both(angles: FloatArray) -> dict[str, float]:
-        return {**others, **posed.mirrored(_named(posed, joints, angles))}
-
     def off(angles: FloatArray) -> FloatArray:
-        placed = posed.place(both(angles))
+        placed = posed.place({**others, **posed.mirrored(_named(posed, joints, angles))})
         sole, at = placed.axes["l_sole"], placed.positions
         middle = 0.5 * (at["l_sole"] + at["r_sole"])
         ahead = (placed.centre_of_mass - middle) @ anatomy.forward / longest
@@ -150,9 +147,9 @@ SPREADS = (0.3, 0.5, 0.75, 1.1)
 """[rad] How far upper arms are from the side, tried one after the other until nothing touches."""
 CROUCHES = (0.5, 0.58, 0.66, 0.74, 0.82, 0.9)
 """Shares of the stretched leg, deepest first, tried for the posture at rest."""
-ARMS = {"neutral": (0.0, 0.0, 0.6), "stand": (0.0, 0.1, 0.9), "rest": (0.05, 0.0, 0.5), "attractor": (0.25, 0.5, 1.0)}
+ARMS = {"neutral": (0.0, 0.0, 0.6), "stand": (0.0, 0.1, 0.9), "attractor": (0.25, 0.5, 1.0), "rest": (0.05, 0.0, 0.5)}
 """What is added to the spread, how far ahead the upper arm is, and how far the elbow bends, rad."""
-LEGS = {"neutral": 0.968, "stand": 0.955, "attractor": 0.87}
+LEGS = {"neutral": (0.968,), "stand": (0.955,), "attractor": (0.87,)}
 """Shares of the stretched leg."""
 
 
@@ -168,21 +165,17 @@ class Postures:
 def find_postures(posed: Posed, *, spread: float, crouches: tuple[float, ...] = CROUCHES, soles: bool) -> Postures:
     """All four. soles: whether it stands; crouches: tried for the rest, the first in which it stands counts."""
     angles: dict[str, dict[str, float]] = {}
-    stands, crouch = True, 1.0
+    stands, share = True, 1.0
     for name, (further, ahead, bend) in ARMS.items():
         arms = arm_posture(posed, spread=spread + further, ahead=ahead, bend=bend)
-        legs: dict[str, float] = {}
-        if soles and name != "rest":
-            standing = stand(posed, arms, share=LEGS[name])
-            legs, stands = standing.angles, stands and standing.stands
-        elif soles:
-            for crouch in crouches:
-                standing = stand(posed, arms, share=crouch)
-                legs = standing.angles
-                if standing.stands:
-                    break
-        angles[name] = _whole(posed, {**arms, **legs})
-    return Postures(angles, stands, crouch)
+        standing = Standing({}, True)
+        for share in LEGS.get(name, crouches) if soles else ():
+            standing = stand(posed, arms, share=share)
+            if standing.stands:
+                break
+        angles[name] = _whole(posed, {**arms, **standing.angles})
+        stands = stands and standing.stands
+    return Postures(angles, stands, share)
 
 
 def _whole(posed: Posed, angles: dict[str, float]) -> dict[str, float]:

@@ -60,7 +60,7 @@ def test_all_four(robot: str = "wolfgang") -> None:
         for name, angles in postures.angles.items()
     }
     length = leg_length(posed)
-    for name, share in LEGS.items():
+    for name, (share,) in LEGS.items():
         assert np.linalg.norm(heights[name]) == pytest.approx(share * length, rel=0.01)
     assert np.linalg.norm(heights["rest"]) < 0.75 * length
     for angles in postures.angles.values():
