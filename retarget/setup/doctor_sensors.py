@@ -12,6 +12,7 @@ from retarget.live.roles import CONVENTIONS, Place
 from retarget.live.sensor_validity import ValidityState
 from retarget.schema.catalogue import Kind, entries
 from retarget.schema.performer import Performer, load_performer
+from retarget.schema.strict_models import listed
 from retarget.setup.doctor_capture import FrameNote, StreamCapture
 from retarget.setup.doctor_machine import Finding, finding, findings
 from retarget.types import FloatArray
@@ -20,8 +21,6 @@ UNNAMED = "?"
 """Role of a sensor that neither the performer's file nor the sender's kind names."""
 RECENT = 200
 """Last frames whose names are listed: Motive's bodies have numbers before they have names."""
-SHOWN = 30
-"""Names of the sender that are listed."""
 UNUSABLE_SHARE = 0.2
 """Share of the time from which on a sensor without a valid pose is reported."""
 _WRONG_SHARES = {
@@ -58,14 +57,13 @@ def _missing(
     )
     if performer.partial and set(REQUIRED).isdisjoint(sensor for sensor, _ in missing):
         return finding("sensors/no part", names=names)
-    sent = list(dict.fromkeys(name for frame in capture.frames[-RECENT:] for name in frame.names))
-    shown = ", ".join(sent[:SHOWN]) + (f" and {len(sent) - SHOWN} more" if len(sent) > SHOWN else "")
+    sent = dict.fromkeys(name for frame in capture.frames[-RECENT:] for name in frame.names)
     unnamed = any(place.position == UNNAMED for _, place in missing)
     others = " or ".join(_fitting(capture, convention))
     return finding(
         "sensors/missing",
         names=names,
-        sent=shown,
+        sent=listed(sent),
         wristless=unnamed and convention == "slimevr_vrchat",
         unnamed=unnamed or (len(missing) == len(performer.sensors) and not others),
         performer=performer.name,

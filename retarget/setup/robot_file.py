@@ -14,6 +14,7 @@ import numpy as np
 
 from retarget.errors import InputError, Problem
 from retarget.model.body_file import MAX_BYTES
+from retarget.schema import strict_models
 
 MAX_DEPTH = 100
 """Elements inside each other: more overflows the stack of parsers."""
@@ -357,5 +358,4 @@ def _mesh_shapes(link: ElementTree.Element) -> list[tuple[ElementTree.Element, E
 
 def listed(names: list[str]) -> str:
     """The first names, and how many more there are."""
-    shown = ", ".join(name if len(name) <= 60 else f"...{name[-57:]}" for name in names[:8])
-    return shown + (f" and {len(names) - 8} more" if len(names) > 8 else "")
+    return strict_models.listed((name if len(name) <= 60 else f"...{name[-57:]}" for name in names), limit=8)

@@ -68,9 +68,9 @@ def joint_ranges(body: BodyModel, limits: Mapping[str, tuple[float, float]]) -> 
     """
     notes = []
     lower, upper = body.lower.copy(), body.upper.copy()
-    for name, (low, high) in limits.items():
+    for name, interval in limits.items():
         dof = body.joint_dof[body.joint_index(name)]
-        lower[dof], upper[dof] = low, high
+        lower[dof], upper[dof] = interval
     scalar = np.isin(body.joint_type, (JointType.HINGE, JointType.SLIDE))
     low, high = lower[body.joint_dof[scalar]], upper[body.joint_dof[scalar]]
     for row, joint in enumerate(np.flatnonzero(scalar)):
