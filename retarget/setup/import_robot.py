@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 from retarget.errors import ConfigError, InputError, UsageError
 from retarget.ik.support_polygon import check_stand
 from retarget.model.body import body_from_file
-from retarget.model.body_file import Root, compile_body
+from retarget.model.body_file import BodyFile, compile_body
 from retarget.model.robot import load_uncalibrated
 from retarget.schema.catalogue import Kind, entries
 from retarget.schema.files import check_folder, check_path
@@ -32,7 +32,6 @@ FACING = 0.999
 """Least x of the direction in which a body faces that is written as it is."""
 THICK = 1.6
 """A capsule of so many times the volume of its link gives way to a box: a draft had better not be in its own way."""
-SHAPELESS = "no link has a shape, so there are no observers, and nothing keeps the robot off itself"
 ROUNDS = 2
 """Links that touch in a posture are looked at again, without capsules."""
 
@@ -141,25 +140,24 @@ def _drafted(
     limits = {servo.joint: servo.entry.limits for servo in servos}
     posed = Posed(body.model, tree, anatomy, found, limits)
     (folder / body.file).write_bytes(body.content)
-    root, notes = _root(folder / body.file, anatomy, found)
-    soles = root == "free"
-    notes = (*body.notes, *notes)
+    notes = list(body.notes)
+    file = _as_it_stands(folder / body.file, anatomy, found, notes)
+    soles = file.root == "free"
     if anatomy.odd:
-        notes = (*notes, f"joints without a counterpart on the other side: {', '.join(anatomy.odd[:10])}")
+        notes.append(f"joints without a counterpart on the other side: {', '.join(anatomy.odd[:10])}")
     postures, observers = find_postures(posed, spread=SPREADS[0], soles=soles), NO_OBSERVERS
     if body.model.ngeom:
-        file = compile_body(folder / body.file, root=root)
         subject = Subject(name, file, limits, postures.angles["neutral"], ())
         postures, observers = _observed(subject, posed, postures, soles=soles, samples=samples, progress=progress)
     else:
-        notes = (*notes, SHAPELESS)
+        notes.append("no link has a shape, so there are no observers, and nothing keeps the robot off itself")
     if soles and not postures.stands:
-        notes = (*notes, "no posture was found in which it stands with flat soles: correct `postures`")
+        notes.append("no posture was found in which it stands with flat soles: correct `postures`")
     draft = Draft(
         name=name,
         source=source,
         body=body.file,
-        root=root,
+        root=file.root,
         frames=posed.entries(),
         servos=servos,
         feet=found.feet if soles else {},
@@ -167,7 +165,7 @@ def _drafted(
         landmarks=find_landmarks(posed, postures.angles["stand"]),
         facing=anatomy.facing,
         missing=found.missing,
-        notes=notes,
+        notes=tuple(notes),
         observers=observers,
     )
     (folder / "robot.yaml").write_text(profile_text(draft), encoding="utf-8")
@@ -195,14 +193,11 @@ def _observed(
     return postures, observer_text(fitted, touching)
 
 
-def _root(body: Path, anatomy: Anatomy, found: Found) -> tuple[Root, tuple[str, ...]]:
-    """How it stands in the world: free on two soles, if the body can be set free."""
-    if not anatomy.legs:
-        return "fixed", ()
-    if not found.feet:
-        return "suspended", ()
-    try:
-        compile_body(body, root="free")
-    except InputError as error:
-        return "suspended", (f"the body cannot be set free: {error.problems[0].what}, {error.problems[0].found}",)
-    return "free", ()
+def _as_it_stands(body: Path, anatomy: Anatomy, found: Found, notes: list[str]) -> BodyFile:
+    """The compiled body: free on two soles, if it can be set free; suspended on legs without soles, else fixed."""
+    if found.feet:
+        try:
+            return compile_body(body, root="free")
+        except InputError as error:
+            notes.append(f"the body cannot be set free: {error.problems[0].what}, {error.problems[0].found}")
+    return compile_body(body, root="suspended" if anatomy.legs else "fixed")
