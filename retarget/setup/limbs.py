@@ -223,9 +223,8 @@ class LegRoles:
 
 @dataclass(frozen=True)
 class ArmRoles:
-    """Nodes of the first shoulder joint, the elbow and the first wrist joint that moves the hand; None: has none."""
+    """Nodes of the elbow and of the first wrist joint that moves the hand; None: has none."""
 
-    shoulder: int
     elbow: int | None
     wrist: int | None
 
@@ -260,12 +259,12 @@ def arm_roles(tree: Tree, arm: Limb) -> ArmRoles:
     inner = {node: tree.nodes[node].distance(start) for node in outer}
     elbow = max(outer, key=lambda node: min(inner[node], tree.nodes[node].distance(hand)), default=None)
     if elbow is None or inner[elbow] < LEVER * length:
-        return ArmRoles(arm.nodes[0], None, None)
+        return ArmRoles(None, None)
     behind = arm.nodes[arm.nodes.index(elbow) + 1 :]
     forearm = hand - tree.nodes[elbow].anchor
     forearm = forearm / max(float(np.linalg.norm(forearm)), 1e-9)
     wrist = next((node for node in behind if abs(tree.nodes[node].axis @ forearm) < ACROSS), None)
-    return ArmRoles(arm.nodes[0], elbow, wrist)
+    return ArmRoles(elbow, wrist)
 
 
 def tip(tree: Tree, arm: Limb, start: FloatArray) -> FloatArray:

@@ -42,7 +42,7 @@ HEADS = {
 def named(tree: Tree, anatomy: Anatomy) -> tuple[str | None, ...]:
     """Joints of the left limbs by what they do."""
     leg, arm = leg_roles(tree, anatomy.legs[0], anatomy.left), arm_roles(tree, anatomy.arms[0])
-    nodes = (leg.hip, leg.knee, leg.ankle, arm.shoulder, arm.elbow, arm.wrist)
+    nodes = (leg.hip, leg.knee, leg.ankle, anatomy.arms[0].nodes[0], arm.elbow, arm.wrist)
     return tuple(None if node is None else tree.nodes[node].joint for node in nodes)
 
 
