@@ -154,7 +154,7 @@ def _head(draft: Draft) -> Iterator[str]:
 
 def _entry(name: str, entry: Schema, width: int = 0) -> str:
     """An entry of a section, its name padded to `width`."""
-    keys = flow(entry.model_dump(by_alias=True, exclude_defaults=True))
+    keys = flow(entry.model_dump(by_alias=True, exclude_unset=True))
     return f"  {flow(name) + ':':<{width}} {keys}"
 
 

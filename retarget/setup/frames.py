@@ -177,8 +177,9 @@ class Posed:
         found = {}
         for name, (link, position, axes) in self._local.items():
             quat = from_matrix(axes).round(6) + 0.0  # no -0
-            place = {"pos": position.round(5).tolist(), "quat": quat.tolist()}
-            entry = Frame.model_validate({"link": self._model.body(link).name, **place})
+            turn = {} if abs(quat[0]) == 1.0 else {"quat": quat.tolist()}
+            place = {"link": self._model.body(link).name, "pos": (position.round(5) + 0.0).tolist()}
+            entry = Frame.model_validate(place | turn)
             found[name] = entry, self.found.frames[name].about
         return found
 
