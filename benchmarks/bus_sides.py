@@ -12,10 +12,10 @@ from hardware.arrays import TickArray
 from hardware.bus import ServoGoals
 from hardware.clock import MonotonicClock
 from hardware.dynamixel.bus import DynamixelBus
+from hardware.dynamixel.codec import protocol2
 from hardware.dynamixel.control_table import find_table
 from hardware.dynamixel.cyclic import CyclicPort, Wired
 from hardware.dynamixel.exchange import Kind
-from hardware.dynamixel.protocol2 import sync_write
 from hardware.dynamixel.readings import Readings
 from hardware.dynamixel.serial_port import BytePort, SerialPort
 from hardware.joint_map import JointMap
@@ -47,7 +47,7 @@ class OurPort:
         self.port = port
         self.cyclic = CyclicPort(port, [Wired(i, i + 1, table) for i in range(count)], return_delay=0.0)
         self.readings = Readings([table] * count)
-        port.write(sync_write(TORQUE, 1, [(device, b"\x01") for device in range(1, count + 1)]))
+        port.write(protocol2.sync_write(TORQUE, 1, [(device, b"\x01") for device in range(1, count + 1)]))
         if plain:
             use_plain_reads(self.cyclic)
 

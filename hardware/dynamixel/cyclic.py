@@ -17,11 +17,9 @@ from numpy.typing import NDArray
 
 from hardware.arrays import BoolArray
 from hardware.bus import BusSpec
-from hardware.dynamixel import protocol1, protocol2
+from hardware.dynamixel.codec import BROADCAST, CODECS, Answers, Instruction, protocol1, protocol2
 from hardware.dynamixel.control_table import ControlTable, Register, find_table
 from hardware.dynamixel.exchange import MAX_IDS, Ask, Block, Kind, Timeouts, block_of, collect, settle
-from hardware.dynamixel.packets import BROADCAST, Instruction
-from hardware.dynamixel.parsers import Answers
 from hardware.dynamixel.readings import Names, Readings, names_of
 from hardware.dynamixel.serial_port import BytePort
 from hardware.dynamixel.settings import ServoImage
@@ -440,8 +438,7 @@ class BusLine:
         items = [(device, register.encode(value)) for device, value in values]
         if not items:
             return
-        make = protocol1.sync_write if self.spec.protocol == 1 else protocol2.sync_write
-        self._cyclic.post(make(register.address, register.size, items))
+        self._cyclic.post(CODECS[self.spec.protocol].sync_write(register.address, register.size, items))
 
     def read_all(self, register: Register, ids: Sequence[int]) -> dict[int, int]:
         """Counts of one register by id, of those that answer. Raises BusError when the port is gone."""

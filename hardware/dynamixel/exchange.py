@@ -12,11 +12,23 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hardware.dynamixel import protocol1, protocol2
+from hardware.dynamixel.codec import (
+    ALERT,
+    BEFORE_PARTS,
+    BROADCAST,
+    CODECS,
+    MAX_ID,
+    PART_OVERHEAD,
+    Answers,
+    Status,
+    protocol1,
+    protocol2,
+    side_by_side,
+    valid_parts,
+    whole_frames,
+    whole_reply,
+)
 from hardware.dynamixel.control_table import ControlTable, Register
-from hardware.dynamixel.packets import ALERT, BROADCAST, MAX_ID, Status
-from hardware.dynamixel.parsers import Answers, parser1, parser2, side_by_side, whole_frames, whole_reply
-from hardware.dynamixel.protocol2 import BEFORE_PARTS, PART_OVERHEAD, valid_parts
 from hardware.dynamixel.serial_port import BytePort
 
 TURNAROUND = 100e-6
@@ -98,10 +110,10 @@ class Ask:
             if whole is not None:
                 return whole
         found: dict[int, Status] = {}
-        parser = parser2() if self.kind is Kind.SYNC else parser1()
-        status_of = protocol2.status_of if self.kind is Kind.SYNC else protocol1.status_of
+        codec = CODECS[2 if self.kind is Kind.SYNC else 1]
+        parser = codec.parser()
         # Frames inside one with a damaged length count as well.
-        statuses = (status_of(frame) for frame in [*parser.feed(received), *parser.flush()])
+        statuses = (codec.status_of(frame) for frame in [*parser.feed(received), *parser.flush()])
         for status in statuses:
             if status is not None and self._fits(status):
                 found.setdefault(status.id, status)
@@ -283,7 +295,7 @@ def broadcast_ping(port: BytePort, highest: int, slack: float) -> PingReplies:
 
 def ping_alone(port: BytePort, protocol: int, device: int, wait: float) -> PingReplies:
     """Ping one device; `wait`: s that it may take in addition to the bytes. Waits for a second answer too."""
-    request = protocol1.ping(device) if protocol == 1 else protocol2.ping(device)
+    request = CODECS[protocol].ping(device)
     answer = 10 * (protocol1.STATUS_BYTES if protocol == 1 else PING_BYTES) / port.baud
     window = 10 * len(request) / port.baud + 2 * answer + SPREAD + wait
     return _ask(port, protocol, request, window, enough=2)
@@ -328,11 +340,8 @@ def _ask(port: BytePort, protocol: int, request: bytes, window: float, *, enough
 def _answers(protocol: int, request: bytes, received: bytes) -> PingReplies:
     """The answers in the bytes; an echo of the request may precede them."""
     echoed = received.startswith(request)
-    parser = parser1() if protocol == 1 else parser2()
+    codec = CODECS[protocol]
+    parser = codec.parser()
     frames = parser.feed(received[len(request) :] if echoed else received)
-    if protocol == 1:
-        answers = [protocol1.status_of(frame) for frame in frames]
-    else:
-        statuses = (protocol2.status_of(frame) for frame in frames)
-        answers = [answer for answer in statuses if answer is not None]
+    answers = [answer for frame in frames if (answer := codec.status_of(frame)) is not None]
     return PingReplies(tuple(answers), parser.skipped + len(parser.pending), echoed)

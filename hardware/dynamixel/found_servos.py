@@ -5,12 +5,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from hardware.bus import BusSpec
-from hardware.dynamixel import protocol1, protocol2
+from hardware.dynamixel.codec import BROADCAST, CODECS
 from hardware.dynamixel.control_table import Register
 from hardware.dynamixel.cyclic import BusLine
 from hardware.dynamixel.exchange import Found
 from hardware.dynamixel.line_scan import Sighting, Speed, is_gone
-from hardware.dynamixel.packets import BROADCAST
 from hardware.dynamixel.serial_port import BytePort
 from hardware.dynamixel.settings import ANSWER_ALL, ServoImage, read_image, setup_command
 from hardware.dynamixel.single_requests import NoAnswer, OneOff, ServoError
@@ -244,5 +243,4 @@ def broadcast_torque_off(port: BytePort, speeds: Sequence[Speed]) -> None:
 
 def _off(protocol: int) -> bytes:
     register = TORQUE_ENABLE[protocol]
-    make = protocol1.write if protocol == 1 else protocol2.write
-    return make(BROADCAST, register.address, register.encode(0))
+    return CODECS[protocol].write(BROADCAST, register.address, register.encode(0))

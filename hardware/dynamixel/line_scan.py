@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 from hardware.bus import BAUDS, BusSpec
 from hardware.dynamixel.checks import alert_text
+from hardware.dynamixel.codec import MAX_ID
 from hardware.dynamixel.control_table import ControlTable, baud_of, table_of_number
 from hardware.dynamixel.exchange import Found
-from hardware.dynamixel.packets import MAX_ID
 from hardware.dynamixel.serial_port import BytePort
 from hardware.dynamixel.settings import Setting, setup_command
 from hardware.dynamixel.single_requests import NoAnswer, OneOff, ServoError

@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from hardware.bus import MAX_RETURN_DELAY, RETURN_DELAY_STEP, BusSpec
-from hardware.dynamixel import exchange, protocol1
+from hardware.dynamixel import exchange
 from hardware.dynamixel.checks import Span, complaints, needed_ticks, notes
+from hardware.dynamixel.codec import MAX_ID, protocol1
 from hardware.dynamixel.control_table import ControlTable, Register, find_table, table_of_number
 from hardware.dynamixel.exchange import Ask, Found, Kind, settle
 from hardware.dynamixel.found_servos import answers_pings_only, status_return_off_text
 from hardware.dynamixel.line_scan import MOST, answering_elsewhere, elsewhere_texts, other_bauds
-from hardware.dynamixel.packets import MAX_ID
 from hardware.dynamixel.serial_port import ECHOES, BytePort
 from hardware.dynamixel.settings import ServoImage, read_image, setup_command
 from hardware.dynamixel.single_requests import NoAnswer, OneOff, ServoError

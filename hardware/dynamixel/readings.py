@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from hardware.arrays import BoolArray, TickArray
 from hardware.bus import ServoAlert, ServoStates
+from hardware.dynamixel.codec import ALERT, Error1
 from hardware.dynamixel.control_table import ControlTable
-from hardware.dynamixel.packets import ALERT, Error1
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 

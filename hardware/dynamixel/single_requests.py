@@ -9,10 +9,10 @@ from collections.abc import Iterable
 
 from dynamixel_sdk import COMM_SUCCESS, Protocol1PacketHandler, Protocol2PacketHandler
 
-from hardware.dynamixel import exchange, protocol2
+from hardware.dynamixel import exchange
+from hardware.dynamixel.codec import MAX_ID, Error1, Error2, Instruction, Status, protocol2
 from hardware.dynamixel.control_table import Register
 from hardware.dynamixel.exchange import Found, settle
-from hardware.dynamixel.packets import MAX_ID, Error1, Error2, Instruction, Status
 from hardware.dynamixel.serial_port import BytePort
 from hardware.errors import BusError, describe
 

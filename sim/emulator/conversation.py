@@ -9,9 +9,18 @@ from typing import NamedTuple
 
 from fastcrc.crc16 import umts
 
-from hardware.dynamixel import protocol1, protocol2
-from hardware.dynamixel.packets import BROADCAST, STATUS, Error1, Error2, Frame, Instruction
-from hardware.dynamixel.protocol2 import fast_length
+from hardware.dynamixel.codec import (
+    BROADCAST,
+    CODECS,
+    STATUS,
+    Error1,
+    Error2,
+    Frame,
+    Instruction,
+    fast_length,
+    protocol1,
+    protocol2,
+)
 from sim.emulator.device import Answer, Device
 from sim.emulator.servo2_registers import FedBy
 
@@ -300,5 +309,4 @@ def _write(items: Sequence[WriteItem], listeners: Sequence[Device], now: float) 
 
 
 def _status(protocol: int, device: int, answer: Answer) -> bytes:
-    status = protocol2.status if protocol == 2 else protocol1.status
-    return status(device, answer.error, answer.data)
+    return CODECS[protocol].status(device, answer.error, answer.data)

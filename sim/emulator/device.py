@@ -5,8 +5,8 @@ Source: e-Manual, protocols 1.0 and 2.0. With protocol 1.0 addresses and lengths
 
 from typing import NamedTuple
 
+from hardware.dynamixel.codec import Error2, Instruction
 from hardware.dynamixel.control_table import ControlTable, baud_of
-from hardware.dynamixel.packets import Error2, Instruction
 from sim.emulator.memory import Memory, Part
 
 _LEVEL: dict[int, int] = {Instruction.PING: 0, Instruction.READ: 1}  # status return level from which it answers, else 2

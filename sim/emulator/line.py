@@ -6,9 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from hardware.dynamixel import protocol2
-from hardware.dynamixel.packets import BROADCAST, Frame
-from hardware.dynamixel.parsers import Parser, parser1, parser2
+from hardware.dynamixel.codec import BROADCAST, CODECS, Frame, Parser, protocol2
 from sim.emulator.conversation import GROUP_READS2, Conversation, Gaps, Reply, damaged_address
 from sim.emulator.device import Device
 from sim.emulator.fault_state import FaultState
@@ -102,7 +100,7 @@ class Line:
         self._conversation = Conversation(gaps=gaps, fed_by=fed_by, noise=self._noise)
         self._answers_damage = answers_damage
         self._parsers: dict[int, Parser] = {
-            protocol: parser2() if protocol == 2 else parser1() for protocol in {device.protocol for device in devices}
+            protocol: CODECS[protocol].parser() for protocol in {device.protocol for device in devices}
         }
         self._waiting: deque[Chunk] = deque()  # by due time
         self._size = 0  # bytes waiting

@@ -2,8 +2,8 @@
 
 from typing import NamedTuple
 
+from hardware.dynamixel.codec import Error2
 from hardware.dynamixel.control_table import ControlTable, Register
-from hardware.dynamixel.packets import Error2
 
 
 class Part(NamedTuple):

@@ -12,8 +12,8 @@ hardware.
 from enum import Enum, auto
 from math import inf
 
+from hardware.dynamixel.codec import Error1, Error2, Instruction
 from hardware.dynamixel.control_table import ControlTable
-from hardware.dynamixel.packets import Error1, Error2, Instruction
 from hardware.servo import DEFAULT_P_GAIN, ServoModel, lag_of_gain
 from sim.emulator.device import Answer
 from sim.emulator.memory import Memory, Part

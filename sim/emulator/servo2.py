@@ -6,8 +6,8 @@ Source: e-Manual, X series and protocol 2.0. Motion, current and heat: `sim.emul
 from math import inf
 from struct import Struct
 
+from hardware.dynamixel.codec import ALERT, Error2, Instruction
 from hardware.dynamixel.control_table import ControlTable
-from hardware.dynamixel.packets import ALERT, Error2, Instruction
 from hardware.servo import FULL_PWM, ServoModel
 from sim.emulator.device import Answer
 from sim.emulator.memory import Part

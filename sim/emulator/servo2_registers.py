@@ -11,8 +11,8 @@ from enum import Enum
 from math import inf
 from typing import NamedTuple
 
+from hardware.dynamixel.codec import Error2
 from hardware.dynamixel.control_table import Register
-from hardware.dynamixel.packets import Error2
 from hardware.servo import FULL_PWM, GAIN_UNIT, HOMING_REACH, ServoModel, lag_of_gain
 from sim.emulator.memory import Memory, Part
 from sim.emulator.shaft import Law, ProfilePath, Shaft, path_by_time, path_by_velocity

@@ -14,7 +14,7 @@ import yaml
 from serial import Serial
 
 from hardware.clock import MonotonicClock
-from hardware.dynamixel import protocol2
+from hardware.dynamixel.codec import protocol2
 from messages import shows
 from retarget import cli
 from retarget.cli.exit import DONE, REFUSED

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from emulated import answered, read_register, servo2, write_register
-from hardware.dynamixel.packets import ALERT, Error2, Instruction
+from hardware.dynamixel.codec import ALERT, Error2, Instruction
 from hardware.errors import HardwareError
 from hardware.servo import (
     DEFAULT_P_GAIN,

@@ -1,7 +1,7 @@
 """Emulated servos for tests; registers are written and read by instructions."""
 
+from hardware.dynamixel.codec import Instruction
 from hardware.dynamixel.control_table import find_table
-from hardware.dynamixel.packets import Instruction
 from hardware.servo import find_model
 from sim.emulator.device import Answer
 from sim.emulator.servo1 import EmulatedServo1

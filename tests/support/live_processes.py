@@ -20,8 +20,7 @@ from serial import Serial
 
 import more_frames
 from hardware.clock import MonotonicClock
-from hardware.dynamixel import protocol2
-from hardware.dynamixel.parsers import parser2
+from hardware.dynamixel.codec import protocol2
 from retarget.types import FloatArray
 from sim.faults.sender import encoded
 
@@ -159,7 +158,7 @@ class Live:
 
 def _goals(sent: Sequence[tuple[float, bytes]]) -> Iterator[tuple[float, dict[int, int]]]:
     """Times (s) and goal ticks by id, as sent to all servos."""
-    parser = parser2()
+    parser = protocol2.parser()
     for time, data in sent:
         for frame in parser.feed(data):
             if frame.code == SYNC_WRITE and frame.params[:4] == GOALS and len(frame.params) > 54:

@@ -4,9 +4,7 @@ from collections.abc import Iterable, Sequence
 
 from fastcrc.crc16 import umts
 
-from hardware.dynamixel import protocol1
-from hardware.dynamixel.packets import BROADCAST, STATUS, Instruction, Status
-from hardware.dynamixel.protocol2 import HEADER, MAX_LENGTH, frame
+from hardware.dynamixel.codec import BROADCAST, STATUS, Instruction, Status, protocol1, protocol2
 
 
 def crc(data: bytes, before: int = 0) -> int:
@@ -23,11 +21,12 @@ def fast_status(answers: Sequence[Status]) -> bytes:
     """The one status frame of a Fast Sync Read or Fast Bulk Read: parts in order, not stuffed, each closed by the CRC
     of everything so far (the last is the frame's)."""
     length = 1 + sum(len(answer.data) + 4 for answer in answers)
-    if not 1 < length <= MAX_LENGTH:
+    if not 1 < length <= protocol2.MAX_LENGTH:
         raise ValueError(
-            f"a fast status of {len(answers)} parts, {length} bytes; allowed: 1 part or more, {MAX_LENGTH} bytes"
+            f"a fast status of {len(answers)} parts, {length} bytes; "
+            f"allowed: 1 part or more, {protocol2.MAX_LENGTH} bytes"
         )
-    out = bytearray(HEADER + bytes((BROADCAST,)) + length.to_bytes(2, "little") + bytes((STATUS,)))
+    out = bytearray(protocol2.HEADER + bytes((BROADCAST,)) + length.to_bytes(2, "little") + bytes((STATUS,)))
     total, done = 0, 0
     for answer in answers:
         out += bytes((answer.error, answer.id)) + answer.data
@@ -39,54 +38,54 @@ def fast_status(answers: Sequence[Status]) -> bytes:
 
 def read(device: int, address: int, length: int) -> bytes:
     """Read `length` bytes from `address`."""
-    return frame(device, Instruction.READ, _words(address, length))
+    return protocol2.frame(device, Instruction.READ, _words(address, length))
 
 
 def reg_write(device: int, address: int, data: bytes) -> bytes:
     """Keep a write until Action."""
-    return frame(device, Instruction.REG_WRITE, _words(address) + data)
+    return protocol2.frame(device, Instruction.REG_WRITE, _words(address) + data)
 
 
 def action(device: int) -> bytes:
     """Carry out what Reg Write left."""
-    return frame(device, Instruction.ACTION)
+    return protocol2.frame(device, Instruction.ACTION)
 
 
 def factory_reset(device: int, option: int) -> bytes:
     """Reset the control table: 0xFF all of it, 1 all but the id, 2 all but id and baud rate."""
-    return frame(device, Instruction.FACTORY_RESET, bytes((option,)))
+    return protocol2.frame(device, Instruction.FACTORY_RESET, bytes((option,)))
 
 
 def reboot(device: int) -> bytes:
     """Restart the device."""
-    return frame(device, Instruction.REBOOT)
+    return protocol2.frame(device, Instruction.REBOOT)
 
 
 def clear_turns(device: int) -> bytes:
     """Clear the turns of the present position."""
-    return frame(device, Instruction.CLEAR, b"\x01\x44\x58\x4c\x22")
+    return protocol2.frame(device, Instruction.CLEAR, b"\x01\x44\x58\x4c\x22")
 
 
 def backup(device: int) -> bytes:
     """Store the control table."""
-    return frame(device, Instruction.CONTROL_TABLE_BACKUP, b"\x01CTRL")
+    return protocol2.frame(device, Instruction.CONTROL_TABLE_BACKUP, b"\x01CTRL")
 
 
 def restore(device: int) -> bytes:
     """Take back the stored control table."""
-    return frame(device, Instruction.CONTROL_TABLE_BACKUP, b"\x02CTRL")
+    return protocol2.frame(device, Instruction.CONTROL_TABLE_BACKUP, b"\x02CTRL")
 
 
 def bulk_read(items: Iterable[tuple[int, int, int]], *, fast: bool = False) -> bytes:
     """Read registers (id, address, length) of several devices."""
     params = b"".join(bytes((device,)) + _words(address, length) for device, address, length in items)
-    return frame(BROADCAST, Instruction.FAST_BULK_READ if fast else Instruction.BULK_READ, params)
+    return protocol2.frame(BROADCAST, Instruction.FAST_BULK_READ if fast else Instruction.BULK_READ, params)
 
 
 def bulk_write(items: Iterable[tuple[int, int, bytes]]) -> bytes:
     """Write registers (id, address, data) of several devices; none answers."""
     params = b"".join(bytes((device,)) + _words(address, len(data)) + data for device, address, data in items)
-    return frame(BROADCAST, Instruction.BULK_WRITE, params)
+    return protocol2.frame(BROADCAST, Instruction.BULK_WRITE, params)
 
 
 def reg_write1(device: int, address: int, data: bytes) -> bytes:

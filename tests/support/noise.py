@@ -6,9 +6,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import more_frames
-from hardware.dynamixel import protocol1, protocol2
-from hardware.dynamixel.packets import BROADCAST, STATUS, Frame, Status
-from hardware.dynamixel.parsers import Parser, parser1, parser2
+from hardware.dynamixel.codec import BROADCAST, STATUS, Frame, Parser, Status, protocol1, protocol2
 
 HOT = (0xFF, 0xFF, 0xFF, 0xFD, 0xFD, 0x00, 0x00, 0x55, 0xFE, 0x01, 0x02, 0x03, 0x04, 0x05, 0x07, 0x83)
 
@@ -44,8 +42,8 @@ def stands_at_1(stream: bytes, at: int, frame: Frame) -> int:
 
 
 LINES = {
-    1: Line(parser1, protocol1.frame, 4 + 255, stands_at_1, protocol1.HEADER),
-    2: Line(parser2, protocol2.frame, 7 + protocol2.MAX_LENGTH, stands_at_2, protocol2.HEADER),
+    1: Line(protocol1.parser, protocol1.frame, 4 + 255, stands_at_1, protocol1.HEADER),
+    2: Line(protocol2.parser, protocol2.frame, 7 + protocol2.MAX_LENGTH, stands_at_2, protocol2.HEADER),
 }
 
 

@@ -3,10 +3,10 @@
 from typing import NamedTuple
 
 import more_frames as more
-from hardware.dynamixel import protocol1 as p1
-from hardware.dynamixel import protocol2 as p2
-from hardware.dynamixel.packets import BROADCAST, STATUS, Frame, Status
-from hardware.dynamixel.packets import Instruction as Code
+from hardware.dynamixel.codec import BROADCAST, STATUS, Frame, Status
+from hardware.dynamixel.codec import Instruction as Code
+from hardware.dynamixel.codec import protocol1 as p1
+from hardware.dynamixel.codec import protocol2 as p2
 
 
 class Vector(NamedTuple):

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from hardware.dynamixel.packets import Error2, Instruction
+from hardware.dynamixel.codec import Error2, Instruction
 from sim.emulator.device import Answer, Device
 
 

@@ -6,8 +6,8 @@ from typing import Annotated
 import typer
 
 from hardware.dynamixel.checks import alert_text
+from hardware.dynamixel.codec import MAX_ID
 from hardware.dynamixel.found_servos import Look
-from hardware.dynamixel.packets import MAX_ID
 from hardware.dynamixel.torque import restart
 from hardware.errors import BusError, describe
 from retarget.cli.exit import stop_on_signals

@@ -5,8 +5,8 @@ from collections.abc import Callable
 
 import pytest
 
+from hardware.dynamixel.codec import Instruction
 from hardware.dynamixel.cyclic import BusLine
-from hardware.dynamixel.packets import Instruction
 from hardware.dynamixel.single_requests import OneOff
 from hardware.dynamixel.torque import Restarted, restart
 from messages import shows

@@ -7,13 +7,11 @@ import pytest
 
 from bus_rig import CYCLE, BusRig, Tapped, bus_of, spec, specs
 from hardware.bus import ServoAlert, ServoStates
-from hardware.dynamixel import protocol2
+from hardware.dynamixel.codec import Instruction, protocol1, protocol2
 from hardware.dynamixel.control_table import find_table
 from hardware.dynamixel.cyclic import FEWEST, PROBE_PERIOD, RETRIES, WINDOW_S, ErrorRate, GoalPacket, Wired, kind_of
 from hardware.dynamixel.cyclic import RETRIES as ERROR_RATE_RETRIES
 from hardware.dynamixel.exchange import Kind
-from hardware.dynamixel.packets import Instruction
-from hardware.dynamixel.parsers import parser1, parser2
 from sim.emulator.conversation import Gaps
 from sim.emulator.fault_state import FaultState
 from sim.emulator.faults import Direction, Fault, FaultKind, Unit
@@ -359,7 +357,7 @@ def test_the_bytes_of_protocol_1() -> None:
     body = bytes.fromhex(GOLDEN1)
     (packet,) = GoalPacket(wired("AX-12A", 1)).packets(np.array([512, 513, 511]), np.full(3, True))
     assert packet == body + bytes([~sum(body[2:]) & 0xFF])
-    (frame,) = parser1().feed(packet)
+    (frame,) = protocol1.parser().feed(packet)
     assert frame.code == Instruction.SYNC_WRITE
 
 
@@ -368,7 +366,7 @@ def test_a_header_among_the_goals_is_stuffed() -> None:
     (packet,) = GoalPacket(wired("XM430-W350", 2)).packets(goals, np.full(3, True))
     assert packet.count(protocol2.HEADER) == 1
     assert packet.count(b"\xff\xff\xfd\xfd") >= 1
-    (frame,) = parser2().feed(packet)
+    (frame,) = protocol2.parser().feed(packet)
     rows = np.frombuffer(frame.params[4:], dtype=[("id", "u1"), ("goal", "<i4")])
     assert rows["id"].tolist() == [1, 2, 3]
     assert rows["goal"].tolist() == goals.tolist()
@@ -390,14 +388,14 @@ def test_servos_hold_what_was_sent(goals: tuple[int, int]) -> None:
 def test_a_packet_reaches_only_its_own_port() -> None:
     servos = [spec(1), spec(2)]
     packet = GoalPacket([Wired(1, 2, find_table("XM430-W350", 2))]).packets(np.array([7, 9]), np.full(2, True))
-    (frame,) = parser2().feed(next(packet))
+    (frame,) = protocol2.parser().feed(next(packet))
     assert frame.params[4:] == bytes([servos[1].id, 9, 0, 0, 0])
 
 
 def test_a_limp_servo_of_protocol_1_is_sent_no_goal() -> None:
     maker = GoalPacket(wired("AX-12A", 1))
     (packet,) = maker.packets(np.array([512, 513, 511]), np.array([True, False, True]))
-    (frame,) = parser1().feed(packet)
+    (frame,) = protocol1.parser().feed(packet)
     assert len(frame.params) == 2 + 2 * 3
     assert list(maker.packets(np.array([512, 513, 511]), np.full(3, False))) == []
     (packet,) = GoalPacket(wired("XM430-W350", 2)).packets(np.array([1, 2, 3]), np.full(3, False))

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from emulated import read_register, servo1, servo2, write_register
-from hardware.dynamixel.packets import Instruction
+from hardware.dynamixel.codec import Instruction
 from sim.emulator.servo1 import EmulatedServo1
 from sim.emulator.servo2 import EmulatedServo
 from sim.emulator.servo2_registers import GOALS, goal_bounds

@@ -8,11 +8,10 @@ import pytest
 
 import more_frames
 from bus_rig import BusRig, Tapped
-from hardware.dynamixel import exchange, protocol1, protocol2
+from hardware.dynamixel import exchange
+from hardware.dynamixel.codec import BROADCAST, Status, protocol1, protocol2, side_by_side
 from hardware.dynamixel.control_table import find_table
 from hardware.dynamixel.exchange import Ask, Found, Kind, block_of, collect
-from hardware.dynamixel.packets import BROADCAST, Status
-from hardware.dynamixel.parsers import side_by_side
 from hardware.errors import HardwareError
 from messages import refuses
 from scripted_port import Replies, ScriptedPort

@@ -7,12 +7,11 @@ import pytest
 
 from bus_rig import BusRig, bus_of, moved, spec, specs
 from hardware.bus import BusSpec
-from hardware.dynamixel import protocol2
 from hardware.dynamixel.checks import needed_ticks
+from hardware.dynamixel.codec import protocol2
 from hardware.dynamixel.control_table import code_of, find_table
 from hardware.dynamixel.exchange import Ask, Kind
 from hardware.dynamixel.opening import LOOKS, servos_on, too_slow
-from hardware.dynamixel.protocol2 import frame
 from hardware.dynamixel.single_requests import OneOff
 from hardware.errors import BusError
 from hardware.servo import ServoMode
@@ -258,7 +257,7 @@ def test_a_device_of_the_profile_without_a_joint_must_be_there() -> None:
     buses: list[BusSpec] = [replace(bus_of(servos), ids=(1, 2, 30))]
     rig = BusRig(servos, buses=buses)
     shows(refusal(rig), 30)
-    assert frame(30, 1, b"") in rig.port.sent
+    assert protocol2.frame(30, 1, b"") in rig.port.sent
 
 
 def test_unknown_ids_are_found_whatever_their_number() -> None:

@@ -17,11 +17,10 @@ from dynamixel_sdk import (
     Protocol2PacketHandler,
 )
 
-from hardware.dynamixel import protocol1, protocol2
+from hardware.dynamixel.codec import ALERT, Error2, Status, protocol1, protocol2
 from hardware.dynamixel.control_table import find_table
 from hardware.dynamixel.cyclic import GoalPacket
 from hardware.dynamixel.exchange import Ask, Kind, collect
-from hardware.dynamixel.packets import ALERT, Error2, Status
 from hardware.dynamixel.single_requests import OneOff, PatchedProtocol2, ServoError
 from messages import refuses
 from scripted_port import ScriptedPort, always

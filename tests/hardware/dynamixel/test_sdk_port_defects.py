@@ -19,7 +19,7 @@ from dynamixel_sdk import (
 )
 
 from hardware.clock import MonotonicClock, VirtualClock
-from hardware.dynamixel import protocol2
+from hardware.dynamixel.codec import protocol2
 from hardware.dynamixel.control_table import find_table
 from hardware.dynamixel.exchange import QUIET
 from hardware.dynamixel.serial_port import SerialPort

@@ -9,7 +9,7 @@ from rich.console import Console
 from hardware.bus import ServoStates
 from hardware.clock import VirtualClock
 from hardware.dynamixel.bus import Watch
-from hardware.dynamixel.packets import Instruction
+from hardware.dynamixel.codec import Instruction
 from messages import shows
 from servo_lab import ServoLab
 from sim.emulator.faults import Fault, FaultKind

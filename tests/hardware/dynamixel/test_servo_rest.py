@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 import pytest
 
+from hardware.dynamixel.codec import Instruction
 from hardware.dynamixel.cyclic import BusLine
-from hardware.dynamixel.packets import Instruction
 from hardware.dynamixel.torque import off_everywhere
 from messages import shows
 from servo_lab import ServoLab

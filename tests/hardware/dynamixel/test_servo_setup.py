@@ -6,8 +6,8 @@ import pytest
 
 from bus_rig import BusRig, bus_of, spec, specs
 from hardware.dynamixel.checks import complaints, needed_ticks
+from hardware.dynamixel.codec import Instruction
 from hardware.dynamixel.line_scan import write_setting
-from hardware.dynamixel.packets import Instruction
 from hardware.dynamixel.settings import ServoImage
 from messages import shows
 from retarget.cli.servo.places import Place

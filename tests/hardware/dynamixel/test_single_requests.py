@@ -8,10 +8,10 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import more_frames
-from hardware.dynamixel import protocol1, protocol2, single_requests
+from hardware.dynamixel import single_requests
+from hardware.dynamixel.codec import ALERT, BROADCAST, Error1, Error2, protocol1, protocol2
 from hardware.dynamixel.control_table import Register, find_table
 from hardware.dynamixel.exchange import Found
-from hardware.dynamixel.packets import ALERT, BROADCAST, Error1, Error2
 from hardware.dynamixel.single_requests import (
     SLACK,
     NoAnswer,

@@ -9,8 +9,8 @@ import pytest
 from bus_rig import BusRig, GuardedBus, Tapped, bus_of, spec, specs
 from hardware.bus import ServoGoals
 from hardware.dynamixel import torque
+from hardware.dynamixel.codec import Instruction
 from hardware.dynamixel.cyclic import BusLine
-from hardware.dynamixel.packets import Instruction
 from hardware.dynamixel.torque import PATIENCE, Drive, restart
 from hardware.errors import BusError
 from hardware.servo import ServoGains, ServoMode, ServoSpec

@@ -1,7 +1,7 @@
 """The emulated OpenCR."""
 
 from emulated import servo2
-from hardware.dynamixel.packets import Error2, Instruction
+from hardware.dynamixel.codec import Error2, Instruction
 from sim.emulator.controller import ID, NUMBER, EmulatedController
 
 

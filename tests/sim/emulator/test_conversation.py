@@ -9,10 +9,18 @@ from hypothesis import strategies as st
 
 import more_frames
 from emulated import servo1, servo2
-from hardware.dynamixel import protocol1, protocol2
-from hardware.dynamixel.packets import ALERT, BROADCAST, Error1, Error2, Frame, Instruction, Status
-from hardware.dynamixel.parsers import parser1, parser2
-from hardware.dynamixel.protocol2 import valid_parts
+from hardware.dynamixel.codec import (
+    ALERT,
+    BROADCAST,
+    Error1,
+    Error2,
+    Frame,
+    Instruction,
+    Status,
+    protocol1,
+    protocol2,
+    valid_parts,
+)
 from sim.emulator.conversation import (
     Conversation,
     Gaps,
@@ -32,7 +40,7 @@ from stub_devices import StubDevice
 
 
 def _said(data: bytes, devices: Sequence[StubDevice], gaps: Gaps = Gaps.SILENCE, **more: object) -> list[Reply]:
-    parser = parser2() if devices[0].protocol == 2 else parser1()
+    parser = protocol2.parser() if devices[0].protocol == 2 else protocol1.parser()
     (frame,) = parser.feed(data)
     silent = more.get("silent", ())
     assert isinstance(silent, tuple)
@@ -151,10 +159,10 @@ def test_a_fast_bulk_read_has_parts_of_their_own_length() -> None:
 
 def test_two_devices_of_one_id_are_not_understood() -> None:
     (reply,) = _said(protocol2.ping(1), _row(1, 1))
-    assert parser2().feed(reply.data) == []
+    assert protocol2.parser().feed(reply.data) == []
     (again,) = _said(protocol2.ping(1), _row(1, 1))
     assert again == reply
-    (frame,) = parser2().feed(protocol2.ping(1))
+    (frame,) = protocol2.parser().feed(protocol2.ping(1))
     (other,) = Conversation(noise=random.Random(1)).answers(frame, _row(1, 1), 1.0)
     assert other.data != reply.data
     parts = b"".join(part.data for part in _said(protocol2.sync_read(132, 4, [1, 2], fast=True), _row(1, 1, 2)))
@@ -295,7 +303,7 @@ WORDS = st.integers(0, 0xFFFF)
 
 
 def _frame2(data: bytes) -> Frame:
-    (frame,) = parser2().feed(data)
+    (frame,) = protocol2.parser().feed(data)
     return frame
 
 
@@ -324,12 +332,12 @@ def test_sync_writes_of_both_protocols() -> None:
     items = [(1, b"\x96\0\0\0"), (2, b"\xaa\0\0\0")]
     frame = _frame2(protocol2.sync_write(116, 4, items))
     assert writes2(frame.code, frame.params) == [WriteItem(device, 116, data) for device, data in items]
-    (frame,) = parser1().feed(protocol1.sync_write(30, 4, items))
+    (frame,) = protocol1.parser().feed(protocol1.sync_write(30, 4, items))
     assert writes1(frame.params) == [WriteItem(device, 30, data) for device, data in items]
 
 
 def test_a_bulk_read_of_protocol_1() -> None:
-    (frame,) = parser1().feed(protocol1.bulk_read([(1, 30, 2), (2, 36, 2)]))
+    (frame,) = protocol1.parser().feed(protocol1.bulk_read([(1, 30, 2), (2, 36, 2)]))
     assert list(reads1(frame.params)) == [ReadItem(1, 30, 2), ReadItem(2, 36, 2)]
 
 

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from hardware.dynamixel import protocol2
-from hardware.dynamixel.parsers import parser2
+from hardware.dynamixel.codec import protocol2
 from retarget.errors import ConfigError
 from sim.emulator import fault_state
 from sim.emulator.fault_state import FaultPlan, FaultState, load_fault_plan, obey
@@ -226,7 +225,7 @@ def test_spoilt_answers_are_of_no_use(kind: FaultKind) -> None:
     state.update(0.0)
     (part,) = state.to_host(1, STATUS)
     assert len(part.data) == len(STATUS)
-    assert parser2().feed(part.data) == []
+    assert protocol2.parser().feed(part.data) == []
     assert state.to_servos(PING)[0].data == PING
 
 

@@ -7,8 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hardware.clock import VirtualClock
-from hardware.dynamixel import protocol1, protocol2
-from hardware.dynamixel.parsers import parser2
+from hardware.dynamixel.codec import protocol1, protocol2
 from sim.emulator import line as line_module
 from sim.emulator.fault_state import FaultState
 from sim.emulator.faults import Fault, FaultKind
@@ -95,7 +94,7 @@ def test_sending_into_an_answer_spoils_both() -> None:
     assert len(device.done) == 1
     heard = line.take(FOREVER)
     assert len(heard) == len(STATUS)
-    assert parser2().feed(heard) == []
+    assert protocol2.parser().feed(heard) == []
     assert _ask(line, protocol2.ping(1), 1.0) == STATUS
 
 

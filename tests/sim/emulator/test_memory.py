@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from emulated import read_register, servo2, write_register
+from hardware.dynamixel.codec import Error2
 from hardware.dynamixel.control_table import find_table
-from hardware.dynamixel.packets import Error2
 from sim.emulator.memory import Memory, Part
 
 

@@ -18,7 +18,7 @@ import pytest
 from serial import Serial
 
 from hardware.clock import MonotonicClock, VirtualClock, thread_cpu
-from hardware.dynamixel import protocol2
+from hardware.dynamixel.codec import protocol2
 from hardware.dynamixel.serial_port import BytePort
 from hardware.errors import BusError, HardwareError
 from messages import refuses

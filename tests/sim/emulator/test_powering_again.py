@@ -7,7 +7,7 @@ import pytest
 
 from bus_rig import BusRig, bus_of, specs
 from hardware.bus import ServoGoals
-from hardware.dynamixel.packets import Instruction
+from hardware.dynamixel.codec import Instruction
 from hardware.errors import BusError
 from hardware.servo import ServoMode
 from messages import refuses

@@ -7,8 +7,7 @@ import pytest
 
 import more_frames
 from hardware.bus import BusSpec
-from hardware.dynamixel import protocol1, protocol2
-from hardware.dynamixel.packets import Error1, Error2
+from hardware.dynamixel.codec import Error1, Error2, protocol1, protocol2
 from hardware.errors import HardwareError
 from hardware.servo import ServoMode, find_model
 from messages import refuses

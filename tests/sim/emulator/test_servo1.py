@@ -5,10 +5,8 @@ from collections.abc import Callable
 import pytest
 
 from emulated import read_register1, servo1, write_register1
-from hardware.dynamixel import protocol1
+from hardware.dynamixel.codec import Error1, Instruction, protocol1
 from hardware.dynamixel.control_table import find_table
-from hardware.dynamixel.packets import Error1, Instruction
-from hardware.dynamixel.parsers import parser1
 from hardware.servo import find_model
 from sim.emulator.conversation import Conversation
 from sim.emulator.device import Answer
@@ -44,7 +42,7 @@ def _single(servo: EmulatedServo1, address: int, data: bytes) -> None:
 
 
 def _sync(servo: EmulatedServo1, address: int, data: bytes) -> None:
-    (frame,) = parser1().feed(protocol1.sync_write(address, len(data), [(1, data)]))
+    (frame,) = protocol1.parser().feed(protocol1.sync_write(address, len(data), [(1, data)]))
     assert Conversation().answers(frame, [servo], 0.0) == []
 
 

@@ -3,7 +3,7 @@
 import pytest
 
 from emulated import answered, read_register, servo2, write_register
-from hardware.dynamixel.packets import Error2, Instruction
+from hardware.dynamixel.codec import Error2, Instruction
 from sim.emulator.servo2 import RESTORE, STORE
 
 

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from emulated import read_register, servo2, write_register
+from hardware.dynamixel.codec import Error2
 from hardware.dynamixel.control_table import Register, find_table
-from hardware.dynamixel.packets import Error2
 from hardware.servo import find_model
 from sim.emulator.memory import Memory, Part
 from sim.emulator.servo2_registers import (

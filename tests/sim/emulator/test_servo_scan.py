@@ -4,8 +4,8 @@ from collections.abc import Iterable
 
 import pytest
 
+from hardware.dynamixel.codec import Instruction
 from hardware.dynamixel.exchange import Found
-from hardware.dynamixel.packets import Instruction
 from hardware.dynamixel.single_requests import OneOff
 from messages import shows
 from servo_lab import ServoLab

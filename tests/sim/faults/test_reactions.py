@@ -7,7 +7,7 @@ from unittest.mock import patch
 import pytest
 
 import sim.faults.bench
-from hardware.dynamixel.protocol2 import sync_write
+from hardware.dynamixel.codec import protocol2
 from hardware.guard_state import StopCause
 from messages import shows
 from retarget.types import RunState
@@ -27,7 +27,9 @@ def bench() -> Bench:
 
 
 def goals(ticks: dict[int, int]) -> bytes:
-    return sync_write(116, 4, [(device, value.to_bytes(4, "little", signed=True)) for device, value in ticks.items()])
+    return protocol2.sync_write(
+        116, 4, [(device, value.to_bytes(4, "little", signed=True)) for device, value in ticks.items()]
+    )
 
 
 def last_goals(trace: Trace) -> dict[int, int]:
@@ -75,7 +77,7 @@ def slow_torque_off(trace: Trace) -> Trace:
 
 
 def torque_again(trace: Trace) -> Trace:
-    on = sync_write(64, 1, [(6, b"\x01")])
+    on = protocol2.sync_write(64, 1, [(6, b"\x01")])
     return replace(trace, sent=[*trace.sent, Sent((trace.latched or 0.0) + 0.2, on)])
 
 

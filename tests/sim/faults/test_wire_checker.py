@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hardware.dynamixel.protocol2 import ping, sync_read, sync_write, write
+from hardware.dynamixel.codec import protocol2
 from hardware.servo import ServoSpec, find_model
 from messages import shows
 from more_frames import reboot
@@ -46,7 +46,9 @@ def goals(angles: list[float], *, dt: float = DT, start: float = 5.0) -> list[Se
     sent = []
     for k, angle in enumerate(angles):
         tick = round(SERVO.zero_tick + SERVO.ticks_per_rad * angle)
-        data = sync_read(126, 10, [7], fast=True) + sync_write(116, 4, [(7, tick.to_bytes(4, "little", signed=True))])
+        data = protocol2.sync_read(126, 10, [7], fast=True) + protocol2.sync_write(
+            116, 4, [(7, tick.to_bytes(4, "little", signed=True))]
+        )
         sent.append(Sent(start + k * dt, data))
     return sent
 
@@ -146,18 +148,18 @@ def test_a_detour_is_found() -> None:
 
 
 def test_after_a_latch_only_torque_off_is_good() -> None:
-    off = written([Sent(2.0, sync_write(64, 1, [(7, b"\0")]) + sync_write(98, 1, [(7, b"\0")]))])
+    off = written([Sent(2.0, protocol2.sync_write(64, 1, [(7, b"\0")]) + protocol2.sync_write(98, 1, [(7, b"\0")]))])
     assert after_latch(off, 1.0) == []
     assert after_latch(written(goals([0.0])), 5.0) == []
     assert "address 116" in after_latch(written(goals([0.0])), 4.9)[0]
-    on = written([Sent(2.0, sync_write(64, 1, [(6, b"\0"), (7, b"\1")]))])
+    on = written([Sent(2.0, protocol2.sync_write(64, 1, [(6, b"\0"), (7, b"\1")]))])
     assert after_latch(on, 1.0) == ["address 64 was written 1.000 s after the latch"]
     assert torque_on_again(on, 1.0) == ["torque was switched on 1.000 s after the stop began"]
     assert torque_on_again(on, 2.0) == [] and torque_on_again(off, 1.0) == []
 
 
 def test_instructions_other_than_reads_are_found() -> None:
-    sent = [Sent(0.0, ping(7)), *goals([0.0])]
+    sent = [Sent(0.0, protocol2.ping(7)), *goals([0.0])]
     assert not_reads(list(packets(sent)), but=frozenset()) == ["instruction 0x83 went to id 254"]
     assert not_reads(list(packets(sent)), but=frozenset((254,))) == []
 
@@ -209,14 +211,16 @@ def test_without_a_gate_the_forced_stage_is_a_collision() -> None:
 @settings(max_examples=60)
 def test_goals_are_read_from_the_bytes(ticks: dict[int, int]) -> None:
     """Those that hold a header, and are stuffed, too."""
-    data = sync_write(116, 4, [(device, tick.to_bytes(4, "little", signed=True)) for device, tick in ticks.items()])
-    sent = [Sent(1.5, sync_read(126, 10, [7], fast=True) + data + ping(3))]
+    data = protocol2.sync_write(
+        116, 4, [(device, tick.to_bytes(4, "little", signed=True)) for device, tick in ticks.items()]
+    )
+    sent = [Sent(1.5, protocol2.sync_read(126, 10, [7], fast=True) + data + protocol2.ping(3))]
     assert goal_writes(written(sent)) == [(1.5, ticks)]
     assert [(one.id, one.instruction) for one in packets(sent)] == [(254, 0x8A), (254, 0x83), (3, 0x01)]
 
 
 def test_single_writes_count() -> None:
-    sent = [Sent(2.0, write(9, 64, b"\1")), Sent(3.0, write(9, 64, b"\0")), Sent(4.0, reboot(9))]
+    sent = [Sent(2.0, protocol2.write(9, 64, b"\1")), Sent(3.0, protocol2.write(9, 64, b"\0")), Sent(4.0, reboot(9))]
     writes = written(sent)
     assert writes == [Written(2.0, 64, {9: 1}), Written(3.0, 64, {9: 0})]
     assert torque_off(writes, 0.0) == 3.0

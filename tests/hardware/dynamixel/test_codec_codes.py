@@ -1,6 +1,6 @@
 """Codes of both protocols."""
 
-from hardware.dynamixel.packets import ALERT, BROADCAST, MAX_ID, STATUS, Error1, Error2, Frame, Instruction, Status
+from hardware.dynamixel.codec import ALERT, BROADCAST, MAX_ID, STATUS, Error1, Error2, Frame, Instruction, Status
 
 
 def test_codes_are_those_of_the_manual() -> None:

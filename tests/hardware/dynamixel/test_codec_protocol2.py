@@ -10,9 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import more_frames
-from hardware.dynamixel import protocol2
-from hardware.dynamixel.packets import BROADCAST, STATUS, Frame, Status
-from hardware.dynamixel.protocol2 import fast_length, valid_parts
+from hardware.dynamixel.codec import BROADCAST, STATUS, Frame, Status, fast_length, protocol2, valid_parts
 from messages import refuses
 from packet_vectors import FAST_BULK, FAST_BULK_REPLY, FAST_SYNC, FAST_SYNC_REPLY, TWO, Vector
 from sdk_port import SdkPort

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import more_frames
-from hardware.dynamixel import protocol1
-from hardware.dynamixel.packets import BROADCAST, Frame, Status
+from hardware.dynamixel.codec import BROADCAST, Frame, Status, protocol1
 from messages import refuses
 from packet_vectors import ONE, Vector
 from sdk_port import SdkPort

@@ -8,10 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import more_frames
-from hardware.dynamixel import protocol1, protocol2
-from hardware.dynamixel.packets import ALERT, Frame, Status
-from hardware.dynamixel.parsers import parser1, parser2, whole_frames, whole_reply
-from hardware.dynamixel.protocol2 import valid_parts
+from hardware.dynamixel.codec import ALERT, Frame, Status, protocol1, protocol2, valid_parts, whole_frames, whole_reply
 from noise import LINES, bytes_of, noise, pieces, stretch
 from packet_vectors import ONE, TWO
 
@@ -67,12 +64,12 @@ def test_any_frame_round_trips(protocol: int, device: int, code: int, params: by
 @given(st.lists(st.builds(Status, st.integers(0, 252), st.integers(0, 255), st.binary(max_size=12)), min_size=1))
 def test_a_fast_status_is_taken_as_it_is(answers: list[Status]) -> None:
     reply = more_frames.fast_status(answers)
-    assert parser2().feed(reply) == [Frame(0xFE, 0x55, reply[8:-2])]
+    assert protocol2.parser().feed(reply) == [Frame(0xFE, 0x55, reply[8:-2])]
 
 
 def test_headers_and_stuffing_inside_a_fast_status_are_data() -> None:
     reply = more_frames.fast_status([Status(1, 0, protocol2.ping(3)), Status(2, 0, b"\xff\xff\xfd\xfd")])
-    assert parser2().feed(reply) == [Frame(0xFE, 0x55, reply[8:-2])]
+    assert protocol2.parser().feed(reply) == [Frame(0xFE, 0x55, reply[8:-2])]
 
 
 @both
@@ -103,7 +100,7 @@ def test_every_damaged_byte_costs_one_frame() -> None:
             for flip in range(1, 256):
                 damaged = bytearray(clean[1])
                 damaged[at] ^= flip
-                frames = parser2().feed(clean[0] + bytes(damaged) + clean[2])
+                frames = protocol2.parser().feed(clean[0] + bytes(damaged) + clean[2])
                 assert frames == STATUSES[:hit] + STATUSES[hit + 1 :], (at, flip)
 
 
@@ -111,7 +108,7 @@ def test_every_damaged_byte_costs_one_frame() -> None:
 def test_a_damaged_length_is_over_when_the_next_header_is_seen(length: int) -> None:
     damaged, good = bytearray(protocol2.frame(*STATUSES[0])), protocol2.frame(*STATUSES[1])
     damaged[5:7] = length.to_bytes(2, "little")
-    parser = parser2()
+    parser = protocol2.parser()
     assert parser.feed(bytes(damaged) + good) == STATUSES[1:2]
     assert parser.skipped == len(damaged)
 
@@ -121,7 +118,7 @@ def test_every_lost_or_doubled_byte_costs_one_frame() -> None:
     rest = b"".join(raws[1:])
     for at in range(len(raws[0])):
         for raw in (raws[0][:at] + raws[0][at + 1 :], raws[0][:at] + raws[0][at : at + 1] + raws[0][at:]):
-            frames = parser2().feed(raw + rest)
+            frames = protocol2.parser().feed(raw + rest)
             # A doubled first or last byte is noise beside a whole frame.
             assert frames in (STATUSES[1:], STATUSES), at
             assert (frames == STATUSES) == (raws[0] in raw), at
@@ -131,7 +128,7 @@ def test_what_a_damaged_length_claims_in_the_first_protocol_comes_back_after_sil
     """There a header may stand in the data, so only silence shows the end."""
     damaged, good = bytearray(protocol1.status(1, 0, b"\x01\x02")), protocol1.status(2, 0, b"\x03\x04")
     damaged[3] = 60
-    parser = parser1()
+    parser = protocol1.parser()
     assert parser.feed(bytes(damaged) + good + good) == []
     assert len(parser.pending) == len(damaged) + 2 * len(good)
     assert parser.flush() == [Frame(2, 0, b"\x03\x04")] * 2
@@ -260,7 +257,7 @@ REFUSED = {
 def test_a_frame_that_cannot_be_is_passed_over_at_once(beginning: str) -> None:
     raw = bytes.fromhex(beginning)
     sealed = raw + more_frames.crc(raw).to_bytes(2, "little")
-    parser = parser2()
+    parser = protocol2.parser()
     assert parser.feed(sealed) == []
     assert len(parser.pending) < protocol2.OVERHEAD
     assert parser.feed(PING) == [Frame(1, 1, b"")]
@@ -270,14 +267,14 @@ def test_a_frame_that_cannot_be_is_passed_over_at_once(beginning: str) -> None:
 def test_a_frame_with_an_unstuffed_header_inside_is_none() -> None:
     raw = protocol2.HEADER + bytes.fromhex("01 0900 03 7400 FFFFFD00")
     sealed = raw + more_frames.crc(raw).to_bytes(2, "little")
-    assert parser2().feed(sealed + PING) == [Frame(1, 1, b"")]
+    assert protocol2.parser().feed(sealed + PING) == [Frame(1, 1, b"")]
 
 
 def test_a_frame_without_stuffing_is_taken_when_no_header_is_inside() -> None:
     """dynamixel-sdk sends such frames; header, length and CRC are valid, so the frame counts."""
     raw = protocol2.HEADER + bytes.fromhex("01 0900 03 7400 FFFFFDFF")
     sealed = raw + more_frames.crc(raw).to_bytes(2, "little")
-    assert parser2().feed(sealed) == [Frame(1, 3, b"\x74\0\xff\xff\xfd\xff")]
+    assert protocol2.parser().feed(sealed) == [Frame(1, 3, b"\x74\0\xff\xff\xfd\xff")]
 
 
 def sealed_by(tail: bytes, crc: bytes) -> tuple[Frame, bytes]:
@@ -302,37 +299,37 @@ def sealed_by(tail: bytes, crc: bytes) -> tuple[Frame, bytes]:
 def test_last_parameters_and_crc_that_look_like_a_header(tail: bytes, crc: bytes, behind: bytes) -> None:
     frame, raw = sealed_by(tail, crc)
     stream = raw + behind + raw + PING
-    assert parser2().feed(stream) == [frame, frame, Frame(1, 1, b"")]
-    single = parser2()
+    assert protocol2.parser().feed(stream) == [frame, frame, Frame(1, 1, b"")]
+    single = protocol2.parser()
     assert [received for byte in stream for received in single.feed(bytes((byte,)))] == [frame, frame, Frame(1, 1, b"")]
     assert single.skipped == len(behind)
 
 
 def test_a_crc_is_not_the_beginning_of_the_next_frame() -> None:
     frame, raw = sealed_by(b"\x00", b"\x00\xff")
-    assert parser2().feed(raw + PING[1:]) == [frame]
-    parser = parser2()
+    assert protocol2.parser().feed(raw + PING[1:]) == [frame]
+    parser = protocol2.parser()
     assert parser.feed(raw) == [frame]
     assert (parser.pending, parser.feed(PING[1:])) == (b"", [])
 
 
 def test_the_other_protocols_bytes_are_noise() -> None:
     two, one = b"".join(vector.printed for vector in TWO), b"".join(vector.printed for vector in ONE)
-    assert parser1().feed(two) == []
-    assert parser2().feed(one) == []
-    assert parser1().feed(PING + ONE[0].printed) == [ONE[0].frame]
-    assert parser2().feed(ONE[0].printed + PING) == [Frame(1, 1, b"")]
+    assert protocol1.parser().feed(two) == []
+    assert protocol2.parser().feed(one) == []
+    assert protocol1.parser().feed(PING + ONE[0].printed) == [ONE[0].frame]
+    assert protocol2.parser().feed(ONE[0].printed + PING) == [Frame(1, 1, b"")]
 
 
 def test_ids_at_the_edge_of_the_first_protocol() -> None:
-    assert parser1().feed(protocol1.ping(253)) == [Frame(253, 1, b"")]
-    assert parser1().feed(b"\xff" + protocol1.ping(0)) == [Frame(0, 1, b"")]
-    assert parser1().feed(bytes.fromhex("FFFF FF 02 01 FD FFFF 01 00 FE FFFF 01 01 01 FC")) == []
+    assert protocol1.parser().feed(protocol1.ping(253)) == [Frame(253, 1, b"")]
+    assert protocol1.parser().feed(b"\xff" + protocol1.ping(0)) == [Frame(0, 1, b"")]
+    assert protocol1.parser().feed(bytes.fromhex("FFFF FF 02 01 FD FFFF 01 00 FE FFFF 01 01 01 FC")) == []
 
 
 def test_a_cut_fast_reply_holds_back_what_follows_until_silence() -> None:
     reply = more_frames.fast_status([Status(1, 0, bytes(10)), Status(2, 0, bytes(10))])
-    parser = parser2()
+    parser = protocol2.parser()
     assert parser.feed(reply[:20] + PING) == []
     assert parser.flush() == [Frame(1, 1, b"")]
     assert parser.feed(reply[:20] + PING) == []
@@ -402,7 +399,7 @@ def test_a_refusal_in_place_of_data_is_no_answer() -> None:
 
 def one_by_one(received: bytes, ids: tuple[int, ...], size: int) -> list[Status]:
     """What a parser makes of it, as far as it answers the request."""
-    parser = parser2()
+    parser = protocol2.parser()
     found = [protocol2.status_of(frame) for frame in [*parser.feed(received), *parser.flush()]]
     return [one for one in found if one and one.id in ids and len(one.data) == size and not one.error & ~ALERT]
 

@@ -1,0 +1,536 @@
+"""The wire codec of Dynamixel protocols 1.0 and 2.0: frames, statuses and parsers, as pure functions over bytes.
+
+1.0: FF FF | ID | LEN | INST or ERR | PARAM... | CHK                          LEN = parameters + 2
+2.0: FF FF FD 00 | ID | LEN_L LEN_H | INST | PARAM... | CRC_L CRC_H           with byte stuffing (e-Manual)
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+from functools import lru_cache
+from struct import Struct
+from typing import NamedTuple
+
+import numpy as np
+from fastcrc.crc16 import umts
+from numpy.typing import NDArray
+
+BROADCAST = 0xFE
+"""Every device on the line."""
+MAX_ID = 252
+"""Highest id of a device in protocol 2.0 (1.0: 253)."""
+STATUS = 0x55
+"""Instruction code of a status frame, protocol 2.0."""
+ALERT = 0x80
+"""Bit 7 of a 2.0 status frame's error byte: a Hardware Error Status bit is set; the data are valid."""
+
+
+class Instruction(IntEnum):
+    """Instruction codes (e-Manual, protocols 1.0 and 2.0)."""
+
+    PING = 0x01
+    READ = 0x02
+    WRITE = 0x03
+    REG_WRITE = 0x04
+    ACTION = 0x05
+    FACTORY_RESET = 0x06
+    REBOOT = 0x08
+    CLEAR = 0x10
+    CONTROL_TABLE_BACKUP = 0x20
+    SYNC_READ = 0x82
+    SYNC_WRITE = 0x83
+    FAST_SYNC_READ = 0x8A
+    BULK_READ = 0x92
+    BULK_WRITE = 0x93
+    FAST_BULK_READ = 0x9A
+
+
+class Error2(IntEnum):
+    """Error number of a 2.0 status frame, bits 0 to 6."""
+
+    NONE = 0
+    RESULT_FAIL = 1
+    INSTRUCTION = 2
+    CRC = 3
+    DATA_RANGE = 4
+    DATA_LENGTH = 5
+    DATA_LIMIT = 6
+    ACCESS = 7
+
+
+class Error1(IntFlag):
+    """Error bits of a 1.0 status frame."""
+
+    INPUT_VOLTAGE = 0x01
+    ANGLE_LIMIT = 0x02
+    OVERHEATING = 0x04
+    RANGE = 0x08
+    CHECKSUM = 0x10
+    OVERLOAD = 0x20
+    INSTRUCTION = 0x40
+
+
+class Frame(NamedTuple):
+    """One valid frame of a line, stuffing removed.
+
+    code: the instruction; of a 2.0 status frame STATUS; of a 1.0 status frame its error byte, since a 1.0 frame does
+    not show its sender. params: what follows, without CRC or checksum (a 2.0 status frame: error byte, then data).
+    """
+
+    id: int
+    code: int
+    params: bytes
+
+
+class Status(NamedTuple):
+    """What one device answered."""
+
+    id: int
+    error: int
+    data: bytes
+
+
+class _Codec:
+    """What both protocols have in common. Every method that builds a frame raises ValueError for an id, an address or a
+    length that does not exist."""
+
+    WIDTH: int
+    """Bytes of an address and of a length."""
+    MOST_MEMBERS: int
+    """Highest id of a device in a group."""
+
+    def frame(self, device: int, code: int, params: bytes = b"") -> bytes:
+        """A whole frame; `code` is the instruction."""
+        raise NotImplementedError
+
+    def ping(self, device: int) -> bytes:
+        """Ping; in protocol 2.0 all devices answer a broadcast, in order of their ids."""
+        return self.frame(device, Instruction.PING)
+
+    def read(self, device: int, address: int, length: int) -> bytes:
+        """Read `length` bytes from `address`."""
+        return self.frame(device, Instruction.READ, self.number(address) + self.number(length))
+
+    def write(self, device: int, address: int, data: bytes) -> bytes:
+        """Write `data` to `address`."""
+        return self.frame(device, Instruction.WRITE, self.number(address) + data)
+
+    def sync_write(self, address: int, length: int, items: Iterable[tuple[int, bytes]]) -> bytes:
+        """Write the same registers of several devices; none answers. Raises ValueError for data of another length."""
+        params = bytearray(self.number(address) + self.number(length))
+        for device, data in items:
+            if len(data) != length:
+                raise ValueError(f"{len(data)} bytes for device {device}; allowed: {length}")
+            params += self.members([device])
+            params += data
+        return self.frame(BROADCAST, Instruction.SYNC_WRITE, bytes(params))
+
+    def number(self, value: int) -> bytes:
+        """An address or a length."""
+        highest = (1 << 8 * self.WIDTH) - 1
+        if not 0 <= value <= highest:
+            raise ValueError(f"address or length {value}; allowed: 0 to {highest}")
+        return value.to_bytes(self.WIDTH, "little")
+
+    def members(self, ids: Iterable[int]) -> bytes:
+        """Ids of a group: those of single devices."""
+        members = bytes(ids)
+        if members and max(members) > self.MOST_MEMBERS:
+            raise ValueError(f"id {max(members)} in a group; allowed: 0 to {self.MOST_MEMBERS}")
+        return members
+
+
+class Protocol1(_Codec):
+    """Protocol 1.0."""
+
+    HEADER = b"\xff\xff"
+    OVERHEAD = 4
+    """Bytes before LEN counts: header, id and LEN itself."""
+    STATUS_BYTES = 6
+    """A status frame without data."""
+    MAX_PARAMS = 253
+    WIDTH, MOST_MEMBERS = 1, MAX_ID + 1
+
+    def frame(self, device: int, code: int, params: bytes = b"") -> bytes:
+        """A whole frame; `code` is the instruction, or the error byte of a status."""
+        if not 0 <= device <= BROADCAST:
+            raise ValueError(f"id {device}; allowed: 0 to 253, and 254 for all")
+        if len(params) > self.MAX_PARAMS:
+            raise ValueError(f"{len(params)} parameters; allowed: {self.MAX_PARAMS}")
+        content = bytes((device, len(params) + 2, code)) + params
+        return self.HEADER + content + bytes((self.checksum(content),))
+
+    def checksum(self, content: bytes) -> int:
+        """Checksum of everything after the header: the inverted sum."""
+        return ~sum(content) & 0xFF
+
+    def status(self, device: int, error: int = 0, data: bytes = b"") -> bytes:
+        """The status frame of one device."""
+        return self.frame(device, error, data)
+
+    def status_of(self, received: Frame) -> Status | None:
+        """Read a frame as a status; a 1.0 frame does not show whether it is one."""
+        return Status(received.id, received.code, received.params)
+
+    def bulk_read(self, items: Iterable[tuple[int, int, int]]) -> bytes:
+        """Read registers (id, address, length) of several MX devices; one status each, in order."""
+        params = b"\x00" + b"".join(
+            bytes((length, *self.members([device]), address)) for device, address, length in items
+        )
+        return self.frame(BROADCAST, Instruction.BULK_READ, params)
+
+    def parser(self) -> "Parser":
+        """A parser. The checksum is one byte: of damaged frames one of 256 passes."""
+        return Parser(_scan1)
+
+
+class Protocol2(_Codec):
+    """Protocol 2.0. Byte stuffing: FF FF FD becomes FF FF FD FD, so that no header can appear in a body (instruction to
+    last parameter)."""
+
+    HEADER = b"\xff\xff\xfd\x00"
+    OVERHEAD = 7
+    """Bytes before LEN counts: header, id and LEN itself."""
+    STATUS_BYTES = 11
+    """A status frame without data."""
+    MAX_LENGTH = 8192
+    """Longest frame body (LEN) that is built or accepted; more is noise."""
+    PATTERN = b"\xff\xff\xfd"
+    """Nowhere in a frame but at its beginning, and where stuffing follows."""
+    STUFFED = b"\xff\xff\xfd\xfd"
+    """What stuffing makes of it."""
+    WIDTH, MOST_MEMBERS = 2, MAX_ID
+
+    def stuff(self, body: bytes) -> bytes:
+        """The body, stuffed."""
+        return body.replace(self.PATTERN, self.STUFFED) if self.PATTERN in body else body
+
+    def unstuff(self, body: bytes) -> bytes:
+        """Inverse of `stuff`."""
+        return body.replace(self.STUFFED, self.PATTERN) if self.STUFFED in body else body
+
+    def frame(self, device: int, code: int, params: bytes = b"") -> bytes:
+        """A whole frame; `code` is the instruction."""
+        if not 0 <= device <= BROADCAST or device == 0xFD:
+            raise ValueError(f"id {device}; allowed: 0 to 252, and 254 for all")
+        body = self.stuff(bytes((code,)) + params)
+        length = len(body) + 2
+        if length > self.MAX_LENGTH:
+            raise ValueError(f"a frame of {length} bytes; allowed: {self.MAX_LENGTH}")
+        out = self.HEADER + bytes((device,)) + length.to_bytes(2, "little") + body
+        return out + umts(out, 0).to_bytes(2, "little")
+
+    def status(self, device: int, error: int = 0, data: bytes = b"") -> bytes:
+        """The status frame of one device."""
+        return self.frame(device, STATUS, bytes((error,)) + data)
+
+    def status_of(self, received: Frame) -> Status | None:
+        """The status of one device in a frame; None for an instruction (of an adapter that echoes, say) and for the
+        reply to a fast read, which holds several."""
+        if received.code != STATUS or not received.params or received.id == BROADCAST:
+            return None
+        return Status(received.id, received.params[0], received.params[1:])
+
+    def sync_read(self, address: int, length: int, ids: Iterable[int], *, fast: bool = False) -> bytes:
+        """Read the same registers of several devices: one status frame each, or (fast) one for all."""
+        code = Instruction.FAST_SYNC_READ if fast else Instruction.SYNC_READ
+        return self.frame(BROADCAST, code, self.number(address) + self.number(length) + self.members(ids))
+
+    def parser(self) -> "Parser":
+        """A parser."""
+        return Parser(_scan2)
+
+
+protocol1, protocol2 = Protocol1(), Protocol2()
+CODECS: dict[int, Protocol1 | Protocol2] = {1: protocol1, 2: protocol2}
+"""By protocol."""
+
+
+# Incremental parsers: bytes in, valid frames out; garbage is skipped and counted, memory is bounded.
+
+
+class Found(NamedTuple):
+    """What a scan found.
+
+    used: bytes of all `frames`. at: where bytes begin that may still become a frame (the end: nowhere). clear: bytes
+    from there on in which no second header begins: they need no second look.
+    """
+
+    frames: list[Frame]
+    used: int
+    at: int
+    clear: int
+
+
+Scan = Callable[[bytes, int], Found]
+"""From bytes, the first so many of which hold no header but the one that they begin with."""
+
+
+class Parser:
+    """Frames of one protocol. Between two calls it holds less than one frame's bytes. The frames depend on the bytes
+    alone, never on the pieces in which they came."""
+
+    def __init__(self, scan: Scan) -> None:
+        self._scan = scan
+        self._pending = b""
+        self._clear = 0
+        self.skipped = 0
+        """Bytes so far that belonged to no valid frame."""
+
+    @property
+    def pending(self) -> bytes:
+        """What may still become a frame."""
+        return self._pending
+
+    def reset(self) -> None:
+        """Forget what is pending."""
+        self.skipped += len(self._pending)
+        self._pending, self._clear = b"", 0
+
+    def feed(self, data: bytes | bytearray) -> list[Frame]:
+        """All frames that `data` completes, in order."""
+        buffer = self._pending + data
+        frames, used, at, self._clear = self._scan(buffer, self._clear)
+        self.skipped += at - used
+        self._pending = buffer[at:]
+        return frames
+
+    def flush(self) -> list[Frame]:
+        """The line has fallen silent: no frame that has begun will be completed. Frames that lie inside one (its length
+        was damaged, say); nothing is pending afterwards."""
+        frames: list[Frame] = []
+        while self._pending:
+            behind = self._pending[1:]
+            self.skipped += 1
+            self._pending, self._clear = b"", 0
+            frames += self.feed(behind)
+        return frames
+
+
+_ID_AND_LENGTH_2 = Struct("<BH").unpack_from
+_CRC = Struct("<H").unpack_from
+
+
+def _scan2(buffer: bytes, clear: int) -> Found:
+    """Frames of protocol 2.0.
+
+    Stuffing keeps headers out of a body, so one inside ends a broken frame at once: a damaged length costs no more than
+    its own frame. A fast status is not stuffed: only its length shows where it ends.
+    """
+    header, overhead = protocol2.HEADER, protocol2.OVERHEAD
+    frames: list[Frame] = []
+    used, begin, size = 0, 0, len(buffer)
+    at, stuffed = buffer.find(header), None
+    while 0 <= at <= size - overhead:
+        begin = at + len(header)
+        device, length = _ID_AND_LENGTH_2(buffer, begin)
+        behind = buffer.find(header, begin if at else max(begin, clear))
+        if device > BROADCAST or device == 0xFD or not 3 <= length <= protocol2.MAX_LENGTH:
+            at = behind
+            continue
+        body, close = at + overhead, at + overhead + length - 2
+        fast = device == BROADCAST and body < size and buffer[body] == STATUS
+        if 0 <= behind <= close - len(header) and not fast:
+            at = behind
+        elif size < close + 2:
+            return Found(frames, used, at, (behind if behind >= 0 else size - len(header) + 1) - at)
+        elif umts(buffer[at:close], 0) != _CRC(buffer, close)[0]:
+            at = behind
+        else:
+            if stuffed is None:
+                stuffed = protocol2.STUFFED in buffer  # once, not for every frame: it seldom is
+            content = protocol2.unstuff(buffer[body:close]) if stuffed and not fast else buffer[body:close]
+            frames.append(Frame(device, content[0], content[1:]))
+            begin = close + 2
+            used += begin - at
+            at = behind if behind < 0 or behind >= begin else buffer.find(header, begin)
+    return Found(frames, used, at if at >= 0 else _tail(buffer, begin, header), 0)
+
+
+def _scan1(buffer: bytes, _clear: int) -> Found:
+    """Frames of protocol 1.0. Any bytes may stand in a body, so only its length shows where a frame ends."""
+    header, overhead = protocol1.HEADER, protocol1.OVERHEAD
+    frames: list[Frame] = []
+    used, begin, size = 0, 0, len(buffer)
+    at = buffer.find(header)
+    while 0 <= at <= size - overhead:
+        begin = at + 1
+        device, length = buffer[at + 2], buffer[at + 3]
+        close = at + overhead + length - 1
+        if device > BROADCAST or length < 2:
+            at = buffer.find(header, begin)
+        elif size <= close:
+            break
+        elif ~sum(buffer[at + 2 : close]) & 0xFF != buffer[close]:
+            at = buffer.find(header, begin)
+        else:
+            frames.append(Frame(device, buffer[at + 4], buffer[at + 5 : close]))
+            begin = close + 1
+            used += begin - at
+            at = buffer.find(header, begin)
+    return Found(frames, used, at if at >= 0 else _tail(buffer, begin, header), 0)
+
+
+def _tail(buffer: bytes, begin: int, header: bytes) -> int:
+    """Where the longest beginning of a header starts that ends `buffer`; not before `begin`."""
+    size = len(buffer)
+    for count in range(len(header) - 1, 0, -1):
+        if size - begin >= count and buffer.endswith(header[:count]):
+            return size - count
+    return size
+
+
+# The one reply of a Fast Sync or Fast Bulk Read, part by part: the parts before a gap are valid.
+
+BEFORE_PARTS = 8
+"""Bytes before the first part: header, id, LEN, instruction."""
+PART_OVERHEAD = 4
+"""Bytes of a part in addition to its data: error, id, CRC."""
+
+
+def fast_length(sizes: Sequence[int]) -> int:
+    """Bytes of the whole reply with so many bytes of data in each part."""
+    return BEFORE_PARTS + sum(sizes) + PART_OVERHEAD * len(sizes)
+
+
+def fast_start(sizes: Sequence[int]) -> bytes:
+    """The bytes before the first part."""
+    length = fast_length(sizes) - protocol2.OVERHEAD
+    return protocol2.HEADER + bytes((BROADCAST,)) + length.to_bytes(2, "little") + bytes((STATUS,))
+
+
+def valid_parts(reply: bytes, sizes: Sequence[int]) -> list[Status]:
+    """The parts of a reply, maybe incomplete or damaged, up to the first that is not complete and valid.
+
+    reply: from its header on. sizes: bytes of data of each part, as asked. Each part's CRC runs over everything sent
+    so far, earlier CRCs included (e-Manual, Fast Sync Read).
+    """
+    if not reply.startswith(fast_start(sizes)):
+        return []
+    parts: list[Status] = []
+    at, total, begun = BEFORE_PARTS, 0, 0
+    for size in sizes:
+        end = at + 2 + size
+        if len(reply) < end + 2:
+            break
+        total = umts(reply[begun:end], total)
+        if total != reply[end] | reply[end + 1] << 8:
+            break
+        parts.append(Status(reply[at + 1], reply[at], reply[at + 2 : end]))
+        begun, at = end, end + 2
+    return parts
+
+
+# The answers of several servos to one request, side by side.
+
+
+@dataclass(frozen=True, slots=True)
+class Answers:
+    """Answers of k servos: ids, in the order in which they came; error bytes (k); data, one after the other (k *
+    size)."""
+
+    ids: tuple[int, ...] = ()
+    errors: bytes = b""
+    data: bytes = b""
+
+    def __len__(self) -> int:
+        """Number of servos."""
+        return len(self.ids)
+
+    @property
+    def statuses(self) -> list[Status]:
+        """One by one."""
+        size = len(self.data) // len(self.ids) if self.ids else 0
+        return [
+            Status(device, self.errors[k], self.data[k * size : (k + 1) * size]) for k, device in enumerate(self.ids)
+        ]
+
+
+def side_by_side(statuses: Sequence[Status]) -> Answers:
+    """Answers of equal size."""
+    return Answers(
+        tuple([status.id for status in statuses]),
+        bytes([status.error for status in statuses]),
+        b"".join([status.data for status in statuses]),
+    )
+
+
+# The reply to a group read of protocol 2.0 where it is complete and valid, as in nearly every cycle: checked at once.
+
+LAYOUTS = 512
+"""Different requests that are remembered."""
+
+
+class _Layout(NamedTuple):
+    """length: of the whole reply. begins: what a fast reply begins with, or all beginnings of single frames. rows: what
+    one servo answers; of a fast reply after `begins`.
+
+    summed: the bytes that each CRC is of, or, where it goes on from the one before, those between them. ids: a byte
+    each. well: error bytes where no servo has an error.
+    """
+
+    length: int
+    begins: bytes
+    rows: "np.dtype[np.void]"
+    summed: list[slice]
+    ids: bytes
+    well: bytes
+
+
+def whole_reply(reply: bytes, ids: tuple[int, ...], size: int) -> Answers | None:
+    """Answers of all `ids` to a Fast Sync Read of `size` bytes of each; None for a reply that is not complete and
+    valid.
+
+    Each part's CRC is of everything before it, earlier CRCs included (e-Manual, Fast Sync Read).
+    """
+    layout = _one_frame(ids, size)
+    if len(reply) != layout.length or not reply.startswith(layout.begins):
+        return None
+    rows = np.frombuffer(reply, layout.rows, offset=BEFORE_PARTS)
+    if rows["id"].tobytes() != layout.ids:
+        return None
+    total, totals = 0, []
+    for piece in layout.summed:
+        total = umts(reply[piece], total)
+        totals.append(total)
+    return _answers(rows, ids, layout, totals)
+
+
+def whole_frames(reply: bytes, ids: tuple[int, ...], size: int) -> Answers | None:
+    """Answers of all `ids` to a Sync Read of `size` bytes of each, a frame each; None for a reply that is not complete
+    and valid, in this order, or that has stuffing in it."""
+    layout = _frames(ids, size)
+    if len(reply) != layout.length or reply.count(protocol2.PATTERN) != len(ids):
+        return None
+    rows = np.frombuffer(reply, layout.rows)
+    if rows["begin"].tobytes() != layout.begins:
+        return None
+    return _answers(rows, ids, layout, [umts(reply[piece], 0) for piece in layout.summed])
+
+
+def _answers(rows: NDArray[np.void], ids: tuple[int, ...], layout: _Layout, totals: list[int]) -> Answers | None:
+    if totals != rows["crc"].tolist():
+        return None
+    errors = rows["error"].tobytes()
+    if errors != layout.well and any(error & ~ALERT for error in errors):  # a refusal: its data mean nothing
+        return None
+    return Answers(ids, errors, rows["data"].tobytes())
+
+
+@lru_cache(LAYOUTS)
+def _one_frame(ids: tuple[int, ...], size: int) -> _Layout:
+    sizes = (size,) * len(ids)
+    ends = [fast_length(sizes[:count]) - 2 for count in range(1, len(ids) + 1)]
+    rows = np.dtype([("error", "u1"), ("id", "u1"), ("data", f"V{size}"), ("crc", "<u2")])
+    summed = [slice(begin, end) for begin, end in zip([0, *ends], ends, strict=False)]
+    return _Layout(fast_length(sizes), fast_start(sizes), rows, summed, bytes(ids), bytes(len(ids)))
+
+
+@lru_cache(LAYOUTS)
+def _frames(ids: tuple[int, ...], size: int) -> _Layout:
+    whole = protocol2.STATUS_BYTES + size
+    length = (whole - protocol2.OVERHEAD).to_bytes(2, "little")
+    begins = [protocol2.HEADER + bytes((device,)) + length + bytes((STATUS,)) for device in ids]
+    rows = np.dtype([("begin", f"V{len(begins[0])}"), ("error", "u1"), ("data", f"V{size}"), ("crc", "<u2")])
+    summed = [slice(k * whole, (k + 1) * whole - 2) for k in range(len(ids))]
+    return _Layout(whole * len(ids), b"".join(begins), rows, summed, bytes(ids), bytes(len(ids)))
