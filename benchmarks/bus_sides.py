@@ -14,8 +14,7 @@ from hardware.clock import MonotonicClock
 from hardware.dynamixel.bus import DynamixelBus
 from hardware.dynamixel.codec import protocol2
 from hardware.dynamixel.control_table import find_table
-from hardware.dynamixel.cyclic import CyclicPort, Wired
-from hardware.dynamixel.exchange import Kind
+from hardware.dynamixel.cyclic import CyclicPort, Kind, Wired
 from hardware.dynamixel.readings import Readings
 from hardware.dynamixel.serial_port import BytePort, SerialPort
 from hardware.joint_map import JointMap

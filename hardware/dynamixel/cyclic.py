@@ -10,21 +10,239 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Protocol
+from enum import Enum
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hardware.arrays import BoolArray
 from hardware.bus import BusSpec
-from hardware.dynamixel.codec import BROADCAST, CODECS, Answers, Instruction, protocol1, protocol2
+from hardware.dynamixel.codec import (
+    ALERT,
+    BEFORE_PARTS,
+    BROADCAST,
+    CODECS,
+    PART_OVERHEAD,
+    Answers,
+    Instruction,
+    Status,
+    protocol1,
+    protocol2,
+    side_by_side,
+    valid_parts,
+    whole_frames,
+    whole_reply,
+)
 from hardware.dynamixel.control_table import ControlTable, Register, find_table
-from hardware.dynamixel.exchange import MAX_IDS, Ask, Block, Kind, Timeouts, block_of, collect, settle
 from hardware.dynamixel.readings import Names, Readings, names_of
-from hardware.dynamixel.serial_port import BytePort
+from hardware.dynamixel.serial_port import BytePort, settle
 from hardware.dynamixel.settings import ServoImage
 from hardware.dynamixel.single_requests import NoAnswer, OneOff, ServoError
 from hardware.servo import ServoSpec
+
+# Group reads of several servos. Nothing waits longer than needed. The SDK throws away every answer of a group when one
+# is missing, and hides error bytes; here each answer counts by itself.
+
+TURNAROUND = 100e-6
+"""[s] That a servo may take, in addition to its return delay, before it answers."""
+SLACK = 1e-3
+"""[s] That this machine, or the adapter's driver, may be late."""
+MAX_IDS = 100
+"""Servos asked in one request; their answers fit any adapter's buffer."""
+
+
+class Timeouts(NamedTuple):
+    """s: from sending to the first byte; between bytes; from sending to the last byte."""
+
+    first: float
+    idle: float
+    whole: float
+
+
+class Kind(Enum):
+    """How several servos are asked at once."""
+
+    FAST = "fast sync read"
+    SYNC = "sync read"
+    BULK1 = "bulk read, protocol 1.0"
+    SINGLE1 = "read, protocol 1.0"
+    """One servo: those that know no group read."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ask:
+    """A request for `size` bytes from `address` of each of the servos `ids`, in this order."""
+
+    kind: Kind
+    ids: tuple[int, ...]
+    address: int
+    size: int
+
+    def request(self) -> bytes:
+        """The bytes to send."""
+        if self.kind is Kind.SINGLE1:
+            return protocol1.read(self.ids[0], self.address, self.size)
+        if self.kind is Kind.BULK1:
+            return protocol1.bulk_read((device, self.address, self.size) for device in self.ids)
+        return protocol2.sync_read(self.address, self.size, self.ids, fast=self.kind is Kind.FAST)
+
+    @property
+    def reply_bytes(self) -> int:
+        """Bytes of all answers together, but for what stuffing adds."""
+        return self.bytes_of(len(self.ids))
+
+    def bytes_of(self, count: int) -> int:
+        """Bytes of the first `count` answers."""
+        if self.kind is Kind.FAST:
+            return BEFORE_PARTS + count * (self.size + PART_OVERHEAD) if count else 0
+        overhead = protocol2.STATUS_BYTES if self.kind is Kind.SYNC else protocol1.STATUS_BYTES
+        return count * (overhead + self.size)
+
+    @property
+    def delays(self) -> int:
+        """How many servos wait for their return delay, one after the other."""
+        return 1 if self.kind is Kind.FAST else len(self.ids)
+
+    def timeouts(self, port: BytePort, return_delay: float) -> "Timeouts":
+        """How long the answers may take; return_delay: of each servo, s."""
+        sending, coming = (10 * count / port.baud for count in (len(self.request()), self.reply_bytes))
+        pause = return_delay + TURNAROUND
+        # An adapter may hand over an answer in one piece, when it is whole.
+        idle = pause + 10 * self.bytes_of(1) / port.baud + port.latency + SLACK
+        return Timeouts(sending + idle, idle, sending + coming + (self.delays - 1) * pause + idle)
+
+    def answers(self, received: bytes) -> Answers:
+        """The valid answers in the bytes received so far, each servo at most once."""
+        if self.kind is Kind.FAST:
+            return whole_reply(received, self.ids, self.size) or side_by_side(self._parts(received))
+        if self.kind is Kind.SYNC:
+            whole = whole_frames(received, self.ids, self.size)
+            if whole is not None:
+                return whole
+        found: dict[int, Status] = {}
+        codec = CODECS[2 if self.kind is Kind.SYNC else 1]
+        parser = codec.parser()
+        # Frames inside one with a damaged length count as well.
+        statuses = (codec.status_of(frame) for frame in [*parser.feed(received), *parser.flush()])
+        for status in statuses:
+            if status is not None and self._fits(status):
+                found.setdefault(status.id, status)
+        return side_by_side(list(found.values()))
+
+    def _fits(self, status: Status) -> bool:
+        """Whether it is an answer to this request: no refusal, no echo, no unknown id."""
+        refused = self.kind is Kind.SYNC and _refused(status)
+        return len(status.data) == self.size and status.id in self.ids and not refused
+
+    def _parts(self, received: bytes) -> list[Status]:
+        """Valid parts of the fast reply, searched at every header: an echo or a stale answer may precede it.
+
+        Any order will do: a request is repeated in another one, and the answer to the first may still come.
+        """
+        best: list[Status] = []
+        at = received.find(protocol2.HEADER)
+        while at >= 0 and len(best) < len(self.ids):
+            parts = valid_parts(received[at:], (self.size,) * len(self.ids))
+            valid = [part for part in parts if part.id in self.ids and not _refused(part)]
+            best = max(best, valid, key=len)
+            at = received.find(protocol2.HEADER, at + 1)
+        return best
+
+
+def _refused(status: Status) -> bool:
+    """Whether a 2.0 servo refuses: its data are then not valid."""
+    return bool(status.error & ~ALERT)
+
+
+class Received(NamedTuple):
+    """Valid answers, and whether there were other bytes: a damaged answer."""
+
+    answers: Answers
+    noise: bool
+
+
+def collect(port: BytePort, ask: Ask, sent: float, timeouts: Timeouts) -> Received:
+    """Receive the answers to a request sent at `sent`, s: all of them, or those that came before the line was silent.
+
+    Raises BusError when the port is gone.
+    """
+    received, enough = b"", ask.reply_bytes
+    end = sent + timeouts.whole
+    deadline = min(sent + timeouts.first, end)
+    while port.wait(deadline):
+        data = port.read()
+        if data:
+            received += data
+            now = port.now()
+            if ask.kind is Kind.FAST and len(received) < enough:
+                data = _rest_of_frame(port, enough - len(received), now, latest=now + timeouts.idle)
+                received += data
+                now += 10 * len(data) / port.baud  # when the last of them came, at the earliest
+            deadline = min(now + timeouts.idle, end)
+        if len(received) >= enough:
+            answers = ask.answers(received)
+            if len(answers) == len(ask.ids):
+                return Received(answers, False)
+            # All bytes are there; damaged ones are not sent again. (Stuffing makes other answers longer.)
+            if ask.kind is Kind.FAST and len(_without_echo(received, ask)) >= enough:
+                return Received(answers, True)
+    answers = ask.answers(received)
+    return Received(answers, len(_without_echo(received, ask)) > ask.bytes_of(len(answers)))
+
+
+def _rest_of_frame(port: BytePort, missing: int, now: float, *, latest: float) -> bytes:
+    """Read after the time that the missing bytes take. One frame has no pauses, and waiting for each piece of it would
+    wake this process once for each servo."""
+    port.sleep_until(min(now + 10 * missing / port.baud, latest))
+    return port.read()
+
+
+def _without_echo(received: bytes, ask: Ask) -> bytes:
+    """The bytes without the echo of the request, which some adapters give back."""
+    return received.removeprefix(ask.request())
+
+
+# Registers side by side that a group read fetches in one go, as named values.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Block:
+    """`size` bytes from `address`. dtype: the registers in them by name, little-endian, at their offsets."""
+
+    address: int
+    size: int
+    dtype: "np.dtype[np.void]"
+
+    def unpack(self, answers: Answers) -> NDArray[np.void]:
+        """A row (k,) of named values for each answer."""
+        return np.frombuffer(answers.data, dtype=self.dtype)
+
+    @property
+    def layout(self) -> tuple[int, int, tuple[tuple[str, str], ...]]:
+        """What makes two blocks the same: address, size, registers."""
+        names = self.dtype.names or ()
+        return self.address, self.size, tuple((name, str(self.dtype[name])) for name in names)
+
+
+def block_of(table: ControlTable, first: str, last: str) -> Block:
+    """The registers of a table from `first` to `last`. Raises HardwareError where the table does not have them."""
+    begin, end = table[first], table[last]
+    inside = [register for register in table.registers if begin.address <= register.address <= end.address]
+    size = end.address + end.size - begin.address
+    layout = {
+        "names": [register.name for register in inside],
+        "formats": [_format(register) for register in inside],
+        "offsets": [register.address - begin.address for register in inside],
+        "itemsize": size,
+    }
+    return Block(begin.address, size, np.dtype(layout))  # type: ignore[call-overload]
+
+
+def _format(register: Register) -> str:
+    """With a direction bit the count is no two's complement, and left as it is."""
+    return f"<{'i' if register.signed and register.direction_bit is None else 'u'}{register.size}"
+
 
 # Goal positions of all servos of a port as one sync write: only the goals change from cycle to cycle.
 #

@@ -8,11 +8,10 @@ from hardware.bus import BusSpec
 from hardware.dynamixel.codec import BROADCAST, CODECS
 from hardware.dynamixel.control_table import Register
 from hardware.dynamixel.cyclic import BusLine
-from hardware.dynamixel.exchange import Found
 from hardware.dynamixel.line_scan import Sighting, Speed, is_gone
 from hardware.dynamixel.serial_port import BytePort
 from hardware.dynamixel.settings import ANSWER_ALL, ServoImage, read_image, setup_command
-from hardware.dynamixel.single_requests import NoAnswer, OneOff, ServoError
+from hardware.dynamixel.single_requests import Found, NoAnswer, OneOff, ServoError
 from hardware.errors import BusError, describe
 from hardware.servo import ServoSpec, find_model
 

@@ -9,10 +9,9 @@ from hardware.bus import BAUDS, BusSpec
 from hardware.dynamixel.checks import alert_text
 from hardware.dynamixel.codec import MAX_ID
 from hardware.dynamixel.control_table import ControlTable, baud_of, table_of_number
-from hardware.dynamixel.exchange import Found
 from hardware.dynamixel.serial_port import BytePort
 from hardware.dynamixel.settings import Setting, setup_command
-from hardware.dynamixel.single_requests import NoAnswer, OneOff, ServoError
+from hardware.dynamixel.single_requests import Found, NoAnswer, OneOff, ServoError
 from hardware.errors import BusError, describe
 
 PROTOCOLS = (2, 1)

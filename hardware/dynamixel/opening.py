@@ -4,16 +4,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from hardware.bus import MAX_RETURN_DELAY, RETURN_DELAY_STEP, BusSpec
-from hardware.dynamixel import exchange
 from hardware.dynamixel.checks import Span, complaints, needed_ticks, notes
-from hardware.dynamixel.codec import MAX_ID, protocol1
+from hardware.dynamixel.codec import MAX_ID
 from hardware.dynamixel.control_table import ControlTable, Register, find_table, table_of_number
-from hardware.dynamixel.exchange import Ask, Found, Kind, settle
+from hardware.dynamixel.cyclic import Ask, Kind
 from hardware.dynamixel.found_servos import answers_pings_only, status_return_off_text
 from hardware.dynamixel.line_scan import MOST, answering_elsewhere, elsewhere_texts, other_bauds
-from hardware.dynamixel.serial_port import ECHOES, BytePort
+from hardware.dynamixel.serial_port import ECHOES, BytePort, settle
 from hardware.dynamixel.settings import ServoImage, read_image, setup_command
-from hardware.dynamixel.single_requests import NoAnswer, OneOff, ServoError
+from hardware.dynamixel.single_requests import Found, NoAnswer, OneOff, ServoError, ping_time
 from hardware.errors import describe
 from hardware.servo import ServoSpec
 
@@ -35,16 +34,14 @@ def servos_on(port: BytePort, client: OneOff, bus: BusSpec) -> tuple[list[Found]
         answering = client.scan({*bus.ids, MAX_ID})  # the window is that of the highest id asked for
         return [one for one in answering if one.id in bus.ids or one.model is not None], []  # noise is no servo
     found = {one.id: one for one in client.scan(bus.ids)}
-    wait = MAX_RETURN_DELAY + port.latency + SLACK
     others = [device for device in range(MAX_ID + 2) if device not in bus.ids]
-    each = exchange.SPREAD + wait + 10 * (len(protocol1.ping(0)) + 2 * protocol1.STATUS_BYTES) / port.baud
+    each = ping_time(port, 1, MAX_RETURN_DELAY + port.latency + SLACK)
     if len(others) * each > LONGEST:
         return [*found.values()], [f"bus {bus.name}: too slow to look for servos that are not in the profile"]
     for device in others:
-        if any(answer.id == device for answer in exchange.ping_alone(port, 1, device, wait).answers):
-            unexpected = client.ping(device)
-            if unexpected is not None:
-                found[device] = unexpected
+        one = client.probe(device, SLACK)
+        if one is not None and (one.model is not None or not one.clash):  # noise is no servo
+            found[device] = one
     return [found[device] for device in sorted(found)], []
 
 

@@ -482,6 +482,21 @@ class BytePort(Protocol):
         ...
 
 
+QUIET = 20e-3
+"""[s] After an answer that did not come: what is later than this is not expected."""
+
+
+def settle(port: BytePort) -> None:
+    """Drop an answer that comes late. A status does not say which request it answers, so it would be taken for the
+    next.
+
+    Raises BusError when the port is gone.
+    """
+    deadline = port.now() + QUIET + port.latency
+    while port.now() < deadline and port.wait(deadline):
+        port.read()
+
+
 # The message about an adapter that gives back what is sent.
 
 ECHOES = "the adapter echoes what is sent: it works, but costs time in every request; switch its local echo off"

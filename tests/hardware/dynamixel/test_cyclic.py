@@ -9,9 +9,18 @@ from bus_rig import CYCLE, BusRig, Tapped, bus_of, spec, specs
 from hardware.bus import ServoAlert, ServoStates
 from hardware.dynamixel.codec import Instruction, protocol1, protocol2
 from hardware.dynamixel.control_table import find_table
-from hardware.dynamixel.cyclic import FEWEST, PROBE_PERIOD, RETRIES, WINDOW_S, ErrorRate, GoalPacket, Wired, kind_of
+from hardware.dynamixel.cyclic import (
+    FEWEST,
+    PROBE_PERIOD,
+    RETRIES,
+    WINDOW_S,
+    ErrorRate,
+    GoalPacket,
+    Kind,
+    Wired,
+    kind_of,
+)
 from hardware.dynamixel.cyclic import RETRIES as ERROR_RATE_RETRIES
-from hardware.dynamixel.exchange import Kind
 from sim.emulator.conversation import Gaps
 from sim.emulator.fault_state import FaultState
 from sim.emulator.faults import Direction, Fault, FaultKind, Unit

@@ -5,7 +5,6 @@ import pytest
 from bus_rig import BusRig, bus_of, spec, specs
 from hardware.dynamixel.control_table import code_of, tables
 from hardware.dynamixel.cyclic import BusLine
-from hardware.dynamixel.exchange import Found
 from hardware.dynamixel.found_servos import (
     TORQUE_ENABLE,
     answers_pings_only,
@@ -18,7 +17,7 @@ from hardware.dynamixel.found_servos import (
     send_torque_off,
 )
 from hardware.dynamixel.line_scan import Sighting, Speed, all_speeds, scan_line
-from hardware.dynamixel.single_requests import OneOff
+from hardware.dynamixel.single_requests import Found, OneOff
 from hardware.errors import BusError
 from messages import refuses, shows
 from sim.emulator.faults import Fault, FaultKind

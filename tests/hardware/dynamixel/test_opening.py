@@ -10,7 +10,7 @@ from hardware.bus import BusSpec
 from hardware.dynamixel.checks import needed_ticks
 from hardware.dynamixel.codec import protocol2
 from hardware.dynamixel.control_table import code_of, find_table
-from hardware.dynamixel.exchange import Ask, Kind
+from hardware.dynamixel.cyclic import Ask, Kind
 from hardware.dynamixel.opening import LOOKS, servos_on, too_slow
 from hardware.dynamixel.single_requests import OneOff
 from hardware.errors import BusError

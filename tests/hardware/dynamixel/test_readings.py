@@ -6,7 +6,7 @@ import pytest
 from hardware.bus import ServoAlert
 from hardware.dynamixel.codec import Status, side_by_side
 from hardware.dynamixel.control_table import find_table
-from hardware.dynamixel.exchange import block_of
+from hardware.dynamixel.cyclic import block_of
 from hardware.dynamixel.readings import SLOW_AGE, UNKNOWN_ALERT, Readings, names_of
 
 TABLE = find_table("XM430-W350", 2)

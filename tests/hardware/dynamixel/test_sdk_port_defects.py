@@ -4,9 +4,8 @@ A newer SDK that fixes one of them fails the first half of its test: then our wo
 """
 
 import os
-import threading
 import tty
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import dynamixel_sdk
@@ -21,8 +20,7 @@ from dynamixel_sdk import (
 from hardware.clock import MonotonicClock, VirtualClock
 from hardware.dynamixel.codec import protocol2
 from hardware.dynamixel.control_table import find_table
-from hardware.dynamixel.exchange import QUIET
-from hardware.dynamixel.serial_port import SerialPort
+from hardware.dynamixel.serial_port import QUIET, SerialPort
 from hardware.dynamixel.single_requests import OneOff
 from hardware.errors import BusError
 from messages import refuses
@@ -83,54 +81,6 @@ def test_8_an_exception_blocks_the_port_for_ever(monkeypatch: pytest.MonkeyPatch
         servo.read(1, POSITION)
     ours.broken = False
     assert servo.read(1, POSITION) == 166
-
-
-def _while_another_thread_waits(hold: threading.Event, entered: threading.Event, ask: Callable[[], int]) -> int:
-    """What a second thread gets while the first is inside an exchange."""
-    results: dict[str, int] = {}
-    first = threading.Thread(target=lambda: results.update(first=ask()))
-    first.start()
-    assert entered.wait(10.0)
-    second = threading.Thread(target=lambda: results.update(second=ask()))
-    second.start()
-    second.join(0.05)
-    hold.set()
-    first.join(10.0)
-    second.join(10.0)
-    return results["second"]
-
-
-def test_8_the_flag_is_no_lock(monkeypatch: pytest.MonkeyPatch) -> None:
-    hold, entered = threading.Event(), threading.Event()
-    answer = protocol2.status(1, 0, FOUR)
-
-    class Slow(FakeLine):
-        def read(self, length: int) -> bytes:
-            entered.set()
-            assert hold.wait(10.0)
-            return super().read(length)
-
-    port = sdk_over(Slow(answer, answer), monkeypatch)
-    sdk_says = _while_another_thread_waits(
-        hold, entered, lambda: Protocol2PacketHandler().read4ByteTxRx(port, 1, 132)[1]
-    )
-    assert sdk_says == COMM_PORT_BUSY
-
-    hold.clear()
-    entered.clear()
-
-    class SlowPort(ScriptedPort):
-        def write(self, data: bytes) -> None:
-            assert hold.is_set() or not entered.is_set(), "two exchanges at a time"
-            super().write(data)
-
-        def wait(self, deadline: float) -> bool:
-            entered.set()
-            assert hold.wait(10.0)
-            return super().wait(deadline)
-
-    servo = OneOff(SlowPort(always(answer)), 2)
-    assert _while_another_thread_waits(hold, entered, lambda: servo.read(1, POSITION)) == 166
 
 
 def test_10_stale_bytes_are_dropped_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,8 +5,7 @@ from collections.abc import Iterable
 import pytest
 
 from hardware.dynamixel.codec import Instruction
-from hardware.dynamixel.exchange import Found
-from hardware.dynamixel.single_requests import OneOff
+from hardware.dynamixel.single_requests import Found, OneOff
 from messages import shows
 from servo_lab import ServoLab
 from sim.emulator.faults import Fault, FaultKind

@@ -1,4 +1,4 @@
-"""Registers side by side, by name."""
+"""Group reads, registers side by side, and pings."""
 
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -8,10 +8,11 @@ import pytest
 
 import more_frames
 from bus_rig import BusRig, Tapped
-from hardware.dynamixel import exchange
+from hardware.dynamixel import single_requests
 from hardware.dynamixel.codec import BROADCAST, Status, protocol1, protocol2, side_by_side
 from hardware.dynamixel.control_table import find_table
-from hardware.dynamixel.exchange import Ask, Found, Kind, block_of, collect
+from hardware.dynamixel.cyclic import Ask, Kind, block_of, collect
+from hardware.dynamixel.single_requests import Found
 from hardware.errors import HardwareError
 from messages import refuses
 from scripted_port import Replies, ScriptedPort
@@ -60,19 +61,19 @@ def _slotted(*ids: int) -> Replies:
 
 def test_all_answer_a_broadcast_in_their_slots() -> None:
     port = ScriptedPort(lambda request: _slotted(0, 1, 7, 252))
-    received = exchange.broadcast_ping(port, 252, SLACK)
+    received = single_requests.broadcast_ping(port, 252, SLACK)
     assert [answer.id for answer in received.answers] == [0, 1, 7, 252]
     assert received.damaged == 0
     assert port.sent == [protocol2.ping(BROADCAST)]
-    assert exchange.found_by_broadcast(received)[1] == Found(1, 2, 1030, 38)
+    assert single_requests.found_by_broadcast(received)[1] == Found(1, 2, 1030, 38)
 
 
 def test_the_window_is_that_of_the_highest_id() -> None:
     port = ScriptedPort(lambda request: _slotted(20))
-    assert exchange.broadcast_ping(port, 20, SLACK).answers
+    assert single_requests.broadcast_ping(port, 20, SLACK).answers
     assert 0.080 < port.now() < 0.095
     port = ScriptedPort(lambda request: [], baud=4_000_000)
-    exchange.broadcast_ping(port, 252, SLACK)
+    single_requests.broadcast_ping(port, 252, SLACK)
     assert 0.770 < port.now() < 0.800
 
 
@@ -80,14 +81,14 @@ def test_damage_is_counted_and_valid_answers_are_kept() -> None:
     broken = bytearray(protocol2.status(2, 0, PING1))
     broken[9] ^= 0x10
     port = ScriptedPort(lambda request: [*_slotted(1, 3), (0.007, bytes(broken))])
-    received = exchange.broadcast_ping(port, 5, SLACK)
+    received = single_requests.broadcast_ping(port, 5, SLACK)
     assert [answer.id for answer in received.answers] == [1, 3]
     assert received.damaged == len(broken)
 
 
 def test_two_answers_to_a_broadcast_are_a_clash() -> None:
     port = ScriptedPort(lambda request: _slotted(1, 1, 2))
-    found = exchange.found_by_broadcast(exchange.broadcast_ping(port, 5, SLACK))
+    found = single_requests.found_by_broadcast(single_requests.broadcast_ping(port, 5, SLACK))
     assert [(servo.id, servo.clash) for servo in found] == [(1, True), (2, False)]
 
 
@@ -95,25 +96,25 @@ def test_two_answers_to_a_broadcast_are_a_clash() -> None:
 def test_a_second_answer_to_one_ping_is_noticed(protocol: int) -> None:
     answer = protocol1.status(4) if protocol == 1 else protocol2.status(4, 0, PING1)
     port = ScriptedPort(lambda request: [(0.0005, answer), (0.001, answer)])
-    assert len(exchange.ping_alone(port, protocol, 4, SLACK).answers) == 2
+    assert len(single_requests.ping_alone(port, protocol, 4, SLACK).answers) == 2
 
 
 @pytest.mark.parametrize("protocol", [1, 2])
 def test_an_echo_is_no_answer(protocol: int) -> None:
     port = ScriptedPort(lambda request: [(0.0001, request)])
-    received = exchange.ping_alone(port, protocol, 4, SLACK)
-    assert received == exchange.PingReplies((), 0, True)
+    received = single_requests.ping_alone(port, protocol, 4, SLACK)
+    assert received == single_requests.PingReplies((), 0, True)
 
 
 def test_a_line_that_never_falls_silent_is_left() -> None:
     port = ScriptedPort(lambda request: [(1e-5 * at, bytes(1000)) for at in range(200)])
-    received = exchange.broadcast_ping(port, 252, SLACK)
-    assert received.damaged <= exchange.MAX_RECEIVED + 1000
+    received = single_requests.broadcast_ping(port, 252, SLACK)
+    assert received.damaged <= single_requests.MAX_RECEIVED + 1000
     assert port.now() < 0.1
 
 
 def test_a_refused_ping_returns_no_model() -> None:
-    assert exchange.found_by_ping(Status(3, 0x81, b"")) == Found(3, 2, None, None, alert=True)
+    assert single_requests.found_by_ping(Status(3, 0x81, b"")) == Found(3, 2, None, None, alert=True)
 
 
 BAUD, SIZE = 1_000_000, 10
