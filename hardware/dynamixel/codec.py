@@ -9,11 +9,9 @@ from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from functools import lru_cache
 from struct import Struct
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-import numpy as np
 from fastcrc.crc16 import umts
-from numpy.typing import NDArray
 
 BROADCAST = 0xFE
 """Every device on the line."""
@@ -462,19 +460,17 @@ LAYOUTS = 512
 
 
 class _Layout(NamedTuple):
-    """length: of the whole reply. begins: what a fast reply begins with, or all beginnings of single frames. rows: what
-    one servo answers; of a fast reply after `begins`.
+    """length: of the whole reply. unpack: splits it into the beginnings of its frames, or of a fast reply into its only
+    beginning; then error byte, data and CRC of each servo in turn (of a fast reply error byte, id, data and CRC).
 
-    summed: the bytes that each CRC is of, or, where it goes on from the one before, those between them. ids: a byte
-    each. well: error bytes where no servo has an error.
+    begins: how it begins, or how each frame does. summed: the bytes that each CRC is of, or, where it goes on from the
+    one before, those between them.
     """
 
     length: int
-    begins: bytes
-    rows: "np.dtype[np.void]"
+    unpack: Callable[[bytes], tuple[Any, ...]]
+    begins: tuple[bytes, ...]
     summed: list[slice]
-    ids: bytes
-    well: bytes
 
 
 def whole_reply(reply: bytes, ids: tuple[int, ...], size: int) -> Answers | None:
@@ -483,54 +479,53 @@ def whole_reply(reply: bytes, ids: tuple[int, ...], size: int) -> Answers | None
 
     Each part's CRC is of everything before it, earlier CRCs included (e-Manual, Fast Sync Read).
     """
-    layout = _one_frame(ids, size)
-    if len(reply) != layout.length or not reply.startswith(layout.begins):
+    length, unpack, begins, summed = _one_frame(ids, size)
+    if len(reply) != length:
         return None
-    rows = np.frombuffer(reply, layout.rows, offset=BEFORE_PARTS)
-    if rows["id"].tobytes() != layout.ids:
+    fields = unpack(reply)
+    if fields[:1] != begins or fields[2::4] != ids:
         return None
     total, totals = 0, []
-    for piece in layout.summed:
+    for piece in summed:
         total = umts(reply[piece], total)
         totals.append(total)
-    return _answers(rows, ids, layout, totals)
+    return _answers(ids, fields[1::4], fields[3::4], tuple(totals) == fields[4::4])
 
 
 def whole_frames(reply: bytes, ids: tuple[int, ...], size: int) -> Answers | None:
     """Answers of all `ids` to a Sync Read of `size` bytes of each, a frame each; None for a reply that is not complete
     and valid, in this order, or that has stuffing in it."""
-    layout = _frames(ids, size)
-    if len(reply) != layout.length or reply.count(protocol2.PATTERN) != len(ids):
+    length, unpack, begins, summed = _frames(ids, size)
+    if len(reply) != length or reply.count(protocol2.PATTERN) != len(ids):
         return None
-    rows = np.frombuffer(reply, layout.rows)
-    if rows["begin"].tobytes() != layout.begins:
+    fields = unpack(reply)
+    if fields[::4] != begins:
         return None
-    return _answers(rows, ids, layout, [umts(reply[piece], 0) for piece in layout.summed])
+    totals = tuple([umts(reply[piece], 0) for piece in summed])
+    return _answers(ids, fields[1::4], fields[2::4], totals == fields[3::4])
 
 
-def _answers(rows: NDArray[np.void], ids: tuple[int, ...], layout: _Layout, totals: list[int]) -> Answers | None:
-    if totals != rows["crc"].tolist():
+def _answers(ids: tuple[int, ...], errors: tuple[int, ...], data: tuple[bytes, ...], valid: bool) -> Answers | None:
+    """A refusal is no answer: its data mean nothing."""
+    if not valid or (any(errors) and any(error & ~ALERT for error in errors)):
         return None
-    errors = rows["error"].tobytes()
-    if errors != layout.well and any(error & ~ALERT for error in errors):  # a refusal: its data mean nothing
-        return None
-    return Answers(ids, errors, rows["data"].tobytes())
+    return Answers(ids, bytes(errors), b"".join(data))
 
 
 @lru_cache(LAYOUTS)
 def _one_frame(ids: tuple[int, ...], size: int) -> _Layout:
     sizes = (size,) * len(ids)
     ends = [fast_length(sizes[:count]) - 2 for count in range(1, len(ids) + 1)]
-    rows = np.dtype([("error", "u1"), ("id", "u1"), ("data", f"V{size}"), ("crc", "<u2")])
+    unpack = Struct(f"<{BEFORE_PARTS}s" + f"BB{size}sH" * len(ids)).unpack
     summed = [slice(begin, end) for begin, end in zip([0, *ends], ends, strict=False)]
-    return _Layout(fast_length(sizes), fast_start(sizes), rows, summed, bytes(ids), bytes(len(ids)))
+    return _Layout(fast_length(sizes), unpack, (fast_start(sizes),), summed)
 
 
 @lru_cache(LAYOUTS)
 def _frames(ids: tuple[int, ...], size: int) -> _Layout:
     whole = protocol2.STATUS_BYTES + size
     length = (whole - protocol2.OVERHEAD).to_bytes(2, "little")
-    begins = [protocol2.HEADER + bytes((device,)) + length + bytes((STATUS,)) for device in ids]
-    rows = np.dtype([("begin", f"V{len(begins[0])}"), ("error", "u1"), ("data", f"V{size}"), ("crc", "<u2")])
+    begins = tuple(protocol2.HEADER + bytes((device,)) + length + bytes((STATUS,)) for device in ids)
+    unpack = Struct("<" + f"8sB{size}sH" * len(ids)).unpack
     summed = [slice(k * whole, (k + 1) * whole - 2) for k in range(len(ids))]
-    return _Layout(whole * len(ids), b"".join(begins), rows, summed, bytes(ids), bytes(len(ids)))
+    return _Layout(whole * len(ids), unpack, begins, summed)
