@@ -4,17 +4,16 @@ nothing."""
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from enum import Enum, StrEnum
+from enum import Enum
 
 import numpy as np
 
 from hardware.arrays import TickArray
 from hardware.bus import BusSpec, ServoGoals, ServoStates
 from hardware.dynamixel.checks import alert_text
-from hardware.dynamixel.control_table import Register
 from hardware.dynamixel.cyclic import BusLine, ErrorRate, read_cycle
 from hardware.dynamixel.opening import Opening, examine
-from hardware.dynamixel.readings import Readings
+from hardware.dynamixel.readings import Readings, Torque
 from hardware.dynamixel.serial_port import BytePort
 from hardware.dynamixel.torque import Ready, check_still, off_everywhere, prepare, raise_drive, switch_on
 from hardware.errors import BusError, HardwareError, describe
@@ -243,8 +242,7 @@ class DynamixelBus:
             check_still(line, own)
         self._state = BusState.POWERED
         drives = switch_on(ready, goals)
-        for index in range(len(self._map)):
-            self._readings.take_drive(index, True)
+        self._readings.drive[:] = Torque.ON
         raise_drive(self._lines, drives, self._watch_rise)
 
     def _recount(self, ready: Sequence[Ready]) -> None:
@@ -282,8 +280,7 @@ class DynamixelBus:
     def _torque_off(self) -> None:
         """Switch torque off on all servos, also after a failure of one. Raises BusError."""
         unsure = off_everywhere(self._lines)
-        for index in range(len(self._map)):
-            self._readings.take_drive(index, False)
+        self._readings.drive[:] = Torque.OFF
         if unsure:
             raise BusError(
                 describe(
@@ -318,16 +315,7 @@ KEPT = 500
 TORQUE_PERIOD = 0.2
 """[s] Between two reads of the torque of all servos."""
 TORQUE_AGE = 1.0
-"""[s] After which a reported torque is no longer known."""
-
-
-class Torque(StrEnum):
-    """The torque that a servo reports."""
-
-    UNKNOWN = "?"
-    OFF = "off"
-    ON = "on"
-    HELD = "on, stopped by its watchdog"
+"""[s] After its last answer, the torque of a servo is no longer known."""
 
 
 class Watch:
@@ -336,14 +324,10 @@ class Watch:
     def __init__(self, lines: Sequence[BusLine]) -> None:
         self._lines = lines
         tables = {line.index_of[one]: table for line in lines for one, table in line.tables.items()}
-        self._place = {index: place for place, index in enumerate(sorted(tables))}
-        assert list(self._place) == list(range(len(tables)))
-        self._readings = Readings([tables[index] for index in sorted(tables)])
+        self._readings = Readings([tables[index] for index in range(len(tables))])
         self.losses = np.zeros(len(tables), dtype=np.int64)
         self._times: deque[float] = deque(maxlen=KEPT)
-        self._torque = [Torque.UNKNOWN] * len(tables)
-        self._torque_at = np.full(len(tables), -np.inf)  # [s] when it was reported
-        self._looked = -np.inf
+        self._looked = -np.inf  # [s] when torque was asked for
         for line in lines:
             for device, image in line.images.items():
                 if image.has("hardware_error_status"):
@@ -351,9 +335,11 @@ class Watch:
 
     @property
     def torque(self) -> list[Torque]:
-        """Torque of every servo, as reported within TORQUE_AGE."""
-        recent = self._torque_at >= self._lines[0].port.now() - TORQUE_AGE
-        return [one if known else Torque.UNKNOWN for one, known in zip(self._torque, recent, strict=True)]
+        """Torque of every servo that has answered within TORQUE_AGE."""
+        recent = self._readings.states(self._lines[0].port.now()).age < TORQUE_AGE
+        return [
+            Torque(one) if known else Torque.UNKNOWN for one, known in zip(self._readings.drive, recent, strict=True)
+        ]
 
     @property
     def retries(self) -> int:
@@ -368,31 +354,11 @@ class Watch:
     def read(self) -> ServoStates:
         """One cycle of all ports, with voltage and temperature. Raises BusError when a port is gone."""
         begun = self._lines[0].port.now()
-        read_cycle(self._lines, self._readings, wide=True)
+        look = begun >= self._looked + TORQUE_PERIOD
+        self._looked = begun if look else self._looked
+        read_cycle(self._lines, self._readings, wide=True, status=look)
         now = self._lines[0].port.now()
         self._times.append(now - begun)
-        if now >= self._looked + TORQUE_PERIOD:
-            self._looked = now
-            for line in self._lines:
-                self._look_at_torque(line)
         states = self._readings.states(now)
         self.losses += ~states.valid
         return states
-
-    def _look_at_torque(self, line: BusLine) -> None:
-        """Read the torque of the servos of a line that answer, and whether their watchdogs have stopped them."""
-        valid = self._readings.valid
-        answering = [device for device in line.servos if valid[line.index_of[device]]]
-        on = line.read_all(_register(line, "torque_enable"), answering)
-        watched = [device for device in on if line.tables[device].has("bus_watchdog")]
-        watchdogs = line.read_all(_register(line, "bus_watchdog"), watched) if watched else {}
-        for device, value in on.items():
-            held = value and watchdogs.get(device, 0) < 0
-            index = line.index_of[device]
-            self._torque[index] = Torque.HELD if held else Torque.ON if value else Torque.OFF
-            self._torque_at[index] = line.port.now()
-
-
-def _register(line: BusLine, name: str) -> Register:
-    """A register, which all servos of a line that have it keep at one address."""
-    return next(table[name] for table in line.tables.values() if table.has(name))

@@ -7,11 +7,12 @@ is short, and all servos are asked again in the next one.
 """
 
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import NamedTuple, Protocol
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +36,7 @@ from hardware.dynamixel.codec import (
     whole_reply,
 )
 from hardware.dynamixel.control_table import ControlTable, Register, find_table
-from hardware.dynamixel.readings import Names, Readings, names_of
+from hardware.dynamixel.readings import Names, Readings, Torque, names_of
 from hardware.dynamixel.serial_port import BytePort, settle
 from hardware.dynamixel.settings import ServoImage
 from hardware.dynamixel.single_requests import NoAnswer, OneOff, ServoError
@@ -208,21 +209,17 @@ def _without_echo(received: bytes, ask: Ask) -> bytes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Block:
-    """`size` bytes from `address`. dtype: the registers in them by name, little-endian, at their offsets."""
+    """`size` bytes from `address`. dtype: the registers in them by name, little-endian, at their offsets. layout: what
+    makes two blocks the same: address, size, registers."""
 
     address: int
     size: int
     dtype: "np.dtype[np.void]"
+    layout: tuple[int, int, tuple[tuple[str, str], ...]]
 
     def unpack(self, answers: Answers) -> NDArray[np.void]:
         """A row (k,) of named values for each answer."""
         return np.frombuffer(answers.data, dtype=self.dtype)
-
-    @property
-    def layout(self) -> tuple[int, int, tuple[tuple[str, str], ...]]:
-        """What makes two blocks the same: address, size, registers."""
-        names = self.dtype.names or ()
-        return self.address, self.size, tuple((name, str(self.dtype[name])) for name in names)
 
 
 def block_of(table: ControlTable, first: str, last: str) -> Block:
@@ -230,13 +227,10 @@ def block_of(table: ControlTable, first: str, last: str) -> Block:
     begin, end = table[first], table[last]
     inside = [register for register in table.registers if begin.address <= register.address <= end.address]
     size = end.address + end.size - begin.address
-    layout = {
-        "names": [register.name for register in inside],
-        "formats": [_format(register) for register in inside],
-        "offsets": [register.address - begin.address for register in inside],
-        "itemsize": size,
-    }
-    return Block(begin.address, size, np.dtype(layout))  # type: ignore[call-overload]
+    names, formats = [register.name for register in inside], [_format(register) for register in inside]
+    offsets = [register.address - begin.address for register in inside]
+    dtype = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": size})
+    return Block(begin.address, size, dtype, (begin.address, size, tuple(zip(names, formats, strict=True))))
 
 
 def _format(register: Register) -> str:
@@ -250,50 +244,42 @@ def _format(register: Register) -> str:
 # may have restarted.
 
 
-class HasPlace(Protocol):
-    """A servo: where its goal stands in servo order, its id, its table."""
+@dataclass(frozen=True, slots=True)
+class Wired:
+    """One servo on a port: its place in servo order, its id, its control table."""
 
-    @property
-    def index(self) -> int: ...  # noqa: D102
-    @property
-    def id(self) -> int: ...  # noqa: D102
-    @property
-    def table(self) -> ControlTable: ...  # noqa: D102
+    index: int
+    id: int
+    table: ControlTable
 
 
 class GoalPacket:
-    """Makes the packets: one for each place where servos keep their goal position."""
+    """One sync write to the servos of a port that keep their goal position in one place."""
 
-    def __init__(self, servos: Sequence[HasPlace]) -> None:
-        places: dict[tuple[int, int, int], list[HasPlace]] = {}
-        for servo in servos:
-            goal = servo.table["goal_position"]
-            places.setdefault((servo.table.protocol, goal.address, goal.size), []).append(servo)
-        self._parts = [_Part(*place, members) for place, members in places.items()]
-
-    def packets(self, ticks: NDArray[np.int64], driven: BoolArray) -> Iterator[bytes]:
-        """The packets for goals (n,) of the whole robot, in ticks. driven (n,): which servos have torque."""
-        return (packet for part in self._parts if (packet := part.packet(ticks, driven)))
-
-
-class _Part:
-    """One sync write."""
-
-    def __init__(self, protocol: int, address: int, size: int, servos: Sequence[HasPlace]) -> None:
-        self._protocol = protocol
+    def __init__(self, protocol: int, address: int, size: int, servos: Sequence[Wired]) -> None:
+        self._codec = CODECS[protocol]
         self._who = np.array([servo.index for servo in servos])
         self._rows = np.zeros(len(servos), dtype=[("id", "u1"), ("goal", f"<i{size}")])
         self._rows["id"] = [servo.id for servo in servos]
-        width = 1 if protocol == 1 else 2
-        self._span = address.to_bytes(width, "little") + size.to_bytes(width, "little")
+        self._span = self._codec.number(address) + self._codec.number(size)
 
     def packet(self, ticks: NDArray[np.int64], driven: BoolArray) -> bytes:
-        """The packet for goals (n,); empty when no servo is to get one."""
-        self._rows["goal"] = ticks[self._who]
-        if self._protocol == 2:
-            return protocol2.frame(BROADCAST, Instruction.SYNC_WRITE, self._span + self._rows.tobytes())
-        rows = self._rows[driven[self._who]]
-        return protocol1.frame(BROADCAST, Instruction.SYNC_WRITE, self._span + rows.tobytes()) if rows.size else b""
+        """The packet for goals (n,) of the whole robot, in ticks; empty when no servo is to get one. driven (n,): which
+        servos have torque."""
+        rows = self._rows
+        rows["goal"] = ticks[self._who]
+        if self._codec is protocol1:
+            rows = rows[driven[self._who]]
+        return self._codec.frame(BROADCAST, Instruction.SYNC_WRITE, self._span + rows.tobytes()) if rows.size else b""
+
+
+def goal_packets(servos: Sequence[Wired]) -> list[GoalPacket]:
+    """The packets: one for each place where servos keep their goal position."""
+    places: dict[tuple[int, int, int], list[Wired]] = {}
+    for servo in servos:
+        goal = servo.table["goal_position"]
+        places.setdefault((servo.table.protocol, goal.address, goal.size), []).append(servo)
+    return [GoalPacket(*place, members) for place, members in places.items()]
 
 
 RETRIES = 3
@@ -312,15 +298,6 @@ TWICE_WITHIN = 1.5e-3
 """[s] Goals are sent twice only if their packet takes no longer."""
 STATUS_EVERY = 4
 """Cycles between two looks at one servo's torque, errors and watchdog, each servo in its turn."""
-
-
-@dataclass(frozen=True, slots=True)
-class Wired:
-    """One servo on a port: its place in servo order, its id, its control table."""
-
-    index: int
-    id: int
-    table: ControlTable
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -351,76 +328,140 @@ class Transaction:
     tries: int
 
 
+class Wire:
+    """Sends on one port. asked: when the last request began to be on the wire, s."""
+
+    def __init__(self, port: BytePort) -> None:
+        self.port = port
+        self.asked = -np.inf
+        self._free = -np.inf  # [s] when the last packets without an answer have left the wire
+        self._noisy_until = -np.inf  # [s]
+
+    def post(self, packet: bytes) -> None:
+        """Send a packet that no servo answers. Raises BusError."""
+        self.port.write(packet)
+        self._free = max(self.port.now(), self._free) + 10 * len(packet) / self.port.baud
+
+    def post_goals(self, packet: bytes) -> None:
+        """Send goals; after a damaged answer twice, since no answer would show that a goal was lost. Raises
+        BusError."""
+        self.post(packet)
+        if self.port.now() < self._noisy_until and 10 * len(packet) / self.port.baud < TWICE_WITHIN:
+            self.post(packet)
+
+    def ask(self, request: bytes) -> None:
+        """Send a request. Raises BusError."""
+        self.port.drop()
+        self.port.write(request)
+        self.asked = max(self.port.now(), self._free)  # goals may still be on the wire
+
+    def note_damage(self) -> None:
+        """An answer came damaged."""
+        self._noisy_until = self.port.now() + NOISY
+
+
+class LineState(Enum):
+    """Whether anything answered in the last cycle."""
+
+    ANSWERING = "answering"
+    SILENT = "silent"
+
+
+class MissingServos:
+    """The servos of a port that do not answer. `ids`: all servos of the port.
+
+    strikes: cycles in a row without an answer, of silent servos. first: of this cycle, the first that did not answer,
+    each time.
+    """
+
+    def __init__(self, ids: Sequence[int]) -> None:
+        self._ids = tuple(ids)
+        self._line = LineState.ANSWERING
+        self._probed = -np.inf  # [s]
+        self.strikes: dict[int, int] = {}
+        self.first: set[int] = set()
+
+    def __contains__(self, device: int) -> bool:
+        return device in self.first or device in self.strikes
+
+    def late(self, now: float, cycle: int) -> list[int]:
+        """Those that did not answer before and are asked in this cycle all the same, the newest first. Of lost ones it
+        is one in turn, once every PROBE_PERIOD. now: s."""
+        lost = [device for device in self._ids if self.strikes.get(device, 0) >= LOST_AFTER]
+        probe = None
+        if lost and now >= self._probed + PROBE_PERIOD:
+            self._probed, probe = now, lost[cycle % len(lost)]
+        asked = [
+            device
+            for device in self._ids
+            if device in self.strikes
+            and (self._line is LineState.SILENT or self.strikes[device] < LOST_AFTER or device == probe)
+        ]
+        return sorted(asked, key=self.strikes.__getitem__)
+
+    def end(self, answered: Collection[int]) -> tuple[list[int], list[int]]:
+        """End a cycle in which these answered. Return those that are back, and those of them that were lost."""
+        strikes, back, restarted = self.strikes, list[int](), list[int]()
+        before, self._line = self._line, LineState.ANSWERING if answered else LineState.SILENT
+        for device in self._ids:
+            if device not in answered:
+                if device in self.first:
+                    strikes[device] = strikes.get(device, 0) + 1
+            elif device in strikes or before is LineState.SILENT:
+                back.append(device)
+                if strikes.pop(device, 0) >= LOST_AFTER:
+                    restarted.append(device)
+        return back, restarted
+
+
 class CyclicPort:
     """The servos on one open port. All servos of it have one `return_delay`, s."""
 
     def __init__(self, port: BytePort, servos: Sequence[Wired], *, return_delay: float) -> None:
-        self.port = port
+        self.wire = Wire(port)
         self.servos = tuple(servos)
         self.retries = 0
         """Requests that had to be repeated, so far."""
         self.spoiled = 0
         """Requests whose answers came damaged, so far."""
         self._return_delay = return_delay
-        self._goals = GoalPacket(servos)
+        self._goals = goal_packets(servos)
         self._groups = _groups(servos)
         self._index_of = {servo.id: servo.index for servo in servos}
-        self._kind = {servo.id: kind_of(servo.table) for servo in servos}
-        self._status_block = {servo.id: status_block(servo.table) for servo in servos}
-        self._strikes: dict[int, int] = {}  # cycles in a row without an answer, of silent servos
-        self._missed: set[int] = set()  # of this cycle: the first that did not answer, each time
+        self._status = {servo.id: (kind_of(servo.table), status_block(servo.table)) for servo in servos}
+        self._missing = MissingServos(list(self._index_of))
         self._unanswered = 0.0  # requests of this cycle without any byte; minus infinity once there was one
-        self._silent = False  # no servo answered in the last cycle
         self._queue: deque[Transaction] = deque()
-        self._sent = 0.0  # [s]
-        self._line_free = -np.inf  # [s] when the last goals have left the wire
-        self._noisy_until = -np.inf  # [s]
-        self._cycle = 0
-        self._probed = -np.inf
-        self._transactions: dict[tuple[object, ...], Transaction] = {}
         self._usual: dict[bool, list[Transaction]] = {}
         """The requests of a cycle while no servo is missing: wide, and not."""
+        self._cycle = 0
+        self._transaction = lru_cache(MAX_TRANSACTIONS)(self._make_transaction)
 
     def write(self, ticks: NDArray[np.int64], driven: BoolArray) -> None:
         """Send goals (n,), of all servos of the robot, ticks; driven (n,): which servos have torque. Raises
         BusError."""
-        if self._strikes:  # a silent servo may have restarted
+        if self._missing.strikes:  # a silent servo may have restarted
             driven = driven.copy()
-            driven[[self._index_of[device] for device in self._strikes]] = False
-        noisy = self.port.now() < self._noisy_until
-        for packet in self._goals.packets(ticks, driven):
-            self.post(packet)
-            if noisy and 10 * len(packet) / self.port.baud < TWICE_WITHIN:
-                self.post(packet)  # no answer would show that a goal was lost
-
-    def post(self, packet: bytes) -> None:
-        """Send a packet that no servo answers. Raises BusError."""
-        self.port.write(packet)
-        self._line_free = max(self.port.now(), self._line_free) + 10 * len(packet) / self.port.baud
-
-    def ask(self, request: bytes) -> float:
-        """Send a request. Return when it begins to be on the wire, s. Raises BusError."""
-        self.port.drop()
-        self.port.write(request)
-        return max(self.port.now(), self._line_free)  # goals may still be on the wire
+            driven[[self._index_of[device] for device in self._missing.strikes]] = False
+        for goals in self._goals:
+            packet = goals.packet(ticks, driven)
+            if packet:
+                self.wire.post_goals(packet)
 
     def begin(self, *, wide: bool) -> None:
         """Begin a cycle. wide: voltage and temperature too."""
         self._cycle += 1
         self._queue.clear()
-        self._missed.clear()
+        self._missing.first.clear()
         self._unanswered = 0.0
-        strikes, usual = self._strikes, self._usual.get(wide)
-        if usual is not None and not strikes:
-            self._queue.extend(usual)
+        strikes = self._missing.strikes
+        if wide in self._usual and not strikes:
+            self._queue.extend(self._usual[wide])
         else:
-            lost = self._probe()
+            late = self._missing.late(self.wire.port.now(), self._cycle) if strikes else []
             for group in self._groups:
-                ids = group.ids
-                if strikes:
-                    first = [device for device in ids if device not in strikes]
-                    late = [device for device in ids if device in strikes and (self._asked(device) or device == lost)]
-                    ids = (*first, *sorted(late, key=strikes.__getitem__))
+                first = [device for device in group.ids if device not in strikes]
+                ids = (*first, *[device for device in late if device in group.ids])
                 self._enqueue(group.kind, ids, group.wide if wide else group.motion, group.motion, group.names)
             if not strikes:
                 self._usual[wide] = list(self._queue)
@@ -436,15 +477,17 @@ class CyclicPort:
 
     def send(self) -> None:
         """Send the next request. Raises BusError."""
-        self._sent = self.ask(self._queue[0].request)
+        self.wire.ask(self._queue[0].request)
 
     def collect(self, readings: Readings) -> None:
         """Wait for the answers to the last request, and keep them. Raises BusError."""
         transaction = self._queue.popleft()
-        answers, noise = collect(self.port, transaction.ask, self._sent, transaction.timeouts)
+        answers, noise = collect(self.wire.port, transaction.ask, self.wire.asked, transaction.timeouts)
         self._unanswered = -np.inf if answers or noise else self._unanswered + 1
         if answers and transaction.names is not None:
-            self._keep(readings, transaction, answers)
+            who = transaction.who if answers.ids == transaction.ask.ids else self._places(answers.ids)
+            rows = transaction.block.unpack(answers)
+            readings.take(who, rows, answers.errors, transaction.names, self.wire.port.now())
         elif answers:
             self._keep_status(readings, transaction.block, answers)
         if len(answers) < len(transaction.ask.ids):
@@ -454,37 +497,22 @@ class CyclicPort:
         """Let further requests be for the torque, errors and watchdog of servos."""
         groups: dict[tuple[Kind, object], list[int]] = {}
         for device in devices:
-            groups.setdefault((self._kind[device], self._status_block[device].layout), []).append(device)
+            kind, block = self._status[device]
+            groups.setdefault((kind, block.layout), []).append(device)
         for (kind, _), ids in groups.items():
-            block = self._status_block[ids[0]]
+            block = self._status[ids[0]][1]
             alone = Kind.SYNC if kind is Kind.FAST else Kind.SINGLE1 if kind is Kind.BULK1 else kind
             self._enqueue(kind if len(ids) > 1 else alone, tuple(ids), block, block, None)
 
     def end(self, readings: Readings) -> None:
         """End the cycle: count silent servos, and ask those that are back for their status."""
-        if readings.complete and not self._strikes:
-            self._silent = False
+        if readings.complete and not self._missing.strikes:
             return
-        valid, strikes, back = readings.valid, self._strikes, list[int]()
-        was_silent, self._silent = self._silent, not any(valid[index] for index in self._index_of.values())
-        for device, index in self._index_of.items():
-            if not valid[index]:
-                if device in self._missed:
-                    strikes[device] = strikes.get(device, 0) + 1
-            elif device in strikes or was_silent:
-                if strikes.pop(device, 0) >= LOST_AFTER:
-                    readings.take_drive(index, False)  # until its status is read: it may have restarted
-                back.append(device)
+        valid = readings.valid
+        back, restarted = self._missing.end({device for device, index in self._index_of.items() if valid[index]})
+        for device in restarted:
+            readings.drive[self._index_of[device]] = Torque.UNKNOWN  # until its status is read: it may have restarted
         self.ask_status(back)
-
-    def _asked(self, device: int) -> bool:
-        """Whether a servo that did not answer before is asked in this cycle."""
-        return self._silent or self._strikes[device] < LOST_AFTER
-
-    def _keep(self, readings: Readings, transaction: Transaction, answers: Answers) -> None:
-        assert transaction.names is not None
-        who = transaction.who if answers.ids == transaction.ask.ids else self._places(answers.ids)
-        readings.take(who, transaction.block.unpack(answers), answers.errors, transaction.names, self.port.now())
 
     def _places(self, ids: Sequence[int]) -> NDArray[np.int64]:
         """Places of servos in servo order."""
@@ -495,7 +523,7 @@ class CyclicPort:
             index = self._index_of[device]
             status = dict(zip(block.dtype.names or (), values.item(), strict=True))
             tripped = status.get("bus_watchdog", 0) in (-1, 0xFF)
-            readings.take_drive(index, bool(status["torque_enable"]) and not tripped)
+            readings.drive[index] = Torque.OFF if not status["torque_enable"] else Torque.HELD if tripped else Torque.ON
             readings.take_alert(index, status.get("hardware_error_status", 0))
 
     def _again(self, transaction: Transaction, answers: Answers, *, noise: bool) -> None:
@@ -508,53 +536,39 @@ class CyclicPort:
         answered = set(answers.ids)
         silent = [device for device in transaction.ask.ids if device not in answered]
         nothing = not answers and not noise
-        known = silent[0] in self._missed or silent[0] in self._strikes
-        self._missed.add(silent[0])
+        known = silent[0] in self._missing
+        self._missing.first.add(silent[0])
         if self._unanswered >= MOST_UNANSWERED:
             self._queue.clear()
         if transaction.tries == RETRIES or self._unanswered > 1 or (len(silent) == 1 and not noise and known):
             return
         self.retries += 1
         if noise:
-            self._noisy_until = self.port.now() + NOISY
+            self.wire.note_damage()
         kind = transaction.ask.kind
         if kind is Kind.FAST and (answers or noise):
             kind = Kind.SYNC  # damage in a fast reply spoils all that follows; in single answers only that answer
-        late = [device for device in silent if device in self._missed or device in self._strikes]
+        late = [device for device in silent if device in self._missing]
         order = [device for device in silent if device not in late]
         order = (order[::-1] if nothing else order) + late
         if transaction.names is not None:  # a status that is due can wait: this cycle takes long enough
             self._queue = deque(later for later in self._queue if later.names is not None)
-        self._enqueue(
-            kind, tuple(order), transaction.again, transaction.again, transaction.names, tries=transaction.tries + 1
-        )
-
-    def _probe(self) -> int | None:
-        """The lost servo to look for in this cycle, in turn; or None."""
-        lost = [device for device in self._index_of if self._strikes.get(device, 0) >= LOST_AFTER]
-        now = self.port.now()
-        if not lost or now < self._probed + PROBE_PERIOD:
-            return None
-        self._probed = now
-        return lost[self._cycle % len(lost)]
+        again, tries = transaction.again, transaction.tries + 1
+        self._enqueue(kind, tuple(order), again, again, transaction.names, tries)
 
     def _enqueue(
-        self, kind: Kind, ids: tuple[int, ...], block: Block, again: Block, names: Names | None, *, tries: int = 0
+        self, kind: Kind, ids: tuple[int, ...], block: Block, again: Block, names: Names | None, tries: int = 0
     ) -> None:
         most = 1 if kind is Kind.SINGLE1 else MAX_IDS
         for at in range(0, len(ids), most):
-            part = ids[at : at + most]
-            key = (kind, part, block.address, block.size, tries)
-            transaction = self._transactions.get(key)
-            if transaction is None:
-                if len(self._transactions) >= MAX_TRANSACTIONS:
-                    self._transactions.clear()
-                ask = Ask(kind, part, block.address, block.size)
-                timeouts = ask.timeouts(self.port, self._return_delay)
-                transaction = self._transactions[key] = Transaction(
-                    ask, self._places(part), ask.request(), timeouts, block, again, names, tries
-                )
-            self._queue.append(transaction)
+            self._queue.append(self._transaction(kind, ids[at : at + most], block, again, names, tries))
+
+    def _make_transaction(
+        self, kind: Kind, ids: tuple[int, ...], block: Block, again: Block, names: Names | None, tries: int
+    ) -> Transaction:
+        ask = Ask(kind, ids, block.address, block.size)
+        timeouts = ask.timeouts(self.wire.port, self._return_delay)
+        return Transaction(ask, self._places(ids), ask.request(), timeouts, block, again, names, tries)
 
 
 def status_block(table: ControlTable) -> Block:
@@ -656,7 +670,7 @@ class BusLine:
         items = [(device, register.encode(value)) for device, value in values]
         if not items:
             return
-        self._cyclic.post(CODECS[self.spec.protocol].sync_write(register.address, register.size, items))
+        self._cyclic.wire.post(CODECS[self.spec.protocol].sync_write(register.address, register.size, items))
 
     def read_all(self, register: Register, ids: Sequence[int]) -> dict[int, int]:
         """Counts of one register by id, of those that answer. Raises BusError when the port is gone."""
@@ -683,8 +697,8 @@ class BusLine:
         return found
 
     def _ask(self, ask: Ask) -> dict[int, bytes]:
-        sent = self._cyclic.ask(ask.request())
-        answers, _ = collect(self.port, ask, sent, ask.timeouts(self.port, self.longest_delay))
+        self._cyclic.wire.ask(ask.request())
+        answers, _ = collect(self.port, ask, self._cyclic.wire.asked, ask.timeouts(self.port, self.longest_delay))
         if len(answers) < len(ask.ids):
             settle(self.port)
         return {status.id: status.data for status in answers.statuses}
@@ -703,9 +717,9 @@ class BusLine:
 # One cycle of several buses at once, for the bus that drives servos and for the one that only reads them.
 
 
-def read_cycle(lines: Sequence[BusLine], readings: Readings, *, wide: bool) -> None:
+def read_cycle(lines: Sequence[BusLine], readings: Readings, *, wide: bool, status: bool = False) -> None:
     """Ask all servos, on all ports at once; then ask one with an alert on each bus for its status. wide: voltage and
-    temperature too.
+    temperature too. status: ask all that answered for their status.
 
     Raises BusError when a port is gone.
     """
@@ -715,9 +729,13 @@ def read_cycle(lines: Sequence[BusLine], readings: Readings, *, wide: bool) -> N
     _exchange(lines, readings)
     for line in lines:
         line.cyclic.end(readings)
-    for line in lines if (alarmed := readings.alarmed()) else ():
-        for device in [device for device, index in line.index_of.items() if index in alarmed][:1]:
-            line.cyclic.ask_status([device])
+    alarmed = readings.alarmed()
+    valid = readings.valid if status else ()
+    for line in lines if alarmed or status else ():
+        wanted = [device for device, index in line.index_of.items() if index in alarmed][:1]
+        if status:
+            wanted = [device for device, index in line.index_of.items() if valid[index]]
+        line.cyclic.ask_status(wanted)
     _exchange(lines, readings)
 
 

@@ -11,7 +11,7 @@ from rich.text import Text
 
 from hardware.bus import ServoStates
 from hardware.clock import MonotonicClock
-from hardware.dynamixel.bus import Watch
+from hardware.dynamixel.bus import Torque, Watch
 from hardware.dynamixel.checks import alert_text
 from hardware.servo import ServoSpec
 from retarget.cli.exit import stop_on_signals
@@ -22,6 +22,7 @@ FIRST = 5
 """Cycles before one table is printed."""
 DRAWN = 5.0
 """[Hz] Tables on a terminal."""
+TORQUE = {Torque.UNKNOWN: "?", Torque.OFF: "off", Torque.ON: "on", Torque.HELD: "on, stopped by its watchdog"}
 
 
 def monitor(
@@ -82,7 +83,7 @@ def shown(servos: list[ServoSpec], states: ServoStates, watch: Watch, rate: floa
             _number(states.current[at], 3),
             _number(states.temperature[at], 0),
             _number(states.voltage[at], 1),
-            watch.torque[at],
+            TORQUE[watch.torque[at]],
             f"{states.age[at]:.1f}" if answered else "never",
             str(watch.losses[at]),
             alert_text(int(states.alert[at])) if states.alert[at] else "",

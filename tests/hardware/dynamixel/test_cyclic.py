@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from bus_rig import CYCLE, BusRig, Tapped, bus_of, spec, specs
+from hardware.arrays import BoolArray, TickArray
 from hardware.bus import ServoAlert, ServoStates
 from hardware.dynamixel.codec import Instruction, protocol1, protocol2
 from hardware.dynamixel.control_table import find_table
@@ -15,9 +16,9 @@ from hardware.dynamixel.cyclic import (
     RETRIES,
     WINDOW_S,
     ErrorRate,
-    GoalPacket,
     Kind,
     Wired,
+    goal_packets,
     kind_of,
 )
 from hardware.dynamixel.cyclic import RETRIES as ERROR_RATE_RETRIES
@@ -349,6 +350,11 @@ def wired(model: str, protocol: int, count: int = 3) -> list[Wired]:
     return [Wired(index, index + 1, find_table(model, protocol)) for index in range(count)]
 
 
+def sent(servos: list[Wired], goals: TickArray, driven: BoolArray) -> list[bytes]:
+    """The packets for goals that are not empty."""
+    return [packet for one in goal_packets(servos) if (packet := one.packet(goals, driven))]
+
+
 def test_the_bytes_for_ids_1_to_3() -> None:
     """By hand from the layout of a sync write: address 116, 4 bytes each; the CRC by the long division of the CRC-16
     with polynomial 0x8005."""
@@ -358,13 +364,13 @@ def test_the_bytes_for_ids_1_to_3() -> None:
         register ^= byte << 8
         for _ in range(8):
             register = (register << 1 ^ (0x8005 if register & 0x8000 else 0)) & 0xFFFF
-    (packet,) = GoalPacket(wired("XM430-W350", 2)).packets(np.array([2048, 2049, 2047]), np.full(3, True))
+    (packet,) = sent(wired("XM430-W350", 2), np.array([2048, 2049, 2047]), np.full(3, True))
     assert packet == body + register.to_bytes(2, "little")
 
 
 def test_the_bytes_of_protocol_1() -> None:
     body = bytes.fromhex(GOLDEN1)
-    (packet,) = GoalPacket(wired("AX-12A", 1)).packets(np.array([512, 513, 511]), np.full(3, True))
+    (packet,) = sent(wired("AX-12A", 1), np.array([512, 513, 511]), np.full(3, True))
     assert packet == body + bytes([~sum(body[2:]) & 0xFF])
     (frame,) = protocol1.parser().feed(packet)
     assert frame.code == Instruction.SYNC_WRITE
@@ -372,7 +378,7 @@ def test_the_bytes_of_protocol_1() -> None:
 
 def test_a_header_among_the_goals_is_stuffed() -> None:
     goals = np.array([0xFDFFFF, -0x020001, 0xFDFFFF - 2**24])
-    (packet,) = GoalPacket(wired("XM430-W350", 2)).packets(goals, np.full(3, True))
+    (packet,) = sent(wired("XM430-W350", 2), goals, np.full(3, True))
     assert packet.count(protocol2.HEADER) == 1
     assert packet.count(b"\xff\xff\xfd\xfd") >= 1
     (frame,) = protocol2.parser().feed(packet)
@@ -383,7 +389,7 @@ def test_a_header_among_the_goals_is_stuffed() -> None:
 
 def test_servos_with_goals_in_other_places_get_a_packet_of_their_own() -> None:
     servos = [*wired("MX-28", 1, 2), Wired(2, 3, find_table("XM430-W350", 2))]
-    packets = list(GoalPacket(servos).packets(np.array([1, 2, 3]), np.full(3, True)))
+    packets = sent(servos, np.array([1, 2, 3]), np.full(3, True))
     assert [packet[:4] for packet in packets] == [b"\xff\xff\xfe\x0a", b"\xff\xff\xfd\x00"]
 
 
@@ -396,18 +402,17 @@ def test_servos_hold_what_was_sent(goals: tuple[int, int]) -> None:
 
 def test_a_packet_reaches_only_its_own_port() -> None:
     servos = [spec(1), spec(2)]
-    packet = GoalPacket([Wired(1, 2, find_table("XM430-W350", 2))]).packets(np.array([7, 9]), np.full(2, True))
-    (frame,) = protocol2.parser().feed(next(packet))
+    (packet,) = sent([Wired(1, 2, find_table("XM430-W350", 2))], np.array([7, 9]), np.full(2, True))
+    (frame,) = protocol2.parser().feed(packet)
     assert frame.params[4:] == bytes([servos[1].id, 9, 0, 0, 0])
 
 
 def test_a_limp_servo_of_protocol_1_is_sent_no_goal() -> None:
-    maker = GoalPacket(wired("AX-12A", 1))
-    (packet,) = maker.packets(np.array([512, 513, 511]), np.array([True, False, True]))
+    (packet,) = sent(wired("AX-12A", 1), np.array([512, 513, 511]), np.array([True, False, True]))
     (frame,) = protocol1.parser().feed(packet)
     assert len(frame.params) == 2 + 2 * 3
-    assert list(maker.packets(np.array([512, 513, 511]), np.full(3, False))) == []
-    (packet,) = GoalPacket(wired("XM430-W350", 2)).packets(np.array([1, 2, 3]), np.full(3, False))
+    assert sent(wired("AX-12A", 1), np.array([512, 513, 511]), np.full(3, False)) == []
+    (packet,) = sent(wired("XM430-W350", 2), np.array([1, 2, 3]), np.full(3, False))
     assert len(packet) == 10 + 4 + 3 * 5
 
 

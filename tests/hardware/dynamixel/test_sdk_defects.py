@@ -19,7 +19,7 @@ from dynamixel_sdk import (
 
 from hardware.dynamixel.codec import ALERT, Error2, Status, protocol1, protocol2
 from hardware.dynamixel.control_table import find_table
-from hardware.dynamixel.cyclic import Ask, GoalPacket, Kind, collect
+from hardware.dynamixel.cyclic import Ask, Kind, Wired, collect, goal_packets
 from hardware.dynamixel.single_requests import NoAnswer, OneOff, ServoError
 from messages import refuses
 from scripted_port import ScriptedPort, always
@@ -38,8 +38,9 @@ def test_1_stuffing_never_reaches_the_wire(monkeypatch: pytest.MonkeyPatch) -> N
     assert line.sent[0] != right
     assert b"\xff\xff\xfd\xff" in line.sent[0]
 
-    goals = GoalPacket([_Place()]).packets(np.array([-131_073]), np.array([True]))
-    assert list(goals) == [protocol2.sync_write(116, 4, [(1, b"\xff\xff\xfd\xff")])]
+    (goals,) = goal_packets([Wired(0, 1, TABLE)])
+    packet = goals.packet(np.array([-131_073]), np.array([True]))
+    assert packet == protocol2.sync_write(116, 4, [(1, b"\xff\xff\xfd\xff")])
 
 
 def test_2_unstuffing_loses_a_byte() -> None:
@@ -126,10 +127,6 @@ def test_9_bulk_read_of_protocol_1_is_a_type_error(monkeypatch: pytest.MonkeyPat
     assert collect(port, ask, port.now(), ask.timeouts(port, 0.0)).answers.statuses == [Status(1, 0, b"\x00\x08")]
 
 
-class _Place:
-    index, id, table = 0, 1, TABLE
-
-
 def test_14_a_group_write_takes_data_that_are_too_short(monkeypatch: pytest.MonkeyPatch) -> None:
     line = FakeLine()
     group = GroupSyncWrite(sdk_over(line, monkeypatch), Protocol2PacketHandler(), 116, 4)
@@ -140,9 +137,8 @@ def test_14_a_group_write_takes_data_that_are_too_short(monkeypatch: pytest.Monk
 
     with refuses(ValueError, 2, 1, 4):
         protocol2.sync_write(116, 4, [(1, b"\x96\0")])
-    assert list(GoalPacket([_Place()]).packets(np.array([0x96]), np.array([True]))) == [
-        protocol2.sync_write(116, 4, [(1, b"\x96\0\0\0")])
-    ]
+    (goals,) = goal_packets([Wired(0, 1, TABLE)])
+    assert goals.packet(np.array([0x96]), np.array([True])) == protocol2.sync_write(116, 4, [(1, b"\x96\0\0\0")])
 
 
 def test_14_values_come_back_unsigned(monkeypatch: pytest.MonkeyPatch) -> None:
