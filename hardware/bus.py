@@ -72,25 +72,20 @@ class ServoBus(Protocol):
 
     def open(self) -> None:
         """Open the ports and check that the expected servos are there; torque stays as it is."""
-        ...
 
     def read(self) -> ServoStates:
         """Read one cycle. A missing servo is marked in the answer and never an exception; a dead bus raises
         BusError."""
-        ...
 
     def write(self, goals: ServoGoals) -> None:
         """Send goal positions to all servos; no servo acknowledges."""
-        ...
 
     def torque(self, on: bool) -> None:
         """Switch the torque of all servos; each acknowledges. The command goes to all servos even if one fails. Then
         raises BusError that names those that did not confirm."""
-        ...
 
     def close(self) -> None:
         """Close the ports and leave the bus safe: torque that this bus switched on is off. Closing twice is allowed."""
-        ...
 
 
 # A bus as data: its port, its speed, the devices on it, and what is set up in its servos once.

@@ -10,11 +10,9 @@ class Clock(Protocol):
 
     def now(self) -> float:
         """Return the time in s, from an arbitrary but fixed origin; never decreases."""
-        ...
 
     def sleep_until(self, deadline: float) -> None:
         """Return at `deadline` (s on this clock), or at once when it has passed."""
-        ...
 
 
 class MonotonicClock:

@@ -13,6 +13,13 @@ class RetargetError(Exception):
 class HardwareError(RetargetError):
     """Anything wrong on the servo side: models, maps, buses, the guard."""
 
+    def __init__(
+        self, what: str, *, where: str = "", found: object = None, allowed: object = None, then: str = ""
+    ) -> None:
+        """what: the fault in a few words, with the other parts of `describe`; or, without any, a whole message."""
+        whole = not where and found is None and allowed is None and not then
+        super().__init__(what if whole else describe(what=what, where=where, found=found, allowed=allowed, then=then))
+
 
 class BusError(HardwareError):
     """A bus cannot be opened, read or written."""

@@ -14,7 +14,7 @@ import numpy as np
 from hardware.arrays import FloatArray, TickArray
 from hardware.bus import ServoBus, ServoGoals, ServoStates
 from hardware.clock import Clock
-from hardware.errors import GuardError, describe
+from hardware.errors import GuardError
 from hardware.guard_state import FAULTLESS, GuardLimits, Stop, StopCategory, StopCause
 from hardware.joint_map import JointMap
 from hardware.servo_health import ServoHealth
@@ -127,9 +127,7 @@ class Guard:
             raise self._impossible("arming")
         with self._arming():
             if not np.array_equal(self._map.to_ticks(goal.joints), states.position):
-                raise GuardError(
-                    describe(what="the gate moved the present posture", then="Begin the gate where the robot is")
-                )
+                raise GuardError("the gate moved the present posture", then="Begin the gate where the robot is")
             self._send(goal)
             self._read_at = None
             self.torque = Torque.ON  # before the command: any interrupt from here on switches it off
@@ -159,9 +157,7 @@ class Guard:
         is latched. Raises GuardError for anything but the gate's next goal, BusError when the bus fails."""
         last = self.goal
         if type(goal) is not CheckedGoal or last is None or goal.seal is not last.seal or goal.number <= last.number:
-            raise GuardError(
-                describe(what="only the next goal of the gate is written", where="guard", found=type(goal).__name__)
-            )
+            raise GuardError("only the next goal of the gate is written", where="guard", found=type(goal).__name__)
         if self.torque is not Torque.ON:
             raise self._impossible("writing")
         age = 0.0 if self._read_at is None else self._clock.now() - self._read_at
@@ -229,4 +225,4 @@ class Guard:
     def _impossible(self, what: str) -> GuardError:
         then = f"It stopped because: {self.stop.reason}" if self.stop else ""
         found = f"torque {self.torque.value}" + (", stopped" if self.stop else "")
-        return GuardError(describe(what=f"{what} is not possible now", where="guard", found=found, then=then))
+        return GuardError(f"{what} is not possible now", where="guard", found=found, then=then)

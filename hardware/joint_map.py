@@ -147,9 +147,7 @@ class JointMap:
         found += _twice([f"{servo.id} on bus {servo.bus!r}" for servo in servos], "servo id")
         if found:
             raise HardwareError(
-                describe(
-                    what="servos do not fit", where="joint map", found="; ".join(found), then="Correct the profile"
-                )
+                "servos do not fit", where="joint map", found="; ".join(found), then="Correct the profile"
             )
         self.servos = tuple(servos)
         self.joints = tuple(servo.joint for servo in servos)
@@ -304,12 +302,10 @@ def resolve_turns(
             problems.append(_problem(joint_map, group, ticks, found))
     if problems:
         raise HardwareError(
-            describe(
-                what="the turns of these servos are not known",
-                where="joint map",
-                found="; ".join(problems),
-                then="Switch torque off, move these joints to the middle of their ranges, and try again",
-            )
+            "the turns of these servos are not known",
+            where="joint map",
+            found="; ".join(problems),
+            then="Switch torque off, move these joints to the middle of their ranges, and try again",
         )
     return offsets
 

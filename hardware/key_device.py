@@ -7,7 +7,7 @@ import struct
 from contextlib import suppress
 from pathlib import Path
 
-from hardware.errors import HardwareError, describe
+from hardware.errors import HardwareError
 
 EVENT = struct.Struct("@llHHi")
 """A `struct input_event` (linux/input.h): two words of time, type, code, value."""
@@ -116,4 +116,4 @@ def _which() -> str:
 
 
 def _refused(path: str, what: str, then: str) -> HardwareError:
-    return HardwareError(describe(what=what, where=path, then=then))
+    return HardwareError(what, where=path, then=then)

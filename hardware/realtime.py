@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from hardware.errors import HardwareError, describe
+from hardware.errors import HardwareError
 
 USUAL_PRIORITY = 40
 """Below the kernel's interrupt threads (50 on PREEMPT_RT), which bring what a tick waits for."""
@@ -52,40 +52,30 @@ def refuse_scheduling(scheduling: Scheduling) -> None:
 
 
 def _pin(core: int, usable: set[int]) -> None:
-    error: OSError | OverflowError | ValueError
     try:
         os.sched_setaffinity(0, {core})
-    except (OSError, OverflowError, ValueError) as raised:  # the second and third: beyond any core, or negative
-        error = raised
-    else:
-        return
-    allowed = ", ".join(str(number) for number in sorted(usable))
-    raise HardwareError(
-        describe(what="this core cannot be had", where="--core", found=core, allowed=allowed, then="Choose another")
-    ) from error
+    except (OSError, OverflowError, ValueError) as error:  # the second and third: beyond any core, or negative
+        allowed = ", ".join(str(number) for number in sorted(usable))
+        raise HardwareError(
+            "this core cannot be had", where="--core", found=core, allowed=allowed, then="Choose another"
+        ) from error
 
 
 def _set_priority(priority: int) -> None:
     least, most = os.sched_get_priority_min(os.SCHED_FIFO), os.sched_get_priority_max(os.SCHED_FIFO)
     if not least <= priority <= most:
         allowed = f"{least} to {most}; usual is {USUAL_PRIORITY}"
-        raise HardwareError(
-            describe(what="no such real-time priority", where="--realtime", found=priority, allowed=allowed)
-        )
+        raise HardwareError("no such real-time priority", where="--realtime", found=priority, allowed=allowed)
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
     except PermissionError as error:
         raise HardwareError(
-            describe(
-                what=f"real-time priority {priority} is not permitted to this user",
-                where="--realtime",
-                then=f"Permit it: {HOW_TO_PERMIT} {ELSEWHERE}; or leave --realtime out",
-            )
+            f"real-time priority {priority} is not permitted to this user",
+            where="--realtime",
+            then=f"Permit it: {HOW_TO_PERMIT} {ELSEWHERE}; or leave --realtime out",
         ) from error
     except OSError as error:
-        raise HardwareError(
-            describe(what=f"no real-time priority here: {error.strerror or error}", where="--realtime")
-        ) from error
+        raise HardwareError(f"no real-time priority here: {error.strerror or error}", where="--realtime") from error
 
 
 # Other processes of this machine, as far as this user may see them (Linux).

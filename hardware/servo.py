@@ -7,7 +7,7 @@ from enum import StrEnum
 import numpy as np
 
 from hardware.arrays import FloatArray, TickArray
-from hardware.errors import HardwareError, describe
+from hardware.errors import HardwareError
 
 # Two joints that two servos turn together, as data: a differential such as the waist of a humanoid.
 
@@ -147,12 +147,7 @@ def find_model(name: str) -> ServoModel:
     if model is None:
         known = ", ".join(SERVO_MODELS)
         raise HardwareError(
-            describe(
-                what="unknown servo model",
-                found=repr(name),
-                allowed=known,
-                then="Use the name printed on the servo's case",
-            )
+            "unknown servo model", found=repr(name), allowed=known, then="Use the name printed on the servo's case"
         )
     return model
 

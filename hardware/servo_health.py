@@ -12,7 +12,7 @@ import numpy as np
 
 from hardware.arrays import BoolArray, FloatArray, TickArray
 from hardware.bus import ServoAlert, ServoStates
-from hardware.errors import BusError, GuardError, HardwareError, describe
+from hardware.errors import BusError, GuardError, HardwareError
 from hardware.guard_state import GuardLimits, StopCategory, StopCause
 from hardware.joint_map import JointMap
 from hardware.servo import ExpectedRange, ServoSpec
@@ -429,7 +429,7 @@ class ServoHealth:
         """Raise for servos that cannot be armed: BusError when none answers, GuardError with all that is wrong."""
         missing = ~states.valid
         if missing.all():
-            raise BusError(describe(what="no servo answers", where="arming", then=CHECK_BUS))
+            raise BusError("no servo answers", where="arming", then=CHECK_BUS)
         self._levels.forget()
         self._look(states, None)
         age = self._rows[Row.AGE]
@@ -438,12 +438,7 @@ class ServoHealth:
         problems += [fault.reason for fault in self._faults(self._wrong(states.time) & states.valid)]
         if problems:
             raise GuardError(
-                describe(
-                    what="not every servo is well",
-                    where="arming",
-                    found="; ".join(problems),
-                    then="It was not armed",
-                )
+                "not every servo is well", where="arming", found="; ".join(problems), then="It was not armed"
             )
 
     def _aimed(self, sent: TickArray, held: FloatArray) -> TickArray:

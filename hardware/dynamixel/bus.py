@@ -16,7 +16,7 @@ from hardware.dynamixel.opening import Opening, examine
 from hardware.dynamixel.readings import Readings, Torque
 from hardware.dynamixel.serial_port import BytePort
 from hardware.dynamixel.torque import Ready, check_still, off_everywhere, prepare, raise_drive, switch_on
-from hardware.errors import BusError, HardwareError, describe
+from hardware.errors import BusError, HardwareError
 from hardware.joint_map import JointMap, resolve_turns, turn_groups
 
 MakePort = Callable[[BusSpec], BytePort]
@@ -88,7 +88,7 @@ class DynamixelBus:
         refuses a value, the message says what others have taken by then.
         """
         if self._state is not BusState.CLOSED:
-            raise BusError(describe(what="the bus is open already", where="bus, open", then="Call close first"))
+            raise BusError("the bus is open already", where="bus, open", then="Call close first")
         try:
             found = self._examine()
             problems = [problem for opening in found for problem in opening.problems]
@@ -116,12 +116,7 @@ class DynamixelBus:
         ticks = goals.ticks
         if ticks.shape != self._lowest.shape or (ticks < self._lowest).any() or (ticks > self._highest).any():
             raise BusError(
-                describe(
-                    what="goal ticks out of range",
-                    where="bus, write",
-                    found=ticks,
-                    allowed=f"{self._lowest} to {self._highest}",
-                )
+                "goal ticks out of range", where="bus, write", found=ticks, allowed=f"{self._lowest} to {self._highest}"
             )
         self._goals = np.array(ticks)
         raw = ticks - self._readings.turns
@@ -231,9 +226,7 @@ class DynamixelBus:
     def _torque_on(self) -> None:
         """Provision servos that have restarted, check goals, arm watchdogs, then let the drive rise."""
         if self._goals is None:
-            raise BusError(
-                describe(what="no goals were sent", where="bus, torque on", then="Send the present posture first")
-            )
+            raise BusError("no goals were sent", where="bus, torque on", then="Send the present posture first")
         ready = prepare(self._lines, self._notify)
         self._recount(ready)
         raw = self._goals - self._readings.turns
@@ -253,19 +246,17 @@ class DynamixelBus:
         states = self._cycle_of_all()
         if not states.valid.all():
             silent = [servo.label for servo, valid in zip(self._map.servos, states.valid, strict=True) if not valid]
-            raise BusError(describe(what=f"no answer from {', '.join(silent)}", where="bus, torque on"))
+            raise BusError(f"no answer from {', '.join(silent)}", where="bus, torque on")
         before = self._readings.turns
         limp = {line.index_of[device] for line, off in ready for device in off}
         self._count_turns(limp | set(np.flatnonzero(~self._counted).tolist()))
         moved = np.flatnonzero(self._readings.turns != before)
         if moved.size:
             raise BusError(
-                describe(
-                    what="servos have restarted, and their turns are counted from another one",
-                    where="bus, torque on",
-                    found=", ".join(self._map.servos[index].label for index in moved),
-                    then="Torque was not switched on. Read the posture, send it, and try again",
-                )
+                "servos have restarted, and their turns are counted from another one",
+                where="bus, torque on",
+                found=", ".join(self._map.servos[index].label for index in moved),
+                then="Torque was not switched on. Read the posture, send it, and try again",
             )
 
     def _watch_rise(self) -> None:
@@ -275,7 +266,7 @@ class DynamixelBus:
         if wrong.size:
             texts = [alert_text(int(states.alert[k])) or "lost its torque" for k in wrong]
             names = [f"{self._map.servos[k].label} {text}" for k, text in zip(wrong, texts, strict=True)]
-            raise BusError(describe(what="torque did not come up", where="bus", found=", ".join(names)))
+            raise BusError("torque did not come up", where="bus", found=", ".join(names))
 
     def _torque_off(self) -> None:
         """Switch torque off on all servos, also after a failure of one. Raises BusError."""
@@ -283,11 +274,7 @@ class DynamixelBus:
         self._readings.drive[:] = Torque.OFF
         if unsure:
             raise BusError(
-                describe(
-                    what=f"{', '.join(unsure)} did not confirm that torque is off",
-                    where="bus",
-                    then="Cut the power by hand",
-                )
+                f"{', '.join(unsure)} did not confirm that torque is off", where="bus", then="Cut the power by hand"
             )
         self._state = BusState.OPEN
 
@@ -298,7 +285,7 @@ class DynamixelBus:
 
     def _require_open(self, action: str) -> None:
         if self._state is BusState.CLOSED:
-            raise BusError(describe(what="the bus is closed", where=f"bus, {action}", then="Call open first"))
+            raise BusError("the bus is closed", where=f"bus, {action}", then="Call open first")
 
 
 def _refusal(problems: Sequence[str]) -> str:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
 
-from hardware.errors import HardwareError, describe
+from hardware.errors import HardwareError
 from hardware.servo import find_model
 
 # One register of a control table: where it lies, what its bytes mean, what may be written.
@@ -257,13 +257,10 @@ class ControlTable:
         register = self._by_name.get(name)
         if register is None:
             raise HardwareError(
-                describe(
-                    what="no such register",
-                    where=f"{self.model}, protocol {self.protocol}.0, firmware {self.firmware[0]} to "
-                    f"{self.firmware[1]}",
-                    found=repr(name),
-                    allowed=", ".join(one for one in self._by_name if not one.startswith("indirect_")),
-                )
+                "no such register",
+                where=f"{self.model}, protocol {self.protocol}.0, firmware {self.firmware[0]} to {self.firmware[1]}",
+                found=repr(name),
+                allowed=", ".join(one for one in self._by_name if not one.startswith("indirect_")),
             )
         return register
 
@@ -291,12 +288,10 @@ def find_table(model: str, protocol: int, firmware: int | None = None) -> Contro
     row = rows.get(protocol)
     if row is None:
         raise HardwareError(
-            describe(
-                what="the model does not speak this protocol",
-                where=name,
-                found=f"protocol {protocol}.0",
-                allowed=", ".join(f"{one}.0" for one in sorted(rows)),
-            )
+            "the model does not speak this protocol",
+            where=name,
+            found=f"protocol {protocol}.0",
+            allowed=", ".join(f"{one}.0" for one in sorted(rows)),
         )
     return _table_at(row, firmware)
 

@@ -12,7 +12,7 @@ from hardware.dynamixel.line_scan import Sighting, Speed, is_gone
 from hardware.dynamixel.serial_port import BytePort
 from hardware.dynamixel.settings import ANSWER_ALL, ServoImage, read_image, setup_command
 from hardware.dynamixel.single_requests import Found, NoAnswer, OneOff, ServoError
-from hardware.errors import BusError, describe
+from hardware.errors import BusError
 from hardware.servo import ServoSpec, find_model
 
 # Servos whose Status Return Level is 0: they answer pings, and carry out everything else without an answer.
@@ -163,13 +163,11 @@ def as_bus(name: str, sightings: Sequence[Sighting], *, first: int = 0) -> tuple
     speeds = sorted({one.speed for one in sightings})
     if len(speeds) != 1:
         raise BusError(
-            describe(
-                what="servos at several speeds",
-                where=name,
-                found="; ".join(map(str, speeds)) or None,
-                allowed="one protocol and one baud rate",
-                then="Name one with --protocol and --baud",
-            )
+            "servos at several speeds",
+            where=name,
+            found="; ".join(map(str, speeds)) or None,
+            allowed="one protocol and one baud rate",
+            then="Name one with --protocol and --baud",
         )
     known = [one for one in sightings if one.table is not None]
     spec = BusSpec(name, name, speeds[0].baud, speeds[0].protocol, tuple(one.found.id for one in known))

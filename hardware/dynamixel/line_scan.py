@@ -12,7 +12,7 @@ from hardware.dynamixel.control_table import ControlTable, baud_of, table_of_num
 from hardware.dynamixel.serial_port import BytePort
 from hardware.dynamixel.settings import Setting, setup_command
 from hardware.dynamixel.single_requests import Found, NoAnswer, OneOff, ServoError
-from hardware.errors import BusError, describe
+from hardware.errors import BusError
 
 PROTOCOLS = (2, 1)
 """In the order in which they are tried."""
@@ -241,10 +241,8 @@ def write_setting(
         except NoAnswer:
             continue
     raise BusError(
-        describe(
-            what=f"the servo does not answer after {register.name} := {value}",
-            where=port.name,
-            found=f"silence of id {new_id} at {rate} baud",
-            then="Find it with `retarget servo scan`",
-        )
+        f"the servo does not answer after {register.name} := {value}",
+        where=port.name,
+        found=f"silence of id {new_id} at {rate} baud",
+        then="Find it with `retarget servo scan`",
     )

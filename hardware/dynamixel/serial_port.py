@@ -1,7 +1,6 @@
 """Serial adapters: the `BytePort` protocol and its implementation, the latency timer, and errors of opening a port."""
 
 import array
-import contextlib
 import errno
 import fcntl
 import itertools
@@ -14,12 +13,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 
-from dynamixel_sdk import PortHandler
 from serial import Serial
 from serial.tools.list_ports import comports
 
 from hardware.clock import Clock
-from hardware.errors import BusError, describe
+from hardware.errors import BusError
 from hardware.realtime import PROCESSES, named_process
 
 # How long a USB adapter keeps what has arrived: the latency timer of an FTDI chip, in the kernel's own files.
@@ -71,6 +69,7 @@ _ABSENT = {errno.ENOENT, errno.ENODEV, errno.ENXIO, errno.ENOTDIR, errno.ENAMETO
 _BUSY = {errno.EBUSY, errno.EAGAIN}
 _FORBIDDEN = {errno.EACCES, errno.EPERM}
 _PSEUDO_TERMINALS = Path("/dev/pts")
+TERMINAL = "a device"
 _MOST_PROCESSES = 100_000
 """Bound of the search for the processes that hold a port."""
 
@@ -81,50 +80,42 @@ def why_not_open(path: str, baud: int, cause: Exception) -> BusError:
     if number in _ABSENT:
         return no_such_port(path)
     if number in _BUSY:
-        return BusError(describe(what="the port is busy", where=path, found=holders(path), then="Stop it, or wait"))
+        return BusError("the port is busy", where=path, found=holders(path), then="Stop it, or wait")
     if number in _FORBIDDEN:
         return BusError(
-            describe(
-                what="no permission to open the port",
-                where=path,
-                found=_owner(path),
-                then='Run "sudo usermod -aG dialout $USER", then log out and in again',
-            )
+            "no permission to open the port",
+            where=path,
+            found=_owner(path),
+            then='Run "sudo usermod -aG dialout $USER", then log out and in again',
         )
-    if _is_terminal_device(path) and isinstance(cause, ValueError):
-        return BusError(describe(what="no such baud rate", where=path, found=baud, allowed="what the adapter can do"))
-    return BusError(
-        describe(what="not a serial port", where=path, found=_kind(path), allowed=_existing(), then="Check the path")
-    )
+    if _kind(path) == TERMINAL and isinstance(cause, ValueError):
+        return BusError("no such baud rate", where=path, found=baud, allowed="what the adapter can do")
+    return BusError("not a serial port", where=path, found=_kind(path), allowed=_existing(), then="Check the path")
 
 
 def no_such_port(path: str) -> BusError:
     """The error for a path that leads nowhere."""
     return BusError(
-        describe(
-            what="no such port",
-            where=path or "an empty path",
-            allowed=_existing(),
-            then="Check the cable, the power and the path",
-        )
+        "no such port",
+        where=path or "an empty path",
+        allowed=_existing(),
+        then="Check the cable, the power and the path",
     )
 
 
 def unplugged(path: str, cause: object) -> BusError:
     """The error for a port that went away while it was open."""
-    return BusError(
-        describe(what="the port went away", where=path, found=cause, then="Check the cable and the adapter's power")
-    )
+    return BusError("the port went away", where=path, found=cause, then="Check the cable and the adapter's power")
 
 
 def not_open(path: str) -> BusError:
     """The error for a port that is used before `open` or after `close`."""
-    return BusError(describe(what="the port is not open", where=path))
+    return BusError("the port is not open", where=path)
 
 
 def wrong_baud(path: str, baud: int, allowed: object) -> BusError:
     """The error for a speed that the line does not run at."""
-    return BusError(describe(what="no such baud rate", where=path, found=baud, allowed=allowed))
+    return BusError("no such baud rate", where=path, found=baud, allowed=allowed)
 
 
 def holders(path: str, processes: Path = PROCESSES) -> str:
@@ -166,21 +157,12 @@ def _owner(path: str) -> str:
         return "no rights"
 
 
-def _is_terminal_device(path: str) -> bool:
-    try:
-        return Path(path).is_char_device()
-    except (OSError, ValueError):
-        return False
-
-
 def _kind(path: str) -> str:
-    try:
-        place = Path(path)
-        if place.is_dir():
-            return "a folder"
-        return "a file" if place.is_file() else "something else"
-    except (OSError, ValueError):
-        return repr(path)
+    with suppress(OSError, ValueError):
+        mode = Path(path).stat().st_mode
+        kinds = {stat.S_IFCHR: TERMINAL, stat.S_IFDIR: "a folder", stat.S_IFREG: "a file"}
+        return kinds.get(stat.S_IFMT(mode), "something else")
+    return repr(path)
 
 
 LOWEST_BAUD, HIGHEST_BAUD = 1_200, 12_000_000
@@ -195,29 +177,12 @@ _TCGETS2, _SPEED_WORD = 0x802C542A, 10
 """Linux's ioctl that returns the real speed of a line, and the speed's place in the answer."""
 
 
-class _AnyBaudPort(PortHandler):  # type: ignore[misc]  # the SDK has no types
-    """The SDK's port, at any speed (it refuses 4.5 Mbps) and exclusive (it lets two processes share the bytes)."""
-
-    ser: Serial | None
-
-    def getCFlagBaud(self, baudrate: int) -> int:  # the SDK's name
-        """Every speed is one."""
-        return baudrate
-
-    def setupPort(self, cflag_baud: int) -> bool:  # the SDK's name
-        """Open the line; raises what pyserial raises."""
-        self.ser = Serial(port=self.port_name, baudrate=cflag_baud, timeout=0, write_timeout=0, exclusive=True)
-        self.is_open = True
-        self.tx_time_per_byte = 10_000.0 / cflag_baud
-        return True
-
-
 class SerialPort:
     """A `BytePort` over a real tty. Every failure is a BusError; no method lets an OSError through."""
 
     def __init__(self, path: str, clock: Clock) -> None:
         self._path, self._clock = path, clock
-        self._handler = _AnyBaudPort(path)
+        self._serial: Serial | None = None
         self._fd = -1
         self._baud = 0
         self.latency_timer_ms: int | None = None
@@ -250,10 +215,10 @@ class SerialPort:
         self.close()
         self._check_baud(baud)
         try:
-            self._handler.setBaudRate(baud)
-            self._take_over()
+            self._serial = Serial(port=self._path, baudrate=baud, timeout=0, write_timeout=0, exclusive=True)
+            self._take_over(self._serial)
             self._verify_baud(baud)
-            ask_low_latency(self._line)
+            ask_low_latency(self._serial)
         except (OSError, termios.error, ValueError, OverflowError) as cause:
             self.close()
             raise why_not_open(self._path, baud, _with_number(cause)) from cause
@@ -265,7 +230,9 @@ class SerialPort:
 
     def set_baud(self, baud: int) -> None:
         """Change the speed; what had arrived is dropped. Raises BusError; a refused speed leaves the old one."""
-        line = self._line
+        line = self._serial
+        if line is None:
+            raise not_open(self._path)
         self._check_baud(baud)
         try:
             self._change_baud(line, baud)
@@ -328,35 +295,28 @@ class SerialPort:
 
     def close(self) -> None:
         """Close it; twice is allowed, and so is closing what never was open."""
-        line, fd = self._handler.ser, self._fd
-        self._handler.ser, self._handler.is_open = None, False
-        self._fd, self._baud = -1, 0
+        line, fd = self._serial, self._fd
+        self._serial, self._fd, self._baud = None, -1, 0
         if line is None:
             return
         if fd >= 0 and not self._is_pseudo():
-            with contextlib.suppress(OSError):  # an adapter that is gone holds nothing
+            with suppress(OSError):  # an adapter that is gone holds nothing
                 fcntl.ioctl(fd, termios.TIOCNXCL)
-        with contextlib.suppress(OSError):
+        with suppress(OSError):
             line.close()
-
-    @property
-    def _line(self) -> Serial:
-        if self._handler.ser is None:
-            raise not_open(self._path)
-        return self._handler.ser
 
     def _open_fd(self) -> int:
         if self._fd < 0:
             raise not_open(self._path)
         return self._fd
 
-    def _take_over(self) -> None:
+    def _take_over(self, line: Serial) -> None:
         """Lock the port: pyserial's lock keeps out processes that lock too, the kernel's all but those of root.
 
         Not on a pseudo-terminal: the emulator holds it open, so the kernel's lock would outlive a client that was
         killed.
         """
-        self._fd = self._line.fileno()
+        self._fd = line.fileno()
         if not self._is_pseudo():
             fcntl.ioctl(self._fd, termios.TIOCEXCL)
 
@@ -433,53 +393,41 @@ class BytePort(Protocol):
     @property
     def name(self) -> str:
         """Its name in messages: the device's path."""
-        ...
 
     @property
     def baud(self) -> int:
         """Bits per second; ten of them carry a byte."""
-        ...
 
     @property
     def latency(self) -> float:
         """Longest time, s, that the adapter keeps what has arrived (FTDI: the latency timer)."""
-        ...
 
     def open(self, baud: int) -> None:
         """Open it, for this process alone. Raises BusError: no such port, busy, not permitted, no such baud rate."""
-        ...
 
     def set_baud(self, baud: int) -> None:
         """Change the speed; what had arrived is dropped."""
-        ...
 
     def write(self, data: bytes) -> None:
         """Send; returns before the bytes are on the wire."""
-        ...
 
     def read(self) -> bytes:
         """What has arrived, maybe nothing. Never waits."""
-        ...
 
     def wait(self, deadline: float) -> bool:
         """Sleep until something has arrived (True) or until `deadline`, s on the clock."""
-        ...
 
     def drop(self) -> None:
         """Forget what has arrived."""
-        ...
 
     def now(self) -> float:
         """Monotonic s: the clock that deadlines are on."""
-        ...
 
     def sleep_until(self, deadline: float) -> None:
         """Return at `deadline`, in s."""
-        ...
 
     def close(self) -> None:
         """Close it; twice is allowed."""
-        ...
 
 
 QUIET = 20e-3

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from hardware.bus import BAUDS, MAX_RETURN_DELAY, RETURN_DELAY_STEP, BusSpec
 from hardware.dynamixel.control_table import ControlTable, Register, baud_of, code_of
 from hardware.dynamixel.single_requests import OneOff
-from hardware.errors import BusError, describe
+from hardware.errors import BusError
 from hardware.servo import ServoMode, ServoSpec
 
 # The registers of one servo, read in a few blocks before anything moves.
@@ -176,11 +176,7 @@ def plan(
     due = differing(wanted, image)
     if due and image.value("torque_enable"):
         raise BusError(
-            describe(
-                what="torque is on, and locks the EEPROM",
-                where=table.model,
-                then="Secure the robot, then `retarget servo rest`",
-            )
+            "torque is on, and locks the EEPROM", where=table.model, then="Secure the robot, then `retarget servo rest`"
         )
     return due
 
@@ -215,7 +211,7 @@ def setting_of(table: ControlTable, name: str, value: int) -> Setting:
 
 
 def _no(table: ControlTable, what: str, found: str, allowed: str) -> BusError:
-    return BusError(describe(what=f"no such {what} for this servo", where=table.model, found=found, allowed=allowed))
+    return BusError(f"no such {what} for this servo", where=table.model, found=found, allowed=allowed)
 
 
 # Counts of a servo's registers in units and words.

@@ -18,7 +18,7 @@ from hardware.dynamixel.settings import (
     read_image,
 )
 from hardware.dynamixel.single_requests import NoAnswer, ServoError
-from hardware.errors import BusError, HardwareError, describe
+from hardware.errors import BusError, HardwareError
 from hardware.servo import ServoSpec
 
 # Registers of many servos of one bus, read, or written and read back; servos that fail are named.
@@ -38,7 +38,7 @@ def read_from_all(line: BusLine, name: str, ids: Sequence[int]) -> dict[int, int
     found = line.read_all(register_of(line, name), ids)
     silent = [line.name_of(device) for device in ids if device not in found]
     if silent:
-        raise BusError(describe(what=f"no answer from {', '.join(silent)}", where=line.where, then=CHECK_BUS))
+        raise BusError(f"no answer from {', '.join(silent)}", where=line.where, then=CHECK_BUS)
     return found
 
 
@@ -71,7 +71,7 @@ def not_kept(line: BusLine, wrong: Sequence[tuple[int, int | None, Setting]]) ->
     then = (
         "Try again; where it stays, `retarget servo monitor` shows what they say, `retarget servo setup` their limits"
     )
-    return BusError(describe(what=f"servos do not keep their {name}", where=line.where, found=found, then=then))
+    return BusError(f"servos do not keep their {name}", where=line.where, found=found, then=then)
 
 
 GOAL_SLACK = 0.06
@@ -152,12 +152,10 @@ def enable(line: BusLine, ids: Sequence[int]) -> None:
         if not off:
             return
     raise BusError(
-        describe(
-            what="servos do not switch their torque on",
-            where=line.where,
-            found=", ".join(_why_off(line, device, said) for device in off),
-            then="See `retarget servo monitor`; a latched error is cleared by `retarget servo reboot`",
-        )
+        "servos do not switch their torque on",
+        where=line.where,
+        found=", ".join(_why_off(line, device, said) for device in off),
+        then="See `retarget servo monitor`; a latched error is cleared by `retarget servo reboot`",
     )
 
 
@@ -211,13 +209,11 @@ def _refuse_moved(line: BusLine, present: dict[int, int], goals: dict[int, int])
     far = [device for device in goals if abs(present[device] - goals[device]) > slack[device]]
     if far:
         raise BusError(
-            describe(
-                what="servos moved after their goals were set to their positions",
-                where=line.where,
-                found=", ".join(f"{line.name_of(one)} from {goals[one]} to {present[one]}" for one in far),
-                allowed=f"{math.degrees(GOAL_SLACK):.1f} degrees",
-                then="Torque was not switched on. Keep the robot still and try again",
-            )
+            "servos moved after their goals were set to their positions",
+            where=line.where,
+            found=", ".join(f"{line.name_of(one)} from {goals[one]} to {present[one]}" for one in far),
+            allowed=f"{math.degrees(GOAL_SLACK):.1f} degrees",
+            then="Torque was not switched on. Keep the robot still and try again",
         )
 
 

@@ -24,7 +24,7 @@ from hardware.dynamixel.line_scan import (
 from hardware.dynamixel.opening import servos_on
 from hardware.dynamixel.serial_port import ECHOES, BytePort, SerialPort
 from hardware.dynamixel.single_requests import OneOff
-from hardware.errors import BusError, describe
+from hardware.errors import BusError
 from hardware.servo import ServoSpec
 from retarget.cli.application import ask, progress_bar
 from retarget.cli.buses import standing_ticks
@@ -187,12 +187,10 @@ def look_at(
     if not any(one.line.images or (unknown_too and one.unknown) for one in looks):
         notes = [note for one in looks for note in one.notes]
         raise BusError(
-            describe(
-                what="no servo answers",
-                where=", ".join(place.where for place in places),
-                found="; ".join(notes) or None,
-                then="Check power and wiring, and see `retarget servo scan`",
-            )
+            "no servo answers",
+            where=", ".join(place.where for place in places),
+            found="; ".join(notes) or None,
+            then="Check power and wiring, and see `retarget servo scan`",
         )
     for one in looks:
         for note in one.notes:

@@ -9,7 +9,7 @@ from hardware.dynamixel.checks import alert_text
 from hardware.dynamixel.codec import MAX_ID
 from hardware.dynamixel.found_servos import Look
 from hardware.dynamixel.torque import restart
-from hardware.errors import BusError, describe
+from hardware.errors import BusError
 from retarget.cli.exit import stop_on_signals
 from retarget.cli.servo.places import (
     Baud,
@@ -99,26 +99,22 @@ def _refuse(chosen: list[tuple[Look, list[int]]], wanted: list[int] | None, *, y
     absent = sorted(set(wanted or ()) - there)
     if absent:
         raise BusError(
-            describe(
-                what=f"no servo answers to id {', '.join(map(str, absent))}",
-                where="servo reboot",
-                then="See `retarget servo scan`; nothing was restarted",
-            )
+            f"no servo answers to id {', '.join(map(str, absent))}",
+            where="servo reboot",
+            then="See `retarget servo scan`; nothing was restarted",
         )
     for one, some in chosen:
         where = f"bus {one.line.spec.name}"
         if some and one.line.spec.protocol == 1:
             then = "Switch their power off and on"
-            raise BusError(describe(what="servos of protocol 1.0 have no reboot instruction", where=where, then=then))
+            raise BusError("servos of protocol 1.0 have no reboot instruction", where=where, then=then)
         driven = [device for device in some if one.line.images[device].value("torque_enable")]
         if driven and not yes:
             raise BusError(
-                describe(
-                    what="torque is on, and a restart drops what these servos hold",
-                    where=where,
-                    found=names(one, driven),
-                    then="Secure the robot, then `retarget servo rest`, or agree with --yes",
-                )
+                "torque is on, and a restart drops what these servos hold",
+                where=where,
+                found=names(one, driven),
+                then="Secure the robot, then `retarget servo rest`, or agree with --yes",
             )
 
 

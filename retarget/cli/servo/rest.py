@@ -7,7 +7,7 @@ import typer
 
 from hardware.dynamixel.found_servos import Look, broadcast_torque_off, not_limp, send_torque_off
 from hardware.dynamixel.torque import off_everywhere
-from hardware.errors import BusError, TorqueError, describe
+from hardware.errors import BusError, TorqueError
 from retarget.cli.exit import stop_on_signals
 from retarget.cli.servo.places import (
     Baud,
@@ -148,9 +148,7 @@ def _switch_off(looks: Sequence[Look]) -> None:
             unsure.append(f"all of bus {one.line.spec.name} ({error})")
     if unsure:
         raise TorqueError(
-            describe(
-                what=f"{', '.join(dict.fromkeys(unsure))} did not confirm that torque is off",
-                where="servo rest",
-                then="Cut the power by hand",
-            )
+            f"{', '.join(dict.fromkeys(unsure))} did not confirm that torque is off",
+            where="servo rest",
+            then="Cut the power by hand",
         )

@@ -9,7 +9,7 @@ import typer
 
 from hardware.dynamixel.line_scan import LineScan, Sighting, Speed, scan_line
 from hardware.dynamixel.serial_port import ECHOES
-from hardware.errors import BusError, describe
+from hardware.errors import BusError
 from retarget.cli.application import progress_bar
 from retarget.cli.servo.places import (
     Baud,
@@ -61,7 +61,7 @@ def scan(
             f"{_ids_text(wanted)} on {place.where} at {_speeds_text(one.tried)}"
             for place, one in zip(places, scans, strict=True)
         )
-        raise BusError(describe(what="no servo answers", where="servo scan", found=f"silence of {tried}", then=CHECK))
+        raise BusError("no servo answers", where="servo scan", found=f"silence of {tried}", then=CHECK)
 
 
 def ids_of(text: str, *, option: str = "--ids", highest: int = HIGHEST_ID) -> list[int] | None:

@@ -25,7 +25,7 @@ from hardware.dynamixel.settings import (
     setting_of,
 )
 from hardware.dynamixel.single_requests import OneOff
-from hardware.errors import BusError, HardwareError, RetargetError, describe
+from hardware.errors import BusError, HardwareError, RetargetError
 from hardware.servo import ServoSpec
 from retarget.cli.application import progress_bar
 from retarget.cli.exit import stop_on_signals
@@ -223,13 +223,11 @@ def wanted_of(target: Target, asked: Asked, seen: Sighting, image: ServoImage) -
         return Asked(asked.new_id, asked.baud, asked.return_delay, None, registers)
     if (seen.model, seen.speed.protocol) != (servo.model.name, bus.protocol):
         raise BusError(
-            describe(
-                what=f"id {target.device} is not the servo of {servo.joint} by its model or protocol",
-                where=target.place.where,
-                found=f"{seen.model}, protocol {seen.speed.protocol}.0",
-                allowed=f"{servo.model.name}, protocol {bus.protocol}.0",
-                then="Check which servo it is, or correct the profile",
-            )
+            f"id {target.device} is not the servo of {servo.joint} by its model or protocol",
+            where=target.place.where,
+            found=f"{seen.model}, protocol {seen.speed.protocol}.0",
+            allowed=f"{servo.model.name}, protocol {bus.protocol}.0",
+            then="Check which servo it is, or correct the profile",
         )
     profiled = wishes(servo, bus, image, target.needed)
     return Asked(
@@ -274,7 +272,7 @@ def setup(
             return
         if seen.table is None:
             what = f"id {seen.found.id} is a model that is not known here ({seen.model})"
-            raise BusError(describe(what=what, where=place.where, then="See `retarget servo scan`"))
+            raise BusError(what, where=place.where, then="See `retarget servo scan`")
         place.port.set_baud(seen.speed.baud)
         image = read_image(OneOff(place.port, seen.speed.protocol), target.device, seen.table)
         typer.echo(f"id {target.device}: {seen.model}, firmware {seen.found.firmware}, {seen.speed}")
@@ -333,7 +331,7 @@ def _make_responsive(target: Target, asked: Asked, seen: Sighting, *, yes: bool,
     name = LEVEL[client.protocol].name
     if asked.registers.get(name, None if target.servo is None else ANSWER_ALL) != ANSWER_ALL:
         then = f"Add --register {name}={ANSWER_ALL}: that is written without its answer, and read back"
-        raise BusError(describe(what=f"id {device} {PINGS_ONLY}", where=place.where, then=then))
+        raise BusError(f"id {device} {PINGS_ONLY}", where=place.where, then=then)
     typer.echo(f"id {device}: {PINGS_ONLY}, {seen.speed}")
     typer.echo(f"  {name}: 0 -> {ANSWER_ALL}, without its answer; all else afterwards")
     if dry_run:
@@ -355,7 +353,7 @@ def _find(place: Place, device: int, protocol: int | None) -> Sighting:
     if len(seen) != 1 or seen[0].found.clash:
         what = f"several servos have id {device}" if seen else f"no servo answers to id {device} at any speed"
         then = "Connect one servo at a time; `retarget servo scan` shows the servos on the port"
-        raise BusError(describe(what=what, where=place.where, then=then))
+        raise BusError(what, where=place.where, then=then)
     return seen[0]
 
 
@@ -369,7 +367,7 @@ def _refuse_taken(place: Place, seen: Sighting, new_id: int, baud: int) -> None:
             if OneOff(place.port, seen.speed.protocol).ping(new_id) is not None:
                 then = "Choose another id, or take that servo off the bus"
                 what = f"id {new_id} is taken"
-                raise BusError(describe(what=what, where=f"{place.where}, {rate} baud", then=then))
+                raise BusError(what, where=f"{place.where}, {rate} baud", then=then)
     finally:
         place.port.set_baud(seen.speed.baud)
 
