@@ -3,10 +3,10 @@
 Also the health of the buses: whether any servo answers, and how many answers come damaged.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from math import inf
+from math import inf, isnan
 
 import numpy as np
 
@@ -19,8 +19,6 @@ from hardware.servo import ExpectedRange, ServoSpec
 
 # The watched quantities: their bounds, and the words of a fault or a warning.
 
-InWords = Callable[[float], str]
-"""A value in words."""
 Bounds = tuple[float, float]
 """Lowest and highest value."""
 
@@ -40,23 +38,84 @@ class Watched:
     """One quantity of every servo. stop: bounds beyond which the robot stops; patience: s that they may be exceeded.
 
     warn: bounds beyond which there is a warning, after the same patience; ease: how far within them the warning ends;
-    slows: the warning slows the robot too. fault, warning: the words before the names of the servos.
+    slows: the warning slows the robot too. text: what is wrong beyond bounds {0} to {1}, before the names of the
+    servos; value: the format of a value, "" where only the servo's name says anything.
     """
 
     cause: StopCause
     stop: Bounds
-    fault: str
-    in_words: InWords
+    text: str
+    value: str = ""
     patience: float = 0.0
     warn: Bounds = ANYTHING
-    warning: str = ""
     ease: float = 0.0
     slows: bool = False
+
+    def in_words(self, value: float) -> str:
+        """A value in words."""
+        if self.cause is StopCause.SERVO_ALERT:
+            return _alert_text(int(value))
+        return "not known" if isnan(value) and self.value else self.value.format(value)
 
 
 def watched(limits: GuardLimits) -> tuple[Watched, ...]:
     """The watched quantities, in the order of `Row`."""
-    return (*_by_the_servos(limits), _temperature(limits), _voltage(limits), _current(limits), *_following(limits))
+    return (
+        Watched(cause=StopCause.SERVO_ALERT, stop=(0, 0), text="reports"),
+        Watched(
+            cause=StopCause.SERVO_LOST,
+            stop=(0, limits.max_age),
+            warn=(0, limits.warn_age),
+            text="has not answered for more than {1:g} s:",
+        ),
+        Watched(
+            cause=StopCause.SERVO_LIMP,
+            stop=(0, 0),
+            text="does not follow its goals (restarted, or stopped by its watchdog):",
+        ),
+        Watched(
+            cause=StopCause.TEMPERATURE,
+            stop=(-inf, limits.max_temperature),
+            warn=(-inf, limits.warn_temperature),
+            text="is hotter than {1:g} degrees Celsius:",
+            value="{:.0f}",
+            ease=COOLER,
+            slows=True,
+        ),
+        Watched(
+            cause=StopCause.VOLTAGE,
+            stop=limits.voltage,
+            warn=limits.warn_voltage,
+            text="has a supply outside {0:g} to {1:g} V:",
+            value="{:.1f} V",
+            ease=STEADIER,
+        ),
+        Watched(
+            cause=StopCause.CURRENT,
+            stop=(0, limits.max_current),
+            warn=(0, limits.warn_current),
+            text=f"draws more than {{1:g}} A for {limits.current_time:g} s:",
+            value="{:.2f} A",
+            patience=limits.current_time,
+            ease=_eased(limits.warn_current),
+            slows=True,
+        ),
+        Watched(  # a large following error at once, a smaller one after sustained_time
+            cause=StopCause.FOLLOWING_ERROR,
+            stop=(0, limits.following_error),
+            text="is more than {1:g} rad from its goal:",
+            value="{:.2f} rad",
+        ),
+        Watched(
+            cause=StopCause.FOLLOWING_ERROR,
+            stop=(0, limits.sustained_error),
+            warn=(0, limits.warn_following_error),
+            text=f"is more than {{1:g}} rad from its goal for {limits.sustained_time:g} s:",
+            value="{:.2f} rad",
+            patience=limits.sustained_time,
+            ease=_eased(limits.warn_following_error),
+        ),
+    )
 
 
 class Row(IntEnum):
@@ -65,124 +124,19 @@ class Row(IntEnum):
     ALERT, AGE, LIMP, TEMPERATURE, VOLTAGE, CURRENT, FAR, STILL_FAR = range(8)
 
 
-def name_servos(servos: Sequence[ServoSpec], which: BoolArray, in_words: InWords, values: FloatArray) -> str:
+def name_servos(servos: Sequence[ServoSpec], row: Watched, which: BoolArray, values: FloatArray) -> str:
     """Name every servo of the mask (n,) with its value (n,), for example: l_el (id 6) OVERLOAD. Where all servos are in
     the mask, their supply or their bus is at fault: only their number and the range of the values are given."""
     if which.all() and len(servos) > MOST_OF_ALL:
-        found = list(dict.fromkeys(in_words(float(value)) for value in np.sort(values)))
+        found = list(dict.fromkeys(row.in_words(float(value)) for value in np.sort(values)))
         values_text = " and ".join(found) if len(found) < MOST_OF_ALL else f"{found[0]} to {found[-1]}"
         return f"all {len(servos)} servos {values_text}".rstrip()
-    named = []
-    for index in np.flatnonzero(which).tolist():
-        servo = servos[index]
-        named.append(f"{servo.joint} (id {servo.id}) {in_words(float(values[index]))}".rstrip())
-    return ", ".join(named)
-
-
-def _by_the_servos(limits: GuardLimits) -> tuple[Watched, ...]:
-    return (
-        Watched(
-            cause=StopCause.SERVO_ALERT,
-            stop=(0, 0),
-            fault="reports",
-            in_words=lambda value: _alert_text(int(value)),
-        ),
-        Watched(
-            cause=StopCause.SERVO_LOST,
-            stop=(0, limits.max_age),
-            fault=f"has not answered for more than {limits.max_age:g} s:",
-            in_words=_no_value,
-            warn=(0, limits.warn_age),
-            warning=f"has not answered for more than {limits.warn_age:g} s:",
-        ),
-        Watched(
-            cause=StopCause.SERVO_LIMP,
-            stop=(0, 0),
-            fault="does not follow its goals (restarted, or stopped by its watchdog):",
-            in_words=_no_value,
-        ),
-    )
-
-
-def _temperature(limits: GuardLimits) -> Watched:
-    return Watched(
-        cause=StopCause.TEMPERATURE,
-        stop=(-inf, limits.max_temperature),
-        fault=f"is hotter than {limits.max_temperature:g} degrees Celsius:",
-        in_words=lambda value: _known(f"{value:.0f}"),
-        warn=(-inf, limits.warn_temperature),
-        warning=f"is hotter than {limits.warn_temperature:g} degrees Celsius:",
-        ease=COOLER,
-        slows=True,
-    )
-
-
-def _voltage(limits: GuardLimits) -> Watched:
-    low, high = limits.voltage
-    warn_low, warn_high = limits.warn_voltage
-    return Watched(
-        cause=StopCause.VOLTAGE,
-        stop=limits.voltage,
-        fault=f"has a supply outside {low:g} to {high:g} V:",
-        in_words=lambda value: _known(f"{value:.1f} V"),
-        warn=limits.warn_voltage,
-        warning=f"has a supply outside {warn_low:g} to {warn_high:g} V:",
-        ease=STEADIER,
-    )
-
-
-def _current(limits: GuardLimits) -> Watched:
-    sustained = f"for {limits.current_time:g} s:"
-    return Watched(
-        cause=StopCause.CURRENT,
-        stop=(0, limits.max_current),
-        fault=f"draws more than {limits.max_current:g} A {sustained}",
-        in_words=lambda value: f"{value:.2f} A",
-        patience=limits.current_time,
-        warn=(0, limits.warn_current),
-        warning=f"draws more than {limits.warn_current:g} A {sustained}",
-        ease=_eased(limits.warn_current),
-        slows=True,
-    )
-
-
-def _following(limits: GuardLimits) -> tuple[Watched, ...]:
-    """A large error at once, a smaller one after sustained_time."""
-    sustained = f"rad from its goal for {limits.sustained_time:g} s:"
-    return (
-        Watched(
-            cause=StopCause.FOLLOWING_ERROR,
-            stop=(0, limits.following_error),
-            fault=f"is more than {limits.following_error:g} rad from its goal:",
-            in_words=_angle,
-        ),
-        Watched(
-            cause=StopCause.FOLLOWING_ERROR,
-            stop=(0, limits.sustained_error),
-            fault=f"is more than {limits.sustained_error:g} {sustained}",
-            in_words=_angle,
-            patience=limits.sustained_time,
-            warn=(0, limits.warn_following_error),
-            warning=f"is more than {limits.warn_following_error:g} {sustained}",
-            ease=_eased(limits.warn_following_error),
-        ),
-    )
+    places = np.flatnonzero(which).tolist()
+    return ", ".join(f"{servos[place].label} {row.in_words(float(values[place]))}".rstrip() for place in places)
 
 
 def _eased(level: float) -> float:
     return EASE * level if np.isfinite(level) else 0.0
-
-
-def _angle(value: float) -> str:
-    return f"{value:.2f} rad"
-
-
-def _no_value(value: float) -> str:
-    return ""
-
-
-def _known(value: str) -> str:
-    return "not known" if value.startswith("nan") else value
 
 
 def _alert_text(bits: int) -> str:
@@ -222,20 +176,20 @@ class ServoLevels:
         self._patience = np.array(patience)[:, None] - ROUND_OFF
         self._nothing = np.full(self.least.shape, np.inf)
         self._since = self._nothing  # [s] when each went beyond, infinite where it is within
-        self.waiting = False
-        """Whether any value was beyond its bounds at the last look, be it for less than its patience."""
+        self.count = 0
+        """Values beyond their bounds at the last look, be it for less than their patience."""
 
     def beyond(self, seen: FloatArray, now: float) -> BoolArray:
         """Which values (rows, n) are beyond their bounds at `now`, s, and were for the whole of their patience."""
         out = (seen < self.least) | (seen > self.most)
         self._since = np.where(out, np.minimum(self._since, now), np.inf)
         late = now - self._since >= self._patience
-        self.waiting = bool(out.any())
+        self.count = int(np.count_nonzero(out))
         return np.asarray(out & late)
 
     def forget(self) -> None:
         """Nothing is beyond."""
-        self._since, self.waiting = self._nothing, False
+        self._since, self.count = self._nothing, 0
 
 
 # Warnings: beyond a bound, yet not so far that the robot must stop. Each is reported once; some slow the robot.
@@ -265,9 +219,13 @@ class ServoWarnings:
         self._beyond_at = np.full(self._active.shape, -np.inf)  # [s] when each was last beyond its calm bounds
         self._at: float | None = None  # [s] of the last look
         self._news: list[str] = []
+        self._count = 0  # active warnings
         self.speed_override = 1.0
-        self.busy = False
+
+    @property
+    def busy(self) -> bool:
         """Whether there is a warning, or one may come, or the robot is not back at its full speed."""
+        return self.speed_override < 1.0 or self.levels.count > 0 or self._count > 0
 
     @property
     def active(self) -> BoolArray:
@@ -285,12 +243,12 @@ class ServoWarnings:
         self._beyond_at = np.where(calm, self._beyond_at, now)
         ended = self._active & (now - self._beyond_at >= CALM_S)
         self._active = (self._active | began) & ~ended
+        self._count = int(np.count_nonzero(self._active))
         if began.any():
             self._notify(began, seen, "warning: servo {warning} {names}{slower}")
         if ended.any():
             self._notify(ended, seen, "over: servo {warning} {names} now")
         self._change_speed(now)
-        self.busy = self.speed_override < 1.0 or self.levels.waiting or bool(self._active.any())
 
     def take_news(self) -> list[str]:
         """Return the warnings that began and ended since the last call, a sentence each."""
@@ -311,9 +269,9 @@ class ServoWarnings:
     def _notify(self, which: BoolArray, seen: FloatArray, form: str) -> None:
         for row, mask, values in zip(self._rows, which, seen, strict=True):
             if mask.any():
-                names = name_servos(self._servos, mask, row.in_words, values)
+                names = name_servos(self._servos, row, mask, values)
                 slower = f"; the robot goes at {self._share:.0%} of its speed" if row.slows else ""
-                self._news.append(form.format(warning=row.warning, names=names, slower=slower))
+                self._news.append(form.format(warning=row.text.format(*row.warn), names=names, slower=slower))
         del self._news[:-MOST_NEWS]
 
 
@@ -418,7 +376,7 @@ class ServoHealth:
     def _servo_fault(self, now: float) -> ServoFault | None:
         """The first fault of the watched values at `now`, s; warnings are noted."""
         seen, levels, warnings = self._seen, self._levels, self.warnings
-        if not (levels.waiting or warnings.busy) and self._all_well():
+        if not (levels.count or warnings.busy) and self._all_well():
             warnings.pass_over(now)
             return None
         warnings.look(seen, now)
@@ -432,8 +390,7 @@ class ServoHealth:
             raise BusError("no servo answers", where="arming", then=CHECK_BUS)
         self._levels.forget()
         self._look(states, None)
-        age = self._rows[Row.AGE]
-        names = name_servos(self._joint_map.servos, missing, age.in_words, states.age)
+        names = name_servos(self._joint_map.servos, self._rows[Row.AGE], missing, states.age)
         problems = [f"servo does not answer: {names}"] if missing.any() else []
         problems += [fault.reason for fault in self._faults(self._wrong(states.time) & states.valid)]
         if problems:
@@ -492,5 +449,6 @@ class ServoHealth:
         """All faults of the servos (rows, n), in order of the rows."""
         for row, which, values in zip(self._rows, wrong, self._seen, strict=True):
             if which.any():
-                names = name_servos(self._joint_map.servos, which, row.in_words, values)
-                yield ServoFault(StopCategory.BRAKE_AND_TORQUE_OFF, row.cause, f"servo {row.fault} {names}")
+                names = name_servos(self._joint_map.servos, row, which, values)
+                reason = f"servo {row.text.format(*row.stop)} {names}"
+                yield ServoFault(StopCategory.BRAKE_AND_TORQUE_OFF, row.cause, reason)

@@ -454,16 +454,16 @@ def test_patience_counts_what_lasts_of_each_servo() -> None:
     seen = [np.array([row]) for row in ([2.0, 0.0], [2.0, 2.0], [2.0, 2.0], [2.0, 0.0], [2.0, 2.0])]
     found = [levels.beyond(row, 0.1 * tick).tolist()[0] for tick, row in enumerate(seen)]
     assert found == [[False, False], [False, False], [True, False], [True, False], [True, False]]
-    assert levels.waiting
+    assert levels.count
     levels.beyond(np.zeros((1, 2)), 0.5)
-    assert not levels.waiting
+    assert not levels.count
 
 
 def test_forgetting_begins_anew() -> None:
     levels = ServoLevels([(0.0, 1.0)], [0.2], 1)
     levels.beyond(np.array([[2.0]]), 0.0)
     levels.forget()
-    assert not levels.waiting
+    assert not levels.count
     assert not levels.beyond(np.array([[2.0]]), 1.0).any()
     assert levels.beyond(np.array([[2.0]]), 1.2).all()
 
@@ -617,26 +617,26 @@ def test_levels_are_those_of_the_limits() -> None:
     assert rows[Row.STILL_FAR].stop == (0, 0.2) and rows[Row.STILL_FAR].patience == 0.3
     assert rows[Row.FAR].stop == (0, inf) and rows[Row.FAR].patience == 0.0
     assert rows[Row.CURRENT].stop == (0, 2.0) and rows[Row.CURRENT].patience == limits.current_time
-    shows(rows[Row.STILL_FAR].fault, "0.2", "0.3")
+    shows(rows[Row.STILL_FAR].text.format(*rows[Row.STILL_FAR].stop), "0.2", "0.3")
 
 
 def test_servos_are_named_with_their_values() -> None:
     rows, values = watched(GuardLimits()), np.array([61.4, 0.0, np.nan, 70.0])
-    names = name_servos(four_servos(), np.array([True, False, True, False]), rows[Row.TEMPERATURE].in_words, values)
+    names = name_servos(four_servos(), rows[Row.TEMPERATURE], np.array([True, False, True, False]), values)
     assert names == "shoulder (id 1) 61, waist (id 3) not known"
     alerts = np.array([0x24, 0.0, 0x02, 0.0])
-    named = name_servos(four_servos(), alerts > 0, rows[Row.ALERT].in_words, alerts)
+    named = name_servos(four_servos(), rows[Row.ALERT], alerts > 0, alerts)
     assert named == "shoulder (id 1) OVERHEATING+OVERLOAD, waist (id 3) 0x02"
 
 
 def test_all_servos_are_named_as_such() -> None:
     rows, every = watched(GuardLimits()), np.ones(4, dtype=bool)
-    volts, degrees = rows[Row.VOLTAGE].in_words, rows[Row.TEMPERATURE].in_words
-    assert name_servos(four_servos(), every, volts, np.full(4, 10.2)) == "all 4 servos 10.2 V"
+    volts, degrees = rows[Row.VOLTAGE], rows[Row.TEMPERATURE]
+    assert name_servos(four_servos(), volts, every, np.full(4, 10.2)) == "all 4 servos 10.2 V"
     assert (
-        name_servos(four_servos(), every, volts, np.array([10.2, 10.1, 10.2, 10.1])) == "all 4 servos 10.1 V and 10.2 V"
+        name_servos(four_servos(), volts, every, np.array([10.2, 10.1, 10.2, 10.1])) == "all 4 servos 10.1 V and 10.2 V"
     )
-    assert name_servos(four_servos(), every, degrees, np.array([63.0, 60.0, 61.0, 62.0])) == "all 4 servos 60 to 63"
-    assert name_servos(four_servos(), every, rows[Row.AGE].in_words, np.ones(4)) == "all 4 servos"
+    assert name_servos(four_servos(), degrees, every, np.array([63.0, 60.0, 61.0, 62.0])) == "all 4 servos 60 to 63"
+    assert name_servos(four_servos(), rows[Row.AGE], every, np.ones(4)) == "all 4 servos"
     few = four_servos()[:3]
-    assert name_servos(few, np.ones(3, dtype=bool), volts, np.full(3, 10.2)).count("(id") == 3
+    assert name_servos(few, volts, np.ones(3, dtype=bool), np.full(3, 10.2)).count("(id") == 3
