@@ -1,7 +1,7 @@
 """Checks of one servo's registers before it is driven: complaints, each with its fix; notes; and the values to set."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from hardware.bus import BusSpec, ServoAlert
@@ -66,12 +66,12 @@ def limits_to_move(servo: ServoSpec, image: ServoImage, needed: Span | None) -> 
     if names is None:
         return {}
     low, high = (image.value(name) for name in names)
-    wanted = dict(zip(names, needed or Span(0, servo.model.ticks - 1), strict=True))
-    if _other_mode(servo, image, low, high):
-        return wanted
-    if needed is None or (low <= needed.low and needed.high <= high):
+    wanted = needed or Span(0, servo.model.ticks - 1)
+    other = bool(_other_mode(servo, image, low, high))
+    if needed is None and not other:
         return {}
-    return _narrow(wanted, low, high)
+    moved = {names[0]: wanted.low} if other or low > wanted.low else {}
+    return moved | ({names[1]: wanted.high} if other or high < wanted.high else {})
 
 
 def _other_mode(servo: ServoSpec, image: ServoImage, low: int, high: int) -> str:
@@ -91,14 +91,13 @@ def _limits(servo: ServoSpec, image: ServoImage) -> tuple[str, str] | None:
     return ("min_position_limit", "max_position_limit") if servo.mode is ServoMode.POSITION else None
 
 
-def _narrow(wanted: Mapping[str, int], low: int, high: int) -> dict[str, int]:
-    """Those of the two that must be moved out."""
-    (first, least), (last, most) = wanted.items()
-    return ({first: least} if low > least else {}) | ({last: most} if high < most else {})
-
-
-REVERSE, FOLLOWER, TORQUE_BY_GOAL = 0x01, 0x02, 0x08  # bits of Drive Mode
-TORQUE_AT_BOOT = 0x01  # bit of Startup Configuration
+FORBIDDEN = (
+    ("drive_mode", 0x01, "reverse: it turns the other way than the profile's direction says"),
+    ("drive_mode", 0x02, "follower: it obeys another servo"),
+    ("drive_mode", 0x08, "torque on by goal update: a goal alone would switch its torque on"),
+    ("startup_configuration", 0x01, "it switches its torque on by itself when it starts"),
+)
+"""Register, bit and meaning of what no servo of a robot may have."""
 HIGHEST_SECONDARY = 252
 """A Secondary ID above it is none."""
 LOW_SHARE = 0.5
@@ -127,7 +126,7 @@ def complaints(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span |
     needed: ticks that its joint needs, see `needed_ticks`; None: not known.
     """
     found = _supply(image) + travel_complaints(servo, bus, image, needed) + _current(servo, image)
-    found += _drive_mode(servo, bus, image)
+    found += _forbidden_bits(servo, bus, image)
     if image.table.protocol == 2:
         found += _errors(image) + _homing(servo, bus, image) + _secondary(servo, bus, image) + _firmware(bus, image)
     elif image.has("lock") and image.value("lock"):
@@ -181,23 +180,23 @@ def _current(servo: ServoSpec, image: ServoImage) -> list[str]:
     ]
 
 
-def _drive_mode(servo: ServoSpec, bus: BusSpec, image: ServoImage) -> list[str]:
-    found = []
-    mode = image.value("drive_mode") if image.has("drive_mode") else 0  # firmware before 38, and most 1.0
-    wanted = mode & ~(REVERSE | FOLLOWER | TORQUE_BY_GOAL)
-    for bit, meaning in (
-        (REVERSE, "reverse: it turns the other way than the profile's direction says"),
-        (FOLLOWER, "follower: it obeys another servo"),
-        (TORQUE_BY_GOAL, "torque on by goal update: a goal alone would switch its torque on"),
-    ):
-        if mode & bit:
-            fix = setup_command(bus, servo.id, {"drive_mode": wanted})
-            found.append(f"has drive mode 0x{mode:02x}, bit {bit.bit_length() - 1} ({meaning}): {fix}")
-    startup = image.value("startup_configuration") if image.has("startup_configuration") else 0
-    if startup & TORQUE_AT_BOOT:
-        fix = setup_command(bus, servo.id, {"startup_configuration": startup & ~TORQUE_AT_BOOT})
-        found.append(f"switches its torque on by itself when it starts: {fix}")
-    return found
+def _forbidden_bits(servo: ServoSpec, bus: BusSpec, image: ServoImage) -> list[str]:
+    wanted = _without_forbidden(image)
+    return [
+        f"has {name.replace('_', ' ')} 0x{image.value(name):02x}, bit {bit.bit_length() - 1} ({meaning}): "
+        + setup_command(bus, servo.id, {name: wanted[name]})
+        for name, bit, meaning in FORBIDDEN
+        if name in wanted and image.value(name) & bit
+    ]
+
+
+def _without_forbidden(image: ServoImage) -> dict[str, int]:
+    """Counts by register without FORBIDDEN bits; firmware before 38 and most of protocol 1.0 have none of them."""
+    wanted: dict[str, int] = {}
+    for name, bit, _ in FORBIDDEN:
+        if image.has(name):
+            wanted[name] = wanted.get(name, image.value(name)) & ~bit
+    return wanted
 
 
 def _homing(servo: ServoSpec, bus: BusSpec, image: ServoImage) -> list[str]:
@@ -246,10 +245,7 @@ def wishes(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span | Non
     """
     named = {one.register.name: one.value for one in eeprom_settings(servo, bus, image.table)}
     wanted = {name: value for name, value in named.items() if name not in OWN_OPTION}
-    if image.has("drive_mode"):
-        wanted["drive_mode"] = image.value("drive_mode") & ~(REVERSE | FOLLOWER | TORQUE_BY_GOAL)
-    if image.has("startup_configuration"):
-        wanted["startup_configuration"] = image.value("startup_configuration") & ~TORQUE_AT_BOOT
+    wanted |= _without_forbidden(image)
     if image.has("homing_offset"):
         wanted["homing_offset"] = servo.homing_offset
     if image.has("secondary_id") and image.value("secondary_id") <= HIGHEST_SECONDARY:

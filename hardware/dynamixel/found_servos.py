@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from hardware.bus import BusSpec
 from hardware.dynamixel.codec import BROADCAST, CODECS
-from hardware.dynamixel.control_table import Register
+from hardware.dynamixel.control_table import ControlTable, Register
 from hardware.dynamixel.cyclic import BusLine
 from hardware.dynamixel.line_scan import Sighting, Speed, is_gone
 from hardware.dynamixel.serial_port import BytePort
@@ -32,12 +32,26 @@ def answers_pings_only(client: OneOff, device: int) -> bool:
     except NoAnswer as silence:
         found = client.ping(device)
         return not silence.damaged and found is not None and not found.clash
+    except ServoError:  # that is an answer
+        return False
     return False
 
 
 def status_return_off_text(bus: BusSpec, device: int) -> str:
     """The problem, and the command that fixes it."""
     return f"{PINGS_ONLY}: {setup_command(bus, device, {LEVEL[bus.protocol].name: ANSWER_ALL})}"
+
+
+def read_servo(client: OneOff, bus: BusSpec, device: int, table: ControlTable) -> ServoImage | str:
+    """A servo's registers; or, where it does not answer every read, why: words to follow its name. Raises BusError when
+    the port is gone."""
+    try:
+        return read_image(client, device, table)
+    except NoAnswer as error:
+        pings_only = not error.damaged and answers_pings_only(client, device)
+        return f" {status_return_off_text(bus, device)}" if pings_only else f": {error}"
+    except ServoError as error:
+        return f": {error}"
 
 
 def enable_status_return(client: OneOff, device: int) -> None:
@@ -107,22 +121,17 @@ def look(port: BytePort, spec: BusSpec, servos: Sequence[Placed], sightings: Seq
     for device, servo in line.servos.items():
         if device not in seen:
             continue
-        try:
-            image = _image(line.client, seen[device])
-        except (NoAnswer, ServoError) as error:
-            status_return_off = isinstance(error, NoAnswer) and answers_pings_only(line.client, device)
-            notes.append(
-                f"{servo.joint} (id {device}) {status_return_off_text(spec, device)}"
-                if status_return_off
-                else f"{servo.joint}: {error}"
-            )
-            continue
-        if image is None:
+        table = seen[device].table
+        if table is None:
             if seen[device].found.model is None and answers_pings_only(line.client, device):
-                notes.append(f"{servo.joint} (id {device}) {status_return_off_text(spec, device)}")
+                notes.append(f"{servo.label} {status_return_off_text(spec, device)}")
+            continue
+        image = read_servo(line.client, spec, device, table)
+        if isinstance(image, str):
+            notes.append(servo.label + image)
             continue
         if image.table.model != servo.model.name:
-            notes.append(f"{servo.joint} (id {device}) is {image.table.model}, the profile says {servo.model.name}")
+            notes.append(f"{servo.label} is {image.table.model}, the profile says {servo.model.name}")
         images[device] = image
     line.adopt(images)
     unknown = tuple(one for one in sightings if one.found.id not in images and _is_unknown(one, line))
@@ -152,7 +161,7 @@ def _is_unknown(one: Sighting, line: BusLine) -> bool:
 
 def _called(line: BusLine, one: Sighting) -> str:
     servo = line.servos.get(one.found.id)
-    return f"{servo.joint} (id {one.found.id})" if servo is not None else f"id {one.found.id}"
+    return f"id {one.found.id}" if servo is None else servo.label
 
 
 def as_bus(name: str, sightings: Sequence[Sighting], *, first: int = 0) -> tuple[BusSpec, list[Placed]]:
@@ -191,10 +200,6 @@ def _servo(sighting: Sighting, bus: str) -> ServoSpec:
         max_velocity=model.no_load_speed,
         max_acceleration=model.no_load_speed,
     )
-
-
-def _image(client: OneOff, sighting: Sighting) -> ServoImage | None:
-    return None if sighting.table is None else read_image(client, sighting.found.id, sighting.table)
 
 
 def _power_note(line: BusLine) -> list[str]:

@@ -8,10 +8,10 @@ from hardware.dynamixel.checks import Span, complaints, needed_ticks, notes
 from hardware.dynamixel.codec import MAX_ID
 from hardware.dynamixel.control_table import ControlTable, Register, find_table, table_of_number
 from hardware.dynamixel.cyclic import Ask, Kind
-from hardware.dynamixel.found_servos import answers_pings_only, status_return_off_text
+from hardware.dynamixel.found_servos import answers_pings_only, read_servo, status_return_off_text
 from hardware.dynamixel.line_scan import MOST, answering_elsewhere, elsewhere_texts, other_bauds
 from hardware.dynamixel.serial_port import ECHOES, BytePort, settle
-from hardware.dynamixel.settings import ServoImage, read_image, setup_command
+from hardware.dynamixel.settings import ServoImage, setup_command
 from hardware.dynamixel.single_requests import Found, NoAnswer, OneOff, ServoError, ping_time
 from hardware.errors import describe
 from hardware.servo import ServoSpec
@@ -156,7 +156,7 @@ def _name_missing(
     missing = [device for device in bus.ids if device not in found]
     if not missing:
         return
-    named = {servo.id: f"servo {servo.joint} (id {servo.id})" for servo in servos}
+    named = {servo.id: f"servo {servo.label}" for servo in servos}
     where = _where(port, bus)
     names = ", ".join(named.get(device, f"device {device}") for device in missing)
     opening.problems.append(
@@ -199,7 +199,7 @@ def _other_speeds(port: BytePort, bus: BusSpec) -> str:
 def _look_at(
     servo: ServoSpec, found: Found, client: OneOff, bus: BusSpec, opening: Opening, needed: Span | None
 ) -> None:
-    where = f"servo {servo.joint} (id {servo.id})"
+    where = f"servo {servo.label}"
     if found.clash:
         opening.problems.append(
             f"{where} gives several different answers: two servos have this id; connect one at a time and "
@@ -207,21 +207,15 @@ def _look_at(
         )
         return
     expected = find_table(servo.model.name, bus.protocol, found.firmware)
-    try:
-        if found.model != expected.number:
-            status_return_off = found.model is None and answers_pings_only(client, servo.id)
-            other = f"is {_model(found)}, the profile says {servo.model.name}"
-            opening.problems.append(f"{where} {status_return_off_text(bus, servo.id) if status_return_off else other}")
-            return
-        image = read_image(client, servo.id, expected)
-    except NoAnswer as error:
-        status_return_off = not error.damaged and answers_pings_only(client, servo.id)
-        opening.problems.append(
-            f"{where} {status_return_off_text(bus, servo.id)}" if status_return_off else f"{where}: {error}"
-        )
+    if found.model is None and answers_pings_only(client, servo.id):
+        opening.problems.append(f"{where} {status_return_off_text(bus, servo.id)}")
         return
-    except ServoError as error:
-        opening.problems.append(f"{where}: {error}")
+    if found.model != expected.number:
+        opening.problems.append(f"{where} is {_model(found)}, the profile says {servo.model.name}")
+        return
+    image = read_servo(client, bus, servo.id, expected)
+    if isinstance(image, str):
+        opening.problems.append(where + image)
         return
     opening.problems += [f"{where} {text}" for text in complaints(servo, bus, image, needed)]
     opening.notes += [f"{where} {text}" for text in notes(servo, image)]
