@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from hardware.bus import BusSpec, ServoAlert
+from hardware.dynamixel.codec import MAX_ID
 from hardware.dynamixel.control_table import find_table
 from hardware.dynamixel.settings import OWN_OPTION, ServoImage, differing, eeprom_settings, setup_command
 from hardware.joint_map import ROUND_OFF, coupled_pairs
@@ -98,8 +99,6 @@ FORBIDDEN = (
     ("startup_configuration", 0x01, "it switches its torque on by itself when it starts"),
 )
 """Register, bit and meaning of what no servo of a robot may have."""
-HIGHEST_SECONDARY = 252
-"""A Secondary ID above it is none."""
 LOW_SHARE = 0.5
 """Share of its maximum below which a limit of the drive is worth a note."""
 
@@ -211,8 +210,8 @@ def _homing(servo: ServoSpec, bus: BusSpec, image: ServoImage) -> list[str]:
 
 
 def _secondary(servo: ServoSpec, bus: BusSpec, image: ServoImage) -> list[str]:
-    second = image.value("secondary_id") if image.has("secondary_id") else HIGHEST_SECONDARY + 1
-    if second > HIGHEST_SECONDARY:
+    second = image.value("secondary_id") if image.has("secondary_id") else MAX_ID + 1
+    if second > MAX_ID:
         return []
     fix = setup_command(bus, servo.id, {"secondary_id": 255})
     return [f"also obeys what is meant for id {second} (its secondary id), torque and goals included: {fix}"]
@@ -248,6 +247,6 @@ def wishes(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span | Non
     wanted |= _without_forbidden(image)
     if image.has("homing_offset"):
         wanted["homing_offset"] = servo.homing_offset
-    if image.has("secondary_id") and image.value("secondary_id") <= HIGHEST_SECONDARY:
+    if image.has("secondary_id") and image.value("secondary_id") <= MAX_ID:
         wanted["secondary_id"] = NO_SECONDARY_ID
     return wanted | limits_to_move(servo, image, needed)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from hardware.bus import BAUDS, MAX_RETURN_DELAY, RETURN_DELAY_STEP, BusSpec
+from hardware.dynamixel.codec import MAX_ID
 from hardware.dynamixel.control_table import ControlTable, Register, baud_of, code_of
 from hardware.dynamixel.single_requests import OneOff
 from hardware.errors import BusError
@@ -129,9 +130,7 @@ def _settings(table: ControlTable, values: "dict[str, int] | dict[str, int | Non
 
 # The plan for a servo's EEPROM: checked as a whole before anything is written; id and speed come last.
 
-HIGHEST_ID = 252
 OWN_OPTION = {"id": "--new-id", "baud_rate": "--baud", "return_delay_time": "--return-delay"}
-DELAYS = f"0 to {1e6 * MAX_RETURN_DELAY:g} us, even"
 SILENCING = "protocol_type"
 """A servo whose protocol is changed no longer answers."""
 
@@ -146,37 +145,44 @@ def setup_command(
     return " ".join([f"`retarget servo setup --port {bus.port} --id {device}", *words]) + "`"
 
 
-def plan(
-    image: ServoImage,
+def settings_of(
+    table: ControlTable,
     *,
+    registers: Mapping[str, int] | None = None,
+    return_delay: float | None = None,
     new_id: int | None = None,
     baud: int | None = None,
-    return_delay: float | None = None,
-    registers: Mapping[str, int] | None = None,
 ) -> list[Setting]:
-    """The settings to write, in order, without those that the servo holds already. baud: bits/s, return_delay: s.
+    """The settings for these values, in the order in which they are written. return_delay: s; baud: bits/s.
 
-    Raises BusError (HardwareError for an unknown register) for values that this servo cannot hold, and with torque on.
+    Raises BusError (HardwareError for an unknown register) for values that a servo with this table cannot hold.
     """
-    table = image.table
     wanted = [setting_of(table, name, value) for name, value in (registers or {}).items()]
     if return_delay is not None:
         if not possible_delay(return_delay):
-            raise _no(table, "return delay", f"{1e6 * return_delay:g} us", DELAYS)
+            allowed = f"0 to {1e6 * MAX_RETURN_DELAY:g} us, even"
+            raise _no(table, "return delay", f"{1e6 * return_delay:g} us", allowed)
         wanted.append(Setting(table["return_delay_time"], round(return_delay / RETURN_DELAY_STEP)))
     if new_id is not None:
-        if not 0 <= new_id <= HIGHEST_ID:
-            raise _no(table, "id", str(new_id), f"0 to {HIGHEST_ID}: 254 is the broadcast id")
+        if not 0 <= new_id <= MAX_ID:
+            raise _no(table, "id", str(new_id), f"0 to {MAX_ID}: 254 is the broadcast id")
         wanted.append(Setting(table["id"], new_id))
     if baud is not None:
         code = code_of(table, baud)
         if code is None:
             raise _no(table, "baud rate", str(baud), rates_of(table))
         wanted.append(Setting(table["baud_rate"], code))
+    return wanted
+
+
+def plan(image: ServoImage, wanted: list[Setting]) -> list[Setting]:
+    """The settings to write: those that the servo does not hold already. Raises BusError with torque on."""
     due = differing(wanted, image)
     if due and image.value("torque_enable"):
         raise BusError(
-            "torque is on, and locks the EEPROM", where=table.model, then="Secure the robot, then `retarget servo rest`"
+            "torque is on, and locks the EEPROM",
+            where=image.table.model,
+            then="Secure the robot, then `retarget servo rest`",
         )
     return due
 

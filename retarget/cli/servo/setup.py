@@ -1,28 +1,25 @@
 """`retarget servo setup`: write id, speed and other EEPROM settings of one servo."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from hardware.dynamixel.checks import Span, needed_ticks, wishes
-from hardware.dynamixel.control_table import ControlTable, code_of, tables
+from hardware.dynamixel.codec import MAX_ID
+from hardware.dynamixel.control_table import ControlTable, tables
 from hardware.dynamixel.found_servos import LEVEL, PINGS_ONLY, answers_pings_only, enable_status_return
 from hardware.dynamixel.line_scan import Sighting, Speed, scan_line, write_setting
 from hardware.dynamixel.settings import (
     ANSWER_ALL,
-    DELAYS,
-    HIGHEST_ID,
     ServoImage,
     Setting,
     in_units,
     plan,
-    possible_delay,
-    rates_of,
     read_image,
-    setting_of,
+    settings_of,
 )
 from hardware.dynamixel.single_requests import OneOff
 from hardware.errors import BusError, HardwareError, RetargetError
@@ -50,25 +47,33 @@ from retarget.model.robot import RobotBody, load_robot, load_uncalibrated
 
 @dataclass(frozen=True)
 class Asked:
-    """Options as typed; None: not given. baud: bits/s; return_delay: us; registers: counts by name."""
+    """Values for one servo; None: not given. baud: bits/s; return_delay: s; registers: counts by name."""
 
     new_id: int | None = None
     baud: int | None = None
     return_delay: float | None = None
-    drive_mode: int | None = None
     registers: Mapping[str, int] = field(default_factory=dict)
 
-    @property
-    def anything(self) -> bool:
-        """Whether anything is asked."""
-        return bool(self.registers) or any(
-            one is not None for one in (self.new_id, self.baud, self.return_delay, self.drive_mode)
+    def settings(self, table: ControlTable) -> list[Setting]:
+        """The settings for a servo with this table. Raises BusError where it cannot hold them."""
+        return settings_of(
+            table, registers=self.registers, return_delay=self.return_delay, new_id=self.new_id, baud=self.baud
         )
 
-    @property
-    def all_registers(self) -> dict[str, int]:
-        """With the drive mode."""
-        return dict(self.registers) | ({} if self.drive_mode is None else {"drive_mode": self.drive_mode})
+    def one_by_one(self) -> "list[tuple[str, Asked]]":
+        """Each option with its value alone; a Status Return Level that has every instruction answered is left out:
+        any servo can hold it."""
+        registers = [
+            ("--drive-mode" if name == "drive_mode" else "--register", Asked(registers={name: value}))
+            for name, value in self.registers.items()
+            if (name, value) != (LEVEL[2].name, ANSWER_ALL)
+        ]
+        return [
+            ("--new-id", Asked(new_id=self.new_id)),
+            ("--return-delay", Asked(return_delay=self.return_delay)),
+            ("--baud", Asked(baud=self.baud)),
+            *registers,
+        ]
 
 
 def registers_of(words: Sequence[str]) -> dict[str, int]:
@@ -87,7 +92,7 @@ def registers_of(words: Sequence[str]) -> dict[str, int]:
 
 def check_device(device: int, protocol: int | None) -> None:
     """Raise UsageError for an id that no servo has."""
-    highest = HIGHEST_ID + (protocol == 1)
+    highest = MAX_ID + (protocol == 1)
     if not 0 <= device <= highest:
         raise UsageError(
             "no servo has this id", where="--id", found=device, allowed=f"0 to {highest}: 254 is the broadcast id"
@@ -96,41 +101,21 @@ def check_device(device: int, protocol: int | None) -> None:
 
 def check_asked(asked: Asked, protocol: int | None, model: str | None) -> None:
     """Raise UsageError for what no servo (of this protocol, of this model; None: any) can hold."""
-    if asked.new_id is not None and not 0 <= asked.new_id <= HIGHEST_ID:
-        allowed = f"0 to {HIGHEST_ID}: 254 is the broadcast id"
-        raise UsageError("no servo has this id", where="--new-id", found=asked.new_id, allowed=allowed)
-    if asked.return_delay is not None and not possible_delay(1e-6 * asked.return_delay):
-        found = f"{asked.return_delay:g} us"
-        raise UsageError("no servo has this pause", where="--return-delay", found=found, allowed=DELAYS)
     check_speed(protocol, asked.baud)
     possible = [one for one in tables() if protocol in (None, one.protocol) and model in (None, one.model)]
-    if not possible:
-        return
-    if asked.baud is not None and not any(code_of(one, asked.baud) is not None for one in possible):
-        rates = rates_of(possible[0])
-        raise UsageError(f"no such baud rate for {model}", where="--baud", found=asked.baud, allowed=rates)
-    for name, value in asked.all_registers.items():
-        own = name == "drive_mode" and name not in asked.registers
-        _check_register(possible, name, value, "--drive-mode" if own else "--register")
-
-
-def _check_register(possible: Sequence[ControlTable], name: str, value: int, option: str) -> None:
-    if (name, value) == (LEVEL[2].name, ANSWER_ALL):
-        return
-    having = [table for table in possible if table.has(name)]
-    refused = ""
-    if not having:
-        rows = [one for table in possible for one in table.registers if one.writable and one.address < table.eeprom_end]
-        allowed = ", ".join(dict.fromkeys(one.name for one in rows))
-        raise UsageError("no such register", where=option, found=repr(name[:80]), allowed=allowed)
-    for table in having:
-        try:
-            setting_of(table, name, value)
-        except HardwareError as error:
-            refused = str(error).removesuffix(".")
-        else:
-            return
-    raise UsageError(refused, where=option)
+    for option, one in asked.one_by_one():
+        having = [table for table in possible if all(map(table.has, one.registers))] or possible[:1]
+        refused = ""
+        for table in having:
+            try:
+                one.settings(table)
+            except HardwareError as error:
+                refused = str(error).removeprefix(f"{table.model}: ").removesuffix(".")
+            else:
+                refused = ""
+                break
+        if refused:
+            raise UsageError(refused, where=option)
 
 
 # Which servo is meant: by its id on a port, or by its joint in a robot's profile, which also gives the bus.
@@ -210,17 +195,17 @@ def _calibrated(robot: str, body: RobotBody) -> RobotBody:
 
 
 def wanted_of(target: Target, asked: Asked, seen: Sighting, image: ServoImage) -> Asked:
-    """The options, completed by the profile; the drive mode is among the registers.
+    """The options, completed by the profile.
 
     Status Return Level is in RAM with protocol 2.0, and is left out: a servo with status return off was set before, and
     every run sets it. Raises BusError for a servo that is not of the profile's model and protocol.
     """
-    registers = asked.all_registers
+    registers = dict(asked.registers)
     if image.table.protocol == 2:
         registers.pop(LEVEL[2].name, None)
     servo, bus = target.servo, target.place.spec
     if servo is None or bus is None:
-        return Asked(asked.new_id, asked.baud, asked.return_delay, None, registers)
+        return replace(asked, registers=registers)
     if (seen.model, seen.speed.protocol) != (servo.model.name, bus.protocol):
         raise BusError(
             f"id {target.device} is not the servo of {servo.joint} by its model or protocol",
@@ -233,8 +218,7 @@ def wanted_of(target: Target, asked: Asked, seen: Sighting, image: ServoImage) -
     return Asked(
         servo.id if asked.new_id is None else asked.new_id,
         bus.baud if asked.baud is None else asked.baud,
-        1e6 * bus.return_delay if asked.return_delay is None else asked.return_delay,
-        None,
+        bus.return_delay if asked.return_delay is None else asked.return_delay,
         profiled | registers,
     )
 
@@ -262,7 +246,8 @@ def setup(
     """
     if device is not None:
         check_device(device, protocol)
-    asked = Asked(new_id, baud, return_delay, drive_mode, registers_of(register or []))
+    registers = registers_of(register or []) | ({} if drive_mode is None else {"drive_mode": drive_mode})
+    asked = Asked(new_id, baud, None if return_delay is None else 1e-6 * return_delay, registers)
     target = find_target(robot, port, joint, device, faults)
     _check(target, asked, protocol)
     place = target.place
@@ -277,8 +262,7 @@ def setup(
         image = read_image(OneOff(place.port, seen.speed.protocol), target.device, seen.table)
         typer.echo(f"id {target.device}: {seen.model}, firmware {seen.found.firmware}, {seen.speed}")
         wanted = wanted_of(target, asked, seen, image)
-        pause = None if wanted.return_delay is None else 1e-6 * wanted.return_delay
-        due = plan(image, new_id=wanted.new_id, baud=wanted.baud, return_delay=pause, registers=wanted.registers)
+        due = plan(image, wanted.settings(image.table))
         if not due:
             typer.echo("it has all of this already: nothing to write")
             return
@@ -296,7 +280,7 @@ def _check(target: Target, asked: Asked, protocol: int | None) -> None:
     servo, spec = target.servo, target.place.spec
     if servo is None:
         check_asked(asked, protocol, None)
-        if spec is not None and not asked.anything:
+        if spec is not None and asked == Asked():
             known = ", ".join(str(one.id) for _, one in target.place.servos)
             raise UsageError(
                 "no servo of the profile has this id",

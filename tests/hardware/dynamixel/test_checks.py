@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from bus_rig import bus_of, spec
 from hardware.bus import BusSpec, ServoAlert
 from hardware.dynamixel.checks import NO_SECONDARY_ID, alert_text, complaints, needed_ticks, notes, wishes
-from hardware.dynamixel.settings import ServoImage, differing, eeprom_settings, plan
+from hardware.dynamixel.settings import ServoImage, differing, eeprom_settings, plan, settings_of
 from hardware.joint_map import JointMap
 from hardware.servo import ServoMode, ServoSpec
 from messages import shows
@@ -183,14 +183,21 @@ def test_with_the_wishes_written_nothing_is_wrong_or_due_any_more(
     one.memory.put(volts, 120)
     needed = needed_ticks([servo])[servo.joint]
     image = ServoImage(one.table, bytes(one.memory.image))
-    due = plan(image, return_delay=bus.return_delay, registers=wishes(servo, bus, image, needed))
+    due = plan(
+        image, settings_of(image.table, return_delay=bus.return_delay, registers=wishes(servo, bus, image, needed))
+    )
     for setting in due:
         assert image.value(setting.register.name) != setting.value
         one.memory.put(setting.register.name, setting.value)
     after = ServoImage(one.table, bytes(one.memory.image))
     assert complaints(servo, bus, after, needed) == []
     assert differing(eeprom_settings(servo, bus, one.table), after) == []
-    assert plan(after, return_delay=bus.return_delay, registers=wishes(servo, bus, after, needed)) == []
+    assert (
+        plan(
+            after, settings_of(after.table, return_delay=bus.return_delay, registers=wishes(servo, bus, after, needed))
+        )
+        == []
+    )
 
 
 @pytest.mark.parametrize(
@@ -207,7 +214,9 @@ def test_only_what_harms_is_changed(name: str, value: int, wanted: int) -> None:
     (one,) = devices_of([servo], protocols={"main": 2})
     one.memory.put(name, value)
     image = ServoImage(one.table, bytes(one.memory.image))
-    due = plan(image, registers=wishes(servo, bus_of([servo]), image, needed_ticks([servo])["j4"]))
+    due = plan(
+        image, settings_of(image.table, registers=wishes(servo, bus_of([servo]), image, needed_ticks([servo])["j4"]))
+    )
     assert [(one.register.name, one.value) for one in due] == [(name, wanted)]
 
 

@@ -17,6 +17,7 @@ from hardware.dynamixel.settings import (
     plan,
     ram_settings,
     read_image,
+    settings_of,
     setup_command,
 )
 from hardware.dynamixel.single_requests import NoAnswer, OneOff
@@ -154,14 +155,19 @@ def _image(model: str = "XM430-W350", protocol: int = 2, **values: int) -> Servo
 
 def test_id_and_speed_come_last_and_what_is_so_already_is_left_out() -> None:
     image = _image()
-    due = plan(image, new_id=9, baud=1_000_000, return_delay=0.0, registers={"shutdown": 53, "drive_mode": 0})
+    due = plan(
+        image,
+        settings_of(
+            image.table, new_id=9, baud=1_000_000, return_delay=0.0, registers={"shutdown": 53, "drive_mode": 0}
+        ),
+    )
     assert [(one.register.name, one.value) for one in due] == [
         ("shutdown", 53),
         ("return_delay_time", 0),
         ("id", 9),
         ("baud_rate", 3),
     ]
-    assert plan(image, new_id=1, registers={"drive_mode": 0}) == []
+    assert plan(image, settings_of(image.table, new_id=1, registers={"drive_mode": 0})) == []
 
 
 @pytest.mark.parametrize(("model", "protocol"), [("XM430-W350", 2), ("MX-28", 1), ("AX-12A", 1)])
@@ -170,7 +176,7 @@ def test_nothing_but_writable_eeprom_is_ever_due(model: str, protocol: int) -> N
     for register in image.table.registers:
         value = register.highest if register.highest is not None else register.widest
         try:
-            due = plan(image, registers={register.name: value})
+            due = plan(image, settings_of(image.table, registers={register.name: value}))
         except HardwareError:
             continue
         assert register.writable and register.address < image.table.eeprom_end and register.name != SILENCING
@@ -179,15 +185,15 @@ def test_nothing_but_writable_eeprom_is_ever_due(model: str, protocol: int) -> N
 
 def test_torque_locks_what_would_change_and_nothing_else() -> None:
     image = _image(torque_enable=1)
-    assert plan(image, new_id=1) == []
+    assert plan(image, settings_of(image.table, new_id=1)) == []
     with refuses(HardwareError):
-        plan(image, new_id=2)
+        plan(image, settings_of(image.table, new_id=2))
 
 
 @pytest.mark.parametrize("delay", [-1e-6, 510e-6])
 def test_a_delay_that_no_servo_has_is_refused(delay: float) -> None:
     with refuses(HardwareError):
-        plan(_image(), return_delay=delay)
+        settings_of(_image().table, return_delay=delay)
 
 
 def test_a_command_is_what_a_person_types() -> None:
