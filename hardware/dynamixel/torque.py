@@ -1,7 +1,7 @@
 """Torque of all servos of a robot: registers are provisioned, torque rises slowly, and goes off confirmed; restarts."""
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -10,7 +10,6 @@ from hardware.dynamixel.control_table import Register
 from hardware.dynamixel.cyclic import BusLine
 from hardware.dynamixel.settings import (
     WAKING,
-    Setting,
     differing,
     eeprom_settings,
     full_drive,
@@ -42,36 +41,38 @@ def read_from_all(line: BusLine, name: str, ids: Sequence[int]) -> dict[int, int
     return found
 
 
-def write_and_read(line: BusLine, wanted: Sequence[tuple[int, Setting]]) -> None:
-    """Write one register of several servos, read it back, and write once more what was lost.
+def written(line: BusLine, register: Register, values: Mapping[int, int]) -> dict[int, int | None]:
+    """Write one register of several servos (counts by id), read it back, and write once more what was lost.
 
-    Raises BusError with what is still wrong.
+    Returns what is still wrong: the counts that the register holds by id, None without an answer.
     """
-    left = list(wanted)
-    kept: dict[int, int] = {}
+    left, kept = dict(values), dict[int, int]()
     for _ in range(TRIES):
-        if not left:
-            return
-        register = left[0][1].register
-        line.write_all(register, [(device, setting.value) for device, setting in left])
-        kept = line.read_all(register, [device for device, _ in left])
-        left = [(device, setting) for device, setting in left if kept.get(device) != setting.value]
-    if left:
-        raise not_kept(line, [(device, kept.get(device), setting) for device, setting in left])
+        if left:
+            line.write_all(register, left.items())
+            kept = line.read_all(register, list(left))
+            left = {device: value for device, value in left.items() if kept.get(device) != value}
+    return {device: kept.get(device) for device in left}
 
 
-def not_kept(line: BusLine, wrong: Sequence[tuple[int, int | None, Setting]]) -> BusError:
-    """The error for servos that did not keep a value. wrong: id, counts that the register holds (None: no answer), and
-    the setting."""
-    name = wrong[0][2].register.name.replace("_", " ")
+def write_and_read(line: BusLine, register: Register, values: Mapping[int, int]) -> None:
+    """Write one register of several servos (counts by id), so that each holds its value. Raises BusError."""
+    wrong = written(line, register, values)
+    if wrong:
+        raise not_kept(line, register, values, wrong)
+
+
+def not_kept(line: BusLine, register: Register, values: Mapping[int, int], wrong: Mapping[int, int | None]) -> BusError:
+    """The error for servos that did not keep their values. wrong: see `written`."""
     found = ", ".join(
-        f"{line.name_of(one)} " + ("silent" if kept is None else f"{kept} instead of {setting.value}")
-        for one, kept, setting in wrong
+        f"{line.name_of(one)} " + ("silent" if kept is None else f"{kept} instead of {values[one]}")
+        for one, kept in wrong.items()
     )
     then = (
         "Try again; where it stays, `retarget servo monitor` shows what they say, `retarget servo setup` their limits"
     )
-    return BusError(f"servos do not keep their {name}", where=line.where, found=found, then=then)
+    what = f"servos do not keep their {register.name.replace('_', ' ')}"
+    return BusError(what, where=line.where, found=found, then=then)
 
 
 GOAL_SLACK = 0.06
@@ -91,7 +92,7 @@ def arm_watchdogs(line: BusLine) -> None:
         return
     register = line.images[ids[0]].table["bus_watchdog"]
     for value in (0, line.spec.watchdog_value):
-        write_and_read(line, [(device, Setting(register, value)) for device in ids])
+        write_and_read(line, register, dict.fromkeys(ids, value))
 
 
 def feed_watchdogs(lines: Sequence[BusLine]) -> None:
@@ -126,8 +127,8 @@ def confirm_goals(line: BusLine, goals: dict[int, int]) -> None:
         if not left:
             break
     if left:
-        held = {one: goal.decode(kept[one][: goal.size]) for one in left if one in kept}
-        raise not_kept(line, [(one, held.get(one), Setting(goal, goals[one])) for one in left])
+        held = {one: goal.decode(kept[one][: goal.size]) if one in kept else None for one in left}
+        raise not_kept(line, goal, goals, held)
     _refuse_moved(line, {one: present.decode(kept[one][-present.size :]) for one in goals}, goals)
 
 
@@ -136,27 +137,19 @@ def wake(line: BusLine, ids: Sequence[int]) -> None:
     for name, value in WAKING.items():
         held = [device for device in ids if line.images[device].table.has(name) and line.spec.protocol == 1]
         if held:
-            register = register_of(line, name)
-            write_and_read(line, [(device, Setting(register, value)) for device in held])
+            write_and_read(line, register_of(line, name), dict.fromkeys(held, value))
 
 
 def enable(line: BusLine, ids: Sequence[int]) -> None:
     """Switch torque on, and read it back. Raises BusError with the servos that stay off, and why."""
-    register = register_of(line, "torque_enable")
-    said: dict[int, int] = {}
-    off = list(ids)
-    for _ in range(TRIES):  # a packet may be lost
-        line.write_all(register, [(device, 1) for device in off])
-        said |= line.read_all(register, off)
-        off = [device for device in ids if said.get(device) != 1]
-        if not off:
-            return
-    raise BusError(
-        "servos do not switch their torque on",
-        where=line.where,
-        found=", ".join(_why_off(line, device, said) for device in off),
-        then="See `retarget servo monitor`; a latched error is cleared by `retarget servo reboot`",
-    )
+    off = written(line, register_of(line, "torque_enable"), dict.fromkeys(ids, 1))
+    if off:
+        raise BusError(
+            "servos do not switch their torque on",
+            where=line.where,
+            found=", ".join(_why_off(line, device, said) for device, said in off.items()),
+            then="See `retarget servo monitor`; a latched error is cleared by `retarget servo reboot`",
+        )
 
 
 def off_everywhere(lines: Sequence[BusLine]) -> list[str]:
@@ -222,13 +215,13 @@ def _watched(line: BusLine) -> list[int]:
     return [device for device, image in line.images.items() if image.table.has("bus_watchdog")]
 
 
-def _why_off(line: BusLine, device: int, said: dict[int, int]) -> str:
+def _why_off(line: BusLine, device: int, said: int | None) -> str:
     name = line.name_of(device)
-    if device not in said:
+    if said is None:
         return f"{name} does not answer"
-    if line.spec.protocol == 1:
-        return f"{name} stays off"
-    bits = line.read_all(register_of(line, "hardware_error_status"), [device]).get(device, 0)
+    bits = 0
+    if line.spec.protocol == 2:
+        bits = line.read_all(register_of(line, "hardware_error_status"), [device]).get(device, 0)
     return f"{name} " + (f"has latched {alert_text(bits)}" if bits else "stays off")
 
 
@@ -257,21 +250,20 @@ class Drive:
 
     def send(self, share: float) -> None:
         """Allow a share of the full drive; no servo confirms. Raises BusError when the port is gone."""
-        for settings in self._by_register(share):
-            register = settings[0][1].register
-            self._line.write_all(register, [(device, setting.value) for device, setting in settings])
+        for register, values in self._values(share):
+            self._line.write_all(register, values.items())
 
     def confirm(self, share: float) -> None:
         """Allow a share of the full drive, and read it back from all servos. Raises BusError."""
-        for settings in self._by_register(share):
-            write_and_read(self._line, settings)
+        for register, values in self._values(share):
+            write_and_read(self._line, register, values)
 
-    def _by_register(self, share: float) -> list[list[tuple[int, Setting]]]:
-        """Settings by register: which one limits the drive depends on mode and protocol."""
-        found: dict[str, list[tuple[int, Setting]]] = {}
+    def _values(self, share: float) -> list[tuple[Register, dict[int, int]]]:
+        """Registers with counts by id: which one limits the drive depends on mode and protocol."""
+        found: dict[str, tuple[Register, dict[int, int]]] = {}
         for device, (register, full) in self._full.items():
-            value = max(round(share * full), self._least[device])
-            found.setdefault(register.name, []).append((device, Setting(register, value)))
+            values = found.setdefault(register.name, (register, {}))[1]
+            values[device] = max(round(share * full), self._least[device])
         return list(found.values())
 
 
