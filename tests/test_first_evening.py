@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from typer.main import get_command
 
-from hardware.dynamixel.bus import Torque
 from messages import shows
 from retarget.cli.application import application
+from retarget.cli.servo.monitor import TORQUE
 from retarget.report.report import BusReport, Report, StopReport
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -47,7 +47,7 @@ def test_what_is_to_be_read_is_in_the_report() -> None:
 
 
 def test_every_state_of_torque_is_explained() -> None:
-    assert all(f"`{state}`" in PAGE for state in Torque)
+    assert all(f"`{state}`" in PAGE for state in TORQUE.values())
 
 
 def test_the_list_of_targets_says_what_the_demo_runs_on() -> None:

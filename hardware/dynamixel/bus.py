@@ -11,7 +11,7 @@ import numpy as np
 from hardware.arrays import TickArray
 from hardware.bus import BusSpec, ServoGoals, ServoStates
 from hardware.dynamixel.checks import alert_text
-from hardware.dynamixel.cyclic import BusLine, ErrorRate, read_cycle
+from hardware.dynamixel.cyclic import BusLine, read_cycle
 from hardware.dynamixel.opening import Opening, examine
 from hardware.dynamixel.readings import Readings, Torque
 from hardware.dynamixel.serial_port import BytePort
@@ -68,7 +68,6 @@ class DynamixelBus:
         self._readings: Readings
         self._goals: TickArray | None = None
         self._noisy_cycles = 0  # cycles
-        self._error_rates = [ErrorRate() for _ in self._lines]
         self._state = BusState.CLOSED
 
     @property
@@ -79,7 +78,7 @@ class DynamixelBus:
     @property
     def retries(self) -> int:
         """Requests that had to be repeated since the bus was opened."""
-        return sum(line.cyclic.retries for line in self._lines)
+        return sum(line.cyclic.errors.retries for line in self._lines)
 
     def open(self) -> None:
         """Open the ports, look at every servo, write what the profile wants. Torque stays as it is.
@@ -198,21 +197,17 @@ class DynamixelBus:
     def _cycle(self) -> ServoStates:
         """One cycle of all ports; now and then with voltage and temperature."""
         now = self._lines[0].port.now()
-        counted = [(line.cyclic.retries, line.cyclic.spoiled) for line in self._lines]
         read_cycle(self._lines, self._readings, wide=self._readings.slow_due(now))
-        retries, repeated, share = 0, False, 0.0
-        for line, error_rate, (asked, spoiled) in zip(self._lines, self._error_rates, counted, strict=True):
-            cyclic = line.cyclic
-            error_rate.note(now, retries=cyclic.retries - asked, spoiled=cyclic.spoiled - spoiled)
-            retries, repeated = retries + cyclic.retries, repeated or cyclic.retries > asked
-            share = max(share, error_rate.share)
+        errors = [line.cyclic.errors for line in self._lines]
+        repeated = sum([one.note(now) for one in errors])
+        share = max(one.share for one in errors)
         self._noisy_cycles = self._noisy_cycles + 1 if repeated else 0
         if self._noisy_cycles == NOISY_CYCLES:
             self._notify(
                 f"requests had to be repeated in {NOISY_CYCLES} cycles in a row: a noisy line, or an adapter that is "
                 "slower than it says"
             )
-        return self._readings.states(now, retries=retries, error_rate=share)
+        return self._readings.states(now, retries=self.retries, error_rate=share)
 
     def _cycle_of_all(self) -> ServoStates:
         """Run cycles until every servo has answered in one, FIRST_CYCLES at most. Returns the states of the last."""
@@ -331,7 +326,7 @@ class Watch:
     @property
     def retries(self) -> int:
         """Requests that had to be repeated."""
-        return sum(line.cyclic.retries for line in self._lines)
+        return sum(line.cyclic.errors.retries for line in self._lines)
 
     def times(self) -> tuple[float, float]:
         """Median and 99th percentile of the cycles' times, s."""

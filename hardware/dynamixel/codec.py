@@ -4,6 +4,7 @@
 2.0: FF FF FD 00 | ID | LEN_L LEN_H | INST | PARAM... | CRC_L CRC_H           with byte stuffing (e-Manual)
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
@@ -88,7 +89,7 @@ class Status(NamedTuple):
     data: bytes
 
 
-class _Codec:
+class Codec(ABC):
     """What both protocols have in common. Every method that builds a frame raises ValueError for an id, an address or a
     length that does not exist."""
 
@@ -97,9 +98,25 @@ class _Codec:
     MOST_MEMBERS: int
     """Highest id of a device in a group."""
 
+    HEADER: bytes
+    STATUS_BYTES: int
+    """A status frame without data."""
+
+    @abstractmethod
     def frame(self, device: int, code: int, params: bytes = b"") -> bytes:
         """A whole frame; `code` is the instruction."""
-        raise NotImplementedError
+
+    @abstractmethod
+    def status(self, device: int, error: int = 0, data: bytes = b"") -> bytes:
+        """The status frame of one device."""
+
+    @abstractmethod
+    def status_of(self, received: Frame) -> Status | None:
+        """The status of one device in a frame; None where the frame shows that it holds none."""
+
+    @abstractmethod
+    def parser(self) -> "Parser":
+        """A parser of a stream of bytes."""
 
     def ping(self, device: int) -> bytes:
         """Ping; in protocol 2.0 all devices answer a broadcast, in order of their ids."""
@@ -138,7 +155,7 @@ class _Codec:
         return members
 
 
-class Protocol1(_Codec):
+class Protocol1(Codec):
     """Protocol 1.0."""
 
     HEADER = b"\xff\xff"
@@ -182,7 +199,7 @@ class Protocol1(_Codec):
         return Parser(_scan1)
 
 
-class Protocol2(_Codec):
+class Protocol2(Codec):
     """Protocol 2.0. Byte stuffing: FF FF FD becomes FF FF FD FD, so that no header can appear in a body (instruction to
     last parameter)."""
 
@@ -240,7 +257,7 @@ class Protocol2(_Codec):
 
 
 protocol1, protocol2 = Protocol1(), Protocol2()
-CODECS: dict[int, Protocol1 | Protocol2] = {1: protocol1, 2: protocol2}
+CODECS: dict[int, Codec] = {1: protocol1, 2: protocol2}
 """By protocol."""
 
 

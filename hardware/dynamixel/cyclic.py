@@ -420,10 +420,7 @@ class CyclicPort:
     def __init__(self, port: BytePort, servos: Sequence[Wired], *, return_delay: float) -> None:
         self.wire = Wire(port)
         self.servos = tuple(servos)
-        self.retries = 0
-        """Requests that had to be repeated, so far."""
-        self.spoiled = 0
-        """Requests whose answers came damaged, so far."""
+        self.errors = ErrorRate()
         self._return_delay = return_delay
         self._goals = goal_packets(servos)
         self._groups = _groups(servos)
@@ -532,7 +529,7 @@ class CyclicPort:
         Without any byte they are asked in reverse, and that once: if there is none again, the line is silent. A single
         servo without any byte that was missed before is left to the next cycle.
         """
-        self.spoiled += noise
+        self.errors.spoiled += noise
         answered = set(answers.ids)
         silent = [device for device in transaction.ask.ids if device not in answered]
         nothing = not answers and not noise
@@ -542,7 +539,7 @@ class CyclicPort:
             self._queue.clear()
         if transaction.tries == RETRIES or self._unanswered > 1 or (len(silent) == 1 and not noise and known):
             return
-        self.retries += 1
+        self.errors.retries += 1
         if noise:
             self.wire.note_damage()
         kind = transaction.ask.kind
@@ -605,21 +602,27 @@ FEWEST = 4
 
 
 class ErrorRate:
-    """Error rate of one bus. share: of bad cycles among the last, 0 to 1."""
+    """Error rate of one bus. retries: requests that had to be repeated, so far; spoiled: requests whose answers came
+    damaged, so far. share: of bad cycles among the last, 0 to 1."""
 
     def __init__(self) -> None:
+        self.retries, self.spoiled = 0, 0
         self.share = 0.0
+        self._noted = (0, 0)  # retries and spoiled at the last note
         self._cycles: deque[tuple[float, bool]] = deque()  # time, and whether it was a bad cycle
         self._bad = 0
 
-    def note(self, now: float, *, retries: int, spoiled: int) -> None:
-        """Note a cycle that ended at `now`, s. retries: repeated requests; spoiled: requests with damaged answers."""
+    def note(self, now: float) -> int:
+        """Note a cycle that ended at `now`, s. Return how many requests were repeated in it."""
+        retries, spoiled = self.retries - self._noted[0], self.spoiled - self._noted[1]
+        self._noted = self.retries, self.spoiled
         bad = retries >= RETRIES and spoiled > 0
         self._cycles.append((now, bad))
         self._bad += bad
         while self._cycles[0][0] < now - WINDOW_S:
             self._bad -= self._cycles.popleft()[1]
         self.share = self._bad / max(len(self._cycles), FEWEST)
+        return retries
 
 
 TRIES = 3

@@ -124,7 +124,7 @@ def scan_line(
         for found in _found(client, wanted):
             seen.append(_sighting(client, found, speed))
             on_found(seen[-1])
-        echoes = echoes or client.echoes
+        echoes = echoes or client.echoes > 0
     progress(len(speeds))
     return LineScan(tuple(seen), tuple(tried), tuple(skipped), echoes)
 

@@ -179,7 +179,8 @@ class Readings:
     @property
     def driven(self) -> BoolArray:
         """Which servos follow their goals, by their last report, (n,)."""
-        return self.drive == _ON
+        on: BoolArray = self.drive == _ON
+        return on
 
     @property
     def valid(self) -> BoolArray:

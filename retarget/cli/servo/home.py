@@ -3,6 +3,7 @@ stored."""
 
 import re
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -13,8 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from hardware.arrays import BoolArray, FloatArray
-from hardware.bus import ServoBus
-from hardware.clock import Clock, MonotonicClock, VirtualClock, today
+from hardware.clock import MonotonicClock, VirtualClock, today
 from retarget.cli.application import Overwrite, ask
 from retarget.cli.buses import make_bus
 from retarget.errors import UsageError
@@ -58,6 +58,9 @@ class HomedFile:
         """overwrite: a file that was named and is there may be replaced; the robot's own calibration always may, as the
         one before is kept beside it. Raises UsageError for a file that cannot be written or is there, and for emulated
         servos as the robot's calibration."""
+        if options.bus == "none":
+            allowed = "profile, a port, emulator, mock"
+            raise UsageError("there is no servo to read", where="--bus", found=options.bus, allowed=allowed)
         usual = calibration_path(profile.name)
         own = out is None or out.resolve() == usual.resolve()
         if out is not None and not own:
@@ -161,10 +164,6 @@ def home(
     chosen = homed_columns(body.joint_map, names)
     old = read_calibration(body.profile) if names else None  # of the joints that are not homed now
     options = RunOptions(robot=robot, bus=bus)
-    if bus == "none":
-        raise UsageError(
-            "there is no servo to read", where="--bus", found=bus, allowed="profile, a port, emulator, mock"
-        )
     file = HomedFile.of(body.profile, options, out, overwrite=overwrite)
     if dry_run:
         _say_all(body, posture, chosen, options, file, pose)
@@ -180,7 +179,9 @@ def home(
         typer.echo("nothing was written")
         return
     clock = VirtualClock() if options.simulated else MonotonicClock()
-    homing = _read(make_bus(bus, body, clock), body, posture, agree, clock=clock, chosen=chosen, pose=pose)
+    with closing(make_bus(bus, body, clock)) as servos:
+        servos.open()
+        homing = home_servos(servos, body.joint_map, posture, agree, typer.echo, clock=clock, chosen=chosen, name=pose)
     if homing is None:
         typer.echo("nothing was written")
         return
@@ -209,24 +210,6 @@ def _opening(body: RobotBody) -> str:
     old = ", status return level" if any(bus.protocol == 1 for bus in buses) else ""
     text = f"servos without torque get the profile's operating mode, return delay{old} (EEPROM) and gains (RAM)"
     return ", ".join([*power, text + " where they have others"])
-
-
-def _read(
-    bus: ServoBus,
-    body: RobotBody,
-    posture: FloatArray,
-    agree: Callable[[str, bool], bool],
-    *,
-    clock: Clock,
-    chosen: BoolArray,
-    pose: str,
-) -> Homing | None:
-    """Open the bus, home, close it whatever happens."""
-    try:
-        bus.open()
-        return home_servos(bus, body.joint_map, posture, agree, typer.echo, clock=clock, chosen=chosen, name=pose)
-    finally:
-        bus.close()
 
 
 def _posture(body: RobotBody, pose: str) -> FloatArray:

@@ -11,8 +11,9 @@ from rich.text import Text
 
 from hardware.bus import ServoStates
 from hardware.clock import MonotonicClock
-from hardware.dynamixel.bus import Torque, Watch
+from hardware.dynamixel.bus import Watch
 from hardware.dynamixel.checks import alert_text
+from hardware.dynamixel.readings import Torque
 from hardware.servo import ServoSpec
 from retarget.cli.exit import stop_on_signals
 from retarget.cli.servo.places import Baud, DryRun, Faults, Port, Protocol, Robot, find_places, look_at, opened

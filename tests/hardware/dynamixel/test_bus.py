@@ -3,7 +3,8 @@
 import numpy as np
 
 from bus_rig import BusRig, specs
-from hardware.dynamixel.bus import TORQUE_AGE, Torque, Watch
+from hardware.dynamixel.bus import TORQUE_AGE, Watch
+from hardware.dynamixel.readings import Torque
 from sim.emulator.faults import Fault, FaultKind
 
 

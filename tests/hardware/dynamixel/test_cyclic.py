@@ -416,23 +416,30 @@ def test_a_limp_servo_of_protocol_1_is_sent_no_goal() -> None:
     assert len(packet) == 10 + 4 + 3 * 5
 
 
+def noted(error_rate: ErrorRate, now: float, retries: int, spoiled: int) -> None:
+    """Note a cycle with so many repeated requests and damaged answers."""
+    error_rate.retries += retries
+    error_rate.spoiled += spoiled
+    assert error_rate.note(now) == retries
+
+
 def test_neither_silence_nor_one_retry_is_an_error() -> None:
     error_rate = ErrorRate()
     for cycle in range(20):
-        error_rate.note(0.01 * cycle, retries=ERROR_RATE_RETRIES, spoiled=0)
-        error_rate.note(0.01 * cycle, retries=ERROR_RATE_RETRIES - 1, spoiled=1)
+        noted(error_rate, 0.01 * cycle, ERROR_RATE_RETRIES, 0)
+        noted(error_rate, 0.01 * cycle, ERROR_RATE_RETRIES - 1, 1)
     assert error_rate.share == 0.0
 
 
 def test_the_share_is_of_the_last_cycles_only() -> None:
     error_rate = ErrorRate()
     for cycle in range(FEWEST):
-        error_rate.note(0.01 * cycle, retries=ERROR_RATE_RETRIES, spoiled=1)
+        noted(error_rate, 0.01 * cycle, ERROR_RATE_RETRIES, 1)
         assert error_rate.share == (cycle + 1) / FEWEST
     for cycle in range(100):
-        error_rate.note(1.0 + 0.01 * cycle, retries=0, spoiled=0)
+        noted(error_rate, 1.0 + 0.01 * cycle, 0, 0)
     assert error_rate.share == 0.0
-    error_rate.note(2.0, retries=ERROR_RATE_RETRIES, spoiled=1)
+    noted(error_rate, 2.0, ERROR_RATE_RETRIES, 1)
     assert 0.0 < error_rate.share <= 1.0 / (WINDOW_S / 0.01 - 1.0)
 
 
