@@ -181,10 +181,13 @@ class ServoLevels:
 
     def beyond(self, seen: FloatArray, now: float) -> BoolArray:
         """Which values (rows, n) are beyond their bounds at `now`, s, and were for the whole of their patience."""
-        out = (seen < self.least) | (seen > self.most)
+        out: BoolArray = (seen < self.least) | (seen > self.most)
+        self.count = int(np.count_nonzero(out))
+        if not self.count:
+            self._since = self._nothing
+            return out
         self._since = np.where(out, np.minimum(self._since, now), np.inf)
         late = now - self._since >= self._patience
-        self.count = int(np.count_nonzero(out))
         return np.asarray(out & late)
 
     def forget(self) -> None:
@@ -232,13 +235,13 @@ class ServoWarnings:
         """Which warnings are active, (rows, n)."""
         return self._active
 
-    def pass_over(self, now: float) -> None:
-        """Note a look at `now`, s, at which no value was beyond a bound and no warning active."""
-        self._at = now
-
     def look(self, seen: FloatArray, now: float) -> None:
         """Judge values (rows, n) at `now`, s."""
-        began = self.levels.beyond(seen, now) & ~self._active
+        beyond = self.levels.beyond(seen, now)
+        if not self.busy:
+            self._at = now
+            return
+        began = beyond & ~self._active
         calm = (seen >= self._calm_least) & (seen <= self._calm_most)
         self._beyond_at = np.where(calm, self._beyond_at, now)
         ended = self._active & (now - self._beyond_at >= CALM_S)
@@ -345,14 +348,10 @@ class ServoHealth:
         count = len(joint_map)
         self._levels = ServoLevels([row.stop for row in self._rows], [row.patience for row in self._rows], count)
         self.warnings = ServoWarnings(joint_map.servos, self._rows, limits.slow_share)
-        warned = self.warnings.levels
-        self._least = np.maximum(self._levels.least, warned.least)  # within these there is neither fault nor warning
-        self._most = np.minimum(self._levels.most, warned.most)
         self._seen = np.zeros((len(self._rows), count))
         self._known = np.zeros(self._seen.shape, dtype=np.bool_)  # what was reported at least once
         self._zeros = np.zeros(count)
         self._limited = np.isfinite(self._levels.least) | np.isfinite(self._levels.most)
-        self._all_known = np.ones(self._seen.shape, dtype=np.bool_)
 
     @property
     def speed_override(self) -> float:
@@ -375,11 +374,7 @@ class ServoHealth:
 
     def _servo_fault(self, now: float) -> ServoFault | None:
         """The first fault of the watched values at `now`, s; warnings are noted."""
-        seen, levels, warnings = self._seen, self._levels, self.warnings
-        if not (levels.count or warnings.busy) and self._all_well():
-            warnings.pass_over(now)
-            return None
-        warnings.look(seen, now)
+        self.warnings.look(self._seen, now)
         wrong = self._wrong(now)
         return next(self._faults(wrong), None) if wrong.any() else None
 
@@ -424,19 +419,6 @@ class ServoHealth:
         else:  # the position of a silent servo is out of date: its last known error stays
             known = self._joint_map.known_joints(states.valid)
             seen[Row.FAR] = seen[Row.STILL_FAR] = np.where(known, far, seen[Row.FAR])
-
-    def _all_well(self) -> bool:
-        """Whether every value is within its bounds, or of a kind that the bus does not report."""
-        seen = self._seen
-        inside = (seen >= self._least) & (seen <= self._most)
-        if inside.all():
-            self._known = self._all_known
-            return True
-        unknown = np.isnan(seen)
-        if not (inside | (unknown & ~(self._known & self._limited))).all():
-            return False
-        self._known = self._known | ~unknown
-        return True
 
     def _wrong(self, now: float) -> BoolArray:
         """Which servos (rows, n) are beyond which bound."""

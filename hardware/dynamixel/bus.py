@@ -319,9 +319,7 @@ class Watch:
     def torque(self) -> list[Torque]:
         """Torque of every servo that has answered within TORQUE_AGE."""
         recent = self._readings.states(self._lines[0].port.now()).age < TORQUE_AGE
-        return [
-            Torque(one) if known else Torque.UNKNOWN for one, known in zip(self._readings.drive, recent, strict=True)
-        ]
+        return [Torque(one) for one in np.where(recent, self._readings.drive, Torque.UNKNOWN).tolist()]
 
     @property
     def retries(self) -> int:

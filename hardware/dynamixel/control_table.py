@@ -2,7 +2,7 @@
 
 import csv
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
 
@@ -89,129 +89,6 @@ _FOLDER = Path(__file__).parent / "tables"
 _NOTHING = "none"
 
 
-@dataclass(frozen=True)
-class ModelRow:
-    """One model in one protocol: a row of `models.tsv`."""
-
-    model: str
-    protocol: int
-    number: int
-    usual_firmware: int
-    fast_since: int | None
-    modes: tuple[int, ...]
-    baud_family: str
-    layers: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class LayerRow:
-    """What one layer says about one register, for firmware `since` to `until`; `cells` as written, by column."""
-
-    layer: str
-    name: str
-    since: int
-    until: int
-    cells: tuple[tuple[str, str], ...]
-
-
-def rows_of(file: str) -> Iterator[dict[str, str]]:
-    """Yield the rows of a file in `tables/` by column, spaces trimmed; lines that begin with # are remarks."""
-    with (_FOLDER / file).open(encoding="utf-8", newline="") as stream:
-        lines = (line for line in stream if not line.startswith("#"))
-        for row in csv.DictReader(lines, delimiter="\t", quoting=csv.QUOTE_NONE, restval=""):
-            yield {column: cell.strip() for column, cell in row.items()}
-
-
-@cache
-def model_rows() -> tuple[ModelRow, ...]:
-    """Every model, in the order of the file."""
-    return tuple(
-        ModelRow(
-            model=row["model"],
-            protocol=int(row["protocol"]),
-            number=int(row["number"]),
-            usual_firmware=int(row["usual_firmware"]),
-            fast_since=int(row["fast_since"]) if row["fast_since"] else None,
-            modes=tuple(int(mode) for mode in row["modes"].split()),
-            baud_family=row["baud_family"],
-            layers=tuple(row["layers"].split()),
-        )
-        for row in rows_of("models.tsv")
-    )
-
-
-@cache
-def layer_rows() -> dict[str, tuple[LayerRow, ...]]:
-    """The rows of every layer, by its name."""
-    layers: dict[str, list[LayerRow]] = {}
-    for file in ("registers.tsv", "values.tsv"):
-        for row in rows_of(file):
-            layer, name = row.pop("layer"), row.pop("name")
-            since = int(row.pop("since", "") or 0)
-            until = int(row.pop("until", "") or LAST_FIRMWARE)
-            cells = tuple((column, cell) for column, cell in row.items() if cell)
-            layers.setdefault(layer, []).append(LayerRow(layer, name, since, until, cells))
-    return {layer: tuple(rows) for layer, rows in layers.items()}
-
-
-def firmware_starts(model: ModelRow) -> tuple[int, ...]:
-    """The firmware versions at which the model's table changes, ascending, 0 the first."""
-    starts = {0}
-    if model.fast_since is not None:
-        starts.add(model.fast_since)
-    for row in _rows(model):
-        starts.add(row.since)
-        if row.until < LAST_FIRMWARE:
-            starts.add(row.until + 1)
-    return tuple(sorted(starts))
-
-
-def registers_of(model: ModelRow, firmware: int) -> tuple[Register, ...]:
-    """Return the model's registers as `firmware` has them, ascending by address."""
-    merged: dict[str, dict[str, str]] = {}
-    for row in _rows(model):
-        if row.since <= firmware <= row.until:
-            merged.setdefault(row.name, {}).update(row.cells)
-    merged["model_number"]["initial"] = str(model.number)
-    registers = [register for name, cells in merged.items() for register in _registers(name, cells)]
-    return tuple(sorted(registers, key=lambda register: register.address))
-
-
-def _rows(model: ModelRow) -> Iterator[LayerRow]:
-    """The rows of a model's layers, in the order in which they apply."""
-    for layer in model.layers:
-        yield from layer_rows()[layer]
-
-
-def _registers(name: str, cells: dict[str, str]) -> Iterator[Register]:
-    """The registers of one row: one, or as many as the brackets of its name say."""
-    stem, _, span = name.partition("[")
-    first, last = (int(end) for end in span.rstrip("]").split(":")) if span else (0, 0)
-    filled = {column: cell for column, cell in cells.items() if cell != _NOTHING}
-    size = int(filled["size"])
-    initial = filled.get("initial")
-    step = 1 if initial is not None and initial.endswith("+") else 0
-    for place, index in enumerate(range(first, last + 1)):
-        yield Register(
-            name=f"{stem}{index}" if span else stem,
-            address=int(filled["address"]) + place * size,
-            size=size,
-            signed=filled["sign"] != "u",
-            writable=filled["access"] == "rw",
-            scale=float(filled["scale"]) if "scale" in filled else None,
-            unit=filled.get("unit"),
-            lowest=_whole(filled.get("lowest")),
-            highest=_whole(filled.get("highest")),
-            initial=None if initial is None else int(initial.rstrip("+")) + place * step,
-            direction_bit=int(filled["sign"].removeprefix("d")) if filled["sign"].startswith("d") else None,
-        )
-
-
-def _whole(cell: str | None) -> int | None:
-    """A whole number or None."""
-    return None if cell is None else int(cell)
-
-
 _EEPROM_END = {1: 24, 2: 64}
 
 
@@ -220,20 +97,26 @@ class ControlTable:
     """The registers of one model, ascending by address, as firmware `firmware[0]` to `firmware[1]` has them.
 
     `number` is what the servo answers in its model number register, `eeprom_end` the first address of the RAM area,
-    `fast_read` whether it answers Fast Sync Read and Fast Bulk Read, `modes` its operating modes (none in protocol
-    1.0), `usual_firmware` a version of this range for an emulated servo, `baud_family` names the codes of its baud rate
-    register.
+    `fast_since` the first firmware that answers Fast Sync Read and Fast Bulk Read, `modes` its operating modes (none in
+    protocol 1.0), `usual_firmware` a version of this range for an emulated servo, `baud_family` names the codes of its
+    baud rate register. `layers` of rows make the registers, see `registers_of`; a row of `models.tsv` has none yet.
     """
 
     model: str
     number: int
     protocol: int
-    firmware: tuple[int, int]
     usual_firmware: int
-    fast_read: bool
+    fast_since: int | None
     modes: tuple[int, ...]
     baud_family: str
-    registers: tuple[Register, ...]
+    layers: tuple[str, ...] = ()
+    firmware: tuple[int, int] = (0, LAST_FIRMWARE)
+    registers: tuple[Register, ...] = ()
+
+    @property
+    def fast_read(self) -> bool:
+        """Whether it answers Fast Sync Read and Fast Bulk Read."""
+        return self.fast_since is not None and self.firmware[0] >= self.fast_since
 
     @property
     def eeprom_end(self) -> int:
@@ -273,6 +156,115 @@ class ControlTable:
         return self._by_address.get(address)
 
 
+@dataclass(frozen=True)
+class LayerRow:
+    """What one layer says about one register, for firmware `since` to `until`; `cells` as written, by column."""
+
+    layer: str
+    name: str
+    since: int
+    until: int
+    cells: tuple[tuple[str, str], ...]
+
+
+def rows_of(file: str) -> Iterator[dict[str, str]]:
+    """Yield the rows of a file in `tables/` by column, spaces trimmed; lines that begin with # are remarks."""
+    with (_FOLDER / file).open(encoding="utf-8", newline="") as stream:
+        lines = (line for line in stream if not line.startswith("#"))
+        for row in csv.DictReader(lines, delimiter="\t", quoting=csv.QUOTE_NONE, restval=""):
+            yield {column: cell.strip() for column, cell in row.items()}
+
+
+@cache
+def model_rows() -> tuple[ControlTable, ...]:
+    """Every model, in the order of the file."""
+    return tuple(
+        ControlTable(
+            model=row["model"],
+            protocol=int(row["protocol"]),
+            number=int(row["number"]),
+            usual_firmware=int(row["usual_firmware"]),
+            fast_since=int(row["fast_since"]) if row["fast_since"] else None,
+            modes=tuple(int(mode) for mode in row["modes"].split()),
+            baud_family=row["baud_family"],
+            layers=tuple(row["layers"].split()),
+        )
+        for row in rows_of("models.tsv")
+    )
+
+
+@cache
+def layer_rows() -> dict[str, tuple[LayerRow, ...]]:
+    """The rows of every layer, by its name."""
+    layers: dict[str, list[LayerRow]] = {}
+    for file in ("registers.tsv", "values.tsv"):
+        for row in rows_of(file):
+            layer, name = row.pop("layer"), row.pop("name")
+            since = int(row.pop("since", "") or 0)
+            until = int(row.pop("until", "") or LAST_FIRMWARE)
+            cells = tuple((column, cell) for column, cell in row.items() if cell)
+            layers.setdefault(layer, []).append(LayerRow(layer, name, since, until, cells))
+    return {layer: tuple(rows) for layer, rows in layers.items()}
+
+
+def firmware_starts(model: ControlTable) -> tuple[int, ...]:
+    """The firmware versions at which the model's table changes, ascending, 0 the first."""
+    starts = {0}
+    if model.fast_since is not None:
+        starts.add(model.fast_since)
+    for row in _rows(model):
+        starts.add(row.since)
+        if row.until < LAST_FIRMWARE:
+            starts.add(row.until + 1)
+    return tuple(sorted(starts))
+
+
+def registers_of(model: ControlTable, firmware: int) -> tuple[Register, ...]:
+    """Return the model's registers as `firmware` has them, ascending by address."""
+    merged: dict[str, dict[str, str]] = {}
+    for row in _rows(model):
+        if row.since <= firmware <= row.until:
+            merged.setdefault(row.name, {}).update(row.cells)
+    merged["model_number"]["initial"] = str(model.number)
+    registers = [register for name, cells in merged.items() for register in _registers(name, cells)]
+    return tuple(sorted(registers, key=lambda register: register.address))
+
+
+def _rows(model: ControlTable) -> Iterator[LayerRow]:
+    """The rows of a model's layers, in the order in which they apply."""
+    for layer in model.layers:
+        yield from layer_rows()[layer]
+
+
+def _registers(name: str, cells: dict[str, str]) -> Iterator[Register]:
+    """The registers of one row: one, or as many as the brackets of its name say."""
+    stem, _, span = name.partition("[")
+    first, last = (int(end) for end in span.rstrip("]").split(":")) if span else (0, 0)
+    filled = {column: cell for column, cell in cells.items() if cell != _NOTHING}
+    size = int(filled["size"])
+    initial = filled.get("initial")
+    step = 1 if initial is not None and initial.endswith("+") else 0
+    for place, index in enumerate(range(first, last + 1)):
+        yield Register(
+            name=f"{stem}{index}" if span else stem,
+            address=int(filled["address"]) + place * size,
+            size=size,
+            signed=filled["sign"] != "u",
+            writable=filled["access"] == "rw",
+            scale=float(filled["scale"]) if "scale" in filled else None,
+            unit=filled.get("unit"),
+            lowest=_whole(filled.get("lowest")),
+            highest=_whole(filled.get("highest")),
+            initial=None if initial is None else int(initial.rstrip("+")) + place * step,
+            direction_bit=int(filled["sign"].removeprefix("d")) if filled["sign"].startswith("d") else None,
+        )
+
+
+def _whole(cell: str | None) -> int | None:
+    """A whole number or None."""
+    return None if cell is None else int(cell)
+
+
 def tables() -> tuple[ControlTable, ...]:
     """Every table there is: each model, protocol and range of firmware."""
     return tuple(_table(row, first) for row in model_rows() for first in firmware_starts(row))
@@ -301,28 +293,19 @@ def table_of_number(number: int, firmware: int | None = None) -> ControlTable | 
     return next((_table_at(row, firmware) for row in model_rows() if row.number == number), None)
 
 
-def _table_at(row: ModelRow, firmware: int | None) -> ControlTable:
+def _table_at(row: ControlTable, firmware: int | None) -> ControlTable:
     """The table of a model whose range holds `firmware`."""
     wanted = row.usual_firmware if firmware is None else firmware
     return _table(row, max(start for start in firmware_starts(row) if start <= max(wanted, 0)))
 
 
 @cache
-def _table(row: ModelRow, first: int) -> ControlTable:
+def _table(row: ControlTable, first: int) -> ControlTable:
     """The table of the range of firmware that begins at `first`."""
     later = [start for start in firmware_starts(row) if start > first]
     last = min(later) - 1 if later else LAST_FIRMWARE
-    return ControlTable(
-        model=row.model,
-        number=row.number,
-        protocol=row.protocol,
-        firmware=(first, last),
-        usual_firmware=min(max(row.usual_firmware, first), last),
-        fast_read=row.fast_since is not None and first >= row.fast_since,
-        modes=row.modes,
-        baud_family=row.baud_family,
-        registers=registers_of(row, first),
-    )
+    usual = min(max(row.usual_firmware, first), last)
+    return replace(row, firmware=(first, last), usual_firmware=usual, registers=registers_of(row, first))
 
 
 # Codes of the baud rate register <-> bits per second, by the table's family.

@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from hardware.dynamixel.control_table import (
     LAST_FIRMWARE,
     ControlTable,
-    ModelRow,
     Register,
     baud_of,
     code_of,
@@ -373,7 +372,7 @@ def test_every_layer_is_used_and_every_used_layer_exists() -> None:
 
 
 @pytest.mark.parametrize("model", model_rows(), ids=lambda row: f"{row.model}-{row.protocol}")
-def test_every_row_of_a_model_has_an_effect(model: ModelRow) -> None:
+def test_every_row_of_a_model_has_an_effect(model: ControlTable) -> None:
     """A row that changes a register that no row has made has a misspelt name."""
     made: set[str] = set()
     for layer in model.layers:
@@ -410,7 +409,7 @@ def test_spans_become_numbered_registers() -> None:
 
 
 @pytest.mark.parametrize("model", model_rows(), ids=lambda row: f"{row.model}-{row.protocol}")
-def test_a_table_changes_only_at_its_starts(model: ModelRow) -> None:
+def test_a_table_changes_only_at_its_starts(model: ControlTable) -> None:
     starts = firmware_starts(model)
     assert starts[0] == 0
     assert list(starts) == sorted(set(starts))
