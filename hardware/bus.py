@@ -1,5 +1,6 @@
 """The one interface to servos, `ServoBus`, and the description of a bus: its port, speed, ids and power switch."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntFlag
 from typing import Protocol
@@ -17,6 +18,17 @@ class ServoAlert(IntFlag):
     ENCODER = 0x08
     ELECTRICAL_SHOCK = 0x10
     OVERLOAD = 0x20
+
+
+def alert_names(bits: int, meanings: Mapping[ServoAlert, str] | None = None) -> list[str]:
+    """Names of the alert bits, with their meanings; bits that the maker leaves undefined as a number."""
+    names = [
+        f"{alert.name}" + (f" ({meanings[alert]})" if meanings is not None else "")
+        for alert in ServoAlert
+        if bits & alert
+    ]
+    rest = bits & ~sum(ServoAlert)
+    return [*names, *([f"0x{rest:02x}"] if rest else [])]
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from math import inf, isnan
 import numpy as np
 
 from hardware.arrays import BoolArray, FloatArray, TickArray
-from hardware.bus import ServoAlert, ServoStates
+from hardware.bus import ServoStates, alert_names
 from hardware.errors import BusError, GuardError, HardwareError
 from hardware.guard_state import GuardLimits, StopCategory, StopCause
 from hardware.joint_map import JointMap
@@ -54,7 +54,7 @@ class Watched:
     def in_words(self, value: float) -> str:
         """A value in words."""
         if self.cause is StopCause.SERVO_ALERT:
-            return _alert_text(int(value))
+            return "+".join(alert_names(int(value)))
         return "not known" if isnan(value) and self.value else self.value.format(value)
 
 
@@ -137,13 +137,6 @@ def name_servos(servos: Sequence[ServoSpec], row: Watched, which: BoolArray, val
 
 def _eased(level: float) -> float:
     return EASE * level if np.isfinite(level) else 0.0
-
-
-def _alert_text(bits: int) -> str:
-    """Names of the alert bits; bits that the maker leaves undefined as a number."""
-    known = [alert.name or "" for alert in ServoAlert if bits & alert]
-    rest = bits & ~sum(ServoAlert)
-    return "+".join([*known, *([f"0x{rest:02x}"] if rest else [])])
 
 
 # What is found wrong.

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from hardware.bus import BusSpec, ServoAlert
+from hardware.bus import BusSpec, ServoAlert, alert_names
 from hardware.dynamixel.codec import MAX_ID
 from hardware.dynamixel.control_table import find_table
 from hardware.dynamixel.settings import OWN_OPTION, ServoImage, differing, eeprom_settings, setup_command
@@ -114,9 +114,7 @@ MEANINGS = {
 
 def alert_text(bits: int) -> str:
     """Names and meanings of the alert bits."""
-    known = [f"{alert.name} ({meaning})" for alert, meaning in MEANINGS.items() if bits & alert]
-    rest = bits & ~sum(ServoAlert)
-    return ", ".join([*known, *([f"0x{rest:02x}"] if rest else [])])
+    return ", ".join(alert_names(bits, MEANINGS))
 
 
 def complaints(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span | None) -> list[str]:

@@ -136,6 +136,11 @@ def holders(path: str, processes: Path = PROCESSES) -> str:
     return "; ".join([", ".join(found) or "another process", *behind])
 
 
+def is_pseudo_terminal(path: str) -> bool:
+    """Whether a port is a pseudo-terminal: every emulator on a port is one, no adapter of real servos is."""
+    return Path(path).resolve().parent == _PSEUDO_TERMINALS
+
+
 def _leads_to(device: Path, process: Path, descriptor: str, target: Path) -> bool:
     """Whether an open file of a process is the master of a pseudo-terminal: its number is the device's name."""
     if device.parent != _PSEUDO_TERMINALS or target.name != "ptmx":
@@ -299,7 +304,7 @@ class SerialPort:
         self._serial, self._fd, self._baud = None, -1, 0
         if line is None:
             return
-        if fd >= 0 and not self._is_pseudo():
+        if fd >= 0 and not is_pseudo_terminal(self._path):
             with suppress(OSError):  # an adapter that is gone holds nothing
                 fcntl.ioctl(fd, termios.TIOCNXCL)
         with suppress(OSError):
@@ -317,11 +322,8 @@ class SerialPort:
         killed.
         """
         self._fd = line.fileno()
-        if not self._is_pseudo():
+        if not is_pseudo_terminal(self._path):
             fcntl.ioctl(self._fd, termios.TIOCEXCL)
-
-    def _is_pseudo(self) -> bool:
-        return Path(self._path).resolve().parent == Path("/dev/pts")
 
     def _check_baud(self, baud: int) -> None:
         if not LOWEST_BAUD <= baud <= HIGHEST_BAUD:

@@ -91,10 +91,8 @@ def ping_time(port: BytePort, protocol: int, wait: float) -> float:
 
 def found_by_broadcast(received: PingReplies) -> list[Found]:
     """The servos of a broadcast ping, by id."""
+    first = {answer.id: answer for answer in reversed(received.answers)}
     times = Counter(answer.id for answer in received.answers)
-    first: dict[int, Status] = {}
-    for answer in received.answers:
-        first.setdefault(answer.id, answer)
     return [found_by_ping(first[device], clash=times[device] > 1) for device in sorted(first)]
 
 

@@ -1,7 +1,6 @@
 """`retarget servo home`: the operator places the limp robot in a known posture, and the zero of each servo is
 stored."""
 
-import re
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from rich.table import Table
 
 from hardware.arrays import BoolArray, FloatArray
 from hardware.clock import MonotonicClock, VirtualClock, today
+from hardware.dynamixel.serial_port import is_pseudo_terminal
 from retarget.cli.application import Overwrite, ask
 from retarget.cli.buses import make_bus
 from retarget.errors import UsageError
@@ -34,9 +34,6 @@ from retarget.setup.homing import FAR, Homing, calibration_of, homed_columns
 from retarget.setup.homing import home as home_servos
 
 # The file of a homed robot's zeros: its own calibration, a named file, or none.
-
-_PSEUDO_TERMINAL = re.compile(r"/dev/pts/\d+")
-"""Every emulator on a port is one, no adapter of real servos is."""
 
 
 @dataclass(frozen=True)
@@ -120,10 +117,9 @@ class HomedFile:
 
 def _pseudo_terminal(port: str) -> str:
     """A description of a port that looks like an emulator's; empty for any other."""
-    target = str(Path(port).resolve())
-    if not _PSEUDO_TERMINAL.fullmatch(target):
+    if not is_pseudo_terminal(port):
         return ""
-    return f"{port} leads to a pseudo-terminal ({target}) and looks like an emulator"
+    return f"{port} leads to a pseudo-terminal ({Path(port).resolve()}) and looks like an emulator"
 
 
 POSES = tuple(Postures.model_fields)
