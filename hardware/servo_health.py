@@ -90,6 +90,13 @@ def watched(limits: GuardLimits) -> tuple[Watched, ...]:
             value="{:.1f} V",
             ease=STEADIER,
         ),
+        *_load(limits),
+    )
+
+
+def _load(limits: GuardLimits) -> tuple[Watched, ...]:
+    """Current, and how far a servo is from its goal."""
+    return (
         Watched(
             cause=StopCause.CURRENT,
             stop=(0, limits.max_current),

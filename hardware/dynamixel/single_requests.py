@@ -24,7 +24,7 @@ from hardware.dynamixel.codec import (
 )
 from hardware.dynamixel.control_table import Register
 from hardware.dynamixel.serial_port import BytePort, settle
-from hardware.errors import BusError, describe
+from hardware.errors import BusError
 
 SLACK = 0.004
 """[s] That this machine, the adapter's driver or the servo may be late."""
@@ -180,22 +180,15 @@ def words(protocol: int, number: int) -> str:
 
 
 class ServoError(BusError):
-    """A servo refused an instruction; or the request is impossible, and was not sent.
-
-    id, register (its name; "" where none is meant), number: see `refusal`; 0 when nothing was sent.
-    """
-
-    def __init__(self, message: str, *, device: int, register: str = "", number: int = 0) -> None:
-        super().__init__(message)
-        self.id, self.register, self.number = device, register, number
+    """A servo refused an instruction; or the request is impossible, and was not sent."""
 
 
 class NoAnswer(BusError):
     """A servo gave no complete answer in all tries. damaged: tries in which bytes came nevertheless."""
 
-    def __init__(self, message: str, *, device: int, tries: int, damaged: int) -> None:
-        super().__init__(message)
-        self.id, self.tries, self.damaged = device, tries, damaged
+    def __init__(self, what: str, *, where: str, found: str, then: str, damaged: int) -> None:
+        super().__init__(what, where=where, found=found, then=then)
+        self.damaged = damaged
 
 
 # The port that dynamixel-sdk's packet handlers need, over a `BytePort`. The SDK's own port polls, waits 34 ms and more
@@ -341,7 +334,7 @@ class OneOff:
         try:
             params = CODECS[self.protocol].number(register.address) + register.encode(value)
         except ValueError as error:
-            raise ServoError(describe(what=str(error), where=where), device=device, register=register.name) from error
+            raise ServoError(str(error), where=where) from error
         try:
             self._ask(device, Instruction.WRITE, params, asked=f"write {value}", register=register.name)
         except NoAnswer:
@@ -349,8 +342,7 @@ class OneOff:
                 raise
         kept = self.read(device, register) if verify else value
         if kept != value:
-            what = f"the servo did not keep {value}"
-            raise ServoError(describe(what=what, where=where, found=kept), device=device, register=register.name)
+            raise ServoError(f"the servo did not keep {value}", where=where, found=kept)
 
     def reboot(self, device: int) -> None:
         """Restart a servo; it stays silent for some 0.1 s. Protocol 2.0 only."""
@@ -380,13 +372,11 @@ class OneOff:
             if number:
                 then = _NEXT2.get(number, "") if self.protocol == 2 else ""
                 found = f"error {number}: {words(self.protocol, number)}"
-                message = describe(what=f"the servo refused {asked}", where=where, found=found, then=then)
-                raise ServoError(message, device=device, register=register, number=number)
+                raise ServoError(f"the servo refused {asked}", where=where, found=found, then=then)
             return answer
         found = f"{tries} tries, {damaged} damaged answers" if damaged else f"{tries} tries, silence"
         then = LOOK_FOR_NOISE if damaged else LOOK_FOR_POWER
-        message = describe(what=f"no answer to {asked}", where=where, found=found, then=then)
-        raise NoAnswer(message, device=device, tries=tries, damaged=damaged)
+        raise NoAnswer(f"no answer to {asked}", where=where, found=found, then=then, damaged=damaged)
 
     def _exchange(self, sdk: SdkPort, device: int, code: Instruction, params: bytes) -> Status | None:
         """Send one instruction through the SDK; None without a complete answer."""
@@ -445,9 +435,7 @@ class OneOff:
             raise self._impossible(device, f"id {device}", f"0 to {highest}, since only one servo can answer")
 
     def _impossible(self, device: int, what: str, allowed: str) -> ServoError:
-        return ServoError(
-            describe(what=f"cannot do: {what}", where=self._where(device, ""), allowed=allowed), device=device
-        )
+        return ServoError(f"cannot do: {what}", where=self._where(device, ""), allowed=allowed)
 
     def _where(self, device: int, register: str) -> str:
         return f"{self.port.name}, id {device}" + (f", {register}" if register else "")

@@ -125,20 +125,22 @@ def _pseudo_terminal(port: str) -> str:
 POSES = tuple(Postures.model_fields)
 
 
+Bus = Annotated[
+    str,
+    typer.Option(
+        "--bus",
+        "--port",
+        help="Ports of the profile, one port, or an emulator.",
+        metavar="profile|PORT|emulator|mock",
+    ),
+]
+Pose = Annotated[str, typer.Option(help="Posture of the profile to place it in.", metavar="|".join(POSES))]
+
+
 def home(
     robot: Annotated[str, typer.Option(help="Robot by name or path.", metavar="NAME|PATH")],
-    bus: Annotated[
-        str,
-        typer.Option(
-            "--bus",
-            "--port",
-            help="Ports of the profile, one port, or an emulator.",
-            metavar="profile|PORT|emulator|mock",
-        ),
-    ] = "profile",
-    pose: Annotated[
-        str, typer.Option(help="Posture of the profile to place it in.", metavar="|".join(POSES))
-    ] = "neutral",
+    bus: Bus = "profile",
+    pose: Pose = "neutral",
     joints: Annotated[str, typer.Option(help="Only these, with commas between.", metavar="A,B,...")] = "",
     force: Annotated[bool, typer.Option("--force", help=f"Also zeros more than {FAR} rad off the profile's.")] = False,
     out: Annotated[

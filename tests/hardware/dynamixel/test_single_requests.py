@@ -77,9 +77,8 @@ def test_ids_that_no_servo_can_have(protocol: int, device: int) -> None:
 
 def test_a_refusal_is_reported_in_words_and_once() -> None:
     port = ScriptedPort(always(protocol2.status(5, Error2.ACCESS)))
-    with refuses(ServoError, 5, "EEPROM") as raised:
+    with refuses(ServoError, 5, "EEPROM", "id", f"error {Error2.ACCESS.value}"):
         OneOff(port, 2).write(5, TABLE["id"], 6)
-    assert (raised.value.id, raised.value.register, raised.value.number) == (5, "id", Error2.ACCESS)
     assert len(port.sent) == 1
 
 
@@ -94,9 +93,8 @@ def test_a_refused_read_brings_no_value() -> None:
 def test_refusals_of_protocol_1(bit: Error1) -> None:
     port = ScriptedPort(always(protocol1.status(1, bit | Error1.OVERLOAD)))
     servo = OneOff(port, 1)
-    with pytest.raises(ServoError) as raised:
+    with pytest.raises(ServoError, match=f"error {bit.value}:"):
         servo.write(1, MX["goal_position"], 4095)
-    assert raised.value.number == bit
     assert servo.alerted == {1}
 
 
@@ -168,7 +166,7 @@ def test_damage_is_distinguished_from_silence() -> None:
     port = ScriptedPort(in_turn(_flipped(ANSWER), b"", _flipped(ANSWER)))
     with refuses(NoAnswer, 2) as raised:
         OneOff(port, 2).read(1, POSITION)
-    assert (raised.value.id, raised.value.tries, raised.value.damaged) == (1, 3, 2)
+    assert raised.value.damaged == 2
     assert "busy" not in str(raised.value)
 
 
