@@ -349,7 +349,7 @@ class ServoHealth:
         self._levels = ServoLevels([row.stop for row in self._rows], [row.patience for row in self._rows], count)
         self.warnings = ServoWarnings(joint_map.servos, self._rows, limits.slow_share)
         self._seen = np.zeros((len(self._rows), count))
-        self._known = np.zeros(self._seen.shape, dtype=np.bool_)  # what was reported at least once
+        self._reported = np.zeros(self._seen.shape, dtype=np.bool_)  # limited values that were known at least once
         self._zeros = np.zeros(count)
         self._limited = np.isfinite(self._levels.least) | np.isfinite(self._levels.most)
 
@@ -421,10 +421,14 @@ class ServoHealth:
             seen[Row.FAR] = seen[Row.STILL_FAR] = np.where(known, far, seen[Row.FAR])
 
     def _wrong(self, now: float) -> BoolArray:
-        """Which servos (rows, n) are beyond which bound."""
+        """Which servos (rows, n) are beyond which bound, or no longer report what they did."""
+        beyond = self._levels.beyond(self._seen, now)
         unknown = np.isnan(self._seen)
-        wrong = self._levels.beyond(self._seen, now) | (unknown & self._known & self._limited)
-        self._known = self._known | ~unknown
+        if not unknown.any():
+            self._reported = self._limited
+            return beyond
+        wrong = beyond | (unknown & self._reported)
+        self._reported = self._reported | (self._limited & ~unknown)
         return np.asarray(wrong)
 
     def _faults(self, wrong: BoolArray) -> Iterator[ServoFault]:

@@ -1,6 +1,6 @@
 """Ports and servos of the `servo` commands: those of a robot, of one port, or emulated; a look at them; a question."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -179,7 +179,11 @@ def look_at(
         if place.spec is not None:
             looks.append(_known(place, place.spec))
             continue
-        seen = _search(place, chosen_speeds(place, protocol, baud), ids)
+        speeds = chosen_speeds(place, protocol, baud)
+        if ids is None and len(speeds) > 1:
+            text = f"looking at {len(speeds)} speeds on {place.where}: up to a minute; --baud and --protocol shorten it"
+            typer.echo(text, err=True)
+        seen = search(place, speeds, ids)
         if seen.sightings:
             first = sum(len(one.line.servos) for one in looks)
             found = look(place.port, *as_bus(place.port.name, seen.sightings, first=first), seen.sightings)
@@ -209,12 +213,15 @@ def check_search(places: Sequence[Place], protocol: int | None, baud: int | None
         )
 
 
-def _search(place: Place, speeds: Sequence[Speed], ids: Sequence[int] | None) -> LineScan:
-    if ids is None and len(speeds) > 1:
-        text = f"looking at {len(speeds)} speeds on {place.where}: up to a minute; --baud and --protocol shorten it"
-        typer.echo(text, err=True)
+def search(
+    place: Place,
+    speeds: Sequence[Speed],
+    ids: Sequence[int] | None,
+    on_found: Callable[[Sighting], object] = lambda seen: None,
+) -> LineScan:
+    """Look for `ids` (None: all) at each speed, with a progress bar. See `scan_line`."""
     with progress_bar(f"looking on {place.where}", len(speeds)) as progress:
-        return scan_line(place.port, speeds, ids=ids, progress=progress)
+        return scan_line(place.port, speeds, ids=ids, progress=progress, on_found=on_found)
 
 
 def _known(place: Place, spec: BusSpec) -> Look:

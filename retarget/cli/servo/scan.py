@@ -7,10 +7,9 @@ from typing import Annotated
 
 import typer
 
-from hardware.dynamixel.line_scan import LineScan, Sighting, Speed, scan_line
+from hardware.dynamixel.line_scan import LineScan, Sighting, Speed
 from hardware.dynamixel.serial_port import ECHOES
 from hardware.errors import BusError
-from retarget.cli.application import progress_bar
 from retarget.cli.servo.places import (
     Baud,
     DryRun,
@@ -22,6 +21,7 @@ from retarget.cli.servo.places import (
     chosen_speeds,
     find_places,
     opened,
+    search,
 )
 from retarget.errors import UsageError
 
@@ -54,7 +54,11 @@ def scan(
     scans: list[LineScan] = []
     with opened(places):
         for place, some in zip(places, speeds, strict=True):
-            scans.append(_scan(place, some, wanted, rows))
+            try:
+                scans.append(search(place, some, wanted, partial(rows.add, place)))
+            except KeyboardInterrupt:  # what ends the command says "interrupted"
+                typer.echo(f"not all was looked at; found so far: {rows.count}")
+                raise
             _conclude(place, scans[-1], wanted)
     if not rows.count:
         tried = "; ".join(
@@ -107,15 +111,6 @@ class Rows:
 
 def _row(protocol: str, baud: str, device: str, model: str, firmware: str, remarks: str) -> str:
     return f"{protocol:8}  {baud:>7}  {device:>3}  {model:13}  {firmware:>8}  {remarks}".rstrip()
-
-
-def _scan(place: Place, speeds: Sequence[Speed], ids: Sequence[int] | None, rows: Rows) -> LineScan:
-    try:
-        with progress_bar(f"looking on {place.where}", len(speeds)) as progress:
-            return scan_line(place.port, speeds, ids=ids, progress=progress, on_found=partial(rows.add, place))
-    except KeyboardInterrupt:  # what ends the command says "interrupted"
-        typer.echo(f"not all was looked at; found so far: {rows.count}")
-        raise
 
 
 def _conclude(place: Place, one: LineScan, wanted: Sequence[int] | None) -> None:

@@ -11,7 +11,7 @@ from hardware.dynamixel.checks import Span, needed_ticks, wishes
 from hardware.dynamixel.codec import MAX_ID
 from hardware.dynamixel.control_table import ControlTable, tables
 from hardware.dynamixel.found_servos import LEVEL, PINGS_ONLY, answers_pings_only, enable_status_return
-from hardware.dynamixel.line_scan import Sighting, Speed, scan_line, write_setting
+from hardware.dynamixel.line_scan import Sighting, Speed, write_setting
 from hardware.dynamixel.settings import (
     ANSWER_ALL,
     ServoImage,
@@ -24,7 +24,6 @@ from hardware.dynamixel.settings import (
 from hardware.dynamixel.single_requests import OneOff
 from hardware.errors import BusError, HardwareError, RetargetError
 from hardware.servo import ServoSpec
-from retarget.cli.application import progress_bar
 from retarget.cli.exit import stop_on_signals
 from retarget.cli.servo.places import (
     Faults,
@@ -38,6 +37,7 @@ from retarget.cli.servo.places import (
     chosen_speeds,
     find_places,
     opened,
+    search,
 )
 from retarget.errors import UsageError, suggest
 from retarget.model.robot import RobotBody, load_robot, load_uncalibrated
@@ -330,9 +330,7 @@ def _make_responsive(target: Target, asked: Asked, seen: Sighting, *, yes: bool,
 
 def _find(place: Place, device: int, protocol: int | None) -> Sighting:
     """The only servo with this id, at any speed. Raises BusError."""
-    speeds = chosen_speeds(place, protocol, None)
-    with progress_bar(f"looking for id {device}", len(speeds)) as progress:
-        scan = scan_line(place.port, speeds, ids=[device], progress=progress)
+    scan = search(place, chosen_speeds(place, protocol, None), [device])
     seen = [one for one in scan.sightings if one.found.id == device]
     if len(seen) != 1 or seen[0].found.clash:
         what = f"several servos have id {device}" if seen else f"no servo answers to id {device} at any speed"
