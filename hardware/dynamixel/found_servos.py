@@ -8,7 +8,7 @@ from hardware.bus import BusSpec
 from hardware.dynamixel.codec import BROADCAST, CODECS
 from hardware.dynamixel.control_table import ControlTable, Register
 from hardware.dynamixel.cyclic import BusLine
-from hardware.dynamixel.line_scan import Sighting, Speed, is_gone
+from hardware.dynamixel.line_scan import Sighting, Speed, speed_refused
 from hardware.dynamixel.serial_port import BytePort
 from hardware.dynamixel.settings import ANSWER_ALL, ServoImage, read_image, setup_command
 from hardware.dynamixel.single_requests import Found, NoAnswer, OneOff, ServoError
@@ -52,12 +52,6 @@ def read_servo(client: OneOff, bus: BusSpec, device: int, table: ControlTable) -
         return f" {status_return_off_text(bus, device)}" if pings_only else f": {error}"
     except ServoError as error:
         return f": {error}"
-
-
-def enable_status_return(client: OneOff, device: int) -> None:
-    """Have a servo answer every instruction, and read that back. Raises BusError (NoAnswer, ServoError) if it does
-    not."""
-    client.write(device, LEVEL[client.protocol], ANSWER_ALL, verify=True)
 
 
 # Torque of servos whose registers could not be read, or whose model has no table here: all have it at one address.
@@ -231,11 +225,7 @@ def broadcast_torque_off(port: BytePort, speeds: Sequence[Speed]) -> None:
     port is gone.
     """
     for speed in speeds:
-        try:
-            port.set_baud(speed.baud)
-        except BusError:
-            if is_gone(port):
-                raise
+        if speed_refused(port, speed.baud):
             continue
         data = _off(speed.protocol) * TIMES
         port.write(data)

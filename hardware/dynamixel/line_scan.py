@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from hardware.bus import BAUDS, BusSpec
 from hardware.dynamixel.checks import alert_text
-from hardware.dynamixel.codec import MAX_ID
+from hardware.dynamixel.codec import CODECS
 from hardware.dynamixel.control_table import ControlTable, baud_of, table_of_number
 from hardware.dynamixel.serial_port import BytePort
 from hardware.dynamixel.settings import Setting, setup_command
@@ -87,11 +87,6 @@ def has_speed(protocol: int, baud: int) -> bool:
     return 1 <= divisor <= MOST_DIVIDED and abs(DIVIDED / divisor - baud) <= 0.01 * baud
 
 
-def all_ids(protocol: int) -> range:
-    """Ids that a servo of this protocol may have."""
-    return range(MAX_ID + (2 if protocol == 1 else 1))
-
-
 def scan_line(
     port: BytePort,
     speeds: Sequence[Speed],
@@ -112,12 +107,9 @@ def scan_line(
     echoes = False
     for done, speed in enumerate(speeds):
         progress(done)
-        try:
-            port.set_baud(speed.baud)
-        except BusError as error:
-            if is_gone(port):
-                raise
-            skipped.append(f"{speed}: {error}")
+        refused = speed_refused(port, speed.baud)
+        if refused:
+            skipped.append(f"{speed}: {refused}")
             continue
         tried.append(speed)
         client = OneOff(port, speed.protocol)
@@ -131,7 +123,7 @@ def scan_line(
 
 def _found(client: OneOff, wanted: Sequence[int] | None) -> Iterator[Found]:
     """The servos with these ids (None: all). Others that answer a broadcast are left out."""
-    possible = all_ids(client.protocol)
+    possible = range(CODECS[client.protocol].MOST_MEMBERS + 1)
     chosen = possible if wanted is None else [device for device in wanted if device in possible]
     if client.protocol == 2:
         yield from (one for one in client.scan(chosen) if one.id in chosen)
@@ -140,13 +132,18 @@ def _found(client: OneOff, wanted: Sequence[int] | None) -> Iterator[Found]:
         yield from client.scan([device])
 
 
-def is_gone(port: BytePort) -> bool:
-    """Whether the port itself is gone, and not only a speed impossible."""
+def speed_refused(port: BytePort, baud: int) -> str:
+    """Set the speed, bits/s. Return why the adapter does not have it, "" where it does. Raises BusError when the port
+    is gone."""
     try:
-        port.drop()
-    except BusError:
-        return True
-    return False
+        port.set_baud(baud)
+    except BusError as refused:
+        try:
+            port.drop()
+        except BusError:
+            raise refused from None  # the port itself is gone
+        return str(refused)
+    return ""
 
 
 def _sighting(client: OneOff, found: Found, speed: Speed) -> Sighting:
@@ -181,11 +178,7 @@ def answering_elsewhere(port: BytePort, bus: BusSpec, ids: Sequence[int]) -> dic
     """
     found: dict[int, list[int]] = {}
     for baud in other_bauds(bus):
-        try:
-            port.set_baud(baud)
-        except BusError:
-            if is_gone(port):
-                raise
+        if speed_refused(port, baud):
             continue
         client = OneOff(port, bus.protocol, retries=0)
         for device in ids[:MOST]:

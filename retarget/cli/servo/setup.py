@@ -10,7 +10,7 @@ import typer
 from hardware.dynamixel.checks import Span, needed_ticks, wishes
 from hardware.dynamixel.codec import MAX_ID
 from hardware.dynamixel.control_table import ControlTable, tables
-from hardware.dynamixel.found_servos import LEVEL, PINGS_ONLY, answers_pings_only, enable_status_return
+from hardware.dynamixel.found_servos import LEVEL, PINGS_ONLY, answers_pings_only
 from hardware.dynamixel.line_scan import Sighting, Speed, write_setting
 from hardware.dynamixel.settings import (
     ANSWER_ALL,
@@ -323,7 +323,7 @@ def _make_responsive(target: Target, asked: Asked, seen: Sighting, *, yes: bool,
         return None
     if not agreed("Write this?", yes=yes):
         return None
-    enable_status_return(client, device)
+    client.write(device, LEVEL[client.protocol], ANSWER_ALL, verify=True)
     typer.echo(f"written and read back: {name}")
     return _find(place, device, seen.speed.protocol)
 

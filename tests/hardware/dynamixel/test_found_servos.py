@@ -6,17 +6,18 @@ from bus_rig import BusRig, bus_of, spec, specs
 from hardware.dynamixel.control_table import code_of, tables
 from hardware.dynamixel.cyclic import BusLine
 from hardware.dynamixel.found_servos import (
+    LEVEL,
     TORQUE_ENABLE,
     answers_pings_only,
     as_bus,
     broadcast_torque_off,
-    enable_status_return,
     is_controller,
     look,
     not_limp,
     send_torque_off,
 )
 from hardware.dynamixel.line_scan import Sighting, Speed, all_speeds, scan_line
+from hardware.dynamixel.settings import ANSWER_ALL
 from hardware.dynamixel.single_requests import Found, OneOff
 from hardware.errors import BusError
 from messages import refuses, shows
@@ -149,7 +150,7 @@ def test_who_answers_pings_only(protocol: int) -> None:
 @pytest.mark.parametrize("protocol", [1, 2])
 def test_it_is_written_without_its_answer(protocol: int) -> None:
     rig, client = _status_return_off_rig(protocol)
-    enable_status_return(client, 2)
+    client.write(2, LEVEL[protocol], ANSWER_ALL, verify=True)
     assert rig.shown("status_return_level")[1] == 2
     assert not answers_pings_only(client, 2)
 

@@ -11,7 +11,6 @@ from hardware.dynamixel.line_scan import (
     MOST,
     Sighting,
     Speed,
-    all_ids,
     all_speeds,
     answering_elsewhere,
     has_speed,
@@ -56,7 +55,6 @@ def test_the_choice_of_ids_and_speeds_is_kept_to() -> None:
     assert [one.found.id for one in seen.sightings] == [2]
     assert done == [0, 1] and rig.port.baud == 57_600
     assert all_speeds((1,), 9600) == [Speed(1, 9600)]
-    assert (all_ids(1)[-1], all_ids(2)[-1]) == (253, 252)
 
 
 def test_an_impossible_speed_is_reported_and_a_port_that_is_gone_ends_it(
