@@ -85,8 +85,9 @@ def test_what_is_not_described_is_no_option() -> None:
 
 def test_the_help_is_the_docstring() -> None:
     said = run("--help")[1]
-    assert "At once." in said and "Arguments:\n  FILE" in said and "source FILE" not in said
-    assert "1 is the performer's speed, and more is faster." in " ".join(said.split())
+    second, field_line, spread = "At once.", "source FILE", "1 is the performer's speed, and more is faster."
+    assert second in said and "Arguments:\n  FILE" in said and field_line not in said
+    assert spread in " ".join(said.split())
     panels = {name: one.annotation.__metadata__[0].rich_help_panel for name, one in parameters(play).items()}
     assert panels["speed"] == panels["loop"] == "Playing" and panels["parts"] is None
     assert next(iter(panels)) == "source", "the required first"
