@@ -19,8 +19,6 @@ MAX_ARGUMENTS = 256
 MAX_ARGUMENTS_IN_ALL = 4096
 """Arguments of one datagram; one with more is dropped. SlimeVR sends 266, 256 poses are 2,048."""
 
-OscValue = int | float | str | bytes | bool | None
-
 TOO_LONG = "datagram longer than 64 KiB"
 TOO_DEEP = "OSC bundles nested deeper than 4"
 TOO_MANY = "more than 512 OSC messages in one datagram"
@@ -35,26 +33,25 @@ NOT_TEXT = "OSC text that is not UTF-8"
 
 _BUNDLE = b"#bundle\0"
 _SIZE = Struct(">i")
-_NUMBERS = {
-    tag: Struct(">" + code) for tag, code in zip("ifcrmhdt", ("i", "f", "I", "I", "I", "q", "d", "Q"), strict=True)
-}
-"""Tags of numbers: int32, float32, character, colour, MIDI (32 bits as one number), int64, float64, time tag."""
-_CONSTANTS: dict[str, OscValue] = {"T": True, "F": False, "N": None, "I": float("inf"), "[": None, "]": None}
-"""Tags that take no bytes; those of an array's ends stand as None."""
+_NUMBERS = dict(zip("ifcrmhdt", (4, 4, 4, 4, 4, 8, 8, 8), strict=True))
+"""Bytes by tag of a number: int32, float32, character, colour, MIDI, int64, float64, time tag."""
+_NO_BYTES = "TFNI[]"
+"""Tags that take no bytes: true, false, nil, infinitum, the ends of an array."""
 
 
 @dataclass(frozen=True, slots=True)
 class OscMessage:
-    """One message. tags: one letter an argument, without the comma. at: where each argument begins in the datagram."""
+    """One message. tags: one letter an argument, without the comma. at: where each argument begins in the datagram.
+    text: the first argument that is one, "" without."""
 
     address: str
     tags: str
-    arguments: tuple[OscValue, ...]
     at: tuple[int, ...]
+    text: str = ""
 
     def numbers(self) -> list[tuple[int, int]]:
         """Where its numbers lie in the datagram: first byte and the one after the last, of each."""
-        return [(at, at + _NUMBERS[tag].size) for tag, at in zip(self.tags, self.at, strict=True) if tag in _NUMBERS]
+        return [(at, at + _NUMBERS[tag]) for tag, at in zip(self.tags, self.at, strict=True) if tag in _NUMBERS]
 
 
 @dataclass(slots=True)
@@ -134,29 +131,34 @@ def _message(data: bytes, start: int, end: int, packet: OscPacket) -> OscMessage
     if len(tags) > MAX_ARGUMENTS + 1:
         raise _Unreadable(MANY_ARGUMENTS)
     packet.arguments += len(tags) - 1
-    arguments: list[OscValue] = []
     places: list[int] = []
+    texts: list[str] = []
     for tag in tags[1:]:
         places.append(at)
-        value, at = _argument(data, at, end, tag)
-        arguments.append(value)
-    return OscMessage(address, tags[1:], tuple(arguments), tuple(places))
+        if tag in "sS":
+            text, at = _text(data, at, end)
+            texts.append(text)
+        else:
+            at = _behind(data, at, end, tag)
+    return OscMessage(address, tags[1:], tuple(places), next(iter(texts), ""))
 
 
-def _argument(data: bytes, at: int, end: int, tag: str) -> tuple[OscValue, int]:
-    """One argument and where the next begins."""
-    number = _NUMBERS.get(tag)
-    if number is not None:
-        if at + number.size > end:
-            raise _Unreadable(CUT_SHORT)
-        return number.unpack_from(data, at)[0], at + number.size
-    if tag in "sS":
-        return _text(data, at, end)
+def _behind(data: bytes, at: int, end: int, tag: str) -> int:
+    """Where the argument behind a number, a blob (its size, and as many bytes, padded to four) or nothing begins."""
     if tag == "b":
-        return _blob(data, at, end)
-    if tag not in _CONSTANTS:
+        if at + 4 > end:
+            raise _Unreadable(CUT_SHORT)
+        size = _SIZE.unpack_from(data, at)[0]
+        after = (at + 4 + size + 3) & ~3
+        if not 0 <= size <= end - at - 4:
+            raise _Unreadable(CUT_SHORT)
+        return int(after)
+    if tag not in _NUMBERS and tag not in _NO_BYTES:
         raise _Unreadable(UNKNOWN_TAG)
-    return _CONSTANTS[tag], at
+    after = at + _NUMBERS.get(tag, 0)
+    if after > end:
+        raise _Unreadable(CUT_SHORT)
+    return after
 
 
 def _text(data: bytes, at: int, end: int) -> tuple[str, int]:
@@ -171,27 +173,14 @@ def _text(data: bytes, at: int, end: int) -> tuple[str, int]:
     return text, (zero + 4) & ~3  # within `end`, which is a multiple of four
 
 
-def _blob(data: bytes, at: int, end: int) -> tuple[bytes, int]:
-    """A size and as many bytes, padded to four."""
-    if at + 4 > end:
-        raise _Unreadable(CUT_SHORT)
-    size = _SIZE.unpack_from(data, at)[0]
-    at += 4
-    if not 0 <= size <= end - at:
-        raise _Unreadable(CUT_SHORT)
-    return data[at : at + size], (at + size + 3) & ~3
-
-
 # Datagrams that differ in their numbers only are taken apart once: a sender's next one mostly looks like its last.
 
 MAX_REMEMBERED = 16_384
 """Bytes of the longest datagram whose layout is remembered: all the bones, fingers and expressions of an avatar."""
-MIN_MESSAGES = 4
-"""Messages from which remembering saves anything."""
 MAX_LENGTHS = 32
 """Lengths of datagrams that are remembered; all are forgotten when one more comes."""
-MAX_ALIKE = 4
-"""Layouts remembered of one length, the latest first."""
+MAX_ALIKE = 16
+"""Layouts remembered of one length, the latest first: of an avatar that is sent bone by bone, 10 are of one length."""
 
 Plan = TypeVar("Plan")
 
@@ -231,7 +220,7 @@ class OscLayouts(Generic[Plan]):
                 return known.plan
         packet = read_osc(datagram)
         plan = self._make(packet)
-        if len(packet.messages) >= MIN_MESSAGES and len(datagram) <= MAX_REMEMBERED:
+        if packet.messages and len(datagram) <= MAX_REMEMBERED:
             self._remember(_Known(datagram, packet, plan), len(datagram))
         return plan
 

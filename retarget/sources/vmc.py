@@ -7,17 +7,17 @@ with the T-pose as identity. `VmcBodyDecoder` gives the bones as world poses, by
 """
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import dataclass
 from itertools import pairwise
+from math import isfinite, isnan, nan, pi
 from struct import Struct
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from retarget.model.human_dimensions import FRACTIONS, POINTS, HumanDimensions, proportional_dimensions
-from retarget.rotations import IDENTITY, from_axis_angle, multiply, rotate
+from retarget.rotations import Quat, Vector, axis_turn, plus, product, rotated
 from retarget.sources.osc import OscLayouts, OscMessage, OscPacket
 from retarget.sources.stream_frame import CONVENTIONS, MAX_POSES, Dropped, StreamFrame, unusable
 from retarget.types import BoolArray, FloatArray
@@ -67,180 +67,96 @@ def device_name(serial: str) -> str | None:
 # Forward kinematics over the bones of Unity's humanoid: from parent-relative poses to world poses.
 #
 # For senders that send bones only (VirtualMotionCapture, VSeeFace), and to check senders of both bones and devices.
-# Rows are those of `BODY_BONES`. The reference is the T-pose, where every rotation is the identity.
+# The reference is the T-pose, where every rotation is the identity.
 
-OPTIONAL: tuple[str, ...] = (
-    *("Chest", "UpperChest", "Neck"),
-    *(f"{side}{part}" for part in ("Shoulder", "Toes") for side in ("Left", "Right")),
+OPTIONAL = frozenset(
+    ("Chest", "UpperChest", "Neck", *(side + part for part in ("Shoulder", "Toes") for side in ("Left", "Right")))
 )
-"""Bones that an avatar may be without (docs.unity3d.com, HumanTrait.RequiredBone).
-
-The children of a missing bone are attached to its parent.
-"""
+"""Bones that an avatar may be without (docs.unity3d.com, HumanTrait.RequiredBone): they are then not turned."""
 
 _TRUNK = ("Hips", "Spine", "Chest", "UpperChest", "Neck", "Head")
 _ARM = ("Shoulder", "UpperArm", "LowerArm", "Hand")
 _LEG = ("UpperLeg", "LowerLeg", "Foot", "Toes")
-_CHAINS = (
-    _TRUNK,
-    *(("UpperChest", *(side + part for part in _ARM)) for side in ("Left", "Right")),
-    *(("Hips", *(side + part for part in _LEG)) for side in ("Left", "Right")),
-)
-_PARENT = {bone: parent for chain in _CHAINS for parent, bone in pairwise(chain)}
-_ROW = {bone: row for row, bone in enumerate(BODY_BONES)}
-_COLUMN = {**{f"bone://{bone}": row for row, bone in enumerate(BODY_BONES)}, "root://root": len(BODY_BONES)}
-_IS_OPTIONAL = np.array([bone in OPTIONAL for bone in BODY_BONES])
-
-
-def _depth(bone: str) -> int:
-    return 1 + _depth(_PARENT[bone]) if bone in _PARENT else 0
-
-
-_LEVELS = tuple(
-    (
-        np.array([_ROW[bone] for bone in BODY_BONES if _depth(bone) == depth]),
-        np.array([_ROW[_PARENT[bone]] for bone in BODY_BONES if _depth(bone) == depth]),
+_ROOT_NAME = "root://root"
+_PARENT = {
+    f"bone://{bone}": f"bone://{parent}" if parent else _ROOT_NAME
+    for chain in (
+        ("", *_TRUNK),
+        *(("UpperChest", *(side + part for part in _ARM)) for side in ("Left", "Right")),
+        *(("Hips", *(side + part for part in _LEG)) for side in ("Left", "Right")),
     )
-    for depth in range(1, 1 + max(map(_depth, BODY_BONES)))
-)
-"""Rows of the bones of each depth, and of their parents: all bones of one depth are turned at once."""
-
-_ARM_POINTS = ("collar", "shoulder", "elbow", "wrist")
-_LEG_POINTS = ("hip", "knee", "ankle", "toe")
-_PARENT_ROWS = np.array([_ROW[_PARENT[bone]] for bone in BODY_BONES[1:]])
-_PRODUCTS = np.array([[multiply(a, b) for b in np.eye(4)] for a in np.eye(4)]).reshape(4, 16)
-"""A quaternion a (4,) times this, as (4, 4), is the matrix by which a row b becomes the product a b: fewer and larger
-steps than `multiply`, eight times a frame."""
+    for parent, bone in pairwise(chain)
+}
+_NAMES = tuple(f"bone://{bone}" for bone in BODY_BONES)
 
 _POINTS = {
     **dict(zip(_TRUNK, ("pelvis", "spine", "chest", "", "neck", "head"), strict=True)),
     **{
         side + bone: short + point
         for side, short in (("Left", "l_"), ("Right", "r_"))
-        for bone, point in zip(_ARM + _LEG, _ARM_POINTS + _LEG_POINTS, strict=True)
+        for bone, point in zip(
+            _ARM + _LEG, ("collar", "shoulder", "elbow", "wrist", "hip", "knee", "ankle", "toe"), strict=True
+        )
     },
 }
 """The point of our human where a bone begins; the upper chest begins where the chest does."""
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LocalBones:
-    """Bones relative to their parents, in the world's axes; NaN where not sent.
-
-    rotation (22, 4) wxyz and position (22, 3) m by `BODY_BONES`; root_rotation (4,), root_position (3,) of the avatar.
-    """
-
-    rotation: FloatArray
-    position: FloatArray
-    root_rotation: FloatArray
-    root_position: FloatArray
+BonePose = tuple[Vector, Quat]
+"""Position m, NaN where not sent, and orientation wxyz, in the parent or in the world."""
+_ORIGIN: Vector = (0.0, 0.0, 0.0)
+_NOT_TURNED: Quat = (1.0, 0.0, 0.0, 0.0)
+_AT_ORIGIN: BonePose = (_ORIGIN, _NOT_TURNED)
+_UNKNOWN: BonePose = ((nan,) * 3, (nan,) * 4)
 
 
-def bone_poses(frame: StreamFrame) -> FloatArray:
-    """Position m and orientation wxyz (23, 7) of the tracked bones of one frame, the root last; NaN where not sent."""
-    poses = np.full((len(BODY_BONES) + 1, 7), np.nan)
-    for index, name in enumerate(frame.names):
-        row = _COLUMN.get(name)
-        if row is not None and frame.tracked[index]:
-            poses[row, :3] = frame.position[index]
-            poses[row, 3:] = frame.orientation[index]
+def bone_poses(frame: StreamFrame) -> dict[str, BonePose]:
+    """The tracked bones of a frame, and the root, by their names in it."""
+    poses: dict[str, BonePose] = {}
+    sent = zip(frame.names, frame.tracked.tolist(), frame.position.tolist(), frame.orientation.tolist(), strict=True)
+    for name, tracked, (x, y, z), (qw, qx, qy, qz) in sent:
+        if tracked and (name in _PARENT or name == _ROOT_NAME):
+            poses[name] = (x, y, z), (qw, qx, qy, qz)
     return poses
 
 
-def local_bones(poses: FloatArray) -> LocalBones:
-    """The bones of `bone_poses`."""
-    return LocalBones(poses[:-1, 3:], poses[:-1, :3], poses[-1, 3:], poses[-1, :3])
+def world_poses(local: Mapping[str, BonePose], lengths: Mapping[str, Vector]) -> dict[str, BonePose]:
+    """The world pose of each bone, by name: of the joint where it begins, and of its segment.
 
-
-def world_rotations(bones: LocalBones) -> FloatArray:
-    """World orientation (22, 4) wxyz of each bone's segment.
-
-    A root or an optional bone that is not sent is the identity. A required bone that is not sent is NaN, and so are
-    its descendants.
+    local: by name, relative to the parent, in the world's axes. lengths: see `t_pose_offsets`, used where the sender
+    sends no position. A required bone that is not sent is NaN, and so are its descendants.
     """
-    world = np.where(_IS_OPTIONAL[:, None] & np.isnan(bones.rotation), IDENTITY, bones.rotation)
-    root = np.where(np.isnan(bones.root_rotation), IDENTITY, bones.root_rotation)
-    world[0] = multiply(root, world[0])
-    for rows, parents in _LEVELS:
-        factors = (world[parents] @ _PRODUCTS).reshape(-1, 4, 4)
-        world[rows] = (world[rows, None] @ factors)[:, 0]
+    world = {_ROOT_NAME: local.get(_ROOT_NAME, _AT_ORIGIN)}
+    for name, bone in zip(_NAMES, BODY_BONES, strict=True):
+        place, turn = local.get(name) or (_UNKNOWN[0], _NOT_TURNED if bone in OPTIONAL else _UNKNOWN[1])
+        at, turned = world[_PARENT[name]]
+        step = lengths[name] if isnan(place[0]) else place
+        world[name] = plus(at, rotated(turned, step)), product(turned, turn)
+    del world[_ROOT_NAME]
     return world
 
 
-def world_positions(bones: LocalBones, rotations: FloatArray, offsets: FloatArray | None = None) -> FloatArray:
-    """World position (22, 3) m of the joint where each bone begins.
-
-    rotations (22, 4): of `world_rotations`. offsets (22, 3) m, see `t_pose_offsets`: from parent to bone in the T-pose,
-    used where the sender sends no position. An optional bone of which nothing is known begins where its parent does;
-    any other is NaN, and so are its descendants.
-    """
-    step = bones.position if offsets is None else np.where(np.isnan(bones.position), offsets, bones.position)
-    absent = _IS_OPTIONAL & np.isnan(bones.rotation[:, 0]) & np.isnan(step[:, 0])
-    step = np.where(absent[:, None], 0.0, step)
-    world = np.empty_like(step)
-    world[1:] = rotate(rotations[_PARENT_ROWS], step[1:])
-    root = np.where(np.isnan(bones.root_rotation), IDENTITY, bones.root_rotation)
-    world[0] = rotate(root, step[0]) + np.where(np.isnan(bones.root_position), 0.0, bones.root_position)
-    for rows, parents in _LEVELS:
-        world[rows] += world[parents]
-    return world
-
-
-def t_pose_offsets(person: HumanDimensions) -> FloatArray:
-    """Offset (22, 3) m of each bone from its parent for a person's size, in the T-pose; the hips lie in the root."""
-    offsets = np.zeros((len(BODY_BONES), 3))
+def t_pose_offsets(person: HumanDimensions) -> dict[str, Vector]:
+    """Offset m of each bone from its parent for a person's size, in the T-pose, by name; the hips lie in the root."""
+    offsets = dict.fromkeys(_NAMES, _ORIGIN)
     for bone, point in _POINTS.items():
         if point:
-            offsets[_ROW[bone]] = person.offset[POINTS.index(point)]
-    for side, quarter in (("Left", 0.5 * np.pi), ("Right", -0.5 * np.pi)):
-        # The person's arms hang; in the T-pose they point sideward.
-        rows = [_ROW[f"{side}LowerArm"], _ROW[f"{side}Hand"]]
-        offsets[rows] = rotate(from_axis_angle((1.0, 0.0, 0.0), quarter), offsets[rows])
+            x, y, z = person.offset[POINTS.index(point)].tolist()
+            # The person's arms hang; in the T-pose they point sideward.
+            out = 0.5 * pi if bone.startswith("Left") else -0.5 * pi
+            arm = bone.endswith(("LowerArm", "Hand"))
+            offsets[f"bone://{bone}"] = rotated(axis_turn((1.0, 0.0, 0.0), out), (x, y, z)) if arm else (x, y, z)
     return offsets
 
 
-# Poses of Unity's wire formats (VMC, VRChat OSC) into the world's axes.
-#
-# `stream_frame.CONVENTIONS` has the axes; here are the order of the numbers and Unity's Euler angles.
+# Poses of Unity into the world's axes: `stream_frame.CONVENTIONS` has the axes, here is the order of the numbers.
 
 _UNITY = CONVENTIONS["unity"]
-_WXYZ = np.array([3, 0, 1, 2])
+_WXYZ = [3, 0, 1, 2]
 _POSE = np.zeros((7, 7))
 _POSE[:3, :3] = _UNITY.positions(np.eye(3))
 _POSE[3:, 3:] = _UNITY.orientations(np.eye(4)[:, _WXYZ])
-"""A row of seven numbers times this matrix is the pose; every entry is 0, 1 or -1, so nothing is rounded."""
-_HALF_DEGREE = np.pi / 360.0
-
-
-def position_from_unity(position: ArrayLike) -> FloatArray:
-    """Positions (..., 3) m of Unity, in the world's axes."""
-    return _UNITY.positions(position)
-
-
-def poses_from_unity(poses: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Position (..., 3) and quaternion wxyz (..., 4) of Unity's x, y, z, qx, qy, qz, qw (..., 7).
-
-    A pose with one number that is not finite is NaN throughout.
-    """
-    turned = poses @ _POSE
-    return turned[..., :3], turned[..., 3:]
-
-
-def euler_from_unity(degrees: ArrayLike) -> FloatArray:
-    """Quaternions wxyz (..., 4), world's axes, of Unity's Euler angles x, y, z (..., 3) in degrees.
-
-    Unity turns by z, then x, then y, about fixed axes: q = q_y q_x q_z (docs.unity3d.com, Quaternion.Euler).
-    """
-    half = np.asarray(degrees, float) * _HALF_DEGREE
-    c, s = np.cos(half), np.sin(half)
-    cx, cy, cz = c[..., 0], c[..., 1], c[..., 2]
-    sx, sy, sz = s[..., 0], s[..., 1], s[..., 2]
-    out = np.empty((*half.shape[:-1], 4))
-    out[..., 0] = cy * cx * cz + sy * sx * sz
-    out[..., 1] = cy * sx * cz + sy * cx * sz
-    out[..., 2] = sy * cx * cz - cy * sx * sz
-    out[..., 3] = cy * cx * sz - sy * sx * cz
-    return _UNITY.orientations(out)
+"""A row x, y, z, qx, qy, qz, qw of Unity times this matrix is our position and quaternion wxyz; every entry is 0, 1 or
+-1, so nothing is rounded. A pose with one number that is not finite is NaN throughout."""
 
 
 UNKNOWN_ADDRESS = "OSC address that is not used"
@@ -265,21 +181,13 @@ _FLOAT = Struct(">f")
 _INT = Struct(">i")
 
 
-class _State(NamedTuple):
-    """Byte offsets of the numbers of /VMC/Ext/OK; None for those that it does not have."""
-
-    loaded: int
-    calibration: int | None
-    mode: int | None
-    tracking: int | None
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _Plan:
     """Where one layout of a datagram has its poses.
 
     words (k, 7): index of each number among the datagram's 32-bit words. bones (k,): whether a pose is a bone.
-    all_tracked, none_tracked (k,): all True and all False. stamp: byte of the time.
+    all_tracked, none_tracked (k,): all True and all False. stamp: byte of the time. loaded, tracking: bytes of these
+    states; None where the datagram does not have them.
     """
 
     names: tuple[str, ...]
@@ -288,17 +196,17 @@ class _Plan:
     all_tracked: BoolArray
     none_tracked: BoolArray
     stamp: int | None
-    state: _State | None
+    loaded: int | None
+    tracking: int | None
     reasons: Counter[str]
 
 
 class VmcDecoder:
     """A `StreamDecoder` of one sender's datagrams.
 
-    The decoder keeps only the sender's state of `/VMC/Ext/OK` between datagrams: `loaded` (the sender has a model),
-    `calibration` (0 not done, 1 waiting, 2 under way, 3 done), `calibration_mode` and `tracking`; None until sent.
-    While the sender reports that no model is loaded, or that tracking is bad, no pose is `tracked`. `time` is the last
-    /VMC/Ext/T, s. A frame's stamp is that of its own datagram only.
+    The decoder keeps only the sender's state of `/VMC/Ext/OK` between datagrams: `loaded` (the sender has a model) and
+    `tracking`; None until sent. While the sender reports that no model is loaded, or that tracking is bad, no pose is
+    `tracked`. A frame's stamp is that of its own datagram only.
 
     A bone position of exactly zero becomes NaN: SlimeVR without an avatar file, iFacialMocap and others send zeros for
     unknown positions, and no bone of a body lies in its parent's joint. A pose that is not finite, out of any room or
@@ -308,10 +216,7 @@ class VmcDecoder:
     def __init__(self) -> None:
         self.dropped = Dropped()
         self.loaded: bool | None = None
-        self.calibration: int | None = None
-        self.calibration_mode: int | None = None
         self.tracking: bool | None = None
-        self.time: float | None = None
         self._layouts = OscLayouts(_plan)
         self._names: tuple[str, ...] = ()
 
@@ -320,8 +225,10 @@ class VmcDecoder:
         plan = self._layouts.of(datagram)
         if plan.reasons:
             self.dropped.reasons.update(plan.reasons)
-        if plan.state is not None:
-            self._keep_state(datagram, plan.state)
+        if plan.loaded is not None:
+            self.loaded = _INT.unpack_from(datagram, plan.loaded)[0] != 0
+        if plan.tracking is not None:
+            self.tracking = _INT.unpack_from(datagram, plan.tracking)[0] != 0
         stamp = None if plan.stamp is None else self._stamp(datagram, plan.stamp)
         if not plan.names:
             return []
@@ -340,27 +247,18 @@ class VmcDecoder:
             self.dropped.reasons[BAD_POSE] += int(np.count_nonzero(bad))
             poses[bad] = np.nan
             tracked = tracked & ~bad
-        position, orientation = poses_from_unity(poses)
+        turned = poses @ _POSE
+        position, orientation = turned[:, :3], turned[:, 3:]
         position[plan.bones & ~position.any(axis=1)] = np.nan
         norm = np.sqrt(np.einsum("ij,ij->i", orientation, orientation))
         return position, orientation / norm[:, None], tracked
 
-    def _keep_state(self, datagram: bytes, state: _State) -> None:
-        """Keep the state of /VMC/Ext/OK until the next one."""
-        self.loaded = _INT.unpack_from(datagram, state.loaded)[0] != 0
-        if state.calibration is not None and state.mode is not None:
-            self.calibration = _INT.unpack_from(datagram, state.calibration)[0]
-            self.calibration_mode = _INT.unpack_from(datagram, state.mode)[0]
-        if state.tracking is not None:
-            self.tracking = _INT.unpack_from(datagram, state.tracking)[0] != 0
-
     def _stamp(self, datagram: bytes, at: int) -> float | None:
         """Seconds of the sender's clock; None if they are not finite, which is counted."""
         stamp = float(_FLOAT.unpack_from(datagram, at)[0])
-        if not np.isfinite(stamp):
+        if not isfinite(stamp):
             self.dropped.note(BAD_STAMP)
             return None
-        self.time = stamp
         return stamp
 
 
@@ -375,12 +273,14 @@ def _plan(packet: OscPacket) -> _Plan:
     reasons = Counter(packet.dropped)
     places: dict[str, int] = {}
     stamp: int | None = None
-    state: _State | None = None
+    loaded: int | None = None
+    tracking: int | None = None
     for message in packet.messages:
         if message.address == "/VMC/Ext/T" and message.tags.startswith("f"):
             stamp = message.at[0]
         elif message.address == "/VMC/Ext/OK" and message.tags.startswith("i"):
-            state = _state(message)
+            # Its second and third numbers, from 2.5 on, are of the calibration; the fourth came with 2.7.
+            loaded, tracking = message.at[0], message.at[3] if message.tags.startswith("iiii") else None
         else:
             reason = _place(message, places)
             if reason:
@@ -390,7 +290,9 @@ def _plan(packet: OscPacket) -> _Plan:
     all_tracked, none_tracked = np.ones(count, bool), np.zeros(count, bool)
     all_tracked.flags.writeable = none_tracked.flags.writeable = False
     bones = np.array([name.startswith("bone://") for name in places], bool)
-    return _Plan(tuple(places), first + np.arange(7), bones, all_tracked, none_tracked, stamp, state, reasons)
+    return _Plan(
+        tuple(places), first + np.arange(7), bones, all_tracked, none_tracked, stamp, loaded, tracking, reasons
+    )
 
 
 def _place(message: OscMessage, places: dict[str, int]) -> str:
@@ -401,8 +303,8 @@ def _place(message: OscMessage, places: dict[str, int]) -> str:
         return "" if known else WRONG_ARGUMENTS if message.address.startswith("/VMC/Ext/") else UNKNOWN_ADDRESS
     if not message.tags.startswith("sfffffff"):
         return WRONG_ARGUMENTS
-    sent = str(message.arguments[0])
-    name = "root://root" if kind == _ROOT else bone_name(sent) if kind == _BONE else device_name(sent)
+    sent = message.text
+    name = _ROOT_NAME if kind == _ROOT else bone_name(sent) if kind == _BONE else device_name(sent)
     if name is None:
         return UNKNOWN_BONE if kind == _BONE else BAD_SERIAL
     if kind == _RAW:
@@ -414,27 +316,14 @@ def _place(message: OscMessage, places: dict[str, int]) -> str:
     return SENT_TWICE if again else ""
 
 
-def _state(message: OscMessage) -> _State:
-    """The layout of /VMC/Ext/OK: loaded; from 2.5 on, calibration state and mode too; from 2.7 on, tracking too."""
-    at = message.at
-    calibrated = message.tags.startswith("iii")
-    return _State(
-        at[0],
-        at[1] if calibrated else None,
-        at[2] if calibrated else None,
-        at[3] if message.tags.startswith("iiii") else None,
-    )
-
-
 # VMC senders that send bones only: the avatar's bones as world poses.
 
 STATURE_M = 1.70
 """Stature of a person of unknown size, m: calibration measures the limbs."""
 ROUNDS = 8
 """A bone is lost that was not sent while another one was sent so often: 0.13 s of a sender of 60 Hz."""
-_NAMES = tuple(f"bone://{bone}" for bone in BODY_BONES)
-_FEET = [BODY_BONES.index("LeftFoot"), BODY_BONES.index("RightFoot")]
-_HIPS = BODY_BONES.index("Hips")
+_FEET = ("bone://LeftFoot", "bone://RightFoot")
+_HIPS = "bone://Hips"
 
 
 class VmcBodyDecoder:
@@ -450,11 +339,10 @@ class VmcBodyDecoder:
         self.dropped: Dropped = self._decoder.dropped
         self._offsets = t_pose_offsets(person or proportional_dimensions(STATURE_M))
         self._ankle = FRACTIONS.ankle_height * (STATURE_M if person is None else person.stature)
-        count = len(_COLUMN)
-        self._poses: FloatArray = np.full((count, 7), np.nan)
-        self._sent = np.zeros(count, dtype=np.int64)  # how often each bone was sent
-        self._last = np.full(count, -ROUNDS, dtype=np.int64)  # of the bone that was sent most, when it was sent last
-        self._round: BoolArray = np.zeros(count, dtype=bool)  # bones of the present round
+        self._poses: dict[str, BonePose] = {}  # of the bones that are not lost
+        self._sent = Counter[str]()  # how often each bone was sent
+        self._last: dict[str, int] = {}  # how often the one that was sent most had been, when a bone was sent last
+        self._round: set[str] = set()  # bones of the present round
 
     def decode(self, datagram: bytes) -> list[StreamFrame]:
         """The body of one datagram; none if it has no bone, or if more of them are to come."""
@@ -462,28 +350,26 @@ class VmcBodyDecoder:
 
     def _body(self, frame: StreamFrame) -> StreamFrame | None:
         poses = bone_poses(frame)
-        sent: BoolArray = np.isfinite(poses[:, 3])
-        self._poses[sent] = poses[sent]
-        if not sent.any() or not self._is_whole(sent) or np.isnan(self._poses[:-1, 3]).all():
+        self._poses |= poses
+        if not poses or not self._is_whole(poses.keys()) or self._poses.keys() <= {_ROOT_NAME}:
             return None
-        bones = local_bones(self._poses)
-        rotations = world_rotations(bones)
-        positions = world_positions(bones, rotations, self._offsets)
-        if np.isnan(bones.position[_HIPS, 0]):
-            lowest = np.nanmin(positions[_FEET, 2]) if np.isfinite(positions[_FEET, 2]).any() else self._ankle
+        world = world_poses(self._poses, self._offsets)
+        positions, rotations = map(np.array, zip(*world.values(), strict=True))
+        if isnan(self._poses.get(_HIPS, _UNKNOWN)[0][0]):
+            lowest = min((height for foot in _FEET if isfinite(height := world[foot][0][2])), default=self._ankle)
             positions[:, 2] += self._ankle - lowest
-        known: BoolArray = np.asarray(np.isfinite(np.hstack((rotations, positions))).all(axis=1))
+        known: BoolArray = np.isfinite(rotations).all(axis=1) & np.isfinite(positions).all(axis=1)
         return StreamFrame(_NAMES, positions, rotations, known, frame.stamp, frame.number)
 
-    def _is_whole(self, sent: BoolArray) -> bool:
-        """Whether a body is to be given after the bones (23,) that were just sent: all that are sent at all have come
-        in this round, or the round before has ended without one. Forgets the bones that are lost."""
-        self._sent[sent] += 1
-        most = self._sent.max()
-        self._last[sent] = most
-        alive = most - self._last < ROUNDS
-        self._poses[~alive] = np.nan
-        again = bool((sent & self._round).any())
-        cut_short = again and not self._round[alive].all()
-        self._round = sent if again else self._round | sent
-        return cut_short or bool(self._round[alive].all())
+    def _is_whole(self, sent: Set[str]) -> bool:
+        """Whether a body is to be given after the bones that were just sent: all that are sent at all have come in this
+        round, or the round before has ended without one. Forgets the bones that are lost."""
+        self._sent.update(sent)
+        most = max(self._sent.values())
+        self._last |= dict.fromkeys(sent, most)
+        for lost in [bone for bone, last in self._last.items() if most - last >= ROUNDS]:
+            del self._last[lost], self._poses[lost]
+        alive, again = self._last.keys(), not self._round.isdisjoint(sent)
+        cut_short = again and not self._round >= alive
+        self._round = set(sent) if again else self._round | sent
+        return cut_short or self._round >= alive

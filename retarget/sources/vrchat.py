@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from retarget.rotations import from_euler
 from retarget.sources.osc import OscLayouts, OscMessage, OscPacket
-from retarget.sources.stream_frame import MAX_COORDINATE, Dropped, StreamFrame
-from retarget.sources.vmc import euler_from_unity, position_from_unity
-from retarget.types import BoolArray, FloatArray
+from retarget.sources.stream_frame import CONVENTIONS, MAX_COORDINATE, Dropped, StreamFrame
+from retarget.types import FloatArray
 
 UNKNOWN_ADDRESS = "OSC address that is not used"
 NOT_A_TRACKER = "tracker that is none of 1 to 8 and head"
@@ -26,19 +26,21 @@ BAD_ROTATION = "Euler angle that is not finite or beyond 100 turns"
 MAX_DEGREES = 36_000.0
 """Beyond it, an angle of single precision does not resolve a hundredth of a degree."""
 
+_UNITY = CONVENTIONS["unity"]
 _PREFIX = "/tracking/trackers/"
 _IDS = frozenset([*"12345678", "head"])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Plan:
-    """Where one layout has its numbers: the row of a frame and the words (n, 3) of positions, and of rotations."""
+    """Where one layout has its numbers: words (n, 3) and row of a frame (n,) of each triple, positions first, then
+    rotations, and how large they may be (n, 1)."""
 
     names: tuple[str, ...]
-    position_rows: NDArray[np.intp]
-    positions: NDArray[np.intp]
-    rotation_rows: NDArray[np.intp]
-    rotations: NDArray[np.intp]
+    positions: int
+    rows: NDArray[np.intp]
+    words: NDArray[np.intp]
+    limits: FloatArray
     reasons: Counter[str]
 
 
@@ -63,34 +65,23 @@ class VrchatDecoder:
             return []
         if plan.names != self._names:
             self._names = plan.names
-        numbers = np.frombuffer(datagram, ">f4")
         tracked = np.ones(len(plan.names), bool)
         position = np.full((len(plan.names), 3), np.nan)
         orientation = np.full((len(plan.names), 4), np.nan)
-        metres = self._triples(numbers, plan.positions, MAX_COORDINATE, BAD_POSITION, plan.position_rows, tracked)
-        position[plan.position_rows] = position_from_unity(metres)
-        degrees = self._triples(numbers, plan.rotations, MAX_DEGREES, BAD_ROTATION, plan.rotation_rows, tracked)
-        orientation[plan.rotation_rows] = euler_from_unity(degrees)
-        return [StreamFrame(self._names, position, orientation, tracked)]
-
-    def _triples(
-        self,
-        numbers: NDArray[np.float32],
-        words: NDArray[np.intp],
-        limit: float,
-        reason: str,
-        rows: NDArray[np.intp],
-        tracked: BoolArray,
-    ) -> FloatArray:
-        """The numbers (n, 3) at these words; an unusable triple becomes NaN, and its row is no longer tracked."""
+        placed, turned = plan.rows[: plan.positions], plan.rows[plan.positions :]
         with np.errstate(invalid="ignore"):  # signalling NaNs from the wire
-            triples = numbers.take(words).astype(np.float64)
-        bad = ~(np.abs(triples) <= limit).all(axis=1)
+            triples = np.frombuffer(datagram, ">f4").take(plan.words).astype(np.float64)
+        bad = ~(np.abs(triples) <= plan.limits).all(axis=1)
         if bad.any():
-            self.dropped.reasons[reason] += int(np.count_nonzero(bad))
+            reasons = np.where(np.arange(len(bad)) < plan.positions, BAD_POSITION, BAD_ROTATION)
+            self.dropped.reasons.update(reasons[bad].tolist())
             triples[bad] = np.nan
-            tracked[rows[bad]] = False
-        return triples
+            tracked[plan.rows[bad]] = False
+        metres, degrees = triples[: plan.positions], triples[plan.positions :]
+        position[placed] = _UNITY.positions(metres)
+        # Unity turns by z, then x, then y, about fixed axes: q = q_y q_x q_z (docs.unity3d.com, Quaternion.Euler).
+        orientation[turned] = _UNITY.orientations(from_euler(np.radians(degrees[:, [1, 0, 2]]), "yxz"))
+        return [StreamFrame(self._names, position, orientation, tracked)]
 
 
 def _plan(packet: OscPacket) -> _Plan:
@@ -109,7 +100,10 @@ def _plan(packet: OscPacket) -> _Plan:
         if row in places:
             reasons[SENT_TWICE] += 1
         places[row] = message.at[0] // 4
-    return _Plan(tuple(names), *_columns(positions), *_columns(rotations), reasons)
+    rows = np.array([*positions, *rotations], np.intp)
+    first = np.array([*positions.values(), *rotations.values()], np.intp).reshape(-1, 1)
+    limits = np.repeat([MAX_COORDINATE, MAX_DEGREES], [len(positions), len(rotations)])[:, None]
+    return _Plan(tuple(names), len(positions), rows, first + np.arange(3), limits, reasons)
 
 
 def _kind(message: OscMessage) -> tuple[str, str, str]:
@@ -122,9 +116,3 @@ def _kind(message: OscMessage) -> tuple[str, str, str]:
     if not message.tags.startswith("fff"):
         return WRONG_ARGUMENTS, "", ""
     return "", tracker, what
-
-
-def _columns(places: dict[int, int]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows (n,) and words (n, 3)."""
-    first = np.array(list(places.values()), np.intp).reshape(len(places), 1)
-    return np.array(list(places), np.intp), first + np.arange(3)

@@ -16,7 +16,7 @@ from retarget.model.human import build_human
 from retarget.model.human_dimensions import POINTS, proportional_dimensions
 from retarget.rotations import angle_between, from_axis_angle, from_rotation_vector, multiply, rotate
 from retarget.sources.raw_record import RawReader
-from retarget.sources.stream_frame import MAX_POSES, StreamFrame
+from retarget.sources.stream_frame import CONVENTIONS, MAX_POSES, StreamFrame
 from retarget.sources.vmc import (
     BAD_POSE,
     BAD_SERIAL,
@@ -30,59 +30,18 @@ from retarget.sources.vmc import (
     UNKNOWN_ADDRESS,
     UNKNOWN_BONE,
     WRONG_ARGUMENTS,
-    LocalBones,
     VmcBodyDecoder,
     VmcDecoder,
     bone_name,
     bone_poses,
     device_name,
-    euler_from_unity,
-    local_bones,
-    poses_from_unity,
-    position_from_unity,
     t_pose_offsets,
-    world_positions,
-    world_rotations,
+    world_poses,
 )
 from retarget.types import FloatArray
 
-ANGLES = st.floats(-720.0, 720.0)
-
-
-def about(axis: int, degrees: float) -> FloatArray:
-    """Quaternion xyzw about one of Unity's axes."""
-    out = np.zeros(4)
-    out[axis], out[3] = np.sin(np.radians(degrees) / 2), np.cos(np.radians(degrees) / 2)
-    return out
-
-
-def turn(quaternion: FloatArray) -> FloatArray:
-    """One quaternion xyzw of Unity as wxyz in the world's axes."""
-    return poses_from_unity(np.concatenate((np.zeros(3), quaternion)))[1]
-
-
-def test_axes() -> None:
-    assert_allclose(position_from_unity([1.0, 2.0, 3.0]), [3.0, -1.0, 2.0])
-    position, orientation = poses_from_unity(np.array([[1.0, 2.0, 3.0, 0.1, 0.2, 0.3, 0.9]] * 2))
-    assert_allclose(position, [[3.0, -1.0, 2.0]] * 2)
-    assert_allclose(orientation, [[0.9, -0.3, 0.1, -0.2]] * 2)
-
-
-def test_signs_a_person_can_check() -> None:
-    """In Unity, turning right is positive about y, looking down about x, leaning left about z."""
-    x, y, z = np.eye(3)
-    assert_allclose(rotations.rotate(euler_from_unity([0.0, 90.0, 0.0]), x), -y, atol=1e-12)
-    assert_allclose(rotations.rotate(euler_from_unity([90.0, 0.0, 0.0]), x), -z, atol=1e-12)
-    assert_allclose(rotations.rotate(euler_from_unity([0.0, 0.0, 90.0]), z), y, atol=1e-12)
-
-
-@settings(max_examples=100)
-@given(ANGLES, ANGLES, ANGLES)
-def test_euler_angles_turn_by_z_then_x_then_y(x: float, y: float, z: float) -> None:
-    one = [turn(about(axis, angle)) for axis, angle in ((1, y), (0, x), (2, z))]
-    whole = rotations.multiply(rotations.multiply(one[0], one[1]), one[2])
-    assert_allclose(euler_from_unity([x, y, z]), whole, atol=1e-12)
-    assert_allclose(euler_from_unity([[x, y, z]] * 2), [whole] * 2, atol=1e-12)
+UNITY = CONVENTIONS["unity"]
+ROOT, BONE, HMD, CON, TRA = (f"/VMC/Ext/{part}/Pos" for part in ("Root", "Bone", "Hmd", "Con", "Tra"))
 
 
 @settings(max_examples=100)
@@ -90,12 +49,11 @@ def test_euler_angles_turn_by_z_then_x_then_y(x: float, y: float, z: float) -> N
 def test_turning_and_converting_may_change_places(numbers: list[float]) -> None:
     """A left-handed turn of a point, converted, is the converted turn of the converted point."""
     point, q = np.array(numbers[:3]), rotations.normalise([*numbers[3:6], 2.0 + numbers[6]])
-    turned = rotations.rotate(q[[3, 0, 1, 2]], point)  # the formula is the same in both kinds of axes
-    there = rotations.rotate(turn(q), position_from_unity(point))
-    assert_allclose(position_from_unity(turned), there, atol=1e-12)
+    (frame,) = VmcDecoder().decode(pose(TRA, "a", *point, *q))
+    turned = UNITY.positions(rotations.rotate(q[[3, 0, 1, 2]], point))  # the formula is the same in both kinds of axes
+    assert_allclose(rotations.rotate(frame.orientation[0], frame.position[0]), turned, atol=1e-6)
 
 
-ROOT, BONE, HMD, CON, TRA = (f"/VMC/Ext/{part}/Pos" for part in ("Root", "Bone", "Hmd", "Con", "Tra"))
 TURNED = (0.1, 0.2, 0.3, 0.5, -0.5, 0.5, 0.5)
 NAN, INF = float("nan"), float("inf")
 
@@ -239,23 +197,23 @@ def test_poses_are_bounded() -> None:
 def test_states_are_kept_until_the_next_one() -> None:
     decoder = VmcDecoder()
     tracker = pose(TRA, "a")
-    assert (decoder.loaded, decoder.calibration, decoder.calibration_mode, decoder.tracking) == (None,) * 4
+    assert (decoder.loaded, decoder.tracking) == (None, None)
     assert decoder.decode(tracker)[0].tracked.all()
     assert decoder.decode(message("/VMC/Ext/OK", "iiii", 1, 3, 2, 1)) == []
-    assert (decoder.loaded, decoder.calibration, decoder.calibration_mode, decoder.tracking) == (True, 3, 2, True)
+    assert (decoder.loaded, decoder.tracking) == (True, True)
     decoder.decode(message("/VMC/Ext/OK", "iiii", 1, 2, 0, 0))
     assert not decoder.decode(tracker)[0].tracked.any() and decoder.tracking is False
     decoder.decode(message("/VMC/Ext/OK", "iii", 1, 1, 0))
-    assert decoder.calibration == 1 and decoder.tracking is False
+    assert decoder.tracking is False
     decoder.decode(message("/VMC/Ext/OK", "iiii", 0, 3, 0, 1))
     assert not decoder.decode(tracker)[0].tracked.any() and decoder.loaded is False
     decoder.decode(message("/VMC/Ext/OK", "ii", 1, 0))  # no form of the protocol: the first argument counts
-    assert decoder.decode(tracker)[0].tracked.all() and decoder.calibration == 3
+    assert decoder.decode(tracker)[0].tracked.all()
 
 
 def test_a_time_of_its_own_datagram_only() -> None:
     decoder = VmcDecoder()
-    assert decoder.decode(message("/VMC/Ext/T", "f", 1.25)) == [] and decoder.time == 1.25
+    assert decoder.decode(message("/VMC/Ext/T", "f", 1.25)) == []
     assert decoder.decode(pose(TRA, "a"))[0].stamp is None
 
 
@@ -395,14 +353,10 @@ def test_slimevr_s_bones_agree_with_its_roles(shared: Path) -> None:
     assert foot.min() > 0.0 and foot.max() < 0.2 and head.min() > 1.3
 
 
-def bones_of(frame: StreamFrame) -> LocalBones:
-    return local_bones(bone_poses(frame))
-
-
 REQUIRED = tuple(bone for bone in BODY_BONES if bone not in OPTIONAL)
-ROW = {bone: row for row, bone in enumerate(BODY_BONES)}
 X, Y, Z = np.eye(3)
 QUARTER = 0.5 * np.pi
+LENGTHS = t_pose_offsets(proportional_dimensions(1.7))
 
 
 def frame_of(turns: dict[str, FloatArray], *, tracked: bool = True, position: FloatArray | None = None) -> StreamFrame:
@@ -413,12 +367,19 @@ def frame_of(turns: dict[str, FloatArray], *, tracked: bool = True, position: Fl
     return StreamFrame(names, places, np.array(list(turns.values())).reshape(count, 4), np.full(count, tracked))
 
 
+def world(frame: StreamFrame) -> dict[str, tuple[FloatArray, FloatArray]]:
+    """Position (3,) and orientation (4,) of each bone in the world."""
+    poses = world_poses(bone_poses(frame), LENGTHS)
+    return {bone: (np.array(poses[f"bone://{bone}"][0]), np.array(poses[f"bone://{bone}"][1])) for bone in BODY_BONES}
+
+
 def still(*bones: str) -> dict[str, FloatArray]:
     return {bone: np.array([1.0, 0.0, 0.0, 0.0]) for bone in bones or BODY_BONES}
 
 
 def test_identity_in_the_t_pose() -> None:
-    assert_allclose(world_rotations(bones_of(frame_of(still()))), [[1.0, 0.0, 0.0, 0.0]] * 22)
+    for _, turn in world(frame_of(still())).values():
+        assert_allclose(turn, [1.0, 0.0, 0.0, 0.0])
 
 
 def test_a_turn_reaches_all_that_hangs_from_a_bone_and_nothing_else() -> None:
@@ -434,8 +395,8 @@ def test_a_turn_reaches_all_that_hangs_from_a_bone_and_nothing_else() -> None:
             tuple(b for b in BODY_BONES if b[-3:] in ("est", "eck", "ead", "der", "Arm", "and") and b != "Chest"),
         ),
     ):
-        world = world_rotations(bones_of(frame_of({**still(), bone: turn})))
-        turned = {name for name in BODY_BONES if angle_between(world[ROW[name]], turn) < 1e-9}
+        found = world(frame_of({**still(), bone: turn}))
+        turned = {name for name, (_, by) in found.items() if angle_between(by, turn) < 1e-9}
         assert turned == set(below), bone
 
 
@@ -447,41 +408,38 @@ vectors = st.lists(st.floats(-2.0, 2.0), min_size=3, max_size=3).map(np.array)
 def test_a_chain_is_the_product_of_its_bones(turns: list[FloatArray]) -> None:
     chain = ("root", "Hips", "Spine", "Chest", "RightShoulder", "RightUpperArm", "RightLowerArm", "RightHand")
     turned = dict(zip(chain, from_rotation_vector(turns), strict=True))
-    world = world_rotations(bones_of(frame_of({**still(*REQUIRED), **turned})))
+    found = world(frame_of({**still(*REQUIRED), **turned}))
     product = np.array([1.0, 0.0, 0.0, 0.0])
     for bone in chain:
         product = multiply(product, turned[bone])
-    assert angle_between(world[ROW["RightHand"]], product) < 1e-6
+    assert angle_between(found["RightHand"][1], product) < 1e-6
 
 
 def test_optional_bones_may_be_missing() -> None:
     turn = from_axis_angle(Y, 0.3)
-    world = world_rotations(bones_of(frame_of({**still(*REQUIRED), "Spine": turn})))
+    found = world(frame_of({**still(*REQUIRED), "Spine": turn}))
     for bone in ("UpperChest", "Neck", "Head", "LeftHand", "RightShoulder"):
-        assert_allclose(world[ROW[bone]], turn)
+        assert_allclose(found[bone][1], turn)
 
 
 @pytest.mark.parametrize("bone", REQUIRED)
 def test_a_missing_required_bone_is_unknown_and_so_is_all_below(bone: str) -> None:
     rest = still()
     del rest[bone]
-    world = world_rotations(bones_of(frame_of(rest)))
-    unknown = {name for name in BODY_BONES if np.isnan(world[ROW[name]]).any()}
+    unknown = {name for name, (_, turn) in world(frame_of(rest)).items() if np.isnan(turn).any()}
     assert bone in unknown
     if bone in ("Hips", "LeftUpperArm", "RightFoot"):
         arm = {"LeftUpperArm", "LeftLowerArm", "LeftHand"}
         assert unknown == {"Hips": set(BODY_BONES), "LeftUpperArm": arm, "RightFoot": {"RightFoot", "RightToes"}}[bone]
 
 
-def test_bones_that_are_not_tracked_are_nan() -> None:
-    bones = bones_of(frame_of(still("Hips", "root"), tracked=False))
-    assert np.isnan(bones.rotation).all() and np.isnan(bones.root_rotation).all()
+def test_bones_that_are_not_tracked_are_left_out() -> None:
+    assert bone_poses(frame_of(still("Hips", "root"), tracked=False)) == {}
 
 
 def test_positions_of_the_t_pose_are_those_of_our_human() -> None:
     person = proportional_dimensions(1.7)
-    bones = bones_of(frame_of(still()))
-    ours = dict(zip(BODY_BONES, world_positions(bones, world_rotations(bones), t_pose_offsets(person)), strict=True))
+    ours = world(frame_of(still()))
     human = build_human(person)
     theirs = dict(zip(POINTS, place(human, human.posture("t_pose"), POINTS), strict=True))
     pairs = {
@@ -492,53 +450,36 @@ def test_positions_of_the_t_pose_are_those_of_our_human() -> None:
         "RightUpperLeg": "r_hip",
     }
     for bone, point in pairs.items():
-        assert_allclose(ours[bone] - ours["Hips"], theirs[point] - theirs["pelvis"], atol=1e-9, err_msg=bone)
+        from_hips = ours[bone][0] - ours["Hips"][0]
+        assert_allclose(from_hips, theirs[point] - theirs["pelvis"], atol=1e-9, err_msg=bone)
 
 
 def test_sent_positions_go_before_lengths() -> None:
-    bones = bones_of(frame_of({**still(), "root": from_axis_angle(Z, QUARTER)}, position=X))
-    world = world_positions(bones, world_rotations(bones), np.full((22, 3), 9.0))
-    assert_allclose(world[ROW["Hips"]], X + Y, atol=1e-12)  # the root's position, and then one step turned
-    assert_allclose(world[ROW["Spine"]], X + 2.0 * Y, atol=1e-12)
+    found = world(frame_of({**still(), "root": from_axis_angle(Z, QUARTER)}, position=X))
+    assert_allclose(found["Hips"][0], X + Y, atol=1e-12)  # the root's position, and then one step turned
+    assert_allclose(found["Spine"][0], X + 2.0 * Y, atol=1e-12)
 
 
-def test_positions_without_lengths_are_unknown_and_absent_bones_take_no_room() -> None:
-    bones = bones_of(frame_of(still()))
-    assert np.isnan(world_positions(bones, world_rotations(bones))).all()
-    present = bones_of(frame_of(still(*REQUIRED), position=Z))
-    world = world_positions(present, world_rotations(present))
-    assert_allclose(world[ROW["Hips"]], Z)
-    assert_allclose(world[ROW["UpperChest"]], world[ROW["Spine"]])
-    assert_allclose(world[ROW["LeftUpperArm"]], 3.0 * Z)
-    assert_allclose(world[ROW["LeftHand"]], 5.0 * Z)
-
-
-def test_a_bone_that_is_known_in_part_has_no_place() -> None:
-    turns = still(*REQUIRED, "LeftShoulder")
+def test_a_bone_below_an_unknown_one_has_no_place() -> None:
+    turns = still(*REQUIRED)
     del turns["RightUpperLeg"]
-    frame = frame_of(turns, position=Z)
-    frame.position[frame.names.index("bone://LeftShoulder")] = np.nan
-    bones = bones_of(frame)
-    world = world_positions(bones, world_rotations(bones))
-    for bone in ("LeftShoulder", "LeftHand", "RightUpperLeg", "RightFoot"):
-        assert np.isnan(world[ROW[bone]]).all(), bone
+    found = world(frame_of(turns, position=Z))
+    for bone in ("RightLowerLeg", "RightFoot"):
+        assert np.isnan(found[bone][0]).all(), bone
     for bone in ("RightShoulder", "RightHand", "LeftFoot", "Head"):
-        assert np.isfinite(world[ROW[bone]]).all(), bone
+        assert np.isfinite(found[bone][0]).all(), bone
 
 
 def test_a_bent_elbow_moves_the_hand() -> None:
-    offsets = t_pose_offsets(proportional_dimensions(1.7))
     bend = from_axis_angle(Z, -QUARTER)  # the left forearm to the front
-    bones = bones_of(frame_of({**still(), "LeftLowerArm": bend}))
-    world = world_positions(bones, world_rotations(bones), offsets)
-    forearm = world[ROW["LeftHand"]] - world[ROW["LeftLowerArm"]]
-    assert_allclose(forearm, rotate(bend, offsets[ROW["LeftHand"]]), atol=1e-12)
+    found = world(frame_of({**still(), "LeftLowerArm": bend}))
+    forearm = found["LeftHand"][0] - found["LeftLowerArm"][0]
+    assert_allclose(forearm, rotate(bend, LENGTHS["bone://LeftHand"]), atol=1e-12)
     assert forearm[0] > 0.2
 
 
 def test_nothing_is_sent() -> None:
-    bones = bones_of(frame_of({}))
-    assert isinstance(bones, LocalBones) and np.isnan(world_rotations(bones)[0]).all()
+    assert np.isnan(world(frame_of({}))["Hips"][1]).all()
 
 
 def test_unity_has_55_bones() -> None:

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from osc_bytes import bundle, damaged, message
-from retarget.sources.vmc import euler_from_unity
+from retarget.rotations import from_axis_angle, multiply, rotate
 from retarget.sources.vrchat import (
     BAD_POSITION,
     BAD_ROTATION,
@@ -18,6 +18,7 @@ from retarget.sources.vrchat import (
     WRONG_ARGUMENTS,
     VrchatDecoder,
 )
+from retarget.types import FloatArray
 
 NAN, INF = float("nan"), float("inf")
 
@@ -30,6 +31,15 @@ def turned(tracker: str, *numbers: float) -> bytes:
     return message(f"/tracking/trackers/{tracker}/rotation", "fff", *(numbers or (10.0, 20.0, 30.0)))
 
 
+def unity_turn(x: float, y: float, z: float) -> FloatArray:
+    """In Unity, turning right is positive about y, looking down about x, leaning left about z: by z, then x, then y."""
+    right, down, left = (
+        from_axis_angle(axis, np.radians(angle))
+        for axis, angle in (((0.0, 0.0, -1.0), y), ((0.0, 1.0, 0.0), x), ((-1.0, 0.0, 0.0), z))
+    )
+    return multiply(right, multiply(down, left))
+
+
 def test_golden_bytes() -> None:
     golden = b"/tracking/trackers/1/position\0\0\0,fff\0\0\0\0\x3f\x80\0\0\x40\0\0\0\x40\x40\0\0"
     assert golden == at("1")
@@ -37,6 +47,13 @@ def test_golden_bytes() -> None:
     assert frame.names == ("tracker://1",) and frame.stamp is None and frame.tracked.tolist() == [True]
     assert_allclose(frame.position, [[3.0, -1.0, 2.0]])
     assert np.isnan(frame.orientation).all()
+
+
+def test_signs_a_person_can_check() -> None:
+    x, y, z = np.eye(3)
+    for degrees, before, after in (((0.0, 90.0, 0.0), x, -y), ((90.0, 0.0, 0.0), x, -z), ((0.0, 0.0, 90.0), z, y)):
+        (frame,) = VrchatDecoder().decode(turned("1", *degrees))
+        assert_allclose(rotate(frame.orientation[0], before), after, atol=1e-7)
 
 
 def test_a_bundle_of_trackers() -> None:
@@ -47,7 +64,7 @@ def test_a_bundle_of_trackers() -> None:
         assert frame.names == ("tracker://head", "tracker://1", "tracker://8")
         assert np.isnan(frame.position).all(axis=1).tolist() == [False, False, True]
         assert np.isnan(frame.orientation).all(axis=1).tolist() == [True, False, False]
-        assert_allclose(frame.orientation[1], euler_from_unity([10.0, 20.0, 30.0]), atol=1e-7)
+        assert_allclose(frame.orientation[1], unity_turn(10.0, 20.0, 30.0), atol=1e-7)
         assert frame.tracked.all()
     assert decoder.dropped.reasons == {NOT_A_TRACKER: 4}
 
