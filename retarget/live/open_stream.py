@@ -77,7 +77,7 @@ def open_stream(
     smoothing: str = LIGHT,
     latest: bool = False,
 ) -> LiveStream:
-    """Open the port, or the recording, of an address. smoothing: see `smoothing.SMOOTHINGS`. latest: use the newest
+    """Open the port, or the recording, of an address. smoothing: see `playout.SMOOTHINGS`. latest: use the newest
     poses at once, instead of a playout buffer.
 
     Raises InputError: port taken, no such interface, no such recording; UsageError: sensors that such a sender does not

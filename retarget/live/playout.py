@@ -9,8 +9,7 @@ from math import exp, inf, isfinite
 import numpy as np
 from numpy.typing import NDArray
 
-from retarget import _solver
-from retarget._solver import PoseRing
+from retarget._solver import PoseFilter, PoseRing
 from retarget.errors import UsageError, suggest
 from retarget.live.clock_map import SlidingMinimum
 from retarget.rotations import IDENTITY
@@ -159,128 +158,73 @@ class Playout:
         self._ring.clear()
 
 
-# Settings of the One-Euro filter (Casiez, Roussel and Vogel, CHI 2012).
-
-
-@dataclass(frozen=True, slots=True)
-class OneEuroSettings:
-    """Settings of one filter. min_cutoff: Hz, at rest. beta: Hz by which the cutoff rises per unit of speed (1/m for
-    positions, 1/rad for turns). d_cutoff: Hz, of the speed's own filter. Positive and finite; beta may be 0. Raises
-    ValueError otherwise."""
-
-    min_cutoff: float = 0.8
-    beta: float = 2.0
-    d_cutoff: float = 1.0
-
-    def __post_init__(self) -> None:
-        for name, least in (("min_cutoff", 1e-3), ("beta", 0.0), ("d_cutoff", 1e-3)):
-            value = getattr(self, name)
-            if not (isfinite(value) and value >= least):
-                raise ValueError(f"{name} of a One-Euro filter is a number from {least} on; found {value}")
-
-    @property
-    def cutoffs(self) -> tuple[float, float, float]:
-        """The settings as the compiled filter takes them."""
-        return self.min_cutoff, self.beta, self.d_cutoff
-
-
-# The One-Euro filter (Casiez, Roussel and Vogel, CHI 2012) on positions and orientations, each by its own time.
+# Smoothing: the One-Euro filter (Casiez, Roussel and Vogel, CHI 2012) or the mean over a window.
 #
-# It is a low-pass filter of first order whose cutoff rises with the speed: strong at rest, weak in motion. The speed is
-# the norm of the whole vector, so that turning the world turns the result and changes nothing else. An orientation is
-# filtered by the rotation vector from the filtered orientation to the new one, in world axes, and not by its own
-# rotation vector, which jumps at 180 degrees. So the signs of quaternions do not matter.
-
-
-class PoseFilter:
-    """Filters the poses of k sensors. position, orientation: settings of either part; None leaves it as it is."""
-
-    def __init__(self, count: int, *, position: OneEuroSettings | None, orientation: OneEuroSettings | None) -> None:
-        self._filter = _solver.PoseFilter(
-            count,
-            position=None if position is None else position.cutoffs,
-            orientation=None if orientation is None else orientation.cutoffs,
-        )
-
-    def step(self, time: FloatArray, position: FloatArray, orientation: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Filtered positions (k, 3) and orientations (k, 4) wxyz, unit, of poses at times (k) in s.
-
-        A first value is taken as it is. NaN in, NaN out, and the state waits. Where the time has not risen, the result
-        is the last one. Between two calls a pose moves toward its new value and never beyond it. The sign of an
-        orientation is that of the last one.
-        """
-        return self._filter.step(time, np.ascontiguousarray(position), np.ascontiguousarray(orientation))
-
-    def reset(self, rows: BoolArray) -> None:
-        """Forget rows (k,): their next pose is taken as it is."""
-        self._filter.reset(rows)
-
-
-# The fixed-lag smoother: a Gaussian window over what came before and after.
+# The One-Euro filter is a low-pass filter of first order whose cutoff rises with the speed: strong at rest, weak in
+# motion. The speed is the norm of the whole vector, so that turning the world turns the result, and nothing else. An
+# orientation is filtered by the rotation vector from the filtered orientation to the new one, in world axes, and not by
+# its own rotation vector, which jumps at 180 degrees. So the signs of quaternions do not matter.
 
 SIGMAS = 2.5
 """Half of the window, in standard deviations."""
+WINDOW_DEPTH = 64
+"""Poses of a sensor that a window holds at most."""
 _FOUR = np.ones(4)
 """(values * values).dot(_FOUR) is the quickest sum over rows of four."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Smoothed:
-    """k smooth poses. time (k): s, at which they hold: the mean of the times in the window. position (k, 3) m,
-    orientation (k, 4) wxyz; NaN where nothing was given."""
-
-    time: FloatArray
-    position: FloatArray
-    orientation: FloatArray
-
-
-class FixedLag:
-    """Weighted means of the poses of k sensors over a window of `length` s, half of which is the lag.
+class WindowFilter:
+    """Weighted means of the poses of k sensors over a window of `length` s, half of which is the lag: a fixed-lag
+    smoother with a Gaussian window, and the methods of `PoseFilter`.
 
     The time of a mean is the mean of the times with the same weights: motion along a line at constant speed is exact,
-    however irregular the times, and nothing overshoots. At most `depth` poses are kept of each sensor.
+    however irregular the times, and nothing overshoots.
     """
 
-    def __init__(self, count: int, *, length: float = 0.120, depth: int = 64) -> None:
-        assert length > 0.0 and depth > 1
+    def __init__(self, count: int, *, length: float = 0.120) -> None:
         self._half = 0.5 * length
-        self._depth = depth
-        self._time = np.full((count, depth), np.inf)  # empty entries are outside of every window
-        self._position = np.zeros((count, depth, 3))
-        self._orientation = np.zeros((count, depth, 4))
+        self._time = np.full((count, WINDOW_DEPTH), np.inf)  # empty entries are outside of every window
+        self._position = np.zeros((count, WINDOW_DEPTH, 3))
+        self._orientation = np.zeros((count, WINDOW_DEPTH, 4))
+        self._given = np.zeros((count, 2), dtype=np.bool_)
         self._newest = np.full(count, -np.inf)
         self._next = np.zeros(count, dtype=np.intp)
         self._every = np.arange(count)
 
-    def step(self, time: FloatArray, position: FloatArray, orientation: FloatArray) -> Smoothed:
-        """Take poses at times (k) in s. Returns the means half a window before the newest.
+    def step(self, time: FloatArray, position: FloatArray, orientation: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Smooth positions (k, 3) and orientations (k, 4) wxyz, half a window before the newest, of poses at times (k)
+        in s. NaN in, NaN out; a row whose time has not risen is not taken.
 
-        position (k, 3) m, orientation (k, 4) wxyz of any sign. A row whose time has not risen, or that has any NaN, is
-        not taken.
+        A sensor whose position or orientation begins or ceases to be given is smoothed from there on.
         """
-        whole = np.isfinite(time) & np.isfinite(position).all(axis=1) & np.isfinite(orientation).all(axis=1)
-        taken = np.flatnonzero(whole & (time > self._newest))
+        given = np.isfinite(np.stack([position[:, 0], orientation[:, 0]], axis=1))
+        changed = (given != self._given).any(axis=1)
+        if changed.any():
+            self.reset(changed)
+            self._given = given
+        placed, turned = given[:, :1], given[:, 1:]
+        taken = np.flatnonzero(given.any(axis=1) & (time > self._newest))  # False for NaN
         place = self._next[taken]
         self._time[taken, place] = time[taken]
-        self._position[taken, place] = position[taken]
-        self._orientation[taken, place] = orientation[taken]
+        self._position[taken, place] = np.where(placed, position, 0.0)[taken]
+        self._orientation[taken, place] = np.where(turned, orientation, IDENTITY)[taken]
         self._newest[taken] = time[taken]
-        self._next[taken] = (place + 1) % self._depth
-        return self._means()
+        self._next[taken] = (place + 1) % WINDOW_DEPTH
+        means, turns = self._means()
+        return np.where(placed, means, np.nan), np.where(turned, turns, np.nan)
 
-    def reset(self, rows: BoolArray | slice = slice(None)) -> None:
-        """Forget rows (k,)."""
+    def reset(self, rows: BoolArray) -> None:
+        """Forget rows (k,): their next pose is taken as it is."""
         self._time[rows] = np.inf
         self._newest[rows] = -np.inf
 
-    def _means(self) -> Smoothed:
-        """The means of every row around half a window before its newest pose."""
+    def _means(self) -> tuple[FloatArray, FloatArray]:
+        """The means (k, 3) and (k, 4) of every row around half a window before its newest pose; NaN without one."""
         given = self._newest > -np.inf
         newest = np.where(given, self._newest, 0.0)
         # At the start there is less than half a window before the newest: the middle of what there is.
         oldest = np.clip(self._time.min(axis=1), newest - 2.0 * self._half, newest)
-        centre = 0.5 * (newest + oldest)
-        offset = self._time - centre[:, None]
+        offset = self._time - 0.5 * (newest + oldest)[:, None]
         inside = np.abs(offset) <= self._half * (1.0 + 1e-9)
         offset = np.where(inside, offset, 0.0)
         weight = np.where(inside, np.exp(offset * offset * (-0.5 * (SIGMAS / self._half) ** 2)), 0.0)
@@ -290,56 +234,22 @@ class FixedLag:
         signed = np.where(same_side, weight, -weight)[:, None, :]
         orientation = np.matmul(signed, self._orientation)[:, 0]
         norm = np.sqrt((orientation * orientation).dot(_FOUR))[:, None]
-        time = centre + (weight * offset).sum(axis=1)
-        return Smoothed(time, np.matmul(weight[:, None, :], self._position)[:, 0], orientation / norm)
-
-
-# The fixed-lag smoother as a filter of sensors, each of which may have a position, an orientation, or both.
-
-_NOWHERE = np.zeros(3)
-
-
-class WindowFilter:
-    """The fixed-lag smoother with the interface of `PoseFilter`. length: of the window, s; the lag is half of it."""
-
-    def __init__(self, count: int, *, length: float = 0.120) -> None:
-        self._lag = FixedLag(count, length=length)
-        self._given = np.zeros((count, 2), dtype=np.bool_)
-
-    def step(self, time: FloatArray, position: FloatArray, orientation: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Smooth positions (k, 3) and orientations (k, 4) wxyz of poses at times (k) in s; NaN in, NaN out.
-
-        A sensor whose position or orientation begins or ceases to be given is smoothed from there on.
-        """
-        given = np.isfinite(np.stack([position[:, 0], orientation[:, 0]], axis=1))
-        changed = (given != self._given).any(axis=1)
-        if changed.any():
-            self._lag.reset(changed)
-            self._given = given
-        placed, turned = given[:, :1], given[:, 1:]
-        known = given.any(axis=1)
-        when = np.where(known, time, np.nan)
-        found = self._lag.step(
-            when, np.where(placed, position, _NOWHERE), np.where(turned, orientation, np.asarray(IDENTITY))
-        )
-        return np.where(placed, found.position, np.nan), np.where(turned, found.orientation, np.nan)
-
-    def reset(self, rows: BoolArray) -> None:
-        """Forget rows (k,): their next pose is taken as it is."""
-        self._lag.reset(rows)
+        return np.matmul(weight[:, None, :], self._position)[:, 0], orientation / norm
 
 
 LIGHT = "light"
 WINDOW = "window"
 """The mean over 120 ms instead of a One-Euro filter: the smoothest, and always 60 ms late."""
 
-SMOOTHINGS: dict[str, tuple[OneEuroSettings, OneEuroSettings] | None] = {
+Cutoffs = tuple[float, float, float]
+"""One-Euro filter: cutoff at rest, Hz; Hz by which it rises per m/s or rad/s; cutoff of the speed's own filter, Hz."""
+SMOOTHINGS: dict[str, tuple[Cutoffs, Cutoffs] | None] = {
     "off": None,
-    LIGHT: (OneEuroSettings(min_cutoff=4.0, beta=12.0), OneEuroSettings(min_cutoff=4.0, beta=3.0)),
-    "strong": (OneEuroSettings(min_cutoff=1.0, beta=3.0), OneEuroSettings(min_cutoff=1.0, beta=1.0)),
+    LIGHT: ((4.0, 12.0, 1.0), (4.0, 3.0, 1.0)),
+    "strong": ((1.0, 3.0, 1.0), (1.0, 1.0, 1.0)),
 }
-"""Settings by name, of positions (Hz, and Hz per m/s) and of orientations (Hz, and Hz per rad/s). light: a hand at rest
-trembles half as much, and one that moves at 1 m/s lags by 10 ms."""
+"""Cutoffs by name, of positions and of orientations. light: a hand at rest trembles half as much, and one that moves at
+1 m/s lags by 10 ms."""
 
 
 def pose_filter(name: str, count: int) -> PoseFilter | WindowFilter | None:
