@@ -43,18 +43,9 @@ class ReplayReceiver:
         """Recorded time of the last datagram, s; None at the start of a round."""
         self._count = 0
         self._round_began = 0.0
-        self._started = self._finished = False
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    @property
-    def finished(self) -> bool:
+        self._started = False
+        self.finished = False
         """Whether everything has been returned; never with `loop`, unless the recording is empty."""
-        return self._finished
 
     @property
     def damage(self) -> str:
@@ -63,7 +54,7 @@ class ReplayReceiver:
 
     def close(self) -> None:
         """End the replay."""
-        self._next, self._finished = None, True
+        self._next, self.finished = None, True
 
     def poll(self, now: float) -> list[Datagram]:
         """The datagrams that have fallen due until `now` (s), with their due times. Bounded as for a socket."""

@@ -5,7 +5,6 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from typing import Self
 
 from hardware.clock import wall_to_monotonic
 from retarget.errors import InputError
@@ -27,8 +26,11 @@ class NatnetReceiver:
 
     In multicast, frames come through a second socket, which follows the group and port that the server reports.
     dropped: datagrams of others than the server. join_error: why the reported group could not be joined, "" if there is
-    no error; the old group is then kept, and the new one tried again every REACQUISITION_S.
+    no error; the old group is then kept, and the new one tried again every REACQUISITION_S. bound: address and port
+    that receive the server's answers, and in unicast its frames.
     """
+
+    finished = False
 
     def __init__(
         self,
@@ -51,23 +53,13 @@ class NatnetReceiver:
         self._tried = float("-inf")
         commands = replace(address, bind=address.interface, port=0, multicast=None)
         self._commands = UdpReceiver(commands, wall_offset=wall_offset)
+        self.bound = self._commands.bound
         if address.multicast is not None:
             try:
                 self._frames = UdpReceiver(address, wall_offset=wall_offset)
             except InputError:
                 self._commands.close()
                 raise
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    @property
-    def port(self) -> int:
-        """The port that receives the server's answers, and in unicast its frames; 0 once closed."""
-        return self._commands.port
 
     @property
     def overflowed(self) -> int:
@@ -79,11 +71,6 @@ class NatnetReceiver:
         self._commands.close()
         if self._frames is not None:
             self._frames.close()
-
-    @property
-    def finished(self) -> bool:
-        """Never: a sender may always send again."""
-        return False
 
     def poll(self, now: float) -> list[Datagram]:
         """The datagrams of the server until `now` (s), oldest first, bounded as for two sockets. Never raises."""
@@ -146,14 +133,17 @@ class TcpReceiver:
     """A TCP port that is polled like a UDP socket. It has one connection at a time, from `host` only.
 
     Arrival is the time of the poll: TCP gives no other. dropped: connections that were refused, and bytes that are no
-    datagram. What is not fetched waits in the kernel, which then slows the sender down.
+    datagram. What is not fetched waits in the kernel, which then slows the sender down. bound: address and port where
+    it listens. connection: with the sender, as far as the last poll saw.
     """
+
+    finished = False
 
     def __init__(self, address: StreamAddress) -> None:
         """Listen. Raises InputError: the port is taken or forbidden, there is no such interface."""
         assert address.host is not None
         self._host = address.host
-        self._connection: socket.socket | None = None
+        self.connection: socket.socket | None = None
         self._source: Source = ("", 0)
         self._last_byte = 0.0  # [s]
         self._stream = MvnStream()
@@ -169,22 +159,7 @@ class TcpReceiver:
         except OSError as error:
             self._listener.close()
             raise not_bound(address, error, protocol="tcp") from error
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    @property
-    def port(self) -> int:
-        """The port where it listens; 0 once it is closed."""
-        return 0 if self._listener.fileno() < 0 else int(self._listener.getsockname()[1])
-
-    @property
-    def connected(self) -> bool:
-        """Whether the sender has connected, as far as the last poll saw."""
-        return self._connection is not None
+        self.bound: Source = self._listener.getsockname()
 
     def close(self) -> None:
         """Close the port and the connection. A second call has no effect."""
@@ -192,18 +167,13 @@ class TcpReceiver:
         self._hang_up()
         self._waiting.clear()
 
-    @property
-    def finished(self) -> bool:
-        """Never: a sender may always send again."""
-        return False
-
     def poll(self, now: float) -> list[Datagram]:
         """The whole datagrams that arrived until `now` (s), oldest first, at most MOST_PER_POLL."""
         self._accept(now)
         room = MOST_BYTES
-        while self._connection is not None and room > 0 and len(self._waiting) < MOST_PER_POLL:
+        while self.connection is not None and room > 0 and len(self._waiting) < MOST_PER_POLL:
             try:
-                chunk = self._connection.recv(CHUNK)
+                chunk = self.connection.recv(CHUNK)
             except (BlockingIOError, InterruptedError):
                 break
             except OSError:
@@ -227,19 +197,19 @@ class TcpReceiver:
             if source[0] != self._host:
                 self.dropped.note(NOT_THE_SENDER)
                 caller.close()
-            elif self._connection is not None and now - self._last_byte < SILENT_S:
+            elif self.connection is not None and now - self._last_byte < SILENT_S:
                 self.dropped.note(SECOND_CONNECTION)
                 caller.close()
             else:
                 self._hang_up()
                 caller.setblocking(False)
-                self._connection, self._source, self._last_byte = caller, source, now
+                self.connection, self._source, self._last_byte = caller, source, now
 
     def _hang_up(self) -> None:
         """End the connection, and drop its incomplete datagram."""
-        if self._connection is not None:
+        if self.connection is not None:
             with suppress(OSError):
-                self._connection.close()
-        self._connection = None
+                self.connection.close()
+        self.connection = None
         self._stream = MvnStream()
         self._stream.dropped = self.dropped

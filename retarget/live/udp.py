@@ -7,7 +7,7 @@ import struct
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Literal, Self
+from typing import Literal
 
 from hardware.clock import wall_to_monotonic
 from hardware.realtime import PROCESSES, named_process
@@ -165,48 +165,24 @@ class UdpReceiver:
     """A socket that is polled by the loop.
 
     dropped: what was not passed on, by reason. overflowed: datagrams that the kernel lost because they were not fetched
-    in time. buffer: bytes that the kernel granted. `wall_offset`: see `hardware.clock.wall_to_monotonic`; it is None
+    in time. bound: address and port of the socket. `wall_offset`: see `hardware.clock.wall_to_monotonic`; it is None
     where `now` is not of the machine's monotonic clock, and arrival is then the time of the poll.
     """
 
-    def __init__(
-        self,
-        address: StreamAddress,
-        *,
-        wall_offset: Callable[[], int] | None = wall_to_monotonic,
-        longest: int = MAX_DATAGRAM,
-    ) -> None:
-        """Open the socket. `longest`: bytes of a datagram that is passed on. Raises InputError, see `open_socket`."""
-        assert 0 < longest <= MAX_DATAGRAM
+    finished = False
+    """A sender may always send again."""
+
+    def __init__(self, address: StreamAddress, *, wall_offset: Callable[[], int] | None = wall_to_monotonic) -> None:
+        """Open the socket. Raises InputError, see `open_socket`."""
         self.dropped = Dropped()
         self.overflowed = 0
-        self._longest = longest
         self._socket = open_socket(address)
-        self.buffer = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+        self.bound: Source = self._socket.getsockname()
         self._wall_offset = wall_offset
         self._offset = 0
         self._measured = float("-inf")
         self._emptied = float("-inf")
         """When the socket was last found empty: what is read after that arrived after that."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    @property
-    def port(self) -> int:
-        """The port of the socket; 0 once it is closed."""
-        return 0 if self._socket.fileno() < 0 else int(self._socket.getsockname()[1])
-
-    @property
-    def bound(self) -> Source:
-        """Address and port of the socket; ("", 0) once it is closed."""
-        if self._socket.fileno() < 0:
-            return "", 0
-        host, port = self._socket.getsockname()[:2]
-        return str(host), int(port)
 
     def fileno(self) -> int:
         """For `select`; -1 once closed."""
@@ -223,21 +199,16 @@ class UdpReceiver:
         except OSError:
             return False
 
-    @property
-    def finished(self) -> bool:
-        """Never: a sender may always send again."""
-        return False
-
     def poll(self, now: float) -> list[Datagram]:
         """What has arrived until `now` (s), oldest first, at most MOST_PER_POLL datagrams and MOST_BYTES_PER_POLL."""
         if self._wall_offset is not None and now - self._measured >= REMEASURE_S:
             self._offset, self._measured = self._wall_offset(), now
         found: list[Datagram] = []
         room = MOST_BYTES_PER_POLL
-        receive, longest = self._socket.recvmsg, self._longest
+        receive = self._socket.recvmsg
         for _ in range(MOST_PER_POLL):
             try:
-                payload, control, flags, source = receive(longest, CONTROL_BYTES)
+                payload, control, _, source = receive(MAX_DATAGRAM, CONTROL_BYTES)
             except OSError as error:
                 if error.errno in GONE:
                     self._emptied = now
@@ -247,12 +218,10 @@ class UdpReceiver:
                 self.dropped.note("the socket cannot be read")
                 break
             arrival = self._arrival(control, now)
-            if flags & socket.MSG_TRUNC:
-                self.dropped.note("datagram too long")
-            elif not payload:
-                self.dropped.note("empty datagram")
-            else:
+            if payload:
                 found.append(Datagram(arrival, source, payload))
+            else:
+                self.dropped.note("empty datagram")
             room -= len(payload)
             if room <= 0:
                 break

@@ -5,9 +5,9 @@ The AMC names no frame rate (most CMU trials have 120 Hz) and no unit (CMU: 0.02
 joints as in `canonical`; the ground is where the file has it.
 """
 
-import math
-from dataclasses import dataclass, field
-from itertools import groupby
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,14 +17,13 @@ from retarget.errors import InputError, suggest
 from retarget.frames import SensorFrames
 from retarget.sources.canonical import CMU_METRES, Unit, canonical_frames, named_unit
 from retarget.sources.files import check_frame_count, check_rate, cut_short, numbers, read_lines
-from retarget.sources.skeletons import JointTree, Pose, forward_kinematics
+from retarget.sources.skeletons import JointTree, Pose, posed
 from retarget.types import FloatArray
 
 # Acclaim skeleton files (.asf): bones with their lengths, directions, axes and degrees of freedom.
 #
 # Format: the Acclaim ASF/AMC description (sections :units, :root, :bonedata, :hierarchy). A bone turns about the start
-# of
-# itself; its end is where its children start. Limits are read past: recorded data exceeds them.
+# of itself; its end is where its children start. Limits are read past: recorded data exceeds them.
 
 MAX_BONES = 1000
 """Skeletons with more bones are refused."""
@@ -32,6 +31,9 @@ MAX_BONES = 1000
 ROOT = "root"
 _ROOT_DOF = ("tx", "ty", "tz", "rx", "ry", "rz")
 _DOF = ("rx", "ry", "rz")
+
+_Line = tuple[str, list[str]]
+"""Where a line is, for messages, and its words."""
 
 
 @dataclass(frozen=True)
@@ -52,210 +54,173 @@ class AsfSkeleton:
     path: Path
 
 
-@dataclass
+@dataclass(frozen=True)
 class _Bone:
-    """A bone as it is read."""
+    """vector (3,): from its start to its end. frame (4,): of its axes. dof: see `AsfSkeleton`."""
 
-    line: int
-    name: str = ""
-    direction: list[float] | None = None
-    length: float | None = None
-    axis: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
-    axis_order: str = "xyz"
-    dof: tuple[str, ...] = ()
-
-
-@dataclass
-class _Draft:
-    """The sections of a file as they are read."""
-
-    path: Path
-    length_unit: float = 1.0
-    degrees: bool = True
-    root: _Bone = field(default_factory=lambda: _Bone(0, ROOT, [0.0, 0.0, 0.0], 0.0, dof=_ROOT_DOF))
-    bones: dict[str, _Bone] = field(default_factory=dict)
-    children: dict[str, list[str]] = field(default_factory=dict)
-    placed: set[str] = field(default_factory=lambda: {ROOT})
-    open_bone: _Bone | None = None
-
-    def error(self, what: str, line: int, *, found: str = "", allowed: str = "", next_step: str = "") -> InputError:
-        return InputError(what, where=f"{self.path}:{line}", found=found[:80], allowed=allowed, next_step=next_step)
+    vector: FloatArray
+    frame: FloatArray
+    dof: tuple[str, ...]
 
 
 def read_asf(path: Path) -> AsfSkeleton:
     """Read a skeleton. Raises InputError with file and line for anything that is wrong in it."""
-    draft, section, line_number = _Draft(path), "", 0
-    readers = {"units": _units_line, "root": _root_line, "bonedata": _bone_line, "hierarchy": _hierarchy_line}
-    for line_number, line in enumerate(read_lines(path), start=1):
-        words = line.split("#", 1)[0].split()
-        if not words:
-            continue
-        if words[0].startswith(":"):
-            section = words[0][1:].lower()
-            continue
-        if section in readers:
-            readers[section](draft, words, line_number)
-        elif not section:
-            raise draft.error(
-                "not an ASF file", line_number, found=repr(line.strip()[:40]), allowed="sections such as :bonedata"
-            )
-    if draft.open_bone is not None:
-        raise draft.error("the file ends inside a bone", line_number, next_step="The file is cut short: get it again")
-    if not draft.bones or not draft.children:
-        missing = ":bonedata" if not draft.bones else ":hierarchy"
-        raise draft.error(
-            f"no {missing} section with content", line_number, next_step="The file is cut short: get it again"
+    sections, last = _sections(path)
+    units = _keyed(sections.get("units", []))
+    where, words = units.get("length", ("", []))
+    length_unit = numbers(words[:1], where)[0] if words else 1.0
+    degrees = _is_degrees(*units.get("angle", ("", ["deg"])))
+    root = _keyed(sections.get("root", []))
+    bones = {ROOT: _Bone(np.zeros(3), _frame(root, "orientation", degrees=degrees), _root_dof(root))}
+    bones |= _bones(sections.get("bonedata", []), last, degrees=degrees)
+    children = _children(sections.get("hierarchy", []), bones)
+    if len(bones) == 1 or not children:
+        missing = ":bonedata" if len(bones) == 1 else ":hierarchy"
+        raise InputError(
+            f"no {missing} section with content", where=last, next_step="The file is cut short: get it again"
         )
-    return _assemble(draft, line_number)
-
-
-def _units_line(draft: _Draft, words: list[str], line: int) -> None:
-    if len(words) < 2:
-        return
-    if words[0].lower() == "length":
-        draft.length_unit = numbers(words[1:2], f"{draft.path}:{line}")[0]
-    elif words[0].lower() == "angle":
-        draft.degrees = _is_degrees(draft, words[1], line)
-
-
-def _is_degrees(draft: _Draft, word: str, line: int) -> bool:
-    if word.lower()[:3] not in ("deg", "rad"):
-        raise draft.error("unknown angle unit", line, found=repr(word), allowed="deg, rad")
-    return word.lower().startswith("deg")
-
-
-def _root_line(draft: _Draft, words: list[str], line: int) -> None:
-    key, values = words[0].lower(), words[1:]
-    if key == "order":
-        order = tuple(word.lower() for word in values)
-        if sorted(order) != sorted(_ROOT_DOF):
-            raise draft.error(
-                "wrong root order", line, found=" ".join(values), allowed="TX TY TZ RX RY RZ, each once, in any order"
-            )
-        draft.root.dof = order
-    elif key == "axis" and values:
-        draft.root.axis_order = _axis_order(draft, values[0], line)
-    elif key == "orientation":
-        draft.root.axis = _triple(draft, values, line)
-
-
-def _bone_line(draft: _Draft, words: list[str], line: int) -> None:
-    key, values = words[0].lower(), words[1:]
-    bone = draft.open_bone
-    if key == "begin":
-        if bone is not None:
-            raise draft.error(
-                "a bone begins inside another", line, next_step=f"Close the bone of line {bone.line} with 'end'"
-            )
-        draft.open_bone = _Bone(line)
-    elif bone is None:
-        raise draft.error("text outside of a bone", line, found=repr(" ".join(words)[:40]), allowed="begin")
-    elif key == "end":
-        _close_bone(draft, bone, line)
-    elif key == "name" and values:
-        bone.name = values[0]
-    elif key == "direction":
-        bone.direction = _triple(draft, values, line)
-    elif key == "length":
-        bone.length = _single(draft, values, line)
-    elif key == "axis":
-        bone.axis = _triple(draft, values[:3], line)
-        bone.axis_order = _axis_order(draft, values[3] if len(values) > 3 else "XYZ", line)
-    elif key == "dof":
-        bone.dof = _dof(draft, values, line)
-
-
-def _close_bone(draft: _Draft, bone: _Bone, line: int) -> None:
-    lacking = [key for key in ("name", "direction", "length") if getattr(bone, key) in ("", None)]
-    if lacking:
-        raise draft.error(
-            "incomplete bone", bone.line, found=f"no {' and no '.join(lacking)}", allowed="name, direction, length"
-        )
-    if bone.name in draft.bones or bone.name == ROOT:
-        raise draft.error("bone defined twice", bone.line, found=repr(bone.name))
-    if len(draft.bones) >= MAX_BONES:
-        raise draft.error("too many bones", line, allowed=f"up to {MAX_BONES}")
-    draft.bones[bone.name] = bone
-    draft.open_bone = None
-
-
-def _hierarchy_line(draft: _Draft, words: list[str], line: int) -> None:
-    if words[0].lower() in ("begin", "end"):
-        return
-    for name in words:
-        if name not in draft.bones and name != ROOT:
-            known = [ROOT, *draft.bones]
-            raise draft.error("unknown bone in the hierarchy", line, found=repr(name), next_step=suggest(name, known))
-    for child in words[1:]:
-        if child in draft.placed:
-            raise draft.error("a bone with two parents", line, found=repr(child))
-        draft.placed.add(child)
-        draft.children.setdefault(words[0], []).append(child)
-
-
-def _assemble(draft: _Draft, last_line: int) -> AsfSkeleton:
-    """Bones in an order of parents before children, as a tree."""
     order, parents = [ROOT], {ROOT: -1}
     for i, name in enumerate(order):  # grows while it is walked: breadth first, no recursion
-        for child in draft.children.get(name, ()):
+        for child in children.get(name, ()):
             parents[child] = i
             order.append(child)
-    lost = [name for name in draft.bones if name not in parents]
+    lost = [name for name in bones if name not in parents]
     if lost:
-        raise draft.error("bones that the hierarchy does not connect to the root", last_line, found=", ".join(lost[:8]))
-    bones = [draft.root if name == ROOT else draft.bones[name] for name in order]
-    vectors = np.array([bone.direction or [0.0] * 3 for bone in bones]) * np.array(
-        [[bone.length or 0.0] for bone in bones]
-    )
-    starts = np.array([vectors[parents[name]] if parents[name] >= 0 else np.zeros(3) for name in order])
+        raise InputError(
+            "bones that the hierarchy does not connect to the root", where=last, found=", ".join(lost[:8])[:80]
+        )
+    starts = [bones[order[parents[name]]].vector if name != ROOT else np.zeros(3) for name in order]
     tree = JointTree(
         names=tuple(order),
         parents=tuple(parents[name] for name in order),
-        offsets=starts,
-        ends=tuple(() if draft.children.get(name) else (vector,) for name, vector in zip(order, vectors, strict=True)),
+        offsets=np.array(starts),
+        ends=tuple(() if children.get(name) else (bones[name].vector,) for name in order),
     )
-    return AsfSkeleton(
-        tree=tree,
-        dof=tuple(bone.dof for bone in bones),
-        frames=np.stack([_frame(bone, degrees=draft.degrees) for bone in bones]),
-        length_unit=draft.length_unit,
-        degrees=draft.degrees,
-        path=draft.path,
-    )
+    dof, frames = tuple(bones[name].dof for name in order), np.stack([bones[name].frame for name in order])
+    return AsfSkeleton(tree, dof, frames, length_unit, degrees, path)
 
 
-def _frame(bone: _Bone, *, degrees: bool) -> FloatArray:
-    """Orientation C (4,) of a bone's axes: its angles applied in the listed order about fixed axes."""
-    angles = np.radians(bone.axis) if degrees else np.array(bone.axis)
-    return rotations.from_euler(angles[::-1], bone.axis_order[::-1])
+def _sections(path: Path) -> tuple[dict[str, list[_Line]], str]:
+    """The lines with content by section (`:name`, in lower case), and where the file ends."""
+    sections: dict[str, list[_Line]] = {}
+    section, lines = "", read_lines(path)
+    for number, line in enumerate(lines, start=1):
+        words, where = line.partition("#")[0].split(), f"{path}:{number}"
+        if words and words[0].startswith(":"):
+            section = words[0][1:].lower()
+        elif words and not section:
+            found = repr(line.strip()[:40])
+            raise InputError("not an ASF file", where=where, found=found, allowed="sections such as :bonedata")
+        elif words:
+            sections.setdefault(section, []).append((where, words))
+    return sections, f"{path}:{len(lines)}"
 
 
-def _triple(draft: _Draft, values: list[str], line: int) -> list[float]:
-    if len(values) != 3:
-        raise draft.error("three numbers are needed", line, found=repr(" ".join(values)))
-    return numbers(values, f"{draft.path}:{line}")
+def _keyed(lines: list[_Line]) -> dict[str, _Line]:
+    """The lines by their first words in lower case, and without these."""
+    return {words[0].lower(): (where, words[1:]) for where, words in lines if len(words) > 1}
 
 
-def _single(draft: _Draft, values: list[str], line: int) -> float:
-    value = numbers(values[:1], f"{draft.path}:{line}")[0] if values else math.nan
-    if not value >= 0.0:
-        raise draft.error("a bone's length is needed", line, found=repr(" ".join(values)), allowed="a number from 0")
-    return value
+def _bones(lines: list[_Line], last: str, *, degrees: bool) -> dict[str, _Bone]:
+    """The bones by name, each between `begin` and `end`. last: where the file ends."""
+    bones: dict[str, _Bone] = {}
+    content: list[_Line] | None = None
+    began = ""
+    for where, words in lines:
+        key = words[0].lower()
+        if key == "begin":
+            if content is not None:
+                step = f"Close the bone of line {began.rpartition(':')[2]} with 'end'"
+                raise InputError("a bone begins inside another", where=where, next_step=step)
+            began, content = where, []
+        elif content is None:
+            found = repr(" ".join(words)[:40])
+            raise InputError("text outside of a bone", where=where, found=found, allowed="begin")
+        elif key != "end":
+            content.append((where, words))
+        else:
+            name, bone = _bone(content, began, degrees=degrees)
+            if name in bones or name == ROOT:
+                raise InputError("bone defined twice", where=began, found=repr(name)[:80])
+            if len(bones) >= MAX_BONES:
+                raise InputError("too many bones", where=where, allowed=f"up to {MAX_BONES}")
+            bones[name], content = bone, None
+    if content is not None:
+        raise InputError("the file ends inside a bone", where=last, next_step="The file is cut short: get it again")
+    return bones
 
 
-def _axis_order(draft: _Draft, word: str, line: int) -> str:
-    if sorted(word.lower()) != ["x", "y", "z"]:
-        raise draft.error("unknown axis order", line, found=repr(word), allowed="XYZ in any order")
-    return word.lower()
-
-
-def _dof(draft: _Draft, values: list[str], line: int) -> tuple[str, ...]:
-    dof = tuple(word.lower() for word in values)
+def _bone(content: list[_Line], began: str, *, degrees: bool) -> tuple[str, _Bone]:
+    """Name and content of one bone."""
+    keyed = {words[0].lower(): (where, words[1:]) for where, words in content}
+    lacking = [key for key in ("name", "direction", "length") if key not in keyed]
+    if lacking:
+        found = f"no {' and no '.join(lacking)}"
+        raise InputError("incomplete bone", where=began, found=found, allowed="name, direction, length")
+    where, words = keyed["length"]
+    if not words or not numbers(words[:1], where)[0] >= 0.0:
+        found = repr(" ".join(words))[:80]
+        raise InputError("a bone's length is needed", where=where, found=found, allowed="a number from 0")
+    vector = np.array(_triple(*keyed["direction"])) * float(words[0])
+    where, words = keyed.get("dof", ("", []))
+    dof = tuple(word.lower() for word in words)
     if len(set(dof)) != len(dof) or not set(dof) <= set(_DOF):
-        raise draft.error(
-            "unknown or repeated dof", line, found=" ".join(values), allowed="rx ry rz, each at most once"
-        )
+        allowed = "rx ry rz, each at most once"
+        raise InputError("unknown or repeated dof", where=where, found=" ".join(words)[:80], allowed=allowed)
+    return " ".join(keyed["name"][1][:1]), _Bone(vector, _frame(keyed, "axis", degrees=degrees), dof)
+
+
+def _frame(keyed: dict[str, _Line], key: str, *, degrees: bool) -> FloatArray:
+    """Orientation (4,) of a bone's axes: the three angles at `key`, applied about fixed axes in the order that stands
+    behind them, or (of the root) at `axis`."""
+    where, words = keyed.get(key, ("", ["0", "0", "0"]))
+    angles = np.array(_triple(where, words[:3]))
+    where, words = keyed["axis"] if key != "axis" and "axis" in keyed else (where, words[3:])
+    order = words[0].lower() if words else "xyz"
+    if sorted(order) != ["x", "y", "z"]:
+        raise InputError("unknown axis order", where=where, found=repr(words[0])[:80], allowed="XYZ in any order")
+    return rotations.from_euler((np.radians(angles) if degrees else angles)[::-1], order[::-1])
+
+
+def _root_dof(root: dict[str, _Line]) -> tuple[str, ...]:
+    where, words = root.get("order", ("", list(_ROOT_DOF)))
+    dof = tuple(word.lower() for word in words)
+    if sorted(dof) != sorted(_ROOT_DOF):
+        allowed = "TX TY TZ RX RY RZ, each once, in any order"
+        raise InputError("wrong root order", where=where, found=" ".join(words)[:80], allowed=allowed)
     return dof
+
+
+def _children(lines: list[_Line], bones: dict[str, _Bone]) -> dict[str, list[str]]:
+    """Names of the bones at the end of each bone."""
+    children: dict[str, list[str]] = {}
+    placed = {ROOT}
+    for where, words in lines:
+        if words[0].lower() in ("begin", "end"):
+            continue
+        for name in words:
+            if name not in bones:
+                step = suggest(name, bones)
+                raise InputError("unknown bone in the hierarchy", where=where, found=repr(name)[:80], next_step=step)
+        for child in words[1:]:
+            if child in placed:
+                raise InputError("a bone with two parents", where=where, found=repr(child)[:80])
+            placed.add(child)
+            children.setdefault(words[0], []).append(child)
+    return children
+
+
+def _is_degrees(where: str, words: list[str]) -> bool:
+    word = words[0].lower()
+    if word[:3] not in ("deg", "rad"):
+        raise InputError("unknown angle unit", where=where, found=repr(words[0])[:80], allowed="deg, rad")
+    return word.startswith("deg")
+
+
+def _triple(where: str, words: list[str]) -> list[float]:
+    if len(words) != 3:
+        raise InputError("three numbers are needed", where=where, found=repr(" ".join(words))[:80])
+    return numbers(words, where)
 
 
 DEFAULT_RATE_HZ = 120.0
@@ -323,23 +288,8 @@ def read_values(lines: list[str], asf: AsfSkeleton, path: Path) -> tuple[FloatAr
 
 def pose_of(asf: AsfSkeleton, values: FloatArray, *, degrees: bool) -> Pose:
     """Forward kinematics of all frames (file axes and units): R = R_parent C Rz Ry Rx C^-1, C the axes of the bone."""
-    frames, bones = len(values), len(asf.tree.names)
-    local = np.broadcast_to(rotations.IDENTITY, (frames, bones, 4)).copy()
-    translation = np.broadcast_to(asf.tree.offsets, (frames, bones, 3)).copy()
-    starts = np.cumsum([0, *(len(dof) for dof in asf.dof)])
-    for dof, group in groupby(sorted(range(bones), key=lambda bone: asf.dof[bone]), key=lambda bone: asf.dof[bone]):
-        turns = [i for i, channel in enumerate(dof) if channel[0] == "r"]
-        if not turns:
-            continue
-        members = list(group)
-        # The first channel is applied first, about fixed axes: the product runs the other way.
-        columns = starts[members][:, None] + np.array(turns[::-1])
-        angles = np.radians(values[:, columns]) if degrees else values[:, columns]
-        local[:, members] = rotations.from_euler(angles, "".join(dof[i][1] for i in turns[::-1]))
-    # C q C^-1 has the vector part of q turned by C.
-    local[..., 1:] = rotations.rotate(asf.frames, local[..., 1:])
-    translation[:, 0] = values[:, [asf.dof[0].index(channel) for channel in ("tx", "ty", "tz")]]
-    return forward_kinematics(asf.tree, local, translation)
+    channels = [[(name[0], "xyz".index(name[1])) for name in dof] for dof in asf.dof]
+    return posed(asf.tree, channels, values, degrees=degrees, frames=asf.frames)
 
 
 def _unit(asf: AsfSkeleton, name: str | None) -> Unit | None:
@@ -371,70 +321,82 @@ def _header(lines: list[str], asf: AsfSkeleton, path: Path) -> tuple[int, bool]:
 def _frame_values(lines: list[str], start: int, asf: AsfSkeleton, path: Path) -> FloatArray:
     """The values of all frames: each is a line with its number, then one line for each bone, in any order."""
     dof = dict(zip(asf.tree.names, asf.dof, strict=True))
-    wanted = [name for name, channels in dof.items() if channels]
     rows: list[list[float]] = []
-    row: dict[str, list[float]] = {}
-    number, number_line, line_number = -1, start + 1, start
-    source, last = str(path), next(at for at in range(len(lines), 0, -1) if lines[at - 1].split("#", 1)[0].strip())
-    for line_number, line in enumerate(lines[start:], start=start + 1):
-        words = (line.split("#", 1)[0] if "#" in line else line).split()
-        if not words:
-            continue
-        where = f"{source}:{line_number}"
-        if len(words) > 1 or not words[0].isdecimal():
-            try:
-                _take_bone(row, words, dof, asf, where)
-            except InputError as error:
-                raise (cut_short(error) if line_number == last else error) from None
+    row: dict[str, tuple[int, list[str]]] = {}
+    number, begun = -1, start + 1
+    for at, words in _filled(lines, start):
+        if len(words) > 1 or (words and not words[0].isdecimal()):
+            if words[0] in row or len(dof.get(words[0], words)) != len(words) - 1:
+                raise cut_short(_wrong_bone(words, row, dof, asf, f"{path}:{at}"), lines[at:])
+            row[words[0]] = at, words[1:]
             continue
         if number >= 0:
-            rows.append(_assembled(row, number, wanted, f"{source}:{number_line}"))
-            check_frame_count(len(rows), where)
-            if int(words[0][:12]) != number + 1:
+            rows.append(_assembled(row, number, dof, f"{path}:{begun if words else at}", lines))
+            check_frame_count(len(rows), f"{path}:{at}")
+            if words and int(words[0][:12]) != number + 1:
                 raise InputError(
                     "frames are missing or repeated",
-                    where=where,
+                    where=f"{path}:{at}",
                     found=f"frame {words[0][:12]}",
                     allowed=f"frame {number + 1}",
                     next_step="Number the frames one by one, or get the file again",
                 )
-        number, number_line, row = int(words[0][:12]), line_number, {}
-    rows.append(_assembled(row, number, wanted, f"{source}:{line_number}"))
-    check_frame_count(len(rows), str(path))
+        if words:
+            number, begun, row = int(words[0][:12]), at, {}
     return np.array(rows)
 
 
-def _take_bone(
-    row: dict[str, list[float]], words: list[str], dof: dict[str, tuple[str, ...]], asf: AsfSkeleton, where: str
-) -> None:
-    """Take one line of a frame."""
+def _filled(lines: list[str], start: int) -> Iterator[tuple[int, list[str]]]:
+    """Number and words of each line with content from index `start` on; at the end, a line without words."""
+    for at in range(start, len(lines)):
+        words = lines[at].partition("#")[0].split()
+        if words:
+            yield at + 1, words
+    yield len(lines), []
+
+
+def _wrong_bone(
+    words: list[str],
+    row: dict[str, tuple[int, list[str]]],
+    dof: dict[str, tuple[str, ...]],
+    asf: AsfSkeleton,
+    where: str,
+) -> InputError:
+    """Why a line is none of this frame."""
     name = words[0]
     if name not in dof:
         allowed, step = f"a bone of {asf.path.name}", suggest(name, dof)
-        raise InputError("unknown bone", where=where, found=repr(name[:40]), allowed=allowed, next_step=step)
+        return InputError("unknown bone", where=where, found=repr(name[:40]), allowed=allowed, next_step=step)
     if name in row:
-        raise InputError("a bone twice in one frame", where=where, found=repr(name))
+        return InputError("a bone twice in one frame", where=where, found=repr(name))
     channels = dof[name]
-    if len(words) - 1 != len(channels):
-        raise InputError(
-            f"wrong number of values for bone {name!r}",
-            where=where,
-            found=len(words) - 1,
-            allowed=f"{len(channels)} ({' '.join(channels)})" if channels else "no line at all: the bone has no dof",
-            next_step=f"Correct it or the dof in {asf.path.name}, or name another ASF with --skeleton",
-        )
-    row[name] = numbers(words[1:], where)
+    return InputError(
+        f"wrong number of values for bone {name!r}",
+        where=where,
+        found=len(words) - 1,
+        allowed=f"{len(channels)} ({' '.join(channels)})" if channels else "no line at all: the bone has no dof",
+        next_step=f"Correct it or the dof in {asf.path.name}, or name another ASF with --skeleton",
+    )
 
 
-def _assembled(row: dict[str, list[float]], number: int, wanted: list[str], where: str) -> list[float]:
+def _assembled(
+    row: dict[str, tuple[int, list[str]]], number: int, dof: dict[str, tuple[str, ...]], where: str, lines: list[str]
+) -> list[float]:
     """All values of a frame in the order of the skeleton."""
+    wanted = [name for name, channels in dof.items() if channels]
     lacking = [name for name in wanted if name not in row]
-    if lacking:
-        more = f" and {len(lacking) - 5} more" if len(lacking) > 5 else ""
-        raise InputError(
-            f"frame {number} is incomplete",
-            where=where,
-            found=f"no line for {', '.join(lacking[:5])}{more}",
-            next_step="The file is cut short or belongs to another skeleton",
-        )
-    return [value for name in wanted for value in row[name]]
+    if not lacking:
+        with suppress(InputError):
+            return numbers([word for name in wanted for word in row[name][1]], where)
+    for at, words in row.values():  # the line of a bad number says more
+        try:
+            numbers(words, f"{where.rpartition(':')[0]}:{at}")
+        except InputError as error:
+            raise cut_short(error, lines[at:]) from None
+    more = f" and {len(lacking) - 5} more" if len(lacking) > 5 else ""
+    raise InputError(
+        f"frame {number} is incomplete",
+        where=where,
+        found=f"no line for {', '.join(lacking[:5])}{more}",
+        next_step="The file is cut short or belongs to another skeleton",
+    )

@@ -12,12 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from retarget import rotations
 from retarget.errors import InputError, suggest
 from retarget.frames import SensorFrames
 from retarget.sources.canonical import canonical_frames, named_unit
 from retarget.sources.files import check_frame_count, check_rate, cut_short, numbers, read_lines
-from retarget.sources.skeletons import JointTree, Pose, forward_kinematics
+from retarget.sources.skeletons import Channel, JointTree, Pose, posed
 from retarget.types import FloatArray
 
 # The HIERARCHY section of a BVH file: joints, offsets and channels.
@@ -26,17 +25,16 @@ from retarget.types import FloatArray
 # braces
 # may stand on a line of their own or behind a statement.
 
-Channel = tuple[str, int]
-"""A channel: "p" (position) or "r" (rotation), and its axis 0, 1 or 2."""
-
 MAX_JOINTS = 1000
 MAX_DEPTH = 200
 """Skeletons with more joints, or more deeply nested ones, are refused."""
 
 _CHANNELS: dict[str, Channel] = {
-    f"{axis}{kind}": (kind[0], "xyz".index(axis)) for axis in "xyz" for kind in ("position", "rotation")
+    f"{axis}{word}": (kind, "xyz".index(axis))
+    for axis in "xyz"
+    for word, kind in (("position", "t"), ("rotation", "r"))
 }
-"""Channel name in lower case -> ("p" or "r", axis)."""
+"""Channel name in lower case -> "t" or "r", and its axis."""
 
 
 @dataclass(frozen=True)
@@ -252,21 +250,7 @@ def read_motion(path: Path) -> BvhMotion:
 
 def pose_of(motion: BvhMotion) -> Pose:
     """Forward kinematics of all frames (file axes and units)."""
-    tree = motion.hierarchy.tree
-    frames, joints = len(motion.values), len(tree.names)
-    local = np.broadcast_to(rotations.IDENTITY, (frames, joints, 4)).copy()
-    translation = np.broadcast_to(tree.offsets, (frames, joints, 3)).copy()
-    start = 0
-    for joint, channels in enumerate(motion.hierarchy.channels):
-        values = motion.values[:, start : start + len(channels)]
-        start += len(channels)
-        turns = [i for i, (kind, _) in enumerate(channels) if kind == "r"]
-        if turns:
-            local[:, joint] = rotations.from_euler(np.radians(values[:, turns]), [channels[i][1] for i in turns])
-        for i, (kind, axis) in enumerate(channels):
-            if kind == "p":
-                translation[:, joint, axis] = values[:, i]
-    return forward_kinematics(tree, local, translation)
+    return posed(motion.hierarchy.tree, motion.hierarchy.channels, motion.values)
 
 
 def _read_motion_header(lines: list[str], start: int, path: Path) -> tuple[int, float, int]:
@@ -308,19 +292,18 @@ def _read_values(lines: list[str], frames: int, width: int, path: Path, before: 
     if width == 0:
         raise InputError("a skeleton without channels", where=f"{path}:{before}", next_step="Export it with motion")
     rows: list[list[float]] = []
-    last = max((number for number, line in enumerate(lines, start=before + 1) if line.strip()), default=0)
-    for number, line in enumerate(lines, start=before + 1):
+    for index, line in enumerate(lines):
         words = line.split()
         if not words:
             continue
-        where = f"{path}:{number}"
+        where = f"{path}:{before + index + 1}"
         if len(rows) == frames:
             allowed = f"{frames}, as 'Frames:' says"
             raise InputError("more frames than declared", where=where, allowed=allowed, next_step="Correct 'Frames:'")
         try:
             rows.append(_row(words, width, where))
         except InputError as error:
-            raise (cut_short(error) if number == last else error) from None
+            raise cut_short(error, lines[index + 1 :]) from None
     if len(rows) < frames:
         raise InputError(
             "fewer frames than declared",

@@ -107,8 +107,11 @@ def _number(token: str, where: str) -> float:
     )
 
 
-def cut_short(error: InputError) -> InputError:
-    """An error of the last line of a file, which most probably says that the rest is missing."""
+def cut_short(error: InputError, rest: Sequence[str]) -> InputError:
+    """An error of a line; of the last one of a file, which most probably says that more is missing, with that as its
+    step. rest: the lines behind it."""
+    if any(line.partition("#")[0].strip() for line in rest):
+        return error
     step = "The file ends here and seems cut short: get it again"
     return InputError.from_problems([replace(problem, next_step=step) for problem in error.problems])
 

@@ -4,7 +4,7 @@ The names are in `skeletons.yaml`.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -156,6 +156,42 @@ def forward_kinematics(tree: JointTree, local_rotation: FloatArray, translation:
         position[joint] = position[parent] + rotations.rotate(orientation[parent], translation[:, joint])
         orientation[joint] = rotations.multiply(orientation[parent], local_rotation[:, joint])
     return Pose(position.swapaxes(0, 1), orientation.swapaxes(0, 1))
+
+
+Channel = tuple[str, int]
+"""One value of a frame in a motion file: a translation along an axis 0, 1 or 2 ("t"), or a turn about it ("r")."""
+
+
+def posed(
+    tree: JointTree,
+    channels: Sequence[Sequence[Channel]],
+    values: FloatArray,
+    *,
+    degrees: bool = True,
+    frames: FloatArray | None = None,
+) -> Pose:
+    """Forward kinematics of all frames of a motion file, in its axes and units.
+
+    channels (n): of each joint, in the order of values (T, d); each turn is about the axes already turned. With
+    frames (n, 4), each is about fixed axes, those of its joint.
+    """
+    local = np.broadcast_to(rotations.IDENTITY, (len(values), len(tree.names), 4)).copy()
+    translation = np.broadcast_to(tree.offsets, (*local.shape[:2], 3)).copy()
+    start = 0
+    for joint, own in enumerate(channels):
+        turns = [(column, axis) for column, (kind, axis) in enumerate(own, start) if kind == "r"]
+        if turns:
+            # About fixed axes, the first turn is applied first: the product runs the other way.
+            columns, axes = zip(*(turns if frames is None else turns[::-1]), strict=True)
+            angles = np.radians(values[:, columns]) if degrees else values[:, columns]
+            local[:, joint] = rotations.from_euler(angles, axes)
+        for column, (kind, axis) in enumerate(own, start):
+            if kind == "t":
+                translation[:, joint, axis] = values[:, column]
+        start += len(own)
+    if frames is not None:  # C q C^-1 has the vector part of q turned by C
+        local[..., 1:] = rotations.rotate(frames, local[..., 1:])
+    return forward_kinematics(tree, local, translation)
 
 
 # Finding a human in a joint tree without knowing a name: by symmetry, extent and bone lengths of its rest pose.

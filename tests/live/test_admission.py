@@ -1,5 +1,6 @@
 """Who may move the robot: allow-list, first source. The owner of a robot that moves stays its owner."""
 
+from contextlib import closing
 from ipaddress import IPv4Network
 from pathlib import Path
 
@@ -181,7 +182,7 @@ def test_every_datagram_is_admitted_or_counted(sources: list[Source]) -> None:
 
 def test_a_recording_of_a_socket_gives_what_the_socket_gave(tmp_path: Path) -> None:
     writer = RawWriter(tmp_path / "a.raw", url="vmc://")
-    with UdpReceiver(LOOPBACK) as live, sending(live) as sender:
+    with closing(UdpReceiver(LOOPBACK)) as live, sending(live) as sender:
         live.poll(CLOCK.now())
         for payload in (b"one", b"two", b"three"):
             sender.send(payload)

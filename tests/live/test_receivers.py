@@ -3,7 +3,7 @@
 import select
 import socket
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 
 import pytest
@@ -54,7 +54,7 @@ class Server:
 @contextmanager
 def conversation(address: StreamAddress) -> Iterator[tuple[Server, NatnetReceiver]]:
     server = Server()
-    with server.socket, NatnetReceiver(address, session_for(address), command_port=server.port) as receiver:
+    with server.socket, closing(NatnetReceiver(address, session_for(address), command_port=server.port)) as receiver:
         yield server, receiver
 
 
@@ -72,7 +72,7 @@ def test_unicast_goes_through_one_socket() -> None:
     with conversation(UNICAST) as (server, receiver):
         assert receiver.poll(CLOCK.now()) == []
         kind, client = server.asked()
-        assert kind == MessageId.CONNECT and client == ("127.0.0.1", receiver.port)
+        assert kind == MessageId.CONNECT and client == ("127.0.0.1", receiver.bound[1])
         server.socket.sendto(server_info(VERSION), client)
         assert len(received(receiver, 1)) == 1 and receiver.session.server is not None
         receiver.poll(CLOCK.now())
@@ -91,7 +91,7 @@ def test_frames_come_through_the_group_and_the_port_that_the_server_reports() ->
             port = probe.getsockname()[1]
         server.socket.sendto(server_info(VERSION, multicast=True, port=port), client)
         received(receiver, 1)
-        assert receiver.join_error == "" and receiver._frames is not None and receiver._frames.port == port
+        assert receiver.join_error == "" and receiver._frames is not None and receiver._frames.bound[1] == port
         same = receiver._frames
         server.socket.sendto(frame(Motion(), VERSION), (GROUP, port))
         if not select.select([same], [], [], PATIENCE_S / 5)[0]:
@@ -115,13 +115,13 @@ def test_a_group_that_cannot_be_joined_is_reported_and_tried_again() -> None:
         receiver.poll(CLOCK.now())
         assert receiver.join_error, "not before its time"
         receiver.poll(CLOCK.now() + REACQUISITION_S)
-        assert receiver.join_error == "" and receiver._frames is not None and receiver._frames.port == port
+        assert receiver.join_error == "" and receiver._frames is not None and receiver._frames.bound[1] == port
 
 
 def test_only_datagrams_of_the_server_are_returned() -> None:
     address = replace(UNICAST, bind="127.0.0.1", host="127.0.0.9")
     with conversation(address) as (server, receiver):
-        server.socket.sendto(server_info(VERSION), ("127.0.0.1", receiver.port))
+        server.socket.sendto(server_info(VERSION), ("127.0.0.1", receiver.bound[1]))
         assert select.select([receiver._commands], [], [], PATIENCE_S)[0]
         assert receiver.poll(CLOCK.now()) == [] and receiver.session.server is None
         assert receiver.dropped.reasons == {NOT_THE_SERVER: 1}
@@ -143,7 +143,7 @@ def test_a_closed_receiver_stays_quiet() -> None:
     with conversation(MULTICAST) as (_, receiver):
         receiver.close()
         receiver.close()
-        assert receiver.poll(CLOCK.now()) == [] and receiver.port == 0
+        assert receiver.poll(CLOCK.now()) == []
 
 
 ADDRESS = replace(parse_address("mvn://?tcp=127.0.0.1"), port=0)
@@ -151,7 +151,7 @@ ADDRESS = replace(parse_address("mvn://?tcp=127.0.0.1"), port=0)
 
 @contextmanager
 def calling(receiver: TcpReceiver, source: str = "127.0.0.1") -> Iterator[socket.socket]:
-    with socket.create_connection(("127.0.0.1", receiver.port), PATIENCE_S, (source, 0)) as caller:
+    with socket.create_connection(("127.0.0.1", receiver.bound[1]), PATIENCE_S, (source, 0)) as caller:
         yield caller
 
 
@@ -160,7 +160,7 @@ def datagram(number: int) -> bytes:
 
 
 def connected(receiver: TcpReceiver) -> bool:
-    return receiver.connected
+    return receiver.connection is not None
 
 
 def ready(connection: socket.socket | None) -> None:
@@ -172,13 +172,13 @@ def tcp_received(receiver: TcpReceiver, count: int, now: float = 0.0) -> list[Da
     found: list[Datagram] = []
     while len(found) < count:
         if not receiver._waiting:
-            ready(receiver._connection or receiver._listener)
+            ready(receiver.connection or receiver._listener)
         found += receiver.poll(now)
     return found
 
 
 def test_datagrams_that_come_end_to_end_and_in_pieces() -> None:
-    with TcpReceiver(ADDRESS) as receiver, calling(receiver) as caller:
+    with closing(TcpReceiver(ADDRESS)) as receiver, calling(receiver) as caller:
         assert not connected(receiver)
         sent = [datagram(number) for number in range(5)]
         whole = b"".join(sent)
@@ -191,7 +191,7 @@ def test_datagrams_that_come_end_to_end_and_in_pieces() -> None:
 
 
 def test_another_computer_is_turned_away() -> None:
-    with TcpReceiver(ADDRESS) as receiver, calling(receiver, "127.0.0.9") as other:
+    with closing(TcpReceiver(ADDRESS)) as receiver, calling(receiver, "127.0.0.9") as other:
         other.sendall(datagram(1))
         ready(receiver._listener)
         assert receiver.poll(0.0) == [] and not connected(receiver)
@@ -202,7 +202,7 @@ def test_another_computer_is_turned_away() -> None:
 
 
 def test_a_second_connection_waits_until_the_first_is_silent() -> None:
-    with TcpReceiver(ADDRESS) as receiver, calling(receiver) as first:
+    with closing(TcpReceiver(ADDRESS)) as receiver, calling(receiver) as first:
         first.sendall(datagram(1))
         tcp_received(receiver, 1, now=10.0)
         with calling(receiver) as second:
@@ -211,7 +211,7 @@ def test_a_second_connection_waits_until_the_first_is_silent() -> None:
             assert receiver.dropped.reasons == {SECOND_CONNECTION: 1}
             assert second.recv(1) == b"", "turned away"
         first.sendall(datagram(2)[:100])
-        ready(receiver._connection)
+        ready(receiver.connection)
         receiver.poll(11.0)
         with calling(receiver) as third:
             third.sendall(datagram(3))
@@ -221,30 +221,30 @@ def test_a_second_connection_waits_until_the_first_is_silent() -> None:
 
 
 def test_the_sender_may_come_back() -> None:
-    with TcpReceiver(ADDRESS) as receiver:
+    with closing(TcpReceiver(ADDRESS)) as receiver:
         for number in range(3):
             with calling(receiver) as caller:
                 caller.sendall(datagram(number) + datagram(9)[:50])
                 assert [row.payload for row in tcp_received(receiver, 1)] == [datagram(number)]
-            while receiver.connected:
-                ready(receiver._connection)
+            while receiver.connection:
+                ready(receiver.connection)
                 assert receiver.poll(0.0) == []
         assert receiver.dropped.count == 0, "half a datagram is no mistake of the next connection"
 
 
 def test_a_connection_that_breaks_is_only_the_end_of_it() -> None:
-    with TcpReceiver(ADDRESS) as receiver, calling(receiver) as caller:
+    with closing(TcpReceiver(ADDRESS)) as receiver, calling(receiver) as caller:
         caller.sendall(datagram(1))
         tcp_received(receiver, 1)
         caller.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
         caller.close()
-        ready(receiver._connection)
-        assert receiver.poll(0.0) == [] and not receiver.connected
+        ready(receiver.connection)
+        assert receiver.poll(0.0) == [] and not receiver.connection
 
 
 def test_garbage_is_counted_and_a_poll_is_bounded() -> None:
     small = quaternions([])
-    with TcpReceiver(ADDRESS) as receiver, calling(receiver) as caller:
+    with closing(TcpReceiver(ADDRESS)) as receiver, calling(receiver) as caller:
         caller.sendall(b"no datagram at all" + small * 1000)
         found = tcp_received(receiver, 1)
         assert len(found) == MOST_PER_POLL
@@ -254,8 +254,8 @@ def test_garbage_is_counted_and_a_poll_is_bounded() -> None:
 
 
 def test_a_port_that_is_taken_is_named() -> None:
-    with TcpReceiver(ADDRESS) as first, refuses(InputError, "TCP"):
-        TcpReceiver(replace(ADDRESS, port=first.port))
+    with closing(TcpReceiver(ADDRESS)) as first, refuses(InputError, "TCP"):
+        TcpReceiver(replace(ADDRESS, port=first.bound[1]))
 
 
 def test_tcp_a_closed_receiver_stays_quiet() -> None:
@@ -265,4 +265,4 @@ def test_tcp_a_closed_receiver_stays_quiet() -> None:
         tcp_received(receiver, 1)
         receiver.close()
         receiver.close()
-        assert (receiver.poll(0.0), receiver.port, receiver.connected) == ([], 0, False)
+        assert receiver.poll(0.0) == [] and receiver.connection is None

@@ -1,6 +1,7 @@
 """Reports on a stream: its errors, messages while it runs, hold reasons, and the report after a run."""
 
 import json
+from contextlib import closing
 from dataclasses import replace
 from ipaddress import IPv4Network
 from pathlib import Path
@@ -227,7 +228,7 @@ def test_refused_datagrams_of_the_owner_are_reported_once_there_are_many() -> No
 def test_losses_of_the_kernel_are_reported_from_the_first_look_on() -> None:
     said: list[str] = []
     stream = live_stream(FakeSender(), five())
-    with UdpReceiver(replace(parse_address("json://:14150"), port=0)) as receiver:
+    with closing(UdpReceiver(replace(parse_address("json://:14150"), port=0))) as receiver:
         stream.receiver = receiver
         news = StreamNews(stream, said.append)
         for lost in (70, 70, 71, 90):
@@ -475,5 +476,5 @@ def test_where_nothing_arrives_at_a_socket_its_address_and_reach_are_named() -> 
         text = str(unusable(stream, [], 10.0, where="vmc://:39539", now=10.0))
     finally:
         receiver.close()
-    assert port > 0 and receiver.bound == ("", 0)
+    assert port > 0
     shows(text, "127.0.0.1", "UDP", port, f"vmc://0.0.0.0:{port}?allow=ITS_ADDRESS", "`retarget doctor vmc://:39539`")

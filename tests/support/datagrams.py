@@ -20,7 +20,7 @@ CLOCK = MonotonicClock()
 def sending(to: UdpReceiver) -> Iterator[socket.socket]:
     """A socket that is connected to a receiver on loopback."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-        sender.connect(("127.0.0.1", to.port))
+        sender.connect(("127.0.0.1", to.bound[1]))
         yield sender
 
 
