@@ -9,7 +9,7 @@ import struct
 from dataclasses import dataclass
 
 from retarget.live.address import KINDS
-from retarget.sources.mvn import QUATERNION, read_header
+from retarget.sources.mvn import QUATERNION, TYPES, read_header
 from retarget.sources.natnet_wire import MessageId, split
 from retarget.sources.osc import OscPacket, read_osc
 from retarget.sources.stream_frame import CONVENTIONS
@@ -20,18 +20,6 @@ DAMAGED = "damaged "
 """Begins the name of a datagram that cannot be parsed."""
 _LZ4 = b"\x04\x22\x4d\x18"
 _AXIS_STUDIO = b"\xff\xdd"
-_MVN_TYPES = {
-    1: "type 01, Euler angles",
-    5: "type 05, Unity poses",
-    12: "type 12, names",
-    13: "type 13, scale",
-    20: "type 20, joint angles",
-    21: "type 21, linear kinematics",
-    22: "type 22, angular kinematics",
-    23: "type 23, motion trackers",
-    24: "type 24, centre of mass",
-    25: "type 25, time code",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +82,7 @@ def _mvn(datagram: bytes) -> Recognised:
         return Recognised("", DAMAGED + "MVN")
     if header.kind == QUATERNION:
         return Recognised("mvn", "MVN")
-    return Recognised("mvn", "MVN", _MVN_TYPES.get(header.kind, f"type {header.kind:02d}, unknown"))
+    return Recognised("mvn", "MVN", f"type {header.kind:02d}, {TYPES.get(header.kind, 'unknown')}")
 
 
 def _json(datagram: bytes) -> Recognised:

@@ -14,106 +14,18 @@ from retarget.errors import Problem, UsageError, suggest
 from retarget.frames import SENSORS
 from retarget.human.rest_pose import REQUIRED
 from retarget.schema.performer import Performer
-from retarget.sources.mvn import MVN_SENSORS
+from retarget.sources.mvn import MVN_JOINTS
+from retarget.sources.skeletons import TABLES, names_of_sides
 from retarget.sources.stream_frame import StreamFrame
 from retarget.types import BoolArray, FloatArray
-
-# The poses of VMC and VRChat trackers as data: their joint, their segment, their rest pose.
-#
-# Canonical orientations are the identity in the T-pose, standing upright, facing x. A sender whose rest pose has
-# hanging arms sends turned arms in the T-pose: that turn is the role's `rest`.
 
 Triple = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
 _UPRIGHT: Quaternion = (1.0, 0.0, 0.0, 0.0)
-_HALF_ROOT = float(np.sqrt(0.5))
-_RAISED: dict[str, Quaternion] = {"l_": (_HALF_ROOT, _HALF_ROOT, 0.0, 0.0), "r_": (_HALF_ROOT, -_HALF_ROOT, 0.0, 0.0)}
-"""A hanging arm turned to the T-pose: by 90 degrees about forward, the left one to the left."""
-
-
-@dataclass(frozen=True, slots=True)
-class Role:
-    """One pose of a sender.
-
-    name: the sender's, as in `StreamFrame.names`. point: the canonical sensor whose joint its position is, "" if none.
-    segment: the canonical sensor whose body segment its rotation is, "" if none. rest: the orientation that is sent,
-    wxyz, in the T-pose facing x. offset: from the joint to the point that is sent, m, in the axes of the sent rotation;
-    of the sender's default proportions, where calibration begins.
-    """
-
-    name: str
-    point: str
-    segment: str
-    rest: Quaternion = _UPRIGHT
-    offset: Triple = (0.0, 0.0, 0.0)
-
-    def __post_init__(self) -> None:
-        assert {self.point, self.segment} <= {"", *SENSORS} and (self.point or self.segment)
-
-
-_SIDES = (("l_", "Left"), ("r_", "Right"))
-
+_NOWHERE: Triple = (0.0, 0.0, 0.0)
 _HAND_FORWARD = 0.13
 """m by which SlimeVR's hand is forward of the forearm's line, arms hanging (measured, default proportions)."""
-
-_SLIMEVR = (
-    Role("human://HEAD", "head", "head"),
-    Role("human://CHEST", "chest", "chest"),
-    Role("human://WAIST", "pelvis", "pelvis"),
-    *(
-        role
-        for short, side in _SIDES
-        for role in (
-            Role(f"human://{side.upper()}_KNEE", f"{short}knee", f"{short}hip"),
-            Role(f"human://{side.upper()}_FOOT", f"{short}ankle", f"{short}ankle"),
-            Role(f"human://{side.upper()}_ELBOW", f"{short}elbow", f"{short}shoulder", _RAISED[short]),
-            Role(
-                f"human://{side.upper()}_HAND",
-                f"{short}wrist",
-                f"{short}wrist",
-                _RAISED[short],
-                (_HAND_FORWARD, 0.0, 0.0),
-            ),
-        )
-    ),
-)
-"""SlimeVR's sparse set. Knee and elbow: the joint, turned with the segment above it. Hand: a point in front of the
-grip, beyond the wrist by a length that the stream does not hold; without a tracker there, it turns with the forearm.
-SlimeVR sends roles without trackers too, so the performer's file must list those with trackers."""
-
-_SLIMEVR_VRCHAT = (
-    Role("tracker://head", "head", ""),
-    Role("tracker://6", "chest", "chest"),
-    Role("tracker://1", "pelvis", "pelvis"),
-    *(
-        Role(f"tracker://{number}", short + point, short + segment, _RAISED[short] if point == "elbow" else _UPRIGHT)
-        for point, segment, numbers in (("ankle", "ankle", "23"), ("knee", "hip", "45"), ("elbow", "shoulder", "78"))
-        for (short, _), number in zip(_SIDES, numbers, strict=True)
-    ),
-)
-"""SlimeVR's fixed ids over VRChat OSC, same meaning as above. The head turns on a yaw reset only; no wrists."""
-
-_BONES = (
-    Role("bone://Head", "head", "head"),
-    Role("bone://Chest", "chest", ""),
-    Role("bone://UpperChest", "", "chest"),
-    Role("bone://Hips", "pelvis", "pelvis"),
-    *(
-        Role(f"bone://{side}{bone}", short + sensor, short + sensor)
-        for bone, sensor in (
-            *(("UpperArm", "shoulder"), ("LowerArm", "elbow"), ("Hand", "wrist")),
-            *(("UpperLeg", "hip"), ("LowerLeg", "knee"), ("Foot", "ankle"), ("Toes", "toe")),
-        )
-        for short, side in _SIDES
-    ),
-)
-"""Unity's bones: the joint where the bone begins, and the bone; after forward kinematics (`VmcBodyDecoder`)."""
-
-ROLE_SETS = {"slimevr": _SLIMEVR, "slimevr_vrchat": _SLIMEVR_VRCHAT, "unity_bones": _BONES}
-"""The roles of one kind of sender, under the name that performers' files use."""
-
-_NOWHERE: Triple = (0.0, 0.0, 0.0)
 MAX_KNOWN = 64
 """Different sets of names that are kept: a sender uses a few."""
 
@@ -136,28 +48,29 @@ class Place:
     loose: bool = False
 
 
-def _of_role_set(name: str) -> dict[str, Place]:
-    roles = ROLE_SETS[name]
-    points = {role.point: role for role in roles if role.point}
-    segments = {role.segment: role for role in roles if role.segment}
-    found = {}
-    for sensor in SENSORS:
-        point, segment = points.get(sensor), segments.get(sensor)
-        if point is not None:
-            found[sensor] = Place(
-                point.name,
-                "" if segment is None else segment.name,
-                _UPRIGHT if segment is None else segment.rest,
-                point.offset,
-            )
-    return found
+def _places(convention: str) -> dict[str, Place]:
+    """Canonical sensor -> its place, by `skeletons.yaml`."""
+    sent = names_of_sides(TABLES["senders"][convention])
+    both = {sensor: (names, names) if isinstance(names, str) else names for sensor, names in sent.items()}
+    return {sensor: Place(*both[sensor]) for sensor in SENSORS if sensor in both}
+
+
+def _slimevr() -> dict[str, Place]:
+    """The places of SlimeVR. Its rest pose has hanging arms, so it sends turned arms in the T-pose: by 90 degrees about
+    forward, the left one to the left. Its hand is a point in front of the grip, beyond the wrist by a length that the
+    stream does not hold: calibration begins with that of the default proportions."""
+    places, turn = _places("slimevr"), float(np.sqrt(0.5))
+    for sensor, raised in (("l_wrist", turn), ("r_wrist", -turn)):
+        places[sensor] = replace(places[sensor], rest=(turn, raised, 0.0, 0.0), offset=(_HAND_FORWARD, 0.0, 0.0))
+    return places
 
 
 CONVENTIONS: dict[str, dict[str, Place]] = {
-    "slimevr": _of_role_set("slimevr"),
-    "slimevr_vrchat": _of_role_set("slimevr_vrchat"),
-    "unity_bones": _of_role_set("unity_bones"),
-    "mvn": {sensor: Place(role.position, role.orientation) for sensor, role in MVN_SENSORS.items()},
+    "slimevr": _slimevr(),
+    "slimevr_vrchat": _places("slimevr_vrchat"),
+    "unity_bones": _places("unity_bones"),
+    # The toe's segment bends at the ball of the foot; a toe sensor turns with the foot.
+    "mvn": {sensor: Place(MVN_JOINTS[sensor], MVN_JOINTS[sensor.replace("toe", "ankle")]) for sensor in SENSORS},
     "json": {sensor: Place(sensor, sensor) for sensor in SENSORS},
     "natnet": {},
 }

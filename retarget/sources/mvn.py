@@ -14,7 +14,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from retarget.frames import SENSORS, Skeleton
+from retarget.frames import Skeleton
 from retarget.rotations import from_euler
 from retarget.sources.skeletons import TABLES, names_of_sides
 from retarget.sources.stream_frame import CONVENTIONS, MAX_DATAGRAM, MAX_POSES, Dropped, StreamFrame, unusable
@@ -24,18 +24,26 @@ from retarget.types import BoolArray, FloatArray
 #
 # Big-endian. Source: MVN real-time network streaming protocol specification, revision N (2018).
 
-SEGMENTS: tuple[str, ...] = (
-    *("Pelvis", "L5", "L3", "T12", "T8", "Neck", "Head"),
-    *("RightShoulder", "RightUpperArm", "RightForeArm", "RightHand"),
-    *("LeftShoulder", "LeftUpperArm", "LeftForeArm", "LeftHand"),
-    *("RightUpperLeg", "RightLowerLeg", "RightFoot", "RightToe"),
-    *("LeftUpperLeg", "LeftLowerLeg", "LeftFoot", "LeftToe"),
-)
+SEGMENTS: tuple[str, ...] = tuple(TABLES["mvn_segments"])
 """Body segments in the order of their ids, which begin at 1. Higher ids are props, then fingers."""
 
 EULER, QUATERNION, UNITY, NAMES, SCALE = 1, 2, 5, 12, 13
 STRIDES = {EULER: 28, QUATERNION: 32, UNITY: 32}
 """Bytes of one item, by type of datagram, where all items are alike."""
+TYPES = {
+    EULER: "Euler angles",
+    QUATERNION: "quaternions",
+    UNITY: "Unity poses",
+    NAMES: "names",
+    SCALE: "scale",
+    20: "joint angles",
+    21: "linear kinematics",
+    22: "angular kinematics",
+    23: "motion trackers",
+    24: "centre of mass",
+    25: "time code",
+}
+"""Content by type of datagram."""
 
 MAX_NAME = 64
 """Bytes of the longest name that is looked at."""
@@ -214,42 +222,13 @@ def _plausible(header: MvnHeader) -> bool:
     return header.size <= MAX_PAYLOAD and (stride is None or header.items * stride == header.size)
 
 
-@dataclass(frozen=True, slots=True)
-class SegmentRole:
-    """Names of the segments of a sensor: the origin of `position` is its place, `orientation` turns with it."""
-
-    position: str
-    orientation: str
-
-
 MVN_JOINTS: Mapping[str, str] = MappingProxyType(names_of_sides(TABLES["mvn"]))
 """Canonical joint -> the segment whose origin it is."""
-
-MVN_SENSORS = MappingProxyType(
-    {
-        # The toe's segment bends at the ball of the foot; a toe sensor turns with the foot.
-        sensor: SegmentRole(MVN_JOINTS[sensor], MVN_JOINTS[sensor.replace("toe", "ankle")])
-        for sensor in SENSORS
-    }
-)
-"""Canonical sensor -> segments. Every orientation is the identity in the T-pose, standing upright and facing the
-calibrated x, which is the rest pose of canonical sensors."""
-
 
 TALL = 10.0
 """A pelvis higher than this, or a T-pose taller, is in centimetres."""
 TALL_SAMPLES = 5
 """Tall samples in a row that change the unit: one damaged sample must not shrink the performer for good."""
-
-_OTHER = {
-    5: "type 05 (Unity poses): choose Position + Orientation (Quaternion) in MVN",
-    20: "type 20 (joint angles)",
-    21: "type 21 (linear segment kinematics)",
-    22: "type 22 (angular segment kinematics)",
-    23: "type 23 (motion trackers)",
-    24: "type 24 (centre of mass)",
-    25: "type 25 (time code)",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,7 +289,9 @@ class MvnDecoder:
         if header.kind == SCALE:
             self._take_scale(payload)
         elif header.kind != NAMES:
-            self.dropped.note(_OTHER.get(header.kind, "type unknown"))
+            step = ": choose Position + Orientation (Quaternion) in MVN" if header.kind == UNITY else ""
+            known = header.kind in TYPES
+            self.dropped.note(f"type {header.kind:02d} ({TYPES[header.kind]}){step}" if known else "type unknown")
         return []
 
     def _sample(self, header: MvnHeader, payload: bytes) -> StreamFrame | None:

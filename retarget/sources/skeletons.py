@@ -28,7 +28,7 @@ def names_of_sides(section: Mapping[str, Any]) -> dict[str, Any]:
     entries = {name: entry for name, entry in section.items() if name != "sides"}
     sided = [name for name, entry in entries.items() if "{s}" in str(entry)]
     found = {name: _with_word(entry, "") for name, entry in entries.items() if name not in sided}
-    for side, word in zip("lr", section["sides"], strict=True):
+    for side, word in zip("lr", section.get("sides", "lr"), strict=True):
         found |= {f"{side}_{name}": _with_word(entries[name], word) for name in sided}
     return found
 

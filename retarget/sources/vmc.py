@@ -9,7 +9,6 @@ with the T-pose as identity. `VmcBodyDecoder` gives the bones as world poses, by
 from collections import Counter
 from collections.abc import Mapping, Set
 from dataclasses import dataclass
-from itertools import pairwise
 from math import isfinite, isnan, nan, pi
 from struct import Struct
 
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 from retarget.model.human_dimensions import FRACTIONS, POINTS, HumanDimensions, proportional_dimensions
 from retarget.rotations import Quat, Vector, axis_turn, plus, product, rotated
 from retarget.sources.osc import OscLayouts, OscMessage, OscPacket
+from retarget.sources.skeletons import TABLES
 from retarget.sources.stream_frame import CONVENTIONS, MAX_POSES, Dropped, StreamFrame, unusable
 from retarget.types import BoolArray, FloatArray
 
@@ -29,11 +29,7 @@ MAX_SERIAL = 128
 
 _FINGERS = ("Thumb", "Index", "Middle", "Ring", "Little")
 
-BODY_BONES: tuple[str, ...] = (
-    *("Hips", "Spine", "LeftUpperLeg", "RightUpperLeg", "Chest", "LeftLowerLeg", "RightLowerLeg"),
-    *("UpperChest", "LeftFoot", "RightFoot", "Neck", "LeftShoulder", "RightShoulder", "LeftToes", "RightToes"),
-    *("Head", "LeftUpperArm", "RightUpperArm", "LeftLowerArm", "RightLowerArm", "LeftHand", "RightHand"),
-)
+BODY_BONES: tuple[str, ...] = tuple(TABLES["unity"])
 """Bones of trunk, head and limbs, parents first."""
 
 BONES: tuple[str, ...] = (
@@ -69,37 +65,14 @@ def device_name(serial: str) -> str | None:
 # For senders that send bones only (VirtualMotionCapture, VSeeFace), and to check senders of both bones and devices.
 # The reference is the T-pose, where every rotation is the identity.
 
-OPTIONAL = frozenset(
-    ("Chest", "UpperChest", "Neck", *(side + part for part in ("Shoulder", "Toes") for side in ("Left", "Right")))
-)
-"""Bones that an avatar may be without (docs.unity3d.com, HumanTrait.RequiredBone): they are then not turned."""
+OPTIONAL = frozenset(TABLES["unity_optional"])
+"""Bones that an avatar may be without: they are then not turned."""
 
-_TRUNK = ("Hips", "Spine", "Chest", "UpperChest", "Neck", "Head")
-_ARM = ("Shoulder", "UpperArm", "LowerArm", "Hand")
-_LEG = ("UpperLeg", "LowerLeg", "Foot", "Toes")
 _ROOT_NAME = "root://root"
 _PARENT = {
-    f"bone://{bone}": f"bone://{parent}" if parent else _ROOT_NAME
-    for chain in (
-        ("", *_TRUNK),
-        *(("UpperChest", *(side + part for part in _ARM)) for side in ("Left", "Right")),
-        *(("Hips", *(side + part for part in _LEG)) for side in ("Left", "Right")),
-    )
-    for parent, bone in pairwise(chain)
+    f"bone://{bone}": f"bone://{parent}" if parent else _ROOT_NAME for bone, (parent, _) in TABLES["unity"].items()
 }
-_NAMES = tuple(f"bone://{bone}" for bone in BODY_BONES)
-
-_POINTS = {
-    **dict(zip(_TRUNK, ("pelvis", "spine", "chest", "", "neck", "head"), strict=True)),
-    **{
-        side + bone: short + point
-        for side, short in (("Left", "l_"), ("Right", "r_"))
-        for bone, point in zip(
-            _ARM + _LEG, ("collar", "shoulder", "elbow", "wrist", "hip", "knee", "ankle", "toe"), strict=True
-        )
-    },
-}
-"""The point of our human where a bone begins; the upper chest begins where the chest does."""
+_NAMES = tuple(_PARENT)
 
 BonePose = tuple[Vector, Quat]
 """Position m, NaN where not sent, and orientation wxyz, in the parent or in the world."""
@@ -138,7 +111,7 @@ def world_poses(local: Mapping[str, BonePose], lengths: Mapping[str, Vector]) ->
 def t_pose_offsets(person: HumanDimensions) -> dict[str, Vector]:
     """Offset m of each bone from its parent for a person's size, in the T-pose, by name; the hips lie in the root."""
     offsets = dict.fromkeys(_NAMES, _ORIGIN)
-    for bone, point in _POINTS.items():
+    for bone, (_, point) in TABLES["unity"].items():
         if point:
             x, y, z = person.offset[POINTS.index(point)].tolist()
             # The person's arms hang; in the T-pose they point sideward.

@@ -11,8 +11,6 @@ from retarget.frames import SENSORS, mirrored_name
 from retarget.live.roles import (
     CONVENTIONS,
     MAX_KNOWN,
-    ROLE_SETS,
-    Role,
     Roles,
     roles_of,
 )
@@ -20,7 +18,7 @@ from retarget.rotations import from_axis_angle, multiply, rotate
 from retarget.schema.performer import Performer, PerformerSensor, load_performer
 from retarget.sources.stream_frame import StreamFrame
 from retarget.sources.vmc import BONES
-from sent_roles import canonical_orientation, joint_position, role
+from sent_roles import ROLE_SETS, Role, canonical_orientation, joint_position, role
 
 FIVE = load_performer("five")
 
@@ -204,3 +202,14 @@ def test_an_offset_turns_with_the_sender() -> None:
     wrist = Role("a", "l_wrist", "l_wrist", offset=(0.13, 0.0, 0.0))
     raised = from_axis_angle((0.0, 1.0, 0.0), -0.5 * np.pi)  # forward becomes up
     assert_allclose(joint_position(wrist, np.array([1.0, 2.0, 3.0]), raised), [1.0, 2.0, 2.87])
+
+
+@pytest.mark.parametrize("convention", ROLE_SETS)
+def test_a_sensor_is_at_the_role_of_its_joint_and_turns_with_the_role_of_its_segment(convention: str) -> None:
+    points = {one.point: one for one in ROLE_SETS[convention] if one.point}
+    segments = {one.segment: one for one in ROLE_SETS[convention] if one.segment}
+    assert CONVENTIONS[convention].keys() == points.keys()
+    for sensor, place in CONVENTIONS[convention].items():
+        assert (place.position, place.offset) == (points[sensor].name, points[sensor].offset)
+        assert place.orientation == (segments[sensor].name if sensor in segments else "")
+        assert sensor not in segments or place.rest == segments[sensor].rest

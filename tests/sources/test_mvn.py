@@ -14,11 +14,11 @@ from mutated import mutated
 from mvn_packets import euler, meta, mvn, quaternions, scale, standing
 from retarget import rotations
 from retarget.frames import JOINTS, SENSORS, mirrored_name
+from retarget.live.roles import CONVENTIONS
 from retarget.sources.mvn import (
     HEADER_BYTES,
     MOST_SKIPS,
     MVN_JOINTS,
-    MVN_SENSORS,
     SEGMENTS,
     TALL_SAMPLES,
     MvnDecoder,
@@ -310,9 +310,9 @@ def other_side(segment: str) -> str:
 
 
 def test_every_sensor_has_segments() -> None:
-    assert set(MVN_SENSORS) == set(SENSORS)
-    assert {role.position for role in MVN_SENSORS.values()} <= set(SEGMENTS)
-    assert {role.orientation for role in MVN_SENSORS.values()} <= set(SEGMENTS)
+    assert set(CONVENTIONS["mvn"]) == set(SENSORS)
+    assert {role.position for role in CONVENTIONS["mvn"].values()} <= set(SEGMENTS)
+    assert {role.orientation for role in CONVENTIONS["mvn"].values()} <= set(SEGMENTS)
 
 
 def test_joints_are_canonical_and_each_is_another_segment() -> None:
@@ -321,8 +321,8 @@ def test_joints_are_canonical_and_each_is_another_segment() -> None:
 
 
 def test_sides_agree() -> None:
-    for name, role in MVN_SENSORS.items():
-        twin = MVN_SENSORS[mirrored_name(name)]
+    for name, role in CONVENTIONS["mvn"].items():
+        twin = CONVENTIONS["mvn"][mirrored_name(name)]
         assert (other_side(role.position), other_side(role.orientation)) == (twin.position, twin.orientation)
         assert (name[:2] == "l_") == role.position.startswith("Left") == role.orientation.startswith("Left")
     for name, segment in MVN_JOINTS.items():
@@ -330,7 +330,7 @@ def test_sides_agree() -> None:
 
 
 def test_a_sensor_lies_at_the_joint_of_its_name() -> None:
-    assert all(MVN_JOINTS[name] == role.position for name, role in MVN_SENSORS.items())
+    assert all(MVN_JOINTS[name] == role.position for name, role in CONVENTIONS["mvn"].items())
 
 
 def test_limb_lengths_of_the_t_pose() -> None:
