@@ -6,7 +6,7 @@ import socket
 import struct
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from ipaddress import AddressValueError, IPv4Address, IPv4Network
 from math import isfinite
 from pathlib import Path
@@ -58,38 +58,27 @@ VERSIONS = ("3.0", "3.1", "4.0", "4.1", "4.2", "4.3", "4.4")
 """Bitstreams of NatNet (`facts/streams.md` section 4)."""
 
 
-@dataclass(frozen=True, slots=True)
-class AddressOptions:
-    """The options of an address; None where an option is not given."""
-
-    allow: tuple[IPv4Network, ...] | None = None
-    tcp: IPv4Address | None = None
-    multicast: IPv4Address | None = None
-    interface: IPv4Address | None = None
-    version: tuple[int, int] | None = None
-    up: UpAxis = "y"
-    bones: Bones = "global"
-    speed: float = 1.0
-    loop: bool = False
-    kind: str | None = None
-
-
-def read_options(text: str, query: str, known: tuple[str, ...]) -> AddressOptions:
-    """Read `NAME=VALUE&NAME=VALUE` of the address `text`. Raises UsageError unless all are `known`, once and right."""
-    options, seen = AddressOptions(), set[str]()
+def read_options(text: str, query: str, known: tuple[str, ...]) -> dict[str, Any]:
+    """Read `NAME=VALUE&NAME=VALUE` of the address `text`, by name. Raises UsageError unless all are `known`, once and
+    right."""
+    options: dict[str, Any] = {}
     for part in query.split("&"):
         name, _, value = part.partition("=")
         if name not in known:
             allowed = ", ".join(known)
             raise bad_address(text, "unknown option", found=name, allowed=allowed, next_step=suggest(name, known))
-        if name in seen:
+        if name in options:
             raise bad_address(text, f"the option '{name}' is given twice", next_step="Leave one out")
-        seen.add(name)
+        allowed, read = _OPTIONS[name]
         try:
-            options = replace(options, **{name: _OPTIONS[name].read(value)})
+            options[name] = read(value)
         except ValueError:
+            here = (
+                [f"{own} ({interface})" for interface, own in local_interfaces().items()] if name == "interface" else []
+            )
+            present = f": {', '.join(here)}" if here else ""
             what = f"the option '{name}' cannot be {'read' if value else 'empty'}"
-            raise bad_address(text, what, found=value, allowed=_OPTIONS[name].allowed + _present(name)) from None
+            raise bad_address(text, what, found=value, allowed=allowed + present) from None
     return options
 
 
@@ -106,12 +95,6 @@ def bad_address(text: str, what: str, *, found: str = "", allowed: str = "", nex
     """The error for a part of the address `text`; what came from outside is shortened and made printable."""
     where, found = (repr(part if len(part) <= 200 else part[:200] + "...")[1:-1] for part in (text, found))
     return UsageError(what, where=where or "an empty address", found=found, allowed=allowed, next_step=next_step)
-
-
-def _present(name: str) -> str:
-    """Addresses that an option may name here."""
-    found = local_interfaces() if name == "interface" else {}
-    return f": {', '.join(f'{address} ({own})' for own, address in found.items())}" if found else ""
 
 
 def _networks(value: str) -> tuple[IPv4Network, ...]:
@@ -149,32 +132,22 @@ def _one_of(*values: str) -> Callable[[str], str]:
     return lambda value: _chosen(value, value in values)
 
 
-@dataclass(frozen=True, slots=True)
-class _Option:
-    """What an option may be, in words, and its reader, which raises ValueError."""
-
-    allowed: str
-    read: Callable[[str], Any]
-
-
-_OPTIONS = {
-    "allow": _Option(f"any, or up to {MOST_ALLOWED} of ADDRESS or ADDRESS/BITS, with commas between them", _networks),
-    "tcp": _Option("the IPv4 address of the computer with MVN", _single),
-    "multicast": _Option(
+_OPTIONS: dict[str, tuple[str, Callable[[str], Any]]] = {
+    "allow": (f"any, or up to {MOST_ALLOWED} of ADDRESS or ADDRESS/BITS, with commas between them", _networks),
+    "tcp": ("the IPv4 address of the computer with MVN", _single),
+    "multicast": (
         "a group from 224.0.0.0 to 239.255.255.255, such as 239.255.42.99",
         lambda value: _chosen(IPv4Address(value), IPv4Address(value).is_multicast),
     ),
-    "interface": _Option("the IPv4 address of an interface of this machine", _single),
-    "version": _Option(", ".join(VERSIONS), _version),
-    "up": _Option("y or z, as Up Axis in Motive's streaming settings", _one_of("y", "z")),
-    "bones": _Option(
-        "global or local, as Skeleton Coordinates in Motive's streaming settings", _one_of("global", "local")
-    ),
-    "speed": _Option(f"above 0, to {MAX_SPEED:g}", _speed),
-    "loop": _Option("0 or 1", lambda value: _one_of("0", "1")(value) == "1"),
-    "kind": _Option(", ".join(RECORDED), _one_of(*RECORDED)),
+    "interface": ("the IPv4 address of an interface of this machine", _single),
+    "version": (", ".join(VERSIONS), _version),
+    "up": ("y or z, as Up Axis in Motive's streaming settings", _one_of("y", "z")),
+    "bones": ("global or local, as Skeleton Coordinates in Motive's streaming settings", _one_of("global", "local")),
+    "speed": (f"above 0, to {MAX_SPEED:g}", _speed),
+    "loop": ("0 or 1", lambda value: _one_of("0", "1")(value) == "1"),
+    "kind": (", ".join(RECORDED), _one_of(*RECORDED)),
 }
-
+"""What an option may be, in words, and its reader, which raises ValueError."""
 
 NATNET_COMMAND_PORT = 1510
 """Where Motive listens for requests."""
@@ -252,25 +225,14 @@ def parse_address(text: str) -> StreamAddress:
         step = suggest(kind, KINDS) or _for_example()
         raise bad_address(text, "unknown kind of stream", found=match[1], allowed=", ".join(KINDS), next_step=step)
     place, asked, query = rest.rpartition("?") if "?" in rest else (rest, "", "")
-    options = read_options(text, query, KINDS[kind].options) if asked else AddressOptions()
+    options = read_options(text, query, KINDS[kind].options) if asked else {}
     if kind == "replay":
         if not place:
             raise bad_address(text, "the file is missing", allowed=KINDS[kind].example)
-        return StreamAddress(
-            text,
-            kind,
-            path=Path(place),
-            speed=options.speed,
-            loop=options.loop,
-            recorded=options.kind,
-            up=options.up,
-            bones=options.bones,
-        )
+        return StreamAddress(text, kind, path=Path(place), recorded=options.pop("kind", None), **options)
     host, port = _place(text, kind, place)
     if kind == "natnet":
         return _natnet(text, host, port, options)
-    if options.tcp is not None:
-        return _connected(text, host, port, options)
     return _listener(text, kind, host, port, options)
 
 
@@ -288,64 +250,45 @@ def _place(text: str, kind: str, place: str) -> tuple[str, int]:
     return host, int(number)
 
 
-def _listener(text: str, kind: str, host: str, port: int, options: AddressOptions) -> StreamAddress:
-    """A port of this machine that the sender sends to."""
-    bind = address_number(text, host or LOOPBACK)
+def _listener(text: str, kind: str, host: str, port: int, options: dict[str, Any]) -> StreamAddress:
+    """A port of this machine that the sender sends to, or over TCP connects to: then no other computer may send."""
+    allow, sender = options.get("allow"), options.get("tcp")
+    bind = address_number(text, host or (LOOPBACK if sender is None or sender.is_loopback else EVERYWHERE))
     if bind.is_multicast:
         raise bad_address(text, "a group cannot be listened on", found=host, allowed="an address of this machine")
-    if options.allow is None and not bind.is_loopback:
-        raise _open_to_all(text, str(bind), port, kind)
-    return StreamAddress(text, kind, str(bind), port, options.allow or (ANY_ADDRESS,))
-
-
-def _open_to_all(text: str, bind: str, port: int, kind: str) -> UsageError:
-    listed = f"{kind}://{bind}:{port}?allow=192.168.1.20"
-    return bad_address(
-        text,
-        "others on the network could move the robot",
-        found=f"{bind}, which is more than this machine, and no list of who may send",
-        allowed=f"{kind}://:{port} (this machine only), or with a list, such as {listed}",
-        next_step="Add ?allow= with the sender's address (allow=any only where every computer on the network is safe)",
-    )
-
-
-def _connected(text: str, host: str, port: int, options: AddressOptions) -> StreamAddress:
-    """A TCP port of this machine that one computer connects to. No other computer may send."""
-    sender = options.tcp
-    assert sender is not None
-    if options.allow is not None:
+    if sender is not None and allow is not None:
         step = f"Write mvn://{host}:{port}?tcp={sender}"
         raise bad_address(text, "over TCP only one computer may send, so there is no list", next_step=step)
-    bind = address_number(text, host or (LOOPBACK if sender.is_loopback else EVERYWHERE))
-    if bind.is_multicast:
-        raise bad_address(text, "a group cannot be listened on", found=host, allowed="an address of this machine")
-    return StreamAddress(text, "mvn", str(bind), port, (IPv4Network(sender),), host=str(sender))
+    if sender is not None:
+        return StreamAddress(text, kind, str(bind), port, (IPv4Network(sender),), host=str(sender))
+    if allow is None and not bind.is_loopback:
+        listed = f"{kind}://{bind}:{port}?allow=192.168.1.20"
+        raise bad_address(
+            text,
+            "others on the network could move the robot",
+            found=f"{bind}, which is more than this machine, and no list of who may send",
+            allowed=f"{kind}://:{port} (this machine only), or with a list, such as {listed}",
+            next_step="Add ?allow= with the sender's address "
+            "(allow=any only where every computer on the network is safe)",
+        )
+    return StreamAddress(text, kind, str(bind), port, allow or (ANY_ADDRESS,))
 
 
-def _natnet(text: str, host: str, port: int, options: AddressOptions) -> StreamAddress:
+def _natnet(text: str, host: str, port: int, options: dict[str, Any]) -> StreamAddress:
     """Motive on the computer `host`. No other computer may send."""
     if not host:
         missing = "the address of the computer with Motive is missing"
         raise bad_address(text, missing, allowed=KINDS["natnet"].example)
-    server, group = address_number(text, host), options.multicast
+    server = address_number(text, host)
     if server.is_multicast or server.is_unspecified:
         step = f"Write natnet://HOST?multicast={server}" if server.is_multicast else ""
         raise bad_address(text, "this is not the address of one computer", found=host, next_step=step)
-    here = LOOPBACK if server.is_loopback else EVERYWHERE
-    interface = str(options.interface) if options.interface is not None else here
-    return StreamAddress(
-        text,
-        "natnet",
-        interface if group is None else str(group),
-        0 if group is None else port,  # in unicast, Motive answers to the port that asked
-        (IPv4Network(server),),
-        host=str(server),
-        multicast=None if group is None else str(group),
-        interface=interface,
-        version=options.version,
-        up=options.up,
-        bones=options.bones,
-    )
+    addresses = {name: str(options.pop(name)) for name in ("multicast", "interface") if name in options}
+    interface = addresses.setdefault("interface", LOOPBACK if server.is_loopback else EVERYWHERE)
+    group = addresses.get("multicast")
+    # In unicast, Motive answers to the port that asked.
+    bind, port = (interface, 0) if group is None else (group, port)
+    return StreamAddress(text, "natnet", bind, port, (IPv4Network(server),), host=str(server), **addresses, **options)
 
 
 def _for_example() -> str:
