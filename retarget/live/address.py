@@ -32,6 +32,11 @@ def local_interfaces() -> dict[str, str]:
     return found
 
 
+def listed_interfaces() -> str:
+    """The addresses that interfaces of this machine have, in words."""
+    return ", ".join(f"{address} ({name})" for name, address in local_interfaces().items()) or "none has an address"
+
+
 def interface_towards(host: str) -> str | None:
     """This machine's IPv4 address on the route to `host`, None where there is no route. Sends nothing."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
@@ -73,10 +78,7 @@ def read_options(text: str, query: str, known: tuple[str, ...]) -> dict[str, Any
         try:
             options[name] = read(value)
         except ValueError:
-            here = (
-                [f"{own} ({interface})" for interface, own in local_interfaces().items()] if name == "interface" else []
-            )
-            present = f": {', '.join(here)}" if here else ""
+            present = f": {listed_interfaces()}" if name == "interface" else ""
             what = f"the option '{name}' cannot be {'read' if value else 'empty'}"
             raise bad_address(text, what, found=value, allowed=allowed + present) from None
     return options

@@ -12,7 +12,7 @@ from typing import Literal
 from hardware.clock import wall_to_monotonic
 from hardware.realtime import PROCESSES, named_process
 from retarget.errors import InputError
-from retarget.live.address import EVERYWHERE, StreamAddress, interface_towards, local_interfaces
+from retarget.live.address import EVERYWHERE, StreamAddress, interface_towards, listed_interfaces
 from retarget.live.admission import MOST_BYTES_PER_POLL, MOST_PER_POLL, Datagram, Source
 from retarget.sources.stream_frame import MAX_DATAGRAM, Dropped
 
@@ -129,7 +129,7 @@ def _not_joined(address: StreamAddress, group: str, interface: str, error: OSErr
         f"the group {group} cannot be joined",
         where=address.text,
         found=f"{error.strerror or error}, on interface {interface}",
-        allowed=f"interfaces: {_interfaces()}",
+        allowed=f"interfaces: {listed_interfaces()}",
         next_step="Add interface=ADDRESS, or let Motive send unicast and leave multicast out",
     )
 
@@ -139,13 +139,9 @@ def _no_interface(address: StreamAddress, wanted: str) -> InputError:
         "this machine has no interface with such an address",
         where=address.text,
         found=wanted,
-        allowed=_interfaces(),
+        allowed=listed_interfaces(),
         next_step="Give one of these, and check that its network is connected",
     )
-
-
-def _interfaces() -> str:
-    return ", ".join(f"{number} ({name})" for name, number in local_interfaces().items()) or "none has an address"
 
 
 REMEASURE_S = 1.0
