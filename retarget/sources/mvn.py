@@ -88,35 +88,22 @@ def read_scale(payload: bytes) -> tuple[tuple[str, ...], FloatArray] | None:
     A payload is u32 count of segments, then for each its counted name and 3 floats; what follows are points on the
     skin, which a sender also puts alone into further datagrams (count 0). None if the payload is damaged.
     """
-    if len(payload) < _COUNT.size:
-        return None
-    (count,) = _COUNT.unpack_from(payload)
-    if count > MAX_SEGMENTS:
-        return None
     at, names, origins = _COUNT.size, [], []
-    for _ in range(count):
-        named = _text(payload, at)
-        if named is None or len(payload) - named[1] < _ORIGIN.size:
-            return None
-        name, at = named
-        names.append(name)
-        origins.append(_ORIGIN.unpack_from(payload, at))
-        at += _ORIGIN.size
-    return tuple(names), np.array(origins, float).reshape(count, 3)
-
-
-def _text(payload: bytes, at: int) -> tuple[str, int] | None:
-    """A text that its u32 length precedes, and where it ends; None if it is longer than MAX_NAME or the payload."""
-    if len(payload) - at < _COUNT.size:
-        return None
-    (length,) = _COUNT.unpack_from(payload, at)
-    begin, end = at + _COUNT.size, at + _COUNT.size + length
-    if length > MAX_NAME or end > len(payload):
-        return None
     try:
-        return payload[begin:end].decode("utf-8").rstrip("\0"), end
-    except UnicodeDecodeError:
+        (count,) = _COUNT.unpack_from(payload)
+        if count > MAX_SEGMENTS:
+            return None
+        for _ in range(count):
+            (length,) = _COUNT.unpack_from(payload, at)
+            end = at + _COUNT.size + length
+            if length > MAX_NAME:
+                return None
+            names.append(payload[at + _COUNT.size : end].decode("utf-8").rstrip("\0"))
+            origins.append(_ORIGIN.unpack_from(payload, end))
+            at = end + _ORIGIN.size
+    except (struct.error, UnicodeDecodeError):
         return None
+    return tuple(names), np.array(origins, float).reshape(count, 3)
 
 
 # Putting a sample together that the MVN streamer split over several datagrams (fingers make it do so).
@@ -250,9 +237,8 @@ class _Layout:
     """Which items of a sample are used, found once for each list of ids. ids: as on the wire. error: a reason."""
 
     ids: bytes
+    columns: NDArray[np.intp]
     names: tuple[str, ...]
-    columns: NDArray[np.intp] | slice
-    pelvis: int | None
     error: str = ""
 
 
@@ -267,7 +253,7 @@ class MvnDecoder:
         self.character = character
         self.rest: MvnRest | None = None
         self._parts = {EULER: SampleParts(self.dropped), QUATERNION: SampleParts(self.dropped)}
-        self._layout = _Layout(b"", (), slice(0), None, "no body segment")
+        self._layout = _layout(b"")
         self._quaternions = False
         self._metres, self._tall = 1.0, 0
 
@@ -327,7 +313,7 @@ class MvnDecoder:
         orientation /= np.sqrt(np.einsum("ij,ij->i", orientation, orientation))[:, None]
         axes = CONVENTIONS["xsens" if header.kind == QUATERNION else "xsens_y_up"]
         position = axes.positions(position)
-        if layout.pelvis is not None and not self._unit_is_clear(float(position[layout.pelvis, 2])):
+        if "Pelvis" in layout.names and not self._unit_is_clear(float(position[layout.names.index("Pelvis"), 2])):
             self.dropped.note("pelvis above 10 m")
             return None
         return StreamFrame(
@@ -371,20 +357,15 @@ def _layout(ids: bytes) -> _Layout:
     """Columns of the body segments among ids (k u32, big-endian)."""
     numbers = np.frombuffer(ids, ">u4")
     columns = np.flatnonzero((numbers >= 1) & (numbers <= len(SEGMENTS)))
-    used = numbers[columns]
+    used = tuple(SEGMENTS[number - 1] for number in numbers[columns].tolist())
     error = ""
     if numbers.size > MAX_POSES:
         error = "too many segments"
-    elif columns.size == 0:
+    elif not used:
         error = "no body segment"
-    elif len(set(used.tolist())) < used.size:
+    elif len(set(used)) < len(used):
         error = "segment sent twice"
-    if error:
-        return _Layout(ids, (), slice(0), None, error)
-    names = tuple(SEGMENTS[number - 1] for number in used.tolist())
-    pelvis = names.index("Pelvis") if "Pelvis" in names else None
-    first = bool(np.array_equal(columns, np.arange(columns.size)))
-    return _Layout(ids, names, slice(columns.size) if first else columns, pelvis)
+    return _Layout(ids, columns, used, error)
 
 
 def _from_degrees(angles: FloatArray) -> FloatArray:
