@@ -12,7 +12,7 @@ from retarget.live.address import NATNET_COMMAND_PORT, StreamAddress
 from retarget.live.admission import MOST_PER_POLL, Datagram, Source
 from retarget.live.udp import UdpReceiver, not_bound
 from retarget.sources.mvn import MvnStream
-from retarget.sources.natnet_session import NatnetSession, SessionSettings
+from retarget.sources.natnet_session import PINNED, NatnetSession
 from retarget.sources.natnet_wire import Version
 from retarget.sources.stream_frame import Dropped
 
@@ -109,10 +109,8 @@ class NatnetReceiver:
 
 def session_for(address: StreamAddress) -> NatnetSession:
     """The NatNet session of an address: unicast or multicast, and the version to request."""
-    settings = SessionSettings(transport="unicast" if address.multicast is None else "multicast")
-    if address.version is not None:
-        settings = replace(settings, version=Version(*address.version))
-    return NatnetSession(settings)
+    wanted = PINNED if address.version is None else Version(*address.version)
+    return NatnetSession(multicast=address.multicast is not None, wanted=wanted)
 
 
 # MVN over TCP: the streamer connects to our port, and its datagrams come end to end.

@@ -1,7 +1,7 @@
 """Decodes NatNet datagrams into frames of named world poses: names, skeleton parents, and the rest pose of a
 skeleton."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import isfinite
 from typing import Literal, TypeVar
@@ -9,7 +9,6 @@ from typing import Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from retarget.errors import UsageError
 from retarget.frames import Skeleton
 from retarget.rotations import plus, product, rotated
 from retarget.sources.natnet_frame import (
@@ -38,59 +37,28 @@ from retarget.sources.stream_frame import (
 )
 from retarget.types import BoolArray, FloatArray
 
-# Names of the poses of a NatNet frame: from the model definitions where they are known, else by number.
+# Plan of a set of NatNet ids, made when they change and used in every frame: names, rows kept, parents of bones. Names
+# come from the model definitions where they are known, else from the number.
 
-PARENTLESS = None
-"""Parent of a bone that has none."""
+_Key = tuple[Owner, int, int]
+"""A pose: kind and number of its owner, and its own number there (of a bone: without the skeleton's id, which the wire
+keeps in the upper 16 bits)."""
 
 
 @dataclass(frozen=True, slots=True)
-class PoseName:
-    """Name of one pose. defined: whether the definitions have it. parent: number of the parent bone, None at the root.
-
-    number: id within its owner (of a bone: without the skeleton's id, which the wire keeps in the upper 16 bits).
-    """
+class _Pose:
+    """Name of one pose. defined: whether the definitions have it. parent: of a bone that is not a root."""
 
     text: str
-    number: int
+    key: _Key
     defined: bool
-    parent: int | None = PARENTLESS
-
-
-class NameTable:
-    """Names of poses by the definitions. Of two poses with one name, the second is named by its number."""
-
-    def __init__(self, definitions: Definitions | None = None) -> None:
-        known = definitions or Definitions()
-        owners = {
-            Owner.RIGID_BODIES: (GroupDefinition("", 0, known.rigid_bodies),),
-            Owner.SKELETON: known.skeletons,
-            Owner.ASSET: known.assets,
-        }
-        self._groups = {
-            (owner, number): (group.name, _by_number(group.bones, owner))
-            for owner, groups in owners.items()
-            for number, group in _by_number(groups, Owner.RIGID_BODIES).items()
-        }
-
-    def of(self, group: PoseGroup, number: int) -> PoseName:
-        """`rigid://NAME`, `bone://SKELETON/BONE` or `asset://ASSET/BODY`; `#NUMBER` where a name is not known."""
-        owner, bodies = self._groups.get((group.owner, group.number), ("", {}))
-        number = _within(number, group.owner)
-        body = bodies.get(number)
-        text = _text(body.name if body else "", number)
-        if group.owner is Owner.RIGID_BODIES:
-            return PoseName(f"rigid://{text}", number, body is not None)
-        parent = _within(body.parent, group.owner) if body is not None else number
-        has_parent = parent in bodies and parent != number
-        text = f"{group.owner.value}://{_text(owner, group.number)}/{text}"
-        return PoseName(text, number, body is not None, parent if has_parent else PARENTLESS)
+    parent: _Key | None
 
 
 _Named = TypeVar("_Named", BodyDefinition, GroupDefinition)
 
 
-def _by_number(items: Sequence[_Named], owner: Owner) -> dict[int, _Named]:
+def _by_number(items: Sequence[_Named], owner: Owner = Owner.RIGID_BODIES) -> dict[int, _Named]:
     """The first item of each number; a name that an earlier item has becomes ""."""
     found: dict[int, _Named] = {}
     names: set[str] = set()
@@ -105,26 +73,31 @@ def _within(number: int, owner: Owner) -> int:
     return number if owner is Owner.RIGID_BODIES else number & 0xFFFF
 
 
-def _text(name: str, number: int) -> str:
-    return name or f"#{number}"
-
-
-def pose_names(table: NameTable, groups: Sequence[PoseGroup], numbers: Sequence[int]) -> list[PoseName]:
-    """Names of all poses of a frame in their order. numbers: as the wire has them, group after group."""
-    names: list[PoseName] = []
-    at = 0
-    for group in groups:
-        names += [table.of(group, number) for number in numbers[at : at + group.count]]
-        at += group.count
-    return names
-
-
-# Plan of a set of NatNet ids, made when they change and used in every frame: names, rows kept, parents of bones.
-
-ROOT = -1
-"""Parent row of a pose that is already in the world."""
-UNKNOWN = -2
-"""Parent row of a bone whose chain to the root is not known: it has no pose in the world."""
+def _poses(definitions: Definitions, groups: Sequence[PoseGroup], numbers: Sequence[int]) -> Iterator[_Pose]:
+    """The poses of a frame in their order: `rigid://NAME`, `bone://SKELETON/BONE` or `asset://ASSET/BODY`; `#NUMBER`
+    where a name is not known, or is that of another. numbers: as the wire has them, group after group."""
+    known = {
+        Owner.RIGID_BODIES: (GroupDefinition("", 0, definitions.rigid_bodies),),
+        Owner.SKELETON: definitions.skeletons,
+        Owner.ASSET: definitions.assets,
+    }
+    owners = {
+        (owner, number): (group.name, _by_number(group.bones, owner))
+        for owner, defined in known.items()
+        for number, group in _by_number(defined).items()
+    }
+    owned = [group for group in groups for _ in range(group.count)]
+    for group, wire in zip(owned, numbers, strict=True):
+        name, bodies = owners.get((group.owner, group.number), ("", {}))
+        number = _within(wire, group.owner)
+        body = bodies.get(number)
+        within = "" if group.owner is Owner.RIGID_BODIES else f"{name or f'#{group.number}'}/"
+        text = f"{group.owner.value}://{within}{(body.name if body else '') or f'#{number}'}"
+        # Only skeletons have parents. A bone that is not defined has one that is not known, a number that none has.
+        parent = -1 if body is None else _within(body.parent, group.owner)
+        has_parent = group.owner is Owner.SKELETON and (body is None or (parent in bodies and parent != number))
+        key = (group.owner, group.number, number)
+        yield _Pose(text, key, body is not None, (*key[:2], parent) if has_parent else None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,53 +117,32 @@ class PosePlan:
     lost: tuple[int, ...]
 
 
-def plan_poses(table: NameTable, groups: Sequence[PoseGroup], numbers: Sequence[int], *, limit: int) -> PosePlan:
+def plan_poses(
+    definitions: Definitions, groups: Sequence[PoseGroup], numbers: Sequence[int], *, limit: int = MAX_POSES
+) -> PosePlan:
     """The plan for these groups and wire numbers: each name once, at most `limit` of them."""
-    found = pose_names(table, groups, numbers)
+    found = list(_poses(definitions, groups, numbers))
     first: dict[str, int] = {}
-    for row, name in enumerate(found):
-        first.setdefault(name.text, row)
-    kept = list(first.values())[:limit]
-    parents = _parents(groups, found, kept)
-    depth_first = sorted((row for row in range(len(kept)) if parents[row] >= 0), key=lambda row: _depth(parents, row))
+    for row, pose in enumerate(found):
+        first.setdefault(pose.text, row)
+    rows = list(first.values())[:limit]
+    kept = [found[row] for row in rows]
+    places = {pose.key: row for row, pose in enumerate(kept)}
+    waiting = {row: places.get(pose.parent) for row, pose in enumerate(kept) if pose.parent is not None}
+    bones: list[tuple[int, int]] = []
+    while ready := [(row, parent) for row, parent in waiting.items() if parent is not None and parent not in waiting]:
+        bones += ready
+        for row, _ in ready:
+            del waiting[row]
     return PosePlan(
-        names=tuple(found[row].text for row in kept),
-        rows=None if len(kept) == len(found) else np.array(kept, np.intp),
+        names=tuple(pose.text for pose in kept),
+        rows=None if len(kept) == len(found) else np.array(rows, np.intp),
         doubled=len(found) - len(first),
         surplus=len(first) - len(kept),
-        all_defined=all(found[row].defined for row in kept),
-        bones=tuple((row, parents[row]) for row in depth_first),
-        lost=tuple(row for row in range(len(kept)) if parents[row] == UNKNOWN),
+        all_defined=all(pose.defined for pose in kept),
+        bones=tuple(bones),
+        lost=tuple(waiting),
     )
-
-
-def _parents(groups: Sequence[PoseGroup], found: Sequence[PoseName], kept: Sequence[int]) -> list[int]:
-    """Parent row of each row kept. Only skeletons have parents: rigid bodies and assets are in the world."""
-    owners = [group for group in groups for _ in range(group.count)]
-    places = {(owners[row].owner, owners[row].number, found[row].number): place for place, row in enumerate(kept)}
-    parents = []
-    for row in kept:
-        name, group = found[row], owners[row]
-        if group.owner is not Owner.SKELETON:
-            parents.append(ROOT)
-        elif not name.defined:
-            parents.append(UNKNOWN)
-        elif name.parent is None:
-            parents.append(ROOT)
-        else:
-            parents.append(places.get((group.owner, group.number, name.parent), UNKNOWN))
-    return [UNKNOWN if _depth(parents, row) < 0 else parent for row, parent in enumerate(parents)]
-
-
-def _depth(parents: Sequence[int], row: int) -> int:
-    """Steps to the root; -1 where the chain is not known or is a cycle."""
-    for steps in range(len(parents) + 1):
-        row = parents[row]
-        if row == ROOT:
-            return steps
-        if row == UNKNOWN:
-            return -1
-    return -1
 
 
 def compose_bones(plan: PosePlan, position: FloatArray, orientation: FloatArray, tracked: BoolArray) -> None:
@@ -290,22 +242,17 @@ class NatnetDecoder:
     Frames before the first ServerInfo and definitions are decoded too, with numbers instead of names.
 
     bones: how Motive streams skeletons (Settings, Streaming, Skeleton Coordinates): `global`, or `local` to the parent.
-    up: its Up Axis. Raises UsageError for other options. stamp of a frame: mid-exposure in s of the server's clock; its
+    up: its Up Axis. stamp of a frame: mid-exposure in s of the server's clock; its
     f64 timestamp, another clock, while the frequency is not known or a frame has no ticks (playback).
     """
 
     def __init__(self, *, bones: Literal["global", "local"] = "global", up: Literal["y", "z"] = "y") -> None:
-        if bones not in ("global", "local"):
-            raise UsageError("unknown kind of NatNet bones", found=bones, allowed="global or local")
-        if up not in _AXES:
-            raise UsageError("unknown up axis of NatNet", found=up, allowed="y or z")
         self.dropped = Dropped()
         self._local = bones == "local"
         self._axes = _AXES[up]
         self._definitions = Definitions()
         self._version = OLDEST
         self._clock_hz = 0
-        self._table = NameTable()
         self._plan: tuple[_PlanKey, PosePlan] | None = None
 
     @property
@@ -356,7 +303,6 @@ class NatnetDecoder:
         if definitions is None:
             return self._drop(BAD_DEFINITIONS)
         self._definitions = definitions
-        self._table = NameTable(definitions)
         self._plan = None
         return []
 
@@ -396,7 +342,7 @@ class NatnetDecoder:
         """The plan of these ids, made again only when they change."""
         key = (frame.groups, ids.tobytes())
         if self._plan is None or self._plan[0] != key:
-            self._plan = (key, plan_poses(self._table, frame.groups, ids.tolist(), limit=MAX_POSES))
+            self._plan = (key, plan_poses(self._definitions, frame.groups, ids.tolist()))
         return self._plan[1]
 
     def _check(self, position: FloatArray, orientation: FloatArray, tracked: BoolArray) -> None:

@@ -11,11 +11,9 @@ returns the decoder's property of that name. `natnet_problems` lists what is wro
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from math import inf, isfinite
-from typing import Literal
+from math import inf
 
-from retarget.errors import Problem, UsageError
+from retarget.errors import Problem
 from retarget.sources.natnet_frame import OLDEST as OLDEST
 from retarget.sources.natnet_frame import FrameFlags, read_definitions, read_flags
 from retarget.sources.natnet_wire import (
@@ -40,52 +38,33 @@ PINNED = Version(4, 1)
 """The first one whose blocks carry their sizes."""
 UNNAMED_S = 5.0
 """Time between two requests for names that the last answer did not have."""
+RETRY_S = 1.0
+"""Between requests without answer."""
+KEEP_ALIVE_S = 1.0
+"""Between keep-alive messages to a unicast server."""
+SILENCE_S = 2.0
+"""Time without frames after which the session connects again."""
 _PIN_TRIES = 3
-
-
-@dataclass(frozen=True, slots=True)
-class SessionSettings:
-    """Transport, bitstream and intervals of a session. Raises UsageError for values out of range.
-
-    version: bitstream that a unicast server from 4.0 on is asked for, so that a newer Motive changes nothing here;
-    None: its own. retry_s: between requests without answer. keep_alive_s: between keep-alive messages to a unicast
-    server. silence_s: time without frames after which the session connects again. The server's clock is not asked for:
-    a running minimum of arrival minus stamp does as well.
-    """
-
-    transport: Literal["unicast", "multicast"] = "unicast"
-    version: Version | None = PINNED
-    retry_s: float = 1.0
-    keep_alive_s: float = 1.0
-    silence_s: float = 2.0
-
-    def __post_init__(self) -> None:
-        if self.transport not in ("unicast", "multicast"):
-            raise UsageError("unknown NatNet transport", found=self.transport, allowed="unicast or multicast")
-        if self.version is not None and not OLDEST <= self.version <= NEWEST:
-            raise UsageError("NatNet version that cannot be read", found=self.version, allowed="3.0 to 4.x")
-        for name in ("retry_s", "keep_alive_s", "silence_s"):
-            value = getattr(self, name)
-            if not (isfinite(value) and 0.1 <= value <= 60.0):
-                raise UsageError("NatNet interval out of range", where=name, found=value, allowed="0.1 to 60 s")
 
 
 class NatnetSession:
     """State of one session. `now`: s of one monotonic clock throughout.
 
-    To read: settings; server (None until it answered); version (of the frames, None while unknown); frames (count);
-    started, server_at, frame_at, asked_at (s, None before; asked_at: since when definitions are waited for); refused
-    (count of messages that the server did not recognise). To set: names_missing, whether frames have ids without a
-    name.
+    multicast: whether frames are expected in a group. wanted: bitstream that a unicast server from 4.0 on is asked for,
+    so that a newer Motive changes nothing here. The server's clock is not asked for: a running minimum of arrival minus
+    stamp does as well.
+
+    To read: server (None until it answered); version (of the frames, None while unknown); frames (count); started,
+    server_at, frame_at, asked_at (s, None before; asked_at: since when definitions are waited for). To set:
+    names_missing, whether frames have ids without a name.
     """
 
-    def __init__(self, settings: SessionSettings | None = None) -> None:
-        self.settings = settings or SessionSettings()
+    def __init__(self, *, multicast: bool = False, wanted: Version = PINNED) -> None:
+        self.multicast, self.wanted = multicast, wanted
         self.names_missing: Callable[[], bool] = lambda: False
         self.server: ServerInfo | None = None
         self.version: Version | None = None
         self.frames = 0
-        self.refused = 0
         self.started: float | None = None
         self.server_at: float | None = None
         self.frame_at: float | None = None
@@ -99,11 +78,6 @@ class NatnetSession:
         """When each kind of message was last sent, s."""
 
     @property
-    def clock_hz(self) -> int:
-        """Ticks per second of the server's clock; 0 while unknown."""
-        return self.server.clock_hz if self.server else 0
-
-    @property
     def group(self) -> str:
         """Multicast group to join."""
         return self.server.group if self.server and self.server.multicast else MULTICAST_GROUP
@@ -114,29 +88,29 @@ class NatnetSession:
         return (self.server.data_port if self.server else 0) or DATA_PORT
 
     def silent(self, now: float) -> bool:
-        """Whether no frame came for `silence_s`, and the server answered at least that long ago."""
+        """Whether no frame came for SILENCE_S, and the server answered at least that long ago."""
         since = max((at for at in (self.server_at, self.frame_at) if at is not None), default=None)
-        return since is not None and now - since >= self.settings.silence_s
+        return since is not None and now - since >= SILENCE_S
 
     def poll(self, now: float) -> list[bytes]:
         """Datagrams to send now, all to the command port."""
         if self.started is None:
             self.started = now
-        out, retry = [], self.settings.retry_s
-        if (self._wants_server or self.silent(now)) and self._due("connect", retry, now):
+        out: list[bytes] = []
+        if (self._wants_server or self.silent(now)) and self._due("connect", RETRY_S, now):
             out.append(self._connecting())
         if self.server is None:
             return out
-        if self._must_pin() and self._due("pin", retry, now):
+        if self._must_pin() and self._due("pin", RETRY_S, now):
             self._pins += 1
-            out.append(command_message(f"Bitstream,{self.settings.version}"))
+            out.append(command_message(f"Bitstream,{self.wanted}"))
         unnamed = self.frames and not self._wants_definitions and self.names_missing()
         if unnamed and self._due("names", UNNAMED_S, now):
             self._wants_definitions = True
-        if self._wants_definitions and self._due("definitions", retry, now):
+        if self._wants_definitions and self._due("definitions", RETRY_S, now):
             self.asked_at = now if self.asked_at is None else self.asked_at
             out.append(definitions_request())
-        if self.settings.transport == "unicast" and self._due("keep-alive", self.settings.keep_alive_s, now):
+        if not self.multicast and self._due("keep-alive", KEEP_ALIVE_S, now):
             out.append(keep_alive_message())
         return out
 
@@ -150,17 +124,16 @@ class NatnetSession:
     def _connecting(self) -> bytes:
         """Connect message, alternately with and without the pinned version: old servers may reject the longer one."""
         self._connects += 1
-        pin = self.settings.transport == "unicast" and self._connects % 2 == 1
-        return connect_message(self.settings.version if pin else None)
+        pin = not self.multicast and self._connects % 2 == 1
+        return connect_message(self.wanted if pin else None)
 
     def _must_pin(self) -> bool:
-        wanted, server = self.settings.version, self.server
+        server = self.server
         return (
-            self.settings.transport == "unicast"
-            and wanted is not None
+            not self.multicast
             and server is not None
             and server.version.major >= 4
-            and wanted < (self.version or server.version)
+            and self.wanted < (self.version or server.version)
             and self._pins < _PIN_TRIES
         )
 
@@ -180,8 +153,6 @@ class NatnetSession:
                 self.asked_at = None
         elif kind == MessageId.COMMAND_ANSWER:
             self._commanded(text_until_zero(payload))
-        elif kind == MessageId.UNRECOGNISED:
-            self.refused += 1
 
     def _server(self, now: float, info: ServerInfo | None) -> None:
         if info is None:
@@ -240,7 +211,7 @@ def natnet_problems(session: NatnetSession, now: float, *, host: str) -> tuple[P
         return (_wrong_version(server, host),)
     found = []
     if session.silent(now):
-        wrong = server.multicast != (session.settings.transport == "multicast")
+        wrong = server.multicast != session.multicast
         found.append(_other_transport(server, host) if wrong else _no_frames(session, host))
     if session.asked_at is not None and now - session.asked_at >= PATIENCE_S:
         found.append(
@@ -295,7 +266,7 @@ def _other_transport(server: ServerInfo, host: str) -> Problem:
 
 
 def _no_frames(session: NatnetSession, host: str) -> Problem:
-    if session.settings.transport == "multicast":
+    if session.multicast:
         hint = (
             f"; check that {session.group} was joined on the network card that faces Motive, and that UDP port "
             f"{session.data_port} is open in the firewall"

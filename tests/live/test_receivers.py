@@ -134,9 +134,9 @@ def test_a_group_without_interface_is_refused_at_start() -> None:
 
 
 def test_the_session_follows_the_address() -> None:
-    assert session_for(UNICAST).settings.transport == "unicast"
-    assert session_for(MULTICAST).settings.transport == "multicast"
-    assert session_for(parse_address("natnet://127.0.0.1?version=3.1")).settings.version == Version(3, 1)
+    assert not session_for(UNICAST).multicast
+    assert session_for(MULTICAST).multicast
+    assert session_for(parse_address("natnet://127.0.0.1?version=3.1")).wanted == Version(3, 1)
 
 
 def test_a_closed_receiver_stays_quiet() -> None:

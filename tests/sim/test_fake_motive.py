@@ -11,7 +11,7 @@ from natnet_packets import VERSIONS
 from retarget.frames import SensorFrames
 from retarget.rotations import angle_between
 from retarget.sources.natnet_decoder import NatnetDecoder
-from retarget.sources.natnet_session import NatnetSession, SessionSettings, natnet_problems
+from retarget.sources.natnet_session import NatnetSession, natnet_problems
 from retarget.sources.natnet_wire import Version, command_message, connect_message, read_server_info
 from retarget.sources.stream_frame import StreamFrame
 from sim.performer import synthetic_performer
@@ -79,7 +79,7 @@ def test_settings_that_agree(up: str, transport: str, motion: SensorFrames) -> N
             version=Version(4, 4),
         ),
     )
-    session = NatnetSession(SessionSettings(transport=server.settings.transport))
+    session = NatnetSession(multicast=server.settings.transport == "multicast")
     lab = Lab(server, session, NatnetDecoder(up=server.settings.up))
     frame = lab.run(0.5)[-1]
     assert frame.number is not None
@@ -89,7 +89,7 @@ def test_settings_that_agree(up: str, transport: str, motion: SensorFrames) -> N
 
 @pytest.mark.parametrize("mine", ["unicast", "multicast"])
 def test_settings_that_disagree_are_said(mine: str, motion: SensorFrames) -> None:
-    session = NatnetSession(SessionSettings(transport="unicast" if mine == "unicast" else "multicast"))
+    session = NatnetSession(multicast=mine == "multicast")
     server = FakeMotive(motion, MotiveSettings(transport="multicast" if mine == "unicast" else "unicast"))
     lab = Lab(server, session)
     lab.server.streaming = False

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from messages import refuses
 from natnet_packets import (
     PLAIN_VERSIONS,
     SIZED_VERSIONS,
@@ -22,19 +21,15 @@ from natnet_packets import (
     server_info,
 )
 from people import at_rest
-from retarget.errors import UsageError
 from retarget.human.calibration import dimensions_from_skeleton
 from retarget.live.rest_capture import skeleton_of
 from retarget.model.human_dimensions import proportional_dimensions
 from retarget.rotations import angle_between, multiply, normalise, rotate
 from retarget.sources.natnet_decoder import (
-    NameTable,
     NatnetDecoder,
-    PoseName,
     PosePlan,
     compose_bones,
     plan_poses,
-    pose_names,
 )
 from retarget.sources.natnet_frame import BodyDefinition, Definitions, GroupDefinition, Owner, PoseGroup
 from retarget.sources.natnet_wire import Version
@@ -234,73 +229,67 @@ def test_an_empty_frame_is_a_frame() -> None:
     assert found.names == () and found.position.shape == (0, 3)
 
 
-def test_options() -> None:
-    with refuses(UsageError):
-        NatnetDecoder(bones="both")  # type: ignore[arg-type]
-    with refuses(UsageError):
-        NatnetDecoder(up="x")  # type: ignore[arg-type]
-
-
 def body(name: str, number: int, parent: int = -1) -> BodyDefinition:
     return BodyDefinition(name, number, parent, (0.0, 0.0, 0.0))
 
 
 BODIES = PoseGroup(Owner.RIGID_BODIES, 0, 1)
 ANN_GROUP = PoseGroup(Owner.SKELETON, 5, 1)
-TABLE = NameTable(
-    Definitions(
-        (body("Quad", 2), body("Quad", 3), body("", 4)),
-        (GroupDefinition("Ann", 5, (body("Hip", 1, 0), body("Spine", 2, 1), body("Loose", 3, 9), body("Own", 4, 4))),),
-        (GroupDefinition("Cloth", 8, (body("Patch", 1),)),),
-    )
+TABLE = Definitions(
+    (body("Quad", 2), body("Quad", 3), body("", 4)),
+    (GroupDefinition("Ann", 5, (body("Hip", 1, 0), body("Spine", 2, 1), body("Loose", 3, 9), body("Own", 4, 4))),),
+    (GroupDefinition("Cloth", 8, (body("Patch", 1),)),),
 )
 
 
+def name(definitions: Definitions, group: PoseGroup, number: int) -> str:
+    (only,) = plan_poses(definitions, [group], [number]).names
+    return only
+
+
 def test_rigid_bodies() -> None:
-    assert TABLE.of(BODIES, 2) == PoseName("rigid://Quad", 2, True)
-    assert TABLE.of(BODIES, 9) == PoseName("rigid://#9", 9, False)
+    assert name(TABLE, BODIES, 2) == "rigid://Quad"
+    assert name(TABLE, BODIES, 9) == "rigid://#9"
 
 
 def test_a_name_that_is_doubled_or_empty_becomes_a_number() -> None:
-    assert TABLE.of(BODIES, 3).text == "rigid://#3"
-    assert TABLE.of(BODIES, 4).text == "rigid://#4"
-    twins = NameTable(Definitions(skeletons=(GroupDefinition("A", 1, ()), GroupDefinition("A", 2, ()))))
-    assert twins.of(PoseGroup(Owner.SKELETON, 2, 1), 2 << 16 | 3).text == "bone://#2/#3"
+    assert name(TABLE, BODIES, 3) == "rigid://#3"
+    assert name(TABLE, BODIES, 4) == "rigid://#4"
+    twins = Definitions(skeletons=(GroupDefinition("A", 1, ()), GroupDefinition("A", 2, ())))
+    assert name(twins, PoseGroup(Owner.SKELETON, 2, 1), 2 << 16 | 3) == "bone://#2/#3"
 
 
 def test_bones_carry_their_skeleton_in_the_upper_half() -> None:
-    assert TABLE.of(ANN_GROUP, 5 << 16 | 2) == PoseName("bone://Ann/Spine", 2, True, 1)
-    assert TABLE.of(ANN_GROUP, 5 << 16 | 7) == PoseName("bone://Ann/#7", 7, False)
-    assert TABLE.of(PoseGroup(Owner.SKELETON, 6, 1), 6 << 16 | 1).text == "bone://#6/#1"
+    assert name(TABLE, ANN_GROUP, 5 << 16 | 2) == "bone://Ann/Spine"
+    assert name(TABLE, ANN_GROUP, 5 << 16 | 7) == "bone://Ann/#7"
+    assert name(TABLE, PoseGroup(Owner.SKELETON, 6, 1), 6 << 16 | 1) == "bone://#6/#1"
 
 
 def test_a_bone_has_no_parent_that_is_not_there() -> None:
-    assert [TABLE.of(ANN_GROUP, number).parent for number in (1, 2, 3, 4)] == [None, 1, None, None]
+    found = plan_poses(TABLE, [replace(ANN_GROUP, count=4)], [5 << 16 | number for number in (1, 2, 3, 4)])
+    assert (found.bones, found.lost) == (((1, 0),), ())
 
 
 def test_assets() -> None:
-    assert TABLE.of(PoseGroup(Owner.ASSET, 8, 1), 8 << 16 | 1).text == "asset://Cloth/Patch"
+    assert name(TABLE, PoseGroup(Owner.ASSET, 8, 1), 8 << 16 | 1) == "asset://Cloth/Patch"
 
 
 def test_names_follow_the_groups() -> None:
     groups = (PoseGroup(Owner.RIGID_BODIES, 0, 2), PoseGroup(Owner.SKELETON, 5, 1))
-    names = pose_names(TABLE, groups, [2, 77, 5 << 16 | 1])
-    assert [name.text for name in names] == ["rigid://Quad", "rigid://#77", "bone://Ann/Hip"]
-    assert [name.text for name in pose_names(NameTable(), groups, [2, 77, 1])] == [
-        "rigid://#2",
-        "rigid://#77",
-        "bone://#5/#1",
-    ]
+    assert plan_poses(TABLE, groups, [2, 77, 5 << 16 | 1]).names == ("rigid://Quad", "rigid://#77", "bone://Ann/Hip")
+    numbered = ("rigid://#2", "rigid://#77", "bone://#5/#1")
+    assert plan_poses(Definitions(), groups, [2, 77, 1]).names == numbered
 
 
-def table(*parents: int) -> NameTable:
+def table(*parents: int) -> Definitions:
     """A skeleton whose bone i + 1 has the parent given."""
     bones = tuple(BodyDefinition(f"b{i + 1}", i + 1, parent, (0.0, 0.0, 0.0)) for i, parent in enumerate(parents))
-    return NameTable(Definitions(skeletons=(GroupDefinition("Ann", 5, bones),)))
+    return Definitions(skeletons=(GroupDefinition("Ann", 5, bones),))
 
 
-def plan(names: NameTable, *bones: int, limit: int = 256) -> PosePlan:
-    return plan_poses(names, (PoseGroup(Owner.SKELETON, 5, len(bones)),), [ANN | bone for bone in bones], limit=limit)
+def plan(definitions: Definitions, *bones: int, limit: int = 256) -> PosePlan:
+    groups = (PoseGroup(Owner.SKELETON, 5, len(bones)),)
+    return plan_poses(definitions, groups, [ANN | bone for bone in bones], limit=limit)
 
 
 def test_parents_come_before_children_in_whatever_order_they_are_sent() -> None:
