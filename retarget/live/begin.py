@@ -3,7 +3,7 @@ the performer that the run follows.
 """
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +24,7 @@ from retarget.live.rest_capture import (
     frozen_as_fresh,
     skeleton_of,
 )
-from retarget.live.stream import LiveStream
+from retarget.live.stream import LiveStream, StreamReading
 from retarget.live.stream_report import StreamProblems, refuse_version, unusable
 from retarget.model.human_dimensions import HumanDimensions, mirrored_dimensions
 from retarget.model.robot import RobotBody
@@ -68,114 +68,6 @@ class LiveOptions:
             )
 
 
-# Measuring a live performer: a countdown, and then a second of standing still, as soon as there is one.
-
-POLL_S = 0.01
-"""Between two polls of the stream while nothing moves."""
-SETTLE_S = 0.3
-"""Time in which the smoothing filter settles after the offset of a sensor was corrected."""
-TRY_S = 0.1
-"""Between two checks whether the performer stands still by now."""
-
-
-def measure(
-    stream: LiveStream,
-    options: LiveOptions,
-    known: HumanDimensions | None,
-    *,
-    clock: Clock,
-    where: str,
-    notify: Notify,
-    enter: Enter = lambda state: None,
-) -> Calibrated:
-    """Measure floor, heading and size. The size is `known`, else that of the stream's skeleton, else of the rest pose.
-    enter: receives the states of the run as they begin.
-
-    Raises InputError: no fresh data, not still, no rest pose, or not of the known size.
-    """
-    pose = "Stand upright and still, facing where the robot faces, arms hanging or straight out to the sides"
-    enter(RunState.COUNTDOWN)
-    notify(f"{pose}: {options.countdown:g} s")
-    _poll_for(stream, clock, options.countdown, measured=False)
-    enter(RunState.CALIBRATING)
-    size = known or _skeleton_size(stream, options, where=where, notify=notify)
-    seconds = CAPTURE_S if known is None else KNOWN_CAPTURE_S
-    capture = RestCapture(where=where, seconds=seconds, loose=stream.roles.loose, needed=needed(stream.roles))
-    found = _captured(stream, options, capture, size, clock=clock, where=where, notify=notify)
-    height = f"{found.dimensions.stature:.2f} m tall"
-    notify(f"measured: {height}" if size is None else f"known: {height} ({size.origin})")
-    if found.offset.any():
-        stream.roles = stream.roles.shifted(found.offset)
-        off = np.linalg.norm(found.offset, axis=1)
-        offsets = [f"{name} {100 * by:.0f} cm" for name, by in zip(found.sensors, off, strict=True) if by > 0.0]
-        notify(f"beside their joints: {', '.join(offsets)}")
-        _poll_for(stream, clock, SETTLE_S, measured=True)
-    return found
-
-
-def _poll_for(stream: LiveStream, clock: Clock, seconds: float, *, measured: bool) -> None:
-    """Only poll the stream for some seconds. measured: a performer was measured, no other source may take over."""
-    end = clock.now() + seconds
-    while clock.now() < end:
-        clock.sleep_until(clock.now() + POLL_S)
-        stream.poll(clock.now(), moving=measured)
-        stream.read(clock.now())
-
-
-def _skeleton_size(stream: LiveStream, options: LiveOptions, *, where: str, notify: Notify) -> HumanDimensions | None:
-    """The size by the skeleton that the sender has sent; None where there is none, or none of a human's size."""
-    skeleton = skeleton_of(stream.decoder, stream.roles.names)
-    if skeleton is None:
-        return None
-    try:
-        return dimensions_from_skeleton(skeleton, mass=options.mass, source=where)
-    except InputError as error:
-        notify(f"the stream's skeleton is not used: {error}")
-        return None
-
-
-def _captured(
-    stream: LiveStream,
-    options: LiveOptions,
-    capture: RestCapture,
-    size: HumanDimensions | None,
-    *,
-    clock: Clock,
-    where: str,
-    notify: Notify,
-) -> Calibrated:
-    """The calibration from the first interval of standing still.
-
-    A stream that falls silent is reported at once, and is then the reason of the InputError at the end.
-    """
-    problems = StreamProblems(stream)
-    end, look = clock.now() + options.patience + CAPTURE_S, 0.0
-    tries, refused = Counter[str](), dict[str, InputError]()  # by what was wrong
-    names = stream.roles.sensors
-    while True:
-        clock.sleep_until(clock.now() + POLL_S)
-        now = clock.now()
-        stream.poll(now, moving=True)  # the size may be that of the sender's skeleton, so no other may take over
-        capture.take(now, live_sample(names, frozen_as_fresh(stream.read(now)), Alignment()))
-        if message := problems.look(now):
-            notify(message)
-        if now >= end or (capture.done and now >= look):
-            look = now + TRY_S
-            try:
-                found = capture.result(mass=options.mass, size=size)
-            except InputError as error:
-                tries[error.problems[0].what] += 1
-                refused[error.problems[0].what] = error
-                if now >= end and (why := problems.why(now)):
-                    raise InputError(why, where=f"{where}, calibration") from None
-                if now >= end:
-                    raise refused[tries.most_common(1)[0][0]] from None
-                continue
-            if now < end and any(stream.has_sent(name) for name in found.missing):  # it may be fresh soon
-                continue
-            return found
-
-
 # The check of sides: raise your left arm to the front. This one motion shows that left and right, up and down are not
 # swapped, and that the world is not mirrored: calibration turns a mirrored world until left is left, and its front is
 # then behind.
@@ -195,46 +87,9 @@ SURE_S = 0.2
 """The wrists must be so for this long: a single jump proves nothing."""
 WAIT_S = 10.0
 
-SIDES = ("left", "right")
-ASIDE = "left rose aside"
+RAISED, ASIDE = "left rose", "left rose aside"
 _SWAP = "Swap the roles of the left and right trackers, or their names in the performer's file"
-
-
-class SideCheck:
-    """Watches how both wrists move from where they hang. `take` their positions; read `passed` and `refused`."""
-
-    def __init__(self, rest: FloatArray) -> None:
-        """rest (2, 3) m: the left and the right wrist at rest; x forward, z up."""
-        self.passed = False
-        self.refused: tuple[str, str] | None = None
-        """What is wrong, and the next step."""
-        self.aside = False
-        """Whether the left arm was raised to the side."""
-        self.highest = np.zeros(2)
-        """m above rest, the highest so far, of the left and the right wrist."""
-        self.forward = 0.0
-        """m forward of rest, of the left wrist when it was highest."""
-        self._rest = np.array(rest, dtype=float)
-        self._seen: str = ""
-        self._since = 0.0
-
-    def take(self, time: float, position: FloatArray) -> None:
-        """Take the positions (2, 3) m of both wrists at `time`, s; NaN where unknown."""
-        moved = position - self._rest
-        if moved[0, 2] > self.highest[0]:
-            self.forward = float(moved[0, 0])
-        self.highest = np.fmax(self.highest, moved[:, 2])
-        seen = _what_moved(moved)
-        if seen != self._seen:
-            self._seen, self._since = seen, time
-        if not seen or time - self._since < SURE_S:
-            return
-        self.passed = seen == "left rose"
-        self.aside |= seen == ASIDE
-        self.refused = _REFUSALS.get(seen)
-
-
-_REFUSALS = {
+REFUSALS = {
     "right rose": ("the right wrist rose: left and right are swapped", _SWAP),
     "left rose behind": (
         "the left wrist went back: the axes are mirrored",
@@ -250,75 +105,68 @@ _REFUSALS = {
         "See that the convention of roles is that of the sender, and which tracker is worn where",
     ),
 }
+"""What is wrong, and the next step, where this was seen instead of RAISED."""
+
+
+class SideCheck:
+    """Watches how both wrists move from where they hang. `take` their positions; read `seen`."""
+
+    def __init__(self, rest: FloatArray) -> None:
+        """rest (2, 3) m: the left and the right wrist at rest; x forward, z up."""
+        self.seen = ""
+        """What one wrist did for long enough, while the other stayed: RAISED, ASIDE, a key of REFUSALS; "" so far."""
+        self.aside = False
+        """Whether the left arm was raised to the side."""
+        self._rest = np.array(rest, dtype=float)
+        self._highest = np.zeros(2)  # [m] above rest, so far, of the left and the right wrist
+        self._forward = 0.0  # [m] forward of rest, of the left wrist when it was highest
+        self._now_seen, self._since = "", 0.0
+
+    def take(self, time: float, position: FloatArray) -> None:
+        """Take the positions (2, 3) m of both wrists at `time`, s; NaN where unknown."""
+        moved = position - self._rest
+        if moved[0, 2] > self._highest[0]:
+            self._forward = float(moved[0, 0])
+        self._highest = np.fmax(self._highest, moved[:, 2])
+        seen = _what_moved(moved)
+        if seen != self._now_seen:
+            self._now_seen, self._since = seen, time
+        self.seen = seen if time - self._since >= SURE_S else ""
+        self.aside |= self.seen == ASIDE
+
+    def found(self) -> str:
+        """How far both rose, in words."""
+        left, right = 100 * self._highest
+        forward = 100 * self._forward
+        way = f"forward by {forward:.0f} cm" if forward >= 0.0 else f"back by {-forward:.0f} cm"
+        return f"the left wrist rose by {left:.0f} cm and went {way}, the right wrist rose by {right:.0f} cm"
 
 
 def _what_moved(moved: FloatArray) -> str:
     """How one wrist moved while the other stayed; "" for anything else. moved (2, 3) m, from where they hang."""
-    for side, row in zip(SIDES, (0, 1), strict=True):
-        other = moved[1 - row]
+    for row, side in enumerate(("left", "right")):
+        (forward, _, up), other = moved[row], moved[1 - row]
         if not (abs(other[2]) < STILL_M and np.hypot(other[0], other[1]) < STAYS_M):  # nor NaN
             continue
-        if moved[row, 2] < -RISE_M:
+        if up < -RISE_M:
             return f"{side} sank"
-        if moved[row, 2] > RISE_M:
-            return f"{side} rose{_direction(moved[row, 0]) if side == 'left' else ''}"
+        if up > RISE_M and side == "right":
+            return "right rose"
+        if up > RISE_M:
+            return "left rose behind" if forward < -BACK_M else RAISED if forward > FRONT_M else ASIDE
     return ""
 
 
-def _direction(forward: float) -> str:
-    if forward < -BACK_M:
-        return " behind"
-    return "" if forward > FRONT_M else " aside"
-
-
-def check_sides(stream: LiveStream, rest: Calibrated, *, clock: Clock, where: str, notify: Notify) -> None:
-    """Ask for the left arm to the front, and wait until it comes. Ask once more if it goes to the side.
-
-    rest: where the wrists were when the performer was measured. Raises InputError with what moved instead, and the next
-    step.
-    """
-    names = stream.roles.sensors
-    rows = [names.index("l_wrist"), names.index("r_wrist")]
-    check, asked_again, problems = SideCheck(rest.position[rows]), False, StreamProblems(stream)
-    notify(f"Raise your left arm forward, to the front, and only that: {WAIT_S:g} s")
-    end = clock.now() + WAIT_S
-    while not check.passed:
-        clock.sleep_until(clock.now() + POLL_S)
-        now = clock.now()
-        stream.poll(now, moving=True)  # no other source may take over: the size is that of this performer
-        reading = frozen_as_fresh(stream.read(now))
-        sample = live_sample(names, reading, rest.alignment)
-        check.take(now, np.where(sample.valid[rows, None], sample.position[rows], np.nan))
-        if message := problems.look(now):
-            notify(message)
-        if check.refused is not None:
-            what, step = check.refused
-            raise InputError(what, where=f"{where}, raise your left arm", found=_found(check), next_step=step)
-        if check.aside and not asked_again:
-            asked_again, end = True, now + WAIT_S
-            notify(f"To the front, not to the side, which looks the same in a mirrored world: {WAIT_S:g} s")
-        if now >= end and not check.passed:
-            lost = [names[row] for row in rows if not reading.fresh[row]]
-            raise _no_data(problems.why(now), lost, where) or _not_seen(check, where)
-    notify("left is left, up is up, and the front is in front: lower the arm")
-
-
-def _no_data(why: str, lost: list[str], where: str) -> InputError | None:
-    """The error for missing data, None where data are fine. It does not propose to leave the check out.
+def _not_raised(check: SideCheck, why: str, lost: list[str], where: str) -> InputError:
+    """The error for an arm that did not come. Where data are missing, it does not propose to leave the check out.
 
     why: what is wrong with the stream, "" for nothing. lost: wrists that are not fresh.
     """
     if why:
-        return InputError(why.rstrip("."), where=f"{where}, raise your left arm")
+        return InputError(why.rstrip("."), where=where)
     if lost:
         step = "See that they are worn, switched on and seen, and try again"
-        return InputError(
-            "sensors are lost", where=f"{where}, raise your left arm", found=f"no {', no '.join(lost)}", next_step=step
-        )
-    return None
-
-
-def _not_seen(check: SideCheck, where: str) -> InputError:
+        return InputError("sensors are lost", where=where, found=f"no {', no '.join(lost)}", next_step=step)
     what, step = (
         "the left arm was not seen to rise",
         "See that the trackers of both hands move with them, and try again",
@@ -328,19 +176,160 @@ def _not_seen(check: SideCheck, where: str) -> InputError:
         step = "Raise it to the front"
     return InputError(
         what,
-        where=f"{where}, raise your left arm",
-        found=_found(check),
+        where=where,
+        found=check.found(),
         allowed=f"the left wrist up by more than {RISE_M:g} m and forward by more than {FRONT_M:g} m, the right one "
         f"up by less than {STILL_M:g} m",
         next_step=f"{step}; or --no-check-sides",
     )
 
 
-def _found(check: SideCheck) -> str:
-    left, right = 100 * check.highest
-    forward = 100 * check.forward
-    way = f"forward by {forward:.0f} cm" if forward >= 0.0 else f"back by {-forward:.0f} cm"
-    return f"the left wrist rose by {left:.0f} cm and went {way}, the right wrist rose by {right:.0f} cm"
+# Wait for data, measure after a countdown, from a second of standing still, and check the sides.
+
+POLL_S = 0.01
+"""Between two polls of the stream while nothing moves."""
+SETTLE_S = 0.3
+"""Time in which the smoothing filter settles after the offset of a sensor was corrected."""
+TRY_S = 0.1
+"""Between two checks whether the performer stands still by now."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Beginning:
+    """A live run that begins. where: the stream, for messages. notify: receives what the performer is to do. enter:
+    receives the states of the run as they begin: COUNTDOWN, CALIBRATING, CHECKING_SIDES."""
+
+    stream: LiveStream
+    options: LiveOptions
+    clock: Clock
+    where: str
+    notify: Notify
+    enter: Enter = lambda state: None
+
+    def wait_for_data(self) -> None:
+        """Wait until every needed sensor is fresh, and the stream has every sensor that the performer's file lists.
+
+        Raises InputError after `options.patience` s.
+        """
+        now, readings = self.clock.now(), self._readings(measured=False)
+        deadline = now + self.options.patience
+        self.stream.poll(now, moving=False)
+        while missing := missing_sensors(self.stream, now):
+            if now >= deadline:
+                raise unusable(self.stream, missing, self.options.patience, where=self.where, now=now)
+            now, _ = next(readings)
+
+    def measure(self, known: HumanDimensions | None) -> Calibrated:
+        """Measure floor, heading and size. The size is `known`, else that of the stream's skeleton, else of the rest
+        pose.
+
+        Raises InputError: no fresh data, not still, no rest pose, or not of the known size.
+        """
+        stream, notify = self.stream, self.notify
+        pose = "Stand upright and still, facing where the robot faces, arms hanging or straight out to the sides"
+        self.enter(RunState.COUNTDOWN)
+        notify(f"{pose}: {self.options.countdown:g} s")
+        self._poll_for(self.options.countdown, measured=False)
+        self.enter(RunState.CALIBRATING)
+        size = known or self._skeleton_size()
+        seconds = CAPTURE_S if known is None else KNOWN_CAPTURE_S
+        roles = stream.roles
+        capture = RestCapture(where=self.where, seconds=seconds, loose=roles.loose, needed=needed(roles))
+        found = self._captured(capture, size)
+        height = f"{found.dimensions.stature:.2f} m tall"
+        notify(f"measured: {height}" if size is None else f"known: {height} ({size.origin})")
+        if found.offset.any():
+            stream.roles = roles.shifted(found.offset)
+            off = np.linalg.norm(found.offset, axis=1)
+            offsets = [f"{name} {100 * by:.0f} cm" for name, by in zip(found.sensors, off, strict=True) if by > 0.0]
+            notify(f"beside their joints: {', '.join(offsets)}")
+            self._poll_for(SETTLE_S, measured=True)
+        return found
+
+    def check_sides(self, rest: Calibrated) -> None:
+        """Ask for the left arm to the front, and wait until it comes. Ask once more if it goes to the side.
+
+        rest: where the wrists were when the performer was measured. Raises InputError with what moved instead, and the
+        next step.
+        """
+        self.enter(RunState.CHECKING_SIDES)
+        names, where = self.stream.roles.sensors, f"{self.where}, raise your left arm"
+        rows = [names.index("l_wrist"), names.index("r_wrist")]
+        check, asked_again, problems = SideCheck(rest.position[rows]), False, StreamProblems(self.stream)
+        self.notify(f"Raise your left arm forward, to the front, and only that: {WAIT_S:g} s")
+        end = self.clock.now() + WAIT_S
+        for now, reading in self._readings(measured=True):
+            sample = live_sample(names, frozen_as_fresh(reading), rest.alignment)
+            check.take(now, np.where(sample.valid[rows, None], sample.position[rows], np.nan))
+            if message := problems.look(now):
+                self.notify(message)
+            if check.seen in REFUSALS:
+                what, step = REFUSALS[check.seen]
+                raise InputError(what, where=where, found=check.found(), next_step=step)
+            if check.seen == RAISED:
+                break
+            if check.aside and not asked_again:
+                asked_again, end = True, now + WAIT_S
+                self.notify(f"To the front, not to the side, which looks the same in a mirrored world: {WAIT_S:g} s")
+            if now >= end:
+                lost = [names[row] for row in rows if not sample.valid[row]]
+                raise _not_raised(check, problems.why(now), lost, where)
+        self.notify("left is left, up is up, and the front is in front: lower the arm")
+
+    def _readings(self, *, measured: bool) -> Iterator[tuple[float, StreamReading]]:
+        """The time, s, and the stream then, every POLL_S. measured: a performer was measured, so that no other source
+        may take over: the size may be that of the sender's skeleton."""
+        while True:
+            self.clock.sleep_until(self.clock.now() + POLL_S)
+            now = self.clock.now()
+            self.stream.poll(now, moving=measured)
+            yield now, self.stream.read(now)
+
+    def _poll_for(self, seconds: float, *, measured: bool) -> None:
+        """Only poll the stream for some seconds."""
+        end, readings = self.clock.now() + seconds, self._readings(measured=measured)
+        while self.clock.now() < end:
+            next(readings)
+
+    def _skeleton_size(self) -> HumanDimensions | None:
+        """The size by the skeleton that the sender has sent; None where there is none, or none of a human's size."""
+        skeleton = skeleton_of(self.stream.decoder, self.stream.roles.names)
+        if skeleton is None:
+            return None
+        try:
+            return dimensions_from_skeleton(skeleton, mass=self.options.mass, source=self.where)
+        except InputError as error:
+            self.notify(f"the stream's skeleton is not used: {error}")
+            return None
+
+    def _captured(self, capture: RestCapture, size: HumanDimensions | None) -> Calibrated:
+        """The calibration from the first interval of standing still.
+
+        A stream that falls silent is reported at once, and is then the reason of the InputError at the end.
+        """
+        problems, names = StreamProblems(self.stream), self.stream.roles.sensors
+        end, look = self.clock.now() + self.options.patience + CAPTURE_S, 0.0
+        tries, refused = Counter[str](), dict[str, InputError]()  # by what was wrong
+        for now, reading in self._readings(measured=True):
+            capture.take(now, live_sample(names, frozen_as_fresh(reading), Alignment()))
+            if message := problems.look(now):
+                self.notify(message)
+            if now < end and not (capture.done and now >= look):
+                continue
+            look = now + TRY_S
+            try:
+                found = capture.result(mass=self.options.mass, size=size)
+            except InputError as error:
+                tries[error.problems[0].what] += 1
+                refused[error.problems[0].what] = error
+                if now >= end and (why := problems.why(now)):
+                    raise InputError(why, where=f"{self.where}, calibration") from None
+                if now >= end:
+                    raise refused[tries.most_common(1)[0][0]] from None
+                continue
+            if now >= end or not any(self.stream.has_sent(name) for name in found.missing):  # it may be fresh soon
+                return found
+        raise AssertionError("readings do not end")
 
 
 KEPT_S = 600.0
@@ -380,15 +369,14 @@ def begin_live(
     if person is not None:
         stream.roles = stream.roles.shifted(person.offset(stream.roles.convention, stream.roles.sensors))
     refuse_unmeasurable(stream.roles, where=where)
-    wait_for_data(stream, options, clock, where=where)
+    begin = Beginning(stream=stream, options=options, clock=clock, where=where, notify=notify, enter=enter)
+    begin.wait_for_data()
     refuse_version(stream, clock.now())
-    known = None if person is None else person.dimensions
-    calibrated = measure(stream, options, known, clock=clock, where=where, notify=notify, enter=enter)
+    calibrated = begin.measure(None if person is None else person.dimensions)
     first = live_sample(stream.roles.sensors, stream.read(clock.now()), calibrated.alignment, mirror=options.mirror)
     ticks = FOR_EVER if options.duration is None else max(round(options.duration * rate_hz), 1)
     if options.check_sides:
-        enter(RunState.CHECKING_SIDES)
-        check_sides(stream, calibrated, clock=clock, where=where, notify=notify)
+        begin.check_sides(calibrated)
     if options.person is not None and person is None:
         _keep(options.person, calibrated, stream.roles.convention, notify)
     performer = LivePerformer(
@@ -422,19 +410,3 @@ def _keep(name: str, calibrated: Calibrated, convention: str, notify: Notify) ->
     )
     path = write_person(person)
     notify(f"kept for --person {name}: {path}")
-
-
-def wait_for_data(stream: LiveStream, options: LiveOptions, clock: Clock, *, where: str) -> None:
-    """Wait until every needed sensor is fresh, and the stream has every sensor that the performer's file lists.
-
-    Raises InputError after `options.patience` s.
-    """
-    deadline = clock.now() + options.patience
-    while True:
-        stream.poll(clock.now(), moving=False)
-        missing = missing_sensors(stream, clock.now())
-        if not missing:
-            return
-        if clock.now() >= deadline:
-            raise unusable(stream, missing, options.patience, where=where, now=clock.now())
-        clock.sleep_until(clock.now() + POLL_S)

@@ -12,7 +12,7 @@ from messages import refuses, shows
 from retarget.errors import ConfigError, InputError
 from retarget.human.performer_calibration import person_of, person_path, read_person, write_person
 from retarget.human.samples import Performance
-from retarget.live.begin import LiveOptions, begin_live, measure
+from retarget.live.begin import Beginning, LiveOptions, begin_live
 from retarget.live.performer import LivePerformer
 from retarget.live.rest_capture import CAPTURE_S, KNOWN_CAPTURE_S
 from retarget.model.human_dimensions import proportional_dimensions
@@ -129,7 +129,7 @@ def test_a_known_size_is_reported_as_such() -> None:
     clock, stream = VirtualClock(), live_stream(FakeSender(), five())
     size = proportional_dimensions(1.72)
     options = LiveOptions(patience=1.0, countdown=COUNTDOWN_S)
-    found = measure(stream, options, size, clock=clock, where=WHERE, notify=said.append)
+    found = Beginning(stream=stream, options=options, clock=clock, where=WHERE, notify=said.append).measure(size)
     assert found.dimensions is size
     assert said[-1] == f"known: 1.72 m tall ({size.origin})"
 
@@ -142,7 +142,7 @@ def test_a_stream_that_falls_silent_is_the_reason_and_no_tracker_is() -> None:
     clock.advance(0.4)
     options = LiveOptions(patience=2.0, countdown=COUNTDOWN_S)
     with refuses(InputError):
-        measure(stream, options, None, clock=clock, where=WHERE, notify=said.append)
+        Beginning(stream=stream, options=options, clock=clock, where=WHERE, notify=said.append).measure(None)
     assert sum("nothing has arrived for 1.0 s" in text for text in said) == 1
 
 
@@ -158,7 +158,7 @@ def test_the_reason_is_what_was_wrong_for_longest_and_not_what_came_last() -> No
     clock, stream = VirtualClock(), live_stream(FakeSender(faults=[hidden_and_moved]), five())
     options = LiveOptions(patience=3.5, countdown=COUNTDOWN_S)
     with refuses(InputError, found="head"):
-        measure(stream, options, None, clock=clock, where=WHERE, notify=lambda text: None)
+        Beginning(stream=stream, options=options, clock=clock, where=WHERE, notify=lambda text: None).measure(None)
     assert clock.now() > 4.5
 
 
@@ -175,7 +175,7 @@ def test_a_busy_machine_is_not_taken_for_a_silent_stream() -> None:
     clock, stream = SlowClock(), live_stream(FakeSender(rate_hz=120.0), five())
     with suppress(InputError):  # so few polls are not enough to measure
         options = LiveOptions(patience=6.0, countdown=0.0)
-        measure(stream, options, None, clock=clock, where=WHERE, notify=said.append)
+        Beginning(stream=stream, options=options, clock=clock, where=WHERE, notify=said.append).measure(None)
     assert stream.arrived > 600
     shows(said)
 
