@@ -65,38 +65,25 @@ class Admission:
     """Decides which datagrams reach the decoder.
 
     The first source that sent a frame that could be decoded (`confirm`) owns the stream. It keeps the stream until it
-    has sent no such frame for `release_after` seconds and nothing moves. The caller says whether something moves:
+    has sent no such frame for RELEASE_AFTER_S and nothing moves. The caller says whether something moves:
     `moving` is True as soon as a performer is being measured, and in every state in which the stream affects the
     servos, a hold included. refused: counts by reason.
     """
 
     def __init__(
-        self,
-        *,
-        allow: Iterable[IPv4Network] = (ANY_ADDRESS,),
-        release_after: float | None = RELEASE_AFTER_S,
-        source: Literal["port", "computer"] = "port",
+        self, *, allow: Iterable[IPv4Network] = (ANY_ADDRESS,), source: Literal["port", "computer"] = "port"
     ) -> None:
         """source: whether a port or a computer counts as one source. Another program on the sender's computer has
         another port; but Motive answers requests from one port and sends frames from another.
-
-        `release_after` None: the owner keeps the stream for good. Raises ValueError for a negative time.
         """
-        if release_after is not None and not release_after >= 0.0:
-            raise ValueError(f"the silence that frees a stream is no negative time; found {release_after}")
         self.refused = Dropped()
         self._networks = tuple((int(net.network_address), int(net.netmask)) for net in allow)
-        self._release_after = release_after
         self._by_port = source == "port"
-        self._owner: Source | None = None
+        self.owner: Source | None = None
+        """The source that owns the stream; None until one has sent a frame."""
         self._last_frame = 0.0  # [s] of the owner
         self._named: dict[tuple[str, str], None] = {}
         self._news: list[tuple[Source, str]] = []
-
-    @property
-    def owner(self) -> Source | None:
-        """The source that owns the stream; None until one has sent a frame."""
-        return self._owner
 
     @property
     def named(self) -> tuple[tuple[str, str], ...]:
@@ -106,7 +93,7 @@ class Admission:
     def admit(self, datagram: Datagram, *, now: float, moving: bool) -> bool:
         """Whether a datagram may be decoded at `now`, s."""
         source = datagram.source
-        if source != self._owner:
+        if source != self.owner:
             if not self._allowed(source[0]):
                 return self._refuse(NOT_ALLOWED, source)
             if not self._may_own(source, now, moving):
@@ -122,10 +109,10 @@ class Admission:
         The source owns the stream from here on, unless another one does. Of two that were admitted in one poll, the
         first whose frame can be decoded owns it.
         """
-        if source != self._owner:
+        if source != self.owner:
             if not self._may_own(source, now, moving):
                 return self._refuse(SECOND_SOURCE, source)
-            self._owner = source
+            self.owner = source
         self._last_frame = now
         return True
 
@@ -135,9 +122,9 @@ class Admission:
         return news
 
     def _may_own(self, source: Source, now: float, moving: bool) -> bool:
-        if self._owner is None or (not self._by_port and source[0] == self._owner[0]):
+        if self.owner is None or (not self._by_port and source[0] == self.owner[0]):
             return True
-        return not moving and self._release_after is not None and now - self._last_frame > self._release_after
+        return not moving and now - self._last_frame > RELEASE_AFTER_S
 
     def _allowed(self, address: str) -> bool:
         try:

@@ -84,7 +84,6 @@ class SlidingMinimum:
     """
 
     def __init__(self, window: float, *, buckets: int = 8) -> None:
-        assert window > 0.0 and buckets > 1
         self._width = window / buckets
         self._least = [inf] * buckets
         self._bucket: int | None = None
@@ -151,14 +150,14 @@ class ClockMap:
     """
 
     def __init__(self, *, resolution: float = 0.0, significand: int = 53) -> None:
-        assert resolution >= 0.0 and significand > 1
         self.jumps = 0
         self.last_jump: ClockJump | None = None
         self.dropped = Dropped()
         self._resolution = resolution
         self._significand = significand
         self._least = SlidingMinimum(WINDOW_S)
-        self._offset: float | None = None
+        self.offset: float | None = None
+        """Local minus sender time, with the least delay in it, s; None before the first stamp."""
         self._newest = -inf
         self._latest = -inf
         self._now = -inf
@@ -170,11 +169,6 @@ class ClockMap:
         self._stuck: tuple[float | None, int | None] | None = None
         self._repeats = 0
         self._newest_number: int | None = None
-
-    @property
-    def offset(self) -> float | None:
-        """Local minus sender time, with the least delay in it, s; None before the first stamp."""
-        return self._offset
 
     def map(self, arrival: float, stamp: float | None, number: int | None) -> float | None:
         """The local time (s) at which a frame was captured, at most the arrival (but for microseconds); None: dropped.
@@ -216,25 +210,25 @@ class ClockMap:
     def _by_clock(self, arrival: float, stamp: float, *, step: float) -> float | None:
         """The time by the stamps of the sender."""
         gap = arrival - stamp
-        if self._offset is None:
+        if self.offset is None:
             self._restart(arrival, gap)
-        assert self._offset is not None
-        excess = gap - self._offset
-        if excess < -(EARLY_S + step) or excess > LATE_S or self._latest - stamp - self._offset > REORDER_S + step:
+        assert self.offset is not None
+        excess = gap - self.offset
+        if excess < -(EARLY_S + step) or excess > LATE_S or self._latest - stamp - self.offset > REORDER_S + step:
             return self._odd_one(arrival, stamp, step=step)
         self._odd.clear()
         if self._is_late_for_good(arrival, gap, excess):
             self._jump(arrival, self._late_least, stamp=stamp)
         else:
             self._least.add(arrival, gap)
-            self._offset = self._least.at(arrival)
+            self.offset = self._least.at(arrival)
         return self._in_order(arrival, stamp, step)
 
     def _odd_one(self, arrival: float, stamp: float, *, step: float) -> float | None:
         """The time of a frame that does not fit. It shows a jump if others agree; else it is used only if it is a
         little early."""
-        assert self._offset is not None
-        excess = arrival - stamp - self._offset
+        assert self.offset is not None
+        excess = arrival - stamp - self.offset
         self._odd.note(arrival, stamp, step)
         if self._odd.shows_jump(arrival, patience=PATIENCE_S):
             self._jump(arrival, self._odd.least, stamp=stamp)
@@ -257,7 +251,7 @@ class ClockMap:
 
     def _jump(self, arrival: float, gap: float, *, stamp: float) -> None:
         """Restart the estimate, and count a jump of at least SHIFT_S."""
-        shift = gap - (self._offset or 0.0)
+        shift = gap - (self.offset or 0.0)
         if abs(shift) >= SHIFT_S:
             back = JumpKind.RESTARTED if stamp < YOUNG_S and stamp < self._newest else JumpKind.BACK
             self.jumps += 1
@@ -268,15 +262,15 @@ class ClockMap:
         """Forget the sender's clock, but not what was delivered."""
         self._least.clear()
         self._least.add(arrival, gap)
-        self._offset, self._newest = gap, -inf
+        self.offset, self._newest = gap, -inf
         self._odd.clear()
         self._late_count, self._late_least = 0, inf
         self._recent.clear()
 
     def _in_order(self, arrival: float, stamp: float, step: float) -> float:
         """The time by the stamp, nearest to the arrival where the stamp is coarse, in the sender's order."""
-        assert self._offset is not None
-        time = min(arrival, stamp + self._offset + step)
+        assert self.offset is not None
+        time = min(arrival, stamp + self.offset + step)
         if stamp < self._newest:
             return min(time, self._latest - NUDGE_S)
         self._newest = stamp

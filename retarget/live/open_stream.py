@@ -1,17 +1,17 @@
 """Opening a live stream: its receiver, decoder and roles, from an address or from the caller's own receiver."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from hardware.clock import Clock, VirtualClock
 from retarget.errors import InputError, UsageError
 from retarget.live.address import StreamAddress
 from retarget.live.admission import Admission, Receiver, admission_for
 from retarget.live.clock_map import ClockMap
-from retarget.live.playout import LIGHT, Playout, PlayoutDelay, PoseFilter, WindowFilter, pose_filter
+from retarget.live.playout import LIGHT, Playout, PlayoutDelay, pose_filter
 from retarget.live.raw_recording import RawTap, open_replay, recorded_kind
 from retarget.live.receivers import NatnetReceiver, TcpReceiver, session_for
-from retarget.live.roles import Roles, roles_of
+from retarget.live.roles import roles_of
 from retarget.live.sensor_validity import SensorValidity
 from retarget.live.stream import LiveStream
 from retarget.live.udp import UdpReceiver
@@ -83,64 +83,81 @@ def open_stream(
     Raises InputError: port taken, no such interface, no such recording; UsageError: sensors that such a sender does not
     have.
     """
-    kind, kinds = recorded_kind(address) if address.kind == "replay" else address.kind, stream_kinds()
-    how = kinds[kind]
-    if kind == "vmc" and performer.roles == BONES:
-        how = replace(how, decoder=VmcBodyDecoder)
+    kind = recorded_kind(address) if address.kind == "replay" else address.kind
+    decoder: StreamDecoder
     if kind == "natnet":
-        how = replace(how, decoder=lambda: NatnetDecoder(up=address.up, bones=address.bones))
+        decoder = NatnetDecoder(up=address.up, bones=address.bones)
     elif (address.up, address.bones) != ("y", "global"):
         raise UsageError("only Motive has this", where=address.text, found="up or bones", next_step="Leave it out")
-    smooth = pose_filter(smoothing, len(performer.sensors))
-    roles = roles_of(performer, performer.roles or how.roles, where=f"performer {performer.name}")
+    elif kind == "vmc" and performer.roles == BONES:
+        decoder = VmcBodyDecoder()
+    else:
+        decoder = stream_kinds()[kind].decoder()
     if address.kind != "replay" and isinstance(clock, VirtualClock):
         raise InputError("a live stream runs on real time", where=address.text)
-    decoder = how.decoder()
-    receiver = open_receiver(
-        address, names_missing=lambda: isinstance(decoder, NatnetDecoder) and decoder.names_missing
+    return _stream(
+        kind,
+        decoder,
+        lambda: open_receiver(
+            address, names_missing=lambda: isinstance(decoder, NatnetDecoder) and decoder.names_missing
+        ),
+        performer,
+        admission=admission_for(address),
+        tap=tap,
+        smoothing=smoothing,
+        latest=latest,
     )
-    how = replace(how, decoder=lambda: decoder)
-    return _stream(receiver, how, roles, admission=admission_for(address), tap=tap, smooth=smooth, latest=latest)
 
 
 def stream_of(
     receiver: Receiver,
     performer: Performer,
     *,
-    kind: StreamKind | None = None,
     tap: RawTap | None = None,
     smoothing: str = LIGHT,
     latest: bool = False,
 ) -> LiveStream:
-    """A stream from the caller's own receiver. kind: how its datagrams are read; None: as poses in JSON, which
-    `retarget.run.own_source.OwnSource` sends. The rest as in `open_stream`.
+    """A stream of poses in JSON from the caller's own receiver, as `retarget.run.own_source.OwnSource` sends them. The
+    rest as in `open_stream`.
 
     Raises UsageError: sensors that such a sender does not have.
     """
-    how = kind or stream_kinds()["json"]
-    roles = roles_of(performer, performer.roles or how.roles, where=f"performer {performer.name}")
-    smooth = pose_filter(smoothing, len(performer.sensors))
-    return _stream(receiver, how, roles, admission=Admission(), tap=tap, smooth=smooth, latest=latest)
+    return _stream(
+        "json",
+        JsonPoseDecoder(),
+        lambda: receiver,
+        performer,
+        admission=Admission(),
+        tap=tap,
+        smoothing=smoothing,
+        latest=latest,
+    )
 
 
 def _stream(
-    receiver: Receiver,
-    how: StreamKind,
-    roles: Roles,
+    kind: str,
+    decoder: StreamDecoder,
+    receiver: Callable[[], Receiver],
+    performer: Performer,
     *,
     admission: Admission,
     tap: RawTap | None,
-    smooth: PoseFilter | WindowFilter | None,
+    smoothing: str,
     latest: bool,
 ) -> LiveStream:
+    """receiver: opens it, when all else was found right."""
+    how = stream_kinds()[kind]
+    roles = roles_of(performer, performer.roles or how.roles, where=f"performer {performer.name}")
+    count = len(roles.sensors)
+    smooth = pose_filter(smoothing, count)
     return LiveStream(
-        receiver,
-        how.decoder(),
+        receiver(),
+        decoder,
         roles,
         admission=admission,
         clock_map=how.clock(),
         validity=SensorValidity(roles.sensors),
-        playout=Playout(len(roles.sensors), delay=None if latest else PlayoutDelay()),
+        playout=Playout(count, delay=None if latest else PlayoutDelay()),
         smooth=smooth,
         tap=tap,
     )

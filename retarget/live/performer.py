@@ -189,10 +189,8 @@ class LivePerformer:
         """Seconds between ticks."""
         return 1.0 / self._record.rate_hz
 
-    @property
-    def motion_dt(self) -> float:
-        """The performer moves in real time."""
-        return self.dt
+    motion_dt = dt
+    """The performer moves in real time."""
 
     @property
     def over(self) -> bool:
@@ -230,7 +228,9 @@ class LivePerformer:
 
     def sample(self, tick: int) -> SensorSample | None:
         """The sample to follow now; None: hold."""
-        sample = self._first() if tick == 0 else self._now()
+        if tick == 0:  # the sample that the robot has approached; from here on it waits for good data
+            self.engagement.hold()
+        sample = self.engagement.shown if tick == 0 else self._now()
         sample = None if sample is None else on_grid(sample)
         self._record.append(tick, self.engagement.shown if sample is None else sample)
         return sample
@@ -276,11 +276,6 @@ class LivePerformer:
     def recorded(self) -> Clip:
         """The samples that were followed; during a hold, the held one."""
         return self._record.clip()
-
-    def _first(self) -> SensorSample:
-        """The sample that the robot has approached; from here on it waits for good data."""
-        self.engagement.hold()
-        return self.engagement.shown
 
     def _now(self) -> SensorSample | None:
         now = self._clock.now()

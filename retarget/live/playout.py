@@ -3,7 +3,6 @@ smoothing, a One-Euro filter or a fixed-lag smoother, chosen by name.
 """
 
 from dataclasses import dataclass
-from enum import IntEnum
 from math import exp, inf, isfinite
 
 import numpy as np
@@ -27,17 +26,11 @@ GAP_SHARE = 0.1
 
 
 class PlayoutDelay:
-    """The worst lateness (arrival - capture) of the last 2 s and a share of the time between frames, s.
-
-    cap: the delay never exceeds it. periods: share of the typical time between two frames that is added, so that the
-    later neighbour of a time that is read has arrived (0: about half of the reads go beyond the newest). The delay
-    grows at once and shrinks slowly.
+    """The worst lateness (arrival - capture) of the last 2 s and the typical time between two frames, s: so the later
+    neighbour of a time that is read has arrived. The delay grows at once and shrinks slowly, and is at most the cap.
     """
 
-    def __init__(self, *, cap: float = DELAY_CAP_S, periods: float = 1.0) -> None:
-        assert cap >= 0.0 and periods >= 0.0
-        self._cap = cap
-        self._periods = periods
+    def __init__(self) -> None:
         self._earliness = SlidingMinimum(WINDOW_S)
         self._gap: float | None = None
         self._delay = 0.0
@@ -47,7 +40,7 @@ class PlayoutDelay:
         """Note that a frame arrived. gap: s since the frame before it was captured; infinity for the first one."""
         self._earliness.add(arrival, -lateness)
         if gap < inf:
-            gap = min(gap, self._cap)
+            gap = min(gap, DELAY_CAP_S)
             self._gap = gap if self._gap is None else self._gap + GAP_SHARE * (gap - self._gap)
 
     def at(self, now: float) -> float:
@@ -56,7 +49,7 @@ class PlayoutDelay:
         self._now = now if self._now is None else max(now, self._now)
         earliness = self._earliness.at(self._now)
         if earliness < inf:
-            wanted = min(self._cap, max(0.0, -earliness) + self._periods * (self._gap or 0.0))
+            wanted = min(DELAY_CAP_S, max(0.0, -earliness) + (self._gap or 0.0))
             if wanted >= self._delay:
                 self._delay = wanted
             else:
@@ -69,26 +62,13 @@ AHEAD_S = 0.100
 """A capture time farther after its arrival than this is wrong."""
 
 
-class How(IntEnum):
-    """How a pose was found."""
-
-    NONE = 0
-    """No pose was ever sent: NaN."""
-    INTERPOLATED = 1
-    LATEST = 2
-    """A pose as sent: the newest, or the first of all while the playout has not reached it."""
-    EXTRAPOLATED = 3
-    HELD = 4
-    """No new pose for longer than may be extrapolated: the pose at the end of extrapolation."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Played:
     """k sensors at one time. position (k, 3) m, orientation (k, 4) wxyz: NaN where never sent. Not to be written to.
 
     valid (k): the sender has sent the sensor, and has not reported it lost since. age (k): s since the newest pose was
-    captured, infinity where there is none. how (k): of `How`. time (k): s, local capture time of the pose, never
-    falling from read to read while how is not LATEST; NaN where there is none.
+    captured, infinity where there is none. how (k): see `PoseRing`. time (k): s, local capture time of the pose, never
+    falling from read to read while it is not as sent; NaN where there is none.
     """
 
     position: FloatArray

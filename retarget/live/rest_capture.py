@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -33,15 +34,17 @@ class Alignment:
     yaw: float = 0.0
     origin: FloatArray = field(default_factory=lambda: np.zeros(3))
 
-    def __post_init__(self) -> None:
+    @cached_property
+    def _matrix(self) -> FloatArray:
+        """(3, 3), by which row vectors are multiplied."""
         cosine, sine = np.cos(self.yaw), np.sin(self.yaw)
-        object.__setattr__(self, "_matrix", np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]]))
-        half = 0.5 * self.yaw
-        turn = np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
-        object.__setattr__(self, "_product", rotations.multiply(turn, np.eye(4)))
+        return np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
-    _matrix: FloatArray = field(init=False, repr=False)  # row vectors are multiplied by it, and by the product
-    _product: FloatArray = field(init=False, repr=False)
+    @cached_property
+    def _product(self) -> FloatArray:
+        """(4, 4), by which rows of quaternions are multiplied."""
+        half = 0.5 * self.yaw
+        return rotations.multiply(np.array([np.cos(half), 0.0, 0.0, np.sin(half)]), np.eye(4))
 
     def positions(self, sent: FloatArray) -> FloatArray:
         """Positions (..., 3) m of the stream's world -> ours."""
@@ -55,9 +58,8 @@ class Alignment:
         """This alignment, followed by a turn by `yaw` rad about the vertical through a point (3,) m of our world."""
         about = np.array([about[0], about[1], 0.0])
         # The point that comes to lie at the origin: p with turn(yaw) @ (R (p - o) - about) + about = 0.
-        cosine, sine = np.cos(yaw), np.sin(yaw)
-        back = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-        return replace(self, yaw=self.yaw + yaw, origin=self.origin + self._matrix @ (about - back @ about))
+        back = Alignment(yaw)._matrix @ about
+        return Alignment(self.yaw + yaw, self.origin + self._matrix @ (about - back))
 
 
 def align(names: tuple[str, ...], position: FloatArray, *, where: str = "") -> Alignment:
@@ -172,13 +174,15 @@ class RestCapture:
         Raises InputError: no fresh data, not still, not standing in a rest pose, or not of that size.
         """
         if not self._samples:
-            raise self._refused("no data for the calibration", "no fresh sample", "Start the sender")
+            raise self._refused("no data for the calibration", "no fresh sample", step="Start the sender")
         names = self._samples[0].names
         track = np.array([sample.position for sample in self._samples])  # (T, k, 3)
         fresh = np.array([sample.valid for sample in self._samples])
         track[~fresh] = np.nan
         counts = fresh.mean(axis=0) >= FRESH_SHARE
-        self._refuse_stale([name for name, ok in zip(names, counts, strict=True) if not ok and name in self._needed])
+        if stale := [name for name, ok in zip(names, counts, strict=True) if not ok and name in self._needed]:
+            step = "See that these are worn, switched on and named in the performer's file"
+            raise self._refused("sensors are not fresh", ", ".join(stale), step=step)
         mean = np.full((len(names), 3), np.nan)
         mean[counts] = np.nanmean(track[:, counts], axis=0)
         self._refuse_motion(names, track, mean)
@@ -227,12 +231,11 @@ class RestCapture:
             found, expected = at["head"][2], expected + FRACTIONS.ankle_height * size.stature
         low, high = (1.0 - OTHER_SHARE) * expected, (1.0 + OTHER_SHARE) * expected
         if not low <= found <= high:
-            raise InputError(
+            raise self._refused(
                 "the performer is not of the size that is known, or does not stand upright",
-                where=f"{self._where}, calibration",
-                found=f"the head {found:.2f} m above the {'ankles' if ankles else 'floor'}",
+                f"the head {found:.2f} m above the {'ankles' if ankles else 'floor'}",
                 allowed=f"{low:.2f} to {high:.2f} m ({size.origin})",
-                next_step="Stand upright; measure anew with --recalibrate, or give another --person",
+                step="Stand upright; measure anew with --recalibrate, or give another --person",
             )
         return 0.0 if ankles else float(found - expected)
 
@@ -240,41 +243,31 @@ class RestCapture:
         """Raise InputError unless the performer stands upright with both arms alike."""
         (low, high), found = LIVE_STATURE_M, fit.dimensions.stature
         if not low <= found <= high:
-            raise InputError(
+            raise self._refused(
                 "the performer does not stand upright, or is no grown person",
-                where=f"{self._where}, calibration",
-                found=f"{found:.2f} m tall",
+                f"{found:.2f} m tall",
                 allowed=f"{low:g} to {high:g} m",
-                next_step="Stand upright with straight legs; see that the sender's unit is metres",
+                step="Stand upright with straight legs; see that the sender's unit is metres",
             )
         left, right = np.rad2deg(fit.arms).tolist()
         if abs(left - right) > ALIKE_DEG:
-            raise InputError(
+            raise self._refused(
                 "the arms are not held alike",
-                where=f"{self._where}, calibration",
-                found=f"the left one {left:.0f} degrees from hanging, the right one {right:.0f}",
+                f"the left one {left:.0f} degrees from hanging, the right one {right:.0f}",
                 allowed=f"at most {ALIKE_DEG:g} degrees apart",
-                next_step="Let both hang, or hold both straight out to the sides",
+                step="Let both hang, or hold both straight out to the sides",
             )
-
-    def _refuse_stale(self, stale: list[str]) -> None:
-        if stale:
-            step = "See that these are worn, switched on and named in the performer's file"
-            raise self._refused("sensors are not fresh", ", ".join(stale), step)
 
     def _refuse_motion(self, names: tuple[str, ...], track: FloatArray, mean: FloatArray) -> None:
         away = np.linalg.norm(track - mean, axis=2)
-        far = {
-            name: float(np.nanmax(away[:, index]))
-            for index, name in enumerate(names)
-            if np.isfinite(away[:, index]).any() and np.nanmax(away[:, index]) > STILL_M
-        }
+        farthest = np.where(np.isnan(away), 0.0, away).max(axis=0).tolist()
+        far = [f"{name} moved by {100 * by:.0f} cm" for name, by in zip(names, farthest, strict=True) if by > STILL_M]
         if far:
-            found = ", ".join(f"{name} moved by {100 * moved:.0f} cm" for name, moved in far.items())
-            raise self._refused("the performer did not stand still", found, "Stand still for a second, and try again")
+            step = "Stand still for a second, and try again"
+            raise self._refused("the performer did not stand still", ", ".join(far), step=step)
 
-    def _refused(self, what: str, found: str, next_step: str) -> InputError:
-        return InputError(what, where=f"{self._where}, calibration", found=found, next_step=next_step)
+    def _refused(self, what: str, found: str, *, step: str, allowed: str = "") -> InputError:
+        return InputError(what, where=f"{self._where}, calibration", found=found, allowed=allowed, next_step=step)
 
 
 # The skeleton that a sender sends beside its poses.

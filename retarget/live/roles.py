@@ -4,6 +4,7 @@ file.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,14 +100,6 @@ class SensorPoses:
     tracked: BoolArray
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Plan:
-    """How the poses of a set of names become sensors. rows (m,): of the sensors; columns: of the frame's poses."""
-
-    rows: Rows
-    columns: SensorPlan
-
-
 class Roles:
     """The sensors of a performer in the poses of one sender."""
 
@@ -116,9 +109,7 @@ class Roles:
         """partial: sensors that the sender does not have take no part, and are not waited for."""
         self.sensors, self.places, self.convention = tuple(sensors), tuple(places), convention
         self.partial = partial
-        self._plans: dict[tuple[str, ...], _Plan | None] = {}
-        self._names: tuple[str, ...] = ()
-        self._current: _Plan | None = None
+        self._plan = lru_cache(maxsize=MAX_KNOWN)(self._make)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -144,18 +135,11 @@ class Roles:
         if plan is None:
             return None
         position, orientation = np.ascontiguousarray(frame.position), np.ascontiguousarray(frame.orientation)
-        return SensorPoses(plan.rows, *plan.columns.read(position, orientation, frame.tracked))
+        rows, columns = plan
+        return SensorPoses(rows, *columns.read(position, orientation, frame.tracked))
 
-    def _plan(self, names: tuple[str, ...]) -> _Plan | None:
-        if names is not self._names:  # mostly it is the same tuple
-            if names not in self._plans:
-                if len(self._plans) >= MAX_KNOWN:
-                    self._plans.clear()
-                self._plans[names] = self._make(names)
-            self._names, self._current = names, self._plans[names]
-        return self._current
-
-    def _make(self, names: tuple[str, ...]) -> _Plan | None:
+    def _make(self, names: tuple[str, ...]) -> tuple[Rows, SensorPlan] | None:
+        """Rows (m,) of the sensors among poses of these names, and how they are read; None without one."""
         column = {name: index for index, name in enumerate(names) if name}  # "" is no name of a place
         sent = [
             (row, place)
@@ -171,7 +155,7 @@ class Roles:
             rest=rotations.conjugate([place.rest for _, place in sent]),
             offset=np.array([place.offset for _, place in sent]),
         )
-        return _Plan(np.array([row for row, _ in sent]), columns)
+        return np.array([row for row, _ in sent]), columns
 
 
 def roles_of(performer: Performer, convention: str, *, where: str) -> Roles:

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from retarget import rotations
 from retarget._solver import Validity
-from retarget.errors import UsageError
 from retarget.frames import SensorSample, mirrored_name
 from retarget.sources.stream_frame import NORM_TOLERANCE, Dropped
 from retarget.types import BoolArray, FloatArray, IntArray
@@ -25,7 +24,7 @@ from retarget.types import BoolArray, FloatArray, IntArray
 @dataclass(frozen=True, kw_only=True)
 class ValidityLimits:
     """Every limit of a live performer: which poses are valid, when a sensor is lost, and how it and the robot come
-    back. Lengths in m; times in s, of capture unless said otherwise. Raises UsageError for limits out of range.
+    back. Lengths in m; times in s, of capture unless said otherwise.
 
     One pose. reach: horizontally from the origin, along each axis. low, high: of the height. norm_tolerance: of a
     quaternion's norm.
@@ -69,18 +68,6 @@ class ValidityLimits:
     blend: float = 0.75
     blend_speed: float = 0.6
     blend_turn: float = 2.0
-
-    def __post_init__(self) -> None:
-        limits = {name: value for name, value in vars(self).items() if name not in ("low", "high", "noticeable")}
-        # Comparisons with NaN are False.
-        positive = all(0.0 < value < np.inf for value in (*limits.values(), *self.noticeable))
-        if not (positive and -np.inf < self.low < self.high < np.inf):
-            raise UsageError(
-                "validity limits out of range",
-                found=repr(self),
-                allowed="positive numbers, and low below high",
-                next_step="Correct them",
-            )
 
 
 LIMITS = ValidityLimits()

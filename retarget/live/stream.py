@@ -1,6 +1,7 @@
 """A live stream in a run: datagrams in as they arrive, the performer's sensors out, in the stream's world."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -17,21 +18,20 @@ from retarget.types import BoolArray, FloatArray
 _GONE = np.array([state not in (ValidityState.FRESH, ValidityState.FROZEN) for state in ValidityState])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class StreamReading:
     """k sensors at one time, in the stream's world. position (k, 3) m and orientation (k, 4) wxyz, NaN where never
-    sent; states (k,): a `ValidityState` each. fresh (k,): state FRESH, with a known position."""
+    sent; states (k,): a `ValidityState` each."""
 
     position: FloatArray
     orientation: FloatArray
     states: StateArray
-    fresh: BoolArray = field(init=False)
 
-    def __post_init__(self) -> None:
-        fresh: BoolArray = np.isfinite(self.position[:, 0])
-        if np.count_nonzero(self.states):
-            fresh &= self.states == ValidityState.FRESH
-        object.__setattr__(self, "fresh", fresh)
+    @cached_property
+    def fresh(self) -> BoolArray:
+        """Which sensors are FRESH and have a position, (k,)."""
+        known: BoolArray = np.isfinite(self.position[:, 0])
+        return known & (self.states == ValidityState.FRESH) if np.count_nonzero(self.states) else known
 
 
 MOST_DECODED = 64

@@ -9,7 +9,7 @@ import numpy as np
 
 from retarget.errors import InputError, Problem
 from retarget.live.address import for_others, parse_address
-from retarget.live.admission import NOT_ALLOWED, SECOND_SOURCE, TOO_LONG, TOO_MANY, Admission, Source
+from retarget.live.admission import NOT_ALLOWED, SECOND_SOURCE, TOO_LONG, TOO_MANY, Source
 from retarget.live.clock_map import JumpKind
 from retarget.live.datagram_kinds import SENDERS, advice_for, recognise
 from retarget.live.receivers import NatnetReceiver
@@ -43,21 +43,19 @@ QUATERNIONS = "In MVN's network streamer choose Position + Orientation (Quaterni
 
 def unusable(stream: LiveStream, missing: list[str], waited: float, *, where: str, now: float) -> InputError:
     """The error for a stream that cannot be used, with the reason. missing: needed sensors that are not fresh."""
-    problems = _motive(stream, now)
+    problems, refused = _motive(stream, now), _refused(stream)
+    silence, reasons = now - stream.last, _listed(refused)
     if problems:
         return InputError.from_problems(problems)
-    reasons = _listed(_refused(stream))
     if stream.arrived == 0:
         return _nothing(stream, waited, where=where)
     if stream.frames == 0:
         other, step = _something_else(stream, where)
+        found = f"{stream.arrived} datagrams: {other or reasons or 'no poses in them'}"
         return InputError(
-            "what arrives cannot be used",
-            where=where,
-            found=f"{stream.arrived} datagrams: {other or reasons or 'no poses in them'}",
-            next_step=step or _step(stream, _refused(stream)),
+            "what arrives cannot be used", where=where, found=found, next_step=step or _step(stream, refused)
         )
-    if (silence := now - stream.last) >= 0.5 * SILENT_S and stream.receiver.finished:
+    if silence >= 0.5 * SILENT_S and stream.receiver.finished:
         return InputError(OVER.format(silence), where=where, next_step=LONGER)
     if silence >= 0.5 * SILENT_S:
         return InputError(
@@ -66,14 +64,14 @@ def unusable(stream: LiveStream, missing: list[str], waited: float, *, where: st
             found=", ".join(f"no {name}" for name in missing),
             next_step="See that the sender still runs, and sends here",
         )
-    wanted = {name: stream.roles.places[stream.roles.sensors.index(name)].position for name in missing}
+    sent = dict(zip(stream.roles.sensors, stream.roles.places, strict=True))
     return InputError(
         "sensors are missing in the stream",
         where=where,
-        found=", ".join(f"no {name} ({pose})" for name, pose in wanted.items())
+        found=", ".join(f"no {name} ({sent[name].position})" for name in missing)
         + (f"; refused: {reasons}" if reasons else ""),
         allowed=", ".join(list(stream.names)[:MOST_NAMES]),
-        next_step=FAR if _commonest(_refused(stream)) == OUT_OF_RANGE else SWITCH_ON,
+        next_step=FAR if _commonest(refused) == OUT_OF_RANGE else SWITCH_ON,
     )
 
 
@@ -85,8 +83,7 @@ def _something_else(stream: LiveStream, where: str) -> tuple[str, str]:
     kind = address.recorded if address.kind == REPLAY else address.kind
     if kind is None or not got.kind or got.kind == kind:
         return "", ""
-    recording = "" if address.path is None else str(address.path)
-    return got.text, advice_for(kind, got, port=address.port, recording=recording)
+    return got.text, advice_for(kind, got, port=address.port, recording=str(address.path or ""))
 
 
 def _nothing(stream: LiveStream, waited: float, *, where: str) -> InputError:
@@ -183,7 +180,7 @@ def _listed(reasons: Counter[str]) -> str:
 
 def _commonest(reasons: Counter[str]) -> str:
     """The commonest reason, "" for none."""
-    return next((reason for reason, _ in reasons.most_common(1)), "")
+    return max(reasons, key=reasons.__getitem__, default="")
 
 
 def _step(stream: LiveStream, reasons: Counter[str]) -> str:
@@ -254,7 +251,7 @@ class StreamNews:
             self._jumps = clock.jumps
             jump = clock.last_jump
             self._once(_JUMPS[jump.kind].format(abs(jump.shift)), key=jump.kind)
-        overflowed = _overflowed(self._stream)
+        overflowed = getattr(self._stream.receiver, "overflowed", 0)  # of sockets
         if self._overflowed is None:  # the stream was not polled while a bus was opened
             self._overflowed = overflowed
         if overflowed > self._overflowed:
@@ -276,11 +273,6 @@ def _refusal(source: Source, reason: str, owner: Source | None) -> str:
     if reason == NOT_ALLOWED:
         return f"{who} sends too, and is ignored: not on the allow-list (?allow=)"
     return f"{who} sends too, and is ignored: {reason}"
-
-
-def _overflowed(stream: LiveStream) -> int:
-    receiver = stream.receiver
-    return receiver.overflowed if isinstance(receiver, UdpReceiver | NatnetReceiver) else 0
 
 
 # The report after a live run: what came, what was not used, which sensors were lost, how often the robot held.
@@ -356,13 +348,9 @@ def live_report(stream: "LiveStream", tally: Tally, *, address: str, person: str
         frames=stream.frames,
         datagrams=stream.arrived,
         dropped=dict(dropped.most_common()),
-        refused=_refused_sources(stream.admission),
+        refused=tuple(f"{source}: {reason}" for source, reason in stream.admission.named),
         lost_s=tally.lost_s,
         holds=tally.holds,
         playout_delay_ms=MS * stream.playout.delay,
         person=person,
     )
-
-
-def _refused_sources(admission: Admission) -> tuple[str, ...]:
-    return tuple(f"{address}: {reason}" for address, reason in admission.named)

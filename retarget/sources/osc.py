@@ -69,6 +69,11 @@ class OscPacket:
     dropped: list[str] = field(default_factory=list)
     arguments: int = field(default=0, compare=False)
 
+    def variable(self) -> list[tuple[int, int]]:
+        """Bytes of the datagram that may differ within one layout: numbers and time tags."""
+        numbers = [span for message in self.messages for span in message.numbers()]
+        return numbers + [(at, at + 8) for at in self.time_tags]
+
 
 class _Unreadable(Exception):
     """This message, or the whole datagram, cannot be read; the reason is a constant."""
@@ -185,57 +190,32 @@ MAX_ALIKE = 16
 Plan = TypeVar("Plan")
 
 
-class _Known(Generic[Plan]):
-    """One layout: the words of a datagram that are no number, and the plan made for it."""
-
-    __slots__ = ("_mask", "_words", "plan")
-
-    def __init__(self, datagram: bytes, packet: OscPacket, plan: Plan) -> None:
-        self._mask: NDArray[np.uint32] = np.full(len(datagram) // 4, 0xFFFFFFFF, np.uint32)
-        for start, end in _variable(packet):
-            self._mask[start // 4 : end // 4] = 0
-        self._words = self._fixed(datagram)
-        self.plan = plan
-
-    def fits(self, datagram: bytes) -> bool:
-        """Whether a datagram of the same length has the same addresses, types, sizes and texts."""
-        return self._fixed(datagram) == self._words
-
-    def _fixed(self, datagram: bytes) -> bytes:
-        return (np.frombuffer(datagram, np.uint32) & self._mask).tobytes()
-
-
 class OscLayouts(Generic[Plan]):
     """Plans by the layout of a datagram: `plan` is asked once for each layout, and must not look at its numbers."""
 
     def __init__(self, plan: Callable[[OscPacket], Plan]) -> None:
         self._make = plan
-        self._known: dict[int, list[_Known[Plan]]] = {}
+        self._known: dict[int, list[tuple[NDArray[np.uint32], bytes, Plan]]] = {}
+        """By length: which bits of a datagram are no numbers, these bits, and the plan of the layout."""
 
     def of(self, datagram: bytes) -> Plan:
         """The plan of this datagram's layout."""
-        alike = self._known.get(len(datagram), ())
-        for known in alike:
-            if known.fits(datagram):
-                return known.plan
+        length = len(datagram)
+        for mask, fixed, plan in self._known.get(length, ()):
+            if (np.frombuffer(datagram, np.uint32) & mask).tobytes() == fixed:
+                return plan
         packet = read_osc(datagram)
         plan = self._make(packet)
-        if packet.messages and len(datagram) <= MAX_REMEMBERED:
-            self._remember(_Known(datagram, packet, plan), len(datagram))
+        if packet.messages and length <= MAX_REMEMBERED:
+            mask = np.full(length // 4, 0xFFFFFFFF, np.uint32)
+            for start, end in packet.variable():
+                mask[start // 4 : end // 4] = 0
+            if length not in self._known and len(self._known) >= MAX_LENGTHS:
+                self._known.clear()
+            alike = self._known.setdefault(length, [])
+            alike.insert(0, (mask, (np.frombuffer(datagram, np.uint32) & mask).tobytes(), plan))
+            del alike[MAX_ALIKE:]
         return plan
 
     def __len__(self) -> int:
         return sum(len(alike) for alike in self._known.values())
-
-    def _remember(self, known: _Known[Plan], length: int) -> None:
-        if length not in self._known and len(self._known) >= MAX_LENGTHS:
-            self._known.clear()
-        alike = self._known.setdefault(length, [])
-        alike.insert(0, known)
-        del alike[MAX_ALIKE:]
-
-
-def _variable(packet: OscPacket) -> list[tuple[int, int]]:
-    """Bytes of a datagram that may differ within one layout: numbers and time tags."""
-    numbers = [span for message in packet.messages for span in message.numbers()]
-    return numbers + [(at, at + 8) for at in packet.time_tags]

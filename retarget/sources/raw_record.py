@@ -15,6 +15,7 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from io import BufferedReader
 from pathlib import Path
 from threading import Lock
 from typing import IO, cast
@@ -132,7 +133,7 @@ class RawReader:
             with path.open("rb") as file:
                 self._gz = file.read(len(_GZIP)) == _GZIP
             with self._open() as file:
-                self.url, self._old = _header(_Taker(file), where=str(path))
+                self.url, self._old = _header(file, where=str(path))
         except FileNotFoundError:
             raise InputError("no such recording", where=str(path), next_step="Check the path") from None
         except _UNREADABLE as error:
@@ -143,73 +144,56 @@ class RawReader:
         self.damage, number, begin = "", 0, 0
         try:
             with self._open() as file:
-                taker = _Taker(file)
-                _header(taker, where=str(self._path))
+                _header(file, where=str(self._path))
                 read = _old_record if self._old else _record
-                begin = taker.count
-                while (datagram := read(taker)) is not None:
-                    yield datagram
-                    number, begin = number + 1, taker.count
+                begin = file.tell()
+                while file.peek(1):
+                    yield read(file)
+                    number, begin = number + 1, file.tell()
         except _UNREADABLE as error:
             self.damage = f"{self._path}: record {number + 1}, at byte {begin}: {error}; {number} before it were read"
 
-    def _open(self) -> IO[bytes]:
-        return cast(IO[bytes], gzip.open(self._path)) if self._gz else self._path.open("rb")
+    def _open(self) -> BufferedReader:
+        return cast(BufferedReader, gzip.open(self._path)) if self._gz else self._path.open("rb")
 
 
-class _Taker:
-    """Takes counted bytes off a file. count: of those taken so far."""
-
-    def __init__(self, file: IO[bytes]) -> None:
-        self._file = file
-        self.count = 0
-
-    def take(self, wanted: int) -> bytes:
-        """So many bytes. Raises EOFError if there are fewer."""
-        taken = self._file.read(wanted)
-        if len(taken) < wanted:
-            raise EOFError("the file ends here, in the middle of a record" if taken or self.count else "empty")
-        self.count += wanted
-        return taken
-
-    def at_end(self) -> bool:
-        """Whether nothing is left. Looks one byte ahead, so `peek` must be there."""
-        return not self._file.peek(1)  # type: ignore[attr-defined]
+def _take(file: BufferedReader, wanted: int) -> bytes:
+    """So many bytes. Raises EOFError if there are fewer."""
+    taken = file.read(wanted)
+    if len(taken) < wanted:
+        raise EOFError("the file ends here, in the middle of a record" if file.tell() else "empty")
+    return taken
 
 
-def _header(taker: _Taker, *, where: str) -> tuple[str, bool]:
+def _header(file: BufferedReader, *, where: str) -> tuple[str, bool]:
     """Address of the stream, and whether it is the old format. Raises InputError if it is no recording."""
-    magic = taker.take(len(_MAGIC))
+    magic = _take(file, len(_MAGIC))
     if magic not in (_MAGIC, _OLD_MAGIC):
         allowed = "a file that --record-raw wrote"
         raise InputError("not a recording of datagrams", where=where, found=repr(magic), allowed=allowed)
     if magic == _OLD_MAGIC:
         return "", True
-    (length,) = _LENGTH.unpack(taker.take(_LENGTH.size))
+    (length,) = _LENGTH.unpack(_take(file, _LENGTH.size))
     if length > MAX_ADDRESS:
         raise ValueError(f"an address of {length} bytes")
-    return taker.take(length).decode("utf-8", "replace"), False
+    return _take(file, length).decode("utf-8", "replace"), False
 
 
-def _record(taker: _Taker) -> Datagram | None:
-    """The next record, None at the end. Raises EOFError or ValueError for damage."""
-    if taker.at_end():
-        return None
-    (crc,) = _CRC.unpack(taker.take(_CRC.size))
-    head = taker.take(_RECORD.size)
+def _record(file: BufferedReader) -> Datagram:
+    """The next record. Raises EOFError or ValueError for damage."""
+    (crc,) = _CRC.unpack(_take(file, _CRC.size))
+    head = _take(file, _RECORD.size)
     time_ns, port, source, length = _RECORD.unpack(head)
-    payload = taker.take(_checked(length))
+    payload = _take(file, _checked(length))
     if zlib.crc32(payload, zlib.crc32(head)) != crc:
         raise ValueError("its CRC is wrong")
     address = ipaddress.IPv6Address(source)
     return Datagram(time_ns * 1e-9, port, payload, str(address.ipv4_mapped or address))
 
 
-def _old_record(taker: _Taker) -> Datagram | None:
-    if taker.at_end():
-        return None
-    time_ns, port, length = _OLD_RECORD.unpack(taker.take(_OLD_RECORD.size))
-    return Datagram(time_ns * 1e-9, port, taker.take(_checked(length)))
+def _old_record(file: BufferedReader) -> Datagram:
+    time_ns, port, length = _OLD_RECORD.unpack(_take(file, _OLD_RECORD.size))
+    return Datagram(time_ns * 1e-9, port, _take(file, _checked(length)))
 
 
 def _checked(length: int) -> int:

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from dataclasses import dataclass, field
+from functools import cached_property
 from types import MappingProxyType
 from typing import Protocol
 
@@ -86,24 +87,28 @@ class Convention:
     y: str
     z: str
     metres: float = 1.0
-    _point: FloatArray = field(init=False, repr=False)
-    _axis: FloatArray = field(init=False, repr=False)
-    _same: bool = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
-        matrix = np.stack([_DIRECTIONS[word] for word in (self.x, self.y, self.z)], axis=1)
-        assert np.array_equal(matrix @ matrix.T, np.eye(3)), f"{self.name}: the axes are not at right angles"
-        hand = float(np.round(np.linalg.det(matrix)))  # -1: left-handed
-        object.__setattr__(self, "_point", matrix.T * self.metres)
-        object.__setattr__(self, "_axis", hand * matrix.T)
-        object.__setattr__(self, "_same", bool(np.array_equal(matrix, np.eye(3))))
+    @cached_property
+    def _matrix(self) -> FloatArray:
+        """(3, 3), the sender's axes as rows in REP-103."""
+        rows = np.stack([_DIRECTIONS[word] for word in (self.x, self.y, self.z)])
+        assert np.array_equal(rows @ rows.T, np.eye(3)), f"{self.name}: the axes are not at right angles"
+        return rows
+
+    @cached_property
+    def _turned(self) -> FloatArray:
+        """(3, 3), the same for axes of turns, which a reflection (determinant -1) turns round."""
+        return self._matrix * np.round(np.linalg.det(self._matrix))
+
+    @cached_property
+    def _same(self) -> bool:
+        return np.array_equal(self._matrix, np.eye(3))
 
     def positions(self, positions: ArrayLike) -> FloatArray:
         """Positions (..., 3) of the sender, in its unit -> (..., 3) m, REP-103; the same array if they agree."""
         positions = np.asarray(positions, float)
-        if self._same:
-            return positions if self.metres == 1.0 else positions * self.metres
-        return np.asarray(positions @ self._point)
+        turned = positions if self._same else np.asarray(positions @ self._matrix)
+        return turned if self.metres == 1.0 else turned * self.metres
 
     def orientations(self, orientations: ArrayLike) -> FloatArray:
         """Quaternions (..., 4) wxyz of the sender -> (..., 4) wxyz, REP-103; norm and sign stay."""
@@ -112,7 +117,7 @@ class Convention:
             return orientations
         out = np.empty(orientations.shape)
         out[..., 0] = orientations[..., 0]
-        out[..., 1:] = orientations[..., 1:] @ self._axis
+        out[..., 1:] = orientations[..., 1:] @ self._turned
         return out
 
 

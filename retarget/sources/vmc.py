@@ -303,15 +303,15 @@ class VmcBodyDecoder:
     """A `StreamDecoder`: the 22 bones of a humanoid, each `bone://NAME`, position of the joint where it begins.
 
     A sender may put an avatar into one datagram, or a bone into each: a body is given once each bone that it sends has
-    come, or when the next round begins without one. Bone lengths that are not sent are those of `person`. Where the
-    position of the hips is not sent, the lower foot stands on the ground.
+    come, or when the next round begins without one. Bone lengths that are not sent are those of a person of
+    STATURE_M. Where the position of the hips is not sent, the lower foot stands on the ground.
     """
 
-    def __init__(self, person: HumanDimensions | None = None) -> None:
+    def __init__(self) -> None:
         self._decoder = VmcDecoder()
         self.dropped: Dropped = self._decoder.dropped
-        self._offsets = t_pose_offsets(person or proportional_dimensions(STATURE_M))
-        self._ankle = FRACTIONS.ankle_height * (STATURE_M if person is None else person.stature)
+        self._offsets = t_pose_offsets(proportional_dimensions(STATURE_M))
+        self._ankle = FRACTIONS.ankle_height * STATURE_M
         self._poses: dict[str, BonePose] = {}  # of the bones that are not lost
         self._sent = Counter[str]()  # how often each bone was sent
         self._last: dict[str, int] = {}  # how often the one that was sent most had been, when a bone was sent last

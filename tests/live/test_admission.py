@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from datagrams import CLOCK, LOOPBACK, arrived, sending
-from messages import refuses
 from retarget.live.address import parse_address
 from retarget.live.admission import (
     NOT_ALLOWED,
@@ -37,8 +36,8 @@ def owner_of(admission: Admission) -> Source | None:
     return admission.owner
 
 
-def owned(**options: float | None) -> Admission:
-    admission = Admission(allow=LAN, **options)  # type: ignore[arg-type]
+def owned() -> Admission:
+    admission = Admission(allow=LAN)
     assert admit(admission, A) and admission.confirm(A, now=0.0, moving=False)
     return admission
 
@@ -100,7 +99,7 @@ def test_the_admission_of_an_address_is_its_list() -> None:
 
 
 def test_silence_frees_the_stream_only_when_nothing_moves() -> None:
-    admission = owned(release_after=5.0)
+    admission = owned()
     assert not admit(admission, B, 5.0)
     assert not admit(admission, B, 1e6, moving=True)
     assert admit(admission, B, 5.1)
@@ -111,19 +110,15 @@ def test_silence_frees_the_stream_only_when_nothing_moves() -> None:
 
 
 def test_a_source_that_sends_only_garbage_does_not_keep_the_stream() -> None:
-    admission = owned(release_after=5.0)
+    admission = owned()
     assert all(admit(admission, A, float(now)) for now in range(6))
     assert admit(admission, B, 5.1)
 
 
 def test_frames_keep_the_stream() -> None:
-    admission = owned(release_after=5.0)
+    admission = owned()
     assert admission.confirm(A, now=4.0, moving=False)
     assert not admit(admission, B, 8.9) and admit(admission, B, 9.1)
-
-
-def test_without_a_time_nothing_frees_the_stream() -> None:
-    assert not admit(owned(release_after=None), B, 1e9)
 
 
 @pytest.mark.parametrize(("size", "expected"), [(0, False), (1, True), (65_536, True), (65_537, False)])
@@ -145,12 +140,6 @@ def test_refused_sources_are_reported_once_and_in_bounded_number() -> None:
     assert admission.refused.count == 220
 
 
-@pytest.mark.parametrize("options", [{"release_after": -1.0}, {"release_after": float("nan")}])
-def test_options_out_of_range_are_refused(options: dict[str, float]) -> None:
-    with refuses(ValueError):
-        Admission(**options)  # type: ignore[arg-type]
-
-
 EVENTS = st.lists(st.tuples(st.sampled_from([A, B, C]), st.floats(0.0, 4.0), st.booleans(), st.booleans()), max_size=60)
 
 
@@ -159,7 +148,7 @@ def test_no_order_of_events_gives_a_moving_robot_to_another_source(
     events: list[tuple[Source, float, bool, bool]],
 ) -> None:
     """Checked by a second version of the rule: the last owner, its last frame, and whether anything moves."""
-    admission, now = Admission(allow=LAN, release_after=5.0), 0.0
+    admission, now = Admission(allow=LAN), 0.0
     owner: Source | None = None
     last_frame = 0.0
     for source, step, moving, decodable in events:

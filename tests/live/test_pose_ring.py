@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from messages import refuses
+from played import How
 from retarget._solver import PoseRing
-from retarget.live.playout import EXTRAPOLATION_S, How, Played
+from retarget.live.playout import EXTRAPOLATION_S, Played
 from retarget.rotations import IDENTITY
 from retarget.types import FloatArray
 

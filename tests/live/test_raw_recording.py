@@ -199,12 +199,6 @@ def test_a_closed_replay_is_over(tmp_path: Path) -> None:
     assert receiver.finished and receiver.poll(10.0) == []
 
 
-@pytest.mark.parametrize("speed", [0.0, -1.0, float("nan"), float("inf")])
-def test_a_speed_that_means_nothing_is_refused(tmp_path: Path, speed: float) -> None:
-    with refuses(ValueError):
-        ReplayReceiver(RawReader(recording(tmp_path / "a.raw", [])), speed=speed)
-
-
 def test_opening_by_address(tmp_path: Path) -> None:
     path = recording(tmp_path / "a.raw", [1.0, 2.0], url="natnet://192.168.1.5")
     address = parse_address(f"replay://{path}?speed=10&loop=1")

@@ -113,7 +113,7 @@ def test_changing_names_are_kept_within_bounds() -> None:
     roles = Roles(("head",), [CONVENTIONS["json"]["head"]])
     for number in range(3 * MAX_KNOWN):
         assert roles.take(frame({f"other{number}": (None, None), "head": ([0.0, 0.0, 1.0], None)})) is not None
-    assert len(roles._plans) <= MAX_KNOWN
+    assert roles._plan.cache_info().currsize <= MAX_KNOWN
 
 
 @pytest.mark.parametrize(
