@@ -4,11 +4,9 @@ when a performer is followed: debounce, reacquisition blends, weights of sensors
 Which poses may be used and the states of sensors are found by `retarget._solver.Validity`.
 """
 
-from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum, IntEnum
-from itertools import groupby
 from math import isfinite
 
 import numpy as np
@@ -105,59 +103,20 @@ REASONS = {1: UNTRACKED, 2: NOT_FINITE, 3: NOT_A_ROTATION, 4: OUT_OF_RANGE, 5: U
 NO_TIME = "pose at a time that is not finite"
 
 
-# Messages about changes of validity.
-
-
-@dataclass(frozen=True, slots=True)
-class ValidityChange:
-    """A change of one sensor's state, judged at `now`, s. seconds: how long it has been in the new state, where known.
+def change_text(before: ValidityState, after: ValidityState, seconds: float, *, resettled: bool) -> str:
+    """What has changed, for the user. seconds: how long it has been in the new state, 0 where that is not known.
     resettled: it is valid again at another place than before its jump."""
-
-    now: float
-    name: str
-    before: ValidityState
-    after: ValidityState
-    seconds: float = 0.0
-    resettled: bool = False
-
-
-def net_changes(changes: Sequence[ValidityChange]) -> list[ValidityChange]:
-    """The changes of sensors whose last state is not their first. What came and went between needs no message."""
-    first: dict[str, ValidityChange] = {}
-    last: dict[str, ValidityChange] = {}
-    for change in changes:
-        first.setdefault(change.name, change)
-        last[change.name] = change
-    same = {name for name in first if first[name].before is last[name].after and not last[name].resettled}
-    return [change for change in changes if change.name not in same]
-
-
-def sentences(changes: Iterable[ValidityChange]) -> list[str]:
-    """Messages about changes in order, one for all sensors that changed alike at one time."""
-    messages = []
-    for _, alike in groupby(changes, key=lambda change: (change.now, change.before, change.after, change.resettled)):
-        group = list(alike)
-        names = ", ".join(change.name for change in group)
-        messages.append(f"{names}: {_text(group[0], max(change.seconds for change in group))}")
-    return messages
-
-
-def _text(change: ValidityChange, seconds: float) -> str:
-    if change.after is ValidityState.FRESH:
-        if change.resettled:
+    if after is ValidityState.FRESH:
+        if resettled:
             return "accepted again at its new place"
-        return "received now" if change.before is ValidityState.NOT_IN_USE else "back"
+        return "received now" if before is ValidityState.NOT_IN_USE else "back"
     return {
         ValidityState.STALE: f"nothing that can be used for {seconds:.1f} s" if seconds else "not received yet",
         ValidityState.FROZEN: f"frozen since {seconds:.1f} s (tracker lost?)",
         ValidityState.JUMPED: "jumped farther than a human can",
         ValidityState.NOT_IN_USE: "not received since the start (not worn?)",
         ValidityState.OUT_OF_RANGE: "position outside the room",
-    }[change.after]
-
-
-MAX_CHANGES = 64
-"""Changes that wait for the next messages; older ones are forgotten."""
+    }[after]
 
 
 class SensorValidity:
@@ -177,9 +136,9 @@ class SensorValidity:
         ]
         self._validity = Validity(np.array(others, dtype=np.int64), limits)
         self._states: StateArray = np.full(len(others), ValidityState.STALE, dtype=np.uint8)
-        self._noted = self._states.tobytes()
+        self._reported = self._states.copy()
         self._was_fresh = np.zeros(len(others), dtype=bool)
-        self._changes: deque[ValidityChange] = deque(maxlen=MAX_CHANGES)
+        self._now = 0.0
 
     def take(
         self, rows: IntArray, time: float, *, position: FloatArray, orientation: FloatArray, tracked: BoolArray
@@ -204,42 +163,36 @@ class SensorValidity:
     def judge(self, now: float) -> StateArray:
         """The ValidityState of each sensor at `now`, (k,), read-only."""
         states: StateArray = self._validity.judge(now)
-        if (noted := states.tobytes()) != self._noted:
-            self._note(np.flatnonzero(states != self._states), states, now)
+        if states.tobytes() != self._states.tobytes():
+            fresh = states == ValidityState.FRESH
+            # That a sensor is received at all is no news.
+            self._reported[fresh & ~self._was_fresh & (self._reported == ValidityState.STALE)] = ValidityState.FRESH
+            self._was_fresh |= fresh
         states.flags.writeable = False
-        self._states, self._noted = states, noted
+        self._states, self._now = states, now
         return states
 
     def messages(self) -> list[str]:
-        """What has changed since the last call, in sentences for the user."""
-        if not self._changes:
+        """What has changed since the last call, in sentences for the user, one for all sensors that changed alike. What
+        came and went between needs none."""
+        if self._states.tobytes() == self._reported.tobytes():
             return []
-        messages = sentences(net_changes(self._changes))
-        self._changes.clear()
-        return messages
+        alike: dict[tuple[ValidityState, ValidityState, bool], dict[str, float]] = {}
+        for row in np.flatnonzero(self._states != self._reported).tolist():
+            before, after = ValidityState(self._reported[row]), ValidityState(self._states[row])
+            at, still, moved = self._validity.history(row)
+            seconds = still if after is ValidityState.FROZEN else self._now - at
+            change = before, after, moved and before is ValidityState.JUMPED and after is ValidityState.FRESH
+            alike.setdefault(change, {})[self.names[row]] = seconds if isfinite(seconds) else 0.0
+        self._reported = self._states.copy()
+        return [
+            f"{', '.join(sensors)}: {change_text(before, after, max(sensors.values()), resettled=resettled)}"
+            for (before, after, resettled), sensors in alike.items()
+        ]
 
     def forget_recovered(self) -> None:
-        """Drop the waiting changes of sensors that are fresh now."""
-        fresh = {name for name, state in zip(self.names, self._states, strict=True) if state == ValidityState.FRESH}
-        kept = [change for change in self._changes if change.name not in fresh]
-        self._changes.clear()
-        self._changes.extend(kept)
-
-    def _note(self, rows: IntArray, states: StateArray, now: float) -> None:
-        for row in rows.tolist():
-            before, after = ValidityState(self._states[row]), ValidityState(states[row])
-            first = not self._was_fresh[row]
-            self._was_fresh[row] |= after is ValidityState.FRESH
-            if first and before is ValidityState.STALE and after is ValidityState.FRESH:
-                continue
-            at, still, moved = self._validity.history(row)
-            seconds = still if after is ValidityState.FROZEN else now - at
-            resettled = moved and before is ValidityState.JUMPED and after is ValidityState.FRESH
-            self._changes.append(
-                ValidityChange(
-                    now, self.names[row], before, after, seconds if isfinite(seconds) else 0.0, resettled=resettled
-                )
-            )
+        """No message about sensors that are fresh now."""
+        self._reported[self._states == ValidityState.FRESH] = ValidityState.FRESH
 
 
 # Whether something has been good for long enough to be used again.

@@ -15,7 +15,7 @@ import numpy as np
 from retarget import rotations
 from retarget.errors import InputError, suggest
 from retarget.frames import SensorFrames
-from retarget.sources.canonical import CMU_METRES, Unit, canonical_frames, named_unit
+from retarget.sources.canonical import CMU_METRES, canonical_frames, named_unit
 from retarget.sources.files import check_frame_count, check_rate, cut_short, numbers, read_lines
 from retarget.sources.skeletons import JointTree, Pose, posed
 from retarget.types import FloatArray
@@ -239,6 +239,7 @@ def read_amc(
     lines = read_lines(path)
     asf = read_asf(skeleton if skeleton is not None else find_skeleton(path))
     values, degrees = read_values(lines, asf, path)
+    is_cmu = abs(asf.length_unit - CMU_LENGTH_UNIT) < 1e-6
     notes: tuple[str, ...] = ()
     if rate is None:
         rate, notes = (
@@ -248,7 +249,7 @@ def read_amc(
     return canonical_frames(
         asf.tree,
         pose_of(asf, values, degrees=degrees),
-        unit=_unit(asf, unit),
+        unit=CMU_METRES if unit is None and is_cmu else named_unit(unit),
         rate=check_rate(rate, str(path)),
         source=str(path),
         detect_up=False,
@@ -290,12 +291,6 @@ def pose_of(asf: AsfSkeleton, values: FloatArray, *, degrees: bool) -> Pose:
     """Forward kinematics of all frames (file axes and units): R = R_parent C Rz Ry Rx C^-1, C the axes of the bone."""
     channels = [[(name[0], "xyz".index(name[1])) for name in dof] for dof in asf.dof]
     return posed(asf.tree, channels, values, degrees=degrees, frames=asf.frames)
-
-
-def _unit(asf: AsfSkeleton, name: str | None) -> Unit | None:
-    if name is not None:
-        return named_unit(name)
-    return Unit("cmu", CMU_METRES) if abs(asf.length_unit - CMU_LENGTH_UNIT) < 1e-6 else None
 
 
 def _header(lines: list[str], asf: AsfSkeleton, path: Path) -> tuple[int, bool]:

@@ -199,7 +199,7 @@ def read_bvh(path: Path, *, unit: str | None = None, rate: float | None = None) 
     return canonical_frames(
         motion.hierarchy.tree,
         pose,
-        unit=None if unit is None else named_unit(unit),
+        unit=named_unit(unit),
         rate=motion.rate_hz if rate is None else check_rate(rate, str(path)),
         source=str(path),
         detect_up=True,

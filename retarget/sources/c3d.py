@@ -17,7 +17,7 @@ import numpy as np
 
 from retarget.errors import InputError
 from retarget.frames import SENSORS, SensorFrames
-from retarget.sources.canonical import UNITS, Axes, named_unit
+from retarget.sources.canonical import UNITS, axes_with_up, named_unit
 from retarget.sources.files import MAX_VALUE, check_frame_count, check_rate, frame_times, read_bytes
 from retarget.sources.skeletons import TABLES, names_of_sides
 from retarget.types import BoolArray, FloatArray
@@ -83,7 +83,7 @@ def read_c3d(path: Path, *, unit: str | None = None, rate: float | None = None) 
     sensors = tuple(sensor for sensor in SENSORS if sensor in groups)
     position, valid = _sensor_tracks(markers, [[columns[label] for label in groups[sensor]] for sensor in sensors])
     scale, unit_note = _metres(markers, unit, path)
-    position = position @ Axes.with_up(markers.up).matrix().T * scale
+    position = position @ axes_with_up(markers.up).T * scale
     counts = zip(sensors, (~valid).sum(axis=0).tolist(), strict=True)
     lost = [f"{sensor} lost in {count} of {len(valid)} frames" for sensor, count in counts if count]
     rate = markers.rate_hz if rate is None else rate
@@ -226,8 +226,8 @@ def _sensor_tracks(markers: MarkerTracks, groups: list[list[int]]) -> tuple[Floa
 
 def _metres(markers: MarkerTracks, unit: str | None, path: Path) -> tuple[float, tuple[str, ...]]:
     """Metres per unit, and a note where the file states none."""
-    if unit is not None:
-        return named_unit(unit).metres, ()
+    if (named := named_unit(unit)) is not None:
+        return named, ()
     name = markers.unit.lower()
     name = _UNIT_NAMES.get(name, name)
     if name in UNITS:

@@ -26,42 +26,29 @@ UPRIGHT = 0.7
 """Mean share of the line from ankles to head that must lie along an axis before the frames decide what is up."""
 
 
-@dataclass(frozen=True)
-class Axes:
-    """Unit vectors (3,) forward, left and up in the axes of the file, right-handed, each along a file axis."""
-
-    forward: FloatArray
-    left: FloatArray
-    up: FloatArray
-
-    def matrix(self) -> FloatArray:
-        """Rotation (3, 3) from file axes to x forward, y left, z up."""
-        return np.stack([self.forward, self.left, self.up])
-
-    @staticmethod
-    def with_up(up: FloatArray) -> "Axes":
-        """World axes of a file with this up axis: the file's axes in their cyclic order (y up: forward z, left x).
-
-        The heading stays as recorded.
-        """
-        axis = int(np.argmax(np.abs(up)))
-        unit = np.eye(3)
-        first, second = unit[(axis + 1) % 3], unit[(axis + 2) % 3]
-        return Axes(first, second, unit[axis]) if up[axis] > 0 else Axes(second, first, -unit[axis])
+def axes_with_up(up: FloatArray) -> FloatArray:
+    """World axes (3, 3) of a file with this up axis (3,): the file's axes in their cyclic order (y up: forward z, left
+    x), as rows forward, left, up. The heading stays as recorded.
+    """
+    axis = int(np.argmax(np.abs(up)))
+    first, second = np.eye(3)[(axis + 1) % 3], np.eye(3)[(axis + 2) % 3]
+    return np.stack((first, second, up) if up[axis] > 0 else (second, first, up))
 
 
-def rest_axes(rest: dict[str, FloatArray]) -> Axes | None:
-    """Axes of the rest pose: up from hips to head, left from the right hip to the left; None if they coincide."""
+def rest_axes(rest: dict[str, FloatArray]) -> FloatArray | None:
+    """Axes (3, 3) of the rest pose, rows forward, left, up, each along a file axis: up from hips to head, left from the
+    right hip to the left; None if they coincide."""
     up = _nearest_axis(rest["head"] - 0.5 * (rest["l_hip"] + rest["r_hip"]))
     if up is None:
         return None
     across = sum((rest[f"l_{part}"] - rest[f"r_{part}"] for part in ("hip", "shoulder")), np.zeros(3))
     left = _nearest_axis(across * (up == 0.0))
-    return None if left is None else Axes(np.cross(left, up), left, up)
+    return None if left is None else np.stack((np.cross(left, up), left, up))
 
 
-def world_axes(body: Axes, tracks: dict[str, FloatArray]) -> tuple[Axes, tuple[str, ...]]:
-    """World axes of a recording, and a note where its frames stand along another axis than its rest pose.
+def world_axes(body: FloatArray, tracks: dict[str, FloatArray]) -> tuple[FloatArray, tuple[str, ...]]:
+    """World axes (3, 3) of a recording, from those of its rest pose, and a note where its frames stand along another
+    axis than its rest pose.
 
     tracks: canonical joints (T, 3) in file axes. Some exporters write a rest pose with y up and a world with z up:
     there the body stands upright along z all the time, with its feet near z = 0.
@@ -72,12 +59,12 @@ def world_axes(body: Axes, tracks: dict[str, FloatArray]) -> tuple[Axes, tuple[s
     direction = np.mean(standing / np.where(height > 0.0, height, 1.0), axis=0)
     axis = int(np.argmax(np.abs(direction)))
     near_ground = abs(float(np.min(ankles[:, axis]))) < 0.3 * float(np.median(height))
-    if direction[axis] < UPRIGHT or body.up[axis] > 0.0 or not near_ground:
-        return Axes.with_up(body.up), ()
+    if direction[axis] < UPRIGHT or body[2, axis] > 0.0 or not near_ground:
+        return axes_with_up(body[2]), ()
     note = (
         f"the body stands along {'xyz'[axis]} in the frames: taken as the up axis, though the rest pose says otherwise"
     )
-    return Axes.with_up(np.eye(3)[axis]), (note,)
+    return axes_with_up(np.eye(3)[axis]), (note,)
 
 
 def _nearest_axis(direction: FloatArray) -> FloatArray | None:
@@ -101,25 +88,18 @@ USUAL_HEIGHT_M = (1.4, 2.1)
 POSSIBLE_HEIGHT_M = (1.0, 2.5)
 
 
-@dataclass(frozen=True)
-class Unit:
-    """A length unit. note: message to the user about it, or empty."""
-
-    name: str
-    metres: float
-    note: str = ""
-
-
-def named_unit(name: str) -> Unit:
-    """The unit that the user named. Raises UsageError with the nearest names."""
+def named_unit(name: str | None) -> float | None:
+    """Metres of the unit that the user named, None without one. Raises UsageError with the nearest names."""
+    if name is None:
+        return None
     key = name.lower()
     if key not in UNITS:
         raise UsageError("unknown unit", found=repr(name), allowed=", ".join(UNITS), next_step=suggest(key, UNITS))
-    return Unit(key, UNITS[key])
+    return UNITS[key]
 
 
-def choose_unit(body_height: float | None, *, where: str) -> Unit:
-    """The unit in which a body of this height (file units) is nearest to a human; a note says so.
+def choose_unit(body_height: float | None, *, where: str) -> tuple[float, str]:
+    """Metres of the unit in which a body of this height (file units) is nearest to a human, and a note that says so.
 
     Raises InputError if no unit makes it a human at all.
     """
@@ -138,7 +118,7 @@ def choose_unit(body_height: float | None, *, where: str) -> Unit:
     note = f"unit not stated: taken as {name}, which makes the body {height:.2f} m high (change it with --unit)"
     if not USUAL_HEIGHT_M[0] <= height <= USUAL_HEIGHT_M[1]:
         note += "; that is unusual for an adult"
-    return Unit(name, UNITS[name], note)
+    return UNITS[name], note
 
 
 _SEGMENT_END = {"shoulder": "elbow", "elbow": "wrist", "hip": "knee", "knee": "ankle"}
@@ -157,7 +137,7 @@ def canonical_frames(
     tree: JointTree,
     pose: Pose,
     *,
-    unit: Unit | None,
+    unit: float | None,
     rate: float,
     source: str,
     detect_up: bool,
@@ -165,29 +145,29 @@ def canonical_frames(
 ) -> SensorFrames:
     """Sensors, joints and rest skeleton of a tree in motion.
 
-    pose: of every frame, in the file's axes and units. unit: None to guess it from the size of the body. detect_up:
-    whether the frames may overrule the rest pose about which axis is up. Raises InputError if the tree is no human.
+    pose: of every frame, in the file's axes and units. unit: metres of one, None to guess it from the size of the body.
+    detect_up: whether the frames may overrule the rest pose about which axis is up. Raises InputError if the tree is no
+    human.
     """
     joints, found_notes = canonical_joints(tree, where=source)
     rest = rest_joint_positions(tree, joints)
     in_file_units = Skeleton(tuple(rest), np.stack(list(rest.values())))
-    unit = unit or choose_unit(stature(in_file_units), where=source)
+    metres, unit_note = (unit, "") if unit is not None else choose_unit(stature(in_file_units), where=source)
     body = rest_axes(rest)
     if body is None:
         raise InputError(REST_AXES_ERROR, where=source, next_step="Export the file with a standing rest pose")
     tracks = {name: pose.point(at.joint, at.local) for name, at in joints.items()}
-    world, axis_notes = world_axes(body, tracks) if detect_up else (Axes.with_up(body.up), ())
+    world, axis_notes = world_axes(body, tracks) if detect_up else (axes_with_up(body[2]), ())
 
-    to_world = world.matrix()
     names = tuple(name for name in JOINTS if name in joints)
-    position = np.stack([tracks[name] for name in names], axis=1) @ to_world.T * unit.metres
+    position = np.stack([tracks[name] for name in names], axis=1) @ world.T * metres
     sensors = tuple(name for name in SENSORS if name in joints)
     columns = [names.index(name) for name in sensors]
     orientation = np.stack([pose.orientation[:, segment_joint(tree, joints, name)] for name in sensors], axis=1)
     # World <- file axes <- segment <- person standing upright and facing x in the rest pose.
-    left, right = rotations.from_matrix(to_world), rotations.from_matrix(body.matrix().T)
+    left, right = rotations.from_matrix(world), rotations.from_matrix(body.T)
     orientation = rotations.normalise(rotations.multiply(rotations.multiply(left, orientation), right))
-    skeleton = np.stack([rest[name] for name in names]) @ body.matrix().T * unit.metres
+    skeleton = np.stack([rest[name] for name in names]) @ body.T * metres
     return SensorFrames(
         time=frame_times(len(position), rate),
         names=sensors,
@@ -198,7 +178,7 @@ def canonical_frames(
         skeleton=Skeleton(names, skeleton),
         source=source,
         rate_hz=rate,
-        notes=(*notes, *((unit.note,) if unit.note else ()), *axis_notes, *found_notes),
+        notes=(*notes, *((unit_note,) if unit_note else ()), *axis_notes, *found_notes),
     )
 
 
