@@ -26,8 +26,15 @@ def pose(time: float) -> tuple[FloatArray, FloatArray]:
     return PLACE + time * SPEED, rotations.multiply(rotations.from_rotation_vector(time * SPIN), START)
 
 
-def buffered(count: int = COUNT) -> Playout:
-    return Playout(count, delay=PlayoutDelay())
+class Lateness(PlayoutDelay):
+    """The delay without the time between frames."""
+
+    def note(self, arrival: float, *, lateness: float, gap: float) -> None:
+        super().note(arrival, lateness=lateness, gap=inf)
+
+
+def buffered(count: int = COUNT, delay: type[PlayoutDelay] = PlayoutDelay) -> Playout:
+    return Playout(count, delay=delay())
 
 
 def push(playout: Playout, time: float, *, late: float = 0.001, rows: FloatArray | None = None) -> None:
@@ -69,7 +76,7 @@ def test_straight_motion_is_played_exactly_whatever_the_jitter() -> None:
 
 
 def test_it_goes_on_for_50_ms_and_then_holds() -> None:
-    playout = buffered(periods=0.0)
+    playout = buffered(delay=Lateness)
     for i in range(20):
         push(playout, 1.0 + 0.01 * i, late=0.0)
     newest = 1.19
@@ -90,12 +97,12 @@ def test_it_goes_on_for_50_ms_and_then_holds() -> None:
 
 def test_a_velocity_of_long_ago_or_of_a_moment_is_not_carried_on() -> None:
     still, orientation = np.zeros((COUNT, 3)), pose(0.0)[1]
-    playout = buffered(periods=0.0)
+    playout = buffered(delay=Lateness)
     for time, height in ((1.0, 0.0), (3.0, 1.0)):
         playout.push(ROWS, time, still + height, orientation, ALL, arrival=time)
     played = playout.read(3.03)
     assert set(played.how) == {How.LATEST} and (played.position == 1.0).all()
-    shaky = buffered(periods=0.0)
+    shaky = buffered(delay=Lateness)
     for time, height in ((1.0, 0.0), (1.01, 0.0), (1.02, 0.0), (1.03, 0.0), (1.030001, 0.001)):
         shaky.push(ROWS, time, still + height, orientation, ALL, arrival=time)
     assert shaky.read(1.07).position.max() < 0.0031
@@ -146,7 +153,7 @@ def test_sensors_sent_at_their_own_times_are_read_at_one() -> None:
 
 
 def test_overtaken_frames_are_sorted_in_and_repeated_ones_ignored() -> None:
-    one, other = buffered(periods=0.0), buffered(periods=0.0)
+    one, other = buffered(delay=Lateness), buffered(delay=Lateness)
     times = 1.0 + 0.01 * np.arange(30)
     for time in times:
         push(one, float(time), late=0.02)
