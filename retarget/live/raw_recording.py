@@ -148,7 +148,7 @@ class RawTap:
         """Start the thread. The tap owns the writer from here on. notify: receives what is missing, when it closes."""
         self._writer, self._notify = writer, notify
         self._hung = ""
-        self._reported_failure = self._reported_lost = False
+        self._reported = ""
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, name="record-raw", daemon=True)
         self._thread.start()
@@ -171,13 +171,13 @@ class RawTap:
 
     def news(self) -> str:
         """What is wrong with the recording, in a sentence, once for each problem; "" otherwise."""
-        if self.failure and not self._reported_failure:
-            self._reported_failure = self._reported_lost = True
-            return f"the recording has ended, the run goes on: {self.failure}"
-        if self.lost and not self._reported_lost:
-            self._reported_lost = True
-            return "the disk is too slow: datagrams are missing in the recording"
-        return ""
+        news = "the disk is too slow: datagrams are missing in the recording" if self.lost else ""
+        if self.failure:
+            news = f"the recording has ended, the run goes on: {self.failure}"
+        if news == self._reported:
+            return ""
+        self._reported = news
+        return news
 
     def take(self, datagram: Datagram) -> None:
         """Keep one datagram; after `close`, or after a failure, it is only counted."""

@@ -73,20 +73,16 @@ def open_socket(address: StreamAddress) -> socket.socket:
         if address.multicast is not None:
             # Every listener of a group gets its own copy; a unicast port that is shared could be taken over.
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        _bind(listener, address)
+        try:
+            listener.bind((address.bind, address.port))
+        except OSError as error:
+            raise not_bound(address, error) from error
         if address.multicast is not None:
             _join(listener, address, address.multicast)
     except BaseException:
         listener.close()
         raise
     return listener
-
-
-def _bind(listener: socket.socket, address: StreamAddress) -> None:
-    try:
-        listener.bind((address.bind, address.port))
-    except OSError as error:
-        raise not_bound(address, error) from error
 
 
 def _join(listener: socket.socket, address: StreamAddress, group: str) -> None:

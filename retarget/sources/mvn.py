@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from retarget.frames import Skeleton
 from retarget.rotations import from_euler
 from retarget.sources.skeletons import TABLES, names_of_sides
-from retarget.sources.stream_frame import CONVENTIONS, MAX_DATAGRAM, MAX_POSES, Dropped, StreamFrame, unusable
+from retarget.sources.stream_frame import CONVENTIONS, MAX_DATAGRAM, MAX_POSES, Dropped, StreamFrame, make_unit
 from retarget.types import BoolArray, FloatArray
 
 # Bytes of the Xsens MVN network streamer: the header of every datagram, and the names and scale that come with poses.
@@ -306,11 +306,9 @@ class MvnDecoder:
             values = words[:, 1:].view(">f4")[layout.columns].astype(float)
         position = values[:, :3]
         orientation = values[:, 3:] if header.kind == QUATERNION else _from_degrees(values[:, 3:])
-        bad = unusable(position, orientation)
+        bad = make_unit(position, orientation)
         if bad.any():
             self.dropped.note("pose that is no number or no rotation")
-            position[bad], orientation[bad] = np.nan, np.nan
-        orientation /= np.sqrt(np.einsum("ij,ij->i", orientation, orientation))[:, None]
         axes = CONVENTIONS["xsens" if header.kind == QUATERNION else "xsens_y_up"]
         position = axes.positions(position)
         if "Pelvis" in layout.names and not self._unit_is_clear(float(position[layout.names.index("Pelvis"), 2])):

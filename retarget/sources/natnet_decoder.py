@@ -33,7 +33,7 @@ from retarget.sources.stream_frame import (
     Convention,
     Dropped,
     StreamFrame,
-    unusable,
+    make_unit,
 )
 from retarget.types import BoolArray, FloatArray
 
@@ -332,7 +332,10 @@ class NatnetDecoder:
             poses = records["pose"].astype(np.float64)
             position = self._axes.positions(poses[:, :3].copy())
             orientation = self._axes.orientations(poses.take(_WXYZ, axis=1))
-        self._check(position, orientation, tracked)
+        bad = make_unit(position, orientation)
+        # An untracked body may have no pose yet (all zeros): that is no damage.
+        self._count(NO_POSE, int(np.count_nonzero(bad & tracked)))
+        tracked &= ~bad
         if self._local and (plan.bones or plan.lost):
             compose_bones(plan, position, orientation, tracked)
             self._count(NO_PARENT, len(plan.lost))
@@ -344,20 +347,6 @@ class NatnetDecoder:
         if self._plan is None or self._plan[0] != key:
             self._plan = (key, plan_poses(self._definitions, frame.groups, ids.tolist()))
         return self._plan[1]
-
-    def _check(self, position: FloatArray, orientation: FloatArray, tracked: BoolArray) -> None:
-        """Normalise the quaternions in place; a pose that is unusable becomes NaN and is not tracked."""
-        bad = unusable(position, orientation)
-        norm = np.sqrt(np.einsum("ij,ij->i", orientation, orientation))
-        if not bad.any():
-            orientation /= norm[:, None]
-            return
-        # An untracked body may have no pose yet (all zeros): that is no damage.
-        self._count(NO_POSE, int(np.count_nonzero(bad & tracked)))
-        position[bad] = np.nan
-        orientation[bad] = np.nan
-        tracked &= ~bad
-        orientation[~bad] /= norm[~bad, None]
 
     def _stamp(self, frame: FrameOfData) -> float | None:
         if self._clock_hz and frame.mid_exposure:

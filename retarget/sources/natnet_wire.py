@@ -89,12 +89,9 @@ def connect_message(version: Version | None = None) -> bytes:
     version: of the bitstream that we want, which servers from 4.0 on heed where they send unicast. It stands behind the
     256 bytes of name and the two versions: one byte of a subscription flag, four of the version, one of padding.
     """
-    return message(MessageId.CONNECT, _sender(version))
-
-
-def _sender(version: Version | None) -> bytes:
     sender = CLIENT_NAME.ljust(256, b"\0") + 2 * CLIENT_VERSION
-    return sender if version is None else sender + bytes((0, version.major, version.minor, 0, 0, 0))
+    wanted = b"" if version is None else bytes((0, version.major, version.minor, 0, 0, 0))
+    return message(MessageId.CONNECT, sender + wanted)
 
 
 def definitions_request() -> bytes:

@@ -166,3 +166,12 @@ def unusable(position: FloatArray, orientation: FloatArray) -> BoolArray:
     # Comparisons with NaN are False, so the question is what is good.
     good = np.all(np.abs(position) <= MAX_COORDINATE, axis=1) & (square >= _LOW) & (square <= _HIGH)
     return np.asarray(~good)
+
+
+def make_unit(position: FloatArray, orientation: FloatArray) -> BoolArray:
+    """Make the quaternions (k, 4) unit, in place, and every pose NaN that is unusable. Returns which are, (k,)."""
+    bad = unusable(position, orientation)
+    if bad.any():
+        position[bad], orientation[bad] = np.nan, np.nan
+    orientation /= np.sqrt(np.einsum("ij,ij->i", orientation, orientation))[:, None]
+    return bad
