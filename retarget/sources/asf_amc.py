@@ -322,7 +322,7 @@ def _frame_values(lines: list[str], start: int, asf: AsfSkeleton, path: Path) ->
     for at, words in _filled(lines, start):
         if len(words) > 1 or (words and not words[0].isdecimal()):
             if words[0] in row or len(dof.get(words[0], words)) != len(words) - 1:
-                raise cut_short(_wrong_bone(words, row, dof, asf, f"{path}:{at}"), lines[at:])
+                raise cut_short(_wrong_bone(words, asf, f"{path}:{at}"), lines[at:])
             row[words[0]] = at, words[1:]
             continue
         if number >= 0:
@@ -350,21 +350,15 @@ def _filled(lines: list[str], start: int) -> Iterator[tuple[int, list[str]]]:
     yield len(lines), []
 
 
-def _wrong_bone(
-    words: list[str],
-    row: dict[str, tuple[int, list[str]]],
-    dof: dict[str, tuple[str, ...]],
-    asf: AsfSkeleton,
-    where: str,
-) -> InputError:
+def _wrong_bone(words: list[str], asf: AsfSkeleton, where: str) -> InputError:
     """Why a line is none of this frame."""
-    name = words[0]
+    dof, name = dict(zip(asf.tree.names, asf.dof, strict=True)), words[0]
     if name not in dof:
         allowed, step = f"a bone of {asf.path.name}", suggest(name, dof)
         return InputError("unknown bone", where=where, found=repr(name[:40]), allowed=allowed, next_step=step)
-    if name in row:
-        return InputError("a bone twice in one frame", where=where, found=repr(name))
     channels = dof[name]
+    if len(channels) == len(words) - 1:
+        return InputError("a bone twice in one frame", where=where, found=repr(name))
     return InputError(
         f"wrong number of values for bone {name!r}",
         where=where,

@@ -30,19 +30,7 @@ SEGMENTS: tuple[str, ...] = tuple(TABLES["mvn_segments"])
 EULER, QUATERNION, UNITY, NAMES, SCALE = 1, 2, 5, 12, 13
 STRIDES = {EULER: 28, QUATERNION: 32, UNITY: 32}
 """Bytes of one item, by type of datagram, where all items are alike."""
-TYPES = {
-    EULER: "Euler angles",
-    QUATERNION: "quaternions",
-    UNITY: "Unity poses",
-    NAMES: "names",
-    SCALE: "scale",
-    20: "joint angles",
-    21: "linear kinematics",
-    22: "angular kinematics",
-    23: "motion trackers",
-    24: "centre of mass",
-    25: "time code",
-}
+TYPES = {int(kind): content for kind, content in TABLES["mvn_types"].items()}
 """Content by type of datagram."""
 
 MAX_NAME = 64

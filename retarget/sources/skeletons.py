@@ -6,6 +6,7 @@ The names are in `skeletons.yaml`.
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from os.path import commonprefix
 from pathlib import Path
 from typing import Any
 
@@ -51,17 +52,10 @@ STYLES: Mapping[str, dict[str, tuple[str, ...]]] = {
 def plain_names(names: tuple[str, ...]) -> list[str]:
     """Joint names as they are compared with the tables."""
     plain = [re.sub(r"[\s._\-]", "", name.rsplit(":", 1)[-1]).lower() for name in names]
-    shared = _shared_start([name for name in plain if name])
+    shared = commonprefix([name for name in plain if name])  # noqa: RUF071 - characters are meant, no paths
     if len(shared) < 3 or len(plain) < 2:
         return plain
     return [name.removeprefix(shared) for name in plain]
-
-
-def _shared_start(names: list[str]) -> str:
-    """The longest start that all names share."""
-    first, last = min(names, default=""), max(names, default="")
-    length = next((i for i, (a, b) in enumerate(zip(first, last, strict=False)) if a != b), len(first))
-    return first[:length]
 
 
 def joints_by_name(names: tuple[str, ...]) -> dict[str, int] | None:

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from retarget.sources.skeletons import TABLES
 from retarget.types import BoolArray, FloatArray
 
 MAX_DATAGRAM = 65_536
@@ -128,23 +129,8 @@ _DIRECTIONS = {
 }
 """Unit vectors of REP-103."""
 
-CONVENTIONS = MappingProxyType(
-    {
-        row.name: row
-        for row in (
-            Convention("rep103", "forward", "left", "up"),
-            Convention("unity", "right", "up", "forward"),  # VMC, VRChat OSC and Rokoko too
-            Convention("openxr", "right", "up", "back"),  # OpenVR and WebXR too
-            Convention("motive_y_up", "left", "up", "forward"),
-            Convention("motive_z_up", "forward", "left", "up"),
-            Convention("xsens", "forward", "left", "up"),  # poses with quaternions (MXTP02)
-            Convention("xsens_y_up", "left", "up", "forward"),  # poses with Euler angles (MXTP01)
-            Convention("vicon_mm", "forward", "left", "up", metres=1e-3),
-            Convention("qtm_mm", "forward", "left", "up", metres=1e-3),
-        )
-    }
-)
-"""By name. Facts: left-handed Unity was measured on SlimeVR's bytes; a y-up lab is turned as y-up motion files are."""
+CONVENTIONS = MappingProxyType({name: Convention(name, *row) for name, row in TABLES["axes"].items()})
+"""By name."""
 
 
 # Checks of a pose from outside, before anything is computed from it.

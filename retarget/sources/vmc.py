@@ -7,7 +7,7 @@ with the T-pose as identity. `VmcBodyDecoder` gives the bones as world poses, by
 """
 
 from collections import Counter
-from collections.abc import Mapping, Set
+from collections.abc import Callable, Mapping, Set
 from dataclasses import dataclass
 from math import isfinite, isnan, nan, pi
 from struct import Struct
@@ -58,6 +58,12 @@ def device_name(serial: str) -> str | None:
     if not 0 < len(serial) <= MAX_SERIAL or not serial.isprintable() or serial.lower().startswith(_RESERVED):
         return None
     return serial
+
+
+def raw_device_name(serial: str) -> str | None:
+    """`local://SERIAL`; None as for `device_name`."""
+    name = device_name(serial)
+    return name and f"local://{name}"
 
 
 # Forward kinematics over the bones of Unity's humanoid: from parent-relative poses to world poses.
@@ -141,13 +147,14 @@ TOO_MANY_POSES = "more than 256 poses in one datagram"
 BAD_STAMP = "time that is not finite"
 BAD_POSE = "pose that is not finite, far away, or without a unit quaternion"
 
-_ROOT, _BONE, _DEVICE, _RAW = range(4)
-_POSES: Mapping[str, int] = {
-    "/VMC/Ext/Root/Pos": _ROOT,
-    "/VMC/Ext/Bone/Pos": _BONE,
-    **{f"/VMC/Ext/{device}/Pos": _DEVICE for device in ("Hmd", "Con", "Tra")},
-    **{f"/VMC/Ext/{device}/Pos/Local": _RAW for device in ("Hmd", "Con", "Tra")},
+_BONE = "/VMC/Ext/Bone/Pos"
+_POSES: Mapping[str, Callable[[str], str | None]] = {
+    "/VMC/Ext/Root/Pos": lambda _: _ROOT_NAME,
+    _BONE: bone_name,
+    **{f"/VMC/Ext/{device}/Pos": device_name for device in ("Hmd", "Con", "Tra")},
+    **{f"/VMC/Ext/{device}/Pos/Local": raw_device_name for device in ("Hmd", "Con", "Tra")},
 }
+"""Address of a message with a pose -> the name of the pose, by the text that it is sent with."""
 _UNUSED = ("/VMC/Ext/", "/VMC/Thru/")
 """Addresses of the protocol without a pose (expressions, camera, light, keys): not used, and not counted as dropped."""
 _FLOAT = Struct(">f")
@@ -270,18 +277,15 @@ def _plan(packet: OscPacket) -> _Plan:
 
 def _place(message: OscMessage, places: dict[str, int]) -> str:
     """Keep the first word of a pose by its name (the last pose of a name counts); return why it is not used, or ""."""
-    kind = _POSES.get(message.address)
-    if kind is None:
+    named = _POSES.get(message.address)
+    if named is None:
         known = message.address.startswith(_UNUSED) and message.address not in ("/VMC/Ext/T", "/VMC/Ext/OK")
         return "" if known else WRONG_ARGUMENTS if message.address.startswith("/VMC/Ext/") else UNKNOWN_ADDRESS
     if not message.tags.startswith("sfffffff"):
         return WRONG_ARGUMENTS
-    sent = message.text
-    name = _ROOT_NAME if kind == _ROOT else bone_name(sent) if kind == _BONE else device_name(sent)
+    name = named(message.text)
     if name is None:
-        return UNKNOWN_BONE if kind == _BONE else BAD_SERIAL
-    if kind == _RAW:
-        name = f"local://{name}"
+        return UNKNOWN_BONE if message.address == _BONE else BAD_SERIAL
     again = name in places
     if not again and len(places) >= MAX_POSES:
         return TOO_MANY_POSES
