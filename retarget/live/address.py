@@ -285,7 +285,7 @@ def _natnet(text: str, host: str, port: int, options: dict[str, Any]) -> StreamA
     if server.is_multicast or server.is_unspecified:
         step = f"Write natnet://HOST?multicast={server}" if server.is_multicast else ""
         raise bad_address(text, "this is not the address of one computer", found=host, next_step=step)
-    addresses = {name: str(options.pop(name)) for name in ("multicast", "interface") if name in options}
+    addresses: dict[str, Any] = {name: str(options.pop(name)) for name in ("multicast", "interface") if name in options}
     interface = addresses.setdefault("interface", LOOPBACK if server.is_loopback else EVERYWHERE)
     group = addresses.get("multicast")
     # In unicast, Motive answers to the port that asked.

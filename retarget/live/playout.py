@@ -133,10 +133,6 @@ class Playout:
         self._at = max(self._at, now - self._delay.at(now))
         return Played(*self._ring.read(self._at, now))
 
-    def clear(self) -> None:
-        """Forget every pose; time does not go back."""
-        self._ring.clear()
-
 
 # Smoothing: the One-Euro filter (Casiez, Roussel and Vogel, CHI 2012) or the mean over a window.
 #

@@ -284,6 +284,4 @@ def skeleton_of(decoder: StreamDecoder, names: Sequence[str] = ()) -> Skeleton |
     if isinstance(decoder, NatnetDecoder):
         owners = {name.removeprefix(_BONE).partition("/")[0] for name in names if name.startswith(_BONE)}
         return decoder.rest(owners.pop()) if len(owners) == 1 else None
-    if isinstance(decoder, MvnDecoder) and decoder.rest is not None:
-        return decoder.rest.skeleton()
-    return None
+    return decoder.rest if isinstance(decoder, MvnDecoder) else None

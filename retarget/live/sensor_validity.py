@@ -245,15 +245,11 @@ class Engagement:
         """Share of its speed that the robot may use beyond that of its slow approach: 0 until the blend back is over,
         then up to 1 in `LIMITS.blend` s."""
         self.state = Engaged.HOLDING
-        self._held = self._shown = first
+        self._held = self.shown = first
+        """`shown`: the sample that was followed last."""
         self._good = Debounce()
         self._began = -np.inf  # [s] of the blend back
         self._duration = 0.0
-
-    @property
-    def shown(self) -> SensorSample:
-        """The sample that was followed last."""
-        return self._shown
 
     @property
     def tries(self) -> int:
@@ -263,7 +259,7 @@ class Engagement:
     def hold(self) -> None:
         """Hold from now on, until data are good for long enough."""
         if self.state is Engaged.FOLLOWING:
-            self._held = self._shown
+            self._held = self.shown
         self.state, self.settled = Engaged.HOLDING, 0.0
         self._good.restart()
 
@@ -278,8 +274,8 @@ class Engagement:
             self.state, self._began, self._duration = Engaged.FOLLOWING, now, self._blend_time(sample)
         share = (now - self._began) / self._duration
         self.settled = min(max((now - self._began - self._duration) / LIMITS.blend, 0.0), 1.0)
-        self._shown = sample if share >= 1.0 else _blend(self._held, sample, share * share * (3.0 - 2.0 * share))
-        return self._shown
+        self.shown = sample if share >= 1.0 else _blend(self._held, sample, share * share * (3.0 - 2.0 * share))
+        return self.shown
 
     def _blend_time(self, sample: SensorSample) -> float:
         """Duration of the blend from the held sample to the present one, s."""

@@ -202,22 +202,10 @@ MVN_JOINTS: Mapping[str, str] = MappingProxyType(names_of_sides(TABLES["mvn"]))
 
 TALL = 10.0
 """A pelvis higher than this, or a T-pose taller, is in centimetres."""
+LARGEST = 1000.0
+"""An origin of a T-pose beyond this is none, even in centimetres."""
 TALL_SAMPLES = 5
 """Tall samples in a row that change the unit: one damaged sample must not shrink the performer for good."""
-
-
-@dataclass(frozen=True, eq=False)
-class MvnRest:
-    """The T-pose that MVN measured: names (k) of segments and their origins, position (k, 3) m, facing x, z up."""
-
-    names: tuple[str, ...]
-    position: FloatArray
-
-    def skeleton(self) -> Skeleton:
-        """The canonical joints whose segments were sent, for limb lengths. The pelvis must be among them."""
-        place = dict(zip(self.names, self.position, strict=True))
-        joints = {joint: place[segment] for joint, segment in MVN_JOINTS.items() if segment in place}
-        return Skeleton(tuple(joints), np.stack(list(joints.values())) - place["Pelvis"])
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,13 +221,14 @@ class _Layout:
 class MvnDecoder:
     """Implements StreamDecoder. character: its id in MVN; None takes the first that arrives and keeps it.
 
-    rest: the T-pose, None before the first type 13 datagram.
+    rest: the canonical joints of the T-pose that MVN measured, facing x, for limb lengths; None before the first
+    datagram of type 13.
     """
 
     def __init__(self, *, character: int | None = None) -> None:
         self.dropped = Dropped()
         self.character = character
-        self.rest: MvnRest | None = None
+        self.rest: Skeleton | None = None
         self._parts = {EULER: SampleParts(self.dropped), QUATERNION: SampleParts(self.dropped)}
         self._layout = _layout(b"")
         self._quaternions = False
@@ -327,16 +316,18 @@ class MvnDecoder:
         if scale is None:
             self.dropped.note("type 13 (scale) damaged")
             return
-        names, origins = scale
-        known = [index for index, name in enumerate(names) if name in SEGMENTS]
-        if not known:  # points on the skin alone
+        sent = [(name, origin) for name, origin in zip(*scale, strict=True) if name in SEGMENTS]
+        if not sent:  # points on the skin alone
             return
-        names, origins = tuple(names[index] for index in known), origins[known]
-        if len(set(names)) < len(names) or "Pelvis" not in names or not _sane(origins):
+        places = dict(sent)
+        origins = np.array([origin for _, origin in sent])
+        # Finite, and no larger than a person in centimetres.
+        if len(places) < len(sent) or "Pelvis" not in places or not np.all(np.abs(origins) < LARGEST):
             self.dropped.note("type 13 (scale) with an impossible T-pose")
             return
-        tall = float(np.ptp(origins[:, 2])) > TALL
-        self.rest = MvnRest(names, origins * (0.01 if tall else 1.0))
+        metres = 0.01 if float(np.ptp(origins[:, 2])) > TALL else 1.0
+        joints = {joint: places[segment] for joint, segment in MVN_JOINTS.items() if segment in places}
+        self.rest = Skeleton(tuple(joints), (np.stack(list(joints.values())) - places["Pelvis"]) * metres)
 
 
 def _layout(ids: bytes) -> _Layout:
@@ -359,8 +350,3 @@ def _from_degrees(angles: FloatArray) -> FloatArray:
     usable: BoolArray = np.abs(angles) < 1e4  # False for NaN, and it keeps the sine from warning of an infinity
     angles = np.where(usable, angles, np.nan)
     return from_euler(np.deg2rad(angles[:, ::-1]), "zyx")
-
-
-def _sane(origins: FloatArray) -> bool:
-    """Whether origins are finite and no larger than a person in centimetres."""
-    return bool(np.all(np.abs(origins) < 1000.0))

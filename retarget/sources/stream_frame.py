@@ -99,7 +99,7 @@ class Convention:
     @cached_property
     def _turned(self) -> FloatArray:
         """(3, 3), the same for axes of turns, which a reflection (determinant -1) turns round."""
-        return self._matrix * np.round(np.linalg.det(self._matrix))
+        return np.asarray(self._matrix * np.round(np.linalg.det(self._matrix)))
 
     @cached_property
     def _same(self) -> bool:

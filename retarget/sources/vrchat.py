@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from retarget.rotations import from_euler
 from retarget.sources.osc import OscLayouts, OscMessage, OscPacket
 from retarget.sources.stream_frame import CONVENTIONS, MAX_COORDINATE, Dropped, StreamFrame
-from retarget.types import FloatArray
+from retarget.types import BoolArray, FloatArray
 
 UNKNOWN_ADDRESS = "OSC address that is not used"
 NOT_A_TRACKER = "tracker that is none of 1 to 8 and head"
@@ -71,7 +71,7 @@ class VrchatDecoder:
         placed, turned = plan.rows[: plan.positions], plan.rows[plan.positions :]
         with np.errstate(invalid="ignore"):  # signalling NaNs from the wire
             triples = np.frombuffer(datagram, ">f4").take(plan.words).astype(np.float64)
-        bad = ~(np.abs(triples) <= plan.limits).all(axis=1)
+        bad: BoolArray = ~(np.abs(triples) <= plan.limits).all(axis=1)
         if bad.any():
             reasons = np.where(np.arange(len(bad)) < plan.positions, BAD_POSITION, BAD_ROTATION)
             self.dropped.reasons.update(reasons[bad].tolist())

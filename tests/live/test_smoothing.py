@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 
 from messages import refuses
 from retarget import rotations
+from retarget._solver import PoseFilter
 from retarget.errors import UsageError
 from retarget.live.playout import (
     SMOOTHINGS,
     Cutoffs,
-    PoseFilter,
     WindowFilter,
     pose_filter,
 )

@@ -156,10 +156,13 @@ def test_the_t_pose_in_metres_and_in_centimetres() -> None:
         decoder = MvnDecoder()
         sent = [(name, tuple(factor * x for x in place)) for name, place in [*origins, ("Prop1", (0.0, 0.0, 0.0))]]
         assert decoder.decode(scale(sent, points=2)) == []
-        assert decoder.rest is not None and decoder.rest.names == SEGMENTS
-        np.testing.assert_allclose(decoder.rest.position, PLACES, rtol=1e-5)
+        assert decoder.rest is not None and decoder.rest.names == tuple(MVN_JOINTS)
+        places = dict(zip(SEGMENTS, PLACES, strict=True))
+        wanted = [places[segment] - places["Pelvis"] for segment in MVN_JOINTS.values()]
+        np.testing.assert_allclose(decoder.rest.position, wanted, rtol=1e-5, atol=1e-6)
+        before = decoder.rest
         decoder.decode(scale([], points=2))  # points alone: the T-pose stays
-        assert decoder.rest.names == SEGMENTS and decoder.dropped.count == 0
+        assert decoder.rest is before and decoder.dropped.count == 0
 
 
 def test_impossible_t_poses() -> None:
@@ -339,7 +342,7 @@ def test_limb_lengths_of_the_t_pose() -> None:
     decoder = MvnDecoder()
     decoder.decode(scale(list(places.items())))
     assert decoder.rest is not None
-    skeleton = decoder.rest.skeleton()
+    skeleton = decoder.rest
     assert set(skeleton.names) == set(MVN_JOINTS)
     assert abs(skeleton.distance("r_shoulder", "r_elbow") - 0.3) < 1e-6
     assert not skeleton.of("pelvis").any()
