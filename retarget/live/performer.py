@@ -161,7 +161,7 @@ class LivePerformer:
     ) -> None:
         names = stream.roles.sensors
         self.stream, self.alignment, self.mirror = stream, alignment, mirror
-        self._ticks, self._clock, self._notify = ticks, clock, notify
+        self.ticks, self._clock, self._notify = ticks, clock, notify
         self._record = SampleRecord(names, kept=min(kept, ticks), rate_hz=rate_hz)
         self._timing = TickTiming(self.dt if has_deadlines else inf)
         self._problems, self._news = StreamProblems(stream), StreamNews(stream, notify)
@@ -173,11 +173,6 @@ class LivePerformer:
         self._reacquisition = ReacquisitionBlend(len(names))
         self._reacquisition.start(self._states)  # the body has not moved yet
         stream.validity.forget_recovered()
-
-    @property
-    def ticks(self) -> int:
-        """Greatest number of ticks."""
-        return self._ticks
 
     @property
     def kept(self) -> int:

@@ -5,10 +5,10 @@ from functools import cached_property
 
 import numpy as np
 
-from retarget._solver import PoseParts
+from retarget._solver import PoseFilter, PoseParts
 from retarget.live.admission import MOST_PER_POLL, TOO_MANY, Admission, Datagram, Receiver
 from retarget.live.clock_map import ClockMap
-from retarget.live.playout import Playout, PoseFilter, WindowFilter
+from retarget.live.playout import Playout, WindowFilter
 from retarget.live.raw_recording import RawTap
 from retarget.live.roles import Roles, SensorPoses
 from retarget.live.sensor_validity import SensorValidity, StateArray, ValidityState

@@ -173,38 +173,30 @@ def rest_skeleton(group: GroupDefinition, axes: Convention) -> Skeleton | None:
     In that pose no bone is turned, so each offset, given in its parent's frame, adds to the parent's position. The
     stream does not say which way the T-pose faces, so the direction from the right hip to the left one is taken as y.
     """
-    bones = {bone.number & 0xFFFF: bone for bone in group.bones}
-    prefix = f"{group.name}_"
-    joints = joints_by_name(tuple(bone.name.removeprefix(prefix) for bone in bones.values()))
-    places = [_place(bone, bones) for bone in bones.values()]
+    waiting = {bone.number & 0xFFFF: bone for bone in group.bones}
+    numbers, prefix = list(waiting), f"{group.name}_"
+    joints = joints_by_name(tuple(bone.name.removeprefix(prefix) for bone in waiting.values()))
+    places: dict[int, FloatArray] = {}  # from the skeleton's root, m, in the server's axes; none of a cycle of parents
+    while ready := [
+        number
+        for number, bone in waiting.items()
+        if (parent := bone.parent & 0xFFFF) not in waiting or parent == number
+    ]:
+        for number in ready:
+            bone = waiting.pop(number)
+            places[number] = places.get(bone.parent & 0xFFFF, np.zeros(3)) + bone.offset
     if joints is None:
         return None
-    found = {joint: places[at] for joint, at in joints.items()}
-    known = {joint: place for joint, place in found.items() if place is not None}
+    known = {joint: places[numbers[at]] for joint, at in joints.items() if numbers[at] in places}
     if not {"pelvis", "l_hip", "r_hip"} <= set(known):
         return None
     position = axes.positions(np.array(list(known.values())))
     names = tuple(known)
     position -= position[names.index("pelvis")]
     left = position[names.index("l_hip")] - position[names.index("r_hip")]
-    return Skeleton(names, position @ _turned_to_y(left))
-
-
-def _place(bone: BodyDefinition, bones: dict[int, BodyDefinition]) -> FloatArray | None:
-    """Position (3,) from the skeleton's root, m, in the server's axes; None where its parents are a cycle."""
-    place, steps = np.array(bone.offset), 0
-    while (parent := bones.get(bone.parent & 0xFFFF)) is not None and parent is not bone:
-        bone, steps = parent, steps + 1
-        place = place + bone.offset
-        if steps > len(bones):
-            return None
-    return place
-
-
-def _turned_to_y(left: FloatArray) -> FloatArray:
-    """The matrix (3, 3), for rows, that turns a direction about the vertical until it lies in y and z."""
     x, y = left[:2] / max(float(np.hypot(*left[:2])), 1e-9)
-    return np.array([[y, x, 0.0], [-x, y, 0.0], [0.0, 0.0, 1.0]])
+    # About the vertical, until the hips lie in y and z.
+    return Skeleton(names, position @ np.array([[y, x, 0.0], [-x, y, 0.0], [0.0, 0.0, 1.0]]))
 
 
 TOO_LONG = "datagram longer than 64 KiB"
