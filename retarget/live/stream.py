@@ -1,7 +1,6 @@
 """A live stream in a run: datagrams in as they arrive, the performer's sensors out, in the stream's world."""
 
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -18,20 +17,20 @@ from retarget.types import BoolArray, FloatArray
 _GONE = np.array([state not in (ValidityState.FRESH, ValidityState.FROZEN) for state in ValidityState])
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(slots=True, eq=False)
 class StreamReading:
     """k sensors at one time, in the stream's world. position (k, 3) m and orientation (k, 4) wxyz, NaN where never
-    sent; states (k,): a `ValidityState` each."""
+    sent; states (k,): a `ValidityState` each. fresh (k,): state FRESH, with a known position."""
 
     position: FloatArray
     orientation: FloatArray
     states: StateArray
+    fresh: BoolArray = field(init=False)
 
-    @cached_property
-    def fresh(self) -> BoolArray:
-        """Which sensors are FRESH and have a position, (k,)."""
-        known: BoolArray = np.isfinite(self.position[:, 0])
-        return known & (self.states == ValidityState.FRESH) if np.count_nonzero(self.states) else known
+    def __post_init__(self) -> None:
+        self.fresh = np.isfinite(self.position[:, 0])
+        if np.count_nonzero(self.states):
+            self.fresh &= self.states == ValidityState.FRESH
 
 
 MOST_DECODED = 64

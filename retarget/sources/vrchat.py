@@ -71,7 +71,7 @@ class VrchatDecoder:
         placed, turned = plan.rows[: plan.positions], plan.rows[plan.positions :]
         with np.errstate(invalid="ignore"):  # signalling NaNs from the wire
             triples = np.frombuffer(datagram, ">f4").take(plan.words).astype(np.float64)
-        bad: BoolArray = ~(np.abs(triples) <= plan.limits).all(axis=1)
+        bad: BoolArray = np.asarray(~(np.abs(triples) <= plan.limits).all(axis=1))
         if bad.any():
             reasons = np.where(np.arange(len(bad)) < plan.positions, BAD_POSITION, BAD_ROTATION)
             self.dropped.reasons.update(reasons[bad].tolist())
