@@ -239,11 +239,8 @@ def joints_by_shape(tree: JointTree) -> dict[str, int] | None:
     axes = np.eye(3)
     if np.cross(axes[up] * np.sign(leaves[head][up]), axes[forward] * np.sign(toes))[side] < 0.0:
         first, second = second, first
-    joints = {
-        f"{short}_{part}": joint
-        for short, limb in zip("lr", (first, second), strict=True)
-        for part, joint in limb.items()
-    }
+    joints = {f"l_{part}": joint for part, joint in first.items()}
+    joints |= {f"r_{part}": joint for part, joint in second.items()}
     trunk = shared_path(tree, [joints["l_hip"], joints["r_hip"], head])
     has_end = any(end.any() for end in tree.ends[head])
     top = head if has_end else tree.parents[head]
