@@ -49,10 +49,6 @@ class OscMessage:
     at: tuple[int, ...]
     text: str = ""
 
-    def numbers(self) -> list[tuple[int, int]]:
-        """Where its numbers lie in the datagram: first byte and the one after the last, of each."""
-        return [(at, at + _NUMBERS[tag]) for tag, at in zip(self.tags, self.at, strict=True) if tag in _NUMBERS]
-
 
 @dataclass(slots=True)
 class OscPacket:
@@ -70,8 +66,10 @@ class OscPacket:
     arguments: int = field(default=0, compare=False)
 
     def variable(self) -> list[tuple[int, int]]:
-        """Bytes of the datagram that may differ within one layout: numbers and time tags."""
-        numbers = [span for message in self.messages for span in message.numbers()]
+        """Bytes of the datagram that may differ within one layout, numbers and time tags: the first byte of each, and
+        the one after its last."""
+        sent = [place for message in self.messages for place in zip(message.tags, message.at, strict=True)]
+        numbers = [(at, at + _NUMBERS[tag]) for tag, at in sent if tag in _NUMBERS]
         return numbers + [(at, at + 8) for at in self.time_tags]
 
 
