@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from retarget.rotations import from_euler
+from retarget.rotations import Quat, Vector, axis_turn, product
 from retarget.sources.osc import OscLayouts, OscMessage, OscPacket
 from retarget.sources.stream_frame import CONVENTIONS, MAX_COORDINATE, Dropped, StreamFrame
 from retarget.types import BoolArray, FloatArray
@@ -27,6 +27,9 @@ MAX_DEGREES = 36_000.0
 """Beyond it, an angle of single precision does not resolve a hundredth of a degree."""
 
 _UNITY = CONVENTIONS["unity"]
+_X: Vector = (1.0, 0.0, 0.0)
+_Y: Vector = (0.0, 1.0, 0.0)
+_Z: Vector = (0.0, 0.0, 1.0)
 _PREFIX = "/tracking/trackers/"
 _IDS = frozenset([*"12345678", "head"])
 
@@ -79,9 +82,16 @@ class VrchatDecoder:
             tracked[plan.rows[bad]] = False
         metres, degrees = triples[: plan.positions], triples[plan.positions :]
         position[placed] = _UNITY.positions(metres)
-        # Unity turns by z, then x, then y, about fixed axes: q = q_y q_x q_z (docs.unity3d.com, Quaternion.Euler).
-        orientation[turned] = _UNITY.orientations(from_euler(np.radians(degrees[:, [1, 0, 2]]), "yxz"))
+        turns = [_turn(x, y, z) for x, y, z in np.radians(degrees).tolist()]
+        orientation[turned] = _UNITY.orientations(np.array(turns).reshape(-1, 4))
         return [StreamFrame(self._names, position, orientation, tracked)]
+
+
+def _turn(x: float, y: float, z: float) -> Quat:
+    """Quaternion wxyz of Unity's angles, rad. Unity turns by z, then x, then y, about fixed axes: q = q_y q_x q_z
+    (docs.unity3d.com, Quaternion.Euler)."""
+    about_x, about_y, about_z = axis_turn(_X, x), axis_turn(_Y, y), axis_turn(_Z, z)
+    return product(product(about_y, about_x), about_z)
 
 
 def _plan(packet: OscPacket) -> _Plan:
