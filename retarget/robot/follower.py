@@ -5,7 +5,7 @@ Besides following: time scaling, settling at the start, and the return to stance
 
 from dataclasses import dataclass, replace
 from functools import partial
-from math import inf
+from math import inf, sqrt
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -20,7 +20,7 @@ from retarget.model.human_dimensions import HumanDimensions
 from retarget.model.observers import robot_observers
 from retarget.model.robot import TRUNK, RobotBody
 from retarget.model.scene_state import SceneState
-from retarget.robot.balance import StandingBalance, StandingStrength, carrying_frames, standing_strength
+from retarget.robot.balance import GRAVITY, StandingBalance, StandingStrength, carrying_frames, standing_strength
 from retarget.robot.crouch_envelope import measure_envelope
 from retarget.robot.following_limits import following_limits
 from retarget.robot.landmarks import (
@@ -110,17 +110,22 @@ class Settling:
 #
 # The rest trajectory is straight in joint space. From legs that lean or twist, it would tip two planted soles; from
 # arms in any posture it leads through the body. So the follower returns to a stand first: on locked soles, within its
-# balance, limbs kept apart; a foot that is lifted is put down on the way. The goals of pelvis and trunk are those of
-# the stance. All joints are led straight and slowly from where they are to legs and trunk of the stance and to the arms
-# of posture `attractor`. Hands have no goals: one that does not reach its goal would draw the body along, or reach it
-# with its elbow elsewhere. So the rest trajectory always begins in the same posture.
+# balance, limbs kept apart; a foot that is lifted is put down on the way. All joints are led straight from where they
+# are to legs and trunk of the stance and to the arms of posture `attractor`, and nothing else is asked. A goal of the
+# pelvis above the posture would be reached by swinging the arms as a counterweight, and drive them away from theirs.
+# So the rest trajectory always begins in the same posture.
 
-STANCE_RESTING_SPEED, RESTS_S = 0.1, 0.3
+RETURN_PENDULUM_TIMES = 7.5
+"""Duration of a return to stance where the servos can, in time constants sqrt(height of the centre of mass / g) of the
+standing robot: the faster, the nearer its zero-moment point to the edge. 1.2 s for OP3, 1.6 s for Poppy, which fell in
+one of ten stops with 1.5 s."""
+STANCE_RESTING_SPEED, RESTS_S = 0.1, 0.1
 """A robot none of whose coordinates is faster (rad/s, m/s) for so long (s) rests. One tick is not enough: where limbs
 meet, all joints stand still for one tick, and go on in the next."""
-LED_SPEED, LED_RISE, LED_JERK, LED_SETTLE = 2.0, 0.2, 0.05, 0.1
-"""rad/s of the joint that is led the longest way; s until it has this speed, and its acceleration; s by which the robot
-follows, of its own time."""
+LEAST_SHARE = 0.01
+"""Of the servos' speeds, for a robot that stands already."""
+LED_RISE, LED_JERK, LED_SETTLE = 0.2, 0.05, 0.1
+"""s until the joint that is led the longest way has its speed, and its acceleration; s by which the robot follows."""
 
 
 class ReturnToStance:
@@ -128,19 +133,21 @@ class ReturnToStance:
 
     def __init__(self, robot: RobotBody, stance: Stance, standing: AskedLandmarks) -> None:
         """standing: the landmarks of the stance."""
-        others = frozenset(row for row, name in enumerate(robot.profile.landmarks) if name != "pelvis")
-        self.asked = replace(standing, open=others)
-        """The landmarks asked, besides the joints."""
-        single, address = robot.body.scalar_joints()
-        self._joints = address[single]
+        self.asked = standing
+        """The landmarks of the stance, where the weight of a robot that steps is to be."""
+        self._joints, self._fastest = robot.servo_columns, robot.joint_map.max_velocity
         self._end = robot.posture(stance_angles(robot))[self._joints]
+        height = float(robot.body.solver_body().centre_of_mass(stance.q[None])[0, 2])
+        self.duration = RETURN_PENDULUM_TIMES * sqrt(height / GRAVITY)
+        """In which the joints are led there where the servos can, s."""
         self._posture = stance.q.copy()
         self._moves: TrajectoryGenerator
         self._rested = 0.0
 
     def begin(self, q: FloatArray, dt: float) -> None:
         """Begin in posture q (nq,), in ticks of `dt` s."""
-        speed = np.full(len(self._joints), LED_SPEED)
+        needed = float((np.abs(self._end - q[self._joints]) / self._fastest).max())  # [s] at full speed
+        speed = min(max(needed / (self.duration - LED_RISE - LED_JERK), LEAST_SHARE), 1.0) * self._fastest
         acceleration = speed / LED_RISE
         self._moves = TrajectoryGenerator(speed, acceleration, acceleration / LED_JERK, dt=dt)
         self._moves.reset(q[self._joints])
@@ -335,7 +342,10 @@ class Follower:
         if soles.strength is not None:
             keeps = soles.steps is None or soles.steps.plan.support is None
             soles.strength.aim(hierarchy, targets, self._q, self._mass(), dt, keeps=keeps)
-        self._governor.aim(targets, asked, self._reached, dt)
+        if to_stance:
+            self._governor.ask_nothing(targets)
+        else:
+            self._governor.aim(targets, asked, self._reached, dt)
         hierarchy.set_previous(targets, self._q, dt, settle=LED_SETTLE if to_stance else inf)
         fallback = soles.fallback
         first = hierarchy.solver.frame(targets, dt) if fallback is None else fallback.first(targets, self._q, dt)
@@ -355,7 +365,6 @@ class Follower:
     def begin_return_to_stance(self, q: FloatArray, dt: float) -> None:
         """Begin the return to stance in posture q (nq,), whether the robot has followed or not."""
         self.reseed(q, np.zeros(self._robot.body.nv))
-        self._governor.restart()  # the stance is no motion of the performer
         if self._soles.to_stance is not None:
             self._soles.to_stance.begin(q, dt)
 

@@ -209,7 +209,6 @@ class AskedLandmarks:
     landmarks: k points, m, in the order of the profile's landmarks. trunk: orientation wxyz of the trunk, the identity
     when the performer stands upright and faces the heading. gaze: unit direction of the performer's eyes. apart: their
     left ankle from the right one, scaled as a leg, m, for a robot that steps; carrying: which of their feet carry.
-    open: numbers of the landmarks that may be anywhere.
     """
 
     landmarks: list[Vector]
@@ -217,7 +216,6 @@ class AskedLandmarks:
     gaze: Vector
     apart: Vector = (0.0, 0.0, 0.0)
     carrying: Carrying = Carrying.BOTH
-    open: frozenset[int] = frozenset()
 
     def led(self, pelvis: int, aside: Vector, share: float) -> "AskedLandmarks":
         """The same for a body that is led aside, m: its pelvis by all of that, all others by a share."""

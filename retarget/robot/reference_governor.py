@@ -137,8 +137,7 @@ class ReferenceGovernor:
         for row, trajectory in zip(self._rows, self._points, strict=True):
             here, there, last = reached.landmarks[row], asked.landmarks[row], before.landmarks[row]
             x, y, z = trajectory.step(minus(there, last), minus(there, here), dt)
-            weight = 0.0 if row in asked.open else 1.0
-            goals.append((weight, here[0] + x, here[1] + y, here[2] + z))
+            goals.append((1.0, here[0] + x, here[1] + y, here[2] + z))
         targets[self._slots] = np.array(goals)[self._source]
 
         moved = rotation_vector(product(asked.trunk, inverse(before.trunk)))
@@ -149,6 +148,12 @@ class ReferenceGovernor:
         moved, error = rotation_vector(arc(before.gaze, asked.gaze)), rotation_vector(arc(reached.gaze, asked.gaze))
         x, y, z = rotated(turn(self._gaze.step(moved, error, dt)), reached.gaze)
         self._hierarchy.set_look_at(targets, HEAD, np.array((FAR * x, FAR * y, FAR * z)))
+
+    def ask_nothing(self, targets: FloatArray) -> None:
+        """Take all goals out of the target vector: the robot goes by its posture alone."""
+        targets[self._slots] = 0.0
+        self._hierarchy.set_orientation(targets, TRUNK, np.zeros(4), 0.0)
+        self._hierarchy.set_look_at(targets, HEAD, np.zeros(3), 0.0)
 
 
 def _landmark_limits(robot: RobotBody, landmark: Landmark) -> ChannelLimits:

@@ -312,10 +312,6 @@ class WholeBodyStop:
         return None if q is None else Target(q[self._columns], q)
 
 
-RETURN_OVERRIDE = 0.5
-"""Speed override of the return to stance: it need not be fast, and dynamic loads on the soles grow with its square."""
-
-
 class ReturnPart(Enum):
     """A part of the return to stance."""
 
@@ -349,7 +345,7 @@ class ReturnToStance:
         """The target of the next tick; None: the return is over."""
         if self.arrived:
             return None
-        self._follower.set_speed_override(min(RETURN_OVERRIDE, speed_override))
+        self._follower.set_speed_override(speed_override)
         q = self._follower.return_to_stance(self._dt)
         if q is None:
             self._part = ReturnPart.OVER

@@ -13,7 +13,6 @@ from retarget.human.samples import Playback
 from retarget.ik.hierarchy import SceneObstacles
 from retarget.model.robot import RobotBody, load_robot
 from retarget.robot.follower import Follower
-from retarget.run.controllers import RETURN_OVERRIDE
 from retarget.run.loop import Watch
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
@@ -108,13 +107,11 @@ def test_a_stop_on_the_approach_returns_to_stance_from_there(monkeypatch: pytest
     assert aside.min() < 0.05 and np.abs(run.record.robot.goals[-1] - angles(run.robot, "rest")).max() < 0.1
 
 
-def test_a_stop_after_it_followed_returns_to_stance_at_half_of_all_speeds() -> None:
+def test_a_stop_after_it_followed_ends_in_rest_within_four_seconds() -> None:
     run, _ = stopped("op3", 10**6, start="stand")
     assert run.record is not None and run.record.robot is not None and run.robot is not None
     goals, dt = run.record.robot.goals, 1.0 / run.robot.profile.safety.rate_hz
-    stop = run.record.following.stop + 60  # it brakes first
-    speeds = np.abs(np.diff(goals[stop:], axis=0)) / dt / run.robot.joint_map.max_velocity
-    assert 0.1 < speeds.max() < RETURN_OVERRIDE + 0.05  # goals are held beside postures
+    assert (len(goals) - run.record.following.stop) * dt < 4.0
     assert np.abs(goals[-1] - angles(run.robot, "rest")).max() < 0.1
 
 
@@ -124,7 +121,7 @@ def test_obstacles_move_on_while_it_goes_to_rest(tmp_path: Path) -> None:
     run, obstacles = stopped("op3", 10**6, start="stand", scene=scene)
     assert run.record is not None and run.record.robot is not None and run.robot is not None and obstacles is not None
     lasted = float(run.record.time[-1])  # since it follows
-    assert lasted > 5.0 and obstacles.time == pytest.approx(lasted, abs=0.1)
+    assert lasted > 4.5 and obstacles.time == pytest.approx(lasted, abs=0.1)
 
 
 @pytest.mark.parametrize("name", ["op3", "poppy", "wolfgang"])
