@@ -23,5 +23,5 @@ for _ in range(500):
     bus.write(ServoGoals(stand))
 error = abs(robot.joint_map.turned(states.position - stand)).max()
 run = physics_run(bus.witness)
-print(f"fallen: {bus.witness.fallen}; {error:.3f} rad off at most; slipped {1e3 * run.slip.sum():.2f} mm")
+print(f"fallen: {bus.witness.fall is not None}; {error:.3f} rad off at most; slipped {1e3 * run.slip.sum():.2f} mm")
 print(f"pressure never nearer than {1e3 * (run.least_margin or 0.0):.0f} mm to the edge of the soles")

@@ -86,9 +86,9 @@ def approaching(slow: float) -> FloatArray:
         0.5 * (rig.robot.joint_map.lower + rig.robot.joint_map.upper) - rig.follower.stance.q[rig.robot.servo_columns]
     )
     rig.follower.script = np.tile(0.8 * np.sign(inwards), (60, 1))
-    rig.guard.health.warnings.speed_override = slow
-    clip = short_clip(seconds=1.0)
-    record = rig.loop(clip).run().record
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(type(rig.guard.health), "speed_override", slow)
+        record = rig.loop(short_clip(seconds=1.0)).run().record
     assert record.robot is not None
     return rig.robot.joint_map.to_radians(record.robot.goal_ticks[record.phase == Phase.APPROACH])
 

@@ -1,6 +1,5 @@
 """Everybody on one port, at whatever speed; nothing is written."""
 
-from dataclasses import replace
 
 import pytest
 
@@ -80,7 +79,7 @@ def test_an_impossible_speed_is_reported_and_a_port_that_is_gone_ends_it(
 def test_errors_are_given_in_words_and_unknown_models_by_number() -> None:
     rig = _rig()
     rig.device(2).memory.put("model_number", 1120)
-    rig.fault(replace(Fault(FaultKind.OVER_TEMPERATURE), ids=(3,)))
+    rig.fault(Fault(FaultKind.OVER_TEMPERATURE, ids=(3,)))
     rig.clock.advance(0.1)
     one, two, three = scan_line(rig.port, [Speed(2, 2_000_000)]).sightings
     assert (one.alert, two.alert) == ("", "") and "OVERHEATING" in three.alert

@@ -108,7 +108,7 @@ def one_at_another_speed(rig: BusRig) -> None:
 
 
 def fault(kind: FaultKind, *ids: int) -> Spoil:
-    return lambda rig: rig.fault(Fault(kind, ids=ids))
+    return lambda rig: rig.fault(Fault(kind, ids=ids) if ids else Fault(kind))
 
 
 PROBLEMS: dict[str, tuple[Spoil, tuple[str, ...]]] = {
