@@ -242,8 +242,8 @@ def test_the_human_is_reconstructed(amc: Path, tmp_path: Path) -> None:
     ],
 )
 def test_options_run(amc: Path, tmp_path: Path, options: tuple[str, ...]) -> None:
-    assert run_run("--robot", "op3", "--source", amc, "--end", "0.3", "--report", tmp_path, *options) == DONE
-    data = json.loads((tmp_path / "report.json").read_text())
+    assert run_run("--robot", "op3", "--source", amc, "--end", "0.3", "--report", tmp_path / "r.json", *options) == DONE
+    data = json.loads((tmp_path / "r.json").read_text())
     assert (data["bus"] is None) == ("none" in options)
     if "upper" in options:
         assert data["foot_slide_mm"] < 1e-6
