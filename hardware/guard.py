@@ -21,7 +21,12 @@ from hardware.servo_health import ServoHealth
 
 
 class _Seal:
-    """One gate's proof that a goal is its own: only `retarget.safety.gate` imports it (tests/test_arrows.py)."""
+    """One gate's proof that a goal is its own: only `retarget.safety.gate` imports it (tests/test_arrows.py).
+
+    last: the goal that the gate made last; a copy of it is another one.
+    """
+
+    last: "CheckedGoal | None" = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -30,7 +35,7 @@ class CheckedGoal:
 
     joints (n,): rad, servo order, what is sent. posture (n,): rad, in which these goals hold the joints under their
     load; the same without deflection compensation. passed: the goal is the target that was checked, not the next
-    posture of the braking trajectory. Raises TypeError when anything but a gate makes one.
+    posture of the braking trajectory. Both arrays are read-only. Raises TypeError when anything but a gate makes one.
     """
 
     joints: FloatArray
@@ -42,6 +47,8 @@ class CheckedGoal:
     def __post_init__(self) -> None:
         if type(self.seal) is not _Seal:
             raise TypeError("a CheckedGoal is made by a gate alone: call Gate.check, Gate.brake or Gate.begin")
+        for values in (self.joints, self.posture):
+            values.setflags(write=False)
 
 
 TORQUE_OFF = " (torque is off)"
@@ -126,6 +133,7 @@ class Guard:
         if states is None or self.torque is not Torque.OFF or self.stop is not None:
             raise self._impossible("arming")
         with self._arming():
+            self._refuse_copy(goal)
             if not np.array_equal(self._map.to_ticks(goal.joints), states.position):
                 raise GuardError("the gate moved the present posture", then="Begin the gate where the robot is")
             self._send(goal)
@@ -158,12 +166,20 @@ class Guard:
         last = self.goal
         if type(goal) is not CheckedGoal or last is None or goal.seal is not last.seal or goal.number <= last.number:
             raise GuardError("only the next goal of the gate is written", where="guard", found=type(goal).__name__)
+        self._refuse_copy(goal)
         if self.torque is not Torque.ON:
             raise self._impossible("writing")
         age = 0.0 if self._read_at is None else self._clock.now() - self._read_at
         if age > self.limits.max_pause:
             self.latch(StopCause.STALE_GOAL, f"the goal took {age:.3g} s, allowed {self.limits.max_pause:g} s")
         self._send(goal)
+
+    @staticmethod
+    def _refuse_copy(goal: CheckedGoal) -> None:
+        if goal.seal.last is not goal:
+            raise GuardError(
+                "only the goal that the gate made last is written", where="guard", found=f"goal {goal.number}"
+            )
 
     def latch(self, cause: StopCause, reason: str) -> None:
         """Latch a stop. The first reason stays; the first fault of the robot after it is added."""

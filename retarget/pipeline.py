@@ -206,7 +206,8 @@ class Pipeline:
         present: the robot's joint positions, rad (n,), from which it goes slowly to its stance, then to the performer's
         posture; None: those of the last goal, before the first one those of the stance. calibration: the performer's
         size; None: it is measured from the sample, a rest pose. Raises InputError: not a rest pose, or sensors are not
-        valid; HardwareError: `present` is not finite; UsageError: the robot still moves. Then nothing has changed.
+        valid; HardwareError: `present` is not finite; UsageError: `present` is far beyond the servos' limits, or the
+        robot still moves. Then nothing has changed.
         """
         if not self.stands:
             raise UsageError(
@@ -235,7 +236,7 @@ class Pipeline:
                 self._robot, reconstructor, follower, gate, first=first, pace=performer, clearance=clearance
             )
             last = motion.approach.first.joint_positions if self._goal is None else self._goal
-            motion.begin(np.array(last if present is None else present, dtype=np.float64))
+            motion.begin(_within_reach(self._robot, np.array(last if present is None else present, dtype=np.float64)))
         self._human = reconstructor.start(first) if motion is None else motion.follow.human
         self._reconstructor, self._samples, self._motion = reconstructor, performer, motion
         self._supervisor, self._now = Supervisor(), 0.0
@@ -341,3 +342,25 @@ def _dimensions(first: SensorSample, calibration: HumanDimensions | Person | Non
 def _valid_names(sample: SensorSample) -> list[str]:
     valid = sample.valid & np.isfinite(sample.position).all(axis=1)
     return [name for name, ok in zip(sample.names, valid.tolist(), strict=True) if ok]
+
+
+FAR_BEYOND = 0.35
+"""Servos that were moved by hand may be a little beyond their limits, rad; farther, the numbers are no radians."""
+
+
+def _within_reach(robot: RobotBody, present: FloatArray) -> FloatArray:
+    """Joint positions (n,) rad that servos can have. Raises UsageError for others; what is not finite is the gate's."""
+    servos = robot.joint_map
+    if present.shape != servos.lower.shape or not np.isfinite(present).all():
+        return present
+    beyond = np.maximum(servos.lower - present, present - servos.upper)
+    worst = int(beyond.argmax())
+    if beyond[worst] <= FAR_BEYOND:
+        return present
+    raise UsageError(
+        "no servo can stand there",
+        where="Pipeline.start, present",
+        found=f"{servos.joints[worst]} at {present[worst]:g} rad",
+        allowed=f"{servos.lower[worst]:.2f} to {servos.upper[worst]:.2f} rad",
+        next_step="Give the joint positions in radians, in the order of the profile's servos",
+    )

@@ -203,10 +203,11 @@ class DynamixelBus:
         share = max(one.share for one in errors)
         self._noisy_cycles = self._noisy_cycles + 1 if repeated else 0
         if self._noisy_cycles == NOISY_CYCLES:
-            self._notify(
-                f"requests had to be repeated in {NOISY_CYCLES} cycles in a row: a noisy line, or an adapter that is "
-                "slower than it says"
-            )
+            with suppress(OSError):  # a lost terminal is no failure of the bus
+                self._notify(
+                    f"requests had to be repeated in {NOISY_CYCLES} cycles in a row: a noisy line, or an adapter that "
+                    "is slower than it says"
+                )
         return self._readings.states(now, retries=self.retries, error_rate=share)
 
     def _cycle_of_all(self) -> ServoStates:

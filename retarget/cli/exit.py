@@ -176,15 +176,17 @@ def stop_on_signals(clock: Clock | None = None, *, moves: bool = False) -> Itera
     None of them raises. One that the process was started to ignore (`nohup`) stays ignored.
     """
     request, key, time = StopRequest(), ForcedStopKey(), clock or MonotonicClock()
+    others: set[int] = set()  # signals before, but SIGINT
     reasons = {**REASONS, **SUSPENDED} if moves else REASONS
 
     def handle(number: int, frame: FrameType | None) -> None:
         why = reasons[signal.Signals(number)]
         again = number == signal.SIGINT and key.pressed(1, time.now())
-        if again or (number == signal.SIGINT and request() and request.why() != why):
+        if again or (number == signal.SIGINT and others):
             request.force(why)
         else:
             request.ask(why)
+        others.update({number} - {signal.SIGINT})
 
     with _handled([number for number in reasons if signal.getsignal(number) is not signal.SIG_IGN], handle):
         yield request

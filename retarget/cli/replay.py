@@ -160,7 +160,7 @@ def _send(found: "Played", bus: str, speed: float, robot: str | None) -> int:
 def _sent(found: "Played", options: RunOptions, robot: "RobotBody | None", speed: float) -> int:
     from contextlib import ExitStack
 
-    from retarget.cli.exit import stop_on_signals
+    from retarget.cli.exit import detached_screens, stop_on_signals
     from retarget.cli.run import CommandRun
     from retarget.cli.view import Viewing
     from retarget.recording.goal_playback import goal_playback
@@ -168,7 +168,7 @@ def _sent(found: "Played", options: RunOptions, robot: "RobotBody | None", speed
 
     command = CommandRun(options, Outputs(), recorded=True, goes_to_rest=True)
     clock, make_bus = command.clock, command.bench.make_bus
-    with ExitStack() as signals:
+    with detached_screens(), ExitStack() as signals:
         with goal_playback(
             found, options, speed=speed, clock=clock, make_bus=make_bus, notify=note, robot=robot
         ) as prepared:

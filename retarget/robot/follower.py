@@ -147,7 +147,7 @@ class ReturnToStance:
     def begin(self, q: FloatArray, dt: float) -> None:
         """Begin in posture q (nq,), in ticks of `dt` s."""
         needed = float((np.abs(self._end - q[self._joints]) / self._fastest).max())  # [s] at full speed
-        speed = min(max(needed / (self.duration - LED_RISE - LED_JERK), LEAST_SHARE), 1.0) * self._fastest
+        speed = min(max(needed / max(self.duration - LED_RISE - LED_JERK, LED_RISE), LEAST_SHARE), 1.0) * self._fastest
         acceleration = speed / LED_RISE
         self._moves = TrajectoryGenerator(speed, acceleration, acceleration / LED_JERK, dt=dt)
         self._moves.reset(q[self._joints])
@@ -179,8 +179,8 @@ def stance_angles(robot: RobotBody) -> dict[str, float]:
 def return_to_stance_of(
     robot: RobotBody, stance: Stance, standing: AskedLandmarks, balance: StandingBalance | None
 ) -> ReturnToStance | None:
-    """The return to stance of a robot; None without a pelvis, and where priorities balance it as if at rest."""
-    if balance is None or not balance.looks_at_motion or "pelvis" not in robot.profile.landmarks:
+    """The return to stance of a robot; None without balance, or without a landmark of the pelvis."""
+    if balance is None or "pelvis" not in robot.profile.landmarks:
         return None
     return ReturnToStance(robot, stance, standing)
 

@@ -94,7 +94,7 @@ class Commanded:
 RISE_S, JERK_S = 0.5, 0.2
 """Times in which a slow move reaches its full speed, and its full acceleration: gentle enough for a robot whose mass
 moves over planted soles."""
-BRAKE_S, BRAKE_JERK_S = 0.2, 0.05
+BRAKE_S, BRAKE_JERK_S = 0.12, 0.04
 """The same of braking: the robot stands within 0.35 s of a hold, and stays on its line."""
 RETRY_S = 0.2
 """A slow move goes on when the robot has stood this long after a refused goal: servos are behind their goals, and the

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hardware.clock import Clock, thread_cpu
-from hardware.errors import BusError, HardwareError, TorqueError
+from hardware.errors import BusError, TorqueError
 from hardware.guard import CheckedGoal, Guard, Torque, text_of
 from hardware.guard_state import StopCause
 from retarget.frames import SensorSample
@@ -35,6 +35,8 @@ FORCED_STOP = "torque off before the robot stood, forced by the user"
 NOT_FOLLOWABLE = "the performer could not be followed ({})"
 LATE, MANY_LATE = 0.35, 0.01
 """A tick is late that begins so many periods after it is due; from this share of late ticks on, a note says so."""
+TO_REST = (RunState.RETURN_TO_STANCE, RunState.GO_TO_REST)
+"""States in which the robot brakes and waits while the bus is silent."""
 NEAR_REST = 0.2
 """A robot is at rest when no joint is farther than this from posture `rest`, rad."""
 
@@ -125,7 +127,7 @@ class Machine:
         if off[worst] <= NEAR_REST:
             return ()
         where = f"{robot.joint_map.joints[worst]} {off[worst]:.2f} rad from it"
-        return (f"not at rest: the gate did not let the robot go to rest in time; torque went off with {where}",)
+        return (f"not at rest: the robot did not get there in time; torque went off with {where}",)
 
 
 class Loop:
@@ -176,19 +178,22 @@ class Loop:
             raise
         self._release()
         stop, state = self._machine.guard.stop, self._machine.supervisor.state
-        self._watch.on_tick(self._samples.ticks)
+        with suppress(Exception):  # who looks on must not lose the run
+            self._watch.on_tick(self._samples.ticks)
         return Ending(*self._recorder.finish(), state, None if stop is None else stop.reason, self._late_ticks)
 
     def tick(self) -> None:
         """One tick. An exception anywhere in it becomes a transition, and the robot brakes, or torque goes off."""
         self._wait()
+        guard, supervisor = self._machine.guard, self._machine.supervisor
+        written = guard.goal
         for attempt in (self._run_tick, self._brake):
             try:
                 attempt()
                 return
             except Exception as error:  # noqa: BLE001 - nothing that fails in a tick may leave the robot moving
                 self._fail(error, may_brake=attempt == self._run_tick)
-            if self._machine.supervisor.over:
+            if supervisor.over or guard.goal is not written:  # a second goal in a tick would double its step
                 return
 
     def _run_tick(self) -> None:
@@ -202,7 +207,8 @@ class Loop:
             return
         goal, target = self._unwritten(), None
         if goal is None:
-            target = motion.target(state, self._sample, speed_override=machine.guard.health.speed_override)
+            if not (state in TO_REST and machine.guard.is_silent):  # goals that no servo hears would come as one step
+                target = motion.target(state, self._sample, speed_override=machine.guard.health.speed_override)
             self._part = StopCause.FILTER
             goal, target = motion.check(state, target)
         self._write(goal, target)
@@ -219,9 +225,9 @@ class Loop:
         self._keep(machine.supervisor.state, goal, None)
 
     def _fail(self, error: Exception, *, may_brake: bool) -> None:
-        """A tick has failed. Without the bus no robot brakes; a goal that no servo takes is no failure of the bus."""
+        """A tick has failed. Without the bus no robot brakes; only a BusError is a failure of the bus."""
         machine, cause = self._machine, self._part
-        if isinstance(error, HardwareError) and not isinstance(error, BusError):
+        if not isinstance(error, BusError):
             cause = StopCause.FILTER if cause is StopCause.BUS else cause
         may_brake = may_brake and cause is not StopCause.BUS
         supervisor, now, before = machine.supervisor, machine.clock.now(), machine.supervisor.state

@@ -4,6 +4,7 @@
 """
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 from math import inf
@@ -29,7 +30,7 @@ LONGEST_BRAKE_S = 2.0
 """Twice the longest stop trajectory that the whole-body stop admits (100 ticks at 100 Hz)."""
 LONGEST_RETURN_S = 15.0
 """Longest return to stance; then the robot goes to rest from where it is."""
-LONGEST_TO_REST_S = 12.0
+LONGEST_TO_REST_S = 24.0
 """Longest way to rest from there; then torque goes off where the robot is."""
 COMMANDED_S = 0.5
 """Time for which the performer must be followed before an earlier hold no longer counts towards its limit: single
@@ -227,10 +228,14 @@ class Supervisor:
             self.take(Event.TORQUE_OFF, now)
         elif self.state is RunState.RETURN_TO_STANCE:
             self.take(Event.FAILED, now)
-            self._notify(f"return to stance: {error}; the robot goes to rest from where it is")
+            self._give_up_return(error)
         else:  # from where a way to rest fails, there is no other
             guard.latch(StopCause.FILTER if self.state is RunState.GO_TO_REST else cause, error)
             self.take(Event.FAILED, now)
+
+    def _give_up_return(self, why: str) -> None:
+        with suppress(OSError):  # a lost terminal must not keep the robot from going to rest
+            self._notify(f"return to stance: {why}; the robot goes to rest from where it is")
 
     def _events(self, now: float, situation: Situation, guard: Guard) -> Iterator[Event]:
         """What is the case now, in the order of `Event`."""
@@ -275,6 +280,8 @@ class Supervisor:
             guard.latch(StopCause.STALE_GOAL, held)
         elif event is Event.TIMEOUT and self.state is RunState.STOPPING:
             guard.switch_off(StopCause.FILTER, f"still moving after {LONGEST_BRAKE_S:g} s of braking")
+        elif event is Event.TIMEOUT and self.state is RunState.RETURN_TO_STANCE:
+            self._give_up_return(f"not over after {LONGEST_RETURN_S:g} s")
 
 
 # The tables and the drawing of the documentation.

@@ -182,7 +182,7 @@ class Gate:
 
     def _make(self, posture: FloatArray, *, passed: bool) -> CheckedGoal:
         self._number += 1
-        self.goal = CheckedGoal(self._joints.copy(), posture.copy(), passed, self._number, self._seal)
+        self.goal = self._seal.last = CheckedGoal(self._joints.copy(), posture.copy(), passed, self._number, self._seal)
         return self.goal
 
 
@@ -233,5 +233,7 @@ class PassThroughGate:
 
     def _make(self, *, passed: bool) -> CheckedGoal:
         self._number += 1
-        self.goal = CheckedGoal(self._joints.copy(), self._joints.copy(), passed, self._number, self._seal)
+        self.goal = self._seal.last = CheckedGoal(
+            self._joints.copy(), self._joints.copy(), passed, self._number, self._seal
+        )
         return self.goal

@@ -224,8 +224,11 @@ class Postures(Schema):
     """[rad] In which torque goes off at the end of a run."""
     attractor: Posture
     """[rad] To which free joints are drawn."""
-    to_rest: Annotated[tuple[Literal["neutral", "stand", "rest", "attractor"], ...], Field(min_length=1)] = ("rest",)
-    """The keyframes through which the robot goes to rest, in order; the last is `rest`."""
+    to_rest: Annotated[
+        tuple[Literal["neutral", "stand", "rest", "attractor"], ...], Field(min_length=1, max_length=3)
+    ] = ("rest",)
+    """The keyframes through which the robot goes to rest, in order; the last is `rest`. Each takes up to 2 s, of a warm
+    robot up to 8 s."""
 
 
 class Landmark(Schema):

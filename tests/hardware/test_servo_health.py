@@ -416,7 +416,8 @@ def test_the_guard_measures_errors_from_where_goals_hold_the_joints() -> None:
 
     def loaded() -> CheckedGoal:
         goal = rig.stand()
-        return replace(goal, posture=MAP.to_radians(MAP.to_ticks(goal.joints) + off))
+        goal.seal.last = made = replace(goal, posture=MAP.to_radians(MAP.to_ticks(goal.joints) + off))
+        return made
 
     displaced(rig, 0.3, 100, loaded)
     assert rig.stopped() is None

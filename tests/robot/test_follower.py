@@ -223,6 +223,8 @@ def test_one_tick_that_stands_still_is_no_stand() -> None:
         to_stance.lead(1.0)
     for velocity in [moving] * 100 + [still] + [moving] * 10 + [still] * round((RESTS_S - 0.5 * DT) / DT):
         assert to_stance.goes_on(velocity, DT, stands=True)
+    assert to_stance.goes_on(still, DT, stands=False), "a foot is in the air"
+    assert all(to_stance.goes_on(still, DT, stands=True) for _ in range(round((RESTS_S - 0.5 * DT) / DT)))
     assert not to_stance.goes_on(still, DT, stands=True)
     to_stance.begin(follower.stance.q, DT)
     assert to_stance.goes_on(still, DT, stands=True), "and once more from the beginning"
@@ -286,14 +288,11 @@ def test_arms_are_no_counterweight_of_the_return_to_stance() -> None:
     assert ticks * DT < robot._soles.to_stance.duration + 0.6
 
 
-def test_priorities_that_look_at_no_motion_have_no_return_to_stance() -> None:
+def test_a_robot_without_balance_has_no_return_to_stance() -> None:
     stance = plant(op3(), op3().profile.postures.stand)
-    servo = Follower(op3(), load_priorities("servo"), dimensions(performer()))
-    servo.start(postures(performer())[0])
-    assert servo.return_to_stance(DT) is None
-    standing = servo.landmark_map.standing
-    assert return_to_stance_of(op3(), stance, standing, StandingBalance(load_priorities("servo"), stance)) is None
+    standing = Follower(op3(), load_priorities("servo"), dimensions(performer())).landmark_map.standing
     assert return_to_stance_of(op3(), stance, standing, None) is None
+    assert return_to_stance_of(op3(), stance, standing, StandingBalance(load_priorities("servo"), stance)) is not None
 
 
 TICKS = 900

@@ -292,17 +292,46 @@ def test_slow_motion_keeps_the_performers_clock() -> None:
     assert reconstructor.calls == pytest.approx([0.5 / 125.0] * (TICKS - 1))
 
 
-def test_a_failure_outside_a_tick_stops_the_robot_too() -> None:
+def test_a_lost_terminal_stops_the_robot_and_loses_no_run() -> None:
     rig = Rig(swing(0.1))
 
     def broken(_tick: int) -> None:
         raise OSError("no terminal")
 
-    with refuses(OSError):
-        play(rig, Watch(broken))
-    assert rig.guard.stop is not None
-    shows(rig.guard.stop.reason)
+    ending = play(rig, Watch(broken))
+    assert ending.reason is not None and "terminal" in ending.reason
     assert rig.gate.at_rest and not rig.bus.torque_on
+
+
+def test_a_tick_that_fails_after_its_goal_sends_no_second_one() -> None:
+    rig, sent = Rig(swing(0.1)), []
+    write = rig.guard.write
+
+    def written(goal: CheckedGoal) -> None:
+        sent.append(rig.clock.now())
+        write(goal)
+
+    def broken(_tick: int) -> None:
+        raise ValueError("on the way out")
+
+    rig.guard.write = written  # type: ignore[method-assign]
+    assert play(rig, Watch(broken)).reason is not None
+    assert len(sent) == len(set(sent)) > 20
+
+
+@pytest.mark.parametrize(("error", "brakes"), [(BusError("the port is gone"), False), (ZeroDivisionError(), True)])
+def test_only_a_lost_bus_keeps_a_robot_from_braking(error: Exception, brakes: bool) -> None:
+    rig = Rig(swing(0.1))
+    read, reads = rig.guard.read, iter(range(10**6))
+
+    def failing() -> ServoStates:
+        if next(reads) == 40:
+            raise error
+        return read()
+
+    rig.guard.read = failing  # type: ignore[method-assign]
+    assert play(rig).state is RunState.FAULT
+    assert rig.gate.at_rest is brakes and not rig.bus.torque_on
 
 
 def test_torque_that_cannot_be_switched_off_is_said(monkeypatch: pytest.MonkeyPatch) -> None:

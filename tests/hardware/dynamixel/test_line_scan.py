@@ -1,6 +1,5 @@
 """Everybody on one port, at whatever speed; nothing is written."""
 
-
 import pytest
 
 from bus_rig import BusRig, bus_of, specs
