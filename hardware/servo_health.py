@@ -322,7 +322,7 @@ class BusHealth:
         if states.error_rate < HIGHEST_ERROR_RATE:
             return None
         share = f"in {states.error_rate:.0%} of the cycles of late"
-        reason = f"answers came damaged or incomplete {share}: a noisy line, or answers that come late"
+        reason = f"answers came damaged or incomplete {share}: a noisy line, or a computer that is too slow or too busy"
         return ServoFault(StopCategory.BRAKE_AND_TORQUE_OFF, StopCause.BUS, reason)
 
     def _quietest(self, states: ServoStates) -> tuple[float, str]:

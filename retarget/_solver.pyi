@@ -245,6 +245,10 @@ class PathChecker:
         A pair that is too near at the first row is only let out. instead (k, n): the path followed after a refusal;
         one on which a moving obstacle is at no row nearer than it came by then on that one is clear of it. remember:
         the first row is where the robot was sent, so that what is let out is measured from there."""
+    @property
+    def refused(self) -> tuple[int, int | None, int | None] | None:
+        """The pair for which a path was refused last since `restart`: numbers of an observer, and of another one or of
+        an obstacle; None: no path was refused."""
     def planted(self, standing: Floats, values: Floats) -> Floats:
         """Posture (nq,) with these values (n,), its root so that the lower sole of `standing (nq,)` stays."""
 

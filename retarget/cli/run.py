@@ -287,8 +287,9 @@ def follow_live(source: str, options: RunOptions, outputs: Outputs, live: Stream
 
 
 def _followed(run: RunResult, notify: Notify) -> int:
-    """The exit code of a run by whether the performer was followed at all."""
-    if run.ticks_followed > 0:
+    """The exit code of a run by whether the performer was followed at all. The first sample is none yet: it is where
+    the approach ends."""
+    if run.ticks_followed > 1:
         return DONE
     if run.reason is None:
         notify("no tick followed the performer: the stream was over before following began")

@@ -13,6 +13,7 @@ from hardware.guard import CheckedGoal, Guard, Torque, text_of
 from hardware.guard_state import StopCause
 from retarget.frames import SensorSample
 from retarget.human.samples import Samples
+from retarget.model.observers import robot_observers
 from retarget.model.robot import RobotBody
 from retarget.run.controllers import RobotMotion, Target, rest_joints
 from retarget.run.record import Phase, Record, TickRecorder
@@ -127,7 +128,9 @@ class Machine:
         if off[worst] <= NEAR_REST:
             return ()
         where = f"{robot.joint_map.joints[worst]} {off[worst]:.2f} rad from it"
-        return (f"not at rest: the robot did not get there in time; torque went off with {where}",)
+        way = "" if self.clearance is None else self.clearance.in_the_way(robot_observers(robot).names)
+        why = f"; the gate refused goals that bring {way} too near to each other" if way else ""
+        return (f"not at rest: the robot did not get there in time; torque went off with {where}{why}",)
 
 
 class Loop:

@@ -1,5 +1,6 @@
 """Swept clearance: the collision check of the gate for a path of goals, and contact where a motion begins."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -101,6 +102,15 @@ class PathClearance:
         """Remember the goal that was sent, (n,) rad; the robot stands as in `standing` (nq,)."""
         self._following.sent(position)
         self._standing[:] = standing
+
+    def in_the_way(self, names: Sequence[str]) -> str:
+        """The two parts, or part and obstacle, for which a path was refused last; "" where none was. names: of the
+        robot's observers."""
+        if self._checker.refused is None:
+            return ""
+        one, other, obstacle = self._checker.refused
+        second = names[other] if other is not None else self._obstacles.shapes.names[obstacle or 0]
+        return f"{names[one]} and {second}"
 
     def __call__(self, path: FloatArray, instead: FloatArray) -> bool:
         """Whether a path (k, n) rad is clear; instead (k, n): what is followed if not."""

@@ -55,6 +55,8 @@ pub struct PathChecker {
     /// How far slides are drawn out at most, m.
     drawn: f64,
     looks_before: u64,
+    /// The pair for which a path was refused last.
+    pub refused: Option<usize>,
 }
 
 impl PathChecker {
@@ -78,6 +80,7 @@ impl PathChecker {
             drawn: 0.0,
             directions: vec![[0.0; 3]; set.pairs.len()],
             looks_before: 0,
+            refused: None,
             stage: Stage::new(body, set, columns, soles),
         }
     }
@@ -85,6 +88,7 @@ impl PathChecker {
     /// Forget which pairs were too near.
     pub fn restart(&mut self) {
         self.held.fill(f64::NEG_INFINITY);
+        self.refused = None;
     }
 
     /// Whether every pair keeps apart on a path (rows, movers) that begins now, `dt` s from row to row, the robot standing as in
@@ -281,8 +285,12 @@ impl PathChecker {
     /// Whether an obstacle that comes at the robot is the only one to blame: at no row is it nearer than it came by then on the path
     /// that is followed instead.
     fn excuse(&mut self, pair: usize, may_flee: bool) -> bool {
-        if self.excused[pair] || !may_flee || self.stage.moving(pair).is_none() {
-            return self.excused[pair];
+        if self.excused[pair] {
+            return true;
+        }
+        self.refused = Some(pair);
+        if !may_flee || self.stage.moving(pair).is_none() {
+            return false;
         }
         let rows = self.way.rows().min(self.instead.rows());
         let looks = self.stage.looks;

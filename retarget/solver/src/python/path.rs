@@ -5,7 +5,7 @@ use super::body::PyBody;
 use super::observers::PyObservers;
 use crate::body::JointKind;
 use crate::math::quat_unit;
-use crate::observers::{Ask, ObstaclePose, PathChecker};
+use crate::observers::{Ask, ObstaclePose, Other, PathChecker};
 use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
@@ -70,6 +70,16 @@ impl PyPathChecker {
 
     fn restart(&mut self) {
         self.checker.restart();
+    }
+
+    /// Numbers of the observer, and of the other one or of the obstacle.
+    #[getter]
+    fn refused(&self) -> Option<(usize, Option<usize>, Option<usize>)> {
+        let pair = &self.checker.stage.set.pairs[self.checker.refused?];
+        Some(match pair.other {
+            Other::Observer(other) => (pair.observer, Some(other), None),
+            Other::Obstacle(obstacle) => (pair.observer, None, Some(obstacle)),
+        })
     }
 
     #[pyo3(signature = (standing, path, *, dt, share, instead=None, remember=true))]
