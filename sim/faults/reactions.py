@@ -110,8 +110,8 @@ class Row:
 
 REST_S = 0.35
 """Time from the beginning of a hold, or of a stop, until the robot stands, s."""
-OFF_S, OFF_WITH_MASS_S = 3.0, 4.0
-"""From the beginning of a stop until torque is off; of a robot with mass, which returns to its stance first."""
+OFF_S = 4.0
+"""From the beginning of a stop until torque is off, s."""
 TO_REST_SHARE = 0.55
 """Share of the greatest speeds on the way to rest: the longest way of a joint, 2.4 rad, takes 1.9 s at this speed, with
 a gentle rise and fall."""
@@ -187,19 +187,19 @@ def _stop_violations(
     if off is None:
         if trace.gone is None and not trace.writes_fail:
             wrong.append("torque off was never commanded")
-    elif off - begun > (allowed := OFF_WITH_MASS_S if bench.mass else OFF_S):
-        wrong.append(f"torque went off {off - begun:.2f} s after the stop began, allowed {allowed:g} s")
+    elif off - begun > OFF_S:
+        wrong.append(f"torque went off {off - begun:.2f} s after the stop began, allowed {OFF_S:g} s")
     ended = trace.first(STOPPED, begun)
     if ended is not None:
         wrong += after_latch(writes, ended)
     wrong += too_fast(goal_tracks, begun + REST_S, trace.ended, share=TO_REST_SHARE, dt=dt)
     braking = list(takewhile(lambda tick: tick.state not in STANDING, since))
     wrong += late("at rest", braking[-1].time, begun, REST_S) if braking else []
-    # With mass, goals lead the postures by the servos' deflection, and the robot returns to its stance first.
+    # With mass, goals lead the postures by the servos' deflection.
     shafts = posture_tracks(trace.postures, bench.robot.joint_map.servos) if bench.mass else goal_tracks
     if ended is not None and trace.stop is not None and trace.stop.cause in ORDINARY_STOPS and trace.stop.then is None:
         wrong += _not_at_rest(bench, shafts)
-    to_rest = trace.first((RunState.GO_TO_REST,), begun) if bench.mass else None
+    to_rest = trace.first((RunState.GO_TO_REST,), begun)
     return wrong[:8] + detours(shafts, begun + REST_S if to_rest is None else to_rest, trace.ended)
 
 

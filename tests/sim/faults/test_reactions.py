@@ -105,10 +105,10 @@ def hurries(trace: Trace) -> Trace:
     return replace(trace, sent=sent)
 
 
-def follows_on(trace: Trace) -> Trace:
-    """The performer is still followed in state `stopping`."""
-    begun = (trace.began or 0.0) + 0.1
-    return replace(trace, ticks=[replace(one, latched=one.time > begun) for one in trace.ticks])
+def wanders(trace: Trace) -> Trace:
+    """The robot goes to rest by way of its stance, and not straight."""
+    there, rest = RunState.RETURN_TO_STANCE, RunState.GO_TO_REST
+    return replace(trace, ticks=[replace(one, state=rest if one.state is there else one.state) for one in trace.ticks])
 
 
 def keeps_torque(trace: Trace) -> Trace:
@@ -138,7 +138,7 @@ def test_a_correct_run_has_no_violation(bench: Bench) -> None:
         (torque_again, "torque was switched on"),
         (goes_on, "follow after a stop"),
         (holds_while_it_moves, "still moves"),
-        (follows_on, "goes back and forth"),
+        (wanders, "goes back and forth"),
         (hurries, "faster than 55% of its speed"),
         (keeps_torque, "torque is on in the end"),
     ],
