@@ -232,6 +232,14 @@ def test_ctrl_c_after_another_signal_forces_torque_off_and_does_not_raise(first:
             assert asked() and asked.forced_stop()
 
 
+def test_one_ctrl_c_after_another_kind_of_stop_still_brakes() -> None:
+    """After the space bar, a stop file or a button, it is the first signal."""
+    with stop_on_signals() as asked:
+        asked.ask("the stop file is there")
+        signal.raise_signal(signal.SIGINT)
+        assert asked() and not asked.forced_stop()
+
+
 def test_a_held_ctrl_c_asks_and_pressed_again_it_forces_torque_off() -> None:
     clock = VirtualClock()
     with stop_on_signals(clock) as asked:
