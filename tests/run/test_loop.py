@@ -1,5 +1,6 @@
 """The tick loop: rows, timing, gating, stops. Stages are stand-ins; bus, guard and gate are real."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -504,6 +505,21 @@ def test_a_silent_bus_is_held_and_followed_again() -> None:
     assert (ending.state, ending.reason) == (RunState.OFF, None)
     held = [tick + 1 for tick, state in enumerate(states) if state is RunState.HOLD]
     assert held == [*silent] and states[silent[-1]] is RunState.FOLLOW, "the first is read to arm"
+
+
+def test_on_its_way_to_rest_a_robot_brakes_while_the_bus_is_silent_and_goes_on() -> None:
+    def steps(faults: Sequence[MockFault]) -> FloatArray:
+        rig = Rig(still(), goes_to_rest=True, faults=faults)
+        ending = play(rig)
+        assert (ending.state, ending.reason) == (RunState.OFF, None) and ending.record.robot is not None
+        assert np.abs(ending.record.robot.goals[-1] - rest_joints(rig.robot)).max() < 0.01
+        return np.asarray(np.abs(np.diff(ending.record.robot.goals, axis=0)).max(axis=1))
+
+    usual = steps(())
+    cruise = np.flatnonzero(usual > 0.98 * usual.max())  # of the way to rest, the fastest move of this run
+    fast = int(cruise[len(cruise) // 3])
+    silent = steps([MockFault(FaultKind.MISSING, first=fast, cycles=5, servo=servo) for servo in range(20)])
+    assert silent[fast : fast + 8].min() < 0.8 * usual[fast : fast + 8].min()
 
 
 def test_a_warm_robot_follows_more_slowly(monkeypatch: pytest.MonkeyPatch) -> None:
