@@ -148,20 +148,25 @@ class Task:
         """An axis of a link, from a point of it, aims at a world point. Target 3. Two rows."""
     @staticmethod
     def reactive(
-        *, of: list[int] | None = None, against: Literal["all", "self", "scene"] = "all", speed: float = 0.1
+        *,
+        of: list[int] | None = None,
+        against: Literal["all", "self", "scene"] = "all",
+        speed: float = 0.1,
+        short_lever: float = 0.0,
     ) -> Task:
-        """Observers (all, or those of these numbers) that touch push their part out at `speed` m/s. No target beside
-        the leading weight: on or off."""
+        """Observers (all, or those of these numbers) that touch push their part out at `speed` m/s. `short_lever`: see
+        `retarget.schema.priorities`. No target beside the leading weight: on or off."""
     @staticmethod
     def preventive(
         *,
         of: list[int] | None = None,
         against: Literal["all", "self", "scene"] = "all",
         speed: float = 0.5,
+        short_lever: float = 0.0,
         group: int = 0,
     ) -> Task:
         """Observers within influence damp the approach of their part. `speed` (m/s): where all act, the approach
-        permitted where influence begins. `group`: where they act by rank, tasks of a group take the closest, the
+        permitted where influence begins. `short_lever`: as for `reactive`. `group`: where they act by rank, tasks of a group take the closest, the
         next, and so on. No target beside the leading weight."""
     @staticmethod
     def posture(weight: Floats, *, gain: float = 1.0, max_error: float = 0.3) -> Task:

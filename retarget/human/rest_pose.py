@@ -134,6 +134,8 @@ MAX_RESIDUAL_M = 0.06
 MAX_SPREADS = 5.0
 """A fit whose proportions are more spreads off the average is no human."""
 
+ALIKE_RAD = 0.6
+"""Largest difference between the angles of both arms at rest."""
 MAX_CANDIDATES = 8
 _LOOKED_AT = 600
 """Frames looked at, evenly over the recording, for some that are most like a rest pose."""

@@ -6,8 +6,9 @@ from typing import ClassVar, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from retarget.errors import UsageError
+from retarget.errors import InputError, UsageError
 from retarget.frames import SensorFrames, SensorSample, on_grid
+from retarget.human.rest_pose import ALIKE_RAD, fit_rest_pose, rest_pose_name
 from retarget.human.sensor_intake import IntakeTimes
 from retarget.model.human_dimensions import HumanDimensions
 from retarget.schema.performer import Performer
@@ -101,13 +102,15 @@ RATES_HZ = (1.0, 2000.0)
 
 @dataclass(frozen=True)
 class Playback:
-    """How a recording is played. speed: 1 is the performer's. start, end: s of the recording, both included."""
+    """How a recording is played. speed: 1 is the performer's. start, end: s of the recording, both included.
+    keep_calibration_frame: whether a single calibration pose before the motion is played, too."""
 
     speed: float = 1.0
     start: float | None = None
     end: float | None = None
     loop: bool = False
     mirror: bool = False
+    keep_calibration_frame: bool = False
 
     def __post_init__(self) -> None:
         low, high = SPEEDS
@@ -121,6 +124,10 @@ class Playback:
         if self.start is not None and self.end is not None and self.start >= self.end:
             found = f"{self.start:g} to {self.end:g} s"
             raise UsageError("the end comes before the start", where="--start, --end", found=found)
+
+    def left_out(self, frames: SensorFrames) -> "CalibrationPose | None":
+        """What of the beginning of a recording is not played."""
+        return None if self.start is not None or self.keep_calibration_frame else calibration_pose(frames)
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,8 +217,10 @@ def lay_on_ticks(
 
     Raises UsageError: a sensor that the recording does not have, an empty cut, an impossible rate or length.
     """
-    frames = _selected(frames, performer)
-    frames = frames.cut(playback.start, playback.end)
+    start, pose = playback.start, playback.left_out(frames)
+    if pose is not None:
+        start = float(frames.time[pose.frames])
+    frames = _selected(frames, performer).cut(start, playback.end)
     if playback.mirror:
         frames = frames.mirror().select(tuple(performer.sensors))
     rate = frames.rate_hz if rate_hz is None else rate_hz
@@ -224,6 +233,40 @@ def lay_on_ticks(
     # From here on, time is that of the run.
     laid = replace(laid, time=np.arange(len(laid)) / rate, rate_hz=rate)
     return Clip(laid, max(ticks, 1), rate, playback.speed, len(frames))
+
+
+CALIBRATION_JUMP, CALIBRATION_JUMP_M = 5.0, 0.05
+"""The first frames are no part of the motion where a sensor goes farther to the next than so many times what is usual
+in the quarter of a second after them, and so many m."""
+CALIBRATION_FRAMES, MOTION_S = 6, 0.25
+"""Of them there are at most so many: some files lead from the calibration pose to the motion in a few frames."""
+
+
+@dataclass(frozen=True)
+class CalibrationPose:
+    """A pose of calibration before a recorded motion: T, A or N, and how many frames belong to it."""
+
+    name: str
+    frames: int
+
+
+def calibration_pose(frames: SensorFrames) -> CalibrationPose | None:
+    """The pose that a recording begins with for a moment, where the motion does not go on from it; else None."""
+    looked_at = CALIBRATION_FRAMES + max(round(MOTION_S * frames.rate_hz), 3)
+    seen = frames.valid[: looked_at + 1].all(axis=0)
+    if len(frames) <= looked_at or not seen.any():
+        return None
+    steps = np.linalg.norm(np.diff(frames.position[: looked_at + 1, seen], axis=0), axis=2).max(axis=1)
+    jumps = steps > CALIBRATION_JUMP * np.median(steps) + CALIBRATION_JUMP_M
+    count = int(np.argmin(jumps))  # of leading jumps
+    if not 0 < count <= CALIBRATION_FRAMES:
+        return None
+    names = tuple(name for name, ok in zip(frames.names, seen, strict=True) if ok)
+    try:
+        left, right = fit_rest_pose(names, frames.position[0, seen]).arms.tolist()
+    except InputError:
+        return None
+    return CalibrationPose(rest_pose_name(0.5 * (left + right)), count) if abs(left - right) <= ALIKE_RAD else None
 
 
 def _selected(frames: SensorFrames, performer: Performer) -> SensorFrames:

@@ -171,7 +171,9 @@ def _strength(frames: Mapping[str, Frame]) -> list[Slot]:
 def preventive(task: PreventiveTask, observers: Sequence[str], *, group: int) -> Slot:
     """A preventive task; those of one group share pairs by nearness, the first of them the closest."""
     of = _observers_of(task, observers)
-    made = SolverTask.preventive(of=of, against=task.against, speed=task.speed, group=group)
+    made = SolverTask.preventive(
+        of=of, against=task.against, speed=task.speed, short_lever=task.short_lever, group=group
+    )
     return Slot(SlotKind.PREVENTIVE, task.against, made)
 
 
@@ -185,7 +187,8 @@ def _observing(task: ReactiveTask | PreventiveTask, observers: Sequence[str], *,
         )
     if isinstance(task, PreventiveTask):
         return [preventive(task, observers, group=0)]
-    made = SolverTask.reactive(of=_observers_of(task, observers), against=task.against, speed=task.speed)
+    of = _observers_of(task, observers)
+    made = SolverTask.reactive(of=of, against=task.against, speed=task.speed, short_lever=task.short_lever)
     return [Slot(SlotKind.REACTIVE, task.against, made)]
 
 

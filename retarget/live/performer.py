@@ -63,7 +63,7 @@ def refuse_unmeasurable(roles: Roles, *, where: str) -> None:
         )
 
 
-INTAKE = IntakeTimes(hold=0.08, fade=0.25, speed=0.4)
+INTAKE = IntakeTimes(hold=0.08, speed=0.4)
 """A sensor becomes invalid within 0.2 s, and with these times has no weight within 0.3 s. It comes back by the weight
 of `ReacquisitionBlend`, no faster than `speed`, m/s: an elbow then uses at most half of its servo's speed."""
 SILENCE_S = LIMITS.silent_after

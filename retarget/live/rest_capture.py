@@ -10,7 +10,7 @@ import numpy as np
 from retarget import rotations
 from retarget.errors import InputError
 from retarget.frames import SensorSample, Skeleton
-from retarget.human.rest_pose import REQUIRED, RestFit, fit_rest_pose
+from retarget.human.rest_pose import ALIKE_RAD, REQUIRED, RestFit, fit_rest_pose
 from retarget.live.sensor_validity import ValidityState
 from retarget.live.stream import StreamReading
 from retarget.model.human_dimensions import FRACTIONS, POINTS, HumanDimensions
@@ -109,8 +109,6 @@ STILL_M = 0.03
 """Largest distance of a sensor from its mean position: breathing and swaying move a head by a centimetre."""
 LIVE_STATURE_M = (1.2, 2.2)
 """A smaller performer crouches, kneels or sits, or the unit is not metres; a taller one is no human."""
-ALIKE_DEG = 35.0
-"""Largest difference between the angles of both arms at rest."""
 FRESH_SHARE = 0.8
 """Share of the capture in which a sensor must be fresh to count."""
 FEWEST = 20
@@ -250,11 +248,11 @@ class RestCapture:
                 step="Stand upright with straight legs; see that the sender's unit is metres",
             )
         left, right = np.rad2deg(fit.arms).tolist()
-        if abs(left - right) > ALIKE_DEG:
+        if abs(fit.arms[0] - fit.arms[1]) > ALIKE_RAD:
             raise self._refused(
                 "the arms are not held alike",
                 f"the left one {left:.0f} degrees from hanging, the right one {right:.0f}",
-                allowed=f"at most {ALIKE_DEG:g} degrees apart",
+                allowed=f"at most {np.rad2deg(ALIKE_RAD):.0f} degrees apart",
                 step="Let both hang, or hold both straight out to the sides",
             )
 

@@ -107,6 +107,7 @@ class RunOptions:
         start S: Begin at this time of the recording.
         end S: End at this time of the recording; live: after so long.
         loop: Again and again until Ctrl-C, 10 minutes at most.
+        keep_calibration_frame: Play a single T, A or N pose before the motion, too.
     """
 
     robot: str

@@ -147,7 +147,12 @@ def performance_of(read: Callable[[], SensorFrames], playback: Playback) -> Perf
         frames = read()
         rate = None if robot is None else robot.profile.safety.rate_hz
         clip = lay_on_ticks(frames, performer=performer, playback=playback, rate_hz=rate)
-        return Performance(clip, calibrate(frames.mirror() if playback.mirror else frames), frames.notes)
+        size = calibrate(frames.mirror() if playback.mirror else frames)
+        pose, notes = playback.left_out(frames), frames.notes
+        if pose is not None:
+            what = f"begins with a calibration pose ({pose.name}), which is left out: {pose.frames} of {len(frames)} frames"
+            notes = (*notes, f"{frames.source} {what}; --keep-calibration-frame plays it")
+        return Performance(clip, size, notes)
 
     return perform
 

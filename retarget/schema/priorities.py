@@ -192,6 +192,9 @@ class ReactiveTask(Schema):
     """Each other, what the scene holds, or both."""
     speed: Positive = 0.1
     """[m/s] Of the way out, at most."""
+    short_lever: NotNegative = 0.0
+    """[m per rad of stiffness 1] A row that the levels above leave no longer lever than this asks for half of what is
+    missing, and for less, the shorter: for observers below what must be kept over a whole frame."""
 
 
 class PreventiveTask(Schema):
@@ -205,6 +208,9 @@ class PreventiveTask(Schema):
     """Each other, what the scene holds, or both."""
     speed: Positive = 0.5
     """[m/s] With `activation: all`: approach permitted where influence begins; it falls to nothing at the margin."""
+    short_lever: NotNegative = 0.0
+    """[m per rad of stiffness 1] A row that the levels above leave no longer lever than this asks for half of what is
+    missing, and for less, the shorter: for observers below what must be kept over a whole frame."""
 
 
 Task = Annotated[

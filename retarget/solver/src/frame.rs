@@ -8,7 +8,7 @@ use crate::kinematics::Pose;
 use crate::level_rows::{reserve_rows, watch, Layout, Placed};
 use crate::observers::{Activation, ObserverSet, Watch};
 use crate::progress::Progress;
-use crate::task::Task;
+use crate::task::{Task, TaskKind};
 use crate::task_rows::Columns;
 use std::ops::Range;
 use std::sync::Arc;
@@ -92,7 +92,12 @@ impl FrameSolver {
         let mut layout = Layout::new(&body, levels, locked, columns.all.len());
         let watch = observers.map(|(set, activation)| watch(&body, &columns, &mut layout.placed, set, activation));
         let progress = Progress::new(&layout.levels_with_errors());
-        let problem = Problem::new(layout.variables.max(1), &layout.level_rows);
+        let mut problem = Problem::new(layout.variables.max(1), &layout.level_rows);
+        for placed in &layout.placed {
+            if let TaskKind::Observers(task) = &placed.task.kind {
+                problem.short_lever[placed.level] = problem.short_lever[placed.level].max(task.short_lever);
+            }
+        }
         let first_sides = (problem.variable_side.clone(), problem.row_side.clone());
         let q = body.rest();
         let mut q_address = vec![None; body.nv];

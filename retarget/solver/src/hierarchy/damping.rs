@@ -5,7 +5,7 @@
 //! singularities nothing is changed.
 
 use super::factor::Factor;
-use super::kernels::{add_rows, dot_rows};
+use super::kernels::{add_rows, dot, dot_rows};
 use super::levels::REACH;
 use super::problem::Problem;
 
@@ -67,6 +67,22 @@ impl Factor {
         }
         self.lower_targets(problem, first);
         self.walk(share);
+    }
+
+    /// Limits of a level that the path of the levels above crosses ask for the share L^2 / (L^2 + s^2) of what is missing. L: the lever,
+    /// the length of what the levels above leave of the row; s: the level's short lever. Else a limit whose lever is next to
+    /// nothing would use up the speed of the whole body, which the levels above need in the next iteration.
+    #[inline(always)]
+    pub fn lower_short_limits<const FMA: bool>(&mut self, problem: &mut Problem, k: usize) {
+        let short = problem.short_lever[k] * problem.short_lever[k];
+        for r in problem.level(k) {
+            let reached = dot::<FMA>(problem.row(r), &self.path);
+            let missing = problem.lower[r] - reached;
+            if problem.present[r] && missing > 0.0 {
+                let lever = self.left_of::<FMA>(problem.row(r));
+                problem.lower[r] = reached + missing * lever / (lever + short);
+            }
+        }
     }
 
     #[inline(always)]

@@ -164,6 +164,20 @@ impl Factor {
         self.pivot::<FMA>(RANK_TOLERANCE * self.level_scale[k], first);
     }
 
+    /// Squared length of what the levels so far leave of a row in the free columns.
+    #[inline(always)]
+    pub(super) fn left_of<const FMA: bool>(&mut self, row: &[f64]) -> f64 {
+        let (stride, rank) = (self.stride, self.rank());
+        let work = &mut self.level_rows[..stride];
+        for i in 0..stride {
+            work[i] = row[i] * self.mask[i];
+        }
+        self.again.resize(rank, 0.0);
+        dot_rows::<FMA>(work, &self.basis, &mut self.again);
+        add_rows::<FMA>(work, -1.0, &self.again, &self.basis);
+        dot::<FMA>(work, work)
+    }
+
     /// Copy the held rows' free columns and take out what earlier levels span.
     #[inline(always)]
     fn load_rows<const FMA: bool>(&mut self, problem: &Problem, first: usize) {

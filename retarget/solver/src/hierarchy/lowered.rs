@@ -23,11 +23,15 @@ fn lower_any<const FMA: bool>(problem: &mut Problem, work: &mut Work, outcome: &
             *side = Side::Free;
         }
     }
-    let damped_end = problem.damping.iter().rposition(|d| *d > 0.0).map_or(0, |k| k + 1);
+    let lowers = |k: &usize| problem.damping[*k] > 0.0 || problem.short_lever[*k] > 0.0;
+    let damped_end = (0..problem.level_count()).rev().find(lowers).map_or(0, |k| k + 1);
     work.factor.start_path(problem);
     outcome.factorizations += 1;
     for k in 0..damped_end {
         let rows = problem.level(k);
+        if problem.short_lever[k] > 0.0 {
+            work.factor.lower_short_limits::<FMA>(problem, k);
+        }
         work.asked.clear();
         work.asked.extend_from_slice(&problem.lower[rows.clone()]);
         for round in 1..=MOST_STOPS {

@@ -52,7 +52,7 @@ pub fn solve(problem: &mut Problem, workspace: &mut Workspace) -> Outcome {
     problem.settle_sides();
     work.prepare(problem);
     let mut outcome = Outcome::default();
-    if problem.damping.iter().any(|d| *d != 0.0) {
+    if problem.damping.iter().chain(&problem.short_lever).any(|d| *d != 0.0) {
         lowered::lower(work.fma, problem, work, &mut outcome);
     }
     if active_set::guess(problem, work, &mut outcome) {

@@ -51,6 +51,8 @@ pub struct Problem {
     pub hi: Vec<f64>,
     /// Damping of each level (in units of its pivots); 0 is exact.
     pub damping: Vec<f64>,
+    /// Of each level: limits whose row is left this short by the levels above ask for half; 0: for all.
+    pub short_lever: Vec<f64>,
     /// How far a damped step that does not fit the box is shortened: 0 not at all, 1 until it fits.
     pub patience: Vec<f64>,
     /// Standing still (which is not z = 0 where a posture attracts): from here damped steps are shortened.
@@ -88,6 +90,7 @@ impl Problem {
             lo: vec![f64::NEG_INFINITY; n],
             hi: vec![f64::INFINITY; n],
             damping: vec![0.0; level_rows.len()],
+            short_lever: vec![0.0; level_rows.len()],
             patience: vec![0.0; level_rows.len()],
             still: vec![0.0; stride],
             lo_is_stop: vec![false; n],
@@ -117,6 +120,7 @@ impl Problem {
         refill(&mut self.still, stride, 0.0);
         refill(&mut self.z, stride, 0.0);
         refill(&mut self.damping, self.level_end.len(), 0.0);
+        refill(&mut self.short_lever, self.level_end.len(), 0.0);
         refill(&mut self.patience, self.level_end.len(), 0.0);
         self.present.clear();
         self.present.resize(m, false);

@@ -25,6 +25,8 @@ pub struct ObserverTask {
     pub with_scene: bool,
     /// Approach permitted where influence begins, or speed of the way out of contact, m/s.
     pub speed: f64,
+    /// See `Problem::short_lever`, m per weighted rad.
+    pub short_lever: f64,
     /// Tasks of one group share pairs by nearness, the first of them the closest.
     pub group: usize,
     /// It takes part in this frame.
