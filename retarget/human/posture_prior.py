@@ -107,17 +107,23 @@ class Crouch:
         return np.asarray(self._upright + self.share(height) * self._change)
 
 
-# Virtual feet of a performer without ankle sensors: planted, on the ground, following the head.
+# Virtual feet of a performer without ankle sensors: planted while the head stays above them, else they go with it.
 #
 # With a head and two hands nothing measures the legs. The feet stay where they are while the head moves above them, and
-# glide after it once it would leave them behind; in a crouch the head may be further forward.
+# go after it once it would leave them behind; in a crouch the head may be further forward. Of a performer who walks
+# the middle of the feet is below the head, whatever the gait: it goes at the head's own velocity. In a jump, and on
+# tiptoe, the feet leave the floor: the legs are no longer than they are.
 
 HEAD_LEAD_M = (0.03, 0.40)
 """How far the head is forward of the ankles, upright and in a deep crouch."""
 REACH_M = 0.12
-"""How far the head may wander from there before the feet follow."""
+"""How far the head of a performer who stands may wander from there before the feet follow."""
 GLIDE_S = 0.15
 """Time constant with which the feet follow."""
+TRAVEL_M_S = (0.5, 1.0)
+"""Speeds of the head at which a performer begins to walk, and walks: a head that leans is slower, or turns back."""
+TRAVEL_SETTLE_S = 0.3
+"""Time constant of the low-pass on the velocity of the head."""
 
 
 class VirtualFeet:
@@ -126,37 +132,47 @@ class VirtualFeet:
     def __init__(self, dimensions: HumanDimensions) -> None:
         self._half_width = 0.5 * float(dimensions.of("l_hip")[1] - dimensions.of("r_hip")[1])
         self.ankle_height = FRACTIONS.ankle_height * dimensions.stature
+        standing = dict(zip(POINTS, dimensions.standing(), strict=True))
+        self._longest = float(np.linalg.norm(standing["head"] - standing["l_ankle"]))  # [m] from head to ankle
+        self._travel = Velocity(TRAVEL_SETTLE_S)
         self._middle: Ground | None = None
         self.ankles: FloatArray = np.zeros((2, 3))
 
     def start(self, head: list[float], forward: Ground, *, crouch: float) -> None:
         """Stand under the head. Arguments as of `step`."""
+        self._travel.start()
         self._middle = self._below(head, forward, crouch)
-        self._place(forward)
+        self._place(head, forward)
 
     def step(self, head: list[float], forward: Ground, *, crouch: float, dt: float) -> None:
         """Go on by `dt` seconds. head: x, y, z m. forward: the heading. crouch: how lowered the head is, 0 to 1."""
         if self._middle is None:
             self.start(head, forward, crouch=crouch)
             return
-        below = self._below(head, forward, crouch)
-        dx, dy = below[0] - self._middle[0], below[1] - self._middle[1]
+        self._travel.step(head, dt)
+        x, y = self._travel.now
+        slow, fast = TRAVEL_M_S
+        walks = min(max((hypot(x, y) - slow) / (fast - slow), 0.0), 1.0)
+        u, v = self._middle[0] + walks * x * dt, self._middle[1] + walks * y * dt
+        below, reach = self._below(head, forward, crouch), (1.0 - walks) * REACH_M
+        dx, dy = below[0] - u, below[1] - v
         distance = hypot(dx, dy)
-        if distance > REACH_M:
-            share = (1.0 - exp(-dt / GLIDE_S)) * (distance - REACH_M) / distance
-            self._middle = (self._middle[0] + share * dx, self._middle[1] + share * dy)
-        self._place(forward)
+        share = (1.0 - exp(-dt / GLIDE_S)) * max(distance - reach, 0.0) / max(distance, 1e-9)
+        self._middle = (u + share * dx, v + share * dy)
+        self._place(head, forward)
 
     def _below(self, head: list[float], forward: Ground, crouch: float) -> Ground:
         lead = HEAD_LEAD_M[0] + crouch * (HEAD_LEAD_M[1] - HEAD_LEAD_M[0])
         return head[0] - lead * forward[0], head[1] - lead * forward[1]
 
-    def _place(self, forward: Ground) -> None:
+    def _place(self, head: list[float], forward: Ground) -> None:
         assert self._middle is not None
         aside = (-self._half_width * forward[1], self._half_width * forward[0])
         x, y = self._middle
         self.ankles[0] = x + aside[0], y + aside[1], self.ankle_height
         self.ankles[1] = x - aside[0], y - aside[1], self.ankle_height
+        away = self.ankles - head
+        self.ankles[:] = head + away * np.minimum(1.0, self._longest / np.linalg.norm(away, axis=1))[:, None]
 
 
 # Support phase, from height and speed of the ankles alone: both feet, left, right, or none in flight.

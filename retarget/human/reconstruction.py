@@ -95,9 +95,16 @@ _SETTLING_S = 1.0
 _SETTLING_FRAMES = 200
 _SETTLED = 1e-5
 """Settling ends when no coordinate changes by more than this per frame (m, rad)."""
-_LONGEST_FRAME_S = 0.0125
-"""The solver's frame is no longer than this: of a sensor that goes 10 m/s, its few iterations take no more at once."""
+_LONGEST_FRAME_S = 0.0101
+"""Longest frame of the solver: a sensor that goes 5 m/s is as far as its few iterations take in this time."""
+_MISSED_M, _MISSED_S = 0.03, 0.2
+"""A body that misses a sensor by more than this for so long, though a body could have it there, begins again from a
+posture in which it is not tangled."""
+_RECOVERING_FRAMES, _RECOVERED_M = 16, 0.01
+"""At most so many frames it has to get there, and this near."""
 _FEET = ("l_ankle", "r_ankle")
+_FOLLOWED = ("head", "l_wrist", "r_wrist", *_FEET)
+"""Sensors that strict levels follow."""
 
 Points = dict[str, list[float]]
 Ground = tuple[float, float]
@@ -158,6 +165,9 @@ class Reconstructor:
         self._targets = self._hierarchy.blank()
         self._q = human.posture("natural")
         self._reached = self._reader.joints(self._q[None])[0, self._joints_of]
+        self._followed = np.array([name in _FOLLOWED for name in names])
+        self._good = self._q  # the last posture that followed the sensors
+        self._missed_s, self._patience_s = 0.0, _MISSED_S  # for how long none did, and for how long that may be
 
     @property
     def sensors(self) -> tuple[str, ...]:
@@ -191,6 +201,7 @@ class Reconstructor:
             self._balance.start()
         self._obstacles.restart()
         self._q = self._placed()
+        self._obstacles.tick(self._hierarchy, 0.0)
         points = self._present(self._intake.position)
         for _ in range(_SETTLING_FRAMES):
             self._hierarchy.solver.reset(self._q)
@@ -199,6 +210,7 @@ class Reconstructor:
             if float(np.abs(self._q - before).max()) < _SETTLED:
                 break
         self._hierarchy.solver.reset(self._q)
+        self._good, self._missed_s, self._patience_s = self._q, 0.0, _MISSED_S
         self._obstacles.begin()
         self._carrying = CarryingFeet() if self._feet is None else None
         return self._posture(0.0)
@@ -224,8 +236,47 @@ class Reconstructor:
             at = intake.position if part == parts else before + (part / parts) * (intake.position - before)
             points = self._present(at)
             self._heading.step(points, _facing(turns), dt=dt / parts)
+            self._obstacles.tick(self._hierarchy, dt / parts)
             self._solve(points, turns, dt / parts, at)
-        return self._posture(dt)
+        posture = self._posture(dt)
+        return posture if self._follows(dt) or not self._recovers(points, turns) else self._posture(dt)
+
+    def _missed(self) -> float:
+        """How far the body is from the goal of a sensor that it has to follow, at most, m."""
+        away = np.where(self._intake.present[:, None], self._intake.position - self._reached, 0.0)
+        return float(np.sqrt(rotations.squares(away[self._followed]).max(initial=0.0)))
+
+    def _follows(self, dt: float) -> bool:
+        """Whether the body has followed its sensors until a moment ago."""
+        missed = self._missed()
+        self._missed_s = self._missed_s + dt if missed > _MISSED_M else 0.0
+        if missed <= _MISSED_M:
+            self._good, self._patience_s = self._q, _MISSED_S
+        return self._missed_s <= self._patience_s
+
+    def _recovers(self, points: Points, turns: list[SensorTurn]) -> bool:
+        """Begin again from the last posture that followed the sensors, or a natural one, where that leads nearer to
+        them. Whether one did."""
+        tangled, missed = self._q, self._missed()
+        self._missed_s, self._patience_s = 0.0, 2.0 * self._patience_s  # a sensor may be where no body can have it
+        for q in (self._good, self._placed()):
+            for _ in range(_RECOVERING_FRAMES):
+                self._go_on_from(q)
+                self._solve(points, turns, _SETTLING_S, self._intake.position)
+                q = self._q
+                self._go_on_from(q)
+                if self._missed() < _RECOVERED_M:
+                    break
+            if self._missed() < 0.5 * missed:
+                return True
+        self._go_on_from(tangled)
+        return False
+
+    def _go_on_from(self, q: FloatArray) -> None:
+        """Stand in posture q (nq,), at rest."""
+        self._q = q
+        self._hierarchy.solver.reset(q)
+        self._reached = self._reader.joints(q[None])[0, self._joints_of]
 
     def _solve(self, points: Points, turns: list[SensorTurn], dt: float, at: FloatArray) -> None:
         """Set all targets and solve one frame. at (k, 3) m: the goals of sensors and virtual feet, `points` those that
@@ -245,7 +296,6 @@ class Reconstructor:
         if self._crouch is not None and "head" in points:
             hierarchy.set_posture(targets, self._crouch.posture(self._head_height(points)))
         hierarchy.set_previous(targets, self._q, dt)
-        self._obstacles.tick(hierarchy, dt)
         self._q = hierarchy.solver.frame(targets, dt)
 
     def _posture(self, dt: float) -> HumanPosture:

@@ -1,0 +1,130 @@
+"""Sensors before the human's own shapes, over whole frames; recovery from a tangle; calibration poses in a recording."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from retarget.frames import SensorFrames
+from retarget.human.reconstruction import Reconstructor
+from retarget.human.samples import CalibrationPose, Playback, calibration_pose, lay_on_ticks
+from retarget.model.human import PostureReader, build_human
+from retarget.model.human_dimensions import POINTS, proportional_dimensions
+from retarget.schema.performer import load_performer
+from retarget.schema.priorities import load_priorities
+from retarget.types import FloatArray
+
+DT = 1.0 / 120.0
+FIVE = tuple(load_performer("five").sensors)
+
+
+def standing(arms: float = 0.0) -> FloatArray:
+    """Five sensors (5, 3) m of a person of 1.75 m who stands upright. arms: angle from hanging, sideward, rad."""
+    size = proportional_dimensions(1.75)
+    points = dict(zip(POINTS, size.standing(), strict=True))
+    for side, sign in (("l", 1.0), ("r", -1.0)):
+        length = size.length(f"{side}_elbow") + size.length(f"{side}_wrist")
+        points[f"{side}_wrist"] = points[f"{side}_shoulder"] + length * np.array(
+            [0.0, sign * np.sin(arms), -np.cos(arms)]
+        )
+    return np.array([points[name] for name in FIVE])
+
+
+def frames_of(position: FloatArray, dt: float = DT) -> SensorFrames:
+    """Frames of five sensors (T, 5, 3) m."""
+    count = len(position)
+    return SensorFrames(
+        time=dt * np.arange(count),
+        names=FIVE,
+        position=position,
+        orientation=np.full((count, 5, 4), np.nan),
+        valid=np.ones((count, 5), dtype=bool),
+        rate_hz=1.0 / dt,
+    )
+
+
+def errors_mm(position: FloatArray, priorities: str = "human", dt: float = DT) -> FloatArray:
+    """How far the body is from each sensor (T, 5), mm."""
+    frames = frames_of(position, dt)
+    human = build_human(proportional_dimensions(1.75))
+    reconstructor = Reconstructor(human, load_priorities(priorities), load_performer("five"))
+    first, *others = (frames.sample(at) for at in frames.time)
+    return 1e3 * np.array(
+        [reconstructor.start(first).sensor_error, *(reconstructor.step(one, dt).sensor_error for one in others)]
+    )
+
+
+def passing_legs() -> FloatArray:
+    """One ankle passes close by the other, as in a walk: nearer than the thickness of two shanks."""
+    position = np.repeat(standing(0.15)[None], 120, axis=0)
+    share = np.linspace(0.0, 1.0, 120)
+    left, right = FIVE.index("l_ankle"), FIVE.index("r_ankle")
+    apart = position[0, left, 1] - position[0, right, 1]
+    position[:, left, 1] -= apart * np.sin(np.pi * share) * 0.7
+    position[:, left, 0] += 0.4 * (share - 0.5)
+    position[:, [FIVE.index(name) for name in ("head", "l_wrist", "r_wrist")], 2] -= 0.04  # knees bend
+    position[:, left, 2] += 0.05 * np.sin(np.pi * share)
+    return position
+
+
+def test_sensors_outrank_the_shapes_of_the_human() -> None:
+    assert errors_mm(passing_legs())[36:].max() < 1.0
+
+
+def test_who_wants_the_human_clear_gives_up_sensors_for_it() -> None:
+    assert errors_mm(passing_legs(), "human_clear")[36:].max() > 10.0
+
+
+@pytest.mark.parametrize("rate", [30.0, 40.0, 60.0, 120.0])
+def test_a_fast_hand_is_followed_at_any_rate(rate: float) -> None:
+    """A wrist goes 5 m/s, up and down beside the body."""
+    time = np.arange(0.0, 2.0, 1.0 / rate)
+    swing = 1.2 + 0.9 * np.sin(2.0 * np.pi * 0.9 * time)
+    position = np.array([standing(angle) for angle in swing])
+    assert errors_mm(position, dt=1.0 / rate)[int(0.3 * rate) :].max() < 10.0
+
+
+@pytest.mark.parametrize("sensor", FIVE)
+def test_a_jump_leaves_no_trace_after_a_moment(sensor: str) -> None:
+    position = np.repeat(standing(0.3)[None], 120, axis=0)
+    position[30:45, FIVE.index(sensor)] += [0.4, 0.5, 0.2]
+    errors = errors_mm(position)
+    assert errors[45:60].max() > 50.0 and errors[45 + 36 :].max() < 10.0
+
+
+def test_a_tangled_body_begins_again() -> None:
+    """A performer who is turned about at once leaves a body with crossed legs and arms behind."""
+    position = np.repeat(standing(0.3)[None], 240, axis=0)
+    mirrored = position * [-1.0, -1.0, 1.0]
+    position[60:] = mirrored[60:]
+    assert errors_mm(position)[60 + 120 :].max() < 10.0
+
+
+def moving(count: int = 60) -> FloatArray:
+    """A person who walks on, arms hanging a little (count, 5, 3) m."""
+    position = np.repeat(standing(0.15)[None], count, axis=0)
+    position[:, :, 0] += 1.2 * DT * np.arange(count)[:, None]
+    return position
+
+
+@pytest.mark.parametrize(("name", "arms"), [("T", 1.55), ("A", 0.75), ("N", 0.0)])
+def test_a_calibration_pose_before_the_motion_is_left_out(name: str, arms: float) -> None:
+    position = moving() + [0.3, 0.1, 0.0]
+    position[0] = standing(arms)
+    frames = frames_of(position)
+    assert calibration_pose(frames) == CalibrationPose(name, 1)
+    played = lay_on_ticks(frames, performer=load_performer("five"), playback=Playback())
+    assert len(played) == 59 and np.allclose(played.frames.position[0], position[1])
+    kept = lay_on_ticks(frames, performer=load_performer("five"), playback=Playback(keep_calibration_frame=True))
+    assert len(kept) == 60
+    begun = lay_on_ticks(frames, performer=load_performer("five"), playback=Playback(start=0.0))
+    assert len(begun) == 60
+
+
+def test_a_motion_is_no_calibration_pose() -> None:
+    assert calibration_pose(frames_of(moving())) is None
+    tracker_jumps = moving()
+    tracker_jumps[0, FIVE.index("l_wrist")] += [0.9, 0.0, 0.9]
+    assert calibration_pose(frames_of(tracker_jumps)) is None
+    lost = frames_of(moving())
+    assert calibration_pose(replace(lost, valid=np.zeros_like(lost.valid))) is None
