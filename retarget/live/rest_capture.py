@@ -109,6 +109,12 @@ STILL_M = 0.03
 """Largest distance of a sensor from its mean position: breathing and swaying move a head by a centimetre."""
 LIVE_STATURE_M = (1.2, 2.2)
 """A smaller performer crouches, kneels or sits, or the unit is not metres; a taller one is no human."""
+OFF_FEET_M = 0.15
+"""The head of a person who stands upright is no farther from above the middle of the feet: 5 cm ahead of the ankles."""
+FEET_LEVEL_M = 0.06
+"""Both ankles on one floor are no more apart in height: shoes and noise are less."""
+HANDS_AHEAD_M = 0.3
+"""Hands that hang, or are held aside, are no farther ahead of the head or behind it."""
 FRESH_SHARE = 0.8
 """Share of the capture in which a sensor must be fresh to count."""
 FEWEST = 20
@@ -186,6 +192,7 @@ class RestCapture:
         self._refuse_motion(names, track, mean)
         alignment = align(names, mean, where=self._where)
         standing, offset = alignment.positions(mean), np.zeros((len(names), 3))
+        self._refuse_crooked({name: at for name, at in zip(names, standing, strict=True) if np.isfinite(at).all()})
         if size is None:
             turns = alignment.orientations(self._turns(counts))
             rows = [row for row, ok in enumerate(counts) if ok]
@@ -236,6 +243,30 @@ class RestCapture:
                 step="Stand upright; measure anew with --recalibrate, or give another --person",
             )
         return 0.0 if ankles else float(found - expected)
+
+    def _refuse_crooked(self, at: dict[str, FloatArray]) -> None:
+        """Raise InputError for a posture whose height is not the stature. at: sensors (3,) m in our world, the performer
+        facing x."""
+        if not at.keys() >= set(REQUIRED):
+            return
+        found = []
+        feet = [at[name] for name in ("l_ankle", "r_ankle") if name in at]
+        if len(feet) == 2:
+            ahead, aside = (at["head"] - np.mean(feet, axis=0))[:2].tolist()
+            if abs(ahead) > OFF_FEET_M:
+                found.append(f"your head is {abs(ahead):.2f} m {'ahead of' if ahead > 0.0 else 'behind'} your feet")
+            if abs(aside) > OFF_FEET_M:
+                found.append(f"your head is {abs(aside):.2f} m to the {'left' if aside > 0.0 else 'right'} of your feet")
+            higher = float(feet[0][2] - feet[1][2])
+            if abs(higher) > FEET_LEVEL_M:
+                one, other = ("left", "right") if higher > 0.0 else ("right", "left")
+                found.append(f"your {one} foot is {abs(higher):.2f} m above your {other} one")
+        reach = 0.5 * float(at["l_wrist"][0] + at["r_wrist"][0]) - float(at["head"][0])
+        if abs(reach) > HANDS_AHEAD_M:
+            found.append(f"your hands are {abs(reach):.2f} m {'ahead of' if reach > 0.0 else 'behind'} your head")
+        if found:
+            step = "Stand upright on both feet, looking ahead, arms hanging or straight out to the sides"
+            raise self._refused("the performer does not stand upright", "; ".join(found), step=step)
 
     def _refuse_unlike(self, fit: RestFit) -> None:
         """Raise InputError unless the performer stands upright with both arms alike."""
