@@ -172,7 +172,9 @@ class VirtualFeet:
         self.ankles[0] = x + aside[0], y + aside[1], self.ankle_height
         self.ankles[1] = x - aside[0], y - aside[1], self.ankle_height
         away = self.ankles - head
-        self.ankles[:] = head + away * np.minimum(1.0, self._longest / np.linalg.norm(away, axis=1))[:, None]
+        distance = np.linalg.norm(away, axis=1)
+        for foot in np.flatnonzero(distance > self._longest):
+            self.ankles[foot] = head + self._longest / distance[foot] * away[foot]
 
 
 # Support phase, from height and speed of the ankles alone: both feet, left, right, or none in flight.

@@ -134,7 +134,7 @@ MAX_RESIDUAL_M = 0.06
 MAX_SPREADS = 5.0
 """A fit whose proportions are more spreads off the average is no human."""
 
-ALIKE_RAD = 0.6
+ALIKE_RAD = 0.61
 """Largest difference between the angles of both arms at rest."""
 MAX_CANDIDATES = 8
 _LOOKED_AT = 600

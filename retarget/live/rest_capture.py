@@ -115,6 +115,8 @@ FEET_LEVEL_M = 0.06
 """Both ankles on one floor are no more apart in height: shoes and noise are less."""
 HANDS_AHEAD_M = 0.3
 """Hands that hang, or are held aside, are no farther ahead of the head or behind it."""
+LOWEST_HEAD_M = 0.7
+"""Lower above the ankles, the sender's axes or unit are others: no words about the posture."""
 FRESH_SHARE = 0.8
 """Share of the capture in which a sensor must be fresh to count."""
 FEWEST = 20
@@ -192,22 +194,27 @@ class RestCapture:
         self._refuse_motion(names, track, mean)
         alignment = align(names, mean, where=self._where)
         standing, offset = alignment.positions(mean), np.zeros((len(names), 3))
-        self._refuse_crooked({name: at for name, at in zip(names, standing, strict=True) if np.isfinite(at).all()})
+        at = {name: place for name, place in zip(names, standing, strict=True) if np.isfinite(place).all()}
         if size is None:
             turns = alignment.orientations(self._turns(counts))
             rows = [row for row, ok in enumerate(counts) if ok]
             loose = [names[row] for row in rows if names[row] in self._loose and np.isfinite(turns[row]).all()]
             counted = [names[row] for row in rows]
-            fit = fit_rest_pose(counted, standing[rows], loose=loose, mass=mass, source=self._where)
+            try:
+                fit = fit_rest_pose(counted, standing[rows], loose=loose, mass=mass, source=self._where)
+            except InputError:
+                self._refuse_crooked(at)
+                raise
             self._refuse_unlike(fit)
             size = fit.dimensions
             standing[rows] -= fit.offset
             offset[rows] = np.nan_to_num(rotations.rotate(rotations.conjugate(turns[rows]), fit.offset))
         else:
-            beyond = self._refuse_other(dict(zip(names, standing, strict=True)), size)
+            beyond = self._refuse_other(at, size)
             # Without ankles the floor is as far below the head as this person is tall.
             alignment = replace(alignment, origin=alignment.origin + np.array([0.0, 0.0, beyond]))
             standing = alignment.positions(mean)
+        self._refuse_crooked(at)
         missing = tuple(name for name, ok in zip(names, counts, strict=True) if not ok)
         return Calibrated(size, alignment, names, standing, missing, offset)
 
@@ -247,10 +254,10 @@ class RestCapture:
     def _refuse_crooked(self, at: dict[str, FloatArray]) -> None:
         """Raise InputError for a posture whose height is not the stature. at: sensors (3,) m in our world, the performer
         facing x."""
-        if not at.keys() >= set(REQUIRED):
+        feet = [at[name] for name in ("l_ankle", "r_ankle") if name in at]
+        if not at.keys() >= set(REQUIRED) or any(at["head"][2] - foot[2] < LOWEST_HEAD_M for foot in feet):
             return
         found = []
-        feet = [at[name] for name in ("l_ankle", "r_ankle") if name in at]
         if len(feet) == 2:
             ahead, aside = (at["head"] - np.mean(feet, axis=0))[:2].tolist()
             if abs(ahead) > OFF_FEET_M:

@@ -68,7 +68,7 @@ def test_early_levels_converge_first(reaching: SensorFrames) -> None:
         hands = np.isin(first.names, ("l_wrist", "r_wrist"))[:, None] & (k > 0)
         return replace(first, position=first.position + np.where(hands, [0.3, 0.0, 0.3], 0.0))
 
-    run = reconstruct(reaching.resample(0.05 * np.arange(20)), "paper", iterations=1, change=reach)
+    run = reconstruct(reaching.resample(0.01 * np.arange(60)), "paper", iterations=1, change=reach)
     on_the_way = np.array(run.errors_mm[:, 1:3].max(axis=1) > 20.0)
     assert on_the_way.sum() >= 5 and run.errors_mm[-1].max() < 1.0
     assert run.balance_mm[on_the_way].max() < 1.0
