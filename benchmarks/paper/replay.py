@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hardware.clock import Clock, thread_cpu
+from hardware.clock import MonotonicClock, thread_cpu
 from retarget.frames import SensorFrames, SensorSample
 from retarget.human.calibration import calibrate, rest_orientations
 from retarget.human.reconstruction import Reconstructor
@@ -26,9 +26,9 @@ PERFORMER = "five"
 class Replay:
     """T reconstructed postures.
 
-    q (T, nq); joints (T, m, 3) m of `POINTS`; sensor_errors (T, k) m of `sensors`; modes (T, n): 0 free, 1 preventive,
-    2 reactive, of each observer; switches (n,): changes of mode; cpu_s (T,): thread CPU time of each frame; wall_s: of
-    all of them together; the first frame is many, because it settles. dt: s per frame.
+    q (T, nq); joints (T, m, 3) m of `POINTS`; sensor_errors (T, k) m of `sensors`; balance_errors (T,) m; modes (T, n):
+    0 free, 1 preventive, 2 reactive, of each observer; switches (n,): changes of mode; cpu_s (T,): thread CPU time of
+    each frame; wall_s: of all of them together; the first frame is many, because it settles. dt: s per frame.
     """
 
     human: Human
@@ -37,6 +37,7 @@ class Replay:
     q: FloatArray
     joints: FloatArray
     sensor_errors: FloatArray
+    balance_errors: FloatArray
     modes: ModeArray
     switches: FloatArray
     cpu_s: FloatArray
@@ -62,23 +63,19 @@ class Replay:
         return np.asarray(across / max(float(np.linalg.norm(across)), 1e-9))
 
 
-def human_of(frames: SensorFrames) -> Human:
-    """The virtual human of a performer's size."""
-    return build_human(calibrate(frames))
-
-
 def replay(
     frames: SensorFrames,
     priorities: Priorities,
     *,
-    clock: Clock,
+    sensors: str = PERFORMER,
     observed: ObserverSet = "none",
     scene: Scene | None = None,
     iterations: int | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Replay:
-    """Reconstruct every frame. observed: which observers; iterations: N_IK instead of the file's."""
-    human, performer = human_of(frames), load_performer(PERFORMER)
+    """Reconstruct every frame. sensors: a performer's file; observed: which observers; iterations: N_IK instead of the
+    file's."""
+    human, performer = build_human(calibrate(frames)), load_performer(sensors)
     worn = frames.select(tuple(performer.sensors))
     reconstructor = Reconstructor(
         human,
@@ -92,6 +89,7 @@ def replay(
     steps = np.diff(worn.time).tolist()
     samples = [SensorSample(worn.names, *row) for row in zip(worn.position, worn.orientation, worn.valid, strict=True)]
     postures, cpu = [], np.zeros(len(samples))
+    clock = MonotonicClock()
     begun = clock.now()
     for k, sample in enumerate(samples):
         before = thread_cpu()
@@ -110,6 +108,7 @@ def replay(
         q=q,
         joints=PostureReader(human).joints(q),
         sensor_errors=np.array([posture.sensor_error for posture in postures]),
+        balance_errors=np.array([posture.balance_error for posture in postures]),
         modes=np.array([posture.observer_modes for posture in postures]),
         switches=counts[:, 0].astype(float) if observers is not None else np.zeros(0),
         cpu_s=cpu,

@@ -5,7 +5,6 @@ import pytest
 
 from benchmarks.paper.made_motion import made_jog, made_jump
 from benchmarks.paper.replay import replay
-from hardware.clock import VirtualClock
 from retarget.frames import SensorFrames
 from retarget.schema.priorities import load_priorities
 
@@ -16,7 +15,7 @@ def test_they_are_reconstructed(frames: SensorFrames) -> None:
     assert ankles.min() > 0.03 and np.ptp(ankles) > 0.02
     speed = np.linalg.norm(np.diff(frames.position, axis=0), axis=-1).max() * frames.rate_hz
     assert speed < 12.0
-    errors = replay(frames, load_priorities("paper"), clock=VirtualClock()).sensor_errors
+    errors = replay(frames, load_priorities("paper")).sensor_errors
     assert np.nanmean(errors) < 5e-3
 
 
