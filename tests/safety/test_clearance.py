@@ -7,7 +7,8 @@ import pytest
 
 from followers import DT as PATH_CLEARANCE_DT
 from followers import op3
-from gated_robot import GatedRobot, scene, sphere
+from gated_robot import GatedRobot, sphere
+from gated_robot import scene_of as scene
 from gates import sent
 from hardware.clock import VirtualClock
 from messages import refuses

@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 
 from messages import Facts, refuses, shows
+from recordings import recorded, saved_run
 from retarget.errors import InputError
 from retarget.recording.read_run import RecordedRun, read_recorded
 from retarget.schema.catalogue import Kind, find
 from retarget.types import FloatArray
 from retarget.viewer.joint_plot import curves
 from retarget.viewer.recorded import RecordedScene, ShownRun, open_recorded
-from saved_runs import saved_run
-from view_mcap_helpers import recorded
 
 
 @pytest.fixture(scope="module")

@@ -7,12 +7,12 @@ import pytest
 
 from followers import op3
 from messages import shows
+from recordings import recorded
 from retarget.errors import InputError
 from retarget.run.run_result import RunResult
 from retarget.types import FloatArray
 from retarget.viewer.joint_plot import curves
 from retarget.viewer.recorded import open_recorded
-from view_mcap_helpers import recorded
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,6 @@ from dynamixel_sdk import Protocol1PacketHandler
 from hypothesis import given
 from hypothesis import strategies as st
 
-import more_frames
 from hardware.dynamixel.codec import BROADCAST, Frame, Status, protocol1
 from messages import refuses
 from packet_vectors import ONE, Vector
@@ -52,10 +51,6 @@ WRONG: dict[str, Callable[[], bytes]] = {
 def test_what_cannot_be_sent_is_refused(build: Callable[[], bytes]) -> None:
     with refuses(ValueError):
         build()
-
-
-def test_the_second_protocols_factory_reset_has_no_option_here() -> None:
-    assert more_frames.factory_reset1(5) == bytes.fromhex("FFFF050206F2")
 
 
 @given(st.integers(0, 253), st.integers(0, 127), st.binary(max_size=60))
