@@ -570,3 +570,14 @@ def test_after_a_refused_goal_the_follower_goes_on_from_what_was_sent() -> None:
     sent = record.robot.q[record.following][:, rig.robot.servo_columns]
     assert np.abs(sent[13] - sent[12]).max() > 1e-4, "it still brakes"
     np.testing.assert_array_equal([*follower.recalled[13:17]], sent[12:16])
+
+
+def test_the_contact_state_of_the_soles_is_set_before_each_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig, contact = Rig(still()), np.array([True, False])
+    read = rig.bus.read
+    monkeypatch.setattr(rig.bus, "read", lambda: replace(read(), soles=contact))
+    play(rig)
+    assert len(rig.follower.contact_states) >= 20 and all(soles is contact for soles in rig.follower.contact_states)
+    without = Rig(still())
+    play(without)
+    assert set(without.follower.contact_states) == {None}

@@ -19,7 +19,7 @@ from retarget.run.prepare import Prepared, prepare_for
 from retarget.schema.performer import Performer, load_performer
 from retarget.sources.json_pose import JsonPoseDecoder
 from sim.faults.sender import FakeSender
-from sim.mock_bus import MockBus
+from sim.mock_bus import MockBus, mock_bus
 
 WHERE = "json://:7000"
 
@@ -66,8 +66,7 @@ class LiveRig:
             yield prepared
 
     def _bus(self, robot: RobotBody, clock: Clock) -> MockBus:
-        stand = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
-        self.bus = MockBus(robot.joint_map.servos, clock, start=robot.joint_map.to_ticks(stand))
+        self.bus = mock_bus(robot, clock)
         return self.bus
 
 
