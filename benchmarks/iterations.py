@@ -29,10 +29,9 @@ GROUPS = {"ankles": ("l_ankle", "r_ankle"), "wrists": ("l_wrist", "r_wrist"), "h
 def errors_mm(done: Replay) -> dict[str, Floats]:
     """Errors, mm, of every frame: of the centre of mass and of groups of sensors."""
     groups = {
-        group: 1e3 * done.sensor_errors[:, [done.sensors.index(one) for one in members]]
-        for group, members in GROUPS.items()
+        group: done.errors_mm[:, [done.sensors.index(one) for one in members]] for group, members in GROUPS.items()
     }
-    return {"CoM": 1e3 * done.balance_errors} | groups
+    return {"CoM": done.balance_mm} | groups
 
 
 def broken_limits(human: Human, postures: Floats, dt: float) -> int:

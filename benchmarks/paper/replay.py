@@ -16,7 +16,7 @@ from retarget.model.scene_state import SceneState
 from retarget.schema.performer import load_performer
 from retarget.schema.priorities import Priorities
 from retarget.schema.scene import Scene
-from retarget.types import FloatArray, ModeArray
+from retarget.types import FloatArray, HumanPosture, ModeArray
 
 PERFORMER = "five"
 """Head, wrists and ankles, as in the paper."""
@@ -26,18 +26,20 @@ PERFORMER = "five"
 class Replay:
     """T reconstructed postures.
 
-    q (T, nq); joints (T, m, 3) m of `POINTS`; sensor_errors (T, k) m of `sensors`; balance_errors (T,) m; modes (T, n):
-    0 free, 1 preventive, 2 reactive, of each observer; switches (n,): changes of mode; cpu_s (T,): thread CPU time of
-    each frame; wall_s: of all of them together; the first frame is many, because it settles. dt: s per frame.
+    postures: all of them; q (T, nq); joints (T, m, 3) m of `POINTS`; errors_mm (T, k) of `sensors`; balance_mm (T,):
+    distance of the centre of mass from its goal; modes (T, n): 0 free, 1 preventive, 2 reactive, of each observer;
+    switches (n,): changes of mode; cpu_s (T,): thread CPU time of each frame; wall_s: of all of them together; the
+    first frame is many, because it settles. dt: s per frame.
     """
 
     human: Human
     sensors: tuple[str, ...]
     observers: Observers | None
+    postures: tuple[HumanPosture, ...]
     q: FloatArray
     joints: FloatArray
-    sensor_errors: FloatArray
-    balance_errors: FloatArray
+    errors_mm: FloatArray
+    balance_mm: FloatArray
     modes: ModeArray
     switches: FloatArray
     cpu_s: FloatArray
@@ -71,10 +73,11 @@ def replay(
     observed: ObserverSet = "none",
     scene: Scene | None = None,
     iterations: int | None = None,
+    change: Callable[[int, SensorSample], SensorSample] = lambda frame, sample: sample,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Replay:
     """Reconstruct every frame. sensors: a performer's file; observed: which observers; iterations: N_IK instead of the
-    file's."""
+    file's; change: may replace each sample."""
     human, performer = build_human(calibrate(frames)), load_performer(sensors)
     worn = frames.select(tuple(performer.sensors))
     reconstructor = Reconstructor(
@@ -92,7 +95,7 @@ def replay(
     clock = MonotonicClock()
     begun = clock.now()
     for k, sample in enumerate(samples):
-        before = thread_cpu()
+        sample, before = change(k, sample), thread_cpu()
         postures.append(reconstructor.step(sample, steps[k - 1]) if k else reconstructor.start(sample))
         cpu[k] = thread_cpu() - before
         if k % 50 == 0:
@@ -105,10 +108,11 @@ def replay(
         human=human,
         sensors=reconstructor.sensors,
         observers=observers,
+        postures=tuple(postures),
         q=q,
         joints=PostureReader(human).joints(q),
-        sensor_errors=np.array([posture.sensor_error for posture in postures]),
-        balance_errors=np.array([posture.balance_error for posture in postures]),
+        errors_mm=1e3 * np.array([posture.sensor_error for posture in postures]),
+        balance_mm=1e3 * np.array([posture.balance_error for posture in postures]),
         modes=np.array([posture.observer_modes for posture in postures]),
         switches=counts[:, 0].astype(float) if observers is not None else np.zeros(0),
         cpu_s=cpu,

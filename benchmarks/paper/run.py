@@ -92,7 +92,7 @@ def _moving(name: str, frames: SensorFrames, folder: Path, results: Results, *, 
     half = min(round(0.7 / done.dt), len(head) // 2)
     first = min(max(middle - half, 0), len(head) - 2 * half)
     shown = np.linspace(first, first + 2 * half - 1, 8).round().astype(int).tolist()
-    errors = 1e3 * done.sensor_errors
+    errors = done.errors_mm
     results.data[name] = {
         "source": frames.source,
         "frames": len(done.q),

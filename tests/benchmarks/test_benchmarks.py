@@ -13,7 +13,6 @@ from benchmarks.motion import RATE, crouch_and_reach, out_of_reach
 from benchmarks.ours import Ours
 from benchmarks.paper.replay import replay
 from benchmarks.recording import followed
-from benchmarks.unsensed import unsensed_mm
 from benchmarks.urdf import write_urdf
 from retarget.human.calibration import calibrate
 from retarget.model.body import load_body_text
@@ -125,9 +124,3 @@ def test_broken_limits_are_counted() -> None:
     knee = human.body.joint_qpos[human.body.joint_index("l_knee_flexion")]
     postures[1, knee] -= 3.0
     assert broken_limits(human, postures, 0.01) == 3  # out of range, there and back too fast
-
-
-def test_more_sensors_leave_less_unsensed() -> None:
-    frames = synthetic_performer().cut(0.0, 2.0)
-    five, everything = (unsensed_mm(frames, "human", sensors) for sensors in ("five", "all"))
-    assert 0.0 < everything < 5.0 < five < 90.0

@@ -73,11 +73,11 @@ def test_observers_keep_clear(made: Outcomes) -> None:
 
 def test_sensors_are_followed_where_nothing_hinders(made: Outcomes) -> None:
     for outcome in made.values():
-        errors = outcome.replay.sensor_errors
-        assert np.nanmean(errors[:, outcome.replay.sensors.index("l_ankle")]) < 1e-3
-    assert np.nanmax(made[1, "paper"].replay.sensor_errors) < 1e-3
+        errors = outcome.replay.errors_mm
+        assert np.nanmean(errors[:, outcome.replay.sensors.index("l_ankle")]) < 1.0
+    assert np.nanmax(made[1, "paper"].replay.errors_mm) < 1.0
     np.testing.assert_array_less(
-        made[2, "paper"].replay.sensor_errors[:20], 1e-3, err_msg="the start is out of every influence"
+        made[2, "paper"].replay.errors_mm[:20], 1.0, err_msg="the start is out of every influence"
     )
 
 
