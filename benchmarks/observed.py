@@ -132,7 +132,8 @@ def main() -> None:
     for watched, motion in cases(options.frames, recorded):
         rows += run_observed(watched, motion, entries(watched, motion), repeats=options.repeats)
     print_observed(rows)
-    bodies, ways = (watched_human("lines_and_head"), watched_human("capsules"), watched_op3()), ("closest", "all")
+    bodies = (watched_human("lines_and_head"), watched_human("capsules"), watched_op3())
+    ways: tuple[Activation, ...] = ("closest", "all")
     frames = min(options.frames, FRAMES)
     costs = [obstacle_cost(one, way, frames=frames, repeats=options.repeats) for one in bodies for way in ways]
     print_obstacle_costs(costs)
