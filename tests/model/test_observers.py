@@ -12,9 +12,8 @@ import followers
 from followers import op3
 from messages import refuses, shows
 from observed import CAPSULE, Rig, aim, ball, chain, rig, rod
-from observed_robot import act, robot, scene_of
+from observed_robot import act, robot, scene_of, without_observers
 from observed_robot import human as observers_idle_human
-from observers_idle_helpers import without_observers
 from reconstructions import thinned
 from retarget import _solver
 from retarget.errors import ConfigError

@@ -1,4 +1,4 @@
-"""To be described."""
+"""One answer of the solver, held to the box, to optimality, and level by level to the oracle."""
 
 from dataclasses import dataclass
 

@@ -125,3 +125,12 @@ def act(follower: Follower, state: SceneState | None, motion: Sequence[HumanPost
     if state is not None:
         near = [observed(posture.q, state, time) for posture, time in zip(done, times, strict=True)]
     return Done(done, np.array(near), state, np.array(times))
+
+
+def without_observers(priorities: Priorities) -> Priorities:
+    """The same levels, empty where observers were."""
+    levels = tuple(
+        level.model_copy(update={"tasks": tuple(t for t in level.tasks if t.type not in ("reactive", "preventive"))})
+        for level in priorities.levels
+    )
+    return priorities.model_copy(update={"levels": levels})
