@@ -65,10 +65,10 @@ def test_the_newest_datagrams_of_a_backlog_are_decoded_at_once(count: int) -> No
 def test_the_latency_of_a_run_that_falls_behind_is_bounded() -> None:
     """A sender at 19,000 Hz, polled at 100 Hz: what is decoded in a tick is of this tick, however long it goes on."""
     stream = live_stream(FakeSender(rate_hz=19_000.0), five_sensors())
-    for tick in range(100):
+    for tick in range(30):
         stream.poll(0.01 * tick, moving=True)
         assert tick == 0 or 0.01 * tick - stream.last < 0.01
-    assert stream.frames <= 100 * MOST_DECODED and stream.admission.refused.reasons[TOO_MANY] > 10_000
+    assert stream.frames <= 30 * MOST_DECODED and stream.admission.refused.reasons[TOO_MANY] > 3_000
 
 
 def test_a_flood_of_long_datagrams_is_a_few_of_them_a_poll() -> None:
