@@ -1,9 +1,11 @@
 """What the pages say is there: commands with their options, names, messages, models, and links between pages."""
 
 import ast
+import importlib
 import re
 import shlex
 import tomllib
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import fields
 from functools import cache
@@ -16,9 +18,11 @@ from urllib.parse import unquote, urlsplit
 import pytest
 import yaml
 
+import retarget
 from command_pages import commands
 from hardware.servo import SERVO_MODELS
 from python_pages import PAGES as PYTHON_PAGES
+from python_pages import PUBLIC, python_page
 from retarget.cli.servo.monitor import TORQUE
 from retarget.report.report import BusReport, Report, StopReport
 
@@ -325,3 +329,63 @@ def test_the_site_fetches_nothing_from_elsewhere(site: Path) -> None:
 def test_the_search_works_from_disk(site: Path) -> None:
     assert (site / "search/search_index.js").read_text(encoding="utf-8").startswith("var __index = ")
     assert 'src="site/iframe-worker.js"' in (site / "index.html").read_text(encoding="utf-8")
+
+
+# What the site's hooks make of Markdown that is written for Git hosts.
+
+
+@pytest.fixture(scope="module")
+def hooks() -> Any:
+    pytest.importorskip("mkdocs", reason="the extra docs is not installed (make docs installs it)")
+    return importlib.import_module("hooks")
+
+
+def test_links_out_of_docs_become_pages(hooks: Any) -> None:
+    text = "[a](../examples/own_source.py), [s](../SECURITY.md#who), [r](../README.md), [l](live.md)"
+    assert hooks.led_inside(text, "live.md") == (
+        "[a](examples/own_source.md), [s](security.md#who), [r](README.md), [l](live.md)"
+    )
+    assert hooks.led_inside("[s](../SECURITY.md)", "reference/a.md") == "[s](../security.md)"
+
+
+def test_a_list_is_parted_from_what_stands_before_it(hooks: Any) -> None:
+    assert hooks.parted_lists("Two:\n* a\n* b\n  more\n* c") == "Two:\n\n* a\n* b\n  more\n* c"
+    assert hooks.parted_lists("One:\n1. a\n2. b") == "One:\n\n1. a\n2. b"
+    for whole in ("Two:\n\n* a\n* b", "```\nx\n* a\n```", "x\n    * a", "a\n*b* c"):
+        assert hooks.parted_lists(whole) == whole
+
+
+def test_bars_in_code_are_plain_in_tables_only(hooks: Any) -> None:
+    assert hooks.plain_pipes(r"| `a\|b` | c\|d |") == r"| `a|b` | c\|d |"
+    assert hooks.plain_pipes(r"`a\|b`") == r"`a\|b`"
+
+
+def test_every_example_is_a_page_and_is_listed(hooks: Any) -> None:
+    pages = hooks.made_pages()
+    assert "read_into_pandas.py](examples/read_into_pandas.md) | A recording as pandas tables" in pages["examples.md"]
+    assert "```python\n" in pages["examples/read_into_pandas.md"]
+    assert "](docs/" not in pages["security.md"]
+
+
+# The pages of the Python reference name modules that exist, each once.
+
+
+@pytest.mark.parametrize("place", PYTHON_PAGES)
+def test_every_module_is_there(place: str) -> None:
+    page = python_page(place)
+    for module in PYTHON_PAGES[place].modules:
+        base = ROOT / module.replace(".", "/")
+        assert any(file.is_file() for file in (base.with_suffix(".py"), base.with_suffix(".pyi"), base / "__init__.py"))
+        assert f"\n::: {module}\n" in page
+
+
+def test_no_module_is_documented_twice() -> None:
+    count = Counter(module for page in PYTHON_PAGES.values() for module in page.modules)
+    assert count.most_common(1)[0][1] == 1
+
+
+def test_every_public_name_is_listed_with_what_it_is_and_its_page() -> None:
+    page, documented = python_page(PUBLIC), {module for one in PYTHON_PAGES.values() for module in one.modules}
+    for name, home in retarget._HOMES.items():
+        assert f"| [`{name}`][{home}.{name}] | " in page and f"| [`{name}`][{home}.{name}] |  |" not in page
+        assert home in documented

@@ -16,10 +16,10 @@ from messages import refuses, shows
 from retarget.model.robot import RobotBody
 from retarget.report.motion_metrics import LimitViolations, limit_violations
 from retarget.run.controllers import rest_joints
-from retarget.run.loop import FORCED_STOP, INTERRUPTED, Ending, Watch, run_human
+from retarget.run.loop import FORCED_STOP, INTERRUPTED, Watch, run_human
 from retarget.run.record import Phase, Record
 from retarget.types import FloatArray, HumanPosture, RobotPosture, RunState
-from rig import Rig, StubFollower, StubReconstructor, person, short_clip
+from rig import Rig, StubFollower, StubReconstructor, person, play, short_clip
 
 TICKS = 51
 
@@ -40,12 +40,6 @@ def ramp() -> FloatArray:
     script = still()
     script[:, 0] = 4.0 * (np.arange(TICKS) / 125.0) ** 2
     return script
-
-
-def play(rig: Rig, watch: Watch | None = None) -> Ending:
-    clip = short_clip(seconds=0.4)
-    assert len(clip) == TICKS
-    return rig.loop(clip, watch).run()
 
 
 def written(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> list[list[int]]:
