@@ -266,7 +266,7 @@ class DynamixelBus:
 
     def _torque_off(self) -> None:
         """Switch torque off on all servos, also after a failure of one. Raises BusError."""
-        unsure = off_everywhere(self._lines)
+        unsure = off_everywhere({line: line.servos for line in self._lines})
         self._readings.drive[:] = Torque.OFF
         if unsure:
             raise BusError(

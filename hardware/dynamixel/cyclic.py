@@ -649,7 +649,7 @@ class BusLine:
 
     def name_of(self, device: int) -> str:
         """The servo with this id, in messages."""
-        return self.servos[device].label
+        return self.servos[device].label if device in self.servos else f"id {device}"
 
     @property
     def cyclic(self) -> CyclicPort:

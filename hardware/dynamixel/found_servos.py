@@ -1,7 +1,7 @@
 """Servos as found on a line, faulty ones included: status return level 0, their registers, and torque off for all."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hardware.bus import BusSpec
@@ -11,7 +11,8 @@ from hardware.dynamixel.cyclic import BusLine
 from hardware.dynamixel.line_scan import Sighting, Speed, speed_refused
 from hardware.dynamixel.serial_port import BytePort
 from hardware.dynamixel.settings import ANSWER_ALL, ServoImage, read_image, setup_command
-from hardware.dynamixel.single_requests import Found, NoAnswer, OneOff, ServoError
+from hardware.dynamixel.single_requests import NoAnswer, OneOff, ServoError
+from hardware.dynamixel.torque import TORQUE_ENABLE
 from hardware.errors import BusError
 from hardware.servo import ServoSpec, find_model
 
@@ -54,37 +55,8 @@ def read_servo(client: OneOff, bus: BusSpec, device: int, table: ControlTable) -
         return f": {error}"
 
 
-# Torque of servos whose registers could not be read, or whose model has no table here: all have it at one address.
-
-TORQUE_ENABLE = {
-    1: Register("torque_enable", 24, 1, False, True, None, None, 0, 1, 0),
-    2: Register("torque_enable", 64, 1, False, True, None, None, 0, 1, 0),
-}
-"""By protocol (AX, MX; X)."""
 CONTROLLERS = frozenset((0x7400,))
 """Model numbers of devices that are no servos: OpenCR."""
-
-
-def is_controller(found: Found) -> bool:
-    """Whether it has no torque to switch."""
-    return found.model in CONTROLLERS
-
-
-def send_torque_off(line: BusLine, ids: Iterable[int]) -> None:
-    """Switch the torque of servos off; no servo answers. Raises BusError when the port is gone."""
-    line.write_all(TORQUE_ENABLE[line.spec.protocol], [(device, 0) for device in ids])
-
-
-def not_limp(line: BusLine, ids: Sequence[int]) -> list[int]:
-    """Those with torque, and those that do not answer. Raises BusError when the port is gone."""
-    return [device for device in ids if _torque(line, device) != 0]
-
-
-def _torque(line: BusLine, device: int) -> int | None:
-    try:
-        return line.client.read(device, TORQUE_ENABLE[line.spec.protocol])
-    except (NoAnswer, ServoError):
-        return None
 
 
 Placed = tuple[int, ServoSpec]
@@ -146,7 +118,7 @@ def look(port: BytePort, spec: BusSpec, servos: Sequence[Placed], sightings: Seq
 def _is_unknown(one: Sighting, line: BusLine) -> bool:
     """Whether a servo that was not read is of a model without a table here, or not in the profile."""
     device = one.found.id
-    if is_controller(one.found):
+    if one.found.model in CONTROLLERS:
         return False
     if device in line.servos:
         return one.table is None and one.found.model is not None

@@ -5,8 +5,8 @@ from contextlib import suppress
 
 import typer
 
-from hardware.dynamixel.found_servos import Look, broadcast_torque_off, not_limp, send_torque_off
-from hardware.dynamixel.torque import off_everywhere
+from hardware.dynamixel.found_servos import Look, broadcast_torque_off
+from hardware.dynamixel.torque import not_limp, off_everywhere
 from hardware.errors import BusError, TorqueError
 from retarget.cli.exit import stop_on_signals
 from retarget.cli.servo.places import (
@@ -73,7 +73,7 @@ def rest(
             if sent:
                 raise TorqueError(f"interrupted. {UNCONFIRMED}") from None
             raise
-        count = sum(len(one.line.images) + len(one.unknown) for one in looks)
+        count = sum(len(_answering(one)) for one in looks)
         if not sent:
             if not _is_due(looks, count):
                 return
@@ -101,7 +101,7 @@ def _broadcast(places: Sequence[Place], protocol: int | None, baud: int | None) 
 
 def _is_due(looks: Sequence[Look], count: int) -> bool:
     """Whether any servo has torque or does not answer; prints which."""
-    driven = [names(one, on) for one in looks if (on := _driven(one))]
+    driven = [names(one, on) for one in looks if (on := not_limp(one.line, _answering(one)))]
     if not driven and not any(one.missing for one in looks):
         typer.echo(f"torque is off already on all {count} servos")
         return False
@@ -116,39 +116,16 @@ def _say_missing(looks: Sequence[Look]) -> None:
             typer.echo(f"no answer: {names(one, one.missing)}")
 
 
-def _unknown(one: Look) -> list[int]:
-    return [sighting.found.id for sighting in one.unknown]
-
-
-def _driven(one: Look) -> list[int]:
-    """Servos that have torque, or do not answer now."""
-    unknown = not_limp(one.line, _unknown(one))
-    if not one.line.images:
-        return unknown
-    table = next(iter(one.line.images.values())).table
-    said = one.line.read_all(table["torque_enable"], list(one.line.images))
-    return [device for device in one.line.images if said.get(device) != 0] + unknown
+def _answering(one: Look) -> list[int]:
+    return [*one.line.images, *(sighting.found.id for sighting in one.unknown)]
 
 
 def _switch_off(looks: Sequence[Look]) -> None:
-    """Send torque off to all servos before any is read back. Raises TorqueError with those that did not confirm."""
-    unsure: list[str] = []
-    for one in looks:
-        with suppress(BusError):  # they are read back below
-            send_torque_off(one.line, [*one.missing, *_unknown(one)])
-    unsure += off_everywhere([one.line for one in looks if one.line.images])
-    for one in looks:
-        try:
-            left = not_limp(one.line, [*one.missing, *_unknown(one)])
-            if left:
-                send_torque_off(one.line, left)
-                left = not_limp(one.line, left)
-            unsure += [names(one, [device]) for device in left]
-        except BusError as error:
-            unsure.append(f"all of bus {one.line.spec.name} ({error})")
+    """Switch torque off, also on servos that did not answer. Raises TorqueError with those that did not confirm."""
+    unsure = off_everywhere({one.line: (*_answering(one), *one.missing) for one in looks})
     if unsure:
         raise TorqueError(
-            f"{', '.join(dict.fromkeys(unsure))} did not confirm that torque is off",
+            f"{', '.join(unsure)} did not confirm that torque is off",
             where="servo rest",
             then="Cut the power by hand",
         )

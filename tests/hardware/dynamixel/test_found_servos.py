@@ -3,22 +3,17 @@
 import pytest
 
 from bus_rig import BusRig, bus_of, spec, specs
-from hardware.dynamixel.control_table import code_of, tables
-from hardware.dynamixel.cyclic import BusLine
+from hardware.dynamixel.control_table import code_of
 from hardware.dynamixel.found_servos import (
     LEVEL,
-    TORQUE_ENABLE,
     answers_pings_only,
     as_bus,
     broadcast_torque_off,
-    is_controller,
     look,
-    not_limp,
-    send_torque_off,
 )
 from hardware.dynamixel.line_scan import Sighting, Speed, all_speeds, scan_line
 from hardware.dynamixel.settings import ANSWER_ALL
-from hardware.dynamixel.single_requests import Found, OneOff
+from hardware.dynamixel.single_requests import OneOff
 from hardware.errors import BusError
 from messages import refuses, shows
 from sim.emulator.faults import Fault, FaultKind
@@ -153,28 +148,3 @@ def test_it_is_written_without_its_answer(protocol: int) -> None:
     client.write(2, LEVEL[protocol], ANSWER_ALL, verify=True)
     assert rig.shown("status_return_level")[1] == 2
     assert not answers_pings_only(client, 2)
-
-
-def test_every_known_model_has_its_torque_there() -> None:
-    for table in tables():
-        known = table["torque_enable"]
-        assert (known.address, known.size) == (TORQUE_ENABLE[table.protocol].address, 1), table.model
-
-
-@pytest.mark.parametrize("protocol", [1, 2])
-def test_a_line_without_known_servos_switches_them_off_and_asks(protocol: int) -> None:
-    servos = specs(4, "MX-28")
-    rig = BusRig(servos, buses=[bus_of(servos, protocol=protocol, baud=1_000_000)])
-    rig.port.open(1_000_000)
-    line = BusLine(rig.buses[0], rig.port, [])
-    for one in rig.devices[:3]:
-        one.memory.put("torque_enable", 1)
-    rig.fault(Fault(FaultKind.MISSING, ids=(3,)))
-    assert not_limp(line, [1, 2, 3, 4]) == [1, 2, 3]
-    send_torque_off(line, [1, 3])
-    assert rig.shown("torque_enable") == [0, 1, 1, 0]
-    assert not_limp(line, [1, 2, 3, 4]) == [2, 3]
-
-
-def test_a_controller_has_none() -> None:
-    assert is_controller(Found(200, 2, 0x7400)) and not is_controller(Found(1, 2, 1120))
