@@ -93,10 +93,8 @@ class DynamixelBus:
             problems = [problem for opening in found for problem in opening.problems]
             if problems:
                 raise BusError(_refusal(problems))
-            for line, opening in zip(self._lines, found, strict=True):
-                line.adopt(opening.images)
-                for note in opening.notes:
-                    self._notify(note)
+            for note in [note for opening in found for note in opening.notes]:
+                self._notify(note)
             prepare(self._lines, self._notify, limp_only=True)
             self._begin()
         except BaseException:
@@ -154,8 +152,7 @@ class DynamixelBus:
         for line in self._lines:
             try:
                 line.port.open(line.spec.baud)
-                servos = list(line.servos.values())
-                found.append(examine(line.port, line.client, line.spec, servos, robot=self._map.servos))
+                found.append(examine(line, robot=self._map.servos))
             except HardwareError as error:
                 found.append(Opening(problems=[f"bus {line.spec.name}: {error}"]))
         return found

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -10,20 +10,18 @@ import typer
 
 from hardware.bus import BAUDS, BusSpec
 from hardware.clock import Clock, MonotonicClock, VirtualClock
-from hardware.dynamixel.found_servos import Look, as_bus, look
+from hardware.dynamixel.cyclic import BusLine
+from hardware.dynamixel.found_servos import Look, as_bus, look, look_at_bus
 from hardware.dynamixel.line_scan import (
     PROTOCOLS,
     LineScan,
     Sighting,
     Speed,
     all_speeds,
-    elsewhere_texts,
     has_speed,
     scan_line,
 )
-from hardware.dynamixel.opening import servos_on
-from hardware.dynamixel.serial_port import ECHOES, BytePort, SerialPort
-from hardware.dynamixel.single_requests import OneOff
+from hardware.dynamixel.serial_port import BytePort, SerialPort
 from hardware.errors import BusError
 from hardware.servo import ServoSpec
 from retarget.cli.application import ask, progress_bar
@@ -177,7 +175,8 @@ def look_at(
     looks: list[Look] = []
     for place in places:
         if place.spec is not None:
-            looks.append(_known(place, place.spec))
+            place.port.set_baud(place.spec.baud)
+            looks.append(look_at_bus(BusLine(place.spec, place.port, place.servos)))
             continue
         speeds = chosen_speeds(place, protocol, baud)
         if ids is None and len(speeds) > 1:
@@ -186,10 +185,11 @@ def look_at(
         seen = search(place, speeds, ids)
         if seen.sightings:
             first = sum(len(one.line.servos) for one in looks)
-            found = look(place.port, *as_bus(place.port.name, seen.sightings, first=first), seen.sightings)
-            looks.append(replace(found, notes=(*found.notes, *([ECHOES] if seen.echoes else []))))
+            spec, placed = as_bus(place.port.name, seen.sightings, first=first)
+            place.port.set_baud(spec.baud)
+            looks.append(look(BusLine(spec, place.port, placed), seen.sightings))
     if not any(one.line.images or (unknown_too and one.unknown) for one in looks):
-        notes = [note for one in looks for note in one.notes]
+        notes = [note for one in looks for note in (*one.wrong, *one.notes)]
         raise BusError(
             "no servo answers",
             where=", ".join(place.where for place in places),
@@ -197,7 +197,7 @@ def look_at(
             then="Check power and wiring, and see `retarget servo scan`",
         )
     for one in looks:
-        for note in one.notes:
+        for note in (*one.wrong, *one.notes):
             typer.echo(f"note: bus {one.line.spec.name}: {note}", err=True)
     return looks
 
@@ -222,23 +222,6 @@ def search(
     """Look for `ids` (None: all) at each speed, with a progress bar. See `scan_line`."""
     with progress_bar(f"looking on {place.where}", len(speeds)) as progress:
         return scan_line(place.port, speeds, ids=ids, progress=progress, on_found=on_found)
-
-
-def _known(place: Place, spec: BusSpec) -> Look:
-    """A look at a bus of a profile; the first missing servos are looked for at other speeds."""
-    port = place.port
-    port.set_baud(spec.baud)
-    client = OneOff(port, spec.protocol)
-    answering, messages = servos_on(port, client, spec)
-    for note in messages:
-        typer.echo(f"note: {note}", err=True)
-    seen = [Sighting(one, Speed(spec.protocol, spec.baud)) for one in answering]
-    found = look(port, spec, place.servos, seen)
-    there = {one.id for one in answering}
-    named = {servo.id: servo.label for _, servo in place.servos}
-    silent = [device for device in spec.ids if device not in there]
-    notes = [*elsewhere_texts(port, spec, silent, named), *found.notes, *([ECHOES] if client.echoes else [])]
-    return replace(found, notes=tuple(notes))
 
 
 def names(look_: Look, ids: Sequence[int]) -> str:

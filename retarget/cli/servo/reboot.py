@@ -123,5 +123,4 @@ def _said(one: Look, device: int) -> str:
     image = one.line.images[device]
     bits = image.value("hardware_error_status") if image.has("hardware_error_status") else 0
     torque = ", torque on" if image.value("torque_enable") else ""
-    clash = ", two servos have this id" if device in one.clashing else ""
-    return f"{names(one, [device])}, {image.table.model}: {alert_text(bits) or 'no error'}{torque}{clash}"
+    return f"{names(one, [device])}, {image.table.model}: {alert_text(bits) or 'no error'}{torque}"

@@ -4,6 +4,7 @@ import pytest
 
 from bus_rig import BusRig, bus_of, spec, specs
 from hardware.dynamixel.control_table import code_of
+from hardware.dynamixel.cyclic import BusLine
 from hardware.dynamixel.found_servos import (
     LEVEL,
     answers_pings_only,
@@ -81,11 +82,11 @@ def test_read_missing_and_unknown_servos() -> None:
     rig.device(3).memory.put("model_number", 1060)
     rig.fault(Fault(FaultKind.MISSING, ids=(4,)))
     placed = [(7 + at, servo) for at, servo in enumerate(rig.servos)]
-    seen = look(rig.port, rig.buses[0], placed, _sightings(rig))
+    seen = look(BusLine(rig.buses[0], rig.port, placed), _sightings(rig))
     assert list(seen.line.images) == [1, 3, 5] and seen.missing == (4,)
     assert [one.found.id for one in seen.unknown] == [2, 40]
     assert seen.line.index_of[5] == 11
-    notes = "\n".join(seen.notes)
+    notes = "\n".join(seen.wrong)
     for text in ("j2 (id 2) is a model that is not known here: number 1120", "j3 (id 3) is XL430-W250", "40 (XM430"):
         assert text in notes
 
@@ -96,9 +97,9 @@ def test_a_bus_of_what_answers_holds_every_known_servo_in_order() -> None:
     bus, placed = as_bus("here", _sightings(rig), first=5)
     assert [(place, servo.id) for place, servo in placed] == [(5, 1), (6, 2), (7, 4)]
     assert (bus.baud, bus.protocol, bus.ids) == (2_000_000, 2, (1, 2, 4))
-    seen = look(rig.port, bus, placed, _sightings(rig))
+    seen = look(BusLine(bus, rig.port, placed), _sightings(rig))
     assert not seen.missing and [one.found.id for one in seen.unknown] == [3]
-    shows(seen.notes, 3, 1120)
+    shows(seen.wrong, 3, 1120)
 
 
 def test_a_servo_with_status_return_off_is_distinguished_from_a_silent_one() -> None:
@@ -106,8 +107,8 @@ def test_a_servo_with_status_return_off_is_distinguished_from_a_silent_one() -> 
     rig.device(2).memory.put("status_return_level", 0)
     rig.device(2).tune()
     rig.fault(Fault(FaultKind.MISSING, ids=(3,)))
-    seen = look(rig.port, rig.buses[0], list(enumerate(rig.servos)), _sightings(rig))
-    (note,) = seen.notes
+    seen = look(BusLine(rig.buses[0], rig.port, list(enumerate(rig.servos))), _sightings(rig))
+    (note,) = seen.wrong
     assert seen.missing == (2, 3) and note.startswith("j2 (id 2) answers pings only (status return level 0): `retarget")
     shows(note, "--id", 2, "--register", "status_return_level=2`")
 
@@ -116,7 +117,7 @@ def test_a_controller_is_no_servo() -> None:
     rig = BusRig(specs(2))
     rig.device(2).memory.put("model_number", 0x7400)
     bus, placed = as_bus("here", _sightings(rig))
-    assert look(rig.port, bus, placed, _sightings(rig)).unknown == ()
+    assert look(BusLine(bus, rig.port, placed), _sightings(rig)).unknown == ()
 
 
 def test_several_speeds_are_refused_with_what_was_seen() -> None:

@@ -11,8 +11,8 @@ from hardware.dynamixel.checks import needed_ticks
 from hardware.dynamixel.codec import protocol2
 from hardware.dynamixel.control_table import code_of, find_table
 from hardware.dynamixel.cyclic import Ask, Kind
-from hardware.dynamixel.opening import LOOKS, servos_on, too_slow
-from hardware.dynamixel.single_requests import OneOff
+from hardware.dynamixel.found_servos import servos_on
+from hardware.dynamixel.opening import LOOKS, too_slow
 from hardware.errors import BusError
 from hardware.servo import ServoMode
 from messages import refuses, shows
@@ -114,27 +114,27 @@ def fault(kind: FaultKind, *ids: int) -> Spoil:
 PROBLEMS: dict[str, tuple[Spoil, tuple[str, ...]]] = {
     "missing": (
         fault(FaultKind.MISSING, 2, 4),
-        ("servo j2 (id 2), servo j4 (id 4) did not answer", "servo scan", "a host that is too busy"),
+        ("j2 (id 2), j4 (id 4) did not answer", "servo scan", "a host that is too busy"),
     ),
     "no servo": (
         fault(FaultKind.MISSING),
-        ("no servo answers", "57600", "4500000", "check the servos' power", "too busy"),
+        ("no servo answers", "check the servos' power", "too busy"),
     ),
     "other speed": (
         other_speed,
-        ("no servo answers", "id 1 answers at 57600", "correct `baud`", "--port /dev/main --id 1 --baud 2000000`"),
+        ("no servo answers", "(id 1) answers at 57600", "correct `baud`", "--port /dev/main --id 1 --baud 2000000`"),
     ),
     "one at another speed": (
         one_at_another_speed,
-        ("j3 (id 3) did not answer", "servo j3 (id 3) answers at 57600 baud, and its bus has 2000000", "--id 3 --baud"),
+        ("j3 (id 3) did not answer", "j3 (id 3) answers at 57600 baud, and its bus has 2000000", "--id 3 --baud"),
     ),
     "second id": (register(2, secondary_id=1), ("servo j2 (id 2) also obeys what is meant for id 1",)),
     "status return off": (
         register(2, status_return_level=0),
-        ("servo j2 (id 2) answers pings only", "status_return_level=2`"),
+        ("j2 (id 2) answers pings only", "status_return_level=2`"),
     ),
     "unknown": (register(4, id=9), ("j4 (id 4) did not answer", "ids that are not in the profile: 9 (XM430-W350)")),
-    "clash": (fault(FaultKind.ID_CLASH, 3), ("servo j3 (id 3) gives several different answers", "one at a time")),
+    "clash": (fault(FaultKind.ID_CLASH, 3), ("j3 (id 3) gives several different answers", "one at a time")),
     "errors": (overheated, ("servo j2 (id 2) has latched OVERHEATING (too hot)", "servo reboot")),
     "voltage": (supply, ("has a supply of 9.0 V, allowed 9.5 to 16 V", "battery")),
     "torque": (register(1, torque_enable=1), ("has torque on, and its EEPROM must be written", "servo rest")),
@@ -323,7 +323,7 @@ def test_all_are_found_and_nothing_comes_afterwards(protocol: int, model: str) -
     rig = BusRig(servos, buses=buses, unknown_ids=[spec(0, model), spec(40, model), spec(252, model)])
     rig.port.open(1_000_000)
     begun = rig.clock.now()
-    found, notes = servos_on(rig.port, OneOff(rig.port, protocol), rig.buses[0])
+    found, notes = servos_on(*rig.bus.lines)
     assert [one.id for one in found] == [0, 1, 2, 3, 40, 252] and notes == []
     assert len({one.model for one in found}) == 1 and not any(one.clash for one in found)
     assert rig.clock.now() - begun < 1.1
@@ -335,7 +335,7 @@ def test_noise_is_no_servo() -> None:
     rig = BusRig(specs(2))
     rig.port.open(2_000_000)
     rig.fault(Fault(FaultKind.SHORT, value=40))
-    found, _ = servos_on(rig.port, OneOff(rig.port, 2), rig.buses[0])
+    found, _ = servos_on(*rig.bus.lines)
     assert {one.id for one in found} <= {1, 2}
 
 
@@ -345,6 +345,6 @@ def test_a_search_that_would_take_too_long_is_noted() -> None:
     buses = [bus_of(servos, protocol=1, baud=1_000_000)]
     rig = BusRig(servos, buses=buses, timing=slow, unknown_ids=[spec(9, "AX-12A")])
     rig.port.open(1_000_000)
-    found, notes = servos_on(rig.port, OneOff(rig.port, 1), rig.buses[0])
+    found, notes = servos_on(*rig.bus.lines)
     assert [one.id for one in found] == [1, 2]
-    assert notes == ["bus main: too slow to look for servos that are not in the profile"]
+    assert notes == ["too slow to look for servos that are not in the profile"]

@@ -33,8 +33,7 @@ def test_opening_notes_it_once(model: str, protocol: int, echo: bool, silent: bo
         rig.fault(Fault(FaultKind.ECHO))
     if silent:
         rig.fault(Fault(FaultKind.MISSING))
-    bus = rig.buses[0]
-    opening = examine(rig.port, OneOff(rig.port, protocol), bus, servos)
+    opening = examine(*rig.bus.lines)
     count = sum(ECHOES in note for note in opening.notes)
     assert count == (1 if echo else 0) or (silent and protocol == 1)
     assert bool(opening.problems) is silent
