@@ -193,7 +193,9 @@ def elsewhere_texts(port: BytePort, bus: BusSpec, ids: Sequence[int], named: Map
     for device, bauds in answering_elsewhere(port, bus, ids).items() if ids else ():
         speeds, fix = " and ".join(map(str, bauds)), setup_command(bus, device, baud=bus.baud)
         name = named.get(device, f"device {device}")
-        texts.append(f"{name} answers at {speeds} baud, and its bus has {bus.baud}: correct `baud` of the profile, or {fix}")
+        texts.append(
+            f"{name} answers at {speeds} baud, and its bus has {bus.baud}: correct `baud` of the profile, or {fix}"
+        )
     return texts
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +10,7 @@ import typer
 
 from hardware.bus import BAUDS, BusSpec
 from hardware.clock import Clock, MonotonicClock, VirtualClock
+from hardware.dynamixel.codec import MAX_ID
 from hardware.dynamixel.cyclic import BusLine
 from hardware.dynamixel.found_servos import Look, as_bus, look, look_at_bus
 from hardware.dynamixel.line_scan import (
@@ -44,6 +45,7 @@ Port = Annotated[
 ]
 Faults = Annotated[Path | None, typer.Option(help="What goes wrong on the emulator.", metavar="FILE.yaml")]
 Baud = Annotated[int | None, typer.Option(help="Only this speed, bits per second.", metavar="BAUD")]
+Ids = Annotated[str, typer.Option(help="Only these ids.", metavar="1,2,5-9")]
 Protocol = Annotated[int | None, typer.Option(help="Only this protocol.", metavar="1|2")]
 Yes = Annotated[bool, typer.Option("--yes", help="Do not ask.")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Say what would be done, and do not open a port.")]
@@ -86,7 +88,7 @@ def find_places(
     clock = clock or (VirtualClock() if emulated else MonotonicClock())
     if robot is None and not emulated:
         if port is None:
-            raise UsageError("no port is named", where="servo", allowed="--port PATH, --port emulator, or --robot NAME")
+            raise UsageError("no port is named", where="servo", allowed="--port PATH, --bus emulator, or --robot NAME")
         return [Place(SerialPort(port, clock))]
     body = load_uncalibrated(robot or EMULATED_ROBOT)
     lines = emulated_lines(body, clock, faults) if emulated else {}
@@ -166,17 +168,23 @@ def look_at(
     ids: Sequence[int] | None = None,
     unknown_too: bool = False,
 ) -> list[Look]:
-    """A look at each port. protocol, baud, ids (None: all): narrow the search where there is no profile.
+    """A look at each port. protocol, baud, ids (None: all, or those of the profile): narrow the search.
 
-    unknown_too: servos of unknown models are enough. Raises BusError when no servo answers, UsageError for a speed
-    together with a profile.
+    unknown_too: servos of unknown models are enough. Raises BusError when no servo answers.
     """
-    check_search(places, protocol, baud)
+    check_speed(protocol, baud)
+    chosen = sorted(index for place in places for index, one in place.servos if ids is None or one.id in ids)
     looks: list[Look] = []
     for place in places:
         if place.spec is not None:
-            place.port.set_baud(place.spec.baud)
-            looks.append(look_at_bus(BusLine(place.spec, place.port, place.servos)))
+            spec = replace(place.spec, baud=baud or place.spec.baud, protocol=protocol or place.spec.protocol)
+            servos = [(chosen.index(index), one) for index, one in place.servos if index in chosen]
+            place.port.set_baud(spec.baud)
+            line = BusLine(spec, place.port, servos)
+            if ids is None:
+                looks.append(look_at_bus(line))
+            else:
+                looks.append(look(line, search(place, [Speed(spec.protocol, spec.baud)], ids).sightings))
             continue
         speeds = chosen_speeds(place, protocol, baud)
         if ids is None and len(speeds) > 1:
@@ -185,13 +193,13 @@ def look_at(
         seen = search(place, speeds, ids)
         if seen.sightings:
             first = sum(len(one.line.servos) for one in looks)
-            spec, placed = as_bus(place.port.name, seen.sightings, first=first)
+            spec, found = as_bus(place.port.name, seen.sightings, first=first)
             place.port.set_baud(spec.baud)
-            looks.append(look(BusLine(spec, place.port, placed), seen.sightings))
+            looks.append(look(BusLine(spec, place.port, found), seen.sightings))
     if not any(one.line.images or (unknown_too and one.unknown) for one in looks):
         notes = [note for one in looks for note in (*one.wrong, *one.notes)]
         raise BusError(
-            "no servo answers",
+            "no servo answers" + (f" to id {', '.join(map(str, ids))}" if ids else ""),
             where=", ".join(place.where for place in places),
             found="; ".join(notes) or None,
             then="Check power and wiring, and see `retarget servo scan`",
@@ -202,15 +210,21 @@ def look_at(
     return looks
 
 
-def check_search(places: Sequence[Place], protocol: int | None, baud: int | None) -> None:
-    """Raise UsageError for a speed that no servo has, or that is given together with a profile."""
-    check_speed(protocol, baud)
-    if any(place.spec is not None for place in places) and (protocol is not None or baud is not None):
-        raise UsageError(
-            "the profile says the speed",
-            where="--protocol, --baud",
-            next_step="Leave them out, or leave --robot out",
-        )
+def ids_of(text: str, *, option: str = "--ids", highest: int = MAX_ID + 1) -> list[int] | None:
+    """The ids that `1,2,5-9` means; None for an empty text. Raises UsageError."""
+    if not text:
+        return None
+    found: set[int] = set()
+    for part in text.split(","):
+        first, _, last = part.partition("-")
+        ends = [end.strip() for end in (first, last or first)]
+        if not all(end.isascii() and end.isdigit() and len(end) <= 3 and int(end) <= highest for end in ends):
+            allowed = f"such as 1,2,5-9; 0 to {highest}"
+            raise UsageError("these are no ids", where=option, found=repr(text[:80]), allowed=allowed)
+        found |= set(range(int(ends[0]), int(ends[1]) + 1))
+    if not found:
+        raise UsageError("no id is meant", where=option, found=repr(text[:80]), allowed="such as 1,2,5-9")
+    return sorted(found)
 
 
 def search(

@@ -20,11 +20,11 @@ from retarget.cli.servo.places import (
     Robot,
     agreed,
     find_places,
+    ids_of,
     look_at,
     names,
     opened,
 )
-from retarget.cli.servo.scan import ids_of
 from retarget.errors import UsageError
 
 

@@ -6,6 +6,7 @@ from contextlib import suppress
 import typer
 
 from hardware.dynamixel.found_servos import Look, broadcast_torque_off
+from hardware.dynamixel.line_scan import Speed
 from hardware.dynamixel.torque import not_limp, off_everywhere
 from hardware.errors import BusError, TorqueError
 from retarget.cli.exit import stop_on_signals
@@ -19,7 +20,6 @@ from retarget.cli.servo.places import (
     Robot,
     Yes,
     agreed,
-    check_search,
     chosen_speeds,
     find_places,
     look_at,
@@ -49,7 +49,7 @@ def rest(
     cleared. Without a profile the look takes up to a minute. Ctrl-C does not end the writing half way.
     """
     places = find_places(robot, port, faults=faults)
-    check_search(places, protocol, baud)
+    speeds = [chosen_speeds(place, protocol or (place.spec and place.spec.protocol), baud) for place in places]
     if dry_run:
         for place in places:
             typer.echo(
@@ -64,7 +64,7 @@ def rest(
                 return
             sent = True
         if sent:
-            _broadcast(places, protocol, baud)
+            _broadcast(places, speeds)
         try:
             looks = look_at(places, protocol=protocol, baud=baud, unknown_too=True)
         except BusError as error:
@@ -79,7 +79,7 @@ def rest(
                 return
             if not agreed(f"Switch torque off on {count} servos? A robot that stands falls.", yes=False):
                 return
-            _broadcast(places, protocol, baud)
+            _broadcast(places, speeds)
         else:
             _say_missing(looks)
         with stop_on_signals():  # signals wait: a robot half of whose servos have torque is the worst case
@@ -87,15 +87,13 @@ def rest(
     typer.echo(f"torque is off on all {count} servos")
 
 
-def _broadcast(places: Sequence[Place], protocol: int | None, baud: int | None) -> None:
-    """Send torque off by broadcast on all ports, also after one fails; each is left at the speed of its bus."""
+def _broadcast(places: Sequence[Place], speeds: Sequence[Sequence[Speed]]) -> None:
+    """Send torque off by broadcast on all ports, also after one fails; each is left at its first speed."""
     with stop_on_signals():
-        for place in places:
-            wanted = protocol if place.spec is None else place.spec.protocol
+        for place, own in zip(places, speeds, strict=True):
             with suppress(BusError):  # the servos are read back afterwards
-                broadcast_torque_off(place.port, chosen_speeds(place, wanted, baud))
-                if place.spec is not None:
-                    place.port.set_baud(place.spec.baud)
+                broadcast_torque_off(place.port, own)
+                place.port.set_baud(own[0].baud)
     typer.echo("torque off was sent to all servos; now each is looked for and read back")
 
 

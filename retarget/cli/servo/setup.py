@@ -60,21 +60,6 @@ class Asked:
             table, registers=self.registers, return_delay=self.return_delay, new_id=self.new_id, baud=self.baud
         )
 
-    def one_by_one(self) -> "list[tuple[str, Asked]]":
-        """Each option with its value alone; a Status Return Level that has every instruction answered is left out:
-        any servo can hold it."""
-        registers = [
-            ("--drive-mode" if name == "drive_mode" else "--register", Asked(registers={name: value}))
-            for name, value in self.registers.items()
-            if (name, value) != (LEVEL[2].name, ANSWER_ALL)
-        ]
-        return [
-            ("--new-id", Asked(new_id=self.new_id)),
-            ("--return-delay", Asked(return_delay=self.return_delay)),
-            ("--baud", Asked(baud=self.baud)),
-            *registers,
-        ]
-
 
 def registers_of(words: Sequence[str]) -> dict[str, int]:
     """What NAME=VALUE means. Raises UsageError."""
@@ -102,20 +87,20 @@ def check_device(device: int, protocol: int | None) -> None:
 def check_asked(asked: Asked, protocol: int | None, model: str | None) -> None:
     """Raise UsageError for what no servo (of this protocol, of this model; None: any) can hold."""
     check_speed(protocol, asked.baud)
+    if asked.registers.get(LEVEL[2].name) == ANSWER_ALL:  # any servo can hold it, be it in RAM
+        asked = replace(
+            asked, registers={name: asked.registers[name] for name in asked.registers if name != LEVEL[2].name}
+        )
     possible = [one for one in tables() if protocol in (None, one.protocol) and model in (None, one.model)]
-    for option, one in asked.one_by_one():
-        having = [table for table in possible if all(map(table.has, one.registers))] or possible[:1]
-        refused = ""
-        for table in having:
-            try:
-                one.settings(table)
-            except HardwareError as error:
-                refused = str(error).removeprefix(f"{table.model}: ").removesuffix(".")
-            else:
-                refused = ""
-                break
-        if refused:
-            raise UsageError(refused, where=option)
+    refused = ""
+    for table in [one for one in possible if all(map(one.has, asked.registers))] or possible[:1]:
+        try:
+            asked.settings(table)
+        except HardwareError as error:
+            refused = refused or str(error).removeprefix(f"{table.model}: ").removesuffix(".")
+        else:
+            return
+    raise UsageError(refused, where="servo setup")
 
 
 # Which servo is meant: by its id on a port, or by its joint in a robot's profile, which also gives the bus.

@@ -80,12 +80,6 @@ def test_a_dry_run_sends_nothing(lab: ServoLab) -> None:
     assert code == 0 and "torque_enable := 0" in out and lab.sent == []
 
 
-def test_a_speed_beside_a_profile_is_refused(lab: ServoLab) -> None:
-    code, _, err = lab.run("rest", "--robot", "op3", "--port", "emulator", "--baud", "57600")
-    assert code == 2
-    shows(err)
-
-
 XM540 = 1120
 """A model without a table."""
 WAYS = [("--robot", "op3"), ("--baud", "2000000", "--protocol", "2")]

@@ -200,11 +200,11 @@ def test_another_model_and_an_id_without_a_joint_are_refused(lab: ServoLab) -> N
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (("--new-id", "254"), "--new-id: "),
-        (("--return-delay", "3"), "--return-delay: "),
+        (("--new-id", "254"), "found 254"),
+        (("--return-delay", "3"), "found 3 us"),
         (("--baud", "77"), "--baud: "),
-        (("--drive-mode", "300"), "--drive-mode: "),
-        (("--register", "id=3"), "--register: "),
+        (("--drive-mode", "300"), "found 300"),
+        (("--register", "id=3"), "the option --new-id"),
     ],
 )
 @pytest.mark.parametrize("robot", [(), ("--robot", "op3")])
