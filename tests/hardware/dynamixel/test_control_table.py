@@ -2,8 +2,6 @@
 
 import csv
 import importlib.util
-import subprocess
-import sys
 from itertools import pairwise
 from pathlib import Path
 
@@ -18,11 +16,8 @@ from hardware.dynamixel.control_table import (
     baud_of,
     code_of,
     find_table,
-    firmware_starts,
     layer_rows,
     model_rows,
-    registers_of,
-    rows_of,
     table_of_number,
     tables,
 )
@@ -299,13 +294,6 @@ def test_errors_name_what_there_is() -> None:
     assert not find_table("MX-28", 2).has("goal_current")
 
 
-def test_importing_reads_no_file() -> None:
-    code = "from hardware.dynamixel import control_table\nfiles = control_table\n"
-    code += "assert files.model_rows.cache_info().currsize == files.layer_rows.cache_info().currsize == 0\n"
-    code += "control_table.find_table('MX-28', 1)\nassert files.model_rows.cache_info().currsize == 1\n"
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
-
-
 # ---- the maker's own model files, as dynamixel-sdk ships them
 OTHER_NAMES = {"secondary(shadow)_id": "secondary_id"}
 # Windows that the maker's host software sets up inside the indirect area: places of its own choice, not registers.
@@ -385,38 +373,6 @@ def test_every_row_of_a_model_has_an_effect(model: ControlTable) -> None:
             if "address" in cells:
                 made.add(row.name)
             assert row.name in made, f"{layer}: {row.name} changes a register that does not exist"
-
-
-def test_cells_hold_what_their_columns_allow() -> None:
-    for file in ("registers.tsv", "values.tsv"):
-        for row in rows_of(file):
-            assert None not in row, f"{file}: a row with too many cells: {row}"
-            assert row.get("access", "") in {"", "r", "rw"}
-            assert row.get("sign", "") in {"", "u", "s", "d10"}
-            assert bool(row.get("scale")) == bool(row.get("unit"))
-            for column in ("address", "size", "lowest", "highest", "initial", "since", "until"):
-                cell = row.get(column, "").removesuffix("+")
-                assert cell in {"", "none"} or int(cell) is not None
-
-
-def test_spans_become_numbered_registers() -> None:
-    model = next(row for row in model_rows() if row.model == "XM430-W350")
-    found = {one.name: one for one in registers_of(model, 52)}
-    assert [found[f"indirect_address_{n}"].address for n in (1, 2, 28, 29, 56)] == [168, 170, 222, 578, 632]
-    assert [found[f"indirect_address_{n}"].initial for n in (1, 28, 29, 56)] == [224, 251, 634, 661]
-    assert [found[f"indirect_data_{n}"].address for n in (1, 28, 29, 56)] == [224, 251, 634, 661]
-    assert {found[f"indirect_data_{n}"].initial for n in range(1, 57)} == {0}
-
-
-@pytest.mark.parametrize("model", model_rows(), ids=lambda row: f"{row.model}-{row.protocol}")
-def test_a_table_changes_only_at_its_starts(model: ControlTable) -> None:
-    starts = firmware_starts(model)
-    assert starts[0] == 0
-    assert list(starts) == sorted(set(starts))
-    for before in range(LAST_FIRMWARE):
-        if before + 1 not in starts and before % 9 == 0:
-            assert registers_of(model, before) == registers_of(model, before + 1)
-    assert 0 <= model.usual_firmware <= LAST_FIRMWARE
 
 
 def _register(*, size: int = 2, signed: bool = False, direction_bit: int | None = None) -> Register:

@@ -15,7 +15,7 @@ from bus_rig import BusRig, bus_of, specs
 from hardware.clock import MonotonicClock
 from hardware.dynamixel import serial_port
 from hardware.dynamixel.opening import examine
-from hardware.dynamixel.serial_port import ECHOES, BytePort, SerialPort, real_baud
+from hardware.dynamixel.serial_port import ECHOES, SerialPort, real_baud
 from hardware.dynamixel.single_requests import OneOff
 from hardware.errors import BusError
 from messages import refuses, shows
@@ -217,11 +217,6 @@ def port(pty: Pty) -> Iterator[SerialPort]:
     port.close()
 
 
-def test_it_is_a_byte_port(pty: Pty, port: SerialPort) -> None:
-    as_port: BytePort = port
-    assert as_port.name == pty.path
-
-
 @pytest.mark.parametrize("baud", [9_600, 57_600, 1_000_000, 4_000_000, 4_500_000, 10_500_000])
 def test_any_speed(pty: Pty, port: SerialPort, baud: int) -> None:
     port.set_baud(baud)
@@ -265,13 +260,6 @@ def test_waiting_ends_at_the_deadline_and_not_before(port: SerialPort) -> None:
     assert not port.wait(start + 0.02)
     assert start + 0.019 <= port.now() < start + SOON
     assert not port.wait(start)
-
-
-def test_waiting_takes_no_processor_time(port: SerialPort) -> None:
-    before = os.times()
-    port.wait(port.now() + 0.1)
-    after = os.times()
-    assert (after.user + after.system) - (before.user + before.system) <= 0.05
 
 
 def test_what_had_arrived_can_be_dropped(pty: Pty, port: SerialPort) -> None:
