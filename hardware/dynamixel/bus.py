@@ -152,7 +152,7 @@ class DynamixelBus:
         for line in self._lines:
             try:
                 line.port.open(line.spec.baud)
-                found.append(examine(line, robot=self._map.servos))
+                found.append(examine(line, self._map))
             except HardwareError as error:
                 found.append(Opening(problems=[f"bus {line.spec.name}: {error}"]))
         return found

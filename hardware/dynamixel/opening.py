@@ -1,6 +1,5 @@
 """Opening one bus: find its servos, compare them with the profile, time the adapter, and report every problem."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from hardware.bus import RETURN_DELAY_STEP
@@ -11,7 +10,7 @@ from hardware.dynamixel.found_servos import is_powered, look_at_bus
 from hardware.dynamixel.serial_port import BytePort, settle
 from hardware.dynamixel.single_requests import NoAnswer, ServoError
 from hardware.errors import describe
-from hardware.servo import ServoSpec
+from hardware.joint_map import JointMap
 
 # The measured time of a servo's answer: an adapter or a hub may be slower than every timeout assumes.
 
@@ -80,10 +79,10 @@ class Opening:
     notes: list[str] = field(default_factory=list)
 
 
-def examine(line: BusLine, *, robot: Sequence[ServoSpec] = ()) -> Opening:
+def examine(line: BusLine, joint_map: JointMap) -> Opening:
     """Examine all devices on an open port; nothing is written but the power switch. `line` adopts the servos as read.
 
-    robot: the servos of all its buses, where a coupled pair is on two of them. Raises BusError when the port is gone.
+    joint_map: of the robot, with the servos of all its buses. Raises BusError when the port is gone.
     """
     bus = line.spec
     where = f"bus {bus.name} ({line.port.name}, {bus.baud} baud, protocol {bus.protocol}.0)"
@@ -101,11 +100,11 @@ def examine(line: BusLine, *, robot: Sequence[ServoSpec] = ()) -> Opening:
             f"{where}: {names} did not answer: check power, wiring and id (`retarget servo scan`){BUSY}"
         )
     opening.problems += [f"bus {bus.name}: {text}" for text in seen.wrong]
-    needed = needed_ticks(robot or [*line.servos.values()])
+    needed = needed_ticks(joint_map)
     for device, image in line.images.items():
         servo = line.servos[device]
         if image.table.model == servo.model.name:
-            found = complaints(servo, bus, image, needed.get(servo.joint))
+            found = complaints(servo, bus, image, needed[servo.joint])
             opening.problems += [f"servo {servo.label} {text}" for text in found]
             opening.notes += [f"servo {servo.label} {text}" for text in notes(servo, image)]
     _look_at_adapter(line, opening)

@@ -195,10 +195,7 @@ def possible_delay(delay: float) -> bool:
 
 def rates_of(table: ControlTable) -> str:
     """The speeds that a model can be set to, bits/s, in words."""
-    lowest, highest = table["baud_rate"].lowest or 0, table["baud_rate"].highest or 0
-    rates = [rate for one in range(lowest, highest + 1) if (rate := baud_of(table, one))]
-    usual = [rate for rate in rates if rate in BAUDS[table.protocol]]
-    return ", ".join(map(str, sorted(usual)))
+    return ", ".join(str(rate) for rate in BAUDS[table.protocol] if code_of(table, rate) is not None)
 
 
 def setting_of(table: ControlTable, name: str, value: int) -> Setting:

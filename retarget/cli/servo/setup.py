@@ -138,7 +138,7 @@ def find_target(
     if servo is None:
         assert device is not None
         return Target(places[0], device)
-    needed = needed_ticks(_calibrated(robot, body).joint_map.servos).get(servo.joint)
+    needed = needed_ticks(_calibrated(robot, body).joint_map)[servo.joint]
     return Target(places[0], servo.id if device is None else device, servo, needed)
 
 
@@ -189,7 +189,7 @@ def wanted_of(target: Target, asked: Asked, seen: Sighting, image: ServoImage) -
     if image.table.protocol == 2:
         registers.pop(LEVEL[2].name, None)
     servo, bus = target.servo, target.place.spec
-    if servo is None or bus is None:
+    if servo is None or bus is None or target.needed is None:
         return replace(asked, registers=registers)
     if (seen.model, seen.speed.protocol) != (servo.model.name, bus.protocol):
         raise BusError(

@@ -54,7 +54,7 @@ def test_the_bus_is_found(
     assert one.place.spec is not None and one.servo is not None
     assert (one.place.port.name, one.place.spec.name, one.device) == found
     assert one.servo.bus == found[1] and (joint is None or one.servo.joint == joint)
-    assert one.needed == needed_ticks(divided.joint_map.servos)[one.servo.joint]
+    assert one.needed == needed_ticks(divided.joint_map)[one.servo.joint]
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from hardware.dynamixel.cyclic import Ask, Kind
 from hardware.dynamixel.found_servos import servos_on
 from hardware.dynamixel.opening import LOOKS, too_slow
 from hardware.errors import BusError
+from hardware.joint_map import JointMap
 from hardware.servo import ServoMode
 from messages import refuses, shows
 from scripted_port import ScriptedPort
@@ -306,7 +307,7 @@ def test_limits_of_coupled_servos_are_held_against_all_angles_of_both_joints(oth
     roll, yaw = [replace(one, mode=ServoMode.POSITION, lower=-0.2, upper=0.2) for one in waist_servos()[1:3]]
     servos = [roll, moved(yaw, other)]
     buses = [bus_of(servos, name=name) for name in dict.fromkeys(("main", other))]
-    low, high = needed_ticks(servos)["roll"]
+    low, high = needed_ticks(JointMap(servos))["roll"]
     rig = BusRig(servos, buses=buses)
     rig.devices[0].memory.put("min_position_limit", low)
     rig.devices[0].memory.put("max_position_limit", high)

@@ -18,6 +18,7 @@ from hardware.dynamixel.opening import examine
 from hardware.dynamixel.serial_port import ECHOES, SerialPort, real_baud
 from hardware.dynamixel.single_requests import OneOff
 from hardware.errors import BusError
+from hardware.joint_map import JointMap
 from messages import refuses, shows
 from sim.emulator.faults import Fault, FaultKind
 
@@ -33,7 +34,7 @@ def test_opening_notes_it_once(model: str, protocol: int, echo: bool, silent: bo
         rig.fault(Fault(FaultKind.ECHO))
     if silent:
         rig.fault(Fault(FaultKind.MISSING))
-    opening = examine(*rig.bus.lines)
+    opening = examine(*rig.bus.lines, JointMap(servos))
     count = sum(ECHOES in note for note in opening.notes)
     assert count == (1 if echo else 0) or (silent and protocol == 1)
     assert bool(opening.problems) is silent

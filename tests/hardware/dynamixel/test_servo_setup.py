@@ -9,6 +9,7 @@ from hardware.dynamixel.checks import complaints, needed_ticks
 from hardware.dynamixel.codec import Instruction
 from hardware.dynamixel.line_scan import write_setting
 from hardware.dynamixel.settings import ServoImage
+from hardware.joint_map import JointMap
 from messages import shows
 from retarget.cli.servo.places import Place
 from servo_lab import ServoLab
@@ -90,7 +91,7 @@ def _complaints(memory: Memory) -> list[str]:
     servo = spec(13)
     memory.put("present_input_voltage", 120)
     image = ServoImage(memory.table, bytes(memory.image[: memory.table["present_temperature"].end]))
-    return complaints(servo, bus_of([servo]), image, needed_ticks([servo])["j13"])
+    return complaints(servo, bus_of([servo]), image, needed_ticks(JointMap([servo]))["j13"])
 
 
 @pytest.mark.parametrize("values", CURED)
