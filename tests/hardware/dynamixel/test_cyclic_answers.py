@@ -86,22 +86,11 @@ def test_a_second_answer_to_one_ping_is_noticed(protocol: int) -> None:
     assert len(single_requests.ping_alone(port, protocol, 4, SLACK).answers) == 2
 
 
-@pytest.mark.parametrize("protocol", [1, 2])
-def test_an_echo_is_no_answer(protocol: int) -> None:
-    port = ScriptedPort(lambda request: [(0.0001, request)])
-    received = single_requests.ping_alone(port, protocol, 4, SLACK)
-    assert received == single_requests.PingReplies((), 0, True)
-
-
 def test_a_line_that_never_falls_silent_is_left() -> None:
     port = ScriptedPort(lambda request: [(1e-5 * at, bytes(1000)) for at in range(200)])
     received = single_requests.broadcast_ping(port, 252, SLACK)
     assert received.damaged <= single_requests.MAX_RECEIVED + 1000
     assert port.now() < 0.1
-
-
-def test_a_refused_ping_returns_no_model() -> None:
-    assert single_requests.found_by_ping(Status(3, 0x81, b"")) == Found(3, 2, None, None, alert=True)
 
 
 BAUD, SIZE = 1_000_000, 10

@@ -21,16 +21,6 @@ from sim.emulator.faults import Direction, Fault, FaultKind
 from sim.emulator.line import Timing
 
 
-def test_the_drive_is_a_share_of_the_full_one_and_never_nothing() -> None:
-    rig = BusRig(specs(2)).ready()
-    (line,) = rig.bus.lines
-    drive = Drive(line, limp=(1, 2))
-    for share, counts in ((0.5, 442), (1.0, 885), (0.0, 1)):
-        drive.confirm(share)
-        assert rig.shown("goal_pwm") == [counts] * 2
-    assert drive.limited
-
-
 def test_who_carries_the_robot_never_gets_less() -> None:
     rig = BusRig(specs(2)).ready(torque=True)
     rig.device(2).memory.put("goal_pwm", 300)
@@ -346,17 +336,6 @@ def test_current_is_the_drive_where_the_mode_limits_it() -> None:
     assert third.memory.value("goal_current") == round(1.0 / unit)
 
 
-@pytest.mark.parametrize("model", ["AX-12A", "MX-28"])
-def test_protocol_1_gets_the_values_that_it_has(model: str) -> None:
-    servos = [replace(one, gains=ServoGains(position_p=40)) for one in specs(2, model)]
-    rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)]).ready(torque=True)
-    if model == "MX-28":
-        assert rig.shown("p_gain") == [40, 40]
-    assert rig.shown("moving_speed") == [0, 0]
-    assert rig.shown("torque_limit") == rig.shown("max_torque")
-    assert rig.shown("torque_enable") == [1, 1]
-
-
 def _line(rig: BusRig) -> BusLine:
     rig.port.open(2_000_000)
     return BusLine(bus_of(rig.servos), rig.port, list(enumerate(rig.servos)))
@@ -396,14 +375,6 @@ def test_one_that_stays_away_is_named_in_bounded_time() -> None:
     done = restart(line, [1, 2])
     assert done.ids == (1, 2) and done.problems == ("j2 (id 2) has not come back: check its power and its wiring",)
     assert rig.clock.now() - begun < PATIENCE + 1.0
-
-
-def test_limp_servos_are_named() -> None:
-    rig = BusRig(specs(4)).ready(torque=True)
-    rig.device(3).reboot(rig.clock.now())
-    rig.clock.advance(0.3)
-    (line,) = rig.bus.lines
-    assert torque.limp_servos(line) == [3]
 
 
 @pytest.mark.parametrize("on", [True, False])
