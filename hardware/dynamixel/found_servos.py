@@ -59,13 +59,12 @@ LONGEST = 2.0
 class Look:
     """Result of a look at a bus. line: every servo that is expected; its `images` are of those that answered.
 
-    answering: ids of all devices that answered; silent: ids of the profile that did not. missing: servos that did not
-    answer, or not every read; unknown: servos that the profile does not have, or whose model is not known here.
-    wrong: findings that keep the robot from being driven; notes: other findings; a line each.
+    silent: ids of the profile that did not answer. missing: servos that did not answer, or not every read; unknown:
+    servos that the profile does not have, or whose model is not known here. wrong: findings that keep the robot from
+    being driven; notes: other findings; a line each.
     """
 
     line: BusLine
-    answering: tuple[int, ...]
     silent: tuple[int, ...]
     missing: tuple[int, ...]
     unknown: tuple[Sighting, ...]
@@ -134,7 +133,7 @@ def look(line: BusLine, sightings: Sequence[Sighting]) -> Look:
         wrong += _power_note(line)
     silent = tuple(device for device in line.spec.ids if device not in seen)
     notes = (ECHOES,) if line.client.echoes else ()
-    return Look(line, tuple(seen), silent, missing, unknown, tuple(wrong), notes)
+    return Look(line, silent, missing, unknown, tuple(wrong), notes)
 
 
 def _read(line: BusLine, servo: ServoSpec, one: Sighting) -> tuple[str, ServoImage | None]:

@@ -90,7 +90,7 @@ def examine(line: BusLine, joint_map: JointMap) -> Opening:
     _power_on(line, opening)
     seen = look_at_bus(line)
     opening.notes += [f"bus {bus.name}: {text}" for text in seen.notes]
-    if not seen.answering:
+    if len(seen.silent) == len(bus.ids):
         opening.problems.append(
             f"{where}: no servo answers: check the servos' power, the wiring, and that this is the right port{BUSY}"
         )
