@@ -49,7 +49,8 @@ def rest(
     cleared. Without a profile the look takes up to a minute. Ctrl-C does not end the writing half way.
     """
     places = find_places(robot, port, faults=faults)
-    speeds = [chosen_speeds(place, protocol or (place.spec and place.spec.protocol), baud) for place in places]
+    protocols = [place.spec.protocol if place.spec and protocol is None else protocol for place in places]
+    speeds = [chosen_speeds(place, own, baud) for place, own in zip(places, protocols, strict=True)]
     if dry_run:
         for place in places:
             typer.echo(

@@ -12,7 +12,6 @@ from hardware.dynamixel import single_requests
 from hardware.dynamixel.codec import BROADCAST, Status, protocol1, protocol2, side_by_side
 from hardware.dynamixel.control_table import find_table
 from hardware.dynamixel.cyclic import Ask, Kind, block_of, collect
-from hardware.dynamixel.single_requests import Found
 from hardware.errors import HardwareError
 from messages import refuses
 from scripted_port import Replies, ScriptedPort
@@ -52,7 +51,6 @@ def test_all_answer_a_broadcast_in_their_slots() -> None:
     assert [answer.id for answer in received.answers] == [0, 1, 7, 252]
     assert received.damaged == 0
     assert port.sent == [protocol2.ping(BROADCAST)]
-    assert single_requests.found_by_broadcast(received)[1] == Found(1, 2, 1030, 38)
 
 
 def test_the_window_is_that_of_the_highest_id() -> None:
@@ -75,7 +73,7 @@ def test_damage_is_counted_and_valid_answers_are_kept() -> None:
 
 def test_two_answers_to_a_broadcast_are_a_clash() -> None:
     port = ScriptedPort(lambda request: _slotted(1, 1, 2))
-    found = single_requests.found_by_broadcast(single_requests.broadcast_ping(port, 5, SLACK))
+    found = single_requests.OneOff(port, 2).scan([1, 2])
     assert [(servo.id, servo.clash) for servo in found] == [(1, True), (2, False)]
 
 

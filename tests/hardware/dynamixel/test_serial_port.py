@@ -34,7 +34,8 @@ def test_opening_notes_it_once(model: str, protocol: int, echo: bool, silent: bo
         rig.fault(Fault(FaultKind.ECHO))
     if silent:
         rig.fault(Fault(FaultKind.MISSING))
-    opening = examine(*rig.bus.lines, JointMap(servos))
+    (line,) = rig.bus.lines
+    opening = examine(line, JointMap(servos))
     count = sum(ECHOES in note for note in opening.notes)
     assert count == (1 if echo else 0) or (silent and protocol == 1)
     assert bool(opening.problems) is silent
