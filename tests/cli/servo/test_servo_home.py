@@ -7,7 +7,6 @@ import signal
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from check_helpers import copy_of_op3
@@ -193,19 +192,9 @@ def test_an_unknown_command_of_the_group_is_refused(capsys: pytest.CaptureFixtur
     assert left.value.code == 2 and "home" in capsys.readouterr().err
 
 
-def test_a_posture_of_zeros_is_shown_in_short(lab: Lab) -> None:
-    robot = load_robot("op3")
-    assert home_file._angles(robot, np.zeros(20)) == "all joints at 0"
-
-
 OPENING = (
     "device 200 switches the servos' power on, servos without torque get the profile's operating mode, return delay"
 )
-
-
-def test_a_dry_run_says_what_opening_writes(lab: Lab) -> None:
-    code, out, _ = lab.home("--dry-run")
-    assert code == 0 and OPENING in out and "(EEPROM)" in out and lab.buses == []
 
 
 @pytest.mark.parametrize("words", [(), ("--bus", "/dev/ttyUSB7"), ("--port", "/dev/ttyUSB7")])

@@ -393,13 +393,6 @@ def test_servos_with_goals_in_other_places_get_a_packet_of_their_own() -> None:
     assert [packet[:4] for packet in packets] == [b"\xff\xff\xfe\x0a", b"\xff\xff\xfd\x00"]
 
 
-@pytest.mark.parametrize("goals", [(0, 4095), (255, 253), (2048, 0)])
-def test_servos_hold_what_was_sent(goals: tuple[int, int]) -> None:
-    rig = BusRig(specs(2)).ready()
-    rig.tick(goals)
-    assert rig.shown("goal_position") == list(goals)
-
-
 def test_a_packet_reaches_only_its_own_port() -> None:
     servos = [spec(1), spec(2)]
     (packet,) = sent([Wired(1, 2, find_table("XM430-W350", 2))], np.array([7, 9]), np.full(2, True))
