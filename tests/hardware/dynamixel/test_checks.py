@@ -1,6 +1,5 @@
 """What a servo's registers say against driving it."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -43,11 +42,6 @@ def test_the_supply_is_held_against_the_servo_s_own_limits(volts: int, fine: boo
     assert (said(present_input_voltage=volts) == []) == fine
 
 
-def test_time_based_profiles_are_no_harm() -> None:
-    assert said(drive_mode=4) == []
-    assert len(said(drive_mode=0x0B)) == 3
-
-
 def test_limits_of_the_position_count_in_position_mode_alone() -> None:
     assert len(said(max_position_limit=2500)) == 1
     assert said(ServoMode.EXTENDED_POSITION, max_position_limit=2500) == []
@@ -58,17 +52,6 @@ def test_every_alert_bit_has_a_name() -> None:
         assert (alert.name or "?") in alert_text(alert)
     assert alert_text(0x42) == "0x42"
     assert alert_text(0x05).startswith("INPUT_VOLTAGE (supply")
-
-
-def test_a_second_id_is_refused_and_none_is_not() -> None:
-    assert [bool(said(secondary_id=value)) for value in (0, 252, 253, 255)] == [True, True, False, False]
-
-
-def test_every_fix_that_names_the_setup_gives_a_whole_command() -> None:
-    found = said(drive_mode=0x0B, startup_configuration=1, secondary_id=3, homing_offset=9, min_position_limit=1500)
-    assert len(found) == 7
-    for text in found:
-        assert re.search(r"`retarget servo setup --port /dev/main --id 1( --register [a-z_]+=\d+)+`", text), text
 
 
 def _image(model: str, protocol: int, **values: int) -> tuple[ServoSpec, BusSpec, ServoImage]:
@@ -90,11 +73,6 @@ def test_a_locked_eeprom_is_reported_with_what_opens_it(model: str) -> None:
         text = " ".join(complaints(servo, bus, image, needed_ticks(JointMap([servo]))["j1"]))
         shows(text)
         assert ("EEPROM" in text) == reported
-
-
-def test_a_follower_of_protocol_1_is_refused() -> None:
-    servo, bus, image = _image("MX-106", 1, drive_mode=2)
-    assert "follower" in complaints(servo, bus, image, needed_ticks(JointMap([servo]))["j1"])[0]
 
 
 @pytest.mark.parametrize(

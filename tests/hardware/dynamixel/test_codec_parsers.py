@@ -18,14 +18,6 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 
 @both
-def test_the_manuals_frames_are_understood(protocol: int) -> None:
-    for vector in VECTORS[protocol]:
-        parser = LINES[protocol].parser()
-        assert parser.feed(vector.printed) == [vector.frame]
-        assert (parser.pending, parser.skipped) == (b"", 0)
-
-
-@both
 def test_frames_come_with_their_last_byte(protocol: int) -> None:
     parser, received = LINES[protocol].parser(), []
     for vector in VECTORS[protocol]:

@@ -100,10 +100,6 @@ def test_length_counts_the_stuffing_and_the_code_is_stuffed_too() -> None:
     assert protocol2.frame(1, 0xFF, b"\xff\xfd")[5:-2] == bytes.fromhex("0600 FFFFFDFD")
 
 
-def test_the_header_is_not_stuffed_when_the_body_is() -> None:
-    assert protocol2.status(1, 0, b"\xff\xff\xfd\0").startswith(bytes.fromhex("FFFFFD00 01 0900"))
-
-
 @pytest.mark.parametrize(
     ("frame", "status"),
     [

@@ -236,14 +236,6 @@ def test_initial_values_of_protocol_one() -> None:
     assert not find_table("MX-64", 1).has("drive_mode")
 
 
-def test_measurements_of_a_cycle_are_contiguous() -> None:
-    for model in X_MODELS:
-        table = find_table(model, 2)
-        effort = "present_current" if table.has("present_current") else "present_load"
-        assert [table[name].address for name in (effort, "present_velocity", "present_position")] == [126, 128, 132]
-        assert table["present_temperature"].end == 147
-
-
 @pytest.mark.parametrize(
     ("model", "since"),
     [("XM430-W350", 45), ("XL430-W250", 45), ("XC430-W240", 45), ("XH540-W270", 45), ("XL330-M288", 46)],

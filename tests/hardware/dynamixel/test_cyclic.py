@@ -77,14 +77,6 @@ def test_models_that_differ_share_a_line() -> None:
     assert np.isnan(states.current).tolist() == [servo.model.current_unit is None for servo in servos]
 
 
-def test_who_cannot_answer_a_fast_read_is_never_asked_for_one() -> None:
-    servos = [spec(1, "2XL430-W250"), spec(2, "2XL430-W250")]
-    rig = BusRig(servos, buses=[bus_of(servos, baud=1_000_000)]).ready()
-    for _ in range(5):
-        assert whole(rig.tick().states)
-    assert Instruction.FAST_SYNC_READ not in codes(rig.port.sent)
-
-
 def test_protocol_1_is_read_in_bulk_or_one_by_one() -> None:
     servos = [spec(1, "MX-28"), spec(2, "MX-64"), spec(3, "AX-12A"), spec(4, "AX-12A")]
     rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)]).ready(torque=True)
@@ -150,15 +142,6 @@ def test_three_missing_at_once_leave_the_rest(gone: tuple[int, ...]) -> None:
     assert whole(states)
     # They have received nothing for longer than their watchdogs allow, and report it.
     assert (np.flatnonzero(~states.driven) + 1).tolist() == list(gone)
-
-
-def test_a_bus_without_servos_is_bounded_and_no_exception() -> None:
-    rig = BusRig().ready(torque=True)
-    rig.fault(Fault(FaultKind.MISSING))
-    took = [rig.tick().took for _ in range(40)]
-    states, _ = rig.tick()
-    assert not states.valid.any() and (states.age > 0.3).all()
-    assert max(took) < 0.05
 
 
 @pytest.mark.parametrize("count", [2, 4, 20])

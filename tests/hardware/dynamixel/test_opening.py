@@ -176,13 +176,6 @@ def test_each_problem_is_named_with_its_fix(case: str) -> None:
     assert "main" in said or "servo j" in said
 
 
-def test_a_valid_bus_opens_without_problems() -> None:
-    rig = BusRig(specs(4))
-    rig.bus.open()
-    assert rig.port.opened
-    assert all("return_delay_time" in note for note in rig.notes)
-
-
 def test_another_model_is_named() -> None:
     rig = BusRig(specs(4))
     rig.devices[2].memory.put("model_number", 1060)
@@ -238,12 +231,6 @@ def test_protocol_1_is_noted_to_have_no_watchdog() -> None:
     shows(rig.notes, 1)
 
 
-def test_limits_that_are_just_wide_enough_do() -> None:
-    rig = BusRig(specs(1))
-    register(1, min_position_limit=1071, max_position_limit=3025)(rig)
-    rig.bus.open()
-
-
 def test_the_speed_is_the_bus_s_again_after_others_were_tried() -> None:
     rig = BusRig(specs(2))
     rig.fault(Fault(FaultKind.MISSING))
@@ -259,22 +246,6 @@ def test_a_device_of_the_profile_without_a_joint_must_be_there() -> None:
     rig = BusRig(servos, buses=buses)
     shows(refusal(rig), 30)
     assert protocol2.frame(30, 1, b"") in rig.port.sent
-
-
-def test_unknown_ids_are_found_whatever_their_number() -> None:
-    rig = BusRig(specs(2), unknown_ids=[spec(252)])
-    begun = rig.clock.now()
-    shows(refusal(rig), 252, "XM430-W350")
-    assert rig.clock.now() - begun < 1.0
-
-
-def test_an_unknown_id_of_protocol_1_is_found() -> None:
-    servos = specs(2, "AX-12A")
-    rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)], unknown_ids=[spec(252, "AX-12A")])
-    begun = rig.clock.now()
-    with refuses(BusError, 252, "AX-12A"):
-        rig.bus.open()
-    assert rig.clock.now() - begun < 1.5
 
 
 def test_protocol_1_status_return_off_is_distinguished_from_silence() -> None:

@@ -285,15 +285,6 @@ def test_a_second_process_is_refused_a_busy_port(pty: Pty, port: SerialPort) -> 
     second.close()
 
 
-def test_opened_through_a_link(pty: Pty, tmp_path: Path) -> None:
-    link = tmp_path / "usb-adapter"
-    link.symlink_to(pty.path)
-    port = SerialPort(str(link), MonotonicClock())
-    port.open(57_600)
-    assert port.name == str(link)
-    port.close()
-
-
 def test_closing_twice_and_using_it_then(pty: Pty, port: SerialPort) -> None:
     port.close()
     port.close()

@@ -81,13 +81,6 @@ def test_a_refusal_is_reported_in_words_and_once() -> None:
     assert len(port.sent) == 1
 
 
-def test_a_refused_read_brings_no_value() -> None:
-    """An error status without data: the SDK ends in an IndexError."""
-    port = ScriptedPort(always(protocol2.status(1, Error2.ACCESS)))
-    with refuses(ServoError, "present_position"):
-        OneOff(port, 2).read(1, POSITION)
-
-
 @pytest.mark.parametrize("bit", [Error1.RANGE, Error1.INSTRUCTION, Error1.ANGLE_LIMIT])
 def test_refusals_of_protocol_1(bit: Error1) -> None:
     port = ScriptedPort(always(protocol1.status(1, bit | Error1.OVERLOAD)))
@@ -138,14 +131,6 @@ def test_what_stands_before_the_answer_is_skipped(before: bytes) -> None:
     port = ScriptedPort(always(before + ANSWER))
     assert OneOff(port, 2).read(1, POSITION) == 166
     assert len(port.sent) == 1
-
-
-def test_a_status_too_short_to_be_one_is_damage() -> None:
-    short = protocol2.HEADER + b"\x01\x03\x00\x55"
-    short += more_frames.crc(short).to_bytes(2, "little") + b"\0"
-    port = ScriptedPort(in_turn(short, protocol2.status(1)))
-    OneOff(port, 2).write(1, GOAL, 0)
-    assert len(port.sent) == 2
 
 
 def test_later_tries_are_more_patient() -> None:
@@ -408,11 +393,6 @@ def test_a_bit_of_protocol_1_is_about_the_instruction_or_the_servo(bit: Error1) 
     assert bool(single_requests.refusal(1, bit)) != about_servo
     if not about_servo:
         shows(single_requests.words(1, bit))
-
-
-def test_several_bits_are_all_said() -> None:
-    said = single_requests.words(1, Error1.RANGE | Error1.INSTRUCTION)
-    shows(said)
 
 
 def test_what_no_protocol_defines() -> None:
