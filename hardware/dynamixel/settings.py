@@ -159,10 +159,11 @@ def settings_of(
     """
     wanted = [setting_of(table, name, value) for name, value in (registers or {}).items()]
     if return_delay is not None:
-        if not possible_delay(return_delay):
+        steps = return_delay / RETURN_DELAY_STEP
+        if not (0.0 <= return_delay <= MAX_RETURN_DELAY and abs(steps - round(steps)) < 1e-6):
             allowed = f"0 to {1e6 * MAX_RETURN_DELAY:g} us, even"
             raise _no(table, "return delay", f"{1e6 * return_delay:g} us", allowed)
-        wanted.append(Setting(table["return_delay_time"], round(return_delay / RETURN_DELAY_STEP)))
+        wanted.append(Setting(table["return_delay_time"], round(steps)))
     if new_id is not None:
         if not 0 <= new_id <= MAX_ID:
             raise _no(table, "id", str(new_id), f"0 to {MAX_ID}: 254 is the broadcast id")
@@ -170,7 +171,8 @@ def settings_of(
     if baud is not None:
         code = code_of(table, baud)
         if code is None:
-            raise _no(table, "baud rate", str(baud), rates_of(table))
+            rates = [rate for rate in BAUDS[table.protocol] if code_of(table, rate) is not None]
+            raise _no(table, "baud rate", str(baud), ", ".join(map(str, rates)))
         wanted.append(Setting(table["baud_rate"], code))
     return wanted
 
@@ -185,17 +187,6 @@ def plan(image: ServoImage, wanted: list[Setting]) -> list[Setting]:
             then="Secure the robot, then `retarget servo rest`",
         )
     return due
-
-
-def possible_delay(delay: float) -> bool:
-    """Whether a servo can be set to wait for `delay` s before it answers."""
-    steps = delay / RETURN_DELAY_STEP
-    return 0.0 <= delay <= MAX_RETURN_DELAY and abs(steps - round(steps)) < 1e-6
-
-
-def rates_of(table: ControlTable) -> str:
-    """The speeds that a model can be set to, bits/s, in words."""
-    return ", ".join(str(rate) for rate in BAUDS[table.protocol] if code_of(table, rate) is not None)
 
 
 def setting_of(table: ControlTable, name: str, value: int) -> Setting:
