@@ -238,14 +238,9 @@ def search(
         return scan_line(place.port, speeds, ids=ids, progress=progress, on_found=on_found)
 
 
-def names(look_: Look, ids: Sequence[int]) -> str:
-    """Servos by joint and id; unknown ones by id and model."""
-    models = {one.found.id: one.model for one in look_.unknown}
-    servos = look_.line.servos
-    return ", ".join(
-        f"{servos[device].joint} (id {device})" if device in servos else f"id {device} ({models[device]})"
-        for device in ids
-    )
+def names(one: Look, ids: Sequence[int]) -> str:
+    """Servos by joint and id; unknown ones by id."""
+    return ", ".join(map(one.line.name_of, ids))
 
 
 # The question before something is written or goes limp.
