@@ -242,13 +242,6 @@ def test_which_error_it_is_is_known_within_two_cycles() -> None:
     assert states.driven.tolist() == (expected == 0).tolist()
 
 
-def test_an_error_of_protocol_1_is_in_every_answer() -> None:
-    rig = BusRig(specs(3, "AX-12A"), buses=[bus_of(specs(3), protocol=1, baud=1_000_000)]).ready(torque=True)
-    rig.fault(Fault(FaultKind.OVER_TEMPERATURE, ids=(2,)))
-    rig.tick()
-    assert rig.tick().states.alert.tolist() == [0, ServoAlert.OVERHEATING, 0]
-
-
 def test_a_servo_that_started_anew_says_that_it_is_limp() -> None:
     rig = BusRig().ready(torque=True)
     rig.tick()

@@ -6,15 +6,11 @@ from bus_rig import BusRig, bus_of, spec, specs
 from hardware.dynamixel.control_table import code_of
 from hardware.dynamixel.cyclic import BusLine
 from hardware.dynamixel.found_servos import (
-    LEVEL,
-    answers_pings_only,
     as_bus,
     broadcast_torque_off,
     look,
 )
 from hardware.dynamixel.line_scan import Sighting, Speed, all_speeds, scan_line
-from hardware.dynamixel.settings import ANSWER_ALL
-from hardware.dynamixel.single_requests import OneOff
 from hardware.errors import BusError
 from messages import refuses, shows
 from sim.emulator.faults import Fault, FaultKind
@@ -125,27 +121,3 @@ def test_several_speeds_are_refused_with_what_was_seen() -> None:
     one, two = _sightings(rig)
     with refuses(BusError, "1.0", 57600, "2.0", 2000000):
         as_bus("here", [one, Sighting(two.found, Speed(1, 57_600))])
-
-
-def _status_return_off_rig(protocol: int) -> tuple[BusRig, OneOff]:
-    servos = specs(3, "MX-28")
-    rig = BusRig(servos, buses=[bus_of(servos, protocol=protocol, baud=1_000_000)])
-    rig.port.open(1_000_000)
-    rig.devices[1].memory.put("status_return_level", 0)
-    rig.devices[1].tune()
-    rig.fault(Fault(FaultKind.MISSING, ids=(3,)))
-    return rig, OneOff(rig.port, protocol)
-
-
-@pytest.mark.parametrize("protocol", [1, 2])
-def test_who_answers_pings_only(protocol: int) -> None:
-    _, client = _status_return_off_rig(protocol)
-    assert [answers_pings_only(client, device) for device in (1, 2, 3)] == [False, True, False]
-
-
-@pytest.mark.parametrize("protocol", [1, 2])
-def test_it_is_written_without_its_answer(protocol: int) -> None:
-    rig, client = _status_return_off_rig(protocol)
-    client.write(2, LEVEL[protocol], ANSWER_ALL, verify=True)
-    assert rig.shown("status_return_level")[1] == 2
-    assert not answers_pings_only(client, 2)
