@@ -213,14 +213,6 @@ def test_through_the_wire_as_well() -> None:
 
 
 @pytest.mark.parametrize(("mount", "hook"), [("stand", None), ("gantry", "neck")])
-def test_held_robots_follow_with_the_whole_body(mount: str, hook: str | None) -> None:
-    run = play(options(mount=mount, hook=hook, seconds=1.6))
-    assert run.physics is not None and run.physics.fall is None and run.physics.least_margin is None
-    assert run.robot is not None and not run.robot.stands
-    assert run.reason is None and run.physics.mount == mount
-
-
-@pytest.mark.parametrize(("mount", "hook"), [("stand", None), ("gantry", "neck")])
 def test_a_held_robot_walks_with_the_performer(mount: str, hook: str | None, shared: Path) -> None:
     """Landmarks, feet that would cross among them, on average 20 mm off at most: where it was sent and where it is."""
     asked = RunOptions(robot="op3", bus="physics", physics=PhysicsOptions(mount=mount, hook=hook))
@@ -231,6 +223,8 @@ def test_a_held_robot_walks_with_the_performer(mount: str, hook: str | None, sha
 
     with prepare(walk, asked, clock=VirtualClock(), make_bus=bench.make_bus, goes_to_rest=True) as prepared:
         run = bench.seen(prepared.run())
+    assert run.physics is not None and run.physics.least_margin is None and run.physics.mount == mount
+    assert run.reason is None and run.robot is not None and not run.robot.stands
     assert [priorities.name for priorities in run.setup.priorities] == ["human", "fixed_base"]
     report = measure(run)
     assert report.servo_tracking_mm is not None and report.fallen is False
