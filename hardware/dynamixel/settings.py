@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from hardware.bus import BAUDS, MAX_RETURN_DELAY, RETURN_DELAY_STEP, BusSpec
@@ -145,19 +145,23 @@ def setup_command(
     return " ".join([f"`retarget servo setup --port {bus.port} --id {device}", *words]) + "`"
 
 
-def settings_of(
-    table: ControlTable,
-    *,
-    registers: Mapping[str, int] | None = None,
-    return_delay: float | None = None,
-    new_id: int | None = None,
-    baud: int | None = None,
-) -> list[Setting]:
-    """The settings for these values, in the order in which they are written. return_delay: s; baud: bits/s.
+@dataclass(frozen=True)
+class Asked:
+    """Values for one servo; None: not given. baud: bits/s; return_delay: s; registers: counts by name."""
+
+    new_id: int | None = None
+    baud: int | None = None
+    return_delay: float | None = None
+    registers: Mapping[str, int] = field(default_factory=dict)
+
+
+def settings_of(table: ControlTable, asked: Asked) -> list[Setting]:
+    """The settings for these values, in the order in which they are written.
 
     Raises BusError (HardwareError for an unknown register) for values that a servo with this table cannot hold.
     """
-    wanted = [setting_of(table, name, value) for name, value in (registers or {}).items()]
+    wanted = [setting_of(table, name, value) for name, value in asked.registers.items()]
+    new_id, baud, return_delay = asked.new_id, asked.baud, asked.return_delay
     if return_delay is not None:
         steps = return_delay / RETURN_DELAY_STEP
         if not (0.0 <= return_delay <= MAX_RETURN_DELAY and abs(steps - round(steps)) < 1e-6):

@@ -1,7 +1,7 @@
 """`retarget servo setup`: write id, speed and other EEPROM settings of one servo."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -9,11 +9,12 @@ import typer
 
 from hardware.dynamixel.checks import Span, needed_ticks, wishes
 from hardware.dynamixel.codec import MAX_ID
-from hardware.dynamixel.control_table import ControlTable, tables
+from hardware.dynamixel.control_table import tables
 from hardware.dynamixel.found_servos import LEVEL, PINGS_ONLY, answers_pings_only
 from hardware.dynamixel.line_scan import Sighting, Speed, write_setting
 from hardware.dynamixel.settings import (
     ANSWER_ALL,
+    Asked,
     ServoImage,
     Setting,
     in_units,
@@ -43,22 +44,6 @@ from retarget.errors import UsageError, suggest
 from retarget.model.robot import RobotBody, load_robot, load_uncalibrated
 
 # The settings asked for; those that no servo can hold are refused before a port is opened.
-
-
-@dataclass(frozen=True)
-class Asked:
-    """Values for one servo; None: not given. baud: bits/s; return_delay: s; registers: counts by name."""
-
-    new_id: int | None = None
-    baud: int | None = None
-    return_delay: float | None = None
-    registers: Mapping[str, int] = field(default_factory=dict)
-
-    def settings(self, table: ControlTable) -> list[Setting]:
-        """The settings for a servo with this table. Raises BusError where it cannot hold them."""
-        return settings_of(
-            table, registers=self.registers, return_delay=self.return_delay, new_id=self.new_id, baud=self.baud
-        )
 
 
 def registers_of(words: Sequence[str]) -> dict[str, int]:
@@ -95,7 +80,7 @@ def check_asked(asked: Asked, protocol: int | None, model: str | None) -> None:
     refused = ""
     for table in [one for one in possible if all(map(one.has, asked.registers))] or possible[:1]:
         try:
-            asked.settings(table)
+            settings_of(table, asked)
         except HardwareError as error:
             refused = refused or str(error).removeprefix(f"{table.model}: ").removesuffix(".")
         else:
@@ -247,7 +232,7 @@ def setup(
         image = read_image(OneOff(place.port, seen.speed.protocol), target.device, seen.table)
         typer.echo(f"id {target.device}: {seen.model}, firmware {seen.found.firmware}, {seen.speed}")
         wanted = wanted_of(target, asked, seen, image)
-        due = plan(image, wanted.settings(image.table))
+        due = plan(image, settings_of(image.table, wanted))
         if not due:
             typer.echo("it has all of this already: nothing to write")
             return

@@ -5,11 +5,12 @@ from dataclasses import replace
 import pytest
 
 from hardware.dynamixel.checks import needed_ticks
+from hardware.dynamixel.settings import Asked
 from hardware.joint_map import JointMap
 from messages import refuses
 from retarget.cli.servo import places, setup
 from retarget.cli.servo.places import find_places
-from retarget.cli.servo.setup import Asked, check_asked, check_device, find_target, registers_of
+from retarget.cli.servo.setup import check_asked, check_device, find_target, registers_of
 from retarget.errors import UsageError
 from retarget.model.robot import RobotBody, load_uncalibrated
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from bus_rig import bus_of, spec
 from hardware.bus import BusSpec, ServoAlert
 from hardware.dynamixel.checks import NO_SECONDARY_ID, alert_text, complaints, needed_ticks, notes, wishes
-from hardware.dynamixel.settings import ServoImage, differing, eeprom_settings, plan, settings_of
+from hardware.dynamixel.settings import Asked, ServoImage, Setting, differing, eeprom_settings, plan, settings_of
 from hardware.joint_map import JointMap
 from hardware.servo import ServoMode, ServoSpec
 from messages import shows
@@ -161,21 +161,18 @@ def test_with_the_wishes_written_nothing_is_wrong_or_due_any_more(
     one.memory.put(volts, 120)
     needed = needed_ticks(JointMap([servo]))[servo.joint]
     image = ServoImage(one.table, bytes(one.memory.image))
-    due = plan(
-        image, settings_of(image.table, return_delay=bus.return_delay, registers=wishes(servo, bus, image, needed))
-    )
-    for setting in due:
+
+    def due(held: ServoImage) -> list[Setting]:
+        asked = Asked(return_delay=bus.return_delay, registers=wishes(servo, bus, held, needed))
+        return plan(held, settings_of(held.table, asked))
+
+    for setting in due(image):
         assert image.value(setting.register.name) != setting.value
         one.memory.put(setting.register.name, setting.value)
     after = ServoImage(one.table, bytes(one.memory.image))
     assert complaints(servo, bus, after, needed) == []
     assert differing(eeprom_settings(servo, bus, one.table), after) == []
-    assert (
-        plan(
-            after, settings_of(after.table, return_delay=bus.return_delay, registers=wishes(servo, bus, after, needed))
-        )
-        == []
-    )
+    assert due(after) == []
 
 
 @pytest.mark.parametrize(
@@ -195,7 +192,7 @@ def test_only_what_harms_is_changed(name: str, value: int, wanted: int) -> None:
     due = plan(
         image,
         settings_of(
-            image.table, registers=wishes(servo, bus_of([servo]), image, needed_ticks(JointMap([servo]))["j4"])
+            image.table, Asked(registers=wishes(servo, bus_of([servo]), image, needed_ticks(JointMap([servo]))["j4"]))
         ),
     )
     assert [(one.register.name, one.value) for one in due] == [(name, wanted)]

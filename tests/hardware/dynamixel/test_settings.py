@@ -8,6 +8,7 @@ from bus_rig import BusRig, bus_of, spec, specs
 from hardware.dynamixel.control_table import find_table
 from hardware.dynamixel.settings import (
     SILENCING,
+    Asked,
     ServoImage,
     Setting,
     eeprom_settings,
@@ -151,7 +152,7 @@ def test_nothing_but_writable_eeprom_is_ever_due(model: str, protocol: int) -> N
     for register in image.table.registers:
         value = register.highest if register.highest is not None else register.widest
         try:
-            due = plan(image, settings_of(image.table, registers={register.name: value}))
+            due = plan(image, settings_of(image.table, Asked(registers={register.name: value})))
         except HardwareError:
             continue
         assert register.writable and register.address < image.table.eeprom_end and register.name != SILENCING
@@ -160,6 +161,6 @@ def test_nothing_but_writable_eeprom_is_ever_due(model: str, protocol: int) -> N
 
 def test_torque_locks_what_would_change_and_nothing_else() -> None:
     image = _image(torque_enable=1)
-    assert plan(image, settings_of(image.table, new_id=1)) == []
+    assert plan(image, settings_of(image.table, Asked(new_id=1))) == []
     with refuses(HardwareError):
-        plan(image, settings_of(image.table, new_id=2))
+        plan(image, settings_of(image.table, Asked(new_id=2)))
