@@ -33,7 +33,7 @@ from retarget.cli.view import Viewing, viewing
 from retarget.errors import UsageError
 from retarget.frames import SensorFrames
 from retarget.human.samples import Performance, Playback
-from retarget.live.address import StreamAddress, parse_address
+from retarget.live.address import StreamAddress, is_address, parse_address
 from retarget.live.begin import LiveOptions, begin_live, live_rate_hz
 from retarget.live.open_stream import open_stream
 from retarget.live.performer import LivePerformer
@@ -375,7 +375,7 @@ def run(
     options = replace(options, gate=not no_gate)
     outputs = Outputs.checked(report=report, save=save, plots=plots, record=record, overwrite=overwrite)
     outputs = replace(outputs, view=view)
-    if "://" in source:
+    if is_address(source):
         start = [] if options.playback.start is None else ["--start"]
         refuse_given([*given(file), *start], "motion file")
         raise typer.Exit(follow_live(source, options, outputs, live))

@@ -90,7 +90,10 @@ def address_number(text: str, host: str) -> IPv4Address:
         return IPv4Address("127.0.0.1" if host == "localhost" else host)
     except AddressValueError:
         allowed = "an IPv4 address such as 192.168.1.5, or localhost"
-        raise bad_address(text, "this is no address of a computer", found=host, allowed=allowed) from None
+        step = _intended(text)
+        raise bad_address(
+            text, "this is no address of a computer", found=host, allowed=allowed, next_step=step
+        ) from None
 
 
 def bad_address(text: str, what: str, *, found: str = "", allowed: str = "", next_step: str = "") -> UsageError:
@@ -212,6 +215,19 @@ def for_others(kind: str, port: int, *, option: str = "allow") -> str:
     return f"If the sender is another computer: {kind}://{EVERYWHERE}:{port}?{option}=ITS_ADDRESS"
 
 
+def is_address(text: str) -> bool:
+    """Whether a text is meant as the address of a stream and not as a file: `://`, or a known scheme and a colon."""
+    scheme, colon, _ = text.partition(":")
+    return "://" in text or bool(colon and scheme.lower() in KINDS)
+
+
+def _intended(text: str) -> str:
+    """The next step for a bare port behind the scheme (`vmc:39539`, `vmc://39539`); "" for anything else."""
+    match = re.fullmatch(r"(\w+):/{0,2}([0-9]{1,5}(?:\?.*)?)", text, re.ASCII)
+    is_listener = match is not None and match[1].lower() in KINDS and "allow" in KINDS[match[1].lower()].options
+    return f"Did you mean {match[1].lower()}://:{match[2]}?" if match is not None and is_listener else ""
+
+
 def parse_address(text: str) -> StreamAddress:
     """Read the address of a stream.
 
@@ -221,7 +237,9 @@ def parse_address(text: str) -> StreamAddress:
     match = re.fullmatch(r"([A-Za-z][A-Za-z0-9+.-]*)://([^\x00-\x1f]*)", text)
     if match is None or len(text) > LONGEST:
         allowed = "SCHEME://[ADDRESS][:PORT][?OPTION=VALUE&...]"
-        raise bad_address(text, "this is no address of a stream", allowed=allowed, next_step=_for_example())
+        raise bad_address(
+            text, "this is no address of a stream", allowed=allowed, next_step=_intended(text) or _for_example()
+        )
     kind, rest = match[1].lower(), match[2]
     if kind not in KINDS:
         step = suggest(kind, KINDS) or _for_example()

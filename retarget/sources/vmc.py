@@ -299,12 +299,16 @@ STATURE_M = 1.70
 """Stature of a person of unknown size, m: calibration measures the limbs."""
 ROUNDS = 8
 """A bone is lost that was not sent while another one was sent so often: 0.13 s of a sender of 60 Hz."""
+_NOT_SENT = {
+    f"bone://{bone}": f"{bone}, a bone that an avatar needs, is not sent" for bone in BODY_BONES if bone not in OPTIONAL
+}
 _FEET = ("bone://LeftFoot", "bone://RightFoot")
 _HIPS = "bone://Hips"
 
 
 class VmcBodyDecoder:
-    """A `StreamDecoder`: the 22 bones of a humanoid, each `bone://NAME`, position of the joint where it begins.
+    """A `StreamDecoder`: the known bones of a humanoid, each `bone://NAME`, position of the joint where it begins.
+    Without a bone that is needed, it and those that hang from it are not known.
 
     A sender may put an avatar into one datagram, or a bone into each: a body is given once each bone that it sends has
     come, or when the next round begins without one. Bone lengths that are not sent are those of a person of
@@ -330,13 +334,16 @@ class VmcBodyDecoder:
         self._poses |= poses
         if not poses or not self._is_whole(poses.keys()) or self._poses.keys() <= {_ROOT_NAME}:
             return None
+        if max(self._sent.values()) >= ROUNDS:
+            self.dropped.reasons.update(reason for bone, reason in _NOT_SENT.items() if bone not in self._poses)
         world = world_poses(self._poses, self._offsets)
         positions, rotations = map(np.array, zip(*world.values(), strict=True))
         if isnan(self._poses.get(_HIPS, _UNKNOWN)[0][0]):
             lowest = min((height for foot in _FEET if isfinite(height := world[foot][0][2])), default=self._ankle)
             positions[:, 2] += self._ankle - lowest
         known: BoolArray = np.isfinite(rotations).all(axis=1) & np.isfinite(positions).all(axis=1)
-        return StreamFrame(_NAMES, positions, rotations, known, frame.stamp, frame.number)
+        names = tuple(name for name, is_known in zip(_NAMES, known.tolist(), strict=True) if is_known)
+        return StreamFrame(names, positions[known], rotations[known], known[known], frame.stamp, frame.number)
 
     def _is_whole(self, sent: Set[str]) -> bool:
         """Whether a body is to be given after the bones that were just sent: all that are sent at all have come in this

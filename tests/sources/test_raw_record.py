@@ -1,6 +1,7 @@
 """Recordings of datagrams: what was written is read back, and damage costs only what stands behind it."""
 
 import gzip
+import os
 import struct
 from pathlib import Path
 
@@ -201,3 +202,9 @@ def test_any_bytes(tmp_path_factory: pytest.TempPathFactory, data: bytes, old: b
     path.write_bytes((b"UDPREC01" if old else b"RAWDGM01\0\0") + data)
     reader = RawReader(path)
     assert sum(len(datagram.payload) for datagram in reader) <= len(data)
+
+
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "a.raw")
+    with refuses(InputError, tmp_path / "a.raw"):
+        RawReader(tmp_path / "a.raw")
