@@ -163,20 +163,22 @@ LONGEST = 4096
 
 @dataclass(frozen=True, slots=True)
 class StreamKind:
-    """What an address of one scheme may hold. port: the usual port, None where there is none."""
+    """What an address of one scheme may hold. port: the usual port, None where there is none. sender: the program that
+    is to be configured."""
 
     example: str
     port: int | None
     options: tuple[str, ...]
+    sender: str
 
 
 KINDS = {
-    "vmc": StreamKind("vmc://:39539", 39_539, ("allow",)),
-    "vrchat": StreamKind("vrchat://:9000", 9_000, ("allow",)),
-    "natnet": StreamKind("natnet://192.168.1.5", 1_511, ("multicast", "interface", "version", "up", "bones")),
-    "mvn": StreamKind("mvn://:9763", 9_763, ("allow", "tcp")),
-    "json": StreamKind("json://:14150", None, ("allow",)),
-    "replay": StreamKind("replay://walk.raw", None, ("speed", "loop", "kind", "up", "bones")),
+    "vmc": StreamKind("vmc://:39539", 39_539, ("allow",), "the sender's VMC output"),
+    "vrchat": StreamKind("vrchat://:9000", 9_000, ("allow",), "the sender's OSC trackers"),
+    "natnet": StreamKind("natnet://192.168.1.5", 1_511, ("multicast", "interface", "version", "up", "bones"), "Motive"),
+    "mvn": StreamKind("mvn://:9763", 9_763, ("allow", "tcp"), "MVN's network streamer"),
+    "json": StreamKind("json://:14150", None, ("allow",), "the sender"),
+    "replay": StreamKind("replay://walk.raw", None, ("speed", "loop", "kind", "up", "bones"), "the recording"),
 }
 """The schemes by name, with the usual ports of their senders (project facts on streams, sections 2 to 5)."""
 

@@ -8,10 +8,10 @@ from ipaddress import IPv4Address
 import numpy as np
 
 from retarget.errors import InputError, Problem
-from retarget.live.address import for_others, parse_address
+from retarget.live.address import KINDS, for_others, parse_address
 from retarget.live.admission import NOT_ALLOWED, SECOND_SOURCE, TOO_LONG, TOO_MANY, Source
 from retarget.live.clock_map import JumpKind
-from retarget.live.datagram_kinds import SENDERS, advice_for, recognise
+from retarget.live.datagram_kinds import advice_for, recognise
 from retarget.live.receivers import NatnetReceiver
 from retarget.live.sensor_validity import OUT_OF_RANGE, StateArray, ValidityState
 from retarget.live.stream import LiveStream
@@ -77,7 +77,7 @@ def unusable(stream: LiveStream, missing: list[str], waited: float, *, where: st
 
 def _something_else(stream: LiveStream, where: str) -> tuple[str, str]:
     """What arrives instead of what the address reads, and the next step; "" each where unknown."""
-    if where.partition("://")[0] not in (*SENDERS, REPLAY):  # the caller's own source
+    if where.partition("://")[0] not in KINDS:  # the caller's own source
         return "", ""
     address, got = parse_address(where), recognise(stream.undecoded)
     kind = address.recorded if address.kind == REPLAY else address.kind

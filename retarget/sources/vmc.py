@@ -198,7 +198,6 @@ class VmcDecoder:
         self.loaded: bool | None = None
         self.tracking: bool | None = None
         self._layouts = OscLayouts(_plan)
-        self._names: tuple[str, ...] = ()
 
     def decode(self, datagram: bytes) -> list[StreamFrame]:
         """The frame of one datagram; none if it has no pose."""
@@ -212,11 +211,9 @@ class VmcDecoder:
         stamp = None if plan.stamp is None else self._stamp(datagram, plan.stamp)
         if not plan.names:
             return []
-        if plan.names != self._names:
-            self._names = plan.names
         tracking = self.loaded is not False and self.tracking is not False
         position, orientation, tracked = self._poses(datagram, plan, tracking)
-        return [StreamFrame(self._names, position, orientation, tracked, stamp)]
+        return [StreamFrame(plan.names, position, orientation, tracked, stamp)]
 
     def _poses(self, datagram: bytes, plan: _Plan, tracking: bool) -> tuple[FloatArray, FloatArray, BoolArray]:
         """Position (k, 3), orientation (k, 4) and tracked (k,) by the plan."""

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from mvn_packets import mvn
 from natnet_packets import datagram
 from osc_bytes import bundle, message, pose
-from retarget.live.address import KINDS
-from retarget.live.datagram_kinds import SENDERS, Recognised, advice_for, recognise
+from retarget.live.address import RECORDED
+from retarget.live.datagram_kinds import Recognised, advice_for, recognise
 
 CASES = [
     (bundle(pose("/VMC/Ext/Tra/Pos", "human://CHEST")), "vmc", "VMC"),
@@ -74,12 +74,8 @@ def test_real_bytes(shared: Path, path: str, kind: str) -> None:
     assert recognise((shared / "streams" / path).read_bytes()).kind == kind
 
 
-def test_every_kind_of_stream_has_a_sender() -> None:
-    assert SENDERS.keys() == KINDS.keys() - {"replay"}
-
-
-@pytest.mark.parametrize("kind", SENDERS)
-@pytest.mark.parametrize("other", SENDERS)
+@pytest.mark.parametrize("kind", RECORDED)
+@pytest.mark.parametrize("other", RECORDED)
 def test_each_at_the_address_of_each(kind: str, other: str) -> None:
     advice = advice_for(kind, Recognised(other, other.upper()), port=5000)
     assert (not advice) if kind == other else f"{other}://" in advice

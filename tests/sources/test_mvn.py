@@ -74,11 +74,6 @@ def test_a_rounded_quaternion_becomes_a_rotation() -> None:
     np.testing.assert_allclose(np.linalg.norm(frame.orientation), 1.0, atol=1e-15)
 
 
-def test_names_are_one_tuple_as_long_as_they_stay() -> None:
-    decoder = MvnDecoder()
-    assert only(decoder, GOOD).names is only(decoder, GOOD).names
-
-
 def test_euler_angles_turn_about_x_then_y_then_z_of_y_up_axes() -> None:
     angles = np.array([30.0, -50.0, 110.0])
     frame = only(MvnDecoder(), euler([(1, (0.2, 0.95, 0.1), angles.tolist())]))

@@ -31,8 +31,7 @@ from retarget.sources.natnet_decoder import (
     compose_bones,
     plan_poses,
 )
-from retarget.sources.natnet_frame import BodyDefinition, Definitions, GroupDefinition, Owner, PoseGroup
-from retarget.sources.natnet_wire import Version
+from retarget.sources.natnet_wire import BodyDefinition, Definitions, GroupDefinition, Owner, PoseGroup, Version
 from retarget.sources.stream_frame import MAX_POSES, StreamFrame
 from retarget.types import FloatArray
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from natnet_packets import PLAIN_VERSIONS, SIZED_VERSIONS, VERSIONS, Body, Catalogue, Motion, Pose, definitions, frame
-from retarget.sources.natnet_frame import (
+from retarget.sources.natnet_wire import (
     BODY,
     BodyDefinition,
     Definitions,
@@ -14,11 +14,11 @@ from retarget.sources.natnet_frame import (
     GroupDefinition,
     Owner,
     PoseGroup,
+    Version,
     read_definitions,
     read_flags,
     read_frame,
 )
-from retarget.sources.natnet_wire import Version
 
 BONE = 5 << 16
 BODIES = [Pose(1, (1, 2, 3), (0, 0, 0.6, 0.8)), Pose(-9, (4, 5, 6), flags=0)]

@@ -7,12 +7,16 @@ import numpy as np
 import pytest
 
 from retarget.sources.natnet_decoder import NatnetDecoder
-from retarget.sources.natnet_frame import BodyDefinition, Definitions, read_definitions, read_frame
 from retarget.sources.natnet_wire import (
+    BodyDefinition,
+    Definitions,
+    MessageId,
     ServerInfo,
     Version,
     connect_message,
-    definitions_request,
+    message,
+    read_definitions,
+    read_frame,
     read_server_info,
 )
 
@@ -107,4 +111,4 @@ def test_questions_are_as_the_real_client_asks_them(recorded: Path) -> None:
     real, ours = (recorded / "connect_packet_v3.bin").read_bytes(), connect_message()
     assert len(real) == len(ours)
     assert (real[:4], real[260:]) == (ours[:4], ours[260:])
-    assert (recorded / "requestmodeldef_packet_v3.bin").read_bytes() == definitions_request()
+    assert (recorded / "requestmodeldef_packet_v3.bin").read_bytes() == message(MessageId.DEFINITIONS_REQUEST)

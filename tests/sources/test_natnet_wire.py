@@ -11,10 +11,7 @@ from retarget.sources.natnet_wire import (
     MessageId,
     ServerInfo,
     Version,
-    command_message,
     connect_message,
-    definitions_request,
-    keep_alive_message,
     message,
     read_server_info,
     split,
@@ -37,9 +34,9 @@ def test_connect_pins_a_version_at_bytes_265_to_268_of_its_payload() -> None:
 
 
 def test_short_messages() -> None:
-    assert definitions_request() == b"\x04\0\0\0"
-    assert keep_alive_message() == b"\x0a\0\0\0"
-    assert command_message("Bitstream,4.1") == b"\x02\0\x0e\0Bitstream,4.1\0"
+    assert message(MessageId.DEFINITIONS_REQUEST) == b"\x04\0\0\0"
+    assert message(MessageId.KEEP_ALIVE) == b"\x0a\0\0\0"
+    assert message(MessageId.COMMAND, b"Bitstream,4.1\0") == b"\x02\0\x0e\0Bitstream,4.1\0"
 
 
 def test_a_server_is_read() -> None:

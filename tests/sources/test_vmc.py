@@ -217,14 +217,6 @@ def test_a_time_of_its_own_datagram_only() -> None:
     assert decoder.decode(pose(TRA, "a"))[0].stamp is None
 
 
-def test_names_stay_the_same_object() -> None:
-    decoder = VmcDecoder()
-    rows = [pose(TRA, name) for name in "abcd"]
-    first = decoder.decode(bundle(*rows))[0]
-    second = decoder.decode(bundle(*rows, message("/VMC/Ext/Key", "")))[0]
-    assert first.names is second.names
-
-
 def test_numbers_are_read_afresh_from_a_remembered_layout() -> None:
     decoder = VmcDecoder()
     for number in range(5):

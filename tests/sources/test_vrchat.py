@@ -101,12 +101,6 @@ def test_numbers_out_of_this_world(value: float) -> None:
     assert decoder.dropped.reasons == {BAD_POSITION: 1, BAD_ROTATION: 1}
 
 
-def test_names_stay_the_same_object() -> None:
-    decoder = VrchatDecoder()
-    first, second = (decoder.decode(raw)[0] for raw in (at("1"), turned("1")))
-    assert first.names is second.names
-
-
 def test_a_pose_sent_twice_counts_last() -> None:
     decoder = VrchatDecoder()
     (frame,) = decoder.decode(bundle(at("1"), at("1", 0.0, 0.0, 5.0)))
