@@ -19,18 +19,13 @@ from retarget.live.admission import SECOND_SOURCE
 from retarget.live.begin import FRONT_M, RAISED, REFUSALS, RISE_M, SURE_S, LiveOptions, SideCheck, begin_live
 from retarget.schema.catalogue import Kind, entries
 from retarget.types import FloatArray
-from sim.faults.sender import FakeSender, SenderFault, lost, moved, silent
+from sim.faults.sender import FakeSender, SenderFault, lost, silent
 
 
 @pytest.mark.parametrize("countdown", [-5.0, -1e-9, 600.1, float("inf"), float("nan"), float("-inf")])
 def test_a_countdown_out_of_range_is_refused(countdown: float) -> None:
     with refuses(UsageError, "--countdown", allowed=(0, 600)):
         LiveOptions(countdown=countdown)
-
-
-@pytest.mark.parametrize("countdown", [0.0, 3.0, 600.0])
-def test_any_other_is_taken(countdown: float) -> None:
-    assert LiveOptions(countdown=countdown).countdown == countdown
 
 
 def test_the_help_names_every_performer_that_is_shipped(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -161,16 +156,6 @@ def test_a_measured_performer_keeps_the_stream_though_silent() -> None:
     with refuses(InputError):
         begin_live(stream, options, clock=VirtualClock(), rate_hz=100.0, where=WHERE, notify=lambda text: None)
     assert stream.admission.owner == sender.source and stream.admission.refused.reasons[SECOND_SOURCE] > 900
-
-
-def test_both_arms_prove_nothing() -> None:
-    with refuses(InputError):
-        begun(raising("l_wrist", 0.5), raising("r_wrist", 0.5))
-
-
-def test_a_wrist_that_jumps_proves_nothing() -> None:
-    with refuses(InputError):
-        begun(moved("l_wrist", BEGINS_S, BEGINS_S + 0.1, (0.0, 0.0, 0.5)))
 
 
 @settings(max_examples=60)

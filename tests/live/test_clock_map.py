@@ -11,47 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from retarget.live.clock_map import ClockMap, JumpKind, OddRun, SlidingMinimum
+from retarget.live.clock_map import ClockMap, JumpKind, SlidingMinimum
 from retarget.types import FloatArray
-
-PATIENCE = 0.25
-
-
-def jump_after(arrivals: list[float], stamps: list[float]) -> int | None:
-    """Index of the datagram that shows a jump; None for no jump."""
-    run = OddRun()
-    for i, (arrival, stamp) in enumerate(zip(arrivals, stamps, strict=True), 1):
-        run.note(arrival, stamp, 0.0)
-        if run.shows_jump(arrival, patience=PATIENCE):
-            return i
-    return None
-
-
-def test_three_that_agree_over_ten_ms() -> None:
-    assert jump_after([1.0, 1.01, 1.02, 1.03], [5.0, 5.01, 5.02, 5.03]) == 3
-    assert jump_after([1.0, 1.004, 1.008, 1.012], [5.0, 5.004, 5.008, 5.012]) == 4
-
-
-def test_a_backlog_and_a_repeated_frame_show_no_jump() -> None:
-    assert jump_after([1.0] * 50, [5.0 + 0.001 * i for i in range(50)]) is None
-    assert jump_after([1.0, 1.01, 1.02, 1.03], [5.0] * 4) is None
-
-
-def test_disagreement_takes_patience() -> None:
-    stamps = [5.0 + (-1) ** i * i for i in range(60)]
-    assert jump_after([1.0 + 0.01 * i for i in range(60)], stamps) == 26
-
-
-def test_a_good_one_between_starts_again() -> None:
-    run = OddRun()
-    for i in range(2):
-        run.note(1.0 + 0.01 * i, 5.0 + 0.01 * i, 0.0)
-    assert run.least == -4.0
-    run.clear()
-    assert run.least == inf
-    run.note(1.02, 5.02, 0.0)
-    assert not run.shows_jump(1.02, patience=PATIENCE)
-
 
 MIN_DELAY = 0.0003
 
@@ -184,14 +145,6 @@ def test_time_never_goes_back_after_a_jump_even_where_stamps_do() -> None:
     assert mapped[accepted].min() > np.nanmax(mapped[~accepted])
 
 
-def test_a_second_jump_is_followed_too() -> None:
-    clock = ClockMap()
-    capture = frames(9.0, 100.0)
-    feed(clock, capture, delays(900, 7), lambda t: t if t < 1003.0 else t - 500.0 if t < 1006.0 else t - 1006.0)
-    assert clock.jumps == 2
-    assert clock.last_jump is not None and clock.last_jump.kind is JumpKind.RESTARTED
-
-
 def test_repeated_and_overtaken_datagrams() -> None:
     clock = ClockMap()
     for i in range(100):
@@ -317,15 +270,6 @@ def test_it_keeps_young_values_and_no_old_ones(steps: list[tuple[float, float]])
         young = min(value for at, value in added if at >= now - 1.75)
         whole = min(value for at, value in added if at >= now - 2.0 - 1e-9)
         assert whole <= least.at(now) <= young
-
-
-def test_it_is_empty_after_the_window() -> None:
-    least = SlidingMinimum(2.0)
-    least.add(5.0, 1.0)
-    assert least.at(6.7) == 1.0
-    assert least.at(7.01) == inf
-    least.add(1e9, 3.0)
-    assert least.at(1e9) == 3.0
 
 
 def test_time_that_goes_back_and_clearing() -> None:

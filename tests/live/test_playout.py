@@ -132,16 +132,6 @@ def test_a_sensor_never_sent_is_nan() -> None:
         assert (np.isnan(played.time) == ~sent).all()
 
 
-def test_before_its_first_pose_a_sensor_shows_that() -> None:
-    playout = buffered()
-    for i in range(20):
-        push(playout, 1.0 + 0.02 * i, late=0.02, rows=np.arange(4.0))
-    push(playout, 1.39, rows=np.array([7.0]))
-    played = playout.read(1.4)
-    assert played.how[7] == How.LATEST and played.time[7] == 1.39 and played.time[0] < 1.39
-    assert worst(played) < 1e-7
-
-
 def test_sensors_sent_at_their_own_times_are_read_at_one() -> None:
     playout = buffered()
     assert playout.delay == 0.0
@@ -150,20 +140,6 @@ def test_sensors_sent_at_their_own_times_are_read_at_one() -> None:
     played = playout.read(1.0 + 300 / 300.0)
     assert np.ptp(played.time[:3]) == 0.0 and set(played.how[:3]) == {How.INTERPOLATED}
     assert worst(played) < 1e-7
-
-
-def test_overtaken_frames_are_sorted_in_and_repeated_ones_ignored() -> None:
-    one, other = buffered(delay=Lateness), buffered(delay=Lateness)
-    times = 1.0 + 0.01 * np.arange(30)
-    for time in times:
-        push(one, float(time), late=0.02)
-    for time in [*times[:20], *times[24:28], *times[18:26], *times[28:]]:
-        push(other, float(time), late=0.02)
-    assert other.dropped.reasons["repeated"] == 4 * COUNT
-    for now in np.arange(1.24, 1.4, 0.007):
-        a, b = one.read(float(now)), other.read(float(now))
-        assert (a.position == b.position).all() and (a.how == b.how).all()
-        assert rotations.angle_between(a.orientation, b.orientation) == pytest.approx(0.0, abs=1e-9)
 
 
 @settings(max_examples=20)
@@ -292,11 +268,6 @@ def test_it_grows_at_once_and_shrinks_slowly() -> None:
     assert after[100] == pytest.approx(0.035)
     assert after[-1] == pytest.approx(0.012, abs=5e-4)
     assert np.diff(after).min() > -0.05 / 100.0
-
-
-def test_the_frame_time_is_added() -> None:
-    assert run(PlayoutDelay(), 3.0, 0.003, start=10.0)[-1] == pytest.approx(0.013)
-    assert run(PlayoutDelay(), 3.0, 0.003, start=10.0, rate=50.0)[-1] == pytest.approx(0.023)
 
 
 def test_without_frames_there_is_no_delay() -> None:

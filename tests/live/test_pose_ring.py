@@ -88,25 +88,6 @@ def test_what_is_not_stored_is_counted() -> None:
     assert nothing == (None, 0, 0)
 
 
-def test_before_all_that_is_kept_the_oldest_is_shown() -> None:
-    ring = new(1, 4)
-    for number in range(10):
-        push(ring, [0], number * UNIT)
-    played = Played(*ring.read(UNIT, 1.0))
-    assert played.how.tolist() == [How.LATEST] and played.time.tolist() == [6 * UNIT]
-    assert played.position[0].tolist() == place(0, 6 * UNIT).tolist()
-
-
-def test_clearing_forgets_everything() -> None:
-    ring = new(2, 4)
-    for time in (1.0, 2.0):
-        push(ring, [0, 1], time)
-    assert Played(*ring.latest(2.0)).how.tolist() == [How.LATEST] * 2
-    ring.clear()
-    assert Played(*ring.latest(2.0)).how.tolist() == [How.NONE] * 2
-    assert push(ring, [0], 0.5)[0] == -np.inf
-
-
 @pytest.mark.parametrize(("count", "depth"), [(0, 4), (1, 1)])
 def test_a_ring_that_keeps_nothing_is_refused(count: int, depth: int) -> None:
     with refuses(ValueError):

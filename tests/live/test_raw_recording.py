@@ -3,7 +3,6 @@
 import gzip
 import struct
 import threading
-from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -191,12 +190,6 @@ def test_a_damaged_end_is_counted_and_what_stands_before_it_is_played(tmp_path: 
     assert receiver.finished
     shows(receiver.damage, 3)
     assert receiver.dropped.reasons == {"the recording is damaged": 1}
-
-
-def test_a_closed_replay_is_over(tmp_path: Path) -> None:
-    with closing(ReplayReceiver(RawReader(recording(tmp_path / "a.raw", [1.0, 1.1])))) as receiver:
-        assert len(receiver.poll(0.0)) == 1
-    assert receiver.finished and receiver.poll(10.0) == []
 
 
 def test_opening_by_address(tmp_path: Path) -> None:

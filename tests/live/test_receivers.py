@@ -5,6 +5,7 @@ import socket
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -15,6 +16,8 @@ from natnet_packets import Motion, frame, server_info
 from retarget.errors import InputError
 from retarget.live.address import StreamAddress, parse_address
 from retarget.live.admission import MOST_PER_POLL, Datagram
+from retarget.live.open_stream import open_receiver
+from retarget.live.raw_recording import ReplayReceiver
 from retarget.live.receivers import (
     NOT_THE_SENDER,
     NOT_THE_SERVER,
@@ -25,7 +28,9 @@ from retarget.live.receivers import (
     TcpReceiver,
     session_for,
 )
+from retarget.live.udp import UdpReceiver
 from retarget.sources.natnet_wire import MessageId, Version, split
+from retarget.sources.raw_record import RawWriter
 
 GROUP = "239.255.42.99"
 UNICAST = parse_address("natnet://127.0.0.1")
@@ -137,13 +142,6 @@ def test_the_session_follows_the_address() -> None:
     assert not session_for(UNICAST).multicast
     assert session_for(MULTICAST).multicast
     assert session_for(parse_address("natnet://127.0.0.1?version=3.1")).wanted == Version(3, 1)
-
-
-def test_a_closed_receiver_stays_quiet() -> None:
-    with conversation(MULTICAST) as (_, receiver):
-        receiver.close()
-        receiver.close()
-        assert receiver.poll(CLOCK.now()) == []
 
 
 ADDRESS = replace(parse_address("mvn://?tcp=127.0.0.1"), port=0)
@@ -266,3 +264,25 @@ def test_tcp_a_closed_receiver_stays_quiet() -> None:
         receiver.close()
         receiver.close()
         assert receiver.poll(0.0) == [] and receiver.connection is None
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("vmc://", UdpReceiver),
+        ("vrchat://", UdpReceiver),
+        ("json://:7000", UdpReceiver),
+        ("mvn://", UdpReceiver),
+        ("mvn://?tcp=127.0.0.1", TcpReceiver),
+        ("natnet://127.0.0.1", NatnetReceiver),
+        ("natnet://127.0.0.1?multicast=239.255.42.99", NatnetReceiver),
+        ("replay://FILE", ReplayReceiver),
+    ],
+)
+def test_an_address_finds_its_receiver(text: str, expected: type, tmp_path: Path) -> None:
+    RawWriter(tmp_path / "a.raw", url="vmc://").close()
+    address = replace(parse_address(text.replace("FILE", str(tmp_path / "a.raw"))), port=0)
+    receiver = open_receiver(address)
+    assert isinstance(receiver, expected)
+    assert receiver.poll(0.0) == []
+    receiver.close()

@@ -65,7 +65,7 @@ class _Sender:
         """Nothing is open."""
 
 
-@pytest.mark.parametrize("second", [0.0, 2.5, 4.0, 6.5, 7.5, 9.0, 10.5])
+@pytest.mark.parametrize("second", [0.0, 4.0, 9.0])
 def test_a_run_begins_with_it_whenever_it_is_started(root: Path, second: float) -> None:
     sender = runpy.run_path(str(root / "examples/send_poses.py"), run_name="sender")
     stream, said = live_stream(FakeSender(), five()), list[str]()

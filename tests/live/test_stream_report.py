@@ -135,8 +135,6 @@ def test_every_state_of_a_sensor_has_a_word() -> None:
 @pytest.mark.parametrize(
     ("fault", "cause"),
     [
-        (silent(5.0, 60.0), "nothing arrived"),
-        (lost("l_ankle", 5.0, 60.0), "l_ankle: lost"),
         (frozen("r_ankle", 5.0, 60.0), "r_ankle: frozen"),
         (flying("l_wrist", 5.0), "not for long enough at a time, at last: l_wrist: jumped"),
         (now_and_then(5.0, 8.7), "not for long enough at a time, at last: nothing arrived"),

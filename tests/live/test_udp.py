@@ -178,16 +178,6 @@ def test_a_poll_is_bounded_in_bytes(monkeypatch: pytest.MonkeyPatch) -> None:
         assert len(first) == -(-MOST_BYTES_PER_POLL // 60_000) and len(second) == 20 - len(first)
 
 
-def test_a_second_of_slimevr_waits_for_a_loop_that_was_stopped() -> None:
-    with closing(UdpReceiver(LOOPBACK)) as receiver, sending(receiver) as sender:
-        if granted(receiver) < 2 * udp.RECEIVE_BUFFER:
-            pytest.skip(f"the kernel grants {granted(receiver)} bytes only (net.core.rmem_max)")
-        for number in range(232):
-            sender.send(number.to_bytes(2) + bytes(2660))
-        found = arrived(receiver) + receiver.poll(CLOCK.now())
-        assert len(found) == 232 and receiver.overflowed == 0
-
-
 def test_what_the_kernel_lost_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(udp, "RECEIVE_BUFFER", 8192)
     with closing(UdpReceiver(LOOPBACK)) as receiver, sending(receiver) as sender:

@@ -97,11 +97,6 @@ def test_each_fault_has_its_line(tmp_path: Path, old: str, new: str, what: str, 
         assert caught.value.problems[0].where == f"{path}:{line}"
 
 
-def test_a_misspelt_bone_brings_the_nearest_names(tmp_path: Path) -> None:
-    with refuses(InputError, next_step="ltibia"):
-        read_asf(write(tmp_path, asf_text().replace("lfemur ltibia\n", "lfemur ltibai\n")))
-
-
 @pytest.mark.parametrize("share", [0.02, 0.1, 0.3, 0.6, 0.9, 0.97])
 def test_a_file_cut_short_is_refused(tmp_path: Path, share: float) -> None:
     text = asf_text()
@@ -123,13 +118,6 @@ def test_a_deep_skeleton_needs_no_recursion(tmp_path: Path) -> None:
     links = "root b0\n" + "".join(f"b{i} b{i + 1}\n" for i in range(count - 1))
     asf = read_asf(write(tmp_path, f":bonedata\n{bones}:hierarchy\nbegin\n{links}end\n"))
     assert len(asf.tree.names) == count + 1
-
-
-def test_endorphin_and_cmu_skeletons(shared: Path) -> None:
-    assert len(read_asf(shared / "mocap/other/skeleton.asf").tree.names) == 34
-    for name in ("01", "02", "05", "49"):
-        asf = read_asf(shared / f"mocap/cmu_asfamc/{name}.asf")
-        assert len(asf.tree.names) == 31 and sum(map(len, asf.dof)) == 62
 
 
 def test_rest_pose_is_a_person_facing_x(tmp_path: Path) -> None:
@@ -244,6 +232,14 @@ def test_each_fault_of_a_frame_has_its_line(tmp_path: Path, old: str, new: str, 
         assert line in (expected, expected + (old == "\n3\n"))
 
 
+@pytest.mark.parametrize("end", ["rto", "rtoes", "rtoes -", "lfemur 1.0 2"])
+def test_a_motion_cut_in_its_last_line_is_refused_as_cut_short(tmp_path: Path, end: str) -> None:
+    lines = amc_text(3).splitlines()
+    place = next(i for i in reversed(range(len(lines))) if lines[i].startswith(end.split()[0][:3]))
+    with refuses(InputError, where=f":{place + 1}"):
+        read_amc(write_amc(tmp_path, "\n".join([*lines[:place], end])))
+
+
 @pytest.mark.parametrize("share", [0.01, 0.2, 0.5, 0.9, 0.99])
 def test_a_motion_cut_short_is_refused(tmp_path: Path, share: float) -> None:
     text = amc_text(3)
@@ -318,17 +314,6 @@ def test_02_06_is_read_in_a_quarter_of_a_second(shared: Path) -> None:
     assert best < 0.25
 
 
-def test_bones_may_come_in_any_order(shared: Path, tmp_path: Path) -> None:
-    source = shared / "mocap/cmu_asfamc/02_03.amc"
-    asf = read_asf(find_skeleton(source))
-    lines = read_lines(source)
-    usual, _ = read_values(lines, asf, source)
-    last = lines.index("2") - 1
-    lines[last - 1], lines[last] = lines[last], lines[last - 1]  # one frame in another order
-    other, _ = read_values(lines, asf, source)
-    np.testing.assert_array_equal(usual, other)
-
-
 def test_02_06_agrees_with_its_bvh_but_for_the_lost_thorax(shared: Path) -> None:
     amc = shared / "mocap/cmu_asfamc/02_06.amc"
     asf = read_asf(find_skeleton(amc))
@@ -381,7 +366,7 @@ def test_02_06_has_the_heights_and_the_timing_that_are_known(shared: Path) -> No
 
 
 def test_bones_of_recordings_are_constant_and_human(shared: Path) -> None:
-    for path in sorted((shared / "mocap/cmu_asfamc").glob("*.amc")):
+    for path in (shared / f"mocap/cmu_asfamc/{name}.amc" for name in ("02_03", "49_18")):
         frames = read_amc(path)
         assert frames.joints is not None and frames.skeleton is not None
         for a, b in (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"), ("ankle", "toe")):

@@ -12,7 +12,17 @@ from hypothesis import strategies as st
 from messages import refuses
 from motion_texts import MARKERS, c3d_bytes
 from retarget.errors import InputError
-from retarget.sources.c3d import MarkerTracks, _metres, _one_subject, _up_axis, read_c3d, read_markers
+from retarget.frames import SENSORS
+from retarget.sources.c3d import (
+    MARKER_GROUPS,
+    MarkerTracks,
+    _metres,
+    _one_subject,
+    _up_axis,
+    groups_in,
+    read_c3d,
+    read_markers,
+)
 
 pytestmark = pytest.mark.filterwarnings("ignore:No analog data found:UserWarning")
 
@@ -168,3 +178,25 @@ def test_markers_and_skeleton_of_one_trial_give_the_same_motion(shared: Path) ->
     for name in ("head", "l_wrist", "r_wrist", "l_ankle", "r_ankle", "pelvis"):
         apart = markers.position[:, markers.index(name)] - skeleton.position[:, skeleton.index(name)]
         assert np.median(np.linalg.norm(apart, axis=1)) < 0.12, name
+
+
+def test_groups_are_those_of_sensors_and_sides_do_not_mix() -> None:
+    assert set(MARKER_GROUPS) <= set(SENSORS)
+    for sensor, groups in MARKER_GROUPS.items():
+        assert all(len(set(group)) == len(group) > 0 for group in groups)
+        if sensor[1] == "_":
+            assert {name[0] for group in groups for name in group} == {sensor[0].upper()}
+
+
+def test_the_first_whole_group_counts() -> None:
+    assert groups_in(["LWRA", "LWRB"]) == {"l_wrist": ("LWRA", "LWRB")}
+    assert groups_in(["LWRA"]) == {"l_wrist": ("LWRA",)}
+    assert groups_in(["LASI", "RASI", "SACR"]) == {"pelvis": ("LASI", "RASI", "SACR")}
+    assert groups_in([]) == {} == groups_in(["LFHD"])
+
+
+def test_plug_in_gait_and_the_cmu_set_give_fifteen_sensors() -> None:
+    limbs = {f"{s}{name}" for s in "LR" for name in ("WRA", "WRB", "ELB", "SHO", "KNE", "ANK", "TOE", "FHD", "BHD")}
+    torso = {"C7", "T10", "CLAV", "STRN"}
+    for waist in ({"LASI", "RASI", "LPSI", "RPSI"}, {"LFWT", "RFWT", "LBWT", "RBWT"}):
+        assert len(groups_in(limbs | torso | waist)) == 15

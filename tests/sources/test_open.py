@@ -120,13 +120,6 @@ def test_live_sources_are_refused_as_files(address: str | Path) -> None:
         open_source(address)
 
 
-def test_binary_text_formats_say_what_to_do(tmp_path: Path) -> None:
-    path = tmp_path / "a.bvh"
-    path.write_bytes(b"HIERARCHY\0\1")
-    with refuses(InputError):
-        open_source(path)
-
-
 @pytest.mark.parametrize("packed", [False, True])
 @pytest.mark.parametrize("magic", [b"RAWDGM01", b"UDPREC01"])
 def test_a_recording_of_datagrams_is_refused_as_such(tmp_path: Path, magic: bytes, packed: bool) -> None:

@@ -232,10 +232,3 @@ def test_what_is_remembered_is_bounded() -> None:
     asked.layouts.of(many)
     asked.layouts.of(many)
     assert asked.times == 2 and len(asked.layouts) == before
-
-
-def test_nothing_is_remembered_of_what_cannot_be_read() -> None:
-    asked = Asked()
-    for broken in (b"", b"x", four(1.0)[:-4], bundle()):
-        asked.layouts.of(broken)
-    assert len(asked.layouts) == 0

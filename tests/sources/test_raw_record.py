@@ -58,17 +58,6 @@ def test_the_bytes_of_the_format(tmp_path: Path) -> None:
     assert content[: len(wanted)] == wanted and content[len(wanted) + 4 :] == record
 
 
-@pytest.mark.parametrize("name", ["full12_vmc_50hz", "full12_vrcosc_20hz"])
-def test_the_old_format(shared: Path, name: str) -> None:
-    reader = RawReader(shared / f"streams/slimevr/{name}.udprec.gz")
-    datagrams = list(reader)
-    assert reader.url == "" and reader.damage == ""
-    assert len(datagrams) > 200
-    assert all(datagram.payload.startswith(b"#bundle\0") or datagram.payload[:1] == b"/" for datagram in datagrams)
-    times = [datagram.time_s for datagram in datagrams]
-    assert times == sorted(times) and 10.0 < times[-1] - times[0] < 60.0
-
-
 def test_the_old_format_cut_short(tmp_path: Path) -> None:
     path = tmp_path / "old"
     record = struct.pack("<QHI", 2_000_000_000, 9000, 3) + b"abc"

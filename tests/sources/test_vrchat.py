@@ -13,7 +13,6 @@ from retarget.sources.vrchat import (
     BAD_POSITION,
     BAD_ROTATION,
     NOT_A_TRACKER,
-    SENT_TWICE,
     UNKNOWN_ADDRESS,
     WRONG_ARGUMENTS,
     VrchatDecoder,
@@ -99,13 +98,6 @@ def test_numbers_out_of_this_world(value: float) -> None:
     assert np.isnan(frame.position).all(axis=1).tolist() == [True, False, False]
     assert np.isnan(frame.orientation).all(axis=1).tolist() == [False, True, True]
     assert decoder.dropped.reasons == {BAD_POSITION: 1, BAD_ROTATION: 1}
-
-
-def test_a_pose_sent_twice_counts_last() -> None:
-    decoder = VrchatDecoder()
-    (frame,) = decoder.decode(bundle(at("1"), at("1", 0.0, 0.0, 5.0)))
-    assert_allclose(frame.position, [[5.0, 0.0, 0.0]])
-    assert decoder.dropped.reasons == {SENT_TWICE: 1}
 
 
 def check_damaged(count: int, seed: int, datagram: bytes) -> None:
