@@ -171,7 +171,8 @@ class StreamProblems:
 
 def _refused(stream: LiveStream) -> Counter[str]:
     """Counts of everything that was not used so far, by reason; a copy."""
-    return stream.admission.refused.reasons + stream.decoder.dropped.reasons + stream.validity.refused.reasons
+    counts = stream.admission.refused, stream.decoder.dropped, stream.clock_map.dropped, stream.validity.refused
+    return sum((dropped.reasons for dropped in counts), Counter[str]())
 
 
 def _listed(reasons: Counter[str]) -> str:
