@@ -13,11 +13,10 @@ from retarget.live.admission import Admission, Receiver, admission_for
 from retarget.live.clock_map import ClockMap
 from retarget.live.playout import LIGHT, Playout, PlayoutDelay, pose_filter
 from retarget.live.raw_recording import RawTap, open_replay, recorded_kind
-from retarget.live.receivers import NatnetReceiver, TcpReceiver, session_for
+from retarget.live.receivers import NatnetReceiver, TcpReceiver, UdpReceiver, session_for
 from retarget.live.roles import roles_of
 from retarget.live.sensor_validity import SensorValidity
 from retarget.live.stream import LiveStream
-from retarget.live.udp import UdpReceiver
 from retarget.schema.performer import Performer
 from retarget.sources.json_pose import JsonPoseDecoder
 from retarget.sources.mvn import MvnDecoder

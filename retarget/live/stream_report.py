@@ -12,10 +12,9 @@ from retarget.live.address import KINDS, for_others, parse_address
 from retarget.live.admission import NOT_ALLOWED, SECOND_SOURCE, TOO_LONG, TOO_MANY, Source
 from retarget.live.clock_map import JumpKind
 from retarget.live.datagram_kinds import advice_for, recognise
-from retarget.live.receivers import NatnetReceiver
+from retarget.live.receivers import NatnetReceiver, UdpReceiver
 from retarget.live.sensor_validity import OUT_OF_RANGE, StateArray, ValidityState
 from retarget.live.stream import LiveStream
-from retarget.live.udp import UdpReceiver
 from retarget.sources.mvn import MvnDecoder
 from retarget.sources.natnet_session import NEWEST, OLDEST, natnet_problems
 from retarget.types import Notify

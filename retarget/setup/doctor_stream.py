@@ -15,10 +15,9 @@ from retarget.live.begin import HUMAN_RATE_HZ
 from retarget.live.datagram_kinds import DAMAGED, Recognised, advice_for, recognise
 from retarget.live.open_stream import open_stream, stream_kinds
 from retarget.live.raw_recording import recorded_kind
-from retarget.live.receivers import NatnetReceiver
+from retarget.live.receivers import NatnetReceiver, UdpReceiver, port_holder
 from retarget.live.roles import CONVENTIONS
 from retarget.live.stream import MOST_DECODED, LiveStream
-from retarget.live.udp import UdpReceiver, port_holder
 from retarget.schema.performer import Performer
 from retarget.setup.doctor_capture import StreamCapture, capture_stream
 from retarget.setup.doctor_machine import Finding, finding, findings, firewall_findings, fix_all

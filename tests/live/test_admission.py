@@ -21,7 +21,7 @@ from retarget.live.admission import (
     admission_for,
 )
 from retarget.live.raw_recording import ReplayReceiver
-from retarget.live.udp import UdpReceiver
+from retarget.live.receivers import UdpReceiver
 from retarget.sources.raw_record import RawReader, RawWriter
 
 A, B, C = ("192.168.1.20", 5000), ("192.168.1.21", 5000), ("10.9.9.9", 5000)

@@ -21,7 +21,7 @@ from retarget.live.admission import TOO_LONG, TOO_MANY, Admission, Datagram, Sou
 from retarget.live.begin import LiveOptions, begin_live
 from retarget.live.performer import WORDS, LivePerformer
 from retarget.live.raw_recording import RawTap
-from retarget.live.receivers import NatnetReceiver, session_for
+from retarget.live.receivers import NatnetReceiver, UdpReceiver, session_for
 from retarget.live.sensor_validity import ValidityState
 from retarget.live.stream import LiveStream
 from retarget.live.stream_report import (
@@ -33,7 +33,6 @@ from retarget.live.stream_report import (
     refuse_version,
     unusable,
 )
-from retarget.live.udp import UdpReceiver
 from retarget.report.measure import measure
 from retarget.report.summary import stream_line
 from retarget.sources.mvn import MvnDecoder
