@@ -140,11 +140,6 @@ def test_a_mistake_is_one_message(text: str, part: str) -> None:
     assert len(caught.value.problems) == 1 and caught.value.problems[0].where
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_every_example_can_be_read(kind: str) -> None:
-    assert parse_address(KINDS[kind].example).kind == kind
-
-
 TEXTS = st.builds(
     "".join,
     st.lists(

@@ -284,14 +284,6 @@ def test_it_grows_at_once_and_shrinks_slowly() -> None:
     assert np.diff(after).min() > -0.05 / 100.0
 
 
-def test_without_frames_there_is_no_delay() -> None:
-    delay = PlayoutDelay()
-    assert delay.at(1.0) == delay.at(2.0) == 0.0
-    run(delay, 1.0, 0.01, start=3.0)
-    before = delay.at(4.5)
-    assert delay.at(1000.0) == before
-
-
 @given(st.lists(st.tuples(st.floats(0.0, 1.0), st.floats(-1.0, 10.0), st.floats(0.0, 10.0)), max_size=50))
 def test_it_is_bounded(sent: list[tuple[float, float, float]]) -> None:
     delay, now = PlayoutDelay(), 0.0

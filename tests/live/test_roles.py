@@ -7,7 +7,6 @@ from numpy.testing import assert_allclose
 from messages import Facts, refuses
 from retarget import rotations
 from retarget.errors import UsageError
-from retarget.frames import SENSORS
 from retarget.live.roles import (
     CONVENTIONS,
     MAX_KNOWN,
@@ -31,14 +30,6 @@ def frame(poses: dict[str, tuple[list[float] | None, list[float] | None]], *, un
         np.array([turn or nothing4 for _, turn in poses.values()], dtype=float).reshape(-1, 4),
         np.array([name != untracked for name in poses], dtype=bool),
     )
-
-
-@pytest.mark.parametrize("convention", [name for name in CONVENTIONS if name not in ("natnet", "slimevr_vrchat")])
-def test_every_convention_has_the_default_sensors(convention: str) -> None:
-    roles = roles_of(FIVE, convention, where="five.yaml")
-    assert roles.sensors == tuple(FIVE.sensors)
-    assert all(place.position for place in roles.places)
-    assert set(CONVENTIONS[convention]) <= set(SENSORS)
 
 
 def test_a_hanging_hand_of_slimevr_is_a_wrist_behind_the_point_that_is_sent() -> None:

@@ -92,11 +92,6 @@ def test_a_jump_back_is_accepted_and_a_jump_on_waits_anew() -> None:
     assert line.take(0.81, {0: PLACES[0] + [5.0, 0.0, 0.0]}) == [True]
 
 
-def test_a_clock_that_was_set_back_starts_anew() -> None:
-    line = Line()
-    assert line.take(-3.0, {0: PLACES[0] + 2.0}) == [True] and line.take(-2.99, {0: PLACES[0]}) == [False]
-
-
 def test_a_jump_to_a_third_place_is_no_return() -> None:
     for third in ([-1.3, 0.0, 0.0], [1.2, 0.0, 0.0]):
         line = Line()
@@ -275,16 +270,6 @@ def test_a_frozen_tracker_is_out_in_300_ms(row: int, carried: bool, rate: float)
     assert not np.delete(judged.states, row, axis=1).any()
     assert out_after(stream, begin, judged.states, row) <= 0.3
     assert [text for _, text in judged.messages] == [f"{NAMES[row]}: frozen since 0.2 s (tracker lost?)"]
-
-
-def test_a_frozen_position_is_found_where_there_is_no_orientation() -> None:
-    stream = walk()
-    stream.orientation[:] = np.nan
-    begin = onset(stream)
-    stream.position[begin:, L_ANKLE] = stream.position[begin - 1, L_ANKLE]
-    judged = judge(stream)
-    assert judged.usable.all() and judged.alarms() == {ValidityState.FROZEN}
-    assert seconds_until(stream, begin, judged.states[:, L_ANKLE] > 0) < 0.23
 
 
 def test_a_tracker_that_moves_again_is_valid_at_once() -> None:

@@ -131,34 +131,6 @@ def test_rates_of_few_digits_are_tidied(tmp_path: Path, written: str, rate: floa
     assert read_bvh(write(tmp_path, bvh_text()), rate=50.0).time[1] == pytest.approx(0.02)
 
 
-STYLES = {
-    "Biovision": {
-        "UpLeg": "Hip",
-        "Leg": "Knee",
-        "Foot": "Ankle",
-        "ToeBase": "Toe",
-        "Shoulder": "Collar",
-        "Arm": "Shoulder",
-    },
-    "Xsens MVN": {"UpLeg": "UpperLeg", "Leg": "LowerLeg", "Arm": "UpperArm", "ToeBase": "Toe"},
-}
-
-
-def restyled(style: str) -> dict[str, str]:
-    """Names of the stick figure in another style."""
-    parts = {**STYLES[style], "ForeArm": "ForeArm" if style == "Xsens MVN" else "Elbow"}
-    parts["Hand"] = "Hand" if style == "Xsens MVN" else "Wrist"
-    return {f"{side}{a}": f"{side}{b}" for side in ("Left", "Right") for a, b in parts.items()}
-
-
-@pytest.mark.parametrize("style", STYLES)
-def test_other_naming_styles_give_the_same_sensors(tmp_path: Path, style: str) -> None:
-    plain = read_bvh(write(tmp_path, bvh_text()))
-    other = read_bvh(write(tmp_path, bvh_text(names=restyled(style))))
-    assert other.names == plain.names
-    np.testing.assert_array_equal(other.position, plain.position)
-
-
 def test_unknown_names_are_read_by_shape_with_left_and_right_in_place(tmp_path: Path) -> None:
     plain = read_bvh(write(tmp_path, bvh_text()))
     names = {name: f"node {i}" for i, (name, _, _) in enumerate(JOINTS)}

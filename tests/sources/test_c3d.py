@@ -193,10 +193,3 @@ def test_the_first_whole_group_counts() -> None:
     assert groups_in(["LWRA"]) == {"l_wrist": ("LWRA",)}
     assert groups_in(["LASI", "RASI", "SACR"]) == {"pelvis": ("LASI", "RASI", "SACR")}
     assert groups_in([]) == {} == groups_in(["LFHD"])
-
-
-def test_plug_in_gait_and_the_cmu_set_give_fifteen_sensors() -> None:
-    limbs = {f"{s}{name}" for s in "LR" for name in ("WRA", "WRB", "ELB", "SHO", "KNE", "ANK", "TOE", "FHD", "BHD")}
-    torso = {"C7", "T10", "CLAV", "STRN"}
-    for waist in ({"LASI", "RASI", "LPSI", "RPSI"}, {"LFWT", "RFWT", "LBWT", "RBWT"}):
-        assert len(groups_in(limbs | torso | waist)) == 15

@@ -153,10 +153,6 @@ def test_impossible_t_poses() -> None:
     assert refused(scale([("L5", (0.0, 0.0, 1.0))])) == {impossible: 1}
 
 
-def test_the_performers_name_is_passed_over() -> None:
-    assert refused(meta("name:Ann\nxmid:1\n")) == {}
-
-
 def test_other_characters() -> None:
     second = mvn("02", GOOD[24:], items=23, character=1)
     first_seen, chosen = MvnDecoder(), MvnDecoder(character=1)
@@ -254,14 +250,6 @@ def test_a_part_sent_twice_is_used_once() -> None:
     assert dropped.reasons == {"part sent twice": 1}
 
 
-def test_a_part_beyond_the_last() -> None:
-    dropped = Dropped()
-    parts = SampleParts(dropped)
-    parts.add(header(3), b"d")
-    assert parts.add(header(1, last=True), b"b") is None
-    assert dropped.reasons == {"parts that make no sample": 1}
-
-
 def test_it_holds_no_more_than_a_datagram() -> None:
     dropped = Dropped()
     parts = SampleParts(dropped)
@@ -315,14 +303,6 @@ def test_a_chunk_of_headers_that_are_none_is_thrown_away_and_not_looked_through(
     assert stream.feed(few + WHOLE) == SENT
     assert stream.feed(many + WHOLE) == [] and stream.held < 24
     assert stream.feed(WHOLE) == SENT and stream.dropped.count == 2
-
-
-@pytest.mark.parametrize("cut", range(5))
-def test_a_header_that_begins_at_the_end_of_rubbish_is_kept(cut: int) -> None:
-    for length in range(30, 60):
-        stream = MvnStream()
-        assert stream.feed(bytes(length) + SENT[0][:cut]) == []
-        assert stream.feed(SENT[0][cut:]) == [SENT[0]]
 
 
 def test_a_size_that_cannot_be_true_swallows_nothing() -> None:

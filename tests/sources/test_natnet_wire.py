@@ -175,7 +175,3 @@ def test_natnet_models_absurd_counts_are_refused(version: Version) -> None:
 @pytest.mark.parametrize("version", VERSIONS, ids=str)
 def test_bytes_behind_the_last_set_are_refused(version: Version) -> None:
     assert read_definitions(definitions(CATALOGUE, version)[4:] + b"\0", version) is None
-
-
-def test_no_definitions() -> None:
-    assert read_definitions(pack("<I", 0), Version(4, 1)) == Definitions()

@@ -44,12 +44,6 @@ def test_what_was_written_is_read(recording: Path) -> None:
     assert list(reader) == SENT  # and again
 
 
-def test_packed(recording: Path) -> None:
-    packed = recording.with_suffix(".gz")
-    packed.write_bytes(gzip.compress(recording.read_bytes()))
-    assert list(RawReader(packed)) == SENT
-
-
 def test_the_bytes_of_the_format(tmp_path: Path) -> None:
     write(tmp_path / "a", [Datagram(0.000000258, 513, b"\x07", "1.2.3.4")])
     wanted = b"RAWDGM01" + b"\x15\0" + URL.encode()

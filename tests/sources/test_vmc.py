@@ -155,12 +155,6 @@ def test_a_pose_out_of_this_world_is_nan_and_untracked(index: int, value: float)
     assert decoder.dropped.reasons == {BAD_POSE: 1}
 
 
-def test_a_zero_quaternion_and_a_signalling_nan_are_dropped() -> None:
-    assert decode(pose(TRA, "a", *[0.0] * 7))[1].dropped.reasons == {BAD_POSE: 1}
-    signalling = pose(TRA, "a", *TURNED)[:-4] + b"\x7f\xa0\0\1"
-    assert decode(signalling)[1].dropped.reasons == {BAD_POSE: 1}
-
-
 def test_a_name_sent_twice_counts_last() -> None:
     frames, decoder = decode(pose(TRA, "a"), pose(HMD, "a", *TURNED))
     assert frames[0].names == ("a",) and decoder.dropped.reasons == {SENT_TWICE: 1}
