@@ -291,16 +291,6 @@ def test_without_ankles_the_floor_is_as_far_below_the_head_as_the_person_is_tall
         started(worn, placed(0.0, (0.0, 0.0, 0.5)), performer=three)
 
 
-def test_a_known_size_is_reported_as_such() -> None:
-    said: list[str] = []
-    clock, stream = VirtualClock(), live_stream(FakeSender(), five())
-    size = proportional_dimensions(1.72)
-    options = LiveOptions(patience=1.0, countdown=COUNTDOWN_S)
-    found = Beginning(stream=stream, options=options, clock=clock, where=WHERE, notify=said.append).measure(size)
-    assert found.dimensions is size
-    assert said[-1] == f"known: 1.72 m tall ({size.origin})"
-
-
 def test_a_stream_that_falls_silent_is_the_reason_and_no_tracker_is() -> None:
     said: list[str] = []
     clock, stream = VirtualClock(), live_stream(FakeSender(faults=[silent(0.5, 99.0)]), five())

@@ -427,36 +427,6 @@ def test_it_is_the_filter_of_the_paper() -> None:
     )
 
 
-@settings(max_examples=10)
-@given(st.integers(0, 2**32 - 1))
-def test_a_step_is_reached_without_going_beyond(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    before, after = rng.normal(size=(2, 4, 3))
-    dt = rng.uniform(0.001, 0.15, 200)
-    found = one_euro_run(np.concatenate([np.tile(before, (1, 1, 1)), np.tile(after, (200, 1, 1))]), dt)
-    assert (found[0] == before).all()
-    way = (found - before) / (after - before)
-    assert (np.diff(way, axis=0) >= -1e-12).all() and way.max() <= 1.0 + 1e-9
-    assert np.abs(found[-1] - after).max() < 1e-3
-    still = one_euro_run(np.tile(before, (201, 1, 1)), dt)
-    assert (still == before).all()
-
-
-def test_rows_have_their_own_times_and_are_forgotten_one_by_one() -> None:
-    euro = Filtered(3)
-    one, two = np.zeros((3, 3)), np.ones((3, 3))
-    euro.step(np.array([1.0, 2.0, nan]), one)
-    found = euro.step(np.array([1.0, 2.1, 5.0]), two)
-    assert (found[0] == 0.0).all() and (found[1] > 0.0).all() and (found[1] < 1.0).all() and (found[2] == 1.0).all()
-    missing = np.where([[False], [True], [False]], nan, two)
-    assert np.isnan(euro.step(np.array([1.1, 2.2, 5.1]), missing)).tolist() == [[False] * 3, [True] * 3, [False] * 3]
-    again = euro.step(np.array([1.2, 2.2, 5.2]), two)
-    assert (found[1] < again[1]).all() and (again[1] < 1.0).all()
-    euro.reset(np.array([True, False, False]))
-    final = euro.step(np.array([0.5, 2.1, 5.3]), 7.0 * two)
-    assert (final[0] == 7.0).all() and (final[1] == again[1]).all() and (final[2] < 7.0).all()
-
-
 POSE_FILTER_SETTINGS: Cutoffs = (1.0, 1.0, 1.0)
 DT = 0.01
 

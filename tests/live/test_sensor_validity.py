@@ -2,6 +2,7 @@
 
 from math import hypot
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -507,20 +508,15 @@ def found(
     moves: list[int],
     *,
     metres: float = 0.01,
-    seconds: float = 1.0,
     turns: bool = True,
     goes: bool = True,
-    back: int | None = None,
 ) -> np.ndarray:
-    """Which sensors are frozen, (k,). All move for 0.2 s, then only some do, by `metres` a capture at 100 Hz; `back`
-    moves again from 1 s on."""
+    """Which sensors are frozen, (k,). All move for 0.2 s, then only some do, by `metres` a capture at 100 Hz."""
     validity, yes = SensorValidity([str(row) for row in FIVE]), np.ones(COUNT, dtype=bool)
     pose = np.tile([0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0], (COUNT, 1))
     frozen = np.zeros(COUNT, dtype=bool)
-    for i in range(int(100 * (0.2 + seconds))):
+    for i in range(120):
         moving = FIVE if i < 20 else np.array(moves, dtype=int)
-        if back is not None and i > 100:
-            moving = np.append(moving, back)
         pose[moving, 0] = metres * (i % 10) if goes else 0.0
         pose[moving, 4] = metres * (i % 10) if turns else 0.0
         pose[:, 3] = np.sqrt(1.0 - pose[:, 4] ** 2)
@@ -529,22 +525,20 @@ def found(
     return frozen
 
 
-@pytest.mark.parametrize("turns", [False, True])
-def test_a_sensor_at_rest_while_most_move_is_frozen(turns: bool) -> None:
-    assert found([0, 1, 2, 3], turns=turns).tolist() == [False] * 4 + [True]
-    assert found([0, 1, 2], turns=turns).tolist() == [False] * 3 + [True] * 2
-
-
-def test_no_sensor_is_frozen_where_few_move() -> None:
-    assert not found([0, 1]).any() and not found([0]).any() and not found([]).any()
-
-
-def test_no_sensor_is_frozen_where_the_others_only_waver() -> None:
-    assert not found([0, 1, 2, 3], metres=0.0002).any()
-
-
-def test_others_may_move_by_turning_only() -> None:
-    assert found([0, 1, 2, 3], goes=False).tolist() == [False] * 4 + [True]
+@pytest.mark.parametrize(
+    ("moves", "how", "frozen"),
+    [
+        ([0, 1, 2, 3], {}, [4]),
+        ([0, 1, 2, 3], {"turns": False}, [4]),
+        ([0, 1, 2, 3], {"goes": False}, [4]),
+        ([0, 1, 2], {}, [3, 4]),
+        ([0, 1, 2, 3], {"metres": 0.0002}, []),
+        ([0, 1], {}, []),
+        ([], {}, []),
+    ],
+)
+def test_sensors_at_rest_while_most_move_are_frozen(moves: list[int], how: dict[str, Any], frozen: list[int]) -> None:
+    assert np.flatnonzero(found(moves, **how)).tolist() == frozen
 
 
 def test_every_state_has_a_message() -> None:
