@@ -5,8 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from messages import Facts, refuses
 from motion_texts import BONES, amc_text, asf_text, write_amc
@@ -230,55 +228,6 @@ def test_a_motion_cut_in_its_last_line_is_refused_as_cut_short(tmp_path: Path, e
 def test_texts_that_are_no_motion(tmp_path: Path, text: str) -> None:
     with pytest.raises(InputError):
         read_amc(write_amc(tmp_path, text))
-
-
-BASE = amc_text(2).encode()
-
-
-@given(
-    st.lists(
-        st.tuples(st.integers(0, len(BASE) - 1), st.binary(max_size=6), st.integers(0, 20)), min_size=1, max_size=4
-    )
-)
-def test_mangled_motions_raise_input_errors_only(
-    tmp_path_factory: pytest.TempPathFactory, edits: list[tuple[int, bytes, int]]
-) -> None:
-    folder = tmp_path_factory.getbasetemp() / "mangled_amc"
-    folder.mkdir(exist_ok=True)
-    path = write_amc(folder, "")
-    content = BASE
-    for at, new, cut in edits:
-        content = content[:at] + new + content[at + cut :]
-    path.write_bytes(content)
-    try:
-        frames = read_amc(path)
-    except InputError:
-        return
-    assert np.isfinite(frames.position).all()
-
-
-ASF_BASE = asf_text().encode()
-
-
-@given(
-    st.lists(
-        st.tuples(st.integers(0, len(ASF_BASE) - 1), st.binary(max_size=6), st.integers(0, 30)), min_size=1, max_size=4
-    )
-)
-def test_mangled_skeletons_raise_input_errors_only(
-    tmp_path_factory: pytest.TempPathFactory, edits: list[tuple[int, bytes, int]]
-) -> None:
-    folder = tmp_path_factory.getbasetemp() / "mangled_asf"
-    folder.mkdir(exist_ok=True)
-    path = write_amc(folder, amc_text(2))
-    content = ASF_BASE
-    for at, new, cut in edits:
-        content = content[:at] + new + content[at + cut :]
-    (folder / "07.asf").write_bytes(content)
-    try:
-        read_amc(path)
-    except InputError:
-        return
 
 
 def test_02_06_is_read_in_a_quarter_of_a_second(shared: Path) -> None:
