@@ -170,7 +170,8 @@ class StreamProblems:
 
 def _refused(stream: LiveStream) -> Counter[str]:
     """Counts of everything that was not used so far, by reason; a copy."""
-    counts = stream.admission.refused, stream.decoder.dropped, stream.clock_map.dropped, stream.validity.refused
+    stages = stream.admission.refused, stream.decoder.dropped, stream.receiver.dropped, stream.validity.refused
+    counts = (*stages, stream.clock_map.dropped, stream.playout.dropped)
     return sum((dropped.reasons for dropped in counts), Counter[str]())
 
 
@@ -340,14 +341,11 @@ class Tally:
 
 def live_report(stream: "LiveStream", tally: Tally, *, address: str, person: str | None) -> LiveReport:
     """The report on a run that has ended."""
-    decoder, receiver, validity = stream.decoder.dropped, stream.receiver.dropped, stream.validity.refused
-    dropped = stream.admission.refused.reasons + decoder.reasons + receiver.reasons + validity.reasons
-    dropped += stream.clock_map.dropped.reasons + stream.playout.dropped.reasons
     return LiveReport(
         address=address,
         frames=stream.frames,
         datagrams=stream.arrived,
-        dropped=dict(dropped.most_common()),
+        dropped=dict(_refused(stream).most_common()),
         refused=tuple(f"{source}: {reason}" for source, reason in stream.admission.named),
         lost_s=tally.lost_s,
         holds=tally.holds,

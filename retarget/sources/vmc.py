@@ -1,9 +1,9 @@
 """VMC protocol 3.1 (github.com/sh-akira/VirtualMotionCaptureProtocol), the receiving side: poses over OSC and UDP.
 
 `VmcDecoder` gives the poses as they are sent. Names of a frame: the serial of a device (`human://HEAD`), whether it is
-sent as a headset, controller or tracker; `local://SERIAL` for its raw pose (address with `/Local`);
-`bone://LeftUpperArm` in Unity's spelling; `root://root`. Devices are world poses. Bones are relative to their parent,
-with the T-pose as identity. `VmcBodyDecoder` gives the bones as world poses, by forward kinematics.
+sent as a headset, controller or tracker; `bone://LeftUpperArm` in Unity's spelling; `root://root`. Devices are world
+poses. Bones are relative to their parent, with the T-pose as identity. `VmcBodyDecoder` gives the bones as world poses,
+by forward kinematics.
 """
 
 from collections import Counter
@@ -45,7 +45,7 @@ BONES: tuple[str, ...] = (
 """All bones of Unity's HumanBodyBones, by their canonical spelling."""
 
 _BY_LOWER_CASE = {name.lower(): f"bone://{name}" for name in BONES}
-_RESERVED = ("bone://", "root://", "local://")
+_RESERVED = ("bone://", "root://")
 
 
 def bone_name(name: str) -> str | None:
@@ -58,12 +58,6 @@ def device_name(serial: str) -> str | None:
     if not 0 < len(serial) <= MAX_SERIAL or not serial.isprintable() or serial.lower().startswith(_RESERVED):
         return None
     return serial
-
-
-def raw_device_name(serial: str) -> str | None:
-    """`local://SERIAL`; None as for `device_name`."""
-    name = device_name(serial)
-    return name and f"local://{name}"
 
 
 # Forward kinematics over the bones of Unity's humanoid: from parent-relative poses to world poses.
@@ -152,11 +146,10 @@ _POSES: Mapping[str, Callable[[str], str | None]] = {
     "/VMC/Ext/Root/Pos": lambda _: _ROOT_NAME,
     _BONE: bone_name,
     **{f"/VMC/Ext/{device}/Pos": device_name for device in ("Hmd", "Con", "Tra")},
-    **{f"/VMC/Ext/{device}/Pos/Local": raw_device_name for device in ("Hmd", "Con", "Tra")},
 }
 """Address of a message with a pose -> the name of the pose, by the text that it is sent with."""
 _UNUSED = ("/VMC/Ext/", "/VMC/Thru/")
-"""Addresses of the protocol without a pose (expressions, camera, light, keys): not used, and not counted as dropped."""
+"""Addresses without a world pose (raw poses, expressions, camera, keys): not used, and not counted as dropped."""
 _FLOAT = Struct(">f")
 _INT = Struct(">i")
 

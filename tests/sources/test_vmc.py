@@ -71,9 +71,8 @@ def test_names_by_serial_bone_and_root() -> None:
         pose(HMD, "human://HEAD"),
         pose(TRA, "human://WAIST"),
         pose(CON, "human://LEFT_HAND"),
-        pose(HMD + "/Local", "human://HEAD"),
     )
-    devices = ("human://HEAD", "human://WAIST", "human://LEFT_HAND", "local://human://HEAD")
+    devices = ("human://HEAD", "human://WAIST", "human://LEFT_HAND")
     assert frame.names == ("root://root", "bone://LeftUpperArm", *devices)
     assert frame.stamp == 7.5
 
@@ -121,7 +120,8 @@ def test_what_is_dropped_by_reason_leaves_the_rest(bad: bytes, reason: str) -> N
 
 
 @pytest.mark.parametrize(
-    "address", ["/VMC/Ext/Blend/Val", "/VMC/Ext/Con", "/VMC/Ext/Cam", "/VMC/Thru/a", "/VMC/Ext/Key"]
+    "address",
+    ["/VMC/Ext/Blend/Val", "/VMC/Ext/Con", "/VMC/Ext/Cam", "/VMC/Thru/a", "/VMC/Ext/Key", "/VMC/Ext/Hmd/Pos/Local"],
 )
 def test_messages_without_a_pose_are_no_fault(address: str) -> None:
     frames, decoder = decode(message(address, "sf", "A", 1.0))
