@@ -22,6 +22,7 @@ from retarget.sources.vmc import VmcDecoder
 from retarget.sources.vrchat import VrchatDecoder
 from sim.faults.inject import FLOOD_HZ
 from sim.faults.sender import FakeSender
+from sim.performer import synthetic_performer
 
 
 class Queue:
@@ -69,7 +70,7 @@ def test_the_newest_datagrams_of_a_backlog_are_decoded_at_once(count: int) -> No
 
 def test_the_latency_of_a_run_that_falls_behind_is_bounded() -> None:
     """A sender at 19,000 Hz, polled at 100 Hz: what is decoded in a tick is of this tick, however long it goes on."""
-    stream = live_stream(FakeSender(rate_hz=19_000.0), five_sensors())
+    stream = live_stream(FakeSender(synthetic_performer().cut(0.0, 0.2), rate_hz=19_000.0), five_sensors())
     for tick in range(15):
         stream.poll(0.01 * tick, moving=True)
         assert tick == 0 or 0.01 * tick - stream.last < 0.01
@@ -133,28 +134,10 @@ class Counting(JsonPoseDecoder):
         return super().decode(payload)
 
 
-class Handed:
-    """A receiver to which a poll of another is handed: what makes the flood is not measured."""
-
-    finished = False
-
-    def __init__(self) -> None:
-        self.dropped = Dropped()
-        self.found: list[Datagram] = []
-
-    def poll(self, now: float) -> list[Datagram]:
-        """What was handed."""
-        found, self.found = self.found, []
-        return found
-
-    def close(self) -> None:
-        """Nothing is open."""
-
-
 def flooded(payload: bytes | None, source: Source, *, owned: bool) -> tuple[list[float], list[int]]:
     """CPU time (s) of each poll and datagrams decoded in it, while a `source` sends payloads, None: the owner's own
     frames, FLOOD_HZ a second. owned: whether the stream has an owner by then."""
-    sender, handed = FakeSender(source=OWNER), Handed()
+    sender, handed = FakeSender(source=OWNER), Queue([])
     stream, decoder = live_stream(sender, load_performer("five")), Counting()
     stream.decoder, stream.receiver = decoder, handed
     if not owned:
@@ -170,8 +153,8 @@ def flooded(payload: bytes | None, source: Source, *, owned: bool) -> tuple[list
         now = 1.0 + tick * TICK_S
         flooding = tick >= CALM
         sender.others[:] = [others] if flooding else []
-        handed.found = sender.poll(now) if flooding or owned else []
-        frame = next((one.payload for one in handed.found if one.source == OWNER), frame)
+        handed.waiting = sender.poll(now) if flooding or owned else []
+        frame = next((one.payload for one in handed.waiting if one.source == OWNER), frame)
         before, begun = decoder.given, thread_cpu()
         stream.poll(now, moving=owned)
         if flooding:
