@@ -164,8 +164,11 @@ def fed(decoder: NatnetDecoder, session: NatnetSession, whole: bytes, now: float
     return len(frames)
 
 
-@pytest.mark.parametrize("version", [Version(3, 0), Version(4, 0), Version(4, 1), Version(4, 2)], ids=str)
-@pytest.mark.parametrize("mended", [False, True], ids=["cut", "cut, and the header says so"])
+@pytest.mark.parametrize(
+    ("version", "mended"),
+    [*((version, True) for version in VERSIONS if version <= (4, 2)), (Version(4, 2), False)],
+    ids=str,
+)
 def test_cut_at_every_byte_it_is_dropped_with_a_reason(version: Version, mended: bool) -> None:
     small = replace(CATALOGUE, crowd=False)
     for whole in (frame(MOTION, version), definitions(small, version), server_info(version)):
@@ -258,7 +261,7 @@ class Storm:
 
 
 def test_a_short_storm() -> None:
-    assert Storm().blow(MADE, seed=5, count=800) > 50
+    assert Storm().blow(MADE, seed=5, count=400) > 25
 
 
 @pytest.mark.long
