@@ -33,7 +33,7 @@ from retarget.cli.view import Viewing, viewing
 from retarget.errors import UsageError
 from retarget.frames import SensorFrames
 from retarget.human.samples import Performance, Playback
-from retarget.live.address import StreamAddress, parse_address
+from retarget.live.address import StreamAddress, is_address, parse_address
 from retarget.live.begin import LiveOptions, begin_live, live_rate_hz
 from retarget.live.open_stream import open_stream
 from retarget.live.performer import LivePerformer
@@ -189,8 +189,7 @@ class StreamOptions:
         recalibrate: Measure a --person anew who was measured before.
         check_sides: Raise your left arm to the front first; it proves sides and axes. Usual, but not for replay://.
         yes: The sides are known to be right: no --check-sides.
-        smoothing off|light|strong|window: Of the sensors: by a One-Euro filter, or by the mean of a window, which
-            delays by 60 ms.
+        smoothing off|light|strong: Of the sensors: by a One-Euro filter.
         latest: The newest poses at once, without a playout buffer.
         record_raw FILE: Keep every datagram, for replay://.
     """
@@ -375,7 +374,7 @@ def run(
     options = replace(options, gate=not no_gate)
     outputs = Outputs.checked(report=report, save=save, plots=plots, record=record, overwrite=overwrite)
     outputs = replace(outputs, view=view)
-    if "://" in source:
+    if is_address(source):
         start = [] if options.playback.start is None else ["--start"]
         refuse_given([*given(file), *start], "motion file")
         raise typer.Exit(follow_live(source, options, outputs, live))

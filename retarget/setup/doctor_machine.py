@@ -25,7 +25,7 @@ from hardware.dynamixel import serial_port
 from hardware.errors import HardwareError
 from hardware.realtime import HOW_TO_PERMIT, PROCESSES, USUAL_PRIORITY, Scheduling, refuse_scheduling
 from retarget.errors import Problem
-from retarget.live.udp import RECEIVE_BUFFER
+from retarget.live.receivers import RECEIVE_BUFFER
 from retarget.schema import strict_yaml
 
 # Findings: one thing that was checked, its level, and a line of text for it.

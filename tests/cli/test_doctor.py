@@ -21,7 +21,8 @@ def leave(*words: str) -> int:
 @pytest.mark.parametrize(
     ("words", "part"),
     [
-        (("vmc:39539",), "neither a stream nor a port"),
+        (("nowhere",), "neither a stream nor a port"),
+        (("vmc:39539",), "Did you mean vmc://:39539?"),
         (("nope://:1",), "unknown kind of stream"),
         (("vmc://:39539", "--robot", "op3"), "Leave one out"),
         (("vmc://:39539", "--seconds", "0"), "no such time"),

@@ -10,6 +10,7 @@ from messages import shows
 from motion_texts import amc_text, bvh_text, c3d_bytes, write_amc
 from retarget.cli import main
 from retarget.cli.application import application
+from retarget.sources.raw_record import RawWriter
 
 pytestmark = pytest.mark.filterwarnings("ignore:No analog data found:UserWarning")
 
@@ -72,6 +73,22 @@ def test_jumps_of_a_real_recording_are_shown(shared: Path, capsys: pytest.Captur
     code, out, _ = run(capsys, str(shared / "mocap/cmu_asfamc/01_07.amc"))
     assert code == 0
     shows(out, 5, 3364, "28.02", "head", "0.21", 4454, "37.11", "r_wrist", 104)
+
+
+def test_a_recorded_stream_is_shown_by_the_names_of_its_sender(
+    shared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = shared / "streams/slimevr/full12_vrcosc_20hz.udprec.gz"
+    code, out, _ = run(capsys, f"replay://{path}", "--json")
+    data = json.loads(out)
+    assert code == 0 and data["frames"] == 305 and data["rate_hz"] == pytest.approx(20.0, rel=0.05)
+    assert [sensor["name"] for sensor in data["sensors"]][:2] == ["tracker://head", "tracker://6"]
+    assert data["notes"] == ["not used: tracker that is none of 1 to 8 and head (1830)"]
+    RawWriter(tmp_path / "empty.raw", url="json://:14150").close()
+    for words in ([f"replay://{tmp_path}/empty.raw"], [f"replay://{path}", "--unit", "cm"], ["vmc:39539"]):
+        code, out, err = run(capsys, *words)
+        assert code == 2 and out == ""
+        shows(err.replace(str(path), "FILE").replace(str(tmp_path), "FOLDER"))
 
 
 def test_help_names_every_option() -> None:

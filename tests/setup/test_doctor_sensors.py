@@ -187,7 +187,8 @@ def test_each_wrong_state_names_its_sensor_alone(fault: SenderFault, who: str, w
 
 def test_all_in_millimetres_is_one_line() -> None:
     poses = {name: {"p": [500.0, 20.0 * row, 1500.0]} for row, name in enumerate(five().sensors)}
-    lines = fixes(role_findings(five(), "json", played(steady(json_poses(1.0, poses), seconds=3.0))))
+    rows = [Datagram(0.01 * k, ("127.0.0.1", 1), json_poses(0.01 * k, poses)) for k in range(300)]
+    lines = fixes(role_findings(five(), "json", played(rows)))
     assert sum("unit (metres)" in line for line in lines) == 1
 
 

@@ -12,7 +12,7 @@ from retarget.frames import SensorFrames
 from retarget.rotations import angle_between
 from retarget.sources.natnet_decoder import NatnetDecoder
 from retarget.sources.natnet_session import NatnetSession, natnet_problems
-from retarget.sources.natnet_wire import Version, command_message, connect_message, read_server_info
+from retarget.sources.natnet_wire import MessageId, Version, connect_message, message, read_server_info
 from retarget.sources.stream_frame import StreamFrame
 from sim.performer import synthetic_performer
 
@@ -151,8 +151,8 @@ def test_hidden_bodies_are_not_tracked(motion: SensorFrames) -> None:
 def test_questions_it_does_not_know(motion: SensorFrames) -> None:
     server = FakeMotive(motion)
     unknown = [bytes((100, 0, 0, 0))]
-    assert server.receive(0.0, command_message("Fly")) == unknown
-    assert server.receive(0.0, command_message("Bitstream,four")) == unknown
+    assert server.receive(0.0, message(MessageId.COMMAND, b"Fly\0")) == unknown
+    assert server.receive(0.0, message(MessageId.COMMAND, b"Bitstream,four\0")) == unknown
     assert server.receive(0.0, bytes((77, 0, 0, 0))) == unknown
     assert server.receive(0.0, b"\0") == []
     assert server.due(1.0) == []
