@@ -168,8 +168,8 @@ def _check_body(profile: RobotProfile, document: Document) -> list[Problem]:
         return [document.problem(("body",), what, found=profile.body, allowed=allowed)]
     try:
         file = compile_body(document.path.parent / profile.body, root=profile.root)
-    except (InputError, ValueError) as error:  # ValueError: a path that no system can have
-        reason = error.problems[0] if isinstance(error, InputError) else Problem(str(error), profile.body)
+    except InputError as error:
+        reason = error.problems[0]
         return [
             document.problem(
                 ("body",),

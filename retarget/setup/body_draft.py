@@ -9,7 +9,7 @@ import numpy as np
 
 from retarget import rotations
 from retarget.errors import InputError
-from retarget.model.body_file import check_numbers, engine
+from retarget.model.body_file import check_numbers, engine, refusal
 from retarget.model.scene_shapes import ShapeKind
 from retarget.setup.enclosing_shapes import LinkGeometry, canonical_shape, link_geometries
 from retarget.setup.observer_proposals import Zones, propose
@@ -45,7 +45,6 @@ def replace_meshes(spec: Any, model: Any, geometries: tuple[LinkGeometry, ...]) 
 
 _NAME = re.compile(r"[^\s/\\]{1,80}")  # as `schema.Name`
 _THIN = re.compile(r"mesh volume is too small: (\S+)")
-HELP = "Correct the file, or give one that MuJoCo can compile"
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +63,7 @@ def draft_body(source: Source, relaxed: Relaxed) -> BodyDraft:
     """The body that is written next to the profile. Raises InputError: the body cannot be used."""
     mujoco = engine()
     notes: list[str] = []
+    spec = None
     try:
         if source.kind == "urdf":
             text, meshes = ready_urdf(source, relaxed, notes)
@@ -88,8 +88,7 @@ def draft_body(source: Source, relaxed: Relaxed) -> BodyDraft:
         content = _rewritten(spec.copy(), model, notes)
         return BodyDraft(spec, model, "body.xml", content, tuple(notes))
     except (ValueError, RuntimeError) as error:
-        reason = " ".join(str(error).split())[:500]
-        raise InputError("not a usable body", where=str(source.path), found=reason, next_step=HELP) from error
+        raise refusal(str(source.path), error, spec) from error
 
 
 def facing_x(body: BodyDraft, forward: FloatArray) -> BodyDraft:

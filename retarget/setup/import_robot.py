@@ -140,7 +140,7 @@ def _drafted(
     limits = {servo.joint: servo.entry.limits for servo in servos}
     posed = Posed(body.model, tree, anatomy, found, limits)
     (folder / body.file).write_bytes(body.content)
-    notes = list(body.notes)
+    notes = [*body.notes, *anatomy.named[:10]]
     file = _as_it_stands(folder / body.file, anatomy, found, notes)
     soles = file.root == "free"
     if anatomy.odd:

@@ -13,7 +13,7 @@ from xml.parsers import expat
 import numpy as np
 
 from retarget.errors import InputError, Problem
-from retarget.model.body_file import MAX_BYTES
+from retarget.model.body_file import BODY_HELP, MAX_BYTES, read_body
 from retarget.schema import strict_models
 
 MAX_DEPTH = 100
@@ -22,7 +22,6 @@ MAX_ELEMENTS = 500_000
 MAX_INCLUDES = 50
 KINDS = {"robot": "urdf", "mujoco": "mjcf", "mujocoinclude": "mjcf"}
 XACRO = "of a .xacro file, first make URDF: xacro robot.xacro > robot.urdf"
-HELP = "Give a URDF (<robot>) or MJCF (<mujoco>) file"
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,30 +42,13 @@ class Source:
 
 def read_source(path: Path) -> Source:
     """Read a body file, and look at every file that it includes. Raises InputError."""
-    content = _content(path)
+    content = read_body(path)
     root = _parsed(path, content)
     kind = KINDS.get(root.tag)
     if kind is None:
         found = f"the outermost element is <{root.tag[:80]}>"
-        raise InputError("neither URDF nor MJCF", where=str(path), found=found, next_step=HELP)
+        raise InputError("neither URDF nor MJCF", where=str(path), found=found, next_step=BODY_HELP)
     return Source(path, kind, content, root, _look_at_includes(path, root, []))
-
-
-def _content(path: Path) -> bytes:
-    """Raises InputError for what is no regular file of a usable size."""
-    try:
-        if path.exists() and not path.is_file():
-            found = "a folder" if path.is_dir() else "not a regular file"
-            raise InputError("cannot read the body", where=str(path), found=found, next_step=HELP)
-        size = path.stat().st_size
-        if not 0 < size <= MAX_BYTES:
-            raise InputError(
-                "cannot read the body", where=str(path), found=f"{size} bytes", allowed=f"1 to {MAX_BYTES} bytes"
-            )
-        return path.read_bytes()
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError("cannot read the body", where=str(path)[:200], found=reason, next_step=HELP) from error
 
 
 def _parsed(path: Path, content: bytes) -> ElementTree.Element:
@@ -131,7 +113,7 @@ def _look_at_includes(path: Path, root: ElementTree.Element, seen: list[Path]) -
                 "includes that never end", where=str(path), found=name[:200], allowed=f"{MAX_INCLUDES} files, each once"
             )
         seen.append(other)
-        _look_at_includes(path, _parsed(other, _content(other)), seen)
+        _look_at_includes(path, _parsed(other, read_body(other)), seen)
     return bool(names)
 
 

@@ -8,7 +8,7 @@ from bodies import TWO_LINK_URDF
 from messages import Facts, refuses, shows, shows_lines
 from retarget.errors import InputError
 from retarget.model.body import load_body, load_body_text
-from retarget.model.body_file import MAX_BYTES, compile_body_text
+from retarget.model.body_file import MAX_BYTES, MAX_LINKS, compile_body_text
 
 FREE_MJCF = """<mujoco><worldbody><body name="base"><freejoint name="root"/><geom size="0.1" mass="2"/>
   <body name="arm" pos="0 0 1"><joint name="swing" axis="0 1 0"/><geom size="0.1" mass="1"/></body></body></worldbody>
@@ -101,7 +101,8 @@ def test_two_root_links_cannot_be_set_free() -> None:
 
 
 def test_bad_files_are_refused(tmp_path: Path) -> None:
-    binary, empty, huge = tmp_path / "binary.xml", tmp_path / "empty.xml", tmp_path / "huge.xml"
+    binary, empty, huge, chain = (tmp_path / f"{name}.xml" for name in ("binary", "empty", "huge", "chain"))
+    chain.write_text('<robot name="a"><link name="b"/></robot>'.replace("<link", 3000 * '<link name="c"/>' + "<link"))
     binary.write_bytes(bytes(range(256)))
     empty.write_bytes(b"")
     with huge.open("wb") as stream:
@@ -110,6 +111,7 @@ def test_bad_files_are_refused(tmp_path: Path) -> None:
         (binary, ()),
         (empty, 0),
         (huge, ()),
+        (chain, (3001, MAX_LINKS)),
         (tmp_path, ()),
         (tmp_path / "absent.xml", ()),
     ]

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from messages import refuses, shows
 from retarget.errors import InputError
+from retarget.model.body import load_body
 from retarget.setup.body_draft import BodyDraft, draft_body, facing_x, replace_meshes
 from retarget.setup.enclosing_shapes import link_geometries
 from retarget.setup.robot_file import Relaxed, read_source
@@ -182,3 +183,21 @@ def test_one_shape_is_around_the_mesh(points: NDArray[np.float64], kind: int) ->
     for number in range(len(points)):
         gap = mujoco.mj_geomDistance(both, data, shell, both.geom(f"g{number}").id, 1.0, fromto)
         assert gap < 0.002, f"point {number} is {1e3 * gap:.1f} mm outside"
+
+
+SIZELESS = {
+    "body.xml": (two(geom='<geom type="capsule" size="0.02 0"/>'), "body.xml:3"),
+    "body.urdf": (humanoid().replace('<box size="0.08 0.08 0.08"/>', '<sphere radius="0"/>'), "body.urdf:6"),
+}
+
+
+@pytest.mark.parametrize("name", SIZELESS)
+def test_a_shape_of_no_size_is_found_by_its_link_and_line(name: str, tmp_path: Path) -> None:
+    text, where = SIZELESS[name]
+    path = tmp_path / name
+    path.write_text(text, encoding="utf-8")
+    link = "link_2" if name == "body.xml" else "face"
+    with refuses(InputError, where=where, found=link):
+        draft_body(read_source(path), Relaxed())
+    with refuses(InputError, where=where):
+        load_body(path)

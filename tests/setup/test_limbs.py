@@ -1,7 +1,10 @@
 """Legs, arms, head and front of robots without a description."""
 
+from dataclasses import replace
+
 import pytest
 
+from messages import shows
 from retarget.setup.limbs import Anatomy, arm_roles, find_anatomy, leg_roles
 from retarget.setup.tree import Tree
 from unknown_robots import (
@@ -118,3 +121,20 @@ def test_names_decide_where_shapes_do_not() -> None:
     text = f'<mujoco><worldbody><body name="b"><geom size="0.05"/>{two}</body></worldbody></mujoco>'
     anatomy = find_anatomy(text_tree(text))
     assert anatomy.forward == pytest.approx([-1.0, 0.0, 0.0]) and anatomy.facing == "names of left and right"
+
+
+def test_names_show_limbs_and_neck_where_the_sides_differ() -> None:
+    """One arm and the head are 4 and 6 cm off: no mirror image, but Left and Right, and Neck."""
+    sides, moved = {"p": "Left", "q": "Right"}, {"Left6": 0.04, "Neck": 0.06}
+
+    def named(name: str) -> str:
+        return sides[name[0]] + name[1:] if name[0] in sides else "Neck" if name == "face" else name
+
+    parts = [replace(part, name=named(part.name), parent=named(part.parent)) for part in HUMANOID]
+    crooked = [replace(part, at=(part.at[0] + moved.get(part.name, 0.0), *part.at[1:]), extra="") for part in parts]
+    whole, found = find_anatomy(text_tree(humanoid(parts))), find_anatomy(text_tree(humanoid(crooked)))
+    assert not whole.named and not found.odd
+    assert found.arms == whole.arms and found.legs == whole.legs and found.head == whole.head
+    shows(found.named, "j_Left6", "j_Right6", "40 mm", "j_Neck", "120 mm")
+    nameless = humanoid(crooked).replace("Neck", "n")
+    assert not find_anatomy(text_tree(nameless)).head

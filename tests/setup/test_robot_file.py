@@ -32,6 +32,7 @@ BAD: dict[str, tuple[str, Facts]] = {
     "absent": ('<mujoco><include file="other.xml"/></mujoco>', "other.xml"),
     "device": ('<mujoco><include file="/dev/zero"/></mujoco>', "/dev/zero"),
     "empty": ("", 0),
+    "links": ("<robot>" + 3000 * '<link name="a"/>' + "</robot>", 3000),
 }
 
 
