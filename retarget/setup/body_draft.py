@@ -11,9 +11,8 @@ from retarget import rotations
 from retarget.errors import InputError
 from retarget.model.body_file import check_numbers, engine, refusal
 from retarget.model.scene_shapes import ShapeKind
-from retarget.setup.enclosing_shapes import LinkGeometry, canonical_shape, link_geometries
-from retarget.setup.observer_proposals import Zones, propose
 from retarget.setup.robot_file import Relaxed, Source, listed, ready_urdf
+from retarget.setup.shape_fit import LinkGeometry, Zones, canonical_shape, link_geometries, propose
 from retarget.types import FloatArray
 
 # Meshes of a body as capsules and boxes: what is left of them in a body file that stands by itself.

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from retarget.errors import InputError
-from retarget.setup.enclosing_shapes import directions, hull_of_balls, link_geometries
+from retarget.setup.shape_fit import DIRECTIONS, hull_of_balls, link_geometries
 from retarget.types import FloatArray
 
 BASE = 0
@@ -346,7 +346,7 @@ def outline(points: FloatArray) -> FloatArray:
 
 def _facing_down(centres: FloatArray, radii: FloatArray) -> FloatArray | None:
     """Outward normal (3,) of the largest part of the hull that looks down in the zero pose."""
-    hull = hull_of_balls(centres, radii, directions()[::8])
+    hull = hull_of_balls(centres, radii, DIRECTIONS[::8])
     if hull is None:
         return np.array([0.0, 0.0, -1.0])
     normals = hull.equations[:, :3]

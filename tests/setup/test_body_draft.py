@@ -11,8 +11,8 @@ from messages import refuses, shows
 from retarget.errors import InputError
 from retarget.model.body import load_body
 from retarget.setup.body_draft import BodyDraft, draft_body, facing_x, replace_meshes
-from retarget.setup.enclosing_shapes import link_geometries
 from retarget.setup.robot_file import Relaxed, read_source
+from retarget.setup.shape_fit import link_geometries
 from unknown_robots import SHIPPED, humanoid, shipped_body
 
 TWO = """<mujoco><asset>{asset}</asset><worldbody><geom type="plane" size="1 1 1"/><light pos="0 0 1"/>

@@ -1,6 +1,7 @@
 """The fragment is YAML of the profile's own format, with comments, whatever the names."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,10 +12,9 @@ from retarget.model.body import load_body_text
 from retarget.model.body_file import compile_body_text
 from retarget.schema.profile_parts import IgnorePair, Observer
 from retarget.schema.strict_yaml import scan
-from retarget.setup.enclosing_shapes import Capsule, Solid, link_geometries
 from retarget.setup.fit_observers import MAX_PAIRS, WIDTH, Verdict, fragment, verdicts
-from retarget.setup.observer_proposals import Proposal, Zones, propose
-from retarget.setup.survey import OwnDistances, PairRecord, joint_ranges, with_own_distances
+from retarget.setup.shape_fit import Capsule, Proposal, Solid, Zones, link_geometries, propose
+from retarget.setup.survey import PairRecord
 
 ZONES = Zones(0.03, 0.005)
 CAPSULE = Capsule(np.array([0.0, -0.00001, 1.5]), np.array([0.1, 0.0, 2.0]), 0.02345)
@@ -95,69 +95,43 @@ MODEL = compile_body_text(TEXT, source="test").model
 SHAPES = propose(link_geometries(MODEL)[0], Zones(0.03, 0.005))
 
 
-def record(
-    pair: tuple[int, int],
-    *,
-    smallest: float,
-    largest: float | None = None,
-    at_neutral: float = 1.0,
-    own: tuple[float, float] | None = None,
-) -> PairRecord:
-    return PairRecord(pair, smallest, largest, at_neutral, 100, 20, None if own is None else OwnDistances(*own))
+NEAR, FAR = (0, 1), (0, 2)
+"""c and d, of which c lies between a and d."""
 
 
-def one(found: PairRecord, excluded: tuple[int, int] = (0, 0)) -> tuple[Verdict, ...]:
-    return verdicts([found], SHAPES, BODY, near=0.045, excluded={excluded})
+def record(pair: tuple[int, int], smallest: float, **more: Any) -> PairRecord:
+    return PairRecord(pair=pair, smallest=smallest, **({"largest": None, "at_neutral": 1.0} | more), **LOOKS)
 
 
-def test_never_near() -> None:
-    (verdict,) = one(record((0, 2), smallest=0.0731))
-    assert (verdict.kind, verdict.links) == ("never", ("a", "d"))
-    assert verdict.reason == "never near, at least 73.1 mm apart (100 postures, 20 searches)"
+LOOKS: Any = {"samples": 100, "searches": 20}
+NEVER = "never near, at least 73.1 mm apart (100 postures, 20 searches)"
+DEEP = {"largest": -0.001}
 
 
-def test_sometimes_near_is_left_to_check() -> None:
-    assert one(record((0, 2), smallest=0.0449)) == ()
-    assert one(record((0, 2), smallest=-0.1)) == ()
-
-
-def test_always_overlapping_says_what_the_geoms_do() -> None:
-    def found(*own: float) -> PairRecord:
-        return record((0, 2), smallest=-0.02, largest=-0.001, own=(own[0], own[1]))
-
-    (nested,) = one(found(-0.01, -0.005))
-    assert nested.kind == "always" and nested.reason.endswith("and so do the links' own geoms")
-    shows(nested.reason, "1.0", "20.0")
-    (apart,) = one(found(0.004, 0.02))
-    assert not apart.warning and apart.reason.endswith("their own geoms stay 4.0 mm apart")
-    (hidden,) = one(found(-0.004, 0.02))
-    shows(hidden.warning)
-
-
-def test_pairs_that_the_body_file_excludes() -> None:
-    (verdict,) = one(record((0, 2), smallest=-0.1), excluded=(1, 4))
-    assert verdict.kind == "excluded"
-    shows(verdict.reason, "100.0")
-
-
-def test_neighbours_with_nothing_between_them_are_ignored_if_they_touch() -> None:
-    (verdict,) = one(record((0, 1), smallest=-0.05, at_neutral=-0.03))
-    assert verdict.kind == "neighbours"
-    assert one(record((0, 1), smallest=-0.05, at_neutral=0.01)) == ()
-    assert one(record((0, 2), smallest=-0.05, at_neutral=-0.03)) == ()  # c lies between a and d
-
-
-def test_own_geoms_are_looked_at_in_many_postures() -> None:
-    pairs = (record((0, 1), smallest=-0.02, largest=-0.01), record((0, 2), smallest=-0.02))
-    one, other = with_own_distances(pairs, MODEL, link_geometries(MODEL)[0], joint_ranges(BODY, {}), seed=0)
-    found = one.own
-    assert found is not None and other.own is None
-    assert abs(found.smallest + 0.03) < 1e-6 and abs(found.largest + 0.03) < 1e-6
-    assert not found.may_collide and OwnDistances(-1.0, 1.0).may_collide
+@pytest.mark.parametrize(
+    ("found", "excluded", "kind", "reason"),
+    [
+        (record(FAR, 0.0731), (0, 0), "never", NEVER),
+        (record(FAR, 0.0449), (0, 0), "", ""),
+        (record(FAR, -0.1), (0, 0), "", ""),
+        (record(FAR, -0.1), (1, 4), "excluded", "at most 100.0 mm deep"),
+        (record(NEAR, -0.05, at_neutral=-0.03), (0, 0), "neighbours", "no volume between them"),
+        (record(NEAR, -0.05, at_neutral=0.01), (0, 0), "", ""),
+        (record(FAR, -0.05, at_neutral=-0.03), (0, 0), "", ""),
+        (record(FAR, -0.02, own=(-0.01, -0.005), **DEEP), (0, 0), "always", "and so do the links' own geoms"),
+        (record(FAR, -0.02, own=(0.004, 0.02), **DEEP), (0, 0), "always", "their own geoms stay 4.0 mm apart"),
+        (record(FAR, -0.02, own=(-0.004, 0.02), **DEEP), (0, 0), "always", "4.0 mm into each other"),
+    ],
+)
+def test_a_pair_is_ignored_for_a_reason(found: PairRecord, excluded: tuple[int, int], kind: str, reason: str) -> None:
+    done = verdicts([found], SHAPES, BODY, near=0.045, excluded={excluded})
+    assert [verdict.kind for verdict in done] == ([kind] if kind else [])
+    for verdict in done:
+        assert reason in verdict.reason and bool(verdict.warning) == found.hides_collision
 
 
 def test_what_a_profile_cannot_do_without_comes_first() -> None:
-    records = [record((0, 2), smallest=0.1)] * (MAX_PAIRS + 1)
-    records += [record((0, 2), smallest=-0.02, largest=-0.01, own=(-1.0, -1.0))]
+    records = [record(FAR, 0.1)] * (MAX_PAIRS + 1)
+    records += [record(FAR, -0.02, largest=-0.01, own=(-1.0, -1.0))]
     found = verdicts(records, SHAPES, BODY, near=0.045, excluded=set())
     assert found[0].kind == "always"

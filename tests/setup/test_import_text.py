@@ -10,10 +10,9 @@ from messages import shows
 from retarget.schema.profile import DRAFT, RobotProfile, marked_lines, read_profile
 from retarget.schema.profile_parts import Foot, Frame, Gains, Landmark, Servo
 from retarget.setup.draft import FAST_HZ, SLOW_HZ, Draft, observer_text, profile_text
-from retarget.setup.enclosing_shapes import Capsule
 from retarget.setup.fit_observers import Fit, Verdict
-from retarget.setup.observer_proposals import Proposal, Zones
 from retarget.setup.servo_guess import ServoDraft
+from retarget.setup.shape_fit import Capsule, Proposal, Zones
 
 FRAME = Frame(link="Yes", pos=(0.1, -0.0, 1e-7))
 SERVO = Servo(

