@@ -11,7 +11,6 @@ from retarget.live.admission import Datagram, Source
 from retarget.live.datagram_kinds import Recognised, recognise
 from retarget.live.sensor_validity import ValidityState
 from retarget.live.stream import LiveStream
-from retarget.sources.stream_frame import StreamDecoder, StreamFrame
 from retarget.types import FloatArray, IntArray
 
 STEP_S = 0.01
@@ -97,55 +96,24 @@ def capture_stream(
 ) -> StreamCapture:
     """Listen for `seconds`, or until a recording ends. on_step: called with the time at every step.
 
-    Every datagram goes through the stream as in a run in which nothing moves.
+    Every datagram goes to the stream as in a run in which nothing moves.
     """
-    receiver, decoder = stream.receiver, stream.decoder
-    spy = _Spy(decoder)
-    stream.receiver, stream.decoder = spy, spy
     capture = StreamCapture(stream, clock.now())
     sample_at = capture.began
-    try:
-        while (now := clock.now()) <= capture.began + seconds and not getattr(receiver, "finished", False):
-            for datagram in receiver.poll(now):
-                _take(capture, datagram, spy, now)
-            if now >= sample_at:
-                sample_at += SAMPLE_S
-                _sample(capture, now)
-            on_step(now)
-            clock.sleep_until(now + STEP_S)
-    finally:
-        stream.receiver, stream.decoder = receiver, decoder
+    while (now := clock.now()) <= capture.began + seconds and not getattr(stream.receiver, "finished", False):
+        for datagram in stream.receiver.poll(now):
+            _take(capture, datagram, now)
+        if now >= sample_at:
+            sample_at += SAMPLE_S
+            _sample(capture, now)
+        on_step(now)
+        clock.sleep_until(now + STEP_S)
     capture.ended = clock.now()
     return capture
 
 
-class _Spy:
-    """A Receiver and StreamDecoder in place of a stream's own: of one datagram, whose frames it keeps."""
-
-    finished = False
-
-    def __init__(self, decoder: StreamDecoder) -> None:
-        self.dropped = decoder.dropped
-        self.waiting: list[Datagram] = []
-        self.frames: list[StreamFrame] = []
-        self._decoder = decoder
-
-    def poll(self, now: float) -> list[Datagram]:
-        """The datagram, once."""
-        found, self.waiting = self.waiting, []
-        return found
-
-    def decode(self, datagram: bytes) -> list[StreamFrame]:
-        """Frames of the stream's own decoder."""
-        self.frames = self._decoder.decode(datagram)
-        return self.frames
-
-    def close(self) -> None:
-        """Nothing is open."""
-
-
-def _take(capture: StreamCapture, datagram: Datagram, spy: _Spy, now: float) -> None:
-    """Pass one datagram through the stream, and count what it was."""
+def _take(capture: StreamCapture, datagram: Datagram, now: float) -> None:
+    """Pass one datagram to the stream, and count what it was."""
     stream = capture.stream
     capture.arrived += 1
     if datagram.source in capture.sources or len(capture.sources) < MOST_SOURCES:
@@ -157,11 +125,9 @@ def _take(capture: StreamCapture, datagram: Datagram, spy: _Spy, now: float) -> 
         if got not in capture.kinds and len(capture.kinds) >= MOST_KINDS:
             got = replace(got, detail="and others")
         capture.kinds[got] += 1
-    before, spy.waiting, spy.frames = stream.frames, [datagram], []
-    stream.poll(now, moving=False)
-    if stream.frames == before:
+    if not stream.admission.admit(datagram, now=now, moving=False):
         return
-    for frame in spy.frames:
+    for frame in stream.take(datagram, now, moving=False):
         if len(capture.frames) < MOST_FRAMES:
             capture.frames.append(FrameNote(datagram.arrival, frame.stamp, frame.number, frame.names))
         for name, place, turn in zip(frame.names, frame.position, frame.orientation, strict=True):
