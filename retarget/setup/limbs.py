@@ -163,7 +163,6 @@ def _forward(
     evidence = [(3.0 * _named(tree, mirror), "names of left and right")]
     if legs is not None:
         evidence.append((2.0 * _feet_ahead(tree, legs[0], ahead), "feet, longer ahead of the ankle"))
-        evidence.append((2.0 * _knee_ahead(tree, legs[0], ahead), "knees, which bend backwards"))
     if arms is not None:
         evidence.append((_hands_ahead(tree, arms[0], ahead), "hands, ahead of the shoulders"))
     total = sum(weight for weight, _ in evidence)
@@ -198,17 +197,6 @@ def _hands_ahead(tree: Tree, arm: Limb, ahead: FloatArray) -> float:
     """1 where the hand is well ahead of the shoulder, -1 where behind, else 0."""
     way = float((tree.points(arm.ends).mean(axis=0) - tree.nodes[arm.nodes[0]].anchor) @ ahead)
     return float(np.sign(way)) if abs(way) > 0.2 * _span(tree, arm.nodes[0]) else 0.0
-
-
-def _knee_ahead(tree: Tree, leg: Limb, ahead: FloatArray) -> float:
-    """1 where the knee's range says that the shin goes back as it bends, -1 where ahead, 0 where it says nothing."""
-    across = np.cross(UP, ahead)
-    pitches = pitch_joints(tree, leg, across)
-    knee = tree.nodes[pitches[1]] if len(pitches) > 2 else None
-    if knee is None or not np.isfinite([knee.lower, knee.upper]).all():
-        return 0.0
-    middle = 0.5 * (knee.lower + knee.upper) * np.sign(knee.axis @ across)
-    return float(np.sign(middle)) if abs(middle) > 0.3 else 0.0
 
 
 # Which joint of a limb does what: hip, knee and ankle across the way of walking; elbow and wrist.

@@ -1,6 +1,6 @@
 """A body as arrays: names, limits and addresses, and the same motion as MuJoCo."""
 
-from dataclasses import FrozenInstanceError, replace
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -12,7 +12,7 @@ from followers import DT, dimensions, op3, performer, postures
 from messages import refuses
 from retarget import _solver
 from retarget.errors import ConfigError
-from retarget.model.body import BodyModel, JointLimits, JointType, joint_weights, load_body_text, low_inertia_joints
+from retarget.model.body import BodyModel, JointType, joint_weights, load_body_text, low_inertia_joints
 from retarget.model.human import build_human
 from retarget.model.human_dimensions import proportional_dimensions
 from retarget.model.robot import load_robot
@@ -106,20 +106,6 @@ def _random_posture(model: mujoco.MjModel, rng: np.random.Generator) -> FloatArr
     posture = np.array(model.qpos0)
     mujoco.mj_integratePos(model, posture, rng.normal(size=model.nv), 1.0)
     return posture
-
-
-def test_limits_are_per_degree_of_freedom() -> None:
-    limits = op3().limits
-    assert isinstance(limits, JointLimits)
-    assert all((part >= 0.0).all() for part in (limits.max_velocity, limits.max_acceleration))
-    assert (limits.lower <= limits.upper).all()
-
-
-def test_limits_do_not_change() -> None:
-    nothing = np.zeros(2)
-    limits = JointLimits(lower=nothing, upper=nothing, max_velocity=nothing, max_acceleration=nothing)
-    with pytest.raises(FrozenInstanceError):
-        limits.lower = np.ones(2)  # type: ignore[misc]
 
 
 def test_from_the_whole_body_to_one_axis() -> None:

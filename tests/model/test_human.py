@@ -1,6 +1,5 @@
 """The virtual human: degrees of freedom, mass, symmetry, frames, postures and weights."""
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -21,7 +20,6 @@ from retarget.errors import ConfigError
 from retarget.frames import JOINTS, SENSORS, SensorFrames, SensorSample
 from retarget.human.calibration import calibrate
 from retarget.human.reconstruction import Reconstructor
-from retarget.model.body import joint_weights
 from retarget.model.human import POSTURES, Human, PostureReader, build_human, human_limits, human_mjcf
 from retarget.model.human_dimensions import POINTS, SEGMENTS, HumanDimensions, proportional_dimensions
 from retarget.model.observers import Observers, placed
@@ -91,26 +89,6 @@ def test_postures_are_named_in_errors(human: Human) -> None:
         human.posture_from([("l_knee_flexin", 3.0)])
     with refuses(ConfigError, 0, 135):
         human.posture_from([("knee_flexion", -5.0)])
-
-
-def test_weights_by_dof_motion_joint_and_pair(human: Human) -> None:
-    weights = joint_weights(
-        human.body,
-        [("spine", 20.0), ("collar", 10.0), ("knee_flexion", 0.5), ("l_knee_flexion", 0.7), ("root", 0.0)],
-        default=1.0,
-    )
-    by_name = dict(zip(human.body.dof_names, weights, strict=True))
-    assert by_name["spine_lateral"] == 20.0 and by_name["r_collar_tilt"] == 10.0
-    assert by_name["r_knee_flexion"] == 0.5 and by_name["l_knee_flexion"] == 0.7 and by_name["root_rx"] == 0.0
-    assert by_name["neck_rotation"] == 1.0
-    with refuses(ConfigError, "collar"):
-        joint_weights(human.body, [("colar", 1.0)], default=1.0)
-
-
-def test_building_is_quick(human: Human) -> None:
-    start = time.process_time()
-    build_human(human.dimensions)
-    assert time.process_time() - start < 0.2
 
 
 def compiled(dimensions: HumanDimensions) -> mujoco.MjModel:
@@ -184,22 +162,6 @@ def test_one_posture_is_read_as_many_are() -> None:
         assert (centre == reader.centre_of_mass(rows)[i]).all()
     with refuses(ValueError):
         reader.read(rows[0, 1:])
-
-
-def test_looked_up_by_name() -> None:
-    joints, orientations = np.arange(69.0).reshape(23, 3), np.eye(4)[:3]
-    posture = HumanPosture(
-        q=np.zeros(58),
-        joint_names=POINTS,
-        joints=joints,
-        orientations=orientations,
-        centre_of_mass=np.zeros(3),
-        sensor_error=np.zeros(5),
-        balance_error=0.0,
-        heading=(1.0, 0.0),
-    )
-    assert (posture.joint("pelvis") == joints[0]).all()
-    assert (posture.orientation("head") == orientations[2]).all()
 
 
 @pytest.mark.parametrize("name", list(POSTURES))

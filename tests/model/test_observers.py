@@ -11,7 +11,7 @@ import pytest
 import followers
 from followers import op3
 from messages import refuses, shows
-from observed import CAPSULE, Rig, aim, ball, chain, rig, rod
+from observed import Rig, aim, ball, chain, rig, rod
 from observed_robot import act, robot, scene_of
 from observed_robot import human as observers_idle_human
 from observers_idle_helpers import without_observers
@@ -180,16 +180,6 @@ def test_every_pair_of_op3_is_looked_at_or_dropped_with_a_reason() -> None:
     assert looked_at(found) | set(dropped(found)) == every and not looked_at(found) & set(dropped(found))
     reasons = set(dropped(found).values())
     assert reasons == {"neighbours along the body", op3().profile.ignore_pairs[0].reason}
-
-
-def test_observers_are_placed_with_their_links() -> None:
-    body, found = arm(), balls(0.01)
-    q = np.array([0.3, -0.2, 0.5, 0.1])
-    position, quat = placed(body, found, q)
-    where, turned = body.solver_body().forward(q)
-    assert position == pytest.approx(where[found.links], abs=1e-12)
-    assert np.abs((quat * turned[found.links]).sum(axis=1)) == pytest.approx(1.0)
-    assert (found.kinds == CAPSULE).all()
 
 
 FAR: dict[str, Any] = {

@@ -175,15 +175,6 @@ def scene(**obstacles: Any) -> Scene:
     return Scene.model_validate({"name": "a", "description": "b", "obstacles": obstacles})
 
 
-def test_a_shipped_scene() -> None:
-    state = SceneState(load_scene("crossing_ball"))
-    now = state.at(2.5)
-    assert state.shapes.names == ("ball",)
-    assert_allclose(now.position, [[0.2, 0.0, 0.34]], atol=1e-12)
-    assert_allclose(now.linear_velocity, [[0.0, -0.4, 0.0]], atol=1e-12)
-    assert_allclose(state.at(6.5).linear_velocity, [[0.0, 0.4, 0.0]], atol=1e-12)
-
-
 def test_arrays() -> None:
     state = SceneState(load_scene("table"))
     now = state.at(0.0)
@@ -311,15 +302,6 @@ def test_a_loop_begins_anew(path: Motion, share: float, rounds: int) -> None:
 @given(paths(loop=True), st.floats(0, 500))
 def test_a_loop_never_rests_at_its_seam(path: Motion, time: float) -> None:
     assert path.at(path.times[-1] + time).linear in [piece.linear for piece in path.pieces[:-1]]
-
-
-def test_half_a_turn_takes_its_time() -> None:
-    turning = motion(path=[{"time": 1, "pos": [0, 0, 0]}, {"time": 3, "pos": [2, 0, 0], "quat": [0, 0, 0, 1]}])
-    now = turning.at(2.0)
-    assert now.pose.position == pytest.approx((1, 0, 0))
-    assert now.linear == pytest.approx((1, 0, 0))
-    assert np.abs(now.angular) == pytest.approx((0, 0, 0.5 * np.pi))
-    assert float(rotations.angle_between(now.pose.quat, [1, 0, 0, 0])) == pytest.approx(0.5 * np.pi)
 
 
 @given(COORDINATES, COORDINATES, st.floats(0.1, 0.9))

@@ -10,7 +10,7 @@ import pytest
 
 from messages import Facts, refuses
 from retarget.errors import InputError
-from retarget.setup.robot_file import MAX_DEPTH, find_mesh, read_source
+from retarget.setup.robot_file import MAX_DEPTH, find_mesh, mesh_content, read_source
 from unknown_robots import humanoid
 
 LAUGHS = '<!DOCTYPE a [<!ENTITY x "ha"><!ENTITY y "&x;&x;&x;">]><robot name="&y;"/>'
@@ -69,7 +69,7 @@ def test_includes_that_include(tmp_path: Path) -> None:
     (tmp_path / "b.xml").write_text(f"<mujoco><worldbody><body/></worldbody>{'<!-- -->' * 3}</mujoco>")
     assert read_source(tmp_path / "a.xml").included
     (tmp_path / "b.xml").write_text(LAUGHS)
-    with refuses(InputError, where="b.xml:1"):
+    with refuses(InputError, where="b.xml"):
         read_source(tmp_path / "a.xml")
 
 
@@ -114,8 +114,8 @@ def test_an_stl_of_text_is_read_as_one_of_bytes(tmp_path: Path) -> None:
     with refuses(ValueError, "ASCII"):
         compiled(text_stl().encode())
     found = find_mesh("m.STL", tmp_path / "body.urdf")
-    assert found is not None and not found.twin
-    read, plain = compiled(found.content()), compiled(binary_stl())
+    assert found is not None and found.name == "m.STL"
+    read, plain = compiled(mesh_content(found)), compiled(binary_stl())
     assert read.nmeshvert == 4 and read.mesh_vert == pytest.approx(plain.mesh_vert)
 
 
@@ -125,7 +125,7 @@ def test_an_stl_of_text_is_read_as_one_of_bytes(tmp_path: Path) -> None:
 def test_all_else_stays_as_it_is(content: bytes, tmp_path: Path) -> None:
     (tmp_path / "m.stl").write_bytes(content)
     found = find_mesh("m.stl", tmp_path / "body.urdf")
-    assert found is not None and found.content() == content
+    assert found is not None and mesh_content(found) == content
 
 
 @pytest.mark.parametrize("name", ["m.dae", "package://robot/meshes/m.dae", "model://robot/meshes/m.dae"])
@@ -137,7 +137,7 @@ def test_of_another_kind_the_one_beside_it_is_read(name: str, tmp_path: Path) ->
     assert find_mesh(name, body) is None
     (folder / "m.obj").write_text("v 0 0 0\n")
     found = find_mesh(name, body)
-    assert found is not None and found.twin and found.path.name == "m.obj"
+    assert found is not None and found.name == "m.obj"
 
 
 @pytest.mark.parametrize("name", ["", ".", "..", "package://", "/", "a\0b.stl", "m.stl/", "x" * 5000 + ".stl"])
