@@ -1,13 +1,11 @@
 """The virtual human: a body of one person's size as MJCF, its degrees of freedom, speeds and reference postures.
 
-Two readings of the paper's "18 joints (51 degrees of freedom)" share one body: A, seventeen internal joints of three
-axes each, beside the six of the root (57 velocities); B, 51 with the root, which locks two axes of each knee and the
-sideward axis of each elbow. B is the default.
+The paper's "18 joints (51 degrees of freedom)" are read as seventeen internal joints of three axes each beside the six
+of the root (57 velocities), of which two axes of each knee and the sideward axis of each elbow are locked.
 """
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -182,8 +180,6 @@ POSTURES: Mapping[str, Mapping[str, float]] = TABLES["postures"]
 """Reference postures: name -> motion (`knee_flexion`: both knees) -> degrees. A posture task pulls the joints towards
 one of these."""
 
-Reading = Literal["A", "B"]
-
 
 @dataclass(frozen=True, eq=False)
 class Human:
@@ -191,14 +187,8 @@ class Human:
 
     dimensions: HumanDimensions
     body: BodyModel
-    reading: Reading
     locked: BoolArray
     mjcf: str
-
-    @property
-    def degrees_of_freedom(self) -> int:
-        """Number of DoFs that move: 57 or 51."""
-        return int(np.count_nonzero(~self.locked))
 
     def posture(self, name: str) -> FloatArray:
         """Reference posture q (nq,), standing at the origin. Raises ConfigError with the nearest names."""
@@ -229,20 +219,12 @@ class Human:
         return [motion] if motion in self.body.dof_names else [f"{side}_{motion}" for side in ("l", "r")]
 
 
-def build_human(dimensions: HumanDimensions, *, reading: Reading = "B") -> Human:
+def build_human(dimensions: HumanDimensions) -> Human:
     """The virtual human of this size. About 5 ms, after MuJoCo's own import."""
     mjcf = human_mjcf(dimensions)
     body = load_body_text(mjcf, source=f"virtual human ({dimensions.origin})")
-    return Human(dimensions=dimensions, body=body, reading=reading, locked=_locked(body, reading), mjcf=mjcf)
-
-
-def _locked(body: BodyModel, reading: Reading) -> BoolArray:
-    locked = np.zeros(body.nv, dtype=bool)
-    if reading == "B":
-        for joint in HUMAN_JOINTS:
-            for hinge in joint.hinges:
-                locked[body.dof_index(f"{joint.name}_{hinge.motion}")] |= hinge.locked
-    return locked
+    locked = {f"{joint.name}_{hinge.motion}": hinge.locked for joint in HUMAN_JOINTS for hinge in joint.hinges}
+    return Human(dimensions, body, np.array([locked.get(name, False) for name in body.dof_names]), mjcf)
 
 
 def human_limits(body: BodyModel) -> JointLimits:

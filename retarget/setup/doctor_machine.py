@@ -7,7 +7,6 @@ import os
 import platform
 import shutil
 import stat
-import sys
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -201,18 +200,13 @@ def _no_port() -> Finding:
 
 # Python and the compiled solver: whether they can be used, and what a frame costs on this machine.
 
-OLDEST = (3, 11)
 FRAMES = 100
 
 
-def python_findings(version: tuple[int, ...] = sys.version_info[:3]) -> list[Finding]:
+def python_findings() -> list[Finding]:
     """Version of Python, and whether the compiled solver can be imported."""
-    python = finding(
-        "Python" if version >= OLDEST else "Python/old",
-        version=".".join(map(str, version)),
-        implementation=platform.python_implementation(),
-        machine=platform.machine(),
-    )
+    implementation, machine = platform.python_implementation(), platform.machine()
+    python = finding("Python", version=platform.python_version(), implementation=implementation, machine=machine)
     try:
         importlib.import_module("retarget._solver")
     except ImportError as error:

@@ -97,9 +97,9 @@ def _named_only(tree: Tree, mirror: Mirror) -> Iterator[str]:
         other = mirror.partner[node]
         if node <= other and tree.nodes[node].parent not in mirror.by_name:
             names = " and ".join(tree.nodes[number].joint for number in sorted({node, other}))
-            what = "in the middle" if node == other else "left and right"
+            what = "it carries: in the middle" if node == other else "they carry: left and right"
             allowed = f"{most:.0f} mm are allowed, and parallel axes"
-            yield f"{names} and what they carry: {what} by name, {1e3 * off:.0f} mm from a mirror image ({allowed})"
+            yield f"{names} and what {what} by name, {1e3 * off:.0f} mm from a mirror image ({allowed})"
 
 
 def _sides(pair: tuple[Limb, Limb] | None, turned: bool) -> tuple[Limb, ...]:

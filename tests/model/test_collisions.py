@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.collision_numbers import Numbers, beyond_influence, numbers, unhindered, whole_arms
+from benchmarks.collision_numbers import Numbers, beyond_influence, numbers, unhindered
 from benchmarks.collision_placement import (
     INFLUENCE,
     MARGIN,
@@ -72,12 +72,6 @@ def test_hands_are_hindered_only_near_an_obstacle(free: Motion, scene: SceneStat
     off = replace(free, reached=free.asked + np.array([0.0, 0.0, 0.5]))
     on = replace(free, reached=free.asked + np.array([0.0, 0.3, 0.0]))
     assert unhindered(off, on, scene)[0] == pytest.approx(0.2)
-
-
-def test_an_arm_is_all_that_the_other_arm_does_not_share(free: Motion) -> None:
-    model = free.body.model
-    names = [[model.body(link).name for link in arm] for arm in whole_arms(free)]
-    assert names == [[f"{side}_{part}_link" for part in ("el", "sho_roll", "sho_pitch")] for side in ("l", "r")]
 
 
 def test_a_row_says_what_was_sent(free: Motion) -> None:

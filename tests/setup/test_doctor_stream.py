@@ -128,9 +128,9 @@ def test_what_is_wrong_with_a_sender(case: str) -> None:
 def test_fragments_matter_beyond_this_machine_only() -> None:
     large = json_poses(1.0, {f"marker {k}": {"p": [0.0, 0.0, 1.0]} for k in range(60)})
     assert len(large) > UNFRAGMENTED
-    assert "IP fragments" not in text_of(judged(played(steady(large))))
-    assert "IP fragments" not in text_of(judged(played(steady(ONE, source=OTHER))))
-    shows_lines(text_of(judged(played(steady(large, source=OTHER)))), "IP fragments")
+    assert "2252" not in text_of(judged(played(steady(large))))
+    assert "2252" not in text_of(judged(played(steady(ONE, source=OTHER))))
+    shows_lines(text_of(judged(played(steady(large, source=OTHER)))), "2252")
 
 
 def test_what_the_kernel_lost() -> None:
