@@ -6,5 +6,5 @@ named points on them; `servo_guess` the servos; `postures` how the robot stands.
 with comments, and `import_robot` runs these steps.
 
 Observers: `shape_fit`, `survey`, and `fit_observers`, which runs them. Servo zeros: `homing`. The doctor:
-`doctor_machine`, `doctor_capture`, `doctor_sensors` and `doctor_stream`.
+`doctor_machine`, `doctor_sensors` and `doctor_stream`.
 """

@@ -62,7 +62,7 @@ class _Builder(ElementTree.TreeBuilder):
         """Called before anything that it defines is read."""
         raise _Refused("a document type (<!DOCTYPE ...>), which may define entities, and which no robot needs")
 
-    def start(self, tag: str, attributes: dict[str, str]) -> ElementTree.Element:  # type: ignore[override]
+    def start(self, tag: str, attributes: dict[str, str]) -> ElementTree.Element:
         self.depth, self.count = self.depth + 1, self.count + 1
         if self.depth > MAX_DEPTH or self.count > MAX_ELEMENTS:
             deep = self.depth > MAX_DEPTH

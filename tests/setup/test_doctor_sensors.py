@@ -15,8 +15,14 @@ from retarget import rotations
 from retarget.live.admission import Datagram
 from retarget.live.sensor_validity import ValidityState
 from retarget.schema.performer import load_performer
-from retarget.setup.doctor_capture import MOST_KINDS, StreamCapture, capture_stream
-from retarget.setup.doctor_sensors import invented_findings, rate_findings, role_findings
+from retarget.setup.doctor_sensors import (
+    MOST_KINDS,
+    StreamCapture,
+    capture_stream,
+    invented_findings,
+    rate_findings,
+    role_findings,
+)
 from retarget.setup.doctor_stream import named_for
 from sim.faults.sender import FakeSender, SenderFault, frozen, lost, moved, silent, swapped
 

@@ -67,16 +67,14 @@ def test_a_port_that_is_taken_is_left_out() -> None:
 
 
 def test_other_ports_are_those_of_the_interfaces_that_the_user_asked_for() -> None:
-    asked, alone = (
-        OtherPorts(parse_address(f"vmc://:{free_port()}"), everywhere=everywhere, **ports)
-        for everywhere, ports in ((True, {"ports": []}), (False, {}))
-    )
+    asked = OtherPorts(parse_address(f"vmc://:{free_port()}"), everywhere=True, ports=[])
+    alone = OtherPorts(parse_address(f"vmc://:{free_port()}"), everywhere=False)
     others = [number for number in local_interfaces().values() if not number.startswith("127.")]
     assert [bind for bind, _, _ in asked._receivers] == others
     assert alone._receivers and {bind for bind, _, _ in alone._receivers} == {"127.0.0.1"}
     assert OtherPorts(parse_address("replay://a.raw"), everywhere=True)._receivers == []
-    for ports in (asked, alone):
-        ports.close()
+    asked.close()
+    alone.close()
 
 
 JSON = "json://:14150"
