@@ -22,7 +22,6 @@ from retarget.model.human_dimensions import (
     TRUNK_LEVELS,
     HumanDimensions,
     HumanJoint,
-    Segment,
     kind_of,
 )
 from retarget.types import ORIENTED, BoolArray, FloatArray
@@ -77,15 +76,10 @@ def _write_link(lines: list[str], joint: HumanJoint, dimensions: HumanDimensions
 
 
 def _inertial(joint: HumanJoint, dimensions: HumanDimensions) -> list[str]:
-    kind = kind_of(joint.name)
-    for segment in SEGMENTS:
-        if segment.body == kind:
-            return [_segment_inertial(joint, segment, dimensions)]
-    return []
-
-
-def _segment_inertial(joint: HumanJoint, segment: Segment, dimensions: HumanDimensions) -> str:
     """Mass, centre of mass and inertia of a thick rod: radius of gyration across it, its radius about it."""
+    segment = next((segment for segment in SEGMENTS if segment.body == kind_of(joint.name)), None)
+    if segment is None:
+        return []
     start, end = (_segment_point(name, joint, dimensions) for name in (segment.start, segment.end))
     length = float(np.linalg.norm(end - start))
     along = (end - start) / length if length > _POINT_M else np.array([0.0, 0.0, 1.0])
@@ -97,7 +91,7 @@ def _segment_inertial(joint: HumanJoint, segment: Segment, dimensions: HumanDime
     inertia = across * (np.eye(3) - np.outer(along, along)) + about * np.outer(along, along)
     full = np.array([inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2]])
     com = start + segment.com * (end - start)
-    return f'<inertial pos="{_text(com)}" mass="{mass:.10g}" fullinertia="{_text(full)}"/>'
+    return [f'<inertial pos="{_text(com)}" mass="{mass:.10g}" fullinertia="{_text(full)}"/>']
 
 
 def _segment_point(name: str, joint: HumanJoint, dimensions: HumanDimensions) -> FloatArray:
@@ -105,25 +99,16 @@ def _segment_point(name: str, joint: HumanJoint, dimensions: HumanDimensions) ->
     if name == kind_of(joint.name):
         return np.zeros(3)
     if name in TRUNK_LEVELS:
-        return _trunk_point(TRUNK_LEVELS[name], dimensions) - _from_pelvis(joint.name, dimensions)
+        return _trunk_point(TRUNK_LEVELS[name], dimensions) - dimensions.standing()[POINTS.index(joint.name)]
     side = joint.name[:2] if joint.name[1] == "_" else ""
     return dimensions.of(side + name)
 
 
 def _trunk_point(share: float, dimensions: HumanDimensions) -> FloatArray:
     """Point (3,) at a share of the way from the middle of the hips to that of the shoulders, from the pelvis."""
-    hips = 0.5 * (_from_pelvis("l_hip", dimensions) + _from_pelvis("r_hip", dimensions))
-    shoulders = 0.5 * (_from_pelvis("l_shoulder", dimensions) + _from_pelvis("r_shoulder", dimensions))
+    ends = dict(zip(POINTS, dimensions.standing(), strict=True))
+    hips, shoulders = (0.5 * (ends[f"l_{part}"] + ends[f"r_{part}"]) for part in ("hip", "shoulder"))
     return np.asarray(hips + share * (shoulders - hips))
-
-
-def _from_pelvis(name: str, dimensions: HumanDimensions) -> FloatArray:
-    parents = {joint.name: joint.parent for joint in HUMAN_JOINTS}
-    point = np.zeros(3)
-    while parents[name]:
-        point = point + dimensions.of(name)
-        name = parents[name]
-    return point
 
 
 def _shapes(joint: HumanJoint, dimensions: HumanDimensions) -> list[str]:

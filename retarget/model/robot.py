@@ -65,10 +65,7 @@ class RobotBody:
 
     def posture(self, angles: dict[str, float]) -> FloatArray:
         """Posture (nq,) with these joint angles, rad, and 0 elsewhere, the root as in the body file."""
-        q = self.body.qpos0.copy()
-        for joint, angle in angles.items():
-            q[self.body.joint_qpos[self.body.joint_index(joint)]] = angle
-        return q
+        return self.body.posture(angles)
 
     def frame(self, name: str) -> Frame:
         """A frame of the profile, on the body."""

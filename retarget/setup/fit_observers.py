@@ -20,7 +20,6 @@ from retarget.schema.catalogue import HUMAN
 from retarget.schema.profile import DRAFT
 from retarget.setup.shape_fit import Capsule, Proposal, Zones, flattened, link_geometries, propose
 from retarget.setup.survey import SAFETY_FACTOR, Pair, PairRecord, joint_ranges, survey
-from retarget.types import FloatArray
 
 # Which pairs of links need no check, each with the numbers that say so.
 
@@ -257,7 +256,7 @@ def fit(
     flat = {proposal.link_name for proposal in proposals if (proposal.ratio or 0.0) > thickest} | tight
     ranges = joint_ranges(body, subject.limits)
     near = SAFETY_FACTOR * zones.influence
-    neutral = ranges.clipped(posture(body, subject.neutral))
+    neutral = ranges.clipped(body.posture(subject.neutral))
     for _ in range(ROUNDS):
         observers = tuple(
             flattened(proposal, geometry, GIVES_WAY)
@@ -287,14 +286,6 @@ def fit(
     head = _head(subject, zones, samples=samples, seed=seed, notes=assumed)
     tail = _tail(observers, ignored[:MAX_PAIRS], records, body)
     return Fit(observers, zones, ignored, records, tuple(head), tuple(tail))
-
-
-def posture(body: BodyModel, angles: Mapping[str, float]) -> FloatArray:
-    """The posture (nq,) of a body with these joint angles, rad, and all else as in its file."""
-    q = body.qpos0.copy()
-    for joint, angle in angles.items():
-        q[body.joint_qpos[body.joint_index(joint)]] = angle
-    return q
 
 
 def _excluded(model: Any) -> set[tuple[int, int]]:
