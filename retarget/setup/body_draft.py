@@ -12,7 +12,7 @@ from retarget.errors import InputError
 from retarget.model.body_file import check_numbers, engine, refusal
 from retarget.model.scene_shapes import ShapeKind
 from retarget.setup.robot_file import Relaxed, Source, listed, ready_urdf
-from retarget.setup.shape_fit import LinkGeometry, Zones, canonical_shape, link_geometries, propose
+from retarget.setup.shape_fit import NAME, LinkGeometry, Zones, canonical_shape, link_geometries, propose
 from retarget.types import FloatArray
 
 # Meshes of a body as capsules and boxes: what is left of them in a body file that stands by itself.
@@ -42,7 +42,6 @@ def replace_meshes(spec: Any, model: Any, geometries: tuple[LinkGeometry, ...]) 
     return len(proposals)
 
 
-_NAME = re.compile(r"[^\s/\\]{1,80}")  # as `schema.Name`
 _THIN = re.compile(r"mesh volume is too small: (\S+)")
 
 
@@ -156,7 +155,7 @@ def _rename(spec: Any, notes: list[str]) -> None:
     for kind, parts in (("link", list(spec.bodies)[1:]), ("joint", list(spec.joints))):
         taken = {part.name for part in parts}
         for number, part in enumerate(parts, 1):
-            if _NAME.fullmatch(part.name):
+            if NAME.fullmatch(part.name):
                 continue
             name = re.sub(r"[\s/\\]+", "_", part.name)[:80] or f"{kind}_{number}"
             while name in taken:

@@ -140,7 +140,8 @@ RIM_POINTS = 64
 BALL_POINTS = 800
 MAX_LINKS = 200
 """A profile holds no more observers."""
-_NAME = re.compile(r"[^\s/\\]{1,80}")  # as `schema.Name`
+NAME = re.compile(r"[^\s/\\]{1,80}")
+"""Names of links that a profile can hold, as `schema.Name`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,7 +221,7 @@ def link_geometries(model: Any) -> tuple[tuple[LinkGeometry, ...], tuple[str, ..
         solid = [(geom, balls) for geom in geoms if (balls := _balls(model, geom)) is not None]
         if len(solid) < len(geoms):
             notes.append(f"{name or f'link {link}'}: planes and height fields are left out")
-        if solid and not _NAME.fullmatch(name):
+        if solid and not NAME.fullmatch(name):
             notes.append(f"link {link} has no name that a profile can hold, so no observer: {name!r}")
         elif solid:
             found.append(_geometry(model, link, name, solid))
@@ -253,7 +254,7 @@ def _lone(model: Any, number: int) -> Solid | None:
 
     geom = model.geom(number)
     kind = mujoco.mjtGeom(geom.type.item()).name.removeprefix("mjGEOM_").lower()
-    if kind not in ("box", "cylinder") or not _NAME.fullmatch(geom.name):
+    if kind not in ("box", "cylinder") or not NAME.fullmatch(geom.name):
         return None
     return Solid(kind, geom.pos.copy(), geom.quat.copy(), geom.size.copy(), geom.name)
 

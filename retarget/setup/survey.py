@@ -108,11 +108,8 @@ class PlacedShapes:
             np.array([row[column] for row in rows], dtype=np.float64) for column in (1, 2, 3)
         )
 
-    def distances(self, postures: FloatArray, pairs: IntArray, below: FloatArray | float = np.inf) -> FloatArray:
-        """Signed distances (t, p), m, of pairs (p, 2) of shapes in postures (t, nq).
-
-        Where one is positive and not below `below` (p,), m, it is only a lower bound, which costs less.
-        """
+    def distances(self, postures: FloatArray, pairs: IntArray) -> FloatArray:
+        """Signed distances (t, p), m, of pairs (p, 2) of shapes in postures (t, nq)."""
         count, both = len(postures), pairs.T.ravel()
         links = self._links[both].tolist()
         position = self._body.points(np.ascontiguousarray(postures), links, self._positions[both])
@@ -121,10 +118,7 @@ class PlacedShapes:
         for half in np.split(np.arange(len(both)), 2):
             sides += [np.tile(self._kinds[both[half]], count), np.tile(self._sizes[both[half]], (count, 1))]
             sides += [np.take(part, half, axis=1).reshape(-1, part.shape[2]) for part in (position, quat)]
-        found = _solver.shape_gaps_at_least(*sides)
-        exact = found < np.tile(np.broadcast_to(np.maximum(below, 0.0), len(pairs)), count)
-        found[exact] = _solver.shape_distances(*(part[exact] for part in sides))[0]
-        return found.reshape(count, len(pairs))
+        return _solver.shape_distances(*sides)[0].reshape(count, len(pairs))
 
 
 # Looks for the posture in which two shapes are nearest, or farthest: pattern searches over the joints between them.
@@ -229,7 +223,7 @@ def survey(
     smallest, largest = at_neutral.copy(), at_neutral.copy()
     nearest, farthest = np.zeros(len(pairs), dtype=int), np.zeros(len(pairs), dtype=int)
     for first in range(0, len(postures), BLOCK):
-        seen = shapes.distances(postures[first : first + BLOCK], pairs, smallest)
+        seen = shapes.distances(postures[first : first + BLOCK], pairs)
         nearest = np.where(seen.min(axis=0) < smallest, first + seen.argmin(axis=0), nearest)
         farthest = np.where(seen.max(axis=0) > largest, first + seen.argmax(axis=0), farthest)
         smallest, largest = np.minimum(smallest, seen.min(axis=0)), np.maximum(largest, seen.max(axis=0))
