@@ -189,7 +189,7 @@ def test_a_head_is_not_swung_for_balance() -> None:
     robot.start(motion[0])
     robot.settle(motion[0], DT)
     pan = op3().body.joint_qpos[op3().body.joint_index("head_pan")]
-    angles = np.array([robot.step(human, DT).q[pan] for human in motion[:1000]])
+    angles = np.array([robot.step(human, DT).q[pan] for human in motion[:600]])
     assert np.abs(angles).max() < 0.6
 
 

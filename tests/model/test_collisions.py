@@ -26,6 +26,7 @@ from retarget.schema.scene import load_scene
 from sim.performer import synthetic_performer
 
 SHORT = RunOptions("op3", playback=Playback(end=3.0))
+BRIEF = RunOptions("op3", playback=Playback(end=2.0))
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +87,7 @@ def test_a_row_says_what_was_sent(free: Motion) -> None:
 
 
 def test_every_recording_gets_its_rows() -> None:
-    found = list(measured("demo", synthetic_performer(), SHORT, ("free", "obstacles")))
+    found = list(measured("demo", synthetic_performer(), BRIEF, ("free", "obstacles")))
     rows = [row for row in found if isinstance(row, Numbers)]
     assert [row.scene == "free" for row in rows] == [True, False]
     assert rows[1].scene_mm is not None

@@ -437,7 +437,7 @@ def test_hands_that_are_asked_below_it_stay_above(name: str) -> None:
     follower = Follower(
         robot, load_priorities("servo"), followers.dimensions(performer), scene=SceneState(on_floor(None))
     )
-    motion = followers.postures(performer)[:300]
+    motion = followers.postures(performer)[:200]
     follower.start(motion[0])
     sent = []
     for human in motion:
