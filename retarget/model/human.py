@@ -99,7 +99,8 @@ def _segment_point(name: str, joint: HumanJoint, dimensions: HumanDimensions) ->
     if name == kind_of(joint.name):
         return np.zeros(3)
     if name in TRUNK_LEVELS:
-        return _trunk_point(TRUNK_LEVELS[name], dimensions) - dimensions.standing()[POINTS.index(joint.name)]
+        here = dimensions.standing()[POINTS.index(joint.name)]
+        return np.asarray(_trunk_point(TRUNK_LEVELS[name], dimensions) - here)
     side = joint.name[:2] if joint.name[1] == "_" else ""
     return dimensions.of(side + name)
 
