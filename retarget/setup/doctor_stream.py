@@ -19,9 +19,15 @@ from retarget.live.receivers import NatnetReceiver, UdpReceiver, port_holder
 from retarget.live.roles import CONVENTIONS
 from retarget.live.stream import MOST_DECODED, LiveStream
 from retarget.schema.performer import Performer
-from retarget.setup.doctor_capture import StreamCapture, capture_stream
 from retarget.setup.doctor_machine import Finding, finding, findings, firewall_findings, fix_all
-from retarget.setup.doctor_sensors import UNNAMED, invented_findings, rate_findings, role_findings
+from retarget.setup.doctor_sensors import (
+    UNNAMED,
+    StreamCapture,
+    capture_stream,
+    invented_findings,
+    rate_findings,
+    role_findings,
+)
 from retarget.sources.json_pose import DEFAULT_PORT
 from retarget.sources.natnet_decoder import NatnetDecoder
 from retarget.sources.natnet_session import natnet_problems

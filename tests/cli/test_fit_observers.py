@@ -12,7 +12,7 @@ from retarget.model.robot import load_profile, load_robot
 from retarget.report.clearance import place_body
 from retarget.schema.catalogue import shipped_folder
 from retarget.setup.fit_observers import Fit, find_subject, fit
-from retarget.setup.observer_proposals import Zones
+from retarget.setup.shape_fit import Zones
 from retarget.setup.survey import joint_ranges
 
 OP3 = shipped_folder() / "robots" / "op3"

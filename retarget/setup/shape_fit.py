@@ -1,13 +1,14 @@
-"""Shapes around a link: its geometry as balls, the smallest capsule and a small box around them.
+"""Shapes around a link: its geometry as balls, the smallest capsule or a small box around them, and which is proposed.
 
     minimise   pi R^2 |b - a| + 4/3 pi R^3     over the segment a b and the radius R
     subject to |c_i - [a b]| + r_i <= R        for every ball (c_i, r_i)
 
-The problem has several local minima: many axes are ranked by the best capsule along each, which has a closed form for
-a given line and radius, and the best few are polished as smooth programs (SLSQP) of seven variables. The radius
-is then taken exactly from the balls, so that enclosure never depends on the optimiser.
+The problem has several local minima: it is solved as a smooth program (SLSQP) from a ball and from the smallest
+of the capsules along the axes that the geometry suggests. The radius is then taken exactly from the balls, so that
+enclosure never depends on the optimiser.
 """
 
+import math
 import re
 from dataclasses import dataclass
 from typing import Any
@@ -16,18 +17,21 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.spatial import ConvexHull, QhullError
 
-from retarget.errors import InputError
+from retarget.errors import InputError, UsageError
 from retarget.model.observers import ShapeRow
 from retarget.model.scene_shapes import ShapeKind, canonical
-from retarget.rotations import from_matrix, to_matrix
+from retarget.rotations import from_matrix, normalise, to_matrix
 from retarget.schema.shapes import SolidShape
 from retarget.types import FloatArray
 
 MIN_RADIUS = 1e-4
-"""[m] thinner geometry gets this radius."""
-POLISHED = 4
-LATTICE = 60
-RADII = np.array([1.0, 1.02, 1.05, 1.1, 1.15, 1.22, 1.3, 1.45, 1.7, 2.0])  # of the smallest along a line
+"""[m] thinner geometry gets this radius, or this half size of a box."""
+DIGITS = 5
+"""Decimals of lengths in m: shapes are rounded outwards to them, so that what is written still encloses."""
+ROUNDED = 1e-3
+"""Share of a volume that rounding may change."""
+STARTS = 4
+"""Capsules from which the smallest one is searched."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,16 +79,18 @@ def enclosing_capsule(centres: FloatArray, radii: FloatArray, *, axes: FloatArra
     if scale < MIN_RADIUS:
         return Capsule(middle, middle.copy(), MIN_RADIUS)
     points, sizes = (centres - middle) / scale, radii / scale
-    starts = sorted((_along(u, points, sizes) for u in _directions(points, axes)), key=lambda found: found.volume)
-    polished = [
-        _polish(np.array([*start.start, *start.end, start.radius]), points, sizes) for start in starts[:POLISHED]
-    ]
-    best = min([*starts[:1], *polished], key=lambda found: found.volume)
-    ball = _polish(np.array([0.0, 0.0, 0.0, 1.0]), points, sizes)
-    if ball.volume <= best.volume * (1.0 + 1e-6):
+    outer = np.unique(np.argmax(DIRECTIONS[::4] @ points.T + sizes, axis=1))
+    points, sizes = points[outer], sizes[outer]
+    spread = np.linalg.svd(points - points.mean(axis=0), full_matrices=True)[2]
+    given = np.zeros((0, 3)) if axes is None else axes
+    along = sorted((_along(u, points, sizes) for u in (*spread, *np.eye(3), *given)), key=lambda found: found.volume)
+    starts = [np.array([*start.start, *start.end, start.radius]) for start in along[:STARTS]]
+    best = min((_local_minimum(start, points, sizes) for start in starts), key=lambda found: found.volume)
+    middle_of_best = 0.5 * (best.start + best.end)
+    ball = _local_minimum(np.array([*middle_of_best, best.radius + 0.5 * best.length]), points, sizes)
+    if ball.volume <= best.volume * (1.0 + ROUNDED):
         best = ball
-    start, end = best.start * scale + middle, best.end * scale + middle
-    return Capsule(start, end, max(MIN_RADIUS, _needed_radius(start, end, centres, radii)))
+    return _around(best.start * scale + middle, best.end * scale + middle, centres, radii)
 
 
 def distances_to_segment(points: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
@@ -95,54 +101,25 @@ def distances_to_segment(points: FloatArray, start: FloatArray, end: FloatArray)
     return np.asarray(np.linalg.norm(points - start - share[:, None] * along, axis=1))
 
 
-def _needed_radius(start: FloatArray, end: FloatArray, centres: FloatArray, radii: FloatArray) -> float:
-    return float(np.max(distances_to_segment(centres, start, end) + radii))
-
-
-def _directions(points: FloatArray, axes: FloatArray | None) -> FloatArray:
-    """Unit vectors (n, 3): the balls' principal axes, the given ones, and a lattice over the half sphere."""
-    spread = np.linalg.svd(points - points.mean(axis=0), full_matrices=True)[2]
-    given = np.zeros((0, 3)) if axes is None else axes
-    return np.concatenate([spread, np.eye(3), given, _sphere_points(2 * LATTICE)[:LATTICE]])
+def _around(start: FloatArray, end: FloatArray, centres: FloatArray, radii: FloatArray) -> Capsule:
+    """The capsule on a segment that just holds the balls."""
+    return Capsule(start, end, max(MIN_RADIUS, float(np.max(distances_to_segment(centres, start, end) + radii))))
 
 
 def _along(u: FloatArray, points: FloatArray, sizes: FloatArray) -> Capsule:
-    """The best capsule along direction u (3,), its line through the middle of the balls' shadow."""
-    across = np.linalg.svd(u[None])[2][1:]
-    shadow = points @ across.T
-    middle = across.T @ ((shadow + sizes[:, None]).max(axis=0) + (shadow - sizes[:, None]).min(axis=0)) / 2.0
-    smallest = float(np.max(np.linalg.norm(shadow - across @ middle, axis=1) + sizes))
-    tries = [_on_line(middle, u, radius, points, sizes) for radius in smallest * RADII]
-    return min(tries, key=lambda found: found.volume)
+    """A capsule along direction u (3,), its line through the middle of the balls' shadow."""
+    height = points @ u
+    shadow = points - height[:, None] * u
+    middle = 0.5 * (shadow.max(axis=0) + shadow.min(axis=0))
+    radius = float(np.max(np.linalg.norm(shadow - middle, axis=1) + sizes))
+    low, high = float(np.min(height - sizes)) + radius, float(np.max(height + sizes)) - radius
+    if low >= high:  # nearly a ball
+        low, high = 0.5 * (low + high) - 0.05, 0.5 * (low + high) + 0.05
+    return _around(middle + low * u, middle + high * u, points, sizes)
 
 
-def _on_line(origin: FloatArray, u: FloatArray, radius: float, points: FloatArray, sizes: FloatArray) -> Capsule:
-    """The shortest capsule of a radius on a line: each ball needs a point of the segment within radius - r_i."""
-    height = (points - origin) @ u
-    off2 = np.sum((points - origin - height[:, None] * u) ** 2, axis=1)
-    reach = np.sqrt(np.maximum((radius - sizes) ** 2 - off2, 0.0))
-    low, high = float(np.min(height + reach)), float(np.max(height - reach))
-    if low >= high:
-        low = high = (low + high) / 2.0
-    start, end = origin + low * u, origin + high * u
-    return Capsule(start, end, _needed_radius(start, end, points, sizes))
-
-
-def _polish(x: FloatArray, points: FloatArray, sizes: FloatArray) -> Capsule:
-    """A local minimum near x: start, end and radius of a capsule (7,), or centre and radius of a ball (4,).
-
-    It is that of the balls that reach farthest in one of many directions, but encloses all.
-    """
-    outer = np.unique(np.argmax(directions()[::4] @ points.T + sizes, axis=1))
-    x = _local_minimum(x, points[outer], sizes[outer])
-    start, end = x[:3], x[-4:-1]
-    found = Capsule(start, end, _needed_radius(start, end, points, sizes))
-    if found.length < 1e-9:
-        return found
-    return _on_line(start, (end - start) / found.length, found.radius, points, sizes)
-
-
-def _local_minimum(x: FloatArray, points: FloatArray, sizes: FloatArray) -> FloatArray:
+def _local_minimum(x: FloatArray, points: FloatArray, sizes: FloatArray) -> Capsule:
+    """The smallest capsule near x: start, end and radius (7,), or centre and radius of a ball (4,)."""
     found = minimize(
         lambda x: Capsule(x[:3], x[-4:-1], x[-1]).volume,
         x,
@@ -150,20 +127,21 @@ def _local_minimum(x: FloatArray, points: FloatArray, sizes: FloatArray) -> Floa
         constraints={"type": "ineq", "fun": lambda x: x[-1] - sizes - distances_to_segment(points, x[:3], x[-4:-1])},
         options={"maxiter": 100, "ftol": 1e-12},
     )
-    return np.array(found.x) if np.all(np.isfinite(found.x)) else x
+    ends = [x, found.x] if np.all(np.isfinite(found.x)) else [x]
+    return min((_around(x[:3], x[-4:-1], points, sizes) for x in ends), key=lambda found: found.volume)
 
 
 # The volume of each link of a compiled body, as the convex hull of balls in the link's own frame.
 #
 # Spheres, capsules, boxes and meshes are such hulls exactly. Cylinders and ellipsoids lie inside theirs, which is
-# larger
-# by 0.1 % and 0.5 %, so that what encloses the balls always encloses the geom.
+# larger by 0.1 % and 0.5 %, so that what encloses the balls always encloses the geom.
 
 RIM_POINTS = 64
 BALL_POINTS = 800
 MAX_LINKS = 200
 """A profile holds no more observers."""
-_NAME = re.compile(r"[^\s/\\]{1,80}")  # as `schema.Name`
+NAME = re.compile(r"[^\s/\\]{1,80}")
+"""Names of links that a profile can hold, as `schema.Name`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,7 +205,7 @@ class LinkGeometry:
 
     def hull_volume(self) -> float:
         """Volume of the convex hull, m^3; 0 where it is flat."""
-        hull = hull_of_balls(self.centres, self.radii, directions())
+        hull = hull_of_balls(self.centres, self.radii, DIRECTIONS)
         return 0.0 if hull is None else float(hull.volume)
 
 
@@ -243,7 +221,7 @@ def link_geometries(model: Any) -> tuple[tuple[LinkGeometry, ...], tuple[str, ..
         solid = [(geom, balls) for geom in geoms if (balls := _balls(model, geom)) is not None]
         if len(solid) < len(geoms):
             notes.append(f"{name or f'link {link}'}: planes and height fields are left out")
-        if solid and not _NAME.fullmatch(name):
+        if solid and not NAME.fullmatch(name):
             notes.append(f"link {link} has no name that a profile can hold, so no observer: {name!r}")
         elif solid:
             found.append(_geometry(model, link, name, solid))
@@ -276,7 +254,7 @@ def _lone(model: Any, number: int) -> Solid | None:
 
     geom = model.geom(number)
     kind = mujoco.mjtGeom(geom.type.item()).name.removeprefix("mjGEOM_").lower()
-    if kind not in ("box", "cylinder") or not _NAME.fullmatch(geom.name):
+    if kind not in ("box", "cylinder") or not NAME.fullmatch(geom.name):
         return None
     return Solid(kind, geom.pos.copy(), geom.quat.copy(), geom.size.copy(), geom.name)
 
@@ -309,11 +287,6 @@ def _balls(model: Any, geom: int) -> tuple[FloatArray, float] | None:
     return None
 
 
-def directions() -> FloatArray:
-    """Evenly spread unit vectors (n, 3)."""
-    return _BALL
-
-
 def convex_hull(points: FloatArray) -> ConvexHull | None:
     """Convex hull of points (k, 2) or (k, 3), or None where they are flat."""
     try:
@@ -336,19 +309,20 @@ def _sphere_points(count: int) -> FloatArray:
     return np.stack([flat * np.cos(angle), flat * np.sin(angle), z], axis=1)
 
 
-_BALL = _sphere_points(BALL_POINTS)
+DIRECTIONS = _sphere_points(BALL_POINTS)
+"""Evenly spread unit vectors (n, 3)."""
 # Blown up until its faces touch the unit ball from outside: equations are n.x + offset = 0 with offset < 0.
-_AROUND_BALL = _BALL / float(-ConvexHull(_BALL).equations[:, 3].max())
+_AROUND_BALL = DIRECTIONS / float(-ConvexHull(DIRECTIONS).equations[:, 3].max())
 
 
 # A small box around a link's geometry: the best of the orientations that the geometry itself suggests.
 
-MIN_HALF = 1e-4
-"""[m] flat geometry gets this half size."""
-
 
 def enclosing_box(geometry: LinkGeometry) -> Solid:
-    """The smallest box along the link's own axes, its geoms' or the principal ones; in doubt the earlier of these."""
+    """The smallest box along the link's own axes, its geoms' or the principal ones; in doubt the earlier of these.
+
+    It is rounded outwards to DIGITS.
+    """
     centres = geometry.centres
     principal = np.linalg.svd(centres - centres.mean(axis=0), full_matrices=True)[2].T
     boxes = [
@@ -356,11 +330,105 @@ def enclosing_box(geometry: LinkGeometry) -> Solid:
         for turn in (np.eye(3), *geometry.axes, principal)
     ]
     smallest = min(box.volume for box in boxes)
-    return next(box for box in boxes if box.volume <= smallest * (1.0 + 1e-6))
+    return next(box for box in boxes if box.volume <= smallest * (1.0 + ROUNDED))
 
 
 def _box_along(turn: FloatArray, geometry: LinkGeometry) -> Solid:
     local, radii = geometry.centres @ turn, geometry.radii[:, None]
-    low, high = (local - radii).min(axis=0), (local + radii).max(axis=0)
-    size = np.maximum((high - low) / 2.0, MIN_HALF)
-    return Solid("box", turn @ ((low + high) / 2.0), from_matrix(turn), size)
+    middle = 0.5 * ((local - radii).min(axis=0) + (local + radii).max(axis=0))
+    pos, quat = _round(turn @ middle), np.round(from_matrix(turn), 9)
+    reach = np.abs((geometry.centres - pos) @ to_matrix(normalise(quat))) + radii
+    size = [round_up(max(half, MIN_RADIUS)) for half in reach.max(axis=0).tolist()]
+    return Solid("box", pos, quat, np.array(size))
+
+
+# Proposed observers: a capsule per link, or a flat shape where a capsule is far too large.
+
+FAR_TOO_LARGE = 3.0
+"""A capsule of so many times the other shape's volume gives way to it."""
+SOMEWHAT_LARGE = 2.0
+"""So does one of so many times, if it also stands out of the geometry by more than the influence."""
+
+
+@dataclass(frozen=True)
+class Zones:
+    """influence: distance at which the observers act, margin: distance that they keep, m."""
+
+    influence: float
+    margin: float
+
+    def __post_init__(self) -> None:
+        """Raise UsageError for zones that no profile may have."""
+        if not (math.isfinite(self.influence) and self.influence > 0.0):
+            raise UsageError(
+                "no usable influence", where="--influence", found=f"{self.influence} m", allowed="more than 0 m"
+            )
+        if not 0.0 <= self.margin < self.influence:
+            allowed = f"0 m to less than the influence, {self.influence} m"
+            raise UsageError("no usable margin", where="--margin", found=f"{self.margin} m", allowed=allowed)
+
+
+@dataclass(frozen=True, eq=False)
+class Proposal:
+    """An observer `name` on `link` (its index and its name).
+
+    ratio: volume of the shape over that of the geometry's convex hull, None where that is flat. stands_out: how far
+    the shape reaches beyond the hull, m. why: why it is no capsule, else empty.
+    """
+
+    link: int
+    link_name: str
+    name: str
+    shape: Capsule | Solid
+    ratio: float | None
+    stands_out: float
+    why: str
+
+
+def propose(geometries: tuple[LinkGeometry, ...], zones: Zones) -> tuple[Proposal, ...]:
+    """An observer for every link, named for it, without an ending `_link` where that leaves names different."""
+    names = [geometry.name for geometry in geometries]
+    short = [name.removesuffix("_link") or name for name in names]
+    if len(set(short)) == len(short):
+        names = short
+    return tuple(_propose(geometry, name, zones) for geometry, name in zip(geometries, names, strict=True))
+
+
+def flattened(proposal: Proposal, geometry: LinkGeometry, why: str) -> Proposal:
+    """The same observer as a box or a cylinder, and why it is none of a capsule."""
+    flat = geometry.lone or enclosing_box(geometry)
+    return _proposal(geometry, proposal.name, flat, f"{flat.kind}: {why}")
+
+
+def _propose(geometry: LinkGeometry, name: str, zones: Zones) -> Proposal:
+    axes = geometry.axes.transpose(0, 2, 1).reshape(-1, 3)
+    exact = enclosing_capsule(geometry.centres, geometry.radii, axes=axes)
+    start, end = _round(exact.start), _round(exact.end)
+    radius = _around(start, end, geometry.centres, geometry.radii).radius
+    capsule = Capsule(start, end, round_up(radius))
+    round_one = _proposal(geometry, name, capsule, "")
+    flat = geometry.lone or enclosing_box(geometry)
+    times, out = capsule.volume / flat.volume, round_one.stands_out
+    if times < FAR_TOO_LARGE and not (times >= SOMEWHAT_LARGE and out > zones.influence):
+        return round_one
+    why = f"the smallest capsule is {times:.1f} times as large and stands out by {1e3 * out:.0f} mm"
+    return flattened(round_one, geometry, why)
+
+
+def _proposal(geometry: LinkGeometry, name: str, shape: Capsule | Solid, why: str) -> Proposal:
+    """With the largest difference of the support functions: for nested convex bodies, how far the outer reaches out."""
+    hull, stands_out = geometry.hull_volume(), 0.0
+    if shape is not geometry.lone:
+        inner = np.max(DIRECTIONS @ geometry.centres.T + geometry.radii, axis=1)
+        stands_out = float(max(np.max(shape.support(DIRECTIONS) - inner), 0.0))
+    ratio = shape.volume / hull if hull > 0.0 else None
+    return Proposal(geometry.link, geometry.name, name, shape, ratio, stands_out, why)
+
+
+def _round(values: FloatArray) -> FloatArray:
+    return np.round(values, DIGITS) + 0.0  # no -0.0
+
+
+def round_up(value: float) -> float:
+    """To DIGITS decimals, never below; a value within 1e-12 above a decimal counts as that decimal."""
+    return round(math.ceil(value * 10.0**DIGITS - 10.0 ** (DIGITS - 12)) / 10.0**DIGITS, DIGITS)
