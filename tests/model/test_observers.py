@@ -13,7 +13,7 @@ import followers
 from followers import op3
 from gated_robot import GatedRobot
 from messages import refuses, shows
-from observed import CAPSULE, Rig, aim, ball, binding, chain, rig, rod
+from observed import Rig, aim, ball, binding, chain, rig, rod
 from observed_robot import act, robot, scene_of, without_observers
 from observed_robot import human as observers_idle_human
 from physics_rig import PhysicsRig, ticks
