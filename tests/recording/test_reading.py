@@ -1,10 +1,8 @@
 """Reading a recording: whole, cut anywhere, damaged anywhere, and files that are none."""
 
 import json
-import os
 import re
 import struct
-import zipfile
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
@@ -26,7 +24,6 @@ from retarget.errors import InputError, RefusedError, UsageError
 from retarget.recording import read_run
 from retarget.recording.cycles import Done
 from retarget.recording.mcap_writer import METADATA
-from retarget.recording.read_run import ROBOT_KEYS
 from retarget.recording.reading import MAGIC, Recording, TopicRows, played, read_recording
 from retarget.recording.session import FORMAT
 from retarget.recording.topics import GOALS, HUMAN_POSTURE, LANDMARKS, SENSORS, SERVOS, TICK
@@ -390,22 +387,3 @@ def test_ticks_that_cannot_be_are_refused(content: bytes, tmp_path: Path) -> Non
         topics = recording.topics | {TICK: TopicRows(recording.topic(TICK).cycles, rows)}
         with refuses(InputError):
             played(replace(recording, topics=topics))
-
-
-@pytest.mark.parametrize("name", ["run.mcap", "run.npz"])
-def test_a_pipe_is_refused_and_not_waited_for(name: str, tmp_path: Path) -> None:
-    path = tmp_path / name
-    os.mkfifo(path)
-    for read in (read_recording, read_run.read_run, open_recorded):
-        with refuses(InputError):
-            read(path)
-
-
-def test_an_array_whose_header_does_not_end_is_refused(tmp_path: Path) -> None:
-    header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (3,), "
-    path = tmp_path / "run.npz"
-    with zipfile.ZipFile(path, "w") as archive:
-        for key in ROBOT_KEYS:
-            archive.writestr(f"{key}.npy", b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header)
-    with refuses(InputError, "damaged"):
-        read_run.read_run(path)
