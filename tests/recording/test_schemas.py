@@ -1,14 +1,12 @@
 """A recording holds what its own definitions say, for a strict reader and for the one that ROS users have."""
 
 import math
-import struct
 from pathlib import Path
 from typing import Any
 
 import pytest
 from mcap.reader import make_reader
 
-from messages import Facts, refuses
 from recordings import Recorded, record
 from retarget.recording.cdr import schema as definition
 from retarget.recording.topics import EVENTS, FRAMES, GOALS, HUMAN_JOINTS, JOINTS, LANDMARKS, SENSORS
@@ -74,39 +72,6 @@ def test_a_definition_has_all_that_it_needs_and_nothing_else(name: str) -> None:
     for kind, fields in every.items():
         if not kind.startswith("retarget_msgs/"):
             assert STANDARD[kind] == fields, kind
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("std_msgs/Header header\n", "std_msgs/Header"),
-        ("float64 x\n" + "=" * 80 + "\nMSG: a_msgs/B\nfloat64 x\n", ()),
-        ("float64 X\n", ()),
-        ("float64 x\nint8 x\n", ()),
-        ("double x\n", ()),
-        ("float64 x", ()),
-    ],
-)
-def test_the_strict_reader_is_strict(text: str, message: Facts) -> None:
-    with refuses(ValueError, message):
-        parsed("retarget_msgs/msg/X", text)
-
-
-@pytest.mark.parametrize(
-    "data",
-    [
-        struct.pack("<4sB7xd", b"\0\1\0\0", 1, 2.0)[:-1],
-        struct.pack("<4sB7xdB", b"\0\1\0\0", 1, 2.0, 0),
-        struct.pack("<4sBB6xd", b"\0\1\0\0", 1, 1, 2.0),
-        struct.pack("<4sBd", b"\0\1\0\0", 1, 2.0),
-    ],
-    ids=["short", "long", "padding", "not aligned"],
-)
-def test_the_strict_decoder_is_strict(data: bytes) -> None:
-    definition = parsed("retarget_msgs/msg/X", "uint8 a\nfloat64 b\n")
-    assert decoded(definition, struct.pack("<4sB7xd", b"\0\1\0\0", 1, 2.0)) == {"a": 1, "b": 2.0}
-    with refuses(ValueError):
-        decoded(definition, data)
 
 
 def all_messages(path: Path) -> list[tuple[str, str, int, dict[str, Any]]]:

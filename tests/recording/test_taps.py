@@ -1,21 +1,16 @@
 """The taps of a recorder: all values pass through unchanged, and are noted."""
 
-from types import SimpleNamespace
-from typing import Any, cast
-
 import numpy as np
 import pytest
 
-from faulty_bus import FaultKind, FaultyBus, MockFault
-from hardware.bus import ServoGoals
+from faulty_bus import FaultyBus, MockFault
 from hardware.clock import VirtualClock
 from hardware.errors import BusError
 from hardware.guard_state import Stop, StopCause
-from retarget.frames import SensorSample
 from retarget.model.robot import RobotBody, load_robot
 from retarget.recording.cycles import READINGS, Asked, Cycles, Done, Shape
 from retarget.recording.mcap_writer import Level, Ring
-from retarget.recording.taps import STATES_OF_RUN, Note, TappedBus, TappedClock, TappedSamples
+from retarget.recording.taps import STATES_OF_RUN, Note, TappedBus, TappedClock
 from retarget.types import RunState
 from rig import Rig
 
@@ -45,21 +40,6 @@ def events(note: Note) -> list[tuple[int, str, str]]:
     return [(event.cycle, event.who, event.text) for event in note.events]
 
 
-def test_before_it_begins_and_after_it_ends_nothing_is_noted(note: Note) -> None:
-    other = Note()
-    for one in (other, note):
-        if one is note:
-            note.end()
-            note.events.clear()
-        one.before()
-        one.look()
-        one.ask(Asked.OVER)
-        one.say("run", "hello")
-        one.failed("bus", "read", BusError("gone"))
-        one.stopped_outside(None)
-        assert one.ring is None and not one.events and one.rows == 0
-
-
 def test_what_was_asked_is_of_its_cycle(note: Note) -> None:
     note.look()
     note.ask(Asked.APPROACH)
@@ -71,14 +51,6 @@ def test_what_was_asked_is_of_its_cycle(note: Note) -> None:
     note.ask(Asked.OVER)
     asked = [int(bits) for bits in cycles(note).asked]
     assert asked == [Asked.APPROACH, Asked.STOP | Asked.PAUSED | Asked.TORQUE_OFF | Asked.OVER]
-
-
-def test_a_cycle_ends_once_however_often_is_asked(note: Note) -> None:
-    for _ in range(3):
-        note.look()
-        note.before()
-        note.before()
-    assert cycles(note).index.tolist() == [0, 1, 2, 3]
 
 
 def test_a_stop_from_outside_is_distinguished_from_one_before_it(note: Note, rig: Rig) -> None:
@@ -147,11 +119,6 @@ def bus(robot: RobotBody, note: Note, *faults: MockFault) -> TappedBus:
     return tapped
 
 
-def test_the_clock_is_read_as_it_is() -> None:
-    clock = VirtualClock(5.0)
-    assert TappedClock(clock, Note()).now() == 5.0
-
-
 def test_readings_of_the_clock_are_kept_as_far_as_there_is_room(taps_note: Note) -> None:
     clock = VirtualClock(5.0)
     tapped = TappedClock(clock, taps_note)
@@ -163,68 +130,3 @@ def test_readings_of_the_clock_are_kept_as_far_as_there_is_room(taps_note: Note)
     assert taps_note.now == 5.0 + READINGS + 2
     tapped.sleep_until(99.0)
     assert clock.now() == 99.0
-
-
-def test_servos_and_goals_go_through_and_are_kept(robot: RobotBody, taps_note: Note) -> None:
-    tapped = bus(robot, taps_note)
-    states = tapped.read()
-    tapped.write(ServoGoals(states.position + 1))
-    tapped.torque(True)
-    kept = row(taps_note)
-    assert (kept.read[0], kept.written[0]) == (Done.WELL, Done.WELL)
-    for name in ("position", "velocity", "voltage", "temperature", "age", "valid", "driven", "alert", "error"):
-        np.testing.assert_array_equal(getattr(kept, name)[0], getattr(states, name), err_msg=name)
-    np.testing.assert_array_equal(kept.goal[0], states.position + 1)
-    assert [event.text for event in taps_note.events] == ["torque on"]
-    tapped.close()
-
-
-@pytest.mark.parametrize(("kind", "what"), [(FaultKind.READ_FAILS, "read"), (FaultKind.WRITE_FAILS, "write")])
-def test_what_fails_goes_through_too(kind: FaultKind, what: str, robot: RobotBody, taps_note: Note) -> None:
-    tapped = bus(robot, taps_note, MockFault(kind, first=1, cycles=5))
-    goals = ServoGoals(tapped.read().position)
-    with pytest.raises(BusError):
-        tapped.read()
-        tapped.write(goals)
-    kept = row(taps_note)
-    assert (kept.read if what == "read" else kept.written)[0] == Done.FAILED
-    assert [event.who for event in taps_note.events] == [f"bus {what}"]
-
-
-def samples(*said: SensorSample | None) -> Any:
-    return SimpleNamespace(
-        ticks=2,
-        kept=2,
-        dt=0.008,
-        motion_dt=0.004,
-        over=True,
-        settled=0.25,
-        hold_reason="no performer",
-        may_approach=lambda: True,
-        listen=lambda: None,
-        sample=lambda tick: said[tick],
-        recorded=lambda: "all of it",
-    )
-
-
-def test_what_was_followed_is_kept_unchanged(taps_note: Note) -> None:
-    weight = np.array([0.5, 1.0])
-    said = SensorSample(("a", "b"), np.ones((2, 3)), np.full((2, 4), 0.5), np.array([True, False]), weight)
-    tapped = TappedSamples(samples(None, said), taps_note)
-    assert tapped.sample(0) is None and row(taps_note).sampled[0] == Done.FAILED
-    assert tapped.sample(1) is said
-    assert tapped.settled == 0.25 and tapped.over and tapped.may_approach() and tapped.hold_reason == "no performer"
-    kept = row(taps_note)
-    assert (kept.sampled[0], kept.tick[0], kept.settled[0]) == (Done.WELL, 1, 0.25) and kept.weighted[0]
-    np.testing.assert_array_equal(kept.sensor_position[0], said.position)
-    np.testing.assert_array_equal(kept.sensor_weight[0], weight)
-    assert int(kept.asked[0]) == Asked.OVER | Asked.APPROACH
-    assert (tapped.ticks, tapped.kept, tapped.dt, tapped.motion_dt) == (2, 2, 0.008, 0.004)
-    assert cast(object, tapped.recorded()) == "all of it"
-
-
-def test_without_a_ring_all_goes_through_unseen(robot: RobotBody) -> None:
-    note = Note()
-    tapped = bus(robot, note)
-    tapped.write(ServoGoals(tapped.read().position))
-    assert TappedSamples(samples(None), note).sample(0) is None and not note.events

@@ -133,12 +133,3 @@ def test_frames_are_where_the_links_are(robot: RobotBody) -> None:
         solver = robot.body.solver_body()
         place, turn = solver.points(q, [link], np.zeros((1, 3)))[0, 0], solver.orientations(q, [link])[0, 0]
         np.testing.assert_allclose(frames[f"{name}.pose"][0], [*place, *turn[1:], turn[0]], atol=STEP)
-
-
-def test_stamps_are_split_into_seconds_and_the_rest(robot: RobotBody) -> None:
-    rows = cycles(robot, 2)
-    topic = made(robot)[TICK]
-    found = list(topic.messages(rows, np.array([5, 3 * 10**9 + 1])))
-    assert [(index, stamp) for index, stamp, _ in found] == [(0, 5), (1, 3 * 10**9 + 1)]
-    read = np.frombuffer(b"".join(data for _, _, data in found), topic.layout.dtype)
-    assert read["stamp.sec"].tolist() == [0, 3] and read["stamp.nanosec"].tolist() == [5, 1]

@@ -36,7 +36,7 @@ def run(recording: Path, worn: str, tmp_path_factory: pytest.TempPathFactory) ->
     folder = tmp_path_factory.mktemp(worn)
     words = ["run", "--robot", "op3", "--source", recording, "--start", START, "--end", END, "--performer", worn]
     with pytest.raises(SystemExit) as leaving:
-        main([*map(str, words), "--report", str(folder), "--save", str(folder / "run.npz")])
+        main([*map(str, words), "--report", str(folder / "report.json"), "--save", str(folder / "run.npz")])
     assert leaving.value.code == 0
     report = json.loads((folder / "report.json").read_text())
     assert report["stop"] == {"state": "off", "reason": None}
