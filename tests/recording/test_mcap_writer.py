@@ -12,7 +12,7 @@ from mcap.reader import make_reader
 from messages import refuses
 from recordings import record
 from retarget.errors import UsageError
-from retarget.recording.cdr import layout_of, schema
+from retarget.recording.cdr import layout_of
 from retarget.recording.cycles import Cycles, Done, Shape
 from retarget.recording.mcap_writer import (
     Event,
@@ -25,9 +25,9 @@ from retarget.recording.mcap_writer import (
 from retarget.recording.reading import _log_of, read_recording
 from retarget.recording.session import ConfigFile, Session
 from retarget.recording.topics import TICK, Topic, topics
-from ros2_messages import decoded, parsed
+from ros2_messages import decoded
 
-LOG = parsed("rcl_interfaces/msg/Log", schema("rcl_interfaces/msg/Log"))
+LOG = "rcl_interfaces/msg/Log"
 
 
 def event(text: str, *, cycle: int = 3) -> Event:
@@ -39,7 +39,7 @@ def test_any_text_can_be_kept() -> None:
     for text, wanted in (("", ""), ("größer als 90°", "größer als 90°"), ("x" * 5000, "x" * 2000), ("a\udcff", "a?")):
         data = log_message(event(text, cycle=-1), stamp_ns=0)
         message = decoded(LOG, data)
-        assert (message["msg"], message["line"]) == (wanted, 0)
+        assert (message.msg, message.line) == (wanted, 0)
         assert _log_of(data) == ("guard", wanted)
 
 
