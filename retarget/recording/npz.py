@@ -14,14 +14,13 @@ from numpy.typing import NDArray
 
 from retarget.errors import InputError, UsageError
 from retarget.model.body import BodyModel
-from retarget.recording.motion import joints_and_root
-from retarget.run.record import Phase, Record
+from retarget.recording.motion import PHASE_NAMES, joints_and_root
+from retarget.run.record import Record
 from retarget.run.run_result import RunResult
 from retarget.schema.files import check_place, write_atomic, write_stream
 from retarget.types import FloatArray
 
 NO_SERVO = -1
-PHASES = np.array([phase.name.lower() for phase in Phase])
 Arrays = dict[str, NDArray[Any]]
 
 
@@ -67,7 +66,7 @@ def run_arrays(run: RunResult, body: Path) -> Arrays:
     """
     record, human, robot, sent = run.record, run.record.human, run.robot, run.record.robot
     names, asked, reached = run.followed
-    arrays: Arrays = {"time": record.time, "phase": PHASES[record.phase]}
+    arrays: Arrays = {"time": record.time, "phase": np.array(PHASE_NAMES)[record.phase]}
     if robot is None or sent is None:
         arrays |= _moved_body(run.human.body, human.q)
         arrays["goal_ticks"] = np.full(arrays["joint_positions"].shape, NO_SERVO, dtype=np.int64)

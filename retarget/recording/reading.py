@@ -46,8 +46,8 @@ from retarget.recording.topics import (
 from retarget.types import FloatArray
 
 MAGIC = b"\x89MCAP0\r\n"
-MOST_MESSAGES = 2**21
-"""An hour of a robot at 125 Hz."""
+MOST_RECORDS = 2**21
+"""Messages of an hour of a robot at 125 Hz."""
 SCHEMA, CHANNEL, MESSAGE = 0x03, 0x04, 0x05
 """Records in a chunk, by their opcodes."""
 RECORD_HEAD, MESSAGE_HEAD = struct.Struct("<BQ"), struct.Struct("<HI16x")
@@ -99,7 +99,7 @@ class _Found:
     contents: dict[int, bytearray] = field(default_factory=lambda: defaultdict(bytearray))
     texts: dict[tuple[int, str], str] = field(default_factory=dict)
     room: int = MAX_BYTES
-    messages: int = 0
+    records: int = 0
 
 
 def read_recording(path: Path) -> Recording:
@@ -164,13 +164,16 @@ def _take_chunk(chunk: Any, found: _Found) -> None:
         opcode, length = RECORD_HEAD.unpack_from(data, at)
         begin = at + RECORD_HEAD.size
         at = begin + length
-        if at > len(data):
-            raise ValueError("a record is longer than its chunk")
+        found.records += 1
+        if at > len(data) or found.records > MOST_RECORDS:
+            raise ValueError(f"a record is longer than its chunk, or one of more than {MOST_RECORDS}")
         if opcode == CHANNEL:
             channel = Channel.read(ReadDataStream(BytesIO(data[begin:at])))
             found.channels.setdefault(channel.id, channel)
         elif opcode == MESSAGE:
             number, sequence = MESSAGE_HEAD.unpack_from(data, begin)
+            if number not in found.channels:
+                raise ValueError(f"a message of channel {number}, which is not there")
             _take_message(number, sequence, data[begin + MESSAGE_HEAD.size : at], found)
         elif opcode != SCHEMA:
             raise ValueError(f"an unknown record of type {opcode}")
@@ -178,11 +181,7 @@ def _take_chunk(chunk: Any, found: _Found) -> None:
 
 def _take_message(number: int, sequence: int, content: bytes, found: _Found) -> None:
     """Keep a message of a channel; of the log its text, the first of each cycle and who said it."""
-    channel = found.channels.get(number)
-    found.messages += 1
-    if channel is None or found.messages > MOST_MESSAGES:
-        raise ValueError(f"a message without a channel, or more than {MOST_MESSAGES} messages")
-    if "layout" not in channel.metadata:
+    if "layout" not in found.channels[number].metadata:
         who, text = _log_of(content)
         found.texts.setdefault((sequence, who), text)
     else:

@@ -62,7 +62,7 @@ def unpacked(data: bytes) -> PageSetup | Row | str:
     if isinstance(said, str):
         return said
     if "human_mjcf" in said:
-        return PageSetup(**said)
+        return PageSetup(**said | {"sensors": tuple(said["sensors"])})
     arrays = {name: np.array(value) for name, value in said.items() if isinstance(value, list)}
     return Row(**said | arrays | {"landmarks": tuple(said["landmarks"])})
 

@@ -113,12 +113,11 @@ class Figure:
     ) -> None:
         """shrunk: every link by this about its middle, so that it is inside of one that is where it is; then it casts
         no shadow."""
-        self._body, self._links = actor.body.solver_body(), [mesh.link for mesh in actor.meshes]
+        self._body, self._links = actor.body.solver_body(), list(actor.meshes)
         meshes: dict[str, Mesh] = {}
-        for mesh in actor.meshes:
-            middle = 0.5 * (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0))
-            vertices = scale * (middle + shrunk * (mesh.vertices - middle))
-            meshes[actor.body.body_names[mesh.link]] = (vertices, mesh.faces)
+        for link, (vertices, faces) in actor.meshes.items():
+            middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
+            meshes[actor.body.body_names[link]] = (scale * (middle + shrunk * (vertices - middle)), faces)
         self._shapes = Shapes(scene, name, meshes, colour=colour, opacity=opacity, shadow=shrunk == 1.0)
         self.top, self.handles = self._shapes.top, dict(zip(self._links, self._shapes.handles, strict=True))
 

@@ -10,12 +10,13 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hardware.clock import MonotonicClock
 from hardware.errors import RetargetError
+from retarget.model.body_file import compile_body, compile_body_text
 from retarget.model.robot import load_robot
 from retarget.model.scene_shapes import scene_shapes
 from retarget.schema.scene import load_scene
@@ -24,7 +25,7 @@ from retarget.viewer.feed import BUFFER_BYTES, LONGEST_MESSAGE, READY, REFUSED, 
 from retarget.viewer.joint_plot import JointPlot
 from retarget.viewer.page import add_parts, headline, waiting
 from retarget.viewer.server import open_server
-from retarget.viewer.snapshot import Cast, Row, Snapshot, cast_of, obstacles, snapshot_at
+from retarget.viewer.snapshot import Cast, Row, Snapshot, actor, obstacles, snapshot_at
 
 if TYPE_CHECKING:
     import viser
@@ -168,6 +169,16 @@ def _serve(link: socket.socket, page: LivePage, newest: bytes) -> None:
 
 def _cast(setup: PageSetup) -> Cast:
     robot = None if setup.robot is None else load_robot(setup.robot, root=setup.root)
+    human = actor(compile_body_text(setup.human_mjcf, source="human of the run", root="free"))
     shapes = obstacles(scene_shapes(load_scene(setup.scene))) if setup.scene else {}
-    more: dict[str, Any] = {"obstacles": shapes, "simulated": setup.simulated, "sensors": tuple(setup.sensors)}
-    return cast_of("live", setup.human_mjcf, robot, root=setup.root, **more)
+    cast = Cast(None, human, (), (), obstacles=shapes, simulated=setup.simulated, sensors=setup.sensors)
+    if robot is None:
+        return cast
+    return replace(
+        cast,
+        robot=actor(compile_body(robot.profile.body_path, root=setup.root or robot.profile.root)),
+        joints=robot.joint_map.joints,
+        landmarks=tuple(robot.profile.landmarks),
+        profile=robot,
+        columns=robot.servo_columns,
+    )

@@ -25,7 +25,7 @@ from retarget.recording.session import FORMAT, Session
 from retarget.viewer.recorded import open_recorded
 
 GIB = 2**30
-FUZZED = 40
+FUZZED = 25
 """Cases of each kind; tens of thousands by hand, see `fuzz`."""
 
 
@@ -106,6 +106,15 @@ def test_a_packed_file_is_never_unpacked_beyond_its_limit(
         assert tracemalloc.get_traced_memory()[1] < 2**27
     finally:
         tracemalloc.stop()
+
+
+def test_no_more_records_are_read_than_a_run_of_hours_has(
+    content: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("retarget.recording.reading.MOST_RECORDS", 50)
+    path = tmp_path / "run.mcap"
+    path.write_bytes(content)
+    assert "more than 50" in read_recording(path).damage
 
 
 def npy(header: bytes, data: bytes = b"") -> bytes:

@@ -1,12 +1,11 @@
 """Reading a recording: whole, cut anywhere, damaged anywhere, and files that are none."""
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -24,8 +23,7 @@ from retarget.recording.cycles import Done
 from retarget.recording.mcap_writer import METADATA
 from retarget.recording.reading import MAGIC, Recording, TopicRows, played, read_recording
 from retarget.recording.session import FORMAT
-from retarget.recording.topics import GOALS, HUMAN_POSTURE, LANDMARKS, SENSORS, SERVOS, TICK
-from retarget.viewer.recorded import open_recorded
+from retarget.recording.topics import GOALS, HUMAN_POSTURE, SENSORS, SERVOS, TICK
 
 OURS = str(FORMAT)
 
@@ -116,46 +114,6 @@ def test_more_ticks_than_there_can_be_are_refused(run: Recorded) -> None:
     recording = run.played().recording
     with refuses(InputError):
         played(replace(recording, session=recording.session.model_copy(update={"ticks": 1})))
-
-
-def renamed(topic: str, field: str, recording: Recording) -> Recording:
-    """The same bytes, in which a field has another name."""
-
-    def other(rows: TopicRows) -> TopicRows:
-        kind, names = rows.rows.dtype, rows.rows.dtype.names or ()
-        fields: Mapping[str, Any] = kind.fields or {}
-        layout = {
-            "names": [f"no_{name}" if name == field else name for name in names],
-            "formats": [fields[name][0] for name in names],
-            "offsets": [fields[name][1] for name in names],
-            "itemsize": kind.itemsize,
-        }
-        return TopicRows(rows.cycles, rows.rows.view(np.dtype(layout)))  # type: ignore[call-overload]
-
-    return changed(recording, topic, other)
-
-
-@pytest.mark.parametrize(
-    ("topic", "field", "fine"),
-    [
-        (TICK, "root", False),
-        (TICK, "observer_modes", False),
-        (TICK, "human_observer_modes", True),
-        (HUMAN_POSTURE, "q", False),
-        (LANDMARKS, "poses", False),
-    ],
-)
-def test_a_field_that_is_missing_is_one_message_to_its_reader(
-    topic: str, field: str, fine: bool, run: Recorded, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    less = renamed(topic, field, run.played().recording)
-    monkeypatch.setattr(read_run, "read_recording", lambda path: less)
-    for read in (open_recorded, read_run.read_run):
-        if fine:
-            read(run.path)
-        else:
-            with refuses(InputError):
-                read(run.path)
 
 
 def test_a_human_whose_postures_have_no_order_is_exported_as_far_as_it_goes(

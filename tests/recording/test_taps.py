@@ -1,16 +1,21 @@
 """The taps of a recorder: all values pass through unchanged, and are noted."""
 
+from types import SimpleNamespace
+from typing import Any, cast
+
 import numpy as np
 import pytest
 
-from faulty_bus import FaultyBus, MockFault
+from faulty_bus import FaultKind, FaultyBus, MockFault
+from hardware.bus import ServoGoals
 from hardware.clock import VirtualClock
 from hardware.errors import BusError
 from hardware.guard_state import Stop, StopCause
+from retarget.frames import SensorSample
 from retarget.model.robot import RobotBody, load_robot
 from retarget.recording.cycles import READINGS, Asked, Cycles, Done, Shape
 from retarget.recording.mcap_writer import Level, Ring
-from retarget.recording.taps import STATES_OF_RUN, Note, TappedBus, TappedClock
+from retarget.recording.taps import STATES_OF_RUN, Note, TappedBus, TappedClock, TappedSamples
 from retarget.types import RunState
 from rig import Rig
 
@@ -38,6 +43,21 @@ def cycles(note: Note) -> Cycles:
 
 def events(note: Note) -> list[tuple[int, str, str]]:
     return [(event.cycle, event.who, event.text) for event in note.events]
+
+
+def test_before_it_begins_and_after_it_ends_nothing_is_noted(note: Note) -> None:
+    other = Note()
+    for one in (other, note):
+        if one is note:
+            note.end()
+            note.events.clear()
+        one.before()
+        one.look()
+        one.ask(Asked.OVER)
+        one.say("run", "hello")
+        one.failed("bus", "read", BusError("gone"))
+        one.stopped_outside(None)
+        assert one.ring is None and not one.events and one.rows == 0
 
 
 def test_what_was_asked_is_of_its_cycle(note: Note) -> None:
@@ -130,3 +150,54 @@ def test_readings_of_the_clock_are_kept_as_far_as_there_is_room(taps_note: Note)
     assert taps_note.now == 5.0 + READINGS + 2
     tapped.sleep_until(99.0)
     assert clock.now() == 99.0
+
+
+@pytest.mark.parametrize(("kind", "what"), [(FaultKind.READ_FAILS, "read"), (FaultKind.WRITE_FAILS, "write")])
+def test_what_fails_goes_through_too(kind: FaultKind, what: str, robot: RobotBody, taps_note: Note) -> None:
+    tapped = bus(robot, taps_note, MockFault(kind, first=1, cycles=5))
+    goals = ServoGoals(tapped.read().position)
+    with pytest.raises(BusError):
+        tapped.read()
+        tapped.write(goals)
+    kept = row(taps_note)
+    assert (kept.read if what == "read" else kept.written)[0] == Done.FAILED
+    assert [event.who for event in taps_note.events] == [f"bus {what}"]
+
+
+def samples(*said: SensorSample | None) -> Any:
+    return SimpleNamespace(
+        ticks=2,
+        kept=2,
+        dt=0.008,
+        motion_dt=0.004,
+        over=True,
+        settled=0.25,
+        hold_reason="no performer",
+        may_approach=lambda: True,
+        listen=lambda: None,
+        sample=lambda tick: said[tick],
+        recorded=lambda: "all of it",
+    )
+
+
+def test_what_was_followed_is_kept_unchanged(taps_note: Note) -> None:
+    weight = np.array([0.5, 1.0])
+    said = SensorSample(("a", "b"), np.ones((2, 3)), np.full((2, 4), 0.5), np.array([True, False]), weight)
+    tapped = TappedSamples(samples(None, said), taps_note)
+    assert tapped.sample(0) is None and row(taps_note).sampled[0] == Done.FAILED
+    assert tapped.sample(1) is said
+    assert tapped.settled == 0.25 and tapped.over and tapped.may_approach() and tapped.hold_reason == "no performer"
+    kept = row(taps_note)
+    assert (kept.sampled[0], kept.tick[0], kept.settled[0]) == (Done.WELL, 1, 0.25) and kept.weighted[0]
+    np.testing.assert_array_equal(kept.sensor_position[0], said.position)
+    np.testing.assert_array_equal(kept.sensor_weight[0], weight)
+    assert int(kept.asked[0]) == Asked.OVER | Asked.APPROACH
+    assert (tapped.ticks, tapped.kept, tapped.dt, tapped.motion_dt) == (2, 2, 0.008, 0.004)
+    assert cast(object, tapped.recorded()) == "all of it"
+
+
+def test_without_a_ring_all_goes_through_unseen(robot: RobotBody) -> None:
+    note = Note()
+    tapped = bus(robot, note)
+    tapped.write(ServoGoals(tapped.read().position))
+    assert TappedSamples(samples(None), note).sample(0) is None and not note.events

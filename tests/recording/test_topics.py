@@ -1,7 +1,5 @@
 """Cycles as messages: which cycles a topic keeps, when, and what of them."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -18,7 +16,6 @@ from retarget.recording.topics import (
     SERVOS,
     STEP,
     TICK,
-    TRUTH,
     Topic,
     topics,
 )
@@ -53,28 +50,6 @@ def cycles(robot: RobotBody | None, count: int = 40) -> Cycles:
 
 def kept(topic: Topic, rows: Cycles) -> list[int]:
     return [index for index, _, _ in topic.messages(rows, rows.index * 8_000_000)]
-
-
-def test_where_a_simulated_body_really_is_is_kept_if_it_is_known(robot: RobotBody) -> None:
-    rows, names = cycles(robot), ("x", "y", "z")
-    wide = replace(rows, truth=np.arange(120.0).reshape(40, 3))
-    found = {
-        topic.name: topic
-        for topic in topics(
-            replace(shape(robot), truth=3),
-            sensors=NAMES,
-            human_joints=LIMBS,
-            landmarks=MARKS,
-            dt=0.008,
-            robot=robot,
-            truth=names,
-        )
-    }
-    assert TRUTH not in made(robot) and found[TRUTH].names == names
-    said = list(found[TRUTH].messages(wide, wide.index * 8_000_000))
-    assert [index for index, _, _ in said] == kept(found[LANDMARKS], rows)
-    truth = np.frombuffer(b"".join(data for _, _, data in said), dtype=found[TRUTH].layout.dtype)["q"]
-    np.testing.assert_array_equal(truth, wide.truth[[index for index, _, _ in said]])
 
 
 def test_a_human_alone_has_no_servos_and_every_posture() -> None:

@@ -4,6 +4,7 @@ import socket
 import subprocess
 from collections.abc import Callable
 from contextlib import nullcontext
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -22,7 +23,7 @@ from retarget.run.record import HumanRecord, Record, RobotRecord, Timing
 from retarget.run.run_result import Extras
 from retarget.types import RunState
 from retarget.viewer.feed import READY, STOP, PageSetup, ViewFeed, open_feed, unpacked
-from retarget.viewer.live_page import _serve
+from retarget.viewer.live_page import _serve, _setup
 from retarget.viewer.snapshot import Row
 
 TICKS = 50
@@ -151,7 +152,25 @@ def test_it_can_only_stop_and_stays_so() -> None:
     assert run.stop_asked() and run.stop_asked()
 
 
-def test_a_page_is_there_before_the_performer_is_known_and_ends_with_the_run() -> None:
+def test_what_is_asked_before_the_performer_is_known_is_not_lost() -> None:
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    run, setup = ViewFeed(ours, cast(Any, FakeProcess()), address=""), PageSetup(None, None, None, "")
+    run.announce("calibrating")
+    theirs.send(STOP)
+    theirs.send(READY)
+    run.begin(setup, rate_hz=25.0)
+    assert run.stop_asked()
+    opening: Any = SimpleNamespace(state=SimpleNamespace(content=""))
+    assert _setup(theirs, opening) == replace(setup, sensors=()) and "CALIBRATING" in opening.state.content
+    ours.close()
+    assert _setup(theirs, opening) is None, "the run has ended before"
+    run.announce("nobody reads it")
+    with refuses(ConfigError):
+        run.begin(setup, rate_hz=25.0)
+
+
+def test_a_page_is_there_before_the_performer_is_known_and_ends_with_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("retarget.viewer.feed.ENDING_S", 30.0)  # on a machine that has other things to do
     setup = PageSetup(str(op3().profile.path), None, "table", build_human(dimensions(performer())).mjcf)
     with open_feed(0, title="a <b>run</b>") as run:
         assert run.address.startswith("http://127.0.0.1:")
@@ -161,7 +180,13 @@ def test_a_page_is_there_before_the_performer_is_known_and_ends_with_the_run() -
         run.announce("calibrating")
         run.begin(setup, rate_hz=125.0)
         process = run._process
-    assert process.wait(timeout=20.0) == 0
+    assert process.wait(timeout=30.0) == 0
+
+
+def test_a_page_that_dies_at_once_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("retarget.viewer.feed.SAME_CODE", "raise SystemExit(3)")
+    with refuses(ConfigError):
+        open_feed(0, title="")
 
 
 def test_what_the_page_cannot_show_is_refused() -> None:
