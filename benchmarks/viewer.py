@@ -23,7 +23,7 @@ from benchmarks.table import options_of, print_table, write_json
 from hardware.clock import MonotonicClock, thread_cpu
 from retarget.cli.buses import make_bus
 from retarget.cli.exit import StopRequest
-from retarget.cli.view import Viewing, viewing
+from retarget.cli.view import Viewing, opened_page, viewing
 from retarget.human.samples import Playback
 from retarget.run.loop import Watch
 from retarget.run.options import RunOptions
@@ -115,8 +115,10 @@ def looked_at(page: str, prepared: Prepared, options: RunOptions) -> Iterator[tu
         yield Viewing(None), None
         return
     messages: list[str] = []
-    with viewing(0, prepared, options, notify=messages.append) as viewed:
-        feed = viewed._feed
+    with (
+        opened_page(0, options, messages.append) as feed,
+        viewing(feed, prepared, options, notify=messages.append) as viewed,
+    ):
         assert feed is not None
         looker = subprocess.Popen(
             ["nice", "-n", "10", sys.executable, "-m", "benchmarks.looker", feed.address], stdout=subprocess.PIPE

@@ -1,8 +1,8 @@
 """`retarget run`: let a robot, or the virtual human alone, follow a performer, recorded or live."""
 
 import shlex
-from collections.abc import Callable
-from contextlib import AbstractContextManager, ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -29,7 +29,7 @@ from retarget.cli.controls import (
     refuse_oversight,
 )
 from retarget.cli.exit import DONE, STOPPED, StopRequest, detached_screens, stop_on_signals
-from retarget.cli.view import Viewing, viewing
+from retarget.cli.view import Viewing, opened_page, viewing
 from retarget.errors import UsageError
 from retarget.frames import SensorFrames
 from retarget.human.samples import Performance, Playback
@@ -54,7 +54,8 @@ from retarget.run.supervisor import Supervisor
 from retarget.schema.files import remove
 from retarget.schema.performer import Performer
 from retarget.sources.raw_record import RawWriter
-from retarget.types import Notify
+from retarget.types import Notify, RunState
+from retarget.viewer.feed import ViewFeed
 
 # Real-time ticks for a run without a robot, whose side else waits for each tick.
 
@@ -96,6 +97,7 @@ class CommandRun:
             truth=self.bench.truth,
         )
         self.notify = self.recorder.recorded_notify(log)
+        self._feed: ViewFeed | None = None
 
     def prepared(self, perform: Perform, supervisor: Supervisor | None = None) -> AbstractContextManager[Prepared]:
         """The run that can start, with its bus open."""
@@ -109,9 +111,21 @@ class CommandRun:
             supervisor=supervisor,
         )
 
+    @contextmanager
+    def page(self) -> Iterator[None]:
+        """Its page, if it has one, from now on."""
+        with opened_page(self.outputs.view, self.options, self.notify) as self._feed:
+            yield
+
+    def enter(self, supervisor: Supervisor, state: RunState) -> None:
+        """Go on to a state in which nothing moves yet, and show it on the page."""
+        supervisor.enter(state, self.clock)
+        if self._feed is not None:
+            self._feed.announce(state.value)
+
     def viewing(self, prepared: Prepared, words: Callable[[], str] | None = None) -> AbstractContextManager[Viewing]:
-        """Its page, if it has one. words: the present state."""
-        return viewing(self.outputs.view, prepared, self.options, words, truth=self.bench.truth, notify=self.notify)
+        """Its page, if it has one, with robot and performer. words: the present state."""
+        return viewing(self._feed, prepared, self.options, words, truth=self.bench.truth, notify=self.notify)
 
     def play(
         self,
@@ -143,6 +157,7 @@ def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: 
         with run.prepared(performance_of(read, options.playback)) as prepared:
             stop = signals.enter_context(stop_on_signals(moves=True))
             with (
+                run.page(),
                 run.viewing(prepared) as page,
                 run.recorder.recording(prepared, source=source) as recorded,
                 progress_bar(options.robot, prepared.samples.ticks) as show,
@@ -254,13 +269,15 @@ def follow_live(source: str, options: RunOptions, outputs: Outputs, live: Stream
         socket, dead_man = _opened(live.oversight, operator)
         tap = _raw_tap(live.record_raw, address, stack, overwrite=outputs.overwrite)
 
+        stack.enter_context(run.page())
+
         def perform(performer: Performer, robot: RobotBody | None) -> Performance:
             stream = open_stream(
                 address, performer, clock=clock, tap=tap, smoothing=begins.smoothing, latest=begins.latest
             )
             stack.callback(stream.receiver.close)
             begin = partial(begin_live, stream, begins, clock=clock, rate_hz=live_rate_hz(robot), where=address.text)
-            enter = partial(supervisor.enter, clock=clock)
+            enter = partial(run.enter, supervisor)
             return begin(notify=notify, enter=enter, has_deadlines=not options.simulated)
 
         with run.prepared(perform, supervisor) as prepared:
