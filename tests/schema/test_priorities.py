@@ -389,7 +389,7 @@ def test_a_robots_file_moves_no_human() -> None:
     ("robot", "priorities", "message"),
     [
         ("human", "servo", r"servo\.yaml.*names no sensor of a performer"),
-        ("op3", "human", r"human\.yaml: .*l_wrist, r_wrist.*leave --priorities out"),
+        ("op3", "human", r"human\.yaml: .*l_wrist, r_wrist.*leave its priorities out"),
     ],
 )
 def test_the_wrong_file_is_refused(
