@@ -49,8 +49,7 @@ def _call(chosen: list[str], words: list[str]) -> None:
     from retarget.cli.application import application, refuse_renamed, with_values
 
     refuse_renamed(words)
-    panels = bool(chosen) and "--help" in words
-    application(chosen, panels=panels)(args=with_values(words), prog_name="retarget")
+    application(chosen)(args=with_values(words), prog_name="retarget")
 
 
 def _start_fast() -> None:

@@ -238,12 +238,11 @@ class Keys(AbstractContextManager["Keys"]):
 class Oversight:
     """What may stop or hold a live run, and how its ticks are scheduled.
 
-    Live streams:
-        dead_man KEY|pedal:DEVICE: The robot moves only while this key of the terminal, or pedal, is held.
+    Operator of a live stream:
+        dead_man KEY|pedal:FILE: The robot moves only while this key of the terminal, or pedal, is held.
         stop_file FILE: Stop when this file appears.
-        control_socket [PATH]: Be stopped or held by other programs, see `retarget stop`; in XDG_RUNTIME_DIR without a
-            PATH.
-        realtime [PRIORITY]: Real-time priority of the ticks (SCHED_FIFO), 1 to 99; 40 if none is given.
+        control_socket [PATH]: Be stopped or held by `retarget stop` and others.
+        realtime [PRIORITY]: Real-time priority of the ticks, 1 to 99; usually 40.
         core N: The only core on which the ticks run.
     """
 

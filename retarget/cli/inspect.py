@@ -7,7 +7,7 @@ from pydantic import TypeAdapter
 from rich.console import Console
 from rich.table import Table
 
-from retarget.cli.application import FileOptions
+from retarget.cli.application import FileOptions, console
 from retarget.report.motion_summary import MotionSummary, summarise
 
 SHOWN_JUMPS = 8
@@ -26,7 +26,7 @@ def inspect(source: str, file: FileOptions, as_json: bool = False) -> None:
     if as_json:
         typer.echo(TypeAdapter(MotionSummary).dump_json(summary, indent=2).decode())  # what is not finite is null
     else:
-        show(summary, Console())
+        show(summary, console())
 
 
 def show(summary: MotionSummary, console: Console) -> None:

@@ -9,12 +9,20 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from hardware.clock import Clock, MonotonicClock, PacedClock, VirtualClock
 from hardware.guard_state import StopCause
 from hardware.realtime import scheduled
-from retarget.cli.application import FileOptions, Overwrite, given, log, progress_bar, refuse_given
+from retarget.cli.application import (
+    FileOptions,
+    Overwrite,
+    Session,
+    console,
+    given,
+    log,
+    progress_bar,
+    refuse_given,
+)
 from retarget.cli.buses import PhysicsBench
 from retarget.cli.controls import (
     HELP,
@@ -164,7 +172,7 @@ def finished(run: RunResult, outputs: Outputs) -> int:
 
 def _show(report: Report, written: Written) -> None:
     """Show the summary, last of all, because a terminal may be gone or full."""
-    show_summary(report, Console())
+    show_summary(report, console())
     for line in written.lines:
         typer.echo(line)
     for problem in written.problems:
@@ -185,12 +193,11 @@ class StreamOptions:
 
     Live streams:
         countdown S: Time to get into the pose of the calibration; usually 3, and 0 for replay://.
-        person NAME: Keep the performer's size under this name, and use it in later runs.
+        person NAME: Keep the performer's size under this name.
         recalibrate: Measure a --person anew who was measured before.
-        check_sides: Raise your left arm to the front first; it proves sides and axes. Usual, but not for replay://.
-        yes: The sides are known to be right: no --check-sides.
-        smoothing off|light|strong|window: Of the sensors: by a One-Euro filter, or by the mean of a window, which
-            delays by 60 ms.
+        check_sides: Raise your left arm to the front first: it proves sides and axes. Usual, but not for replay://.
+        yes: The sides are known to be right: no check.
+        smoothing WAY: Of the sensors: off, light, strong (One-Euro filters), window (a mean: delays by 60 ms).
         latest: The newest poses at once, without a playout buffer.
         record_raw FILE: Keep every datagram, for replay://.
     """
@@ -353,24 +360,37 @@ def run(
     plots: Path | None = None,
     view: Annotated[
         int | None,
-        typer.Option(help="Show the run on a web page of this machine.", metavar="[PORT]", min=0, max=65535),
+        typer.Option(
+            help="Show it on a web page of this machine.",
+            metavar="[PORT]",
+            min=0,
+            max=65535,
+            rich_help_panel="Results",
+        ),
     ] = None,
     record: Path | None = None,
     overwrite: Overwrite = False,
+    session: Session = None,
 ) -> None:
     """Let a robot follow a performer, recorded or live, and say how well it did.
 
-    Exit code 0: done; 1: stopped by the guard or by Ctrl-C, or a file not written; 2: refused before anything
-    moved; 130: Ctrl-C before anything moved.
+    Examples:
+        retarget run --robot op3 --source sample --view
+        retarget run --robot op3 --source vmc://:39539 --bus profile
+        retarget run session.yaml --speed 0.5
 
-    Options:
-        source FILE|sample|ADDRESS: Motion file of the performer (AMC, BVH or C3D), 'sample', which comes with the
-            program, or a live stream: vmc://:39539, mvn://:9763, natnet://HOST, json://:14150, replay://FILE.
+    Exit code 0: done, 1: stopped by the guard or by Ctrl-C, or a file not written, 2: refused before anything moved.
+
+    Robot:
+        source FILE|ADDRESS: Motion file (AMC, BVH, C3D), 'sample', which comes with the program, or a live stream:
+            vmc://:39539, mvn://:9763, natnet://HOST, json://:14150, replay://FILE.
         no_gate: Send goals unchecked; on simulated servos only.
-        report FILE.json|DIR: Write the numbers of the run; into a folder, with a page.
+
+    Results:
+        report FILE.json|DIR: Write the numbers; into a folder, with a page.
         save FILE.npz: Write every tick, for other tools.
         plots DIR: Write pictures.
-        record FILE.mcap: Keep the run while it goes on, for Foxglove and `retarget replay`.
+        record FILE.mcap: Keep the run as it goes, for `retarget replay`.
     """
     options = replace(options, gate=not no_gate)
     outputs = Outputs.checked(report=report, save=save, plots=plots, record=record, overwrite=overwrite)

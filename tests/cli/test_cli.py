@@ -39,8 +39,17 @@ def test_help_lists_every_command_and_imports_none(capsys: pytest.CaptureFixture
 def test_the_help_of_a_command_has_headings(capsys: pytest.CaptureFixture[str]) -> None:
     assert leave("run", "--help") == DONE
     shown = capsys.readouterr().out
-    heading = shown.index("Live streams")
-    assert shown.index("--report") < heading < shown.index("--dead-man") < shown.index("--realtime")
+    assert shown.index("retarget run session.yaml --speed 0.5") < shown.index("Robot:") < shown.index("--bus NAME|PORT")
+    assert shown.index("Live streams:") < shown.index("--person") < shown.index("Results:") < shown.index("--report")
+    assert max(map(len, shown.splitlines())) > 150, "in a pipe nothing is wrapped"
+
+
+def test_the_help_of_run_fits_two_screens(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    assert leave("run", "--help") == DONE
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) <= 100 and max(map(len, lines)) <= 80
 
 
 def test_module_is_the_command() -> None:
