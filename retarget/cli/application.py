@@ -1,4 +1,4 @@
-"""The commands as typer knows them, and what they share: options, session files, questions, progress, tables."""
+"""The commands as typer knows them, and what they share: options, questions, progress, tables."""
 
 import importlib
 import inspect
@@ -19,7 +19,6 @@ from typer.core import TyperCommand
 import retarget
 from hardware.realtime import USUAL_PRIORITY
 from retarget.errors import UsageError, renamed_to
-from retarget.run.control_socket import USUAL
 from retarget.viewer.server import PORT
 
 if TYPE_CHECKING:
@@ -116,6 +115,8 @@ def _options(
 
 # Options that may stand alone or with a value: typer knows only the second, so the usual value is put in here.
 
+USUAL = "usual"
+"""What `--control-socket` means without a path."""
 USUAL_VALUES = {"--realtime": str(USUAL_PRIORITY), "--control-socket": USUAL, "--view": str(PORT)}
 
 
@@ -281,31 +282,6 @@ def refuse_given(options: Sequence[str], whose: str) -> None:
     """Raise UsageError for options that only a source of another kind has."""
     if options:
         raise UsageError(f"only a {whose} has this", where=", ".join(options), next_step="Leave it out")
-
-
-# A session file: options from a YAML file.
-
-
-def _read_session(context: typer.Context, session: str | None) -> str | None:
-    """Take the options of a session file wherever the command line has none."""
-    if session is not None:
-        from retarget.cli.session import session_options
-
-        context.default_map = session_options(session)
-    return session
-
-
-Session = Annotated[
-    str | None,
-    typer.Argument(
-        help="File of options; those typed here win.",
-        metavar="SESSION.yaml",
-        show_default=False,
-        callback=_read_session,
-        is_eager=True,
-    ),
-]
-"""The session file of a command."""
 
 
 # What is said to the operator: on stderr, so that a pipe gets results alone.

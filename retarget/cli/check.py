@@ -211,9 +211,11 @@ def _scene(path: Path) -> str:
 
 
 def _session(path: Path) -> str:
+    from retarget.cli.application import command_of
+    from retarget.cli.run import run
     from retarget.cli.session import session_options
 
-    options = session_options(path)
+    options = session_options(path, command_of(run))
     return _paragraph("session", None, path, {name: str(value) for name, value in options.items()})
 
 

@@ -90,8 +90,8 @@ def _problem(model: type[BaseModel], detail: ErrorDetails, document: Document) -
         return document.problem(key_path, "missing key", next_step=f"Add {str(key_path[-1])!r}")
     if kind in _BOUNDS:
         what, allowed = _BOUNDS[kind]
-        found, allowed = _shown(_value_at(document.data, key_path)), allowed.format(**detail["ctx"])
-        return document.problem(key_path, what, found=found, allowed=allowed)
+        shown, allowed = _shown(_value_at(document.data, key_path)), allowed.format(**detail["ctx"])
+        return document.problem(key_path, what, found=shown, allowed=allowed)
     expected = message.removeprefix("Input should be ").removeprefix("a valid ")
     expected = _PLAIN_WORDS.get(expected.split(" or instance of ")[0], expected)
     if kind == "union_tag_invalid":
