@@ -112,7 +112,7 @@ class _Writer(Handler):
         super().__init__()
         self._screen = screen
 
-    def createLock(self) -> None:  # noqa: N802 - of `logging`
+    def createLock(self) -> None:
         """None: `logging` takes it at the end of the process, while the thread may hang."""
         self.lock = None
 
