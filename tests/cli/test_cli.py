@@ -10,17 +10,11 @@ from collections.abc import Callable
 import pytest
 
 import retarget
+from command_line import code_of as leave
 from hardware.errors import RetargetError, TorqueError
 from messages import shows
 from retarget import cli
 from retarget.cli.exit import DEFECT, DONE, INTERRUPTED, REFUSED, STOPPED, exit_code_of
-
-
-def leave(*words: str) -> int:
-    with pytest.raises(SystemExit) as leaving:
-        cli.main(words)
-    assert isinstance(leaving.value.code, int)
-    return leaving.value.code
 
 
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:
@@ -72,16 +66,6 @@ def test_every_command_is_documented(name: str) -> None:
     word = cli.FILES.get(name, name.replace("-", "_"))
     function = getattr(importlib.import_module(f"retarget.cli.{word}"), word)
     assert inspect.getdoc(function)
-
-
-def test_an_unknown_command_is_refused_with_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
-    assert leave("inspekt") == REFUSED
-    shows(capsys.readouterr().err)
-
-
-def test_an_unknown_option_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    assert leave("robots", "--colour") == REFUSED
-    assert "--colour" in capsys.readouterr().err
 
 
 def test_a_refusal_is_one_message_without_traceback(capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from command_line import code_of
 from messages import shows
-from retarget.cli import main
 from retarget.cli import run as run_module
 from retarget.cli.exit import DONE, REFUSED
 from retarget.schema.catalogue import Kind, entries
@@ -37,12 +37,6 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> dict[str, object]:
 
     monkeypatch.setattr(run_module, "follow_live", follow)
     return found
-
-
-def code_of(*words: str | Path) -> int:
-    with pytest.raises(SystemExit) as left:
-        main([*map(str, words)])
-    return int(left.value.code or 0)
 
 
 def test_each_key_is_an_option_and_the_command_line_wins(

@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from hardware.clock import MonotonicClock
-from messages import shows
 from retarget.cli import main
 from retarget.cli.controls import WORDS, Asked, ControlSocket, LiveStatus
 
@@ -55,9 +54,3 @@ def test_a_run_receives_the_word(
     server.close()
     assert found[0] == code and said in found[1]
     assert asked == ([Asked.TORQUE_OFF if words else Asked.STOP] if known else [])
-
-
-def test_no_run_listens(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code, said = run(capsys, "--socket", str(tmp_path / "control"))
-    assert code == 2
-    shows(said, "--control-socket")
