@@ -284,10 +284,8 @@ def follow_live(source: str, options: RunOptions, outputs: Outputs, live: Stream
         with run.prepared(perform, supervisor) as prepared:
             stop, performer = stack.enter_context(stop_on_signals(moves=True)), prepared.samples
             assert isinstance(performer, LivePerformer)
-            keyboard = Keyboard(dead_man=dead_man if isinstance(dead_man, HeldKey) else None)
-            stack.callback(keyboard.close)
             controls = LiveControls(
-                [keyboard, *devices],
+                [_keyboard(dead_man, stack), *devices],
                 stop,
                 performer,
                 clock=clock,
@@ -295,7 +293,6 @@ def follow_live(source: str, options: RunOptions, outputs: Outputs, live: Stream
                 machine=prepared.machine,
                 dead_man=dead_man is not None,
             )
-            _show_keys(dead_man)
             page = stack.enter_context(run.viewing(prepared, controls.words))
             look = page.with_stop_button(controls.look, stop)
             _wait_until_engaged(controls, look, performer, clock)
@@ -352,12 +349,15 @@ def _opened(
     return opened, dead_man
 
 
-def _show_keys(dead_man: HeldKey | Pedal | None) -> None:
-    """Say which keys do what."""
+def _keyboard(dead_man: HeldKey | Pedal | None, stack: ExitStack) -> Keyboard:
+    """The keyboard, open until `stack` closes; says which keys do what."""
+    keyboard = Keyboard(dead_man=dead_man if isinstance(dead_man, HeldKey) else None)
+    stack.callback(keyboard.close)
     if has_terminal():
         log(HELP)
     if dead_man is not None:
         log(f"hold {dead_man.label}: the robot moves only while it is held")
+    return keyboard
 
 
 def _wait_until_engaged(
