@@ -250,6 +250,7 @@ SERVOS_WRONG: dict[str, list[tuple[str, str]]] = {
     "current of a model": [head(extra=", current: 1.0", model="XL430-W250")],
     "homing offset": [head(extra=", homing_offset: 1025")],
     "travel": [("zero_tick: 2048", "zero_tick: 5000")],
+    "id twice": [("ids: [1, 2,", "ids: [1, 1, 2,")],
     "protocol": [("protocol: 2", "protocol: 1")],
     "baud": [("baud: 2000000", "baud: 1500000")],
     "baud of a model": [("baud: 2000000", "baud: 4500000"), head(model="XL330-M288")],
