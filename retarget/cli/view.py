@@ -82,7 +82,6 @@ class Viewing:
         def either() -> bool:
             if feed.stop_asked() and not stop():
                 stop.ask(ON_THE_PAGE)
-                self._notify(f"{ON_THE_PAGE}: stopping")
             return asked()
 
         return either

@@ -18,7 +18,7 @@ from hardware.guard_state import StopCause
 from messages import refuses, shows, shows_lines
 from retarget.cli import main
 from retarget.cli.buses import AFTER_FALL_S, PhysicsBench, make_bus, standing_ticks
-from retarget.cli.exit import DONE, REFUSED, STOPPED
+from retarget.cli.exit import DONE, STOPPED
 from retarget.cli.run import finished, follow_clip
 from retarget.errors import ConfigError, UsageError
 from retarget.frames import SensorFrames
@@ -328,23 +328,3 @@ def test_a_live_run_is_watched_too(shared: Path, capsys: pytest.CaptureFixture[s
         main(["run", "--robot", "op3", "--source", source, "--countdown", "0", "--end", "0.1", "--bus", "physics"])
     assert left.value.code == DONE
     shows_lines(capsys.readouterr().out, re.compile(r"^physics\b"))
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (("--bus", "physics", "--mount", "gantry"), "no hook point"),
-        (("--bus", "physics", "--mount", "wall"), "unknown mount"),
-        (("--bus", "mock", "--perturb", "push"), "only a robot with mass"),
-    ],
-)
-def test_what_cannot_be_simulated_is_refused(
-    words: tuple[str, ...], said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def short(*_: object, **__: object) -> SensorFrames:
-        return synthetic_performer().cut(0.0, 0.2)
-
-    monkeypatch.setattr("retarget.sources.open.open_source", short)
-    with pytest.raises(SystemExit) as left:
-        main(["run", "--robot", "op3", "--source", "a.amc", *words])
-    assert left.value.code == REFUSED and said in capsys.readouterr().err
