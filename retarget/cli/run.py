@@ -189,8 +189,7 @@ class StreamOptions:
         recalibrate: Measure a --person anew who was measured before.
         check_sides: Raise your left arm to the front first; it proves sides and axes. Usual, but not for replay://.
         yes: The sides are known to be right: no --check-sides.
-        smoothing off|light|strong|window: Of the sensors: by a One-Euro filter, or by the mean of a window, which
-            delays by 60 ms.
+        smoothing off|light|strong: Of the sensors, by a One-Euro filter.
         latest: The newest poses at once, without a playout buffer.
         record_raw FILE: Keep every datagram, for replay://.
     """

@@ -7,7 +7,7 @@ import numpy as np
 from retarget._solver import PoseFilter, PoseParts
 from retarget.live.admission import MOST_PER_POLL, TOO_MANY, Admission, Datagram, Receiver
 from retarget.live.clock_map import ClockMap
-from retarget.live.playout import Playout, WindowFilter
+from retarget.live.playout import Playout
 from retarget.live.raw_recording import RawTap
 from retarget.live.roles import Roles, SensorPoses
 from retarget.live.sensor_validity import SensorValidity, StateArray, ValidityState
@@ -69,7 +69,7 @@ class LiveStream:
         clock_map: ClockMap,
         validity: SensorValidity,
         playout: Playout,
-        smooth: PoseFilter | WindowFilter | None = None,
+        smooth: PoseFilter | None = None,
         tap: RawTap | None = None,
     ) -> None:
         self.receiver, self.decoder, self.roles = receiver, decoder, roles

@@ -1,6 +1,5 @@
 """Smoothing by name: trembling is halved, motion is hardly late."""
 
-from dataclasses import dataclass
 from math import nan, pi
 
 import numpy as np
@@ -12,111 +11,8 @@ from messages import refuses
 from retarget import rotations
 from retarget._solver import PoseFilter
 from retarget.errors import UsageError
-from retarget.live.playout import (
-    SMOOTHINGS,
-    Cutoffs,
-    WindowFilter,
-    pose_filter,
-)
+from retarget.live.playout import SMOOTHINGS, Cutoffs, pose_filter
 from retarget.types import FloatArray
-
-LENGTH = 0.120
-COUNT = 5
-
-
-@dataclass(frozen=True)
-class Smoothed:
-    """Poses (k, 3), (k, 4), and the time (k,) at which they hold."""
-
-    time: FloatArray
-    position: FloatArray
-    orientation: FloatArray
-
-
-def run(times: FloatArray, position: FloatArray, orientation: FloatArray) -> list[Smoothed]:
-    """The results after each of n poses (n, k, 3), (n, k, 4) at times (n). One more sensor shows the time."""
-    count = position.shape[1]
-    smoother, found = WindowFilter(count + 1, length=LENGTH), []
-    for time, p, q in zip(times, position, orientation, strict=True):
-        placed, turned = smoother.step(
-            np.full(count + 1, time), np.vstack([p, np.full(3, time)]), np.vstack([q, q[:1]])
-        )
-        found.append(Smoothed(np.full(count, placed[-1, 0]), placed[:-1], turned[:-1]))
-    return found
-
-
-@settings(max_examples=15)
-@given(st.integers(0, 2**32 - 1))
-def test_even_motion_is_exact_at_the_time_of_the_mean(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    times = 10.0 + np.cumsum(rng.uniform(0.002, 0.02, 80))
-    place, speed = rng.normal(size=(2, COUNT, 3))
-    spin, start = rng.normal(size=(COUNT, 3)), rotations.normalise(rng.normal(size=(COUNT, 4)))
-    signs = rng.choice([-1.0, 1.0], (80, COUNT, 1))
-
-    def turned(time: FloatArray) -> FloatArray:
-        return rotations.multiply(rotations.from_rotation_vector(time * spin), start)
-
-    found = run(
-        times,
-        np.array([place + t * speed for t in times]),
-        signs * np.array([turned(np.array([[t]])) for t in times]),
-    )
-    before = np.full(COUNT, -np.inf)
-    for now, smooth in zip(times, found, strict=True):
-        assert smooth.position == pytest.approx(place + smooth.time[:, None] * speed, abs=1e-9)
-        # Uneven weights on an arc: an error of third order in the angle of the window.
-        assert rotations.angle_between(smooth.orientation, turned(smooth.time[:, None])).max() < 1e-3
-        assert (smooth.time > before).all() and (smooth.time <= now + 1e-12).all()
-        before = smooth.time
-    assert (np.abs(times[-1] - found[-1].time - 0.5 * LENGTH) < 0.015).all()
-
-
-def test_nothing_goes_beyond_a_step_and_what_stands_stays() -> None:
-    times = np.linspace(1.0, 1.99, 100)
-    step = np.where(np.arange(100)[:, None, None] < 50, 0.0, 1.0) * np.ones((100, COUNT, 3))
-    orientation = np.tile(rotations.normalise([0.5, -0.5, 0.1, 0.3]), (100, COUNT, 1))
-    found = run(times, step, orientation)
-    track = np.array([smooth.position for smooth in found])
-    assert track.min() >= 0.0 and track.max() <= 1.0 + 1e-12
-    assert (np.diff(track, axis=0) >= -1e-12).all()
-    assert track[-1] == pytest.approx(np.ones((COUNT, 3))) and (track[49] == 0.0).all()
-    assert track[56].mean() == pytest.approx(0.5, abs=0.15)
-    assert max(float(rotations.angle_between(s.orientation, orientation[0]).max()) for s in found) < 1e-7
-
-
-def test_it_smooths() -> None:
-    rng = np.random.default_rng(1)
-    noise = rng.normal(size=(300, COUNT, 3))
-    orientation = rotations.from_rotation_vector(0.05 * rng.normal(size=(300, COUNT, 3)))
-    found = run(np.linspace(1.0, 3.99, 300), noise, orientation)[20:]
-    assert np.std([s.position for s in found]) < 0.45
-    assert np.mean([rotations.angle_between(s.orientation, rotations.IDENTITY) for s in found]) < 0.45 * 0.08
-
-
-def test_turning_the_world_turns_the_result() -> None:
-    rng = np.random.default_rng(2)
-    times = 1.0 + np.cumsum(rng.uniform(0.002, 0.02, 50))
-    position = rng.normal(size=(50, COUNT, 3))
-    orientation = rotations.from_rotation_vector(0.3 * rng.normal(size=(50, COUNT, 3)))
-    world = rotations.normalise([0.1, 0.4, -0.8, 0.3])
-    plain = run(times, position, orientation)
-    turned = run(times, rotations.rotate(world, position), rotations.multiply(world, orientation))
-    for a, b in zip(plain, turned, strict=True):
-        assert np.abs(rotations.rotate(world, a.position) - b.position).max() < 1e-9
-        assert rotations.angle_between(rotations.multiply(world, a.orientation), b.orientation).max() < 1e-6
-
-
-def test_rows_without_news_are_not_taken() -> None:
-    smoother = WindowFilter(3, length=LENGTH)
-    one = np.tile(rotations.IDENTITY, (3, 1))
-    smoother.step(np.full(3, 1.0), np.zeros((3, 3)), one)
-    found = smoother.step(np.array([1.0, np.nan, 1.02]), np.ones((3, 3)), one)[0]
-    assert found[:, 0] == pytest.approx([0.0, 0.0, 0.5])
-    for i in range(100):
-        found = smoother.step(np.full(3, 2.0 + 0.0001 * i), np.full((3, 3), float(i)), one)[0]
-    assert found[0, 0] == pytest.approx(99 - 31.5, abs=0.2)  # of 64 poses
-
 
 SETTINGS: Cutoffs = (1.0, 0.5, 1.0)
 
@@ -311,7 +207,6 @@ def test_what_is_off_is_left_and_what_is_missing_waits() -> None:
 
 
 RATE = 100.0
-NOTHING = np.full((1, 4), np.nan)
 
 
 def smoothed(name: str, track: FloatArray) -> FloatArray:
@@ -338,43 +233,3 @@ def test_trembling_at_rest_is_halved_and_a_moving_hand_is_hardly_late() -> None:
 def test_an_unknown_name_is_refused() -> None:
     with refuses(UsageError, found="'ligth'"):
         pose_filter("ligth", 1)
-
-
-UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
-
-
-def window_filter_run(made: WindowFilter, x: FloatArray, begin: float = 0.0) -> FloatArray:
-    """Positions (T,) of a sensor without orientation, beside one with nothing else."""
-    found = []
-    for k, at in enumerate(x):
-        position, orientation = np.array([[at, 0.0, 1.0], [np.nan] * 3]), np.array([[np.nan] * 4, UPRIGHT])
-        placed, turned = made.step(np.full(2, begin + k / RATE), position, orientation)
-        assert np.isnan(placed[1]).all() and np.isnan(turned[0]).all()
-        np.testing.assert_allclose(turned[1], UPRIGHT, atol=1e-12)
-        found.append(placed[0, 0])
-    return np.array(found)
-
-
-def test_an_even_motion_is_half_a_window_late_and_noise_is_less() -> None:
-    time = np.arange(300) / RATE
-    late = time - window_filter_run(WindowFilter(2), time)
-    np.testing.assert_allclose(late[20:], 0.06, atol=1e-6)
-    assert late[0] == 0.0 and np.diff(late).max() < 0.01
-    noise = np.random.default_rng(1).normal(0.0, 0.001, 500)
-    assert np.std(window_filter_run(WindowFilter(2), noise)[50:]) < 0.5 * np.std(noise)
-
-
-def test_a_row_that_is_reset_begins_where_it_is() -> None:
-    made = WindowFilter(2)
-    window_filter_run(made, np.zeros(50))
-    made.reset(np.array([True, False]))
-    assert window_filter_run(made, np.ones(1), begin=0.5)[0] == 1.0
-
-
-def test_a_turn_that_comes_later_is_taken_as_it_is() -> None:
-    made, at = WindowFilter(1), np.array([[1.0, 2.0, 3.0]])
-    made.step(np.array([0.0]), at, np.full((1, 4), np.nan))
-    side = np.array([[0.0, 0.0, 0.0, 1.0]])
-    placed, turned = made.step(np.array([0.01]), at, side)
-    np.testing.assert_allclose(placed, at)
-    np.testing.assert_allclose(np.abs(turned), side)
