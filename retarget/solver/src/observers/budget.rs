@@ -164,13 +164,6 @@ impl Watch {
         }
     }
 
-    /// Nothing is known of a pair any more.
-    pub(super) fn forget(&mut self, k: usize) {
-        let state = &mut self.pairs[k];
-        (state.at_least, state.at_most) = (f64::NEG_INFINITY, f64::INFINITY);
-        (state.mode, state.side, state.first_side) = (Mode::Free, Side::Free, Side::Free);
-    }
-
     fn between(&mut self, k: usize, at_start: bool) -> Nearest {
         let (a, b) = self.sides(k, at_start);
         let (a, b) = (*a, *b);

@@ -8,15 +8,6 @@ use crate::geometry::{gap_at_least, nearest};
 use crate::kinematics::Pose;
 
 impl Watch {
-    /// Nothing is known of the posture.
-    pub fn reset(&mut self) {
-        for k in 0..self.pairs.len() {
-            self.forget(k);
-        }
-        self.expected.fill(0.0);
-        self.tally.restart();
-    }
-
     /// A frame of `dt` s in `n_ik` iterations begins in this posture.
     pub fn begin(&mut self, pose: &Pose, dt: f64, n_ik: usize) {
         (self.dt, self.iteration) = (dt, 1.0 / n_ik as f64);

@@ -1,4 +1,4 @@
-//! What an observer is doing, and how often that changes.
+//! What an observer is doing.
 
 /// Deeper than this (m) is contact: rounding is not.
 pub const CONTACT: f64 = 1e-4;
@@ -23,55 +23,5 @@ impl Mode {
             (_, true) => Self::Preventive,
             _ => Self::Free,
         }
-    }
-}
-
-/// Modes of observers from frame to frame.
-#[derive(Clone, Debug)]
-pub struct Tally {
-    /// Of the frame that runs, and of the last one.
-    now: Vec<Mode>,
-    pub last: Vec<Mode>,
-    /// Frames that ended in another mode than the one before, and frames spent in each mode that acts, per observer.
-    pub switches: Vec<u64>,
-    pub preventive: Vec<u64>,
-    pub reactive: Vec<u64>,
-    /// No frame has ended since the start: what comes first is no change.
-    fresh: bool,
-}
-
-impl Tally {
-    pub fn new(observers: usize) -> Self {
-        Self {
-            now: vec![Mode::Free; observers],
-            last: vec![Mode::Free; observers],
-            switches: vec![0; observers],
-            preventive: vec![0; observers],
-            reactive: vec![0; observers],
-            fresh: true,
-        }
-    }
-
-    /// Forget the modes, not the counts.
-    pub fn restart(&mut self) {
-        self.last.fill(Mode::Free);
-        self.now.fill(Mode::Free);
-        self.fresh = true;
-    }
-
-    pub fn note(&mut self, observer: usize, mode: Mode) {
-        self.now[observer] = self.now[observer].max(mode);
-    }
-
-    pub fn end_frame(&mut self) {
-        for k in 0..self.now.len() {
-            let mode = self.now[k];
-            self.switches[k] += u64::from(mode != self.last[k] && !self.fresh);
-            self.preventive[k] += u64::from(mode == Mode::Preventive);
-            self.reactive[k] += u64::from(mode == Mode::Reactive);
-            self.last[k] = mode;
-            self.now[k] = Mode::Free;
-        }
-        self.fresh = false;
     }
 }

@@ -101,19 +101,6 @@ impl Stage {
         }
     }
 
-    /// World position and orientation of the root link when joints have these values, the sole planted that is in posture `q`.
-    pub fn root(&mut self, q: &[f64], values: &[f64], root: usize) -> (Vec3, Quat) {
-        let mut way = Way::default();
-        way.load(values, self.columns.len());
-        self.stand(q);
-        self.place(&way, 0.0);
-        let (position, quat) = (self.pose.position[root], self.pose.quat[root]);
-        let Some(&(link, _)) = self.soles.get(self.planted) else { return (position, quat) };
-        let turn = quat_mul(self.foot.1, quat_conj(self.pose.quat[link]));
-        let moved = add(self.foot.0, quat_rotate(turn, sub(position, self.pose.position[link])));
-        (moved, quat_unit(quat_mul(turn, quat)))
-    }
-
     /// A distance that the pair is not below.
     pub fn gap(&self, pair: usize) -> f64 {
         let (a, b) = self.both(pair);

@@ -1,7 +1,7 @@
 //! The observers of one solver at work: what is known of each pair, and how near it may come.
 
 use super::law::{damped_floor, damping_share, way_out};
-use super::modes::{Mode, Tally};
+use super::modes::Mode;
 use super::set::{Mover, ObserverSet, ObstaclePose, Other};
 use super::task::{Activation, ObserverTask};
 use crate::geometry::{gap_at_least, nearest, Nearest, Scratch, Solid};
@@ -55,7 +55,9 @@ pub struct Watch {
     pub pairs: Vec<PairState>,
     /// Pairs within influence in the posture looked at last.
     pub near: Vec<usize>,
-    pub tally: Tally,
+    /// What each observer did in the last frame, and in the one that runs so far.
+    pub modes: Vec<Mode>,
+    modes_now: Vec<Mode>,
     /// Violation of each task's rows, m.
     pub violation: Vec<f64>,
     pub(super) dt: f64,
@@ -113,7 +115,8 @@ impl Watch {
             present: vec![false; set.obstacles.len()],
             pairs: vec![pair; set.pairs.len()],
             near: Vec::with_capacity(set.pairs.len()),
-            tally: Tally::new(set.observers.len()),
+            modes: vec![Mode::Free; set.observers.len()],
+            modes_now: vec![Mode::Free; set.observers.len()],
             violation: vec![0.0; tasks.len()],
             dt: 0.0,
             iteration: 1.0,
@@ -129,13 +132,31 @@ impl Watch {
         }
     }
 
+    /// Nothing is known of the posture.
+    pub fn reset(&mut self) {
+        for k in 0..self.pairs.len() {
+            self.forget(k);
+        }
+        self.expected.fill(0.0);
+        self.modes.fill(Mode::Free);
+        self.modes_now.fill(Mode::Free);
+    }
+
+    /// Nothing is known of a pair any more.
+    pub(super) fn forget(&mut self, k: usize) {
+        let state = &mut self.pairs[k];
+        (state.at_least, state.at_most) = (f64::NEG_INFINITY, f64::INFINITY);
+        (state.mode, state.side, state.first_side) = (Mode::Free, Side::Free, Side::Free);
+    }
+
     /// Obstacles go on to where they are when the frame ends, in which coordinates went by `done`.
     pub fn finish(&mut self, done: &[f64]) {
         self.expected.copy_from_slice(done);
         for obstacle in &mut self.obstacles {
             *obstacle = obstacle.after(self.dt);
         }
-        self.tally.end_frame();
+        self.modes.copy_from_slice(&self.modes_now);
+        self.modes_now.fill(Mode::Free);
     }
 
     /// An obstacle comes nearer iteration by iteration, so that none may be left out.
@@ -190,9 +211,10 @@ impl Watch {
 
     /// Both observers of a pair are in this mode.
     pub(super) fn note(&mut self, pair: usize, mode: Mode) {
-        self.tally.note(self.set.pairs[pair].observer, mode);
-        if let Other::Observer(other) = self.set.pairs[pair].other {
-            self.tally.note(other, mode);
+        let pair = &self.set.pairs[pair];
+        self.modes_now[pair.observer] = self.modes_now[pair.observer].max(mode);
+        if let Other::Observer(other) = pair.other {
+            self.modes_now[other] = self.modes_now[other].max(mode);
         }
     }
 

@@ -1,10 +1,10 @@
 //! `Task` for Python.
 
-use super::arrays::bad;
+use super::arrays::{bad, Numbers};
 use crate::math::quat_unit;
 use crate::observers::ObserverTask;
 use crate::task::{Task, TaskKind};
-use numpy::PyReadonlyArray1;
+
 use pyo3::prelude::*;
 
 const MOST_OBSERVERS: usize = 10_000;
@@ -116,7 +116,7 @@ impl PyTask {
 
     #[staticmethod]
     #[pyo3(signature = (weight, *, gain=1.0, max_error=0.3))]
-    fn posture(weight: PyReadonlyArray1<'_, f64>, gain: f64, max_error: f64) -> PyResult<Self> {
+    fn posture(weight: Numbers<'_>, gain: f64, max_error: f64) -> PyResult<Self> {
         make(TaskKind::Posture, weight.as_slice()?.to_vec(), gain, max_error, None)
     }
 }
