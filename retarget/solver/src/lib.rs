@@ -1,8 +1,6 @@
 //! retarget._solver: kinematics, strict hierarchies, whole frames; and filters for streams of poses. It uses no file, no clock, no
 //! servo. `use` runs one way between the files here (`tests/test_arrows_rust.py`).
 
-#[cfg(feature = "count-allocations")]
-pub mod allocations; // heap allocations of a thread, counted for tests
 mod assemble; // the linear problem of one iteration
 mod avoid; // observers inside the convergence loop
 pub mod body; // links and joints

@@ -62,3 +62,31 @@ impl Knots {
         Zero::At(flat.map_or(self.length, |(first, last)| 0.5 * (first + last)))
     }
 }
+
+/// The zero of a slope that rises from `falling` at `low` to `rising` at `high`: regula falsi (Illinois). Each step leaves at least
+/// the share `inset` on either side, until the ends are `close`.
+pub fn refined(
+    [mut low, mut high]: [f64; 2],
+    [mut falling, mut rising]: [f64; 2],
+    (inset, close): (f64, f64),
+    slope: impl Fn(f64) -> f64,
+) -> f64 {
+    let mut kept = 0;
+    for _ in 0..60 {
+        let middle = low + (high - low) * (falling / (falling - rising)).clamp(inset, 1.0 - inset);
+        let value = slope(middle);
+        if value == 0.0 || high - low < close {
+            return middle;
+        }
+        if value < 0.0 {
+            (low, falling) = (middle, value);
+            rising *= if kept == 1 { 0.5 } else { 1.0 };
+            kept = 1;
+        } else {
+            (high, rising) = (middle, value);
+            falling *= if kept == -1 { 0.5 } else { 1.0 };
+            kept = -1;
+        }
+    }
+    0.5 * (low + high)
+}

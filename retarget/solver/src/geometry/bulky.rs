@@ -1,13 +1,12 @@
 //! Boxes and cylinders among themselves.
 
-use super::capsule_box::NO_DIRECTION;
-use super::climb::climb;
+use super::capsule_and::NO_DIRECTION;
 use super::contact::{meet, touching, MISS};
 use super::difference::{Best, Difference};
 use super::gjk::{nearest_apart, Apart};
 use super::separating::separating;
-use super::way_out::{flat, way_out};
-use super::{Nearest, Scratch, Solid};
+use super::solid::{Nearest, Scratch, Solid};
+use super::way_out::{climb, flat, way_out};
 use crate::math::{across, add, add_scaled, dot, mat_vec, norm, scale, Vec3};
 
 /// A direction whose gap is not less than this (m) below the distance of points that were found is as good as they are.

@@ -1,6 +1,6 @@
 //! Two capsules (balls, lines): nearest points of two segments, in closed form.
 
-use super::{Nearest, Shape, Solid};
+use super::solid::{Nearest, Shape, Solid};
 use crate::math::{add_scaled, cross, dot, norm, perpendicular, scale, sub, Vec3};
 
 /// Squared sine of the angle below which two segments are parallel.

@@ -6,25 +6,18 @@
 
 mod along;
 mod bulky;
-mod capsule_box;
-mod capsule_cylinder;
+mod capsule_and;
 mod capsules;
-mod climb;
 mod clip;
 mod contact;
 mod difference;
 mod distance;
-mod face;
 mod gjk;
 mod half_space;
-mod nearest;
-mod ridge;
 mod separating;
-mod shape;
-mod simplex;
+mod solid;
 mod way_out;
 
 pub use distance::{gap_at_least, nearest};
 pub use half_space::extreme;
-pub use nearest::{Nearest, Scratch};
-pub use shape::{Shape, Solid};
+pub use solid::{Nearest, Scratch, Shape, Solid};

@@ -11,49 +11,46 @@ compile_twice! {
     /// Lower the targets of damped levels, each by looking at the levels above it alone.
     ///
     /// It starts from no active set at all: that of the solve before depends on what lower levels want.
-    pub fn lower(problem: &mut Problem, work: &mut Work, outcome: &mut Outcome) = lower_any
-}
-
-#[inline(always)]
-fn lower_any<const FMA: bool>(problem: &mut Problem, work: &mut Work, outcome: &mut Outcome) {
-    work.warm_variables.clone_from(&problem.variable_side);
-    work.warm_rows.clone_from(&problem.row_side);
-    for side in problem.variable_side.iter_mut().chain(&mut problem.row_side) {
-        if *side != Side::Both {
-            *side = Side::Free;
+    pub fn lower(problem: &mut Problem, work: &mut Work, outcome: &mut Outcome) {
+        work.warm_variables.clone_from(&problem.variable_side);
+        work.warm_rows.clone_from(&problem.row_side);
+        for side in problem.variable_side.iter_mut().chain(&mut problem.row_side) {
+            if *side != Side::Both {
+                *side = Side::Free;
+            }
         }
-    }
-    let damped_end = problem.damping.iter().rposition(|d| *d > 0.0).map_or(0, |k| k + 1);
-    work.factor.start_path(problem);
-    outcome.factorizations += 1;
-    for k in 0..damped_end {
-        let rows = problem.level(k);
-        work.asked.clear();
-        work.asked.extend_from_slice(&problem.lower[rows.clone()]);
-        for round in 1..=MOST_STOPS {
-            if problem.damping[k] > 0.0 {
-                work.factor.add_damped_level::<FMA>(problem, k);
-            } else {
-                work.factor.add_path_level::<FMA>(problem, k);
-            }
-            if round == MOST_STOPS || !hold_what_stops::<FMA>(problem, work.factor.path(), rows.end) {
-                break;
-            }
-            // Again with what was met held. What the levels above ask for stays.
-            for (r, asked) in rows.clone().zip(&work.asked) {
-                if problem.row_side[r] == Side::Both {
-                    problem.lower[r] = *asked;
-                    problem.upper[r] = *asked;
+        let damped_end = problem.damping.iter().rposition(|d| *d > 0.0).map_or(0, |k| k + 1);
+        work.factor.start_path(problem);
+        outcome.factorizations += 1;
+        for k in 0..damped_end {
+            let rows = problem.level(k);
+            work.asked.clear();
+            work.asked.extend_from_slice(&problem.lower[rows.clone()]);
+            for round in 1..=MOST_STOPS {
+                if problem.damping[k] > 0.0 {
+                    work.factor.add_damped_level::<FMA>(problem, k);
+                } else {
+                    work.factor.add_path_level::<FMA>(problem, k);
+                }
+                if round == MOST_STOPS || !hold_what_stops::<FMA>(problem, work.factor.path(), rows.end) {
+                    break;
+                }
+                // Again with what was met held. What the levels above ask for stays.
+                for (r, asked) in rows.clone().zip(&work.asked) {
+                    if problem.row_side[r] == Side::Both {
+                        problem.lower[r] = *asked;
+                        problem.upper[r] = *asked;
+                    }
+                }
+                work.factor.start_path(problem);
+                outcome.factorizations += 1;
+                for above in 0..k {
+                    work.factor.add_path_level::<FMA>(problem, above);
                 }
             }
-            work.factor.start_path(problem);
-            outcome.factorizations += 1;
-            for above in 0..k {
-                work.factor.add_path_level::<FMA>(problem, above);
-            }
         }
+        start_from_path(problem, work);
     }
-    start_from_path(problem, work);
 }
 
 /// The end of the path meets the lowered targets. What holds it there is mostly not what holds the answer, which is what the solve

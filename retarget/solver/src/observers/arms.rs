@@ -1,8 +1,8 @@
 //! Lever arms: how far from a joint the farthest point of an observer can ever be, whatever the posture.
 
-use super::set::{Observer, ObserverSet, Other, Pair};
+use super::set::{arm, dof_joint, Observer, ObserverSet, Other, Pair};
 use crate::body::{Body, JointKind};
-use crate::math::{norm, Vec3};
+use crate::math::Vec3;
 
 /// How one joint moves one side of a pair against the other.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -89,35 +89,4 @@ fn parting(body: &Body, movers: &[usize], first: &Observer, second: Option<&Obse
     };
     let parts = |dof: &usize| ours.contains(dof) != theirs.contains(dof);
     movers.iter().enumerate().filter(|(_, dof)| parts(dof)).map(arm_of).collect()
-}
-
-/// Length (m) of the way along the body from a joint to the farthest point of an observer: no posture takes it farther.
-fn arm(body: &Body, dof: usize, observer: &Observer) -> f64 {
-    let joint = dof_joint(body, dof);
-    let from = body.joints[joint].body;
-    let later = &body.joints[joint + 1..body.links[from].joints.1];
-    let off: f64 = norm(body.joints[joint].pos) + later.iter().map(|j| 2.0 * norm(j.pos)).sum::<f64>();
-    off + way(body, from, observer.link) + norm(observer.position) + observer.shape.reach()
-}
-
-fn dof_joint(body: &Body, dof: usize) -> usize {
-    body.joints.iter().rposition(|j| j.v_address <= dof).unwrap_or(0)
-}
-
-/// Length (m) of the way along the body from the origin of one link to that of another.
-fn way(body: &Body, from: usize, to: usize) -> f64 {
-    let (mut a, mut b, mut length) = (from, to, 0.0);
-    while a != b {
-        let lower = if a > b { &mut a } else { &mut b };
-        length += edge(body, *lower);
-        *lower = body.links[*lower].parent;
-    }
-    length
-}
-
-/// Most that a link's origin is away from its parent's, m, slides at rest. A turn about a point swings the origin around it.
-fn edge(body: &Body, link: usize) -> f64 {
-    let link = &body.links[link];
-    let swung = |joint: &crate::body::Joint| if joint.kind == JointKind::Slide { 0.0 } else { 2.0 * norm(joint.pos) };
-    norm(link.pos) + body.joints[link.joints.0..link.joints.1].iter().map(swung).sum::<f64>()
 }

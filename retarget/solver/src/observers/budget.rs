@@ -3,7 +3,7 @@
 //! budget the step would spend is woken, looked at, and gets its row before the step is taken, for four times in an iteration;
 //! what it misses is found after the step, and corrected by the next one.
 
-use super::modes::Mode;
+use super::law::Mode;
 use super::set::{Mover, ObstaclePose, Other};
 use super::watch::Watch;
 use crate::geometry::{gap_at_least, nearest, Nearest, Solid};

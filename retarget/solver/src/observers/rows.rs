@@ -1,6 +1,6 @@
 //! Inequality rows of pairs, n . J dq >= what is left of the approach, written into a hierarchy problem.
 
-use super::modes::Mode;
+use super::law::Mode;
 use super::set::Mover;
 use super::task::Activation;
 use super::watch::Watch;

@@ -1,7 +1,6 @@
 //! The observers of one solver at work: what is known of each pair, and how near it may come.
 
-use super::law::{damped_floor, damping_share, way_out};
-use super::modes::Mode;
+use super::law::{damped_floor, damping_share, way_out, Mode};
 use super::set::{Mover, ObserverSet, ObstaclePose, Other};
 use super::task::{Activation, ObserverTask};
 use crate::geometry::{gap_at_least, nearest, Nearest, Scratch, Solid};
@@ -102,16 +101,11 @@ impl Watch {
             side: Side::Free,
             first_side: Side::Free,
         };
-        let still =
-            ObstaclePose { position: [0.0; 3], quat: [1.0, 0.0, 0.0, 0.0], linear: [0.0; 3], angular: [0.0; 3] };
-        let identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-        let fixture = |shape| Solid { shape, position: [0.0; 3], rotation: identity };
-        let fixtures: Vec<Solid> = set.obstacles.iter().map(|o| fixture(o.shape)).collect();
         Self {
             activation,
             task_of,
             movers,
-            obstacles: vec![still; set.obstacles.len()],
+            obstacles: vec![ObstaclePose::REST; set.obstacles.len()],
             present: vec![false; set.obstacles.len()],
             pairs: vec![pair; set.pairs.len()],
             near: Vec::with_capacity(set.pairs.len()),
@@ -122,8 +116,8 @@ impl Watch {
             iteration: 1.0,
             approaching: Vec::with_capacity(set.pairs.len()),
             solids: set.new_solids(),
-            start: (set.new_solids(), fixtures.clone()),
-            fixtures,
+            fixtures: set.new_fixtures(),
+            start: (set.new_solids(), set.new_fixtures()),
             expected: vec![0.0; columns.len()],
             most_rows: tasks.iter().map(|t| t.rows).min().unwrap_or(0),
             scratch: Scratch::default(),

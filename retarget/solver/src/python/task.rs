@@ -85,13 +85,14 @@ impl PyTask {
     #[pyo3(signature = (max_edges, *, without=vec![], max_error=0.05))]
     fn support(max_edges: usize, mut without: Vec<usize>, max_error: f64) -> PyResult<Self> {
         without.sort_unstable();
-        make(TaskKind::Support { max_edges: few(max_edges)?, without }, vec![], 1.0, max_error, None)
+        let kind = TaskKind::Support { point: None, max_edges: few(max_edges)?, without };
+        make(kind, vec![], 1.0, max_error, None)
     }
 
     #[staticmethod]
     #[pyo3(signature = (body, point, max_edges, *, max_error=0.05))]
     fn lever(body: usize, point: [f64; 3], max_edges: usize, max_error: f64) -> PyResult<Self> {
-        let kind = TaskKind::Lever { link: body, point, max_edges: few(max_edges)? };
+        let kind = TaskKind::Support { point: Some((body, point)), max_edges: few(max_edges)?, without: vec![] };
         make(kind, vec![], 1.0, max_error, Some(body))
     }
 
