@@ -199,12 +199,6 @@ class Observers:
         obstacle_pairs: NDArray[np.int64] | None = None,
         obstacle_pair_margin: Floats | None = None,
     ) -> None: ...
-    @property
-    def count(self) -> int:
-        """Number of observers."""
-    @property
-    def obstacles(self) -> int:
-        """Number of obstacles."""
 
 @final
 class PathChecker:

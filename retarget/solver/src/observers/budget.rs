@@ -6,7 +6,7 @@
 use super::law::Mode;
 use super::set::{Mover, ObstaclePose, Other};
 use super::watch::Watch;
-use crate::geometry::{gap_at_least, nearest, Nearest, Solid};
+use crate::geometry::{gap_at_least, nearest, Nearest};
 use crate::hierarchy::Side;
 use crate::kinematics::Pose;
 use crate::math::*;
@@ -136,7 +136,7 @@ impl Watch {
 
     /// Mode and floor, from the distance at the start of the frame.
     fn find_floor(&mut self, k: usize) {
-        let (a, b) = self.sides(k, true);
+        let (a, b) = self.set.sides(k, &self.start.0, &self.start.1);
         let gap = gap_at_least(a, b);
         let is_far = gap > LOOKED_AT * self.set.pairs[k].influence;
         let distance = if is_far { gap } else { self.between(k, true).distance };
@@ -165,19 +165,9 @@ impl Watch {
     }
 
     fn between(&mut self, k: usize, at_start: bool) -> Nearest {
-        let (a, b) = self.sides(k, at_start);
-        let (a, b) = (*a, *b);
-        nearest(&a, &b, &mut self.scratch)
-    }
-
-    /// Both sides of a pair, now or where the frame began.
-    fn sides(&self, k: usize, at_start: bool) -> (&Solid, &Solid) {
-        let pair = &self.set.pairs[k];
         let (solids, fixtures) = if at_start { (&self.start.0, &self.start.1) } else { (&self.solids, &self.fixtures) };
-        match pair.other {
-            Other::Observer(o) => (&solids[pair.observer], &solids[o]),
-            Other::Obstacle(o) => (&solids[pair.observer], &fixtures[o]),
-        }
+        let (a, b) = self.set.sides(k, solids, fixtures);
+        nearest(a, b, &mut self.scratch)
     }
 
     /// How far the surface of a pair's obstacle may come in this frame, m; NaN where it is not there.

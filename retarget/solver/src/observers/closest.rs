@@ -36,13 +36,11 @@ impl Watch {
         self.near.clear();
         self.violation.fill(0.0);
         for k in 0..self.set.pairs.len() {
+            if !self.is_there(k) {
+                continue;
+            }
             let pair = &self.set.pairs[k];
-            let a = &self.solids[pair.observer];
-            let b = match pair.other {
-                Other::Observer(o) => &self.solids[o],
-                Other::Obstacle(o) if self.present[o] => &self.fixtures[o],
-                Other::Obstacle(_) => continue,
-            };
+            let (a, b) = self.set.sides(k, &self.solids, &self.fixtures);
             let state = &mut self.pairs[k];
             state.nearest.distance = gap_at_least(a, b);
             if state.nearest.distance < pair.influence {

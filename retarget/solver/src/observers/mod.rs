@@ -8,9 +8,8 @@
 //! * `closest`: of those influenced by one obstacle, only the closest that approaches (paper).
 //! * `budget`: pairs that cannot have come too near, whose distance need not be computed.
 //! * `rows`: inequality rows of pairs, written into a hierarchy problem.
-//! * `path`: whether a path of postures keeps pairs apart, between its rows too; `stage`, `way`, `arms` are its parts.
+//! * `path`: whether a path of postures keeps pairs apart, between its rows too; `stage` and `way` are its parts.
 
-mod arms;
 mod budget;
 mod closest;
 pub mod law;

@@ -4,11 +4,10 @@
 //! separation is, for every pair of their points, a smooth function of the joints: between the ends of a stretch it is below both
 //! of its ends by no more than the stretch bends (`Stretch::bend`). What that does not prove is halved.
 
-use super::arms::{Arm, Arms};
 use super::law::{BETWEEN, LET_OUT};
 use super::set::ObserverSet;
 use super::stage::Stage;
-use super::way::{Stretch, Way};
+use super::way::{Arm, Arms, Stretch, Way};
 use crate::body::Body;
 use crate::math::Vec3;
 use std::sync::Arc;

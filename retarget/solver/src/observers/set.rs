@@ -150,6 +150,15 @@ impl ObserverSet {
         }
     }
 
+    /// Both sides of a pair, where observers and obstacles are.
+    pub fn sides<'a>(&self, pair: usize, solids: &'a [Solid], fixtures: &'a [Solid]) -> (&'a Solid, &'a Solid) {
+        let pair = &self.pairs[pair];
+        match pair.other {
+            Other::Observer(o) => (&solids[pair.observer], &solids[o]),
+            Other::Obstacle(o) => (&solids[pair.observer], &fixtures[o]),
+        }
+    }
+
     /// Solids of the observers, somewhere.
     pub fn new_solids(&self) -> Vec<Solid> {
         let solid = |o: &Observer| Solid { shape: o.shape, position: o.position, rotation: o.rotation };

@@ -105,9 +105,8 @@ impl Stage {
 
     /// Signed distance of a pair, m, and the direction that opens it, in the pair's base.
     pub fn nearest(&mut self, pair: usize) -> (f64, Vec3) {
-        let (a, b) = self.both(pair);
-        let (a, b) = (*a, *b);
-        let found = nearest(&a, &b, &mut self.scratch);
+        let (a, b) = self.set.sides(pair, &self.solids, &self.fixtures);
+        let found = nearest(a, b, &mut self.scratch);
         (found.distance, mat_t_vec(&self.pose.rotation[self.base(pair)], found.normal))
     }
 
@@ -153,12 +152,7 @@ impl Stage {
     }
 
     fn both(&self, pair: usize) -> (&Solid, &Solid) {
-        let p = &self.set.pairs[pair];
-        let b = match p.other {
-            Other::Observer(o) => &self.solids[o],
-            Other::Obstacle(o) => &self.fixtures[o],
-        };
-        (&self.solids[p.observer], b)
+        self.set.sides(pair, &self.solids, &self.fixtures)
     }
 }
 

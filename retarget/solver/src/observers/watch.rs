@@ -163,12 +163,10 @@ impl Watch {
     pub fn clearance(&mut self) -> (f64, f64) {
         let mut least = (f64::INFINITY, f64::INFINITY);
         for (k, pair) in self.set.pairs.iter().enumerate() {
-            let a = &self.solids[pair.observer];
-            let b = match pair.other {
-                Other::Observer(o) => &self.solids[o],
-                Other::Obstacle(o) if self.present[o] => &self.fixtures[o],
-                Other::Obstacle(_) => continue,
-            };
+            if !self.is_there(k) {
+                continue;
+            }
+            let (a, b) = self.set.sides(k, &self.solids, &self.fixtures);
             let side = if k < self.set.self_pairs { &mut least.0 } else { &mut least.1 };
             if gap_at_least(a, b) < pair.influence.min(*side) {
                 let distance = nearest(a, b, &mut self.scratch).distance;
@@ -176,6 +174,11 @@ impl Watch {
             }
         }
         least
+    }
+
+    /// A pair of observers, or with an obstacle that is there.
+    pub(super) fn is_there(&self, k: usize) -> bool {
+        !matches!(self.set.pairs[k].other, Other::Obstacle(o) if !self.present[o])
     }
 
     /// Obstacles where they are after `share` of the frame.

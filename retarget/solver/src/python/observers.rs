@@ -66,18 +66,6 @@ impl PyObservers {
         let set = ObserverSet::new(&body.body, observers, obstacles, &checked, &watched).map_err(bad)?;
         Ok(Self { set: Arc::new(set) })
     }
-
-    /// Number of observers.
-    #[getter]
-    fn count(&self) -> usize {
-        self.set.observers.len()
-    }
-
-    /// Number of obstacles.
-    #[getter]
-    fn obstacles(&self) -> usize {
-        self.set.obstacles.len()
-    }
 }
 
 /// Influence and margin of each of `n`.
