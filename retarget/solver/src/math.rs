@@ -167,8 +167,3 @@ pub fn mat_mul(a: &Mat3, b: &Mat3) -> Mat3 {
     }
     m
 }
-
-#[inline(always)]
-pub fn quat_rotate(q: Quat, v: Vec3) -> Vec3 {
-    mat_vec(&quat_to_mat(q), v)
-}

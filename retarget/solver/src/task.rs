@@ -11,15 +11,13 @@ pub enum TaskKind {
     Position { link: usize, point: Vec3 },
     /// A frame of a link takes a world orientation.
     Orientation { link: usize, quat: Quat },
-    /// An axis of a link points along a world direction.
-    Axis { link: usize, axis: Vec3 },
+    /// An axis of a link points along a world direction, or, from a point of the link, aims at a world point.
+    Axis { link: usize, axis: Vec3, eye: Option<Vec3> },
     /// The centre of mass goes to a world position, or keeps an offset from a link's origin.
     CentreOfMass { over: Option<usize> },
     /// The centre of mass, or it and a point of a link, stays inside at most `max_edges` half-spaces: those over a support polygon,
     /// and what motion asks for; what a joint carries. `without`: coordinates that are not asked to move it, in order.
     Support { point: Option<(usize, Vec3)>, max_edges: usize, without: Vec<usize> },
-    /// An axis of a link, from a point of it, aims at a world point.
-    LookAt { link: usize, point: Vec3, axis: Vec3 },
     /// Every coordinate goes to that of a posture.
     Posture,
     /// Observers keep their parts off obstacles and off each other.
@@ -91,17 +89,17 @@ impl Task {
                 let wanted = quat_unit([target[1], target[2], target[3], target[4]]);
                 quat_log(quat_mul(wanted, quat_conj(now)))
             }
-            TaskKind::Axis { link, axis } => {
-                turn_error(mat_vec(&pose.rotation[*link], *axis), unit_or(goal, [1.0, 0.0, 0.0]))
+            TaskKind::Axis { link, axis, eye } => {
+                let now = mat_vec(&pose.rotation[*link], *axis);
+                let wanted = match eye {
+                    Some(eye) => unit_or(sub(goal, body.point(pose, *link, *eye)), now),
+                    None => unit_or(goal, [1.0, 0.0, 0.0]),
+                };
+                turn_error(now, wanted)
             }
             TaskKind::CentreOfMass { over } => {
                 let from = over.map_or([0.0; 3], |link| pose.position[link]);
                 sub(add(goal, from), pose.com)
-            }
-            TaskKind::LookAt { link, point, axis } => {
-                let eye = body.point(pose, *link, *point);
-                let now = mat_vec(&pose.rotation[*link], *axis);
-                turn_error(now, unit_or(sub(goal, eye), now))
             }
             TaskKind::Support { .. } | TaskKind::Posture | TaskKind::Observers(_) => [0.0; 3],
         }
@@ -119,7 +117,7 @@ impl Task {
                 (deepest, deepest * deepest)
             }
             TaskKind::Posture | TaskKind::Observers(_) => (0.0, 0.0),
-            TaskKind::Axis { .. } | TaskKind::LookAt { .. } => {
+            TaskKind::Axis { .. } => {
                 let angle = norm(self.error(body, pose, target));
                 (angle, (angle * self.weight[0] * target[0]).powi(2))
             }

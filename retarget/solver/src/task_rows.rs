@@ -72,13 +72,13 @@ impl RowWriter<'_> {
                     }
                 }
             }
-            TaskKind::Axis { link, axis } => {
+            TaskKind::Axis { link, axis, eye: None } => {
                 let now = mat_vec(&pose.rotation[*link], *axis);
                 self.direction_rows(task, *link, now, error, first, strength, |_| [0.0; 3]);
             }
-            TaskKind::LookAt { link, point, axis } => {
+            TaskKind::Axis { link, axis, eye: Some(eye) } => {
                 let now = mat_vec(&pose.rotation[*link], *axis);
-                let eye = body.point(pose, *link, *point);
+                let eye = body.point(pose, *link, *eye);
                 let line = sub([target[1], target[2], target[3]], eye);
                 let distance = norm(line).max(1e-3);
                 let d = unit_or(line, now);

@@ -1,11 +1,73 @@
-//! A capsule (ball, line) and a box or a cylinder.
+//! A capsule (ball, line) and a box or a cylinder: where a segment is nearest to a convex solid, the zero of a slope that never falls,
+//! between places where its formula changes.
 
-use super::along::{refined, Knots, Zero};
-use super::contact::{apart, touching};
+use super::contact::{apart, meet};
 use super::difference::Difference;
+use super::half_space::PARALLEL;
 use super::solid::{Nearest, Scratch, Shape, Solid};
-use super::way_out::way_out;
+use super::way_out::{refined, way_out};
 use crate::math::{add_scaled, dot, mat_t_vec, mat_vec, norm, sub, Vec3};
+
+/// Places on a segment, in order; its ends are the first and the last.
+struct Knots {
+    t: [f64; 8],
+    count: usize,
+    length: f64,
+}
+
+/// The zero of the slope.
+enum Zero {
+    At(f64),
+    /// Between two places, with the slopes there: below zero, above zero.
+    Between([f64; 2], [f64; 2]),
+}
+
+impl Knots {
+    /// Of the segment from -length to length; room for six more.
+    fn new(length: f64) -> Self {
+        Self { t: [-length; 8], count: 1, length }
+    }
+
+    /// Ignored where it is not strictly inside (or no number).
+    fn insert(&mut self, t: f64) {
+        if !(t.abs() < self.length) {
+            return;
+        }
+        let mut k = self.count;
+        while self.t[k - 1] > t {
+            self.t[k] = self.t[k - 1];
+            k -= 1;
+        }
+        self.t[k] = t;
+        self.count += 1;
+    }
+
+    /// `slope` gives, at a place, half the derivative of the squared distance and the squared distance itself. Where all of a range is
+    /// nearest, the answer is its middle.
+    #[inline(always)]
+    fn zero(mut self, slope: impl Fn(f64) -> (f64, f64)) -> Zero {
+        self.t[self.count] = self.length;
+        self.count += 1;
+        let (mut low, mut falling) = (-self.length, 0.0);
+        let mut flat: Option<(f64, f64)> = None;
+        for &t in &self.t[..self.count] {
+            let (value, squared) = slope(t);
+            // The sine of the angle between the segment and the face below it, squared, is value^2 / squared.
+            if value * value <= 1e-2 * PARALLEL * PARALLEL * squared {
+                flat = Some((flat.map_or(t, |range| range.0), t));
+            } else if value < 0.0 {
+                (low, falling) = (t, value);
+            } else {
+                return match flat {
+                    Some((first, last)) => Zero::At(0.5 * (first + last)),
+                    None if falling < 0.0 => Zero::Between([low, t], [falling, value]),
+                    None => Zero::At(t),
+                };
+            }
+        }
+        Zero::At(flat.map_or(self.length, |(first, last)| 0.5 * (first + last)))
+    }
+}
 
 /// Below this (m) the direction is taken from faces and edges, not from a difference of points.
 const TOUCHING: f64 = 1e-8;
@@ -87,7 +149,8 @@ pub fn capsule_and(capsule: &Solid, solid: &Solid, scratch: &mut Scratch) -> Nea
         let best = way_out(&Difference::new(capsule, solid, &solid.rotation));
         // A corner or an edge that is all but touched is no facet: its direction is the difference, while there is one.
         if core_distance < NO_DIRECTION || best.gap > core_distance - NO_DIRECTION {
-            return touching(capsule, solid, mat_vec(&solid.rotation, best.normal), best.gap - radius, scratch);
+            let normal = mat_vec(&solid.rotation, best.normal);
+            return meet(capsule, solid, normal, best.gap - radius, scratch).0;
         }
     }
     apart(solid, point, out, radius)

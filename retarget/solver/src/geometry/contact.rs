@@ -253,11 +253,6 @@ pub fn meet(a: &Solid, b: &Solid, normal: Vec3, distance: f64, scratch: &mut Scr
     best
 }
 
-/// Nearest points for a known unit `normal` (b to a) and `distance`.
-pub fn touching(a: &Solid, b: &Solid, normal: Vec3, distance: f64, scratch: &mut Scratch) -> Nearest {
-    meet(a, b, normal, distance, scratch).0
-}
-
 /// A core whose nearest point to a solid is `point`, `out` (not zero) away from its surface, both in the solid's frame, with `radius`
 /// about the core.
 pub fn apart(solid: &Solid, point: Vec3, out: Vec3, radius: f64) -> Nearest {

@@ -4,7 +4,6 @@
 //! support function of A and B turned about, which are symmetric. Apart, the largest is the gap and is found as a nearest pair;
 //! overlapping, it is minus the way out (`way_out.rs`).
 
-mod along;
 mod bulky;
 mod capsule_and;
 mod capsules;
@@ -14,7 +13,6 @@ mod difference;
 mod distance;
 mod gjk;
 mod half_space;
-mod separating;
 mod solid;
 mod way_out;
 

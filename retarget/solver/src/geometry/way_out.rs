@@ -4,13 +4,12 @@
 //! curved one way (an edge sweeps a disc: `ridge`) or both ways (two discs: `curved`). Each kind gives its candidates;
 //! the best one is the answer, exactly, for every gap along a direction is a lower bound.
 
-use super::along::refined;
 use super::difference::{Best, Difference};
 use crate::math::{add, add_scaled, cross, dot, norm, perpendicular, scale, Vec3};
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Sine below which two edges span no facet.
-const PARALLEL: f64 = 1e-10;
+pub const PARALLEL: f64 = 1e-10;
 /// Of Newton's method on the sphere.
 const STEPS: usize = 30;
 const HALVINGS: usize = 12;
@@ -232,4 +231,32 @@ pub fn way_out(m: &Difference) -> Best {
         curved(m, &mut best);
     }
     best
+}
+
+/// The zero of a slope that rises from `falling` at `low` to `rising` at `high`: regula falsi (Illinois). Each step leaves at least
+/// the share `inset` on either side, until the ends are `close`.
+pub fn refined(
+    [mut low, mut high]: [f64; 2],
+    [mut falling, mut rising]: [f64; 2],
+    (inset, close): (f64, f64),
+    slope: impl Fn(f64) -> f64,
+) -> f64 {
+    let mut kept = 0;
+    for _ in 0..60 {
+        let middle = low + (high - low) * (falling / (falling - rising)).clamp(inset, 1.0 - inset);
+        let value = slope(middle);
+        if value == 0.0 || high - low < close {
+            return middle;
+        }
+        if value < 0.0 {
+            (low, falling) = (middle, value);
+            rising *= if kept == 1 { 0.5 } else { 1.0 };
+            kept = 1;
+        } else {
+            (high, rising) = (middle, value);
+            falling *= if kept == -1 { 0.5 } else { 1.0 };
+            kept = -1;
+        }
+    }
+    0.5 * (low + high)
 }

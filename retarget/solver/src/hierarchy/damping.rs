@@ -33,11 +33,6 @@ impl Factor {
         }
     }
 
-    /// Where the levels so far go.
-    pub fn path(&self) -> &[f64] {
-        &self.path
-    }
-
     /// One more level of the path, as it is.
     #[inline(always)]
     pub fn add_path_level<const FMA: bool>(&mut self, problem: &Problem, k: usize) {
@@ -155,7 +150,7 @@ compile_twice! {
                 } else {
                     work.factor.add_path_level::<FMA>(problem, k);
                 }
-                if round == MOST_STOPS || !hold_what_stops::<FMA>(problem, work.factor.path(), rows.end) {
+                if round == MOST_STOPS || !hold_what_stops::<FMA>(problem, &work.factor.path, rows.end) {
                     break;
                 }
                 // Again with what was met held. What the levels above ask for stays.
@@ -181,7 +176,7 @@ compile_twice! {
 fn start_from_path(problem: &mut Problem, work: &Work) {
     problem.variable_side.clone_from(&work.warm_variables);
     problem.row_side.clone_from(&work.warm_rows);
-    let path = work.factor.path();
+    let path = &work.factor.path;
     for i in 0..problem.n {
         problem.z[i] = path[i].max(problem.lo[i]).min(problem.hi[i]);
     }

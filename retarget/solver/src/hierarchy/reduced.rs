@@ -29,7 +29,7 @@ enum Origin {
 #[derive(Default)]
 pub struct Reduction {
     problem: Problem,
-    work: Option<Box<Work>>,
+    work: Work,
     /// N, a row for each w, padded as the rows of the whole problem are.
     space: Vec<f64>,
     /// z0.
@@ -43,7 +43,7 @@ impl Reduction {
     /// Room for the largest, so that nothing is allocated on the day that the first one is needed.
     pub fn reserve(&mut self, whole: &Problem) {
         let (n, m, stride) = (whole.n, whole.row_count(), whole.stride);
-        if self.work.is_some() && self.space.capacity() >= n * stride && self.from.capacity() >= n + m {
+        if self.space.capacity() >= n * stride && self.from.capacity() >= n + m {
             return;
         }
         self.space.reserve(n * stride);
@@ -53,9 +53,7 @@ impl Reduction {
         // A first solve of the largest size makes the buffers.
         self.problem.level_end = vec![n + m; whole.level_count() + 1];
         self.problem.reshape(n);
-        let mut work = Work::default();
-        work.prepare(&self.problem);
-        self.work = Some(Box::new(work));
+        self.work.prepare(&self.problem);
     }
 }
 
@@ -180,7 +178,7 @@ compile_twice! {
             (inner.present[r], inner.row_side[r]) = (true, side);
         }
         dot_rows::<FMA>(&problem.z, &to.space, &mut inner.z[..left]);
-        let Some(inner_work) = &mut to.work else { return false };
+        let inner_work = &mut to.work;
         inner_work.prepare(inner);
         // Ranks are judged by the size of the rows as they were.
         let scales = &work.factor.level_scale;
@@ -192,7 +190,7 @@ compile_twice! {
 
 /// Solve the reduced problem. False where its hard level is broken.
 fn settle(reduction: &mut Reduction, outcome: &mut Outcome) -> bool {
-    let Some(work) = &mut reduction.work else { return false };
+    let work = &mut reduction.work;
     classic(&mut reduction.problem, work, outcome);
     is_kept(work.fma, &reduction.problem)
 }

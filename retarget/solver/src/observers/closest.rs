@@ -1,7 +1,7 @@
 //! Distances of pairs where only the closest act: of the observers that one obstacle influences, the closest that approaches damps
 //! its motion (paper, "observer prioritization"). Where all act, `budget` keeps them.
 
-use super::law::Mode;
+use super::law::{damping_share, Mode};
 use super::set::{Other, Pair};
 use super::task::Activation;
 use super::watch::{Approach, Watch};
@@ -109,7 +109,8 @@ impl Watch {
     /// The row of an approach, on the level of its rank: n . (J dq - Do) >= share * n . (J dq_trial - Do).
     fn put_up(&mut self, index: usize, rank: usize, problem: &mut Problem) -> bool {
         let Approach { pair, task, mut row, moved } = self.approaching[index];
-        let (share, drift) = (self.share(pair), self.drift(pair));
+        let (limits, distance) = (&self.set.pairs[pair], self.pairs[pair].nearest.distance);
+        let (share, drift) = (damping_share(distance, limits.influence, limits.margin), self.drift(pair));
         let lower = problem.lower[row] + share * moved + (1.0 - share) * drift;
         let group = self.tasks[task].group;
         let mut places = (0..self.tasks.len()).filter(|t| !self.tasks[*t].reactive && self.tasks[*t].group == group);

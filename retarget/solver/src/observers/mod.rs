@@ -22,7 +22,7 @@ mod watch;
 mod way;
 
 pub use law::Mode;
-pub use path::{Ask, PathChecker};
+pub use path::PathChecker;
 pub use rows::Shift;
 pub use set::{Mover, Observer, ObserverSet, Obstacle, ObstaclePose, Other, Pair};
 pub use task::{Activation, ObserverTask};

@@ -1,6 +1,6 @@
 //! The observers of one solver at work: what is known of each pair, and how near it may come.
 
-use super::law::{damped_floor, damping_share, way_out, Mode};
+use super::law::{damped_floor, way_out, Mode};
 use super::set::{Mover, ObserverSet, ObstaclePose, Other};
 use super::task::{Activation, ObserverTask};
 use crate::geometry::{gap_at_least, nearest, Nearest, Scratch, Solid};
@@ -215,12 +215,7 @@ impl Watch {
         }
     }
 
-    /// Least distance of a pair after `dt` s.
-    pub(super) fn floor(&self, k: usize, dt: f64) -> f64 {
-        self.floor_from(k, self.pairs[k].nearest.distance, dt)
-    }
-
-    /// The same, if its distance were this.
+    /// Least distance of a pair after `dt` s, if its distance were this.
     pub(super) fn floor_from(&self, k: usize, distance: f64, dt: f64) -> f64 {
         let (pair, state) = (&self.set.pairs[k], &self.pairs[k]);
         match (state.mode, self.task_of[k]) {
@@ -228,12 +223,6 @@ impl Watch {
             (_, (Some(task), _)) => damped_floor(distance, pair.influence, pair.margin, self.tasks[task].speed, dt),
             _ => f64::NEG_INFINITY,
         }
-    }
-
-    /// Share of its approach that a pair may keep (paper).
-    pub(super) fn share(&self, k: usize) -> f64 {
-        let pair = &self.set.pairs[k];
-        damping_share(self.pairs[k].nearest.distance, pair.influence, pair.margin)
     }
 
     /// How far an obstacle's surface comes at the observer of a pair in the iteration to come, along the normal, m.

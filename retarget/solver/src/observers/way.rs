@@ -8,7 +8,7 @@ use crate::math::Vec3;
 #[derive(Default)]
 pub struct Way {
     movers: usize,
-    rows: usize,
+    pub rows: usize,
     /// (rows, movers)
     values: Vec<f64>,
     /// How far each joint has gone until each row, (rows, movers).
@@ -32,10 +32,6 @@ impl Way {
                 self.end = k / movers;
             }
         }
-    }
-
-    pub fn rows(&self) -> usize {
-        self.rows
     }
 
     /// Values at a time in rows, into the entries `columns` of a posture.

@@ -4,7 +4,6 @@
 pub mod arrays;
 mod body;
 mod braking;
-mod hierarchy;
 mod observers;
 mod path;
 mod shapes;
@@ -24,7 +23,7 @@ pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<observers::PyObservers>()?;
     m.add_class::<path::PyPathChecker>()?;
     m.add_class::<solver::PySolver>()?;
-    m.add_function(wrap_pyfunction!(hierarchy::solve_hierarchy, m)?)?;
+    m.add_function(wrap_pyfunction!(solver::solve_hierarchy, m)?)?;
     m.add_function(wrap_pyfunction!(braking::braking_displacement, m)?)?;
     m.add_function(wrap_pyfunction!(shapes::shape_distances, m)?)?;
     m.add_function(wrap_pyfunction!(shapes::shape_gaps_at_least, m)?)

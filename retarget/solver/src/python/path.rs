@@ -3,7 +3,7 @@
 use super::arrays::{bad, finite, index, table, time_step, vector, Integers, Numbers, Table};
 use super::body::{points, PyBody};
 use super::observers::{obstacle_poses, PyObservers};
-use crate::observers::{Ask, Other, PathChecker};
+use crate::observers::{Other, PathChecker};
 use numpy::PyUntypedArrayMethods;
 use pyo3::prelude::*;
 
@@ -81,7 +81,7 @@ impl PyPathChecker {
         if !(0.0..=1.0).contains(&share) {
             return Err(bad(format!("share is {share}, expected 0 to 1")));
         }
-        Ok(self.checker.is_clear(standing, path, instead, time_step(dt)?, Ask { share, remember }))
+        Ok(self.checker.is_clear(standing, path, instead, time_step(dt)?, (share, remember)))
     }
 }
 

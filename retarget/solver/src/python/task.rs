@@ -72,7 +72,7 @@ impl PyTask {
     #[pyo3(signature = (body, axis, *, weight=1.0, gain=1.0, max_error=0.2))]
     fn axis(body: usize, axis: [f64; 3], weight: f64, gain: f64, max_error: f64) -> PyResult<Self> {
         let axis = crate::math::unit_or(axis, [1.0, 0.0, 0.0]);
-        make(TaskKind::Axis { link: body, axis }, vec![weight; 2], gain, max_error, Some(body))
+        make(TaskKind::Axis { link: body, axis, eye: None }, vec![weight; 2], gain, max_error, Some(body))
     }
 
     #[staticmethod]
@@ -100,7 +100,7 @@ impl PyTask {
     #[pyo3(signature = (body, point, axis, *, weight=1.0, gain=1.0, max_error=0.2))]
     fn look_at(body: usize, point: [f64; 3], axis: [f64; 3], weight: f64, gain: f64, max_error: f64) -> PyResult<Self> {
         let axis = crate::math::unit_or(axis, [1.0, 0.0, 0.0]);
-        make(TaskKind::LookAt { link: body, point, axis }, vec![weight; 2], gain, max_error, Some(body))
+        make(TaskKind::Axis { link: body, axis, eye: Some(point) }, vec![weight; 2], gain, max_error, Some(body))
     }
 
     #[staticmethod]

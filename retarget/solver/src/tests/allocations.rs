@@ -7,9 +7,7 @@ use crate::braking::Limit;
 use crate::frame::{FrameSolver, Settings};
 use crate::geometry::Shape;
 use crate::hierarchy::{solve, Problem, Workspace};
-use crate::observers::{
-    Activation, Ask, Mode, Observer, ObserverSet, ObserverTask, Obstacle, ObstaclePose, PathChecker,
-};
+use crate::observers::{Activation, Mode, Observer, ObserverSet, ObserverTask, Obstacle, ObstaclePose, PathChecker};
 use crate::task::{Task, TaskKind};
 use crate::trajectory::{MotionLimit, TrajectoryGenerator};
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -287,7 +285,7 @@ fn no_check_of_a_path_allocates_once_it_was_seen() {
                 .collect()
         })
         .collect();
-    let ask = Ask { share: 1.0, remember: false };
+    let ask = (1.0, false);
     let mut check = |path: &Vec<f64>| checker.is_clear(&path[..6], path, None, DT, ask);
     let clear = paths.iter().filter(|path| check(path)).count();
     assert!(clear > 5 && clear < 75, "{clear} of 80 paths are clear");
