@@ -69,11 +69,6 @@ def test_bad_observers_are_refused(instead: dict[str, Any], part: Facts) -> None
         carts(**instead)
 
 
-def test_they_say_how_many_they_are() -> None:
-    made = carts()
-    assert (made.count, made.obstacles) == (2, 1)
-
-
 @pytest.mark.parametrize("task", [Task.reactive, Task.preventive])
 def test_bad_tasks_are_refused(task: Callable[..., Task]) -> None:
     for speed in (0.0, -1.0, NAN, np.inf):
