@@ -103,7 +103,7 @@ def replay(
     wall = clock.now() - begun
     q = np.array([posture.q for posture in postures])
     observers = reconstructor.observers
-    counts = reconstructor.hierarchy.solver.observer_counts
+    modes = np.array([posture.observer_modes for posture in postures])
     return Replay(
         human=human,
         sensors=reconstructor.sensors,
@@ -113,8 +113,8 @@ def replay(
         joints=PostureReader(human).joints(q),
         errors_mm=1e3 * np.array([posture.sensor_error for posture in postures]),
         balance_mm=1e3 * np.array([posture.balance_error for posture in postures]),
-        modes=np.array([posture.observer_modes for posture in postures]),
-        switches=counts[:, 0].astype(float) if observers is not None else np.zeros(0),
+        modes=modes,
+        switches=np.count_nonzero(np.diff(modes, axis=0), axis=0).astype(float),
         cpu_s=cpu,
         wall_s=wall,
         dt=1.0 / frames.rate_hz,

@@ -11,11 +11,10 @@ from gated_robot import scene_of as scene
 from gates import sent
 from hardware.clock import VirtualClock
 from messages import refuses
-from retarget._solver import frame_bounds
+from retarget._solver import Braking
 from retarget.cli.buses import make_bus
 from retarget.errors import UsageError
 from retarget.human.samples import Playback
-from retarget.ik.base_pose import plant_root
 from retarget.ik.support_polygon import plant
 from retarget.model.observers import placed, robot_observers
 from retarget.run.options import RunOptions
@@ -153,15 +152,8 @@ def obstacles(rng: np.random.Generator, count: int = 5) -> GatedRobot:
 def push(robot: GatedRobot, rng: np.random.Generator, direction: FloatArray) -> FloatArray:
     """A goal within every limit of the joints, as far in a direction (n,) of signs as they let it."""
     servos, gate = robot.robot.joint_map, robot.gate
-    lo, hi = frame_bounds(
-        sent(gate),
-        gate.velocity * DT,
-        servos.lower,
-        servos.upper,
-        servos.max_velocity,
-        servos.max_acceleration,
-        DT,
-    )
+    limits = servos.lower, servos.upper, servos.max_velocity, servos.max_acceleration
+    lo, hi = Braking(*limits, dt=DT).bounds(sent(gate), gate.velocity * DT)
     whim = np.where(rng.random(lo.size) < 0.1, rng.uniform(lo, hi), np.where(direction > 0, hi, lo))
     return sent(gate) + np.where(direction == 0.0, np.clip(0.0, lo, hi), whim)
 
@@ -332,17 +324,6 @@ def test_what_servos_are_off_their_way_is_off_the_whole_way() -> None:
     robot.clearance.sent(robot.sent, robot.q)
     robot.clearance.measure(robot.sent + 0.06 * pitch)
     assert robot.clearance._following.unexplained(robot.sent + 0.06 * pitch).tolist() == [0.0] * 20
-
-
-def test_the_root_is_that_of_the_planted_sole() -> None:
-    robot, rng = GatedRobot(), np.random.default_rng(5)
-    for _ in range(50):
-        before = robot.standing((robot.sent + 0.1 * rng.standard_normal(20))[None])[0]
-        values = robot.sent + 0.3 * rng.standard_normal(20)
-        q = before.copy()
-        q[robot.robot.servo_columns] = values
-        plant_root(robot.robot, before, q)
-        np.testing.assert_allclose(robot.clearance._checker.planted(before, values), q, atol=1e-9)
 
 
 def test_nonsense_is_refused_by_name() -> None:

@@ -1,6 +1,7 @@
-//! The shapes of observers and obstacles, each in a frame of its own.
+//! The shapes of observers and obstacles, each in a frame of its own, and where two of them are nearest.
 
-use crate::math::{add, column, mat_vec, norm, scale, Mat3, Vec3};
+use super::clip::Polygon;
+use crate::math::{column, norm, scale, Mat3, Vec3};
 
 /// A solid in its own frame: centred there, long along z.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -39,21 +40,36 @@ pub struct Solid {
 }
 
 impl Solid {
-    /// World point of a point (3,) in the shape's frame.
-    #[inline]
-    pub fn point(&self, local: Vec3) -> Vec3 {
-        add(self.position, mat_vec(&self.rotation, local))
-    }
-
     /// World direction of the shape's own z.
     #[inline]
     pub fn axis(&self) -> Vec3 {
         column(&self.rotation, 2)
     }
+}
 
-    /// End of the axis of a capsule or cylinder, `side` -1 or 1.
-    #[inline]
-    pub fn end(&self, half_length: f64, side: f64) -> Vec3 {
-        add(self.position, scale(self.axis(), side * half_length))
+/// Where two solids A and B are nearest; `a - b = distance * normal`.
+#[derive(Clone, Copy, Debug)]
+pub struct Nearest {
+    /// m; negative: how deep they overlap, along the shortest way out.
+    pub distance: f64,
+    /// World point of A.
+    pub a: Vec3,
+    /// World point of B.
+    pub b: Vec3,
+    /// Unit, world: where A moves away from B.
+    pub normal: Vec3,
+}
+
+impl Nearest {
+    /// The same pair with A and B exchanged.
+    pub fn swapped(self) -> Self {
+        Self { distance: self.distance, a: self.b, b: self.a, normal: scale(self.normal, -1.0) }
     }
+}
+
+/// Room for the clipping of touching faces, made once.
+#[derive(Default)]
+pub struct Scratch {
+    pub(super) polygon: Polygon,
+    pub(super) clipped: Polygon,
 }

@@ -1,12 +1,64 @@
-//! Of the observers that one obstacle influences, the closest that approaches damps its motion (paper, "observer prioritization").
+//! Distances of pairs where only the closest act: of the observers that one obstacle influences, the closest that approaches damps
+//! its motion (paper, "observer prioritization"). Where all act, `budget` keeps them.
 
-use super::modes::Mode;
+use super::law::{damping_share, Mode};
 use super::set::{Other, Pair};
 use super::task::Activation;
 use super::watch::{Approach, Watch};
+use crate::geometry::{gap_at_least, nearest};
 use crate::hierarchy::Problem;
+use crate::kinematics::Pose;
 
 impl Watch {
+    /// A frame of `dt` s in `n_ik` iterations begins in this posture.
+    pub fn begin(&mut self, pose: &Pose, dt: f64, n_ik: usize) {
+        (self.dt, self.iteration) = (dt, 1.0 / n_ik as f64);
+        if self.activation == Activation::All {
+            self.open_budgets(pose);
+        } else {
+            self.measure(pose, 0.0);
+        }
+    }
+
+    /// After an iteration, of which `done` of `n_ik` are; coordinates went by `step` since the last look.
+    pub fn look(&mut self, pose: &Pose, done: usize, step: &[f64]) {
+        if self.activation == Activation::All {
+            self.spend(pose, step);
+        } else {
+            self.measure(pose, done as f64 * self.iteration);
+        }
+    }
+
+    /// Pairs within influence, their modes and violations, with obstacles as they are after `share` of the frame.
+    fn measure(&mut self, pose: &Pose, share: f64) {
+        self.set.place(pose, &mut self.solids);
+        self.place_fixtures(share);
+        self.near.clear();
+        self.violation.fill(0.0);
+        for k in 0..self.set.pairs.len() {
+            if !self.is_there(k) {
+                continue;
+            }
+            let pair = &self.set.pairs[k];
+            let (a, b) = self.set.sides(k, &self.solids, &self.fixtures);
+            let state = &mut self.pairs[k];
+            state.nearest.distance = gap_at_least(a, b);
+            if state.nearest.distance < pair.influence {
+                state.nearest = nearest(a, b, &mut self.scratch);
+                if state.nearest.distance < pair.influence {
+                    self.near.push(k);
+                }
+            }
+            let distance = self.pairs[k].nearest.distance;
+            self.pairs[k].mode = self.mode_at(k, distance);
+            // Where only the closest act, a pair prevents when its row is put up.
+            if self.pairs[k].mode == Mode::Reactive {
+                self.note(k, Mode::Reactive);
+                self.violates(k, -distance);
+            }
+        }
+    }
+
     /// After a solve without them, put up the rows of pairs that approach in it. Returns whether there are any.
     pub fn choose(&mut self, problem: &mut Problem) -> bool {
         self.approaching.clear();
@@ -57,7 +109,8 @@ impl Watch {
     /// The row of an approach, on the level of its rank: n . (J dq - Do) >= share * n . (J dq_trial - Do).
     fn put_up(&mut self, index: usize, rank: usize, problem: &mut Problem) -> bool {
         let Approach { pair, task, mut row, moved } = self.approaching[index];
-        let (share, drift) = (self.share(pair), self.drift(pair));
+        let (limits, distance) = (&self.set.pairs[pair], self.pairs[pair].nearest.distance);
+        let (share, drift) = (damping_share(distance, limits.influence, limits.margin), self.drift(pair));
         let lower = problem.lower[row] + share * moved + (1.0 - share) * drift;
         let group = self.tasks[task].group;
         let mut places = (0..self.tasks.len()).filter(|t| !self.tasks[*t].reactive && self.tasks[*t].group == group);
