@@ -206,6 +206,7 @@ class Bench:
         self.machine: Machine
         self.guard: Guard
         self.stream: LiveStream
+        self.samples: LivePerformer
         self.mass = mass
         self.witness: Witness | None = None
         self._duration, self._seed, self._performer, self._gate = duration, seed, performer, gate
@@ -271,7 +272,7 @@ class Bench:
         assert prepared.machine is not None and isinstance(prepared.samples, LivePerformer)
         self.machine = prepared.machine
         self.guard = guard = prepared.machine.guard
-        samples = prepared.samples
+        self.samples = samples = prepared.samples
         write, sample, names = guard.write, samples.sample, samples.stream.roles.sensors
         self._place, self._valid = np.zeros((len(names), 3)), np.zeros(len(names), dtype=bool)
 

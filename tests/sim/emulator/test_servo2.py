@@ -59,7 +59,7 @@ def test_a_broadcast_is_obeyed_in_silence() -> None:
 
 def test_a_secondary_id_reaches_the_ram_only() -> None:
     servo = servo2()
-    assert servo.secondary_id is None
+    assert servo2().secondary_id is None
     wrote(servo, secondary_id=5)
     assert servo.secondary_id == 5
     for code, params in (
