@@ -60,7 +60,7 @@ def creep(rig: PhysicsRig) -> float:
 
 
 def test_soles_that_stick_stay(monkeypatch: pytest.MonkeyPatch) -> None:
-    seeds = range(6)
+    seeds = range(3)
     held = [creep(moving(seed)) for seed in seeds]
     monkeypatch.setattr(simulation_module, "SoleSteps", PlainSteps)
     creeping = [creep(moving(seed)) for seed in seeds]
@@ -102,17 +102,10 @@ def test_it_is_the_derivative_of_the_jacobian(seed: int) -> None:
         expected = contact.frame[index].reshape(3, 3) @ numeric(rig, index)
         assert np.abs(expected).max() > 0.01
         assert taken.tolist() == pytest.approx(expected.tolist(), abs=1e-4)
-
-
-def test_what_does_not_move_is_not_corrected() -> None:
-    rig = PhysicsRig()
-    rig.arm()
-    rig.run(1.5)
-    data = rig.bus.simulation.data
-    data.qvel[:] = 0.0
-    engine().mj_step1(rig.bus.simulation.world.model, data)
+    data.qvel[:] = 0.0  # what does not move is not corrected
+    engine().mj_step1(model, data)
     before = data.efc_aref.copy()
-    SoleSteps(rig.bus.simulation.world.model, data)._correct(due=True)
+    SoleSteps(model, data)._correct(due=True)
     assert data.ncon >= 8 and data.efc_aref.tolist() == before.tolist()
 
 
@@ -155,9 +148,7 @@ def test_however_it_is_cut_the_motion_is_the_same_within_a_batch() -> None:
 def test_a_long_silence_is_cut_short() -> None:
     simulation = simulation_of(op3(), start=standing())
     simulation.advance(1e6)
-    assert simulation.time == pytest.approx(1e6)
-    assert not simulation.moves
-    assert LONGEST_S <= 60.0
+    assert simulation.time == pytest.approx(1e6) and not simulation.moves and LONGEST_S <= 60.0
 
 
 def test_a_push_begins_and_ends_on_time() -> None:
