@@ -90,11 +90,11 @@ def emulate(
 def _plan(faults: Path | None, seed: int | None, ids: Buses) -> FaultPlan:
     if faults is not None:
         plan = load_fault_plan(faults, ids)
-        return plan if seed is None else replace(plan, seed=seed)
+        return plan if seed is None else plan.model_copy(update={"seed": seed})
     if seed is None:
-        return FaultPlan()
+        return FaultPlan(faults=())
     every_id = sorted({device for some in ids.values() for device in some})
-    return FaultPlan(random_faults(seed, every_id, RANDOM_SPAN), seed)
+    return FaultPlan(faults=random_faults(seed, every_id, RANDOM_SPAN), seed=seed)
 
 
 def _serve(

@@ -71,11 +71,11 @@ def devices_of(
         position = float(spec.zero_tick if start is None else start[index])
         warmth = AMBIENT + WARMER * chance.random()
         build = ServoBuild(position, now=now, supply=shared, boot_time=behaviour.boot_time, warmth=warmth)
-        device: EmulatedServo | EmulatedServo1
-        if table.protocol == 2:
-            device = EmulatedServo(table, spec.model, build)
-        else:
-            device = EmulatedServo1(table, spec.model, build, torque_by_goal=behaviour.torque_by_goal)
+        device: EmulatedServo | EmulatedServo1 = (
+            EmulatedServo(table, spec.model, build)
+            if table.protocol == 2
+            else EmulatedServo1(table, spec.model, build, torque_by_goal=behaviour.torque_by_goal)
+        )
         device.memory.put("id", spec.id)
         if bauds is not None and spec.bus in bauds:
             baud, where = bauds[spec.bus], f"{spec.joint} ({table.model})"

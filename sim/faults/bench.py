@@ -19,18 +19,14 @@ from retarget.frames import SensorSample
 from retarget.human.samples import Performance
 from retarget.live.admission import Admission
 from retarget.live.begin import LiveOptions, begin_live
-from retarget.live.clock_map import ClockMap
+from retarget.live.open_stream import stream_of
 from retarget.live.performer import LivePerformer
-from retarget.live.playout import LIGHT, Playout, PlayoutDelay, pose_filter
-from retarget.live.roles import roles_of
-from retarget.live.sensor_validity import SensorValidity
 from retarget.live.stream import LiveStream
 from retarget.model.robot import RobotBody
 from retarget.run.loop import Machine, Watch
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared, prepare_for
 from retarget.schema.performer import Performer
-from retarget.sources.json_pose import JsonPoseDecoder
 from retarget.types import FloatArray, RunState
 from sim.buses import simulation_of
 from sim.emulator.line import Line
@@ -342,18 +338,8 @@ class Bench:
 
     def _perform(self, performer: Performer, robot: RobotBody | None) -> Performance:
         assert robot is not None
-        roles = roles_of(performer, "json", where="bench")
-        count = len(roles.sensors)
-        self.stream = LiveStream(
-            self.sender,
-            JsonPoseDecoder(),
-            roles,
-            admission=Admission(allow=(LISTED,)),
-            clock_map=ClockMap(),
-            validity=SensorValidity(roles.sensors),
-            playout=Playout(count, delay=PlayoutDelay()),
-            smooth=pose_filter(LIGHT, count),
-        )
+        self.stream = stream_of(self.sender, performer)
+        self.stream.admission = Admission(allow=(LISTED,))
         live = LiveOptions(countdown=0.3, duration=self._duration)
         rate = robot.profile.safety.rate_hz
         return begin_live(

@@ -76,12 +76,6 @@ def test_every_shipped_robot_follows_it_within_all_limits(robot: str, tmp_path: 
     assert report["hand_path_ratio"] > 0.8 and report["pelvis_excursion_ratio"] > 0.5
 
 
-def test_inspect_says_what_is_in_it(capsys: pytest.CaptureFixture[str]) -> None:
-    assert command("inspect", SAMPLE, "--json") == DONE
-    report = json.loads(capsys.readouterr().out)
-    assert report["source"] == SAMPLE and report["frames"] == round(DURATION_S * RATE_HZ) and report["jumps"] == []
-
-
 def test_the_bare_word_is_the_sample_and_everything_else_a_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sample: SensorFrames
 ) -> None:

@@ -160,7 +160,7 @@ def _load(tmp_path: Path, text: str) -> FaultPlan:
 
 def test_everything_that_can_be_said(tmp_path: Path) -> None:
     for kind in FaultKind:
-        assert _load(tmp_path, f"faults: [{{fault: {kind.value}}}]") == FaultPlan((Fault(kind),), 0)
+        assert _load(tmp_path, f"faults: [{{fault: {kind.value}}}]") == FaultPlan(faults=(Fault(kind),))
     text = """
 seed: 7
 faults:
@@ -179,7 +179,7 @@ faults:
     )
     sag = Fault(FaultKind.UNDER_VOLTAGE, start=1.0, end=2.5, value=6.1)
     plan = _load(tmp_path, text)
-    assert plan == FaultPlan((drop, sag), 7)
+    assert plan == FaultPlan(faults=(drop, sag), seed=7)
     assert (plan.of_bus("left"), plan.of_bus("right")) == ((sag,), (drop, sag))
     assert sag.end == 2.5 and drop.end == math.inf
 
