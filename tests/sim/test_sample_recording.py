@@ -66,7 +66,13 @@ def test_it_waves_looks_around_and_crouches_on_still_feet(sample: SensorFrames) 
         assert np.ptp(track(sample, name), axis=0).max() < 1e-3, name
 
 
-@pytest.mark.parametrize("robot", [entry.name for entry in entries(Kind.ROBOT) if entry.shipped])
+SHIPPED_ROBOTS = [entry.name for entry in entries(Kind.ROBOT) if entry.shipped]
+IN_SECONDS = ("op3", "toddlerbot")
+
+
+@pytest.mark.parametrize(
+    "robot", [pytest.param(name, marks=() if name in IN_SECONDS else pytest.mark.long) for name in SHIPPED_ROBOTS]
+)
 def test_every_shipped_robot_follows_it_within_all_limits(robot: str, tmp_path: Path) -> None:
     assert command("run", "--robot", robot, "--source", SAMPLE, "--report", tmp_path / "run.json") == DONE
     report = json.loads((tmp_path / "run.json").read_text(encoding="utf-8"))
