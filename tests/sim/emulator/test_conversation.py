@@ -21,6 +21,7 @@ from hardware.dynamixel.codec import (
     valid_parts,
 )
 from sim.emulator.conversation import (
+    Conduct,
     Conversation,
     Gaps,
     ReadItem,
@@ -44,7 +45,9 @@ def _said(
     data: bytes, devices: Sequence[StubDevice], gaps: Gaps = Gaps.SILENCE, silent: tuple[int, ...] = (), seed: int = 0
 ) -> list[Reply]:
     (frame,) = PROTOCOLS[devices[0].protocol].parser().feed(data)
-    return Conversation(gaps=gaps, noise=random.Random(seed)).answers(frame, devices, 1.0, silent=silent)
+    return Conversation(conduct=Conduct(gaps=gaps), noise=random.Random(seed)).answers(
+        frame, devices, 1.0, silent=silent
+    )
 
 
 def _row(*ids: int, protocol: int = 2) -> list[StubDevice]:
@@ -215,7 +218,7 @@ def test_an_answer_to_damage_has_the_present_errors() -> None:
 
 
 def _line(*devices: StubDevice, answers_damage: bool = True) -> Line:
-    return Line(devices, timing=Timing.none(), answers_damage=answers_damage)
+    return Line(devices, timing=Timing.none(), conduct=Conduct(answers_damage=answers_damage))
 
 
 def _ask(line: Line, data: bytes, now: float = 0.0) -> bytes:

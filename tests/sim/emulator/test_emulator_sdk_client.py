@@ -12,8 +12,9 @@ import pytest
 from emulated_port import served
 from hardware.servo import find_model
 from servos import four_servos
+from sim.emulator.conversation import Conduct
 from sim.emulator.line import Line
-from sim.emulator.robot_lines import Conduct, devices_of
+from sim.emulator.robot_lines import devices_of
 
 BAUD = 4_000_000
 GOAL, GOAL1 = 116, 30

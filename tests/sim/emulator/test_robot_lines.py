@@ -14,9 +14,9 @@ from messages import refuses
 from retarget.cli.buses import standing_ticks
 from retarget.model.robot import load_robot
 from servos import four_servos
-from sim.emulator.conversation import Gaps
+from sim.emulator.conversation import Conduct, Gaps
 from sim.emulator.line import Line, Timing
-from sim.emulator.robot_lines import Conduct, devices_of, robot_lines
+from sim.emulator.robot_lines import devices_of, robot_lines
 from sim.emulator.servo1 import EmulatedServo1
 from sim.emulator.servo2 import EmulatedServo
 from sim.emulator.servo2_registers import FedBy
