@@ -51,9 +51,10 @@ def emulated_bus(
 # A robot's bus above its simulated mechanics: what `--bus physics` opens.
 
 
-def physics_bus(simulation: Simulation, clock: Clock) -> PhysicsBus:
+def physics_bus(simulation: Simulation, clock: Clock) -> WitnessedBus:
     """The bus of a robot with mass. Goals take effect one cycle of the robot after they are written."""
-    return PhysicsBus(simulation, clock, latency=1.0 / simulation.world.robot.profile.safety.rate_hz)
+    bus = PhysicsBus(simulation, clock, latency=1.0 / simulation.world.robot.profile.safety.rate_hz)
+    return WitnessedBus(bus, Witness(simulation))
 
 
 def physics_wire_bus(

@@ -140,26 +140,18 @@ class TappedPort(EmulatedPort):
 
     def write(self, data: bytes) -> None:
         """Send, and keep."""
-        self._alive()
+        if self.dead:
+            raise Killed
         one = Sent(self.now(), data)
         if self.writes_fail and any(packet.instruction not in READS for packet in packets([one])):
             raise BusError("the adapter does not take what is written")
         self._sent.append(one)
         super().write(data)
 
-    def read(self) -> bytes:
-        """What has arrived by now."""
-        self._alive()
-        return super().read()
-
-    def wait(self, deadline: float) -> bool:
-        """Sleep until something has arrived (True) or until `deadline`."""
-        self._alive()
-        return super().wait(deadline)
-
-    def _alive(self) -> None:
+    def _require(self, what: str) -> None:
         if self.dead:
             raise Killed
+        super()._require(what)
 
 
 ROBOT = "op3"

@@ -43,7 +43,9 @@ def test_before_torque_a_hand_holds_it() -> None:
     rig.clock.advance(5.0)
     assert rig.bus.read().position.tolist() == rig.start.tolist()
     assert rig.bus.witness.fall is None and rig.bus.witness.log.rows == 0
-    assert rig.bus.simulation.held and rig.bus.read().soles is None, "no state of soles while a hand holds the robot"
+    assert rig.bus.witness.simulation.held and rig.bus.read().soles is None, (
+        "no state of soles while a hand holds the robot"
+    )
 
 
 def test_it_stands_with_its_own_gains_and_its_feet_stay() -> None:
@@ -58,7 +60,7 @@ def test_it_stands_with_its_own_gains_and_its_feet_stay() -> None:
     assert bus.witness.log.slip_m.max() < 5e-4
     assert np.degrees(bus.witness.log.worst_tilt) < 0.5
     assert 0.005 < rig.error(states) < 0.05  # P gains without an I gain sag
-    assert bus.witness.state.load.sum() == pytest.approx(bus.simulation.world.weight, rel=0.01)
+    assert bus.witness.state.load.sum() == pytest.approx(bus.witness.simulation.world.weight, rel=0.01)
     assert states.soles is not None and states.soles.tolist() == [True, True]
     assert bus.witness.state.load[0] == pytest.approx(bus.witness.state.load[1], rel=0.1)
 
@@ -67,7 +69,7 @@ def test_the_hand_lets_go_without_a_jolt() -> None:
     rig = PhysicsRig()
     rig.arm()
     rig.run(2.0)
-    assert not rig.bus.simulation.held
+    assert not rig.bus.witness.simulation.held
     root = rig.bus.witness.log.column("root")[:, 2]
     assert np.abs(np.diff(root, n=2)).max() / DT**2 < 0.5  # [m/s^2]
     assert 0.0 < root[0] - root[-1] < 3e-3
@@ -114,7 +116,7 @@ def test_the_guard_leads_it_from_arming_to_release() -> None:
         guard.write(gate.check(present + 0.05 * np.sin(2.0 * rig.clock.now()) * arms) or gate.brake())
     assert guard.stop is None and rig.bus.witness.fall is None
     guard.release()
-    assert not rig.bus.torque_on
+    assert not rig.bus.witness.simulation.motors.driven.any()
 
 
 def test_a_strong_push_fells_it_and_a_weak_one_does_not() -> None:
@@ -139,9 +141,9 @@ def test_goals_take_effect_one_cycle_after_they_are_written() -> None:
         goal = standing()
         goal[0] += 200
         one.bus.write(ServoGoals(goal))
-        quiet = one.bus.simulation.motors.goal[0]
+        quiet = one.bus.witness.simulation.motors.goal[0]
         cycles = 0
-        while one.bus.simulation.motors.goal[0] == quiet:
+        while one.bus.witness.simulation.motors.goal[0] == quiet:
             one.clock.advance(0.002)
             one.bus.read()
             cycles += 1

@@ -66,7 +66,7 @@ def test_a_foot_that_rocks_on_its_edge_does_not_slip() -> None:
 
 def test_feet_that_are_dragged_slip_by_what_they_are_dragged() -> None:
     rig = settled(perturbation=Perturbation(friction=0.1))
-    simulation, log = rig.bus.simulation, rig.bus.witness.log
+    simulation, log = rig.bus.witness.simulation, rig.bus.witness.log
     before, slipped = rig.bus.witness.state.sole.copy(), log.slip_m.copy()
     simulation._model.opt.gravity[:] = [1.4, 0.0, -9.7]  # a slope of 8 degrees; friction holds on 6
     while float((rig.bus.witness.state.sole - before)[:, 0].min()) < 0.010:
@@ -77,7 +77,7 @@ def test_feet_that_are_dragged_slip_by_what_they_are_dragged() -> None:
 
 def test_on_a_slope_that_friction_holds_feet_stay() -> None:
     rig = settled(perturbation=Perturbation(friction=0.2))
-    rig.bus.simulation._model.opt.gravity[:] = [1.4, 0.0, -9.7]
+    rig.bus.witness.simulation._model.opt.gravity[:] = [1.4, 0.0, -9.7]
     slipped = rig.bus.witness.log.slip_m.copy()
     rig.run(5.0)
     assert (rig.bus.witness.log.slip_m - slipped).max() < 5e-4

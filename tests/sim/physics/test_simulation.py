@@ -34,7 +34,7 @@ def moving(seed: int) -> PhysicsRig:
     rig = PhysicsRig()
     rig.arm()
     rig.run(1.5)
-    data, model = rig.bus.simulation.data, rig.bus.simulation.world.model
+    data, model = rig.bus.witness.simulation.data, rig.bus.witness.simulation.world.model
     rows = (data.contact.efc_address[:, None] + np.arange(3)).ravel()
     jacobian = np.zeros((rows.size, model.nv))
     unit = np.eye(model.nv)
@@ -52,9 +52,9 @@ def moving(seed: int) -> PhysicsRig:
 
 def creep(rig: PhysicsRig) -> float:
     """Greatest speed, m/s, along the floor of a corner that is held, 8 ms later."""
-    rig.bus.simulation._steps.take(4)
-    data = rig.bus.simulation.data
-    engine().mj_step1(rig.bus.simulation.world.model, data)
+    rig.bus.witness.simulation._steps.take(4)
+    data = rig.bus.witness.simulation.data
+    engine().mj_step1(rig.bus.witness.simulation.world.model, data)
     rows = data.contact.efc_address[:, None] + np.array([1, 2])
     return float(np.abs(data.efc_vel[rows]).max())
 
@@ -71,7 +71,7 @@ def test_soles_that_stick_stay(monkeypatch: pytest.MonkeyPatch) -> None:
 def numeric(rig: PhysicsRig, contact: int) -> FloatArray:
     """Acceleration (3,) m/s^2 of what touches at a contact when no joint accelerates: its velocity's change along the
     speeds, by central differences."""
-    simulation, mujoco = rig.bus.simulation, engine()
+    simulation, mujoco = rig.bus.witness.simulation, engine()
     model, here = simulation.world.model, simulation.data
     body, step = int(model.geom_bodyid[here.contact.geom[contact, 1]]), 1e-5
     place = here.xmat[body].reshape(3, 3).T @ (here.contact.pos[contact] - here.xpos[body])
@@ -91,7 +91,7 @@ def numeric(rig: PhysicsRig, contact: int) -> FloatArray:
 @pytest.mark.parametrize("seed", range(3))
 def test_it_is_the_derivative_of_the_jacobian(seed: int) -> None:
     rig = moving(seed)
-    data, model = rig.bus.simulation.data, rig.bus.simulation.world.model
+    data, model = rig.bus.witness.simulation.data, rig.bus.witness.simulation.world.model
     engine().mj_step1(model, data)
     before = data.efc_aref.copy()
     SoleSteps(model, data)._correct(due=True)
@@ -111,12 +111,12 @@ def test_it_is_the_derivative_of_the_jacobian(seed: int) -> None:
 
 def test_a_robot_in_the_air_moves_as_the_engine_says() -> None:
     ours, plain = (PhysicsRig(mount=Mount(Support.STAND), start=standing()) for _ in range(2))
-    model, data = plain.bus.simulation.world.model, plain.bus.simulation.data
+    model, data = plain.bus.witness.simulation.world.model, plain.bus.witness.simulation.data
     for rig in (ours, plain):
         rig.arm()
-    ours.bus.simulation._steps.take(50)
+    ours.bus.witness.simulation._steps.take(50)
     engine().mj_step(model, data, nstep=50)
-    assert ours.bus.simulation.data.qpos.tolist() == data.qpos.tolist()
+    assert ours.bus.witness.simulation.data.qpos.tolist() == data.qpos.tolist()
 
 
 ALL = np.ones(20, dtype=np.bool_)
