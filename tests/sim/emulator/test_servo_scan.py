@@ -74,13 +74,7 @@ def test_a_dry_run_sends_nothing(lab: ServoLab) -> None:
         (("--port", "emulator", "--baud", "4500000", "--protocol", "1"), "no servo has it"),
         (("--port", "emulator", "--protocol", "2", "--ids", "253"), "0 to 252"),
         ((), "no port is named"),
-        (
-            (
-                "--port",
-                "no-such-port",
-            ),
-            "no-such-port",
-        ),
+        (("--port", "no-such-port"), "no-such-port"),
         (("--robot", "op4"), "Did you mean op3?"),
         (("--port", "x", "--faults", "f.yaml"), "only the emulator has faults to inject"),
     ],
