@@ -18,9 +18,8 @@ from hardware.clock import MonotonicClock
 from hardware.dynamixel.codec import protocol2
 from messages import shows
 from retarget.cli.exit import DONE, REFUSED
-from sim.emulator.conversation import Gaps
+from sim.emulator.conversation import Conduct, Gaps
 from sim.emulator.line import Line
-from sim.emulator.robot_lines import Conduct
 from sim.emulator.servo2_registers import FedBy
 
 OP3 = Path(__file__).resolve().parent.parent.parent / "configs/robots/op3"

@@ -8,7 +8,6 @@ from hardware.bus import ServoGoals, ServoStates
 from hardware.clock import VirtualClock
 from retarget.schema.scene import Scene
 from sim.buses import physics_bus, simulation_of
-from sim.physics.bus import PhysicsBus
 from sim.physics.mount import Mount
 from sim.physics.perturbation import Perturbation
 
@@ -41,7 +40,7 @@ class PhysicsRig:
         simulation = simulation_of(
             op3(), start=self.start, mount=mount, perturbation=perturbation, scene=scene, seed=seed
         )
-        self.bus: PhysicsBus = physics_bus(simulation, self.clock)
+        self.bus = physics_bus(simulation, self.clock)
         self.bus.open()
 
     def arm(self) -> None:

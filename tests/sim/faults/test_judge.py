@@ -2,8 +2,8 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from unittest.mock import patch
 
+import numpy as np
 import pytest
 
 import sim.faults.bench
@@ -11,9 +11,10 @@ from hardware.dynamixel.codec import protocol2
 from hardware.guard_state import StopCause
 from messages import shows
 from retarget.types import RunState
+from row_runs import forked, row
 from sim.faults.bench import Bench, Tick, Trace
-from sim.faults.reactions import violations
-from sim.faults.sender import FakeSender
+from sim.faults.judge import ONSET, violations
+from sim.faults.sender import FakeSender, Poses
 from sim.faults.wire_checker import HEADER, Sent, goal_writes, torque_off, written
 
 
@@ -169,10 +170,63 @@ def test_without_a_robot_nothing_was_wrong() -> None:
     assert violations(Bench(FakeSender(), duration=1.0), Trace()) == []
 
 
+def _endless(bench: Bench) -> Callable[[], object]:
+    sim.faults.bench.ENDLESS_S = -10.0
+    return lambda: (bench.trace.endless, violations(bench, bench.trace))
+
+
 def test_a_run_that_does_not_end_is_ended_and_found() -> None:
-    with patch.object(sim.faults.bench, "ENDLESS_S", -0.7):
-        one = Bench(FakeSender(), duration=1.6)
-        trace = one.run()
-    assert trace.endless
-    assert len(trace.ticks) == 1  # of a run of seconds
-    shows(violations(one, trace))
+    endless, wrong = forked(_endless)
+    assert endless
+    shows(wrong)
+
+
+def faster(trace: Trace, since: float, until: float) -> Trace:
+    """As if goals of a time had come in a third of it, and stood then: every third is sent, and the last ones again."""
+    sent, held = [], None
+    sent_goals = [one for one in trace.sent if since <= one.time < until and one.data[7:10] == b"\x83\x74\x00"]
+    ahead = dict(
+        zip((one.time for one in sent_goals), sent_goals[::3] + [sent_goals[-1]] * len(sent_goals), strict=False)
+    )
+    for one in trace.sent:
+        held = ahead.get(one.time) if one in sent_goals else None
+        sent.append(one if held is None else replace(one, data=held.data))
+    return replace(trace, sent=sent)
+
+
+def _hurried(bench: Bench) -> Callable[[], object]:
+    """Goals that are too fast on the approach, and after a hold, of a performer whose stream was silent meanwhile."""
+    row("stream silent for a while").inject(bench, ONSET)
+
+    def judged() -> tuple[list[str], list[str]]:
+        trace = bench.trace
+        assert trace.armed is not None and trace.approach_ended is not None and violations(bench, trace) == []
+        middle = 0.5 * (trace.armed + trace.approach_ended)
+        again = [last for first, last in trace.holds if last - first > 0.3][-1]
+        doctored = faster(trace, middle, trace.approach_ended), faster(trace, again, again + 0.7)
+        return violations(bench, doctored[0]), violations(bench, doctored[1])
+
+    bench.at(ONSET + 1.9, bench.leave)
+    return judged
+
+
+def test_goals_that_are_too_fast_on_the_approach_and_when_following_resumes_are_found() -> None:
+    approach, again = forked(_hurried)
+    shows(approach)
+    assert any("after a hold" in line for line in again)
+
+
+def t_pose(time: float, poses: Poses) -> Poses:
+    """Arms straight out to the sides, all the time."""
+    ahead = poses["head"][0]
+    out = {"l_wrist": (ahead, 0.75, 1.42), "r_wrist": (ahead, -0.75, 1.42)}  # m
+    return poses | {name: np.array(at) + (poses[name] - poses[name].round(2)) for name, at in out.items()}
+
+
+def test_arms_straight_out_are_approached_slowly() -> None:
+    one = Bench(FakeSender(faults=[t_pose]), duration=0.7)
+    one.leaves = True
+    trace = one.run()
+    assert trace.began is not None and trace.armed is not None and trace.approach_ended is not None
+    assert trace.approach_ended - trace.armed > 1.0
+    assert violations(one, trace) == []
