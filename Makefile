@@ -17,6 +17,8 @@ RUST_OLDEST := 1.83
 RUST_TARGETS := x86_64-unknown-linux-gnu aarch64-unknown-linux-gnu
 JOBS ?= 2
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
+# Without bytecode every process of a test, and every worker, would compile everything anew.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: help demo test lint golden golden-store bench bench-bus bench-tick bench-lateness bench-viewer bench-physics paper robustness mutants long docs wheels clean machine
 

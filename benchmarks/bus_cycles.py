@@ -54,32 +54,6 @@ def goals(count: int, k: int) -> TickArray:
 
 
 @dataclass(frozen=True)
-class Load:
-    """Shares of a core of the host's thread and of the emulator's process; cycles per s; servos without values."""
-
-    host: float
-    emulator: float
-    rate: float
-    lost: int
-
-
-def load(side: BusSide, emulator: EmulatorProcess, *, count: int, seconds: float, period: float) -> Load:
-    """Cycle every `period` s, or (0) as soon as the last has ended."""
-    clock = MonotonicClock()
-    for k in range(WARM_UP):
-        side.cycle(goals(count, k))
-    begun, host, theirs = clock.now(), thread_cpu(), emulator.cpu()
-    done = lost = 0
-    while clock.now() < begun + seconds:
-        lost += count - side.cycle(goals(count, done))
-        done += 1
-        if period:
-            clock.sleep_until(begun + done * period)
-    elapsed = clock.now() - begun
-    return Load((thread_cpu() - host) / elapsed, (emulator.cpu() - theirs) / elapsed, done / elapsed, lost)
-
-
-@dataclass(frozen=True)
 class Missing:
     """A servo goes missing. Times of a cycle in ms: before; slowest of the first without it; median and slowest of
     later ones. others: smallest number of the others that had values in any cycle."""

@@ -1,4 +1,4 @@
-"""Emulated XM430-W350 on a pseudo-terminal, in a process of their own; what that process costs can be asked.
+"""Emulated XM430-W350 on a pseudo-terminal, in a process of their own.
 
 `python -m benchmarks.bus_emulator LINK COUNT BAUD [wire]`: until the end of its input, whose lines are faults.
 """
@@ -79,10 +79,6 @@ class EmulatorProcess:
         self._input.write(line + "\n")
         self._input.flush()
         self._output.readline()
-
-    def cpu(self) -> float:
-        """CPU time in s that the process has used (Linux)."""
-        return int(Path(f"/proc/{self._process.pid}/schedstat").read_text(encoding="ascii").split()[0]) * 1e-9
 
 
 def main() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
-from dynamixel_sdk import COMM_SUCCESS, GroupSyncRead, GroupSyncWrite, PacketHandler, PortHandler, port_handler
+from dynamixel_sdk import COMM_SUCCESS, GroupSyncRead, GroupSyncWrite, PacketHandler, PortHandler
 
 from benchmarks.bus_emulator import CENTRE, bus_spec, servo_specs
 from hardware.arrays import TickArray
@@ -105,18 +105,12 @@ class OurBus:
 
 
 class SdkGroups:
-    """dynamixel-sdk's GroupSyncWrite and GroupSyncRead, `latency_ms` its LATENCY_TIMER (as delivered: 16).
+    """dynamixel-sdk's GroupSyncWrite and GroupSyncRead, and the three values of each servo taken out of the group."""
 
-    values: take the three values of each servo out of the group; without, the bytes stay where they are.
-    """
-
-    def __init__(
-        self, path: str, count: int, baud: int, *, plain: bool = False, values: bool = True, latency_ms: int = 16
-    ) -> None:
-        self.name = f"dynamixel-sdk, {'sync' if plain else 'fast sync'} read{'' if values else ', values not taken'}"
-        self._ids, self._plain, self._values = range(1, count + 1), plain, values
+    def __init__(self, path: str, count: int, baud: int, *, plain: bool = False) -> None:
+        self.name = f"dynamixel-sdk, {'sync' if plain else 'fast sync'} read"
+        self._ids, self._plain = range(1, count + 1), plain
         self._port = PortHandler(path)
-        self._latency = latency_ms
         if not self._port.openPort() or not self._port.setBaudRate(baud):
             raise RuntimeError(f"the SDK cannot open {path} at {baud} baud")
         packets = PacketHandler(2.0)
@@ -128,15 +122,12 @@ class SdkGroups:
 
     def cycle(self, ticks: TickArray) -> int:
         """One cycle."""
-        port_handler.LATENCY_TIMER = self._latency
         for device, tick in zip(self._ids, ticks.tolist(), strict=True):
             self._goals.changeParam(device, list(tick.to_bytes(GOAL_SIZE, "little", signed=True)))
         self._goals.txPacket()
         result = self._states.txRxPacket() if self._plain else self._states.fastSyncRead()
         if result != COMM_SUCCESS:
             return 0
-        if not self._values:
-            return len(self._ids)
         states = self._states
         taken = [(states.getData(i, 126, 2), states.getData(i, 128, 4), states.getData(i, 132, 4)) for i in self._ids]
         return len(taken)

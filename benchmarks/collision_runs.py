@@ -10,10 +10,9 @@ import numpy as np
 import yaml
 
 from benchmarks.bodies import Floats
-from hardware.bus import ServoBus
-from hardware.clock import Clock, VirtualClock
+from hardware.clock import VirtualClock
 from retarget.frames import SensorFrames
-from retarget.model.robot import RobotBody, load_robot
+from retarget.model.robot import load_robot
 from retarget.report.clearance import PlacedBody, place_body
 from retarget.report.motion_metrics import jerk_p95
 from retarget.run.options import HUMAN_PRIORITIES, RunOptions
@@ -22,7 +21,7 @@ from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
 from retarget.schema.catalogue import Kind, find
 from retarget.schema.priorities import self_contained
-from sim.mock_bus import MockBus
+from sim.mock_bus import mock_bus
 
 OBSERVING = ("reactive", "preventive")
 HANDS = (("l_hand", "l_wrist"), ("r_hand", "r_wrist"))
@@ -59,7 +58,7 @@ class Motion:
 
 def play(frames: SensorFrames, options: RunOptions) -> Motion:
     """Run it on a virtual clock and a mock bus. Raises RetargetError."""
-    with prepare(lambda: frames, options, clock=VirtualClock(), make_bus=_mock_bus) as prepared:
+    with prepare(lambda: frames, options, clock=VirtualClock(), make_bus=mock_bus) as prepared:
         run = prepared.run()
     return motion_of(run)
 
@@ -114,9 +113,3 @@ def gated_share(motion: Motion) -> float | None:
     if sent is None or motion.first == motion.end:
         return None
     return float(np.mean(sent.gated[motion.run.record.phase == Phase.FOLLOW]))
-
-
-def _mock_bus(robot: RobotBody, clock: Clock) -> ServoBus:
-    """Servos that begin in the robot's `stand` posture."""
-    start = robot.joint_map.to_ticks(robot.posture(robot.profile.postures.stand)[robot.servo_columns])
-    return MockBus(robot.joint_map.servos, clock, start=start)

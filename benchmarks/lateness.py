@@ -6,21 +6,20 @@ of its bus, at 100 Hz. Lateness: when a tick wakes up, minus its deadline, and w
 
 from __future__ import annotations
 
-import argparse
 import gc
-import json
 import os
 import shutil
 import socket
 import tempfile
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.bodies import Floats
 from benchmarks.pose_sender import PoseSender
+from benchmarks.table import options_of, print_table, write_json
 from hardware.bus import ServoBus
 from hardware.clock import Clock, MonotonicClock
 from hardware.realtime import Scheduling, scheduled
@@ -150,30 +149,26 @@ def by_turns(seconds: float, turns: int, live: Callable[[float], list[float]]) -
 
 def main() -> None:
     """The command."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.lateness", description=__doc__)
-    parser.add_argument("--seconds", type=float, default=20.0, help="of each leg")
-    parser.add_argument("--turns", type=int, default=3, help="legs of each loop")
-    parser.add_argument("--realtime", type=int, help="priority of both")
-    parser.add_argument("--core", type=int, help="the only core of both")
-    parser.add_argument("--json", type=Path, help="file for the numbers")
-    options = parser.parse_args()
+    options = options_of(
+        "benchmarks.lateness",
+        __doc__,
+        seconds=(20.0, "of each leg"),
+        turns=(3, "legs of each loop"),
+        realtime=(0, "priority of both"),
+        core=(-1, "the only core of both"),
+    )
     load = os.getloadavg()[0]
-    with tempfile.TemporaryDirectory() as name, scheduled(Scheduling(priority=options.realtime, core=options.core)):
+    how = Scheduling(priority=options.realtime or None, core=None if options.core < 0 else options.core)
+    with tempfile.TemporaryDirectory() as name, scheduled(how):
         robot = at_rate(Path(name))
-        rows = by_turns(options.seconds, options.turns, lambda seconds: live_leg(seconds, robot))
-    print_rows(rows, load)
-    if options.json is not None:
-        options.json.write_text(json.dumps([asdict(row) for row in rows], indent=1) + "\n", encoding="utf-8")
-
-
-def print_rows(rows: tuple[Lateness, Lateness], load: float) -> None:
-    """As Markdown."""
-    live, empty = rows
-    print(f"\n| {RATE_HZ:g} Hz, load {load:.1f} | ticks | p50, ms | p99, ms | longest, ms | over a period |")
-    print("|---|---:|---:|---:|---:|---:|")
-    for row in rows:
-        print(f"| {row.loop} | {row.ticks} | {row.p50:.3f} | {row.p99:.3f} | {row.longest:.3f} | {row.missed} |")
-    print(f"| live / empty | | {live.p50 / empty.p50:.2f} | {live.p99 / empty.p99:.2f} | | |")
+        live, empty = by_turns(options.seconds, options.turns, lambda seconds: live_leg(seconds, robot))
+    heads = [f"{RATE_HZ:g} Hz, load {load:.1f}", "ticks", "p50, ms", "p99, ms", "longest, ms", "over a period"]
+    rows = [
+        [row.loop, str(row.ticks), *(f"{ms:.3f}" for ms in (row.p50, row.p99, row.longest)), str(row.missed)]
+        for row in (live, empty)
+    ]
+    print_table(heads, [*rows, ["live / empty", "", f"{live.p50 / empty.p50:.2f}", f"{live.p99 / empty.p99:.2f}"]])
+    write_json(options.json, {"lateness": [live, empty]})
 
 
 if __name__ == "__main__":

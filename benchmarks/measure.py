@@ -1,21 +1,27 @@
-"""Interleaved timing of several sides, and what each of them reached."""
+"""Interleaved timing of several sides, what each of them reached, and a table of it."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from benchmarks.bodies import BenchBody, Floats
 from benchmarks.motion import RATE, Motion
-from benchmarks.side import Side
+from benchmarks.side import MakeSide, Side
+from benchmarks.table import print_table
 
 WARM_UP = 20  # frames whose times are not counted; their errors are
+OURS = "retarget"
+"""Name of our side."""
+LEGEND = """\
+Times: us of thread CPU per frame of five iterations, targets set beforehand. ours / side: our median over this side's.
+Errors: mean (max) mm against the targets, every frame from the first. speed: highest joint speed over its limit.
+shake: change of a joint's speed between frames, p99, over the limit (2: full speed to full speed backwards).
+beyond: rad outside joint limits. failed: solves that gave no answer (the posture stays)."""
 TIMES = ("median_us", "p99_us", "max_us")
-MakeSide = Callable[[BenchBody, Motion], Side]
-"""A class of sides, or anything else that makes one."""
 
 
 @dataclass(frozen=True)
@@ -112,3 +118,39 @@ def limits(body: BenchBody, postures: Floats) -> tuple[float, float, float]:
     change = np.abs(np.diff(speed, axis=0)).max(axis=1)
     beyond = np.maximum(lower - joints, joints - upper)[:, ~body.locked[6:]]
     return float(np.abs(speed).max()), float(np.percentile(change, 99.0)), float(max(beyond.max(), 0.0))
+
+
+def print_outcomes(outcomes: list[Outcome]) -> None:
+    """One row for each side in each case."""
+    rows = []
+    for body, motion in dict.fromkeys((o.body, o.motion) for o in outcomes):
+        block = [o for o in outcomes if (o.body, o.motion) == (body, motion)]
+        base = next(o.median_us for o in block if o.side == OURS)
+        rows += [[f"{body}, {motion}" if o is block[0] else "", *_row(o, base)] for o in block]
+    errors = ["CoM mean (max)", "ankles mean (max)", "wrists", "head"]
+    print_table(
+        ["case", "side", "median", "p99", "ours / side", *errors, "speed", "shake", "beyond", "failed"], rows, text=2
+    )
+    print(f"\n{LEGEND}")
+
+
+def _row(o: Outcome, base: float) -> list[str]:
+    return [
+        o.side,
+        f"{o.median_us:.0f}",
+        f"{o.p99_us:.0f}",
+        "" if o.side == OURS else f"{base / o.median_us:.2f}",
+        f"{_mm(o.com_mm)} ({_mm(o.com_max_mm)})",
+        f"{_mm(o.ankles_mm)} ({_mm(o.ankles_max_mm)})",
+        _mm(o.wrists_mm),
+        _mm(o.head_mm),
+        f"{o.speed:.2f}",
+        f"{o.shake:.2f}",
+        f"{o.beyond_limits_rad:.0e}" if o.beyond_limits_rad > 0.0 else "0",
+        str(o.failures),
+    ]
+
+
+def _mm(value: float) -> str:
+    """Three digits or so."""
+    return f"{value:.2f}" if value < 10.0 else f"{value:.1f}" if value < 100.0 else f"{value:.0f}"

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.bodies import Floats
-from benchmarks.measure import TIMES, MakeSide, Outcome, outcome, play
+from benchmarks.measure import TIMES, Outcome, outcome, play
 from benchmarks.motion import Motion, crouch_and_reach
 from benchmarks.observed_body import (
     NOTHING,
@@ -20,17 +20,13 @@ from benchmarks.observed_body import (
     watched_human,
     watched_op3,
 )
-from benchmarks.observed_check import check_pairs
 from benchmarks.observed_obstacles import size_of, sphere_at_hand
-from benchmarks.observed_ours import Activation, observed
+from benchmarks.ours import Activation, observed
 from benchmarks.recording import SETTLE, followed, recording
+from benchmarks.side import MakeSide, check_distances, peers
 from retarget.human.calibration import calibrate
 from retarget.sources.open import open_source
 
-HUMAN_US, OP3_US = (250.0, 1500.0), (180.0, 800.0)
-"""What a frame may take, us: median and p99."""
-PLACO_SHARE, MINK_SHARE = 0.5, 0.2
-"""What our median may be of theirs."""
 BASE = "retarget, all"
 """The side of ours that peers are compared with: a damper on every pair, no obstacle."""
 CLEAR, INSIDE = 0.4, -0.6
@@ -39,12 +35,10 @@ CLEAR, INSIDE = 0.4, -0.6
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """One side of a case. asked_us: median and p99; asked_share: of our median in this side's."""
+    """One side of a case."""
 
     make: MakeSide
     around: StaticObstacles = NOTHING
-    asked_us: tuple[float, float] | None = None
-    asked_share: float | None = None
     looks: bool = True
 
 
@@ -59,8 +53,6 @@ class Observed:
     near: float
     self_mm: float | None
     scene_mm: float | None
-    asked_us: tuple[float, float] | None
-    asked_share: float | None
 
 
 def cases(frames: int, recorded: Path | None) -> list[tuple[Watched, Motion]]:
@@ -69,11 +61,12 @@ def cases(frames: int, recorded: Path | None) -> list[tuple[Watched, Motion]]:
     for watched in (watched_human("lines_and_head"), watched_human("capsules"), watched_op3()):
         found.append((watched, crouch_and_reach(watched.body, frames)))
     if recorded is not None:
-        size = calibrate(open_source(recorded))
+        source = open_source(recorded)
+        size = calibrate(source)
         performer = watched_human("lines_and_head", size)
-        motion = recording(performer.body, recorded)
+        motion = recording(performer.body, source)
         found += [(performer, motion), (watched_human("capsules", size), motion)]
-        body, motion = followed(watched_op3().body, recorded)
+        body, motion = followed(watched_op3().body, source)
         found.append((watched_op3(body), motion))
     return [(watched, settled(watched, motion)) for watched, motion in found]
 
@@ -90,37 +83,16 @@ def settled(watched: Watched, motion: Motion) -> Motion:
 
 def entries(watched: Watched, motion: Motion) -> list[Entry]:
     """Ours without observers, with them, and with an obstacle at the right hand; then the peers that are installed."""
-    human = watched.body.name == "human"
-    asked = HUMAN_US if human else OP3_US
-    ways: tuple[Activation, ...] = ("closest", "all") if human else ("all",)
+    ways: tuple[Activation, ...] = ("closest", "all") if watched.body.name == "human" else ("all",)
     free = Entry(observed("retarget, no observers", watched, None), looks=False)
     postures = play(watched.body, motion, [free.make])[2][0]
-    found = [free]
-    found += [Entry(observed(f"retarget, {way}", watched, way), asked_us=asked) for way in ways]
+    found = [free, *(Entry(observed(f"retarget, {way}", watched, way)) for way in ways)]
     for place, share in (("beside", CLEAR), ("in", INSIDE)):
         sphere = sphere_at_hand(watched, postures, share * size_of(watched))
         for way in ways:
             name = f"retarget, {way}, sphere {place} the hand's way"
-            found.append(Entry(observed(name, watched, way, sphere), sphere, asked_us=asked))
-    return [*found, *_peers(watched)]
-
-
-def _peers(watched: Watched) -> list[Entry]:
-    """PlaCo and mink, if they are there."""
-    found = []
-    try:
-        from benchmarks.observed_placo import observed_placo
-
-        found += [Entry(observed_placo(watched, way), asked_share=PLACO_SHARE) for way in ("hard", "soft")]
-    except ImportError as error:
-        print(f"without PlaCo: {error}; install the extra 'bench'")
-    try:
-        from benchmarks.observed_mink import observed_mink
-
-        found.append(Entry(observed_mink(watched), asked_share=MINK_SHARE))
-    except ImportError as error:
-        print(f"without mink: {error}; install the extra 'bench'")
-    return found
+            found.append(Entry(observed(name, watched, way, sphere), sphere))
+    return [*found, *(Entry(peer) for peer in peers(watched))]
 
 
 def run_observed(watched: Watched, motion: Motion, sides: Sequence[Entry], *, repeats: int = 1) -> list[Observed]:
@@ -136,7 +108,8 @@ def run_observed(watched: Watched, motion: Motion, sides: Sequence[Entry], *, re
 def _once(watched: Watched, motion: Motion, sides: Sequence[Entry]) -> list[Observed]:
     running, spent, postures = play(watched.body, motion, [side.make for side in sides])
     for side in running:
-        check_pairs(watched, side)
+        if hasattr(side, "distances"):
+            check_distances(side.name, side.distances(), watched, side.posture())
     return [
         _row(watched, side, outcome(watched.body, motion, running[s], spent[:, s], postures[s]), postures[s])
         for s, side in enumerate(sides)
@@ -161,6 +134,4 @@ def _row(watched: Watched, side: Entry, done: Outcome, postures: Floats) -> Obse
         near=float(near),
         self_mm=1e3 * float(itself.min()) if (itself <= zone).any() else None,
         scene_mm=scene_mm,
-        asked_us=side.asked_us,
-        asked_share=side.asked_share,
     )

@@ -1,4 +1,4 @@
-"""mink: one weighted quadratic program per iteration."""
+"""mink: one weighted quadratic program per iteration; with its collision avoidance limit where observers are given."""
 
 from __future__ import annotations
 
@@ -10,16 +10,23 @@ import numpy as np
 
 from benchmarks.bodies import BenchBody, Floats
 from benchmarks.motion import Motion
+from benchmarks.observed_body import Watched
+from benchmarks.observed_shapes import PREFIX, mujoco_model
 from benchmarks.side import DT, LEADING_WEIGHT, N_IK, POSTURE_GAIN, POSTURE_WEIGHT
+
+FAR = 100.0  # m, so that every distance is measured
 
 
 class Mink:
-    """mink with daqp; its costs multiply errors, so they are the roots of our weights."""
+    """mink with daqp; its costs multiply errors, so they are the roots of our weights.
+
+    watched: with these observers; its detection distance is their influence, its least distance their margin.
+    """
 
     name = "mink"
 
-    def __init__(self, body: BenchBody, motion: Motion) -> None:
-        model = self.model = self.make_model(body)
+    def __init__(self, body: BenchBody, motion: Motion, *, watched: Watched | None = None) -> None:
+        model = self.model = body.reduced_model() if watched is None else mujoco_model(watched)
         self.failures = 0
         joints = [body.model.joint_index(model.joint(i).name) for i in range(1, model.njnt)]
         self.columns = np.concatenate([np.arange(7), body.model.joint_qpos[joints]]).astype(int)
@@ -38,10 +45,16 @@ class Mink:
         self.tasks = [self.com, *self.points, posture]
         speeds = {model.joint(i).name: body.max_speed for i in range(1, model.njnt)}
         self.limits = [mink.ConfigurationLimit(model), mink.VelocityLimit(model, speeds)]
-
-    def make_model(self, body: BenchBody) -> Any:
-        """The MuJoCo model to work on."""
-        return body.reduced_model()
+        if watched is not None:
+            seen = watched.observers
+            self.pairs = [(PREFIX + seen.names[a], PREFIX + seen.names[b]) for a, b in seen.pairs.tolist()]
+            self.avoidance: Any = mink.CollisionAvoidanceLimit(
+                model,
+                [([a], [b]) for a, b in self.pairs],
+                minimum_distance_from_collisions=float(seen.margin.max()),
+                collision_detection_distance=float(seen.influence.max()),
+            )
+            self.limits.append(self.avoidance)
 
     def aim(self, com: Floats, points: Floats) -> None:
         """See `Side`."""
@@ -66,3 +79,15 @@ class Mink:
         self.whole[self.columns] = self.configuration.q
         mujoco.mju_normalize4(self.whole[3:7])
         return self.whole.copy()
+
+    def distances(self) -> Floats:
+        """What MuJoCo finds for every pair (p,) m where it stands; NaN for what mink does not look at."""
+        geoms = [(self.model.geom(a).id, self.model.geom(b).id) for a, b in self.pairs]
+        looked_at = {frozenset(pair) for pair in self.avoidance.geom_id_pairs}
+        data, ends = self.configuration.data, np.zeros(6)
+        return np.array(
+            [
+                mujoco.mj_geomDistance(self.model, data, a, b, FAR, ends) if {a, b} in looked_at else np.nan
+                for a, b in geoms
+            ]
+        )

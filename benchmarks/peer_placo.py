@@ -1,7 +1,8 @@
-"""PlaCo: two levels, hard and soft, in C++."""
+"""PlaCo: two levels, hard and soft, in C++; with its self-collision avoidance where observers are given."""
 
 from __future__ import annotations
 
+import json
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,8 @@ import placo
 
 from benchmarks.bodies import BenchBody, Floats
 from benchmarks.motion import Motion
+from benchmarks.observed_body import Watched
+from benchmarks.observed_shapes import urdf_names, urdf_shapes
 from benchmarks.side import DT, LEADING_WEIGHT, N_IK, POSTURE_GAIN, POSTURE_WEIGHT
 from benchmarks.urdf import write_urdf
 from retarget import rotations
@@ -19,15 +22,16 @@ TINY = 1e-6  # regularization that PlaCo's own examples use
 
 
 class Placo:
-    """PlaCo with every task soft: the leading ones by weight."""
+    """PlaCo. leading: how centre of mass and ankles are asked: `soft`, by weight, or `hard`, as equality constraints.
 
-    name = "PlaCo soft"
-    leading = "soft"
+    watched: with these observers; its trigger is their influence, its margin theirs. It knows no obstacles.
+    """
 
-    def __init__(self, body: BenchBody, motion: Motion) -> None:
-        self.failures = 0
-        self.body = body
-        self.robot = self.make_robot(body)
+    def __init__(
+        self, body: BenchBody, motion: Motion, *, leading: str = "soft", watched: Watched | None = None
+    ) -> None:
+        self.failures, self.body, self.leading, self.name = 0, body, leading, f"PlaCo {leading}"
+        self.robot = _robot(body) if watched is None else self._watching_robot(body, watched)
         self.joints = [name for name in body.model.joint_names[1:] if name not in set(body.locked_joints)]
         self.root = body.model.body_names[1]
         self.start_from(motion.start)
@@ -40,12 +44,24 @@ class Placo:
         self.com.configure("com", self.leading, LEADING_WEIGHT)
         self.points = [self.add_point(point.name) for point in body.points]
         self.add_posture(body.attractor)
+        if watched is not None:
+            constraint = solver.add_avoid_self_collisions_constraint()
+            constraint.self_collisions_margin = float(watched.observers.margin.max())
+            constraint.self_collisions_trigger = float(watched.observers.influence.max())
+            constraint.configure("self collision", "hard")
 
-    def make_robot(self, body: BenchBody) -> Any:
-        """The robot to work on."""
+    def _watching_robot(self, body: BenchBody, watched: Watched) -> Any:
+        """The body with our shapes, and our pairs, by number among its shapes."""
         with tempfile.TemporaryDirectory() as folder:
-            Path(folder, "robot.urdf").write_text(write_urdf(body), encoding="utf-8")
-            return placo.RobotWrapper(folder, placo.Flags.ignore_collisions)
+            Path(folder, "robot.urdf").write_text(write_urdf(body, urdf_shapes(watched)), encoding="utf-8")
+            pairs = Path(folder, "collisions.json")
+            pairs.write_text("[]", encoding="utf-8")  # without this file it looks at all pairs, and warns
+            robot = placo.RobotWrapper(folder)
+            shapes = [robot.collision_model.getGeometryId(name) for name in urdf_names(watched)]
+            self.pairs = [(shapes[a], shapes[b]) for a, b in watched.observers.pairs.tolist()]
+            pairs.write_text(json.dumps(self.pairs), encoding="utf-8")
+            robot.load_collision_pairs(str(pairs))
+        return robot
 
     def start_from(self, q: Floats) -> None:
         """Put the robot into a posture (nq,)."""
@@ -98,9 +114,13 @@ class Placo:
             q[self.address(name)] = self.robot.get_joint(name)
         return q
 
+    def distances(self) -> Floats:
+        """What it finds for every pair (p,) m where it stands; NaN for what it does not look at."""
+        found = {frozenset((one.objA, one.objB)): one.min_distance for one in self.robot.distances()}
+        return np.array([found.pop(frozenset(pair), np.nan) for pair in self.pairs])
 
-class PlacoHard(Placo):
-    """PlaCo with the centre of mass and the ankles as equality constraints."""
 
-    name = "PlaCo hard"
-    leading = "hard"
+def _robot(body: BenchBody) -> Any:
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder, "robot.urdf").write_text(write_urdf(body), encoding="utf-8")
+        return placo.RobotWrapper(folder, placo.Flags.ignore_collisions)

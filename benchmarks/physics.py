@@ -16,8 +16,8 @@ import dataclasses
 import json
 from pathlib import Path
 
-from benchmarks.observed import RECORDING
 from benchmarks.physics_runs import PhysicsCost, cost_of_run
+from benchmarks.recording import RECORDING
 from benchmarks.table import print_table
 from retarget.frames import SensorFrames
 from retarget.human.samples import Playback

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,29 +11,30 @@ import numpy as np
 from benchmarks.bodies import BenchBody, Floats, Point
 from benchmarks.motion import RATE, Motion
 from benchmarks.one_stage import recorded
-from benchmarks.ours import OursOverRoot
+from benchmarks.ours import Ours
 from retarget.frames import SensorFrames
 from retarget.human.calibration import calibrate
 from retarget.model.robot import RobotBody, load_robot
 from retarget.robot.follower import Follower
 from retarget.schema.priorities import load_priorities
-from retarget.sources.open import open_source
 
+SHARED = Path(os.environ.get("RETARGET_SHARED", str(Path(__file__).resolve().parent.parent.parent / "shared")))
+RECORDING = SHARED / "mocap" / "cmu_asfamc" / "02_06.amc"
 LANDMARK = {"l_wrist": "l_hand", "r_wrist": "r_hand"}
 """Names that differ on a robot."""
 SETTLE = 240  # frames of standing still, so that no side begins with a jump
 
 
-def recording(body: BenchBody, path: Path) -> Motion:
+def recording(body: BenchBody, source: SensorFrames) -> Motion:
     """Five sensors of a performer of the body's size, and the path of the centre of mass that goes with them.
 
     The paper keeps the centre of mass over the root. The peers take world targets only, so the path is the one that
     our own solver reaches with the paper's task.
     """
-    source = open_source(path)
     points = source.position[:, [source.names.index(point.name) for point in body.points]]
-    over_root = Motion(path.stem, np.zeros((len(points), 3)), points, first_guess(body, source), (1.0, 1.0, 0.0))
-    ours = OursOverRoot(body, over_root)
+    start, com = first_guess(body, source), np.zeros((len(points), 3))
+    over_root = Motion(Path(source.source).stem, com, points, start, (1.0, 1.0, 0.0))
+    ours = Ours(body, over_root, over=1)
     ours.aim(over_root.com[0], points[0])
     for _ in range(SETTLE):
         ours.solve()
@@ -45,13 +47,13 @@ def recording(body: BenchBody, path: Path) -> Motion:
     return replace(over_root, com=body.model.solver_body().centre_of_mass(postures), start=start)
 
 
-def followed(robot: BenchBody, path: Path) -> tuple[BenchBody, Motion]:
+def followed(robot: BenchBody, source: SensorFrames) -> tuple[BenchBody, Motion]:
     """What the recording asks of a robot that stands: ankles still, hands and head by the landmarks of the recording.
 
     The path of the centre of mass is the one that the robot's own stage takes. What is asked is not always in reach,
     nor always within its speed. The body that is returned has the landmarks' frames as points.
     """
-    profile, source = load_robot(robot.name), open_source(path)
+    profile = load_robot(robot.name)
     follower = Follower(profile, load_priorities(profile.profile.retarget), calibrate(source))
     points = tuple(_point(profile, point.name) for point in robot.points)
     ankles = [follower.stance.points[point.name] for point in points if "ankle" in point.name]
@@ -61,7 +63,7 @@ def followed(robot: BenchBody, path: Path) -> tuple[BenchBody, Motion]:
         done = follower.step(posture, 1.0 / RATE) if tick else follower.start(posture)
         asked[tick] = [*ankles, *done.landmarks_asked[columns]]
         com[tick] = done.centre_of_mass
-    motion = Motion(path.stem, com, asked, follower.stance.q, (1.0, 1.0, 0.0))
+    motion = Motion(Path(source.source).stem, com, asked, follower.stance.q, (1.0, 1.0, 0.0))
     return replace(robot, points=points), motion
 
 

@@ -23,8 +23,8 @@ from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
 
-from benchmarks.observed import RECORDING
 from benchmarks.physics_runs import Stood, play, stood
+from benchmarks.recording import RECORDING
 from benchmarks.table import print_table
 from retarget.frames import SensorFrames
 from retarget.human.samples import Playback

@@ -7,25 +7,23 @@ when a tick wakes up, minus its deadline.
 
 from __future__ import annotations
 
-import argparse
 import gc
-import json
 import os
 import signal
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import dataclass
 
 import numpy as np
 
 from benchmarks.bodies import Floats
+from benchmarks.table import options_of, print_table, write_json
 from hardware.clock import MonotonicClock, thread_cpu
 from retarget.cli.buses import make_bus
 from retarget.cli.exit import StopRequest
-from retarget.cli.view import Viewing, viewing
+from retarget.cli.view import Viewing, opened_page, viewing
 from retarget.human.samples import Playback
 from retarget.run.loop import Watch
 from retarget.run.options import RunOptions
@@ -117,8 +115,10 @@ def looked_at(page: str, prepared: Prepared, options: RunOptions) -> Iterator[tu
         yield Viewing(None), None
         return
     messages: list[str] = []
-    with viewing(0, prepared, options, notify=messages.append) as viewed:
-        feed = viewed._feed
+    with (
+        opened_page(0, options, messages.append) as feed,
+        viewing(feed, prepared, options, notify=messages.append) as viewed,
+    ):
         assert feed is not None
         looker = subprocess.Popen(
             ["nice", "-n", "10", sys.executable, "-m", "benchmarks.looker", feed.address], stdout=subprocess.PIPE
@@ -160,20 +160,31 @@ def by_turns(seconds: float, turns: int) -> list[Leg]:
 
 def main() -> None:
     """The command."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.viewer", description=__doc__)
-    parser.add_argument("--seconds", type=float, default=10.0, help="of each leg")
-    parser.add_argument("--turns", type=int, default=5, help="legs of each kind")
-    parser.add_argument("--json", type=Path, help="file for the numbers")
-    options = parser.parse_args()
+    options = options_of("benchmarks.viewer", __doc__, seconds=(10.0, "of each leg"), turns=(5, "legs of each kind"))
     load = os.getloadavg()[0]
     rows = by_turns(options.seconds, options.turns)
-    print(f"\n| page, load {load:.1f} | ticks | CPU p50, ms | mean | p99 | p50 / off | late p50, ms | p99 | longest |")
-    print("|---|---:|---:|---:|---:|---:|---:|---:|---:|")
-    for one in rows:
-        spent = f"{one.cpu_p50:.3f} | {one.cpu_mean:.3f} | {one.cpu_p99:.3f} | {one.share:.3f}"
-        print(f"| {one.page} | {one.ticks} | {spent} | {one.late_p50:.3f} | {one.late_p99:.3f} | {one.longest:.1f} |")
-    if options.json is not None:
-        options.json.write_text(json.dumps([asdict(one) for one in rows], indent=1) + "\n", encoding="utf-8")
+    heads = [
+        f"page, load {load:.1f}",
+        "ticks",
+        "CPU p50, ms",
+        "mean",
+        "p99",
+        "p50 / off",
+        "late p50, ms",
+        "p99",
+        "longest",
+    ]
+    cells = [
+        [
+            one.page,
+            str(one.ticks),
+            *(f"{ms:.3f}" for ms in (one.cpu_p50, one.cpu_mean, one.cpu_p99, one.share)),
+            *(f"{ms:.3f}" for ms in (one.late_p50, one.late_p99, one.longest)),
+        ]
+        for one in rows
+    ]
+    print_table(heads, cells)
+    write_json(options.json, {"legs": rows})
 
 
 if __name__ == "__main__":

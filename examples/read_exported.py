@@ -12,19 +12,14 @@ from retarget.recording.npz import write_npz
 from retarget.recording.read_run import read_run
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
-from sim.mock_bus import MockBus
+from sim.mock_bus import mock_bus
 from sim.performer import synthetic_performer
 
 
 def exported(folder: Path) -> Path:
     """What `retarget run --save` and `retarget export --to csv` leave."""
-
-    def mock(robot, clock):
-        stand = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
-        return MockBus(robot.joint_map.servos, clock, start=robot.joint_map.to_ticks(stand))
-
     clip = synthetic_performer().cut(0.0, 3.0)
-    with prepare(lambda: clip, RunOptions(robot="op3"), clock=VirtualClock(), make_bus=mock) as prepared:
+    with prepare(lambda: clip, RunOptions(robot="op3"), clock=VirtualClock(), make_bus=mock_bus) as prepared:
         write_npz(prepared.run(), folder / "run.npz")
     export_motion(read_run(folder / "run.npz"), format_named("csv"), folder / "run.csv")
     return folder / "run.csv"

@@ -21,7 +21,7 @@ from hardware.servo_health import ServoHealth
 
 
 class _Seal:
-    """One gate's proof that a goal is its own: only `retarget.safety.gate` imports it (tests/test_arrows.py).
+    """One gate's proof that a goal is its own: only `retarget.safety.gate` imports it (tests/test_house.py).
 
     last: the goal that the gate made last; a copy of it is another one.
     """

@@ -43,12 +43,9 @@ class Coupling:
     @property
     def condition(self) -> float:
         """Ratio of the singular values of the matrix, at least 1; inf for a singular one."""
-        squares = sum(value * value for row in self.matrix for value in row)
-        size = abs(self.determinant)
-        if not 0.0 < size < math.inf:
+        if not 0.0 < abs(self.determinant) < math.inf:
             return math.inf
-        mean = squares / (2.0 * size)  # of the ratio and its inverse: (k + 1/k) / 2
-        return mean + math.sqrt(max(mean * mean - 1.0, 0.0))
+        return float(np.linalg.cond(self.matrix))
 
     def problems(self) -> tuple[str, ...]:
         """Return what is wrong with the coupling by itself, one text per finding; empty when valid."""

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats: TypeAlias = NDArray[np.float64]
-Level: TypeAlias = tuple[Floats, Floats, Floats, Floats, Floats]
 Played: TypeAlias = tuple[Floats, Floats, NDArray[np.bool_], Floats, NDArray[np.int8], Floats]
 
 @final
@@ -205,12 +204,6 @@ class Observers:
         obstacle_pairs: NDArray[np.int64] | None = None,
         obstacle_pair_margin: Floats | None = None,
     ) -> None: ...
-    @property
-    def count(self) -> int:
-        """Number of observers."""
-    @property
-    def obstacles(self) -> int:
-        """Number of obstacles."""
 
 @final
 class PathChecker:
@@ -254,15 +247,13 @@ class PathChecker:
     def refused(self) -> tuple[int, int | None, int | None] | None:
         """The pair for which a path was refused last since `restart`: numbers of an observer, and of another one or of
         an obstacle; None: no path was refused."""
-    def planted(self, standing: Floats, values: Floats) -> Floats:
-        """Posture (nq,) with these values (n,), its root so that the lower sole of `standing (nq,)` stays."""
 
 @final
 class Solver:
     """A body, its levels and limits, and the state of the convergence loop.
 
     The box of a frame holds for the whole frame: position, velocity, acceleration and braking distance (see
-    `frame_bounds`). Locked coordinates (nv,) never move. A level
+    `Braking.bounds`). Locked coordinates (nv,) never move. A level
     is damped (m/rad) by the root of `damping` times the size of the body (m) times what the level could not meet in
     the iteration before (m), so that one that is met is not damped at all; 0 never damps.
     """
@@ -309,9 +300,6 @@ class Solver:
     def observer_modes(self) -> NDArray[np.uint8]:
         """What each observer (n,) did in the last frame: 0 free, 1 preventive, 2 reactive."""
     @property
-    def observer_counts(self) -> NDArray[np.uint64]:
-        """Since construction, per observer (n, 3): changes of mode, frames preventive, frames reactive."""
-    @property
     def clearance(self) -> tuple[float, float]:
         """Smallest distance (m) between observers, and of one to an obstacle, after the last frame; infinite where none
         is within influence."""
@@ -327,47 +315,23 @@ class Solver:
     def stats(self) -> dict[str, int]:
         """frames, iterations, factorizations, fallbacks and capped, since construction."""
 
-@final
-class HierarchyResult:
-    @property
-    def x(self) -> Floats: ...
-    @property
-    def level_residuals(self) -> list[float]: ...
-    @property
-    def factorizations(self) -> int: ...
-    @property
-    def fallback(self) -> bool: ...
-    @property
-    def reduced(self) -> bool:
-        """Whether it was found in the space that the first equalities leave."""
-    @property
-    def capped(self) -> bool: ...
-
 def solve_hierarchy(
-    levels: list[Level],
-    lo: Floats,
-    hi: Floats,
-    *,
-    weight: Floats | None = None,
-    reference: Floats | None = None,
-    soft: tuple[Floats, Floats] | None = None,
-    damping: float = 0.0,
-) -> HierarchyResult:
-    """One linear solve: lexicographic least squares of levels (C (m,n), e (m,), D (k,n), lower (k,), upper (k,))
-    with lower <= D x <= upper up to a slack, under the hard box lo <= x <= hi; last, sum_i weight_i^2 (x_i -
-    reference_i)^2 + ||S x - s||^2."""
-
-def frame_bounds(
-    q: Floats,
-    displacement_before: Floats,
+    rows: Floats,
     lower: Floats,
     upper: Floats,
-    max_velocity: Floats,
-    max_acceleration: Floats,
-    dt: float,
-) -> tuple[Floats, Floats]:
-    """Displacement box (lo, hi), each (n,), of one frame of dt seconds: velocity, acceleration, and a braking
-    distance that stays inside lower and upper. A start beyond a limit may only come back. Always lo <= hi."""
+    level_sizes: list[int],
+    *,
+    lo: Floats,
+    hi: Floats,
+    still: Floats,
+    damping: float,
+) -> tuple[Floats, bool, bool]:
+    """One linear solve, for tests: lexicographic least squares of levels, whose rows (m, n) stand one level after the
+    other, with lower (m,) <= rows z <= upper (m,) up to a slack, under the hard box lo (n,) <= z <= hi (n,); last,
+    ||z||^2. still (n,): the z of no motion, where damped steps begin.
+
+    Returns z (n,), whether it was found in the space that the first equalities leave, and whether it is not proved
+    optimal."""
 
 def braking_displacement(gap: float, change: float) -> float:
     """Largest displacement x of a tick for which x + (x - change) + ... down to zero covers no more than `gap`.
@@ -418,8 +382,6 @@ class TrajectoryGenerator:
 
         speed_override: 0 to 1, scales the limits of velocity; 0 brakes to a stop.
         """
-    def duration(self, target: Floats) -> float:
-        """Time in s until `at_rest` at target (n,) rad, at full speed; a close upper bound while moving."""
     @property
     def position(self) -> Floats: ...
     @property
@@ -428,9 +390,6 @@ class TrajectoryGenerator:
     @property
     def acceleration(self) -> Floats:
         """rad/s^2 (n,): the last change of velocity over dt."""
-    @property
-    def target(self) -> Floats:
-        """The last target (n,) rad; after a reset the position."""
     @property
     def at_rest(self) -> bool:
         """Whether the joints stand exactly at the target, and stay there."""

@@ -4,13 +4,16 @@ It moves a robot by what a run moves it by (`retarget.run.controllers.RobotMotio
 has no files beyond configurations, no threads, no bus and no clock.
 """
 
-from dataclasses import dataclass
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
 
 import numpy as np
 
-from retarget.errors import InputError, UsageError
+from retarget.errors import InputError, RefusedError, UsageError
 from retarget.frames import SensorSample
 from retarget.human.performer_calibration import Person
 from retarget.human.reconstruction import Reconstructor
@@ -163,12 +166,17 @@ class Pipeline:
         """robot: a name, a path, or a robot; None or "human": only the performer is reconstructed. rate_hz: of your
         loop; None: that of the robot's profile. priorities: of the last stage, None: as for real servos. parts: `upper`
         keeps pelvis and legs still. Raises UsageError, ConfigError, InputError, HardwareError."""
-        self._performer = performer if isinstance(performer, Performer) else load_performer(performer)
-        self._robot = robot if isinstance(robot, RobotBody) else _robot_named(robot)
-        name = HUMAN if self._robot is None else self._robot.profile.name
-        bus = "none" if self._robot is None else "profile"  # real servos: the robot has mass
-        self._options = RunOptions(robot=name, bus=bus, priorities=priorities, parts=parts)
-        self._priorities = stage_priorities(self._robot, self._options)[:2]
+        if not isinstance(robot, str | Path | RobotBody | None):
+            raise _wrong_type("robot", robot, "a name, a path, what `retarget.load_robot` returns, or None")
+        if not isinstance(performer, str | Path | Performer):
+            raise _wrong_type("performer", performer, "a name, a path, or what `retarget.load_performer` returns")
+        with _naming_arguments():
+            self._performer = performer if isinstance(performer, Performer) else load_performer(performer)
+            self._robot = robot if isinstance(robot, RobotBody) else _robot_named(robot)
+            name = HUMAN if self._robot is None else self._robot.profile.name
+            bus = "none" if self._robot is None else "profile"  # real servos: the robot has mass
+            self._options = RunOptions(robot=name, bus=bus, priorities=priorities, parts=parts)
+            self._priorities = stage_priorities(self._robot, self._options)[:2]
         self.dt = 1.0 / _checked_rate(live_rate_hz(self._robot) if rate_hz is None else rate_hz)
         """s, the period of the loop that calls `step`."""
         self._sensors = SensorReader(self._performer)
@@ -315,6 +323,32 @@ class Pipeline:
             self._human = reconstructor.step(seen, self.dt)
         nothing = np.zeros((0, 3))
         return Goal((), np.zeros(0), False, self._human, (), nothing, nothing)
+
+
+def _wrong_type(argument: str, value: object, allowed: str) -> UsageError:
+    found = f"{type(value).__name__} {value!r:.60}"
+    return UsageError("a wrong type", where=f"Pipeline, {argument}", found=found, allowed=allowed)
+
+
+_OPTION = re.compile(r"--(?=(robot|performer|priorities|parts)\b)")
+
+
+@contextmanager
+def _naming_arguments() -> Iterator[None]:
+    """Errors that name options of the command line name the arguments of `Pipeline` instead."""
+    try:
+        yield
+    except RefusedError as error:
+        problems = [
+            replace(
+                problem,
+                where=_OPTION.sub("Pipeline, ", problem.where),
+                found=_OPTION.sub("", problem.found),
+                next_step=_OPTION.sub("", problem.next_step),
+            )
+            for problem in error.problems
+        ]
+        raise type(error).from_problems(problems) from None
 
 
 def _robot_named(robot: str | Path | None) -> RobotBody | None:

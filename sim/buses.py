@@ -12,7 +12,6 @@ from hardware.dynamixel.bus import DynamixelBus
 from retarget.model.robot import RobotBody
 from retarget.schema.scene import Scene
 from sim.emulator.fault_state import load_fault_plan
-from sim.emulator.line import Timing
 from sim.emulator.ports import EmulatedPort
 from sim.emulator.robot_lines import robot_lines
 from sim.physics.bus import PhysicsBus, drive_shafts
@@ -29,18 +28,17 @@ def emulated_bus(
     *,
     start: TickArray,
     faults: Path | None = None,
-    timing: Timing | None = None,
     simulation: Simulation | None = None,
     notify: Callable[[str], object] = lambda note: None,
 ) -> DynamixelBus:
-    """The bus of a robot whose emulated servos begin at `start`, ticks (n,). timing: of the wires; None: the default.
-    simulation: what turns their shafts, begun at the same ticks; None: the emulator's own motion.
+    """The bus of a robot whose emulated servos begin at `start`, ticks (n,). simulation: what turns their
+    shafts, begun at the same ticks; None: the emulator's own motion.
 
     Raises ConfigError for a bad file of faults.
     """
     servos, buses = robot.joint_map.servos, robot.profile.bus_specs()
     plan = None if faults is None else load_fault_plan(faults, {bus.name: bus.ids for bus in buses})
-    lines = robot_lines(servos, buses, start=start, now=clock.now(), plan=plan, timing=timing)
+    lines = robot_lines(servos, buses, start=start, now=clock.now(), plan=plan)
     if simulation is not None:
         drive_shafts(simulation, servos, lines, now=clock.now())
 
@@ -53,9 +51,10 @@ def emulated_bus(
 # A robot's bus above its simulated mechanics: what `--bus physics` opens.
 
 
-def physics_bus(simulation: Simulation, clock: Clock) -> PhysicsBus:
+def physics_bus(simulation: Simulation, clock: Clock) -> WitnessedBus:
     """The bus of a robot with mass. Goals take effect one cycle of the robot after they are written."""
-    return PhysicsBus(simulation, clock, latency=1.0 / simulation.world.robot.profile.safety.rate_hz)
+    bus = PhysicsBus(simulation, clock, latency=1.0 / simulation.world.robot.profile.safety.rate_hz)
+    return WitnessedBus(bus, Witness(simulation))
 
 
 def physics_wire_bus(
@@ -63,7 +62,6 @@ def physics_wire_bus(
     clock: Clock,
     *,
     faults: Path | None = None,
-    timing: Timing | None = None,
     notify: Callable[[str], object] = lambda note: None,
 ) -> WitnessedBus:
     """As `physics_bus`, through the bytes of emulated servos: the robot's own driver above (see `emulated_bus`).
@@ -72,7 +70,7 @@ def physics_wire_bus(
     """
     robot = simulation.world.robot
     start = robot.joint_map.to_ticks(simulation.world.start_angles)
-    bus = emulated_bus(robot, clock, start=start, faults=faults, timing=timing, simulation=simulation, notify=notify)
+    bus = emulated_bus(robot, clock, start=start, faults=faults, simulation=simulation, notify=notify)
     return WitnessedBus(bus, Witness(simulation))
 
 

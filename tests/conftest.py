@@ -21,7 +21,7 @@ from messages import (  # noqa: F401  # hooks: pytest finds them here
 ROOT = Path(__file__).resolve().parent.parent
 
 # Same examples on every machine and in every run; no deadline, because a shared machine may stall.
-settings.register_profile("repeatable", derandomize=True, deadline=None, print_blob=True)
+settings.register_profile("repeatable", derandomize=True, deadline=None, print_blob=True, max_examples=50)
 settings.load_profile("repeatable")
 
 

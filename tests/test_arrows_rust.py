@@ -8,10 +8,7 @@ import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-import pytest
-
 SOURCES = Path(__file__).resolve().parent.parent / "retarget/solver/src"
-IMPL = re.compile(r"^impl(?:<[^>]*>)? (\w+)(?:<[^>]*>)? \{\n(.*?)^\}", re.MULTILINE | re.DOTALL)
 Graph = dict[str, set[str]]
 
 
@@ -118,43 +115,4 @@ def cycle(edges: Graph) -> list[str]:
 def test_use_runs_one_way() -> None:
     edges = graph(SOURCES)
     assert len(edges) > 60 and sum(map(len, edges.values())) > 200
-    assert not cycle(edges)
-
-
-def crate(root: Path, **files: str) -> Graph:
-    for name, text in files.items():
-        path = root / f"{name.replace('__', '/')}.rs"
-        path.parent.mkdir(exist_ok=True)
-        path.write_text(text, encoding="utf-8")
-    return graph(root)
-
-
-@pytest.mark.parametrize(
-    "files",
-    [
-        {"a": "use crate::b::B;", "b": "use crate::{\n    c::{self, D},\n};", "c": "fn f() -> crate::a::A {}"},
-        {"g__mod": "mod a;\nmod b;\npub use a::A;", "g__a": "use super::b::B;", "g__b": "use super::{A as C};"},
-        {"g__mod": "mod a;\nuse a::A;\nstruct G;", "g__a": "use super::G;"},
-        {"a": "impl A {\n    fn f(&self) {}\n}\nfn g() { crate::b::h() }", "b": "use crate::a::A;"},
-        {
-            "a": "pub struct A;\nimpl A {\n    fn f(&self) {\n        self.g();\n    }\n}",
-            "b": "use crate::a::A;\nimpl A {\n    fn g(&self) {}\n}",
-        },
-    ],
-    ids=["by name", "handed on", "with its folder", "in a body", "by method"],
-)
-def test_a_cycle_is_found(tmp_path: Path, files: dict[str, str]) -> None:
-    assert len(cycle(crate(tmp_path, lib="mod a;", **files))) > 1
-
-
-def test_one_way_is_no_cycle(tmp_path: Path) -> None:
-    edges = crate(
-        tmp_path,
-        lib="mod a; mod g;",
-        a="// use crate::g::b::B;\nuse std::fmt;",
-        g__mod="mod b;\nmod c;\npub use b::B;",
-        g__b="use crate::a::A;",
-        g__c="use super::B;",
-    )
-    assert edges == {"": set(), "a": set(), "g": {"g::b"}, "g::b": {"a"}, "g::c": {"g::b"}}
     assert not cycle(edges)

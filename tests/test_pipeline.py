@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -346,6 +347,16 @@ def test_what_cannot_be_started_is_refused() -> None:
         Pipeline(None, rate_hz=np.nan)
     with refuses(UsageError, "op4"):
         Pipeline("op4")
+    wrong: Any
+    for wrong in ({}, 3):
+        with refuses(UsageError, "Pipeline, robot", found=type(wrong).__name__):
+            Pipeline(wrong)
+        with refuses(UsageError, "Pipeline, performer", found=type(wrong).__name__):
+            Pipeline("op3", performer=wrong)
+    for name, wrong in (("priorities", "serv"), ("parts", "lower")):
+        with refuses(UsageError, f"Pipeline, {name}: ") as caught:
+            Pipeline("op3", **{name: wrong})
+        assert "--" not in str(caught.value)
     pipeline = Pipeline("op3")
     assert pipeline.state is RunState.IDLE
     with refuses(UsageError, "start(sample)"):

@@ -13,7 +13,7 @@ STREAM = Path("streams/slimevr/full12_vmc_50hz.udprec.gz")
 LIVE_END = ("--end", "2.5")
 """s of following."""
 FAULT_ROWS = (
-    "late, reordered, twice",  # goes on
+    "datagrams reordered and repeated",  # goes on
     "flood",  # goes on, or holds
     "wrist lost",  # the sensor takes no part
     "stream silent",  # holds
@@ -21,7 +21,7 @@ FAULT_ROWS = (
     "sender's clock jumps forward",  # follows the new clock
     "solver not finite",  # brakes and stands; does not begin, torque off
     "servo warm",  # goes on at half its speed
-    "SIGINT, SIGTERM",  # stops
+    "SIGINT or SIGTERM",  # stops
     "every answer damaged",  # torque off at once; does not begin, nothing written
     "kill -9",  # the servos stop by themselves
     "clearance below margin",  # what is asked is not sent

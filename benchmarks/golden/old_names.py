@@ -56,6 +56,12 @@ OLD_NAMES: dict[str, Names] = {
             "fixed_base": "held",
         },
     ),
+    "77404fc": Names(
+        words={
+            "datagrams reordered and repeated": "late, reordered, twice",
+            "SIGINT or SIGTERM": "SIGINT, SIGTERM",
+        }
+    ),
 }
 """By the last commit that has them: that commit, and all before it. A rename adds an entry, with its parent as the
 commit: {"0123abc": Names(words={"--perturb": "--trouble"}, keys={"no_command_frames": "unled_frames"})}."""

@@ -18,7 +18,6 @@ from benchmarks.paper.made_motion import made_jog, made_jump
 from benchmarks.paper.run import NAMES, Motions, Results, run_experiments
 from benchmarks.paper.table import as_table
 from benchmarks.paper.trials import CROUCH, JOG, JUMP, read_trial
-from hardware.clock import MonotonicClock
 from retarget.cli.application import progress_bar
 from retarget.cli.exit import exit_code_of
 from retarget.errors import UsageError, suggest
@@ -65,7 +64,6 @@ def _experiments(asked: argparse.Namespace) -> None:
         results = run_experiments(
             motions,
             asked.out,
-            clock=MonotonicClock(),
             only=names,
             iterations=iterations,
             progress=_Counter(show, len(motions.crouch)),

@@ -12,7 +12,6 @@ import numpy as np
 from benchmarks.paper.observed_distances import ObservedDistances, observed_distances
 from benchmarks.paper.placement import FOREARM, HEAD, clear_cylinder, cycles_on_hold, hindering_sphere
 from benchmarks.paper.replay import Replay, replay
-from hardware.clock import Clock
 from retarget.frames import SensorFrames
 from retarget.model.observers import Observers, ObserverSet, human_observers
 from retarget.schema.priorities import load_priorities
@@ -90,7 +89,6 @@ class Outcome:
 def crouching(
     frames: SensorFrames,
     *,
-    clock: Clock,
     configurations: Sequence[str] = CONFIGURATIONS,
     iterations: int | None = None,
     progress: Callable[[int], None] = lambda done: None,
@@ -100,8 +98,7 @@ def crouching(
     Raises InputError: no place for an obstacle.
     """
     free = {
-        name: replay(frames, load_priorities(name), clock=clock, iterations=iterations, progress=progress)
-        for name in configurations
+        name: replay(frames, load_priorities(name), iterations=iterations, progress=progress) for name in configurations
     }
     motion = free[configurations[0]]
     experiments = (
@@ -115,7 +112,6 @@ def crouching(
             replayed = replay(
                 frames,
                 load_priorities(name),
-                clock=clock,
                 observed=worn,
                 scene=experiment.scene,
                 iterations=iterations,

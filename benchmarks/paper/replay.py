@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hardware.clock import Clock, thread_cpu
+from hardware.clock import MonotonicClock, thread_cpu
 from retarget.frames import SensorFrames, SensorSample
 from retarget.human.calibration import calibrate, rest_orientations
 from retarget.human.reconstruction import Reconstructor
@@ -16,7 +16,7 @@ from retarget.model.scene_state import SceneState
 from retarget.schema.performer import load_performer
 from retarget.schema.priorities import Priorities
 from retarget.schema.scene import Scene
-from retarget.types import FloatArray, ModeArray
+from retarget.types import FloatArray, HumanPosture, ModeArray
 
 PERFORMER = "five"
 """Head, wrists and ankles, as in the paper."""
@@ -26,17 +26,20 @@ PERFORMER = "five"
 class Replay:
     """T reconstructed postures.
 
-    q (T, nq); joints (T, m, 3) m of `POINTS`; sensor_errors (T, k) m of `sensors`; modes (T, n): 0 free, 1 preventive,
-    2 reactive, of each observer; switches (n,): changes of mode; cpu_s (T,): thread CPU time of each frame; wall_s: of
-    all of them together; the first frame is many, because it settles. dt: s per frame.
+    postures: all of them; q (T, nq); joints (T, m, 3) m of `POINTS`; errors_mm (T, k) of `sensors`; balance_mm (T,):
+    distance of the centre of mass from its goal; modes (T, n): 0 free, 1 preventive, 2 reactive, of each observer;
+    switches (n,): changes of mode; cpu_s (T,): thread CPU time of each frame; wall_s: of all of them together; the
+    first frame is many, because it settles. dt: s per frame.
     """
 
     human: Human
     sensors: tuple[str, ...]
     observers: Observers | None
+    postures: tuple[HumanPosture, ...]
     q: FloatArray
     joints: FloatArray
-    sensor_errors: FloatArray
+    errors_mm: FloatArray
+    balance_mm: FloatArray
     modes: ModeArray
     switches: FloatArray
     cpu_s: FloatArray
@@ -62,23 +65,20 @@ class Replay:
         return np.asarray(across / max(float(np.linalg.norm(across)), 1e-9))
 
 
-def human_of(frames: SensorFrames) -> Human:
-    """The virtual human of a performer's size."""
-    return build_human(calibrate(frames))
-
-
 def replay(
     frames: SensorFrames,
     priorities: Priorities,
     *,
-    clock: Clock,
+    sensors: str = PERFORMER,
     observed: ObserverSet = "none",
     scene: Scene | None = None,
     iterations: int | None = None,
+    change: Callable[[int, SensorSample], SensorSample] = lambda frame, sample: sample,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Replay:
-    """Reconstruct every frame. observed: which observers; iterations: N_IK instead of the file's."""
-    human, performer = human_of(frames), load_performer(PERFORMER)
+    """Reconstruct every frame. sensors: a performer's file; observed: which observers; iterations: N_IK instead of the
+    file's; change: may replace each sample."""
+    human, performer = build_human(calibrate(frames)), load_performer(sensors)
     worn = frames.select(tuple(performer.sensors))
     reconstructor = Reconstructor(
         human,
@@ -92,9 +92,10 @@ def replay(
     steps = np.diff(worn.time).tolist()
     samples = [SensorSample(worn.names, *row) for row in zip(worn.position, worn.orientation, worn.valid, strict=True)]
     postures, cpu = [], np.zeros(len(samples))
+    clock = MonotonicClock()
     begun = clock.now()
     for k, sample in enumerate(samples):
-        before = thread_cpu()
+        sample, before = change(k, sample), thread_cpu()
         postures.append(reconstructor.step(sample, steps[k - 1]) if k else reconstructor.start(sample))
         cpu[k] = thread_cpu() - before
         if k % 50 == 0:
@@ -102,16 +103,18 @@ def replay(
     wall = clock.now() - begun
     q = np.array([posture.q for posture in postures])
     observers = reconstructor.observers
-    counts = reconstructor.hierarchy.solver.observer_counts
+    modes = np.array([posture.observer_modes for posture in postures])
     return Replay(
         human=human,
         sensors=reconstructor.sensors,
         observers=observers,
+        postures=tuple(postures),
         q=q,
         joints=PostureReader(human).joints(q),
-        sensor_errors=np.array([posture.sensor_error for posture in postures]),
-        modes=np.array([posture.observer_modes for posture in postures]),
-        switches=counts[:, 0].astype(float) if observers is not None else np.zeros(0),
+        errors_mm=1e3 * np.array([posture.sensor_error for posture in postures]),
+        balance_mm=1e3 * np.array([posture.balance_error for posture in postures]),
+        modes=modes,
+        switches=np.count_nonzero(np.diff(modes, axis=0), axis=0).astype(float),
         cpu_s=cpu,
         wall_s=wall,
         dt=1.0 / frames.rate_hz,

@@ -14,7 +14,6 @@ from benchmarks.paper.damping_law import damped_points
 from benchmarks.paper.plane_pictures import figure_4, figure_5, figure_6
 from benchmarks.paper.replay import replay
 from benchmarks.paper.table import as_data
-from hardware.clock import Clock
 from retarget.frames import SensorFrames
 from retarget.model.human_dimensions import POINTS
 from retarget.report.plot_style import save_figure
@@ -48,7 +47,6 @@ def run_experiments(
     motions: Motions,
     folder: Path,
     *,
-    clock: Clock,
     only: Sequence[str] = NAMES,
     iterations: int | None = None,
     progress: Progress = lambda done: None,
@@ -57,10 +55,10 @@ def run_experiments(
     results = Results()
     for name in only:
         if name == "crouching":
-            _crouching(motions.crouch, folder, results, clock=clock, iterations=iterations, progress=progress)
+            _crouching(motions.crouch, folder, results, iterations=iterations, progress=progress)
         elif name in ("jog", "jump"):
             frames = motions.jog if name == "jog" else motions.jump
-            _moving(name, frames, folder, results, clock=clock, iterations=iterations)
+            _moving(name, frames, folder, results, iterations=iterations)
         else:
             _in_a_plane(name, folder, results)
     return results
@@ -71,11 +69,10 @@ def _crouching(
     folder: Path,
     results: Results,
     *,
-    clock: Clock,
     iterations: int | None,
     progress: Progress,
 ) -> None:
-    results.outcomes = list(crouching(frames, clock=clock, iterations=iterations, progress=progress))
+    results.outcomes = list(crouching(frames, iterations=iterations, progress=progress))
     results.data["crouching"] = {"source": frames.source, "runs": [as_data(outcome) for outcome in results.outcomes]}
     free = results.outcomes[0].free.joints
     drawn = {outcome.experiment.number: outcome for outcome in results.outcomes if outcome.priorities == "paper"}
@@ -87,17 +84,15 @@ def _crouching(
         _save(results, figure, folder / f"{name}.png")
 
 
-def _moving(
-    name: str, frames: SensorFrames, folder: Path, results: Results, *, clock: Clock, iterations: int | None
-) -> None:
+def _moving(name: str, frames: SensorFrames, folder: Path, results: Results, *, iterations: int | None) -> None:
     """Jog or jump without obstacles, as in Figure 3."""
-    done = replay(frames, load_priorities("paper"), clock=clock, iterations=iterations)
+    done = replay(frames, load_priorities("paper"), iterations=iterations)
     head = done.joints[:, POINTS.index("head"), 2]
     middle = int(np.argmax(head)) if name == "jump" else len(head) // 2
     half = min(round(0.7 / done.dt), len(head) // 2)
     first = min(max(middle - half, 0), len(head) - 2 * half)
     shown = np.linspace(first, first + 2 * half - 1, 8).round().astype(int).tolist()
-    errors = 1e3 * done.sensor_errors
+    errors = done.errors_mm
     results.data[name] = {
         "source": frames.source,
         "frames": len(done.q),

@@ -14,7 +14,7 @@ def as_data(outcome: Outcome) -> dict[str, Any]:
     """Numbers of one experiment with one configuration; what does not exist is None."""
     replay = outcome.replay
     cpu_us = 1e6 * replay.cpu_s[1:]
-    errors = 1e3 * replay.sensor_errors
+    errors = replay.errors_mm
     scene = outcome.experiment.scene
     return {
         "experiment": outcome.experiment.number,

@@ -36,7 +36,7 @@ def command_page() -> str:
 def _section(words: str, command: Any) -> Iterator[str]:
     yield f"{'###' if ' ' in words else '##'} retarget {words}"
     yield ""
-    yield (command.help or "").strip()
+    yield (command.help or "").replace("\b\n", "").strip()
     yield ""
     arguments = [one for one in command.params if one.param_type_name == "argument"]
     options = [one for one in command.params if one.param_type_name == "option" and one.name != "help"]

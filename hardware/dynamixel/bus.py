@@ -28,10 +28,6 @@ NOISY_CYCLES = 50
 """Cycles in a row with repeated requests after which there is a note."""
 
 
-def _quiet(note: str) -> None:
-    """Drop the note."""
-
-
 class BusState(Enum):
     """The state of all ports of a robot."""
 
@@ -53,16 +49,14 @@ class DynamixelBus:
         buses: Sequence[BusSpec],
         make_port: MakePort,
         *,
-        notify: Callable[[str], object] = _quiet,
+        notify: Callable[[str], object] = lambda note: None,
     ) -> None:
         self._map = joint_map
         self._notify = notify
         servos = list(enumerate(joint_map.servos))
-        self._lines = [
-            BusLine(bus, make_port(bus), [(index, servo) for index, servo in servos if servo.bus == bus.name])
-            for bus in buses
-        ]
-        self._lines = [line for line in self._lines if line.servos]
+        placed = [(bus, [(index, servo) for index, servo in servos if servo.bus == bus.name]) for bus in buses]
+        self.lines = tuple(BusLine(bus, make_port(bus), own) for bus, own in placed if own)
+        """Each bus with its port."""
         self._lowest = np.array([servo.lowest_tick for servo in joint_map.servos])
         self._highest = np.array([servo.highest_tick for servo in joint_map.servos])
         self._readings: Readings
@@ -71,14 +65,9 @@ class DynamixelBus:
         self._state = BusState.CLOSED
 
     @property
-    def lines(self) -> tuple[BusLine, ...]:
-        """Each bus with its port."""
-        return tuple(self._lines)
-
-    @property
     def retries(self) -> int:
         """Requests that had to be repeated since the bus was opened."""
-        return sum(line.cyclic.errors.retries for line in self._lines)
+        return sum(line.cyclic.errors.retries for line in self.lines)
 
     def open(self) -> None:
         """Open the ports, look at every servo, write what the profile wants. Torque stays as it is.
@@ -93,11 +82,9 @@ class DynamixelBus:
             problems = [problem for opening in found for problem in opening.problems]
             if problems:
                 raise BusError(_refusal(problems))
-            for line, opening in zip(self._lines, found, strict=True):
-                line.adopt(opening.images)
-                for note in opening.notes:
-                    self._notify(note)
-            prepare(self._lines, self._notify, limp_only=True)
+            for note in [note for opening in found for note in opening.notes]:
+                self._notify(note)
+            prepare(self.lines, self._notify, limp_only=True)
             self._begin()
         except BaseException:
             self._close_ports()
@@ -119,7 +106,7 @@ class DynamixelBus:
             )
         self._goals = np.array(ticks)
         raw = ticks - self._readings.turns
-        for line in self._lines:
+        for line in self.lines:
             line.cyclic.write(raw, self._readings.driven)
 
     def torque(self, on: bool) -> None:
@@ -151,11 +138,10 @@ class DynamixelBus:
     def _examine(self) -> list[Opening]:
         """Open and examine every port, also after a problem of another one."""
         found = []
-        for line in self._lines:
+        for line in self.lines:
             try:
                 line.port.open(line.spec.baud)
-                servos = list(line.servos.values())
-                found.append(examine(line.port, line.client, line.spec, servos, robot=self._map.servos))
+                found.append(examine(line, self._map))
             except HardwareError as error:
                 found.append(Opening(problems=[f"bus {line.spec.name}: {error}"]))
         return found
@@ -163,7 +149,7 @@ class DynamixelBus:
     def _begin(self) -> None:
         """Read all servos once, and find the turns that servos of many turns have forgotten."""
         servos = self._map.servos
-        tables = {line.index_of[device]: image.table for line in self._lines for device, image in line.images.items()}
+        tables = {line.index_of[device]: image.table for line in self.lines for device, image in line.images.items()}
         self._readings = Readings([tables[index] for index in range(len(servos))])
         self._goals = None
         self._counted = np.ones(len(servos), dtype=np.bool_)  # whose turns are known
@@ -178,7 +164,7 @@ class DynamixelBus:
 
         Raises BusError for those whose turns are not known.
         """
-        states = self._readings.states(self._lines[0].port.now())
+        states = self._readings.states(self.lines[0].port.now())
         shown, turns = states.position - self._readings.turns, self._readings.turns.copy()
         wanted, problems = set(columns), list[str]()
         for group in turn_groups(self._map):
@@ -196,9 +182,9 @@ class DynamixelBus:
 
     def _cycle(self) -> ServoStates:
         """One cycle of all ports; now and then with voltage and temperature."""
-        now = self._lines[0].port.now()
-        read_cycle(self._lines, self._readings, wide=self._readings.slow_due(now))
-        errors = [line.cyclic.errors for line in self._lines]
+        now = self.lines[0].port.now()
+        read_cycle(self.lines, self._readings, wide=self._readings.slow_due(now))
+        errors = [line.cyclic.errors for line in self.lines]
         repeated = sum([one.note(now) for one in errors])
         share = max(one.share for one in errors)
         self._noisy_cycles = self._noisy_cycles + 1 if repeated else 0
@@ -223,16 +209,16 @@ class DynamixelBus:
         """Provision servos that have restarted, check goals, arm watchdogs, then let the drive rise."""
         if self._goals is None:
             raise BusError("no goals were sent", where="bus, torque on", then="Send the present posture first")
-        ready = prepare(self._lines, self._notify)
+        ready = prepare(self.lines, self._notify)
         self._recount(ready)
         raw = self._goals - self._readings.turns
-        goals = [{device: int(raw[index]) for device, index in line.index_of.items()} for line in self._lines]
-        for line, own in zip(self._lines, goals, strict=True):
+        goals = [{device: int(raw[index]) for device, index in line.index_of.items()} for line in self.lines]
+        for line, own in zip(self.lines, goals, strict=True):
             check_still(line, own)
         self._state = BusState.POWERED
         drives = switch_on(ready, goals)
         self._readings.drive[:] = Torque.ON
-        raise_drive(self._lines, drives, self._watch_rise)
+        raise_drive(self.lines, drives, self._watch_rise)
 
     def _recount(self, ready: Sequence[Ready]) -> None:
         """Count the turns of limp servos again, and of those that were not counted yet.
@@ -266,7 +252,7 @@ class DynamixelBus:
 
     def _torque_off(self) -> None:
         """Switch torque off on all servos, also after a failure of one. Raises BusError."""
-        unsure = off_everywhere(self._lines)
+        unsure = off_everywhere({line: line.servos for line in self.lines})
         self._readings.drive[:] = Torque.OFF
         if unsure:
             raise BusError(
@@ -275,7 +261,7 @@ class DynamixelBus:
         self._state = BusState.OPEN
 
     def _close_ports(self) -> None:
-        for line in self._lines:
+        for line in self.lines:
             with suppress(BusError):
                 line.port.close()
 

@@ -1,14 +1,12 @@
 """Checks of one servo's registers before it is driven: complaints, each with its fix; notes; and the values to set."""
 
-import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 from hardware.bus import BusSpec, ServoAlert, alert_names
 from hardware.dynamixel.codec import MAX_ID
 from hardware.dynamixel.control_table import find_table
 from hardware.dynamixel.settings import OWN_OPTION, ServoImage, differing, eeprom_settings, setup_command
-from hardware.joint_map import ROUND_OFF, coupled_pairs
+from hardware.joint_map import JointMap
 from hardware.servo import ServoMode, ServoSpec
 
 # Whether a servo's own limits let every goal of its joint through: a servo refuses a goal beyond them without an
@@ -22,57 +20,22 @@ class Span(NamedTuple):
     high: int
 
 
-def needed_ticks(servos: Sequence[ServoSpec]) -> dict[str, Span]:
-    """Goal ticks that the joints' limits make, by joint; of a coupled pair those of all angles of both joints.
-
-    A pair of which one is not among `servos` is left out.
-    """
-    joints = {servo.joint for servo in servos}
-    whole = [servo for servo in servos if servo.coupling is None or set(servo.coupling.joints) <= joints]
-    spans: dict[str, Span] = {}
-    for servo in whole:
-        if servo.coupling is None:
-            low, high = sorted(servo.zero_tick + servo.ticks_per_rad * q for q in (servo.lower, servo.upper))
-            spans[servo.joint] = _within(servo, math.ceil(low - ROUND_OFF), math.floor(high + ROUND_OFF))
-    for pair in coupled_pairs(whole):
-        for column, low, high in zip(pair.columns.tolist(), *pair.tick_ends(), strict=True):
-            spans[whole[column].joint] = _within(whole[column], round(low), round(high))
-    return spans
+def needed_ticks(joint_map: JointMap) -> dict[str, Span]:
+    """Goal ticks that the joints' limits make, by joint; of a coupled pair those of all angles of both joints."""
+    first, last = joint_map.tick_limits()
+    spans = map(Span, first.tolist(), last.tolist())
+    return dict(zip(joint_map.joints, spans, strict=True))
 
 
-def _within(servo: ServoSpec, low: int, high: int) -> Span:
-    return Span(max(low, servo.lowest_tick), min(high, servo.highest_tick))
-
-
-def travel_complaints(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span | None) -> list[str]:
-    """Complaints about the servo's own limits against the ticks that the joint needs; None: those are not known."""
-    names, moved = _limits(servo, image), limits_to_move(servo, image, needed)
-    if names is None or not moved:
-        return []
-    low, high = (image.value(name) for name in names)
-    fix = setup_command(bus, servo.id, moved)
-    mode = _other_mode(servo, image, low, high)
-    if mode:
-        return [f"{mode}: {fix}"]
-    assert needed is not None
-    return [
-        f"takes ticks {low} to {high} only, the joint needs {needed.low} to {needed.high}: narrow the limits of the "
-        f"profile, or {fix}"
-    ]
-
-
-def limits_to_move(servo: ServoSpec, image: ServoImage, needed: Span | None) -> dict[str, int]:
+def _limits_to_move(servo: ServoSpec, image: ServoImage, needed: Span) -> dict[str, int]:
     """What the servo's own limits must become for those ticks, counts by register; empty where they are wide enough."""
     names = _limits(servo, image)
-    if names is None:
+    if not names:
         return {}
     low, high = (image.value(name) for name in names)
-    wanted = needed or Span(0, servo.model.ticks - 1)
     other = bool(_other_mode(servo, image, low, high))
-    if needed is None and not other:
-        return {}
-    moved = {names[0]: wanted.low} if other or low > wanted.low else {}
-    return moved | ({names[1]: wanted.high} if other or high < wanted.high else {})
+    moved = {names[0]: needed.low} if other or low > needed.low else {}
+    return moved | ({names[1]: needed.high} if other or high < needed.high else {})
 
 
 def _other_mode(servo: ServoSpec, image: ServoImage, low: int, high: int) -> str:
@@ -85,11 +48,11 @@ def _other_mode(servo: ServoSpec, image: ServoImage, low: int, high: int) -> str
     return ""
 
 
-def _limits(servo: ServoSpec, image: ServoImage) -> tuple[str, str] | None:
-    """Names of the registers that limit goals; None where no register does."""
+def _limits(servo: ServoSpec, image: ServoImage) -> tuple[str, ...]:
+    """Names of the two registers that limit goals; none where no register does."""
     if image.table.protocol == 1:
         return ("cw_angle_limit", "ccw_angle_limit")
-    return ("min_position_limit", "max_position_limit") if servo.mode is ServoMode.POSITION else None
+    return ("min_position_limit", "max_position_limit") if servo.mode is ServoMode.POSITION else ()
 
 
 FORBIDDEN = (
@@ -99,6 +62,8 @@ FORBIDDEN = (
     ("startup_configuration", 0x01, "it switches its torque on by itself when it starts"),
 )
 """Register, bit and meaning of what no servo of a robot may have."""
+NO_SECONDARY_ID = 255
+"""Secondary ID of a servo that has none."""
 LOW_SHARE = 0.5
 """Share of its maximum below which a limit of the drive is worth a note."""
 
@@ -117,15 +82,15 @@ def alert_text(bits: int) -> str:
     return ", ".join(alert_names(bits, MEANINGS))
 
 
-def complaints(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span | None) -> list[str]:
+def complaints(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span) -> list[str]:
     """Reasons why this servo cannot be driven as it is, one text each; empty when it can be.
 
-    needed: ticks that its joint needs, see `needed_ticks`; None: not known.
+    needed: ticks that its joint needs, see `needed_ticks`.
     """
-    found = _supply(image) + travel_complaints(servo, bus, image, needed) + _current(servo, image)
-    found += _forbidden_bits(servo, bus, image)
+    found = _supply(image) + _current(servo, image)
+    found += [text + setup_command(bus, servo.id, counts) for text, counts in _corrections(servo, image, needed)]
     if image.table.protocol == 2:
-        found += _errors(image) + _homing(servo, bus, image) + _secondary(servo, bus, image) + _firmware(bus, image)
+        found += _errors(image) + _firmware(bus, image)
     elif image.has("lock") and image.value("lock"):
         found.append("has its EEPROM locked (register lock): switch its power off and on, nothing else opens it")
     due = differing(eeprom_settings(servo, bus, image.table), image)
@@ -134,6 +99,48 @@ def complaints(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span |
         found.append(
             f"has torque on, and its EEPROM must be written ({names}): secure the robot, then `retarget servo rest`"
         )
+    return found
+
+
+def wishes(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span) -> dict[str, int]:
+    """Counts by EEPROM register that follow from the profile: more than opening a bus writes without a question.
+
+    Harmless bits stay. Id, speed and return delay are not among them. needed: see `complaints`.
+    """
+    named = {one.register.name: one.value for one in eeprom_settings(servo, bus, image.table)}
+    wanted = {name: value for name, value in named.items() if name not in OWN_OPTION}
+    for _, counts in _corrections(servo, image, needed):
+        wanted |= counts
+    return wanted
+
+
+def _corrections(servo: ServoSpec, image: ServoImage, needed: Span) -> list[tuple[str, dict[str, int]]]:
+    """What is wrong in EEPROM, each in words that end before the command that corrects it; counts by register."""
+    found: list[tuple[str, dict[str, int]]] = []
+    moved = _limits_to_move(servo, image, needed)
+    if moved:
+        low, high = (image.value(name) for name in _limits(servo, image))
+        narrow = (
+            f"takes ticks {low} to {high} only, the joint needs {needed.low} to {needed.high}: narrow the limits of "
+            "the profile, or "
+        )
+        mode = _other_mode(servo, image, low, high)
+        found.append((f"{mode}: " if mode else narrow, moved))
+    for name, bit, meaning in FORBIDDEN:  # firmware before 38 and most of protocol 1.0 have none of them
+        if image.has(name) and image.value(name) & bit:
+            kept = image.value(name) & ~sum(other for register, other, _ in FORBIDDEN if register == name)
+            has = f"has {name.replace('_', ' ')} 0x{image.value(name):02x}, bit {bit.bit_length() - 1} ({meaning}): "
+            found.append((has, {name: kept}))
+    if image.has("homing_offset") and image.value("homing_offset") != servo.homing_offset:
+        offset = (
+            f"has homing offset {image.value('homing_offset')}, the profile says {servo.homing_offset}: every angle of "
+            "the joint would be off; correct the profile, or "
+        )
+        found.append((offset, {"homing_offset": servo.homing_offset}))
+    if image.has("secondary_id") and image.value("secondary_id") <= MAX_ID:
+        second = image.value("secondary_id")
+        obeys = f"also obeys what is meant for id {second} (its secondary id), torque and goals included: "
+        found.append((obeys, {"secondary_id": NO_SECONDARY_ID}))
     return found
 
 
@@ -177,44 +184,6 @@ def _current(servo: ServoSpec, image: ServoImage) -> list[str]:
     ]
 
 
-def _forbidden_bits(servo: ServoSpec, bus: BusSpec, image: ServoImage) -> list[str]:
-    wanted = _without_forbidden(image)
-    return [
-        f"has {name.replace('_', ' ')} 0x{image.value(name):02x}, bit {bit.bit_length() - 1} ({meaning}): "
-        + setup_command(bus, servo.id, {name: wanted[name]})
-        for name, bit, meaning in FORBIDDEN
-        if name in wanted and image.value(name) & bit
-    ]
-
-
-def _without_forbidden(image: ServoImage) -> dict[str, int]:
-    """Counts by register without FORBIDDEN bits; firmware before 38 and most of protocol 1.0 have none of them."""
-    wanted: dict[str, int] = {}
-    for name, bit, _ in FORBIDDEN:
-        if image.has(name):
-            wanted[name] = wanted.get(name, image.value(name)) & ~bit
-    return wanted
-
-
-def _homing(servo: ServoSpec, bus: BusSpec, image: ServoImage) -> list[str]:
-    offset = image.value("homing_offset")
-    if offset == servo.homing_offset:
-        return []
-    fix = setup_command(bus, servo.id, {"homing_offset": servo.homing_offset})
-    return [
-        f"has homing offset {offset}, the profile says {servo.homing_offset}: every angle of the joint would be off; "
-        f"correct the profile, or {fix}"
-    ]
-
-
-def _secondary(servo: ServoSpec, bus: BusSpec, image: ServoImage) -> list[str]:
-    second = image.value("secondary_id") if image.has("secondary_id") else MAX_ID + 1
-    if second > MAX_ID:
-        return []
-    fix = setup_command(bus, servo.id, {"secondary_id": 255})
-    return [f"also obeys what is meant for id {second} (its secondary id), torque and goals included: {fix}"]
-
-
 def _firmware(bus: BusSpec, image: ServoImage) -> list[str]:
     """A complaint where the firmware is too old for the watchdog that the bus is to have."""
     table = image.table
@@ -226,25 +195,3 @@ def _firmware(bus: BusSpec, image: ServoImage) -> list[str]:
         f"has firmware {image.value('firmware_version')}, which has no bus watchdog: it would hold its last goal when "
         "the host goes silent. Update it, or write watchdog_s: 0 for the bus"
     ]
-
-
-# All EEPROM values that follow from the profile: more than opening a bus writes without a question.
-
-NO_SECONDARY_ID = 255
-"""Secondary ID of a servo that has none."""
-
-
-def wishes(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span | None) -> dict[str, int]:
-    """Counts by register that this servo is to hold, also where it has them already; harmless bits stay.
-
-    Id, speed and return delay are not among them. needed: ticks that its joint needs, see `needed_ticks`; None: not
-    known.
-    """
-    named = {one.register.name: one.value for one in eeprom_settings(servo, bus, image.table)}
-    wanted = {name: value for name, value in named.items() if name not in OWN_OPTION}
-    wanted |= _without_forbidden(image)
-    if image.has("homing_offset"):
-        wanted["homing_offset"] = servo.homing_offset
-    if image.has("secondary_id") and image.value("secondary_id") <= MAX_ID:
-        wanted["secondary_id"] = NO_SECONDARY_ID
-    return wanted | limits_to_move(servo, image, needed)

@@ -156,17 +156,6 @@ class ControlTable:
         return self._by_address.get(address)
 
 
-@dataclass(frozen=True)
-class LayerRow:
-    """What one layer says about one register, for firmware `since` to `until`; `cells` as written, by column."""
-
-    layer: str
-    name: str
-    since: int
-    until: int
-    cells: tuple[tuple[str, str], ...]
-
-
 def rows_of(file: str) -> Iterator[dict[str, str]]:
     """Yield the rows of a file in `tables/` by column, spaces trimmed; lines that begin with # are remarks."""
     with (_FOLDER / file).open(encoding="utf-8", newline="") as stream:
@@ -194,46 +183,40 @@ def model_rows() -> tuple[ControlTable, ...]:
 
 
 @cache
-def layer_rows() -> dict[str, tuple[LayerRow, ...]]:
-    """The rows of every layer, by its name."""
-    layers: dict[str, list[LayerRow]] = {}
+def layer_rows() -> dict[str, list[dict[str, str]]]:
+    """The rows of every layer, by its name: the cells that are filled in, by column."""
+    layers: dict[str, list[dict[str, str]]] = {}
     for file in ("registers.tsv", "values.tsv"):
         for row in rows_of(file):
-            layer, name = row.pop("layer"), row.pop("name")
-            since = int(row.pop("since", "") or 0)
-            until = int(row.pop("until", "") or LAST_FIRMWARE)
-            cells = tuple((column, cell) for column, cell in row.items() if cell)
-            layers.setdefault(layer, []).append(LayerRow(layer, name, since, until, cells))
-    return {layer: tuple(rows) for layer, rows in layers.items()}
+            cells = {column: cell for column, cell in row.items() if cell}
+            layers.setdefault(row["layer"], []).append(cells)
+    return layers
+
+
+def _rows(model: ControlTable) -> Iterator[tuple[int, int, dict[str, str]]]:
+    """The rows of a model's layers, in the order in which they apply: first and last firmware, and cells."""
+    for layer in model.layers:
+        for row in layer_rows()[layer]:
+            yield int(row.get("since", 0)), int(row.get("until", LAST_FIRMWARE)), row
 
 
 def firmware_starts(model: ControlTable) -> tuple[int, ...]:
     """The firmware versions at which the model's table changes, ascending, 0 the first."""
-    starts = {0}
-    if model.fast_since is not None:
-        starts.add(model.fast_since)
-    for row in _rows(model):
-        starts.add(row.since)
-        if row.until < LAST_FIRMWARE:
-            starts.add(row.until + 1)
-    return tuple(sorted(starts))
+    starts = {0, model.fast_since or 0}
+    for since, until, _ in _rows(model):
+        starts |= {since, until + 1}
+    return tuple(sorted(starts - {LAST_FIRMWARE + 1}))
 
 
 def registers_of(model: ControlTable, firmware: int) -> tuple[Register, ...]:
     """Return the model's registers as `firmware` has them, ascending by address."""
     merged: dict[str, dict[str, str]] = {}
-    for row in _rows(model):
-        if row.since <= firmware <= row.until:
-            merged.setdefault(row.name, {}).update(row.cells)
+    for since, until, row in _rows(model):
+        if since <= firmware <= until:
+            merged.setdefault(row["name"], {}).update(row)
     merged["model_number"]["initial"] = str(model.number)
     registers = [register for name, cells in merged.items() for register in _registers(name, cells)]
     return tuple(sorted(registers, key=lambda register: register.address))
-
-
-def _rows(model: ControlTable) -> Iterator[LayerRow]:
-    """The rows of a model's layers, in the order in which they apply."""
-    for layer in model.layers:
-        yield from layer_rows()[layer]
 
 
 def _registers(name: str, cells: dict[str, str]) -> Iterator[Register]:

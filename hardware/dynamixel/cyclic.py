@@ -209,13 +209,16 @@ def _without_echo(received: bytes, ask: Ask) -> bytes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Block:
-    """`size` bytes from `address`. dtype: the registers in them by name, little-endian, at their offsets. layout: what
-    makes two blocks the same: address, size, registers."""
+    """`size` bytes from `address`. dtype: the registers in them by name, little-endian, at their offsets."""
 
     address: int
     size: int
     dtype: "np.dtype[np.void]"
-    layout: tuple[int, int, tuple[tuple[str, str], ...]]
+
+    @property
+    def layout(self) -> tuple[int, "np.dtype[np.void]"]:
+        """What makes two blocks the same."""
+        return self.address, self.dtype
 
     def unpack(self, answers: Answers) -> NDArray[np.void]:
         """A row (k,) of named values for each answer."""
@@ -230,7 +233,7 @@ def block_of(table: ControlTable, first: str, last: str) -> Block:
     names, formats = [register.name for register in inside], [_format(register) for register in inside]
     offsets = [register.address - begin.address for register in inside]
     dtype = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": size})
-    return Block(begin.address, size, dtype, (begin.address, size, tuple(zip(names, formats, strict=True))))
+    return Block(begin.address, size, dtype)
 
 
 def _format(register: Register) -> str:
@@ -429,8 +432,6 @@ class CyclicPort:
         self._missing = MissingServos(list(self._index_of))
         self._unanswered = 0.0  # requests of this cycle without any byte; minus infinity once there was one
         self._queue: deque[Transaction] = deque()
-        self._usual: dict[bool, list[Transaction]] = {}
-        """The requests of a cycle while no servo is missing: wide, and not."""
         self._cycle = 0
         self._transaction = lru_cache(MAX_TRANSACTIONS)(self._make_transaction)
 
@@ -452,16 +453,11 @@ class CyclicPort:
         self._missing.first.clear()
         self._unanswered = 0.0
         strikes = self._missing.strikes
-        if wide in self._usual and not strikes:
-            self._queue.extend(self._usual[wide])
-        else:
-            late = self._missing.late(self.wire.port.now(), self._cycle) if strikes else []
-            for group in self._groups:
-                first = [device for device in group.ids if device not in strikes]
-                ids = (*first, *[device for device in late if device in group.ids])
-                self._enqueue(group.kind, ids, group.wide if wide else group.motion, group.motion, group.names)
-            if not strikes:
-                self._usual[wide] = list(self._queue)
+        late = self._missing.late(self.wire.port.now(), self._cycle) if strikes else []
+        for group in self._groups:
+            first = [device for device in group.ids if device not in strikes]
+            ids = (*first, *[device for device in late if device in group.ids])
+            self._enqueue(group.kind, ids, group.wide if wide else group.motion, group.motion, group.names)
         if self._cycle % STATUS_EVERY == 0:
             servo = self.servos[self._cycle // STATUS_EVERY % len(self.servos)]
             if servo.id not in strikes:
@@ -649,7 +645,7 @@ class BusLine:
 
     def name_of(self, device: int) -> str:
         """The servo with this id, in messages."""
-        return self.servos[device].label
+        return self.servos[device].label if device in self.servos else f"id {device}"
 
     @property
     def cyclic(self) -> CyclicPort:

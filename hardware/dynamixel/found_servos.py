@@ -1,17 +1,18 @@
 """Servos as found on a line, faulty ones included: status return level 0, their registers, and torque off for all."""
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
-from hardware.bus import BusSpec
-from hardware.dynamixel.codec import BROADCAST, CODECS
-from hardware.dynamixel.control_table import ControlTable, Register
+from hardware.bus import MAX_RETURN_DELAY, BusSpec, PowerSwitch
+from hardware.dynamixel.codec import BROADCAST, CODECS, MAX_ID
+from hardware.dynamixel.control_table import Register
 from hardware.dynamixel.cyclic import BusLine
-from hardware.dynamixel.line_scan import Sighting, Speed, speed_refused
-from hardware.dynamixel.serial_port import BytePort
+from hardware.dynamixel.line_scan import Sighting, Speed, elsewhere_texts, speed_refused
+from hardware.dynamixel.serial_port import ECHOES, BytePort
 from hardware.dynamixel.settings import ANSWER_ALL, ServoImage, read_image, setup_command
-from hardware.dynamixel.single_requests import Found, NoAnswer, OneOff, ServoError
+from hardware.dynamixel.single_requests import Found, NoAnswer, OneOff, ServoError, ping_time
+from hardware.dynamixel.torque import TORQUE_ENABLE
 from hardware.errors import BusError
 from hardware.servo import ServoSpec, find_model
 
@@ -42,120 +43,127 @@ def status_return_off_text(bus: BusSpec, device: int) -> str:
     return f"{PINGS_ONLY}: {setup_command(bus, device, {LEVEL[bus.protocol].name: ANSWER_ALL})}"
 
 
-def read_servo(client: OneOff, bus: BusSpec, device: int, table: ControlTable) -> ServoImage | str:
-    """A servo's registers; or, where it does not answer every read, why: words to follow its name. Raises BusError when
-    the port is gone."""
-    try:
-        return read_image(client, device, table)
-    except NoAnswer as error:
-        pings_only = not error.damaged and answers_pings_only(client, device)
-        return f" {status_return_off_text(bus, device)}" if pings_only else f": {error}"
-    except ServoError as error:
-        return f": {error}"
-
-
-# Torque of servos whose registers could not be read, or whose model has no table here: all have it at one address.
-
-TORQUE_ENABLE = {
-    1: Register("torque_enable", 24, 1, False, True, None, None, 0, 1, 0),
-    2: Register("torque_enable", 64, 1, False, True, None, None, 0, 1, 0),
-}
-"""By protocol (AX, MX; X)."""
 CONTROLLERS = frozenset((0x7400,))
 """Model numbers of devices that are no servos: OpenCR."""
 
 
-def is_controller(found: Found) -> bool:
-    """Whether it has no torque to switch."""
-    return found.model in CONTROLLERS
-
-
-def send_torque_off(line: BusLine, ids: Iterable[int]) -> None:
-    """Switch the torque of servos off; no servo answers. Raises BusError when the port is gone."""
-    line.write_all(TORQUE_ENABLE[line.spec.protocol], [(device, 0) for device in ids])
-
-
-def not_limp(line: BusLine, ids: Sequence[int]) -> list[int]:
-    """Those with torque, and those that do not answer. Raises BusError when the port is gone."""
-    return [device for device in ids if _torque(line, device) != 0]
-
-
-def _torque(line: BusLine, device: int) -> int | None:
-    try:
-        return line.client.read(device, TORQUE_ENABLE[line.spec.protocol])
-    except (NoAnswer, ServoError):
-        return None
-
-
 Placed = tuple[int, ServoSpec]
 """A servo and its place in the robot's order."""
+SLACK = 0.001
+"""[s] That an unknown id's answer to a ping may be late."""
+LONGEST = 2.0
+"""[s] That the search for unknown ids of protocol 1.0 may take: about 1 s at 1 Mbps, 1.7 s at 57,600."""
 
 
 @dataclass(frozen=True, eq=False)
 class Look:
     """Result of a look at a bus. line: every servo that is expected; its `images` are of those that answered.
 
-    missing: ids that did not answer, or did not answer every read; unknown: servos that the profile does not have, or
-    whose model is not known here; clashing: ids that two servos have; notes: other findings, a line each.
+    silent: ids of the profile that did not answer. missing: servos that did not answer, or not every read; unknown:
+    servos that the profile does not have, or whose model is not known here. wrong: findings that keep the robot from
+    being driven; notes: other findings; a line each.
     """
 
     line: BusLine
+    silent: tuple[int, ...]
     missing: tuple[int, ...]
     unknown: tuple[Sighting, ...]
-    clashing: tuple[int, ...]
+    wrong: tuple[str, ...]
     notes: tuple[str, ...]
 
 
-def look(port: BytePort, spec: BusSpec, servos: Sequence[Placed], sightings: Sequence[Sighting]) -> Look:
-    """Read all servos that were found at the speed of the bus. Raises BusError when the port is gone."""
-    port.set_baud(spec.baud)
-    line = BusLine(spec, port, servos)
+def servos_on(line: BusLine) -> tuple[list[Found], list[str]]:
+    """Return the servos that answer on an open port, by id; and notes. Raises BusError when the port is gone.
+
+    2.0: one broadcast ping, received to its end, so that no late answer disturbs the next request. 1.0 has none: each
+    id is pinged, unexpected ones once.
+    """
+    client, expected = line.client, line.spec.ids
+    if client.protocol == 2:
+        answering = client.scan({*expected, MAX_ID})  # the window is that of the highest id asked for
+        return [one for one in answering if one.id in expected or one.model is not None], []  # noise is no servo
+    found = {one.id: one for one in client.scan(expected)}
+    others = [device for device in range(MAX_ID + 2) if device not in expected]
+    each = ping_time(line.port, 1, MAX_RETURN_DELAY + line.port.latency + SLACK)
+    if len(others) * each > LONGEST:
+        return [*found.values()], ["too slow to look for servos that are not in the profile"]
+    for device in others:
+        one = client.probe(device, SLACK)
+        if one is not None and (one.model is not None or not one.clash):  # noise is no servo
+            found[device] = one
+    return [found[device] for device in sorted(found)], []
+
+
+def look_at_bus(line: BusLine) -> Look:
+    """Find and read the servos of a bus at its speed; the first that are missing are looked for at other speeds.
+
+    Raises BusError when the port is gone.
+    """
+    spec = line.spec
+    found, notes = servos_on(line)
+    seen = look(line, [Sighting(one, Speed(spec.protocol, spec.baud)) for one in found])
+    named = {device: servo.label for device, servo in line.servos.items()}
+    elsewhere = elsewhere_texts(line.port, spec, seen.silent, named)
+    return replace(seen, wrong=(*elsewhere, *seen.wrong), notes=(*notes, *seen.notes))
+
+
+def look(line: BusLine, sightings: Sequence[Sighting]) -> Look:
+    """Read all servos that were found, at the speed of the bus; `line` adopts them. Raises BusError when the port is
+    gone."""
     seen = {one.found.id: one for one in sightings}
-    notes, images = [], {}
+    wrong, images = [], {}
     for device, servo in line.servos.items():
         if device not in seen:
             continue
-        table = seen[device].table
-        if table is None:
-            if seen[device].found.model is None and answers_pings_only(line.client, device):
-                notes.append(f"{servo.label} {status_return_off_text(spec, device)}")
-            continue
-        image = read_servo(line.client, spec, device, table)
-        if isinstance(image, str):
-            notes.append(servo.label + image)
-            continue
-        if image.table.model != servo.model.name:
-            notes.append(f"{servo.label} is {image.table.model}, the profile says {servo.model.name}")
-        images[device] = image
+        text, image = _read(line, servo, seen[device])
+        if text:
+            wrong.append(f"{servo.label} {text}")
+        if image is not None:
+            images[device] = image
     line.adopt(images)
     unknown = tuple(one for one in sightings if one.found.id not in images and _is_unknown(one, line))
-    for one in unknown:
-        if one.table is None:
-            notes.append(f"{_called(line, one)} is a model that is not known here: {one.model}")
-    unknown_ids = [f"{one.found.id} ({one.model})" for one in unknown if one.found.id not in line.servos and one.table]
+    others = [one for one in unknown if one.found.id not in line.servos]
+    wrong += [f"id {one.found.id} is a model that is not known here: {one.model}" for one in others if not one.table]
+    unknown_ids = [f"{one.found.id} ({one.model})" for one in others if one.table]
     if unknown_ids:
-        notes.append(f"ids that are not in the profile: {', '.join(unknown_ids)}")
+        wrong.append(f"ids that are not in the profile: {', '.join(unknown_ids)}")
     named = {one.found.id for one in unknown}
     missing = tuple(device for device in line.servos if device not in images and device not in named)
     if missing:
-        notes += _power_note(line)
-    clashing = tuple(device for device, one in seen.items() if one.found.clash)
-    return Look(line, missing, unknown, clashing, tuple(notes))
+        wrong += _power_note(line)
+    silent = tuple(device for device in line.spec.ids if device not in seen)
+    notes = (ECHOES,) if line.client.echoes else ()
+    return Look(line, silent, missing, unknown, tuple(wrong), notes)
+
+
+def _read(line: BusLine, servo: ServoSpec, one: Sighting) -> tuple[str, ServoImage | None]:
+    """What is wrong with a servo that answered, in words to follow its name; and its registers where they are read."""
+    image, wrong = None, ""
+    try:
+        if one.table is None:
+            wrong = f"is a model that is not known here: {one.model}"
+        else:
+            image = read_image(line.client, servo.id, one.table)
+    except (NoAnswer, ServoError) as error:
+        wrong = f"cannot be read: {error}"
+    if one.found.clash:
+        command = f"`retarget servo setup --port {line.spec.port} --id {servo.id} --new-id N`"
+        wrong = f"gives several different answers: two servos have this id; connect one at a time: {command}"
+    elif image is None and answers_pings_only(line.client, servo.id):
+        wrong = status_return_off_text(line.spec, servo.id)
+    elif not wrong and one.model != servo.model.name:
+        wrong = f"is {one.model}, the profile says {servo.model.name}"
+    return wrong, image
 
 
 def _is_unknown(one: Sighting, line: BusLine) -> bool:
     """Whether a servo that was not read is of a model without a table here, or not in the profile."""
     device = one.found.id
-    if is_controller(one.found):
+    if one.found.model in CONTROLLERS:
         return False
     if device in line.servos:
         return one.table is None and one.found.model is not None
     return device not in line.spec.ids  # a device of the bus is no servo
-
-
-def _called(line: BusLine, one: Sighting) -> str:
-    servo = line.servos.get(one.found.id)
-    return f"id {one.found.id}" if servo is None else servo.label
 
 
 def as_bus(name: str, sightings: Sequence[Sighting], *, first: int = 0) -> tuple[BusSpec, list[Placed]]:
@@ -202,10 +210,15 @@ def _power_note(line: BusLine) -> list[str]:
     if switch is None:
         return []
     try:
-        on = line.client.read_block(switch.id, switch.register, 1)[0] == switch.value
+        on = is_powered(line.client, switch)
     except (NoAnswer, ServoError):
         return [f"device {switch.id}, which switches the servos' power, does not answer"]
     return [] if on else [f"device {switch.id} has the servos' power switched off"]
+
+
+def is_powered(client: OneOff, switch: PowerSwitch) -> bool:
+    """Whether a device has the servos' power on. Raises BusError (NoAnswer, ServoError) when it does not say."""
+    return client.read_block(switch.id, switch.register, 1)[0] == switch.value
 
 
 # Torque off by broadcasts at all speeds: quicker than any search, and no servo need be known.

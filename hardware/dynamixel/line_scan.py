@@ -166,19 +166,14 @@ MOST = 3
 """Ids that are tried: each takes a wait at every speed."""
 
 
-def other_bauds(bus: BusSpec) -> list[int]:
-    """Bits per second that servos of its protocol can have, but for its own."""
-    return [baud for baud in BAUDS[bus.protocol] if baud != bus.baud]
-
-
 def answering_elsewhere(port: BytePort, bus: BusSpec, ids: Sequence[int]) -> dict[int, list[int]]:
     """The first MOST of `ids` that answer at other speeds: speeds, bits/s, by id. The port is left at the bus's own.
 
     A speed that the adapter does not have is left out. Raises BusError when the port is gone.
     """
     found: dict[int, list[int]] = {}
-    for baud in other_bauds(bus):
-        if speed_refused(port, baud):
+    for baud in BAUDS[bus.protocol]:
+        if baud == bus.baud or speed_refused(port, baud):
             continue
         client = OneOff(port, bus.protocol, retries=0)
         for device in ids[:MOST]:
@@ -198,7 +193,9 @@ def elsewhere_texts(port: BytePort, bus: BusSpec, ids: Sequence[int], named: Map
     for device, bauds in answering_elsewhere(port, bus, ids).items() if ids else ():
         speeds, fix = " and ".join(map(str, bauds)), setup_command(bus, device, baud=bus.baud)
         name = named.get(device, f"device {device}")
-        texts.append(f"{name} answers at {speeds} baud, and its bus has {bus.baud}: {fix}")
+        texts.append(
+            f"{name} answers at {speeds} baud, and its bus has {bus.baud}: correct `baud` of the profile, or {fix}"
+        )
     return texts
 
 

@@ -76,8 +76,6 @@ class SlowValues:
         self._voltage, self._temperature = np.full(len(tables), np.nan), np.full(len(tables), np.nan)
         self._at = np.full(len(tables), -np.inf)  # [s] when they were read
         self._due = -np.inf  # [s] when they are due again, at the earliest
-        self._until = -np.inf  # [s] until when `_given` is valid
-        self._given = (self._voltage, self._temperature)
 
     def take(self, who: NDArray[np.int64], rows: NDArray[np.void], names: Names, now: float, valid: BoolArray) -> None:
         """Take the values that servos `who` (k,) answered at `now`, s. valid (n,): who has answered in this cycle."""
@@ -86,7 +84,6 @@ class SlowValues:
         self._at[who] = now
         late = (self._at < now - 2.0 * SLOW_PERIOD) & valid
         self._due = now if late.any() else now + SLOW_PERIOD
-        self._until = -np.inf
 
     def due(self, now: float, valid: BoolArray) -> bool:
         """Whether values of a servo that answered in the last cycle are due; at first those of all are."""
@@ -96,13 +93,9 @@ class SlowValues:
         return bool((old & valid).any()) or not np.isfinite(self._at).any()
 
     def values(self, now: float) -> tuple[FloatArray, FloatArray]:
-        """Voltages, V, and temperatures, degrees Celsius, (n,), read-only; NaN beyond SLOW_AGE."""
-        if now > self._until:
-            known = self._at >= now - SLOW_AGE
-            voltage = np.where(known, self._voltage * self._unit, np.nan)
-            self._given = _fixed(voltage), _fixed(np.where(known, self._temperature, np.nan))
-            self._until = float(self._at[known].min(initial=np.inf)) + SLOW_AGE
-        return self._given
+        """Voltages, V, and temperatures, degrees Celsius, (n,); NaN beyond SLOW_AGE."""
+        known = self._at >= now - SLOW_AGE
+        return np.where(known, self._voltage * self._unit, np.nan), np.where(known, self._temperature, np.nan)
 
 
 class Readings:
@@ -193,7 +186,7 @@ class Readings:
         return bool(self._valid.all())
 
     def states(self, now: float, *, retries: int = 0, error_rate: float = 0.0) -> ServoStates:
-        """The states as of `now`, s. They never change later; arrays that stay as they were may be given again."""
+        """The states as of `now`, s. They never change later."""
         voltage, temperature = self._slow.values(now)
         age = np.zeros(len(self.turns))
         if not self.complete:
@@ -213,12 +206,6 @@ class Readings:
             retries=retries,
             error_rate=error_rate,
         )
-
-
-def _fixed(array: FloatArray) -> FloatArray:
-    """The array, read-only from now on."""
-    array.flags.writeable = False
-    return array
 
 
 def _scale(table: ControlTable, name: str | None) -> float:

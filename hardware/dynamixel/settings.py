@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from hardware.bus import BAUDS, MAX_RETURN_DELAY, RETURN_DELAY_STEP, BusSpec
@@ -145,24 +145,29 @@ def setup_command(
     return " ".join([f"`retarget servo setup --port {bus.port} --id {device}", *words]) + "`"
 
 
-def settings_of(
-    table: ControlTable,
-    *,
-    registers: Mapping[str, int] | None = None,
-    return_delay: float | None = None,
-    new_id: int | None = None,
-    baud: int | None = None,
-) -> list[Setting]:
-    """The settings for these values, in the order in which they are written. return_delay: s; baud: bits/s.
+@dataclass(frozen=True)
+class Asked:
+    """Values for one servo; None: not given. baud: bits/s; return_delay: s; registers: counts by name."""
+
+    new_id: int | None = None
+    baud: int | None = None
+    return_delay: float | None = None
+    registers: Mapping[str, int] = field(default_factory=dict)
+
+
+def settings_of(table: ControlTable, asked: Asked) -> list[Setting]:
+    """The settings for these values, in the order in which they are written.
 
     Raises BusError (HardwareError for an unknown register) for values that a servo with this table cannot hold.
     """
-    wanted = [setting_of(table, name, value) for name, value in (registers or {}).items()]
+    wanted = [setting_of(table, name, value) for name, value in asked.registers.items()]
+    new_id, baud, return_delay = asked.new_id, asked.baud, asked.return_delay
     if return_delay is not None:
-        if not possible_delay(return_delay):
+        steps = return_delay / RETURN_DELAY_STEP
+        if not (0.0 <= return_delay <= MAX_RETURN_DELAY and abs(steps - round(steps)) < 1e-6):
             allowed = f"0 to {1e6 * MAX_RETURN_DELAY:g} us, even"
             raise _no(table, "return delay", f"{1e6 * return_delay:g} us", allowed)
-        wanted.append(Setting(table["return_delay_time"], round(return_delay / RETURN_DELAY_STEP)))
+        wanted.append(Setting(table["return_delay_time"], round(steps)))
     if new_id is not None:
         if not 0 <= new_id <= MAX_ID:
             raise _no(table, "id", str(new_id), f"0 to {MAX_ID}: 254 is the broadcast id")
@@ -170,7 +175,8 @@ def settings_of(
     if baud is not None:
         code = code_of(table, baud)
         if code is None:
-            raise _no(table, "baud rate", str(baud), rates_of(table))
+            rates = [rate for rate in BAUDS[table.protocol] if code_of(table, rate) is not None]
+            raise _no(table, "baud rate", str(baud), ", ".join(map(str, rates)))
         wanted.append(Setting(table["baud_rate"], code))
     return wanted
 
@@ -185,20 +191,6 @@ def plan(image: ServoImage, wanted: list[Setting]) -> list[Setting]:
             then="Secure the robot, then `retarget servo rest`",
         )
     return due
-
-
-def possible_delay(delay: float) -> bool:
-    """Whether a servo can be set to wait for `delay` s before it answers."""
-    steps = delay / RETURN_DELAY_STEP
-    return 0.0 <= delay <= MAX_RETURN_DELAY and abs(steps - round(steps)) < 1e-6
-
-
-def rates_of(table: ControlTable) -> str:
-    """The speeds that a model can be set to, bits/s, in words."""
-    lowest, highest = table["baud_rate"].lowest or 0, table["baud_rate"].highest or 0
-    rates = [rate for one in range(lowest, highest + 1) if (rate := baud_of(table, one))]
-    usual = [rate for rate in rates if rate in BAUDS[table.protocol]]
-    return ", ".join(map(str, sorted(usual)))
 
 
 def setting_of(table: ControlTable, name: str, value: int) -> Setting:

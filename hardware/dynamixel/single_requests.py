@@ -89,13 +89,6 @@ def ping_time(port: BytePort, protocol: int, wait: float) -> float:
     return 10 * (len(CODECS[protocol].ping(0)) + 2 * answer) / port.baud + SPREAD + wait
 
 
-def found_by_broadcast(received: PingReplies) -> list[Found]:
-    """The servos of a broadcast ping, by id."""
-    first = {answer.id: answer for answer in reversed(received.answers)}
-    times = Counter(answer.id for answer in received.answers)
-    return [found_by_ping(first[device], clash=times[device] > 1) for device in sorted(first)]
-
-
 def found_by_ping(answer: Status, *, clash: bool = False) -> Found:
     """The servo behind a 2.0 answer to a ping; a refusal carries no model."""
     known = len(answer.data) == 3
@@ -301,7 +294,9 @@ class OneOff:
         alone = wanted
         if self.protocol == 2 and wanted:
             received = broadcast_ping(self.port, wanted[-1], SLACK)
-            found = {servo.id: servo for servo in found_by_broadcast(received)}
+            times = Counter(answer.id for answer in received.answers)
+            for answer in received.answers:
+                found.setdefault(answer.id, found_by_ping(answer, clash=times[answer.id] > 1))
             self.echoes += received.echoed
             for servo in found.values():
                 self._note(servo.id, servo.alert)

@@ -1,7 +1,7 @@
 """Torque of all servos of a robot: registers are provisioned, torque rises slowly, and goes off confirmed; restarts."""
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -75,6 +75,11 @@ def not_kept(line: BusLine, register: Register, values: Mapping[int, int], wrong
     return BusError(what, where=line.where, found=found, then=then)
 
 
+TORQUE_ENABLE = {
+    1: Register("torque_enable", 24, 1, False, True, None, None, 0, 1, 0),
+    2: Register("torque_enable", 64, 1, False, True, None, None, 0, 1, 0),
+}
+"""By protocol (AX, MX; X). All models have it at one address, so torque goes off without any other register read."""
 GOAL_SLACK = 0.06
 """[rad] of the shaft that a limp joint may have moved since its goal was set to its position."""
 
@@ -152,23 +157,29 @@ def enable(line: BusLine, ids: Sequence[int]) -> None:
         )
 
 
-def off_everywhere(lines: Sequence[BusLine]) -> list[str]:
-    """Switch all torque of all buses off: the command goes to all servos before any is read back.
+def not_limp(line: BusLine, ids: Iterable[int]) -> list[int]:
+    """Those with torque, and those that do not answer. Raises BusError when the port is gone."""
+    ids = list(ids)
+    found = line.read_all(TORQUE_ENABLE[line.spec.protocol], ids)
+    return [device for device in ids if found.get(device) != 0]
+
+
+def off_everywhere(buses: Mapping[BusLine, Collection[int]]) -> list[str]:
+    """Switch the torque of servos off, by bus their ids: the command goes to all before any is read back.
 
     Returns what did not confirm it, a text each. After an interrupt the remaining buses are still switched off; it is
     raised at the end.
     """
     unsure: list[str] = []
     interrupt: BaseException | None = None
-    reachable = [line for line in lines if line.images]
-    unsure += [f"all of {line.where}" for line in lines if not line.images]
+    reachable = dict(buses)
     for act in (_send_off, _send_off, _confirm_off):
-        for line in list(reachable):
+        for line, ids in list(reachable.items()):
             try:
-                unsure += act(line)
+                unsure += act(line, ids)
             except BusError as error:
                 unsure.append(f"all of {line.where} ({error})")
-                reachable.remove(line)
+                del reachable[line]
             except BaseException as error:  # noqa: BLE001 - the robot's torque comes first
                 interrupt = error
     if interrupt is not None:
@@ -176,20 +187,17 @@ def off_everywhere(lines: Sequence[BusLine]) -> list[str]:
     return unsure
 
 
-def _send_off(line: BusLine) -> list[str]:
-    line.write_all(register_of(line, "torque_enable"), [(device, 0) for device in line.images])
+def _send_off(line: BusLine, ids: Iterable[int]) -> list[str]:
+    line.write_all(TORQUE_ENABLE[line.spec.protocol], [(device, 0) for device in ids])
     return []
 
 
-def _confirm_off(line: BusLine) -> list[str]:
+def _confirm_off(line: BusLine, ids: Iterable[int]) -> list[str]:
     """Read torque back, and switch it off again where it is on; clear the watchdogs of servos that are off."""
-    register = register_of(line, "torque_enable")
-    said = line.read_all(register, list(line.images))
-    left = [device for device in line.images if said.get(device) != 0]
+    left = not_limp(line, ids)
     if left:
-        line.write_all(register, [(device, 0) for device in left])
-        said |= line.read_all(register, left)
-        left = [device for device in left if said.get(device) != 0]
+        _send_off(line, left)
+        left = not_limp(line, left)
     watched = [device for device in _watched(line) if device not in left]
     if watched:
         line.write_all(line.images[watched[0]].table["bus_watchdog"], [(device, 0) for device in watched])

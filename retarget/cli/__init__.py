@@ -20,7 +20,7 @@ COMMANDS = {
     "stop": "Stop a live run that has a --control-socket.",
     "inspect": "Say what is in a motion file.",
     "export": "Export a recorded run: CSV, NPZ, Parquet, BVH, LeRobot.",
-    "check": "Validate profiles, priorities, performers and scenes.",
+    "check": "Validate profiles, priorities, performers, scenes and sessions.",
     "doctor": "Say what is wrong with a stream, a servo port or this machine.",
     "view": "Look at a recorded run on a web page.",
     "robots": "List the robots known by name.",
@@ -49,8 +49,7 @@ def _call(chosen: list[str], words: list[str]) -> None:
     from retarget.cli.application import application, refuse_renamed, with_values
 
     refuse_renamed(words)
-    panels = bool(chosen) and "--help" in words
-    application(chosen, panels=panels)(args=with_values(words), prog_name="retarget")
+    application(chosen)(args=with_values(words), prog_name="retarget")
 
 
 def _start_fast() -> None:

@@ -1,4 +1,4 @@
-"""The commands as typer knows them, and what they share: options, usual values of options, questions, progress."""
+"""The commands as typer knows them, and what they share: options, questions, progress, tables."""
 
 import importlib
 import inspect
@@ -14,14 +14,16 @@ from types import NoneType
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin
 
 import typer
+from typer.core import TyperCommand
 
 import retarget
 from hardware.realtime import USUAL_PRIORITY
 from retarget.errors import UsageError, renamed_to
-from retarget.run.control_socket import USUAL
 from retarget.viewer.server import PORT
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from retarget.frames import SensorFrames
 
 EPILOG = (
@@ -31,22 +33,50 @@ EPILOG = (
 )
 
 
-def application(chosen: Sequence[str], *, panels: bool = False) -> typer.Typer:
+UNWRAPPED = 10_000
+"""Columns of a pipe or file: lines are wrapped for terminals alone."""
+WIDEST = 100
+"""Most columns of the help on a terminal."""
+
+
+def application(chosen: Sequence[str]) -> typer.Typer:
     """The application in which only the command of the words `chosen` is real (a group's: the group and its command);
-    the others lend their name and line to the help. panels: whether help has headings; they cost time."""
-    known = _commands("retarget.cli", chosen, epilog=EPILOG, panels=panels)
+    the others lend their name and line to the help."""
+    known = _commands("retarget.cli", chosen, epilog=EPILOG)
     known.callback(invoke_without_command=True)(_options)
     return known
 
 
-def _commands(package: str, chosen: Sequence[str], *, epilog: str | None = None, panels: bool = False) -> typer.Typer:
+class _Command(TyperCommand):
+    """A command whose help has a panel for each group of options."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        panels: dict[str, list[tuple[str, str]]] = {"Arguments": []}
+        for parameter in self.get_params(ctx):
+            usual = "Arguments" if parameter.param_type_name == "argument" else "Options"
+            panel = panels.setdefault(getattr(parameter, "rich_help_panel", None) or usual, [])
+            panel += filter(None, [parameter.get_help_record(ctx)])
+        for heading, records in panels.items():
+            if not records:
+                continue
+            with formatter.section(heading):
+                formatter.write_dl(records, col_max=FIRST_COLUMN)
+
+
+FIRST_COLUMN = 24
+"""Columns of an option and its value in the help; the meaning of a longer one begins in the next line."""
+
+
+def _commands(package: str, chosen: Sequence[str], *, epilog: str | None = None) -> typer.Typer:
     """The commands of a package; its `COMMANDS` names them."""
+    width = {"max_content_width": WIDEST} if sys.stdout.isatty() else {"terminal_width": UNWRAPPED}
     group = typer.Typer(
         add_completion=False,
         no_args_is_help=True,
         pretty_exceptions_enable=False,
-        rich_markup_mode="rich" if panels else None,
+        rich_markup_mode=None,
         epilog=epilog,
+        context_settings=width,
     )
     listing = importlib.import_module(package)
     for name, summary in listing.COMMANDS.items():
@@ -61,7 +91,7 @@ def _commands(package: str, chosen: Sequence[str], *, epilog: str | None = None,
             inner.callback()(function)
             group.add_typer(inner, name=name)
         else:
-            group.command(name, help=described(function)[0])(command_of(function))
+            group.command(name, cls=_Command, help=described(function)[0])(command_of(function))
     return group
 
 
@@ -85,6 +115,8 @@ def _options(
 
 # Options that may stand alone or with a value: typer knows only the second, so the usual value is put in here.
 
+USUAL = "usual"
+"""What `--control-socket` means without a path."""
 USUAL_VALUES = {"--realtime": str(USUAL_PRIORITY), "--control-socket": USUAL, "--view": str(PORT)}
 
 
@@ -137,9 +169,10 @@ def described(holder: Callable[..., Any]) -> tuple[str, dict[str, _Entry]]:
     entries: dict[str, _Entry] = {}
     heading = name = ""
     for line in (inspect.getdoc(holder) or "").splitlines():
-        if found := _HEADING.fullmatch(line):
+        if (found := _HEADING.fullmatch(line)) and found[1] != "Examples":
             heading = found[1]
         elif not heading:
+            text += ["\b"] * bool(found)  # for typer: what follows is not wrapped
             text.append(line)
         elif found := _ENTRY.fullmatch(line):
             name, flags, metavar, words = found.groups()
@@ -210,7 +243,10 @@ def _built(holder: Callable[..., Any], values: Mapping[str, Any]) -> Any:
 
 # Options that several commands have.
 
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files that are there; else they are refused.")]
+Overwrite = Annotated[
+    bool,
+    typer.Option("--overwrite", help="Replace files that are there; else they are refused.", rich_help_panel="Results"),
+]
 """`--overwrite`: the one way in which a command replaces a file that is there."""
 
 
@@ -218,9 +254,9 @@ Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files that
 class FileOptions:
     """How a motion file is read.
 
-    Options:
-        skeleton FILE.asf: The ASF of an AMC, where it does not lie beside it.
-        unit m|cm|mm|inch|cmu: Length unit of the file, where it states none.
+    Playback:
+        skeleton FILE.asf: The ASF of an AMC that has none beside it.
+        unit m|cm|mm|inch|cmu: Length unit of a file that states none.
         rate HZ: Frames per second instead of the file's.
     """
 
@@ -259,6 +295,13 @@ def log(text: str) -> None:
 def note(text: str) -> None:
     """Say what the operator should know."""
     log(f"note: {text}")
+
+
+def console() -> "Console":
+    """Where tables are printed. In a pipe no line is wrapped."""
+    from rich.console import Console
+
+    return Console() if sys.stdout.isatty() else Console(width=UNWRAPPED)
 
 
 # A question to the operator at the terminal.

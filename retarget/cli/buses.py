@@ -23,7 +23,6 @@ from retarget.schema.scene import load_scene
 from retarget.types import FloatArray, Notify, RunState
 
 if TYPE_CHECKING:
-    from sim.physics.bus import PhysicsBus
     from sim.physics.mount import Mount
     from sim.physics.witness import WitnessedBus
 
@@ -85,7 +84,7 @@ class PhysicsBench:
 
     def __init__(self, options: RunOptions, notify: Notify) -> None:
         self._options, self._notify = options, notify
-        self._bus: PhysicsBus | WitnessedBus | None = None
+        self._bus: WitnessedBus | None = None
         self._robot: RobotBody
         self._to_push = "push" in options.physics.perturbations
 
@@ -133,7 +132,7 @@ class PhysicsBench:
         state, body = self._bus.witness.state, self._robot.body
         return np.concatenate([state.root, state.q[body.joint_qpos[body.joint_type > JointType.BALL]], state.zmp])
 
-    def _physics_bus(self, robot: RobotBody, clock: Clock) -> "PhysicsBus | WitnessedBus":
+    def _physics_bus(self, robot: RobotBody, clock: Clock) -> "WitnessedBus":
         from sim.buses import physics_bus, physics_wire_bus, simulation_of
         from sim.physics.perturbation import PerturbationKind, combined, drawn
 

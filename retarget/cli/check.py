@@ -1,4 +1,4 @@
-"""`retarget check FILE...`: validate robot profiles, priority files, performers and scenes; say what is in them."""
+"""`retarget check FILE...`: validate profiles, priorities, performers, scenes and sessions; say what is in them."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -27,6 +27,7 @@ KEYS_OF_KIND: dict[Kind, frozenset[str]] = {
     Kind.PRIORITIES: frozenset(Priorities.model_fields) - {"name", "description"},
     Kind.PERFORMER: frozenset(Performer.model_fields) - {"name", "description"},
     Kind.SCENE: frozenset(Scene.model_fields) - {"name", "description"},
+    Kind.SESSION: frozenset({"robot", "source", "bus"}),
 }
 """Keys that show the kind of a file."""
 
@@ -40,7 +41,7 @@ ELSEWHERE = {
 
 
 def check(files: list[str]) -> None:
-    """Validate robot profiles, priority files, performers and scenes; all errors of a file are shown at once.
+    """Validate profiles, priority files, performers, scenes and sessions; all errors of a file are shown at once.
 
     Arguments:
         files: Files, folders of robots, or names of shipped or own ones.
@@ -68,7 +69,7 @@ def _targets(name: str) -> list[tuple[Kind, Path]]:
         raise UsageError(
             "check takes configurations in YAML",
             where=name[:200],
-            allowed="a robot profile (robot.yaml) or its folder, a priority file, a performer, a scene",
+            allowed="a robot profile (robot.yaml) or its folder, a priority file, a performer, a scene, a session",
             next_step=ELSEWHERE[path.suffix.lower()],
         )
     try:
@@ -96,7 +97,7 @@ def _kind(path: Path) -> Kind:
             where=str(path),
             found="keys " + (", ".join(map(str, list(keys)[:10])) or "none"),
             allowed="a robot profile (servos, frames, ...), a priority file (levels), a performer (sensors), "
-            "a scene (obstacles)",
+            "a scene (obstacles), a session (robot, source)",
         )
     return kind
 
@@ -209,6 +210,15 @@ def _scene(path: Path) -> str:
     return _paragraph("scene", scene, path, {"about": scene.description} | obstacles)
 
 
+def _session(path: Path) -> str:
+    from retarget.cli.application import command_of
+    from retarget.cli.run import run
+    from retarget.cli.session import session_options
+
+    options = session_options(path, command_of(run))
+    return _paragraph("session", None, path, {name: str(value) for name, value in options.items()})
+
+
 def _obstacle(obstacle: Obstacle) -> str:
     path = obstacle.path
     if path is not None:
@@ -226,10 +236,11 @@ _REPORTS: dict[Kind, Callable[[Path], str]] = {
     Kind.PRIORITIES: _priorities,
     Kind.PERFORMER: _performer,
     Kind.SCENE: _scene,
+    Kind.SESSION: _session,
 }
 
 
-def _paragraph(kind: str, model: Schema, path: Path, facts: dict[str, str], *, verdict: str = "good") -> str:
+def _paragraph(kind: str, model: Schema | None, path: Path, facts: dict[str, str], *, verdict: str = "good") -> str:
     width = max(map(len, facts)) + 2
     head = f"{kind} {getattr(model, 'name', path.stem)}: {verdict} ({path})"
     return "\n".join([head, *(f"  {key + ':':<{width}}{value}" for key, value in facts.items())])

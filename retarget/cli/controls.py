@@ -1,27 +1,63 @@
-"""How the operator stops or holds a live run: keys, a dead-man key or pedal, a stop file, the control socket."""
+"""How the operator stops or holds a live run: keys, a dead-man key or pedal, a stop file, the control socket.
 
+Each is a `Control`, which only asks. `LiveControls` carries out what they ask for, once in every tick.
+"""
+
+import errno
+import fcntl
 import json
 import os
 import select
+import signal
+import socket
+import stat
+import struct
 import sys
 import termios
 import tty
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
+from enum import Enum, auto
 from pathlib import Path
-from typing import Self
+from typing import TYPE_CHECKING, Protocol
 
-from hardware.clock import Clock, MonotonicClock
-from hardware.key_device import KeyDevice
+from hardware.clock import Clock
+from hardware.errors import HardwareError
 from hardware.realtime import Scheduling, refuse_scheduling
-from retarget.cli.exit import ForcedStopKey, StopRequest
+from retarget.cli.application import USUAL
+from retarget.cli.exit import REASONS, ForcedStopKey, StopRequest
 from retarget.errors import UsageError, renamed_to
-from retarget.live.performer import LivePerformer
-from retarget.live.sensor_validity import Engaged
-from retarget.run.control_socket import ControlSocket
-from retarget.run.loop import Machine
 from retarget.types import Notify, RunState
+
+if TYPE_CHECKING:
+    from retarget.live.performer import LivePerformer
+    from retarget.run.loop import Machine
+
+
+class Asked(Enum):
+    """What a control asks for. HOLD lasts until PAUSE, the key that pauses and goes on. RELEASE: the dead-man control
+    was let go; it holds until GRIP."""
+
+    STOP = auto()
+    TORQUE_OFF = auto()
+    HOLD = auto()
+    PAUSE = auto()
+    GRIP = auto()
+    RELEASE = auto()
+    HEADING = auto()
+
+
+class Control(Protocol):
+    """Something by which the operator acts on a live run."""
+
+    def poll(self, now: float) -> Iterator[tuple[Asked, str]]:
+        """What was asked for since the last poll, each with its reason for the operator, at `now`, s. Never waits, and
+        raises nothing that a person, a device or a client causes. Each is carried out before the next is read."""
+
+    def close(self) -> None:
+        """Let go of files and devices; twice does no harm."""
+
 
 # A held key of the terminal, detected by its repeats: a terminal reports no release.
 
@@ -36,7 +72,7 @@ class HeldKey:
     after its last. Another key ends the repeats, hence the hold. label: what the operator has to hold."""
 
     def __init__(self, key: str) -> None:
-        self.key, self.lost = key, ""
+        self.key = key
         self.label = f"{key!r} (it must repeat)"
         self._last = float("-inf")
         self._run = 0
@@ -50,171 +86,56 @@ class HeldKey:
             self._last = now
         return self._run >= NEEDED and now - self._last <= LET_GO_S
 
-    def close(self) -> None:
-        """Nothing is open."""
-
-
-# The dead-man control: a robot moves only while a pedal, a key of its own device, or a key of the terminal is held.
-
-PEDAL = "pedal:"
-TAKEN = " ph"
-"""Keys of the terminal that mean something else already."""
-ALLOWED = "a letter or digit key of the terminal but p and h, or pedal:/dev/input/... of a pedal, button or keyboard"
-
-
-class Pedal:
-    """A device that reports presses and releases. label: what the operator has to hold."""
-
-    def __init__(self, device: KeyDevice) -> None:
-        self._device = device
-        self.label = f"the pedal {device.path}"
-        self.close = device.close
-
-    @property
-    def lost(self) -> str:
-        """Why it has failed, else ""."""
-        return f"{self._device.path}: {self._device.lost}" if self._device.lost else ""
-
-    def held(self, pressed: str, now: float) -> bool:
-        """Whether it is pressed."""
-        return self._device.pressed()
-
-
-DeadMan = HeldKey | Pedal
-"""A control that is held or released. `lost`: why it has failed, which counts as released for good."""
-
-
-def open_dead_man(text: str, *, terminal: bool) -> DeadMan:
-    """The key or device of `--dead-man`. terminal: whether there is one to press keys on.
-
-    Raises UsageError: neither a key nor a device, or a key without a terminal; HardwareError: no such device, or not
-    for this user.
-    """
-    if text.startswith(PEDAL):
-        path, _, code = text.removeprefix(PEDAL).partition("#")
-        if code and not (code.isascii() and code.isdigit()):
-            raise _refused(text, "the code of a key is a number, as `sudo evtest` shows it")
-        return Pedal(KeyDevice(path, code=int(code) if code else None))
-    if len(text) != 1 or not text.isascii() or not text.isalnum() or text in TAKEN:
-        raise _refused(text, "this cannot be held")
-    if not terminal:
-        raise UsageError(
-            "there is no terminal on which a key could be held",
-            where="--dead-man",
-            found=text,
-            next_step="Run it in a terminal, or use a pedal (pedal:DEVICE)",
-        )
-    return HeldKey(text)
-
-
-def _refused(text: str, what: str) -> UsageError:
-    return UsageError(what, where="--dead-man", found=repr(text[:80]), allowed=ALLOWED)
-
-
-# The clutch: the robot follows while there is no pause and the dead-man control is held; else it holds.
-
-LONGEST_S = 300.0
-"""Longest hold on purpose, s: servos that hold get warm, and the operator may have left."""
-
-
-class Clutch:
-    """Disengages from the performer and engages again. dead_man: None where nothing has to be held."""
-
-    def __init__(
-        self,
-        performer: LivePerformer,
-        *,
-        clock: Clock,
-        notify: Notify,
-        dead_man: DeadMan | None = None,
-    ) -> None:
-        self._performer, self._dead_man = performer, dead_man
-        self._clock, self._notify = clock, notify
-        self._paused, self._held = False, dead_man is None
-        self._since: float | None = None  # [s] when it was disengaged
-        self._lost = False
-        self._apply()
-
-    @property
-    def engaged(self) -> bool:
-        """Whether the performer is to be followed."""
-        return self._held and not self._paused
-
-    @property
-    def paused(self) -> bool:
-        """Whether there is a pause."""
-        return self._paused
-
-    @property
-    def expired(self) -> bool:
-        """Whether it has been disengaged for longer than LONGEST_S."""
-        return self._since is not None and self._clock.now() - self._since > LONGEST_S
-
-    def look(self, pressed: str) -> None:
-        """Poll the dead-man control, once in every tick. pressed: keys of the terminal since the last poll."""
-        dead_man = self._dead_man
-        if dead_man is None:
-            return
-        held = dead_man.held(pressed, self._clock.now())
-        if dead_man.lost and not self._lost:
-            self._lost = True
-            self._notify(f"{dead_man.lost}: it counts as released for good: stop the run")
-        if held != self._held:
-            self._held = held
-            self._notify("dead-man control held" if held else "dead-man control released: the robot holds")
-            self._apply()
-
-    def pause(self) -> None:
-        """Hold until `unpause`, also while the dead-man control is held."""
-        self._paused = True
-        self._apply()
-
-    def unpause(self) -> None:
-        """End the pause."""
-        self._paused = False
-        self._apply()
-
-    def _apply(self) -> None:
-        engaged = self.engaged
-        self._performer.clutch(engaged=engaged)
-        self._since = None if engaged else self._clock.now() if self._since is None else self._since
-
 
 # Keys that are pressed while a robot moves, one at a time, without Enter; none where there is no terminal.
 
 MOST = 64
 """Keys that one poll takes."""
+KEYS = {"p": Asked.PAUSE, "h": Asked.HEADING}
+SPACE, GOES_ON = "interrupted by the user (space bar)", "p goes on"
+GRIPS = {
+    True: (Asked.GRIP, "dead-man control held"),
+    False: (Asked.RELEASE, "dead-man control released: the robot holds"),
+}
+"""What a dead-man control asks for when it is held, and when it is let go."""
 INPUT_MODES = 0
 """Index into what `termios.tcgetattr` returns."""
 
 
-class Keys(AbstractContextManager["Keys"]):
-    """The keyboard of a terminal as a context. Ctrl-C stays a signal; Ctrl-S does not stop the output."""
+class Keyboard:
+    """The keyboard of a terminal. Space stops, and again forces torque off; p pauses and goes on; h takes a heading;
+    the dead-man key grips. Ctrl-C stays a signal; Ctrl-S does not stop the output."""
 
-    def __init__(self, fd: int | None = None) -> None:
+    def __init__(self, fd: int | None = None, *, dead_man: HeldKey | None = None) -> None:
         """fd: of a terminal; None: standard input, if it is one."""
-        self._fd = sys.stdin.fileno() if fd is None and sys.stdin.isatty() else fd
+        self._fd = sys.stdin.fileno() if fd is None and has_terminal() else fd
         self._before: list[object] | None = None
-
-    def __enter__(self) -> Self:
+        self._space, self._dead_man, self._held = ForcedStopKey(), dead_man, False
         if self._fd is not None:
             self._before = termios.tcgetattr(self._fd)
             tty.setcbreak(self._fd, termios.TCSANOW)
             as_keys = termios.tcgetattr(self._fd)
             as_keys[INPUT_MODES] &= ~termios.IXON
             termios.tcsetattr(self._fd, termios.TCSANOW, as_keys)
-        return self
 
-    def __exit__(self, *failure: object) -> None:
+    def close(self) -> None:
+        """Give the terminal back as it was."""
         if self._fd is not None and self._before is not None:
             with suppress(termios.error, OSError):  # the terminal may be gone
                 termios.tcsetattr(self._fd, termios.TCSANOW, self._before)  # type: ignore[arg-type]
             self._before = None
 
-    @property
-    def listens(self) -> bool:
-        """Whether there is a terminal."""
-        return self._fd is not None
+    def poll(self, now: float) -> Iterator[tuple[Asked, str]]:
+        """See `Control`."""
+        pressed = self.pressed()
+        if count := pressed.count(" "):
+            yield (Asked.TORQUE_OFF if self._space.pressed(count, now) else Asked.STOP), SPACE
+        for key in pressed:
+            if key in KEYS:
+                yield KEYS[key], f"paused: the robot holds; {GOES_ON}"
+        if self._dead_man is not None and self._dead_man.held(pressed, now) is not self._held:
+            self._held = not self._held
+            yield GRIPS[self._held]
 
     def pressed(self) -> str:
         """The keys since the last poll. Never waits, never raises."""
@@ -231,6 +152,378 @@ class Keys(AbstractContextManager["Keys"]):
         return data.decode("utf-8", errors="ignore")
 
 
+# A pedal, button or keyboard, read from Linux's event device (evdev): which keys are down, and when they go up.
+
+EVENT = struct.Struct("@llHHi")
+"""A `struct input_event` (linux/input.h): two words of time, type, code, value."""
+EV_SYN, EV_KEY = 0, 1
+SYN_DROPPED = 3
+UP, DOWN = 0, 1
+"""Values of EV_KEY; 2 is a repeat, which is ignored."""
+MOST_CODE = 0x2FF
+"""KEY_MAX."""
+EVIOCGVERSION = 0x80044501
+"""Request that only an event device answers."""
+MOST_EVENTS, MOST_READS = 64, 8
+"""Bounds of what one call reads."""
+BY_ID = Path("/dev/input/by-id")
+
+
+class Pedal:
+    """An open event device as a dead-man control. Pressed means pressed since it was opened: a key that is down before
+    counts from its next press.
+
+    code: the only key that counts, as `evtest` shows it; None: any. label: what the operator has to hold. lost: why the
+    device sends no more events, "" while it does.
+    """
+
+    def __init__(self, path: str, *, code: int | None = None) -> None:
+        """Raises HardwareError: no such device, not for this user, or no event device."""
+        self.path, self._code, self.lost = path, code, ""
+        self.label = f"the pedal {path}"
+        self._down: set[int] = set()
+        self._rest = b""
+        self._held = False
+        self._fd: int | None = _opened(path)
+
+    def poll(self, now: float) -> Iterator[tuple[Asked, str]]:
+        """See `Control`. A device that is lost is let go for good."""
+        lost_before = self.lost
+        held = self.pressed()
+        if self.lost and not lost_before:
+            self._held = False
+            yield Asked.RELEASE, f"{self.path}: {self.lost}: it counts as released for good: stop the run"
+        elif held is not self._held:
+            self._held = held
+            yield GRIPS[held]
+
+    def close(self) -> None:
+        """Close it; twice does no harm."""
+        fd, self._fd = self._fd, None
+        self._down.clear()
+        if fd is not None:
+            with suppress(OSError):
+                os.close(fd)
+
+    def pressed(self) -> bool:
+        """Whether a key that counts is down now; never, once the device is lost."""
+        for _ in range(MOST_READS):
+            data = self._read()
+            if not data:
+                break
+            self._take(data)
+        return bool(self._down)
+
+    def _read(self) -> bytes:
+        if self._fd is None:
+            return b""
+        try:
+            data = os.read(self._fd, MOST_EVENTS * EVENT.size)
+        except BlockingIOError:
+            return b""
+        except OSError as error:
+            self._lose(error.strerror or str(error))
+            return b""
+        if not data:
+            self._lose("it has ended")
+        return data
+
+    def _lose(self, reason: str) -> None:
+        self.lost = self.lost or reason
+        self.close()
+
+    def _take(self, data: bytes) -> None:
+        data = self._rest + data
+        whole = len(data) - len(data) % EVENT.size
+        self._rest = data[whole:]
+        for _, _, kind, code, value in EVENT.iter_unpack(data[:whole]):
+            if kind == EV_SYN and code == SYN_DROPPED:  # a release may be among what the kernel dropped
+                self._down.clear()
+            elif kind == EV_KEY and code <= MOST_CODE and self._code in (None, code):
+                if value == DOWN:
+                    self._down.add(code)
+                elif value == UP:
+                    self._down.discard(code)
+
+
+def _opened(path: str) -> int:
+    try:
+        fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    except PermissionError as error:
+        step = "Join the group of such devices: sudo usermod -aG input $USER, then log in again"
+        raise _unusable(path, "this device is not for this user", step) from error
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise _unusable(path, f"the device cannot be opened: {reason}", _which()) from error
+    try:
+        mode = os.fstat(fd).st_mode
+        if not stat.S_ISFIFO(mode):
+            fcntl.ioctl(fd, EVIOCGVERSION, b"\0" * 4)
+    except OSError as error:
+        os.close(fd)
+        raise _unusable(path, "this is no event device", _which()) from error
+    return fd
+
+
+def _which() -> str:
+    with suppress(OSError):
+        names = sorted(str(entry) for entry in BY_ID.iterdir() if entry.name.endswith(("-kbd", "-joystick")))
+        if names:
+            return f"Plugged in are: {', '.join(names[:10])}"
+    return "Plug it in, and see which it is: ls /dev/input/by-id, or sudo evtest"
+
+
+def _unusable(path: str, what: str, then: str) -> HardwareError:
+    return HardwareError(what, where=path, then=then)
+
+
+# The dead-man control: a robot moves only while a pedal, a key of its own device, or a key of the terminal is held.
+
+PEDAL = "pedal:"
+TAKEN = " ph"
+"""Keys of the terminal that mean something else already."""
+ALLOWED = "a letter or digit key of the terminal but p and h, or pedal:/dev/input/... of a pedal, button or keyboard"
+
+
+def open_dead_man(text: str, *, terminal: bool) -> HeldKey | Pedal:
+    """The key or device of `--dead-man`. terminal: whether there is one to press keys on.
+
+    Raises UsageError: neither a key nor a device, or a key without a terminal; HardwareError: no such device, or not
+    for this user.
+    """
+    if text.startswith(PEDAL):
+        path, _, code = text.removeprefix(PEDAL).partition("#")
+        if code and not (code.isascii() and code.isdigit()):
+            raise _refused(text, "the code of a key is a number, as `sudo evtest` shows it")
+        return Pedal(path, code=int(code) if code else None)
+    if len(text) != 1 or not text.isascii() or not text.isalnum() or text in TAKEN:
+        raise _refused(text, "this cannot be held")
+    if not terminal:
+        raise UsageError(
+            "there is no terminal on which a key could be held",
+            where="--dead-man",
+            found=text,
+            next_step="Run it in a terminal, or use a pedal (pedal:DEVICE)",
+        )
+    return HeldKey(text)
+
+
+def _refused(text: str, what: str) -> UsageError:
+    return UsageError(what, where="--dead-man", found=repr(text[:80]), allowed=ALLOWED)
+
+
+# The stop file: its appearance stops the robot.
+
+FILE_PERIOD = 5
+"""Ticks between two checks for the file. The first poll checks, so no servo gets torque while the file is there."""
+IS_THERE = "is there"
+
+
+def stop_file_state(file: Path) -> str:
+    """Why the stop file stops the robot: it exists, or cannot be looked for; "" while it is absent."""
+    try:
+        file.lstat()  # `exists` is also False where it cannot be looked for
+    except FileNotFoundError:
+        return "" if file.parent.is_dir() else "cannot be looked for (its folder is not there)"
+    except (OSError, ValueError) as error:
+        return f"cannot be looked for ({getattr(error, 'strerror', None) or error})"
+    return IS_THERE
+
+
+class StopFile:
+    """A file that stops the run when it appears, or cannot be looked for. It is not removed."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._polls = path, 0
+
+    def poll(self, now: float) -> Iterator[tuple[Asked, str]]:
+        """See `Control`."""
+        self._polls += 1
+        if self._polls % FILE_PERIOD == 1 and (state := stop_file_state(self._path)):
+            yield Asked.STOP, f"{self._path} {state}"
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+# The control socket of this user: one word a line, one line back.
+
+STOPPED_BY = "requested through the control socket (`retarget stop`)"
+WORDS = {
+    "stop": (Asked.STOP, STOPPED_BY, "ok stopping"),
+    "torque_off": (Asked.TORQUE_OFF, STOPPED_BY, "ok torque off"),
+    "hold": (Asked.HOLD, "paused by the control socket: the robot holds", "ok holding"),
+}
+"""Words that ask for something: what, the reason for the operator, and the answer. `status` asks for nothing."""
+WHERE = "--control-socket"
+MAX_PATH = 107
+"""Bytes of a path that a socket can have (unix(7))."""
+MAX_LINE = 64
+"""Bytes; a client that sends a longer line is disconnected."""
+MOST_CLIENTS = 4
+"""At once; a new client takes the place of the oldest one."""
+MOST_LINES = 8
+"""That are read from one client in one poll."""
+CONNECT_S = 1.0
+
+
+def socket_path(text: str | None) -> Path:
+    """The path that is given; for None or "usual", `retarget.sock` in the folder of this user's session.
+
+    Raises UsageError where there is no such folder, or the path is too long.
+    """
+    if text is None or text == USUAL:
+        folder = os.environ.get("XDG_RUNTIME_DIR", "")
+        if not Path(folder).is_absolute():
+            raise UsageError(
+                "XDG_RUNTIME_DIR is not set, so the socket has no usual path",
+                where=WHERE,
+                next_step="Give a path, here and to `retarget stop --socket`",
+            )
+        path = Path(folder) / "retarget.sock"
+    else:
+        path = Path(text)
+    length = len(os.fsencode(path))
+    if length > MAX_PATH or "\0" in str(path):
+        raise UsageError(
+            "a socket cannot have this path", where=WHERE, found=f"{length} bytes", allowed=f"{MAX_PATH} bytes"
+        )
+    return path
+
+
+def connect_to(path: Path) -> socket.socket:
+    """Connect to a socket; blocks for CONNECT_S at most. Raises OSError."""
+    client = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        client.settimeout(CONNECT_S)
+        client.connect(str(path))
+    except BaseException:
+        client.close()
+        raise
+    return client
+
+
+class ControlSocket:
+    """The listener: other programs stop or hold the run, and cannot make it move. Only its owner may connect, and its
+    file is removed at the end. Memory is bounded."""
+
+    def __init__(self, path: Path, *, status: Callable[[], "LiveStatus"], goes_on: str = GOES_ON) -> None:
+        """status: of the run. goes_on: what ends a hold. Raises UsageError for a path that is in use, is not a socket,
+        or has no folder."""
+        self.path, self._status, self._goes_on = path, status, goes_on
+        self._clients: dict[socket.socket, bytes] = {}  # what each has sent of its next line; oldest first
+        _clear(path)
+        self._listener = _listening(path)
+
+    def close(self) -> None:
+        """Disconnect all, and remove the file."""
+        for client in [*self._clients]:
+            self._drop(client)
+        with suppress(OSError):
+            self.path.unlink()
+        self._listener.close()
+
+    def poll(self, now: float) -> Iterator[tuple[Asked, str]]:
+        """See `Control`. A word is answered when it has been carried out."""
+        self._accept()
+        for client in [*self._clients]:
+            for word in self._received(client):
+                if word in WORDS:
+                    asked, reason, answer = WORDS[word]
+                    yield asked, f"{reason}; {self._goes_on}" if asked is Asked.HOLD else reason
+                elif word == "status":
+                    answer = json.dumps(asdict(self._status()))
+                else:
+                    answer = refused_word(word)
+                if client in self._clients:
+                    self._answer(client, answer)
+
+    def _accept(self) -> None:
+        for _ in range(MOST_CLIENTS):
+            try:
+                client, _ = self._listener.accept()
+            except OSError:  # no client, or one that has left already
+                return
+            client.setblocking(False)
+            if len(self._clients) >= MOST_CLIENTS:
+                self._drop(next(iter(self._clients)))
+            self._clients[client] = b""
+
+    def _received(self, client: socket.socket) -> list[str]:
+        """The words of the lines that have come, also of a client that does not wait for the answer."""
+        try:
+            data = client.recv(MAX_LINE * MOST_LINES)
+        except BlockingIOError:
+            return []
+        except OSError:
+            data = b""
+        *lines, rest = (self._clients[client] + data).split(b"\n")
+        if not data or len(rest) > MAX_LINE:
+            self._drop(client)
+        else:
+            self._clients[client] = rest
+        return [line.decode("ascii", errors="replace").strip() for line in lines[:MOST_LINES]]
+
+    def _answer(self, client: socket.socket, text: str) -> None:
+        line, sent = text.encode() + b"\n", 0
+        with suppress(OSError):
+            sent = client.send(line)
+        if sent < len(line):  # it does not read
+            self._drop(client)
+
+    def _drop(self, client: socket.socket) -> None:
+        self._clients.pop(client, None)
+        client.close()
+
+
+def _clear(path: Path) -> None:
+    """Remove the file of a socket on which no process listens any more."""
+    try:
+        mode = path.lstat().st_mode
+    except OSError:
+        return
+    if not stat.S_ISSOCK(mode):
+        raise UsageError("this is not a socket", where=f"{WHERE} {path}", next_step="Choose another path")
+    try:
+        connect_to(path).close()
+    except ConnectionRefusedError:
+        with suppress(OSError):
+            path.unlink()
+        return
+    except OSError:  # a busy listener, or another user's socket: binding fails with the reason
+        pass
+    raise UsageError(
+        "another run listens there",
+        where=f"{WHERE} {path}",
+        next_step="Stop it (retarget stop), or choose another path",
+    )
+
+
+def _listening(path: Path) -> socket.socket:
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    before = os.umask(0o177)  # only its owner may connect, from the start
+    try:
+        listener.setblocking(False)
+        listener.bind(str(path))
+        listener.listen(MOST_CLIENTS)
+    except OSError as error:
+        listener.close()
+        taken = error.errno == errno.EADDRINUSE
+        step = "Choose another path" if taken else "Choose a path in a folder that exists and is yours"
+        what = f"cannot listen: {error.strerror or error}"
+        raise UsageError(what, where=f"{WHERE} {path}", next_step=step) from error
+    finally:
+        os.umask(before)
+    return listener
+
+
+def refused_word(word: str) -> str:
+    """The answer of the control socket to a word that it does not have, or no longer has."""
+    allowed = (*WORDS, "status")
+    step = renamed_to(word, allowed) or "only a person at the keyboard lets the robot move"
+    return f"error: found {word[:20]!a}, allowed: {', '.join(allowed)}; {step}"
+
+
 # Options of the command line: what may stop or hold a live run, and how its ticks are scheduled.
 
 
@@ -238,12 +531,11 @@ class Keys(AbstractContextManager["Keys"]):
 class Oversight:
     """What may stop or hold a live run, and how its ticks are scheduled.
 
-    Live streams:
-        dead_man KEY|pedal:DEVICE: The robot moves only while this key of the terminal, or pedal, is held.
+    Operator of a live stream:
+        dead_man KEY|pedal:FILE: The robot moves only while this key of the terminal, or pedal, is held.
         stop_file FILE: Stop when this file appears.
-        control_socket [PATH]: Be stopped or held by other programs, see `retarget stop`; in XDG_RUNTIME_DIR without a
-            PATH.
-        realtime [PRIORITY]: Real-time priority of the ticks (SCHED_FIFO), 1 to 99; 40 if none is given.
+        control_socket [PATH]: Be stopped or held by `retarget stop` and others.
+        realtime [PRIORITY]: Real-time priority of the ticks, 1 to 99; usually 40.
         core N: The only core on which the ticks run.
     """
 
@@ -279,37 +571,20 @@ def refuse_oversight(oversight: Oversight, *, virtual: bool) -> None:
     refuse_scheduling(oversight.scheduling)
 
 
-IS_THERE = "is there"
-
-
-def stop_file_state(file: Path) -> str:
-    """Why the stop file stops the robot: it exists, or cannot be looked for; "" while it is absent."""
-    try:
-        file.lstat()  # `exists` is also False where it cannot be looked for
-    except FileNotFoundError:
-        return "" if file.parent.is_dir() else "cannot be looked for (its folder is not there)"
-    except (OSError, ValueError) as error:
-        return f"cannot be looked for ({getattr(error, 'strerror', None) or error})"
-    return IS_THERE
-
-
 def has_terminal() -> bool:
     """Whether keys can be pressed."""
     return sys.stdin is not None and sys.stdin.isatty()
 
 
+# What the controls ask for, carried out: the robot follows while there is no pause and the dead-man control is held.
+
 HELP = (
     "keys: space stops (once more, after a second: torque off at once), p pauses and goes on, h takes the way you face "
     "as straight ahead"
 )
-FILE_PERIOD = 5
-"""Ticks between two checks for the file. The first poll checks, so no servo gets torque while the file is there."""
-WORDS = ("stop", "torque_off", "hold", "status")
-"""Of the control socket."""
-SPACE, SOCKET = "interrupted by the user (space bar)", "requested through the control socket (`retarget stop`)"
-"""Reasons of a stop."""
-GOES_ON, NEVER_GOES_ON = "p goes on", "there is no terminal whose p would go on, so stop it: `retarget stop`"
-"""After a pause."""
+LONGEST_S = 300.0
+"""Longest hold on purpose, s: servos that hold get warm, and the operator may have left."""
+NEVER_GOES_ON = "there is no terminal whose p would go on, so stop it: `retarget stop`"
 
 
 @dataclass(frozen=True)
@@ -326,48 +601,45 @@ class LiveStatus:
 class LiveControls:
     """Controls of a live run; call `look` in every tick.
 
-    machine: the robot, None without one. stop_file: its appearance stops the robot; it is not removed, and counts as
-    there where it cannot be looked for. socket: other programs stop or hold the robot through it, and cannot make it
-    move. Every request is carried out before it is reported.
+    machine: the robot, None without one. dead_man: whether a control grips, without which the robot holds. Every
+    request is carried out before it is reported.
     """
 
     def __init__(
         self,
-        keys: Keys,
+        controls: Sequence[Control],
         stop: StopRequest,
-        performer: LivePerformer,
-        clutch: Clutch,
+        performer: "LivePerformer",
         *,
+        clock: Clock,
         notify: Notify,
-        clock: Clock | None = None,
-        machine: Machine | None = None,
-        stop_file: Path | None = None,
-        socket: ControlSocket | None = None,
+        machine: "Machine | None" = None,
+        dead_man: bool = False,
     ) -> None:
-        self._keys, self._stop, self._performer, self._clutch = keys, stop, performer, clutch
-        self._machine, self._stop_file, self._socket, self._notify = machine, stop_file, socket, notify
-        self._clock, self._space = clock or MonotonicClock(), ForcedStopKey()
-        self._ticks, self._announced = 0, False  # announced: that the robot stops
+        self._controls, self._stop, self._performer = controls, stop, performer
+        self._machine, self._clock, self._notify = machine, clock, notify
+        self._holds = frozenset[Asked]()
+        self._since: float | None = None  # [s] when it was disengaged
+        self._engage(frozenset({Asked.RELEASE} if dead_man else ()))
+
+    @property
+    def engaged(self) -> bool:
+        """Whether the performer is to be followed."""
+        return not self._holds
 
     def look(self) -> bool:
         """Carry out what was asked for; whether the robot is to stop."""
-        pressed = self._keys.pressed()
-        if " " in pressed:
-            self._press_space(pressed.count(" "))
-        for key in pressed:
-            self._press(key)
-        self._clutch.look(pressed)
-        if self._socket is not None:
-            self._socket.poll(self._obey)
-        self._ticks += 1
-        if not self._stop():
-            self._check_automatic_stops()
+        now = self._clock.now()
+        for control in self._controls:
+            for asked, reason in control.poll(now):
+                self._carry_out(asked, reason)
+        if self._since is not None and now - self._since > LONGEST_S:
+            self._stop.ask(f"paused by the operator for {LONGEST_S:g} s")
         return self._stop()
 
     def forced_stop(self) -> bool:
         """While the robot brakes: whether torque is to go off at once."""
         self.look()
-        self._say_why()
         return self._stop.forced_stop()
 
     def why(self) -> str:
@@ -376,84 +648,67 @@ class LiveControls:
 
     def status(self) -> LiveStatus:
         """The present state."""
+        from retarget.live.sensor_validity import Engaged
+
         machine, following = self._machine, self._performer.engagement.state is Engaged.FOLLOWING
         reason = None if machine is None or machine.guard.stop is None else machine.guard.stop.reason
         state = None if machine is None else machine.supervisor.state.value
-        return LiveStatus(state, following, not self._clutch.engaged, reason)
+        return LiveStatus(state, following, not self.engaged, reason)
 
     def words(self) -> str:
         """The present state of the run, in a few words."""
         return words_for(self.status())
 
-    def _say_why(self) -> None:
-        """Report why the robot stops, once, without waiting for the summary."""
-        reason = None if self._machine is None else self._machine.guard.stop
-        if reason is not None and not self._announced:
+    def _carry_out(self, asked: Asked, reason: str) -> None:
+        if asked is Asked.STOP:
+            self._stop.ask(reason)
+        elif asked is Asked.TORQUE_OFF:
+            self._stop.force(reason)
+        elif asked is Asked.HEADING:
+            found = self._performer.reset_heading()
+            self._notify("straight ahead is where you face now" if found else "left and right are lost")
+        elif asked is Asked.GRIP:
+            self._engage(self._holds - {Asked.RELEASE})
+            self._notify(reason)
+        elif asked is Asked.RELEASE:
+            self._engage(self._holds | {Asked.RELEASE})
+            self._notify(reason)
+        elif Asked.HOLD not in self._holds:
+            self._engage(self._holds | {Asked.HOLD})
+            self._notify(reason)
+        elif asked is Asked.PAUSE:
+            self._engage(self._holds - {Asked.HOLD})
+            self._notify("going on" if self.engaged else "no pause any more: it goes on when it is held")
+
+    def _engage(self, holds: frozenset[Asked]) -> None:
+        """Follow the performer while there is no reason to hold."""
+        self._holds = holds
+        self._performer.clutch(engaged=self.engaged)
+        if self.engaged:
+            self._since = None
+        elif self._since is None:
+            self._since = self._clock.now()
+
+
+def announced(torque_off_asked: Callable[[], bool], machine: "Machine", *, notify: Notify) -> Callable[[], bool]:
+    """`torque_off_asked`, which also says once why the robot stops, and what comes next, without waiting for the
+    summary."""
+    said = False
+
+    def asked() -> bool:
+        nonlocal said
+        forced, stop = torque_off_asked(), machine.guard.stop
+        if stop is not None and not said:
+            said = True
+            rests = machine.goes_to_rest and machine.guard.may_go_to_rest
+            then = "it brakes and goes to rest" if rests else "it brakes"
+            again = "once more" if stop.reason == REASONS[signal.SIGINT] else "twice"
+            next_step = "torque goes off at once" if forced else f"{then} (Ctrl-C {again}: torque off at once)"
             with suppress(OSError):  # a lost terminal must not keep a second press from being received
-                self._say_stopping(f"stopping: {reason.reason}")
+                notify(f"stopping: {stop.reason}: {next_step}")
+        return forced
 
-    def _say_stopping(self, text: str) -> None:
-        self._announced = True
-        self._notify(text)
-
-    def _ask(self, why: str, text: str) -> None:
-        """Ask to stop, unless it was asked before."""
-        if not self._stop():
-            self._stop.ask(why)
-            self._say_stopping(text)
-
-    def _check_automatic_stops(self) -> None:
-        file = self._stop_file
-        if self._ticks % FILE_PERIOD == 1 and file is not None and (state := stop_file_state(file)):
-            self._ask(f"{file} {state}", f"{file} {state}: stopping")
-        if self._clutch.expired:
-            why = f"paused by the operator for {LONGEST_S:g} s"
-            self._ask(why, f"{why}: stopping")
-
-    def _press_space(self, count: int) -> None:
-        """count: how often it came since the last look."""
-        again, stopping = self._space.pressed(count, self._clock.now()), self._stop()
-        self._ask(SPACE, "stopping")
-        if again and stopping:
-            self._stop.force(SPACE)
-
-    def _press(self, key: str) -> None:
-        if key == "p":
-            if self._clutch.paused:
-                self._clutch.unpause()
-                self._notify("going on" if self._clutch.engaged else "no pause any more: it goes on when it is held")
-            else:
-                self._clutch.pause()
-                self._notify(f"paused: the robot holds; {GOES_ON}")
-        elif key == "h":
-            self._notify(
-                "straight ahead is where you face now" if self._performer.reset_heading() else "left and right are lost"
-            )
-
-    def _obey(self, word: str) -> str:
-        """The answer to a word of the socket."""
-        if word == "status":
-            return json.dumps(asdict(self.status()))
-        if word == "stop":
-            self._ask(SOCKET, "stopping, asked by the control socket")
-            return "ok stopping"
-        if word == "torque_off":
-            self._stop.force(SOCKET)
-            self._say_stopping("torque off at once, asked by the control socket")
-            return "ok torque off"
-        if word == "hold":
-            if not self._clutch.paused:
-                self._clutch.pause()
-                then = GOES_ON if self._keys.listens else NEVER_GOES_ON
-                self._notify(f"paused by the control socket: the robot holds; {then}")
-            return "ok holding"
-        return refused_word(word)
-
-
-def refused_word(word: str) -> str:
-    """The answer of the control socket to a word that it does not have, or no longer has."""
-    step = renamed_to(word, WORDS) or "only a person at the keyboard lets the robot move"
-    return f"error: found {word[:20]!a}, allowed: {', '.join(WORDS)}; {step}"
+    return asked
 
 
 # The state and duration of a live run on a terminal; nothing in a pipe.

@@ -11,6 +11,7 @@ import typer
 
 from hardware.clock import Clock, MonotonicClock, VirtualClock
 from retarget.errors import UsageError
+from retarget.live.address import is_address
 from retarget.schema.files import write_atomic
 from retarget.setup.doctor_machine import Finding, Level
 
@@ -48,7 +49,7 @@ def doctor(
     argument.
     """
     _check(target, performer=performer, robot=robot, seconds=seconds)
-    if target is not None and "://" in target:
+    if target is not None and is_address(target):
         found = _stream(target, performer or "five", seconds, everywhere=everywhere)
     elif target is not None or robot is not None:
         found = _ports(target, robot)
@@ -65,7 +66,7 @@ def doctor(
 
 def _check(target: str | None, *, performer: str | None, robot: str | None, seconds: float | None) -> None:
     """Raise UsageError for what does not go together."""
-    is_stream = target is not None and "://" in target
+    is_stream = target is not None and is_address(target)
     if target is not None and robot is not None:
         step = "Leave one out"
         raise UsageError("the ports of a robot, or something else", where="--robot", found=target[:200], next_step=step)

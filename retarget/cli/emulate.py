@@ -18,11 +18,12 @@ from retarget.cli.buses import standing_ticks
 from retarget.cli.exit import stop_on_signals
 from retarget.errors import UsageError
 from retarget.model.robot import RobotBody, load_robot
+from sim.emulator.conversation import Conduct
 from sim.emulator.fault_state import Buses, FaultPlan, load_fault_plan, obey
 from sim.emulator.faults import random_faults
 from sim.emulator.line import REAL_TIME_GAP, Timing
 from sim.emulator.ports import Link, PseudoTerminal, serve
-from sim.emulator.robot_lines import Conduct, robot_lines
+from sim.emulator.robot_lines import robot_lines
 
 RANDOM_SPAN = 60.0
 """Time in s over which faults of a bare seed are spread."""
@@ -90,11 +91,11 @@ def emulate(
 def _plan(faults: Path | None, seed: int | None, ids: Buses) -> FaultPlan:
     if faults is not None:
         plan = load_fault_plan(faults, ids)
-        return plan if seed is None else replace(plan, seed=seed)
+        return plan if seed is None else plan.model_copy(update={"seed": seed})
     if seed is None:
-        return FaultPlan()
+        return FaultPlan(faults=())
     every_id = sorted({device for some in ids.values() for device in some})
-    return FaultPlan(random_faults(seed, every_id, RANDOM_SPAN), seed)
+    return FaultPlan(faults=random_faults(seed, every_id, RANDOM_SPAN), seed=seed)
 
 
 def _serve(

@@ -1,45 +1,101 @@
 """How a command ends: errors become a message and an exit code, signals act as Ctrl-C, no terminal holds it up."""
 
+import io
 import os
 import select
 import signal
 import sys
 import threading
 import traceback
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from logging import Handler, LogRecord, makeLogRecord
+from logging.handlers import QueueListener
 from pathlib import Path
+from queue import Empty, Full, Queue
 from types import FrameType
-from typing import Any, TextIO, cast
+from typing import TextIO, cast
 
 from hardware.clock import Clock, MonotonicClock
 from hardware.errors import RetargetError, TorqueError
 
-# A stdout that never costs a run its files: a reader that left and a full device are noted, not raised.
+# stdout and stderr through the queue listener of `logging`: a stream that is gone, full or slow costs no run its files,
+# and a robot never waits for a terminal.
+
+MOST = 1000
+"""Texts kept for a stream that takes none (Ctrl-S, a hung link, an unread pipe)."""
+PATIENCE_S = 0.4
+"""How long the end of a run waits for such streams, in all."""
 
 
-class Screen:
-    """A text stream in front of another one. failure: the first error of the stream; what comes after it is lost."""
+class Screen(io.TextIOBase):
+    """A text stream in front of another one, which a thread writes. Writing never raises: `failure` is the first error
+    of the stream. waits: whether writing waits for a stream that takes nothing; else its oldest texts are dropped."""
 
     def __init__(self, stream: TextIO) -> None:
-        self._stream = stream
+        """Start the thread."""
         self.failure: OSError | None = None
+        self.waits = True
+        self._stream, self._fd = stream, _descriptor(stream)
+        self._texts: Queue[LogRecord] = Queue(MOST)
+        self._listener = QueueListener(self._texts, _Writer(self))
+        self._listener.start()
+
+    @property
+    def encoding(self) -> str:  # type: ignore[override]
+        """Of the stream."""
+        return self._stream.encoding or "utf-8"
 
     def write(self, text: str) -> int:
-        """Write, or keep the error."""
-        try:
-            return self._stream.write(text)
-        except OSError as error:
-            self.lose(error)
-            return len(text)
+        """Leave it to the thread. Raises TypeError for what is no text, as any text stream."""
+        if not isinstance(text, str):
+            raise TypeError(f"a text stream takes str, found {type(text).__name__}")
+        record = makeLogRecord({"msg": text})
+        while True:
+            try:
+                self._texts.put(record, block=self.waits)
+                return len(text)
+            except Full:
+                with suppress(Empty):
+                    self._texts.get_nowait()
+                    self._texts.task_done()
 
-    def flush(self) -> None:
-        """Flush, or keep the error."""
+    def isatty(self) -> bool:
+        """Whether a terminal is behind it. More of the stream is not shown: `buffer` would lead past the thread."""
+        return self._stream.isatty()
+
+    def fileno(self) -> int:
+        """Of the file behind it. Raises OSError where there is none."""
+        return self._stream.fileno()
+
+    def drain(self, patience: float | None) -> bool:
+        """Wait until everything is written, so many s at most (None: as long as it takes). Whether it is."""
+        done = self._texts.all_tasks_done
+        with done:
+            return done.wait_for(lambda: not self._texts.unfinished_tasks, patience)
+
+    def end(self, patience: float | None) -> None:
+        """Drain it, and end the thread where it does not hang in the stream; call it once."""
+        if self.drain(patience):
+            self._listener.stop()
+
+    def put(self, text: str) -> None:
+        """Write it, in the thread."""
         try:
-            self._stream.flush()
-        except OSError as error:
-            self.lose(error)
+            if self._fd is None:
+                self._stream.write(text)
+                self._stream.flush()
+                return
+            data = text.encode(self.encoding, "backslashreplace")
+            while data:
+                # Not through the stream: a thread that hangs in it would keep its lock, and the process its end.
+                select.select((), (self._fd,), ())
+                with suppress(BlockingIOError):
+                    data = data[os.write(self._fd, data) :]
+        except OSError as error:  # gone, or full
+            self.failure = self.failure or error
+        except ValueError:  # closed
+            pass
 
     @property
     def reason(self) -> str:
@@ -48,23 +104,34 @@ class Screen:
             return ""
         return self.failure.strerror or str(self.failure)
 
-    def lose(self, error: OSError) -> None:
-        """Keep the first error; nothing is shown after it."""
-        self.failure = self.failure or error
-        # What is still buffered is discarded, so that the interpreter reports no error at its end.
-        with suppress(OSError, ValueError):
-            nowhere = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(nowhere, self._stream.fileno())
-            os.close(nowhere)
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._stream, name)
+class _Writer(Handler):
+    """Hands the texts of the queue to their screen."""
+
+    def __init__(self, screen: Screen) -> None:
+        super().__init__()
+        self._screen = screen
+
+    def createLock(self) -> None:
+        """None: `logging` takes it at the end of the process, while the thread may hang."""
+        self.lock = None
+
+    def emit(self, record: LogRecord) -> None:
+        self._screen.put(record.msg)
+
+
+def _descriptor(stream: TextIO) -> int | None:
+    """Where the stream writes, with nothing left in it; None where it has no file."""
+    with suppress(OSError, ValueError):
+        stream.flush()
+        return stream.fileno()
+    return None
 
 
 @contextmanager
 def careful_stdout() -> Iterator[Screen]:
-    """Put a `Screen` in front of stdout, flushed in the end. A process that has no stdout or stderr gets one that leads
-    nowhere."""
+    """Put a `Screen` in front of stdout, and wait for it in the end. A process that has no stdout or stderr gets one
+    that leads nowhere."""
     nowhere = Path(os.devnull).open("w")  # noqa: SIM115 - open as long as the process
     sys.stdout, sys.stderr = sys.stdout or nowhere, sys.stderr or nowhere
     stream, screen = sys.stdout, Screen(sys.stdout)
@@ -72,8 +139,30 @@ def careful_stdout() -> Iterator[Screen]:
     try:
         yield screen
     finally:
-        screen.flush()
         sys.stdout = stream
+        screen.end(None if screen.waits else PATIENCE_S)
+
+
+@contextmanager
+def detached_screens() -> Iterator[None]:
+    """Put a `Screen` that waits for nothing in front of stdout and stderr."""
+    before = sys.stdout, sys.stderr
+    screens = [stream if isinstance(stream, Screen) else Screen(stream) for stream in before]
+    for screen in screens:
+        screen.waits = False
+    sys.stdout, sys.stderr = (cast(TextIO, screen) for screen in screens)
+    try:
+        yield
+    finally:
+        sys.stdout, sys.stderr = before
+        clock = MonotonicClock()
+        last = clock.now() + PATIENCE_S
+        for screen, stream in zip(screens, before, strict=True):
+            patience = max(last - clock.now(), 0.0)
+            if screen is stream:
+                screen.drain(patience)
+            else:
+                screen.end(patience)
 
 
 # Whether a key was pressed twice. A held key repeats, which does not count.
@@ -258,102 +347,3 @@ def _was_interrupted(error: BaseException | None) -> bool:
 
 def _say(text: str) -> None:
     print(text, file=sys.stderr)  # noqa: T201
-
-
-# stdout and stderr by threads of their own, so that a run never waits for a terminal, and outlives it.
-
-MOST = 1000
-"""Texts kept for a stream that takes none (Ctrl-S, a hung link, an unread pipe); then the oldest are dropped."""
-PATIENCE_S = 0.4
-"""How long the end waits for such streams, in all."""
-
-
-class Detached:
-    """A text stream in front of another one. Writing neither waits nor raises. failure: the first error of the
-    stream."""
-
-    def __init__(self, stream: TextIO) -> None:
-        """Start the thread."""
-        self.failure: OSError | None = None
-        self.encoding, self.errors = stream.encoding or "utf-8", "backslashreplace"
-        self._stream, self._fd = stream, _descriptor(stream)
-        self._waiting: deque[str] = deque(maxlen=MOST)
-        self._changed = threading.Event()
-        self._ended = False
-        self._thread = threading.Thread(target=self._run, name="screen", daemon=True)
-        self._thread.start()
-
-    def write(self, text: str) -> int:
-        """Leave it to the thread. Raises TypeError for what is no text, as any text stream."""
-        if not isinstance(text, str):
-            raise TypeError(f"a text stream takes str, found {type(text).__name__}")
-        self._waiting.append(text)
-        self._changed.set()
-        return len(text)
-
-    def flush(self) -> None:
-        """Do nothing: every text is passed on at once."""
-
-    def close(self, patience: float = PATIENCE_S) -> None:
-        """Write the rest, and nothing that follows; waits so many s at most. Twice does no harm."""
-        self._ended = True
-        self._changed.set()
-        self._thread.join(max(patience, 0.0))
-
-    def isatty(self) -> bool:
-        """Whether a terminal is behind it. More of the stream is not shown: `buffer` would lead past the thread."""
-        return self._stream.isatty()
-
-    def fileno(self) -> int:
-        """Of the file behind it. Raises OSError where there is none."""
-        return self._stream.fileno()
-
-    def _run(self) -> None:
-        while self._waiting or not self._ended:
-            self._changed.wait()
-            self._changed.clear()
-            texts = [self._waiting.popleft() for _ in range(len(self._waiting))]
-            try:
-                self._put("".join(texts))
-            except OSError as error:  # gone, or full
-                self.failure = self.failure or error
-            except ValueError:  # closed
-                pass
-
-    def _put(self, text: str) -> None:
-        if self._fd is None:
-            self._stream.write(text)
-            self._stream.flush()
-            return
-        data = text.encode(self.encoding, self.errors)
-        while data:
-            # Not through the stream: a thread that hangs in it would keep its lock, and the process its end.
-            select.select((), (self._fd,), ())
-            with suppress(BlockingIOError):
-                data = data[os.write(self._fd, data) :]
-
-
-@contextmanager
-def detached_screens() -> Iterator[None]:
-    """Put a `Detached` in front of stdout and stderr."""
-    stdout, stderr = sys.stdout, sys.stderr
-    out, err = screens = Detached(stdout), Detached(stderr)
-    sys.stdout, sys.stderr = cast(TextIO, out), cast(TextIO, err)
-    try:
-        yield
-    finally:
-        sys.stdout, sys.stderr = stdout, stderr
-        clock = MonotonicClock()
-        last = clock.now() + PATIENCE_S
-        for screen in screens:
-            screen.close(last - clock.now())
-        if isinstance(stdout, Screen) and out.failure is not None:
-            stdout.lose(out.failure)
-
-
-def _descriptor(stream: TextIO) -> int | None:
-    """Where the stream writes, with nothing left in it; None where it has no file."""
-    with suppress(OSError, ValueError):
-        stream.flush()
-        return stream.fileno()
-    return None

@@ -5,9 +5,9 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
+from retarget.cli.application import console
 from retarget.errors import UsageError, suggest
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def _show(name: str | None) -> None:
     for file in MALFORMED:
         if name in (None, file.name):
             table.add_row(f"{FILE_ROW}{file.name}", "-", "-", "does not begin, no port opened")
-    Console().print(table)
+    console().print(table)
 
 
 def _run(work: "list[Case]", jobs: int) -> int:

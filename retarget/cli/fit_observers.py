@@ -9,7 +9,7 @@ from retarget.cli.application import Overwrite, progress_bar
 from retarget.errors import UsageError
 from retarget.schema.files import check_place, refuse_existing, write_atomic
 from retarget.setup.fit_observers import DEFAULT_SAMPLES, Fit, Subject, find_subject, fit
-from retarget.setup.observer_proposals import Zones
+from retarget.setup.shape_fit import Zones
 
 STEPS = 1000
 

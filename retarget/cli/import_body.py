@@ -9,6 +9,7 @@ import typer
 from retarget.cli.application import progress_bar
 from retarget.setup.import_robot import DEFAULT_SAMPLES, Imported, import_robot
 from retarget.setup.robot_file import Relaxed
+from retarget.setup.servo_guess import NO_TORQUE
 
 STEPS = 1000
 
@@ -48,7 +49,7 @@ def _summary(done: Imported) -> str:
     draft, folder = done.draft, done.folder
     arms = sum(f"{side}_hand" in draft.frames for side in "lr")
     models = [servo.entry.model for servo in draft.servos]
-    unknown = sum(servo.why.startswith("nothing") for servo in draft.servos)
+    unknown = sum(servo.why == NO_TORQUE for servo in draft.servos)
     guessed = ", ".join(f"{models.count(model)} x {model}" for model in dict.fromkeys(models))
     facts = {
         "root": f"{draft.root}, {_count(len(draft.feet), 'sole')}, {_count(arms, 'hand')}",

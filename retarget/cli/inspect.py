@@ -1,4 +1,4 @@
-"""`retarget inspect SOURCE`: what is in a motion file, before a robot follows it."""
+"""`retarget inspect SOURCE`: what is in a motion file or a recorded stream, before a robot follows it."""
 
 import math
 
@@ -7,26 +7,38 @@ from pydantic import TypeAdapter
 from rich.console import Console
 from rich.table import Table
 
-from retarget.cli.application import FileOptions
+from retarget.cli.application import FileOptions, console, given, refuse_given
+from retarget.frames import SensorFrames
+from retarget.live.address import is_address, parse_address
 from retarget.report.motion_summary import MotionSummary, summarise
 
 SHOWN_JUMPS = 8
 
 
 def inspect(source: str, file: FileOptions, as_json: bool = False) -> None:
-    """Say what is in a motion file: frames, rate, sensors, size of the body, speeds and impossible jumps.
+    """Say what is in a motion file or recording: frames, rate, sensors, size of the body, speeds and impossible jumps.
 
     Arguments:
-        source: A motion file: AMC, BVH or C3D; or 'sample', which comes with the program.
+        source: A motion file: AMC, BVH or C3D; 'sample', which comes with the program; or replay://FILE, a stream.
 
     Options:
         as_json (--json): Machine-readable, one object.
     """
-    summary = summarise(file.open(source))
+    summary = summarise(_opened(source, file))
     if as_json:
         typer.echo(TypeAdapter(MotionSummary).dump_json(summary, indent=2).decode())  # what is not finite is null
     else:
-        show(summary, Console())
+        show(summary, console())
+
+
+def _opened(source: str, file: FileOptions) -> SensorFrames:
+    """The frames of a motion file, or of a recorded stream. Raises RetargetError."""
+    if not is_address(source) or (address := parse_address(source)).kind != "replay":
+        return file.open(source)
+    from retarget.live.open_stream import read_recording
+
+    refuse_given(given(file), "motion file")
+    return read_recording(address)
 
 
 def show(summary: MotionSummary, console: Console) -> None:

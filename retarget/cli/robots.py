@@ -3,9 +3,9 @@
 import shlex
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
+from retarget.cli.application import console
 from retarget.errors import RefusedError
 from retarget.schema.catalogue import HUMAN, Entry, Kind, entries, user_folder
 from retarget.schema.profile import read_profile
@@ -18,7 +18,7 @@ def robots() -> None:
         table.add_column(heading, overflow="fold", min_width=width)
     for entry in entries(Kind.ROBOT):
         table.add_row(*_row(entry))
-    Console().print(table)
+    console().print(table)
     typer.echo(f"\n--robot {HUMAN} drives none: it only reconstructs the performer.")
     typer.echo(f"Your own: {user_folder() / Kind.ROBOT.value}/NAME/robot.yaml, or give --robot a path.")
 

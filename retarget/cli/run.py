@@ -1,39 +1,55 @@
 """`retarget run`: let a robot, or the virtual human alone, follow a performer, recorded or live."""
 
 import shlex
-from collections.abc import Callable
-from contextlib import AbstractContextManager, ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from hardware.clock import Clock, MonotonicClock, PacedClock, VirtualClock
 from hardware.guard_state import StopCause
 from hardware.realtime import scheduled
-from retarget.cli.application import FileOptions, Overwrite, given, log, progress_bar, refuse_given
+from retarget.cli.application import (
+    FileOptions,
+    Overwrite,
+    console,
+    given,
+    log,
+    progress_bar,
+    refuse_given,
+)
 from retarget.cli.buses import PhysicsBench
 from retarget.cli.controls import (
+    GOES_ON,
     HELP,
-    Clutch,
-    DeadMan,
-    Keys,
+    NEVER_GOES_ON,
+    Control,
+    ControlSocket,
+    HeldKey,
+    Keyboard,
     LiveControls,
+    LiveStatus,
     Oversight,
+    Pedal,
+    StopFile,
+    announced,
     has_terminal,
     live_state,
     open_dead_man,
     refuse_oversight,
+    socket_path,
 )
 from retarget.cli.exit import DONE, STOPPED, StopRequest, detached_screens, stop_on_signals
-from retarget.cli.view import Viewing, viewing
+from retarget.cli.session import Session
+from retarget.cli.view import Viewing, opened_page, viewing
 from retarget.errors import UsageError
 from retarget.frames import SensorFrames
 from retarget.human.samples import Performance, Playback
-from retarget.live.address import StreamAddress, parse_address
+from retarget.live.address import StreamAddress, is_address, parse_address
 from retarget.live.begin import LiveOptions, begin_live, live_rate_hz
 from retarget.live.open_stream import open_stream
 from retarget.live.performer import LivePerformer
@@ -45,7 +61,6 @@ from retarget.report.measure import measure, measure_latest
 from retarget.report.outputs import Outputs, Written
 from retarget.report.report import Report
 from retarget.report.summary import show_summary
-from retarget.run.control_socket import ControlSocket, socket_path
 from retarget.run.loop import Watch
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Perform, Prepared, performance_of, prepare_for
@@ -54,7 +69,8 @@ from retarget.run.supervisor import Supervisor
 from retarget.schema.files import remove
 from retarget.schema.performer import Performer
 from retarget.sources.raw_record import RawWriter
-from retarget.types import Notify
+from retarget.types import Notify, RunState
+from retarget.viewer.feed import ViewFeed
 
 # Real-time ticks for a run without a robot, whose side else waits for each tick.
 
@@ -96,6 +112,7 @@ class CommandRun:
             truth=self.bench.truth,
         )
         self.notify = self.recorder.recorded_notify(log)
+        self._feed: ViewFeed | None = None
 
     def prepared(self, perform: Perform, supervisor: Supervisor | None = None) -> AbstractContextManager[Prepared]:
         """The run that can start, with its bus open."""
@@ -109,9 +126,21 @@ class CommandRun:
             supervisor=supervisor,
         )
 
+    @contextmanager
+    def page(self) -> Iterator[None]:
+        """Its page, if it has one, from now on."""
+        with opened_page(self.outputs.view, self.options, self.notify) as self._feed:
+            yield
+
+    def enter(self, supervisor: Supervisor, state: RunState) -> None:
+        """Go on to a state in which nothing moves yet, and show it on the page."""
+        supervisor.enter(state, self.clock)
+        if self._feed is not None:
+            self._feed.announce(state.value)
+
     def viewing(self, prepared: Prepared, words: Callable[[], str] | None = None) -> AbstractContextManager[Viewing]:
-        """Its page, if it has one. words: the present state."""
-        return viewing(self.outputs.view, prepared, self.options, words, truth=self.bench.truth, notify=self.notify)
+        """Its page, if it has one, with robot and performer. words: the present state."""
+        return viewing(self._feed, prepared, self.options, words, truth=self.bench.truth, notify=self.notify)
 
     def play(
         self,
@@ -127,7 +156,10 @@ class CommandRun:
         if recorded.machine is None and (live or self.outputs.view is not None):
             look = in_time(look, recorded.samples.dt, self.clock)
         asked = self.bench.watching(look, recorded, live=live)
-        forced = self.bench.watching(operator.forced_stop, recorded, live=live)
+        forced = operator.forced_stop
+        if recorded.machine is not None:
+            forced = announced(forced, recorded.machine, notify=log)
+        forced = self.bench.watching(forced, recorded, live=live)
         watch = Watch(show, asked, forced, operator.why)
         return recorded.run(page.watch(self.recorder.watch(watch, recorded)))
 
@@ -143,6 +175,7 @@ def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: 
         with run.prepared(performance_of(read, options.playback)) as prepared:
             stop = signals.enter_context(stop_on_signals(moves=True))
             with (
+                run.page(),
                 run.viewing(prepared) as page,
                 run.recorder.recording(prepared, source=source) as recorded,
                 progress_bar(options.robot, prepared.samples.ticks) as show,
@@ -164,7 +197,7 @@ def finished(run: RunResult, outputs: Outputs) -> int:
 
 def _show(report: Report, written: Written) -> None:
     """Show the summary, last of all, because a terminal may be gone or full."""
-    show_summary(report, Console())
+    show_summary(report, console())
     for line in written.lines:
         typer.echo(line)
     for problem in written.problems:
@@ -185,12 +218,11 @@ class StreamOptions:
 
     Live streams:
         countdown S: Time to get into the pose of the calibration; usually 3, and 0 for replay://.
-        person NAME: Keep the performer's size under this name, and use it in later runs.
+        person NAME: Keep the performer's size under this name.
         recalibrate: Measure a --person anew who was measured before.
-        check_sides: Raise your left arm to the front first; it proves sides and axes. Usual, but not for replay://.
-        yes: The sides are known to be right: no --check-sides.
-        smoothing off|light|strong|window: Of the sensors: by a One-Euro filter, or by the mean of a window, which
-            delays by 60 ms.
+        check_sides: Raise your left arm to the front first: it proves sides and axes. Usual, but not for replay://.
+        yes: The sides are known to be right: no check.
+        smoothing off|light|strong: Of the sensors: by a One-Euro filter.
         latest: The newest poses at once, without a playout buffer.
         record_raw FILE: Keep every datagram, for replay://.
     """
@@ -252,8 +284,10 @@ def follow_live(source: str, options: RunOptions, outputs: Outputs, live: Stream
     supervisor = Supervisor(notify=notify)
     with detached_screens(), ExitStack() as stack:
         operator = stack.enter_context(ExitStack())
-        socket, dead_man = _opened(live.oversight, operator)
+        devices, dead_man = _opened(live.oversight, operator, status=lambda: controls.status())
         tap = _raw_tap(live.record_raw, address, stack, overwrite=outputs.overwrite)
+
+        stack.enter_context(run.page())
 
         def perform(performer: Performer, robot: RobotBody | None) -> Performance:
             stream = open_stream(
@@ -261,22 +295,24 @@ def follow_live(source: str, options: RunOptions, outputs: Outputs, live: Stream
             )
             stack.callback(stream.receiver.close)
             begin = partial(begin_live, stream, begins, clock=clock, rate_hz=live_rate_hz(robot), where=address.text)
-            enter = partial(supervisor.enter, clock=clock)
+            enter = partial(run.enter, supervisor)
             return begin(notify=notify, enter=enter, has_deadlines=not options.simulated)
 
         with run.prepared(perform, supervisor) as prepared:
-            stop, keys = stack.enter_context(stop_on_signals(moves=True)), stack.enter_context(Keys())
-            performer, machine = prepared.samples, prepared.machine
+            stop, performer = stack.enter_context(stop_on_signals(moves=True)), prepared.samples
             assert isinstance(performer, LivePerformer)
-            clutch = Clutch(performer, clock=clock, notify=notify, dead_man=dead_man)
-            file = live.oversight.stop_file
             controls = LiveControls(
-                keys, stop, performer, clutch, notify=log, clock=clock, machine=machine, stop_file=file, socket=socket
+                [_keyboard(dead_man, stack), *devices],
+                stop,
+                performer,
+                clock=clock,
+                notify=notify,
+                machine=prepared.machine,
+                dead_man=dead_man is not None,
             )
-            _show_keys(keys, dead_man)
             page = stack.enter_context(run.viewing(prepared, controls.words))
             look = page.with_stop_button(controls.look, stop)
-            _wait_until_engaged(clutch, look, performer, clock)
+            _wait_until_engaged(controls, look, performer, clock)
             with run.recorder.recording(prepared, source=address.text) as recorded:
                 performer.catch_up()
                 with live_state(options.robot, controls.words), scheduled(live.oversight.scheduling):
@@ -308,32 +344,48 @@ def _raw_tap(path: Path | None, address: StreamAddress, stack: ExitStack, *, ove
     return stack.enter_context(RawTap(RawWriter(path, url=address.text), notify=log))
 
 
-def _opened(oversight: Oversight, stack: ExitStack) -> tuple[ControlSocket | None, DeadMan | None]:
-    socket = dead_man = None
+def _opened(
+    oversight: Oversight, stack: ExitStack, *, status: Callable[[], LiveStatus]
+) -> tuple[list[Control], HeldKey | Pedal | None]:
+    """The controls besides the keyboard, open until `stack` closes, and the dead-man control, which may be a key."""
+    opened: list[Control] = []
     if oversight.control_socket is not None:
-        socket = stack.enter_context(ControlSocket(socket_path(oversight.control_socket)))
+        goes_on = GOES_ON if has_terminal() else NEVER_GOES_ON
+        socket = ControlSocket(socket_path(oversight.control_socket), status=status, goes_on=goes_on)
+        stack.callback(socket.close)
+        opened.append(socket)
         log(f"`retarget stop --socket {shlex.quote(str(socket.path))}` stops it")
+    dead_man = None
     if oversight.dead_man is not None:
         dead_man = open_dead_man(oversight.dead_man, terminal=has_terminal())
-        stack.callback(dead_man.close)
-    return socket, dead_man
+        if isinstance(dead_man, Pedal):
+            stack.callback(dead_man.close)
+            opened.append(dead_man)
+    if oversight.stop_file is not None:
+        opened.append(StopFile(oversight.stop_file))
+    return opened, dead_man
 
 
-def _show_keys(keys: Keys, dead_man: DeadMan | None) -> None:
-    """Say which keys do what."""
-    if keys.listens:
+def _keyboard(dead_man: HeldKey | Pedal | None, stack: ExitStack) -> Keyboard:
+    """The keyboard, open until `stack` closes; says which keys do what."""
+    keyboard = Keyboard(dead_man=dead_man if isinstance(dead_man, HeldKey) else None)
+    stack.callback(keyboard.close)
+    if has_terminal():
         log(HELP)
     if dead_man is not None:
         log(f"hold {dead_man.label}: the robot moves only while it is held")
+    return keyboard
 
 
-def _wait_until_engaged(clutch: Clutch, look: Callable[[], bool], performer: LivePerformer, clock: Clock) -> None:
+def _wait_until_engaged(
+    controls: LiveControls, look: Callable[[], bool], performer: LivePerformer, clock: Clock
+) -> None:
     """Wait, without torque, until the operator holds what must be held. Raises KeyboardInterrupt if a stop was asked
     for, also before this call."""
     while True:
         if look():
             raise KeyboardInterrupt
-        if clutch.engaged:
+        if controls.engaged:
             return
         performer.poll()
         clock.sleep_until(clock.now() + performer.dt)
@@ -353,29 +405,42 @@ def run(
     plots: Path | None = None,
     view: Annotated[
         int | None,
-        typer.Option(help="Show the run on a web page of this machine.", metavar="[PORT]", min=0, max=65535),
+        typer.Option(
+            help="Show it on a web page of this machine.",
+            metavar="[PORT]",
+            min=0,
+            max=65535,
+            rich_help_panel="Results",
+        ),
     ] = None,
     record: Path | None = None,
     overwrite: Overwrite = False,
+    session: Session = None,
 ) -> None:
     """Let a robot follow a performer, recorded or live, and say how well it did.
 
-    Exit code 0: done; 1: stopped by the guard or by Ctrl-C, or a file not written; 2: refused before anything
-    moved; 130: Ctrl-C before anything moved.
+    Examples:
+        retarget run --robot op3 --source sample --view
+        retarget run --robot op3 --source vmc://:39539 --bus profile
+        retarget run session.yaml --speed 0.5
 
-    Options:
-        source FILE|sample|ADDRESS: Motion file of the performer (AMC, BVH or C3D), 'sample', which comes with the
-            program, or a live stream: vmc://:39539, mvn://:9763, natnet://HOST, json://:14150, replay://FILE.
+    Exit code 0: done, 1: stopped by the guard or by Ctrl-C, or a file not written, 2: refused before anything moved.
+
+    Robot:
+        source FILE|ADDRESS: Motion file (AMC, BVH, C3D), 'sample', which comes with the program, or a live stream:
+            vmc://:39539, mvn://:9763, natnet://HOST, json://:14150, replay://FILE.
         no_gate: Send goals unchecked; on simulated servos only.
-        report FILE.json|DIR: Write the numbers of the run; into a folder, with a page.
+
+    Results:
+        report FILE.json|DIR: Write the numbers; into a folder, with a page.
         save FILE.npz: Write every tick, for other tools.
         plots DIR: Write pictures.
-        record FILE.mcap: Keep the run while it goes on, for Foxglove and `retarget replay`.
+        record FILE.mcap: Keep the run as it goes, for `retarget replay`.
     """
     options = replace(options, gate=not no_gate)
     outputs = Outputs.checked(report=report, save=save, plots=plots, record=record, overwrite=overwrite)
     outputs = replace(outputs, view=view)
-    if "://" in source:
+    if is_address(source):
         start = [] if options.playback.start is None else ["--start"]
         refuse_given([*given(file), *start], "motion file")
         raise typer.Exit(follow_live(source, options, outputs, live))

@@ -4,9 +4,9 @@ from contextlib import suppress
 
 import typer
 
+from retarget.cli.controls import MAX_LINE, connect_to, socket_path
 from retarget.cli.exit import DONE, STOPPED
 from retarget.errors import UsageError
-from retarget.run.control_socket import MAX_LINE, connect_to, socket_path
 
 PATIENCE_S = 2.0
 

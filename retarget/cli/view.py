@@ -82,7 +82,6 @@ class Viewing:
         def either() -> bool:
             if feed.stop_asked() and not stop():
                 stop.ask(ON_THE_PAGE)
-                self._notify(f"{ON_THE_PAGE}: stopping")
             return asked()
 
         return either
@@ -108,8 +107,20 @@ class Viewing:
 
 
 @contextmanager
+def opened_page(port: int | None, options: RunOptions, notify: Notify) -> Iterator[ViewFeed | None]:
+    """The page of a run on a port of this machine, before anything is known of the performer; None: there is none.
+    notify: receives its address. Raises RefusedError for a page that does not open."""
+    if port is None:
+        yield None
+        return
+    with open_feed(port, title=f"retarget: {options.robot}") as feed:
+        notify(f"Look at it: {feed.address}")
+        yield feed
+
+
+@contextmanager
 def viewing(
-    port: int | None,
+    feed: ViewFeed | None,
     prepared: Prepared,
     options: RunOptions,
     words: Callable[[], str] | None = None,
@@ -117,16 +128,13 @@ def viewing(
     truth: Callable[[], FloatArray | None] = lambda: None,
     notify: Notify,
 ) -> Iterator[Viewing]:
-    """Open the page of a run on a port of this machine; None: there is none. words: the present state, where the phase
-    of its tick does not say enough. truth: the state of a simulated body. notify: receives the address. Raises
-    RefusedError for a page that does not open."""
-    if port is None:
+    """Put robot and performer on the page of a run; None: there is none. words: the present state, where the phase of
+    its tick does not say enough. truth: the state of a simulated body. Raises RefusedError for what cannot be shown."""
+    if feed is None:
         yield Viewing(None)
         return
     machine = prepared.machine
     setup = PageSetup(
-        title=f"retarget: {options.robot}",
-        port=port,
         robot=None if machine is None else str(machine.robot.profile.path),
         root=None if machine is None else options.physics.root,
         scene=options.scene,
@@ -134,9 +142,9 @@ def viewing(
         simulated=options.has_physics,
         sensors=tuple(prepared.performer.sensors),
     )
-    with open_feed(setup, rate_hz=1.0 / prepared.samples.dt) as feed, closing(Viewing(feed, notify)) as view:
+    feed.begin(setup, rate_hz=1.0 / prepared.samples.dt)
+    with closing(Viewing(feed, notify)) as view:
         feed.extras = _extras(prepared, view, words, truth)
-        notify(f"Look at it: {feed.address}")
         yield view
 
 

@@ -90,7 +90,10 @@ def address_number(text: str, host: str) -> IPv4Address:
         return IPv4Address("127.0.0.1" if host == "localhost" else host)
     except AddressValueError:
         allowed = "an IPv4 address such as 192.168.1.5, or localhost"
-        raise bad_address(text, "this is no address of a computer", found=host, allowed=allowed) from None
+        step = _intended(text)
+        raise bad_address(
+            text, "this is no address of a computer", found=host, allowed=allowed, next_step=step
+        ) from None
 
 
 def bad_address(text: str, what: str, *, found: str = "", allowed: str = "", next_step: str = "") -> UsageError:
@@ -160,20 +163,22 @@ LONGEST = 4096
 
 @dataclass(frozen=True, slots=True)
 class StreamKind:
-    """What an address of one scheme may hold. port: the usual port, None where there is none."""
+    """What an address of one scheme may hold. port: the usual port, None where there is none. sender: the program that
+    is to be configured."""
 
     example: str
     port: int | None
     options: tuple[str, ...]
+    sender: str
 
 
 KINDS = {
-    "vmc": StreamKind("vmc://:39539", 39_539, ("allow",)),
-    "vrchat": StreamKind("vrchat://:9000", 9_000, ("allow",)),
-    "natnet": StreamKind("natnet://192.168.1.5", 1_511, ("multicast", "interface", "version", "up", "bones")),
-    "mvn": StreamKind("mvn://:9763", 9_763, ("allow", "tcp")),
-    "json": StreamKind("json://:14150", None, ("allow",)),
-    "replay": StreamKind("replay://walk.raw", None, ("speed", "loop", "kind", "up", "bones")),
+    "vmc": StreamKind("vmc://:39539", 39_539, ("allow",), "the sender's VMC output"),
+    "vrchat": StreamKind("vrchat://:9000", 9_000, ("allow",), "the sender's OSC trackers"),
+    "natnet": StreamKind("natnet://192.168.1.5", 1_511, ("multicast", "interface", "version", "up", "bones"), "Motive"),
+    "mvn": StreamKind("mvn://:9763", 9_763, ("allow", "tcp"), "MVN's network streamer"),
+    "json": StreamKind("json://:14150", None, ("allow",), "the sender"),
+    "replay": StreamKind("replay://walk.raw", None, ("speed", "loop", "kind", "up", "bones"), "the recording"),
 }
 """The schemes by name, with the usual ports of their senders (project facts on streams, sections 2 to 5)."""
 
@@ -212,6 +217,19 @@ def for_others(kind: str, port: int, *, option: str = "allow") -> str:
     return f"If the sender is another computer: {kind}://{EVERYWHERE}:{port}?{option}=ITS_ADDRESS"
 
 
+def is_address(text: str) -> bool:
+    """Whether a text is meant as the address of a stream and not as a file: `://`, or a known scheme and a colon."""
+    scheme, colon, _ = text.partition(":")
+    return "://" in text or bool(colon and scheme.lower() in KINDS)
+
+
+def _intended(text: str) -> str:
+    """The next step for a bare port behind the scheme (`vmc:39539`, `vmc://39539`); "" for anything else."""
+    match = re.fullmatch(r"(\w+):/{0,2}([0-9]{1,5}(?:\?.*)?)", text, re.ASCII)
+    is_listener = match is not None and match[1].lower() in KINDS and "allow" in KINDS[match[1].lower()].options
+    return f"Did you mean {match[1].lower()}://:{match[2]}?" if match is not None and is_listener else ""
+
+
 def parse_address(text: str) -> StreamAddress:
     """Read the address of a stream.
 
@@ -221,7 +239,9 @@ def parse_address(text: str) -> StreamAddress:
     match = re.fullmatch(r"([A-Za-z][A-Za-z0-9+.-]*)://([^\x00-\x1f]*)", text)
     if match is None or len(text) > LONGEST:
         allowed = "SCHEME://[ADDRESS][:PORT][?OPTION=VALUE&...]"
-        raise bad_address(text, "this is no address of a stream", allowed=allowed, next_step=_for_example())
+        raise bad_address(
+            text, "this is no address of a stream", allowed=allowed, next_step=_intended(text) or _for_example()
+        )
     kind, rest = match[1].lower(), match[2]
     if kind not in KINDS:
         step = suggest(kind, KINDS) or _for_example()

@@ -228,7 +228,8 @@ class Beginning:
         stream, notify = self.stream, self.notify
         pose = "Stand upright and still, facing where the robot faces, arms hanging or straight out to the sides"
         self.enter(RunState.COUNTDOWN)
-        notify(f"{pose}: {self.options.countdown:g} s")
+        if self.options.countdown > 0.0:
+            notify(f"{pose}: {self.options.countdown:g} s")
         self._poll_for(self.options.countdown, measured=False)
         self.enter(RunState.CALIBRATING)
         size = known or self._skeleton_size()

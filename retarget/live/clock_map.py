@@ -20,8 +20,6 @@ ENOUGH = 3
 """Datagrams that must agree: one or two may be strays."""
 SPREAD_S = 0.010
 """They must arrive over at least this time: a backlog that arrives at once shows nothing of the clock."""
-PLENTY = 8
-"""Datagrams that are accepted without agreement, when nothing else is usable."""
 
 
 class JumpKind(StrEnum):
@@ -47,31 +45,25 @@ class OddRun:
     def __init__(self) -> None:
         self.least = inf
         self._agreed = 0
-        self._count = 0
-        self._since = self._agreed_since = self._gap = self._stamp = 0.0
+        self._since = self._gap = self._stamp = 0.0
 
     def clear(self) -> None:
         """Start a new run: a datagram that fits came between."""
-        self._agreed = self._count = 0
-        self.least = inf
+        self._agreed, self.least = 0, inf
 
     def note(self, arrival: float, stamp: float, step: float) -> None:
         """Add one datagram. step: s, of the sender's clock."""
         gap = arrival - stamp
-        if self._count == 0:
-            self._since = arrival
-        self._count += 1
         if self._agreed and abs(gap - self._gap) <= ALIKE_S + step and stamp > self._stamp:
             self._agreed += 1
             self.least = min(self.least, gap)
         else:
-            self._agreed, self._agreed_since, self.least = 1, arrival, gap
+            self._agreed, self._since, self.least = 1, arrival, gap
         self._gap, self._stamp = gap, stamp
 
-    def shows_jump(self, arrival: float, *, patience: float) -> bool:
-        """Whether the clock jumped: enough datagrams agree, or nothing else came for `patience` s."""
-        agree = self._agreed >= ENOUGH and arrival - self._agreed_since >= SPREAD_S
-        return agree or (self._count >= PLENTY and arrival - self._since >= patience)
+    def shows_jump(self, arrival: float) -> bool:
+        """Whether the clock jumped: enough datagrams agree."""
+        return self._agreed >= ENOUGH and arrival - self._since >= SPREAD_S
 
 
 # The least value of the last few seconds, in memory that does not grow.
@@ -128,8 +120,7 @@ LATE_S = 0.250
 REORDER_S = 0.100
 """A datagram further behind what was delivered is dropped."""
 SHIFT_S = 0.030
-"""Lateness of all datagrams for `PATIENCE_S` above which the clock has jumped; less is jitter."""
-PATIENCE_S = 0.250
+"""A smaller shift of the clock is jitter, and is not counted as a jump."""
 COARSE_S = 0.002
 """No two frames share a step of a clock finer than this: an equal stamp is the same frame."""
 YOUNG_S = 10.0
@@ -162,12 +153,7 @@ class ClockMap:
         self._latest = -inf
         self._now = -inf
         self._odd = OddRun()
-        self._late_count = 0
-        self._late_since = 0.0
-        self._late_least = inf
         self._recent: OrderedDict[tuple[float | None, int | None], None] = OrderedDict()
-        self._stuck: tuple[float | None, int | None] | None = None
-        self._repeats = 0
         self._newest_number: int | None = None
 
     def map(self, arrival: float, stamp: float | None, number: int | None) -> float | None:
@@ -183,13 +169,13 @@ class ClockMap:
         if stamp is not None and not isfinite(stamp):
             stamp = None
         key = (stamp, number)
-        if key == (None, None) or self._is_stuck(key, stamp):
+        if key == (None, None):
             return self._deliver(arrival)
         if self._is_repeated(key in self._recent, stamp, number):
-            return self._repeated(arrival, key)
+            self.dropped.note("repeated")
+            return None
         time = self._placed(arrival, stamp, number)
         if time is not None:
-            self._repeats = 0
             self._recent[key] = None
             if len(self._recent) > REMEMBERED:
                 self._recent.popitem(last=False)
@@ -217,11 +203,8 @@ class ClockMap:
         if excess < -(EARLY_S + step) or excess > LATE_S or self._latest - stamp - self.offset > REORDER_S + step:
             return self._odd_one(arrival, stamp, step=step)
         self._odd.clear()
-        if self._is_late_for_good(arrival, gap, excess):
-            self._jump(arrival, self._late_least, stamp=stamp)
-        else:
-            self._least.add(arrival, gap)
-            self.offset = self._least.at(arrival)
+        self._least.add(arrival, gap)
+        self.offset = self._least.at(arrival)
         return self._in_order(arrival, stamp, step)
 
     def _odd_one(self, arrival: float, stamp: float, *, step: float) -> float | None:
@@ -230,24 +213,13 @@ class ClockMap:
         assert self.offset is not None
         excess = arrival - stamp - self.offset
         self._odd.note(arrival, stamp, step)
-        if self._odd.shows_jump(arrival, patience=PATIENCE_S):
+        if self._odd.shows_jump(arrival):
             self._jump(arrival, self._odd.least, stamp=stamp)
             return self._in_order(arrival, stamp, step)
         if -(AHEAD_S + step) <= excess < 0.0:
             return self._deliver(arrival)
         self.dropped.note("stamped ahead" if excess < 0.0 else "late" if excess > LATE_S else "out of order")
         return None
-
-    def _is_late_for_good(self, arrival: float, gap: float, excess: float) -> bool:
-        """Whether all datagrams have been late by far for a while: the clock made a small jump back."""
-        if excess <= SHIFT_S:
-            self._late_count, self._late_least = 0, inf
-            return False
-        if self._late_count == 0:
-            self._late_since = arrival
-        self._late_count += 1
-        self._late_least = min(self._late_least, gap)
-        return self._late_count >= 5 and arrival - self._late_since >= PATIENCE_S
 
     def _jump(self, arrival: float, gap: float, *, stamp: float) -> None:
         """Restart the estimate, and count a jump of at least SHIFT_S."""
@@ -264,7 +236,6 @@ class ClockMap:
         self._least.add(arrival, gap)
         self.offset, self._newest = gap, -inf
         self._odd.clear()
-        self._late_count, self._late_least = 0, inf
         self._recent.clear()
 
     def _in_order(self, arrival: float, stamp: float, step: float) -> float:
@@ -285,26 +256,8 @@ class ClockMap:
         """The least time between two stamps, s."""
         return max(self._resolution, ldexp(1.0, frexp(stamp)[1] - self._significand))
 
-    def _is_stuck(self, key: tuple[float | None, int | None], stamp: float | None) -> bool:
-        """Whether the sender's clock stands still, as found before."""
-        if self._stuck is None:
-            return False
-        if key == self._stuck or (stamp is not None and stamp == self._stuck[0]):
-            return True
-        self._stuck = None
-        return False
-
     def _is_repeated(self, is_known: bool, stamp: float | None, number: int | None) -> bool:
         """Whether the frame came before, or its stamp did, from a clock fine enough to distinguish frames."""
         if stamp is None or self._step(stamp) < COARSE_S:
             return is_known or (stamp is not None and stamp == self._newest)
         return is_known and number is not None
-
-    def _repeated(self, arrival: float, key: tuple[float | None, int | None]) -> float | None:
-        """Drop a repeated frame. When nothing else comes, the sender's clock stands still, and arrivals are used."""
-        self._repeats += 1
-        if self._repeats >= PLENTY and arrival - self._latest >= PATIENCE_S:
-            self._stuck, self._repeats = key, 0
-            return self._deliver(arrival)
-        self.dropped.note("repeated")
-        return None

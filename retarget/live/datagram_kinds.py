@@ -125,15 +125,6 @@ def _first_bytes(datagram: bytes) -> str:
 
 # What to do when something else arrives than the address reads.
 
-SENDERS = {
-    "vmc": "the sender's VMC output",
-    "vrchat": "the sender's OSC trackers",
-    "natnet": "Motive",
-    "mvn": "MVN's network streamer",
-    "json": "the sender",
-}
-"""The program that is to be configured, by the kind of an address."""
-
 _ALIEN = {
     "Rokoko Studio": "Its stream is not read: let a bridge send VMC, or poses as JSON (docs/live.md)",
     "Axis Studio (Perception Neuron)": "Its broadcast is not read: let a bridge send VMC, or poses as JSON "
@@ -156,12 +147,14 @@ def advice_for(kind: str, got: Recognised, *, port: int, recording: str = "") ->
         there = f"{got.kind}://:{port}" if got.kind != "natnet" else "natnet://HOST"
         to = f", its usual port being {KINDS[kind].port}" if KINDS[kind].port else ""
         elsewhere = f" (it usually goes to port {usual})" if usual and usual != port else ""
-        return f"Listen with {there}, or send {got.name} elsewhere{elsewhere} and let {SENDERS[kind]} send here{to}"
+        return (
+            f"Listen with {there}, or send {got.name} elsewhere{elsewhere} and let {KINDS[kind].sender} send here{to}"
+        )
     if got.name.startswith(DAMAGED):
-        return f"Look at the settings of {SENDERS[kind]}, and at what may cut its datagrams on the way"
+        return f"Look at the settings of {KINDS[kind].sender}, and at what may cut its datagrams on the way"
     if got.name in _ALIEN:
         return _ALIEN[got.name]
-    return f"Look which program sends it, and let {SENDERS[kind]} send here instead"
+    return f"Look which program sends it, and let {KINDS[kind].sender} send here instead"
 
 
 def _own(kind: str, got: Recognised) -> str:

@@ -3,23 +3,26 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
 from hardware.clock import Clock, VirtualClock
 from retarget.errors import InputError, UsageError
+from retarget.frames import SensorFrames
 from retarget.live.address import StreamAddress
 from retarget.live.admission import Admission, Receiver, admission_for
 from retarget.live.clock_map import ClockMap
 from retarget.live.playout import LIGHT, Playout, PlayoutDelay, pose_filter
 from retarget.live.raw_recording import RawTap, open_replay, recorded_kind
-from retarget.live.receivers import NatnetReceiver, TcpReceiver, session_for
+from retarget.live.receivers import NatnetReceiver, TcpReceiver, UdpReceiver, session_for
 from retarget.live.roles import roles_of
 from retarget.live.sensor_validity import SensorValidity
 from retarget.live.stream import LiveStream
-from retarget.live.udp import UdpReceiver
 from retarget.schema.performer import Performer
 from retarget.sources.json_pose import JsonPoseDecoder
 from retarget.sources.mvn import MvnDecoder
 from retarget.sources.natnet_decoder import NatnetDecoder
-from retarget.sources.stream_frame import StreamDecoder
+from retarget.sources.raw_record import RawReader
+from retarget.sources.stream_frame import StreamDecoder, StreamFrame
 from retarget.sources.vmc import VmcBodyDecoder, VmcDecoder
 from retarget.sources.vrchat import VrchatDecoder
 
@@ -83,16 +86,9 @@ def open_stream(
     Raises InputError: port taken, no such interface, no such recording; UsageError: sensors that such a sender does not
     have.
     """
-    kind = recorded_kind(address) if address.kind == "replay" else address.kind
-    decoder: StreamDecoder
-    if kind == "natnet":
-        decoder = NatnetDecoder(up=address.up, bones=address.bones)
-    elif (address.up, address.bones) != ("y", "global"):
-        raise UsageError("only Motive has this", where=address.text, found="up or bones", next_step="Leave it out")
-    elif kind == "vmc" and performer.roles == BONES:
+    kind, decoder = _decoder(address)
+    if kind == "vmc" and performer.roles == BONES:
         decoder = VmcBodyDecoder()
-    else:
-        decoder = stream_kinds()[kind].decoder()
     if address.kind != "replay" and isinstance(clock, VirtualClock):
         raise InputError("a live stream runs on real time", where=address.text)
     return _stream(
@@ -106,6 +102,64 @@ def open_stream(
         tap=tap,
         smoothing=smoothing,
         latest=latest,
+    )
+
+
+def _decoder(address: StreamAddress) -> tuple[str, StreamDecoder]:
+    """The kind of an address, of a replay that of its content, and its decoder. Raises UsageError, InputError."""
+    kind = recorded_kind(address) if address.kind == "replay" else address.kind
+    if kind == "natnet":
+        return kind, NatnetDecoder(up=address.up, bones=address.bones)
+    if (address.up, address.bones) != ("y", "global"):
+        raise UsageError("only Motive has this", where=address.text, found="up or bones", next_step="Leave it out")
+    return kind, stream_kinds()[kind].decoder()
+
+
+MOST_READ = 4_000_000
+"""Poses of a recording that are read at most: 224 MB."""
+
+
+def read_recording(address: StreamAddress) -> SensorFrames:
+    """Every pose of a `replay://` address at its time of capture, by the sender's own names, in the stream's world.
+
+    Notes say what is left out. Raises InputError without poses, or if the file is missing or no recording.
+    """
+    assert address.path is not None
+    kind, decoder = _decoder(address)
+    clock, reader, frames = stream_kinds()[kind].clock(), RawReader(address.path), dict[float, StreamFrame]()
+    read, names, notes = 0, dict[str, int](), list[str]()
+    for datagram in reader:
+        for frame in decoder.decode(datagram.payload):
+            time = clock.map(datagram.time_s, frame.stamp, frame.number)
+            if time is not None and frame.names:
+                frames[time] = frame
+                read += len(frame.names)
+                for name in frame.names:
+                    names.setdefault(name, len(names))
+        if read > MOST_READ or len(frames) * len(names) > MOST_READ:
+            notes.append(f"only the first {len(frames)} frames were read")
+            break
+    left_out = decoder.dropped.reasons + clock.dropped.reasons
+    notes += [f"not used: {reason} ({count})" for reason, count in left_out.most_common()]
+    notes += [reader.damage] if reader.damage else []
+    if not frames:
+        found = "; ".join(notes)[:300] or "no datagram"
+        raise InputError("no pose in the recording", where=address.text, found=found)
+    times = np.array(sorted(frames))
+    poses = np.full((len(times), len(names), 7), np.nan)
+    for row, time in enumerate(times.tolist()):
+        frame, columns = frames[time], [names[name] for name in frames[time].names]
+        poses[row, columns] = np.hstack((frame.position, frame.orientation))
+        poses[row, columns] = np.where(frame.tracked[:, None], poses[row, columns], np.nan)
+    return SensorFrames(
+        time=times - times[0],
+        names=tuple(names),
+        position=poses[..., :3],
+        orientation=poses[..., 3:],
+        valid=np.isfinite(poses[..., :3]).all(axis=2),
+        source=address.text,
+        rate_hz=float(1.0 / np.median(np.diff(times))) if len(times) > 1 else 0.0,
+        notes=tuple(notes),
     )
 
 

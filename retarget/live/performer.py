@@ -236,7 +236,7 @@ class LivePerformer:
         if not self.engagement.wanted:
             return "paused by the operator"
         sensors = ", ".join(f"{name}: {WORDS[state]}" for name, state in self._holding().items())
-        late = "ticks came late" if self._timing.behind else ""
+        late = "ticks were missed" if self._timing.behind else ""
         now = self._problems.briefly(self._clock.now(), SILENCE_S) or sensors or late
         if now and self.engagement.tries + self._approach.tries:
             return f"{TOO_SHORT}, at last: {now}"

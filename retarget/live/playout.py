@@ -1,5 +1,5 @@
 """The playout buffer: sensors sent at their own times, read at one time, with a delay that evens out jitter; and their
-smoothing, a One-Euro filter or a fixed-lag smoother, chosen by name.
+smoothing, a One-Euro filter chosen by name.
 """
 
 from dataclasses import dataclass
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from retarget._solver import PoseFilter, PoseRing
 from retarget.errors import UsageError, suggest
 from retarget.live.clock_map import SlidingMinimum
-from retarget.rotations import IDENTITY
 from retarget.sources.stream_frame import Dropped
 from retarget.types import BoolArray, FloatArray, IntArray
 
@@ -134,88 +133,14 @@ class Playout:
         return Played(*self._ring.read(self._at, now))
 
 
-# Smoothing: the One-Euro filter (Casiez, Roussel and Vogel, CHI 2012) or the mean over a window.
+# Smoothing: the One-Euro filter (Casiez, Roussel and Vogel, CHI 2012).
 #
-# The One-Euro filter is a low-pass filter of first order whose cutoff rises with the speed: strong at rest, weak in
+# It is a low-pass filter of first order whose cutoff rises with the speed: strong at rest, weak in
 # motion. The speed is the norm of the whole vector, so that turning the world turns the result, and nothing else. An
 # orientation is filtered by the rotation vector from the filtered orientation to the new one, in world axes, and not by
 # its own rotation vector, which jumps at 180 degrees. So the signs of quaternions do not matter.
 
-SIGMAS = 2.5
-"""Half of the window, in standard deviations."""
-WINDOW_DEPTH = 64
-"""Poses of a sensor that a window holds at most."""
-_FOUR = np.ones(4)
-"""(values * values).dot(_FOUR) is the quickest sum over rows of four."""
-
-
-class WindowFilter:
-    """Weighted means of the poses of k sensors over a window of `length` s, half of which is the lag: a fixed-lag
-    smoother with a Gaussian window, and the methods of `PoseFilter`.
-
-    The time of a mean is the mean of the times with the same weights: motion along a line at constant speed is exact,
-    however irregular the times, and nothing overshoots.
-    """
-
-    def __init__(self, count: int, *, length: float = 0.120) -> None:
-        self._half = 0.5 * length
-        self._time = np.full((count, WINDOW_DEPTH), np.inf)  # empty entries are outside of every window
-        self._position = np.zeros((count, WINDOW_DEPTH, 3))
-        self._orientation = np.zeros((count, WINDOW_DEPTH, 4))
-        self._given = np.zeros((count, 2), dtype=np.bool_)
-        self._newest = np.full(count, -np.inf)
-        self._next = np.zeros(count, dtype=np.intp)
-        self._every = np.arange(count)
-
-    def step(self, time: FloatArray, position: FloatArray, orientation: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Smooth positions (k, 3) and orientations (k, 4) wxyz, half a window before the newest, of poses at times (k)
-        in s. NaN in, NaN out; a row whose time has not risen is not taken.
-
-        A sensor whose position or orientation begins or ceases to be given is smoothed from there on.
-        """
-        given = np.isfinite(np.stack([position[:, 0], orientation[:, 0]], axis=1))
-        changed = (given != self._given).any(axis=1)
-        if changed.any():
-            self.reset(changed)
-            self._given = given
-        placed, turned = given[:, :1], given[:, 1:]
-        taken = np.flatnonzero(given.any(axis=1) & (time > self._newest))  # False for NaN
-        place = self._next[taken]
-        self._time[taken, place] = time[taken]
-        self._position[taken, place] = np.where(placed, position, 0.0)[taken]
-        self._orientation[taken, place] = np.where(turned, orientation, IDENTITY)[taken]
-        self._newest[taken] = time[taken]
-        self._next[taken] = (place + 1) % WINDOW_DEPTH
-        means, turns = self._means()
-        return np.where(placed, means, np.nan), np.where(turned, turns, np.nan)
-
-    def reset(self, rows: BoolArray) -> None:
-        """Forget rows (k,): their next pose is taken as it is."""
-        self._time[rows] = np.inf
-        self._newest[rows] = -np.inf
-
-    def _means(self) -> tuple[FloatArray, FloatArray]:
-        """The means (k, 3) and (k, 4) of every row around half a window before its newest pose; NaN without one."""
-        given = self._newest > -np.inf
-        newest = np.where(given, self._newest, 0.0)
-        # At the start there is less than half a window before the newest: the middle of what there is.
-        oldest = np.clip(self._time.min(axis=1), newest - 2.0 * self._half, newest)
-        offset = self._time - 0.5 * (newest + oldest)[:, None]
-        inside = np.abs(offset) <= self._half * (1.0 + 1e-9)
-        offset = np.where(inside, offset, 0.0)
-        weight = np.where(inside, np.exp(offset * offset * (-0.5 * (SIGMAS / self._half) ** 2)), 0.0)
-        weight /= np.where(given, weight.sum(axis=1), np.nan)[:, None]
-        reference = self._orientation[self._every, weight.argmax(axis=1)]
-        same_side = np.matmul(self._orientation, reference[:, :, None])[:, :, 0] >= 0.0
-        signed = np.where(same_side, weight, -weight)[:, None, :]
-        orientation = np.matmul(signed, self._orientation)[:, 0]
-        norm = np.sqrt((orientation * orientation).dot(_FOUR))[:, None]
-        return np.matmul(weight[:, None, :], self._position)[:, 0], orientation / norm
-
-
 LIGHT = "light"
-WINDOW = "window"
-"""The mean over 120 ms instead of a One-Euro filter: the smoothest, and always 60 ms late."""
 
 Cutoffs = tuple[float, float, float]
 """One-Euro filter: cutoff at rest, Hz; Hz by which it rises per m/s or rad/s; cutoff of the speed's own filter, Hz."""
@@ -228,17 +153,15 @@ SMOOTHINGS: dict[str, tuple[Cutoffs, Cutoffs] | None] = {
 1 m/s lags by 10 ms."""
 
 
-def pose_filter(name: str, count: int) -> PoseFilter | WindowFilter | None:
+def pose_filter(name: str, count: int) -> PoseFilter | None:
     """The filter of this name for `count` sensors; None for no smoothing. Raises UsageError for an unknown name."""
-    if name == WINDOW:
-        return WindowFilter(count)
     if name not in SMOOTHINGS:
         raise UsageError(
             "unknown smoothing",
             where="--smoothing",
             found=repr(name[:80]),
-            allowed=", ".join((*SMOOTHINGS, WINDOW)),
-            next_step=suggest(name, (*SMOOTHINGS, WINDOW)),
+            allowed=", ".join(SMOOTHINGS),
+            next_step=suggest(name, SMOOTHINGS),
         )
     settings = SMOOTHINGS[name]
     return None if settings is None else PoseFilter(count, position=settings[0], orientation=settings[1])

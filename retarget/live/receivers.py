@@ -1,20 +1,256 @@
-"""Receivers of more than one UDP socket: NatNet with its requests and answers, and MVN over TCP."""
+"""Receivers of datagrams: a UDP socket, NatNet with its requests and answers, MVN over TCP.
 
+Polls never block, and arrivals are the kernel's times. All errors of opening name what to do.
+"""
+
+import errno
+import itertools
 import socket
+import struct
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
+from typing import Literal
 
 from hardware.clock import wall_to_monotonic
+from hardware.realtime import PROCESSES, named_process
 from retarget.errors import InputError
-from retarget.live.address import NATNET_COMMAND_PORT, StreamAddress
-from retarget.live.admission import MOST_PER_POLL, Datagram, Source
-from retarget.live.udp import UdpReceiver, not_bound
+from retarget.live.address import EVERYWHERE, NATNET_COMMAND_PORT, StreamAddress, interface_towards, listed_interfaces
+from retarget.live.admission import MOST_BYTES_PER_POLL, MOST_PER_POLL, Datagram, Source
 from retarget.sources.mvn import MvnStream
 from retarget.sources.natnet_session import PINNED, NatnetSession
 from retarget.sources.natnet_wire import Version
-from retarget.sources.stream_frame import Dropped
+from retarget.sources.stream_frame import MAX_DATAGRAM, Dropped
+
+# The process that holds a port of this machine, as far as this user may see it (Linux).
+
+MOST_PROCESSES = 100_000
+MOST_SOCKETS = 100_000
+"""Bounds of the search."""
+
+
+def port_holder(port: int, processes: Path = PROCESSES, *, protocol: Literal["udp", "tcp"] = "udp") -> str:
+    """The processes that listen on the `port` (IPv4 or IPv6): "process 12 (retarget run)", or "another process"."""
+    wanted = {f"socket:[{inode}]" for inode in _inodes(port, processes, protocol)}
+    found: list[str] = []
+    for process in itertools.islice(processes.glob("[0-9]*"), MOST_PROCESSES) if wanted else ():
+        with suppress(OSError):
+            if any(str(link.readlink()) in wanted for link in (process / "fd").iterdir()):
+                found.append(named_process(process.name, processes))
+    return ", ".join(sorted(found)) or "another process"
+
+
+def _inodes(port: int, processes: Path, protocol: str) -> set[str]:
+    """Inode numbers of the sockets bound to a port: columns `local_address` and `inode` of /proc/net/udp."""
+    inodes = set()
+    for table in (protocol, protocol + "6"):
+        with suppress(OSError), (processes / "net" / table).open(encoding="ascii", errors="replace") as lines:
+            for line in itertools.islice(lines, 1, MOST_SOCKETS):
+                words = line.split()
+                if len(words) > 9 and words[1].endswith(f":{port:04X}"):
+                    inodes.add(words[9])
+    return inodes
+
+
+# Opening the socket of a stream: bound, large enough for bursts, in its multicast group.
+
+RECEIVE_BUFFER = 2**20
+"""Bytes requested from the kernel, which doubles them, within net.core.rmem_max: more than a second of SlimeVR's VMC
+with the overhead of each datagram. A larger buffer would hold datagrams too old to use after a flood."""
+SO_TIMESTAMPNS = 35
+"""Option and control message: time of arrival on the wall clock, as a timespec (socket(7); asm-generic/socket.h)."""
+SO_RXQ_OVFL = 40
+"""Option and control message: datagrams lost so far because the buffer was full (socket(7))."""
+IP_MULTICAST_ALL = 49
+"""Option: whether to receive datagrams of groups that other sockets joined (ip(7))."""
+NO_INTERFACE = {errno.ENODEV, errno.EADDRNOTAVAIL, errno.ENXIO}
+
+
+def open_socket(address: StreamAddress) -> socket.socket:
+    """A bound, non-blocking UDP socket for `address`. Raises InputError: the port is taken or forbidden, there is no
+    such interface, the group cannot be joined."""
+    listener = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        listener.setblocking(False)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
+        for option in (SO_TIMESTAMPNS, SO_RXQ_OVFL):
+            with suppress(OSError):  # a kernel without them: arrival is then the time of the poll
+                listener.setsockopt(socket.SOL_SOCKET, option, 1)
+        if address.multicast is not None:
+            # Every listener of a group gets its own copy; a unicast port that is shared could be taken over.
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listener.bind((address.bind, address.port))
+        except OSError as error:
+            raise not_bound(address, error) from error
+        if address.multicast is not None:
+            _join(listener, address, address.multicast)
+    except BaseException:
+        listener.close()
+        raise
+    return listener
+
+
+def _join(listener: socket.socket, address: StreamAddress, group: str) -> None:
+    """Join on the interface that is named, else on the one towards the server, else on the system's choice."""
+    interface = address.interface
+    if interface == EVERYWHERE and address.host is not None:
+        interface = interface_towards(address.host) or EVERYWHERE
+    with suppress(OSError):  # it only keeps out groups that other programs joined
+        listener.setsockopt(socket.IPPROTO_IP, IP_MULTICAST_ALL, 0)
+    request = socket.inet_aton(group) + socket.inet_aton(interface)
+    try:
+        listener.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, request)
+    except OSError as error:
+        raise _not_joined(address, group, interface, error) from error
+
+
+def not_bound(address: StreamAddress, error: OSError, *, protocol: Literal["udp", "tcp"] = "udp") -> InputError:
+    """The error for an address that cannot be bound: taken, not of this machine, not for this user."""
+    name = f"{protocol.upper()} port {address.port}"
+    if error.errno == errno.EADDRINUSE:
+        step = "Stop it, or send to another port and name that here"
+        holder = port_holder(address.port, protocol=protocol)
+        return InputError(f"{name} is taken", where=address.text, found=holder, next_step=step)
+    if error.errno in NO_INTERFACE:
+        return _no_interface(address, address.bind)
+    if error.errno in {errno.EACCES, errno.EPERM}:
+        step = "Choose a port from 1024 on, here and at the sender"
+        return InputError(f"{name} is not for this user", where=address.text, next_step=step)
+    found = f"{address.bind}:{address.port}: {error.strerror or error}"
+    return InputError("cannot listen there", where=address.text, found=found)
+
+
+def _not_joined(address: StreamAddress, group: str, interface: str, error: OSError) -> InputError:
+    if error.errno in NO_INTERFACE and interface != EVERYWHERE:
+        return _no_interface(address, interface)
+    if error.errno == errno.ENODEV:
+        step = "Connect the network that Motive is on, and add interface=ADDRESS of this machine on it"
+        return InputError(f"no interface leads to the group {group}", where=address.text, next_step=step)
+    return InputError(
+        f"the group {group} cannot be joined",
+        where=address.text,
+        found=f"{error.strerror or error}, on interface {interface}",
+        allowed=f"interfaces: {listed_interfaces()}",
+        next_step="Add interface=ADDRESS, or let Motive send unicast and leave multicast out",
+    )
+
+
+def _no_interface(address: StreamAddress, wanted: str) -> InputError:
+    return InputError(
+        "this machine has no interface with such an address",
+        where=address.text,
+        found=wanted,
+        allowed=listed_interfaces(),
+        next_step="Give one of these, and check that its network is connected",
+    )
+
+
+REMEASURE_S = 1.0
+"""Time between two measurements of the offset of wall and monotonic clock: NTP slews by hardly more than 0.5 ms in it.
+"""
+TOLERANCE_S = 0.001
+"""A stamp up to this long before the last poll that found the socket empty is inexact; an earlier one is wrong."""
+CONTROL_BYTES = socket.CMSG_SPACE(16) + socket.CMSG_SPACE(4)
+TIMESPEC = struct.Struct("@ll")
+COUNTER = struct.Struct("@I")
+GONE = {errno.EAGAIN, errno.EWOULDBLOCK}
+TRANSIENT = {errno.EINTR, errno.ECONNREFUSED, errno.EHOSTUNREACH, errno.ENETUNREACH}
+"""Errors to ignore. The kernel reports those of a datagram that was sent (a keep-alive) on the next receive."""
+
+
+class UdpReceiver:
+    """A socket that is polled by the loop.
+
+    dropped: what was not passed on, by reason. overflowed: datagrams that the kernel lost because they were not fetched
+    in time. bound: address and port of the socket. `wall_offset`: see `hardware.clock.wall_to_monotonic`; it is None
+    where `now` is not of the machine's monotonic clock, and arrival is then the time of the poll.
+    """
+
+    finished = False
+    """A sender may always send again."""
+
+    def __init__(self, address: StreamAddress, *, wall_offset: Callable[[], int] | None = wall_to_monotonic) -> None:
+        """Open the socket. Raises InputError, see `open_socket`."""
+        self.dropped = Dropped()
+        self.overflowed = 0
+        self._socket = open_socket(address)
+        self.bound: Source = self._socket.getsockname()
+        self._wall_offset = wall_offset
+        self._offset = 0
+        self._measured = float("-inf")
+        self._emptied = float("-inf")
+        """When the socket was last found empty: what is read after that arrived after that."""
+
+    def fileno(self) -> int:
+        """For `select`; -1 once closed."""
+        return self._socket.fileno()
+
+    def close(self) -> None:
+        """Close the socket. A second call has no effect, and later polls return nothing."""
+        self._socket.close()
+
+    def send(self, payload: bytes, to: Source) -> bool:
+        """Send a request or keep-alive from this port. Returns whether the kernel took it. Never blocks or raises."""
+        try:
+            return self._socket.sendto(payload, to) == len(payload)
+        except OSError:
+            return False
+
+    def poll(self, now: float) -> list[Datagram]:
+        """What has arrived until `now` (s), oldest first, at most MOST_PER_POLL datagrams and MOST_BYTES_PER_POLL."""
+        if self._wall_offset is not None and now - self._measured >= REMEASURE_S:
+            self._offset, self._measured = self._wall_offset(), now
+        found: list[Datagram] = []
+        room = MOST_BYTES_PER_POLL
+        receive = self._socket.recvmsg
+        for _ in range(MOST_PER_POLL):
+            try:
+                payload, control, _, source = receive(MAX_DATAGRAM, CONTROL_BYTES)
+            except OSError as error:
+                if error.errno in GONE:
+                    self._emptied = now
+                    break
+                if error.errno in TRANSIENT:
+                    continue
+                self.dropped.note("the socket cannot be read")
+                break
+            arrival = self._arrival(control, now)
+            if payload:
+                found.append(Datagram(arrival, source, payload))
+            else:
+                self.dropped.note("empty datagram")
+            room -= len(payload)
+            if room <= 0:
+                break
+        return found
+
+    def _arrival(self, control: list[tuple[int, int, bytes]], now: float) -> float:
+        """When the kernel got a datagram, s on the clock of `now`; `now` where that cannot be known."""
+        arrival = now
+        for _, kind, content in control:
+            if kind == SO_RXQ_OVFL and len(content) == COUNTER.size:
+                self.overflowed = COUNTER.unpack(content)[0]
+            elif kind == SO_TIMESTAMPNS and len(content) == TIMESPEC.size and self._wall_offset is not None:
+                seconds, nanoseconds = TIMESPEC.unpack(content)
+                arrival = self._checked((seconds * 1_000_000_000 + nanoseconds + self._offset) * 1e-9, now)
+        return arrival
+
+    def _checked(self, arrival: float, now: float) -> float:
+        """The arrival, limited to the time between the last empty socket and `now`; `now` where it is too early.
+
+        The wall clock may be set at any time. A time that is too late does no harm (the least delay counts); one that
+        is too early does.
+        """
+        if arrival >= self._emptied - TOLERANCE_S:
+            return min(max(arrival, self._emptied), now)
+        self._measured = float("-inf")  # the next poll measures anew
+        return now
+
+
+# NatNet: frames, requests and answers through one socket or two.
 
 REACQUISITION_S = 5.0
 """Time between two attempts to join the multicast group that the server reports."""
@@ -40,7 +276,7 @@ class NatnetReceiver:
         command_port: int = NATNET_COMMAND_PORT,
         wall_offset: Callable[[], int] | None = wall_to_monotonic,
     ) -> None:
-        """Open the sockets; nothing is sent yet. Raises InputError, see `udp.open_socket`."""
+        """Open the sockets; nothing is sent yet. Raises InputError, see `open_socket`."""
         assert address.kind == "natnet" and address.host is not None
         self.session = session
         self.join_error = ""

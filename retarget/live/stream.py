@@ -7,7 +7,7 @@ import numpy as np
 from retarget._solver import PoseFilter, PoseParts
 from retarget.live.admission import MOST_PER_POLL, TOO_MANY, Admission, Datagram, Receiver
 from retarget.live.clock_map import ClockMap
-from retarget.live.playout import Playout, WindowFilter
+from retarget.live.playout import Playout
 from retarget.live.raw_recording import RawTap
 from retarget.live.roles import Roles, SensorPoses
 from retarget.live.sensor_validity import SensorValidity, StateArray, ValidityState
@@ -69,7 +69,7 @@ class LiveStream:
         clock_map: ClockMap,
         validity: SensorValidity,
         playout: Playout,
-        smooth: PoseFilter | WindowFilter | None = None,
+        smooth: PoseFilter | None = None,
         tap: RawTap | None = None,
     ) -> None:
         self.receiver, self.decoder, self.roles = receiver, decoder, roles
@@ -108,7 +108,24 @@ class LiveStream:
         if first:
             self.admission.refused.reasons[TOO_MANY] += first
         for datagram in admitted[first:]:
-            self._take(datagram, now, moving=moving)
+            self.take(datagram, now, moving=moving)
+
+    def take(self, datagram: Datagram, now: float, *, moving: bool) -> list[StreamFrame]:
+        """Decode an admitted datagram and keep its poses. Returns its frames, none where they may not be used."""
+        frames = self.decoder.decode(datagram.payload)
+        if not frames:
+            self.undecoded = datagram.payload
+        if not frames or not self.admission.confirm(datagram.source, now=now, moving=moving):
+            return []
+        for frame in frames:
+            self.frames += 1
+            self.last = datagram.arrival
+            self._note_names(frame)
+            time = self.clock_map.map(datagram.arrival, frame.stamp, frame.number)
+            poses = None if time is None else self.roles.take(frame)
+            if time is not None and poses is not None:
+                self._keep(poses, time, datagram.arrival)
+        return frames
 
     def read(self, now: float) -> StreamReading:
         """Every sensor at `now`, s."""
@@ -119,21 +136,6 @@ class LiveStream:
             self._smooth.reset(gone)
         position, orientation = self._smooth.step(played.time, played.position, played.orientation)
         return StreamReading(position, orientation, states)
-
-    def _take(self, datagram: Datagram, now: float, *, moving: bool) -> None:
-        frames = self.decoder.decode(datagram.payload)
-        if not frames:
-            self.undecoded = datagram.payload
-        if not frames or not self.admission.confirm(datagram.source, now=now, moving=moving):
-            return
-        for frame in frames:
-            self.frames += 1
-            self.last = datagram.arrival
-            self._note_names(frame)
-            time = self.clock_map.map(datagram.arrival, frame.stamp, frame.number)
-            poses = None if time is None else self.roles.take(frame)
-            if time is not None and poses is not None:
-                self._keep(poses, time, datagram.arrival)
 
     def _keep(self, poses: SensorPoses, time: float, arrival: float) -> None:
         rows, position, orientation = poses.rows, poses.position, poses.orientation

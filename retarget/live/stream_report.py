@@ -8,14 +8,13 @@ from ipaddress import IPv4Address
 import numpy as np
 
 from retarget.errors import InputError, Problem
-from retarget.live.address import for_others, parse_address
+from retarget.live.address import KINDS, for_others, parse_address
 from retarget.live.admission import NOT_ALLOWED, SECOND_SOURCE, TOO_LONG, TOO_MANY, Source
 from retarget.live.clock_map import JumpKind
-from retarget.live.datagram_kinds import SENDERS, advice_for, recognise
-from retarget.live.receivers import NatnetReceiver
+from retarget.live.datagram_kinds import advice_for, recognise
+from retarget.live.receivers import NatnetReceiver, UdpReceiver
 from retarget.live.sensor_validity import OUT_OF_RANGE, StateArray, ValidityState
 from retarget.live.stream import LiveStream
-from retarget.live.udp import UdpReceiver
 from retarget.sources.mvn import MvnDecoder
 from retarget.sources.natnet_session import NEWEST, OLDEST, natnet_problems
 from retarget.types import Notify
@@ -77,7 +76,7 @@ def unusable(stream: LiveStream, missing: list[str], waited: float, *, where: st
 
 def _something_else(stream: LiveStream, where: str) -> tuple[str, str]:
     """What arrives instead of what the address reads, and the next step; "" each where unknown."""
-    if where.partition("://")[0] not in (*SENDERS, REPLAY):  # the caller's own source
+    if where.partition("://")[0] not in KINDS:  # the caller's own source
         return "", ""
     address, got = parse_address(where), recognise(stream.undecoded)
     kind = address.recorded if address.kind == REPLAY else address.kind
@@ -171,7 +170,9 @@ class StreamProblems:
 
 def _refused(stream: LiveStream) -> Counter[str]:
     """Counts of everything that was not used so far, by reason; a copy."""
-    return stream.admission.refused.reasons + stream.decoder.dropped.reasons + stream.validity.refused.reasons
+    stages = stream.admission.refused, stream.decoder.dropped, stream.receiver.dropped, stream.validity.refused
+    counts = (*stages, stream.clock_map.dropped, stream.playout.dropped)
+    return sum((dropped.reasons for dropped in counts), Counter[str]())
 
 
 def _listed(reasons: Counter[str]) -> str:
@@ -340,14 +341,11 @@ class Tally:
 
 def live_report(stream: "LiveStream", tally: Tally, *, address: str, person: str | None) -> LiveReport:
     """The report on a run that has ended."""
-    decoder, receiver, validity = stream.decoder.dropped, stream.receiver.dropped, stream.validity.refused
-    dropped = stream.admission.refused.reasons + decoder.reasons + receiver.reasons + validity.reasons
-    dropped += stream.clock_map.dropped.reasons + stream.playout.dropped.reasons
     return LiveReport(
         address=address,
         frames=stream.frames,
         datagrams=stream.arrived,
-        dropped=dict(dropped.most_common()),
+        dropped=dict(_refused(stream).most_common()),
         refused=tuple(f"{source}: {reason}" for source, reason in stream.admission.named),
         lost_s=tally.lost_s,
         holds=tally.holds,

@@ -132,6 +132,13 @@ class BodyModel:
         body = self._index("frame", name, names) - len(self.frames)
         return Frame(name, body, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
 
+    def posture(self, angles: Mapping[str, float]) -> FloatArray:
+        """Posture (nq,) with these joint angles, rad, and all else as in its file. Raises ConfigError."""
+        q = self.qpos0.copy()
+        for joint, angle in angles.items():
+            q[self.joint_qpos[self.joint_index(joint)]] = angle
+        return q
+
     def chain_to_root(self, link: int) -> tuple[int, ...]:
         """This link and all that carry it, nearest first: the link itself and the root are in it, the world is not."""
         links = []

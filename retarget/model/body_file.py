@@ -4,10 +4,11 @@ MuJoCo is imported inside the functions: it costs a quarter of a second, and com
 """
 
 import io
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, Literal
+from typing import Any, Literal
 from xml.etree import ElementTree
 
 from retarget.errors import ConfigError, InputError
@@ -18,7 +19,12 @@ Root = Literal["free", "fixed", "suspended"]
 MAX_BYTES = 64 * 1024 * 1024
 """Largest body file that is read."""
 
-_BODY_HELP = "Give an MJCF (<mujoco>) or URDF (<robot>) file that MuJoCo can compile"
+BODY_HELP = "Give an MJCF (<mujoco>) or URDF (<robot>) file that MuJoCo can compile"
+MAX_LINKS = 500
+"""Most links of a body; a humanoid has less than 100."""
+
+_LINK = re.compile(rb"<(?:link|body)[\s/>]")
+_EMPTY_GEOM = re.compile(r"size \d must be positive in geom Element name '.*', id (\d+)")
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +52,33 @@ def engine() -> Any:
     return mujoco
 
 
+def read_body(path: Path) -> bytes:
+    """The bytes of a body file. Raises InputError for what is no regular file of a usable size, or has too many links:
+    compiling 1,000 of them in a row takes seconds, 3,000 minutes."""
+    try:
+        if path.exists() and not path.is_file():
+            found = "a folder" if path.is_dir() else "not a regular file"
+            raise InputError("cannot read the body", where=str(path), found=found, next_step=BODY_HELP)
+        size = path.stat().st_size
+        if not 0 < size <= MAX_BYTES:
+            allowed = f"1 to {MAX_BYTES} bytes"
+            raise InputError("cannot read the body", where=str(path), found=f"{size} bytes", allowed=allowed)
+        content = path.read_bytes()
+    except (OSError, ValueError) as error:  # ValueError: a path that no system can have
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError("cannot read the body", where=str(path)[:200], found=reason, next_step=BODY_HELP) from error
+    links = len(_LINK.findall(content.replace(b"\0", b"")))  # of UTF-16 as well
+    if links > MAX_LINKS:
+        raise InputError(
+            "too many links for a robot",
+            where=str(path),
+            found=str(links),
+            allowed=f"at most {MAX_LINKS}",
+            next_step="Give the body of one robot, without its surroundings",
+        )
+    return content
+
+
 def compile_body(path: Path, *, root: Root | None = None) -> BodyFile:
     """Read and compile an MJCF or URDF file; the content decides which of the two it is.
 
@@ -54,18 +87,7 @@ def compile_body(path: Path, *, root: Root | None = None) -> BodyFile:
     """
     mujoco = engine()
 
-    try:
-        size = path.stat().st_size
-    except OSError as error:
-        raise InputError("cannot read the body", where=str(path), found=error.strerror or str(error)) from error
-    if not path.is_file():
-        raise InputError("cannot read the body", where=str(path), found="not a regular file", next_step=_BODY_HELP)
-    if not 0 < size <= MAX_BYTES:
-        raise InputError(
-            "cannot read the body", where=str(path), found=f"{size} bytes", allowed=f"1 to {MAX_BYTES} bytes"
-        )
-    with path.open("rb") as stream:
-        urdf = _is_urdf(stream, source=str(path))
+    urdf = _is_urdf(read_body(path), source=str(path))
     return _compile(lambda: mujoco.MjSpec.from_file(str(path)), urdf=urdf, source=str(path), root=root)
 
 
@@ -73,8 +95,7 @@ def body_spec(path: Path, *, root: Root) -> Any:
     """The `mujoco.MjSpec` of a file that `compile_body` has read, for callers that build a world around the body."""
     mujoco = engine()
 
-    with path.open("rb") as stream:
-        urdf = _is_urdf(stream, source=str(path))
+    urdf = _is_urdf(read_body(path), source=str(path))
     spec, _, _ = _prepared(lambda: mujoco.MjSpec.from_file(str(path)), urdf=urdf, source=str(path), root=root)
     return spec
 
@@ -83,32 +104,30 @@ def compile_body_text(text: str, *, source: str, root: Root | None = None) -> Bo
     """As `compile_body`, from MJCF or URDF text; `source` names it in messages."""
     mujoco = engine()
 
-    urdf = _is_urdf(io.BytesIO(text.encode()), source=source)
+    urdf = _is_urdf(text.encode(), source=source)
     return _compile(lambda: mujoco.MjSpec.from_string(text), urdf=urdf, source=source, root=root)
 
 
-def _is_urdf(stream: IO[bytes], *, source: str) -> bool:
+def _is_urdf(content: bytes, *, source: str) -> bool:
     """Whether the outermost element is a URDF's. Reads no further than that element."""
     try:
-        _, element = next(iter(ElementTree.iterparse(stream, events=("start",))))
+        _, element = next(iter(ElementTree.iterparse(io.BytesIO(content), events=("start",))))
     except (ElementTree.ParseError, StopIteration, ValueError) as error:
-        raise _refused(source, error) from error
+        raise refusal(source, error) from error
     if element.tag not in ("mujoco", "mujocoinclude", "robot"):
-        raise _refused(source, ValueError(f"the outermost element is <{element.tag}>"))
+        raise refusal(source, ValueError(f"the outermost element is <{element.tag}>"))
     return bool(element.tag == "robot")
 
 
 def _compile(parse: Callable[[], Any], *, urdf: bool, source: str, root: Root | None) -> BodyFile:
     spec, found, notes = _prepared(parse, urdf=urdf, source=source, root=root)
-    try:
-        model = spec.compile()
-    except (ValueError, RuntimeError) as error:
-        if not (urdf and _drop_meshes(spec, notes)):
-            raise _refused(source, error) from error
+    while True:
         try:
             model = spec.compile()
-        except (ValueError, RuntimeError) as second:
-            raise _refused(source, second) from second
+            break
+        except (ValueError, RuntimeError) as error:
+            if not (urdf and _drop_meshes(spec, notes)):
+                raise refusal(source, error, spec) from error
     _check(model, source=source)
     notes += _unused(spec)
     return BodyFile(source=source, model=model, spec=spec, root=found, notes=tuple(notes))
@@ -123,13 +142,33 @@ def _prepared(parse: Callable[[], Any], *, urdf: bool, source: str, root: Root |
         for key in list(spec.keys):  # keyframes have the size of the file's own root
             spec.delete(key)
     except (ValueError, RuntimeError) as error:
-        raise _refused(source, error) from error
+        raise refusal(source, error) from error
     return spec, _set_root(spec, root, source=source, notes=notes), notes
 
 
-def _refused(source: str, error: Exception) -> InputError:
-    reason = " ".join(str(error).split())
-    return InputError("not a usable body", where=source, found=reason, next_step=_BODY_HELP)
+def refusal(source: str, error: Exception, spec: Any = None) -> InputError:
+    """The refusal of a body by MuJoCo. spec: that it refused, of which a geom of size 0 is named by link and line."""
+    reason = " ".join(str(error).split())[:500]
+    empty = _EMPTY_GEOM.search(reason)
+    if spec is None or empty is None:
+        return InputError("not a usable body", where=source, found=reason, next_step=BODY_HELP)
+    geom = next(geom for geom in spec.geoms if geom.id == int(empty[1]))
+    link = geom.parent.name
+    line = geom.info.removeprefix("line ") or _line_of(link, Path(source))
+    return InputError(
+        "a shape of size 0",
+        where=f"{source}:{line}" if line else source,
+        found=f"on link {link!r}",
+        allowed="sizes above 0",
+        next_step="Give it a size, or remove it",
+    )
+
+
+def _line_of(link: str, urdf: Path) -> str:
+    """The line in which a URDF begins to describe a link, of whose shapes MuJoCo keeps no lines."""
+    text = urdf.read_text(encoding="utf-8", errors="replace") if urdf.is_file() else ""
+    begun = re.search(rf"<link\s[^>]*\bname\s*=\s*(['\"]){re.escape(link)}\1", text)
+    return "" if begun is None else str(text.count("\n", 0, begun.start()) + 1)
 
 
 def _keep_every_link(spec: Any, *, urdf: bool) -> None:
@@ -197,7 +236,7 @@ def _drop_meshes(spec: Any, notes: list[str]) -> bool:
 
 def _check(model: Any, *, source: str) -> None:
     if model.nbody < 2:
-        raise InputError("the body has no links", where=source, next_step=_BODY_HELP)
+        raise InputError("the body has no links", where=source, next_step=BODY_HELP)
     if model.nv == 0:
         raise InputError("nothing moves", where=source, found="no joints", allowed="at least one joint")
     check_numbers(model, source=source)

@@ -1,13 +1,11 @@
 """The virtual human: a body of one person's size as MJCF, its degrees of freedom, speeds and reference postures.
 
-Two readings of the paper's "18 joints (51 degrees of freedom)" share one body: A, seventeen internal joints of three
-axes each, beside the six of the root (57 velocities); B, 51 with the root, which locks two axes of each knee and the
-sideward axis of each elbow. B is the default.
+The paper's "18 joints (51 degrees of freedom)" are read as seventeen internal joints of three axes each beside the six
+of the root (57 velocities), of which two axes of each knee and the sideward axis of each elbow are locked.
 """
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -24,7 +22,6 @@ from retarget.model.human_dimensions import (
     TRUNK_LEVELS,
     HumanDimensions,
     HumanJoint,
-    Segment,
     kind_of,
 )
 from retarget.types import ORIENTED, BoolArray, FloatArray
@@ -79,15 +76,10 @@ def _write_link(lines: list[str], joint: HumanJoint, dimensions: HumanDimensions
 
 
 def _inertial(joint: HumanJoint, dimensions: HumanDimensions) -> list[str]:
-    kind = kind_of(joint.name)
-    for segment in SEGMENTS:
-        if segment.body == kind:
-            return [_segment_inertial(joint, segment, dimensions)]
-    return []
-
-
-def _segment_inertial(joint: HumanJoint, segment: Segment, dimensions: HumanDimensions) -> str:
     """Mass, centre of mass and inertia of a thick rod: radius of gyration across it, its radius about it."""
+    segment = next((segment for segment in SEGMENTS if segment.body == kind_of(joint.name)), None)
+    if segment is None:
+        return []
     start, end = (_segment_point(name, joint, dimensions) for name in (segment.start, segment.end))
     length = float(np.linalg.norm(end - start))
     along = (end - start) / length if length > _POINT_M else np.array([0.0, 0.0, 1.0])
@@ -99,7 +91,7 @@ def _segment_inertial(joint: HumanJoint, segment: Segment, dimensions: HumanDime
     inertia = across * (np.eye(3) - np.outer(along, along)) + about * np.outer(along, along)
     full = np.array([inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2]])
     com = start + segment.com * (end - start)
-    return f'<inertial pos="{_text(com)}" mass="{mass:.10g}" fullinertia="{_text(full)}"/>'
+    return [f'<inertial pos="{_text(com)}" mass="{mass:.10g}" fullinertia="{_text(full)}"/>']
 
 
 def _segment_point(name: str, joint: HumanJoint, dimensions: HumanDimensions) -> FloatArray:
@@ -107,25 +99,17 @@ def _segment_point(name: str, joint: HumanJoint, dimensions: HumanDimensions) ->
     if name == kind_of(joint.name):
         return np.zeros(3)
     if name in TRUNK_LEVELS:
-        return _trunk_point(TRUNK_LEVELS[name], dimensions) - _from_pelvis(joint.name, dimensions)
+        here = dimensions.standing()[POINTS.index(joint.name)]
+        return np.asarray(_trunk_point(TRUNK_LEVELS[name], dimensions) - here)
     side = joint.name[:2] if joint.name[1] == "_" else ""
     return dimensions.of(side + name)
 
 
 def _trunk_point(share: float, dimensions: HumanDimensions) -> FloatArray:
     """Point (3,) at a share of the way from the middle of the hips to that of the shoulders, from the pelvis."""
-    hips = 0.5 * (_from_pelvis("l_hip", dimensions) + _from_pelvis("r_hip", dimensions))
-    shoulders = 0.5 * (_from_pelvis("l_shoulder", dimensions) + _from_pelvis("r_shoulder", dimensions))
+    ends = dict(zip(POINTS, dimensions.standing(), strict=True))
+    hips, shoulders = (0.5 * (ends[f"l_{part}"] + ends[f"r_{part}"]) for part in ("hip", "shoulder"))
     return np.asarray(hips + share * (shoulders - hips))
-
-
-def _from_pelvis(name: str, dimensions: HumanDimensions) -> FloatArray:
-    parents = {joint.name: joint.parent for joint in HUMAN_JOINTS}
-    point = np.zeros(3)
-    while parents[name]:
-        point = point + dimensions.of(name)
-        name = parents[name]
-    return point
 
 
 def _shapes(joint: HumanJoint, dimensions: HumanDimensions) -> list[str]:
@@ -182,8 +166,6 @@ POSTURES: Mapping[str, Mapping[str, float]] = TABLES["postures"]
 """Reference postures: name -> motion (`knee_flexion`: both knees) -> degrees. A posture task pulls the joints towards
 one of these."""
 
-Reading = Literal["A", "B"]
-
 
 @dataclass(frozen=True, eq=False)
 class Human:
@@ -191,14 +173,8 @@ class Human:
 
     dimensions: HumanDimensions
     body: BodyModel
-    reading: Reading
     locked: BoolArray
     mjcf: str
-
-    @property
-    def degrees_of_freedom(self) -> int:
-        """Number of DoFs that move: 57 or 51."""
-        return int(np.count_nonzero(~self.locked))
 
     def posture(self, name: str) -> FloatArray:
         """Reference posture q (nq,), standing at the origin. Raises ConfigError with the nearest names."""
@@ -229,20 +205,12 @@ class Human:
         return [motion] if motion in self.body.dof_names else [f"{side}_{motion}" for side in ("l", "r")]
 
 
-def build_human(dimensions: HumanDimensions, *, reading: Reading = "B") -> Human:
+def build_human(dimensions: HumanDimensions) -> Human:
     """The virtual human of this size. About 5 ms, after MuJoCo's own import."""
     mjcf = human_mjcf(dimensions)
     body = load_body_text(mjcf, source=f"virtual human ({dimensions.origin})")
-    return Human(dimensions=dimensions, body=body, reading=reading, locked=_locked(body, reading), mjcf=mjcf)
-
-
-def _locked(body: BodyModel, reading: Reading) -> BoolArray:
-    locked = np.zeros(body.nv, dtype=bool)
-    if reading == "B":
-        for joint in HUMAN_JOINTS:
-            for hinge in joint.hinges:
-                locked[body.dof_index(f"{joint.name}_{hinge.motion}")] |= hinge.locked
-    return locked
+    locked = {f"{joint.name}_{hinge.motion}": hinge.locked for joint in HUMAN_JOINTS for hinge in joint.hinges}
+    return Human(dimensions, body, np.array([locked.get(name, False) for name in body.dof_names]), mjcf)
 
 
 def human_limits(body: BodyModel) -> JointLimits:

@@ -65,10 +65,7 @@ class RobotBody:
 
     def posture(self, angles: dict[str, float]) -> FloatArray:
         """Posture (nq,) with these joint angles, rad, and 0 elsewhere, the root as in the body file."""
-        q = self.body.qpos0.copy()
-        for joint, angle in angles.items():
-            q[self.body.joint_qpos[self.body.joint_index(joint)]] = angle
-        return q
+        return self.body.posture(angles)
 
     def frame(self, name: str) -> Frame:
         """A frame of the profile, on the body."""
@@ -168,8 +165,8 @@ def _check_body(profile: RobotProfile, document: Document) -> list[Problem]:
         return [document.problem(("body",), what, found=profile.body, allowed=allowed)]
     try:
         file = compile_body(document.path.parent / profile.body, root=profile.root)
-    except (InputError, ValueError) as error:  # ValueError: a path that no system can have
-        reason = error.problems[0] if isinstance(error, InputError) else Problem(str(error), profile.body)
+    except InputError as error:
+        reason = error.problems[0]
         return [
             document.problem(
                 ("body",),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hardware.clock import Clock
-from retarget._solver import Braking, TrajectoryGenerator, frame_bounds
+from retarget._solver import Braking, TrajectoryGenerator
 from retarget.errors import InputError
 from retarget.frames import SensorSample
 from retarget.human.samples import Clip, Performance
@@ -80,8 +80,7 @@ class RecordedGoals:
                 found="a goal that is not finite, or last goals faster than twice the servos' speed",
             )
         fast = max(caps.follow, caps.approach) * limits.max_velocity
-        self._bounds = (limits.lower, limits.upper, fast, limits.max_acceleration)
-        self._braking = Braking(*self._bounds, dt=dt)
+        self._braking = Braking(limits.lower, limits.upper, fast, limits.max_acceleration, dt=dt)
         self._joints = np.vstack([joints, *self._to_rest(joints)])
         self._refused, self._refused_at = 0, 0.0
         body = robot.body
@@ -193,7 +192,7 @@ class RecordedGoals:
 
     def _inside(self, moved: FloatArray) -> FloatArray:
         """A displacement (n,) rad, inside the limits where it misses them by a rounding."""
-        low, high = frame_bounds(self._here, self._moved, *self._bounds, self._dt)
+        low, high = self._braking.bounds(self._here, self._moved)
         inside = np.minimum(np.maximum(moved, low), high)
         return inside if np.abs(inside - moved).max() < NEAR else moved
 

@@ -4,22 +4,23 @@ import tokenize
 import zipfile
 import zlib
 from dataclasses import dataclass
+from math import prod
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from retarget.errors import InputError, UsageError
 from retarget.model.body import BodyModel
-from retarget.recording.motion import joints_and_root
-from retarget.run.record import Phase, Record
+from retarget.recording.motion import PHASE_NAMES, joints_and_root
+from retarget.run.record import Record
 from retarget.run.run_result import RunResult
 from retarget.schema.files import check_place, write_atomic, write_stream
 from retarget.types import FloatArray
 
 NO_SERVO = -1
-PHASES = np.array([phase.name.lower() for phase in Phase])
 Arrays = dict[str, NDArray[Any]]
 
 
@@ -65,7 +66,7 @@ def run_arrays(run: RunResult, body: Path) -> Arrays:
     """
     record, human, robot, sent = run.record, run.record.human, run.robot, run.record.robot
     names, asked, reached = run.followed
-    arrays: Arrays = {"time": record.time, "phase": PHASES[record.phase]}
+    arrays: Arrays = {"time": record.time, "phase": np.array(PHASE_NAMES)[record.phase]}
     if robot is None or sent is None:
         arrays |= _moved_body(run.human.body, human.q)
         arrays["goal_ticks"] = np.full(arrays["joint_positions"].shape, NO_SERVO, dtype=np.int64)
@@ -115,8 +116,8 @@ def _held(record: Record, tracks: FloatArray) -> FloatArray:
 
 # The arrays of a foreign NPZ file: what is missing, cut short, of another shape or not a number is refused at once.
 
-MAX_BYTES = 8 * 1024**3
-"""Largest content that is unpacked; an hour of a robot at 125 Hz takes a tenth of it."""
+MAX_BYTES = 2**30
+"""Largest content that is unpacked, of an NPZ or an MCAP file: about an hour of a robot at 125 Hz."""
 NOT_A_RUN = "Give a file that `retarget run --save FILE.npz` wrote"
 NO_RUN = "Give a file that `retarget run` wrote with --save FILE.npz or --record FILE.mcap"
 BROKEN = (
@@ -182,18 +183,32 @@ def read_arrays(path: Path, *, needed: frozenset[str], used: frozenset[str]) -> 
     """The arrays `needed`, and those `used` that are there. Raises InputError: no NPZ, cut short, a key missing."""
     try:
         with zipfile.ZipFile(path) as archive:
+            names = {entry.filename.removesuffix(".npy"): entry for entry in archive.infolist()}
             size = sum(entry.file_size for entry in archive.infolist())
-        if size > MAX_BYTES:
-            raise InputError("too large", where=str(path), found=f"{size} bytes", allowed=f"up to {MAX_BYTES}")
-        with np.load(path, allow_pickle=False) as file:
-            missing = sorted(needed - set(file.files))
+            if size > MAX_BYTES:
+                raise InputError("too large", where=str(path), found=f"{size} bytes", allowed=f"up to {MAX_BYTES}")
+            missing = sorted(needed - set(names))
             if missing:
                 found, allowed = f"no {', '.join(missing)}", "the keys of docs/results.md"
                 raise InputError("not a saved run", where=str(path), found=found, allowed=allowed, next_step=NOT_A_RUN)
-            return ArrayFile(str(path), {key: np.asarray(file[key]) for key in file.files if key in needed | used})
+            return ArrayFile(
+                str(path), {key: _read_array(archive, names[key]) for key in names if key in needed | used}
+            )
     except zipfile.BadZipFile as error:
         step = f"If it was one, it is cut short: get it again. {NOT_A_RUN}"
         raise InputError("not an NPZ file", where=str(path), found=error, next_step=step) from error
     except BROKEN as error:
         found = " ".join(str(error).split())[:200] or type(error).__name__
         raise InputError("a damaged NPZ file", where=str(path), found=found, next_step="Get it again") from error
+
+
+def _read_array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDArray[Any]:
+    """An array of a .npy file, for which no room is made before its header agrees with the size of the file. Raises
+    ValueError and what else is BROKEN."""
+    with archive.open(entry) as stream:
+        header = npy.read_array_header_1_0 if npy.read_magic(stream) == (1, 0) else npy.read_array_header_2_0
+        shape, _, dtype = header(stream)
+        if not dtype.itemsize or stream.tell() + dtype.itemsize * prod(shape) != entry.file_size:
+            raise ValueError(f"{entry.filename} has another size than its header says")
+    with archive.open(entry) as stream:
+        return np.asarray(npy.read_array(stream, allow_pickle=False))

@@ -36,6 +36,7 @@ from retarget.recording.reading import (
     played,
     postures_sent,
     read_recording,
+    refusing_hostile,
 )
 from retarget.recording.topics import LANDMARKS
 from retarget.rotations import normalise
@@ -98,7 +99,9 @@ def read_recorded(path: Path, *, robot: bool = True, body: Path | None = None) -
         found = error.strerror or str(error)
         raise InputError("cannot read the run", where=str(path)[:200], found=found, next_step=NO_RUN) from error
     if begins == MAGIC:
-        return _of_mcap(played(read_recording(path)), robot, body)
+        recording = read_recording(path)
+        with refusing_hostile(recording):
+            return _of_mcap(played(recording), robot, body)
     if begins.startswith(ZIP):
         return _of_npz(path, robot, body)
     raise InputError("not a recorded run", where=str(path)[:200], found="neither NPZ nor MCAP", next_step=NO_RUN)

@@ -5,11 +5,16 @@ The mcap library reads it, with its CRC checks on.
 
 import json
 import struct
+from array import array
 from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from hashlib import sha256
+from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +28,7 @@ from retarget.model.robot import RobotBody
 from retarget.recording.cdr import Rows, layout_from
 from retarget.recording.cycles import Cycles, Done, Shape
 from retarget.recording.mcap_writer import METADATA, require_mcap
-from retarget.recording.npz import refuse_no_file
+from retarget.recording.npz import MAX_BYTES, refuse_no_file
 from retarget.recording.session import FORMAT, Session
 from retarget.recording.topics import (
     BUS_FIELDS,
@@ -40,11 +45,15 @@ from retarget.recording.topics import (
 )
 from retarget.types import FloatArray
 
-OTHERS = (RuntimeError, MemoryError, OverflowError)
-"""Of a length that no record has."""
-LARGEST = 256 * 2**20
-"""Bytes of the largest record that is read."""
 MAGIC = b"\x89MCAP0\r\n"
+MOST_RECORDS = 2**21
+"""Messages of an hour of a robot at 125 Hz."""
+SCHEMA, CHANNEL, MESSAGE = 0x03, 0x04, 0x05
+"""Records in a chunk, by their opcodes."""
+RECORD_HEAD, MESSAGE_HEAD = struct.Struct("<BQ"), struct.Struct("<HI16x")
+"""Opcode and length; channel and sequence."""
+HOSTILE = (ValueError, KeyError, IndexError, TypeError, SyntaxError, RecursionError, OverflowError, MemoryError)
+"""What content that no recording has leads to."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,12 +90,16 @@ class Recording:
 
 @dataclass
 class _Found:
-    """While it is read."""
+    """While it is read. sequences, contents: of all messages of a channel. room: bytes that may still be unpacked."""
 
     metadata: dict[str, str] | None = None
     attachments: dict[str, bytes] = field(default_factory=dict)
     channels: dict[int, Any] = field(default_factory=dict)
-    messages: dict[int, list[Any]] = field(default_factory=lambda: defaultdict(list))
+    sequences: dict[int, "array[int]"] = field(default_factory=lambda: defaultdict(lambda: array("I")))
+    contents: dict[int, bytearray] = field(default_factory=lambda: defaultdict(bytearray))
+    texts: dict[tuple[int, str], str] = field(default_factory=dict)
+    room: int = MAX_BYTES
+    records: int = 0
 
 
 def read_recording(path: Path) -> Recording:
@@ -105,40 +118,89 @@ def read_recording(path: Path) -> Recording:
             stream.seek(0)
             damage = _read(stream, found)
     except (OSError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError("cannot read the recording", where=where, found=reason) from None
     session = _session(found.metadata, where, damage)
     topics = {name: rows for name, rows in _topics(found, where) if len(rows.rows)}
     said = {file.name: file.sha256 for file in session.files}
     attached = {name: data for name, data in found.attachments.items() if sha256(data).hexdigest() == said.get(name)}
-    return Recording(path, session, damage, topics, _texts(found), attached)
+    return Recording(path, session, damage, topics, found.texts, attached)
 
 
-def _read(stream: Any, found: _Found) -> str:
+def _read(stream: IO[bytes], found: _Found) -> str:
     """Read record by record. Returns how it ended early."""
     import zstandard
     from mcap.exceptions import EndOfFile, McapError
-    from mcap.records import Attachment, Channel, Message, Metadata
+    from mcap.records import Attachment, Chunk, Metadata
     from mcap.stream_reader import StreamReader
 
-    reader = StreamReader(stream, validate_crcs=True, record_size_limit=LARGEST)
+    reader = StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=MAX_BYTES)
     try:
         for record in reader.records:
-            if isinstance(record, Message):
-                found.messages[record.channel_id].append(record)
-            elif isinstance(record, Channel):
-                found.channels[record.id] = record
+            if isinstance(record, Chunk):
+                found.room -= record.uncompressed_size
+                if found.room < 0:
+                    return f"it ends early: of what is packed in it no more than {MAX_BYTES} bytes are read"
+                _take_chunk(record, found)
             elif isinstance(record, Metadata) and record.name == METADATA:
                 found.metadata = record.metadata
             elif isinstance(record, Attachment):
                 found.attachments[record.name] = record.data
     except EndOfFile:
         return "it ends early: the run was cut off, or the file is not whole"
-    except (McapError, ValueError, struct.error, zstandard.ZstdError, *OTHERS) as error:
+    except (McapError, struct.error, zstandard.ZstdError, *HOSTILE) as error:
         return f"it ends early, in a damaged record ({error})"
     return ""
+
+
+def _take_chunk(chunk: Any, found: _Found) -> None:
+    """Keep the channels and messages of a chunk. Raises ValueError or struct.error for a record that none of ours has;
+    no length is believed before it was compared with what there is."""
+    from mcap.data_stream import ReadDataStream
+    from mcap.records import Channel
+
+    data, at = _unpacked(chunk), 0
+    while at < len(data):
+        opcode, length = RECORD_HEAD.unpack_from(data, at)
+        begin = at + RECORD_HEAD.size
+        at = begin + length
+        found.records += 1
+        if at > len(data) or found.records > MOST_RECORDS:
+            raise ValueError(f"a record is longer than its chunk, or one of more than {MOST_RECORDS}")
+        if opcode == CHANNEL:
+            channel = Channel.read(ReadDataStream(BytesIO(data[begin:at])))
+            found.channels.setdefault(channel.id, channel)
+        elif opcode == MESSAGE:
+            number, sequence = MESSAGE_HEAD.unpack_from(data, begin)
+            if number not in found.channels:
+                raise ValueError(f"a message of channel {number}, which is not there")
+            _take_message(number, sequence, data[begin + MESSAGE_HEAD.size : at], found)
+        elif opcode != SCHEMA:
+            raise ValueError(f"an unknown record of type {opcode}")
+
+
+def _take_message(number: int, sequence: int, content: bytes, found: _Found) -> None:
+    """Keep a message of a channel; of the log its text, the first of each cycle and who said it."""
+    if "layout" not in found.channels[number].metadata:
+        who, text = _log_of(content)
+        found.texts.setdefault((sequence, who), text)
+    else:
+        found.sequences[number].append(sequence)
+        found.contents[number] += content
+
+
+def _unpacked(chunk: Any) -> bytes:
+    """What is in a chunk, never more than it says. Raises ValueError or ZstdError."""
+    import zstandard
+
+    data: bytes = chunk.data
+    if chunk.compression:
+        if chunk.compression != "zstd":
+            raise ValueError(f"packed by {chunk.compression[:20]}, and not by zstd")
+        data = zstandard.ZstdDecompressor().stream_reader(data).read(chunk.uncompressed_size + 1)
+    if len(data) != chunk.uncompressed_size or (chunk.uncompressed_crc and crc32(data) != chunk.uncompressed_crc):
+        raise ValueError("the CRC of a chunk, or its size, is wrong")
+    return data
 
 
 def _session(metadata: dict[str, str] | None, where: str, damage: str) -> Session:
@@ -180,29 +242,17 @@ def _topics(found: _Found, where: str) -> list[tuple[str, TopicRows]]:
     """All topics that have a layout."""
     made = []
     for number, channel in found.channels.items():
-        description = channel.metadata.get("layout")
-        if description is None:
+        if "layout" not in channel.metadata:
             continue
         try:
-            rows = np.frombuffer(b"".join(one.data for one in found.messages[number]), layout_from(description))
-        except (ValueError, TypeError, KeyError, SyntaxError) as error:
+            rows = np.frombuffer(found.contents[number], layout_from(channel.metadata["layout"]))
+        except HOSTILE as error:
             raise InputError("a topic is damaged", where=where, found=f"{channel.topic}: {error}") from None
-        cycles = np.array([one.sequence for one in found.messages[number]], dtype=np.int64)
+        cycles = np.array(found.sequences[number], dtype=np.int64)
         if len(rows) != len(cycles):
             raise InputError("a topic is damaged", where=where, found=f"{channel.topic}: messages of another size")
         made.append((str(channel.topic), TopicRows(cycles, rows)))
     return made
-
-
-def _texts(found: _Found) -> dict[tuple[int, str], str]:
-    """Texts of the log, by cycle and who said them; the first of each."""
-    texts: dict[tuple[int, str], str] = {}
-    for number, channel in found.channels.items():
-        if channel.metadata.get("layout") is None:
-            for one in found.messages[number]:
-                who, text = _log_of(one.data)
-                texts.setdefault((one.sequence, who), text)
-    return texts
 
 
 def _log_of(data: bytes) -> tuple[str, str]:
@@ -268,14 +318,20 @@ class Played:
         return Clip(frames, ticks, 1.0 / dt, speed, len(rows))
 
 
+@contextmanager
+def refusing_hostile(recording: Recording) -> Iterator[None]:
+    """Raise InputError where the content of a recording is none that we write."""
+    try:
+        yield
+    except HOSTILE as error:
+        what, where = "the recording cannot be used", str(recording.path)
+        raise InputError(what, where=where, found=error, next_step="Record it anew") from None
+
+
 def played(recording: Recording) -> Played:
     """The cycles of a recording. Raises InputError where topics or fields of them are missing, or of another shape."""
-    try:
+    with refusing_hostile(recording):
         cycles = _cycles(recording)
-    except (ValueError, KeyError, IndexError) as error:
-        where, found = str(recording.path), str(error)
-        what = "the recording cannot be used"
-        raise InputError(what, where=where, found=found, next_step="Record it anew") from None
     return Played(recording, cycles, int(cycles.index[-1]) + 1 - len(cycles))
 
 
@@ -303,7 +359,10 @@ def _cycles(recording: Recording) -> Cycles:
         raise ValueError(f"more than {MOST_CYCLES} cycles")
     if session.joints:
         recording.topic(SERVOS)
-    cycles = Cycles.empty(len(rows), _shape(recording, rows))
+    shape = _shape(recording, rows)
+    if 8 * len(rows) * (shape.human + shape.truth) > MAX_BYTES:
+        raise ValueError("wider postures than a body has")
+    cycles = Cycles.empty(len(rows), shape)
     for name, own in TICK_FIELDS.items():
         if getattr(cycles, own).size:
             getattr(cycles, own)[:] = rows[name]

@@ -16,7 +16,7 @@ from retarget.model.body import BodyModel
 from retarget.model.body_file import BodyFile, Root, compile_body, compile_body_text
 from retarget.model.observers import Observers, placed
 from retarget.model.scene_state import SceneState
-from retarget.report.distances import Closest, MovingGeoms, among_obstacles, closest_pairs, moving_geoms
+from retarget.report.distances import FAR_M, Closest, MovingGeoms, among_obstacles, closest_pairs, moving_geoms
 from retarget.report.report import Clearances, DeepReport
 from retarget.run.run_result import RunResult
 from retarget.types import FloatArray, IntArray
@@ -26,8 +26,6 @@ from retarget.types import FloatArray, IntArray
 Pair = tuple[int, int]
 NEIGHBOURS = "neighbours along the body"
 """Why a link and its parent are not compared."""
-FAR_M = 1e4
-"""More than any distance, m."""
 
 
 @dataclass(frozen=True)

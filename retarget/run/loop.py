@@ -95,11 +95,11 @@ class Ending:
 
     @property
     def too_slow(self) -> tuple[str, ...]:
-        """A note about a machine on which ticks came late."""
+        """A note about a machine that misses ticks; the report counts them."""
         ticks = len(self.record)
         if self.late_ticks <= MANY_LATE * ticks:
             return ()
-        return (f"this machine is too slow or too busy: {self.late_ticks} of {ticks} ticks came late and were skipped",)
+        return ("this machine is too slow or too busy: see ticks missed, and retarget doctor",)
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,11 +25,10 @@ class PhysicsOptions:
 
     Physics:
         mount floor|stand|gantry: What the robot is on; usually as its profile's root says.
-        hook FRAME: Frame of the profile by which a gantry holds it; usually 'hook'.
-        perturbations (--perturb) mass|centre_of_mass|friction|latency|push: Another mass (+-10 %), a centre of mass
-            10 mm off, friction from 0.5 to 1, 30 ms of latency, a push of 3 N for 0.2 s; drawn by the seed. Also
-            several times.
-        seed: Of all random choices; the same seed gives the same run.
+        hook FRAME: Frame by which a gantry holds it; usually 'hook'.
+        perturbations (--perturb) KIND: mass (+-10 %), centre_of_mass (10 mm off), friction (0.5 to 1), latency (30 ms),
+            push (3 N for 0.2 s); drawn by the seed. Also several times.
+        seed N: Of all random choices: the same seed, the same run.
     """
 
     mount: str | None = None
@@ -87,27 +86,27 @@ class RunOptions:
     None: as the robot's profile or the priority files say. gate: whether goals are checked before they are sent.
     physics: of the simulated mechanics. playback: of a recording.
 
-    Options:
+    Robot:
         robot NAME|PATH: Robot by name or path; 'human' only reconstructs the performer.
-        bus mock|emulator|physics|physics+wire|none|profile|PORT: Where goals go: servos in this process, an emulator
-            that talks as they do, a robot with mass that can fall (with the emulator's bytes: +wire), nowhere; or real
-            servos on the ports of the profile, or on this one.
-        faults FILE.yaml: What goes wrong on the emulator's wire.
-        performer NAME|FILE: The performer's sensors: five, five_head, three, six, ten, all, avatar, optitrack,
-            optitrack_skeleton, or a file.
+        bus NAME|PORT: Where goals go: mock, emulator (talks as servos do), physics (has mass, can fall), physics+wire,
+            none; real servos: profile, or a PORT.
+        performer NAME|FILE: The sensors: five, five_head, three, six, ten, all, avatar, optitrack, optitrack_skeleton,
+            or a file.
         priorities NAME|FILE: Priority file of the robot (of 'human': its own).
         scene NAME|FILE: The scene: table, wall, ..., or a file.
-        allow_contact: Run also where the body touches the scene at the start.
-        iterations (--n-ik) N: Iterations per frame at most, both stages.
+        allow_contact: Begin also where the body touches the scene.
         parts whole|upper: What follows; 'upper' keeps the legs still.
-        steps planted|shift|follow: When the performer lifts a foot: stay, or step in place once the mass is over the
-            other; 'follow' for a robot that hangs. Usually as the priority file says: planted.
-        mirror: Swap left and right.
+        steps WAY: When the performer lifts a foot: planted, shift (steps in place), follow (of a robot that hangs).
+        iterations (--n-ik) N: Iterations per frame at most, both stages.
+        faults FILE.yaml: What goes wrong on the emulator's wire.
+
+    Playback:
         speed X: 1 is the performer's speed.
         start S: Begin at this time of the recording.
         end S: End at this time of the recording; live: after so long.
         loop: Again and again until Ctrl-C, 10 minutes at most.
         keep_calibration_frame: Play a single T, A or N pose before the motion, too.
+        mirror: Swap left and right.
     """
 
     robot: str

@@ -32,6 +32,7 @@ class Kind(StrEnum):
     PRIORITIES = "priorities"
     PERFORMER = "performers"
     SCENE = "scenes"
+    SESSION = "sessions"
 
     @property
     def label(self) -> str:
@@ -44,6 +45,7 @@ _LABELS = {
     Kind.PRIORITIES: "priority file",
     Kind.PERFORMER: "performer",
     Kind.SCENE: "scene",
+    Kind.SESSION: "session file",
 }
 
 

@@ -455,7 +455,7 @@ def naming_file(name: str, *, robot: str) -> Iterator[None]:
     except ConfigError as error:
         where = str(find(Kind.PRIORITIES, name))
         own = f"{robot} brings its own (those of the human are {FOR_HUMANS})"
-        step = f"Name frames of {robot}, or leave --priorities out: {own}"
+        step = f"Name frames of {robot}, or leave its priorities out: {own}"
         problems = [
             problem if problem.where else replace(problem, where=where, next_step=f"{problem.next_step} {step}".strip())
             for problem in error.problems

@@ -29,6 +29,15 @@ _PLAIN_WORDS = {
 }
 """pydantic's names of types (after "a valid") for a reader of YAML."""
 
+_BOUNDS = {
+    "too_short": ("too few entries", "at least {min_length}"),
+    "too_long": ("too many entries", "at most {max_length}"),
+    "string_too_short": ("too short a text", "at least {min_length} character"),
+    "string_too_long": ("too long a text", "at most {max_length} characters"),
+    "string_pattern_mismatch": ("wrong value", "text that matches {pattern}"),
+}
+"""pydantic's errors of length and form: what is wrong, and what is allowed."""
+
 
 def in_our_words(model: type[BaseModel], error: ValidationError, document: Document) -> list[Problem]:
     """The errors of `model` in `document`, at most MAX_PROBLEMS of them."""
@@ -79,6 +88,10 @@ def _problem(model: type[BaseModel], detail: ErrorDetails, document: Document) -
         key_path = (*key_path, "type")
     if kind in ("missing", "union_tag_not_found"):
         return document.problem(key_path, "missing key", next_step=f"Add {str(key_path[-1])!r}")
+    if kind in _BOUNDS:
+        what, allowed = _BOUNDS[kind]
+        shown, allowed = _shown(_value_at(document.data, key_path)), allowed.format(**detail["ctx"])
+        return document.problem(key_path, what, found=shown, allowed=allowed)
     expected = message.removeprefix("Input should be ").removeprefix("a valid ")
     expected = _PLAIN_WORDS.get(expected.split(" or instance of ")[0], expected)
     if kind == "union_tag_invalid":

@@ -5,6 +5,6 @@ the profile. `tree` finds the joints, their mirror images and the soles; `limbs`
 named points on them; `servo_guess` the servos; `postures` how the robot stands. `draft` writes all of it as a profile
 with comments, and `import_robot` runs these steps.
 
-Observers: `enclosing_shapes`, `observer_proposals`, `survey`, and `fit_observers`, which runs them. Servo zeros:
-`homing`. The doctor: `doctor_machine`, `doctor_capture`, `doctor_sensors` and `doctor_stream`.
+Observers: `shape_fit`, `survey`, and `fit_observers`, which runs them. Servo zeros: `homing`. The doctor:
+`doctor_machine`, `doctor_sensors` and `doctor_stream`.
 """

@@ -9,11 +9,10 @@ import numpy as np
 
 from retarget import rotations
 from retarget.errors import InputError
-from retarget.model.body_file import check_numbers, engine
+from retarget.model.body_file import check_numbers, engine, refusal
 from retarget.model.scene_shapes import ShapeKind
-from retarget.setup.enclosing_shapes import LinkGeometry, canonical_shape, link_geometries
-from retarget.setup.observer_proposals import Zones, propose
 from retarget.setup.robot_file import Relaxed, Source, listed, ready_urdf
+from retarget.setup.shape_fit import NAME, LinkGeometry, Zones, canonical_shape, link_geometries, propose
 from retarget.types import FloatArray
 
 # Meshes of a body as capsules and boxes: what is left of them in a body file that stands by itself.
@@ -43,9 +42,7 @@ def replace_meshes(spec: Any, model: Any, geometries: tuple[LinkGeometry, ...]) 
     return len(proposals)
 
 
-_NAME = re.compile(r"[^\s/\\]{1,80}")  # as `schema.Name`
 _THIN = re.compile(r"mesh volume is too small: (\S+)")
-HELP = "Correct the file, or give one that MuJoCo can compile"
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +61,7 @@ def draft_body(source: Source, relaxed: Relaxed) -> BodyDraft:
     """The body that is written next to the profile. Raises InputError: the body cannot be used."""
     mujoco = engine()
     notes: list[str] = []
+    spec = None
     try:
         if source.kind == "urdf":
             text, meshes = ready_urdf(source, relaxed, notes)
@@ -88,8 +86,7 @@ def draft_body(source: Source, relaxed: Relaxed) -> BodyDraft:
         content = _rewritten(spec.copy(), model, notes)
         return BodyDraft(spec, model, "body.xml", content, tuple(notes))
     except (ValueError, RuntimeError) as error:
-        reason = " ".join(str(error).split())[:500]
-        raise InputError("not a usable body", where=str(source.path), found=reason, next_step=HELP) from error
+        raise refusal(str(source.path), error, spec) from error
 
 
 def facing_x(body: BodyDraft, forward: FloatArray) -> BodyDraft:
@@ -158,7 +155,7 @@ def _rename(spec: Any, notes: list[str]) -> None:
     for kind, parts in (("link", list(spec.bodies)[1:]), ("joint", list(spec.joints))):
         taken = {part.name for part in parts}
         for number, part in enumerate(parts, 1):
-            if _NAME.fullmatch(part.name):
+            if NAME.fullmatch(part.name):
                 continue
             name = re.sub(r"[\s/\\]+", "_", part.name)[:80] or f"{kind}_{number}"
             while name in taken:

@@ -7,7 +7,6 @@ import os
 import platform
 import shutil
 import stat
-import sys
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -25,7 +24,7 @@ from hardware.dynamixel import serial_port
 from hardware.errors import HardwareError
 from hardware.realtime import HOW_TO_PERMIT, PROCESSES, USUAL_PRIORITY, Scheduling, refuse_scheduling
 from retarget.errors import Problem
-from retarget.live.udp import RECEIVE_BUFFER
+from retarget.live.receivers import RECEIVE_BUFFER
 from retarget.schema import strict_yaml
 
 # Findings: one thing that was checked, its level, and a line of text for it.
@@ -201,18 +200,13 @@ def _no_port() -> Finding:
 
 # Python and the compiled solver: whether they can be used, and what a frame costs on this machine.
 
-OLDEST = (3, 11)
 FRAMES = 100
 
 
-def python_findings(version: tuple[int, ...] = sys.version_info[:3]) -> list[Finding]:
+def python_findings() -> list[Finding]:
     """Version of Python, and whether the compiled solver can be imported."""
-    python = finding(
-        "Python" if version >= OLDEST else "Python/old",
-        version=".".join(map(str, version)),
-        implementation=platform.python_implementation(),
-        machine=platform.machine(),
-    )
+    implementation, machine = platform.python_implementation(), platform.machine()
+    python = finding("Python", version=platform.python_version(), implementation=implementation, machine=machine)
     try:
         importlib.import_module("retarget._solver")
     except ImportError as error:
@@ -229,26 +223,17 @@ def frame_findings(measure: "Callable[[], float] | None" = None) -> list[Finding
 
 
 def seconds_per_frame(frames: int = FRAMES) -> float:
-    """Median CPU time, s, of both stages while OP3 follows the sample recording at 100 Hz. Takes about a second."""
-    from retarget.human.calibration import calibrate
-    from retarget.human.reconstruction import Reconstructor
-    from retarget.human.samples import Playback, lay_on_ticks
-    from retarget.model.human import build_human
-    from retarget.model.robot import load_robot
-    from retarget.robot.follower import Follower
-    from retarget.schema.performer import load_performer
-    from retarget.schema.priorities import load_priorities
+    """Median CPU time, s, of a tick in which OP3 follows the sample recording. Takes about a second."""
+    from retarget.pipeline import Pipeline
     from retarget.sources.open import SAMPLE, open_source
 
-    recording, performer, robot = open_source(SAMPLE), load_performer("five"), load_robot("op3")
-    clip, size = lay_on_ticks(recording, performer=performer, playback=Playback(), rate_hz=100.0), calibrate(recording)
-    reconstructor = Reconstructor(build_human(size), load_priorities("human"), performer)
-    follower = Follower(robot, load_priorities(robot.profile.retarget), size)
-    follower.start(reconstructor.start(clip.sample(0)))
+    recording, pipeline = open_source(SAMPLE), Pipeline("op3")
+    pipeline.start(recording.sample(recording.time[0]))
     costs = []
     for tick in range(1, frames + 1):
+        sample = recording.sample(recording.time[0] + tick * pipeline.dt)
         before = thread_cpu()
-        follower.step(reconstructor.step(clip.sample(tick), clip.dt), clip.dt)
+        pipeline.step(sample, pipeline.dt)
         costs.append(thread_cpu() - before)
     return float(np.median(costs))
 

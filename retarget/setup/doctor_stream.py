@@ -12,17 +12,22 @@ from retarget.errors import InputError
 from retarget.live.address import EVERYWHERE, KINDS, LOOPBACK, StreamAddress, for_others, local_interfaces
 from retarget.live.admission import NOT_ALLOWED, SECOND_SOURCE
 from retarget.live.begin import HUMAN_RATE_HZ
-from retarget.live.datagram_kinds import DAMAGED, SENDERS, Recognised, advice_for, recognise
+from retarget.live.datagram_kinds import DAMAGED, Recognised, advice_for, recognise
 from retarget.live.open_stream import open_stream, stream_kinds
 from retarget.live.raw_recording import recorded_kind
-from retarget.live.receivers import NatnetReceiver
+from retarget.live.receivers import NatnetReceiver, UdpReceiver, port_holder
 from retarget.live.roles import CONVENTIONS
 from retarget.live.stream import MOST_DECODED, LiveStream
-from retarget.live.udp import UdpReceiver, port_holder
 from retarget.schema.performer import Performer
-from retarget.setup.doctor_capture import StreamCapture, capture_stream
 from retarget.setup.doctor_machine import Finding, finding, findings, firewall_findings, fix_all
-from retarget.setup.doctor_sensors import UNNAMED, invented_findings, rate_findings, role_findings
+from retarget.setup.doctor_sensors import (
+    UNNAMED,
+    StreamCapture,
+    capture_stream,
+    invented_findings,
+    rate_findings,
+    role_findings,
+)
 from retarget.sources.json_pose import DEFAULT_PORT
 from retarget.sources.natnet_decoder import NatnetDecoder
 from retarget.sources.natnet_session import natnet_problems
@@ -129,7 +134,7 @@ def _start(address: StreamAddress) -> str:
     if address.kind == "natnet":
         return "Start Motive, switch its streaming on, and see that this is its computer"
     target = "one of this machine's addresses" if address.bind == EVERYWHERE else address.bind
-    return f"Start {SENDERS[address.kind]}, and let it send to {target}, port {address.port}"
+    return f"Start {KINDS[address.kind].sender}, and let it send to {target}, port {address.port}"
 
 
 def stray_finding(address: StreamAddress, stray: Stray) -> Finding:
@@ -169,7 +174,7 @@ def sender_findings(address: StreamAddress, kind: str, capture: StreamCapture) -
         found.append(finding("stream", frames=capture.stream.frames, senders=senders))
     elif not found:
         reasons = "; ".join(reason for reason, _ in capture.stream.decoder.dropped.reasons.most_common(3))
-        facts = {"reasons": f" ({reasons})" if reasons else "", "sender": SENDERS[kind]}
+        facts = {"reasons": f" ({reasons})" if reasons else "", "sender": KINDS[kind].sender}
         found.append(finding("stream/no pose", arrived=capture.arrived, **facts))
     if capture.frames:
         found += _dropped(capture)

@@ -18,18 +18,8 @@ from retarget.model.observers import NEAR_LINKS, NEVER_NEAR, steps_between
 from retarget.model.robot import load_profile
 from retarget.schema.catalogue import HUMAN
 from retarget.schema.profile import DRAFT
-from retarget.setup.enclosing_shapes import Capsule, link_geometries
-from retarget.setup.observer_proposals import Proposal, Zones, flattened, propose
-from retarget.setup.survey import (
-    SAFETY_FACTOR,
-    OwnDistances,
-    Pair,
-    PairRecord,
-    joint_ranges,
-    survey,
-    with_own_distances,
-)
-from retarget.types import FloatArray
+from retarget.setup.shape_fit import Capsule, Proposal, Zones, flattened, link_geometries, propose
+from retarget.setup.survey import SAFETY_FACTOR, Pair, PairRecord, joint_ranges, survey
 
 # Which pairs of links need no check, each with the numbers that say so.
 
@@ -64,7 +54,7 @@ def verdicts(
         first, second = (proposals[place] for place in record.pair)
         names = (first.link_name, second.link_name)
         if record.largest is not None and record.own is not None:
-            found.append(_always(record, record.largest, names, record.own))
+            found.append(_always(record, record.largest, names, *record.own))
         elif (min(first.link, second.link), max(first.link, second.link)) in excluded:
             found.append(Verdict("excluded", names, f"the body file excludes their contact, {_closest(record)}"))
         elif record.at_neutral <= 0.0 and _neighbours(record.pair, proposals, body):
@@ -75,14 +65,16 @@ def verdicts(
     return tuple(sorted(found, key=lambda verdict: get_args(Kind).index(verdict.kind)))
 
 
-def _always(record: PairRecord, largest: float, names: tuple[str, str], own: OwnDistances) -> Verdict:
+def _always(
+    record: PairRecord, largest: float, names: tuple[str, str], own_smallest: float, own_largest: float
+) -> Verdict:
     deep = f"{_mm(-largest)} to {_mm(-record.smallest)} mm deep"
     reason = f"overlap at every posture, {deep} ({_looks(record)})"
-    if own.largest <= 0.0:
+    if own_largest <= 0.0:
         return Verdict("always", names, f"{reason}, and so do the links' own geoms")
-    if not own.may_collide:
-        return Verdict("always", names, f"{reason}; their own geoms stay {_mm(own.smallest)} mm apart")
-    apart = f"their own geoms come {_mm(own.largest)} mm apart and {_mm(-own.smallest)} mm into each other"
+    if not record.hides_collision:
+        return Verdict("always", names, f"{reason}; their own geoms stay {_mm(own_smallest)} mm apart")
+    apart = f"their own geoms come {_mm(own_largest)} mm apart and {_mm(-own_smallest)} mm into each other"
     warning = f"{names[0]} and {names[1]} can collide, which these shapes do not show: give one a tighter shape"
     return Verdict("always", names, f"{reason}; {apart}", warning)
 
@@ -264,7 +256,7 @@ def fit(
     flat = {proposal.link_name for proposal in proposals if (proposal.ratio or 0.0) > thickest} | tight
     ranges = joint_ranges(body, subject.limits)
     near = SAFETY_FACTOR * zones.influence
-    neutral = ranges.clipped(posture(body, subject.neutral))
+    neutral = ranges.clipped(body.posture(subject.neutral))
     for _ in range(ROUNDS):
         observers = tuple(
             flattened(proposal, geometry, GIVES_WAY)
@@ -273,10 +265,18 @@ def fit(
             for proposal, geometry in zip(proposals, geometries, strict=True)
         )
         records = survey(
-            body, observers, ranges, neutral=neutral, near=near, samples=samples, seed=seed, progress=progress
+            body,
+            observers,
+            ranges,
+            neutral=neutral,
+            near=near,
+            samples=samples,
+            seed=seed,
+            model=model,
+            geometries=geometries,
+            progress=progress,
         )
-        records = with_own_distances(records, model, geometries, ranges, seed=seed)
-        hidden = {place for record in records if record.own and record.own.may_collide for place in record.pair}
+        hidden = {place for record in records if record.hides_collision for place in record.pair}
         hiding = {observers[place].link_name for place in hidden if isinstance(observers[place].shape, Capsule)}
         if not hiding:
             break
@@ -286,14 +286,6 @@ def fit(
     head = _head(subject, zones, samples=samples, seed=seed, notes=assumed)
     tail = _tail(observers, ignored[:MAX_PAIRS], records, body)
     return Fit(observers, zones, ignored, records, tuple(head), tuple(tail))
-
-
-def posture(body: BodyModel, angles: Mapping[str, float]) -> FloatArray:
-    """The posture (nq,) of a body with these joint angles, rad, and all else as in its file."""
-    q = body.qpos0.copy()
-    for joint, angle in angles.items():
-        q[body.joint_qpos[body.joint_index(joint)]] = angle
-    return q
 
 
 def _excluded(model: Any) -> set[tuple[int, int]]:

@@ -19,10 +19,10 @@ from retarget.setup.draft import NO_OBSERVERS, Draft, find_landmarks, observer_t
 from retarget.setup.fit_observers import Subject, fit
 from retarget.setup.frames import Found, Posed, find_frames
 from retarget.setup.limbs import Anatomy, find_anatomy
-from retarget.setup.observer_proposals import Zones
 from retarget.setup.postures import SPREADS, Postures, clear_postures, find_postures
 from retarget.setup.robot_file import Relaxed, read_source, stated_speeds
 from retarget.setup.servo_guess import guess_servos
+from retarget.setup.shape_fit import Zones
 from retarget.setup.tree import read_tree
 
 DEFAULT_SAMPLES = 2000
@@ -140,7 +140,7 @@ def _drafted(
     limits = {servo.joint: servo.entry.limits for servo in servos}
     posed = Posed(body.model, tree, anatomy, found, limits)
     (folder / body.file).write_bytes(body.content)
-    notes = list(body.notes)
+    notes = [*body.notes, *anatomy.named[:10]]
     file = _as_it_stands(folder / body.file, anatomy, found, notes)
     soles = file.root == "free"
     if anatomy.odd:

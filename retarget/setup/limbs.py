@@ -1,11 +1,11 @@
 """Which branches of a robot are its legs, its arms and its head, and which way it faces."""
 
-import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from retarget.setup.tree import BASE, Mirror, Tree, find_mirror, flat_underside
+from retarget.setup.tree import BASE, TOLERANCE, Mirror, Tree, find_mirror, flat_underside, side_of
 from retarget.types import FloatArray
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -17,7 +17,6 @@ FINGERS = 0.3
 """Share of a limb's length: branches that reach no further are fingers, and the limb ends before them."""
 LEAST_LEG, LEAST_ARM = 2, 2
 """Joints that make a leg, and an arm."""
-_SIDE = {"l": 1, "left": 1, "r": -1, "right": -1}
 
 
 @dataclass(frozen=True)
@@ -36,7 +35,8 @@ class Anatomy:
 
     forward, left (3,): the robot's axes in its zero pose, z up. legs, arms: left and right one, or none; an arm alone
     is one. pelvis, chest: nodes that carry legs and arms. head: nodes of the neck and head, from the chest on, or
-    empty. facing: by what `forward` was found. odd: joints without a counterpart.
+    empty. facing: by what `forward` was found. odd: joints without a counterpart. named: what only names say, for the
+    user.
     """
 
     forward: FloatArray
@@ -49,6 +49,7 @@ class Anatomy:
     head: tuple[int, ...]
     facing: str
     odd: tuple[str, ...]
+    named: tuple[str, ...] = ()
 
     @property
     def axes(self) -> FloatArray:
@@ -57,7 +58,8 @@ class Anatomy:
 
 
 def find_anatomy(tree: Tree) -> Anatomy:
-    """Legs, arms and head of a body, by its topology and geometry; names only help to distinguish left from right."""
+    """Legs, arms and head of a body, by its topology and geometry; names only help to distinguish left from right, and
+    where the geometry of the two sides differs."""
     mirror = find_mirror(tree)
     if mirror is None:
         arm = _limb(tree, max(tree.children(BASE), key=lambda child: len(tree.below(child))))
@@ -84,7 +86,20 @@ def find_anatomy(tree: Tree) -> Anatomy:
         head=_head(tree, mirror, chest, pelvis),
         facing=facing,
         odd=tuple(node.joint for number, node in enumerate(tree.nodes) if number not in mirror.partner),
+        named=tuple(_named_only(tree, mirror)),
     )
+
+
+def _named_only(tree: Tree, mirror: Mirror) -> Iterator[str]:
+    """Limbs that are left and right, or in the middle, by name alone, and how far they are from a mirror image."""
+    most = 1e3 * TOLERANCE * tree.size
+    for node, off in mirror.by_name.items():
+        other = mirror.partner[node]
+        if node <= other and tree.nodes[node].parent not in mirror.by_name:
+            names = " and ".join(tree.nodes[number].joint for number in sorted({node, other}))
+            what = "it carries: in the middle" if node == other else "they carry: left and right"
+            allowed = f"{most:.0f} mm are allowed, and parallel axes"
+            yield f"{names} and what {what} by name, {1e3 * off:.0f} mm from a mirror image ({allowed})"
 
 
 def _sides(pair: tuple[Limb, Limb] | None, turned: bool) -> tuple[Limb, ...]:
@@ -148,7 +163,6 @@ def _forward(
     evidence = [(3.0 * _named(tree, mirror), "names of left and right")]
     if legs is not None:
         evidence.append((2.0 * _feet_ahead(tree, legs[0], ahead), "feet, longer ahead of the ankle"))
-        evidence.append((2.0 * _knee_ahead(tree, legs[0], ahead), "knees, which bend backwards"))
     if arms is not None:
         evidence.append((_hands_ahead(tree, arms[0], ahead), "hands, ahead of the shoulders"))
     total = sum(weight for weight, _ in evidence)
@@ -163,14 +177,8 @@ def _named(tree: Tree, mirror: Mirror) -> float:
     """1 where names say that the normal points left, -1 where right, 0 where they say nothing or both."""
     votes = 0
     for first, second in mirror.pairs(tree):
-        votes += _side(tree.nodes[first].joint) - _side(tree.nodes[second].joint)
+        votes += side_of(tree.nodes[first])[0] - side_of(tree.nodes[second])[0]
     return float(np.sign(votes))
-
-
-def _side(name: str) -> int:
-    """1 for a name of the left, -1 of the right, 0 of neither; words are parted by signs or by capitals."""
-    words = re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+", name)
-    return next((_SIDE[word.lower()] for word in words if word.lower() in _SIDE), 0)
 
 
 def _feet_ahead(tree: Tree, leg: Limb, ahead: FloatArray) -> float:
@@ -189,17 +197,6 @@ def _hands_ahead(tree: Tree, arm: Limb, ahead: FloatArray) -> float:
     """1 where the hand is well ahead of the shoulder, -1 where behind, else 0."""
     way = float((tree.points(arm.ends).mean(axis=0) - tree.nodes[arm.nodes[0]].anchor) @ ahead)
     return float(np.sign(way)) if abs(way) > 0.2 * _span(tree, arm.nodes[0]) else 0.0
-
-
-def _knee_ahead(tree: Tree, leg: Limb, ahead: FloatArray) -> float:
-    """1 where the knee's range says that the shin goes back as it bends, -1 where ahead, 0 where it says nothing."""
-    across = np.cross(UP, ahead)
-    pitches = pitch_joints(tree, leg, across)
-    knee = tree.nodes[pitches[1]] if len(pitches) > 2 else None
-    if knee is None or not np.isfinite([knee.lower, knee.upper]).all():
-        return 0.0
-    middle = 0.5 * (knee.lower + knee.upper) * np.sign(knee.axis @ across)
-    return float(np.sign(middle)) if abs(middle) > 0.3 else 0.0
 
 
 # Which joint of a limb does what: hip, knee and ankle across the way of walking; elbow and wrist.

@@ -8,7 +8,7 @@ from scipy.optimize import least_squares
 
 from retarget.model.body import BodyModel
 from retarget.model.observers import NEAR_LINKS, steps_between
-from retarget.setup.fit_observers import MAX_PAIRS, Fit, posture
+from retarget.setup.fit_observers import MAX_PAIRS, Fit
 from retarget.setup.frames import Angles, Posed
 from retarget.setup.limbs import UP, arm_roles, leg_roles
 from retarget.setup.survey import PlacedShapes
@@ -254,4 +254,4 @@ class _Bench:
 
     def _distances(self, angles: Angles) -> FloatArray:
         """Signed distance (p,) m of each pair in a posture."""
-        return np.asarray(self._shapes.distances(posture(self._body, angles)[None], self._pairs)[0])
+        return np.asarray(self._shapes.distances(self._body.posture(angles)[None], self._pairs)[0])

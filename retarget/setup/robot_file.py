@@ -6,14 +6,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
-from typing import Any, NoReturn
 from xml.etree import ElementTree
-from xml.parsers import expat
 
 import numpy as np
 
 from retarget.errors import InputError, Problem
-from retarget.model.body_file import MAX_BYTES
+from retarget.model.body_file import BODY_HELP, MAX_BYTES, read_body
 from retarget.schema import strict_models
 
 MAX_DEPTH = 100
@@ -22,7 +20,6 @@ MAX_ELEMENTS = 500_000
 MAX_INCLUDES = 50
 KINDS = {"robot": "urdf", "mujoco": "mjcf", "mujocoinclude": "mjcf"}
 XACRO = "of a .xacro file, first make URDF: xacro robot.xacro > robot.urdf"
-HELP = "Give a URDF (<robot>) or MJCF (<mujoco>) file"
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,67 +40,51 @@ class Source:
 
 def read_source(path: Path) -> Source:
     """Read a body file, and look at every file that it includes. Raises InputError."""
-    content = _content(path)
+    content = read_body(path)
     root = _parsed(path, content)
     kind = KINDS.get(root.tag)
     if kind is None:
         found = f"the outermost element is <{root.tag[:80]}>"
-        raise InputError("neither URDF nor MJCF", where=str(path), found=found, next_step=HELP)
+        raise InputError("neither URDF nor MJCF", where=str(path), found=found, next_step=BODY_HELP)
     return Source(path, kind, content, root, _look_at_includes(path, root, []))
 
 
-def _content(path: Path) -> bytes:
-    """Raises InputError for what is no regular file of a usable size."""
-    try:
-        if path.exists() and not path.is_file():
-            found = "a folder" if path.is_dir() else "not a regular file"
-            raise InputError("cannot read the body", where=str(path), found=found, next_step=HELP)
-        size = path.stat().st_size
-        if not 0 < size <= MAX_BYTES:
-            raise InputError(
-                "cannot read the body", where=str(path), found=f"{size} bytes", allowed=f"1 to {MAX_BYTES} bytes"
-            )
-        return path.read_bytes()
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError("cannot read the body", where=str(path)[:200], found=reason, next_step=HELP) from error
+class _Refused(Exception):
+    """What is found in XML that is no robot's."""
+
+
+class _Builder(ElementTree.TreeBuilder):
+    """Elements of XML without entities, of a bounded depth and number."""
+
+    depth = count = 0
+
+    def doctype(self, *_: object) -> None:
+        """Called before anything that it defines is read."""
+        raise _Refused("a document type (<!DOCTYPE ...>), which may define entities, and which no robot needs")
+
+    def start(self, tag: str, attributes: dict[str, str]) -> ElementTree.Element:
+        self.depth, self.count = self.depth + 1, self.count + 1
+        if self.depth > MAX_DEPTH or self.count > MAX_ELEMENTS:
+            deep = self.depth > MAX_DEPTH
+            raise _Refused(f"elements more than {MAX_DEPTH} deep" if deep else f"more than {MAX_ELEMENTS} elements")
+        return super().start(tag, attributes)
+
+    def end(self, tag: str) -> ElementTree.Element:
+        self.depth -= 1
+        return super().end(tag)
 
 
 def _parsed(path: Path, content: bytes) -> ElementTree.Element:
     """The outermost element of valid XML without entities. Raises InputError for other XML, and for xacro."""
-    parser: Any = expat.ParserCreate(namespace_separator="}")
-    builder = ElementTree.TreeBuilder()
-    depth, count = 0, 0
-
-    def refuse(found: str, *, then: str = "") -> NoReturn:
-        where = f"{path}:{parser.CurrentLineNumber}"
-        raise InputError("not a usable body", where=where, found=found, next_step=then)
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal depth, count
-        depth, count = depth + 1, count + 1
-        if depth > MAX_DEPTH or count > MAX_ELEMENTS:
-            refuse(
-                f"elements more than {MAX_DEPTH} deep" if depth > MAX_DEPTH else f"more than {MAX_ELEMENTS} elements"
-            )
-        builder.start(_qualified(tag), {_qualified(name): value for name, value in attributes.items()})
-
-    def end(tag: str) -> None:
-        nonlocal depth
-        depth -= 1
-        builder.end(_qualified(tag))
-
-    def doctype(*_: object) -> None:
-        then = "Remove <!DOCTYPE ...>: neither URDF nor MJCF needs it"
-        refuse("a document type, which may define entities", then=then)
-
-    parser.StartElementHandler, parser.EndElementHandler, parser.StartDoctypeDeclHandler = start, end, doctype
+    parser = ElementTree.XMLParser(target=_Builder())
     try:
-        parser.Parse(content, True)
-    except (expat.ExpatError, UnicodeDecodeError, LookupError) as error:
+        parser.feed(content)
+        root: ElementTree.Element = parser.close()
+    except _Refused as error:
+        raise InputError("not a usable body", where=str(path), found=str(error)) from error
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
         step = f"Correct the XML; {XACRO}"
         raise InputError("not XML that can be read", where=str(path), found=str(error), next_step=step) from error
-    root = builder.close()
     for element in root.iter():
         space, _, tag = element.tag.rpartition("}")
         if "xacro" in space:
@@ -116,11 +97,6 @@ def _parsed(path: Path, content: bytes) -> ElementTree.Element:
     return root
 
 
-def _qualified(name: str) -> str:
-    """A name as ElementTree writes it, `{namespace}name`."""
-    return "{" + name if "}" in name else name
-
-
 def _look_at_includes(path: Path, root: ElementTree.Element, seen: list[Path]) -> bool:
     """Scan every file that an MJCF includes, and those that these include. Raises InputError."""
     names = [element.get("file", "") for element in root.iter("include")]
@@ -131,7 +107,7 @@ def _look_at_includes(path: Path, root: ElementTree.Element, seen: list[Path]) -
                 "includes that never end", where=str(path), found=name[:200], allowed=f"{MAX_INCLUDES} files, each once"
             )
         seen.append(other)
-        _look_at_includes(path, _parsed(other, _content(other)), seen)
+        _look_at_includes(path, _parsed(other, read_body(other)), seen)
     return bool(names)
 
 
@@ -146,20 +122,7 @@ STL_HEAD = 84
 STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", 9), ("attributes", "<u2")])
 
 
-@dataclass(frozen=True)
-class MeshFile:
-    """A mesh to read. twin: whether it replaces a file of the same name and of a kind that is not read."""
-
-    path: Path
-    twin: bool
-
-    def content(self) -> bytes:
-        """Bytes for MuJoCo, with a text STL converted to a binary one. Raises OSError."""
-        content = self.path.read_bytes()
-        return _binary(content) if self.path.suffix.lower() == ".stl" else content
-
-
-def find_mesh(name: str, body: Path) -> MeshFile | None:
+def find_mesh(name: str, body: Path) -> Path | None:
     """The mesh of a name: relative to the body file, or in a folder above it that holds the package's path.
 
     For a file of another kind (`.dae`): the mesh of the same name in the same folder that can be read. None: there is
@@ -171,17 +134,23 @@ def find_mesh(name: str, body: Path) -> MeshFile | None:
     if parts is not None:
         above = body.absolute().parents[:PACKAGE_DEPTH]
         places = [folder.joinpath(*rest) for folder in above for rest in (parts, parts[1:])]
-    readable = Path(plain).suffix.lower() in READABLE
     for place in places:
         if not place.name:
             continue
+        readable = place.suffix.lower() in READABLE
         for one in (place,) if readable else tuple(place.with_suffix(kind) for kind in READABLE):
             try:
                 if one.is_file() and 0 < one.stat().st_size <= MAX_BYTES:
-                    return MeshFile(one, twin=not readable)
+                    return one
             except (OSError, ValueError):
                 continue
     return None
+
+
+def mesh_content(path: Path) -> bytes:
+    """Bytes for MuJoCo, with a text STL converted to a binary one. Raises OSError."""
+    content = path.read_bytes()
+    return _binary(content) if path.suffix.lower() == ".stl" else content
 
 
 def _binary(content: bytes) -> bytes:
@@ -324,11 +293,11 @@ def _meshes(
             if file is None:
                 unread.append((shape, name))
                 continue
-            key = f"mesh_{len(contents)}{file.path.suffix.lower()}"
-            contents[key] = file.content()
+            key = f"mesh_{len(contents)}{file.suffix.lower()}"
+            contents[key] = mesh_content(file)
             mesh.set("filename", key)
-            if file.twin:
-                twins[file.path.name] = None
+            if file.suffix.lower() != Path(name).suffix.lower():
+                twins[file.name] = None
         alone = len(unread) == sum(len(link.findall(kind)) for kind in SHAPES)
         for shape, name in unread:
             link.remove(shape)

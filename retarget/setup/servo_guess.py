@@ -23,6 +23,7 @@ IN_LEGS = 30.0
 ALIKE = 1.35
 """Largest ratio of a stated torque to a model's stall torque that identifies the model."""
 UNKNOWN = "XM430-W350"
+NO_TORQUE = "the body states no torque"
 LOW_VOLTAGE = 9.0
 """[V] servos made for less do not share a line with the others."""
 END_TICKS = 4
@@ -78,7 +79,7 @@ def _candidates(strongest: float) -> list[ServoModel]:
 def _chosen(candidates: list[ServoModel], torque: float, speed: float) -> tuple[ServoModel, str]:
     """The model whose stall torque, and speed if stated, is nearest by ratio."""
     if torque <= 0.0:
-        return SERVO_MODELS[UNKNOWN], "the body states no torque"
+        return SERVO_MODELS[UNKNOWN], NO_TORQUE
 
     def off(entry: ServoModel) -> float:
         fast = abs(math.log(speed / entry.no_load_speed)) if 0.5 < speed < 20.0 else 0.0

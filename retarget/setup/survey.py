@@ -6,7 +6,7 @@ is driven apart in the same way.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
@@ -16,8 +16,7 @@ from retarget import _solver
 from retarget.model.body import BodyModel, JointType
 from retarget.model.observers import steps_between
 from retarget.rotations import multiply, normalise
-from retarget.setup.enclosing_shapes import LinkGeometry, canonical_shape
-from retarget.setup.observer_proposals import Proposal
+from retarget.setup.shape_fit import LinkGeometry, Proposal, canonical_shape
 from retarget.types import BoolArray, FloatArray, IntArray
 
 # The postures that a robot can take: joint ranges, and samples of them.
@@ -109,11 +108,8 @@ class PlacedShapes:
             np.array([row[column] for row in rows], dtype=np.float64) for column in (1, 2, 3)
         )
 
-    def distances(self, postures: FloatArray, pairs: IntArray, below: FloatArray | float = np.inf) -> FloatArray:
-        """Signed distances (t, p), m, of pairs (p, 2) of shapes in postures (t, nq).
-
-        Where one is positive and not below `below` (p,), m, it is only a lower bound, which costs less.
-        """
+    def distances(self, postures: FloatArray, pairs: IntArray) -> FloatArray:
+        """Signed distances (t, p), m, of pairs (p, 2) of shapes in postures (t, nq)."""
         count, both = len(postures), pairs.T.ravel()
         links = self._links[both].tolist()
         position = self._body.points(np.ascontiguousarray(postures), links, self._positions[both])
@@ -122,10 +118,7 @@ class PlacedShapes:
         for half in np.split(np.arange(len(both)), 2):
             sides += [np.tile(self._kinds[both[half]], count), np.tile(self._sizes[both[half]], (count, 1))]
             sides += [np.take(part, half, axis=1).reshape(-1, part.shape[2]) for part in (position, quat)]
-        found = _solver.shape_gaps_at_least(*sides)
-        exact = found < np.tile(np.broadcast_to(np.maximum(below, 0.0), len(pairs)), count)
-        found[exact] = _solver.shape_distances(*(part[exact] for part in sides))[0]
-        return found.reshape(count, len(pairs))
+        return _solver.shape_distances(*sides)[0].reshape(count, len(pairs))
 
 
 # Looks for the posture in which two shapes are nearest, or farthest: pattern searches over the joints between them.
@@ -185,8 +178,8 @@ class PairRecord:
     """Two shapes, and how near they come. Distances in m, negative inside.
 
     smallest: the smallest found. largest: the largest found of a pair that always overlaps, None for any other. own:
-    distances of the links' own geoms, of a pair that always overlaps. at_neutral: in the neutral posture. samples,
-    searches: how many postures were looked at, how many searches made.
+    smallest and largest distance of the links' own geoms, of a pair that always overlaps. at_neutral: in the neutral
+    posture. samples, searches: how many postures were looked at, how many searches made.
     """
 
     pair: Pair
@@ -195,7 +188,12 @@ class PairRecord:
     at_neutral: float
     samples: int
     searches: int
-    own: "OwnDistances | None" = None
+    own: tuple[float, float] | None = None
+
+    @property
+    def hides_collision(self) -> bool:
+        """Whether shapes that always overlap are around geoms that are sometimes apart and sometimes not."""
+        return self.own is not None and self.own[0] < 0.0 < self.own[1]
 
 
 def survey(
@@ -207,12 +205,15 @@ def survey(
     near: float,
     samples: int,
     seed: int,
+    model: Any,
+    geometries: tuple[LinkGeometry, ...],
     progress: Callable[[float], None] = lambda share: None,
 ) -> tuple[PairRecord, ...]:
     """A record of every pair that is more than one joint apart, in the order of the proposals.
 
-    neutral: posture (nq,) that is looked at first. near: distance, m, that no search needs to go below. progress takes
-    the share that is done. Deterministic by `seed`.
+    neutral: posture (nq,) that is looked at first. near: distance, m, that no search needs to go below. model:
+    `mujoco.MjModel` of the body, with the geometries of the proposals. progress takes the share that is done.
+    Deterministic by `seed`.
     """
     rng = np.random.default_rng(seed)
     pairs = _pairs(body, proposals)
@@ -222,36 +223,38 @@ def survey(
     smallest, largest = at_neutral.copy(), at_neutral.copy()
     nearest, farthest = np.zeros(len(pairs), dtype=int), np.zeros(len(pairs), dtype=int)
     for first in range(0, len(postures), BLOCK):
-        seen = shapes.distances(postures[first : first + BLOCK], pairs, smallest)
+        seen = shapes.distances(postures[first : first + BLOCK], pairs)
         nearest = np.where(seen.min(axis=0) < smallest, first + seen.argmin(axis=0), nearest)
         farthest = np.where(seen.max(axis=0) > largest, first + seen.argmax(axis=0), farthest)
         smallest, largest = np.minimum(smallest, seen.min(axis=0)), np.maximum(largest, seen.max(axis=0))
         progress(0.5 * first / len(postures))
-    records = []
-    for index, (one, other) in enumerate(pairs.tolist()):
-        sign = 1.0 if smallest[index] > near else -1.0 if largest[index] < 0.0 else 0.0
-        if sign:
-            starts = ranges.sample(rng, SEARCHES)
-            starts[0] = postures[nearest[index] if sign > 0.0 else farthest[index]]
-            moving = np.isin(ranges.links, list(body.links_between(proposals[one].link, proposals[other].link)))
-            enough = near if sign > 0.0 else 0.0
-            found = search(shapes, ranges, (one, other), starts, moving=moving, sign=sign, enough=enough, rng=rng)
-            if sign > 0.0:
-                smallest[index] = min(smallest[index], found)
-            else:
-                largest[index] = max(largest[index], -found)
-        records.append(
-            PairRecord(
-                pair=(one, other),
-                smallest=float(smallest[index]),
-                largest=float(largest[index]) if largest[index] < 0.0 else None,
-                at_neutral=float(at_neutral[index]),
-                samples=len(postures),
-                searches=SEARCHES if sign else 0,
-            )
-        )
+    sign = np.where(smallest > near, 1.0, np.where(largest < 0.0, -1.0, 0.0))  # together, apart, or not searched
+    for index in np.flatnonzero(sign):
+        one, other = pairs[index].tolist()
+        starts = ranges.sample(rng, SEARCHES)
+        starts[0] = postures[nearest[index] if sign[index] > 0.0 else farthest[index]]
+        moving = np.isin(ranges.links, list(body.links_between(proposals[one].link, proposals[other].link)))
+        enough = near if sign[index] > 0.0 else 0.0
+        found = search(shapes, ranges, (one, other), starts, moving=moving, sign=sign[index], enough=enough, rng=rng)
+        if sign[index] > 0.0:
+            smallest[index] = min(smallest[index], found)
+        else:
+            largest[index] = max(largest[index], -found)
         progress(0.5 + 0.5 * (index + 1) / len(pairs))
-    return tuple(records)
+    overlapping: list[Pair] = [(one, other) for one, other in pairs[largest < 0.0].tolist()]
+    own = _own_distances(model, overlapping, geometries, ranges, seed=seed)
+    return tuple(
+        PairRecord(
+            pair=(one, other),
+            smallest=float(smallest[index]),
+            largest=float(largest[index]) if largest[index] < 0.0 else None,
+            at_neutral=float(at_neutral[index]),
+            samples=len(postures),
+            searches=SEARCHES if sign[index] else 0,
+            own=own.get((one, other)),
+        )
+        for index, (one, other) in enumerate(pairs.tolist())
+    )
 
 
 def _pairs(body: BodyModel, proposals: tuple[Proposal, ...]) -> IntArray:
@@ -272,47 +275,18 @@ FAR = 1e3
 """[m]"""
 
 
-@dataclass(frozen=True)
-class OwnDistances:
-    """Smallest and largest distance of two links' own geoms over the sample, m, negative inside."""
-
-    smallest: float
-    largest: float
-
-    @property
-    def may_collide(self) -> bool:
-        """Whether they are sometimes apart and sometimes not."""
-        return self.smallest < 0.0 < self.largest
-
-
-def with_own_distances(
-    records: tuple[PairRecord, ...],
-    model: Any,
-    geometries: tuple[LinkGeometry, ...],
-    ranges: JointRanges,
-    *,
-    seed: int,
-) -> tuple[PairRecord, ...]:
-    """The records, those of pairs that always overlap with the distances of the links' own geoms in a sample.
-
-    model: `mujoco.MjModel` of the geometries. Deterministic by `seed`.
-    """
+def _own_distances(
+    model: Any, pairs: list[Pair], geometries: tuple[LinkGeometry, ...], ranges: JointRanges, *, seed: int
+) -> dict[Pair, tuple[float, float]]:
+    """Smallest and largest distance of the own geoms of each pair of links in a sample. model: `mujoco.MjModel`."""
     import mujoco
 
     data = mujoco.MjData(model)
-    geoms = {
-        record.pair: list(product(*(geometries[place].geoms for place in record.pair)))
-        for record in records
-        if record.largest is not None
-    }
-    found = np.zeros((SAMPLES, len(geoms)))
-    for row, q in enumerate(ranges.sample(np.random.default_rng(seed), SAMPLES if geoms else 0)):
+    geoms = [list(product(*(geometries[place].geoms for place in pair))) for pair in pairs]
+    found = np.zeros((SAMPLES, len(pairs)))
+    for row, q in enumerate(ranges.sample(np.random.default_rng(seed), SAMPLES if pairs else 0)):
         data.qpos[:] = q
         mujoco.mj_kinematics(model, data)
-        for column, pairs in enumerate(geoms.values()):
-            found[row, column] = min(mujoco.mj_geomDistance(model, data, a, b, FAR, None) for a, b in pairs)
-    own = {
-        pair: OwnDistances(float(column.min()), float(column.max()))
-        for pair, column in zip(geoms, found.T, strict=True)
-    }
-    return tuple(replace(record, own=own.get(record.pair)) for record in records)
+        for column, both in enumerate(geoms):
+            found[row, column] = min(mujoco.mj_geomDistance(model, data, a, b, FAR, None) for a, b in both)
+    return {pair: (float(column.min()), float(column.max())) for pair, column in zip(pairs, found.T, strict=True)}

@@ -1,5 +1,6 @@
 """A body as a tree of hinges in its zero pose: its mirror plane, and its soles."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -8,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from retarget.errors import InputError
-from retarget.setup.enclosing_shapes import directions, hull_of_balls, link_geometries
+from retarget.setup.shape_fit import DIRECTIONS, hull_of_balls, link_geometries
 from retarget.types import FloatArray
 
 BASE = 0
@@ -21,12 +22,14 @@ MAX_JOINTS = 250
 class Node:
     """A hinge and the links that it carries rigidly, or the base.
 
-    joint: its name, empty for the base. parent: number of a node, -1 for the base. axis, anchor (3,): direction and a
-    point of its axis. links: numbers of bodies, the moved one first; its last one carries the next hinges too. centres
-    (k, 3), radii (k,): balls whose hull is the geometry. All in the world of the zero pose, m.
+    joint: its name, empty for the base. link: name of the link that it moves. parent: number of a node, -1 for the
+    base. axis, anchor (3,): direction and a point of its axis. links: numbers of bodies, the moved one first; its last
+    one carries the next hinges too. centres (k, 3), radii (k,): balls whose hull is the geometry. All in the world of
+    the zero pose, m.
     """
 
     joint: str
+    link: str
     parent: int
     axis: FloatArray
     anchor: FloatArray
@@ -159,19 +162,25 @@ def _node(
     radii = np.concatenate([np.zeros(0), *(part[1] for part in parts)])
     if joint < 0:
         origin = data.xpos[links[0]].copy() if links else np.zeros(3)
-        return Node("", parent, np.array([0.0, 0.0, 1.0]), origin, tuple(links), -np.inf, np.inf, centres, radii)
+        return Node("", "", parent, np.array([0.0, 0.0, 1.0]), origin, tuple(links), -np.inf, np.inf, centres, radii)
     lower, upper = model.jnt_range[joint].tolist() if model.jnt_limited[joint] else (-np.inf, np.inf)
-    name, axis, anchor = model.joint(joint).name, data.xaxis[joint].copy(), data.xanchor[joint].copy()
-    carried = tuple(links) or (int(model.jnt_bodyid[joint]),)
-    return Node(name, parent, axis, anchor, carried, lower, upper, centres, radii)
+    body = int(model.jnt_bodyid[joint])
+    name, link = model.joint(joint).name, model.body(body).name
+    axis, anchor = data.xaxis[joint].copy(), data.xanchor[joint].copy()
+    carried = tuple(links) or (body,)
+    return Node(name, link, parent, axis, anchor, carried, lower, upper, centres, radii)
 
 
 # Left and right: the plane that mirrors a robot onto itself, and which joint is whose mirror image.
 #
-# Only lines of axes and the places of what they carry are compared, so names and link frames do not matter.
+# Lines of axes and the places of what they carry are compared, so names and link frames do not matter. Names count only
+# for what has no mirror image: left and right of the same name, and a neck or head, which is in the middle.
 
 TOLERANCE = 0.03
 """Share of the robot's size: so far a mirrored part may be from its counterpart."""
+SIDES = {"l": 1, "left": 1, "r": -1, "right": -1}
+"""Words of names: 1 for the left, -1 for the right."""
+MIDDLE = {"neck", "head"}
 PARALLEL = 0.97
 """Least cosine between a mirrored axis and its counterpart."""
 NORMALS = (np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]))
@@ -183,12 +192,14 @@ class Mirror:
     """The plane normal @ point = offset (m), and `partner[node]`: the node's mirror image, itself in the middle.
 
     What has none is in neither. sign[node]: 1 or -1; mirrored postures have the angle times it at the partner.
+    by_name[node]: how far (m) a node is from being the image of its partner, where only names say that it is one.
     """
 
     normal: FloatArray
     offset: float
     partner: dict[int, int]
     sign: dict[int, float]
+    by_name: dict[int, float]
 
     def pairs(self, tree: Tree) -> list[tuple[int, int]]:
         """Limbs: first nodes of mirrored branches that hang on the same node of the middle; the one with the larger
@@ -204,14 +215,13 @@ class Mirror:
 
 def find_mirror(tree: Tree) -> Mirror | None:
     """The plane with the most mirrored joints; None where there are no two limbs that mirror each other."""
-    best: tuple[int, Mirror] | None = None
-    for normal in NORMALS:
-        for offset in _offsets(tree, normal):
-            mirror = _matched(tree, normal, offset)
-            count = len(mirror.partner)
-            if mirror.pairs(tree) and (best is None or count > best[0]):
-                best = (count, mirror)
-    return None if best is None else best[1]
+    planes = [_matched(tree, normal, offset) for normal in NORMALS for offset in _offsets(tree, normal)]
+    return max((plane for plane in planes if plane.pairs(tree)), key=_evidence, default=None)
+
+
+def _evidence(mirror: Mirror) -> tuple[int, int, float]:
+    """Joints that are mirrored, joints of which names say so, and how near (m) the latter come to it."""
+    return len(mirror.partner) - len(mirror.by_name), len(mirror.by_name), -sum(mirror.by_name.values())
 
 
 def _offsets(tree: Tree, normal: FloatArray) -> list[float]:
@@ -221,37 +231,56 @@ def _offsets(tree: Tree, normal: FloatArray) -> list[float]:
 
 
 def _matched(tree: Tree, normal: FloatArray, offset: float) -> Mirror:
-    mirror = Mirror(normal, offset, {BASE: BASE}, {BASE: 1.0})
+    mirror = Mirror(normal, offset, {BASE: BASE}, {BASE: 1.0}, {})
     waiting = [(BASE, BASE)]
     while waiting:
         node, other = waiting.pop()
-        theirs = tree.children(other)
-        costs = [
-            (cost, mine, their)
-            for mine in tree.children(node)
-            for their in theirs
-            if (cost := _apart(tree, mirror, mine, their)) is not None
-        ]
-        for _, mine, their in sorted(costs):
+        candidates = []
+        for mine in tree.children(node):
+            for their in tree.children(other):
+                apart, parallel = _apart(tree, mirror, mine, their)
+                mirrored = parallel and apart <= TOLERANCE * tree.size
+                if mirrored or _counterparts(tree.nodes[mine], tree.nodes[their], same=mine == their):
+                    candidates.append((not mirrored, apart, mine, their))
+        for only_named, apart, mine, their in sorted(candidates):
             if mine in mirror.partner or their in mirror.partner:
                 continue
             sign = _sign(tree, normal, mine, their)
             mirror.partner.update({mine: their, their: mine})
             mirror.sign.update({mine: sign, their: sign})
+            if only_named:
+                mirror.by_name.update({mine: apart, their: apart})
             waiting.append((mine, their))
     return mirror
 
 
-def _apart(tree: Tree, mirror: Mirror, node: int, other: int) -> float | None:
-    """How far (m) a node's mirror image is from another node; None where they are no images of each other."""
+def _apart(tree: Tree, mirror: Mirror, node: int, other: int) -> tuple[float, bool]:
+    """How far (m) a node's mirror image is from another node, axis and geometry; whether their axes are parallel."""
     mine, theirs, normal = tree.nodes[node], tree.nodes[other], mirror.normal
-    most = TOLERANCE * tree.size
     axis = mine.axis - 2.0 * (mine.axis @ normal) * normal
-    if abs(axis @ theirs.axis) < PARALLEL:
-        return None
     line = theirs.distance(_image(mine.anchor, mirror))
     mark = float(np.linalg.norm(_image(_mark(tree, node), mirror) - _mark(tree, other)))
-    return mark if line <= most and mark <= most else None
+    return max(line, mark), bool(abs(axis @ theirs.axis) >= PARALLEL)
+
+
+def _counterparts(node: Node, other: Node, *, same: bool) -> bool:
+    """Whether names say that two nodes are left and right of each other, or that one node is the neck or the head."""
+    side, words = side_of(node)
+    if same:
+        return side == 0 and not MIDDLE.isdisjoint(words)
+    other_side, other_words = side_of(other)
+    return side * other_side == -1 and words == other_words
+
+
+def side_of(node: Node) -> tuple[int, list[str]]:
+    """1 for a joint or link of the left by its name, -1 of the right, 0 of neither; the other words of that name, which
+    are parted by signs or by capitals."""
+    for name in (node.joint, node.link):
+        words = [word.lower() for word in re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|[0-9]+", name)]
+        side = next((SIDES[word] for word in words if word in SIDES), 0)
+        if side or not MIDDLE.isdisjoint(words):
+            return side, [word for word in words if word not in SIDES]
+    return 0, []
 
 
 def _image(point: FloatArray, mirror: Mirror) -> FloatArray:
@@ -317,7 +346,7 @@ def outline(points: FloatArray) -> FloatArray:
 
 def _facing_down(centres: FloatArray, radii: FloatArray) -> FloatArray | None:
     """Outward normal (3,) of the largest part of the hull that looks down in the zero pose."""
-    hull = hull_of_balls(centres, radii, directions()[::8])
+    hull = hull_of_balls(centres, radii, DIRECTIONS[::8])
     if hull is None:
         return np.array([0.0, 0.0, -1.0])
     normals = hull.equations[:, :3]

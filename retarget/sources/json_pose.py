@@ -84,7 +84,7 @@ class JsonPoseDecoder:
         )
 
     def _named(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        """The same tuple as long as the names are the same."""
+        """The names, which are checked when they change."""
         if names != self._names:
             if not all(0 < len(name) <= MAX_NAME and name.isprintable() for name in names):
                 raise _Refused(f"a pose's name is not of 1 to {MAX_NAME} printable characters")

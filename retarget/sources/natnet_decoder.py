@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from retarget.frames import Skeleton
 from retarget.rotations import plus, product, rotated
-from retarget.sources.natnet_frame import (
+from retarget.sources.natnet_wire import (
     BODY,
     OLDEST,
     SIZED_SINCE,
@@ -19,12 +19,14 @@ from retarget.sources.natnet_frame import (
     Definitions,
     FrameOfData,
     GroupDefinition,
+    MessageId,
     Owner,
     PoseGroup,
     read_definitions,
     read_frame,
+    read_server_info,
+    split,
 )
-from retarget.sources.natnet_wire import MessageId, read_server_info, split
 from retarget.sources.skeletons import joints_by_name
 from retarget.sources.stream_frame import (
     CONVENTIONS,

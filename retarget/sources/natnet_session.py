@@ -14,23 +14,23 @@ from collections.abc import Callable
 from math import inf
 
 from retarget.errors import Problem
-from retarget.sources.natnet_frame import OLDEST as OLDEST
-from retarget.sources.natnet_frame import FrameFlags, read_definitions, read_flags
 from retarget.sources.natnet_wire import (
     COMMAND_PORT,
     DATA_PORT,
     MULTICAST_GROUP,
+    FrameFlags,
     MessageId,
     ServerInfo,
     Version,
-    command_message,
     connect_message,
-    definitions_request,
-    keep_alive_message,
+    message,
+    read_definitions,
+    read_flags,
     read_server_info,
     split,
     text_until_zero,
 )
+from retarget.sources.natnet_wire import OLDEST as OLDEST
 
 NEWEST = Version(4, 255)
 """The last bitstream that is read."""
@@ -103,15 +103,15 @@ class NatnetSession:
             return out
         if self._must_pin() and self._due("pin", RETRY_S, now):
             self._pins += 1
-            out.append(command_message(f"Bitstream,{self.wanted}"))
+            out.append(message(MessageId.COMMAND, f"Bitstream,{self.wanted}\0".encode()))
         unnamed = self.frames and not self._wants_definitions and self.names_missing()
         if unnamed and self._due("names", UNNAMED_S, now):
             self._wants_definitions = True
         if self._wants_definitions and self._due("definitions", RETRY_S, now):
             self.asked_at = now if self.asked_at is None else self.asked_at
-            out.append(definitions_request())
+            out.append(message(MessageId.DEFINITIONS_REQUEST))
         if not self.multicast and self._due("keep-alive", KEEP_ALIVE_S, now):
-            out.append(keep_alive_message())
+            out.append(message(MessageId.KEEP_ALIVE))
         return out
 
     def _due(self, kind: str, interval: float, now: float) -> bool:

@@ -1,12 +1,15 @@
-"""Messages of OptiTrack NatNet 3.0 to 4.x, all but frames and model definitions: connect, server, commands.
+"""Messages of OptiTrack NatNet 3.0 to 4.x: connect, server, commands, frames of data, model definitions.
 
 All little-endian: u16 id, u16 payload size, payload. What a client sends goes to the command port of the server.
 """
 
 import struct
+from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import IntEnum
-from typing import NamedTuple
+from enum import Enum, IntEnum, IntFlag
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
 
 COMMAND_PORT = 1510
 """UDP port of the server, where clients ask."""
@@ -94,21 +97,6 @@ def connect_message(version: Version | None = None) -> bytes:
     return message(MessageId.CONNECT, sender + wanted)
 
 
-def definitions_request() -> bytes:
-    """Asks for names, ids, parents and offsets of all that is streamed."""
-    return message(MessageId.DEFINITIONS_REQUEST)
-
-
-def keep_alive_message() -> bytes:
-    """A unicast server stops sending to a client that stays silent."""
-    return message(MessageId.KEEP_ALIVE)
-
-
-def command_message(text: str) -> bytes:
-    """A command in words, such as `Bitstream,4.1`."""
-    return message(MessageId.COMMAND, text.encode("ascii") + b"\0")
-
-
 def read_server_info(payload: bytes) -> ServerInfo | None:
     """None where it is too short (it has 279 bytes; more are left)."""
     if len(payload) < _SERVER.size:
@@ -129,3 +117,333 @@ def text_until_zero(raw: bytes) -> str:
     """UTF-8 text up to the first NUL: what is not UTF-8 replaced, what cannot be shown or is too long left out."""
     text = raw.partition(b"\0")[0][: 4 * MAX_NAME].decode("utf-8", "replace")
     return "".join(letter for letter in text if letter.isprintable())[:MAX_NAME]
+
+
+# Frames of data and model definitions: where poses, names and parents lie in their bytes.
+#
+# A frame is a u32 number, then blocks in a fixed order (`_BLOCKS`), each led by a u32 count, then a suffix of stamps
+# and flags. Definitions are a u32 count of sets, each led by its u32 type (`_SETS`). From 4.1 on a u32 size in bytes
+# stands before the content of each block and set, and what one holds beyond what is known here is skipped by it.
+
+OLDEST = Version(3, 0)
+"""The first bitstream that is read."""
+SIZED_SINCE = Version(4, 1)
+"""The first bitstream whose blocks carry their sizes; trained assets came with it."""
+_MARKERS_NAMED_SINCE = Version(4, 0)
+_TURNED_SINCE = Version(4, 2)
+"""The first bitstream whose bodies are defined with a rotation."""
+_LAYOUTS = (OLDEST, _MARKERS_NAMED_SINCE, SIZED_SINCE, _TURNED_SINCE)
+"""The first version of each layout of definitions."""
+
+BODY = np.dtype([("id", "<i4"), ("pose", "<f4", 7), ("error", "<f4"), ("flags", "<i2")])
+"""One pose on the wire, 38 bytes: position m and quaternion xyzw, mean marker error m; bit 0 of flags: tracked."""
+
+
+class _Text:
+    """A text that a NUL ends."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Counted:
+    """A u32 count, then as many items."""
+
+    item: "_Item"
+
+
+_Item: TypeAlias = "int | _Text | _Counted | tuple[_Item, ...]"
+"""What is passed over. A number is a size in bytes."""
+_TEXT = _Text()
+
+
+class Owner(Enum):
+    """What a group of poses belongs to."""
+
+    RIGID_BODIES = "rigid"
+    SKELETON = "bone"
+    ASSET = "asset"
+
+
+_POSITION, _LABELLED_MARKER = 12, 26
+_CHANNELS = (4, _Counted(_Counted(4)))
+"""A force plate or device: id, channels of floats."""
+
+_BLOCKS: tuple[tuple["Owner | _Item", Version], ...] = (
+    ((_TEXT, _Counted(_POSITION)), OLDEST),  # marker sets
+    (_POSITION, OLDEST),  # other markers
+    (Owner.RIGID_BODIES, OLDEST),
+    (Owner.SKELETON, OLDEST),
+    (Owner.ASSET, SIZED_SINCE),
+    (_LABELLED_MARKER, OLDEST),
+    (_CHANNELS, OLDEST),  # force plates
+    (_CHANNELS, OLDEST),  # devices
+)
+"""Items of the blocks of a frame, and the version from which on they are there. Poses are kept. Records of one size
+must fit the block's own size; other items are passed over, by the block's size alone where it has one."""
+
+_PLATE = 2 * 4 + 12 + 144 * 4 + 12 * 4 + 2 * 4
+_SETS: Mapping[int, _Item] = {
+    0: (_TEXT, _Counted(_TEXT)),  # marker set: name, markers
+    3: (4, _TEXT, _PLATE, _Counted(_TEXT)),  # force plate: id, serial, geometry, channels
+    4: (4, _TEXT, _TEXT, 8, _Counted(_TEXT)),  # device: id, name, serial, type, channels
+    5: (_TEXT, 12 + 16),  # camera: name, pose
+}
+"""Type of a set of definitions that is passed over -> its content."""
+_RIGID_BODY, _SKELETON, _ASSET = 1, 2, 6
+"""Types of the sets that are kept."""
+
+_NUMBER = struct.Struct("<I")
+_OWNER = struct.Struct("<iI")
+_BODY = struct.Struct("<ii3f")
+_QUATERNION = 16
+_MARKER_OFFSET_AND_LABEL = 16
+_ASSET_MARKERS = _Counted((_TEXT, 4 + 12 + 4 + 2))
+_PLAIN_SUFFIX = struct.Struct("<IIdQQQHI")
+_SIZED_SUFFIX = struct.Struct("<IIdQQQIIHI")
+"""Time code and its fraction, timestamp s, ticks of exposure, arrival and sending, (from 4.1 s and fraction of an outer
+clock), flags, end tag."""
+_TAIL = struct.Struct("<H4x")
+_SHORTEST = 4 + 7 * 4 + _PLAIN_SUFFIX.size
+"""Bytes of an empty frame."""
+
+
+class FrameFlags(IntFlag):
+    """Bits of a frame as Motive sets them. EDIT: its edit mode, where it plays recordings back."""
+
+    RECORDING = 1
+    DEFINITIONS_CHANGED = 2
+    EDIT = 4
+    BITSTREAM_CHANGED = 8
+
+
+@dataclass(frozen=True, slots=True)
+class PoseGroup:
+    """Poses that follow each other. number: id of the skeleton or asset, 0 for rigid bodies."""
+
+    owner: Owner
+    number: int
+    count: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameOfData:
+    """Content of a frame. poses: records of `BODY`, group after group, as they came.
+
+    timestamp: s, as Motive counts them. mid_exposure: ticks of the server's clock (0: unknown). surplus: bytes behind
+    the suffix.
+    """
+
+    number: int
+    groups: tuple[PoseGroup, ...]
+    poses: bytes
+    timestamp: float
+    mid_exposure: int
+    flags: FrameFlags
+    surplus: int
+
+
+class _Malformed(ValueError):
+    """The bytes do not hold what their counts and sizes announce."""
+
+
+class _Cursor:
+    """Reads one payload front to back. Every method raises _Malformed or struct.error where the bytes end too soon."""
+
+    def __init__(self, payload: bytes) -> None:
+        self.payload = payload
+        self.at = 0
+
+    def unpack(self, layout: struct.Struct) -> tuple[Any, ...]:
+        """The values of a layout."""
+        values = layout.unpack_from(self.payload, self.at)
+        self.at += layout.size
+        return values
+
+    def count(self) -> int:
+        """A u32."""
+        return int(self.unpack(_NUMBER)[0])
+
+    def take(self, size: int) -> bytes:
+        """So many bytes."""
+        start = self.at
+        self.at += size
+        if self.at > len(self.payload):
+            raise _Malformed
+        return self.payload[start : self.at]
+
+    def text(self) -> str:
+        """A text, with its NUL."""
+        end = self.payload.find(b"\0", self.at)
+        if end < 0:
+            raise _Malformed
+        return text_until_zero(self.take(end + 1 - self.at))
+
+    def skip(self, item: _Item, times: int = 1) -> None:
+        """Pass over items."""
+        if isinstance(item, int):
+            self.take(item * times)
+            return
+        for _ in range(times):
+            if isinstance(item, _Text):
+                self.text()
+            elif isinstance(item, _Counted):
+                self.skip(item.item, self.count())
+            else:
+                for part in item:
+                    self.skip(part)
+
+
+def read_frame(payload: bytes, version: Version) -> FrameOfData | None:
+    """A frame as `version` lays it out; None where the bytes do not hold one.
+
+    A frame of another layout mostly gives None or a surplus: only one without surplus surely fits.
+    """
+    cursor, sized = _Cursor(payload), version >= SIZED_SINCE
+    groups: list[PoseGroup] = []
+    poses: list[bytes] = []
+    try:
+        number = cursor.count()
+        for content, since in _BLOCKS:
+            if version < since:
+                continue
+            count = cursor.count()
+            end = cursor.count() + cursor.at if sized else 0
+            if isinstance(content, Owner):
+                _read_poses(cursor, content, count, groups, poses)
+            elif isinstance(content, int) or not sized:
+                cursor.skip(content, count)
+            if sized:
+                _end(cursor, end)
+        _, _, timestamp, mid_exposure, *_, flags, _ = cursor.unpack(_SIZED_SUFFIX if sized else _PLAIN_SUFFIX)
+    except (_Malformed, struct.error):
+        return None
+    return FrameOfData(
+        number=number,
+        groups=tuple(groups),
+        poses=b"".join(poses),
+        timestamp=timestamp,
+        mid_exposure=mid_exposure,
+        flags=FrameFlags(flags),
+        surplus=len(payload) - cursor.at,
+    )
+
+
+def _read_poses(cursor: _Cursor, owner: Owner, count: int, groups: list[PoseGroup], poses: list[bytes]) -> None:
+    """A block of poses: of all rigid bodies, or of `count` skeletons or assets, each led by its id and count."""
+    alone = owner is Owner.RIGID_BODIES
+    for _ in range(1 if alone else count):
+        number, bodies = (0, count) if alone else cursor.unpack(_OWNER)
+        records = cursor.take(BODY.itemsize * bodies)
+        if bodies:
+            groups.append(PoseGroup(owner, number, bodies))
+            poses.append(records)
+        if owner is Owner.ASSET:
+            cursor.skip(_Counted(_LABELLED_MARKER))
+
+
+def _end(cursor: _Cursor, end: int, *, exact: bool = False) -> None:
+    """Go to where a size says that a block or set ends."""
+    if cursor.at > end or (exact and cursor.at < end):
+        raise _Malformed
+    cursor.at = end
+
+
+def read_flags(payload: bytes) -> FrameFlags | None:
+    """The flags alone, which stand before the end tag of four bytes; None where the payload is no frame by its size."""
+    if len(payload) < _SHORTEST:
+        return None
+    return FrameFlags(*_TAIL.unpack_from(payload, len(payload) - _TAIL.size))
+
+
+@dataclass(frozen=True, slots=True)
+class BodyDefinition:
+    """A rigid body or a bone. parent: id of its parent in the same skeleton, 0 or -1 where it has none.
+
+    offset (3) m: from the parent, in the parent's frame, in the server's axes.
+    """
+
+    name: str
+    number: int
+    parent: int
+    offset: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class GroupDefinition:
+    """A skeleton or a trained asset, and its bones."""
+
+    name: str
+    number: int
+    bones: tuple[BodyDefinition, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Definitions:
+    """All that is streamed and has a pose."""
+
+    rigid_bodies: tuple[BodyDefinition, ...] = ()
+    skeletons: tuple[GroupDefinition, ...] = ()
+    assets: tuple[GroupDefinition, ...] = ()
+
+
+def read_definitions(payload: bytes, version: Version) -> Definitions | None:
+    """The definitions; None where the bytes hold none.
+
+    version: whose layout is tried first. A pinned or changed bitstream is not always announced before its definitions
+    arrive, so the other layouts are tried after it; the one that uses up every byte is right. If none does, sets of the
+    own layout may hold more than is known here, as their sizes say.
+    """
+    own = max((layout for layout in _LAYOUTS if layout <= version), default=OLDEST)
+    others = [layout for layout in _LAYOUTS if layout != own]
+    for layout, exact in ((own, True), *((other, True) for other in others), (own, False)):
+        try:
+            return _read_sets(_Cursor(payload), layout, exact=exact)
+        except (_Malformed, struct.error):
+            continue
+    return None
+
+
+def _read_sets(cursor: _Cursor, version: Version, *, exact: bool) -> Definitions:
+    """All sets in the layout of a version. exact: whether sizes must be those of what is known here."""
+    sized = version >= SIZED_SINCE
+    found: dict[int, list[Any]] = {_RIGID_BODY: [], _SKELETON: [], _ASSET: []}
+    for _ in range(cursor.count()):
+        kind = cursor.count()
+        end = cursor.count() + cursor.at if sized else 0
+        if kind == _RIGID_BODY:
+            found[kind].append(_read_body(cursor, version))
+        elif kind in found:
+            found[kind].append(_read_group(cursor, version, kind))
+        elif sized:
+            cursor.take(end - cursor.at)
+        elif kind in _SETS:
+            cursor.skip(_SETS[kind])
+        else:
+            raise _Malformed
+        if sized:
+            _end(cursor, end, exact=exact)
+    _end(cursor, len(cursor.payload), exact=True)
+    return Definitions(*(tuple(sets) for sets in found.values()))
+
+
+def _read_body(cursor: _Cursor, version: Version) -> BodyDefinition:
+    name = cursor.text()
+    number, parent, x, y, z = cursor.unpack(_BODY)
+    if version >= _TURNED_SINCE:
+        cursor.take(_QUATERNION)
+    markers = cursor.count()
+    cursor.take(_MARKER_OFFSET_AND_LABEL * markers)
+    if version >= _MARKERS_NAMED_SINCE:
+        cursor.skip(_TEXT, markers)
+    return BodyDefinition(name, number, parent, (x, y, z))
+
+
+def _read_group(cursor: _Cursor, version: Version, kind: int) -> GroupDefinition:
+    """A skeleton (name, id, bones) or an asset (name, type, id, bones, markers)."""
+    name = cursor.text()
+    if kind == _ASSET:
+        cursor.take(4)
+    number, bones = cursor.unpack(_OWNER)
+    found = tuple([_read_body(cursor, version) for _ in range(bones)])
+    if kind == _ASSET:
+        cursor.skip(_ASSET_MARKERS)
+    return GroupDefinition(name, number, found)

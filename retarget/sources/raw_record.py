@@ -130,6 +130,8 @@ class RawReader:
         self.damage = ""
         self._path = path
         try:
+            if path.is_fifo():  # opening it would wait for its writer
+                raise InputError("not a recording of datagrams", where=str(path), found="a pipe")
             with path.open("rb") as file:
                 self._gz = file.read(len(_GZIP)) == _GZIP
             with self._open() as file:

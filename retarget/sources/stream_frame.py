@@ -22,10 +22,10 @@ MAX_POSES = 256
 class StreamFrame:
     """The poses of one datagram, all of one performer. World REP-103 (x forward, y left, z up).
 
-    names: the sender's own names of k poses, each once; the same tuple as long as they do not change. position (k, 3)
-    m and orientation (k, 4) wxyz: NaN where the datagram has none. tracked (k,): whether the sender marks the pose as
-    tracked; True where it has no such mark. stamp: time of capture, s of the sender's clock, and number: of the frame;
-    both as they came (they may jump, wrap or repeat), None where the sender sends none.
+    names: the sender's own names of k poses, each once. position (k, 3) m and orientation (k, 4) wxyz: NaN where the
+    datagram has none. tracked (k,): whether the sender marks the pose as tracked; True where it has no such mark.
+    stamp: time of capture, s of the sender's clock, and number: of the frame; both as they came (they may jump, wrap or
+    repeat), None where the sender sends none.
     """
 
     names: tuple[str, ...]

@@ -1,9 +1,9 @@
 """VMC protocol 3.1 (github.com/sh-akira/VirtualMotionCaptureProtocol), the receiving side: poses over OSC and UDP.
 
 `VmcDecoder` gives the poses as they are sent. Names of a frame: the serial of a device (`human://HEAD`), whether it is
-sent as a headset, controller or tracker; `local://SERIAL` for its raw pose (address with `/Local`);
-`bone://LeftUpperArm` in Unity's spelling; `root://root`. Devices are world poses. Bones are relative to their parent,
-with the T-pose as identity. `VmcBodyDecoder` gives the bones as world poses, by forward kinematics.
+sent as a headset, controller or tracker; `bone://LeftUpperArm` in Unity's spelling; `root://root`. Devices are world
+poses. Bones are relative to their parent, with the T-pose as identity. `VmcBodyDecoder` gives the bones as world poses,
+by forward kinematics.
 """
 
 from collections import Counter
@@ -45,7 +45,7 @@ BONES: tuple[str, ...] = (
 """All bones of Unity's HumanBodyBones, by their canonical spelling."""
 
 _BY_LOWER_CASE = {name.lower(): f"bone://{name}" for name in BONES}
-_RESERVED = ("bone://", "root://", "local://")
+_RESERVED = ("bone://", "root://")
 
 
 def bone_name(name: str) -> str | None:
@@ -58,12 +58,6 @@ def device_name(serial: str) -> str | None:
     if not 0 < len(serial) <= MAX_SERIAL or not serial.isprintable() or serial.lower().startswith(_RESERVED):
         return None
     return serial
-
-
-def raw_device_name(serial: str) -> str | None:
-    """`local://SERIAL`; None as for `device_name`."""
-    name = device_name(serial)
-    return name and f"local://{name}"
 
 
 # Forward kinematics over the bones of Unity's humanoid: from parent-relative poses to world poses.
@@ -152,11 +146,10 @@ _POSES: Mapping[str, Callable[[str], str | None]] = {
     "/VMC/Ext/Root/Pos": lambda _: _ROOT_NAME,
     _BONE: bone_name,
     **{f"/VMC/Ext/{device}/Pos": device_name for device in ("Hmd", "Con", "Tra")},
-    **{f"/VMC/Ext/{device}/Pos/Local": raw_device_name for device in ("Hmd", "Con", "Tra")},
 }
 """Address of a message with a pose -> the name of the pose, by the text that it is sent with."""
 _UNUSED = ("/VMC/Ext/", "/VMC/Thru/")
-"""Addresses of the protocol without a pose (expressions, camera, light, keys): not used, and not counted as dropped."""
+"""Addresses without a world pose (raw poses, expressions, camera, keys): not used, and not counted as dropped."""
 _FLOAT = Struct(">f")
 _INT = Struct(">i")
 
@@ -198,7 +191,6 @@ class VmcDecoder:
         self.loaded: bool | None = None
         self.tracking: bool | None = None
         self._layouts = OscLayouts(_plan)
-        self._names: tuple[str, ...] = ()
 
     def decode(self, datagram: bytes) -> list[StreamFrame]:
         """The frame of one datagram; none if it has no pose."""
@@ -212,11 +204,9 @@ class VmcDecoder:
         stamp = None if plan.stamp is None else self._stamp(datagram, plan.stamp)
         if not plan.names:
             return []
-        if plan.names != self._names:
-            self._names = plan.names
         tracking = self.loaded is not False and self.tracking is not False
         position, orientation, tracked = self._poses(datagram, plan, tracking)
-        return [StreamFrame(self._names, position, orientation, tracked, stamp)]
+        return [StreamFrame(plan.names, position, orientation, tracked, stamp)]
 
     def _poses(self, datagram: bytes, plan: _Plan, tracking: bool) -> tuple[FloatArray, FloatArray, BoolArray]:
         """Position (k, 3), orientation (k, 4) and tracked (k,) by the plan."""
@@ -299,12 +289,16 @@ STATURE_M = 1.70
 """Stature of a person of unknown size, m: calibration measures the limbs."""
 ROUNDS = 8
 """A bone is lost that was not sent while another one was sent so often: 0.13 s of a sender of 60 Hz."""
+_NOT_SENT = {
+    f"bone://{bone}": f"{bone}, a bone that an avatar needs, is not sent" for bone in BODY_BONES if bone not in OPTIONAL
+}
 _FEET = ("bone://LeftFoot", "bone://RightFoot")
 _HIPS = "bone://Hips"
 
 
 class VmcBodyDecoder:
-    """A `StreamDecoder`: the 22 bones of a humanoid, each `bone://NAME`, position of the joint where it begins.
+    """A `StreamDecoder`: the known bones of a humanoid, each `bone://NAME`, position of the joint where it begins.
+    Without a bone that is needed, it and those that hang from it are not known.
 
     A sender may put an avatar into one datagram, or a bone into each: a body is given once each bone that it sends has
     come, or when the next round begins without one. Bone lengths that are not sent are those of a person of
@@ -330,13 +324,16 @@ class VmcBodyDecoder:
         self._poses |= poses
         if not poses or not self._is_whole(poses.keys()) or self._poses.keys() <= {_ROOT_NAME}:
             return None
+        if max(self._sent.values()) >= ROUNDS:
+            self.dropped.reasons.update(reason for bone, reason in _NOT_SENT.items() if bone not in self._poses)
         world = world_poses(self._poses, self._offsets)
         positions, rotations = map(np.array, zip(*world.values(), strict=True))
         if isnan(self._poses.get(_HIPS, _UNKNOWN)[0][0]):
             lowest = min((height for foot in _FEET if isfinite(height := world[foot][0][2])), default=self._ankle)
             positions[:, 2] += self._ankle - lowest
         known: BoolArray = np.isfinite(rotations).all(axis=1) & np.isfinite(positions).all(axis=1)
-        return StreamFrame(_NAMES, positions, rotations, known, frame.stamp, frame.number)
+        names = tuple(name for name, is_known in zip(_NAMES, known.tolist(), strict=True) if is_known)
+        return StreamFrame(names, positions[known], rotations[known], known[known], frame.stamp, frame.number)
 
     def _is_whole(self, sent: Set[str]) -> bool:
         """Whether a body is to be given after the bones that were just sent: all that are sent at all have come in this

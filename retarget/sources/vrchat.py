@@ -57,7 +57,6 @@ class VrchatDecoder:
     def __init__(self) -> None:
         self.dropped = Dropped()
         self._layouts = OscLayouts(_plan)
-        self._names: tuple[str, ...] = ()
 
     def decode(self, datagram: bytes) -> list[StreamFrame]:
         """The frame of one datagram; none if it has no tracker."""
@@ -66,8 +65,6 @@ class VrchatDecoder:
             self.dropped.reasons.update(plan.reasons)
         if not plan.names:
             return []
-        if plan.names != self._names:
-            self._names = plan.names
         tracked = np.ones(len(plan.names), bool)
         position = np.full((len(plan.names), 3), np.nan)
         orientation = np.full((len(plan.names), 4), np.nan)
@@ -84,7 +81,7 @@ class VrchatDecoder:
         position[placed] = _UNITY.positions(metres)
         turns = [_turn(x, y, z) for x, y, z in np.radians(degrees).tolist()]
         orientation[turned] = _UNITY.orientations(np.array(turns).reshape(-1, 4))
-        return [StreamFrame(self._names, position, orientation, tracked)]
+        return [StreamFrame(plan.names, position, orientation, tracked)]
 
 
 def _turn(x: float, y: float, z: float) -> Quat:

@@ -1,6 +1,6 @@
 """Colours of the page, what each stands for, limbs coloured by the heat of their servos, and the legend."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING
@@ -83,9 +83,9 @@ SHADES = 12
 class LimbColours:
     """Colours the links of a robot by the temperature of the servo that turns them: red at that which stops it."""
 
-    def __init__(self, robot: RobotBody, meshes: "Sequence[tuple[int, viser.MeshHandle]]") -> None:
-        by_link, body = dict(meshes), robot.body
-        self._handles = [by_link.get(int(body.joint_body[body.joint_index(j)])) for j in robot.joint_map.joints]
+    def __init__(self, robot: RobotBody, meshes: "Mapping[int, viser.MeshHandle]") -> None:
+        body = robot.body
+        self._handles = [meshes.get(int(body.joint_body[body.joint_index(j)])) for j in robot.joint_map.joints]
         self._shades = np.zeros(len(self._handles), dtype=int)
         self._limit = max(robot.profile.safety.temperature_c, COLD_C + 1.0)
         self.keys = (

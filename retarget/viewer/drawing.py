@@ -78,7 +78,7 @@ class Drawing:
         robot = Figure(scene, "robot", actor, colour=ROBOT)
         goal = Figure(scene, "goal", actor, colour=GOAL, opacity=GOAL_OPACITY, shrunk=GOAL_SIZE)
         if cast.profile is not None and cast.servos_commanded:
-            self._limbs = LimbColours(cast.profile, robot.meshes)
+            self._limbs = LimbColours(cast.profile, robot.handles)
 
         def show_robot(snapshot: Snapshot) -> None:
             robot.place(snapshot.robot)

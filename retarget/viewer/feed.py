@@ -1,16 +1,15 @@
-"""The run's end of a page: rows go out, and nothing comes in but that the operator wants the run to stop.
+"""The run's end of a page: what it does goes out, and nothing comes in but that the operator wants the run to stop.
 
 The page is served by a process of its own. Between them is a pair of sockets whose ends never wait: what the other does
 not take at once is dropped, so that a page that is slow, stopped or dead costs a tick nothing.
 """
 
 import json
-import math
 import socket
 import subprocess
 import sys
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Self
 
@@ -21,33 +20,6 @@ from retarget.model.body_file import Root
 from retarget.run.record import Record
 from retarget.run.run_result import Extras
 from retarget.viewer.snapshot import Row, placed
-
-# A row on its way to the process of the page: words as JSON, with the kind and shape of each array, then their bytes.
-
-_LENGTH = 4
-"""Bytes that hold the length of the words."""
-
-
-def pack(row: Row) -> bytes:
-    """The bytes of a row."""
-    values = vars(row)
-    arrays = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
-    words = {name: value for name, value in values.items() if name not in arrays}
-    head = json.dumps([words, {name: (array.dtype.str, array.shape) for name, array in arrays.items()}]).encode()
-    return b"".join([len(head).to_bytes(_LENGTH, "little"), head, *(array.tobytes() for array in arrays.values())])
-
-
-def unpack(data: bytes) -> Row:
-    """The row of the bytes of `pack`."""
-    at = _LENGTH + int.from_bytes(data[:_LENGTH], "little")
-    words, kinds = json.loads(data[_LENGTH:at])
-    arrays: dict[str, Any] = {}
-    for name, (kind, shape) in kinds.items():
-        count = math.prod(shape)
-        arrays[name] = np.frombuffer(data, dtype=kind, count=count, offset=at).reshape(shape)
-        at += arrays[name].nbytes
-    return Row(**words | {"landmarks": tuple(words["landmarks"])}, **arrays)
-
 
 SHOWN_HZ = 25.0
 STOP = b"stop"
@@ -67,12 +39,10 @@ SAME_CODE = (
 
 @dataclass(frozen=True)
 class PageSetup:
-    """What the process of a page gets at its start. robot: name or file of the profile, None for a human alone; root:
-    how it stands in the world, None as its profile says; scene: file or name. simulated: it has mass, and rows
+    """Who and what is seen, once the performer is known. robot: name or file of the profile, None for a human alone;
+    root: how it stands in the world, None as its profile says; scene: file or name. simulated: it has mass, and rows
     hold where it really is. sensors: of the performer, names."""
 
-    title: str
-    port: int
     robot: str | None
     root: Root | None
     scene: str | None
@@ -81,22 +51,55 @@ class PageSetup:
     sensors: tuple[str, ...] = ()
 
 
-class ViewFeed:
-    """link: to the process of the page, never waiting. rate_hz: of the ticks."""
+def packed(message: PageSetup | Row) -> bytes:
+    """A message to the process of the page, as JSON."""
+    return json.dumps(vars(message), default=np.ndarray.tolist).encode()
 
-    def __init__(
-        self, link: socket.socket, process: "subprocess.Popen[bytes]", *, address: str, rate_hz: float
-    ) -> None:
+
+def unpacked(data: bytes) -> PageSetup | Row | str:
+    """The message of these bytes; a text is a state."""
+    said = json.loads(data)
+    if isinstance(said, str):
+        return said
+    if "human_mjcf" in said:
+        return PageSetup(**said | {"sensors": tuple(said["sensors"])})
+    arrays = {name: np.array(value) for name, value in said.items() if isinstance(value, list)}
+    return Row(**said | arrays | {"landmarks": tuple(said["landmarks"])})
+
+
+class ViewFeed:
+    """link: to the process of the page, which never waits while the run goes on."""
+
+    def __init__(self, link: socket.socket, process: "subprocess.Popen[bytes]", *, address: str) -> None:
         self.address = address
         self.extras = Extras()
         """What is not in the record."""
-        self._link, self._process, self._rate_hz = link, process, rate_hz
-        self._every = max(round(rate_hz / SHOWN_HZ), 1)
-        self._ticks = 0
+        self._link, self._process = link, process
+        self._rate_hz, self._every, self._ticks = SHOWN_HZ, 1, 0
         self.dropped = 0
         """Rows that the page did not take."""
         self._stop = False
         self._last: tuple[Record, int] | None = None
+
+    def announce(self, state: str) -> None:
+        """Show a state of the run in which nothing moves yet."""
+        with suppress(OSError):
+            self._link.send(json.dumps(state).encode())
+
+    def begin(self, setup: PageSetup, *, rate_hz: float) -> None:
+        """Wait until all that is seen is on the page. rate_hz: of the ticks. Raises ConfigError or what it refuses."""
+        self._rate_hz, self._every = rate_hz, max(round(rate_hz / SHOWN_HZ), 1)
+        try:
+            self._link.settimeout(START_S)
+            self._link.send(packed(setup))
+            answer = self._link.recv(LONGEST_MESSAGE)
+            while answer == STOP:
+                self._stop = True
+                answer = self._link.recv(LONGEST_MESSAGE)
+        except OSError as error:
+            answer = REFUSED + f"the page did not open: {error}".encode()
+        _require_ready(answer)
+        self._link.setblocking(False)
 
     def on_row(self, record: Record, row: int) -> None:
         """A tick was kept in a row of the record; some times a second it is shown."""
@@ -111,7 +114,7 @@ class ViewFeed:
 
     def _show(self, record: Record, row: int) -> None:
         """Raises OSError where the page does not take it at once."""
-        self._link.send(pack(_row(record, row, self.extras, time=self._ticks / self._rate_hz)))
+        self._link.send(packed(_row(record, row, self.extras, time=self._ticks / self._rate_hz)))
 
     def stop_asked(self) -> bool:
         """Whether the operator pressed the button of the page, ever."""
@@ -141,35 +144,40 @@ class ViewFeed:
             self._process.wait()
 
 
-def open_feed(setup: PageSetup, *, rate_hz: float) -> ViewFeed:
+def open_feed(port: int, *, title: str) -> ViewFeed:
     """Start the process of a page and wait until it is there. Raises ConfigError or what it refuses."""
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     for end in (ours, theirs):
         end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
     with theirs:
         process = subprocess.Popen(
-            [sys.executable, "-P", "-c", SAME_CODE, json.dumps(sys.path), str(theirs.fileno())],
+            [sys.executable, "-P", "-c", SAME_CODE, json.dumps(sys.path), str(theirs.fileno()), str(port), title],
             pass_fds=(theirs.fileno(),),
-            stdin=subprocess.PIPE,
+            stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
         )
-    assert process.stdin is not None
     try:
-        with process.stdin as stdin:
-            stdin.write(json.dumps(asdict(setup)).encode())
         ours.settimeout(START_S)
         answer = ours.recv(LONGEST_MESSAGE)
     except OSError as error:
         answer = REFUSED + f"the page did not open: {error}".encode()
-    if not answer.startswith(READY):
+    try:
+        address = _require_ready(answer)
+    except ConfigError:
         ours.close()
         process.kill()
         process.wait()
+        raise
+    ours.setblocking(False)
+    return ViewFeed(ours, process, address=address)
+
+
+def _require_ready(answer: bytes) -> str:
+    """What follows READY in an answer. Raises ConfigError for any other."""
+    if not answer.startswith(READY):
         why = answer.removeprefix(REFUSED).decode(errors="replace")
         raise ConfigError(why.removesuffix(".") or "the page did not open")
-    ours.setblocking(False)
-    address = answer.removeprefix(READY).decode()
-    return ViewFeed(ours, process, address=address, rate_hz=rate_hz)
+    return answer.removeprefix(READY).decode()
 
 
 def _row(record: Record, row: int, extras: Extras, *, time: float) -> Row:

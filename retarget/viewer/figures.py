@@ -9,7 +9,7 @@ import numpy as np
 from retarget.model.observers import robot_observers
 from retarget.model.robot import RobotBody
 from retarget.model.scene_shapes import ShapeKind
-from retarget.rotations import conjugate, multiply, rotate
+from retarget.rotations import multiply, rotate
 from retarget.types import FloatArray
 from retarget.viewer.colours import MODES, Colour
 from retarget.viewer.meshes import Mesh, shape_mesh
@@ -58,8 +58,47 @@ class Movable:
             self.handle.wxyz = tuple(turn.tolist())
 
 
+UNTURNED = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+class Shapes:
+    """Shapes in the scene, each hidden until it is known where it is. top: of which all hang; handles: one for each."""
+
+    def __init__(
+        self,
+        scene: "viser.SceneApi",
+        name: str,
+        meshes: Mapping[str, Mesh],
+        *,
+        colour: Colour,
+        opacity: float | None = None,
+        shadow: bool = False,
+    ) -> None:
+        self.top = scene.add_frame(f"/{name}", show_axes=False)
+        self.handles = [
+            scene.add_mesh_simple(
+                f"/{name}/{number}_{own.replace('/', '_')}",
+                vertices.astype(np.float32),
+                faces,
+                color=colour,
+                opacity=opacity,
+                cast_shadow=shadow,
+                visible=False,
+            )
+            for number, (own, (vertices, faces)) in enumerate(meshes.items())
+        ]
+        self._nodes = [Movable(handle) for handle in self.handles]
+
+    def show(self, points: FloatArray | None, turns: FloatArray | None = None) -> None:
+        """Move them to points (k, 3) m, turned by quaternions (k, 4), else not turned; None: not known. Those that are
+        NaN are hidden."""
+        if points is not None and len(points) == len(self._nodes):
+            for index, node in enumerate(self._nodes):
+                node.move(points[index], UNTURNED if turns is None else turns[index])
+
+
 class Figure:
-    """A body, `scale` times as large. top: its frame, of which all else hangs; meshes: handles by link."""
+    """The links of a body, `scale` times as large. handles: of their meshes, by link."""
 
     def __init__(
         self,
@@ -74,75 +113,18 @@ class Figure:
     ) -> None:
         """shrunk: every link by this about its middle, so that it is inside of one that is where it is; then it casts
         no shadow."""
-        self._body = actor.body.solver_body()
-        self._parent = np.asarray(actor.body.parent)
-        self.top = scene.add_frame(f"/{name}", show_axes=False)
-        self.meshes: list[tuple[int, viser.MeshHandle]] = []
-        meshes, paths = {mesh.link: mesh for mesh in actor.meshes}, [f"/{name}"]
-        self._links: list[Movable] = []
-        for link in range(1, len(self._parent)):
-            # The number keeps links apart whose names a path cannot hold.
-            own = actor.body.body_names[link].replace("/", "_")
-            paths.append(f"{paths[self._parent[link]]}/{link}_{own}")
-            mesh = meshes.get(link)
-            if mesh is None:
-                self._links.append(Movable(scene.add_frame(paths[-1], show_axes=False)))
-                continue
-            middle = 0.5 * (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0))
-            vertices = (scale * (middle + shrunk * (mesh.vertices - middle))).astype(np.float32)
-            shown = scene.add_mesh_simple(
-                paths[-1], vertices, mesh.faces, color=colour, opacity=opacity, cast_shadow=shrunk == 1.0
-            )
-            self.meshes.append((link, shown))
-            self._links.append(Movable(shown))
+        self._body, self._links = actor.body.solver_body(), list(actor.meshes)
+        meshes: dict[str, Mesh] = {}
+        for link, (vertices, faces) in actor.meshes.items():
+            middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
+            meshes[actor.body.body_names[link]] = (scale * (middle + shrunk * (vertices - middle)), faces)
+        self._shapes = Shapes(scene, name, meshes, colour=colour, opacity=opacity, shadow=shrunk == 1.0)
+        self.top, self.handles = self._shapes.top, dict(zip(self._links, self._shapes.handles, strict=True))
 
     def place(self, q: FloatArray, at: Place = HERE) -> None:
         """Pose it in posture q (nq,), in the scene."""
         positions, turns = self._body.forward(np.ascontiguousarray(q))
-        positions, turns = at.of(positions), multiply(at.turn, turns)
-        positions[0], turns[0] = 0.0, (1.0, 0.0, 0.0, 0.0)  # the scene, in which the first link is
-        before = conjugate(turns[self._parent])
-        offsets, own = rotate(before, positions - positions[self._parent]), multiply(before, turns)
-        for link, node in enumerate(self._links, start=1):
-            node.move(offsets[link], own[link])
-
-
-UNTURNED = np.array([1.0, 0.0, 0.0, 0.0])
-
-
-class Shapes:
-    """Shapes in the scene, each hidden until it is known where it is. top: of which all hang; nodes: one for each."""
-
-    def __init__(
-        self,
-        scene: "viser.SceneApi",
-        name: str,
-        meshes: Mapping[str, Mesh],
-        *,
-        colour: Colour,
-        opacity: float | None = None,
-    ) -> None:
-        self.top = scene.add_frame(f"/{name}", show_axes=False)
-        self.handles = [
-            scene.add_mesh_simple(
-                f"/{name}/{number}_{own.replace('/', '_')}",
-                vertices.astype(np.float32),
-                faces,
-                color=colour,
-                opacity=opacity,
-                cast_shadow=False,
-                visible=False,
-            )
-            for number, (own, (vertices, faces)) in enumerate(meshes.items())
-        ]
-        self._nodes = [Movable(handle) for handle in self.handles]
-
-    def show(self, points: FloatArray | None, turns: FloatArray | None = None) -> None:
-        """Move them to points (k, 3) m, turned by quaternions (k, 4), else not turned; None: not known. Those that are
-        NaN are hidden."""
-        if points is not None and len(points) == len(self._nodes):
-            for index, node in enumerate(self._nodes):
-                node.move(points[index], UNTURNED if turns is None else turns[index])
+        self._shapes.show(at.of(positions[self._links]), multiply(at.turn, turns[self._links]))
 
 
 def balls(names: Sequence[str], radius: float) -> dict[str, Mesh]:

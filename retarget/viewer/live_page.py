@@ -2,31 +2,30 @@
 seconds of one joint.
 """
 
-import json
 import os
 import select
 import signal
 import socket
-import sys
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hardware.clock import MonotonicClock
 from hardware.errors import RetargetError
+from retarget.model.body_file import compile_body, compile_body_text
 from retarget.model.robot import load_robot
 from retarget.model.scene_shapes import scene_shapes
 from retarget.schema.scene import load_scene
 from retarget.viewer.drawing import Drawing
-from retarget.viewer.feed import LONGEST_MESSAGE, READY, REFUSED, STOP, PageSetup, unpack
+from retarget.viewer.feed import BUFFER_BYTES, LONGEST_MESSAGE, READY, REFUSED, STOP, PageSetup, unpacked
 from retarget.viewer.joint_plot import JointPlot
-from retarget.viewer.page import WAITING, add_parts, headline
+from retarget.viewer.page import add_parts, headline, waiting
 from retarget.viewer.server import open_server
-from retarget.viewer.snapshot import Cast, Row, Snapshot, cast_of, obstacles, snapshot_at
+from retarget.viewer.snapshot import Cast, Row, Snapshot, actor, obstacles, snapshot_at
 
 if TYPE_CHECKING:
     import viser
@@ -40,16 +39,29 @@ MOST_KEPT = 2000
 STOP_WORDS, STOPPING_WORDS = "STOP THE ROBOT", "STOP IS ASKED FOR"
 
 
-class LivePage:
-    """Shows one row after the other. stop: called when the operator presses the button."""
+class Opening:
+    """What the page has from the start: what the run does in large letters, and a button. stop: called when the
+    operator presses it."""
 
-    def __init__(self, server: "viser.ViserServer", cast: Cast, stop: Callable[[], object]) -> None:
-        self._server, self._cast, self._stop = server, cast, stop
-        self._state = server.gui.add_html(WAITING)
-        self._button = server.gui.add_button(
+    def __init__(self, server: "viser.ViserServer", stop: Callable[[], object]) -> None:
+        self._stop = stop
+        self.state = server.gui.add_html(waiting("waiting"))
+        self.button = server.gui.add_button(
             STOP_WORDS, color="red", hint="It can only stop: brake, come to rest, torque off"
         )
-        self._button.on_click(self._pressed)
+        self.button.on_click(self.pressed)
+
+    async def pressed(self, _: object) -> None:  # in the thread that serves the browser: nothing comes between
+        """The operator wants the run to stop."""
+        self._stop()
+        self.button.label = STOPPING_WORDS
+
+
+class LivePage:
+    """Shows one row after the other."""
+
+    def __init__(self, server: "viser.ViserServer", cast: Cast, opening: Opening) -> None:
+        self._server, self._cast, self._button, self._state = server, cast, opening.button, opening.state
         self._drawing = Drawing(server, cast)
         add_parts(server, self._drawing)
         self._kept: deque[Row] = deque(maxlen=MOST_KEPT)
@@ -86,12 +98,8 @@ class LivePage:
         if self._plot is not None and self._shown % PLOTTED_EVERY == 0:
             self._plot.draw()
 
-    async def _pressed(self, _: object) -> None:  # in the thread that serves the browser: nothing comes between
-        self._stop()
-        self._button.label = STOPPING_WORDS
 
-
-# The process that serves the page of a run: `main([FD])`, its setup on stdin.
+# The process that serves the page of a run: `main([FD, PORT, TITLE])`.
 #
 # FD is its end of the pair of sockets that `feed` has the other end of; when that one is closed, it ends.
 
@@ -115,14 +123,17 @@ def main(arguments: list[str]) -> int:
             link.send(STOP)
 
     try:
-        setup = PageSetup(**json.load(sys.stdin))
-        cast = _cast(setup)
-        server, address = open_server(setup.port, title=setup.title)
+        server, address = open_server(int(arguments[1]), title=arguments[2])
+        opening = Opening(server, stop)
+        link.send(READY + address.encode())
+        setup = _setup(link, opening)
+        if setup is None:  # there was no performer
+            return 0
+        page = LivePage(server, _cast(setup), opening)  # whole before the run begins: this work would slow the run
     except RetargetError as error:
         link.send(REFUSED + str(error).encode()[: LONGEST_MESSAGE - len(REFUSED)])
         return 2
-    page = LivePage(server, cast, stop)  # whole before the run begins: this work would slow the run
-    link.send(READY + address.encode())
+    link.send(READY)
     first = link.recv(LONGEST_ROW)
     if first:
         _serve(link, page, first)
@@ -133,6 +144,16 @@ def main(arguments: list[str]) -> int:
     return 0
 
 
+def _setup(link: socket.socket, opening: Opening) -> PageSetup | None:
+    """Show the states of the run until there is something to be seen; None: it has ended before."""
+    while message := link.recv(BUFFER_BYTES):
+        said = unpacked(message)
+        if isinstance(said, PageSetup):
+            return said
+        opening.state.content = waiting(str(said))
+    return None
+
+
 def _serve(link: socket.socket, page: LivePage, newest: bytes) -> None:
     """Show the newest row, again and again, until the run has ended. newest: what came first."""
     while newest:
@@ -140,12 +161,24 @@ def _serve(link: socket.socket, page: LivePage, newest: bytes) -> None:
         while later and select.select([link], [], [], 0.0)[0]:  # what is older is not shown any more
             later = link.recv(LONGEST_ROW)
             newest = later or newest
-        page.show(unpack(newest))
+        row = unpacked(newest)
+        assert isinstance(row, Row), "a run that has begun sends rows alone"
+        page.show(row)
         newest = link.recv(LONGEST_ROW) if later else b""
 
 
 def _cast(setup: PageSetup) -> Cast:
     robot = None if setup.robot is None else load_robot(setup.robot, root=setup.root)
+    human = actor(compile_body_text(setup.human_mjcf, source="human of the run", root="free"))
     shapes = obstacles(scene_shapes(load_scene(setup.scene))) if setup.scene else {}
-    more: dict[str, Any] = {"obstacles": shapes, "simulated": setup.simulated, "sensors": tuple(setup.sensors)}
-    return cast_of(setup.title, setup.human_mjcf, robot, root=setup.root, **more)
+    cast = Cast(None, human, (), (), obstacles=shapes, simulated=setup.simulated, sensors=setup.sensors)
+    if robot is None:
+        return cast
+    return replace(
+        cast,
+        robot=actor(compile_body(robot.profile.body_path, root=setup.root or robot.profile.root)),
+        joints=robot.joint_map.joints,
+        landmarks=tuple(robot.profile.landmarks),
+        profile=robot,
+        columns=robot.servo_columns,
+    )

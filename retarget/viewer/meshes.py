@@ -1,7 +1,6 @@
 """The shapes of a body file as one triangle mesh per link, in the link's frame."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -26,32 +25,24 @@ PRIMITIVES = {
 """Kinds of geoms in MuJoCo that are shapes of a scene, too."""
 
 
-@dataclass(frozen=True, eq=False)
-class LinkMesh:
-    """link: index of the body, 0 the world. vertices (v, 3) m in its frame; faces (f, 3)."""
-
-    link: int
-    vertices: FloatArray
-    faces: NDArray[np.uint32]
+Mesh = tuple[FloatArray, NDArray[np.uint32]]
+"""Vertices (v, 3) m and faces (f, 3)."""
 
 
-def link_meshes(model: Any) -> tuple[LinkMesh, ...]:
-    """Of a compiled `mujoco.MjModel`. Planes and height fields are left out, and links that have nothing else.
+def link_meshes(model: Any) -> dict[int, Mesh]:
+    """Of a compiled `mujoco.MjModel`, by the numbers of its bodies, in their frames. Planes and height fields are left
+    out, and links that have nothing else.
 
     Where a link has shapes for looking at (which collide with nothing) and others, the others are left out.
     """
-    found = []
+    found = {}
     for link in range(1, model.nbody):
         geoms = [g for g in range(model.ngeom) if model.geom_bodyid[g] == link]
         meshes = {g: mesh for g in geoms if (mesh := _geom_mesh(model, g)) is not None}
         shown = [g for g in meshes if not model.geom_contype[g] and not model.geom_conaffinity[g]]
         if meshes:
-            found.append(_joined(link, [meshes[g] for g in shown or meshes]))
-    return tuple(found)
-
-
-Mesh = tuple[FloatArray, NDArray[np.uint32]]
-"""Vertices (v, 3) m and faces (f, 3)."""
+            found[link] = _joined([meshes[g] for g in shown or meshes])
+    return found
 
 
 def shape_mesh(kind: int, size: Sequence[float]) -> Mesh:
@@ -67,10 +58,10 @@ def shape_mesh(kind: int, size: Sequence[float]) -> Mesh:
     return _creased(creation.box(extents=2.0 * np.array(half)))
 
 
-def _joined(link: int, parts: list[Mesh]) -> LinkMesh:
+def _joined(parts: list[Mesh]) -> Mesh:
     first = np.cumsum([0, *(len(vertices) for vertices, _ in parts[:-1])])
     faces = [triangles + np.uint32(start) for (_, triangles), start in zip(parts, first, strict=True)]
-    return LinkMesh(link, np.concatenate([vertices for vertices, _ in parts]), np.concatenate(faces))
+    return np.concatenate([vertices for vertices, _ in parts]), np.concatenate(faces)
 
 
 def _geom_mesh(model: Any, geom: int) -> Mesh | None:

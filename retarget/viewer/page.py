@@ -23,7 +23,12 @@ COLOURS = {"following": "#1b7f4b", "stopping": "#b3261e", "stopped": "#b3261e", 
 OTHERWISE = "#b26a00"
 LARGE = "font-size:2em;font-weight:700;line-height:1.1;overflow-wrap:anywhere"
 BOX = "padding:0.3em 0.8em"
-WAITING = f'<div style="{BOX}"><div style="{LARGE};color:{OTHERWISE}">WAITING</div>nothing has moved yet</div>'
+
+
+def waiting(state: str) -> str:
+    """A state of a run in which nothing moves yet."""
+    word = escape(state.upper())
+    return f'<div style="{BOX}"><div style="{LARGE};color:{OTHERWISE}">{word}</div>nothing has moved yet</div>'
 
 
 def headline(snapshot: Snapshot, note: str = "") -> str:
@@ -61,7 +66,7 @@ def add_parts(server: "viser.ViserServer", drawing: Drawing) -> None:
     explain()
 
 
-# Which row of a recording is shown now: playing, standing, stepping, at any speed, over and over or once.
+# Which row of a recording is shown now: playing over and over at any speed, standing, stepping.
 
 
 class Timeline:
@@ -72,7 +77,7 @@ class Timeline:
         self._times = times
         self._here = float(times[0])
         self._last: float | None = None  # s of the clock, while it plays
-        self.speed, self.loops = 1.0, True
+        self.speed = 1.0
 
     @property
     def playing(self) -> bool:
@@ -85,9 +90,7 @@ class Timeline:
         return max(int(np.searchsorted(self._times, self._here, side="right")) - 1, 0)
 
     def play(self, now: float) -> None:
-        """Go on, at `now` s; from the beginning where it ended."""
-        if self._here >= self._times[-1]:
-            self._here = float(self._times[0])
+        """Go on, at `now` s."""
         self._last = now
 
     def pause(self) -> None:
@@ -111,11 +114,7 @@ class Timeline:
         self._last = now
         first, last = float(self._times[0]), float(self._times[-1])
         if self._here > last:
-            if self.loops and last > first:
-                self._here = first + (self._here - first) % (last - first)
-            else:
-                self._here = last
-                self.pause()
+            self._here = first + (self._here - first) % (last - first) if last > first else first
         return self.row
 
 
@@ -138,8 +137,6 @@ class RecordedPage:
         buttons.on_click(lambda event: self._pressed(str(event.target.value)))
         speed = gui.add_dropdown("speed", SPEEDS, initial_value="1")
         speed.on_update(lambda _: setattr(self._timeline, "speed", float(speed.value)))
-        loops = gui.add_checkbox("over and over", True)
-        loops.on_update(lambda _: setattr(self._timeline, "loops", loops.value))
         self._drawing = Drawing(server, viewed.cast)
         add_parts(server, self._drawing)
         if viewed.cast.joints:

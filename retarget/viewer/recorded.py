@@ -121,7 +121,6 @@ def open_recorded(path: Path, *, body: Path | None = None) -> ShownRun:
     if run.sensors is not None:
         tracks["sensors"] = run.sensors.position[run.shown]
     cast = Cast(
-        path.name,
         None,
         actor(_compiled(human)),
         (),

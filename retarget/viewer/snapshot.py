@@ -1,12 +1,12 @@
 """What a page shows: the cast of a run, which stays the same, and snapshots of it, one per tick."""
 
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from retarget.model.body import BodyModel, body_from_file
-from retarget.model.body_file import BodyFile, Root, compile_body, compile_body_text
+from retarget.model.body_file import BodyFile
 from retarget.model.robot import RobotBody
 from retarget.model.scene_shapes import SceneShapes
 from retarget.model.scene_state import ObstaclePoses
@@ -14,7 +14,7 @@ from retarget.run.record import Phase
 from retarget.run.run_result import in_truth
 from retarget.schema.scene import FLOOR
 from retarget.types import FloatArray, IntArray, ModeArray, RunState
-from retarget.viewer.meshes import LinkMesh, Mesh, link_meshes, shape_mesh
+from retarget.viewer.meshes import Mesh, link_meshes, shape_mesh
 
 PHASE_WORDS = {Phase.APPROACH: "approaching", Phase.FOLLOW: "following", Phase.BRAKE: "stopping"}
 """What a robot does in a tick of that phase."""
@@ -35,10 +35,11 @@ LEAST_M = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Actor:
-    """A body that moves. meshes: of its links. height: from its lowest to its highest link as the file has it, m."""
+    """A body that moves. meshes: of its links, by their numbers. height: from its lowest to its highest link as the
+    file has it, m."""
 
     body: BodyModel
-    meshes: tuple[LinkMesh, ...]
+    meshes: dict[int, Mesh]
     height: float
 
 
@@ -52,7 +53,6 @@ class Cast:
     the servos. columns (n,): where a posture of the robot holds `joints`.
     """
 
-    title: str
     robot: Actor | None
     human: Actor
     joints: tuple[str, ...]
@@ -144,18 +144,6 @@ def _reached(row: Row, cast: Cast) -> FloatArray:
         return row.reached
     reached: FloatArray = cast.profile.points(row.goal[None], cast.profile.landmark_frames(row.landmarks))[0]
     return reached
-
-
-def cast_of(
-    title: str, human_mjcf: str, robot: RobotBody | None, *, root: Root | None, sensors: tuple[str, ...], **more: Any
-) -> Cast:
-    """Of a run of a robot whose profile is known, or of a human alone. root: how the robot stands. more: as `Cast`."""
-    human = actor(compile_body_text(human_mjcf, source="human of the run", root="free"))
-    if robot is None:
-        return Cast(title, None, human, (), (), sensors=sensors, **more)
-    shown = actor(compile_body(robot.profile.body_path, root=root or robot.profile.root))
-    more = {"landmarks": tuple(robot.profile.landmarks), "columns": robot.servo_columns} | more
-    return Cast(title, shown, human, robot.joint_map.joints, profile=robot, sensors=sensors, **more)
 
 
 def actor(file: BodyFile) -> Actor:

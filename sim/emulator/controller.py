@@ -8,7 +8,7 @@ from math import inf
 
 from hardware.dynamixel.control_table import ControlTable, Register
 from sim.emulator.device import Device
-from sim.emulator.power import BROWN_OUT, Supply
+from sim.emulator.power import BROWN_OUT
 
 ID = 200
 NUMBER = 0x7400
@@ -59,14 +59,12 @@ class EmulatedController(Device):
         id: int = ID,
         now: float = 0.0,
         on: bool = False,
-        supply: Supply | None = None,
     ) -> None:
         super().__init__(TABLE, -inf)
         self.defaults(0, TABLE.size)
         self.id, self.baud = id, baud
         self._powered = tuple(powered)
-        self._supply = supply or Supply()
-        self._volts: float | None = None
+        self._volts = VOLTAGE
         self._switch(on, now)
 
     def tune(self) -> None:
@@ -83,13 +81,12 @@ class EmulatedController(Device):
 
     def show(self, address: int, length: int, now: float) -> None:
         """Refresh the voltage."""
-        volts = VOLTAGE - self._supply.sag if self._volts is None else self._volts
-        self.memory.put("present_voltage", round(10.0 * volts))
+        self.memory.put("present_voltage", round(10.0 * self._volts))
 
     def supply(self, volts: float | None, now: float) -> None:
         """Set the supply voltage in V; below BROWN_OUT of the nominal it is silent, and so are the servos."""
-        self._volts = volts
-        if volts is not None and volts < BROWN_OUT * VOLTAGE:
+        self._volts = VOLTAGE if volts is None else volts
+        if self._volts < BROWN_OUT * VOLTAGE:
             self.power_cut(now)
         elif self.booting(now):
             self.power_back(now)

@@ -2,6 +2,7 @@
 
 import random
 from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 from enum import Enum
 from functools import lru_cache
 from struct import iter_unpack
@@ -23,6 +24,7 @@ from hardware.dynamixel.codec import (
 )
 from sim.emulator.device import Answer, Device
 from sim.emulator.servo2_registers import FedBy
+from sim.emulator.servo_body import BOOT_TIME
 
 # The part of each device in a group instruction, read from its parameters. A truncated part addresses no device.
 
@@ -150,6 +152,25 @@ class Gaps(Enum):
     """Those behind it answer as if it were not in the frame."""
 
 
+# How emulated servos behave where the e-Manual is silent, so that a host can be tried against every possibility.
+
+
+@dataclass(frozen=True, slots=True)
+class Conduct:
+    """Behaviour of all servos on the lines of a robot.
+
+    gaps: what a missing servo does to those behind it in a group read. fed_by: which packets feed a bus watchdog (2.0).
+    answers_damage: whether a servo answers a damaged instruction to its id with an error (2.0: error 3, 1.0: 0x10).
+    boot_time: s of a start. torque_by_goal: whether a goal position or moving speed switches torque on (1.0).
+    """
+
+    gaps: Gaps = Gaps.SILENCE
+    fed_by: FedBy = FedBy.ANY
+    answers_damage: bool = False
+    boot_time: float = BOOT_TIME
+    torque_by_goal: bool = True
+
+
 class Reply(NamedTuple):
     """Bytes of one device. return_delay: its own, s, before they begin; None: they follow the previous ones at once."""
 
@@ -163,13 +184,11 @@ Turn = tuple[Sequence[Device], ReadItem]
 
 
 class Conversation:
-    """Replies of devices to the valid frames of a line. `noise`: generator of the bytes of a collision."""
+    """Replies of devices to the valid frames of a line. conduct: None: the usual; noise: generator of the bytes of a
+    collision."""
 
-    def __init__(
-        self, *, gaps: Gaps = Gaps.SILENCE, fed_by: FedBy = FedBy.ANY, noise: random.Random | None = None
-    ) -> None:
-        self._gaps = gaps
-        self._fed_by = fed_by
+    def __init__(self, *, conduct: Conduct | None = None, noise: random.Random | None = None) -> None:
+        self._conduct = conduct or Conduct()
         self._noise = noise or random.Random(0)
 
     def answers(
@@ -179,7 +198,7 @@ class Conversation:
 
         The watchdogs that the frame feeds are fed. silent: ids that do not answer group reads.
         """
-        to_all = frame.id == BROADCAST or self._fed_by is FedBy.ANY
+        to_all = frame.id == BROADCAST or self._conduct.fed_by is FedBy.ANY
         for device in listeners if to_all else _of_id(frame.id, listeners):
             device.receive(now)
         if not listeners or (frame.code == STATUS and listeners[0].protocol == 2):
@@ -226,7 +245,7 @@ class Conversation:
 
     def _together(self, device: int, replies: Sequence[tuple[Device, Answer]]) -> list[Reply]:
         """Return what the host receives from the devices of one id: nothing, a status, or the mix of several."""
-        frames = [_status(who.protocol, device, answer) for who, answer in replies]
+        frames = [CODECS[who.protocol].status(device, answer.error, answer.data) for who, answer in replies]
         if not frames:
             return []
         delay = min(who.return_delay for who, _ in replies)
@@ -234,8 +253,7 @@ class Conversation:
 
     def _mixed(self, frames: Sequence[bytes]) -> bytes:
         """Return the bytes of frames sent at the same time: none keeps its own."""
-        longest = max(map(len, frames))
-        return self._noise.randbytes(longest)
+        return self._noise.randbytes(max(map(len, frames)))
 
     def _in_turn(self, turns: Sequence[Turn], now: float) -> list[Reply]:
         """Answer a sync or bulk read: one status each, in the order of the frame."""
@@ -275,7 +293,7 @@ class Conversation:
             devices = answering.pop(item.id, None)
             if devices is not None:
                 turns.append((devices, item))
-            elif self._gaps is Gaps.SILENCE:
+            elif self._conduct.gaps is Gaps.SILENCE:
                 break
         return turns
 
@@ -306,7 +324,3 @@ def _write(items: Sequence[WriteItem], listeners: Sequence[Device], now: float) 
         if second is not None and second != device.id:
             for _, address, data in parts.get(second, ()):
                 device.write(address, data, now, secondary=True)
-
-
-def _status(protocol: int, device: int, answer: Answer) -> bytes:
-    return CODECS[protocol].status(device, answer.error, answer.data)

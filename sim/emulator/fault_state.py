@@ -4,7 +4,6 @@ import math
 import random
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -165,19 +164,11 @@ Buses = Mapping[str, Collection[int]]
 """The ids on each bus, by the bus's name."""
 
 
-class FaultFile(Schema):
-    """Faults, and the seed of all chance in them."""
+class FaultPlan(Schema):
+    """Faults of a whole robot, and the seed of all chance in them: a fault file."""
 
     seed: Annotated[Integer, Field(ge=0)] = 0
     faults: Annotated[tuple[Fault, ...], Field(max_length=MAX_FAULTS)]
-
-
-@dataclass(frozen=True, slots=True)
-class FaultPlan:
-    """Faults of a whole robot, and the seed of all chance in them."""
-
-    faults: tuple[Fault, ...] = ()
-    seed: int = 0
 
     def of_bus(self, name: str) -> tuple[Fault, ...]:
         """Those of one bus."""
@@ -186,8 +177,8 @@ class FaultPlan:
 
 def load_fault_plan(path: Path, buses: Buses) -> FaultPlan:
     """Read a fault file for a robot with these buses. Raises ConfigError with all its problems."""
-    model, _ = read_model(FaultFile, path, check=lambda _, document: _problems(document, buses))
-    return FaultPlan(model.faults, model.seed)
+    plan, _ = read_model(FaultPlan, path, check=lambda _, document: _problems(document, buses))
+    return plan
 
 
 def _problems(document: Document, buses: Buses) -> list[Problem]:
@@ -269,7 +260,7 @@ def _begin(words: Sequence[str], states: dict[str, FaultState], buses: Buses, no
     data |= {"ids": [_scalar(word) for word in ids]} if ids else {}
     data |= {key: _scalar(text) for key, _, text in (word.partition("=") for word in keys)}
     entry = Document(Path("faults"), {"faults": [data]}, {})
-    (fault,) = validated(FaultFile, entry, check=lambda _, document: _problems(document, buses)).faults
+    (fault,) = validated(FaultPlan, entry, check=lambda _, document: _problems(document, buses)).faults
     meant = [name for name in states if fault.bus in (None, name) and set(fault.ids or buses[name]) & set(buses[name])]
     if not all(states[name].add(fault, now) for name in meant):
         return "too many faults; type clear first"

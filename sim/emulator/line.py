@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from hardware.dynamixel.codec import BROADCAST, CODECS, Frame, Parser, protocol2
-from sim.emulator.conversation import GROUP_READS2, Conversation, Gaps, Reply, damaged_address
+from sim.emulator.conversation import GROUP_READS2, Conduct, Conversation, Reply, damaged_address
 from sim.emulator.device import Device
 from sim.emulator.fault_state import FaultState
-from sim.emulator.servo2_registers import FedBy
 
 # Time on the wire: how long bytes take, when a servo begins to answer, when the host receives it.
 
@@ -72,9 +71,8 @@ class Line:
     """Devices on one pair of wires, and the adapter between them and the host.
 
     `receive` takes what the host sends; `take` returns what has arrived by a time, `next_due` is when more will. Frames
-    are carried out when they are received, with the time at which their last byte is on the wire. answers_damage:
-    whether a device answers a damaged frame for it with an error; the error number is documented, but not whether all
-    hardware sends it.
+    are carried out when they are received, with the time at which their last byte is on the wire. conduct: of the
+    devices, None: the usual.
     """
 
     def __init__(
@@ -83,9 +81,7 @@ class Line:
         *,
         baud: int = 57600,
         timing: Timing | None = None,
-        gaps: Gaps = Gaps.SILENCE,
-        fed_by: FedBy = FedBy.ANY,
-        answers_damage: bool = False,
+        conduct: Conduct | None = None,
         faults: FaultState | None = None,
         seed: int = 0,
     ) -> None:
@@ -97,8 +93,8 @@ class Line:
         self.lost = 0
         """Bytes that were dropped because the host did not read."""
         self._noise = random.Random(seed)
-        self._conversation = Conversation(gaps=gaps, fed_by=fed_by, noise=self._noise)
-        self._answers_damage = answers_damage
+        self._conversation = Conversation(conduct=conduct, noise=self._noise)
+        self._answers_damage = conduct is not None and conduct.answers_damage
         self._parsers: dict[int, Parser] = {
             protocol: CODECS[protocol].parser() for protocol in {device.protocol for device in devices}
         }

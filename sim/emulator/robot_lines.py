@@ -2,7 +2,6 @@
 
 import random
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 from hardware.arrays import TickArray
 from hardware.bus import BusSpec
@@ -11,35 +10,15 @@ from hardware.dynamixel.settings import MODES
 from hardware.errors import HardwareError, describe
 from hardware.servo import ServoSpec
 from sim.emulator.controller import EmulatedController
-from sim.emulator.conversation import Gaps
+from sim.emulator.conversation import Conduct
 from sim.emulator.device import Device
 from sim.emulator.fault_state import FaultPlan, FaultState
 from sim.emulator.line import Line, Timing
 from sim.emulator.power import Supply
 from sim.emulator.servo1 import EmulatedServo1
 from sim.emulator.servo2 import EmulatedServo
-from sim.emulator.servo2_registers import FedBy
-from sim.emulator.servo_body import BOOT_TIME, ServoBuild
+from sim.emulator.servo_body import ServoBuild
 from sim.servo_model import AMBIENT
-
-# How emulated servos behave where the e-Manual is silent, so that a host can be tried against every possibility.
-
-
-@dataclass(frozen=True, slots=True)
-class Conduct:
-    """Behaviour of all servos on the lines of a robot.
-
-    gaps: what a missing servo does to those behind it in a group read. fed_by: which packets feed a bus watchdog (2.0).
-    answers_damage: whether a servo answers a damaged instruction to its id with an error (2.0: error 3, 1.0: 0x10).
-    boot_time: s of a start. torque_by_goal: whether a goal position or moving speed switches torque on (1.0).
-    """
-
-    gaps: Gaps = Gaps.SILENCE
-    fed_by: FedBy = FedBy.ANY
-    answers_damage: bool = False
-    boot_time: float = BOOT_TIME
-    torque_by_goal: bool = True
-
 
 # The emulated servos of a robot's profile.
 
@@ -71,21 +50,20 @@ def devices_of(
         position = float(spec.zero_tick if start is None else start[index])
         warmth = AMBIENT + WARMER * chance.random()
         build = ServoBuild(position, now=now, supply=shared, boot_time=behaviour.boot_time, warmth=warmth)
-        device: EmulatedServo | EmulatedServo1
-        if table.protocol == 2:
-            device = EmulatedServo(table, spec.model, build)
-        else:
-            device = EmulatedServo1(table, spec.model, build, torque_by_goal=behaviour.torque_by_goal)
+        device: EmulatedServo | EmulatedServo1 = (
+            EmulatedServo(table, spec.model, build)
+            if table.protocol == 2
+            else EmulatedServo1(table, spec.model, build, torque_by_goal=behaviour.torque_by_goal)
+        )
         device.memory.put("id", spec.id)
-        if bauds is not None and spec.bus in bauds:
-            baud, where = bauds[spec.bus], f"{spec.joint} ({table.model})"
+        if (baud := (bauds or {}).get(spec.bus)) is not None:
             code = code_of(table, baud)
             if code is None:
-                what = "the servo does not have this baud rate"
+                what, where = "the servo does not have this baud rate", f"{spec.joint} ({table.model})"
                 raise HardwareError(describe(what=what, where=where, found=baud))
             device.memory.put("baud_rate", code)
-        if return_delays is not None and spec.bus in return_delays:
-            device.memory.put("return_delay_time", return_delays[spec.bus])
+        if (delay := (return_delays or {}).get(spec.bus)) is not None:
+            device.memory.put("return_delay_time", delay)
         if table.protocol == 2:
             device.memory.put("operating_mode", MODES[spec.mode])
             device.memory.put("homing_offset", spec.homing_offset)
@@ -112,7 +90,6 @@ def robot_lines(
     whether the one with the power switch has it on at first. conduct: None: the usual. Raises HardwareError for what
     a model cannot be.
     """
-    behaviour = conduct or Conduct()
     devices = devices_of(
         servos,
         protocols={bus.name: bus.protocol for bus in buses},
@@ -121,7 +98,7 @@ def robot_lines(
         start=start,
         seed=seed,
         now=now,
-        conduct=behaviour,
+        conduct=conduct,
     )
     lines = {}
     for bus in buses:
@@ -141,9 +118,7 @@ def robot_lines(
             on_bus,
             baud=bus.baud,
             timing=timing,
-            gaps=behaviour.gaps,
-            fed_by=behaviour.fed_by,
-            answers_damage=behaviour.answers_damage,
+            conduct=conduct,
             faults=state,
             seed=seed,
         )

@@ -239,7 +239,5 @@ class EmulatedServo1(ServoBody):
         self.memory.put("torque_limit", self.memory.value("max_torque"))
         if self._starting and mode_of(self.memory) is not Mode1.JOINT:
             self.shaft.position %= self.servo_model.ticks
-        self.shaft.path = None
-        self.shaft.speed = 0.0
         self._goal_to_present()
         self.tune()

@@ -341,7 +341,5 @@ class EmulatedServo(ServoBody):
         open_limits(self.memory)
         self._encoder.follow_settings()
         self._encoder.fold()
-        self.shaft.path = None
-        self.shaft.speed = 0.0
         goal_to_present(self.memory, self.shaft.position)
         self.tune()

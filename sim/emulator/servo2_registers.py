@@ -165,14 +165,18 @@ def bound_goals(memory: Memory) -> None:
     """Pull goal registers inside limits that have moved."""
     for name in GOALS:
         if memory.table.has(name):
-            low, high = goal_bounds(memory, name)
-            memory.put(name, max(min(memory.value(name), high), low))
+            _put_within(memory, name, memory.value(name))
 
 
 def goal_to_present(memory: Memory, position: float) -> None:
     """Set the goal position register to the present position (tick), within its limits."""
-    low, high = goal_bounds(memory, "goal_position")
-    memory.put("goal_position", max(min(round(position), high), low))
+    _put_within(memory, "goal_position", round(position))
+
+
+def _put_within(memory: Memory, name: str, value: int) -> None:
+    """Set a goal register, within its limits."""
+    low, high = goal_bounds(memory, name)
+    memory.put(name, max(min(value, high), low))
 
 
 def aim(shaft: Shaft, memory: Memory, *, tick: float, now: float, fresh: bool) -> None:
@@ -211,15 +215,11 @@ _SPARED = {ALL: frozenset[str](), BUT_ID: frozenset(("id",)), BUT_ID_AND_BAUD: f
 _PROFILE = frozenset(("profile_acceleration", "profile_velocity"))
 
 
-def factory_reset(memory: Memory, option: int) -> bool:
-    """Set the EEPROM area to the maker's values, what the option spares apart; False for an unknown option."""
-    spared = _SPARED.get(option)
-    if spared is None:
-        return False
+def factory_reset(memory: Memory, option: int) -> None:
+    """Set the EEPROM area to the maker's values, what the option (ALL, BUT_ID, BUT_ID_AND_BAUD) spares apart."""
     for register in memory.table.registers:
-        if register.address < memory.table.eeprom_end and register.name not in spared | _FIXED:
+        if register.address < memory.table.eeprom_end and register.name not in _SPARED[option] | _FIXED:
             memory.store(register, register.initial or 0)
-    return True
 
 
 def restore_eeprom(memory: Memory, backup: bytes) -> None:
@@ -288,9 +288,8 @@ class Encoder:
         """Fold to one turn; the goal register goes along as far as its limits let it."""
         before = self._shaft.position
         self.fold()
-        low, high = goal_bounds(self._memory, "goal_position")
         goal = self._memory.value("goal_position") + round(self._shaft.position - before)
-        self._memory.put("goal_position", min(max(goal, low), high))
+        _put_within(self._memory, "goal_position", goal)
 
     def _reverse(self) -> bool:
         return bool(self._memory.value_or("drive_mode", 0) & REVERSE)

@@ -197,3 +197,4 @@ class ServoBody(Device):
         """Bring the RAM area to its state after a start."""
         self.registered = None
         self.defaults(self.table.eeprom_end, self.table.size)
+        self.shaft.path, self.shaft.speed = None, 0.0

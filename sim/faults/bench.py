@@ -19,18 +19,14 @@ from retarget.frames import SensorSample
 from retarget.human.samples import Performance
 from retarget.live.admission import Admission
 from retarget.live.begin import LiveOptions, begin_live
-from retarget.live.clock_map import ClockMap
+from retarget.live.open_stream import stream_of
 from retarget.live.performer import LivePerformer
-from retarget.live.playout import LIGHT, Playout, PlayoutDelay, pose_filter
-from retarget.live.roles import roles_of
-from retarget.live.sensor_validity import SensorValidity
 from retarget.live.stream import LiveStream
 from retarget.model.robot import RobotBody
 from retarget.run.loop import Machine, Watch
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared, prepare_for
 from retarget.schema.performer import Performer
-from retarget.sources.json_pose import JsonPoseDecoder
 from retarget.types import FloatArray, RunState
 from sim.buses import simulation_of
 from sim.emulator.line import Line
@@ -144,26 +140,18 @@ class TappedPort(EmulatedPort):
 
     def write(self, data: bytes) -> None:
         """Send, and keep."""
-        self._alive()
+        if self.dead:
+            raise Killed
         one = Sent(self.now(), data)
         if self.writes_fail and any(packet.instruction not in READS for packet in packets([one])):
             raise BusError("the adapter does not take what is written")
         self._sent.append(one)
         super().write(data)
 
-    def read(self) -> bytes:
-        """What has arrived by now."""
-        self._alive()
-        return super().read()
-
-    def wait(self, deadline: float) -> bool:
-        """Sleep until something has arrived (True) or until `deadline`."""
-        self._alive()
-        return super().wait(deadline)
-
-    def _alive(self) -> None:
+    def _require(self, what: str) -> None:
         if self.dead:
             raise Killed
+        super()._require(what)
 
 
 ROBOT = "op3"
@@ -206,6 +194,7 @@ class Bench:
         self.machine: Machine
         self.guard: Guard
         self.stream: LiveStream
+        self.samples: LivePerformer
         self.mass = mass
         self.witness: Witness | None = None
         self._duration, self._seed, self._performer, self._gate = duration, seed, performer, gate
@@ -271,7 +260,7 @@ class Bench:
         assert prepared.machine is not None and isinstance(prepared.samples, LivePerformer)
         self.machine = prepared.machine
         self.guard = guard = prepared.machine.guard
-        samples = prepared.samples
+        self.samples = samples = prepared.samples
         write, sample, names = guard.write, samples.sample, samples.stream.roles.sensors
         self._place, self._valid = np.zeros((len(names), 3)), np.zeros(len(names), dtype=bool)
 
@@ -341,18 +330,8 @@ class Bench:
 
     def _perform(self, performer: Performer, robot: RobotBody | None) -> Performance:
         assert robot is not None
-        roles = roles_of(performer, "json", where="bench")
-        count = len(roles.sensors)
-        self.stream = LiveStream(
-            self.sender,
-            JsonPoseDecoder(),
-            roles,
-            admission=Admission(allow=(LISTED,)),
-            clock_map=ClockMap(),
-            validity=SensorValidity(roles.sensors),
-            playout=Playout(count, delay=PlayoutDelay()),
-            smooth=pose_filter(LIGHT, count),
-        )
+        self.stream = stream_of(self.sender, performer)
+        self.stream.admission = Admission(allow=(LISTED,))
         live = LiveOptions(countdown=0.3, duration=self._duration)
         rate = robot.profile.safety.rate_hz
         return begin_live(

@@ -5,22 +5,19 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import combinations_with_replacement
 
-from sim.faults.bench import Bench
 from sim.faults.judge import (
-    ENGAGING_S,
     Struck,
     Verdict,
     When,
+    bench_of,
     judged,
-    judged_file,
     judged_pair,
+    least,
     missing,
-    need_of,
+    violations,
 )
-from sim.faults.malformed_files import MALFORMED
-from sim.faults.reactions import Reaction, violations
-from sim.faults.rows import APPROACHED, ROWS
-from sim.faults.sender import FakeSender
+from sim.faults.malformed_files import MALFORMED, judged_file
+from sim.faults.rows import APPROACHED, ROWS, Reaction
 
 # Random runs: faults of the table one after another, at random times, until one of them ends the run.
 
@@ -45,15 +42,11 @@ def judged_seed(seed: int, *, seconds: float = 60.0) -> Verdict:
     end = Struck(chance.choice(harsh), last)
     second = Struck(row=chance.choice(ROWS), at=last + chance.choice((0.0, 0.02, 0.2, 0.8)))
     plan = sorted([*milder, end, second], key=lambda one: one.at)
-    after = max(need_of(one.row).limit + one.at - seconds for one in (end, second)) + MORE_S
-    duration = ENGAGING_S + seconds + max(after, 0.0)
-    bench = Bench(FakeSender(seed=seed + 3), duration=duration, seed=seed, performer="six")
-    for one in plan:
-        one.row.inject(bench, one.at)
+    over = max(least(one.row).limit + one.at - seconds for one in (end, second)) + MORE_S
+    bench = bench_of(plan, following=seconds + max(over, 0.0), performer="six", seed=seed)
     trace = bench.run()
     names = ", ".join(f"{one.row.name} at {one.at:.1f} s" for one in plan)
-    wrong = violations(bench, trace) + missing(trace, end, second, milder)
-    return Verdict(names, tuple(wrong))
+    return Verdict(names, tuple(violations(bench, trace) + missing(trace, end, second, milder)))
 
 
 PAIRED = (When.IDLE, When.MOVING, When.STOPPING)
@@ -110,5 +103,5 @@ def judged_case(case: Case) -> Verdict:
     if other is None:
         found = judged(row, when=case.when)
     else:
-        found = judged_pair(row, other, at=PAIR_AT, gap=PAIR_GAP, seed=0, when=case.when)
+        found = judged_pair(row, other, at=PAIR_AT, gap=PAIR_GAP, when=case.when)
     return replace(found, name=f"{found.name}, {case.when.value}")

@@ -1,86 +1,366 @@
-"""Judges runs: malformed files, a row alone in each state of the robot, two faults together; each reaction in time."""
+"""Judges runs with faults: the rules of every run, a row alone in each state of the robot, several faults together."""
 
-import tempfile
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from pathlib import Path
+from functools import cached_property
+from itertools import takewhile
+from math import inf
+from typing import NamedTuple
 
-from hardware.bus import ServoBus
-from hardware.clock import Clock, VirtualClock
-from hardware.errors import RetargetError, TorqueError
+import numpy as np
+
 from hardware.guard_state import StopCause
-from retarget.human.samples import Performance
-from retarget.model.robot import RobotBody
-from retarget.run.options import RunOptions
-from retarget.run.prepare import prepare_for
-from retarget.schema.catalogue import Kind, find
-from retarget.schema.performer import Performer
-from sim.faults.bench import HOLDING, ROBOT, STOPPED, Bench, Trace
-from sim.faults.malformed_files import Malformed
-from sim.faults.reactions import HALF, Idle, Reaction, Row, Seen, late, let_go, reacted, said, violations
+from retarget.types import RunState
+from sim.faults.bench import HOLDING, MOVING, STOPPED, STOPPING, Bench, Trace
+from sim.faults.rows import Idle, Reaction, Row
 from sim.faults.sender import FakeSender
-from sim.faults.wire_checker import not_reads, packets
+from sim.faults.wire_checker import (
+    Track,
+    Written,
+    after_latch,
+    beyond_limits,
+    clearance_of,
+    collisions,
+    detours,
+    goal_writes,
+    not_reads,
+    once,
+    packets,
+    posture_tracks,
+    still_moving,
+    stood,
+    too_fast,
+    torque_off,
+    torque_on_again,
+    tracks,
+    written,
+)
 
-# Malformed robot files: a run must refuse them before it opens the performer's source or makes a bus.
+# The rules of every run, whatever the fault.
 
-BEGUN = "the run went on"
-
-
-class _BegunError(Exception):
-    """The run asked for the performer or the bus."""
-
-
-def judged_file(file: Malformed) -> tuple[str, ...]:
-    """Return the violations, a line each."""
-
-    def perform(performer: Performer, robot: RobotBody | None) -> Performance:
-        raise _BegunError
-
-    def bus(robot: RobotBody, clock: Clock) -> ServoBus:
-        raise _BegunError
-
-    with tempfile.TemporaryDirectory() as folder:
-        path = file.write(find(Kind.ROBOT, ROBOT), Path(folder))
-        try:
-            with prepare_for(
-                perform, RunOptions(robot=str(path)), clock=VirtualClock(), make_bus=bus, goes_to_rest=True
-            ):
-                return (BEGUN,)
-        except _BegunError:
-            return (BEGUN,)
-        except TorqueError as error:
-            return (f"not refused as a file: {error}",)
-        except RetargetError as error:  # exit code 2, see `retarget.cli.exit`
-            return () if file.reason in str(error) else (f"the refusal does not name {file.reason!r}: {error}",)
-        except Exception as error:  # noqa: BLE001 - a traceback is what must not be
-            return (f"it was not foreseen: {type(error).__name__}: {error}",)
+REST_S = 0.35
+"""Time from the beginning of a hold, or of a stop, until the robot stands, s."""
+OFF_S = 4.0
+"""From the beginning of a stop until torque is off, s; of a robot that is slow because a servo is warm, so much
+longer."""
+TO_REST_SHARE = 0.55
+"""Share of the greatest speeds on the way to rest: the longest way of a joint, 2.4 rad, takes 1.9 s at this speed, with
+a gentle rise and fall."""
+AGAIN_SHARE, AGAIN_S = 0.25, 0.75
+"""Share of the greatest speeds after following resumes, and for how long, s."""
+STILL_WITHIN_S = 0.3
+"""After a shorter hold, one of single ticks, the way back need not be slow, s."""
+SETTLED = (*STOPPING, *STOPPED)
+STANDING = (RunState.RETURN_TO_STANCE, RunState.GO_TO_REST, *STOPPED)
+"""States of a robot that has braked, or has no torque any more."""
+ORDINARY_STOPS = (StopCause.REQUESTED, StopCause.STALE_GOAL, StopCause.SOURCE)
+"""Stops of a robot without a fault: it goes to rest before its torque goes off."""
+AT_REST_RAD = 0.01
+"""A robot this near to posture `rest` is at rest, rad."""
 
 
-# Faults before the bus is opened.
+def goals_of(bench: Bench, trace: Trace) -> tuple[float, list[Track]]:
+    """The time between two ticks, s, and the goals of each servo."""
+    dt = 1.0 / bench.robot.profile.safety.rate_hz
+    return dt, tracks(once(goal_writes(written(trace.sent)), within=0.5 * dt), bench.robot.joint_map.servos)
 
-CONTROLLERS = frozenset((200,))
-"""Ids of devices that are no servos: the OpenCR, whose power switch is written."""
+
+def violations(bench: Bench, trace: Trace) -> list[str]:
+    """Return every violation of the rules, a line each."""
+    if not hasattr(bench, "robot"):
+        return []
+    robot, writes = bench.robot, written(trace.sent)
+    dt, goal_tracks = goals_of(bench, trace)
+    wrong = beyond_limits(goal_tracks, dt) + collisions(robot, goal_tracks)
+    for first, last in trace.holds:
+        wrong += [f"in a hold {text}" for text in still_moving(goal_tracks, first + REST_S, last - dt)]
+    wrong += _speeds(bench, trace, goal_tracks, dt) + _stop_violations(bench, trace, goal_tracks, writes, dt)
+    if trace.gone is None and not (trace.error or trace.stop) and trace.began is None and not trace.ticks:
+        wrong.append("nothing was done, and no message says why")
+    if trace.endless:
+        wrong.append("the run did not end")
+    if bench.witness is not None and bench.witness.fall is not None:
+        wrong.append(f"the robot fell: {bench.witness.fall.how}")
+    return wrong + _torque(bench, trace)
 
 
-def idle_wrong(row: Row, trace: Trace) -> list[str]:
-    """Return how a run differs from the row, a line each."""
-    match row.idle:
-        case Idle.GOES_ON:
-            return [f"it did not begin: {trace.error}"] if trace.error or not trace.ticks else []
-        case Idle.ANY:
-            return []
-    wrong = [] if trace.error or (trace.gone is not None and not trace.left) else ["it began"]
-    wrong += ["torque is on"] if any(trace.torque) else []
-    wrong += [f"the refusal does not name {text!r}" for text in row.refusal if text not in trace.error]
-    if row.idle is Idle.ONLY_READS:
-        wrong += not_reads(list(packets(trace.sent)), but=CONTROLLERS)
-    return wrong
+def _speeds(bench: Bench, trace: Trace, goal_tracks: list[Track], dt: float) -> list[str]:
+    """Return the joints that are too fast on the approach, or when following resumes."""
+    if trace.armed is None:
+        return []
+    ends = (trace.ended, trace.latched, trace.first(SETTLED, trace.armed))
+    over = min(time for time in ends if time is not None)
+    approach_ended = over if trace.approach_ended is None else trace.approach_ended
+    share = bench.robot.profile.safety.speed_caps.approach
+    wrong = [
+        f"on its approach {text}"
+        for text in too_fast(goal_tracks, trace.armed - dt, min(approach_ended, over), share=share, dt=dt)
+    ]
+    for first, last in trace.holds:
+        if last - first > STILL_WITHIN_S:
+            again = too_fast(goal_tracks, last, min(last + AGAIN_S, over), share=AGAIN_SHARE, dt=dt)
+            wrong += [f"after a hold {text}" for text in again]
+    return wrong[:8]
 
+
+def _stop_violations(
+    bench: Bench, trace: Trace, goal_tracks: list[Track], writes: list[Written], dt: float
+) -> list[str]:
+    """Return violations of the rule that a stop goes on to its end, and nothing else happens."""
+    begun = trace.latched
+    if begun is None:
+        return []
+    since = trace.ticks[next(row for row, tick in enumerate(trace.ticks) if tick.latched) :]  # two may end at one time
+    wrong = [f"{tick.state.value} after a stop" for tick in since if tick.state not in SETTLED]
+    before = max((tick.time for tick in trace.ticks if tick.time < begun), default=begun)
+    wrong += torque_on_again(writes, before)
+    off = torque_off(writes, before)
+    if off is None:
+        if trace.gone is None and not trace.writes_fail:
+            wrong.append("torque off was never commanded")
+    elif off - begun > (allowed := OFF_S / min(tick.slow for tick in since)):
+        wrong.append(f"torque went off {off - begun:.2f} s after the stop began, allowed {allowed:g} s")
+    ended = trace.first(STOPPED, begun)
+    if ended is not None:
+        wrong += after_latch(writes, ended)
+    wrong += too_fast(goal_tracks, begun + REST_S, trace.ended, share=TO_REST_SHARE, dt=dt)
+    braking = list(takewhile(lambda tick: tick.state not in STANDING, since))
+    wrong += late("at rest", braking[-1].time, begun, REST_S) if braking else []
+    # With mass, goals lead the postures by the servos' deflection.
+    shafts = posture_tracks(trace.postures, bench.robot.joint_map.servos) if bench.mass else goal_tracks
+    if ended is not None and trace.stop is not None and trace.stop.cause in ORDINARY_STOPS and trace.stop.then is None:
+        wrong += _not_at_rest(bench, shafts)
+    to_rest = trace.first((RunState.GO_TO_REST,), begun)
+    return wrong[:8] + detours(shafts, begun + REST_S if to_rest is None else to_rest, trace.ended)
+
+
+def _not_at_rest(bench: Bench, shafts: list[Track]) -> list[str]:
+    """Return the servos that did not go to posture `rest` in the end."""
+    robot = bench.robot
+    rest = robot.posture(robot.profile.postures.rest)[robot.servo_columns]
+    rest_angles = dict(zip(robot.joint_map.joints, rest.tolist(), strict=True))
+    off = {track.servo.label: float(track.angle[-1]) - rest_angles[track.servo.joint] for track in shafts}
+    return [f"{label} is not at rest, {by:.3f} rad off" for label, by in off.items() if abs(by) > AT_REST_RAD]
+
+
+def _torque(bench: Bench, trace: Trace) -> list[str]:
+    """Judge the end: no servo has torque, or a message says so; servos of a killed host are stopped by watchdogs."""
+    if not any(trace.torque):
+        return []
+    if trace.gone is not None:
+        return [] if all(servo.tripped or not servo.shaft.torque for servo in bench.servos) else ["servos still drive"]
+    reported = trace.error or (trace.stop is not None and trace.stop.powered)
+    return [] if reported else ["torque is on in the end, and no message says so"]
+
+
+HEALTHY_S = 0.5
+"""Time for which data must be good before a hold ends, s."""
+BACK_S = 0.6
+"""Longest time from good data until a robot goes on, s."""
+HALF = 0.5
+STEP_M = 0.025
+"""Most that a sensor moves from sample to sample after a hold, m: 0.6 m/s of blending back, 2 m/s of its own."""
+MARGIN_M = 0.004
+"""Margin of the observers of the profile, m."""
+STOOD_S = 0.2
+
+Judged = tuple[float | None, list[str]]
+"""When the robot reacted, s, None without a time of its own; and what is wrong, a line each."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A run, and the onset of its fault, s."""
+
+    bench: Bench
+    onset: float
+
+    @property
+    def trace(self) -> Trace:
+        """The events of the run."""
+        return self.bench.trace
+
+    @cached_property
+    def goals(self) -> tuple[float, list[Track]]:
+        """The time between two ticks, s, and the goals of each servo."""
+        return goals_of(self.bench, self.trace)
+
+    def first(self, states: tuple[RunState, ...]) -> float | None:
+        """When one of these states was first seen since."""
+        return self.trace.first(states, self.onset)
+
+    @property
+    def stopped(self) -> float | None:
+        """When a stop was latched since."""
+        return self.trace.stopped(self.onset)
+
+    @property
+    def on_again(self) -> float | None:
+        """When the robot went on after a hold."""
+        hold = self.first(HOLDING)
+        return None if hold is None else self.trace.first(MOVING, hold)
+
+    def moves(self, within: float, span: float = 0.0, *, ticks: int = 0) -> list[str]:
+        """Servos that still move from `within` s after the onset, or for the last `span` s, until the robot stops."""
+        dt, goal_tracks = self.goals
+        end = self.first(STOPPING) or self.trace.ended
+        return still_moving(goal_tracks, end - span if span else self.onset + within, end - dt, ticks=ticks)
+
+
+def _driving(trace: Trace, first: float, last: float) -> int:
+    """Return how many servos still drive that did not let go between two times, s."""
+    return len(trace.torque) - len({device for time, device in trace.let_go if first <= time <= last})
+
+
+def let_go(trace: Trace, onset: float, row: Row) -> list[str]:
+    """Return how many servos still drive after the row's time."""
+    if row.watchdog is None:
+        return []
+    still = _driving(trace, onset, onset + row.watchdog)
+    return [f"{still} servos still drove {row.watchdog:g} s after it"] if still else []
+
+
+def late(what: str, time: float | None, onset: float, limit: float) -> list[str]:
+    """Return a line for a reaction that did not come, or came too late."""
+    if time is None:
+        return [f"not {what}"]
+    return [f"{what} after {time - onset:.3f} s, allowed {limit:g} s"] if time - onset > limit + 1e-9 else []
+
+
+def reacted(row: Row, seen: Seen) -> Judged:
+    """Return s from the onset to the reaction, and what is wrong with it."""
+    took, wrong = _JUDGES[row.reaction](row, seen)
+    ended = seen.trace.ended - seen.onset
+    if row.ends is not None and ended > row.ends:
+        wrong.append(f"it ended after {ended:.1f} s, allowed {row.ends:g} s")
+    since = None if took is None else took - seen.onset
+    wrong += _reason(row, seen.trace)
+    return since, wrong + (let_go(seen.trace, seen.onset, row) if row.reaction is not Reaction.GONE else [])
+
+
+def _reason(row: Row, trace: Trace) -> list[str]:
+    """Return how the reported reason differs from the row's."""
+    stop = trace.stop
+    found = ((row.cause, stop.cause if stop else None), (row.then, stop.then if stop else None))
+    return [
+        f"the reported cause is {'none' if cause is None else cause.value}, not {wanted.value}"
+        for wanted, cause in found
+        if wanted is not None and cause is not wanted
+    ]
+
+
+def said(row: Row, trace: Trace) -> bool:
+    """Return whether a message says what the row asks for."""
+    return any(re.search(row.said, text) for text in (*trace.said, trace.stop.reason if trace.stop else ""))
+
+
+def _none(row: Row, seen: Seen) -> Judged:
+    hold = None if row.reaction is Reaction.MAY_HOLD else seen.first(HOLDING)
+    return None, [f"it reacted after {time - seen.onset:.3f} s" for time in (hold, seen.stopped) if time is not None][
+        :1
+    ]
+
+
+def _out(row: Row, seen: Seen) -> Judged:
+    out = next((time for time, gone in seen.trace.out if time >= seen.onset and row.sensor in gone), None)
+    wrong = late("left out", out, seen.onset, row.limit)
+    return out, wrong + (["the robot held"] if seen.first(HOLDING) is not None else [])
+
+
+def _hold(row: Row, seen: Seen) -> Judged:
+    hold, on = seen.first(HOLDING), seen.on_again
+    wrong = late("held", hold, seen.onset, row.limit if row.reaction is Reaction.HOLD else row.held)
+    wrong += ["it stopped"] if seen.stopped is not None else []
+    if row.back is not None and on is not None and on - seen.onset < row.back + HEALTHY_S:
+        wrong.append(f"it went on after {on - seen.onset:.3f} s, data were good from {row.back:g} s on")
+    jump = max((step for time, step in seen.trace.steps if on is not None and time >= on), default=0.0)
+    if jump > STEP_M:
+        wrong.append(f"it went on with a jump: {jump:.3f} m of a sensor in a tick")
+    if row.reaction is Reaction.HOLD:
+        return hold, wrong
+    return on, wrong + late("on its way again", on, seen.onset, row.limit)
+
+
+def _rebase(row: Row, seen: Seen) -> Judged:
+    again = seen.trace.rebased
+    wrong = late("rebased", again, seen.onset, row.limit)
+    if seen.first(HOLDING) is not None:
+        wrong += late("on its way again", seen.on_again, seen.onset, row.limit + BACK_S)
+    return again, wrong
+
+
+def _stand(row: Row, seen: Seen) -> Judged:
+    """Judge the goals alone: at rest in time, torque on."""
+    return None, seen.moves(row.limit + REST_S) + (["it stopped"] if seen.stopped is not None else [])
+
+
+def _gated(row: Row, seen: Seen) -> Judged:
+    """Judge that the asked postures came nearer than the margin, and the robot stood, but for a tick that the moving
+    limbs leave it. Sent goals are judged anyway."""
+    robot, asked = seen.bench.robot, seen.trace.asked
+    postures = np.tile(robot.body.qpos0, (len(asked), 1))
+    postures[:, robot.servo_columns] = [posture for _, posture in asked]
+    closest = clearance_of(robot, postures).smallest if asked else None
+    wrong = [] if closest is not None and closest < MARGIN_M else ["what was asked for was no danger"]
+    return None, wrong + seen.moves(0.0, STOOD_S, ticks=1)
+
+
+def _slow(row: Row, seen: Seen) -> Judged:
+    slow = next((tick.time for tick in seen.trace.ticks if tick.time >= seen.onset and tick.slow <= HALF), None)
+    wrong = late("slow", slow, seen.onset, row.limit) + (["it stopped"] if seen.stopped is not None else [])
+    dt, goal_tracks = seen.goals
+    return slow, wrong + too_fast(goal_tracks, seen.onset + row.limit, seen.trace.ended, share=HALF, dt=dt)
+
+
+def _stop(row: Row, seen: Seen) -> Judged:
+    stop = seen.stopped
+    wrong = late("stopped", stop, seen.onset, row.limit)
+    first = next((tick.state for tick in seen.trace.ticks if tick.time == stop), None)
+    if stop is not None and first in STOPPED and not stood(seen.goals[1], stop):
+        wrong.append("it did not brake")
+    if seen.trace.stop is None or seen.trace.first(STOPPED, seen.onset) is None:
+        wrong.append("it was not latched")
+    return stop, wrong
+
+
+def _torque_off(row: Row, seen: Seen) -> Judged:
+    torque_off_at = seen.trace.torque_off_at(seen.onset)
+    wrong = late("torque off", torque_off_at, seen.onset, row.limit)
+    return torque_off_at, wrong + ([] if seen.first(STOPPED) is not None else ["it was not latched"])
+
+
+def _gone(row: Row, seen: Seen) -> Judged:
+    wrong = let_go(seen.trace, seen.onset, row)
+    latched = seen.first(STOPPED)
+    if seen.trace.gone is None:
+        wrong += late("latched", latched, seen.onset, row.limit)
+    gone = [time for time, _ in seen.trace.let_go if time >= seen.onset]
+    return max(gone, default=None), wrong
+
+
+_JUDGES = {
+    Reaction.NONE: _none,
+    Reaction.MAY_HOLD: _none,
+    Reaction.OUT: _out,
+    Reaction.HOLD: _hold,
+    Reaction.RESUME: _hold,
+    Reaction.REBASE: _rebase,
+    Reaction.STAND: _stand,
+    Reaction.GATED: _gated,
+    Reaction.SLOW: _slow,
+    Reaction.STOP: _stop,
+    Reaction.TORQUE_OFF: _torque_off,
+    Reaction.GONE: _gone,
+}
+
+
+# Runs: faults one after another, and the state in which they find the robot.
 
 ONSET = 0.4
-"""s of following before the fault."""
+"""s of following before the fault of a row."""
 STOP_BEFORE = 0.05
 """Time from the command to stop until the fault, s, for a robot that is to be stopping."""
 OUTLIVED = (Reaction.NONE, Reaction.MAY_HOLD, Reaction.OUT, Reaction.HOLD, Reaction.RESUME, Reaction.REBASE)
@@ -111,41 +391,62 @@ class When(Enum):
     STOPPING = "stopping"
 
 
+class Struck(NamedTuple):
+    """A row, and when its fault is due, s after following began."""
+
+    row: Row
+    at: float
+
+
+def bench_of(
+    strikes: Sequence[Struck],
+    *,
+    when: When = When.MOVING,
+    following: float,
+    performer: str | None = None,
+    seed: int = 0,
+) -> Bench:
+    """A bench with these faults. following: how long the performer is followed, s; no time at all where the robot is
+    idle, or approaching. performer: None: the one that the rows ask for."""
+    idle = when is When.IDLE
+    still = {When.IDLE: IDLE_S, When.APPROACHING: ENGAGING_S}
+    bench = Bench(
+        FakeSender(seed=seed + 3),
+        duration=still.get(when, ENGAGING_S + following),
+        seed=seed,
+        performer=performer or max((one.row.performer for one in strikes), key=["five", "six"].index),
+        mass=len(strikes) == 1 and strikes[0].row.mass,
+    )
+    bench.approaching = when is When.APPROACHING
+    if when is When.STOPPING:
+        bench.at(strikes[0].at - STOP_BEFORE, lambda: bench.guard.latch(StopCause.REQUESTED, "asked for"))
+    for row, at in strikes:
+        row.inject(bench, -1.0 if idle else at)
+    return bench
+
+
+def run_row(row: Row, *, when: When = When.MOVING, seed: int = 0) -> Bench:
+    """Run a row. A run that goes on after its reaction is observed to its end only if the robot was stopping."""
+    following = ONSET + (row.after if when is When.MOVING else 0.0)
+    bench = bench_of([Struck(row, ONSET)], when=when, following=following, seed=seed)
+    if row.reaction in OUTLIVED:
+        bench.leaves = when is not When.STOPPING
+        if when is When.APPROACHING:
+            bench.at(ONSET + row.limit + SETTLED_S, bench.leave)
+    bench.run()
+    return bench
+
+
 def judged(row: Row, *, when: When = When.MOVING, seed: int = 0) -> Verdict:
     """Run a row and judge it."""
     return verdict_of(row, run_row(row, when=when, seed=seed), when=when)
 
 
-def run_row(row: Row, *, when: When = When.MOVING, seed: int = 0) -> Bench:
-    """Run a row. A run that goes on after its reaction is observed to its end only if the robot was stopping."""
-    followed = {When.IDLE: IDLE_S, When.MOVING: ENGAGING_S + ONSET + row.after, When.STOPPING: ENGAGING_S + ONSET}
-    duration = followed.get(when, ENGAGING_S)
-    bench = Bench(FakeSender(seed=seed + 3), duration=duration, seed=seed, performer=row.performer, mass=row.mass)
-    if when is When.STOPPING:
-        bench.at(ONSET - STOP_BEFORE, lambda: bench.guard.latch(StopCause.REQUESTED, "asked for"))
-    bench.leaves = row.reaction in OUTLIVED and when is not When.STOPPING
-    if when is When.APPROACHING:
-        bench.approaching = True
-        if row.reaction in OUTLIVED:
-            bench.at(ONSET + row.limit + SETTLED_S, bench.leave)
-    row.inject(bench, -1.0 if when is When.IDLE else ONSET)
-    bench.run()
-    return bench
-
-
 def verdict_of(row: Row, bench: Bench, *, when: When = When.MOVING) -> Verdict:
-    """Judge a run."""
-    trace = bench.trace
-    took, wrong = None, list[str]()
-    if when is When.MOVING:
-        took, wrong = _moving(row, bench, trace)
-    elif when is When.APPROACHING:
-        took, wrong = _approaching(row, bench, trace)
-    elif when is When.STOPPING:
-        wrong = _stopping(row, trace)
-    else:
-        wrong = idle_wrong(row, trace)
-    return Verdict(row.name, tuple(wrong + violations(bench, trace)), took)
+    """Judge the run of a row."""
+    judge = {When.IDLE: _idle, When.APPROACHING: _approaching, When.MOVING: _moving, When.STOPPING: _stopping}[when]
+    took, wrong = judge(row, bench)
+    return Verdict(row.name, tuple(wrong + violations(bench, bench.trace)), took)
 
 
 def _onset(trace: Trace, since: float | None) -> float | None:
@@ -155,11 +456,32 @@ def _onset(trace: Trace, since: float | None) -> float | None:
     return next((tick.time for tick in trace.ticks if since is not None and tick.time >= since + ONSET), None)
 
 
-def _moving(row: Row, bench: Bench, trace: Trace) -> tuple[float | None, list[str]]:
+CONTROLLERS = frozenset((200,))
+"""Ids of devices that are no servos: the OpenCR, whose power switch is written."""
+
+
+def _idle(row: Row, bench: Bench) -> Judged:
+    """Judge a run whose fault is there before the bus is opened."""
+    trace = bench.trace
+    match row.idle:
+        case Idle.GOES_ON:
+            return None, [f"it did not begin: {trace.error}"] if trace.error or not trace.ticks else []
+        case Idle.ANY:
+            return None, []
+    wrong = [] if trace.error or (trace.gone is not None and not trace.left) else ["it began"]
+    wrong += ["torque is on"] if any(trace.torque) else []
+    wrong += [f"the refusal does not name {text!r}" for text in row.refusal if text not in trace.error]
+    if row.idle is Idle.ONLY_READS:
+        wrong += not_reads(list(packets(trace.sent)), but=CONTROLLERS)
+    return None, wrong
+
+
+def _moving(row: Row, bench: Bench) -> Judged:
+    trace = bench.trace
     onset = _onset(trace, trace.began)
     if onset is None:
         return None, [f"no performer was followed: {trace.error or trace.said[-1:]}"]
-    took, wrong = reacted(row, Seen(bench, trace, onset))
+    took, wrong = reacted(row, Seen(bench, onset))
     if not said(row, trace):
         wrong.append(f"no message says {row.said!r}")
     if row.counted and not not_used(bench)[row.counted]:
@@ -176,8 +498,9 @@ def not_used(bench: Bench) -> Counter[str]:
     return sum((part.reasons for part in (*parts, stream.validity.refused)), Counter[str]())
 
 
-def _approaching(row: Row, bench: Bench, trace: Trace) -> tuple[float | None, list[str]]:
+def _approaching(row: Row, bench: Bench) -> Judged:
     """Judge as while it moves. No performer is followed yet, so no sensor is left out, and no following resumes."""
+    trace = bench.trace
     onset = _onset(trace, trace.armed)
     if onset is None or (trace.approach_ended is not None and trace.approach_ended <= onset):
         return None, [f"nothing was approached: {trace.error or trace.said[-1:]}"]
@@ -185,45 +508,33 @@ def _approaching(row: Row, bench: Bench, trace: Trace) -> tuple[float | None, li
         row = replace(row, reaction=Reaction.MAY_HOLD)
     elif row.reaction is Reaction.RESUME:
         row = replace(row, reaction=Reaction.HOLD, limit=row.held)
-    return reacted(row, Seen(bench, trace, onset))
+    return reacted(row, Seen(bench, onset))
 
 
-def _stopping(row: Row, trace: Trace) -> list[str]:
+def _stopping(row: Row, bench: Bench) -> Judged:
     """Judge a stopping robot: the stop goes on to its end; where the bus is lost, torque goes off at once."""
+    trace = bench.trace
     onset = _onset(trace, trace.began)
     if trace.latched is None or onset is None:
-        return ["the stop was not latched"]
+        return None, ["the stop was not latched"]
     if row.reaction is Reaction.GONE:
-        return let_go(trace, onset, row)
+        return None, let_go(trace, onset, row)
     if trace.first(STOPPED, trace.latched) is None:
-        return ["the stop did not come to its end"]
+        return None, ["the stop did not come to its end"]
     if row.reaction is Reaction.TORQUE_OFF:
-        return late("torque off", trace.torque_off_at(onset), onset, row.limit) + let_go(trace, onset, row)
-    return []
+        wrong = late("torque off", trace.torque_off_at(onset), onset, row.limit) + let_go(trace, onset, row)
+        return None, wrong
+    return None, []
 
 
-# The least reaction to one fault, or to two in succession, and whether the robot showed it.
+# Several faults in one run: the reaction to the first, and after two the stronger one, each in time.
 
 SOON_S = 2.0
 """A stop that has more time than this is preceded by a hold."""
-
-
-@dataclass(frozen=True)
-class Need:
-    """A required reaction. reaction: at least; limit: s from the onset; name: of the row; sensor: the one that has to
-    be left out."""
-
-    name: str
-    reaction: Reaction
-    limit: float
-    sensor: str = ""
-
-    @property
-    def strength(self) -> tuple[int, float]:
-        """Strength of the reaction, and its limit: of equally strong ones, the one with the longer limit counts."""
-        return STRONGER.get(self.reaction, (0, ""))[0], self.limit
-
-
+LONGER_S = 0.7
+"""Following after the second fault, s, at least."""
+CUED_S = 0.05
+"""A fault that waits for an event takes effect within this, s."""
 STRONGER = {
     Reaction.OUT: (1, "left out"),
     Reaction.SLOW: (2, "slow"),
@@ -236,18 +547,22 @@ STRONGER = {
 """Strength of a reaction, and its words. A stronger reaction includes the weaker ones; all others have strength 0."""
 
 
-def need_of(row: Row) -> Need:
-    """Return the reaction that one fault requires."""
+def strength(row: Row) -> tuple[int, float]:
+    """Strength of the reaction, and its limit: of equally strong ones, the one with the longer limit counts."""
+    return STRONGER.get(row.reaction, (0, ""))[0], row.limit
+
+
+def least(row: Row) -> Row:
+    """The row with the least reaction that its fault requires beside another one."""
     reaction, limit = row.reaction, row.limit
     if reaction in (Reaction.RESUME, Reaction.STAND) or (reaction is Reaction.STOP and limit > SOON_S):
         reaction, limit = Reaction.HOLD, limit if reaction is Reaction.STAND else row.held
-    return Need(row.name, reaction, limit * row.chance, sensor=row.sensor)
+    return replace(row, reaction=reaction, limit=limit * row.chance)
 
 
-def outdone(first: Row, second: Row, *, apart: float) -> Need:
-    """Return the reaction that two faults `apart`, s, require from the later one on: the stronger of the two."""
-    needs = [need_of(row) for row in (first, second) if row.name != second.hides]
-    strongest = max(needs, key=lambda need: need.strength)
+def outdone(first: Row, second: Row, *, apart: float) -> Row:
+    """Return the row whose reaction two faults `apart`, s, require from the later one on: the stronger of the two."""
+    strongest = max((least(row) for row in (first, second) if row.name != second.hides), key=strength)
     if (first.suspends or second.suspends) and apart < first.limit:
         strongest = replace(strongest, limit=strongest.limit + max(first.limit, second.limit))
     for row in (first, second):  # what is counted in ticks takes longer
@@ -256,50 +571,26 @@ def outdone(first: Row, second: Row, *, apart: float) -> Need:
     return strongest
 
 
-def reached(trace: Trace, need: Need, first: float, last: float) -> bool:
-    """Return whether the robot showed the required reaction, or a stronger one, between two times, s."""
-    strength, _ = need.strength
+def reached(trace: Trace, row: Row, first: float, last: float) -> bool:
+    """Return whether the robot showed a row's reaction, or a stronger one, between two times, s."""
+    needed, _ = strength(row)
     ticks = [tick for tick in trace.ticks if tick.time <= last + 1e-9]
-    if strength == 0 or (trace.gone is not None and trace.gone <= last and need.reaction is not Reaction.GONE):
+    if needed == 0 or (trace.gone is not None and trace.gone <= last and row.reaction is not Reaction.GONE):
         return True
     torque_off_at = trace.torque_off_at(first)
-    if strength >= STRONGER[Reaction.TORQUE_OFF][0]:
+    if needed >= STRONGER[Reaction.TORQUE_OFF][0]:
         stopped = any(tick.state in STOPPED for tick in ticks)
         off = stopped or (torque_off_at is not None and torque_off_at <= last)
-        return off or (need.reaction is Reaction.GONE and not _driving(trace, last))
+        return off or (row.reaction is Reaction.GONE and not _driving(trace, -inf, last))
     if any(tick.latched for tick in ticks) or trace.error:
         return True
-    since = [tick for tick in ticks if tick.time >= first]
-    if strength <= STRONGER[Reaction.HOLD][0] and any(tick.state in HOLDING for tick in since):
+    if needed <= STRONGER[Reaction.HOLD][0] and any(tick.state in HOLDING for tick in ticks if tick.time >= first):
         return True
-    if need.reaction is Reaction.REBASE:
+    if row.reaction is Reaction.REBASE:
         return trace.rebased is not None and trace.rebased <= last
-    if need.reaction is Reaction.SLOW:
+    if row.reaction is Reaction.SLOW:
         return any(tick.slow <= HALF for tick in ticks)
-    if need.reaction is Reaction.OUT:
-        return any(need.sensor in gone for time, gone in trace.out if time <= last)
-    return False
-
-
-def _driving(trace: Trace, last: float) -> int:
-    """Return how many servos still drive at a time, s."""
-    return len(trace.torque) - len({device for time, device in trace.let_go if time <= last})
-
-
-# Two faults in one run: the reaction to the first, and after both the stronger of the two, each in time.
-
-LONGER_S = 0.7
-"""Following after the second fault, s, at least."""
-CUED_S = 0.05
-"""A fault that waits for an event takes effect within this, s."""
-
-
-@dataclass(frozen=True)
-class Struck:
-    """A row, and when its fault is due, s after following began."""
-
-    row: Row
-    at: float
+    return row.reaction is Reaction.OUT and any(row.sensor in gone for time, gone in trace.out if time <= last)
 
 
 def missing(trace: Trace, first: Struck, second: Struck, others: Sequence[Struck] = ()) -> list[str]:
@@ -312,24 +603,22 @@ def missing(trace: Trace, first: Struck, second: Struck, others: Sequence[Struck
     one, other = (_onset_of(trace, struck.at) for struck in (first, second))
     if one is None:
         return []  # the run was over before
-    needs: list[tuple[Need, float]] = []  # and from when on
-    alone = need_of(first.row)
+    needs: list[tuple[Row, float]] = []  # and from when on
+    alone = least(first.row)
     if other is None or other > one + alone.limit:
         needs.append((alone, one))
     if other is not None:
-        both = outdone(first.row, second.row, apart=other - one)
-        if not (needs and both is alone):
-            needs.append((both, other))
+        needs.append((outdone(first.row, second.row, apart=other - one), other))
     for another in others:
         at = _onset_of(trace, another.at)
-        needs = [need if at is None else _with_other(*need, need_of(another.row), at) for need in needs]
+        needs = [need if at is None else _with_other(*need, least(another.row), at) for need in needs]
     left = [need for need, since in needs if not reached(trace, need, one, since + need.limit)]
     return [f"{need.name}: not {STRONGER[need.reaction][1]} in time" for need in left]
 
 
-def _with_other(need: Need, since: float, other: Need, at: float) -> tuple[Need, float]:
+def _with_other(need: Row, since: float, other: Row, at: float) -> tuple[Row, float]:
     """Return the required reaction, and from when on (s), where another fault comes at another time (s)."""
-    if at - need.limit < since < at + other.limit and other.strength > need.strength:
+    if at - need.limit < since < at + other.limit and strength(other) > strength(need):
         return other, max(since, at)
     return need, since
 
@@ -345,23 +634,20 @@ def _onset_of(trace: Trace, at: float) -> float | None:
 
 
 def judged_pair(
-    first: Row, second: Row, *, at: float, gap: float, seed: int, when: When = When.MOVING, longer: float = LONGER_S
+    first: Row, second: Row, *, at: float, gap: float, seed: int = 0, when: When = When.MOVING, longer: float = LONGER_S
 ) -> Verdict:
     """Run and judge two faults, `gap` s apart, the first at `at` s of following.
 
     Judged are the rules of every run, that it ends, and the reactions of a moving robot.
     """
-    idle, moving = when is When.IDLE, when is When.MOVING
-    after = max(longer, *(need_of(row).limit + 0.1 for row in (first, second))) if moving else longer
-    duration = IDLE_S if idle else ENGAGING_S + at + gap + after
-    six = "six" in (first.performer, second.performer)
-    bench = Bench(FakeSender(seed=seed + 3), duration=duration, seed=seed, performer="six" if six else "five")
-    if when is When.STOPPING:
-        bench.at(at - STOP_BEFORE, lambda: bench.guard.latch(StopCause.REQUESTED, "asked for"))
-    first.inject(bench, -1.0 if idle else at)
-    second.inject(bench, -1.0 if idle else at + gap)
-    trace = bench.run()
-    wrong = violations(bench, trace)
-    if moving:
-        wrong += missing(trace, Struck(first, at), Struck(second, at + gap))
-    return Verdict(f"{first.name} + {second.name}", tuple(wrong))
+    strikes = Struck(first, at), Struck(second, at + gap)
+    moving = when is When.MOVING
+    after = max(longer, *(least(row).limit + 0.1 for row in (first, second))) if moving else longer
+    bench = bench_of(strikes, when=when, following=at + gap + after, seed=seed)
+    return verdict_of_pair(bench, bench.run(), *strikes, reacts=moving)
+
+
+def verdict_of_pair(bench: Bench, trace: Trace, first: Struck, second: Struck, *, reacts: bool = True) -> Verdict:
+    """Judge the run of two faults. reacts: whether their reactions are judged, too."""
+    wrong = violations(bench, trace) + (missing(trace, first, second) if reacts else [])
+    return Verdict(f"{first.row.name} + {second.row.name}", tuple(wrong))

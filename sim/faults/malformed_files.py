@@ -1,14 +1,22 @@
-"""Rows of the fault table: malformed robot files, of `malformed.yaml`. Each must be refused before a port is opened."""
+"""Rows of the fault table: malformed robot files, of `malformed.yaml`, and how each is judged: a run must refuse it
+before it opens the performer's source or makes a bus."""
 
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import yaml
 
+from hardware.clock import VirtualClock
+from hardware.errors import RetargetError, TorqueError
 from retarget.errors import InputError
+from retarget.run.options import RunOptions
+from retarget.run.prepare import prepare_for
+from retarget.schema.catalogue import Kind, find
+from sim.faults.bench import ROBOT
 
 Change = Callable[[bytes, Path], bytes]
 """From the valid file, and the folder of the new one, to the malformed file."""
@@ -97,3 +105,31 @@ TABLE = Path(__file__).with_name("malformed.yaml")
 MALFORMED: tuple[Malformed, ...] = tuple(
     _malformed(**entry) for entry in yaml.safe_load(TABLE.read_text(encoding="utf-8"))
 )
+
+
+BEGUN = "the run went on"
+
+
+class _BegunError(Exception):
+    """The run asked for the performer or the bus."""
+
+
+def judged_file(file: Malformed) -> tuple[str, ...]:
+    """Return the violations, a line each."""
+
+    def begun(*_: object) -> NoReturn:
+        raise _BegunError
+
+    with tempfile.TemporaryDirectory() as folder:
+        options = RunOptions(robot=str(file.write(find(Kind.ROBOT, ROBOT), Path(folder))))
+        try:
+            with prepare_for(begun, options, clock=VirtualClock(), make_bus=begun, goes_to_rest=True):
+                return (BEGUN,)
+        except _BegunError:
+            return (BEGUN,)
+        except TorqueError as error:
+            return (f"not refused as a file: {error}",)
+        except RetargetError as error:  # exit code 2, see `retarget.cli.exit`
+            return () if file.reason in str(error) else (f"the refusal does not name {file.reason!r}: {error}",)
+        except Exception as error:  # noqa: BLE001 - a traceback is what must not be
+            return (f"it was not foreseen: {type(error).__name__}: {error}",)

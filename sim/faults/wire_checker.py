@@ -52,6 +52,10 @@ class Written:
     address: int
     values: dict[int, int]
 
+    def torque(self, *, on: bool) -> bool:
+        """Whether it switches torque: on for any servo, or off for all."""
+        return self.address == TORQUE_ENABLE and any(self.values.values()) is on
+
 
 def packets(sent: Sequence[Sent]) -> Iterator[Packet]:
     """Every instruction, in order."""
@@ -89,14 +93,7 @@ def goal_writes(writes: Sequence[Written]) -> list[tuple[float, dict[int, int]]]
 
 def torque_off(writes: Sequence[Written], since: float) -> float | None:
     """Return when torque off was first commanded from a time on, s."""
-    return next(
-        (
-            one.time
-            for one in writes
-            if one.time >= since and one.address == TORQUE_ENABLE and not any(one.values.values())
-        ),
-        None,
-    )
+    return next((one.time for one in writes if one.time >= since and one.torque(on=False)), None)
 
 
 ROUNDED_TICKS, ROUNDED_INWARDS_TICKS = 0.5, 1.0
@@ -244,7 +241,7 @@ def after_latch(writes: Sequence[Written], latched: float) -> list[str]:
 
 def torque_on_again(writes: Sequence[Written], since: float) -> list[str]:
     """Return whether torque was switched on from a time on, s."""
-    again = [one for one in writes if one.time > since and one.address == TORQUE_ENABLE and any(one.values.values())]
+    again = [one for one in writes if one.time > since and one.torque(on=True)]
     return [f"torque was switched on {one.time - since:.3f} s after the stop began" for one in again[:1]]
 
 

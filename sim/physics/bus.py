@@ -14,14 +14,13 @@ from sim.emulator.servo_body import ServoBody
 from sim.emulator.shaft import Law, Shaft
 from sim.mock_bus import ALERT_BIT, VELOCITY_UNIT, check_goals, check_open
 from sim.physics.simulation import BATCH_S, Simulation
-from sim.physics.witness import Witness
 
 
 class PhysicsBus:
     """A `hardware.bus.ServoBus`. Each call moves the simulation up to the clock's now, in whole steps.
 
     Goals take effect `latency` s after they are written: one cycle of the robot, as on a wire. Until torque first goes
-    on a hand holds the robot (`sim.physics.mount`). `witness` observes each read, and has what the report needs.
+    on a hand holds the robot (`sim.physics.mount`).
     """
 
     def __init__(self, simulation: Simulation, clock: Clock, *, latency: float) -> None:
@@ -37,12 +36,6 @@ class PhysicsBus:
         self._unit = np.array([servo.model.current_unit or np.nan for servo in servos])
         self._origin = clock.now()
         self._open = False
-        self.witness = Witness(simulation)
-
-    @property
-    def torque_on(self) -> bool:
-        """Whether any servo has torque."""
-        return bool(self.simulation.motors.driven.any())
 
     def open(self) -> None:
         """Open the bus; torque is off."""
@@ -54,7 +47,6 @@ class PhysicsBus:
         """Move time on and return the state of the servos. Raises BusError when closed."""
         check_open(self._open, where="physics bus, read")
         self._catch_up()
-        self.witness.look()
         return self._registers()
 
     def write(self, goals: ServoGoals) -> None:
@@ -74,15 +66,12 @@ class PhysicsBus:
         if on:
             self.simulation.settle_goals()
         self.simulation.switch(wanted)
-        self.witness.switched(on)
 
     def close(self) -> None:
-        """Switch torque off, then watch for AFTERMATH_S whether the robot falls. No further call but `open`."""
-        if not self._open:
-            return
-        self.torque(False)
+        """Switch torque off. No further call but `open`."""
+        if self._open:
+            self.torque(False)
         self._open = False
-        self.witness.see_it_out()
 
     def _now(self) -> float:
         """Time since the bus was opened, s."""
@@ -97,7 +86,7 @@ class PhysicsBus:
         data, motors, electrics = simulation.data, simulation.motors, simulation.electrics
         count = len(self._servos)
         angle: FloatArray = motors.angle(data)
-        current = electrics.current(self.witness.state.torque, motors.driven)  # as of just now
+        current = electrics.current(motors.torque(data), motors.driven)
         return ServoStates(
             time=self._clock.now(),
             position=np.rint(self._zero + angle / self._tick_rad).astype(np.int64),
@@ -110,7 +99,6 @@ class PhysicsBus:
             age=np.zeros(count),
             valid=np.ones(count, dtype=np.bool_),
             driven=motors.driven.copy(),
-            soles=self.witness.soles,
         )
 
 

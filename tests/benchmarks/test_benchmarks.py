@@ -1,25 +1,24 @@
 """The benchmark compares like with like: one body in two formats, motions in reach, errors measured once."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from benchmarks.bodies import BenchBody, Floats, bench_human, bench_op3
-from benchmarks.cost import Cost, slope
-from benchmarks.iterations import broken_limits, reconstruct, row
-from benchmarks.measure import run
+from benchmarks.iterations import broken_limits, errors_mm, row
+from benchmarks.measure import OURS, print_outcomes, run
 from benchmarks.motion import RATE, crouch_and_reach, out_of_reach
 from benchmarks.ours import Ours
-from benchmarks.real_frame import real_frame, timed_play
+from benchmarks.paper.replay import replay
 from benchmarks.recording import followed
-from benchmarks.table import print_costs, print_outcomes, print_real_frame
-from benchmarks.textbook import Textbook
-from benchmarks.unsensed import unsensed_mm
 from benchmarks.urdf import write_urdf
 from retarget.human.calibration import calibrate
 from retarget.model.body import load_body_text
 from retarget.model.human import build_human
+from retarget.schema.priorities import load_priorities
+from retarget.sources.open import open_source
 from sim.performer import synthetic_performer
 
 
@@ -71,13 +70,14 @@ def test_wrists_alone_are_out_of_reach(body: BenchBody) -> None:
 
 
 def test_a_short_run_reports_every_side(body: BenchBody, capsys: pytest.CaptureFixture[str]) -> None:
-    outcomes = run(body, crouch_and_reach(body, 40), [Ours, Textbook])
-    assert [outcome.side for outcome in outcomes] == [Ours.name, Textbook.name]
+    outcomes = run(body, crouch_and_reach(body, 40), [Ours, partial(Ours, name="other")])
+    assert [outcome.side for outcome in outcomes] == [OURS, "other"]
     for outcome in outcomes:
         assert outcome.com_mm < 1.0 and outcome.ankles_mm < 1.0
         assert outcome.speed <= 1.0 + 1e-9 and outcome.beyond_limits_rad < 1e-12
-    print_outcomes(outcomes, ours=Ours.name)
-    assert Textbook.name in capsys.readouterr().out
+    print_outcomes(outcomes)
+    rows = [line for line in capsys.readouterr().out.splitlines() if line.startswith("|")]
+    assert len(rows) == 4 and len({line.count("|") for line in rows}) == 1 and "| other |" in rows[-1]
 
 
 class Late(Ours):
@@ -96,49 +96,25 @@ def test_errors_count_from_the_first_frame(body: BenchBody) -> None:
 
 
 def test_a_robot_is_asked_what_the_recording_asks(shared: Path) -> None:
-    body, motion = followed(bench_op3(), shared / "mocap" / "cmu_asfamc" / "02_06.amc")
+    recorded = open_source(shared / "mocap" / "cmu_asfamc" / "02_06.amc").cut(0.0, 3.0)
+    body, motion = followed(bench_op3(), recorded)
     assert [point.name for point in body.points] == ["l_ankle", "r_ankle", "l_wrist", "r_wrist", "head"]
-    assert motion.frames == 2235 and np.isfinite(motion.points).all() and np.isfinite(motion.com).all()
+    assert motion.frames == len(recorded) and np.isfinite(motion.points).all() and np.isfinite(motion.com).all()
     travel = np.ptp(motion.points, axis=0).max(axis=1)
     assert (travel[:2] == 0.0).all() and (travel[2:] > 0.1).all()
     at_start = body.model.solver_body().points(motion.start[None], body.links(), body.offsets())[0]
     np.testing.assert_allclose(at_start[:2], motion.points[0, :2], atol=1e-9)
 
 
-def test_a_frame_takes_more_than_its_solver(shared: Path) -> None:
-    whole, solver = timed_play(shared / "mocap" / "cmu_asfamc" / "02_06.amc", end=1.0)
-    assert whole.shape == solver.shape and len(whole) > 50
-    assert (solver > 0.0).all() and (solver < whole).all(), "of one play: two are not of one machine's speed"
-
-
-def test_the_real_frame_has_a_row_for_each_stage(shared: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    costs = real_frame(shared / "mocap" / "cmu_asfamc" / "02_06.amc", end=1.0)
-    assert [cost.stage for cost in costs] == ["human", "robot", "both"]
-    for cost in costs:
-        assert 0.0 < cost.solver_median_us <= cost.solver_p99_us and 0.0 < cost.median_us <= cost.p99_us
-    assert costs[2].median_us > max(costs[0].median_us, costs[1].median_us)
-    print_real_frame(costs)
-    assert f"| both | {costs[2].median_us:.0f} |" in capsys.readouterr().out
-
-
-def test_tables_are_markdown(body: BenchBody, capsys: pytest.CaptureFixture[str]) -> None:
-    print_outcomes(run(body, crouch_and_reach(body, 30), [Ours]), ours=Ours.name)
-    print_costs([Cost("human", k, 51, 10.0 * k) for k in (1, 2)], [Cost("human", 5, k, 2.0 * k) for k in (16, 51)])
-    lines = capsys.readouterr().out.splitlines()
-    rows = [line.count("|") for line in lines if line.startswith("|")]
-    assert len(rows) == 9 and rows[0] == rows[1] == rows[2]
-    assert "| us | 10 | 20 |" in lines and "10.0 us per sensor" in "".join(lines)
-
-
 def test_more_iterations_are_no_worse() -> None:
-    frames = synthetic_performer().cut(0.0, 2.0)
-    human = build_human(calibrate(frames))
-    once, many = (reconstruct(frames, human, "paper", iterations) for iterations in (1, 5))
-    assert list(once[0]) == ["CoM", "ankles", "wrists", "head"] and once[1] == many[1] == 0
-    assert once[0]["ankles"].shape == (len(frames), 2)
-    for group, errors in many[0].items():
-        assert errors.mean() <= once[0][group].mean() + 1e-6 and errors.max() < 0.1, group
-    assert len(list(row(frames, human, 2))) == 8
+    frames, paper = synthetic_performer().cut(0.0, 2.0), load_priorities("paper")
+    done = [replay(frames, paper, iterations=iterations) for iterations in (1, 5)]
+    assert [broken_limits(one.human, one.q, one.dt) for one in done] == [0, 0]
+    once, many = map(errors_mm, done)
+    assert list(once) == ["CoM", "ankles", "wrists", "head"] and once["ankles"].shape == (len(frames), 2)
+    for group, errors in many.items():
+        assert errors.mean() <= once[group].mean() + 1e-6 and errors.max() < 0.1, group
+    assert len(list(row(frames.cut(0.0, 0.2), 2))) == 8
 
 
 def test_broken_limits_are_counted() -> None:
@@ -148,14 +124,3 @@ def test_broken_limits_are_counted() -> None:
     knee = human.body.joint_qpos[human.body.joint_index("l_knee_flexion")]
     postures[1, knee] -= 3.0
     assert broken_limits(human, postures, 0.01) == 3  # out of range, there and back too fast
-
-
-def test_slope_is_per_unit() -> None:
-    costs = [Cost("human", sensors, 51, 10.0 + 3.0 * sensors) for sensors in range(1, 5)]
-    assert slope(costs, "sensors") == pytest.approx(3.0)
-
-
-def test_more_sensors_leave_less_unsensed() -> None:
-    frames = synthetic_performer().cut(0.0, 2.0)
-    five, everything = (unsensed_mm(frames, "human", sensors) for sensors in ("five", "all"))
-    assert 0.0 < everything < 5.0 < five < 90.0

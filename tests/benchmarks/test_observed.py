@@ -1,9 +1,8 @@
-"""The observed benchmark: obstacles stand where they should, peers look at our pairs, tables say what was asked."""
+"""The observed benchmark: obstacles stand where they should, and peers look at our pairs."""
 
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -12,6 +11,7 @@ import pytest
 from benchmarks.bodies import Floats
 from benchmarks.measure import play
 from benchmarks.motion import Motion, crouch_and_reach
+from benchmarks.observed import obstacle_cost, print_observed, print_obstacle_costs
 from benchmarks.observed_body import (
     Watched,
     exact_self_distances,
@@ -20,13 +20,11 @@ from benchmarks.observed_body import (
     watched_human,
     watched_op3,
 )
-from benchmarks.observed_cases import BASE, Entry, Observed, entries, run_observed, settled
-from benchmarks.observed_check import Looking, check_pairs
-from benchmarks.observed_cost import ObstacleCost, obstacle_cost, plot_costs
+from benchmarks.observed_cases import BASE, Entry, entries, run_observed, settled
 from benchmarks.observed_obstacles import FAR, NEAR, around_arms, influence, size_of, sphere_at_hand
-from benchmarks.observed_ours import observed
 from benchmarks.observed_shapes import PREFIX, THIN, mujoco_model, urdf_names, urdf_shapes
-from benchmarks.observed_table import print_observed, print_obstacle_costs
+from benchmarks.ours import observed
+from benchmarks.side import check_distances
 from benchmarks.urdf import write_urdf
 from messages import refuses
 from retarget.model.body import load_body_text
@@ -147,72 +145,24 @@ def test_peers_look_at_our_pairs(watched: Watched, motion: Motion) -> None:
     rows = run_observed(watched, short, sides)  # raises where pairs or distances are not ours
     assert [row.outcome.side for row in rows[-3:]] == ["PlaCo hard", "PlaCo soft", "mink"]
     assert all(row.outcome.com_mm < 1.0 and row.outcome.failures == 0 for row in rows)
-    assert {row.pairs for row in rows[-3:]} == {len(watched.observers.pairs)}
-    for side in sides[-3:]:
-        peer = side.make(watched.body, motion)
-        assert isinstance(peer, Looking)
-        np.testing.assert_allclose(peer.distances(), exact_self_distances(watched, motion.start), atol=1e-6)
-
-
-class Blind:
-    """A peer that leaves one pair out, or sees all a little too far."""
-
-    name, failures = "blind", 0
-
-    def __init__(self, watched: Watched, q: Floats, *, missing: int = 0, off: float = 0.0) -> None:
-        self.q, self.found = q, exact_self_distances(watched, q) + off
-        self.pair_count = len(self.found) - missing
-
-    def aim(self, com: Floats, points: Floats) -> None:
-        """See `Side`."""
-
-    def solve(self) -> None:
-        """See `Side`."""
-
-    def posture(self) -> Floats:
-        """See `Side`."""
-        return self.q
-
-    def distances(self) -> Floats:
-        """See `Looking`."""
-        return self.found
 
 
 def test_a_peer_that_looks_at_less_is_reported(watched: Watched, motion: Motion) -> None:
-    check_pairs(watched, Blind(watched, motion.start))
-    with refuses(RuntimeError):
-        check_pairs(watched, Blind(watched, motion.start, missing=1))
-    with refuses(RuntimeError):
-        check_pairs(watched, Blind(watched, motion.start, off=1e-4))
-    with refuses(RuntimeError):
-        check_pairs(watched, Blind(watched, motion.start, off=np.nan))
+    exact = exact_self_distances(watched, motion.start)
+    check_distances("peer", exact, watched, motion.start)
+    for off in (1e-4, np.nan):
+        with refuses(RuntimeError):
+            check_distances("peer", exact + np.where(np.arange(len(exact)) == 3, off, 0.0), watched, motion.start)
 
 
-def test_the_cost_of_obstacles_is_a_table_and_a_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_tables_have_a_cell_for_every_head(capsys: pytest.CaptureFixture[str]) -> None:
     cost = obstacle_cost(watched_op3(), "all", frames=40, repeats=2, counts=(1, 4))
     assert cost.near[1] > cost.near[0] > 0.0 and min(cost.median_us) > 0.0
-    print_obstacle_costs([cost, replace(cost, median_us=(10.0, 41.0))])
-    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("|")]
-    assert len({line.count("|") for line in lines}) == 1 and lines[-1].endswith("| 4.10 | <= 4 ! |")
-    plot_costs([cost], tmp_path / "cost.png")
-    assert (tmp_path / "cost.png").stat().st_size > 1000
-
-
-def test_what_is_not_met_is_marked(capsys: pytest.CaptureFixture[str]) -> None:
     lines = watched_human("lines_and_head")
-    motion = crouch_and_reach(lines.body, 30)
-    made = run_observed(lines, motion, [Entry(observed(BASE, lines, "all"), asked_us=(1e9, 1e-3))])
-    print_observed([*made, _slower(made[0])])
-    printed = [line for line in capsys.readouterr().out.splitlines() if line.startswith("|")]
-    assert len({line.count("|") for line in printed}) == 1
-    assert "<= 1e+09 / <= 0.001 !" in printed[2] and "| 0.50 | <= 0.2 ! |" in printed[3]
-
-
-def _slower(row: Observed) -> Observed:
-    """A peer that takes twice as long."""
-    outcome = replace(row.outcome, side="peer", median_us=2.0 * row.outcome.median_us)
-    return replace(row, outcome=outcome, asked_us=None, asked_share=0.2)
-
-
-def test_obstacle_growth_is_last_over_first() -> None:
-    assert ObstacleCost("op3", "boxes", "all", (1, 64), (20.0, 60.0), (1.0, 9.0)).growth == 3.0
+    rows = run_observed(lines, crouch_and_reach(lines.body, 30), [Entry(observed(BASE, lines, "all"))])
+    print_obstacle_costs([cost])
+    first = capsys.readouterr().out
+    print_observed(rows)
+    for printed in (first, capsys.readouterr().out):
+        table = [line for line in printed.splitlines() if line.startswith("|")]
+        assert len(table) == 3 and len({line.count("|") for line in table}) == 1

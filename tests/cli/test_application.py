@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from command_line import code_of
 from messages import refuses, shows
 from recordings import Recorded, record
-from retarget.cli import main
 from retarget.cli.application import ask, with_values
 from retarget.cli.emulate import TypedLines
 from retarget.cli.exit import DONE, REFUSED
@@ -20,6 +20,7 @@ from retarget.recording.reading import read_recording
 from retarget.report.outputs import PICTURE_NAMES
 from retarget.report.plots import PICTURES
 from retarget.schema.files import check_place, refuse_existing
+from unknown_robots import small_bust
 
 
 @pytest.mark.parametrize(
@@ -79,12 +80,6 @@ def test_the_usual_value_is_put_in(words: str, whole: str) -> None:
 
 
 MINE = b"mine"
-
-
-def code_of(*words: str | Path) -> int:
-    with pytest.raises(SystemExit) as left:
-        main([*map(str, words)])
-    return int(left.value.code or 0)
 
 
 @pytest.fixture
@@ -168,9 +163,10 @@ def test_a_recording_that_is_played_is_not_replaced_by_itself(
 
 
 def test_a_proposal_of_observers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = tmp_path / "observers.yaml"
+    out, body = tmp_path / "observers.yaml", tmp_path / "bust.urdf"
     out.write_bytes(MINE)
-    words: list[str | Path] = ["fit-observers", "op3", "--samples", "50", "--out", out]
+    body.write_text(small_bust())
+    words: list[str | Path] = ["fit-observers", body, "--samples", "10", "--out", out]
     assert code_of(*words) == REFUSED and out.read_bytes() == MINE
     assert code_of(*words, "--overwrite") == DONE and out.read_bytes() != MINE
 

@@ -1,13 +1,14 @@
 """`retarget export`: one clear message and exit code 2 for what cannot be; nothing is overwritten, nothing is left."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import command_line
 from exported import SLIDER, moved, saved, slider, with_servos
 from messages import shows
-from retarget.cli import main
 
 
 @pytest.fixture
@@ -19,11 +20,7 @@ def run(tmp_path: Path) -> Path:
     return saved(motion, tmp_path / "run.npz", tmp_path / "slider.xml", phase=phase)
 
 
-def code_of(*words: str | Path) -> int:
-    with pytest.raises(SystemExit) as left:
-        main(["export", *map(str, words)])
-    assert isinstance(left.value.code, int)
-    return left.value.code
+code_of = partial(command_line.code_of, "export")
 
 
 ENDINGS = {

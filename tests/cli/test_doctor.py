@@ -3,38 +3,15 @@
 import json
 import os
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
 
+from command_line import code_of
 from messages import shows
-from retarget import cli
 
-
-def leave(*words: str) -> int:
-    with pytest.raises(SystemExit) as leaving:
-        cli.main(("doctor", *words))
-    assert isinstance(leaving.value.code, int)
-    return leaving.value.code
-
-
-@pytest.mark.parametrize(
-    ("words", "part"),
-    [
-        (("vmc:39539",), "neither a stream nor a port"),
-        (("nope://:1",), "unknown kind of stream"),
-        (("vmc://:39539", "--robot", "op3"), "Leave one out"),
-        (("vmc://:39539", "--seconds", "0"), "no such time"),
-        (("vmc://:39539", "--seconds", "nan"), "no such time"),
-        (("vmc://:39539", "--performer", "unknown_name"), "unknown performer"),
-        (("--performer", "five"), "only a stream has this"),
-        (("--robot", "unknown_name"), "unknown robot"),
-        (("replay://nowhere.raw",), "no such recording"),
-    ],
-)
-def test_a_bad_argument_is_refused(words: tuple[str, ...], part: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert leave(*words) == 2
-    assert part in capsys.readouterr().err
+leave = partial(code_of, "doctor")
 
 
 def test_a_port_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,24 +13,16 @@ import pytest
 import yaml
 from serial import Serial
 
+from command_line import code_of as leave
 from hardware.clock import MonotonicClock
 from hardware.dynamixel.codec import protocol2
 from messages import shows
-from retarget import cli
 from retarget.cli.exit import DONE, REFUSED
-from sim.emulator.conversation import Gaps
+from sim.emulator.conversation import Conduct, Gaps
 from sim.emulator.line import Line
-from sim.emulator.robot_lines import Conduct
 from sim.emulator.servo2_registers import FedBy
 
 OP3 = Path(__file__).resolve().parent.parent.parent / "configs/robots/op3"
-
-
-def leave(*words: str) -> int:
-    with pytest.raises(SystemExit) as leaving:
-        cli.main(words)
-    assert isinstance(leaving.value.code, int)
-    return leaving.value.code
 
 
 def _line_of(stream: int, seconds: float) -> str:
@@ -171,38 +163,3 @@ def test_every_option_is_in_the_help_and_on_the_page(capsys: pytest.CaptureFixtu
     options = {word for word in capsys.readouterr().out.split() if word.startswith("--")} - {"--help"}
     assert {"--gaps", "--boot", "--watchdog-fed-by", "--answers-damage", "--no-torque-by-goal"} <= options
     assert [option for option in sorted(options) if option not in page] == []
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("--robot", "op4", "--link", "LINK"), "unknown robot"),
-        (("--robot", "op3", "--link", "FILE"), "the path of the link is taken"),
-        (("--robot", "op3", "--link", "NONE/link"), "no such folder"),
-        (("--robot", "op3", "--link", "LINK", "--faults", "NONE"), "no such file"),
-        (("--robot", "op3", "--link", "LINK", "--faults", "FILE"), "no such device; found 77"),
-        (("--robot", "op3", "--link", "LINK", "--for", "0"), "--for"),
-        (("--robot", "op3", "--link", "LINK", "--for", "nan"), "--for"),
-        (("--robot", "op3", "--link", "LINK", "--seed", "-1"), "--seed"),
-        (("--robot", "op3", "--link", "LINK", "--boot", "-0.1"), "--boot"),
-        (("--robot", "op3", "--link", "LINK", "--boot", "inf"), "--boot"),
-        (("--robot", "op3", "--link", "LINK", "--boot", "nan"), "--boot"),
-        (("--robot", "op3", "--link", "LINK", "--gaps", "fill"), "'silence', 'skip'"),
-        (("--robot", "op3", "--link", "LINK", "--watchdog-fed-by", "none"), "'any', 'own'"),
-    ],
-)
-def test_what_cannot_be_is_one_message(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, ...], message: str
-) -> None:
-    places = {name: str(tmp_path / name.lower()) for name in ("LINK", "FILE", "NONE")}
-    content = "faults: [{fault: missing, ids: [77]}]\n"
-    (tmp_path / "file").write_text(content)
-    for name, place in places.items():
-        words = tuple(word.replace(name, place) for word in words)
-    assert leave("emulate", *words) == REFUSED
-    said = capsys.readouterr()
-    assert message in said.err
-    assert said.err.lower().count("error:") == 1
-    assert said.out == ""
-    assert [path.name for path in tmp_path.iterdir()] == ["file"]
-    assert (tmp_path / "file").read_text() == content

@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from command_line import said_by
 from messages import shows
-from retarget.cli import main
 from retarget.model.observers import robot_observers
 from retarget.model.robot import load_profile, load_robot
 from retarget.report.clearance import place_body
 from retarget.schema.catalogue import shipped_folder
 from retarget.setup.fit_observers import Fit, find_subject, fit
-from retarget.setup.observer_proposals import Zones
+from retarget.setup.shape_fit import Zones
 from retarget.setup.survey import joint_ranges
 
 OP3 = shipped_folder() / "robots" / "op3"
@@ -38,13 +38,6 @@ def body(tmp_path: Path) -> Path:
     path = tmp_path / "two.xml"
     path.write_text(TWO_LINKS, encoding="utf-8")
     return path
-
-
-def run(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as left:
-        main(["fit-observers", *map(str, words)])
-    out, err = capsys.readouterr()
-    return int(left.value.code or 0), out, err
 
 
 def profile_with(fragment: str, folder: Path) -> Path:
@@ -78,7 +71,7 @@ def test_far_parts_that_touch_in_the_neutral_posture_are_reported(
     ring = "".join(link.format(number) for number in range(3)) + '<geom size="0.05" pos="-0.58 0 0"/>'
     text = f'<mujoco><worldbody><body name="base"><geom size="0.05"/>{ring}{"</body>" * 4}</worldbody></mujoco>'
     (tmp_path / "ring.xml").write_text(text, encoding="utf-8")
-    code, out, _ = run(capsys, tmp_path / "ring.xml", "--samples", 10)
+    code, out, _ = said_by(capsys, "fit-observers", tmp_path / "ring.xml", "--samples", 10)
     assert code == 0
     shows(out, 2, "l2")
 
@@ -106,53 +99,35 @@ def test_ignoring_hides_no_collision_of_the_robots_own_geoms(op3: Fit) -> None:
 
 
 def test_a_body_without_a_profile(capsys: pytest.CaptureFixture[str], body: Path, tmp_path: Path) -> None:
-    code, out, err = run(capsys, body, "--samples", 10)
+    code, out, err = said_by(capsys, "fit-observers", body, "--samples", 10)
     assert (code, err) == (0, "")
     assert "arm: {link: arm_link," in out and "sphere: {at: [0, 0, 0], radius: 0.05}" in out
     assert "capsule: {from: [0, 0, 0], to: [0.2, 0, 0], radius: 0.02}" in out
     assert "ignore_pairs: []" in out
     urdf = tmp_path / "two.urdf"
     urdf.write_text(URDF, encoding="utf-8")
-    assert run(capsys, urdf, "--samples", 10)[0] == 0
+    assert said_by(capsys, "fit-observers", urdf, "--samples", 10)[0] == 0
 
 
 def test_the_same_seed_prints_the_same(capsys: pytest.CaptureFixture[str], body: Path) -> None:
-    assert run(capsys, body, "--seed", 3)[1] == run(capsys, body, "--seed", 3)[1]
+    assert (
+        said_by(capsys, "fit-observers", body, "--seed", 3)[1] == said_by(capsys, "fit-observers", body, "--seed", 3)[1]
+    )
 
 
 def test_out_writes_the_file_and_says_what_is_in_it(
     capsys: pytest.CaptureFixture[str], body: Path, tmp_path: Path
 ) -> None:
-    printed = run(capsys, body)[1]
-    code, out, _ = run(capsys, body, "--out", tmp_path / "new.yaml")
+    printed = said_by(capsys, "fit-observers", body)[1]
+    code, out, _ = said_by(capsys, "fit-observers", body, "--out", tmp_path / "new.yaml")
     assert (code, out) == (0, f"{tmp_path / 'new.yaml'}: 2 observers; 0 of 0 pairs to ignore (none)\n")
     assert (tmp_path / "new.yaml").read_text(encoding="utf-8") == printed
 
 
 def test_what_it_was_made_from_is_never_overwritten(capsys: pytest.CaptureFixture[str], body: Path) -> None:
-    code, _, err = run(capsys, body, "--out", body)
+    code, _, err = said_by(capsys, "fit-observers", body, "--out", body)
     assert code == 2
     shows(err)
     assert body.read_text(encoding="utf-8") == TWO_LINKS
-    code, _, err = run(capsys, OP3, "--out", OP3 / "robot.yaml")
+    code, _, err = said_by(capsys, "fit-observers", OP3, "--out", OP3 / "robot.yaml")
     assert code == 2 and load_profile("op3").observers
-
-
-@pytest.mark.parametrize(
-    ("words", "part"),
-    [
-        (["opp3"], "Did you mean op3"),
-        (["human"], "the human is no robot"),
-        (["gone.xml"], "cannot read the body"),
-        (["op3", "--influence", "0"], "no usable influence"),
-        (["op3", "--influence", "nan"], "no usable influence"),
-        (["op3", "--margin", "0.03"], "no usable margin"),
-        (["op3", "--samples", "0"], "no usable number of samples"),
-        (["op3", "--seed", "-1"], "no usable seed"),
-        (["op3", "--out", "no/such/folder.yaml"], "no such folder"),
-    ],
-)
-def test_bad_input_is_one_clear_error(capsys: pytest.CaptureFixture[str], words: list[str], part: str) -> None:
-    code, out, err = run(capsys, *words)
-    assert (code, out) == (2, "")
-    assert err.startswith("error: ") and part in err and err.count("\n") == 1

@@ -5,16 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from command_line import said_by as run
 from messages import mentions, shows
-from retarget.cli import main
 from unknown_robots import small_bust, table_arm
-
-
-def run(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as left:
-        main([*map(str, words)])
-    out, err = capsys.readouterr()
-    return int(left.value.code or 0), out, err
 
 
 @pytest.fixture
@@ -75,9 +68,3 @@ def test_what_is_not_complete(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     code, _, err = run(capsys, "check", tmp_path / "arm")
     assert code == 2
     shows(err, "l_hand")
-
-
-@pytest.mark.parametrize("samples", ["0", "-1", "99999999"])
-def test_samples(samples: str, bust: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code, _, err = run(capsys, "import", bust, "--out", tmp_path / "new", "--samples", samples)
-    assert code == 2 and "--samples" in err and not (tmp_path / "new").exists()

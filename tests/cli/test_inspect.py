@@ -4,27 +4,18 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
+from command_line import said_by
 from messages import shows
 from motion_texts import amc_text, bvh_text, c3d_bytes, write_amc
-from retarget.cli import main
-from retarget.cli.application import application
+from retarget.sources.raw_record import RawWriter
 
 pytestmark = pytest.mark.filterwarnings("ignore:No analog data found:UserWarning")
 
 
-def run(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str, str]:
-    """Exit code, standard output and standard error of the command."""
-    with pytest.raises(SystemExit) as left:
-        main(["inspect", *words])
-    out, err = capsys.readouterr()
-    return int(left.value.code or 0), out, err
-
-
 def test_the_text_has_size_sensors_and_notes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = write_amc(tmp_path, amc_text(5))
-    code, out, err = run(capsys, str(path))
+    code, out, err = said_by(capsys, "inspect", str(path))
     assert code == 0 and err == ""
     assert str(path) in out.replace("\n", "")
     shows(out, 5, 120, "0.03", "1.6", "thigh", "0.423", 23)
@@ -35,7 +26,7 @@ def test_the_text_has_size_sensors_and_notes(tmp_path: Path, capsys: pytest.Capt
 def test_a_program_gets_one_json_object_without_nan(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "a.c3d"
     path.write_bytes(c3d_bytes(3, lost=[(i, "LANK") for i in range(3)]))
-    code, out, _ = run(capsys, str(path), "--json")
+    code, out, _ = said_by(capsys, "inspect", str(path), "--json")
     data = json.loads(out)
     assert code == 0 and data["frames"] == 3 and data["rate_hz"] == 100.0 and data["joints"] == []
     ankle = next(sensor for sensor in data["sensors"] if sensor["name"] == "l_ankle")
@@ -46,14 +37,14 @@ def test_a_program_gets_one_json_object_without_nan(tmp_path: Path, capsys: pyte
 def test_what_is_lost_is_neither_all_nor_none(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "a.c3d"
     path.write_bytes(c3d_bytes(3, lost=[(1, "LANK")]))
-    _, out, _ = run(capsys, str(path))
+    _, out, _ = said_by(capsys, "inspect", str(path))
     shows(out, "66.7", "l_ankle", 1, 3)
 
 
 def test_options_reach_the_reader(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "a.bvh"
     path.write_text(bvh_text(scale=10.0))
-    _, out, _ = run(capsys, str(path), "--unit", "mm", "--rate", "60")
+    _, out, _ = said_by(capsys, "inspect", str(path), "--unit", "mm", "--rate", "60")
     shows(out, 60)
 
 
@@ -63,17 +54,28 @@ def test_bad_files_and_options_are_refused_with_one_message(
 ) -> None:
     path = tmp_path / "a.bvh"
     path.write_text(bvh_text() if words else "HIERARCHY\nROOT a\n{\n")
-    code, out, err = run(capsys, str(path), *words)
+    code, out, err = said_by(capsys, "inspect", str(path), *words)
     assert code == 2 and out == ""
     assert err.count("error:") == 1 and "Traceback" not in err
 
 
 def test_jumps_of_a_real_recording_are_shown(shared: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code, out, _ = run(capsys, str(shared / "mocap/cmu_asfamc/01_07.amc"))
+    code, out, _ = said_by(capsys, "inspect", str(shared / "mocap/cmu_asfamc/01_07.amc"))
     assert code == 0
     shows(out, 5, 3364, "28.02", "head", "0.21", 4454, "37.11", "r_wrist", 104)
 
 
-def test_help_names_every_option() -> None:
-    text = CliRunner().invoke(application(["inspect"]), ["inspect", "--help"]).output
-    assert all(option in text for option in ("--skeleton", "--unit", "--rate", "--json"))
+def test_a_recorded_stream_is_shown_by_the_names_of_its_sender(
+    shared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = shared / "streams/slimevr/full12_vrcosc_20hz.udprec.gz"
+    code, out, _ = said_by(capsys, "inspect", f"replay://{path}", "--json")
+    data = json.loads(out)
+    assert code == 0 and data["frames"] == 305 and data["rate_hz"] == pytest.approx(20.0, rel=0.05)
+    assert [sensor["name"] for sensor in data["sensors"]][:2] == ["tracker://head", "tracker://6"]
+    assert data["notes"] == ["not used: tracker that is none of 1 to 8 and head (1830)"]
+    RawWriter(tmp_path / "empty.raw", url="json://:14150").close()
+    for words in ([f"replay://{tmp_path}/empty.raw"], [f"replay://{path}", "--unit", "cm"], ["vmc:39539"]):
+        code, out, err = said_by(capsys, "inspect", *words)
+        assert code == 2 and out == ""
+        shows(err.replace(str(path), "FILE").replace(str(tmp_path), "FOLDER"))

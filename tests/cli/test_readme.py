@@ -29,7 +29,8 @@ NEEDS = {
 }
 """What is not typed here, and what it needs that a test has not."""
 SHORTER = {
-    "--source sample": ["--end", "0.5"],
+    "--source sample": ["--end", "0.2"],
+    "run first_run": ["--end", "0.5"],
     "retarget import": ["--samples", "50"],
     "retarget view": ["--port", "0"],
 }

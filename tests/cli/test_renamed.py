@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from check_helpers import copy_of_op3
+from command_line import said_by
 from command_pages import commands
 from messages import shows
-from retarget.cli import main
 from retarget.cli.controls import WORDS, refused_word
 from retarget.cli.exit import REFUSED
 from retarget.errors import RENAMED
@@ -31,10 +31,8 @@ KEYS = [
 
 def refused(capsys: pytest.CaptureFixture[str], *words: object) -> str:
     """What is on stderr when the command line is refused."""
-    with pytest.raises(SystemExit) as left:
-        main([str(word) for word in words])
-    out, err = capsys.readouterr()
-    assert (left.value.code, out) == (REFUSED, "") and "Traceback" not in err
+    code, out, err = said_by(capsys, *words)
+    assert (code, out) == (REFUSED, "") and "Traceback" not in err
     return err
 
 
@@ -60,19 +58,8 @@ def test_a_priority_file(old: str, capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_a_priority_file_that_a_profile_names(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     profile = copy_of_op3(tmp_path, ("retarget: servo", "retarget: steady"))
-    shows(refused(capsys, "check", profile), "'steady'", "called balanced now")
-
-
-def test_a_run_says_which_key_of_the_profile_names_the_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    profile = copy_of_op3(tmp_path, ("retarget: servo", "retarget: held"))
-    found = refused(capsys, "run", "--robot", profile, *RUN[3:])
-    shows(found, "retarget in the profile of op3", "'held'", "called fixed_base now")
-
-
-@pytest.mark.parametrize("words", [(*RUN, "--priorities"), ("check",)])
-def test_a_path_of_a_priority_file(words: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / "priorities" / "steady.yaml"
-    shows(refused(capsys, *words, path), path, "called balanced now")
+    for words in (("check", profile), ("run", "--robot", profile, *RUN[3:])):
+        shows(refused(capsys, *words), "'steady'", "called balanced now")
 
 
 @pytest.mark.parametrize(("file", "old"), KEYS)
@@ -97,9 +84,3 @@ def test_every_old_name_is_tried() -> None:
 def test_a_word_of_the_control_socket() -> None:
     assert "torque_off" in WORDS and "cut" not in WORDS
     shows(refused_word("cut"), "'cut'", "called torque_off now")
-
-
-def test_an_option_that_another_command_had_is_unknown(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as left:
-        main([*RUN, "--cut"])
-    assert left.value.code == REFUSED and "--torque-off" not in capsys.readouterr().err

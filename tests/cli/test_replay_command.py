@@ -2,25 +2,22 @@
 
 import re
 import shutil
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from command_line import code_of
 from messages import shows
 from recordings import Recorded, record
-from retarget.cli import main
 from retarget.cli.exit import DONE, REFUSED, STOPPED
 from retarget.recording.read_run import read_run
 from retarget.recording.reading import Played
 from retarget.run.options import RunOptions
 from retarget.schema.catalogue import shipped_folder
 
-
-def run(*words: str | Path) -> int:
-    with pytest.raises(SystemExit) as leaving:
-        main(["replay", *map(str, words)])
-    return int(leaving.value.code or 0)
+run = partial(code_of, "replay")
 
 
 @pytest.fixture(scope="module")
@@ -107,29 +104,9 @@ def test_goals_go_to_a_bus(plain: Recorded, capsys: pytest.CaptureFixture[str]) 
     assert followed + there + rest == of and followed >= plain.result.ticks_followed and min(there, rest) > 0
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("--goals",), "goals need a bus"),
-        (("--bus", "mock"), "goals need a bus"),
-        (("--speed", "0.5"), "only goals are sent slower"),
-        (("--goals", "--bus", "mock", "--speed", "3"), "impossible speed"),
-        (("--goals", "--bus", "mcok"), "Did you mean mock"),
-        (("--goals", "--bus", "mock", "--save", "x.npz"), "goals alone have no report"),
-    ],
-)
-def test_what_cannot_be_meant_is_refused(
-    plain: Recorded, words: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("words", [("--bus", "mock", "--speed", "3"), ("--bus", "mcok")])
+def test_goals_that_cannot_be_sent_are_refused(
+    plain: Recorded, words: tuple[str, ...], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(plain.path, *words) == REFUSED
-    error = capsys.readouterr().err
-    assert message in error and "Traceback" not in error
-
-
-def test_a_file_that_is_none_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / "x.mcap"
-    assert run(path) == REFUSED
-    path.write_bytes(b"\x00" * 100)
-    assert run(path) == REFUSED
-    error = capsys.readouterr().err
-    shows(error, "MCAP")
+    assert run(plain.path, "--goals", *words) == REFUSED
+    shows(capsys.readouterr().err)

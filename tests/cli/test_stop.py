@@ -6,9 +6,8 @@ from pathlib import Path
 import pytest
 
 from hardware.clock import MonotonicClock
-from messages import shows
 from retarget.cli import main
-from retarget.run.control_socket import ControlSocket
+from retarget.cli.controls import WORDS, Asked, ControlSocket, LiveStatus
 
 
 def run(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str]:
@@ -20,40 +19,38 @@ def run(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str]:
 
 
 @pytest.mark.parametrize(
-    ("words", "answer", "code", "said"),
+    ("words", "known", "code", "said"),
     [
-        ((), "ok stopping", 0, "ok stopping"),
-        (("--torque-off",), "ok torque off", 0, "ok torque off"),
-        ((), "what?", 1, "did not confirm it (what?): cut the power"),
+        ((), True, 0, "ok stopping"),
+        (("--torque-off",), True, 0, "ok torque off"),
+        ((), False, 1, "did not confirm it (error: found 'stop', allowed: torque_off"),
     ],
 )
 def test_a_run_receives_the_word(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, ...], answer: str, code: int, said: str
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    words: tuple[str, ...],
+    known: bool,
+    code: int,
+    said: str,
 ) -> None:
-    received: list[str] = []
-    clock, place = MonotonicClock(), tmp_path / "control"
+    clock, asked, done = MonotonicClock(), list[Asked](), threading.Event()
+    server = ControlSocket(tmp_path / "control", status=lambda: LiveStatus(None, True, False, None))
+    if not known:
+        monkeypatch.delitem(WORDS, "stop")
 
-    def obey(word: str) -> str:
-        received.append(word)
-        return answer
+    def serve() -> None:
+        deadline = clock.now() + 5.0
+        while not done.is_set() and clock.now() < deadline:
+            asked.extend(kind for kind, _ in server.poll(clock.now()))
+            clock.sleep_until(clock.now() + 0.002)
 
-    with ControlSocket(place) as server:
-
-        def serve() -> None:
-            deadline = clock.now() + 5.0
-            while not received and clock.now() < deadline:
-                server.poll(obey)
-                clock.sleep_until(clock.now() + 0.002)
-
-        thread = threading.Thread(target=serve)
-        thread.start()
-        found = run(capsys, "--socket", str(place), *words)
-        thread.join()
+    thread = threading.Thread(target=serve)
+    thread.start()
+    found = run(capsys, "--socket", str(server.path), *words)
+    done.set()
+    thread.join()
+    server.close()
     assert found[0] == code and said in found[1]
-    assert received == ["torque_off" if words else "stop"]
-
-
-def test_no_run_listens(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code, said = run(capsys, "--socket", str(tmp_path / "control"))
-    assert code == 2
-    shows(said, "--control-socket")
+    assert asked == ([Asked.TORQUE_OFF if words else Asked.STOP] if known else [])

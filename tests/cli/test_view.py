@@ -46,14 +46,13 @@ class FakeFeed:
         self.rows.append(row)
 
 
-def test_the_button_is_a_stop_that_is_reported_once() -> None:
+def test_the_button_is_a_stop() -> None:
     feed, stop, notes = FakeFeed(), StopRequest(), list[str]()
     page = Viewing(cast(Any, feed), notes.append)
     asked = page.with_stop_button(stop, stop)
     assert not asked() and not notes
     feed.pressed = True
     assert asked() and asked() and stop.why() == ON_THE_PAGE and not stop.forced_stop()
-    assert notes == [f"{ON_THE_PAGE}: stopping"]
 
 
 def test_who_asked_first_stays_the_reason() -> None:

@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from recordings import saved_run
 from retarget.cli import main
 from retarget.cli.exit import STOPPED
 from retarget.viewer.colours import ROBOT
-from saved_runs import saved_run
 from stamped_run import STAMP
 
 pytestmark = pytest.mark.long

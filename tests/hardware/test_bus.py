@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bus_rig import CYCLE, BusRig, GuardedBus, bus_of, moved, spec, specs
+from bus_rig import BusRig, bus_of, moved, spec, specs
 from hardware.bus import BAUDS, BusSpec, ServoGoals, fastest_baud
 from hardware.dynamixel.torque import FIRST_DRIVE, RAMP_TIME
 from hardware.errors import BusError
-from hardware.guard_state import StopCause
 from hardware.servo import SERVO_MODELS, ServoMode, ServoSpec, find_model
 from messages import refuses
 from sim.emulator.faults import Fault, FaultKind
@@ -33,15 +32,6 @@ def test_every_model_has_a_speed_of_its_protocol() -> None:
 
 FULL = 885  # PWM limit as delivered
 LINES = ("one", "two", "three")
-
-
-def guarded(rig: BusRig) -> GuardedBus:
-    """A guard over the open bus, armed and moving on the spot."""
-    guarded = GuardedBus(rig)
-    guarded.arm()
-    guarded.run(5)
-    assert guarded.guard.stop is None
-    return guarded
 
 
 @pytest.mark.parametrize("action", ["read", "write", "torque"])
@@ -206,33 +196,6 @@ def test_torque_that_others_switched_on_stays() -> None:
     rig.tick()
     rig.bus.close()
     assert rig.shown("torque_enable") == [1, 1, 1]
-
-
-def test_a_hot_servo_stops_the_guard() -> None:
-    rig = BusRig(specs(6)).ready()
-    guard = guarded(rig)
-    rig.fault(Fault(FaultKind.OVER_TEMPERATURE, ids=(4,)))
-    guard.run(20)
-    stop = guard.guard.stop
-    assert stop is not None and stop.cause is StopCause.SERVO_ALERT
-    assert "j4 (id 4) OVERHEATING" in stop.reason
-    assert "j3" not in stop.reason
-
-
-def test_a_servo_that_starts_anew_stops_the_guard_and_stays_limp_until_asked() -> None:
-    rig = BusRig(specs(6)).ready()
-    guard = guarded(rig)
-    rig.device(4).boot_time = 0.02
-    rig.device(4).reboot(rig.clock.now())
-    guard.run(60)
-    stop = guard.guard.stop
-    assert stop is not None and stop.cause is StopCause.SERVO_LIMP
-    assert "j4 (id 4)" in stop.reason and "j5" not in stop.reason
-    for _ in range(30):
-        states = rig.bus.read()
-        rig.clock.advance(CYCLE)
-    assert states.driven.tolist() == [True, True, True, False, True, True]
-    assert rig.shown("torque_enable") == [1, 1, 1, 0, 1, 1]
 
 
 def test_torque_on_provisions_who_started_anew() -> None:

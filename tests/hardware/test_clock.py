@@ -1,6 +1,6 @@
 """Clocks: virtual time jumps, real time does not go back."""
 
-from datetime import UTC, date, datetime
+from datetime import UTC, datetime
 
 import pytest
 
@@ -9,8 +9,6 @@ from hardware.clock import (
     PacedClock,
     TickTiming,
     VirtualClock,
-    thread_cpu,
-    today,
     wall_to_monotonic,
 )
 from messages import refuses
@@ -55,17 +53,6 @@ def test_a_paced_clock_is_never_faster_than_real_time_and_catches_nothing_up() -
     assert (clock.now(), wall.now()) == (4.0, 102.75)
     clock.sleep_until(4.5)
     assert (clock.now(), wall.now()) == (4.5, 103.25), "two seconds late, and not caught up"
-
-
-def test_cpu_time_grows_with_work() -> None:
-    before = thread_cpu()
-    sum(range(200_000))
-    assert thread_cpu() > before
-
-
-def test_today_is_a_day() -> None:
-    before = date.today()
-    assert before <= date.fromisoformat(today()) <= date.today()
 
 
 def test_stamps_of_the_wall_clock_come_onto_the_monotonic_one() -> None:

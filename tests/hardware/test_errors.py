@@ -1,7 +1,5 @@
 """The root of the error tree and its message."""
 
-import pytest
-
 from hardware import errors
 
 
@@ -14,8 +12,3 @@ def test_a_message_says_what_where_found_allowed_and_what_next() -> None:
 
 def test_empty_parts_are_left_out() -> None:
     assert errors.describe(what="no servo answers") == "no servo answers."
-
-
-@pytest.mark.parametrize("kind", [errors.HardwareError, errors.BusError, errors.GuardError])
-def test_one_tree(kind: type[Exception]) -> None:
-    assert issubclass(kind, errors.RetargetError)

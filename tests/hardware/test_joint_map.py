@@ -52,12 +52,6 @@ def test_a_limit_written_for_a_whole_tick_is_that_tick() -> None:
     assert joint_map.to_ticks(joint_map.upper).tolist() == [3072]
 
 
-def test_leading_axes_pass_through() -> None:
-    path = np.linspace(MAP.lower, MAP.upper, 7).reshape(7, 1, 4)
-    assert MAP.to_ticks(path).shape == (7, 1, 4)
-    assert MAP.to_radians(MAP.to_ticks(path)).shape == (7, 1, 4)
-
-
 def test_velocity_follows_direction_and_gear() -> None:
     assert MAP.joint_velocity(np.ones(4)).tolist() == [1.0, -1.0, 0.5, -1.0]
 
@@ -224,17 +218,6 @@ def test_half_a_pair_is_refused(change: dict[str, object], text: str) -> None:
     with pytest.raises(HardwareError) as refusal:
         JointMap([knee, roll, replace(yaw, **change), neck])  # type: ignore[arg-type]
     assert text in str(refusal.value)
-
-
-def test_a_singular_pair_is_refused() -> None:
-    flat = Coupling(("roll", "yaw"), ((0.5, 0.5), (0.5, 0.5)))
-    knee, roll, yaw, neck = waist_servos()
-    with refuses(HardwareError):
-        JointMap([knee, replace(roll, coupling=flat), replace(yaw, coupling=flat), neck])
-
-
-def test_a_robot_without_pairs_has_none() -> None:
-    assert coupled_pairs(four_servos()) == () and coupling_problems(four_servos()) == []
 
 
 WAIST = JointMap(waist_servos())

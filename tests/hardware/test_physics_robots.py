@@ -5,9 +5,9 @@ import pytest
 
 from hardware.bus import ServoGoals
 from hardware.clock import VirtualClock
-from physics_robots_helpers import ROBOTS
 from retarget.model.robot import load_robot
 from sim.buses import physics_bus, simulation_of
+from unknown_robots import SHIPPED as ROBOTS
 
 
 @pytest.mark.parametrize("name", ROBOTS)

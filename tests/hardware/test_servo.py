@@ -75,15 +75,6 @@ def test_every_model_moves_to_its_goal(model: str) -> None:
     assert read_register(servo, "model_number") == servo.number == servo.table.number
 
 
-def test_eeprom_is_locked_while_torque_is_on() -> None:
-    servo = servo2()
-    assert write_register(servo, "id", 9) == 0 and servo.id == 9
-    write_register(servo, "torque_enable", 1)
-    assert write_register(servo, "id", 10) == Error2.ACCESS and servo.id == 9
-    write_register(servo, "torque_enable", 0)
-    assert write_register(servo, "id", 253) == Error2.DATA_RANGE and servo.id == 9
-
-
 @pytest.mark.parametrize(
     ("address", "data", "error"),
     [
@@ -137,17 +128,6 @@ def test_a_goal_switches_torque_on_in_that_drive_mode_only() -> None:
         assert read_register(servo, "torque_enable") == torque
 
 
-def test_a_new_mode_resets_gains_profile_and_goals() -> None:
-    servo = servo2()
-    for name, value in (("position_p_gain", 100), ("profile_velocity", 9), ("goal_pwm", 3), ("goal_current", 4)):
-        write_register(servo, name, value)
-    write_register(servo, "operating_mode", 3)
-    assert read_register(servo, "position_p_gain") == 100  # the same mode
-    write_register(servo, "operating_mode", 5)
-    names = ("position_p_gain", "profile_velocity", "goal_pwm", "goal_current")
-    assert [read_register(servo, name) for name in names] == [800, 0, 885, 1193]
-
-
 def test_many_turns_and_the_way_back_to_one() -> None:
     servo = servo2(position=1000.0)
     write_register(servo, "operating_mode", 4)
@@ -167,18 +147,6 @@ def test_many_turns_and_the_way_back_to_one() -> None:
     write_register(servo, "operating_mode", 3, 40.0)
     assert read_register(servo, "present_position", 40.0) == 10000 - 2 * 4096
     assert read_register(servo, "goal_position", 40.0) == 4095  # pulled inside its limits
-
-
-def test_reverse_mode_mirrors_and_the_offset_keeps_its_sign() -> None:
-    servo = servo2(position=1000.0)
-    write_register(servo, "homing_offset", 100)
-    assert read_register(servo, "present_position") == 1100
-    write_register(servo, "drive_mode", 1)
-    assert read_register(servo, "present_position") == 4096 - 1000 + 100
-    write_register(servo, "homing_offset", 1025)  # ignored in mode 3
-    assert read_register(servo, "present_position") == 4096 - 1000
-    write_register(servo, "operating_mode", 4)
-    assert read_register(servo, "present_position") == 4096 - 1000 + 1025
 
 
 def test_an_error_latches_until_reboot() -> None:
@@ -202,16 +170,6 @@ def test_an_error_outside_the_mask_only_alerts() -> None:
     assert servo.read(64, 1, 1.0) == (ALERT, b"\1")
     servo.heat(90.0, 2.0)
     assert servo.read(70, 1, 2.0) == (ALERT, b"\x05") and read_register(servo, "torque_enable", 2.0) == 0
-
-
-def test_a_jam_overloads_after_a_while() -> None:
-    servo = servo2()
-    write_register(servo, "torque_enable", 1)
-    servo.jam(True, 0.0)
-    write_register(servo, "goal_position", 3000)
-    seen = [read_register(servo, "hardware_error_status", 0.05 * step) for step in range(41)]
-    assert seen[10] == 0 and seen[-1] == 0x20
-    assert read_register(servo, "present_position", 2.1) == 2048
 
 
 def test_a_brown_out_loses_the_ram() -> None:

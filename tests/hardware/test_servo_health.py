@@ -3,7 +3,6 @@
 import re
 from collections.abc import Callable
 from dataclasses import replace
-from math import inf
 
 import numpy as np
 import pytest
@@ -32,7 +31,6 @@ from hardware.servo_health import (
     watched,
 )
 from messages import refuses, shows
-from retarget.model.robot import load_profile
 from servos import four_servos, waist_servos
 
 
@@ -297,65 +295,6 @@ def test_a_servo_that_was_reset_is_never_driven_again_by_itself() -> None:
     assert rig.bus.calls.count("torque on") == whole == 1
 
 
-@pytest.mark.parametrize(("seconds", "stopped"), [(0.09, False), (0.11, True)])
-def test_a_goal_that_comes_too_late_is_the_last(seconds: float, stopped: bool) -> None:
-    rig = Rig(limits=LIMITS)
-    rig.arm()
-    rig.run(20)
-
-    def slow() -> CheckedGoal:
-        rig.clock.advance(seconds)
-        return rig.faster()
-
-    rig.run(1, slow)
-    assert (rig.guard.stop is not None) == stopped
-    if rig.guard.stop is not None:
-        assert rig.guard.stop.cause is StopCause.STALE_GOAL
-        shows(rig.guard.stop.reason, "0.11", "0.1")
-        rig.run(100)
-        assert rig.gate.at_rest
-        rig.check_goals()
-
-
-def test_a_reading_that_takes_too_long_makes_the_goal_stale(monkeypatch: pytest.MonkeyPatch) -> None:
-    rig = Rig(limits=LIMITS)
-    rig.arm()
-    rig.run(20)
-    read = rig.bus.read
-
-    def slow() -> ServoStates:
-        rig.clock.advance(0.11)
-        return read()
-
-    monkeypatch.setattr(rig.bus, "read", slow)
-    rig.run(1)
-    assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.STALE_GOAL
-
-
-@pytest.mark.parametrize(("seconds", "stopped"), [(0.08, False), (0.11, True)])
-def test_a_pause_between_ticks_stops(seconds: float, stopped: bool) -> None:
-    rig = Rig(limits=LIMITS)
-    rig.arm()
-    rig.clock.advance(5.0)  # a robot that was only just armed may be held as long as one likes
-    rig.run(20)
-    rig.clock.advance(seconds)
-    rig.run(1)
-    assert (rig.guard.stop is not None) == stopped
-    if rig.guard.stop is not None:
-        assert rig.guard.stop.cause is StopCause.STALE_GOAL
-        shows(rig.guard.stop.reason, "0.12", "0.1")
-        rig.run(100)
-        assert rig.gate.at_rest
-        rig.check_goals()
-
-
-def test_the_limits_are_those_of_the_profile() -> None:
-    profile = load_profile("op3")
-    safety, limits = profile.safety, profile.guard_limits()
-    assert (limits.max_age, limits.max_temperature) == (safety.freshness, safety.temperature_c)
-    assert (limits.voltage, limits.following_error) == (safety.voltage, safety.following_error)
-
-
 @pytest.mark.parametrize(
     ("kind", "text"), [(FaultKind.HOT, "is hotter than .*not known"), (FaultKind.SUPPLY, "has a supply .*not known")]
 )
@@ -444,12 +383,6 @@ def test_a_value_without_a_limit_is_not_missed() -> None:
     assert rig.guard.stop is None
 
 
-def test_what_has_no_patience_is_beyond_at_once_and_nan_never_is() -> None:
-    levels = ServoLevels([(0.0, 1.0)], [0.0], 4)
-    assert levels.beyond(np.array([[1.0, 1.1, -0.1, np.nan]]), 5.0).tolist() == [[False, True, True, False]]
-    assert not levels.beyond(np.array([[1.0, 0.0, 0.5, np.nan]]), 5.0).any()
-
-
 def test_patience_counts_what_lasts_of_each_servo() -> None:
     levels = ServoLevels([(0.0, 1.0)], [0.2], 2)
     seen = [np.array([row]) for row in ([2.0, 0.0], [2.0, 2.0], [2.0, 2.0], [2.0, 0.0], [2.0, 2.0])]
@@ -458,15 +391,6 @@ def test_patience_counts_what_lasts_of_each_servo() -> None:
     assert levels.count
     levels.beyond(np.zeros((1, 2)), 0.5)
     assert not levels.count
-
-
-def test_forgetting_begins_anew() -> None:
-    levels = ServoLevels([(0.0, 1.0)], [0.2], 1)
-    levels.beyond(np.array([[2.0]]), 0.0)
-    levels.forget()
-    assert not levels.count
-    assert not levels.beyond(np.array([[2.0]]), 1.0).any()
-    assert levels.beyond(np.array([[2.0]]), 1.2).all()
 
 
 SERVO_WARNINGS_LIMITS = GuardLimits(
@@ -479,12 +403,6 @@ SERVO_WARNINGS_LIMITS = GuardLimits(
     warn_following_error=0.1,
     warn_age=0.025,
 )
-
-
-def still() -> Rig:
-    rig = Rig(limits=SERVO_WARNINGS_LIMITS)
-    rig.arm()
-    return rig
 
 
 def warnings() -> tuple[ServoWarnings, np.ndarray[tuple[int, int], np.dtype[np.float64]]]:
@@ -570,13 +488,6 @@ def test_news_that_are_not_taken_are_bounded() -> None:
     assert len(warned.take_news()) == MOST_NEWS
 
 
-def test_a_robot_that_was_never_warned_goes_at_full_speed() -> None:
-    rig = still()
-    rig.run(100, rig.stand)
-    assert rig.guard.health.speed_override == 1.0 and not rig.guard.health.warnings.busy
-    assert rig.guard.health.warnings.take_news() == []
-
-
 @given(st.lists(st.tuples(st.floats(20.0, 90.0), st.floats(0.0, 0.1)), min_size=1, max_size=60))
 @settings(max_examples=60, deadline=None)
 def test_the_speed_never_jumps(readings: list[tuple[float, float]]) -> None:
@@ -589,36 +500,6 @@ def test_the_speed_never_jumps(readings: list[tuple[float, float]]) -> None:
         assert 0.5 <= warned.speed_override <= 1.0
         assert abs(warned.speed_override - before) <= 0.5 * elapsed / RAMP_S + 1e-12
         before = warned.speed_override
-
-
-CAUSES = {
-    Row.ALERT: StopCause.SERVO_ALERT,
-    Row.AGE: StopCause.SERVO_LOST,
-    Row.LIMP: StopCause.SERVO_LIMP,
-    Row.TEMPERATURE: StopCause.TEMPERATURE,
-    Row.VOLTAGE: StopCause.VOLTAGE,
-    Row.CURRENT: StopCause.CURRENT,
-    Row.FAR: StopCause.FOLLOWING_ERROR,
-    Row.STILL_FAR: StopCause.FOLLOWING_ERROR,
-}
-
-
-def test_every_row_stands_where_its_name_says() -> None:
-    rows = watched(GuardLimits())
-    assert {place: row.cause for place, row in enumerate(rows)} == CAUSES
-    assert {row.cause for row in rows if row.slows} == {StopCause.TEMPERATURE, StopCause.CURRENT}
-
-
-def test_levels_are_those_of_the_limits() -> None:
-    limits = GuardLimits(
-        max_temperature=65.0, warn_temperature=60.0, sustained_error=0.2, sustained_time=0.3, max_current=2.0
-    )
-    rows = watched(limits)
-    assert rows[Row.TEMPERATURE].stop == (-inf, 65.0) and rows[Row.TEMPERATURE].warn == (-inf, 60.0)
-    assert rows[Row.STILL_FAR].stop == (0, 0.2) and rows[Row.STILL_FAR].patience == 0.3
-    assert rows[Row.FAR].stop == (0, inf) and rows[Row.FAR].patience == 0.0
-    assert rows[Row.CURRENT].stop == (0, 2.0) and rows[Row.CURRENT].patience == limits.current_time
-    shows(rows[Row.STILL_FAR].text.format(*rows[Row.STILL_FAR].stop), "0.2", "0.3")
 
 
 def test_servos_are_named_with_their_values() -> None:

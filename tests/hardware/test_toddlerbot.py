@@ -187,7 +187,7 @@ def test_a_waist_beyond_its_servos_is_refused() -> None:
 def test_after_power_up_the_turn_of_every_servo_is_known() -> None:
     """It then reports one turn, wherever it is, though its horn may sit anywhere."""
     random = np.random.default_rng(8)
-    for posture in legal(random, 200):
+    for posture in legal(random, 60):
         servos = [replace(servo, zero_tick=int(random.integers(-4096, 4096))) for servo in joint_map().servos]
         placed = JointMap(servos)
         ticks = placed.to_ticks(posture)
@@ -244,7 +244,7 @@ def test_pairs_that_are_not_checked_cannot_touch() -> None:
     geoms = [[[geom for geom in range(model.ngeom) if model.geom_bodyid[geom] == model.body(link).id] for link in pair]
              for pair in pairs]  # fmt: skip
     assert len(pairs) == 14
-    for posture in legal(random, 1000):
+    for posture in legal(random, 400):
         posed = body().pose(dict(zip(joint_map().joints, posture.tolist(), strict=True)))
         for pair, (ours, theirs) in zip(pairs, geoms, strict=True):
             for one, other in product(ours, theirs):

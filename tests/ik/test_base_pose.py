@@ -69,14 +69,6 @@ def test_the_sole_stays_when_the_joints_move() -> None:
     np.testing.assert_allclose(np.abs(np.sum(turns[1, foot] * turns[0, foot])), 1.0, atol=1e-12)
 
 
-def test_unmoved_joints_leave_the_root() -> None:
-    robot = load_robot("op3")
-    before = plant(robot, robot.profile.postures.stand).q
-    q = before.copy()
-    plant_root(robot, before, q)
-    np.testing.assert_allclose(q, before, atol=1e-12)
-
-
 @pytest.mark.parametrize("name", ["op3", "wolfgang", "toddlerbot"])
 def test_one_posture_is_planted_as_many_are(name: str) -> None:
     robot = load_robot(name)

@@ -197,30 +197,13 @@ def test_time_goes_by_as_ever_for_obstacles_and_they_seem_faster_to_a_slow_robot
     assert obstacles.now is not None and float(obstacles.now.linear_velocity[0, 0]) == 1.0  # what the gate looks at
 
 
-def test_until_it_begins_everything_stands_where_it_is_at_first() -> None:
+def test_obstacles_rest_until_time_begins_and_again_after_a_restart() -> None:
     obstacles, receiver = ball(), Receiver()
-    assert [receiver.tick(obstacles) for _ in range(3)] == [(0.0, 0.0)] * 3
-    assert obstacles.time == 0.0
-
-
-def test_then_time_goes_on_tick_by_tick() -> None:
-    obstacles, receiver = ball(), Receiver()
+    assert [receiver.tick(obstacles) for _ in range(3)] == [(0.0, 0.0)] * 3 and obstacles.time == 0.0
     obstacles.begin()
     assert [receiver.tick(obstacles) for _ in range(3)] == [(0.0, 1.0), (0.5, 1.0), (1.0, 1.0)]
-    assert obstacles.time == 1.5
-
-
-def test_time_goes_on_without_a_hierarchy() -> None:
-    obstacles, receiver = ball(), Receiver()
-    obstacles.begin()
-    obstacles.tick(None, 2.0)
-    assert receiver.tick(obstacles) == (2.0, 1.0)
-
-
-def test_a_restart_is_a_rest_at_the_beginning() -> None:
-    obstacles, receiver = ball(), Receiver()
-    obstacles.begin()
-    receiver.tick(obstacles)
+    obstacles.tick(None, 2.0)  # it goes on without a hierarchy
+    assert obstacles.time == 3.5 and receiver.tick(obstacles) == (3.5, 1.0)
     obstacles.restart()
     assert receiver.tick(obstacles) == (0.0, 0.0) and obstacles.time == 0.0
 

@@ -40,11 +40,6 @@ def test_the_corners_of_a_sole_are_its_outline() -> None:
         assert np.allclose(corners[:, :2], sole.outline, atol=1e-9) and np.allclose(corners[:, 2], 0.0, atol=1e-9)
 
 
-def test_the_margin_moves_the_edges_of_support_inward() -> None:
-    stance = plant(op3(), op3().profile.postures.stand)
-    assert np.allclose(stance.edges(0.0)[:, 2] - stance.edges(0.01)[:, 2], 0.01)
-
-
 def leaning(degrees: float) -> RobotBody:
     """OP3 that leans forward from its ankles in posture `stand`."""
     robot = load_robot("op3")

@@ -1,15 +1,29 @@
 """Sensors sent with jitter, out of order and at their own times, read on a steady tick."""
 
-from math import inf, nan
+from bisect import bisect_right
+from math import inf, nan, pi
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from messages import refuses
 from played import How
 from retarget import rotations
-from retarget.live.playout import DELAY_CAP_S, EXTRAPOLATION_S, Played, Playout, PlayoutDelay
+from retarget._solver import PoseFilter, PoseRing
+from retarget.errors import UsageError
+from retarget.live.playout import (
+    DELAY_CAP_S,
+    EXTRAPOLATION_S,
+    SMOOTHINGS,
+    Cutoffs,
+    Played,
+    Playout,
+    PlayoutDelay,
+    pose_filter,
+)
+from retarget.rotations import IDENTITY
 from retarget.types import FloatArray
 
 COUNT = 12
@@ -132,16 +146,6 @@ def test_a_sensor_never_sent_is_nan() -> None:
         assert (np.isnan(played.time) == ~sent).all()
 
 
-def test_before_its_first_pose_a_sensor_shows_that() -> None:
-    playout = buffered()
-    for i in range(20):
-        push(playout, 1.0 + 0.02 * i, late=0.02, rows=np.arange(4.0))
-    push(playout, 1.39, rows=np.array([7.0]))
-    played = playout.read(1.4)
-    assert played.how[7] == How.LATEST and played.time[7] == 1.39 and played.time[0] < 1.39
-    assert worst(played) < 1e-7
-
-
 def test_sensors_sent_at_their_own_times_are_read_at_one() -> None:
     playout = buffered()
     assert playout.delay == 0.0
@@ -150,20 +154,6 @@ def test_sensors_sent_at_their_own_times_are_read_at_one() -> None:
     played = playout.read(1.0 + 300 / 300.0)
     assert np.ptp(played.time[:3]) == 0.0 and set(played.how[:3]) == {How.INTERPOLATED}
     assert worst(played) < 1e-7
-
-
-def test_overtaken_frames_are_sorted_in_and_repeated_ones_ignored() -> None:
-    one, other = buffered(delay=Lateness), buffered(delay=Lateness)
-    times = 1.0 + 0.01 * np.arange(30)
-    for time in times:
-        push(one, float(time), late=0.02)
-    for time in [*times[:20], *times[24:28], *times[18:26], *times[28:]]:
-        push(other, float(time), late=0.02)
-    assert other.dropped.reasons["repeated"] == 4 * COUNT
-    for now in np.arange(1.24, 1.4, 0.007):
-        a, b = one.read(float(now)), other.read(float(now))
-        assert (a.position == b.position).all() and (a.how == b.how).all()
-        assert rotations.angle_between(a.orientation, b.orientation) == pytest.approx(0.0, abs=1e-9)
 
 
 @settings(max_examples=20)
@@ -294,19 +284,6 @@ def test_it_grows_at_once_and_shrinks_slowly() -> None:
     assert np.diff(after).min() > -0.05 / 100.0
 
 
-def test_the_frame_time_is_added() -> None:
-    assert run(PlayoutDelay(), 3.0, 0.003, start=10.0)[-1] == pytest.approx(0.013)
-    assert run(PlayoutDelay(), 3.0, 0.003, start=10.0, rate=50.0)[-1] == pytest.approx(0.023)
-
-
-def test_without_frames_there_is_no_delay() -> None:
-    delay = PlayoutDelay()
-    assert delay.at(1.0) == delay.at(2.0) == 0.0
-    run(delay, 1.0, 0.01, start=3.0)
-    before = delay.at(4.5)
-    assert delay.at(1000.0) == before
-
-
 @given(st.lists(st.tuples(st.floats(0.0, 1.0), st.floats(-1.0, 10.0), st.floats(0.0, 10.0)), max_size=50))
 def test_it_is_bounded(sent: list[tuple[float, float, float]]) -> None:
     delay, now = PlayoutDelay(), 0.0
@@ -314,3 +291,253 @@ def test_it_is_bounded(sent: list[tuple[float, float, float]]) -> None:
         now += step
         delay.note(now, lateness=lateness, gap=gap)
         assert 0.0 <= delay.at(now) <= DELAY_CAP_S
+
+
+RING_DEPTH = 5
+RING = 3
+UNIT = 1.0 / 64.0
+"""s; whole numbers of it are exact."""
+PUSHES = st.lists(
+    st.tuples(st.sets(st.integers(0, RING - 1), min_size=1), st.integers(0, 40), st.floats(-2.0, 60.0)), max_size=60
+)
+
+
+def new(count: int, depth: int) -> PoseRing:
+    return PoseRing(count, depth=depth, extrapolation=EXTRAPOLATION_S)
+
+
+def place(row: int, time: float) -> FloatArray:
+    """Where a sensor is: no two pairs of times give one line."""
+    return np.array([row, time * time, 1.0 / (1.0 + abs(time))])
+
+
+def ring_push(ring: PoseRing, rows: list[int], time: float) -> tuple[float | None, int, int]:
+    turns, valid = np.tile(IDENTITY, (len(rows), 1)), np.ones(len(rows), dtype=bool)
+    return ring.push(np.array(rows), time, np.array([place(row, time) for row in rows]), turns, valid)
+
+
+def expected(row: int, times: list[float], at: float) -> tuple[How, float, FloatArray]:
+    """What a list of times shows at one."""
+    rank = bisect_right(times, at)
+    if not times:
+        return How.NONE, np.nan, np.full(3, np.nan)
+    if rank == 0:
+        return How.LATEST, times[0], place(row, times[0])
+    if rank < len(times):
+        before, after, time, how = times[rank - 1], times[rank], at, How.INTERPOLATED
+    else:
+        after = times[-1]
+        past = [one for one in times if after - 0.2 <= one <= after - 0.02]
+        before = past[-1] if past else after
+        time = min(at, after + EXTRAPOLATION_S)
+        how = How.HELD if at > time else How.EXTRAPOLATED if past and at > after else How.LATEST
+    share = (time - before) / (after - before) if after > before else 0.0
+    return how, time, place(row, before) + share * (place(row, after) - place(row, before))
+
+
+@given(PUSHES)
+def test_it_is_a_sorted_list_of_the_newest(pushes: list[tuple[set[int], int, float]]) -> None:
+    ring = new(RING, RING_DEPTH)
+    lists: list[list[float]] = [[] for _ in range(RING)]
+    for chosen, number, asked in pushes:
+        rows, time, at = sorted(chosen), UNIT * number, UNIT * asked
+        newest, repeated, too_old = ring_push(ring, rows, time)
+        assert newest == max(lists[row][-1] if lists[row] else -np.inf for row in rows)
+        assert repeated == sum(time in lists[row] for row in rows)
+        full = [row for row in rows if len(lists[row]) == RING_DEPTH and time < lists[row][0]]
+        assert too_old == len(full)
+        for row in rows:
+            if time not in lists[row]:
+                lists[row] = sorted([*lists[row], time])[-RING_DEPTH:]
+        played = Played(*ring.read(at, at + 1.0))
+        for row in range(RING):
+            how, shown, where = expected(row, lists[row], at)
+            assert played.how[row] == how and played.valid[row] == bool(lists[row])
+            np.testing.assert_allclose(played.time[row], shown, rtol=0.0, atol=1e-12)
+            np.testing.assert_allclose(played.position[row], where, rtol=0.0, atol=1e-9)
+            assert played.age[row] == (at + 1.0 - lists[row][-1] if lists[row] else np.inf) or played.age[row] == 0.0
+
+
+def test_what_is_not_stored_is_counted() -> None:
+    ring = new(1, 3)
+    counted = [ring_push(ring, [0], time) for time in (1.0, 2.0, 3.0, 2.0, 0.5, 2.5)]
+    assert [counts[1:] for counts in counted] == [(0, 0), (0, 0), (0, 0), (1, 0), (0, 1), (0, 0)]
+    assert [counted[0][0], counted[1][0], counted[5][0]] == [-np.inf, 1.0, 3.0]
+    nothing = ring.push(np.array([0]), 4.0, np.full((1, 3), np.nan), np.full((1, 4), np.nan), np.ones(1, dtype=bool))
+    assert nothing == (None, 0, 0)
+
+
+@pytest.mark.parametrize(("count", "depth"), [(0, 4), (1, 1)])
+def test_a_ring_that_keeps_nothing_is_refused(count: int, depth: int) -> None:
+    with refuses(ValueError):
+        new(count, depth)
+
+
+def test_bad_arrays_are_refused() -> None:
+    ring, one = new(2, 4), np.ones(1, dtype=bool)
+    place_, turn = np.zeros((1, 3)), np.array([IDENTITY])
+    for rows in ([2], [-1]):
+        with refuses(ValueError):
+            ring.push(np.array(rows), 1.0, place_, turn, one)
+    for arrays in ((place_[:, :2], turn, one), (place_, turn[:, :3], one), (place_, turn, one[:0])):
+        with refuses(ValueError):
+            ring.push(np.array([0]), 1.0, *arrays)
+
+
+SETTINGS: Cutoffs = (1.0, 0.5, 1.0)
+
+
+class Filtered:
+    """Positions alone: k vectors of 3."""
+
+    def __init__(self, count: int, settings: Cutoffs = SETTINGS) -> None:
+        self._poses = PoseFilter(count, position=settings, orientation=None)
+        self._turns = np.zeros((count, 4))
+        self.reset = self._poses.reset
+
+    def step(self, time: FloatArray, value: FloatArray) -> FloatArray:
+        return self._poses.step(time, value, self._turns)[0]
+
+
+def one_euro_run(values: FloatArray, dt: FloatArray, settings: Cutoffs = SETTINGS) -> FloatArray:
+    """Filtered track (n, k, 3) of a track (n, k, 3), with n - 1 time steps."""
+    euro, now = Filtered(values.shape[1], settings), 3.0
+    found = []
+    for value, step in zip(values, [0.0, *dt], strict=True):
+        now += float(step)
+        found.append(euro.step(np.full(values.shape[1], now), value))
+    return np.array(found)
+
+
+def test_it_is_the_filter_of_the_paper() -> None:
+    """Algorithm 1 of the paper, on one component, with irregular times."""
+    rng = np.random.default_rng(0)
+    values, dt = rng.normal(size=200), rng.uniform(0.002, 0.03, 199)
+
+    def alpha(cutoff: float, step: float) -> float:
+        return 1.0 / (1.0 + 1.0 / (2.0 * pi * cutoff) / step)
+
+    expected, speed = [values[0]], 0.0
+    for value, step in zip(values[1:], dt, strict=True):
+        speed += alpha(1.0, step) * ((value - expected[-1]) / step - speed)
+        share = alpha(1.0 + 0.5 * abs(speed), step)
+        expected.append(share * value + (1.0 - share) * expected[-1])
+    assert one_euro_run(values[:, None, None] * [1.0, 0.0, 0.0], dt)[:, 0, 0] == pytest.approx(
+        np.array(expected), abs=1e-12
+    )
+
+
+POSE_FILTER_SETTINGS: Cutoffs = (1.0, 1.0, 1.0)
+DT = 0.01
+
+
+def pose_filter_run(position: FloatArray, orientation: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Filtered tracks (n, k, 3) and (n, k, 4)."""
+    poses = PoseFilter(position.shape[1], position=POSE_FILTER_SETTINGS, orientation=POSE_FILTER_SETTINGS)
+    found = [
+        poses.step(np.full(position.shape[1], DT * i), *pose)
+        for i, pose in enumerate(zip(position, orientation, strict=True))
+    ]
+    return np.array([p for p, _ in found]), np.array([q for _, q in found])
+
+
+def walk(seed: int, count: int = 4, steps: int = 60) -> tuple[FloatArray, FloatArray]:
+    rng = np.random.default_rng(seed)
+    position = np.cumsum(0.02 * rng.normal(size=(steps, count, 3)), axis=0)
+    orientation = np.empty((steps, count, 4))
+    orientation[0] = rotations.normalise(rng.normal(size=(count, 4)))
+    for i in range(1, steps):
+        turn = rotations.from_rotation_vector(0.3 * rng.normal(size=(count, 3)))
+        orientation[i] = rotations.multiply(turn, orientation[i - 1])
+    return position, orientation
+
+
+@settings(max_examples=15)
+@given(st.integers(0, 2**32 - 1))
+def test_signs_say_nothing_and_the_world_may_turn(seed: int) -> None:
+    position, orientation = walk(seed)
+    plain = pose_filter_run(position, orientation)
+    signs = np.random.default_rng(seed).choice([-1.0, 1.0], orientation.shape[:2])[..., None]
+    signed = pose_filter_run(position, signs * orientation)
+    assert (signed[0] == plain[0]).all()
+    assert rotations.angle_between(signed[1], plain[1]).max() < 1e-7
+    assert (np.einsum("nkj,nkj->nk", signed[1][1:], signed[1][:-1]) > 0.0).all()
+    world = rotations.normalise(np.random.default_rng(seed + 1).normal(size=4))
+    turned = pose_filter_run(rotations.rotate(world, position), rotations.multiply(world, orientation))
+    assert np.abs(turned[0] - rotations.rotate(world, plain[0])).max() < 1e-9
+    assert rotations.angle_between(turned[1], rotations.multiply(world, plain[1])).max() < 1e-6
+
+
+def test_one_axis_is_the_plain_filter_of_the_angle_through_many_half_turns() -> None:
+    """Ten turns about one axis: as if the angle were a number that knows no 180 degrees."""
+    angle = np.linspace(0.0, 20.0 * pi, 600)
+    expected, _ = pose_filter_run(
+        angle[:, None, None] * np.array([1.0, 0.0, 0.0]), np.tile([1.0, 0.0, 0.0, 0.0], (600, 1, 1))
+    )
+    expected = expected[:, 0, 0]
+    axis = np.array([0.6, 0.0, 0.8])
+    _, found = pose_filter_run(np.zeros((600, 1, 3)), rotations.from_axis_angle(axis, angle[:, None]))
+    wanted = rotations.from_axis_angle(axis, expected[:, None])
+    assert np.abs(angle - expected).max() > 0.05
+    assert np.abs(np.linalg.norm(found, axis=2) - 1.0).max() < 1e-9
+    assert rotations.angle_between(found, wanted).max() < 1e-6
+
+
+def test_a_step_arrives_the_short_way_and_never_goes_beyond() -> None:
+    start, end = rotations.normalise([1.0, 0.2, 0.0, 0.1]), rotations.normalise([-0.1, 0.7, -0.5, 0.0])
+    orientation = np.concatenate([np.tile(start, (1, 1, 1)), np.tile(-end, (800, 1, 1))])
+    _, found = pose_filter_run(np.zeros((801, 1, 3)), orientation)
+    to_go = rotations.angle_between(found, end)[:, 0]
+    gone = rotations.angle_between(found, start)[:, 0]
+    assert (np.diff(to_go) <= 1e-9).all() and to_go[-1] < 1e-3
+    assert gone + to_go == pytest.approx(to_go[0], abs=1e-6)
+
+
+def test_what_is_off_is_left_and_what_is_missing_waits() -> None:
+    position, orientation = walk(7, count=2, steps=3)
+    off = PoseFilter(2, position=None, orientation=None)
+    found = off.step(np.zeros(2), position[0], orientation[0])
+    assert (found[0] == position[0]).all() and (found[1] == orientation[0]).all()
+    poses = PoseFilter(2, position=POSE_FILTER_SETTINGS, orientation=POSE_FILTER_SETTINGS)
+    poses.step(np.zeros(2), position[0], orientation[0])
+    lost = orientation[1].copy()
+    lost[1] = nan
+    found = poses.step(np.full(2, DT), position[1], lost)
+    assert np.isnan(found[1]).tolist() == [[False] * 4, [True] * 4] and np.isfinite(found[0]).all()
+    back = poses.step(np.full(2, 2 * DT), position[2], orientation[2])
+    assert np.isfinite(back[1]).all()
+    assert rotations.angle_between(back[1], orientation[2]).min() > 1e-3
+    poses.reset(np.array([False, True]))
+    fresh = poses.step(np.full(2, 3 * DT), position[0], orientation[0])
+    assert fresh[0][1].tolist() == position[0, 1].tolist()
+    assert rotations.angle_between(fresh[1][1], orientation[0, 1]) < 1e-9
+    assert rotations.angle_between(fresh[1][0], orientation[0, 0]) > 1e-3
+
+
+RATE_HZ = 100.0
+
+
+def smoothed(name: str, track: FloatArray) -> FloatArray:
+    """Positions (T,) along x through the filter."""
+    made = pose_filter(name, 1)
+    if made is None:
+        return track
+    found = [
+        made.step(np.array([k / RATE_HZ]), np.array([[x, 0.0, 1.0]]), np.array([[1.0, 0.0, 0.0, 0.0]]))[0][0, 0]
+        for k, x in enumerate(track)
+    ]
+    return np.array(found)
+
+
+def test_trembling_at_rest_is_halved_and_a_moving_hand_is_hardly_late() -> None:
+    noise = np.random.default_rng(2).normal(0.0, 0.001, 2000)
+    rest = {name: float(np.std(np.diff(smoothed(name, noise)[500:]))) for name in SMOOTHINGS}
+    assert rest["strong"] < rest["light"] < 0.5 * rest["off"]
+    moving = np.arange(300) / RATE_HZ  # 1 m/s
+    late = {name: float((moving - smoothed(name, moving))[-1]) for name in SMOOTHINGS}
+    assert late["off"] == 0.0 < late["light"] < 0.015 < late["strong"] < 0.06
+
+
+def test_an_unknown_name_is_refused() -> None:
+    with refuses(UsageError, found="'ligth'"):
+        pose_filter("ligth", 1)

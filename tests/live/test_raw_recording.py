@@ -1,9 +1,9 @@
 """Recording what arrives: the tick never waits, and a disk that fails ends the recording only."""
 
 import gzip
+import json
 import struct
 import threading
-from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -12,10 +12,11 @@ from hypothesis import strategies as st
 
 from hardware.clock import VirtualClock
 from messages import refuses, shows
-from retarget.errors import InputError
-from retarget.live import raw_recording
+from retarget.errors import InputError, UsageError
+from retarget.live import open_stream, raw_recording
 from retarget.live.address import parse_address
 from retarget.live.admission import MOST_BYTES_PER_POLL, MOST_PER_POLL, Datagram
+from retarget.live.open_stream import read_recording
 from retarget.live.raw_recording import RawTap, ReplayReceiver, open_replay, recorded_kind
 from retarget.sources.raw_record import MAX_UNWRITTEN, RawReader, RawWriter
 
@@ -193,12 +194,6 @@ def test_a_damaged_end_is_counted_and_what_stands_before_it_is_played(tmp_path: 
     assert receiver.dropped.reasons == {"the recording is damaged": 1}
 
 
-def test_a_closed_replay_is_over(tmp_path: Path) -> None:
-    with closing(ReplayReceiver(RawReader(recording(tmp_path / "a.raw", [1.0, 1.1])))) as receiver:
-        assert len(receiver.poll(0.0)) == 1
-    assert receiver.finished and receiver.poll(10.0) == []
-
-
 def test_opening_by_address(tmp_path: Path) -> None:
     path = recording(tmp_path / "a.raw", [1.0, 2.0], url="natnet://192.168.1.5")
     address = parse_address(f"replay://{path}?speed=10&loop=1")
@@ -243,3 +238,26 @@ def test_a_recording_of_several_kinds_or_of_none_is_not(tmp_path: Path) -> None:
         writer.close()
         with refuses(InputError):
             recorded_kind(parse_address(f"replay://{tmp_path / f'{number}.raw'}"))
+
+
+def test_a_recording_is_read_by_the_names_of_its_sender(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    writer = RawWriter(tmp_path / "a.raw", url="json://:14150")
+    for k in range(5):
+        poses = {"head": {"p": [0, 0, 1 + k]}, "hat": {"p": [0, 0, 2], "tracked": k != 2}}
+        payload = json.dumps({"axes": "rep103", "time": 0.1 * k, "poses": poses}).encode()
+        writer.append(payload, time_ns=10**9 + k * 10**8, address="127.0.0.1", port=5)
+    writer.append(b"hello", time_ns=2 * 10**9, address="127.0.0.1", port=5)
+    writer.close()
+    address = parse_address(f"replay://{tmp_path}/a.raw")
+    frames = read_recording(address)
+    assert frames.names == ("head", "hat") and frames.rate_hz == pytest.approx(10.0)
+    assert frames.position[:, 0, 2].tolist() == [1.0, 2.0, 3.0, 4.0, 5.0]
+    assert frames.valid[:, 1].tolist() == [True, True, False, True, True]
+    assert frames.notes == ("not used: not JSON in UTF-8 (1)",)
+    monkeypatch.setattr(open_stream, "MOST_READ", 3)
+    assert read_recording(address).notes == ("only the first 2 frames were read",)
+    with refuses(UsageError):
+        read_recording(parse_address(f"{address.text}?up=z"))
+    (tmp_path / "a.raw").write_bytes((tmp_path / "a.raw").read_bytes()[:50])
+    with refuses(InputError, varies=str(tmp_path)):
+        read_recording(address)

@@ -20,13 +20,12 @@ from retarget.live.admission import Admission, Datagram
 from retarget.live.begin import LiveOptions, begin_live
 from retarget.live.clock_map import ClockMap
 from retarget.live.playout import Playout
-from retarget.live.rest_capture import CAPTURE_S, Alignment, Calibrated, RestCapture, align, skeleton_of
+from retarget.live.rest_capture import CAPTURE_S, Alignment, Calibrated, RestCapture, align
 from retarget.live.roles import roles_of
 from retarget.live.sensor_validity import SensorValidity
 from retarget.live.stream import LiveStream
 from retarget.model.human_dimensions import POINTS, HumanDimensions, proportional_dimensions
 from retarget.schema.performer import load_performer
-from retarget.sources.json_pose import JsonPoseDecoder
 from retarget.sources.mvn import MVN_JOINTS, SEGMENTS, MvnDecoder
 from retarget.sources.stream_frame import Dropped
 from retarget.types import FloatArray
@@ -265,8 +264,3 @@ def test_a_skeleton_that_is_no_human_s_is_left_aside() -> None:
     found, said = begun(MvnSender(person, half))
     assert any(text.startswith("the stream's skeleton is not used: ") and "l_knee" in text for text in said)
     assert found.dimensions.origin.startswith("N-pose")
-
-
-def test_other_senders_have_no_skeleton() -> None:
-    assert skeleton_of(JsonPoseDecoder()) is None
-    assert skeleton_of(MvnDecoder()) is None

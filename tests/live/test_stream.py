@@ -3,20 +3,26 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from hardware.clock import thread_cpu
 from hardware.guard import CheckedGoal
 from live_rig import LiveRig, live_stream
 from live_rig import five as five_sensors
-from retarget.live.admission import MOST_PER_POLL, TOO_MANY, Datagram
+from retarget.live.admission import MOST_PER_POLL, TOO_MANY, Datagram, Source
 from retarget.live.begin import LiveOptions
 from retarget.live.raw_recording import ReplayReceiver
 from retarget.live.stream import MOST_BYTES_DECODED, MOST_DECODED, LiveStream
+from retarget.schema.performer import load_performer
+from retarget.sources.json_pose import JsonPoseDecoder
 from retarget.sources.raw_record import RawReader
 from retarget.sources.stream_frame import Dropped, StreamDecoder, StreamFrame
 from retarget.sources.vmc import VmcDecoder
 from retarget.sources.vrchat import VrchatDecoder
+from sim.faults.inject import FLOOD_HZ
 from sim.faults.sender import FakeSender
+from sim.performer import synthetic_performer
 
 
 class Queue:
@@ -64,11 +70,11 @@ def test_the_newest_datagrams_of_a_backlog_are_decoded_at_once(count: int) -> No
 
 def test_the_latency_of_a_run_that_falls_behind_is_bounded() -> None:
     """A sender at 19,000 Hz, polled at 100 Hz: what is decoded in a tick is of this tick, however long it goes on."""
-    stream = live_stream(FakeSender(rate_hz=19_000.0), five_sensors())
-    for tick in range(100):
+    stream = live_stream(FakeSender(synthetic_performer().cut(0.0, 0.2), rate_hz=19_000.0), five_sensors())
+    for tick in range(15):
         stream.poll(0.01 * tick, moving=True)
         assert tick == 0 or 0.01 * tick - stream.last < 0.01
-    assert stream.frames <= 100 * MOST_DECODED and stream.admission.refused.reasons[TOO_MANY] > 10_000
+    assert stream.frames <= 15 * MOST_DECODED and stream.admission.refused.reasons[TOO_MANY] > 1_500
 
 
 def test_a_flood_of_long_datagrams_is_a_few_of_them_a_poll() -> None:
@@ -107,3 +113,68 @@ def test_a_second_of_powering_reports_no_lost_sensors(monkeypatch: pytest.Monkey
         result = prepared.run()
     assert result.stop is None
     assert not [text for text in rig.said if "nothing" in text or "waits" in text], rig.said
+
+
+TICK_S = 0.008
+OWNER: Source = ("127.0.0.1", 40000)
+OTHER: Source = ("127.0.0.1", 50001)
+COST_S = 0.003
+"""Of a poll that brings what is of no use."""
+CALM, TICKS = 50, 125
+
+
+class Counting(JsonPoseDecoder):
+    """Counts what it is given."""
+
+    given = 0
+
+    def decode(self, payload: bytes) -> list[StreamFrame]:
+        """Decode, and count."""
+        self.given += 1
+        return super().decode(payload)
+
+
+def flooded(payload: bytes | None, source: Source, *, owned: bool) -> tuple[list[float], list[int]]:
+    """CPU time (s) of each poll and datagrams decoded in it, while a `source` sends payloads, None: the owner's own
+    frames, FLOOD_HZ a second. owned: whether the stream has an owner by then."""
+    sender, handed = FakeSender(source=OWNER), Queue([])
+    stream, decoder = live_stream(sender, load_performer("five")), Counting()
+    stream.decoder, stream.receiver = decoder, handed
+    if not owned:
+        sender.faults.append(lambda time, poses: None)
+    frame, cost, decoded = b"", list[float](), list[int]()
+
+    def others(first: float, last: float) -> list[Datagram]:
+        data = frame if payload is None else payload
+        times = np.linspace(first, last, round(FLOOD_HZ * (last - first)), endpoint=False)
+        return [Datagram(sender.begun + float(time), source, data) for time in times]
+
+    for tick in range(CALM + TICKS):
+        now = 1.0 + tick * TICK_S
+        flooding = tick >= CALM
+        sender.others[:] = [others] if flooding else []
+        handed.waiting = sender.poll(now) if flooding or owned else []
+        frame = next((one.payload for one in handed.waiting if one.source == OWNER), frame)
+        before, begun = decoder.given, thread_cpu()
+        stream.poll(now, moving=owned)
+        if flooding:
+            cost.append(thread_cpu() - begun)
+            decoded.append(decoder.given - before)
+    return cost, decoded
+
+
+@pytest.mark.parametrize(
+    ("payload", "source", "owned"),
+    [
+        (b"x" * 64, OTHER, True),
+        (b"x" * 64, OTHER, False),
+        (b'{"poses": ' + b"[" * 900, OTHER, False),
+        (b"x" * 64, OWNER, True),
+        (None, OWNER, True),
+    ],
+    ids=["another sender", "no owner yet", "brackets", "the owner's junk", "the owner's frames"],
+)
+def test_a_flood_costs_no_tick(payload: bytes | None, source: Source, owned: bool) -> None:
+    cost, decoded = flooded(payload, source, owned=owned)
+    assert max(decoded) <= MOST_DECODED
+    assert np.median(cost) < (TICK_S if payload is None else COST_S), np.round(1e3 * np.array(cost), 2).tolist()

@@ -1,8 +1,9 @@
-"""What a human observes with: the paper's lines, or every segment; at any size, posture and setting."""
+"""Observers of humans and robots: what they look at, the floor, margins, and the bounds of distances."""
 
 from dataclasses import replace
 from functools import cache
 from itertools import combinations
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,16 +11,18 @@ import pytest
 
 import followers
 from followers import op3
+from gated_robot import GatedRobot
 from messages import refuses, shows
-from observed import CAPSULE, Rig, aim, ball, chain, rig, rod
-from observed_robot import act, robot, scene_of
+from observed import Rig, aim, ball, binding, chain, rig, rod
+from observed_robot import act, robot, scene_of, without_observers
 from observed_robot import human as observers_idle_human
-from observers_idle_helpers import without_observers
+from physics_rig import PhysicsRig, ticks
 from reconstructions import thinned
 from retarget import _solver
-from retarget.errors import ConfigError
+from retarget.errors import ConfigError, UsageError
 from retarget.human.calibration import calibrate
 from retarget.human.reconstruction import Reconstructor
+from retarget.ik.support_polygon import plant
 from retarget.model.body import BodyModel, load_body_text
 from retarget.model.human import Human, PostureReader, build_human
 from retarget.model.human_dimensions import POINTS, proportional_dimensions
@@ -33,12 +36,17 @@ from retarget.model.observers import (
     placed,
     robot_observers,
 )
-from retarget.model.robot import RobotBody
+from retarget.model.robot import RobotBody, load_robot
 from retarget.model.scene_shapes import ShapeKind
 from retarget.model.scene_state import SceneState
+from retarget.report.clearance import place_body
+from retarget.robot.follower import Follower
 from retarget.rotations import rotate
+from retarget.safety.clearance import refuse_floor
 from retarget.schema.performer import load_performer
 from retarget.schema.priorities import ObserverSettings, Priorities, load_priorities
+from retarget.schema.profile_parts import Observer
+from retarget.schema.scene import FLOOR, Scene, load_scene, on_floor
 from retarget.types import FloatArray
 from sim.performer import synthetic_performer
 
@@ -182,16 +190,6 @@ def test_every_pair_of_op3_is_looked_at_or_dropped_with_a_reason() -> None:
     assert reasons == {"neighbours along the body", op3().profile.ignore_pairs[0].reason}
 
 
-def test_observers_are_placed_with_their_links() -> None:
-    body, found = arm(), balls(0.01)
-    q = np.array([0.3, -0.2, 0.5, 0.1])
-    position, quat = placed(body, found, q)
-    where, turned = body.solver_body().forward(q)
-    assert position == pytest.approx(where[found.links], abs=1e-12)
-    assert np.abs((quat * turned[found.links]).sum(axis=1)) == pytest.approx(1.0)
-    assert (found.kinds == CAPSULE).all()
-
-
 FAR: dict[str, Any] = {
     "ball": {"shape": {"sphere": {"radius": 0.1}}, "at": {"pos": (0.0, 5.0, 1.0)}, "velocity": (0.0, 0.1, 0.0)},
     "wall": {"shape": {"half_space": {"point": (4.0, 0.0, 0.0), "normal": (-1.0, 0.0, 0.0)}}},
@@ -276,3 +274,219 @@ def test_pairs_that_sleep_change_nothing() -> None:
         assert one == pytest.approx(other, abs=1e-9), t
         near += int(remembers.observer_modes.any())
     assert near > 100
+
+
+UPRIGHT = np.array([[1.0, 0.0, 0.0, 0.0]])
+ON_ONE_LINK = """<mujoco><worldbody><body name="arm"><joint name="h" type="hinge" axis="0 0 1"/>
+<joint name="s" type="slide" axis="1 0 0"/><geom size="0.01" mass="1"/></body></worldbody></mujoco>"""
+TWO_SLIDES = """<mujoco><worldbody><body name="h"><joint name="x" type="slide" axis="1 0 0"/><geom size="0.01"
+mass="1"/>
+</body><body name="o" pos="0 5 0"><joint name="y" type="slide" axis="0 1 0"/><geom size="0.01" mass="1"/></body>
+</worldbody></mujoco>"""
+
+
+def checker(xml: str, columns: list[int], obstacles: int = 1, count: int = 1, at: float = 0.0) -> _solver.PathChecker:
+    """The gate's check of `count` balls of 1 cm on the first link and as many obstacles."""
+    body = load_body_text(xml, source="test").solver_body()
+    observers = [ball(1, 0.01, at=(at, 0.0, 0.0), influence=0.02)] * count
+    watched = binding(body, observers, (), [ball(radius=0.01, influence=0.02)] * obstacles)
+    return _solver.PathChecker(body, watched, columns=np.array(columns), sole_links=[], sole_points=np.zeros((0, 3)))
+
+
+def put(made: _solver.PathChecker, position: FloatArray, linear: FloatArray) -> None:
+    made.set_obstacles(position, np.repeat(UPRIGHT, len(position), 0), linear, np.zeros_like(position))
+
+
+def test_an_observer_that_slides_behind_its_own_hinge_is_looked_at_in_time() -> None:
+    """It is 1 m out on a slide, on a link whose joints are hinge and slide: no length of the body says how far it
+    swings."""
+    made = rig(ON_ONE_LINK, [ball(1, 0.01, influence=0.05)], [ball(at=(0.0, 1.0, 0.0), radius=0.01, influence=0.05)])
+    levels = [[_solver.Task.preventive(speed=0.5)], [_solver.Task.position(1)]]
+    solver = made.solver(levels, activation="all", n_ik=5, speed=3.0)
+    made.show(solver)
+    solver.reset(np.array([0.0, 1.0]))
+    least, acted = np.inf, False
+    for turn in np.minimum(0.02 * np.arange(200), 3.0):
+        solver.frame(aim(solver, l1_0=np.array([np.cos(turn), np.sin(turn), 0.0])), 0.01)
+        angle, out = solver.q
+        acted |= bool(solver.observer_modes[0])
+        least = min(least, np.hypot(np.cos(angle) * out, np.sin(angle) * out - 1.0) - 0.02)
+    assert least > 0.0 and acted
+
+
+def test_a_slide_that_no_path_moves_counts_as_far_as_it_stands_out() -> None:
+    made = checker(ON_ONE_LINK, [0])
+    put(made, np.array([[np.cos(0.7), np.sin(0.7), 0.0]]), np.zeros((1, 3)))
+    path = np.linspace(0.0, 1.57, 8)[:, None]
+    assert not made.is_clear(np.array([0.0, 1.0]), path, dt=0.01, share=0.0)
+    assert made.is_clear(np.array([0.0, 0.5]), path, dt=0.01, share=0.0)
+
+
+@pytest.mark.parametrize("rows", [1, 2, 4])
+@pytest.mark.parametrize("share", [0.55, 0.7, 0.85])
+def test_an_obstacle_that_recedes_while_the_robot_has_arrived_long_ago_is_met(rows: int, share: float) -> None:
+    """The robot goes 0.2 m in a few rows and rests; the obstacle goes as far in forty, from less than 0.2 m away."""
+    made, count, way = checker(TWO_SLIDES, [0, 1]), 40, 0.2
+    path = np.zeros((count + 1, 2))
+    path[:, 0] = way * np.minimum(np.arange(count + 1) / rows, 1.0)
+    path[:, 1] = np.linspace(0.0, 0.01, count + 1)
+    speed = way / (count * 0.01)
+    put(made, np.array([[share * way + 0.02, 0.0, 0.0]]), np.array([[speed, 0.0, 0.0]]))
+    row = np.linspace(0.0, count, 4001)
+    gap = share * way + speed * 0.01 * row - np.interp(row, np.arange(count + 1), path[:, 0])
+    assert gap.min() < 0.0
+    assert not made.is_clear(np.zeros(2), path, dt=0.01, share=0.0)
+
+
+@pytest.mark.parametrize("count", [1, 4, 5, 8])
+def test_however_many_observers_flee_they_may(count: int) -> None:
+    hinge = ON_ONE_LINK.replace('<joint name="s" type="slide" axis="1 0 0"/>', "")
+    made = checker(hinge, [0], obstacles=2, count=count, at=1.0)
+    along, out = 0.05, 1.0204
+    places = np.array([[out * np.cos(along), out * np.sin(along), 0.0], [1.0, -0.1, 0.0]])
+    put(made, places, np.array([[0.0, 0.0, 0.0], [0.0, 1.2, 0.0]]))
+    path = np.linspace(0.0, 0.1, 19)[:, None]
+    assert made.is_clear(np.zeros(1), path, dt=0.01, share=0.0, instead=np.zeros((19, 1)))
+
+
+def test_no_pair_is_asked_for_more_than_it_has_at_home(tmp_path: Path) -> None:
+    """With margins of 2 cm the hips of an OP3 would never be satisfied, and nothing else would move."""
+    robot = load_robot("op3")
+    text = robot.profile.path.read_text(encoding="utf-8").replace("margin: 0.004", "margin: 0.02")
+    (tmp_path / "body.xml").write_text(robot.profile.body_path.read_text(encoding="utf-8"), encoding="utf-8")
+    (tmp_path / "robot.yaml").write_text(text, encoding="utf-8")
+    wide, narrow = robot_observers(load_robot(tmp_path / "robot.yaml")), robot_observers(robot)
+    assert (wide.margin == 0.02).all() and 0.0 < wide.pair_margin.min() < 0.01
+    np.testing.assert_array_equal(wide.pair_margin, narrow.pair_margin)
+
+
+def test_a_floor_under_the_soles_is_refused(tmp_path: Path) -> None:
+    robot = load_robot("op3")
+    stand = plant(robot, robot.profile.postures.stand).q
+    for height, refused in ((0.0, True), (-0.03, False)):
+        path = tmp_path / "floor.yaml"
+        shape = f"{{shape: {{half_space: {{normal: [0, 0, 1]}}}}, at: {{pos: [0, 0, {height}]}}}}"
+        path.write_text(f"name: floor\ndescription: a floor\nobstacles:\n  ground: {shape}\n", encoding="utf-8")
+        scene = SceneState(load_scene(path))
+        if refused:
+            with refuses(UsageError, "ground"):
+                refuse_floor(robot, robot_observers(robot), scene, stand)
+        else:
+            refuse_floor(robot, robot_observers(robot), scene, stand)
+
+
+ROBOTS = ("op3", "poppy", "toddlerbot", "wolfgang")
+
+
+def scene(**obstacles: object) -> Scene:
+    return Scene.model_validate({"name": "a", "description": "b", "obstacles": obstacles})
+
+
+def heights(robot: RobotBody, q: FloatArray) -> float:
+    """Least height (m) of the robot's own geoms, soles' links aside, over the floor, by MuJoCo."""
+    placed = place_body(robot.profile.body_path, q, root=robot.profile.root)
+    soles = [robot.body.body_names[sole.body] for sole in robot.soles]
+    found = placed.to_ground(SceneState(on_floor(None)), np.zeros(len(q)), soles=soles)
+    assert found.smallest is not None
+    return found.smallest
+
+
+def looks_down(observers: Observers) -> set[str]:
+    """Observers that look at the floor."""
+    pairs, _ = observers.obstacle_pairs(SceneState(on_floor(None)).shapes)
+    return {observers.names[row] for row in pairs[:, 0]}
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_all_but_soles_look_at_it_and_keep_less_than_they_have_at_home(name: str) -> None:
+    robot = load_robot(name)
+    observers = robot_observers(robot)
+    feet = {sole.body for sole in robot.soles}
+    on_soles = {n for n, link in zip(observers.names, observers.links.tolist(), strict=True) if link in feet}
+    assert on_soles and looks_down(observers) == set(observers.names) - on_soles
+    kept = observers.ground_margin[~observers.stands]
+    lowest = heights(robot, np.array([plant(robot, robot.profile.postures.rest).q]))
+    assert 0.0 < kept.min() <= lowest
+
+
+def test_a_robot_that_is_held_knows_no_floor() -> None:
+    observers = robot_observers(load_robot("op3", root="fixed"))
+    assert not observers.stands.any() and np.isinf(observers.ground_margin).all()
+
+
+def test_a_part_below_the_soles_is_refused() -> None:
+    """A stick that hangs from the torso in front of the feet, 0.1 m too long."""
+    robot = load_robot("op3")
+    stick = {
+        "link": "body_link",
+        "shape": {"capsule": {"from": [0.3, 0, 0], "to": [0.3, 0, -0.37], "radius": 0.005}},
+        "influence": 0.05,
+        "margin": 0.004,
+    }
+    observers = {**robot.profile.observers, "stick": Observer.model_validate(stick)}
+    profile = robot.profile.model_copy(update={"observers": observers})
+    with refuses(ConfigError, "stick", "103.0"):
+        robot_observers(replace(robot, profile=profile))
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_hands_that_are_asked_below_it_stay_above(name: str) -> None:
+    """A performer who crouches and digs: both wrists go 0.3 m below their feet."""
+    robot = load_robot(name)
+    performer = followers.performer()
+    follower = Follower(
+        robot, load_priorities("servo"), followers.dimensions(performer), scene=SceneState(on_floor(None))
+    )
+    motion = followers.postures(performer)[:200]
+    follower.start(motion[0])
+    sent = []
+    for human in motion:
+        joints = human.joints.copy()
+        for wrist in ("l_wrist", "r_wrist"):
+            joints[human.joint_names.index(wrist), 2] = -0.3
+        sent.append(follower.step(replace(human, joints=joints), followers.DT).q)
+    q = np.array(sent)
+    hands = robot.points(q, ("l_hand", "r_hand"))[..., 2]
+    assert hands.min() < 0.75 * hands[0].min()  # they did go down
+    assert heights(robot, q) > 0.0
+
+
+def test_the_gate_refuses_a_hand_in_the_floor() -> None:
+    """A deep squat with an arm that hangs straight down."""
+    robot, bare = GatedRobot(SceneState(on_floor(None))), GatedRobot()
+    arm = {"l_sho_pitch": 0.0, "l_sho_roll": 1.4, "l_el": 0.0}
+    low = robot.robot.profile.postures.rest | arm | {"l_hip_pitch": -1.5, "r_hip_pitch": 1.5}
+    down = robot.robot.posture(low)[robot.robot.servo_columns] - robot.sent
+    path = robot.sent + np.linspace(0.0, 1.0, 40)[:, None] * down
+    assert heights(robot.robot, robot.standing(path)) < 0.0
+    stay = path[:1].repeat(len(path), axis=0)
+    assert bare.clearance(np.ascontiguousarray(path), stay) and not robot.clearance(np.ascontiguousarray(path), stay)
+
+
+def test_a_scene_may_bring_its_own_floor_and_others_stay() -> None:
+    low = {"shape": {"half_space": {"point": [0, 0, -0.1], "normal": [0, 0, 1]}}, "ground": True}
+    ball = {"shape": {"sphere": {"radius": 0.1}}, "at": {"pos": [1, 0, 1]}}
+    whole = on_floor(scene(floor=low, ball=ball))
+    assert set(whole.obstacles) == {FLOOR, "ball"}
+    at = SceneState(whole).at_rest(0.0).position[list(whole.obstacles).index(FLOOR)]
+    assert at[2] == pytest.approx(-0.1)
+
+
+def test_what_is_under_the_soles_has_to_be_ground() -> None:
+    robot = load_robot("op3")
+    q, observers = plant(robot, robot.profile.postures.stand).q, robot_observers(robot)
+    plate = {"shape": {"box": {"size": [0.2, 0.2, 0.01]}}, "at": {"pos": [0, 0, -0.01]}}
+    with refuses(UsageError, "plate", "ground: true"):
+        refuse_floor(robot, observers, SceneState(on_floor(scene(plate=plate))), q)
+    refuse_floor(robot, observers, SceneState(on_floor(scene(plate={**plate, "ground": True}))), q)
+
+
+def test_a_simulated_hand_on_the_floor_is_no_fall_and_is_counted() -> None:
+    """A squat whose left hand is 3 mm in the floor at first, held for 0.3 s."""
+    arm = {"l_sho_pitch": 0.0, "l_sho_roll": 1.45, "l_el": 0.0}
+    low = ticks(followers.op3().profile.postures.rest | arm | {"l_hip_pitch": -1.55, "r_hip_pitch": 1.55})
+    rig = PhysicsRig(start=low)
+    rig.arm()
+    rig.run(0.3, low)
+    witness = rig.bus.witness
+    assert witness.state.fixture_contacts == 1 and not witness.state.touching and witness.fall is None

@@ -1,4 +1,4 @@
-"""Live poses: what is taken, what is dropped and counted, and which velocity follows."""
+"""Obstacles of a scene: canonical shapes, motions by the file, live poses, and where they are at a time."""
 
 import math
 from typing import Any
@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from messages import refuses
 from retarget import rotations
 from retarget.errors import UsageError
+from retarget.model.scene_shapes import ShapeKind, canonical, scene_shapes
 from retarget.model.scene_state import (
     LIVE_SPEED,
     LIVE_TURN,
@@ -23,7 +24,64 @@ from retarget.model.scene_state import (
     motion_of,
 )
 from retarget.rotations import turn
-from retarget.schema.scene import STILL, MovingPose, Obstacle, Pose, Scene, load_scene
+from retarget.schema.scene import STILL, MovingPose, Obstacle, ObstacleShape, Pose, Scene, load_scene
+
+POINTS = st.tuples(*[st.floats(-2, 2)] * 3)
+
+
+def shape(**measures: object) -> ObstacleShape:
+    return ObstacleShape.model_validate(measures)
+
+
+@given(POINTS, POINTS)
+def test_rods_lie_between_their_points(start: tuple[float, ...], end: tuple[float, ...]) -> None:
+    length = float(np.linalg.norm(np.subtract(end, start)))
+    if length < 1e-3:
+        return
+    line = {"from": start, "to": end}
+    for rod, kind, radius in (
+        (shape(segment=line), ShapeKind.CAPSULE, 0.0),
+        (shape(capsule=line | {"radius": 0.2}), ShapeKind.CAPSULE, 0.2),
+        (shape(cylinder=line | {"radius": 0.2}), ShapeKind.CYLINDER, 0.2),
+    ):
+        found, sizes, pose = canonical(rod)
+        assert found == kind
+        assert sizes == pytest.approx((radius, 0.5 * length, 0.0))
+        for end_z, point in ((-sizes[1], start), (sizes[1], end)):
+            assert_allclose(pose.position + rotations.rotate(pose.quat, [0, 0, end_z]), point, atol=1e-12)
+
+
+@given(POINTS, POINTS)
+def test_half_spaces_are_solid_below_their_own_plane(point: tuple[float, ...], normal: tuple[float, ...]) -> None:
+    length = np.linalg.norm(normal)
+    if length < 1e-3:
+        return
+    kind, sizes, pose = canonical(shape(half_space={"point": point, "normal": normal}))
+    assert (kind, sizes) == (ShapeKind.HALF_SPACE, (0, 0, 0))
+    assert pose.position == pytest.approx(point)
+    assert_allclose(rotations.rotate(pose.quat, [0, 0, 1]), np.array(normal) / length, atol=1e-12)
+
+
+def test_balls_and_boxes() -> None:
+    kind, sizes, pose = canonical(shape(sphere={"at": [1, 2, 3], "radius": 0.5}))
+    assert (kind, sizes, pose.position) == (ShapeKind.CAPSULE, (0.5, 0, 0), (1, 2, 3))
+    kind, sizes, pose = canonical(shape(box={"pos": [1, 0, 0], "quat": [0.7071, 0, 0, 0.7071], "size": [1, 2, 3]}))
+    assert (kind, sizes, pose.position) == (ShapeKind.BOX, (1, 2, 3), (1, 0, 0))
+    assert np.linalg.norm(pose.quat) == pytest.approx(1.0, abs=1e-15)
+
+
+def test_arrays_in_the_order_of_the_file() -> None:
+    entries = {
+        "wall": {"shape": {"half_space": {"normal": [1, 0, 0]}}, "influence": 0.3},
+        "ball": {"shape": {"sphere": {"radius": 0.1}}, "margin": 0.0},
+    }
+    shapes = scene_shapes(Scene.model_validate({"name": "a", "description": "b", "obstacles": entries}))
+    assert shapes.names == ("wall", "ball")
+    assert_array_equal(shapes.kinds, [3, 0])
+    assert_array_equal(shapes.sizes, [[0, 0, 0], [0.1, 0, 0]])
+    assert_array_equal(shapes.influence, [0.3, 0.1])
+    assert_array_equal(shapes.margin, [0.01, 0.0])
+
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 NAN, INF = math.nan, math.inf
@@ -34,12 +92,6 @@ def seen(live: LivePose, time: float) -> MovingPose:
     moving = live.at(time)
     assert moving is not None
     return moving
-
-
-def test_nothing_before_the_first() -> None:
-    live = LivePose()
-    assert live.at(0.0) is None
-    assert live.age(5.0) == INF
 
 
 @pytest.mark.parametrize(
@@ -132,6 +184,7 @@ def test_a_slow_tracker_is_followed_at_every_tick() -> None:
 
 def test_when_time_begins_anew_nothing_is_known() -> None:
     live = LivePose()
+    assert live.at(0.0) is None and live.age(5.0) == INF
     live.update((1, 0, 0), UPRIGHT, time=100.0)
     live.restart()
     assert live.at(0.0) is None and live.update((2, 0, 0), UPRIGHT, time=0.0)
@@ -145,12 +198,6 @@ def test_a_second_update_of_one_time_replaces_the_first() -> None:
     assert seen(live, 1.5).linear == pytest.approx((4, 0, 0))
 
 
-def test_quaternions_are_made_unit() -> None:
-    live = LivePose()
-    live.update((0, 0, 0), (2, 0, 0, 0), time=0.0)
-    assert seen(live, 0.0).pose.quat == UPRIGHT
-
-
 @given(st.lists(st.tuples(ANY, ANY, ANY, ANY, ANY, ANY), max_size=8))
 def test_for_any_update_poses_are_finite(updates: list[tuple[float, ...]]) -> None:
     live = LivePose()
@@ -162,6 +209,7 @@ def test_for_any_update_poses_are_finite(updates: list[tuple[float, ...]]) -> No
         if moving is not None:
             numbers = (*moving.pose.position, *moving.pose.quat, *moving.linear, *moving.angular)
             assert all(map(math.isfinite, numbers))
+            assert math.hypot(*moving.pose.quat) == pytest.approx(1.0)
             assert math.hypot(*moving.linear) <= LIVE_SPEED * (1 + 1e-12)
             assert math.hypot(*moving.angular) <= LIVE_TURN * (1 + 1e-12)
     assert live.dropped <= 2 * len(updates)
@@ -175,15 +223,6 @@ def scene(**obstacles: Any) -> Scene:
     return Scene.model_validate({"name": "a", "description": "b", "obstacles": obstacles})
 
 
-def test_a_shipped_scene() -> None:
-    state = SceneState(load_scene("crossing_ball"))
-    now = state.at(2.5)
-    assert state.shapes.names == ("ball",)
-    assert_allclose(now.position, [[0.2, 0.0, 0.34]], atol=1e-12)
-    assert_allclose(now.linear_velocity, [[0.0, -0.4, 0.0]], atol=1e-12)
-    assert_allclose(state.at(6.5).linear_velocity, [[0.0, 0.4, 0.0]], atol=1e-12)
-
-
 def test_arrays() -> None:
     state = SceneState(load_scene("table"))
     now = state.at(0.0)
@@ -192,12 +231,6 @@ def test_arrays() -> None:
     assert all(part.flags.c_contiguous for part in (now.position, now.quat, now.linear_velocity))
     now.position[:] = 9.0
     assert_array_equal(state.at(0.0).position[0], [0.31, 0, 0.212])
-
-
-def test_the_pose_is_that_of_the_canonical_frame() -> None:
-    now = SceneState(scene(rod={"shape": ROD, "at": {"pos": [1, 0, 0]}})).at(0.0)
-    assert_allclose(now.position, [[1, 0.2, 0]], atol=1e-15)
-    assert_allclose(rotations.rotate(now.quat[0], [0, 0, 1]), [0, 1, 0], atol=1e-15)
 
 
 def test_the_stand_carries_its_obstacles() -> None:
@@ -313,15 +346,6 @@ def test_a_loop_never_rests_at_its_seam(path: Motion, time: float) -> None:
     assert path.at(path.times[-1] + time).linear in [piece.linear for piece in path.pieces[:-1]]
 
 
-def test_half_a_turn_takes_its_time() -> None:
-    turning = motion(path=[{"time": 1, "pos": [0, 0, 0]}, {"time": 3, "pos": [2, 0, 0], "quat": [0, 0, 0, 1]}])
-    now = turning.at(2.0)
-    assert now.pose.position == pytest.approx((1, 0, 0))
-    assert now.linear == pytest.approx((1, 0, 0))
-    assert np.abs(now.angular) == pytest.approx((0, 0, 0.5 * np.pi))
-    assert float(rotations.angle_between(now.pose.quat, [1, 0, 0, 0])) == pytest.approx(0.5 * np.pi)
-
-
 @given(COORDINATES, COORDINATES, st.floats(0.1, 0.9))
 def test_a_constant_velocity_lasts_from_until(
     velocity: tuple[float, ...], spin: tuple[float, ...], share: float
@@ -334,12 +358,8 @@ def test_a_constant_velocity_lasts_from_until(
     assert_allclose(drift.at(3.0).pose.position, [1, 2, 3] + 2 * np.array(velocity), atol=1e-12)
 
 
-def test_without_an_end_it_goes_on() -> None:
+def test_without_an_end_it_goes_on_and_what_stays_rests() -> None:
     assert motion(velocity=[0, 2, 0]).at(50.0).pose.position == pytest.approx((0, 100, 0))
     assert motion(angular_velocity=[0, 0, 1]).at(50.0).angular == (0, 0, 1)
-
-
-def test_an_obstacle_that_stays() -> None:
     rest = motion(at={"pos": [1, 2, 3]})
-    assert not rest.moves
-    assert rest.at(-1.0) == rest.at(0.0) == rest.at(9.0) == MovingPose(Pose((1, 2, 3)))
+    assert not rest.moves and rest.at(-1.0) == rest.at(9.0) == MovingPose(Pose((1, 2, 3)))

@@ -1,6 +1,5 @@
 """Experiments 1 to 3 on a shortened synthetic performer, and on the recording of the paper where there is one."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,6 @@ from benchmarks.paper.placement import HINDERED, START_CLEAR, clear_cylinder, hi
 from benchmarks.paper.replay import replay
 from benchmarks.paper.table import as_data, as_table
 from benchmarks.paper.trials import CROUCH, read_trial
-from hardware.clock import MonotonicClock
 from messages import refuses
 from retarget.errors import InputError
 from retarget.frames import SensorFrames
@@ -23,8 +21,8 @@ from sim.performer import synthetic_performer
 Outcomes = dict[tuple[int, str], Outcome]
 
 
-def run(frames: SensorFrames, configurations: Sequence[str] = CONFIGURATIONS) -> Outcomes:
-    outcomes = crouching(frames, clock=MonotonicClock(), configurations=configurations)
+def run(frames: SensorFrames) -> Outcomes:
+    outcomes = crouching(frames)
     return {(outcome.experiment.number, outcome.priorities): outcome for outcome in outcomes}
 
 
@@ -75,11 +73,11 @@ def test_observers_keep_clear(made: Outcomes) -> None:
 
 def test_sensors_are_followed_where_nothing_hinders(made: Outcomes) -> None:
     for outcome in made.values():
-        errors = outcome.replay.sensor_errors
-        assert np.nanmean(errors[:, outcome.replay.sensors.index("l_ankle")]) < 1e-3
-    assert np.nanmax(made[1, "paper"].replay.sensor_errors) < 1e-3
+        errors = outcome.replay.errors_mm
+        assert np.nanmean(errors[:, outcome.replay.sensors.index("l_ankle")]) < 1.0
+    assert np.nanmax(made[1, "paper"].replay.errors_mm) < 1.0
     np.testing.assert_array_less(
-        made[2, "paper"].replay.sensor_errors[:20], 1e-3, err_msg="the start is out of every influence"
+        made[2, "paper"].replay.errors_mm[:20], 1.0, err_msg="the start is out of every influence"
     )
 
 
@@ -93,19 +91,17 @@ def test_table_and_data(made: Outcomes) -> None:
 
 
 def test_who_never_crouches_is_refused(short: SensorFrames) -> None:
-    still = replay(short.cut(0.0, 0.3), load_priorities("paper"), clock=MonotonicClock())
+    still = replay(short.cut(0.0, 0.3), load_priorities("paper"))
     for place in (clear_cylinder, hindering_sphere):
         with refuses(InputError):
             place(still)
 
 
-@pytest.mark.parametrize(
-    "configurations", [CONFIGURATIONS[:1], pytest.param(CONFIGURATIONS, marks=pytest.mark.long)], ids=["paper", "all"]
-)
-def test_the_recording_of_the_paper(shared: Path, configurations: Sequence[str]) -> None:
+@pytest.mark.long
+def test_the_recording_of_the_paper(shared: Path) -> None:
     frames = read_trial(shared / "mocap", CROUCH)
     assert frames is not None and len(frames) == 2235
-    outcomes = run(frames, configurations)
+    outcomes = run(frames)
     check_placement(outcomes)
     for (number, name), outcome in outcomes.items():
         assert outcome.on_observers.scene_frames == 0, f"experiment {number}, {name}"

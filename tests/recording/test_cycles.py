@@ -10,20 +10,6 @@ from hypothesis import strategies as st
 from retarget.recording.cycles import READINGS, Asked, Boundary, Cursor, Cycles, Done, Shape
 
 
-def test_a_cycle_holds_one_look() -> None:
-    turns: list[str] = []
-    boundary = Boundary(lambda: turns.append("turn"))
-    boundary.before()
-    assert turns == []  # nothing happened yet
-    boundary.look()
-    boundary.before()
-    boundary.before()
-    assert turns == ["turn"]
-    boundary.look()
-    boundary.look()
-    assert turns == ["turn", "turn"]
-
-
 @given(st.lists(st.booleans(), max_size=40))
 def test_there_are_as_many_cycles_as_looks(looks: list[bool]) -> None:
     turns: list[int] = []
@@ -109,20 +95,6 @@ def test_every_array_has_a_row_per_cycle() -> None:
     assert cycles.position.shape == cycles.goal.shape == cycles.q.shape == (9, 3)
     assert cycles.rest.shape == (9, 7) and cycles.landmarks.shape == (9, 6, 3) and cycles.clock.shape == (9, READINGS)
     assert cycles.sensor_orientation.shape == (9, 2, 4) and cycles.human_observer_modes.shape == (9, 0)
-
-
-def test_kinds_are_those_that_are_declared() -> None:
-    cycles = Cycles.empty(1, CYCLES_SHAPE)
-    assert cycles.goal.dtype == np.int64 and cycles.kept.dtype == np.bool_ and cycles.readings.dtype == np.uint8
-    assert cycles.clock.dtype == np.float64 and cycles.phase.dtype == np.int8
-
-
-def test_rows_that_are_taken_are_copies() -> None:
-    cycles = Cycles.empty(4, CYCLES_SHAPE)
-    cycles.index[:] = [0, 1, 2, 3]
-    taken = cycles.taken(np.array([2, 0]))
-    cycles.index[:] = 9
-    assert taken.index.tolist() == [2, 0] and len(taken) == 2
 
 
 def test_what_is_asked_is_a_bit_each() -> None:

@@ -13,7 +13,6 @@ import retarget
 from faulty_bus import FaultKind, MockFault
 from hardware.arrays import TickArray
 from hardware.bus import ServoGoals
-from hardware.errors import BusError
 from hardware.guard_state import StopCause
 from live_rig import LiveRig
 from messages import refuses, shows
@@ -31,13 +30,11 @@ from retarget.recording.replay import (
     Replayed,
     ReplayedBus,
     ReplayedClock,
-    ReplayedSamples,
     goal_difference,
     posture_difference,
     replay,
     what_computes,
 )
-from retarget.recording.topics import SENSORS
 from retarget.run.loop import Watch
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared
@@ -58,13 +55,6 @@ def sent(found: Played) -> list[tuple[int, TickArray]]:
 def compared(run: Recorded, goals: list[tuple[int, TickArray]], found: Played | None = None) -> Difference:
     assert run.result.robot is not None
     return goal_difference(found or run.played(), cast(Any, SimpleNamespace(sent=goals)), run.result.robot)
-
-
-def test_nothing_differs(run: Recorded) -> None:
-    goals = sent(run.played())
-    found = compared(run, goals)
-    assert found.none and found.compared == len(goals) and found.first is None
-    assert found.lines() == [f"all {len(goals)} goals are as recorded, to the tick"]
 
 
 def test_one_tick_of_one_joint_is_located(run: Recorded) -> None:
@@ -257,13 +247,6 @@ def test_a_changed_sensor_is_found_where_it_is(plain: Recorded) -> None:
     shows(second)
 
 
-def test_another_setting_is_a_difference(plain: Recorded) -> None:
-    found = plain.played()
-    session = found.recording.session.model_copy(update={"iterations": 1})
-    again = replay(replace(found, recording=replace(found.recording, session=session)))
-    assert again.difference.differ > 0 and again.difference.most > 0.0
-
-
 @pytest.mark.parametrize("then", ["sooner", "later"])
 def test_an_approach_that_lasts_longer_or_shorter_changes_nothing_after_it(then: str, plain: Recorded) -> None:
     """As where another version ends its approach earlier or later: following is compared with following."""
@@ -316,16 +299,6 @@ def test_another_robot_or_performer_is_refused(plain: Recorded) -> None:
             replay(other, configs)
 
 
-def test_sensors_come_back_bit_by_bit(plain: Recorded) -> None:
-    found, clip = plain.played(), plain.result.clip
-    followed = [clip.sample(tick) for tick in range(40)]
-    rows = [int(np.flatnonzero((found.cycles.tick == tick) & (found.cycles.sampled == 1))[-1]) for tick in range(40)]
-    np.testing.assert_array_equal(found.cycles.sensor_position[rows], [sample.position for sample in followed])
-    np.testing.assert_array_equal(found.cycles.sensor_orientation[rows], [sample.orientation for sample in followed])
-    assert len(found.recording.topic(SENSORS).rows) == len(clip) + 1
-    assert isinstance(found, Played) and found.last_tick == len(clip) - 1
-
-
 @pytest.fixture(scope="module")
 def stand_ins_run(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     return record(tmp_path_factory.mktemp("stand_ins") / "run.mcap", seconds=0.1)
@@ -338,17 +311,6 @@ def found(stand_ins_run: Recorded) -> Played:
 
 def cursor(found: Played) -> Cursor:
     return Cursor(found.cycles, has_robot=True, dt=found.recording.session.dt)
-
-
-def test_the_clock_reads_what_it_read(found: Played) -> None:
-    at = cursor(found)
-    clock, cycles = ReplayedClock(at), found.cycles
-    for cycle in range(5):
-        at.look()
-        readings = int(cycles.readings[cycle])
-        assert [clock.now() for _ in range(readings)] == cycles.clock[cycle, :readings].tolist()
-        assert clock.now() == cycles.clock[cycle, readings - 1], "what was not read stands still"
-        clock.sleep_until(1e9)
 
 
 def test_the_clock_never_goes_back(found: Played) -> None:
@@ -364,22 +326,6 @@ def test_the_clock_never_goes_back(found: Played) -> None:
         at.before()
 
 
-def test_servos_that_are_sent_the_same_are_where_they_were(found: Played) -> None:
-    at = cursor(found)
-    bus, cycles = ReplayedBus(found, at), found.cycles
-    bus.open()
-    for cycle in range(20):
-        states = bus.read()
-        np.testing.assert_array_equal(states.position, cycles.position[cycle])
-        np.testing.assert_array_equal(states.temperature, cycles.temperature[cycle])
-        if cycles.written[cycle] != Done.NOT:
-            bus.write(ServoGoals(cycles.goal[cycle]))
-        at.before()
-    assert [row for row, _ in bus.sent] == np.flatnonzero(cycles.written[:20] != Done.NOT).tolist()
-    bus.torque(True)
-    bus.close()
-
-
 def test_servos_that_are_sent_something_else_are_as_far_from_it(found: Played) -> None:
     at = cursor(found)
     bus, cycles = ReplayedBus(found, at), found.cycles
@@ -390,46 +336,3 @@ def test_servos_that_are_sent_something_else_are_as_far_from_it(found: Played) -
         if cycles.written[cycle] != Done.NOT:
             bus.write(ServoGoals(cycles.goal[cycle] + 7))
         at.before()
-
-
-def test_a_bus_that_failed_fails_again_in_its_words(found: Played) -> None:
-    cycles = found.cycles.taken(np.arange(len(found.cycles)))
-    cycles.read[3], cycles.written[5] = Done.FAILED, Done.FAILED
-    texts = {(3, "bus read"): "cable out"}
-    broken = replace(found, cycles=cycles, recording=replace(found.recording, texts=texts))
-    at = cursor(broken)
-    bus = ReplayedBus(broken, at)
-    for cycle in range(6):
-        if cycle == 3:
-            with refuses(BusError):
-                bus.read()
-        else:
-            bus.read()
-        if cycle == 5:
-            with refuses(BusError):
-                bus.write(ServoGoals(cycles.goal[cycle]))
-        at.before()
-
-
-def test_samples_say_what_was_followed(found: Played, stand_ins_run: Recorded) -> None:
-    samples, frames = ReplayedSamples(found, cursor(found)), stand_ins_run.result.clip.frames
-    assert (
-        samples.kept == len(frames) == stand_ins_run.result.ticks_followed
-        and samples.ticks == found.recording.session.ticks
-    )
-    first = samples.sample(0)
-    assert first is not None and first.names == frames.names
-    np.testing.assert_array_equal(first.position, stand_ins_run.result.clip.sample(0).position)
-    clip = samples.recorded()
-    followed = [stand_ins_run.result.clip.sample(tick).position for tick in range(len(frames))]
-    np.testing.assert_array_equal(clip.frames.position, followed)
-    np.testing.assert_array_equal(clip.frames.valid, frames.valid)
-
-
-def test_a_sample_that_was_none_is_none_again(found: Played) -> None:
-    cycles = found.cycles.taken(np.arange(len(found.cycles)))
-    row = int(np.flatnonzero(cycles.sampled != Done.NOT)[5])
-    cycles.sampled[row] = Done.FAILED
-    lost = replace(found, cycles=cycles)
-    samples = ReplayedSamples(lost, cursor(lost))
-    assert samples.sample(int(cycles.tick[row])) is None and samples.hold_reason == "as recorded"

@@ -73,14 +73,6 @@ def test_what_was_asked_is_of_its_cycle(note: Note) -> None:
     assert asked == [Asked.APPROACH, Asked.STOP | Asked.PAUSED | Asked.TORQUE_OFF | Asked.OVER]
 
 
-def test_a_cycle_ends_once_however_often_is_asked(note: Note) -> None:
-    for _ in range(3):
-        note.look()
-        note.before()
-        note.before()
-    assert cycles(note).index.tolist() == [0, 1, 2, 3]
-
-
 def test_a_stop_from_outside_is_distinguished_from_one_before_it(note: Note, rig: Rig) -> None:
     before = Stop(StopCause.BUS, "gone", 1.0)
     rig.guard.stop = before
@@ -147,11 +139,6 @@ def bus(robot: RobotBody, note: Note, *faults: MockFault) -> TappedBus:
     return tapped
 
 
-def test_the_clock_is_read_as_it_is() -> None:
-    clock = VirtualClock(5.0)
-    assert TappedClock(clock, Note()).now() == 5.0
-
-
 def test_readings_of_the_clock_are_kept_as_far_as_there_is_room(taps_note: Note) -> None:
     clock = VirtualClock(5.0)
     tapped = TappedClock(clock, taps_note)
@@ -163,20 +150,6 @@ def test_readings_of_the_clock_are_kept_as_far_as_there_is_room(taps_note: Note)
     assert taps_note.now == 5.0 + READINGS + 2
     tapped.sleep_until(99.0)
     assert clock.now() == 99.0
-
-
-def test_servos_and_goals_go_through_and_are_kept(robot: RobotBody, taps_note: Note) -> None:
-    tapped = bus(robot, taps_note)
-    states = tapped.read()
-    tapped.write(ServoGoals(states.position + 1))
-    tapped.torque(True)
-    kept = row(taps_note)
-    assert (kept.read[0], kept.written[0]) == (Done.WELL, Done.WELL)
-    for name in ("position", "velocity", "voltage", "temperature", "age", "valid", "driven", "alert", "error"):
-        np.testing.assert_array_equal(getattr(kept, name)[0], getattr(states, name), err_msg=name)
-    np.testing.assert_array_equal(kept.goal[0], states.position + 1)
-    assert [event.text for event in taps_note.events] == ["torque on"]
-    tapped.close()
 
 
 @pytest.mark.parametrize(("kind", "what"), [(FaultKind.READ_FAILS, "read"), (FaultKind.WRITE_FAILS, "write")])

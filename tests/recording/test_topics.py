@@ -1,7 +1,5 @@
 """Cycles as messages: which cycles a topic keeps, when, and what of them."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -18,7 +16,6 @@ from retarget.recording.topics import (
     SERVOS,
     STEP,
     TICK,
-    TRUTH,
     Topic,
     topics,
 )
@@ -53,28 +50,6 @@ def cycles(robot: RobotBody | None, count: int = 40) -> Cycles:
 
 def kept(topic: Topic, rows: Cycles) -> list[int]:
     return [index for index, _, _ in topic.messages(rows, rows.index * 8_000_000)]
-
-
-def test_where_a_simulated_body_really_is_is_kept_if_it_is_known(robot: RobotBody) -> None:
-    rows, names = cycles(robot), ("x", "y", "z")
-    wide = replace(rows, truth=np.arange(120.0).reshape(40, 3))
-    found = {
-        topic.name: topic
-        for topic in topics(
-            replace(shape(robot), truth=3),
-            sensors=NAMES,
-            human_joints=LIMBS,
-            landmarks=MARKS,
-            dt=0.008,
-            robot=robot,
-            truth=names,
-        )
-    }
-    assert TRUTH not in made(robot) and found[TRUTH].names == names
-    said = list(found[TRUTH].messages(wide, wide.index * 8_000_000))
-    assert [index for index, _, _ in said] == kept(found[LANDMARKS], rows)
-    truth = np.frombuffer(b"".join(data for _, _, data in said), dtype=found[TRUTH].layout.dtype)["q"]
-    np.testing.assert_array_equal(truth, wide.truth[[index for index, _, _ in said]])
 
 
 def test_a_human_alone_has_no_servos_and_every_posture() -> None:
@@ -133,12 +108,3 @@ def test_frames_are_where_the_links_are(robot: RobotBody) -> None:
         solver = robot.body.solver_body()
         place, turn = solver.points(q, [link], np.zeros((1, 3)))[0, 0], solver.orientations(q, [link])[0, 0]
         np.testing.assert_allclose(frames[f"{name}.pose"][0], [*place, *turn[1:], turn[0]], atol=STEP)
-
-
-def test_stamps_are_split_into_seconds_and_the_rest(robot: RobotBody) -> None:
-    rows = cycles(robot, 2)
-    topic = made(robot)[TICK]
-    found = list(topic.messages(rows, np.array([5, 3 * 10**9 + 1])))
-    assert [(index, stamp) for index, stamp, _ in found] == [(0, 5), (1, 3 * 10**9 + 1)]
-    read = np.frombuffer(b"".join(data for _, _, data in found), topic.layout.dtype)
-    assert read["stamp.sec"].tolist() == [0, 3] and read["stamp.nanosec"].tolist() == [5, 1]

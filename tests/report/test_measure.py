@@ -49,11 +49,6 @@ def swing() -> FloatArray:
     return script
 
 
-def test_the_rate_is_the_profiles_where_nothing_stalls() -> None:
-    found, _ = played(Rig(still()))
-    assert found.rate_hz == pytest.approx(125.0) and found.longest_period_ms == pytest.approx(8.0)
-
-
 def test_the_hottest_servo_and_the_lowest_voltage_are_named() -> None:
     hot = MockFault(FaultKind.HOT, 20, 10, servo=3, value=61.5)
     low = MockFault(FaultKind.SUPPLY, 30, 1, servo=7, value=10.4)
@@ -90,11 +85,6 @@ def test_what_was_not_measured_is_unknown() -> None:
     found = bus.pace(times, 0.01)
     assert found is not None and found[2] == 4
     np.testing.assert_allclose(found[:2], (60.0, 0.04))
-
-
-def test_a_run_without_a_failure_has_no_faults() -> None:
-    found, run = played(Rig(swing()))
-    assert found.faults == 0 and run.stop is None
 
 
 @pytest.mark.parametrize("first", [1, 2, 20])

@@ -8,7 +8,6 @@ from gates import sent
 from retarget.model.body import JointLimits
 from retarget.model.robot import RobotBody, load_robot
 from retarget.report import motion_metrics, tracking
-from retarget.report.clearance import place_body
 from retarget.report.measure import measure
 from retarget.report.motion_metrics import jerk_p95, limit_violations
 from retarget.report.report import Report
@@ -145,22 +144,6 @@ def test_sole_tilt() -> None:
     assert motion_metrics.sole_tilt(sole) == pytest.approx([0.1])
 
 
-def clearance_of(op3: RobotBody, q: FloatArray) -> tuple[float | None, int]:
-    neutral = op3.posture(op3.profile.postures.neutral)
-    pairs = [ignored.pair for ignored in op3.profile.ignore_pairs]
-    found = place_body(op3.profile.body_path, q, root="free").to_itself(neutral=neutral, ignored=pairs)
-    return found.smallest, found.penetrating
-
-
-def test_self_clearance(op3: RobotBody) -> None:
-    stand = op3.posture(op3.profile.postures.stand)
-    smallest, penetrating = clearance_of(op3, stand[None])
-    assert smallest is not None and 0.0 < smallest < 0.02 and penetrating == 0
-    crossed = op3.posture(dict(op3.profile.postures.stand) | {"l_hip_roll": 0.6, "r_hip_roll": -0.6})
-    smallest, penetrating = clearance_of(op3, np.stack([stand, crossed, crossed, stand]))
-    assert smallest is not None and smallest < -0.005 and penetrating == 2
-
-
 @pytest.fixture(scope="module")
 def report() -> Report:
     """A robot that jumps once, which the gate holds back."""
@@ -242,10 +225,6 @@ def test_the_worse_hand_is_reported_with_the_mean() -> None:
     hands = reported(Rig(held))[0].reachable_hands_mm
     assert hands is not None
     assert hands["worse"] == hands["l_hand"] > 1.5 * hands["mean"] > hands["r_hand"]
-
-
-def test_what_does_not_exist_yet_is_none(report: Report) -> None:
-    assert report.fallen is None and report.mode_switches_per_s is None and report.min_clearance_mm.scene is None
 
 
 def test_the_report_of_a_human_has_no_robots_values() -> None:

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from followers import DT, op3
-from observed_robot import ZONE, Done, act, human, raised, robot, scene_of, sphere
-from observers_idle_helpers import without_observers
+from observed_robot import ZONE, Done, act, human, raised, robot, scene_of, sphere, without_observers
 from retarget.report.motion_metrics import jerk_p95, observer_activity
 from retarget.schema.priorities import load_priorities
 

@@ -1,7 +1,6 @@
 """The report: its keys are a contract, its numbers are JSON, its file appears whole or not at all."""
 
 import json
-import os
 from pathlib import Path
 
 import numpy as np
@@ -69,13 +68,6 @@ def test_places_that_cannot_hold_a_report(name: str, tmp_path: Path) -> None:
     with refuses(UsageError, "--report"):
         report_path(tmp_path / name)
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may write anywhere")
-def test_a_locked_folder(tmp_path: Path) -> None:
-    tmp_path.chmod(0o500)
-    with refuses(UsageError):
-        check_place(tmp_path / "r.json", option="--report")
 
 
 def test_a_file_where_a_folder_is_meant(tmp_path: Path) -> None:

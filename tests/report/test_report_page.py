@@ -127,7 +127,7 @@ def test_a_hostile_name_does_nothing(run: RunResult, report: Report, html: str) 
             EVIL: next(iter(report.tracking_mm.values()))
         }
     )  # fmt: skip
-    page, plain = Page(page_html(hostile, worse)), Page(html)
+    page, plain = Page(page_html(hostile, worse, figures={})), Page(html)
     assert len(page.scripts) == len(plain.scripts) == 2 and page.scripts[1] == plain.scripts[1]
     assert data_of(page)["robot"]["label"] == EVIL
     tags, usual = ([tag for tag, _ in one.elements] for one in (page, plain))
@@ -143,7 +143,7 @@ def test_a_file_with_a_hostile_joint_does_nothing(run: RunResult, report: Report
     worse = replace(
         report, servo_error_deg={EVIL: spread}, closest_links=(EVIL, EVIL), bus=replace(report.bus, hottest=hottest)
     )
-    page = Page(page_html(run, worse))
+    page = Page(page_html(run, worse, figures={}))
     assert len(page.scripts) == 2 and "img" not in [tag for tag, _ in page.elements]
     assert page.text.count("onerror=alert(2)") >= 4
 
@@ -207,7 +207,7 @@ def test_what_stopped_it_and_when(run: RunResult, report: Report) -> None:
     (moment,) = moments(stopped)
     braking = run.record.time[run.record.following.stop]
     assert moment.time == braking and moment.text == "the supply is low"
-    page = Page(page_html(stopped, replace(report, stop=replace(report.stop, reason="the supply is low"))))
+    page = Page(page_html(stopped, replace(report, stop=replace(report.stop, reason="the supply is low")), figures={}))
     assert f"Stopped at {braking:.2f} s" in page.texts and "bus" in page.text and "torque is off" in page.text
     assert any(attributes.get("data-time") == f"{1e3 * braking:.0f}" for _, attributes in page.elements)
     assert "✗ fail" in page.texts and "stopped: the supply is low" in page.texts
@@ -237,7 +237,7 @@ def test_a_run_that_followed_nothing_has_a_page_without_motion(run: RunResult, r
     ticks = int(run.record.following.start)
     early = replace(run, record=run.record.rows(0, ticks), reason="a servo is silent")
     assert animation_of(early) is None
-    page = Page(page_html(early, measure(early)))
+    page = Page(page_html(early, measure(early), figures={}))
     assert len(page.scripts) == 1 and "a servo is silent" in page.text
 
 

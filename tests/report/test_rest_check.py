@@ -5,9 +5,9 @@ from dataclasses import replace
 import pytest
 
 from messages import shows
-from physics_robots_helpers import ROBOTS
 from retarget.model.robot import RobotBody, load_robot
 from retarget.report.rest_check import PathToRest, path_to_rest
+from unknown_robots import SHIPPED as ROBOTS
 
 
 def resting(robot: RobotBody, **changed: float) -> RobotBody:

@@ -73,10 +73,12 @@ def test_toddlerbot_alone_is_too_weak_for_one_leg() -> None:
 HEIGHT = 0.25
 
 
+@cache
 def balance(name: str = "balanced") -> StandingBalance:
     return StandingBalance(load_priorities(name), plant(op3(), op3().profile.postures.stand))
 
 
+@cache
 def shrunk() -> FloatArray:
     """Edges (e, 3) that `balanced` keeps to."""
     return np.array(balance()._room)
@@ -175,7 +177,7 @@ def test_an_impossible_share_is_refused(share: float) -> None:
 
 def zmp_outside(robot: Follower) -> float:
     """Share of ticks in which a hurried follower's zero-moment point is not where `balanced` keeps it."""
-    human = postures(performer(), speed=2.5)[:600]
+    human = postures(performer(), speed=2.5)[:400]
     robot.start(human[0])
     com = np.array([robot.step(posture, DT).centre_of_mass for posture in human])
     push = (com[2:] - 2.0 * com[1:-1] + com[:-2]) / DT**2

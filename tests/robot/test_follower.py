@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from followers import DT, dimensions, follower, op3, performer, postures, settled
-from hardware.bus import ServoBus
-from hardware.clock import Clock, VirtualClock
+from hardware.clock import VirtualClock
 from hardware.servo_health import RAMP_S
 from retarget.human.samples import Playback
 from retarget.ik.base_pose import plant_root
@@ -43,19 +42,14 @@ from retarget.safety.gate import Gate
 from retarget.schema.priorities import load_priorities
 from retarget.sources.open import open_source
 from retarget.types import FloatArray, HumanPosture, IntArray
-from sim.mock_bus import MockBus
+from sim.mock_bus import mock_bus
 from sim.performer import synthetic_performer
 
 
 def run_from(source: Path, start: float, watch: Watch | None = None) -> RunResult:
     """The OP3 from standing, following 0.2 s of a recording."""
-
-    def make_bus(robot: RobotBody, clock: Clock) -> ServoBus:
-        stand = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
-        return MockBus(robot.joint_map.servos, clock, start=robot.joint_map.to_ticks(stand))
-
     options = RunOptions(robot="op3", playback=Playback(start=start, end=start + 0.2))
-    with prepare(lambda: open_source(source), options, clock=VirtualClock(), make_bus=make_bus) as ready:
+    with prepare(lambda: open_source(source), options, clock=VirtualClock(), make_bus=mock_bus) as ready:
         return ready.run(watch or Watch())
 
 
@@ -72,7 +66,7 @@ def assert_well(run: RunResult) -> None:
         assert np.linalg.norm(corners - corners[0], axis=-1).max() < 0.003
 
 
-@pytest.mark.parametrize(("trial", "start"), [("02_06", 2.0), ("02_06", 5.0), ("49_18", 0.0)])
+@pytest.mark.parametrize(("trial", "start"), [("02_06", 5.0), ("49_18", 0.0)])
 def test_a_raised_hand_is_raised_when_following_begins(trial: str, start: float, shared: Path) -> None:
     """A hand that follows from below while the clip runs stays 0.3 m behind for seconds."""
     run = run_from(shared / "mocap" / "cmu_asfamc" / f"{trial}.amc", start)
@@ -85,7 +79,7 @@ def test_a_raised_hand_is_raised_when_following_begins(trial: str, start: float,
     assert_well(run)
 
 
-@pytest.mark.parametrize("tick", [20, 60, 110, 160])
+@pytest.mark.parametrize("tick", [20, 110, 160])
 def test_a_stop_on_the_way(tick: int, shared: Path) -> None:
     asked = count()
     watch = Watch(stop_asked=lambda: next(asked) >= tick)

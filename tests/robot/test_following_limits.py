@@ -22,7 +22,9 @@ from retarget.robot.following_limits import (
 from retarget.robot.landmarks import standing_dofs
 
 
-def limits(robot: RobotBody) -> JointLimits:
+def limits(robot: RobotBody | None = None) -> JointLimits:
+    """OP3's, or of another robot that stands."""
+    robot = robot or op3()
     return following_limits(robot, plant(robot, robot.profile.postures.stand))
 
 
@@ -63,52 +65,39 @@ def test_a_profile_without_that_bound_keeps_its_speeds() -> None:
 
 def test_they_are_those_of_the_servos_but_for_limbs_that_stay_bent() -> None:
     body, servos = op3().body, op3().limits
-    limits = following_limits(op3(), plant(op3(), op3().profile.postures.stand))
-    drawn_in = {}
+    kept, drawn_in = limits(), {}
     for index, joint in enumerate(op3().joint_map.joints):
         dof = body.dof_index(joint)
-        assert limits.max_velocity[dof] == servos.max_velocity[index]
-        assert limits.max_acceleration[dof] == servos.max_acceleration[index]
-        if (limits.lower[dof], limits.upper[dof]) != (servos.lower[index], servos.upper[index]):
-            drawn_in[joint] = (limits.lower[dof], limits.upper[dof])
+        assert kept.max_velocity[dof] == servos.max_velocity[index]
+        assert kept.max_acceleration[dof] == servos.max_acceleration[index]
+        if (kept.lower[dof], kept.upper[dof]) != (servos.lower[index], servos.upper[index]):
+            drawn_in[joint] = (kept.lower[dof], kept.upper[dof])
     assert set(drawn_in) == {"l_knee", "r_knee", "l_el", "r_el"}
     assert abs(drawn_in["l_knee"][0] - BENT) < 0.06 and abs(drawn_in["r_knee"][1] + BENT) < 0.06
     assert drawn_in["l_el"][1] < -BENT / 2 and drawn_in["r_el"][0] > BENT / 2
 
 
-def test_a_free_root_has_none() -> None:
-    limits = following_limits(op3(), plant(op3(), op3().profile.postures.stand))
-    assert np.isinf(limits.max_velocity[:6]).all() and np.isinf(limits.max_acceleration[:6]).all()
-
-
-def test_the_standing_posture_is_inside() -> None:
-    stance = plant(op3(), op3().profile.postures.stand)
-    limits = following_limits(op3(), stance)
+def test_a_free_root_has_none_and_the_standing_posture_is_inside() -> None:
+    kept, stance = limits(), plant(op3(), op3().profile.postures.stand)
+    assert np.isinf(kept.max_velocity[:6]).all() and np.isinf(kept.max_acceleration[:6]).all()
     single, address = op3().body.scalar_joints()
     q = stance.q[address[single]]
-    assert (q >= limits.lower[single]).all() and (q <= limits.upper[single]).all()
-
-
-BODY = op3().body
-
-
-def loaded_speed_limits() -> JointLimits:
-    return following_limits(op3(), plant(op3(), op3().profile.postures.stand))
+    assert (q >= kept.lower[single]).all() and (q <= kept.upper[single]).all()
 
 
 def test_a_knee_that_carries_is_slower_and_a_head_is_not() -> None:
-    free, loaded = loaded_speed_limits(), loaded_speed(op3(), loaded_speed_limits(), speed_margin=0.25)
+    free, loaded = limits(), loaded_speed(op3(), limits(), speed_margin=0.25)
     for joint, expected in (("l_knee", 3.06), ("r_knee", 3.06), ("head_pan", 4.5), ("l_el", 4.5)):
-        assert loaded.max_velocity[BODY.dof_index(joint)] == pytest.approx(expected, abs=0.03)
+        assert loaded.max_velocity[op3().body.dof_index(joint)] == pytest.approx(expected, abs=0.03)
     assert (loaded.max_velocity <= free.max_velocity).all()
     for name in ("lower", "upper", "max_acceleration"):
         np.testing.assert_array_equal(getattr(loaded, name), getattr(free, name))
 
 
 def test_more_reserve_is_slower_down_to_a_share() -> None:
-    knee = BODY.dof_index("l_knee")
+    knee = op3().body.dof_index("l_knee")
     speeds = [
-        float(loaded_speed(op3(), loaded_speed_limits(), speed_margin=speed_margin).max_velocity[knee])
+        float(loaded_speed(op3(), limits(), speed_margin=speed_margin).max_velocity[knee])
         for speed_margin in (0.0, 0.5, 99.0)
     ]
     servo = next(servo for servo in op3().joint_map.servos if servo.joint == "l_knee")
@@ -117,26 +106,22 @@ def test_more_reserve_is_slower_down_to_a_share() -> None:
 
 def test_who_does_not_stand_keeps_its_limits() -> None:
     hanging = load_robot("op3", root="fixed")
-    free = replace(loaded_speed_limits())
+    free = limits()
     assert loaded_speed(hanging, free, speed_margin=0.25) is free
 
 
 @pytest.mark.parametrize("name", ["wolfgang", "toddlerbot"])
 def test_every_robot_keeps_some_speed(name: str) -> None:
     robot = load_robot(name)
-    free = following_limits(robot, plant(robot, robot.profile.postures.stand))
+    free = limits(robot)
     loaded = loaded_speed(robot, free, speed_margin=0.25)
     ratio = loaded.max_velocity[6:] / free.max_velocity[6:]
     assert SLOWEST <= ratio.min() < 1.0 or np.isclose(ratio, 1.0).all()
     assert ratio.max() == 1.0
 
 
-def soft_limits_of(robot: RobotBody) -> JointLimits:
-    return following_limits(robot, plant(robot, robot.profile.postures.stand))
-
-
 def test_legs_keep_off_and_arms_do_not() -> None:
-    free = soft_limits_of(op3())
+    free = limits()
     kept = soft_limits(op3(), free, margin=0.05)
     body = op3().body
     for joint, low, high in (("l_hip_pitch", -2.306194, 0.438692), ("l_ank_roll", -1.346263, 1.346263)):
@@ -155,7 +140,7 @@ def test_legs_keep_off_and_arms_do_not() -> None:
 @pytest.mark.parametrize("margin", [0.02, 0.05, 0.5])
 def test_no_robot_loses_how_it_stands(name: str, margin: float) -> None:
     robot = load_robot(name)
-    free = soft_limits_of(robot)
+    free = limits(robot)
     kept = soft_limits(robot, free, margin=margin)
     assert (kept.lower >= free.lower).all() and (kept.upper <= free.upper).all()
     assert (kept.lower < kept.upper)[6:].all()
@@ -169,7 +154,7 @@ def test_no_robot_loses_how_it_stands(name: str, margin: float) -> None:
 
 
 def test_nothing_to_keep_off_is_nothing() -> None:
-    free = soft_limits_of(op3())
+    free = limits()
     assert soft_limits(op3(), free, margin=0.0) is free
     hanging = load_robot("op3", root="fixed")
     assert soft_limits(hanging, free, margin=0.05) is free

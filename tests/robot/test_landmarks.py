@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from followers import DT as LANDMARKS_DT
-from followers import dimensions, follower, op3, performer, postures
+from followers import DT, dimensions, follower, op3, performer, postures
 from retarget import rotations
 from retarget.ik.support_polygon import plant
 from retarget.model.human_dimensions import POINTS
@@ -23,13 +22,16 @@ from retarget.robot.landmarks import (
     FeetApart,
     LandmarkMap,
     PelvisOverFoot,
+    RobotReader,
     drawn_in,
     feet_apart,
+    robot_frames,
+    robot_postures,
+    standing_dofs,
 )
 from retarget.rotations import Vector, axis_turn, product
 from retarget.types import Carrying, FloatArray, HumanPosture
 
-DT = 0.008
 AHEAD = (0.1, 0.0, -0.02)
 
 
@@ -172,7 +174,7 @@ def crouched(share: float) -> FloatArray:
 
 def landmarks_ask(posture: HumanPosture, envelope: Envelope | None = WIDE) -> dict[str, FloatArray]:
     where = landmark_map(envelope)
-    return dict(zip(where.names, map(np.array, where.ask(posture, LANDMARKS_DT).landmarks), strict=True))
+    return dict(zip(where.names, map(np.array, where.ask(posture, DT).landmarks), strict=True))
 
 
 def test_a_standing_performer_is_a_standing_robot() -> None:
@@ -219,7 +221,7 @@ def test_the_trunk_leans_and_twists_with_the_performer(lean: float, twist: float
     )
     legs = ("hip", "knee", "ankle", "toe")
     bent = changed(lambda n, p: p if n.endswith(legs) else rotations.rotate(turn, p - hips()) + hips())
-    asked = landmark_map().ask(human(bent, np.array([rotations.IDENTITY, turn, turn])), LANDMARKS_DT)
+    asked = landmark_map().ask(human(bent, np.array([rotations.IDENTITY, turn, turn])), DT)
     if lean < 0.8:
         assert rotations.angle_between(np.array(asked.trunk), turn) < 0.02
     assert np.allclose(asked.gaze, rotations.rotate(turn, np.array([1.0, 0.0, 0.0])), atol=1e-9)
@@ -235,9 +237,7 @@ def test_a_lean_beyond_the_robots_is_drawn_in() -> None:
     legs = ("hip", "knee", "ankle", "toe")
     bent = changed(lambda n, p: p if n.endswith(legs) else rotations.rotate(turn, p - hips()) + hips())
     stiff = Envelope(np.array([0.1, 0.25]), np.full((2, 4), 0.5))
-    trunk = np.array(
-        landmark_map(stiff).ask(human(bent, np.array([rotations.IDENTITY, turn, turn])), LANDMARKS_DT).trunk
-    )
+    trunk = np.array(landmark_map(stiff).ask(human(bent, np.array([rotations.IDENTITY, turn, turn])), DT).trunk)
     lean = float(rotations.angle_between(trunk, rotations.IDENTITY))
     assert 0.35 < lean < 0.5
 
@@ -269,11 +269,11 @@ def test_what_is_asked_does_not_depend_on_the_robot() -> None:
     human_postures = postures(performer())[:300]
     quick, still = follower(), follower(parts="whole")
     quick.start(human_postures[0])
-    asked = [quick.step(posture, LANDMARKS_DT).landmarks_asked for posture in human_postures]
+    asked = [quick.step(posture, DT).landmarks_asked for posture in human_postures]
     still.start(human_postures[0])
     for posture, expected in zip(human_postures, asked, strict=True):
         still.reseed(still.stance.q, np.zeros(op3().body.nv))
-        assert (still.step(posture, LANDMARKS_DT).landmarks_asked == expected).all()
+        assert (still.step(posture, DT).landmarks_asked == expected).all()
 
 
 def hips() -> FloatArray:
@@ -286,7 +286,7 @@ def stepping_map() -> LandmarkMap:
 
 
 def test_stepping_changes_nothing_for_a_performer_on_both_feet() -> None:
-    one, other = landmark_map().ask(human(), LANDMARKS_DT), stepping_map().ask(human(), LANDMARKS_DT)
+    one, other = landmark_map().ask(human(), DT), stepping_map().ask(human(), DT)
     assert np.allclose(one.landmarks, other.landmarks, atol=1e-12)
     assert 0.0 < other.apart[1] < 0.1 and one.apart == (0.0, 0.0, 0.0)
 
@@ -296,16 +296,16 @@ def test_stepping_a_lifted_foot_is_no_crouch() -> None:
         human(changed(lambda n, p: p + np.array([0.0, 0.0, 0.3]) if n == "r_ankle" else p)), carrying=Carrying.LEFT
     )
     where, row = stepping_map(), stepping_map().names.index("pelvis")
-    upright = where.ask(human(), LANDMARKS_DT).landmarks[row][2]
+    upright = where.ask(human(), DT).landmarks[row][2]
     for _ in range(300):
-        asked = where.ask(lifted, LANDMARKS_DT)
+        asked = where.ask(lifted, DT)
     assert abs(asked.landmarks[row][2] - upright) < 1e-3
-    assert landmark_map().ask(lifted, LANDMARKS_DT).landmarks[row][2] < upright - 0.02
+    assert landmark_map().ask(lifted, DT).landmarks[row][2] < upright - 0.02
     assert asked.apart[2] < -0.05 and asked.carrying is Carrying.LEFT
 
 
 def test_a_body_that_is_led_aside_goes_there_as_a_whole_or_the_pelvis_alone() -> None:
-    asked = stepping_map().ask(human(), LANDMARKS_DT)
+    asked = stepping_map().ask(human(), DT)
     row, aside = stepping_map().names.index("pelvis"), (0.01, 0.04, 0.0)
     for share in (0.0, 0.5, 1.0):
         moved = np.array(asked.led(row, aside, share).landmarks) - np.array(asked.landmarks)
@@ -325,7 +325,7 @@ def test_a_robot_that_hangs_keeps_its_feet_apart_and_its_head_on_its_trunk() -> 
     where = LandmarkMap(robot.profile, dimensions(performer()), stance, None)
     moved = {"l_ankle": np.array([0.0, -0.2, 0.0]), "head": np.array([0.1, 0.0, -0.1])}  # a foot across, a bent neck
     joints = changed(lambda name, point: point + moved.get(name, 0.0))
-    asked = dict(zip(where.names, map(np.array, where.ask(human(joints), LANDMARKS_DT).landmarks), strict=True))
+    asked = dict(zip(where.names, map(np.array, where.ask(human(joints), DT).landmarks), strict=True))
     apart = stance.points["l_sole"][1] - stance.points["r_sole"][1]
     assert apart <= asked["l_sole"][1] - asked["r_sole"][1] < 1.1 * apart
     assert np.allclose(asked["head"], stance.points["head"]) and np.allclose(asked["pelvis"], stance.points["pelvis"])
@@ -369,3 +369,46 @@ def test_it_goes_there_smoothly() -> None:
     over = PelvisOverFoot(LEFT, RIGHT)
     path = np.array([over.step((0.0, 0.0, 0.2), (0.0, 0.07, -0.1), Carrying.LEFT, 0.008) for _ in range(100)])
     assert np.abs(np.diff(path, axis=0)).max() < 0.003
+
+
+# Where a robot's parts are, and their names in priorities.
+
+
+def test_the_stance_is_upright_and_looks_ahead() -> None:
+    stance = plant(op3(), op3().profile.postures.stand)
+    reached = RobotReader(op3(), stance).read(stance.q)
+    assert np.allclose(reached.trunk, rotations.IDENTITY) and np.allclose(reached.gaze, (1.0, 0.0, 0.0))
+    frames = [entry.frame for entry in op3().profile.landmarks.values()]
+    assert np.allclose(reached.points, [stance.points[name] for name in frames])
+    assert np.allclose(reached.points, reached.landmarks)
+    assert np.allclose(reached.centre_of_mass, op3().body.solver_body().centre_of_mass(stance.q[None])[0])
+
+
+def test_turning_head_and_root_turns_gaze_and_trunk() -> None:
+    stance = plant(op3(), op3().profile.postures.stand)
+    q = stance.q.copy()
+    q[op3().body.joint_qpos[op3().body.joint_index("head_pan")]] = 0.5
+    turn = rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), 0.3)
+    q[3:7] = rotations.multiply(turn, q[3:7])
+    reached = RobotReader(op3(), stance).read(q)
+    assert np.allclose(reached.trunk, turn) and np.allclose(reached.gaze, (np.cos(0.8), np.sin(0.8), 0.0))
+
+
+def test_landmarks_frames_and_links_have_names() -> None:
+    frames = robot_frames(op3())
+    assert {"l_hand", "neck", "body_link"} <= set(frames)
+    assert frames["l_hand"].body == op3().body.body_index("l_el_link")
+
+
+def test_postures_stand_where_the_robot_does() -> None:
+    stance = plant(op3(), op3().profile.postures.stand)
+    named = robot_postures(op3(), stance)
+    assert set(named) == {"neutral", "stand", "rest", "attractor"}
+    assert np.allclose(named["stand"], stance.q)
+    assert np.allclose(named["rest"][:7], stance.q[:7])
+
+
+def test_root_and_legs_carry_the_robot() -> None:
+    names = np.array(op3().body.dof_names)[standing_dofs(op3())]
+    assert len(names) == 18
+    assert all(name.startswith("root_") or any(part in name for part in ("hip", "knee", "ank")) for name in names)

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from followers import DT as GOVERNOR_DT
-from followers import follower, op3, performer, postures
+from followers import DT, follower, op3, performer, postures
 from hardware.joint_map import JointMap
 from retarget.ik.hierarchy import Hierarchy
 from retarget.ik.support_polygon import plant
@@ -51,7 +50,7 @@ def test_a_goal_is_a_step_from_where_the_robot_is_towards_what_is_asked() -> Non
     targets = hierarchy.blank()
     steps = []
     for _ in range(5):
-        governor.aim(targets, asked, reached, GOVERNOR_DT)
+        governor.aim(targets, asked, reached, DT)
         weight, *place = goal(hierarchy, targets, "l_hand")
         steps.append(np.array(place) - np.array((x, y, z)))
         assert weight == 1.0
@@ -70,7 +69,7 @@ def test_planted_landmarks_get_no_goals() -> None:
         targets,
         AskedLandmarks(reached.landmarks, reached.trunk, reached.gaze),
         reached,
-        GOVERNOR_DT,
+        DT,
     )
     assert goal(robot.hierarchy, targets, "l_sole")[0] == 0.0
     assert robot.hierarchy.uses(SlotKind.POSITION, "l_sole")
@@ -90,7 +89,7 @@ def test_the_limits_of_a_limb_are_those_of_its_own_joints() -> None:
         governor = ReferenceGovernor(robot, hierarchy, still=STILL, trunk_at_stance=reader.trunk_at_stance)
         there: list[Vector] = [(x + 0.1, y, z) for x, y, z in reached.landmarks]
         targets = hierarchy.blank()
-        governor.aim(targets, AskedLandmarks(there, reached.trunk, reached.gaze), reached, GOVERNOR_DT)
+        governor.aim(targets, AskedLandmarks(there, reached.trunk, reached.gaze), reached, DT)
         for name in ("l_hand", "r_hand", "pelvis"):
             row = list(robot.profile.landmarks).index(name)
             steps[weak, name] = float(goal(hierarchy, targets, name)[1]) - reached.landmarks[row][0]
@@ -109,13 +108,13 @@ def test_a_robot_that_is_held_uses_more_of_its_servos() -> None:
         reached = reader.read(stance.q)
         governor = ReferenceGovernor(robot, hierarchy, still=STILL, trunk_at_stance=reader.trunk_at_stance)
         targets, there = hierarchy.blank(), [(x + 0.1, y, z) for x, y, z in reached.landmarks]
-        governor.aim(targets, AskedLandmarks(there, reached.trunk, reached.gaze), reached, GOVERNOR_DT)
+        governor.aim(targets, AskedLandmarks(there, reached.trunk, reached.gaze), reached, DT)
         row = list(robot.profile.landmarks).index("l_hand")
         steps.append(float(goal(hierarchy, targets, "l_hand")[1]) - reached.landmarks[row][0])
     assert steps[1] == pytest.approx(HELD[1] / STANDING[1] * steps[0])
 
 
-DT, ACCELERATION, SPEED = 0.008, 0.5, 0.1
+ACCELERATION, SPEED = 0.5, 0.1
 
 
 @settings(max_examples=30)
@@ -144,7 +143,6 @@ def test_it_goes_on_as_it_moved() -> None:
     assert glide.at[0] - 0.3 <= 0.0008
 
 
-TRAJECTORY_DT = 0.008
 CHANNEL = ChannelLimits(own=4.0, catch_up=2.0, speed=0.5)
 
 
@@ -154,7 +152,7 @@ def governor(asked: FloatArray, start: float | None = None) -> FloatArray:
     here, last = asked[0] if start is None else start, asked[0]
     track = []
     for there in asked:
-        here += trajectory.step((there - last, 0.0, 0.0), (there - here, 0.0, 0.0), TRAJECTORY_DT)[0]
+        here += trajectory.step((there - last, 0.0, 0.0), (there - here, 0.0, 0.0), DT)[0]
         last = there
         track.append(here)
     return np.array(track)
@@ -176,14 +174,14 @@ def test_outside_it_goes_straight_back() -> None:
 
 def test_a_jump_is_caught_up_with_once_and_for_all() -> None:
     track = governor(np.r_[np.zeros(5), np.full(400, 0.3)])
-    speed = np.diff(track) / TRAJECTORY_DT
+    speed = np.diff(track) / DT
     assert track.max() < 0.3 * 1.005
     assert abs(track[-1] - 0.3) < 1e-4
-    assert speed.max() <= CHANNEL.speed + CHANNEL.own * TRAJECTORY_DT + 1e-9
+    assert speed.max() <= CHANNEL.speed + CHANNEL.own * DT + 1e-9
 
 
 def test_a_smooth_motion_is_followed_with_hardly_any_lag() -> None:
-    time = np.arange(0.0, 4.0, TRAJECTORY_DT)
+    time = np.arange(0.0, 4.0, DT)
     asked = 0.1 * np.sin(2.0 * np.pi * 0.7 * time)
     assert np.abs(governor(asked) - asked)[100:].max() < 0.004
 
@@ -197,20 +195,20 @@ def test_noise_is_not_passed_on() -> None:
 def test_a_restart_forgets_the_motion() -> None:
     trajectory = OnlineTrajectory(CHANNEL)
     for _ in range(50):
-        trajectory.step((0.002, 0.0, 0.0), (0.002, 0.0, 0.0), TRAJECTORY_DT)
+        trajectory.step((0.002, 0.0, 0.0), (0.002, 0.0, 0.0), DT)
     trajectory.restart()
-    assert trajectory.step((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), TRAJECTORY_DT) == (0.0, 0.0, 0.0)
+    assert trajectory.step((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), DT) == (0.0, 0.0, 0.0)
 
 
 def test_ahead_of_an_even_motion_by_just_so_much_time() -> None:
     """A jump does not count as motion at once, so it is not ahead of one for long."""
     lead_time, speed = 0.05, 0.3
-    asked = speed * TRAJECTORY_DT * np.arange(150)
+    asked = speed * DT * np.arange(150)
     trajectory, here, last = OnlineTrajectory(CHANNEL, lead_time=lead_time), 0.0, 0.0
     for there in asked:
-        here += trajectory.step((there - last, 0.0, 0.0), (there - here, 0.0, 0.0), TRAJECTORY_DT)[0]
+        here += trajectory.step((there - last, 0.0, 0.0), (there - here, 0.0, 0.0), DT)[0]
         last = there
     assert here - asked[-1] == pytest.approx(speed * lead_time, rel=0.05)
     for _ in range(200):
-        here += trajectory.step((0.0, 0.0, 0.0), (last - here, 0.0, 0.0), TRAJECTORY_DT)[0]
+        here += trajectory.step((0.0, 0.0, 0.0), (last - here, 0.0, 0.0), DT)[0]
     assert here == pytest.approx(last, abs=1e-6)

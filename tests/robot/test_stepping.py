@@ -10,9 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from followers import DT as STEPPING_DT
-from followers import DT as WEIGHT_SHIFT_DT
-from followers import Followed, assert_within_limits, collect, dimensions, op3, performer, postures, settled
+from followers import DT, Followed, assert_within_limits, collect, dimensions, op3, performer, postures, settled
 from hardware.clock import VirtualClock
 from retarget.cli.buses import PhysicsBench
 from retarget.human.samples import Playback
@@ -52,7 +50,7 @@ def played(robot: Follower, story: Sequence[tuple[Carrying, float]]) -> Followed
     rows = [robot.start(STANDS)]
     for carrying, seconds in story:
         human = lifting(carrying)
-        rows += [robot.step(human, STEPPING_DT) for _ in range(round(seconds / STEPPING_DT))]
+        rows += [robot.step(human, DT) for _ in range(round(seconds / DT))]
     return collect(rows)
 
 
@@ -98,7 +96,7 @@ def test_no_foot_is_off_the_floor_before_the_balance_is_over_the_other() -> None
     robot, done = two_steps()
     balance = StepBalance(robot.stance, 0.25)
     com = op3().body.solver_body().centre_of_mass(np.ascontiguousarray(done.q))
-    velocity = np.gradient(com, STEPPING_DT, axis=0)
+    velocity = np.gradient(com, DT, axis=0)
     height = soles(done.q)[..., 2]
     still = np.zeros(3)
     for foot in (0, 1):
@@ -123,7 +121,7 @@ def test_on_its_way_to_the_first_posture_it_makes_no_step() -> None:
     way = settled(robot, lifting(LEFT))
     assert max(float(soles(posture.q[None])[..., 2].max()) for posture in way) < 1e-4
     for _ in range(300):
-        robot.step(lifting(LEFT), STEPPING_DT)
+        robot.step(lifting(LEFT), DT)
     assert robot.steps is not None and robot.steps.plan.state is StepState.SWING
 
 
@@ -132,11 +130,11 @@ def test_a_stop_on_one_foot_keeps_it_and_the_return_to_stance_ends_on_both() -> 
     played(robot, ((LEFT, 3.0),))
     assert robot.steps is not None and robot.steps.plan.state is StepState.SWING
     for _ in range(30):
-        q = robot.halt(STEPPING_DT)
+        q = robot.halt(DT)
         assert q is not None and np.abs(soles(q[None])[0, 0] - robot.stance.soles[0].position).max() < 1e-3
     landed: list[FloatArray] = []
-    robot.begin_return_to_stance(robot._q.copy(), STEPPING_DT)
-    while (q := robot.return_to_stance(STEPPING_DT)) is not None and len(landed) < 500:
+    robot.begin_return_to_stance(robot._q.copy(), DT)
+    while (q := robot.return_to_stance(DT)) is not None and len(landed) < 500:
         landed.append(q)
     assert len(landed) < 500 and robot.steps.stands
     assert np.abs(soles(np.array(landed[-1:]))[0, :, 2]).max() < 2e-4
@@ -148,9 +146,9 @@ def test_a_mass_that_was_stopped_outside_its_room_is_led_back_before_it_stands()
     q = played(robot, ((BOTH, 0.5),)).q[-1]
     steps = robot.steps
     assert steps is not None and steps.stands
-    robot.begin_return_to_stance(q, STEPPING_DT)
+    robot.begin_return_to_stance(q, DT)
     steps._balance.both = [[nx, ny, d - 0.05] for nx, ny, d in steps._balance.both]  # all of it is outside
-    assert robot.return_to_stance(STEPPING_DT) is not None and steps.plan.state is StepState.RETURN_WEIGHT
+    assert robot.return_to_stance(DT) is not None and steps.plan.state is StepState.RETURN_WEIGHT
 
 
 def test_planted_priorities_make_no_steps() -> None:
@@ -167,10 +165,10 @@ def test_a_foot_without_contact_is_waited_for() -> None:
         robot.set_contact_state(None if contact is None else np.array(contact))
         ticks = 0
         while state(robot) in (StepState.SWING, StepState.TOUCHDOWN):
-            q, ticks = robot.step(STANDS, STEPPING_DT).q, ticks + 1
-        took.append(ticks * STEPPING_DT)
+            q, ticks = robot.step(STANDS, DT).q, ticks + 1
+        took.append(ticks * DT)
         assert ticks > 0 and soles(q[None])[0, 1, 2] < 3e-4
-    assert took[1] == took[0] and took[2] - took[0] == pytest.approx(CONTACT_WAIT_S, abs=2.0 * STEPPING_DT)
+    assert took[1] == took[0] and took[2] - took[0] == pytest.approx(CONTACT_WAIT_S, abs=2.0 * DT)
 
 
 @pytest.mark.parametrize("carrying", [LEFT, RIGHT])
@@ -178,9 +176,9 @@ def test_it_steps_on_after_a_reseed(carrying: Carrying) -> None:
     """Something else was sent, as after a refusal of the gate."""
     robot = stepper()
     played(robot, ((carrying, 2.5),))
-    q = robot.step(lifting(carrying), STEPPING_DT).q.copy()
+    q = robot.step(lifting(carrying), DT).q.copy()
     robot.reseed(q, np.zeros(op3().body.nv))
-    done = [robot.step(lifting(BOTH), STEPPING_DT) for _ in range(500)]
+    done = [robot.step(lifting(BOTH), DT) for _ in range(500)]
     assert robot.steps is not None and robot.steps.stands
     assert np.abs(soles(np.array([done[-1].q]))[0, :, 2]).max() < 2e-4
 
@@ -206,7 +204,7 @@ def test_with_mass_it_stands_on_one_foot_and_goes_to_rest_on_both(shared: Path) 
     assert '"steps": {' in report.as_json()
 
 
-DT, LEG = 0.008, 0.2
+LEG = 0.2
 PLACE = np.array([0.01, 0.05, 0.0])
 
 
@@ -272,10 +270,10 @@ def test_capture_point_and_zero_moment_point_count() -> None:
 def test_on_the_way_height_is_no_way_out() -> None:
     """A robot that may not go aside fast enough gets there no sooner by throwing up its mass."""
     com = np.array([*BALANCE.middles[1], 0.25])
-    assert (BALANCE.spaces(BALANCE.on_the_way, com, STILL, STEPPING_DT)[:, 2] == 0.0).all()
-    both = BALANCE.spaces(BALANCE.both, np.array([0.0, 0.0, 0.25]), STILL, STEPPING_DT)
+    assert (BALANCE.spaces(BALANCE.on_the_way, com, STILL, DT)[:, 2] == 0.0).all()
+    both = BALANCE.spaces(BALANCE.both, np.array([0.0, 0.0, 0.25]), STILL, DT)
     assert (both[1::2, 2] != 0.0).all(), "standing keeps the law of `standing_balance`"
-    inside = BALANCE.spaces(BALANCE.on_the_way, com, STILL, STEPPING_DT) @ np.append(com, -1.0)
+    inside = BALANCE.spaces(BALANCE.on_the_way, com, STILL, DT) @ np.append(com, -1.0)
     assert (inside < 0.0).all()
 
 
@@ -284,8 +282,8 @@ def test_from_the_edge_of_the_way_a_mass_at_rest_may_be_pushed_back() -> None:
     for nx, ny, offset in BALANCE.on_the_way:
         at = np.array([nx * offset, ny * offset])
         com = np.array([*at, 0.25])
-        back = com - np.array([nx, ny, 0.0]) * GRAVITY / 0.25 * 0.003 * STEPPING_DT**2  # as from 3 mm farther out
-        spaces = BALANCE.spaces(BALANCE.on_the_way, com, STILL, STEPPING_DT)
+        back = com - np.array([nx, ny, 0.0]) * GRAVITY / 0.25 * 0.003 * DT**2  # as from 3 mm farther out
+        spaces = BALANCE.spaces(BALANCE.on_the_way, com, STILL, DT)
         across = spaces[:, :2] @ np.array([nx, ny])
         assert (spaces[np.abs(across) > 0.999] @ np.append(back, -1.0) <= 0.0).all()
 
@@ -316,11 +314,11 @@ def test_from_anywhere_it_gets_to_its_goal_and_is_never_pushed_from_outside(
     share_x: float, share_y: float, foot: int
 ) -> None:
     way = shift()
-    way.restart(np.array([0.0158 * share_x, 0.0216 * share_y, HEIGHT]), STILL, WEIGHT_SHIFT_DT)
+    way.restart(np.array([0.0158 * share_x, 0.0216 * share_y, HEIGHT]), STILL, DT)
     rows = [np.array(way.at)] * 2
-    rows += [way.step(BALANCE.middles[foot], BALANCE.on_the_way, WEIGHT_SHIFT_DT).copy() for _ in range(500)]
+    rows += [way.step(BALANCE.middles[foot], BALANCE.on_the_way, DT).copy() for _ in range(500)]
     path = np.array(rows)
-    pushed = path[1:-1] - HEIGHT / GRAVITY * np.diff(path, n=2, axis=0) / WEIGHT_SHIFT_DT**2
+    pushed = path[1:-1] - HEIGHT / GRAVITY * np.diff(path, n=2, axis=0) / DT**2
     worst = min(BALANCE.depth(BALANCE.on_the_way, np.array([*point, 0.0]), STILL, STILL) for point in pushed)
     assert worst > -1e-9
     assert np.abs(path[-1] - BALANCE.middles[foot]).max() < 1e-6
@@ -330,7 +328,7 @@ def test_at_the_edge_it_still_goes_along_it() -> None:
     """No room to be pushed away from the edge, but along it."""
     edge = max(offset for nx, _, offset in BALANCE.on_the_way if nx == 1.0)
     way = shift()
-    way.restart(np.array([edge, 0.0, HEIGHT]), STILL, WEIGHT_SHIFT_DT)
+    way.restart(np.array([edge, 0.0, HEIGHT]), STILL, DT)
     for _ in range(50):
-        way.step(BALANCE.middles[1], BALANCE.on_the_way, WEIGHT_SHIFT_DT)
+        way.step(BALANCE.middles[1], BALANCE.on_the_way, DT)
     assert way.at[1] > 0.01 and way.at[0] <= edge + 1e-12

@@ -15,7 +15,7 @@ from hardware.guard_state import StopCause
 from messages import refuses, shows
 from retarget.human.samples import Clip
 from retarget.run.controllers import RETRY_S
-from retarget.run.loop import FORCED_STOP, INTERRUPTED, Watch
+from retarget.run.loop import INTERRUPTED, Watch
 from retarget.run.record import Phase
 from retarget.run.supervisor import LONGEST_TO_REST_S
 from retarget.types import FloatArray, RunState
@@ -170,21 +170,6 @@ def test_a_failure_with_a_servo_that_keeps_its_torque_says_so() -> None:
     assert rig.bus.torque_on
 
 
-def test_whatever_fails_in_switching_torque_off_the_record_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    rig = Rig(swing())
-    torque = rig.bus.torque
-
-    def gone(on: bool) -> None:
-        if not on:
-            raise OSError("no such device")
-        torque(on)
-
-    monkeypatch.setattr(rig.bus, "torque", gone)
-    ending = play(rig)
-    assert ending.state is RunState.FAULT and len(ending.record) > 50
-    assert ending.reason == "no such device (torque could not be switched off: cut the power)"
-
-
 # Failures and stops while the robot moves.
 
 
@@ -208,27 +193,6 @@ def test_a_failure_during_the_approach_brakes_on_its_line() -> None:
     assert rig.gate.at_rest and not rig.bus.torque_on
 
 
-def test_a_refused_target_is_left_for_the_stop_on_the_soles(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The robot follows the follower's stop trajectory, from where it is; without one each joint brakes by itself."""
-    for has_stop, gated in ((True, False), (False, True)):
-        rig = Rig(np.vstack([np.zeros((10, 20)), np.full((90, 20), 0.5)]))  # a leap that no gate passes
-        reseeded: list[FloatArray] = []
-
-        def halt(
-            dt: float, rig: Rig = rig, reseeded: list[FloatArray] = reseeded, known: bool = has_stop
-        ) -> FloatArray | None:
-            reseeded.append(rig.follower.reseeded[-1])
-            q = rig.follower.stance.q.copy()
-            q[rig.robot.servo_columns] = reseeded[-1]
-            return q if known else None
-
-        monkeypatch.setattr(rig.follower, "halt", halt)
-        record = play(rig).record
-        assert record.robot is not None and len(reseeded) >= 30
-        assert record.robot.gated[record.following].any() == gated
-        np.testing.assert_allclose(reseeded[0], record.robot.goals[record.following.start], atol=1e-9)
-
-
 def test_a_posture_that_is_not_finite_is_a_hold() -> None:
     """The robot brakes and stands, and only finite goals are sent."""
     script = 0.2 * swing()
@@ -238,24 +202,6 @@ def test_a_posture_that_is_not_finite_is_a_hold() -> None:
     ending = play(rig, Watch(on_tick=lambda done: states.append(rig.supervisor.state), every=1))
     assert RunState.HOLD in states and ending.record.robot is not None
     assert np.isfinite(ending.record.robot.q).all() and (ending.record.robot.goal_ticks >= 0).all()
-
-
-def test_a_silent_bus_is_a_hold_and_the_robot_follows_again() -> None:
-    rig = Rig(swing(), faults=tuple(MockFault(FaultKind.MISSING, 30, 4, servo=servo) for servo in range(20)))
-    states: list[RunState] = []
-    ending = play(rig, Watch(on_row=lambda record, row: states.append(rig.supervisor.state)))
-    assert states.count(RunState.HOLD) == 4 and (ending.state, ending.reason) == (RunState.OFF, None)
-
-
-def test_no_joint_is_faster_than_its_share_on_the_approach() -> None:
-    rig = Rig(still() + np.linspace(-0.5, 0.5, 20))
-    record = play(rig).record
-    assert record.robot is not None
-    path = np.vstack([record.robot.start, record.robot.goals[record.phase == Phase.APPROACH]])
-    share = np.abs(np.diff(path, axis=0)).max(axis=0) / (rig.robot.joint_map.max_velocity * rig.dt)
-    cap = rig.robot.profile.safety.speed_caps.approach
-    assert 0.5 * cap < share.max() <= cap * (1.0 + 1e-6)
-    assert record.time[record.following][0] == 0.0
 
 
 class Paused:
@@ -290,19 +236,6 @@ def test_a_pause_during_the_approach_uses_up_no_tick_of_the_clip() -> None:
     assert np.count_nonzero(phases == Phase.APPROACH) > 900, "a hold is part of what it holds up"
     share = np.abs(np.diff(robot.goals, axis=0)) / (rig.robot.joint_map.max_velocity * rig.dt)
     assert share.max() <= 0.3 and share[ending.record.following].max() < 1e-6
-
-
-def test_a_forced_stop_does_not_wait_for_the_robot_to_stand() -> None:
-    rig, asked = Rig(swing()), 0
-
-    def stop() -> bool:
-        nonlocal asked
-        asked += 1
-        return asked == 30
-
-    ending = play(rig, Watch(stop_asked=stop, torque_off_asked=lambda: asked == 30 and not rig.gate.at_rest))
-    assert not rig.gate.at_rest and not rig.bus.torque_on and ending.state is RunState.FAULT
-    assert ending.reason == f"{INTERRUPTED}, then: {FORCED_STOP} (torque is off)"
 
 
 def test_a_forced_stop_after_an_interrupt_does_not_wait_either() -> None:
@@ -361,13 +294,6 @@ def test_a_stop_is_carried_out_in_the_tick_in_which_it_is_seen(monkeypatch: pyte
 
 def rest_of(rig: Rig) -> FloatArray:
     return rig.robot.posture(rig.robot.profile.postures.rest)[rig.robot.servo_columns]
-
-
-def test_a_run_ends_at_rest() -> None:
-    rig = Rig(swing(), goes_to_rest=True)
-    ending = play(rig)
-    np.testing.assert_allclose(sent(rig.gate), rest_of(rig), atol=1e-9)
-    assert ending.state is RunState.OFF and not rig.bus.torque_on and rig.machine.not_at_rest() == ()
 
 
 def test_a_robot_that_cannot_go_to_rest_holds_and_torque_goes_off_in_time(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,10 +16,10 @@ from messages import refuses, shows
 from retarget.model.robot import RobotBody
 from retarget.report.motion_metrics import LimitViolations, limit_violations
 from retarget.run.controllers import rest_joints
-from retarget.run.loop import FORCED_STOP, INTERRUPTED, Ending, Watch, run_human
+from retarget.run.loop import FORCED_STOP, INTERRUPTED, Watch, run_human
 from retarget.run.record import Phase, Record
 from retarget.types import FloatArray, HumanPosture, RobotPosture, RunState
-from rig import Rig, StubFollower, StubReconstructor, person, short_clip
+from rig import Rig, StubFollower, StubReconstructor, person, play, short_clip
 
 TICKS = 51
 
@@ -40,12 +40,6 @@ def ramp() -> FloatArray:
     script = still()
     script[:, 0] = 4.0 * (np.arange(TICKS) / 125.0) ** 2
     return script
-
-
-def play(rig: Rig, watch: Watch | None = None) -> Ending:
-    clip = short_clip(seconds=0.4)
-    assert len(clip) == TICKS
-    return rig.loop(clip, watch).run()
 
 
 def written(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> list[list[int]]:
@@ -178,20 +172,6 @@ def test_a_lost_bus_stops() -> None:
     assert ending.record.robot is not None and len(ending.record) == 19  # read cycle 0 was for arming
 
 
-def test_an_exception_in_a_stage_stops_the_robot(monkeypatch: pytest.MonkeyPatch) -> None:
-    rig = Rig(swing(0.3))
-
-    def fail(human: HumanPosture, dt: float) -> RobotPosture:
-        if rig.follower.tick == 12:
-            raise ArithmeticError("the stage broke")
-        return follow(human, dt)
-
-    follow = rig.follower.step
-    monkeypatch.setattr(rig.follower, "step", fail)
-    ending = play(rig)
-    assert ending.state is RunState.OFF and ending.reason == "the stage broke"
-
-
 @pytest.mark.parametrize(("again", "at_rest"), [(1, True), (2, False)])
 def test_a_tick_that_fails_on_a_robot_that_stands_leads_to_rest(
     again: int, at_rest: bool, monkeypatch: pytest.MonkeyPatch
@@ -293,17 +273,6 @@ def test_slow_motion_keeps_the_performers_clock() -> None:
     assert reconstructor.calls == pytest.approx([0.5 / 125.0] * (TICKS - 1))
 
 
-def test_a_lost_terminal_stops_the_robot_and_loses_no_run() -> None:
-    rig = Rig(swing(0.1))
-
-    def broken(_tick: int) -> None:
-        raise OSError("no terminal")
-
-    ending = play(rig, Watch(broken))
-    assert ending.reason is not None and "terminal" in ending.reason
-    assert rig.gate.at_rest and not rig.bus.torque_on
-
-
 def test_a_tick_that_fails_after_its_goal_sends_no_second_one() -> None:
     rig, sent = Rig(swing(0.1)), []
     write = rig.guard.write
@@ -313,11 +282,11 @@ def test_a_tick_that_fails_after_its_goal_sends_no_second_one() -> None:
         write(goal)
 
     def broken(_tick: int) -> None:
-        raise ValueError("on the way out")
+        raise OSError("no terminal")
 
     rig.guard.write = written  # type: ignore[method-assign]
-    assert play(rig, Watch(broken)).reason is not None
-    assert len(sent) == len(set(sent)) > 20
+    assert play(rig, Watch(broken)).reason == "no terminal"
+    assert len(sent) == len(set(sent)) > 20 and rig.gate.at_rest and not rig.bus.torque_on
 
 
 @pytest.mark.parametrize(("error", "brakes"), [(BusError("the port is gone"), False), (ZeroDivisionError(), True)])
@@ -335,18 +304,19 @@ def test_only_a_lost_bus_keeps_a_robot_from_braking(error: Exception, brakes: bo
     assert rig.gate.at_rest is brakes and not rig.bus.torque_on
 
 
-def test_torque_that_cannot_be_switched_off_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("error", [BusError("no answer"), OSError("no such device")])
+def test_torque_that_cannot_be_switched_off_is_said(error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
     rig = Rig(still())
     torque = rig.bus.torque
 
     def stuck(on: bool) -> None:
         if not on:
-            raise BusError("no answer")
+            raise error
         torque(on)
 
     monkeypatch.setattr(rig.bus, "torque", stuck)
     ending = play(rig)
-    assert ending.state is RunState.FAULT
+    assert ending.state is RunState.FAULT and len(ending.record) > 50
     assert ending.reason is not None
     shows(ending.reason)
 
@@ -388,7 +358,9 @@ def broken_stage(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> list[float]:
 def test_the_tick_that_fails_brakes_too(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = Rig(swing(0.3))
     goals, times = written(rig, monkeypatch), reads(rig, monkeypatch)
-    assert broken_stage(rig, monkeypatch) == [] and play(rig).state is RunState.OFF
+    assert broken_stage(rig, monkeypatch) == []
+    ending = play(rig)
+    assert (ending.state, ending.reason) == (RunState.OFF, "the stage broke")
     assert len(goals) == len(times) - 1, "one in every tick but the last, in which torque goes off"
 
 
@@ -592,3 +564,14 @@ def test_after_a_refused_goal_the_follower_goes_on_from_what_was_sent() -> None:
     sent = record.robot.q[record.following][:, rig.robot.servo_columns]
     assert np.abs(sent[13] - sent[12]).max() > 1e-4, "it still brakes"
     np.testing.assert_array_equal([*follower.recalled[13:17]], sent[12:16])
+
+
+def test_the_contact_state_of_the_soles_is_set_before_each_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig, contact = Rig(still()), np.array([True, False])
+    read = rig.bus.read
+    monkeypatch.setattr(rig.bus, "read", lambda: replace(read(), soles=contact))
+    play(rig)
+    assert len(rig.follower.contact_states) >= 20 and all(soles is contact for soles in rig.follower.contact_states)
+    without = Rig(still())
+    play(without)
+    assert set(without.follower.contact_states) == {None}

@@ -28,7 +28,7 @@ from sim.performer import synthetic_performer
 WARM_UP_S = 4.0
 """A robot follows at full speed after 3 s."""
 
-RECORDED = [("02_06", 4.68), ("02_06", 8.69), ("02_06", 14.35), ("02_05", 11.38), ("02_10", 6.02)]
+RECORDED = [("02_06", 8.69), ("02_05", 11.38), ("02_10", 6.02)]
 """Trial, and when (s) the stop comes: where braking joint by joint moves a sole most, and while crouching."""
 
 
@@ -90,7 +90,7 @@ def test_an_interrupt_of_a_recorded_motion(trial: str, at: float, shared: Path) 
     assert_stands_well(run)
 
 
-@pytest.mark.parametrize("at", [5.69, 8.47, 11.23, 15.3])
+@pytest.mark.parametrize("at", [5.69, 15.3])
 def test_an_interrupt_of_the_synthetic_performer(at: float) -> None:
     with prepared(synthetic_performer, at) as ready:
         run = stop_at(ready)

@@ -135,7 +135,7 @@ def test_a_robot_at_rest_stays_there_when_torque_goes_off(name: str, monkeypatch
         see_it_out(witness)
 
     monkeypatch.setattr(Witness, "see_it_out", kept)
-    asked = RunOptions(robot=name, bus="physics", playback=Playback(end=2.0))
+    asked = RunOptions(robot=name, bus="physics", playback=Playback(end=0.2))
     bench = PhysicsBench(asked, lambda text: None)
     with prepare(
         synthetic_performer, asked, clock=VirtualClock(), make_bus=bench.make_bus, goes_to_rest=True

@@ -14,7 +14,7 @@ from sim.faults.sender import FakeSender
 
 ROOT = Path(__file__).resolve().parents[2]
 MOST_MODULES = 45
-RECEIVER = {"retarget/live/udp.py"}
+RECEIVER = {"retarget/live/receivers.py"}
 """What the simulated sender of the test stands for."""
 MOST_ATTRIBUTES = 15
 SMALL_CLASSES = ("retarget/run", "retarget/robot", "retarget/safety")

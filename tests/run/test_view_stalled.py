@@ -11,7 +11,7 @@ import pytest
 from hardware.clock import VirtualClock
 from retarget.cli.buses import make_bus
 from retarget.cli.exit import StopRequest
-from retarget.cli.view import viewing
+from retarget.cli.view import opened_page, viewing
 from retarget.human.samples import Playback
 from retarget.run.loop import Watch
 from retarget.run.options import RunOptions
@@ -37,7 +37,8 @@ def run(*, port: int | None, hurt: Callable[[int], object] = lambda process: Non
             clock=VirtualClock(),
             make_bus=lambda body, clock: make_bus(options.bus, body, clock),
         ) as prepared,
-        viewing(port, prepared, options, notify=lambda text: None) as page,
+        opened_page(port, options, notify=lambda text: None) as opened,
+        viewing(opened, prepared, options, notify=lambda text: None) as page,
     ):
         feed = page._feed
         if feed is not None:

@@ -5,17 +5,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from followers import DT as PATH_CLEARANCE_DT
-from followers import op3
-from gated_robot import GatedRobot, scene, sphere
+from followers import DT, op3
+from gated_robot import GatedRobot, sphere
+from gated_robot import scene_of as scene
 from gates import sent
 from hardware.clock import VirtualClock
 from messages import refuses
-from retarget._solver import frame_bounds
+from retarget._solver import Braking
 from retarget.cli.buses import make_bus
 from retarget.errors import UsageError
 from retarget.human.samples import Playback
-from retarget.ik.base_pose import plant_root
 from retarget.ik.support_polygon import plant
 from retarget.model.observers import placed, robot_observers
 from retarget.run.options import RunOptions
@@ -99,7 +98,6 @@ def test_a_swallowed_start_is_refused_before_anything_moves(robot: str, tmp_path
         assert len(prepared.run().record) > 0
 
 
-DT = 0.008
 TICK = np.array([0.0015, -0.0015])
 
 
@@ -126,7 +124,7 @@ BETWEEN = 1e-4
 """What rows keep on top, m; as much is lost in all when a pair is let out."""
 
 
-def path_clearance_hand(robot: GatedRobot, rows: FloatArray, name: str = "l_hand") -> FloatArray:
+def place_of_hand(robot: GatedRobot, rows: FloatArray, name: str = "l_hand") -> FloatArray:
     """Where a hand is (T, 3) m, for servo angles (T, n)."""
     return robot.robot.points(robot.standing(rows), (name,))[:, 0]
 
@@ -154,20 +152,13 @@ def obstacles(rng: np.random.Generator, count: int = 5) -> GatedRobot:
 def push(robot: GatedRobot, rng: np.random.Generator, direction: FloatArray) -> FloatArray:
     """A goal within every limit of the joints, as far in a direction (n,) of signs as they let it."""
     servos, gate = robot.robot.joint_map, robot.gate
-    lo, hi = frame_bounds(
-        sent(gate),
-        gate.velocity * PATH_CLEARANCE_DT,
-        servos.lower,
-        servos.upper,
-        servos.max_velocity,
-        servos.max_acceleration,
-        PATH_CLEARANCE_DT,
-    )
+    limits = servos.lower, servos.upper, servos.max_velocity, servos.max_acceleration
+    lo, hi = Braking(*limits, dt=DT).bounds(sent(gate), gate.velocity * DT)
     whim = np.where(rng.random(lo.size) < 0.1, rng.uniform(lo, hi), np.where(direction > 0, hi, lo))
     return sent(gate) + np.where(direction == 0.0, np.clip(0.0, lo, hi), whim)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 def test_whatever_is_asked_nothing_comes_nearer_than_is_kept(seed: int) -> None:
     """Goals that go fast at an obstacle and never brake; judged at 20 places of every tick."""
     rng = np.random.default_rng(seed)
@@ -206,7 +197,7 @@ def test_without_the_look_the_same_goals_collide() -> None:
 def test_a_goal_is_refused_in_the_last_tick_that_can_stop() -> None:
     robot = GatedRobot()
     turn = joint("l_sho_pitch")
-    forward = path_clearance_hand(robot, (robot.sent + 0.8 * turn)[None])[0]
+    forward = place_of_hand(robot, (robot.sent + 0.8 * turn)[None])[0]
     robot = GatedRobot(scene(ball=sphere(forward, 0.02)))
     rng = np.random.default_rng(0)
     goal = push(robot, rng, turn)
@@ -227,7 +218,7 @@ def test_a_goal_is_refused_in_the_last_tick_that_can_stop() -> None:
 def test_a_thin_obstacle_between_two_clear_rows_is_found() -> None:
     robot = GatedRobot()
     path = robot.sent + np.array([[0.0], [0.6]]) * joint("l_sho_pitch")
-    middle = path_clearance_hand(robot, path.mean(axis=0)[None])[0]
+    middle = place_of_hand(robot, path.mean(axis=0)[None])[0]
     # The shell of the forearm ends 3 mm before the hand.
     among = GatedRobot(scene(wire=sphere(middle, 0.0035, margin=0.0001, influence=0.01)))
     assert among.distances(path).min() > among.kept().max() + BETWEEN
@@ -237,7 +228,7 @@ def test_a_thin_obstacle_between_two_clear_rows_is_found() -> None:
     assert part == "l_forearm" and obstacle == "wire"
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(3))
 def test_the_verdict_is_that_of_looking_everywhere(seed: int) -> None:
     """Quick or not: what is cleared is clear, and what is refused misses at most by what rows keep on top."""
     rng = np.random.default_rng(seed)
@@ -257,7 +248,7 @@ def test_the_verdict_is_that_of_looking_everywhere(seed: int) -> None:
 
 def test_what_touches_is_only_let_out() -> None:
     robot = GatedRobot()
-    middle = path_clearance_hand(robot, robot.sent[None])[0]
+    middle = place_of_hand(robot, robot.sent[None])[0]
     robot = GatedRobot(scene(ball=sphere(middle + np.array([0.0, 0.03, 0.0]), 0.04)))
     rng = np.random.default_rng(0)
     start = robot.distances(robot.sent[None]).min()
@@ -280,18 +271,18 @@ def test_what_touches_is_only_let_out() -> None:
 
 def test_it_may_get_out_of_the_way_of_what_comes_and_not_into_it() -> None:
     robot = GatedRobot()
-    at = path_clearance_hand(robot, robot.sent[None])[0]
-    to = path_clearance_hand(robot, (robot.sent + 0.05 * joint("l_sho_pitch"))[None])[0] - at
+    at = place_of_hand(robot, robot.sent[None])[0]
+    to = place_of_hand(robot, (robot.sent + 0.05 * joint("l_sho_pitch"))[None])[0] - at
     forward = to / np.linalg.norm(to)
     ball = sphere(at + 0.09 * forward, 0.02, velocity=(-1.0 * forward).tolist())
     for sign, passes in ((1.0, False), (-1.0, True)):
         robot = GatedRobot(scene(ball=ball))
         robot.obstacles.begin()
-        robot.obstacles.tick(None, PATH_CLEARANCE_DT)
+        robot.obstacles.tick(None, DT)
         passed = []
         for _ in range(7):
             passed.append(robot.ask(push(robot, np.random.default_rng(0), sign * joint("l_sho_pitch"))))
-            robot.obstacles.tick(None, PATH_CLEARANCE_DT)
+            robot.obstacles.tick(None, DT)
         assert all(passed) if passes else not all(passed)
 
 
@@ -299,15 +290,15 @@ def test_an_obstacle_is_where_it_will_be_then() -> None:
     """A goal into free space that will not be free, and one into space that will be."""
     robot = GatedRobot()
     path = robot.sent + np.linspace(0.0, 0.8, 18)[:, None] * joint("l_sho_pitch")
-    there = path_clearance_hand(robot, path[-1:])[0]
+    there = place_of_hand(robot, path[-1:])[0]
     away = np.array([0.0, 0.3, 0.0])
-    time = 17.0 * PATH_CLEARANCE_DT
+    time = 17.0 * DT
     comes, goes = (there + away, -away / time), (there, away / (0.5 * time))
     for (at, velocity), clear in ((comes, False), (goes, True)):
         robot = GatedRobot(scene(ball=sphere(at, 0.02, velocity=velocity.tolist())))
         assert is_clear(robot, path) != clear  # it stands until `begin`
         robot.obstacles.begin()
-        robot.obstacles.tick(None, PATH_CLEARANCE_DT)
+        robot.obstacles.tick(None, DT)
         assert robot.clearance(path, path) if clear else not is_clear(robot, path)
 
 
@@ -315,14 +306,14 @@ def test_what_servos_are_off_their_way_is_off_the_whole_way() -> None:
     robot = GatedRobot()
     pitch = joint("l_sho_pitch")
     path = robot.sent + np.minimum(np.arange(8), 6)[:, None] * 0.003 * pitch
-    at = path_clearance_hand(robot, (path[-1] + 0.3 * pitch)[None])[0]
+    at = place_of_hand(robot, (path[-1] + 0.3 * pitch)[None])[0]
     while True:  # bring it to where the path leaves it 3 mm
         robot = GatedRobot(scene(bar=sphere(at, 0.02)))
         room = robot.distances(path)[-1].min()
         if room < 0.003:
             break
-        at = at + 0.5 * (room - 0.0025) * (path_clearance_hand(robot, path[-1:])[0] - at) / np.linalg.norm(
-            path_clearance_hand(robot, path[-1:])[0] - at
+        at = at + 0.5 * (room - 0.0025) * (place_of_hand(robot, path[-1:])[0] - at) / np.linalg.norm(
+            place_of_hand(robot, path[-1:])[0] - at
         )
     assert room > robot.kept().max() + BETWEEN
     for off, clear in ((0.0, True), (-0.06, True), (0.06, False)):
@@ -335,24 +326,13 @@ def test_what_servos_are_off_their_way_is_off_the_whole_way() -> None:
     assert robot.clearance._following.unexplained(robot.sent + 0.06 * pitch).tolist() == [0.0] * 20
 
 
-def test_the_root_is_that_of_the_planted_sole() -> None:
-    robot, rng = GatedRobot(), np.random.default_rng(5)
-    for _ in range(50):
-        before = robot.standing((robot.sent + 0.1 * rng.standard_normal(20))[None])[0]
-        values = robot.sent + 0.3 * rng.standard_normal(20)
-        q = before.copy()
-        q[robot.robot.servo_columns] = values
-        plant_root(robot.robot, before, q)
-        np.testing.assert_allclose(robot.clearance._checker.planted(before, values), q, atol=1e-9)
-
-
 def test_nonsense_is_refused_by_name() -> None:
     robot = GatedRobot()
     checker, q = robot.clearance._checker, robot.q
     for path in (np.zeros((0, 20)), np.zeros((3, 19)), np.full((3, 20), np.nan)):
         with refuses(ValueError):
-            checker.is_clear(q, path, dt=PATH_CLEARANCE_DT, share=0.5)
+            checker.is_clear(q, path, dt=DT, share=0.5)
     with refuses(ValueError):
         checker.is_clear(q, np.zeros((2, 20)), dt=0.0, share=0.5)
     with refuses(ValueError):
-        checker.is_clear(q, np.zeros((2, 20)), dt=PATH_CLEARANCE_DT, share=2.0)
+        checker.is_clear(q, np.zeros((2, 20)), dt=DT, share=2.0)

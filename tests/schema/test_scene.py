@@ -109,46 +109,47 @@ def test_shipped_scenes_are_clear_of_a_standing_op3(name: str, time: float) -> N
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "part"),
+    ("old", "new"),
     [
-        ("{box:", "{bix:", ":4: obstacles.top.shape.bix: unknown key; found 'bix'; allowed: segment, capsule, cylinde"),
-        ("{box:", "{bix:", "Did you mean box?"),
-        ("{box: {size: [0.2, 0.4, 0.01]}}", "half_space", "top.shape: wrong value; found 'half_space'; allowed: a map"),
-        ("{box: {size: [0.2, 0.4, 0.01]}}", "{}", "top.shape: not one shape; found {}; allowed: exactly one of: segme"),
-        ("sphere: {radius: 0.1}", "sphere: 0.1", "ball.shape.sphere: wrong value; found 0.1; allowed: a mapping"),
-        ("frame: stand", "frame: stnad", "post.frame: wrong value; found 'stnad'; allowed: 'world' or 'stand'. Did yo"),
-        ("0.4, 0.01]", "0, 0.01]", "top.shape.box.size[1]: wrong value; found 0; allowed: greater than 0"),
-        ("radius: 0.02", "radius: -0.02", "post.shape.cylinder.radius: wrong value; found -0.02; allowed: greater tha"),
-        ("pos: [0.3, 0, 0.2]", "pos: [0.3, .nan, 0.2]", ":4: obstacles.top.at.pos[1]: a number that is not finite"),
-        ("pos: [0.3, 0, 0.2]", "pos: [0.3, nan, 0.2]", "top.at.pos[1]: wrong value; found 'nan'; allowed: a number"),
-        ("pos: [0.3, 0, 0.2]", "pos: [0.3, 0, 2e4]", "top.at.pos[2]: wrong value; found 20000.0; allowed: less than o"),
-        ("normal: [-1, 0, 0]", "normal: [0, 0, 0]", "half_space.normal: a direction without length; found [0, 0, 0]"),
-        ("quat: [1, 0, 0, 0]", "quat: [1, 1, 0, 0]", "wall.at.quat: not a unit quaternion"),
-        ("influence: 0.06", "influence: 0.01", "top.influence: the influence must be larger than the margin; found in"),
-        ("influence: 0.06, margin: 0.01", "margin: 0.2", "top.margin: the influence must be larger than the margin"),
-        ("margin: 0.01", "margin: -0.01", "top.margin: wrong value; found -0.01; allowed: greater than or equal to 0"),
-        ("to: [0, 0, 1], radius", "to: [0, 0, 0], radius", "a cylinder without length; found [0.0, 0.0, 0.0], where i"),
-        ("  wall:", "  top:", ":5: obstacles.top: duplicate key; found the same key in line 4; allowed: each key once"),
-        ("{time: 1, pos", "{pos", "car.path[1].time: missing key. Add 'time'"),
-        ("time: 2.5", "time: 1", "car.path[2].time: a moving obstacle whose times do not rise; found 1.0 s after 1.0"),
-        ("time: 1,", "time: 0.001,", "car.path[1].time: the path is too fast; found 1000 m/s since the point before"),
-        ("time: 1,", "time: 0.02,", "car.path[1].time: the path is too fast; found 157.1 rad/s since the point before"),
-        ("2.5, pos: [2,", "2.5, pos: [2.1,", "car.path[2]: the loop does not close; found pos [2.1, 0.0, 0.0]"),
-        ("quat: [-1, 0, 0, 0]", "quat: [0, 1, 0, 0]", "car.path[2]: the loop does not close"),
-        ("    loop: true", "    velocity: [0, 0, 1]", "car.velocity: 'path' and 'velocity' exclude each other. Remove"),
-        ("    loop: true", "    at: {pos: [0, 0, 1]}", "car.at: 'path' and 'at' exclude each other"),
-        ("velocity: [1, 0, 0], from", "loop: true, from", "ball.loop: a loop without a path"),
-        ("velocity: [1, 0, 0], from", "from", "ball.from: a time without a velocity. Add 'velocity', or remove 'from'"),
-        ("until: 2", "until: 1", "ball.until: the motion ends before it begins; found 1.0 s; allowed: later than 'fro"),
-        ("velocity: [1, 0, 0]", "velocity: [101, 0, 0]", "ball.velocity[0]: wrong value; found 101; allowed: less tha"),
-        ("velocity: [1, 0, 0]", "velocity: 1", "ball.velocity: wrong value; found 1; allowed: "),
-        ("description: one of each\n", "", "description: missing key"),
-        ("influence:", "influense:", "influense: unknown key; found 'influense'; allowed: shape, frame, at, influence"),
+        ("{box:", "{bix:"),
+        ("{box: {size: [0.2, 0.4, 0.01]}}", "half_space"),
+        ("{box: {size: [0.2, 0.4, 0.01]}}", "{}"),
+        ("sphere: {radius: 0.1}", "sphere: 0.1"),
+        ("frame: stand", "frame: stnad"),
+        ("0.4, 0.01]", "0, 0.01]"),
+        ("radius: 0.02", "radius: -0.02"),
+        ("pos: [0.3, 0, 0.2]", "pos: [0.3, .nan, 0.2]"),
+        ("pos: [0.3, 0, 0.2]", "pos: [0.3, nan, 0.2]"),
+        ("pos: [0.3, 0, 0.2]", "pos: [0.3, 0, 2e4]"),
+        ("normal: [-1, 0, 0]", "normal: [0, 0, 0]"),
+        ("quat: [1, 0, 0, 0]", "quat: [1, 1, 0, 0]"),
+        ("influence: 0.06", "influence: 0.01"),
+        ("influence: 0.06, margin: 0.01", "margin: 0.2"),
+        ("margin: 0.01", "margin: -0.01"),
+        ("to: [0, 0, 1], radius", "to: [0, 0, 0], radius"),
+        ("  wall:", "  top:"),
+        ("{time: 1, pos", "{pos"),
+        ("time: 2.5", "time: 1"),
+        ("time: 1,", "time: 0.001,"),
+        ("time: 1,", "time: 0.02,"),
+        ("2.5, pos: [2,", "2.5, pos: [2.1,"),
+        ("quat: [-1, 0, 0, 0]", "quat: [0, 1, 0, 0]"),
+        ("    loop: true", "    velocity: [0, 0, 1]"),
+        ("    loop: true", "    at: {pos: [0, 0, 1]}"),
+        ("velocity: [1, 0, 0], from", "loop: true, from"),
+        ("velocity: [1, 0, 0], from", "from"),
+        ("until: 2", "until: 1"),
+        ("velocity: [1, 0, 0]", "velocity: [101, 0, 0]"),
+        ("velocity: [1, 0, 0]", "velocity: 1"),
+        ("description: one of each\n", ""),
+        ("influence:", "influense:"),
+        ("{radius: 0.1}", "{}"),
     ],
-)  # fmt: skip
-def test_refused_with_its_place(tmp_path: Path, old: str, new: str, part: str) -> None:
-    assert GOOD.count(old) >= 1
-    assert part in message(GOOD.replace(old, new, 1), tmp_path)
+)
+def test_refused_with_its_place(tmp_path: Path, old: str, new: str) -> None:
+    assert old in GOOD
+    with refuses(ConfigError, "mine.yaml"):
+        load(GOOD.replace(old, new, 1), tmp_path)
 
 
 def test_a_path_has_two_points_and_a_scene_an_obstacle(tmp_path: Path) -> None:
@@ -171,14 +172,7 @@ def test_the_examples_of_the_page_are_good(tmp_path: Path, root: Path) -> None:
 def test_all_errors_at_once(tmp_path: Path) -> None:
     text = GOOD.replace("radius: 0.02", "radius: 0").replace("from: 1, until: 2", "from: 2, until: 1")
     text = text.replace("[0, 0, 1]}}, angular", "[0, 0, 0]}}, angular").replace("frame: world", "frame: moon")
-    said = message(text, tmp_path)
-    shows(said, 4)
-    for place in ("top.frame", "post.shape.cylinder.radius", "ball.until", "rope.shape.segment.to"):
-        assert place in said
-
-
-def test_a_sphere_needs_its_radius_only(tmp_path: Path) -> None:
-    shows(message(GOOD.replace("{radius: 0.1}", "{}", 1), tmp_path), "ball.shape.sphere.radius")
+    shows(message(text, tmp_path), "top.frame", "post.shape.cylinder.radius", "ball.until", "rope.shape.segment.to")
 
 
 PARENT = Pose((1.0, -2.0, 0.5), turn((0.3, -1.0, 2.0)))

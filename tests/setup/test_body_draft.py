@@ -1,18 +1,279 @@
-"""The body beside a drafted profile: a copy, or MJCF that stands by itself and moves the same."""
+"""The body beside a drafted profile, from files that are sound, incomplete, broken or hostile: one message each."""
 
+import re
+import struct
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from messages import refuses, shows
+from messages import Facts, refuses, shows
 from retarget.errors import InputError
-from retarget.setup.body_draft import BodyDraft, draft_body, facing_x, replace_meshes
-from retarget.setup.enclosing_shapes import link_geometries
-from retarget.setup.robot_file import Relaxed, read_source
-from unknown_robots import SHIPPED, humanoid, shipped_body
+from retarget.model.body import load_body
+from retarget.setup.body_draft import BodyDraft, draft_body, facing_x
+from retarget.setup.robot_file import MAX_DEPTH, Relaxed, find_mesh, mesh_content, read_source, stated_speeds
+from unknown_robots import HUMANOID, SHIPPED, Part, humanoid, shipped_body
+
+
+def drafted(
+    text: str, folder: Path, *, suffix: str = "xml", freeze: bool = False, no_meshes: bool = False
+) -> BodyDraft:
+    path = folder / f"body.{suffix}"
+    path.write_text(text, encoding="utf-8")
+    return draft_body(read_source(path), Relaxed(freeze=freeze, no_meshes=no_meshes))
+
+
+def drafted_urdf(text: str, folder: Path, *, freeze: bool = False, no_meshes: bool = False) -> BodyDraft:
+    return drafted(text, folder, suffix="urdf", freeze=freeze, no_meshes=no_meshes)
+
+
+LAUGHS = '<!DOCTYPE a [<!ENTITY x "ha"><!ENTITY y "&x;&x;&x;">]><robot name="&y;"/>'
+BAD: dict[str, tuple[str, Facts]] = {
+    "broken": (humanoid()[:500], "XML"),
+    "text": ("hello", "XML"),
+    "binary": ("\x00\x01\x02", "XML"),
+    "svg": ("<svg/>", ("URDF", "MJCF", "<svg>")),
+    "entities": (LAUGHS, ()),
+    "utf-16": ('<?xml version="1.0" encoding="utf-16"?>' + LAUGHS, ()),
+    "external": ('<!DOCTYPE a SYSTEM "http://localhost/a.dtd"><robot/>', ()),
+    "deep": ("<mujoco>" + "<body>" * (MAX_DEPTH + 1), MAX_DEPTH),
+    "xacro": ('<robot xmlns:xacro="x"><xacro:macro name="a"></robot>', "xacro robot.xacro"),
+    "xacro without its name": ('<robot><xacro:include filename="a"/></robot>', "xacro robot.xacro"),
+    "xacro that is sound XML": (
+        '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:include filename="a"/></robot>',
+        ("<xacro:include>", "xacro robot.xacro"),
+    ),
+    "itself": ('<mujoco><include file="body.xml"/></mujoco>', ()),
+    "absent": ('<mujoco><include file="other.xml"/></mujoco>', "other.xml"),
+    "device": ('<mujoco><include file="/dev/zero"/></mujoco>', "/dev/zero"),
+    "empty": ("", 0),
+    "links": ("<robot>" + 3000 * '<link name="a"/>' + "</robot>", 3000),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_what_is_refused(case: str, tmp_path: Path) -> None:
+    path = tmp_path / "body.xml"
+    path.write_text(BAD[case][0], encoding="utf-16" if case == "utf-16" else "utf-8")
+    with refuses(InputError, BAD[case][1]) as caught:
+        read_source(path)
+    assert len(caught.value.problems) == 1
+
+
+@pytest.mark.parametrize("name", ["nosuch.urdf", ".", "/dev/zero", "a" * 5000, "a\0b"])
+def test_what_is_no_file(name: str, tmp_path: Path) -> None:
+    with refuses(InputError, varies=re.compile("a{9,}")):
+        read_source(tmp_path / name if name != "/dev/zero" else Path(name))
+
+
+def test_includes_that_include(tmp_path: Path) -> None:
+    (tmp_path / "a.xml").write_text('<mujoco><include file="b.xml"/></mujoco>')
+    (tmp_path / "b.xml").write_text(f"<mujoco><worldbody><body/></worldbody>{'<!-- -->' * 3}</mujoco>")
+    assert read_source(tmp_path / "a.xml").included
+    (tmp_path / "b.xml").write_text(LAUGHS)
+    with refuses(InputError, where="b.xml"):
+        read_source(tmp_path / "a.xml")
+
+
+def test_kind_and_name_are_by_content(tmp_path: Path) -> None:
+    path = tmp_path / "thing.xml"
+    path.write_text(humanoid())
+    source = read_source(path)
+    assert (source.kind, source.name, source.included) == ("urdf", "stranger", False)
+    path.write_text('<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="a"/>')  # made by xacro
+    assert read_source(path).name == "a"
+    path.write_text("<mujoco/>")
+    source = read_source(path)
+    assert (source.kind, source.name) == ("mjcf", "thing")
+
+
+TETRAHEDRON = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.2, 0], [0, 0, 0.3]])
+FACES = ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
+
+
+def text_stl() -> str:
+    """As exporters write it."""
+    facets = "".join(
+        "facet normal 0 0 0\nouter loop\n"
+        + "".join("vertex {:e} {:e} {:e}\n".format(*TETRAHEDRON[corner]) for corner in face)
+        + "endloop\nendfacet\n"
+        for face in FACES
+    )
+    return f"solid made by hand\n{facets}endsolid made by hand\n"
+
+
+def binary_stl(head: bytes = b"") -> bytes:
+    rows = [struct.pack("<12fH", 0, 0, 0, *TETRAHEDRON[list(face)].ravel(), 0) for face in FACES]
+    return head.ljust(80, b"\0") + struct.pack("<I", len(rows)) + b"".join(rows)
+
+
+def compiled(content: bytes) -> mujoco.MjModel:
+    text = '<mujoco><asset><mesh file="m.stl"/></asset><worldbody><geom type="mesh" mesh="m"/></worldbody></mujoco>'
+    return mujoco.MjModel.from_xml_string(text, assets={"m.stl": content})
+
+
+def test_an_stl_of_text_is_read_as_one_of_bytes(tmp_path: Path) -> None:
+    """MuJoCo itself refuses it."""
+    (tmp_path / "m.STL").write_text(text_stl())
+    with refuses(ValueError, "ASCII"):
+        compiled(text_stl().encode())
+    found = find_mesh("m.STL", tmp_path / "body.urdf")
+    assert found is not None and found.name == "m.STL"
+    read, plain = compiled(mesh_content(found)), compiled(binary_stl())
+    assert read.nmeshvert == 4 and read.mesh_vert == pytest.approx(plain.mesh_vert)
+
+
+@pytest.mark.parametrize(
+    "content", [binary_stl(), binary_stl(b"solid of bytes all the same"), b"solid\nvertex 1 2 x", b"solid", b"no mesh"]
+)
+def test_all_else_stays_as_it_is(content: bytes, tmp_path: Path) -> None:
+    (tmp_path / "m.stl").write_bytes(content)
+    found = find_mesh("m.stl", tmp_path / "body.urdf")
+    assert found is not None and mesh_content(found) == content
+
+
+@pytest.mark.parametrize("name", ["m.dae", "package://robot/meshes/m.dae", "model://robot/meshes/m.dae"])
+def test_of_another_kind_the_one_beside_it_is_read(name: str, tmp_path: Path) -> None:
+    folder = tmp_path / "robot" / "meshes"
+    folder.mkdir(parents=True)
+    body = folder / "body.urdf"
+    (folder / "m.dae").write_text("<COLLADA/>")
+    assert find_mesh(name, body) is None
+    (folder / "m.obj").write_text("v 0 0 0\n")
+    found = find_mesh(name, body)
+    assert found is not None and found.name == "m.obj"
+
+
+@pytest.mark.parametrize("name", ["", ".", "..", "package://", "/", "a\0b.stl", "m.stl/", "x" * 5000 + ".stl"])
+def test_names_of_nothing(name: str, tmp_path: Path) -> None:
+    assert find_mesh(name, tmp_path / "body.urdf") is None
+
+
+FOOT = '<box size="0.07 0.14 0.02"/>'
+
+
+def finger(**changes: str) -> Part:
+    return Part("finger", "q9", (0, 0.1, 0), (0, 0, 1), (0, 1), (0.01, 0.03, 0.01), **changes)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("kind", ["mimic", "planar", "floating", "prismatic"])
+def test_joints_that_no_servo_drives(kind: str, tmp_path: Path) -> None:
+    part = finger(extra='<mimic joint="j_q8"/>') if kind == "mimic" else finger(kind=kind)
+    text = humanoid([*HUMANOID, part])
+    with refuses(InputError, kind, "j_finger", "--freeze"):
+        drafted_urdf(text, tmp_path)
+    body = drafted_urdf(text, tmp_path, freeze=True)
+    assert body.model.njnt == len(HUMANOID) and body.model.body("finger").id > 0
+    assert body.notes == (f"{kind} joints made rigid: j_finger",) and body.file == "body.xml"
+
+
+def test_a_place_that_is_no_number(tmp_path: Path) -> None:
+    text = humanoid([*HUMANOID, finger()])
+    at = re.search(r'<joint name="j_finger".*?xyz="([^"]*)"', text, re.DOTALL)
+    assert at is not None
+    for wrong in ("0 nan 0", "0 inf 0"):
+        with refuses(InputError):
+            drafted_urdf(text[: at.start(1)] + wrong + text[at.end(1) :], tmp_path)
+
+
+def test_a_joint_of_no_known_type(tmp_path: Path) -> None:
+    with refuses(InputError, "j_finger", "'rubber'"):
+        drafted_urdf(humanoid([*HUMANOID, finger(kind="rubber")]), tmp_path)
+
+
+def test_all_problems_are_reported_at_once(tmp_path: Path) -> None:
+    text = re.sub("<inertial>.*?</inertial>", "", humanoid([*HUMANOID, finger(kind="planar")]))
+    with refuses(InputError, 2):
+        drafted_urdf(text, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("part", "instead"), [("<inertial>.*?</inertial>", ""), (r'<mass value="[^"]*"', '<mass value="0"')]
+)
+def test_without_any_mass(part: str, instead: str, tmp_path: Path) -> None:
+    with refuses(InputError, 22):
+        drafted_urdf(re.sub(part, instead, humanoid()), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "right", "message"),
+    [
+        (r"<inertia [^>]*/>", "", ("<inertia>", "chest")),
+        (r'ixx="[^"]*"', 'ixx="heavy"', ("<inertia>", "chest")),
+        (r'<mass value="[^"]*"', '<mass value="nan"', ("<mass>", 0, "chest")),
+        (r'<mass value="[^"]*"', '<mass value="-1"', ("<mass>", 0, "chest")),
+        (r"<mass [^>]*/>", "", ("<mass>", 0, "chest")),
+    ],
+)
+def test_an_invalid_inertia_is_reported_with_its_link(wrong: str, right: str, message: Facts, tmp_path: Path) -> None:
+    """Not in the words of a parser, which knows no links."""
+    with refuses(InputError, message):
+        drafted_urdf(re.sub(wrong, right, humanoid(), count=1), tmp_path)
+
+
+def test_one_link_without_mass_has_a_note(tmp_path: Path) -> None:
+    body = drafted_urdf(re.sub("<inertial>.*?</inertial>", "", humanoid(), count=1), tmp_path)
+    assert body.notes == ("links with a shape but without <inertial> weigh nothing here: chest",)
+
+
+def test_a_plain_urdf_is_copied_as_it_is(tmp_path: Path) -> None:
+    body = drafted_urdf(humanoid(), tmp_path)
+    assert body.file == "body.urdf" and body.content == humanoid().encode() and not body.notes
+
+
+def test_meshes_that_are_missing(tmp_path: Path) -> None:
+    text = humanoid().replace(FOOT, '<mesh filename="package://r/meshes/foot.stl"/>')
+    with refuses(InputError, "package://r/meshes/foot.stl", "--no-meshes"):
+        drafted_urdf(text, tmp_path)
+    body = drafted_urdf(text, tmp_path, no_meshes=True)
+    shows(body.notes[0], "package://r/meshes/foot.stl")
+    assert body.model.ngeom == len(HUMANOID) + 1 - 2
+
+
+@pytest.mark.parametrize("name", ["foot.stl", "meshes/foot.stl", "package://r/meshes/foot.stl", "file://{}/foot.stl"])
+def test_meshes_that_are_found_become_simple_shapes(name: str, tmp_path: Path) -> None:
+    """A mesh beside the file, below it, or in its package; what is written needs no other file."""
+    folder = tmp_path / "r" / "urdf"
+    folder.mkdir(parents=True)
+    for place in (folder, folder / "meshes", tmp_path / "r" / "meshes"):
+        place.mkdir(exist_ok=True)
+        (place / "foot.stl").write_bytes(binary_stl())
+    body = drafted_urdf(humanoid().replace(FOOT, f'<mesh filename="{name.format(folder)}"/>'), folder)
+    plain = drafted_urdf(humanoid(), tmp_path)
+    assert b"<mesh" not in body.content and b"foot.stl" not in body.content
+    assert body.model.nmesh == 2 and body.model.body_mass == pytest.approx(plain.model.body_mass)
+    assert body.notes == ("meshes of 2 links are capsules and boxes around them in the body that is written",)
+
+
+def test_a_picture_that_is_missing_is_no_loss(tmp_path: Path) -> None:
+    shown = '<visual><geometry><mesh filename="nice.dae"/></geometry></visual></link>'
+    body = drafted_urdf(humanoid().replace("</link>", shown), tmp_path)
+    assert body.model.ngeom == len(HUMANOID) + 1
+
+
+@pytest.mark.parametrize("first", [True, False], ids=["before the other shape", "after it"])
+def test_a_dropped_collision_mesh_is_reported_with_its_link(first: bool, tmp_path: Path) -> None:
+    """Of a link that has another shape; the picture of another link goes without a word."""
+    mesh = '<collision><geometry><mesh filename="gone/foot.stl"/></geometry></collision>'
+    shape = re.search(r"<collision>(?:(?!</collision>).)*" + re.escape(FOOT) + ".*?</collision>", humanoid(), re.DOTALL)
+    assert shape is not None
+    text = humanoid().replace(shape[0], mesh + shape[0] if first else shape[0] + mesh, 1)
+    shown = '<visual><geometry><mesh filename="nice.dae"/></geometry></visual></link>'
+    body = drafted_urdf(text.replace("</link>", shown), tmp_path)
+    left_out = "collision meshes that cannot be read are left out, these links have other shapes: "
+    assert body.notes == (f"{left_out}p5 (gone/foot.stl)",)
+    assert body.model.ngeom == len(HUMANOID) + 1
+
+
+def test_speeds_that_are_stated(tmp_path: Path) -> None:
+    path = tmp_path / "body.urdf"
+    path.write_text(
+        humanoid().replace('velocity="5.0"', 'velocity="fast"', 1).replace('velocity="5.0"', 'velocity="0"', 1)
+    )
+    speeds = stated_speeds(read_source(path))
+    assert len(speeds) == len(HUMANOID) - 2 and set(speeds.values()) == {5.0}
+
 
 TWO = """<mujoco><asset>{asset}</asset><worldbody><geom type="plane" size="1 1 1"/><light pos="0 0 1"/>
   <body name="base link"><geom size="0.05"/>
@@ -24,12 +285,6 @@ BALL = '<geom size="0.02"/>'
 
 def two(*, asset: str = "", geom: str = BALL, kind: str = "", more: str = "") -> str:
     return TWO.format(asset=asset, geom=geom, kind=kind, more=more)
-
-
-def drafted(text: str, folder: Path, *, freeze: bool = False, no_meshes: bool = False) -> BodyDraft:
-    path = folder / "body.xml"
-    path.write_text(text, encoding="utf-8")
-    return draft_body(read_source(path), Relaxed(freeze=freeze, no_meshes=no_meshes))
 
 
 def alike(first: mujoco.MjModel, second: mujoco.MjModel) -> None:
@@ -132,53 +387,19 @@ def test_default_classes_may_name_materials_and_their_pictures(tmp_path: Path) -
     alike(body.model, written)
 
 
-HALF = np.array([0.06, 0.05, 0.008])
-AT = np.array([0.1, -0.2, 0.05])
+SIZELESS = {
+    "body.xml": (two(geom='<geom type="capsule" size="0.02 0"/>'), "body.xml:3"),
+    "body.urdf": (humanoid().replace('<box size="0.08 0.08 0.08"/>', '<sphere radius="0"/>'), "body.urdf:6"),
+}
 
 
-def corners() -> NDArray[np.float64]:
-    signs = [[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
-    return np.asarray(np.array(signs) * HALF)
-
-
-def long_thing() -> NDArray[np.float64]:
-    angle = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
-    ring = 0.01 * np.column_stack([np.cos(angle), np.sin(angle)])
-    return np.vstack([np.column_stack([ring, np.full(12, end)]) for end in (-0.1, 0.1)])
-
-
-def spec_with(points: NDArray[np.float64]) -> mujoco.MjSpec:
-    spec = mujoco.MjSpec()
-    spec.add_mesh(name="thing", uservert=points.ravel().tolist())
-    body = spec.worldbody.add_body(name="limb")
-    body.add_freejoint()
-    body.add_geom(name="hull", type=mujoco.mjtGeom.mjGEOM_MESH, meshname="thing", pos=AT)
-    return spec
-
-
-@pytest.mark.parametrize(
-    ("points", "kind"),
-    [(corners(), mujoco.mjtGeom.mjGEOM_BOX), (long_thing(), mujoco.mjtGeom.mjGEOM_CAPSULE)],
-    ids=["a plate", "a rod"],
-)
-def test_one_shape_is_around_the_mesh(points: NDArray[np.float64], kind: int) -> None:
-    spec = spec_with(points)
-    model = spec.compile()
-    assert replace_meshes(spec, model, link_geometries(model)[0]) == 1
-    simple = spec.compile()
-    assert simple.ngeom == 1 and simple.geom_type[0] == kind
-    data, fromto = mujoco.MjData(simple), np.zeros(6)
-    mujoco.mj_forward(simple, data)
-    size = np.ptp(points, axis=0).prod()
-    assert simple.geom_aabb[0, 3:].prod() * 8.0 < 3.0 * size, "it is not much larger"
-    probe = mujoco.MjSpec.from_string(spec.to_xml())
-    for number, point in enumerate(points):
-        ball = probe.worldbody.add_body(name=f"p{number}", pos=point + AT)
-        ball.add_geom(name=f"g{number}", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[1e-6, 0, 0])
-    both = probe.compile()
-    data = mujoco.MjData(both)
-    mujoco.mj_forward(both, data)
-    shell = both.geom("limb_shell").id
-    for number in range(len(points)):
-        gap = mujoco.mj_geomDistance(both, data, shell, both.geom(f"g{number}").id, 1.0, fromto)
-        assert gap < 0.002, f"point {number} is {1e3 * gap:.1f} mm outside"
+@pytest.mark.parametrize("name", SIZELESS)
+def test_a_shape_of_no_size_is_found_by_its_link_and_line(name: str, tmp_path: Path) -> None:
+    text, where = SIZELESS[name]
+    path = tmp_path / name
+    path.write_text(text, encoding="utf-8")
+    link = "link_2" if name == "body.xml" else "face"
+    with refuses(InputError, where=where, found=link):
+        draft_body(read_source(path), Relaxed())
+    with refuses(InputError, where=where):
+        load_body(path)

@@ -1,24 +1,63 @@
-"""Findings on sensors: limbs that a sender makes up, rate, gaps, loss, clock and roles."""
+"""Capture of a stream, and findings on its sensors: limbs that a sender makes up, rate, gaps, loss, clock and roles."""
 
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import pytest
 
 from doctor_rig import FRAMES, captured, fixes, json_poses, played, steady, text_of
-from live_rig import five
-from messages import shows, shows_lines
+from hardware.clock import VirtualClock
+from live_rig import five, live_stream
+from messages import Facts, shows, shows_lines
+from osc_bytes import message
 from retarget import rotations
 from retarget.live.admission import Datagram
+from retarget.live.sensor_validity import ValidityState
 from retarget.schema.performer import load_performer
-from retarget.setup.doctor_capture import StreamCapture
-from retarget.setup.doctor_sensors import invented_findings, rate_findings, role_findings
+from retarget.setup.doctor_sensors import (
+    MOST_KINDS,
+    StreamCapture,
+    capture_stream,
+    invented_findings,
+    rate_findings,
+    role_findings,
+)
 from retarget.setup.doctor_stream import named_for
 from sim.faults.sender import FakeSender, SenderFault, frozen, lost, moved, silent, swapped
 
 RATE = 100.0
+SOURCE = ("127.0.0.1", 1)
+POSES = {name: {"p": [0.0, 0.1 * row, 1.0]} for row, name in enumerate(five().sensors)}
 
 
+def test_frames_names_and_senders_are_kept() -> None:
+    capture = captured(seconds=3.0)
+    assert 295 <= len(capture.frames) <= 301 and capture.arrived == len(capture.frames)
+    assert {"head", "l_wrist"} <= capture.last_poses.keys()
+    assert list(capture.sources) == [("127.0.0.1", 40000)]
+    assert len(capture.samples) == len(capture.states) > 50
+    assert capture.share("head", ValidityState.FRESH) == 1.0
+
+
+def test_a_lost_sensor_is_stale_for_that_time() -> None:
+    capture = captured(lost("l_wrist", 3.0, 4.0), seconds=5.0)
+    assert 0.15 < capture.share("l_wrist", ValidityState.STALE) < 0.3
+    assert capture.share("r_wrist", ValidityState.STALE) == 0.0
+
+
+def test_kinds_are_bounded() -> None:
+    capture = played([Datagram(k / 1000, SOURCE, message(f"/a{k}", "f", 0.0)) for k in range(280)])
+    assert len(capture.kinds) == MOST_KINDS + 1 and capture.kinds.total() == 280
+
+
+def test_every_step_is_reported() -> None:
+    times: list[float] = []
+    capture_stream(live_stream(FakeSender(), five()), clock=VirtualClock(), seconds=0.1, on_step=times.append)
+    assert 10 <= len(times) <= 12
+
+
+@cache
 def turned(*, own: float, turn: float = 1.0) -> StreamCapture:
     """A trunk that turns with both hands; the left one also swings by `own` m, the right one by 0.1 m."""
     rows = []
@@ -32,31 +71,21 @@ def turned(*, own: float, turn: float = 1.0) -> StreamCapture:
             "l_wrist": {"p": (place["l"] + own * swing + [0.0, 0.0, 1.3]).tolist()},
             "r_wrist": {"p": (place["r"] + 0.1 * turn * swing + [0.0, 0.0, 1.3]).tolist()},
         }
-        rows.append(Datagram(time, ("127.0.0.1", 1), json_poses(time, poses, quaternion="wxyz")))
+        rows.append(Datagram(time, SOURCE, json_poses(time, poses, quaternion="wxyz")))
     return played(rows)
 
 
-def test_a_hand_fixed_to_the_trunk_is_made_up_and_the_other_is_not() -> None:
+def test_a_hand_fixed_to_the_trunk_is_made_up_and_one_that_moves_by_itself_is_not() -> None:
     lines = fixes(invented_findings("json", turned(own=0.0)))
     assert len(lines) == 1 and lines[0].startswith("fix  l_wrist: moves with the chest")
-
-
-def test_a_hand_that_moves_by_itself_is_real() -> None:
     assert invented_findings("json", turned(own=0.01)) == []
+    assert invented_findings("natnet", turned(own=0.0)) == []  # which sends no trunk
 
 
 def test_without_motion_no_limb_is_judged() -> None:
     found = invented_findings("json", turned(own=0.0, turn=0.0))
     assert not fixes(found)
     shows(text_of(found))
-
-
-def test_a_sender_without_a_trunk() -> None:
-    assert invented_findings("natnet", turned(own=0.0)) == []
-
-
-POSES = {name: {"p": [0.0, 0.1 * row, 1.0]} for row, name in enumerate(five().sensors)}
-SOURCE = ("127.0.0.1", 1)
 
 
 def sent(
@@ -67,52 +96,59 @@ def sent(
     for k in range(round(rate * seconds)):
         more = frame(k)
         if not more.pop("leave", False):
-            payload = json_poses(1000.0 + k / rate, POSES, **more)
-            rows.append(Datagram(0.1 + k / rate, SOURCE, payload))
+            rows.append(Datagram(0.1 + k / rate, SOURCE, json_poses(1000.0 + k / rate, POSES, **more)))
     return played(rows, seconds=seconds)
 
 
-def wrong(capture: StreamCapture) -> str:
-    return "\n".join(fixes(rate_findings("json", capture)))
+def stamped(offset: float | None) -> StreamCapture:
+    """Frames whose time is that of their arrival and an offset, s; None: without a time."""
+    capture = sent()
+    capture.frames = [
+        type(one)(one.arrival, None if offset is None else offset + one.arrival, None, one.names)
+        for one in capture.frames
+    ]
+    return capture
 
 
-def test_a_good_stream_has_nothing_to_fix() -> None:
-    found = rate_findings("json", sent(frame=lambda k: {"frame": k}))
+def bunched() -> StreamCapture:
+    """Arrivals that come in bunches, eight a second."""
+    return played(
+        [Datagram(np.ceil(8.0 * k / 50.0) / 8.0, SOURCE, json_poses(k / 50.0, POSES)) for k in range(200)], seconds=4.0
+    )
+
+
+WRONG: dict[str, tuple[Callable[[], StreamCapture], Facts]] = {
+    "slow": (lambda: sent(rate=10.0), (10, "frames/s", 25)),
+    "silent in the middle": (lambda: captured(silent(3.0, 3.5)), (1, "0.13", "0.5")),
+    "silent at the end": (lambda: captured(silent(4.0, 9.0)), "1.0"),
+    "uneven": (bunched, ()),
+    "lost frames": (lambda: sent(frame=lambda k: {"frame": k, "leave": k % 5 == 0}), (77, 389)),
+    "a number that stands still": (lambda: sent(frame=lambda k: {"frame": 7}), ()),
+    "few frames": (lambda: sent(rate=1.0, seconds=3.0), 3),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_what_is_wrong_with_the_rate(case: str) -> None:
+    make, facts = WRONG[case]
+    shows("\n".join(fixes(rate_findings("json", make()))), facts)
+
+
+RIGHT: dict[str, tuple[Callable[[], StreamCapture], Facts]] = {
+    "good": (lambda: sent(frame=lambda k: {"frame": k}), (100, "frames/s", 0)),
+    "counts by two": (lambda: sent(frame=lambda k: {"frame": 2 * k}), ()),
+    "30 Hz": (lambda: sent(rate=30.0), 30),
+    "out of order": (lambda: sent(frame=lambda k: {"frame": k ^ 1}), ()),
+    "no time": (lambda: stamped(None), ()),
+}
+
+
+@pytest.mark.parametrize("case", RIGHT)
+def test_what_is_right_or_only_a_note(case: str) -> None:
+    make, facts = RIGHT[case]
+    found = rate_findings("json", make())
     assert not fixes(found)
-    shows(text_of(found), 100, "frames/s", 0)
-
-
-def test_a_slow_one() -> None:
-    shows(wrong(sent(rate=10.0)), 10, "frames/s", 25)
-    shows(text_of(rate_findings("json", sent(rate=30.0))), 30)
-
-
-def test_silence_in_the_middle_and_at_the_end() -> None:
-    middle = "\n".join(fixes(rate_findings("json", captured(silent(3.0, 3.5)))))
-    shows(middle, 1, "0.13", "0.5")
-    shows(wrong(captured(silent(4.0, 9.0))), "1.0")
-
-
-def test_uneven_arrivals() -> None:
-    rows = [Datagram(np.ceil(8.0 * k / 50.0) / 8.0, SOURCE, json_poses(k / 50.0, POSES)) for k in range(200)]
-    shows(wrong(played(rows, seconds=4.0)))
-
-
-def test_loss_by_frame_numbers() -> None:
-    shows(wrong(sent(frame=lambda k: {"frame": k, "leave": k % 5 == 0})), 77, 389)
-
-
-def test_a_sender_that_counts_by_two_loses_nothing() -> None:
-    assert not wrong(sent(frame=lambda k: {"frame": 2 * k}))
-
-
-def test_a_number_that_stands_still() -> None:
-    shows(wrong(sent(frame=lambda k: {"frame": 7})))
-
-
-def test_frames_out_of_order_are_counted() -> None:
-    found = rate_findings("json", sent(frame=lambda k: {"frame": k ^ 1}))
-    shows(text_of(found))
+    shows(text_of(found), facts)
 
 
 @pytest.mark.parametrize(
@@ -126,47 +162,28 @@ def test_frames_out_of_order_are_counted() -> None:
     ],
 )
 def test_clocks(stamp: Callable[[float], float], words: str) -> None:
-    assert words in wrong(captured(sender=FakeSender(frames=FRAMES, stamp=stamp)))
+    found = rate_findings("json", captured(sender=FakeSender(frames=FRAMES, stamp=stamp)))
+    assert words in "\n".join(fixes(found))
 
 
-def test_a_sender_without_time_has_a_finding_that_is_not_wrong() -> None:
-    capture = sent()
-    capture.frames = [type(one)(one.arrival, None, None, one.names) for one in capture.frames]
-    found = rate_findings("json", capture)
-    assert not fixes(found)
-    shows(text_of(found))
-
-
-def test_a_few_frames_say_little() -> None:
-    shows(wrong(sent(rate=1.0, seconds=3.0)), 3)
-
-
-def test_left_out_samples_of_mvn_are_not_its_fault() -> None:
+def test_what_is_no_fault_of_one_kind_of_sender() -> None:
+    """MVN leaves frames out itself; single precision grows coarse in VMC alone."""
     capture = sent(frame=lambda k: {"frame": k, "leave": k % 5 == 0})
     assert not any("loss" in line for line in fixes(rate_findings("mvn", capture)))
-
-
-def test_seconds_of_single_precision_grow_coarse() -> None:
-    capture = sent()
-    hours = 40.0 * 3600.0
-    capture.frames = [type(one)(one.arrival, hours + one.arrival, None, one.names) for one in capture.frames]
-    shows("\n".join(fixes(rate_findings("vmc", capture))), 16)
-    assert not fixes(rate_findings("json", capture))
+    hours = stamped(40.0 * 3600.0)
+    shows("\n".join(fixes(rate_findings("vmc", hours))), 16)
+    assert not fixes(rate_findings("json", hours))
 
 
 def found_with(*faults: SenderFault) -> str:
     return "\n".join(fixes(role_findings(five(), "json", captured(*faults))))
 
 
-def test_all_is_well() -> None:
+def test_sensors_that_are_sent_and_one_that_is_not() -> None:
     found = role_findings(five(), "json", captured())
-    assert not fixes(found)
+    assert not fixes(found) and role_findings(five(), "json", played([])) == []
     shows(text_of(found), "head", "l_wrist", "r_wrist", "l_ankle", "r_ankle")
-
-
-def test_one_that_is_missing_is_named_with_what_comes_instead() -> None:
-    lines = found_with(lost("l_ankle", 0.0, 99.0))
-    shows(lines, "l_ankle", "head", "--performer")
+    shows(found_with(lost("l_ankle", 0.0, 99.0)), "l_ankle", "head", "--performer")
 
 
 @pytest.mark.parametrize(
@@ -185,13 +202,11 @@ def test_each_wrong_state_names_its_sensor_alone(fault: SenderFault, who: str, w
     assert lines[0].startswith(f"fix  {who}: ") and words in lines[0]
 
 
-def test_all_in_millimetres_is_one_line() -> None:
+def test_all_in_millimetres_is_one_line_and_own_names_need_roles() -> None:
     poses = {name: {"p": [500.0, 20.0 * row, 1500.0]} for row, name in enumerate(five().sensors)}
-    lines = fixes(role_findings(five(), "json", played(steady(json_poses(1.0, poses), seconds=3.0))))
+    rows = [Datagram(0.01 * k, ("127.0.0.1", 1), json_poses(0.01 * k, poses)) for k in range(300)]
+    lines = fixes(role_findings(five(), "json", played(rows)))
     assert sum("unit (metres)" in line for line in lines) == 1
-
-
-def test_own_names_of_a_sender_need_roles() -> None:
     capture = played(steady(json_poses(1.0, {"Head": {"p": [0, 0, 1]}})))
     shows("\n".join(fixes(role_findings(five(), "json", capture))), "`role`")
 
@@ -201,10 +216,6 @@ def test_vrchat_has_no_wrists() -> None:
     assert named.sensors["l_wrist"].role == "?" and named.sensors["head"].role is None
     optitrack = load_performer("optitrack")
     assert named_for(optitrack, "natnet") == optitrack
-
-
-def test_an_empty_stream_has_no_findings() -> None:
-    assert role_findings(five(), "json", played([])) == []
 
 
 def test_a_partial_performer_misses_only_the_sensors_that_measure_it() -> None:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from doctor_rig import HERE, captured, fixes, json_poses, judged, played, steady, text_of
 from hardware.clock import MonotonicClock, VirtualClock
 from live_rig import five
-from messages import refuses, shows, shows_lines
+from messages import Facts, refuses, shows, shows_lines
 from mvn_packets import mvn, quaternions, standing
 from natnet_packets import Motion, Pose, frame
 from osc_bytes import bundle, message, pose
@@ -66,23 +66,18 @@ def test_a_port_that_is_taken_is_left_out() -> None:
         other_ports.close()
 
 
-def test_a_listener_on_loopback_looks_at_the_other_interfaces_too() -> None:
-    other_ports = OtherPorts(parse_address(f"vmc://:{free_port()}"), everywhere=True, ports=[])
+def test_other_ports_are_those_of_the_interfaces_that_the_user_asked_for() -> None:
+    asked = OtherPorts(parse_address(f"vmc://:{free_port()}"), everywhere=True, ports=[])
+    alone = OtherPorts(parse_address(f"vmc://:{free_port()}"), everywhere=False)
     others = [number for number in local_interfaces().values() if not number.startswith("127.")]
-    assert [bind for bind, _, _ in other_ports._receivers] == others
-    other_ports.close()
-
-
-def test_a_recording_has_no_other_ports() -> None:
+    assert [bind for bind, _, _ in asked._receivers] == others
+    assert alone._receivers and {bind for bind, _, _ in alone._receivers} == {"127.0.0.1"}
     assert OtherPorts(parse_address("replay://a.raw"), everywhere=True)._receivers == []
+    asked.close()
+    alone.close()
 
 
-def test_only_the_interface_of_the_address_is_opened() -> None:
-    other_ports = OtherPorts(parse_address(f"vmc://:{free_port()}"), everywhere=False)
-    assert other_ports._receivers and {bind for bind, _, _ in other_ports._receivers} == {"127.0.0.1"}
-    other_ports.close()
-
-
+JSON = "json://:14150"
 ONE = json_poses(1.0, {"head": {"p": [0, 0, 1]}})
 VMC = bundle(pose("/VMC/Ext/Tra/Pos", "human://CHEST"))
 OTHER = ("192.168.1.9", 5)
@@ -108,48 +103,38 @@ def test_a_wrong_protocol_is_one_line(text: str, payload: bytes, words: str) -> 
     assert len(lines) == 1 and words in lines[0]
 
 
-def test_a_sender_that_is_not_allowed() -> None:
-    text = "json://0.0.0.0:14150?allow=192.168.1.20"
-    lines = fixes(judged(played(steady(ONE, source=OTHER), text=text), text=text))
-    shows(lines[0], "192.168.1.9", 5)
+ALLOWED = "json://0.0.0.0:14150?allow=192.168.1.20"
+NO_AVATAR = bundle(message("/VMC/Ext/OK", "i", 0), pose("/VMC/Ext/Tra/Pos", "human://CHEST"))
+SECOND = sorted(steady(ONE) + [Datagram(1.0 + k / 10, OTHER, ONE) for k in range(5)])
+DAMAGED = [Datagram(one.arrival, one.source, one.payload[: -(k % 5 == 0) or None]) for k, one in enumerate(steady(ONE))]
+FIXES: dict[str, tuple[list[Datagram], str, Facts]] = {
+    "not allowed": (steady(ONE, source=OTHER), ALLOWED, ("192.168.1.9", 5)),
+    "a second source": (SECOND, JSON, ("second source", "192.168.1.9", HERE[0], HERE[1])),
+    "damage": (DAMAGED, JSON, ("JSON", "UTF-8", 40, 200)),
+    "a rate beyond what is taken": (steady(ONE, rate=9000.0, seconds=0.5), JSON, ("datagrams a second", "6400")),
+    "no avatar": (steady(NO_AVATAR), "vmc://:39539", "avatar"),
+}
 
 
-def test_a_second_source_and_the_first_are_named() -> None:
-    rows = sorted(steady(ONE) + [Datagram(1.0 + k / 10, OTHER, ONE) for k in range(5)])
-    line = next(line for line in fixes(judged(played(rows))) if "second source" in line)
-    shows(line, "192.168.1.9", HERE[0], HERE[1])
+@pytest.mark.parametrize("case", FIXES)
+def test_what_is_wrong_with_a_sender(case: str) -> None:
+    rows, text, facts = FIXES[case]
+    capture = played(rows, text=text, seconds=0.5 if case.startswith("a rate") else 4.0)
+    shows_lines(fixes(judged(capture, text=text)), facts)
 
 
 def test_fragments_matter_beyond_this_machine_only() -> None:
     large = json_poses(1.0, {f"marker {k}": {"p": [0.0, 0.0, 1.0]} for k in range(60)})
     assert len(large) > UNFRAGMENTED
-    shows(text_of(judged(played(steady(large)))))
-    shows(text_of(judged(played(steady(large, source=OTHER)))), "IP")
-    shows(text_of(judged(played(steady(ONE, source=OTHER)))))
-
-
-def test_damage_is_reported_with_its_share() -> None:
-    rows = [
-        Datagram(one.arrival, one.source, one.payload[: -(k % 5 == 0) or None]) for k, one in enumerate(steady(ONE))
-    ]
-    shows_lines(fixes(judged(played(rows))), "JSON", "UTF-8", 40, 200)
-
-
-def test_a_rate_beyond_what_is_taken() -> None:
-    found = fixes(judged(played(steady(ONE, rate=9000.0, seconds=0.5), seconds=0.5)))
-    shows(found, "datagrams a second", "6400")
+    assert "2252" not in text_of(judged(played(steady(large))))
+    assert "2252" not in text_of(judged(played(steady(ONE, source=OTHER))))
+    shows_lines(text_of(judged(played(steady(large, source=OTHER)))), "2252")
 
 
 def test_what_the_kernel_lost() -> None:
     capture = played(steady(ONE))
     vars(capture.stream.receiver)["overflowed"] = 12
     assert any("lost 12 datagrams" in line for line in fixes(judged(capture)))
-
-
-def test_an_avatar_that_is_not_loaded() -> None:
-    payload = bundle(message("/VMC/Ext/OK", "i", 0), pose("/VMC/Ext/Tra/Pos", "human://CHEST"))
-    text = "vmc://:39539"
-    shows(fixes(judged(played(steady(payload), text=text), text=text)))
 
 
 def test_many_unknown_kinds_are_one_line() -> None:
@@ -171,27 +156,25 @@ def said(text: str, *strays: Stray) -> str:
     return text_of(silence_findings(parse_address(text), strays, seconds=5.0))
 
 
-def test_on_loopback_no_firewall_is_a_cause() -> None:
-    text = said("vmc://:39539")
-    shows(text, "5.0", "127.0.0.1", "UDP", 39539)
-    assert "vmc://0.0.0.0:39539?allow=ITS_ADDRESS" in text and "firewall" not in text
+@pytest.mark.parametrize(
+    ("text", "facts"),
+    [
+        ("vmc://:39539", ("5.0", "127.0.0.1", "UDP", 39539, "vmc://0.0.0.0:39539?allow=ITS_ADDRESS")),
+        ("vmc://0.0.0.0:39539?allow=192.168.1.20", ("192.168.1.20/32", "firewall")),
+        ("mvn://:9763?tcp=127.0.0.1", ("TCP", 9763, "?tcp=ITS_ADDRESS")),
+        ("natnet://127.0.0.1", "Motive"),
+    ],
+)
+def test_causes_of_silence(text: str, facts: Facts) -> None:
+    found = said(text)
+    shows(found, facts)
+    assert ("firewall" in found) == ("0.0.0.0" in text.split("?")[0])
 
 
-def test_on_the_network_the_firewall_may_be_the_cause() -> None:
-    text = said("vmc://0.0.0.0:39539?allow=192.168.1.20")
-    shows(text, "192.168.1.20/32")
-
-
-def test_mvn_over_tcp_has_its_own_option() -> None:
-    text = said("mvn://:9763?tcp=127.0.0.1")
-    shows(text, "TCP", 9763, "?tcp=ITS_ADDRESS")
-
-
-def test_motive_is_to_be_started() -> None:
-    shows(said("natnet://127.0.0.1"))
-    assert "1511/udp" in said("natnet://192.168.1.5") or "UDP port 1511" in said("natnet://192.168.1.5")
-    answered = silence_findings(parse_address("natnet://127.0.0.1"), (), seconds=5.0, answered=True)
-    assert answered == []
+def test_motive_beyond_this_machine_needs_its_port_and_what_answered_is_no_silence() -> None:
+    text = said("natnet://192.168.1.5")
+    assert "1511/udp" in text or "UDP port 1511" in text
+    assert silence_findings(parse_address("natnet://127.0.0.1"), (), seconds=5.0, answered=True) == []
 
 
 @pytest.mark.parametrize(

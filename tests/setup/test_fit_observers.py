@@ -1,20 +1,130 @@
-"""The fragment is YAML of the profile's own format, with comments, whatever the names."""
+"""How near pairs of links come over all postures, which pairs are ignored for it, and both as YAML of a profile."""
 
 from pathlib import Path
+from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-from messages import shows, shows_lines
+from messages import refuses, shows, shows_lines
+from retarget.errors import ConfigError
 from retarget.model.body import load_body_text
 from retarget.model.body_file import compile_body_text
 from retarget.schema.profile_parts import IgnorePair, Observer
 from retarget.schema.strict_yaml import scan
-from retarget.setup.enclosing_shapes import Capsule, Solid, link_geometries
 from retarget.setup.fit_observers import MAX_PAIRS, WIDTH, Verdict, fragment, verdicts
-from retarget.setup.observer_proposals import Proposal, Zones, propose
-from retarget.setup.survey import OwnDistances, PairRecord, joint_ranges, with_own_distances
+from retarget.setup.shape_fit import Capsule, Proposal, Solid, Zones, link_geometries, propose
+from retarget.setup.survey import PairRecord, PlacedShapes, joint_ranges, survey
+
+BODY = load_body_text(
+    """<mujoco><compiler angle="radian"/><worldbody><body name="base"><freejoint/><geom size="1"/>
+    <body name="a"><joint name="a" range="-1 2"/><geom size="1"/>
+    <body name="b"><joint name="b"/><geom size="1"/>
+    <body name="c"><joint name="c" type="ball"/><geom size="1"/>
+    <body name="d"><joint name="d" type="slide" range="0.1 0.2"/><geom size="1"/></body></body></body></body>
+    </body></worldbody></mujoco>""",
+    source="test",
+)
+
+
+def test_samples_stay_inside_and_reach_the_corners() -> None:
+    ranges = joint_ranges(BODY, {})
+    q = ranges.sample(np.random.default_rng(0), 400)
+    scalar = q[:, ranges.address]
+    assert (scalar >= ranges.lower).all() and (scalar <= ranges.upper).all()
+    corner = np.isin(scalar, [*ranges.lower, *ranges.upper]).all(axis=1)
+    assert corner.sum() >= 100
+    assert len(np.unique(scalar[:, 0])) > 200
+    assert np.allclose(np.linalg.norm(q[:, 9:13], axis=1), 1.0)
+    assert (q[:, :7] == BODY.qpos0[:7]).all()
+
+
+def test_limits_of_the_servos_come_first() -> None:
+    ranges = joint_ranges(BODY, {"a": (0.0, 0.5)})
+    assert (ranges.lower[0], ranges.upper[0]) == (0.0, 0.5)
+    assert ranges.clipped(np.full(BODY.nq, 9.0))[7] == 0.5
+    with refuses(ConfigError):
+        joint_ranges(BODY, {"z": (0.0, 1.0)})
+
+
+def test_a_joint_without_limits_has_a_note() -> None:
+    ranges = joint_ranges(BODY, {})
+    assert ranges.notes == ("joint b has no limits, -3.14 to 3.14 rad was looked at",)
+    assert not joint_ranges(BODY, {"b": (0.0, 1.0)}).notes
+
+
+NEAR = 0.045
+BALLS = """<mujoco><worldbody><body name="base"><geom size="0.01"/>
+  <body name="arm"><joint name="s" type="slide" axis="1 0 0" range="{low} {high}"/><geom size="0.001" pos="0 0 5"/>
+    <body name="hand"><joint name="r" axis="1 0 0" range="-90 90"/><geom size="0.01" pos="0.02 0 0"/></body>
+  </body></body></worldbody></mujoco>"""
+# Six joints in a row; the tip meets the ball only if nearly all of them bend as far as they can.
+INERTIA = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
+LINK = '<body name="l{0}" pos="0.1 0 0"><joint name="j{0}" axis="0 0 1" range="-1 1"/>' + INERTIA
+CURL = "".join(LINK.format(number) for number in range(6))
+CURL = f"""<mujoco><compiler angle="radian"/><worldbody><body name="base"><geom size="0.02" pos="0.02 0.09 0"/>{CURL}
+  <geom size="0.02" pos="0.1 0 0"/>{"</body>" * 6}</body></worldbody></mujoco>"""
+
+
+def look(text: str, *, samples: int, seed: int = 0) -> dict[tuple[str, str], PairRecord]:
+    body, model = load_body_text(text, source="test"), compile_body_text(text, source="test").model
+    geometries, ranges = link_geometries(model)[0], joint_ranges(body, {})
+    shapes = propose(geometries, Zones(0.03, 0.005))
+    neutral = ranges.clipped(body.qpos0)
+    looks = {"near": NEAR, "samples": samples, "seed": seed}
+    records = survey(body, shapes, ranges, neutral=neutral, model=model, geometries=geometries, **looks)  # type: ignore[arg-type]
+    return {(shapes[r.pair[0]].link_name, shapes[r.pair[1]].link_name): r for r in records}
+
+
+def test_the_smallest_distance_is_the_exact_one() -> None:
+    found = look(BALLS.format(low=0.1, high=0.5), samples=3)
+    assert list(found) == [("base", "hand")]  # links one joint apart are never looked at
+    record = found["base", "hand"]
+    assert record.smallest == pytest.approx(0.1, abs=2e-5)
+    assert record.at_neutral == pytest.approx(0.1, abs=2e-5)
+    assert record.largest is None and record.searches == 20
+
+
+def test_overlap_at_every_posture_is_reported_with_its_depth() -> None:
+    record = look(BALLS.format(low=-0.015, high=-0.005), samples=40)["base", "hand"]
+    assert record.largest == pytest.approx(-0.005, abs=4e-5)
+    assert record.smallest == pytest.approx(-0.015, abs=4e-5)
+    assert record.own == pytest.approx((-0.015, -0.005), abs=4e-5) and not record.hides_collision
+
+
+def test_a_pair_that_parts_in_one_corner_is_not_called_overlapping() -> None:
+    record = look(BALLS.format(low=-0.019, high=0.00002), samples=1)["base", "hand"]
+    assert record.largest is None
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_meeting_that_hardly_any_posture_shows_is_found(seed: int) -> None:
+    body = load_body_text(CURL, source="test")
+    ranges = joint_ranges(body, {})
+    shapes = propose(link_geometries(compile_body_text(CURL, source="test").model)[0], Zones(0.03, 0.005))
+    sampled = PlacedShapes(body, shapes).distances(ranges.sample(np.random.default_rng(seed), 20), np.array([[0, 1]]))
+    assert sampled.min() > NEAR  # so that the sample alone would be wrong
+    assert look(CURL, samples=20, seed=seed)["base", "l5"].smallest <= NEAR
+
+
+def test_links_that_no_joint_parts_count_as_one() -> None:
+    text = BALLS.format(low=0.0, high=0.1).replace('<joint name="r" axis="1 0 0" range="-90 90"/>', "")
+    assert look(text, samples=2) == {}
+
+
+def test_distances_are_those_of_mujoco() -> None:
+    file = compile_body_text(CURL, source="test")
+    body, data = load_body_text(CURL, source="test"), mujoco.MjData(file.model)
+    shapes = PlacedShapes(body, propose(link_geometries(file.model)[0], Zones(0.03, 0.005)))
+    postures, pair = joint_ranges(body, {}).sample(np.random.default_rng(1), 50), np.array([[0, 1]])
+    found = shapes.distances(postures, pair)[:, 0]
+    for q, distance in zip(postures, found, strict=True):
+        data.qpos[:] = q
+        mujoco.mj_kinematics(file.model, data)
+        assert mujoco.mj_geomDistance(file.model, data, 0, 1, 1e3, None) == pytest.approx(distance, abs=5e-5)
+
 
 ZONES = Zones(0.03, 0.005)
 CAPSULE = Capsule(np.array([0.0, -0.00001, 1.5]), np.array([0.1, 0.0, 2.0]), 0.02345)
@@ -90,74 +200,48 @@ TEXT = """<mujoco><worldbody><body name="a"><geom size="0.1"/>
     <body name="c"><joint name="c" range="-90 90"/><geom size="0.05" pos="0.12 0 0"/>
       <body name="d" pos="1 0 0"><joint name="d" range="-90 90"/><geom size="0.1"/></body></body></body>
 </body></worldbody></mujoco>"""
-BODY = load_body_text(TEXT, source="test")
+FOUR_LINKS = load_body_text(TEXT, source="test")
 MODEL = compile_body_text(TEXT, source="test").model
 SHAPES = propose(link_geometries(MODEL)[0], Zones(0.03, 0.005))
 
 
-def record(
-    pair: tuple[int, int],
-    *,
-    smallest: float,
-    largest: float | None = None,
-    at_neutral: float = 1.0,
-    own: tuple[float, float] | None = None,
-) -> PairRecord:
-    return PairRecord(pair, smallest, largest, at_neutral, 100, 20, None if own is None else OwnDistances(*own))
+JOINED, FAR = (0, 1), (0, 2)
+"""c and d, of which c lies between a and d."""
 
 
-def one(found: PairRecord, excluded: tuple[int, int] = (0, 0)) -> tuple[Verdict, ...]:
-    return verdicts([found], SHAPES, BODY, near=0.045, excluded={excluded})
+def record(pair: tuple[int, int], smallest: float, **more: Any) -> PairRecord:
+    return PairRecord(pair=pair, smallest=smallest, **({"largest": None, "at_neutral": 1.0} | more), **LOOKS)
 
 
-def test_never_near() -> None:
-    (verdict,) = one(record((0, 2), smallest=0.0731))
-    assert (verdict.kind, verdict.links) == ("never", ("a", "d"))
-    assert verdict.reason == "never near, at least 73.1 mm apart (100 postures, 20 searches)"
+LOOKS: Any = {"samples": 100, "searches": 20}
+NEVER = "never near, at least 73.1 mm apart (100 postures, 20 searches)"
+DEEP = {"largest": -0.001}
 
 
-def test_sometimes_near_is_left_to_check() -> None:
-    assert one(record((0, 2), smallest=0.0449)) == ()
-    assert one(record((0, 2), smallest=-0.1)) == ()
-
-
-def test_always_overlapping_says_what_the_geoms_do() -> None:
-    def found(*own: float) -> PairRecord:
-        return record((0, 2), smallest=-0.02, largest=-0.001, own=(own[0], own[1]))
-
-    (nested,) = one(found(-0.01, -0.005))
-    assert nested.kind == "always" and nested.reason.endswith("and so do the links' own geoms")
-    shows(nested.reason, "1.0", "20.0")
-    (apart,) = one(found(0.004, 0.02))
-    assert not apart.warning and apart.reason.endswith("their own geoms stay 4.0 mm apart")
-    (hidden,) = one(found(-0.004, 0.02))
-    shows(hidden.warning)
-
-
-def test_pairs_that_the_body_file_excludes() -> None:
-    (verdict,) = one(record((0, 2), smallest=-0.1), excluded=(1, 4))
-    assert verdict.kind == "excluded"
-    shows(verdict.reason, "100.0")
-
-
-def test_neighbours_with_nothing_between_them_are_ignored_if_they_touch() -> None:
-    (verdict,) = one(record((0, 1), smallest=-0.05, at_neutral=-0.03))
-    assert verdict.kind == "neighbours"
-    assert one(record((0, 1), smallest=-0.05, at_neutral=0.01)) == ()
-    assert one(record((0, 2), smallest=-0.05, at_neutral=-0.03)) == ()  # c lies between a and d
-
-
-def test_own_geoms_are_looked_at_in_many_postures() -> None:
-    pairs = (record((0, 1), smallest=-0.02, largest=-0.01), record((0, 2), smallest=-0.02))
-    one, other = with_own_distances(pairs, MODEL, link_geometries(MODEL)[0], joint_ranges(BODY, {}), seed=0)
-    found = one.own
-    assert found is not None and other.own is None
-    assert abs(found.smallest + 0.03) < 1e-6 and abs(found.largest + 0.03) < 1e-6
-    assert not found.may_collide and OwnDistances(-1.0, 1.0).may_collide
+@pytest.mark.parametrize(
+    ("found", "excluded", "kind", "reason"),
+    [
+        (record(FAR, 0.0731), (0, 0), "never", NEVER),
+        (record(FAR, 0.0449), (0, 0), "", ""),
+        (record(FAR, -0.1), (0, 0), "", ""),
+        (record(FAR, -0.1), (1, 4), "excluded", "at most 100.0 mm deep"),
+        (record(JOINED, -0.05, at_neutral=-0.03), (0, 0), "neighbours", "no volume between them"),
+        (record(JOINED, -0.05, at_neutral=0.01), (0, 0), "", ""),
+        (record(FAR, -0.05, at_neutral=-0.03), (0, 0), "", ""),
+        (record(FAR, -0.02, own=(-0.01, -0.005), **DEEP), (0, 0), "always", "and so do the links' own geoms"),
+        (record(FAR, -0.02, own=(0.004, 0.02), **DEEP), (0, 0), "always", "their own geoms stay 4.0 mm apart"),
+        (record(FAR, -0.02, own=(-0.004, 0.02), **DEEP), (0, 0), "always", "4.0 mm into each other"),
+    ],
+)
+def test_a_pair_is_ignored_for_a_reason(found: PairRecord, excluded: tuple[int, int], kind: str, reason: str) -> None:
+    done = verdicts([found], SHAPES, FOUR_LINKS, near=0.045, excluded={excluded})
+    assert [verdict.kind for verdict in done] == ([kind] if kind else [])
+    for verdict in done:
+        assert reason in verdict.reason and bool(verdict.warning) == found.hides_collision
 
 
 def test_what_a_profile_cannot_do_without_comes_first() -> None:
-    records = [record((0, 2), smallest=0.1)] * (MAX_PAIRS + 1)
-    records += [record((0, 2), smallest=-0.02, largest=-0.01, own=(-1.0, -1.0))]
-    found = verdicts(records, SHAPES, BODY, near=0.045, excluded=set())
+    records = [record(FAR, 0.1)] * (MAX_PAIRS + 1)
+    records += [record(FAR, -0.02, largest=-0.01, own=(-1.0, -1.0))]
+    found = verdicts(records, SHAPES, FOUR_LINKS, near=0.045, excluded=set())
     assert found[0].kind == "always"

@@ -1,16 +1,20 @@
-"""Postures in which a drafted robot does not touch itself."""
+"""Postures that are found: soles flat, balanced, knees ahead, arms beside the trunk, clear of itself."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from retarget.model.observers import NEAR_LINKS, robot_observers
+from retarget.ik.support_polygon import plant
+from retarget.model.body_file import compile_body_text
+from retarget.model.observers import robot_observers
 from retarget.model.robot import load_profile, load_robot
-from retarget.setup import postures
+from retarget.setup.frames import Posed, find_frames
 from retarget.setup.import_robot import import_robot
+from retarget.setup.limbs import find_anatomy
+from retarget.setup.postures import LEGS, arm_posture, find_postures, leg_length, stand
 from retarget.setup.robot_file import Relaxed
-from unknown_robots import small_bust
+from unknown_robots import SHIPPED, humanoid, shipped_posed, small_bust, text_tree
 
 
 def imported(text: str, folder: Path) -> Path:
@@ -36,31 +40,76 @@ def test_what_touches_in_every_posture_is_ignored_and_marked(tmp_path: Path) -> 
     assert has_reason and robot_observers(load_robot(folder)).names
 
 
-@pytest.mark.parametrize(
-    ("steps", "neutral", "stand", "listed"),
-    [
-        (2, 0.001, -0.0005, True),  # neighbours that a run would be refused for
-        (2, 0.001, 0.001, False),
-        (2, -0.001, -0.002, False),  # never looked at
-        (3, 0.001, 0.01, True),
-        (3, 0.01, 0.0015, True),
-        (3, 0.01, 0.01, False),
-    ],
-)
-def test_a_pair_is_listed_where_a_run_would_be_refused_for_it(
-    steps: int, neutral: float, stand: float, listed: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    bench = object.__new__(postures._Bench)
-    bench._near, bench._links = np.array([steps <= NEAR_LINKS]), [("a", "b")]
-    distance = {"neutral": neutral, "stand": stand, "attractor": 1.0}
-    monkeypatch.setattr(bench, "_distances", lambda angles: np.array([distance[angles["name"]]]), raising=False)
-    found = bench.touching({name: {"name": name} for name in distance})  # type: ignore[dict-item]
-    assert found == ((("a", "b"),) if listed else ())
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("width", ["0.12", "0.24"])
 def test_a_wide_chest_pushes_nothing_into_the_arms(width: str, tmp_path: Path) -> None:
     text = small_bust().replace('<box size="0.12 0.08 0.2"/>', f'<box size="{width} 0.08 0.2"/>')
     robot = load_robot(imported(text, tmp_path))
     robot_observers(robot)  # raises where parts that are far apart touch in the neutral posture
+
+
+def stranger() -> Posed:
+    text = humanoid()
+    tree = text_tree(text)
+    anatomy = find_anatomy(tree)
+    limits = {node.joint: (node.lower, node.upper) for node in tree.nodes[1:]}
+    return Posed(compile_body_text(text, source="t").model, tree, anatomy, find_frames(tree, anatomy), limits)
+
+
+POSED = {**{robot: shipped_posed(robot) for robot in SHIPPED}, "stranger": stranger()}
+
+
+@pytest.mark.parametrize("robot", POSED)
+@pytest.mark.parametrize("share", [0.97, 0.88])
+def test_standing(robot: str, share: float) -> None:
+    posed = POSED[robot]
+    standing = stand(posed, {}, share=share)
+    assert standing.stands
+    there, left, ahead = posed.place(standing.angles), posed.anatomy.left, posed.anatomy.forward
+    for side in ("l", "r"):
+        at = {name: there.positions[f"{side}_{name}"] for name in ("hip", "knee", "ankle", "sole")}
+        assert there.axes[f"{side}_sole"][:, 2] == pytest.approx([0.0, 0.0, 1.0], abs=0.02)
+        assert np.linalg.norm(at["hip"] - at["ankle"]) == pytest.approx(share * leg_length(posed), rel=0.01)
+        assert (at["knee"] - 0.5 * (at["hip"] + at["ankle"])) @ ahead > 0.0
+    middle = 0.5 * (there.positions["l_sole"] + there.positions["r_sole"])
+    assert (there.centre_of_mass - middle) @ ahead == pytest.approx(0.0, abs=0.004)
+    assert (there.centre_of_mass - middle) @ left == pytest.approx(0.0, abs=0.006)
+    assert all(low <= standing.angles.get(joint, low) <= high for joint, (low, high) in posed.limits.items())
+
+
+@pytest.mark.parametrize("robot", POSED)
+def test_arms_hang_and_bend_forward(robot: str) -> None:
+    posed = POSED[robot]
+    there = posed.place(arm_posture(posed, spread=0.4, ahead=0.1, bend=0.8)).positions
+    for side, outward in (("l", posed.anatomy.left), ("r", -posed.anatomy.left)):
+        shoulder, elbow, hand = (there[f"{side}_{name}"] for name in ("shoulder", "elbow", "hand"))
+        assert elbow[2] < shoulder[2] and hand[2] < elbow[2]
+        assert (elbow - shoulder) @ outward > 0.0 and (hand - elbow) @ posed.anatomy.forward > 0.0
+
+
+def test_all_four(robot: str = "wolfgang") -> None:
+    posed = POSED[robot]
+    postures = find_postures(posed, spread=0.3, soles=True)
+    assert postures.stands and set(postures.angles) == {"neutral", "stand", "rest", "attractor"}
+    heights = {
+        name: posed.place(angles).positions["l_hip"] - posed.place(angles).positions["l_ankle"]
+        for name, angles in postures.angles.items()
+    }
+    length = leg_length(posed)
+    for name, (share,) in LEGS.items():
+        assert np.linalg.norm(heights[name]) == pytest.approx(share * length, rel=0.01)
+    assert np.linalg.norm(heights["rest"]) < 0.75 * length
+    for angles in postures.angles.values():
+        for joint, (low, high) in posed.limits.items():
+            assert low <= angles.get(joint, 0.0) <= high
+
+
+def test_the_same_centre_of_mass_as_a_run_sees() -> None:
+    """Oracle: the project's own stance of OP3's hand-made profile, by the solver's kinematics."""
+    robot, posed = load_robot("op3"), POSED["op3"]
+    angles = robot.profile.postures.stand
+    stance = plant(robot, angles)
+    com = robot.body.solver_body().centre_of_mass(stance.q[None])[0]
+    there = posed.place({joint: angles.get(joint, 0.0) for joint in posed.limits})
+    middle = 0.5 * (there.positions["l_sole"] + there.positions["r_sole"])
+    assert there.centre_of_mass - middle == pytest.approx(com, abs=1e-3)

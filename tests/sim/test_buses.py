@@ -9,7 +9,7 @@ from hardware.errors import BusError
 from hardware.guard import Guard
 from messages import refuses
 from physics_rig import DT, PhysicsRig, op3, standing, ticks
-from retarget.cli.buses import make_bus, standing_ticks
+from retarget.cli.buses import standing_ticks
 from retarget.model.robot import load_robot
 from retarget.safety.gate import Gate
 from sim.buses import emulated_bus
@@ -33,21 +33,19 @@ def test_the_servos_of_op3_stand_and_follow() -> None:
     bus.close()
 
 
-def test_by_name_it_is_the_same() -> None:
-    robot = load_robot("op3")
-    bus = make_bus("emulator", robot, VirtualClock())
-    bus.open()
-    assert np.array_equal(bus.read().position, standing_ticks(robot))
-    bus.close()
-
-
-def test_it_is_a_servo_bus() -> None:
+def test_before_torque_a_hand_holds_it() -> None:
     rig = PhysicsRig()
     bus: ServoBus = rig.bus
     states = bus.read()
     assert states.position.tolist() == rig.start.tolist()
     assert states.valid.all() and not states.driven.any() and not states.age.any()
     assert (states.voltage > 11.0).all() and (states.temperature == 25.0).all() and not states.current.any()
+    rig.clock.advance(5.0)
+    assert rig.bus.read().position.tolist() == rig.start.tolist()
+    assert rig.bus.witness.fall is None and rig.bus.witness.log.rows == 0
+    assert rig.bus.witness.simulation.held and rig.bus.read().soles is None, (
+        "no state of soles while a hand holds the robot"
+    )
 
 
 def test_it_stands_with_its_own_gains_and_its_feet_stay() -> None:
@@ -62,37 +60,19 @@ def test_it_stands_with_its_own_gains_and_its_feet_stay() -> None:
     assert bus.witness.log.slip_m.max() < 5e-4
     assert np.degrees(bus.witness.log.worst_tilt) < 0.5
     assert 0.005 < rig.error(states) < 0.05  # P gains without an I gain sag
-    assert bus.witness.state.load.sum() == pytest.approx(bus.simulation.world.weight, rel=0.01)
+    assert bus.witness.state.load.sum() == pytest.approx(bus.witness.simulation.world.weight, rel=0.01)
     assert states.soles is not None and states.soles.tolist() == [True, True]
     assert bus.witness.state.load[0] == pytest.approx(bus.witness.state.load[1], rel=0.1)
-
-
-def test_before_torque_a_hand_holds_it() -> None:
-    rig = PhysicsRig()
-    rig.clock.advance(5.0)
-    assert rig.bus.read().position.tolist() == rig.start.tolist()
-    assert rig.bus.witness.fall is None and rig.bus.witness.log.rows == 0
-    assert rig.bus.simulation.held and rig.bus.read().soles is None, "no state of soles while a hand holds the robot"
 
 
 def test_the_hand_lets_go_without_a_jolt() -> None:
     rig = PhysicsRig()
     rig.arm()
     rig.run(2.0)
-    assert not rig.bus.simulation.held
+    assert not rig.bus.witness.simulation.held
     root = rig.bus.witness.log.column("root")[:, 2]
     assert np.abs(np.diff(root, n=2)).max() / DT**2 < 0.5  # [m/s^2]
     assert 0.0 < root[0] - root[-1] < 3e-3
-
-
-def test_without_torque_it_falls_and_that_counts() -> None:
-    rig = PhysicsRig()
-    rig.arm()
-    rig.run(1.0)
-    rig.bus.torque(False)
-    rig.run(2.0)
-    fall = rig.bus.witness.fall
-    assert fall is not None and not fall.powered and not rig.bus.witness.at_rest
 
 
 def test_closing_watches_what_becomes_of_it() -> None:
@@ -102,17 +82,21 @@ def test_closing_watches_what_becomes_of_it() -> None:
     before = rig.bus.witness.fall
     rig.bus.close()
     rig.bus.close()  # twice is allowed
-    assert before is None and rig.bus.witness.fall is not None
+    fall = rig.bus.witness.fall
+    assert before is None and fall is not None and not fall.powered and not rig.bus.witness.at_rest
 
 
-def test_a_robot_at_rest_may_lose_its_torque() -> None:
+def test_a_robot_that_sits_on_its_ankles_may_lose_its_torque() -> None:
     rest = ticks(op3().profile.postures.rest)
     rig = PhysicsRig(start=rest)
     rig.arm()
     rig.run(1.0, rest)
+    rig.bus.torque(False)
+    rig.run(1.5, rest)
     rig.bus.close()
     witness = rig.bus.witness
     assert witness.at_rest and witness.fall is None
+    assert np.degrees(np.arccos(1.0 - 2.0 * np.square(witness.state.root[4:6]).sum())) < 15.0
 
 
 def test_the_guard_leads_it_from_arming_to_release() -> None:
@@ -132,17 +116,7 @@ def test_the_guard_leads_it_from_arming_to_release() -> None:
         guard.write(gate.check(present + 0.05 * np.sin(2.0 * rig.clock.now()) * arms) or gate.brake())
     assert guard.stop is None and rig.bus.witness.fall is None
     guard.release()
-    assert not rig.bus.torque_on
-
-
-def test_a_robot_that_sits_on_its_ankles_stays_where_it_is() -> None:
-    start = ticks(op3().profile.postures.rest)
-    rig = PhysicsRig(start=start)
-    rig.arm()
-    rig.run(1.0, start)
-    rig.bus.torque(False)
-    rig.run(1.5, start)
-    assert np.degrees(np.arccos(1.0 - 2.0 * np.square(rig.bus.witness.state.root[4:6]).sum())) < 15.0
+    assert not rig.bus.witness.simulation.motors.driven.any()
 
 
 def test_a_strong_push_fells_it_and_a_weak_one_does_not() -> None:
@@ -167,9 +141,9 @@ def test_goals_take_effect_one_cycle_after_they_are_written() -> None:
         goal = standing()
         goal[0] += 200
         one.bus.write(ServoGoals(goal))
-        quiet = one.bus.simulation.motors.goal[0]
+        quiet = one.bus.witness.simulation.motors.goal[0]
         cycles = 0
-        while one.bus.simulation.motors.goal[0] == quiet:
+        while one.bus.witness.simulation.motors.goal[0] == quiet:
             one.clock.advance(0.002)
             one.bus.read()
             cycles += 1

@@ -1,5 +1,7 @@
 """The fake Motive against the session and the decoder: a whole conversation on virtual time."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,7 +14,7 @@ from retarget.frames import SensorFrames
 from retarget.rotations import angle_between
 from retarget.sources.natnet_decoder import NatnetDecoder
 from retarget.sources.natnet_session import NatnetSession, natnet_problems
-from retarget.sources.natnet_wire import Version, command_message, connect_message, read_server_info
+from retarget.sources.natnet_wire import Version
 from retarget.sources.stream_frame import StreamFrame
 from sim.performer import synthetic_performer
 
@@ -69,22 +71,14 @@ def test_the_motion_arrives_as_it_was(version: Version, motion: SensorFrames) ->
 
 
 @pytest.mark.parametrize("up", ["y", "z"])
-@pytest.mark.parametrize("transport", ["unicast", "multicast"])
-def test_settings_that_agree(up: str, transport: str, motion: SensorFrames) -> None:
-    server = FakeMotive(
-        motion,
-        MotiveSettings(
-            transport="unicast" if transport == "unicast" else "multicast",
-            up="y" if up == "y" else "z",
-            version=Version(4, 4),
-        ),
-    )
-    session = NatnetSession(multicast=server.settings.transport == "multicast")
-    lab = Lab(server, session, NatnetDecoder(up=server.settings.up))
-    frame = lab.run(0.5)[-1]
+@pytest.mark.parametrize(("transport", "version"), [("unicast", Version(4, 1)), ("multicast", Version(4, 4))])
+def test_settings_that_agree(up: Any, transport: Any, version: Version, motion: SensorFrames) -> None:
+    server = FakeMotive(motion, MotiveSettings(transport=transport, up=up, version=Version(4, 4)))
+    session = NatnetSession(multicast=transport == "multicast")
+    frame = Lab(server, session, NatnetDecoder(up=up)).run(0.5)[-1]
     assert frame.number is not None
     np.testing.assert_allclose(frame.position, motion.position[frame.number % len(motion.time)], atol=1e-6)
-    assert server.version == session.version == (Version(4, 1) if transport == "unicast" else Version(4, 4))
+    assert server.version == session.version == version  # only a newer unicast server is pinned
 
 
 @pytest.mark.parametrize("mine", ["unicast", "multicast"])
@@ -130,41 +124,6 @@ def test_a_server_that_starts_late_and_pauses(motion: SensorFrames) -> None:
     lab.server.streaming = True
     assert len(lab.run(1.0)) > 100
     assert lab.problems() == []
-
-
-def test_hidden_bodies_are_not_tracked(motion: SensorFrames) -> None:
-    valid = motion.valid.copy()
-    valid[:, 1] = False
-    hidden = SensorFrames(
-        time=motion.time,
-        names=motion.names,
-        position=motion.position,
-        orientation=motion.orientation,
-        valid=valid,
-        source="",
-        rate_hz=motion.rate_hz,
-    )
-    frame = Lab(FakeMotive(hidden), NatnetSession()).run(0.5)[-1]
-    assert frame.tracked.tolist() == [True, False, *[True] * (len(motion.names) - 2)]
-
-
-def test_questions_it_does_not_know(motion: SensorFrames) -> None:
-    server = FakeMotive(motion)
-    unknown = [bytes((100, 0, 0, 0))]
-    assert server.receive(0.0, command_message("Fly")) == unknown
-    assert server.receive(0.0, command_message("Bitstream,four")) == unknown
-    assert server.receive(0.0, bytes((77, 0, 0, 0))) == unknown
-    assert server.receive(0.0, b"\0") == []
-    assert server.due(1.0) == []
-
-
-def test_only_a_newer_unicast_server_is_pinned(motion: SensorFrames) -> None:
-    for own, pinned in ((Version(3, 1), Version(3, 1)), (Version(4, 0), Version(4, 0)), (Version(4, 4), Version(4, 1))):
-        server = FakeMotive(motion, MotiveSettings(version=own))
-        (answer,) = server.receive(0.0, connect_message(Version(4, 1)))
-        info = read_server_info(answer[4:])
-        assert info is not None and info.version == own
-        assert server.version == pinned
 
 
 @given(noise=st.lists(st.tuples(st.integers(0, 15), st.binary(max_size=300)), max_size=20))

@@ -55,16 +55,11 @@ def test_a_stuck_shaft_stays_and_the_others_move() -> None:
     assert bus.read().position[1] < START[1]
 
 
-def test_with_torque_off_nothing_moves() -> None:
-    bus, clock = opened()
-    bus.write(ServoGoals(GOAL))
-    clock.advance(1.0)
-    assert bus.read().position.tolist() == START.tolist()
-
-
-def test_torque_on_moves_towards_the_old_goal() -> None:
+def test_with_torque_off_nothing_moves_and_on_it_goes_to_the_old_goal() -> None:
     # As a real servo: the goal register keeps what it had. This is why the guard writes goals before torque.
     bus, clock = opened()
+    clock.advance(1.0)
+    assert bus.read().position.tolist() == START.tolist()
     bus.torque(True)
     clock.advance(1.0)
     assert bus.read().position[1] == 2048
@@ -101,6 +96,8 @@ def test_how_often_it_is_read_does_not_matter() -> None:
 
 
 def test_a_missing_servo_keeps_its_last_values_and_ages() -> None:
+    never, _ = opened(MockFault(FaultKind.MISSING, first=0, cycles=1, servo=2))
+    assert never.read().age[2] == np.inf
     bus, clock = opened(MockFault(FaultKind.MISSING, first=1, cycles=2, servo=1), lag=0.0)
     bus.write(ServoGoals(GOAL))
     bus.torque(True)
@@ -115,11 +112,6 @@ def test_a_missing_servo_keeps_its_last_values_and_ages() -> None:
         assert states.valid[[0, 2, 3]].all()
     assert ages == pytest.approx([0.02, 0.04, 0.0])
     assert states.position[1] < START[1]
-
-
-def test_a_servo_that_never_answered_is_infinitely_old() -> None:
-    bus, _ = opened(MockFault(FaultKind.MISSING, first=0, cycles=1, servo=2))
-    assert bus.read().age[2] == np.inf
 
 
 def test_an_alert_stays_and_takes_the_torque() -> None:
@@ -147,7 +139,7 @@ def test_ticks_that_no_servo_has_are_refused(ticks: list[int]) -> None:
         opened()[0].write(ServoGoals(np.array(ticks)))
 
 
-def test_a_dead_bus_raises() -> None:
+def test_a_dead_bus_raises_and_closing_switches_torque_off() -> None:
     bus, _ = opened(MockFault(FaultKind.READ_FAILS, first=0, cycles=1), MockFault(FaultKind.WRITE_FAILS, 1, 1))
     with refuses(BusError):
         bus.read()
@@ -156,10 +148,6 @@ def test_a_dead_bus_raises() -> None:
         bus.write(ServoGoals(GOAL))
     bus.read()
     bus.write(ServoGoals(GOAL))
-
-
-def test_closing_switches_torque_off_and_closed_is_closed() -> None:
-    bus, _ = opened()
     bus.torque(True)
     bus.close()
     bus.close()

@@ -43,9 +43,12 @@ def asked_away(priorities: str, away: tuple[float, float, float], *, jump: bool)
     return reconstruct(synthetic_performer().resample(np.arange(COUNT) / RATE), priorities, change=change)
 
 
-@pytest.mark.parametrize("jump", [False, True], ids=["ramp", "jump"])
+SLOWLY_FAR = [pytest.param(away, False, id=f"{away}-ramp", marks=pytest.mark.long) for away in FAR]
+ASKED = [pytest.param(away, jump, id=f"{away}-{'jump' if jump else 'ramp'}") for away in NEAR for jump in (False, True)]
+
+
+@pytest.mark.parametrize(("away", "jump"), [*ASKED, *((away, True) for away in FAR), *SLOWLY_FAR])
 @pytest.mark.parametrize("priorities", ["human", "paper"])
-@pytest.mark.parametrize("away", FAR + NEAR, ids=str)
 def test_ankles_and_balance_stay_and_the_body_comes_to_rest(
     priorities: str, away: tuple[float, float, float], jump: bool
 ) -> None:
@@ -71,7 +74,9 @@ def test_the_benchmarks_bodies_keep_balance_and_ankles_from_the_first_frame_on(b
     assert outcome.shake < 1.2
 
 
-@pytest.mark.parametrize("away", [*FAR, (0.0, 0.5, 0.0), (0.0, 0.0, 0.5)], ids=str)
+@pytest.mark.parametrize(
+    "away", [*FAR[:3], *(pytest.param(away, marks=pytest.mark.long) for away in FAR[3:]), (0.0, 0.5, 0.0)], ids=str
+)
 def test_a_robot_stays_on_its_soles(away: tuple[float, float, float]) -> None:
     human = followers.postures(followers.performer())[0]
 

@@ -18,26 +18,15 @@ def make() -> ServoLoad:
     return ServoLoad(np.full(3, 12.0), np.full(3, 4.8))
 
 
-def test_a_servo_at_rest_draws_little() -> None:
+def test_a_moving_servo_draws_more_than_one_at_rest_and_the_supply_sags() -> None:
     load = make()
     load.advance(before=STILL, after=STILL, torque=ON, elapsed=0.01)
-    assert np.all(load.current < 0.05)
-    assert np.all(load.voltage > 11.9)
-
-
-def test_a_moving_servo_draws_more_and_the_supply_sags() -> None:
-    load = make()
+    assert np.all(load.current < 0.05) and np.all(load.voltage > 11.9)
     load.advance(before=STILL, after=np.array([4.0, 0.0, 0.0]), torque=ON, elapsed=0.1)
-    assert load.current[0] > 0.3
-    assert load.current[1] == load.current[2] < 0.05
-    assert np.all(load.voltage == load.voltage[0])
-    assert load.voltage[0] < 12.0
-
-
-def test_without_torque_there_is_no_drive() -> None:
-    load = make()
+    assert load.current[0] > 0.3 and load.current[1] == load.current[2] < 0.05
+    assert np.all(load.voltage == load.voltage[0]) and load.voltage[0] < 12.0
     load.advance(before=STILL, after=np.full(3, 4.0), torque=~ON, elapsed=0.1)
-    assert np.all(load.current < 0.05)
+    assert np.all(load.current < 0.05)  # without torque there is no drive
 
 
 def test_heat_rises_to_its_final_value() -> None:
@@ -88,22 +77,14 @@ def test_two_halves_are_the_whole() -> None:
     assert np.all(np.abs(speed) <= TOP)
 
 
-def test_the_default_lag_is_that_of_an_xm430() -> None:
+def test_the_lag_of_a_loop() -> None:
     servo = four_servos()[0]
+
+    def lag(protocol: int = 2, **gains: int) -> float:
+        return loop_lag(replace(servo, gains=ServoGains(**gains)), protocol=protocol)
+
     # 885 PWM at 885 * 128 / 800 = 141.6 ticks of error, 0.2172 rad; at 4.817 rad/s that is 45 ms.
     assert loop_lag(servo) == pytest.approx(0.0451, abs=1e-4)
-
-
-def test_a_stiffer_loop_lags_less() -> None:
-    servo = four_servos()[0]
-    stiff = replace(servo, gains=ServoGains(position_p=1600))
-    assert loop_lag(stiff) == pytest.approx(loop_lag(servo) / 2)
-
-
-def test_the_default_gain_of_protocol_1_is_another_number_for_the_same_loop() -> None:
-    servo = four_servos()[0]
-    first = replace(servo, gains=ServoGains(position_p=32))
-    assert loop_lag(first, protocol=1) == pytest.approx(loop_lag(servo))
-    assert loop_lag(replace(servo, gains=ServoGains()), protocol=1) == pytest.approx(loop_lag(servo))
-    soft = replace(servo, gains=ServoGains(position_p=16))
-    assert loop_lag(soft, protocol=1) == pytest.approx(2.0 * loop_lag(servo))
+    assert lag(position_p=1600) == pytest.approx(loop_lag(servo) / 2)
+    assert lag(1, position_p=32) == lag(1) == pytest.approx(loop_lag(servo))  # another number for the same loop
+    assert lag(1, position_p=16) == pytest.approx(2.0 * loop_lag(servo))

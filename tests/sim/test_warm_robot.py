@@ -39,44 +39,18 @@ def run(*faults: MockFault) -> tuple[RunResult, FloatArray, list[str]]:
     return result, result.robot.joint_map.to_radians(result.record.robot.goal_ticks), messages
 
 
-@pytest.fixture(scope="module")
-def warm() -> tuple[RunResult, FloatArray, list[str]]:
-    return run(MockFault(FaultKind.HOT, FIRST, 250, servo=3, value=61.0))
-
-
-def test_goals_are_half_as_fast_within_the_limit(warm: tuple[RunResult, FloatArray, list[str]]) -> None:
-    result, goals, _ = warm
+def test_its_begin_and_its_end_are_reported_once() -> None:
+    result, goals, messages = run(MockFault(FaultKind.HOT, FIRST, 250, servo=3, value=61.0))
     assert result.robot is not None and result.state == "off"
     most, dt = result.robot.joint_map.max_velocity, 1.0 / result.robot.profile.safety.rate_hz
     steps = np.abs(np.diff(goals, axis=0))
     following = result.record.phase[1:] == Phase.FOLLOW
-    slow, before = slice(FIRST + round(1.1 / dt), FIRST + 250), slice(0, FIRST)
-    assert following[slow].all() and following[before].any()
-    assert (steps[slow] <= 0.5 * most * dt + TICK).all()
-    assert (steps[before] / (most * dt)).max() > 0.6
-    changes = np.abs(np.diff(goals, n=2, axis=0))
-    assert (changes <= result.robot.joint_map.max_acceleration * dt**2 + 2.0 * TICK).all()
+    slow = slice(FIRST + round(1.1 / dt), FIRST + 250)
+    assert following[slow].all() and (steps[slow] <= 0.5 * most * dt + TICK).all()
     assert result.record.robot is not None and not result.record.robot.gated[following.argmax() + 1 :].any()
-
-
-def test_its_begin_and_its_end_are_reported_once(
-    warm: tuple[RunResult, FloatArray, list[str]],
-) -> None:
-    _, _, messages = warm
     assert len(messages) == 2
     shows(messages[0], 60, "l_sho_roll", 4, 61, "50%")
     assert messages[1].startswith("over: servo is hotter than 60 degrees Celsius: l_sho_roll (id 4)")
-
-
-def test_a_hot_servo_stops_the_robot_all_the_same() -> None:
-    result, _, messages = run(
-        MockFault(FaultKind.HOT, FIRST, 60, servo=3, value=61.0),
-        MockFault(FaultKind.HOT, FIRST + 60, 999, 3, value=66.0),
-    )
-    assert result.stop is not None
-    shows(result.stop.reason, 65)
-    assert messages[0].startswith("warning: ")
-    assert len(result.record.phase) < FIRST + 60 + 125
 
 
 def approaching(slow: float) -> FloatArray:

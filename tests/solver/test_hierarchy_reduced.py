@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hierarchy_oracle_helpers import compare, solve
+from hierarchy_oracle_helpers import Answer, compare, solve
 from oracles.problem import Hierarchy, Level
-from retarget import _solver
 
 SEEDS = range(15)
 
@@ -32,7 +31,7 @@ def planted(seed: int, *, rows: int = 10, room: float = 1.0) -> Hierarchy:
     return Hierarchy(levels, -half, half, rng.uniform(0.3, 2.0, nv), rng.normal(size=nv) * 0.3, name=f"planted {seed}")
 
 
-def assert_right(problems: list[Hierarchy]) -> list[_solver.HierarchyResult]:
+def assert_right(problems: list[Hierarchy]) -> list[Answer]:
     """Every answer is the oracle's."""
     answers = [solve(problem) for problem in problems]
     faults = [compare(problem, answer.x).fault for problem, answer in zip(problems, answers, strict=True)]

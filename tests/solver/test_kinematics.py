@@ -1,6 +1,4 @@
-"""The solver's kinematics against MuJoCo and against finite differences, on random trees with joints of every kind."""
-
-from collections.abc import Callable
+"""The solver's kinematics against MuJoCo, on random trees with joints of every kind."""
 
 import mujoco
 import numpy as np
@@ -11,9 +9,8 @@ from oracles.problem import Array
 from oracles.trees import Tree, random_tree
 from retarget import _solver
 
-SEEDS = range(40)
+SEEDS = range(20)
 EXACT = 1e-12
-STEP = 1e-6
 
 
 @pytest.fixture(params=SEEDS)
@@ -36,15 +33,6 @@ def points_on(tree: Tree) -> tuple[list[int], Array]:
     """One point on every link: links (k,) and local positions (k, 3)."""
     links = list(range(tree.model.nbody))
     return links, np.random.default_rng(1).normal(size=(len(links), 3))
-
-
-def finite_difference(body: _solver.Body, q: Array, value: Callable[[Array], Array]) -> Array:
-    """Central differences (m, nv) of `value` (m,) along the manifold at q."""
-    columns = []
-    for direction in np.eye(body.nv):
-        ahead, behind = body.integrate(q, STEP * direction), body.integrate(q, -STEP * direction)
-        columns.append((value(ahead) - value(behind)) / (2.0 * STEP))
-    return np.array(columns).T.reshape(-1, body.nv)
 
 
 def test_sizes(tree: Tree) -> None:
@@ -91,31 +79,12 @@ def test_frame_jacobian_is_mujocos(tree: Tree) -> None:
         assert ours == pytest.approx(np.vstack([linear, angular]), abs=EXACT)
 
 
-def test_frame_jacobian_is_the_derivative(tree: Tree) -> None:
-    body = body_of(tree)
-    links, local = points_on(tree)
-    link = links[-1]
-    start = body.orientations(tree.q[None], [link])[0, 0]
-
-    def pose(q: Array) -> Array:
-        turn, now = np.zeros(3), body.orientations(q[None], [link])[0, 0]
-        mujoco.mju_subQuat(turn, now, start)  # in the frame of `start`
-        world = np.zeros(3)
-        mujoco.mju_rotVecQuat(world, turn, start)
-        return np.concatenate([body.points(q[None], [link], local[[link]])[0, 0], world])
-
-    jacobian = body.frame_jacobian(tree.q, link, tuple(local[link]))
-    assert jacobian == pytest.approx(finite_difference(body, tree.q, pose), abs=1e-7)
-
-
 def test_centre_of_mass_jacobian(tree: Tree) -> None:
     body = body_of(tree)
     expected = np.zeros((3, body.nv))
     mujoco.mj_jacSubtreeCom(tree.model, tree.data, expected, 0)
     ours = body.centre_of_mass_jacobian(tree.q)
     assert ours == pytest.approx(expected, abs=EXACT)
-    differences = finite_difference(body, tree.q, lambda q: body.centre_of_mass(q[None])[0])
-    assert ours == pytest.approx(differences, abs=1e-7)
 
 
 @pytest.mark.parametrize("size", [1e-9, 0.1, 3.0])

@@ -43,10 +43,11 @@ class Move:
     def arrive(self, target: FloatArray) -> FloatArray:
         """Postures (T, n) until at rest."""
         first = len(self.rows)
-        most = self.generator.duration(target) / self.dt
+        settled = (self.velocity / self.acceleration).max() + (2.0 * self.acceleration / self.jerk).max()
+        most = (np.abs(target - self.rows[-1]) / self.velocity).max() + 4.0 * settled
         while not self.generator.at_rest or len(self.rows) == first:
             self.step(target)
-            assert len(self.rows) - first <= max(most, 1.0) + ROUNDING
+            assert (len(self.rows) - first) * self.dt <= most + 4.0 * self.dt
         np.testing.assert_array_equal(self.generator.position, target)
         np.testing.assert_array_equal(self.generator.velocity, 0.0)
         return np.array(self.rows[first:])
@@ -60,13 +61,11 @@ class Move:
 
 @settings(max_examples=30)
 @given(seeds)
-def test_a_move_from_rest_to_rest_is_a_straight_line_that_ends_when_it_was_said(seed: int) -> None:
+def test_a_move_from_rest_to_rest_is_a_straight_line(seed: int) -> None:
     move = Move(seed)
     target = move.posture()
-    duration = move.generator.duration(target)
     rows = move.arrive(target)
     move.assert_within_limits()
-    assert not (target != move.start).any() or np.isclose(duration, len(rows) * move.dt, atol=1.01 * move.dt)
     way = target - move.start
     share = (rows - move.start) @ way / max(float(way @ way), 1e-300)
     assert np.abs(rows - move.start - share[:, None] * way).max() < ROUNDING
@@ -81,7 +80,7 @@ def test_it_is_about_as_fast_as_its_limits(seed: int) -> None:
     way, dt = np.abs(target - move.start), move.dt
     least = (way / move.velocity).max()
     most = least + (move.velocity / move.acceleration).max() + (2.0 * move.acceleration / move.jerk).max()
-    assert not way.any() or least <= move.generator.duration(target) <= most + 2.001 * dt
+    assert not way.any() or least <= dt * len(move.arrive(target)) <= most + 3.001 * dt
 
 
 @settings(max_examples=30)
@@ -127,7 +126,6 @@ def test_a_start_beyond_the_limits_comes_back_within_them(seed: int, beyond: flo
     velocity = beyond * move.velocity * move.random.uniform(-1.0, 1.0, n)
     acceleration = move.acceleration * move.random.uniform(-1.0, 1.0, n)
     move.generator.reset(move.start, velocity, acceleration)
-    np.testing.assert_array_equal(move.generator.target, move.start)
     moved = velocity * move.dt
     before = move.start - moved
     move.rows = [before - (moved - acceleration * move.dt**2), before, move.start]
@@ -161,7 +159,7 @@ def test_the_same_inputs_give_the_same_bits_whatever_was_before(seed: int) -> No
 
 def test_a_target_at_the_position_is_no_move() -> None:
     move = Move(1)
-    assert move.generator.at_rest and move.generator.duration(move.start) == 0.0
+    assert move.generator.at_rest
     np.testing.assert_array_equal(move.step(move.start), move.start)
     assert move.generator.at_rest
 
@@ -179,7 +177,6 @@ def test_whatever_is_finite_stays_finite(targets: list[float], state: list[float
         for override in (1.0, 0.0, 0.5):
             assert np.isfinite(generator.step(target, override)).all()
             assert np.isfinite(generator.velocity).all() and np.isfinite(generator.acceleration).all()
-            assert np.isfinite(generator.duration(target))
 
 
 def test_what_is_no_number_no_shape_or_no_limit_is_refused() -> None:
@@ -189,7 +186,7 @@ def test_what_is_no_number_no_shape_or_no_limit_is_refused() -> None:
             *limits, dt = values
             with pytest.raises(ValueError):
                 TrajectoryGenerator(*(np.array([limit]) for limit in limits), dt=dt)
-    with refuses(ValueError, "one of each for every joint"):
+    with refuses(ValueError, "max_acceleration"):
         TrajectoryGenerator(one, two, one, dt=0.01)
     with refuses(ValueError, "100000 ticks"):
         TrajectoryGenerator(one, 0.001 * one, one, dt=0.01)
@@ -201,9 +198,8 @@ def test_what_is_no_number_no_shape_or_no_limit_is_refused() -> None:
         with pytest.raises(ValueError):
             generator.reset(*state)
     for target in (one, np.array([0.0, np.nan])):
-        for late in (generator.step, generator.duration):
-            with pytest.raises(ValueError):
-                late(target)
+        with pytest.raises(ValueError):
+            generator.step(target)
     for override in (-0.1, np.nan):
         with pytest.raises(ValueError):
             generator.step(two, override)

@@ -6,13 +6,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from messages import refuses
 from motion_texts import MARKERS, c3d_bytes
 from retarget.errors import InputError
-from retarget.sources.c3d import MarkerTracks, _metres, _one_subject, _up_axis, read_c3d, read_markers
+from retarget.frames import SENSORS
+from retarget.sources.c3d import (
+    MARKER_GROUPS,
+    MarkerTracks,
+    _metres,
+    _one_subject,
+    _up_axis,
+    groups_in,
+    read_c3d,
+    read_markers,
+)
 
 pytestmark = pytest.mark.filterwarnings("ignore:No analog data found:UserWarning")
 
@@ -117,32 +125,6 @@ def test_without_the_package_the_error_says_how_to_install_it(tmp_path: Path, mo
         read_c3d(path)
 
 
-@pytest.fixture(scope="module")
-def base() -> bytes:
-    return c3d_bytes(3)
-
-
-EDIT = st.tuples(st.floats(0.0, 1.0, exclude_max=True), st.binary(min_size=1, max_size=4), st.booleans())
-
-
-@given(st.lists(EDIT, min_size=1, max_size=5))
-def test_mangled_files_raise_input_errors_only(
-    tmp_path_factory: pytest.TempPathFactory, base: bytes, edits: list[tuple[float, bytes, bool]]
-) -> None:
-    path = tmp_path_factory.getbasetemp() / "mangled.c3d"
-    content = bytearray(base)
-    for share, new, in_header in edits:
-        # Half of the edits go where the format is decided: the header and the first parameters.
-        at = int(share * (1024 if in_header else len(content)))
-        content[at : at + len(new)] = new
-    path.write_bytes(bytes(content))
-    try:
-        frames = read_c3d(path)
-    except InputError:
-        return
-    assert np.isfinite(frames.position[frames.valid]).all() and np.isnan(frames.position[~frames.valid]).all()
-
-
 def test_recordings(shared: Path) -> None:
     for name, count, points in (
         ("cmu_c3d/02_01", 343, 41),
@@ -168,3 +150,18 @@ def test_markers_and_skeleton_of_one_trial_give_the_same_motion(shared: Path) ->
     for name in ("head", "l_wrist", "r_wrist", "l_ankle", "r_ankle", "pelvis"):
         apart = markers.position[:, markers.index(name)] - skeleton.position[:, skeleton.index(name)]
         assert np.median(np.linalg.norm(apart, axis=1)) < 0.12, name
+
+
+def test_groups_are_those_of_sensors_and_sides_do_not_mix() -> None:
+    assert set(MARKER_GROUPS) <= set(SENSORS)
+    for sensor, groups in MARKER_GROUPS.items():
+        assert all(len(set(group)) == len(group) > 0 for group in groups)
+        if sensor[1] == "_":
+            assert {name[0] for group in groups for name in group} == {sensor[0].upper()}
+
+
+def test_the_first_whole_group_counts() -> None:
+    assert groups_in(["LWRA", "LWRB"]) == {"l_wrist": ("LWRA", "LWRB")}
+    assert groups_in(["LWRA"]) == {"l_wrist": ("LWRA",)}
+    assert groups_in(["LASI", "RASI", "SACR"]) == {"pelvis": ("LASI", "RASI", "SACR")}
+    assert groups_in([]) == {} == groups_in(["LFHD"])

@@ -5,7 +5,7 @@ import pytest
 
 from messages import refuses, shows, shows_lines
 from retarget import rotations
-from retarget.errors import InputError, UsageError
+from retarget.errors import InputError
 from retarget.frames import SENSORS
 from retarget.sources.canonical import (
     UNITS,
@@ -183,9 +183,3 @@ def test_every_human_height_finds_its_unit(name: str) -> None:
 def test_no_unit_makes_it_human(height: float | None) -> None:
     with refuses(InputError, "--unit"):
         choose_unit(height, where="here")
-
-
-def test_named_units_in_any_case() -> None:
-    assert named_unit("CM") == named_unit("cm") == 0.01 and named_unit(None) is None
-    with refuses(UsageError, found="'metre'"):
-        named_unit("metre")

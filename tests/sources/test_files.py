@@ -48,7 +48,3 @@ def test_counts_and_rates_have_limits() -> None:
     for rate in (0.0, -120.0, 1e5, float("nan"), 1e-9):
         with refuses(InputError):
             files.check_rate(rate, "here")
-
-
-def test_frame_times_start_at_zero() -> None:
-    assert list(files.frame_times(3, 4.0)) == [0.0, 0.25, 0.5]

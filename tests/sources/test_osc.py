@@ -2,35 +2,18 @@
 
 import random
 import struct
+from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from osc_bytes import bundle, damaged, message
-from retarget.sources.osc import (
-    BAD_SIZE,
-    CUT_SHORT,
-    MANY_ARGUMENTS,
-    MAX_ALIKE,
-    MAX_ARGUMENTS,
-    MAX_ARGUMENTS_IN_ALL,
-    MAX_DEPTH,
-    MAX_LENGTHS,
-    MAX_MESSAGES,
-    MAX_REMEMBERED,
-    NO_ADDRESS,
-    NO_TAGS,
-    NOT_TEXT,
-    TOO_DEEP,
-    TOO_LONG,
-    TOO_MANY,
-    TOO_MANY_ARGUMENTS,
-    UNKNOWN_TAG,
-    OscLayouts,
-    OscPacket,
-    read_osc,
-)
+from osc_bytes import bundle, damaged, message, pose
+from retarget.sources import osc
+from retarget.sources.osc import OscLayouts, OscPacket, read_osc
+from retarget.sources.vmc import VmcDecoder
+from retarget.sources.vrchat import VrchatDecoder
 
 GOLDEN = bytes.fromhex(
     "2362756e646c6500 0000000000000001"  # #bundle, immediately
@@ -38,16 +21,16 @@ GOLDEN = bytes.fromhex(
     "00000014 2f564d432f4578742f4f4b00 2c690000 00000001"  # /VMC/Ext/OK ,i 1
 )
 REASONS = {
-    BAD_SIZE,
-    CUT_SHORT,
-    MANY_ARGUMENTS,
-    NO_ADDRESS,
-    NO_TAGS,
-    NOT_TEXT,
-    TOO_DEEP,
-    TOO_LONG,
-    TOO_MANY,
-    UNKNOWN_TAG,
+    osc.BAD_SIZE,
+    osc.CUT_SHORT,
+    osc.MANY_ARGUMENTS,
+    osc.NO_ADDRESS,
+    osc.NO_TAGS,
+    osc.NOT_TEXT,
+    osc.TOO_DEEP,
+    osc.TOO_LONG,
+    osc.TOO_MANY,
+    osc.UNKNOWN_TAG,
 }
 
 
@@ -63,18 +46,18 @@ def test_golden_bytes() -> None:
 def test_every_type_is_skipped_right() -> None:
     tags = "ifsbhdTFNIcrmtS[i]f"
     raw = message("/x", tags, -7, 0.5, "abc", b"12345", -(2**40), 0.1, 65, 1, 2, 3, "", 9, 2.5)
-    (osc,) = read_osc(raw).messages
-    assert osc.text == "abc"
-    assert struct.unpack_from(">f", raw, osc.at[-1]) == (2.5,)
+    (one,) = read_osc(raw).messages
+    assert one.text == "abc"
+    assert struct.unpack_from(">f", raw, one.at[-1]) == (2.5,)
     spans = read_osc(raw).variable()
-    assert len(spans) == 10 and spans[2] == (osc.at[4], osc.at[4] + 8)  # i f h d c r m t i f; h is the third
+    assert len(spans) == 10 and spans[2] == (one.at[4], one.at[4] + 8)  # i f h d c r m t i f; h is the third
 
 
 @pytest.mark.parametrize("size", range(9))
 def test_what_follows_a_blob_is_found(size: int) -> None:
     raw = message("/x", "bi", bytes(size), 7)
-    (osc,) = read_osc(raw).messages
-    assert struct.unpack_from(">i", raw, osc.at[1]) == (7,)
+    (one,) = read_osc(raw).messages
+    assert struct.unpack_from(">i", raw, one.at[1]) == (7,)
 
 
 def nested(depth: int) -> bytes:
@@ -85,8 +68,8 @@ def nested(depth: int) -> bytes:
 
 
 def test_bundles_to_depth_four() -> None:
-    assert [m.address for m in read_osc(nested(MAX_DEPTH)).messages] == ["/deep"]
-    assert read_osc(nested(MAX_DEPTH + 1)) == OscPacket(dropped=[TOO_DEEP])
+    assert [m.address for m in read_osc(nested(osc.MAX_DEPTH)).messages] == ["/deep"]
+    assert read_osc(nested(osc.MAX_DEPTH + 1)) == OscPacket(dropped=[osc.TOO_DEEP])
     mixed = bundle(message("/a", ""), bundle(message("/b", "")), message("/c", ""))
     assert [m.address for m in read_osc(mixed).messages] == ["/a", "/b", "/c"]
 
@@ -97,21 +80,21 @@ FINE = message("/fine", "i", 1)
 @pytest.mark.parametrize(
     ("bad", "reason"),
     [
-        (b"none\0\0\0\0,\0\0\0", NO_ADDRESS),
-        (b"/x\0\0", NO_TAGS),
-        (b"/x\0\0ifs\0", NO_TAGS),
-        (b"/xyz", CUT_SHORT),
-        (b"/x\0\0,iii", CUT_SHORT),
-        (b"/x\0\0,i\0\0", CUT_SHORT),
-        (b"/x\0\0,d\0\0\0\0\0\0", CUT_SHORT),
-        (b"/x\0\0,s\0\0abcd", CUT_SHORT),
-        (b"/x\0\0,b\0\0", CUT_SHORT),
-        (b"/x\0\0,b\0\0\xff\xff\xff\xff", CUT_SHORT),
-        (b"/x\0\0,b\0\0\0\0\0\5abcd", CUT_SHORT),
-        (b"/x\0\0,z\0\0\0\0\0\0", UNKNOWN_TAG),
-        (b"/\xff\0\0,\0\0\0", NOT_TEXT),
-        (b"/x\0\0,s\0\0\xc3\0\0\0", NOT_TEXT),
-        (message("/x", "T" * (MAX_ARGUMENTS + 1)), MANY_ARGUMENTS),
+        (b"none\0\0\0\0,\0\0\0", osc.NO_ADDRESS),
+        (b"/x\0\0", osc.NO_TAGS),
+        (b"/x\0\0ifs\0", osc.NO_TAGS),
+        (b"/xyz", osc.CUT_SHORT),
+        (b"/x\0\0,iii", osc.CUT_SHORT),
+        (b"/x\0\0,i\0\0", osc.CUT_SHORT),
+        (b"/x\0\0,d\0\0\0\0\0\0", osc.CUT_SHORT),
+        (b"/x\0\0,s\0\0abcd", osc.CUT_SHORT),
+        (b"/x\0\0,b\0\0", osc.CUT_SHORT),
+        (b"/x\0\0,b\0\0\xff\xff\xff\xff", osc.CUT_SHORT),
+        (b"/x\0\0,b\0\0\0\0\0\5abcd", osc.CUT_SHORT),
+        (b"/x\0\0,z\0\0\0\0\0\0", osc.UNKNOWN_TAG),
+        (b"/\xff\0\0,\0\0\0", osc.NOT_TEXT),
+        (b"/x\0\0,s\0\0\xc3\0\0\0", osc.NOT_TEXT),
+        (message("/x", "T" * (osc.MAX_ARGUMENTS + 1)), osc.MANY_ARGUMENTS),
     ],
 )
 def test_a_bad_message_is_dropped_and_the_next_one_is_read(bad: bytes, reason: str) -> None:
@@ -122,7 +105,7 @@ def test_a_bad_message_is_dropped_and_the_next_one_is_read(bad: bytes, reason: s
 
 @pytest.mark.parametrize("size", [-4, 0, 3, 20, 2**31 - 1, -(2**31)])
 def test_a_size_that_does_not_fit_drops_the_datagram(size: int) -> None:
-    assert read_osc(bundle(FINE) + struct.pack(">i", size) + FINE) == OscPacket(dropped=[BAD_SIZE])
+    assert read_osc(bundle(FINE) + struct.pack(">i", size) + FINE) == OscPacket(dropped=[osc.BAD_SIZE])
 
 
 def test_a_cut_datagram_has_nothing() -> None:
@@ -135,10 +118,10 @@ def test_a_cut_datagram_has_nothing() -> None:
 
 
 def test_bounds() -> None:
-    assert len(read_osc(bundle(*[FINE] * MAX_MESSAGES)).messages) == MAX_MESSAGES
+    assert len(read_osc(bundle(*[FINE] * osc.MAX_MESSAGES)).messages) == osc.MAX_MESSAGES
     for many in (FINE, b"/x\0\0"):
-        packet = read_osc(bundle(*[many] * (MAX_MESSAGES + 1)))
-        assert (packet.messages, packet.dropped) == ([], [TOO_MANY])
+        packet = read_osc(bundle(*[many] * (osc.MAX_MESSAGES + 1)))
+        assert (packet.messages, packet.dropped) == ([], [osc.TOO_MANY])
 
 
 @pytest.mark.parametrize("tag", ["T", "f"])
@@ -146,13 +129,13 @@ def test_the_arguments_of_all_messages_are_bounded(tag: str) -> None:
     """One datagram of many long messages must not cost a tick: it is given up where it passes the bound."""
     each = 64
     one = message("/x", tag * each, *([1.0] * each if tag == "f" else []))
-    fits = read_osc(bundle(*[one] * (MAX_ARGUMENTS_IN_ALL // each)))
-    assert fits.arguments == MAX_ARGUMENTS_IN_ALL and len(fits.messages) == MAX_ARGUMENTS_IN_ALL // each
+    fits = read_osc(bundle(*[one] * (osc.MAX_ARGUMENTS_IN_ALL // each)))
+    assert fits.arguments == osc.MAX_ARGUMENTS_IN_ALL and len(fits.messages) == osc.MAX_ARGUMENTS_IN_ALL // each
     packet = read_osc(bundle(*[one] * 100))
-    assert (packet.messages, packet.dropped) == ([], [TOO_MANY_ARGUMENTS])
-    assert packet.arguments <= MAX_ARGUMENTS_IN_ALL + each
-    assert read_osc(bytes(65_540)) == OscPacket(dropped=[TOO_LONG])
-    assert len(read_osc(message("/x", "T" * MAX_ARGUMENTS)).messages) == 1
+    assert (packet.messages, packet.dropped) == ([], [osc.TOO_MANY_ARGUMENTS])
+    assert packet.arguments <= osc.MAX_ARGUMENTS_IN_ALL + each
+    assert read_osc(bytes(65_540)) == OscPacket(dropped=[osc.TOO_LONG])
+    assert len(read_osc(message("/x", "T" * osc.MAX_ARGUMENTS)).messages) == 1
 
 
 @settings(max_examples=300)
@@ -161,8 +144,8 @@ def test_noise_never_raises(noise: bytes) -> None:
     for datagram in (noise, b"#bundle\0" + noise, b"/a\0\0," + noise):
         packet = read_osc(datagram)
         assert set(packet.dropped) <= REASONS
-        for osc in packet.messages:
-            assert len(osc.tags) == len(osc.at)
+        for one in packet.messages:
+            assert len(one.tags) == len(one.at)
         assert all(0 <= start < end <= len(datagram) and start % 4 == 0 for start, end in packet.variable())
 
 
@@ -222,20 +205,67 @@ def test_what_is_remembered_is_bounded() -> None:
     asked = Asked()
     for number in range(20):
         asked.layouts.of(four(1.0, f"{number:03d}"))
-    assert len(asked.layouts) == MAX_ALIKE
+    assert len(asked.layouts) == osc.MAX_ALIKE
     for number in range(200):
         asked.layouts.of(four(1.0, "x" * 4 * number))
-        assert len(asked.layouts) <= MAX_ALIKE * MAX_LENGTHS
+        assert len(asked.layouts) <= osc.MAX_ALIKE * osc.MAX_LENGTHS
     many = bundle(*[message("/" + "a" * 40, "f", 1.0)] * 500)
-    assert len(many) > MAX_REMEMBERED
+    assert len(many) > osc.MAX_REMEMBERED
     before, asked.times = len(asked.layouts), 0
     asked.layouts.of(many)
     asked.layouts.of(many)
     assert asked.times == 2 and len(asked.layouts) == before
 
 
-def test_nothing_is_remembered_of_what_cannot_be_read() -> None:
-    asked = Asked()
-    for broken in (b"", b"x", four(1.0)[:-4], bundle()):
-        asked.layouts.of(broken)
-    assert len(asked.layouts) == 0
+TURNED = (0.1, 0.2, 0.3, 0.5, -0.5, 0.5, 0.5)
+AVATAR = bundle(
+    message("/VMC/Ext/T", "f", 1.0),
+    message("/VMC/Ext/OK", "iiii", 1, 3, 0, 1),
+    pose("/VMC/Ext/Root/Pos", "root"),
+    *(pose("/VMC/Ext/Bone/Pos", name, *TURNED) for name in ("Hips", "Spine", "Head")),
+    pose("/VMC/Ext/Hmd/Pos", "human://HEAD", *TURNED),
+)
+TRACKERS = bundle(
+    *(message(f"/tracking/trackers/{n}/position", "fff", 1.0, 2.0, 3.0) for n in ("head", "1", "-1", "5")),
+    *(message(f"/tracking/trackers/{n}/rotation", "fff", 10.0, 20.0, 30.0) for n in ("1", "5")),
+)
+
+
+def check_damaged(decoder: type[VmcDecoder | VrchatDecoder], count: int, seed: int, datagram: bytes) -> None:
+    """One decoder that remembers layouts against a fresh one, on damaged datagrams."""
+    source, used = random.Random(seed), decoder()
+    for number in range(count):
+        raw = damaged(source, datagram)
+        frames = used.decode(raw)
+        for frame in frames:
+            given = ~np.isnan(frame.orientation[:, 0])
+            np.testing.assert_allclose(np.linalg.norm(frame.orientation[given], axis=1), 1.0, atol=1e-9)
+            assert not np.isinf(frame.position).any() and len(set(frame.names)) == len(frame.names)
+        if number % 10 == 0:
+            fresh = decoder()
+            if isinstance(fresh, VmcDecoder) and isinstance(used, VmcDecoder):
+                fresh.loaded, fresh.tracking = used.loaded, used.tracking
+            for one, other in zip(frames, fresh.decode(raw), strict=True):
+                assert (one.names, one.stamp, one.tracked.tolist()) == (
+                    other.names,
+                    other.stamp,
+                    other.tracked.tolist(),
+                )
+                np.testing.assert_array_equal(one.position, other.position)
+                np.testing.assert_array_equal(one.orientation, other.orientation)
+    assert len(used.dropped.reasons) < 20
+
+
+@pytest.mark.parametrize(("decoder", "datagram"), [(VmcDecoder, AVATAR), (VrchatDecoder, TRACKERS)])
+def test_damaged_datagrams(decoder: type[VmcDecoder | VrchatDecoder], datagram: bytes) -> None:
+    check_damaged(decoder, 2000, 1, datagram)
+
+
+@pytest.mark.long
+def test_a_million_damaged_datagrams_of_each_sender(shared: Path) -> None:
+    folder = shared / "streams/slimevr"
+    real = folder / "one_bundle_pose_left_arm_T_right_elbow90_left_hip60.bin"
+    check_damaged(VmcDecoder, 500_000, 2, real.read_bytes())
+    check_damaged(VmcDecoder, 500_000, 3, AVATAR)
+    check_damaged(VrchatDecoder, 500_000, 2, (folder / "one_vrchat_osc_bundle.bin").read_bytes())
+    check_damaged(VrchatDecoder, 500_000, 3, TRACKERS)

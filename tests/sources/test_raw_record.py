@@ -1,6 +1,7 @@
 """Recordings of datagrams: what was written is read back, and damage costs only what stands behind it."""
 
 import gzip
+import os
 import struct
 from pathlib import Path
 
@@ -43,29 +44,12 @@ def test_what_was_written_is_read(recording: Path) -> None:
     assert list(reader) == SENT  # and again
 
 
-def test_packed(recording: Path) -> None:
-    packed = recording.with_suffix(".gz")
-    packed.write_bytes(gzip.compress(recording.read_bytes()))
-    assert list(RawReader(packed)) == SENT
-
-
 def test_the_bytes_of_the_format(tmp_path: Path) -> None:
     write(tmp_path / "a", [Datagram(0.000000258, 513, b"\x07", "1.2.3.4")])
     wanted = b"RAWDGM01" + b"\x15\0" + URL.encode()
     record = bytes.fromhex("0201000000000000 0102 00000000000000000000ffff01020304 01000000 07")
     content = (tmp_path / "a").read_bytes()
     assert content[: len(wanted)] == wanted and content[len(wanted) + 4 :] == record
-
-
-@pytest.mark.parametrize("name", ["full12_vmc_50hz", "full12_vrcosc_20hz"])
-def test_the_old_format(shared: Path, name: str) -> None:
-    reader = RawReader(shared / f"streams/slimevr/{name}.udprec.gz")
-    datagrams = list(reader)
-    assert reader.url == "" and reader.damage == ""
-    assert len(datagrams) > 200
-    assert all(datagram.payload.startswith(b"#bundle\0") or datagram.payload[:1] == b"/" for datagram in datagrams)
-    times = [datagram.time_s for datagram in datagrams]
-    assert times == sorted(times) and 10.0 < times[-1] - times[0] < 60.0
 
 
 def test_the_old_format_cut_short(tmp_path: Path) -> None:
@@ -201,3 +185,9 @@ def test_any_bytes(tmp_path_factory: pytest.TempPathFactory, data: bytes, old: b
     path.write_bytes((b"UDPREC01" if old else b"RAWDGM01\0\0") + data)
     reader = RawReader(path)
     assert sum(len(datagram.payload) for datagram in reader) <= len(data)
+
+
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "a.raw")
+    with refuses(InputError, tmp_path / "a.raw"):
+        RawReader(tmp_path / "a.raw")

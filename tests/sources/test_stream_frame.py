@@ -70,28 +70,6 @@ def test_turning_then_converting_is_converting_then_turning(row: Convention) -> 
     np.testing.assert_allclose(turned_first, converted_first, atol=1e-12)
 
 
-@ALL
-def test_turns_are_chained_alike(row: Convention) -> None:
-    _, a = random_poses(2)
-    _, b = random_poses(3)
-    np.testing.assert_allclose(
-        row.orientations(rotations.multiply(a, b)),
-        rotations.multiply(row.orientations(a), row.orientations(b)),
-        atol=1e-12,
-    )
-
-
-@ALL
-def test_shapes_units_and_signs_are_kept(row: Convention) -> None:
-    points, turns = random_poses(4)
-    stacked = row.positions(points.reshape(5, 10, 3)).reshape(50, 3)
-    np.testing.assert_array_equal(stacked, row.positions(points))
-    np.testing.assert_allclose(row.positions(points), [row.positions(point) for point in points], rtol=1e-12)
-    np.testing.assert_array_equal(row.orientations(-turns), -row.orientations(turns))
-    np.testing.assert_allclose(np.linalg.norm(row.orientations(turns), axis=-1), 1.0)
-    assert np.isnan(row.positions(np.full((2, 3), np.nan))).all()
-
-
 def test_the_formulas_of_the_vendors() -> None:
     points, turns = random_poses(5)
     (px, py, pz), (w, x, y, z) = points.T, turns.T

@@ -1,29 +1,22 @@
 """VMC: names, poses, states, what is dropped, and that remembering layouts changes nothing."""
 
-import random
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from osc_bytes import bundle, damaged, message, pose, text
+from osc_bytes import bundle, message, pose
 from people import place
-from retarget import rotations
 from retarget.model.human import build_human
 from retarget.model.human_dimensions import POINTS, proportional_dimensions
-from retarget.rotations import angle_between, from_axis_angle, from_rotation_vector, multiply, rotate
-from retarget.sources.raw_record import RawReader
-from retarget.sources.stream_frame import CONVENTIONS, MAX_POSES, StreamFrame
+from retarget.rotations import angle_between, from_axis_angle, from_rotation_vector, multiply
+from retarget.sources.stream_frame import MAX_POSES, StreamFrame
 from retarget.sources.vmc import (
     BAD_POSE,
     BAD_SERIAL,
     BAD_STAMP,
     BODY_BONES,
-    BONES,
-    MAX_SERIAL,
     OPTIONAL,
     SENT_TWICE,
     TOO_MANY_POSES,
@@ -32,26 +25,13 @@ from retarget.sources.vmc import (
     WRONG_ARGUMENTS,
     VmcBodyDecoder,
     VmcDecoder,
-    bone_name,
     bone_poses,
-    device_name,
     t_pose_offsets,
     world_poses,
 )
 from retarget.types import FloatArray
 
-UNITY = CONVENTIONS["unity"]
 ROOT, BONE, HMD, CON, TRA = (f"/VMC/Ext/{part}/Pos" for part in ("Root", "Bone", "Hmd", "Con", "Tra"))
-
-
-@settings(max_examples=100)
-@given(st.lists(st.floats(-1.0, 1.0), min_size=7, max_size=7))
-def test_turning_and_converting_may_change_places(numbers: list[float]) -> None:
-    """A left-handed turn of a point, converted, is the converted turn of the converted point."""
-    point, q = np.array(numbers[:3]), rotations.normalise([*numbers[3:6], 2.0 + numbers[6]])
-    (frame,) = VmcDecoder().decode(pose(TRA, "a", *point, *q))
-    turned = UNITY.positions(rotations.rotate(q[[3, 0, 1, 2]], point))  # the formula is the same in both kinds of axes
-    assert_allclose(rotations.rotate(frame.orientation[0], frame.position[0]), turned, atol=1e-6)
 
 
 TURNED = (0.1, 0.2, 0.3, 0.5, -0.5, 0.5, 0.5)
@@ -67,17 +47,6 @@ def one(*messages: bytes) -> StreamFrame:
     (frame,), decoder = decode(*messages)
     assert not decoder.dropped.reasons
     return frame
-
-
-def same(first: list[StreamFrame], second: list[StreamFrame]) -> bool:
-    return len(first) == len(second) and all(
-        a.names == b.names
-        and a.stamp == b.stamp
-        and np.array_equal(a.tracked, b.tracked)
-        and np.array_equal(a.position, b.position, equal_nan=True)
-        and np.array_equal(a.orientation, b.orientation, equal_nan=True)
-        for a, b in zip(first, second, strict=True)
-    )
 
 
 def test_golden_bytes() -> None:
@@ -102,9 +71,8 @@ def test_names_by_serial_bone_and_root() -> None:
         pose(HMD, "human://HEAD"),
         pose(TRA, "human://WAIST"),
         pose(CON, "human://LEFT_HAND"),
-        pose(HMD + "/Local", "human://HEAD"),
     )
-    devices = ("human://HEAD", "human://WAIST", "human://LEFT_HAND", "local://human://HEAD")
+    devices = ("human://HEAD", "human://WAIST", "human://LEFT_HAND")
     assert frame.names == ("root://root", "bone://LeftUpperArm", *devices)
     assert frame.stamp == 7.5
 
@@ -122,11 +90,6 @@ def test_surplus_arguments_are_ignored_and_quaternions_are_made_unit() -> None:
     values = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.99)
     frame = one(message(ROOT, "sfffffffffffff", "root", *values, *scale))
     assert_allclose(frame.orientation, [[1.0, 0.0, 0.0, 0.0]], atol=1e-15)
-
-
-def test_the_sign_of_a_quaternion_stays() -> None:
-    frame = one(pose(TRA, "a", 0, 0, 0, 0, 0, 0, -1))
-    assert frame.orientation[0, 0] == -1.0
 
 
 @pytest.mark.parametrize(
@@ -157,7 +120,8 @@ def test_what_is_dropped_by_reason_leaves_the_rest(bad: bytes, reason: str) -> N
 
 
 @pytest.mark.parametrize(
-    "address", ["/VMC/Ext/Blend/Val", "/VMC/Ext/Con", "/VMC/Ext/Cam", "/VMC/Thru/a", "/VMC/Ext/Key"]
+    "address",
+    ["/VMC/Ext/Blend/Val", "/VMC/Ext/Con", "/VMC/Ext/Cam", "/VMC/Thru/a", "/VMC/Ext/Key", "/VMC/Ext/Hmd/Pos/Local"],
 )
 def test_messages_without_a_pose_are_no_fault(address: str) -> None:
     frames, decoder = decode(message(address, "sf", "A", 1.0))
@@ -175,12 +139,6 @@ def test_a_pose_out_of_this_world_is_nan_and_untracked(index: int, value: float)
     assert np.isnan(frame.position[1]).all() and np.isnan(frame.orientation[1]).all()
     assert np.isfinite(frame.position[[0, 2]]).all() and np.isfinite(frame.orientation[[0, 2]]).all()
     assert decoder.dropped.reasons == {BAD_POSE: 1}
-
-
-def test_a_zero_quaternion_and_a_signalling_nan_are_dropped() -> None:
-    assert decode(pose(TRA, "a", *[0.0] * 7))[1].dropped.reasons == {BAD_POSE: 1}
-    signalling = pose(TRA, "a", *TURNED)[:-4] + b"\x7f\xa0\0\1"
-    assert decode(signalling)[1].dropped.reasons == {BAD_POSE: 1}
 
 
 def test_a_name_sent_twice_counts_last() -> None:
@@ -217,66 +175,6 @@ def test_a_time_of_its_own_datagram_only() -> None:
     assert decoder.decode(pose(TRA, "a"))[0].stamp is None
 
 
-def test_names_stay_the_same_object() -> None:
-    decoder = VmcDecoder()
-    rows = [pose(TRA, name) for name in "abcd"]
-    first = decoder.decode(bundle(*rows))[0]
-    second = decoder.decode(bundle(*rows, message("/VMC/Ext/Key", "")))[0]
-    assert first.names is second.names
-
-
-def test_numbers_are_read_afresh_from_a_remembered_layout() -> None:
-    decoder = VmcDecoder()
-    for number in range(5):
-        time = message("/VMC/Ext/T", "f", float(number))
-        state = message("/VMC/Ext/OK", "i", number % 2)
-        rows = [pose(TRA, name, float(number), *TURNED[1:]) for name in "abcd"]
-        (frame,) = decoder.decode(bundle(time, state, *rows, time_tag=number))
-        assert frame.stamp == number and decoder.loaded == bool(number % 2) and frame.tracked.all() == number % 2
-        assert_allclose(frame.position[:, 1], -float(number))
-
-
-def whole() -> bytes:
-    bones = [pose(BONE, name, *TURNED) for name in ("Hips", "Spine", "Head")]
-    state = message("/VMC/Ext/OK", "iiii", 1, 3, 0, 1)
-    return bundle(
-        message("/VMC/Ext/T", "f", 1.0), state, pose(ROOT, "root"), *bones, pose(HMD, "human://HEAD", *TURNED)
-    )
-
-
-def check_damaged(count: int, seed: int, datagram: bytes) -> None:
-    """One decoder that remembers against a fresh one, on damaged datagrams."""
-    source = random.Random(seed)
-    used = VmcDecoder()
-    for number in range(count):
-        raw = damaged(source, datagram)
-        frames = used.decode(raw)
-        for frame in frames:
-            given = ~np.isnan(frame.orientation[:, 0])
-            assert_allclose(np.linalg.norm(frame.orientation[given], axis=1), 1.0, atol=1e-9)
-            assert not np.isinf(frame.position).any() and len(set(frame.names)) == len(frame.names)
-        if number % 10 == 0:
-            fresh = VmcDecoder()
-            fresh.loaded, fresh.tracking = used.loaded, used.tracking
-            assert same(frames, fresh.decode(raw)), (seed, number)
-    assert len(used.dropped.reasons) < 20
-
-
-def test_damaged_datagrams() -> None:
-    check_damaged(2000, 1, whole())
-
-
-@pytest.mark.long
-def test_a_million_damaged_datagrams(shared: Path) -> None:
-    real = shared / "streams/slimevr/one_bundle_pose_left_arm_T_right_elbow90_left_hip60.bin"
-    check_damaged(500_000, 2, real.read_bytes())
-    check_damaged(500_000, 3, whole())
-
-
-def test_texts_are_padded_as_the_golden_bytes() -> None:
-    assert text("abc") == b"abc\0" and text("abcd") == b"abcd\0\0\0\0"
-
-
 ME = (1.0, 0.0, 0.0, 0.0)
 
 
@@ -302,8 +200,7 @@ PARTS = ("UpperArm", "LowerArm", "Hand", "UpperLeg", "LowerLeg", "Foot")
 def test_an_avatar_in_several_datagrams_is_put_together() -> None:
     decoder = VmcBodyDecoder()
     (half,) = decoder.decode(bundle(bone("Hips"), bone("Spine"), bone("Head")))
-    known = dict(zip(half.names, half.tracked, strict=True))
-    assert known["bone://Head"] and not known["bone://LeftHand"]
+    assert "bone://Head" in half.names and "bone://LeftHand" not in half.names
     (whole,) = decoder.decode(bundle(*(bone(s + p) for s in ("Left", "Right") for p in PARTS)))
     assert dict(zip(whole.names, whole.tracked, strict=True))["bone://LeftHand"]
     assert decoder.decode(bundle(message("/VMC/Ext/T", "f", 1.0))) == []
@@ -333,24 +230,13 @@ def test_an_avatar_sent_bone_by_bone_is_whole_once_in_each_round() -> None:
 
 
 def test_a_bone_that_is_not_sent_any_more_is_kept_for_a_while_and_then_lost() -> None:
-    decoder, hand = VmcBodyDecoder(), BODY_BONES.index("LeftHand")
+    decoder = VmcBodyDecoder()
     for _ in range(3):
         one_by_one(decoder, *BODY_BONES)
     others = [name for name in BODY_BONES if name != "LeftHand"]
-    known = [frame.tracked[hand] for _ in range(20) for frame in one_by_one(decoder, *others)]
+    known = ["bone://LeftHand" in frame.names for _ in range(20) for frame in one_by_one(decoder, *others)]
     assert 18 <= len(known) <= 20 and sum(known) in (6, 7, 8) and not any(known[8:])
-
-
-def test_slimevr_s_bones_agree_with_its_roles(shared: Path) -> None:
-    decoder, heights = VmcBodyDecoder(), []
-    for record in RawReader(shared / "streams/slimevr/full12_vmc_50hz.udprec.gz"):
-        for frame in decoder.decode(record.payload):
-            at = dict(zip(frame.names, frame.position, strict=True))
-            heights.append((at["bone://LeftHand"][2], at["bone://RightFoot"][2], at["bone://Head"][2]))
-    hand, foot, head = np.array(heights).T
-    assert len(heights) > 600
-    assert hand.max() - hand.min() > 0.4  # the left arm goes up to the side
-    assert foot.min() > 0.0 and foot.max() < 0.2 and head.min() > 1.3
+    assert decoder.dropped.reasons == {"LeftHand, a bone that an avatar needs, is not sent": len(known) - sum(known)}
 
 
 REQUIRED = tuple(bone for bone in BODY_BONES if bone not in OPTIONAL)
@@ -375,11 +261,6 @@ def world(frame: StreamFrame) -> dict[str, tuple[FloatArray, FloatArray]]:
 
 def still(*bones: str) -> dict[str, FloatArray]:
     return {bone: np.array([1.0, 0.0, 0.0, 0.0]) for bone in bones or BODY_BONES}
-
-
-def test_identity_in_the_t_pose() -> None:
-    for _, turn in world(frame_of(still())).values():
-        assert_allclose(turn, [1.0, 0.0, 0.0, 0.0])
 
 
 def test_a_turn_reaches_all_that_hangs_from_a_bone_and_nothing_else() -> None:
@@ -413,13 +294,6 @@ def test_a_chain_is_the_product_of_its_bones(turns: list[FloatArray]) -> None:
     for bone in chain:
         product = multiply(product, turned[bone])
     assert angle_between(found["RightHand"][1], product) < 1e-6
-
-
-def test_optional_bones_may_be_missing() -> None:
-    turn = from_axis_angle(Y, 0.3)
-    found = world(frame_of({**still(*REQUIRED), "Spine": turn}))
-    for bone in ("UpperChest", "Neck", "Head", "LeftHand", "RightShoulder"):
-        assert_allclose(found[bone][1], turn)
 
 
 @pytest.mark.parametrize("bone", REQUIRED)
@@ -458,47 +332,3 @@ def test_sent_positions_go_before_lengths() -> None:
     found = world(frame_of({**still(), "root": from_axis_angle(Z, QUARTER)}, position=X))
     assert_allclose(found["Hips"][0], X + Y, atol=1e-12)  # the root's position, and then one step turned
     assert_allclose(found["Spine"][0], X + 2.0 * Y, atol=1e-12)
-
-
-def test_a_bone_below_an_unknown_one_has_no_place() -> None:
-    turns = still(*REQUIRED)
-    del turns["RightUpperLeg"]
-    found = world(frame_of(turns, position=Z))
-    for bone in ("RightLowerLeg", "RightFoot"):
-        assert np.isnan(found[bone][0]).all(), bone
-    for bone in ("RightShoulder", "RightHand", "LeftFoot", "Head"):
-        assert np.isfinite(found[bone][0]).all(), bone
-
-
-def test_a_bent_elbow_moves_the_hand() -> None:
-    bend = from_axis_angle(Z, -QUARTER)  # the left forearm to the front
-    found = world(frame_of({**still(), "LeftLowerArm": bend}))
-    forearm = found["LeftHand"][0] - found["LeftLowerArm"][0]
-    assert_allclose(forearm, rotate(bend, LENGTHS["bone://LeftHand"]), atol=1e-12)
-    assert forearm[0] > 0.2
-
-
-def test_nothing_is_sent() -> None:
-    assert np.isnan(world(frame_of({}))["Hips"][1]).all()
-
-
-def test_unity_has_55_bones() -> None:
-    assert len(BONES) == len(set(BONES)) == 55 and len(BODY_BONES) == 22
-    assert {"LeftThumbProximal", "RightLittleDistal", "Jaw", "LeftEye", "UpperChest"} <= set(BONES)
-
-
-@pytest.mark.parametrize("name", ["LeftUpperArm", "leftUpperArm", "LEFTUPPERARM", "leftupperarm"])
-def test_bones_in_any_case(name: str) -> None:
-    assert bone_name(name) == "bone://LeftUpperArm"
-
-
-@pytest.mark.parametrize("name", ["", "LastBone", "Left Upper Arm", "LeftUpperArm ", "bone://Hips"])
-def test_no_bones(name: str) -> None:
-    assert bone_name(name) is None
-
-
-def test_serials() -> None:
-    for fine in ("human://HEAD", "LHR-ABCD0001", "a", "é", "x" * MAX_SERIAL):
-        assert device_name(fine) == fine
-    for bad in ("", "x" * (MAX_SERIAL + 1), "a\nb", "\x1b[2J", "bone://Hips", "Root://root", "local://a"):
-        assert device_name(bad) is None

@@ -14,7 +14,7 @@ from hardware.guard import Guard, Torque
 from hardware.joint_map import JointMap
 from hardware.servo import ServoSpec, find_model
 from retarget.safety.gate import Gate
-from sim.emulator.conversation import Gaps
+from sim.emulator.conversation import Conduct, Gaps
 from sim.emulator.fault_state import FaultState
 from sim.emulator.faults import Fault
 from sim.emulator.line import Line, Timing
@@ -100,7 +100,7 @@ class BusRig:
             own = [one for one, servo in zip(self.devices, self.servos, strict=True) if servo.bus == bus.name]
             own += [one for one, servo in zip(others, unknown_ids, strict=True) if servo.bus == bus.name]
             wire = timing.get(bus.name) if isinstance(timing, dict) else timing
-            self.lines[bus.name] = Line(own, timing=wire, gaps=gaps, faults=FaultState(own, seed=7))
+            self.lines[bus.name] = Line(own, timing=wire, conduct=Conduct(gaps=gaps), faults=FaultState(own, seed=7))
         self.ports = {name: Tapped(line, self.clock, name=f"emulated {name}") for name, line in self.lines.items()}
         self.bus = self.another()
 

@@ -1,4 +1,4 @@
-"""To be described."""
+"""Robot files with a change."""
 
 import shutil
 from pathlib import Path

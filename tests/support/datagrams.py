@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from hardware.clock import MonotonicClock
 from retarget.live.address import StreamAddress
 from retarget.live.admission import Datagram
-from retarget.live.udp import UdpReceiver
+from retarget.live.receivers import UdpReceiver
 
 LOOPBACK = StreamAddress("vmc://", "vmc")
 """Loopback, at any free port."""

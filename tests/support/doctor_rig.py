@@ -14,8 +14,8 @@ from retarget.live.roles import roles_of
 from retarget.live.sensor_validity import SensorValidity
 from retarget.live.stream import LiveStream
 from retarget.schema.performer import Performer
-from retarget.setup.doctor_capture import StreamCapture, capture_stream
 from retarget.setup.doctor_machine import Finding, Level
+from retarget.setup.doctor_sensors import StreamCapture, capture_stream
 from retarget.setup.doctor_stream import judge, named_for
 from retarget.sources.stream_frame import Dropped
 from sim.faults.sender import FakeSender, SenderFault

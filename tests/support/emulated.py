@@ -8,6 +8,8 @@ from sim.emulator.servo1 import EmulatedServo1
 from sim.emulator.servo2 import EmulatedServo
 from sim.emulator.servo_body import ServoBuild
 
+Servo = EmulatedServo | EmulatedServo1
+
 
 def servo2(model: str = "XM430-W350", *, position: float = 2048.0, firmware: int | None = None) -> EmulatedServo:
     """A 2.0 servo at time 0."""
@@ -19,36 +21,32 @@ def servo1(model: str = "MX-28", *, position: float = 2048.0) -> EmulatedServo1:
     return EmulatedServo1(find_table(model, 1), find_model(model), ServoBuild(position))
 
 
-def write_register(servo: EmulatedServo, name: str, value: int, now: float = 0.0) -> int:
-    """Write a register of a 2.0 servo by an instruction; return the error byte."""
+def write_register(servo: Servo, name: str, value: int, now: float = 0.0) -> int:
+    """Write a register by an instruction; return the error byte."""
     register = servo.table[name]
-    params = register.address.to_bytes(2, "little") + register.encode(value)
+    params = register.address.to_bytes(servo.protocol, "little") + register.encode(value)
     return answered(servo, Instruction.WRITE, params, now).error
 
 
-def read_register(servo: EmulatedServo, name: str, now: float = 0.0) -> int:
-    """Read a register of a 2.0 servo."""
+def wrote(servo: Servo, now: float = 0.0, **values: int) -> None:
+    """Write registers in this order; none may be refused."""
+    for name, value in values.items():
+        assert write_register(servo, name, value, now) == 0, name
+
+
+def read_register(servo: Servo, name: str, now: float = 0.0) -> int:
+    """Read a register."""
     register = servo.table[name]
     return register.decode(servo.read(register.address, register.size, now).data)
 
 
-def answered(servo: EmulatedServo, instruction: int, params: bytes = b"", now: float = 0.0) -> Answer:
-    """Send an instruction to a 2.0 servo, which must answer."""
+def shown(servo: Servo, now: float, *names: str) -> tuple[int, ...]:
+    """What these registers show at a time, s."""
+    return tuple(read_register(servo, name, now) for name in names)
+
+
+def answered(servo: Servo, instruction: int, params: bytes = b"", now: float = 0.0) -> Answer:
+    """Send an instruction to a servo, which must answer."""
     answer = servo.execute(instruction, params, now, broadcast=False)
     assert answer is not None
     return answer
-
-
-def write_register1(servo: EmulatedServo1, name: str, value: int, now: float = 0.0) -> int:
-    """Write a register of a 1.0 servo by an instruction; return the error byte."""
-    register = servo.table[name]
-    params = bytes((register.address,)) + register.encode(value)
-    answer = servo.execute(Instruction.WRITE, params, now, broadcast=False)
-    assert answer is not None
-    return answer.error
-
-
-def read_register1(servo: EmulatedServo1, name: str, now: float = 0.0) -> int:
-    """Read a register of a 1.0 servo."""
-    register = servo.table[name]
-    return register.decode(servo.read(register.address, register.size, now).data)

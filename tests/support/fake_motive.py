@@ -1,22 +1,20 @@
 """A Motive server without cameras: answers NatNet questions and streams a recorded or made motion as rigid bodies.
 
-Datagrams in, datagrams out; no socket and no clock. Layouts as documented by OptiTrack for NatNet 3.0 to 4.x.
+Datagrams in, datagrams out; no socket and no clock.
 """
 
 from dataclasses import dataclass
-from struct import Struct, pack
+from struct import pack
 from typing import Literal
 
 import numpy as np
 
+from natnet_packets import Body, Catalogue, Motion, Pose, definitions, frame, server_info
 from retarget.frames import SensorFrames
-from retarget.sources.natnet_wire import DATA_PORT, MULTICAST_GROUP, MessageId, Version, message, split
+from retarget.sources.natnet_wire import MessageId, Version, message, split
 from retarget.types import FloatArray
 
-_BODY = Struct("<i3f4ffh")
-_SIZED = Version(4, 1)
-_MARKERS_NAMED = Version(4, 0)
-_TURNED = Version(4, 2)
+_USUAL = Version(4, 1)
 _MAX_BURST_S = 1.0
 """Longest burst of missed frames, after a time without a call of `due`."""
 
@@ -29,7 +27,7 @@ class MotiveSettings:
     clock_offset_s: what its clock said when ours said 0.
     """
 
-    version: Version = _SIZED
+    version: Version = _USUAL
     transport: Literal["unicast", "multicast"] = "unicast"
     up: Literal["y", "z"] = "y"
     clock_hz: int = 10_000_000
@@ -125,44 +123,29 @@ class FakeMotive:
         return message(MessageId.COMMAND_ANSWER, f"Bitstream,{self.version}\0".encode())
 
     def _server_info(self) -> bytes:
-        versions = bytes((3, 1, 0, 0, *self.settings.version, 0, 0))
-        multicast = self.settings.transport == "multicast"
-        tail = pack("<QHB", self.settings.clock_hz, DATA_PORT, multicast)
-        tail += bytes(int(part) for part in MULTICAST_GROUP.split("."))
-        return message(MessageId.SERVER_INFO, b"Motive".ljust(256, b"\0") + versions + tail)
+        settings = self.settings
+        multicast = settings.transport == "multicast"
+        return server_info(settings.version, clock_hz=settings.clock_hz, multicast=multicast)
 
     def _definitions(self) -> bytes:
-        version = self.version
-        out = pack("<I", len(self._names))
-        for number, name in enumerate(self._names, start=self._first_id):
-            body = name.encode() + b"\0" + pack("<ii3f", number, -1, 0.0, 0.0, 0.0)
-            body += pack("<4f", 0.0, 0.0, 0.0, 1.0) if version >= _TURNED else b""
-            body += pack("<I", 1) + bytes(16) + (b"Marker1\0" if version >= _MARKERS_NAMED else b"")
-            out += pack("<I", 1) + (pack("<I", len(body)) if version >= _SIZED else b"") + body
-        return message(MessageId.DEFINITIONS, out)
+        bodies = [Body(name, number, markers=1) for number, name in enumerate(self._names, start=self._first_id)]
+        return definitions(Catalogue(bodies, crowd=False), self.version)
 
     def _frame(self, index: int) -> bytes:
         row = index % len(self._motion.time)
-        bodies = b"".join(
-            _BODY.pack(
-                number + self._first_id, *self._position[row, number], *self._turn[row, number], 2e-4, int(valid)
-            )
-            for number, valid in enumerate(self._motion.valid[row])
-        )
-        sized = self.version >= _SIZED
-        blocks = [(0, b"")] * 2 + [(len(self._names), bodies)] + [(0, b"")] * (5 if sized else 4)
-        out = pack("<I", index % 2**32)
-        for count, content in blocks:
-            out += pack("<I", count) + (pack("<I", len(content)) if sized else b"") + content
+        columns = zip(self._position[row].tolist(), self._turn[row].tolist(), self._motion.valid[row], strict=True)
+        bodies = [
+            Pose(number, (x, y, z), (a, b, c, w), int(valid))
+            for number, ((x, y, z), (a, b, c, w), valid) in enumerate(columns, start=self._first_id)
+        ]
         exposed = index / self._rate_hz
         sent = exposed + self.settings.latency_s
-        out += pack("<IId", 0, 0, exposed)
-        out += pack("<QQQ", self._ticks(exposed), self._ticks(0.5 * (exposed + sent)), self._ticks(sent))
-        out += pack("<II", 0, 0) if sized else b""
-        out += pack("<hI", 2 if self._changed else 0, 0)
+        ticks = (self._ticks(exposed), self._ticks(0.5 * (exposed + sent)), self._ticks(sent))
+        flags = 2 if self._changed else 0
         self._changed = False
         self.frames += 1
-        return message(MessageId.FRAME, out)
+        motion = Motion(index % 2**32, bodies, timestamp=exposed, ticks=ticks, flags=flags, crowd=False)
+        return frame(motion, self.version)
 
 
 def _to_wire(motion: SensorFrames, up: str) -> tuple[FloatArray, FloatArray]:

@@ -1,12 +1,13 @@
 """OP3 behind a gate that looks at collision, without servos: what the tests of the gate's collision part share."""
 
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
 from followers import DT, op3
 from gates import admit
+from observed_robot import scene_of as scene_of
+from observed_robot import sphere as sphere
 from retarget import _solver
 from retarget.ik.base_pose import plant_roots
 from retarget.ik.hierarchy import SceneObstacles
@@ -15,25 +16,9 @@ from retarget.model.observers import Observers, placed, robot_observers
 from retarget.model.scene_state import SceneState
 from retarget.safety.clearance import KEPT_SHARE, PathClearance
 from retarget.safety.gate import Gate
-from retarget.schema.scene import Scene
 from retarget.types import FloatArray
 
 SUBSTEPS = 20
-
-
-def scene(**obstacles: Any) -> SceneState:
-    return SceneState(Scene.model_validate({"name": "a", "description": "b", "obstacles": obstacles}))
-
-
-def sphere(at: Any, radius: float, **keys: Any) -> dict[str, Any]:
-    place = [float(x) for x in at]
-    return {
-        "shape": {"sphere": {"radius": radius}},
-        "at": {"pos": place},
-        "influence": 0.06,
-        "margin": 0.004,
-        **keys,
-    }
 
 
 class GatedRobot:

@@ -1,4 +1,4 @@
-"""To be described."""
+"""One answer of the solver, held to the box, to optimality, and level by level to the oracle."""
 
 from dataclasses import dataclass
 
@@ -13,17 +13,40 @@ EQUAL = 1e-6  # residual of a level against the oracle's
 OPTIMAL = 1e-7  # unexplained share of a level's gradient
 
 
-def solve(problem: Hierarchy, damping: float = 0.0) -> _solver.HierarchyResult:
-    """One linear solve by the code under test; every level is damped alike."""
-    return _solver.solve_hierarchy(
-        problem.tuples(),
-        problem.lo,
-        problem.hi,
-        weight=problem.weight,
-        reference=problem.ref,
-        soft=problem.soft,
+@dataclass(frozen=True)
+class Answer:
+    """x (n,). reduced: it was found in the space that the first equalities leave. capped: it is not proved optimal."""
+
+    x: Array
+    reduced: bool
+    capped: bool
+
+
+def solve(problem: Hierarchy, damping: float = 0.0) -> Answer:
+    """One linear solve by the code under test, in z = weight (x - ref); every level is damped alike. Soft rows are one
+    more level, with a slack variable each."""
+    levels = [(np.vstack([level.C, level.D]), *level.limits) for level in problem.levels]
+    slacks = 0 if problem.soft is None else len(problem.soft[1])
+    if problem.soft is not None:
+        levels.append((problem.soft[0], problem.soft[1], problem.soft[1]))
+    x_rows = np.vstack([np.zeros((0, problem.nv)), *(rows for rows, *_ in levels)])
+    sizes = [len(rows) for rows, *_ in levels]
+    own_slack = np.eye(len(x_rows))[:, len(x_rows) - slacks :]
+    lower, upper = (np.concatenate([np.zeros(0), *(level[k] for level in levels)]) for k in (1, 2))
+    shift = x_rows @ problem.ref
+    free = np.full(slacks, np.inf)
+    z, reduced, capped = _solver.solve_hierarchy(
+        np.hstack([x_rows / problem.weight, own_slack]),
+        lower - shift,
+        upper - shift,
+        sizes,
+        lo=np.append((problem.lo - problem.ref) * problem.weight, -free),
+        hi=np.append((problem.hi - problem.ref) * problem.weight, free),
+        still=np.append(-problem.ref * problem.weight, np.zeros(slacks)),
         damping=damping,
     )
+    x = np.clip(problem.ref + z[: problem.nv] / problem.weight, problem.lo, problem.hi)
+    return Answer(x, reduced, capped)
 
 
 @dataclass(frozen=True)

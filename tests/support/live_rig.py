@@ -5,38 +5,23 @@ from contextlib import contextmanager
 
 from hardware.clock import Clock, VirtualClock
 from retarget.human.samples import Performance
-from retarget.live.admission import Admission
 from retarget.live.begin import LiveOptions, begin_live
-from retarget.live.clock_map import ClockMap
-from retarget.live.playout import Playout, PlayoutDelay, pose_filter
-from retarget.live.roles import roles_of
-from retarget.live.sensor_validity import SensorValidity
+from retarget.live.open_stream import stream_of
 from retarget.live.stream import LiveStream
 from retarget.model.robot import RobotBody
 from retarget.recording.recorder import Recorder
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared, prepare_for
 from retarget.schema.performer import Performer, load_performer
-from retarget.sources.json_pose import JsonPoseDecoder
 from sim.faults.sender import FakeSender
-from sim.mock_bus import MockBus
+from sim.mock_bus import MockBus, mock_bus
 
 WHERE = "json://:7000"
 
 
 def live_stream(sender: FakeSender, performer: Performer) -> LiveStream:
     """A stream from the sender."""
-    roles = roles_of(performer, "json", where="test")
-    return LiveStream(
-        sender,
-        JsonPoseDecoder(),
-        roles,
-        admission=Admission(),
-        clock_map=ClockMap(),
-        validity=SensorValidity(roles.sensors),
-        playout=Playout(len(roles.sensors), delay=PlayoutDelay()),
-        smooth=pose_filter("light", len(roles.sensors)),
-    )
+    return stream_of(sender, performer)
 
 
 class LiveRig:
@@ -66,8 +51,7 @@ class LiveRig:
             yield prepared
 
     def _bus(self, robot: RobotBody, clock: Clock) -> MockBus:
-        stand = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
-        self.bus = MockBus(robot.joint_map.servos, clock, start=robot.joint_map.to_ticks(stand))
+        self.bus = mock_bus(robot, clock)
         return self.bus
 
 

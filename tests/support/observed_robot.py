@@ -10,6 +10,7 @@ import numpy as np
 import followers
 from followers import DT, op3, performer, settled
 from retarget import _solver
+from retarget.model.body import BodyModel
 from retarget.model.observers import Observers, placed, robot_observers
 from retarget.model.scene_state import SceneState
 from retarget.report.clearance import place_body
@@ -101,17 +102,22 @@ def own() -> Observers:
     return robot_observers(op3())
 
 
-def observed(q: FloatArray, state: SceneState, time: float) -> FloatArray:
-    """Smallest distance (k,) m of the robot's observers to each obstacle at a time."""
-    position, quat = placed(op3().body, own(), q)
+def nearest(body: BodyModel, observers: Observers, q: FloatArray, state: SceneState, time: float) -> FloatArray:
+    """Smallest distance (k,) m of the observers of a body to each obstacle at a time."""
+    position, quat = placed(body, observers, q)
     poses, shapes = state.at(time), state.shapes
-    n, k = len(own().names), len(shapes.names)
+    n, k = len(observers.names), len(shapes.names)
     mine, theirs = np.tile(np.arange(n), k), np.repeat(np.arange(k), n)
     found = _solver.shape_distances(
-        *(own().kinds[mine], own().sizes[mine], position[mine], quat[mine]),
+        *(observers.kinds[mine], observers.sizes[mine], position[mine], quat[mine]),
         *(shapes.kinds[theirs], shapes.sizes[theirs], poses.position[theirs], poses.quat[theirs]),
     )[0]
     return np.asarray(found.reshape(k, n).min(axis=1))
+
+
+def observed(q: FloatArray, state: SceneState, time: float) -> FloatArray:
+    """Smallest distance (k,) m of the robot's observers to each obstacle at a time."""
+    return nearest(op3().body, own(), q, state, time)
 
 
 def act(follower: Follower, state: SceneState | None, motion: Sequence[HumanPosture]) -> Done:
@@ -125,3 +131,12 @@ def act(follower: Follower, state: SceneState | None, motion: Sequence[HumanPost
     if state is not None:
         near = [observed(posture.q, state, time) for posture, time in zip(done, times, strict=True)]
     return Done(done, np.array(near), state, np.array(times))
+
+
+def without_observers(priorities: Priorities) -> Priorities:
+    """The same levels, empty where observers were."""
+    levels = tuple(
+        level.model_copy(update={"tasks": tuple(t for t in level.tasks if t.type not in ("reactive", "preventive"))})
+        for level in priorities.levels
+    )
+    return priorities.model_copy(update={"levels": levels})

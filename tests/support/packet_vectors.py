@@ -3,8 +3,7 @@
 from typing import NamedTuple
 
 import more_frames as more
-from hardware.dynamixel.codec import BROADCAST, STATUS, Frame, Status
-from hardware.dynamixel.codec import Instruction as Code
+from hardware.dynamixel.codec import BROADCAST, Frame, Status
 from hardware.dynamixel.codec import protocol1 as p1
 from hardware.dynamixel.codec import protocol2 as p2
 
@@ -17,9 +16,18 @@ class Vector(NamedTuple):
     frame: Frame
 
 
-def vector(printed: str, built: bytes, code: int, params: str = "", *, device: int = 1) -> Vector:
-    """A vector from its bytes in hexadecimal."""
-    return Vector(bytes.fromhex(printed), built, Frame(device, code, bytes.fromhex(params)))
+def two(printed: str, built: bytes | None = None) -> Vector:
+    """Of protocol 2.0, in hexadecimal: header (4), id, length (2), instruction, parameters, CRC (2); unstuffed."""
+    raw = bytes.fromhex(printed)
+    frame = Frame(raw[4], raw[7], raw[8:-2])
+    return Vector(raw, p2.frame(*frame) if built is None else built, frame)
+
+
+def one(printed: str, built: bytes | None = None) -> Vector:
+    """Of protocol 1.0: header (2), id, length, instruction, parameters, checksum."""
+    raw = bytes.fromhex(printed)
+    frame = Frame(raw[2], raw[4], raw[5:-1])
+    return Vector(raw, p1.frame(*frame) if built is None else built, frame)
 
 
 FAST_SYNC = (Status(3, 0, b"\xa6\0\0\0"), Status(7, 0, b"\x1f\x08\0\0"), Status(4, 0, b"\xff\x03\0\0"))
@@ -31,93 +39,52 @@ FAST_BULK = (Status(3, 0, b"\xa6\0\0\0"), Status(7, 0, b"\xa5\x01"), Status(4, 0
 FAST_BULK_REPLY = bytes.fromhex("FFFFFD00FE14005500 03A6000000 67A4 00 07A501 2474 00 041F D9C1")
 
 TWO = [
-    vector("FFFFFD000103000119 4E", p2.ping(1), Code.PING),
-    vector("FFFFFD0001070055000604 26655D", p2.status(1, 0, b"\x06\x04\x26"), STATUS, "00060426"),
-    vector("FFFFFD00FE0300013142", p2.ping(BROADCAST), Code.PING, device=BROADCAST),
-    vector("FFFFFD00010700028400 04001D15", more.read(1, 132, 4), Code.READ, "84000400"),
-    vector("FFFFFD0001080055 00A6000000 8CC0", p2.status(1, 0, b"\xa6\0\0\0"), STATUS, "00A6000000"),
-    vector("FFFFFD0001090003 7400 00020000 CA89", p2.write(1, 116, b"\0\2\0\0"), Code.WRITE, "740000020000"),
-    vector("FFFFFD0001040055 00 A10C", p2.status(1), STATUS, "00"),
-    vector(
-        "FFFFFD0001090004 6800 C8000000 AE8E",
-        more.reg_write(1, 104, b"\xc8\0\0\0"),
-        Code.REG_WRITE,
-        "6800C8000000",
-    ),
-    vector("FFFFFD0001030005 02CE", more.action(1), Code.ACTION),
-    vector("FFFFFD0001040006 01 A1E6", more.factory_reset(1, 1), Code.FACTORY_RESET, "01"),
-    vector("FFFFFD0001030008 2F4E", more.reboot(1), Code.REBOOT),
-    vector("FFFFFD0001080010 0144584C22 B1DC", more.clear_turns(1), Code.CLEAR, "0144584C22"),
-    vector("FFFFFD0001080020 014354524C 16F5", more.backup(1), Code.CONTROL_TABLE_BACKUP, "014354524C"),
-    vector("FFFFFD0001080020 024354524C 9EF5", more.restore(1), Code.CONTROL_TABLE_BACKUP, "024354524C"),
-    vector(
-        "FFFFFD00FE090082 8400 0400 0102 CEFA",
-        p2.sync_read(132, 4, (1, 2)),
-        Code.SYNC_READ,
-        "840004000102",
-        device=BROADCAST,
-    ),
-    vector(
+    two("FFFFFD000103000119 4E", p2.ping(1)),
+    two("FFFFFD0001070055000604 26655D", p2.status(1, 0, b"\x06\x04\x26")),
+    two("FFFFFD00FE0300013142", p2.ping(BROADCAST)),
+    two("FFFFFD00010700028400 04001D15", more.read(1, 132, 4)),
+    two("FFFFFD0001080055 00A6000000 8CC0", p2.status(1, 0, b"\xa6\0\0\0")),
+    two("FFFFFD0001090003 7400 00020000 CA89", p2.write(1, 116, b"\0\2\0\0")),
+    two("FFFFFD0001040055 00 A10C", p2.status(1)),
+    two("FFFFFD0001090004 6800 C8000000 AE8E"),  # reg write
+    two("FFFFFD0001030005 02CE"),  # action
+    two("FFFFFD0001040006 01 A1E6"),  # factory reset, all but the id
+    two("FFFFFD0001030008 2F4E", more.reboot(1)),
+    two("FFFFFD0001080010 0144584C22 B1DC"),  # clear the turns
+    two("FFFFFD0001080020 014354524C 16F5"),  # back up the control table
+    two("FFFFFD0001080020 024354524C 9EF5"),  # restore it; the CRC is right here, not in print
+    two("FFFFFD00FE090082 8400 0400 0102 CEFA", p2.sync_read(132, 4, (1, 2))),
+    two(
         "FFFFFD00FE110083 7400 0400 0196000000 02AA000000 8287",
         p2.sync_write(116, 4, ((1, b"\x96\0\0\0"), (2, b"\xaa\0\0\0"))),
-        Code.SYNC_WRITE,
-        "74000400 0196000000 02AA000000",
-        device=BROADCAST,
     ),
-    vector(
-        "FFFFFD00FE0D0092 0190000200 0292000100 1A05",
-        more.bulk_read(((1, 144, 2), (2, 146, 1))),
-        Code.BULK_READ,
-        "0190000200 0292000100",
-        device=BROADCAST,
-    ),
-    vector(
+    two("FFFFFD00FE0D0092 0190000200 0292000100 1A05", more.bulk_read(((1, 144, 2), (2, 146, 1)))),
+    two(
         "FFFFFD00FE100093 0120000200A000 021F00010050 B768",
         more.bulk_write(((1, 32, b"\xa0\0"), (2, 31, b"\x50"))),
-        Code.BULK_WRITE,
-        "0120000200A000 021F00010050",
-        device=BROADCAST,
     ),
-    vector(
-        "FFFFFD00FE0A008A 8400 0400 030704 20F2",
-        p2.sync_read(132, 4, (3, 7, 4), fast=True),
-        Code.FAST_SYNC_READ,
-        "84000400030704",
-        device=BROADCAST,
-    ),
-    vector(
+    two("FFFFFD00FE0A008A 8400 0400 030704 20F2", p2.sync_read(132, 4, (3, 7, 4), fast=True)),
+    two(  # the CRC is right here, not in print
         "FFFFFD00FE12009A 0384000400 077C000200 0492000100 DA2D",
         more.bulk_read(((3, 132, 4), (7, 124, 2), (4, 146, 1)), fast=True),
-        Code.FAST_BULK_READ,
-        "0384000400 077C000200 0492000100",
-        device=BROADCAST,
     ),
-    Vector(FAST_BULK_REPLY, more.fast_status(FAST_BULK), Frame(BROADCAST, STATUS, FAST_BULK_REPLY[8:-2])),
-    Vector(FAST_SYNC_REPLY, more.fast_status(FAST_SYNC), Frame(BROADCAST, STATUS, FAST_SYNC_REPLY[8:-2])),
+    two(FAST_BULK_REPLY.hex(), more.fast_status(FAST_BULK)),
+    two(FAST_SYNC_REPLY.hex(), more.fast_status(FAST_SYNC)),
 ]
-"""Protocol 2.0. The CRCs of restore and fast bulk read are right here, not in print."""
+"""Protocol 2.0."""
 
 ONE = [
-    vector("FFFF010201FB", p1.ping(1), Code.PING),
-    vector("FFFF010200FC", p1.status(1), 0),
-    vector("FFFF010402 2B01 CC", p1.read(1, 43, 1), Code.READ, "2B01"),
-    vector("FFFF010300 20 DB", p1.status(1, 0, b"\x20"), 0, "20"),
-    vector("FFFFFE0403 0301 F6", p1.write(BROADCAST, 3, b"\x01"), Code.WRITE, "0301", device=BROADCAST),
-    vector("FFFF010504 1EF401 E2", more.reg_write1(1, 30, b"\xf4\x01"), Code.REG_WRITE, "1EF401"),
-    vector("FFFFFE0205FA", more.action1(BROADCAST), Code.ACTION, device=BROADCAST),
-    vector(
+    one("FFFF010201FB", p1.ping(1)),
+    one("FFFF010200FC", p1.status(1)),
+    one("FFFF010402 2B01 CC", p1.read(1, 43, 1)),
+    one("FFFF010300 20 DB", p1.status(1, 0, b"\x20")),
+    one("FFFFFE0403 0301 F6", p1.write(BROADCAST, 3, b"\x01")),
+    one("FFFF010504 1EF401 E2"),  # reg write
+    one("FFFFFE0205FA"),  # action
+    one(
         "FFFFFE0E83 1E04 0010005001 0120026003 67",
         p1.sync_write(30, 4, ((0, b"\x10\0\x50\x01"), (1, b"\x20\x02\x60\x03"))),
-        Code.SYNC_WRITE,
-        "1E04 0010005001 0120026003",
-        device=BROADCAST,
     ),
-    vector(
-        "FFFFFE0992 00 02011E 020224 1D",
-        p1.bulk_read(((1, 30, 2), (2, 36, 2))),
-        Code.BULK_READ,
-        "00 02011E 020224",
-        device=BROADCAST,
-    ),
+    one("FFFFFE0992 00 02011E 020224 1D", p1.bulk_read(((1, 30, 2), (2, 36, 2)))),
 ]
 """Protocol 1.0."""

@@ -1,25 +1,17 @@
 """A simulated OP3 for tests."""
 
-from functools import cache
-
 import numpy as np
 
+from followers import op3 as op3
 from hardware.arrays import TickArray
 from hardware.bus import ServoGoals, ServoStates
 from hardware.clock import VirtualClock
-from retarget.model.robot import RobotBody, load_robot
 from retarget.schema.scene import Scene
 from sim.buses import physics_bus, simulation_of
-from sim.physics.bus import PhysicsBus
 from sim.physics.mount import Mount
 from sim.physics.perturbation import Perturbation
 
 DT = 0.008
-
-
-@cache
-def op3() -> RobotBody:
-    return load_robot("op3")
 
 
 def ticks(posture: dict[str, float]) -> TickArray:
@@ -48,7 +40,7 @@ class PhysicsRig:
         simulation = simulation_of(
             op3(), start=self.start, mount=mount, perturbation=perturbation, scene=scene, seed=seed
         )
-        self.bus: PhysicsBus = physics_bus(simulation, self.clock)
+        self.bus = physics_bus(simulation, self.clock)
         self.bus.open()
 
     def arm(self) -> None:

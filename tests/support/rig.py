@@ -1,8 +1,11 @@
 """Stand-ins for both stages, so that the loop, the metrics and the files are tested without a solver."""
 
+from functools import cache
+
 import numpy as np
 
 from faulty_bus import FaultyBus
+from followers import op3, performer
 from hardware.clock import VirtualClock
 from hardware.guard import Guard
 from retarget.frames import SensorSample
@@ -10,14 +13,13 @@ from retarget.human.samples import Clip, Playback, lay_on_ticks
 from retarget.ik.support_polygon import plant
 from retarget.model.human import Human, PostureReader, build_human
 from retarget.model.human_dimensions import POINTS, proportional_dimensions
-from retarget.model.robot import RobotBody, load_robot
+from retarget.model.robot import RobotBody
 from retarget.run.loop import Ending, Loop, Machine, Watch
 from retarget.run.run_result import RunResult, RunSetup
 from retarget.run.supervisor import Supervisor
 from retarget.safety.gate import Gate
 from retarget.schema.performer import Performer, load_performer
 from retarget.types import BoolArray, FloatArray, HumanPosture, RobotPosture
-from sim.performer import synthetic_performer
 
 
 def five() -> Performer:
@@ -26,7 +28,7 @@ def five() -> Performer:
 
 def short_clip(*, seconds: float = 0.4, rate_hz: float | None = 125.0, speed: float = 1.0, loop: bool = False) -> Clip:
     playback = Playback(speed=speed, end=seconds, loop=loop)
-    return lay_on_ticks(synthetic_performer(), performer=five(), playback=playback, rate_hz=rate_hz)
+    return lay_on_ticks(performer(), performer=five(), playback=playback, rate_hz=rate_hz)
 
 
 class StubReconstructor:
@@ -130,7 +132,7 @@ class Rig:
 
     def __init__(self, script: FloatArray, *, goes_to_rest: bool = False, **bus_options: object) -> None:
         """goes_to_rest: a stop ends in the profile's rest posture."""
-        self.robot = load_robot("op3")
+        self.robot = op3()
         self.clock = VirtualClock()
         self.dt = 1.0 / self.robot.profile.safety.rate_hz
         stand = self.robot.posture(self.robot.profile.postures.stand)[self.robot.servo_columns]
@@ -160,6 +162,7 @@ class Rig:
         return Loop(self.machine, clip, StubReconstructor(person()), Watch() if watch is None else watch)
 
 
+@cache
 def person() -> Human:
     return build_human(proportional_dimensions(1.7))
 

@@ -18,7 +18,7 @@ from retarget.setup.frames import Posed, find_frames
 from retarget.setup.limbs import Anatomy, find_anatomy
 from retarget.setup.tree import Tree, read_tree
 
-SHIPPED = ("op3", "poppy", "toddlerbot", "wolfgang")
+SHIPPED = tuple(sorted(path.parent.name for path in (shipped_folder() / "robots").glob("*/robot.yaml")))
 
 Vector = tuple[float, float, float]
 ZERO: Vector = (0.0, 0.0, 0.0)

@@ -25,13 +25,13 @@ def cast_of_op3(*, simulated: bool = False) -> Cast:
     human = actor(compile_body_text(person().mjcf, source="human", root="free"))
     ball = {"ball/1": shape_mesh(0, (0.05, 0.0, 0.0))}
     joints, columns = robot.joint_map.joints, robot.servo_columns
-    return Cast("test", shown, human, joints, ("l_hand",), robot, ball, simulated, SENSORS, columns=columns)
+    return Cast(shown, human, joints, ("l_hand",), robot, ball, simulated, SENSORS, columns=columns)
 
 
 @cache
 def cast_of_a_human() -> Cast:
     human = actor(compile_body_text(person().mjcf, source="human", root="free"))
-    return Cast("test", None, human, (), (), sensors=SENSORS)
+    return Cast(None, human, (), (), sensors=SENSORS)
 
 
 def snapshot(**changed: object) -> Snapshot:

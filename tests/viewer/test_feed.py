@@ -2,6 +2,9 @@
 
 import socket
 import subprocess
+from collections.abc import Callable
+from contextlib import nullcontext
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -10,13 +13,17 @@ import pytest
 
 from followers import dimensions, op3, performer
 from messages import refuses
-from retarget.errors import ConfigError
+from retarget.cli.run import StreamOptions, follow_live
+from retarget.errors import ConfigError, InputError
 from retarget.model.human import build_human
 from retarget.model.scene_state import ObstaclePoses
+from retarget.report.outputs import Outputs
+from retarget.run.options import RunOptions
 from retarget.run.record import HumanRecord, Record, RobotRecord, Timing
 from retarget.run.run_result import Extras
-from retarget.viewer.feed import STOP, PageSetup, ViewFeed, open_feed, pack, unpack
-from retarget.viewer.live_page import _serve
+from retarget.types import RunState
+from retarget.viewer.feed import READY, STOP, PageSetup, ViewFeed, open_feed, unpacked
+from retarget.viewer.live_page import _serve, _setup
 from retarget.viewer.snapshot import Row
 
 TICKS = 50
@@ -51,11 +58,17 @@ def feed(*, every: int = 5, process: FakeProcess | None = None) -> tuple[ViewFee
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     ours.setblocking(False)
     theirs.setblocking(False)
-    return ViewFeed(ours, cast(Any, process or FakeProcess()), address="", rate_hz=25.0 * every), theirs
+    run = ViewFeed(ours, cast(Any, process or FakeProcess()), address="")
+    theirs.send(READY)
+    run.begin(PageSetup(None, None, None, ""), rate_hz=25.0 * every)
+    theirs.recv(1 << 16)
+    return run, theirs
 
 
 def received(page: socket.socket) -> Row:
-    return unpack(page.recv(1 << 16))
+    row = unpacked(page.recv(1 << 16))
+    assert isinstance(row, Row)
+    return row
 
 
 def test_some_rows_are_shown_with_what_the_robot_does() -> None:
@@ -139,36 +152,59 @@ def test_it_can_only_stop_and_stays_so() -> None:
     assert run.stop_asked() and run.stop_asked()
 
 
-def test_the_process_of_a_page_opens_and_ends_with_the_run() -> None:
-    human = build_human(dimensions(performer()))
-    setup = PageSetup("a <b>run</b>", 0, str(op3().profile.path), None, "table", human.mjcf)
-    with open_feed(setup, rate_hz=125.0) as run:
+def test_what_is_asked_before_the_performer_is_known_is_not_lost() -> None:
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    run, setup = ViewFeed(ours, cast(Any, FakeProcess()), address=""), PageSetup(None, None, None, "")
+    run.announce("calibrating")
+    theirs.send(STOP)
+    theirs.send(READY)
+    run.begin(setup, rate_hz=25.0)
+    assert run.stop_asked()
+    opening: Any = SimpleNamespace(state=SimpleNamespace(content=""))
+    assert _setup(theirs, opening) == replace(setup, sensors=()) and "CALIBRATING" in opening.state.content
+    ours.close()
+    assert _setup(theirs, opening) is None, "the run has ended before"
+    run.announce("nobody reads it")
+    with refuses(ConfigError):
+        run.begin(setup, rate_hz=25.0)
+
+
+def test_a_page_is_there_before_the_performer_is_known_and_ends_with_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("retarget.viewer.feed.ENDING_S", 30.0)  # on a machine that has other things to do
+    setup = PageSetup(str(op3().profile.path), None, "table", build_human(dimensions(performer())).mjcf)
+    with open_feed(0, title="a <b>run</b>") as run:
         assert run.address.startswith("http://127.0.0.1:")
         port = int(run.address.split(":")[2].split("/")[0])
-        with open_feed(PageSetup("", port, None, None, None, human.mjcf), rate_hz=125.0) as other:
+        with open_feed(port, title="") as other:
             assert f":{port}/" not in other.address, "the next port that is free"
+        run.announce("calibrating")
+        run.begin(setup, rate_hz=125.0)
         process = run._process
-    assert process.wait(timeout=20.0) == 0
+    assert process.wait(timeout=30.0) == 0
+
+
+def test_a_page_that_dies_at_once_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("retarget.viewer.feed.SAME_CODE", "raise SystemExit(3)")
+    with refuses(ConfigError):
+        open_feed(0, title="")
 
 
 def test_what_the_page_cannot_show_is_refused() -> None:
-    human = build_human(dimensions(performer())).mjcf
-    with refuses(ConfigError):
-        open_feed(PageSetup("", 0, "unknown", None, None, human), rate_hz=125.0)
+    with open_feed(0, title="") as run, refuses(ConfigError):
+        run.begin(PageSetup("unknown", None, None, ""), rate_hz=125.0)
 
 
-def test_a_row_arrives_as_it_was_sent() -> None:
-    sent = Row(
-        time=12.5,
-        state="following",
-        why="a pillar \u00e4\0",
-        human=np.random.default_rng(7).normal(size=55),
-        landmarks=("l_hand",),
-        asked=np.full((1, 3), np.nan),
-        modes=np.array([0, 2], dtype=np.uint8),
-        truth=np.zeros(0),
-    )
-    got = unpack(pack(sent))
-    for name, value in vars(sent).items():
-        np.testing.assert_array_equal(getattr(got, name), value)
-    assert got.modes is not None and got.modes.dtype == np.uint8 and got.sensors is None
+def test_the_page_of_a_live_run_is_open_while_the_performer_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    said: list[str] = []
+    page = SimpleNamespace(address="http://page", announce=said.append)
+    monkeypatch.setattr("retarget.cli.view.open_feed", lambda port, *, title: nullcontext(page))
+
+    def begin(*given: Any, enter: Callable[[RunState], None], **named: Any) -> None:
+        enter(RunState.COUNTDOWN)
+        enter(RunState.CALIBRATING)
+        raise InputError("the performer does not stand still")
+
+    monkeypatch.setattr("retarget.cli.run.begin_live", begin)
+    with refuses(InputError):
+        follow_live("json://:14159", RunOptions(robot="op3"), Outputs(view=0), StreamOptions())
+    assert said == ["countdown", "calibrating"]

@@ -46,16 +46,9 @@ def test_links_are_where_the_body_has_them(scale: float, server: Any) -> None:
     place = Place(scale, to=np.array([0.0, 1.0, 0.0]))
     figure.place(q, place)
     positions, turns = shown.body.solver_body().forward(q)
-    found, parents = {0: (np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))}, shown.body.parent
-    for link, node in enumerate(figure._links, start=1):
-        at, turn = found[int(parents[link])]
-        handle = node.handle
-        found[link] = (
-            at + rotations.rotate(turn, np.array(handle.position)),
-            rotations.multiply(turn, np.array(handle.wxyz)),
-        )
-        np.testing.assert_allclose(found[link][0], place.of(positions[link]), atol=2e-4)
-        assert rotations.angle_between(found[link][1], turns[link]) < 2e-3
+    for link, handle in figure.handles.items():
+        np.testing.assert_allclose(handle.position, place.of(positions[link]), atol=2e-4)
+        assert rotations.angle_between(np.array(handle.wxyz), turns[link]) < 2e-3
 
 
 def test_shapes_move_where_it_is_known_where_they_are(server: Any) -> None:

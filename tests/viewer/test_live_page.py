@@ -9,7 +9,7 @@ import pytest
 from followers import op3
 from messages import shows
 from retarget.viewer.joint_plot import curves
-from retarget.viewer.live_page import STOPPING_WORDS, LivePage
+from retarget.viewer.live_page import STOPPING_WORDS, LivePage, Opening
 from retarget.viewer.snapshot import Row, Snapshot, snapshot_of
 from viewed import cast_of_op3, person
 
@@ -41,11 +41,12 @@ class Watched:
     def __init__(self, server: Any, monkeypatch: pytest.MonkeyPatch) -> None:
         self.stops, self.looked = list[int](), True
         monkeypatch.setattr(server, "get_clients", lambda: {0: None} if self.looked else {})
-        self.page = LivePage(server, cast_of_op3(), lambda: self.stops.append(1))
+        self.opening = Opening(server, lambda: self.stops.append(1))
+        self.page = LivePage(server, cast_of_op3(), self.opening)
 
     @property
     def letters(self) -> str:
-        return str(self.page._state.content)
+        return str(self.opening.state.content)
 
 
 @pytest.fixture
@@ -55,8 +56,8 @@ def watched(server: Any, monkeypatch: pytest.MonkeyPatch) -> Watched:
 
 def test_it_can_be_stopped_before_anything_moves(watched: Watched) -> None:
     assert "WAITING" in watched.letters
-    asyncio.run(watched.page._pressed(None))
-    assert watched.stops == [1] and watched.page._button.label == STOPPING_WORDS
+    asyncio.run(watched.opening.pressed(None))
+    assert watched.stops == [1] and watched.opening.button.label == STOPPING_WORDS
 
 
 def test_rows_are_drawn_and_the_end_is_shown(watched: Watched) -> None:
@@ -67,7 +68,7 @@ def test_rows_are_drawn_and_the_end_is_shown(watched: Watched) -> None:
     assert "STOPPED" in watched.letters, "a new state is shown at once"
     watched.page.end("over <b>")
     shows(watched.letters)
-    assert watched.page._button.disabled
+    assert watched.opening.button.disabled
 
 
 def test_nothing_is_drawn_without_a_browser_but_all_is_kept_for_the_plot(watched: Watched) -> None:

@@ -58,13 +58,13 @@ def test_shapes_are_closed_and_of_their_volume(
 )
 def test_geoms_of_a_file_are_placed_on_their_link(geom: str, expected: float) -> None:
     model = mujoco.MjModel.from_xml_string(SHAPES.format(geom))
-    (mesh,) = link_meshes(model)
-    assert mesh.link == 1
-    assert volume((mesh.vertices, mesh.faces)) == pytest.approx(expected, rel=0.07)
+    ((link, mesh),) = link_meshes(model).items()
+    assert link == 1
+    assert volume(mesh) == pytest.approx(expected, rel=0.07)
     shown = model.ngeom - 1  # the last one is for looking at, or the only one
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    placed = mesh.vertices + np.array([0.0, 0.0, 1.0])
+    placed = mesh[0] + np.array([0.0, 0.0, 1.0])
     lowest, highest = placed.min(axis=0), placed.max(axis=0)
     assert (np.abs(0.5 * (lowest + highest) - data.geom_xpos[shown]) < 0.16).all()
     assert np.linalg.norm(highest - lowest) <= 2.0 * model.geom_rbound[shown] * np.sqrt(3.0) + 1e-9
@@ -74,6 +74,6 @@ def test_geoms_of_a_file_are_placed_on_their_link(geom: str, expected: float) ->
 def test_every_link_of_a_shipped_robot_is_seen(name: str) -> None:
     robot = load_robot(name)
     meshes = link_meshes(compile_body(robot.profile.body_path, root="free").model)
-    seen = {robot.body.body_names[mesh.link] for mesh in meshes}
+    seen = {robot.body.body_names[link] for link in meshes}
     assert len(seen) == len(meshes) >= len(robot.joint_map.joints)
-    assert all(np.isfinite(mesh.vertices).all() and mesh.faces.max() < len(mesh.vertices) for mesh in meshes)
+    assert all(np.isfinite(vertices).all() and faces.max() < len(vertices) for vertices, faces in meshes.values())

@@ -7,12 +7,11 @@ import pytest
 
 from followers import op3
 from messages import shows
-from retarget.errors import InputError
+from recordings import recorded
 from retarget.run.run_result import RunResult
 from retarget.types import FloatArray
 from retarget.viewer.joint_plot import curves
 from retarget.viewer.recorded import open_recorded
-from view_mcap_helpers import recorded
 
 
 @pytest.fixture(scope="module")
@@ -95,13 +94,3 @@ def test_a_simulated_body_is_where_it_really_was(tmp_path: Path) -> None:
 def other_run(folder: Path) -> Path:
     recorded(folder / "mock.mcap", robot="op3")
     return folder / "mock.mcap"
-
-
-def test_half_of_it_is_seen_and_nothing_is_refused(path: Path, run: RunResult, tmp_path: Path) -> None:
-    half, other = tmp_path / "half.mcap", tmp_path / "other.mcap"
-    half.write_bytes(path.read_bytes()[:-3000])
-    seen = open_recorded(half)
-    assert seen.notes and 0 < len(seen.times) <= len(run.record.time)
-    other.write_bytes(b"no recording")
-    with pytest.raises(InputError):
-        open_recorded(other)

@@ -9,13 +9,12 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from hardware.arrays import BoolArray, FloatArray
 from hardware.clock import MonotonicClock, VirtualClock, today
 from hardware.dynamixel.serial_port import is_pseudo_terminal
-from retarget.cli.application import Overwrite, ask
+from retarget.cli.application import Overwrite, ask, console
 from retarget.cli.buses import make_bus
 from retarget.errors import UsageError
 from retarget.model.robot import RobotBody, load_uncalibrated
@@ -183,7 +182,7 @@ def home(
     if homing is None:
         typer.echo("nothing was written")
         return
-    Console().print(_table(body, homing))
+    console().print(_table(body, homing))
     new = calibration_of(body.profile.name, body.joint_map, homing, posture, name=pose, date=today())
     if old is not None:
         new = ServoCalibration(robot=new.robot, servos=old.servos | new.servos)

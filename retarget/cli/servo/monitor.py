@@ -16,7 +16,19 @@ from hardware.dynamixel.checks import alert_text
 from hardware.dynamixel.readings import Torque
 from hardware.servo import ServoSpec
 from retarget.cli.exit import stop_on_signals
-from retarget.cli.servo.places import Baud, DryRun, Faults, Port, Protocol, Robot, find_places, look_at, opened
+from retarget.cli.servo.places import (
+    Baud,
+    DryRun,
+    Faults,
+    Ids,
+    Port,
+    Protocol,
+    Robot,
+    find_places,
+    ids_of,
+    look_at,
+    opened,
+)
 from retarget.errors import UsageError
 
 FIRST = 5
@@ -31,6 +43,7 @@ def monitor(
     port: Port = None,
     baud: Baud = None,
     protocol: Protocol = None,
+    ids: Ids = "",
     rate: Annotated[float, typer.Option(help="Cycles per second.", metavar="HZ")] = 50.0,
     once: Annotated[bool, typer.Option("--once", help="One table, as in a pipe.")] = False,
     faults: Faults = None,
@@ -39,6 +52,7 @@ def monitor(
     """Show the state of all servos, until Ctrl-C: nothing is written, and torque stays as it is."""
     if not 1.0 <= rate <= 500.0:
         raise UsageError("an impossible rate", where="--rate", found=f"{rate:g}", allowed="1 to 500 Hz")
+    wanted = ids_of(ids)
     console = Console()
     once = once or not console.is_terminal
     places = find_places(robot, port, faults=faults, clock=None if once else MonotonicClock())
@@ -46,7 +60,7 @@ def monitor(
         typer.echo(f"would read all servos of {', '.join(one.where for one in places)}; nothing is written")
         return
     with opened(places):
-        lines = [one.line for one in look_at(places, protocol=protocol, baud=baud) if one.line.servos]
+        lines = [one.line for one in look_at(places, protocol=protocol, baud=baud, ids=wanted) if one.line.servos]
         placed = {line.index_of[device]: servo for line in lines for device, servo in line.servos.items()}
         servos = [placed[index] for index in sorted(placed)]
         watch, clock = Watch(lines), lines[0].port

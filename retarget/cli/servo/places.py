@@ -10,20 +10,19 @@ import typer
 
 from hardware.bus import BAUDS, BusSpec
 from hardware.clock import Clock, MonotonicClock, VirtualClock
-from hardware.dynamixel.found_servos import Look, as_bus, look
+from hardware.dynamixel.codec import MAX_ID
+from hardware.dynamixel.cyclic import BusLine
+from hardware.dynamixel.found_servos import Look, as_bus, look, look_at_bus
 from hardware.dynamixel.line_scan import (
     PROTOCOLS,
     LineScan,
     Sighting,
     Speed,
     all_speeds,
-    elsewhere_texts,
     has_speed,
     scan_line,
 )
-from hardware.dynamixel.opening import servos_on
-from hardware.dynamixel.serial_port import ECHOES, BytePort, SerialPort
-from hardware.dynamixel.single_requests import OneOff
+from hardware.dynamixel.serial_port import BytePort, SerialPort
 from hardware.errors import BusError
 from hardware.servo import ServoSpec
 from retarget.cli.application import ask, progress_bar
@@ -46,6 +45,7 @@ Port = Annotated[
 ]
 Faults = Annotated[Path | None, typer.Option(help="What goes wrong on the emulator.", metavar="FILE.yaml")]
 Baud = Annotated[int | None, typer.Option(help="Only this speed, bits per second.", metavar="BAUD")]
+Ids = Annotated[str, typer.Option(help="Only these ids.", metavar="1,2,5-9")]
 Protocol = Annotated[int | None, typer.Option(help="Only this protocol.", metavar="1|2")]
 Yes = Annotated[bool, typer.Option("--yes", help="Do not ask.")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Say what would be done, and do not open a port.")]
@@ -88,7 +88,7 @@ def find_places(
     clock = clock or (VirtualClock() if emulated else MonotonicClock())
     if robot is None and not emulated:
         if port is None:
-            raise UsageError("no port is named", where="servo", allowed="--port PATH, --port emulator, or --robot NAME")
+            raise UsageError("no port is named", where="servo", allowed="--port PATH, --bus emulator, or --robot NAME")
         return [Place(SerialPort(port, clock))]
     body = load_uncalibrated(robot or EMULATED_ROBOT)
     lines = emulated_lines(body, clock, faults) if emulated else {}
@@ -168,16 +168,23 @@ def look_at(
     ids: Sequence[int] | None = None,
     unknown_too: bool = False,
 ) -> list[Look]:
-    """A look at each port. protocol, baud, ids (None: all): narrow the search where there is no profile.
+    """A look at each port. protocol, baud, ids (None: all, or those of the profile): narrow the search.
 
-    unknown_too: servos of unknown models are enough. Raises BusError when no servo answers, UsageError for a speed
-    together with a profile.
+    unknown_too: servos of unknown models are enough. Raises BusError when no servo answers.
     """
-    check_search(places, protocol, baud)
+    check_speed(protocol, baud)
+    chosen = sorted(index for place in places for index, one in place.servos if ids is None or one.id in ids)
     looks: list[Look] = []
     for place in places:
         if place.spec is not None:
-            looks.append(_known(place, place.spec))
+            spec = replace(place.spec, baud=baud or place.spec.baud, protocol=protocol or place.spec.protocol)
+            servos = [(chosen.index(index), one) for index, one in place.servos if index in chosen]
+            place.port.set_baud(spec.baud)
+            line = BusLine(spec, place.port, servos)
+            if ids is None:
+                looks.append(look_at_bus(line))
+            else:
+                looks.append(look(line, search(place, [Speed(spec.protocol, spec.baud)], ids).sightings))
             continue
         speeds = chosen_speeds(place, protocol, baud)
         if ids is None and len(speeds) > 1:
@@ -186,31 +193,38 @@ def look_at(
         seen = search(place, speeds, ids)
         if seen.sightings:
             first = sum(len(one.line.servos) for one in looks)
-            found = look(place.port, *as_bus(place.port.name, seen.sightings, first=first), seen.sightings)
-            looks.append(replace(found, notes=(*found.notes, *([ECHOES] if seen.echoes else []))))
+            spec, found = as_bus(place.port.name, seen.sightings, first=first)
+            place.port.set_baud(spec.baud)
+            looks.append(look(BusLine(spec, place.port, found), seen.sightings))
     if not any(one.line.images or (unknown_too and one.unknown) for one in looks):
-        notes = [note for one in looks for note in one.notes]
+        notes = [note for one in looks for note in (*one.wrong, *one.notes)]
         raise BusError(
-            "no servo answers",
+            "no servo answers" + (f" to id {', '.join(map(str, ids))}" if ids else ""),
             where=", ".join(place.where for place in places),
             found="; ".join(notes) or None,
             then="Check power and wiring, and see `retarget servo scan`",
         )
     for one in looks:
-        for note in one.notes:
+        for note in (*one.wrong, *one.notes):
             typer.echo(f"note: bus {one.line.spec.name}: {note}", err=True)
     return looks
 
 
-def check_search(places: Sequence[Place], protocol: int | None, baud: int | None) -> None:
-    """Raise UsageError for a speed that no servo has, or that is given together with a profile."""
-    check_speed(protocol, baud)
-    if any(place.spec is not None for place in places) and (protocol is not None or baud is not None):
-        raise UsageError(
-            "the profile says the speed",
-            where="--protocol, --baud",
-            next_step="Leave them out, or leave --robot out",
-        )
+def ids_of(text: str, *, option: str = "--ids", highest: int = MAX_ID + 1) -> list[int] | None:
+    """The ids that `1,2,5-9` means; None for an empty text. Raises UsageError."""
+    if not text:
+        return None
+    found: set[int] = set()
+    for part in text.split(","):
+        first, _, last = part.partition("-")
+        ends = [end.strip() for end in (first, last or first)]
+        if not all(end.isascii() and end.isdigit() and len(end) <= 3 and int(end) <= highest for end in ends):
+            allowed = f"such as 1,2,5-9; 0 to {highest}"
+            raise UsageError("these are no ids", where=option, found=repr(text[:80]), allowed=allowed)
+        found |= set(range(int(ends[0]), int(ends[1]) + 1))
+    if not found:
+        raise UsageError("no id is meant", where=option, found=repr(text[:80]), allowed="such as 1,2,5-9")
+    return sorted(found)
 
 
 def search(
@@ -224,31 +238,9 @@ def search(
         return scan_line(place.port, speeds, ids=ids, progress=progress, on_found=on_found)
 
 
-def _known(place: Place, spec: BusSpec) -> Look:
-    """A look at a bus of a profile; the first missing servos are looked for at other speeds."""
-    port = place.port
-    port.set_baud(spec.baud)
-    client = OneOff(port, spec.protocol)
-    answering, messages = servos_on(port, client, spec)
-    for note in messages:
-        typer.echo(f"note: {note}", err=True)
-    seen = [Sighting(one, Speed(spec.protocol, spec.baud)) for one in answering]
-    found = look(port, spec, place.servos, seen)
-    there = {one.id for one in answering}
-    named = {servo.id: servo.label for _, servo in place.servos}
-    silent = [device for device in spec.ids if device not in there]
-    notes = [*elsewhere_texts(port, spec, silent, named), *found.notes, *([ECHOES] if client.echoes else [])]
-    return replace(found, notes=tuple(notes))
-
-
-def names(look_: Look, ids: Sequence[int]) -> str:
-    """Servos by joint and id; unknown ones by id and model."""
-    models = {one.found.id: one.model for one in look_.unknown}
-    servos = look_.line.servos
-    return ", ".join(
-        f"{servos[device].joint} (id {device})" if device in servos else f"id {device} ({models[device]})"
-        for device in ids
-    )
+def names(one: Look, ids: Sequence[int]) -> str:
+    """Servos by joint and id; unknown ones by id."""
+    return ", ".join(map(one.line.name_of, ids))
 
 
 # The question before something is written or goes limp.

@@ -20,11 +20,11 @@ from retarget.cli.servo.places import (
     Robot,
     agreed,
     find_places,
+    ids_of,
     look_at,
     names,
     opened,
 )
-from retarget.cli.servo.scan import ids_of
 from retarget.errors import UsageError
 
 
@@ -123,5 +123,4 @@ def _said(one: Look, device: int) -> str:
     image = one.line.images[device]
     bits = image.value("hardware_error_status") if image.has("hardware_error_status") else 0
     torque = ", torque on" if image.value("torque_enable") else ""
-    clash = ", two servos have this id" if device in one.clashing else ""
-    return f"{names(one, [device])}, {image.table.model}: {alert_text(bits) or 'no error'}{torque}{clash}"
+    return f"{names(one, [device])}, {image.table.model}: {alert_text(bits) or 'no error'}{torque}"

@@ -5,8 +5,9 @@ from contextlib import suppress
 
 import typer
 
-from hardware.dynamixel.found_servos import Look, broadcast_torque_off, not_limp, send_torque_off
-from hardware.dynamixel.torque import off_everywhere
+from hardware.dynamixel.found_servos import Look, broadcast_torque_off
+from hardware.dynamixel.line_scan import Speed
+from hardware.dynamixel.torque import not_limp, off_everywhere
 from hardware.errors import BusError, TorqueError
 from retarget.cli.exit import stop_on_signals
 from retarget.cli.servo.places import (
@@ -19,7 +20,6 @@ from retarget.cli.servo.places import (
     Robot,
     Yes,
     agreed,
-    check_search,
     chosen_speeds,
     find_places,
     look_at,
@@ -49,7 +49,8 @@ def rest(
     cleared. Without a profile the look takes up to a minute. Ctrl-C does not end the writing half way.
     """
     places = find_places(robot, port, faults=faults)
-    check_search(places, protocol, baud)
+    protocols = [place.spec.protocol if place.spec and protocol is None else protocol for place in places]
+    speeds = [chosen_speeds(place, own, baud) for place, own in zip(places, protocols, strict=True)]
     if dry_run:
         for place in places:
             typer.echo(
@@ -64,7 +65,7 @@ def rest(
                 return
             sent = True
         if sent:
-            _broadcast(places, protocol, baud)
+            _broadcast(places, speeds)
         try:
             looks = look_at(places, protocol=protocol, baud=baud, unknown_too=True)
         except BusError as error:
@@ -73,13 +74,13 @@ def rest(
             if sent:
                 raise TorqueError(f"interrupted. {UNCONFIRMED}") from None
             raise
-        count = sum(len(one.line.images) + len(one.unknown) for one in looks)
+        count = sum(len(_answering(one)) for one in looks)
         if not sent:
             if not _is_due(looks, count):
                 return
             if not agreed(f"Switch torque off on {count} servos? A robot that stands falls.", yes=False):
                 return
-            _broadcast(places, protocol, baud)
+            _broadcast(places, speeds)
         else:
             _say_missing(looks)
         with stop_on_signals():  # signals wait: a robot half of whose servos have torque is the worst case
@@ -87,21 +88,19 @@ def rest(
     typer.echo(f"torque is off on all {count} servos")
 
 
-def _broadcast(places: Sequence[Place], protocol: int | None, baud: int | None) -> None:
-    """Send torque off by broadcast on all ports, also after one fails; each is left at the speed of its bus."""
+def _broadcast(places: Sequence[Place], speeds: Sequence[Sequence[Speed]]) -> None:
+    """Send torque off by broadcast on all ports, also after one fails; each is left at its first speed."""
     with stop_on_signals():
-        for place in places:
-            wanted = protocol if place.spec is None else place.spec.protocol
+        for place, own in zip(places, speeds, strict=True):
             with suppress(BusError):  # the servos are read back afterwards
-                broadcast_torque_off(place.port, chosen_speeds(place, wanted, baud))
-                if place.spec is not None:
-                    place.port.set_baud(place.spec.baud)
+                broadcast_torque_off(place.port, own)
+                place.port.set_baud(own[0].baud)
     typer.echo("torque off was sent to all servos; now each is looked for and read back")
 
 
 def _is_due(looks: Sequence[Look], count: int) -> bool:
     """Whether any servo has torque or does not answer; prints which."""
-    driven = [names(one, on) for one in looks if (on := _driven(one))]
+    driven = [names(one, on) for one in looks if (on := not_limp(one.line, _answering(one)))]
     if not driven and not any(one.missing for one in looks):
         typer.echo(f"torque is off already on all {count} servos")
         return False
@@ -116,39 +115,16 @@ def _say_missing(looks: Sequence[Look]) -> None:
             typer.echo(f"no answer: {names(one, one.missing)}")
 
 
-def _unknown(one: Look) -> list[int]:
-    return [sighting.found.id for sighting in one.unknown]
-
-
-def _driven(one: Look) -> list[int]:
-    """Servos that have torque, or do not answer now."""
-    unknown = not_limp(one.line, _unknown(one))
-    if not one.line.images:
-        return unknown
-    table = next(iter(one.line.images.values())).table
-    said = one.line.read_all(table["torque_enable"], list(one.line.images))
-    return [device for device in one.line.images if said.get(device) != 0] + unknown
+def _answering(one: Look) -> list[int]:
+    return [*one.line.images, *(sighting.found.id for sighting in one.unknown)]
 
 
 def _switch_off(looks: Sequence[Look]) -> None:
-    """Send torque off to all servos before any is read back. Raises TorqueError with those that did not confirm."""
-    unsure: list[str] = []
-    for one in looks:
-        with suppress(BusError):  # they are read back below
-            send_torque_off(one.line, [*one.missing, *_unknown(one)])
-    unsure += off_everywhere([one.line for one in looks if one.line.images])
-    for one in looks:
-        try:
-            left = not_limp(one.line, [*one.missing, *_unknown(one)])
-            if left:
-                send_torque_off(one.line, left)
-                left = not_limp(one.line, left)
-            unsure += [names(one, [device]) for device in left]
-        except BusError as error:
-            unsure.append(f"all of bus {one.line.spec.name} ({error})")
+    """Switch torque off, also on servos that did not answer. Raises TorqueError with those that did not confirm."""
+    unsure = off_everywhere({one.line: (*_answering(one), *one.missing) for one in looks})
     if unsure:
         raise TorqueError(
-            f"{', '.join(dict.fromkeys(unsure))} did not confirm that torque is off",
+            f"{', '.join(unsure)} did not confirm that torque is off",
             where="servo rest",
             then="Cut the power by hand",
         )

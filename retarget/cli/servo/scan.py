@@ -3,10 +3,10 @@
 import sys
 from collections.abc import Sequence
 from functools import partial
-from typing import Annotated
 
 import typer
 
+from hardware.dynamixel.codec import MAX_ID
 from hardware.dynamixel.line_scan import LineScan, Sighting, Speed
 from hardware.dynamixel.serial_port import ECHOES
 from hardware.errors import BusError
@@ -14,18 +14,18 @@ from retarget.cli.servo.places import (
     Baud,
     DryRun,
     Faults,
+    Ids,
     Place,
     Port,
     Protocol,
     Robot,
     chosen_speeds,
     find_places,
+    ids_of,
     opened,
     search,
 )
-from retarget.errors import UsageError
 
-HIGHEST_ID = 253
 CHECK = "Check the servos' power, the wiring (data, ground), and that this is the right port; one servo alone says more"
 
 
@@ -34,7 +34,7 @@ def scan(
     port: Port = None,
     baud: Baud = None,
     protocol: Protocol = None,
-    ids: Annotated[str, typer.Option(help="Only these ids.", metavar="1,2,5-9")] = "",
+    ids: Ids = "",
     faults: Faults = None,
     dry_run: DryRun = False,
 ) -> None:
@@ -43,7 +43,7 @@ def scan(
     Each servo is printed when found; Ctrl-C ends it with those found so far. A whole port takes about a minute.
     With --robot the ids of its profile are compared with what answers.
     """
-    wanted = ids_of(ids, highest=HIGHEST_ID - 1 if protocol == 2 else HIGHEST_ID)
+    wanted = ids_of(ids, highest=MAX_ID + (protocol != 2))
     places = find_places(robot, port, faults=faults)
     speeds = [chosen_speeds(place, protocol, baud) for place in places]
     if dry_run:
@@ -66,23 +66,6 @@ def scan(
             for place, one in zip(places, scans, strict=True)
         )
         raise BusError("no servo answers", where="servo scan", found=f"silence of {tried}", then=CHECK)
-
-
-def ids_of(text: str, *, option: str = "--ids", highest: int = HIGHEST_ID) -> list[int] | None:
-    """The ids that `1,2,5-9` means; None for an empty text. Raises UsageError."""
-    if not text:
-        return None
-    found: set[int] = set()
-    for part in text.split(","):
-        first, _, last = part.partition("-")
-        ends = [end.strip() for end in (first, last or first)]
-        if not all(end.isascii() and end.isdigit() and len(end) <= 3 and int(end) <= highest for end in ends):
-            allowed = f"such as 1,2,5-9; 0 to {highest}"
-            raise UsageError("these are no ids", where=option, found=repr(text[:80]), allowed=allowed)
-        found |= set(range(int(ends[0]), int(ends[1]) + 1))
-    if not found:
-        raise UsageError("no id is meant", where=option, found=repr(text[:80]), allowed="such as 1,2,5-9")
-    return sorted(found)
 
 
 class Rows:

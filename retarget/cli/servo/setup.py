@@ -1,7 +1,7 @@
 """`retarget servo setup`: write id, speed and other EEPROM settings of one servo."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -9,11 +9,12 @@ import typer
 
 from hardware.dynamixel.checks import Span, needed_ticks, wishes
 from hardware.dynamixel.codec import MAX_ID
-from hardware.dynamixel.control_table import ControlTable, tables
+from hardware.dynamixel.control_table import tables
 from hardware.dynamixel.found_servos import LEVEL, PINGS_ONLY, answers_pings_only
 from hardware.dynamixel.line_scan import Sighting, Speed, write_setting
 from hardware.dynamixel.settings import (
     ANSWER_ALL,
+    Asked,
     ServoImage,
     Setting,
     in_units,
@@ -45,37 +46,6 @@ from retarget.model.robot import RobotBody, load_robot, load_uncalibrated
 # The settings asked for; those that no servo can hold are refused before a port is opened.
 
 
-@dataclass(frozen=True)
-class Asked:
-    """Values for one servo; None: not given. baud: bits/s; return_delay: s; registers: counts by name."""
-
-    new_id: int | None = None
-    baud: int | None = None
-    return_delay: float | None = None
-    registers: Mapping[str, int] = field(default_factory=dict)
-
-    def settings(self, table: ControlTable) -> list[Setting]:
-        """The settings for a servo with this table. Raises BusError where it cannot hold them."""
-        return settings_of(
-            table, registers=self.registers, return_delay=self.return_delay, new_id=self.new_id, baud=self.baud
-        )
-
-    def one_by_one(self) -> "list[tuple[str, Asked]]":
-        """Each option with its value alone; a Status Return Level that has every instruction answered is left out:
-        any servo can hold it."""
-        registers = [
-            ("--drive-mode" if name == "drive_mode" else "--register", Asked(registers={name: value}))
-            for name, value in self.registers.items()
-            if (name, value) != (LEVEL[2].name, ANSWER_ALL)
-        ]
-        return [
-            ("--new-id", Asked(new_id=self.new_id)),
-            ("--return-delay", Asked(return_delay=self.return_delay)),
-            ("--baud", Asked(baud=self.baud)),
-            *registers,
-        ]
-
-
 def registers_of(words: Sequence[str]) -> dict[str, int]:
     """What NAME=VALUE means. Raises UsageError."""
     found = {}
@@ -102,20 +72,20 @@ def check_device(device: int, protocol: int | None) -> None:
 def check_asked(asked: Asked, protocol: int | None, model: str | None) -> None:
     """Raise UsageError for what no servo (of this protocol, of this model; None: any) can hold."""
     check_speed(protocol, asked.baud)
+    if asked.registers.get(LEVEL[2].name) == ANSWER_ALL:  # any servo can hold it, be it in RAM
+        asked = replace(
+            asked, registers={name: asked.registers[name] for name in asked.registers if name != LEVEL[2].name}
+        )
     possible = [one for one in tables() if protocol in (None, one.protocol) and model in (None, one.model)]
-    for option, one in asked.one_by_one():
-        having = [table for table in possible if all(map(table.has, one.registers))] or possible[:1]
-        refused = ""
-        for table in having:
-            try:
-                one.settings(table)
-            except HardwareError as error:
-                refused = str(error).removeprefix(f"{table.model}: ").removesuffix(".")
-            else:
-                refused = ""
-                break
-        if refused:
-            raise UsageError(refused, where=option)
+    refused = ""
+    for table in [one for one in possible if all(map(one.has, asked.registers))] or possible[:1]:
+        try:
+            settings_of(table, asked)
+        except HardwareError as error:
+            refused = refused or str(error).removeprefix(f"{table.model}: ").removesuffix(".")
+        else:
+            return
+    raise UsageError(refused, where="servo setup")
 
 
 # Which servo is meant: by its id on a port, or by its joint in a robot's profile, which also gives the bus.
@@ -153,7 +123,7 @@ def find_target(
     if servo is None:
         assert device is not None
         return Target(places[0], device)
-    needed = needed_ticks(_calibrated(robot, body).joint_map.servos).get(servo.joint)
+    needed = needed_ticks(_calibrated(robot, body).joint_map)[servo.joint]
     return Target(places[0], servo.id if device is None else device, servo, needed)
 
 
@@ -204,7 +174,7 @@ def wanted_of(target: Target, asked: Asked, seen: Sighting, image: ServoImage) -
     if image.table.protocol == 2:
         registers.pop(LEVEL[2].name, None)
     servo, bus = target.servo, target.place.spec
-    if servo is None or bus is None:
+    if servo is None or bus is None or target.needed is None:
         return replace(asked, registers=registers)
     if (seen.model, seen.speed.protocol) != (servo.model.name, bus.protocol):
         raise BusError(
@@ -262,7 +232,7 @@ def setup(
         image = read_image(OneOff(place.port, seen.speed.protocol), target.device, seen.table)
         typer.echo(f"id {target.device}: {seen.model}, firmware {seen.found.firmware}, {seen.speed}")
         wanted = wanted_of(target, asked, seen, image)
-        due = plan(image, wanted.settings(image.table))
+        due = plan(image, settings_of(image.table, wanted))
         if not due:
             typer.echo("it has all of this already: nothing to write")
             return

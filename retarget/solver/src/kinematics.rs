@@ -23,7 +23,7 @@ impl Body {
         let n = self.links.len();
         Pose {
             position: vec![[0.0; 3]; n],
-            rotation: vec![[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]; n],
+            rotation: vec![IDENTITY; n],
             quat: vec![[1.0, 0.0, 0.0, 0.0]; n],
             axis: vec![[0.0; 3]; self.nv],
             anchor: vec![[0.0; 3]; self.nv],

@@ -50,8 +50,7 @@ impl Layout {
                 let size = 1 + task.target_size(body);
                 let metric = soft_level && matches!(task.kind, TaskKind::Posture);
                 let rows = if metric { 0 } else { task.row_count() };
-                let is_limit =
-                    matches!(task.kind, TaskKind::Support { .. } | TaskKind::Lever { .. } | TaskKind::Observers(_));
+                let is_limit = matches!(task.kind, TaskKind::Support { .. } | TaskKind::Observers(_));
                 let soft_column = (soft_level && !metric && !is_limit).then_some(soft);
                 if soft_column.is_some() {
                     soft += rows;

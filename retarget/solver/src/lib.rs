@@ -1,13 +1,9 @@
 //! retarget._solver: kinematics, strict hierarchies, whole frames; and filters for streams of poses. It uses no file, no clock, no
 //! servo. `use` runs one way between the files here (`tests/test_arrows_rust.py`).
 
-#[cfg(feature = "count-allocations")]
-pub mod allocations; // heap allocations of a thread, counted for tests
-mod assemble; // the linear problem of one iteration
-mod avoid; // observers inside the convergence loop
 pub mod body; // links and joints
 pub mod braking; // how far a coordinate may go in one frame, and how joints come to rest
-mod converge; // one frame: the convergence loop; many frames in a row
+mod converge; // one frame: the convergence loop, its linear problems; many frames in a row
 pub mod frame; // what a solver of frames holds
 pub mod geometry; // solids and the distance between them
 pub mod hierarchy; // strict levels of linear tasks, solved exactly

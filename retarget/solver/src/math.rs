@@ -5,6 +5,8 @@ pub type Quat = [f64; 4];
 /// Row-major rotation matrix: `m[r][c]`.
 pub type Mat3 = [[f64; 3]; 3];
 
+pub const IDENTITY: Mat3 = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+
 #[inline(always)]
 pub fn add(a: Vec3, b: Vec3) -> Vec3 {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
@@ -164,9 +166,4 @@ pub fn mat_mul(a: &Mat3, b: &Mat3) -> Mat3 {
         }
     }
     m
-}
-
-#[inline(always)]
-pub fn quat_rotate(q: Quat, v: Vec3) -> Vec3 {
-    mat_vec(&quat_to_mat(q), v)
 }

@@ -11,17 +11,13 @@ pub enum TaskKind {
     Position { link: usize, point: Vec3 },
     /// A frame of a link takes a world orientation.
     Orientation { link: usize, quat: Quat },
-    /// An axis of a link points along a world direction.
-    Axis { link: usize, axis: Vec3 },
+    /// An axis of a link points along a world direction, or, from a point of the link, aims at a world point.
+    Axis { link: usize, axis: Vec3, eye: Option<Vec3> },
     /// The centre of mass goes to a world position, or keeps an offset from a link's origin.
     CentreOfMass { over: Option<usize> },
-    /// The centre of mass stays inside at most `max_edges` half-spaces: those over a support polygon, and what motion asks for.
-    /// `without`: coordinates that are not asked to move it, in order.
-    Support { max_edges: usize, without: Vec<usize> },
-    /// The centre of mass and a point of a link stay inside at most `max_edges` half-spaces of both: what a joint carries.
-    Lever { link: usize, point: Vec3, max_edges: usize },
-    /// An axis of a link, from a point of it, aims at a world point.
-    LookAt { link: usize, point: Vec3, axis: Vec3 },
+    /// The centre of mass, or it and a point of a link, stays inside at most `max_edges` half-spaces: those over a support polygon,
+    /// and what motion asks for; what a joint carries. `without`: coordinates that are not asked to move it, in order.
+    Support { point: Option<(usize, Vec3)>, max_edges: usize, without: Vec<usize> },
     /// Every coordinate goes to that of a posture.
     Posture,
     /// Observers keep their parts off obstacles and off each other.
@@ -44,8 +40,7 @@ impl Task {
     pub fn target_size(&self, body: &Body) -> usize {
         match self.kind {
             TaskKind::Orientation { .. } => 4,
-            TaskKind::Support { max_edges, .. } => 4 * max_edges,
-            TaskKind::Lever { max_edges, .. } => 7 * max_edges,
+            TaskKind::Support { point, max_edges, .. } => half_space_size(point.is_some()) * max_edges,
             TaskKind::Posture => body.nq,
             TaskKind::Observers(_) => 0,
             _ => 3,
@@ -55,7 +50,7 @@ impl Task {
     /// Rows of the hierarchy that this task may use.
     pub fn row_count(&self) -> usize {
         match self.kind {
-            TaskKind::Support { max_edges, .. } | TaskKind::Lever { max_edges, .. } => max_edges,
+            TaskKind::Support { max_edges, .. } => max_edges,
             TaskKind::Observers(ref task) => task.rows,
             _ => self.weight.iter().filter(|w| **w > 0.0).count(),
         }
@@ -94,19 +89,19 @@ impl Task {
                 let wanted = quat_unit([target[1], target[2], target[3], target[4]]);
                 quat_log(quat_mul(wanted, quat_conj(now)))
             }
-            TaskKind::Axis { link, axis } => {
-                turn_error(mat_vec(&pose.rotation[*link], *axis), unit_or(goal, [1.0, 0.0, 0.0]))
+            TaskKind::Axis { link, axis, eye } => {
+                let now = mat_vec(&pose.rotation[*link], *axis);
+                let wanted = match eye {
+                    Some(eye) => unit_or(sub(goal, body.point(pose, *link, *eye)), now),
+                    None => unit_or(goal, [1.0, 0.0, 0.0]),
+                };
+                turn_error(now, wanted)
             }
             TaskKind::CentreOfMass { over } => {
                 let from = over.map_or([0.0; 3], |link| pose.position[link]);
                 sub(add(goal, from), pose.com)
             }
-            TaskKind::LookAt { link, point, axis } => {
-                let eye = body.point(pose, *link, *point);
-                let now = mat_vec(&pose.rotation[*link], *axis);
-                turn_error(now, unit_or(sub(goal, eye), now))
-            }
-            TaskKind::Support { .. } | TaskKind::Lever { .. } | TaskKind::Posture | TaskKind::Observers(_) => [0.0; 3],
+            TaskKind::Support { .. } | TaskKind::Posture | TaskKind::Observers(_) => [0.0; 3],
         }
     }
 
@@ -114,19 +109,15 @@ impl Task {
     /// hierarchy weighs it, which a posture has not.
     pub fn error_size(&self, body: &Body, pose: &Pose, target: &[f64]) -> (f64, f64) {
         match &self.kind {
-            TaskKind::Support { max_edges, .. } => {
-                let depth = edges(target, *max_edges).map(|(n, d)| dot(n, pose.com) - d);
-                let deepest = depth.fold(0.0, f64::max);
-                (deepest, deepest * deepest)
-            }
-            TaskKind::Lever { link, point, max_edges } => {
-                let p = body.point(pose, *link, *point);
-                let depth = levers(target, *max_edges).map(|(n, m, d)| dot(n, pose.com) + dot(m, p) - d);
+            TaskKind::Support { point, max_edges, .. } => {
+                let p = point.map_or([0.0; 3], |(link, local)| body.point(pose, link, local));
+                let depth =
+                    half_spaces(target, point.is_some(), *max_edges).map(|(n, m, d)| dot(n, pose.com) + dot(m, p) - d);
                 let deepest = depth.fold(0.0, f64::max);
                 (deepest, deepest * deepest)
             }
             TaskKind::Posture | TaskKind::Observers(_) => (0.0, 0.0),
-            TaskKind::Axis { .. } | TaskKind::LookAt { .. } => {
+            TaskKind::Axis { .. } => {
                 let angle = norm(self.error(body, pose, target));
                 (angle, (angle * self.weight[0] * target[0]).powi(2))
             }
@@ -143,20 +134,21 @@ impl Task {
     }
 }
 
-/// Half-spaces (normal, offset) of a support target that are in use.
-pub fn edges(target: &[f64], max_edges: usize) -> impl Iterator<Item = (Vec3, f64)> + '_ {
-    target[1..]
-        .chunks_exact(4)
-        .take(max_edges)
-        .filter(|e| e[..3].iter().any(|n| *n != 0.0))
-        .map(|e| ([e[0], e[1], e[2]], e[3]))
+/// Entries of one half-space in a target: nx, ny, nz, d, and mx, my, mz before d where there is a point.
+fn half_space_size(with_point: bool) -> usize {
+    if with_point {
+        7
+    } else {
+        4
+    }
 }
 
-/// Half-spaces (normal of the centre of mass, of the point, offset) of a lever target that are in use.
-pub fn levers(target: &[f64], max_edges: usize) -> impl Iterator<Item = (Vec3, Vec3, f64)> + '_ {
-    target[1..]
-        .chunks_exact(7)
-        .take(max_edges)
-        .filter(|e| e[..6].iter().any(|n| *n != 0.0))
-        .map(|e| ([e[0], e[1], e[2]], [e[3], e[4], e[5]], e[6]))
+/// Half-spaces n . c + m . p <= d of a support target that are in use: (n, m, d), m zero where there is no point.
+pub fn half_spaces(target: &[f64], with_point: bool, max_edges: usize) -> impl Iterator<Item = (Vec3, Vec3, f64)> + '_ {
+    let size = half_space_size(with_point);
+    let used = move |e: &&[f64]| e[..size - 1].iter().any(|n| *n != 0.0);
+    target[1..].chunks_exact(size).take(max_edges).filter(used).map(move |e| {
+        let of_point = if with_point { [e[3], e[4], e[5]] } else { [0.0; 3] };
+        ([e[0], e[1], e[2]], of_point, e[size - 1])
+    })
 }

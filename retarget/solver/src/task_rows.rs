@@ -4,7 +4,7 @@ use crate::body::Body;
 use crate::hierarchy::Problem;
 use crate::kinematics::Pose;
 use crate::math::*;
-use crate::task::{edges, levers, tangents, Task, TaskKind};
+use crate::task::{half_spaces, tangents, Task, TaskKind};
 
 /// The velocity coordinates that take part, packed: `(coordinate, column)` of each link's chain.
 pub struct Columns {
@@ -72,13 +72,13 @@ impl RowWriter<'_> {
                     }
                 }
             }
-            TaskKind::Axis { link, axis } => {
+            TaskKind::Axis { link, axis, eye: None } => {
                 let now = mat_vec(&pose.rotation[*link], *axis);
                 self.direction_rows(task, *link, now, error, first, strength, |_| [0.0; 3]);
             }
-            TaskKind::LookAt { link, point, axis } => {
+            TaskKind::Axis { link, axis, eye: Some(eye) } => {
                 let now = mat_vec(&pose.rotation[*link], *axis);
-                let eye = body.point(pose, *link, *point);
+                let eye = body.point(pose, *link, *eye);
                 let line = sub([target[1], target[2], target[3]], eye);
                 let distance = norm(line).max(1e-3);
                 let d = unit_or(line, now);
@@ -87,11 +87,8 @@ impl RowWriter<'_> {
                     scale(cross(d, body.point_column(pose, dof, eye)), 1.0 / distance)
                 });
             }
-            TaskKind::Support { max_edges, without } => {
-                self.support_rows(task, target, (*max_edges, without), first);
-            }
-            TaskKind::Lever { link, point, max_edges } => {
-                self.lever_rows(task, target, (*link, *point), *max_edges, first)
+            TaskKind::Support { point, max_edges, without } => {
+                self.support_rows(task, target, *point, (*max_edges, without), first);
             }
             TaskKind::Posture => self.posture_rows(task, first, strength),
             TaskKind::Observers(_) => {} // they write their own
@@ -164,41 +161,27 @@ impl RowWriter<'_> {
         }
     }
 
-    /// n . (c + J dq) <= d for every half-space; of coordinates that are not asked to move c the columns are 0.
-    fn support_rows(&mut self, task: &Task, target: &[f64], (max_edges, without): (usize, &[usize]), first: usize) {
+    /// n . (c + J dq) + m . (p + Jp dq) <= d for every half-space; of coordinates that are not asked to move c the columns are 0.
+    fn support_rows(
+        &mut self,
+        task: &Task,
+        target: &[f64],
+        point: Option<(usize, Vec3)>,
+        (max_edges, without): (usize, &[usize]),
+        first: usize,
+    ) {
         let (body, pose, columns) = (self.body, self.pose, self.columns);
-        for r in first..first + max_edges {
-            self.problem.present[r] = false;
-        }
-        for (k, (n, d)) in edges(target, max_edges).enumerate() {
-            let r = first + k;
-            self.equality(r, 0.0);
-            self.problem.lower[r] = f64::NEG_INFINITY;
-            let room = d - dot(n, pose.com);
-            self.problem.upper[r] = room.max(-task.max_error);
-            for &(dof, c) in columns.all.iter().filter(|(dof, _)| without.binary_search(dof).is_err()) {
-                self.problem.row_mut(r)[c] = dot(n, body.com_column(pose, dof));
-            }
-        }
-    }
-
-    /// n . (c + J dq) + m . (p + Jp dq) <= d for every half-space.
-    fn lever_rows(&mut self, task: &Task, target: &[f64], of: (usize, Vec3), max_edges: usize, first: usize) {
-        let (body, pose, columns) = (self.body, self.pose, self.columns);
-        for r in first..first + max_edges {
-            self.problem.present[r] = false;
-        }
-        let p = body.point(pose, of.0, of.1);
-        for (k, (n, m, d)) in levers(target, max_edges).enumerate() {
-            let r = first + k;
+        self.problem.present[first..first + max_edges].fill(false);
+        let p = point.map_or([0.0; 3], |(link, local)| body.point(pose, link, local));
+        for (r, (n, m, d)) in (first..).zip(half_spaces(target, point.is_some(), max_edges)) {
             self.equality(r, 0.0);
             self.problem.lower[r] = f64::NEG_INFINITY;
             let room = d - dot(n, pose.com) - dot(m, p);
             self.problem.upper[r] = room.max(-task.max_error);
-            for &(dof, c) in &columns.all {
+            for &(dof, c) in columns.all.iter().filter(|(dof, _)| without.binary_search(dof).is_err()) {
                 self.problem.row_mut(r)[c] = dot(n, body.com_column(pose, dof));
             }
-            for &(dof, c) in &columns.chain[of.0] {
+            for &(dof, c) in point.iter().flat_map(|(link, _)| &columns.chain[*link]) {
                 self.problem.row_mut(r)[c] += dot(m, body.point_column(pose, dof, p));
             }
         }

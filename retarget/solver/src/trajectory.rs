@@ -43,7 +43,7 @@ pub struct TrajectoryGenerator {
     /// Its last displacements (n1, n), and those of its average (n2, n).
     moved: Vec<f64>,
     averaged: Vec<f64>,
-    pub target: Vec<f64>,
+    target: Vec<f64>,
     pub position: Vec<f64>,
     pub velocity: Vec<f64>,
     pub acceleration: Vec<f64>,
@@ -126,8 +126,8 @@ impl TrajectoryGenerator {
         ahead(&self.moved, self.n1) + ahead(&self.averaged, self.n2)
     }
 
-    /// One tick of the reference. Whether it went as far as the limits of velocity let it.
-    fn move_reference(&mut self, speed_override: f64) -> bool {
+    /// One tick of the reference.
+    fn move_reference(&mut self, speed_override: f64) {
         let (n, dt) = (self.joints(), self.dt);
         // Ticks at full speed that the joint with the longest way needs.
         let ticks = (0..n).map(|i| self.way(i).abs() / (self.limits[i].velocity * dt)).fold(0.0, f64::max);
@@ -151,7 +151,6 @@ impl TrajectoryGenerator {
             let arrived = slower * share == 1.0 && moved == asked;
             self.reference[i] = if arrived { self.target[i] } else { self.reference[i] + moved };
         }
-        slower == 1.0
     }
 
     /// From the reference of joint i to the target.
@@ -162,29 +161,6 @@ impl TrajectoryGenerator {
     /// Whether everything stands exactly at the target.
     pub fn at_rest(&self) -> bool {
         self.reference == self.target && self.moved.iter().chain(&self.averaged).all(|moved| *moved == 0.0)
-    }
-
-    /// Time in s until `at_rest` at `target` (n,) at full speed.
-    pub fn duration(&self, target: &[f64]) -> f64 {
-        let mut ahead = self.clone();
-        ahead.target.copy_from_slice(target);
-        if ahead.at_rest() {
-            return 0.0;
-        }
-        // For n1 ticks, and until it is at full speed, the reference is followed tick by tick; from there on it goes straight.
-        // (A start that is very much too fast is not followed to its end.)
-        let mut ticks = (self.n1 + self.n2 - 1) as f64;
-        for tick in 1..=100 * self.n1 {
-            if ahead.reference == ahead.target {
-                return ticks * self.dt;
-            }
-            ticks += 1.0;
-            if ahead.move_reference(1.0) && tick >= self.n1 {
-                break;
-            }
-        }
-        let left = (0..self.joints()).map(|i| ahead.way(i).abs() / (self.limits[i].velocity * self.dt));
-        (ticks + left.fold(0.0, f64::max).ceil()) * self.dt
     }
 }
 

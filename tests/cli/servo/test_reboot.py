@@ -20,7 +20,7 @@ def lab(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> 
     return ServoLab(monkeypatch, capsys)
 
 
-HOT = Fault(FaultKind.OVER_TEMPERATURE, ids=(7,), value=95.0, end=0.3)
+HOT = Fault(FaultKind.OVER_TEMPERATURE, ids=(7,), value=95.0, end=0.01)
 
 
 def test_a_latched_error_is_explained_and_cleared(lab: ServoLab) -> None:

@@ -7,9 +7,9 @@ import signal
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 
+from check_helpers import copy_of_op3
 from hardware.bus import ServoBus
 from hardware.clock import Clock, VirtualClock
 from messages import shows
@@ -192,19 +192,9 @@ def test_an_unknown_command_of_the_group_is_refused(capsys: pytest.CaptureFixtur
     assert left.value.code == 2 and "home" in capsys.readouterr().err
 
 
-def test_a_posture_of_zeros_is_shown_in_short(lab: Lab) -> None:
-    robot = load_robot("op3")
-    assert home_file._angles(robot, np.zeros(20)) == "all joints at 0"
-
-
 OPENING = (
     "device 200 switches the servos' power on, servos without torque get the profile's operating mode, return delay"
 )
-
-
-def test_a_dry_run_says_what_opening_writes(lab: Lab) -> None:
-    code, out, _ = lab.home("--dry-run")
-    assert code == 0 and OPENING in out and "(EEPROM)" in out and lab.buses == []
 
 
 @pytest.mark.parametrize("words", [(), ("--bus", "/dev/ttyUSB7"), ("--port", "/dev/ttyUSB7")])
@@ -273,9 +263,11 @@ def test_a_file_that_cannot_be_is_refused_before_a_bus_is_opened(lab: Lab, own: 
     assert code == 2 and lab.buses == []
     shows(err, "--out")
     calibration_path("op3").parent.mkdir(parents=True)
-    code, _, err = lab.home("--bus", "emulator", "--out", str(calibration_path("op3")))
-    assert code == 2 and lab.buses == []
-    shows(err)
+    (own / "link").symlink_to(calibration_path("op3"))
+    for same in (calibration_path("op3"), own / "link"):
+        code, _, err = lab.home("--bus", "emulator", "--out", str(same))
+        assert code == 2 and lab.buses == []
+        shows(err)
     assert _files(own) == []
 
 
@@ -299,6 +291,12 @@ def test_a_port_that_looks_like_an_emulator_is_doubted(lab: Lab, terminal: Path)
     assert not calibration_path("op3").exists()
     code, out, _ = lab.home("--port", str(terminal), typed="y\n" * 5)
     assert code == 0 and calibration_path("op3").exists()
+
+
+def test_a_port_of_the_profile_is_doubted_as_one_of_the_command_line(lab: Lab, terminal: Path, own: Path) -> None:
+    path = copy_of_op3(own / "copy", ("/dev/ttyUSB0", str(terminal)))
+    code, out, _ = lab.home("--robot", str(path), typed="\n")
+    assert code == 0 and lab.buses == [] and out.startswith(f"{terminal} leads to a pseudo-terminal")
 
 
 def test_a_port_that_looks_like_an_emulator_is_not_doubted_where_a_file_is_named(lab: Lab, terminal: Path) -> None:

@@ -1,6 +1,5 @@
 """What a servo's registers say against driving it."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -12,7 +11,7 @@ from hypothesis import strategies as st
 from bus_rig import bus_of, spec
 from hardware.bus import BusSpec, ServoAlert
 from hardware.dynamixel.checks import NO_SECONDARY_ID, alert_text, complaints, needed_ticks, notes, wishes
-from hardware.dynamixel.settings import ServoImage, differing, eeprom_settings, plan, settings_of
+from hardware.dynamixel.settings import Asked, ServoImage, Setting, differing, eeprom_settings, plan, settings_of
 from hardware.joint_map import JointMap
 from hardware.servo import ServoMode, ServoSpec
 from messages import shows
@@ -31,7 +30,7 @@ def said(mode: ServoMode = ServoMode.POSITION, **values: int) -> list[str]:
         memory.put(name, value)
     image = ServoImage(one.table, bytes(memory.image[: one.table["present_temperature"].end]))
     servo = replace(PLAIN, mode=mode, current_limit=1.0)
-    return complaints(servo, bus_of([PLAIN]), image, needed_ticks([servo])["j1"])
+    return complaints(servo, bus_of([PLAIN]), image, needed_ticks(JointMap([servo]))["j1"])
 
 
 def test_a_servo_as_delivered_may_be_driven() -> None:
@@ -41,11 +40,6 @@ def test_a_servo_as_delivered_may_be_driven() -> None:
 @pytest.mark.parametrize(("volts", "fine"), [(94, False), (95, True), (160, True), (161, False)])
 def test_the_supply_is_held_against_the_servo_s_own_limits(volts: int, fine: bool) -> None:
     assert (said(present_input_voltage=volts) == []) == fine
-
-
-def test_time_based_profiles_are_no_harm() -> None:
-    assert said(drive_mode=4) == []
-    assert len(said(drive_mode=0x0B)) == 3
 
 
 def test_limits_of_the_position_count_in_position_mode_alone() -> None:
@@ -58,17 +52,6 @@ def test_every_alert_bit_has_a_name() -> None:
         assert (alert.name or "?") in alert_text(alert)
     assert alert_text(0x42) == "0x42"
     assert alert_text(0x05).startswith("INPUT_VOLTAGE (supply")
-
-
-def test_a_second_id_is_refused_and_none_is_not() -> None:
-    assert [bool(said(secondary_id=value)) for value in (0, 252, 253, 255)] == [True, True, False, False]
-
-
-def test_every_fix_that_names_the_setup_gives_a_whole_command() -> None:
-    found = said(drive_mode=0x0B, startup_configuration=1, secondary_id=3, homing_offset=9, min_position_limit=1500)
-    assert len(found) == 7
-    for text in found:
-        assert re.search(r"`retarget servo setup --port /dev/main --id 1( --register [a-z_]+=\d+)+`", text), text
 
 
 def _image(model: str, protocol: int, **values: int) -> tuple[ServoSpec, BusSpec, ServoImage]:
@@ -87,14 +70,9 @@ def _image(model: str, protocol: int, **values: int) -> tuple[ServoSpec, BusSpec
 def test_a_locked_eeprom_is_reported_with_what_opens_it(model: str) -> None:
     for lock, reported in ((0, False), (1, True)):
         servo, bus, image = _image(model, 1, lock=lock)
-        text = " ".join(complaints(servo, bus, image, needed_ticks([servo])["j1"]))
+        text = " ".join(complaints(servo, bus, image, needed_ticks(JointMap([servo]))["j1"]))
         shows(text)
         assert ("EEPROM" in text) == reported
-
-
-def test_a_follower_of_protocol_1_is_refused() -> None:
-    servo, bus, image = _image("MX-106", 1, drive_mode=2)
-    assert "follower" in complaints(servo, bus, image, needed_ticks([servo])["j1"])[0]
 
 
 @pytest.mark.parametrize(
@@ -103,7 +81,7 @@ def test_a_follower_of_protocol_1_is_refused() -> None:
 )
 def test_a_current_that_the_servo_cannot_limit_is_refused(model: str, protocol: int, fine: bool) -> None:
     servo, bus, image = _image(model, protocol)
-    needed = needed_ticks([servo])["j1"]
+    needed = needed_ticks(JointMap([servo]))["j1"]
     assert complaints(servo, bus, image, needed) == []
     found = complaints(replace(servo, current_limit=0.5), bus, image, needed)
     assert (found == []) == fine and (fine or "remove `current`" in found[0])
@@ -181,23 +159,20 @@ def test_with_the_wishes_written_nothing_is_wrong_or_due_any_more(
             one.memory.put(name, value)
     volts = "present_input_voltage" if protocol == 2 else "present_voltage"
     one.memory.put(volts, 120)
-    needed = needed_ticks([servo])[servo.joint]
+    needed = needed_ticks(JointMap([servo]))[servo.joint]
     image = ServoImage(one.table, bytes(one.memory.image))
-    due = plan(
-        image, settings_of(image.table, return_delay=bus.return_delay, registers=wishes(servo, bus, image, needed))
-    )
-    for setting in due:
+
+    def due(held: ServoImage) -> list[Setting]:
+        asked = Asked(return_delay=bus.return_delay, registers=wishes(servo, bus, held, needed))
+        return plan(held, settings_of(held.table, asked))
+
+    for setting in due(image):
         assert image.value(setting.register.name) != setting.value
         one.memory.put(setting.register.name, setting.value)
     after = ServoImage(one.table, bytes(one.memory.image))
     assert complaints(servo, bus, after, needed) == []
     assert differing(eeprom_settings(servo, bus, one.table), after) == []
-    assert (
-        plan(
-            after, settings_of(after.table, return_delay=bus.return_delay, registers=wishes(servo, bus, after, needed))
-        )
-        == []
-    )
+    assert due(after) == []
 
 
 @pytest.mark.parametrize(
@@ -215,7 +190,10 @@ def test_only_what_harms_is_changed(name: str, value: int, wanted: int) -> None:
     one.memory.put(name, value)
     image = ServoImage(one.table, bytes(one.memory.image))
     due = plan(
-        image, settings_of(image.table, registers=wishes(servo, bus_of([servo]), image, needed_ticks([servo])["j4"]))
+        image,
+        settings_of(
+            image.table, Asked(registers=wishes(servo, bus_of([servo]), image, needed_ticks(JointMap([servo]))["j4"]))
+        ),
     )
     assert [(one.register.name, one.value) for one in due] == [(name, wanted)]
 
@@ -227,18 +205,13 @@ def test_no_goal_inside_the_limits_is_beyond_the_needed_ticks_and_both_ends_are_
     joint_map = JointMap(servos)
     corners = np.stack(np.meshgrid(*[[0.0, 0.37, 1.0]] * len(servos), indexing="ij"), axis=-1).reshape(-1, len(servos))
     ticks = joint_map.to_ticks(joint_map.lower + corners * (joint_map.upper - joint_map.lower))
-    needed = needed_ticks(servos)
+    needed = needed_ticks(JointMap(servos))
     low, high = np.array([needed[joint] for joint in joint_map.joints]).T
     assert (low <= ticks.min(axis=0)).all() and (ticks.max(axis=0) <= high).all()
     slack = 2 * np.array([servo.coupling is not None for servo in servos])  # corners that are moved in
     assert (ticks.min(axis=0) - low <= slack).all() and (high - ticks.max(axis=0) <= slack).all()
 
 
-def test_half_a_pair_is_left_out() -> None:
-    knee, roll, _, _ = waist_servos()
-    assert list(needed_ticks([knee, roll])) == ["knee"]
-
-
 def test_the_ends_of_the_servo_s_own_travel_are_never_passed() -> None:
     wide = replace(spec(1), zero_tick=977, lower=-1.4989, upper=1.5)
-    assert needed_ticks([wide])["j1"].low == 0
+    assert needed_ticks(JointMap([wide]))["j1"].low == 0

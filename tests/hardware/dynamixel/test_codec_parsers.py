@@ -18,14 +18,6 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 
 @both
-def test_the_manuals_frames_are_understood(protocol: int) -> None:
-    for vector in VECTORS[protocol]:
-        parser = LINES[protocol].parser()
-        assert parser.feed(vector.printed) == [vector.frame]
-        assert (parser.pending, parser.skipped) == (b"", 0)
-
-
-@both
 def test_frames_come_with_their_last_byte(protocol: int) -> None:
     parser, received = LINES[protocol].parser(), []
     for vector in VECTORS[protocol]:
@@ -144,22 +136,6 @@ def test_reset_forgets_and_counts(protocol: int) -> None:
     parser.reset()
     assert (parser.pending, parser.skipped) == (b"", len(vector.printed) - 1)
     assert parser.feed(vector.printed) == [vector.frame]
-
-
-@both
-def test_an_echo_comes_before_its_answer(protocol: int) -> None:
-    line = LINES[protocol]
-    question, answer = VECTORS[protocol][2 + (protocol == 2)], VECTORS[protocol][3 + (protocol == 2)]
-    assert line.parser().feed(question.printed + answer.printed) == [question.frame, answer.frame]
-
-
-@both
-def test_a_bytearray_may_be_fed_and_changed_afterwards(protocol: int) -> None:
-    vector = VECTORS[protocol][0]
-    parser, data = LINES[protocol].parser(), bytearray(vector.printed[:-1])
-    assert parser.feed(data) == []
-    data[:] = bytes(len(data))
-    assert parser.feed(vector.printed[-1:]) == [vector.frame]
 
 
 PING = protocol2.ping(1)

@@ -7,8 +7,7 @@ from dynamixel_sdk import Protocol1PacketHandler
 from hypothesis import given
 from hypothesis import strategies as st
 
-import more_frames
-from hardware.dynamixel.codec import BROADCAST, Frame, Status, protocol1
+from hardware.dynamixel.codec import BROADCAST, protocol1
 from messages import refuses
 from packet_vectors import ONE, Vector
 from sdk_port import SdkPort
@@ -25,14 +24,6 @@ def test_content_and_checksum_add_up_to_nothing_but_ones(device: int, code: int,
     assert sum(frame[2:]) & 0xFF == 0xFF
     assert frame[3] == len(frame) - 4
     assert frame[:2] == b"\xff\xff"
-
-
-def test_the_longest_frame_is_built_and_no_longer_one() -> None:
-    assert protocol1.frame(1, 3, bytes(253))[3] == 255
-
-
-def test_any_frame_reads_as_a_status() -> None:
-    assert protocol1.status_of(Frame(7, 0x24, b"\x01")) == Status(7, 0x24, b"\x01")
 
 
 WRONG: dict[str, Callable[[], bytes]] = {
@@ -52,10 +43,6 @@ WRONG: dict[str, Callable[[], bytes]] = {
 def test_what_cannot_be_sent_is_refused(build: Callable[[], bytes]) -> None:
     with refuses(ValueError):
         build()
-
-
-def test_the_second_protocols_factory_reset_has_no_option_here() -> None:
-    assert more_frames.factory_reset1(5) == bytes.fromhex("FFFF050206F2")
 
 
 @given(st.integers(0, 253), st.integers(0, 127), st.binary(max_size=60))

@@ -75,15 +75,6 @@ def test_a_reply_to_another_question_has_no_parts() -> None:
     assert valid_parts(b"", [4]) == []
 
 
-def test_alerts_of_every_part_are_kept() -> None:
-    answers = [Status(1, 0, b"\x01"), Status(2, 0x80, b"\x02"), Status(3, 0x87, b"\x03")]
-    assert valid_parts(more_frames.fast_status(answers), [1, 1, 1]) == answers
-
-
-PROTOCOL2_HOT = st.lists(st.sampled_from((0xFF, 0xFD, 0x00, 0x55)), max_size=40).map(bytes)
-BODIES = st.one_of(PROTOCOL2_HOT, st.binary(max_size=60))
-
-
 @pytest.mark.parametrize("vector", TWO, ids=lambda vector: vector.printed[:24].hex())
 def test_frames_are_those_of_the_manual(vector: Vector) -> None:
     assert vector.built == vector.printed
@@ -93,15 +84,6 @@ def test_crc_is_umts_and_goes_on() -> None:
     assert more_frames.crc(b"123456789") == 0xFEE8
     assert more_frames.crc(b"6789", more_frames.crc(b"12345")) == 0xFEE8
     assert more_frames.crc(b"", 0x1234) == 0x1234
-
-
-@settings(max_examples=300)
-@given(BODIES)
-def test_stuffing_round_trips_and_leaves_no_header(body: bytes) -> None:
-    stuffed = protocol2.stuff(body)
-    assert protocol2.unstuff(stuffed) == body
-    assert protocol2.HEADER not in stuffed
-    assert len(stuffed) == len(body) + body.count(b"\xff\xff\xfd")
 
 
 def test_stuffing_round_trips_for_every_short_string_of_hot_bytes() -> None:
@@ -116,32 +98,6 @@ def test_stuffing_round_trips_for_every_short_string_of_hot_bytes() -> None:
 def test_length_counts_the_stuffing_and_the_code_is_stuffed_too() -> None:
     assert protocol2.write(1, 116, b"\xff\xff\xfd\xff")[5:-2] == bytes.fromhex("0A00 03 7400 FFFFFDFD FF")
     assert protocol2.frame(1, 0xFF, b"\xff\xfd")[5:-2] == bytes.fromhex("0600 FFFFFDFD")
-
-
-def test_the_header_is_not_stuffed_when_the_body_is() -> None:
-    assert protocol2.status(1, 0, b"\xff\xff\xfd\0").startswith(bytes.fromhex("FFFFFD00 01 0900"))
-
-
-def test_a_fast_status_is_not_stuffed() -> None:
-    reply = more_frames.fast_status([Status(1, 0, b"\xff\xff\xfd\0"), Status(2, 0x80, b"\xff\xff\xfd\xfd")])
-    assert reply[8:14] == bytes.fromhex("00 01 FFFFFD00")
-    assert reply[16:22] == bytes.fromhex("80 02 FFFFFDFD")
-    assert int.from_bytes(reply[5:7], "little") == 1 + 2 * 8
-
-
-def test_a_fast_status_of_one_part_is_closed_by_its_crc() -> None:
-    reply = more_frames.fast_status([Status(9, 0, b"\x01\x02")])
-    assert int.from_bytes(reply[-2:], "little") == more_frames.crc(reply[:-2])
-
-
-def test_parts_are_closed_by_the_crc_of_all_that_was_sent() -> None:
-    for answers in (FAST_SYNC, FAST_BULK):
-        reply, end = more_frames.fast_status(answers), 8
-        for answer in answers:
-            end += 2 + len(answer.data)
-            assert int.from_bytes(reply[end : end + 2], "little") == more_frames.crc(reply[:end])
-            end += 2
-        assert end == len(reply)
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,6 @@
 
 import csv
 import importlib.util
-import subprocess
-import sys
 from itertools import pairwise
 from pathlib import Path
 
@@ -12,17 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hardware.dynamixel.control_table import (
-    LAST_FIRMWARE,
     ControlTable,
     Register,
     baud_of,
     code_of,
     find_table,
-    firmware_starts,
     layer_rows,
     model_rows,
-    registers_of,
-    rows_of,
     table_of_number,
     tables,
 )
@@ -242,14 +236,6 @@ def test_initial_values_of_protocol_one() -> None:
     assert not find_table("MX-64", 1).has("drive_mode")
 
 
-def test_measurements_of_a_cycle_are_contiguous() -> None:
-    for model in X_MODELS:
-        table = find_table(model, 2)
-        effort = "present_current" if table.has("present_current") else "present_load"
-        assert [table[name].address for name in (effort, "present_velocity", "present_position")] == [126, 128, 132]
-        assert table["present_temperature"].end == 147
-
-
 @pytest.mark.parametrize(
     ("model", "since"),
     [("XM430-W350", 45), ("XL430-W250", 45), ("XC430-W240", 45), ("XH540-W270", 45), ("XL330-M288", 46)],
@@ -297,13 +283,6 @@ def test_errors_name_what_there_is() -> None:
     assert find_table("XM430-W350-R", 2) is find_table("XM430-W350", 2)
     assert table_of_number(4711) is None
     assert not find_table("MX-28", 2).has("goal_current")
-
-
-def test_importing_reads_no_file() -> None:
-    code = "from hardware.dynamixel import control_table\nfiles = control_table\n"
-    code += "assert files.model_rows.cache_info().currsize == files.layer_rows.cache_info().currsize == 0\n"
-    code += "control_table.find_table('MX-28', 1)\nassert files.model_rows.cache_info().currsize == 1\n"
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
 
 
 # ---- the maker's own model files, as dynamixel-sdk ships them
@@ -363,6 +342,7 @@ def _check_units(path: Path, table: ControlTable) -> None:
             assert register.scale == pytest.approx(float(value), rel=6e-4)
 
 
+PLACES = {"layer", "name", "since", "until"}
 COLUMNS = {"address", "size", "sign", "access", "scale", "unit", "lowest", "highest", "initial"}
 
 
@@ -377,46 +357,13 @@ def test_every_row_of_a_model_has_an_effect(model: ControlTable) -> None:
     made: set[str] = set()
     for layer in model.layers:
         for row in layer_rows()[layer]:
-            cells = dict(row.cells)
-            assert cells, (layer, row.name)
-            assert set(cells) <= COLUMNS
-            assert ("address" in cells) == ("size" in cells) == ("sign" in cells and "access" in cells)
-            assert 0 <= row.since <= row.until <= LAST_FIRMWARE
-            if "address" in cells:
-                made.add(row.name)
-            assert row.name in made, f"{layer}: {row.name} changes a register that does not exist"
-
-
-def test_cells_hold_what_their_columns_allow() -> None:
-    for file in ("registers.tsv", "values.tsv"):
-        for row in rows_of(file):
-            assert None not in row, f"{file}: a row with too many cells: {row}"
-            assert row.get("access", "") in {"", "r", "rw"}
-            assert row.get("sign", "") in {"", "u", "s", "d10"}
-            assert bool(row.get("scale")) == bool(row.get("unit"))
-            for column in ("address", "size", "lowest", "highest", "initial", "since", "until"):
-                cell = row.get(column, "").removesuffix("+")
-                assert cell in {"", "none"} or int(cell) is not None
-
-
-def test_spans_become_numbered_registers() -> None:
-    model = next(row for row in model_rows() if row.model == "XM430-W350")
-    found = {one.name: one for one in registers_of(model, 52)}
-    assert [found[f"indirect_address_{n}"].address for n in (1, 2, 28, 29, 56)] == [168, 170, 222, 578, 632]
-    assert [found[f"indirect_address_{n}"].initial for n in (1, 28, 29, 56)] == [224, 251, 634, 661]
-    assert [found[f"indirect_data_{n}"].address for n in (1, 28, 29, 56)] == [224, 251, 634, 661]
-    assert {found[f"indirect_data_{n}"].initial for n in range(1, 57)} == {0}
-
-
-@pytest.mark.parametrize("model", model_rows(), ids=lambda row: f"{row.model}-{row.protocol}")
-def test_a_table_changes_only_at_its_starts(model: ControlTable) -> None:
-    starts = firmware_starts(model)
-    assert starts[0] == 0
-    assert list(starts) == sorted(set(starts))
-    for before in range(LAST_FIRMWARE):
-        if before + 1 not in starts and before % 9 == 0:
-            assert registers_of(model, before) == registers_of(model, before + 1)
-    assert 0 <= model.usual_firmware <= LAST_FIRMWARE
+            name = row["name"]
+            assert set() < set(row) - PLACES <= COLUMNS
+            assert ("address" in row) == ("size" in row) == ("sign" in row and "access" in row)
+            assert 0 <= int(row.get("since", 0)) <= int(row.get("until", 255)) <= 255
+            if "address" in row:
+                made.add(name)
+            assert name in made, f"{layer}: {name} changes a register that does not exist"
 
 
 def _register(*, size: int = 2, signed: bool = False, direction_bit: int | None = None) -> Register:

@@ -12,7 +12,6 @@ from hardware.dynamixel import single_requests
 from hardware.dynamixel.codec import BROADCAST, Status, protocol1, protocol2, side_by_side
 from hardware.dynamixel.control_table import find_table
 from hardware.dynamixel.cyclic import Ask, Kind, block_of, collect
-from hardware.dynamixel.single_requests import Found
 from hardware.errors import HardwareError
 from messages import refuses
 from scripted_port import Replies, ScriptedPort
@@ -31,19 +30,6 @@ def test_every_register_is_where_its_table_says(model: str, protocol: int) -> No
         if register.direction_bit is None:
             at = register.address - block.address
             assert int(row[name]) == register.decode(data[at : at + register.size]), name
-
-
-def test_rows_are_in_the_order_of_the_answers() -> None:
-    block = block_of(find_table("XM430-W350", 2), "present_position", "present_position")
-    rows = block.unpack(side_by_side([Status(9, 0, b"\x01\0\0\0"), Status(3, 0, b"\xfe\xff\xff\xff")]))
-    assert rows["present_position"].tolist() == [1, -2]
-
-
-def test_blocks_are_alike_only_where_registers_are() -> None:
-    tables = [find_table(model, 2) for model in ("XM430-W350", "XH540-W270", "XL430-W250")]
-    same, too, other = (block_of(table, table.at(126).name, "present_position").layout for table in tables)  # type: ignore[union-attr]
-    assert same == too
-    assert same != other
 
 
 def test_a_register_that_is_not_there_is_named() -> None:
@@ -65,7 +51,6 @@ def test_all_answer_a_broadcast_in_their_slots() -> None:
     assert [answer.id for answer in received.answers] == [0, 1, 7, 252]
     assert received.damaged == 0
     assert port.sent == [protocol2.ping(BROADCAST)]
-    assert single_requests.found_by_broadcast(received)[1] == Found(1, 2, 1030, 38)
 
 
 def test_the_window_is_that_of_the_highest_id() -> None:
@@ -88,7 +73,7 @@ def test_damage_is_counted_and_valid_answers_are_kept() -> None:
 
 def test_two_answers_to_a_broadcast_are_a_clash() -> None:
     port = ScriptedPort(lambda request: _slotted(1, 1, 2))
-    found = single_requests.found_by_broadcast(single_requests.broadcast_ping(port, 5, SLACK))
+    found = single_requests.OneOff(port, 2).scan([1, 2])
     assert [(servo.id, servo.clash) for servo in found] == [(1, True), (2, False)]
 
 
@@ -99,22 +84,11 @@ def test_a_second_answer_to_one_ping_is_noticed(protocol: int) -> None:
     assert len(single_requests.ping_alone(port, protocol, 4, SLACK).answers) == 2
 
 
-@pytest.mark.parametrize("protocol", [1, 2])
-def test_an_echo_is_no_answer(protocol: int) -> None:
-    port = ScriptedPort(lambda request: [(0.0001, request)])
-    received = single_requests.ping_alone(port, protocol, 4, SLACK)
-    assert received == single_requests.PingReplies((), 0, True)
-
-
 def test_a_line_that_never_falls_silent_is_left() -> None:
     port = ScriptedPort(lambda request: [(1e-5 * at, bytes(1000)) for at in range(200)])
     received = single_requests.broadcast_ping(port, 252, SLACK)
     assert received.damaged <= single_requests.MAX_RECEIVED + 1000
     assert port.now() < 0.1
-
-
-def test_a_refused_ping_returns_no_model() -> None:
-    assert single_requests.found_by_ping(Status(3, 0x81, b"")) == Found(3, 2, None, None, alert=True)
 
 
 BAUD, SIZE = 1_000_000, 10

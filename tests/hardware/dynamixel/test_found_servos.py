@@ -3,22 +3,14 @@
 import pytest
 
 from bus_rig import BusRig, bus_of, spec, specs
-from hardware.dynamixel.control_table import code_of, tables
+from hardware.dynamixel.control_table import code_of
 from hardware.dynamixel.cyclic import BusLine
 from hardware.dynamixel.found_servos import (
-    LEVEL,
-    TORQUE_ENABLE,
-    answers_pings_only,
     as_bus,
     broadcast_torque_off,
-    is_controller,
     look,
-    not_limp,
-    send_torque_off,
 )
 from hardware.dynamixel.line_scan import Sighting, Speed, all_speeds, scan_line
-from hardware.dynamixel.settings import ANSWER_ALL
-from hardware.dynamixel.single_requests import Found, OneOff
 from hardware.errors import BusError
 from messages import refuses, shows
 from sim.emulator.faults import Fault, FaultKind
@@ -86,11 +78,11 @@ def test_read_missing_and_unknown_servos() -> None:
     rig.device(3).memory.put("model_number", 1060)
     rig.fault(Fault(FaultKind.MISSING, ids=(4,)))
     placed = [(7 + at, servo) for at, servo in enumerate(rig.servos)]
-    seen = look(rig.port, rig.buses[0], placed, _sightings(rig))
+    seen = look(BusLine(rig.buses[0], rig.port, placed), _sightings(rig))
     assert list(seen.line.images) == [1, 3, 5] and seen.missing == (4,)
     assert [one.found.id for one in seen.unknown] == [2, 40]
     assert seen.line.index_of[5] == 11
-    notes = "\n".join(seen.notes)
+    notes = "\n".join(seen.wrong)
     for text in ("j2 (id 2) is a model that is not known here: number 1120", "j3 (id 3) is XL430-W250", "40 (XM430"):
         assert text in notes
 
@@ -101,9 +93,9 @@ def test_a_bus_of_what_answers_holds_every_known_servo_in_order() -> None:
     bus, placed = as_bus("here", _sightings(rig), first=5)
     assert [(place, servo.id) for place, servo in placed] == [(5, 1), (6, 2), (7, 4)]
     assert (bus.baud, bus.protocol, bus.ids) == (2_000_000, 2, (1, 2, 4))
-    seen = look(rig.port, bus, placed, _sightings(rig))
+    seen = look(BusLine(bus, rig.port, placed), _sightings(rig))
     assert not seen.missing and [one.found.id for one in seen.unknown] == [3]
-    shows(seen.notes, 3, 1120)
+    shows(seen.wrong, 3, 1120)
 
 
 def test_a_servo_with_status_return_off_is_distinguished_from_a_silent_one() -> None:
@@ -111,8 +103,8 @@ def test_a_servo_with_status_return_off_is_distinguished_from_a_silent_one() -> 
     rig.device(2).memory.put("status_return_level", 0)
     rig.device(2).tune()
     rig.fault(Fault(FaultKind.MISSING, ids=(3,)))
-    seen = look(rig.port, rig.buses[0], list(enumerate(rig.servos)), _sightings(rig))
-    (note,) = seen.notes
+    seen = look(BusLine(rig.buses[0], rig.port, list(enumerate(rig.servos))), _sightings(rig))
+    (note,) = seen.wrong
     assert seen.missing == (2, 3) and note.startswith("j2 (id 2) answers pings only (status return level 0): `retarget")
     shows(note, "--id", 2, "--register", "status_return_level=2`")
 
@@ -121,7 +113,7 @@ def test_a_controller_is_no_servo() -> None:
     rig = BusRig(specs(2))
     rig.device(2).memory.put("model_number", 0x7400)
     bus, placed = as_bus("here", _sightings(rig))
-    assert look(rig.port, bus, placed, _sightings(rig)).unknown == ()
+    assert look(BusLine(bus, rig.port, placed), _sightings(rig)).unknown == ()
 
 
 def test_several_speeds_are_refused_with_what_was_seen() -> None:
@@ -129,52 +121,3 @@ def test_several_speeds_are_refused_with_what_was_seen() -> None:
     one, two = _sightings(rig)
     with refuses(BusError, "1.0", 57600, "2.0", 2000000):
         as_bus("here", [one, Sighting(two.found, Speed(1, 57_600))])
-
-
-def _status_return_off_rig(protocol: int) -> tuple[BusRig, OneOff]:
-    servos = specs(3, "MX-28")
-    rig = BusRig(servos, buses=[bus_of(servos, protocol=protocol, baud=1_000_000)])
-    rig.port.open(1_000_000)
-    rig.devices[1].memory.put("status_return_level", 0)
-    rig.devices[1].tune()
-    rig.fault(Fault(FaultKind.MISSING, ids=(3,)))
-    return rig, OneOff(rig.port, protocol)
-
-
-@pytest.mark.parametrize("protocol", [1, 2])
-def test_who_answers_pings_only(protocol: int) -> None:
-    _, client = _status_return_off_rig(protocol)
-    assert [answers_pings_only(client, device) for device in (1, 2, 3)] == [False, True, False]
-
-
-@pytest.mark.parametrize("protocol", [1, 2])
-def test_it_is_written_without_its_answer(protocol: int) -> None:
-    rig, client = _status_return_off_rig(protocol)
-    client.write(2, LEVEL[protocol], ANSWER_ALL, verify=True)
-    assert rig.shown("status_return_level")[1] == 2
-    assert not answers_pings_only(client, 2)
-
-
-def test_every_known_model_has_its_torque_there() -> None:
-    for table in tables():
-        known = table["torque_enable"]
-        assert (known.address, known.size) == (TORQUE_ENABLE[table.protocol].address, 1), table.model
-
-
-@pytest.mark.parametrize("protocol", [1, 2])
-def test_a_line_without_known_servos_switches_them_off_and_asks(protocol: int) -> None:
-    servos = specs(4, "MX-28")
-    rig = BusRig(servos, buses=[bus_of(servos, protocol=protocol, baud=1_000_000)])
-    rig.port.open(1_000_000)
-    line = BusLine(rig.buses[0], rig.port, [])
-    for one in rig.devices[:3]:
-        one.memory.put("torque_enable", 1)
-    rig.fault(Fault(FaultKind.MISSING, ids=(3,)))
-    assert not_limp(line, [1, 2, 3, 4]) == [1, 2, 3]
-    send_torque_off(line, [1, 3])
-    assert rig.shown("torque_enable") == [0, 1, 1, 0]
-    assert not_limp(line, [1, 2, 3, 4]) == [2, 3]
-
-
-def test_a_controller_has_none() -> None:
-    assert is_controller(Found(200, 2, 0x7400)) and not is_controller(Found(1, 2, 1120))

@@ -11,9 +11,10 @@ from hardware.dynamixel.checks import needed_ticks
 from hardware.dynamixel.codec import protocol2
 from hardware.dynamixel.control_table import code_of, find_table
 from hardware.dynamixel.cyclic import Ask, Kind
-from hardware.dynamixel.opening import LOOKS, servos_on, too_slow
-from hardware.dynamixel.single_requests import OneOff
+from hardware.dynamixel.found_servos import servos_on
+from hardware.dynamixel.opening import LOOKS, too_slow
 from hardware.errors import BusError
+from hardware.joint_map import JointMap
 from hardware.servo import ServoMode
 from messages import refuses, shows
 from scripted_port import ScriptedPort
@@ -114,27 +115,27 @@ def fault(kind: FaultKind, *ids: int) -> Spoil:
 PROBLEMS: dict[str, tuple[Spoil, tuple[str, ...]]] = {
     "missing": (
         fault(FaultKind.MISSING, 2, 4),
-        ("servo j2 (id 2), servo j4 (id 4) did not answer", "servo scan", "a host that is too busy"),
+        ("j2 (id 2), j4 (id 4) did not answer", "servo scan", "a host that is too busy"),
     ),
     "no servo": (
         fault(FaultKind.MISSING),
-        ("no servo answers", "57600", "4500000", "check the servos' power", "too busy"),
+        ("no servo answers", "check the servos' power", "too busy"),
     ),
     "other speed": (
         other_speed,
-        ("no servo answers", "id 1 answers at 57600", "correct `baud`", "--port /dev/main --id 1 --baud 2000000`"),
+        ("no servo answers", "(id 1) answers at 57600", "correct `baud`", "--port /dev/main --id 1 --baud 2000000`"),
     ),
     "one at another speed": (
         one_at_another_speed,
-        ("j3 (id 3) did not answer", "servo j3 (id 3) answers at 57600 baud, and its bus has 2000000", "--id 3 --baud"),
+        ("j3 (id 3) did not answer", "j3 (id 3) answers at 57600 baud, and its bus has 2000000", "--id 3 --baud"),
     ),
     "second id": (register(2, secondary_id=1), ("servo j2 (id 2) also obeys what is meant for id 1",)),
     "status return off": (
         register(2, status_return_level=0),
-        ("servo j2 (id 2) answers pings only", "status_return_level=2`"),
+        ("j2 (id 2) answers pings only", "status_return_level=2`"),
     ),
     "unknown": (register(4, id=9), ("j4 (id 4) did not answer", "ids that are not in the profile: 9 (XM430-W350)")),
-    "clash": (fault(FaultKind.ID_CLASH, 3), ("servo j3 (id 3) gives several different answers", "one at a time")),
+    "clash": (fault(FaultKind.ID_CLASH, 3), ("j3 (id 3) gives several different answers", "one at a time")),
     "errors": (overheated, ("servo j2 (id 2) has latched OVERHEATING (too hot)", "servo reboot")),
     "voltage": (supply, ("has a supply of 9.0 V, allowed 9.5 to 16 V", "battery")),
     "torque": (register(1, torque_enable=1), ("has torque on, and its EEPROM must be written", "servo rest")),
@@ -173,13 +174,6 @@ def test_each_problem_is_named_with_its_fix(case: str) -> None:
     for text in texts:
         assert text in said
     assert "main" in said or "servo j" in said
-
-
-def test_a_valid_bus_opens_without_problems() -> None:
-    rig = BusRig(specs(4))
-    rig.bus.open()
-    assert rig.port.opened
-    assert all("return_delay_time" in note for note in rig.notes)
 
 
 def test_another_model_is_named() -> None:
@@ -237,12 +231,6 @@ def test_protocol_1_is_noted_to_have_no_watchdog() -> None:
     shows(rig.notes, 1)
 
 
-def test_limits_that_are_just_wide_enough_do() -> None:
-    rig = BusRig(specs(1))
-    register(1, min_position_limit=1071, max_position_limit=3025)(rig)
-    rig.bus.open()
-
-
 def test_the_speed_is_the_bus_s_again_after_others_were_tried() -> None:
     rig = BusRig(specs(2))
     rig.fault(Fault(FaultKind.MISSING))
@@ -258,22 +246,6 @@ def test_a_device_of_the_profile_without_a_joint_must_be_there() -> None:
     rig = BusRig(servos, buses=buses)
     shows(refusal(rig), 30)
     assert protocol2.frame(30, 1, b"") in rig.port.sent
-
-
-def test_unknown_ids_are_found_whatever_their_number() -> None:
-    rig = BusRig(specs(2), unknown_ids=[spec(252)])
-    begun = rig.clock.now()
-    shows(refusal(rig), 252, "XM430-W350")
-    assert rig.clock.now() - begun < 1.0
-
-
-def test_an_unknown_id_of_protocol_1_is_found() -> None:
-    servos = specs(2, "AX-12A")
-    rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)], unknown_ids=[spec(252, "AX-12A")])
-    begun = rig.clock.now()
-    with refuses(BusError, 252, "AX-12A"):
-        rig.bus.open()
-    assert rig.clock.now() - begun < 1.5
 
 
 def test_protocol_1_status_return_off_is_distinguished_from_silence() -> None:
@@ -306,7 +278,7 @@ def test_limits_of_coupled_servos_are_held_against_all_angles_of_both_joints(oth
     roll, yaw = [replace(one, mode=ServoMode.POSITION, lower=-0.2, upper=0.2) for one in waist_servos()[1:3]]
     servos = [roll, moved(yaw, other)]
     buses = [bus_of(servos, name=name) for name in dict.fromkeys(("main", other))]
-    low, high = needed_ticks(servos)["roll"]
+    low, high = needed_ticks(JointMap(servos))["roll"]
     rig = BusRig(servos, buses=buses)
     rig.devices[0].memory.put("min_position_limit", low)
     rig.devices[0].memory.put("max_position_limit", high)
@@ -323,7 +295,7 @@ def test_all_are_found_and_nothing_comes_afterwards(protocol: int, model: str) -
     rig = BusRig(servos, buses=buses, unknown_ids=[spec(0, model), spec(40, model), spec(252, model)])
     rig.port.open(1_000_000)
     begun = rig.clock.now()
-    found, notes = servos_on(rig.port, OneOff(rig.port, protocol), rig.buses[0])
+    found, notes = servos_on(*rig.bus.lines)
     assert [one.id for one in found] == [0, 1, 2, 3, 40, 252] and notes == []
     assert len({one.model for one in found}) == 1 and not any(one.clash for one in found)
     assert rig.clock.now() - begun < 1.1
@@ -335,7 +307,7 @@ def test_noise_is_no_servo() -> None:
     rig = BusRig(specs(2))
     rig.port.open(2_000_000)
     rig.fault(Fault(FaultKind.SHORT, value=40))
-    found, _ = servos_on(rig.port, OneOff(rig.port, 2), rig.buses[0])
+    found, _ = servos_on(*rig.bus.lines)
     assert {one.id for one in found} <= {1, 2}
 
 
@@ -345,6 +317,6 @@ def test_a_search_that_would_take_too_long_is_noted() -> None:
     buses = [bus_of(servos, protocol=1, baud=1_000_000)]
     rig = BusRig(servos, buses=buses, timing=slow, unknown_ids=[spec(9, "AX-12A")])
     rig.port.open(1_000_000)
-    found, notes = servos_on(rig.port, OneOff(rig.port, 1), rig.buses[0])
+    found, notes = servos_on(*rig.bus.lines)
     assert [one.id for one in found] == [1, 2]
-    assert notes == ["bus main: too slow to look for servos that are not in the profile"]
+    assert notes == ["too slow to look for servos that are not in the profile"]

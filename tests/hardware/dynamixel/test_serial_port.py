@@ -15,9 +15,10 @@ from bus_rig import BusRig, bus_of, specs
 from hardware.clock import MonotonicClock
 from hardware.dynamixel import serial_port
 from hardware.dynamixel.opening import examine
-from hardware.dynamixel.serial_port import ECHOES, BytePort, SerialPort, real_baud
+from hardware.dynamixel.serial_port import ECHOES, SerialPort, real_baud
 from hardware.dynamixel.single_requests import OneOff
 from hardware.errors import BusError
+from hardware.joint_map import JointMap
 from messages import refuses, shows
 from sim.emulator.faults import Fault, FaultKind
 
@@ -33,8 +34,8 @@ def test_opening_notes_it_once(model: str, protocol: int, echo: bool, silent: bo
         rig.fault(Fault(FaultKind.ECHO))
     if silent:
         rig.fault(Fault(FaultKind.MISSING))
-    bus = rig.buses[0]
-    opening = examine(rig.port, OneOff(rig.port, protocol), bus, servos)
+    (line,) = rig.bus.lines
+    opening = examine(line, JointMap(servos))
     count = sum(ECHOES in note for note in opening.notes)
     assert count == (1 if echo else 0) or (silent and protocol == 1)
     assert bool(opening.problems) is silent
@@ -218,11 +219,6 @@ def port(pty: Pty) -> Iterator[SerialPort]:
     port.close()
 
 
-def test_it_is_a_byte_port(pty: Pty, port: SerialPort) -> None:
-    as_port: BytePort = port
-    assert as_port.name == pty.path
-
-
 @pytest.mark.parametrize("baud", [9_600, 57_600, 1_000_000, 4_000_000, 4_500_000, 10_500_000])
 def test_any_speed(pty: Pty, port: SerialPort, baud: int) -> None:
     port.set_baud(baud)
@@ -268,13 +264,6 @@ def test_waiting_ends_at_the_deadline_and_not_before(port: SerialPort) -> None:
     assert not port.wait(start)
 
 
-def test_waiting_takes_no_processor_time(port: SerialPort) -> None:
-    before = os.times()
-    port.wait(port.now() + 0.1)
-    after = os.times()
-    assert (after.user + after.system) - (before.user + before.system) <= 0.05
-
-
 def test_what_had_arrived_can_be_dropped(pty: Pty, port: SerialPort) -> None:
     os.write(pty.far, b"stale")
     assert port.wait(port.now() + SOON)
@@ -294,15 +283,6 @@ def test_a_second_process_is_refused_a_busy_port(pty: Pty, port: SerialPort) -> 
     port.close()
     second.open(57_600)
     second.close()
-
-
-def test_opened_through_a_link(pty: Pty, tmp_path: Path) -> None:
-    link = tmp_path / "usb-adapter"
-    link.symlink_to(pty.path)
-    port = SerialPort(str(link), MonotonicClock())
-    port.open(57_600)
-    assert port.name == str(link)
-    port.close()
 
 
 def test_closing_twice_and_using_it_then(pty: Pty, port: SerialPort) -> None:

@@ -35,6 +35,21 @@ def test_a_table_of_all_servos_and_nothing_written(words: tuple[str, ...], lab: 
     assert lab.instructions() <= READING and lab.memory(13).value("torque_enable") == 1
 
 
+@pytest.mark.parametrize(
+    ("words", "ids"), [(("--ids", "3,5-6"), [" 3 ", " 5 ", " 6 "]), (("--ids", "5", "--baud", "57600"), [" 5 "])]
+)
+@pytest.mark.parametrize("robot", [("--robot", "op3"), ("--protocol", "2")])
+def test_it_takes_the_options_of_scan(
+    robot: tuple[str, ...], words: tuple[str, ...], ids: list[str], lab: ServoLab
+) -> None:
+    if "--baud" in words:
+        lab.before = {(5, "baud_rate"): 1}
+    code, out, err = lab.run("monitor", *robot, *words, "--port", "emulator", "--once")
+    rows = out.splitlines()[1:-1]
+    assert (code, err) == (0, "") and len(rows) == len(ids)
+    assert all(one in row for one, row in zip(ids, rows, strict=True))
+
+
 def test_a_missing_servo_is_shown_as_never_answered(lab: ServoLab) -> None:
     lab.faults = [Fault(FaultKind.MISSING, ids=(13,))]
     code, out, _ = lab.run("monitor", "--robot", "op3", "--port", "emulator", "--once")

@@ -1,7 +1,7 @@
 """`retarget servo rest` on the emulator: limp and confirmed, or said who is not."""
 
 import signal
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping
 
 import pytest
 
@@ -80,12 +80,6 @@ def test_a_dry_run_sends_nothing(lab: ServoLab) -> None:
     assert code == 0 and "torque_enable := 0" in out and lab.sent == []
 
 
-def test_a_speed_beside_a_profile_is_refused(lab: ServoLab) -> None:
-    code, _, err = lab.run("rest", "--robot", "op3", "--port", "emulator", "--baud", "57600")
-    assert code == 2
-    shows(err)
-
-
 XM540 = 1120
 """A model without a table."""
 WAYS = [("--robot", "op3"), ("--baud", "2000000", "--protocol", "2")]
@@ -132,10 +126,10 @@ def test_unknown_ones_without_torque_are_left_alone(lab: ServoLab) -> None:
 def test_an_interrupt_does_not_leave_half_of_them_powered(
     number: signal.Signals, lab: ServoLab, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def interrupted(lines: Sequence[BusLine]) -> list[str]:
+    def interrupted(buses: Mapping[BusLine, Collection[int]]) -> list[str]:
         signal.raise_signal(number)
         signal.raise_signal(number)
-        return off_everywhere(lines)
+        return off_everywhere(buses)
 
     monkeypatch.setattr("retarget.cli.servo.rest.off_everywhere", interrupted)
     code, out, _ = lab.run("rest", "--robot", "op3", "--port", "emulator", "--yes")

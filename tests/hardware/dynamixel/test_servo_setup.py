@@ -9,6 +9,7 @@ from hardware.dynamixel.checks import complaints, needed_ticks
 from hardware.dynamixel.codec import Instruction
 from hardware.dynamixel.line_scan import write_setting
 from hardware.dynamixel.settings import ServoImage
+from hardware.joint_map import JointMap
 from messages import shows
 from retarget.cli.servo.places import Place
 from servo_lab import ServoLab
@@ -90,7 +91,7 @@ def _complaints(memory: Memory) -> list[str]:
     servo = spec(13)
     memory.put("present_input_voltage", 120)
     image = ServoImage(memory.table, bytes(memory.image[: memory.table["present_temperature"].end]))
-    return complaints(servo, bus_of([servo]), image, needed_ticks([servo])["j13"])
+    return complaints(servo, bus_of([servo]), image, needed_ticks(JointMap([servo]))["j13"])
 
 
 @pytest.mark.parametrize("values", CURED)
@@ -200,11 +201,11 @@ def test_another_model_and_an_id_without_a_joint_are_refused(lab: ServoLab) -> N
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (("--new-id", "254"), "--new-id: "),
-        (("--return-delay", "3"), "--return-delay: "),
+        (("--new-id", "254"), "found 254"),
+        (("--return-delay", "3"), "found 3 us"),
         (("--baud", "77"), "--baud: "),
-        (("--drive-mode", "300"), "--drive-mode: "),
-        (("--register", "id=3"), "--register: "),
+        (("--drive-mode", "300"), "found 300"),
+        (("--register", "id=3"), "the option --new-id"),
     ],
 )
 @pytest.mark.parametrize("robot", [(), ("--robot", "op3")])

@@ -8,9 +8,9 @@ from bus_rig import BusRig, bus_of, spec, specs
 from hardware.dynamixel.control_table import find_table
 from hardware.dynamixel.settings import (
     SILENCING,
+    Asked,
     ServoImage,
     Setting,
-    differing,
     eeprom_settings,
     full_drive,
     in_units,
@@ -18,7 +18,6 @@ from hardware.dynamixel.settings import (
     ram_settings,
     read_image,
     settings_of,
-    setup_command,
 )
 from hardware.dynamixel.single_requests import NoAnswer, OneOff
 from hardware.errors import HardwareError
@@ -130,12 +129,6 @@ def test_only_gains_of_the_profile_are_set() -> None:
     }
 
 
-def test_what_is_there_is_not_due() -> None:
-    settings = ram_settings(replace(PLAIN, gains=ServoGains(position_p=640)), image())
-    held = image(status_return_level=2, position_p_gain=640, profile_velocity=5)
-    assert named(differing(settings, held)) == {"profile_velocity": 0}
-
-
 @pytest.mark.parametrize(("amperes", "limit", "expected"), [(1.0, 1193, 372), (100.0, 1193, 1193), (1.0, 200, 200)])
 def test_a_limited_current_is_the_drive_and_never_above_the_servo_s(amperes: float, limit: int, expected: int) -> None:
     servo = replace(PLAIN, mode=ServoMode.CURRENT_BASED_POSITION, current_limit=amperes)
@@ -153,30 +146,13 @@ def _image(model: str = "XM430-W350", protocol: int = 2, **values: int) -> Servo
     return ServoImage(one.table, bytes(one.memory.image))
 
 
-def test_id_and_speed_come_last_and_what_is_so_already_is_left_out() -> None:
-    image = _image()
-    due = plan(
-        image,
-        settings_of(
-            image.table, new_id=9, baud=1_000_000, return_delay=0.0, registers={"shutdown": 53, "drive_mode": 0}
-        ),
-    )
-    assert [(one.register.name, one.value) for one in due] == [
-        ("shutdown", 53),
-        ("return_delay_time", 0),
-        ("id", 9),
-        ("baud_rate", 3),
-    ]
-    assert plan(image, settings_of(image.table, new_id=1, registers={"drive_mode": 0})) == []
-
-
 @pytest.mark.parametrize(("model", "protocol"), [("XM430-W350", 2), ("MX-28", 1), ("AX-12A", 1)])
 def test_nothing_but_writable_eeprom_is_ever_due(model: str, protocol: int) -> None:
     image = _image(model, protocol)
     for register in image.table.registers:
         value = register.highest if register.highest is not None else register.widest
         try:
-            due = plan(image, settings_of(image.table, registers={register.name: value}))
+            due = plan(image, settings_of(image.table, Asked(registers={register.name: value})))
         except HardwareError:
             continue
         assert register.writable and register.address < image.table.eeprom_end and register.name != SILENCING
@@ -185,20 +161,6 @@ def test_nothing_but_writable_eeprom_is_ever_due(model: str, protocol: int) -> N
 
 def test_torque_locks_what_would_change_and_nothing_else() -> None:
     image = _image(torque_enable=1)
-    assert plan(image, settings_of(image.table, new_id=1)) == []
+    assert plan(image, settings_of(image.table, Asked(new_id=1))) == []
     with refuses(HardwareError):
-        plan(image, settings_of(image.table, new_id=2))
-
-
-@pytest.mark.parametrize("delay", [-1e-6, 510e-6])
-def test_a_delay_that_no_servo_has_is_refused(delay: float) -> None:
-    with refuses(HardwareError):
-        settings_of(_image().table, return_delay=delay)
-
-
-def test_a_command_is_what_a_person_types() -> None:
-    bus = bus_of([spec(1)])
-    assert setup_command(bus, 3, {"drive_mode": 4, "shutdown": 53}) == (
-        "`retarget servo setup --port /dev/main --id 3 --register drive_mode=4 --register shutdown=53`"
-    )
-    assert setup_command(bus, 3, baud=57_600) == "`retarget servo setup --port /dev/main --id 3 --baud 57600`"
+        plan(image, settings_of(image.table, Asked(new_id=2)))

@@ -1,6 +1,6 @@
 """Torque of a whole bus: everything is confirmed, and what was lost once is sent again."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +10,7 @@ from bus_rig import BusRig, GuardedBus, Tapped, bus_of, spec, specs
 from hardware.bus import ServoGoals
 from hardware.dynamixel import torque
 from hardware.dynamixel.codec import Instruction
+from hardware.dynamixel.control_table import tables
 from hardware.dynamixel.cyclic import BusLine
 from hardware.dynamixel.torque import PATIENCE, Drive, restart
 from hardware.errors import BusError
@@ -18,16 +19,6 @@ from messages import refuses, shows
 from powering_helpers import FAR, TURN, of_many_turns
 from sim.emulator.faults import Direction, Fault, FaultKind
 from sim.emulator.line import Timing
-
-
-def test_the_drive_is_a_share_of_the_full_one_and_never_nothing() -> None:
-    rig = BusRig(specs(2)).ready()
-    (line,) = rig.bus.lines
-    drive = Drive(line, limp=(1, 2))
-    for share, counts in ((0.5, 442), (1.0, 885), (0.0, 1)):
-        drive.confirm(share)
-        assert rig.shown("goal_pwm") == [counts] * 2
-    assert drive.limited
 
 
 def test_who_carries_the_robot_never_gets_less() -> None:
@@ -345,17 +336,6 @@ def test_current_is_the_drive_where_the_mode_limits_it() -> None:
     assert third.memory.value("goal_current") == round(1.0 / unit)
 
 
-@pytest.mark.parametrize("model", ["AX-12A", "MX-28"])
-def test_protocol_1_gets_the_values_that_it_has(model: str) -> None:
-    servos = [replace(one, gains=ServoGains(position_p=40)) for one in specs(2, model)]
-    rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)]).ready(torque=True)
-    if model == "MX-28":
-        assert rig.shown("p_gain") == [40, 40]
-    assert rig.shown("moving_speed") == [0, 0]
-    assert rig.shown("torque_limit") == rig.shown("max_torque")
-    assert rig.shown("torque_enable") == [1, 1]
-
-
 def _line(rig: BusRig) -> BusLine:
     rig.port.open(2_000_000)
     return BusLine(bus_of(rig.servos), rig.port, list(enumerate(rig.servos)))
@@ -397,14 +377,6 @@ def test_one_that_stays_away_is_named_in_bounded_time() -> None:
     assert rig.clock.now() - begun < PATIENCE + 1.0
 
 
-def test_limp_servos_are_named() -> None:
-    rig = BusRig(specs(4)).ready(torque=True)
-    rig.device(3).reboot(rig.clock.now())
-    rig.clock.advance(0.3)
-    (line,) = rig.bus.lines
-    assert torque.limp_servos(line) == [3]
-
-
 @pytest.mark.parametrize("on", [True, False])
 def test_a_lost_packet_is_sent_again(on: bool) -> None:
     rig = BusRig(specs(4)).ready(torque=not on)
@@ -414,7 +386,7 @@ def test_a_lost_packet_is_sent_again(on: bool) -> None:
     if on:
         torque.enable(line, [1, 2, 3, 4])
     else:
-        assert torque.off_everywhere([line]) == []
+        assert torque.off_everywhere({line: line.servos}) == []
     assert rig.shown("torque_enable") == [int(on)] * 4
 
 
@@ -431,6 +403,10 @@ def two_buses() -> BusRig:
     return BusRig(servos, buses=[bus_of(servos), bus_of(servos, name="two")]).ready(torque=True)
 
 
+def off_everywhere(rig: BusRig) -> list[str]:
+    return torque.off_everywhere({line: line.servos for line in rig.bus.lines})
+
+
 def test_all_servos_are_asked_before_any_is_waited_for() -> None:
     rig = two_buses()
     rig.lines["main"].faults.add(Fault(FaultKind.MISSING), rig.clock.now())
@@ -442,7 +418,7 @@ def test_all_servos_are_asked_before_any_is_waited_for() -> None:
         send(data)
 
     rig.ports["two"].write = write  # type: ignore[method-assign]
-    unsure = torque.off_everywhere(rig.bus.lines)
+    unsure = off_everywhere(rig)
     assert unsure == ["j1 (id 1)", "j2 (id 2)", "j3 (id 3)"]
     assert sent[0] < 0.001
     assert rig.shown("torque_enable") == [1, 1, 1, 0, 0]
@@ -453,16 +429,36 @@ def test_an_interrupt_keeps_no_bus_powered(act: str, monkeypatch: pytest.MonkeyP
     rig = two_buses()
     real = getattr(torque, act)
 
-    def interrupted(line: BusLine) -> list[str]:
+    def interrupted(line: BusLine, ids: Collection[int]) -> list[str]:
         if line.spec.name == "main":
-            real(line)
+            real(line, ids)
             raise KeyboardInterrupt
-        return list(real(line))
+        return list(real(line, ids))
 
     monkeypatch.setattr(torque, act, interrupted)
     with pytest.raises(KeyboardInterrupt):
-        torque.off_everywhere(rig.bus.lines)
+        off_everywhere(rig)
     assert rig.shown("torque_enable") == [0] * 5
+
+
+@pytest.mark.parametrize("protocol", [1, 2])
+def test_a_line_without_known_servos_switches_them_off_and_asks(protocol: int) -> None:
+    servos = specs(4, "MX-28")
+    rig = BusRig(servos, buses=[bus_of(servos, protocol=protocol, baud=1_000_000)])
+    rig.port.open(1_000_000)
+    line = BusLine(rig.buses[0], rig.port, [])
+    for one in rig.devices[:3]:
+        one.memory.put("torque_enable", 1)
+    rig.fault(Fault(FaultKind.MISSING, ids=(3,)))
+    assert torque.not_limp(line, [1, 2, 3, 4]) == [1, 2, 3]
+    assert torque.off_everywhere({line: [1, 3]}) == ["id 3"]
+    assert rig.shown("torque_enable") == [0, 1, 1, 0]
+
+
+def test_every_known_model_has_its_torque_there() -> None:
+    for table in tables():
+        known = table["torque_enable"]
+        assert (known.address, known.size) == (torque.TORQUE_ENABLE[table.protocol].address, 1), table.model
 
 
 def test_a_port_that_is_gone_is_named_and_the_others_are_switched_off() -> None:
@@ -472,7 +468,7 @@ def test_a_port_that_is_gone_is_named_and_the_others_are_switched_off() -> None:
         raise BusError("unplugged")
 
     rig.ports["main"].write = gone  # type: ignore[assignment]
-    assert torque.off_everywhere(rig.bus.lines) == ["all of bus main (unplugged)"]
+    assert off_everywhere(rig) == ["all of bus main (unplugged)"]
     assert rig.shown("torque_enable") == [1, 1, 1, 0, 0]
 
 
@@ -486,7 +482,7 @@ def test_a_servo_that_keeps_torque_keeps_its_watchdog() -> None:
             write(address, data, now, secondary=secondary)
 
     two.write = ignored  # type: ignore[method-assign]
-    assert torque.off_everywhere(rig.bus.lines) == ["j2 (id 2)"]
+    assert off_everywhere(rig) == ["j2 (id 2)"]
     assert rig.shown("torque_enable") == [0, 1]
     assert rig.shown("bus_watchdog") == [0, 5]
 

@@ -1,11 +1,21 @@
-"""Faults as data: windows, usual values, plans from a seed."""
+"""Faults of an emulated line: as data, on the bytes of a packet, over time, from a file and from a keyboard."""
 
 import math
 import random
+from pathlib import Path
 
 import pytest
 
-from sim.emulator.faults import BYTE_KINDS, KEYS, VALUES, Fault, FaultKind, Part, Unit, mangled, random_faults
+from hardware.dynamixel.codec import protocol2
+from messages import shows
+from retarget.errors import ConfigError
+from sim.emulator import fault_state
+from sim.emulator.fault_state import FaultPlan, FaultState, load_fault_plan, obey
+from sim.emulator.faults import Direction, Fault, FaultKind, Part, Unit, mangled, random_faults
+from stub_devices import StubDevice
+
+PACKET = bytes(range(40))
+PING, STATUS = protocol2.ping(1), protocol2.status(1, 0, b"\x06\x04\x26")
 
 
 def test_windows_of_time_and_cycles_begin_inside_and_end_outside() -> None:
@@ -15,18 +25,6 @@ def test_windows_of_time_and_cycles_begin_inside_and_end_outside() -> None:
     assert Fault(FaultKind.SHORT).lasts(math.nextafter(math.inf, 0.0), 10**9)
 
 
-def test_a_value_is_the_usual_one_unless_given() -> None:
-    assert Fault(FaultKind.OVER_TEMPERATURE).amount == VALUES[FaultKind.OVER_TEMPERATURE][0]
-    assert Fault(FaultKind.OVER_TEMPERATURE, value=70.0).amount == 70.0
-
-
-def test_every_kind_has_its_keys() -> None:
-    for kind in FaultKind:
-        assert ("value" in KEYS[kind]) == (kind in VALUES)
-        assert ("rate" in KEYS[kind]) == (kind in BYTE_KINDS)
-    assert all(low <= usual <= high for usual, low, high in VALUES.values())
-
-
 def test_a_plan_follows_from_its_seed() -> None:
     plans = [random_faults(seed, range(1, 21), 60.0) for seed in range(50)]
     assert plans == [random_faults(seed, range(1, 21), 60.0) for seed in range(50)]
@@ -34,12 +32,8 @@ def test_a_plan_follows_from_its_seed() -> None:
     faults = [fault for plan in plans for fault in plan]
     assert {fault.kind for fault in faults} == set(FaultKind)
     for fault in faults:
-        assert 0.0 <= fault.start <= fault.end <= 60.0
-        assert fault.end - fault.start <= 12.0
+        assert 0.0 <= fault.start <= fault.end <= 60.0 and fault.end - fault.start <= 12.0
         assert set(fault.ids) <= set(range(1, 21))
-
-
-PACKET = bytes(range(40))
 
 
 def _all(fault: Fault, packet: bytes = PACKET, seed: int = 1) -> bytes:
@@ -50,46 +44,219 @@ def _bits(first: bytes, second: bytes) -> int:
     return sum((a ^ b).bit_count() for a, b in zip(first, second, strict=True))
 
 
-def test_of_packets() -> None:
+def test_faults_of_packets() -> None:
     assert mangled(PACKET, [Fault(FaultKind.DROP)], random.Random(1)) == []
     assert _bits(_all(Fault(FaultKind.FLIP)), PACKET) == 1
     assert _all(Fault(FaultKind.DUPLICATE)) == PACKET + PACKET
     assert mangled(PACKET, [Fault(FaultKind.LATE, value=0.5)], random.Random(1)) == [Part(0.5, PACKET)]
     noisy = _all(Fault(FaultKind.NOISE, value=6.0))
     assert noisy.endswith(PACKET) and 1 <= len(noisy) - len(PACKET) <= 6
-    assert _all(Fault(FaultKind.CRC_STORM)) == PACKET[:-1] + bytes((PACKET[-1] ^ 0xFF,))
+    storm = Fault(FaultKind.CRC_STORM)
+    for storms in ([storm], [storm, storm]):  # two leave a packet as wrong as one
+        (spoilt,) = mangled(PACKET, storms, random.Random(0))
+        assert spoilt.data == PACKET[:-1] + bytes((PACKET[-1] ^ 0xFF,))
+    several = [Fault(FaultKind.LATE, value=0.5), Fault(FaultKind.DUPLICATE), Fault(FaultKind.LATE, value=0.25)]
+    assert mangled(b"ab", several, random.Random(1)) == [Part(0.75, b"abab")]
 
 
-def test_of_bytes() -> None:
+def test_faults_of_bytes() -> None:
     assert _all(Fault(FaultKind.DROP, of=Unit.BYTES)) == b""
     assert _bits(_all(Fault(FaultKind.FLIP, of=Unit.BYTES)), PACKET) == len(PACKET)
     assert _all(Fault(FaultKind.DUPLICATE, of=Unit.BYTES)) == bytes(byte for byte in PACKET for _ in range(2))
     late = mangled(PACKET[:3], [Fault(FaultKind.LATE, of=Unit.BYTES, value=0.5)], random.Random(1))
     assert late == [Part(0.5, PACKET[:1]), Part(0.5, PACKET[1:2]), Part(0.5, PACKET[2:3])]
     assert len(_all(Fault(FaultKind.NOISE, of=Unit.BYTES))) > len(PACKET)
+    some = Fault(FaultKind.FLIP, rate=0.3, of=Unit.BYTES)
+    assert _all(some, seed=5) == _all(some, seed=5) != _all(some, seed=6)
 
 
 @pytest.mark.parametrize("unit", Unit)
 @pytest.mark.parametrize("kind", [FaultKind.DROP, FaultKind.FLIP, FaultKind.DUPLICATE])
 def test_a_rate_hits_its_share(kind: FaultKind, unit: Unit) -> None:
-    chance = random.Random(3)
-    fault = Fault(kind, rate=0.1, of=unit)
+    chance, fault = random.Random(3), Fault(kind, rate=0.1, of=unit)
     packet = PACKET if unit is Unit.PACKETS else PACKET[:1]
     hit = sum(mangled(packet, [fault], chance) != [Part(0.0, packet)] for _ in range(3000))
     assert 230 <= hit <= 370
 
 
-def test_the_same_seed_does_the_same() -> None:
-    fault = Fault(FaultKind.FLIP, rate=0.3, of=Unit.BYTES)
-    assert _all(fault, seed=5) == _all(fault, seed=5)
-    assert _all(fault, seed=5) != _all(fault, seed=6)
+def test_devices_are_hurt_once_and_healed_once() -> None:
+    first, second = StubDevice(id=1), StubDevice(id=2)
+    state = FaultState(
+        [first, second],
+        faults=[
+            Fault(FaultKind.OVER_TEMPERATURE, ids=(1,), start=1.0, end=2.0, value=85.0),
+            Fault(FaultKind.UNDER_VOLTAGE, start=3.0, end=4.0, value=4.0),
+            Fault(FaultKind.OVERLOAD, ids=(2,), start=3.5, end=5.0),
+        ],
+    )
+    for tenth in range(60):
+        state.update(tenth / 10)
+    assert first.handles == [("heat", 85.0), ("heat", None), ("supply", 4.0), ("supply", None)]
+    assert second.handles == [("supply", 4.0), ("jam", True), ("supply", None), ("jam", False)]
 
 
-def test_faults_add_up() -> None:
-    faults = [Fault(FaultKind.LATE, value=0.5), Fault(FaultKind.DUPLICATE), Fault(FaultKind.LATE, value=0.25)]
-    assert mangled(b"ab", faults, random.Random(1)) == [Part(0.75, b"abab")]
+def test_the_next_change_is_the_nearest_edge() -> None:
+    state = FaultState([], faults=[Fault(FaultKind.SHORT, start=1.0, end=2.0)], origin=10.0)
+    edges = []
+    for now in (10.0, 11.0, 12.0):
+        state.update(now)
+        edges.append((state.dead, state.next_change))
+    assert edges == [(False, 11.0), (True, 12.0), (False, None)]
 
 
-def test_two_storms_leave_a_packet_as_wrong_as_one() -> None:
-    storm = Fault(FaultKind.CRC_STORM)
-    assert mangled(PACKET, [storm, storm], random.Random(0)) == mangled(PACKET, [storm], random.Random(0))
+def test_faults_that_are_added_count_from_then_up_to_a_most_and_without_ids_all_are_meant() -> None:
+    state = FaultState([StubDevice(id=5), StubDevice(id=6)], origin=100.0)
+    assert state.add(Fault(FaultKind.MISSING, start=1.0, end=2.0), 200.0)
+    seen = []
+    for now in (200.5, 201.5, 202.5):
+        state.update(now)
+        seen.append(state.missing)
+    assert seen == [frozenset(), {5, 6}, frozenset()]
+    added = [state.add(Fault(FaultKind.ECHO, start=9.0), 203.0) for _ in range(fault_state.MAX_FAULTS)]
+    assert added.count(False) == 1
+
+
+def test_directions_and_ids() -> None:
+    drop = FaultKind.DROP
+    state = FaultState([], faults=[Fault(drop, direction=Direction.TO_SERVOS)])
+    state.update(0.0)
+    assert (state.to_servos(PING), len(state.to_host(1, STATUS))) == ([], 1)
+    state = FaultState([], faults=[Fault(drop, direction=Direction.TO_HOST, ids=(1,))])
+    state.update(0.0)
+    assert (len(state.to_servos(PING)), state.to_host(1, STATUS), len(state.to_host(2, STATUS))) == (1, [], 1)
+
+
+@pytest.mark.parametrize("kind", [FaultKind.CRC_STORM, FaultKind.ID_CLASH, FaultKind.FLIP])
+def test_spoilt_answers_are_of_no_use(kind: FaultKind) -> None:
+    state = FaultState([StubDevice(id=1)], faults=[Fault(kind, ids=(1,))])
+    state.update(0.0)
+    (part,) = state.to_host(1, STATUS)
+    assert len(part.data) == len(STATUS) and protocol2.parser().feed(part.data) == []
+    assert state.to_servos(PING)[0].data == PING
+
+
+def test_devices_never_see_time_go_back() -> None:
+    times: list[float] = []
+
+    class Watch(StubDevice):
+        def heat(self, celsius: float | None, now: float) -> None:
+            times.append(now)
+
+    state = FaultState([Watch()])
+    state.update(5.0)
+    state.add(Fault(FaultKind.OVER_TEMPERATURE), 4.0)
+    state.clear(3.0)
+    assert times == [5.0, 5.0]
+
+
+# Files.
+
+
+def _load(tmp_path: Path, text: str) -> FaultPlan:
+    path = tmp_path / "faults.yaml"
+    path.write_text(text)
+    return load_fault_plan(path, {"left": [1, 2, 3], "right": [4, 5]})
+
+
+def test_everything_that_can_be_said(tmp_path: Path) -> None:
+    for kind in FaultKind:
+        assert _load(tmp_path, f"faults: [{{fault: {kind.value}}}]") == FaultPlan(faults=(Fault(kind),))
+    text = """
+seed: 7
+faults:
+  - {fault: drop, ids: [5], rate: 0.5, of: bytes, direction: to_host, from_cycle: 2, to_cycle: 4, bus: right}
+  - {fault: under_voltage, start: 1, end: 2.5, value: 6.1}
+"""
+    drop = Fault(
+        FaultKind.DROP,
+        ids=(5,),
+        rate=0.5,
+        of=Unit.BYTES,
+        direction=Direction.TO_HOST,
+        from_cycle=2,
+        to_cycle=4,
+        bus="right",
+    )
+    sag = Fault(FaultKind.UNDER_VOLTAGE, start=1.0, end=2.5, value=6.1)
+    plan = _load(tmp_path, text)
+    assert plan == FaultPlan(faults=(drop, sag), seed=7)
+    assert (plan.of_bus("left"), plan.of_bus("right")) == ((sag,), (drop, sag))
+    assert sag.end == 2.5 and drop.end == math.inf
+
+
+def test_all_problems_at_once_with_line_and_key(tmp_path: Path) -> None:
+    text = """faults:
+  - {fault: mising}
+  - {fault: flip, rate: 2}
+  - {fault: missing, ids: [9], rate: 0.5}
+  - {fault: short, start: 2, end: 1}
+  - {fault: over_temperature, value: 900}
+  - {fault: echo, bus: rihgt}
+  - {fault: drop, from_cycle: 3, to_cycle: 3}
+  - {fault: drop, when: 3}
+"""
+    with pytest.raises(ConfigError) as caught:
+        _load(tmp_path, text)
+    assert [problem.line for problem in caught.value.problems] == [2, 3, 4, 4, 5, 6, 7, 8, 9]
+    shows([problem.render() for problem in caught.value.problems], "missing", 9, "faults[2].ids")
+
+
+@pytest.mark.parametrize("text", ["faults: 3", "fault: []", "", "faults: [a]", "seed: -1\nfaults: []"])
+def test_other_shapes_are_refused(tmp_path: Path, text: str) -> None:
+    with pytest.raises(ConfigError):
+        _load(tmp_path, text)
+
+
+# Typed faults.
+
+BUSES = {"left": [1, 2], "right": [5]}
+
+
+@pytest.fixture
+def states() -> dict[str, FaultState]:
+    return {name: FaultState([StubDevice(id=device) for device in ids]) for name, ids in BUSES.items()}
+
+
+def _obey(line: str, states: dict[str, FaultState], now: float = 10.0) -> str:
+    return obey(line, states, BUSES, lambda: now)
+
+
+def test_a_typed_fault_begins_where_its_ids_are_and_is_cleared(states: dict[str, FaultState]) -> None:
+    assert _obey("missing 5", states) == "missing 5: begun"
+    assert (states["left"].missing, states["right"].missing) == (frozenset(), frozenset({5}))
+    assert _obey("list", states) == "right: missing 5"
+    assert _obey("clear", states) == "cleared all faults"
+    assert _obey("list", states) == "no fault"
+    for line in ("echo", "short", "clear echo"):
+        _obey(line, states)
+    assert [fault.kind for fault in states["left"].active] == [FaultKind.SHORT]
+
+
+def test_keys_and_times_from_now(states: dict[str, FaultState]) -> None:
+    assert "begun" in _obey("flip rate=0.01 of=bytes end=2 bus=left", states)
+    (fault,) = states["left"].active
+    assert (fault.rate, fault.start, fault.end) == (0.01, 10.0, 12.0) and states["right"].active == ()
+    states["left"].update(12.0)
+    assert states["left"].active == ()
+
+
+@pytest.mark.parametrize(
+    ("line", "answer"),
+    [
+        ("", ""),
+        ("mising 5", "Did you mean missing?"),
+        ("missing 77", "no such device"),
+        ("missing five", "wrong value"),
+        ("flip rat=1", "Did you mean rate?"),
+        ("flip rate=lots", "wrong value"),
+        ("flip rate=[", "not valid YAML"),
+        ("short 1", "short has no such key"),
+        ("clear everything", "unknown fault"),
+        ("missing \u0665", "wrong value"),
+        ("help", "Names: drop"),
+        ("x" * 5000, "unknown fault"),
+    ],
+)
+def test_bad_words_change_nothing_and_say_why(states: dict[str, FaultState], line: str, answer: str) -> None:
+    assert answer in _obey(line, states)
+    assert all(state.active == () for state in states.values())

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import termios
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -65,6 +65,7 @@ def test_a_process_that_is_killed_has_nothing_any_more(tmp_path: Path) -> None:
 
 def test_it_is_made_moved_and_taken_away(tmp_path: Path) -> None:
     link = Link(tmp_path / "servos")
+    link.path.symlink_to("/dev/pts/99999")  # an emulator that was killed left it
     for target in ("/dev/pts/71", "/dev/pts/72"):
         link.point(target)
         assert link.path.readlink() == Path(target)
@@ -72,25 +73,14 @@ def test_it_is_made_moved_and_taken_away(tmp_path: Path) -> None:
     link.remove()
     link.remove()
     assert list(tmp_path.iterdir()) == []
-
-
-def test_what_an_emulator_left_is_replaced(tmp_path: Path) -> None:
-    path = tmp_path / "servos"
-    path.symlink_to("/dev/pts/99999")
-    Link(path).point("/dev/pts/3")
-    assert path.readlink() == Path("/dev/pts/3")
-
-
-def test_a_link_that_was_moved_stays(tmp_path: Path) -> None:
-    link = Link(tmp_path / "servos")
     link.point("/dev/pts/71")
     link.path.unlink()
     link.path.symlink_to("/dev/pts/72")
     link.remove()
-    assert link.path.readlink() == Path("/dev/pts/72")
+    assert link.path.readlink() == Path("/dev/pts/72")  # it was moved, so it stays
 
 
-def test_the_link_of_a_living_emulator_is_left_to_it(tmp_path: Path) -> None:
+def test_the_link_of_a_living_emulator_is_left_to_it_while_it_is_hidden_too(tmp_path: Path) -> None:
     first, second = Link(tmp_path / "servos"), Link(tmp_path / "servos")
     first.point("/dev/pts/71")
     for refused in (second.check, lambda: second.point("/dev/pts/72")):
@@ -98,20 +88,13 @@ def test_the_link_of_a_living_emulator_is_left_to_it(tmp_path: Path) -> None:
             refused()
     second.remove()
     assert first.path.readlink() == Path("/dev/pts/71")
-    first.remove()
-    second.point("/dev/pts/72")
-    assert second.path.readlink() == Path("/dev/pts/72")
-
-
-def test_a_link_that_is_hidden_is_still_of_its_emulator(tmp_path: Path) -> None:
-    first, second = Link(tmp_path / "servos"), Link(tmp_path / "servos")
-    first.point("/dev/pts/71")
     first.hide()
     assert list(tmp_path.iterdir()) == []
     with refuses(UsageError):
         second.check()
-    first.point("/dev/pts/73")
-    assert first.path.readlink() == Path("/dev/pts/73")
+    first.remove()
+    second.point("/dev/pts/72")
+    assert second.path.readlink() == Path("/dev/pts/72")
 
 
 def test_a_path_that_cannot_be_reserved_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -136,97 +119,76 @@ def test_nothing_else_is_ever_replaced(tmp_path: Path, kind: str) -> None:
     with refuses(UsageError):
         Link(path).point("/dev/pts/3")
     assert path.lstat() == before
-
-
-def test_a_missing_folder_is_named(tmp_path: Path) -> None:
     with refuses(UsageError):
         Link(tmp_path / "none" / "servos").check()
 
 
-PING_STATUS = bytes.fromhex("FF FF FD 00 01 07 00 55 00 06 04 26 65 5D")
+PING = protocol2.ping(1)
+STATUS = protocol2.status(1, 0, b"\x06\x04\x26")
+BAUD = 1_000_000
 
 
-def _port(clock: VirtualClock, timing: Timing | None = None, baud: int = 1_000_000) -> EmulatedPort:
-    port = EmulatedPort(Line([StubDevice(baud=1_000_000)], timing=timing), clock)
+def _port(clock: VirtualClock, timing: Timing | None = None, baud: int = BAUD) -> EmulatedPort:
+    port = EmulatedPort(Line([StubDevice(baud=BAUD)], timing=timing), clock)
     port.open(baud)
     return port
 
 
-def test_it_is_a_byte_port() -> None:
-    port: BytePort = EmulatedPort(Line([]), VirtualClock(), name="line")
-    assert port.name == "line"
-
-
 def test_a_ping_is_answered_after_wire_time_and_latency() -> None:
     clock = VirtualClock(5.0)
-    port = _port(clock)
-    port.write(protocol2.ping(1))
-    assert port.read() == b""
-    assert port.wait(6.0)
+    port: BytePort = _port(clock)
+    port.write(PING)
+    assert port.read() == b"" and port.wait(6.0)
     assert clock.now() == pytest.approx(5.0 + 10e-6 * (10 + 14) + 20e-6 + 1e-3)
-    assert port.read() == PING_STATUS
-    assert port.read() == b""
-
-
-def test_waiting_for_nothing_ends_at_the_deadline() -> None:
-    clock = VirtualClock()
-    port = _port(clock)
-    assert not port.wait(0.25)
-    assert clock.now() == 0.25
-
-
-def test_an_answer_behind_the_deadline_is_not_there_yet() -> None:
-    clock = VirtualClock()
-    port = _port(clock)
-    port.write(protocol2.ping(1))
-    assert not port.wait(0.0005)
-    assert port.wait(1.0)
+    assert port.read() == STATUS and port.read() == b""
+    assert not port.wait(6.25) and clock.now() == 6.25
+    port.write(PING)
+    assert not port.wait(6.2505) and port.wait(7.0)  # an answer behind the deadline is not there yet
 
 
 def test_without_wire_delay_the_answer_is_there_at_once() -> None:
     clock = VirtualClock(1.0)
     port = _port(clock, Timing.none())
-    port.write(protocol2.ping(1))
-    assert port.read() == PING_STATUS
-    assert clock.now() == 1.0
+    port.write(PING)
+    assert port.read() == STATUS and clock.now() == 1.0
 
 
 def test_another_baud_rate_receives_nothing_until_it_is_right() -> None:
-    clock = VirtualClock()
-    port = _port(clock, baud=57600)
-    port.write(protocol2.ping(1))
+    port = _port(VirtualClock(), baud=57600)
+    port.write(PING)
     assert not port.wait(1.0)
-    port.set_baud(1_000_000)
-    port.write(protocol2.ping(1))
-    assert port.wait(2.0)
-    assert port.baud == 1_000_000
+    port.set_baud(BAUD)
+    port.write(PING)
+    assert port.wait(2.0) and port.baud == BAUD
 
 
 def test_ports_on_one_clock_wait_for_each_other() -> None:
     clock = VirtualClock()
     first, second = _port(clock), _port(clock)
-    first.write(protocol2.ping(1))
-    second.write(protocol2.ping(1))
+    first.write(PING)
+    second.write(PING)
     assert first.wait(1.0)
     then = clock.now()
-    assert second.wait(1.0)
-    assert clock.now() == then
-    assert first.read() == second.read() == PING_STATUS
+    assert second.wait(1.0) and clock.now() == then
+    assert first.read() == second.read() == STATUS
 
 
 def test_drop_forgets_what_has_arrived_and_not_what_is_coming() -> None:
     clock = VirtualClock()
     port = _port(clock)
-    port.write(protocol2.ping(1))
+    port.write(PING)
     clock.advance(0.01)
-    port.write(protocol2.ping(1))
+    port.write(PING)
     port.drop()
-    assert port.wait(1.0)
-    assert port.read() == PING_STATUS
+    assert port.wait(1.0) and port.read() == STATUS
 
 
-def test_a_closed_port_refuses_everything_and_closes_twice() -> None:
+def test_a_port_refuses_what_cannot_be() -> None:
     port = _port(VirtualClock())
+    with refuses(BusError):
+        port.open(57600)
+    with refuses(BusError):
+        port.set_baud(0)
     port.close()
     port.close()
     for use in (port.read, port.drop, lambda: port.write(b"x"), lambda: port.wait(1.0), lambda: port.set_baud(9600)):
@@ -234,48 +196,46 @@ def test_a_closed_port_refuses_everything_and_closes_twice() -> None:
             use()
 
 
-def test_it_is_opened_once_and_at_a_rate_above_zero() -> None:
-    port = _port(VirtualClock())
-    with refuses(BusError):
-        port.open(57600)
-    with refuses(BusError):
-        port.set_baud(0)
-
-
 def test_a_lost_adapter_raises_and_is_opened_again_when_it_is_back() -> None:
     clock = VirtualClock()
-    devices = [StubDevice(baud=1_000_000)]
+    devices = [StubDevice(baud=BAUD)]
     state = FaultState(devices, faults=[Fault(FaultKind.UNPLUG, start=1.0, end=2.0)])
     port = EmulatedPort(Line(devices, faults=state), clock)
-    port.open(1_000_000)
+    port.open(BAUD)
     with refuses(BusError):
         while not port.wait(1.5):
             pass
     with refuses(BusError):
-        port.open(1_000_000)
+        port.open(BAUD)
     clock.sleep_until(2.5)
-    port.open(1_000_000)
-    port.write(protocol2.ping(1))
-    assert port.wait(3.0)
-    assert port.read() == PING_STATUS
+    port.open(BAUD)
+    port.write(PING)
+    assert port.wait(3.0) and port.read() == STATUS
 
 
-STATUS = protocol2.status(1, 0, b"\x06\x04\x26")
+def _terminal(
+    path: Path,
+    *,
+    baud: int = BAUD,
+    timing: Timing | None = None,
+    faults: tuple[Fault, ...] = (),
+    origin: float = 0.0,
+) -> PseudoTerminal:
+    """Three devices behind a link that is not made yet. timing: None: nothing takes time."""
+    devices = [StubDevice(id=index, baud=baud) for index in (1, 2, 3)]
+    state = FaultState(devices, faults=faults, origin=origin)
+    return PseudoTerminal(Line(devices, timing=timing or Timing.none(), faults=state), Link(path))
 
 
-def _terminal(folder: Path, baud: int = 1_000_000, faults: tuple[Fault, ...] = ()) -> PseudoTerminal:
-    devices = [StubDevice(baud=baud)]
-    line = Line(devices, timing=Timing.none(), faults=FaultState(devices, faults=faults))
-    terminal = PseudoTerminal(line, Link(folder / "servos"))
+@contextmanager
+def _opened(terminal: PseudoTerminal, baud: int = BAUD, timeout: float = 0.5) -> Iterator[Serial]:
+    """A client of a terminal that is open meanwhile."""
     terminal.open()
-    return terminal
-
-
-@pytest.fixture
-def terminal(tmp_path: Path) -> Iterator[PseudoTerminal]:
-    made = _terminal(tmp_path)
-    yield made
-    made.close()
+    try:
+        with Serial(str(terminal.link.path), baud, timeout=timeout) as client:
+            yield client
+    finally:
+        terminal.close()
 
 
 def _exchange(terminal: PseudoTerminal, client: Serial, data: bytes, now: float = 0.0) -> bytes:
@@ -288,21 +248,19 @@ def _exchange(terminal: PseudoTerminal, client: Serial, data: bytes, now: float 
 
 @pytest.mark.parametrize("baud", [57_600, 1_000_000, 4_000_000, 4_500_000])
 def test_the_clients_own_speed_decides_which_device_receives_it(tmp_path: Path, baud: int) -> None:
-    terminal = _terminal(tmp_path, baud)
-    with Serial(str(terminal.link.path), baud, timeout=0.5, exclusive=True) as client:
-        assert _exchange(terminal, client, protocol2.ping(1)) == STATUS
+    terminal = _terminal(tmp_path / "servos", baud=baud)
+    with _opened(terminal, baud) as client:
+        assert _exchange(terminal, client, PING) == STATUS
         assert terminal.line.baud == baud
         client.timeout = 0
         client.baudrate = 115_200
-        assert _exchange(terminal, client, protocol2.ping(1)) == b""
-    terminal.close()
+        assert _exchange(terminal, client, PING) == b""
 
 
-def test_bytes_pass_as_they_are(terminal: PseudoTerminal) -> None:
-    every = bytes(range(256))
-    heard: list[bytes] = []
+def test_bytes_pass_as_they_are(tmp_path: Path) -> None:
+    every, heard, terminal = bytes(range(256)), list[bytes](), _terminal(tmp_path / "servos")
     terminal.line.receive = lambda data, now: heard.append(data)  # type: ignore[method-assign]
-    with Serial(str(terminal.link.path), 1_000_000, timeout=0.5) as client:
+    with _opened(terminal) as client:
         client.write(every)
         terminal.receive(0.0)
         os.write(terminal.fd, every)
@@ -310,29 +268,28 @@ def test_bytes_pass_as_they_are(terminal: PseudoTerminal) -> None:
     assert b"".join(heard) == every
 
 
-def test_a_client_may_come_again_even_after_it_locked_the_port(terminal: PseudoTerminal) -> None:
+def test_a_client_may_come_again_even_after_it_locked_the_port(tmp_path: Path) -> None:
+    terminal = _terminal(tmp_path / "servos")
+    terminal.open()
     for _ in range(2):
-        fd = os.open(terminal.link.path, os.O_RDWR | os.O_NOCTTY)
+        fd, exclusive = os.open(terminal.link.path, os.O_RDWR | os.O_NOCTTY), array.array("i", [1])
         try:
             fcntl.ioctl(fd, termios.TIOCEXCL)
             os.write(fd, b"x")
             terminal.receive(0.0)
-            assert not _locked(fd)
+            fcntl.ioctl(fd, 0x80045440, exclusive)  # TIOCGEXCL
+            assert not exclusive[0]
         finally:
             os.close(fd)
+    terminal.close()
 
 
-def _locked(fd: int) -> bool:
-    exclusive = array.array("i", [0])
-    fcntl.ioctl(fd, 0x80045440, exclusive)  # TIOCGEXCL
-    return bool(exclusive[0])
-
-
-def test_a_client_that_never_reads_costs_no_memory(terminal: PseudoTerminal) -> None:
-    terminal.line.baud = 1_000_000
-    with Serial(str(terminal.link.path), 1_000_000):
+def test_a_client_that_never_reads_costs_no_memory(tmp_path: Path) -> None:
+    terminal = _terminal(tmp_path / "servos")
+    with _opened(terminal):
+        terminal.line.baud = BAUD
         for _ in range(6000):
-            terminal.line.receive(protocol2.ping(1), 0.0)
+            terminal.line.receive(PING, 0.0)
             terminal.send(0.0)
     assert terminal.lost > 0
 
@@ -340,47 +297,34 @@ def test_a_client_that_never_reads_costs_no_memory(terminal: PseudoTerminal) -> 
 def _asked_twice(folder: Path, *, late: float, answered: float = 0.01) -> tuple[bytes, float]:
     """What a client gets that asks twice in 5 ms, of an emulator that is `late` s late and sends at `answered`, s; and
     by how much the emulator says that it was too late."""
-    devices = [StubDevice(baud=1_000_000)]
-    terminal = PseudoTerminal(Line(devices, timing=Timing()), Link(folder / "servos"))
-    terminal.open()
-    with Serial(str(terminal.link.path), 1_000_000, timeout=0.05) as client:
-        asked = 2 * protocol2.ping(1)
-        client.write(asked)
-        held = array.array("i", [0])
-        while held[0] < len(asked):
+    terminal, held = _terminal(folder / "servos", timing=Timing()), array.array("i", [0])
+    with _opened(terminal, timeout=0.05) as client:
+        client.write(2 * PING)
+        while held[0] < 2 * len(PING):
             select.select([terminal.fd], [], [], 1.0)
             fcntl.ioctl(terminal.fd, termios.FIONREAD, held)
         terminal.receive(0.005, late=late)
         terminal.send(answered)
-        got = bytes(client.read(2 * len(STATUS)))
-    terminal.close()
-    return got, terminal.too_late
+        return bytes(client.read(2 * len(STATUS))), terminal.too_late
 
 
-def test_a_client_that_does_not_wait_collides_with_the_servos(tmp_path: Path) -> None:
+def test_a_client_that_does_not_wait_collides_but_a_late_emulator_damages_no_answer(tmp_path: Path) -> None:
     got, too_late = _asked_twice(tmp_path, late=0.0)
     assert len(got) == len(STATUS) and got != STATUS and too_late == 0.0
-
-
-def test_an_emulator_that_is_late_damages_no_answer(tmp_path: Path) -> None:
-    """The client had waited for the first answer; both requests waited for the emulator."""
+    # The client had waited for the first answer; both requests waited for the emulator.
     assert _asked_twice(tmp_path, late=0.005) == (2 * STATUS, 0.005)
-
-
-def test_an_answer_that_is_sent_late_is_noted(tmp_path: Path) -> None:
     _, too_late = _asked_twice(tmp_path, late=0.0, answered=1.0)
     assert too_late == pytest.approx(1.0 - 0.00626, abs=1e-4)
 
 
 def test_a_machine_that_is_too_slow_is_named_and_seldom(tmp_path: Path) -> None:
-    clock, turns = VirtualClock(0.0), iter(range(4))
-    said: list[str] = []
-    devices = [StubDevice(baud=1_000_000)]
-    terminal = PseudoTerminal(Line(devices, baud=1_000_000), Link(tmp_path / "servos"))
+    clock, turns, said = VirtualClock(0.0), iter(range(4)), list[str]()
+    terminal = _terminal(tmp_path / "servos", timing=Timing())
     terminal.open()
+    terminal.line.baud = BAUD
 
     def late_again() -> bool:
-        terminal.line.receive(protocol2.ping(1), clock.now())
+        terminal.line.receive(PING, clock.now())
         clock.advance(0.3)
         return next(turns, None) is None
 
@@ -390,20 +334,18 @@ def test_a_machine_that_is_too_slow_is_named_and_seldom(tmp_path: Path) -> None:
 
 
 def test_unplugged_it_is_gone_and_then_a_new_one_is_there(tmp_path: Path) -> None:
-    terminal = _terminal(tmp_path, faults=(Fault(FaultKind.UNPLUG, start=1.0, end=2.0),))
-    with Serial(str(terminal.link.path), 1_000_000, timeout=0.5) as client:
-        assert _exchange(terminal, client, protocol2.ping(1)) == STATUS
+    terminal = _terminal(tmp_path / "servos", faults=(Fault(FaultKind.UNPLUG, start=1.0, end=2.0),))
+    with _opened(terminal) as client:
+        assert _exchange(terminal, client, PING) == STATUS
         terminal.follow(1.0)
-        assert terminal.fd == -1
-        assert not os.path.lexists(terminal.link.path)
+        assert terminal.fd == -1 and not os.path.lexists(terminal.link.path)
         with refuses(UsageError):
             Link(terminal.link.path).check()
         with pytest.raises(OSError):
-            client.write(protocol2.ping(1))
-    terminal.follow(2.0)
-    with Serial(str(terminal.link.path), 1_000_000, timeout=0.5) as client:
-        assert _exchange(terminal, client, protocol2.ping(1), 2.5) == STATUS
-    terminal.close()
+            client.write(PING)
+        terminal.follow(2.0)
+        with Serial(str(terminal.link.path), BAUD, timeout=0.5) as again:
+            assert _exchange(terminal, again, PING, 2.5) == STATUS
     assert list(tmp_path.iterdir()) == []
 
 
@@ -413,11 +355,8 @@ def test_where_there_is_no_pseudo_terminal_nothing_is_left(tmp_path: Path, monke
 
     monkeypatch.setattr(os, "openpty", none_left)
     with refuses(HardwareError):
-        _terminal(tmp_path)
+        _terminal(tmp_path / "servos").open()
     assert list(tmp_path.iterdir()) == []
-
-
-BAUD = 1_000_000
 
 
 @contextmanager
@@ -449,52 +388,35 @@ def _serving(*terminals: PseudoTerminal) -> Iterator[list[float]]:
         assert not thread.is_alive()
 
 
-def _serve_terminal(
-    path: Path, timing: Timing, faults: Callable[[float], tuple[Fault, ...]] | None = None
-) -> PseudoTerminal:
-    devices = [StubDevice(id=index, baud=BAUD) for index in range(1, 4)]
-    now = MonotonicClock().now()
-    state = FaultState(devices, faults=faults(now) if faults else (), origin=now)
-    return PseudoTerminal(Line(devices, timing=timing, faults=state), Link(path))
-
-
-def test_two_lines_answer_each_on_its_own(tmp_path: Path) -> None:
-    first, second = (_serve_terminal(tmp_path / name, Timing.none()) for name in ("a", "b"))
+def test_two_lines_answer_each_on_its_own_and_sleep_when_nothing_is_due(tmp_path: Path) -> None:
+    clock = MonotonicClock()
     with (
-        _serving(first, second),
+        _serving(_terminal(tmp_path / "a"), _terminal(tmp_path / "b")) as cost,
         Serial(str(tmp_path / "a"), BAUD, timeout=2.0) as one,
         Serial(str(tmp_path / "b"), BAUD, timeout=2.0) as two,
     ):
-        two.write(protocol2.ping(1))
+        two.write(PING)
         assert two.read(len(STATUS)) == STATUS
         one.write(protocol2.sync_read(0, 1, [1, 2, 3]))
         assert one.read(36) == b"".join(protocol2.status(index, 0, b"\0") for index in (1, 2, 3))
+        clock.sleep_until(clock.now() + 0.3)
+    assert cost[0] < 0.03
 
 
 def test_answers_take_their_wire_time(tmp_path: Path) -> None:
-    clock = MonotonicClock()
-    timing = Timing(latency=20e-3)
-    with _serving(_serve_terminal(tmp_path / "a", timing)), Serial(str(tmp_path / "a"), BAUD, timeout=2.0) as client:
+    clock, terminal = MonotonicClock(), _terminal(tmp_path / "a", timing=Timing(latency=20e-3))
+    with _serving(terminal), Serial(str(tmp_path / "a"), BAUD, timeout=2.0) as client:
         begun = clock.now()
-        client.write(protocol2.ping(1))
+        client.write(PING)
         assert client.read(len(STATUS)) == STATUS
         took = clock.now() - begun
     assert 0.0195 <= took < 0.2
 
 
-def test_it_sleeps_when_nothing_is_due(tmp_path: Path) -> None:
-    with _serving(_serve_terminal(tmp_path / "a", Timing())) as cost:
-        clock = MonotonicClock()
-        clock.sleep_until(clock.now() + 0.3)
-    assert cost[0] < 0.03
-
-
 def test_a_plug_is_pulled_and_put_back_by_the_clock(tmp_path: Path) -> None:
     clock = MonotonicClock()
-    pulled = _serve_terminal(
-        tmp_path / "a", Timing.none(), lambda now: (Fault(FaultKind.UNPLUG, start=0.05, end=0.15),)
-    )
-    with _serving(pulled):
+    unplug = Fault(FaultKind.UNPLUG, start=0.05, end=0.15)
+    with _serving(_terminal(tmp_path / "a", faults=(unplug,), origin=clock.now())):
         end = clock.now() + 5.0
         seen = [True]
         while len(seen) < 3 and clock.now() < end:
@@ -504,11 +426,11 @@ def test_a_plug_is_pulled_and_put_back_by_the_clock(tmp_path: Path) -> None:
             clock.sleep_until(clock.now() + 0.005)
         assert seen == [True, False, True]
         with Serial(str(tmp_path / "a"), BAUD, timeout=2.0) as client:
-            client.write(protocol2.ping(1))
+            client.write(PING)
             assert client.read(len(STATUS)) == STATUS
 
 
-def test_a_deadline_ends_it(tmp_path: Path) -> None:
+def test_a_deadline_ends_it() -> None:
     clock = MonotonicClock()
     begun = clock.now()
     serve([], clock, until=lambda: False, deadline=begun + 0.02)

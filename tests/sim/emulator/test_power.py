@@ -2,7 +2,7 @@
 
 import pytest
 
-from emulated import read_register, servo2, write_register
+from emulated import read_register, servo2, wrote
 from sim.emulator.power import OVERLOAD_TIME, Electrics, Supply
 from sim.servo_model import AMBIENT, HEAT_PER_AMPERE2, IDLE_CURRENT, LARGEST_CURRENT, SUPPLY_RESISTANCE
 
@@ -28,15 +28,12 @@ def test_current_heats_as_in_the_mock_bus() -> None:
         one.advance(float(step), 0.0, effort=0.5, torque=True)
     current = IDLE_CURRENT + 0.5 * LARGEST_CURRENT
     assert one.warmth == pytest.approx(AMBIENT + HEAT_PER_AMPERE2 * current**2, abs=0.1)
-    one.set_heat = 70.0
-    assert one.warmth == 70.0
 
 
 def test_overload_needs_time_on_end() -> None:
     one = electrics()
-    one.advance(0.6 * OVERLOAD_TIME, 0.0, effort=0.9, torque=True)
-    one.advance(0.7 * OVERLOAD_TIME, 0.0, effort=0.1, torque=True)
-    one.advance(1.3 * OVERLOAD_TIME, 0.0, effort=0.9, torque=True)
+    for share, effort in ((0.6, 0.9), (0.7, 0.1), (1.3, 0.9)):
+        one.advance(share * OVERLOAD_TIME, 0.0, effort=effort, torque=True)
     assert not one.overloaded
     one.advance(1.8 * OVERLOAD_TIME, 0.0, effort=0.9, torque=True)
     assert one.overloaded
@@ -46,15 +43,13 @@ def test_registers_show_voltage_and_temperature() -> None:
     servo = servo2()
     assert read_register(servo, "present_input_voltage") == 120
     servo.supply(11.1, 0.0)
-    assert read_register(servo, "present_input_voltage") == 111
     servo.heat(55.4, 0.0)
-    assert read_register(servo, "present_temperature") == 55
+    assert read_register(servo, "present_input_voltage") == 111 and read_register(servo, "present_temperature") == 55
     servo.supply(None, 0.0)
-    write_register(servo, "shutdown", 0)  # an overload takes no torque
-    write_register(servo, "torque_enable", 1)
     servo.heat(None, 0.0)
+    wrote(servo, shutdown=0, torque_enable=1)  # an overload takes no torque
     servo.jam(True, 0.0)
-    write_register(servo, "goal_position", 4000)
+    wrote(servo, goal_position=4000)
     assert read_register(servo, "present_temperature", 1.0) == 25
     for minute in range(1, 11):
         read_register(servo, "present_temperature", 60.0 * minute)

@@ -59,6 +59,6 @@ def test_two_slow_buses_are_armed_before_a_watchdog_runs_out() -> None:
 def test_noise_hides_no_temperature_for_long() -> None:
     rig = BusRig(specs(20)).ready(torque=True)
     rig.fault(Fault(FaultKind.FLIP, rate=0.05, direction=Direction.TO_HOST))
-    for _ in range(2500):
+    for _ in range(1000):
         states = rig.tick().states
         assert np.isfinite(states.temperature).all() and np.isfinite(states.voltage).all()

@@ -14,9 +14,9 @@ from messages import refuses
 from retarget.cli.buses import standing_ticks
 from retarget.model.robot import load_robot
 from servos import four_servos
-from sim.emulator.conversation import Gaps
+from sim.emulator.conversation import Conduct, Gaps
 from sim.emulator.line import Line, Timing
-from sim.emulator.robot_lines import Conduct, devices_of, robot_lines
+from sim.emulator.robot_lines import devices_of, robot_lines
 from sim.emulator.servo1 import EmulatedServo1
 from sim.emulator.servo2 import EmulatedServo
 from sim.emulator.servo2_registers import FedBy
@@ -94,36 +94,20 @@ def test_a_goal_switches_torque_on(conduct: Conduct | None, torque: bytes) -> No
     assert _ask(line, protocol1.read(2, 24, 1), 1.0) == protocol1.status(2, 0, torque)
 
 
-ROBOT = load_robot("op3")
-
-
-def _robot_lines_line(powered: bool) -> Line:
-    lines = robot_lines(
-        ROBOT.joint_map.servos,
-        ROBOT.profile.bus_specs(),
-        start=standing_ticks(ROBOT),
-        now=5.0,
-        timing=Timing.none(),
-        powered=powered,
-    )
-    assert list(lines) == ["main"]
-    return lines["main"]
-
-
-def test_servos_stand_and_every_device_answers() -> None:
-    line = _robot_lines_line(powered=True)
-    assert [device.id for device in line.devices] == [*(servo.id for servo in ROBOT.joint_map.servos), 200]
-    for servo, tick in zip(ROBOT.joint_map.servos, standing_ticks(ROBOT), strict=True):
+@pytest.mark.parametrize("powered", [True, False])
+def test_the_servos_of_a_robot_stand_and_answer_once_its_switch_is_on(powered: bool) -> None:
+    robot = load_robot("op3")
+    servos, start = robot.joint_map.servos, standing_ticks(robot)
+    lines = robot_lines(servos, robot.profile.bus_specs(), start=start, now=5.0, timing=Timing.none(), powered=powered)
+    (line,) = lines.values()
+    assert list(lines) == ["main"] and [device.id for device in line.devices] == [*(one.id for one in servos), 200]
+    if not powered:
+        assert _ask(line, protocol2.ping(1), 5.0) == b""
+        assert _ask(line, protocol2.write(200, 24, b"\x01"), 5.0) == protocol2.status(200)
+        assert _ask(line, protocol2.ping(1), 5.01) == b""
+    for servo, tick in zip(servos, start, strict=True):
         status = protocol2.status(servo.id, 0, int(tick).to_bytes(4, "little", signed=True))
-        assert _ask(line, more_frames.read(servo.id, 132, 4), 5.0) == status
-
-
-def test_without_power_only_the_switch_answers_until_it_is_on() -> None:
-    line = _robot_lines_line(powered=False)
-    assert _ask(line, protocol2.ping(1), 5.0) == b""
-    assert _ask(line, protocol2.write(200, 24, b"\x01"), 5.0) == protocol2.status(200)
-    assert _ask(line, protocol2.ping(1), 5.01) == b""
-    assert len(_ask(line, protocol2.ping(1), 6.0)) == 14
+        assert _ask(line, more_frames.read(servo.id, 132, 4), 6.0) == status
 
 
 def test_they_are_as_the_profile_says() -> None:
@@ -146,11 +130,9 @@ def test_they_are_as_the_profile_says() -> None:
 
 
 def test_they_start_alike_for_one_seed() -> None:
-    def warmth(seed: int) -> list[float]:
-        devices = devices_of(four_servos()[:3], protocols={"main": 2}, seed=seed)
-        return [device.electrics.warmth for device in devices]
-
-    assert warmth(1) == warmth(1) != warmth(2)
+    one, same, other = (devices_of(four_servos()[:3], protocols={"main": 2}, seed=seed) for seed in (1, 1, 2))
+    warmth = [[device.electrics.warmth for device in devices] for devices in (one, same, other)]
+    assert warmth[0] == warmth[1] != warmth[2]
 
 
 def test_what_a_model_lacks_is_said() -> None:

@@ -27,6 +27,7 @@ def test_every_servo_is_found_and_nothing_is_written(lab: ServoLab) -> None:
     assert _row(out, 13).split() == ["2.0", "2000000", "13", "XM430-W350", "52", "r_knee"]
     shows(_row(out, 200))
     assert lab.instructions() <= {Instruction.PING, Instruction.READ}
+    assert lab.bauds[0] == 2_000_000  # the speed of the profile comes first
 
 
 def test_missing_unknown_fast_and_wrong_servos_are_reported(lab: ServoLab) -> None:
@@ -73,14 +74,8 @@ def test_a_dry_run_sends_nothing(lab: ServoLab) -> None:
         (("--port", "emulator", "--baud", "77", "--protocol", "2"), "found 77; allowed: 9600, 57600, 115200, 1000000"),
         (("--port", "emulator", "--baud", "4500000", "--protocol", "1"), "no servo has it"),
         (("--port", "emulator", "--protocol", "2", "--ids", "253"), "0 to 252"),
-        ((), "no port is named"),
-        (
-            (
-                "--port",
-                "no-such-port",
-            ),
-            "no-such-port",
-        ),
+        ((), "--bus emulator, or --robot NAME"),
+        (("--port", "no-such-port"), "without servos: --bus emulator"),
         (("--robot", "op4"), "Did you mean op3?"),
         (("--port", "x", "--faults", "f.yaml"), "only the emulator has faults to inject"),
     ],

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emulated import read_register, servo2, write_register
+from emulated import read_register, servo2, wrote
 from hardware.bus import ServoGoals
 from hardware.clock import VirtualClock
 from hardware.servo import ServoSpec, find_model
@@ -83,72 +83,48 @@ def test_the_stepped_motion_is_near_the_exact_one() -> None:
     assert stepped.position == pytest.approx(exact.position, abs=0.1)
 
 
-def test_goal_pwm_slows_down() -> None:
+@pytest.mark.parametrize(
+    ("registers", "volts", "share", "pwm"),
+    [({"goal_pwm": 177}, None, 0.2, 177), ({}, 10.0, 10.0 / 12.0, 885), ({"position_p_gain": 0}, None, 0.0, 0)],
+)
+def test_what_slows_down(registers: dict[str, int], volts: float | None, share: float, pwm: int) -> None:
     servo = servo2(position=0.0)
-    write_register(servo, "goal_pwm", 177)  # a fifth
-    write_register(servo, "torque_enable", 1)
-    write_register(servo, "goal_position", 4000)
-    fifth = 0.2 * servo.top
-    assert read_register(servo, "present_position", 1.0) == pytest.approx(fifth, abs=2)
-    assert read_register(servo, "present_pwm", 1.0) == 177
-
-
-def test_supply_slows_down() -> None:
-    servo = servo2(position=0.0)
-    servo.supply(10.0, 0.0)
-    write_register(servo, "torque_enable", 1)
-    write_register(servo, "goal_position", 4000)
-    assert read_register(servo, "present_position", 1.0) == pytest.approx(servo.top * 10.0 / 12.0, abs=2)
-
-
-def test_no_p_gain_no_motion() -> None:
-    servo = servo2(position=0.0)
-    write_register(servo, "position_p_gain", 0)
-    write_register(servo, "torque_enable", 1)
-    write_register(servo, "goal_position", 4000)
-    assert read_register(servo, "present_position", 1.0) == 0
+    servo.supply(volts, 0.0)
+    wrote(servo, **registers, torque_enable=1, goal_position=4000)
+    assert read_register(servo, "present_position", 1.0) == pytest.approx(share * servo.top, abs=2)
+    assert read_register(servo, "present_pwm", 1.0) == pwm
 
 
 def test_goal_current_gives_way_in_mode_5() -> None:
     servo = servo2()
-    write_register(servo, "operating_mode", 5)
-    write_register(servo, "goal_current", 100)  # 0.27 A
-    write_register(servo, "torque_enable", 1)
+    wrote(servo, operating_mode=5, goal_current=100, torque_enable=1)  # 0.27 A
     servo.jam(True, 0.0)
-    write_register(servo, "goal_position", 2500)
+    wrote(servo, goal_position=2500)
     assert read_register(servo, "present_current", 1.0) == pytest.approx(100, abs=12)
     servo.jam(False, 1.0)
     assert read_register(servo, "present_position", 10.0) == 2500
-    write_register(servo, "goal_current", 30, 10.0)  # less than friction takes
-    write_register(servo, "goal_position", 3000, 10.0)
+    wrote(servo, 10.0, goal_current=30, goal_position=3000)  # less than friction takes
     assert read_register(servo, "present_position", 12.0) == 2500
 
 
 def test_velocity_mode_with_and_without_ramp() -> None:
     servo = servo2()
-    write_register(servo, "operating_mode", 1)
-    write_register(servo, "torque_enable", 1)
-    write_register(servo, "goal_velocity", -100)
+    wrote(servo, operating_mode=1, torque_enable=1, goal_velocity=-100)
     assert read_register(servo, "present_velocity", 1.0) == -100
     assert read_register(servo, "present_position", 61.0) < -4096  # it counts on
-    write_register(servo, "profile_acceleration", 1, 61.0)
-    write_register(servo, "goal_velocity", 100, 61.0)
-    before = read_register(servo, "present_velocity", 62.0)
-    assert -100 < before < 0 and read_register(servo, "present_velocity", 80.0) == 100
+    wrote(servo, 61.0, profile_acceleration=1, goal_velocity=100)
+    assert -100 < read_register(servo, "present_velocity", 62.0) < 0
+    assert read_register(servo, "present_velocity", 80.0) == 100
 
 
 def test_pwm_and_current_modes() -> None:
     servo = servo2()
-    write_register(servo, "operating_mode", 16)
-    write_register(servo, "torque_enable", 1)
-    write_register(servo, "goal_pwm", -442)
+    wrote(servo, operating_mode=16, torque_enable=1, goal_pwm=-442)
     assert read_register(servo, "present_velocity", 1.0) == pytest.approx(-0.5 * 46 / 0.229, abs=1)
-    write_register(servo, "torque_enable", 0, 1.0)
-    write_register(servo, "operating_mode", 0, 1.0)
-    write_register(servo, "torque_enable", 1, 1.0)
-    write_register(servo, "goal_current", 0, 1.0)
+    wrote(servo, 1.0, torque_enable=0, operating_mode=0)
+    wrote(servo, 1.0, torque_enable=1, goal_current=0)
     still = read_register(servo, "present_position", 2.0)
-    write_register(servo, "goal_current", 100, 2.0)
+    wrote(servo, 2.0, goal_current=100)
     assert read_register(servo, "present_position", 3.0) > still + 100
 
 

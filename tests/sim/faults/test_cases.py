@@ -1,4 +1,4 @@
-"""What may be run, as data; pairs and long random runs, which take hours."""
+"""What `retarget faults` may run, as data, and its command line; pairs and long random runs, which take hours."""
 
 import os
 from concurrent.futures import ProcessPoolExecutor
@@ -7,8 +7,11 @@ from multiprocessing.reduction import ForkingPickler
 
 import pytest
 
+from messages import shows
+from retarget import cli
+from sim.faults import cases
 from sim.faults.cases import Case, file_cases, judged_case, pair_cases, row_cases, seed_cases
-from sim.faults.judge import When
+from sim.faults.judge import Verdict, When
 from sim.faults.malformed_files import MALFORMED
 from sim.faults.rows import APPROACHED, ROWS
 
@@ -19,20 +22,15 @@ def test_every_pair_is_there_once_in_every_state() -> None:
     pairs = pair_cases()
     assert len(pairs) == len(set(pairs)) == 3 * len(ROWS) * (len(ROWS) + 1) // 2
     assert len(row_cases()) == 3 * len(ROWS) + len(APPROACHED)
-    assert len(file_cases()) == len(MALFORMED) == 30
+    assert len(file_cases()) == len(MALFORMED) == len({one.name for one in MALFORMED}) == 30
 
 
 def test_cases_and_results_can_go_to_another_process() -> None:
-    cases = [Case("second source", when=When.IDLE), Case("empty"), *seed_cases(range(2), seconds=1.0)]
-    result = judged_case(Case("sign 0"))
-    assert result.name == "robot file: sign 0" and result.wrong == ()
-    assert len(ForkingPickler.dumps([*cases, result])) > 0
-
-
-def test_a_pair_is_run() -> None:
-    result = judged_case(Case("servo unplugged", "adapter unplugged", When.MOVING))
-    assert result.name == "servo unplugged + adapter unplugged, moving"
-    assert result.wrong == ()
+    every = [Case("second source", when=When.IDLE), Case("empty"), *seed_cases(range(2), seconds=1.0)]
+    found = [judged_case(Case("sign 0")), judged_case(Case("servo unplugged", "adapter unplugged", When.IDLE))]
+    assert [one.name for one in found] == ["robot file: sign 0", "servo unplugged + adapter unplugged, idle"]
+    assert all(one.wrong == () for one in found)
+    assert len(ForkingPickler.dumps([*every, *found])) > 0
 
 
 def _wrong(cases: list[Case]) -> dict[str, tuple[str, ...]]:
@@ -48,3 +46,42 @@ def test_every_pair_harms_nothing() -> None:
 @pytest.mark.long
 def test_a_thousand_long_random_runs_harm_nothing() -> None:
     assert _wrong(seed_cases(range(1000), seconds=60.0)) == {}
+
+
+def leave(*words: str) -> object:
+    with pytest.raises(SystemExit) as leaving:
+        cli.main(["faults", *words])
+    return leaving.value.code
+
+
+def test_the_table_is_listed(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    assert leave("--list") == 0
+    shown = capsys.readouterr().out
+    assert all(name in shown for name in [*(row.name for row in ROWS), *(file.name for file in MALFORMED)])
+
+
+def test_one_row_is_run_in_all_states(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    assert leave("--row", "robot file: sign 0") == 0
+    shows(capsys.readouterr().out)
+
+    def judged(case: Case) -> Verdict:
+        assert case.when is not None
+        return Verdict(f"{case.name}, {case.when.value}", (), 0.048 if case.when is When.MOVING else None)
+
+    monkeypatch.setattr(cases, "judged_case", judged)
+    assert leave("--row", "servo unplugged") == 0
+    shown = capsys.readouterr().out
+    assert [line.split(",")[1].split()[0] for line in shown.splitlines()[:3]] == ["idle", "moving", "stopping"]
+    shows(shown, 3)
+
+
+def test_a_violation_is_reported(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cases, "judged_case", lambda case: Verdict("seed 5: x", ("on fire",)))
+    assert leave("--no-rows", "--seeds", "1", "--first-seed", "5", "--seconds", "1") == 1
+    assert capsys.readouterr().out == "BAD seed 5: x\n    on fire\n1 of 1 bad\n"
+
+
+def test_an_unknown_row_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert leave("--row", "servo unpluged") == 2
+    shows(capsys.readouterr().err)

@@ -9,8 +9,7 @@ from messages import shows
 from retarget import cli
 from retarget.cli.exit import REFUSED
 from retarget.schema.catalogue import Kind, find
-from sim.faults.judge import judged_file
-from sim.faults.malformed_files import MALFORMED, Malformed
+from sim.faults.malformed_files import MALFORMED, Malformed, judged_file
 
 
 @pytest.mark.parametrize("file", MALFORMED, ids=lambda one: one.name)
@@ -41,7 +40,3 @@ def test_the_judge_says_no(tmp_path: Path) -> None:
         return text
 
     assert judged_file(Malformed("folder", raising, "not a regular file")) == ()
-
-
-def test_each_malformed_file_has_its_own_name() -> None:
-    assert len({one.name for one in MALFORMED}) == 30

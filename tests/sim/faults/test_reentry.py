@@ -119,7 +119,7 @@ def test_on_the_approach_it_waits_while_no_sensor_is_valid(kind: str, within: fl
 
 
 def lost_wrist(blend: float, monkeypatch: pytest.MonkeyPatch) -> tuple[LiveRig, RunResult]:
-    """A wrist that is lost for 2 s while its arm is raised to the shoulder."""
+    """A wrist that is lost for 1.2 s while its arm is raised to the shoulder."""
     monkeypatch.setattr(
         performer, "ReacquisitionBlend", lambda count: ReacquisitionBlend(count, replace(LIMITS, blend=blend))
     )
@@ -128,15 +128,15 @@ def lost_wrist(blend: float, monkeypatch: pytest.MonkeyPatch) -> tuple[LiveRig, 
     def fault(time: float, poses: Poses) -> Poses:
         sent = still(time, poses)
         sent["head"] = sent["head"] + 0.01 * np.sin(2.0 * time)
-        if time >= 6.0:
+        if time >= 5.8:
             sent["l_wrist"] = sent["l_wrist"] + np.array([0.15, 0.0, 0.6])
-        if 5.0 <= time < 7.0:
+        if 5.0 <= time < 6.2:
             del sent["l_wrist"]
         return sent
 
     sender = FakeSender()
     sender.faults.append(fault)
-    rig = LiveRig(sender, options=LiveOptions(countdown=0.5, duration=6.0))
+    rig = LiveRig(sender, options=LiveOptions(countdown=0.5, duration=4.5))
     with rig.prepared() as prepared:
         return rig, prepared.run(Watch())
 

@@ -1,58 +1,46 @@
 """When a robot has fallen, and when it only sits."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from hardware.arrays import FloatArray
 from messages import shows
 from physics_rig import PhysicsRig, op3
 from sim.physics.log import BLOCK_ROWS, SLIP_RESOLUTION_M, FallWatch, PhysicsLog
 from sim.physics.state import PhysicsState
 
 STANDING = PhysicsRig().bus.witness.state
+LOWEST = FallWatch(op3()).lowest + 0.0285  # m; the pelvis frame is 28.5 mm below the root
+AT_REST = op3().posture(op3().profile.postures.rest)
 
 
-def judged(state: PhysicsState) -> str | None:
-    return FallWatch(op3()).look(state)
+def low(height: float) -> FloatArray:
+    """The standing root at another height, m."""
+    return np.array([*STANDING.root[:2], height, *STANDING.root[3:]])
 
 
-def tipped(*degrees: float) -> PhysicsState:
-    """Standing, each sole tipped by so much."""
-    return replace(STANDING, tilt=np.radians(degrees))
-
-
-def test_it_stands_at_first() -> None:
-    assert judged(STANDING) is None
-
-
-def test_soles_that_all_tip_beyond_thirty_degrees_are_a_fall() -> None:
-    assert judged(tipped(28.0, 28.0)) is None
-    how = judged(tipped(32.0, 35.0))
-    assert how is not None
-    shows(how, 32)
-
-
-def test_a_sole_that_is_flat_carries_however_low_the_torso_bends() -> None:
-    assert judged(tipped(0.0, 80.0)) is None
-
-
-def test_a_low_pelvis_is_a_fall_and_a_squat_is_none() -> None:
-    watch = FallWatch(op3())
-    root = STANDING.root.copy()
-    assert 0.06 < watch.lowest < 0.13
-    root[2] = watch.lowest + 0.0285 + 1e-3  # the pelvis frame is 28.5 mm below the root
-    assert judged(replace(STANDING, root=root)) is None
-    root[2] -= 2e-3
-    how = judged(replace(STANDING, root=root))
-    assert how is not None and "pelvis" in how
-
-
-def test_touching_the_floor_with_more_than_soles_is_a_fall_unless_at_rest() -> None:
-    how = judged(replace(STANDING, touching=True))
-    assert how is not None and "soles" in how
-    at_rest = op3().posture(op3().profile.postures.rest)
-    assert judged(replace(STANDING, touching=True, q=at_rest)) is None
+@pytest.mark.parametrize(
+    ("change", "fallen"),
+    [
+        ({}, False),
+        ({"tilt": np.radians([28.0, 28.0])}, False),
+        ({"tilt": np.radians([32.0, 35.0])}, True),
+        ({"tilt": np.radians([0.0, 80.0])}, False),  # a flat sole carries, however low the torso bends
+        ({"root": low(LOWEST + 1e-3)}, False),
+        ({"root": low(LOWEST - 1e-3)}, True),
+        ({"touching": True}, True),
+        ({"touching": True, "q": AT_REST}, False),
+    ],
+)
+def test_what_is_a_fall(change: dict[str, Any], fallen: bool) -> None:
+    how = FallWatch(op3()).look(replace(STANDING, **change))
+    assert (how is not None) is fallen
+    if how is not None:
+        shows(how)
+    assert 0.06 < LOWEST - 0.0285 < 0.13
 
 
 def test_the_first_fall_stays() -> None:
@@ -64,9 +52,6 @@ def test_the_first_fall_stays() -> None:
     assert witness.fall is not None and witness.fall.time == 1.0 and witness.fall.powered
 
 
-STATE = PhysicsRig().bus.witness.state
-
-
 CORNERS = np.array([[0.06, 0.04], [-0.06, 0.04], [-0.06, -0.04], [0.06, -0.04]])
 """Of a sole, m."""
 BESIDE = np.array([0.0, 0.05])
@@ -75,7 +60,7 @@ BESIDE = np.array([0.0, 0.05])
 
 def log() -> PhysicsLog:
     return PhysicsLog(
-        servos=20, soles=2, corners=[0] * 4 + [1] * 4, nq=STATE.q.size, loaded=lambda load: np.asarray(load > 1.0)
+        servos=20, soles=2, corners=[0] * 4 + [1] * 4, nq=STANDING.q.size, loaded=lambda load: np.asarray(load > 1.0)
     )
 
 
@@ -91,7 +76,7 @@ def at(
     corners = CORNERS @ np.array([[cos, sin], [-sin, cos]]) + [x, 0.0]
     pressed = np.concatenate([share * np.array(on) for share in load])
     return replace(
-        STATE,
+        STANDING,
         corner=np.concatenate([corners + BESIDE, corners - BESIDE]),
         pressed=pressed,
         load=np.array(load),
@@ -99,19 +84,14 @@ def at(
     )
 
 
-def test_slip_is_the_way_of_a_sole_that_carries() -> None:
-    one = log()
+def test_slip_is_the_way_of_a_sole_that_carries_to_and_fro() -> None:
+    one, two = log(), log()
     for x in np.linspace(0.0, 0.01, 101):
         one.add(at(float(x), load=(15.0, 0.0)))
-    assert one.slip_m[0] == pytest.approx(0.01, abs=2 * SLIP_RESOLUTION_M)
-    assert one.slip_m[1] == 0.0
-
-
-def test_to_and_fro_is_all_way() -> None:
-    one = log()
     for x in (*np.linspace(0.0, 0.01, 51), *np.linspace(0.01, 0.0, 51)):
-        one.add(at(float(x)))
-    assert one.slip_m.tolist() == pytest.approx([0.02, 0.02], abs=4 * SLIP_RESOLUTION_M)
+        two.add(at(float(x)))
+    assert one.slip_m.tolist() == pytest.approx([0.01, 0.0], abs=2 * SLIP_RESOLUTION_M)
+    assert two.slip_m.tolist() == pytest.approx([0.02, 0.02], abs=4 * SLIP_RESOLUTION_M)
 
 
 def test_a_sole_that_turns_on_its_spot_slips() -> None:
@@ -171,16 +151,12 @@ def test_extremes_are_kept() -> None:
 def test_rows_hold_what_was_added_however_many() -> None:
     one = log()
     for tick in range(BLOCK_ROWS + 3):
-        one.add(replace(STATE, time=float(tick)))
+        one.add(replace(STANDING, time=float(tick)))
     assert one.rows == BLOCK_ROWS + 3
     assert one.column("time").tolist() == [float(tick) for tick in range(BLOCK_ROWS + 3)]
-    assert one.column("q")[-1] == pytest.approx(STATE.q, abs=1e-6)
+    assert one.column("q")[-1] == pytest.approx(STANDING.q, abs=1e-6)
     assert one.column("sole").shape == (one.rows, 2, 3)
-    assert one.column("sole")[7] == pytest.approx(STATE.sole, abs=1e-6)
+    assert one.column("sole")[7] == pytest.approx(STANDING.sole, abs=1e-6)
     assert one.column("torque").shape == (one.rows, 20)
-
-
-def test_a_log_without_rows_has_columns() -> None:
-    one = log()
-    assert one.column("time").shape == (0,) and one.column("torque").shape == (0, 20)
-    assert one.column("sole").shape[0] == 0
+    empty = log()
+    assert [empty.column(name).shape for name in ("time", "torque", "sole")] == [(0,), (0, 20), (0, 2, 3)]

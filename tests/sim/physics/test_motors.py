@@ -16,6 +16,7 @@ from sim.physics.motors import (
     Drive,
     Electrics,
     Motors,
+    PositionLoop,
     add_motors,
     drive_numbers,
     gain_missing,
@@ -27,20 +28,17 @@ from sim.servo_model import AMBIENT, HEAT_PER_AMPERE2, HEAT_TIME
 BY_BAM = {"MX-64", "MX-106", "XL330-M288"}
 
 
-@pytest.mark.parametrize("name", sorted(set(SERVO_MODELS) - BY_BAM))
-def test_it_stalls_and_turns_as_its_maker_says(name: str) -> None:
-    model = find_model(name)
-    drive = drive_numbers(model)
-    assert drive.stall_torque(model.voltage) == pytest.approx(model.stall_torque)
-    left = drive.stall_torque(model.voltage) - drive.friction
-    assert left / (drive.back_emf + drive.viscous) == pytest.approx(model.no_load_speed)
-
-
-@pytest.mark.parametrize("name", sorted(BY_BAM))
-def test_identified_motors_agree_with_their_maker(name: str) -> None:
-    model = find_model(name)
-    drive = drive_numbers(model)
-    assert drive.stall_torque(model.voltage) == pytest.approx(model.stall_torque, rel=0.25)
+@pytest.mark.parametrize("name", sorted(SERVO_MODELS))
+def test_every_model_has_sound_numbers_and_stalls_and_turns_as_its_maker_says(name: str) -> None:
+    model, drive = find_model(name), drive_numbers(find_model(name))
+    stall = drive.stall_torque(model.voltage)
+    assert min(drive.armature, drive.friction, drive.backlash, drive.resistance) > 0.0 and drive.source
+    assert drive.friction < 0.1 * stall and drive.friction < drive.most_torque <= 1.001 * stall
+    assert 60.0 <= drive.temperature_limit <= 90.0
+    assert stall == pytest.approx(model.stall_torque, rel=0.25 if name in BY_BAM else 1e-6)
+    if name not in BY_BAM:
+        top = (stall - drive.friction) / (drive.back_emf + drive.viscous)
+        assert top == pytest.approx(model.no_load_speed)
 
 
 def test_more_supply_is_more_torque_as_printed() -> None:
@@ -48,16 +46,6 @@ def test_more_supply_is_more_torque_as_printed() -> None:
     assert drive.stall_torque(11.1) == pytest.approx(3.8, rel=0.02)
     assert drive.stall_torque(14.8) == pytest.approx(4.8, rel=0.06)
     assert drive.torque_constant == pytest.approx(1.0 / (149.795 * 2.69e-3), rel=0.05)  # OP3: current per torque
-
-
-@pytest.mark.parametrize("name", sorted(SERVO_MODELS))
-def test_every_model_has_sound_numbers(name: str) -> None:
-    drive = drive_numbers(find_model(name))
-    assert min(drive.armature, drive.friction, drive.backlash, drive.resistance) > 0.0
-    assert drive.friction < 0.1 * drive.stall_torque(find_model(name).voltage)
-    assert drive.friction < drive.most_torque <= 1.001 * drive.stall_torque(find_model(name).voltage)
-    assert 60.0 <= drive.temperature_limit <= 90.0
-    assert drive.source
 
 
 DRIVES: tuple[Drive, ...] = robot_drives(op3())
@@ -71,24 +59,17 @@ def load(value: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     return torque
 
 
-def test_a_servo_warms_to_its_final_rise_and_cools_again() -> None:
+def test_a_servo_warms_to_its_final_rise_of_the_size_of_the_mock_bus_and_cools_again() -> None:
     electrics = Electrics(DRIVES)
     current = electrics.current(load(1.0), ON)[3]
     final = AMBIENT + HEAT_PER_WATT * DRIVES[3].numbers.resistance * current**2
-    electrics.advance(load(1.0), ON, HEAT_TIME)
-    assert electrics.temperature[3] - AMBIENT == pytest.approx((final - AMBIENT) * (1.0 - np.exp(-1.0)))
+    assert final - AMBIENT == pytest.approx(HEAT_PER_AMPERE2 * current**2, rel=0.5)
+    seen = []
+    for torque, seconds in ((1.0, HEAT_TIME), (1.0, 100 * HEAT_TIME), (0.0, 100 * HEAT_TIME)):
+        electrics.advance(load(torque), ON, seconds)
+        seen.append(float(electrics.temperature[3]))
+    assert seen == pytest.approx([AMBIENT + (final - AMBIENT) * (1.0 - np.exp(-1.0)), final, AMBIENT])
     assert electrics.temperature[4] == AMBIENT
-    electrics.advance(load(1.0), ON, 100 * HEAT_TIME)
-    assert electrics.temperature[3] == pytest.approx(final)
-    electrics.advance(load(0.0), ON, 100 * HEAT_TIME)
-    assert electrics.temperature[3] == pytest.approx(AMBIENT)
-
-
-def test_heat_is_of_the_size_of_the_mock_bus() -> None:
-    electrics = Electrics(DRIVES)
-    current = electrics.current(load(1.0), ON)[3]
-    electrics.advance(load(1.0), ON, 100 * HEAT_TIME)
-    assert electrics.temperature[3] - AMBIENT == pytest.approx(HEAT_PER_AMPERE2 * current**2, rel=0.5)
 
 
 def test_the_supply_sags_and_the_motors_follow_it() -> None:
@@ -99,26 +80,18 @@ def test_the_supply_sags_and_the_motors_follow_it() -> None:
     assert (electrics.voltage < before).all()
 
 
-def test_too_much_for_too_long_is_an_overload() -> None:
+def test_too_much_for_too_long_or_too_hot_is_an_alert_that_stays() -> None:
     electrics = Electrics(DRIVES)
-    most = DRIVES[3].most_torque
-    for _ in range(99):
-        electrics.advance(load(0.9 * most), ON, 0.01)
-    assert not electrics.alert.any()
-    electrics.advance(load(0.0), ON, 0.01)  # a breath
-    for _ in range(99):
-        electrics.advance(load(0.9 * most), ON, 0.01)
-    assert not electrics.alert.any()
+    most, breath = 0.9 * DRIVES[3].most_torque, 0.0
+    for torque, times in ((most, 99), (breath, 1), (most, 99)):
+        for _ in range(times):
+            electrics.advance(load(torque), ON, 0.01)
+        assert not electrics.alert.any()
     for _ in range(3):
-        electrics.advance(load(0.9 * most), ON, 0.01)
+        electrics.advance(load(most), ON, 0.01)
     assert electrics.alert[3] == ServoAlert.OVERLOAD and not electrics.alert[4]
-
-
-def test_too_hot_is_an_alert_that_stays() -> None:
-    electrics = Electrics(DRIVES)
     electrics.temperature[5] = 200.0
     assert electrics.advance(load(0.0), ON, 1e-3)
-    assert electrics.alert[5] == ServoAlert.OVERHEATING
     electrics.advance(load(0.0), ON, 1e6)
     assert electrics.alert[5] == ServoAlert.OVERHEATING and electrics.temperature[5] < 30.0
 
@@ -231,41 +204,31 @@ def servo(model: str = "XM430-W350", **gains: int) -> ServoSpec:
     return ServoSpec("knee", 1, find_model(model), "main", 1, 2048, -1.0, 1.0, 2.0, 20.0, gains=ServoGains(**gains))
 
 
+def loop(model: str = "XM430-W350", protocol: int = 2, **gains: int) -> PositionLoop:
+    return position_loop(servo(model, **gains), protocol=protocol)
+
+
 def test_an_xm430_at_800_is_as_stiff_as_the_public_model_of_op3() -> None:
-    spec = servo(position_p=800)
-    stiffness = position_loop(spec, protocol=2).proportional * drive_numbers(spec.model).stall_torque(12.0)
+    stiffness = loop(position_p=800).proportional * drive_numbers(find_model("XM430-W350")).stall_torque(12.0)
     assert stiffness == pytest.approx(18.9, rel=0.01)  # 21.1 N m/rad there
     assert stiffness == pytest.approx(800 / 128 * 4096 / (2.0 * 3.14159265) / 885 * 4.1)
 
 
-def test_stiffness_grows_with_the_register_and_agrees_with_the_mock_bus() -> None:
-    soft, stiff = (position_loop(servo(position_p=gain), protocol=2) for gain in (400, 1600))
-    assert stiff.proportional == pytest.approx(4.0 * soft.proportional)
-    spec = servo(position_p=400)
+def test_gains_of_the_loop_agree_with_the_mock_bus() -> None:
+    soft, spec = loop(position_p=400), servo(position_p=400)
+    assert loop(position_p=1600).proportional == pytest.approx(4.0 * soft.proportional)
     assert 1.0 / (soft.proportional * spec.model.no_load_speed) == pytest.approx(loop_lag(spec))
-
-
-def test_damping_beyond_the_default_damps_and_the_default_does_not() -> None:
-    assert position_loop(servo("XL430-W250", position_p=640, position_d=4000), protocol=2).derivative == 0.0
-    assert position_loop(servo("XL430-W250", position_p=640, position_d=5000), protocol=2).derivative > 0.0
-    assert position_loop(servo(position_p=800, position_d=0), protocol=2).derivative == 0.0
-
-
-def test_the_integral_is_relative_to_the_p_gain() -> None:
-    assert position_loop(servo(position_p=800, position_i=0), protocol=2).integral == 0.0
-    one = position_loop(servo(position_p=800, position_i=100), protocol=2).integral
-    assert position_loop(servo(position_p=1600, position_i=100), protocol=2).integral == pytest.approx(one / 2.0)
-
-
-def test_protocol_1_has_its_own_register() -> None:
-    old = position_loop(servo("MX-28", position_p=32), protocol=1)
-    new = position_loop(servo("MX-28", position_p=800), protocol=2)
+    damping = [loop("XL430-W250", position_p=640, position_d=gain).derivative for gain in (4000, 5000)]
+    assert damping[0] == loop(position_p=800, position_d=0).derivative == 0.0 < damping[1]  # 4000 is the default
+    assert loop(position_p=800, position_i=0).integral == 0.0
+    integral = loop(position_p=800, position_i=100).integral
+    assert loop(position_p=1600, position_i=100).integral == pytest.approx(integral / 2.0)
+    old, new = loop("MX-28", 1, position_p=32), loop("MX-28", position_p=800)
     assert old.proportional == pytest.approx(new.proportional)
 
 
 def test_a_missing_gain_is_noticed() -> None:
-    spec = servo()
-    assert gain_missing(spec, protocol=2) and not gain_missing(servo(position_p=0), protocol=2)
-    assert gain_missing(replace(spec, model=find_model("MX-28")), protocol=1)
-    assert not gain_missing(replace(spec, model=find_model("AX-12A")), protocol=1)  # has no such register
-    assert position_loop(replace(spec, model=find_model("AX-12A")), protocol=1).proportional > 0.0
+    assert gain_missing(servo(), protocol=2) and not gain_missing(servo(position_p=0), protocol=2)
+    assert gain_missing(servo("MX-28"), protocol=1)
+    assert not gain_missing(servo("AX-12A"), protocol=1)  # has no such register
+    assert loop("AX-12A", 1).proportional > 0.0

@@ -29,27 +29,16 @@ def changed(**update: Any) -> RobotBody:
     return replace(op3(), profile=op3().profile.model_copy(update=update))
 
 
-def test_it_weighs_what_the_body_file_says() -> None:
-    world = simulation_of(op3(), start=standing()).world
-    assert world.weight == pytest.approx(9.81 * 3.14747, rel=1e-4)
-    assert [drive.servo.joint for drive in world.drives] == list(op3().joint_map.joints)
-
-
-@pytest.mark.parametrize("scale", [0.9, 1.1])
-def test_masses_can_be_scaled(scale: float) -> None:
-    simulation = simulation_of(op3(), start=standing(), perturbation=Perturbation(mass_scale=scale))
-    assert simulation.world.weight == pytest.approx(scale * 9.81 * 3.14747, rel=1e-4)
-
-
-def test_the_centre_of_mass_can_be_moved() -> None:
+def test_it_weighs_what_the_body_file_says_and_masses_can_be_scaled_and_moved() -> None:
     offset = (0.01, -0.004, 0.002)
-    usual, moved = (
-        simulation_of(op3(), start=standing(), perturbation=trouble)
-        for trouble in (Perturbation(), Perturbation(com_offset=offset))
-    )
-    root = usual.world.root
-    change = moved.data.subtree_com[root] - usual.data.subtree_com[root]
-    assert change.tolist() == pytest.approx(list(offset), abs=1e-6)
+    changes = [Perturbation(mass_scale=scale) for scale in (1.0, 0.9, 1.1)] + [Perturbation(com_offset=offset)]
+    made = [simulation_of(op3(), start=standing(), perturbation=change) for change in changes]
+    weights = [simulation.world.weight for simulation in made]
+    assert weights == pytest.approx([share * 9.81 * 3.14747 for share in (1.0, 0.9, 1.1, 1.0)], rel=1e-4)
+    assert [drive.servo.joint for drive in made[0].world.drives] == list(op3().joint_map.joints)
+    root = made[0].world.root
+    moved = made[3].data.subtree_com[root] - made[0].data.subtree_com[root]
+    assert moved.tolist() == pytest.approx(list(offset), abs=1e-6)
 
 
 @pytest.mark.parametrize(("share", "slides"), [(0.7, False), (1.3, True)])
@@ -141,33 +130,26 @@ def test_legs_of_a_robot_whose_profile_holds_it_do_not_meet_the_floor(root: str,
     assert soles[:, 2].min() == pytest.approx(0.2, abs=2e-3)
 
 
-def test_a_robot_without_feet_does_not_stand() -> None:
+def test_a_robot_without_feet_or_gains_is_refused() -> None:
     with refuses(ConfigError):
         simulation_of(changed(feet={}), start=standing())
-
-
-def test_a_robot_without_gains_is_refused() -> None:
     servos = [replace(servo, gains=type(servo.gains)()) for servo in op3().joint_map.servos]
     robot = replace(op3(), joint_map=type(op3().joint_map)(servos))
     with refuses(ConfigError, 20, "r_sho_pitch"):
         simulation_of(robot, start=standing())
 
 
-def test_a_robot_without_masses_is_refused(tmp_path: Path) -> None:
+def test_links_without_masses_are_named(tmp_path: Path) -> None:
     folder = op3().profile.path.parent
     (tmp_path / "robot.yaml").write_text((folder / "robot.yaml").read_text())
     body = (folder / "body.xml").read_text()
     (tmp_path / "body.xml").write_text(re.sub(r"<inertial .*?/>", "", body))
     with refuses(ConfigError, "body_link"):
         simulation_of(load_robot(tmp_path / "robot.yaml"), start=standing())
-
-
-def test_links_that_weigh_nothing_are_named() -> None:
     mass = op3().body.mass.copy()
     mass[op3().body.body_index("head_tilt_link")] = 0.0
-    robot = replace(op3(), body=replace(op3().body, mass=mass))
     with refuses(ConfigError, 1, "head_tilt_link"):
-        simulation_of(robot, start=standing())
+        simulation_of(replace(op3(), body=replace(op3().body, mass=mass)), start=standing())
 
 
 def test_a_missing_engine_is_said(monkeypatch: pytest.MonkeyPatch) -> None:

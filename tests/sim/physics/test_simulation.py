@@ -34,7 +34,7 @@ def moving(seed: int) -> PhysicsRig:
     rig = PhysicsRig()
     rig.arm()
     rig.run(1.5)
-    data, model = rig.bus.simulation.data, rig.bus.simulation.world.model
+    data, model = rig.bus.witness.simulation.data, rig.bus.witness.simulation.world.model
     rows = (data.contact.efc_address[:, None] + np.arange(3)).ravel()
     jacobian = np.zeros((rows.size, model.nv))
     unit = np.eye(model.nv)
@@ -52,15 +52,15 @@ def moving(seed: int) -> PhysicsRig:
 
 def creep(rig: PhysicsRig) -> float:
     """Greatest speed, m/s, along the floor of a corner that is held, 8 ms later."""
-    rig.bus.simulation._steps.take(4)
-    data = rig.bus.simulation.data
-    engine().mj_step1(rig.bus.simulation.world.model, data)
+    rig.bus.witness.simulation._steps.take(4)
+    data = rig.bus.witness.simulation.data
+    engine().mj_step1(rig.bus.witness.simulation.world.model, data)
     rows = data.contact.efc_address[:, None] + np.array([1, 2])
     return float(np.abs(data.efc_vel[rows]).max())
 
 
 def test_soles_that_stick_stay(monkeypatch: pytest.MonkeyPatch) -> None:
-    seeds = range(6)
+    seeds = range(3)
     held = [creep(moving(seed)) for seed in seeds]
     monkeypatch.setattr(simulation_module, "SoleSteps", PlainSteps)
     creeping = [creep(moving(seed)) for seed in seeds]
@@ -71,7 +71,7 @@ def test_soles_that_stick_stay(monkeypatch: pytest.MonkeyPatch) -> None:
 def numeric(rig: PhysicsRig, contact: int) -> FloatArray:
     """Acceleration (3,) m/s^2 of what touches at a contact when no joint accelerates: its velocity's change along the
     speeds, by central differences."""
-    simulation, mujoco = rig.bus.simulation, engine()
+    simulation, mujoco = rig.bus.witness.simulation, engine()
     model, here = simulation.world.model, simulation.data
     body, step = int(model.geom_bodyid[here.contact.geom[contact, 1]]), 1e-5
     place = here.xmat[body].reshape(3, 3).T @ (here.contact.pos[contact] - here.xpos[body])
@@ -91,7 +91,7 @@ def numeric(rig: PhysicsRig, contact: int) -> FloatArray:
 @pytest.mark.parametrize("seed", range(3))
 def test_it_is_the_derivative_of_the_jacobian(seed: int) -> None:
     rig = moving(seed)
-    data, model = rig.bus.simulation.data, rig.bus.simulation.world.model
+    data, model = rig.bus.witness.simulation.data, rig.bus.witness.simulation.world.model
     engine().mj_step1(model, data)
     before = data.efc_aref.copy()
     SoleSteps(model, data)._correct(due=True)
@@ -102,28 +102,21 @@ def test_it_is_the_derivative_of_the_jacobian(seed: int) -> None:
         expected = contact.frame[index].reshape(3, 3) @ numeric(rig, index)
         assert np.abs(expected).max() > 0.01
         assert taken.tolist() == pytest.approx(expected.tolist(), abs=1e-4)
-
-
-def test_what_does_not_move_is_not_corrected() -> None:
-    rig = PhysicsRig()
-    rig.arm()
-    rig.run(1.5)
-    data = rig.bus.simulation.data
-    data.qvel[:] = 0.0
-    engine().mj_step1(rig.bus.simulation.world.model, data)
+    data.qvel[:] = 0.0  # what does not move is not corrected
+    engine().mj_step1(model, data)
     before = data.efc_aref.copy()
-    SoleSteps(rig.bus.simulation.world.model, data)._correct(due=True)
+    SoleSteps(model, data)._correct(due=True)
     assert data.ncon >= 8 and data.efc_aref.tolist() == before.tolist()
 
 
 def test_a_robot_in_the_air_moves_as_the_engine_says() -> None:
     ours, plain = (PhysicsRig(mount=Mount(Support.STAND), start=standing()) for _ in range(2))
-    model, data = plain.bus.simulation.world.model, plain.bus.simulation.data
+    model, data = plain.bus.witness.simulation.world.model, plain.bus.witness.simulation.data
     for rig in (ours, plain):
         rig.arm()
-    ours.bus.simulation._steps.take(50)
+    ours.bus.witness.simulation._steps.take(50)
     engine().mj_step(model, data, nstep=50)
-    assert ours.bus.simulation.data.qpos.tolist() == data.qpos.tolist()
+    assert ours.bus.witness.simulation.data.qpos.tolist() == data.qpos.tolist()
 
 
 ALL = np.ones(20, dtype=np.bool_)
@@ -155,9 +148,7 @@ def test_however_it_is_cut_the_motion_is_the_same_within_a_batch() -> None:
 def test_a_long_silence_is_cut_short() -> None:
     simulation = simulation_of(op3(), start=standing())
     simulation.advance(1e6)
-    assert simulation.time == pytest.approx(1e6)
-    assert not simulation.moves
-    assert LONGEST_S <= 60.0
+    assert simulation.time == pytest.approx(1e6) and not simulation.moves and LONGEST_S <= 60.0
 
 
 def test_a_push_begins_and_ends_on_time() -> None:

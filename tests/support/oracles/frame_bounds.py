@@ -1,4 +1,4 @@
-"""The displacement box of one frame in plain NumPy: the oracle for `retarget._solver.frame_bounds`."""
+"""The displacement box of one frame in plain NumPy: the oracle for `retarget._solver.Braking`."""
 
 import numpy as np
 

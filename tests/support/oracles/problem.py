@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-LevelTuple = tuple[Array, Array, Array, Array, Array]
 
 
 @dataclass(frozen=True)
@@ -32,6 +31,11 @@ class Level:
             lower=none if lower is None else np.asarray(lower, dtype=np.float64),
             upper=none if upper is None else np.asarray(upper, dtype=np.float64),
         )
+
+    @property
+    def limits(self) -> tuple[Array, Array]:
+        """Lower and upper limits of all rows (m + k,)."""
+        return np.concatenate([self.e, self.lower]), np.concatenate([self.e, self.upper])
 
     def violation(self, x: Array) -> Array:
         """Signed excess of every inequality row at x (k,): negative below `lower`, positive above `upper`, else 0."""
@@ -77,10 +81,6 @@ class Hierarchy:
     def first(self, count: int) -> Hierarchy:
         """The same problem with only its `count` highest levels."""
         return Hierarchy(self.levels[:count], self.lo, self.hi, self.weight, self.ref, self.soft, self.name)
-
-    def tuples(self) -> list[LevelTuple]:
-        """The levels as the solver's test entry point takes them."""
-        return [(level.C, level.e, level.D, level.lower, level.upper) for level in self.levels]
 
     def residuals(self, x: Array) -> Array:
         """Norm of every level's slack at x (p + 1,), the tie-break last."""

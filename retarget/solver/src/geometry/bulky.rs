@@ -1,14 +1,12 @@
 //! Boxes and cylinders among themselves.
 
-use super::capsule_box::NO_DIRECTION;
-use super::climb::climb;
-use super::contact::{meet, touching, MISS};
+use super::capsule_and::NO_DIRECTION;
+use super::contact::{meet, MISS};
 use super::difference::{Best, Difference};
 use super::gjk::{nearest_apart, Apart};
-use super::separating::separating;
-use super::way_out::{flat, way_out};
-use super::{Nearest, Scratch, Solid};
-use crate::math::{across, add, add_scaled, dot, mat_vec, norm, scale, Vec3};
+use super::solid::{Nearest, Scratch, Solid};
+use super::way_out::{climb, flat, way_out, PARALLEL};
+use crate::math::{across, add, add_scaled, cross, dot, mat_vec, norm, scale, Vec3};
 
 /// A direction whose gap is not less than this (m) below the distance of points that were found is as good as they are.
 const SAME: f64 = 1e-12;
@@ -17,6 +15,66 @@ const NEARLY_ACROSS: f64 = 1e-2;
 /// Share of the distance to which polytopes and round sides are iterated.
 const EXACT: f64 = 1e-14;
 const ROUND: f64 = 1e-8;
+
+/// Sine below which the products of the table have lost digits, and the gap is worked out from the direction.
+const NEARLY_PARALLEL: f64 = 1e-3;
+/// An edge across an edge must be better than a face by this (m), so that the choice does not flicker.
+const BETTER: f64 = 1e-13;
+
+/// The largest gap of two boxes along the directions of `way_out::flat`; `m` is in the frame of the first. These are the fifteen along
+/// which two boxes can be kept apart: faces, and edge across edge (Gottschalk, Lin, Manocha, 1996).
+fn separating(m: &Difference) -> Best {
+    let edges = m.edges();
+    let half_a = [edges[0].half, edges[1].half, edges[2].half];
+    let half_b = [edges[3].half, edges[4].half, edges[5].half];
+    let axes = [edges[3].axis, edges[4].axis, edges[5].axis];
+    let size = axes.map(|v| v.map(f64::abs));
+    let c = m.centre;
+    let mut best = Best::none();
+    let mut offer = |gap: f64, direction: &dyn Fn() -> Vec3| {
+        if gap > best.gap + BETTER {
+            best = Best { gap, normal: direction() };
+        }
+    };
+    for i in 0..3 {
+        let gap = c[i].abs() - half_a[i] - half_b[0] * size[0][i] - half_b[1] * size[1][i] - half_b[2] * size[2][i];
+        offer(gap, &|| unit(i));
+    }
+    for j in 0..3 {
+        offer(dot(c, axes[j]).abs() - half_b[j] - dot(half_a, size[j]), &|| axes[j]);
+    }
+    for i in 0..3 {
+        let (i1, i2) = ((i + 1) % 3, (i + 2) % 3);
+        for j in 0..3 {
+            let (j1, j2) = ((j + 1) % 3, (j + 2) % 3);
+            let sine = (axes[j][i1] * axes[j][i1] + axes[j][i2] * axes[j][i2]).sqrt();
+            if sine < PARALLEL {
+                continue;
+            }
+            let direction = || scale(cross(unit(i), axes[j]), 1.0 / sine);
+            let along = c[i2] * axes[j][i1] - c[i1] * axes[j][i2];
+            let reach_a = half_a[i1] * size[j][i2] + half_a[i2] * size[j][i1];
+            let reach_b = half_b[j1] * size[j2][i] + half_b[j2] * size[j1][i];
+            let gap = (along.abs() - reach_a - reach_b) / sine;
+            if sine < NEARLY_PARALLEL {
+                let n = direction();
+                offer(m.gap(n).max(m.gap(scale(n, -1.0))), &|| n);
+            } else {
+                offer(gap, &direction);
+            }
+        }
+    }
+    if dot(best.normal, c) < 0.0 {
+        best.normal = scale(best.normal, -1.0);
+    }
+    best
+}
+
+fn unit(k: usize) -> Vec3 {
+    let mut unit = [0.0; 3];
+    unit[k] = 1.0;
+    unit
+}
 
 /// The direction from which no step enlarges the gap, on the smooth sides around `start` and along edges that are nearly across it.
 fn settled(m: &Difference, start: Vec3) -> Best {
@@ -54,7 +112,7 @@ fn boxes(a: &Solid, b: &Solid, m: &Difference, scratch: &mut Scratch) -> Nearest
                 points
             }
         }
-        _ => touching(a, b, mat_vec(&a.rotation, facet.normal), facet.gap, scratch),
+        _ => meet(a, b, mat_vec(&a.rotation, facet.normal), facet.gap, scratch).0,
     }
 }
 

@@ -1,6 +1,6 @@
 //! Two capsules (balls, lines): nearest points of two segments, in closed form.
 
-use super::{Nearest, Shape, Solid};
+use super::solid::{Nearest, Shape, Solid};
 use crate::math::{add_scaled, cross, dot, norm, perpendicular, scale, sub, Vec3};
 
 /// Squared sine of the angle below which two segments are parallel.
@@ -94,13 +94,9 @@ pub fn crossing(a: &Segment, b: &Segment) -> Crossing {
 
 /// The core segment of a capsule, and its radius.
 #[inline(always)]
-pub fn core(solid: &Solid) -> (Segment, f64) {
-    match solid.shape {
-        Shape::Capsule { half_length, radius } | Shape::Cylinder { half_length, radius } => {
-            (Segment { centre: solid.position, axis: solid.axis(), half_length }, radius)
-        }
-        _ => (Segment { centre: solid.position, axis: solid.axis(), half_length: 0.0 }, 0.0),
-    }
+fn core(solid: &Solid) -> (Segment, f64) {
+    let Shape::Capsule { half_length, radius } = solid.shape else { unreachable!("called with a capsule") };
+    (Segment { centre: solid.position, axis: solid.axis(), half_length }, radius)
 }
 
 pub fn capsules(a: &Solid, b: &Solid) -> Nearest {

@@ -1,6 +1,6 @@
 //! The difference A - B of two cores, as a sum of segments and discs: every shape here is such a sum about its centre.
 
-use super::{Shape, Solid};
+use super::solid::{Shape, Solid};
 use crate::math::{across, add_scaled, cross, dot, mat_t_vec, norm, scale, sub, Mat3, Vec3};
 
 #[derive(Clone, Copy, Default)]

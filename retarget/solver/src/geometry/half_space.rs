@@ -1,6 +1,6 @@
 //! Any solid over a half-space.
 
-use super::{Nearest, Shape, Solid};
+use super::solid::{Nearest, Shape, Solid};
 use crate::math::{across, add_scaled, column, dot, norm, scale, sub, Vec3};
 
 /// Sine of an angle below which a face counts as parallel; within it a point slides over from one end of the face to the other, so

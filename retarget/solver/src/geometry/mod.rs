@@ -4,27 +4,18 @@
 //! support function of A and B turned about, which are symmetric. Apart, the largest is the gap and is found as a nearest pair;
 //! overlapping, it is minus the way out (`way_out.rs`).
 
-mod along;
 mod bulky;
-mod capsule_box;
-mod capsule_cylinder;
+mod capsule_and;
 mod capsules;
-mod climb;
 mod clip;
 mod contact;
 mod difference;
 mod distance;
-mod face;
 mod gjk;
 mod half_space;
-mod nearest;
-mod ridge;
-mod separating;
-mod shape;
-mod simplex;
+mod solid;
 mod way_out;
 
 pub use distance::{gap_at_least, nearest};
 pub use half_space::extreme;
-pub use nearest::{Nearest, Scratch};
-pub use shape::{Shape, Solid};
+pub use solid::{Nearest, Scratch, Shape, Solid};

@@ -95,19 +95,16 @@ fn start(problem: &mut Problem, fma: bool) {
 
 compile_twice! {
     /// The equality-only answer for the active set, into `candidate`.
-    fn factor_all(problem: &Problem, factor: &mut Factor, candidate: &mut [f64]) = factor_all_any
-}
-
-#[inline(always)]
-fn factor_all_any<const FMA: bool>(problem: &Problem, factor: &mut Factor, candidate: &mut [f64]) {
-    factor.restart(problem);
-    for i in 0..problem.n {
-        candidate[i] = if factor.is_free(i) { 0.0 } else { problem.bound(i) };
+    fn factor_all(problem: &Problem, factor: &mut Factor, candidate: &mut [f64]) {
+        factor.restart(problem);
+        for i in 0..problem.n {
+            candidate[i] = if factor.is_free(i) { 0.0 } else { problem.bound(i) };
+        }
+        candidate[problem.n..].fill(0.0);
+        for k in 0..problem.level_count() {
+            factor.ask::<FMA>(problem, k, candidate);
+            factor.add_level::<FMA>(problem, k);
+        }
+        factor.add_candidate::<FMA>(candidate);
     }
-    candidate[problem.n..].fill(0.0);
-    for k in 0..problem.level_count() {
-        factor.ask::<FMA>(problem, k, candidate);
-        factor.add_level::<FMA>(problem, k);
-    }
-    factor.add_candidate::<FMA>(candidate);
 }

@@ -62,17 +62,14 @@ fn open_stage(problem: &mut Problem, work: &mut Work, k: usize) {
 
 compile_twice! {
     /// Rank of the held rows of the levels before k in the free columns.
-    fn rank_before(problem: &Problem, work: &mut Work, k: usize) -> usize = rank_before_any
-}
-
-#[inline(always)]
-fn rank_before_any<const FMA: bool>(problem: &Problem, work: &mut Work, k: usize) -> usize {
-    let factor = &mut work.factor;
-    factor.restart(problem);
-    for level in 0..k {
-        factor.add_level::<FMA>(problem, level);
+    fn rank_before(problem: &Problem, work: &mut Work, k: usize) -> usize {
+        let factor = &mut work.factor;
+        factor.restart(problem);
+        for level in 0..k {
+            factor.add_level::<FMA>(problem, level);
+        }
+        factor.rank()
     }
-    factor.rank()
 }
 
 fn run_stage(problem: &mut Problem, work: &mut Work, k: usize, outcome: &mut Outcome) -> bool {
@@ -116,50 +113,44 @@ fn run_stage(problem: &mut Problem, work: &mut Work, k: usize, outcome: &mut Out
 compile_twice! {
     /// Let go of a limit. A row with two limits that was guessed to be at the wrong one is beyond the other: held there it stays in
     /// the working set, free it would be forgotten where nothing moves any more.
-    fn let_go_or_turn(problem: &mut Problem, release: Release) = let_go_or_turn_any
-}
-
-#[inline(always)]
-fn let_go_or_turn_any<const FMA: bool>(problem: &mut Problem, release: Release) {
-    let Release::Row(r) = release else { return let_go(problem, release) };
-    let held = problem.row_side[r];
-    let beyond = problem.crossed(r, dot::<FMA>(problem.row(r), &problem.z));
-    problem.row_side[r] = beyond.filter(|side| *side != held).unwrap_or_default();
+    fn let_go_or_turn(problem: &mut Problem, release: Release) {
+        let Release::Row(r) = release else { return let_go(problem, release) };
+        let held = problem.row_side[r];
+        let beyond = problem.crossed(r, dot::<FMA>(problem.row(r), &problem.z));
+        problem.row_side[r] = beyond.filter(|side| *side != held).unwrap_or_default();
+    }
 }
 
 compile_twice! {
     /// Direction to the optimum of stage k that leaves the stages before alone. Returns its largest entry.
-    fn direction(problem: &Problem, work: &mut Work, k: usize) -> f64 = direction_any
-}
-
-#[inline(always)]
-fn direction_any<const FMA: bool>(problem: &Problem, work: &mut Work, k: usize) -> f64 {
-    let factor = &mut work.factor;
-    factor.restart(problem);
-    for level in 0..problem.level_count().min(k + 1) {
-        for r in problem.level(level) {
-            if problem.row_side[r] != Side::Free {
-                factor.rhs[r] =
-                    if level < k { 0.0 } else { problem.target(r) - dot::<FMA>(problem.row(r), &problem.z) };
+    fn direction(problem: &Problem, work: &mut Work, k: usize) -> f64 {
+        let factor = &mut work.factor;
+        factor.restart(problem);
+        for level in 0..problem.level_count().min(k + 1) {
+            for r in problem.level(level) {
+                if problem.row_side[r] != Side::Free {
+                    factor.rhs[r] =
+                        if level < k { 0.0 } else { problem.target(r) - dot::<FMA>(problem.row(r), &problem.z) };
+                }
+            }
+            factor.add_level::<FMA>(problem, level);
+        }
+        let d = &mut work.direction;
+        if k == problem.level_count() {
+            for i in 0..problem.stride {
+                d[i] = if i < problem.n && factor.is_free(i) { -problem.z[i] } else { 0.0 };
+            }
+            for j in 0..factor.rank() {
+                let c = dot::<FMA>(factor.basis_row(j), d);
+                add_scaled::<FMA>(d, -c, factor.basis_row(j));
+            }
+        } else {
+            d.fill(0.0);
+            let first = if k == 0 { 0 } else { factor.rank_end[k - 1] };
+            for j in first..factor.rank() {
+                add_scaled::<FMA>(d, factor.y[j], factor.basis_row(j));
             }
         }
-        factor.add_level::<FMA>(problem, level);
+        d.iter().fold(0.0, |m: f64, v| m.max(v.abs()))
     }
-    let d = &mut work.direction;
-    if k == problem.level_count() {
-        for i in 0..problem.stride {
-            d[i] = if i < problem.n && factor.is_free(i) { -problem.z[i] } else { 0.0 };
-        }
-        for j in 0..factor.rank() {
-            let c = dot::<FMA>(factor.basis_row(j), d);
-            add_scaled::<FMA>(d, -c, factor.basis_row(j));
-        }
-    } else {
-        d.fill(0.0);
-        let first = if k == 0 { 0 } else { factor.rank_end[k - 1] };
-        for j in first..factor.rank() {
-            add_scaled::<FMA>(d, factor.y[j], factor.basis_row(j));
-        }
-    }
-    d.iter().fold(0.0, |m: f64, v| m.max(v.abs()))
 }

@@ -11,16 +11,20 @@ pub fn has_fma() -> bool {
     false
 }
 
-/// `name(fma, ...)` runs `body::<true>` where the processor has FMA, else `body::<false>`: each compiled once, for its instructions.
+/// `name(fma, ...)` runs its body with `FMA` true where the processor has it, else false: compiled once for each, for its
+/// instructions. The body may call other functions as `f::<FMA>(...)`, which are to be inlined.
 macro_rules! compile_twice {
-    ($(#[$doc:meta])* $vis:vis fn $name:ident($($arg:ident: $type:ty),* $(,)?) $(-> $out:ty)? = $body:ident) => {
+    ($(#[$doc:meta])* $vis:vis fn $name:ident($($arg:ident: $type:ty),* $(,)?) $(-> $out:ty)? $body:block) => {
         $(#[$doc])*
         $vis fn $name(fma: bool, $($arg: $type),*) $(-> $out)? {
+            #[inline(always)]
+            fn body<const FMA: bool>($($arg: $type),*) $(-> $out)? $body
+
             #[cfg(target_arch = "x86_64")]
             {
                 #[target_feature(enable = "avx2,fma")]
                 unsafe fn with_fma($($arg: $type),*) $(-> $out)? {
-                    $body::<true>($($arg),*)
+                    body::<true>($($arg),*)
                 }
                 if fma {
                     // SAFETY: `fma` is true only where the processor has AVX2 and FMA.
@@ -28,7 +32,7 @@ macro_rules! compile_twice {
                 }
             }
             let _ = fma;
-            $body::<{ cfg!(target_arch = "aarch64") }>($($arg),*)
+            body::<{ cfg!(target_arch = "aarch64") }>($($arg),*)
         }
     };
 }

@@ -10,9 +10,8 @@
 //! no factorization of its own.
 //!
 //! * `problem`: rows, levels, box, and the active set.
-//! * `factor`, `levels`: the equality-only hierarchy for a given active set (orthogonal row basis, level after level).
-//! * `damping`: near-singular levels, once per solve.
-//! * `lowered`: targets of damped levels, moved nearer.
+//! * `factor`: the equality-only hierarchy for a given active set (orthogonal row basis, level after level).
+//! * `damping`: targets of near-singular levels, moved nearer, once per solve.
 //! * `multipliers`: which rows and variables a limit holds rightly, level by level.
 //! * `limits`: moves that stop at the first limit; what is held there or released.
 //! * `active_set`: guess, verify, move, add, release (Dimitrov, Sherikov, Wieber; Escande, Mansard, Wieber 2014).
@@ -25,9 +24,7 @@ mod damping;
 mod factor;
 mod kernels;
 mod least_squares;
-mod levels;
 mod limits;
-mod lowered;
 mod multipliers;
 mod problem;
 mod reduced;
@@ -53,7 +50,7 @@ pub fn solve(problem: &mut Problem, workspace: &mut Workspace) -> Outcome {
     work.prepare(problem);
     let mut outcome = Outcome::default();
     if problem.damping.iter().chain(&problem.short_lever).any(|d| *d != 0.0) {
-        lowered::lower(work.fma, problem, work, &mut outcome);
+        damping::lower(work.fma, problem, work, &mut outcome);
     }
     if active_set::guess(problem, work, &mut outcome) {
         limits::clamp_to_box(problem);

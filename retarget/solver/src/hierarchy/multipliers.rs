@@ -29,7 +29,17 @@ pub struct Multipliers {
 
 compile_twice! {
     /// All levels of a complete factorization, at the point `z` it gave. The worst wrong sign of the first level that has one.
-    pub fn examine(multipliers: &mut Multipliers, problem: &Problem, factor: &Factor, z: &[f64]) -> Option<Release> = examine_any
+    pub fn examine(multipliers: &mut Multipliers, problem: &Problem, factor: &Factor, z: &[f64]) -> Option<Release> {
+        multipliers.clear(problem);
+        // A closure would not be compiled for these instructions.
+        for k in 0..=problem.level_count() {
+            let release = multipliers.examine_level::<FMA>(problem, factor, z, k);
+            if release.is_some() {
+                return release;
+            }
+        }
+        None
+    }
 }
 
 compile_twice! {
@@ -40,36 +50,9 @@ compile_twice! {
         factor: &Factor,
         z: &[f64],
         k: usize,
-    ) -> Option<Release> = examine_level_any
-}
-
-#[inline(always)]
-fn examine_any<const FMA: bool>(
-    multipliers: &mut Multipliers,
-    problem: &Problem,
-    factor: &Factor,
-    z: &[f64],
-) -> Option<Release> {
-    multipliers.clear(problem);
-    // A closure would not be compiled for these instructions.
-    for k in 0..=problem.level_count() {
-        let release = multipliers.examine_level::<FMA>(problem, factor, z, k);
-        if release.is_some() {
-            return release;
-        }
+    ) -> Option<Release> {
+        multipliers.examine_level::<FMA>(problem, factor, z, k)
     }
-    None
-}
-
-#[inline(always)]
-fn examine_level_any<const FMA: bool>(
-    multipliers: &mut Multipliers,
-    problem: &Problem,
-    factor: &Factor,
-    z: &[f64],
-    k: usize,
-) -> Option<Release> {
-    multipliers.examine_level::<FMA>(problem, factor, z, k)
 }
 
 impl Multipliers {

@@ -70,8 +70,6 @@ pub struct Problem {
 impl Problem {
     /// A problem of `n` variables and `level_rows[k]` rows in level k; every entry is zero, every row absent.
     pub fn new(n: usize, level_rows: &[usize]) -> Self {
-        let stride = n.div_ceil(8).max(1) * 8;
-        let m: usize = level_rows.iter().sum();
         let level_end = level_rows
             .iter()
             .scan(0, |end, rows| {
@@ -79,26 +77,9 @@ impl Problem {
                 Some(*end)
             })
             .collect();
-        Self {
-            n,
-            stride,
-            rows: vec![0.0; m * stride],
-            lower: vec![0.0; m],
-            upper: vec![0.0; m],
-            level_end,
-            present: vec![false; m],
-            lo: vec![f64::NEG_INFINITY; n],
-            hi: vec![f64::INFINITY; n],
-            damping: vec![0.0; level_rows.len()],
-            short_lever: vec![0.0; level_rows.len()],
-            patience: vec![0.0; level_rows.len()],
-            still: vec![0.0; stride],
-            lo_is_stop: vec![false; n],
-            hi_is_stop: vec![false; n],
-            variable_side: vec![Side::Free; n],
-            row_side: vec![Side::Free; m],
-            z: vec![0.0; stride],
-        }
+        let mut problem = Self { level_end, ..Self::default() };
+        problem.reshape(n);
+        problem
     }
 
     /// `n` variables without limits, and as many rows as the levels end with, all absent and zero. Sizes up to those that it
@@ -196,30 +177,20 @@ impl Problem {
     /// Set the sides that follow from the limits themselves, and drop warm-start sides that no longer make sense.
     pub fn settle_sides(&mut self) {
         for i in 0..self.n {
-            let (lo, hi) = (self.lo[i], self.hi[i]);
-            let side = &mut self.variable_side[i];
-            if lo == hi {
-                *side = Side::Both;
-            } else if *side == Side::Both
-                || (*side == Side::Lower && !lo.is_finite())
-                || (*side == Side::Upper && !hi.is_finite())
-            {
-                *side = Side::Free;
-            }
+            self.variable_side[i] = settled(self.variable_side[i], self.lo[i], self.hi[i]);
         }
         for r in 0..self.row_count() {
-            let (lower, upper) = (self.lower[r], self.upper[r]);
-            let side = &mut self.row_side[r];
-            if !self.present[r] {
-                *side = Side::Free;
-            } else if lower == upper {
-                *side = Side::Both;
-            } else if *side == Side::Both
-                || (*side == Side::Lower && !lower.is_finite())
-                || (*side == Side::Upper && !upper.is_finite())
-            {
-                *side = Side::Free;
-            }
+            let side = settled(self.row_side[r], self.lower[r], self.upper[r]);
+            self.row_side[r] = if self.present[r] { side } else { Side::Free };
         }
+    }
+}
+
+fn settled(side: Side, lower: f64, upper: f64) -> Side {
+    match side {
+        _ if lower == upper => Side::Both,
+        Side::Lower if lower.is_finite() => Side::Lower,
+        Side::Upper if upper.is_finite() => Side::Upper,
+        _ => Side::Free,
     }
 }

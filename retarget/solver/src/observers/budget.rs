@@ -3,10 +3,10 @@
 //! budget the step would spend is woken, looked at, and gets its row before the step is taken, for four times in an iteration;
 //! what it misses is found after the step, and corrected by the next one.
 
-use super::modes::Mode;
+use super::law::Mode;
 use super::set::{Mover, ObstaclePose, Other};
 use super::watch::Watch;
-use crate::geometry::{gap_at_least, nearest, Nearest, Solid};
+use crate::geometry::{gap_at_least, nearest, Nearest};
 use crate::hierarchy::Side;
 use crate::kinematics::Pose;
 use crate::math::*;
@@ -136,7 +136,7 @@ impl Watch {
 
     /// Mode and floor, from the distance at the start of the frame.
     fn find_floor(&mut self, k: usize) {
-        let (a, b) = self.sides(k, true);
+        let (a, b) = self.set.sides(k, &self.start.0, &self.start.1);
         let gap = gap_at_least(a, b);
         let is_far = gap > LOOKED_AT * self.set.pairs[k].influence;
         let distance = if is_far { gap } else { self.between(k, true).distance };
@@ -164,27 +164,10 @@ impl Watch {
         }
     }
 
-    /// Nothing is known of a pair any more.
-    pub(super) fn forget(&mut self, k: usize) {
-        let state = &mut self.pairs[k];
-        (state.at_least, state.at_most) = (f64::NEG_INFINITY, f64::INFINITY);
-        (state.mode, state.side, state.first_side) = (Mode::Free, Side::Free, Side::Free);
-    }
-
     fn between(&mut self, k: usize, at_start: bool) -> Nearest {
-        let (a, b) = self.sides(k, at_start);
-        let (a, b) = (*a, *b);
-        nearest(&a, &b, &mut self.scratch)
-    }
-
-    /// Both sides of a pair, now or where the frame began.
-    fn sides(&self, k: usize, at_start: bool) -> (&Solid, &Solid) {
-        let pair = &self.set.pairs[k];
         let (solids, fixtures) = if at_start { (&self.start.0, &self.start.1) } else { (&self.solids, &self.fixtures) };
-        match pair.other {
-            Other::Observer(o) => (&solids[pair.observer], &solids[o]),
-            Other::Obstacle(o) => (&solids[pair.observer], &fixtures[o]),
-        }
+        let (a, b) = self.set.sides(k, solids, fixtures);
+        nearest(a, b, &mut self.scratch)
     }
 
     /// How far the surface of a pair's obstacle may come in this frame, m; NaN where it is not there.

@@ -1,4 +1,5 @@
-//! How near a pair may come: the damping of the paper, its integral over a frame, the way out of contact; what the gate rounds.
+//! What a pair does at a distance, and how near it may come: the damping of the paper, its integral over a frame, the way out of
+//! contact; what the gate rounds.
 
 /// Between rows a pair may be nearer by this (m) than at rows: what is sent keeps so much more than what is promised, so that a
 /// path along the limit can still be proven by stretches of finite length.
@@ -29,4 +30,30 @@ pub fn damped_floor(distance: f64, influence: f64, margin: f64, speed: f64, dt: 
 /// Least distance at the end of a frame for a part that touches: out at `speed` (m/s), up to the margin and no farther.
 pub fn way_out(distance: f64, margin: f64, speed: f64, dt: f64) -> f64 {
     (distance + speed * dt).min(margin.max(distance))
+}
+
+/// Deeper than this (m) is contact: rounding is not.
+pub const CONTACT: f64 = 1e-4;
+/// A pair leaves influence a little farther out than it came in, so that rest at the edge is no coming and going.
+const LEAVING: f64 = 1.05;
+
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, Default)]
+pub enum Mode {
+    #[default]
+    Free,
+    Preventive,
+    Reactive,
+}
+
+impl Mode {
+    /// What a pair does next at this distance.
+    pub fn next(self, distance: f64, influence: f64) -> Self {
+        let touches = distance < if self == Self::Reactive { -0.5 * CONTACT } else { -CONTACT };
+        let is_near = distance < if self == Self::Free { influence } else { LEAVING * influence };
+        match (touches, is_near) {
+            (true, _) => Self::Reactive,
+            (_, true) => Self::Preventive,
+            _ => Self::Free,
+        }
+    }
 }

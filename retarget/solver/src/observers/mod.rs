@@ -2,32 +2,27 @@
 //! other, and add inequality rows before and after contact.
 //!
 //! * `set`: which observers, obstacles and pairs there are.
-//! * `law`: how near a pair may come in one frame, as plain functions.
+//! * `law`: free, preventive or reactive, and how near a pair may come in one frame, as plain functions.
 //! * `task`: what a level of observers asks for.
 //! * `watch`: what is known of each pair.
-//! * `look`: distances of pairs in a posture.
+//! * `closest`: of those influenced by one obstacle, only the closest that approaches (paper).
 //! * `budget`: pairs that cannot have come too near, whose distance need not be computed.
-//! * `modes`: free, preventive or reactive, and how often that changes.
 //! * `rows`: inequality rows of pairs, written into a hierarchy problem.
-//! * `path`: whether a path of postures keeps pairs apart, between its rows too; `stage`, `way`, `arms` are its parts.
-//! * `trial`: of those influenced by one obstacle, only the closest that approaches (paper).
+//! * `path`: whether a path of postures keeps pairs apart, between its rows too; `stage` and `way` are its parts.
 
-mod arms;
 mod budget;
+mod closest;
 pub mod law;
-mod look;
-mod modes;
 mod path;
 mod rows;
 mod set;
 mod stage;
 mod task;
-mod trial;
 mod watch;
 mod way;
 
-pub use modes::Mode;
-pub use path::{Ask, PathChecker};
+pub use law::Mode;
+pub use path::PathChecker;
 pub use rows::Shift;
 pub use set::{Mover, Observer, ObserverSet, Obstacle, ObstaclePose, Other, Pair};
 pub use task::{Activation, ObserverTask};

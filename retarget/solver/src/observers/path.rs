@@ -4,11 +4,10 @@
 //! separation is, for every pair of their points, a smooth function of the joints: between the ends of a stretch it is below both
 //! of its ends by no more than the stretch bends (`Stretch::bend`). What that does not prove is halved.
 
-use super::arms::{Arm, Arms};
 use super::law::{BETWEEN, LET_OUT};
 use super::set::ObserverSet;
 use super::stage::Stage;
-use super::way::{Stretch, Way};
+use super::way::{Arm, Arms, Stretch, Way};
 use crate::body::Body;
 use crate::math::Vec3;
 use std::sync::Arc;
@@ -27,14 +26,6 @@ struct Doubt {
     speed: f64,
     first: (f64, Vec3),
     last: (f64, Vec3),
-}
-
-/// share: of each pair's margin, what it shall keep. remember: the first row is where the robot was sent, so that what is let out
-/// is measured from there.
-#[derive(Clone, Copy)]
-pub struct Ask {
-    pub share: f64,
-    pub remember: bool,
 }
 
 /// Nothing is allocated once it has seen a path of the length at hand.
@@ -96,11 +87,21 @@ impl PathChecker {
     ///
     /// instead: what the robot does if this path is refused. Where an obstacle comes at the robot, a path on which it is at no row
     /// nearer than it came by then on that one is clear of it: a refusal must not keep the robot from getting out of the way.
-    pub fn is_clear(&mut self, q: &[f64], path: &[f64], instead: Option<&[f64]>, dt: f64, ask: Ask) -> bool {
+    ///
+    /// share: of each pair's margin, what it shall keep. remember: the first row is where the robot was sent, so that what is let out
+    /// is measured from there.
+    pub fn is_clear(
+        &mut self,
+        q: &[f64],
+        path: &[f64],
+        instead: Option<&[f64]>,
+        dt: f64,
+        (share, remember): (f64, bool),
+    ) -> bool {
         let n = self.stage.columns.len();
         self.way.load(path, n);
         self.instead.load(instead.unwrap_or(path), n);
-        (self.stage.dt, self.share) = (dt, ask.share);
+        (self.stage.dt, self.share) = (dt, share);
         self.stage.stand(q);
         let moved = |(k, rest): &(usize, f64)| rest + self.way.largest(*k).max(self.instead.largest(*k));
         self.drawn = self.arms.drawn_still(q) + self.arms.slides.iter().map(moved).sum::<f64>();
@@ -111,10 +112,10 @@ impl PathChecker {
         }
         self.doubts.clear();
         self.excused.fill(false);
-        self.collect(end, ask.remember);
+        self.collect(end, remember);
         self.doubts.is_empty() || {
             let may_flee = instead.is_some();
-            self.look(end, ask.remember, may_flee) && self.halved(0, self.doubts.len(), 0.0, end, may_flee)
+            self.look(end, remember, may_flee) && self.halved(0, self.doubts.len(), 0.0, end, may_flee)
         }
     }
 
@@ -292,7 +293,7 @@ impl PathChecker {
         if !may_flee || self.stage.moving(pair).is_none() {
             return false;
         }
-        let rows = self.way.rows().min(self.instead.rows());
+        let rows = self.way.rows.min(self.instead.rows);
         let looks = self.stage.looks;
         let mut least = f64::INFINITY;
         self.excused[pair] = (1..rows).all(|row| {

@@ -1,6 +1,6 @@
 //! Inequality rows of pairs, n . J dq >= what is left of the approach, written into a hierarchy problem.
 
-use super::modes::Mode;
+use super::law::Mode;
 use super::set::Mover;
 use super::task::Activation;
 use super::watch::Watch;
@@ -75,9 +75,10 @@ impl Watch {
     /// Least n . J dq of a pair.
     fn asked(&self, k: usize) -> f64 {
         let state = &self.pairs[k];
+        let distance = state.nearest.distance;
         let all = self.activation == Activation::All;
-        let floor = if all { state.floor } else { self.floor(k, self.dt * self.iteration) };
-        floor - state.nearest.distance + self.drift(k)
+        let floor = if all { state.floor } else { self.floor_from(k, distance, self.dt * self.iteration) };
+        floor - distance + self.drift(k)
     }
 
     /// The row n . J dq >= asked of a pair.

@@ -1,6 +1,6 @@
 //! Which observers and obstacles there are, and which of them are looked at together.
 
-use crate::body::{Body, JointKind};
+use crate::body::{Body, Joint, JointKind};
 use crate::geometry::{Shape, Solid};
 use crate::kinematics::Pose;
 use crate::math::*;
@@ -35,6 +35,9 @@ pub struct ObstaclePose {
 }
 
 impl ObstaclePose {
+    /// At the origin, at rest.
+    pub const REST: Self = Self { position: [0.0; 3], quat: [1.0, 0.0, 0.0, 0.0], linear: [0.0; 3], angular: [0.0; 3] };
+
     pub fn moves(&self) -> bool {
         self.linear != [0.0; 3] || self.angular != [0.0; 3]
     }
@@ -147,33 +150,67 @@ impl ObserverSet {
         }
     }
 
+    /// Both sides of a pair, where observers and obstacles are.
+    pub fn sides<'a>(&self, pair: usize, solids: &'a [Solid], fixtures: &'a [Solid]) -> (&'a Solid, &'a Solid) {
+        let pair = &self.pairs[pair];
+        match pair.other {
+            Other::Observer(o) => (&solids[pair.observer], &solids[o]),
+            Other::Obstacle(o) => (&solids[pair.observer], &fixtures[o]),
+        }
+    }
+
     /// Solids of the observers, somewhere.
     pub fn new_solids(&self) -> Vec<Solid> {
         let solid = |o: &Observer| Solid { shape: o.shape, position: o.position, rotation: o.rotation };
         self.observers.iter().map(solid).collect()
     }
+
+    /// Solids of the obstacles, somewhere.
+    pub fn new_fixtures(&self) -> Vec<Solid> {
+        let solid = |o: &Obstacle| Solid { shape: o.shape, position: [0.0; 3], rotation: IDENTITY };
+        self.obstacles.iter().map(solid).collect()
+    }
 }
 
 /// Farthest that an observer's shape ever gets from the axis of a coordinate in its chain.
 fn lever(body: &Body, observer: &Observer, dof: usize) -> f64 {
-    if body.dof_linear[dof] {
-        return 1.0;
+    let slides = |later: &usize| *later > dof && body.dof_linear[*later];
+    match body.dof_linear[dof] {
+        true => 1.0,
+        // What slides after the joint draws the shape away from it.
+        false if body.links[observer.link].chain.iter().any(slides) => f64::INFINITY,
+        false => arm(body, dof, observer),
     }
-    let mut length = norm(observer.position) + observer.shape.reach();
-    let mut link = observer.link;
-    loop {
-        let joints = &body.joints[body.links[link].joints.0..body.links[link].joints.1];
-        // A joint off the link's origin carries the origin about.
-        length += 2.0 * joints.iter().map(|joint| norm(joint.pos)).sum::<f64>();
-        if link == body.dof_link[dof] {
-            // What slides after the joint, on the same link, draws the shape away from it.
-            let slides = joints.iter().any(|joint| joint.kind == JointKind::Slide && joint.v_address > dof);
-            return if slides { f64::INFINITY } else { length };
-        }
-        if joints.iter().any(|joint| joint.kind == JointKind::Slide) {
-            return f64::INFINITY;
-        }
-        length += norm(body.links[link].pos);
-        link = body.links[link].parent;
+}
+
+/// Length (m) of the way along the body from a joint to the farthest point of an observer: no posture takes it farther, if nothing
+/// slides on the way.
+pub fn arm(body: &Body, dof: usize, observer: &Observer) -> f64 {
+    let joint = dof_joint(body, dof);
+    let from = body.joints[joint].body;
+    let later = &body.joints[joint + 1..body.links[from].joints.1];
+    let off: f64 = norm(body.joints[joint].pos) + later.iter().map(|j| 2.0 * norm(j.pos)).sum::<f64>();
+    off + way(body, from, observer.link) + norm(observer.position) + observer.shape.reach()
+}
+
+pub fn dof_joint(body: &Body, dof: usize) -> usize {
+    body.joints.iter().rposition(|j| j.v_address <= dof).unwrap_or(0)
+}
+
+/// Length (m) of the way along the body from the origin of one link to that of another.
+fn way(body: &Body, from: usize, to: usize) -> f64 {
+    let (mut a, mut b, mut length) = (from, to, 0.0);
+    while a != b {
+        let lower = if a > b { &mut a } else { &mut b };
+        length += edge(body, *lower);
+        *lower = body.links[*lower].parent;
     }
+    length
+}
+
+/// Most that a link's origin is away from its parent's, m, slides at rest. A turn about a point swings the origin around it.
+fn edge(body: &Body, link: usize) -> f64 {
+    let link = &body.links[link];
+    let swung = |joint: &Joint| if joint.kind == JointKind::Slide { 0.0 } else { 2.0 * norm(joint.pos) };
+    norm(link.pos) + body.joints[link.joints.0..link.joints.1].iter().map(swung).sum::<f64>()
 }

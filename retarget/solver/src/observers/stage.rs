@@ -37,20 +37,16 @@ pub struct Stage {
 
 impl Stage {
     pub fn new(body: Arc<Body>, set: Arc<ObserverSet>, columns: Vec<usize>, soles: Vec<(usize, Vec3)>) -> Self {
-        let identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-        let still =
-            ObstaclePose { position: [0.0; 3], quat: [1.0, 0.0, 0.0, 0.0], linear: [0.0; 3], angular: [0.0; 3] };
-        let fixture = |shape| Solid { shape, position: [0.0; 3], rotation: identity };
         Self {
             planted: 0,
-            obstacles: vec![still; set.obstacles.len()],
+            obstacles: vec![ObstaclePose::REST; set.obstacles.len()],
             dt: 0.0,
             looks: 0,
             foot: ([0.0; 3], [1.0, 0.0, 0.0, 0.0]),
             q: body.rest(),
             pose: body.new_pose(),
             solids: set.new_solids(),
-            fixtures: set.obstacles.iter().map(|o| fixture(o.shape)).collect(),
+            fixtures: set.new_fixtures(),
             bases: set.pairs.iter().map(|p| base_of(&body, &set, p.observer, p.other)).collect(),
             scratch: Scratch::default(),
             body,
@@ -101,19 +97,6 @@ impl Stage {
         }
     }
 
-    /// World position and orientation of the root link when joints have these values, the sole planted that is in posture `q`.
-    pub fn root(&mut self, q: &[f64], values: &[f64], root: usize) -> (Vec3, Quat) {
-        let mut way = Way::default();
-        way.load(values, self.columns.len());
-        self.stand(q);
-        self.place(&way, 0.0);
-        let (position, quat) = (self.pose.position[root], self.pose.quat[root]);
-        let Some(&(link, _)) = self.soles.get(self.planted) else { return (position, quat) };
-        let turn = quat_mul(self.foot.1, quat_conj(self.pose.quat[link]));
-        let moved = add(self.foot.0, quat_rotate(turn, sub(position, self.pose.position[link])));
-        (moved, quat_unit(quat_mul(turn, quat)))
-    }
-
     /// A distance that the pair is not below.
     pub fn gap(&self, pair: usize) -> f64 {
         let (a, b) = self.both(pair);
@@ -122,12 +105,8 @@ impl Stage {
 
     /// Signed distance of a pair, m, and the direction that opens it, in the pair's base.
     pub fn nearest(&mut self, pair: usize) -> (f64, Vec3) {
-        let p = &self.set.pairs[pair];
-        let b = match p.other {
-            Other::Observer(o) => &self.solids[o],
-            Other::Obstacle(o) => &self.fixtures[o],
-        };
-        let found = nearest(&self.solids[p.observer], b, &mut self.scratch);
+        let (a, b) = self.set.sides(pair, &self.solids, &self.fixtures);
+        let found = nearest(a, b, &mut self.scratch);
         (found.distance, mat_t_vec(&self.pose.rotation[self.base(pair)], found.normal))
     }
 
@@ -173,12 +152,7 @@ impl Stage {
     }
 
     fn both(&self, pair: usize) -> (&Solid, &Solid) {
-        let p = &self.set.pairs[pair];
-        let b = match p.other {
-            Other::Observer(o) => &self.solids[o],
-            Other::Obstacle(o) => &self.fixtures[o],
-        };
-        (&self.solids[p.observer], b)
+        self.set.sides(pair, &self.solids, &self.fixtures)
     }
 }
 

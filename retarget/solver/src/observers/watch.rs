@@ -1,7 +1,6 @@
 //! The observers of one solver at work: what is known of each pair, and how near it may come.
 
-use super::law::{damped_floor, damping_share, way_out};
-use super::modes::{Mode, Tally};
+use super::law::{damped_floor, way_out, Mode};
 use super::set::{Mover, ObserverSet, ObstaclePose, Other};
 use super::task::{Activation, ObserverTask};
 use crate::geometry::{gap_at_least, nearest, Nearest, Scratch, Solid};
@@ -55,7 +54,9 @@ pub struct Watch {
     pub pairs: Vec<PairState>,
     /// Pairs within influence in the posture looked at last.
     pub near: Vec<usize>,
-    pub tally: Tally,
+    /// What each observer did in the last frame, and in the one that runs so far.
+    pub modes: Vec<Mode>,
+    modes_now: Vec<Mode>,
     /// Violation of each task's rows, m.
     pub violation: Vec<f64>,
     pub(super) dt: f64,
@@ -100,27 +101,23 @@ impl Watch {
             side: Side::Free,
             first_side: Side::Free,
         };
-        let still =
-            ObstaclePose { position: [0.0; 3], quat: [1.0, 0.0, 0.0, 0.0], linear: [0.0; 3], angular: [0.0; 3] };
-        let identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-        let fixture = |shape| Solid { shape, position: [0.0; 3], rotation: identity };
-        let fixtures: Vec<Solid> = set.obstacles.iter().map(|o| fixture(o.shape)).collect();
         Self {
             activation,
             task_of,
             movers,
-            obstacles: vec![still; set.obstacles.len()],
+            obstacles: vec![ObstaclePose::REST; set.obstacles.len()],
             present: vec![false; set.obstacles.len()],
             pairs: vec![pair; set.pairs.len()],
             near: Vec::with_capacity(set.pairs.len()),
-            tally: Tally::new(set.observers.len()),
+            modes: vec![Mode::Free; set.observers.len()],
+            modes_now: vec![Mode::Free; set.observers.len()],
             violation: vec![0.0; tasks.len()],
             dt: 0.0,
             iteration: 1.0,
             approaching: Vec::with_capacity(set.pairs.len()),
             solids: set.new_solids(),
-            start: (set.new_solids(), fixtures.clone()),
-            fixtures,
+            fixtures: set.new_fixtures(),
+            start: (set.new_solids(), set.new_fixtures()),
             expected: vec![0.0; columns.len()],
             most_rows: tasks.iter().map(|t| t.rows).min().unwrap_or(0),
             scratch: Scratch::default(),
@@ -129,13 +126,31 @@ impl Watch {
         }
     }
 
+    /// Nothing is known of the posture.
+    pub fn reset(&mut self) {
+        for k in 0..self.pairs.len() {
+            self.forget(k);
+        }
+        self.expected.fill(0.0);
+        self.modes.fill(Mode::Free);
+        self.modes_now.fill(Mode::Free);
+    }
+
+    /// Nothing is known of a pair any more.
+    pub(super) fn forget(&mut self, k: usize) {
+        let state = &mut self.pairs[k];
+        (state.at_least, state.at_most) = (f64::NEG_INFINITY, f64::INFINITY);
+        (state.mode, state.side, state.first_side) = (Mode::Free, Side::Free, Side::Free);
+    }
+
     /// Obstacles go on to where they are when the frame ends, in which coordinates went by `done`.
     pub fn finish(&mut self, done: &[f64]) {
         self.expected.copy_from_slice(done);
         for obstacle in &mut self.obstacles {
             *obstacle = obstacle.after(self.dt);
         }
-        self.tally.end_frame();
+        self.modes.copy_from_slice(&self.modes_now);
+        self.modes_now.fill(Mode::Free);
     }
 
     /// An obstacle comes nearer iteration by iteration, so that none may be left out.
@@ -148,12 +163,10 @@ impl Watch {
     pub fn clearance(&mut self) -> (f64, f64) {
         let mut least = (f64::INFINITY, f64::INFINITY);
         for (k, pair) in self.set.pairs.iter().enumerate() {
-            let a = &self.solids[pair.observer];
-            let b = match pair.other {
-                Other::Observer(o) => &self.solids[o],
-                Other::Obstacle(o) if self.present[o] => &self.fixtures[o],
-                Other::Obstacle(_) => continue,
-            };
+            if !self.is_there(k) {
+                continue;
+            }
+            let (a, b) = self.set.sides(k, &self.solids, &self.fixtures);
             let side = if k < self.set.self_pairs { &mut least.0 } else { &mut least.1 };
             if gap_at_least(a, b) < pair.influence.min(*side) {
                 let distance = nearest(a, b, &mut self.scratch).distance;
@@ -161,6 +174,11 @@ impl Watch {
             }
         }
         least
+    }
+
+    /// A pair of observers, or with an obstacle that is there.
+    pub(super) fn is_there(&self, k: usize) -> bool {
+        !matches!(self.set.pairs[k].other, Other::Obstacle(o) if !self.present[o])
     }
 
     /// Obstacles where they are after `share` of the frame.
@@ -190,18 +208,14 @@ impl Watch {
 
     /// Both observers of a pair are in this mode.
     pub(super) fn note(&mut self, pair: usize, mode: Mode) {
-        self.tally.note(self.set.pairs[pair].observer, mode);
-        if let Other::Observer(other) = self.set.pairs[pair].other {
-            self.tally.note(other, mode);
+        let pair = &self.set.pairs[pair];
+        self.modes_now[pair.observer] = self.modes_now[pair.observer].max(mode);
+        if let Other::Observer(other) = pair.other {
+            self.modes_now[other] = self.modes_now[other].max(mode);
         }
     }
 
-    /// Least distance of a pair after `dt` s.
-    pub(super) fn floor(&self, k: usize, dt: f64) -> f64 {
-        self.floor_from(k, self.pairs[k].nearest.distance, dt)
-    }
-
-    /// The same, if its distance were this.
+    /// Least distance of a pair after `dt` s, if its distance were this.
     pub(super) fn floor_from(&self, k: usize, distance: f64, dt: f64) -> f64 {
         let (pair, state) = (&self.set.pairs[k], &self.pairs[k]);
         match (state.mode, self.task_of[k]) {
@@ -209,12 +223,6 @@ impl Watch {
             (_, (Some(task), _)) => damped_floor(distance, pair.influence, pair.margin, self.tasks[task].speed, dt),
             _ => f64::NEG_INFINITY,
         }
-    }
-
-    /// Share of its approach that a pair may keep (paper).
-    pub(super) fn share(&self, k: usize) -> f64 {
-        let pair = &self.set.pairs[k];
-        damping_share(self.pairs[k].nearest.distance, pair.influence, pair.margin)
     }
 
     /// How far an obstacle's surface comes at the observer of a pair in the iteration to come, along the normal, m.

@@ -1,55 +1,93 @@
-//! Checks of arrays that come from Python.
+//! Arrays that come from Python, checked, and arrays that go there.
 
-use crate::math::Vec3;
-use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+
+pub type Numbers<'py> = PyReadonlyArray1<'py, f64>;
+pub type Table<'py> = PyReadonlyArray2<'py, f64>;
+pub type Integers<'py> = PyReadonlyArray1<'py, i64>;
+pub type Flags<'py> = PyReadonlyArray1<'py, bool>;
+/// What is handed out.
+pub type Vector<'py> = Bound<'py, PyArray1<f64>>;
+pub type Matrix<'py> = Bound<'py, PyArray2<f64>>;
 
 pub fn bad(message: String) -> PyErr {
     PyValueError::new_err(message)
 }
 
-pub fn triple(a: &[f64]) -> Vec3 {
-    [a[0], a[1], a[2]]
+/// `count` entries of any value.
+pub fn entries<'a, T: Element>(a: &'a PyReadonlyArray1<'_, T>, count: usize, name: &str) -> PyResult<&'a [T]> {
+    let a = a.as_slice()?;
+    if a.len() != count {
+        return Err(bad(format!("{name} has {} entries, expected {count}", a.len())));
+    }
+    Ok(a)
 }
 
-pub fn table<'a>(a: &'a PyReadonlyArray2<'_, f64>, rows: usize, columns: usize, what: &str) -> PyResult<&'a [f64]> {
-    if a.shape() != [rows, columns] {
-        return Err(bad(format!("{what} has shape {:?}, expected ({rows}, {columns})", a.shape())));
-    }
-    // `as_slice` also takes column-major arrays, in the order of their memory.
-    if !a.is_c_contiguous() {
-        return Err(bad(format!("{what} must be C-contiguous")));
-    }
-    let slice = a.as_slice()?;
-    finite(slice, what)?;
-    Ok(slice)
+/// `count` finite numbers.
+pub fn vector<'a>(a: &'a Numbers<'_>, count: usize, name: &str) -> PyResult<&'a [f64]> {
+    let a = entries(a, count, name)?;
+    finite(a, name)?;
+    Ok(a)
 }
 
-pub fn finite(a: &[f64], what: &str) -> PyResult<()> {
+/// Finite numbers, or zeros where nothing is given.
+pub fn vector_or_zeros(a: Option<&Numbers<'_>>, count: usize, name: &str) -> PyResult<Vec<f64>> {
+    a.map_or(Ok(vec![0.0; count]), |a| Ok(vector(a, count, name)?.to_vec()))
+}
+
+pub fn finite(a: &[f64], name: &str) -> PyResult<()> {
     match a.iter().position(|v| !v.is_finite()) {
-        Some(i) => Err(bad(format!("{what}[{i}] is {}, expected a finite number", a[i]))),
+        Some(i) => Err(bad(format!("{name}[{i}] is {}, expected a finite number", a[i]))),
         None => Ok(()),
     }
 }
 
-/// Rows of `WIDTH` numbers, NaN allowed.
-pub fn numbers<'a, const WIDTH: usize>(
-    a: &'a PyReadonlyArray2<'_, f64>,
-    count: usize,
-    what: &str,
-) -> PyResult<&'a [[f64; WIDTH]]> {
-    if a.shape() != [count, WIDTH] || !a.is_c_contiguous() {
-        return Err(bad(format!("{what} has shape {:?}, expected ({count}, {WIDTH}), C-contiguous", a.shape())));
+/// `count` rows of `columns` numbers, NaN allowed, one after the other.
+pub fn table<'a>(a: &'a Table<'_>, count: usize, columns: usize, name: &str) -> PyResult<&'a [f64]> {
+    // `as_slice` also takes column-major arrays, in the order of their memory.
+    if a.shape() != [count, columns] || !a.is_c_contiguous() {
+        return Err(bad(format!("{name} has shape {:?}, expected ({count}, {columns}), C-contiguous", a.shape())));
     }
-    Ok(a.as_slice()?.as_chunks::<WIDTH>().0)
+    Ok(a.as_slice()?)
+}
+
+/// `count` rows of `WIDTH` numbers, NaN allowed.
+pub fn numbers<'a, const WIDTH: usize>(a: &'a Table<'_>, count: usize, name: &str) -> PyResult<&'a [[f64; WIDTH]]> {
+    Ok(table(a, count, WIDTH, name)?.as_chunks::<WIDTH>().0)
+}
+
+/// `count` rows of `WIDTH` finite numbers.
+pub fn rows<'a, const WIDTH: usize>(a: &'a Table<'_>, count: usize, name: &str) -> PyResult<&'a [[f64; WIDTH]]> {
+    let rows = numbers(a, count, name)?;
+    finite(rows.as_flattened(), name)?;
+    Ok(rows)
 }
 
 /// Indices below `count`.
-pub fn indices<'a>(a: &'a PyReadonlyArray1<'_, i64>, count: usize) -> PyResult<&'a [i64]> {
+pub fn indices<'a>(a: &'a Integers<'_>, count: usize) -> PyResult<&'a [i64]> {
     let a = a.as_slice()?;
     match a.iter().find(|i| !(0..count as i64).contains(*i)) {
         Some(i) => Err(bad(format!("row {i} does not exist; there are {count}"))),
         None => Ok(a),
     }
+}
+
+/// An index whose range the callee checks: a negative one is none of any.
+pub fn index(i: i64) -> usize {
+    usize::try_from(i).unwrap_or(usize::MAX)
+}
+
+/// A time step in s.
+pub fn time_step(dt: f64) -> PyResult<f64> {
+    if !(dt > 0.0) || !dt.is_finite() {
+        return Err(bad(format!("dt is {dt}, expected a positive time in seconds")));
+    }
+    Ok(dt)
+}
+
+/// An array of rows (n, WIDTH).
+pub fn matrix<'py, const WIDTH: usize>(py: Python<'py>, rows: &[[f64; WIDTH]]) -> PyResult<Matrix<'py>> {
+    PyArray1::from_slice(py, rows.as_flattened()).reshape([rows.len(), WIDTH])
 }

@@ -1,10 +1,14 @@
-//! `Body` for Python: kinematics of one posture or of many.
+//! Kinematics for Python: `Body`, of one posture or of many; `Probe` and `Footing`, of one posture tick by tick.
 
-use super::arrays::{bad, finite, table, triple};
+use super::arrays::{bad, entries, index, matrix, rows, table, vector, Integers, Matrix, Numbers, Table, Vector};
 use crate::body::{Body, Joint, JointKind, Link};
-use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use crate::kinematics::Pose;
+use crate::math::{dot, sub, Vec3};
+use numpy::{PyArray1, PyArray3, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use std::sync::Arc;
+
+type Stack<'py> = Bound<'py, PyArray3<f64>>;
 
 /// A tree of links and joints; see `retarget/_solver.pyi`.
 #[pyclass(name = "Body", module = "retarget._solver", frozen)]
@@ -13,28 +17,52 @@ pub struct PyBody {
 }
 
 impl PyBody {
-    fn posture<'a>(&self, q: &'a PyReadonlyArray1<'_, f64>) -> PyResult<&'a [f64]> {
-        let q = q.as_slice()?;
-        if q.len() != self.body.nq {
-            return Err(bad(format!("q has {} entries, the body {}", q.len(), self.body.nq)));
-        }
-        Ok(q)
+    fn pose(&self, q: &Numbers<'_>) -> PyResult<Pose> {
+        let mut pose = self.body.new_pose();
+        self.body.forward(entries(q, self.body.nq, "q")?, &mut pose);
+        self.body.mass_properties(&mut pose);
+        Ok(pose)
     }
 
-    fn link(&self, link: usize) -> PyResult<usize> {
-        if link < self.body.links.len() {
-            Ok(link)
-        } else {
-            Err(bad(format!("link {link} does not exist; the body has {}", self.body.links.len())))
+    /// What `read` finds in every posture of q (T, nq), one after the other.
+    fn read_all(&self, q: &Table<'_>, mut read: impl FnMut(&Pose, &mut Vec<f64>)) -> PyResult<Vec<f64>> {
+        let (mut pose, mut found) = (self.body.new_pose(), vec![]);
+        for row in table(q, q.shape()[0], self.body.nq, "q")?.chunks_exact(self.body.nq) {
+            self.body.forward(row, &mut pose);
+            self.body.mass_properties(&mut pose);
+            read(&pose, &mut found);
         }
+        Ok(found)
     }
 
-    fn postures<'a>(&self, q: &'a PyReadonlyArray2<'_, f64>) -> PyResult<&'a [f64]> {
-        if q.shape()[1] != self.body.nq {
-            return Err(bad(format!("q has {} columns, the body {}", q.shape()[1], self.body.nq)));
+    /// A Jacobian (ROWS, nv) from its columns; those of other coordinates are 0.
+    fn jacobian<'py, const ROWS: usize>(
+        &self,
+        py: Python<'py>,
+        dofs: impl IntoIterator<Item = usize>,
+        column: impl Fn(usize) -> [f64; ROWS],
+    ) -> PyResult<Matrix<'py>> {
+        let mut values = vec![0.0; ROWS * self.body.nv];
+        for dof in dofs {
+            for (k, value) in column(dof).into_iter().enumerate() {
+                values[k * self.body.nv + dof] = value;
+            }
         }
-        Ok(q.as_slice()?)
+        PyArray1::from_vec(py, values).reshape([ROWS, self.body.nv])
     }
+}
+
+fn check_links(body: &Body, links: &[usize]) -> PyResult<()> {
+    match links.iter().find(|link| **link >= body.links.len()) {
+        Some(link) => Err(bad(format!("link {link} does not exist; the body has {}", body.links.len()))),
+        None => Ok(()),
+    }
+}
+
+/// Points `local` of `links`.
+pub fn points(body: &Body, links: &[usize], local: &Table<'_>, name: &str) -> PyResult<Vec<(usize, Vec3)>> {
+    check_links(body, links)?;
+    Ok(links.iter().copied().zip(rows::<3>(local, links.len(), name)?.iter().copied()).collect())
 }
 
 #[pymethods]
@@ -42,61 +70,43 @@ impl PyBody {
     #[new]
     #[allow(clippy::too_many_arguments)]
     fn new(
-        parent: PyReadonlyArray1<'_, i64>,
-        body_pos: PyReadonlyArray2<'_, f64>,
-        body_quat: PyReadonlyArray2<'_, f64>,
-        mass: PyReadonlyArray1<'_, f64>,
-        com: PyReadonlyArray2<'_, f64>,
-        joint_body: PyReadonlyArray1<'_, i64>,
-        joint_type: PyReadonlyArray1<'_, i64>,
-        joint_axis: PyReadonlyArray2<'_, f64>,
-        joint_pos: PyReadonlyArray2<'_, f64>,
-        qpos0: PyReadonlyArray1<'_, f64>,
+        parent: Integers<'_>,
+        body_pos: Table<'_>,
+        body_quat: Table<'_>,
+        mass: Numbers<'_>,
+        com: Table<'_>,
+        joint_body: Integers<'_>,
+        joint_type: Integers<'_>,
+        joint_axis: Table<'_>,
+        joint_pos: Table<'_>,
+        qpos0: Numbers<'_>,
     ) -> PyResult<Self> {
-        let parent = parent.as_slice()?;
+        let (parent, joint_body) = (parent.as_slice()?, joint_body.as_slice()?);
         let (nb, nj) = (parent.len(), joint_body.len());
-        let (pos, quat) = (table(&body_pos, nb, 3, "body_pos")?, table(&body_quat, nb, 4, "body_quat")?);
-        let (com, mass) = (table(&com, nb, 3, "com")?, mass.as_slice()?);
-        let (axis, anchor) = (table(&joint_axis, nj, 3, "joint_axis")?, table(&joint_pos, nj, 3, "joint_pos")?);
-        if mass.len() != nb || joint_type.len() != nj {
-            return Err(bad("mass needs one entry per link, joint_type one per joint".into()));
-        }
-        finite(mass, "mass")?;
-        let links = (0..nb)
-            .map(|b| Link {
-                parent: usize::try_from(parent[b]).unwrap_or(usize::MAX),
-                pos: triple(&pos[3 * b..]),
-                quat: [quat[4 * b], quat[4 * b + 1], quat[4 * b + 2], quat[4 * b + 3]],
-                mass: mass[b],
-                com: triple(&com[3 * b..]),
-                joints: (0, 0),
-                chain: vec![],
-            })
-            .collect();
-        let mut joints = vec![];
-        for j in 0..nj {
-            let code = joint_type.as_slice()?[j];
-            joints.push(Joint {
-                body: usize::try_from(joint_body.as_slice()?[j]).unwrap_or(usize::MAX),
-                kind: JointKind::from_code(code)
-                    .ok_or_else(|| bad(format!("joint_type[{j}] is {code}; 0 free, 1 ball, 2 slide, 3 hinge")))?,
-                axis: triple(&axis[3 * j..]),
-                pos: triple(&anchor[3 * j..]),
-                q_address: 0,
-                v_address: 0,
-                q_rest: 0.0,
-            });
-        }
-        let mut body = Body::new(links, joints).map_err(bad)?;
-        let rest = qpos0.as_slice()?;
-        if rest.len() != body.nq {
-            return Err(bad(format!("qpos0 has {} entries, expected {}", rest.len(), body.nq)));
-        }
-        finite(rest, "qpos0")?;
-        for joint in &mut body.joints {
-            if matches!(joint.kind, JointKind::Hinge | JointKind::Slide) {
-                joint.q_rest = rest[joint.q_address];
-            }
+        let (pos, quat) = (rows::<3>(&body_pos, nb, "body_pos")?, rows::<4>(&body_quat, nb, "body_quat")?);
+        let (com, mass) = (rows::<3>(&com, nb, "com")?, vector(&mass, nb, "mass")?);
+        let (axis, anchor) = (rows::<3>(&joint_axis, nj, "joint_axis")?, rows::<3>(&joint_pos, nj, "joint_pos")?);
+        let codes = entries(&joint_type, nj, "joint_type")?;
+        let link = |b: usize| Link {
+            parent: index(parent[b]),
+            pos: pos[b],
+            quat: quat[b],
+            mass: mass[b],
+            com: com[b],
+            joints: (0, 0),
+            chain: vec![],
+        };
+        let joint = |j: usize| {
+            let kind = JointKind::from_code(codes[j])
+                .ok_or_else(|| bad(format!("joint_type[{j}] is {}; 0 free, 1 ball, 2 slide, 3 hinge", codes[j])))?;
+            let (body, axis, pos) = (index(joint_body[j]), axis[j], anchor[j]);
+            Ok(Joint { body, kind, axis, pos, q_address: 0, v_address: 0, q_rest: 0.0 })
+        };
+        let joints = (0..nj).map(joint).collect::<PyResult<_>>()?;
+        let mut body = Body::new((0..nb).map(link).collect(), joints).map_err(bad)?;
+        let rest = vector(&qpos0, body.nq, "qpos0")?;
+        for joint in body.joints.iter_mut().filter(|joint| joint.kind.size() == (1, 1)) {
+            joint.q_rest = rest[joint.q_address];
         }
         Ok(Self { body: Arc::new(body) })
     }
@@ -121,163 +131,155 @@ impl PyBody {
         self.body.total_mass
     }
 
-    fn rest<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+    fn rest<'py>(&self, py: Python<'py>) -> Vector<'py> {
         PyArray1::from_vec(py, self.body.rest())
     }
 
-    #[allow(clippy::type_complexity)]
-    fn forward<'py>(
-        &self,
-        py: Python<'py>,
-        q: PyReadonlyArray1<'py, f64>,
-    ) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>)> {
-        let q = self.posture(&q)?;
-        let mut pose = self.body.new_pose();
-        self.body.forward(q, &mut pose);
-        let positions: Vec<Vec<f64>> = pose.position.iter().map(|p| p.to_vec()).collect();
-        let quats: Vec<Vec<f64>> = pose.quat.iter().map(|p| p.to_vec()).collect();
-        Ok((PyArray2::from_vec2(py, &positions)?, PyArray2::from_vec2(py, &quats)?))
+    fn forward<'py>(&self, py: Python<'py>, q: Numbers<'py>) -> PyResult<(Matrix<'py>, Matrix<'py>)> {
+        let pose = self.pose(&q)?;
+        Ok((matrix(py, &pose.position)?, matrix(py, &pose.quat)?))
     }
 
-    /// World positions (T, k, 3) of points fixed to links.
     fn points<'py>(
         &self,
         py: Python<'py>,
-        q: PyReadonlyArray2<'py, f64>,
+        q: Table<'py>,
         links: Vec<usize>,
-        local: PyReadonlyArray2<'py, f64>,
-    ) -> PyResult<Bound<'py, PyArray3<f64>>> {
-        let (t, k) = (q.shape()[0], links.len());
-        let q = self.postures(&q)?;
-        let local = table(&local, k, 3, "local")?;
-        for &link in &links {
-            self.link(link)?;
-        }
-        let values = py.detach(|| {
-            let mut pose = self.body.new_pose();
-            let mut out = Vec::with_capacity(t * k * 3);
-            for row in q.chunks_exact(self.body.nq) {
-                self.body.forward(row, &mut pose);
-                for (i, &link) in links.iter().enumerate() {
-                    out.extend(self.body.point(&pose, link, triple(&local[3 * i..])));
-                }
-            }
-            out
-        });
-        PyArray1::from_vec(py, values).reshape([t, k, 3])
+        local: Table<'py>,
+    ) -> PyResult<Stack<'py>> {
+        let points = points(&self.body, &links, &local, "local")?;
+        let place = |pose: &Pose, (link, local)| self.body.point(pose, link, local);
+        let found = self.read_all(&q, |pose, out| out.extend(points.iter().flat_map(|point| place(pose, *point))))?;
+        PyArray1::from_vec(py, found).reshape([q.shape()[0], links.len(), 3])
     }
 
-    /// World orientations (T, k, 4) wxyz of links.
-    fn orientations<'py>(
-        &self,
-        py: Python<'py>,
-        q: PyReadonlyArray2<'py, f64>,
-        links: Vec<usize>,
-    ) -> PyResult<Bound<'py, PyArray3<f64>>> {
-        let (t, k) = (q.shape()[0], links.len());
-        let q = self.postures(&q)?;
-        for &link in &links {
-            self.link(link)?;
-        }
-        let mut pose = self.body.new_pose();
-        let mut out = Vec::with_capacity(t * k * 4);
-        for row in q.chunks_exact(self.body.nq) {
-            self.body.forward(row, &mut pose);
-            for &link in &links {
-                out.extend(pose.quat[link]);
-            }
-        }
-        PyArray1::from_vec(py, out).reshape([t, k, 4])
+    fn orientations<'py>(&self, py: Python<'py>, q: Table<'py>, links: Vec<usize>) -> PyResult<Stack<'py>> {
+        check_links(&self.body, &links)?;
+        let found = self.read_all(&q, |pose, out| out.extend(links.iter().flat_map(|link| pose.quat[*link])))?;
+        PyArray1::from_vec(py, found).reshape([q.shape()[0], links.len(), 4])
     }
 
-    fn centre_of_mass<'py>(
-        &self,
-        py: Python<'py>,
-        q: PyReadonlyArray2<'py, f64>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let t = q.shape()[0];
-        let q = self.postures(&q)?;
-        let mut pose = self.body.new_pose();
-        let mut out = Vec::with_capacity(t * 3);
-        for row in q.chunks_exact(self.body.nq) {
-            self.body.forward(row, &mut pose);
-            self.body.mass_properties(&mut pose);
-            out.extend(pose.com);
-        }
-        PyArray1::from_vec(py, out).reshape([t, 3])
+    fn centre_of_mass<'py>(&self, py: Python<'py>, q: Table<'py>) -> PyResult<Matrix<'py>> {
+        let found = self.read_all(&q, |pose, out| out.extend(pose.com))?;
+        PyArray1::from_vec(py, found).reshape([q.shape()[0], 3])
     }
 
-    /// (6, nv): linear rows, then angular rows, world frame, of a point fixed to a link.
-    fn frame_jacobian<'py>(
-        &self,
-        py: Python<'py>,
-        q: PyReadonlyArray1<'py, f64>,
-        link: usize,
-        local: [f64; 3],
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let q = self.posture(&q)?;
-        let link = self.link(link)?;
-        let mut pose = self.body.new_pose();
-        self.body.forward(q, &mut pose);
-        let point = self.body.point(&pose, link, local);
-        let jacobian = PyArray2::zeros(py, [6, self.body.nv], false);
-        let mut view = unsafe { jacobian.as_array_mut() };
-        for &dof in &self.body.links[link].chain {
-            let (linear, angular) = (self.body.point_column(&pose, dof, point), self.body.angular_column(&pose, dof));
-            for k in 0..3 {
-                view[[k, dof]] = linear[k];
-                view[[k + 3, dof]] = angular[k];
-            }
-        }
-        Ok(jacobian)
+    fn frame_jacobian<'py>(&self, py: Python<'py>, q: Numbers<'py>, link: usize, local: Vec3) -> PyResult<Matrix<'py>> {
+        let (body, pose) = (&self.body, self.pose(&q)?);
+        check_links(body, &[link])?;
+        let point = body.point(&pose, link, local);
+        self.jacobian(py, body.links[link].chain.iter().copied(), |dof| {
+            let ([x, y, z], [u, v, w]) = (body.point_column(&pose, dof, point), body.angular_column(&pose, dof));
+            [x, y, z, u, v, w]
+        })
     }
 
-    /// (3, nv) of the centre of mass.
-    fn centre_of_mass_jacobian<'py>(
-        &self,
-        py: Python<'py>,
-        q: PyReadonlyArray1<'py, f64>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let q = self.posture(&q)?;
-        let mut pose = self.body.new_pose();
-        self.body.forward(q, &mut pose);
-        self.body.mass_properties(&mut pose);
-        let jacobian = PyArray2::zeros(py, [3, self.body.nv], false);
-        let mut view = unsafe { jacobian.as_array_mut() };
-        for dof in 0..self.body.nv {
-            let c = self.body.com_column(&pose, dof);
-            for k in 0..3 {
-                view[[k, dof]] = c[k];
-            }
-        }
-        Ok(jacobian)
+    fn centre_of_mass_jacobian<'py>(&self, py: Python<'py>, q: Numbers<'py>) -> PyResult<Matrix<'py>> {
+        let pose = self.pose(&q)?;
+        self.jacobian(py, 0..self.body.nv, |dof| self.body.com_column(&pose, dof))
     }
 
-    /// q (+) dq
-    fn integrate<'py>(
-        &self,
-        py: Python<'py>,
-        q: PyReadonlyArray1<'py, f64>,
-        dq: PyReadonlyArray1<'py, f64>,
-    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        let mut out = self.posture(&q)?.to_vec();
-        let dq = dq.as_slice()?;
-        if dq.len() != self.body.nv {
-            return Err(bad(format!("dq has {} entries, the body {}", dq.len(), self.body.nv)));
-        }
-        self.body.integrate(&mut out, dq);
+    fn integrate<'py>(&self, py: Python<'py>, q: Numbers<'py>, dq: Numbers<'py>) -> PyResult<Vector<'py>> {
+        let mut out = entries(&q, self.body.nq, "q")?.to_vec();
+        self.body.integrate(&mut out, entries(&dq, self.body.nv, "dq")?);
         Ok(PyArray1::from_vec(py, out))
     }
 
-    /// dq with q_from (+) dq = q_to
-    fn difference<'py>(
-        &self,
-        py: Python<'py>,
-        q_from: PyReadonlyArray1<'py, f64>,
-        q_to: PyReadonlyArray1<'py, f64>,
-    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    fn difference<'py>(&self, py: Python<'py>, q_from: Numbers<'py>, q_to: Numbers<'py>) -> PyResult<Vector<'py>> {
         let mut dq = vec![0.0; self.body.nv];
-        self.body.difference(self.posture(&q_from)?, self.posture(&q_to)?, &mut dq);
+        let (from, to) = (entries(&q_from, self.body.nq, "q_from")?, entries(&q_to, self.body.nq, "q_to")?);
+        self.body.difference(from, to, &mut dq);
         Ok(PyArray1::from_vec(py, dq))
+    }
+}
+
+/// Points fixed to links of one body, and a posture of it.
+struct Reader {
+    body: Arc<Body>,
+    points: Vec<(usize, Vec3)>,
+    pose: Pose,
+}
+
+impl Reader {
+    fn new(body: &PyBody, links: &[usize], local: &Table<'_>) -> PyResult<Self> {
+        let body = body.body.clone();
+        Ok(Self { points: points(&body, links, local, "local")?, pose: body.new_pose(), body })
+    }
+
+    fn go_to(&mut self, q: &[f64]) {
+        self.body.forward(q, &mut self.pose);
+        self.body.mass_properties(&mut self.pose);
+    }
+
+    fn places(&self) -> impl Iterator<Item = Vec3> + '_ {
+        self.points.iter().map(|(link, local)| self.body.point(&self.pose, *link, *local))
+    }
+}
+
+/// See `retarget/_solver.pyi`.
+#[pyclass(name = "Probe", module = "retarget._solver")]
+pub struct PyProbe {
+    reader: Reader,
+    oriented: Vec<usize>,
+}
+
+#[pymethods]
+impl PyProbe {
+    #[new]
+    fn new(body: &PyBody, links: Vec<usize>, local: Table<'_>, oriented: Vec<usize>) -> PyResult<Self> {
+        check_links(&body.body, &oriented)?;
+        Ok(Self { reader: Reader::new(body, &links, &local)?, oriented })
+    }
+
+    fn read<'py>(&mut self, py: Python<'py>, q: Numbers<'py>) -> PyResult<(Matrix<'py>, Matrix<'py>, Vector<'py>)> {
+        self.reader.go_to(entries(&q, self.reader.body.nq, "q")?);
+        let pose = &self.reader.pose;
+        let places: Vec<_> = self.reader.places().collect();
+        let turns: Vec<_> = self.oriented.iter().map(|link| pose.quat[*link]).collect();
+        Ok((matrix(py, &places)?, matrix(py, &turns)?, PyArray1::from_slice(py, &pose.com)))
+    }
+}
+
+/// See `retarget/_solver.pyi`.
+#[pyclass(name = "Footing", module = "retarget._solver")]
+pub struct PyFooting {
+    reader: Reader,
+    planted: Vec<Vec3>,
+    edges: Vec<Vec3>,
+}
+
+#[pymethods]
+impl PyFooting {
+    #[new]
+    fn new(body: &PyBody, links: Vec<usize>, local: Table<'_>, planted: Table<'_>, edges: Table<'_>) -> PyResult<Self> {
+        let planted = rows(&planted, links.len(), "planted")?.to_vec();
+        let edges = rows(&edges, edges.shape()[0], "edges")?.to_vec();
+        Ok(Self { reader: Reader::new(body, &links, &local)?, planted, edges })
+    }
+
+    fn losses(&mut self, way: Table<'_>) -> PyResult<(f64, f64)> {
+        let nq = self.reader.body.nq;
+        let (mut off, mut inside) = (0.0_f64, f64::INFINITY);
+        for q in table(&way, way.shape()[0], nq, "way")?.chunks_exact(nq) {
+            self.reader.go_to(q);
+            for (place, planted) in self.reader.places().zip(&self.planted) {
+                let gone = sub(place, *planted);
+                off = largest(off, dot(gone, gone));
+            }
+            let com = self.reader.pose.com;
+            for [nx, ny, most] in &self.edges {
+                inside = -largest(-inside, nx * com[0] + ny * com[1] - most);
+            }
+        }
+        Ok((off.sqrt(), inside))
+    }
+}
+
+/// The larger of two; NaN, if one of them is.
+fn largest(a: f64, b: f64) -> f64 {
+    if a.is_nan() || a > b {
+        a
+    } else {
+        b
     }
 }

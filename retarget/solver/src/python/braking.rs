@@ -1,79 +1,30 @@
 //! Limits and braking for Python: the gate and the solver share one rule.
 
-use super::arrays::{bad, finite};
+use super::arrays::{bad, entries, time_step, vector, Matrix, Numbers, Vector};
 use crate::braking::{self, Braking, Limit};
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
+use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 
-type Vector<'py> = Bound<'py, PyArray1<f64>>;
-type Table<'py> = Bound<'py, PyArray2<f64>>;
-
 /// Limits of every coordinate; raises on NaN, on negative speeds and on lower > upper.
-pub fn limits(lower: &[f64], upper: &[f64], velocity: &[f64], acceleration: &[f64]) -> PyResult<Vec<Limit>> {
-    let n = lower.len();
-    if upper.len() != n || velocity.len() != n || acceleration.len() != n {
-        return Err(bad(format!(
-            "limits differ in length: {n}, {}, {}, {}",
-            upper.len(),
-            velocity.len(),
-            acceleration.len()
-        )));
-    }
-    (0..n)
-        .map(|i| {
-            if !(lower[i] <= upper[i]) {
-                return Err(bad(format!(
-                    "limits of coordinate {i}: lower {} is not below upper {}",
-                    lower[i], upper[i]
-                )));
-            }
-            if !(velocity[i] >= 0.0) || !(acceleration[i] >= 0.0) {
-                return Err(bad(format!(
-                    "limits of coordinate {i}: velocity {} and acceleration {} must not be negative",
-                    velocity[i], acceleration[i]
-                )));
-            }
-            Ok(Limit { lower: lower[i], upper: upper[i], velocity: velocity[i], acceleration: acceleration[i] })
-        })
-        .collect()
+pub fn limits(lower: &Numbers, upper: &Numbers, velocity: &Numbers, acceleration: &Numbers) -> PyResult<Vec<Limit>> {
+    let lower = lower.as_slice()?;
+    let (n, upper) = (lower.len(), entries(upper, lower.len(), "upper")?);
+    let velocity = entries(velocity, n, "max_velocity")?;
+    let acceleration = entries(acceleration, n, "max_acceleration")?;
+    let limit = |i: usize| {
+        let limit = Limit { lower: lower[i], upper: upper[i], velocity: velocity[i], acceleration: acceleration[i] };
+        if !(limit.lower <= limit.upper && limit.velocity >= 0.0 && limit.acceleration >= 0.0) {
+            return Err(bad(format!("{limit:?} of coordinate {i}: lower above upper, or speeds below 0")));
+        }
+        Ok(limit)
+    };
+    (0..n).map(limit).collect()
 }
 
 /// See `retarget/_solver.pyi`.
 #[pyfunction]
 pub fn braking_displacement(gap: f64, change: f64) -> f64 {
     braking::braking_displacement(gap, change)
-}
-
-/// Displacement box (lo, hi) of one frame; see `retarget/_solver.pyi`.
-#[pyfunction]
-#[allow(clippy::too_many_arguments)]
-pub fn frame_bounds<'py>(
-    py: Python<'py>,
-    q: PyReadonlyArray1<'py, f64>,
-    displacement_before: PyReadonlyArray1<'py, f64>,
-    lower: PyReadonlyArray1<'py, f64>,
-    upper: PyReadonlyArray1<'py, f64>,
-    max_velocity: PyReadonlyArray1<'py, f64>,
-    max_acceleration: PyReadonlyArray1<'py, f64>,
-    dt: f64,
-) -> PyResult<(Vector<'py>, Vector<'py>)> {
-    let limits = limits(lower.as_slice()?, upper.as_slice()?, max_velocity.as_slice()?, max_acceleration.as_slice()?)?;
-    let (q, before) = (q.as_slice()?, displacement_before.as_slice()?);
-    if q.len() != limits.len() || before.len() != limits.len() {
-        return Err(bad(format!(
-            "q has {}, displacement_before {}, the limits {} entries",
-            q.len(),
-            before.len(),
-            limits.len()
-        )));
-    }
-    if !(dt > 0.0) || !dt.is_finite() {
-        return Err(bad(format!("dt is {dt}, expected a positive time in seconds")));
-    }
-    finite(q, "q")?;
-    finite(before, "displacement_before")?;
-    let boxes: Vec<_> = (0..q.len()).map(|i| braking::frame_bounds(q[i], before[i], &limits[i], dt)).collect();
-    Ok((PyArray1::from_iter(py, boxes.iter().map(|b| b.lo)), PyArray1::from_iter(py, boxes.iter().map(|b| b.hi))))
 }
 
 /// See `retarget/_solver.pyi`.
@@ -87,41 +38,41 @@ impl PyBraking {
     #[new]
     #[pyo3(signature = (lower, upper, max_velocity, max_acceleration, *, dt))]
     fn new(
-        lower: PyReadonlyArray1<'_, f64>,
-        upper: PyReadonlyArray1<'_, f64>,
-        max_velocity: PyReadonlyArray1<'_, f64>,
-        max_acceleration: PyReadonlyArray1<'_, f64>,
+        lower: Numbers<'_>,
+        upper: Numbers<'_>,
+        max_velocity: Numbers<'_>,
+        max_acceleration: Numbers<'_>,
         dt: f64,
     ) -> PyResult<Self> {
-        let limits =
-            limits(lower.as_slice()?, upper.as_slice()?, max_velocity.as_slice()?, max_acceleration.as_slice()?)?;
-        let rates = limits.iter().flat_map(|l| [l.velocity, l.acceleration]);
-        if rates.chain([dt]).any(|v| !(v > 0.0) || !v.is_finite()) {
-            return Err(bad("max_velocity, max_acceleration and dt must be positive and finite".into()));
+        let limits = limits(&lower, &upper, &max_velocity, &max_acceleration)?;
+        let ends = [("lower", &lower), ("upper", &upper)];
+        let rates = [("max_velocity", &max_velocity), ("max_acceleration", &max_acceleration)];
+        for (name, values) in ends.into_iter().chain(rates) {
+            vector(values, limits.len(), name)?;
         }
-        if limits.iter().any(|l| !l.lower.is_finite() || !l.upper.is_finite()) {
-            return Err(bad("lower and upper must be finite".into()));
+        if limits.iter().any(|l| l.velocity == 0.0 || l.acceleration == 0.0) {
+            return Err(bad("max_velocity and max_acceleration must be positive".into()));
         }
-        Ok(Self { braking: Braking::new(limits, dt) })
+        Ok(Self { braking: Braking::new(limits, time_step(dt)?) })
     }
 
     fn bounds<'py>(
         &self,
         py: Python<'py>,
-        position: PyReadonlyArray1<'py, f64>,
-        displacement: PyReadonlyArray1<'py, f64>,
+        position: Numbers<'py>,
+        displacement: Numbers<'py>,
     ) -> PyResult<(Vector<'py>, Vector<'py>)> {
         let (position, displacement) = (self.joints(&position)?, self.joints(&displacement)?);
-        let both: Vec<_> =
-            (0..self.braking.joints()).map(|i| self.braking.bounds(i, position[i], displacement[i])).collect();
-        Ok((PyArray1::from_iter(py, both.iter().map(|b| b.0)), PyArray1::from_iter(py, both.iter().map(|b| b.1))))
+        let bounds = |i: usize| self.braking.bounds(i, position[i], displacement[i]);
+        let (low, high) = (0..position.len()).map(bounds).unzip();
+        Ok((PyArray1::from_vec(py, low), PyArray1::from_vec(py, high)))
     }
 
-    fn braked<'py>(&self, py: Python<'py>, displacement: PyReadonlyArray1<'py, f64>) -> PyResult<Vector<'py>> {
+    fn braked<'py>(&self, py: Python<'py>, displacement: Numbers<'py>) -> PyResult<Vector<'py>> {
         Ok(PyArray1::from_vec(py, self.slower(self.joints(&displacement)?)))
     }
 
-    fn in_line<'py>(&self, py: Python<'py>, displacement: PyReadonlyArray1<'py, f64>) -> PyResult<Vector<'py>> {
+    fn in_line<'py>(&self, py: Python<'py>, displacement: Numbers<'py>) -> PyResult<Vector<'py>> {
         Ok(PyArray1::from_vec(py, self.braking.in_line(self.joints(&displacement)?)))
     }
 
@@ -129,9 +80,9 @@ impl PyBraking {
     fn admitted<'py>(
         &self,
         py: Python<'py>,
-        position: PyReadonlyArray1<'py, f64>,
-        displacement: PyReadonlyArray1<'py, f64>,
-        goal: PyReadonlyArray1<'py, f64>,
+        position: Numbers<'py>,
+        displacement: Numbers<'py>,
+        goal: Numbers<'py>,
         tolerance: f64,
     ) -> PyResult<Option<Vector<'py>>> {
         let (position, displacement) = (self.joints(&position)?, self.joints(&displacement)?);
@@ -148,27 +99,23 @@ impl PyBraking {
     fn paths<'py>(
         &self,
         py: Python<'py>,
-        position: PyReadonlyArray1<'py, f64>,
-        before: PyReadonlyArray1<'py, f64>,
-        displacement: PyReadonlyArray1<'py, f64>,
-    ) -> PyResult<(Table<'py>, Table<'py>)> {
+        position: Numbers<'py>,
+        before: Numbers<'py>,
+        displacement: Numbers<'py>,
+    ) -> PyResult<(Matrix<'py>, Matrix<'py>)> {
         let (position, displacement) = (self.joints(&position)?, self.joints(&displacement)?);
         let braked = self.slower(self.joints(&before)?);
-        let table = |displacement: &[f64]| {
+        let path = |displacement: &[f64]| {
             let path = self.braking.path(position, displacement);
             PyArray1::from_vec(py, path).reshape([self.braking.rows, self.braking.joints()])
         };
-        Ok((table(displacement)?, table(&braked)?))
+        Ok((path(displacement)?, path(&braked)?))
     }
 }
 
 impl PyBraking {
-    fn joints<'a>(&self, a: &'a PyReadonlyArray1<'_, f64>) -> PyResult<&'a [f64]> {
-        let (a, n) = (a.as_slice()?, self.braking.joints());
-        if a.len() != n {
-            return Err(bad(format!("{} values for {n} joints", a.len())));
-        }
-        Ok(a)
+    fn joints<'a>(&self, a: &'a Numbers<'_>) -> PyResult<&'a [f64]> {
+        entries(a, self.braking.joints(), "a vector of the joints")
     }
 
     fn slower(&self, displacement: &[f64]) -> Vec<f64> {

@@ -4,10 +4,8 @@
 pub mod arrays;
 mod body;
 mod braking;
-mod hierarchy;
 mod observers;
 mod path;
-mod probe;
 mod shapes;
 mod solver;
 mod task;
@@ -18,16 +16,14 @@ use pyo3::prelude::*;
 pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<body::PyBody>()?;
     m.add_class::<task::PyTask>()?;
-    m.add_class::<probe::PyProbe>()?;
-    m.add_class::<probe::PyFooting>()?;
+    m.add_class::<body::PyProbe>()?;
+    m.add_class::<body::PyFooting>()?;
     m.add_class::<braking::PyBraking>()?;
     m.add_class::<trajectory::PyTrajectoryGenerator>()?;
     m.add_class::<observers::PyObservers>()?;
     m.add_class::<path::PyPathChecker>()?;
     m.add_class::<solver::PySolver>()?;
-    m.add_class::<hierarchy::HierarchyResult>()?;
-    m.add_function(wrap_pyfunction!(hierarchy::solve_hierarchy, m)?)?;
-    m.add_function(wrap_pyfunction!(braking::frame_bounds, m)?)?;
+    m.add_function(wrap_pyfunction!(solver::solve_hierarchy, m)?)?;
     m.add_function(wrap_pyfunction!(braking::braking_displacement, m)?)?;
     m.add_function(wrap_pyfunction!(shapes::shape_distances, m)?)?;
     m.add_function(wrap_pyfunction!(shapes::shape_gaps_at_least, m)?)

@@ -1,13 +1,11 @@
 //! `Observers` for Python: which shapes of a body look at each other and at which obstacles.
 
-use super::arrays::{bad, finite, table, triple};
+use super::arrays::{bad, entries, index, rows, Integers, Numbers, Table};
 use super::body::PyBody;
-use super::shapes::shape;
-use crate::geometry::Shape;
-use crate::math::{quat_to_mat, quat_unit, Mat3};
-use crate::observers::{Activation, Observer, ObserverSet, Obstacle};
-use crate::task::{Task, TaskKind};
-use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use super::shapes::shapes;
+use crate::math::{quat_to_mat, quat_unit};
+use crate::observers::{Observer, ObserverSet, Obstacle, ObstaclePose};
+use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use std::sync::Arc;
 
@@ -26,154 +24,94 @@ impl PyObservers {
     #[allow(clippy::too_many_arguments)]
     fn new(
         body: &PyBody,
-        links: PyReadonlyArray1<'_, i64>,
-        kinds: PyReadonlyArray1<'_, i64>,
-        sizes: PyReadonlyArray2<'_, f64>,
-        positions: PyReadonlyArray2<'_, f64>,
-        quats: PyReadonlyArray2<'_, f64>,
-        influence: PyReadonlyArray1<'_, f64>,
-        margin: PyReadonlyArray1<'_, f64>,
+        links: Integers<'_>,
+        kinds: Integers<'_>,
+        sizes: Table<'_>,
+        positions: Table<'_>,
+        quats: Table<'_>,
+        influence: Numbers<'_>,
+        margin: Numbers<'_>,
         pairs: PyReadonlyArray2<'_, i64>,
-        obstacle_kinds: PyReadonlyArray1<'_, i64>,
-        obstacle_sizes: PyReadonlyArray2<'_, f64>,
-        obstacle_influence: PyReadonlyArray1<'_, f64>,
-        obstacle_margin: PyReadonlyArray1<'_, f64>,
-        pair_margin: Option<PyReadonlyArray1<'_, f64>>,
+        obstacle_kinds: Integers<'_>,
+        obstacle_sizes: Table<'_>,
+        obstacle_influence: Numbers<'_>,
+        obstacle_margin: Numbers<'_>,
+        pair_margin: Option<Numbers<'_>>,
         obstacle_pairs: Option<PyReadonlyArray2<'_, i64>>,
-        obstacle_pair_margin: Option<PyReadonlyArray1<'_, f64>>,
+        obstacle_pair_margin: Option<Numbers<'_>>,
     ) -> PyResult<Self> {
         let links = links.as_slice()?;
-        let n = links.len();
-        let kinds = kinds.as_slice()?;
-        if kinds.len() != n {
-            return Err(bad(format!("kinds has {} entries, expected {n}", kinds.len())));
-        }
-        let shapes = shapes(kinds, table(&sizes, n, 3, "sizes")?)?;
-        let (at, quat) = (table(&positions, n, 3, "positions")?, table(&quats, n, 4, "quats")?);
-        let zones = zones(influence.as_slice()?, margin.as_slice()?, n)?;
-        let observers = (0..n)
-            .map(|k| Observer {
-                link: usize::try_from(links[k]).unwrap_or(usize::MAX),
-                shape: shapes[k],
-                position: triple(&at[3 * k..]),
-                rotation: rotation(&quat[4 * k..]),
-                influence: zones[k].0,
-                margin: zones[k].1,
-            })
-            .collect();
-        let kinds = obstacle_kinds.as_slice()?;
-        let fixtures = self::shapes(kinds, table(&obstacle_sizes, kinds.len(), 3, "obstacle_sizes")?)?;
-        let zones = self::zones(obstacle_influence.as_slice()?, obstacle_margin.as_slice()?, kinds.len())?;
-        let obstacles = fixtures
-            .iter()
-            .zip(zones)
-            .map(|(shape, (influence, margin))| Obstacle { shape: *shape, influence, margin })
-            .collect();
+        let (n, k) = (links.len(), obstacle_kinds.as_slice()?.len());
+        let of_links = shapes(&kinds, &sizes, n, ["kinds", "sizes"])?;
+        let (at, quat) = (rows::<3>(&positions, n, "positions")?, rows::<4>(&quats, n, "quats")?);
+        let zones = zones(&influence, &margin, n)?;
+        let observer = |i: usize| Observer {
+            link: index(links[i]),
+            shape: of_links[i],
+            position: at[i],
+            rotation: quat_to_mat(quat_unit(quat[i])),
+            influence: zones[i].0,
+            margin: zones[i].1,
+        };
+        let fixtures = shapes(&obstacle_kinds, &obstacle_sizes, k, ["obstacle_kinds", "obstacle_sizes"])?.into_iter();
+        let around = self::zones(&obstacle_influence, &obstacle_margin, k)?;
+        let obstacle = |(shape, (influence, margin))| Obstacle { shape, influence, margin };
         let checked = pair_rows(&pairs, pair_margin.as_ref(), "pair")?;
-        let around = match &obstacle_pairs {
+        let watched = match &obstacle_pairs {
             Some(pairs) => pair_rows(pairs, obstacle_pair_margin.as_ref(), "obstacle_pair")?,
             // Every observer looks at every obstacle, one obstacle after the other.
-            None => (0..kinds.len()).flat_map(|k| (0..n).map(move |a| (a, k, f64::INFINITY))).collect(),
+            None => (0..k).flat_map(|k| (0..n).map(move |a| (a, k, f64::INFINITY))).collect(),
         };
-        let set = ObserverSet::new(&body.body, observers, obstacles, &checked, &around).map_err(bad)?;
+        let (observers, obstacles) = ((0..n).map(observer).collect(), fixtures.zip(around).map(obstacle).collect());
+        let set = ObserverSet::new(&body.body, observers, obstacles, &checked, &watched).map_err(bad)?;
         Ok(Self { set: Arc::new(set) })
     }
-
-    /// Number of observers.
-    #[getter]
-    fn count(&self) -> usize {
-        self.set.observers.len()
-    }
-
-    /// Number of obstacles.
-    #[getter]
-    fn obstacles(&self) -> usize {
-        self.set.obstacles.len()
-    }
 }
 
-fn shapes(kinds: &[i64], sizes: &[f64]) -> PyResult<Vec<Shape>> {
-    let row = |(kind, size): (&i64, &[f64])| shape(*kind, triple(size), "a shape");
-    kinds.iter().zip(sizes.chunks_exact(3)).map(row).collect()
-}
-
-fn zones(influence: &[f64], margin: &[f64], n: usize) -> PyResult<Vec<(f64, f64)>> {
-    if influence.len() != n || margin.len() != n {
-        return Err(bad(format!("influence has {} entries, margin {}, expected {n}", influence.len(), margin.len())));
+/// Influence and margin of each of `n`.
+fn zones(influence: &Numbers<'_>, margin: &Numbers<'_>, n: usize) -> PyResult<Vec<(f64, f64)>> {
+    let zones = entries(influence, n, "influence")?.iter().copied().zip(entries(margin, n, "margin")?.iter().copied());
+    match zones.clone().find(|(d, m)| !(d.is_finite() && *m >= 0.0 && d > m)) {
+        Some((d, m)) => Err(bad(format!("influence {d} must be above margin {m}, which must not be negative"))),
+        None => Ok(zones.collect()),
     }
-    for (d, m) in influence.iter().zip(margin) {
-        if !(d.is_finite() && *m >= 0.0 && d > m) {
-            return Err(bad(format!("influence {d} must be above margin {m}, which must not be negative")));
-        }
-    }
-    Ok(influence.iter().copied().zip(margin.iter().copied()).collect())
 }
 
 /// Pairs (p, 2) of numbers, each with the largest margin that it keeps: `margin` (p,), without bound where it is not given.
 fn pair_rows(
     pairs: &PyReadonlyArray2<'_, i64>,
-    margin: Option<&PyReadonlyArray1<'_, f64>>,
+    margin: Option<&Numbers<'_>>,
     name: &str,
 ) -> PyResult<Vec<(usize, usize, f64)>> {
-    if pairs.shape()[1] != 2 {
-        return Err(bad(format!("{name}s have {} columns, expected 2", pairs.shape()[1])));
-    }
-    if !pairs.is_c_contiguous() {
-        return Err(bad(format!("{name}s must be C-contiguous")));
-    }
     let count = pairs.shape()[0];
+    if pairs.shape()[1] != 2 || !pairs.is_c_contiguous() {
+        return Err(bad(format!("{name}s has shape {:?}, expected ({count}, 2), C-contiguous", pairs.shape())));
+    }
     let unbounded = vec![f64::INFINITY; count];
-    let most = match margin {
-        Some(most) => most.as_slice()?,
-        None => &unbounded,
-    };
-    if most.len() != count || most.iter().any(|m| !(*m >= 0.0)) {
+    let most = margin.map_or(Ok(&unbounded[..]), |most| entries(most, count, &format!("{name}_margin")))?;
+    if most.iter().any(|m| !(*m >= 0.0)) {
         return Err(bad(format!("{name}_margin needs {count} entries that are not negative")));
     }
-    let index = |k: i64| usize::try_from(k).unwrap_or(usize::MAX);
     Ok(pairs.as_slice()?.chunks_exact(2).zip(most).map(|(p, m)| (index(p[0]), index(p[1]), *m)).collect())
 }
 
-fn rotation(quat: &[f64]) -> Mat3 {
-    quat_to_mat(quat_unit([quat[0], quat[1], quat[2], quat[3]]))
-}
-
-pub fn activation_named(name: &str) -> PyResult<Activation> {
-    match name {
-        "closest" => Ok(Activation::Closest),
-        "ranked" => Ok(Activation::Ranked),
-        "all" => Ok(Activation::All),
-        _ => Err(bad(format!("activation is {name:?}, expected closest, ranked or all"))),
-    }
-}
-
-/// Fill in the observers of tasks that name none; refuse tasks whose observers there are not, or which stand beside a posture in
-/// the last level, where a row is no limit.
-pub fn check_observed(levels: &mut [Vec<Task>], observers: Option<&PyObservers>) -> PyResult<()> {
-    let count = observers.map_or(0, |o| o.set.observers.len());
-    let last = levels.len().saturating_sub(1);
-    for (k, level) in levels.iter_mut().enumerate() {
-        let soft = k == last && level.iter().any(|t| matches!(t.kind, TaskKind::Posture));
-        for task in level {
-            let TaskKind::Observers(task) = &mut task.kind else { continue };
-            if soft {
-                return Err(bad("observers cannot share the last level with a posture".into()));
-            }
-            if task.of.len() > count && task.named {
-                return Err(bad(format!("a task is of an observer that is not among the {count}")));
-            }
-            if !task.named {
-                task.of = vec![true; count];
-            }
-            task.of.resize(count, false);
-        }
-    }
-    Ok(())
-}
-
-/// Row-wise triples and quaternions of `k` obstacles, checked.
-pub fn obstacle_rows<'a>(values: &'a PyReadonlyArray2<'_, f64>, k: usize, n: usize, name: &str) -> PyResult<&'a [f64]> {
-    let rows = table(values, k, n, name)?;
-    finite(rows, name)?;
-    Ok(rows)
+/// Poses of `k` obstacles, which are at rest where no velocity is given.
+pub fn obstacle_poses(
+    k: usize,
+    position: &Table<'_>,
+    quat: &Table<'_>,
+    linear: Option<&Table<'_>>,
+    angular: Option<&Table<'_>>,
+) -> PyResult<Vec<ObstaclePose>> {
+    let (position, quat) = (rows::<3>(position, k, "position")?, rows::<4>(quat, k, "quat")?);
+    let still = vec![[0.0; 3]; k];
+    let linear = linear.map_or(Ok(&still[..]), |values| rows(values, k, "linear"))?;
+    let angular = angular.map_or(Ok(&still[..]), |values| rows(values, k, "angular"))?;
+    let pose = |i: usize| ObstaclePose {
+        position: position[i],
+        quat: quat_unit(quat[i]),
+        linear: linear[i],
+        angular: angular[i],
+    };
+    Ok((0..k).map(pose).collect())
 }

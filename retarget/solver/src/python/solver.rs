@@ -1,15 +1,15 @@
-//! `Solver` for Python.
+//! `Solver` for Python; and `solve_hierarchy`, one linear solve, for tests of the hierarchy by itself.
 
-use super::arrays::{bad, finite, triple};
+use super::arrays::{bad, entries, table, time_step, vector, vector_or_zeros, Flags, Matrix, Numbers, Table, Vector};
 use super::body::PyBody;
 use super::braking::limits;
-use super::observers::{activation_named, check_observed, obstacle_rows, PyObservers};
+use super::observers::{obstacle_poses, PyObservers};
 use super::task::PyTask;
 use crate::frame::{FrameSolver, Settings};
-use crate::math::quat_unit;
-use crate::observers::ObstaclePose;
+use crate::hierarchy::{solve, Outcome, Problem, Workspace};
+use crate::observers::Activation;
 use crate::task::{Task, TaskKind};
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{PyArray1, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use std::collections::HashMap;
 
@@ -17,8 +17,49 @@ use std::collections::HashMap;
 #[pyclass(name = "Solver", module = "retarget._solver")]
 pub struct PySolver {
     solver: FrameSolver,
-    /// (level, task) -> (start, stop)
-    places: Vec<(usize, usize, usize)>,
+}
+
+fn activation_named(name: &str) -> PyResult<Activation> {
+    match name {
+        "closest" => Ok(Activation::Closest),
+        "ranked" => Ok(Activation::Ranked),
+        "all" => Ok(Activation::All),
+        _ => Err(bad(format!("activation is {name:?}, expected closest, ranked or all"))),
+    }
+}
+
+/// Refuse a task on a link that there is not, and a posture of another size.
+fn check_task(task: &PyTask, links: usize, nv: usize) -> PyResult<()> {
+    if task.link.is_some_and(|link| link >= links) {
+        return Err(bad("a task sits on a link the body does not have".into()));
+    }
+    if matches!(task.task.kind, TaskKind::Posture) && task.task.weight.len() != nv {
+        return Err(bad(format!("a posture task needs {nv} weights")));
+    }
+    Ok(())
+}
+
+/// Fill in the observers of tasks that name none; refuse tasks whose observers there are not, or which stand beside a posture in
+/// the last level, where a row is no limit.
+fn check_observed(levels: &mut [Vec<Task>], count: usize) -> PyResult<()> {
+    let last = levels.len().saturating_sub(1);
+    for (k, level) in levels.iter_mut().enumerate() {
+        let soft = k == last && level.iter().any(|t| matches!(t.kind, TaskKind::Posture));
+        for task in level {
+            let TaskKind::Observers(task) = &mut task.kind else { continue };
+            if soft {
+                return Err(bad("observers cannot share the last level with a posture".into()));
+            }
+            if task.of.len() > count && task.named {
+                return Err(bad(format!("a task is of an observer that is not among the {count}")));
+            }
+            if !task.named {
+                task.of = vec![true; count];
+            }
+            task.of.resize(count, false);
+        }
+    }
+    Ok(())
 }
 
 #[pymethods]
@@ -30,11 +71,11 @@ impl PySolver {
     fn new(
         body: &PyBody,
         levels: Vec<Vec<PyRef<'_, PyTask>>>,
-        lower: PyReadonlyArray1<'_, f64>,
-        upper: PyReadonlyArray1<'_, f64>,
-        max_velocity: PyReadonlyArray1<'_, f64>,
-        max_acceleration: PyReadonlyArray1<'_, f64>,
-        locked: PyReadonlyArray1<'_, bool>,
+        lower: Numbers<'_>,
+        upper: Numbers<'_>,
+        max_velocity: Numbers<'_>,
+        max_acceleration: Numbers<'_>,
+        locked: Flags<'_>,
         n_ik: usize,
         max_step: f64,
         damping: f64,
@@ -42,40 +83,24 @@ impl PySolver {
         observers: Option<PyRef<'_, PyObservers>>,
         activation: &str,
     ) -> PyResult<Self> {
-        let nv = body.body.nv;
-        let limits =
-            limits(lower.as_slice()?, upper.as_slice()?, max_velocity.as_slice()?, max_acceleration.as_slice()?)?;
-        let locked = locked.as_slice()?;
-        if limits.len() != nv || locked.len() != nv {
-            return Err(bad(format!("limits have {} entries, locked {}, the body {nv}", limits.len(), locked.len())));
-        }
+        let (body, nv) = (body.body.clone(), body.body.nv);
+        entries(&lower, nv, "lower")?;
+        let limits = limits(&lower, &upper, &max_velocity, &max_acceleration)?;
+        let locked = entries(&locked, nv, "locked")?;
         if n_ik == 0 || n_ik > 1000 {
             return Err(bad(format!("n_ik is {n_ik}, expected 1 to 1000")));
         }
         if !(max_step > 0.0 && damping >= 0.0 && damping.is_finite()) {
             return Err(bad(format!("max_step {max_step} must be positive, damping {damping} not negative")));
         }
-        for (level, tasks) in levels.iter().enumerate() {
-            for (k, task) in tasks.iter().enumerate() {
-                if task.link.is_some_and(|link| link >= body.body.links.len()) {
-                    return Err(bad(format!("task {k} of level {level} sits on a link the body does not have")));
-                }
-                if matches!(task.task.kind, TaskKind::Posture) && task.task.weight.len() != nv {
-                    return Err(bad(format!("posture task {k} of level {level} needs {nv} weights")));
-                }
-            }
-        }
+        levels.iter().flatten().try_for_each(|task| check_task(task, body.links.len(), nv))?;
         let mut levels: Vec<Vec<Task>> =
             levels.into_iter().map(|l| l.iter().map(|t| t.task.clone()).collect()).collect();
-        check_observed(&mut levels, observers.as_deref())?;
-        let watched = match observers {
-            Some(observers) => Some((observers.set.clone(), activation_named(activation)?)),
-            None => None,
-        };
+        check_observed(&mut levels, observers.as_ref().map_or(0, |o| o.set.observers.len()))?;
+        let activation = activation_named(activation)?;
+        let watched = observers.map(|observers| (observers.set.clone(), activation));
         let settings = Settings { n_ik, max_step, damping, early_stop };
-        let solver = FrameSolver::new(body.body.clone(), levels, limits, locked, watched, settings);
-        let places = solver.slices().map(|(level, r)| (level, r.start, r.end)).collect();
-        Ok(Self { solver, places })
+        Ok(Self { solver: FrameSolver::new(body, levels, limits, locked, watched, settings) })
     }
 
     #[getter]
@@ -83,143 +108,80 @@ impl PySolver {
         self.solver.target_size
     }
 
-    /// (start, stop) of a task in the target vector, its leading weight included.
     fn target_slice(&self, level: usize, task: usize) -> PyResult<(usize, usize)> {
-        self.places
-            .iter()
-            .filter(|p| p.0 == level)
-            .nth(task)
-            .map(|p| (p.1, p.2))
-            .ok_or_else(|| bad(format!("level {level} has no task {task}")))
+        let place = self.solver.slices().filter(|(of, _)| *of == level).nth(task);
+        place.map(|(_, r)| (r.start, r.end)).ok_or_else(|| bad(format!("level {level} has no task {task}")))
     }
 
     #[pyo3(signature = (q, velocity=None))]
-    fn reset(&mut self, q: PyReadonlyArray1<'_, f64>, velocity: Option<PyReadonlyArray1<'_, f64>>) -> PyResult<()> {
-        let q = q.as_slice()?;
-        let (nq, nv) = (self.solver.body.nq, self.solver.body.nv);
-        let still = vec![0.0; nv];
-        let velocity = velocity.as_ref().map_or(Ok(&still[..]), |v| v.as_slice())?;
-        if q.len() != nq || velocity.len() != nv {
-            return Err(bad(format!(
-                "q has {} entries and velocity {}, the body {nq} and {nv}",
-                q.len(),
-                velocity.len()
-            )));
-        }
-        finite(q, "q")?;
-        finite(velocity, "velocity")?;
-        self.solver.reset(q, velocity);
+    fn reset(&mut self, q: Numbers<'_>, velocity: Option<Numbers<'_>>) -> PyResult<()> {
+        let q = vector(&q, self.solver.body.nq, "q")?;
+        let velocity = vector_or_zeros(velocity.as_ref(), self.solver.body.nv, "velocity")?;
+        self.solver.reset(q, &velocity);
         Ok(())
     }
 
-    /// One frame: posture (nq,) after `dt` seconds towards `targets`.
-    fn frame<'py>(
-        &mut self,
-        py: Python<'py>,
-        targets: PyReadonlyArray1<'py, f64>,
-        dt: f64,
-    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        let targets = targets.as_slice()?;
-        self.check_targets(targets.len(), dt)?;
+    fn frame<'py>(&mut self, py: Python<'py>, targets: Numbers<'py>, dt: f64) -> PyResult<Vector<'py>> {
+        let (targets, dt) = (entries(&targets, self.solver.target_size, "targets")?, time_step(dt)?);
         let solver = &mut self.solver;
         py.detach(|| solver.frame(targets, dt));
         Ok(PyArray1::from_slice(py, &self.solver.q))
     }
 
-    /// Many frames: postures (T, nq).
-    fn clip<'py>(
-        &mut self,
-        py: Python<'py>,
-        targets: PyReadonlyArray2<'py, f64>,
-        dt: f64,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        self.check_targets(targets.shape()[1], dt)?;
-        let (frames, nq) = (targets.shape()[0], self.solver.body.nq);
-        let all = targets.as_slice()?;
-        let solver = &mut self.solver;
-        let out = py.detach(|| {
-            let mut out = vec![0.0; frames * nq];
-            solver.clip(all, dt, &mut out);
-            out
-        });
-        PyArray1::from_vec(py, out).reshape([frames, nq])
+    fn clip<'py>(&mut self, py: Python<'py>, targets: Table<'py>, dt: f64) -> PyResult<Matrix<'py>> {
+        let (solver, frames, dt) = (&mut self.solver, targets.shape()[0], time_step(dt)?);
+        let all = table(&targets, frames, solver.target_size, "targets")?;
+        let mut out = vec![0.0; frames * solver.body.nq];
+        py.detach(|| solver.clip(all, dt, &mut out));
+        PyArray1::from_vec(py, out).reshape([frames, solver.body.nq])
     }
 
-    /// Where obstacles are at the start of the next frame, and how they move.
     #[pyo3(signature = (position, quat, linear=None, angular=None, present=None))]
     fn set_obstacles(
         &mut self,
-        position: PyReadonlyArray2<'_, f64>,
-        quat: PyReadonlyArray2<'_, f64>,
-        linear: Option<PyReadonlyArray2<'_, f64>>,
-        angular: Option<PyReadonlyArray2<'_, f64>>,
-        present: Option<PyReadonlyArray1<'_, bool>>,
+        position: Table<'_>,
+        quat: Table<'_>,
+        linear: Option<Table<'_>>,
+        angular: Option<Table<'_>>,
+        present: Option<Flags<'_>>,
     ) -> PyResult<()> {
         let Some(watch) = &mut self.solver.watch else { return Err(bad("this solver has no observers".into())) };
         let k = watch.obstacles.len();
-        let (position, quat) = (obstacle_rows(&position, k, 3, "position")?, obstacle_rows(&quat, k, 4, "quat")?);
-        let still = vec![0.0; 3 * k];
-        let linear = linear.as_ref().map_or(Ok(&still[..]), |rows| obstacle_rows(rows, k, 3, "linear"))?;
-        let angular = angular.as_ref().map_or(Ok(&still[..]), |rows| obstacle_rows(rows, k, 3, "angular"))?;
+        let poses = obstacle_poses(k, &position, &quat, linear.as_ref(), angular.as_ref())?;
         let everywhere = vec![true; k];
-        let present = present.as_ref().map_or(Ok(&everywhere[..]), |present| present.as_slice())?;
-        if present.len() != k {
-            return Err(bad(format!("present has {} entries, expected {k}", present.len())));
-        }
-        for i in 0..k {
-            let there = ObstaclePose {
-                position: triple(&position[3 * i..]),
-                quat: quat_unit([quat[4 * i], quat[4 * i + 1], quat[4 * i + 2], quat[4 * i + 3]]),
-                linear: triple(&linear[3 * i..]),
-                angular: triple(&angular[3 * i..]),
-            };
-            watch.set_obstacle(i, there, present[i]);
+        let present = present.as_ref().map_or(Ok(&everywhere[..]), |present| entries(present, k, "present"))?;
+        for (i, (pose, present)) in poses.into_iter().zip(present).enumerate() {
+            watch.set_obstacle(i, pose, *present);
         }
         Ok(())
     }
 
-    /// What each observer did in the last frame: 0 free, 1 preventive, 2 reactive.
     #[getter]
     fn observer_modes<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u8>> {
-        let modes = self.solver.watch.as_ref().map_or(vec![], |w| w.tally.last.iter().map(|m| *m as u8).collect());
+        let modes = self.solver.watch.as_ref().map_or(vec![], |w| w.modes.iter().map(|m| *m as u8).collect());
         PyArray1::from_vec(py, modes)
     }
 
-    /// Per observer since construction (n, 3): changes of mode, frames preventive, frames reactive.
-    #[getter]
-    fn observer_counts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<u64>>> {
-        let counts = self.solver.watch.as_ref().map_or(vec![], |w| {
-            let t = &w.tally;
-            (0..t.last.len()).flat_map(|k| [t.switches[k], t.preventive[k], t.reactive[k]]).collect()
-        });
-        let n = counts.len() / 3;
-        PyArray1::from_vec(py, counts).reshape([n, 3])
-    }
-
-    /// Smallest distance (m) between observers, and to an obstacle; infinite where nothing is within influence.
     #[getter]
     fn clearance(&mut self) -> (f64, f64) {
         self.solver.watch.as_mut().map_or((f64::INFINITY, f64::INFINITY), |w| w.clearance())
     }
 
     #[getter]
-    fn q<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+    fn q<'py>(&self, py: Python<'py>) -> Vector<'py> {
         PyArray1::from_slice(py, &self.solver.q)
     }
 
-    /// Displacement per second of the last frame (nv,).
     #[getter]
-    fn velocity<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+    fn velocity<'py>(&self, py: Python<'py>) -> Vector<'py> {
         PyArray1::from_slice(py, &self.solver.velocity)
     }
 
-    /// Error norm of each task at the posture reached, in order of levels; NaN where absent.
     #[getter]
-    fn task_errors<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+    fn task_errors<'py>(&self, py: Python<'py>) -> Vector<'py> {
         PyArray1::from_slice(py, &self.solver.task_errors)
     }
 
-    /// Counters since construction.
     #[getter]
     fn stats(&self) -> HashMap<&'static str, u64> {
         let s = self.solver.stats;
@@ -233,14 +195,36 @@ impl PySolver {
     }
 }
 
-impl PySolver {
-    fn check_targets(&self, size: usize, dt: f64) -> PyResult<()> {
-        if size != self.solver.target_size {
-            return Err(bad(format!("targets have {size} entries, expected {}", self.solver.target_size)));
-        }
-        if !(dt > 0.0) || !dt.is_finite() {
-            return Err(bad(format!("dt is {dt}, expected a positive time in seconds")));
-        }
-        Ok(())
+/// See `retarget/_solver.pyi`.
+#[pyfunction]
+#[pyo3(signature = (rows, lower, upper, level_sizes, *, lo, hi, still, damping))]
+#[allow(clippy::too_many_arguments)]
+pub fn solve_hierarchy<'py>(
+    py: Python<'py>,
+    rows: Table<'py>,
+    lower: Numbers<'py>,
+    upper: Numbers<'py>,
+    level_sizes: Vec<usize>,
+    lo: Numbers<'py>,
+    hi: Numbers<'py>,
+    still: Numbers<'py>,
+    damping: f64,
+) -> PyResult<(Vector<'py>, bool, bool)> {
+    let (n, m) = (lo.as_slice()?.len(), level_sizes.iter().sum());
+    let mut problem = Problem::new(n, &level_sizes);
+    for (r, row) in table(&rows, m, n, "rows")?.chunks_exact(n).enumerate() {
+        problem.row_mut(r)[..n].copy_from_slice(row);
     }
+    problem.lower.copy_from_slice(entries(&lower, m, "lower")?);
+    problem.upper.copy_from_slice(entries(&upper, m, "upper")?);
+    problem.present.fill(true);
+    problem.lo.copy_from_slice(lo.as_slice()?);
+    problem.hi.copy_from_slice(entries(&hi, n, "hi")?);
+    problem.still[..n].copy_from_slice(entries(&still, n, "still")?);
+    problem.lo_is_stop = problem.lo.iter().map(|lo| lo.is_finite()).collect();
+    problem.hi_is_stop = problem.hi.iter().map(|hi| hi.is_finite()).collect();
+    problem.damping.fill(damping);
+    problem.patience.fill(1.0);
+    let Outcome { reduced, capped, .. } = solve(&mut problem, &mut Workspace::default());
+    Ok((PyArray1::from_slice(py, &problem.z[..n]), reduced, capped))
 }

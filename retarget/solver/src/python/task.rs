@@ -1,10 +1,10 @@
 //! `Task` for Python.
 
-use super::arrays::bad;
+use super::arrays::{bad, Numbers};
 use crate::math::quat_unit;
 use crate::observers::ObserverTask;
 use crate::task::{Task, TaskKind};
-use numpy::PyReadonlyArray1;
+
 use pyo3::prelude::*;
 
 const MOST_OBSERVERS: usize = 10_000;
@@ -92,7 +92,7 @@ impl PyTask {
     #[pyo3(signature = (body, axis, *, weight=1.0, gain=1.0, max_error=0.2))]
     fn axis(body: usize, axis: [f64; 3], weight: f64, gain: f64, max_error: f64) -> PyResult<Self> {
         let axis = crate::math::unit_or(axis, [1.0, 0.0, 0.0]);
-        make(TaskKind::Axis { link: body, axis }, vec![weight; 2], gain, max_error, Some(body))
+        make(TaskKind::Axis { link: body, axis, eye: None }, vec![weight; 2], gain, max_error, Some(body))
     }
 
     #[staticmethod]
@@ -105,13 +105,14 @@ impl PyTask {
     #[pyo3(signature = (max_edges, *, without=vec![], max_error=0.05))]
     fn support(max_edges: usize, mut without: Vec<usize>, max_error: f64) -> PyResult<Self> {
         without.sort_unstable();
-        make(TaskKind::Support { max_edges: few(max_edges)?, without }, vec![], 1.0, max_error, None)
+        let kind = TaskKind::Support { point: None, max_edges: few(max_edges)?, without };
+        make(kind, vec![], 1.0, max_error, None)
     }
 
     #[staticmethod]
     #[pyo3(signature = (body, point, max_edges, *, max_error=0.05))]
     fn lever(body: usize, point: [f64; 3], max_edges: usize, max_error: f64) -> PyResult<Self> {
-        let kind = TaskKind::Lever { link: body, point, max_edges: few(max_edges)? };
+        let kind = TaskKind::Support { point: Some((body, point)), max_edges: few(max_edges)?, without: vec![] };
         make(kind, vec![], 1.0, max_error, Some(body))
     }
 
@@ -119,7 +120,7 @@ impl PyTask {
     #[pyo3(signature = (body, point, axis, *, weight=1.0, gain=1.0, max_error=0.2))]
     fn look_at(body: usize, point: [f64; 3], axis: [f64; 3], weight: f64, gain: f64, max_error: f64) -> PyResult<Self> {
         let axis = crate::math::unit_or(axis, [1.0, 0.0, 0.0]);
-        make(TaskKind::LookAt { link: body, point, axis }, vec![weight; 2], gain, max_error, Some(body))
+        make(TaskKind::Axis { link: body, axis, eye: Some(point) }, vec![weight; 2], gain, max_error, Some(body))
     }
 
     #[staticmethod]
@@ -136,7 +137,7 @@ impl PyTask {
 
     #[staticmethod]
     #[pyo3(signature = (weight, *, gain=1.0, max_error=0.3))]
-    fn posture(weight: PyReadonlyArray1<'_, f64>, gain: f64, max_error: f64) -> PyResult<Self> {
+    fn posture(weight: Numbers<'_>, gain: f64, max_error: f64) -> PyResult<Self> {
         make(TaskKind::Posture, weight.as_slice()?.to_vec(), gain, max_error, None)
     }
 }

@@ -1,11 +1,9 @@
 //! `TrajectoryGenerator` for Python.
 
-use super::arrays::{bad, finite};
+use super::arrays::{bad, vector, vector_or_zeros, Numbers, Vector};
 use crate::trajectory::{MotionLimit, TrajectoryGenerator};
-use numpy::{PyArray1, PyReadonlyArray1};
+use numpy::PyArray1;
 use pyo3::prelude::*;
-
-type Vector<'py> = Bound<'py, PyArray1<f64>>;
 
 /// rad, rad/s, rad/s^2: a greater number is not the state of a joint.
 const LARGEST: f64 = 1e6;
@@ -20,66 +18,47 @@ pub struct PyTrajectoryGenerator {
 impl PyTrajectoryGenerator {
     #[new]
     #[pyo3(signature = (max_velocity, max_acceleration, max_jerk, *, dt))]
-    fn new(
-        max_velocity: PyReadonlyArray1<'_, f64>,
-        max_acceleration: PyReadonlyArray1<'_, f64>,
-        max_jerk: PyReadonlyArray1<'_, f64>,
-        dt: f64,
-    ) -> PyResult<Self> {
-        let (velocity, acceleration, jerk) =
-            (max_velocity.as_slice()?, max_acceleration.as_slice()?, max_jerk.as_slice()?);
-        if acceleration.len() != velocity.len() || jerk.len() != velocity.len() || velocity.is_empty() {
-            return Err(bad(format!(
-                "max_velocity has {}, max_acceleration {}, max_jerk {} entries; expected one of each for every joint",
-                velocity.len(),
-                acceleration.len(),
-                jerk.len()
-            )));
+    fn new(max_velocity: Numbers<'_>, max_acceleration: Numbers<'_>, max_jerk: Numbers<'_>, dt: f64) -> PyResult<Self> {
+        let n = max_velocity.as_slice()?.len();
+        let velocity = vector(&max_velocity, n, "max_velocity")?;
+        let acceleration = vector(&max_acceleration, n, "max_acceleration")?;
+        let jerk = vector(&max_jerk, n, "max_jerk")?;
+        let all = [velocity, acceleration, jerk, &[dt]].concat();
+        if n == 0 || !dt.is_finite() || all.iter().any(|v| !(*v > 0.0)) {
+            return Err(bad("max_velocity, max_acceleration, max_jerk and dt must be given and positive".into()));
         }
-        if [velocity, acceleration, jerk, &[dt]].concat().iter().any(|v| !(*v > 0.0) || !v.is_finite()) {
-            return Err(bad("max_velocity, max_acceleration, max_jerk and dt must be positive and finite".into()));
-        }
-        let limits = (0..velocity.len())
-            .map(|i| MotionLimit { velocity: velocity[i], acceleration: acceleration[i], jerk: jerk[i] })
-            .collect();
-        Ok(Self { generator: TrajectoryGenerator::new(limits, dt).map_err(bad)? })
+        let limit = |i| MotionLimit { velocity: velocity[i], acceleration: acceleration[i], jerk: jerk[i] };
+        Ok(Self { generator: TrajectoryGenerator::new((0..n).map(limit).collect(), dt).map_err(bad)? })
     }
 
     #[pyo3(signature = (position, velocity=None, acceleration=None))]
     fn reset(
         &mut self,
-        position: PyReadonlyArray1<'_, f64>,
-        velocity: Option<PyReadonlyArray1<'_, f64>>,
-        acceleration: Option<PyReadonlyArray1<'_, f64>>,
+        position: Numbers<'_>,
+        velocity: Option<Numbers<'_>>,
+        acceleration: Option<Numbers<'_>>,
     ) -> PyResult<()> {
-        let zeros = vec![0.0; self.generator.joints()];
-        let position = self.joints(&position, "position")?.to_vec();
-        let velocity = velocity.as_ref().map_or(Ok(&zeros[..]), |a| self.joints(a, "velocity"))?.to_vec();
-        let acceleration = acceleration.as_ref().map_or(Ok(&zeros[..]), |a| self.joints(a, "acceleration"))?.to_vec();
-        if let Some(value) = [&position, &velocity, &acceleration].into_iter().flatten().find(|v| v.abs() > LARGEST) {
+        let n = self.generator.joints();
+        let position = vector(&position, n, "position")?;
+        let velocity = vector_or_zeros(velocity.as_ref(), n, "velocity")?;
+        let acceleration = vector_or_zeros(acceleration.as_ref(), n, "acceleration")?;
+        if let Some(value) = [position, &velocity, &acceleration].concat().iter().find(|v| v.abs() > LARGEST) {
             return Err(bad(format!("{value} is not the state of a joint; expected at most {LARGEST}")));
         }
-        self.generator.reset(&position, &velocity, &acceleration);
+        self.generator.reset(position, &velocity, &acceleration);
         Ok(())
     }
 
     #[pyo3(signature = (target, speed_override=1.0))]
-    fn step<'py>(
-        &mut self,
-        py: Python<'py>,
-        target: PyReadonlyArray1<'py, f64>,
-        speed_override: f64,
-    ) -> PyResult<Vector<'py>> {
+    fn step<'py>(&mut self, py: Python<'py>, target: Numbers<'py>, speed_override: f64) -> PyResult<Vector<'py>> {
         if !(0.0..=1.0).contains(&speed_override) {
             return Err(bad(format!("speed_override is {speed_override}, expected 0 to 1")));
         }
-        let target = self.started(&target)?.to_vec();
-        self.generator.step(&target, speed_override);
+        if self.generator.position[0].is_nan() {
+            return Err(bad("where the joints are is unknown: call reset first".into()));
+        }
+        self.generator.step(vector(&target, self.generator.joints(), "target")?, speed_override);
         Ok(self.position(py))
-    }
-
-    fn duration(&self, target: PyReadonlyArray1<'_, f64>) -> PyResult<f64> {
-        Ok(self.generator.duration(self.started(&target)?))
     }
 
     #[getter]
@@ -98,30 +77,7 @@ impl PyTrajectoryGenerator {
     }
 
     #[getter]
-    fn target<'py>(&self, py: Python<'py>) -> Vector<'py> {
-        PyArray1::from_slice(py, &self.generator.target)
-    }
-
-    #[getter]
     fn at_rest(&self) -> bool {
         self.generator.at_rest()
-    }
-}
-
-impl PyTrajectoryGenerator {
-    fn started<'a>(&self, target: &'a PyReadonlyArray1<'_, f64>) -> PyResult<&'a [f64]> {
-        if self.generator.position[0].is_nan() {
-            return Err(bad("where the joints are is unknown: call reset first".into()));
-        }
-        self.joints(target, "target")
-    }
-
-    fn joints<'a>(&self, a: &'a PyReadonlyArray1<'_, f64>, what: &str) -> PyResult<&'a [f64]> {
-        let (a, n) = (a.as_slice()?, self.generator.joints());
-        if a.len() != n {
-            return Err(bad(format!("{what} has {} values for {n} joints", a.len())));
-        }
-        finite(a, what)?;
-        Ok(a)
     }
 }

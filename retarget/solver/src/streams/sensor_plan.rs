@@ -1,6 +1,6 @@
 //! Sensor plan: from the poses of a sender to the sensors of a performer.
 
-use crate::math::{quat_mul, Quat, Vec3};
+use crate::math::{quat_mul, sub, Quat, Vec3};
 
 /// A pose that is sent in parts (position here, rotation there) is put together from parts this near in time (s).
 const PARTNER: f64 = 0.1;
@@ -16,23 +16,28 @@ pub struct Column {
 }
 
 impl Column {
-    /// Position, orientation and whether the sender marks it as tracked; NaN where there is none.
-    pub fn read(&self, position: &[Vec3], orientation: &[Quat], tracked: &[bool]) -> (Vec3, Quat, bool) {
-        let place = match (self.point, self.offset) {
+    /// NaN where there is none.
+    pub fn place(&self, position: &[Vec3], orientation: &[Quat]) -> Vec3 {
+        match (self.point, self.offset) {
             (None, _) => [f64::NAN; 3],
             (Some(point), None) => position[point],
-            (Some(point), Some(offset)) => {
-                let moved = turned(orientation[point], offset);
-                std::array::from_fn(|i| position[point][i] - moved[i])
-            }
-        };
-        let turn = self.segment.map_or([f64::NAN; 4], |segment| quat_mul(orientation[segment], self.rest));
-        (place, turn, self.point.or(self.segment).is_some_and(|column| tracked[column]))
+            (Some(point), Some(offset)) => sub(position[point], turned(orientation[point], offset)),
+        }
+    }
+
+    /// NaN where there is none.
+    pub fn turn(&self, orientation: &[Quat]) -> Quat {
+        self.segment.map_or([f64::NAN; 4], |segment| quat_mul(orientation[segment], self.rest))
+    }
+
+    /// Whether the sender marks it as tracked.
+    pub fn is_tracked(&self, tracked: &[bool]) -> bool {
+        self.point.or(self.segment).is_some_and(|column| tracked[column])
     }
 }
 
 /// A vector turned by a unit quaternion: v + 2 w (u x v) + 2 u x (u x v).
-pub fn turned(q: Quat, v: Vec3) -> Vec3 {
+fn turned(q: Quat, v: Vec3) -> Vec3 {
     let [w, x, y, z] = q;
     let t = [2.0 * (y * v[2] - z * v[1]), 2.0 * (z * v[0] - x * v[2]), 2.0 * (x * v[1] - y * v[0])];
     [

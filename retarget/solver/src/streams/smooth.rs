@@ -76,12 +76,9 @@ pub struct SmoothPose {
     turns: Filter,
 }
 
-const UNKNOWN: SmoothPose =
-    SmoothPose { position: [f64::NAN; 3], orientation: [f64::NAN; 4], moves: FRESH, turns: FRESH };
-
 impl Default for SmoothPose {
     fn default() -> Self {
-        UNKNOWN
+        Self { position: [f64::NAN; 3], orientation: [f64::NAN; 4], moves: FRESH, turns: FRESH }
     }
 }
 

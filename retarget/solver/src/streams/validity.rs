@@ -171,12 +171,11 @@ impl Validity {
     }
 
     /// Judge the poses of one capture, each of another sensor, and keep what is accepted.
-    pub fn take(&mut self, time: f64, capture: &[Sent], verdicts: &mut Vec<Verdict>) {
-        verdicts.clear();
-        verdicts.extend(capture.iter().map(|sent| self.alone(sent)));
+    pub fn take(&mut self, time: f64, capture: &[Sent]) -> Vec<Verdict> {
+        let mut verdicts: Vec<_> = capture.iter().map(|sent| self.alone(sent)).collect();
         let reach = |sent: &Sent| self.reach(time, sent, capture);
         let reaches: Vec<f64> = capture.iter().map(reach).collect();
-        for ((sent, reach), verdict) in capture.iter().zip(reaches).zip(verdicts) {
+        for ((sent, reach), verdict) in capture.iter().zip(reaches).zip(&mut verdicts) {
             match verdict {
                 Verdict::Valid if self.is_reached(time, sent, reach) => {}
                 Verdict::Valid => *verdict = Verdict::Unreachable,
@@ -184,6 +183,7 @@ impl Validity {
                 _ => {}
             }
         }
+        verdicts
     }
 
     /// A pose by itself. A position is needed; an orientation may be missing.

@@ -5,7 +5,6 @@ use crate::geometry::{gap_at_least, nearest, Nearest, Scratch, Shape, Solid};
 use crate::math::*;
 
 const SEEDS: u64 = 4000;
-const IDENTITY: Mat3 = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
 fn solid(shape: Shape, position: Vec3, rotation: Mat3) -> Solid {
     Solid { shape, position, rotation }
@@ -98,8 +97,8 @@ fn capsules() {
         // An end of one and the other, or both inner points of the common perpendicular.
         let mut least = f64::INFINITY;
         for side in [-1.0, 1.0] {
-            least = least.min(from_segment(a.end(ha, side), b.position, v, hb));
-            least = least.min(from_segment(b.end(hb, side), a.position, u, ha));
+            least = least.min(from_segment(add_scaled(a.position, u, side * ha), b.position, v, hb));
+            least = least.min(from_segment(add_scaled(b.position, v, side * hb), a.position, u, ha));
         }
         let (from, cosine) = (sub(a.position, b.position), dot(u, v));
         let sine2 = 1.0 - cosine * cosine;
@@ -163,7 +162,7 @@ fn a_ball_beside_and_inside_a_box() {
         let (half, radius) = ([0.2, 0.3, 0.1], random.between(0.01, 0.1));
         let (b, local) =
             (solid(Shape::Box { half }, random.vector(1.0), quat_to_mat(random.turn())), random.vector(0.4));
-        let a = solid(ball(radius), b.point(local), IDENTITY);
+        let a = solid(ball(radius), add(b.position, mat_vec(&b.rotation, local)), IDENTITY);
         let over: Vec3 = std::array::from_fn(|k| local[k].abs() - half[k]);
         let deepest = over[0].max(over[1]).max(over[2]);
         let expected = if deepest > 0.0 { norm(over.map(|o| o.max(0.0))) } else { deepest };

@@ -1,0 +1,75 @@
+//! The shapes of observers and obstacles, each in a frame of its own, and where two of them are nearest.
+
+use super::clip::Polygon;
+use crate::math::{column, norm, scale, Mat3, Vec3};
+
+/// A solid in its own frame: centred there, long along z.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub enum Shape {
+    /// All within `radius` of a segment of z from -half_length to half_length: a capsule; a sphere where the segment is a point,
+    /// a line where the radius is 0.
+    Capsule { half_length: f64, radius: f64 },
+    /// Flat ends at z = -half_length and half_length.
+    Cylinder { half_length: f64, radius: f64 },
+    /// Half sizes along x, y, z.
+    Box { half: Vec3 },
+    /// All of z <= 0.
+    HalfSpace,
+}
+
+impl Shape {
+    /// Radius of the smallest ball about the frame's origin that holds the shape, m; infinite for a half-space.
+    #[inline]
+    pub fn reach(&self) -> f64 {
+        match *self {
+            Self::Capsule { half_length, radius } => half_length + radius,
+            Self::Cylinder { half_length, radius } => (half_length * half_length + radius * radius).sqrt(),
+            Self::Box { half } => norm(half),
+            Self::HalfSpace => f64::INFINITY,
+        }
+    }
+}
+
+/// A shape where it is in the world.
+#[derive(Clone, Copy, Debug)]
+pub struct Solid {
+    pub shape: Shape,
+    pub position: Vec3,
+    /// From the shape's frame to the world.
+    pub rotation: Mat3,
+}
+
+impl Solid {
+    /// World direction of the shape's own z.
+    #[inline]
+    pub fn axis(&self) -> Vec3 {
+        column(&self.rotation, 2)
+    }
+}
+
+/// Where two solids A and B are nearest; `a - b = distance * normal`.
+#[derive(Clone, Copy, Debug)]
+pub struct Nearest {
+    /// m; negative: how deep they overlap, along the shortest way out.
+    pub distance: f64,
+    /// World point of A.
+    pub a: Vec3,
+    /// World point of B.
+    pub b: Vec3,
+    /// Unit, world: where A moves away from B.
+    pub normal: Vec3,
+}
+
+impl Nearest {
+    /// The same pair with A and B exchanged.
+    pub fn swapped(self) -> Self {
+        Self { distance: self.distance, a: self.b, b: self.a, normal: scale(self.normal, -1.0) }
+    }
+}
+
+/// Room for the clipping of touching faces, made once.
+#[derive(Default)]
+pub struct Scratch {
+    pub(super) polygon: Polygon,
+    pub(super) clipped: Polygon,
+}

@@ -1,0 +1,391 @@
+"""Controls of a live run, carried out in whole runs of OP3: dead-man, pause, heading, stops, control socket."""
+
+import errno
+import io
+import json
+import os
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hardware.guard_state import StopCause
+from live_rig import LiveRig
+from messages import shows
+from retarget.cli.controls import (
+    GRIPS,
+    LONGEST_S,
+    SPACE,
+    STOPPED_BY,
+    Asked,
+    Control,
+    ControlSocket,
+    Keyboard,
+    LiveControls,
+    LiveStatus,
+    StopFile,
+    announced,
+    connect_to,
+    live_state,
+    words_for,
+)
+from retarget.cli.exit import StopRequest
+from retarget.live.begin import LiveOptions
+from retarget.live.performer import LivePerformer
+from retarget.run.loop import Machine, Watch
+from retarget.run.prepare import Prepared
+from retarget.run.record import Phase
+from retarget.run.run_result import RunResult
+from retarget.run.supervisor import LONGEST_HOLD_S
+from retarget.types import FloatArray
+from sim.faults.sender import FakeSender
+
+DT = 0.008
+LET_GO = ((2.0, 2.7), (6.0, 11.4))
+SECONDS = 10.0
+
+
+class Script:
+    """A control that asks by itself: what is due at each poll."""
+
+    def __init__(self, due: Callable[[int], Sequence[tuple[Asked, str]]]) -> None:
+        self._due, self._polls = due, 0
+
+    def poll(self, now: float) -> Iterator[tuple[Asked, str]]:
+        """See `Control`."""
+        self._polls += 1
+        yield from self._due(self._polls)
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+class Typed(Keyboard):
+    """A keyboard that types by itself, by the number of the look."""
+
+    def __init__(self, keys: Mapping[int, str]) -> None:
+        super().__init__()
+        self._keys, self._looks = keys, 0
+
+    def pressed(self) -> str:
+        """What is due at this look."""
+        self._looks += 1
+        return self._keys.get(self._looks, "")
+
+
+def grip(held: Callable[[int], bool]) -> Script:
+    """A dead-man control that is held by a script, over the polls."""
+    return Script(lambda poll: [GRIPS[held(poll)]] if held(poll) is not (poll > 1 and held(poll - 1)) else [])
+
+
+def rigged(seconds: float = 1.0) -> LiveRig:
+    return LiveRig(FakeSender(), options=LiveOptions(countdown=0.5, duration=seconds))
+
+
+def controls_of(rig: LiveRig, prepared: Prepared, *controls: Control, dead_man: bool = False) -> LiveControls:
+    assert isinstance(prepared.samples, LivePerformer)
+    return LiveControls(
+        controls,
+        StopRequest(),
+        prepared.samples,
+        clock=rig.clock,
+        notify=rig.said.append,
+        machine=prepared.machine,
+        dead_man=dead_man,
+    )
+
+
+def played(
+    *controls: Control,
+    seconds: float = 5.0,
+    each: Callable[[int, Machine], object] = lambda look, machine: None,
+    dead_man: bool = False,
+) -> tuple[LiveRig, RunResult, list[str]]:
+    """The run, and its state before every tick. each: called before every look."""
+    rig, states = rigged(seconds), list[str]()
+    with rig.prepared() as prepared:
+        live, machine = controls_of(rig, prepared, *controls, dead_man=dead_man), prepared.machine
+        assert machine is not None
+
+        def look() -> bool:
+            states.append(machine.supervisor.state.value)
+            each(len(states), machine)
+            return live.look()
+
+        forced = announced(live.forced_stop, machine, notify=rig.said.append)
+        return rig, prepared.run(Watch(stop_asked=look, torque_off_asked=forced, why=live.why)), states
+
+
+def goals_of(result: RunResult) -> FloatArray:
+    """Goals sent, (T, n) rad."""
+    assert result.record.robot is not None and result.robot is not None
+    return result.record.robot.q[:, result.robot.servo_columns]
+
+
+@cache
+def clutched() -> tuple[LiveRig, RunResult, list[str]]:
+    """Let go during the approach, and for longer than a hold may last while it follows."""
+    held = grip(lambda poll: not any(begun <= (poll - 1) * DT < ended for begun, ended in LET_GO))
+    return played(held, seconds=SECONDS, dead_man=True)
+
+
+def test_nothing_moves_before_it_is_held() -> None:
+    stop = Script(lambda poll: [(Asked.STOP, "enough")] if poll * DT > 2.0 else [])
+    _, result, states = played(stop, seconds=1.0, dead_man=True)
+    goals = goals_of(result)[result.record.phase == Phase.APPROACH]
+    assert len(goals) > 1.9 / DT and np.abs(goals - goals[0]).max() == 0.0
+    assert set(states) == {"approach", "hold"}
+    assert not (result.record.phase == Phase.FOLLOW).any()
+
+
+def test_let_go_it_holds_within_two_ticks_and_stands_soon() -> None:
+    _, result, states = clutched()
+    steps = np.abs(np.diff(goals_of(result), axis=0)).max(axis=1)
+    for begun, ended in LET_GO:
+        first = round(begun / DT)
+        assert steps[first - 3 : first].max() > 1e-4, "it moved"
+        assert "hold" in states[first : first + 4], states[first - 1 : first + 8]
+        still = slice(first + round(0.35 / DT), first + round((ended - begun) / DT) - 1)
+        assert steps[still].max() == 0.0, begun
+
+
+def test_taken_up_again_it_moves_within_limits_and_not_at_once() -> None:
+    _, result, _ = clutched()
+    goals, robot = goals_of(result), result.robot
+    assert robot is not None and result.record.robot is not None
+    joints = robot.joint_map
+    velocity = np.diff(goals, axis=0) / DT
+    acceleration = np.diff(velocity, axis=0) / DT
+    assert (np.abs(velocity) <= joints.max_velocity * 1.001).all()
+    assert (np.abs(acceleration) <= joints.max_acceleration * 1.001).all()
+    # Back on the way of the approach slowly: no faster than it was laid out.
+    share = robot.profile.safety.speed_caps.approach
+    back = slice(round(LET_GO[0][1] / DT), round(LET_GO[0][1] / DT) + 40)
+    assert (np.abs(velocity[back]) <= share * joints.max_velocity * 1.05).all()
+    steps = np.abs(np.diff(goals, axis=0)).max(axis=1)
+    again = round(LET_GO[1][1] / DT)
+    assert steps[again : again + round(0.49 / DT)].max() == 0.0
+    assert steps[again + round(0.5 / DT) :].max() > 0.0
+
+
+def test_a_hold_on_purpose_does_not_end_the_run_and_the_approach_is_gone_to_its_end() -> None:
+    rig, result, _ = clutched()
+    assert result.stop is None and LET_GO[1][1] - LET_GO[1][0] > LONGEST_HOLD_S
+    assert rig.said.count(GRIPS[False][1]) == 2 and rig.said.count(GRIPS[True][1]) == 3
+    phases = result.record.phase
+    assert (phases[: round(LET_GO[0][0] / DT)] == Phase.APPROACH).all() and (phases == Phase.FOLLOW).any()
+    assert result.record.robot is not None
+    assert not result.record.robot.gated[phases == Phase.APPROACH].any()
+
+
+def test_held_on_purpose_for_too_long_it_is_to_stop() -> None:
+    rig = rigged()
+    with rig.prepared() as prepared:
+        asked: dict[int, tuple[Asked, str]] = {2: (Asked.HOLD, ""), 4: (Asked.PAUSE, ""), 5: (Asked.PAUSE, "")}
+        controls = controls_of(rig, prepared, Script(lambda poll: [asked[poll]] if poll in asked else []))
+        seen = []
+        for seconds in (0.0, 0.0, LONGEST_S - 1.0, 0.0, 0.0, LONGEST_S - 1.0, 1.1):
+            rig.clock.advance(seconds)
+            seen.append(controls.look())
+        assert seen == [False] * 6 + [True]
+        shows(controls.why())
+
+
+@pytest.mark.parametrize("held", [True, False])
+def test_a_pause_counts_whatever_is_held(held: bool) -> None:
+    rig = rigged()
+    with rig.prepared() as prepared:
+        keys = Typed({2: "p", 3: "p"})
+        controls = controls_of(rig, prepared, grip(lambda poll: held), keys, dead_man=True)
+        assert isinstance(prepared.samples, LivePerformer)
+        seen = []
+        for _ in range(3):
+            controls.look()
+            seen.append((controls.engaged, prepared.samples.engagement.wanted))
+        assert seen == [(held, held), (False, False), (held, held)]
+        shows(rig.said[-1])
+
+
+def test_the_space_bar_stops_and_the_robot_goes_to_rest() -> None:
+    rig, result, _ = played(Typed({500: " "}))
+    assert result.stop is not None and result.stop.reason == SPACE
+    shows(rig.said)
+    assert not rig.bus.torque_on
+    robot, sent = result.robot, result.record.robot
+    assert robot is not None and sent is not None
+    rest = robot.posture(robot.profile.postures.rest)[robot.servo_columns]
+    away = np.abs(sent.q[:, robot.servo_columns] - rest).max(axis=1)
+    braking = np.flatnonzero(result.record.phase == Phase.BRAKE)
+    braking = braking[braking > 500 - 10]
+    assert away[-1] < 1e-6 < away[braking[0]] and len(braking) * result.clip.dt <= 4.0
+
+
+def test_the_space_bar_again_switches_torque_off_at_once_and_a_held_one_does_not() -> None:
+    """Held: repeats 30 times a second after half a second, and two that are read at once."""
+    _, once, _ = played(Typed({500: " "}))
+    rig, twice, _ = played(Typed({500: " ", 660: " "}))
+    assert len(twice.record) < 660 < len(once.record) - 60
+    assert not rig.bus.torque_on and twice.stop is not None
+    shows(twice.stop.reason)
+    rig, held, _ = played(Typed({500: " ", 502: "  "} | dict.fromkeys(range(562, 1000, 4), " ")))
+    assert len(held.record) == len(once.record) and sum("stopping" in text for text in rig.said) == 1
+    assert held.stop is not None and held.stop.reason == SPACE
+
+
+def test_a_pause_holds_and_goes_on() -> None:
+    rig, result, _ = played(Typed({450: "p", 550: "p"}))
+    assert rig.said.count("paused: the robot holds; p goes on") == rig.said.count("going on") == 1
+    assert rig.said.count("the performer is followed") == 2
+    assert result.stop is None
+
+
+def test_a_new_heading_is_taken_without_a_jump() -> None:
+    rig, result, _ = played(Typed({450: "h"}))
+    shows(rig.said)
+    assert rig.said.count("the performer is followed") == 2
+    steps = np.linalg.norm(np.diff(result.clip.frames.position, axis=0), axis=2)
+    assert np.nanmax(steps) < 0.05 and result.stop is None
+
+
+def test_a_file_that_appears_stops_the_robot(tmp_path: Path) -> None:
+    file = tmp_path / "stop"
+    rig, result, _ = played(StopFile(file), each=lambda look, machine: file.touch() if look == 451 else None)
+    shows(rig.said, file)
+    assert result.stop is not None and result.reason == result.stop.reason == f"{file} is there"
+
+
+class Unreadable(type(Path())):  # type: ignore[misc]
+    """A file of a drive that has failed, from some look on."""
+
+    failed = False
+
+    def lstat(self) -> os.stat_result:
+        """Fail to look."""
+        raise OSError(errno.EIO, os.strerror(errno.EIO)) if self.failed else FileNotFoundError
+
+
+def test_a_file_that_cannot_be_looked_for_stops_the_robot_as_well() -> None:
+    """It brakes and goes to rest as ever, and checks that fail meanwhile switch no torque off."""
+    file = Unreadable("stop")
+    _, result, _ = played(StopFile(file), each=lambda look, machine: setattr(file, "failed", look > 430))
+    _, asked, _ = played(Typed({432: " "}))
+    assert result.stop is not None and abs(len(result.record) - len(asked.record)) < 10
+    assert result.stop.reason == f"stop cannot be looked for ({os.strerror(errno.EIO)})"
+
+
+def test_why_the_robot_stops_is_reported_while_it_does() -> None:
+    """Once, of a servo that reports an error, without a key pressed."""
+    torque: list[bool] = []
+
+    def each(look: int, machine: Machine) -> None:
+        if look == 450:
+            machine.guard.latch(StopCause.SERVO_ALERT, "servo reports overload: l_knee (id 11)")
+
+    rig, _, _ = played(each=each)
+    (line,) = [text for text in rig.said if "stopping" in text]
+    shows(line)
+    rig = rigged()
+    with rig.prepared() as prepared:
+        machine = prepared.machine
+        assert machine is not None
+
+        def gone(text: str) -> None:
+            torque.append(True)
+            raise BrokenPipeError
+
+        asked = announced(lambda: True, machine, notify=gone)
+        assert asked() and not torque, "nothing stops"
+        machine.guard.latch(StopCause.REQUESTED, "SIGTERM")
+        assert asked() and asked() and torque == [True], "once, also on a terminal that is gone"
+
+
+def test_a_stop_is_requested_before_anything_is_reported() -> None:
+    """Also where the terminal is gone."""
+    rig = rigged()
+
+    def gone(text: str) -> None:
+        raise BrokenPipeError
+
+    with rig.prepared() as prepared:
+        controls = controls_of(rig, prepared, Typed({1: " p"}))
+        controls._notify = gone
+        with pytest.raises(BrokenPipeError):
+            controls.look()
+        assert controls.why() == SPACE and not controls.engaged
+
+
+def test_a_socket_holds_stops_and_answers_and_gives_no_motion(tmp_path: Path) -> None:
+    answers: dict[int, str] = {}
+    words = {450: "status", 460: "hold", 480: "resume", 490: "status", 600: "stop"}
+    rig = rigged(5.0)
+    with rig.prepared() as prepared:
+        machine = prepared.machine
+        assert machine is not None
+        server = ControlSocket(tmp_path / "control", status=lambda: controls.status())
+        controls, looks = controls_of(rig, prepared, server), 0
+        with connect_to(server.path) as client:
+
+            def look() -> bool:
+                nonlocal looks
+                looks += 1
+                if looks in words:
+                    client.sendall(words[looks].encode() + b"\n")
+                if looks - 1 in words:
+                    answers[looks - 1] = client.recv(500).decode()
+                return controls.look()
+
+            result = prepared.run(Watch(stop_asked=look, torque_off_asked=controls.forced_stop, why=controls.why))
+            answers[600] = client.recv(500).decode()
+        server.close()
+    assert json.loads(answers[450]) == {"state": "follow", "followed": True, "let_go": False, "stop": None}
+    assert answers[460] == "ok holding\n" and answers[600] == "ok stopping\n"
+    assert answers[480].startswith("error: found 'resume', allowed: stop, torque_off, hold, status")
+    assert json.loads(answers[490]) == {"state": "hold", "followed": False, "let_go": True, "stop": None}
+    shows(rig.said)
+    assert rig.said.count("the performer is followed") == 1
+    assert result.stop is not None and result.stop.reason == STOPPED_BY and not rig.bus.torque_on
+
+
+def test_torque_off_is_at_once() -> None:
+    forced = Script(lambda poll: [(Asked.TORQUE_OFF, STOPPED_BY)] if poll == 500 else [])
+    rig, result, _ = played(forced)
+    assert not rig.bus.torque_on and result.stop is not None
+    shows(result.stop.reason)
+
+
+@pytest.mark.parametrize(
+    ("status", "words"),
+    [
+        (LiveStatus("follow", True, False, None), "following"),
+        (LiveStatus("hold", False, False, None), "holding"),
+        (LiveStatus("approach", True, False, None), "approaching the performer"),
+        (LiveStatus("hold", False, True, None), "paused: holding"),
+        (LiveStatus("stopping", True, True, "SIGTERM"), "stopping"),
+        (LiveStatus("go to rest", True, False, None), "stopping"),
+        (LiveStatus(None, True, False, None), "following"),
+    ],
+)
+def test_words(status: LiveStatus, words: str) -> None:
+    assert words_for(status) == words
+
+
+class Terminal(io.StringIO):
+    """One that a person looks at."""
+
+    def isatty(self) -> bool:
+        """Yes."""
+        return True
+
+
+@pytest.mark.parametrize("screen", [Terminal(), io.StringIO()])
+def test_a_terminal_shows_it_and_a_pipe_gets_nothing(screen: io.StringIO, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stderr", screen)
+    monkeypatch.setenv("TERM", "xterm")
+    with live_state("op3", lambda: "holding"):
+        pass
+    shown = screen.getvalue()
+    assert ("op3" in shown and "holding" in shown and "0:00:00" in shown) if screen.isatty() else not shown
+    assert "%" not in shown

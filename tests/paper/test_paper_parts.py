@@ -1,0 +1,138 @@
+"""Parts of the paper's experiments: recordings, outlines, cycles, made motions, and the law of damping."""
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.paper.cycles import crouch_cycles
+from benchmarks.paper.damping_law import BALL, DampedPoint, damped_points
+from benchmarks.paper.made_motion import made_jog, made_jump
+from benchmarks.paper.outlines import scene_outlines
+from benchmarks.paper.replay import replay
+from benchmarks.paper.trials import CROUCH, find_trial, read_trial
+from messages import refuses
+from retarget.errors import UsageError
+from retarget.frames import SensorFrames
+from retarget.schema.priorities import load_priorities
+from retarget.schema.scene import Scene
+from retarget.types import FloatArray
+from sim.performer import CYCLES, synthetic_performer
+
+# Recordings are found by trial, AMC first, anywhere below a folder.
+
+
+def test_an_amc_comes_before_a_bvh(tmp_path: Path) -> None:
+    for name in ("a/02_06.bvh", "b/deep/02_06.amc"):
+        (tmp_path / name).parent.mkdir(parents=True)
+        (tmp_path / name).touch()
+    assert find_trial(tmp_path, CROUCH) == tmp_path / "b/deep/02_06.amc"
+
+
+def test_what_is_not_there_is_none(tmp_path: Path) -> None:
+    assert find_trial(tmp_path, CROUCH) is None and read_trial(None, CROUCH) is None
+
+
+def test_no_folder(tmp_path: Path) -> None:
+    with refuses(UsageError, "--mocap"):
+        find_trial(tmp_path / "nowhere", CROUCH)
+
+
+# Outlines: a sphere is a circle, a cylinder along its axis too, and zones are wider by the influence.
+
+
+def scene(shape: dict[str, object]) -> Scene:
+    obstacle = {"shape": shape, "influence": 0.2, "margin": 0.0}
+    return Scene.model_validate({"name": "one", "description": "one", "obstacles": {"thing": obstacle}})
+
+
+def along_y(points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    return points[:, 0], points[:, 2], -points[:, 1]
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        {"sphere": {"at": (1.0, 2.0, 3.0), "radius": 0.5}},
+        {"cylinder": {"from": (1.0, 1.0, 3.0), "to": (1.0, 3.0, 3.0), "radius": 0.5}},
+    ],
+)
+def test_seen_along_the_axis_both_are_circles(shape: dict[str, object]) -> None:
+    (outline,) = scene_outlines(scene(shape), along_y)
+    for corners, radius in ((outline.solid, 0.5), (outline.zone, 0.7)):
+        np.testing.assert_allclose(np.linalg.norm(corners - [1.0, 3.0], axis=1), radius, atol=2e-3)
+    assert outline.near == pytest.approx(-2.0)
+
+
+# Crouch cycles are found by the head alone.
+
+
+def test_the_synthetic_performer_crouches_so_often() -> None:
+    frames = synthetic_performer()
+    head = frames.position[:, frames.index("head"), 2]
+    cycles = crouch_cycles(head)
+    assert len(cycles) == CYCLES
+    assert cycles[0].start == 0 and cycles[-1].stop == len(frames)
+    assert all(a.stop == b.start for a, b in pairwise(cycles))
+    assert all(head[cycle].min() < 0.7 * head[0] for cycle in cycles)
+
+
+def test_who_only_stands_has_no_cycle() -> None:
+    assert crouch_cycles(np.full(100, 1.6)) == []
+
+
+# The made jog and jump are motions of a human: they leave the ground, and five sensors bring them back.
+
+
+@pytest.mark.parametrize("frames", [made_jog(), made_jump()], ids=["jog", "jump"])
+def test_they_are_reconstructed(frames: SensorFrames) -> None:
+    ankles = frames.position[:, [frames.index("l_ankle"), frames.index("r_ankle")], 2].min(axis=1)
+    assert ankles.min() > 0.03 and np.ptp(ankles) > 0.02
+    speed = np.linalg.norm(np.diff(frames.position, axis=0), axis=-1).max() * frames.rate_hz
+    assert speed < 12.0
+    errors = replay(frames, load_priorities("paper")).errors_mm
+    assert np.nanmean(errors) < 5.0
+
+
+def test_the_jump_is_high_and_the_jog_goes_forward() -> None:
+    jump, jog = made_jump(), made_jog()
+    head = jump.position[:, jump.index("head"), 2]
+    assert 0.25 < head.max() - head[0] < 0.5
+    assert np.ptp(jog.position[:, jog.index("head"), 0]) > 3.0
+
+
+# Figure 4: what the compiled solver leaves of four displacements beside a sphere, against the law written out.
+
+
+@pytest.fixture(scope="module")
+def points() -> dict[str, DampedPoint]:
+    return {point.name: point for point in damped_points()}
+
+
+def test_outside_and_moving_away_nothing_is_altered(points: dict[str, DampedPoint]) -> None:
+    for name in ("e1", "e4"):
+        assert not points[name].acted
+        np.testing.assert_allclose(points[name].got, points[name].asked, atol=1e-9)
+
+
+def test_only_the_normal_motion_is_damped_by_alpha(points: dict[str, DampedPoint]) -> None:
+    for name in ("e2", "e3"):
+        point = points[name]
+        asked, got = point.asked @ point.normal, point.got @ point.normal
+        assert point.acted and asked < 0.0
+        assert got == pytest.approx(point.share * asked, abs=1e-9)
+        np.testing.assert_allclose(point.got - got * point.normal, point.asked - asked * point.normal, atol=1e-9)
+
+
+def test_the_nearer_is_damped_more(points: dict[str, DampedPoint]) -> None:
+    far, near = points["e2"], points["e3"]
+    assert np.linalg.norm(near.position) < np.linalg.norm(far.position)
+    assert 0.0 < near.share < far.share < 1.0
+
+
+def test_the_four_are_where_the_figure_has_them(points: dict[str, DampedPoint]) -> None:
+    distance = {name: float(np.linalg.norm(point.position)) - BALL.radius for name, point in points.items()}
+    assert distance["e1"] > BALL.influence
+    assert all(0.0 < distance[name] < BALL.influence for name in ("e2", "e3", "e4"))
+    assert points["e4"].asked @ points["e4"].normal > 0.0

@@ -1,0 +1,412 @@
+"""The bodies of shipped robots against published numbers: joints, lengths, where the weight is in known poses.
+
+And the postures of their profiles against statics, and the numbers of their servos.
+"""
+
+import math
+
+import mujoco
+import numpy as np
+import pytest
+
+from posed_body import PosedBody
+from retarget.model.robot import load_profile
+
+Triple = tuple[float, float, float]
+Anchors = dict[str, tuple[Triple, Triple]]
+
+
+@pytest.fixture(scope="module")
+def op3() -> PosedBody:
+    return PosedBody(load_profile("op3"))
+
+
+@pytest.fixture(scope="module")
+def wolfgang() -> PosedBody:
+    return PosedBody(load_profile("wolfgang"))
+
+
+@pytest.fixture(scope="module")
+def poppy() -> PosedBody:
+    return PosedBody(load_profile("poppy"))
+
+
+def assert_anchors(body: PosedBody, expected: Anchors, *, atol: float, axis_atol: float) -> None:
+    for joint, (place, direction) in expected.items():
+        anchor, axis = body.anchor(joint)
+        np.testing.assert_allclose(anchor, place, atol=atol, err_msg=joint)
+        np.testing.assert_allclose(axis, direction, atol=axis_atol, err_msg=joint)
+
+
+# OP3.
+
+# Zero-pose joint anchors in the base frame, m, and axes: computed from ROBOTIS' own model.
+OP3_LEFT: Anchors = {
+    "l_sho_pitch": ((-0.001, 0.06, 0.111), (0, 1, 0)),
+    "l_sho_roll": ((0.018, 0.0885, 0.101), (-1, 0, 0)),
+    "l_el": ((0.018, 0.1789, 0.1009), (1, 0, 0)),
+    "l_hip_yaw": ((0, 0.035, 0), (0, 0, -1)),
+    "l_hip_roll": ((-0.024, 0.035, -0.0285), (-1, 0, 0)),
+    "l_hip_pitch": ((0.0001, 0.054, -0.0285), (0, 1, 0)),
+    "l_knee": ((0.0001, 0.054, -0.13865), (0, 1, 0)),
+    "l_ank_pitch": ((0.0001, 0.054, -0.24865), (0, -1, 0)),
+    "l_ank_roll": ((-0.024, 0.035, -0.24865), (1, 0, 0)),
+}
+PITCH = ("sho_pitch", "hip_pitch", "knee", "ank_pitch")
+OP3_RIGHT: Anchors = {
+    "r" + name[1:]: ((x, -y, z), (-a, -b, -c) if name[2:] in PITCH else (a, b, c))
+    for name, ((x, y, z), (a, b, c)) in OP3_LEFT.items()
+}
+OP3_HEAD: Anchors = {"head_pan": ((-0.001, 0, 0.1365), (0, 0, 1)), "head_tilt": ((0.009, 0.019, 0.165), (0, -1, 0))}
+
+# Stand frame (middle of the soles, made level): centre of mass, m. Poses of ROBOTIS' software, rad.
+OP3_ZERO: dict[str, float] = {}
+OP3_STANDUP = {
+    "r_sho_pitch": 0.087437, "l_sho_pitch": -0.088971, "r_sho_roll": -0.794602, "l_sho_roll": 0.793068,
+    "r_el": 0.788466, "l_el": -0.79, "l_hip_yaw": -0.001534, "r_hip_roll": 0.044485, "l_hip_roll": -0.046019,
+    "r_hip_pitch": 0.161068, "l_hip_pitch": -0.162602, "r_knee": -0.233165, "l_knee": 0.231631,
+    "r_ank_pitch": -0.158, "l_ank_pitch": 0.156466, "r_ank_roll": 0.021476, "l_ank_roll": -0.02301,
+    "head_pan": 0.148796, "head_tilt": -0.006136,
+}  # fmt: skip
+OP3_WALK_READY = {
+    "r_sho_pitch": 0.088971, "l_sho_pitch": -0.088971, "r_sho_roll": -0.785398, "l_sho_roll": 0.786932,
+    "r_el": 0.78233, "l_el": -0.785398, "r_hip_yaw": -0.003068, "l_hip_yaw": -0.001534, "r_hip_roll": 0.035282,
+    "l_hip_roll": -0.036816, "r_hip_pitch": 0.490874, "l_hip_pitch": -0.493942, "r_knee": -0.886641,
+    "l_knee": 0.883573, "r_ank_pitch": -0.490874, "l_ank_pitch": 0.490874, "r_ank_roll": 0.033748,
+    "l_ank_roll": -0.03835, "head_pan": -0.003068, "head_tilt": -0.17334,
+}  # fmt: skip
+OP3_CROUCH = {
+    "r_sho_pitch": 0.261799, "l_sho_pitch": -0.261799, "r_sho_roll": -0.785398, "l_sho_roll": 0.785398,
+    "r_el": 0.785398, "l_el": -0.785398, "r_hip_pitch": 1.22173, "l_hip_pitch": -1.22173, "r_knee": -2.478368,
+    "l_knee": 2.478368, "r_ank_pitch": -1.22173, "l_ank_pitch": 1.22173, "head_tilt": -0.174533,
+}  # fmt: skip
+OP3_POSES = [
+    (OP3_ZERO, (-0.010568, 0.000072, 0.274312)),
+    (OP3_STANDUP, (0.003469, 0.000027, 0.265685)),
+    (OP3_WALK_READY, (0.007188, -0.000391, 0.250229)),
+    (OP3_CROUCH, (-0.004291, 0.000072, 0.149202)),
+]
+OP3_POSTURES = ("neutral", "stand", "rest", "attractor")
+
+
+def test_size_and_mass(op3: PosedBody) -> None:
+    assert (op3.model.nq, op3.model.nv, op3.model.nu) == (27, 26, 20)
+    assert op3.model.body_mass.sum() == pytest.approx(3.14747, abs=1e-9)
+
+
+def test_op3_anchors_and_axes_at_the_zero_pose(op3: PosedBody) -> None:
+    assert_anchors(op3.pose({}), OP3_LEFT | OP3_RIGHT | OP3_HEAD, atol=1e-9, axis_atol=1e-9)
+
+
+@pytest.mark.parametrize(("joints", "com"), OP3_POSES)
+def test_op3_centre_of_mass_of_published_poses(op3: PosedBody, joints: dict[str, float], com: Triple) -> None:
+    np.testing.assert_allclose(op3.pose(joints).com_in_stand_frame(), com, atol=2e-6)
+
+
+def test_joint_ranges_are_those_of_the_servos(op3: PosedBody) -> None:
+    for joint, servo in op3.profile.servos.items():
+        np.testing.assert_allclose(op3.model.joint(joint).range, servo.limits, atol=1e-6)
+
+
+def test_servo_ids_follow_the_actuators(op3: PosedBody) -> None:
+    names = [op3.model.actuator(index).name for index in range(op3.model.nu)]
+    assert names == sorted(op3.profile.servos, key=lambda joint: op3.profile.servos[joint].id)
+    assert list(op3.profile.servos) == names
+
+
+def test_a_pose_that_touches_is_seen(op3: PosedBody) -> None:
+    assert ("l_hip_roll_link", "l_ank_pitch_link") in op3.pose(OP3_CROUCH).touching()
+
+
+@pytest.mark.parametrize("name", [name for name in OP3_POSTURES if name != "rest"])
+def test_postures_stand_flat_and_balanced(op3: PosedBody, name: str) -> None:
+    op3.pose(getattr(op3.profile.postures, name))
+    for foot in op3.profile.feet.values():
+        np.testing.assert_allclose(op3.frame(foot.frame)[1], np.eye(3), atol=1e-9)
+    assert np.ptp(op3.sole_corners()[:, 2]) < 1e-9
+    assert op3.support_margin() > 0.05
+    assert abs(op3.com_in_stand_frame()[0]) < 0.01
+
+
+def test_at_rest_it_leans_so_that_torso_and_arms_balance(op3: PosedBody) -> None:
+    op3.pose(op3.profile.postures.rest)
+    left, right = (op3.frame(foot.frame)[1] for foot in op3.profile.feet.values())
+    np.testing.assert_allclose(left, right, atol=1e-9)
+    np.testing.assert_allclose(left[:, 1], [0.0, 1.0, 0.0], atol=1e-9)  # forward, not aside
+    assert 0.0 < np.degrees(np.arccos(left[0, 0])) < 5.0
+
+
+def test_postures_are_mirror_images(op3: PosedBody) -> None:
+    for name in OP3_POSTURES:
+        op3.pose(getattr(op3.profile.postures, name))
+        for frame in [frame for frame in op3.profile.frames if frame.startswith("l_")]:
+            np.testing.assert_allclose(op3.at(frame) * (1, -1, 1), op3.at("r" + frame[1:]), atol=1e-9)
+
+
+def test_soles_start_on_the_ground(op3: PosedBody) -> None:
+    op3.pose({})
+    assert op3.at("l_sole")[2] == pytest.approx(0.0, abs=1e-9)
+    assert op3.data.geom("l_foot_wide").xpos[2] - 0.004 == pytest.approx(0.0, abs=1e-9)
+
+
+def test_landmarks_ask_for_less_than_the_stretched_limb(op3: PosedBody) -> None:
+    op3.pose({})
+    landmarks = op3.profile.landmarks
+    arm = np.linalg.norm(op3.at("l_hand") - op3.at("l_shoulder"))
+    leg = np.linalg.norm(op3.at("l_ankle") - op3.at("l_hip"))
+    assert arm - 0.015 < landmarks["l_hand"].robot_length < arm
+    assert leg - 0.015 < landmarks["l_sole"].robot_length < leg
+    assert landmarks["pelvis"].robot_length == landmarks["l_sole"].robot_length
+    trunk = op3.at("head") - op3.at("pelvis")
+    assert landmarks["head"].robot_length == pytest.approx(np.linalg.norm(trunk), abs=1e-3)
+    np.testing.assert_allclose(op3.at("l_sole") - op3.at("l_ankle"), landmarks["l_sole"].offset, atol=2e-4)
+
+
+def test_observers_cover_their_links_loosely(op3: PosedBody) -> None:
+    """Ends of each capsule lie inside the shell of its link, so that none floats off it."""
+    for name, observer in op3.profile.observers.items():
+        capsule = observer.shape.capsule
+        if capsule is None:
+            continue
+        shell = op3.model.geom(observer.link.removesuffix("_link") + "_shell")
+        for end in (capsule.start, capsule.end):
+            assert np.all(np.abs(np.array(end) - shell.pos) <= shell.size), name
+
+
+# Wolfgang.
+
+# Zero-pose joint anchors in the torso's frame, m, and axes; computed from the team's URDF.
+WOLFGANG_RIGHT: Anchors = {
+    "RShoulderPitch": ((-0.0015, -0.0765, 0.2035), (0, -1, 0)),
+    "RShoulderRoll": ((0.01545, -0.1185, 0.2035), (-1, 0, 0)),
+    "RElbow": ((-0.00805, -0.0945, 0.0595), (0, 1, 0)),
+    "RHipYaw": ((0, -0.055, 0), (0, 0, -1)),
+    "RHipRoll": ((-0.046, -0.055, -0.0414), (1, 0, 0)),
+    "RHipPitch": ((0.0231, -0.0285, -0.0414), (0, 1, 0)),
+    "RKnee": ((0.0192, -0.0795, -0.2104), (0, -1, 0)),
+    "RAnklePitch": ((0.0632, -0.029, -0.3747), (0, -1, 0)),
+    "RAnkleRoll": ((-0.0036, -0.055, -0.3925), (-0.966, 0, -0.259)),
+}
+WOLFGANG_LEFT: Anchors = {
+    "LShoulderPitch": ((-0.0015, 0.0765, 0.2035), (0, 1, 0)),
+    "LShoulderRoll": ((0.0155, 0.1185, 0.2035), (-1, 0, 0)),
+    "LElbow": ((-0.008, 0.0945, 0.0595), (0, -1, 0)),
+    "LHipYaw": ((0, 0.055, 0), (0, 0, -1)),
+    "LHipRoll": ((-0.046, 0.055, -0.0414), (1, 0, 0)),
+    "LHipPitch": ((0.0231, 0.029, -0.0414), (0, -1, 0)),
+    "LKnee": ((0.0187, 0.078, -0.2102), (0, 1, 0)),
+    "LAnklePitch": ((0.0627, 0.0275, -0.3744), (0, 1, 0)),
+    "LAnkleRoll": ((-0.004, 0.0535, -0.3923), (-0.966, 0, -0.259)),
+}
+WOLFGANG_HEAD: Anchors = {
+    "HeadPan": ((-0.0095, 0, 0.2345), (0, 0, 1)),
+    "HeadTilt": ((0.0265, -0.0235, 0.2585), (0, -1, 0)),
+}
+EXPORT_SLIP = 1.7e-3  # [m] by which the URDF's left leg misses the mirror image of the right one
+
+WOLFGANG_WALK_READY = {
+    "LShoulderPitch": 0.599379, "LShoulderRoll": -0.001778, "LElbow": 0.303843, "RShoulderPitch": -0.602554,
+    "RShoulderRoll": 0.001772, "RElbow": -0.304506, "LHipYaw": -0.016442, "LHipRoll": 0.072538, "LHipPitch": 0.742081,
+    "LKnee": 1.334528, "LAnklePitch": -0.55374, "LAnkleRoll": 0.074374, "RHipYaw": 0.023628, "RHipRoll": -0.104018,
+    "RHipPitch": -0.735263, "RKnee": -1.322842, "RAnklePitch": 0.549504, "RAnkleRoll": -0.129135,
+}  # fmt: skip
+WOLFGANG_PARTLY_BENT = {
+    "LHipPitch": 0.7, "LKnee": 1.0, "LAnklePitch": -0.4, "RHipPitch": -0.7, "RKnee": -1.0, "RAnklePitch": 0.4,
+}  # fmt: skip
+# Centre of mass, m, in the stand frame, with the kilogram on the torso.
+WOLFGANG_POSES: list[tuple[dict[str, float], Triple]] = [
+    ({}, (0.0339, -0.0007, 0.4203)),
+    (WOLFGANG_WALK_READY, (0.0013, 0.007, 0.3921)),
+    (WOLFGANG_PARTLY_BENT, (0.0239, -0.0007, 0.4066)),
+]
+
+
+def test_wolfgang_anchors_and_axes_at_the_zero_pose(wolfgang: PosedBody) -> None:
+    """The left side is that of the model but for its slip."""
+    assert_anchors(wolfgang.pose({}), WOLFGANG_RIGHT | WOLFGANG_HEAD, atol=6e-5, axis_atol=2e-4)
+    assert_anchors(wolfgang.pose({}), WOLFGANG_LEFT, atol=EXPORT_SLIP, axis_atol=2e-4)
+
+
+@pytest.mark.parametrize(("joints", "com"), WOLFGANG_POSES)
+def test_wolfgang_centre_of_mass_of_published_poses(wolfgang: PosedBody, joints: dict[str, float], com: Triple) -> None:
+    np.testing.assert_allclose(wolfgang.pose(joints).com_in_stand_frame(), com, atol=EXPORT_SLIP)
+
+
+def test_lengths(wolfgang: PosedBody) -> None:
+    wolfgang.pose({})
+    hip, knee, ankle = (wolfgang.anchor(joint)[0] for joint in ("RHipPitch", "RKnee", "RAnklePitch"))
+    across = np.array([1.0, 0.0, 1.0])  # seen from the side
+    assert np.linalg.norm((knee - hip) * across) == pytest.approx(0.16904, abs=1e-4)
+    assert np.linalg.norm((ankle - knee) * across) == pytest.approx(0.17, abs=1e-4)
+    elbow = wolfgang.anchor("RElbow")[0] + wolfgang.data.qpos[:3]
+    assert np.linalg.norm(wolfgang.at("r_hand") - elbow) == pytest.approx(0.225182, abs=1e-4)
+    sole, axes = wolfgang.frame("r_sole")
+    assert (axes.T @ (wolfgang.at("r_ankle") - sole))[2] == pytest.approx(0.05, abs=1e-5)
+    np.testing.assert_allclose(wolfgang.at("r_ankle")[[0, 2]] - wolfgang.data.qpos[[0, 2]], ankle[[0, 2]], atol=2e-4)
+
+
+def test_a_straight_leg_is_15_degrees_from_zero(wolfgang: PosedBody) -> None:
+    """Standing height with straight legs: 0.794 m; base upright, soles level."""
+    wolfgang.pose({"LKnee": 0.261799, "RKnee": -0.261799})
+    sole, axes = wolfgang.frame("l_sole")
+    np.testing.assert_allclose(axes, np.eye(3), atol=1e-5)
+    head = wolfgang.model.geom("head_shell")
+    top = wolfgang.data.geom("head_shell").xpos[2] + head.size[2]
+    assert top - sole[2] == pytest.approx(0.794, abs=1e-3)
+    straight = wolfgang.com_in_stand_frame()
+    bent = wolfgang.pose(wolfgang.profile.postures.stand).com_in_stand_frame()
+    assert bent[2] < straight[2] - 0.005
+
+
+def test_it_stands_on_its_cleats(wolfgang: PosedBody) -> None:
+    """Lowest points of the cleats are the corners of the support polygon."""
+    wolfgang.pose(wolfgang.profile.postures.stand)
+    names = [wolfgang.model.geom(index).name for index in range(wolfgang.model.ngeom)]
+    cleats = [name for name in names if "cleat" in name]
+    assert len(cleats) == 8
+    lowest = np.array([wolfgang.data.geom(name).xpos - (0, 0, wolfgang.model.geom(name).size[0]) for name in cleats])
+    corners = wolfgang.sole_corners()
+    for corner in corners:
+        assert np.linalg.norm(lowest - corner, axis=1).min() < 1e-5
+    plate = wolfgang.data.geom("l_foot_shell").xpos[2] - wolfgang.model.geom("l_foot_shell").size[2]
+    assert plate > corners[:, 2].max() + 0.008
+
+
+def test_wolfgang_servos(wolfgang: PosedBody) -> None:
+    servos = wolfgang.profile.servos
+    models = [servo.model for servo in servos.values()]
+    assert (models.count("MX-64"), models.count("MX-106"), models.count("XH540-W270")) == (8, 10, 2)
+    assert {joint for joint, servo in servos.items() if servo.model == "XH540-W270"} == {"LKnee", "RKnee"}
+    assert [servo.id for servo in servos.values()] == list(range(1, 21))
+    assert {(servo.direction, servo.zero_tick) for servo in servos.values()} == {(1, 2048)}
+    assert {servo.gains.p for joint, servo in servos.items() if "Knee" in joint} == {4000}
+
+
+# Poppy.
+
+# Joint anchors in the pelvis' frame, m, and axes of the model at its own zero, arms out to the sides: computed.
+# Where the servo turns the other way than the model's axis (direction -1), the software's angle does too.
+T_POSE: Anchors = {
+    "l_hip_x": ((0, 0.0225, 0), (-1, 0, 0)),
+    "l_hip_z": ((0.005, 0.0665, 0), (0, 0, -1)),
+    "l_hip_y": ((0.005, 0.0665, -0.024), (0, 1, 0)),
+    "l_knee_y": ((0.005, 0.0665, -0.206), (0, 1, 0)),
+    "l_ankle_y": ((0.005, 0.0665, -0.386), (0, 1, 0)),
+    "r_hip_x": ((0, -0.0225, 0), (-1, 0, 0)),
+    "r_hip_z": ((0.005, -0.0665, 0), (0, 0, -1)),
+    "r_hip_y": ((0.005, -0.0665, -0.024), (0, -1, 0)),
+    "r_knee_y": ((0.005, -0.0665, -0.206), (0, -1, 0)),
+    "r_ankle_y": ((0.005, -0.0665, -0.386), (0, -1, 0)),
+    "abs_y": ((0.017, 0, 0.061), (0, -1, 0)),
+    "abs_x": ((0.017, 0, 0.061), (1, 0, 0)),
+    "abs_z": ((0.017, 0, 0.1126), (0, 0, 1)),
+    "bust_y": ((0.0198, 0, 0.1925), (0, -1, 0)),
+    "bust_x": ((0.0198, 0, 0.1925), (1, 0, 0)),
+    "head_z": ((0.0248, 0, 0.2765), (0, 0, 1)),
+    "head_y": ((0.0248, 0, 0.2965), (0, -1, 0)),
+    "l_shoulder_y": ((0.0238, 0.0771, 0.2425), (0, 1, 0)),
+    "l_shoulder_x": ((0.0238, 0.1055, 0.2425), (0, 0, -1)),
+    "l_arm_z": ((0.0238, 0.1418, 0.224), (0, 1, 0)),
+    "l_elbow_y": ((0.0238, 0.2535, 0.234), (-1, 0, 0)),
+    "r_shoulder_y": ((0.0238, -0.0771, 0.2425), (0, -1, 0)),
+    "r_shoulder_x": ((0.0238, -0.1055, 0.2425), (0, 0, -1)),
+    "r_arm_z": ((0.0238, -0.1417, 0.224), (0, -1, 0)),
+    "r_elbow_y": ((0.0238, -0.2535, 0.234), (-1, 0, 0)),
+}
+OFFSETS = {"head_y": 20, "l_shoulder_y": 90, "l_shoulder_x": -90, "r_shoulder_y": 90, "r_shoulder_x": 90}  # [degrees]
+TRIM = {"l_hip_y": 2}  # [degrees] of the specimen whose poses are published
+
+# Masses with which the centres of mass below were computed, kg.
+MODEL_MASSES = {
+    "pelvis": 0.1852, "r_hip": 0.08438, "r_hip_motor": 0.08317, "r_thigh": 0.11639, "r_shin": 0.11558,
+    "r_foot": 0.04679, "l_hip": 0.08438, "l_hip_motor": 0.08317, "l_thigh": 0.11485, "l_shin": 0.11558,
+    "l_foot": 0.04683, "abs_motors": 0.16767, "abdomen": 0.03841, "spine": 0.09268, "bust_motors": 0.15888,
+    "chest": 0.26293, "neck": 0.00588, "head": 0.18856, "l_shoulder": 0.00844, "l_shoulder_motor": 0.08281,
+    "l_upper_arm": 0.16814, "l_forearm": 0.04865, "r_shoulder": 0.00848, "r_shoulder_motor": 0.08281,
+    "r_upper_arm": 0.16814, "r_forearm": 0.04865,
+}  # fmt: skip
+STAND_POSITION = {
+    "r_hip_z": -2, "l_hip_z": 2, "r_hip_x": -2, "l_hip_x": 2, "l_shoulder_x": 20, "r_shoulder_x": -20,
+    "l_shoulder_y": 10, "r_shoulder_y": 10, "l_elbow_y": -20, "r_elbow_y": -20, "l_ankle_y": -3, "r_ankle_y": -2,
+    "abs_y": -2, "head_y": 1,
+}  # fmt: skip
+# Degrees of the software, and the centre of mass in the stand frame, m.
+POPPY_POSES: list[tuple[dict[str, int], Triple]] = [
+    ({}, (-0.028215, 7.9e-05, 0.468073)),
+    (STAND_POSITION, (-0.014564, 0.000108, 0.470017)),
+]
+
+
+def in_rad(degrees: dict[str, int]) -> dict[str, float]:
+    """Posture of this body for angles of the software on the specimen with the trim."""
+    return {joint: math.radians(degrees.get(joint, 0) + TRIM.get(joint, 0)) for joint in {*degrees, *TRIM}}
+
+
+def test_poppy_anchors_and_axes_at_the_zero_of_the_model(poppy: PosedBody) -> None:
+    servos = poppy.profile.servos
+    expected: Anchors = {}
+    for joint, (place, (x, y, z)) in T_POSE.items():
+        way = servos[joint].direction
+        expected[joint] = (place, (way * x, way * y, way * z))
+    poppy.pose({name: math.radians(-offset) for name, offset in OFFSETS.items()})
+    assert_anchors(poppy, expected, atol=1e-4, axis_atol=1e-4)
+
+
+@pytest.mark.parametrize(("degrees", "com"), POPPY_POSES)
+def test_poppy_centre_of_mass_of_published_poses(degrees: dict[str, int], com: Triple) -> None:
+    light = PosedBody(load_profile("poppy"))
+    for link, mass in MODEL_MASSES.items():
+        light.model.body(f"{link}_link").mass = mass
+    mujoco.mj_setConst(light.model, light.data)
+    np.testing.assert_allclose(light.pose(in_rad(degrees)).com_in_stand_frame(), com, atol=7e-4)
+
+
+def test_arms_hang_at_zero(poppy: PosedBody) -> None:
+    poppy.pose({})
+    for side in "lr":
+        shoulder, elbow, hand = (poppy.at(f"{side}_{part}") for part in ("shoulder", "elbow", "hand"))
+        assert (elbow - shoulder)[2] == pytest.approx(-0.148, abs=1e-3)
+        np.testing.assert_allclose(hand - elbow, (0, 0, -0.2135), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("joint", "frame", "moved"),
+    [
+        ("l_shoulder_y", "l_hand", "x-"), ("r_shoulder_y", "r_hand", "x-"),
+        ("l_shoulder_x", "l_hand", "y+"), ("r_shoulder_x", "r_hand", "y+"),
+        ("l_elbow_y", "l_hand", "x-"), ("r_elbow_y", "r_hand", "x-"),
+        ("l_hip_x", "l_sole", "y-"), ("r_hip_x", "r_sole", "y-"),
+        ("l_hip_z", "l_toe", "y+"), ("r_hip_z", "r_toe", "y+"),
+        ("l_hip_y", "l_sole", "x-"), ("r_hip_y", "r_sole", "x-"),
+        ("l_knee_y", "l_sole", "x-"), ("r_knee_y", "r_sole", "x-"),
+        ("l_ankle_y", "l_toe", "z-"), ("r_ankle_y", "r_toe", "z-"),
+        ("abs_y", "head", "x+"), ("abs_x", "head", "y+"), ("bust_y", "head", "x+"), ("bust_x", "head", "y+"),
+    ],
+)  # fmt: skip
+def test_where_15_degrees_of_the_software_move_what(poppy: PosedBody, joint: str, frame: str, moved: str) -> None:
+    before = poppy.pose({}).at(frame)
+    way = poppy.pose({joint: math.radians(15)}).at(frame) - before
+    assert way["xyz".index(moved[0])] * float(moved[1] + "1") > 0.005
+
+
+def test_zero_ticks_are_the_offsets_of_the_software(poppy: PosedBody) -> None:
+    for joint, servo in poppy.profile.servos.items():
+        count, turn, centre = (1024, 300.0, 512) if servo.model == "AX-12A" else (4096, 360.0, 2048)
+        raw = servo.direction * OFFSETS.get(joint, 0)
+        assert servo.zero_tick == round(centre + raw * count / turn), joint
+
+
+def test_it_stands_on_the_flat_of_its_soles(poppy: PosedBody) -> None:
+    poppy.pose(poppy.profile.postures.stand)
+    for side, foot in (("l", "left"), ("r", "right")):
+        plate = poppy.model.geom(f"{side}_sole_plate")
+        np.testing.assert_allclose(plate.size[:2], poppy.profile.feet[foot].polygon[0], atol=2e-4)
+        middle = poppy.data.geom(f"{side}_sole_plate").xpos - (0, 0, plate.size[2])
+        np.testing.assert_allclose(poppy.at(f"{side}_sole"), middle, atol=1e-4)
+
+
+def test_servos_and_lines(poppy: PosedBody) -> None:
+    models = [servo.model for servo in poppy.profile.servos.values()]
+    assert (models.count("MX-28"), models.count("MX-64"), models.count("AX-12A")) == (19, 4, 2)
+    assert {bus.protocol for bus in poppy.profile.buses.values()} == {1}
+    assert {servo.bus for joint, servo in poppy.profile.servos.items() if servo.id < 30} == {"lower"}

@@ -1,0 +1,307 @@
+"""Left, right, limbs, frames and soles: of shipped robots, with and without their names, and of strangers."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from messages import refuses, shows
+from retarget.errors import InputError
+from retarget.model.body import load_body
+from retarget.model.body_file import compile_body_text
+from retarget.model.robot import load_robot
+from retarget.schema.catalogue import shipped_folder
+from retarget.schema.profile_checks import is_convex
+from retarget.setup.frames import find_frames
+from retarget.setup.limbs import Anatomy, arm_roles, find_anatomy, leg_roles
+from retarget.setup.tree import MAX_CORNERS, Tree, find_mirror, flat_underside, outline, read_tree
+from unknown_robots import (
+    HUMANOID,
+    SHIPPED,
+    TRUNK,
+    Part,
+    humanoid,
+    scrambled,
+    shipped_anatomy,
+    shipped_posed,
+    shipped_tree,
+    table_arm,
+    text_tree,
+)
+
+NAMES = {
+    "op3": ("l_", "r_"),
+    "poppy": ("l_", "r_"),
+    "toddlerbot": ("left_", "right_"),
+    "wolfgang": ("L", "R"),
+}
+
+
+@pytest.mark.parametrize("robot", SHIPPED)
+def test_partners_are_those_of_the_names(robot: str) -> None:
+    tree, (left, right) = shipped_tree(robot), NAMES[robot]
+    mirror = find_mirror(tree)
+    assert mirror is not None and len(mirror.partner) == len(tree.nodes)
+    for node, other in mirror.partner.items():
+        name = tree.nodes[node].joint
+        expected = right + name[len(left) :] if name.startswith(left) else name
+        if not name.startswith(right):
+            assert tree.nodes[other].joint == expected
+
+
+@pytest.mark.parametrize("robot", SHIPPED)
+def test_names_do_not_matter(robot: str) -> None:
+    known, unknown = find_mirror(shipped_tree(robot)), find_mirror(text_tree(scrambled(robot)))
+    assert known is not None and unknown is not None
+    assert known.partner == unknown.partner and known.sign == unknown.sign
+
+
+@pytest.mark.parametrize("robot", SHIPPED)
+@given(st.lists(st.floats(0.0, 1.0), min_size=30, max_size=30))
+def test_a_mirrored_posture_is_a_mirror_image(robot: str, shares: list[float]) -> None:
+    posed = POSED[robot]
+    limbs = (*posed.anatomy.legs[:1], *posed.anatomy.arms[:1])
+    joints = [posed.tree.nodes[node].joint for limb in limbs for node in limb.nodes]
+    angles = {}
+    for joint, share in zip(joints, shares, strict=False):
+        low, high = posed.limits[joint]
+        angles[joint] = 0.4 * (low + share * (high - low))
+    both = posed.mirrored(angles)
+    assert len(both) == 2 * len(angles)
+    at = posed.place(both).positions
+    for name in ("knee", "ankle", "sole", "toe", "elbow", "hand"):
+        image = at[f"l_{name}"] * np.array([1.0, -1.0, 1.0])
+        assert image == pytest.approx(at[f"r_{name}"], abs=0.004)  # shells of two sides differ by a millimetre
+
+
+def test_a_robot_that_faces_sideways() -> None:
+    mirror = find_mirror(text_tree(humanoid()))
+    assert mirror is not None and mirror.normal.tolist() == [1.0, 0.0, 0.0] and len(mirror.partner) == 22
+
+
+def test_an_arm_has_no_sides() -> None:
+    assert find_mirror(text_tree(table_arm())) is None
+
+
+POSED = {robot: shipped_posed(robot) for robot in SHIPPED}
+
+
+@pytest.mark.parametrize("robot", SHIPPED)
+def test_axes_are_where_a_turn_leaves_points_alone(robot: str) -> None:
+    """Oracle: the solver's kinematics. A point on a joint's axis does not move with the joint."""
+    body, tree = load_body(shipped_folder() / "robots" / robot / "body.xml"), shipped_tree(robot)
+    solver = body.solver_body()
+    for node in tree.nodes[1:]:
+        joint = body.joint_index(node.joint)
+        link = int(body.joint_body[joint])
+        origin = solver.points(body.qpos0[None], [link], np.zeros((1, 3)))[0, 0]
+        turned = body.qpos0.copy()
+        turned[body.joint_qpos[joint]] += 0.7
+        moved = solver.points(turned[None], [link], np.zeros((1, 3)))[0, 0]
+        way = origin - node.anchor
+        along = (way @ node.axis) * node.axis
+        across = way - along
+        expected = node.anchor + along + np.cos(0.7) * across + np.sin(0.7) * np.cross(node.axis, across)
+        assert moved == pytest.approx(expected, abs=1e-9), node.joint
+
+
+def test_what_slides_is_refused() -> None:
+    slide = (
+        '<mujoco><worldbody><body name="a"><joint name="s" type="slide"/><geom size="1"/></body></worldbody></mujoco>'
+    )
+    with refuses(InputError):
+        text_tree(slide)
+
+
+def test_what_has_no_joint_that_turns_is_refused_by_its_file() -> None:
+    model = compile_body_text(humanoid(), source="body.urdf", root="free").model
+    model.jnt_type[:] = 0  # free
+    with refuses(InputError, where="a.urdf", found=0):
+        read_tree(model, source="a.urdf")
+
+
+ROLES = {
+    "op3": ("l_hip_pitch", "l_knee", "l_ank_pitch", "l_sho_pitch", "l_el", None),
+    "poppy": ("l_hip_y", "l_knee_y", "l_ankle_y", "l_shoulder_y", "l_elbow_y", None),
+    "toddlerbot": (
+        "left_hip_pitch",
+        "left_knee",
+        "left_ankle_pitch",
+        "left_shoulder_pitch",
+        "left_elbow_roll",
+        "left_wrist_pitch",
+    ),
+    "wolfgang": ("LHipPitch", "LKnee", "LAnklePitch", "LShoulderPitch", "LElbow", None),
+}
+TRUNKS = {"op3": ("", ""), "poppy": ("", "bust_x"), "toddlerbot": ("waist_roll", ""), "wolfgang": ("", "")}
+HEADS = {
+    "op3": ["head_pan", "head_tilt"],
+    "poppy": ["head_z", "head_y"],
+    "toddlerbot": ["neck_yaw", "neck_pitch"],
+    "wolfgang": ["HeadPan", "HeadTilt"],
+}
+
+
+def named(tree: Tree, anatomy: Anatomy) -> tuple[str | None, ...]:
+    """Joints of the left limbs by what they do."""
+    leg, arm = leg_roles(tree, anatomy.legs[0], anatomy.left), arm_roles(tree, anatomy.arms[0])
+    nodes = (leg.hip, leg.knee, leg.ankle, anatomy.arms[0].nodes[0], arm.elbow, arm.wrist)
+    return tuple(None if node is None else tree.nodes[node].joint for node in nodes)
+
+
+@pytest.mark.parametrize("robot", SHIPPED)
+def test_shipped_robots(robot: str) -> None:
+    tree, anatomy = shipped_tree(robot), shipped_anatomy(robot)
+    assert named(tree, anatomy) == ROLES[robot]
+    assert (tree.nodes[anatomy.pelvis].joint, tree.nodes[anatomy.chest].joint) == TRUNKS[robot]
+    assert [tree.nodes[node].joint for node in anatomy.head] == HEADS[robot]
+    assert anatomy.forward.tolist() == [1.0, 0.0, 0.0] and not anatomy.odd
+
+
+@pytest.mark.parametrize("robot", SHIPPED)
+def test_the_same_without_their_names(robot: str) -> None:
+    known, unknown = shipped_anatomy(robot), find_anatomy(text_tree(scrambled(robot)))
+    assert unknown.legs == known.legs and unknown.arms == known.arms and unknown.head == known.head
+    assert unknown.forward == pytest.approx(known.forward) and "names" not in unknown.facing
+
+
+def test_a_stranger_that_faces_y() -> None:
+    tree = text_tree(humanoid())
+    anatomy = find_anatomy(tree)
+    assert anatomy.forward == pytest.approx([0.0, 1.0, 0.0]) and anatomy.left == pytest.approx([-1.0, 0.0, 0.0])
+    assert named(tree, anatomy) == ("j_p1", "j_p4", "j_p5", "j_p6", "j_p9", None)  # p is the left, as side_parts says
+    assert [tree.nodes[node].joint for node in anatomy.head] == ["j_face"]
+    assert tree.nodes[anatomy.pelvis].joint == "j_hips" and anatomy.chest == 0
+
+
+def test_fingers_are_part_of_the_hand() -> None:
+    fingers = [part for side in "pq" for part in (finger(side, 0.015), finger(side, -0.015))]
+    tree = text_tree(humanoid([*HUMANOID, *fingers]))
+    arm = find_anatomy(tree).arms[0]
+    assert tree.nodes[arm.nodes[-1]].joint == "j_p9" and len(arm.ends) == 3
+
+
+def finger(side: str, x: float) -> Part:
+    name, at = f"{side}f{x > 0}", (x, 0.11, 0.0)
+    return Part(name, f"{side}9", at, (0, 0, 1), (-0.5, 0.5), (0.01, 0.03, 0.02), (0, 0.015, 0), 0.01)
+
+
+def test_without_legs_arms_or_a_second_side() -> None:
+    arms = [part for part in HUMANOID if part.name[1:] in {"6", "7", "8", "9"}]
+    bust = find_anatomy(text_tree(humanoid(arms)))
+    assert len(bust.arms) == 2 and not bust.legs and not bust.head and "hands" in bust.facing
+    legs = [part for part in HUMANOID if part.name not in {"face"} and part not in arms]
+    walker = find_anatomy(text_tree(humanoid(legs)))
+    assert len(walker.legs) == 2 and not walker.arms
+    alone = find_anatomy(text_tree(table_arm()))
+    assert len(alone.arms) == 1 and len(alone.arms[0].nodes) == 4 and alone.mirror is None
+    trunk = find_anatomy(text_tree(humanoid(TRUNK)))
+    assert (not trunk.legs and not trunk.head) or trunk.mirror is None
+
+
+def test_arms_that_hang_below_the_trunk_are_no_legs() -> None:
+    """They end at the lowest point of the robot, but begin high on its trunk."""
+    size, middle = (0.03, 0.03, 0.2), (0.0, 0.0, -0.1)
+    arms = [
+        Part(f"{side}{number}", parent, at, (1, 0, 0), (-1.5, 1.5), size, middle)
+        for side, x in (("p", -0.09), ("q", 0.09))
+        for number, parent, at in ((1, "chest", (x, 0.0, 0.08)), (2, f"{side}1", (0.0, 0.0, -0.2)))
+    ]
+    anatomy = find_anatomy(text_tree(humanoid(arms)))
+    assert len(anatomy.arms) == 2 and not anatomy.legs
+
+
+def test_names_decide_where_shapes_do_not() -> None:
+    """Feet and knees of a symmetric body say nothing; a name does."""
+    two = "".join(
+        f'<body name="{name}" pos="0 {y} -0.1"><joint name="{name}_a" axis="0 1 0"/><geom size="0.02"/>'
+        f'<body name="{name}2" pos="0 0 -0.1"><joint name="{name}_b" axis="0 1 0"/><geom size="0.02"/></body></body>'
+        for name, y in (("left", -0.1), ("right", 0.1))
+    )
+    text = f'<mujoco><worldbody><body name="b"><geom size="0.05"/>{two}</body></worldbody></mujoco>'
+    anatomy = find_anatomy(text_tree(text))
+    assert anatomy.forward == pytest.approx([-1.0, 0.0, 0.0]) and anatomy.facing == "names of left and right"
+
+
+def test_names_show_limbs_and_neck_where_the_sides_differ() -> None:
+    """One arm and the head are 4 and 6 cm off: no mirror image, but Left and Right, and Neck."""
+    sides, moved = {"p": "Left", "q": "Right"}, {"Left6": 0.04, "Neck": 0.06}
+
+    def named(name: str) -> str:
+        return sides[name[0]] + name[1:] if name[0] in sides else "Neck" if name == "face" else name
+
+    parts = [replace(part, name=named(part.name), parent=named(part.parent)) for part in HUMANOID]
+    crooked = [replace(part, at=(part.at[0] + moved.get(part.name, 0.0), *part.at[1:]), extra="") for part in parts]
+    whole, found = find_anatomy(text_tree(humanoid(parts))), find_anatomy(text_tree(humanoid(crooked)))
+    assert not whole.named and not found.odd
+    assert found.arms == whole.arms and found.legs == whole.legs and found.head == whole.head
+    shows(found.named, "j_Left6", "j_Right6", "40 mm", "j_Neck", "120 mm")
+    nameless = humanoid(crooked).replace("Neck", "n")
+    assert not find_anatomy(text_tree(nameless)).head
+
+
+LOOSE = {"head": 0.01, "l_hand": 0.03, "r_hand": 0.03}  # [m]; drawn by eye in the shipped profiles
+EXACT = 0.002
+
+
+@pytest.mark.parametrize("robot", SHIPPED)
+def test_frames_are_where_people_put_them(robot: str) -> None:
+    known = load_robot(robot)
+    found = find_frames(shipped_tree(robot), shipped_anatomy(robot))
+    names = tuple(known.profile.frames)
+    assert set(found.frames) == set(names) and not found.missing
+    at = known.points(known.body.qpos0[None], names)[0]
+    for name, place in zip(names, at, strict=True):
+        frame = found.frames[name]
+        off = float(np.linalg.norm(frame.position - place))
+        assert off <= LOOSE.get(name, EXACT), f"{name} is {1e3 * off:.1f} mm off"
+        assert known.body.body_names[shipped_tree(robot).nodes[frame.node].links[0]] == known.profile.frames[name].link
+
+
+@pytest.mark.parametrize("robot", SHIPPED)
+def test_soles_are_those_of_the_profiles(robot: str) -> None:
+    known = load_robot(robot)
+    for sole, foot in zip(
+        find_frames(shipped_tree(robot), shipped_anatomy(robot)).feet.values(), known.profile.feet.values(), strict=True
+    ):
+        assert is_convex(sole.polygon)
+        assert np.ptp(sole.polygon, axis=0) == pytest.approx(np.ptp(np.array(foot.polygon), axis=0), abs=5e-4)
+
+
+def test_a_sole_that_is_tilted_in_the_zero_pose() -> None:
+    tree, anatomy = shipped_tree("wolfgang"), shipped_anatomy("wolfgang")
+    sole = flat_underside(tree, anatomy.legs[0].ends)
+    assert sole is not None
+    assert np.degrees(np.arctan2(-sole.up[0], sole.up[2])) == pytest.approx(15.0, abs=0.1)  # it says so in its body
+
+
+def test_a_foot_that_is_a_ball_has_no_sole() -> None:
+    text = humanoid().replace('<box size="0.07 0.14 0.02"/>', '<sphere radius="0.03"/>')
+    tree = text_tree(text)
+    found = find_frames(tree, find_anatomy(tree))
+    assert not found.feet and any(text.startswith("l_sole: the foot has no flat") for text in found.missing)
+
+
+def test_outlines_are_thinned() -> None:
+    angles = np.linspace(0.0, 2.0 * np.pi, 200, endpoint=False)
+    corners = outline(np.stack([0.05 * np.cos(angles), 0.1 * np.sin(angles)], axis=1))
+    assert len(corners) == MAX_CORNERS and is_convex(tuple(map(tuple, corners.tolist())))
+    x, y = corners.T
+    area = 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
+    assert area == pytest.approx(np.pi * 0.05 * 0.1, rel=0.05)  # inside the round one
+
+
+def test_a_foot_that_is_an_edge_has_no_sole() -> None:
+    text = humanoid().replace('<box size="0.07 0.14 0.02"/>', '<box size="0.0002 0.14 0.02"/>')
+    tree = text_tree(text)
+    assert not find_frames(tree, find_anatomy(tree)).feet
+
+
+def test_an_arm_has_a_hand_and_a_list_of_missing_parts() -> None:
+    tree = text_tree(table_arm())
+    found = find_frames(tree, find_anatomy(tree))
+    assert set(found.frames) == {"neck", "head", "r_shoulder", "r_elbow", "r_hand"}
+    assert [text.split(":")[0] for text in found.missing] == ["head", "legs", "l_hand"]
+    assert found.frames["r_hand"].position[2] > found.frames["r_elbow"].position[2]

@@ -1,0 +1,232 @@
+"""Every violation of the rules is found: traces of a correct run are changed, each in one way."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import sim.faults.bench
+from hardware.dynamixel.codec import protocol2
+from hardware.guard_state import StopCause
+from messages import shows
+from retarget.types import RunState
+from row_runs import forked, row
+from sim.faults.bench import Bench, Tick, Trace
+from sim.faults.judge import ONSET, violations
+from sim.faults.sender import FakeSender, Poses
+from sim.faults.wire_checker import HEADER, Sent, goal_writes, torque_off, written
+
+
+@pytest.fixture(scope="module")
+def bench() -> Bench:
+    """A run that a person stops while it is fast."""
+    one = Bench(FakeSender(), duration=1.6)
+    one.at(0.9, lambda: one.guard.latch(StopCause.REQUESTED, "space bar"))
+    one.run()
+    return one
+
+
+def goals(ticks: dict[int, int]) -> bytes:
+    return protocol2.sync_write(
+        116, 4, [(device, value.to_bytes(4, "little", signed=True)) for device, value in ticks.items()]
+    )
+
+
+def last_goals(trace: Trace) -> dict[int, int]:
+    return goal_writes(written(trace.sent))[-1][1]
+
+
+def late_goal(trace: Trace) -> Trace:
+    return replace(trace, sent=[*trace.sent, Sent(trace.ended + 0.1, goals(last_goals(trace)))])
+
+
+def jump(trace: Trace) -> Trace:
+    """In the middle of the run."""
+    sent = list(trace.sent)
+    at = next(k for k, one in enumerate(sent) if one.time > (trace.began or 0.0) + 0.3 and one.data[7] == 0x83)
+    ticks = goal_writes(written(sent[: at + 1]))[-1][1]
+    sent[at] = Sent(sent[at].time, goals(ticks | {19: ticks[19] + 200}))
+    return replace(trace, sent=sent)
+
+
+def beyond(trace: Trace) -> Trace:
+    return replace(trace, sent=[Sent(0.0, goals(last_goals(trace) | {19: 4000})), *trace.sent])
+
+
+def crossed(trace: Trace) -> Trace:
+    """A leg in the other one, long before the run."""
+    return replace(trace, sent=[Sent(0.0, goals(last_goals(trace) | {8: 1350})), *trace.sent])
+
+
+def halfway_to_rest(trace: Trace) -> Trace:
+    """It stops half-way to posture `rest`."""
+    middle = (trace.latched or 0.0) + 0.5
+    return replace(trace, sent=[one for one in trace.sent if one.time < middle or not goal_writes(written([one]))])
+
+
+def no_torque_off(trace: Trace) -> Trace:
+    off = HEADER + b"\xfe"
+    kept = [one for one in trace.sent if not (one.data.startswith(off) and one.data[7:10] == b"\x83\x40\x00")]
+    return replace(trace, sent=kept)
+
+
+def slow_torque_off(trace: Trace) -> Trace:
+    off = torque_off(written(trace.sent), trace.latched or 0.0)
+    assert off is not None
+    return replace(trace, sent=[Sent(one.time + 4.0, one.data) if one.time >= off else one for one in trace.sent])
+
+
+def torque_again(trace: Trace) -> Trace:
+    on = protocol2.sync_write(64, 1, [(6, b"\x01")])
+    return replace(trace, sent=[*trace.sent, Sent((trace.latched or 0.0) + 0.2, on)])
+
+
+def goes_on(trace: Trace) -> Trace:
+    middle = (trace.latched or 0.0) + 0.5
+    return replace(
+        trace, ticks=[replace(one, state=RunState.FOLLOW) if one.time > middle else one for one in trace.ticks]
+    )
+
+
+def holds_while_it_moves(trace: Trace) -> Trace:
+    begun = (trace.began or 0.0) + 0.2
+    ticks = [replace(one, state=RunState.HOLD) if one.time > begun else one for one in trace.ticks]
+    return replace(trace, ticks=[*ticks, Tick(ticks[-1].time + 0.01, RunState.FOLLOW, True, 1.0)])
+
+
+def hurries(trace: Trace) -> Trace:
+    """On the way to rest, four times as far in the same time."""
+    begun, sent = (trace.latched or 0.0) + 0.4, []
+    start = next(goal for time, goal in goal_writes(written(trace.sent)) if time >= begun)
+    for one in trace.sent:
+        own = goal_writes(written([one])) if one.time >= begun else []
+        more = {device: start[device] + 4 * (tick - start[device]) for _, goal in own for device, tick in goal.items()}
+        sent.append(Sent(one.time, goals(more)) if more else one)
+    return replace(trace, sent=sent)
+
+
+def wanders(trace: Trace) -> Trace:
+    """The robot goes to rest by way of its stance, and not straight."""
+    there, rest = RunState.RETURN_TO_STANCE, RunState.GO_TO_REST
+    return replace(trace, ticks=[replace(one, state=rest if one.state is there else one.state) for one in trace.ticks])
+
+
+def keeps_torque(trace: Trace) -> Trace:
+    return replace(trace, torque=[*trace.torque[:-1], 1])
+
+
+def killed(trace: Trace) -> Trace:
+    return replace(trace, torque=[1], gone=1.0)
+
+
+def test_a_correct_run_has_no_violation(bench: Bench) -> None:
+    assert bench.trace.stop is not None and bench.trace.latched is not None
+    assert violations(bench, bench.trace) == []
+
+
+@pytest.mark.parametrize(
+    ("doctor", "expected"),
+    [
+        (late_goal, "address 116 was written"),
+        (jump, "too fast"),
+        (jump, "too hard"),
+        (beyond, "beyond its limits"),
+        (crossed, "mm in each other"),
+        (halfway_to_rest, "is not at rest"),
+        (no_torque_off, "torque off was never commanded"),
+        (slow_torque_off, "torque went off"),
+        (torque_again, "torque was switched on"),
+        (goes_on, "follow after a stop"),
+        (holds_while_it_moves, "still moves"),
+        (wanders, "goes back and forth"),
+        (hurries, "faster than 55% of its speed"),
+        (keeps_torque, "torque is on in the end"),
+    ],
+)
+def test_every_violation_is_found(bench: Bench, doctor: Callable[[Trace], Trace], expected: str) -> None:
+    found = violations(bench, doctor(bench.trace))
+    assert any(expected in line for line in found), found
+
+
+def test_what_ended_before_the_stop_did_is_no_tick_after_it(bench: Bench) -> None:
+    """A tick that fails at once ends when the one before did."""
+    trace = bench.trace
+    at = next(row for row, tick in enumerate(trace.ticks) if tick.latched)
+    held = Tick(trace.ticks[at].time, RunState.HOLD, False, 1.0)
+    sound = replace(trace, ticks=[*trace.ticks[:at], held, *trace.ticks[at:]])
+    assert not any("after a stop" in text for text in violations(bench, sound))
+
+
+def test_servos_of_a_host_that_is_gone_must_stand(bench: Bench) -> None:
+    servo = bench.servos[0]
+    servo.shaft.torque = True
+    shows(violations(bench, killed(bench.trace)))
+    servo.shaft.torque = False
+    assert violations(bench, killed(bench.trace)) == []
+
+
+def test_without_a_robot_nothing_was_wrong() -> None:
+    assert violations(Bench(FakeSender(), duration=1.0), Trace()) == []
+
+
+def _endless(bench: Bench) -> Callable[[], object]:
+    sim.faults.bench.ENDLESS_S = -10.0
+    return lambda: (bench.trace.endless, violations(bench, bench.trace))
+
+
+def test_a_run_that_does_not_end_is_ended_and_found() -> None:
+    endless, wrong = forked(_endless)
+    assert endless
+    shows(wrong)
+
+
+def faster(trace: Trace, since: float, until: float) -> Trace:
+    """As if goals of a time had come in a third of it, and stood then: every third is sent, and the last ones again."""
+    sent, held = [], None
+    sent_goals = [one for one in trace.sent if since <= one.time < until and one.data[7:10] == b"\x83\x74\x00"]
+    ahead = dict(
+        zip((one.time for one in sent_goals), sent_goals[::3] + [sent_goals[-1]] * len(sent_goals), strict=False)
+    )
+    for one in trace.sent:
+        held = ahead.get(one.time) if one in sent_goals else None
+        sent.append(one if held is None else replace(one, data=held.data))
+    return replace(trace, sent=sent)
+
+
+def _hurried(bench: Bench) -> Callable[[], object]:
+    """Goals that are too fast on the approach, and after a hold, of a performer whose stream was silent meanwhile."""
+    row("stream silent for a while").inject(bench, ONSET)
+
+    def judged() -> tuple[list[str], list[str]]:
+        trace = bench.trace
+        assert trace.armed is not None and trace.approach_ended is not None and violations(bench, trace) == []
+        middle = 0.5 * (trace.armed + trace.approach_ended)
+        again = [last for first, last in trace.holds if last - first > 0.3][-1]
+        doctored = faster(trace, middle, trace.approach_ended), faster(trace, again, again + 0.7)
+        return violations(bench, doctored[0]), violations(bench, doctored[1])
+
+    bench.at(ONSET + 1.9, bench.leave)
+    return judged
+
+
+def test_goals_that_are_too_fast_on_the_approach_and_when_following_resumes_are_found() -> None:
+    approach, again = forked(_hurried)
+    shows(approach)
+    assert any("after a hold" in line for line in again)
+
+
+def t_pose(time: float, poses: Poses) -> Poses:
+    """Arms straight out to the sides, all the time."""
+    ahead = poses["head"][0]
+    out = {"l_wrist": (ahead, 0.75, 1.42), "r_wrist": (ahead, -0.75, 1.42)}  # m
+    return poses | {name: np.array(at) + (poses[name] - poses[name].round(2)) for name, at in out.items()}
+
+
+def test_arms_straight_out_are_approached_slowly() -> None:
+    one = Bench(FakeSender(faults=[t_pose]), duration=0.7)
+    one.leaves = True
+    trace = one.run()
+    assert trace.began is not None and trace.armed is not None and trace.approach_ended is not None
+    assert trace.approach_ended - trace.armed > 1.0
+    assert violations(one, trace) == []

@@ -1,0 +1,91 @@
+"""Stream filters: sensors out of frames, poses that are sent in parts, arcs between orientations."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from messages import refuses
+from retarget import rotations
+from retarget._solver import PoseParts, SensorPlan, along_arc
+
+RNG = np.random.default_rng(7)
+POSITION = RNG.normal(size=(4, 3))
+ORIENTATION = rotations.normalise(RNG.normal(size=(4, 4)))
+TRACKED = np.array([True, False, True, True])
+REST = rotations.normalise(RNG.normal(size=(3, 4)))
+OFFSET = np.array([[0.0, 0.0, 0.0], [0.1, -0.2, 0.3], [0.0, 0.0, 0.0]])
+
+
+def test_each_part_comes_from_its_column() -> None:
+    plan = SensorPlan(4, points=np.array([2, 1, -1]), segments=np.array([-1, 1, 3]), rest=REST, offset=OFFSET)
+    position, orientation, tracked = plan.read(POSITION, ORIENTATION, TRACKED)
+    np.testing.assert_array_equal(position[0], POSITION[2])
+    np.testing.assert_allclose(position[1], POSITION[1] - rotations.rotate(ORIENTATION[1], OFFSET[1]), atol=1e-15)
+    np.testing.assert_allclose(orientation[1:], rotations.multiply(ORIENTATION[[1, 3]], REST[1:]), atol=1e-15)
+    assert np.isnan(position[2]).all() and np.isnan(orientation[0]).all()
+    assert tracked.tolist() == [True, False, True]
+
+
+def test_a_column_that_no_frame_has_is_refused() -> None:
+    for points in (np.array([2, 4, -1]), np.array([2, 1])):
+        with refuses(ValueError):
+            SensorPlan(4, points=points, segments=np.array([-1, 1, 3]), rest=REST, offset=OFFSET)
+    plan = SensorPlan(4, points=np.array([2, 1, -1]), segments=np.array([-1, 1, 3]), rest=REST, offset=OFFSET)
+    with refuses(ValueError):
+        plan.read(POSITION[:3], ORIENTATION[:3], TRACKED[:3])
+    with refuses(ValueError):
+        plan.read(POSITION, ORIENTATION, TRACKED[:3])
+
+
+def test_a_missing_part_is_that_of_just_before() -> None:
+    parts, rows = PoseParts(3), np.array([2, 0])
+    place, turn = POSITION[:2].copy(), np.full((2, 4), np.nan)
+    parts.complete(rows, 1.0, place, turn)
+    assert (place == POSITION[:2]).all() and np.isnan(turn).all()
+    for time, known in ((1.09, True), (1.11, False)):
+        place, turn = np.full((2, 3), np.nan), ORIENTATION[:2].copy()
+        parts.complete(rows, time, place, turn)
+        assert (turn == ORIENTATION[:2]).all()
+        assert (place == POSITION[:2]).all() if known else np.isnan(place).all()
+    place, turn = POSITION[:1].copy(), np.full((1, 4), np.nan)
+    parts.complete(np.array([0]), 1.2, place, turn)
+    assert (turn == ORIENTATION[1]).all()
+
+
+def test_bad_arrays_are_refused() -> None:
+    parts = PoseParts(3)
+    with refuses(ValueError):
+        parts.complete(np.array([3]), 1.0, np.zeros((1, 3)), np.zeros((1, 4)))
+    with refuses(ValueError, 1):
+        parts.complete(np.array([0]), 1.0, np.zeros((2, 3)), np.zeros((1, 4)))
+
+
+ANGLES = st.one_of(st.floats(0.0, 3.1), st.sampled_from([0.0, 1e-12, 1e-9, 1e-8, 1e-7, 1e-5, 1e-3, 3.14159]))
+
+
+@settings(max_examples=60)
+@given(st.integers(0, 2**32 - 1), ANGLES, st.sampled_from([-1.0, 1.0]))
+def test_they_are_slerp(seed: int, angle: float, sign: float) -> None:
+    rng = np.random.default_rng(seed)
+    a = rotations.normalise(rng.normal(size=(5, 4)))
+    axis = rng.normal(size=(5, 3))
+    turn = angle * axis / np.linalg.norm(axis, axis=1, keepdims=True)
+    b = sign * rotations.multiply(rotations.from_rotation_vector(turn), a)
+    for share in (0.0, 0.3, 1.0):
+        found = along_arc(a, b, np.full(5, share))
+        assert np.abs(found - rotations.slerp(a, b, share)).max() < 1e-8
+        assert np.abs(np.linalg.norm(found, axis=1) - 1.0).max() < 1e-10
+    if angle < 0.5:
+        beyond = rotations.multiply(rotations.from_rotation_vector(3.0 * turn), a)
+        assert rotations.angle_between(along_arc(a, b, np.full(5, 3.0)), beyond).max() < 1e-7
+
+
+def test_what_is_missing_stays_missing() -> None:
+    a = np.array([[1.0, 0.0, 0.0, 0.0], [np.nan] * 4])
+    assert np.isnan(along_arc(a, a, np.ones(2))).any(axis=1).tolist() == [False, True]
+
+
+def test_bad_shapes_are_refused() -> None:
+    a = np.tile([1.0, 0.0, 0.0, 0.0], (2, 1))
+    with refuses(ValueError):
+        along_arc(a, a[:1], np.ones(2))
