@@ -153,8 +153,9 @@ class Task:
         speed: float = 0.1,
         short_lever: float = 0.0,
     ) -> Task:
-        """Observers (all, or those of these numbers) that touch push their part out at `speed` m/s. `short_lever`: see
-        `retarget.schema.priorities`. No target beside the leading weight: on or off."""
+        """Observers (all, or those of these numbers) that touch push their part out at `speed` m/s.
+
+        `short_lever`: see `retarget.schema.priorities`. No target beside the leading weight: on or off."""
     @staticmethod
     def preventive(
         *,
@@ -165,8 +166,8 @@ class Task:
         group: int = 0,
     ) -> Task:
         """Observers within influence damp the approach of their part. `speed` (m/s): where all act, the approach
-        permitted where influence begins. `short_lever`: as for `reactive`. `group`: where they act by rank, tasks of a group take the closest, the
-        next, and so on. No target beside the leading weight."""
+        permitted where influence begins. `short_lever`: as for `reactive`. `group`: where they act by rank, tasks of a
+        group take the closest, the next, and so on. No target beside the leading weight."""
     @staticmethod
     def posture(weight: Floats, *, gain: float = 1.0, max_error: float = 0.3) -> Task:
         """Every coordinate with a positive weight (nv,) goes to that of a posture. Target nq. `max_error` holds per

@@ -1,8 +1,8 @@
 """Sensor intake: sensors as goals of the body, without jumps, and no further from each other than a body can be.
 
 A lost sensor, one that comes back, and one that jumps faster than any human get an offset that fades: the goal stays
-continuous, and is where the sensor is a quarter of a second later. A sensor that comes back by a weight starts where the body has it, and moves
-slowly.
+continuous, and is where the sensor is a quarter of a second later. A sensor that comes back by a weight starts where
+the body has it, and moves slowly.
 """
 
 from collections.abc import Sequence

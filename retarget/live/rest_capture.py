@@ -252,8 +252,8 @@ class RestCapture:
         return 0.0 if ankles else float(found - expected)
 
     def _refuse_crooked(self, at: dict[str, FloatArray]) -> None:
-        """Raise InputError for a posture whose height is not the stature. at: sensors (3,) m in our world, the performer
-        facing x."""
+        """Raise InputError for a posture whose height is not the stature. at: sensors (3,) m in our world, where the
+        performer faces x."""
         feet = [at[name] for name in ("l_ankle", "r_ankle") if name in at]
         if not at.keys() >= set(REQUIRED) or any(at["head"][2] - foot[2] < LOWEST_HEAD_M for foot in feet):
             return
@@ -263,7 +263,8 @@ class RestCapture:
             if abs(ahead) > OFF_FEET_M:
                 found.append(f"your head is {abs(ahead):.2f} m {'ahead of' if ahead > 0.0 else 'behind'} your feet")
             if abs(aside) > OFF_FEET_M:
-                found.append(f"your head is {abs(aside):.2f} m to the {'left' if aside > 0.0 else 'right'} of your feet")
+                side = "left" if aside > 0.0 else "right"
+                found.append(f"your head is {abs(aside):.2f} m to the {side} of your feet")
             higher = float(feet[0][2] - feet[1][2])
             if abs(higher) > FEET_LEVEL_M:
                 one, other = ("left", "right") if higher > 0.0 else ("right", "left")

@@ -1,4 +1,4 @@
-"""Sensors before the human's own shapes, over whole frames; recovery from a tangle; calibration poses in a recording."""
+"""Over whole frames: sensors before the human's own shapes, recovery from a tangle; a recording's calibration pose."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ import pytest
 from retarget.frames import SensorFrames
 from retarget.human.reconstruction import Reconstructor
 from retarget.human.samples import CalibrationPose, Playback, calibration_pose, lay_on_ticks
-from retarget.model.human import PostureReader, build_human
+from retarget.model.human import build_human
 from retarget.model.human_dimensions import POINTS, proportional_dimensions
 from retarget.schema.performer import load_performer
 from retarget.schema.priorities import load_priorities
@@ -109,7 +109,7 @@ def moving(count: int = 60) -> FloatArray:
 
 @pytest.mark.parametrize(("name", "arms"), [("T", 1.55), ("A", 0.75), ("N", 0.0)])
 def test_a_calibration_pose_before_the_motion_is_left_out(name: str, arms: float) -> None:
-    position = moving() + [0.3, 0.1, 0.0]
+    position = moving() + np.array([0.3, 0.1, 0.0])
     position[0] = standing(arms)
     frames = frames_of(position)
     assert calibration_pose(frames) == CalibrationPose(name, 1)

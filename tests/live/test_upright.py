@@ -49,7 +49,7 @@ def test_who_stands_upright_is_measured_within_two_percent() -> None:
         (leaning(25.0), "your head is 0.[23]. m ahead of your feet"),
         (standing() | {"head": standing()["head"] + [0.3, 0.0, -0.05]}, "your head is 0.2. m ahead of your feet"),
         (standing() | {"head": standing()["head"] - [0.0, 0.2, 0.0]}, "your head is 0.20 m to the right of your feet"),
-        (standing() | {"l_ankle": standing()["l_ankle"] + [0.05, 0.0, 0.1]}, "your left foot is 0.10 m above your right"),
+        (standing() | {"l_ankle": standing()["l_ankle"] + [0.05, 0.0, 0.1]}, "left foot is 0.10 m above your right"),
         (
             standing() | {name: standing()[name] + [0.55, 0.0, 0.5] for name in ("l_wrist", "r_wrist")},
             "your hands are 0.5. m ahead of your head",
