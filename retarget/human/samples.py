@@ -253,7 +253,7 @@ class CalibrationPose:
 def calibration_pose(frames: SensorFrames) -> CalibrationPose | None:
     """The pose that a recording begins with for a moment, where the motion does not go on from it; else None."""
     looked_at = CALIBRATION_FRAMES + max(round(MOTION_S * frames.rate_hz), 3)
-    seen = frames.valid[: looked_at + 1].all(axis=0)
+    seen = np.asarray(frames.valid[: looked_at + 1].all(axis=0))
     if len(frames) <= looked_at or not seen.any():
         return None
     steps = np.linalg.norm(np.diff(frames.position[: looked_at + 1, seen], axis=0), axis=2).max(axis=1)

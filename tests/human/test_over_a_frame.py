@@ -34,7 +34,7 @@ def frames_of(position: FloatArray, dt: float = DT) -> SensorFrames:
     """Frames of five sensors (T, 5, 3) m."""
     count = len(position)
     return SensorFrames(
-        time=dt * np.arange(count),
+        time=dt * np.arange(count, dtype=np.float64),
         names=FIVE,
         position=position,
         orientation=np.full((count, 5, 4), np.nan),
