@@ -97,14 +97,7 @@ _SETTLED = 1e-5
 """Settling ends when no coordinate changes by more than this per frame (m, rad)."""
 _LONGEST_FRAME_S = 0.0101
 """Longest frame of the solver: a sensor that goes 5 m/s is as far as its few iterations take in this time."""
-_MISSED_M, _MISSED_S = 0.03, 0.2
-"""A body that misses a sensor by more than this for so long, though a body could have it there, begins again from a
-posture in which it is not tangled."""
-_RECOVERING_FRAMES, _RECOVERED_M = 16, 0.01
-"""At most so many frames it has to get there, and this near."""
 _FEET = ("l_ankle", "r_ankle")
-_FOLLOWED = ("head", "l_wrist", "r_wrist", *_FEET)
-"""Sensors that strict levels follow."""
 
 Points = dict[str, list[float]]
 Ground = tuple[float, float]
@@ -165,9 +158,6 @@ class Reconstructor:
         self._targets = self._hierarchy.blank()
         self._q = human.posture("natural")
         self._reached = self._reader.joints(self._q[None])[0, self._joints_of]
-        self._followed = np.array([name in _FOLLOWED for name in names])
-        self._good = self._q  # the last posture that followed the sensors
-        self._missed_s, self._patience_s = 0.0, _MISSED_S  # for how long none did, and for how long that may be
 
     @property
     def sensors(self) -> tuple[str, ...]:
@@ -210,7 +200,6 @@ class Reconstructor:
             if float(np.abs(self._q - before).max()) < _SETTLED:
                 break
         self._hierarchy.solver.reset(self._q)
-        self._good, self._missed_s, self._patience_s = self._q, 0.0, _MISSED_S
         self._obstacles.begin()
         self._carrying = CarryingFeet() if self._feet is None else None
         return self._posture(0.0)
@@ -238,45 +227,7 @@ class Reconstructor:
             self._heading.step(points, _facing(turns), dt=dt / parts)
             self._obstacles.tick(self._hierarchy, dt / parts)
             self._solve(points, turns, dt / parts, at)
-        posture = self._posture(dt)
-        return posture if self._follows(dt) or not self._recovers(points, turns) else self._posture(dt)
-
-    def _missed(self) -> float:
-        """How far the body is from the goal of a sensor that it has to follow, at most, m."""
-        away = np.where(self._intake.present[:, None], self._intake.position - self._reached, 0.0)
-        return float(np.sqrt(rotations.squares(away[self._followed]).max(initial=0.0)))
-
-    def _follows(self, dt: float) -> bool:
-        """Whether the body has followed its sensors until a moment ago."""
-        missed = self._missed()
-        self._missed_s = self._missed_s + dt if missed > _MISSED_M else 0.0
-        if missed <= _MISSED_M:
-            self._good, self._patience_s = self._q, _MISSED_S
-        return self._missed_s <= self._patience_s
-
-    def _recovers(self, points: Points, turns: list[SensorTurn]) -> bool:
-        """Begin again from the last posture that followed the sensors, or a natural one, where that leads nearer to
-        them. Whether one did."""
-        tangled, missed = self._q, self._missed()
-        self._missed_s, self._patience_s = 0.0, 2.0 * self._patience_s  # a sensor may be where no body can have it
-        for q in (self._good, self._placed()):
-            for _ in range(_RECOVERING_FRAMES):
-                self._go_on_from(q)
-                self._solve(points, turns, _SETTLING_S, self._intake.position)
-                q = self._q
-                self._go_on_from(q)
-                if self._missed() < _RECOVERED_M:
-                    break
-            if self._missed() < 0.5 * missed:
-                return True
-        self._go_on_from(tangled)
-        return False
-
-    def _go_on_from(self, q: FloatArray) -> None:
-        """Stand in posture q (nq,), at rest."""
-        self._q = q
-        self._hierarchy.solver.reset(q)
-        self._reached = self._reader.joints(q[None])[0, self._joints_of]
+        return self._posture(dt)
 
     def _solve(self, points: Points, turns: list[SensorTurn], dt: float, at: FloatArray) -> None:
         """Set all targets and solve one frame. at (k, 3) m: the goals of sensors and virtual feet, `points` those that

@@ -249,6 +249,10 @@ class CalibrationPose:
     name: str
     frames: int
 
+    def __str__(self) -> str:
+        frames = "1 frame" if self.frames == 1 else f"{self.frames} frames"
+        return f"begins with a calibration pose ({self.name}, {frames}): left out without --keep-calibration-frame"
+
 
 def calibration_pose(frames: SensorFrames) -> CalibrationPose | None:
     """The pose that a recording begins with for a moment, where the motion does not go on from it; else None."""

@@ -6,6 +6,7 @@ import numpy as np
 
 from retarget import rotations
 from retarget.frames import SensorFrames, Skeleton, stature
+from retarget.human.samples import calibration_pose
 from retarget.types import FloatArray
 
 TRUNK_SPEED = 8.0
@@ -79,7 +80,7 @@ class MotionSummary:
 
 def summarise(frames: SensorFrames) -> MotionSummary:
     """Look at every frame of a recording."""
-    jumps = find_jumps(frames)
+    jumps, pose = find_jumps(frames), calibration_pose(frames)
     speed = _speeds(frames)
     sensors = tuple(_sensor(frames, i, speed, jumps) for i in range(len(frames.names)))
     trunk = next((name for name in TRUNK if name in frames.names), frames.names[0])
@@ -96,7 +97,7 @@ def summarise(frames: SensorFrames) -> MotionSummary:
         lengths_m={} if frames.skeleton is None else body_lengths(frames.skeleton),
         travel_m=float(np.linalg.norm(np.ptp(seen, axis=0))) if len(seen) else 0.0,
         jumps=jumps,
-        notes=frames.notes,
+        notes=frames.notes if pose is None else (*frames.notes, f"the recording {pose}"),
     )
 
 

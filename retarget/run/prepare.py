@@ -150,8 +150,7 @@ def performance_of(read: Callable[[], SensorFrames], playback: Playback) -> Perf
         size = calibrate(frames.mirror() if playback.mirror else frames)
         pose, notes = playback.left_out(frames), frames.notes
         if pose is not None:
-            what = f"begins with a calibration pose ({pose.name}), which is left out ({pose.frames} frames)"
-            notes = (*notes, f"{frames.source} {what}; --keep-calibration-frame plays it")
+            notes = (*notes, f"{frames.source} {pose}")
         return Performance(clip, size, notes)
 
     return perform

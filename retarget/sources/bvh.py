@@ -166,15 +166,10 @@ def _channels(words: list[str], where: str) -> tuple[Channel, ...]:
     return tuple(_CHANNELS[name] for name in names)
 
 
-CALIBRATION_JUMP = 0.2
-"""A first frame that some joint leaves by more than this share of the body's size, and by twice the next step, is a
-calibration pose."""
-
 LOST_LENGTHS = (
     "this conversion of a CMU trial lost the lengths of thorax and wrist:"
     " about 0.12 m of the trunk and 0.09 m of each forearm are missing"
 )
-CALIBRATION_POSE = "frame 1 is a calibration pose: the motion starts at frame 2 (leave it out with --start)"
 
 
 @dataclass(frozen=True)
@@ -203,7 +198,7 @@ def read_bvh(path: Path, *, unit: str | None = None, rate: float | None = None) 
         rate=motion.rate_hz if rate is None else check_rate(rate, str(path)),
         source=str(path),
         detect_up=True,
-        notes=_notes(motion, pose),
+        notes=_notes(motion),
     )
 
 
@@ -297,7 +292,7 @@ def _row(words: list[str], width: int, where: str) -> list[float]:
     return numbers(words, where)
 
 
-def _notes(motion: BvhMotion, pose: Pose) -> tuple[str, ...]:
+def _notes(motion: BvhMotion) -> tuple[str, ...]:
     """Messages to the user about this export."""
     notes = []
     tree = motion.hierarchy.tree
@@ -305,9 +300,4 @@ def _notes(motion: BvhMotion, pose: Pose) -> tuple[str, ...]:
     converted = {"LHipJoint", "LowerBack", "LeftFingerBase", "Neck"} <= set(tree.names)
     if converted and not tree.offsets[tree.names.index("Neck")].any():
         notes.append(LOST_LENGTHS)
-    if len(motion.values) > 2:
-        first, second = np.linalg.norm(np.diff(pose.position[:3], axis=0), axis=-1).max(axis=-1)
-        size = float(np.ptp(pose.position[0], axis=0).max())
-        if first > CALIBRATION_JUMP * size and first > 2.0 * second:
-            notes.append(CALIBRATION_POSE)
     return tuple(notes)

@@ -17,7 +17,7 @@ from retarget.model.human import PostureReader
 from retarget.recording.bvh_export import write_bvh
 from retarget.recording.motion import Motion, links_of
 from retarget.rotations import to_matrix
-from retarget.sources.bvh import CALIBRATION_POSE, LOST_LENGTHS, MAX_DEPTH, MAX_JOINTS, pose_of, read_bvh, read_motion
+from retarget.sources.bvh import LOST_LENGTHS, MAX_DEPTH, MAX_JOINTS, pose_of, read_bvh, read_motion
 from retarget.types import FloatArray
 from rig import person
 
@@ -213,13 +213,6 @@ def test_a_motion_cut_in_its_last_line_is_refused_as_cut_short(tmp_path: Path, s
         read_bvh(write(tmp_path, "\n".join([*lines[:-1], cut])))
 
 
-def test_a_calibration_pose_in_front_has_a_note(tmp_path: Path) -> None:
-    still = bvh_text(4, rotations={"LeftArm": (-80.0, 0.0, 0.0), "RightArm": (80.0, 0.0, 0.0)}).splitlines()
-    still[-4] = bvh_text(1).splitlines()[-1]
-    assert CALIBRATION_POSE in read_bvh(write(tmp_path, "\n".join(still))).notes
-    assert CALIBRATION_POSE not in read_bvh(write(tmp_path, bvh_text(4))).notes
-
-
 def test_every_recording_is_a_human_with_constant_bones(shared: Path) -> None:
     paths = [path for folder in RECORDINGS for path in sorted((shared / "mocap" / folder).glob("*.bvh"))]
     assert len(paths) == 13
@@ -239,7 +232,7 @@ def test_every_recording_is_a_human_with_constant_bones(shared: Path) -> None:
 
 def test_notes_about_recordings(shared: Path) -> None:
     notes = read_bvh(shared / "mocap/cmu_bvh_hahne/02_06.bvh").notes
-    assert LOST_LENGTHS in notes and CALIBRATION_POSE in notes
+    assert LOST_LENGTHS in notes
     shows(read_bvh(shared / "mocap/other/bvh_test3.bvh").notes)
     orders = read_motion(shared / "mocap/other/bvh_test1.bvh").hierarchy.channels
     assert len({tuple(axis for kind, axis in channels if kind == "r") for channels in orders}) == 4
