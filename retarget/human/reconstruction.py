@@ -95,8 +95,8 @@ _SETTLING_S = 1.0
 _SETTLING_FRAMES = 200
 _SETTLED = 1e-5
 """Settling ends when no coordinate changes by more than this per frame (m, rad)."""
-_LONGEST_FRAME_S = 0.0101
-"""Longest frame of the solver: a sensor that goes 5 m/s is as far as its few iterations take in this time."""
+_LONGEST_FRAME_S = 0.0201
+"""Longest frame of the solver, that of 50 Hz: in a longer one its few iterations do not take in what a fast hand does."""
 _FEET = ("l_ankle", "r_ankle")
 
 Points = dict[str, list[float]]
