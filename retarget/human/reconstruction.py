@@ -96,7 +96,7 @@ _SETTLING_FRAMES = 200
 _SETTLED = 1e-5
 """Settling ends when no coordinate changes by more than this per frame (m, rad)."""
 _LONGEST_FRAME_S = 0.0201
-"""Longest frame of the solver, that of 50 Hz: in a longer one its few iterations do not take in what a fast hand does."""
+"""Longest frame of the solver, that of 50 Hz: in a longer one its few iterations do not follow a fast hand."""
 _FEET = ("l_ankle", "r_ankle")
 
 Points = dict[str, list[float]]
