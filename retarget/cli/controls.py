@@ -8,7 +8,6 @@ import fcntl
 import json
 import os
 import select
-import signal
 import socket
 import stat
 import struct
@@ -26,7 +25,7 @@ from hardware.clock import Clock
 from hardware.errors import HardwareError
 from hardware.realtime import Scheduling, refuse_scheduling
 from retarget.cli.application import USUAL
-from retarget.cli.exit import REASONS, ForcedStopKey, StopRequest
+from retarget.cli.exit import REASONS, SUSPENDED, ForcedStopKey, StopRequest
 from retarget.errors import UsageError, renamed_to
 from retarget.types import Notify, RunState
 
@@ -363,7 +362,7 @@ MAX_LINE = 64
 MOST_CLIENTS = 4
 """At once; a new client takes the place of the oldest one."""
 MOST_LINES = 8
-"""That are read from one client in one poll."""
+"""That are read from one client in one poll, at their longest."""
 CONNECT_S = 1.0
 
 
@@ -462,7 +461,7 @@ class ControlSocket:
             self._drop(client)
         else:
             self._clients[client] = rest
-        return [line.decode("ascii", errors="replace").strip() for line in lines[:MOST_LINES]]
+        return [line.decode("ascii", errors="replace").strip() for line in lines]
 
     def _answer(self, client: socket.socket, text: str) -> None:
         line, sent = text.encode() + b"\n", 0
@@ -702,7 +701,7 @@ def announced(torque_off_asked: Callable[[], bool], machine: "Machine", *, notif
             said = True
             rests = machine.goes_to_rest and machine.guard.may_go_to_rest
             then = "it brakes and goes to rest" if rests else "it brakes"
-            again = "once more" if stop.reason == REASONS[signal.SIGINT] else "twice"
+            again = "once more" if stop.reason in (*REASONS.values(), *SUSPENDED.values()) else "twice"
             next_step = "torque goes off at once" if forced else f"{then} (Ctrl-C {again}: torque off at once)"
             with suppress(OSError):  # a lost terminal must not keep a second press from being received
                 notify(f"stopping: {stop.reason}: {next_step}")

@@ -116,8 +116,10 @@ class _Writer(Handler):
         """None: `logging` takes it at the end of the process, while the thread may hang."""
         self.lock = None
 
-    def emit(self, record: LogRecord) -> None:
+    def handle(self, record: LogRecord) -> bool:
+        """Write it, without the lock."""
         self._screen.put(record.msg)
+        return True
 
 
 def _descriptor(stream: TextIO) -> int | None:
@@ -140,7 +142,8 @@ def careful_stdout() -> Iterator[Screen]:
         yield screen
     finally:
         sys.stdout = stream
-        screen.end(None if screen.waits else PATIENCE_S)
+        with suppress(KeyboardInterrupt):  # nobody reads, and the user does not wait for it
+            screen.end(None if screen.waits else PATIENCE_S)
 
 
 @contextmanager

@@ -24,7 +24,7 @@ def inspect(source: str, file: FileOptions, as_json: bool = False) -> None:
     Options:
         as_json (--json): Machine-readable, one object.
     """
-    summary = summarise(_opened(source, file))
+    summary = summarise(_opened(source, file), streamed=is_address(source))
     if as_json:
         typer.echo(TypeAdapter(MotionSummary).dump_json(summary, indent=2).decode())  # what is not finite is null
     else:

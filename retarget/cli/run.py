@@ -441,8 +441,10 @@ def run(
     outputs = Outputs.checked(report=report, save=save, plots=plots, record=record, overwrite=overwrite)
     outputs = replace(outputs, view=view)
     if is_address(source):
-        start = [] if options.playback.start is None else ["--start"]
-        refuse_given([*given(file), *start], "motion file")
+        played = options.playback
+        start = [] if played.start is None else ["--start"]
+        pose = ["--keep-calibration-frame"] if played.keep_calibration_frame else []
+        refuse_given([*given(file), *start, *pose], "motion file")
         raise typer.Exit(follow_live(source, options, outputs, live))
     refuse_given([*given(live, but=WITHOUT_EFFECT), *given(live.oversight)], "live stream")
     raise typer.Exit(follow_clip(partial(file.open, source), options, outputs, source=source))

@@ -97,6 +97,8 @@ _SETTLED = 1e-5
 """Settling ends when no coordinate changes by more than this per frame (m, rad)."""
 _LONGEST_FRAME_S = 0.0201
 """Longest frame of the solver, that of 50 Hz: in a longer one its few iterations do not follow a fast hand."""
+_MOST_PARTS = 50
+"""Parts of a step: those of 1 s."""
 _FEET = ("l_ankle", "r_ankle")
 
 Points = dict[str, list[float]]
@@ -220,7 +222,7 @@ class Reconstructor:
         self._reach.clamp(intake.position, intake.present)
         before[~present] = intake.position[~present]
         turns = self._layout.orientations(sample)
-        parts = max(ceil(dt / _LONGEST_FRAME_S - 1e-6), 1)
+        parts = min(max(ceil(dt / _LONGEST_FRAME_S - 1e-6), 1), _MOST_PARTS)
         for part in range(1, parts + 1):
             at = intake.position if part == parts else before + (part / parts) * (intake.position - before)
             points = self._present(at)

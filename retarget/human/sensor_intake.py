@@ -1,12 +1,13 @@
 """Sensor intake: sensors as goals of the body, without jumps, and no further from each other than a body can be.
 
 A lost sensor, one that comes back, and one that jumps faster than any human get an offset that fades: the goal stays
-continuous, and is where the sensor is a quarter of a second later. A sensor that comes back by a weight starts where
-the body has it, and moves slowly.
+continuous, and ends where the sensor is. A sensor that comes back by a weight starts where the body has it, and moves
+slowly.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import exp
 
 import numpy as np
 
@@ -20,11 +21,11 @@ FASTEST_M_S = 15.0
 
 @dataclass(frozen=True)
 class IntakeTimes:
-    """s. hold: time for which a lost sensor is taken to stand still; then it takes no part. fade: time in which an
-    offset fades to nothing. speed: greatest speed, m/s, of a sensor that comes back by its weight."""
+    """s. hold: time for which a lost sensor is taken to stand still; then it takes no part. fade: time constant with
+    which an offset fades. speed: greatest speed, m/s, of a sensor that comes back by its weight."""
 
     hold: float = 0.2
-    fade: float = 0.25
+    fade: float = 0.075
     speed: float = 0.6
 
 
@@ -39,7 +40,6 @@ class SensorIntake:
         self.all_present = False
         self.measured = np.zeros((count, 3))
         self._offset = np.zeros((count, 3))
-        self._faded = np.ones(count)  # share of `fade` that has passed
         self._lost_for = np.full(count, np.inf)
         self._has_lost = True
         self._is_fading = False
@@ -54,7 +54,7 @@ class SensorIntake:
         self.measured[:] = self.position
         self.present[:] = valid
         self.all_present = bool(valid.all())
-        self._faded[:] = 1.0
+        self._offset[:] = 0.0
         self._lost_for[:] = np.where(valid, 0.0, np.inf)
         self._has_lost = not self.all_present
         self._is_fading = False
@@ -82,10 +82,9 @@ class SensorIntake:
         else:
             self.measured[:] = position
         if self._is_fading:
-            np.minimum(self._faded + dt / self._times.fade, 1.0, out=self._faded)
-            self._is_fading = bool(self._faded.min() < 1.0)
-            left = 1.0 - self._faded * self._faded * (3.0 - 2.0 * self._faded)  # without a step of speed at either end
-            np.add(self.measured, left[:, None] * self._offset, out=self.position)
+            self._offset *= exp(-dt / self._times.fade)
+            self._is_fading = bool(np.abs(self._offset).max() > 1e-6)
+            np.add(self.measured, self._offset, out=self.position)
         else:
             self.position[:] = self.measured
         if self._is_returning:
@@ -95,7 +94,7 @@ class SensorIntake:
         """A sensor that has just come back by a weight gets no offset that fades."""
         slowly = self._back & (weight < 1.0)
         self._away[slowly], self._left[slowly] = self._offset[slowly], 1.0
-        self._faded[slowly] = 1.0
+        self._offset[slowly] = 0.0
         self._left[self._back & ~slowly] = 0.0
         self._is_returning = bool(self._left.any())
 
@@ -118,7 +117,6 @@ class SensorIntake:
         changed = back | jump
         self._back = back
         self._offset[changed] = asked_before[changed] - position[changed]
-        self._faded[changed] = 0.0
         self.measured[valid] = position[valid]
         self._lost_for[valid] = 0.0
         self._lost_for[~valid] += dt

@@ -172,7 +172,7 @@ class ClockMap:
         if key == (None, None):
             return self._deliver(arrival)
         if self._is_repeated(key in self._recent, stamp, number):
-            self.dropped.note("repeated")
+            self.dropped.note("repeated" if key in self._recent else "the sender's time stands still")
             return None
         time = self._placed(arrival, stamp, number)
         if time is not None:

@@ -165,8 +165,10 @@ def _take_chunk(chunk: Any, found: _Found) -> None:
         begin = at + RECORD_HEAD.size
         at = begin + length
         found.records += 1
-        if at > len(data) or found.records > MOST_RECORDS:
-            raise ValueError(f"a record is longer than its chunk, or one of more than {MOST_RECORDS}")
+        if at > len(data):
+            raise ValueError("a record is longer than its chunk")
+        if found.records > MOST_RECORDS:
+            raise ValueError(f"one of more than {MOST_RECORDS}")
         if opcode == CHANNEL:
             channel = Channel.read(ReadDataStream(BytesIO(data[begin:at])))
             found.channels.setdefault(channel.id, channel)

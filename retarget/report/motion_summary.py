@@ -78,9 +78,9 @@ class MotionSummary:
     notes: tuple[str, ...]
 
 
-def summarise(frames: SensorFrames) -> MotionSummary:
-    """Look at every frame of a recording."""
-    jumps, pose = find_jumps(frames), calibration_pose(frames)
+def summarise(frames: SensorFrames, *, streamed: bool = False) -> MotionSummary:
+    """Look at every frame of a recording. streamed: of a stream, of which no calibration pose is left out."""
+    jumps, pose = find_jumps(frames), None if streamed else calibration_pose(frames)
     speed = _speeds(frames)
     sensors = tuple(_sensor(frames, i, speed, jumps) for i in range(len(frames.names)))
     trunk = next((name for name in TRUNK if name in frames.names), frames.names[0])

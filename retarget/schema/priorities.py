@@ -287,12 +287,20 @@ class DeflectionCompensationSettings(Schema):
     much more."""
 
 
+def _levers_alike(tasks: tuple[Task, ...]) -> tuple[Task, ...]:
+    """A short lever is that of a whole level: all its tasks are observers, with the same one."""
+    levers = {getattr(task, "short_lever", 0.0) for task in tasks}
+    if len(levers) > 1:
+        raise PydanticCustomError("levers", "tasks of one level with and without a short_lever, or with different ones")
+    return tasks
+
+
 class Level(Schema):
     """Tasks of equal rank. A level without tasks keeps its place and has no effect."""
 
     name: Text
     """For messages and reports."""
-    tasks: Annotated[tuple[Task, ...], Field(max_length=32)]
+    tasks: Annotated[tuple[Task, ...], Field(max_length=32), AfterValidator(_levers_alike)]
     """Tasks of equal rank; none: the level keeps its place and has no effect."""
 
 

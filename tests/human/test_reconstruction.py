@@ -14,6 +14,7 @@ from reconstructions import Run, reconstruct, thinned, turned
 from retarget import rotations
 from retarget.frames import SensorFrames, SensorSample
 from retarget.human.reconstruction import SensorLayout
+from retarget.human.sensor_intake import IntakeTimes
 from retarget.model.human import build_human, human_limits
 from retarget.model.human_dimensions import HUMAN_JOINTS, POINTS, proportional_dimensions
 from retarget.schema.performer import Performer, PerformerSensor
@@ -139,7 +140,7 @@ def test_a_lost_and_a_jumping_sensor_make_no_jump() -> None:
     assert np.isfinite(run.joints).all()
     speed = np.linalg.norm(np.diff(run.joints, axis=0), axis=-1).max() * frames.rate_hz
     clean = np.linalg.norm(np.diff(reconstruct(frames, "human").joints, axis=0), axis=-1).max() * frames.rate_hz
-    assert speed < clean + 0.4 * np.sqrt(3.0) / 0.1 + 1.0  # the fastest that an offset fades
+    assert speed < clean + 0.4 * np.sqrt(3.0) / IntakeTimes().fade + 1.0  # the fastest that an offset fades
     assert run.errors_mm[-1] == pytest.approx(np.zeros(5), abs=1.0)
 
 

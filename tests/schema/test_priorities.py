@@ -356,3 +356,13 @@ def test_the_wrong_file_is_refused(
     error = capsys.readouterr().err
     assert leaving.value.code == REFUSED
     assert re.search(message, error, re.DOTALL), error
+
+
+def test_a_short_lever_is_that_of_a_whole_level(tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text(
+        "name: mine\ndescription: x\nextends: human\nlevels:\n  - ankles\n  - name: both\n    tasks:\n"
+        "      - {type: reactive, against: self, short_lever: 0.1}\n      - {type: reactive, against: scene}\n"
+    )
+    with refuses(ConfigError):
+        load_priorities(path)

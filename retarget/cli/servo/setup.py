@@ -77,6 +77,8 @@ def check_asked(asked: Asked, protocol: int | None, model: str | None) -> None:
             asked, registers={name: asked.registers[name] for name in asked.registers if name != LEVEL[2].name}
         )
     possible = [one for one in tables() if protocol in (None, one.protocol) and model in (None, one.model)]
+    if not possible:
+        return
     refused = ""
     for table in [one for one in possible if all(map(one.has, asked.registers))] or possible[:1]:
         try:
