@@ -170,6 +170,7 @@ class Bench:
     stop_asked: what SIGINT and SIGTERM set. undo: called in the end. gate: False: goals are not checked.
     leaves: the run is not observed to its end, where the robot is at rest.
     approaching: `at` counts from when torque is on, and the robot begins in posture `rest`.
+    held_up: when each fault comes that the robot holds for and goes on after, s as in `at`, and for how long it may, s.
     mass: on the path of a real port, with simulated mechanics behind the emulated wire.
     on_goal: called in every tick of a moving robot once a goal is found.
     """
@@ -188,6 +189,7 @@ class Bench:
         self.lines: dict[str, Line] = {}
         self.ports: dict[str, TappedPort] = {}
         self.stop_asked = self.leaves = self.approaching = False
+        self.held_up: list[tuple[float, float]] = []
         self.on_goal: list[Callable[[], object]] = []
         self.undo: list[Callable[[], object]] = []
         self.robot: RobotBody

@@ -45,7 +45,7 @@ REST_S = 0.35
 """Time from the beginning of a hold, or of a stop, until the robot stands, s."""
 OFF_S = 4.0
 """From the beginning of a stop until torque is off, s; of a robot that is slow because a servo is warm, so much
-longer."""
+longer, and of one that a fault holds on its way, so much longer as that fault may."""
 TO_REST_SHARE = 0.55
 """Share of the greatest speeds on the way to rest: the longest way of a joint, 2.4 rad, takes 1.9 s at this speed, with
 a gentle rise and fall."""
@@ -106,6 +106,11 @@ def _speeds(bench: Bench, trace: Trace, goal_tracks: list[Track], dt: float) -> 
     return wrong[:8]
 
 
+def _held_up(bench: Bench, trace: Trace, first: float, last: float) -> float:
+    """Return for how long, s, the faults that came between two times, s, may hold the robot before it goes on."""
+    return sum(limit for at, limit in bench.held_up if first <= at + (trace.began or 0.0) < last)
+
+
 def _stop_violations(
     bench: Bench, trace: Trace, goal_tracks: list[Track], writes: list[Written], dt: float
 ) -> list[str]:
@@ -121,7 +126,7 @@ def _stop_violations(
     if off is None:
         if trace.gone is None and not trace.writes_fail:
             wrong.append("torque off was never commanded")
-    elif off - begun > (allowed := OFF_S / min(tick.slow for tick in since)):
+    elif off - begun > (allowed := OFF_S / min(tick.slow for tick in since) + _held_up(bench, trace, begun, off)):
         wrong.append(f"torque went off {off - begun:.2f} s after the stop began, allowed {allowed:g} s")
     ended = trace.first(STOPPED, begun)
     if ended is not None:
@@ -418,6 +423,7 @@ def bench_of(
         mass=len(strikes) == 1 and strikes[0].row.mass,
     )
     bench.approaching = when is When.APPROACHING
+    bench.held_up = [(at, row.limit) for row, at in strikes if row.reaction is Reaction.RESUME]
     if when is When.STOPPING:
         bench.at(strikes[0].at - STOP_BEFORE, lambda: bench.guard.latch(StopCause.REQUESTED, "asked for"))
     for row, at in strikes:
