@@ -20,7 +20,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # Without bytecode every process of a test, and every worker, would compile everything anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help demo test lint golden golden-store bench bench-bus bench-tick bench-lateness bench-viewer bench-physics paper robustness mutants long docs wheels clean machine
+.PHONY: help demo test lint golden golden-store bench bench-bus bench-tick bench-lateness bench-viewer bench-physics paper robustness mutants long docs docs-tables wheels clean machine
 
 help:
 	@echo 'make demo    a synthetic performer drives a robot on emulated servos; report and pictures in out/demo'
@@ -38,6 +38,7 @@ help:
 	@echo 'make robustness  in how many runs under perturbations it stands; takes half an hour'
 	@echo 'make mutants  every protection of guard, gate, supervisor and loop removed in turn: does a test fail?'
 	@echo 'make long    tests that take minutes'
+	@echo 'make docs-tables  the measured tables of the pages, from docs/tables and from what is computed in a second'
 	@echo 'make docs    the documentation site in out/site; it opens from disk'
 	@echo 'make wheels  wheels for x86-64 and aarch64 in wheels/'
 	@echo 'make clean   remove .venv and everything built'
@@ -71,6 +72,9 @@ golden-store: $(VENV)/.with-test
 docs: $(VENV)/.with-docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 	@echo 'open out/site/index.html'
+
+docs-tables: $(VENV)/.with-test
+	$(BIN)/python -m benchmarks.docs_tables
 
 bench: $(VENV)/.with-bench
 	$(BIN)/python -m benchmarks $(BENCH)

@@ -1,6 +1,6 @@
 """`python -m benchmarks`: our frame beside PlaCo and mink, in one run on one core.
 
-Prints the tables that docs/benchmarks.md draws on; `--json FILE` keeps the numbers.
+`--json FILE` keeps the numbers.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import os
 os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
 from benchmarks.bodies import BenchBody, bench_human, bench_op3
-from benchmarks.measure import Outcome, print_outcomes, run
+from benchmarks.measure import Outcome, print_outcomes, run, show_sides
 from benchmarks.motion import Motion, crouch_and_reach, out_of_reach
 from benchmarks.ours import Ours
 from benchmarks.recording import RECORDING, SHARED, followed, recording
@@ -35,6 +35,7 @@ def main() -> None:
     )
     print(f"Sides take turns frame by frame; times are medians over {options.repeats} runs.")
     print_outcomes(outcomes)
+    show_sides("frames", outcomes, docs=options.docs)
     write_json(options.json, {"frames": outcomes})
 
 

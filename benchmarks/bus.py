@@ -1,6 +1,6 @@
 """`python -m benchmarks.bus`: cycles with emulated servos in a process of their own, beside dynamixel-sdk in one run.
 
-Prints the tables that docs/benchmarks.md draws on; `--json FILE` keeps the numbers. Linux.
+`--json FILE` keeps the numbers. Linux.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from benchmarks.bus_cycles import Cycles, Missing, by_turns, missing
 from benchmarks.bus_emulator import EmulatorProcess
 from benchmarks.bus_sides import OurBus, SdkGroups, our_port
 from benchmarks.bus_wire import wire_times
-from benchmarks.table import options_of, print_table, write_json
+from benchmarks.table import options_of, print_table, show_table, write_json
 
 COUNT, BAUD = 20, 4_000_000
 
@@ -32,9 +32,11 @@ def main() -> None:
         compared = compare(folder, options.cycles, options.repeats)
         gone = miss(folder, max(options.cycles // 4, 50))
         times = wire_times(folder, cycles=max(options.cycles // 5, 40))
-    print_table(
-        [f"{COUNT} servos, no wire delay", "p50, ms", "p99, ms", "thread CPU, ms", "no answer"],
+    show_table(
+        "bus",
+        ["driver", "p50, ms", "p99, ms", "thread CPU, ms", "no answer"],
         [[row.side, f"{row.p50:.3f}", f"{row.p99:.3f}", f"{row.cpu:.3f}", str(row.lost)] for row in compared],
+        docs=options.docs,
     )
     print_table(
         ["one of 20 missing, ms", "before", "slowest of the first 5", "later, median", "later, slowest", "others"],

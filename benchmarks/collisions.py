@@ -18,7 +18,7 @@ from pathlib import Path
 from benchmarks.collision_numbers import Numbers, numbers
 from benchmarks.collision_placement import height_scale, place, write_scene
 from benchmarks.collision_runs import play, unobserving
-from benchmarks.table import print_table
+from benchmarks.table import add_docs, print_table, show_table
 from hardware.errors import RetargetError
 from retarget.frames import SensorFrames
 from retarget.run.options import RunOptions
@@ -30,6 +30,8 @@ HEADS = (
     "recording", "scene", "frames", "self mm", "> 1 mm", "scene mm", "> 1 mm", "gated %", "hands mm", "unhindered mm",
     "path ratio", "jerk p95", "jerk ratio", "switches/s", "stopped",
 )  # fmt: skip
+
+DOCS_HEADS = ("OP3", "runs", "frames", "self, nearest", "scene, nearest", "frames more than 1 mm inside", "gated")
 
 
 def recordings(folder: Path) -> list[Path]:
@@ -88,6 +90,7 @@ def main() -> None:
         except RetargetError as error:
             notes.append(f"{name}: skipped: {error}")
     print_table(HEADS, [row_of(row) for row in [*rows, *worst(rows)]], text=2)
+    show_table("collisions", DOCS_HEADS, [docs_row(rows, one) for one in worst(rows)], docs=chosen.docs)
     notes += [f"not compared: {pair}" for pair in sorted({pair for row in rows for pair in row.left_out})]
     print("\n" + "\n".join(f"* {note}" for note in notes))
     if chosen.json is not None:
@@ -114,6 +117,17 @@ def row_of(row: Numbers) -> list[str]:
         _number(row.switches, 1) + (f" {row.busiest}" if row.busiest else ""),
         row.stop or "",
     ]
+
+
+def docs_row(rows: list[Numbers], worst_of: Numbers) -> list[str]:
+    """Cells of the documentation's table for one of `worst(rows)`."""
+    runs = [row for row in rows if (row.scene == FREE) == (worst_of.scene == FREE)]
+    gated = sum((row.gated or 0.0) * row.frames for row in runs) / worst_of.frames
+    nearest = (worst_of.self_mm, worst_of.scene_mm)
+    clearances = ("-" if mm is None else f"{mm:.1f} mm" for mm in nearest)
+    scene = "free" if worst_of.scene == FREE else "table and post"
+    deep = str(worst_of.self_deep + worst_of.scene_deep)
+    return [scene, str(len(runs)), f"{worst_of.frames:,}", *clearances, deep, f"{100.0 * gated:.2f} %"]
 
 
 def worst(rows: list[Numbers]) -> list[Numbers]:
@@ -167,6 +181,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--no-gate", action="store_true", help="what the observers do alone")
     parser.add_argument("--scenes", default=f"{FREE},{OBSTACLES}", help="free, obstacles, or both")
     parser.add_argument("--json", type=Path, help="write the rows to a file")
+    add_docs(parser)
     chosen = parser.parse_args()
     if chosen.robot == "human":
         chosen.no_gate = False

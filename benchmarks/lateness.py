@@ -19,7 +19,7 @@ import numpy as np
 
 from benchmarks.bodies import Floats
 from benchmarks.pose_sender import PoseSender
-from benchmarks.table import options_of, print_table, write_json
+from benchmarks.table import options_of, show_table, write_json
 from hardware.bus import ServoBus
 from hardware.clock import Clock, MonotonicClock
 from hardware.realtime import Scheduling, scheduled
@@ -162,12 +162,12 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name, scheduled(how):
         robot = at_rate(Path(name))
         live, empty = by_turns(options.seconds, options.turns, lambda seconds: live_leg(seconds, robot))
-    heads = [f"{RATE_HZ:g} Hz, load {load:.1f}", "ticks", "p50, ms", "p99, ms", "longest, ms", "over a period"]
+    heads = [f"{RATE_HZ:g} Hz, load {load:.1f}", "p50, ms", "p99, ms", "longest, ms", "over a period"]
     rows = [
-        [row.loop, str(row.ticks), *(f"{ms:.3f}" for ms in (row.p50, row.p99, row.longest)), str(row.missed)]
+        [row.loop, *(f"{ms:.3f}" for ms in (row.p50, row.p99, row.longest)), f"{row.missed} of {row.ticks}"]
         for row in (live, empty)
     ]
-    print_table(heads, [*rows, ["live / empty", "", f"{live.p50 / empty.p50:.2f}", f"{live.p99 / empty.p99:.2f}"]])
+    show_table("lateness", heads, rows, docs=options.docs)
     write_json(options.json, {"lateness": [live, empty]})
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.bodies import BenchBody, Floats
 from benchmarks.motion import RATE, Motion
 from benchmarks.side import MakeSide, Side
-from benchmarks.table import print_table
+from benchmarks.table import print_table, show_table
 
 WARM_UP = 20  # frames whose times are not counted; their errors are
 OURS = "retarget"
@@ -132,6 +132,15 @@ def print_outcomes(outcomes: list[Outcome]) -> None:
         ["case", "side", "median", "p99", "ours / side", *errors, "speed", "shake", "beyond", "failed"], rows, text=2
     )
     print(f"\n{LEGEND}")
+
+
+def show_sides(name: str, outcomes: Sequence[Outcome], *, docs: bool) -> None:
+    """A table of the documentation: a column for each side, median us, and in brackets the error of the ankles, mm."""
+    sides = list(dict.fromkeys(o.side for o in outcomes))
+    cells = {(o.body, o.motion, o.side): f"{o.median_us:.0f} ({_mm(o.ankles_mm)})" for o in outcomes}
+    cases = dict.fromkeys((o.body, o.motion) for o in outcomes)
+    rows = [[f"{body}, {motion}", *(cells[body, motion, side] for side in sides)] for body, motion in cases]
+    show_table(name, ["case", *sides], rows, docs=docs)
 
 
 def _row(o: Outcome, base: float) -> list[str]:

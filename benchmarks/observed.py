@@ -1,7 +1,7 @@
 """`python -m benchmarks.observed`: our frame with collision observers beside PlaCo and mink on the same pairs, and what
 obstacles cost: 1, 2, 4, ... 64 of them around the arms, half of them within influence.
 
-Prints the tables that docs/benchmarks.md draws on; `--json FILE` keeps the numbers.
+`--json FILE` keeps the numbers.
 """
 
 from __future__ import annotations
@@ -16,15 +16,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.measure import WARM_UP, play
+from benchmarks.measure import OURS, WARM_UP, play
 from benchmarks.motion import crouch_and_reach
 from benchmarks.observed_body import Watched, scene_distances, watched_human, watched_op3
 from benchmarks.observed_cases import BASE, Observed, cases, entries, run_observed
 from benchmarks.observed_obstacles import around_arms, influence
 from benchmarks.ours import Activation, observed
 from benchmarks.recording import RECORDING, SHARED
-from benchmarks.table import options_of, print_table, write_json
+from benchmarks.table import options_of, print_table, show_table, write_json
 
+OP3 = "op3"
 COUNTS = (1, 2, 4, 8, 16, 32, 64)
 FRAMES = 360
 SWAY = 0.1
@@ -98,6 +99,16 @@ def print_obstacle_costs(costs: Sequence[ObstacleCost]) -> None:
     print_table(["obstacles", *(str(count) for count in costs[0].counts)], rows)
 
 
+def show_observed(rows: Sequence[Observed], *, docs: bool) -> None:
+    """The table of the documentation: median us of our side with a damper on every pair, and of the peers."""
+    cells = []
+    for case in dict.fromkeys(_case(row) for row in rows):
+        sides = {row.outcome.side: row for row in rows if _case(row) == case}
+        shown = {side: row for side, row in sides.items() if side == BASE or not side.startswith(OURS)}
+        cells.append([case, str(sides[BASE].pairs), *(f"{row.outcome.median_us:.0f}" for row in shown.values())])
+    show_table("observed", ["case", "pairs", *shown], cells, docs=docs)
+
+
 def _case(row: Observed) -> str:
     return f"{row.outcome.body}, {row.worn}, {row.outcome.motion}"
 
@@ -137,6 +148,10 @@ def main() -> None:
     frames = min(options.frames, FRAMES)
     costs = [obstacle_cost(one, way, frames=frames, repeats=options.repeats) for one in bodies for way in ways]
     print_obstacle_costs(costs)
+    robot = [cost for cost in costs if cost.body == OP3]
+    cells = [[f"`activation: {cost.activation}`", *(f"{us:.0f}" for us in cost.median_us)] for cost in robot]
+    show_table("obstacles", ["obstacles", *map(str, COUNTS)], cells, docs=options.docs)
+    show_observed([row for row in rows if row.outcome.body == OP3], docs=options.docs)
     write_json(options.json, {"observed": rows, "obstacles": costs})
 
 

@@ -13,12 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.table import add_docs, show_table
 from retarget import rotations
 from retarget.frames import SensorFrames, SensorSample
 from retarget.human.calibration import calibrate
 from retarget.human.reconstruction import Reconstructor
 from retarget.ik.hierarchy import Hierarchy
-from retarget.ik.support_polygon import half_spaces, plant, support_distance
+from retarget.ik.support_polygon import half_spaces, plant
 from retarget.model.human import build_human
 from retarget.model.human_dimensions import HumanDimensions
 from retarget.model.robot import RobotBody, load_robot
@@ -54,13 +55,12 @@ STRAIGHT = Priorities.model_validate(
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """What a robot did: landmarks (T, k, 3) m asked of it and reached, its trunk (T, 4), its CoM's margin (T,) m, and
-    the performer's heading (T, 2) that its world's x stands for."""
+    """What a robot did: landmarks (T, k, 3) m asked of it and reached, its trunk (T, 4) wxyz, and the performer's
+    heading (T, 2) that its world's x stands for."""
 
     asked: FloatArray
     reached: FloatArray
     trunk: FloatArray
-    support: FloatArray
     heading: FloatArray
 
 
@@ -104,8 +104,7 @@ def one_stage(robot: RobotBody, frames: SensorFrames, truth: Sequence[HumanPostu
         hierarchy.set_previous(targets, q, dt)
         q = hierarchy.solver.frame(targets, dt)
         reached = reader.read(q)
-        margin = support_distance(reached.centre_of_mass, stance.edges(0.0))
-        rows.append((asked.landmarks, reached.points, reached.trunk, margin, (x, y)))
+        rows.append((asked.landmarks, reached.points, reached.trunk, (x, y)))
     return Track(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
@@ -135,18 +134,13 @@ def two_stages(robot: RobotBody, frames: SensorFrames, size: HumanDimensions, dt
     for tick in range(len(frames)):
         sample = SensorSample(FIVE, five.position[tick], five.orientation[tick], five.valid[tick])
         human.append(reconstructor.step(sample, step) if tick else reconstructor.start(sample))
-    return second_stage(robot, human, size, dt)
-
-
-def second_stage(robot: RobotBody, human: Sequence[HumanPosture], size: HumanDimensions, dt: float) -> Track:
-    """Postures of the human to the robot."""
     follower = Follower(robot, load_priorities("servo"), size)
     reader = RobotReader(robot, follower.stance)
     rows = []
     for tick, (posture, ahead) in enumerate(zip(human, headings(human, dt), strict=True)):
         done = follower.step(posture, dt) if tick else follower.start(posture)
         trunk = reader.read(done.q).trunk
-        rows.append((done.landmarks_asked, done.landmarks_reached, trunk, done.support_distance, ahead))
+        rows.append((done.landmarks_asked, done.landmarks_reached, trunk, ahead))
     return Track(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
@@ -155,22 +149,18 @@ def wanted(robot: RobotBody, truth: Sequence[HumanPosture], size: HumanDimension
     landmarks = Follower(robot, load_priorities("servo"), size).landmark_map
     asked = [landmarks.ask(posture, dt) for posture in truth]
     points = np.array([one.landmarks for one in asked])
-    return Track(points, points, np.array([one.trunk for one in asked]), np.zeros(len(asked)), headings(truth, dt))
+    return Track(points, points, np.array([one.trunk for one in asked]), headings(truth, dt))
 
 
 def judge(done: Track, goal: Track, names: tuple[str, ...]) -> list[float]:
-    """Mean errors of hands, pelvis (mm) and trunk (deg) against `goal`; crouch ratio; hand error (mm) against what this
-    way asked itself; CoM outside (ticks)."""
+    """Mean errors of hands, pelvis (mm) and trunk (deg) against `goal`."""
     hands, pelvis = [names.index("l_hand"), names.index("r_hand")], names.index("pelvis")
     # What faces elsewhere is not wrong: the robot's world is turned to where the recorded body faces.
     (ax, ay), (bx, by) = goal.heading.T, done.heading.T
     away = rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), np.arctan2(ax * by - ay * bx, ax * bx + ay * by))
     error = 1e3 * np.linalg.norm(rotations.rotate(away[:, None], done.reached) - goal.asked, axis=2)
-    own = 1e3 * np.linalg.norm(done.reached - done.asked, axis=2)
     turn = np.rad2deg(rotations.angle_between(goal.trunk, rotations.multiply(away, done.trunk)))
-    crouch = np.ptp(done.reached[:, pelvis, 2]) / np.ptp(goal.asked[:, pelvis, 2])
-    values = [error[:, hands].mean(), error[:, pelvis].mean(), turn.mean(), crouch, own[:, hands].mean()]
-    return [float(value) for value in (*values, np.count_nonzero(done.support < 0.0))]
+    return [float(value) for value in (error[:, hands].mean(), error[:, pelvis].mean(), turn.mean())]
 
 
 def main() -> None:
@@ -178,13 +168,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("files", nargs="+", type=Path)
     parser.add_argument("--speed", type=float, default=0.5)
+    add_docs(parser)
     options = parser.parse_args()
     robot = load_robot("op3")
     names, dt = tuple(robot.profile.landmarks), 1.0 / robot.profile.safety.rate_hz
-    print(
-        "| motion | way | hands, mm | pelvis, mm | trunk, deg | crouch | hands to own goals, mm | CoM outside, ticks |"
-    )
-    print("|---|---|---|---|---|---|---|---|")
+    rows = []
     for path in options.files:
         frames = open_source(path)
         size = calibrate(frames)
@@ -194,12 +182,10 @@ def main() -> None:
         ways = {
             "one stage": one_stage(robot, frames, truth, dt),
             "two stages": two_stages(robot, frames, size, dt, options.speed * dt),
-            "second stage, body known": second_stage(robot, truth, size, dt),
         }
         for way, done in ways.items():
-            hands, pelvis, trunk, crouch, own, outside = judge(done, goal, names)
-            print(f"| {path.stem} | {way} | {hands:.0f} | {pelvis:.0f} | {trunk:.0f} ", end="")
-            print(f"| {crouch:.2f} | {own:.0f} | {outside:.0f} |")
+            rows.append([path.stem, way, *(f"{value:.0f}" for value in judge(done, goal, names))])
+    show_table("one-stage", ["motion", "way", "hands, mm", "pelvis, mm", "trunk, deg"], rows, text=2, docs=options.docs)
 
 
 if __name__ == "__main__":

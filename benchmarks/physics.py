@@ -18,7 +18,7 @@ from pathlib import Path
 
 from benchmarks.physics_runs import PhysicsCost, cost_of_run
 from benchmarks.recording import RECORDING
-from benchmarks.table import print_table
+from benchmarks.table import add_docs, show_table
 from retarget.frames import SensorFrames
 from retarget.human.samples import Playback
 from retarget.run.options import RunOptions
@@ -38,6 +38,7 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=3, help="runs of which the best counts")
     parser.add_argument("--wire", action="store_true", help="through the emulator's bytes as well")
     parser.add_argument("--json", type=Path, help="file for the numbers")
+    add_docs(parser)
     asked = parser.parse_args()
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     costs = []
@@ -45,7 +46,7 @@ def main() -> None:
         options = RunOptions(robot=asked.robot, bus=bus, playback=Playback(speed=asked.speed, end=asked.end))
         for name, frames in motions().items():
             costs.append(best(f"{name}, {bus}", frames, options, repeats=asked.repeats))
-    show(costs)
+    show(costs, docs=asked.docs)
     if asked.json is not None:
         text = json.dumps([dataclasses.asdict(cost) for cost in costs], indent=1)
         asked.json.write_text(text + "\n", encoding="utf-8")
@@ -66,24 +67,19 @@ def best(name: str, frames: SensorFrames, options: RunOptions, *, repeats: int) 
     return min((cost_of_run(name, frames, options) for _ in range(repeats)), key=lambda cost: cost.cpu_s)
 
 
-def show(costs: list[PhysicsCost]) -> None:
-    """As a table."""
+def show(costs: list[PhysicsCost], *, docs: bool = False) -> None:
+    """Print the costs as a table."""
     print(f"Whole runs on one core, thread CPU; asked: {ASKED:g} times real time on `physics`")
-    heads = ["motion, bus", "speed", "ticks", "s", "CPU s", "x real time", "us per tick", "physics", "human", "robot"]
+    heads = ["motion, bus", "times real time", "us per tick", "physics", "human", "robot", "rest"]
     rows = [
         [
             cost.motion,
-            f"{cost.speed:g}",
-            str(cost.ticks),
-            f"{cost.seconds:.1f}",
-            f"{cost.cpu_s:.2f}",
             f"{cost.real_time:.1f}",
             *(f"{us:.0f}" for us in (cost.tick_us, cost.physics_us, cost.human_us, cost.robot_us, cost.rest_us)),
-            "yes" if cost.fallen else "no",
         ]
         for cost in costs
     ]
-    print_table([*heads, "rest", "fallen"], rows, text=1)
+    show_table("physics-speed", heads, rows, docs=docs)
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ from pathlib import Path
 
 from benchmarks.physics_runs import Stood, play, stood
 from benchmarks.recording import RECORDING
-from benchmarks.table import print_table
+from benchmarks.table import add_docs, print_table, show_table
 from retarget.frames import SensorFrames
 from retarget.human.samples import Playback
 from retarget.run.options import PERTURBATIONS, PhysicsOptions, RunOptions
@@ -62,6 +62,7 @@ def main() -> None:
     parser.add_argument("--perturb", nargs="*", default=[NONE, *PERTURBATIONS], choices=[NONE, *PERTURBATIONS])
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--json", type=Path, help="file for every run")
+    add_docs(parser)
     asked = parser.parse_args()
     cases = [
         Case(asked.robot, asked.source, asked.speed, asked.end, perturbation, seed)
@@ -71,7 +72,7 @@ def main() -> None:
     ends = list(run_all(cases, jobs=asked.jobs))
     motion_name = Path(asked.source).stem
     print(f"{asked.robot}, {motion_name}, speed {asked.speed:g}, {asked.seeds} seeds; asked: {ASKED:.0%} stand")
-    show(ends, asked.perturb)
+    show(ends, asked.perturb, docs=asked.docs)
     if asked.json is not None:
         asked.json.write_text(json.dumps([dataclasses.asdict(end) for end in ends], indent=1) + "\n", encoding="utf-8")
 
@@ -99,12 +100,14 @@ def motion(source: str) -> SensorFrames:
     return synthetic_performer() if source == SYNTHETIC else open_source(source)
 
 
-def show(ends: list[Stood], perturbations: Iterable[str]) -> None:
-    """Print a table, a row for each kind of perturbation."""
+def show(ends: list[Stood], perturbations: Iterable[str], *, docs: bool = False) -> None:
+    """Print a table, a row for each kind of perturbation, and that of the documentation."""
     rows = [row(kind, [end for end in ends if end.perturbation == kind]) for kind in perturbations]
-    heads = ["perturbation", "runs", "stand", "fell following", "fell after a stop", "fell going to rest", "stopped"]
+    heads = ["perturbation", "stand", "fell following", "fell after a stop", "fell going to rest", "stopped"]
     heads += ["least ZMP margin, mm", "most slip, mm", "most tilt, degrees", "falls at s (seed)"]
     print_table(heads, rows, text=1)
+    shown = [[*cells[:2], *cells[6:9]] for cells in rows]
+    show_table("robustness", [*heads[:2], *heads[6:9]], shown, docs=docs)
     for reason, count in Counter(re.sub(r"[\d.]+ rad$", "", end.stopped) for end in ends if end.stopped).most_common(5):
         print(f"stopped in {count} runs: {reason.strip()}")
 
@@ -118,8 +121,7 @@ def row(perturbation: str, ends: list[Stood]) -> list[str]:
     first = ", ".join(f"{end.fallen_at:.1f} ({end.seed})" for end in fell[:4]) + (", ..." if len(fell) > 4 else "")
     return [
         perturbation,
-        str(len(ends)),
-        f"{1.0 - len(fell) / max(len(ends), 1):.0%}",
+        f"{len(ends) - len(fell)} of {len(ends)}",
         str(len(fell) - stopped - to_rest),
         str(stopped),
         str(to_rest),

@@ -17,6 +17,7 @@ from unittest.mock import patch
 import numpy as np
 
 from benchmarks.bodies import Floats
+from benchmarks.table import add_docs, show_table
 from hardware.clock import thread_cpu
 from hardware.guard import Guard
 from retarget.frames import SensorFrames
@@ -36,7 +37,7 @@ NOT_OURS = [
     *((Bench, name) for name in ("_saw_tick", "_saw_sample")),
 ]
 READING = "read the bus"
-ASKED = "as asked (without reading the servos)"
+ASKED = "without reading the servos"
 FOLLOWING = "follow"
 PARTS_OF_ALL = {FOLLOWING: (Follower, "step"), READING: (Guard, "read")}
 """What is measured beside the tick itself where nothing else is."""
@@ -131,18 +132,14 @@ def main() -> None:
     """Measure, and print a table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=30.0, help="of following")
+    add_docs(parser)
     wanted = parser.parse_args()
     whole = measure(wanted.seconds, parts=False)
-    print(f"{'thread CPU, ms':<40}{'median':>9}{'p99':>9}{'longest':>9}   of {len(whole['tick'])} ticks")
-    _print_row("tick", whole["tick"])
-    _print_row(ASKED, whole[ASKED], "   asked: 1.0, 2.0")
     spent = measure(wanted.seconds, parts=True)
-    for name in PARTS:
-        _print_row(f"  {name}", spent[name])
-
-
-def _print_row(name: str, spent: Floats, note: str = "") -> None:
-    print(f"{name:<40}{np.median(spent):9.3f}{np.percentile(spent, 99):9.3f}{spent.max():9.3f}{note}")
+    shown = {"whole tick": whole["tick"], ASKED: whole[ASKED], **{name: spent[name] for name in PARTS}}
+    rows = [[name, f"{np.median(ms):.2f}", f"{np.percentile(ms, 99):.2f}"] for name, ms in shown.items()]
+    show_table("tick", ["thread CPU, ms", "median", "p99"], rows, docs=wanted.docs)
+    print(f"{len(whole['tick'])} ticks; asked of a tick without reading the servos: 1.0, 2.0")
 
 
 if __name__ == "__main__":

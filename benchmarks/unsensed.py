@@ -1,6 +1,6 @@
 """`python -m benchmarks.unsensed FILE...`: how far the joints that no sensor sees are from the recorded ones, mean mm.
 
-Prints the table of docs/how-it-works.md; a mean over the files stands below.
+A mean over the files stands below.
 """
 
 from __future__ import annotations
@@ -11,15 +11,23 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.paper.replay import replay
-from benchmarks.table import print_table
+from benchmarks.table import add_docs, show_table
 from retarget.frames import SensorFrames
 from retarget.model.human_dimensions import POINTS
 from retarget.report.measure import UNSENSED
 from retarget.schema.priorities import load_priorities
 from retarget.sources.open import open_source
 
-SETS = (("paper", "five"), ("human", "five"), ("human", "five_head"), ("human", "six"), ("human", "ten"),
-        ("human", "all"), ("human", "three"))  # fmt: skip
+SETS = {
+    "five, paper": ("paper", "five"),
+    "five, human": ("human", "five"),
+    "with head orientation": ("human", "five_head"),
+    "with pelvis": ("human", "six"),
+    "ten": ("human", "ten"),
+    "all": ("human", "all"),
+    "head and hands": ("human", "three"),
+}
+"""Priority file and performer of every column, by its head."""
 
 
 def unsensed_mm(frames: SensorFrames, priorities: str, sensors: str) -> float:
@@ -35,11 +43,12 @@ def main() -> None:
     """Every file with every set of sensors."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.unsensed", description=__doc__)
     parser.add_argument("files", type=Path, nargs="+")
-    files = parser.parse_args().files
-    rows = [[unsensed_mm(open_source(path), *one) for one in SETS] for path in files]
-    table = [[path.stem, *(f"{value:.1f}" for value in row)] for path, row in zip(files, rows, strict=True)]
+    add_docs(parser)
+    asked = parser.parse_args()
+    rows = [[unsensed_mm(open_source(path), *one) for one in SETS.values()] for path in asked.files]
+    table = [[path.stem, *(f"{value:.1f}" for value in row)] for path, row in zip(asked.files, rows, strict=True)]
     means = ["mean", *(f"{value:.1f}" for value in np.mean(rows, axis=0))]
-    print_table(["recording", *(f"{priorities}, {sensors}" for priorities, sensors in SETS)], [*table, means])
+    show_table("unsensed", ["recording", *SETS], [*table, means], docs=asked.docs)
 
 
 if __name__ == "__main__":

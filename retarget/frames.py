@@ -86,6 +86,8 @@ JOINTS: tuple[str, ...] = (
 
 _REFLECT_POSITION = np.array([1.0, -1.0, 1.0])
 _REFLECT_QUATERNION = np.array([1.0, -1.0, 1.0, -1.0])
+"""Factors of (x, y, z) and (w, x, y, z) that reflect in the plane y = 0: y changes its sign, and turns about x and z
+do."""
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from retarget.types import FloatArray
 
-IDENTITY: FloatArray = np.array([1.0, 0.0, 0.0, 0.0])
+IDENTITY: FloatArray = np.array([1.0, 0.0, 0.0, 0.0])  # wxyz: no rotation
 IDENTITY.flags.writeable = False
 
 _SMALL_ANGLE = 1e-8
@@ -38,7 +38,7 @@ def _product() -> FloatArray:
     return table.reshape(16, 4)
 
 
-_THREE: FloatArray = np.ones(3)
+_THREE: FloatArray = np.ones(3)  # a product with it sums a row, faster than np.sum of so few
 _THREE.flags.writeable = False
 
 

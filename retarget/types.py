@@ -12,6 +12,8 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 ModeArray = NDArray[np.uint8]
 """What observers do: 0 free, 1 preventive, 2 reactive."""
+MM = 1e3
+"""Millimetres in a metre."""
 Notify = Callable[[str], object]
 """Takes a message for the operator, one sentence without a line end."""
 

@@ -19,18 +19,23 @@ from retarget.types import FloatArray
 RATE_HZ = 120.0
 DURATION_S = 18.6
 CYCLES = 6
+"""Rate, length and crouches of the trial 02_06 that the paper uses."""
 
 FIRST_CROUCH_S = 1.22
 CYCLE_S = 2.73
 CROUCH_TO_REACH_S = 1.28
 STANDING_HEIGHT = 0.97
 CROUCH_HEIGHT = (0.545, 0.595)
+"""When it crouches and reaches, s, and heights of the pelvis, m, standing and in the deepest and flattest crouch:
+rounded from that trial."""
 
 THIGH, SHANK = 0.42, 0.41
 HIP = np.array([0.0, 0.09, -0.09])
 ANKLE = np.array([0.0, 0.13, 0.08])
 TOE = np.array([0.13, 0.0, -0.05])
 FOOT_YAW = np.radians(8.0)
+"""Lengths and offsets of the left leg, m, x forward, y left, z up, and how far feet turn out, rad: a person of 1.75
+m."""
 
 # Joint, parent, rest offset (m) of the left side; "s" stands for a side. The rest pose is a T-pose facing x.
 _UPPER_BODY: tuple[tuple[str, str, tuple[float, float, float]], ...] = (

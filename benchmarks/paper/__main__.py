@@ -12,12 +12,11 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from rich.console import Console
-
 from benchmarks.paper.made_motion import made_jog, made_jump
 from benchmarks.paper.run import NAMES, Motions, Results, run_experiments
-from benchmarks.paper.table import as_table
+from benchmarks.paper.table import show_outcomes
 from benchmarks.paper.trials import CROUCH, JOG, JUMP, read_trial
+from benchmarks.table import add_docs
 from retarget.cli.application import progress_bar
 from retarget.cli.exit import exit_code_of
 from retarget.errors import UsageError, suggest
@@ -28,8 +27,6 @@ DEFAULT_FOLDER = Path("out/paper")
 RUNS = 8
 """Reconstructions of the crouching motion: two free ones, and three experiments with two configurations."""
 MOST_ITERATIONS = 100
-PIPED_WIDTH = 120
-"""Columns of the table where no terminal says how many there are."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -47,6 +44,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     iterations = "iterations per frame at most (the paper's: 5)"
     parser.add_argument("--n-ik", type=int, metavar="N", help=iterations)
     parser.add_argument("--overwrite", action="store_true", help="replace files that are there")
+    add_docs(parser)
     return parser.parse_args(arguments)
 
 
@@ -69,7 +67,7 @@ def _experiments(asked: argparse.Namespace) -> None:
             progress=_Counter(show, len(motions.crouch)),
         )
     write_atomic(path, json.dumps(results.data, indent=2, allow_nan=False).encode(), option="--out")
-    _show(results, path)
+    _show(results, path, docs=asked.docs)
 
 
 class _Counter:
@@ -118,15 +116,11 @@ def _motions(mocap: Path | None) -> Motions:
     return Motions(crouch, read_trial(mocap, JOG) or made_jog(), read_trial(mocap, JUMP) or made_jump())
 
 
-def _show(results: Results, path: Path) -> None:
-    console = Console()
-    if not console.is_terminal:
-        console.width = max(console.width, PIPED_WIDTH)
+def _show(results: Results, path: Path, *, docs: bool) -> None:
     if results.outcomes:
-        console.print(as_table(results.outcomes))
-        console.print()
+        show_outcomes(results.outcomes, docs=docs)
     for file in (path, *results.pictures):
-        console.print(f"written: {file}", markup=False, highlight=False, soft_wrap=True)
+        print(f"written: {file}")
 
 
 if __name__ == "__main__":

@@ -90,6 +90,7 @@ _NOTHING = "none"
 
 
 _EEPROM_END = {1: 24, 2: 64}
+"""First address of the RAM, by protocol (e-Manual): registers below it are EEPROM."""
 
 
 @dataclass(frozen=True)

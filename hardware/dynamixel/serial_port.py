@@ -26,6 +26,7 @@ DEVICES = Path("/sys/bus/usb-serial/devices")
 ASSUMED = 0.001
 """Latency, s, of an adapter that has no such timer: a USB frame."""
 WANTED_MS = 1
+"""Latency timer, ms, of an FTDI adapter: the least that its driver takes; usual are 16."""
 
 
 def timer_file(path: str, devices: Path = DEVICES) -> Path:

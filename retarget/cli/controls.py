@@ -364,6 +364,7 @@ MOST_CLIENTS = 4
 MOST_LINES = 8
 """That are read from one client in one poll, at their longest."""
 CONNECT_S = 1.0
+"""Most time, s, to connect to a control socket of this machine: one that takes longer serves no run."""
 
 
 def socket_path(text: str | None) -> Path:

@@ -16,7 +16,9 @@ from retarget.schema.files import write_atomic
 from retarget.setup.doctor_machine import Finding, Level
 
 LISTEN_S = 5.0
+"""Usual time, s, to listen to a stream: over a hundred poses at the slowest rate that senders have."""
 LONGEST_S = 600.0
+"""Longest time, s, that `--seconds` may ask for; a recording is heard to its end or for so long."""
 
 
 def doctor(

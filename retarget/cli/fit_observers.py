@@ -12,6 +12,7 @@ from retarget.setup.fit_observers import DEFAULT_SAMPLES, Fit, Subject, find_sub
 from retarget.setup.shape_fit import Zones
 
 STEPS = 1000
+"""Steps of the progress bar, which shows a share."""
 
 
 def fit_observers(

@@ -12,6 +12,7 @@ from retarget.setup.robot_file import Relaxed
 from retarget.setup.servo_guess import NO_TORQUE
 
 STEPS = 1000
+"""Steps of the progress bar, which shows a share."""
 
 
 def import_body(

@@ -13,6 +13,7 @@ from retarget.live.address import is_address, parse_address
 from retarget.report.motion_summary import MotionSummary, summarise
 
 SHOWN_JUMPS = 8
+"""Jumps that are listed, so that a broken file does not fill the terminal; the others are counted."""
 
 
 def inspect(source: str, file: FileOptions, as_json: bool = False) -> None:

@@ -9,6 +9,7 @@ from retarget.cli.exit import DONE, STOPPED
 from retarget.errors import UsageError
 
 PATIENCE_S = 2.0
+"""Most time, s, to wait for the answer of a run, which reads its socket in every tick."""
 
 
 def stop(path: str | None = None, torque_off: bool = False) -> None:

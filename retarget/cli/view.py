@@ -25,6 +25,7 @@ from retarget.viewer.server import PORT, close_server, open_server
 from retarget.viewer.snapshot import STATE_WORDS, drawn
 
 SHOWN_HZ = 30.0
+"""Pictures a second of a recording: as smooth as video, and little for a browser."""
 
 
 def view(

@@ -35,6 +35,7 @@ REQUIRED = (
 """Joints without which a skeleton does not give a person's size."""
 
 _DOWN = np.array([0.0, 0.0, -1.0])
+"""Unit vector, world."""
 
 
 def calibrate(frames: SensorFrames, *, mass: float | None = None) -> HumanDimensions:

@@ -66,6 +66,7 @@ SEEN_BEND_SPREAD_RAD = 0.4
 """The same with one."""
 
 _AVERAGE = proportional_dimensions(1.0)
+"""Dimensions of an average person of stature 1 m: only their proportions are used."""
 
 
 def _group_of(name: str) -> int:
@@ -76,6 +77,7 @@ _GROUP_OF = np.array([_group_of(name) for name in POINTS])
 _BROAD = np.array([name[2:] in ("shoulder", "hip") for name in POINTS])
 _SEGMENT_ROWS = np.array([[POINTS.index(name) for name in limb] for limb in LIMBS])
 _HANDS = np.array([POINTS.index("l_hand"), POINTS.index("r_hand")])
+"""Of every point of the human: its group, and whether it gives breadth. Rows of the points of limbs and hands."""
 
 
 def offsets(parameters: FloatArray) -> FloatArray:

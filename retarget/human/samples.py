@@ -98,6 +98,8 @@ MAX_TICKS = 500_000
 """Most ticks of one run: about an hour at 125 Hz."""
 SPEEDS = (0.01, 10.0)
 RATES_HZ = (1.0, 2000.0)
+"""Least and most of `--speed`, a share of the performer's speed, and of `--rate`, Hz: what is beyond is a mistyped
+value."""
 
 
 @dataclass(frozen=True)

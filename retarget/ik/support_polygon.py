@@ -13,7 +13,7 @@ from retarget import rotations
 from retarget.errors import ConfigError
 from retarget.model.body import Frame
 from retarget.model.robot import RobotBody
-from retarget.types import FloatArray
+from retarget.types import MM, FloatArray
 
 SHORTEST_EDGE = 1e-6
 """Corners closer than this, m, are one."""
@@ -145,8 +145,6 @@ def _level(orientation: FloatArray) -> FloatArray:
 
 
 # Whether a robot can stand in its posture `stand`: its centre of mass over the polygon of its soles.
-
-MM = 1e3
 
 
 def check_stand(robot: RobotBody) -> float | None:

@@ -19,6 +19,7 @@ from retarget.errors import UsageError, suggest
 SIOCGIFADDR = 0x8915
 """Request for the IPv4 address of an interface (netdevice(7))."""
 MOST = 256
+"""Interfaces that are looked at: no computer has more that a tracker could be behind."""
 
 
 def local_interfaces() -> dict[str, str]:
@@ -159,6 +160,7 @@ NATNET_COMMAND_PORT = 1510
 LOOPBACK = "127.0.0.1"
 EVERYWHERE = "0.0.0.0"
 LONGEST = 4096
+"""Characters of an address: the longest path that Linux takes (PATH_MAX)."""
 
 
 @dataclass(frozen=True, slots=True)

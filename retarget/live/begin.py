@@ -33,6 +33,7 @@ from retarget.types import FloatArray, Notify, RunState
 Enter = Callable[[RunState], object]
 """Takes the state of a run that begins."""
 LONGEST_COUNTDOWN_S = 600.0
+"""Longest countdown, s: ten minutes to put on sensors."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +87,7 @@ STAYS_M = 0.25
 SURE_S = 0.2
 """The wrists must be so for this long: a single jump proves nothing."""
 WAIT_S = 10.0
+"""Time, s, to raise the arm after a request: enough to hear, understand and do it."""
 
 RAISED, ASIDE = "left rose", "left rose aside"
 _SWAP = "Swap the roles of the left and right trackers, or their names in the performer's file"

@@ -71,6 +71,7 @@ PLAYED_S = 0.05
 """A recording is over this long after its last datagram; the playout delay is less."""
 _REFLECT = np.array([1.0, -1.0, 1.0])
 _REFLECT_TURN = np.array([1.0, -1.0, 1.0, -1.0])
+"""Factors of (x, y, z) and (w, x, y, z) that reflect in the plane y = 0."""
 
 
 def live_sample(

@@ -279,6 +279,7 @@ def _refusal(source: Source, reason: str, owner: Source | None) -> str:
 # The report after a live run: what came, what was not used, which sensors were lost, how often the robot held.
 
 MS = 1e3
+"""Milliseconds in a second."""
 
 
 @dataclass(frozen=True)

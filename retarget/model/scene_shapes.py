@@ -17,6 +17,7 @@ from retarget.types import FloatArray
 UP: Vector = (0.0, 0.0, 1.0)
 DOWN: Vector = (0.0, 0.0, -1.0)
 UP_TO_DOWN: Quat = (0.0, 1.0, 0.0, 0.0)
+"""Unit vectors, world, and the half turn about x, wxyz, that takes one to the other."""
 
 
 class ShapeKind(IntEnum):

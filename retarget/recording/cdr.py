@@ -30,6 +30,7 @@ _SIZES = {"bool": "?", "uint8": "u1", "int8": "i1", "int32": "<i4", "uint32": "<
 # The definitions of messages.
 
 _LINE = "=" * 80 + "\n"
+"""What parts the definitions of messages in one text: 80 signs, as ROS bags have it."""
 _PARTS = files("retarget.recording").joinpath("ros2_messages.txt").read_text(encoding="utf-8").split(f"{_LINE}MSG: ")
 _OWN = {name: text for name, _, text in (part.removeprefix("MSG: ").partition("\n") for part in _PARTS)}
 

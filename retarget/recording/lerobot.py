@@ -89,6 +89,7 @@ def _check_known(seen: FloatArray, joints: tuple[str, ...], source: str) -> None
 # Statistics of one feature over the frames of a dataset, by which trainers normalise.
 
 QUANTILES = (1, 10, 50, 90, 99)
+"""Percentiles in the statistics of a LeRobot v3.0 dataset: its keys q01, q10, q50, q90 and q99."""
 
 
 def statistics_of(values: NDArray[np.generic]) -> dict[str, list[float] | list[int]]:
@@ -105,6 +106,7 @@ DEFAULT_TASK = "Follow the performer."
 PLACE = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 FIRST = PLACE.format(chunk_index=0, file_index=0)
 COMPRESSION = "snappy"
+"""Of the format v3.0: places of files are numbered from 0, and all that is written fits into the first."""
 
 
 def write_lerobot(motion: Motion, folder: Path, *, task: str = DEFAULT_TASK) -> None:

@@ -196,6 +196,7 @@ class Ring:
 MOST_EVENTS = 10_000
 """So many wait to be written; of more, the newest."""
 MAX_TEXT = 2000
+"""Characters of an event; longer texts are cut, so that one message cannot fill the queue."""
 
 
 class Level(IntEnum):

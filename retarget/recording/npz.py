@@ -21,6 +21,7 @@ from retarget.schema.files import check_place, write_atomic, write_stream
 from retarget.types import FloatArray
 
 NO_SERVO = -1
+"""Goal, ticks, in the column of a joint without a servo."""
 Arrays = dict[str, NDArray[Any]]
 
 

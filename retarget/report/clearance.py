@@ -19,7 +19,7 @@ from retarget.model.scene_state import SceneState
 from retarget.report.distances import FAR_M, Closest, MovingGeoms, among_obstacles, closest_pairs, moving_geoms
 from retarget.report.report import Clearances, DeepReport
 from retarget.run.run_result import RunResult
-from retarget.types import FloatArray, IntArray
+from retarget.types import MM, FloatArray, IntArray
 
 # Which geoms of a body are compared with each other, and which pairs of links are not, and why.
 
@@ -255,7 +255,6 @@ def observer_clearance(
 
 NEUTRAL = "attractor"
 """The human's posture in which pairs that touch are left out."""
-MM = 1e3
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ from retarget.report.report import (
 )
 from retarget.report.tracking import Performance, reachable_hands, top_level_error
 from retarget.run.run_result import RunResult
-from retarget.types import ORIENTED, FloatArray
+from retarget.types import MM, ORIENTED, FloatArray
 
 # What the bus's own clock and the guard recorded of a run.
 
@@ -107,7 +107,6 @@ def _extreme(run: RunResult, values: FloatArray, *, sign: float = 1.0) -> ServoE
 UNSENSED = ("pelvis", "l_knee", "r_knee", "l_elbow", "r_elbow", "l_shoulder", "r_shoulder", "neck")
 """Joints by which a reconstruction is judged, where no sensor sits on them."""
 HANDS = ("l_hand", "r_hand", "l_wrist", "r_wrist")
-MM = 1e3
 
 
 def measure(run: RunResult) -> Report:

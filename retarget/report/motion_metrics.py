@@ -10,7 +10,7 @@ from retarget.model.body import JointLimits
 from retarget.model.human import human_limits
 from retarget.model.robot import RobotBody
 from retarget.run.run_result import RunResult
-from retarget.types import BoolArray, FloatArray
+from retarget.types import MM, BoolArray, FloatArray
 
 TOLERANCE = 1e-8
 """A position may miss a limit by this, rad or m, before it counts; a displacement of one tick by this too, and the
@@ -88,6 +88,7 @@ CONTACT_M = 0.005
 OUTSIDE_M = 1e-4
 """How far the centre of mass may be beyond the support polygon, m, before it counts."""
 _DIRECTIONS = np.deg2rad(np.arange(0.0, 360.0, 2.0))
+"""Directions, rad, in which the edge of the support polygon is looked for, 2 degrees apart."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,7 +236,6 @@ def nearest(distances: FloatArray) -> float | None:
 # What the report says of the simulated mechanics of a run.
 
 HEAT_MODEL = "stated, calibrated on no hardware"
-MM = 1e3
 
 
 @dataclass(frozen=True)

@@ -30,11 +30,12 @@ from retarget.report.plot_style import (
 from retarget.report.pose_pictures import plot_poses
 from retarget.run.run_result import RunResult
 from retarget.schema.files import make_folder
-from retarget.types import FloatArray
+from retarget.types import MM, FloatArray
 
 # Every joint angle over time, and its limits.
 
 _COLUMNS = 4
+"""Panels in a line: so many are legible on a page."""
 
 
 def plot_angles(run: RunResult) -> Figure | None:
@@ -83,8 +84,6 @@ def _family(joint: str) -> tuple[bool, str, bool]:
 
 
 # The centre of mass over the support polygon: from above, and how far inside it stayed over time.
-
-MM = 1e3
 
 
 def plot_balance(run: RunResult) -> Figure | None:

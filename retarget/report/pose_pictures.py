@@ -127,6 +127,7 @@ GAP, ROOM = 0.07, 0.12
 HUMAN_BONES: tuple[Bone, ...] = tuple(
     (POINTS[parent], name) for name, parent in zip(POINTS, PARENTS, strict=True) if parent >= 0
 )
+"""Pairs of points that a line joins in a picture of the human."""
 _LIMBS = (("shoulder", "elbow"), ("elbow", "hand"), ("hip", "knee"), ("knee", "ankle"), ("ankle", "toe"))
 ROBOT_BONES: tuple[Bone, ...] = (
     *(("pelvis", "neck"), ("neck", "head")),

@@ -14,10 +14,10 @@ from retarget.model.robot import TRUNK, RobotBody
 from retarget.report.clearance import MovingShapes
 from retarget.robot.follower import stance_angles
 from retarget.safety.clearance import KEPT_SHARE
+from retarget.types import MM
 
 ROWS = 41
 """Postures of the trajectory that are checked."""
-MM = 1e3
 
 
 @dataclass(frozen=True)

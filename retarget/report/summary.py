@@ -69,6 +69,7 @@ def _contacts(physics: PhysicsReport) -> str:
 # The stream of a live run in the summary: one line.
 
 MOST = 3
+"""Reasons and sensors that the line names; the report has all of them."""
 
 
 def stream_line(live: LiveReport | None) -> str:

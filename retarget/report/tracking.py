@@ -272,6 +272,7 @@ WITHIN_M = 0.002
 SEEDS, TRIES = 500, 12
 """Postures of the arm, spread over its ranges, of which the nearest begin a search each: one may end in a corner."""
 STEPS = 40
+"""Iterations of a search: it has a far way to go, from a posture that only lies near."""
 
 
 @dataclass(frozen=True)

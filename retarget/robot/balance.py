@@ -201,6 +201,7 @@ LEAST_THROW = 1.0
 """Upward acceleration of the mass that is always allowed, m/s^2."""
 
 _FREE = np.zeros((0, 7))
+"""Half spaces (0, 7) of a strength that limits nothing."""
 
 
 class StandingStrength:

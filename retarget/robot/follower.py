@@ -86,6 +86,7 @@ SETTLING_S = 5.0
 RESTING_SPEED = 0.1
 """A robot none of whose coordinates is faster (rad/s, m/s, of its own time) rests, after RESTING_S of it."""
 RESTING_S = 0.04
+"""Time, s, of the robot: a few ticks, so that the turning point of a swing does not count."""
 
 
 class Settling:

@@ -151,6 +151,7 @@ def _at_least(value: float, least: float) -> float:
 PELVIS_SETTLE_S = 0.2
 """Time constant (s) with which the pelvis goes from both feet to one, and back."""
 _SIDE = {Carrying.LEFT: 1.0, Carrying.RIGHT: -1.0}
+"""Where the pelvis is, from the middle (0) to the left foot (1) or the right one (-1)."""
 
 
 class PelvisOverFoot:
@@ -191,6 +192,7 @@ APART = ("l_ankle", "r_ankle")
 """The points whose distance a robot that steps uses."""
 UP, FORWARD = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
+"""Unit vectors in the robot's world, and the quaternion wxyz of no rotation."""
 
 
 class Role(Enum):

@@ -31,6 +31,7 @@ SMOOTH_S = 0.04
 RATE = 30.0
 """Share of the gap that is caught up with, per s, where braking does not matter: the gain for noise."""
 STILL = 1e-12
+"""Least length, m or rad, by which is divided: it keeps a still channel from dividing by zero."""
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ MOUNTS: dict[str, Root] = {"floor": "free", "stand": "fixed", "gantry": "suspend
 """What the robot is on, and the root with which it then follows."""
 PERTURBATIONS = ("mass", "centre_of_mass", "friction", "latency", "push")
 MAX_SEED = 2**32 - 1
+"""Largest seed: of 32 bits, which every generator takes."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,7 @@ WIRED = ("emulator", "physics+wire")
 SERVOLESS = ("mock", "none")
 """Buses that `--robot human` accepts: the default one, and none."""
 MAX_ITERATIONS = 100
+"""Most iterations of a frame, twenty times the paper's: more is a mistyped value."""
 
 
 @dataclass(frozen=True)

@@ -173,6 +173,7 @@ class RunResult:
 # What is shown of a run in addition to the rows of its record, read only when a snapshot is shown.
 
 ROOT, PRESSURE = 7, 2
+"""Numbers of a free root in a row (position, quaternion) and of the centre of pressure (x, y)."""
 
 
 def truth_names(body: BodyModel) -> tuple[str, ...]:

@@ -124,6 +124,7 @@ Obstacles = Annotated[dict[Name, Obstacle], Field(max_length=256)]
 # Poses of a single obstacle at a single instant, resting or moving, and how they are chained.
 
 STILL: Vector = (0.0, 0.0, 0.0)
+"""Velocity, m/s, of what rests."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,6 +18,7 @@ from retarget.types import FloatArray
 # Meshes of a body as capsules and boxes: what is left of them in a body file that stands by itself.
 
 ZONES = Zones(influence=0.03, margin=0.005)
+"""Distances, m, that `propose` wants for an observer: it fits the shapes around meshes, too."""
 
 
 def replace_meshes(spec: Any, model: Any, geometries: tuple[LinkGeometry, ...]) -> int:

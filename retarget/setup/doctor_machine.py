@@ -93,6 +93,7 @@ GOOD_CLOCKS = ("unknown", "tsc", "arch_sys_counter", "kvm-clock", "hyperv_clocks
 PER_HOUR = 2.3e9
 """Bytes of an hour of SlimeVR's VMC (2.6 kB, 232 a second, and the header of each)."""
 TICKS, TICK_S = 100, 0.01
+"""Ticks, and their period, s, of the test of the timer: a second of a loop at 100 Hz."""
 
 
 def machine_findings(folder: Path, *, root: Path = ROOT) -> list[Finding]:
@@ -201,6 +202,7 @@ def _no_port() -> Finding:
 # Python and the compiled solver: whether they can be used, and what a frame costs on this machine.
 
 FRAMES = 100
+"""Frames whose median cost is taken."""
 
 
 def python_findings() -> list[Finding]:

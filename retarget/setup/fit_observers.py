@@ -105,6 +105,7 @@ def _mm(metres: float) -> str:
 MAX_PAIRS = 500
 """A profile ignores no more pairs."""
 WIDTH = 118
+"""Columns of a line of the YAML: those of the shipped profiles."""
 _PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]*")
 _RESERVED = {"true", "false", "null", "yes", "no", "on", "off", "y", "n"}
 

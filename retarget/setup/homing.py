@@ -22,6 +22,7 @@ TRIES = 5
 FAR = 0.35
 """A joint farther than this, rad, from the profile's zero was probably not placed, or is another one."""
 FULL_TURN = 2.0 * np.pi
+"""One turn, rad."""
 
 
 @dataclass(frozen=True)

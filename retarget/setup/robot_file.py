@@ -17,7 +17,9 @@ from retarget.schema import strict_models
 MAX_DEPTH = 100
 """Elements inside each other: more overflows the stack of parsers."""
 MAX_ELEMENTS = 500_000
+"""Elements of a file with all that it includes: a hundred times those of a large robot."""
 MAX_INCLUDES = 50
+"""Files that one body includes: more is a circle, or no robot."""
 KINDS = {"robot": "urdf", "mujoco": "mjcf", "mujocoinclude": "mjcf"}
 XACRO = "of a .xacro file, first make URDF: xacro robot.xacro > robot.urdf"
 
@@ -120,6 +122,7 @@ PACKAGE_DEPTH = 6
 STL_HEAD = 84
 """Bytes before the first triangle of a binary STL."""
 STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", 9), ("attributes", "<u2")])
+"""A triangle of a binary STL: 50 bytes, little-endian."""
 
 
 def find_mesh(name: str, body: Path) -> Path | None:

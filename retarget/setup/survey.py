@@ -128,6 +128,7 @@ LAST_STEP = 1e-3
 """Steps of a search, as shares of each joint's range."""
 RANDOM_STEPS = 12
 MAX_ROUNDS = 60
+"""Steps in random directions of a round, beside those along each joint, and the most rounds of a search."""
 
 
 def search(

@@ -86,6 +86,8 @@ UNITS: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "c
 TYPICAL_HEIGHT_M = 1.7
 USUAL_HEIGHT_M = (1.4, 2.1)
 POSSIBLE_HEIGHT_M = (1.0, 2.5)
+"""Statures, m: a unit is guessed so that the body comes nearest to the first; outside of the second a note says so,
+and outside of the third the file is refused."""
 
 
 def named_unit(name: str | None) -> float | None:

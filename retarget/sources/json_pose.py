@@ -35,11 +35,14 @@ MAX_NAME = 64
 """Characters of the longest name of a pose."""
 MAX_TIME = 1e12
 MAX_FRAME = 2**63 - 1
+"""Largest time, s (the year 33,000), and frame (a signed 64-bit integer): larger ones are no counters."""
 
 _POSE_KEYS = {"p", "q", "tracked"}
 _NUMBER = frozenset((float, int))
 _NOWHERE, _NO_TURN = (math.nan,) * 3, (math.nan,) * 4
+"""Position and orientation that were not sent."""
 _LOW, _HIGH = (1.0 - NORM_TOLERANCE) ** 2, (1.0 + NORM_TOLERANCE) ** 2
+"""Bounds of the squared norm of a quaternion that is accepted."""
 
 
 class _Refused(ValueError):

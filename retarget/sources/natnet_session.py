@@ -45,6 +45,7 @@ KEEP_ALIVE_S = 1.0
 SILENCE_S = 2.0
 """Time without frames after which the session connects again."""
 _PIN_TRIES = 3
+"""Requests for the wanted version of the bit stream: a server that has refused so often does not have it."""
 
 
 class NatnetSession:

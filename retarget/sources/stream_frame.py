@@ -141,6 +141,7 @@ NORM_TOLERANCE = 0.02
 """A quaternion whose norm is farther from 1 is no rounded rotation but something else."""
 
 _LOW, _HIGH = (1.0 - NORM_TOLERANCE) ** 2, (1.0 + NORM_TOLERANCE) ** 2
+"""Bounds of the squared norm of a quaternion that is accepted."""
 
 
 def unusable(position: FloatArray, orientation: FloatArray) -> BoolArray:

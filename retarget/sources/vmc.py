@@ -80,6 +80,7 @@ _ORIGIN: Vector = (0.0, 0.0, 0.0)
 _NOT_TURNED: Quat = (1.0, 0.0, 0.0, 0.0)
 _AT_ORIGIN: BonePose = (_ORIGIN, _NOT_TURNED)
 _UNKNOWN: BonePose = ((nan,) * 3, (nan,) * 4)
+"""Position m and orientation wxyz of a bone at the origin, and of one that was not sent."""
 
 
 def bone_poses(frame: StreamFrame) -> dict[str, BonePose]:

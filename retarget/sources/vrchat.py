@@ -30,6 +30,7 @@ _UNITY = CONVENTIONS["unity"]
 _X: Vector = (1.0, 0.0, 0.0)
 _Y: Vector = (0.0, 1.0, 0.0)
 _Z: Vector = (0.0, 0.0, 1.0)
+"""Axes of Unity, about which VRChat turns by its Euler angles: z, then x, then y."""
 _PREFIX = "/tracking/trackers/"
 _IDS = frozenset([*"12345678", "head"])
 

@@ -59,6 +59,7 @@ class Movable:
 
 
 UNTURNED = np.array([1.0, 0.0, 0.0, 0.0])
+"""Quaternion wxyz of no rotation."""
 
 
 class Shapes:
@@ -133,6 +134,7 @@ def balls(names: Sequence[str], radius: float) -> dict[str, Mesh]:
 
 
 OBSERVER_OPACITY, OBSTACLE_OPACITY = 0.35, 0.75
+"""From 0 to 1: the body is seen through its observers, and the robot through a table."""
 
 
 class Observing:

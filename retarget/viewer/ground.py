@@ -76,3 +76,4 @@ class Balance:
 
 
 FLAT, UP = np.array([1.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+"""What keeps of a position (3,) its place on the floor, and the unit vector upwards."""

@@ -36,6 +36,7 @@ KEPT_S = 20.0
 PLOTTED_EVERY, HEADLINE_EVERY = 25, 3
 """Rows from one drawing of the plot to the next, and of the headline while its state stays the same."""
 MOST_KEPT = 2000
+"""Rows of the plot: KEPT_S at 100 rows a second."""
 STOP_WORDS, STOPPING_WORDS = "STOP THE ROBOT", "STOP IS ASKED FOR"
 
 
@@ -108,6 +109,7 @@ NICENESS = 5
 LAST_SHOWN_S = 1.5
 """So long the end stays on the page, with its reason."""
 LONGEST_ROW = 1 << 16
+"""Bytes of a row of the largest robot, and more."""
 
 
 def main(arguments: list[str]) -> int:

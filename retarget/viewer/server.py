@@ -28,6 +28,7 @@ PORT = 8080
 LOOKED_AT = 100
 """Ports from the one that is asked for on; where none of them is free, the system chooses."""
 KEY_BYTES = 24
+"""Random bytes of the key of a page: 192 bits cannot be guessed."""
 HOSTS = ("127.0.0.1", "localhost", "[::1]")
 
 Header = Callable[[str], str | None]

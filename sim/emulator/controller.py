@@ -13,6 +13,7 @@ from sim.emulator.power import BROWN_OUT
 ID = 200
 NUMBER = 0x7400
 POWER = 24
+"""Id, model number and register of the power switch of an OpenCR (ROBOTIS' public firmware of OP3)."""
 VOLTAGE = 12.0  # [V]
 
 
@@ -43,6 +44,7 @@ TABLE = ControlTable(
         _row("present_voltage", 50, 1, None, 120),
     ),
 )
+"""Registers of an OpenCR that a host of OP3 uses."""
 
 
 class EmulatedController(Device):

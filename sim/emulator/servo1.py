@@ -24,6 +24,7 @@ from sim.servo_model import IDLE_CURRENT, LARGEST_CURRENT
 # From the registers of a 1.0 servo to the numbers of its loop, and back to the registers that show its state.
 
 FULL_TORQUE = 1023.0
+"""Torque Limit (34) and Max Torque (14) that do not limit: 100 % (e-Manual)."""
 DEFAULT_SLOPE = 32  # compliance slope of an AX-12A, and P gain of an MX
 STILL = 0.01  # share of the top speed below which Moving (46) is 0
 _TICKS = 32768  # the realtime tick wraps, ms

@@ -248,7 +248,7 @@ def _copy(memory: Memory, backup: bytes, register: Register) -> None:
 #
 # Source: e-Manual, Present Position (132), Homing Offset (20), Drive Mode (10).
 
-TURN = 4096
+TURN = 4096  # [ticks] of one turn in position mode
 REVERSE = 0x01  # bit of Drive Mode
 
 

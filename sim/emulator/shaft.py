@@ -144,7 +144,7 @@ def follow(error: float, lag: float, top: float, elapsed: float) -> tuple[float,
 
 
 STEP = 4e-3  # [s] longest step, while a call spans less than MAX_STEPS of them
-MAX_STEPS = 250
+MAX_STEPS = 250  # in a call: one second of STEP; where more time has passed, steps are longer
 SPEED_LAG = 0.02  # [s] of the loops of velocity, current and PWM
 
 

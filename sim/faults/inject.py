@@ -20,6 +20,7 @@ from sim.faults.sender import encoded
 Act = Callable[..., object]
 """Injects a fault into a bench, now; what follows the bench are the arguments in the table."""
 FLOOD_HZ = 130_000.0
+"""Datagrams a second of a flood: about as many as a process can send over loopback."""
 _FIRST_NUMBER = re.compile(rb'"p": \[[^,]+,')
 
 # Faults of a sender and its datagrams, besides those of `sender`.

@@ -171,6 +171,7 @@ STEP_M = 0.025
 MARGIN_M = 0.004
 """Margin of the observers of the profile, m."""
 STOOD_S = 0.2
+"""Time, s, at the end of a run in which a robot that the gate holds must not move."""
 
 Judged = tuple[float | None, list[str]]
 """When the robot reacted, s, None without a time of its own; and what is wrong, a line each."""

@@ -24,6 +24,8 @@ READS = frozenset((0x01, 0x02, 0x82, 0x8A, 0x92, 0x9A))
 """Ping, read, (fast) sync read, (fast) bulk read: they change no device."""
 WRITE, REG_WRITE, SYNC_WRITE = 0x03, 0x04, 0x83
 GOAL_POSITION, TORQUE_ENABLE, WATCHDOG = 116, 64, 98
+"""Instructions of Protocol 2.0 and addresses of X-series registers (e-Manual); written here anew, so that the
+checker shares no mistake with the driver."""
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,7 @@ BALL_M = 0.003
 SOLREF = (0.006, 1.0)
 """Time constant s and damping ratio of contacts: three steps, and no bounce."""
 SOLIMP = (0.95, 0.99, 0.0005, 0.5, 2.0)
+"""Impedance of contacts (MuJoCo, dmin, dmax, width m, midpoint, power): nearly hard, over half a millimetre."""
 TORSION, ROLLING = 0.005, 0.0001  # [m] MuJoCo's own, without effect in contacts of three rows
 
 # Bits of what a shape is (contype) and what it sees (conaffinity): two shapes touch where one sees the other.

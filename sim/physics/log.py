@@ -119,7 +119,9 @@ class PhysicsLog:
 # A robot without torque that goes down has fallen too, unless it was at rest: then it has sat down.
 
 MOST_TILT = radians(30.0)
+"""Tilt of a sole, rad."""
 LOW_SHARE, REST_SHARE = 0.5, 0.8
+"""Shares of the height of the pelvis."""
 
 
 @dataclass(frozen=True)

@@ -79,6 +79,7 @@ def gain_missing(servo: ServoSpec, *, protocol: int) -> bool:
 
 
 _P_GAIN = {1: "p_gain", 2: "position_p_gain"}
+"""Name of the register of the P gain by protocol."""
 
 
 # Measured motors and gears of servos, one row per model in `motors.yaml`. Values without a measurement are derived, as

@@ -171,6 +171,7 @@ DEFAULT_DENSITY = 1000.0
 LEAST_MASS = 1e-5
 """Least mass that a servo must move, kg."""
 MAX_NAMED = 5
+"""Servos that a message names."""
 
 
 def simulation_problem(robot: RobotBody) -> ConfigError | None:

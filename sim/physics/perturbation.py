@@ -55,6 +55,7 @@ class PerturbationKind(StrEnum):
 
 
 _FRONT, _BACK, _SIDE = (-1.0, 0.0), (1.0, 0.0), (0.0, 1.0)
+"""Directions of a push, x forward and y left."""
 
 
 def combined(parts: Sequence[Perturbation]) -> Perturbation:

@@ -7,19 +7,13 @@ import numpy as np
 import pytest
 
 from benchmarks.bodies import BenchBody, Floats, bench_human, bench_op3
-from benchmarks.iterations import broken_limits, errors_mm, row
 from benchmarks.measure import OURS, print_outcomes, run
 from benchmarks.motion import RATE, crouch_and_reach, out_of_reach
 from benchmarks.ours import Ours
-from benchmarks.paper.replay import replay
 from benchmarks.recording import followed
 from benchmarks.urdf import write_urdf
-from retarget.human.calibration import calibrate
 from retarget.model.body import load_body_text
-from retarget.model.human import build_human
-from retarget.schema.priorities import load_priorities
 from retarget.sources.open import open_source
-from sim.performer import synthetic_performer
 
 
 @pytest.fixture(scope="module", params=[bench_human, bench_op3], ids=["human", "op3"])
@@ -104,23 +98,3 @@ def test_a_robot_is_asked_what_the_recording_asks(shared: Path) -> None:
     assert (travel[:2] == 0.0).all() and (travel[2:] > 0.1).all()
     at_start = body.model.solver_body().points(motion.start[None], body.links(), body.offsets())[0]
     np.testing.assert_allclose(at_start[:2], motion.points[0, :2], atol=1e-9)
-
-
-def test_more_iterations_are_no_worse() -> None:
-    frames, paper = synthetic_performer().cut(0.0, 2.0), load_priorities("paper")
-    done = [replay(frames, paper, iterations=iterations) for iterations in (1, 5)]
-    assert [broken_limits(one.human, one.q, one.dt) for one in done] == [0, 0]
-    once, many = map(errors_mm, done)
-    assert list(once) == ["CoM", "ankles", "wrists", "head"] and once["ankles"].shape == (len(frames), 2)
-    for group, errors in many.items():
-        assert errors.mean() <= once[group].mean() + 1e-6 and errors.max() < 0.1, group
-    assert len(list(row(frames.cut(0.0, 0.2), 2))) == 8
-
-
-def test_broken_limits_are_counted() -> None:
-    human = build_human(calibrate(synthetic_performer()))
-    postures = np.tile(human.posture("natural"), (3, 1))
-    assert broken_limits(human, postures, 0.01) == 0
-    knee = human.body.joint_qpos[human.body.joint_index("l_knee_flexion")]
-    postures[1, knee] -= 3.0
-    assert broken_limits(human, postures, 0.01) == 3  # out of range, there and back too fast

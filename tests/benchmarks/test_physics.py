@@ -37,4 +37,4 @@ def ended(seed: int, fallen_at: float | None, *, late: bool = False, stopped: st
 def test_a_row_counts_who_stands() -> None:
     fell = [ended(1, 4.25), ended(2, 9.0, late=True), ended(3, 8.0, late=True, stopped="a servo")]
     cells = row("push", [ended(0, None), *fell])
-    assert cells == ["push", "4", "25%", "1", "1", "1", "1", "0.0", "3.0", "0.5", "4.2 (1), 9.0 (2), 8.0 (3)"]
+    assert cells == ["push", "1 of 4", "1", "1", "1", "1", "0.0", "3.0", "0.5", "4.2 (1), 9.0 (2), 8.0 (3)"]

@@ -9,7 +9,7 @@ from benchmarks.paper.crouching import CONFIGURATIONS, PENETRATION, Outcome, cro
 from benchmarks.paper.observed_distances import observed_distances
 from benchmarks.paper.placement import HINDERED, START_CLEAR, clear_cylinder, hindering_sphere
 from benchmarks.paper.replay import replay
-from benchmarks.paper.table import as_data, as_table
+from benchmarks.paper.table import as_data, show_outcomes
 from benchmarks.paper.trials import CROUCH, read_trial
 from messages import refuses
 from retarget.errors import InputError
@@ -81,9 +81,10 @@ def test_sensors_are_followed_where_nothing_hinders(made: Outcomes) -> None:
     )
 
 
-def test_table_and_data(made: Outcomes) -> None:
-    table = as_table(list(made.values()))
-    assert len(table.columns) == 7 and table.row_count > 15
+def test_table_and_data(made: Outcomes, capsys: pytest.CaptureFixture[str]) -> None:
+    show_outcomes(list(made.values()), docs=False)
+    rows = [line for line in capsys.readouterr().out.splitlines() if line.startswith("|")]
+    assert len(rows) == 10 and {line.count(" | ") for line in rows if "---" not in line} == {6}
     data = as_data(made[3, "paper"])
     assert data["paper_frames_per_s"] == 40.6 and data["on_observers"]["penetrating_frames"]["scene"] == 0
     assert data["cycles_hindered_without_observers"] >= 2

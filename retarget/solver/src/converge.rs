@@ -17,6 +17,7 @@ use std::ops::Range;
 const REPAIRS: usize = 2;
 /// Soft tasks ask for so much less where a level is damped by this share of its length, or more.
 const SOFT_SLOWING: f64 = 0.8;
+/// That share, of the damping length.
 const SOFT_SLOW: f64 = 0.15;
 /// How often a step is halved.
 const HALVINGS: usize = 3;

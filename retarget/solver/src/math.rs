@@ -5,6 +5,7 @@ pub type Quat = [f64; 4];
 /// Row-major rotation matrix: `m[r][c]`.
 pub type Mat3 = [[f64; 3]; 3];
 
+/// No rotation.
 pub const IDENTITY: Mat3 = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
 #[inline(always)]

@@ -14,6 +14,7 @@ const SAME: f64 = 1e-12;
 const NEARLY_ACROSS: f64 = 1e-2;
 /// Share of the distance to which polytopes and round sides are iterated.
 const EXACT: f64 = 1e-14;
+/// The same of cylinders: `settled` takes the direction on from there.
 const ROUND: f64 = 1e-8;
 
 /// Sine below which the products of the table have lost digits, and the gap is worked out from the direction.

@@ -12,11 +12,13 @@ use std::f64::consts::{FRAC_PI_2, PI};
 pub const PARALLEL: f64 = 1e-10;
 /// Of Newton's method on the sphere.
 const STEPS: usize = 30;
+/// Of one of its steps, while the gap does not grow.
 const HALVINGS: usize = 12;
 /// A step (rad) after which Newton's method has converged.
 const CLOSE: f64 = 1e-6;
-/// Directions tried for a way out between two discs, and how many of the best are followed.
+/// Directions tried for a way out between two discs.
 const STARTS: usize = 64;
+/// The best of them, which are followed.
 const FOLLOWED: usize = 4;
 
 /// Uphill step in the tangent plane at n: Newton's, or along the slope where the gap is not concave.

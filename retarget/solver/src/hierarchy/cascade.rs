@@ -15,6 +15,7 @@ use super::work::Work;
 const MOST_MOVES: u32 = 400;
 /// Moves before the lowest-index rule replaces the worst-sign rule.
 const PATIENCE: u32 = 60;
+/// Length of a step below which the stage is at its minimum, to rounding.
 const STILL: f64 = 1e-12;
 
 pub fn solve(problem: &mut Problem, work: &mut Work, outcome: &mut Outcome) {

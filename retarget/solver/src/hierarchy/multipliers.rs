@@ -10,6 +10,7 @@ use super::problem::{Problem, Release, Side};
 
 /// Multipliers below this share of their own terms are zero.
 const SIGN_TOLERANCE: f64 = 1e-10;
+/// Multipliers above this share are clearly positive: their bounds are locked for all lower levels.
 const LOCK_TOLERANCE: f64 = 1e-8;
 /// Terms smaller than this are rounding, whatever they are compared to.
 const ROUNDING: f64 = 1e-12;

@@ -12,9 +12,9 @@ use crate::body::Body;
 use crate::math::Vec3;
 use std::sync::Arc;
 
-/// Stretches shorter than 2^-HALVINGS of a row are not halved, and no path is looked at in more than LOOKS postures: what is not
-/// proven by then is not clear.
+/// Stretches shorter than 2^-HALVINGS of a row are not halved: what is not proven by then is not clear.
 const HALVINGS: i32 = 8;
+/// Postures of one path that are looked at, for the same reason.
 const LOOKS: u64 = 100;
 
 /// A pair on a stretch of the path. floor: least distance at rows, m. At either end: how far it is parted, m, and along which

@@ -7,6 +7,7 @@ use crate::task::{Task, TaskKind};
 
 use pyo3::prelude::*;
 
+/// More are a mistake of the caller, and would only fill the memory.
 const MOST_OBSERVERS: usize = 10_000;
 
 /// What is asked of the body; see `retarget/_solver.pyi`.

@@ -31,6 +31,7 @@ struct Kept {
     orientation: Quat,
 }
 
+/// A place of the buffer that holds no pose.
 const NOTHING: Kept = Kept { time: EMPTY, position: [f64::NAN; 3], orientation: [f64::NAN; 4] };
 
 /// What became of a pose that was sent.

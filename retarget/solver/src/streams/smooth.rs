@@ -38,6 +38,7 @@ struct Filter {
     time: f64,
 }
 
+/// Before the first value.
 const FRESH: Filter = Filter { speed: [0.0; 3], time: f64::NAN };
 
 impl Filter {

@@ -1,0 +1,157 @@
+"""`python -m benchmarks.reports --mocap DIR [NAME ...] [--docs]`: tables of docs/ that are made of reports of runs.
+
+Every row is one `retarget run ... --report` in a process of its own; NAME chooses tables.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from benchmarks.table import add_docs, show_table
+
+Report = dict[str, Any]
+"""What `--report` writes; docs/results.md explains its keys."""
+SHARED = Path(os.environ.get("RETARGET_SHARED", str(Path(__file__).resolve().parents[2] / "shared")))
+HANDS = ("l_hand", "r_hand")
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table. rows: words of each, the recording, and its options of `retarget run`; cells: the numbers of a row."""
+
+    heads: tuple[str, ...]
+    rows: tuple[tuple[tuple[str, ...], str, str], ...]
+    cells: Callable[[Report], list[str]]
+
+
+def following(report: Report) -> list[str]:
+    """Errors of the hands within reach, mm, with the share of ticks, and the shares of the paths."""
+    reach = [f"{report['reachable_hands_mm'][h]:.1f} ({100 * report['reachable_share'][h]:.0f} %)" for h in HANDS]
+    return [*reach, f"{report['hand_path_ratio']:.2f}", f"{report['pelvis_excursion_ratio']:.2f}"]
+
+
+def worse_hand(report: Report) -> list[str]:
+    """Error of the hand that is farther off, mm, and the share of the path."""
+    worse = max((report["tracking_mm"][hand] for hand in HANDS), key=lambda hand: float(hand["mean"]))
+    return [f"{worse['mean']:.0f}; {worse['p95']:.0f}", f"{100 * report['hand_path_ratio']:.0f} %"]
+
+
+def standing(report: Report) -> list[str]:
+    """How firmly a robot with mass stood, and how well it followed."""
+    physics = report["physics"]
+    feet = [f"{physics['sole_tilt_max_deg']:.1f}", f"{physics['foot_slip_mm']['total']:.1f}"]
+    return ["yes" if report["fallen"] else "no", *feet, f"{report['hand_path_ratio']:.2f}", f"{report['lag_s']:.2f}"]
+
+
+def stepping(report: Report) -> list[str]:
+    """How many steps were made, and how firmly."""
+    steps = report["steps"]
+    return [f"{steps['made']} / {steps['asked']}", *standing(report)[:3]]
+
+
+def hanging(report: Report) -> list[str]:
+    """Mean error of all landmarks, mm: of what was sent, and of where the servos were."""
+    means = [[mark["mean"] for mark in report[key].values()] for key in ("tracking_mm", "servo_tracking_mm")]
+    return [f"{sum(marks) / len(marks):.1f}" for marks in means]
+
+
+TABLES = {
+    "following": Table(
+        ("motion, speed", "left hand within reach, mm", "right hand within reach, mm", "hand path", "pelvis travel"),
+        tuple(
+            ((f"{trial}, {speed}",), f"{trial}.amc", f"--robot op3 --speed {speed}")
+            for trial in ("02_06", "02_05", "02_10")
+            for speed in ("0.5", "1")
+        ),
+        following,
+    ),
+    "shipped-robots": Table(
+        ("robot", "recording", "hand, mean; p95, mm", "hand path asked"),
+        tuple(
+            ((robot, trial), f"{trial}.amc", f"--robot {robot}")
+            for robot in ("op3", "poppy", "toddlerbot", "wolfgang")
+            for trial in ("02_05", "02_06", "02_10")
+        ),
+        worse_hand,
+    ),
+    "standing": Table(
+        ("recording", "fallen", "soles tip, degrees", "slip of both soles, mm", "hand path", "lag, s"),
+        tuple(
+            ((words,), name, "--robot op3 --bus physics")
+            for words, name in (
+                ("02_05 (boxing)", "02_05.amc"),
+                ("02_06 (reach, crouch)", "02_06.amc"),
+                ("02_10 (wash)", "02_10.amc"),
+                ("02_03 (jog)", "02_03.amc"),
+                ("02_04 (jump)", "02_04.amc"),
+                ("05_13 (dance)", "05_13.amc"),
+                ("49_06 (cartwheel)", "49_06.bvh"),
+            )
+        ),
+        standing,
+    ),
+    "stepping": Table(
+        ("OP3 with `shift`, speed", "steps made / asked", "fallen", "soles tip, degrees", "slip, mm"),
+        tuple(
+            ((f"{words}, {speed}",), name, f"--robot op3 --bus physics --steps shift --speed {speed}")
+            for words, name, speed in (
+                ("49_18 (one leg)", "49_18.amc", "1"),
+                ("02_01 (walk)", "02_01.amc", "0.2"),
+                ("02_01 (walk)", "02_01.amc", "0.5"),
+                ("02_01 (walk)", "02_01.amc", "1"),
+                ("`sample.bvh`", "sample.bvh", "1"),
+            )
+        ),
+        stepping,
+    ),
+    "hanging": Table(
+        ("OP3 on a gantry", "postures sent, mm", "servos, mm"),
+        tuple(
+            ((words,), f"{words[:5]}.amc", "--robot op3 --bus physics --mount gantry --hook neck")
+            for words in ("02_01 (walk)", "02_03 (jog)", "02_05 (box)", "02_06 (reach, crouch)")
+        ),
+        hanging,
+    ),
+}
+"""Tables by name."""
+
+
+def report_of(recording: Path, options: Sequence[str]) -> Report:
+    """Run it, and read its report. A run that ends early has one too. Raises SystemExit where there is none."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "run.json"
+        run = [sys.executable, "-m", "retarget", "run", "--source", str(recording), "--report", str(path), *options]
+        done = subprocess.run(run, capture_output=True, text=True, check=False)
+        if not path.is_file():
+            raise SystemExit(f"{recording.name}: {done.stderr}")
+        report: Report = json.loads(path.read_text(encoding="utf-8"))
+        return report
+
+
+def main() -> None:
+    """Run and print the tables that are asked for."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.reports", description=__doc__)
+    parser.add_argument("names", nargs="*", help=f"of {', '.join(TABLES)}; all if absent")
+    parser.add_argument("--mocap", type=Path, default=SHARED / "mocap", help="folder of recordings")
+    add_docs(parser)
+    asked = parser.parse_args()
+    for name in asked.names or TABLES:
+        table, rows = TABLES[name], []
+        for words, file, options in table.rows:
+            recording = min(asked.mocap.rglob(file))
+            rows.append([*words, *table.cells(report_of(recording, options.split()))])
+            print(f"{name}: {' | '.join(rows[-1])}", flush=True)
+        show_table(name, table.heads, rows, text=len(table.rows[0][0]), docs=asked.docs)
+
+
+if __name__ == "__main__":
+    main()
