@@ -11,7 +11,7 @@ import os
 os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
 from benchmarks.bodies import BenchBody, bench_human, bench_op3
-from benchmarks.measure import Outcome, print_outcomes, run, show_sides
+from benchmarks.measure import Outcome, run, show_sides
 from benchmarks.motion import Motion, crouch_and_reach, out_of_reach
 from benchmarks.ours import Ours
 from benchmarks.recording import RECORDING, SHARED, followed, recording
@@ -34,7 +34,6 @@ def main() -> None:
         f"One process, one core, five iterations, no early stop; synthetic motions: {options.frames} frames at 120 Hz."
     )
     print(f"Sides take turns frame by frame; times are medians over {options.repeats} runs.")
-    print_outcomes(outcomes)
     show_sides("frames", outcomes, docs=options.docs)
     write_json(options.json, {"frames": outcomes})
 

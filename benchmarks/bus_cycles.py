@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.bodies import Floats
-from benchmarks.bus_emulator import CENTRE, EmulatorProcess
+from benchmarks.bus_emulator import CENTRE
 from benchmarks.bus_sides import BusSide
 from hardware.arrays import TickArray
 from hardware.clock import MonotonicClock, thread_cpu
@@ -51,41 +51,6 @@ def goals(count: int, k: int) -> TickArray:
     """A slow wave, ticks (count,)."""
     ticks: TickArray = CENTRE + np.rint(300.0 * np.sin(0.01 * k + 0.3 * np.arange(count))).astype(np.int64)
     return ticks
-
-
-@dataclass(frozen=True)
-class Missing:
-    """A servo goes missing. Times of a cycle in ms: before; slowest of the first without it; median and slowest of
-    later ones. others: smallest number of the others that had values in any cycle."""
-
-    before: float
-    first: float
-    later: float
-    later_slowest: float
-    others: int
-
-
-def missing(side: BusSide, emulator: EmulatorProcess, *, count: int, device: int, cycles: int) -> Missing:
-    """Let `device` be silent for some cycles."""
-    before, _ = _timed(side, count, cycles)
-    emulator.notify(f"missing {device}")
-    first, answered_first = _timed(side, count, 5)
-    later, answered_later = _timed(side, count, cycles)
-    emulator.notify("clear")
-    for k in range(WARM_UP * 4):
-        side.cycle(goals(count, k))
-    others = int(min(answered_first.min(), answered_later.min()))
-    return Missing(float(np.median(before)), float(first.max()), float(np.median(later)), float(later.max()), others)
-
-
-def _timed(side: BusSide, count: int, cycles: int) -> tuple[Floats, Floats]:
-    clock = MonotonicClock()
-    spent, answered = np.zeros(cycles), np.zeros(cycles)
-    for k in range(cycles):
-        begun = clock.now()
-        answered[k] = side.cycle(goals(count, k))
-        spent[k] = (clock.now() - begun) * 1e3
-    return spent, answered
 
 
 def median_cycle(cycle: Callable[[TickArray], int], now: Callable[[], float], *, count: int, cycles: int) -> float:

@@ -1,6 +1,6 @@
 """Emulated XM430-W350 on a pseudo-terminal, in a process of their own.
 
-`python -m benchmarks.bus_emulator LINK COUNT BAUD [wire]`: until the end of its input, whose lines are faults.
+`python -m benchmarks.bus_emulator LINK COUNT BAUD`: until the end of its input.
 """
 
 from __future__ import annotations
@@ -8,7 +8,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -18,7 +17,6 @@ import numpy as np
 from hardware.bus import BusSpec
 from hardware.clock import MonotonicClock
 from hardware.servo import ServoSpec, find_model
-from sim.emulator.fault_state import obey
 from sim.emulator.line import REAL_TIME_GAP, Line, Timing
 from sim.emulator.ports import Link, PseudoTerminal, serve
 from sim.emulator.robot_lines import robot_lines
@@ -53,12 +51,10 @@ def make_line(count: int, baud: int, timing: Timing, now: float) -> Line:
 class EmulatorProcess:
     """The process; `path` is its port."""
 
-    def __init__(self, folder: Path, count: int, baud: int, *, wire: bool) -> None:
-        self.path = str(folder / f"servos-{count}-{baud}-{int(wire)}")
+    def __init__(self, folder: Path, count: int, baud: int) -> None:
+        self.path = str(folder / f"servos-{count}-{baud}")
         words = [sys.executable, "-m", "benchmarks.bus_emulator", self.path, str(count), str(baud)]
-        self._process = subprocess.Popen(
-            [*words, *(["wire"] if wire else [])], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
+        self._process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         assert self._process.stdin and self._process.stdout
         self._input, self._output = self._process.stdin, self._process.stdout
         if self._output.readline() != READY:
@@ -74,47 +70,27 @@ class EmulatorProcess:
         self._process.wait()
         self._output.close()
 
-    def notify(self, line: str) -> None:
-        """Begin or end a fault, as typed into `retarget emulate`; returns when it is done."""
-        self._input.write(line + "\n")
-        self._input.flush()
-        self._output.readline()
-
 
 def main() -> None:
     """The process itself."""
-    path, count, baud, *wire = sys.argv[1:]
+    path, count, baud = sys.argv[1:]
     clock = MonotonicClock()
-    timing = replace(Timing() if wire else Timing.none(), gap=REAL_TIME_GAP)
+    timing = replace(Timing.none(), gap=REAL_TIME_GAP)
     line = make_line(int(count), int(baud), timing, clock.now())
     terminal = PseudoTerminal(line, Link(Path(path)))
     terminal.open()
     ended: list[bool] = []
+
+    def at_end() -> bool:
+        if not os.read(0, 4096):
+            ended.append(True)
+        return not ended
+
     try:
-        _say(READY)
-        serve([terminal], clock, until=lambda: bool(ended), listen={0: _listener(line, clock.now, ended)})
+        print(READY, end="", flush=True)
+        serve([terminal], clock, until=lambda: bool(ended), listen={0: at_end})
     finally:
         terminal.close()
-
-
-def _listener(line: Line, now: Callable[[], float], ended: list[bool]) -> Callable[[], bool]:
-    ids = {"bench": tuple(device.id for device in line.devices)}
-
-    def listen() -> bool:
-        words = os.read(0, 4096).decode()
-        if not words:
-            ended.append(True)
-        for typed in words.splitlines():
-            obey(typed, {"bench": line.faults}, ids, now)
-            _say(READY)
-        return bool(words)
-
-    return listen
-
-
-def _say(text: str) -> None:
-    sys.stdout.write(text)
-    sys.stdout.flush()
 
 
 if __name__ == "__main__":

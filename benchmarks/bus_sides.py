@@ -125,7 +125,10 @@ class SdkGroups:
         for device, tick in zip(self._ids, ticks.tolist(), strict=True):
             self._goals.changeParam(device, list(tick.to_bytes(GOAL_SIZE, "little", signed=True)))
         self._goals.txPacket()
-        result = self._states.txRxPacket() if self._plain else self._states.fastSyncRead()
+        try:
+            result = self._states.txRxPacket() if self._plain else self._states.fastSyncRead()
+        except IndexError:  # the SDK reads beyond the end of a fast answer that is cut short
+            return 0
         if result != COMM_SUCCESS:
             return 0
         states = self._states

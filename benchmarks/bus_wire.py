@@ -2,35 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from pathlib import Path
-
 import numpy as np
 
 from benchmarks.bus_cycles import median_cycle
-from benchmarks.bus_emulator import EmulatorProcess, make_line
-from benchmarks.bus_sides import GOAL_SIZE, PRESENT_SIZE, OurPort, our_port
-from hardware.clock import MonotonicClock, VirtualClock
+from benchmarks.bus_emulator import make_line
+from benchmarks.bus_sides import GOAL_SIZE, PRESENT_SIZE, OurPort
+from hardware.clock import VirtualClock
 from hardware.dynamixel.cyclic import STATUS_EVERY
 from sim.emulator.line import Timing
 from sim.emulator.ports import EmulatedPort
 
 BAUDS = (1_000_000, 2_000_000, 3_000_000, 4_000_000)
-COUNTS = (20, 30)
 ADAPTER, TURNAROUND = 1e-3, 20e-6
 """[s] Latency timer, and what each answer takes beside its bytes: of the table of expected times."""
-
-
-@dataclass(frozen=True)
-class WireTime:
-    """Median time of a cycle in ms. real: through the pseudo-terminal, in real time."""
-
-    count: int
-    baud: int
-    plain: bool
-    expected: float
-    virtual: float
-    real: float
 
 
 def expected_ms(count: int, baud: int, *, plain: bool) -> float:
@@ -38,21 +22,6 @@ def expected_ms(count: int, baud: int, *, plain: bool) -> float:
     sent = 14 + count * (1 + GOAL_SIZE) + 14 + count
     coming = count * (11 + PRESENT_SIZE) if plain else 8 + count * (PRESENT_SIZE + 4)
     return 1e3 * (10.0 * (sent + coming) / baud + (count if plain else 1) * TURNAROUND + ADAPTER)
-
-
-def wire_times(folder: Path, *, cycles: int) -> list[WireTime]:
-    """All counts and bauds, fast and plain. Cycles with a look at one servo's status besides are no part of medians."""
-    rows = []
-    for count in COUNTS:
-        for baud in BAUDS:
-            with EmulatorProcess(folder, count, baud, wire=True) as emulator:
-                for plain in (False, True):
-                    side = our_port(emulator.path, count, baud, plain=plain)
-                    real = median_cycle(side.cycle, MonotonicClock().now, count=count, cycles=cycles)
-                    side.close()
-                    virtual = virtual_ms(count, baud, plain=plain)
-                    rows.append(WireTime(count, baud, plain, expected_ms(count, baud, plain=plain), virtual, real))
-    return rows
 
 
 def virtual_ms(count: int, baud: int, *, plain: bool, cycles: int = 10 * STATUS_EVERY) -> float:

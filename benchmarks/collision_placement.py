@@ -88,7 +88,7 @@ def height_scale(motion: Motion) -> float:
 def scene_obstacles(motion: Motion) -> SceneObstacles:
     """The parts of a motion that a placement looks at."""
     body, every = motion.body, np.arange(len(motion.body.geoms.links))
-    forearms = [body.model.body(link).id for side in motion.arms for link in side]
+    forearms = [body.model.body(link).id for link in motion.arms]
     of_arm = np.isin(body.geoms.links, forearms)
     start = np.arange(motion.beginning)
     rows = np.arange(motion.first, motion.end)

@@ -11,16 +11,11 @@ import numpy as np
 from benchmarks.bodies import BenchBody, Floats
 from benchmarks.motion import RATE, Motion
 from benchmarks.side import MakeSide, Side
-from benchmarks.table import print_table, show_table
+from benchmarks.table import show_table
 
 WARM_UP = 20  # frames whose times are not counted; their errors are
 OURS = "retarget"
 """Name of our side."""
-LEGEND = """\
-Times: us of thread CPU per frame of five iterations, targets set beforehand. ours / side: our median over this side's.
-Errors: mean (max) mm against the targets, every frame from the first. speed: highest joint speed over its limit.
-shake: change of a joint's speed between frames, p99, over the limit (2: full speed to full speed backwards).
-beyond: rad outside joint limits. failed: solves that gave no answer (the posture stays)."""
 TIMES = ("median_us", "p99_us", "max_us")
 
 
@@ -120,20 +115,6 @@ def limits(body: BenchBody, postures: Floats) -> tuple[float, float, float]:
     return float(np.abs(speed).max()), float(np.percentile(change, 99.0)), float(max(beyond.max(), 0.0))
 
 
-def print_outcomes(outcomes: list[Outcome]) -> None:
-    """One row for each side in each case."""
-    rows = []
-    for body, motion in dict.fromkeys((o.body, o.motion) for o in outcomes):
-        block = [o for o in outcomes if (o.body, o.motion) == (body, motion)]
-        base = next(o.median_us for o in block if o.side == OURS)
-        rows += [[f"{body}, {motion}" if o is block[0] else "", *_row(o, base)] for o in block]
-    errors = ["CoM mean (max)", "ankles mean (max)", "wrists", "head"]
-    print_table(
-        ["case", "side", "median", "p99", "ours / side", *errors, "speed", "shake", "beyond", "failed"], rows, text=2
-    )
-    print(f"\n{LEGEND}")
-
-
 def show_sides(name: str, outcomes: Sequence[Outcome], *, docs: bool) -> None:
     """A table of the documentation: a column for each side, median us, and in brackets the error of the ankles, mm."""
     sides = list(dict.fromkeys(o.side for o in outcomes))
@@ -141,23 +122,6 @@ def show_sides(name: str, outcomes: Sequence[Outcome], *, docs: bool) -> None:
     cases = dict.fromkeys((o.body, o.motion) for o in outcomes)
     rows = [[f"{body}, {motion}", *(cells[body, motion, side] for side in sides)] for body, motion in cases]
     show_table(name, ["case", *sides], rows, docs=docs)
-
-
-def _row(o: Outcome, base: float) -> list[str]:
-    return [
-        o.side,
-        f"{o.median_us:.0f}",
-        f"{o.p99_us:.0f}",
-        "" if o.side == OURS else f"{base / o.median_us:.2f}",
-        f"{_mm(o.com_mm)} ({_mm(o.com_max_mm)})",
-        f"{_mm(o.ankles_mm)} ({_mm(o.ankles_max_mm)})",
-        _mm(o.wrists_mm),
-        _mm(o.head_mm),
-        f"{o.speed:.2f}",
-        f"{o.shake:.2f}",
-        f"{o.beyond_limits_rad:.0e}" if o.beyond_limits_rad > 0.0 else "0",
-        str(o.failures),
-    ]
 
 
 def _mm(value: float) -> str:

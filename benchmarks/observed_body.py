@@ -80,24 +80,6 @@ def placed_observers(watched: Watched, postures: Floats) -> tuple[Floats, Floats
     return body.points(postures, links, seen.positions), quats
 
 
-def self_distances(watched: Watched, postures: Floats) -> Floats:
-    """Signed distance (T, p) m of every pair; where it is beyond influence, a bound that it is not below."""
-    seen, (position, quat) = watched.observers, placed_observers(watched, postures)
-    first, second = seen.pairs.T
-    frames = len(postures)
-    near = [
-        (
-            np.tile(seen.kinds[k], frames),
-            np.tile(seen.sizes[k], (frames, 1)),
-            position[:, k].reshape(-1, 3),
-            quat[:, k].reshape(-1, 4),
-        )
-        for k in (first, second)
-    ]
-    zone = np.tile(np.maximum(seen.influence[first], seen.influence[second]), frames)
-    return _distances(near[0], near[1], zone).reshape(frames, len(seen.pairs))
-
-
 def exact_self_distances(watched: Watched, q: Floats) -> Floats:
     """Signed distance (p,) m of every pair in a posture (nq,), near or far."""
     seen, (position, quat) = watched.observers, placed_observers(watched, q[None])

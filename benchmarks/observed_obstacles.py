@@ -1,4 +1,4 @@
-"""Where the obstacles of the benchmark stand: one where the right hand goes, or many around the arms."""
+"""Where the obstacles of the benchmark stand: around the arms."""
 
 from __future__ import annotations
 
@@ -8,12 +8,9 @@ from benchmarks.bodies import Floats
 from benchmarks.observed_body import StaticObstacles, Watched, placed_observers, scene_distances
 from retarget.model.scene_shapes import ShapeKind
 
-HAND = "r_wrist"
 ARMS = {"human": ("shoulder", "elbow"), "op3": ("upper_arm", "forearm")}
 """Observers of an arm, each side."""
 SEED = 5
-STEPS = 40
-"""Places that are tried along a line, and halvings of the last step."""
 EVERY = 10
 """Frames apart at which obstacles are compared with a motion."""
 NEAR, FAR = (0.2, 0.8), (1.5, 4.0)
@@ -28,34 +25,6 @@ def influence(watched: Watched) -> float:
 def size_of(watched: Watched) -> float:
     """Radius of an obstacle, m: about that of a forearm."""
     return 0.05 if watched.body.name == "human" else 0.02
-
-
-def sphere_at_hand(watched: Watched, postures: Floats, gap: float) -> StaticObstacles:
-    """A sphere ahead of the farthest place of the right hand, to which the body comes as near as `gap` m in postures
-    (T, nq); negative: it goes in so deep."""
-    hand = next(k for k, point in enumerate(watched.body.points) if point.name == HAND)
-    body, seen = watched.body, np.ascontiguousarray(postures[::EVERY])
-    path = body.model.solver_body().points(seen, body.links()[hand : hand + 1], body.offsets()[hand : hand + 1])[:, 0]
-    away = np.linalg.norm(path - path[0], axis=1)
-    farthest = path[away.argmax()]
-    ahead = (farthest - path[0]) / away.max()
-    radius = size_of(watched)
-
-    def sphere(offset: float) -> StaticObstacles:
-        centre = farthest + offset * ahead
-        sizes = np.array([[radius, 0.0, 0.0]])
-        return StaticObstacles(np.array([ShapeKind.CAPSULE], dtype=np.int64), sizes, centre[None], influence(watched))
-
-    def reached(offset: float) -> bool:
-        return bool(scene_distances(watched, seen, sphere(offset)).min() <= gap)
-
-    tried = np.linspace(10.0 * radius, -10.0 * radius, STEPS)
-    inner = next(k for k, offset in enumerate(tried) if reached(offset))
-    low, high = float(tried[inner]), float(tried[inner - 1])
-    for _ in range(STEPS):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if reached(middle) else (low, middle)
-    return sphere(low)
 
 
 def around_arms(watched: Watched, postures: Floats, count: int) -> StaticObstacles:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import subprocess
 import sys
 import tempfile
@@ -16,11 +15,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from benchmarks.recording import SHARED
 from benchmarks.table import add_docs, show_table
 
 Report = dict[str, Any]
 """What `--report` writes; docs/results.md explains its keys."""
-SHARED = Path(os.environ.get("RETARGET_SHARED", str(Path(__file__).resolve().parents[2] / "shared")))
 HANDS = ("l_hand", "r_hand")
 
 

@@ -46,9 +46,7 @@ def numeric(value: ast.expr) -> bool:
     """Whether an expression holds a number that is more than an index or a repetition of text."""
     if isinstance(value, ast.Lambda):
         return False
-    return any(
-        isinstance(part, ast.Constant) and type(part.value) in (int, float, complex) for part in ast.walk(value)
-    )
+    return any(isinstance(part, ast.Constant) and type(part.value) in (int, float, complex) for part in ast.walk(value))
 
 
 @pytest.mark.parametrize(

@@ -8,20 +8,18 @@ import mujoco
 import numpy as np
 import pytest
 
-from benchmarks.bodies import Floats
 from benchmarks.measure import play
 from benchmarks.motion import Motion, crouch_and_reach
-from benchmarks.observed import obstacle_cost, print_observed, print_obstacle_costs
+from benchmarks.observed import obstacle_cost, show_observed
 from benchmarks.observed_body import (
     Watched,
     exact_self_distances,
     scene_distances,
-    self_distances,
     watched_human,
     watched_op3,
 )
-from benchmarks.observed_cases import BASE, Entry, entries, run_observed, settled
-from benchmarks.observed_obstacles import FAR, NEAR, around_arms, influence, size_of, sphere_at_hand
+from benchmarks.observed_cases import BASE, entries, run_observed, settled
+from benchmarks.observed_obstacles import FAR, NEAR, around_arms, influence
 from benchmarks.observed_shapes import PREFIX, THIN, mujoco_model, urdf_names, urdf_shapes
 from benchmarks.ours import observed
 from benchmarks.side import check_distances
@@ -50,39 +48,11 @@ def motion(watched: Watched) -> Motion:
     return crouch_and_reach(watched.body, FRAMES)
 
 
-@pytest.fixture(scope="module")
-def free(watched: Watched, motion: Motion) -> Floats:
-    """Postures (T, nq) without observers."""
-    _, _, postures = play(watched.body, motion, [observed("free", watched, None)])
-    alone: Floats = postures[0]
-    return alone
-
-
 def test_the_bodies_are_those_that_were_asked_for() -> None:
     made = [make() for make in BODIES.values()]
     sizes = [(len(w.observers.names), len(w.observers.pairs), w.body.degrees_of_freedom) for w in made]
     assert sizes[0][::2] == (9, 51) and sizes[1][::2] == (19, 51) and sizes[2][::2] == (23, 26)
     assert sizes[2][1] > 150  # every pair but neighbours, ignored ones and those that touch at rest
-
-
-def test_distances_are_exact_within_influence(watched: Watched, free: Floats) -> None:
-    seen = watched.observers
-    zone = np.maximum(*(seen.influence[k] for k in seen.pairs.T))
-    for q in free[::50]:
-        exact, found = exact_self_distances(watched, q), self_distances(watched, q[None])[0]
-        near = exact <= zone
-        np.testing.assert_array_equal(found[near], exact[near])
-        assert np.all(found <= exact + 1e-12) and np.all(found[~near] > 0.0)
-
-
-@pytest.mark.parametrize("share", [0.4, -0.6])
-def test_the_sphere_is_as_near_the_hand_as_asked(watched: Watched, free: Floats, share: float) -> None:
-    gap = share * size_of(watched)
-    distance = scene_distances(watched, np.ascontiguousarray(free[::10]), sphere_at_hand(watched, free, gap))[..., 0]
-    assert distance.min() == pytest.approx(gap, abs=1e-6)
-    names = watched.observers.names
-    assert names[distance.min(axis=0).argmin()] in ("r_elbow", "r_wrist", "r_forearm")
-    assert distance[0].min() > influence(watched), "the start is out of influence"
 
 
 def test_every_other_obstacle_is_within_influence(watched: Watched) -> None:
@@ -93,17 +63,6 @@ def test_every_other_obstacle_is_within_influence(watched: Watched) -> None:
     assert nearest.shape == (6, 6) and set(around.kinds.tolist()) <= {ShapeKind.CAPSULE, ShapeKind.BOX}
     assert np.all((nearest[:, ::2] >= NEAR[0]) & (nearest[:, ::2] <= NEAR[1]))
     assert np.all(nearest[:, 1::2] >= FAR[0])
-
-
-def test_observers_hold_the_hand_off_the_sphere(watched: Watched, motion: Motion, free: Floats) -> None:
-    deep = -0.6 * size_of(watched)
-    sphere = sphere_at_hand(watched, free, deep)
-    sides = [Entry(observed(BASE, watched, "all")), Entry(observed("sphere", watched, "all", sphere), sphere)]
-    alone, held = run_observed(watched, motion, sides)
-    assert alone.scene_mm is None and held.scene_mm is not None and held.scene_mm > -0.5 > 1e3 * deep
-    assert held.pairs == alone.pairs + len(watched.observers.names) and held.near > alone.near
-    assert held.outcome.com_max_mm < 1.0 and held.outcome.ankles_max_mm < 1.0
-    assert held.outcome.beyond_limits_rad < 1e-9 and held.outcome.speed < 1.0 + 1e-9
 
 
 def test_settling_leaves_no_overlap(watched: Watched, motion: Motion) -> None:
@@ -141,7 +100,7 @@ def test_peers_look_at_our_pairs(watched: Watched, motion: Motion) -> None:
     pytest.importorskip("placo")
     pytest.importorskip("mink")
     short = replace(motion, com=motion.com[:30], points=motion.points[:30])
-    sides = entries(watched, motion)
+    sides = entries(watched)
     rows = run_observed(watched, short, sides)  # raises where pairs or distances are not ours
     assert [row.outcome.side for row in rows[-3:]] == ["PlaCo hard", "PlaCo soft", "mink"]
     assert all(row.outcome.com_mm < 1.0 and row.outcome.failures == 0 for row in rows)
@@ -155,14 +114,11 @@ def test_a_peer_that_looks_at_less_is_reported(watched: Watched, motion: Motion)
             check_distances("peer", exact + np.where(np.arange(len(exact)) == 3, off, 0.0), watched, motion.start)
 
 
-def test_tables_have_a_cell_for_every_head(capsys: pytest.CaptureFixture[str]) -> None:
+def test_obstacles_cost_and_tables_have_a_row_for_every_case(capsys: pytest.CaptureFixture[str]) -> None:
     cost = obstacle_cost(watched_op3(), "all", frames=40, repeats=2, counts=(1, 4))
     assert cost.near[1] > cost.near[0] > 0.0 and min(cost.median_us) > 0.0
     lines = watched_human("lines_and_head")
-    rows = run_observed(lines, crouch_and_reach(lines.body, 30), [Entry(observed(BASE, lines, "all"))])
-    print_obstacle_costs([cost])
-    first = capsys.readouterr().out
-    print_observed(rows)
-    for printed in (first, capsys.readouterr().out):
-        table = [line for line in printed.splitlines() if line.startswith("|")]
-        assert len(table) == 3 and len({line.count("|") for line in table}) == 1
+    motion = crouch_and_reach(lines.body, 30)
+    show_observed(run_observed(lines, motion, [observed(BASE, lines, "all")], repeats=2), docs=False)
+    table = [line for line in capsys.readouterr().out.splitlines() if line.startswith("|")]
+    assert len(table) == 3 and f"| {len(lines.observers.pairs)} |" in table[-1]
