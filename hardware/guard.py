@@ -1,6 +1,6 @@
 """The guard: it alone switches torque on and writes to the bus. It checks what servos report, and latches a stop.
 
-The guard is passive: it reads, writes and switches when it is called, and calls nobody. What a robot does next is
+The guard is passive: it reads, writes and switches when it is called, and calls no other part. What a robot does next is
 decided by the state machine of the run (`retarget.run.supervisor`), which reads the latch.
 """
 

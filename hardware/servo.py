@@ -29,13 +29,14 @@ class Coupling:
 
     @property
     def determinant(self) -> float:
-        """Of the matrix."""
+        """Determinant of the matrix."""
         (a, b), (c, d) = self.matrix
         return a * d - b * c
 
     @property
     def inverse(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """shaft angles = inverse @ joint angles. ZeroDivisionError for a singular matrix: see `problems`."""
+        """Inverse of the matrix: shaft angles = inverse @ joint angles, rad. Raises ZeroDivisionError for a singular
+        one (see `problems`)."""
         (a, b), (c, d) = self.matrix
         size = self.determinant
         return ((d / size, -b / size), (-c / size, a / size))

@@ -180,7 +180,8 @@ class ServoLevels:
         """Values beyond their bounds at the last look, be it for less than their patience."""
 
     def beyond(self, seen: FloatArray, now: float) -> BoolArray:
-        """Which values (rows, n) are beyond their bounds at `now`, s, and were for the whole of their patience."""
+        """Mask (rows, n) of the values that are beyond their bounds at `now`, s, and were for the whole of their
+        patience."""
         out: BoolArray = (seen < self.least) | (seen > self.most)
         self.count = int(np.count_nonzero(out))
         if not self.count:
@@ -191,7 +192,7 @@ class ServoLevels:
         return np.asarray(out & late)
 
     def forget(self) -> None:
-        """Nothing is beyond."""
+        """Forget that any value was beyond its bounds."""
         self._since, self.count = self._nothing, 0
 
 
@@ -232,7 +233,7 @@ class ServoWarnings:
 
     @property
     def active(self) -> BoolArray:
-        """Which warnings are active, (rows, n)."""
+        """Mask (rows, n) of the warnings that are active."""
         return self._active
 
     def look(self, seen: FloatArray, now: float) -> None:

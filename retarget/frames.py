@@ -36,7 +36,8 @@ class Instants:
 
 
 def locate(clock: FloatArray, time: FloatArray) -> Instants:
-    """Where the times (n,) lie on a clock (T,) that rises strictly. Times outside of it are held at its ends."""
+    """Find where the times (n,) s lie on a clock (T,) s that rises strictly. Times outside of it are held at its
+    ends."""
     held = np.clip(time, clock[0], clock[-1])
     before = np.clip(np.searchsorted(clock, held, side="right") - 1, 0, len(clock) - 1)
     after = np.minimum(before + 1, len(clock) - 1)
@@ -47,7 +48,7 @@ def locate(clock: FloatArray, time: FloatArray) -> Instants:
 
 
 def along_lines(track: FloatArray, at: Instants) -> FloatArray:
-    """Positions (n, k, 3) of a track (T, k, 3); NaN where a neighbour that counts is NaN."""
+    """Interpolate positions (n, k, 3) m of a track (T, k, 3) linearly; NaN where a neighbour that counts is NaN."""
     a, b = track[at.before], track[at.after]
     return np.where(at.exact[:, None, None], a, a + at.share[:, None, None] * (b - a))
 
@@ -60,7 +61,7 @@ def along_arcs(track: FloatArray, at: Instants) -> FloatArray:
 
 
 def valid_at(valid: NDArray[np.bool_], at: Instants) -> NDArray[np.bool_]:
-    """Validity (n, k) of a track with validity (T, k)."""
+    """Validity (n, k) at instants between the frames of a track with validity (T, k)."""
     return np.asarray(valid[at.before] & (at.exact[:, None] | valid[at.after]))
 
 
@@ -104,7 +105,7 @@ class JointTracks:
         _freeze(self, "position", (None, len(self.names), 3))
 
     def of(self, name: str) -> FloatArray:
-        """Track (T, 3) of one joint. Raises UsageError with the nearest names."""
+        """Track (T, 3) m of one joint. Raises UsageError with the nearest names."""
         return np.asarray(self.position[:, _index(name, self.names, "joint")])
 
 
@@ -123,7 +124,7 @@ class Skeleton:
         _freeze(self, "position", (len(self.names), 3))
 
     def of(self, name: str) -> FloatArray:
-        """Rest position (3,) of one joint. Raises UsageError with the nearest names."""
+        """Rest position (3,) m of one joint. Raises UsageError with the nearest names."""
         return np.asarray(self.position[_index(name, self.names, "joint")])
 
     def distance(self, first: str, second: str) -> float:

@@ -241,7 +241,7 @@ def to_euler(q: ArrayLike, axes: str | Sequence[int]) -> FloatArray:
 
 
 def shortest_arc(a: ArrayLike, b: ArrayLike) -> FloatArray:
-    """The smallest turn (..., 4) that takes direction a (..., 3) to direction b (..., 3); lengths do not matter.
+    """The smallest turn (..., 4) wxyz that takes direction a (..., 3) to direction b (..., 3); lengths do not matter.
 
     Opposite directions turn about any axis across them; a zero vector gives NaN.
     """
@@ -282,7 +282,7 @@ def minus(a: Vector, b: Vector) -> Vector:
 
 
 def plus(a: Vector, b: Vector) -> Vector:
-    """The sum."""
+    """Sum of two vectors."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
@@ -299,13 +299,13 @@ def product(a: Quat, b: Quat) -> Quat:
 
 
 def inverse(q: Quat) -> Quat:
-    """The rotation back."""
+    """Inverse of a unit quaternion wxyz."""
     w, x, y, z = q
     return (w, -x, -y, -z)
 
 
 def rotated(q: Quat, v: Vector) -> Vector:
-    """The vector turned."""
+    """Rotate a vector by a unit quaternion wxyz."""
     w, x, y, z = q
     vx, vy, vz = v
     tx, ty, tz = 2.0 * (y * vz - z * vy), 2.0 * (z * vx - x * vz), 2.0 * (x * vy - y * vx)

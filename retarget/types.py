@@ -37,7 +37,7 @@ class RunState(Enum):
 
 
 class Carrying(Enum):
-    """Which feet carry. The value is what reports call it."""
+    """The feet that carry. The value is what reports call it."""
 
     BOTH = "both"
     LEFT = "left"

@@ -64,7 +64,8 @@ def physics_wire_bus(
     faults: Path | None = None,
     notify: Callable[[str], object] = lambda note: None,
 ) -> WitnessedBus:
-    """As `physics_bus`, through the bytes of emulated servos: the robot's own driver above (see `emulated_bus`).
+    """Make the bus of `physics_bus` with the bytes of emulated servos before it: the robot's own driver above (see
+    `emulated_bus`).
 
     Latency is that of the wires. Raises ConfigError as `emulated_bus` does.
     """

@@ -167,7 +167,7 @@ class NoBus:
         self._open = False
 
     def open(self) -> None:
-        """Nothing to open."""
+        """Do nothing: there is nothing to open."""
         self._open = True
 
     def read(self) -> ServoStates:
@@ -193,7 +193,7 @@ class NoBus:
         self._position = goals.ticks
 
     def torque(self, on: bool) -> None:
-        """Nothing to switch."""
+        """Do nothing: there is no torque to switch."""
 
     def close(self) -> None:
         """Nothing to close; no further call but `open`."""

@@ -112,7 +112,8 @@ def synthetic_performer(seed: int = 0, *, rate_hz: float = RATE_HZ) -> SensorFra
 
 
 def minimum_jerk(time: FloatArray, key_times: FloatArray, key_values: FloatArray) -> FloatArray:
-    """Values (T,) that rest at each key and go between keys with least jerk (Flash and Hogan 1985): C2 throughout.
+    """Values (T,), in the unit of the keys, that rest at each key and go between keys with least jerk (Flash and Hogan
+    1985): C2 throughout.
 
     Before the first key and after the last, their values are held. key_times rise strictly.
     """

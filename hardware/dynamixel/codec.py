@@ -156,7 +156,7 @@ class Codec(ABC):
 
 
 class Protocol1(Codec):
-    """Protocol 1.0."""
+    """Frames of Protocol 1.0, as the e-Manual has them."""
 
     HEADER = b"\xff\xff"
     OVERHEAD = 4
@@ -217,7 +217,7 @@ class Protocol2(Codec):
     WIDTH, MOST_MEMBERS = 2, MAX_ID
 
     def stuff(self, body: bytes) -> bytes:
-        """The body, stuffed."""
+        """Stuff the body of a frame: FD after each FF FF FD (e-Manual, Protocol 2.0)."""
         return body.replace(self.PATTERN, self.STUFFED) if self.PATTERN in body else body
 
     def unstuff(self, body: bytes) -> bytes:
@@ -252,7 +252,7 @@ class Protocol2(Codec):
         return self.frame(BROADCAST, code, self.number(address) + self.number(length) + self.members(ids))
 
     def parser(self) -> "Parser":
-        """A parser."""
+        """Make a parser of a stream of frames."""
         return Parser(_scan2)
 
 
@@ -454,7 +454,7 @@ class Answers:
 
     @property
     def statuses(self) -> list[Status]:
-        """One by one."""
+        """Yield the status frames one by one."""
         size = len(self.data) // len(self.ids) if self.ids else 0
         return [
             Status(device, self.errors[k], self.data[k * size : (k + 1) * size]) for k, device in enumerate(self.ids)

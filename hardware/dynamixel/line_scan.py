@@ -43,14 +43,14 @@ class Sighting:
 
     @property
     def table(self) -> ControlTable | None:
-        """Its registers; None for a model that is not known here."""
+        """Registers of the model; None for one that is not known here."""
         if self.found.model is None:
             return None
         return table_of_number(self.found.model, self.found.firmware)
 
     @property
     def model(self) -> str:
-        """Its model in words."""
+        """Model in words."""
         if self.found.model is None:
             return "does not say"
         return self.table.model if self.table is not None else f"number {self.found.model}"
@@ -185,7 +185,7 @@ def answering_elsewhere(port: BytePort, bus: BusSpec, ids: Sequence[int]) -> dic
 
 
 def elsewhere_texts(port: BytePort, bus: BusSpec, ids: Sequence[int], named: Mapping[int, str]) -> list[str]:
-    """For each of the first MOST of `ids` that answers at another speed, a text with the command that fixes it.
+    """Texts, for the first MOST of `ids`, on those that answer at another speed, with the command that fixes it.
 
     named: names in messages, by id. Raises BusError when the port is gone.
     """

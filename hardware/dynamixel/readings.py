@@ -171,13 +171,13 @@ class Readings:
 
     @property
     def driven(self) -> BoolArray:
-        """Which servos follow their goals, by their last report, (n,)."""
+        """Mask (n,) of the servos that follow their goals, by their last report."""
         on: BoolArray = self.drive == _ON
         return on
 
     @property
     def valid(self) -> BoolArray:
-        """Which servos have answered in this cycle, (n,); a copy."""
+        """Mask (n,) of the servos that have answered in this cycle; a copy."""
         return self._valid.copy()
 
     @property

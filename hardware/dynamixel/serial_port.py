@@ -395,7 +395,7 @@ class BytePort(Protocol):
 
     @property
     def name(self) -> str:
-        """Its name in messages: the device's path."""
+        """Name of the port in messages: the device's path."""
 
     @property
     def baud(self) -> int:

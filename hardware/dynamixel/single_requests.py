@@ -228,7 +228,7 @@ class SdkPort:
         return len(self._sent)
 
     def readPort(self, length: int) -> bytes:
-        """At most `length` bytes; waits for the first of them, until the deadline at most."""
+        """Read at most `length` bytes; waits for the first of them, until the deadline at most."""
         while length > 0 and (len(self._arrived) <= self._read or self._sent.startswith(self._arrived)):
             self._port.wait(self._deadline)
             late = self._port.now() >= self._deadline

@@ -288,7 +288,7 @@ def refuse_given(options: Sequence[str], whose: str) -> None:
 
 
 def log(text: str) -> None:
-    """Say what happens."""
+    """Print a line for the operator that says what happens."""
     typer.echo(text, err=True)
 
 
@@ -298,7 +298,7 @@ def note(text: str) -> None:
 
 
 def console() -> "Console":
-    """Where tables are printed. In a pipe no line is wrapped."""
+    """Make the console on which tables are printed. In a pipe it wraps no line."""
     from rich.console import Console
 
     return Console() if sys.stdout.isatty() else Console(width=UNWRAPPED)

@@ -126,7 +126,8 @@ class PhysicsBench:
         )
 
     def truth(self) -> FloatArray | None:
-        """Where the simulated body was when its servos were read last (see `truth_names`); None without physics."""
+        """The state of the simulated body when its servos were read last, m and rad (see `truth_names`); None without
+        physics."""
         if self._bus is None:
             return None
         state, body = self._bus.witness.state, self._robot.body

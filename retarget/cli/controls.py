@@ -125,7 +125,7 @@ class Keyboard:
             self._before = None
 
     def poll(self, now: float) -> Iterator[tuple[Asked, str]]:
-        """See `Control`."""
+        """Return what the keys ask for, as `Control.poll` says."""
         pressed = self.pressed()
         if count := pressed.count(" "):
             yield (Asked.TORQUE_OFF if self._space.pressed(count, now) else Asked.STOP), SPACE
@@ -186,7 +186,7 @@ class Pedal:
         self._fd: int | None = _opened(path)
 
     def poll(self, now: float) -> Iterator[tuple[Asked, str]]:
-        """See `Control`. A device that is lost is let go for good."""
+        """Return what the pedal asks for, as `Control.poll` says. A device that is lost counts as released for good."""
         lost_before = self.lost
         held = self.pressed()
         if self.lost and not lost_before:
@@ -336,13 +336,13 @@ class StopFile:
         self._path, self._polls = path, 0
 
     def poll(self, now: float) -> Iterator[tuple[Asked, str]]:
-        """See `Control`."""
+        """Return whether the file asks for a stop, as `Control.poll` says."""
         self._polls += 1
         if self._polls % FILE_PERIOD == 1 and (state := stop_file_state(self._path)):
             yield Asked.STOP, f"{self._path} {state}"
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Do nothing: no file is kept open."""
 
 
 # The control socket of this user: one word a line, one line back.
@@ -424,7 +424,7 @@ class ControlSocket:
         self._listener.close()
 
     def poll(self, now: float) -> Iterator[tuple[Asked, str]]:
-        """See `Control`. A word is answered when it has been carried out."""
+        """Return what clients ask for, as `Control.poll` says. A word is answered when it has been carried out."""
         self._accept()
         for client in [*self._clients]:
             for word in self._received(client):
@@ -547,7 +547,7 @@ class Oversight:
 
     @property
     def scheduling(self) -> Scheduling:
-        """Of the ticks."""
+        """Real-time priority and core of the ticks."""
         return Scheduling(priority=self.realtime, core=self.core)
 
 
@@ -647,7 +647,7 @@ class LiveControls:
         return self._stop.why()
 
     def status(self) -> LiveStatus:
-        """The present state."""
+        """The present state of the run, as the control socket reports it."""
         from retarget.live.sensor_validity import Engaged
 
         machine, following = self._machine, self._performer.engagement.state is Engaged.FOLLOWING

@@ -43,7 +43,7 @@ class Screen(io.TextIOBase):
 
     @property
     def encoding(self) -> str:  # type: ignore[override]
-        """Of the stream."""
+        """Encoding of the stream."""
         return self._stream.encoding or "utf-8"
 
     def write(self, text: str) -> int:
@@ -65,7 +65,7 @@ class Screen(io.TextIOBase):
         return self._stream.isatty()
 
     def fileno(self) -> int:
-        """Of the file behind it. Raises OSError where there is none."""
+        """Number of the file behind the stream. Raises OSError where there is none."""
         return self._stream.fileno()
 
     def drain(self, patience: float | None) -> bool:
@@ -142,7 +142,7 @@ def careful_stdout() -> Iterator[Screen]:
         yield screen
     finally:
         sys.stdout = stream
-        with suppress(KeyboardInterrupt):  # nobody reads, and the user does not wait for it
+        with suppress(KeyboardInterrupt):  # the reader is gone, and the user does not wait for it
             screen.end(None if screen.waits else PATIENCE_S)
 
 

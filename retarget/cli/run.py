@@ -128,7 +128,7 @@ class CommandRun:
 
     @contextmanager
     def page(self) -> Iterator[None]:
-        """Its page, if it has one, from now on."""
+        """Show the page of the run, if it has one, from now on."""
         with opened_page(self.outputs.view, self.options, self.notify) as self._feed:
             yield
 
@@ -139,7 +139,7 @@ class CommandRun:
             self._feed.announce(state.value)
 
     def viewing(self, prepared: Prepared, words: Callable[[], str] | None = None) -> AbstractContextManager[Viewing]:
-        """Its page, if it has one, with robot and performer. words: the present state."""
+        """Show robot and performer on the page of the run, if it has one. words: the present state."""
         return viewing(self._feed, prepared, self.options, words, truth=self.bench.truth, notify=self.notify)
 
     def play(

@@ -54,7 +54,7 @@ class Person(Schema):
 
     @property
     def dimensions(self) -> HumanDimensions:
-        """Their size."""
+        """The person's size."""
         offset = np.array([self.offsets[name] for name in POINTS])
         return HumanDimensions(offset, self.stature, self.mass, f"{self.name}, measured on {self.date}: {self.origin}")
 
@@ -96,7 +96,8 @@ def _rounded(at: FloatArray) -> tuple[float, float, float]:
 
 
 def person_path(name: str) -> Path:
-    """Where the person of that name is, or will be. Raises UsageError for a name that is none."""
+    """Path of the file of the person of that name, which may be still to be written. Raises UsageError for a name that
+    is none."""
     if not _NAME.fullmatch(name):
         raise UsageError(
             "this is no name of a performer",

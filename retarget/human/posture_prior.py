@@ -33,7 +33,7 @@ class Velocity:
         self.start()
 
     def start(self) -> None:
-        """At rest, without a past."""
+        """Begin at rest, without a past."""
         self.now: list[float] = [0.0] * self._axes
         self._before: Point | None = None
 
@@ -87,7 +87,7 @@ class Balance:
 
 
 class Crouch:
-    """Between two postures of the human, by how high the head is above the feet."""
+    """Interpolates between two postures of the human, by how high the head is above the feet."""
 
     def __init__(self, human: Human, *, upright: str, lowered: str) -> None:
         postures = np.stack([human.posture(upright), human.posture(lowered)])
@@ -216,7 +216,7 @@ class CarryingFeet:
         self._floor, self._flown = 0.0, 0.0
 
     def start(self, ankles: Sequence[Point]) -> Carrying:
-        """At rest on the lower foot, and on the other unless it is high above it. ankles: x, y, z m, of both."""
+        """Begin at rest on the lower foot, and on the other unless it is high above it. ankles: x, y, z m, of both."""
         self._floor, self._flown = min(ankle[2] for ankle in ankles), 0.0
         self._velocity = (Velocity(FOOT_SPEED_SETTLE_S, 3), Velocity(FOOT_SPEED_SETTLE_S, 3))
         self._speeds(ankles, 0.0)

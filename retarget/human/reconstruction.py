@@ -64,7 +64,8 @@ class SensorLayout:
         return position, sample.valid.take(self._columns) & self._exists & known
 
     def weights(self, sample: SensorSample) -> FloatArray | None:
-        """How far lost sensors have come back (k,); None: all have. Call `read` with this sample first."""
+        """Weights (k,), 0 to 1, by how far lost sensors have come back; None: all have. Call `read` with this sample
+        first."""
         return None if sample.weight is None else sample.weight.take(self._columns)
 
     def orientations(self, sample: SensorSample) -> list[SensorTurn]:

@@ -128,7 +128,7 @@ class Playback:
             raise UsageError("the end comes before the start", where="--start, --end", found=found)
 
     def left_out(self, frames: SensorFrames) -> "CalibrationPose | None":
-        """What of the beginning of a recording is not played."""
+        """The part of the beginning of a recording that is not played."""
         return None if self.start is not None or self.keep_calibration_frame else calibration_pose(frames)
 
 
@@ -165,7 +165,7 @@ class Clip:
 
     @property
     def kept(self) -> int:
-        """All ticks."""
+        """The number of ticks: all of them are kept."""
         return self.ticks
 
     @property

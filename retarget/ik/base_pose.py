@@ -34,7 +34,7 @@ def plant_root(robot: RobotBody, before: FloatArray, q: FloatArray) -> None:
 
 
 def plant_roots(robot: RobotBody, before: FloatArray, q: FloatArray) -> None:
-    """The same for postures q (T, nq), each from its own `before` (T, nq)."""
+    """Plant the roots of postures q (T, nq), each from its own `before` (T, nq); roots in m and wxyz."""
     if robot.profile.root == "free":
         q[:, :7] = before[:, :7]
     if not robot.stands:

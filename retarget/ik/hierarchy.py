@@ -121,7 +121,7 @@ class Hierarchy:
         return made
 
     def target_span(self, level: int) -> slice:
-        """Where in a target vector the tasks of a level stand."""
+        """Places in a target vector of the tasks of a level."""
         return self._spans[level]
 
     def blank(self) -> FloatArray:
@@ -141,8 +141,8 @@ class Hierarchy:
         self._set(targets, SlotKind.POSITION, name, position, weight)
 
     def position_slots(self, names: Sequence[str]) -> tuple[IntArray, IntArray]:
-        """Where the positions of `names` go: (source (m,), target (m, 4)), for `targets[target] = block[source]` with
-        rows weight, x, y, z in `block` (len(names), 4)."""
+        """Places in a target vector of the positions of `names`: (source (m,), target (m, 4)), for `targets[target] =
+        block[source]` with rows weight, x, y, z in `block` (len(names), 4)."""
         found = [
             (row, place.start)
             for row, name in enumerate(names)
@@ -160,12 +160,13 @@ class Hierarchy:
         self._set(targets, SlotKind.LOOK_AT, name, point, weight)
 
     def set_centre_of_mass(self, targets: FloatArray, position: FloatArray, weight: float = 1.0) -> None:
-        """Where the centre of mass of an `over_feet` task goes: world (3,) m; rows of weight 0 do not look at it."""
+        """Set the target of the centre of mass of an `over_feet` task: world (3,) m; rows of weight 0 do not look at
+        it."""
         self._set(targets, SlotKind.OVER_FEET, "over_feet", position, weight)
 
     def set_support(self, targets: FloatArray, spaces: FloatArray) -> None:
-        """Where the CoM of a support task stays: at most SUPPORT_EDGES half-spaces (k, 4): nx, ny, nz, d with
-        nx x + ny y + nz z <= d."""
+        """Set where the CoM of a support task stays: at most SUPPORT_EDGES half-spaces (k, 4): nx, ny, nz, d with nx x
+        + ny y + nz z <= d."""
         for place in self._places[SlotKind.SUPPORT]:
             end = place.start + 1 + spaces.size
             targets[place.start] = 1.0
@@ -296,7 +297,7 @@ class SceneObstacles:
             self.now = self.scene.at_rest(self.time)
 
     def begin(self) -> None:
-        """From the next tick on they move, from time 0."""
+        """Let the obstacles move from the next tick on, from time 0."""
         self.time, self._runs = 0.0, False
         self.look()
         self._runs = True

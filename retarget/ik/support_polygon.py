@@ -20,7 +20,8 @@ SHORTEST_EDGE = 1e-6
 
 
 def sole_outline(position: FloatArray, orientation: FloatArray, polygon: FloatArray) -> FloatArray:
-    """Corners (c, 2) on the ground of a sole at `position` (3,), `orientation` (4,); `polygon` (c, 2): its outline."""
+    """Corners (c, 2) m on the ground of a sole at `position` (3,) m, `orientation` (4,) wxyz; `polygon` (c, 2) m: its
+    outline."""
     corners = np.column_stack([polygon, np.zeros(len(polygon))])
     return np.asarray((position + rotations.rotate(orientation, corners))[:, :2])
 
@@ -49,7 +50,7 @@ def support_edges(outlines: Sequence[FloatArray], *, margin: float = 0.0) -> Flo
 
 
 def half_spaces(edges: FloatArray) -> FloatArray:
-    """Edges (e, 3) as half-spaces (e, 4) of any height: nx, ny, 0, d."""
+    """Edges (e, 3) as half-spaces (e, 4) of any height: nx, ny, 0, d with n . p <= d, m."""
     return np.insert(edges, 2, 0.0, axis=1)
 
 
@@ -76,7 +77,7 @@ def _chain(ordered: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
 
 @dataclass(frozen=True, eq=False)
 class Sole:
-    """A planted sole.
+    """A sole that is planted on the ground.
 
     frame: on its link. position (3,) m and orientation (4,) wxyz of it, flat on the ground, world. outline (c, 2) m:
     its corners on the ground, world; corners (c, 3) m: the same in the frame of the link.

@@ -91,7 +91,8 @@ class Stopping:
         return self._velocity
 
     def admits(self, q: FloatArray, velocity: FloatArray, dt: float) -> bool:
-        """Whether a robot that just got to posture q (nq,), moving at velocity (nv,), can stop from there.
+        """Return whether a robot that just got to posture q (nq,), moving at velocity (nv,) in rad/s and m/s, can stop
+        from there.
 
         If so, the stop trajectory from there becomes the one that `follow` goes along.
         """
@@ -143,11 +144,12 @@ class Stopping:
         return ceil(float(np.abs(velocity[self._legs] * self._slowness).max()) / dt - 1e-9) - 1
 
     def has_trajectory(self, dt: float) -> bool:
-        """Whether there is a trajectory to follow; it is computed where it is not known yet."""
+        """Return whether there is a stop trajectory to follow; it is computed where it is not known yet."""
         return self._known or self._finds_trajectory(self._way[0], self._velocity, dt)
 
     def follow(self, dt: float) -> tuple[FloatArray, FloatArray] | None:
-        """The next posture (nq,) on the last stop trajectory, and its velocity (nv,); at its end the robot stands.
+        """Return the next posture (nq,) on the last stop trajectory, and its velocity (nv,) in rad/s and m/s; at its
+        end the robot stands.
 
         None: no trajectory is known, and none is found now.
         """

@@ -187,7 +187,7 @@ KINDS = {
 
 @dataclass(frozen=True, slots=True)
 class StreamAddress:
-    """Where a stream comes from, and who may send it.
+    """The address of a stream, and the senders that are allowed.
 
     text: as the user wrote it, for messages. kind: one of KINDS. bind: the IPv4 address that is listened on (0.0.0.0:
     every interface; of a multicast: the group). port: of UDP (MVN with a host: of TCP), 0 for any free one. allow: who

@@ -87,7 +87,7 @@ class SlidingMinimum:
             self._least[index] = value
 
     def at(self, now: float) -> float:
-        """The least value that is kept at `now`; infinity where there is none."""
+        """Return the least value that is kept at `now`, s; infinity where there is none."""
         self._turn_to(now)
         return min(self._least)
 

@@ -33,7 +33,7 @@ class Recognised:
 
     @property
     def text(self) -> str:
-        """Name and detail."""
+        """Name and detail as one text."""
         return f"{self.name} ({self.detail})" if self.detail else self.name
 
 

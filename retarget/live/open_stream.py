@@ -60,7 +60,7 @@ class StreamKind:
 
 
 def stream_kinds() -> dict[str, StreamKind]:
-    """By the scheme of the address."""
+    """Decoders and stamps of streams, by the scheme of the address."""
     return {
         # VMC sends seconds as float32.
         "vmc": StreamKind(VmcDecoder, "slimevr", lambda: ClockMap(significand=24)),

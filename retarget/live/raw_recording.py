@@ -47,7 +47,7 @@ class ReplayReceiver:
 
     @property
     def damage(self) -> str:
-        """Where and how the recording is damaged; "" if it is whole, as far as it was played."""
+        """Place and kind of the damage of the recording; "" if it is whole, as far as it was played."""
         return self._reader.damage
 
     def close(self) -> None:

@@ -185,7 +185,7 @@ class UdpReceiver:
         """When the socket was last found empty: what is read after that arrived after that."""
 
     def fileno(self) -> int:
-        """For `select`; -1 once closed."""
+        """Number of the socket, for `select`; -1 once closed."""
         return self._socket.fileno()
 
     def close(self) -> None:

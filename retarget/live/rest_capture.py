@@ -89,8 +89,8 @@ def align(names: tuple[str, ...], position: FloatArray, *, where: str = "") -> A
 
 
 def facing_of(at: dict[str, FloatArray]) -> FloatArray | None:
-    """The horizontal direction (2,), of length 1, that an upright person faces, from sensors (3,) by name; None if
-    unknown."""
+    """Return the horizontal unit vector (2,) that an upright person faces, from positions (3,) m of sensors by name;
+    None if unknown."""
     left = np.zeros(2)
     for part in PAIRS:
         if f"l_{part}" in at and f"r_{part}" in at:

@@ -35,7 +35,8 @@ Rows = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a sensor's pose comes from. position, orientation: the sender's names of poses, "" for none.
+    """The poses of a sender from which a sensor's pose is made. position, orientation: the sender's names of poses, ""
+    for none.
 
     rest: the orientation that is sent, wxyz, in the T-pose facing x. offset: from the joint to the point that is sent,
     m, in the axes of that pose. loose: the sensor is worn or held beside the joint at an unknown offset, and turns with

@@ -161,7 +161,7 @@ class SensorValidity:
         return usable
 
     def judge(self, now: float) -> StateArray:
-        """The ValidityState of each sensor at `now`, (k,), read-only."""
+        """Return the ValidityState (k,) of each sensor at `now`, s; read-only."""
         states: StateArray = self._validity.judge(now)
         if states.tobytes() != self._states.tobytes():
             fresh = states == ValidityState.FRESH

@@ -152,7 +152,8 @@ class BodyModel:
         return set(self.chain_to_root(first)).symmetric_difference(self.chain_to_root(second))
 
     def scalar_joints(self) -> tuple[NDArray[np.bool_], IntArray]:
-        """Which DoFs are single hinges or slides (nv,), and where each stands in q (nv,), -1 for the others."""
+        """Mask (nv,) of the DoFs that are single hinges or slides, and the index of each in q (nv,), -1 for the
+        others."""
         address = np.full(self.nv, -1, dtype=np.int64)
         single = np.isin(self.joint_type, (JointType.SLIDE, JointType.HINGE))
         address[self.joint_dof[single]] = self.joint_qpos[single]
@@ -187,7 +188,7 @@ def load_body(path: Path, *, root: Root | None = None) -> BodyModel:
 
 
 def load_body_text(text: str, *, source: str, root: Root | None = None) -> BodyModel:
-    """As `load_body`, from MJCF or URDF text; `source` names it in messages."""
+    """Load a body as `load_body` does, from MJCF or URDF text; `source` names it in messages."""
     return body_from_file(compile_body_text(text, source=source, root=root))
 
 

@@ -101,7 +101,7 @@ def body_spec(path: Path, *, root: Root) -> Any:
 
 
 def compile_body_text(text: str, *, source: str, root: Root | None = None) -> BodyFile:
-    """As `compile_body`, from MJCF or URDF text; `source` names it in messages."""
+    """Compile a body as `compile_body` does, from MJCF or URDF text; `source` names it in messages."""
     mujoco = engine()
 
     urdf = _is_urdf(text.encode(), source=source)

@@ -177,7 +177,8 @@ class Human:
     mjcf: str
 
     def posture(self, name: str) -> FloatArray:
-        """Reference posture q (nq,), standing at the origin. Raises ConfigError with the nearest names."""
+        """Reference posture q (nq,), m, wxyz and rad, standing at the origin. Raises ConfigError with the nearest
+        names."""
         if name not in POSTURES:
             allowed = ", ".join(POSTURES)
             raise ConfigError("unknown posture", found=name, allowed=allowed, next_step=suggest(name, POSTURES))
@@ -238,7 +239,7 @@ class PostureReader:
         self._probe = Probe(self._body, self._links, self._local, self._oriented)
 
     def read(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Of one posture (nq,): joints (m, 3) m, orientations (3, 4) wxyz, and centre of mass (3,) m."""
+        """Read a posture (nq,): joints (m, 3) m, orientations (3, 4) wxyz, and centre of mass (3,) m."""
         return self._probe.read(q)
 
     def joints(self, q: FloatArray) -> FloatArray:

@@ -128,7 +128,7 @@ BODY_MASS_INDEX = 22.5
 
 @dataclass(frozen=True, eq=False)
 class HumanDimensions:
-    """One person's size.
+    """The size of one person.
 
     offset (23, 3) m: each of `POINTS` from its parent in the rest frame (x forward, y left, z up), standing upright,
     arms hanging; zero for the pelvis. stature: m. mass: kg. origin: where the numbers come from, for reports.
@@ -166,7 +166,7 @@ class HumanDimensions:
 
 
 def points_of(offset: FloatArray) -> FloatArray:
-    """Every point (23, 3) from the pelvis, of offsets (23, 3) from the parents, all in one frame."""
+    """Every point (23, 3) m from the pelvis, of offsets (23, 3) m from the parents, all in one frame."""
     points = np.zeros((len(POINTS), 3))
     for i, parent in enumerate(PARENTS):
         if parent >= 0:

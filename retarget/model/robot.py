@@ -107,7 +107,7 @@ def load_robot(name_or_path: str | Path, *, root: Root | None = None) -> RobotBo
 
 
 def load_uncalibrated(name_or_path: str | Path) -> RobotBody:
-    """As `load_robot`, with the zero ticks of the profile, whatever calibration there is."""
+    """Load a robot as `load_robot` does, with the zero ticks of the profile instead of those of a calibration."""
     return robot_of(load_profile(name_or_path), None)
 
 

@@ -70,7 +70,7 @@ class CdrLayout:
     description: str
 
     def rows(self, count: int) -> Rows:
-        """So many messages, (count,), to be filled."""
+        """Make an array (count,) of messages to be filled."""
         return np.frombuffer(bytearray(self.template * count), dtype=self.dtype)
 
 

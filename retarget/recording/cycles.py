@@ -184,7 +184,7 @@ class Cursor:
 
     @property
     def row(self) -> int:
-        """Of the recorded cycle that corresponds, or of the last before it that was written."""
+        """Row of the recorded cycle that corresponds, or of the last before it that was written."""
         return max(int(np.searchsorted(self.cycles.index, self._wanted, side="right")) - 1, 0)
 
     @property

@@ -85,8 +85,8 @@ def format_named(name: str) -> Format:
 
 
 def export_place(form: Format, run: Path, out: Path | None, *, of_human: bool = False) -> Path:
-    """Where an export goes: `out`, or beside the run under its name. Raises UsageError where nothing can be written,
-    where something is, and for the suffix of another format."""
+    """Path of an export: `out`, or beside the run under its name. Raises UsageError where nothing can be written, where
+    something is, and for the suffix of another format."""
     place = run.with_name(f"{run.stem}{'_human' if of_human else ''}{form.ending}") if out is None else out
     check_path(place, option="--out")
     _refuse_other_format(place, form)

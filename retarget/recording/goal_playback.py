@@ -105,15 +105,15 @@ class RecordedGoals:
         return self._part is PlaybackPart.PLAYING and self._gone > len(self._joints) - 1
 
     def start(self, human: "HumanPosture") -> RobotPosture:
-        """The first posture."""
+        """Return the first recorded posture (nq,)."""
         self._begin()
         return self._posture(self._here)
 
     def settle(self, human: "HumanPosture", dt: float) -> None:
-        """Following begins at the first posture."""
+        """Return None: following begins at the first posture, where the robot is."""
 
     def step(self, human: "HumanPosture", dt: float) -> RobotPosture:
-        """The next posture; NaN after too many refusals."""
+        """Return the next posture (nq,); NaN after too many refusals."""
         if self._refused > MOST_REFUSED:
             return self._posture(np.full_like(self._here, np.nan))
         if self._part is PlaybackPart.BRAKING and not self._moved.any():
@@ -240,7 +240,7 @@ class StillHuman:
         return self._posture
 
     def step(self, sample: SensorSample, dt: float) -> "HumanPosture":
-        """The same posture."""
+        """Return the same posture, whatever the sample."""
         return self.start(sample) if self._posture is None else self._posture
 
 

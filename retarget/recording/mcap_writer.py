@@ -200,7 +200,7 @@ MAX_TEXT = 2000
 
 
 class Level(IntEnum):
-    """Of rcl_interfaces/msg/Log."""
+    """Levels of an rcl_interfaces/msg/Log."""
 
     INFO = 20
     WARN = 30
@@ -256,7 +256,7 @@ class WritingThread:
         self._thread = threading.Thread(target=self._run, name="record", daemon=True)
 
     def start(self) -> None:
-        """Begin."""
+        """Begin to write."""
         self._thread.start()
 
     def close(self) -> None:

@@ -69,7 +69,7 @@ class Motion:
 
     @property
     def joints(self) -> FloatArray:
-        """Positions (T, n) of `joint_names`."""
+        """Positions (T, n) rad or m of `joint_names`."""
         _, address = self.body.scalar_joints()
         return np.asarray(self.q[:, address[self._single]])
 
@@ -132,8 +132,8 @@ def posture(body: BodyModel, joint_names: tuple[str, ...], joints: FloatArray, r
 
 
 def joints_and_root(body: BodyModel, q: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
-    """Of postures (T, nq): names and positions (T, n) of all hinges and slides of the body, and its root (T, 7), xyz
-    and wxyz of the first link in the world."""
+    """Split postures (T, nq): names and positions, rad or m, (T, n) of all hinges and slides of the body, and its root
+    (T, 7), xyz and wxyz of the first link in the world."""
     single, address = body.scalar_joints()
     names = tuple(name for name, kept in zip(body.dof_names, single, strict=True) if kept)
     solver, q = body.solver_body(), np.ascontiguousarray(q)
@@ -142,7 +142,7 @@ def joints_and_root(body: BodyModel, q: FloatArray) -> tuple[tuple[str, ...], Fl
 
 
 def quaternion_columns(body: BodyModel) -> list[int]:
-    """Where in q each quaternion begins."""
+    """Indices in q at which quaternions begin."""
     offset = {int(JointType.FREE): 3, int(JointType.BALL): 0}
     return [
         int(address) + offset[kind]

@@ -26,7 +26,7 @@ Arrays = dict[str, NDArray[Any]]
 
 
 def save_path(text: str | Path) -> Path:
-    """Where a recording of a run goes. Raises UsageError unless it is an .npz file that can be written."""
+    """Path of a recording of a run. Raises UsageError unless it is an .npz file that can be written."""
     path = Path(text)
     if path.suffix.lower() != ".npz":
         name = path.with_suffix(".npz").name if path.name else "run.npz"
@@ -38,7 +38,7 @@ def save_path(text: str | Path) -> Path:
 
 
 def human_body_path(path: Path) -> Path:
-    """Where the body of a reconstructed human goes, beside the NPZ file at `path`."""
+    """Path of the body of a reconstructed human, beside the NPZ file at `path`."""
     return path.with_name(f"{path.stem}_human.xml")
 
 

@@ -67,7 +67,7 @@ class ReplayedBus:
         self._before = np.concatenate([[-1], last[:-1]])  # row of the last goal before each
 
     def open(self) -> None:
-        """Nothing to open."""
+        """Do nothing: there is nothing to open."""
 
     def read(self) -> ServoStates:
         """What the servos said. Raises BusError where the bus failed."""
@@ -95,10 +95,10 @@ class ReplayedBus:
             raise BusError(self._text("bus write", row))
 
     def torque(self, on: bool) -> None:
-        """There is none."""
+        """Do nothing: there is no torque to switch."""
 
     def close(self) -> None:
-        """Nothing to close."""
+        """Do nothing: there is nothing to close."""
 
     def _text(self, who: str, row: int) -> str:
         return self._texts.get((int(self._cursor.cycles.index[row]), who), "as recorded")
@@ -125,25 +125,26 @@ class ReplayedSamples:
 
     @property
     def settled(self) -> float:
-        """As it was."""
+        """How much of its speed the robot might use at this tick of the recording, 0 to 1 (see `Samples.settled`)."""
         return float(self._cursor.cycles.settled[self._row])
 
     @property
     def hold_reason(self) -> str:
-        """As it was, without words."""
+        """Return the reason to hold at this tick of the recording, without words."""
         return "as recorded"
 
     @property
     def paused(self) -> bool:
-        """As it was."""
+        """Whether the operator had paused at this tick of the recording."""
         return self._cursor.asked(Asked.PAUSED)
 
     def may_approach(self) -> bool:
-        """As it was; where this run is later than that one was, it goes on."""
+        """Return whether the approach went on in the recording; where this run is later than that one was, it goes
+        on."""
         return self._cursor.late or self._cursor.asked(Asked.APPROACH)
 
     def poll(self) -> None:
-        """Nothing comes in."""
+        """Do nothing: all samples are there from the start."""
 
     def sample(self, tick: int) -> SensorSample | None:
         """What was said at a tick."""
@@ -216,7 +217,7 @@ class Difference:
 
 
 def goal_difference(played: Played, bus: ReplayedBus, robot: RobotBody) -> Difference:
-    """Of goals, in ticks. Of a recording without an end, what comes after it is not more than was recorded."""
+    """Compare goals, in ticks. Goals after the end of a recording that breaks off are no difference."""
     cycles = played.cycles
     wrote = np.flatnonzero(cycles.written != Done.NOT)
     now = np.full((len(cycles), cycles.goal.shape[1]), np.iinfo(np.int64).min)
@@ -241,7 +242,7 @@ def goal_difference(played: Played, bus: ReplayedBus, robot: RobotBody) -> Diffe
 
 
 def posture_difference(played: Played, q: FloatArray) -> Difference:
-    """Of a human alone: postures now (T, nq), against those that were recorded, in single precision."""
+    """Compare postures (T, nq), m and rad, of a human alone with the recorded ones, which are in single precision."""
     kept = played.cycles.human_q
     recorded, names = kept[np.isfinite(kept).all(axis=1)], tuple(f"q[{column}]" for column in range(q.shape[1]))
     both = min(len(recorded), len(q))

@@ -39,7 +39,7 @@ class ConfigFile(_Strict):
 
 
 class Size(_Strict):
-    """Of the performer: `HumanDimensions`."""
+    """The performer's size, as `HumanDimensions` has it."""
 
     offset: Annotated[tuple[tuple[float, float, float], ...], Field(min_length=len(POINTS), max_length=len(POINTS))]
     stature: float
@@ -91,7 +91,7 @@ class Session(_Strict):
 
     @property
     def size(self) -> HumanDimensions:
-        """Of the performer."""
+        """The performer's size."""
         size = self.dimensions
         return HumanDimensions(np.array(size.offset), size.stature, size.mass, size.origin)
 

@@ -48,7 +48,7 @@ class Note:
         self._rest: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
 
     def begin(self, ring: Ring, *, now: float, dt: float, machine: Machine | None) -> None:
-        """From now on everything is noted."""
+        """Note everything from now on."""
         self.now, self._dt, self._machine = now, dt, machine
         if machine is not None:
             robot = machine.robot

@@ -39,7 +39,8 @@ class Topic:
     values: Values
 
     def messages(self, cycles: Cycles, stamp_ns: NDArray[np.int64]) -> Iterator[tuple[int, int, bytes]]:
-        """Of some cycles that began at `stamp_ns` (T,): number of the cycle, stamp in ns and bytes of each message."""
+        """Make the messages of cycles that began at `stamp_ns` (T,): number of the cycle, stamp in ns and bytes of each
+        message."""
         chosen = np.flatnonzero(self.which(cycles))
         if not chosen.size:
             return

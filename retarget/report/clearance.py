@@ -140,7 +140,7 @@ class PlacedBody:
         return self.file.model
 
     def to_itself(self, *, neutral: FloatArray, ignored: Iterable[tuple[str, str]] = ()) -> Clearance:
-        """To itself. Not compared: see `compared_pairs`."""
+        """Measure the clearance (m) of the body to itself. `compared_pairs` says which links are compared."""
         geoms = self.geoms
         pairs, left_out = compared_pairs(self.model, geoms.links, geoms.geoms, neutral=neutral, ignored=ignored)
         if not len(self.rows) or not len(pairs):
@@ -150,12 +150,12 @@ class PlacedBody:
         return _clearance(found, (first, second), self.rows, left_out)
 
     def to_scene(self, scene: SceneState, times: FloatArray) -> Clearance:
-        """Between every geom and every obstacle of a scene but the ground, at times (T,) s on its clock: one for every
-        posture that was given."""
+        """Measure the clearance (m) between every geom and every obstacle of a scene but the ground, at times (T,) s on
+        its clock: one for every posture that was given."""
         return self._to_obstacles(scene, times, np.tile(~scene.shapes.ground, (len(self.geoms.links), 1)))
 
     def to_ground(self, scene: SceneState, times: FloatArray, *, soles: Iterable[str]) -> Clearance:
-        """The same between the ground of the scene and all links but those named in `soles`."""
+        """Measure the clearance (m) between the ground of the scene and all links but those named in `soles`."""
         standing = [self.model.body(name).id for name in soles]
         return self._to_obstacles(scene, times, scene.shapes.ground & ~np.isin(self.geoms.links, standing)[:, None])
 

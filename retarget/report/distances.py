@@ -81,7 +81,8 @@ class MovingGeoms:
         return np.asarray(self.model.geom_bodyid)[self.geoms].astype(np.int64)
 
     def bounds(self, pairs: IntArray) -> Bounds:
-        """Of pairs (P, 2) of these geoms: the distance of the balls about them, or of a ball from a plane."""
+        """Lower bounds, m, for pairs (P, 2) of these geoms: the distance of the balls about them, or of a ball from a
+        plane."""
         first, second = pairs.T
         radius = np.asarray(self.model.geom_rbound)[self.geoms]
         radius = np.where(radius > 0.0, radius, np.inf)  # a plane has no end
@@ -120,7 +121,7 @@ class MovingGeoms:
         return distances
 
     def closest(self, pairs: IntArray, *, tolerances: tuple[float, ...]) -> Closest:
-        """The nearest of pairs (P, 2)."""
+        """Find the nearest of pairs (P, 2), with its distance, m."""
         return closest_pairs(self.distances(pairs), self.bounds(pairs), len(self.position), tolerances=tolerances)
 
 

@@ -88,7 +88,7 @@ def bus_report(run: RunResult) -> BusReport | None:
 
 
 def percentiles(seconds: FloatArray, scale: float) -> Percentiles:
-    """Of those that are known, times `scale`."""
+    """Compute median, p99 and maximum of the times, s, that are known, times `scale`."""
     seconds = seconds[np.isfinite(seconds)]  # a stage that did not run in a tick has no cost there
     if not seconds.size:
         return Percentiles(float("nan"), float("nan"), float("nan"))
@@ -326,7 +326,8 @@ LATEST_S = 5.0
 
 
 def measure_latest(run: RunResult, seconds: float = LATEST_S) -> Report:
-    """As `measure`, of its last `seconds`; ticks, duration, limits and the bus are those of the whole run."""
+    """Measure as `measure` does, over the last `seconds` of the run; ticks, duration, limits and the bus are those of
+    the whole run."""
     latest = latest_of(run, seconds)
     if latest is run:
         return measure(run)

@@ -208,7 +208,7 @@ class ObserverActivity:
 
 
 def observer_activity(modes: NDArray[np.uint8], names: tuple[str, ...], dt: float) -> ObserverActivity | None:
-    """From the modes (T, n) of observers, `dt` s apart; None without ticks or observers."""
+    """Compute the activity of observers from their modes (T, n), `dt` s apart; None without ticks or observers."""
     ticks, count = modes.shape
     if count != len(names):
         raise ValueError(f"{len(names)} names for {count} observers")

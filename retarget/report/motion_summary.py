@@ -42,7 +42,7 @@ class Jump:
 
 @dataclass(frozen=True)
 class SensorSummary:
-    """One sensor.
+    """What a recording holds of one sensor.
 
     valid, oriented: share of frames with a position, with an orientation. Heights (m) and speed (m/s) are of the valid
     frames, NaN if there is none.
@@ -59,7 +59,7 @@ class SensorSummary:
 
 @dataclass(frozen=True)
 class MotionSummary:
-    """A whole recording.
+    """What a recording holds in all.
 
     stature_m: of the rest skeleton, None where there is none. lengths_m: bone -> length, mean of both sides. travel_m:
     diagonal of the floor that the trunk covers.

@@ -17,8 +17,8 @@ PICTURE_NAMES = ("tracking", "angles", "balance", "pressure", "poses")
 
 @dataclass(frozen=True)
 class Outputs:
-    """Where report, its page, recording and pictures of a run go; None: nowhere. While it goes on record is written,
-    and the page at port view shows it. overwrite: replace what is there."""
+    """Paths of report, page, recording and pictures of a run; None: nowhere. While it goes on record is written, and
+    the page at port view shows it. overwrite: replace what is there."""
 
     report: Path | None = None
     page: Path | None = None

@@ -192,7 +192,7 @@ class Report:
 
 
 def report_path(text: str | Path) -> Path:
-    """Where a report goes: FILE.json, or `report.json` in a folder, which need not be there yet.
+    """Path of a report: FILE.json, or `report.json` in a folder, which need not be there yet.
 
     Raises UsageError if it cannot be written there.
     """
@@ -215,7 +215,7 @@ def report_path(text: str | Path) -> Path:
 
 
 def page_path(text: str | Path) -> Path | None:
-    """Where the page of a report goes: `report.html` in the folder that is given; None where a file is meant.
+    """Path of the page of a report: `report.html` in the folder that is given; None where a file is meant.
 
     A name that is not there yet is a folder's, unless it ends like a file's.
     """

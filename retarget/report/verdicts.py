@@ -208,7 +208,7 @@ class Moment:
 
 
 def moments(run: RunResult) -> tuple[Moment, ...]:
-    """In the order of their time; none of a run that went on to its end.
+    """The moments of a run that are shown, in the order of their time; none of a run that went on to its end.
 
     A stop is at the first tick that braked, or at the last that was sent.
     """

@@ -124,7 +124,7 @@ def moving_spaces(
     outer: Edges | None = None,
     pressed: Edges | None = None,
 ) -> FloatArray:
-    """Half-spaces (k, 4) that keep capture point and zero-moment point inside of edges.
+    """Half-spaces (k, 4), n . c <= d in m, that keep capture point and zero-moment point inside of edges.
 
     pressed: other edges for the zero-moment point. outer: edges inside of which the zero-moment point stays while it
     brings back a capture point that is outside; None: such a capture point is not brought back.

@@ -72,7 +72,7 @@ class Envelope:
 
 
 def measure_envelope(robot: RobotBody, limits: JointLimits, stance: Stance, *, edges: FloatArray) -> Envelope:
-    """Crouch and lean with its trunk as far as it goes, from its stance, with planted soles.
+    """Let a robot crouch and lean with its trunk as far as it goes, from its stance, with planted soles; m and rad.
 
     limits (nv,): of its body. The centre of mass stays inside `edges` (e, 3). The height is its landmark `pelvis`'.
     """

@@ -168,8 +168,8 @@ class ReturnToStance:
 
 
 def stance_angles(robot: RobotBody) -> dict[str, float]:
-    """Where a return to stance ends, rad by joint, 0 elsewhere: legs and trunk as in `stand`, the others as in
-    `attractor`."""
+    """Angles, rad by joint, at which a return to stance ends, 0 elsewhere: legs and trunk as in `stand`, the others as
+    in `attractor`."""
     postures, carrying = robot.profile.postures, standing_dofs(robot, TRUNK)
     return {
         joint: (postures.stand if carrying[robot.body.dof_index(joint)] else postures.attractor).get(joint, 0.0)
@@ -308,8 +308,8 @@ class Follower:
         return self._posture(self.landmark_map.ask(human, 0.0))
 
     def settle(self, human: "HumanPosture", dt: float) -> RobotPosture | None:
-        """After `start`: the next posture on the way to where the performer stands still; None: the robot rests there.
-        So a hand that is asked high up has been raised before the performer moves on."""
+        """Return the next posture (nq,) on the way from `start` to what a performer who stands still asks for; None:
+        the robot rests there. So a hand that is asked high up has been raised before the performer moves on."""
         if self._settling.over:
             self.scene_obstacles.begin()
             return None
@@ -354,7 +354,8 @@ class Follower:
         self._reached = self._reader.read(self._q)
 
     def return_to_stance(self, dt: float) -> FloatArray | None:
-        """The next posture (nq,) of the return to stance; None: the robot stands, or needs no return."""
+        """Return the next posture (nq,), m, wxyz and rad, of the return to stance; None: the robot stands, or needs no
+        return."""
         stands = self.steps is None or self.steps.stands
         to_stance, hierarchy = self._soles.to_stance, self.hierarchy
         if to_stance is None or not to_stance.goes_on(hierarchy.solver.velocity, dt, stands=stands):
@@ -364,7 +365,7 @@ class Follower:
         return self._q
 
     def begin_return_to_stance(self, q: FloatArray, dt: float) -> None:
-        """Begin the return to stance in posture q (nq,), whether the robot has followed or not."""
+        """Begin the return to stance in posture q (nq,), m, wxyz and rad, whether the robot has followed or not."""
         self.reseed(q, np.zeros(self._robot.body.nv))
         if self._soles.to_stance is not None:
             self._soles.to_stance.begin(q, dt)
@@ -380,7 +381,8 @@ class Follower:
             self._soles.stopping.rescale_time(change)
 
     def halt(self, dt: float) -> FloatArray | None:
-        """The next posture (nq,) of the stop on the soles; None: no stop trajectory is known, or no soles carry it."""
+        """Return the next posture (nq,), m, wxyz and rad, of the stop on the soles; None: no stop trajectory is known,
+        or no soles carry it."""
         self.scene_obstacles.tick(None, dt)
         stopping = self._soles.stopping
         if stopping is None:

@@ -163,7 +163,7 @@ class PelvisOverFoot:
         self.restart()
 
     def restart(self) -> None:
-        """On both feet."""
+        """Begin again on both feet."""
         self._side = 0.0
 
     def step(self, pelvis: Vector, apart: Vector, carrying: Carrying, dt: float) -> Vector:
@@ -228,7 +228,7 @@ class AskedLandmarks:
 
 
 class LandmarkMap:
-    """From the postures of one performer to landmarks of one robot. Its only state is the performer's heading, and for
+    """Maps the postures of one performer to landmarks of one robot. Its only state is the performer's heading, and for
     one that steps, which of the performer's feet carry."""
 
     def __init__(
@@ -397,7 +397,7 @@ def _quat(values: list[float]) -> Quat:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Reached:
-    """Where the robot is, m, in its world.
+    """Points of the robot in a posture, m, in its world.
 
     points (k, 3), and the same as tuples in `landmarks`; trunk: wxyz relative to its stance; gaze: unit direction of
     the eyes; centre_of_mass (3,).
@@ -428,7 +428,7 @@ class RobotReader:
         self._trunk = product(_quat(trunk.quat.tolist()), inverse(self.trunk_at_stance))
 
     def read(self, q: FloatArray) -> Reached:
-        """What posture q (nq,) reaches."""
+        """Read the points, m, and orientations that posture q (nq,) reaches."""
         points, oriented, centre_of_mass = self._probe.read(q)
         trunk, head = oriented.tolist()
         return Reached(
@@ -447,7 +447,7 @@ def robot_frames(robot: RobotBody) -> dict[str, Frame]:
 
 
 def robot_postures(robot: RobotBody, stance: Stance) -> dict[str, FloatArray]:
-    """The postures (nq,) of the profile, by name, with the root where the robot stands."""
+    """The postures (nq,) of the profile, m, wxyz and rad, by name, with the root where the robot stands."""
     postures = {}
     for name, angles in robot.profile.postures.model_dump(exclude={"to_rest"}).items():
         q = robot.posture(angles)
@@ -458,7 +458,7 @@ def robot_postures(robot: RobotBody, stance: Stance) -> dict[str, FloatArray]:
 
 
 def standing_targets(hierarchy: Hierarchy, stance: Stance) -> FloatArray:
-    """Targets of a hierarchy for a robot that faces forward on its soles; nothing else is asked."""
+    """Make the target vector of a hierarchy for a robot that faces forward on its soles; nothing else is asked."""
     targets = hierarchy.blank()
     hierarchy.set_heading(targets, (1.0, 0.0))
     for sole in stance.soles:
@@ -468,7 +468,8 @@ def standing_targets(hierarchy: Hierarchy, stance: Stance) -> FloatArray:
 
 
 def standing_dofs(robot: RobotBody, *frames: str) -> BoolArray:
-    """Which DoFs (nv,) carry the robot: a free root, and every joint between it and a sole, or one of these frames."""
+    """Mask (nv,) of the DoFs that carry the robot: a free root, and every joint between it and a sole, or one of these
+    frames."""
     ends = [robot.frame(name).body for name in (*(foot.frame for foot in robot.profile.feet.values()), *frames)]
     return np.isin(_dof_links(robot), [link for end in ends for link in robot.body.chain_to_root(end)])
 

@@ -187,7 +187,7 @@ class Glide:
         self.moved = [0.0] * len(self.at) if moved is None else [float(value) for value in moved]
 
     def step(self, goal: Sequence[float], dt: float, *, speed_share: float = 1.0) -> list[float]:
-        """Where it is `dt` s later, on its way to a goal. speed_share: of its greatest speed."""
+        """Return the position `dt` s later on the way to a goal. speed_share: of its greatest speed."""
         change, most = self._acceleration * dt * dt, speed_share * self._speed * dt
         for axis, (at, moved) in enumerate(zip(self.at, self.moved, strict=True)):
             gap = goal[axis] - at

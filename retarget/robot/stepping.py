@@ -83,7 +83,7 @@ class StepBalance:
         return spaces
 
     def pressed(self, region: Edges) -> Edges:
-        """Where the zero-moment point may be of a mass that is to be in a region."""
+        """Return the region (half-spaces) of the zero-moment point of a mass that is to be in a region."""
         return self._pressed if region is self.on_the_way else region
 
     def depth(self, region: Edges, com: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> float:
@@ -148,11 +148,11 @@ class SwingFoot:
 
     @property
     def at(self) -> list[float]:
-        """Where the sole is to be, m."""
+        """Place of the sole that is asked for, m."""
         return self._glide.at
 
     def follow(self, offset: Vector, dt: float) -> list[float]:
-        """Where it is to be `dt` s later, on its way to an offset from its place, m."""
+        """Return the place of the sole, m, `dt` s later on its way to an offset from where it stood."""
         x, y, z = self._place
         ahead, aside, up = offset
         goal = [x, y, z + min(max(up, self._low), self._high)]
@@ -162,7 +162,8 @@ class SwingFoot:
         return self._glide.step(goal, dt)
 
     def lower(self, dt: float) -> list[float]:
-        """Where it is to be `dt` s later, on its way down to its place: first above it, then straight down."""
+        """Return the place of the sole, m, `dt` s later on its way down to where it stood: first above it, then
+        straight down."""
         x, y, z = self._place
         off = max(abs(self.at[0] - x), abs(self.at[1] - y))
         height = z if off < ABOVE_M else z + self._low
@@ -190,7 +191,7 @@ class WeightShift:
 
     @property
     def at(self) -> list[float]:
-        """Where the centre of mass is to be, m."""
+        """Place of the centre of mass that is asked for, m."""
         return self._glide.at
 
     def restart(self, com: FloatArray, velocity: FloatArray, dt: float) -> None:
@@ -198,7 +199,8 @@ class WeightShift:
         self._glide.restart(com[:2].tolist(), (velocity[:2] * dt).tolist())
 
     def step(self, goal: FloatArray, region: Edges, dt: float) -> FloatArray:
-        """Where it is to be (2,) m `dt` s later, on its way to a goal (2,) m. region: of its zero-moment point."""
+        """Return the place (2,) m of the centre of mass `dt` s later on its way to a goal (2,) m. region: of its
+        zero-moment point."""
         before, moved = np.array(self._glide.at), np.array(self._glide.moved)
         after = np.array(self._glide.step(goal.tolist(), dt))
         push = (after - before - moved) / (dt * dt) * self._lever  # (2,) [m] that the zero-moment point is behind

@@ -40,7 +40,7 @@ class Controller(Protocol):
         ...
 
     def begin(self) -> None:
-        """The state begins."""
+        """Begin the state."""
         ...
 
     def target(self, sample: SensorSample | None, *, speed_override: float) -> Target | None:
@@ -50,7 +50,7 @@ class Controller(Protocol):
 
 
 class Commanded:
-    """Where the robot was commanded to last, without the deflection of its servos.
+    """The posture to which the robot was commanded last, without the deflection of its servos.
 
     q (nq,): the posture; joints (n,): of it, rad, servo order. standing (nq,): as the robot stands; before it stands on
     its soles, as it will. velocity (nv,): at which it got there, per s. stood_s: s since the last goal that moved;
@@ -63,7 +63,7 @@ class Commanded:
         self.begin(robot.body.qpos0, robot.body.qpos0[robot.servo_columns])
 
     def begin(self, standing: FloatArray, joints: FloatArray) -> None:
-        """Begin at rest, with joints (n,) where they are, to stand as in `standing` (nq,)."""
+        """Begin at rest, with joints (n,) rad where they are, to stand as in `standing` (nq,)."""
         self.q, self.standing, self.joints, self._goal = standing.copy(), standing.copy(), joints, joints
         self.q[self._robot.servo_columns] = joints
         self.velocity = np.zeros(self._robot.body.nv)
@@ -114,7 +114,7 @@ class SlowMove:
         self._commanded = commanded
 
     def is_at(self, goal: FloatArray) -> bool:
-        """Whether the robot was commanded to a goal (n,) and rests there."""
+        """Return whether the robot was commanded to a goal (n,) rad and rests there."""
         return self._moves.at_rest and np.array_equal(self._moves.position, goal) and self._follows
 
     def towards(self, goal: FloatArray, *, speed_override: float) -> Target | None:
@@ -160,7 +160,7 @@ class ApproachPart(Enum):
 
 
 class Approach:
-    """From where the robot was found to where following begins, no joint faster than the profile's `approach`."""
+    """Moves from where the robot was found to where following begins, no joint faster than the profile's `approach`."""
 
     def __init__(
         self, robot: RobotBody, follower: FollowingStage, commanded: Commanded, human: HumanPosture, *, dt: float
@@ -227,7 +227,7 @@ class Pace(Protocol):
 
 
 class Follow:
-    """From a sample to the human, and from the human to the robot.
+    """Takes a sample to the human, and the human to the robot.
 
     human: the posture reconstructed last. posture: of the robot for it, None before the first. costs: thread CPU of
     both stages in the last tick, s.
@@ -264,7 +264,7 @@ class Follow:
         self.posture = None
 
     def target(self, sample: SensorSample | None, *, speed_override: float) -> Target | None:
-        """The target for a sample; None: no posture was found."""
+        """Return the target for a sample; None: no posture was found."""
         assert sample is not None, "the supervisor holds the robot without a sample"
         begun = thread_cpu()
         if self._ticks > 0:  # the human was started with the first sample
@@ -296,8 +296,8 @@ class WholeBodyStop:
         """Brake from where the robot is."""
 
     def target(self, sample: SensorSample | None = None, *, speed_override: float = 1.0) -> Target | None:
-        """The next target of the stop trajectory; None: the robot stands, or there is none, and the gate brakes each
-        joint by itself."""
+        """Return the next target of the stop trajectory; None: the robot stands, or there is none, and the gate brakes
+        each joint by itself."""
         if self._commanded.stands:
             self._follower.pass_time(self._dt)
             return None
@@ -363,7 +363,7 @@ REST_WITHIN_S = 1.9
 
 
 class GoToRest:
-    """From where the robot stands through the keyframes of the profile (`postures.to_rest`) to posture `rest`.
+    """Moves from where the robot stands through the keyframes of the profile (`postures.to_rest`) to posture `rest`.
 
     Where the gate refuses a goal, the robot holds, and tries again from there."""
 

@@ -289,12 +289,12 @@ class TickRecorder:
         )
 
     def started(self, present: FloatArray) -> None:
-        """Where the robot stands before the first tick, (n,) rad."""
+        """Keep the joint positions (n,) rad before the first tick."""
         if self._record.robot is not None:
             self._record.robot.start[:] = present
 
     def begin(self) -> None:
-        """A tick begins."""
+        """Begin the row of a tick."""
         self._begun = self._wall.now()
 
     def keep_human(self, human: HumanPosture, sample: SensorSample | None, *, error: bool) -> None:
@@ -313,7 +313,8 @@ class TickRecorder:
     def keep_robot(
         self, guard: Guard, q: FloatArray, goal: CheckedGoal, *, asked: bool, followed: RobotPosture | None
     ) -> None:
-        """What was sent: posture q (nq,) and goal. asked: whether there was a target; followed: for the performer."""
+        """Keep what was sent: posture q (nq,), m, wxyz and rad, and goal. asked: whether there was a target; followed:
+        for the performer."""
         record, robot, row = self._record.robot, self._robot, self._rows.row
         assert record is not None and robot is not None, "a goal was written"
         assert guard.states is not None and guard.sent is not None, "a goal was written"

@@ -138,7 +138,7 @@ class RunResult:
 
     @property
     def landmarks_reached(self) -> FloatArray | None:
-        """Where the posture that was sent puts each landmark (T, k, 3) m; None without a robot."""
+        """Places (T, k, 3) m of the landmarks in the postures that were sent; None without a robot."""
         sent = self.record.robot
         if self.robot is None or sent is None:
             return None
@@ -154,7 +154,8 @@ class RunResult:
 
     @property
     def present_q(self) -> FloatArray | None:
-        """Postures (T, nq) of the present positions, on the planted sole; None without servos that answer."""
+        """Postures (T, nq), m, wxyz and rad, of the present positions, on the planted sole; None without servos that
+        answer."""
         sent = self.record.robot
         if self.robot is None or sent is None or not self.setup.has_bus:
             return None
@@ -184,7 +185,7 @@ def truth_names(body: BodyModel) -> tuple[str, ...]:
 
 
 def in_truth(body: BodyModel, goal: FloatArray, numbers: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Posture (nq,) of a body by the numbers of `truth_names`, and the centre of pressure (2,).
+    """Posture (nq,), m, wxyz and rad, of a body by the numbers of `truth_names`, and the centre of pressure (2,).
 
     The root of a body with a fixed root is that of `goal`.
     """

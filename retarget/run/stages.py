@@ -10,31 +10,31 @@ if TYPE_CHECKING:
 
 
 class ReconstructingStage(Protocol):
-    """From sensor samples to the posture of the human. `dt` is s of the performer's time."""
+    """Takes sensor samples to the posture of the human. `dt` is s of the performer's time."""
 
     def start(self, sample: SensorSample) -> "HumanPosture":
         """The posture of the first sample."""
         ...
 
     def step(self, sample: SensorSample, dt: float) -> "HumanPosture":
-        """The next posture."""
+        """Return the posture of the next sample, `dt` s later."""
         ...
 
 
 class FollowingStage(Protocol):
-    """From the posture of the human to a posture of the robot. `dt` is s of the robot's time."""
+    """Takes the posture of the human to a posture of the robot. `dt` is s of the robot's time."""
 
     def start(self, human: "HumanPosture") -> "RobotPosture":
         """The posture from which to follow."""
         ...
 
     def settle(self, human: "HumanPosture", dt: float) -> "RobotPosture | None":
-        """After `start`: the next posture on the way to what this human posture asks for; None: it is
+        """Return the next posture (nq,) after `start` on the way to what this human posture asks for; None: it is
         there, and following can begin."""
         ...
 
     def step(self, human: "HumanPosture", dt: float) -> "RobotPosture":
-        """The next posture."""
+        """Return the posture that follows the next posture of the human, `dt` s later."""
         ...
 
     def set_speed_override(self, override: float) -> None:
@@ -47,7 +47,7 @@ class FollowingStage(Protocol):
         ...
 
     def halt(self, dt: float) -> FloatArray | None:
-        """The next posture (nq,) of a stopping trajectory; None: there is none."""
+        """Return the next posture (nq,) of a stopping trajectory; None: there is none."""
         ...
 
     def begin_return_to_stance(self, q: FloatArray, dt: float) -> None:
@@ -55,8 +55,8 @@ class FollowingStage(Protocol):
         ...
 
     def return_to_stance(self, dt: float) -> FloatArray | None:
-        """The next posture (nq,) of the return to stance, in which a raised foot touches down first; None: the robot
-        has reached the stance, or needs none."""
+        """Return the next posture (nq,) of the return to stance, in which a raised foot touches down first; None: the
+        robot has reached the stance, or needs none."""
         ...
 
     def pass_time(self, dt: float) -> None:

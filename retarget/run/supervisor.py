@@ -79,7 +79,7 @@ class Event(Enum):
 
 @dataclass(frozen=True)
 class Transition:
-    """To another state. category: of the stop that leaves the state, None where nothing stops."""
+    """A change to another state. category: of the stop that leaves the state, None where nothing stops."""
 
     to: RunState
     category: StopCategory | None = None

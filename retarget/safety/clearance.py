@@ -32,11 +32,11 @@ class FollowingError:
         self._row = 0
 
     def seed(self, position: FloatArray) -> None:
-        """Take `position` (n,) for all earlier goals."""
+        """Take `position` (n,) rad for all earlier goals."""
         self._goals[:] = position
 
     def sent(self, goal: FloatArray) -> None:
-        """Remember a goal (n,)."""
+        """Remember a goal (n,) rad that was sent."""
         self._row = (self._row + 1) % len(self._goals)
         self._goals[self._row] = goal
 

@@ -73,7 +73,8 @@ def user_folder(environment: Mapping[str, str] | None = None) -> Path:
 
 
 def calibration_path(robot: str) -> Path:
-    """Where the calibration of the robot of that name is, or will be: always the user's own, never shipped."""
+    """Path of the calibration of the robot of that name, which may be still to be written: always the user's own, never
+    shipped."""
     return user_folder() / "calibrations" / f"{robot}.yaml"
 
 

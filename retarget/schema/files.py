@@ -69,12 +69,12 @@ def write_own(path: Path, content: bytes, *, option: str) -> None:
 
 
 def previous_path(path: Path) -> Path:
-    """Where one of the user's own files is kept that a new one replaced."""
+    """Path at which one of the user's own files is kept that a new one replaced."""
     return path.with_suffix(".previous.yaml")
 
 
 def write_stream(path: Path, write: Callable[[IO[bytes]], object], *, option: str) -> None:
-    """As `write_atomic`, from a function that writes to a stream."""
+    """Write a file as `write_atomic` does, from a function that writes to a stream."""
     with _refused(path, option):
         descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name[:50]}.", suffix=".part")
         try:

@@ -305,7 +305,7 @@ class Level(Schema):
 
 
 class Priorities(Schema):
-    """A priority file."""
+    """The levels of a stage, as a priority file has them."""
 
     name: Name
     """By which it is chosen."""

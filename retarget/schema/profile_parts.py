@@ -201,7 +201,7 @@ class IgnorePair(Schema):
 
 
 class Foot(Schema):
-    """A sole."""
+    """The sole of a foot."""
 
     frame: Name
     """Its frame, z up and x to the toes."""

@@ -67,7 +67,7 @@ class ObstacleShape(SolidShape):
 
 
 class Place(Schema):
-    """Where an obstacle's own frame is, in the frame that the obstacle names."""
+    """Pose of an obstacle's own frame in the frame that the obstacle names."""
 
     pos: Point = (0.0, 0.0, 0.0)
     """[m] Of the obstacle's origin."""
@@ -76,7 +76,7 @@ class Place(Schema):
 
 
 class PathPoint(Schema):
-    """Where an obstacle's own frame is at a time."""
+    """Pose of an obstacle's own frame at a time."""
 
     time: Instant
     """[s] From the start, rising from point to point."""
@@ -135,7 +135,7 @@ class Pose:
     quat: Quat = (1.0, 0.0, 0.0, 0.0)
 
     def inside(self, child: "Pose") -> "Pose":
-        """Where a pose given in this frame is in the parent: T_parent_this T_this_child."""
+        """Return a pose given in this frame in the parent: T_parent_this T_this_child."""
         return Pose(plus(self.position, rotated(self.quat, child.position)), product(self.quat, child.quat))
 
 
@@ -166,7 +166,7 @@ def on_body(moving: MovingPose, child: Pose) -> MovingPose:
 
 
 def cross(a: Vector, b: Vector) -> Vector:
-    """The vector product."""
+    """Vector product of two vectors."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 

@@ -33,7 +33,7 @@ class Rod(Line):
 
 
 class Ball(Schema):
-    """A ball."""
+    """A ball with its centre and radius, m."""
 
     at: Point = (0.0, 0.0, 0.0)
     """[m] Its centre."""
@@ -68,7 +68,7 @@ class SolidShape(Schema):
 
     @property
     def label(self) -> str:
-        """Its name in a file."""
+        """Name of the shape in a file."""
         return next(iter(self.model_fields_set))
 
     @model_validator(mode="after")

@@ -206,7 +206,7 @@ Check = Callable[[M, Document], list[Problem]]
 
 
 def ascending(pair: tuple[float, float]) -> tuple[float, float]:
-    """Refuses limits of which the lower one is not below the upper one."""
+    """Refuse limits of which the lower one is not below the upper one."""
     if pair[0] >= pair[1]:
         raise PydanticCustomError(
             "inverted", "inverted limits", {"allowed": "[lower, upper], the lower one first and below the upper one"}

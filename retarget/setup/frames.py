@@ -203,7 +203,7 @@ class Posed:
         return both
 
     def place(self, angles: Angles) -> Placed:
-        """Where everything is with these angles."""
+        """Place everything with these angles, rad."""
         self._data.qpos[:] = self._model.qpos0
         for joint, address in self._address.items():
             self._data.qpos[address] = angles[joint] if joint in angles else self.inside(joint, 0.0)

@@ -53,7 +53,7 @@ class Anatomy:
 
     @property
     def axes(self) -> FloatArray:
-        """Forward, left and up as columns (3, 3)."""
+        """Unit vectors forward, left and up as columns (3, 3)."""
         return np.stack([self.forward, self.left, UP], axis=1)
 
 
@@ -232,7 +232,7 @@ def pitch_joints(tree: Tree, leg: Limb, left: FloatArray) -> list[int]:
 
 
 def leg_roles(tree: Tree, leg: Limb, left: FloatArray) -> LegRoles:
-    """By the axes across the robot, from the hip down."""
+    """Roles of the joints of a leg, by the axes across the robot, from the hip down."""
     across = pitch_joints(tree, leg, left)
     if not across:
         return LegRoles(leg.nodes[0], None, None)

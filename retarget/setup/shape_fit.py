@@ -49,7 +49,7 @@ class Capsule:
 
     @property
     def volume(self) -> float:
-        """m^3."""
+        """Volume, m^3."""
         return float(np.pi * self.radius**2 * (self.length + 4.0 / 3.0 * self.radius))
 
     @property
@@ -160,7 +160,7 @@ class Solid:
 
     @property
     def volume(self) -> float:
-        """m^3."""
+        """Volume, m^3."""
         if self.kind == "box":
             return float(8.0 * np.prod(self.size))
         return float(2.0 * np.pi * self.size[0] ** 2 * self.size[1])
@@ -430,5 +430,5 @@ def _round(values: FloatArray) -> FloatArray:
 
 
 def round_up(value: float) -> float:
-    """To DIGITS decimals, never below; a value within 1e-12 above a decimal counts as that decimal."""
+    """Round to DIGITS decimals, never below; a value within 1e-12 above a decimal counts as that decimal."""
     return round(math.ceil(value * 10.0**DIGITS - 10.0 ** (DIGITS - 12)) / 10.0**DIGITS, DIGITS)

@@ -41,7 +41,7 @@ class JointRanges:
     notes: tuple[str, ...]
 
     def clipped(self, q: FloatArray) -> FloatArray:
-        """Postures (..., nq) inside the ranges."""
+        """Clip postures (..., nq), rad or m, to the ranges."""
         inside = q.copy()
         inside[..., self.address] = np.clip(q[..., self.address], self.lower, self.upper)
         return inside

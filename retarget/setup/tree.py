@@ -41,16 +41,16 @@ class Node:
 
     @property
     def points(self) -> FloatArray:
-        """Where it is, (k, 3): its geometry, or else the anchor of its axis."""
+        """Points (k, 3) m that the node takes up: its geometry, or else the anchor of its axis."""
         return self.centres if len(self.centres) else self.anchor[None]
 
     @property
     def middle(self) -> FloatArray:
-        """Middle (3,) of the box around its points."""
+        """Middle (3,) m of the box around its points."""
         return np.asarray(0.5 * (self.points.min(axis=0) + self.points.max(axis=0)))
 
     def nearest(self, point: FloatArray) -> FloatArray:
-        """The point (3,) of its axis that is nearest to a point."""
+        """The point (3,) m of the node's axis that is nearest to a point (3,) m."""
         return np.asarray(self.anchor + ((point - self.anchor) @ self.axis) * self.axis)
 
     def distance(self, point: FloatArray) -> float:
@@ -86,7 +86,7 @@ class Tree:
         return found[::-1]
 
     def points(self, nodes: Sequence[int]) -> FloatArray:
-        """Where nodes are, (k, 3) m."""
+        """Places of nodes, (k, 3) m."""
         return np.concatenate([self.nodes[node].points for node in nodes])
 
 

@@ -48,7 +48,7 @@ class MessageId(IntEnum):
 
 
 class Version(NamedTuple):
-    """Of the bitstream; versions compare as tuples do."""
+    """Version of the bit stream; versions compare as tuples do."""
 
     major: int
     minor: int

@@ -49,12 +49,12 @@ class Dropped:
     reasons: Counter[str] = field(default_factory=Counter)
 
     def note(self, reason: str) -> None:
-        """Count one."""
+        """Count one that was dropped, with its reason."""
         self.reasons[reason] += 1
 
     @property
     def count(self) -> int:
-        """Of all reasons."""
+        """Number of all that was dropped, whatever the reason."""
         return self.reasons.total()
 
 
@@ -145,7 +145,8 @@ _LOW, _HIGH = (1.0 - NORM_TOLERANCE) ** 2, (1.0 + NORM_TOLERANCE) ** 2
 
 
 def unusable(position: FloatArray, orientation: FloatArray) -> BoolArray:
-    """Which of k poses, position (k, 3) and orientation (k, 4), are not finite, not in a room, or no rotation.
+    """Mask of those of k poses, position (k, 3) and orientation (k, 4), that are not finite, not in a room, or no
+    rotation.
 
     Values must not exceed float32's, so that squares stay finite.
     """

@@ -70,7 +70,7 @@ LEGEND = {
 
 
 def web(colour: Colour) -> str:
-    """As CSS has it."""
+    """Write a colour as CSS has it."""
     return "#{:02x}{:02x}{:02x}".format(*colour)
 
 

@@ -25,7 +25,7 @@ STEP_M, STEP_RAD = 2e-5, 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Where the world of a body is in the scene: `scale` times as large, its point `origin` at `to` (3,) m, turned."""
+    """Pose of the world of a body in the scene: `scale` times as large, its point `origin` at `to` (3,) m, turned."""
 
     scale: float = 1.0
     origin: FloatArray = field(default_factory=lambda: np.zeros(3))

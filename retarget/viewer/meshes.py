@@ -30,8 +30,8 @@ Mesh = tuple[FloatArray, NDArray[np.uint32]]
 
 
 def link_meshes(model: Any) -> dict[int, Mesh]:
-    """Of a compiled `mujoco.MjModel`, by the numbers of its bodies, in their frames. Planes and height fields are left
-    out, and links that have nothing else.
+    """Make the meshes of a compiled `mujoco.MjModel`, by the numbers of its bodies, in their frames. Planes and height
+    fields are left out, and links that have nothing else.
 
     Where a link has shapes for looking at (which collide with nothing) and others, the others are left out.
     """

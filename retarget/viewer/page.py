@@ -94,7 +94,7 @@ class Timeline:
         self._last = now
 
     def pause(self) -> None:
-        """Stand."""
+        """Let the timeline stand."""
         self._last = None
 
     def go_to(self, row: int) -> None:

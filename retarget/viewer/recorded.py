@@ -65,7 +65,7 @@ class RecordedScene:
         self.obstacles = obstacles(self._state.shapes)
 
     def at(self, row: int) -> FloatArray | None:
-        """Poses (o, 7) of the obstacles; None without any."""
+        """Poses (o, 7) of the obstacles, m and wxyz; None without any."""
         if self._state is None:
             return None
         return placed(self._state.at_rest(float(self._times[row])).rows(drawn(self._state.shapes)))

@@ -147,7 +147,7 @@ def _reached(row: Row, cast: Cast) -> FloatArray:
 
 
 def actor(file: BodyFile) -> Actor:
-    """Of a compiled body."""
+    """Make the figure of a compiled body."""
     body = body_from_file(file)
     positions, _ = body.solver_body().forward(body.qpos0)
     return Actor(body, link_meshes(file.model), max(float(np.ptp(positions[1:, 2])), LEAST_M))
@@ -164,7 +164,7 @@ def obstacles(shapes: SceneShapes) -> dict[str, Mesh]:
 
 
 def placed(poses: ObstaclePoses) -> FloatArray:
-    """Where obstacles are, (o, 7)."""
+    """Poses (o, 7) of obstacles: position m, orientation wxyz."""
     return np.column_stack([poses.position, poses.quat])
 
 
@@ -178,7 +178,7 @@ LONGEST_S = 0.2
 
 
 def zero_moment_point(times: FloatArray, com: FloatArray) -> FloatArray:
-    """Where it was, (2,) m on the floor, at the second of three times (3,) s, of a centre of mass at com (3, 3) m.
+    """Zero-moment point (2,) m on the floor at the second of three times (3,) s, of a centre of mass at com (3, 3) m.
 
     As in `standing_balance`, with all mass in one point: p = c - z / (g + z'') c''. NaN where times are not apart, or
     too far, and where it falls freely.

@@ -82,7 +82,7 @@ class EmulatedController(Device):
             self._switch(bool(self.memory.value("dynamixel_power")), now)
 
     def show(self, address: int, length: int, now: float) -> None:
-        """Refresh the voltage."""
+        """Refresh the register of the voltage, 0.1 V."""
         self.memory.put("present_voltage", round(10.0 * self._volts))
 
     def supply(self, volts: float | None, now: float) -> None:

@@ -68,7 +68,7 @@ class FaultState:
 
     @property
     def next_change(self) -> float | None:
-        """When a fault begins or ends by time, s of the clock; None: never."""
+        """Time, s of the clock, at which the next fault begins or ends; None: never."""
         return self._until if math.isfinite(self._until) else None
 
     def count_cycle(self) -> None:

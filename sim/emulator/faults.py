@@ -48,7 +48,7 @@ class FaultKind(Enum):
 
 
 class Direction(Enum):
-    """Which bytes a fault hits."""
+    """The bytes that a fault hits."""
 
     TO_SERVOS = "to_servos"
     TO_HOST = "to_host"
@@ -56,7 +56,7 @@ class Direction(Enum):
 
 
 class Unit(Enum):
-    """What `rate` counts."""
+    """The unit that `rate` counts."""
 
     PACKETS = "packets"
     BYTES = "bytes"

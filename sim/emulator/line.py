@@ -107,7 +107,7 @@ class Line:
 
     @property
     def next_due(self) -> float | None:
-        """When the next bytes arrive at the host, s; None while nothing is on its way."""
+        """Time, s, at which the next bytes arrive at the host; None while nothing is on its way."""
         return self._waiting[0].due if self._waiting else None
 
     def last_due_within(self, span: float) -> float | None:

@@ -83,11 +83,11 @@ class EmulatedPort:
         self._line.take(self._clock.now())
 
     def now(self) -> float:
-        """The clock, s."""
+        """Time of the clock, s."""
         return self._clock.now()
 
     def sleep_until(self, deadline: float) -> None:
-        """Return at `deadline`."""
+        """Sleep until `deadline`, s of the clock."""
         self._clock.sleep_until(deadline)
 
     def close(self) -> None:
@@ -300,7 +300,7 @@ class PseudoTerminal:
 
     @property
     def next_due(self) -> float:
-        """When it is to send, or a fault begins or ends, s; inf: never."""
+        """Time, s, at which it is to send, or a fault begins or ends; inf: never."""
         due = self.line.last_due_within(min(BATCH, self.line.timing.latency))
         change = self.line.faults.next_change
         return min(math.inf if due is None else due - EARLY, math.inf if change is None else change)

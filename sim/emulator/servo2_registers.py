@@ -306,7 +306,7 @@ STEP = 0.02  # [s] of register 98
 
 
 class FedBy(Enum):
-    """Which valid instructions feed the watchdog. The e-Manual says 'all instruction packets', and not whether those
+    """The valid instructions that feed the watchdog. The e-Manual says 'all instruction packets', and not whether those
     for other ids count."""
 
     ANY = "any"

@@ -32,7 +32,7 @@ class Phase(NamedTuple):
 
 
 class Point(NamedTuple):
-    """Where a path is: tick, tick/s, tick/s^2."""
+    """A point of a path: tick, tick/s, tick/s^2."""
 
     position: float
     velocity: float
@@ -262,7 +262,7 @@ class Shaft:
         return min(max(asked, -self.drive_limit), self.drive_limit)
 
     def trajectory(self) -> tuple[float, float]:
-        """Where the profile is, (tick, tick/s)."""
+        """Position and speed of the motion profile, (tick, tick/s)."""
         if self.law is not Law.POSITION:
             return self.position, self._reference if self.law is Law.VELOCITY else self.velocity
         if self.path is None:

@@ -93,31 +93,31 @@ class Trace:
     torque: list[int] = field(default_factory=list)
 
     def first(self, states: tuple[RunState, ...], since: float) -> float | None:
-        """When one of these states was first seen from a time on, s."""
+        """Time, s, at which one of these states was first seen from a time on."""
         return next((tick.time for tick in self.ticks if tick.time >= since and tick.state in states), None)
 
     @property
     def armed(self) -> float | None:
-        """When the first tick with torque ended, s."""
+        """Time, s, at which the first tick with torque ended."""
         return self.ticks[0].time if self.ticks else None
 
     def stopped(self, since: float) -> float | None:
-        """When a stop was latched, from a time on, s: at the end of the tick that did it."""
+        """Time, s, at which a stop was latched from a time on: at the end of the tick that did it."""
         return next((tick.time for tick in self.ticks if tick.time >= since and tick.latched), None)
 
     @property
     def latched(self) -> float | None:
-        """When a stop was first latched, s."""
+        """Time, s, at which a stop was first latched."""
         return self.stopped(-inf)
 
     def torque_off_at(self, since: float) -> float | None:
-        """When torque off was commanded, or the guard had given up the bus, from a time on, s."""
+        """Time, s, at which torque off was commanded, or the guard had given up the bus, from a time on."""
         seen = (torque_off(written(self.sent), since), self.first(STOPPED, since))
         return min((time for time in seen if time is not None), default=None)
 
     @property
     def holds(self) -> list[tuple[float, float]]:
-        """When the robot held, from and to, s."""
+        """Times, s, from and to which the robot held."""
         runs = [(held, next(ticks).time) for held, ticks in groupby(self.ticks, lambda tick: tick.state in HOLDING)]
         ends = [begun for _, begun in runs[1:]] + [tick.time for tick in self.ticks[-1:]]
         return [(begun, end) for (held, begun), end in zip(runs, ends, strict=True) if held]
@@ -139,7 +139,7 @@ class TappedPort(EmulatedPort):
         self._sent = sent
 
     def write(self, data: bytes) -> None:
-        """Send, and keep."""
+        """Send bytes, and keep them."""
         if self.dead:
             raise Killed
         one = Sent(self.now(), data)
@@ -223,7 +223,7 @@ class Bench:
             act()
 
     def kill(self) -> None:
-        """Kill the host."""
+        """End the host in this tick, as `kill -9` would."""
         self.trace.gone = self.clock.now()
         for port in self.ports.values():
             port.dead = True

@@ -86,7 +86,7 @@ def pair_cases() -> list[Case]:
 
 
 def seed_cases(seeds: Iterable[int], *, seconds: float) -> list[Case]:
-    """Random runs."""
+    """Make random runs, from a seed each."""
     return [Case(seed=seed, seconds=seconds) for seed in seeds]
 
 

@@ -195,17 +195,17 @@ class Seen:
         return goals_of(self.bench, self.trace)
 
     def first(self, states: tuple[RunState, ...]) -> float | None:
-        """When one of these states was first seen since."""
+        """Time, s, at which one of these states was first seen since the onset."""
         return self.trace.first(states, self.onset)
 
     @property
     def stopped(self) -> float | None:
-        """When a stop was latched since."""
+        """Time, s, at which a stop was latched since the onset."""
         return self.trace.stopped(self.onset)
 
     @property
     def on_again(self) -> float | None:
-        """When the robot went on after a hold."""
+        """Time, s, at which the robot went on after a hold."""
         hold = self.first(HOLDING)
         return None if hold is None else self.trace.first(MOVING, hold)
 

@@ -55,12 +55,12 @@ class FakeSender:
 
     @property
     def begun(self) -> float:
-        """When its time began, s of the clock that polls."""
+        """Time, s of the clock that polls, at which the sender's own time began."""
         return 0.0 if self._begun is None else self._begun
 
     @property
     def finished(self) -> bool:
-        """Never."""
+        """False: the sender never ends."""
         return False
 
     def poll(self, now: float) -> list[Datagram]:
@@ -84,7 +84,7 @@ class FakeSender:
         return taken
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Do nothing: no socket is open."""
 
     def _payload(self, time: float) -> bytes | None:
         row = min(max(round((time - STILL_S) * self.rate_hz), 0), len(self._track) - 1)
@@ -113,27 +113,27 @@ EVER = math.inf
 
 
 def silent(first: float = 0.0, last: float = EVER) -> SenderFault:
-    """Nothing is sent."""
+    """Make the fault of a sender that sends nothing from `first` to before `last`, s."""
     return lambda time, poses: None if first <= time < last else poses
 
 
 def flapping(period: float = 0.3) -> SenderFault:
-    """From the first call on: most of the time nothing is sent."""
+    """Make the fault of a sender that from the first call on sends nothing for 0.6 of each `period`, s."""
     return _gaps(lambda time: (time / period) % 1.0 < 0.6)
 
 
 def pausing(length: float) -> SenderFault:
-    """From the first call on nothing is sent for `length` s."""
+    """Make the fault of a sender that from the first call on sends nothing for `length` s."""
     return _gaps(lambda time: time < length)
 
 
 def lost(name: str, first: float = 0.0, last: float = EVER) -> SenderFault:
-    """One sensor is not in the datagrams."""
+    """Make the fault of a sender whose datagrams lack one sensor from `first` to before `last`, s."""
     return _within(first, last, lambda poses: {other: at for other, at in poses.items() if other != name})
 
 
 def frozen(name: str, first: float = 0.0, last: float = EVER) -> SenderFault:
-    """One sensor repeats its place, to the bit."""
+    """Make the fault of one sensor that repeats its place, to the bit, from `first` to before `last`, s."""
     kept: Poses = {}
 
     def repeated(poses: Poses) -> Poses:
@@ -144,12 +144,12 @@ def frozen(name: str, first: float = 0.0, last: float = EVER) -> SenderFault:
 
 
 def moved(name: str, first: float, last: float, by: Sequence[float]) -> SenderFault:
-    """One sensor is somewhere else at once."""
+    """Make the fault of one sensor that is `by` m elsewhere from `first` to before `last`, s."""
     return _within(first, last, lambda poses: poses | {name: poses[name] + np.array(by)} if name in poses else poses)
 
 
 def swapped(one: str, other: str, first: float = 0.0, last: float = EVER) -> SenderFault:
-    """Two sensors swap their names."""
+    """Make the fault of two sensors that swap their names from `first` to before `last`, s."""
     names = {one: other, other: one}
     return _within(first, last, lambda poses: {names.get(name, name): at for name, at in poses.items()})
 

@@ -270,7 +270,7 @@ def _body(path: str, root: str) -> BodyFile:
 
 
 def postures_of(robot: RobotBody, goal_tracks: Sequence[Track]) -> FloatArray:
-    """Return the postures (T, nq) of all goals, at the times of the first servo; the root as in the body file."""
+    """Return the postures (T, nq), rad, of all goals, at the times of the first servo; the root as in the body file."""
     if not goal_tracks:
         return np.zeros((0, robot.body.nq))
     times = goal_tracks[0].times

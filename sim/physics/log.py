@@ -62,7 +62,7 @@ class PhysicsLog:
         self.fixture_contact_ticks = 0
 
     def add(self, state: PhysicsState) -> None:
-        """Append a state."""
+        """Append a state of the simulation."""
         self._sum(state)
         if self.rows == MAX_ROWS:
             return

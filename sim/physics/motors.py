@@ -113,7 +113,7 @@ class DriveNumbers:
     source: str
 
     def stall_torque(self, voltage: float) -> float:
-        """At full drive and `voltage` V, N m."""
+        """Stall torque, N m, at full drive and `voltage` V."""
         return self.torque_constant * voltage / self.resistance
 
     @property
@@ -203,7 +203,7 @@ class Drive:
 
     @property
     def turns(self) -> tuple[tuple[str, float], ...]:
-        """The joints that turn the shaft, and its signed turns per turn of each."""
+        """Joints that turn the shaft, and its signed turns per turn of each."""
         servo, coupling = self.servo, self.servo.coupling
         if coupling is None:
             return ((servo.joint, servo.direction * servo.gear),)

@@ -23,7 +23,7 @@ class Push:
 
     @property
     def end(self) -> float:
-        """When it is over, s."""
+        """Time, s, at which the push is over."""
         return self.start + self.duration
 
 

@@ -67,7 +67,7 @@ class StateReader:
         return np.asarray(load > self._least, dtype=np.bool_)
 
     def read(self) -> PhysicsState:
-        """The state now."""
+        """Read the present state of the simulation."""
         simulation, data = self._simulation, self._simulation.data
         load, pressed, zmp, counts = self._contacts(data)
         turns = data.xmat[self._feet].reshape(-1, 3, 3)

@@ -46,8 +46,8 @@ class Witness:
 
     @property
     def soles(self) -> BoolArray | None:
-        """Which soles (k,) carried at the last look; None: a hand holds the robot, or its feet are in the air for
-        good."""
+        """Mask (k,) of the soles that carried at the last look; None: a hand holds the robot, or its feet are in the
+        air for good."""
         if self._watch is None or self.simulation.held:
             return None
         return self._reader.loaded(self.state.load)

@@ -64,7 +64,7 @@ class Place:
 
     @property
     def where(self) -> str:
-        """Its name in messages."""
+        """Name of the place in messages."""
         return self.port.name if self.spec is None else f"bus {self.spec.name} ({self.port.name})"
 
 
@@ -133,7 +133,8 @@ def opened(places: Sequence[Place]) -> Iterator[None]:
 
 
 def chosen_speeds(place: Place, protocol: int | None, baud: int | None) -> list[Speed]:
-    """Where to look: at all speeds, that of the bus first; narrowed by the options. Raises UsageError."""
+    """Choose the speeds, baud, at which servos are looked for: all, that of the bus first, narrowed by the options.
+    Raises UsageError."""
     check_speed(protocol, baud)
     own = None if place.spec is None else Speed(place.spec.protocol, place.spec.baud)
     protocols = [one for one in PROTOCOLS if protocol in (None, one) and (baud is None or has_speed(one, baud))]
