@@ -1,7 +1,7 @@
 """The guard: it alone switches torque on and writes to the bus. It checks what servos report, and latches a stop.
 
-The guard is passive: it reads, writes and switches when it is called, and calls no other part. What a robot does next is
-decided by the state machine of the run (`retarget.run.supervisor`), which reads the latch.
+The guard is passive: it reads, writes and switches when it is called, and calls no other part. What a robot does next
+is decided by the state machine of the run (`retarget.run.supervisor`), which reads the latch.
 """
 
 from collections.abc import Iterator
