@@ -47,6 +47,7 @@ def calibrate(frames: SensorFrames, *, mass: float | None = None) -> HumanDimens
     if frames.skeleton is not None:
         return dimensions_from_skeleton(frames.skeleton, mass=mass, source=frames.source)
     candidates = find_rest_frames(frames)
+    # The best candidate may still be no rest pose: the fit is the judge, and the next one gets its chance.
     for at in candidates:
         names = tuple(name for name, valid in zip(frames.names, frames.valid[at], strict=True) if valid)
         position = frames.position[at, frames.valid[at]]
@@ -54,6 +55,7 @@ def calibrate(frames: SensorFrames, *, mass: float | None = None) -> HumanDimens
             return fit_rest_pose(names, position, mass=mass, source=frames.source).dimensions
         except InputError:
             continue
+    # No one looks taller than they are, so the tallest frame is the nearest to the truth.
     stature = max(standing_stature(frames, at) for at in candidates)
     usual = proportional_dimensions(stature, mass=mass)
     check_plausible(usual, source=frames.source)
@@ -125,6 +127,7 @@ def _stature(known: dict[str, FloatArray]) -> float:
         + np.linalg.norm(known[f"{s}_ankle"] - known[f"{s}_knee"])
         for s in "lr"
     ]
+    # Bones do not reach the ground or the crown: average shares of stature (`FRACTIONS`) fill in what is beyond them.
     trunk = known["head"][2] - 0.5 * (known["l_hip"][2] + known["r_hip"][2])
     return float((np.mean(legs) + trunk) / (FRACTIONS.head_height - FRACTIONS.ankle_height))
 
@@ -136,6 +139,7 @@ def _completed(known: dict[str, FloatArray], usual: HumanDimensions) -> dict[str
     shoulders = 0.5 * (points["l_shoulder"] + points["r_shoulder"])
     points.setdefault("pelvis", hips - 0.5 * (usual.of("l_hip") + usual.of("r_hip")))
     points.setdefault("neck", shoulders - np.array([0.0, 0.0, usual.of("l_shoulder")[2]]))
+    # Formats have between one and six joints in the trunk: the human's chest and spine are put between those there are.
     pelvis, neck = points["pelvis"], points["neck"]
     if "chest" not in points:
         points["chest"] = (
@@ -144,6 +148,7 @@ def _completed(known: dict[str, FloatArray], usual: HumanDimensions) -> dict[str
     points.setdefault("spine", _share(pelvis, points["chest"], 0.5))
     for side in ("l_", "r_"):
         points.setdefault(side + "collar", neck)
+        # A hand goes on as the forearm, since rest poses have straight wrists.
         forearm = points[side + "wrist"] - points[side + "elbow"]
         straight = forearm / max(float(np.linalg.norm(forearm)), 1e-9)
         points.setdefault(side + "hand", points[side + "wrist"] + usual.length(side + "hand") * straight)

@@ -196,6 +196,7 @@ class Reconstructor:
         self._q = self._placed()
         self._obstacles.tick(self._hierarchy, 0.0)
         points = self._present(self._intake.position)
+        # Solve the first sample again and again from where the last solve ended, without the past of a motion.
         for _ in range(_SETTLING_FRAMES):
             self._hierarchy.solver.reset(self._q)
             before = self._q
@@ -204,6 +205,7 @@ class Reconstructor:
                 break
         self._hierarchy.solver.reset(self._q)
         self._obstacles.begin()
+        # Virtual feet are made from the head, so they show nothing of what carries.
         self._carrying = CarryingFeet() if self._feet is None else None
         return self._posture(0.0)
 
@@ -218,6 +220,8 @@ class Reconstructor:
             position, valid = self._with_feet(position, valid)
             weight = None if weight is None else np.concatenate([weight, [1.0, 1.0]])
         intake = self._intake
+        # A long step is solved in parts of at most _LONGEST_FRAME_S, with sensors on straight lines between the
+        # samples. A sensor that was not there before has no line: it is where it is from the first part on.
         before, present = intake.position.copy(), intake.present.copy()
         intake.step(position, valid, reached=self._reached, dt=dt, weight=weight)
         self._reach.clamp(intake.position, intake.present)
@@ -256,6 +260,7 @@ class Reconstructor:
         """What there is to see, `dt` s after the posture before."""
         joints, orientations, centre_of_mass = self._reader.read(self._q)
         self._reached = joints.take(self._joints_of, axis=0)
+        # Virtual feet come after the sensors and have no measured place.
         error = (self._intake.measured - self._reached)[: self._sensor_count]
         distance = np.sqrt(rotations.squares(error))
         if not self._intake.all_present:
@@ -284,11 +289,13 @@ class Reconstructor:
         """A natural posture (nq,) turned to the heading, in the middle of the sensors."""
         q = self._human.posture("natural")
         forward = self._heading.forward
+        # A turn about the vertical by the heading, as a quaternion wxyz of half the angle.
         half = 0.5 * np.arctan2(forward[1], forward[0])
         q[3:7] = np.cos(half), 0.0, 0.0, np.sin(half)
         present = self._intake.present
         if present.any():
             joints = self._reader.joints(q[None])[0]
+            # Move the root by the mean offset: the least squares translation onto the sensors.
             q[:3] += (self._intake.position - joints[self._joints_of])[present].mean(axis=0)
         return q
 

@@ -92,6 +92,7 @@ def body_points(parameters: FloatArray) -> FloatArray:
     """All points (23, 3) m of the person, world."""
     offset = offsets(parameters)
     direction = _directions(parameters)
+    # In the rest frame limbs hang: only their z is not zero, and minus that is their length.
     offset[_SEGMENT_ROWS] = direction * -offset[_SEGMENT_ROWS][..., 2:]
     offset[_HANDS] = direction[:2, 1] * -offset[_HANDS][:, 2:]
     result = points_of(offset)
@@ -195,6 +196,9 @@ def fit_rest_pose(
     def residual(unknown: FloatArray) -> FloatArray:
         parameters, offset = unknown[:COUNT], unknown[COUNT:]
         points = body_points(parameters)
+        # The fit weighs three kinds of evidence by their spreads (maximum a posteriori, all normal): how far sensors
+        # are from their joints, how unusual the proportions and the pose are, and how far loose sensors sit from their
+        # joints.
         off = points[columns] - position
         off[loose_rows] += offset.reshape(-1, 3)
         parts = [off.ravel() / SENSOR_SPREAD_M, prior(parameters, bend), offset / LOOSE_SPREAD_M]
@@ -207,6 +211,7 @@ def fit_rest_pose(
     found = least_squares(residual, np.concatenate([start, np.zeros(3 * len(loose_rows))]), max_nfev=100).x
     fit, offset = found[:COUNT], np.zeros((len(names), 3))
     offset[loose_rows] = found[COUNT:].reshape(-1, 3)
+    # Offsets beyond what a cap or a controller can have are cut, and then show as a misfit below.
     offset *= np.minimum(1.0, MAX_LOOSE_M / np.maximum(np.linalg.norm(offset, axis=1), 1e-9))[:, None]
     unusual = float(np.abs(prior(fit, bend)[:7]).max())
     points = body_points(fit)
@@ -232,6 +237,7 @@ def find_rest_frames(frames: SensorFrames) -> tuple[int, ...]:
     rows = rows[frames.valid[np.ix_(rows, columns)].all(axis=1)]
     if rows.size == 0 or not set(REQUIRED) <= set(needed):
         raise InputError("no frame shows head and both wrists", where=frames.source, next_step="Record a rest pose")
+    # Speed by central differences; where a neighbour is invalid it is NaN, and taken as fast.
     before, after = np.maximum(rows - 1, 0), np.minimum(rows + 1, len(frames) - 1)
     moved = frames.position[np.ix_(after, columns)] - frames.position[np.ix_(before, columns)]
     duration = np.maximum(frames.time[after] - frames.time[before], 1e-9)[:, None]
@@ -261,6 +267,7 @@ def _head_height(sensors: Mapping[str, FloatArray]) -> tuple[float, float, float
     if not set(_ANKLES) <= set(sensors):
         return head, FRACTIONS.head_height, 0.0
     ankles = float(np.mean([sensors[name][2] for name in _ANKLES]))
+    # The average person's ankles are this share of the height between ankles and head above the ground.
     ground = ankles - FRACTIONS.ankle_height / (FRACTIONS.head_height - FRACTIONS.ankle_height) * (head - ankles)
     return head - ankles, FRACTIONS.head_height - FRACTIONS.ankle_height, ground
 
@@ -278,6 +285,7 @@ def _first_guess(sensors: Mapping[str, FloatArray], *, source: str) -> FloatArra
             next_step="Check the unit and the upward axis, and stand upright to calibrate",
         )
     stature = above / share
+    # From right to left: its normal on the ground is where the person faces. Ankles say it too, where they are known.
     left = sensors["l_wrist"] - sensors["r_wrist"]
     half_span = 0.5 * float(np.hypot(left[0], left[1]))
     if set(_ANKLES) <= set(sensors):
@@ -289,6 +297,7 @@ def _first_guess(sensors: Mapping[str, FloatArray], *, source: str) -> FloatArra
     parameters[HEADING] = np.arctan2(-left[0], left[1])
     parameters[STATURE] = np.log(stature)
     arm = (_AVERAGE.length("l_elbow") + _AVERAGE.length("l_wrist")) * stature
+    # The sine of the arms' angle from hanging: how far each wrist is beyond its shoulder, by the length of the arm.
     outward = np.clip((half_span - _AVERAGE.of("l_shoulder")[1] * stature) / arm, -0.5, 1.0)
     angles = parameters[ANGLES].reshape(4, 2, 2)
     angles[:2, :, 0] = np.arcsin(outward)

@@ -20,15 +20,19 @@ def plant_root(robot: RobotBody, before: FloatArray, q: FloatArray) -> None:
         q[:7] = before[:7]
     if not robot.stands:
         return
+    # The lower sole carries: a sole that is higher may be in the air.
     placed, links = robot.kinematics.forward(before)
     soles = [_sole(placed, links, sole.body, sole.position) for sole in robot.soles]
     lower = min(range(len(soles)), key=lambda foot: soles[foot][1][2])
     (there, planted), sole = soles[lower], robot.soles[lower]
     here, moved = _sole(*robot.kinematics.forward(q), sole.body, sole.position)
+    # The whole body turns by what takes the sole's orientation back to the planted one, about the sole itself: T_root'
+    # = T_planted * inverse(T_moved) * T_root.
     turn = product(there, inverse(here))
     x, y, z, *orientation = q[:7].tolist()
     q[:3] = plus(planted, rotated(turn, minus((x, y, z), moved)))
     w, x, y, z = product(turn, _quat(orientation))
+    # Products of unit quaternions drift from unit length by rounding, tick by tick.
     norm = sqrt(w * w + x * x + y * y + z * z) or nan
     q[3:7] = (w / norm, x / norm, y / norm, z / norm)
 
@@ -44,6 +48,7 @@ def plant_roots(robot: RobotBody, before: FloatArray, q: FloatArray) -> None:
     rows = np.arange(len(q))
     foot = planted[:, :, 2].argmin(axis=1)
     there, here = (robot.orientations(postures, frames)[rows, foot] for postures in (before, q))
+    # As in `plant_root`: T_root' = T_planted * inverse(T_moved) * T_root.
     turn = rotations.multiply(there, rotations.conjugate(here))
     q[:, :3] = planted[rows, foot] + rotations.rotate(turn, q[:, :3] - moved[rows, foot])
     q[:, 3:7] = rotations.normalise(rotations.multiply(turn, q[:, 3:7]))
@@ -84,6 +89,7 @@ class SupportFootBase:
         """Move the root of a posture q (nq,). Returns how high (k,) m each sole is above the floor."""
         heights = self._stand_on(self._foot, q)
         lower = int(heights.argmin())
+        # Hysteresis: on level soles, rounding must not make the support foot change in every tick.
         if heights[lower] < heights[self._foot] - LOWER_M:
             self._foot = lower
             heights = self._stand_on(lower, q)

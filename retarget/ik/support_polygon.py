@@ -28,6 +28,7 @@ def sole_outline(position: FloatArray, orientation: FloatArray, polygon: FloatAr
 
 def convex_hull(points: FloatArray) -> FloatArray:
     """Corners (h, 2) of the convex hull of points (n, 2), counter-clockwise (Andrew's monotone chain)."""
+    # From left to right gives the lower side, back from right to left the upper one; each ends where the other begins.
     ordered = [(float(x), float(y)) for x, y in points[np.lexsort((points[:, 1], points[:, 0]))]]
     chains = [_chain(ordered), _chain(ordered[::-1])]
     return np.array([corner for chain in chains for corner in chain[:-1]])
@@ -39,12 +40,14 @@ def support_edges(outlines: Sequence[FloatArray], *, margin: float = 0.0) -> Flo
     Where the margin leaves nothing, the edges are moved inward only as far as the middle of the polygon allows.
     """
     corners = convex_hull(np.concatenate(outlines))
+    # Each edge runs from a corner to the next, counter-clockwise, so its outward normal is to the right of it.
     along = np.roll(corners, -1, axis=0) - corners
     length = np.hypot(along[:, 0], along[:, 1])
     long = length > SHORTEST_EDGE
     along, corners = along[long] / length[long, None], corners[long]
     normal = np.column_stack([along[:, 1], -along[:, 0]])
     offset = np.einsum("ij,ij->i", normal, corners)
+    # A margin beyond the middle would turn the polygon inside out: no point would be inside.
     room = float((offset - normal @ corners.mean(axis=0)).min())
     return np.column_stack([normal, offset - min(margin, 0.9 * room)])
 
@@ -130,6 +133,7 @@ def plant(robot: RobotBody, angles: dict[str, float]) -> Stance:
 
 def _to_origin(q: FloatArray, positions: FloatArray, orientations: FloatArray) -> None:
     """Move the root of q (nq,) so that the soles (k, 3), (k, 4) are level, face x, with their middle at the origin."""
+    # First level the soles: the mean of their normals becomes the vertical. Then turn their mean direction to x.
     up = rotations.rotate(orientations, np.array([0.0, 0.0, 1.0])).mean(axis=0)
     level = rotations.shortest_arc(up, np.array([0.0, 0.0, 1.0]))
     forward = rotations.rotate(rotations.multiply(level, orientations), np.array([1.0, 0.0, 0.0])).mean(axis=0)

@@ -94,6 +94,8 @@ def compile_task(
         return _strength(frames)
     if isinstance(task, ReactiveTask | PreventiveTask):
         return _observing(task, observers, is_soft=is_soft)
+    # An axis or a heading has its direction from the file; the others have a target only where a sensor or a landmark
+    # feeds it. A row without a target would hold the frame at the origin.
     needs_target = isinstance(task, PositionTask | OrientationTask | LookAtTask)
     return [
         _placed(task, name, frame, is_soft=is_soft)
@@ -136,6 +138,7 @@ def _placed(
         made = SolverTask.orientation(frame.body, (w, x, y, z), weight=rows, gain=gain, max_error=cap)
         return Slot(SlotKind.ORIENTATION, name, made)
     weight = float(np.sqrt(task.weight)) if is_soft else task.weight
+    # The solver wants the axis in the frame of the link, and a frame may be turned against its link.
     local = _LEFT if isinstance(task, HeadingTask) else _unit(task.axis)
     axis = _triple(rotations.rotate(frame.quat, local))
     if isinstance(task, LookAtTask):
@@ -150,6 +153,7 @@ def _placed(
 def _centre_of_mass(task: CentreOfMassTask, body: BodyModel, frames: Mapping[str, Frame], *, is_soft: bool) -> Slot:
     cap = task.max_error or 0.05
     if task.mode == "support":
+        # A balance that moves by arms would swing them as a counterweight: light joints take no part in the row.
         without = [] if task.moving is None else low_inertia_joints(body, frames)
         return Slot(SlotKind.SUPPORT, task.mode, SolverTask.support(SUPPORT_EDGES, without=without, max_error=cap))
     rows = _row_weights(task.weight, is_soft=is_soft)

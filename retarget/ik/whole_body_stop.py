@@ -111,6 +111,8 @@ class Stopping:
         if 0.5 * time * float(speed.max()) > SHORT_RAD or ((ahead < self._lowest) | (ahead > self._highest)).any():
             return False
         slip, shortfall = self._losses(q[None])
+        # Bound of the speed of the centre of mass: that of the root, and its turning by the height of the mass above
+        # it.
         root = hypot(*velocity[:3].tolist()) + self._height * hypot(*velocity[3:6].tolist())  # [m/s]
         if max(slip, self._slip) > PLANTED_M or shortfall + time * root > 0.0:
             return False
@@ -120,6 +122,8 @@ class Stopping:
 
     def _finds_trajectory(self, q: FloatArray, velocity: FloatArray, dt: float) -> bool:
         """Whether a stop trajectory is found and verified here; it becomes the one that `follow` goes along."""
+        # The solver brakes soles first: as many ticks as the fastest leg needs, and some for what soles and balance
+        # take.
         way, ticks = q[None], self._ticks(velocity, dt)
         if ticks > LONGEST:
             return False
@@ -158,6 +162,7 @@ class Stopping:
         before = self._way[self._at]
         self._at = min(self._at + 1, len(self._way) - 1)
         now = self._way[self._at].copy()
+        # Joints that carry nothing are not in the computed trajectory: each takes its full deceleration here.
         free = self._velocity[self._free]
         slower = np.maximum(np.abs(free) - self._deceleration[self._free] * dt, 0.0)
         now[self._columns] = before[self._columns] + np.copysign(slower, free) * dt

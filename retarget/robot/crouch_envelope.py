@@ -54,6 +54,7 @@ class Envelope:
     def most_lean(self, height: float, x: float, y: float) -> float:
         """Most lean (rad) towards the ground direction (x, y) with the pelvis at `height` m; quarters of ellipses."""
         span = float(self.heights[-1] - self.heights[0])
+        # Interpolate the four leans (forward, left, back, right) between the two heights around this one.
         share = (height - float(self.heights[0])) / span if span > 0.0 else 0.0  # some robots cannot crouch at all
         place = min(max(share, 0.0), 1.0) * (len(self.heights) - 1)
         below = min(int(place), len(self.heights) - 2)
@@ -61,6 +62,8 @@ class Envelope:
         rows = self.lean[below], self.lean[below + 1]
         along, across = (0 if x >= 0.0 else 2), (1 if y >= 0.0 else 3)
         a, b = ((1.0 - share) * float(rows[0][side]) + share * float(rows[1][side]) for side in (along, across))
+        # Radius of the ellipse with half axes a (along) and b (across) in direction (x, y): a b / |(b x, a y)|, with
+        # |(x, y)| = 1.
         length = hypot(x, y)
         return a * b * length / max(hypot(b * x, a * y), 1e-12)
 
@@ -98,6 +101,7 @@ class _Probe:
             [Task.orientation(trunk.body, _quat(trunk.quat))],
             [Task.posture(np.r_[np.zeros(6), np.ones(body.nv - 6)], gain=0.02)],
         ]
+        # Without rates: how far it can go counts, not how fast.
         free = np.full(body.nv, np.inf)
         self._solver = Solver(
             self._kinematics,
@@ -122,6 +126,7 @@ class _Probe:
         """Height (m) reached upright when it is asked for in steps of `step` m from the standing posture."""
         self._solver.reset(self._start)
         reached = self._standing
+        # Continuation: small steps, each from the posture before, since one large step may end in another branch.
         for count in range(1, int(FARTHEST_M / abs(step))):
             asked = self._standing + count * step
             height = self._go(asked, UPRIGHT)
@@ -146,6 +151,7 @@ class _Probe:
         for asked in np.arange(STEP_RAD, FARTHEST_RAD, STEP_RAD).tolist():
             now = self._go(height, turn((-y * asked, x * asked, 0.0)))
             up = rotated(self._orientation(self._solver.q, self._trunk), (0.0, 0.0, 1.0))
+            # The trunk's own upward axis, seen in the plane of the direction and the vertical.
             lean = atan2(x * up[0] + y * up[1], up[2])
             if not (abs(lean - asked) <= MISSED_RAD and abs(now - height) <= MISSED_M):
                 break

@@ -101,17 +101,23 @@ class DeflectionCompensation:
             plant_root(self._robot, self._stance.q, q)
         else:
             heights = self._either.plant(q)
+        # The acceleration of the centre of mass loads the legs as gravity does. It is taken from a smoothed velocity:
+        # second differences of a posture would be noise.
         now = self._body.centre_of_mass(q[None])[0]
         com = now if np.isnan(sent.com[0]) else sent.com
         then = self._settled(com, sent.velocity, now)
         acceleration = np.clip((then - sent.velocity) / self._dt, -MOST_ACCELERATION, MOST_ACCELERATION)
         torque = self._load.torques(q, acceleration, heights=heights)[self._dofs]
+        # A servo with a P gain is a spring: it deflects by compliance * torque, and its goal is set beyond by as much.
         wanted = np.clip(self._compliance @ torque, -MOST_RAD, MOST_RAD)
         speed = self._settled(sent.compensated, self._moved / self._dt, wanted)
         most = min(self._ticks * self._dt / RISE_S, 1.0) * self._most
         moved = np.clip(self._dt * speed, -most, most)
+        # The offset follows as a second-order filter, with a limited speed that rises from 0 after torque came on.
         still = np.maximum(np.abs(moved), np.abs(wanted - sent.compensated)) < STILL_RAD
         compensated = np.where(still, sent.compensated, sent.compensated + moved)
+        # A fast servo waits for the slowest one of its chain: a first-order lag of its goal, with the difference of
+        # both.
         behind = (1.0 - self._catch_up) * (sent.posture + sent.behind - posture)
         behind[np.abs(behind) < STILL_RAD] = 0.0
         goal, compensated = self._within(posture + behind, compensated, nearest)
@@ -119,6 +125,7 @@ class DeflectionCompensation:
 
     def _settled(self, at: FloatArray, velocity: FloatArray, wanted: FloatArray) -> FloatArray:
         """Velocity after a tick of a critically damped second-order filter towards `wanted`, implicit in time."""
+        # Backward Euler of x'' = r^2 (wanted - x) - 2 r x': stable for any r dt.
         gain = self._rate * self._dt
         return np.asarray((velocity + gain * self._rate * (wanted - at)) / (1.0 + 2.0 * gain + gain * gain))
 
@@ -127,6 +134,7 @@ class DeflectionCompensation:
     ) -> tuple[FloatArray, FloatArray]:
         """The goal with the offset `compensated` (n,) rad from a target (n,), and its real offset: within the gate's
         limits, if that does not push it away from the target. Else the gate is to refuse it."""
+        # The gate's bounds may shorten the offset, but not turn it into a motion of its own.
         goal = nearest(target + compensated)
         kept = goal - target
         before = self._sent.compensated
@@ -141,5 +149,6 @@ def _waits(robot: RobotBody) -> FloatArray:
     protocols = {line.name: line.protocol for line in robot.profile.bus_specs()}
     lags = np.array([loop_lag(servo, protocol=protocols[servo.bus]) for servo in robot.joint_map.servos])
     dofs = [robot.body.dof_index(joint) for joint in robot.joint_map.joints]
+    # Only joints between the root and the soles move the whole body when one of them is late.
     carrying = standing_dofs(robot)[dofs]
     return np.where(carrying, lags.max(where=carrying, initial=0.0) - lags, 0.0)

@@ -143,6 +143,7 @@ class Gate:
             return None
         target = np.array(target, dtype=np.float64, order="C")
         compensation = self._compensation
+        # First the limits, which cost microseconds, then the sweep for collision, which costs most of a check.
         goal = target if compensation is None else compensation.propose(target, self._nearest)
         displacement = self._braking.admitted(self._joints, self._displacement, goal, tolerance=ROUND_OFF)
         if displacement is None or not self._is_clear(displacement, goal - target):
@@ -165,6 +166,7 @@ class Gate:
 
     def _nearest(self, goal: FloatArray) -> FloatArray:
         """The goal nearest to a finite one that keeps the limits, rad (n,), clear or not; joint by joint."""
+        # The bounds are on the displacement of this tick.
         lo, hi = self._braking.bounds(self._joints, self._displacement)
         return np.asarray(np.minimum(np.maximum(goal, self._joints + lo), self._joints + hi))
 
@@ -172,6 +174,8 @@ class Gate:
         """Whether the postures are clear on the way to a goal and from there to rest. offset (n,): of the goal."""
         if self._path_is_clear is None:
             return True
+        # Collision is a matter of postures, not of goals: the offset that holds a joint against its load is taken off.
+        # The path that is followed after a refusal keeps the offset of the goal before.
         path, instead = self._braking.paths(self._joints, self._displacement, displacement)
         if self._compensation is not None:
             before = self._compensation.offset

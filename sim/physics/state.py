@@ -74,6 +74,7 @@ class StateReader:
         sole = data.xpos[self._feet] + (turns @ self._places)[:, :, 0]
         of = self._corner_rows
         corner = data.xpos[self._feet[of]] + (turns[of] @ self._corners)[:, :, 0]
+        # The vertical part of each sole's normal is the cosine of its tilt; rounding may lift it above 1.
         up = np.minimum((turns @ self._ups)[:, 2, 0], 1.0)
         root = self._root(data)
         self._q[self._joints] = data.qpos[self._world.columns]
@@ -136,6 +137,7 @@ class StateReader:
                     total += force
                     moment_x += force * x
                     moment_y += force * y
+        # Centre of pressure: the mean of the contact points, weighted by their normal forces.
         carried = total > self._least and not self._simulation.held
         zmp = (moment_x / total, moment_y / total) if carried else (nan, nan)
         return np.array(load), np.array(pressed), np.array(zmp), (own, fixtures, touching)

@@ -167,8 +167,10 @@ def _set_options(spec: Any) -> None:
     mujoco = engine()
     option = spec.option
     option.timestep = STEP_S
+    # Implicit in velocity: the servos' damping is too stiff for an explicit step of 2 ms.
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    # With an elliptic cone, the ratio of the impedances of friction and normal force (MuJoCo, "Solver parameters").
     option.impratio = IMPEDANCE_RATIO
     option.iterations, option.ls_iterations = ITERATIONS, LINE_ITERATIONS
     option.gravity = [0.0, 0.0, -9.81]

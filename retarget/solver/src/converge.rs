@@ -181,6 +181,7 @@ impl FrameSolver {
             }
         }
         let mut largest: f64 = 0.0;
+        // The typical weight is the geometric mean, so that a few stiff joints do not set it.
         let (mut sum, mut count) = (0.0, 0.0);
         for &(dof, _) in &self.columns.all {
             largest = largest.max(self.weight2[dof]);

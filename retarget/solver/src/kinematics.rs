@@ -99,6 +99,7 @@ impl Body {
             pose.subtree_mass[b] = link.mass;
             pose.subtree_moment[b] = scale(c, link.mass);
         }
+        // From the leaves to the root: links come after their parents, so a subtree is complete when it is added.
         for b in (1..self.links.len()).rev() {
             let parent = self.links[b].parent;
             pose.subtree_mass[parent] += pose.subtree_mass[b];
@@ -142,6 +143,7 @@ impl Body {
         if self.dof_linear[dof] {
             return scale(pose.axis[dof], mass * share);
         }
+        // A turn moves the subtree's centre as a point: axis x (centre - anchor), weighted by its share of the mass.
         let arm = sub(pose.subtree_moment[link], scale(pose.anchor[dof], mass));
         scale(cross(pose.axis[dof], arm), share)
     }

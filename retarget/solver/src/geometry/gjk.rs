@@ -113,11 +113,13 @@ pub fn nearest_apart(m: &Difference, start: Vec3, tolerance: f64) -> Option<Apar
         }
         let next = m.lowest(v);
         let known = simplex.corners[..simplex.count].iter().any(|corner| norm(sub(corner.w, next.w)) == 0.0);
+        // v . w is a lower bound of |v|^2 at the optimum: the gap between both says how near the answer is.
         if known || squared - dot(v, next.w) <= tolerance * squared {
             break;
         }
         let mut larger = simplex;
         larger.push(next);
+        // The distance must fall in every step; where rounding stops it, the last simplex is the answer.
         let found = larger.nearest()?;
         if dot(found.point, found.point) >= squared {
             break;

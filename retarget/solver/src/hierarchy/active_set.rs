@@ -49,6 +49,7 @@ pub fn classic(problem: &mut Problem, work: &mut Work, outcome: &mut Outcome) {
     for _ in 0..MOST_CHANGES {
         factor_all(work.fma, problem, &mut work.factor, &mut work.candidate);
         outcome.factorizations += 1;
+        // A limit is met before the answer: stop there, hold it, and solve again with one limit more.
         if let Some(step) = first_limit(work.fma, problem, &work.candidate, problem.row_count()) {
             if step.share < STILL && released == Some(step.limit) {
                 // Its multiplier was not unique: what was let go comes back at once, and would do so for ever.

@@ -78,6 +78,7 @@ fn run_stage(problem: &mut Problem, work: &mut Work, k: usize, outcome: &mut Out
     for moves in 0..MOST_MOVES {
         let length = direction(work.fma, problem, work, k);
         outcome.factorizations += 1;
+        // Go to the optimum of this stage, or as far as the first limit on the way, which then is held.
         if length > STILL {
             for i in 0..problem.stride {
                 work.candidate[i] = problem.z[i] + work.direction[i];
@@ -91,6 +92,7 @@ fn run_stage(problem: &mut Problem, work: &mut Work, k: usize, outcome: &mut Out
                 None => problem.z.copy_from_slice(&work.candidate),
             }
         }
+        // At the optimum. Examining locks limits for later stages, which counts only if none is held wrongly.
         work.locked.clone_from(&work.multipliers.locked);
         work.locked_row.clone_from(&work.multipliers.locked_row);
         let point = std::mem::take(&mut problem.z);
@@ -99,6 +101,7 @@ fn run_stage(problem: &mut Problem, work: &mut Work, k: usize, outcome: &mut Out
         if release.is_none() {
             return true;
         }
+        // Bland's rule: the lowest index instead of the worst sign, which may cycle where multipliers tie.
         if moves > PATIENCE {
             release = work.multipliers.wrong.first().copied();
         }
@@ -137,6 +140,7 @@ compile_twice! {
             factor.add_level::<FMA>(problem, level);
         }
         let d = &mut work.direction;
+        // The last stage makes z itself short: -z, without what the rows of all levels span.
         if k == problem.level_count() {
             for i in 0..problem.stride {
                 d[i] = if i < problem.n && factor.is_free(i) { -problem.z[i] } else { 0.0 };

@@ -99,6 +99,7 @@ impl Multipliers {
                 Side::Upper => -1.0,
                 _ => continue,
             };
+            // Positive: the bound pushes against the way the level wants to go, so it is held rightly.
             let push = sign * self.gradient[i];
             if self.locked[i] {
                 continue;

@@ -97,6 +97,8 @@ impl Watch {
         let (n, a, b) = (state.nearest.normal, state.nearest.a, state.nearest.b);
         let row = problem.row_mut(r);
         row.fill(0.0);
+        // The hierarchy solves for z, with dq = reference + scale z: columns take the scale, the limit what the reference
+        // moves.
         let mut moved = 0.0;
         for &(Mover { dof, sign, .. }, c) in &self.movers[k] {
             let value = sign * dot(n, body.point_column(pose, dof, if sign > 0.0 { a } else { b }));
