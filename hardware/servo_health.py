@@ -356,7 +356,7 @@ class ServoHealth:
 
     @property
     def speed_override(self) -> float:
-        """Share (0, 1] of all speeds, at which the robot spares servos that are too warm or draw too much."""
+        """Share (0, 1] of all speeds by which the robot spares servos that are too warm or draw too much."""
         return self.warnings.speed_override
 
     def silent_for(self, states: ServoStates) -> float:

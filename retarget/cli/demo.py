@@ -17,7 +17,7 @@ DEFAULT_FOLDER = Path("out/demo")
 def demo(
     folder: Path = DEFAULT_FOLDER, robot: str = "op3", bus: str = "emulator", overwrite: Overwrite = False
 ) -> None:
-    """Show how it works: a synthetic performer reaches and crouches six times, and a robot follows on an emulated bus.
+    """See it work: a synthetic performer reaches and crouches six times, and a robot follows on an emulated bus.
 
     Writes a report, its page, every tick and pictures into a folder (out/demo is its own: there they are replaced);
     needs no data and no hardware.

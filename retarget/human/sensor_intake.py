@@ -49,7 +49,7 @@ class SensorIntake:
         self._back: BoolArray = np.zeros(count, dtype=bool)  # which sensors came back in this tick
 
     def start(self, position: FloatArray, valid: BoolArray) -> None:
-        """Take the valid sensors of the first sample as they are."""
+        """Take the valid sensors of the first sample, (k, 3) m, as they are."""
         self.position[:] = np.where(valid[:, None], position, 0.0)
         self.measured[:] = self.position
         self.present[:] = valid

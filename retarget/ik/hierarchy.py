@@ -129,7 +129,7 @@ class Hierarchy:
         return self._blank.copy()
 
     def clear(self, targets: FloatArray) -> None:
-        """Make a used target vector blank again."""
+        """Make a used target vector blank again: no task takes part until its target is set."""
         targets[:] = self._blank
 
     def uses(self, kind: SlotKind, name: str | None = None) -> bool:

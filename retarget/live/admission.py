@@ -32,7 +32,7 @@ class Datagram(NamedTuple):
 
 
 class Receiver(Protocol):
-    """A source of datagrams."""
+    """A source of datagrams. `now` is s of the monotonic clock of the run."""
 
     dropped: Dropped
 

@@ -62,7 +62,7 @@ class OddRun:
         self._gap, self._stamp = gap, stamp
 
     def shows_jump(self, arrival: float) -> bool:
-        """Whether the clock jumped: enough datagrams agree."""
+        """Return whether the sender's clock jumped: enough datagrams up to `arrival`, s, agree."""
         return self._agreed >= ENOUGH and arrival - self._since >= SPREAD_S
 
 

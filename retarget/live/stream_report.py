@@ -109,7 +109,8 @@ def refuse_version(stream: LiveStream, now: float) -> None:
 
 
 class StreamProblems:
-    """Watches a stream in every tick, and reports the reason once in every silence."""
+    """Watches a stream in every tick, and reports the reason once in every silence. `now` is s of the clock of the
+    run."""
 
     def __init__(self, stream: LiveStream) -> None:
         self._stream = stream

@@ -133,7 +133,7 @@ class Cycles:
         return len(self.index)
 
     def taken(self, rows: NDArray[np.intp]) -> "Cycles":
-        """Copies of some rows."""
+        """Copy the rows of these numbers."""
         return Cycles(**{one.name: getattr(self, one.name)[rows] for one in fields(self)})
 
 

@@ -93,7 +93,8 @@ QUANTILES = (1, 10, 50, 90, 99)
 
 
 def statistics_of(values: NDArray[np.generic]) -> dict[str, list[float] | list[int]]:
-    """Statistics of values (T, d) by the names that LeRobot gives them; the deviation is that of a population."""
+    """Compute statistics of values (T, d), in their unit, by the names that LeRobot gives them; the deviation is that
+    of a population."""
     numbers = np.asarray(values, dtype=np.float64)
     made = {name: getattr(numbers, name)(axis=0).tolist() for name in ("min", "max", "mean", "std")}
     quantiles = np.percentile(numbers, QUANTILES, axis=0).tolist()

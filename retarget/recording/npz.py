@@ -138,7 +138,7 @@ class ArrayFile:
         return key in self.arrays
 
     def floats(self, key: str, *shape: int | None, unknown: bool = False) -> NDArray[np.float64]:
-        """Numbers of this shape (None: any size). unknown: NaN is allowed. Raises InputError."""
+        """Read an array of numbers of this shape (None: any size). unknown: NaN is allowed. Raises InputError."""
         values = np.asarray(self._checked(key, "fiu", "numbers", shape), dtype=np.float64)
         bad = ~np.isfinite(values) & ~(unknown & np.isnan(values))
         if bad.any():
@@ -148,11 +148,11 @@ class ArrayFile:
         return values
 
     def whole(self, key: str, *shape: int | None) -> NDArray[np.int64]:
-        """Whole numbers of this shape. Raises InputError."""
+        """Read an array of whole numbers of this shape. Raises InputError."""
         return np.asarray(self._checked(key, "iu", "whole numbers", shape), dtype=np.int64)
 
     def texts(self, key: str, *shape: int | None) -> NDArray[np.str_]:
-        """Texts of this shape. Raises InputError."""
+        """Read an array of texts of this shape. Raises InputError."""
         return np.asarray(self._checked(key, "U", "texts", shape), dtype=np.str_)
 
     def _checked(self, key: str, kinds: str, what: str, shape: tuple[int | None, ...]) -> NDArray[Any]:

@@ -338,7 +338,8 @@ def played(recording: Recording) -> Played:
 
 
 def postures_sent(found: Played, robot: RobotBody, rows: NDArray[np.intp]) -> FloatArray:
-    """Postures (k, nq) that were sent in some rows of the cycles. Raises InputError where the body is another one."""
+    """Read the postures (k, nq), m, wxyz and rad, that were sent in some rows of the cycles. Raises InputError where
+    the body is another one."""
     cycles, body = found.cycles.taken(rows), robot.body
     servos, recorded = len(robot.servo_columns), (cycles.q.shape[1], cycles.rest.shape[1])
     if recorded != (servos, body.nq - servos):

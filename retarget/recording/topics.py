@@ -184,7 +184,7 @@ def _frames(robot: RobotBody, which: Which) -> Topic:
 
 
 def sent_postures(robot: RobotBody, cycles: Cycles) -> FloatArray:
-    """Postures (T, nq) of the robot that were sent in the cycles."""
+    """Postures (T, nq), m, wxyz and rad, of the robot that were sent in the cycles."""
     q = np.empty((len(cycles), robot.body.nq))
     q[:, robot.servo_columns] = cycles.q
     q[:, np.setdiff1d(np.arange(robot.body.nq), robot.servo_columns)] = cycles.rest

@@ -79,7 +79,7 @@ def _round(radius: float, half: float) -> tuple[FloatArray, list[tuple[int, int]
 
 
 def packed(values: FloatArray) -> str:
-    """Any array as base64 of little-endian 32-bit floats; NaN stays not known."""
+    """Pack an array as base64 of little-endian 32-bit floats; NaN stays for what is not known."""
     return base64.b64encode(values.astype("<f4").tobytes()).decode("ascii")
 
 

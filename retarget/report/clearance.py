@@ -40,7 +40,7 @@ class LeftOut:
 def compared_pairs(
     model: Any, links: IntArray, geoms: IntArray, *, neutral: FloatArray, ignored: Iterable[tuple[str, str]] = ()
 ) -> tuple[IntArray, tuple[LeftOut, ...]]:
-    """Rows of `links` and `geoms` (g,) that are compared, (P, 2), and the pairs of links that are not.
+    """Find the rows (P, 2) of `links` and `geoms` (g,) that are compared, and the pairs of links that are not.
 
     Not compared: geoms of one link, or of links that no joint parts; of a link and its parent; of pairs that the file
     excludes; of `ignored` pairs of links; of pairs of links that touch in the posture `neutral` (nq,).
@@ -175,7 +175,8 @@ class PlacedBody:
 
 
 def place_body(body: Path | str, postures: FloatArray, *, root: Root | None = None) -> PlacedBody:
-    """The body of a file, or of MJCF text, in postures (T, nq); those that are not finite take no part.
+    """Place the body of a file, or of MJCF text, in postures (T, nq), m, wxyz and rad; those that are not finite take
+    no part.
 
     root: as in `compile_body`. Raises InputError.
     """

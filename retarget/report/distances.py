@@ -126,7 +126,8 @@ class MovingGeoms:
 
 
 def moving_geoms(model: Any, postures: FloatArray) -> MovingGeoms:
-    """The geoms of every link of a compiled body, but not those of the world, in postures (T, nq)."""
+    """Place the geoms of every link of a compiled body, but not those of the world, in postures (T, nq), m, wxyz and
+    rad."""
     import mujoco
 
     data = mujoco.MjData(model)

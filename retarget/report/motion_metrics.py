@@ -101,7 +101,7 @@ class Sole:
 
 
 def soles_of(robot: RobotBody, q: FloatArray) -> list[Sole]:
-    """The soles of a robot in postures (T, nq)."""
+    """Place the soles of a robot in postures (T, nq), m, wxyz and rad."""
     feet = list(robot.profile.feet.values())
     frames = tuple(foot.frame for foot in feet)
     position, orientation = robot.points(q, frames), robot.orientations(q, frames)

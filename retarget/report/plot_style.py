@@ -44,7 +44,7 @@ def side_colour(name: str) -> str:
 
 
 def thinned(rows: int) -> NDArray[Any]:
-    """Row numbers, evenly spaced, few enough to draw."""
+    """Choose row numbers, evenly spaced, few enough to draw."""
     return np.arange(0, rows, max(1, rows // MOST_POINTS))
 
 

@@ -42,7 +42,7 @@ class Skeleton:
     recorded: FloatArray | None = None
 
     def extent(self, pose: int) -> tuple[float, float, float, float]:
-        """Left, right, bottom and top of one posture in the picture, all that is drawn included."""
+        """Left, right, bottom and top, m, of one posture in the picture, all that is drawn included."""
         shown = [self.points[pose], *(sole[pose] for sole in self.soles)]
         if self.recorded is not None:
             shown.append(self.recorded[pose])
@@ -56,14 +56,15 @@ class Skeleton:
 
 
 def turned(points: FloatArray, facing: FloatArray) -> FloatArray:
-    """Points (p, k, 3) of a world in which each posture faces (p, 2), as seen by a viewer who faces x."""
+    """Turn points (p, k, 3) m of a world in which each posture faces the unit vector (p, 2), as seen by a viewer who
+    faces x."""
     x, y = facing[:, :1], facing[:, 1:]
     a, b, c = np.moveaxis(points, -1, 0)
     return np.stack([x * a + y * b, x * b - y * a, c], axis=-1)
 
 
 def project(points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Across and up in the picture, and how near to the viewer, of points (..., 3): parallel projection."""
+    """Project points (..., 3) m in parallel: across and up in the picture, and how near to the viewer, m."""
     # The viewer stands at AZIMUTH from the x axis; across is to the viewer's right.
     across = -np.sin(AZIMUTH) * points[..., 0] + np.cos(AZIMUTH) * points[..., 1]
     before = np.cos(AZIMUTH) * points[..., 0] + np.sin(AZIMUTH) * points[..., 1]

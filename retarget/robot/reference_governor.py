@@ -151,7 +151,7 @@ class ReferenceGovernor:
         self._hierarchy.set_look_at(targets, HEAD, np.array((FAR * x, FAR * y, FAR * z)))
 
     def ask_nothing(self, targets: FloatArray) -> None:
-        """Take all goals out of the target vector: the robot goes by its posture alone."""
+        """Take all goals out of the target vector, so that the robot goes by its posture alone."""
         targets[self._slots] = 0.0
         self._hierarchy.set_orientation(targets, TRUNK, np.zeros(4), 0.0)
         self._hierarchy.set_look_at(targets, HEAD, np.zeros(3), 0.0)

@@ -77,7 +77,7 @@ class StreamCapture:
 
     @property
     def seconds(self) -> float:
-        """How long the capture took."""
+        """Time, s, that the capture took."""
         return self.ended - self.began
 
     @property
@@ -101,7 +101,7 @@ class StreamCapture:
         return np.asarray(states[:, self.stream.roles.sensors.index(sensor)])
 
     def track(self, name: str) -> FloatArray:
-        """Poses (n, 7) of a name at each sample, NaN where it was not sent yet."""
+        """Poses (n, 7), m and wxyz, of a name at each sample, NaN where it was not sent yet."""
         return np.array([poses.get(name, _UNKNOWN) for poses in self.samples]).reshape(-1, 7)
 
 

@@ -189,7 +189,7 @@ class Posed:
         return min(max(angle, low), high)
 
     def mirrored(self, angles: Angles) -> dict[str, float]:
-        """The angles and those of the mirrored joints."""
+        """Add to angles, rad, those of the mirrored joints."""
         mirror, nodes = self.anatomy.mirror, self.tree.nodes
         both = dict(angles)
         if mirror is None:

@@ -227,7 +227,7 @@ class ArmRoles:
 
 
 def pitch_joints(tree: Tree, leg: Limb, left: FloatArray) -> list[int]:
-    """Nodes of the axes across the robot, from the hip down. left (3,): of the robot, or its opposite."""
+    """Find the nodes of the axes across the robot, from the hip down. left (3,): of the robot, or its opposite."""
     return [node for node in leg.nodes if abs(tree.nodes[node].axis @ left) > ACROSS]
 
 
@@ -265,7 +265,7 @@ def arm_roles(tree: Tree, arm: Limb) -> ArmRoles:
 
 
 def tip(tree: Tree, arm: Limb, start: FloatArray) -> FloatArray:
-    """The middle (3,) of the far end of a hand, seen from `start`."""
+    """Middle (3,) m of the far end of a hand, seen from `start`."""
     points = tree.points(arm.ends)
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     way = middle - start

@@ -163,7 +163,8 @@ class Postures:
 
 
 def find_postures(posed: Posed, *, spread: float, crouches: tuple[float, ...] = CROUCHES, soles: bool) -> Postures:
-    """All four. soles: whether it stands; crouches: tried for the rest, the first in which it stands counts."""
+    """Find the four postures of a drafted profile, rad by joint. soles: whether it stands; crouches: tried for the
+    rest, the first in which it stands counts."""
     angles: dict[str, dict[str, float]] = {}
     stands, share = True, 1.0
     for name, (further, ahead, bend) in ARMS.items():

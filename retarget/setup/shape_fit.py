@@ -288,7 +288,7 @@ def _balls(model: Any, geom: int) -> tuple[FloatArray, float] | None:
 
 
 def convex_hull(points: FloatArray) -> ConvexHull | None:
-    """Convex hull of points (k, 2) or (k, 3), or None where they are flat."""
+    """Convex hull of points (k, 2) or (k, 3) m, or None where they are flat."""
     try:
         return ConvexHull(points)
     except (QhullError, ValueError):

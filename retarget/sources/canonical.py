@@ -221,7 +221,8 @@ def _is_body(tree: JointTree, found: dict[str, int]) -> bool:
 
 
 def rest_joint_positions(tree: JointTree, joints: dict[str, CanonicalJoint]) -> dict[str, FloatArray]:
-    """Rest position (3,) of the canonical joints, file axes and units, pelvis at the origin."""
+    """Rest positions (3,) of the canonical joints, in the axes and the length unit of the file, pelvis at the
+    origin."""
     rest = tree.rest_positions()
     origin = rest[joints["pelvis"].joint]
     return {name: rest[at.joint] + at.local - origin for name, at in joints.items()}

@@ -111,7 +111,7 @@ class JointTree:
         return [child for child, parent in enumerate(self.parents) if parent == joint]
 
     def rest_positions(self) -> FloatArray:
-        """Joint centres (n, 3) with all rotations zero and the root at the origin."""
+        """Joint centres (n, 3), in the length unit of the file, with all rotations zero and the root at the origin."""
         position = np.zeros((len(self.names), 3))
         for joint, parent in enumerate(self.parents):
             if parent >= 0:
@@ -164,7 +164,7 @@ def posed(
     degrees: bool = True,
     frames: FloatArray | None = None,
 ) -> Pose:
-    """Forward kinematics of all frames of a motion file, in its axes and units.
+    """Compute the forward kinematics of all frames of a motion file, in its axes and its length unit.
 
     channels (n): of each joint, in the order of values (T, d); each turn is about the axes already turned. With
     frames (n, 4), each is about fixed axes, those of its joint.

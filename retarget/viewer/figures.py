@@ -123,7 +123,7 @@ class Figure:
         self.top, self.handles = self._shapes.top, dict(zip(self._links, self._shapes.handles, strict=True))
 
     def place(self, q: FloatArray, at: Place = HERE) -> None:
-        """Pose it in posture q (nq,), in the scene."""
+        """Show the figure in posture q (nq,), m, wxyz and rad, in the scene."""
         positions, turns = self._body.forward(np.ascontiguousarray(q))
         self._shapes.show(at.of(positions[self._links]), multiply(at.turn, turns[self._links]))
 

@@ -87,7 +87,8 @@ def heights(*values: FloatArray) -> tuple[float, float]:
 
 
 def curves(rows: Rows, cast: Cast, joint: int, quantity: str) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Time, what was sent and what the servo of a joint reported, for one of QUANTITIES, (P,) each; NaN: not known."""
+    """Curves (P,) of one of QUANTITIES of a joint: time, s, what was sent and what its servo reported; NaN: not
+    known."""
     shown = [rows[at] for at in np.unique(np.linspace(0, len(rows) - 1, PLOTTED).astype(int))]
     time = np.array([row.time for row in shown])
     if quantity not in OF_ANGLES:

@@ -23,7 +23,8 @@ Effects = dict[tuple[FaultKind, int], float]
 
 
 class FaultState:
-    """Faults of one line. `update` before anything else is asked; all chance comes from one seeded generator."""
+    """Faults of one line. `now` is s of the line's clock. `update` before anything else is asked; all chance comes from
+    one seeded generator."""
 
     def __init__(
         self, devices: Sequence[Device], *, faults: Iterable[Fault] = (), origin: float = 0.0, seed: int | str = 0

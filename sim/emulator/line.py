@@ -68,7 +68,7 @@ BAUD_TOLERANCE = 0.03
 
 
 class Line:
-    """Devices on one pair of wires, and the adapter between them and the host.
+    """Devices on one pair of wires, and the adapter between them and the host. `now` is s of the clock of the caller.
 
     `receive` takes what the host sends; `take` returns what has arrived by a time, `next_due` is when more will. Frames
     are carried out when they are received, with the time at which their last byte is on the wire. conduct: of the

@@ -230,7 +230,7 @@ def let_go(trace: Trace, onset: float, row: Row) -> list[str]:
 
 
 def late(what: str, time: float | None, onset: float, limit: float) -> list[str]:
-    """Return a line for a reaction that did not come, or came too late."""
+    """Return a line for a reaction that did not come, or came later than `limit` s after the onset."""
     if time is None:
         return [f"not {what}"]
     return [f"{what} after {time - onset:.3f} s, allowed {limit:g} s"] if time - onset > limit + 1e-9 else []

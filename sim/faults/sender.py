@@ -29,7 +29,7 @@ Garble = Callable[[float, bytes], list[bytes]]
 
 @dataclass
 class FakeSender:
-    """A `retarget.live.admission.Receiver` of the datagrams of a performer, on the clock by which it is polled.
+    """A `retarget.live.admission.Receiver` of the datagrams of a performer, on the clock, s, by which it is polled.
 
     faults: of what is sent; garbles: of datagrams; stamp: the sender's clock; others: other datagrams that
     arrive at a time, from any address.

@@ -123,7 +123,7 @@ class Track:
 
 
 def once(goals: Goals, *, within: float) -> Goals:
-    """Count goals that are sent again at once, as on a noisy line, as one goal."""
+    """Leave out goals that are sent again within `within` s, as on a noisy line: they count as one."""
     found: list[tuple[float, dict[int, int]]] = []
     for time, goal in goals:
         if not (found and goal == found[-1][1] and time - found[-1][0] < within):
@@ -283,7 +283,7 @@ def postures_of(robot: RobotBody, goal_tracks: Sequence[Track]) -> FloatArray:
 
 
 def clearance_of(robot: RobotBody, postures: FloatArray) -> Clearance:
-    """Return the clearance of the body to itself in postures (T, nq)."""
+    """Return the clearance, m, of the body to itself in postures (T, nq), rad."""
     file = _body(str(robot.profile.body_path), robot.profile.root)
     placed = PlacedBody(file, moving_geoms(file.model, postures), np.arange(len(postures)))
     neutral = robot.posture(robot.profile.postures.neutral)

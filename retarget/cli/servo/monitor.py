@@ -83,7 +83,7 @@ def monitor(
 
 
 def shown(servos: list[ServoSpec], states: ServoStates, watch: Watch, rate: float) -> Group:
-    """The table, and a line about the cycles."""
+    """Make the table of all servos, and a line about the cycles."""
     table = Table(box=None, pad_edge=False)
     for heading in ("joint", "id", "ticks", "deg", "A", "C", "V", "torque", "age, s", "lost", "errors"):
         table.add_column(heading, justify="left" if heading in ("joint", "errors") else "right")
