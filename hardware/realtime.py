@@ -12,7 +12,8 @@ from pathlib import Path
 from hardware.errors import HardwareError
 
 USUAL_PRIORITY = 40
-"""Below the kernel's interrupt threads (50 on PREEMPT_RT), which bring what a tick waits for."""
+"""Priority of SCHED_FIFO, 1 to 99: below the kernel's interrupt threads (50 on PREEMPT_RT), which bring what a tick
+waits for."""
 HOW_TO_PERMIT = 'echo "$USER - rtprio 50" | sudo tee /etc/security/limits.d/retarget.conf, then log in again'
 ELSEWHERE = "(systemd: LimitRTPRIO=50; Docker: --cap-add SYS_NICE --ulimit rtprio=50)"
 

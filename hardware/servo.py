@@ -69,7 +69,7 @@ MULTI_TURN_REACH = 1_048_575
 """Goal position of a mode with more than one turn: at most this many ticks either way (e-Manual, register 116)."""
 
 HOMING_REACH = 1024
-"""Within one turn a servo honours no larger homing offset (e-Manual, register 20)."""
+"""Largest homing offset, ticks either way, that a servo honours within one turn (e-Manual, register 20)."""
 
 
 class ServoMode(StrEnum):
@@ -275,7 +275,7 @@ FULL_PWM = 885.0  # register value of full drive
 GAIN_UNIT = 128.0  # position P gain register per unit of gain
 DEFAULT_P_GAIN = 800  # XM430 series
 DEFAULT_P_GAIN_1 = 32
-"""Of Protocol 1.0, whose default loop is taken to be as stiff as that of 2.0."""
+"""Default P gain of Protocol 1.0, whose default loop is taken to be as stiff as that of 2.0."""
 
 
 def loop_lag(servo: ServoSpec, *, protocol: int = 2) -> float:

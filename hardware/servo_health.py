@@ -30,7 +30,7 @@ COOLER = 2.0
 STEADIER = 0.2
 """[V] the same for voltages."""
 MOST_OF_ALL = 3
-"""Up to so many servos are named one by one where all servos of a robot are meant."""
+"""Servos that are named one by one at most where all servos of a robot are meant."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -201,7 +201,7 @@ class ServoLevels:
 RAMP_S = 0.4
 """Time in which the robot goes from full speed to slow, and back."""
 CALM_S = 1.0
-"""How long a value must be back within its bounds before a warning ends."""
+"""Time, s, that a value must be back within its bounds before a warning ends."""
 MOST_NEWS = 100
 """Texts that are kept until the caller takes them; older ones are dropped."""
 

@@ -366,9 +366,10 @@ def stature(skeleton: Skeleton) -> float | None:
 # cannot be compressed, and replay needs the followed samples to the bit. So these samples are rounded first.
 
 STEP_M = 2.0**-20
-"""Between two positions, m: a micrometre."""
+"""Step, m, to which positions are rounded: a micrometre."""
 STEP_TURN = 2.0**-22
-"""Between two numbers of a quaternion: half a microradian. It misses unit length by less than that."""
+"""Step to which the numbers of a quaternion are rounded: half a microradian. It misses unit length by less than
+that."""
 
 
 def on_grid(sensors: SensorSample) -> SensorSample:

@@ -74,7 +74,7 @@ def _real_bus(name: str, robot: RobotBody, clock: Clock) -> ServoBus:
 AFTER_FALL_S = 1.0
 """A run goes on this long after a fall, s."""
 LIVE_PUSH_S = 30.0
-"""Within this time of a live performance a push comes, s; of a recording, within its length."""
+"""Time, s, of a live performance within which a push comes; of a recording, within its length."""
 CHEST = "chest"
 """The frame that is pushed, where the profile has it; else the centre of mass of the root link."""
 

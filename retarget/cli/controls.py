@@ -360,9 +360,9 @@ MAX_PATH = 107
 MAX_LINE = 64
 """Bytes; a client that sends a longer line is disconnected."""
 MOST_CLIENTS = 4
-"""At once; a new client takes the place of the oldest one."""
+"""Clients that are served at once; a new client takes the place of the oldest one."""
 MOST_LINES = 8
-"""That are read from one client in one poll, at their longest."""
+"""Lines, at their longest, that are read from one client in one poll."""
 CONNECT_S = 1.0
 """Most time, s, to connect to a control socket of this machine: one that takes longer serves no run."""
 

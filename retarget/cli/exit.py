@@ -25,7 +25,7 @@ from hardware.errors import RetargetError, TorqueError
 MOST = 1000
 """Texts kept for a stream that takes none (Ctrl-S, a hung link, an unread pipe)."""
 PATIENCE_S = 0.4
-"""How long the end of a run waits for such streams, in all."""
+"""Time, s, that the end of a run waits for such streams, in all."""
 
 
 class Screen(io.TextIOBase):
@@ -171,9 +171,9 @@ def detached_screens() -> Iterator[None]:
 # Whether a key was pressed twice. A held key repeats, which does not count.
 
 AFTER_S = 1.2
-"""From its first press on; keyboards let the first repeat come up to 1 s after it."""
+"""Time, s, from the first press to the earliest second one; keyboards let the first repeat come up to 1 s after it."""
 PAUSE_S = 0.2
-"""Without the key before its second press. Slow keyboards repeat every 0.09 s."""
+"""Time, s, without the key before its second press. Slow keyboards repeat every 0.09 s."""
 
 
 class ForcedStopKey:

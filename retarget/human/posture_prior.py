@@ -115,9 +115,9 @@ class Crouch:
 # tiptoe, the feet leave the floor: the legs are no longer than they are.
 
 HEAD_LEAD_M = (0.03, 0.40)
-"""How far the head is forward of the ankles, upright and in a deep crouch."""
+"""Distance, m, of the head forward of the ankles, upright and in a deep crouch."""
 REACH_M = 0.12
-"""How far the head of a performer who stands may wander from there before the feet follow."""
+"""Distance, m, that the head of a performer who stands may wander from there before the feet follow."""
 GLIDE_S = 0.15
 """Time constant with which the feet follow."""
 TRAVEL_M_S = (0.5, 1.0)

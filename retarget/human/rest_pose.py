@@ -77,7 +77,7 @@ _GROUP_OF = np.array([_group_of(name) for name in POINTS])
 _BROAD = np.array([name[2:] in ("shoulder", "hip") for name in POINTS])
 _SEGMENT_ROWS = np.array([[POINTS.index(name) for name in limb] for limb in LIMBS])
 _HANDS = np.array([POINTS.index("l_hand"), POINTS.index("r_hand")])
-"""Of every point of the human: its group, and whether it gives breadth. Rows of the points of limbs and hands."""
+"""The group of every point of the human, whether it gives breadth, and rows of the points of limbs and hands."""
 
 
 def offsets(parameters: FloatArray) -> FloatArray:
@@ -128,7 +128,7 @@ REQUIRED = ("head", "l_wrist", "r_wrist")
 _ANKLES = ("l_ankle", "r_ankle")
 
 SENSOR_SPREAD_M = 0.01
-"""How far a sensor sits from the joint centre that it stands for."""
+"""Spread, m, of the distance of a sensor from the joint centre that it stands for."""
 LOOSE_SPREAD_M = 0.05
 """The same for one that is known to sit beside it: a controller in the hand, a cap on the head."""
 MAX_LOOSE_M = 0.2

@@ -241,7 +241,8 @@ CALIBRATION_JUMP, CALIBRATION_JUMP_M = 5.0, 0.05
 """The first frames are no part of the motion where a sensor goes farther to the next than so many times what is usual
 in the quarter of a second after them, and so many m."""
 CALIBRATION_FRAMES, MOTION_S = 6, 0.25
-"""Of them there are at most so many: some files lead from the calibration pose to the motion in a few frames."""
+"""Most frames of a calibration pose, from which some files lead to the motion in a few frames, and the time, s, of the
+motion that it is compared with."""
 
 
 @dataclass(frozen=True)

@@ -132,7 +132,7 @@ class SensorIntake:
 # oscillating, to come a little closer. So the goal is pulled back to where this body could just have it.
 
 TRUNK_STRETCH = 1.25
-"""How much further apart than at rest two points of the trunk, neck and shoulder girdle can be."""
+"""Most distance of two points of the trunk, neck and shoulder girdle, as a multiple of that at rest."""
 
 _LIMBS = {
     "shoulder": ("elbow", "wrist", "hand"),

@@ -17,9 +17,9 @@ from retarget.model.body import BodyModel, JointLimits
 from retarget.types import BoolArray, FloatArray
 
 SOLE_M = 0.001
-"""How far (m) a corner of a sole may be from its place on the way to a stop."""
+"""Distance (m) that a corner of a sole may be from its place on the way to a stop."""
 BALANCE_M = 0.003
-"""How far (m) inside the soles' outline the centre of mass stays on the way to a stop."""
+"""Distance (m) inside the soles' outline that the centre of mass keeps on the way to a stop."""
 NO_WORSE_M = 1e-5
 """What is already beyond these bounds may go on, if it gets worse by no more than this, m."""
 SPARE_TICKS = 2
@@ -32,11 +32,12 @@ SHORT_RAD = 0.03
 """A stop in which no joint of a leg turns by more than this, rad, is admitted without a computed trajectory, where no
 limit or edge is near."""
 PLANTED_M = 0.1 * SOLE_M
-"""How far (m) a corner of a sole may be from its place at the beginning of such a stop, and in the tick before."""
+"""Distance (m) that a corner of a sole may be from its place at the beginning of such a stop, and in the tick
+before."""
 STANDING = 1e-9
 """Speed (rad/s) below which a leg stands."""
 ROUND_OFF = 1e-9
-"""How far (rad) beyond its limit a joint that rests there may seem to be."""
+"""Angle (rad) beyond its limit at which a joint that rests there may seem to be."""
 
 
 class Stopping:

@@ -189,11 +189,11 @@ def _not_raised(check: SideCheck, why: str, lost: list[str], where: str) -> Inpu
 # Wait for data, measure after a countdown, from a second of standing still, and check the sides.
 
 POLL_S = 0.01
-"""Between two polls of the stream while nothing moves."""
+"""Time, s, between two polls of the stream while nothing moves."""
 SETTLE_S = 0.3
 """Time in which the smoothing filter settles after the offset of a sensor was corrected."""
 TRY_S = 0.1
-"""Between two checks whether the performer stands still by now."""
+"""Time, s, between two checks whether the performer stands still by now."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,7 +20,7 @@ from retarget.sources.natnet_session import NEWEST, OLDEST, natnet_problems
 from retarget.types import Notify
 
 NOTED_S = 0.05
-"""After this long without a frame, counts are noted: what arrives from then on arrives instead of frames."""
+"""Time, s, without a frame after which counts are noted: what arrives from then on arrives instead of frames."""
 SILENT_S = 1.0
 """Time without a frame after which the reason is reported."""
 NATNET_S = 2.5

@@ -325,7 +325,7 @@ LIGHT = 0.008
 """A joint is light that moves the centre of mass by less than this share of the body's size a radian, however it is
 bent."""
 POSTURES, TURNED = 64, 2.0
-"""So many postures are tried, each joint turned by so much (rad) at most."""
+"""Postures that are tried, and the most, rad, by which each joint is turned."""
 LIMBS = ("l_hand", "r_hand", "l_sole", "r_sole")
 """Frames at the ends of limbs. What moves them is asked to, however light."""
 

@@ -120,7 +120,7 @@ STATURE_M = (0.5, 2.6)
 """Statures that are taken for a human's, m: from an infant to the tallest people alive (2.5 m)."""
 
 LENGTH_RATIO = (0.4, 2.2)
-"""How far the length of a limb segment may be from average proportions."""
+"""Least and most share of the average length that a limb segment may have."""
 
 BODY_MASS_INDEX = 22.5
 """kg/m2: the mass of a person whose mass is not known. It scales forces only; postures depend on shares of it."""

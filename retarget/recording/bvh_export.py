@@ -84,7 +84,7 @@ def _end(motion: Motion, link: int) -> FloatArray:
 
 CM = 100.0
 ORDER = "zxy"
-"""Of the rotation channels."""
+"""Order of the rotation channels."""
 AXES = [1, 2, 0]
 """World axes of x, y and z of the file: left, up, forward. A turn of the axes, no mirror image."""
 STILL = 1e-6

@@ -194,7 +194,7 @@ class Ring:
 # Events: each is logged once, with the cycle in which it happened.
 
 MOST_EVENTS = 10_000
-"""So many wait to be written; of more, the newest."""
+"""Events that wait to be written; of more, the newest are kept."""
 MAX_TEXT = 2000
 """Characters of an event; longer texts are cut, so that one message cannot fill the queue."""
 
@@ -229,9 +229,9 @@ def log_message(event: Event, *, stamp_ns: int) -> bytes:
 # The thread that writes a recording: it takes what the tick has finished, encodes it, and hands it to the system.
 
 FLUSH_S = 0.4
-"""Between two chunks: what a crash loses, and a chunk that is under way."""
+"""Time, s, between two chunks: a crash loses so much, and a chunk that is under way."""
 PATIENCE_S = 5.0
-"""How long closing waits for a disk that hangs."""
+"""Time, s, that closing waits for a disk that hangs."""
 
 
 class WritingThread:

@@ -22,7 +22,8 @@ from retarget.schema.files import refuse_existing, remove
 from retarget.types import FloatArray, Notify
 
 SWITCH_S = 1e-3
-"""So long a tick that is due may wait for the interpreter while the writing thread encodes; usually it is 5 ms."""
+"""Time, s, that a tick that is due may wait for the interpreter while the writing thread encodes; usually it is 5
+ms."""
 
 
 class Recorder:

@@ -18,9 +18,9 @@ LANDMARKS, HUMAN_JOINTS, HUMAN_POSTURE, FRAMES = "/landmarks", "/human/joints", 
 EVENTS, TRUTH = "/events", "/truth"
 WORLD = "world"
 EVERY_S, SELDOM_S = 0.04, 0.08
-"""Between two messages of what is there to be looked at, and can be computed again from the rest."""
+"""Times, s, between two messages of what is there to be looked at, and can be computed again from the rest."""
 STEP = 2.0**-16
-"""Of such numbers, m or rad: 15 um. Most of their bytes are then zeros."""
+"""Step, m or rad, to which such numbers are rounded: 15 um. Most of their bytes are then zeros."""
 
 Which = Callable[[Cycles], NDArray[np.bool_]]
 Values = Callable[[Cycles], dict[str, NDArray[Any]]]
@@ -160,10 +160,10 @@ def _of_servos(servos: JointMap, seldom: Which) -> list[Topic]:
 
 
 BUS_FIELDS = {"bus_time": "bus_time", "answer": "read", "retries": "retries", "error_rate": "error_rate"}
-"""Of every reading of the servos: name, and name in `Cycles`."""
+"""Fields of every reading of the servos: name, and name in `Cycles`."""
 _OF_EACH = ("position", "velocity", "current", "voltage", "temperature", "age", "error", "alert", "valid", "driven")
 SERVO_FIELDS = {name: name for name in _OF_EACH}
-"""Of every servo, as it said them."""
+"""Fields of every servo, as it reported them."""
 
 
 def _frames(robot: RobotBody, which: Which) -> Topic:
@@ -196,7 +196,7 @@ _SAME = (
     *("clock", "goal", "sensor_weight", "weighted", "sensor_valid", "observer_modes", "human_observer_modes", "cost"),
 )
 TICK_FIELDS = {"cycle": "index", "root": "rest"} | {name: name for name in _SAME}
-"""Of every cycle: name, and name in `Cycles`."""
+"""Fields of every cycle: name, and name in `Cycles`."""
 
 
 def _tick(shape: Shape) -> Topic:

@@ -85,7 +85,7 @@ def packed(values: FloatArray) -> str:
 
 FPS = 30.0
 MOST_ROWS = 3000
-"""More pictures a second are not seen; a long run is shown more coarsely."""
+"""Pictures of a motion at most: a long run is shown more coarsely."""
 TRAVEL = 0.5
 """A body that gets farther than this share of its height is followed by the view."""
 

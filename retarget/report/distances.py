@@ -23,7 +23,7 @@ Bounds = Callable[[IntArray], FloatArray]
 """What the signed distances (m, P) of all pairs in postures (m,) are never below, m."""
 
 BLOCK = 1024
-"""So many postures are looked at together, which bounds the memory."""
+"""Postures that are looked at together, which bounds the memory."""
 ROUND_OFF_M = 1e-9
 """The distance of two balls may be below its own bound by less than this."""
 

@@ -84,9 +84,9 @@ def jerk_p95(positions: FloatArray, dt: float) -> float | None:
 # The ground is z = 0. A corner of a sole supports when it is at most `CONTACT_M` above the ground.
 
 CONTACT_M = 0.005
-"""Higher than this, m, a corner of a sole carries nothing."""
+"""Height, m, above which a corner of a sole carries nothing."""
 OUTSIDE_M = 1e-4
-"""How far the centre of mass may be beyond the support polygon, m, before it counts."""
+"""Distance, m, that the centre of mass may be beyond the support polygon before it counts."""
 _DIRECTIONS = np.deg2rad(np.arange(0.0, 360.0, 2.0))
 """Directions, rad, in which the edge of the support polygon is looked for, 2 degrees apart."""
 

@@ -12,7 +12,7 @@ from retarget.run.run_result import RunResult
 from retarget.schema.files import check_folder, refuse_existing
 
 PICTURE_NAMES = ("tracking", "angles", "balance", "pressure", "poses")
-"""Of the files in `--plots DIR`, known without importing what draws them."""
+"""Names of the files in `--plots DIR`, known without importing what draws them."""
 
 
 @dataclass(frozen=True)

@@ -74,7 +74,7 @@ def _own_ids(tag: str, name: str) -> str:
 
 
 FOLDER = Path(__file__).parent
-"""Of the page's template `page.html`, its style and its scripts."""
+"""Folder of the page's template `page.html`, its style and its scripts."""
 SCRIPTS = ("motion.js", "bodies.js", "ground.js", "player.js")
 LEAST_BAR = 1.0
 """mm of a full bar at least: less cannot be seen."""

@@ -181,7 +181,7 @@ _SHOWN = ("l_hand", "l_wrist", "r_hand", "r_wrist", "head", "pelvis", "l_ankle",
 """What is shown, in this order, where it was asked at all."""
 _LEAST_M = 0.05
 _SEEN_MM = 0.1
-"""Where every error is smaller than this, no panel shows it."""
+"""Error, mm, below which a panel is left out: it would show nothing."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -124,7 +124,7 @@ POSES = 9
 WIDTH, MOST_PER_HEIGHT, TITLE = 13.5, 1.7, 0.45
 """Inches: of the whole picture, of a body's height at most, and of the title."""
 GAP, ROOM = 0.07, 0.12
-"""Between poses and above each line of them, in heights of the head."""
+"""Room between poses and above each line of them, in heights of the head."""
 HUMAN_BONES: tuple[Bone, ...] = tuple(
     (POINTS[parent], name) for name, parent in zip(POINTS, PARENTS, strict=True) if parent >= 0
 )

@@ -19,7 +19,7 @@ from retarget.schema.profile_parts import Landmark
 from retarget.types import BoolArray, FloatArray
 
 STILL_M = 1e-3
-"""What is asked to move less than this, m, says nothing about moving."""
+"""Least way, m, that is asked of a landmark whose path is judged: less says nothing about moving."""
 COARSE = 4
 """Lags are looked at in steps of so many ticks first: no body moves so fast that a peak is narrower."""
 
@@ -266,7 +266,7 @@ def _torso(shoulders: Mapping[str, FloatArray], pelvis: FloatArray) -> FloatArra
 # How well hands are followed where the robot's arms can get there at all.
 
 EVERY = 20
-"""Every so manyth tick is looked at."""
+"""Ticks from one that is looked at to the next: a search is slow, and reach changes slowly."""
 WITHIN_M = 0.002
 """The arm gets there when it gets this near, m."""
 SEEDS, TRIES = 500, 12

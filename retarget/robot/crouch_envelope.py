@@ -24,7 +24,7 @@ DIRECTIONS = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))
 STEP_M, STEP_RAD = 0.005, 0.05
 """Height and lean are searched in small steps, so that every posture is found from one close by."""
 MISSED_M, MISSED_RAD = 0.001, 0.02
-"""Farther than this from what is asked, the robot cannot get there."""
+"""Errors from which on the robot counts as unable to get where it is asked."""
 FARTHEST_M, FARTHEST_RAD = 1.0, 1.4
 """Heights over or under the standing posture, and leans, beyond which nothing is tried."""
 SPARE = 0.05

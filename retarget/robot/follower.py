@@ -124,7 +124,7 @@ STANCE_RESTING_SPEED, RESTS_S = 0.1, 0.1
 """A robot none of whose coordinates is faster (rad/s, m/s) for so long (s) rests. One tick is not enough: where limbs
 meet, all joints stand still for one tick, and go on in the next."""
 LEAST_SHARE = 0.01
-"""Of the servos' speeds, for a robot that stands already."""
+"""Share of the servos' speeds for a robot that stands already."""
 LED_RISE, LED_JERK, LED_SETTLE = 0.2, 0.05, 0.1
 """s until the joint that is led the longest way has its speed, and its acceleration; s by which the robot follows."""
 

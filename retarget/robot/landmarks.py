@@ -151,7 +151,7 @@ def _at_least(value: float, least: float) -> float:
 PELVIS_SETTLE_S = 0.2
 """Time constant (s) with which the pelvis goes from both feet to one, and back."""
 _SIDE = {Carrying.LEFT: 1.0, Carrying.RIGHT: -1.0}
-"""Where the pelvis is, from the middle (0) to the left foot (1) or the right one (-1)."""
+"""Place of the pelvis, from the middle (0) to the left foot (1) or the right one (-1)."""
 
 
 class PelvisOverFoot:

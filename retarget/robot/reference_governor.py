@@ -92,7 +92,7 @@ How a limb's acceleration maps to a joint's depends on the posture. A fifth leav
 robot that is held cannot tip. The own motion of a limb is that of several joints, of which one alone is looked at here:
 a foot that kicks may have what two can."""
 FAR = 1e3
-"""How far (m) away the point is that the eyes are turned to: a direction."""
+"""Distance (m) of the point that the eyes are turned to: so far away it is a direction."""
 
 
 class ReferenceGovernor:

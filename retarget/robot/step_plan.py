@@ -25,7 +25,8 @@ from retarget.schema.priorities import (
 from retarget.types import Carrying
 
 OVER_M = 0.003
-"""How far (m) inside the region over one sole capture point and zero-moment point are before the other foot lifts."""
+"""Distance (m) inside the region over one sole that capture point and zero-moment point have before the other foot
+lifts."""
 HELD_S = 0.15
 """s for which it must have been over the sole by then, because servos lag behind their goals."""
 CONTACT_WAIT_S = 1.0
@@ -238,7 +239,7 @@ def _refuse_unplanted(priorities: Priorities, soles: tuple[str, ...]) -> None:
 # Whether a robot steps: its priority file says so, or `--steps` instead, and its root and legs whether it can.
 
 SOLES = 2
-"""Of a robot that steps."""
+"""Soles of a robot that steps."""
 
 
 def with_steps(

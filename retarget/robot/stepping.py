@@ -129,7 +129,7 @@ ACCELERATION, SPEED = 0.5, 0.1
 DOWNWARD = 0.4
 """Share of that speed at which it is put down."""
 ABOVE_M = 0.001
-"""So near to above its place it may come down."""
+"""Distance, m, from above its place at which a foot may come down."""
 
 
 class SwingFoot:
@@ -218,7 +218,7 @@ class WeightShift:
 
 
 AWAY = 1.3
-"""How far the pelvis goes aside at most, in shares of the way to over one sole."""
+"""Most that the pelvis goes aside, in shares of the way to over one sole."""
 BENT = 0.02
 """Share of a leg by which it is still bent then, so that its knee need not hurry."""
 

@@ -190,9 +190,9 @@ class RunOptions:
 
 HUMAN_PRIORITIES = "human"
 WITHOUT_MASS = "servo"
-"""For a robot without mass; with mass one of the next two takes its place."""
+"""Priority file for a robot without mass; with mass one of the next two takes its place."""
 STANDING_WITH_MASS, FIXED_WITH_MASS = "balanced", "fixed_base"
-"""For a robot on its own soles, and for one that hangs or is bolted down and whose servos lag behind."""
+"""Priority files for a robot on its own soles, and for one that hangs or is bolted down and whose servos lag behind."""
 
 
 def priority_names(robot: RobotBody | None, options: RunOptions) -> tuple[str, ...]:

@@ -16,7 +16,8 @@ PathCheck = Callable[[FloatArray, FloatArray], bool]
 and that followed if it is refused; to whether all of the first is clear of collision."""
 
 ROUND_OFF = 1e-9
-"""How far, in rad, a goal may miss a bound before the gate refuses it: rounding of two programs that agree is less."""
+"""Angle, rad, by which a goal may miss a bound before the gate refuses it: rounding of two programs that agree is
+less."""
 
 
 class Compensation(Protocol):

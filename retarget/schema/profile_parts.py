@@ -30,7 +30,7 @@ DEFAULT_WATCHDOG = 0.1  # [s]
 WARN_BEFORE_C = 5.0
 """[degrees Celsius] so much before the stop a servo is warm, where the profile does not say."""
 MAX_HOMING_OFFSET = 1_044_479
-"""Of register 20, ticks either way (e-Manual)."""
+"""Largest value of register 20, ticks either way (e-Manual)."""
 ServoId = Annotated[Integer, Field(ge=0, le=252)]
 Point2 = tuple[Number, Number]
 Register = Annotated[Integer, Field(ge=0, le=16383)]

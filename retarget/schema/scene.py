@@ -290,9 +290,9 @@ def _apart(a: PathPoint, b: PathPoint) -> tuple[float, float]:
 FLOOR = "floor"
 """The obstacle on which a robot with feet stands, in every scene."""
 FLOOR_MARGIN_M = 0.005
-"""What is no sole keeps this distance from the floor: what servos sag by under load, and a hand's own skin."""
+"""Distance, m, that all but soles keep from the floor: what servos sag by under load, and a hand's own skin."""
 FLOOR_INFLUENCE_M = 0.05
-"""Where observers begin to yield to it, as those of the shipped robots do to each other."""
+"""Distance, m, at which observers begin to yield to the floor, as those of the shipped robots do to each other."""
 
 
 class Scene(Schema):

@@ -26,7 +26,7 @@ from retarget.types import FloatArray, IntArray
 
 STEP_S = 0.01
 SAMPLE_S = 0.05
-"""Between two samples of the poses and of the validity of the sensors."""
+"""Time, s, between two samples of the poses and of the validity of the sensors."""
 SETTLING_S = 1.5
 MOST_FRAMES = 500_000
 MOST_SAMPLES = 12_000
@@ -36,7 +36,7 @@ MOST_KINDS = 16
 ALL_NAMED = 300
 """Datagrams that are all recognised; after them, one in SELDOM is."""
 SELDOM = 20
-"""See ALL_NAMED: a stream of 1000 datagrams a second costs little then."""
+"""Datagrams of which one is recognised after ALL_NAMED: a stream of 1000 datagrams a second costs little then."""
 MOST_NAMES = 256
 """Names of sensors that are kept: a sender that makes up names cannot fill the memory."""
 _UNKNOWN = np.full(7, np.nan)
@@ -269,7 +269,7 @@ def _unusable_share(sensor: str, place: Place, capture: StreamCapture) -> float:
 # Rate, jitter, gaps, loss by frame numbers, and the sender's clock.
 
 SLOWEST_HZ = 1.0 / DELAY_CAP_S
-"""Below it, there is not always a frame on both sides of the playout time."""
+"""Rate, Hz, below which there is not always a frame on both sides of the playout time."""
 FEW = 5
 """Frames that a finding needs at least."""
 

@@ -18,7 +18,7 @@ READS = 25
 PERIOD = 0.02  # [s] between cycles
 STILL = 0.01  # [rad] most that a joint may move during the cycles
 TRIES = 5
-"""How often the operator is asked to keep the robot still."""
+"""Times that the operator is asked to keep the robot still."""
 FAR = 0.35
 """A joint farther than this, rad, from the profile's zero was probably not placed, or is another one."""
 FULL_TURN = 2.0 * np.pi

@@ -148,7 +148,7 @@ SPREADS = (0.3, 0.5, 0.75, 1.1)
 CROUCHES = (0.5, 0.58, 0.66, 0.74, 0.82, 0.9)
 """Shares of the stretched leg, deepest first, tried for the posture at rest."""
 ARMS = {"neutral": (0.0, 0.0, 0.6), "stand": (0.0, 0.1, 0.9), "attractor": (0.25, 0.5, 1.0), "rest": (0.05, 0.0, 0.5)}
-"""What is added to the spread, how far ahead the upper arm is, and how far the elbow bends, rad."""
+"""Angles, rad, of the arms in each posture: what is added to the spread, upper arm ahead, and bend of the elbow."""
 LEGS = {"neutral": (0.968,), "stand": (0.955,), "attractor": (0.87,)}
 """Shares of the stretched leg."""
 

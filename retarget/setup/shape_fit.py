@@ -347,7 +347,7 @@ def _box_along(turn: FloatArray, geometry: LinkGeometry) -> Solid:
 FAR_TOO_LARGE = 3.0
 """A capsule of so many times the other shape's volume gives way to it."""
 SOMEWHAT_LARGE = 2.0
-"""So does one of so many times, if it also stands out of the geometry by more than the influence."""
+"""A capsule of so many times its volume gives way if it also stands out of the geometry by more than the influence."""
 
 
 @dataclass(frozen=True)

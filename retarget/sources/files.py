@@ -12,13 +12,14 @@ from retarget.errors import InputError
 from retarget.types import FloatArray
 
 MAX_FILE_BYTES = 128 * 2**20
-"""Larger motion files are refused before they are read (128 MiB is about 20 minutes of AMC at 120 Hz)."""
+"""Largest size, bytes, of a motion file that is read (128 MiB is about 20 minutes of AMC at 120 Hz)."""
 MAX_FRAMES = 200_000
-"""Longer recordings are refused (28 minutes at 120 Hz)."""
+"""Most frames of a recording (28 minutes at 120 Hz)."""
 MIN_RATE_HZ, MAX_RATE_HZ = 0.1, 10_000.0
-"""Slower or faster recordings are refused: no motion capture has such a rate, so it is a wrong unit."""
+"""Least and greatest rate, Hz, of a recording: no motion capture has another one, so it is a wrong unit."""
 MAX_VALUE = 1e9
-"""Larger magnitudes in a file are no coordinate or angle, and their squares would overflow later."""
+"""Largest magnitude of a number in a file: a larger one is no coordinate or angle, and its square would overflow
+later."""
 
 
 def read_bytes(path: Path) -> bytes:

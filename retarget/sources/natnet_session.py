@@ -39,9 +39,9 @@ PINNED = Version(4, 1)
 UNNAMED_S = 5.0
 """Time between two requests for names that the last answer did not have."""
 RETRY_S = 1.0
-"""Between requests without answer."""
+"""Time, s, between requests without answer."""
 KEEP_ALIVE_S = 1.0
-"""Between keep-alive messages to a unicast server."""
+"""Time, s, between keep-alive messages to a unicast server."""
 SILENCE_S = 2.0
 """Time without frames after which the session connects again."""
 _PIN_TRIES = 3

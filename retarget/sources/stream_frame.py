@@ -136,7 +136,7 @@ CONVENTIONS = MappingProxyType({name: Convention(name, *row) for name, row in TA
 # Checks of a pose from outside, before anything is computed from it.
 
 MAX_COORDINATE = 1e6
-"""Larger coordinates, in any unit from millimetres up, are no place in a room."""
+"""Largest coordinate: a larger one, in any unit from millimetres up, is no place in a room."""
 NORM_TOLERANCE = 0.02
 """A quaternion whose norm is farther from 1 is no rounded rotation but something else."""
 

@@ -24,7 +24,7 @@ BAD_POSITION = "position that is not finite or far away"
 BAD_ROTATION = "Euler angle that is not finite or beyond 100 turns"
 
 MAX_DEGREES = 36_000.0
-"""Beyond it, an angle of single precision does not resolve a hundredth of a degree."""
+"""Largest angle, degrees: a larger one of single precision does not resolve a hundredth of a degree."""
 
 _UNITY = CONVENTIONS["unity"]
 _X: Vector = (1.0, 0.0, 0.0)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 STEP_M, STEP_RAD = 2e-5, 1e-4
-"""What moves less is not sent."""
+"""Least motion, m and rad, that is sent: less is not seen."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ TITLES = {
     "current": "A",
 }
 LEAST_HEIGHT = 0.1
-"""Of what a plot shows, in its unit: what trembles by less is flat."""
+"""Least height of a plot, in its unit: what trembles by less is flat."""
 PLOTTED = 1500
 """Points of a plot, at most."""
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 KEPT_S = 20.0
-"""Of the plot."""
+"""Time, s, that the plot shows."""
 PLOTTED_EVERY, HEADLINE_EVERY = 25, 3
 """Rows from one drawing of the plot to the next, and of the headline while its state stays the same."""
 MOST_KEPT = 2000
@@ -107,7 +107,7 @@ class LivePage:
 NICENESS = 5
 """The run comes first, but a press of the button must not wait behind every other process."""
 LAST_SHOWN_S = 1.5
-"""So long the end stays on the page, with its reason."""
+"""Time, s, that the end stays on the page, with its reason."""
 LONGEST_ROW = 1 << 16
 """Bytes of a row of the largest robot, and more."""
 

@@ -172,7 +172,7 @@ def placed(poses: ObstaclePoses) -> FloatArray:
 
 GRAVITY = 9.81  # [m/s^2]
 SPACING_S = 0.04
-"""Between the three looks at the centre of mass of which its acceleration is made: a mean over twice that."""
+"""Time, s, between the three looks at the centre of mass of which its acceleration is made: a mean over twice that."""
 LONGEST_S = 0.2
 """Looks that are farther apart give no acceleration."""
 

@@ -54,7 +54,7 @@ ERRORS = 0x3F  # bits of Hardware Error Status (70) that Shutdown (63) masks
 # The registers that show its state.
 
 MOTION, MOTION_END = 126, 136
-"""What hosts read most: current or load, velocity, position."""
+"""Addresses from and to which hosts read most: current or load, velocity, position (e-Manual)."""
 IN_POSITION = 16  # [tick] not documented
 FOLLOWING_ERROR = 512  # [tick] not documented
 _SPEED_AND_POSITION = Struct("<ii")

@@ -161,7 +161,7 @@ BEFORE_OPENING, BEFORE_ARMING = -1.0, -0.5
 AFTERWARDS_S = 0.3
 """Time for which the servos are observed after the host has ended, s."""
 ENDLESS_S = 60.0
-"""By how much a run may be longer than what was to be followed, s: countdown, approach, holds, the way to rest."""
+"""Time, s, by which a run may be longer than what was to be followed: countdown, approach, holds, the way to rest."""
 
 
 class Bench:

@@ -51,7 +51,7 @@ def judged_seed(seed: int, *, seconds: float = 60.0) -> Verdict:
 
 PAIRED = (When.IDLE, When.MOVING, When.STOPPING)
 PAIR_AT, PAIR_GAP = 0.3, 0.1
-"""When the first fault of a pair begins, s of following, and how much later the second one."""
+"""Time, s of following, at which the first fault of a pair begins, and s from there to the second one."""
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,7 @@ from sim.faults.wire_checker import (
 REST_S = 0.35
 """Time from the beginning of a hold, or of a stop, until the robot stands, s."""
 OFF_S = 4.0
-"""From the beginning of a stop until torque is off, s; of a robot that is slow because a servo is warm, so much
+"""Time, s, from the beginning of a stop until torque is off; of a robot that is slow because a servo is warm, so much
 longer, and of one that a fault holds on its way, so much longer as that fault may."""
 TO_REST_SHARE = 0.55
 """Share of the greatest speeds on the way to rest: the longest way of a joint, 2.4 rad, takes 1.9 s at this speed, with
@@ -52,7 +52,7 @@ a gentle rise and fall."""
 AGAIN_SHARE, AGAIN_S = 0.25, 0.75
 """Share of the greatest speeds after following resumes, and for how long, s."""
 STILL_WITHIN_S = 0.3
-"""After a shorter hold, one of single ticks, the way back need not be slow, s."""
+"""Length, s, of a hold: after a shorter one, of single ticks, the way back need not be slow."""
 SETTLED = (*STOPPING, *STOPPED)
 STANDING = (RunState.RETURN_TO_STANCE, RunState.GO_TO_REST, *STOPPED)
 """States of a robot that has braked, or has no torque any more."""

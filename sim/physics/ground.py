@@ -22,7 +22,7 @@ FLOOR, SOLE, FIXTURE = "physics_floor", "physics_sole", "physics_fixture"
 """How the names of shapes begin that are not the robot's own."""
 
 MAX_CORNERS = 6
-"""Of a sole's polygon; where it has more, those are taken that lose the least of its area."""
+"""Corners of a sole's polygon at most; where it has more, those are taken that lose the least of its area."""
 BALL_M = 0.003
 """Radius of the ball in a corner of a sole."""
 SOLREF = (0.006, 1.0)

@@ -93,7 +93,7 @@ BACKLASH = 15.0 * ARC_MINUTE
 """Play between the output shaft and its gears, e-Manual of the X540 series; taken for every model without a value."""
 
 FRICTION_SHARE, ARMATURE_SHARE = 0.025, 0.003
-"""Of the stall torque (the latter in s^2): the middle of the identified values, for models without one."""
+"""Shares of the stall torque (the latter in s^2): the middle of the identified values, for models without one."""
 
 
 @dataclass(frozen=True)

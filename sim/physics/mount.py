@@ -84,7 +84,7 @@ def check_mount(robot: RobotBody, mount: Mount) -> None:
 # hold the robot again when torque goes off later.
 
 RELEASE_S = 0.6
-"""From the first torque to the end of the hold, s."""
+"""Time, s, from the first torque to the end of the hold."""
 HAND = "physics_hand"
 FIRM, LOOSE = 0.9, 0.001
 """Impedance of the hold (MuJoCo, solimp) at the beginning and at the end."""
@@ -140,7 +140,7 @@ class Hand:
 
 ROPE, HOOK, TOP = "physics_rope", "physics_hook", "physics_rope_top"
 SWING_DAMPING = 0.5
-"""Of the straps, N s/m per kg of robot."""
+"""Damping of the straps, N s/m per kg of robot."""
 TURN_DAMPING = 0.01
 """The same for turns, N m s/rad per kg."""
 GRAVITY = 9.81  # [m/s^2]

@@ -111,7 +111,7 @@ BATCH_S = 0.008
 HEAT_S = 0.032
 """Time between two updates of supply and heat, s."""
 LONGEST_S = 60.0
-"""More than this, s, is not simulated at one go: the rest of a longer silence is skipped."""
+"""Most time, s, that is simulated at one go: the rest of a longer silence is skipped."""
 MAX_WAITING = 1000
 """Most goals that wait for their time."""
 ROUND_OFF = 1e-6  # of a step

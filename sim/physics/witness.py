@@ -15,9 +15,9 @@ from sim.physics.simulation import Simulation
 from sim.physics.state import LOADED_SHARE, PhysicsState, StateReader
 
 AFTERMATH_S = 1.5
-"""How long a robot is watched for a fall after its torque went off for good, s."""
+"""Time, s, that a robot is watched for a fall after its torque went off for good."""
 LOOK_S = 0.008
-"""Between two looks then, s."""
+"""Time, s, between two looks then."""
 
 
 class Witness:

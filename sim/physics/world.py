@@ -27,7 +27,7 @@ ITERATIONS, LINE_ITERATIONS = 20, 50
 """Most of the contact solver; it starts warm, and needs one or two. With fewer of the line search it ends far from the
 solution now and then, and soles jump."""
 IMPEDANCE_RATIO = 10.0
-"""How much firmer soles are along the floor than into it: else they creep under any load."""
+"""Factor by which soles are firmer along the floor than into it: else they creep under any load."""
 
 
 @dataclass(frozen=True, eq=False)
