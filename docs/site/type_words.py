@@ -1,4 +1,4 @@
-"""A type of a configuration model in words for somebody who writes YAML."""
+"""A type of a configuration model in words for a person who writes YAML."""
 
 from collections.abc import Iterator
 from pathlib import Path
