@@ -110,6 +110,7 @@ def _braked(edges: Edges, com: FloatArray, dt: float) -> FloatArray:
     change = BRAKING * dt * dt
     drawn = []
     for nx, ny, offset in edges:
+        # How far the mass may still go towards this edge, and be braked at BRAKING before it.
         across = nx * x + ny * y
         drawn.append((nx, ny, 0.0, across + braking_displacement(offset - across, change)))
     return np.array(drawn)
@@ -131,6 +132,8 @@ def moving_spaces(
     """
     x, y, z = com.tolist()
     vx, vy, vz = velocity.tolist()
+    # Linear inverted pendulum, omega = sqrt(g / z): the capture point is c + c' / omega, the zero-moment point c - c''
+    # / omega^2. Both are linear in the centre of mass after this tick, so each edge gives a half-space of it.
     settle = sqrt(z / GRAVITY) / dt  # 1 / (omega dt)
     capture = (x + settle * dt * vx, y + settle * dt * vy)
     push = None if outer is None else _pushed_back(edges, outer, capture)
@@ -167,6 +170,7 @@ def _pushed_back(edges: Edges, outer: Edges, capture: tuple[float, float]) -> tu
     if beyond <= BEYOND_M:
         return None
     reach = beyond
+    # The farthest that the point may be pushed along the normal and stay inside of every outer edge.
     for ex, ey, offset in outer:
         along = ex * nx + ey * ny
         if along > 0.0:

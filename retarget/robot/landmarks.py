@@ -297,10 +297,13 @@ class LandmarkMap:
         if human.joint_names is not self._joint_names:
             self._weights = _weights(self._sums, human.joint_names)
             self._joint_names = human.joint_names
+        # All limbs at once: each is a weighted sum of joints, already scaled to the robot.
         rows = (self._weights @ human.joints).tolist()  # k limbs, the trunk, two feet; performer's world
         pelvis_seen, chest_seen, head_seen = (_quat(row) for row in human.orientations.tolist())
         feet = len(self.names) + 1
         x, y = self._facing.update(pelvis_seen, rows[feet], rows[feet + 1], dt)
+        # Turn into the heading frame, in which the robot faces x: (x, y) is the unit vector of the performer's heading,
+        # and `from_world` the same turn as a quaternion, from the half angles of its cosine.
         limbs: list[Vector] = [(x * a + y * b, x * b - y * a, c) for a, b, c in rows]
         from_world = (sqrt(max(0.5 + 0.5 * x, 0.0)), 0.0, 0.0, -copysign(sqrt(max(0.5 - 0.5 * x, 0.0)), y))
         chest = product(from_world, chest_seen)
@@ -313,6 +316,7 @@ class LandmarkMap:
             aside = self._over_foot.step(limbs[self._pelvis], apart, human.carrying, dt)
         pelvis = self._pelvis_asked(limbs, aside)
         trunk = self._trunk_asked(seen, pelvis[2])
+        # A trunk that cannot lean as far takes the limbs along that hang from it.
         lean_less = product(trunk, inverse(seen))
         landmarks: list[Vector] = []
         for row, role in enumerate(self._roles):
@@ -345,6 +349,7 @@ class LandmarkMap:
         if across < 1e-9:
             return seen
         lean = atan2(across, z)
+        # The axis of the lean is level, and square to the direction in which the trunk leans.
         less = drawn_in(lean, self._envelope.most_lean(height, x, y), LEAN_KNEE)
         return product(axis_turn((-y / across, x / across, 0.0), less - lean), seen)
 

@@ -66,18 +66,22 @@ class OnlineTrajectory:
         moved: how far what is asked moved since the last tick. error: from where the robot is to what is asked now.
         """
         limits = self._limits
+        # The velocity of the asked motion itself, low-passed, and its change limited: a jump of what is asked is no
+        # motion.
         ox, oy, oz = self._own
         share = 1.0 - exp(-dt / SMOOTH_S)
         cx, cy, cz = share * (moved[0] / dt - ox), share * (moved[1] / dt - oy), share * (moved[2] / dt - oz)
         scale = min(1.0, limits.own * dt / max(sqrt(cx * cx + cy * cy + cz * cz), STILL))
         ox, oy, oz = self._own = (ox + scale * cx, oy + scale * cy, oz + scale * cz)
 
+        # What is left after following that motion for this tick is the gap that is to be caught up with.
         a = self._lead_time
         ex, ey, ez = error[0] + a * ox, error[1] + a * oy, error[2] + a * oz
         ox, oy, oz = ox * dt, oy * dt, oz * dt
         rx, ry, rz = ex - ox, ey - oy, ez - oz
         gap = sqrt(rx * rx + ry * ry + rz * rz)
         change = limits.catch_up * dt * dt
+        # Along the gap, no faster than can be braked before it closes, and with limited acceleration from tick to tick.
         ahead = min(braking_displacement(gap, change), self._before + change)
         self._before = ahead = min(ahead, limits.speed * dt, gap * min(1.0, RATE * dt))
         share = ahead / max(gap, STILL)

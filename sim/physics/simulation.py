@@ -83,12 +83,15 @@ class SoleSteps:
         which, foot, sign, _ = self._contacts
         change, velocity = self._change, data.qvel
         for index, body in enumerate(self._feet):
+            # The time derivative of the Jacobian of each foot, at its origin; from there it is carried to the points of
+            # contact.
             self._jacobian(self._model, data, change[:3], change[3:], data.xpos[body], body)
             np.matmul(change, velocity, out=self._bias[index])
         bias = self._bias[foot]
         x, y, z = (contact.pos[which] - data.xpos[self._feet][foot]).T
         turn_x, turn_y, turn_z = bias[:, 3:].T
         acceleration = bias[:, :3]
+        # The angular part acts at a point by its arm: turn x r.
         acceleration[:, 0] += turn_y * z - turn_z * y
         acceleration[:, 1] += turn_z * x - turn_x * z
         acceleration[:, 2] += turn_x * y - turn_y * x
