@@ -221,7 +221,7 @@ class Protocol2(Codec):
         return body.replace(self.PATTERN, self.STUFFED) if self.PATTERN in body else body
 
     def unstuff(self, body: bytes) -> bytes:
-        """Inverse of `stuff`."""
+        """Remove the bytes that `stuff` has added."""
         return body.replace(self.STUFFED, self.PATTERN) if self.STUFFED in body else body
 
     def frame(self, device: int, code: int, params: bytes = b"") -> bytes:

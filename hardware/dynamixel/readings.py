@@ -86,7 +86,7 @@ class SlowValues:
         self._due = now if late.any() else now + SLOW_PERIOD
 
     def due(self, now: float, valid: BoolArray) -> bool:
-        """Whether values of a servo that answered in the last cycle are due; at first those of all are."""
+        """Return whether values of a servo that answered in the last cycle are due; at first those of all are."""
         if now < self._due:
             return False
         old = self._at < now - SLOW_PERIOD
@@ -155,8 +155,8 @@ class Readings:
         self._faulty = int(np.count_nonzero(self._error | self._alert))
 
     def slow_due(self, now: float) -> bool:
-        """Whether voltage and temperature of a servo that answered in the last cycle are due; at first those of all
-        are."""
+        """Return whether voltage and temperature of a servo that answered in the last cycle are due; at first those of
+        all are."""
         return self._slow.due(now, self._valid)
 
     def alarmed(self) -> list[int]:

@@ -75,7 +75,7 @@ class Screen(io.TextIOBase):
             return done.wait_for(lambda: not self._texts.unfinished_tasks, patience)
 
     def end(self, patience: float | None) -> None:
-        """Drain it, and end the thread where it does not hang in the stream; call it once."""
+        """Drain the stream, and end the thread where it does not hang in the stream; call it once."""
         if self.drain(patience):
             self._listener.stop()
 

@@ -139,7 +139,7 @@ class VirtualFeet:
         self.ankles: FloatArray = np.zeros((2, 3))
 
     def start(self, head: list[float], forward: Ground, *, crouch: float) -> None:
-        """Stand under the head. Arguments as of `step`."""
+        """Stand under the head. The arguments are those of `step`."""
         self._travel.start()
         self._middle = self._below(head, forward, crouch)
         self._place(head, forward)

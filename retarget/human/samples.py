@@ -187,7 +187,7 @@ class Clip:
         return on_grid(SensorSample(frames.names, frames.position[row], frames.orientation[row], frames.valid[row]))
 
     def recorded(self) -> "Clip":
-        """The clip itself."""
+        """The clip itself, which is a recording."""
         return self
 
     def frames_played(self, ticks: int) -> int:

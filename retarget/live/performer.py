@@ -39,7 +39,7 @@ def needed(roles: Roles) -> tuple[str, ...]:
 
 
 def missing_sensors(stream: LiveStream, now: float) -> list[str]:
-    """Sensors to wait for: needed ones that are not fresh, and listed ones that the stream does not have."""
+    """List the sensors to wait for: needed ones that are not fresh, and listed ones that the stream does not have."""
     reading, must, roles = stream.read(now), needed(stream.roles), stream.roles
     known: BoolArray = np.asarray(np.isfinite(reading.position).all(axis=1))
     missing = []

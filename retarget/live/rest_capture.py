@@ -175,7 +175,7 @@ class RestCapture:
             self._samples.popleft()
 
     def result(self, *, mass: float | None = None, size: HumanDimensions | None = None) -> Calibrated:
-        """Size and alignment. size: the known size, which is only checked.
+        """Return size (m) and alignment of the performer. size: the known size, which is only checked.
 
         Raises InputError: no fresh data, not still, not standing in a rest pose, or not of that size.
         """

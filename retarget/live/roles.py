@@ -35,7 +35,7 @@ Rows = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """The poses of a sender from which a sensor's pose is made. position, orientation: the sender's names of poses, ""
+    """The poses of a sender of which a sensor's pose is made. position, orientation: the sender's names of poses, ""
     for none.
 
     rest: the orientation that is sent, wxyz, in the T-pose facing x. offset: from the joint to the point that is sent,

@@ -41,7 +41,7 @@ QUATERNIONS = "In MVN's network streamer choose Position + Orientation (Quaterni
 
 
 def unusable(stream: LiveStream, missing: list[str], waited: float, *, where: str, now: float) -> InputError:
-    """The error for a stream that cannot be used, with the reason. missing: needed sensors that are not fresh."""
+    """Make the error for a stream that cannot be used, with the reason. missing: needed sensors that are not fresh."""
     problems, refused = _motive(stream, now), _refused(stream)
     silence, reasons = now - stream.last, _listed(refused)
     if problems:
@@ -125,7 +125,7 @@ class StreamProblems:
         return _is_foreign(self._stream)
 
     def look(self, now: float) -> str:
-        """What is wrong; "" where nothing is, or where it was reported before."""
+        """Return what is wrong; "" where nothing is, or where it was reported before."""
         silence = now - self._stream.last
         if silence < NOTED_S:
             self._before = None
@@ -150,7 +150,7 @@ class StreamProblems:
         return f"what arrived was unusable: {_listed(_refused(self._stream) - refused) or 'no poses in it'}"
 
     def why(self, now: float) -> str:
-        """What is wrong, also where it was reported before; "" for nothing."""
+        """Return what is wrong, also where it was reported before; "" for nothing."""
         silence = now - self._stream.last
         return "" if self._before is None or silence < self._patience else self._cause(silence, now, *self._before)
 

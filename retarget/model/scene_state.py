@@ -163,8 +163,8 @@ class LivePose:
         self._held = None
 
     def at(self, time: float) -> MovingPose | None:
-        """The last good pose gone on at its velocities for as long as they hold, then at rest; None before the
-        first."""
+        """Return the last good pose (m, wxyz), gone on at its velocities for as long as they hold, then at rest; None
+        before the first."""
         held = self._held
         return None if held is None else held.motion.at(max(time, held.last.time))
 

@@ -142,24 +142,24 @@ class RecordedGoals:
         self._speed_override = override
 
     def halt(self, dt: float) -> FloatArray | None:
-        """None: there is no trajectory to a stop; each joint brakes on its own."""
+        """Return None: there is no trajectory to a stop, so each joint brakes on its own."""
         return None
 
     def return_to_stance(self, dt: float) -> FloatArray | None:
-        """None: the feet are taken to be on the floor."""
+        """Return None: the feet are taken to be on the floor."""
         return None
 
     def begin_return_to_stance(self, q: FloatArray, dt: float) -> None:
-        """Recorded goals do not depend on it."""
+        """Do nothing: recorded goals do not depend on it."""
 
     def pass_time(self, dt: float) -> None:
-        """No obstacle is known that could move."""
+        """Do nothing: no obstacle is known that could move."""
 
     def set_contact_state(self, soles: BoolArray | None) -> None:
         """Recorded goals do not depend on it."""
 
     def reseed(self, q: FloatArray, velocity: FloatArray) -> None:
-        """Go on from what was sent instead of the last posture."""
+        """Go on from posture q (nq,) and velocity (nv,), rad and rad/s, that were sent instead of the last posture."""
         moved = velocity[self._dofs]
         self._here = q[self._robot.servo_columns].copy()
         self._moved = np.where(np.abs(moved) > STILL, moved, 0.0) * self._dt

@@ -54,7 +54,7 @@ def check_target(path: Path) -> None:
 
 
 class RecordingFile:
-    """A new recording."""
+    """A new recording, an MCAP file that grows while a run goes on."""
 
     def __init__(self, path: Path, session: Session, configs: Iterable[tuple[ConfigFile, bytes]]) -> None:
         """Write what is known before the first cycle. Raises UsageError if there is a file, or none can be written."""

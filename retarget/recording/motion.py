@@ -102,7 +102,7 @@ class Motion:
         return float(whole) if abs(rate - whole) < 1e-6 * rate else rate
 
     def rows(self, chosen: NDArray[np.bool_]) -> "Motion":
-        """The rows (T,) that are chosen."""
+        """Numbers of the rows (T,) that are chosen."""
         asked = self.asked
         return replace(
             self,

@@ -194,7 +194,7 @@ class Difference:
 
     @property
     def none(self) -> bool:
-        """Whether nothing differs."""
+        """Whether all goals are there and the same, and none is extra."""
         return not (self.differ or self.absent or self.extra)
 
     def lines(self) -> list[str]:

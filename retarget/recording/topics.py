@@ -68,7 +68,7 @@ def topics(
     robot: RobotBody | None,
     truth: tuple[str, ...] = (),
 ) -> list[Topic]:
-    """Every topic with cycles in it; those of a robot only where there is one. truth: names of its numbers."""
+    """List every topic with cycles in it; those of a robot only where there is one. truth: names of its numbers."""
     often, seldom = _every(EVERY_S, dt), _every(SELDOM_S, dt)
     own = [
         _topic(

@@ -129,7 +129,7 @@ class ReferenceGovernor:
         self._before: AskedLandmarks | None = None
 
     def restart(self) -> None:
-        """Start at rest."""
+        """Start at rest, without a motion that was asked before."""
         self._before = None
         for trajectory in (*self._points, self._trunk, self._gaze):
             trajectory.restart()

@@ -40,7 +40,7 @@ class Controller(Protocol):
         ...
 
     def begin(self) -> None:
-        """Begin the state."""
+        """Begin the state, from where the robot was commanded last."""
         ...
 
     def target(self, sample: SensorSample | None, *, speed_override: float) -> Target | None:

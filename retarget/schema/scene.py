@@ -296,7 +296,7 @@ FLOOR_INFLUENCE_M = 0.05
 
 
 class Scene(Schema):
-    """Obstacles, by name."""
+    """The obstacles near a robot, by name."""
 
     name: Name
     """By which it is chosen."""

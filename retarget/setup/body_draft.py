@@ -91,7 +91,7 @@ def draft_body(source: Source, relaxed: Relaxed) -> BodyDraft:
 
 
 def facing_x(body: BodyDraft, forward: FloatArray) -> BodyDraft:
-    """The same body, turned about the vertical so that `forward` (3,) is along x (REP-103), as MJCF."""
+    """Turn a body about the vertical so that `forward` (3,) is along x (REP-103), as MJCF."""
     turn = rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), -np.arctan2(forward[1], forward[0]))
     spec = body.spec
     for base in spec.worldbody.bodies:

@@ -101,7 +101,7 @@ class OtherPorts:
 def silence_findings(
     address: StreamAddress, strays: tuple[Stray, ...], *, seconds: float, answered: bool = False
 ) -> list[Finding]:
-    """Why nothing arrives at an address, the surest cause first. answered: other findings say it already."""
+    """Find why nothing arrives at an address, the surest cause first. answered: other findings say it already."""
     found = []
     if not answered:
         found.append(finding("stream/silent", seconds=seconds, place=_place(address), start=_start(address)))

@@ -103,7 +103,7 @@ def home(
 def calibration_of(
     robot: str, joint_map: JointMap, homing: Homing, posture: FloatArray, *, name: str, date: str
 ) -> ServoCalibration:
-    """The calibration of the robot called `robot`; only the chosen servos are in it."""
+    """Make the calibration (ticks) of the robot called `robot`; only the chosen servos are in it."""
     return ServoCalibration(
         robot=robot,
         servos={

@@ -81,7 +81,7 @@ def read_lines(path: Path) -> list[str]:
 
 
 def numbers(tokens: Sequence[str], where: str) -> list[float]:
-    """The tokens as finite numbers of plausible size. Raises InputError that names the bad one."""
+    """Read tokens as finite numbers of plausible size. Raises InputError that names the bad one."""
     try:
         values = list(map(float, tokens))
         # One NaN or infinity spoils the sum, so a small sum means that all are usable.

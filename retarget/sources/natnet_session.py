@@ -89,12 +89,12 @@ class NatnetSession:
         return (self.server.data_port if self.server else 0) or DATA_PORT
 
     def silent(self, now: float) -> bool:
-        """Whether no frame came for SILENCE_S, and the server answered at least that long ago."""
+        """Return whether no frame came for SILENCE_S, and the server answered at least that long ago."""
         since = max((at for at in (self.server_at, self.frame_at) if at is not None), default=None)
         return since is not None and now - since >= SILENCE_S
 
     def poll(self, now: float) -> list[bytes]:
-        """Datagrams to send now, all to the command port."""
+        """Return the datagrams to send at `now`, s, all to the command port."""
         if self.started is None:
             self.started = now
         out: list[bytes] = []
@@ -203,7 +203,7 @@ PATIENCE_S = 3.0
 
 
 def natnet_problems(session: NatnetSession, now: float, *, host: str) -> tuple[Problem, ...]:
-    """Problems at `now`, causes before consequences. host: as the user gave it, for the text."""
+    """List the problems at `now`, s, causes before consequences. host: as the user gave it, for the text."""
     server, found = session.server, list[Problem]()
     if server is None and session.started is not None and now - session.started >= PATIENCE_S:
         found.append(_no_answer(session, host))

@@ -72,7 +72,7 @@ class ServerInfo:
 
 
 def message(kind: MessageId, payload: bytes = b"") -> bytes:
-    """A whole datagram."""
+    """Make a whole datagram: id of the message, size of the payload, payload."""
     return _HEADER.pack(kind, len(payload)) + payload
 
 

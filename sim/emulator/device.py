@@ -57,7 +57,7 @@ class Device:
         self.memory.put("firmware_version", self.table.usual_firmware)
 
     def booting(self, now: float) -> bool:
-        """Whether it starts, or has no power: then it neither receives nor answers."""
+        """Return whether the device starts, or has no power: then it neither receives nor answers."""
         return now < self._awake_at
 
     def receive(self, now: float) -> None:

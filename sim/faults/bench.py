@@ -204,7 +204,7 @@ class Bench:
 
     @property
     def servos(self) -> list[EmulatedServo]:
-        """All emulated servos."""
+        """All emulated servos of all buses."""
         return [one for line in self.lines.values() for one in line.devices if isinstance(one, EmulatedServo)]
 
     def servo(self, device: int) -> EmulatedServo:
