@@ -275,15 +275,15 @@ class LandmarkMap:
         self._places = [_vector(stance.points[entry.frame]) for entry in entries]
         self._offset = [entry.offset for entry in entries]
         self._carried = [_vector(anchor - place) for anchor in anchors]  # in the frame of an upright trunk
-        frames = [entry.frame for entry in entries]
-        self._joined = [frames.index(entry.anchor[0]) if entry.anchor[0] in frames else 0 for entry in entries]
+        above = [{other.frame: row for row, other in enumerate(entries[:end])} for end in range(len(entries))]
+        self._joined = [places.get(entry.anchor[0]) for entry, places in zip(entries, above, strict=True)]
         self._limbs = [self.names.index(name) for name in limb_names(profile) if name != TRUNK]
         has_trunk = TRUNK in limb_names(profile)
         self._trunk_line = [_vector(stance.points[TRUNK] - stance.points[PELVIS])] if has_trunk else []
         limbs = [minus(end, _vector(begin)) for end, begin in zip(self._places, anchors, strict=True)]
         self._standing = AskedLandmarks(self._places, self._of_limbs(limbs, IDENTITY), IDENTITY, FORWARD)
         self._roles = []
-        for name, entry in profile.landmarks.items():
+        for (name, entry), joined in zip(profile.landmarks.items(), self._joined, strict=True):
             if entry.frame in soles or (name == "pelvis" and self._envelope is None):
                 self._roles.append(Role.STILL)
             elif name == "pelvis":
@@ -293,7 +293,7 @@ class LandmarkMap:
             elif set(entry.measured_from) <= PELVIS_JOINTS:
                 self._roles.append(Role.BORNE)
             else:
-                self._roles.append(Role.JOINED if entry.anchor[0] in frames else Role.LIMB)
+                self._roles.append(Role.LIMB if joined is None else Role.JOINED)
 
     @property
     def standing(self) -> AskedLandmarks:
@@ -336,8 +336,8 @@ class LandmarkMap:
                 landmarks.append(self._places[row])
             elif role is Role.PELVIS:
                 landmarks.append(pelvis)
-            elif role is Role.JOINED:
-                landmarks.append(plus(landmarks[self._joined[row]], limb))
+            elif (joined := self._joined[row]) is not None and role is Role.JOINED:
+                landmarks.append(plus(landmarks[joined], limb))
             else:
                 landmarks.append(plus(plus(pelvis, rotated(trunk, self._carried[row])), limb))
         if self._feet_apart is not None:
