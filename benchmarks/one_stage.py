@@ -99,7 +99,7 @@ def one_stage(robot: RobotBody, frames: SensorFrames, truth: Sequence[HumanPostu
         goals = dict(zip(names, reached.landmarks, strict=True))
         for name, (a, b, c) in zip(("head", "l_hand", "r_hand"), (ankle + scale * turned).tolist(), strict=True):
             goals[name] = (a, b, c)
-        asked = AskedLandmarks([goals[name] for name in names], (1.0, 0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
+        asked = AskedLandmarks([goals[name] for name in names], reached.limbs, (1.0, 0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
         governor.aim(targets, asked, reached, dt)
         hierarchy.set_previous(targets, q, dt)
         q = hierarchy.solver.frame(targets, dt)

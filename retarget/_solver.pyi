@@ -95,11 +95,13 @@ class Task:
         body: int,
         point: tuple[float, float, float] = ...,
         *,
+        base: tuple[int, tuple[float, float, float]] | None = None,
         weight: tuple[float, float, float] = ...,
         gain: float = 1.0,
         max_error: float = 0.05,
     ) -> Task:
-        """A point of a link goes to a world position. Target 3."""
+        """A point of a link goes to a world position; with `base`, a link and a point of it, to a place that is so far
+        from there, in world directions. Target 3."""
     @staticmethod
     def orientation(
         body: int,

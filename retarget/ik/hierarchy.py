@@ -13,7 +13,7 @@ import numpy as np
 
 from retarget import _solver
 from retarget.errors import ConfigError, suggest
-from retarget.ik.tasks import Slot, SlotKind, compile_task, preventive
+from retarget.ik.tasks import Limb, Slot, SlotKind, compile_task, preventive
 from retarget.model.body import BodyModel, Frame, JointLimits
 from retarget.model.observers import NO_SCENE, Observers
 from retarget.model.scene_shapes import SceneShapes
@@ -83,6 +83,7 @@ class Hierarchy:
         postures: Mapping[str, FloatArray],
         limits: JointLimits,
         fed: Container[str] | None = None,
+        limbs: Mapping[str, Limb] | None = None,
         locked: BoolArray | None = None,
         iterations: int | None = None,
         early_stop: bool = True,
@@ -93,13 +94,16 @@ class Hierarchy:
         """Compile a priority file.
 
         frames: what names in `of` stand for (`body_frames` gives the body's own). postures: q (nq,) by name. fed:
-        names whose targets will ever be set, by default all of `frames`; the others cost nothing. locked
-        (nv,): DoFs that never move. iterations: instead of the file's. damping: see `_solver.Solver`. observers: what
-        looks at itself and at the obstacles of `scene`. Raises ConfigError: a name that the body does not have.
+        names whose targets will ever be set, by default all of `frames`; the others cost nothing. limbs: what names of
+        limb tasks stand for. locked (nv,): DoFs that never move. iterations: instead of the file's. damping: see
+        `_solver.Solver`. observers: what looks at itself and at the obstacles of `scene`. Raises ConfigError: a name
+        that the body does not have.
         """
         watching = None if observers is None else observers.with_margin(priorities.observers.margin)
         names = () if watching is None else watching.names
-        levels = _compile(priorities, body, frames, fed=frames if fed is None else fed, observers=names)
+        levels = _compile(
+            priorities, body, frames, fed=frames if fed is None else fed, limbs=limbs or {}, observers=names
+        )
         shapes = scene.with_margin(priorities.observers.obstacle_margin)
         watched = None if watching is None else watching.for_solver(body, shapes)
         solver = _solver.Solver(
@@ -140,14 +144,10 @@ class Hierarchy:
         """A world position (3,) m."""
         self._set(targets, SlotKind.POSITION, name, position, weight)
 
-    def position_slots(self, names: Sequence[str]) -> tuple[IntArray, IntArray]:
-        """Places in a target vector of the positions of `names`: (source (m,), target (m, 4)), for `targets[target] =
-        block[source]` with rows weight, x, y, z in `block` (len(names), 4)."""
-        found = [
-            (row, place.start)
-            for row, name in enumerate(names)
-            for place in self._by_name.get((SlotKind.POSITION, name), ())
-        ]
+    def position_slots(self, names: Sequence[str], kind: SlotKind = SlotKind.POSITION) -> tuple[IntArray, IntArray]:
+        """Places in a target vector of the positions of `names`, or of their limbs: (source (m,), target (m, 4)), for
+        `targets[target] = block[source]` with rows weight, x, y, z in `block` (len(names), 4)."""
+        found = [(row, place.start) for row, name in enumerate(names) for place in self._by_name.get((kind, name), ())]
         pairs = np.array(found, dtype=np.int64).reshape(-1, 2)
         return pairs[:, 0], pairs[:, 1:] + np.arange(4)
 
@@ -237,6 +237,7 @@ def _compile(
     frames: Mapping[str, Frame],
     *,
     fed: Container[str],
+    limbs: Mapping[str, Limb],
     observers: tuple[str, ...],
 ) -> list[list[Slot]]:
     """The slots of every level. Observers that act by rank get levels of their own below the closest."""
@@ -253,7 +254,7 @@ def _compile(
                 slots.append(first)
                 ranked += [[other] for other in others]
             else:
-                slots += compile_task(task, body, frames, fed=fed, is_soft=is_soft, observers=observers)
+                slots += compile_task(task, body, frames, fed=fed, is_soft=is_soft, limbs=limbs, observers=observers)
         levels += [slots, *ranked]
     return levels
 

@@ -3,6 +3,7 @@
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from typing import TypeVar
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from retarget.schema.priorities import (
     AxisTask,
     CentreOfMassTask,
     HeadingTask,
+    LimbTask,
     LookAtTask,
     OrientationTask,
     PositionTask,
@@ -41,6 +43,7 @@ class SlotKind(Enum):
     """What a slot of the target vector holds."""
 
     POSITION = "position"
+    LIMB = "limb"
     ORIENTATION = "orientation"
     AXIS = "axis"
     HEADING = "heading"
@@ -69,6 +72,15 @@ class Slot:
     settle: float = 0.0
 
 
+@dataclass(frozen=True, eq=False)
+class Limb:
+    """A line of a body: from a point to another one, which is at most `length` m away."""
+
+    begin: Frame
+    end: Frame
+    length: float
+
+
 def compile_task(
     task: Task,
     body: BodyModel,
@@ -76,12 +88,13 @@ def compile_task(
     *,
     fed: Container[str],
     is_soft: bool,
+    limbs: Mapping[str, Limb],
     observers: Sequence[str] = (),
 ) -> list[Slot]:
     """Slots of one task; none for observers on a body without any.
 
-    observers: their names, in order. fed: names whose targets will ever be set; a task on another one is left out.
-    is_soft: in a last level with a posture, where `weight` is a stiffness.
+    limbs: what names of limb tasks stand for. observers: their names, in order. fed: names whose targets will ever be
+    set; a task on another one is left out. is_soft: in a last level with a posture, where `weight` is a stiffness.
 
     Raises ConfigError: a name that the body does not have, in a task that is not optional; observers in a last level
     with a posture.
@@ -94,6 +107,8 @@ def compile_task(
         return _strength(frames)
     if isinstance(task, ReactiveTask | PreventiveTask):
         return _observing(task, observers, is_soft=is_soft)
+    if isinstance(task, LimbTask):
+        return [_limb(task, name, limb) for name, limb in _named(task, limbs)]
     # An axis or a heading has its direction from the file; the others have a target only where a sensor or a landmark
     # feeds it. A row without a target would hold the frame at the origin.
     needs_target = isinstance(task, PositionTask | OrientationTask | LookAtTask)
@@ -104,9 +119,12 @@ def compile_task(
     ]
 
 
+T = TypeVar("T")
+
+
 def _named(
-    task: PositionTask | OrientationTask | AxisTask | HeadingTask | LookAtTask, frames: Mapping[str, Frame]
-) -> list[tuple[str, Frame]]:
+    task: PositionTask | LimbTask | OrientationTask | AxisTask | HeadingTask | LookAtTask, frames: Mapping[str, T]
+) -> list[tuple[str, T]]:
     missing = [name for name in task.of if name not in frames]
     if missing and not task.optional:
         raise ConfigError(
@@ -115,6 +133,19 @@ def _named(
             next_step=suggest(missing[0], list(frames)),
         )
     return [(name, frames[name]) for name in task.of if name in frames]
+
+
+def _limb(task: LimbTask, name: str, limb: Limb) -> Slot:
+    """A task on one limb; its rows are shares of the limb's length, which are radians where they are small."""
+    made = SolverTask.position(
+        limb.end.body,
+        _triple(limb.end.position),
+        base=(limb.begin.body, _triple(limb.begin.position)),
+        weight=(task.weight / limb.length,) * 3,
+        gain=task.gain,
+        max_error=limb.length * (task.max_error or 0.2),
+    )
+    return Slot(SlotKind.LIMB, name, made)
 
 
 def _placed(

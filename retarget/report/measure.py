@@ -9,6 +9,7 @@ from retarget.human.samples import Clip
 from retarget.model.human import PostureReader
 from retarget.report import motion_metrics, tracking
 from retarget.report.clearance import RunClearances, clearances, in_mm
+from retarget.report.likeness import LEAN, limb_angles
 from retarget.report.motion_metrics import (
     LimitViolations,
     ModeSwitches,
@@ -29,7 +30,8 @@ from retarget.report.report import (
     StepsReport,
     StopReport,
 )
-from retarget.report.tracking import Performance, reachable_hands, top_level_error
+from retarget.report.tracking import Performance, hands_from_shoulders, reachable_hands, top_level_error
+from retarget.run.record import RobotRecord
 from retarget.run.run_result import RunResult
 from retarget.types import MM, ORIENTED, FloatArray
 
@@ -142,6 +144,8 @@ def measure(run: RunResult) -> Report:
         servo_tracking_mm=_servo_tracking(run),
         servo_error_deg=_servo_error(run),
         no_command_frames=None if run.record.robot is None else int(np.count_nonzero(run.record.robot.no_command)),
+        likeness_deg=(likeness := _likeness(run))[0],
+        trunk_lean_deg=likeness[1],
         reachable_hands_mm=(hands := _hands(run, reached))[0],
         reachable_share=hands[1],
         com_margin_mm=in_mm(stand.margin),
@@ -189,20 +193,11 @@ def _hand_path_ratio(names: tuple[str, ...], asked: FloatArray, reached: FloatAr
 def _hands(run: RunResult, reached: FloatArray) -> tuple[dict[str, float] | None, dict[str, float] | None]:
     """Errors of the hands, mm, at the ticks at which they were asked within reach, and the share of these ticks;
     nothing without a robot that has both hands."""
-    robot, sent, human = run.robot, run.record.robot, run.record.human
+    robot, sent = run.robot, run.record.robot
     if robot is None or sent is None or not len(sent.q):
         return None, None
-    pelvis = PostureReader(run.human).orientations(human.q)[:, ORIENTED.index("pelvis")]
-    asked = Performance(
-        dimensions=run.human.dimensions,
-        joint_names=human.joint_names,
-        joints=human.joints,
-        pelvis=pelvis,
-        landmark_names=sent.landmark_names,
-        landmarks=sent.landmarks_asked,
-        dt=run.clip.dt,
-    )
-    found = reachable_hands(robot, asked, reached)
+    asked = _performance(run, sent)
+    found = reachable_hands(robot, asked, hands_from_shoulders(robot, asked, sent.q, reached))
     if not found:
         return None, None
     errors = {name: MM * hand.error for name, hand in found.items() if hand.error is not None}
@@ -213,6 +208,33 @@ def _hands(run: RunResult, reached: FloatArray) -> tuple[dict[str, float] | None
         else {}
     )
     return errors | both or None, {name: hand.share for name, hand in found.items()}
+
+
+def _performance(run: RunResult, sent: RobotRecord) -> Performance:
+    """What was asked of the robot, and of whom."""
+    human = run.record.human
+    return Performance(
+        dimensions=run.human.dimensions,
+        joint_names=human.joint_names,
+        joints=human.joints,
+        pelvis=PostureReader(run.human).orientations(human.q)[:, ORIENTED.index("pelvis")],
+        landmark_names=sent.landmark_names,
+        landmarks=sent.landmarks_asked,
+        dt=run.clip.dt,
+    )
+
+
+def _likeness(run: RunResult) -> tuple[dict[str, Spread] | None, Spread | None]:
+    """Angles between the limbs of robot and performer, and of the lean of their trunks, degrees, while it followed."""
+    robot, sent = run.robot, run.record.robot
+    if robot is None or sent is None or not len(sent.q):
+        return None, None
+    found = limb_angles(robot, sent.q, _performance(run, sent), run.human.dimensions)
+    spreads = {
+        name: spread for name, angles in found.items() if (spread := _spread(np.degrees(angles[run.record.following])))
+    }
+    lean = spreads.pop(LEAN, None)
+    return spreads or None, lean
 
 
 def _unsensed(run: RunResult) -> dict[str, float] | None:
@@ -311,12 +333,14 @@ def _spreads(names: tuple[str, ...], asked: FloatArray, reached: FloatArray) -> 
 
 def _spread_of(names: tuple[str, ...], errors: FloatArray) -> dict[str, Spread]:
     """Spread of each column of errors (T, k) that is known at all."""
-    spreads = {}
-    for column, name in enumerate(names):
-        known = errors[np.isfinite(errors[:, column]), column]
-        if known.size:
-            spreads[name] = Spread(float(known.mean()), float(np.percentile(known, 95)), float(known.max()))
-    return spreads
+    spreads = {name: _spread(errors[:, column]) for column, name in enumerate(names)}
+    return {name: spread for name, spread in spreads.items() if spread is not None}
+
+
+def _spread(errors: FloatArray) -> Spread | None:
+    """Of the errors that are known, of any shape; None where none is."""
+    known = errors[np.isfinite(errors)]
+    return Spread(float(known.mean()), float(np.percentile(known, 95)), float(known.max())) if known.size else None
 
 
 # The report of a run that the operator ended and now waits for: what costs much is measured on its last seconds only.

@@ -134,9 +134,11 @@ class Report:
 
     sensors_mm: as tracking_mm, of the reconstructed human. servo_tracking_mm: as tracking_mm, of where the servos were.
     servo_error_deg: how far each servo stood from the goal of the tick before. no_command_frames: ticks without
-    a goal, in which the gate braked each joint by itself; not among gated_frames. reachable_hands_mm: mean error of
-    each hand, of both, and of the worse, at the ticks at which it was asked where the arm gets from the torso that was
-    asked; reachable_share: of the ticks that followed, those. fallen, physics: as the simulation saw it; null without.
+    a goal, in which the gate braked each joint by itself; not among gated_frames. likeness_deg: angles between limbs of
+    the robot and of the performer; trunk_lean_deg: how far the trunk leans from where the performer's does; both while
+    it followed. reachable_hands_mm: mean error of each hand, seen from its shoulder, of both, and of the worse, at the
+    ticks at which it was asked where the arm gets from the torso that was asked; reachable_share: of the ticks that
+    followed, those. fallen, physics: as the simulation saw it; null without.
     steps: null of a robot that makes none. live: of the stream, null of a file.
     """
 
@@ -169,6 +171,8 @@ class Report:
     servo_tracking_mm: dict[str, Spread] | None
     servo_error_deg: dict[str, Spread] | None
     no_command_frames: int | None
+    likeness_deg: dict[str, Spread] | None
+    trunk_lean_deg: Spread | None
     reachable_hands_mm: dict[str, float] | None
     reachable_share: dict[str, float] | None
     com_margin_mm: float | None

@@ -213,8 +213,7 @@ def asked_arms(robot: RobotBody, stance: Stance, asked: Performance) -> dict[str
     entries = {name: robot.profile.landmarks[name] for name in HANDS if name in asked.landmark_names}
     if len(entries) < len(HANDS):
         return {}
-    heading = headings(asked.pelvis, asked.joint_names, asked.joints, asked.dt)
-    arms = {name: _turned(_limb(entry, asked), heading) + entry.offset for name, entry in entries.items()}
+    arms = _arms(entries, asked)
     stood = {name: np.mean([stance.points[frame] for frame in entry.anchor], axis=0) for name, entry in entries.items()}
     shoulders = {name: asked.landmarks[:, asked.landmark_names.index(name)] - arm for name, arm in arms.items()}
     turn = np.eye(3)
@@ -223,6 +222,24 @@ def asked_arms(robot: RobotBody, stance: Stance, asked: Performance) -> dict[str
         hips = stance.points[robot.profile.landmarks["pelvis"].frame]
         turn = _torso(shoulders, pelvis) @ _torso(stood, hips).T  # (T, 3, 3), from the stance to what is asked
     return {name: stood[name] + np.einsum("...ji,...j->...i", turn, arm) for name, arm in arms.items()}
+
+
+def _arms(entries: Mapping[str, Landmark], asked: Performance) -> dict[str, FloatArray]:
+    """From each shoulder to where the hand is asked (T, 3) m, in the performer's heading."""
+    heading = headings(asked.pelvis, asked.joint_names, asked.joints, asked.dt)
+    return {name: turned(_limb(entry, asked), heading) + entry.offset for name, entry in entries.items()}
+
+
+def hands_from_shoulders(robot: RobotBody, asked: Performance, q: FloatArray, reached: FloatArray) -> FloatArray:
+    """Landmarks reached (T, k, 3) m in postures (T, nq), with the hands where they would be if the robot's shoulders
+    were where they are asked: what counts of a hand is how the arm holds it."""
+    seen = reached.copy()
+    entries = {name: robot.profile.landmarks[name] for name in HANDS if name in asked.landmark_names}
+    for name, arm in _arms(entries, asked).items():
+        column = asked.landmark_names.index(name)
+        shoulder = robot.points(q, entries[name].anchor).mean(axis=1)
+        seen[:, column] += asked.landmarks[:, column] - arm - shoulder
+    return seen
 
 
 def headings(pelvis: FloatArray, joint_names: tuple[str, ...], joints: FloatArray, dt: float) -> FloatArray:
@@ -247,7 +264,7 @@ def _mean(asked: Performance, names: Sequence[str]) -> FloatArray:
     return np.asarray(asked.joints[:, [asked.joint_names.index(name) for name in names]].mean(axis=1))
 
 
-def _turned(vectors: FloatArray, heading: FloatArray) -> FloatArray:
+def turned(vectors: FloatArray, heading: FloatArray) -> FloatArray:
     """Vectors (T, 3) of the performer's world in the heading (T, 2)."""
     (x, y), (a, b, c) = heading.T, vectors.T
     return np.stack([x * a + y * b, x * b - y * a, c], axis=1)

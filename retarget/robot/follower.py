@@ -28,6 +28,7 @@ from retarget.robot.landmarks import (
     LandmarkMap,
     RobotReader,
     robot_frames,
+    robot_limbs,
     robot_postures,
     standing_dofs,
     standing_targets,
@@ -81,7 +82,7 @@ class TimeScaling:
 
 # Settling: the robot goes from its stance to a performer who stands still, before it follows.
 
-SETTLING_S = 5.0
+SETTLING_S = 8.0
 """Longest duration, s."""
 RESTING_SPEED = 0.1
 """A robot none of whose coordinates is faster (rad/s, m/s, of its own time) rests, after RESTING_S of it."""
@@ -283,6 +284,7 @@ class Follower:
             self._robot.body,
             frames=swinging_frames(robot_frames(self._robot), tuple(sole.frame.name for sole in self.stance.soles))
             | carrying_frames(self._robot),
+            limbs=robot_limbs(self._robot),
             postures=robot_postures(self._robot, self.stance),
             limits=limits,
             locked=locked,

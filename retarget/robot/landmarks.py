@@ -24,11 +24,12 @@ import numpy as np
 from retarget._solver import Probe
 from retarget.ik.hierarchy import Hierarchy, body_frames
 from retarget.ik.support_polygon import Stance
+from retarget.ik.tasks import Limb
 from retarget.model.body import Frame
 from retarget.model.human_dimensions import POINTS, HumanDimensions
 from retarget.model.robot import HEAD, TRUNK, RobotBody
 from retarget.robot.crouch_envelope import Envelope
-from retarget.rotations import Quat, Vector, arc, axis_turn, inverse, plus, product, rotated
+from retarget.rotations import Quat, Vector, arc, axis_turn, inverse, minus, plus, product, rotated
 from retarget.schema.profile import RobotProfile
 from retarget.schema.profile_parts import Landmark
 from retarget.types import BoolArray, Carrying, FloatArray
@@ -184,6 +185,8 @@ TRUNK_LINE = {"neck": 1.0, "l_hip": -0.5, "r_hip": -0.5}
 """The line of the trunk, from the hips to the base of the neck, as a sum of joints."""
 FEET = ({"l_toe": 1.0, "l_ankle": -1.0}, {"r_toe": 1.0, "r_ankle": -1.0})
 """The lines of the feet."""
+PELVIS = "pelvis"
+"""Frame at which the line of the trunk begins."""
 PELVIS_JOINTS = {"pelvis", "l_hip", "r_hip"}
 """A limb measured from here up is carried by the trunk, and leans as the robot's trunk is asked to."""
 HEAD_ALONE = ("head",)
@@ -196,24 +199,28 @@ IDENTITY = (1.0, 0.0, 0.0, 0.0)
 
 
 class Role(Enum):
-    """How a landmark is asked: where it is planted, as the pelvis, by a limb that the trunk leans, by a limb alone."""
+    """How a landmark is asked: where it is planted, as the pelvis, by a limb that the trunk leans, by a limb that the
+    trunk carries, or by one that begins where another landmark is asked."""
 
     STILL = 0
     PELVIS = 1
     BORNE = 2
     LIMB = 3
+    JOINED = 4
 
 
 @dataclass(frozen=True, eq=False)
 class AskedLandmarks:
     """What is asked at one instant, in the robot's world frame.
 
-    landmarks: k points, m, in the order of the profile's landmarks. trunk: orientation wxyz of the trunk, the identity
-    when the performer stands upright and faces the heading. gaze: unit direction of the performer's eyes. apart: their
-    left ankle from the right one, scaled as a leg, m, for a robot that steps; carrying: which of their feet carry.
+    landmarks: k points, m, in the order of the profile's landmarks. limbs: lines, m, in the order of `limb_names`.
+    trunk: orientation wxyz of the trunk, the identity when the performer stands upright and faces the heading. gaze:
+    unit direction of the performer's eyes. apart: their left ankle from the right one, scaled as a leg, m, for a robot
+    that steps; carrying: which of their feet carry.
     """
 
     landmarks: list[Vector]
+    limbs: list[Vector]
     trunk: Quat
     gaze: Vector
     apart: Vector = (0.0, 0.0, 0.0)
@@ -270,21 +277,30 @@ class LandmarkMap:
         self._places = [_vector(stance.points[entry.frame]) for entry in entries]
         self._offset = [entry.offset for entry in entries]
         self._carried = [_vector(anchor - place) for anchor in anchors]  # in the frame of an upright trunk
+        above = [{other.frame: row for row, other in enumerate(entries[:end])} for end in range(len(entries))]
+        self._joined = [places.get(entry.anchor[0]) for entry, places in zip(entries, above, strict=True)]
+        self._limbs = [self.names.index(name) for name in limb_names(profile) if name != TRUNK]
+        has_trunk = TRUNK in limb_names(profile)
+        self._trunk_line = [_vector(stance.points[TRUNK] - stance.points[PELVIS])] if has_trunk else []
+        limbs = [minus(end, _vector(begin)) for end, begin in zip(self._places, anchors, strict=True)]
+        self._standing = AskedLandmarks(self._places, self._of_limbs(limbs, IDENTITY), IDENTITY, FORWARD)
         self._roles = []
-        for name, entry in profile.landmarks.items():
+        for (name, entry), joined in zip(profile.landmarks.items(), self._joined, strict=True):
             if entry.frame in soles or (name == "pelvis" and self._envelope is None):
                 self._roles.append(Role.STILL)
             elif name == "pelvis":
                 self._roles.append(Role.PELVIS)
             elif self._envelope is None and entry.follows == HEAD_ALONE:
                 self._roles.append(Role.STILL)
+            elif set(entry.measured_from) <= PELVIS_JOINTS:
+                self._roles.append(Role.BORNE)
             else:
-                self._roles.append(Role.BORNE if set(entry.measured_from) <= PELVIS_JOINTS else Role.LIMB)
+                self._roles.append(Role.LIMB if joined is None else Role.JOINED)
 
     @property
     def standing(self) -> AskedLandmarks:
         """What asks the robot to stand as in its stance."""
-        return AskedLandmarks(self._places, IDENTITY, FORWARD)
+        return self._standing
 
     def restart(self) -> None:
         """A new performance: take the heading of its first posture as it is."""
@@ -320,16 +336,23 @@ class LandmarkMap:
         lean_less = product(trunk, inverse(seen))
         landmarks: list[Vector] = []
         for row, role in enumerate(self._roles):
+            limb = rotated(lean_less, limbs[row]) if role is Role.BORNE else limbs[row]
+            limbs[row] = limb = plus(limb, self._offset[row])
             if role is Role.STILL:
                 landmarks.append(self._places[row])
             elif role is Role.PELVIS:
                 landmarks.append(pelvis)
+            elif (joined := self._joined[row]) is not None and role is Role.JOINED:
+                landmarks.append(plus(landmarks[joined], limb))
             else:
-                limb = rotated(lean_less, limbs[row]) if role is Role.BORNE else limbs[row]
-                landmarks.append(plus(plus(pelvis, rotated(trunk, self._carried[row])), plus(limb, self._offset[row])))
+                landmarks.append(plus(plus(pelvis, rotated(trunk, self._carried[row])), limb))
         if self._feet_apart is not None:
             self._feet_apart.ask(landmarks)
-        return AskedLandmarks(landmarks, trunk, gaze, apart, human.carrying)
+        return AskedLandmarks(landmarks, self._of_limbs(limbs, trunk), trunk, gaze, apart, human.carrying)
+
+    def _of_limbs(self, limbs: list[Vector], trunk: Quat) -> list[Vector]:
+        """The lines of `limb_names`, m, from those of all landmarks and the orientation of the trunk."""
+        return [limbs[row] for row in self._limbs] + [rotated(trunk, line) for line in self._trunk_line]
 
     def _pelvis_asked(self, limbs: list[Vector], aside: Vector | None) -> Vector:
         """The pelvis over the planted ankles, `aside` of their middle, no lower than the robot gets."""
@@ -404,12 +427,13 @@ def _quat(values: list[float]) -> Quat:
 class Reached:
     """Points of the robot in a posture, m, in its world.
 
-    points (k, 3), and the same as tuples in `landmarks`; trunk: wxyz relative to its stance; gaze: unit direction of
-    the eyes; centre_of_mass (3,).
+    points (k, 3), and the same as tuples in `landmarks`; limbs: lines in the order of `limb_names`; trunk: wxyz
+    relative to its stance; gaze: unit direction of the eyes; centre_of_mass (3,).
     """
 
     points: FloatArray
     landmarks: list[Vector]
+    limbs: list[Vector]
     trunk: Quat
     gaze: Vector
     centre_of_mass: FloatArray
@@ -422,7 +446,10 @@ class RobotReader:
     """Reads postures of one robot that stands in one stance."""
 
     def __init__(self, robot: RobotBody, stance: Stance) -> None:
+        limbs = robot_limbs(robot).values()
         places = [robot.frame(landmark.frame) for landmark in robot.profile.landmarks.values()]
+        self._ends = len(places), len(places) + len(limbs)
+        places += [limb.begin for limb in limbs] + [limb.end for limb in limbs]
         local = np.array([place.position for place in places]).reshape(-1, 3)
         trunk, head = robot.frame(TRUNK), robot.frame(HEAD)
         body = robot.body.solver_body()
@@ -436,9 +463,11 @@ class RobotReader:
         """Read the points, m, and orientations that posture q (nq,) reaches."""
         points, oriented, centre_of_mass = self._probe.read(q)
         trunk, head = oriented.tolist()
+        first, second = self._ends
         return Reached(
-            points,
-            points.tolist(),
+            points[:first],
+            points[:first].tolist(),
+            (points[second:] - points[first:second]).tolist(),
             product(_quat(trunk), self._trunk),
             rotated(product(_quat(head), self._head), FORWARD),
             centre_of_mass,
@@ -449,6 +478,24 @@ def robot_frames(robot: RobotBody) -> dict[str, Frame]:
     """What names in a priority file stand for: landmarks, frames of the profile, links and sites of the body."""
     frames = body_frames(robot.body) | {name: robot.frame(name) for name in robot.profile.frames}
     return frames | {name: robot.frame(entry.frame) for name, entry in robot.profile.landmarks.items()}
+
+
+def limb_names(profile: RobotProfile) -> tuple[str, ...]:
+    """The limbs of a robot: its landmarks with one anchor, from that to the landmark; last `neck`, the line of the
+    trunk from the pelvis to it, where the profile has a pelvis."""
+    joined = tuple(name for name, entry in profile.landmarks.items() if len(entry.anchor) == 1)
+    return (*joined, TRUNK) if PELVIS in profile.frames else joined
+
+
+def robot_limbs(robot: RobotBody) -> dict[str, Limb]:
+    """What `limb_names` stand for."""
+    marks, limbs = robot.profile.landmarks, dict[str, Limb]()
+    for name in limb_names(robot.profile):
+        end, begin = (marks[name].frame, marks[name].anchor[0]) if name in marks else (TRUNK, PELVIS)
+        ends = robot.points(robot.body.qpos0[None], (begin, end))[0]
+        length = marks[name].robot_length if name in marks else float(np.linalg.norm(ends[1] - ends[0]))
+        limbs[name] = Limb(robot.frame(begin), robot.frame(end), length)
+    return limbs
 
 
 def robot_postures(robot: RobotBody, stance: Stance) -> dict[str, FloatArray]:

@@ -4,8 +4,8 @@ See `OnlineTrajectory`. The limits of a limb follow from the acceleration of its
 from its length, so a new robot needs no tuning.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from math import copysign, exp, sqrt
 
 import numpy as np
@@ -14,7 +14,7 @@ from retarget._solver import braking_displacement as braking_displacement
 from retarget.ik.hierarchy import Hierarchy
 from retarget.ik.tasks import SlotKind
 from retarget.model.robot import HEAD, TRUNK, RobotBody, joints_between
-from retarget.robot.landmarks import AskedLandmarks, Reached
+from retarget.robot.landmarks import AskedLandmarks, Reached, robot_limbs
 from retarget.rotations import Quat, Vector, arc, inverse, minus, product, rotated, rotation_vector, turn
 from retarget.schema.profile_parts import Landmark
 from retarget.types import FloatArray
@@ -99,8 +99,48 @@ FAR = 1e3
 """Distance (m) of the point that the eyes are turned to: so far away it is a direction."""
 
 
+class _Channels:
+    """The channels of landmarks, or of limbs, that a hierarchy has tasks for, and where their goals go."""
+
+    def __init__(
+        self,
+        hierarchy: Hierarchy,
+        kind: SlotKind,
+        names: Sequence[str],
+        limits: Mapping[str, ChannelLimits],
+        *,
+        lead_time: float,
+    ) -> None:
+        """names: of all rows that `aim` is given. limits: of those that may move. lead_time: s."""
+        moving = [name for name in names if name in limits and hierarchy.uses(kind, name)]
+        self._rows = [names.index(name) for name in moving]
+        self._trajectories = [OnlineTrajectory(limits[name], lead_time=lead_time) for name in moving]
+        self._source, self._slots = hierarchy.position_slots(moving, kind)
+
+    def restart(self) -> None:
+        """Start at rest."""
+        for trajectory in self._trajectories:
+            trajectory.restart()
+
+    def aim(
+        self, targets: FloatArray, asked: list[Vector], before: list[Vector], reached: list[Vector], dt: float
+    ) -> None:
+        """Write the goals of a tick of `dt` s. asked: now; before: in the last tick; reached: where they are, m."""
+        goals = []
+        for row, trajectory in zip(self._rows, self._trajectories, strict=True):
+            here, there, last = reached[row], asked[row], before[row]
+            x, y, z = trajectory.step(minus(there, last), minus(there, here), dt)
+            goals.append((1.0, here[0] + x, here[1] + y, here[2] + z))
+        if goals:
+            targets[self._slots] = np.array(goals)[self._source]
+
+    def ask_nothing(self, targets: FloatArray) -> None:
+        """Take the goals out of the target vector."""
+        targets[self._slots] = 0.0
+
+
 class ReferenceGovernor:
-    """Goals of the hands, the pelvis and other landmarks, of the trunk and of the eyes."""
+    """Goals of the pelvis and other landmarks, of limbs, of the trunk and of the eyes."""
 
     def __init__(
         self,
@@ -113,17 +153,13 @@ class ReferenceGovernor:
     ) -> None:
         """still: landmarks that are planted. trunk_at_stance: orientation wxyz of the trunk's frame in the stance.
         lead_time: s, see `OnlineTrajectory`."""
-        names = tuple(robot.profile.landmarks)
-        moving = [name for name in names if name not in still and hierarchy.uses(SlotKind.POSITION, name)]
-        soles = [foot.frame for foot in robot.profile.feet.values()]
-        self._rows = [names.index(name) for name in moving]
-        self._points = [
-            OnlineTrajectory(_landmark_limits(robot, robot.profile.landmarks[name]), lead_time=lead_time)
-            for name in moving
-        ]
+        marks, soles = robot.profile.landmarks, [foot.frame for foot in robot.profile.feet.values()]
+        points = {name: _landmark_limits(robot, mark) for name, mark in marks.items() if name not in still}
+        limbs = {name: _limb_limits(robot, name, limb.length) for name, limb in robot_limbs(robot).items()}
+        self._points = _Channels(hierarchy, SlotKind.POSITION, tuple(marks), points, lead_time=lead_time)
+        self._limbs = _Channels(hierarchy, SlotKind.LIMB, tuple(limbs), limbs, lead_time=lead_time)
         self._trunk = OnlineTrajectory(_limits(robot, TRUNK, soles), lead_time=lead_time)
         self._gaze = OnlineTrajectory(_limits(robot, HEAD, [TRUNK]), lead_time=lead_time)
-        self._source, self._slots = hierarchy.position_slots(moving)
         self._hierarchy = hierarchy
         self._trunk_at_stance = trunk_at_stance
         self._before: AskedLandmarks | None = None
@@ -131,19 +167,15 @@ class ReferenceGovernor:
     def restart(self) -> None:
         """Start at rest, without a motion that was asked before."""
         self._before = None
-        for trajectory in (*self._points, self._trunk, self._gaze):
-            trajectory.restart()
+        for channels in (self._points, self._limbs, self._trunk, self._gaze):
+            channels.restart()
 
     def aim(self, targets: FloatArray, asked: AskedLandmarks, reached: Reached, dt: float) -> None:
         """Write the goals of a tick of `dt` s into the target vector."""
         before = asked if self._before is None else self._before
         self._before = asked
-        goals = []
-        for row, trajectory in zip(self._rows, self._points, strict=True):
-            here, there, last = reached.landmarks[row], asked.landmarks[row], before.landmarks[row]
-            x, y, z = trajectory.step(minus(there, last), minus(there, here), dt)
-            goals.append((1.0, here[0] + x, here[1] + y, here[2] + z))
-        targets[self._slots] = np.array(goals)[self._source]
+        self._points.aim(targets, asked.landmarks, before.landmarks, reached.landmarks, dt)
+        self._limbs.aim(targets, asked.limbs, before.limbs, reached.limbs, dt)
 
         moved = rotation_vector(product(asked.trunk, inverse(before.trunk)))
         error = rotation_vector(product(asked.trunk, inverse(reached.trunk)))
@@ -155,14 +187,25 @@ class ReferenceGovernor:
         self._hierarchy.set_look_at(targets, HEAD, np.array((FAR * x, FAR * y, FAR * z)))
 
     def ask_nothing(self, targets: FloatArray) -> None:
-        """Take all goals out of the target vector, so that the robot goes by its posture alone."""
-        targets[self._slots] = 0.0
+        """Take all goals out of the target vector: the robot goes by its posture alone."""
+        self._points.ask_nothing(targets)
+        self._limbs.ask_nothing(targets)
         self._hierarchy.set_orientation(targets, TRUNK, np.zeros(4), 0.0)
         self._hierarchy.set_look_at(targets, HEAD, np.zeros(3), 0.0)
 
 
 def _landmark_limits(robot: RobotBody, landmark: Landmark) -> ChannelLimits:
     return _limits(robot, landmark.frame, landmark.anchor, landmark.robot_length)
+
+
+def _limb_limits(robot: RobotBody, name: str, length: float) -> ChannelLimits:
+    """Limits of a limb, which all joints from the trunk to its end turn; of the trunk's line, those of the legs. A limb
+    that turns has farther to go than a point on its line: it may use all of its servos' speed."""
+    mark = robot.profile.landmarks.get(name)
+    if mark is None:
+        return _limits(robot, TRUNK, [foot.frame for foot in robot.profile.feet.values()], length)
+    limits, movers = _limits(robot, mark.frame, [TRUNK], length), joints_between(robot, mark.frame, [TRUNK])
+    return replace(limits, speed=length * float(robot.limits.max_velocity[movers].min()))
 
 
 def _limits(robot: RobotBody, frame: str, others: Sequence[str], lever: float = 1.0) -> ChannelLimits:

@@ -86,6 +86,18 @@ class PositionTask(_Weighed):
     """One number, or one per row x, y, z; a row of weight 0 is not there."""
 
 
+class LimbTask(_Weighed):
+    """Lines from anchors of the robot's profile to its landmarks take the length and direction asked, in the world,
+    wherever the anchors are: arms do not pull the trunk along. Rows are the world's x, y, z."""
+
+    type: Literal["limb"]
+    """Of the task."""
+    of: Names
+    """Landmarks with one anchor; or `neck`, the line of the trunk from the pelvis to it."""
+    weight: Positive = 1.0
+    """[m/rad] A limb that is off by a radian counts as much as a point that is off by so much."""
+
+
 class OrientationTask(_Weighed):
     """Frames of the body take the orientations asked of them. Rows are rotations about the world's x, y, z."""
 
@@ -215,6 +227,7 @@ class PreventiveTask(Schema):
 
 Task = Annotated[
     PositionTask
+    | LimbTask
     | OrientationTask
     | AxisTask
     | HeadingTask
@@ -447,7 +460,7 @@ def check_for_human(priorities: Priorities, name: str) -> None:
             next_step=_GIVE_HUMAN,
         )
         for level, _, task in priorities.tasks()
-        if isinstance(task, PositionTask | OrientationTask | LookAtTask)
+        if isinstance(task, PositionTask | LimbTask | OrientationTask | LookAtTask)
         and not task.optional
         and not set(task.of) & set(SENSORS)
     ]

@@ -245,7 +245,8 @@ class Landmark(Schema):
     measured_from: Names = Field(alias="from")
     """Human joints from whose mean the human limb is measured."""
     anchor: Names
-    """Robot frames from whose mean the robot's limb begins."""
+    """Robot frames from whose mean the robot's limb begins. The trunk carries them; but if the first is the frame of a
+    landmark that stands above this one, the limb begins where that is asked."""
     robot_length: Positive
     """[m] How far `frame` gets from `anchor` when the human's limb is stretched."""
     human_length: Annotated[tuple[Names, ...], BeforeValidator(_chain), Field(min_length=2, max_length=10)]

@@ -42,18 +42,30 @@ def find_landmarks(posed: Posed, standing: Angles) -> dict[str, Landmark]:
     """standing: angles of the robot standing, trunk upright, rad."""
     at, found = posed.place(standing).positions, dict[str, Landmark]()
 
-    def add(frame: str, follows: Any, measured_from: Any, anchor: Any, length: float, human: Any, **more: Any) -> None:
+    def add(
+        frame: str,
+        follows: Any,
+        measured_from: Any,
+        anchor: Any,
+        length: float,
+        human: Any,
+        *,
+        name: str = "",
+        **more: Any,
+    ) -> None:
         limb = {"follows": follows, "from": measured_from, "anchor": anchor, "human_length": human}
         entry = {"frame": frame, "robot_length": round(length, 4), **limb, **more}
-        found[frame] = Landmark.model_validate(entry)
+        found[name or frame] = Landmark.model_validate(entry)
 
     for side in ("l", "r"):
-        shoulder, elbow, hand = (f"{side}_{part}" for part in ("shoulder", "elbow", "hand"))
+        shoulder, elbow, hand, wrist = (f"{side}_{part}" for part in ("shoulder", "elbow", "hand", "wrist"))
         if hand in at:
             way = [at[name] for name in (shoulder, elbow, hand) if name in at]
-            length = STRETCH * float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
-            wrist = f"{side}_wrist"
-            add(hand, wrist, shoulder, shoulder, length, [shoulder, elbow, wrist])
+            parts = np.linalg.norm(np.diff(way, axis=0), axis=1).tolist()
+            if elbow in at:
+                add(elbow, elbow, shoulder, shoulder, parts[0], [shoulder, elbow], name=f"{side}_upper_arm")
+                add(hand, wrist, elbow, elbow, parts[1], [elbow, wrist], name=f"{side}_forearm")
+            add(hand, wrist, shoulder, shoulder, STRETCH * sum(parts), [shoulder, elbow, wrist])
     start, below = (["l_hip", "r_hip"], "pelvis") if "pelvis" in at else ("neck", "neck")
     add("head", "head", start, below, max(float(np.linalg.norm(at["head"] - at[below])), 0.01), [start, "head"])
     if "l_sole" in at and "r_sole" in at:

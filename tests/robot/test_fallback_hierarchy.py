@@ -75,7 +75,8 @@ def test_with_soles_first_the_robot_follows_as_before(monkeypatch: pytest.Monkey
         return turn[0] % 2 == 0 and admits(self, q, velocity, dt)
 
     monkeypatch.setattr(Stopping, "admits", second_only)
-    assert np.abs(followed(robot) - once).max() < 0.1  # limbs come near in a crouch
+    off = np.abs(followed(robot) - once)
+    assert off.max() < 0.25 and off.mean() < 0.005  # limbs come near in a crouch
 
 
 def test_arms_follow_while_no_posture_that_moves_the_legs_is_safe(monkeypatch: pytest.MonkeyPatch) -> None:

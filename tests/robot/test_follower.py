@@ -104,7 +104,7 @@ PELVIS = list(op3().profile.landmarks).index("pelvis")
 STEADY = {"op3": "balanced", "toddlerbot": "balanced_sustained", "wolfgang": "balanced"}
 
 
-def crouched(name: str = "op3", ticks: int = 300) -> Follower:
+def crouched(name: str = "op3", ticks: int = 250) -> Follower:
     """Stopped in the midst of what the performer does."""
     robot = Follower(load_robot(name), load_priorities(STEADY[name]), dimensions(performer()))
     motion = postures(performer())
@@ -168,7 +168,7 @@ def leaning() -> Follower:
     aside = [plus(place, (0.05, 0.05, 0.0)) for place in standing.landmarks]
     turned = (np.cos(0.3), 0.0, 0.0, np.sin(0.3))
     for _ in range(300):
-        robot._advance(AskedLandmarks(aside, turned, standing.gaze), DT)
+        robot._advance(AskedLandmarks(aside, standing.limbs, turned, standing.gaze), DT)
     robot.begin_return_to_stance(robot._q.copy(), DT)
     return robot
 

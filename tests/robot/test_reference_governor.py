@@ -13,7 +13,7 @@ from retarget.ik.hierarchy import Hierarchy
 from retarget.ik.support_polygon import plant
 from retarget.ik.tasks import SlotKind
 from retarget.model.robot import load_robot
-from retarget.robot.landmarks import AskedLandmarks, RobotReader
+from retarget.robot.landmarks import AskedLandmarks, RobotReader, limb_names
 from retarget.robot.reference_governor import (
     HELD,
     STANDING,
@@ -30,8 +30,18 @@ STILL = frozenset({"l_sole", "r_sole"})
 
 
 def goal(hierarchy: Hierarchy, targets: np.ndarray, name: str) -> np.ndarray:
-    _, slots = hierarchy.position_slots([name])
+    """Weight and goal of a landmark, or of a limb."""
+    kind = SlotKind.POSITION if hierarchy.uses(SlotKind.POSITION, name) else SlotKind.LIMB
+    _, slots = hierarchy.position_slots([name], kind)
     return np.asarray(targets[slots[0]])
+
+
+LIMBS = limb_names(op3().profile)
+
+
+def ahead(limbs: list[Vector]) -> list[Vector]:
+    """All limbs asked 0.1 m ahead of where they are."""
+    return [(x + 0.1, y, z) for x, y, z in limbs]
 
 
 def test_a_goal_is_a_step_from_where_the_robot_is_towards_what_is_asked() -> None:
@@ -42,11 +52,8 @@ def test_a_goal_is_a_step_from_where_the_robot_is_towards_what_is_asked() -> Non
     reader = RobotReader(op3(), stance)
     reached = reader.read(stance.q)
     governor = ReferenceGovernor(op3(), hierarchy, still=STILL, trunk_at_stance=reader.trunk_at_stance)
-    hand = list(op3().profile.landmarks).index("l_hand")
-    landmarks: list[Vector] = list(reached.landmarks)
-    x, y, z = landmarks[hand]
-    landmarks[hand] = (x + 0.1, y, z)
-    asked = AskedLandmarks(landmarks, reached.trunk, reached.gaze)
+    x, y, z = reached.limbs[LIMBS.index("l_hand")]
+    asked = AskedLandmarks(reached.landmarks, ahead(reached.limbs), reached.trunk, reached.gaze)
     targets = hierarchy.blank()
     steps = []
     for _ in range(5):
@@ -56,7 +63,8 @@ def test_a_goal_is_a_step_from_where_the_robot_is_towards_what_is_asked() -> Non
         assert weight == 1.0
     assert np.allclose(steps, [[step[0], 0.0, 0.0] for step in steps], atol=1e-12)
     assert (np.diff([step[0] for step in steps]) > 0.0).all() and steps[-1][0] < 0.002
-    assert np.allclose(goal(hierarchy, targets, "pelvis")[1:], reached.landmarks[3], atol=1e-12)
+    pelvis = list(op3().profile.landmarks).index("pelvis")
+    assert np.allclose(goal(hierarchy, targets, "pelvis")[1:], reached.landmarks[pelvis], atol=1e-12)
 
 
 def test_planted_landmarks_get_no_goals() -> None:
@@ -67,7 +75,7 @@ def test_planted_landmarks_get_no_goals() -> None:
     reached = RobotReader(op3(), stance).read(stance.q)
     governor.aim(
         targets,
-        AskedLandmarks(reached.landmarks, reached.trunk, reached.gaze),
+        AskedLandmarks(reached.landmarks, reached.limbs, reached.trunk, reached.gaze),
         reached,
         DT,
     )
@@ -89,10 +97,12 @@ def test_the_limits_of_a_limb_are_those_of_its_own_joints() -> None:
         governor = ReferenceGovernor(robot, hierarchy, still=STILL, trunk_at_stance=reader.trunk_at_stance)
         there: list[Vector] = [(x + 0.1, y, z) for x, y, z in reached.landmarks]
         targets = hierarchy.blank()
-        governor.aim(targets, AskedLandmarks(there, reached.trunk, reached.gaze), reached, DT)
-        for name in ("l_hand", "r_hand", "pelvis"):
-            row = list(robot.profile.landmarks).index(name)
-            steps[weak, name] = float(goal(hierarchy, targets, name)[1]) - reached.landmarks[row][0]
+        asked = AskedLandmarks(there, ahead(reached.limbs), reached.trunk, reached.gaze)
+        governor.aim(targets, asked, reached, DT)
+        pelvis = reached.landmarks[list(robot.profile.landmarks).index("pelvis")]
+        begins = {name: reached.limbs[LIMBS.index(name)] for name in ("l_hand", "r_hand")} | {"pelvis": pelvis}
+        for name, begin in begins.items():
+            steps[weak, name] = float(goal(hierarchy, targets, name)[1]) - begin[0]
     assert steps["l_el", "l_hand"] == pytest.approx(0.1 * steps["none", "l_hand"])
     assert steps["l_ank_roll", "pelvis"] == pytest.approx(0.1 * steps["none", "pelvis"])
     for weak, name in (("l_el", "r_hand"), ("l_el", "pelvis"), ("l_ank_roll", "l_hand")):
@@ -107,10 +117,11 @@ def test_a_robot_that_is_held_uses_more_of_its_servos() -> None:
         reader, hierarchy = RobotReader(robot, stance), follower().hierarchy
         reached = reader.read(stance.q)
         governor = ReferenceGovernor(robot, hierarchy, still=STILL, trunk_at_stance=reader.trunk_at_stance)
-        targets, there = hierarchy.blank(), [(x + 0.1, y, z) for x, y, z in reached.landmarks]
-        governor.aim(targets, AskedLandmarks(there, reached.trunk, reached.gaze), reached, DT)
-        row = list(robot.profile.landmarks).index("l_hand")
-        steps.append(float(goal(hierarchy, targets, "l_hand")[1]) - reached.landmarks[row][0])
+        targets = hierarchy.blank()
+        asked = AskedLandmarks(reached.landmarks, ahead(reached.limbs), reached.trunk, reached.gaze)
+        governor.aim(targets, asked, reached, DT)
+        begin = reached.limbs[LIMBS.index("l_hand")]
+        steps.append(float(goal(hierarchy, targets, "l_hand")[1]) - begin[0])
     assert steps[1] == pytest.approx(HELD[1] / STANDING[1] * steps[0])
 
 

@@ -7,8 +7,8 @@ use crate::observers::ObserverTask;
 
 #[derive(Clone, Debug)]
 pub enum TaskKind {
-    /// A point of a link goes to a world position.
-    Position { link: usize, point: Vec3 },
+    /// A point of a link goes to a world position, or gets to be so far from a point of another link, in world directions.
+    Position { link: usize, point: Vec3, from: Option<(usize, Vec3)> },
     /// A frame of a link takes a world orientation.
     Orientation { link: usize, quat: Quat },
     /// An axis of a link points along a world direction, or, from a point of the link, aims at a world point.
@@ -83,7 +83,10 @@ impl Task {
     pub fn error(&self, body: &Body, pose: &Pose, target: &[f64]) -> Vec3 {
         let goal = [target[1], target[2], target[3]];
         match &self.kind {
-            TaskKind::Position { link, point } => sub(goal, body.point(pose, *link, *point)),
+            TaskKind::Position { link, point, from } => {
+                let base = from.map_or([0.0; 3], |(link, local)| body.point(pose, link, local));
+                sub(add(goal, base), body.point(pose, *link, *point))
+            }
             TaskKind::Orientation { link, quat } => {
                 let now = quat_mul(pose.quat[*link], *quat);
                 let wanted = quat_unit([target[1], target[2], target[3], target[4]]);

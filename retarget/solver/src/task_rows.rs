@@ -47,11 +47,17 @@ impl RowWriter<'_> {
         let pose = self.pose;
         let columns = self.columns;
         match &task.kind {
-            TaskKind::Position { link, point } => {
+            TaskKind::Position { link, point, from } => {
                 let p = body.point(pose, *link, *point);
                 let rows = self.open(task, error, first, strength);
                 for &(dof, c) in &columns.chain[*link] {
                     self.put(&rows, c, body.point_column(pose, dof, p));
+                }
+                if let Some((base, local)) = from {
+                    let p = body.point(pose, *base, *local);
+                    for &(dof, c) in &columns.chain[*base] {
+                        self.put(&rows, c, scale(body.point_column(pose, dof, p), -1.0));
+                    }
                 }
             }
             TaskKind::Orientation { link, .. } => {

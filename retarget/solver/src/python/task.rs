@@ -78,9 +78,16 @@ fn observers(
 #[pymethods]
 impl PyTask {
     #[staticmethod]
-    #[pyo3(signature = (body, point=[0.0; 3], *, weight=[1.0; 3], gain=1.0, max_error=0.05))]
-    fn position(body: usize, point: [f64; 3], weight: [f64; 3], gain: f64, max_error: f64) -> PyResult<Self> {
-        make(TaskKind::Position { link: body, point }, weight.to_vec(), gain, max_error, Some(body))
+    #[pyo3(signature = (body, point=[0.0; 3], *, base=None, weight=[1.0; 3], gain=1.0, max_error=0.05))]
+    fn position(
+        body: usize,
+        point: [f64; 3],
+        base: Option<(usize, [f64; 3])>,
+        weight: [f64; 3],
+        gain: f64,
+        max_error: f64,
+    ) -> PyResult<Self> {
+        make(TaskKind::Position { link: body, point, from: base }, weight.to_vec(), gain, max_error, Some(body))
     }
 
     #[staticmethod]

@@ -132,11 +132,11 @@ fn no_frame_after_the_first_allocates_on_planted_soles() {
     robot.body.forward(&robot.body.rest(), &mut pose);
     let (mut soles, mut fixed) = (vec![], vec![]);
     for foot in robot.feet {
-        soles.push(task(TaskKind::Position { link: foot, point: [0.0; 3] }, 3));
+        soles.push(task(TaskKind::Position { link: foot, point: [0.0; 3], from: None }, 3));
         soles.push(task(TaskKind::Orientation { link: foot, quat: [1.0, 0.0, 0.0, 0.0] }, 3));
         fixed.extend([pose.position[foot].to_vec(), vec![1.0, 0.0, 0.0, 0.0]]);
     }
-    let hands = robot.hands.map(|link| task(TaskKind::Position { link, point: [0.0, 0.0, -0.2] }, 3));
+    let hands = robot.hands.map(|link| task(TaskKind::Position { link, point: [0.0, 0.0, -0.2], from: None }, 3));
     let support = Task { weight: vec![], ..task(TaskKind::Support { point: None, max_edges: 4, without: vec![] }, 0) };
     let square = [[1.0, 0.0, 0.0, 0.08], [-1.0, 0.0, 0.0, 0.05], [0.0, 1.0, 0.0, 0.1], [0.0, -1.0, 0.0, 0.1]].concat();
     fixed.push(square);
@@ -154,7 +154,7 @@ fn no_frame_after_the_first_allocates_where_the_active_set_cycles() {
     let mut pose = robot.body.new_pose();
     robot.body.forward(&robot.body.rest(), &mut pose);
     robot.body.mass_properties(&mut pose);
-    let position = |link: usize| task(TaskKind::Position { link, point: [0.0; 3] }, 3);
+    let position = |link: usize| task(TaskKind::Position { link, point: [0.0; 3], from: None }, 3);
     let mut last: Vec<Task> = vec![position(robot.head)];
     last.extend(robot.hands.map(position));
     let levels = vec![
@@ -241,7 +241,7 @@ fn observers(reactive: bool, speed: f64) -> Task {
 fn no_frame_after_the_first_allocates_among_obstacles() {
     for activation in [Activation::Closest, Activation::Ranked, Activation::All] {
         let (body, set) = among_obstacles();
-        let tip = task(TaskKind::Position { link: 6, point: [0.2, 0.0, 0.0] }, 3);
+        let tip = task(TaskKind::Position { link: 6, point: [0.2, 0.0, 0.0], from: None }, 3);
         let levels = vec![vec![observers(true, 0.1)], vec![observers(false, 0.5)], vec![tip], vec![posture(&body)]];
         let limit = Limit { lower: -3.0, upper: 3.0, velocity: 5.0, acceleration: 100.0 };
         let mut solver =
