@@ -58,11 +58,9 @@ def unpacked(data: bytes) -> PageSetup | Row | str:
     said = json.loads(data)
     if isinstance(said, str):
         return said
-    kind, lists = (PageSetup, tuple) if "human_mjcf" in said else (Row, np.array)
-    message: PageSetup | Row = kind(
-        **{name: lists(one) if isinstance(one, list) else one for name, one in said.items()}
-    )
-    return message
+    lists: Any = tuple if "human_mjcf" in said else np.array
+    known = {name: lists(value) if isinstance(value, list) else value for name, value in said.items()}
+    return PageSetup(**known) if lists is tuple else Row(**known)
 
 
 class ViewFeed:
