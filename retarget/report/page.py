@@ -13,10 +13,10 @@ import matplotlib
 from matplotlib.figure import Figure
 
 from retarget.report.animation import animation_of
+from retarget.report.findings import findings, moments
 from retarget.report.plot_style import ASKED, LEFT, LIMIT, MIDDLE, REACHED, SERVOS
 from retarget.report.plots import figures_of
 from retarget.report.report import Report, Spread
-from retarget.report.verdicts import moments, verdicts
 from retarget.run.run_result import RunResult
 from retarget.schema.files import make_folder, write_atomic
 
@@ -90,15 +90,16 @@ def write_page(run: RunResult, report: Report, path: Path, *, figures: Mapping[s
 def page_html(run: RunResult, report: Report, *, figures: Mapping[str, Figure] | None = None) -> str:
     """The page of a run. Every text of the run in it is escaped. figures: of the run, where they are drawn already."""
     shown = figures_of(run) if figures is None else figures
-    found, animation, tracking, script = verdicts(run, report), animation_of(run), _tracking(report), _script()
+    limits = [finding for finding in findings(run, report) if finding.kept is not None]
+    animation, tracking, script = animation_of(run), _tracking(report), _script()
     pages = jinja2.Environment(
         loader=jinja2.FileSystemLoader(FOLDER), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True
     )
     pages.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False}
     return pages.get_template("page.html").render(
         report=report,
-        verdicts=found,
-        failed=sum(not verdict.kept for verdict in found),
+        limits=limits,
+        failed=sum(not limit.kept for limit in limits),
         moments=moments(run),
         animation=animation,
         motion=None if animation is None else asdict(animation),
