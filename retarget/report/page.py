@@ -14,35 +14,13 @@ from matplotlib.figure import Figure
 
 from retarget.report.animation import animation_of
 from retarget.report.findings import findings, moments
-from retarget.report.plot_style import ASKED, LEFT, LIMIT, MIDDLE, REACHED, SERVOS
 from retarget.report.plots import figures_of
 from retarget.report.report import Report, Spread
 from retarget.run.run_result import RunResult
 from retarget.schema.files import make_folder, write_atomic
 
-# Our own pictures as drawings inside a page: they follow its light and dark, and stay sharp in print.
+# Our own pictures as drawings inside a page: they stay sharp in print, and its style makes them light or dark.
 
-COLOURS = {
-    "#000000": "--ink",
-    "#ffffff": "--paper",
-    MIDDLE: "--ink",
-    "#262626": "--ink",
-    "#555555": "--soft",
-    "#999999": "--line",
-    "#a0a0a0": "--line",
-    "#c9c9c9": "--trunk",
-    "#d5d5d5": "--grid",
-    "#dddddd": "--grid",
-    "#e6e6e6": "--grid",
-    "#eeeeee": "--grid",
-    ASKED: "--asked",
-    REACHED: "--right",
-    SERVOS: "--servos",
-    LEFT: "--left",
-    LIMIT: "--limit",
-}
-"""Colours of the pictures, and the page's own that stand for them."""
-_COLOUR = re.compile("|".join(COLOURS), re.IGNORECASE)
 _TAG = re.compile(r"<[^<>]*>")
 _PLACES = re.compile(r'\b(?:d|x|y)="[^"]*"')
 _NUMBER = re.compile(r"(-?\d+\.\d{2})\d+")
@@ -67,9 +45,8 @@ def drawn(figure: Figure, name: str) -> str:
 
 
 def _own_ids(tag: str, name: str) -> str:
-    """A tag with the page's colours, with ids of its own, and no more digits than can be seen."""
+    """A tag with ids of its own, and no more digits than can be seen."""
     tag = _PLACES.sub(lambda places: _NUMBER.sub(r"\1", places.group()), tag)
-    tag = _COLOUR.sub(lambda found: f"var({COLOURS[found.group().lower()]})", tag)
     return _NAME.sub(rf"\g<1>{name}-", tag)
 
 
