@@ -27,31 +27,20 @@ MODES: tuple[Colour, ...] = (GOAL, ASKED)
 
 Keys = tuple[tuple[Colour, str], ...]
 """Colours, and what each means."""
-LEGEND: dict[str, tuple[str, Keys]] = {
-    "robot": ("robot", ((ROBOT, "robot, where its servos report it"),)),
-    "body": ("robot", ((ROBOT, "robot, as the physics has it"),)),
-    "goal": ("goal", ((GOAL, "goal that was sent, where the robot is not"),)),
-    "performer": ("performer", ((HUMAN, "performer, as tall as the robot"),)),
-    "human": ("performer", ((HUMAN, "performer"),)),
-    "sensors": ("sensors of the performer", ((SENSOR, "sensor, while it is valid"),)),
-    "asked": ("asked of hands, feet, head", ((ASKED, "where hands, feet and head were asked to be"),)),
-    "reached": ("reached by the goal", ((REACHED, "where the goal has them"),)),
-    "balance": (
-        "balance",
-        (
-            (BALANCE, "centre of mass, and the point below it"),
-            (ZMP, "zero-moment point of the motion, on the floor"),
-        ),
-    ),
-    "pressure": ("pressure of the soles", ((PRESSURE, "centre of pressure of the soles, in the physics"),)),
-    "soles": (
-        "support polygon",
-        ((SOLES, "line round the soles: the support polygon"), (OUTSIDE, "zero-moment point outside of it: it tips")),
-    ),
-    "observers": ("observers that act", ((MODES[0], "observer: slows down"), (MODES[1], "gets out of the way"))),
-    "obstacles": ("obstacles", ((OBSTACLE, "obstacle"),)),
+LEGEND: dict[str, Keys] = {
+    "robot": ((ROBOT, "robot, where its servos report it, or the physics has it"),),
+    "goal": ((GOAL, "goal that was sent, where the robot is not"),),
+    "performer": ((HUMAN, "performer"),),
+    "sensors": ((SENSOR, "sensor of the performer, while it is valid"),),
+    "asked": ((ASKED, "where hands, feet and head were asked to be"),),
+    "reached": ((REACHED, "where the goal has them"),),
+    "support polygon": ((SOLES, "line round the soles"), (OUTSIDE, "zero-moment point outside of it: it tips")),
+    "balance": ((BALANCE, "centre of mass, and the point below it"), (ZMP, "zero-moment point, on the floor")),
+    "pressure": ((PRESSURE, "centre of pressure of the soles, in the physics"),),
+    "observers": ((MODES[0], "observer that acts: slows down"), (MODES[1], "gets out of the way")),
+    "obstacles": ((OBSTACLE, "obstacle"),),
 }
-"""By part of the scene, in the order of the page: the label of its tick box, and its colours."""
+"""By part of the scene, in the order of the page."""
 
 
 def web(colour: Colour) -> str:
@@ -81,13 +70,8 @@ def heat_keys(limit: float) -> Keys:
     )
 
 
-def legend(parts: Iterable[str], more: Keys) -> str:
-    """What the colours of these parts of the scene mean, and `more` of them, as HTML."""
-    rows = [_row(colour, words) for part in parts for colour, words in LEGEND[part][1]]
-    rows += [_row(colour, words) for colour, words in more]
+def legend(keys: Iterable[tuple[Colour, str]]) -> str:
+    """What colours mean, as HTML."""
+    dot = "display:inline-block;width:0.8em;height:0.8em;border-radius:50%;background:"
+    rows = [f"<div><span style='{dot}{web(colour)}'></span> {escape(words)}</div>" for colour, words in keys]
     return f"<div style='padding:0 0.8em;font-size:0.8em;line-height:1.6'>{''.join(rows)}</div>"
-
-
-def _row(colour: Colour, words: str) -> str:
-    style = f"display:inline-block;width:0.8em;height:0.8em;border-radius:50%;background:{web(colour)}"
-    return f"<div><span style='{style}'></span> {escape(words)}</div>"

@@ -20,6 +20,7 @@ from retarget.viewer.colours import (
     BALANCE,
     GOAL,
     HUMAN,
+    LEGEND,
     MODES,
     OBSTACLE,
     OUTSIDE,
@@ -97,8 +98,7 @@ def _add_robot(scene: "viser.SceneApi", cast: Cast, actor: Actor) -> dict[str, P
             if limb is not None:
                 limb.color = heat(temperature, cast.profile.profile.safety.temperature_c)
 
-    name = "body" if cast.simulated else "robot"
-    return {name: (robot.top, show_robot), "goal": (goal.top, lambda seen: goal.show(*actor.posed(seen.goal)))}
+    return {"robot": (robot.top, show_robot), "goal": (goal.top, lambda seen: goal.show(*actor.posed(seen.goal)))}
 
 
 def _shrunk(mesh: Mesh) -> Mesh:
@@ -118,8 +118,7 @@ BALL, SENSOR_BALL = 0.018, 0.026
 def _add_performer(scene: "viser.SceneApi", cast: Cast, height: float) -> dict[str, Part]:
     scale = height / cast.human.height
     human = Shapes(scene, "/performer/body", cast.human.meshes, scale=scale, color=HUMAN, opacity=HUMAN_OPACITY)
-    name = "human" if cast.robot is None else "performer"
-    parts: dict[str, Part] = {name: (human.top, lambda seen: human.show(*cast.human.posed(seen.human)))}
+    parts: dict[str, Part] = {"performer": (human.top, lambda seen: human.show(*cast.human.posed(seen.human)))}
     if cast.sensors:
         balls = _balls(cast.sensors, SENSOR_BALL * cast.human.height)
         worn = Shapes(scene, "/performer/sensors", balls, scale=scale, color=SENSOR, cast_shadow=False)
@@ -153,7 +152,7 @@ def _add_ground(scene: "viser.SceneApi", cast: Cast, height: float) -> dict[str,
     robot, parts = cast.profile, dict[str, Part]()
     hull = _hull(robot) if robot is not None and robot.stands else None
     if hull is not None:
-        parts["soles"] = _outline(scene, hull)
+        parts["support polygon"] = _outline(scene, hull)
     name = "/performer/balance" if cast.robot is None else "/balance"
     parts["balance"] = _balance(scene, name, hull, height)
     if cast.simulated:
@@ -269,10 +268,11 @@ class Drawing:
         return tuple(self._parts)
 
     @property
-    def limb_keys(self) -> Keys:
-        """What the colours of the limbs mean; empty: they have none."""
+    def keys(self) -> Keys:
+        """What their colours mean."""
         profile = self._cast.profile if self._cast.servos_commanded else None
-        return () if profile is None else heat_keys(profile.profile.safety.temperature_c)
+        heated = () if profile is None else heat_keys(profile.profile.safety.temperature_c)
+        return (*(key for part in self._parts for key in LEGEND[part]), *heated)
 
     def see(self, part: str, *, visible: bool) -> None:
         """Show or hide one of `parts`."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hardware.clock import Clock
-from retarget.viewer.colours import LEGEND, legend
+from retarget.viewer.colours import legend
 from retarget.viewer.drawing import Drawing
 from retarget.viewer.joint_plot import JointPlot
 from retarget.viewer.recorded import ShownRun
@@ -44,10 +44,10 @@ class Page:
         self._drawing = Drawing(server, cast)
         with server.gui.add_folder("what is shown"):
             for part in self._drawing.parts:
-                box = server.gui.add_checkbox(LEGEND[part][0], True)
+                box = server.gui.add_checkbox(part, True)
                 box.on_update(lambda event, part=part: self._drawing.see(part, visible=event.target.value))  # type: ignore[misc]
         with server.gui.add_folder("what it means"):
-            server.gui.add_html(legend(self._drawing.parts, self._drawing.limb_keys))
+            server.gui.add_html(legend(self._drawing.keys))
         self.plot = JointPlot(server, cast, rows) if cast.joints else None
 
     def show(self, row: int, *notes: str, balanced_at: int | None = None) -> None:

@@ -134,19 +134,6 @@ class Snapshot(Row):
         return float(np.nanmax(gap)) if np.isfinite(gap).any() else float("nan")
 
 
-def snapshot_of(row: Row, cast: Cast, *, com: FloatArray, zmp: FloatArray) -> Snapshot:
-    """What a row shows. com (3,), zmp (2,): of the motion that it is a part of, m."""
-    there, pressure = row.goal.copy(), UNKNOWN
-    there[cast.columns] = np.where(np.isfinite(row.present), row.present, there[cast.columns])
-    if cast.robot is not None and row.truth is not None and np.isfinite(row.truth[:-2]).all():
-        there, pressure = in_truth(cast.robot.body, row.goal, row.truth)
-    reached = row.reached
-    if reached is None and cast.profile is not None:
-        reached = cast.profile.points(row.goal[None], cast.profile.landmark_frames(cast.landmarks))[0]
-    computed = {"robot": there, "sent": row.goal[cast.columns], "com": com, "zmp": zmp, "pressure": pressure}
-    return Snapshot(**vars(row) | computed | {"reached": reached})
-
-
 # The zero-moment point of a motion that is looked at: where the floor would have to push.
 
 GRAVITY = 9.81  # [m/s^2]
@@ -183,16 +170,19 @@ class Rows(Protocol):
 
 def snapshot_at(rows: Rows, cast: Cast, at: int, *, balanced_at: int | None = None) -> Snapshot:
     """What a row shows. balanced_at: the row whose zero-moment point is shown, where it is another one."""
-    middle = at if balanced_at is None else balanced_at
-    near = [rows[row] for row in range(max(middle - MOST_NEAR, 0), min(middle + MOST_NEAR + 1, len(rows)))]
-    since = np.array([row.time for row in near]) - rows[middle].time
-    looked = [row for row, seconds in zip(near, since.tolist(), strict=True) if abs(seconds) <= WINDOW_S] + [rows[at]]
-    if cast.robot is None:
-        com = cast.human.com(np.array([row.human for row in looked]))
-    else:
-        com = cast.robot.com(np.array([row.goal for row in looked]))
-    zmp = zero_moment_point(since[np.abs(since) <= WINDOW_S], com[:-1])
-    return snapshot_of(rows[at], cast, com=com[-1], zmp=zmp)
+    row, middle, body = rows[at], at if balanced_at is None else balanced_at, cast.robot or cast.human
+    near = [rows[one] for one in range(max(middle - MOST_NEAR, 0), min(middle + MOST_NEAR + 1, len(rows)))]
+    near = [one for one in near if abs(one.time - rows[middle].time) <= WINDOW_S]
+    com = body.com(np.array([one.human if cast.robot is None else one.goal for one in (*near, row)]))
+    zmp = zero_moment_point(np.array([one.time for one in near]) - rows[middle].time, com[:-1])
+    there, pressure, reached = row.goal.copy(), UNKNOWN, row.reached
+    there[cast.columns] = np.where(np.isfinite(row.present), row.present, there[cast.columns])
+    if cast.robot is not None and row.truth is not None and np.isfinite(row.truth[:-2]).all():
+        there, pressure = in_truth(cast.robot.body, row.goal, row.truth)
+    if reached is None and cast.profile is not None:
+        reached = cast.profile.points(row.goal[None], cast.profile.landmark_frames(cast.landmarks))[0]
+    computed = {"robot": there, "sent": row.goal[cast.columns], "com": com[-1], "zmp": zmp, "pressure": pressure}
+    return Snapshot(**vars(row) | computed | {"reached": reached})
 
 
 # The obstacles of a scene: all but the floor, which the page has anyway.

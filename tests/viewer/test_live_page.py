@@ -10,7 +10,7 @@ from followers import op3
 from messages import shows
 from retarget.viewer.joint_plot import curves
 from retarget.viewer.live_page import STOPPING_WORDS, LivePage
-from retarget.viewer.snapshot import Row, Snapshot, snapshot_of
+from retarget.viewer.snapshot import Row, Snapshot, snapshot_at
 from viewed import cast_of_op3, person
 
 
@@ -93,7 +93,7 @@ def test_nothing_is_drawn_without_a_browser_but_all_is_kept_for_the_plot(watched
 
 
 def shown(row: Row) -> Snapshot:
-    return snapshot_of(row, cast_of_op3(), com=np.zeros(3), zmp=np.zeros(2))
+    return snapshot_at([row], cast_of_op3(), 0)
 
 
 def test_a_servo_that_reported_nothing_is_where_its_goal_is() -> None:
