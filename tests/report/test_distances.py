@@ -7,7 +7,7 @@ from scipy.optimize import lsq_linear
 
 from retarget.model.body_file import compile_body_text
 from retarget.model.scene_state import SceneState
-from retarget.report.distances import (
+from retarget.report.clearance import (
     MovingGeoms,
     among_obstacles,
     closest_pairs,
@@ -22,7 +22,7 @@ from retarget.types import FloatArray, IntArray
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("offset", [0.5, 0.0, -0.3])
 def test_all_is_found(seed: int, offset: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("retarget.report.distances.BLOCK", 64)
+    monkeypatch.setattr("retarget.report.clearance.BLOCK", 64)
     rng = np.random.default_rng(seed)
     table = offset + np.abs(0.3 + np.cumsum(rng.normal(0.0, 0.01, (400, 12)), axis=0)) - 0.05
     bound = table - rng.uniform(0.0, 0.05, table.shape)

@@ -19,8 +19,7 @@ from retarget.report.animation import animation_of, packed
 from retarget.report.findings import moments
 from retarget.report.measure import measure
 from retarget.report.page import drawn, page_html, write_page
-from retarget.report.plot_style import new_figure
-from retarget.report.plots import PICTURES
+from retarget.report.plots import PICTURES, new_figure
 from retarget.report.report import Report, page_path, report_path
 from retarget.run.loop import Watch, run_human
 from retarget.run.run_result import Fallen, PhysicsRun, RunResult
