@@ -17,7 +17,7 @@ from retarget.types import FloatArray
 from retarget.viewer.colours import HOT, LEGEND, legend, web
 from retarget.viewer.joint_plot import QUANTITIES, JointPlot, curves, heights
 from retarget.viewer.page import PLAY, RecordedPage, headline_of
-from retarget.viewer.snapshot import Row
+from retarget.viewer.snapshot import GRAVITY, Row, zero_moment_point
 from viewed import cast_of_op3, person, snapshot
 
 ROWS, DT = 100, 0.01
@@ -197,3 +197,31 @@ def test_a_plot_gives_its_range(quantity: str, server: Any) -> None:
     plot.draw()
     reach, shown = plot._plot.scales["y"]["range"], plot._plot.data[2]
     assert reach[0] < np.nanmin(shown) <= np.nanmax(shown) < reach[1]
+
+
+# The zero-moment point of a motion, against mechanics.
+
+
+def test_at_rest_it_is_below_the_centre_of_mass() -> None:
+    com = np.tile([0.02, -0.01, 0.25], (3, 1))
+    np.testing.assert_allclose(zero_moment_point(np.array([-0.04, 0.0, 0.04]), com), [0.02, -0.01])
+
+
+@pytest.mark.parametrize("times", [[-0.04, 0.0, 0.04], [-0.02, -0.01, 0.0, 0.03]])
+def test_under_a_constant_acceleration_it_is_behind(times: list[float]) -> None:
+    """Parabolas are met exactly, also where looks come at uneven times."""
+    at, pull = np.array(times), np.array([0.8, -0.3, 0.5])
+    com, now = (np.array([0.0, 0.0, 0.25]) + 0.5 * pull * (times[..., None] + 0.9) ** 2 for times in (at, np.zeros(1)))
+    expected = now[0, :2] - now[0, 2] / (GRAVITY + 0.5) * pull[:2]
+    np.testing.assert_allclose(zero_moment_point(at, com), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("times", [[0.0], [0.0, 0.04, 0.05], [-0.05, -0.04, 0.0]])
+def test_without_looks_before_and_after_there_is_none(times: list[float]) -> None:
+    assert np.isnan(zero_moment_point(np.array(times), np.ones((len(times), 3)))).all()
+
+
+def test_in_free_fall_there_is_none() -> None:
+    at = np.array([-0.04, 0.0, 0.04])
+    com = np.column_stack([np.zeros(3), np.zeros(3), 1.0 - 0.5 * 9.9 * at**2])
+    assert np.isnan(zero_moment_point(at, com)).all()
