@@ -10,7 +10,7 @@ from retarget.model.body import JointLimits
 from retarget.model.robot import RobotBody, load_robot
 from retarget.report import motion_metrics, tracking
 from retarget.report.measure import measure
-from retarget.report.motion_metrics import jerk_p95, limit_violations, nearest, observer_activity
+from retarget.report.motion_metrics import jerk_p95, limit_violations, observer_activity
 from retarget.report.report import Report
 from retarget.rotations import IDENTITY
 from retarget.run.loop import Watch, run_human
@@ -31,7 +31,6 @@ def test_switches_are_counted_per_second_and_observer() -> None:
     assert found.switches.mean == pytest.approx(1.0)
     assert found.switches.name == "l_arm"
     assert found.activations == 3
-    assert found.active == 1.0
     assert found.reactive == pytest.approx(4 / 11)
 
 
@@ -44,7 +43,7 @@ def test_a_change_of_active_mode_is_a_switch_but_no_activation() -> None:
 def test_calm_observers_have_no_worst_one() -> None:
     found = observer_activity(np.zeros((4, 2), dtype=np.uint8), ("a", "b"), dt=0.1)
     assert found is not None
-    assert (found.switches.name, found.switches.worst, found.active, found.reactive) == (None, 0.0, 0.0, 0.0)
+    assert (found.switches.name, found.switches.worst, found.reactive) == (None, 0.0, 0.0)
 
 
 def test_nothing_is_known_without_ticks_or_observers() -> None:
@@ -52,11 +51,6 @@ def test_nothing_is_known_without_ticks_or_observers() -> None:
     assert observer_activity(np.zeros((5, 0), dtype=np.uint8), (), dt=0.1) is None
     with refuses(ValueError, 1, 2):
         observer_activity(np.zeros((5, 2), dtype=np.uint8), ("a",), dt=0.1)
-
-
-def test_the_nearest_is_of_what_is_known() -> None:
-    assert nearest(np.array([[np.nan, 0.3], [np.inf, -0.1]])) == -0.1
-    assert nearest(np.full(3, np.nan)) is None
 
 
 # Metrics against cases made by hand.
