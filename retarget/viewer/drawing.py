@@ -4,7 +4,7 @@ Viser sends to browsers only what has changed.
 """
 
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -58,12 +58,12 @@ class Shapes:
     top: of which all hang; handles: one for each, named by its number. look: of `add_mesh_simple`."""
 
     def __init__(
-        self, scene: "viser.SceneApi", name: str, meshes: Mapping[str, Mesh], *, scale: float = 1.0, **look: Any
+        self, scene: "viser.SceneApi", name: str, meshes: Sequence[Mesh], *, scale: float = 1.0, **look: Any
     ) -> None:
         self.top, self._scale = scene.add_frame(name, show_axes=False), scale
         self.handles = [
             scene.add_mesh_simple(f"{name}/{number}", mesh.vertices, mesh.faces, scale=scale, visible=False, **look)
-            for number, mesh in enumerate(meshes.values())
+            for number, mesh in enumerate(meshes)
         ]
 
     def show(self, points: FloatArray | None, turns: FloatArray | None = None) -> None:
@@ -83,7 +83,7 @@ GOAL_OPACITY, GOAL_SIZE = 0.55, 0.94
 def _add_robot(scene: "viser.SceneApi", cast: Cast, actor: Actor) -> dict[str, Part]:
     """The robot, its limbs in the colour of their servos' heat, and its goal."""
     robot = Shapes(scene, "/robot", actor.meshes, color=ROBOT)
-    smaller = {name: _shrunk(mesh) for name, mesh in actor.meshes.items()}
+    smaller = [_shrunk(mesh) for mesh in actor.meshes]
     goal = Shapes(scene, "/goal", smaller, color=GOAL, opacity=GOAL_OPACITY, cast_shadow=False)
     limbs: list[viser.MeshHandle | None] = []
     if cast.profile is not None:
@@ -120,11 +120,11 @@ def _add_performer(scene: "viser.SceneApi", cast: Cast, height: float) -> dict[s
     human = Shapes(scene, "/performer/body", cast.human.meshes, scale=scale, color=HUMAN, opacity=HUMAN_OPACITY)
     parts: dict[str, Part] = {"performer": (human.top, lambda seen: human.show(*cast.human.posed(seen.human)))}
     if cast.sensors:
-        balls = _balls(cast.sensors, SENSOR_BALL * cast.human.height)
+        balls = [_ball(SENSOR_BALL * cast.human.height)] * len(cast.sensors)
         worn = Shapes(scene, "/performer/sensors", balls, scale=scale, color=SENSOR, cast_shadow=False)
         parts["sensors"] = worn.top, lambda seen: worn.show(seen.sensors)
     if cast.landmarks:
-        balls = _balls(cast.landmarks, BALL * height)
+        balls = [_ball(BALL * height)] * len(cast.landmarks)
         asked = Shapes(scene, "/asked", balls, color=ASKED, cast_shadow=False)
         reached = Shapes(scene, "/reached", balls, color=REACHED, cast_shadow=False)
         parts["asked"] = asked.top, lambda seen: asked.show(seen.asked)
@@ -132,9 +132,8 @@ def _add_performer(scene: "viser.SceneApi", cast: Cast, height: float) -> dict[s
     return parts
 
 
-def _balls(names: Sequence[str], radius: float) -> dict[str, Mesh]:
-    """A ball of some radius, m, for each point."""
-    return dict.fromkeys(names, shape_mesh(ShapeKind.CAPSULE, (radius, 0.0, 0.0)))
+def _ball(radius: float) -> Mesh:
+    return shape_mesh(ShapeKind.CAPSULE, (radius, 0.0, 0.0))
 
 
 # Balance on the floor, observers and obstacles.
@@ -219,8 +218,7 @@ def _balance(scene: "viser.SceneApi", name: str, hull: Hull | None, height: floa
 def _observers(scene: "viser.SceneApi", robot: RobotBody) -> Part:
     """The observers of a robot that act, on its links, in the colour of what they do; nothing where it is not known."""
     known, body = robot_observers(robot), robot.body.solver_body()
-    kinds = zip(known.names, known.kinds.tolist(), known.sizes, strict=True)
-    meshes = {name: shape_mesh(kind, size) for name, kind, size in kinds}
+    meshes = [shape_mesh(kind, size) for kind, size in zip(known.kinds.tolist(), known.sizes, strict=True)]
     shapes = Shapes(scene, "/observers", meshes, color=MODES[0], opacity=OBSERVER_OPACITY, cast_shadow=False)
 
     def show(seen: Snapshot) -> None:

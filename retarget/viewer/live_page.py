@@ -145,7 +145,7 @@ def _cast(setup: PageSetup) -> Cast:
         joints=() if robot is None else robot.joint_map.joints,
         landmarks=setup.landmarks,
         sensors=setup.sensors,
-        obstacles=obstacle_meshes(scene_shapes(load_scene(setup.scene))) if setup.scene else {},
+        obstacles=obstacle_meshes(scene_shapes(load_scene(setup.scene))) if setup.scene else (),
         simulated=setup.simulated,
     )
 

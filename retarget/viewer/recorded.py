@@ -44,7 +44,7 @@ class RecordedScene:
     """
 
     def __init__(self, recording: Recording, phase: NDArray[np.str_], no_command: BoolArray) -> None:
-        self.obstacles: dict[str, Mesh] = {}
+        self.obstacles: list[Mesh] = []
         self.notes: tuple[str, ...] = ()
         self._state: SceneState | None = None
         moves = (phase != PHASE_NAMES[Phase.APPROACH]) & ~no_command
@@ -103,7 +103,7 @@ def open_recorded(path: Path, *, body: Path | None = None) -> ShownRun:
     cast = Cast(
         human=_actor(human),
         sensors=() if run.sensors is None else run.sensors.names,
-        obstacles={} if scene is None else scene.obstacles,
+        obstacles=() if scene is None else scene.obstacles,
         simulated="truth" in run.tracks,
         servos_commanded="temperature" in run.tracks,
     )

@@ -1,5 +1,6 @@
 """What a page shows: the cast of a run, which stays the same, and snapshots of it, one per tick."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Protocol
@@ -32,14 +33,13 @@ LEAST_M = 0.05
 
 
 class Actor:
-    """A compiled body that moves. meshes: of its links, by name; links: their numbers. height: from its lowest to its
+    """A compiled body that moves. meshes: of its links, and links: their numbers. height: from its lowest to its
     highest link as the file has it, m."""
 
     def __init__(self, file: BodyFile) -> None:
         self.body: BodyModel = body_from_file(file)
         self._solver, meshes = self.body.solver_body(), link_meshes(file.model)
-        self.links = list(meshes)
-        self.meshes: dict[str, Mesh] = {self.body.body_names[link]: mesh for link, mesh in meshes.items()}
+        self.links, self.meshes = list(meshes), list(meshes.values())
         positions, _ = self._solver.forward(self.body.qpos0)
         self.height = max(float(np.ptp(positions[1:, 2])), LEAST_M)
 
@@ -69,7 +69,7 @@ class Cast:
     joints: tuple[str, ...] = ()
     landmarks: tuple[str, ...] = ()
     sensors: tuple[str, ...] = ()
-    obstacles: dict[str, Mesh] = field(default_factory=dict)
+    obstacles: Sequence[Mesh] = ()
     simulated: bool = False
     servos_commanded: bool = True
 
@@ -188,13 +188,10 @@ def snapshot_at(rows: Rows, cast: Cast, at: int, *, balanced_at: int | None = No
 # The obstacles of a scene: all but the floor, which the page has anyway.
 
 
-def obstacle_meshes(shapes: SceneShapes) -> dict[str, Mesh]:
-    """Their meshes, each in its own frame, by name."""
-    return {
-        name: shape_mesh(int(kind), size)
-        for name, kind, size in zip(shapes.names, shapes.kinds, shapes.sizes, strict=True)
-        if name != FLOOR
-    }
+def obstacle_meshes(shapes: SceneShapes) -> list[Mesh]:
+    """Their meshes, each in its own frame."""
+    solid = zip(shapes.names, shapes.kinds, shapes.sizes, strict=True)
+    return [shape_mesh(int(kind), size) for name, kind, size in solid if name != FLOOR]
 
 
 def obstacle_poses(shapes: SceneShapes, poses: ObstaclePoses) -> FloatArray:

@@ -24,7 +24,7 @@ def cast_of_op3(*, simulated: bool = False) -> Cast:
     robot = op3()
     shown = Actor(compile_body(robot.profile.body_path, root="free"))
     human = Actor(compile_body_text(person().mjcf, source="human", root="free"))
-    ball = {"ball/1": shape_mesh(0, (0.05, 0.0, 0.0))}
+    ball = [shape_mesh(0, (0.05, 0.0, 0.0))]
     return Cast(
         human=human,
         robot=shown,

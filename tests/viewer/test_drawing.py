@@ -166,7 +166,7 @@ def test_links_are_where_the_body_has_them(server: Any) -> None:
 
 def test_shapes_move_where_it_is_known_where_they_are(server: Any) -> None:
     mesh = shape_mesh(0, (0.05, 0.0, 0.0))
-    shapes = Shapes(server.scene, "/shapes", {"a/b": mesh, "c": mesh}, color=ROBOT)
+    shapes = Shapes(server.scene, "/shapes", [mesh, mesh], color=ROBOT)
     assert not any(handle.visible for handle in shapes.handles)
     poses = np.array([[0.1, 0.2, 0.3, 0.0, 1.0, 0.0, 0.0], [0.4, 0.5, 0.6, 1.0, 0.0, 0.0, 0.0]])
     shapes.show(poses[:, :3], poses[:, 3:])
