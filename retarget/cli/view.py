@@ -138,7 +138,6 @@ def viewing(
         root=None if machine is None else options.physics.root,
         scene=options.scene,
         human_mjcf=prepared.human.mjcf,
-        simulated=options.has_physics,
         sensors=tuple(prepared.performer.sensors),
         landmarks=() if machine is None else tuple(machine.robot.profile.landmarks),
     )

@@ -34,9 +34,13 @@ LEGEND: dict[str, Keys] = {
     "sensors": ((SENSOR, "sensor of the performer, while it is valid"),),
     "asked": ((ASKED, "where hands, feet and head were asked to be"),),
     "reached": ((REACHED, "where the goal has them"),),
-    "support polygon": ((SOLES, "line round the soles"), (OUTSIDE, "zero-moment point outside of it: it tips")),
-    "balance": ((BALANCE, "centre of mass, and the point below it"), (ZMP, "zero-moment point, on the floor")),
-    "pressure": ((PRESSURE, "centre of pressure of the soles, in the physics"),),
+    "balance": (
+        (BALANCE, "centre of mass, and the point below it"),
+        (SOLES, "line round the soles: the support polygon"),
+        (ZMP, "zero-moment point, on the floor"),
+        (OUTSIDE, "zero-moment point outside of the support polygon: it tips"),
+        (PRESSURE, "centre of pressure of the soles, in the physics"),
+    ),
     "observers": ((MODES[0], "observer that acts: slows down"), (MODES[1], "gets out of the way")),
     "obstacles": ((OBSTACLE, "obstacle"),),
 }

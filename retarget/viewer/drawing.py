@@ -148,16 +148,9 @@ OBSERVER_OPACITY, OBSTACLE_OPACITY = 0.35, 0.75
 
 
 def _add_ground(scene: "viser.SceneApi", cast: Cast, height: float) -> dict[str, Part]:
-    robot, parts = cast.profile, dict[str, Part]()
-    hull = _hull(robot) if robot is not None and robot.stands else None
-    if hull is not None:
-        parts["support polygon"] = _outline(scene, hull)
+    robot = cast.profile
     name = "/performer/balance" if cast.robot is None else "/balance"
-    parts["balance"] = _balance(scene, name, hull, height)
-    if cast.simulated:
-        top = scene.add_frame("/pressure", show_axes=False)
-        disc = scene.add_cylinder("/pressure/disc", PRESSED * height, 0.006, color=PRESSURE, visible=False)
-        parts["pressure"] = top, lambda seen: move(disc, np.append(seen.pressure, 0.003))
+    parts = {"balance": _balance(scene, name, robot if robot is not None and robot.stands else None, height)}
     if robot is not None:
         parts["observers"] = _observers(scene, robot)
     if cast.obstacles:
@@ -172,45 +165,30 @@ def _add_ground(scene: "viser.SceneApi", cast: Cast, height: float) -> dict[str,
     return parts
 
 
-Hull = Callable[[FloatArray], FloatArray]
-"""Corners (c, 2) m of the support polygon in a posture (nq,)."""
-
-
-def _hull(robot: RobotBody) -> Hull:
-    """Of a robot that stands: the hull of its soles."""
-    soles, body = plant(robot, robot.profile.postures.stand).soles, robot.body.solver_body()
-    links = [sole.frame.body for sole in soles for _ in sole.corners]
-    corners = np.concatenate([sole.corners for sole in soles])
-    return lambda goal: convex_hull(body.points(np.ascontiguousarray(goal)[None], links, corners)[0][:, :2])
-
-
-def _outline(scene: "viser.SceneApi", hull: Hull) -> Part:
-    """A line round the support polygon."""
-    nowhere = np.zeros((1, 2, 3), np.float32)
-    line = scene.add_line_segments("/soles", nowhere, np.array(SOLES, dtype=np.uint8), thickness=LINE_M)
-
-    def show(seen: Snapshot) -> None:
-        flat = hull(seen.goal)
-        corners = np.column_stack([flat, np.full(len(flat), LINE_M)]).round(4)
-        line.points = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1).astype(np.float32)
-
-    return line, show
-
-
-def _balance(scene: "viser.SceneApi", name: str, hull: Hull | None, height: float) -> Part:
-    """Centre of mass with the point below it, and the zero-moment point, red outside of the support polygon."""
+def _balance(scene: "viser.SceneApi", name: str, robot: RobotBody | None, height: float) -> Part:
+    """Centre of mass with the point below it, a line round the soles of a robot that stands, the zero-moment point, red
+    outside of it, and the centre of pressure of a simulated robot, hidden where no sole carries."""
     top = scene.add_frame(name, show_axes=False)
     centre = scene.add_icosphere(f"{name}/centre", CENTRE * height, color=BALANCE)
     below = scene.add_cylinder(f"{name}/below", DISC * height, 0.002, color=BALANCE)
     disc = scene.add_cylinder(f"{name}/zmp", POINT * height, 0.004, color=ZMP, visible=False)
+    pressed = scene.add_cylinder(f"{name}/pressure", PRESSED * height, 0.006, color=PRESSURE, visible=False)
+    nowhere, colour = np.zeros((1, 2, 3), np.float32), np.array(SOLES, dtype=np.uint8)
+    line = scene.add_line_segments(f"{name}/soles", nowhere, colour, thickness=LINE_M)
+    soles = () if robot is None else plant(robot, robot.profile.postures.stand).soles
+    links = [sole.frame.body for sole in soles for _ in sole.corners]
+    local = [corner for sole in soles for corner in sole.corners]
 
     def show(seen: Snapshot) -> None:
         move(centre, seen.com)
-        move(below, np.append(seen.com[:2], 0.001))
-        move(disc, np.append(seen.zmp, 0.002))
-        if hull is not None:
-            inside = float(support_distance(seen.zmp[None], support_edges([hull(seen.goal)]))[0])
-            disc.color = OUTSIDE if inside < -EDGE_M else ZMP
+        for node, point, up in ((below, seen.com[:2], 0.001), (disc, seen.zmp, 0.002), (pressed, seen.pressure, 0.003)):
+            move(node, np.append(point, up))
+        if robot is not None:
+            points = robot.kinematics.points(np.ascontiguousarray(seen.goal)[None], links, np.array(local))[0]
+            flat = convex_hull(points[:, :2])
+            disc.color = OUTSIDE if float(support_distance(seen.zmp[None], support_edges([flat]))[0]) < -EDGE_M else ZMP
+            corners = np.column_stack([flat, np.full(len(flat), LINE_M)]).round(4)
+            line.points = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1).astype(np.float32)
 
     return top, show
 

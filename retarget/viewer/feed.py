@@ -36,14 +36,13 @@ LONGEST_ANSWER = 4096
 @dataclass(frozen=True)
 class PageSetup:
     """Who and what is seen, once the performer is known. robot: name or file of the profile, None for a human alone;
-    root: how it stands in the world, None as its profile says; scene: file or name. simulated: it has mass, and rows
-    hold where it really is. sensors: of the performer, and landmarks: of the robot, names."""
+    root: how it stands in the world, None as its profile says; scene: file or name. sensors: of the
+    performer, and landmarks: of the robot, names."""
 
     robot: str | None
     root: Root | None
     scene: str | None
     human_mjcf: str
-    simulated: bool = False
     sensors: tuple[str, ...] = ()
     landmarks: tuple[str, ...] = ()
 
@@ -134,14 +133,16 @@ class ViewFeed:
 
     def _show(self, record: Record, row: int) -> None:
         """Raises OSError where the page does not take it at once."""
-        (state, why), known = self.extras.words(), _known(record, row)
-        if record.robot is not None:
+        extras, human, robot = self.extras, record.human, record.robot
+        (state, why), time = extras.words(), (self._ticks - 1) * self._dt
+        known: dict[str, Any] = {"human": human.q[row], "sensors": human.sensors[row]}
+        if robot is not None:
             asked = np.full((len(self._landmarks), 3), np.nan)
-            named = [self._landmarks.index(name) for name in record.robot.landmark_names]
-            asked[named] = record.robot.landmarks_asked[row]
-            known |= {"asked": asked, "current": self.extras.current(), "truth": self.extras.truth()}
-        time, obstacles = (self._ticks - 1) * self._dt, self.extras.obstacles()
-        self._send(Row(time=time, state=state, why=why, obstacle_poses=obstacles, **known))
+            asked[[self._landmarks.index(name) for name in robot.landmark_names]] = robot.landmarks_asked[row]
+            known |= {"goal": robot.q[row], "modes": robot.observer_modes[row], "asked": asked}
+            known |= {"present": robot.present[row], "temperature": robot.temperature[row]}
+            known |= {"current": extras.current(), "truth": extras.truth()}
+        self._send(Row(time=time, state=state, why=why, obstacle_poses=extras.obstacles(), **known))
 
     def _send(self, message: PageSetup | Row | str) -> None:
         self._link.send(packed(message))
@@ -178,13 +179,3 @@ def open_feed(port: int, *, title: str) -> Iterator[ViewFeed]:
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
-
-
-def _known(record: Record, row: int) -> dict[str, Any]:
-    """What a row of the record has as it is shown."""
-    human, robot = record.human, record.robot
-    known = {"human": human.q[row], "sensors": human.sensors[row]}
-    if robot is not None:
-        known |= {"goal": robot.q[row], "modes": robot.observer_modes[row]}
-        known |= {"present": robot.present[row], "temperature": robot.temperature[row]}
-    return known

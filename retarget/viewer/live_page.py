@@ -146,7 +146,6 @@ def _cast(setup: PageSetup) -> Cast:
         landmarks=setup.landmarks,
         sensors=setup.sensors,
         obstacles=obstacle_meshes(scene_shapes(load_scene(setup.scene))) if setup.scene else (),
-        simulated=setup.simulated,
     )
 
 

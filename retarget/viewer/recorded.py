@@ -1,6 +1,6 @@
 """A finished run to be looked at, whatever file it is from: its cast, and what the page shows of each of its ticks."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from retarget.model.robot import RobotBody, load_robot
 from retarget.model.scene_state import SceneState
 from retarget.recording.configs import recorded_scene
 from retarget.recording.motion import PHASE_NAMES, Motion
-from retarget.recording.read_run import RecordedRun, human_of, read_recorded
+from retarget.recording.read_run import human_of, read_recorded
 from retarget.recording.reading import Recording
 from retarget.recording.taps import STATES_OF_RUN
 from retarget.run.record import Phase
@@ -102,16 +102,18 @@ def open_recorded(path: Path, *, body: Path | None = None) -> ShownRun:
         scene = RecordedScene(run.recording, motion.phase, run.tracks["no_command"])
     cast = Cast(
         human=_actor(human),
+        robot=None if robot is None else _actor(robot),
+        profile=run.profile if robot is None else run.profile or _profile(Path(robot.body.source)),
+        joints=() if robot is None else run.profile.joint_map.joints if run.profile else robot.joint_names,
+        landmarks=() if robot is None or robot.asked is None else robot.asked.names,
         sensors=() if run.sensors is None else run.sensors.names,
         obstacles=() if scene is None else scene.obstacles,
-        simulated="truth" in run.tracks,
         servos_commanded="temperature" in run.tracks,
     )
     tracks: dict[str, NDArray[Any]] = {"human": human.q[run.shown]}
     tracks |= {} if run.sensors is None else {"sensors": run.sensors.position[run.shown]}
     tracks |= {name: run.tracks[own] for name, own in OF_SERVOS.items() if own in run.tracks}
     if robot is not None:
-        cast = _with_robot(cast, run, robot)
         servos = np.full(robot.joints.shape, np.nan) if robot.servos is None else robot.servos
         tracks |= {"goal": robot.q, "present": servos[:, [robot.joint_names.index(joint) for joint in cast.joints]]}
         tracks |= {} if robot.asked is None else {"asked": robot.asked.position}
@@ -123,17 +125,6 @@ def open_recorded(path: Path, *, body: Path | None = None) -> ShownRun:
     tracks |= {"state": np.array(states), "why": whys}
     notes = tuple(dict.fromkeys((*run.notes, *(() if scene is None else scene.notes))))
     return ShownRun(cast, motion.time, tracks, scene, notes)
-
-
-def _with_robot(cast: Cast, run: RecordedRun, robot: Motion) -> Cast:
-    """The cast with the robot: its servos where the run knows of them, else all joints of its body."""
-    return replace(
-        cast,
-        robot=_actor(robot),
-        profile=run.profile or _profile(Path(robot.body.source)),
-        joints=robot.joint_names if run.profile is None else run.profile.joint_map.joints,
-        landmarks=() if robot.asked is None else robot.asked.names,
-    )
 
 
 def _actor(motion: Motion) -> Actor:

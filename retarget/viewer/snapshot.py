@@ -58,9 +58,8 @@ class Cast:
     """Who and what is seen. robot: None for a human alone. joints: n that a plot can show, landmarks (k) of the robot
     and sensors (s) of the performer: names.
 
-    profile: of the robot, where it is known: its soles, observers and servos. obstacles: of the scene. simulated: the
-    robot has mass, and snapshots hold where it really is. servos_commanded: snapshots hold temperatures and currents of
-    the servos.
+    profile: of the robot, where it is known: its soles, observers and servos. obstacles: of the scene.
+    servos_commanded: snapshots hold temperatures and currents of the servos.
     """
 
     human: Actor
@@ -70,7 +69,6 @@ class Cast:
     landmarks: tuple[str, ...] = ()
     sensors: tuple[str, ...] = ()
     obstacles: Sequence[Mesh] = ()
-    simulated: bool = False
     servos_commanded: bool = True
 
     @cached_property

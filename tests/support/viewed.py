@@ -20,7 +20,7 @@ def person() -> Human:
 
 
 @cache
-def cast_of_op3(*, simulated: bool = False) -> Cast:
+def cast_of_op3() -> Cast:
     robot = op3()
     shown = Actor(compile_body(robot.profile.body_path, root="free"))
     human = Actor(compile_body_text(person().mjcf, source="human", root="free"))
@@ -33,7 +33,6 @@ def cast_of_op3(*, simulated: bool = False) -> Cast:
         landmarks=("l_hand",),
         sensors=SENSORS,
         obstacles=ball,
-        simulated=simulated,
     )
 
 
