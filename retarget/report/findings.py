@@ -72,8 +72,8 @@ ROUND_OFF = 1e-4
 
 @dataclass(frozen=True)
 class Finding:
-    """What was measured, in words, with units. allowed: the limit, in words, and kept: whether it was kept; without a
-    limit kept is None."""
+    """What was measured, in words, with units. allowed: the limit, in words, if it needs any; kept: whether it was
+    kept, None without a limit."""
 
     name: str
     measured: str
@@ -241,7 +241,7 @@ def _machine(run: RunResult, report: Report) -> Iterator[Finding]:
     yield Finding("cost per tick", f"{human}{robot}; {report.frames_per_s:.0f} frames/s")
     reason = report.stop.reason
     ended = "to its end" if reason is None else ": ".join(part for part in (report.stop.state, reason) if part)
-    yield Finding("end", ended, "no stop before", reason is None)
+    yield Finding("end", ended, kept=reason is None)
 
 
 def _percentiles(cost: Percentiles) -> str:
@@ -288,7 +288,7 @@ def show_summary(run: RunResult, report: Report, console: Console) -> None:
     console.print()
     facts = Table("", "", box=None, pad_edge=False, show_header=False)
     for finding in findings(run, report):
-        broken = f" [allowed: {finding.allowed}]" if finding.kept is False else ""
+        broken = f" [allowed: {finding.allowed}]" if finding.allowed and not finding.kept else ""
         facts.add_row(finding.name, Text(finding.measured + broken))
     console.print(facts)
     for note in report.notes:
