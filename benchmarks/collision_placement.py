@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from benchmarks.bodies import Floats
 from benchmarks.collision_runs import Motion
 from retarget.model.scene_state import SceneState
-from retarget.report.clearance import PlacedBody
-from retarget.report.distances import MovingGeoms, among_obstacles
+from retarget.report.clearance import MovingGeoms, PlacedBody, among_obstacles
 from retarget.schema.scene import load_scene
 from retarget.types import FloatArray
 

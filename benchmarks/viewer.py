@@ -96,7 +96,7 @@ def leg(page: str, seconds: float) -> tuple[list[float], list[float]]:
             nonlocal followed
             followed += machine.supervisor.state is RunState.FOLLOW
             if followed == SETTLED // 2 and page == "stopped" and feed is not None:
-                os.kill(feed._process.pid, signal.SIGSTOP)
+                os.kill(feed.process, signal.SIGSTOP)
             meter.counting = followed > SETTLED
             return asked() or len(meter.late) >= ticks
 
@@ -129,7 +129,7 @@ def looked_at(page: str, prepared: Prepared, options: RunOptions) -> Iterator[tu
             yield viewed, feed
         finally:
             if page == "stopped":
-                os.kill(feed._process.pid, signal.SIGKILL)
+                os.kill(feed.process, signal.SIGKILL)
     read = int(looker.communicate(timeout=60.0)[0])
     if page == "looked at" and read < LEAST_READ:
         raise SystemExit(f"no client read the page: {read} bytes were read")

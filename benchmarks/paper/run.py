@@ -16,7 +16,7 @@ from benchmarks.paper.replay import replay
 from benchmarks.paper.table import as_data
 from retarget.frames import SensorFrames
 from retarget.model.human_dimensions import POINTS
-from retarget.report.plot_style import save_figure
+from retarget.report.plots import save_figure
 from retarget.schema.priorities import load_priorities
 
 NAMES = ("crouching", "jog", "jump", "figure4", "figure5", "figure6")

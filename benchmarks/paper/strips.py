@@ -10,8 +10,7 @@ from matplotlib.patches import Circle, Rectangle
 
 from benchmarks.paper.outlines import Outline, draw_outline, scene_outlines
 from retarget.model.human_dimensions import PARENTS, POINTS
-from retarget.report.plot_style import new_figure
-from retarget.report.pose_pictures import AZIMUTH, ELEVATION, HEAD, Bone, Skeleton, draw_skeleton, project, turned
+from retarget.report.plots import AZIMUTH, ELEVATION, HEAD, Bone, Skeleton, draw_skeleton, new_figure, project, turned
 from retarget.schema.scene import Scene
 from retarget.types import FloatArray
 

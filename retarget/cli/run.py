@@ -57,10 +57,10 @@ from retarget.live.playout import LIGHT
 from retarget.live.raw_recording import RawTap
 from retarget.model.robot import RobotBody
 from retarget.recording.recorder import Recorder
+from retarget.report.findings import show_summary
 from retarget.report.measure import measure, measure_latest
 from retarget.report.outputs import Outputs, Written
 from retarget.report.report import Report
-from retarget.report.summary import show_summary
 from retarget.run.loop import Watch
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Perform, Prepared, performance_of, prepare_for
@@ -191,13 +191,13 @@ def finished(run: RunResult, outputs: Outputs) -> int:
     soon = run.stop is not None and run.stop.cause is StopCause.REQUESTED and not outputs.measured
     report = measure_latest(run) if soon else measure(run)
     written = outputs.write(run, report)
-    _show(report, written)
+    _show(run, report, written)
     return STOPPED if run.reason is not None or report.fallen or written.problems else DONE
 
 
-def _show(report: Report, written: Written) -> None:
+def _show(run: RunResult, report: Report, written: Written) -> None:
     """Show the summary, last of all, because a terminal may be gone or full."""
-    show_summary(report, console())
+    show_summary(run, report, console())
     for line in written.lines:
         typer.echo(line)
     for problem in written.problems:

@@ -11,7 +11,6 @@ import typer
 from hardware.clock import MonotonicClock
 from retarget.cli.application import note
 from retarget.cli.exit import StopRequest, stop_on_signals
-from retarget.model.scene_state import ObstaclePoses
 from retarget.run.loop import ObserverCallback, Watch
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared
@@ -22,7 +21,7 @@ from retarget.viewer.feed import PageSetup, ViewFeed, open_feed
 from retarget.viewer.page import RecordedPage
 from retarget.viewer.recorded import open_recorded
 from retarget.viewer.server import PORT, close_server, open_server
-from retarget.viewer.snapshot import STATE_WORDS, drawn
+from retarget.viewer.snapshot import STATE_WORDS, obstacle_poses
 
 SHOWN_HZ = 30.0
 """Pictures a second of a recording: as smooth as video, and little for a browser."""
@@ -140,8 +139,8 @@ def viewing(
         root=None if machine is None else options.physics.root,
         scene=options.scene,
         human_mjcf=prepared.human.mjcf,
-        simulated=options.has_physics,
         sensors=tuple(prepared.performer.sensors),
+        landmarks=() if machine is None else tuple(machine.robot.profile.landmarks),
     )
     feed.begin(setup, rate_hz=1.0 / prepared.samples.dt)
     with closing(Viewing(feed, notify)) as view:
@@ -155,9 +154,10 @@ def _extras(
     """What the page shows in addition to the rows of the record."""
     machine, scene_obstacles = prepared.machine, prepared.scene_obstacles
 
-    def obstacles() -> ObstaclePoses | None:
-        now = None if scene_obstacles is None else scene_obstacles.now
-        return now if now is None or scene_obstacles is None else now.rows(drawn(scene_obstacles.shapes))
+    def obstacles() -> FloatArray | None:
+        if scene_obstacles is None or scene_obstacles.now is None:
+            return None
+        return obstacle_poses(scene_obstacles.shapes, scene_obstacles.now)
 
     if machine is None:
         return Extras(words=lambda: ("ended" if view.over else "following", ""), obstacles=obstacles)

@@ -1,7 +1,7 @@
 """Scene state: where the obstacles are now, by the motions of the file or by live updates."""
 
 from bisect import bisect_right
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 from math import fmod, hypot, inf, isfinite
@@ -230,12 +230,6 @@ class ObstaclePoses:
     quat: FloatArray
     linear_velocity: FloatArray
     angular_velocity: FloatArray
-
-    def rows(self, which: Sequence[int]) -> "ObstaclePoses":
-        """Some of them, by number."""
-        return ObstaclePoses(
-            *(part[list(which)] for part in (self.position, self.quat, self.linear_velocity, self.angular_velocity))
-        )
 
     def seen_at(self, time_scale: float) -> "ObstaclePoses":
         """The same poses for a clock on which only `time_scale` seconds go by in a second."""

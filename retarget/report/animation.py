@@ -11,8 +11,8 @@ from retarget import rotations
 from retarget.model.scene_shapes import ShapeKind
 from retarget.model.scene_state import SceneState
 from retarget.report import motion_metrics
-from retarget.report.pose_pictures import HUMAN_BONES, ROBOT_BONES, Bone, bones_among, performer_facing, turned
-from retarget.report.verdicts import moments
+from retarget.report.findings import moments
+from retarget.report.plots import HUMAN_BONES, ROBOT_BONES, Bone, bones_among, performer_facing, turned
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
 from retarget.types import BoolArray, FloatArray, IntArray

@@ -198,12 +198,11 @@ class ModeSwitches:
 class ObserverActivity:
     """switches: from any mode to any other. activations: how often an observer became active, all together.
 
-    active, reactive: share of the ticks in which any observer was.
+    reactive: share of the ticks in which any observer was.
     """
 
     switches: ModeSwitches
     activations: int
-    active: float
     reactive: float
 
 
@@ -222,15 +221,8 @@ def observer_activity(modes: NDArray[np.uint8], names: tuple[str, ...], dt: floa
     return ObserverActivity(
         switches=ModeSwitches(float(per_second.mean()), float(per_second[worst]), name),
         activations=int(np.count_nonzero(begun)),
-        active=float((modes != FREE).any(axis=1).mean()),
         reactive=float((modes == REACTIVE).any(axis=1).mean()),
     )
-
-
-def nearest(distances: FloatArray) -> float | None:
-    """The smallest of recorded observer distances, m, of any shape; NaN and inf: not known. None: none is known."""
-    known = distances[np.isfinite(distances)]
-    return float(known.min()) if known.size else None
 
 
 # What the report says of the simulated mechanics of a run.

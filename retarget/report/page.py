@@ -13,36 +13,14 @@ import matplotlib
 from matplotlib.figure import Figure
 
 from retarget.report.animation import animation_of
-from retarget.report.plot_style import ASKED, LEFT, LIMIT, MIDDLE, REACHED, SERVOS
+from retarget.report.findings import findings, moments
 from retarget.report.plots import figures_of
 from retarget.report.report import Report, Spread
-from retarget.report.verdicts import moments, verdicts
 from retarget.run.run_result import RunResult
 from retarget.schema.files import make_folder, write_atomic
 
-# Our own pictures as drawings inside a page: they follow its light and dark, and stay sharp in print.
+# Our own pictures as drawings inside a page: they stay sharp in print, and its style makes them light or dark.
 
-COLOURS = {
-    "#000000": "--ink",
-    "#ffffff": "--paper",
-    MIDDLE: "--ink",
-    "#262626": "--ink",
-    "#555555": "--soft",
-    "#999999": "--line",
-    "#a0a0a0": "--line",
-    "#c9c9c9": "--trunk",
-    "#d5d5d5": "--grid",
-    "#dddddd": "--grid",
-    "#e6e6e6": "--grid",
-    "#eeeeee": "--grid",
-    ASKED: "--asked",
-    REACHED: "--right",
-    SERVOS: "--servos",
-    LEFT: "--left",
-    LIMIT: "--limit",
-}
-"""Colours of the pictures, and the page's own that stand for them."""
-_COLOUR = re.compile("|".join(COLOURS), re.IGNORECASE)
 _TAG = re.compile(r"<[^<>]*>")
 _PLACES = re.compile(r'\b(?:d|x|y)="[^"]*"')
 _NUMBER = re.compile(r"(-?\d+\.\d{2})\d+")
@@ -67,9 +45,8 @@ def drawn(figure: Figure, name: str) -> str:
 
 
 def _own_ids(tag: str, name: str) -> str:
-    """A tag with the page's colours, with ids of its own, and no more digits than can be seen."""
+    """A tag with ids of its own, and no more digits than can be seen."""
     tag = _PLACES.sub(lambda places: _NUMBER.sub(r"\1", places.group()), tag)
-    tag = _COLOUR.sub(lambda found: f"var({COLOURS[found.group().lower()]})", tag)
     return _NAME.sub(rf"\g<1>{name}-", tag)
 
 
@@ -90,15 +67,16 @@ def write_page(run: RunResult, report: Report, path: Path, *, figures: Mapping[s
 def page_html(run: RunResult, report: Report, *, figures: Mapping[str, Figure] | None = None) -> str:
     """The page of a run. Every text of the run in it is escaped. figures: of the run, where they are drawn already."""
     shown = figures_of(run) if figures is None else figures
-    found, animation, tracking, script = verdicts(run, report), animation_of(run), _tracking(report), _script()
+    limits = [finding for finding in findings(run, report) if finding.kept is not None]
+    animation, tracking, script = animation_of(run), _tracking(report), _script()
     pages = jinja2.Environment(
         loader=jinja2.FileSystemLoader(FOLDER), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True
     )
     pages.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False}
     return pages.get_template("page.html").render(
         report=report,
-        verdicts=found,
-        failed=sum(not verdict.kept for verdict in found),
+        limits=limits,
+        failed=sum(not limit.kept for limit in limits),
         moments=moments(run),
         animation=animation,
         motion=None if animation is None else asdict(animation),

@@ -13,7 +13,7 @@ from retarget.model.body import BodyModel, JointType
 from retarget.model.human import Human
 from retarget.model.observers import Observers
 from retarget.model.robot import RobotBody
-from retarget.model.scene_state import ObstaclePoses, SceneState
+from retarget.model.scene_state import SceneState
 from retarget.robot.step_plan import StepTally
 from retarget.run.record import Record
 from retarget.schema.performer import Performer
@@ -198,10 +198,10 @@ def in_truth(body: BodyModel, goal: FloatArray, numbers: FloatArray) -> tuple[Fl
 
 @dataclass(frozen=True)
 class Extras:
-    """words: what the robot does now, and why. current: that of its servos, (s,) A. obstacles: their poses. truth: the
-    state of a simulated body. Each is None where it is not known or does not exist."""
+    """words: what the robot does now, and why. current: that of its servos, (s,) A. obstacles: their poses
+    (o, 7). truth: the state of a simulated body. Each is None where it is not known or does not exist."""
 
     words: Callable[[], tuple[str, str]] = lambda: ("", "")
     current: Callable[[], FloatArray | None] = lambda: None
-    obstacles: Callable[[], ObstaclePoses | None] = lambda: None
+    obstacles: Callable[[], FloatArray | None] = lambda: None
     truth: Callable[[], FloatArray | None] = lambda: None

@@ -1,50 +1,242 @@
-"""A snapshot of a run as shapes in the scene of the page."""
+"""A snapshot of a run as shapes in the scene of the page: bodies, points, observers, obstacles and balance.
+
+Viser sends to browsers only what has changed.
+"""
 
 import threading
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from retarget.rotations import rotate
+from retarget.ik.support_polygon import convex_hull, plant, support_distance, support_edges
+from retarget.model.observers import robot_observers
+from retarget.model.robot import RobotBody
+from retarget.model.scene_shapes import ShapeKind
+from retarget.rotations import multiply, rotate
 from retarget.types import FloatArray
-from retarget.viewer.colours import ASKED, GOAL, HUMAN, OBSTACLE, REACHED, ROBOT, SENSOR, Colour, LimbColours
-from retarget.viewer.figures import HERE, OBSTACLE_OPACITY, Figure, Observing, Place, Shapes, balls
-from retarget.viewer.ground import Balance
+from retarget.viewer.colours import (
+    ASKED,
+    BALANCE,
+    GOAL,
+    HUMAN,
+    LEGEND,
+    MODES,
+    OBSTACLE,
+    OUTSIDE,
+    PRESSURE,
+    REACHED,
+    ROBOT,
+    SENSOR,
+    SOLES,
+    ZMP,
+    Keys,
+    heat,
+    heat_keys,
+)
+from retarget.viewer.meshes import Mesh, shape_mesh
 from retarget.viewer.snapshot import Actor, Cast, Snapshot
 
 if TYPE_CHECKING:
     import viser
 
+Part = tuple["viser.SceneNodeHandle", Callable[[Snapshot], object]]
+"""What can be hidden: the node on which all of it hangs, and what moves it to where it is in a snapshot."""
+
+
+def move(node: "viser.SceneNodeHandle", position: FloatArray, turn: FloatArray | None = None) -> None:
+    """Put a node at position (3,) m, turned by a quaternion (4,), else not turned; hide it while its place is NaN."""
+    node.visible = bool(np.isfinite(position).all())
+    if node.visible:
+        node.position = position
+        if turn is not None:
+            node.wxyz = turn
+
+
+class Shapes:
+    """Shapes in the scene, each hidden until it is known where it is, in a world that is shown `scale` times as large.
+    top: of which all hang; handles: one for each, named by its number. look: of `add_mesh_simple`."""
+
+    def __init__(
+        self, scene: "viser.SceneApi", name: str, meshes: Sequence[Mesh], *, scale: float = 1.0, **look: Any
+    ) -> None:
+        self.top, self._scale = scene.add_frame(name, show_axes=False), scale
+        self.handles = [
+            scene.add_mesh_simple(f"{name}/{number}", mesh.vertices, mesh.faces, scale=scale, visible=False, **look)
+            for number, mesh in enumerate(meshes)
+        ]
+
+    def show(self, points: FloatArray | None, turns: FloatArray | None = None) -> None:
+        """Move them to points (k, 3) m, turned by quaternions (k, 4), else not turned; None: not known. Those that are
+        NaN are hidden."""
+        if points is not None and len(points) == len(self.handles):
+            for index, handle in enumerate(self.handles):
+                move(handle, self._scale * points[index], None if turns is None else turns[index])
+
+
+# The robot and its goal.
 
 GOAL_OPACITY, GOAL_SIZE = 0.55, 0.94
-"""A goal is seen where the robot is not."""
+"""A goal is seen where the robot is not: each link is smaller about its middle, and so inside of the robot's."""
+
+
+def _add_robot(scene: "viser.SceneApi", cast: Cast, actor: Actor) -> dict[str, Part]:
+    """The robot, its limbs in the colour of their servos' heat, and its goal."""
+    robot = Shapes(scene, "/robot", actor.meshes, color=ROBOT)
+    smaller = [_shrunk(mesh) for mesh in actor.meshes]
+    goal = Shapes(scene, "/goal", smaller, color=GOAL, opacity=GOAL_OPACITY, cast_shadow=False)
+    limbs: list[viser.MeshHandle | None] = []
+    if cast.profile is not None:
+        body, handles = cast.profile.body, dict(zip(actor.links, robot.handles, strict=True))
+        limbs = [handles.get(int(body.joint_body[body.joint_index(joint)])) for joint in cast.joints]
+
+    def show_robot(seen: Snapshot) -> None:
+        robot.show(*actor.posed(seen.robot))
+        if cast.profile is None or seen.temperature is None:
+            return
+        for limb, temperature in zip(limbs, seen.temperature.tolist(), strict=True):
+            if limb is not None:
+                limb.color = heat(temperature, cast.profile.profile.safety.temperature_c)
+
+    return {"robot": (robot.top, show_robot), "goal": (goal.top, lambda seen: goal.show(*actor.posed(seen.goal)))}
+
+
+def _shrunk(mesh: Mesh) -> Mesh:
+    middle, smaller = mesh.bounds.mean(axis=0), mesh.copy()
+    smaller.vertices = middle + GOAL_SIZE * (mesh.vertices - middle)
+    return smaller
+
+
+# The performer with its sensors, and what was asked and reached of the landmarks.
+
 HUMAN_OPACITY = 0.65
 """Sensors are inside of the performer."""
-LEFT_OF_ROBOT = 1.15
-"""The performer stands so many heights of the robot to its left, as tall as it."""
 BALL, SENSOR_BALL = 0.018, 0.026
 """Radius of a landmark and of a sensor, as a share of the height of the robot: a sensor is thicker than a wrist."""
-Show = Callable[[Snapshot], object]
-"""Moves a part of the scene to where it is in a snapshot."""
+
+
+def _add_performer(scene: "viser.SceneApi", cast: Cast, height: float) -> dict[str, Part]:
+    scale = height / cast.human.height
+    human = Shapes(scene, "/performer/body", cast.human.meshes, scale=scale, color=HUMAN, opacity=HUMAN_OPACITY)
+    parts: dict[str, Part] = {"performer": (human.top, lambda seen: human.show(*cast.human.posed(seen.human)))}
+    if cast.sensors:
+        balls = [_ball(SENSOR_BALL * cast.human.height)] * len(cast.sensors)
+        worn = Shapes(scene, "/performer/sensors", balls, scale=scale, color=SENSOR, cast_shadow=False)
+        parts["sensors"] = worn.top, lambda seen: worn.show(seen.sensors)
+    if cast.landmarks:
+        balls = [_ball(BALL * height)] * len(cast.landmarks)
+        asked = Shapes(scene, "/asked", balls, color=ASKED, cast_shadow=False)
+        reached = Shapes(scene, "/reached", balls, color=REACHED, cast_shadow=False)
+        parts["asked"] = asked.top, lambda seen: asked.show(seen.asked)
+        parts["reached"] = reached.top, lambda seen: reached.show(seen.reached)
+    return parts
+
+
+def _ball(radius: float) -> Mesh:
+    return shape_mesh(ShapeKind.CAPSULE, (radius, 0.0, 0.0))
+
+
+# Balance on the floor, observers and obstacles.
+
+LINE_M = 0.003
+"""Width of the line round the support polygon, and its height over the floor."""
+EDGE_M = 0.0005
+"""A point on the edge is not outside."""
+CENTRE, DISC, POINT, PRESSED = 0.023, 0.029, 0.022, 0.013
+"""Radii, as shares of the robot's height."""
+OBSERVER_OPACITY, OBSTACLE_OPACITY = 0.35, 0.75
+
+
+def _add_ground(scene: "viser.SceneApi", cast: Cast, height: float) -> dict[str, Part]:
+    robot = cast.profile
+    name = "/performer/balance" if cast.robot is None else "/balance"
+    parts = {"balance": _balance(scene, name, robot if robot is not None and robot.stands else None, height)}
+    if robot is not None:
+        parts["observers"] = _observers(scene, robot)
+    if cast.obstacles:
+        look: dict[str, Any] = {"color": OBSTACLE, "opacity": OBSTACLE_OPACITY, "cast_shadow": False}
+        shapes = Shapes(scene, "/obstacles", cast.obstacles, **look)
+
+        def show_obstacles(seen: Snapshot) -> None:
+            if seen.obstacle_poses is not None:
+                shapes.show(seen.obstacle_poses[:, :3], seen.obstacle_poses[:, 3:])
+
+        parts["obstacles"] = shapes.top, show_obstacles
+    return parts
+
+
+def _balance(scene: "viser.SceneApi", name: str, robot: RobotBody | None, height: float) -> Part:
+    """Centre of mass with the point below it, a line round the soles of a robot that stands, the zero-moment point, red
+    outside of it, and the centre of pressure of a simulated robot, hidden where no sole carries."""
+    top = scene.add_frame(name, show_axes=False)
+    centre = scene.add_icosphere(f"{name}/centre", CENTRE * height, color=BALANCE)
+    below = scene.add_cylinder(f"{name}/below", DISC * height, 0.002, color=BALANCE)
+    disc = scene.add_cylinder(f"{name}/zmp", POINT * height, 0.004, color=ZMP, visible=False)
+    pressed = scene.add_cylinder(f"{name}/pressure", PRESSED * height, 0.006, color=PRESSURE, visible=False)
+    nowhere, colour = np.zeros((1, 2, 3), np.float32), np.array(SOLES, dtype=np.uint8)
+    line = scene.add_line_segments(f"{name}/soles", nowhere, colour, thickness=LINE_M)
+    soles = () if robot is None else plant(robot, robot.profile.postures.stand).soles
+    links = [sole.frame.body for sole in soles for _ in sole.corners]
+    local = [corner for sole in soles for corner in sole.corners]
+
+    def show(seen: Snapshot) -> None:
+        move(centre, seen.com)
+        for node, point, up in ((below, seen.com[:2], 0.001), (disc, seen.zmp, 0.002), (pressed, seen.pressure, 0.003)):
+            move(node, np.append(point, up))
+        if robot is not None:
+            points = robot.kinematics.points(np.ascontiguousarray(seen.goal)[None], links, np.array(local))[0]
+            flat = convex_hull(points[:, :2])
+            disc.color = OUTSIDE if float(support_distance(seen.zmp[None], support_edges([flat]))[0]) < -EDGE_M else ZMP
+            corners = np.column_stack([flat, np.full(len(flat), LINE_M)]).round(4)
+            line.points = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1).astype(np.float32)
+
+    return top, show
+
+
+def _observers(scene: "viser.SceneApi", robot: RobotBody) -> Part:
+    """The observers of a robot that act, on its links, in the colour of what they do; nothing where it is not known."""
+    known, body = robot_observers(robot), robot.body.solver_body()
+    meshes = [shape_mesh(kind, size) for kind, size in zip(known.kinds.tolist(), known.sizes, strict=True)]
+    shapes = Shapes(scene, "/observers", meshes, color=MODES[0], opacity=OBSERVER_OPACITY, cast_shadow=False)
+
+    def show(seen: Snapshot) -> None:
+        modes = seen.modes
+        if modes is None or len(modes) != len(known.names):
+            modes = np.zeros(len(known.names), dtype=np.uint8)
+        positions, turns = body.forward(np.ascontiguousarray(seen.goal))
+        at = positions[known.links] + rotate(turns[known.links], known.positions)
+        at[modes == 0] = np.nan
+        shapes.show(at, multiply(turns[known.links], known.quats))
+        for index in np.flatnonzero(modes):
+            shapes.handles[index].color = MODES[min(int(modes[index]), len(MODES)) - 1]
+
+    return shapes.top, show
+
+
+LEFT_OF_ROBOT = 1.15
+"""The performer stands so many heights of the robot to its left, as tall as it."""
 
 
 class Drawing:
     """Puts all that is seen into the scene of a server; `show` moves it. Its methods may be called by any thread."""
 
     def __init__(self, server: "viser.ViserServer", cast: Cast) -> None:
-        self._scene, self._server, self._cast = server.scene, server, cast
+        self._server, self._cast = server, cast
         self._lock = threading.Lock()
         self._last: Snapshot | None = None
-        self.height = (cast.robot or cast.human).height
-        self.place = HERE  # of the performer, known from the first snapshot on
-        self._limbs: LimbColours | None = None
-        self._furnish()
-        self._parts: dict[str, tuple[viser.SceneNodeHandle, Show]] = {}
-        if cast.robot is not None:
-            self._add_robot(cast.robot)
-        self._add_performer()
-        self._add_ground()
+        scene, self._height = server.scene, (cast.robot or cast.human).height
+        self._left = 0.0 if cast.robot is None else LEFT_OF_ROBOT * self._height
+        self._performer = scene.add_frame("/performer", show_axes=False)
+        """The performer's world, placed by the first snapshot."""
+        self._parts = {} if cast.robot is None else _add_robot(scene, cast, cast.robot)
+        self._parts |= _add_performer(scene, cast, self._height) | _add_ground(scene, cast, self._height)
+        scene.set_up_direction("+z")
+        scene.add_grid(
+            "/floor", 20.0, 20.0, cell_size=0.1, section_size=0.5, cell_color=(225, 228, 232), fade_distance=8.0
+        )
+        camera, middle = server.initial_camera, 0.5 * self._left  # in front of robot and performer
+        camera.position = (1.9 * self._height, middle, 0.9 * self._height)
+        camera.look_at = (0.0, middle, 0.45 * self._height)
 
     @property
     def parts(self) -> tuple[str, ...]:
@@ -52,9 +244,11 @@ class Drawing:
         return tuple(self._parts)
 
     @property
-    def limb_keys(self) -> tuple[tuple[Colour, str], ...]:
-        """What the colours of the limbs mean; empty: they have none."""
-        return () if self._limbs is None else self._limbs.keys
+    def keys(self) -> Keys:
+        """What their colours mean."""
+        profile = self._cast.profile if self._cast.servos_commanded else None
+        heated = () if profile is None else heat_keys(profile.profile.safety.temperature_c)
+        return (*(key for part in self._parts for key in LEGEND[part]), *heated)
 
     def see(self, part: str, *, visible: bool) -> None:
         """Show or hide one of `parts`."""
@@ -73,91 +267,12 @@ class Drawing:
                 if node.visible:
                     show(snapshot)
 
-    def _add_robot(self, actor: Actor) -> None:
-        cast, scene = self._cast, self._scene
-        robot = Figure(scene, "robot", actor, colour=ROBOT)
-        goal = Figure(scene, "goal", actor, colour=GOAL, opacity=GOAL_OPACITY, shrunk=GOAL_SIZE)
-        if cast.profile is not None and cast.servos_commanded:
-            self._limbs = LimbColours(cast.profile, robot.handles)
-
-        def show_robot(snapshot: Snapshot) -> None:
-            robot.place(snapshot.robot)
-            if self._limbs is not None:
-                self._limbs.show(snapshot.temperature)
-
-        self._parts["body" if cast.simulated else "robot"] = robot.top, show_robot
-        self._parts["goal"] = goal.top, lambda snapshot: goal.place(snapshot.goal)
-
-    def _add_performer(self) -> None:
-        """The performer with its sensors, and what was asked and reached of the landmarks."""
-        cast, scene, height = self._cast, self._scene, self.height
-        scale = height / cast.human.height
-        human = Figure(scene, "performer", cast.human, colour=HUMAN, opacity=HUMAN_OPACITY, scale=scale)
-        name = "human" if cast.robot is None else "performer"
-        self._parts[name] = human.top, lambda snapshot: human.place(snapshot.human, self.place)
-        if cast.sensors:
-            worn = Shapes(scene, "sensors", balls(cast.sensors, SENSOR_BALL * height), colour=SENSOR)
-            self._parts["sensors"] = worn.top, lambda snapshot: worn.show(_at(self.place, snapshot.sensors))
-        if cast.landmarks:
-            marks = balls(cast.landmarks, BALL * height)
-            asked = Shapes(scene, "asked", marks, colour=ASKED)
-            reached = Shapes(scene, "reached", marks, colour=REACHED)
-            self._parts["asked"] = asked.top, lambda snapshot: asked.show(snapshot.asked)
-            self._parts["reached"] = reached.top, lambda snapshot: reached.show(snapshot.reached)
-
-    def _add_ground(self) -> None:
-        """Balance, observers and obstacles."""
-        cast, scene, robot = self._cast, self._scene, self._cast.profile
-        balance = self.balance = Balance(scene, robot, height=self.height)
-        if balance.soles is not None:
-            self._parts["soles"] = balance.soles, balance.show_soles
-        self._parts["balance"] = balance.top, lambda snapshot: balance.show(snapshot, self._world.of)
-        if cast.simulated:
-            self._parts["pressure"] = balance.pressure, balance.show_pressure
-        if robot is not None:
-            observing = Observing(scene, robot)
-            self._parts["observers"] = observing.top, observing.show
-        if cast.obstacles:
-            obstacles = Shapes(scene, "obstacles", cast.obstacles, colour=OBSTACLE, opacity=OBSTACLE_OPACITY)
-
-            def show_obstacles(snapshot: Snapshot) -> None:
-                poses = snapshot.obstacle_poses
-                if poses is not None:
-                    obstacles.show(poses[:, :3], poses[:, 3:])
-
-            self._parts["obstacles"] = obstacles.top, show_obstacles
-
-    @property
-    def _world(self) -> Place:
-        """Where balance is: in the robot's world, or in that of a human alone."""
-        return self.place if self._cast.robot is None else HERE
-
-    def _furnish(self) -> None:
-        """The floor, and where one looks from: in front of robot and performer."""
-        self._scene.set_up_direction("+z")
-        self._scene.add_grid(
-            "/floor", 20.0, 20.0, cell_size=0.1, section_size=0.5, cell_color=(225, 228, 232), fade_distance=8.0
-        )
-        left, camera = 0.5 * self._left, self._server.initial_camera
-        camera.position = (1.9 * self.height, left, 0.9 * self.height)
-        camera.look_at = (0.0, left, 0.45 * self.height)
-
-    @property
-    def _left(self) -> float:
-        """How far to the left of the robot the performer stands, m; alone, where one looks."""
-        return 0.0 if self._cast.robot is None else LEFT_OF_ROBOT * self.height
-
     def _begin(self, first: Snapshot) -> None:
-        """The performer looks along x in the beginning, as the robot does."""
+        """The performer begins left of the robot (alone, where one looks) and looks along x, as the robot does."""
         human = self._cast.human
         _, turns = human.body.solver_body().forward(np.ascontiguousarray(first.human))
         x, y, _ = rotate(turns[1], np.array([1.0, 0.0, 0.0])).tolist()
         half = -0.5 * np.arctan2(y, x)
         turn = np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
-        origin = first.human[:3] * (1.0, 1.0, 0.0)
-        self.place = Place(self.height / human.height, origin, turn, np.array([0.0, self._left, 0.0]))
-
-
-def _at(place: Place, points: FloatArray | None) -> FloatArray | None:
-    """Points (k, 3) m of a world, in the scene."""
-    return None if points is None else place.of(points)
+        origin = self._height / human.height * first.human[:3] * (1.0, 1.0, 0.0)
+        move(self._performer, np.array([0.0, self._left, 0.0]) - rotate(turn, origin), turn)

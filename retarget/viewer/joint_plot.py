@@ -1,6 +1,5 @@
 """A plot of one joint on the page: its angle, how far it is off its goal, its servo's temperature or current."""
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,15 +12,15 @@ if TYPE_CHECKING:
     import viser
 
 
-QUANTITIES = ("angle", "off its goal", "temperature", "current")
-OF_ANGLES = QUANTITIES[:2]
-"""Those of a run that knows no more of its servos than where they were."""
-TITLES = {
+QUANTITIES = {
     "angle": "degrees: goal and servo",
     "off its goal": "degrees between goal and servo",
     "temperature": "degrees Celsius",
     "current": "A",
 }
+"""What can be plotted, and the title of its plot."""
+OF_ANGLES = ("angle", "off its goal")
+"""Those of a run that knows no more of its servos than where they were."""
 LEAST_HEIGHT = 0.1
 """Least height of a plot, in its unit: what trembles by less is flat."""
 PLOTTED = 1500
@@ -29,15 +28,16 @@ PLOTTED = 1500
 
 
 class JointPlot:
-    """cast: whose joints; rows: gives what is known by now."""
+    """cast: whose joints; rows: what is known, and more may come."""
 
-    def __init__(self, server: "viser.ViserServer", cast: Cast, rows: Callable[[], Rows]) -> None:
+    def __init__(self, server: "viser.ViserServer", cast: Cast, rows: Rows) -> None:
         from viser import uplot
 
-        self._cast, self._rows = cast, rows
+        self._cast, self._rows, self._reach = cast, rows, (0.0, 0.0)
         with server.gui.add_folder("plot"):
             self._joint = server.gui.add_dropdown("joint", cast.joints)
-            self._quantity = server.gui.add_dropdown("shows", QUANTITIES if cast.servos_commanded else OF_ANGLES)
+            quantities = tuple(QUANTITIES) if cast.servos_commanded else OF_ANGLES
+            self._quantity = server.gui.add_dropdown("shows", quantities)
             self._plot = server.gui.add_uplot(
                 (np.zeros(2), np.zeros(2), np.zeros(2)),
                 (
@@ -46,30 +46,27 @@ class JointPlot:
                     uplot.Series(label="servo", stroke=web(ROBOT), width=1),
                 ),
                 scales={"x": uplot.Scale(time=False)},
-                title=TITLES[QUANTITIES[0]],
+                title=QUANTITIES["angle"],
                 aspect=1.3,
             )
-        self._reach = (0.0, 0.0)
         self._joint.on_update(lambda _: self.draw())
         self._quantity.on_update(lambda _: self.draw())
         self.draw()
 
     def draw(self) -> None:
         """Draw what is known by now."""
-        rows, quantity = self._rows(), self._quantity.value
-        if len(rows) > 1:
-            self._plot.title = TITLES[quantity]
-            shown = curves(rows, self._cast, self._cast.joints.index(self._joint.value), quantity)
-            self._reach_to(heights(*shown[1:]))
-            self._plot.data = shown
-
-    def _reach_to(self, reach: tuple[float, float]) -> None:
-        """What the upright axis shows; the page makes the plot anew for another one."""
         from viser import uplot
 
-        if reach != self._reach:
+        rows, quantity = self._rows, self._quantity.value
+        if len(rows) < 2:
+            return
+        self._plot.title = QUANTITIES[quantity]
+        shown = curves(rows, self._cast, self._cast.joints.index(self._joint.value), quantity)
+        reach = heights(*shown[1:])
+        if reach != self._reach:  # the page makes the plot anew for another one
             self._reach = reach
             self._plot.scales = {"x": uplot.Scale(time=False), "y": uplot.Scale(range=reach)}
+        self._plot.data = shown
 
 
 def heights(*values: FloatArray) -> tuple[float, float]:
@@ -90,11 +87,10 @@ def curves(rows: Rows, cast: Cast, joint: int, quantity: str) -> tuple[FloatArra
     """Curves (P,) of one of QUANTITIES of a joint: time, s, what was sent and what its servo reported; NaN: not
     known."""
     shown = [rows[at] for at in np.unique(np.linspace(0, len(rows) - 1, PLOTTED).astype(int))]
-    time = np.array([row.time for row in shown])
+    time, unknown = np.array([row.time for row in shown]), np.full(len(shown), np.nan)
     if quantity not in OF_ANGLES:
         values = [getattr(row, quantity) for row in shown]
-        servo = np.array([np.nan if value is None else value[joint] for value in values])
-        return time, np.full(len(shown), np.nan), servo
+        return time, unknown, np.array([np.nan if value is None else value[joint] for value in values])
     sent = np.degrees([row.goal[cast.columns[joint]] for row in shown])
     present = np.degrees([row.present[joint] for row in shown])
-    return (time, sent, present) if quantity == "angle" else (time, np.full(len(shown), np.nan), sent - present)
+    return (time, sent, present) if quantity == "angle" else (time, unknown, sent - present)

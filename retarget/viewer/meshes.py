@@ -4,11 +4,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from retarget.model.scene_shapes import ShapeKind
-from retarget.rotations import rotate
-from retarget.types import FloatArray
+from retarget.rotations import to_matrix
 
 ROUND = 24
 """Corners of a circle."""
@@ -18,15 +16,16 @@ THIN, GROUND = 0.002, 2.0
 """Least radius that is seen, and half the side of the piece of a half-space that is, m."""
 
 PRIMITIVES = {
-    "mjGEOM_BOX": ShapeKind.BOX,
-    "mjGEOM_CYLINDER": ShapeKind.CYLINDER,
+    "mjGEOM_SPHERE": ShapeKind.CAPSULE,
     "mjGEOM_CAPSULE": ShapeKind.CAPSULE,
+    "mjGEOM_CYLINDER": ShapeKind.CYLINDER,
+    "mjGEOM_BOX": ShapeKind.BOX,
 }
-"""Kinds of geoms in MuJoCo that are shapes of a scene, too."""
+"""Kinds of geoms in MuJoCo that are shapes of a scene, too, with the same sizes."""
 
 
-Mesh = tuple[FloatArray, NDArray[np.uint32]]
-"""Vertices (v, 3) m and faces (f, 3)."""
+Mesh = Any
+"""A `trimesh.Trimesh`, m, with corners of their own along edges that are to look sharp."""
 
 
 def link_meshes(model: Any) -> dict[int, Mesh]:
@@ -35,13 +34,15 @@ def link_meshes(model: Any) -> dict[int, Mesh]:
 
     Where a link has shapes for looking at (which collide with nothing) and others, the others are left out.
     """
+    from trimesh import util
+
     found = {}
     for link in range(1, model.nbody):
         geoms = [g for g in range(model.ngeom) if model.geom_bodyid[g] == link]
         meshes = {g: mesh for g in geoms if (mesh := _geom_mesh(model, g)) is not None}
         shown = [g for g in meshes if not model.geom_contype[g] and not model.geom_conaffinity[g]]
         if meshes:
-            found[link] = _joined([meshes[g] for g in shown or meshes])
+            found[link] = util.concatenate([meshes[g] for g in shown or meshes])
     return found
 
 
@@ -51,17 +52,11 @@ def shape_mesh(kind: int, size: Sequence[float]) -> Mesh:
 
     x, y, z = (float(value) for value in size)
     if kind == ShapeKind.CAPSULE:
-        return _plain(creation.capsule(height=2.0 * y, radius=max(x, THIN), count=[ROUND, ROUND]))
+        return creation.capsule(height=2.0 * y, radius=max(x, THIN), count=[ROUND, ROUND])
     if kind == ShapeKind.CYLINDER:
         return _creased(creation.cylinder(radius=x, height=2.0 * y, sections=ROUND))
     half = (x, y, z) if kind == ShapeKind.BOX else (GROUND, GROUND, THIN)
     return _creased(creation.box(extents=2.0 * np.array(half)))
-
-
-def _joined(parts: list[Mesh]) -> Mesh:
-    first = np.cumsum([0, *(len(vertices) for vertices, _ in parts[:-1])])
-    faces = [triangles + np.uint32(start) for (_, triangles), start in zip(parts, first, strict=True)]
-    return np.concatenate([vertices for vertices, _ in parts]), np.concatenate(faces)
 
 
 def _geom_mesh(model: Any, geom: int) -> Mesh | None:
@@ -72,29 +67,22 @@ def _geom_mesh(model: Any, geom: int) -> Mesh | None:
     types = mujoco.mjtGeom
     size, kind = np.asarray(model.geom_size[geom]), types(model.geom_type[geom])
     if kind == types.mjGEOM_MESH:
-        mesh = model.geom_dataid[geom]
-        first, face = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
-        vertices = model.mesh_vert[first : first + model.mesh_vertnum[mesh]]
-        shape = _creased(Trimesh(vertices, model.mesh_face[face : face + model.mesh_facenum[mesh]], process=False))
+        number = model.geom_dataid[geom]
+        first, face = model.mesh_vertadr[number], model.mesh_faceadr[number]
+        vertices = model.mesh_vert[first : first + model.mesh_vertnum[number]]
+        mesh = _creased(Trimesh(vertices, model.mesh_face[face : face + model.mesh_facenum[number]], process=False))
     elif kind == types.mjGEOM_ELLIPSOID:
-        vertices, faces = shape_mesh(ShapeKind.CAPSULE, (1.0, 0.0, 0.0))
-        shape = vertices * size, faces
-    elif kind == types.mjGEOM_SPHERE:
-        shape = shape_mesh(ShapeKind.CAPSULE, (size[0], 0.0, 0.0))
+        mesh = shape_mesh(ShapeKind.CAPSULE, (1.0, 0.0, 0.0)).apply_scale(size)
     elif kind.name in PRIMITIVES:
-        shape = shape_mesh(PRIMITIVES[kind.name], size.tolist())
+        mesh = shape_mesh(PRIMITIVES[kind.name], size.tolist())
     else:
         return None
-    turn = np.asarray(model.geom_quat[geom], dtype=np.float64)
-    return rotate(turn, shape[0]) + model.geom_pos[geom], shape[1]
+    place = np.eye(4)
+    place[:3, :3], place[:3, 3] = to_matrix(np.asarray(model.geom_quat[geom], dtype=np.float64)), model.geom_pos[geom]
+    return mesh.apply_transform(place)
 
 
-def _creased(mesh: Any) -> Mesh:
-    """The triangles of a `trimesh.Trimesh`, with corners of their own along edges that are to look sharp."""
+def _creased(mesh: Mesh) -> Mesh:
     from trimesh import graph
 
-    return _plain(graph.smooth_shade(mesh, angle=SHARP))
-
-
-def _plain(mesh: Any) -> Mesh:
-    return np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.uint32)
+    return graph.smooth_shade(mesh, angle=SHARP)

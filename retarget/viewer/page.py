@@ -6,116 +6,55 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hardware.clock import Clock
-from retarget.types import FloatArray
-from retarget.viewer.colours import LEGEND, legend
+from retarget.viewer.colours import legend
 from retarget.viewer.drawing import Drawing
 from retarget.viewer.joint_plot import JointPlot
 from retarget.viewer.recorded import ShownRun
-from retarget.viewer.snapshot import Snapshot
+from retarget.viewer.snapshot import Cast, Rows, Snapshot, snapshot_at
 
 if TYPE_CHECKING:
     import viser
 
 
-# What both pages have in their panel: what the robot does in large letters, and what of the scene is shown.
+# What the robot does, in letters that are read from across a room.
 
 COLOURS = {"following": "#1b7f4b", "stopping": "#b3261e", "stopped": "#b3261e", "ended": "#5f6368"}
 OTHERWISE = "#b26a00"
 LARGE = "font-size:2em;font-weight:700;line-height:1.1;overflow-wrap:anywhere"
-BOX = "padding:0.3em 0.8em"
 
 
-def waiting(state: str) -> str:
-    """A state of a run in which nothing moves yet."""
-    word = escape(state.upper())
-    return f'<div style="{BOX}"><div style="{LARGE};color:{OTHERWISE}">{word}</div>nothing has moved yet</div>'
+def headline(state: str, *lines: str) -> str:
+    """A state of the run, and lines below it."""
+    letters = f'<div style="{LARGE};color:{COLOURS.get(state, OTHERWISE)}">{escape(state.upper())}</div>'
+    below = "".join(f'<div style="font-variant-numeric:tabular-nums">{escape(line)}</div>' for line in lines if line)
+    return f'<div style="padding:0.3em 0.8em">{letters}{below}</div>'
 
 
-def headline(snapshot: Snapshot, note: str = "") -> str:
-    """What the robot does, in letters that are read from across a room. note: a line below."""
-    colour = COLOURS.get(snapshot.state, OTHERWISE)
-    lines = [f'<span style="font-variant-numeric:tabular-nums">{snapshot.time:.2f} s</span>']
-    if not np.isnan(snapshot.off):
-        lines.append(f"servos at most {np.degrees(snapshot.off):.1f} degrees off their goals")
-    lines += [escape(note)] if note else []
-    return (
-        f'<div style="{BOX}"><div style="{LARGE};color:{colour}">{escape(snapshot.state.upper())}</div>'
-        f"<div>{escape(snapshot.why)}</div>"
-        + "".join(f'<div style="opacity:0.75">{line}</div>' for line in lines)
-        + "</div>"
-    )
+def headline_of(snapshot: Snapshot, *notes: str) -> str:
+    """What the robot does, why, when, and how far its servos are off. notes: lines below."""
+    off = () if np.isnan(snapshot.off) else (f"servos at most {np.degrees(snapshot.off):.1f} degrees off their goals",)
+    return headline(snapshot.state, snapshot.why, f"{snapshot.time:.2f} s", *off, *notes)
 
 
-def add_parts(server: "viser.ViserServer", drawing: Drawing) -> None:
-    """A box for everything that can be hidden, and what the colours mean."""
-    gui = server.gui
-    with gui.add_folder("what is shown"):
-        boxes = {part: gui.add_checkbox(LEGEND[part].box, True) for part in drawing.parts}
-    with gui.add_folder("what it means"):
-        meaning = gui.add_html("")
+class Page:
+    """Rows of a run in the scene, in the letters `state` and in the plot of a page, and what of them is shown."""
 
-    def see(part: str) -> None:
-        drawing.see(part, visible=bool(boxes[part].value))
-        explain()
+    def __init__(self, server: "viser.ViserServer", cast: Cast, rows: Rows, state: "viser.GuiHtmlHandle") -> None:
+        self._cast, self._rows, self._state = cast, rows, state
+        self._drawing = Drawing(server, cast)
+        with server.gui.add_folder("what is shown"):
+            for part in self._drawing.parts:
+                box = server.gui.add_checkbox(part, True)
+                box.on_update(lambda event, part=part: self._drawing.see(part, visible=event.target.value))  # type: ignore[misc]
+        with server.gui.add_folder("what it means"):
+            server.gui.add_html(legend(self._drawing.keys))
+        self.plot = JointPlot(server, cast, rows) if cast.joints else None
 
-    def explain() -> None:
-        meaning.content = legend((part for part, box in boxes.items() if box.value), drawing.limb_keys)
-
-    for part, box in boxes.items():
-        box.on_update(lambda _, part=part: see(part))  # type: ignore[misc]
-    explain()
-
-
-# Which row of a recording is shown now: playing over and over at any speed, standing, stepping.
-
-
-class Timeline:
-    """times (T,): of the rows, s, rising. Plays by the clock that `at` is called with."""
-
-    def __init__(self, times: FloatArray) -> None:
-        assert times.size > 0
-        self._times = times
-        self._here = float(times[0])
-        self._last: float | None = None  # s of the clock, while it plays
-        self.speed = 1.0
-
-    @property
-    def playing(self) -> bool:
-        """Whether time goes by."""
-        return self._last is not None
-
-    @property
-    def row(self) -> int:
-        """The row that is shown."""
-        return max(int(np.searchsorted(self._times, self._here, side="right")) - 1, 0)
-
-    def play(self, now: float) -> None:
-        """Go on, at `now` s."""
-        self._last = now
-
-    def pause(self) -> None:
-        """Let the timeline stand."""
-        self._last = None
-
-    def go_to(self, row: int) -> None:
-        """Show a row, the nearest that there is; go on from there if it plays."""
-        self._here = float(self._times[min(max(row, 0), len(self._times) - 1)])
-
-    def step(self, rows: int) -> None:
-        """Stand, so many rows on (or back)."""
-        self.pause()
-        self.go_to(self.row + rows)
-
-    def at(self, now: float) -> int:
-        """The row for `now`, s."""
-        if self._last is None:
-            return self.row
-        self._here += self.speed * max(now - self._last, 0.0)
-        self._last = now
-        first, last = float(self._times[0]), float(self._times[-1])
-        if self._here > last:
-            self._here = first + (self._here - first) % (last - first) if last > first else first
-        return self.row
+    def show(self, row: int, *notes: str, balanced_at: int | None = None) -> None:
+        """Show a row. notes: lines below the letters; balanced_at: as of `snapshot_at`."""
+        snapshot = snapshot_at(self._rows, self._cast, row, balanced_at=balanced_at)
+        self._drawing.show(snapshot)
+        self._state.content = headline_of(snapshot, *notes)
 
 
 SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "4")
@@ -123,50 +62,51 @@ PLAY = "play / pause"
 
 
 class RecordedPage:
-    """A recorded run on a page: `tick` shows the row of now to all connected browsers."""
+    """A recorded run on a page, which plays over and over at any speed, stands, or goes step by step: `tick` shows the
+    row of now to all connected browsers."""
 
-    def __init__(self, server: "viser.ViserServer", viewed: ShownRun, clock: Clock) -> None:
-        self._server, self._viewed, self._clock = server, viewed, clock
-        self._timeline = Timeline(viewed.times)
-        self._shown = -1
-        gui, last = server.gui, len(viewed.times) - 1
-        self._state = gui.add_html(headline(viewed.snapshot(0)))
+    def __init__(self, server: "viser.ViserServer", run: ShownRun, clock: Clock) -> None:
+        self._server, self._clock, self._times = server, clock, run.times
+        self._here, self._shown = float(run.times[0]), 0
+        self._played: float | None = clock.now()
+        """Until when it was played, s of the clock; None: it stands."""
+        gui, last = server.gui, len(run) - 1
+        state = gui.add_html("")
         self._slider = gui.add_slider("tick", 0, max(last, 1), 1, 0, disabled=last == 0)
         self._slider.on_update(self._slid)
         buttons = gui.add_button_group("", (PLAY, "-1", "+1"))
         buttons.on_click(lambda event: self._pressed(str(event.target.value)))
-        speed = gui.add_dropdown("speed", SPEEDS, initial_value="1")
-        speed.on_update(lambda _: setattr(self._timeline, "speed", float(speed.value)))
-        self._drawing = Drawing(server, viewed.cast)
-        add_parts(server, self._drawing)
-        if viewed.cast.joints:
-            JointPlot(server, viewed.cast, lambda: viewed)
-        self._timeline.play(clock.now())
-        self._show(0)
+        self._speed = gui.add_dropdown("speed", SPEEDS, initial_value="1")
+        self._page = Page(server, run.cast, run, state)
+        self._page.show(0)
 
     def tick(self) -> None:
         """Show the row of now; nothing, while no browser is connected."""
-        row = self._timeline.at(self._clock.now())
+        if self._played is not None:
+            now, (first, last) = self._clock.now(), self._times[[0, -1]].tolist()
+            further = self._here - first + float(self._speed.value) * (now - self._played)
+            self._here, self._played = first + (further % (last - first) if last > first else 0.0), now
+        row = self._row
         if row != self._shown and self._server.get_clients():
-            self._show(row)
+            self._shown = row
+            self._page.show(row)
+            if self._slider.value != row:
+                self._slider.value = row  # type: ignore[misc]  # viser's own examples set it
 
-    def _show(self, row: int) -> None:
-        self._shown = row
-        snapshot = self._viewed.snapshot(row)
-        self._drawing.show(snapshot)
-        self._state.content = headline(snapshot)
-        if self._slider.value != row:
-            self._slider.value = row  # type: ignore[misc]  # viser's own examples set it
+    @property
+    def _row(self) -> int:
+        return max(int(np.searchsorted(self._times, self._here, side="right")) - 1, 0)
+
+    def _stand_at(self, row: int) -> None:
+        """Stand at a row, the nearest that there is."""
+        self._played, self._here = None, float(self._times[min(max(row, 0), len(self._times) - 1)])
 
     def _slid(self, event: "viser.GuiEvent[viser.GuiSliderHandle[int]]") -> None:
         if event.client_id is not None:  # a person, and not `tick`
-            self._timeline.pause()
-            self._timeline.go_to(int(self._slider.value))
+            self._stand_at(int(self._slider.value))
 
     def _pressed(self, button: str) -> None:
-        if button in ("-1", "+1"):
-            self._timeline.step(int(button))
-        elif self._timeline.playing:
-            self._timeline.pause()
+        if button != PLAY:
+            self._stand_at(self._row + int(button))
         else:
-            self._timeline.play(self._clock.now())
+            self._played = self._clock.now() if self._played is None else None

@@ -1,6 +1,6 @@
 """A finished run to be looked at, whatever file it is from: its cast, and what the page shows of each of its ticks."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from retarget.errors import RefusedError
-from retarget.model.body_file import BodyFile
 from retarget.model.robot import RobotBody, load_robot
 from retarget.model.scene_state import SceneState
 from retarget.recording.configs import recorded_scene
 from retarget.recording.motion import PHASE_NAMES, Motion
-from retarget.recording.read_run import RecordedRun, human_of, read_recorded
+from retarget.recording.read_run import human_of, read_recorded
 from retarget.recording.reading import Recording
 from retarget.recording.taps import STATES_OF_RUN
 from retarget.run.record import Phase
@@ -21,21 +20,17 @@ from retarget.schema.scene import load_scene
 from retarget.types import BoolArray, FloatArray
 from retarget.viewer.meshes import Mesh
 from retarget.viewer.snapshot import (
-    PHASE_WORDS,
     STATE_WORDS,
+    Actor,
     Cast,
     Row,
-    Snapshot,
-    actor,
-    drawn,
-    obstacles,
-    placed,
-    snapshot_at,
+    obstacle_meshes,
+    obstacle_poses,
 )
 
-WORDS = {STATES_OF_RUN[state]: words for state, words in STATE_WORDS.items()}
-"""States of the run, which are more precise than the phase of a tick."""
-PHASES = {PHASE_NAMES[phase]: word for phase, word in PHASE_WORDS.items()}
+WORDS: dict[int | str, str] = {"approach": "approaching", "follow": "following", "brake": "stopping"}
+WORDS |= {STATES_OF_RUN[state]: words for state, words in STATE_WORDS.items()}
+"""By the phase of a tick, and by the state of the run, which is more precise."""
 OF_SERVOS = {"temperature": "temperature", "current": "current", "modes": "observer_modes", "truth": "truth"}
 """What a `Row` has besides postures: its name in the recorded run."""
 
@@ -49,7 +44,7 @@ class RecordedScene:
     """
 
     def __init__(self, recording: Recording, phase: NDArray[np.str_], no_command: BoolArray) -> None:
-        self.obstacles: dict[str, Mesh] = {}
+        self.obstacles: list[Mesh] = []
         self.notes: tuple[str, ...] = ()
         self._state: SceneState | None = None
         moves = (phase != PHASE_NAMES[Phase.APPROACH]) & ~no_command
@@ -62,27 +57,24 @@ class RecordedScene:
         except RefusedError as error:
             self.notes = (f"its scene is not shown: {error}",)
             return
-        self.obstacles = obstacles(self._state.shapes)
+        self.obstacles = obstacle_meshes(self._state.shapes)
 
     def at(self, row: int) -> FloatArray | None:
         """Poses (o, 7) of the obstacles, m and wxyz; None without any."""
         if self._state is None:
             return None
-        return placed(self._state.at_rest(float(self._times[row])).rows(drawn(self._state.shapes)))
+        return obstacle_poses(self._state.shapes, self._state.at_rest(float(self._times[row])))
 
 
 @dataclass(frozen=True, eq=False)
 class ShownRun:
     """A recorded run, as a page shows it. times (T,) s of its rows. notes: what is missing.
 
-    states, whys: words (T). tracks: everything of a `Row` that is an array, with a row per tick. scene: None without
-    any.
+    tracks: everything else that is known of a `Row`, with a row per tick. scene: None without any.
     """
 
     cast: Cast
     times: FloatArray
-    states: list[str]
-    whys: list[str]
     tracks: dict[str, NDArray[Any]]
     scene: RecordedScene | None
     notes: tuple[str, ...] = ()
@@ -92,18 +84,9 @@ class ShownRun:
 
     def __getitem__(self, row: int) -> Row:
         """The tick of a row."""
-        return Row(
-            time=float(self.times[row]),
-            state=self.states[row],
-            why=self.whys[row],
-            landmarks=self.cast.landmarks,
-            obstacle_poses=None if self.scene is None else self.scene.at(row),
-            **{name: values[row] for name, values in self.tracks.items()},
-        )
-
-    def snapshot(self, row: int) -> Snapshot:
-        """What is shown of a row."""
-        return snapshot_at(self, self.times, row, row, self.cast)
+        poses = None if self.scene is None else self.scene.at(row)
+        known = {name: values[row] for name, values in self.tracks.items()}
+        return Row(time=float(self.times[row]), obstacle_poses=poses, **known)
 
 
 def open_recorded(path: Path, *, body: Path | None = None) -> ShownRun:
@@ -117,53 +100,36 @@ def open_recorded(path: Path, *, body: Path | None = None) -> ShownRun:
     motion, scene = robot or human, None
     if run.recording is not None:
         scene = RecordedScene(run.recording, motion.phase, run.tracks["no_command"])
-    tracks: dict[str, NDArray[Any]] = {"human": human.q[run.shown]}
-    if run.sensors is not None:
-        tracks["sensors"] = run.sensors.position[run.shown]
     cast = Cast(
-        None,
-        actor(_compiled(human)),
-        (),
-        (),
-        obstacles={} if scene is None else scene.obstacles,
-        simulated="truth" in run.tracks,
+        human=_actor(human),
+        robot=None if robot is None else _actor(robot),
+        profile=run.profile if robot is None else run.profile or _profile(Path(robot.body.source)),
+        joints=() if robot is None else run.profile.joint_map.joints if run.profile else robot.joint_names,
+        landmarks=() if robot is None or robot.asked is None else robot.asked.names,
         sensors=() if run.sensors is None else run.sensors.names,
+        obstacles=() if scene is None else scene.obstacles,
         servos_commanded="temperature" in run.tracks,
     )
+    tracks: dict[str, NDArray[Any]] = {"human": human.q[run.shown]}
+    tracks |= {} if run.sensors is None else {"sensors": run.sensors.position[run.shown]}
+    tracks |= {name: run.tracks[own] for name, own in OF_SERVOS.items() if own in run.tracks}
     if robot is not None:
-        cast = _with_robot(cast, run, robot)
-        tracks |= _robot_tracks(cast, run, robot)
-    states = [PHASES[name] for name in motion.phase.tolist()]
+        servos = np.full(robot.joints.shape, np.nan) if robot.servos is None else robot.servos
+        tracks |= {"goal": robot.q, "present": servos[:, [robot.joint_names.index(joint) for joint in cast.joints]]}
+        tracks |= {} if robot.asked is None else {"asked": robot.asked.position}
+        tracks |= {} if run.reached is None else {"reached": run.reached.position}
+    states = [WORDS[name] for name in motion.phase.tolist()]
     if "state" in run.tracks:
         states = [WORDS.get(state, word) for state, word in zip(run.tracks["state"].tolist(), states, strict=True)]
-    reasons = run.reasons or ("",) * len(states)
-    whys = ["" if state == "following" else why for state, why in zip(states, reasons, strict=True)]
+    whys = np.where(np.array(states) == "following", "", run.reasons or "")
+    tracks |= {"state": np.array(states), "why": whys}
     notes = tuple(dict.fromkeys((*run.notes, *(() if scene is None else scene.notes))))
-    return ShownRun(cast, motion.time, states, whys, tracks, scene, notes)
+    return ShownRun(cast, motion.time, tracks, scene, notes)
 
 
-def _with_robot(cast: Cast, run: RecordedRun, robot: Motion) -> Cast:
-    """The cast with the robot: its servos where the run knows of them, else all joints of its body."""
-    profile = run.profile or _profile(Path(robot.body.source))
-    joints = run.profile.joint_map.joints if run.profile is not None else robot.joint_names
-    columns = robot.body.joint_qpos[[robot.body.joint_index(joint) for joint in joints]]
-    landmarks = () if robot.asked is None else robot.asked.names
-    shown = actor(_compiled(robot))
-    return replace(cast, robot=shown, joints=joints, landmarks=landmarks, profile=profile, columns=columns)
-
-
-def _robot_tracks(cast: Cast, run: RecordedRun, robot: Motion) -> dict[str, NDArray[Any]]:
-    order = [robot.joint_names.index(joint) for joint in cast.joints]
-    servos = np.full(robot.joints.shape, np.nan) if robot.servos is None else robot.servos
-    tracks = {"goal": robot.q, "present": servos[:, order]}
-    tracks |= {name: run.tracks[own] for name, own in OF_SERVOS.items() if own in run.tracks}
-    tracks |= {} if robot.asked is None else {"asked": robot.asked.position}
-    return tracks | ({} if run.reached is None else {"reached": run.reached.position})
-
-
-def _compiled(motion: Motion) -> BodyFile:
+def _actor(motion: Motion) -> Actor:
     assert motion.compiled is not None, "a body that was read"
-    return motion.compiled
+    return Actor(motion.compiled)
 
 
 def _profile(body: Path) -> RobotBody | None:

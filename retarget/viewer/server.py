@@ -2,9 +2,8 @@
 
 import hmac
 import secrets
-import socket
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, redirect_stdout, suppress
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass, replace
 from http import HTTPStatus
 from io import StringIO
@@ -25,8 +24,6 @@ if TYPE_CHECKING:
 
 PORT = 8080
 """Default port of a page."""
-LOOKED_AT = 100
-"""Ports from the one that is asked for on; where none of them is free, the system chooses."""
 KEY_BYTES = 24
 """Random bytes of the key of a page: 192 bits cannot be guessed."""
 HOSTS = ("127.0.0.1", "localhost", "[::1]")
@@ -90,9 +87,9 @@ def open_server(port: int, *, title: str) -> tuple["viser.ViserServer", str]:
         ) from error
     access = AccessToken()
     with _guarded(access), redirect_stdout(StringIO()):  # viser prints an address without the key
-        server = viser.ViserServer(LOOPBACK, _free(port), label=title, verbose=False)
+        server = viser.ViserServer(LOOPBACK, port, label=title, verbose=False)  # where it is taken, the next one
     access.port = server.get_port()
-    server.request_share_url = _shares_nothing  # type: ignore[method-assign]
+    server.request_share_url = lambda verbose=True: None  # type: ignore[method-assign]  # it stays on this machine
     server.gui.main_panel.dock_right()
     server.gui.configure_theme(show_logo=False, show_share_button=False)
     return server, access.address
@@ -104,25 +101,10 @@ def close_server(server: "viser.ViserServer") -> None:
         server.stop()
 
 
-def _shares_nothing(verbose: bool = True) -> None:
-    """The page stays on this machine."""
-
-
-def _free(port: int) -> int:
-    """The port, or the next one that is free; 0: any, which the system chooses."""
-    for candidate in range(port, min(port + LOOKED_AT, 2**16)):
-        with suppress(OSError), socket.socket() as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            probe.bind((LOOPBACK, candidate))
-            return candidate
-    return 0
-
-
 @contextmanager
 def _guarded(access: AccessToken) -> Iterator[None]:
     """While a viser server is made, check each of its requests by the token; viser has no setting for that."""
     from websockets.asyncio import server as sockets
-    from websockets.datastructures import Headers
     from websockets.http11 import Request, Response
 
     serve = sockets.serve
@@ -131,9 +113,7 @@ def _guarded(access: AccessToken) -> Iterator[None]:
         def ask(connection: sockets.ServerConnection, request: Request) -> Response | None:
             judged = access.judge(request.path, lambda name: _only(request.headers.get_all(name)))
             if isinstance(judged, Refused):
-                body = f"{judged.why}\n".encode()
-                kind = {"Content-Type": "text/plain; charset=utf-8", "Content-Length": str(len(body))}
-                return Response(judged.status.value, judged.status.phrase, Headers(**kind), body)
+                return connection.respond(judged.status, f"{judged.why}\n")
             response: Response | None = process_request(connection, replace(request, path=judged))
             if response is not None:
                 response.headers["X-Frame-Options"] = "DENY"

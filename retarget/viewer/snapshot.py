@@ -1,6 +1,8 @@
 """What a page shows: the cast of a run, which stays the same, and snapshots of it, one per tick."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -10,14 +12,11 @@ from retarget.model.body_file import BodyFile
 from retarget.model.robot import RobotBody
 from retarget.model.scene_shapes import SceneShapes
 from retarget.model.scene_state import ObstaclePoses
-from retarget.run.record import Phase
 from retarget.run.run_result import in_truth
 from retarget.schema.scene import FLOOR
 from retarget.types import FloatArray, IntArray, ModeArray, RunState
 from retarget.viewer.meshes import Mesh, link_meshes, shape_mesh
 
-PHASE_WORDS = {Phase.APPROACH: "approaching", Phase.FOLLOW: "following", Phase.BRAKE: "stopping"}
-"""What a robot does in a tick of that phase."""
 STATE_WORDS = {
     RunState.APPROACH: "approaching",
     RunState.FOLLOW: "following",
@@ -28,50 +27,61 @@ STATE_WORDS = {
     RunState.OFF: "ended",
     RunState.FAULT: "stopped",
 }
-"""The same by the state of the run."""
+"""What a robot does in a state of the run."""
 LEAST_M = 0.05
 """Height of a body that has none: something to scale by."""
 
 
-@dataclass(frozen=True, eq=False)
 class Actor:
-    """A body that moves. meshes: of its links, by their numbers. height: from its lowest to its highest link as the
-    file has it, m."""
+    """A compiled body that moves. meshes: of its links, and links: their numbers. height: from its lowest to its
+    highest link as the file has it, m."""
 
-    body: BodyModel
-    meshes: dict[int, Mesh]
-    height: float
+    def __init__(self, file: BodyFile) -> None:
+        self.body: BodyModel = body_from_file(file)
+        self._solver, meshes = self.body.solver_body(), link_meshes(file.model)
+        self.links, self.meshes = list(meshes), list(meshes.values())
+        positions, _ = self._solver.forward(self.body.qpos0)
+        self.height = max(float(np.ptp(positions[1:, 2])), LEAST_M)
+
+    def posed(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Positions (m, 3) m and orientations (m, 4) of the links that have meshes, in a posture (nq,)."""
+        positions, turns = self._solver.forward(np.ascontiguousarray(q))
+        return positions[self.links], turns[self.links]
+
+    def com(self, q: FloatArray) -> FloatArray:
+        """Centre of mass (T, 3) m in postures (T, nq)."""
+        return self._solver.centre_of_mass(np.ascontiguousarray(q))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Cast:
     """Who and what is seen. robot: None for a human alone. joints: n that a plot can show, landmarks (k) of the robot
     and sensors (s) of the performer: names.
 
-    profile: of the robot, where it is known: its soles, observers and servos. obstacles: of the scene. simulated: the
-    robot has mass, and snapshots hold where it really is. servos_commanded: snapshots hold temperatures and currents of
-    the servos. columns (n,): where a posture of the robot holds `joints`.
+    profile: of the robot, where it is known: its soles, observers and servos. obstacles: of the scene.
+    servos_commanded: snapshots hold temperatures and currents of the servos.
     """
 
-    robot: Actor | None
     human: Actor
-    joints: tuple[str, ...]
-    landmarks: tuple[str, ...]
+    robot: Actor | None = None
     profile: RobotBody | None = None
-    obstacles: dict[str, Mesh] = field(default_factory=dict)
-    simulated: bool = False
+    joints: tuple[str, ...] = ()
+    landmarks: tuple[str, ...] = ()
     sensors: tuple[str, ...] = ()
+    obstacles: Sequence[Mesh] = ()
     servos_commanded: bool = True
-    columns: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
-    def com(self, q: FloatArray) -> FloatArray:
-        """Centre of mass (T, 3) m of the robot, or of a human alone, in postures (T, nq)."""
-        body = (self.robot or self.human).body
-        return body.solver_body().centre_of_mass(np.ascontiguousarray(q))
+    @cached_property
+    def columns(self) -> IntArray:
+        """Where a posture of the robot holds `joints`, (n,)."""
+        if self.robot is None:
+            return np.zeros(0, dtype=np.int64)
+        body = self.robot.body
+        return body.joint_qpos[[body.joint_index(joint) for joint in self.joints]]
 
 
-def _no_points() -> FloatArray:
-    return np.zeros((0, 3))
+UNKNOWN = np.full(2, np.nan)
+"""A point on the floor that is not known."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -80,10 +90,10 @@ class Row:
     a stop, or "".
 
     goal (nq,): posture of the robot that was sent, empty for a human alone; human (nq,). present (n,): rad, of the
-    joints of the cast, NaN: not reported. landmarks (k): names; asked, reached (k, 3) m. sensors (s, 3) m: of the
-    performer, NaN: not valid. obstacle_poses (o, 7): position, m, and quaternion. modes (o,) of the observers,
+    joints of the cast, NaN: not reported. asked, reached (k, 3) m: its landmarks, NaN: not asked. sensors (s, 3) m: of
+    the performer, NaN: not valid. obstacle_poses (o, 7): position, m, and quaternion. modes (o,) of the observers,
     temperature (n,), degrees Celsius, and current (n,), A, of the servos. truth: the numbers of `truth_names` of a
-    simulated body. None, and empty `reached`: not known.
+    simulated body. None: not known.
     """
 
     time: float
@@ -92,9 +102,8 @@ class Row:
     why: str = ""
     goal: FloatArray = field(default_factory=lambda: np.zeros(0))
     present: FloatArray = field(default_factory=lambda: np.zeros(0))
-    landmarks: tuple[str, ...] = ()
-    asked: FloatArray = field(default_factory=_no_points)
-    reached: FloatArray = field(default_factory=_no_points)
+    asked: FloatArray | None = None
+    reached: FloatArray | None = None
     sensors: FloatArray | None = None
     obstacle_poses: FloatArray | None = None
     modes: ModeArray | None = None
@@ -107,14 +116,14 @@ class Row:
 class Snapshot(Row):
     """A row, and what is computed of it. robot (nq,): posture of the robot as its servos report it, or as its physics
     has it. sent (n,): rad, as `present`. com (3,) m; zmp, pressure (2,) m: zero-moment point of the goals, and centre
-    of pressure of the soles of a simulated robot, NaN or None where not known.
+    of pressure of the soles of a simulated robot, NaN where not known.
     """
 
     robot: FloatArray
     sent: FloatArray
     com: FloatArray
-    zmp: FloatArray | None = None
-    pressure: FloatArray | None = None
+    zmp: FloatArray = field(default_factory=UNKNOWN.copy)
+    pressure: FloatArray = field(default_factory=UNKNOWN.copy)
 
     @property
     def off(self) -> float:
@@ -123,96 +132,66 @@ class Snapshot(Row):
         return float(np.nanmax(gap)) if np.isfinite(gap).any() else float("nan")
 
 
-def snapshot_of(row: Row, cast: Cast, *, com: FloatArray, zmp: FloatArray) -> Snapshot:
-    """What a row shows. com (3,), zmp (2,): of the motion that it is a part of, m."""
-    there, pressure = row.goal.copy(), None
-    there[cast.columns] = np.where(np.isfinite(row.present), row.present, there[cast.columns])
-    if cast.robot is not None and row.truth is not None and np.isfinite(row.truth[:-2]).all():
-        there, pressure = in_truth(cast.robot.body, row.goal, row.truth)
-    asked = reached = np.full((len(cast.landmarks), 3), np.nan)
-    if row.landmarks:
-        named = [cast.landmarks.index(name) for name in row.landmarks]
-        asked, reached = asked.copy(), reached.copy()
-        asked[named], reached[named] = row.asked, _reached(row, cast)
-    computed = {"robot": there, "sent": row.goal[cast.columns], "com": com, "zmp": zmp, "pressure": pressure}
-    return Snapshot(**vars(row) | computed | {"asked": asked, "reached": reached})
-
-
-def _reached(row: Row, cast: Cast) -> FloatArray:
-    """Where the goal has the landmarks of a row (k, 3) m."""
-    if cast.profile is None or len(row.reached):
-        return row.reached
-    reached: FloatArray = cast.profile.points(row.goal[None], cast.profile.landmark_frames(row.landmarks))[0]
-    return reached
-
-
-def actor(file: BodyFile) -> Actor:
-    """Make the figure of a compiled body."""
-    body = body_from_file(file)
-    positions, _ = body.solver_body().forward(body.qpos0)
-    return Actor(body, link_meshes(file.model), max(float(np.ptp(positions[1:, 2])), LEAST_M))
-
-
-def drawn(shapes: SceneShapes) -> list[int]:
-    """Numbers of the obstacles that are drawn: all but the floor, which the page has anyway."""
-    return [row for row, name in enumerate(shapes.names) if name != FLOOR]
-
-
-def obstacles(shapes: SceneShapes) -> dict[str, Mesh]:
-    """Meshes of a scene, each in its own frame: of those that are `drawn`, by name."""
-    return {shapes.names[row]: shape_mesh(int(shapes.kinds[row]), shapes.sizes[row]) for row in drawn(shapes)}
-
-
-def placed(poses: ObstaclePoses) -> FloatArray:
-    """Poses (o, 7) of obstacles: position m, orientation wxyz."""
-    return np.column_stack([poses.position, poses.quat])
-
-
 # The zero-moment point of a motion that is looked at: where the floor would have to push.
 
 GRAVITY = 9.81  # [m/s^2]
-SPACING_S = 0.04
-"""Time, s, between the three looks at the centre of mass of which its acceleration is made: a mean over twice that."""
-LONGEST_S = 0.2
-"""Looks that are farther apart give no acceleration."""
+WINDOW_S = 0.05
+"""The acceleration of the centre of mass is that of a parabola through what it did so long before and after, s: two
+rows of a page at 25 Hz."""
+MOST_NEAR = 15
+"""Rows of a recording that are looked at before and after."""
 
 
 def zero_moment_point(times: FloatArray, com: FloatArray) -> FloatArray:
-    """Zero-moment point (2,) m on the floor at the second of three times (3,) s, of a centre of mass at com (3, 3) m.
+    """Where it was, (2,) m on the floor, at time 0, of a centre of mass at com (k, 3) m at times (k,) s, rising.
 
-    As in `standing_balance`, with all mass in one point: p = c - z / (g + z'') c''. NaN where times are not apart, or
-    too far, and where it falls freely.
+    As in `standing_balance`, with all mass in one point: p = c - z / (g + z'') c''. NaN where nothing is known before
+    or after, and where it falls freely.
     """
-    before, after = np.diff(times)
-    if not (0.0 < before <= LONGEST_S and 0.0 < after <= LONGEST_S):
-        return np.full(2, np.nan)
-    change = (com[2] - com[1]) / after - (com[1] - com[0]) / before
-    acceleration = 2.0 * change / (before + after)
-    weight = GRAVITY + acceleration[2]
+    if not times[0] < 0.0 < times[-1]:
+        return UNKNOWN
+    bend, _, place = np.polyfit(times, com, 2)  # c(t) = bend t^2 + speed t + place
+    weight = GRAVITY + 2.0 * bend[2]
     if weight <= 0.0:
-        return np.full(2, np.nan)
-    point: FloatArray = com[1, :2] - com[1, 2] / weight * acceleration[:2]
+        return UNKNOWN
+    point: FloatArray = place[:2] - place[2] / weight * 2.0 * bend[:2]
     return point
 
 
-def rows_around(times: FloatArray, row: int) -> tuple[int, int, int]:
-    """The row of times (T,) s, with one about SPACING_S before and one as long after it; NaN comes of those that are
-    not there."""
-    before, after = np.searchsorted(times, times[row] + np.array([-SPACING_S, SPACING_S]) - 1e-6)
-    last = len(times) - 1
-    return max(min(int(before), row - 1), 0), row, min(max(int(after), row + 1), last)
-
-
 class Rows(Protocol):
-    """Rows of a motion, in their order."""
+    """Rows of a motion in their order."""
 
     def __len__(self) -> int: ...
 
     def __getitem__(self, row: int, /) -> Row: ...
 
 
-def snapshot_at(rows: Rows, times: FloatArray, at: int, looked: int, cast: Cast) -> Snapshot:
-    """What a row of a motion shows. times (T,) s: of its rows; looked: the row whose zero-moment point is shown."""
-    near = [*rows_around(times, looked), at]
-    com = cast.com(np.array([rows[i].human if cast.robot is None else rows[i].goal for i in near]))
-    return snapshot_of(rows[at], cast, com=com[3], zmp=zero_moment_point(times[near[:3]], com[:3]))
+def snapshot_at(rows: Rows, cast: Cast, at: int, *, balanced_at: int | None = None) -> Snapshot:
+    """What a row shows. balanced_at: the row whose zero-moment point is shown, where it is another one."""
+    row, middle, body = rows[at], at if balanced_at is None else balanced_at, cast.robot or cast.human
+    near = [rows[one] for one in range(max(middle - MOST_NEAR, 0), min(middle + MOST_NEAR + 1, len(rows)))]
+    near = [one for one in near if abs(one.time - rows[middle].time) <= WINDOW_S]
+    com = body.com(np.array([one.human if cast.robot is None else one.goal for one in (*near, row)]))
+    zmp = zero_moment_point(np.array([one.time for one in near]) - rows[middle].time, com[:-1])
+    there, pressure, reached = row.goal.copy(), UNKNOWN, row.reached
+    there[cast.columns] = np.where(np.isfinite(row.present), row.present, there[cast.columns])
+    if cast.robot is not None and row.truth is not None and np.isfinite(row.truth[:-2]).all():
+        there, pressure = in_truth(cast.robot.body, row.goal, row.truth)
+    if reached is None and cast.profile is not None:
+        reached = cast.profile.points(row.goal[None], cast.profile.landmark_frames(cast.landmarks))[0]
+    computed = {"robot": there, "sent": row.goal[cast.columns], "com": com[-1], "zmp": zmp, "pressure": pressure}
+    return Snapshot(**vars(row) | computed | {"reached": reached})
+
+
+# The obstacles of a scene: all but the floor, which the page has anyway.
+
+
+def obstacle_meshes(shapes: SceneShapes) -> list[Mesh]:
+    """Their meshes, each in its own frame."""
+    solid = zip(shapes.names, shapes.kinds, shapes.sizes, strict=True)
+    return [shape_mesh(int(kind), size) for name, kind, size in solid if name != FLOOR]
+
+
+def obstacle_poses(shapes: SceneShapes, poses: ObstaclePoses) -> FloatArray:
+    """Where they are, (o, 7): position, m, and quaternion."""
+    return np.column_stack([poses.position, poses.quat])[[name != FLOOR for name in shapes.names]]

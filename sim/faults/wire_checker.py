@@ -13,8 +13,7 @@ import numpy as np
 from hardware.servo import ServoSpec
 from retarget.model.body_file import BodyFile, compile_body
 from retarget.model.robot import RobotBody
-from retarget.report.clearance import Clearance, PlacedBody
-from retarget.report.distances import moving_geoms
+from retarget.report.clearance import Clearance, PlacedBody, moving_geoms
 from retarget.types import FloatArray
 
 # The frames of protocol 2.0 that a host sent, and what they write.

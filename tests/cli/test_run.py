@@ -212,7 +212,7 @@ def test_a_robot_follows_a_recording(amc: Path, tmp_path: Path, capsys: pytest.C
         assert time[phase == "follow"] == pytest.approx(np.arange(751) / 125.0)
         assert np.isfinite(arrays["joint_positions"]).all()
     shown = capsys.readouterr()
-    for words in ("tracking, mm", "limits broken", "lag", "self clearance", "cost per tick", "report:"):
+    for words in ("tracking, mm", "joint speeds", "lag", "its own links", "cost per tick", "report:"):
         assert words in shown.out
     assert "%" not in shown.err  # no progress bar in a pipe
 

@@ -33,8 +33,8 @@ from retarget.live.stream_report import (
     refuse_version,
     unusable,
 )
+from retarget.report.findings import stream_line
 from retarget.report.measure import measure
-from retarget.report.summary import stream_line
 from retarget.sources.mvn import MvnDecoder
 from retarget.sources.natnet_wire import Version
 from retarget.sources.raw_record import RawWriter

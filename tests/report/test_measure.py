@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.physics_runs import play, stood
 from faulty_bus import FaultKind, MockFault
 from hardware.bus import ServoGoals, ServoStates
 from hardware.errors import BusError
@@ -20,11 +21,13 @@ from retarget.report.measure import latest_of, measure, measure_latest
 from retarget.report.outputs import Outputs
 from retarget.report.report import BusReport, ServoExtreme
 from retarget.run.loop import INTERRUPTED, Watch
+from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared
 from retarget.run.run_result import RunResult
 from retarget.types import FloatArray
 from rig import Rig, StubReconstructor, five, person, scripted_run, short_clip
 from sim.faults.sender import FakeSender
+from sim.performer import synthetic_performer
 
 TICKS = 51
 
@@ -170,7 +173,7 @@ def test_who_asked_a_run_to_end_waits_for_its_end_only(
 ) -> None:
     monkeypatch.setattr(follow_clip, "measure_latest", lambda run: measure_latest(run, 4.0))
     said: list[tuple[str, ...]] = []
-    monkeypatch.setattr(follow_clip, "_show", lambda report, written: said.append(report.notes))
+    monkeypatch.setattr(follow_clip, "_show", lambda run, report, written: said.append(report.notes))
     assert follow_clip.finished(run, Outputs()) == STOPPED
     follow_clip.finished(replace(run, stop=None), Outputs())
     assert ["last 4 s" in " ".join(notes) for notes in said] == [True, False]
@@ -178,7 +181,22 @@ def test_who_asked_a_run_to_end_waits_for_its_end_only(
 
 def test_a_file_is_of_the_whole_run(run: RunResult, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     said: list[tuple[str, ...]] = []
-    monkeypatch.setattr(follow_clip, "_show", lambda report, written: said.append(report.notes))
+    monkeypatch.setattr(follow_clip, "_show", lambda run, report, written: said.append(report.notes))
     monkeypatch.setattr(follow_clip, "measure_latest", lambda run: pytest.fail("not the whole"))
     follow_clip.finished(run, Outputs(report=tmp_path / "report.json"))
     assert "last" not in " ".join(said[0])
+
+
+# Every robot that is shipped stands through the demo with mass, goes to rest, and moves.
+
+pytest.importorskip("mujoco")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("robot", ["op3", "poppy", "toddlerbot", "wolfgang"])
+def test_it_stands_through_the_demo_in_physics(robot: str) -> None:
+    run = play(synthetic_performer(), RunOptions(robot=robot, bus="physics"))
+    end = stood("none", 0, run)
+    assert (end.fallen_at, end.stopped) == (None, "")
+    report = measure(run)
+    assert report.hand_path_ratio is not None and report.hand_path_ratio > 0.7

@@ -3,8 +3,21 @@
 import numpy as np
 import pytest
 
+from faulty_bus import FaultKind, MockFault
+from gates import sent
 from messages import refuses
-from retarget.report.motion_metrics import nearest, observer_activity
+from retarget.model.body import JointLimits
+from retarget.model.robot import RobotBody, load_robot
+from retarget.report import motion_metrics, tracking
+from retarget.report.measure import measure
+from retarget.report.motion_metrics import jerk_p95, limit_violations, observer_activity
+from retarget.report.report import Report
+from retarget.rotations import IDENTITY
+from retarget.run.loop import Watch, run_human
+from retarget.run.record import Phase
+from retarget.run.run_result import RunResult
+from retarget.types import FloatArray
+from rig import Rig, StubReconstructor, person, result, short_clip
 
 
 def test_switches_are_counted_per_second_and_observer() -> None:
@@ -18,7 +31,6 @@ def test_switches_are_counted_per_second_and_observer() -> None:
     assert found.switches.mean == pytest.approx(1.0)
     assert found.switches.name == "l_arm"
     assert found.activations == 3
-    assert found.active == 1.0
     assert found.reactive == pytest.approx(4 / 11)
 
 
@@ -31,7 +43,7 @@ def test_a_change_of_active_mode_is_a_switch_but_no_activation() -> None:
 def test_calm_observers_have_no_worst_one() -> None:
     found = observer_activity(np.zeros((4, 2), dtype=np.uint8), ("a", "b"), dt=0.1)
     assert found is not None
-    assert (found.switches.name, found.switches.worst, found.active, found.reactive) == (None, 0.0, 0.0, 0.0)
+    assert (found.switches.name, found.switches.worst, found.reactive) == (None, 0.0, 0.0)
 
 
 def test_nothing_is_known_without_ticks_or_observers() -> None:
@@ -41,6 +53,231 @@ def test_nothing_is_known_without_ticks_or_observers() -> None:
         observer_activity(np.zeros((5, 2), dtype=np.uint8), ("a",), dt=0.1)
 
 
-def test_the_nearest_is_of_what_is_known() -> None:
-    assert nearest(np.array([[np.nan, 0.3], [np.inf, -0.1]])) == -0.1
-    assert nearest(np.full(3, np.nan)) is None
+# Metrics against cases made by hand.
+
+DT = 0.008
+
+
+@pytest.fixture(scope="module")
+def op3() -> RobotBody:
+    return load_robot("op3")
+
+
+def wave(ticks: int = 500, *, late: float = 0.0) -> FloatArray:
+    """Two tracks (T, 2, 3) m that go round, `late` s late."""
+    time = np.arange(ticks) * DT - late
+    one = np.stack([0.1 * np.sin(3.0 * time), 0.2 * np.cos(2.0 * time), 0.05 * time], axis=-1)
+    return np.stack([one, 2.0 * one], axis=1)
+
+
+def limits(position: float = 1.0, velocity: float = 2.0, acceleration: float = 10.0, joints: int = 2) -> JointLimits:
+    full = np.full(joints, 1.0)
+    return JointLimits(-position * full, position * full, velocity * full, acceleration * full)
+
+
+def test_a_frozen_robot_shows_zero_and_no_lag() -> None:
+    asked = wave()
+    frozen = np.repeat(asked[:1], len(asked), axis=0)
+    assert tracking.path_ratio(asked, frozen) == 0.0
+    assert tracking.excursion_ratio(asked[:, 0, 2], frozen[:, 0, 2]) == 0.0
+    assert tracking.lag(asked, frozen, DT) is None
+    assert tracking.path_ratio(asked, asked) == pytest.approx(1.0)
+    assert tracking.path_ratio(frozen, asked) is None
+    assert tracking.excursion_ratio(frozen[:, 0, 2], asked[:, 0, 2]) is None
+
+
+@pytest.mark.parametrize("late", [0.0, 0.02, 0.0457, 0.2])
+def test_lag_is_found_between_ticks(late: float) -> None:
+    assert tracking.lag(wave(), wave(late=late), DT) == pytest.approx(late, abs=0.003)
+
+
+def test_ticks_with_unknown_values_take_no_part() -> None:
+    asked, reached = wave(), wave()
+    asked[3] = np.nan
+    assert tracking.path_ratio(asked, reached) == pytest.approx(1.0)
+    assert tracking.excursion_ratio(asked[:, 0, 2], reached[:, 0, 2]) == pytest.approx(1.0)
+    assert tracking.path_ratio(asked * np.nan, reached) is None
+    assert tracking.lag(asked * np.nan, reached, DT) is None
+
+
+def test_a_motion_within_its_limits_breaks_none() -> None:
+    time = np.arange(400) * DT
+    smooth = np.stack([0.5 * (1.0 - np.cos(2.0 * time)), np.zeros_like(time)], axis=-1)
+    assert limit_violations(smooth, limits(), DT) == limit_violations(smooth, limits(), DT, from_rest=False)
+    counted = limit_violations(smooth, limits(), DT)
+    assert (counted.position, counted.velocity, counted.acceleration) == (0, 0, 0)
+
+
+def test_every_broken_limit_is_counted() -> None:
+    still = np.zeros((10, 2))
+    beyond = still.copy()
+    beyond[5:7, 1] = 1.1
+    counted = limit_violations(beyond, limits(velocity=1e6, acceleration=1e9), DT)
+    assert (counted.position, counted.velocity, counted.acceleration) == (2, 0, 0)
+    fast = np.outer(np.arange(5) * 2.01 * DT, [1.0, 0.0])
+    counted = limit_violations(fast, limits(acceleration=1e9), DT)
+    assert (counted.position, counted.velocity, counted.acceleration) == (0, 4, 0)
+    # From rest into motion and back to rest: two changes of speed.
+    kick = still.copy()
+    kick[4:, 0] = 11.0 * DT**2
+    counted = limit_violations(kick, limits(), DT)
+    assert (counted.position, counted.velocity, counted.acceleration) == (0, 0, 2)
+
+
+def test_a_start_beyond_a_limit_may_come_back_but_not_go_out_again() -> None:
+    path = np.array([1.2, 1.1, 0.9, 1.1])[:, None]
+    loose = limits(velocity=1e6, acceleration=1e9, joints=1)
+    assert limit_violations(path, loose, DT).position == 1
+
+
+def test_jerk() -> None:
+    time = np.arange(100) * DT
+    assert jerk_p95(np.array(2.0 * time**3)[:, None], DT) == pytest.approx(12.0)
+    assert jerk_p95(np.zeros((3, 2)), DT) is None
+
+
+def test_a_motion_that_is_cut_has_not_kept_its_limits() -> None:
+    # Half of 8 rad/s^2 for 10 ticks: no limit is broken on the way, but nothing slows it down.
+    cut = np.outer(4.0 * (np.arange(11) * DT) ** 2, [1.0, 0.0])
+    assert limit_violations(cut, limits(), DT).acceleration == 0
+    counted = limit_violations(cut, limits(), DT, to_rest=True)
+    assert (counted.position, counted.velocity, counted.acceleration) == (0, 0, 1)
+    standing_outside = np.array([[0.0], [1.1]])
+    loose = limits(velocity=1e6, acceleration=1e9, joints=1)
+    assert limit_violations(standing_outside, loose, DT, to_rest=True).position == 1
+
+
+def square(at: tuple[float, float, float] = (0.0, 0.0, 0.0), ticks: int = 3) -> motion_metrics.Sole:
+    """A sole of 20 cm by 10 cm."""
+    outline = np.array([[0.1, 0.05], [-0.1, 0.05], [-0.1, -0.05], [0.1, -0.05]])
+    return motion_metrics.Sole(np.tile(np.array(at), (ticks, 1)), np.tile(IDENTITY, (ticks, 1)), outline)
+
+
+def test_the_margin_of_the_centre_of_mass() -> None:
+    corners = motion_metrics.sole_corners(square())
+    com = np.array([[0.0, 0.0, 0.3], [0.0, 0.04, 0.3], [0.0, 0.07, 0.3]])
+    assert motion_metrics.support_margin(com, corners) == pytest.approx([0.05, 0.01, -0.02], abs=1e-5)
+
+
+def test_a_lifted_foot_carries_nothing() -> None:
+    left, right = square((0.0, 0.1, 0.0)), square((0.0, -0.1, 0.02))
+    corners = np.concatenate([motion_metrics.sole_corners(left), motion_metrics.sole_corners(right)], axis=1)
+    com = np.zeros((3, 3))
+    assert motion_metrics.support_margin(com, corners) == pytest.approx([-0.05] * 3, abs=1e-5)
+    in_the_air = motion_metrics.sole_corners(square((0.0, 0.0, 0.5)))
+    assert np.isnan(motion_metrics.support_margin(com, in_the_air)).all()
+
+
+def test_foot_slide_counts_only_on_the_ground() -> None:
+    sole = square(ticks=6)
+    sole.position[1:, 0] += [0.001, 0.003, 0.5, 0.5, 0.502]
+    sole.position[3, 2] = 0.1  # a step
+    assert motion_metrics.foot_slide(sole) == pytest.approx(0.003)
+
+
+def test_sole_tilt() -> None:
+    sole = square(ticks=1)
+    sole.orientation[0] = [np.cos(0.05), np.sin(0.05), 0.0, 0.0]
+    assert motion_metrics.sole_tilt(sole) == pytest.approx([0.1])
+
+
+@pytest.fixture(scope="module")
+def report() -> Report:
+    """A robot that jumps once, which the gate holds back."""
+    script = np.zeros((51, 20))
+    script[30:, 3] = 1.0
+    rig, human, clip = Rig(script), person(), short_clip()
+    ending = rig.loop(clip).run()
+    return measure(result(ending, clip, human, rig.robot))
+
+
+def test_the_report_of_a_held_robot(report: Report) -> None:
+    assert 51 < report.ticks < 180 and report.frames == 49
+    assert report.gated_frames == 21 and report.duration_s == pytest.approx(51 * DT)
+    assert (report.limit_violations.position, report.limit_violations.velocity) == (0, 0)
+    assert report.limit_violations.acceleration == 0
+    assert report.reachable_share is not None and report.reachable_hands_mm is not None
+    assert list(report.reachable_share) == ["l_hand", "r_hand"]
+    assert list(report.reachable_hands_mm) == ["l_hand", "r_hand", "mean", "worse"]
+    assert report.tracking_mm["l_hand"].max > 50.0 and report.tracking_mm["r_hand"].max < 1e-6
+    assert report.hand_path_ratio == pytest.approx(0.0, abs=1e-9)
+    assert report.pelvis_excursion_ratio is None
+    assert report.com_outside_support_frames == 0 and report.foot_slide_mm == pytest.approx(0.0, abs=1e-9)
+    assert report.penetrating_frames == 0
+    assert report.bus is not None and report.bus.rate_hz == pytest.approx(125.0) and report.bus.faults == 0
+
+
+def reported(rig: Rig) -> tuple[Report, RunResult]:
+    human, clip = person(), short_clip()
+    run = result(rig.loop(clip).run(), clip, human, rig.robot)
+    return measure(run), run
+
+
+def swing() -> FloatArray:
+    script = np.zeros((51, 20))
+    script[:, 0] = 0.15 * (1.0 - np.cos(2.0 * np.pi * np.arange(51) / 50.0))
+    return script
+
+
+def test_a_run_that_is_cut_while_it_moves_breaks_a_limit() -> None:
+    whole, _ = reported(Rig(swing()))
+    assert whole.limit_violations.acceleration == 0
+    cut, _ = reported(Rig(swing(), faults=(MockFault(FaultKind.READ_FAILS, first=130, cycles=1000),)))
+    assert cut.stop.state == "fault" and cut.limit_violations.acceleration > 0
+
+
+def test_ticks_in_which_the_filter_braked_by_itself_are_counted() -> None:
+    moving = np.zeros((51, 20))
+    moving[:, 0] = 4.0 * (np.arange(51) * DT) ** 2  # at the clip's end; the stand-in knows no way to a stop
+    report, run = reported(Rig(moving))
+    braking = np.count_nonzero(run.record.phase == Phase.BRAKE)
+    assert report.gated_frames == 0 and report.no_command_frames == braking > 1
+    knowing = Rig(moving)
+
+    def way(dt: float) -> FloatArray:
+        q = knowing.follower.stance.q.copy()
+        q[knowing.robot.servo_columns] = sent(knowing.gate)
+        still_moving = knowing.gate.velocity * dt
+        slower = np.maximum(np.abs(still_moving) - knowing.robot.limits.max_acceleration * dt**2, 0.0)
+        q[knowing.robot.servo_columns] += np.copysign(slower, still_moving)
+        return q
+
+    knowing.follower.halt = way  # type: ignore[method-assign]
+    report, run = reported(knowing)
+    assert report.gated_frames == report.no_command_frames == 0 and Phase.BRAKE in run.record.phase
+
+
+def test_the_approach_takes_no_part_in_the_jerk() -> None:
+    far = swing() + 0.4 * (np.arange(20) > 9)
+    report, run = reported(Rig(far))
+    assert run.robot is not None and run.record.robot is not None
+    following = run.record.robot.q[run.record.following][:, run.robot.servo_columns]
+    assert len(run.record) > 2 * len(following)
+    assert report.jerk_p95 == jerk_p95(following, run.clip.dt)
+
+
+def test_the_worse_hand_is_reported_with_the_mean() -> None:
+    held = np.zeros((51, 20))
+    held[15:, 3] = -1.0  # a jump of the left arm within reach, which the gate holds back
+    hands = reported(Rig(held))[0].reachable_hands_mm
+    assert hands is not None
+    assert hands["worse"] == hands["l_hand"] > 1.5 * hands["mean"] > hands["r_hand"]
+
+
+def test_the_report_of_a_human_has_no_robots_values() -> None:
+    human, clip = person(), short_clip(rate_hz=None)
+    ending = run_human(clip, StubReconstructor(human), Watch())
+    report = measure(result(ending, clip, human, None))
+    assert report.robot == "human" and list(report.tracking_mm) == list(clip.frames.names)
+    for value in (
+        report.gated_frames,
+        report.no_command_frames,
+        report.com_outside_support_frames,
+        report.bus,
+        report.retarget_us,
+    ):
+        assert value is None
+    assert report.unsensed_mm is not None
+    joints = {name: value for name, value in report.unsensed_mm.items() if name != "mean"}
+    assert set(joints) == {*("pelvis", "neck", "l_knee", "r_knee", "l_elbow", "r_elbow", "l_shoulder", "r_shoulder")}
+    assert report.unsensed_mm["mean"] == pytest.approx(np.mean(list(joints.values())))

@@ -8,8 +8,15 @@ import pytest
 
 from messages import refuses
 from retarget.errors import UsageError
-from retarget.report.plots import PICTURES, plot_balance, plot_tracking, write_plots
-from retarget.report.pose_pictures import performer_facing, plot_poses, turned
+from retarget.report.plots import (
+    PICTURES,
+    performer_facing,
+    plot_balance,
+    plot_poses,
+    plot_tracking,
+    turned,
+    write_plots,
+)
 from retarget.rotations import multiply
 from retarget.run.loop import Watch, run_human
 from retarget.run.run_result import RunResult

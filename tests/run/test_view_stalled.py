@@ -48,13 +48,13 @@ def run(*, port: int | None, hurt: Callable[[int], object] = lambda process: Non
         def hurting(record: Record, row: int) -> None:
             if row == HURT_AT and feed is not None:
                 feeds.append(feed)
-                hurt(feed._process.pid)
+                hurt(feed.process)
 
         watch = Watch(stop_asked=page.with_stop_button(stop, stop), on_row=hurting)
         record = prepared.run(page.watch(watch)).record
         for one in feeds:  # else closing it would wait for a process that cannot end
             with suppress(ProcessLookupError):
-                os.kill(one._process.pid, signal.SIGKILL)
+                os.kill(one.process, signal.SIGKILL)
     return record, sum(one.dropped for one in feeds)
 
 

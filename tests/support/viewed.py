@@ -8,7 +8,8 @@ from followers import dimensions, op3, performer
 from retarget.model.body_file import compile_body, compile_body_text
 from retarget.model.human import Human, build_human
 from retarget.viewer.meshes import shape_mesh
-from retarget.viewer.snapshot import Cast, Snapshot, actor
+from retarget.viewer.recorded import ShownRun
+from retarget.viewer.snapshot import Actor, Cast, Snapshot, snapshot_at
 
 SENSORS = ("l_wrist", "head")
 
@@ -19,19 +20,30 @@ def person() -> Human:
 
 
 @cache
-def cast_of_op3(*, simulated: bool = False) -> Cast:
+def cast_of_op3() -> Cast:
     robot = op3()
-    shown = actor(compile_body(robot.profile.body_path, root="free"))
-    human = actor(compile_body_text(person().mjcf, source="human", root="free"))
-    ball = {"ball/1": shape_mesh(0, (0.05, 0.0, 0.0))}
-    joints, columns = robot.joint_map.joints, robot.servo_columns
-    return Cast(shown, human, joints, ("l_hand",), robot, ball, simulated, SENSORS, columns=columns)
+    shown = Actor(compile_body(robot.profile.body_path, root="free"))
+    human = Actor(compile_body_text(person().mjcf, source="human", root="free"))
+    ball = [shape_mesh(0, (0.05, 0.0, 0.0))]
+    return Cast(
+        human=human,
+        robot=shown,
+        profile=robot,
+        joints=robot.joint_map.joints,
+        landmarks=("l_hand",),
+        sensors=SENSORS,
+        obstacles=ball,
+    )
 
 
 @cache
 def cast_of_a_human() -> Cast:
-    human = actor(compile_body_text(person().mjcf, source="human", root="free"))
-    return Cast(None, human, (), (), sensors=SENSORS)
+    return Cast(human=Actor(compile_body_text(person().mjcf, source="human", root="free")), sensors=SENSORS)
+
+
+def shown(run: ShownRun, row: int) -> Snapshot:
+    """What a page shows of a row of a recorded run."""
+    return snapshot_at(run, run.cast, row)
 
 
 def snapshot(**changed: object) -> Snapshot:

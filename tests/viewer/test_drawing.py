@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from followers import op3
+from retarget import rotations
 from retarget.model.observers import robot_observers
 from retarget.rotations import rotate
-from retarget.viewer.colours import COLD, HOT, LEGEND, MODES, OUTSIDE, ZMP
-from retarget.viewer.drawing import Drawing
+from retarget.viewer.colours import COLD, HOT, LEGEND, MODES, OUTSIDE, ROBOT, ZMP, heat_keys
+from retarget.viewer.drawing import Drawing, Shapes
+from retarget.viewer.meshes import shape_mesh
 from viewed import cast_of_a_human, cast_of_op3, person, snapshot
 
 AWAY = np.array([[0.0, 2.0, 0.3, 1.0, 0.0, 0.0, 0.0]])
@@ -27,10 +29,17 @@ def node(server: Any, part: str, number: int = 0) -> Any:
     return nodes[[name for name in nodes if name.startswith(f"/{part}/")][number]]
 
 
+def limb(server: Any, joint: str) -> Any:
+    """The link that a joint of OP3 turns."""
+    body, shown = op3().body, cast_of_op3().robot
+    assert shown is not None
+    return node(server, "robot", shown.links.index(int(body.joint_body[body.joint_index(joint)])))
+
+
 def test_everything_has_a_box_and_a_meaning(server: Any) -> None:
-    drawing = Drawing(server, cast_of_op3(simulated=True))
-    assert {"body", "goal", "performer", "asked", "balance", "pressure", "soles", "obstacles"} <= set(drawing.parts)
-    assert set(drawing.parts) <= set(LEGEND)
+    drawing = Drawing(server, cast_of_op3())
+    assert {"robot", "goal", "performer", "asked", "balance", "obstacles"} <= set(drawing.parts)
+    assert drawing.parts == tuple(part for part in (*LEGEND,) if part in drawing.parts)
     drawing.show(snapshot(obstacle_poses=AWAY))
     for part in drawing.parts:
         drawing.see(part, visible=False)
@@ -65,11 +74,12 @@ def test_obstacles_are_where_they_are(server: Any) -> None:
 def test_the_zero_moment_point_is_red_outside_of_the_soles(server: Any) -> None:
     drawing = Drawing(server, cast_of_op3())
     drawing.show(snapshot(zmp=np.array([0.0, 0.0])))
-    assert tuple(drawing.balance.disc.color) == ZMP and drawing.balance.disc.visible
+    disc = server.scene._handle_from_node_name["/balance/zmp"]
+    assert tuple(disc.color) == ZMP and disc.visible
     drawing.show(snapshot(zmp=np.array([0.5, 0.0])))
-    assert tuple(drawing.balance.disc.color) == OUTSIDE
+    assert tuple(disc.color) == OUTSIDE
     drawing.show(snapshot(zmp=np.full(2, np.nan)))
-    assert not drawing.balance.disc.visible, "it is not known"
+    assert not disc.visible, "it is not known"
 
 
 def test_sensors_are_on_the_performer_and_can_be_hidden(server: Any) -> None:
@@ -78,12 +88,13 @@ def test_sensors_are_on_the_performer_and_can_be_hidden(server: Any) -> None:
     start = person().body.qpos0.copy()
     worn = np.array([start[:3] + 0.1, [np.nan] * 3])
     drawing.show(snapshot(human=start, sensors=worn))
-    wrist = node(server, "sensors")
-    np.testing.assert_allclose(wrist.position, drawing.place.of(worn[0]), atol=1e-6)
-    assert wrist.position[1] > 0.3 and wrist.visible
+    wrist, performer = node(server, "performer/sensors"), server.scene._handle_from_node_name["/performer"]
+    scale = node(server, "performer/body").scale
+    np.testing.assert_allclose(wrist.position, scale * worn[0], atol=1e-6)
+    assert performer.position[1] + wrist.position[1] > 0.3 and wrist.visible
     for visible in (False, True):
         drawing.see("sensors", visible=visible)
-        assert server.scene._handle_from_node_name["/sensors"].visible is visible
+        assert server.scene._handle_from_node_name["/performer/sensors"].visible is visible
     drawing.show(snapshot(human=start, sensors=worn + np.nan))
     assert not wrist.visible, "it is not valid"
 
@@ -96,29 +107,30 @@ def test_a_human_alone_stands_where_one_looks(server: Any) -> None:
     com, none = np.array([3.0, -4.0, 0.9]), np.zeros((0, 3))
     worn = np.array([[3.0, -4.0, 1.2], [np.nan] * 3])
     drawing.show(snapshot(human=start, com=com, asked=none, reached=none, sensors=worn))
-    wrist, head = (node(server, "sensors", at) for at in (0, 1))
-    assert tuple(wrist.position) == pytest.approx((0.0, 0.0, 1.2), abs=1e-6)
+    wrist, head = (node(server, "performer/sensors", at) for at in (0, 1))
+    place = server.scene._handle_from_node_name["/performer"].position + wrist.position
+    assert tuple(place) == pytest.approx((0.0, 0.0, 1.2), abs=1e-6)
     assert wrist.visible and not head.visible, "the head's is not valid"
-    assert {"human", "sensors"} < set(drawing.parts) and not {"asked", "reached"} & set(drawing.parts)
-    assert "human" in drawing.parts and "robot" not in drawing.parts and drawing.limb_keys == ()
+    assert drawing.parts == ("performer", "sensors", "balance")
+    assert heat_keys(op3().profile.safety.temperature_c)[1] not in drawing.keys
 
 
 def test_what_servos_never_reported_is_no_colour(server: Any) -> None:
     """Limbs in the colour of a cold servo would say that it is cold."""
-    assert Drawing(server, cast_of_op3()).limb_keys
+    heat_key = heat_keys(op3().profile.safety.temperature_c)[1]
+    assert heat_key in Drawing(server, cast_of_op3()).keys
     drawing = Drawing(server, replace(cast_of_op3(), servos_commanded=False))
-    assert drawing.limb_keys == ()
+    assert heat_key not in drawing.keys
 
 
 def test_limbs_are_red_at_the_temperature_that_stops_the_robot(server: Any) -> None:
     drawing, hot = Drawing(server, cast_of_op3()), np.full(20, 20.0)
     hot[0], hot[1] = 200.0, np.nan
     drawing.show(snapshot(temperature=hot))
-    limbs = drawing._limbs
-    assert limbs is not None and limbs._handles[0] is not None and limbs._handles[1] is not None
-    assert [tuple(limbs._handles[i].color) for i in (0, 1)] == [HOT, COLD]  # type: ignore[union-attr]
+    limbs = [limb(server, joint) for joint in op3().joint_map.joints[:2]]
+    assert [tuple(limb.color) for limb in limbs] == [HOT, COLD]
     drawing.show(snapshot(temperature=None))
-    assert tuple(limbs._handles[0].color) == HOT, "what is not known changes nothing"
+    assert tuple(limbs[0].color) == HOT, "what is not known changes nothing"
 
 
 def test_observers_are_seen_while_they_act(server: Any) -> None:
@@ -139,3 +151,26 @@ def test_observers_are_seen_while_they_act(server: Any) -> None:
     for other in (None, modes[:3], np.zeros_like(modes)):
         drawing.show(snapshot(modes=other))
         assert not any(shape.visible for shape in shapes)
+
+
+def test_links_are_where_the_body_has_them(server: Any) -> None:
+    shown = cast_of_op3().robot
+    assert shown is not None
+    Drawing(server, cast_of_op3()).show(snapshot(robot=(q := op3().body.qpos0 + np.linspace(0.0, 0.4, 27))))
+    positions, turns = shown.body.solver_body().forward(q)
+    for number, link in enumerate(shown.links):
+        handle = node(server, "robot", number)
+        np.testing.assert_allclose(handle.position, positions[link], atol=1e-6)
+        assert rotations.angle_between(np.array(handle.wxyz), turns[link]) < 1e-5
+
+
+def test_shapes_move_where_it_is_known_where_they_are(server: Any) -> None:
+    mesh = shape_mesh(0, (0.05, 0.0, 0.0))
+    shapes = Shapes(server.scene, "/shapes", [mesh, mesh], color=ROBOT)
+    assert not any(handle.visible for handle in shapes.handles)
+    poses = np.array([[0.1, 0.2, 0.3, 0.0, 1.0, 0.0, 0.0], [0.4, 0.5, 0.6, 1.0, 0.0, 0.0, 0.0]])
+    shapes.show(poses[:, :3], poses[:, 3:])
+    for other in (None, poses[:1, :3] + 1.0):
+        shapes.show(other)
+    for handle, pose in zip(shapes.handles, poses, strict=True):
+        np.testing.assert_allclose((*handle.position, *handle.wxyz), pose)

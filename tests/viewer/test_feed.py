@@ -1,10 +1,10 @@
 """What a run sends to its page: it never waits for it, and receives nothing from it but that it is to stop."""
 
+import os
+import signal
 import socket
-import subprocess
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -16,14 +16,13 @@ from messages import refuses
 from retarget.cli.run import StreamOptions, follow_live
 from retarget.errors import ConfigError, InputError
 from retarget.model.human import build_human
-from retarget.model.scene_state import ObstaclePoses
 from retarget.report.outputs import Outputs
 from retarget.run.options import RunOptions
 from retarget.run.record import HumanRecord, Record, RobotRecord, Timing
 from retarget.run.run_result import Extras
 from retarget.types import RunState
 from retarget.viewer.feed import READY, STOP, PageSetup, ViewFeed, open_feed, unpacked
-from retarget.viewer.live_page import _serve, _setup
+from retarget.viewer.live_page import serve
 from retarget.viewer.snapshot import Row
 
 TICKS = 50
@@ -39,28 +38,12 @@ def record() -> Record:
     return Record(np.zeros(TICKS), np.zeros(TICKS, dtype=np.int8), human, robot, Timing.empty(TICKS))
 
 
-class FakeProcess:
-    """The process of a page, which ends or does not."""
-
-    def __init__(self, *, hangs: bool = False) -> None:
-        self.hangs, self.killed = hangs, False
-
-    def wait(self, timeout: float | None = None) -> int:
-        if self.hangs and not self.killed:
-            raise subprocess.TimeoutExpired("page", timeout or 0.0)
-        return 0
-
-    def kill(self) -> None:
-        self.killed = True
-
-
-def feed(*, every: int = 5, process: FakeProcess | None = None) -> tuple[ViewFeed, socket.socket]:
+def feed(*, every: int = 5) -> tuple[ViewFeed, socket.socket]:
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    ours.setblocking(False)
     theirs.setblocking(False)
-    run = ViewFeed(ours, cast(Any, process or FakeProcess()), address="")
+    run = ViewFeed(ours, 0)
     theirs.send(READY)
-    run.begin(PageSetup(None, None, None, ""), rate_hz=25.0 * every)
+    run.begin(PageSetup(None, None, None, "", landmarks=("head", "l_hand", "r_hand")), rate_hz=25.0 * every)
     theirs.recv(1 << 16)
     return run, theirs
 
@@ -71,6 +54,20 @@ def received(page: socket.socket) -> Row:
     return row
 
 
+class FakePage:
+    """What a page was to show."""
+
+    def __init__(self) -> None:
+        self.states: list[str] = []
+        self.rows: list[tuple[float, bool]] = []
+
+    def announce(self, state: str) -> None:
+        self.states.append(state)
+
+    def show(self, row: Row, *, newest: bool) -> None:
+        self.rows.append((row.time, newest))
+
+
 def test_some_rows_are_shown_with_what_the_robot_does() -> None:
     run, page = feed()
     run.extras = Extras(words=lambda: ("holding", "the stream is silent"), current=lambda: np.full(20, 1.25))
@@ -78,7 +75,9 @@ def test_some_rows_are_shown_with_what_the_robot_does() -> None:
     for row in range(TICKS):
         run.on_row(whole, row)
     rows = [received(page) for _ in range(10)]
-    assert all(row.landmarks == ("l_hand", "r_hand") and row.modes is not None for row in rows)
+    for shown in rows:
+        assert shown.asked is not None and np.isnan(shown.asked[0]).all() and (shown.asked[1:] == 0.25).all()
+        assert shown.modes is not None
     assert all(row.state == "holding" and row.why == "the stream is silent" for row in rows)
     assert all(row.current is not None and (row.current == 1.25).all() for row in rows)
     assert all(row.sensors is not None and (row.sensors == np.full((3, 3), 0.75)).all() for row in rows)
@@ -90,14 +89,13 @@ def test_some_rows_are_shown_with_what_the_robot_does() -> None:
 
 def test_what_is_not_in_the_record_is_shown_too() -> None:
     run, page = feed(every=1)
-    still = np.zeros((2, 3))
-    poses = ObstaclePoses(np.full((2, 3), 0.5), np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)), still, still)
+    poses = np.tile([0.5, 0.5, 0.5, 1.0, 0.0, 0.0, 0.0], (2, 1))
     truth = np.concatenate([np.arange(7.0), np.arange(20.0), [0.25, -0.5]])
     run.extras = Extras(obstacles=lambda: poses, truth=lambda: truth)
     run.on_row(record(), 0)
     row = received(page)
     assert row.current is None, "it is not known"
-    np.testing.assert_array_equal(row.obstacle_poses, [[0.5, 0.5, 0.5, 1.0, 0.0, 0.0, 0.0]] * 2)
+    np.testing.assert_array_equal(row.obstacle_poses, poses)
     np.testing.assert_array_equal(row.truth, truth)
 
 
@@ -115,31 +113,31 @@ def test_a_page_that_takes_nothing_costs_nothing() -> None:
 
 def test_the_end_is_shown_also_where_no_row_was_sent_for_it() -> None:
     run, page = feed()
-    with run:
-        run.extras = Extras(words=lambda: ("following", ""))
-        run.on_row(record(), 3)
-        run.extras = Extras(words=lambda: ("fault", "the bus is dead"))
+    run.on_row(record(), 3)
+    run.extras = Extras(words=lambda: ("fault", "the bus is dead"))
+    run.end()
     row = received(page)
     assert (row.state, row.why) == ("fault", "the bus is dead")
-    assert page.recv(1) == b""
 
 
-def test_a_page_that_hangs_is_ended_with_the_run() -> None:
-    process = FakeProcess(hangs=True)
-    with feed(process=process)[0]:
-        pass
-    assert process.killed
+def test_a_page_that_hangs_is_ended_with_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("retarget.viewer.feed.ENDING_S", 0.1)
+    with open_feed(0, title="") as run:
+        os.kill(run.process, signal.SIGSTOP)
+    with pytest.raises(ProcessLookupError):
+        os.kill(run.process, 0)
 
 
-def test_whatever_is_shown_last_is_not_lost_with_the_link() -> None:
-    run, page = feed(every=1)
-    whole, shown = record(), list[float]()
+def test_the_newest_row_is_drawn_and_no_row_is_lost_with_the_link() -> None:
+    run, link = feed(every=1)
+    whole, page = record(), FakePage()
     for row in range(3):
         run.on_row(whole, row)
     run._link.close()
-    page.setblocking(True)
-    _serve(page, cast(Any, SimpleNamespace(show=lambda row: shown.append(row.time))), page.recv(1 << 16))
-    assert shown == [pytest.approx(2 / 125.0)]
+    link.setblocking(True)
+    serve(link, cast(Any, page))
+    assert [time for time, _ in page.rows] == [pytest.approx(row / 25.0) for row in range(3)]
+    assert not any(newest for _, newest in page.rows), "the end waits, and shows the last one"
 
 
 def test_it_can_only_stop_and_stays_so() -> None:
@@ -154,16 +152,17 @@ def test_it_can_only_stop_and_stays_so() -> None:
 
 def test_what_is_asked_before_the_performer_is_known_is_not_lost() -> None:
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    run, setup = ViewFeed(ours, cast(Any, FakeProcess()), address=""), PageSetup(None, None, None, "")
+    run, setup, page = ViewFeed(ours, 0), PageSetup(None, None, None, ""), FakePage()
     run.announce("calibrating")
+    ours.shutdown(socket.SHUT_WR)
+    serve(theirs, cast(Any, page))
+    assert page.states == ["calibrating"], "the run has ended before"
+    run, theirs = feed()
     theirs.send(STOP)
     theirs.send(READY)
     run.begin(setup, rate_hz=25.0)
     assert run.stop_asked()
-    opening: Any = SimpleNamespace(state=SimpleNamespace(content=""))
-    assert _setup(theirs, opening) == replace(setup, sensors=()) and "CALIBRATING" in opening.state.content
-    ours.close()
-    assert _setup(theirs, opening) is None, "the run has ended before"
+    theirs.close()
     run.announce("nobody reads it")
     with refuses(ConfigError):
         run.begin(setup, rate_hz=25.0)
@@ -179,14 +178,14 @@ def test_a_page_is_there_before_the_performer_is_known_and_ends_with_the_run(mon
             assert f":{port}/" not in other.address, "the next port that is free"
         run.announce("calibrating")
         run.begin(setup, rate_hz=125.0)
-        process = run._process
-    assert process.wait(timeout=30.0) == 0
+    with pytest.raises(ProcessLookupError):
+        os.kill(run.process, 0)
 
 
 def test_a_page_that_dies_at_once_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("retarget.viewer.feed.SAME_CODE", "raise SystemExit(3)")
-    with refuses(ConfigError):
-        open_feed(0, title="")
+    monkeypatch.setattr("sys.executable", "/bin/false")
+    with refuses(ConfigError), open_feed(0, title=""):
+        pass
 
 
 def test_what_the_page_cannot_show_is_refused() -> None:

@@ -9,8 +9,8 @@ import pytest
 from followers import op3
 from messages import shows
 from retarget.viewer.joint_plot import curves
-from retarget.viewer.live_page import STOPPING_WORDS, LivePage, Opening
-from retarget.viewer.snapshot import Row, Snapshot, snapshot_of
+from retarget.viewer.live_page import STOPPING_WORDS, LivePage
+from retarget.viewer.snapshot import Row, Snapshot, snapshot_at
 from viewed import cast_of_op3, person
 
 
@@ -18,7 +18,7 @@ def row(tick: int, *, state: str = "following", truth: bool = False) -> Row:
     robot = op3()
     joints = int((robot.body.joint_type > 1).sum())
     return Row(
-        time=100.0 + 0.04 * tick,
+        time=0.04 * tick,
         state=state,
         why="",
         goal=robot.body.qpos0 + 0.001 * tick,
@@ -30,7 +30,6 @@ def row(tick: int, *, state: str = "following", truth: bool = False) -> Row:
         modes=np.full(len(robot.profile.observers), tick % 3, dtype=np.uint8),
         obstacle_poses=np.array([[0.01 * tick, 0.2, 0.3, 1.0, 0.0, 0.0, 0.0]]),
         truth=np.arange(9.0 + joints) if truth else None,
-        landmarks=("l_hand",),
         sensors=np.array([[0.01 * tick, 0.0, 1.0], [np.nan] * 3]),
     )
 
@@ -41,12 +40,14 @@ class Watched:
     def __init__(self, server: Any, monkeypatch: pytest.MonkeyPatch) -> None:
         self.stops, self.looked = list[int](), True
         monkeypatch.setattr(server, "get_clients", lambda: {0: None} if self.looked else {})
-        self.opening = Opening(server, lambda: self.stops.append(1))
-        self.page = LivePage(server, cast_of_op3(), self.opening)
+        self.page = LivePage(server, lambda: self.stops.append(1))
+
+    def show(self, row: Row, *, newest: bool = True) -> None:
+        self.page.show(row, newest=newest)
 
     @property
     def letters(self) -> str:
-        return str(self.opening.state.content)
+        return str(self.page.state.content)
 
 
 @pytest.fixture
@@ -56,43 +57,50 @@ def watched(server: Any, monkeypatch: pytest.MonkeyPatch) -> Watched:
 
 def test_it_can_be_stopped_before_anything_moves(watched: Watched) -> None:
     assert "WAITING" in watched.letters
-    asyncio.run(watched.opening.pressed(None))
-    assert watched.stops == [1] and watched.opening.button.label == STOPPING_WORDS
+    watched.page.announce("calibrating")
+    assert "CALIBRATING" in watched.letters
+    asyncio.run(watched.page.pressed(None))
+    assert watched.stops == [1] and watched.page.button.label == STOPPING_WORDS
 
 
-def test_rows_are_drawn_and_the_end_is_shown(watched: Watched) -> None:
+def test_rows_are_drawn_and_the_end_is_shown(watched: Watched, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("retarget.viewer.live_page.LAST_SHOWN_S", 0.0)
+    watched.page.begin(cast_of_op3())
     for tick in range(60):
-        watched.page.show(row(tick))
+        watched.show(row(tick))
     assert "FOLLOWING" in watched.letters and "2.36 s" in watched.letters
-    watched.page.show(row(60, state="stopped"))
-    assert "STOPPED" in watched.letters, "a new state is shown at once"
-    watched.page.end("over <b>")
+    watched.show(row(60, state="stopped"))
+    assert "STOPPED" in watched.letters
+    watched.show(row(61, state="ended"), newest=False)
+    assert "STOPPED" in watched.letters, "a newer one waits"
+    watched.page.end()
     shows(watched.letters)
-    assert watched.opening.button.disabled
+    assert watched.page.button.disabled
 
 
 def test_nothing_is_drawn_without_a_browser_but_all_is_kept_for_the_plot(watched: Watched) -> None:
     watched.looked = False
+    watched.page.begin(cast_of_op3())
     for tick in range(600):
-        watched.page.show(row(tick))
+        watched.show(row(tick))
     assert "0.00 s" in watched.letters
     watched.looked = True
-    watched.page.show(row(600, state="holding"))
+    watched.show(row(600, state="holding"))
     assert "HOLDING" in watched.letters and "24.00 s" in watched.letters
-    time, _, temperature = curves(watched.page._kept, cast_of_op3(), 0, "temperature")
-    assert time[0] == pytest.approx(4.0) and time[-1] == pytest.approx(24.0)
+    time, _, temperature = curves(watched.page.rows, cast_of_op3(), 0, "temperature")
+    assert len(time) == 500 and time[-1] == pytest.approx(24.0)
     np.testing.assert_allclose(temperature[-2:], [624.0, 625.0])
 
 
 def shown(row: Row) -> Snapshot:
-    return snapshot_of(row, cast_of_op3(), com=np.zeros(3), zmp=np.zeros(2))
+    return snapshot_at([row], cast_of_op3(), 0)
 
 
 def test_a_servo_that_reported_nothing_is_where_its_goal_is() -> None:
     snapshot = shown(row(7))
     there = snapshot.robot[op3().servo_columns]
     assert there[3] == snapshot.sent[3] and there[2] == 0.07
-    assert snapshot.pressure is None and snapshot.reached.shape == (1, 3)
+    assert np.isnan(snapshot.pressure).all() and snapshot.reached is not None and snapshot.reached.shape == (1, 3)
 
 
 def test_a_simulated_body_is_where_it_really_is() -> None:

@@ -15,16 +15,10 @@ SHAPES = """
 <body name="link" pos="0 0 1"><joint/>{}</body></worldbody></mujoco>"""
 
 
-def volume(mesh: Mesh) -> float:
-    """By the divergence theorem; negative where faces look inward."""
-    a, b, c = (mesh[0][mesh[1][:, corner]] for corner in range(3))
-    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
-
-
 def is_closed(mesh: Mesh) -> bool:
     """Whether every edge of a face is one of another face, the other way round."""
-    vertices, index = np.unique(np.round(mesh[0], 9), axis=0, return_inverse=True)
-    faces = index.reshape(-1)[mesh[1]]
+    vertices, index = np.unique(np.round(mesh.vertices, 9), axis=0, return_inverse=True)
+    faces = index.reshape(-1)[mesh.faces]
     edges = [(int(face[i]), int(face[(i + 1) % 3])) for face in faces for i in range(3)]
     edges = [edge for edge in edges if edge[0] != edge[1]]
     return len(vertices) > 3 and sorted(edges) == sorted((b, a) for a, b in edges)
@@ -44,7 +38,7 @@ def test_shapes_are_closed_and_of_their_volume(
 ) -> None:
     mesh = shape_mesh(kind, size)
     assert is_closed(mesh)
-    assert 0.93 * expected < volume(mesh) <= expected * (1.0 + 1e-9)
+    assert 0.93 * expected < mesh.volume <= expected * (1.0 + 1e-9)
 
 
 @pytest.mark.parametrize(
@@ -60,11 +54,11 @@ def test_geoms_of_a_file_are_placed_on_their_link(geom: str, expected: float) ->
     model = mujoco.MjModel.from_xml_string(SHAPES.format(geom))
     ((link, mesh),) = link_meshes(model).items()
     assert link == 1
-    assert volume(mesh) == pytest.approx(expected, rel=0.07)
+    assert mesh.volume == pytest.approx(expected, rel=0.07)
     shown = model.ngeom - 1  # the last one is for looking at, or the only one
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    placed = mesh[0] + np.array([0.0, 0.0, 1.0])
+    placed = mesh.vertices + np.array([0.0, 0.0, 1.0])
     lowest, highest = placed.min(axis=0), placed.max(axis=0)
     assert (np.abs(0.5 * (lowest + highest) - data.geom_xpos[shown]) < 0.16).all()
     assert np.linalg.norm(highest - lowest) <= 2.0 * model.geom_rbound[shown] * np.sqrt(3.0) + 1e-9
@@ -76,4 +70,4 @@ def test_every_link_of_a_shipped_robot_is_seen(name: str) -> None:
     meshes = link_meshes(compile_body(robot.profile.body_path, root="free").model)
     seen = {robot.body.body_names[link] for link in meshes}
     assert len(seen) == len(meshes) >= len(robot.joint_map.joints)
-    assert all(np.isfinite(vertices).all() and faces.max() < len(vertices) for vertices, faces in meshes.values())
+    assert all(np.isfinite(mesh.vertices).all() and mesh.volume > 0.0 for mesh in meshes.values())

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -15,8 +16,8 @@ from messages import shows
 from retarget.types import FloatArray
 from retarget.viewer.colours import HOT, LEGEND, legend, web
 from retarget.viewer.joint_plot import QUANTITIES, JointPlot, curves, heights
-from retarget.viewer.page import PLAY, RecordedPage, Timeline, headline
-from retarget.viewer.snapshot import Row, Snapshot
+from retarget.viewer.page import PLAY, RecordedPage, headline_of
+from retarget.viewer.snapshot import GRAVITY, Row, zero_moment_point
 from viewed import cast_of_op3, person, snapshot
 
 ROWS, DT = 100, 0.01
@@ -30,10 +31,6 @@ class Run:
         self.times: FloatArray = np.arange(rows, dtype=np.float64) * DT
         self.notes: tuple[str, ...] = ()
         self.shown: list[int] = []
-
-    def snapshot(self, row: int) -> Snapshot:
-        self.shown.append(row)
-        return snapshot(time=float(self.times[row]))
 
     def __len__(self) -> int:
         return len(self.times)
@@ -61,11 +58,18 @@ class Watched:
         self.looked, self.clock, self.run = True, VirtualClock(), run
         monkeypatch.setattr(server, "get_clients", lambda: {0: None} if self.looked else {})
         self.page: Any = RecordedPage(server, cast(Any, run), self.clock)
+        show = self.page._page.show
+
+        def shown(row: int) -> None:
+            run.shown.append(row)
+            show(row)
+
+        monkeypatch.setattr(self.page._page, "show", shown)
 
     def after(self, seconds: float) -> int:
         self.clock.sleep_until(self.clock.now() + seconds)
         self.page.tick()
-        return self.run.shown[-1]
+        return self.run.shown[-1] if self.run.shown else 0
 
     def press(self, button: str) -> None:
         self.page._pressed(button)
@@ -82,8 +86,8 @@ def watched(server: Any, monkeypatch: pytest.MonkeyPatch) -> Watched:
 
 def test_it_plays_by_the_clock_and_the_letters_follow(watched: Watched) -> None:
     assert watched.after(0.2005) == 20 and watched.page._slider.value == 20
-    assert "0.20 s" in watched.page._state.content
-    watched.page._timeline.speed = 0.1
+    assert "0.20 s" in watched.page._page._state.content
+    watched.page._speed.value = "0.1"
     assert watched.after(0.2) == 22
 
 
@@ -125,32 +129,36 @@ def test_a_run_of_one_tick(server: Any, monkeypatch: pytest.MonkeyPatch) -> None
         assert watched.after(1.0) == 0
 
 
-TIMES = np.arange(-1.0, 4.0, 0.01)
-
-
 @given(st.lists(st.tuples(st.floats(0.0, 3.0), st.integers(-600, 600), st.booleans()), max_size=20))
 def test_it_is_always_somewhere(moves: list[tuple[float, int, bool]]) -> None:
-    line, now = Timeline(TIMES), 0.0
-    for later, row, plays in moves:
-        now += later
-        line.go_to(row)
-        if plays:
-            line.play(now)
-        assert 0 <= line.at(now + later) < len(TIMES)
+    server, clock, run = MagicMock(), VirtualClock(), Run()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            "retarget.viewer.page.Page", lambda server, cast, rows, state: SimpleNamespace(show=run.shown.append)
+        )
+        page: Any = RecordedPage(server, cast(Any, run), clock)
+        page._speed.value = "1"
+        for later, row, plays in moves:
+            clock.sleep_until(clock.now() + later)
+            page._slider.value = row
+            page._slid(SimpleNamespace(client_id=1))
+            if plays:
+                page._pressed(PLAY)
+            page.tick()
+    assert all(0 <= row < ROWS for row in run.shown)
 
 
 def test_letters_say_what_it_does_and_why_and_hold_no_markup() -> None:
-    text = headline(snapshot(state="stopping", why="a <script>", present=np.full(20, 0.1)), "gone")
+    text = headline_of(snapshot(state="stopping", why="a <script>", present=np.full(20, 0.1)), "gone")
     shows(text, "STOPPING", "5.7")
-    assert "degrees" not in headline(snapshot(present=np.full(20, np.nan)))
+    assert "degrees" not in headline_of(snapshot(present=np.full(20, np.nan)))
 
 
 def test_the_legend_has_the_colours_of_what_is_shown() -> None:
-    text = legend(["goal", "balance"], [(HOT, "hot <servo>")])
-    for colour, words in (*LEGEND["goal"].keys, *LEGEND["balance"].keys):
+    text = legend([*LEGEND["goal"], *LEGEND["balance"], (HOT, "hot <servo>")])
+    for colour, words in (*LEGEND["goal"], *LEGEND["balance"]):
         assert web(colour) in text and words in text
     assert web(HOT) in text and "hot &lt;servo&gt;" in text
-    assert LEGEND["obstacles"].keys[0][1] not in legend(["goal"], [])
 
 
 @pytest.mark.parametrize("quantity", QUANTITIES)
@@ -162,9 +170,9 @@ def test_curves_of_a_joint_are_no_more_than_can_be_seen(quantity: str) -> None:
     assert np.isnan(goal).all() == (quantity != "angle")
 
 
-@pytest.mark.parametrize(("commanded", "quantities"), [(True, QUANTITIES), (False, ("angle", "off its goal"))])
+@pytest.mark.parametrize(("commanded", "quantities"), [(True, tuple(QUANTITIES)), (False, ("angle", "off its goal"))])
 def test_a_plot_offers_what_is_known(commanded: bool, quantities: tuple[str, ...], server: Any) -> None:
-    plot = JointPlot(server, replace(cast_of_op3(), servos_commanded=commanded), list)
+    plot = JointPlot(server, replace(cast_of_op3(), servos_commanded=commanded), [])
     assert plot._quantity.options == quantities
 
 
@@ -184,8 +192,36 @@ def test_a_plot_reaches_beyond_all_that_is_known(values: list[float]) -> None:
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_a_plot_gives_its_range(quantity: str, server: Any) -> None:
     """It finds that out by itself only where all is known: a goal that is NaN left the whole plot empty."""
-    plot: Any = JointPlot(server, cast_of_op3(), lambda: rows_of(np.arange(50.0)))
+    plot: Any = JointPlot(server, cast_of_op3(), rows_of(np.arange(50.0)))
     plot._quantity.value = quantity
     plot.draw()
     reach, shown = plot._plot.scales["y"]["range"], plot._plot.data[2]
     assert reach[0] < np.nanmin(shown) <= np.nanmax(shown) < reach[1]
+
+
+# The zero-moment point of a motion, against mechanics.
+
+
+def test_at_rest_it_is_below_the_centre_of_mass() -> None:
+    com = np.tile([0.02, -0.01, 0.25], (3, 1))
+    np.testing.assert_allclose(zero_moment_point(np.array([-0.04, 0.0, 0.04]), com), [0.02, -0.01])
+
+
+@pytest.mark.parametrize("times", [[-0.04, 0.0, 0.04], [-0.02, -0.01, 0.0, 0.03]])
+def test_under_a_constant_acceleration_it_is_behind(times: list[float]) -> None:
+    """Parabolas are met exactly, also where looks come at uneven times."""
+    at, pull = np.array(times), np.array([0.8, -0.3, 0.5])
+    com, now = (np.array([0.0, 0.0, 0.25]) + 0.5 * pull * (times[..., None] + 0.9) ** 2 for times in (at, np.zeros(1)))
+    expected = now[0, :2] - now[0, 2] / (GRAVITY + 0.5) * pull[:2]
+    np.testing.assert_allclose(zero_moment_point(at, com), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("times", [[0.0], [0.0, 0.04, 0.05], [-0.05, -0.04, 0.0]])
+def test_without_looks_before_and_after_there_is_none(times: list[float]) -> None:
+    assert np.isnan(zero_moment_point(np.array(times), np.ones((len(times), 3)))).all()
+
+
+def test_in_free_fall_there_is_none() -> None:
+    at = np.array([-0.04, 0.0, 0.04])
+    com = np.column_stack([np.zeros(3), np.zeros(3), 1.0 - 0.5 * 9.9 * at**2])
+    assert np.isnan(zero_moment_point(at, com)).all()

@@ -8,10 +8,10 @@ import pytest
 from messages import shows
 from physics_rig import PhysicsRig, op3, standing
 from retarget.ik.support_polygon import plant, support_distance
+from retarget.report.findings import physics_findings
 from retarget.report.measure import measure
 from retarget.report.motion_metrics import PhysicsReport, physics_report
 from retarget.report.plots import plot_pressure
-from retarget.report.summary import physics_facts
 from retarget.run.run_result import PhysicsRun, RunResult
 from rig import Rig, person, result, short_clip
 from sim.buses import simulation_of
@@ -65,13 +65,13 @@ def test_the_report_has_what_the_simulation_saw(bare: RunResult, pushed: Physics
 def test_without_physics_nothing_is_known(bare: RunResult) -> None:
     report = measure(bare)
     assert report.fallen is None and report.physics is None
-    assert list(physics_facts(report.physics)) == [] and plot_pressure(bare) is None
+    assert list(physics_findings(report.physics)) == [] and plot_pressure(bare) is None
 
 
 def facts(bare: RunResult, physics: PhysicsRun) -> tuple[PhysicsReport, dict[str, str]]:
     report = physics_report(replace(bare, physics=physics))
     assert report is not None
-    return report, {question: answer for question, answer in physics_facts(report) if answer}
+    return report, {one.name: one.measured for one in physics_findings(report) if one.measured}
 
 
 def test_a_person_reads_when_and_how_it_fell(bare: RunResult, pushed: PhysicsRun) -> None:
@@ -114,7 +114,7 @@ def test_the_picture_shows_the_fall(bare: RunResult, pushed: PhysicsRun) -> None
 
 
 def test_a_margin_of_nothing_has_no_sign(bare: RunResult, pushed: PhysicsRun) -> None:
-    lines = dict(physics_facts(physics_report(replace(bare, physics=replace(pushed, margin=pushed.margin * -1e-9)))))
+    _, lines = facts(bare, replace(pushed, margin=pushed.margin * -1e-9))
     shows(lines["pressure"], "0.0")
 
 

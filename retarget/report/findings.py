@@ -1,0 +1,355 @@
+"""What a person reads of a run, on the terminal and on its page: what was measured, what was allowed, whether it was
+kept, and what went wrong."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from hardware.guard_state import StopCause
+from retarget.live.stream_report import LiveReport
+from retarget.report.motion_metrics import PhysicsReport, moved_joints
+from retarget.report.report import BusReport, Percentiles, Report, Spread
+from retarget.run.record import Phase
+from retarget.run.run_result import RunResult
+from retarget.types import FloatArray
+
+# How much of each kind of joint limit a run used: the joint that came nearest to its own.
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """The joint that used most of its limit. value: what it did; limit: what it may do; rad, s (or m)."""
+
+    joint: str
+    value: float
+    limit: float
+
+
+@dataclass(frozen=True)
+class LimitUse:
+    """None where no joint has such a limit, or where too few ticks were sent. room: rad (or m) between a joint
+    and the limit of its position that it came nearest to, and its joint; negative: beyond."""
+
+    room: tuple[str, float] | None
+    velocity: Nearest | None
+    acceleration: Nearest | None
+
+
+def limit_use(run: RunResult) -> LimitUse:
+    """The use of limits by the postures that were sent (of a human: reconstructed), by finite differences."""
+    moved, sent = moved_joints(run), run.record.robot
+    names, limits, dt = moved.names, moved.limits, moved.dt
+    positions = moved.positions if sent is None else np.vstack([sent.start, moved.positions])
+    if len(positions) < 3 or not names:
+        return LimitUse(None, None, None)
+    step = np.diff(positions, axis=0)
+    change = np.diff(step, axis=0)
+    room = np.minimum(positions - limits.lower, limits.upper - positions).min(axis=0)
+    near = int(np.argmin(room))
+    return LimitUse(
+        room=(names[near], float(room[near])) if np.isfinite(room[near]) else None,
+        velocity=_nearest(names, np.abs(step).max(axis=0) / dt, limits.max_velocity),
+        acceleration=_nearest(names, np.abs(change).max(axis=0) / dt**2, limits.max_acceleration),
+    )
+
+
+def _nearest(names: tuple[str, ...], values: FloatArray, limits: FloatArray) -> Nearest | None:
+    share = values / np.where(limits > 0.0, limits, np.inf)
+    joint = int(np.argmax(share))
+    return Nearest(names[joint], float(values[joint]), float(limits[joint])) if np.isfinite(limits[joint]) else None
+
+
+TIPS_MM = 0.05
+"""Nearer to the edge of the soles than this, a robot begins to tip."""
+ROUND_OFF = 1e-4
+"""Nearer to its limit than this, rad, a joint is at it."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What was measured, in words, with units. allowed: the limit, in words, if it needs any; kept: whether it was
+    kept, None without a limit."""
+
+    name: str
+    measured: str
+    allowed: str = ""
+    kept: bool | None = None
+
+
+def findings(run: RunResult, report: Report) -> tuple[Finding, ...]:
+    """Everything that is known of a run; what it has not (no feet, no scene, no bus) is left out."""
+    found = (*_following(run, report), *_joints(report, limit_use(run)), *_body(report), *_observers(report))
+    found = (*found, Finding("stream", stream_line(report.live)), *physics_findings(report.physics))
+    found = (*found, *_machine(run, report))
+    return tuple(finding for finding in found if finding.measured)
+
+
+def _following(run: RunResult, report: Report) -> Iterator[Finding]:
+    hands = report.reachable_hands_mm or {}
+    within = [
+        f"{name} {hands[name]:.1f} mm off in {share:.0%} of ticks" if name in hands else f"{name} never"
+        for name, share in (report.reachable_share or {}).items()
+    ]
+    yield Finding("hands within reach", ", ".join(within))
+    yield Finding("lag", _number(report.lag_s, "ms", scale=1e3))
+    yield Finding("hand path", _number(report.hand_path_ratio, "% of what was asked", scale=100.0))
+    yield Finding("pelvis travel", _number(report.pelvis_excursion_ratio, "% of what was asked", scale=100.0))
+    yield Finding("joints without sensor", _number((report.unsensed_mm or {}).get("mean"), "mm off on average"))
+    yield Finding("highest level", _number(report.priority_violation_max, "mm or mrad off at most", digits=3))
+    servos = report.servo_error_deg
+    if servos and run.robot is not None:
+        worst, mean = _most(servos), sum(spread.mean for spread in servos.values()) / len(servos)
+        measured = f"{mean:.1f} degrees behind what was sent on average, {servos[worst].max:.1f} at most ({worst})"
+        allowed = f"{np.rad2deg(run.robot.profile.safety.following_error):.3g}° from the trajectory to its goal"
+        stopped = run.stop is not None and run.stop.cause is StopCause.FOLLOWING_ERROR
+        yield Finding("servos", measured, allowed, not stopped)
+
+
+def _number(value: float | None, unit: str, *, scale: float = 1.0, digits: int = 1) -> str:
+    return "" if value is None else f"{scale * value:.{digits}f} {unit}"
+
+
+def _most(spreads: dict[str, Spread]) -> str:
+    return max(spreads, key=lambda name: spreads[name].max)
+
+
+def _joints(report: Report, use: LimitUse) -> Iterator[Finding]:
+    broken = report.limit_violations
+    measured = "no limit came near"
+    if use.room is not None:
+        joint, room = use.room
+        measured = f"{joint} reached its limit"
+        if abs(room) > ROUND_OFF:
+            measured = f"nearest: {joint}, {abs(np.rad2deg(room)):.2f}° {'from' if room > 0.0 else 'beyond'} its limit"
+    yield _limited("joint positions", measured, "within their limits", broken.position)
+    for name, nearest, unit, count in (
+        ("joint speeds", use.velocity, "rad/s", broken.velocity),
+        ("joint accelerations", use.acceleration, "rad/s²", broken.acceleration),
+    ):
+        if nearest is not None:
+            share = nearest.value / nearest.limit
+            measured = f"nearest: {nearest.joint}, {nearest.value:.3g} {unit}, {share:.0%} of its limit"
+            yield _limited(name, measured, f"{nearest.joint}: {nearest.limit:.3g} {unit}", count)
+
+
+def _limited(name: str, measured: str, allowed: str, broken: int) -> Finding:
+    return Finding(name, f"{measured}; {broken} values beyond" if broken else measured, allowed, not broken)
+
+
+def _body(report: Report) -> Iterator[Finding]:
+    outside, margin = report.com_outside_support_frames, report.com_margin_mm
+    if outside is not None:
+        measured = "nothing touched the ground" if margin is None else f"never nearer to the edge than {margin:.1f} mm"
+        if outside:
+            by = "" if margin is None or margin > 0 else f", by up to {-margin:.1f} mm"
+            measured = f"outside in {outside} ticks{by}"
+        yield Finding("centre of mass", measured, "over the support polygon", outside == 0)
+    if report.soles is not None and report.foot_slide_mm is not None:
+        height, tilt = f"{report.soles.height_mm:.2f} mm off the ground", f"{report.soles.tilt_deg:.2f} degrees tilted"
+        yield Finding("soles", f"at most {height}, {tilt}, {report.foot_slide_mm:.2f} mm slid")
+    deep = (report.penetrating_frames or 0) > 0
+    clearance = report.min_clearance_mm
+    for name, allowed, mm, pair in (
+        ("its own links", "do not meet", clearance.self, report.closest_links),
+        ("obstacles", "are not touched", clearance.scene, report.deep.obstacle),
+        ("the floor", "is touched by soles alone", clearance.ground, report.deep.ground),
+    ):
+        if mm is not None:
+            gap = f"never closer than {mm:.1f} mm" if mm >= 0.0 else f"{-mm:.1f} mm inside each other"
+            named = f" ({' and '.join(pair)})" if pair else ""
+            yield Finding(name, gap + named, allowed, not deep or mm >= 0.0)
+    if deep:
+        yield Finding("penetration", f"in {report.penetrating_frames} ticks, by more than 1 mm in {report.deep.frames}")
+
+
+def _observers(report: Report) -> Iterator[Finding]:
+    switches, steps = report.mode_switches_per_s, report.steps
+    if switches is not None:
+        worst = f", {switches.worst:.1f} of {switches.name}" if switches.name else ""
+        share = report.observers.reactive_share if report.observers else 0.0
+        contact = f"; in contact in {share:.1%} of ticks" if share else ""
+        yield Finding("observers", f"{switches.mean:.1f} changes of mode a second on average{worst}{contact}")
+    if report.gated_frames is not None:
+        alone = f"; no goal in {report.no_command_frames} ticks: joints braked" if report.no_command_frames else ""
+        yield Finding("gate", f"changed {report.gated_frames} of {report.ticks} goals{alone}")
+    if steps is not None:
+        late = f"{steps.declined} declined, for it could not be in time"
+        yield Finding("steps", f"{steps.made} made of {steps.asked} asked; {late}")
+
+
+MOST = 3
+
+
+def stream_line(live: LiveReport | None) -> str:
+    """The stream of a live run; "" for a file."""
+    if live is None:
+        return ""
+    parts = [f"{live.frames} frames in {live.datagrams} datagrams, played {live.playout_delay_ms:.0f} ms late"]
+    if live.dropped:
+        reasons = [*live.dropped.items()][:MOST]
+        parts.append("not used: " + ", ".join(f"{reason} ({count})" for reason, count in reasons))
+    if live.lost_s:
+        longest = sorted(live.lost_s.items(), key=lambda item: -item[1])[:MOST]
+        parts.append("lost: " + ", ".join(f"{name} {seconds:.1f} s" for name, seconds in longest))
+    if live.holds.count:
+        parts.append(f"held {live.holds.count} times, {live.holds.s:.1f} s")
+    if live.refused:
+        parts.append(f"refused senders: {', '.join(live.refused[:MOST])}")
+    return "; ".join(parts)
+
+
+def physics_findings(seen: PhysicsReport | None) -> Iterator[Finding]:
+    """The simulated mechanics of a run; nothing where nothing has mass."""
+    if seen is None:
+        return
+    how = {"floor": "did not fall", "stand": "on a stand", "gantry": "hangs on a gantry"}[seen.mount]
+    if seen.fallen:
+        how = f"fallen at {seen.fallen_at_s or 0.0:.2f} s: {seen.how}"
+    if seen.perturbations:
+        how += f" (perturbations: {', '.join(seen.perturbations)}; seed {seen.seed})"
+    yield Finding("physics", how, "it does not fall", not seen.fallen)
+    yield Finding("at rest", "" if seen.toppled is None else f"it did not stay: {seen.toppled}")
+    margin = seen.min_zmp_margin_mm
+    if margin is not None:
+        near = f"never nearer to the edge of the soles than {margin:z.1f} mm"
+        slipped = f"{seen.foot_slip_mm['total']:.1f} mm slipped, tipped by {seen.sole_tilt_max_deg:.1f} degrees"
+        yield Finding("pressure", f"{near}; {slipped}", "within the soles", margin > TIPS_MM)
+    torque, heat = seen.torque_nm, {joint: heat for joint, heat in seen.temperature_c.items() if heat == heat}
+    if torque:
+        most = max(torque, key=lambda joint: torque[joint].max)
+        yield Finding("torque", f"{torque[most].max:.2f} N m at most, 95 % below {torque[most].p95:.2f} ({most})")
+    if heat:
+        most = max(heat, key=lambda joint: heat[joint])
+        warm = f"{heat[most]:.1f} degrees Celsius at most ({most}), by a model {seen.heat_model}"
+        yield Finding("heat", warm)
+    counts = {"itself": seen.self_contacts, "fixtures or the floor": seen.fixture_contacts}
+    touches = ", ".join(f"touches {what} in {ticks} ticks" for what, ticks in counts.items() if ticks)
+    yield Finding("contacts", touches or "none", "none but the soles", not touches)
+    yield Finding("speed", _number(seen.realtime_factor, "x real time"))
+
+
+def _machine(run: RunResult, report: Report) -> Iterator[Finding]:
+    if report.bus is not None and run.robot is not None:
+        yield from _bus(run, report.bus, report.ticks)
+    robot = "" if report.retarget_us is None else f", robot {_percentiles(report.retarget_us)}"
+    human = f"human {_percentiles(report.reconstruct_us)}"
+    yield Finding("cost per tick", f"{human}{robot}; {report.frames_per_s:.0f} frames/s")
+    reason = report.stop.reason
+    ended = "to its end" if reason is None else ": ".join(part for part in (report.stop.state, reason) if part)
+    yield Finding("end", ended, kept=reason is None)
+
+
+def _percentiles(cost: Percentiles) -> str:
+    return f"{cost.p50:.0f} us (p99 {cost.p99:.0f})" if math.isfinite(cost.p50) else "not measured"
+
+
+def _bus(run: RunResult, bus: BusReport, ticks: int) -> Iterator[Finding]:
+    assert run.robot is not None, "a bus is a robot's"
+    safety, faults = run.robot.profile.safety, bus.faults
+    counted = f"{faults} fault{'s' if faults > 1 else ''}" if faults else "none"
+    yield Finding("faults", counted, "all servos answer, none is alarmed", not faults)
+    if bus.missed_ticks is not None:
+        counted = f"{bus.missed_ticks} of {ticks}" if bus.missed_ticks else "none"
+        longest = "" if bus.longest_period_ms is None else f"; the longest took {bus.longest_period_ms:.1f} ms"
+        advice = ", see retarget doctor" if bus.missed_ticks else ""
+        allowed = f"none, {1e3 * run.clip.dt:.3g} ms each"
+        yield Finding("ticks missed", counted + longest + advice, allowed, not bus.missed_ticks)
+    if bus.hottest is not None:
+        kept = bus.hottest.value < safety.temperature_c
+        measured = f"{bus.hottest.value:.0f} °C ({bus.hottest.joint})"
+        yield Finding("temperature", measured, f"below {safety.temperature_c:g} °C", kept)
+    if bus.lowest_voltage is not None:
+        low, high = safety.voltage
+        kept = low <= bus.lowest_voltage.value <= high
+        measured = f"lowest {bus.lowest_voltage.value:.1f} V ({bus.lowest_voltage.joint})"
+        yield Finding("voltage", measured, f"{low:g} to {high:g} V", kept)
+
+
+# The summary on the terminal: who followed how well, and what was measured.
+
+
+def show_summary(run: RunResult, report: Report, console: Console) -> None:
+    """Print the report of a run as two tables."""
+    what = "human" if report.robot == "human" else report.robot
+    console.print(
+        f"{report.source} on {what}: {report.frames} frames, {report.duration_s:.1f} s at {report.rate_hz:g} Hz"
+        + (f", speed {report.speed:g}" if report.speed != 1.0 else ""),
+        markup=False,
+        highlight=False,
+        soft_wrap=True,
+    )
+    console.print()
+    console.print(_tracking_table(report))
+    console.print()
+    facts = Table("", "", box=None, pad_edge=False, show_header=False)
+    for finding in findings(run, report):
+        broken = f" [allowed: {finding.allowed}]" if finding.allowed and not finding.kept else ""
+        facts.add_row(finding.name, Text(finding.measured + broken))
+    console.print(facts)
+    for note in report.notes:
+        console.print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _tracking_table(report: Report) -> Table:
+    """Errors of everything that was followed, mm: as it was sent and, where there are servos, as they were."""
+    table = Table(box=None, pad_edge=False)
+    servos = report.servo_tracking_mm
+    table.add_column("tracking, mm" if servos is None else "tracking, mm: sent")
+    for heading in ("mean", "p95", "max", *(() if servos is None else ("servos: mean", "p95", "max"))):
+        table.add_column(heading, justify="right", min_width=7)
+    for name, spread in report.tracking_mm.items():
+        table.add_row(name, *_spread(spread), *_spread((servos or {}).get(name)))
+    if report.robot != "human":
+        for name, spread in report.sensors_mm.items():
+            table.add_row("human " + name, *_spread(spread))
+    return table
+
+
+def _spread(spread: Spread | None) -> list[str]:
+    return [] if spread is None else [f"{value:.1f}" for value in (spread.mean, spread.p95, spread.max)]
+
+
+# The moments at which a run went wrong, on the time of the run: what stopped it, and a fall.
+
+
+@dataclass(frozen=True)
+class Moment:
+    """what: "Stopped" or "Fell". time: s on the run's time. text: why, in words. more: what else there is to say."""
+
+    what: str
+    time: float
+    text: str
+    more: tuple[str, ...] = ()
+
+
+def moments(run: RunResult) -> tuple[Moment, ...]:
+    """In the order of their time; none of a run that went on to its end.
+
+    A stop is at the first tick that braked, or at the last that was sent.
+    """
+    found = []
+    if run.reason is not None and len(run.record):
+        braking = np.flatnonzero(run.record.phase == Phase.BRAKE)
+        row = int(braking[0]) if braking.size else len(run.record) - 1
+        found.append(Moment("Stopped", float(run.record.time[row]), run.reason, _more(run)))
+    fall = None if run.physics is None else run.physics.fall
+    if fall is not None:
+        found.append(Moment("Fell", fall.time, fall.how))
+    return tuple(sorted(found, key=lambda moment: moment.time))
+
+
+def _more(run: RunResult) -> tuple[str, ...]:
+    stop = run.stop
+    if stop is None:
+        return ()
+    said = [f"Cause, as the guard latched it: {stop.cause.value}."]
+    if stop.then is not None:
+        said.append(f"The braking was ended by: {stop.then.value}.")
+    if stop.powered:
+        said.append("Not every servo confirmed that its torque is off.")
+    return tuple(said)

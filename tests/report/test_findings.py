@@ -1,0 +1,190 @@
+"""Every limit of the page of a report: kept where the numbers say so, and not where they say otherwise."""
+
+import io
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from retarget.report.findings import Finding, findings, limit_use, show_summary
+from retarget.report.measure import measure
+from retarget.report.report import Report
+from retarget.run.run_result import RunResult
+from rig import Rig, person, result, scripted_run, short_clip
+
+
+@pytest.fixture(scope="module")
+def run() -> RunResult:
+    return scripted_run()
+
+
+@pytest.fixture(scope="module")
+def report(run: RunResult) -> Report:
+    found = measure(run)
+    clearance = replace(found.min_clearance_mm, self=3.0, scene=7.0, ground=9.0)
+    return replace(found, min_clearance_mm=clearance, penetrating_frames=0)
+
+
+def of(name: str, run: RunResult, report: Report) -> Finding:
+    (found,) = [finding for finding in findings(run, report) if finding.name == name]
+    return found
+
+
+def changed(report: Report, part: str, **values: Any) -> Report:
+    return replace(report, **{part: replace(getattr(report, part), **values)})
+
+
+CASES: list[tuple[str, Any, str]] = [
+    ("joint positions", lambda r: changed(r, "limit_violations", position=3), "3 values beyond"),
+    ("joint speeds", lambda r: changed(r, "limit_violations", velocity=1), "1 values beyond"),
+    ("joint accelerations", lambda r: changed(r, "limit_violations", acceleration=2), "2 values beyond"),
+    ("centre of mass", lambda r: replace(r, com_outside_support_frames=4, com_margin_mm=-2.0), "4 ticks, by up to 2.0"),
+    (
+        "its own links",
+        lambda r: replace(changed(r, "min_clearance_mm", self=-1.5), penetrating_frames=2),
+        "1.5 mm inside each other",
+    ),
+    (
+        "obstacles",
+        lambda r: replace(changed(r, "min_clearance_mm", scene=-4.0), penetrating_frames=2),
+        "4.0 mm inside each other",
+    ),
+    (
+        "the floor",
+        lambda r: replace(changed(r, "min_clearance_mm", ground=-2.0), penetrating_frames=2),
+        "2.0 mm inside each other",
+    ),
+    ("faults", lambda r: changed(r, "bus", faults=2), "2 faults"),
+    ("ticks missed", lambda r: changed(r, "bus", missed_ticks=5, longest_period_ms=30.0), "longest took 30.0 ms"),
+    ("end", lambda r: changed(r, "stop", reason="a hand in the way"), "a hand in the way"),
+]
+
+
+@pytest.mark.parametrize(("limit", "change", "measured"), CASES, ids=[case[0] for case in CASES])
+def test_a_limit_that_was_not_kept_is_one_and_all_others_stay(
+    limit: str, change: Any, measured: str, run: RunResult, report: Report
+) -> None:
+    report = changed(report, "bus", missed_ticks=0)
+    assert of(limit, run, report).kept
+    broken = change(report)
+    assert not of(limit, run, broken).kept and measured in of(limit, run, broken).measured
+    before = {finding.name: finding.kept for finding in findings(run, report)}
+    after = {finding.name: finding.kept for finding in findings(run, broken)}
+    assert {name for name in before if before[name] is not after[name]} == {limit}
+
+
+@pytest.mark.parametrize(("volts", "kept"), [(0.1, False), (-0.1, False), (None, True)])
+def test_a_supply_is_within_both_its_limits(volts: float | None, kept: bool, run: RunResult, report: Report) -> None:
+    assert run.robot is not None and report.bus is not None and report.bus.lowest_voltage is not None
+    low, high = run.robot.profile.safety.voltage
+    value = 0.5 * (low + high) if volts is None else high + volts if volts > 0.0 else low + volts
+    reported = changed(report, "bus", lowest_voltage=replace(report.bus.lowest_voltage, value=value))
+    assert of("voltage", run, reported).kept is kept
+
+
+def test_a_servo_at_its_temperature_limit_is_too_warm(run: RunResult, report: Report) -> None:
+    assert run.robot is not None and report.bus is not None and report.bus.hottest is not None
+    for value, kept in ((run.robot.profile.safety.temperature_c, False), (25.0, True)):
+        reported = changed(report, "bus", hottest=replace(report.bus.hottest, value=value))
+        assert of("temperature", run, reported).kept is kept
+
+
+def test_what_could_not_be_broken_has_no_verdict(run: RunResult, report: Report) -> None:
+    bare = replace(
+        changed(report, "min_clearance_mm", scene=None, self=None, ground=None),
+        bus=None,
+        com_outside_support_frames=None,
+    )
+    assert [finding.name for finding in findings(run, bare) if finding.kept is not None] == [
+        "servos",
+        "joint positions",
+        "joint speeds",
+        "joint accelerations",
+        "end",
+    ]
+
+
+def test_the_joint_that_turned_used_most_of_its_speed(run: RunResult) -> None:
+    """One joint turns by 0.02 rad in 50 ticks; no other moves."""
+    use, robot = limit_use(run), run.robot
+    assert robot is not None and use.velocity is not None and use.acceleration is not None and use.room is not None
+    assert use.velocity.joint == robot.joint_map.joints[1] == use.acceleration.joint
+    assert use.velocity.value == pytest.approx(0.02 / 50 / run.clip.dt, rel=0.05)
+    assert use.velocity.limit == robot.limits.max_velocity[1]
+    name, room = use.room
+    at, sent = robot.joint_map.joints.index(name), run.record.robot
+    assert sent is not None
+    q = np.vstack([sent.start, sent.q[:, robot.servo_columns]])[:, at]
+    assert room == pytest.approx(min((q - robot.limits.lower[at]).min(), (robot.limits.upper[at] - q).min()))
+
+
+# The summary on the terminal.
+
+
+@pytest.fixture(scope="module")
+def swung() -> tuple[RunResult, Report]:
+    """A robot whose left elbow swings faster than servos follow at once."""
+    script = np.zeros((51, 20))
+    script[:, 5] = 0.15 * (1.0 - np.cos(2.0 * np.pi * np.arange(51) / 50.0))
+    rig, human, clip = Rig(script), person(), short_clip()
+    run = result(rig.loop(clip).run(), clip, human, rig.robot)
+    return run, measure(run)
+
+
+def shown(run: RunResult, report: Report) -> list[str]:
+    text = io.StringIO()
+    show_summary(run, report, Console(file=text, width=120))
+    return [" ".join(line.split()) for line in text.getvalue().splitlines()]
+
+
+def line(lines: list[str], start: str) -> str:
+    (found,) = [text for text in lines if text.startswith(start)]
+    return found
+
+
+def test_the_servos_stand_beside_what_was_sent(swung: tuple[RunResult, Report]) -> None:
+    run, report = swung
+    assert report.servo_tracking_mm is not None and report.servo_error_deg is not None
+    sent, servos = report.tracking_mm["l_hand"], report.servo_tracking_mm["l_hand"]
+    assert servos.max > sent.max + 1.0
+    numbers = [f"{value:.1f}" for spread in (sent, servos) for value in (spread.mean, spread.p95, spread.max)]
+    lines = shown(run, report)
+    assert line(lines, "l_hand") == " ".join(["l_hand", *numbers])
+    late = report.servo_error_deg["l_el"]
+    assert 0.5 < late.max < 8.6 and late.mean < late.max  # the swing is 17 degrees
+    assert report.servo_error_deg["r_el"].max < 0.1
+    assert line(lines, "servos").endswith(f"{late.max:.1f} at most (l_el)")
+
+
+def test_hands_within_reach_are_shown_one_by_one(swung: tuple[RunResult, Report]) -> None:
+    run, report = swung
+    reported = replace(
+        report, reachable_hands_mm={"l_hand": 4.66, "mean": 4.66}, reachable_share={"l_hand": 0.715, "r_hand": 0.0}
+    )
+    assert line(shown(run, reported), "hands within reach").endswith("l_hand 4.7 mm off in 72% of ticks, r_hand never")
+
+
+def test_a_good_hand_does_not_hide_a_bad_one(swung: tuple[RunResult, Report]) -> None:
+    run, report = swung
+    hands = {"l_hand": 2.0, "r_hand": 30.0, "mean": 3.3, "worse": 30.0}
+    reported = replace(report, reachable_hands_mm=hands, reachable_share={"l_hand": 0.95, "r_hand": 0.05})
+    text = line(shown(run, reported), "hands within reach")
+    assert text.endswith("l_hand 2.0 mm off in 95% of ticks, r_hand 30.0 mm off in 5% of ticks") and "3.3" not in text
+
+
+def test_without_servos_nothing_is_said_of_them(swung: tuple[RunResult, Report]) -> None:
+    run, report = swung
+    bare = replace(report, servo_tracking_mm=None, servo_error_deg=None, reachable_share=None)
+    lines = shown(run, bare)
+    assert len(line(lines, "l_hand").split()) == 4
+    assert not [text for text in lines if text.startswith(("servos", "hands within"))]
+
+
+def test_ticks_that_the_gate_braked_by_itself_are_shown(swung: tuple[RunResult, Report]) -> None:
+    run, report = swung
+    led = replace(report, no_command_frames=0)
+    assert line(shown(run, led), "gate") == f"gate changed 0 of {report.ticks} goals"
+    alone = line(shown(run, replace(report, gated_frames=3, no_command_frames=7)), "gate")
+    assert alone == f"gate changed 3 of {report.ticks} goals; no goal in 7 ticks: joints braked"
