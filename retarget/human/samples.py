@@ -125,17 +125,14 @@ class Playback:
             found = f"{self.start:g} to {self.end:g} s"
             raise UsageError("the end comes before the start", where="--start, --end", found=found)
 
-    def left_out(self, frames: SensorFrames) -> "CalibrationPose | None":
-        """What of the beginning of a recording is not played."""
-        return None if self.start is not None or self.keep_calibration_frame else calibration_pose(frames)
-
 
 @dataclass(frozen=True, eq=False)
 class Clip:
     """A motion on ticks. frames: row i is the sample of tick i, in the performer's order, on the run's clock.
 
     ticks: of the run; a loop has more of them than rows. dt: s between ticks. motion_dt: s of the performer's time
-    between ticks. source_frames: frames of the recording that are played. rate_hz: ticks per second.
+    between ticks. source_frames: frames of the recording that are played. rate_hz: ticks per second. left_out: what
+    comes before them in the recording and is not played.
     """
 
     frames: SensorFrames
@@ -143,6 +140,7 @@ class Clip:
     rate_hz: float
     speed: float
     source_frames: int
+    left_out: "CalibrationPose | None" = None
     # A clip is never held or paused.
     settled: ClassVar[float] = 1.0
     paused: ClassVar[bool] = False
@@ -217,9 +215,19 @@ def lay_on_ticks(
 
     Raises UsageError: a sensor that the recording does not have, an empty cut, an impossible rate or length.
     """
-    start, pose = playback.start, playback.left_out(frames)
+    start, pose = playback.start, None
+    if start is None and not playback.keep_calibration_frame:
+        pose = calibration_pose(frames)
     if pose is not None:
         start = float(frames.time[pose.frames])
+        if playback.end is not None and playback.end < start:
+            raise UsageError(
+                "only a calibration pose comes before the end",
+                where="--end",
+                found=f"{playback.end:g} s",
+                allowed=f"{start:.3f} s, where the motion begins, or later",
+                next_step="To play the pose too, add --keep-calibration-frame",
+            )
     frames = _selected(frames, performer).cut(start, playback.end)
     if playback.mirror:
         frames = frames.mirror().select(tuple(performer.sensors))
@@ -232,7 +240,7 @@ def lay_on_ticks(
     ticks = round(LOOP_LIMIT_S * rate) if playback.loop else len(laid)
     # From here on, time is that of the run.
     laid = replace(laid, time=np.arange(len(laid)) / rate, rate_hz=rate)
-    return Clip(laid, max(ticks, 1), rate, playback.speed, len(frames))
+    return Clip(laid, max(ticks, 1), rate, playback.speed, len(frames), pose)
 
 
 CALIBRATION_JUMP, CALIBRATION_JUMP_M = 5.0, 0.05

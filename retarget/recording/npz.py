@@ -1,5 +1,6 @@
 """`--save FILE.npz`: a run as arrays, written and read back, for checks with any tool. Its keys are a contract."""
 
+import sys
 import tokenize
 import zipfile
 import zlib
@@ -152,7 +153,10 @@ class ArrayFile:
 
     def texts(self, key: str, *shape: int | None) -> NDArray[np.str_]:
         """Texts of this shape. Raises InputError."""
-        return np.asarray(self._checked(key, "U", "texts", shape), dtype=np.str_)
+        values = np.ascontiguousarray(self._checked(key, "U", "texts", shape), dtype=np.str_).reshape(-1)
+        if (values.view(np.uint32) > sys.maxunicode).any():
+            raise self._wrong(key, "a code that is no letter's", "texts")
+        return values.reshape(self.arrays[key].shape)
 
     def _checked(self, key: str, kinds: str, what: str, shape: tuple[int | None, ...]) -> NDArray[Any]:
         """An array of one of these kinds of dtypes, and of a shape."""
