@@ -94,8 +94,8 @@ LOOP_LIMIT_S = 600.0
 """A loop ends by itself after this long, s of the run."""
 SEAM_S = 1.0
 """Time (s of the performer's time) that a loop takes from its last frame to its first."""
-MAX_TICKS = 500_000
-"""Most ticks of one run: about an hour at 125 Hz."""
+MAX_TICKS = 250_000
+"""Most ticks of one run: half an hour at 125 Hz, longer than any recording that is read, and read back when saved."""
 SPEEDS = (0.01, 10.0)
 RATES_HZ = (1.0, 2000.0)
 
