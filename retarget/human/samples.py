@@ -140,7 +140,7 @@ class Clip:
     rate_hz: float
     speed: float
     source_frames: int
-    left_out: "CalibrationPose | None" = None
+    left_out: "CalibrationPose | None" = field(default=None, kw_only=True)
     # A clip is never held or paused.
     settled: ClassVar[float] = 1.0
     paused: ClassVar[bool] = False
@@ -240,7 +240,7 @@ def lay_on_ticks(
     ticks = round(LOOP_LIMIT_S * rate) if playback.loop else len(laid)
     # From here on, time is that of the run.
     laid = replace(laid, time=np.arange(len(laid)) / rate, rate_hz=rate)
-    return Clip(laid, max(ticks, 1), rate, playback.speed, len(frames), pose)
+    return Clip(laid, max(ticks, 1), rate, playback.speed, len(frames), left_out=pose)
 
 
 CALIBRATION_JUMP, CALIBRATION_JUMP_M = 5.0, 0.05

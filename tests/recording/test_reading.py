@@ -79,6 +79,22 @@ def test_where_the_sensors_were_not_kept_no_sample_was_valid(run: Recorded) -> N
     assert np.count_nonzero(found.cycles.sampled == Done.WELL) == 10 < np.count_nonzero(found.cycles.sampled)
 
 
+def test_orientations_are_of_sensors_that_had_one(run: Recorded) -> None:
+    def turned(rows: TopicRows) -> TopicRows:
+        other = rows.rows.copy()
+        other["poses"][..., 3:] = (0.1, 0.2, 0.4, 0.8)
+        return TopicRows(rows.cycles, other)
+
+    def with_head(rows: TopicRows) -> TopicRows:
+        other = rows.rows.copy()
+        other["sensor_oriented"] = np.arange(other["sensor_oriented"].shape[1]) == 0
+        return TopicRows(rows.cycles, other)
+
+    found = played(changed(changed(run.played().recording, SENSORS, turned), TICK, with_head)).cycles
+    head, *others = np.moveaxis(found.sensor_orientation[found.sampled == Done.WELL], 1, 0)
+    assert (head == (0.8, 0.1, 0.2, 0.4)).all() and np.isnan(others).all()
+
+
 def shifted(rows: TopicRows) -> TopicRows:
     other = rows.rows.copy()
     other["cycle"] += 1
