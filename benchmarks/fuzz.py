@@ -129,7 +129,7 @@ def bent_mcap(data: bytes, rng: Random) -> bytes:
         hurt.metadata |= {"session": session, "sha256": sha256(session.encode()).hexdigest()}
     for record in records:
         record.write(made)
-    return MAGIC + made.end() + MAGIC
+    return MAGIC + bytes(made.end()) + MAGIC  # type: ignore[no-untyped-call]
 
 
 def bent_npz(data: bytes, rng: Random) -> bytes:
