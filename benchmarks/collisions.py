@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
@@ -17,7 +18,6 @@ from pathlib import Path
 from benchmarks.collision_numbers import Numbers, numbers
 from benchmarks.collision_placement import height_scale, place, write_scene
 from benchmarks.collision_runs import play, unobserving
-from benchmarks.recording import SHARED
 from benchmarks.table import print_table
 from hardware.errors import RetargetError
 from retarget.frames import SensorFrames
@@ -158,10 +158,11 @@ def _worst_of(rows: list[Numbers], scene: str) -> Numbers:
 
 
 def _arguments() -> argparse.Namespace:
+    shared = Path(os.environ.get("RETARGET_SHARED", str(Path(__file__).resolve().parents[2] / "shared")))
     parser = argparse.ArgumentParser(prog="python -m benchmarks.collisions", description=__doc__)
     parser.add_argument("--robot", default="op3", help="robot by name or path; human: the virtual human")
     parser.add_argument("--files", type=Path, nargs="+", help="these recordings instead of the folder's")
-    parser.add_argument("--mocap", type=Path, default=SHARED / "mocap", help="folder of recordings")
+    parser.add_argument("--mocap", type=Path, default=shared / "mocap", help="folder of recordings")
     parser.add_argument("--priorities", help="priority file of the last stage, instead of the robot's own")
     parser.add_argument("--no-gate", action="store_true", help="what the observers do alone")
     parser.add_argument("--scenes", default=f"{FREE},{OBSTACLES}", help="free, obstacles, or both")
