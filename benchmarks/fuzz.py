@@ -59,6 +59,7 @@ from retarget.sources.asf_amc import read_amc
 from retarget.sources.c3d import KNOWN_MARKERS
 from retarget.sources.open import open_source
 from retarget.sources.raw_record import RawReader, RawWriter
+from retarget.viewer.recorded import open_recorded
 
 CPU_S, MEMORY = 5.0, 1.5e9
 """What a case may take, s and bytes; the memory of its process is limited to twice as much, its time to 60 s."""
@@ -221,9 +222,9 @@ def corpus(folder: Path) -> list[Kind]:
     return [
         Kind(".mcap", 10, lambda path: played(read_recording(path)), tuple(runs[".mcap"][:1]), bent_mcap),
         Kind(".mcap", 2, lambda path: played(read_recording(path)), tuple(runs[".mcap"]), bent_mcap),
-        Kind(".mcap", 1, read_recorded, tuple(runs[".mcap"]), bent_mcap),
+        Kind(".mcap", 1, open_recorded, tuple(runs[".mcap"]), bent_mcap),
         Kind(".npz", 8, lambda path: read_recorded(path, robot=False), tuple(runs[".npz"][:1]), bent_npz),
-        Kind(".npz", 2, read_recorded, tuple(runs[".npz"]), bent_npz),
+        Kind(".npz", 2, open_recorded, tuple(runs[".npz"]), bent_npz),
         Kind(".yaml", 2, robot, ((configs / "robots/op3/robot.yaml").read_bytes(),), bent),
         Kind(".yaml", 10, load_priorities, yamls("priorities"), bent),
         Kind(".yaml", 10, load_performer, yamls("performers"), bent),

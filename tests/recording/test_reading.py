@@ -24,6 +24,8 @@ from retarget.recording.mcap_writer import METADATA
 from retarget.recording.reading import MAGIC, Recording, TopicRows, played, read_recording
 from retarget.recording.session import FORMAT
 from retarget.recording.topics import GOALS, HUMAN_POSTURE, SENSORS, SERVOS, TICK
+from retarget.run.options import RunOptions
+from retarget.viewer.recorded import open_recorded
 
 OURS = str(FORMAT)
 
@@ -138,6 +140,18 @@ def test_a_human_whose_postures_have_no_order_is_exported_as_far_as_it_goes(
     still = changed(run.played().recording, HUMAN_POSTURE, lambda rows: TopicRows(rows.cycles * 0 + 20, rows.rows))
     monkeypatch.setattr(read_run, "read_recording", lambda path: still)
     assert len(read_run.read_run(run.path, of_human=True)) == 1
+
+
+def test_ticks_of_a_human_alone_are_those_whose_posture_is_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = record(tmp_path / "run.mcap", options=RunOptions(robot="human"), seconds=0.1).path
+    whole = read_recording(path)
+    count = len(whole.topic(HUMAN_POSTURE).rows)
+    without = changed(whole, HUMAN_POSTURE, lambda rows: chosen(rows, np.delete(np.arange(count), 3)))
+    monkeypatch.setattr(read_run, "read_recording", lambda path: without)
+    shown = open_recorded(path)
+    assert len(shown) == len(shown.states) == count - 1
 
 
 @pytest.fixture(scope="module")
