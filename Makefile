@@ -20,7 +20,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # Without bytecode every process of a test, and every worker, would compile everything anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help demo test lint golden golden-store bench bench-bus bench-tick bench-lateness bench-viewer bench-physics paper robustness mutants long docs docs-tables wheels clean machine
+.PHONY: help demo test lint golden golden-store bench bench-bus bench-tick bench-lateness bench-viewer bench-physics paper robustness mutants fuzz long docs docs-tables wheels clean machine
 
 help:
 	@echo 'make demo    a synthetic performer drives a robot on emulated servos; report and pictures in out/demo'
@@ -36,7 +36,8 @@ help:
 	@echo 'make bench-physics  how many times faster than real time a robot with mass runs'
 	@echo 'make paper   the experiments and figures of the paper, run anew'
 	@echo 'make robustness  in how many runs under perturbations it stands; takes half an hour'
-	@echo 'make mutants  every protection of guard, gate, supervisor and loop removed in turn: does a test fail?'
+	@echo 'make mutants  every protection of guard, gate, supervisor, loop, readers and writers removed in turn: does a test fail?'
+	@echo 'make fuzz N=100000  so many damaged files of every kind: each is read, or refused by a message'
 	@echo 'make long    tests that take minutes'
 	@echo 'make docs-tables  the measured tables of the pages, from docs/tables and from what is computed in a second'
 	@echo 'make docs    the documentation site in out/site; it opens from disk'
@@ -102,6 +103,9 @@ robustness: $(VENV)/.with-test
 
 mutants: $(VENV)/.with-test
 	$(BIN)/python tests/mutants/run.py $(MUTANTS)
+
+fuzz: $(VENV)/.with-test
+	$(BIN)/python -m benchmarks.fuzz --cases $(or $(N),100000) --jobs $(JOBS) $(FUZZ)
 
 # zig links against an old glibc (2.17), for machines older than this one and for the other architecture.
 wheels: $(VENV)/.pip

@@ -94,8 +94,8 @@ LOOP_LIMIT_S = 600.0
 """A loop ends by itself after this long, s of the run."""
 SEAM_S = 1.0
 """Time (s of the performer's time) that a loop takes from its last frame to its first."""
-MAX_TICKS = 500_000
-"""Most ticks of one run: about an hour at 125 Hz."""
+MAX_TICKS = 250_000
+"""Most ticks of one run: half an hour at 125 Hz, longer than any recording that is read, and read back when saved."""
 SPEEDS = (0.01, 10.0)
 RATES_HZ = (1.0, 2000.0)
 """Least and most of `--speed`, a share of the performer's speed, and of `--rate`, Hz: what is beyond is a mistyped
@@ -127,17 +127,14 @@ class Playback:
             found = f"{self.start:g} to {self.end:g} s"
             raise UsageError("the end comes before the start", where="--start, --end", found=found)
 
-    def left_out(self, frames: SensorFrames) -> "CalibrationPose | None":
-        """The part of the beginning of a recording that is not played."""
-        return None if self.start is not None or self.keep_calibration_frame else calibration_pose(frames)
-
 
 @dataclass(frozen=True, eq=False)
 class Clip:
     """A motion on ticks. frames: row i is the sample of tick i, in the performer's order, on the run's clock.
 
     ticks: of the run; a loop has more of them than rows. dt: s between ticks. motion_dt: s of the performer's time
-    between ticks. source_frames: frames of the recording that are played. rate_hz: ticks per second.
+    between ticks. source_frames: frames of the recording that are played. rate_hz: ticks per second. left_out: what
+    comes before them in the recording and is not played.
     """
 
     frames: SensorFrames
@@ -145,6 +142,7 @@ class Clip:
     rate_hz: float
     speed: float
     source_frames: int
+    left_out: "CalibrationPose | None" = field(default=None, kw_only=True)
     # A clip is never held or paused.
     settled: ClassVar[float] = 1.0
     paused: ClassVar[bool] = False
@@ -219,9 +217,19 @@ def lay_on_ticks(
 
     Raises UsageError: a sensor that the recording does not have, an empty cut, an impossible rate or length.
     """
-    start, pose = playback.start, playback.left_out(frames)
+    start, pose = playback.start, None
+    if start is None and not playback.keep_calibration_frame:
+        pose = calibration_pose(frames)
     if pose is not None:
         start = float(frames.time[pose.frames])
+        if playback.end is not None and playback.end < start:
+            raise UsageError(
+                "only a calibration pose comes before the end",
+                where="--end",
+                found=f"{playback.end:g} s",
+                allowed=f"{start:.3f} s, where the motion begins, or later",
+                next_step="To play the pose too, add --keep-calibration-frame",
+            )
     frames = _selected(frames, performer).cut(start, playback.end)
     if playback.mirror:
         frames = frames.mirror().select(tuple(performer.sensors))
@@ -234,7 +242,7 @@ def lay_on_ticks(
     ticks = round(LOOP_LIMIT_S * rate) if playback.loop else len(laid)
     # From here on, time is that of the run.
     laid = replace(laid, time=np.arange(len(laid)) / rate, rate_hz=rate)
-    return Clip(laid, max(ticks, 1), rate, playback.speed, len(frames))
+    return Clip(laid, max(ticks, 1), rate, playback.speed, len(frames), left_out=pose)
 
 
 CALIBRATION_JUMP, CALIBRATION_JUMP_M = 5.0, 0.05

@@ -104,8 +104,9 @@ def compile_body_text(text: str, *, source: str, root: Root | None = None) -> Bo
     """Compile a body as `compile_body` does, from MJCF or URDF text; `source` names it in messages."""
     mujoco = engine()
 
-    urdf = _is_urdf(text.encode(), source=source)
-    return _compile(lambda: mujoco.MjSpec.from_string(text), urdf=urdf, source=source, root=root)
+    content = text.encode(errors="replace")  # half of a surrogate pair is no text
+    urdf = _is_urdf(content, source=source)
+    return _compile(lambda: mujoco.MjSpec.from_string(content.decode()), urdf=urdf, source=source, root=root)
 
 
 def _is_urdf(content: bytes, *, source: str) -> bool:
@@ -141,9 +142,9 @@ def _prepared(parse: Callable[[], Any], *, urdf: bool, source: str, root: Root |
         _keep_every_link(spec, urdf=urdf)
         for key in list(spec.keys):  # keyframes have the size of the file's own root
             spec.delete(key)
+        return spec, _set_root(spec, root, source=source, notes=notes), notes
     except (ValueError, RuntimeError) as error:
         raise refusal(source, error) from error
-    return spec, _set_root(spec, root, source=source, notes=notes), notes
 
 
 def refusal(source: str, error: Exception, spec: Any = None) -> InputError:
@@ -239,6 +240,10 @@ def _check(model: Any, *, source: str) -> None:
         raise InputError("the body has no links", where=source, next_step=BODY_HELP)
     if model.nv == 0:
         raise InputError("nothing moves", where=source, found="no joints", allowed="at least one joint")
+    try:
+        model.names.decode()
+    except UnicodeDecodeError as error:
+        raise refusal(source, error) from error
     check_numbers(model, source=source)
 
 

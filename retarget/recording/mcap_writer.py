@@ -19,6 +19,7 @@ from hardware.clock import thread_cpu
 from retarget.errors import UsageError
 from retarget.recording.cdr import layout_of, schema
 from retarget.recording.cycles import Cycles, Done, Shape
+from retarget.recording.npz import MAX_BYTES
 from retarget.recording.session import ConfigFile, Session
 from retarget.recording.topics import EVENTS, Topic
 from retarget.schema.files import check_place, refuse_existing
@@ -31,6 +32,13 @@ CHUNK = 2**30
 """Bytes that never fill: chunks end when they are flushed."""
 LARGEST = 4 * 2**20
 """Bytes of the largest config file that is attached."""
+MOST_RECORDS = 2**21
+"""Messages that are read of a file, and bytes in NPZ's MAX_BYTES; a file is full a little before. About 45 minutes of
+a robot of 20 servos at 125 Hz."""
+SPARE_RECORDS, SPARE_BYTES = 2**10, 2**20
+"""For schemas and channels."""
+MESSAGE_HEAD = 31
+"""Bytes of a message before its data."""
 
 
 def require_mcap(where: str) -> None:
@@ -81,6 +89,7 @@ class RecordingFile:
             raise UsageError(f"cannot write here ({error.strerror})", where=OPTION, found=str(path)) from error
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
+        self._room, self._records = MAX_BYTES - SPARE_BYTES, MOST_RECORDS - SPARE_RECORDS  # that are left
 
     def announce(self, topics: Sequence[Topic]) -> None:
         """Register the topics. Each one's metadata hold `layout`, a numpy dtype, and `names`."""
@@ -88,6 +97,12 @@ class RecordingFile:
             metadata = {"layout": topic.layout.description, "names": " ".join(_one_word(name) for name in topic.names)}
             self._register(topic.name, topic.schema, metadata)
         self._register(EVENTS, "rcl_interfaces/msg/Log", {})
+
+    def takes(self, sizes: Sequence[int]) -> bool:
+        """Whether messages of so many bytes can be added, of which all would be read back; they then count as added."""
+        self._room -= sum(sizes) + MESSAGE_HEAD * len(sizes)
+        self._records -= len(sizes)
+        return self._room >= 0 and self._records >= 0
 
     def add(self, topic: str, *, index: int, stamp_ns: int, data: bytes) -> None:
         """Take a message of a topic. index: of its cycle."""
@@ -270,7 +285,7 @@ class WritingThread:
     def _run(self) -> None:
         try:
             with np.errstate(all="ignore"):  # whatever was measured is kept, also what is not a number
-                while not self._ending:
+                while not (self._ending or self.failure):
                     self._ring.wanted.wait(FLUSH_S)
                     self._ring.wanted.clear()
                     self._write()
@@ -286,7 +301,7 @@ class WritingThread:
             self.cpu_s = thread_cpu()
 
     def _write(self) -> None:
-        """All that is there, as one chunk."""
+        """All that is there, as one chunk; nothing where the file is full."""
         events = [self._events.popleft() for _ in range(len(self._events))]
         cycles = self._ring.take()
         stamps = np.array([self._stamp(time) for time in cycles.time.tolist()], dtype=np.int64)
@@ -298,9 +313,12 @@ class WritingThread:
         for event in events:
             at = self._stamp(event.time)
             messages.append((at, EVENTS, event.cycle, log_message(event, stamp_ns=at)))
-        if not messages:
+        if not messages or self.failure:
             return
         messages.sort(key=itemgetter(0))
+        if not self._file.takes([len(data) for *_, data in messages]):
+            self.failure = f"it is full, no more than {MAX_BYTES >> 20} MiB are read of a file"
+            return
         for at, name, cycle, data in messages:
             self._file.add(name, index=cycle, stamp_ns=at, data=data)
         self._file.flush()

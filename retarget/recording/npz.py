@@ -1,5 +1,6 @@
 """`--save FILE.npz`: a run as arrays, written and read back, for checks with any tool. Its keys are a contract."""
 
+import sys
 import tokenize
 import zipfile
 import zlib
@@ -118,7 +119,7 @@ def _held(record: Record, tracks: FloatArray) -> FloatArray:
 # The arrays of a foreign NPZ file: what is missing, cut short, of another shape or not a number is refused at once.
 
 MAX_BYTES = 2**30
-"""Largest content that is unpacked, of an NPZ or an MCAP file: about an hour of a robot at 125 Hz."""
+"""Largest content that is unpacked, of an NPZ or an MCAP file. `MAX_TICKS` of a robot with 50 servos are less."""
 NOT_A_RUN = "Give a file that `retarget run --save FILE.npz` wrote"
 NO_RUN = "Give a file that `retarget run` wrote with --save FILE.npz or --record FILE.mcap"
 BROKEN = (
@@ -153,7 +154,10 @@ class ArrayFile:
 
     def texts(self, key: str, *shape: int | None) -> NDArray[np.str_]:
         """Read an array of texts of this shape. Raises InputError."""
-        return np.asarray(self._checked(key, "U", "texts", shape), dtype=np.str_)
+        values = np.ascontiguousarray(self._checked(key, "U", "texts", shape), dtype=np.str_).reshape(-1)
+        if (values.view(np.uint32) > sys.maxunicode).any():
+            raise self._wrong(key, "a code that is no letter's", "texts")
+        return values.reshape(self.arrays[key].shape)
 
     def _checked(self, key: str, kinds: str, what: str, shape: tuple[int | None, ...]) -> NDArray[Any]:
         """An array of one of these kinds of dtypes, and of a shape."""

@@ -246,15 +246,16 @@ def _unit(file: ArrayFile, turn: FloatArray) -> FloatArray:
 
 def _of_mcap(whole: Played, with_robot: bool, body: Path | None) -> RecordedRun:
     recording, session = whole.recording, whole.recording.session
-    kept = np.flatnonzero(whole.cycles.kept)
+    postures = np.isfinite(whole.cycles.human_q).all(axis=1) & (whole.cycles.human_q.shape[1] > 0)
+    # Of a human alone, a tick is its posture.
+    kept = np.flatnonzero(whole.cycles.kept & (bool(session.joints) | postures))
     if not kept.size:
         raise InputError("a run without ticks", where=str(recording.path))
-    cycles = whole.cycles.taken(kept)
+    cycles, rows = whole.cycles.taken(kept), np.flatnonzero(postures[kept])
     tracks: dict[str, NDArray[Any]] = {"state": cycles.state, "no_command": cycles.no_command}
     notes = [f"{recording.damage}; what is whole of it is used"] if recording.damage else []
     notes += [f"{whole.missing} ticks were never written"] if whole.missing else []
     run = RecordedRun(None, None, np.zeros(len(kept), dtype=np.int64), tracks=tracks, recording=recording)
-    rows = np.flatnonzero(np.isfinite(cycles.human_q).all(axis=1) & (cycles.human_q.shape[1] > 0))
     if rows.size:
         run = _with_human(run, whole, cycles, rows)
     if with_robot and session.joints:

@@ -27,7 +27,7 @@ from retarget.human.samples import Clip
 from retarget.model.robot import RobotBody
 from retarget.recording.cdr import Rows, layout_from
 from retarget.recording.cycles import Cycles, Done, Shape
-from retarget.recording.mcap_writer import METADATA, require_mcap
+from retarget.recording.mcap_writer import METADATA, MOST_RECORDS, require_mcap
 from retarget.recording.npz import MAX_BYTES, refuse_no_file
 from retarget.recording.session import FORMAT, Session
 from retarget.recording.topics import (
@@ -46,8 +46,6 @@ from retarget.recording.topics import (
 from retarget.types import FloatArray
 
 MAGIC = b"\x89MCAP0\r\n"
-MOST_RECORDS = 2**21
-"""Messages of an hour of a robot at 125 Hz."""
 SCHEMA, CHANNEL, MESSAGE = 0x03, 0x04, 0x05
 """Records in a chunk, by their opcodes."""
 RECORD_HEAD, MESSAGE_HEAD = struct.Struct("<BQ"), struct.Struct("<HI16x")

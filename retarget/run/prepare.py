@@ -148,10 +148,8 @@ def performance_of(read: Callable[[], SensorFrames], playback: Playback) -> Perf
         rate = None if robot is None else robot.profile.safety.rate_hz
         clip = lay_on_ticks(frames, performer=performer, playback=playback, rate_hz=rate)
         size = calibrate(frames.mirror() if playback.mirror else frames)
-        pose, notes = playback.left_out(frames), frames.notes
-        if pose is not None:
-            notes = (*notes, f"{frames.source} {pose}")
-        return Performance(clip, size, notes)
+        left_out = () if clip.left_out is None else (f"{frames.source} {clip.left_out}",)
+        return Performance(clip, size, frames.notes + left_out)
 
     return perform
 

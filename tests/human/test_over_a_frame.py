@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from messages import refuses
+from retarget.errors import UsageError
 from retarget.frames import SensorFrames
 from retarget.human.reconstruction import Reconstructor
 from retarget.human.samples import CalibrationPose, Playback, calibration_pose, lay_on_ticks
@@ -107,8 +109,11 @@ def test_a_calibration_pose_before_the_motion_is_left_out(name: str, arms: float
     assert calibration_pose(frames) == CalibrationPose(name, 1)
     played = lay_on_ticks(frames, performer=load_performer("five"), playback=Playback())
     assert len(played) == 59 and np.allclose(played.frames.position[0], position[1])
+    assert played.left_out == CalibrationPose(name, 1)
+    with refuses(UsageError, "--keep-calibration-frame"):
+        lay_on_ticks(frames, performer=load_performer("five"), playback=Playback(end=0.5 * DT))
     kept = lay_on_ticks(frames, performer=load_performer("five"), playback=Playback(keep_calibration_frame=True))
-    assert len(kept) == 60
+    assert len(kept) == 60 and kept.left_out is None
     begun = lay_on_ticks(frames, performer=load_performer("five"), playback=Playback(start=0.0))
     assert len(begun) == 60
 

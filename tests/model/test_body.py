@@ -258,6 +258,7 @@ def test_loops_and_tendons_are_named_in_notes() -> None:
         ("frame 1", ()),
         ("<html><body/></html>", "<html>"),
         ("<mujoco/>", ()),
+        ("\ud800", ()),
         ("<mujoco><worldbody><body/></worldbody></mujoco>", ()),
         ('<mujoco><worldbody><body><joint type="screw"/></body></worldbody></mujoco>', "screw"),
         (FREE_MJCF.replace('axis="0 1 0"', 'axis="0 1 0" range="2 1" limited="true"'), "range"),
@@ -284,14 +285,18 @@ def test_two_root_links_cannot_be_set_free() -> None:
 
 
 def test_bad_files_are_refused(tmp_path: Path) -> None:
-    binary, empty, huge, chain = (tmp_path / f"{name}.xml" for name in ("binary", "empty", "huge", "chain"))
+    binary, latin, empty, huge, chain = (
+        tmp_path / f"{name}.xml" for name in ("binary", "latin", "empty", "huge", "chain")
+    )
     chain.write_text('<robot name="a"><link name="b"/></robot>'.replace("<link", 3000 * '<link name="c"/>' + "<link"))
     binary.write_bytes(bytes(range(256)))
+    latin.write_bytes(TWO_LINK_URDF.replace("arm", "\xe9").encode("latin-1"))
     empty.write_bytes(b"")
     with huge.open("wb") as stream:
         stream.truncate(MAX_BYTES + 1)
     bad: list[tuple[Path, Facts]] = [
         (binary, ()),
+        (latin, ()),
         (empty, 0),
         (huge, ()),
         (chain, (3001, MAX_LINKS)),

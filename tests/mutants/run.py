@@ -203,6 +203,9 @@ def main() -> int:
         print(f"{len(mutants)} mutants")
         return 0
     chosen = [mutant for mutant in mutants if asked.only in mutant.name or asked.only in mutant.file]
+    if not chosen:
+        print(f"no mutant has {asked.only!r} in its name or file", file=sys.stderr)
+        return 2
     if asked.random:
         print(f"seed {asked.seed}")
         chosen = drawn(chosen, asked.random, asked.seed)

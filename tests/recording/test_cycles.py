@@ -61,16 +61,20 @@ def test_following_begins_in_the_same_cycle(follow: int, ahead: float) -> None:
 
 
 def test_lost_cycles_are_not_those_before_them() -> None:
-    cursor = Cursor(recorded([0, 1, 2, 5, 6], 1), has_robot=True, dt=DT)
-    rows, known = [], []
+    cycles = recorded([0, 1, 2, 5, 6], 1)
+    cycles.asked[2] = Asked.STOP
+    cursor = Cursor(cycles, has_robot=True, dt=DT)
+    rows, known, stops = [], [], []
     for _ in range(7):
         cursor.look()
         if cursor.cycle:
             cursor.follow()
         rows.append(cursor.row)
         known.append(cursor.recorded)
+        stops.append(cursor.asked(Asked.STOP))
         cursor.before()
     assert rows == [0, 1, 2, 2, 2, 3, 4] and known == [True, True, True, False, False, True, True]
+    assert np.flatnonzero(stops).tolist() == [2]
 
 
 def test_what_was_asked_is_asked_in_its_cycle() -> None:

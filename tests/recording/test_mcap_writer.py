@@ -198,6 +198,9 @@ def test_all_that_was_finished_is_in_the_file_in_order(tmp_path: Path, session: 
     assert begun.thread.failure == "" and begun.thread.cpu_s > 0.0
     assert recording.damage == "" and recording.topic(TICK).cycles.tolist() == list(range(40))
     assert recording.texts == {(10, "run"): "hello"}
+    with (tmp_path / "a.mcap").open("rb") as stream:
+        stamps = [found.log_time for *_, found in make_reader(stream).iter_messages(log_time_order=False)]
+    assert stamps == sorted(stamps)
     assert recording.topic(TICK).rows["stamp.nanosec"].tolist() == [10_000_000 * number for number in range(40)]
 
 

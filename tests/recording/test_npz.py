@@ -38,6 +38,10 @@ def test_a_run_of_a_robot(run: RunResult, tmp_path: Path) -> None:
     assert saved["human_truth"].shape == saved["human_joint_positions"].shape
     assert saved["gated"].dtype == np.bool_ and saved["goal_ticks"].dtype == np.int64
     assert [entry.name for entry in tmp_path.iterdir()] == ["run.npz"]
+    assert run.robot is not None and run.record.robot is not None
+    columns = [saved["joint_names"].tolist().index(joint) for joint in run.robot.joint_map.joints]
+    np.testing.assert_array_equal(saved["servo_positions"][:, columns], run.record.robot.present)
+    np.testing.assert_array_equal(saved["goal_ticks"][:, columns], run.record.robot.goal_ticks)
 
 
 def test_every_tick_says_what_it_was_for_and_nothing_is_unknown(run: RunResult, tmp_path: Path) -> None:

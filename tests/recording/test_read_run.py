@@ -86,6 +86,7 @@ BAD: dict[str, tuple[np.ndarray[tuple[int, ...], np.dtype[Any]], Facts]] = {
     "goal_ticks": (np.zeros((40, 3)), "goal_ticks"),
     "landmarks_asked": (np.zeros((40, 1, 3)), "landmarks_asked"),
     "phase": (np.full(40, "dance"), ("phase", "dance")),
+    "landmark_names": (np.array([0x110000], dtype=np.uint32).view("<U1"), "landmark_names"),
 }
 
 

@@ -24,6 +24,8 @@ from retarget.recording.mcap_writer import METADATA
 from retarget.recording.reading import MAGIC, Recording, TopicRows, played, read_recording
 from retarget.recording.session import FORMAT
 from retarget.recording.topics import GOALS, HUMAN_POSTURE, SENSORS, SERVOS, TICK
+from retarget.run.options import RunOptions
+from retarget.viewer.recorded import open_recorded
 
 OURS = str(FORMAT)
 
@@ -79,6 +81,22 @@ def test_where_the_sensors_were_not_kept_no_sample_was_valid(run: Recorded) -> N
     assert np.count_nonzero(found.cycles.sampled == Done.WELL) == 10 < np.count_nonzero(found.cycles.sampled)
 
 
+def test_orientations_are_of_sensors_that_had_one(run: Recorded) -> None:
+    def turned(rows: TopicRows) -> TopicRows:
+        other = rows.rows.copy()
+        other["poses"][..., 3:] = (0.1, 0.2, 0.4, 0.8)
+        return TopicRows(rows.cycles, other)
+
+    def with_head(rows: TopicRows) -> TopicRows:
+        other = rows.rows.copy()
+        other["sensor_oriented"] = np.arange(other["sensor_oriented"].shape[1]) == 0
+        return TopicRows(rows.cycles, other)
+
+    found = played(changed(changed(run.played().recording, SENSORS, turned), TICK, with_head)).cycles
+    head, *others = np.moveaxis(found.sensor_orientation[found.sampled == Done.WELL], 1, 0)
+    assert (head == (0.8, 0.1, 0.2, 0.4)).all() and np.isnan(others).all()
+
+
 def shifted(rows: TopicRows) -> TopicRows:
     other = rows.rows.copy()
     other["cycle"] += 1
@@ -122,6 +140,18 @@ def test_a_human_whose_postures_have_no_order_is_exported_as_far_as_it_goes(
     still = changed(run.played().recording, HUMAN_POSTURE, lambda rows: TopicRows(rows.cycles * 0 + 20, rows.rows))
     monkeypatch.setattr(read_run, "read_recording", lambda path: still)
     assert len(read_run.read_run(run.path, of_human=True)) == 1
+
+
+def test_ticks_of_a_human_alone_are_those_whose_posture_is_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = record(tmp_path / "run.mcap", options=RunOptions(robot="human"), seconds=0.1).path
+    whole = read_recording(path)
+    count = len(whole.topic(HUMAN_POSTURE).rows)
+    without = changed(whole, HUMAN_POSTURE, lambda rows: chosen(rows, np.delete(np.arange(count), 3)))
+    monkeypatch.setattr(read_run, "read_recording", lambda path: without)
+    shown = open_recorded(path)
+    assert len(shown) == len(shown.states) == count - 1
 
 
 @pytest.fixture(scope="module")

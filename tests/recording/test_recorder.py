@@ -23,6 +23,7 @@ from recordings import Recorded, messages, mock_bus, performer, record
 from retarget.cli import main
 from retarget.cli.exit import REFUSED
 from retarget.errors import UsageError
+from retarget.recording import mcap_writer
 from retarget.recording.cdr import layout_from
 from retarget.recording.mcap_writer import FLUSH_S, Ring, check_target
 from retarget.recording.reading import played, read_recording
@@ -140,6 +141,24 @@ def test_a_full_disk_ends_the_recording_and_nothing_else(
     warned = [text for text in run.notes if "the recording is not whole, the robot goes on" in text]
     assert len(warned) == 1 and warned[0].endswith("No space left on device")
     assert read_recording(run.path).damage
+
+
+@pytest.mark.parametrize(
+    ("limit", "spare", "room"), [("MAX_BYTES", "SPARE_BYTES", 60_000), ("MOST_RECORDS", "SPARE_RECORDS", 150)]
+)
+def test_no_more_is_written_than_is_read(
+    limit: str, spare: str, room: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mcap_writer, limit, getattr(mcap_writer, spare) + room)
+    monkeypatch.setattr("retarget.recording.recorder.Ring", lambda shape, patient: Ring(shape, patient=True, rows=8))
+    run = record(tmp_path / "run.mcap", options=RunOptions(robot="human"), seconds=1.0)
+    shows(run.recorder.failure, "full")
+    assert run.recorder.code(0) == 1 and len(run.notes) == 1
+    found = run.played()
+    assert not found.recording.damage and 10 < len(found.cycles) < len(run.result.record) - 10
+    rows = [topic.rows for topic in found.recording.topics.values()]
+    used = sum(len(row) for row in rows), sum(row.nbytes + 31 * len(row) for row in rows)
+    assert used[limit == "MAX_BYTES"] <= room
 
 
 def test_a_disk_that_is_full_from_the_start_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

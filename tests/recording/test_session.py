@@ -8,6 +8,7 @@ import pytest
 from pydantic import ValidationError
 
 from recordings import Recorded, record
+from retarget.human.samples import Playback
 from retarget.recording.session import FORMAT, Session, config_files
 from retarget.run.options import PhysicsOptions, RunOptions
 
@@ -31,6 +32,12 @@ def test_the_same_run_can_be_asked_for_again(run: Recorded, session: Session) ->
     assert (ours.stature, ours.mass) == (theirs.stature, theirs.mass)
     assert run.result.robot is not None and session.joints == run.result.robot.joint_map.joints
     assert session.sensors == run.result.sensors and session.observers == run.result.observer_names
+
+
+def test_the_speed_of_the_motion_is_part_of_it(tmp_path: Path) -> None:
+    slow = RunOptions(robot="human", playback=Playback(speed=0.5))
+    session = record(tmp_path / "run.mcap", options=slow, seconds=0.05).played().recording.session
+    assert session.motion_dt == 0.5 * session.dt
 
 
 def test_physics_is_part_of_it(session: Session) -> None:

@@ -10,7 +10,6 @@ from messages import refuses
 from retarget.errors import UsageError
 from retarget.report.measure import measure
 from retarget.report.report import Report, report_path, write_report
-from retarget.schema.files import check_folder, check_place, write_atomic
 from rig import Rig, person, result, short_clip
 
 CONTRACT = [
@@ -68,25 +67,3 @@ def test_places_that_cannot_hold_a_report(name: str, tmp_path: Path) -> None:
     with refuses(UsageError, "--report"):
         report_path(tmp_path / name)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_file_where_a_folder_is_meant(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    for folder in (tmp_path / "file", tmp_path / "file" / "inside"):
-        with refuses(UsageError, "--plots"):
-            check_folder(folder, option="--plots")
-    with refuses(UsageError):
-        check_place(tmp_path, option="--report")
-
-
-def test_a_failing_write_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "r.json"
-    path.write_text("old")
-
-    def full(self: Path, target: Path) -> Path:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(Path, "replace", full)
-    with refuses(UsageError):
-        write_atomic(path, b"new", option="--report")
-    assert path.read_text() == "old" and len(list(tmp_path.iterdir())) == 1

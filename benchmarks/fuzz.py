@@ -1,0 +1,347 @@
+"""`make fuzz N=1000000`: damaged files of every kind that we read are read, or refused by a message.
+
+Each case follows from the seed and its number: a file of the corpus, made anew by the project itself, that is cut, bent
+or given hostile values, also inside of what is packed, with the sums that belong to it. A case fails that raises
+anything but a `RetargetError`, or that takes more than 5 s of CPU time or 1.5 GB. Its file is kept in out/fuzz.
+"""
+
+import argparse
+import os
+import re
+import resource
+import shutil
+import signal
+import struct
+import subprocess
+import sys
+import traceback
+import warnings
+import zipfile
+from collections import Counter
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from functools import cache, partial
+from hashlib import sha256
+from io import BytesIO
+from multiprocessing import get_context
+from pathlib import Path
+from random import Random
+from zlib import crc32
+
+import numpy as np
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.records import Chunk, Header, Metadata
+from mcap.stream_reader import StreamReader
+
+from benchmarks.bodies import bench_human
+from benchmarks.golden.made_motion import JOINTS, write_clip, write_stream
+from benchmarks.recording import SHARED
+from benchmarks.urdf import write_urdf
+from hardware.clock import thread_cpu
+from hardware.errors import RetargetError
+from retarget.cli.application import command_of
+from retarget.cli.run import run
+from retarget.cli.session import session_options
+from retarget.live.address import parse_address
+from retarget.live.open_stream import read_recording as read_stream
+from retarget.model.body import load_body
+from retarget.model.robot import load_profile
+from retarget.recording.read_run import read_recorded
+from retarget.recording.reading import MAGIC, played, read_recording
+from retarget.schema.catalogue import shipped_folder
+from retarget.schema.performer import load_performer
+from retarget.schema.priorities import load_priorities
+from retarget.schema.scene import load_scene
+from retarget.sources.asf_amc import read_amc
+from retarget.sources.c3d import KNOWN_MARKERS
+from retarget.sources.open import open_source
+from retarget.sources.raw_record import RawReader, RawWriter
+from retarget.viewer.recorded import open_recorded
+
+CPU_S, MEMORY = 5.0, 1.5e9
+"""What a case may take, s and bytes; the memory of its process is limited to twice as much, its time to 60 s."""
+KEPT = Path("out/fuzz")
+BATCH = 500
+NUMBER, WORD = re.compile(rb"-?\d+(\.\d+)?([eE][-+]?\d+)?"), re.compile(rb"[A-Za-z_:<>/]{2,}")
+VALUES = (0, 1, -1, 255, 2**15, 2**16 - 1, 2**31 - 1, 2**31, 2**32 - 1, 2**63 - 1, 2**63, 2**64 - 1)
+HOSTILE = (
+    *(b"0 -0 1e9 -1e9 1e308 -1e308 1e-320 nan inf -inf .inf 0x7fffffff 0o17 012 1_000 1:30 true null [] {} -").split(),
+    *(str(value).encode() for value in VALUES),
+    *(b"9" * 400, b"", b"\xd9\xa3", "é\u2028\U0001f600".encode(), b"\x00", b"a" * 5000, b"[" * 200, b"- " * 40),
+)
+FLOATS = tuple(struct.pack(form, value) for form in ("<f", "<d") for value in (np.nan, np.inf, 1e30, -1e-30, 0.5))
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of file. share: of all cases, in parts. bend: makes a hostile file of one of the corpus."""
+
+    suffix: str
+    share: int
+    read: Callable[[Path], object]
+    files: tuple[bytes, ...]
+    bend: Callable[[bytes, Random], bytes]
+
+
+def bent(data: bytes, rng: Random) -> bytes:
+    """Bytes that are changed in one to six places."""
+    hurt = bytearray(data)
+    for _ in range(rng.choice((1, 1, 1, 2, 3, 6))):
+        at, size = rng.randrange(len(hurt) + 1), rng.choice((1, 2, 4, 8, 40, 400))
+        part, kind = bytes(hurt[at : at + size]), rng.randrange(10)
+        if kind == 0 and part:
+            hurt[at] ^= 1 << rng.randrange(8)
+        elif kind == 1:
+            hurt[at : at + size] = (rng.choice(VALUES) % 2 ** (8 * size)).to_bytes(size, rng.choice(("little", "big")))
+        elif kind == 2:
+            del hurt[at : at + size]
+        elif kind == 3:
+            place = rng.randrange(len(hurt) + 1)
+            hurt[place:place] = part * rng.choice((1, 1, 2, 50))
+        elif kind == 4:
+            hurt[at : at + size] = rng.choice((rng.randbytes(size), rng.choice(FLOATS)))
+        elif kind == 5 and rng.random() < 0.2:
+            del hurt[at:]
+        elif kind == 6:
+            begin, end, place = (hurt.find(b"\n", rng.randrange(len(hurt) + 1)) + 1 for _ in range(3))
+            hurt[place:place] = hurt[begin:end] if begin < end else b""
+        elif found := (WORD if kind == 7 else NUMBER).search(hurt, at):
+            other = WORD.search(hurt, rng.randrange(len(hurt))) if kind == 7 else None
+            hurt[found.start() : found.end()] = other[0] if other else rng.choice(HOSTILE)
+    return bytes(hurt)
+
+
+def bent_mcap(data: bytes, rng: Random) -> bytes:
+    """A recording of which a chunk or the session is bent, with its sum; one in three as any file."""
+    if rng.random() < 0.3:
+        return bent(data, rng)
+    kept, made = (Header, Metadata, Chunk), RecordBuilder()
+    records = [one for one in StreamReader(BytesIO(data), emit_chunks=True).records if isinstance(one, kept)]
+    hurt = rng.choice(records[1:])
+    if isinstance(hurt, Chunk):
+        inside = bent(zstandard.decompress(hurt.data, hurt.uncompressed_size), rng)
+        hurt.data, hurt.uncompressed_size = zstandard.compress(inside), len(inside)
+        hurt.uncompressed_crc = crc32(inside)
+    elif isinstance(hurt, Metadata):
+        session = bent(hurt.metadata["session"].encode(), rng).decode(errors="replace")
+        hurt.metadata |= {"session": session, "sha256": sha256(session.encode()).hexdigest()}
+    for record in records:
+        record.write(made)
+    return MAGIC + bytes(made.end()) + MAGIC  # type: ignore[no-untyped-call]
+
+
+def bent_npz(data: bytes, rng: Random) -> bytes:
+    """An archive in which one array is bent; one in three as any file."""
+    if rng.random() < 0.3:
+        return bent(data, rng)
+    out = BytesIO()
+    with zipfile.ZipFile(BytesIO(data)) as archive, zipfile.ZipFile(out, "w") as made:
+        hurt = rng.choice(archive.namelist())
+        for name in archive.namelist():
+            inside = archive.read(name)
+            made.writestr(name, bent(inside, rng) if name == hurt else inside)
+    return out.getvalue()
+
+
+def bent_stream(data: bytes, rng: Random, *, folder: Path) -> bytes:
+    """A raw recording in which datagrams are bent; one in three as any file."""
+    if rng.random() < 0.3:
+        return bent(data, rng)
+    path, made = folder / "stream", folder / "bent"
+    path.write_bytes(data)
+    made.unlink(missing_ok=True)
+    reader = RawReader(path)
+    writer = RawWriter(made, url=reader.url)
+    for row in reader:
+        payload = bent(row.payload, rng) if rng.random() < 0.4 else row.payload
+        time_ns = rng.choice((0, 2**63)) if rng.random() < 0.05 else round(row.time_s * 1e9)
+        writer.append(payload, time_ns=time_ns, address="127.0.0.1", port=row.port)
+    writer.close()
+    return made.read_bytes()
+
+
+def made_runs(folder: Path, clip: Path) -> dict[str, list[bytes]]:
+    """Short runs of a human and of a robot, by suffix."""
+    for robot in ("human", "op3"):
+        words = ["run", "--robot", robot, "--end", "0.05", "--source", str(clip)]
+        words += ["--save", str(folder / f"{robot}.npz"), "--record", str(folder / f"{robot}.mcap")]
+        subprocess.run([sys.executable, "-m", "retarget", *words], check=True, capture_output=True)
+    return {end: [path.read_bytes() for path in sorted(folder.glob(f"*{end}"))] for end in (".npz", ".mcap")}
+
+
+def made_amc() -> tuple[bytes, bytes]:
+    """The performer of `made_motion` as ASF and AMC: to each joint leads a bone that is stiff."""
+    bones, motion, tree = list[str](), ["1", "root 0 90 0 0 0 0"], list[str]()
+    for name, parent, at in JOINTS[1:]:
+        length = float(np.linalg.norm(at))
+        along = "direction {} {} {}".format(*np.divide(at, length))
+        for bone, size, dof in ((f"to{name}", length, ()), (name, 0.0, ("dof rx ry rz", "limits (-180.0 180.0)"))):
+            bones += ["begin", f"name {bone}", along, f"length {size}", "axis 0 0 0 XYZ", *dof, "end"]
+        tree += [f"{'root' if parent == 'Hips' else parent} to{name}", f"to{name} {name}"]
+        motion.append(f"{name} 1 2 3")
+    root = [":units", "length 1.0", "angle deg", ":root", "order TX TY TZ RX RY RZ", "axis XYZ"]
+    asf = [*root, "position 0 0 0", "orientation 0 0 0", ":bonedata", *bones, ":hierarchy", "begin", *tree, "end"]
+    return "\n".join(asf).encode(), "\n".join([":FULLY-SPECIFIED", ":DEGREES", *motion, "2", *motion[1:]]).encode()
+
+
+def made_c3d() -> bytes:
+    """Markers of a person who stands."""
+    from c3d import Writer
+
+    writer, labels = Writer(point_rate=100.0, analog_rate=100.0, point_scale=-1.0), sorted(KNOWN_MARKERS)
+    points = np.zeros((len(labels), 5), np.float32)
+    points[:, :3] = np.random.default_rng(0).uniform(0.0, 1500.0, (len(labels), 3))
+    writer.add_frames([(points, np.zeros((0, 1), np.float32))] * 3)
+    writer.set_point_labels(labels)
+    writer.set_screen_axis("+X", "+Z")
+    out = BytesIO()
+    writer.write(out)
+    return out.getvalue()
+
+
+def corpus(folder: Path) -> list[Kind]:
+    """Every kind of file, with what is made of it here and, where ../shared is, with short files of others."""
+    configs, clip = shipped_folder(), write_clip(folder / "clip.bvh")
+    runs, asf, amc, stream = made_runs(folder, clip), *made_amc(), write_stream(folder / "stream").read_bytes()[:1000]
+    (folder / "good.asf").write_bytes(asf)
+    (folder / "good.amc").write_bytes(amc)
+    short = re.sub(rb"Frames: \d+", b"Frames: 3", clip.read_bytes())
+    bvh = b"\n".join(short.splitlines()[: short[: short.index(b"Frames:")].count(b"\n") + 5])
+    streams = [stream, *(path.read_bytes()[:700] for path in sorted(SHARED.glob("streams/*/*.udprec.gz")))]
+
+    def yamls(kind: str) -> tuple[bytes, ...]:
+        return tuple(path.read_bytes() for path in sorted((configs / kind).rglob("*.yaml")))
+
+    def robot(path: Path) -> object:
+        shutil.copyfile(configs / "robots/op3/body.xml", path.with_name("body.xml"))
+        return load_profile(path)
+
+    return [
+        Kind(".mcap", 10, lambda path: played(read_recording(path)), tuple(runs[".mcap"][:1]), bent_mcap),
+        Kind(".mcap", 2, lambda path: played(read_recording(path)), tuple(runs[".mcap"]), bent_mcap),
+        Kind(".mcap", 1, open_recorded, tuple(runs[".mcap"]), bent_mcap),
+        Kind(".npz", 8, lambda path: read_recorded(path, robot=False), tuple(runs[".npz"][:1]), bent_npz),
+        Kind(".npz", 2, open_recorded, tuple(runs[".npz"]), bent_npz),
+        Kind(".yaml", 2, robot, ((configs / "robots/op3/robot.yaml").read_bytes(),), bent),
+        Kind(".yaml", 10, load_priorities, yamls("priorities"), bent),
+        Kind(".yaml", 10, load_performer, yamls("performers"), bent),
+        Kind(".yaml", 10, load_scene, yamls("scenes"), bent),
+        Kind(".yaml", 1, lambda path: session_options(path, command_of(run)), yamls("sessions"), bent),
+        Kind(".xml", 4, load_body, ((configs / "robots/op3/body.xml").read_bytes(),), bent),
+        Kind(".urdf", 8, load_body, (write_urdf(bench_human()).encode(),), bent),
+        Kind(".bvh", 10, open_source, (bvh,), bent),
+        Kind(".amc", 6, lambda path: read_amc(path, skeleton=folder / "good.asf"), (amc,), bent),
+        Kind(".asf", 6, lambda path: read_amc(folder / "good.amc", skeleton=path), (asf,), bent),
+        Kind(".c3d", 8, open_source, (made_c3d(),), bent),
+        Kind(".raw", 6, _read_stream, tuple(streams), partial(bent_stream, folder=folder)),
+    ]
+
+
+def _read_stream(path: Path) -> object:
+    return read_stream(parse_address(f"replay://{path}"))
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Of some cases. slowest: CPU time in s, and of which; memory: most of a process, bytes; failed: names and why."""
+
+    cases: int = 0
+    refused: int = 0
+    slowest: tuple[float, str] = (0.0, "")
+    memory: int = 0
+    failed: tuple[tuple[str, str], ...] = ()
+
+    def __add__(self, other: "Outcome") -> "Outcome":
+        """Both."""
+        counts = self.cases + other.cases, self.refused + other.refused
+        worst = max(self.slowest, other.slowest), max(self.memory, other.memory)
+        return Outcome(*counts, *worst, self.failed + other.failed)
+
+
+def try_case(kinds: list[Kind], number: int, *, seed: int, folder: Path) -> Outcome:
+    """Read the file of one case; it stays in the folder."""
+    rng = Random(f"{seed} {number}")
+    (kind,) = rng.choices(kinds, [kind.share for kind in kinds])
+    path, name, why, refused = folder / f"case{kind.suffix}", f"{seed}-{number}{kind.suffix}", "", False
+    path.write_bytes(kind.bend(rng.choice(kind.files), rng))
+    began, before = thread_cpu(), _memory()
+    try:
+        with np.errstate(all="ignore"):
+            kind.read(path)
+    except RetargetError as error:
+        refused, why = True, "" if str(error).strip() else f"{type(error).__name__} without a text"
+    except Exception as error:  # noqa: BLE001 - any is what is looked for
+        last = traceback.extract_tb(error.__traceback__)[-1]
+        why = f"{type(error).__name__} in {Path(last.filename).name}:{last.lineno}: {str(error)[:80]!r}"
+    took, memory = thread_cpu() - began, _memory()
+    if took > CPU_S or memory > max(MEMORY, before):
+        why = why or f"{took:.1f} s, {memory / 1e9:.1f} GB"
+    if why:
+        KEPT.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(path, KEPT / name)
+    return Outcome(1, refused, (took, name), memory, ((name, why),) if why else ())
+
+
+def _memory() -> int:
+    """Most that this process had, bytes."""
+    return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+@cache
+def _at_work() -> tuple[list[Kind], Path]:
+    """The corpus of this process and its folder; from then on its memory is limited."""
+    folder = KEPT / f"process-{os.getpid()}"
+    folder.mkdir(parents=True)
+    kinds = corpus(folder)
+    warnings.simplefilter("ignore")
+    used = 4096 * int(Path("/proc/self/statm").read_text().split()[0])
+    resource.setrlimit(resource.RLIMIT_AS, (used + round(2 * MEMORY),) * 2)
+    return kinds, folder
+
+
+def try_cases(numbers: range, *, seed: int) -> Outcome:
+    """Read the files of some cases in this process, which ends with a case that takes a minute."""
+    kinds, folder = _at_work()
+    outcome = Outcome()
+    for number in numbers:
+        signal.alarm(60)
+        outcome += try_case(kinds, number, seed=seed, folder=folder)
+    signal.alarm(0)
+    return outcome
+
+
+def main() -> int:
+    """The command. Returns its exit code."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--cases", type=int, default=10_000)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=1)
+    asked = parser.parse_args()
+    batches = [range(first, min(first + BATCH, asked.cases)) for first in range(0, asked.cases, BATCH)]
+    shutil.rmtree(KEPT, ignore_errors=True)
+    total, seen = Outcome(), Counter[str]()
+    with ProcessPoolExecutor(asked.jobs, mp_context=get_context("spawn")) as pool:
+        try:
+            for done in pool.map(partial(try_cases, seed=asked.seed), batches):
+                total += done
+                for name, why in done.failed:
+                    seen[why.partition(": ")[0]] += 1
+                    if seen[why.partition(": ")[0]] <= 3:
+                        print(f"FAILED {KEPT / name}: {why}", flush=True)
+                if total.cases % (20 * BATCH) == 0 or total.cases == asked.cases:
+                    slowest, memory = f"{total.slowest[0]:.2f} s ({total.slowest[1]})", f"{total.memory / 1e6:.0f} MB"
+                    counts = f"{total.cases} cases, {total.refused} refused, {len(total.failed)} failed"
+                    print(f"seed {asked.seed}: {counts}, slowest {slowest}, most memory {memory}", flush=True)
+        except BrokenProcessPool:
+            print(f"FAILED a process ended, or took a minute: {[*map(str, KEPT.glob('process-*/case*'))]}", flush=True)
+            return 1
+    for why, count in seen.most_common():
+        print(f"{count} x {why}")
+    return 1 if total.failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
