@@ -20,7 +20,7 @@ from benchmarks.table import add_docs, show_table
 
 Report = dict[str, Any]
 """What `--report` writes; docs/results.md explains its keys."""
-HANDS = ("l_hand", "r_hand")
+LIKENESS = ("upper arms, mean; p95, deg", "forearms", "trunk lean, mean; max", "worse hand, mm")
 
 
 @dataclass(frozen=True)
@@ -32,16 +32,12 @@ class Table:
     cells: Callable[[Report], list[str]]
 
 
-def following(report: Report) -> list[str]:
-    """Errors of the hands within reach, mm, with the share of ticks, and the shares of the paths."""
-    reach = [f"{report['reachable_hands_mm'][h]:.1f} ({100 * report['reachable_share'][h]:.0f} %)" for h in HANDS]
-    return [*reach, f"{report['hand_path_ratio']:.2f}", f"{report['pelvis_excursion_ratio']:.2f}"]
-
-
-def worse_hand(report: Report) -> list[str]:
-    """Error of the hand that is farther off, mm, and the share of the path."""
-    worse = max((report["tracking_mm"][hand] for hand in HANDS), key=lambda hand: float(hand["mean"]))
-    return [f"{worse['mean']:.0f}; {worse['p95']:.0f}", f"{100 * report['hand_path_ratio']:.0f} %"]
+def likeness(report: Report) -> list[str]:
+    """Angles between limbs, and how far the trunk leans from the performer's, degrees; the worse hand within reach, mm."""
+    limbs = [report["likeness_deg"][limb] for limb in ("upper_arms", "forearms")]
+    lean = report["trunk_lean_deg"]
+    angles = [f"{limb['mean']:.0f}; {limb['p95']:.0f}" for limb in limbs]
+    return [*angles, f"{lean['mean']:.0f}; {lean['max']:.0f}", f"{report['reachable_hands_mm']['worse']:.0f}"]
 
 
 def standing(report: Report) -> list[str]:
@@ -65,22 +61,22 @@ def hanging(report: Report) -> list[str]:
 
 TABLES = {
     "following": Table(
-        ("motion, speed", "left hand within reach, mm", "right hand within reach, mm", "hand path", "pelvis travel"),
+        ("motion, speed", *LIKENESS),
         tuple(
             ((f"{trial}, {speed}",), f"{trial}.amc", f"--robot op3 --speed {speed}")
             for trial in ("02_06", "02_05", "02_10")
             for speed in ("0.5", "1")
         ),
-        following,
+        likeness,
     ),
     "shipped-robots": Table(
-        ("robot", "recording", "hand, mean; p95, mm", "hand path asked"),
+        ("robot", "recording", *LIKENESS),
         tuple(
             ((robot, trial), f"{trial}.amc", f"--robot {robot}")
             for robot in ("op3", "poppy", "toddlerbot", "wolfgang")
             for trial in ("02_05", "02_06", "02_10")
         ),
-        worse_hand,
+        likeness,
     ),
     "standing": Table(
         ("recording", "fallen", "soles tip, degrees", "slip of both soles, mm", "hand path", "lag, s"),
