@@ -55,8 +55,8 @@ def test_ticks_are_counted() -> None:
 
 
 def test_a_run_reports_on_its_stream() -> None:
-    sender = FakeSender(faults=[silent(5.0, 5.8), lost("l_wrist", 6.5, 7.0)])
-    rig = LiveRig(sender, options=LiveOptions(countdown=0.5, duration=5.0))
+    sender = FakeSender(faults=[silent(5.8, 6.6), lost("l_wrist", 7.3, 7.8)])
+    rig = LiveRig(sender, options=LiveOptions(countdown=0.5, duration=5.8))
     with rig.prepared() as prepared:
         result, performer = prepared.run(), prepared.samples
     assert isinstance(performer, LivePerformer)

@@ -30,7 +30,8 @@ def test_a_bust(tmp_path: Path) -> None:
     assert not done.problems and done.margin is None and done.drafts == 4 + 5
     assert left_in(tmp_path) == {"body.urdf", "new"} and left_in(done.folder) == {"robot.yaml", "body.xml"}
     profile = load_profile(done.folder)
-    assert (profile.name, profile.root, set(profile.landmarks)) == ("stranger", "fixed", {"l_hand", "r_hand", "head"})
+    arms = {f"{side}_{part}" for side in "lr" for part in ("hand", "upper_arm", "forearm")}
+    assert (profile.name, profile.root, set(profile.landmarks)) == ("stranger", "fixed", {*arms, "head"})
     assert set(profile.servos) == {"j_p1", "j_p2", "j_q1", "j_q2"} and not profile.feet
 
 

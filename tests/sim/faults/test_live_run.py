@@ -38,7 +38,7 @@ def test_a_performer_is_followed_and_the_robot_goes_to_rest() -> None:
     report = measure(result)
     assert any("m tall" in text for text in rig.said)
     shows(rig.said)
-    assert report.tracking_mm["l_hand"].mean < 25.0 and report.hand_path_ratio is not None
+    assert report.likeness_deg is not None and report.likeness_deg["forearms"].mean < 40.0 and report.hand_path_ratio is not None
     assert result.stop is None and not rig.bus.torque_on
     robot, sent = result.robot, result.record.robot
     assert robot is not None and sent is not None
@@ -48,7 +48,7 @@ def test_a_performer_is_followed_and_the_robot_goes_to_rest() -> None:
 
 def test_sides_that_are_swapped_are_held_and_then_followed_by_a_blend() -> None:
     rig = LiveRig(
-        FakeSender(faults=[swapped("l_ankle", "r_ankle", 5.0, 99.0)]),
+        FakeSender(faults=[swapped("l_ankle", "r_ankle", 5.5, 99.0)]),
         options=LiveOptions(countdown=0.5, duration=4.5),
     )
     result = run(rig)
