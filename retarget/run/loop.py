@@ -176,10 +176,10 @@ class Loop:
             with _without_garbage_collection():
                 while not self._machine.supervisor.over:
                     self.tick()
+            self._release()
         except BaseException as error:
             self._give_up(error)
             raise
-        self._release()
         stop, state = self._machine.guard.stop, self._machine.supervisor.state
         with suppress(Exception):  # who looks on must not lose the run
             self._watch.on_tick(self._samples.ticks)
@@ -355,8 +355,8 @@ class Loop:
             while machine.supervisor.torque:
                 self.tick()
         finally:  # a second interrupt does not wait for the robot to stand
-            if machine.guard.torque is Torque.ON:
-                with suppress(Exception):
+            if machine.guard.torque is not Torque.OFF:
+                with suppress(BaseException):  # a third one must not keep back that the power is to be cut
                     machine.guard.release()
             stop = machine.guard.stop
             if stop is not None and stop.powered:

@@ -10,7 +10,7 @@ from gates import sent
 from hardware.arrays import TickArray
 from hardware.bus import ServoAlert, ServoGoals
 from hardware.errors import BusError, HardwareError, TorqueError
-from hardware.guard import CheckedGoal
+from hardware.guard import CheckedGoal, Torque
 from hardware.guard_state import StopCause
 from messages import refuses, shows
 from retarget.human.samples import Clip
@@ -168,6 +168,97 @@ def test_a_failure_with_a_servo_that_keeps_its_torque_says_so() -> None:
     with refuses(TorqueError, "r_sho_roll"):
         play(rig, Watch(interrupted, every=1))
     assert rig.bus.torque_on
+
+
+def interrupting(rig: Rig, monkeypatch: pytest.MonkeyPatch, calls: int) -> list[bool]:
+    """The first calls that switch torque off are interrupted before they reach a servo. Fills what was called."""
+    torque, called = rig.bus.torque, list[bool]()
+
+    def interrupted(on: bool) -> None:
+        called.append(on)
+        if called.count(False) in range(1, calls + 1):
+            raise KeyboardInterrupt
+        torque(on)
+
+    monkeypatch.setattr(rig.bus, "torque", interrupted)
+    return called
+
+
+@pytest.mark.parametrize("calls", [1, 2])
+def test_an_interrupt_of_the_last_torque_off_leaves_no_torque(calls: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig(still())
+    interrupting(rig, monkeypatch, calls)
+    with pytest.raises(KeyboardInterrupt):
+        play(rig)
+    assert not rig.bus.torque_on and rig.guard.torque is Torque.OFF
+
+
+def lose_port(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    write, written = rig.bus.write, iter(range(FOR_EVER))
+
+    def lost(goals: ServoGoals) -> None:
+        if next(written) == 40:
+            raise BusError("the port is gone")
+        write(goals)
+
+    monkeypatch.setattr(rig.bus, "write", lost)
+
+
+def test_an_interrupt_while_torque_goes_off_after_a_failure_leaves_none_and_keeps_the_reason(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rig = Rig(swing())
+    interrupting(rig, monkeypatch, 1)
+    lose_port(rig, monkeypatch)
+    with pytest.raises(KeyboardInterrupt):
+        play(rig)
+    stop = rig.guard.stop
+    assert not rig.bus.torque_on and rig.guard.torque is Torque.OFF
+    assert stop is not None and stop.cause is StopCause.BUS and not stop.powered
+    shows(stop.reason, "the port is gone")
+
+
+def test_torque_off_that_is_interrupted_for_ever_says_that_the_power_is_to_be_cut(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rig = Rig(swing())
+    interrupting(rig, monkeypatch, FOR_EVER)
+    lose_port(rig, monkeypatch)
+    with refuses(TorqueError, "the port is gone"):
+        play(rig)
+    assert rig.guard.stop is not None and rig.guard.stop.powered
+
+
+def test_torque_that_is_off_at_the_second_try_is_reported_as_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig(swing())
+    lose_port(rig, monkeypatch)
+    torque, tried = rig.bus.torque, list[bool]()
+
+    def unconfirmed(on: bool) -> None:
+        tried.append(on)
+        if tried.count(False) == 1 and not on:
+            raise BusError("l_el did not confirm that torque is off", then="Cut the power by hand")
+        torque(on)
+
+    monkeypatch.setattr(rig.bus, "torque", unconfirmed)
+    ending = play(rig)
+    assert not rig.bus.torque_on and rig.guard.stop is not None and not rig.guard.stop.powered
+    assert ending.reason is not None and "cut the power" not in ending.reason.lower()
+
+
+def test_an_interrupt_between_reading_and_arming_leaves_no_torque_of_an_earlier_process(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rig = Rig(swing())
+    rig.bus.torque(True)
+
+    def interrupted(position: FloatArray) -> CheckedGoal:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(rig.gate, "begin", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        play(rig)
+    assert not rig.bus.torque_on and rig.guard.torque is Torque.OFF
 
 
 # Failures and stops while the robot moves.
