@@ -312,10 +312,7 @@ class Pipeline:
 
     def _take(self, event: Event) -> bool:
         """Take a transition, if the present state has it. Whether it has."""
-        changed = self._supervisor.take(event, self._now)
-        if changed and self._motion is not None:
-            self._motion.enter(self.state)
-        return changed
+        return self._supervisor.take(event, self._now)
 
     def _without_robot(self, reconstructor: Reconstructor, seen: SensorSample | None) -> Goal:
         """The human alone; it stays as it is without a valid sample."""

@@ -312,45 +312,29 @@ class WholeBodyStop:
         return None if q is None else Target(q[self._columns], q)
 
 
-class ReturnPart(Enum):
-    """A part of the return to stance."""
-
-    DUE = "not begun"
-    RETURNING = "on the way"
-    OVER = "there, or tried once"
-
-
 class ReturnToStance:
-    """The follower leads the robot to its stance on its soles, once; see `FollowingStage.return_to_stance`."""
+    """The follower leads the robot to its stance on its soles; see `FollowingStage.return_to_stance`."""
 
     def __init__(self, robot: RobotBody, follower: FollowingStage, commanded: Commanded, *, dt: float) -> None:
         self._follower, self._commanded, self._dt = follower, commanded, dt
         self._columns = robot.servo_columns
-        self._part = ReturnPart.DUE
+        self._next: FloatArray | None = None  # (nq,) posture; None: the robot is there
 
     @property
     def arrived(self) -> bool:
-        """Whether the robot stands as in its stance, or has tried once."""
-        return self._part is ReturnPart.OVER
+        """Whether the robot stands as in its stance, or needs no return."""
+        return self._next is None
 
     def begin(self) -> None:
-        """Begin where the robot stands, if it has not tried yet."""
-        if self._part is ReturnPart.DUE:
-            self._part = ReturnPart.RETURNING
-            self._follower.begin_return_to_stance(self._commanded.q.copy(), self._dt)
-        else:
-            self._part = ReturnPart.OVER
+        """Begin where the robot stands."""
+        self._next = self._commanded.q.copy()
+        self._follower.begin_return_to_stance(self._next, self._dt)
 
     def target(self, sample: SensorSample | None, *, speed_override: float) -> Target | None:
         """The target of the next tick; None: the return is over."""
-        if self.arrived:
-            return None
         self._follower.set_speed_override(speed_override)
-        q = self._follower.return_to_stance(self._dt)
-        if q is None:
-            self._part = ReturnPart.OVER
-            return None
-        return Target(q[self._columns], q)
+        self._next = q = self._follower.return_to_stance(self._dt)
+        return None if q is None else Target(q[self._columns], q)
 
 
 def rest_joints(robot: RobotBody) -> FloatArray:
@@ -445,6 +429,7 @@ class RobotMotion:
             RunState.RETURN_TO_STANCE: ReturnToStance(robot, follower, commanded, dt=dt),
             RunState.GO_TO_REST: GoToRest(robot, follower, commanded, dt=dt),
         }
+        self._state = RunState.OFF  # of the last target
 
     @property
     def on_approach(self) -> bool:
@@ -459,19 +444,20 @@ class RobotMotion:
         self.commanded.begin(standing, present)
         return goal
 
-    def enter(self, state: RunState) -> None:
-        """Begin a state, if a controller gives its targets."""
-        if state in self._controllers:
-            self._controllers[state].begin()
-
     def has_arrived(self, state: RunState) -> bool:
-        """Whether the controller of a state has nothing left to do."""
-        return state in self._controllers and self._controllers[state].arrived
+        """Whether the controller of a state has begun, and has nothing left to do."""
+        return state is self._state and state in self._controllers and self._controllers[state].arrived
 
     def target(self, state: RunState, sample: SensorSample | None, *, speed_override: float) -> Target | None:
-        """The target of the next tick, see `Controller.target`; None also in a state without a controller."""
+        """The target of the next tick, see `Controller.target`; None also in a state without a controller. The first
+        target of a state begins it."""
         controller = self._controllers.get(state)
-        return None if controller is None else controller.target(sample, speed_override=speed_override)
+        if controller is None:
+            return None
+        if state is not self._state:
+            controller.begin()
+            self._state = state
+        return controller.target(sample, speed_override=speed_override)
 
     def check(self, state: RunState, target: Target | None) -> tuple[CheckedGoal, Target | None]:
         """The goal for a target, and the target that it is for. Of a refused target, and where there is none, the robot

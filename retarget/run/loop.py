@@ -21,8 +21,7 @@ from retarget.run.stages import FollowingStage, ReconstructingStage
 from retarget.run.supervisor import (
     AT_RISK,
     LONGEST_BRAKE_S,
-    LONGEST_RETURN_S,
-    LONGEST_TO_REST_S,
+    LONGEST_STOP_S,
     Event,
     Situation,
     Supervisor,
@@ -150,7 +149,7 @@ class Loop:
             pace=samples,
             clearance=machine.clearance,
         )
-        stopping = LONGEST_BRAKE_S + (LONGEST_RETURN_S + LONGEST_TO_REST_S if machine.goes_to_rest else 0.0)
+        stopping = LONGEST_STOP_S if machine.goes_to_rest else LONGEST_BRAKE_S
         self._recorder = TickRecorder(
             samples,
             motion.follow.human,
@@ -277,10 +276,7 @@ class Loop:
         situation.goes_to_rest = machine.goes_to_rest
         if before in AT_RISK:
             self._look_at_performer(situation)
-        state = machine.supervisor.step(machine.clock.now(), situation, machine.guard)
-        if state is not before:
-            motion.enter(state)
-        return state
+        return machine.supervisor.step(machine.clock.now(), situation, machine.guard)
 
     def _look_at_performer(self, situation: Situation) -> None:
         """Take the sample of this tick, and see whether the performer can be followed."""
@@ -342,7 +338,6 @@ class Loop:
         self._recorder.started(present)
         machine.guard.arm(self._motion.begin(present))
         machine.supervisor.take(Event.ARMED, now())
-        self._motion.enter(RunState.APPROACH)
         self._due = now()
 
     def _give_up(self, error: BaseException) -> None:

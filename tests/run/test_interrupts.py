@@ -472,6 +472,20 @@ def test_a_return_to_stance_that_fails_is_reported_and_the_robot_goes_to_rest() 
     np.testing.assert_allclose(sent(rig.gate), rest_of(rig), atol=1e-9)
 
 
+def test_a_failure_that_comes_back_while_the_robot_stops_does_not_keep_it_under_torque() -> None:
+    rig, calls = Rig(still(), goes_to_rest=True), iter(range(2000))
+
+    def broken(dt: float) -> FloatArray | None:
+        if next(calls, None) is None:
+            raise KeyboardInterrupt
+        raise ArithmeticError("no way to a stop")
+
+    rig.follower.halt = broken  # type: ignore[method-assign]
+    ending = play(rig)
+    assert (ending.state, ending.reason) == (RunState.OFF, None) and len(rig.follower.returns) == 1
+    np.testing.assert_allclose(sent(rig.gate), rest_of(rig), atol=1e-9)
+
+
 def test_a_return_to_stance_that_does_not_end_stops_and_the_robot_goes_to_rest_from_there() -> None:
     rig = Rig(still(), goes_to_rest=True)
     returning(rig, 1e-6)
