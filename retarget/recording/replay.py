@@ -145,6 +145,9 @@ class ReplayedSamples:
     def poll(self) -> None:
         """Nothing comes in."""
 
+    def hold(self) -> None:
+        """What followed is in the recording."""
+
     def sample(self, tick: int) -> SensorSample | None:
         """What was said at a tick."""
         cursor = self._cursor

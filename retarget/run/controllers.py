@@ -381,6 +381,10 @@ class GoToRest:
             return Target(self._commanded.joints)
         return self._move.towards(self._keyframes[0], speed_override=speed_override)
 
+    def brake(self) -> Target | None:
+        """The target of the next tick while the robot slows down on its line, as gently as it moves, for a moment."""
+        return self._move.towards(self._keyframes[0], speed_override=0.0) if self._move and self._keyframes else None
+
 
 def require_finite(posture: RobotPosture) -> RobotPosture:
     """The posture, if it is finite. Raises RetargetError before the robot has torque."""
@@ -421,13 +425,14 @@ class RobotMotion:
         self.approach = Approach(robot, follower, commanded, human, dt=dt)
         self.follow = Follow(reconstructor, follower, human, pace, slow=robot.profile.safety.speed_caps.approach)
         self._stop = WholeBodyStop(robot, follower, commanded, self.approach, dt=dt)
+        self._to_rest = GoToRest(robot, follower, commanded, dt=dt)
         self._controllers: dict[RunState, Controller] = {
             RunState.APPROACH: self.approach,
             RunState.FOLLOW: self.follow,
             RunState.HOLD: self._stop,
             RunState.STOPPING: self._stop,
             RunState.RETURN_TO_STANCE: ReturnToStance(robot, follower, commanded, dt=dt),
-            RunState.GO_TO_REST: GoToRest(robot, follower, commanded, dt=dt),
+            RunState.GO_TO_REST: self._to_rest,
         }
         self._state = RunState.OFF  # of the last target
 
@@ -458,6 +463,11 @@ class RobotMotion:
             controller.begin()
             self._state = state
         return controller.target(sample, speed_override=speed_override)
+
+    def brake(self, state: RunState) -> Target | None:
+        """The target of the next tick of a robot that brakes in a state: on its line on the way to rest; else None, and
+        it brakes as `check` says."""
+        return self._to_rest.brake() if state is RunState.GO_TO_REST else None
 
     def check(self, state: RunState, target: Target | None) -> tuple[CheckedGoal, Target | None]:
         """The goal for a target, and the target that it is for. Of a refused target, and where there is none, the robot

@@ -101,7 +101,6 @@ TRANSITIONS: dict[tuple[RunState, Event], Transition] = {
     (_S.CALIBRATING, _E.READY): Transition(_S.ARMING),
     (_S.CHECKING_SIDES, _E.READY): Transition(_S.ARMING),
     (_S.ARMING, _E.ARMED): Transition(_S.APPROACH),
-    (_S.ARMING, _E.TORQUE_OFF): _TORQUE_OFF,
     # The robot moves with the performer.
     **{
         (state, event): transition
@@ -238,7 +237,7 @@ class Supervisor:
             self.take(Event.FAILED, now)
 
     def _give_up_return(self, why: str) -> None:
-        with suppress(OSError):  # a lost terminal must not keep the robot from going to rest
+        with suppress(Exception):  # a lost terminal must not keep the robot from going to rest
             self._notify(f"return to stance: {why}; the robot goes to rest from where it is")
 
     def _events(self, now: float, situation: Situation, guard: Guard) -> Iterator[Event]:
@@ -286,6 +285,8 @@ class Supervisor:
             guard.latch(StopCause.STALE_GOAL, held)
         elif event is Event.TIMEOUT and self.state is RunState.STOPPING:
             guard.switch_off(StopCause.FILTER, f"still moving after {LONGEST_BRAKE_S:g} s of braking")
+        elif event is Event.TIMEOUT and self.state is RunState.GO_TO_REST:
+            guard.latch(StopCause.FILTER, f"not at rest after {now - self.since:.3g} s")
         elif event is Event.TIMEOUT and self.state is RunState.RETURN_TO_STANCE:
             self._give_up_return(f"not over after {LONGEST_RETURN_S:g} s")
 

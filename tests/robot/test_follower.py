@@ -240,7 +240,7 @@ def test_a_return_to_stance_that_was_refused_goes_on_from_where_the_robot_is() -
         way.append(q)
     found = limit_violations(np.array(way)[:, op3().servo_columns], op3().limits, DT)
     assert (found.velocity, found.acceleration) == (0, 0)
-    assert robot._soles.to_stance is not None and len(way) * DT > 0.9 * robot._soles.to_stance.duration
+    assert np.abs(way[10] - way[0])[op3().servo_columns].max() < 0.01, "it begins gently"
     aside = op3().posture(stance_angles(op3()))
     assert np.abs(way[-1] - aside)[op3().servo_columns].max() < NEAR_STANCE
 

@@ -274,7 +274,8 @@ def test_braking_has_a_bound() -> None:
 def test_the_way_to_rest_has_a_bound(state: RunState) -> None:
     supervisor, rig = running(state=state)
     after = supervisor.step(1.0 + STATES[state].limit_s, Situation(), rig.guard)
-    assert after is TRANSITIONS[state, Event.TIMEOUT].to and rig.guard.stop is None
+    assert after is TRANSITIONS[state, Event.TIMEOUT].to
+    assert (rig.guard.stop is not None) == (state is RunState.GO_TO_REST), "a run that does not end at rest failed"
 
 
 # A tick that fails.
