@@ -18,7 +18,7 @@ from retarget.ik.base_pose import plant_root
 from retarget.model.robot import RobotBody
 from retarget.run.stages import FollowingStage, ReconstructingStage
 from retarget.safety.clearance import PathClearance
-from retarget.safety.gate import Gate, PassThroughGate
+from retarget.safety.gate import Gate
 from retarget.types import FloatArray, HumanPosture, RobotPosture, RunState
 
 
@@ -411,7 +411,7 @@ class RobotMotion:
         robot: RobotBody,
         reconstructor: ReconstructingStage,
         follower: FollowingStage,
-        gate: Gate | PassThroughGate,
+        gate: Gate,
         *,
         first: SensorSample,
         pace: Pace,

@@ -27,7 +27,7 @@ from retarget.run.supervisor import (
     Supervisor,
 )
 from retarget.safety.clearance import PathClearance
-from retarget.safety.gate import Gate, PassThroughGate
+from retarget.safety.gate import Gate
 from retarget.types import Notify, RunState
 
 INTERRUPTED = "interrupted by the user"
@@ -108,7 +108,7 @@ class Machine:
 
     robot: RobotBody
     follower: FollowingStage
-    gate: Gate | PassThroughGate
+    gate: Gate
     guard: Guard
     supervisor: Supervisor
     clock: Clock

@@ -246,16 +246,20 @@ def test_torque_that_is_off_at_the_second_try_is_reported_as_off(monkeypatch: py
     assert ending.reason is not None and "cut the power" not in ending.reason.lower()
 
 
-def test_an_interrupt_between_reading_and_arming_leaves_no_torque_of_an_earlier_process(
-    monkeypatch: pytest.MonkeyPatch,
+@pytest.mark.parametrize("at_reading", [True, False])
+def test_an_interrupt_of_arming_leaves_no_torque_of_an_earlier_process(
+    at_reading: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rig = Rig(swing())
     rig.bus.torque(True)
 
-    def interrupted(position: FloatArray) -> CheckedGoal:
+    def interrupted(*_: object) -> CheckedGoal:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(rig.gate, "begin", interrupted)
+    if at_reading:
+        monkeypatch.setattr(rig.bus, "read", interrupted)
+    else:
+        monkeypatch.setattr(rig.gate, "begin", interrupted)
     with pytest.raises(KeyboardInterrupt):
         play(rig)
     assert not rig.bus.torque_on and rig.guard.torque is Torque.OFF
