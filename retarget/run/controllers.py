@@ -295,7 +295,7 @@ class WholeBodyStop:
     def begin(self) -> None:
         """Brake from where the robot is."""
 
-    def target(self, sample: SensorSample | None = None, *, speed_override: float = 1.0) -> Target | None:
+    def target(self, sample: SensorSample | None, *, speed_override: float) -> Target | None:
         """The next target of the stop trajectory; None: the robot stands, or there is none, and the gate brakes each
         joint by itself."""
         if self._commanded.stands:

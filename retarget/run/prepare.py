@@ -82,9 +82,6 @@ MakeBus = Callable[[RobotBody, Clock], ServoBus]
 Perform = Callable[[Performer, RobotBody | None], Performance]
 """From the performer and the robot (None: the human alone) to the performance."""
 
-Lead = Callable[[FollowingStage], FollowingStage]
-"""From the robot's own follower to the stage that leads the robot."""
-
 
 def _ignore(text: str) -> None:
     """Drop the message."""
@@ -179,7 +176,7 @@ def prepare_for(
     make_bus: MakeBus,
     goes_to_rest: bool = False,
     notify: Notify = _ignore,
-    lead: Lead | None = None,
+    lead: Callable[[FollowingStage], FollowingStage] | None = None,
     robot: RobotBody | None = None,
     has_deadlines: bool | None = None,
     supervisor: Supervisor | None = None,

@@ -195,4 +195,5 @@ class PassThroughGate(Gate):
     back. It still brakes within the servos' accelerations."""
 
     def _admitted(self, goal: FloatArray) -> FloatArray:
-        return goal - self._joints
+        displacement: FloatArray = goal - self._joints
+        return displacement

@@ -215,14 +215,14 @@ def test_a_stop_on_the_straight_part_keeps_its_line_and_one_on_the_soles_is_the_
     stop = WholeBodyStop(op3(), driven.follower, driven.commanded, approach, dt=DT)
     for _ in range(60):
         driven.take(approach.target(None, speed_override=1.0))
-    while (target := stop.target()) is not None:
+    while (target := stop.target(None, speed_override=1.0)) is not None:
         assert target.q is None and driven.take(target)
     assert driven.commanded.stands
     driven.assert_straight()
     approach.part, halted = ApproachPart.SETTLING, standing() + 0.0
     driven.follower.halt = lambda dt: halted  # type: ignore[method-assign]
     driven.commanded.stood_s = driven.commanded.waited_s = 0.0
-    target = stop.target()
+    target = stop.target(None, speed_override=1.0)
     assert target is not None and target.q is halted
 
 

@@ -10,7 +10,7 @@ from gates import sent
 from hardware.arrays import TickArray
 from hardware.bus import ServoAlert, ServoGoals
 from hardware.errors import BusError, GuardError, HardwareError, TorqueError
-from hardware.guard import CheckedGoal, Torque
+from hardware.guard import CUT_POWER, CheckedGoal, Torque
 from hardware.guard_state import StopCause
 from messages import refuses, shows
 from retarget.human.samples import Clip
@@ -243,7 +243,8 @@ def test_torque_that_is_off_at_the_second_try_is_reported_as_off(monkeypatch: py
     monkeypatch.setattr(rig.bus, "torque", unconfirmed)
     ending = play(rig)
     assert not rig.bus.torque_on and rig.guard.stop is not None and not rig.guard.stop.powered
-    assert ending.reason is not None and "cut the power" not in ending.reason.lower()
+    assert ending.reason is not None and CUT_POWER not in ending.reason
+    shows(ending.reason)
 
 
 @pytest.mark.parametrize("at_reading", [True, False])
