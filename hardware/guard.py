@@ -5,7 +5,7 @@ is decided by the state machine of the run (`retarget.run.supervisor`), which re
 """
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
@@ -66,7 +66,7 @@ class Torque(Enum):
     """Off, or not switched by this guard; nothing is written."""
     ON = "on"
     UNCONFIRMED = "unconfirmed"
-    """Switched off, and not every servo has confirmed it: the robot is not safe."""
+    """Not known: servos may have it from an earlier process, or not every one has confirmed that it is off."""
 
 
 def text_of(error: BaseException) -> str:
@@ -121,18 +121,22 @@ class Guard:
                 self.states = states = self._bus.read()
                 if not self.is_silent:
                     break
+            self.torque = Torque.UNCONFIRMED  # a servo that answers may have it from before
             self.health.refuse_unhealthy(states)
             return self._map.to_radians(states.position)
 
     def arm(self, goal: CheckedGoal) -> None:
-        """Write the present posture as the goal, then switch torque on. goal: of the gate, for the present posture.
+        """Write the present posture as the goal, then switch torque on, after `present`. goal: of the gate, for the
+        present posture.
 
         Raises GuardError for another goal, BusError when the bus fails; a failure while torque may be on is latched.
         """
         states = self.states
-        if states is None or self.torque is not Torque.OFF or self.stop is not None:
+        if states is None or self.torque is not Torque.UNCONFIRMED:
             raise self._impossible("arming")
         with self._arming():
+            if self.stop is not None:
+                raise self._impossible("arming")
             self._refuse_copy(goal)
             if not np.array_equal(self._map.to_ticks(goal.joints), states.position):
                 raise GuardError("the gate moved the present posture", then="Begin the gate where the robot is")
@@ -190,8 +194,9 @@ class Guard:
             self.stop = replace(stop, reason=f"{stop.reason}, then: {reason}", then=cause)
 
     def switch_off(self, cause: StopCause, reason: str) -> None:
-        """Switch torque off at once and latch it (stop category 0): there is no way or no time to brake."""
-        then, powered = None, not self._switch_off()
+        """Switch torque off at once and latch it (stop category 0): there is no way or no time to brake. The stop is
+        latched before the command, so that an interrupt of it leaves the reason, and that the power is to be cut."""
+        then = None
         if self.stop is not None:
             first, then = self.stop.reason.removesuffix(TORQUE_OFF).removesuffix(CUT_POWER), self.stop.then
             if reason in first:
@@ -199,27 +204,32 @@ class Guard:
             else:
                 reason, then = f"{first}, then: {reason}", cause
             cause = self.stop.cause
-        if not powered:  # it did not confirm at first
-            reason = reason.replace(" Cut the power by hand", "")
-        self.stop = Stop(cause, reason + (CUT_POWER if powered else TORQUE_OFF), self._clock.now(), powered, then)
+        self.stop = Stop(cause, reason + CUT_POWER, self._clock.now(), powered=True, then=then)
+        with suppress(Exception):  # then it stays latched as powered
+            self._torque_off()
 
     def release(self) -> None:
-        """Switch torque off; a latched stop stays latched. A failure of the bus is latched and raised."""
+        """Switch torque off; a latched stop stays latched. A failure of the bus, or an interrupt, is latched if none
+        was before, torque is switched off once more, and it is raised."""
         try:
-            self._bus.torque(False)
-        except Exception as error:
-            self.switch_off(StopCause.BUS, text_of(error))
+            self._torque_off()
+        except BaseException as error:
+            if self.stop is None or not self.stop.powered:
+                self.switch_off(StopCause.BUS, text_of(error))
             raise
-        self.torque = Torque.OFF
 
     @contextmanager
     def _arming(self) -> Iterator[None]:
-        """After a failure torque is off; a servo may have had it from before."""
+        """After a failure torque is off; a servo that answers may have had it from before."""
         try:
             yield
         except BaseException as error:
-            answered = self.states is not None and bool(self.states.valid.any())
-            if self.torque is Torque.ON or (not self._switch_off() and answered):
+            if self.torque is not Torque.ON:
+                with suppress(Exception):
+                    self._torque_off()
+            if self.torque is Torque.UNCONFIRMED and not (self.states is not None and self.states.valid.any()):
+                self.torque = Torque.OFF  # no servo answers: there is nothing to switch
+            if self.torque is not Torque.OFF:
                 self.switch_off(StopCause.BUS, text_of(error))
             raise
 
@@ -228,15 +238,15 @@ class Guard:
         self._bus.write(ServoGoals(ticks))
         self.goal, self.sent = goal, ticks
 
-    def _switch_off(self) -> bool:
-        """Whether all servos confirm that their torque is off."""
+    def _torque_off(self) -> None:
+        """Switch torque off. What a latched stop said about torque that may be on is no longer so."""
         self.torque = Torque.UNCONFIRMED
-        try:
-            self._bus.torque(False)
-        except Exception:  # noqa: BLE001 - the bus cannot be used any more; the caller reports it
-            return False
+        self._bus.torque(False)
         self.torque = Torque.OFF
-        return True
+        stop = self.stop
+        if stop is not None and stop.powered:
+            reason = stop.reason.removesuffix(CUT_POWER).replace(" Cut the power by hand", "")
+            self.stop = replace(stop, reason=reason + TORQUE_OFF, powered=False)
 
     def _impossible(self, what: str) -> GuardError:
         then = f"It stopped because: {self.stop.reason}" if self.stop else ""

@@ -136,6 +136,10 @@ class SteppedPerformer:
         """Whether the robot may go on with its approach at `now`, s."""
         return self._approaching.step(now, good=sample is not None)
 
+    def hold(self) -> None:
+        """The robot holds: it waits for samples, and blends back to the performer."""
+        self._engagement.hold()
+
     def sample(self, now: float, sample: SensorSample | None) -> SensorSample | None:
         """The sample to follow at `now`, s; None: hold. It goes from the one approached to that of the caller."""
         self._ticks += 1
@@ -300,7 +304,10 @@ class Pipeline:
         if before in AT_RISK:
             if approached:
                 sample = self._samples.sample(self._now, seen)
-                followable = sample is not None and not (before is RunState.FOLLOW and motion.follow.lost)
+                lost = before is RunState.FOLLOW and motion.follow.lost
+                if lost:
+                    self._samples.hold()
+                followable = sample is not None and not lost
             else:
                 followable = self._samples.may_approach(self._now, seen)
             on = Event.RESUME if approached else Event.RESUME_APPROACH
@@ -312,10 +319,7 @@ class Pipeline:
 
     def _take(self, event: Event) -> bool:
         """Take a transition, if the present state has it. Whether it has."""
-        changed = self._supervisor.take(event, self._now)
-        if changed and self._motion is not None:
-            self._motion.enter(self.state)
-        return changed
+        return self._supervisor.take(event, self._now)
 
     def _without_robot(self, reconstructor: Reconstructor, seen: SensorSample | None) -> Goal:
         """The human alone; it stays as it is without a valid sample."""

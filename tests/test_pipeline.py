@@ -5,6 +5,7 @@ import runpy
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -25,9 +26,10 @@ from retarget.human.performer_calibration import person_of
 from retarget.human.samples import Clip, Performance, Playback, lay_on_ticks
 from retarget.pipeline import Goal, SteppedPerformer
 from retarget.report.motion_metrics import LimitViolations, limit_violations
+from retarget.robot.follower import Follower
 from retarget.run.prepare import prepare_for
 from retarget.schema.performer import Performer
-from retarget.types import FloatArray, RunState
+from retarget.types import FloatArray, HumanPosture, RobotPosture, RunState
 from sim.mock_bus import mock_bus
 from sim.performer import synthetic_performer
 
@@ -147,6 +149,9 @@ class Stepped:
     def poll(self) -> None:
         pass
 
+    def hold(self) -> None:
+        self._performer.hold()
+
     def _next(self) -> SensorSample | None:
         self._row, self._now = self._row + 1, self._now + DT
         return self._given[self._row]
@@ -230,6 +235,23 @@ def test_without_samples_the_robot_brakes_holds_and_comes_back_slowly() -> None:
     assert speeds[:100].max() < 0.3 * load_robot("op3").limits.max_velocity.max()
     assert np.isnan(back[0].landmarks_asked).all() and np.isfinite(back[-1].landmarks_asked).all()
     assert keep_limits([*follow, *gone, *(one.joint_positions for one in back)])
+
+
+def test_after_postures_that_no_solver_found_it_comes_back_as_after_any_hold(monkeypatch: pytest.MonkeyPatch) -> None:
+    pipeline, step, lost = started(), Follower.step, iter(range(5))
+
+    def fails(self: Follower, human: HumanPosture, dt: float) -> RobotPosture:
+        posture = step(self, human, dt)
+        return posture if next(lost, None) is None else replace(posture, q=np.full_like(posture.q, np.nan))
+
+    monkeypatch.setattr(Follower, "step", fails)
+    states = []
+    for _ in range(120):
+        pipeline.step(moved(still(), 0.02, "l_wrist"), DT)
+        states.append(pipeline.state)
+    changes = sum(one is not other for one, other in pairwise(states))
+    assert states[0] is RunState.FOLLOW and states.count(RunState.HOLD) * DT >= 0.5
+    assert changes <= 2 + 2 * 4, "and it does not flap"
 
 
 @pytest.mark.parametrize("by", [1e7, 1e300, np.inf, np.nan])

@@ -66,6 +66,10 @@ class Samples(Protocol):
         """The sensors at a tick; None: they are not valid now, and the robot is to hold. Not None for tick 0."""
         ...
 
+    def hold(self) -> None:
+        """The robot holds though the sensors are valid: a stream is followed again as after any hold."""
+        ...
+
     @property
     def hold_reason(self) -> str:
         """Why the robot holds, in a few words; of the last tick in which it did."""
@@ -177,6 +181,9 @@ class Clip:
 
     def poll(self) -> None:
         """Do nothing: all samples are there."""
+
+    def hold(self) -> None:
+        """Do nothing: the samples do not wait for a robot."""
 
     def sample(self, tick: int) -> SensorSample:
         """The sensors at a tick, on the grid."""

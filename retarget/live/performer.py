@@ -231,6 +231,10 @@ class LivePerformer:
         self._record.append(tick, self.engagement.shown if sample is None else sample)
         return sample
 
+    def hold(self) -> None:
+        """The robot holds: it waits for good data, and blends back to the performer."""
+        self.engagement.hold()
+
     @property
     def hold_reason(self) -> str:
         """Why the performer is not followed, in a few words."""

@@ -146,6 +146,9 @@ class ReplayedSamples:
     def poll(self) -> None:
         """Do nothing: all samples are there from the start."""
 
+    def hold(self) -> None:
+        """What followed is in the recording."""
+
     def sample(self, tick: int) -> SensorSample | None:
         """What was said at a tick."""
         cursor = self._cursor

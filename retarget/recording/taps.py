@@ -272,6 +272,10 @@ class TappedSamples:
         """Take in what has arrived."""
         self._inner.poll()
 
+    def hold(self) -> None:
+        """The robot holds."""
+        self._inner.hold()
+
     def sample(self, tick: int) -> SensorSample | None:
         """The sensor sample of a tick."""
         sample, ring = self._inner.sample(tick), self._note.ring

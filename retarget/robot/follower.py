@@ -124,14 +124,17 @@ one of ten stops with 1.5 s."""
 STANCE_RESTING_SPEED, RESTS_S = 0.1, 0.1
 """A robot none of whose coordinates is faster (rad/s, m/s) for so long (s) rests. One tick is not enough: where limbs
 meet, all joints stand still for one tick, and go on in the next."""
+NEAR_STANCE = 0.1
+"""A robot has returned to its stance when no joint is farther from it than this, rad; where nothing is in the way it
+ends within 0.06 rad."""
 LEAST_SHARE = 0.01
 """Share of the servos' speeds for a robot that stands already."""
 LED_RISE, LED_JERK, LED_SETTLE = 0.2, 0.05, 0.1
 """s until the joint that is led the longest way has its speed, and its acceleration; s by which the robot follows."""
 
 
-class ReturnToStance:
-    """The return to stance of one robot."""
+class StanceTrajectory:
+    """How the joints of one robot are led to its stance."""
 
     def __init__(self, robot: RobotBody, stance: Stance, standing: AskedLandmarks) -> None:
         """standing: the landmarks of the stance."""
@@ -143,7 +146,7 @@ class ReturnToStance:
         self.duration = RETURN_PENDULUM_TIMES * sqrt(height / GRAVITY)
         """In which the joints are led there where the servos can, s."""
         self._posture = stance.q.copy()
-        self._moves: TrajectoryGenerator
+        self._moves: TrajectoryGenerator | None = None
         self._rested = 0.0
 
     def begin(self, q: FloatArray, dt: float) -> None:
@@ -152,18 +155,26 @@ class ReturnToStance:
         speed = min(max(needed / max(self.duration - LED_RISE - LED_JERK, LED_RISE), LEAST_SHARE), 1.0) * self._fastest
         acceleration = speed / LED_RISE
         self._moves = TrajectoryGenerator(speed, acceleration, acceleration / LED_JERK, dt=dt)
-        self._moves.reset(q[self._joints])
+        self.reset(q)
 
-    def goes_on(self, velocity: FloatArray, dt: float, *, stands: bool) -> bool:
-        """Whether the return is not over yet after another `dt` s. velocity (nv,): of the robot, per s. stands:
-        whether it has both feet on the floor and its weight between them."""
+    def reset(self, q: FloatArray) -> None:
+        """Lead the joints on from posture q (nq,), at rest: something else was sent than was asked."""
+        if self._moves is not None:
+            self._moves.reset(q[self._joints])
+
+    def goes_on(self, q: FloatArray, velocity: FloatArray, dt: float, *, stands: bool) -> bool:
+        """Whether the return is not over yet after another `dt` s. q (nq,), velocity (nv,) per s: of the robot as it
+        was commanded to. stands: whether it has both feet on the floor and its weight between them."""
+        assert self._moves is not None, "the return has begun"
         led = self._moves.at_rest and np.array_equal(self._moves.position, self._end)
-        rests = led and float(np.abs(velocity).max()) < STANCE_RESTING_SPEED
+        there = led and float(np.abs(q[self._joints] - self._end).max()) < NEAR_STANCE
+        rests = there and float(np.abs(velocity).max()) < STANCE_RESTING_SPEED
         self._rested = self._rested + dt if rests and stands else 0.0
         return self._rested < RESTS_S
 
     def lead(self, speed_override: float) -> FloatArray:
         """The posture (nq,) in which joints are to be a tick later."""
+        assert self._moves is not None, "the return has begun"
         self._posture[self._joints] = self._moves.step(self._end, speed_override)
         return self._posture
 
@@ -180,11 +191,11 @@ def stance_angles(robot: RobotBody) -> dict[str, float]:
 
 def return_to_stance_of(
     robot: RobotBody, stance: Stance, standing: AskedLandmarks, balance: StandingBalance | None
-) -> ReturnToStance | None:
+) -> StanceTrajectory | None:
     """The return to stance of a robot; None without balance, or without a landmark of the pelvis."""
     if balance is None or "pelvis" not in robot.profile.landmarks:
         return None
-    return ReturnToStance(robot, stance, standing)
+    return StanceTrajectory(robot, stance, standing)
 
 
 Parts = Literal["whole", "upper"]
@@ -200,7 +211,7 @@ class OnSoles:
     fallback: FallbackHierarchy | None = None
     stop: Stopping | None = None
     steps: Stepping | None = None
-    to_stance: ReturnToStance | None = None
+    to_stance: StanceTrajectory | None = None
 
     @property
     def stopping(self) -> Stopping | None:
@@ -360,7 +371,7 @@ class Follower:
         return."""
         stands = self.steps is None or self.steps.stands
         to_stance, hierarchy = self._soles.to_stance, self.hierarchy
-        if to_stance is None or not to_stance.goes_on(hierarchy.solver.velocity, dt, stands=stands):
+        if to_stance is None or not to_stance.goes_on(self._q, hierarchy.solver.velocity, dt, stands=stands):
             return None
         hierarchy.set_posture(self._targets, to_stance.lead(self._time.scale))
         self._advance(to_stance.asked, dt, to_stance=True)
@@ -418,6 +429,8 @@ class Follower:
         self.hierarchy.solver.reset(q, velocity)
         if self._soles.stopping is not None:
             self._soles.stopping.begin(q, velocity)
+        if self._soles.to_stance is not None:
+            self._soles.to_stance.reset(q)
         self._reached = self._reader.read(q)
 
     def _safe(self, q: FloatArray, dt: float) -> FloatArray:

@@ -18,7 +18,7 @@ from retarget.ik.base_pose import plant_root
 from retarget.model.robot import RobotBody
 from retarget.run.stages import FollowingStage, ReconstructingStage
 from retarget.safety.clearance import PathClearance
-from retarget.safety.gate import Gate, PassThroughGate
+from retarget.safety.gate import Gate
 from retarget.types import FloatArray, HumanPosture, RobotPosture, RunState
 
 
@@ -295,7 +295,7 @@ class WholeBodyStop:
     def begin(self) -> None:
         """Brake from where the robot is."""
 
-    def target(self, sample: SensorSample | None = None, *, speed_override: float = 1.0) -> Target | None:
+    def target(self, sample: SensorSample | None, *, speed_override: float) -> Target | None:
         """Return the next target of the stop trajectory; None: the robot stands, or there is none, and the gate brakes
         each joint by itself."""
         if self._commanded.stands:
@@ -312,45 +312,29 @@ class WholeBodyStop:
         return None if q is None else Target(q[self._columns], q)
 
 
-class ReturnPart(Enum):
-    """A part of the return to stance."""
-
-    DUE = "not begun"
-    RETURNING = "on the way"
-    OVER = "there, or tried once"
-
-
 class ReturnToStance:
-    """The follower leads the robot to its stance on its soles, once; see `FollowingStage.return_to_stance`."""
+    """The follower leads the robot to its stance on its soles; see `FollowingStage.return_to_stance`."""
 
     def __init__(self, robot: RobotBody, follower: FollowingStage, commanded: Commanded, *, dt: float) -> None:
         self._follower, self._commanded, self._dt = follower, commanded, dt
         self._columns = robot.servo_columns
-        self._part = ReturnPart.DUE
+        self._next: FloatArray | None = None  # (nq,) posture; None: the robot is there
 
     @property
     def arrived(self) -> bool:
-        """Whether the robot stands as in its stance, or has tried once."""
-        return self._part is ReturnPart.OVER
+        """Whether the robot stands as in its stance, or needs no return."""
+        return self._next is None
 
     def begin(self) -> None:
-        """Begin where the robot stands, if it has not tried yet."""
-        if self._part is ReturnPart.DUE:
-            self._part = ReturnPart.RETURNING
-            self._follower.begin_return_to_stance(self._commanded.q.copy(), self._dt)
-        else:
-            self._part = ReturnPart.OVER
+        """Begin where the robot stands."""
+        self._next = self._commanded.q.copy()
+        self._follower.begin_return_to_stance(self._next, self._dt)
 
     def target(self, sample: SensorSample | None, *, speed_override: float) -> Target | None:
         """The target of the next tick; None: the return is over."""
-        if self.arrived:
-            return None
         self._follower.set_speed_override(speed_override)
-        q = self._follower.return_to_stance(self._dt)
-        if q is None:
-            self._part = ReturnPart.OVER
-            return None
-        return Target(q[self._columns], q)
+        self._next = q = self._follower.return_to_stance(self._dt)
+        return None if q is None else Target(q[self._columns], q)
 
 
 def rest_joints(robot: RobotBody) -> FloatArray:
@@ -397,6 +381,10 @@ class GoToRest:
             return Target(self._commanded.joints)
         return self._move.towards(self._keyframes[0], speed_override=speed_override)
 
+    def brake(self) -> Target | None:
+        """The target of the next tick while the robot slows down on its line, as gently as it moves, for a moment."""
+        return self._move.towards(self._keyframes[0], speed_override=0.0) if self._move and self._keyframes else None
+
 
 def require_finite(posture: RobotPosture) -> RobotPosture:
     """The posture, if it is finite. Raises RetargetError before the robot has torque."""
@@ -423,7 +411,7 @@ class RobotMotion:
         robot: RobotBody,
         reconstructor: ReconstructingStage,
         follower: FollowingStage,
-        gate: Gate | PassThroughGate,
+        gate: Gate,
         *,
         first: SensorSample,
         pace: Pace,
@@ -437,14 +425,16 @@ class RobotMotion:
         self.approach = Approach(robot, follower, commanded, human, dt=dt)
         self.follow = Follow(reconstructor, follower, human, pace, slow=robot.profile.safety.speed_caps.approach)
         self._stop = WholeBodyStop(robot, follower, commanded, self.approach, dt=dt)
+        self._to_rest = GoToRest(robot, follower, commanded, dt=dt)
         self._controllers: dict[RunState, Controller] = {
             RunState.APPROACH: self.approach,
             RunState.FOLLOW: self.follow,
             RunState.HOLD: self._stop,
             RunState.STOPPING: self._stop,
             RunState.RETURN_TO_STANCE: ReturnToStance(robot, follower, commanded, dt=dt),
-            RunState.GO_TO_REST: GoToRest(robot, follower, commanded, dt=dt),
+            RunState.GO_TO_REST: self._to_rest,
         }
+        self._state = RunState.OFF  # of the last target
 
     @property
     def on_approach(self) -> bool:
@@ -459,19 +449,25 @@ class RobotMotion:
         self.commanded.begin(standing, present)
         return goal
 
-    def enter(self, state: RunState) -> None:
-        """Begin a state, if a controller gives its targets."""
-        if state in self._controllers:
-            self._controllers[state].begin()
-
     def has_arrived(self, state: RunState) -> bool:
-        """Whether the controller of a state has nothing left to do."""
-        return state in self._controllers and self._controllers[state].arrived
+        """Whether the controller of a state has begun, and has nothing left to do."""
+        return state is self._state and state in self._controllers and self._controllers[state].arrived
 
     def target(self, state: RunState, sample: SensorSample | None, *, speed_override: float) -> Target | None:
-        """The target of the next tick, see `Controller.target`; None also in a state without a controller."""
+        """The target of the next tick, see `Controller.target`; None also in a state without a controller. The first
+        target of a state begins it."""
         controller = self._controllers.get(state)
-        return None if controller is None else controller.target(sample, speed_override=speed_override)
+        if controller is None:
+            return None
+        if state is not self._state:
+            controller.begin()
+            self._state = state
+        return controller.target(sample, speed_override=speed_override)
+
+    def brake(self, state: RunState) -> Target | None:
+        """The target of the next tick of a robot that brakes in a state: on its line on the way to rest; else None, and
+        it brakes as `check` says."""
+        return self._to_rest.brake() if state is RunState.GO_TO_REST else None
 
     def check(self, state: RunState, target: Target | None) -> tuple[CheckedGoal, Target | None]:
         """The goal for a target, and the target that it is for. Of a refused target, and where there is none, the robot

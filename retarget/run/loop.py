@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hardware.clock import Clock, thread_cpu
-from hardware.errors import BusError, TorqueError
+from hardware.errors import BusError, GuardError, TorqueError
 from hardware.guard import CheckedGoal, Guard, Torque, text_of
 from hardware.guard_state import StopCause
 from retarget.frames import SensorSample
@@ -21,14 +21,13 @@ from retarget.run.stages import FollowingStage, ReconstructingStage
 from retarget.run.supervisor import (
     AT_RISK,
     LONGEST_BRAKE_S,
-    LONGEST_RETURN_S,
-    LONGEST_TO_REST_S,
+    LONGEST_STOP_S,
     Event,
     Situation,
     Supervisor,
 )
 from retarget.safety.clearance import PathClearance
-from retarget.safety.gate import Gate, PassThroughGate
+from retarget.safety.gate import Gate
 from retarget.types import Notify, RunState
 
 INTERRUPTED = "interrupted by the user"
@@ -109,7 +108,7 @@ class Machine:
 
     robot: RobotBody
     follower: FollowingStage
-    gate: Gate | PassThroughGate
+    gate: Gate
     guard: Guard
     supervisor: Supervisor
     clock: Clock
@@ -121,16 +120,26 @@ class Machine:
     def not_at_rest(self) -> tuple[str, ...]:
         """A note about a robot on its soles whose torque went off away from rest, though nothing was wrong with it."""
         states, robot = self.guard.states, self.robot
-        if states is None or not (self.goes_to_rest and robot.stands and self.guard.may_go_to_rest):
+        if states is None or not (self.goes_to_rest and robot.stands and self.supervisor.state is RunState.OFF):
             return ()
         off = np.abs(robot.joint_map.to_radians(states.position) - rest_joints(robot))
         worst = int(off.argmax())
         if off[worst] <= NEAR_REST:
             return ()
         where = f"{robot.joint_map.joints[worst]} {off[worst]:.2f} rad from it"
-        way = "" if self.clearance is None else self.clearance.in_the_way(robot_observers(robot).names)
-        why = f"; the gate refused goals that bring {way} too near to each other" if way else ""
+        why = f"; {self.refused}" if self.refused else ""
         return (f"not at rest: the robot did not get there in time; torque went off with {where}{why}",)
+
+    @property
+    def refused(self) -> str:
+        """What was in the way of the goal that the gate checked last, in words; "" where it passed."""
+        way = "" if self.clearance is None else self.clearance.in_the_way(robot_observers(self.robot).names)
+        return f"the gate refused goals that bring {way} too near to each other" if way else ""
+
+    def tell(self, text: str) -> None:
+        """Pass a sentence to the operator; a lost terminal must not keep the robot from a stop."""
+        with suppress(Exception):
+            self.notify(text)
 
 
 class Loop:
@@ -150,7 +159,7 @@ class Loop:
             pace=samples,
             clearance=machine.clearance,
         )
-        stopping = LONGEST_BRAKE_S + (LONGEST_RETURN_S + LONGEST_TO_REST_S if machine.goes_to_rest else 0.0)
+        stopping = LONGEST_STOP_S if machine.goes_to_rest else LONGEST_BRAKE_S
         self._recorder = TickRecorder(
             samples,
             motion.follow.human,
@@ -163,6 +172,7 @@ class Loop:
         self._sample: SensorSample | None = first
         self._tick = 0  # of the performance
         self._due, self._late_ticks = machine.clock.now(), 0
+        self._refused_ways = 0  # goals on the way to rest that were refused
         self._part = StopCause.SOURCE  # what runs now: the cause of a stop if it fails
 
     def run(self) -> Ending:
@@ -176,10 +186,10 @@ class Loop:
             with _without_garbage_collection():
                 while not self._machine.supervisor.over:
                     self.tick()
+            self._release()
         except BaseException as error:
             self._give_up(error)
             raise
-        self._release()
         stop, state = self._machine.guard.stop, self._machine.supervisor.state
         with suppress(Exception):  # who looks on must not lose the run
             self._watch.on_tick(self._samples.ticks)
@@ -195,29 +205,58 @@ class Loop:
                 attempt()
                 return
             except Exception as error:  # noqa: BLE001 - nothing that fails in a tick may leave the robot moving
-                self._fail(error, may_brake=attempt == self._run_tick)
+                self._fail(error, may_brake=attempt == self._run_tick or guard.goal is not written)
             if supervisor.over or guard.goal is not written:  # a second goal in a tick would double its step
                 return
 
     def _run_tick(self) -> None:
         machine, motion = self._machine, self._motion
-        self._recorder.begin()
+        with self._looking():
+            self._recorder.begin()
         asked = self._ask_operator()
-        self._samples.poll()
+        with self._looking():
+            self._samples.poll()
         self._read()
         state = self._change_state(asked)
         if machine.supervisor.over:
             return
         goal, target = self._unwritten(), None
         if goal is None:
-            if not (state in TO_REST and machine.guard.is_silent):  # goals that no servo hears would come as one step
-                target = motion.target(state, self._sample, speed_override=machine.guard.health.speed_override)
+            target = self._target(state)
             self._part = StopCause.FILTER
             goal, target = motion.check(state, target)
+            if state is RunState.GO_TO_REST and target is not None and not goal.passed:
+                self._tell_refused()
         self._write(goal, target)
         self._keep(state, goal, target)
-        if state in AT_RISK and self._tick > 0 and self._tick % self._watch.every == 1 % self._watch.every:
-            self._watch.on_tick(self._tick)
+        with self._looking():
+            if state in AT_RISK and self._tick > 0 and self._tick % self._watch.every == 1 % self._watch.every:
+                self._watch.on_tick(self._tick)
+
+    def _target(self, state: RunState) -> Target | None:
+        """What the controller of a state asks for; None: brake, or stand."""
+        machine, motion = self._machine, self._motion
+        if state in TO_REST and machine.guard.is_silent:  # goals that no servo hears would come as one step
+            return motion.brake(state)
+        if state is RunState.RETURN_TO_STANCE or state in AT_RISK:
+            machine.follower.set_contact_state(None if machine.guard.states is None else machine.guard.states.soles)
+        return motion.target(state, self._sample, speed_override=machine.guard.health.speed_override)
+
+    def _tell_refused(self) -> None:
+        """Say once that the robot holds on its way to rest, and why."""
+        self._refused_ways += 1
+        if self._refused_ways == 1:
+            why = self._machine.refused or "the gate refuses the goal"
+            self._machine.tell(f"on its way to rest the robot holds, and tries again: {why}")
+
+    @contextmanager
+    def _looking(self) -> Iterator[None]:
+        """Who only looks at a run, or asks for its stop, may fail in every tick: that stops the robot, and does not
+        hinder the stop."""
+        try:
+            yield
+        except Exception as error:  # noqa: BLE001 - whatever it is
+            self._machine.guard.latch(StopCause.SOURCE, text_of(error))
 
     def _brake(self) -> None:
         """Go on braking in a tick that has failed, each joint by itself."""
@@ -235,8 +274,8 @@ class Loop:
         may_brake = may_brake and cause is not StopCause.BUS
         supervisor, now, before = machine.supervisor, machine.clock.now(), machine.supervisor.state
         supervisor.fail(now, text_of(error), cause, machine.guard, may_brake=may_brake)
-        if supervisor.state is before:  # a stop that goes on failing ends where the robot stands
-            supervisor.step(now, Situation(stands=self._motion.commanded.stands), machine.guard)
+        if supervisor.state is before:  # a stop that goes on failing has its limits, too
+            supervisor.step(now, self._situation(), machine.guard)
 
     # The steps of a tick.
 
@@ -249,12 +288,25 @@ class Loop:
         clock.sleep_until(self._due)
 
     def _ask_operator(self) -> Situation:
-        """What the operator asks for."""
-        self._part = StopCause.SOURCE
-        watch = self._watch
-        if self._machine.supervisor.state in AT_RISK:
-            return Situation(stop=watch.why() if watch.stop_asked() else None)
-        return Situation(torque_off=FORCED_STOP if watch.torque_off_asked() else None)
+        """What is the case at the beginning of a tick, with what the operator asks for."""
+        watch, situation = self._watch, self._situation()
+        with self._looking():
+            if self._machine.supervisor.state in AT_RISK:
+                situation.stop = watch.why() if watch.stop_asked() else None
+            else:
+                situation.torque_off = FORCED_STOP if watch.torque_off_asked() else None
+        return situation
+
+    def _situation(self) -> Situation:
+        """What the robot has done so far."""
+        motion = self._motion
+        return Situation(
+            approached=motion.approach.arrived,
+            arrived=motion.has_arrived(self._machine.supervisor.state),
+            stands=motion.commanded.stands,
+            straight=motion.on_approach,
+            goes_to_rest=self._machine.goes_to_rest,
+        )
 
     def _read(self) -> None:
         """Read the servos, and pass on what they report."""
@@ -262,25 +314,19 @@ class Loop:
         self._part = StopCause.BUS
         states = machine.guard.read()
         self._part = StopCause.SOURCE
-        machine.follower.set_contact_state(states.soles)
         if machine.clearance is not None:
             machine.clearance.measure(machine.robot.joint_map.to_radians(states.position))
-        with suppress(OSError):  # a lost terminal must not keep the robot from a stop
+        with self._looking():
             for text in machine.guard.health.warnings.take_news():
-                machine.notify(text)
+                machine.tell(text)
 
     def _change_state(self, situation: Situation) -> RunState:
-        """Let the supervisor choose the state of this tick, and begin it. situation: what the operator asks for."""
-        machine, motion, before = self._machine, self._motion, self._machine.supervisor.state
-        situation.stands, situation.straight = motion.commanded.stands, motion.on_approach
-        situation.arrived, situation.approached = motion.has_arrived(before), motion.approach.arrived
-        situation.goes_to_rest = machine.goes_to_rest
-        if before in AT_RISK:
-            self._look_at_performer(situation)
-        state = machine.supervisor.step(machine.clock.now(), situation, machine.guard)
-        if state is not before:
-            motion.enter(state)
-        return state
+        """Let the supervisor choose the state of this tick."""
+        machine = self._machine
+        if machine.supervisor.state in AT_RISK:
+            with self._looking():
+                self._look_at_performer(situation)
+        return machine.supervisor.step(machine.clock.now(), situation, machine.guard)
 
     def _look_at_performer(self, situation: Situation) -> None:
         """Take the sample of this tick, and see whether the performer can be followed."""
@@ -305,6 +351,7 @@ class Loop:
             situation.hold_reason = "the gate refuses the approach"
         elif machine.supervisor.state is RunState.FOLLOW and motion.follow.lost:
             situation.hold_reason = "no posture found"
+            samples.hold()
         else:
             situation.followable = True
 
@@ -321,28 +368,29 @@ class Loop:
         self._motion.sent(goal, target)
 
     def _keep(self, state: RunState, goal: CheckedGoal, target: Target | None) -> None:
-        """Fill the row of this tick."""
-        machine, motion, recorder = self._machine, self._motion, self._recorder
-        follow = motion.follow
-        followed = follow.posture if state is RunState.FOLLOW else None
-        recorder.keep_human(follow.human, self._sample, error=followed is not None)
-        recorder.keep_robot(machine.guard, motion.commanded.q, goal, asked=target is not None, followed=followed)
-        if followed is not None:
-            recorder.keep_costs(*follow.costs)
-        approaches = state in AT_RISK and not motion.approach.arrived
-        recorder.keep(phase_of(state, approaches=state is RunState.APPROACH or approaches), approaches=approaches)
+        """Fill the row of this tick, and show it to who looks on."""
+        guard, motion, recorder = self._machine.guard, self._motion, self._recorder
+        with self._looking():
+            follow = motion.follow
+            followed = follow.posture if state is RunState.FOLLOW else None
+            recorder.keep_human(follow.human, self._sample, error=followed is not None)
+            recorder.keep_robot(guard, motion.commanded.q, goal, asked=target is not None, followed=followed)
+            if followed is not None:
+                recorder.keep_costs(*follow.costs)
+            approaches = state in AT_RISK and not motion.approach.arrived
+            recorder.keep(phase_of(state, approaches=state is RunState.APPROACH or approaches), approaches=approaches)
 
     # The beginning and the end of a run.
 
     def _arm(self) -> None:
         """Set every goal to its present position, then switch torque on."""
         machine, now = self._machine, self._machine.clock.now
-        machine.supervisor.take(Event.READY, now())
+        if not machine.supervisor.take(Event.READY, now()):
+            raise GuardError("a run begins once", where="run", found=machine.supervisor.state.value)
         present = machine.guard.present()
         self._recorder.started(present)
         machine.guard.arm(self._motion.begin(present))
         machine.supervisor.take(Event.ARMED, now())
-        self._motion.enter(RunState.APPROACH)
         self._due = now()
 
     def _give_up(self, error: BaseException) -> None:
@@ -355,8 +403,8 @@ class Loop:
             while machine.supervisor.torque:
                 self.tick()
         finally:  # a second interrupt does not wait for the robot to stand
-            if machine.guard.torque is Torque.ON:
-                with suppress(Exception):
+            if machine.guard.torque is not Torque.OFF:
+                with suppress(BaseException):  # a third one must not keep back that the power is to be cut
                     machine.guard.release()
             stop = machine.guard.stop
             if stop is not None and stop.powered:

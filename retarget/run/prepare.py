@@ -42,12 +42,12 @@ from retarget.types import Notify
 
 def make_gate(
     robot: RobotBody, follower: Follower, priorities: Priorities, *, checks: bool, dt: float
-) -> tuple[Gate | PassThroughGate, PathClearance | None]:
+) -> tuple[Gate, PathClearance | None]:
     """The gate of a robot in ticks of `dt` s, and its collision check; None without observers. checks: whether goals
     are checked; else all of them pass."""
     servos, caps = robot.joint_map, robot.profile.safety.speed_caps
     if not checks:
-        return PassThroughGate(servos.max_acceleration, dt=dt), None
+        return PassThroughGate.for_servos(servos, dt=dt), None
     observers, settings = follower.hierarchy.observers, priorities.deflection_compensation
     clearance = None if observers is None else PathClearance(robot, observers, follower.scene_obstacles, dt=dt)
     compensation = None
@@ -61,7 +61,7 @@ def make_gate(
 
 def robot_stage(
     robot: RobotBody, priorities: Priorities, human: Human, options: RunOptions, scene: SceneState | None, *, dt: float
-) -> tuple[Follower, Gate | PassThroughGate, PathClearance | None]:
+) -> tuple[Follower, Gate, PathClearance | None]:
     """The robot's follower, and its gate as `make_gate` makes it. Raises UsageError where the robot touches the scene,
     ConfigError where the priorities name what it does not have."""
     with naming_file(priority_names(robot, options)[-1], robot=robot.profile.name):
@@ -81,9 +81,6 @@ MakeBus = Callable[[RobotBody, Clock], ServoBus]
 
 Perform = Callable[[Performer, RobotBody | None], Performance]
 """From the performer and the robot (None: the human alone) to the performance."""
-
-Lead = Callable[[FollowingStage], FollowingStage]
-"""From the robot's own follower to the stage that leads the robot."""
 
 
 def _ignore(text: str) -> None:
@@ -177,7 +174,7 @@ def prepare_for(
     make_bus: MakeBus,
     goes_to_rest: bool = False,
     notify: Notify = _ignore,
-    lead: Lead | None = None,
+    lead: Callable[[FollowingStage], FollowingStage] | None = None,
     robot: RobotBody | None = None,
     has_deadlines: bool | None = None,
     supervisor: Supervisor | None = None,

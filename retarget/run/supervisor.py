@@ -32,6 +32,8 @@ LONGEST_RETURN_S = 15.0
 """Longest return to stance; then the robot goes to rest from where it is."""
 LONGEST_TO_REST_S = 24.0
 """Longest way to rest from there; then torque goes off where the robot is."""
+LONGEST_STOP_S = 2.0 * LONGEST_BRAKE_S + LONGEST_RETURN_S + LONGEST_TO_REST_S
+"""Longest stop as a whole: from then on the time limit of each of its states is over."""
 COMMANDED_S = 0.5
 """Time for which the performer must be followed before an earlier hold no longer counts towards its limit: single
 targets between holds do not restart it."""
@@ -67,7 +69,7 @@ class Event(Enum):
     RESUME = "the performer can be followed"
     ARRIVED = "the controller has arrived"
     STANDS_ON_SOLES = "the robot stands, and may go to rest by way of its stance"
-    STANDS_ON_APPROACH = "the robot stands on the straight part of its approach, and may go to rest"
+    STANDS_ON_ITS_WAY = "the robot stands on its straight approach, or has tried to return to stance: it may go to rest"
     STANDS = "the robot stands, and is not to go to rest"
     STANDS_WITH_FAULT = "the robot stands, with a fault"
     DATA = "every needed sensor is fresh"
@@ -99,7 +101,6 @@ TRANSITIONS: dict[tuple[RunState, Event], Transition] = {
     (_S.CALIBRATING, _E.READY): Transition(_S.ARMING),
     (_S.CHECKING_SIDES, _E.READY): Transition(_S.ARMING),
     (_S.ARMING, _E.ARMED): Transition(_S.APPROACH),
-    (_S.ARMING, _E.TORQUE_OFF): _TORQUE_OFF,
     # The robot moves with the performer.
     **{
         (state, event): transition
@@ -122,7 +123,7 @@ TRANSITIONS: dict[tuple[RunState, Event], Transition] = {
     (_S.STOPPING, _E.TORQUE_OFF): _TORQUE_OFF,
     (_S.STOPPING, _E.TIMEOUT): _TORQUE_OFF,
     (_S.STOPPING, _E.STANDS_ON_SOLES): Transition(_S.RETURN_TO_STANCE),
-    (_S.STOPPING, _E.STANDS_ON_APPROACH): Transition(_S.GO_TO_REST),
+    (_S.STOPPING, _E.STANDS_ON_ITS_WAY): Transition(_S.GO_TO_REST),
     (_S.STOPPING, _E.STANDS): Transition(_S.OFF),
     (_S.STOPPING, _E.STANDS_WITH_FAULT): Transition(_S.FAULT),
     (_S.RETURN_TO_STANCE, _E.TORQUE_OFF): _TORQUE_OFF,
@@ -176,6 +177,7 @@ class Supervisor:
         self.hold_reason = ""
         """Why the robot holds, or held last."""
         self._notify = notify
+        self._entered: dict[RunState, float] = {}  # [s] when each state began first
         self._held_since = self._held_until = -inf  # [s] of holds that count as one
 
     @property
@@ -196,6 +198,7 @@ class Supervisor:
         if self.state is RunState.HOLD:
             self._held_until = now
         self.state, self.since = transition.to, now
+        self._entered.setdefault(transition.to, now)
         if transition.to is RunState.HOLD and now - self._held_until >= COMMANDED_S:
             self._held_since = now
         return True
@@ -234,7 +237,7 @@ class Supervisor:
             self.take(Event.FAILED, now)
 
     def _give_up_return(self, why: str) -> None:
-        with suppress(OSError):  # a lost terminal must not keep the robot from going to rest
+        with suppress(Exception):  # a lost terminal must not keep the robot from going to rest
             self._notify(f"return to stance: {why}; the robot goes to rest from where it is")
 
     def _events(self, now: float, situation: Situation, guard: Guard) -> Iterator[Event]:
@@ -248,7 +251,8 @@ class Supervisor:
         if situation.over:
             yield Event.OVER
         began = self._held_since if self.state is RunState.HOLD else self.since
-        if now - began > STATES[self.state].limit_s:
+        stopping = now - self._entered.get(RunState.STOPPING, inf)
+        if now - began > STATES[self.state].limit_s or stopping > LONGEST_STOP_S:
             yield Event.TIMEOUT
         if not situation.followable:
             yield Event.NO_COMMAND
@@ -264,7 +268,8 @@ class Supervisor:
             return Event.STANDS_WITH_FAULT
         if not situation.goes_to_rest:
             return Event.STANDS
-        return Event.STANDS_ON_APPROACH if situation.straight else Event.STANDS_ON_SOLES
+        tried = RunState.RETURN_TO_STANCE in self._entered
+        return Event.STANDS_ON_ITS_WAY if situation.straight or tried else Event.STANDS_ON_SOLES
 
     def _latch(self, event: Event, now: float, situation: Situation, guard: Guard) -> None:
         """Latch why, where a transition stops the robot."""
@@ -280,6 +285,8 @@ class Supervisor:
             guard.latch(StopCause.STALE_GOAL, held)
         elif event is Event.TIMEOUT and self.state is RunState.STOPPING:
             guard.switch_off(StopCause.FILTER, f"still moving after {LONGEST_BRAKE_S:g} s of braking")
+        elif event is Event.TIMEOUT and self.state is RunState.GO_TO_REST:
+            guard.latch(StopCause.FILTER, f"not at rest after {now - self.since:.3g} s")
         elif event is Event.TIMEOUT and self.state is RunState.RETURN_TO_STANCE:
             self._give_up_return(f"not over after {LONGEST_RETURN_S:g} s")
 

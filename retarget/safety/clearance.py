@@ -86,6 +86,7 @@ class PathClearance:
         self._following = FollowingError(robot.joint_map.tick_rad, dt=dt)
         self._standing = robot.body.qpos0.copy()
         self._measured: FloatArray | None = None
+        self._refused: tuple[int, int | None, int | None] | None = None  # what was too near on the last path
 
     def begin(self, standing: FloatArray, position: FloatArray) -> None:
         """Begin with the robot as in `standing` (nq,), and its servos at `position` (n,) rad."""
@@ -104,11 +105,11 @@ class PathClearance:
         self._standing[:] = standing
 
     def in_the_way(self, names: Sequence[str]) -> str:
-        """The two parts, or part and obstacle, for which a path was refused last; "" where none was. names: of the
-        robot's observers."""
-        if self._checker.refused is None:
+        """The two parts, or part and obstacle, for which the path that was checked last was refused; "" where it
+        passed. names: of the robot's observers."""
+        if self._refused is None:
             return ""
-        one, other, obstacle = self._checker.refused
+        one, other, obstacle = self._refused
         second = names[other] if other is not None else self._obstacles.shapes.names[obstacle or 0]
         return f"{names[one]} and {second}"
 
@@ -118,9 +119,10 @@ class PathClearance:
         poses = self._obstacles.now
         if poses is not None:
             self._checker.set_obstacles(poses.position, poses.quat, poses.linear_velocity, poses.angular_velocity)
-        if not self._checker.is_clear(self._standing, path, dt=self._dt, share=KEPT_SHARE, instead=instead):
-            return False
-        return self._measured is None or self._servos_are_clear(path, instead, self._measured)
+        clear = self._checker.is_clear(self._standing, path, dt=self._dt, share=KEPT_SHARE, instead=instead)
+        clear = clear and (self._measured is None or self._servos_are_clear(path, instead, self._measured))
+        self._refused = None if clear else self._checker.refused
+        return clear
 
     def _servos_are_clear(self, path: FloatArray, instead: FloatArray, measured: FloatArray) -> bool:
         off = self._following.unexplained(measured)

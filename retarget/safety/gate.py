@@ -146,7 +146,7 @@ class Gate:
         compensation = self._compensation
         # First the limits, which cost microseconds, then the sweep for collision, which costs most of a check.
         goal = target if compensation is None else compensation.propose(target, self._nearest)
-        displacement = self._braking.admitted(self._joints, self._displacement, goal, tolerance=ROUND_OFF)
+        displacement = self._admitted(goal)
         if displacement is None or not self._is_clear(displacement, goal - target):
             return None
         if compensation is not None:
@@ -164,6 +164,10 @@ class Gate:
             posture = self._joints - self._compensation.offset
             self._compensation.stop(posture)
         return self._make(posture, passed=False)
+
+    def _admitted(self, goal: FloatArray) -> FloatArray | None:
+        """The displacement (n,) to a goal that keeps the limits; None: it does not."""
+        return self._braking.admitted(self._joints, self._displacement, goal, tolerance=ROUND_OFF)
 
     def _nearest(self, goal: FloatArray) -> FloatArray:
         """The goal nearest to a finite one that keeps the limits, rad (n,), clear or not; joint by joint."""
@@ -191,54 +195,10 @@ class Gate:
         return self.goal
 
 
-class PassThroughGate:
+class PassThroughGate(Gate):
     """A gate without limits: every finite goal passes. For servos that do not exist, to see what a gate would have held
-    back. It still brakes within `max_acceleration` (n,) rad/s^2."""
+    back. It still brakes within the servos' accelerations."""
 
-    def __init__(self, max_acceleration: FloatArray, *, dt: float) -> None:
-        self._change = np.asarray(max_acceleration) * dt**2
-        self._joints, self._displacement = np.zeros_like(self._change), np.zeros_like(self._change)
-        self._number, self._seal = 0, _Seal()
-        self.goal: CheckedGoal | None = None
-        """The goal made last."""
-
-    @property
-    def at_rest(self) -> bool:
-        """Whether nothing is left to brake."""
-        return not self._displacement.any()
-
-    def begin(self, position: FloatArray) -> CheckedGoal:
-        """Start at rest at `position`, rad (n,). Raises HardwareError if not finite."""
-        self._joints = self._finite(position)
-        self._displacement = np.zeros_like(self._joints)
-        return self._make(passed=True)
-
-    def check(self, target: FloatArray | None) -> CheckedGoal | None:
-        """The goal for a target, rad (n,); None where there is none. Raises HardwareError if not finite."""
-        if target is None:
-            return None
-        target = self._finite(target)
-        self._displacement, self._joints = target - self._joints, target
-        return self._make(passed=True)
-
-    def brake(self) -> CheckedGoal:
-        """The next goal under full deceleration."""
-        slower = np.maximum(np.abs(self._displacement) - self._change, 0.0)
-        self._displacement = np.copysign(slower, self._displacement)
-        self._joints = self._joints + self._displacement
-        return self._make(passed=False)
-
-    def _finite(self, posture: FloatArray) -> FloatArray:
-        posture = np.array(posture, dtype=np.float64)
-        if posture.shape != self._change.shape or not np.isfinite(posture).all():
-            raise HardwareError(
-                describe(what="a goal that no servo can take", where="no gate", found=posture, allowed="finite angles")
-            )
-        return posture
-
-    def _make(self, *, passed: bool) -> CheckedGoal:
-        self._number += 1
-        self.goal = self._seal.last = CheckedGoal(
-            self._joints.copy(), self._joints.copy(), passed, self._number, self._seal
-        )
-        return self.goal
+    def _admitted(self, goal: FloatArray) -> FloatArray:
+        displacement: FloatArray = goal - self._joints
+        return displacement

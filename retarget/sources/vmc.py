@@ -288,8 +288,9 @@ def _place(message: OscMessage, places: dict[str, int]) -> str:
 
 STATURE_M = 1.70
 """Stature of a person of unknown size, m: calibration measures the limbs."""
-ROUNDS = 8
-"""A bone is lost that was not sent while another one was sent so often: 0.13 s of a sender of 60 Hz."""
+ROUNDS = 3
+"""A bone is lost that was not sent while another one was sent so often: 0.1 s of a sender of 30 Hz, 0.05 s of one of 60
+Hz, 0.3 s of one of 10 Hz. Less would lose a bone for one lost datagram; in seconds, 0.1 s is one round of the last."""
 _NOT_SENT = {
     f"bone://{bone}": f"{bone}, a bone that an avatar needs, is not sent" for bone in BODY_BONES if bone not in OPTIONAL
 }

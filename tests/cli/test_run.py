@@ -21,14 +21,15 @@ from retarget.cli import main
 from retarget.cli.application import given, refuse_given
 from retarget.cli.controls import Asked, LiveControls
 from retarget.cli.exit import DONE, INTERRUPTED, STOPPED, StopRequest
-from retarget.cli.run import StreamOptions, _wait_until_engaged, in_time, sides_are_checked
+from retarget.cli.run import COUNTDOWN_S, StreamOptions, _wait_until_engaged, in_time, sides_are_checked
 from retarget.errors import UsageError
+from retarget.human.samples import Playback
 from retarget.live.begin import LiveOptions
 from retarget.live.performer import LivePerformer
 from retarget.report.measure import measure
 from retarget.report.report import Report
 from retarget.run.run_result import RunResult
-from retarget.sources.raw_record import RawWriter
+from retarget.sources.raw_record import RawReader, RawWriter
 from sim.faults.sender import FakeSender
 
 SWAPPED = """\
@@ -99,6 +100,43 @@ def test_the_sides_of_a_live_performer_are_checked() -> None:
     assert not sides_are_checked("vmc://:39539", asked=False, yes=False)
     assert not sides_are_checked("replay://a.raw", None, yes=False)
     assert sides_are_checked("replay://a.raw", asked=True, yes=False)
+
+
+@pytest.mark.parametrize(("source", "countdown"), [("replay://a.raw", 0.0), ("vmc://:39539", COUNTDOWN_S)])
+def test_a_recorded_stream_is_not_waited_for(source: str, countdown: float) -> None:
+    assert StreamOptions().begins(source, Playback()).countdown == countdown
+    assert StreamOptions(countdown=2.0).begins(source, Playback()).countdown == 2.0
+
+
+def test_a_run_in_which_nobody_was_followed_is_no_success(
+    shared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The stream ends while the robot is on its approach."""
+    short = tmp_path / "short.udprec"
+    writer, whole = (
+        RawWriter(short, url="vmc://:39539"),
+        RawReader(shared / "streams/slimevr/full12_vmc_50hz.udprec.gz"),
+    )
+    for number, datagram in zip(range(100), whole, strict=False):
+        writer.append(datagram.payload, time_ns=number * 20_000_000, address="127.0.0.1", port=39539)
+    writer.close()
+    with pytest.raises(SystemExit) as ended:
+        main(["run", "--robot", "op3", "--source", f"replay://{short}?kind=vmc", "--countdown", "0"])
+    assert ended.value.code == STOPPED
+    shows(next(line for line in capsys.readouterr().err.splitlines() if "followed" in line))
+
+
+@pytest.mark.long
+def test_a_real_person_who_is_followed_at_once_keeps_the_robots_soles_to_the_end(slimevr: str, tmp_path: Path) -> None:
+    """With an approach that was too short, the mass was outside the support for 138 ticks, and a sole was lifted by 11
+    mm on the way to rest."""
+    report = tmp_path / "report.json"
+    with pytest.raises(SystemExit) as ended:
+        main(["run", "--robot", "op3", "--source", slimevr, "--countdown", "0", "--report", str(report)])
+    found = json.loads(report.read_text(encoding="utf-8"))
+    assert ended.value.code == DONE and found["stop"] == {"state": "off", "reason": None}
+    assert found["com_outside_support_frames"] == 0
+    assert found["soles"]["height_mm"] < 0.5 and found["soles"]["tilt_deg"] < 0.1
 
 
 def test_a_file_has_no_live_options() -> None:

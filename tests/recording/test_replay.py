@@ -185,6 +185,9 @@ class Held:
     def poll(self) -> None:
         self._polls += 1
 
+    def hold(self) -> None:
+        pass
+
     def sample(self, tick: int) -> SensorSample | None:
         self._tick = tick
         sample = self._clip.sample(tick)

@@ -19,12 +19,13 @@ from retarget.report import motion_metrics
 from retarget.report.motion_metrics import LimitViolations, limit_violations
 from retarget.robot.balance import StandingBalance
 from retarget.robot.follower import (
+    NEAR_STANCE,
     RESTING_SPEED,
     RESTS_S,
     SETTLING_S,
     STANCE_RESTING_SPEED,
     Follower,
-    ReturnToStance,
+    StanceTrajectory,
     TimeScaling,
     return_to_stance_of,
     stance_angles,
@@ -209,19 +210,39 @@ def test_joints_are_led_straight_from_where_they_are() -> None:
 def test_one_tick_that_stands_still_is_no_stand() -> None:
     """Where limbs meet, all stand still for a tick."""
     follower = Follower(op3(), load_priorities("balanced"), dimensions(performer()))
-    to_stance = ReturnToStance(op3(), follower.stance, follower.landmark_map.standing)
+    to_stance = StanceTrajectory(op3(), follower.stance, follower.landmark_map.standing)
     to_stance.begin(follower.stance.q, DT)
     moving, still = np.ones(op3().body.nv), np.zeros(op3().body.nv)
-    assert all(to_stance.goes_on(still, DT, stands=True) for _ in range(100)), "joints are still led"
+    there = op3().posture(stance_angles(op3()))
+    assert all(to_stance.goes_on(there, still, DT, stands=True) for _ in range(100)), "joints are still led"
     for _ in range(2000):
         to_stance.lead(1.0)
     for velocity in [moving] * 100 + [still] + [moving] * 10 + [still] * round((RESTS_S - 0.5 * DT) / DT):
-        assert to_stance.goes_on(velocity, DT, stands=True)
-    assert to_stance.goes_on(still, DT, stands=False), "a foot is in the air"
-    assert all(to_stance.goes_on(still, DT, stands=True) for _ in range(round((RESTS_S - 0.5 * DT) / DT)))
-    assert not to_stance.goes_on(still, DT, stands=True)
+        assert to_stance.goes_on(there, velocity, DT, stands=True)
+    assert to_stance.goes_on(there, still, DT, stands=False), "a foot is in the air"
+    assert all(to_stance.goes_on(there, still, DT, stands=True) for _ in range(round((RESTS_S - 0.5 * DT) / DT)))
+    assert not to_stance.goes_on(there, still, DT, stands=True)
+    off = there + 1.01 * NEAR_STANCE * (np.arange(there.size) == op3().servo_columns[3])
+    assert all(to_stance.goes_on(off, still, DT, stands=True) for _ in range(100)), "a joint is elsewhere"
     to_stance.begin(follower.stance.q, DT)
-    assert to_stance.goes_on(still, DT, stands=True), "and once more from the beginning"
+    assert to_stance.goes_on(there, still, DT, stands=True), "and once more from the beginning"
+
+
+def test_a_return_to_stance_that_was_refused_goes_on_from_where_the_robot_is() -> None:
+    """Joints that were led on meanwhile would count as there, or be far ahead of a robot that may go on at last."""
+    robot = crouched()
+    stood, still = robot._q.copy(), np.zeros(op3().body.nv)
+    for _ in range(500):
+        assert robot.return_to_stance(DT) is not None, "it is not there"
+        robot.reseed(stood, still)
+    way = [stood]
+    while (q := robot.return_to_stance(DT)) is not None:
+        way.append(q)
+    found = limit_violations(np.array(way)[:, op3().servo_columns], op3().limits, DT)
+    assert (found.velocity, found.acceleration) == (0, 0)
+    assert np.abs(way[10] - way[0])[op3().servo_columns].max() < 0.01, "it begins gently"
+    aside = op3().posture(stance_angles(op3()))
+    assert np.abs(way[-1] - aside)[op3().servo_columns].max() < NEAR_STANCE
 
 
 @pytest.mark.parametrize(("override", "longest"), [(1.0, 1.0), (0.5, 2.0)])

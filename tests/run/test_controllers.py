@@ -215,14 +215,14 @@ def test_a_stop_on_the_straight_part_keeps_its_line_and_one_on_the_soles_is_the_
     stop = WholeBodyStop(op3(), driven.follower, driven.commanded, approach, dt=DT)
     for _ in range(60):
         driven.take(approach.target(None, speed_override=1.0))
-    while (target := stop.target()) is not None:
+    while (target := stop.target(None, speed_override=1.0)) is not None:
         assert target.q is None and driven.take(target)
     assert driven.commanded.stands
     driven.assert_straight()
     approach.part, halted = ApproachPart.SETTLING, standing() + 0.0
     driven.follower.halt = lambda dt: halted  # type: ignore[method-assign]
     driven.commanded.stood_s = driven.commanded.waited_s = 0.0
-    target = stop.target()
+    target = stop.target(None, speed_override=1.0)
     assert target is not None and target.q is halted
 
 
@@ -265,27 +265,17 @@ class ReturningFollower(StubFollower):
 
 
 @pytest.mark.parametrize("warm", [1.0, 0.25])
-def test_it_returns_to_stance_once_from_where_it_stands(warm: float) -> None:
+def test_it_returns_to_stance_from_where_it_stands(warm: float) -> None:
     driven, robot = Driven(), ReturningFollower(op3(), np.zeros((1, 20)))
     to_stance = ReturnToStance(op3(), robot, driven.commanded, dt=DT)
     to_stance.begin()
     targets = []
     while (target := to_stance.target(None, speed_override=warm)) is not None:
+        assert not to_stance.arrived
         targets.append(target)
     assert len(targets) == 20 and all(target.q is not None for target in targets) and to_stance.arrived
     assert set(robot.overrides) == {warm}
     assert len(robot.returns) == 1 and np.array_equal(robot.returns[0], stand())
-    to_stance.begin()
-    assert to_stance.arrived and len(robot.returns) == 1, "a stop after it does not return again"
-
-
-def test_a_return_to_stance_that_was_broken_off_does_not_begin_again() -> None:
-    driven, robot = Driven(), ReturningFollower(op3(), np.zeros((1, 20)))
-    to_stance = ReturnToStance(op3(), robot, driven.commanded, dt=DT)
-    to_stance.begin()
-    to_stance.target(None, speed_override=1.0)
-    to_stance.begin()
-    assert to_stance.arrived and to_stance.target(None, speed_override=1.0) is None
 
 
 # The way to rest.

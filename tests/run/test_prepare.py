@@ -1,14 +1,20 @@
-"""The gate of a robot: what it compensates, and what it checks."""
+"""The gate of a robot: what it compensates, and what it checks; which runs have deadlines."""
 
 import numpy as np
 import pytest
 
 from followers import DT, follower, op3
 from gates import admit
-from retarget.run.prepare import make_gate
+from hardware.clock import VirtualClock
+from retarget.human.samples import Playback
+from retarget.run.loop import Watch
+from retarget.run.options import RunOptions
+from retarget.run.prepare import make_gate, prepare
 from retarget.safety.gate import Gate, PassThroughGate
 from retarget.schema.priorities import load_priorities
 from retarget.types import FloatArray
+from sim.mock_bus import mock_bus
+from sim.performer import synthetic_performer
 
 
 def standing() -> FloatArray:
@@ -56,3 +62,12 @@ def test_compensated_goals_are_checked_for_collision() -> None:
         passed.append(goal is not None)
         present = (goal or gate.brake()).posture
     assert passed[0] and not passed[-1]
+
+
+@pytest.mark.parametrize(("bus", "reason"), [("mock", None), ("profile", "no tick for 0.3 s, allowed 0.08 s")])
+def test_a_slow_host_stops_real_servos_and_no_simulated_robot(bus: str, reason: str | None) -> None:
+    clock = VirtualClock()
+    options = RunOptions(robot="op3", bus=bus, priorities="servo", playback=Playback(end=0.3))
+    with prepare(synthetic_performer, options, clock=clock, make_bus=mock_bus) as prepared:
+        run = prepared.run(Watch(on_row=lambda record, row: clock.advance(0.3) if row == 50 else None))
+    assert (run.state, run.reason) == ("off", reason) and (run.ticks_followed > 1) == (reason is None)

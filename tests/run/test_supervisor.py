@@ -17,6 +17,8 @@ from retarget.run.supervisor import (
     COMMANDED_S,
     LONGEST_BRAKE_S,
     LONGEST_HOLD_S,
+    LONGEST_RETURN_S,
+    LONGEST_STOP_S,
     STATES,
     TRANSITIONS,
     Event,
@@ -227,6 +229,33 @@ def test_on_the_straight_approach_a_stop_goes_straight_to_rest() -> None:
     )
 
 
+@pytest.mark.parametrize("fails", [False, True])
+def test_a_return_to_stance_that_is_broken_off_is_not_tried_again(fails: bool) -> None:
+    supervisor, rig = running()
+    supervisor.step(1.0, Situation(stop="space bar"), rig.guard)
+    assert supervisor.step(1.1, STANDS, rig.guard) is RunState.RETURN_TO_STANCE
+    now = 1.2 + LONGEST_RETURN_S * (not fails)
+    if fails:
+        supervisor.fail(now, "it broke", StopCause.SOURCE, rig.guard, may_brake=True)
+    else:
+        supervisor.step(now, Situation(), rig.guard)
+    assert state_of(supervisor) is RunState.STOPPING
+    assert supervisor.step(now + 0.1, STANDS, rig.guard) is RunState.GO_TO_REST
+
+
+@pytest.mark.parametrize("state", [RunState.STOPPING, RunState.RETURN_TO_STANCE, RunState.GO_TO_REST])
+def test_a_stop_has_a_bound_as_a_whole(state: RunState) -> None:
+    supervisor, rig = running()
+    supervisor.step(1.0, Situation(stop="space bar"), rig.guard)
+    supervisor.state, supervisor.since = state, 1.0 + LONGEST_STOP_S
+    assert supervisor.step(1.0 + LONGEST_STOP_S, Situation(), rig.guard) is state
+    assert supervisor.step(1.1 + LONGEST_STOP_S, Situation(), rig.guard) is TRANSITIONS[state, Event.TIMEOUT].to
+
+
+def state_of(supervisor: Supervisor) -> RunState:
+    return supervisor.state
+
+
 def test_without_a_way_to_rest_torque_goes_off_where_the_robot_stands() -> None:
     supervisor, rig = running()
     supervisor.step(1.0, Situation(over=True), rig.guard)
@@ -245,7 +274,8 @@ def test_braking_has_a_bound() -> None:
 def test_the_way_to_rest_has_a_bound(state: RunState) -> None:
     supervisor, rig = running(state=state)
     after = supervisor.step(1.0 + STATES[state].limit_s, Situation(), rig.guard)
-    assert after is TRANSITIONS[state, Event.TIMEOUT].to and rig.guard.stop is None
+    assert after is TRANSITIONS[state, Event.TIMEOUT].to
+    assert (rig.guard.stop is not None) == (state is RunState.GO_TO_REST), "a run that does not end at rest failed"
 
 
 # A tick that fails.

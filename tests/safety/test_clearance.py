@@ -226,6 +226,7 @@ def test_a_thin_obstacle_between_two_clear_rows_is_found() -> None:
     assert not is_clear(among, path)
     part, obstacle = among.clearance.in_the_way(among.observers.names).split(" and ")
     assert part == "l_forearm" and obstacle == "wire"
+    assert is_clear(among, path[[0, 0]]) and among.clearance.in_the_way(among.observers.names) == "", "nothing now"
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -262,20 +262,19 @@ def test_goals_are_numbered_and_belong_to_their_gate() -> None:
     assert {goal.seal for goal in goals} == {gate.brake().seal} != {other.brake().seal}
 
 
-def test_goals_pass_and_braking_ends_at_rest() -> None:
-    gate = PassThroughGate(np.full(2, 10.0), dt=0.1)
-    gate.begin(np.zeros(2))
-    assert gate.at_rest
-    np.testing.assert_array_equal(admit(gate, np.array([0.25, -5.0])), [0.25, -5.0])
-    np.testing.assert_allclose(gate.brake().joints, [0.4, -9.9])
-    for _ in range(100):
+def test_without_limits_goals_pass_and_braking_ends_at_rest() -> None:
+    gate = PassThroughGate.for_servos(MAP, dt=DT)
+    gate.begin(np.zeros(4))
+    far = np.array([0.25, -5.0, 0.0, 0.0])
+    np.testing.assert_array_equal(admit(gate, far), far)
+    np.testing.assert_allclose(gate.brake().joints, far + np.sign(far) * (np.abs(far) - CHANGE * (far != 0.0)))
+    while not gate.at_rest:
         gate.brake()
-    assert gate.at_rest
     np.testing.assert_array_equal(gate.brake().joints, sent(gate))
 
 
-@pytest.mark.parametrize("goal", [[np.nan, 0.0], [np.inf, 0.0], [0.0]])
-def test_what_no_servo_can_take(goal: list[float]) -> None:
-    gate = PassThroughGate(np.full(2, 10.0), dt=0.1)
-    with refuses(HardwareError):
-        admit(gate, np.array(goal))
+@pytest.mark.parametrize("goal", [[np.nan, 0.0, 0.0, 0.0], [np.inf, 0.0, 0.0, 0.0], [0.0]])
+def test_without_limits_what_no_servo_can_take_is_refused(goal: list[float]) -> None:
+    gate = PassThroughGate.for_servos(MAP, dt=DT)
+    gate.begin(np.zeros(4))
+    assert gate.check(np.array(goal)) is None

@@ -38,7 +38,11 @@ def test_a_performer_is_followed_and_the_robot_goes_to_rest() -> None:
     report = measure(result)
     assert any("m tall" in text for text in rig.said)
     shows(rig.said)
-    assert report.likeness_deg is not None and report.likeness_deg["forearms"].mean < 40.0 and report.hand_path_ratio is not None
+    assert (
+        report.likeness_deg is not None
+        and report.likeness_deg["forearms"].mean < 40.0
+        and report.hand_path_ratio is not None
+    )
     assert result.stop is None and not rig.bus.torque_on
     robot, sent = result.robot, result.record.robot
     assert robot is not None and sent is not None
