@@ -33,7 +33,7 @@ class Table:
 
 
 def likeness(report: Report) -> list[str]:
-    """Angles between limbs, and how far the trunk leans from the performer's, degrees; the worse hand within reach, mm."""
+    """Angles between limbs, and how far the trunk leans from the performer's, degrees; the worse hand, mm."""
     limbs = [report["likeness_deg"][limb] for limb in ("upper_arms", "forearms")]
     lean = report["trunk_lean_deg"]
     angles = [f"{limb['mean']:.0f}; {limb['p95']:.0f}" for limb in limbs]

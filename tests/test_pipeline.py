@@ -121,7 +121,7 @@ def test_the_performer_is_followed() -> None:
     goals = [pipeline.step(frames().sample(tick * DT), DT) for tick in range(250)]
     hands = [goals[0].landmark_names.index(name) for name in ("l_hand", "r_hand")]
     off = [np.linalg.norm(one.landmarks_asked - one.landmarks_reached, axis=1)[hands].max() for one in goals]
-    assert np.median(off) < 0.02
+    assert np.median(off) < 0.04
     assert min(one.human.joint("head")[2] for one in goals) < goals[0].human.joint("head")[2] - 0.1
     assert np.ptp([one.joint_positions for one in goals], axis=0).max() > 0.5
     assert keep_limits([one.joint_positions for one in goals])

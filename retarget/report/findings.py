@@ -183,6 +183,7 @@ def _observers(report: Report) -> Iterator[Finding]:
 
 
 MOST = 3
+"""Reasons for data that were not used that the line names: those of which there were most."""
 
 
 def stream_line(live: LiveReport | None) -> str:

@@ -1,6 +1,7 @@
 """The report of a finished run, measured on the record: from what was sent, not from a stage's own residuals."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import TypedDict
 
 import numpy as np
 
@@ -113,7 +114,7 @@ HANDS = ("l_hand", "r_hand", "l_wrist", "r_wrist")
 
 def measure(run: RunResult) -> Report:
     """The report of a run."""
-    (names, asked, reached), stand, (clear, switches, observers) = run.followed, _standing(run), _observers(run)
+    (names, asked, reached), (clear, switches, observers) = run.followed, _observers(run)
     return Report(
         frames=min(played := run.clip.frames_played(run.ticks_followed), run.clip.source_frames),
         ticks=len(run.record),
@@ -133,8 +134,7 @@ def measure(run: RunResult) -> Report:
         gated_frames=None if run.record.robot is None else int(np.count_nonzero(run.record.robot.gated)),
         limit_violations=limits_broken(run),
         priority_violation_max=in_mm(top_level_error(run)),
-        com_outside_support_frames=stand.outside,
-        foot_slide_mm=in_mm(stand.slide),
+        **_standing(run),
         jerk_p95=jerk_p95(_joint_positions(run)[run.record.following], run.clip.dt),
         fallen=None if run.physics is None else run.physics.fall is not None,
         mode_switches_per_s=switches,
@@ -148,8 +148,6 @@ def measure(run: RunResult) -> Report:
         trunk_lean_deg=likeness[1],
         reachable_hands_mm=(hands := _hands(run, reached))[0],
         reachable_share=hands[1],
-        com_margin_mm=in_mm(stand.margin),
-        soles=stand.soles,
         closest_links=clear.closest,
         deep=clear.deep,
         observers=observers,
@@ -283,27 +281,26 @@ def _observers(run: RunResult) -> tuple[RunClearances, ModeSwitches | None, Obse
     return clear, seen.switches, ObserversReport(clear.observers, seen.activations, seen.reactive)
 
 
-@dataclass(frozen=True)
-class _Standing:
-    outside: int | None = None
-    margin: float | None = None
-    slide: float | None = None
-    soles: Soles | None = None
+class _Standing(TypedDict):
+    com_outside_support_frames: int | None
+    foot_slide_mm: float | None
+    com_margin_mm: float | None
+    soles: Soles | None
 
 
 def _standing(run: RunResult) -> _Standing:
     """Centre of mass and soles of the postures that were sent; nothing for a body without feet or without free root."""
     robot, sent = run.robot, run.record.robot
     if robot is None or sent is None or not robot.stands or not len(sent.q):
-        return _Standing()
+        return _Standing(com_outside_support_frames=None, foot_slide_mm=None, com_margin_mm=None, soles=None)
     stand = motion_metrics.standing_of(robot, sent.q)
     known = stand.margin[np.isfinite(stand.margin)]
     height = max(float(np.abs(sole.position[:, 2]).max()) for sole in stand.soles)
     tilt = max(float(motion_metrics.sole_tilt(sole).max()) for sole in stand.soles)
     return _Standing(
-        outside=int(np.count_nonzero(stand.outside)),
-        margin=float(known.min()) if known.size else None,
-        slide=max(motion_metrics.foot_slide(sole) for sole in stand.soles),
+        com_outside_support_frames=int(np.count_nonzero(stand.outside)),
+        foot_slide_mm=MM * max(motion_metrics.foot_slide(sole) for sole in stand.soles),
+        com_margin_mm=MM * float(known.min()) if known.size else None,
         soles=Soles(MM * height, float(np.rad2deg(tilt))),
     )
 

@@ -186,6 +186,7 @@ GAP, ROOM = 0.07, 0.12
 HUMAN_BONES: tuple[Bone, ...] = tuple(
     (POINTS[parent], name) for name, parent in zip(POINTS, PARENTS, strict=True) if parent >= 0
 )
+"""Bones of the human: each joint with the one that carries it."""
 _LIMBS = (("shoulder", "elbow"), ("elbow", "hand"), ("hip", "knee"), ("knee", "ankle"), ("ankle", "toe"))
 ROBOT_BONES: tuple[Bone, ...] = (
     *(("pelvis", "neck"), ("neck", "head")),

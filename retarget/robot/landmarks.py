@@ -234,6 +234,18 @@ class AskedLandmarks:
         return replace(self, landmarks=landmarks)
 
 
+@dataclass(frozen=True)
+class _Mark:
+    """How one landmark is asked. place: in the stance; offset: from the end of the limb; carried: its anchor from the
+    pelvis, in the frame of an upright trunk, all m. joined: row of the landmark at which it begins, if it does."""
+
+    role: Role
+    place: Vector
+    offset: Vector
+    carried: Vector
+    joined: int
+
+
 class LandmarkMap:
     """Maps the postures of one performer to landmarks of one robot. Its only state is the performer's heading, and for
     one that steps, which of the performer's feet carry."""
@@ -263,6 +275,7 @@ class LandmarkMap:
         self._weights = np.zeros((len(self._sums), 0))
         line = _weights([TRUNK_LINE], POINTS) @ dimensions.standing()
         self._upright = arc(_vector(line[0]), UP)
+        self._marks: list[_Mark] = []
         self._plan(profile, entries, stance)
         self._feet_apart = None if stance.soles else feet_apart(profile, stance, self.names)
 
@@ -274,33 +287,28 @@ class LandmarkMap:
         anchors = [np.mean([stance.points[name] for name in entry.anchor], axis=0) for entry in entries]
         self._pelvis = None if pelvis is None else self.names.index("pelvis")
         self._feet = _vector(anchors[self._pelvis]) if self._pelvis is not None else (0.0, 0.0, 0.0)
-        self._places = [_vector(stance.points[entry.frame]) for entry in entries]
-        self._offset = [entry.offset for entry in entries]
-        self._carried = [_vector(anchor - place) for anchor in anchors]  # in the frame of an upright trunk
-        above = [{other.frame: row for row, other in enumerate(entries[:end])} for end in range(len(entries))]
-        self._joined = [places.get(entry.anchor[0]) for entry, places in zip(entries, above, strict=True)]
-        self._limbs = [self.names.index(name) for name in limb_names(profile) if name != TRUNK]
-        has_trunk = TRUNK in limb_names(profile)
-        self._trunk_line = [_vector(stance.points[TRUNK] - stance.points[PELVIS])] if has_trunk else []
-        limbs = [minus(end, _vector(begin)) for end, begin in zip(self._places, anchors, strict=True)]
-        self._standing = AskedLandmarks(self._places, self._of_limbs(limbs, IDENTITY), IDENTITY, FORWARD)
-        self._roles = []
-        for (name, entry), joined in zip(profile.landmarks.items(), self._joined, strict=True):
+        ends = [_vector(stance.points[entry.frame]) for entry in entries]
+        rows: dict[str, int] = {}  # of the landmarks above, by frame
+        for row, (name, entry) in enumerate(profile.landmarks.items()):
+            joined = rows.get(entry.anchor[0])
             if entry.frame in soles or (name == "pelvis" and self._envelope is None):
-                self._roles.append(Role.STILL)
+                role = Role.STILL
             elif name == "pelvis":
-                self._roles.append(Role.PELVIS)
+                role = Role.PELVIS
             elif self._envelope is None and entry.follows == HEAD_ALONE:
-                self._roles.append(Role.STILL)
+                role = Role.STILL
             elif set(entry.measured_from) <= PELVIS_JOINTS:
-                self._roles.append(Role.BORNE)
+                role = Role.BORNE
             else:
-                self._roles.append(Role.LIMB if joined is None else Role.JOINED)
-
-    @property
-    def standing(self) -> AskedLandmarks:
+                role = Role.LIMB if joined is None else Role.JOINED
+            self._marks.append(_Mark(role, ends[row], entry.offset, _vector(anchors[row] - place), joined or 0))
+            rows.setdefault(entry.frame, row)
+        names = limb_names(profile)
+        self._limbs = [self.names.index(name) for name in names if name != TRUNK]
+        self._trunk_line = [_vector(stance.points[TRUNK] - stance.points[PELVIS])] if TRUNK in names else []
+        limbs = [minus(end, _vector(begin)) for end, begin in zip(ends, anchors, strict=True)]
+        self.standing = AskedLandmarks(ends, self._of_limbs(limbs, IDENTITY), IDENTITY, FORWARD)
         """What asks the robot to stand as in its stance."""
-        return self._standing
 
     def restart(self) -> None:
         """A new performance: take the heading of its first posture as it is."""
@@ -335,17 +343,17 @@ class LandmarkMap:
         # A trunk that cannot lean as far takes the limbs along that hang from it.
         lean_less = product(trunk, inverse(seen))
         landmarks: list[Vector] = []
-        for row, role in enumerate(self._roles):
-            limb = rotated(lean_less, limbs[row]) if role is Role.BORNE else limbs[row]
-            limbs[row] = limb = plus(limb, self._offset[row])
-            if role is Role.STILL:
-                landmarks.append(self._places[row])
-            elif role is Role.PELVIS:
+        for row, mark in enumerate(self._marks):
+            limb = rotated(lean_less, limbs[row]) if mark.role is Role.BORNE else limbs[row]
+            limbs[row] = limb = plus(limb, mark.offset)
+            if mark.role is Role.STILL:
+                landmarks.append(mark.place)
+            elif mark.role is Role.PELVIS:
                 landmarks.append(pelvis)
-            elif (joined := self._joined[row]) is not None and role is Role.JOINED:
-                landmarks.append(plus(landmarks[joined], limb))
+            elif mark.role is Role.JOINED:
+                landmarks.append(plus(landmarks[mark.joined], limb))
             else:
-                landmarks.append(plus(plus(pelvis, rotated(trunk, self._carried[row])), limb))
+                landmarks.append(plus(plus(pelvis, rotated(trunk, mark.carried)), limb))
         if self._feet_apart is not None:
             self._feet_apart.ask(landmarks)
         return AskedLandmarks(landmarks, self._of_limbs(limbs, trunk), trunk, gaze, apart, human.carrying)
@@ -357,8 +365,8 @@ class LandmarkMap:
     def _pelvis_asked(self, limbs: list[Vector], aside: Vector | None) -> Vector:
         """The pelvis over the planted ankles, `aside` of their middle, no lower than the robot gets."""
         if self._envelope is None or self._pelvis is None:
-            return (0.0, 0.0, 0.0) if self._pelvis is None else self._places[self._pelvis]
-        over = plus(plus(self._feet, limbs[self._pelvis]), self._offset[self._pelvis])
+            return (0.0, 0.0, 0.0) if self._pelvis is None else self._marks[self._pelvis].place
+        over = plus(plus(self._feet, limbs[self._pelvis]), self._marks[self._pelvis].offset)
         x, y, z = over if aside is None else plus(over, aside)
         low, high = self._envelope.lowest, self._envelope.highest
         return x, y, high - drawn_in(high - z, high - low, CROUCH_KNEE)

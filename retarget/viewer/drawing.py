@@ -145,6 +145,7 @@ EDGE_M = 0.0005
 CENTRE, DISC, POINT, PRESSED = 0.023, 0.029, 0.022, 0.013
 """Radii, as shares of the robot's height."""
 OBSERVER_OPACITY, OBSTACLE_OPACITY = 0.35, 0.75
+"""What is inside an observer is seen through it; an obstacle is more solid."""
 
 
 def _add_ground(scene: "viser.SceneApi", cast: Cast, height: float) -> dict[str, Part]:

@@ -30,7 +30,9 @@ START_S = 30.0
 LAST_ROW_S, ENDING_S = 0.2, 4.0
 """The last row is sent within the first of these, and the process of the page ends within the second, s."""
 BUFFER_BYTES = 1 << 17
+"""Room of the socket: two rows of the largest robot; what does not fit is dropped."""
 LONGEST_ANSWER = 4096
+"""Bytes of an answer of the page, and more."""
 
 
 @dataclass(frozen=True)

@@ -236,14 +236,14 @@ def test_the_space_bar_again_switches_torque_off_at_once_and_a_held_one_does_not
 
 
 def test_a_pause_holds_and_goes_on() -> None:
-    rig, result, _ = played(Typed({450: "p", 550: "p"}))
+    rig, result, _ = played(Typed({550: "p", 650: "p"}))
     assert rig.said.count("paused: the robot holds; p goes on") == rig.said.count("going on") == 1
     assert rig.said.count("the performer is followed") == 2
     assert result.stop is None
 
 
 def test_a_new_heading_is_taken_without_a_jump() -> None:
-    rig, result, _ = played(Typed({450: "h"}))
+    rig, result, _ = played(Typed({550: "h"}))
     shows(rig.said)
     assert rig.said.count("the performer is followed") == 2
     steps = np.linalg.norm(np.diff(result.clip.frames.position, axis=0), axis=2)
@@ -252,7 +252,7 @@ def test_a_new_heading_is_taken_without_a_jump() -> None:
 
 def test_a_file_that_appears_stops_the_robot(tmp_path: Path) -> None:
     file = tmp_path / "stop"
-    rig, result, _ = played(StopFile(file), each=lambda look, machine: file.touch() if look == 451 else None)
+    rig, result, _ = played(StopFile(file), each=lambda look, machine: file.touch() if look == 551 else None)
     shows(rig.said, file)
     assert result.stop is not None and result.reason == result.stop.reason == f"{file} is there"
 
@@ -270,8 +270,8 @@ class Unreadable(type(Path())):  # type: ignore[misc]
 def test_a_file_that_cannot_be_looked_for_stops_the_robot_as_well() -> None:
     """It brakes and goes to rest as ever, and checks that fail meanwhile switch no torque off."""
     file = Unreadable("stop")
-    _, result, _ = played(StopFile(file), each=lambda look, machine: setattr(file, "failed", look > 430))
-    _, asked, _ = played(Typed({432: " "}))
+    _, result, _ = played(StopFile(file), each=lambda look, machine: setattr(file, "failed", look > 530))
+    _, asked, _ = played(Typed({532: " "}))
     assert result.stop is not None and abs(len(result.record) - len(asked.record)) < 10
     assert result.stop.reason == f"stop cannot be looked for ({os.strerror(errno.EIO)})"
 
@@ -319,7 +319,7 @@ def test_a_stop_is_requested_before_anything_is_reported() -> None:
 
 def test_a_socket_holds_stops_and_answers_and_gives_no_motion(tmp_path: Path) -> None:
     answers: dict[int, str] = {}
-    words = {450: "status", 460: "hold", 480: "resume", 490: "status", 600: "stop"}
+    words = {550: "status", 560: "hold", 580: "resume", 590: "status", 700: "stop"}
     rig = rigged(5.0)
     with rig.prepared() as prepared:
         machine = prepared.machine
@@ -338,12 +338,12 @@ def test_a_socket_holds_stops_and_answers_and_gives_no_motion(tmp_path: Path) ->
                 return controls.look()
 
             result = prepared.run(Watch(stop_asked=look, torque_off_asked=controls.forced_stop, why=controls.why))
-            answers[600] = client.recv(500).decode()
+            answers[700] = client.recv(500).decode()
         server.close()
-    assert json.loads(answers[450]) == {"state": "follow", "followed": True, "let_go": False, "stop": None}
-    assert answers[460] == "ok holding\n" and answers[600] == "ok stopping\n"
-    assert answers[480].startswith("error: found 'resume', allowed: stop, torque_off, hold, status")
-    assert json.loads(answers[490]) == {"state": "hold", "followed": False, "let_go": True, "stop": None}
+    assert json.loads(answers[550]) == {"state": "follow", "followed": True, "let_go": False, "stop": None}
+    assert answers[560] == "ok holding\n" and answers[700] == "ok stopping\n"
+    assert answers[580].startswith("error: found 'resume', allowed: stop, torque_off, hold, status")
+    assert json.loads(answers[590]) == {"state": "hold", "followed": False, "let_go": True, "stop": None}
     shows(rig.said)
     assert rig.said.count("the performer is followed") == 1
     assert result.stop is not None and result.stop.reason == STOPPED_BY and not rig.bus.torque_on

@@ -121,9 +121,9 @@ def test_every_state_of_a_sensor_has_a_word() -> None:
 @pytest.mark.parametrize(
     ("fault", "cause"),
     [
-        (frozen("r_ankle", 5.0, 60.0), "r_ankle: frozen"),
-        (flying("l_wrist", 5.0), "not for long enough at a time, at last: l_wrist: jumped"),
-        (now_and_then(5.0, 8.7), "not for long enough at a time, at last: nothing arrived"),
+        (frozen("r_ankle", 6.0, 60.0), "r_ankle: frozen"),
+        (flying("l_wrist", 6.0), "not for long enough at a time, at last: l_wrist: jumped"),
+        (now_and_then(6.0, 9.7), "not for long enough at a time, at last: nothing arrived"),
     ],
 )
 def test_the_hold_reason_is_the_reason_of_the_stop(fault: SenderFault, cause: str) -> None:

@@ -34,7 +34,7 @@ def test_a_run_of_a_robot(run: RunResult, tmp_path: Path) -> None:
     assert (ticks, joints) == (len(run.record), 20) == saved["goal_ticks"].shape
     assert saved["time"].shape == saved["gated"].shape == saved["phase"].shape == (ticks,)
     assert saved["root_position"].shape == (ticks, 3) and saved["root_quaternion"].shape == (ticks, 4)
-    assert saved["landmarks_asked"].shape == saved["landmarks_reached"].shape == (ticks, 6, 3)
+    assert saved["landmarks_asked"].shape == saved["landmarks_reached"].shape == (ticks, 10, 3)
     assert saved["human_truth"].shape == saved["human_joint_positions"].shape
     assert saved["gated"].dtype == np.bool_ and saved["goal_ticks"].dtype == np.int64
     assert [entry.name for entry in tmp_path.iterdir()] == ["run.npz"]

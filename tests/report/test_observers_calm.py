@@ -51,7 +51,6 @@ def test_a_hand_that_rests_against_a_sphere_rests(tick: int) -> None:
     assert done.swing() < 1e-4
 
 
-@pytest.mark.xfail(reason="a hand pressed against a box that balance keeps it from leaving chatters by 7 mrad")
 def test_a_hand_that_rests_against_a_box_rests() -> None:
     motion = raised()[:200]
     x, y, z = act(robot(None), None, motion).reached("r_hand")[-1]
