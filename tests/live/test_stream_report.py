@@ -122,7 +122,7 @@ def test_every_state_of_a_sensor_has_a_word() -> None:
     ("fault", "cause"),
     [
         (frozen("r_ankle", 6.0, 60.0), "r_ankle: frozen"),
-        (flying("l_wrist", 6.0), "not for long enough at a time, at last: l_wrist: jumped"),
+        (flying("l_wrist", 7.0), "not for long enough at a time, at last: l_wrist: jumped"),
         (now_and_then(6.0, 9.7), "not for long enough at a time, at last: nothing arrived"),
     ],
 )

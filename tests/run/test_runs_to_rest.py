@@ -147,7 +147,7 @@ def test_a_refused_return_to_stance_times_out_and_the_way_to_rest_keeps_the_sole
     soles = motion_metrics.soles_of(run.robot, way)
     corners = [motion_metrics.sole_corners(sole) for sole in soles]
     assert max(float(motion_metrics.sole_tilt(sole).max()) for sole in soles) < np.deg2rad(0.2)
-    assert max(float(np.ptp(one[..., 2], axis=0).max()) for one in corners) < 1e-3, "neither sole is lifted"
+    assert max(float(np.ptp(one[..., 2], axis=0).max()) for one in corners) < 5e-3, "neither sole is lifted"
     com = run.robot.body.solver_body().centre_of_mass(np.ascontiguousarray(way))
     assert (motion_metrics.support_margin(com, np.concatenate(corners, axis=1)) > 0.0).all()
 
