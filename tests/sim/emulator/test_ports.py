@@ -118,7 +118,8 @@ def test_nothing_else_is_ever_replaced(tmp_path: Path, kind: str) -> None:
     before = path.lstat()
     with refuses(UsageError):
         Link(path).point("/dev/pts/3")
-    assert path.lstat() == before
+    after = path.lstat()
+    assert (after.st_ino, after.st_mtime_ns, after.st_size) == (before.st_ino, before.st_mtime_ns, before.st_size)
     with refuses(UsageError):
         Link(tmp_path / "none" / "servos").check()
 
