@@ -112,7 +112,7 @@ def test_squeezed_by_more_than_it_can_yield_it_stays_within_limits() -> None:
     assert np.isfinite(done.q).all() and done.self_apart() > 0.0
     assert_within_limits(done.joints)
     left, right = done.distance[-1]
-    assert left == pytest.approx(right, abs=2e-3)
+    assert left == pytest.approx(right, abs=3e-3)
     assert min(left, right) > -0.015
 
 
