@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from retarget.types import HumanPosture
 
 
-NEAR = 1e-5
-"""rad. Goals are kept in single precision: those that were at a limit may miss it by less, and are put back inside."""
 MOST_REFUSED, GONE_S = 5, 1.0
 """The most refusals in a row, each within so many s of the trajectory after the last; one more ends the playback."""
 FOR_EVER = 10**9
@@ -129,7 +127,7 @@ class RecordedGoals:
             if np.array_equal(self._back.position, there):
                 moved = there - self._here
         else:
-            moved = self._inside(there - self._here)
+            moved = there - self._here
             last = len(self._joints) - 1.0
             on = self._gone + self._pace * self._speed_override
             self._gone = min(on, last) if self._gone < last else on
@@ -189,12 +187,6 @@ class RecordedGoals:
             here = here + moved
             rows.append(here)
         return rows
-
-    def _inside(self, moved: FloatArray) -> FloatArray:
-        """A displacement (n,) rad, inside the limits where it misses them by a rounding."""
-        low, high = self._braking.bounds(self._here, self._moved)
-        inside = np.minimum(np.maximum(moved, low), high)
-        return inside if np.abs(inside - moved).max() < NEAR else moved
 
     def _posture(self, joints: FloatArray) -> RobotPosture:
         robot, q = self._robot, self._robot.body.qpos0.copy()

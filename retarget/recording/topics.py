@@ -147,7 +147,7 @@ def _of_servos(servos: JointMap, seldom: Which) -> list[Topic]:
             *(JOINTS, state, names, lambda cycles: seldom(cycles) & (cycles.read == Done.WELL), joints),
             dict(given) | {"velocity": len(names)},
         ),
-        _topic(GOALS, state, names, _kept, lambda cycles: {"position": cycles.q.astype(np.float32)}, given),
+        _topic(GOALS, state, names, _kept, lambda cycles: {"position": cycles.q}, given),
         _topic(
             SERVOS,
             "retarget_msgs/msg/Servos",
