@@ -99,7 +99,7 @@ LOOP_LIMIT_S = 600.0
 SEAM_S = 1.0
 """Time (s of the performer's time) that a loop takes from its last frame to its first."""
 MAX_TICKS = 250_000
-"""Most ticks of one run: half an hour at 125 Hz, longer than any recording that is read, and read back when saved."""
+"""Most ticks of one run: half an hour at 125 Hz. What a longer run saves as NPZ would be more than is read back."""
 SPEEDS = (0.01, 10.0)
 RATES_HZ = (1.0, 2000.0)
 """Least and most of `--speed`, a share of the performer's speed, and of `--rate`, Hz: what is beyond is a mistyped

@@ -3,7 +3,7 @@
 import numpy as np
 
 from retarget.ik.support_polygon import plant
-from retarget.model.human_dimensions import POINTS, HumanDimensions
+from retarget.model.human_dimensions import POINTS
 from retarget.model.robot import RobotBody
 from retarget.report.tracking import Performance, headings, turned
 from retarget.types import FloatArray
@@ -21,9 +21,7 @@ LEAN = "trunk_lean"
 TRUNK = ("l_hip", "r_hip", "neck")
 
 
-def limb_angles(
-    robot: RobotBody, q: FloatArray, asked: Performance, dimensions: HumanDimensions
-) -> dict[str, FloatArray]:
+def limb_angles(robot: RobotBody, q: FloatArray, asked: Performance) -> dict[str, FloatArray]:
     """Angles (T, s) rad, by the name of a limb and for each side, between a robot in postures (T, nq) and the performer
     in their heading; `LEAN` (T, 1): between the leans of their trunks, each from where it is upright.
 
@@ -44,7 +42,7 @@ def limb_angles(
             found[limb] = np.stack([_angle(a, b) for a, b in zip(lines, human, strict=True)], axis=1)
     if all(name in robot.profile.frames for name in TRUNK):
         stood = plant(robot, robot.profile.postures.stand).q
-        rest = dict(zip(POINTS, dimensions.standing(), strict=True))
+        rest = dict(zip(POINTS, asked.dimensions.standing(), strict=True))
         performer = 0.5 * (line("l_hip", "neck") + line("r_hip", "neck"))
         upright = rest["neck"] - 0.5 * (rest["l_hip"] + rest["r_hip"])
         lean = _lean(_trunk(robot, q)) - _lean(_trunk(robot, stood[None])) - _lean(performer) + _lean(upright[None])

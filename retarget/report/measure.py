@@ -227,7 +227,7 @@ def _likeness(run: RunResult) -> tuple[dict[str, Spread] | None, Spread | None]:
     robot, sent = run.robot, run.record.robot
     if robot is None or sent is None or not len(sent.q):
         return None, None
-    found = limb_angles(robot, sent.q, _performance(run, sent), run.human.dimensions)
+    found = limb_angles(robot, sent.q, _performance(run, sent))
     spreads = {
         name: spread for name, angles in found.items() if (spread := _spread(np.degrees(angles[run.record.following])))
     }

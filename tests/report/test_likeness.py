@@ -34,7 +34,7 @@ def followed(priorities: str) -> tuple[Performance, FloatArray, FloatArray]:
 
 def test_a_limb_that_is_turned_is_off_by_its_angle() -> None:
     asked, q, _ = followed("servo")
-    found = limb_angles(op3(), q, asked, asked.dimensions)
+    found = limb_angles(op3(), q, asked)
     assert set(found) == {*LIMBS, LEAN} and all(len(angles) == len(q) for angles in found.values())
     elbow = op3().body.joint_qpos[op3().body.joint_index("l_el")]
     points = op3().points(q, ("l_elbow", "l_hand"))
@@ -42,7 +42,7 @@ def test_a_limb_that_is_turned_is_off_by_its_angle() -> None:
     turned = op3().points(q, ("l_elbow", "l_hand"))
     before, after = points[:, 1] - points[:, 0], turned[:, 1] - turned[:, 0]
     moved = np.arccos(np.sum(before * after, axis=1) / np.linalg.norm(before, axis=1) / np.linalg.norm(after, axis=1))
-    again = limb_angles(op3(), q, asked, asked.dimensions)
+    again = limb_angles(op3(), q, asked)
     assert (np.abs(again["forearms"][:, 0] - found["forearms"][:, 0]) <= moved + 1e-9).all()
     for name in ("upper_arms", "thighs", "shanks", LEAN):
         np.testing.assert_allclose(again[name], found[name], atol=1e-9)
@@ -51,12 +51,10 @@ def test_a_limb_that_is_turned_is_off_by_its_angle() -> None:
 
 def test_a_trunk_that_leans_as_the_performers_does_is_no_error() -> None:
     asked, q, _ = followed("servo")
-    lean = limb_angles(op3(), q, asked, asked.dimensions)[LEAN]
+    lean = limb_angles(op3(), q, asked)[LEAN]
     assert np.degrees(lean[100:].mean()) < 6.0
     stood = np.tile(q[0], (len(q), 1))
-    assert (
-        np.degrees(limb_angles(op3(), stood, asked, asked.dimensions)[LEAN].max()) > 15.0
-    )  # it is seen to stand still
+    assert np.degrees(limb_angles(op3(), stood, asked)[LEAN].max()) > 15.0  # it is seen to stand still
 
 
 def test_hands_first_puts_hands_where_the_arm_has_them_seen_from_the_shoulder() -> None:
@@ -77,5 +75,5 @@ def test_what_a_robot_does_not_have_is_left_out(part: str) -> None:
     robot = op3()
     frames = {name: frame for name, frame in robot.profile.frames.items() if name != part}
     profile = robot.profile.model_copy(update={"frames": frames})
-    found = limb_angles(replace(robot, profile=profile), q, asked, asked.dimensions)
+    found = limb_angles(replace(robot, profile=profile), q, asked)
     assert LEAN not in found and ("thighs" in found) is (part == "neck")

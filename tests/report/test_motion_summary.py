@@ -171,7 +171,8 @@ def test_what_is_asked_jumps_and_what_is_sent_does_not(run: Arrays) -> None:
 def test_it_recovers(run: Arrays) -> None:
     error = np.linalg.norm(run["landmarks_reached"] - run["landmarks_asked"], axis=-1)
     before, after = np.median(error[after_jump(-0.5)], axis=0), np.median(error[after_jump(0.7)], axis=0)
-    assert (after < before + 0.04).all()  # hands are where the arms' directions put them
+    carried = [run["landmark_names"].tolist().index(name) for name in ("head", "pelvis", "l_sole", "r_sole")]
+    assert (after[carried] < before[carried] + 0.005).all()
     names = run["human_joint_names"].tolist()
     columns = [names.index(name) for name in ("head", "l_wrist", "r_wrist", "l_ankle", "r_ankle")]
     off = np.linalg.norm(run["human_joint_positions"] - run["human_truth"], axis=-1)[:, columns]

@@ -87,7 +87,8 @@ impl PyTask {
         gain: f64,
         max_error: f64,
     ) -> PyResult<Self> {
-        make(TaskKind::Position { link: body, point, from: base }, weight.to_vec(), gain, max_error, Some(body))
+        let last = base.map_or(body, |(link, _)| link.max(body));
+        make(TaskKind::Position { link: body, point, from: base }, weight.to_vec(), gain, max_error, Some(last))
     }
 
     #[staticmethod]
