@@ -14,8 +14,16 @@ def relative(base: int) -> Solver:
     x, y, z = hand.position.tolist()
     free = np.full(body.nv, np.inf)
     task = Task.position(hand.body, (x, y, z), base=(base, (0.0, 0.0, 0.0)))
-    limits = {"lower": -free, "upper": free, "max_velocity": free, "max_acceleration": free}
-    return Solver(body.solver_body(), [[task]], **limits, locked=np.zeros(body.nv, dtype=bool), n_ik=60)
+    return Solver(
+        body.solver_body(),
+        [[task]],
+        lower=-free,
+        upper=free,
+        max_velocity=free,
+        max_acceleration=free,
+        locked=np.zeros(body.nv, dtype=np.bool_),
+        n_ik=60,
+    )
 
 
 def test_the_difference_of_two_points_is_led() -> None:
