@@ -20,7 +20,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # Without bytecode every process of a test, and every worker, would compile everything anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help demo test lint golden golden-store bench bench-bus bench-tick bench-lateness bench-viewer bench-physics paper robustness mutants fuzz long docs docs-tables wheels clean machine
+.PHONY: help demo test lint golden golden-store bench bench-bus bench-tick bench-lateness bench-viewer bench-physics paper gallery robustness mutants fuzz long docs docs-tables wheels clean machine
 
 help:
 	@echo 'make demo    a synthetic performer drives a robot on emulated servos; report and pictures in out/demo'
@@ -35,6 +35,7 @@ help:
 	@echo 'make bench-viewer  what a page of a run costs its ticks'
 	@echo 'make bench-physics  how many times faster than real time a robot with mass runs'
 	@echo 'make paper   the experiments and figures of the paper, run anew'
+	@echo 'make gallery  the animation of one motion on every shipped robot'
 	@echo 'make robustness  in how many runs under perturbations it stands; takes half an hour'
 	@echo 'make mutants  every protection of guard, gate, supervisor, loop, readers and writers removed in turn: does a test fail?'
 	@echo 'make fuzz N=100000  so many damaged files of every kind: each is read, or refused by a message'
@@ -97,6 +98,9 @@ bench-physics: $(VENV)/.with-test
 
 paper: $(VENV)/.with-test
 	$(BIN)/python -m benchmarks.paper $(BENCH)
+
+gallery: $(VENV)/.with-test
+	$(BIN)/python -m benchmarks.gallery
 
 robustness: $(VENV)/.with-test
 	$(BIN)/python -m benchmarks.robustness --jobs $(JOBS) $(BENCH)

@@ -10,16 +10,19 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Ellipse
+from matplotlib.patches import Ellipse
 from numpy.typing import NDArray
 
+from retarget._solver import Body
 from retarget.errors import UsageError
 from retarget.ik.support_polygon import convex_hull, plant
 from retarget.model.human import PostureReader
 from retarget.model.human_dimensions import PARENTS, POINTS
 from retarget.report import motion_metrics
 from retarget.report.motion_metrics import moved_joints
+from retarget.report.solid import ELEVATION, LEFT, MIDDLE, RIGHT, Facets, facets_of, lit, project, sides_of
 from retarget.report.tracking import headings
 from retarget.run.run_result import RunResult
 from retarget.schema.files import make_folder
@@ -31,7 +34,8 @@ from retarget.types import MM, ORIENTED, FloatArray
 ASKED = "#7a7a7a"
 REACHED = "#0072b2"
 SERVOS = "#e69f00"
-LEFT, RIGHT, MIDDLE = "#d55e00", "#0072b2", "#333333"
+SIDES = {"l_": LEFT, "r_": RIGHT}
+"""Colours of parts of a body by how their names begin."""
 LIMIT = "#cc79a7"
 WARNING = "#d55e00"
 DPI = 130
@@ -58,7 +62,7 @@ def plain(axes: Axes) -> None:
 
 def side_colour(name: str) -> str:
     """The colour of a body part: left, right, or between."""
-    return {"l_": LEFT, "r_": RIGHT}.get(name[:2], MIDDLE)
+    return SIDES.get(name[:2], MIDDLE)
 
 
 def thinned(rows: int) -> NDArray[Any]:
@@ -73,45 +77,62 @@ def save_figure(figure: Figure, path: Path) -> None:
 
 # A strip of poses: the performer as reconstructed, and the robot below, at the same instants, facing the same way.
 
-# A body of lines in the picture plane: where its points fall, and its bones drawn from the farthest to the nearest.
+# A body in some postures, where each stands in the picture.
 
 Bone = tuple[str, str]
 """Two points that a line joins."""
 
-AZIMUTH, ELEVATION = np.deg2rad(35.0), np.deg2rad(12.0)
-"""Seen from the front left and from slightly above."""
-LIMB, THIN, HEAD, SHADOW = 0.045, 0.010, 0.062, 0.24
-"""Thickness of a bone, of a recorded one, radius of the head and of the shadow, in heights of the head."""
-_TRUNK = ("l_shoulder", "r_shoulder", "r_hip", "l_hip")
-_NEAREST = 10.0
-"""Layer of what is nearer than everything else could be; depths are a few heights at most."""
+SHADOW, THIN, MARGIN = 0.24, 0.010, 0.03
+"""Radius of the shadow, thickness of a recorded bone, and room beside a body, in its heights."""
+_BELOW, _SOLES, _BODY, _OVER = range(4)
+"""Layers of the picture."""
 
 
 @dataclass(frozen=True, eq=False)
-class Skeleton:
-    """A body in some postures. points (p, k, 3): of `names`, facing x, feet at the origin, the head about 1 high.
+class Postures:
+    """A body in p postures that face x, with the feet at the origin, in heights of the body.
 
-    soles: outlines (p, c, 3) on the ground, in the same frame. recorded (p, k, 3): drawn thin and black over it.
+    corners (p, f, 4, 3), normal (p, f, 3), colour (f, 3): its facets. soles: outlines (p, c, 3) on the ground.
+    recorded (p, k, 3): ends of thin black lines over it, pairs of points in `bones`.
     """
 
-    names: tuple[str, ...]
-    bones: tuple[Bone, ...]
-    points: FloatArray
+    corners: FloatArray
+    normal: FloatArray
+    colour: FloatArray
     soles: tuple[FloatArray, ...] = ()
     recorded: FloatArray | None = None
+    bones: tuple[tuple[int, int], ...] = ()
 
     def extent(self, pose: int) -> tuple[float, float, float, float]:
         """Left, right, bottom and top of one posture in the picture, all that is drawn included."""
-        shown = [self.points[pose], *(sole[pose] for sole in self.soles)]
+        shown = [self.corners[pose].reshape(-1, 3), *(sole[pose] for sole in self.soles)]
         if self.recorded is not None:
             shown.append(self.recorded[pose])
         across, up, _ = project(np.concatenate(shown))
         return (
-            min(float(np.nanmin(across)) - HEAD, -SHADOW),
-            max(float(np.nanmax(across)) + HEAD, SHADOW),
-            min(float(np.nanmin(up)) - LIMB, -SHADOW * float(np.sin(ELEVATION))),
-            float(np.nanmax(up)) + HEAD,
+            min(float(np.nanmin(across)) - MARGIN, -SHADOW),
+            max(float(np.nanmax(across)) + MARGIN, SHADOW),
+            min(float(np.nanmin(up)) - MARGIN, -SHADOW * float(np.sin(ELEVATION))),
+            float(np.nanmax(up)) + MARGIN,
         )
+
+    def draw(self, axes: Axes, pose: int, *, place: tuple[float, float], points_per_unit: float) -> None:
+        """Draw one posture with its origin at `place`. points_per_unit: typographic points to a unit of the picture."""
+        x, y = place
+        flat = 2.0 * SHADOW * float(np.sin(ELEVATION))
+        axes.add_patch(Ellipse(place, 2.0 * SHADOW, flat, facecolor="#eeeeee", zorder=_BELOW))
+        for sole in self.soles:
+            across, up, _ = project(sole[pose])
+            axes.fill(x + across, y + up, facecolor="#d5d5d5", edgecolor="#a0a0a0", linewidth=0.6, zorder=_SOLES)
+        outlines, shades = lit(self.corners[pose], self.normal[pose], self.colour)
+        axes.add_collection(
+            PolyCollection(list(outlines + place), facecolors=shades, edgecolors=shades, linewidths=0.3, zorder=_BODY)
+        )
+        if self.recorded is not None:
+            across, up, _ = project(self.recorded[pose])
+            for bone in self.bones:
+                ends = list(bone)
+                axes.plot(x + across[ends], y + up[ends], color="black", linewidth=THIN * points_per_unit, zorder=_OVER)
 
 
 def turned(points: FloatArray, facing: FloatArray) -> FloatArray:
@@ -119,63 +140,6 @@ def turned(points: FloatArray, facing: FloatArray) -> FloatArray:
     x, y = facing[:, :1], facing[:, 1:]
     a, b, c = np.moveaxis(points, -1, 0)
     return np.stack([x * a + y * b, x * b - y * a, c], axis=-1)
-
-
-def project(points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Across and up in the picture, and how near to the viewer, of points (..., 3): parallel projection."""
-    # The viewer stands at AZIMUTH from the x axis; across is to the viewer's right.
-    across = -np.sin(AZIMUTH) * points[..., 0] + np.cos(AZIMUTH) * points[..., 1]
-    before = np.cos(AZIMUTH) * points[..., 0] + np.sin(AZIMUTH) * points[..., 1]
-    up = points[..., 2] * np.cos(ELEVATION) - before * np.sin(ELEVATION)
-    return across, up, before * np.cos(ELEVATION) + points[..., 2] * np.sin(ELEVATION)
-
-
-def draw_skeleton(
-    axes: Axes, skeleton: Skeleton, pose: int, *, place: tuple[float, float], points_per_unit: float
-) -> None:
-    """One posture with its origin at `place`. points_per_unit: typographic points to a unit of the picture."""
-    x, y = place
-    shadow = Ellipse(
-        place, 2.0 * SHADOW, 2.0 * SHADOW * float(np.sin(ELEVATION)), facecolor="#eeeeee", zorder=-_NEAREST
-    )
-    axes.add_patch(shadow)
-    for sole in skeleton.soles:
-        across, up, _ = project(sole[pose])
-        axes.fill(x + across, y + up, facecolor="#d5d5d5", edgecolor="#a0a0a0", linewidth=0.6, zorder=1.0 - _NEAREST)
-    if skeleton.recorded is not None:
-        _bones(axes, skeleton, skeleton.recorded[pose], place, "black", THIN * points_per_unit)
-    _bones(axes, skeleton, skeleton.points[pose], place, None, LIMB * points_per_unit)
-    _trunk(axes, skeleton, skeleton.points[pose], place)
-    if "head" in skeleton.names:
-        across, up, near = project(skeleton.points[pose, skeleton.names.index("head")])
-        if np.isfinite(across):
-            axes.add_patch(
-                Circle((x + float(across), y + float(up)), HEAD, facecolor=MIDDLE, zorder=float(near) + 2.0 * HEAD)
-            )
-
-
-def _bones(
-    axes: Axes, skeleton: Skeleton, points: FloatArray, place: tuple[float, float], colour: str | None, width: float
-) -> None:
-    """Bones as lines, the nearer over the farther; `colour` None: by side, each with a light rim where it crosses."""
-    across, up, near = project(points)
-    for start, end in skeleton.bones:
-        ends = [skeleton.names.index(start), skeleton.names.index(end)]
-        depth = float(np.mean(near[ends]))
-        line = (place[0] + across[ends], place[1] + up[ends])
-        shade = colour or side_colour(end if end[:2] in ("l_", "r_") else start)
-        layer = depth if colour is None else _NEAREST
-        if colour is None:
-            axes.plot(*line, color="white", linewidth=1.35 * width, solid_capstyle="butt", zorder=layer - 1e-3)
-        axes.plot(*line, color=shade, linewidth=width, solid_capstyle="round", zorder=layer)
-
-
-def _trunk(axes: Axes, skeleton: Skeleton, points: FloatArray, place: tuple[float, float]) -> None:
-    """Shoulders and hips as one pale area behind all bones, so that a turn of the trunk is seen."""
-    if not set(_TRUNK) <= set(skeleton.names):
-        return
-    across, up, _ = project(points[[skeleton.names.index(name) for name in _TRUNK]])
-    axes.fill(place[0] + across, place[1] + up, facecolor="#c9c9c9", linewidth=0, zorder=-0.4 * _NEAREST)
 
 
 POSES = 9
@@ -202,7 +166,8 @@ def plot_poses(run: RunResult) -> Figure | None:
     following = run.record.following
     count = min(POSES, run.ticks_followed)
     ticks = np.linspace(following.start, following.stop - 1, count).round().astype(int).tolist()
-    bodies = [_performer(run, ticks)] if run.robot is None else [_performer(run, ticks), _robot(run, ticks)]
+    bodies = [performer_postures(run, ticks)]
+    bodies += [] if run.robot is None else [robot_postures(run, ticks)]
     extents = np.array([[body.extent(pose) for pose in range(len(ticks))] for body in bodies])  # (lines, poses, 4)
     left, right = extents[..., 0].min(axis=0), extents[..., 1].max(axis=0)
     ends = np.cumsum(right - left + GAP)
@@ -216,7 +181,7 @@ def plot_poses(run: RunResult) -> Figure | None:
     for pose, tick in enumerate(ticks):
         for body, floor in zip(bodies, floors, strict=True):
             place = (float(places[pose]), float(floor))
-            draw_skeleton(axes, body, pose, place=place, points_per_unit=72.0 * inches)
+            body.draw(axes, pose, place=place, points_per_unit=72.0 * inches)
         axes.text(
             places[pose], 0.0, f"{run.record.time[tick]:.1f} s", fontsize=9, ha="center", va="top", color="#555555"
         )
@@ -247,20 +212,24 @@ def _poses_title(run: RunResult) -> str:
     return f"A performer, reconstructed ({sides})" + ("" if run.human_truth is None else "; thin: as recorded")
 
 
-def _performer(run: RunResult, ticks: list[int]) -> Skeleton:
+def performer_postures(run: RunResult, ticks: list[int]) -> Postures:
     """The reconstructed human, turned to its heading; of a human alone with the recorded one."""
-    human, truth = run.record.human, run.human_truth
-    names = human.joint_names
+    human, truth, body = run.record.human, run.human_truth, run.human.body
     facing = performer_facing(run)[np.array(ticks) - run.record.following.start]
     points = turned(human.joints[ticks], facing)
-    feet, size = _feet(points, names), _size(points, names)
-    recorded = None
+    feet, size = _feet(points, human.joint_names), _size(points, human.joint_names)
+    sides = {link: colour for link, name in enumerate(body.body_names) if (colour := SIDES.get(name[:2]))}
+    facets, kinematics = facets_of(body, sides), body.solver_body()
+    corners, normal = _placed(facets, kinematics, human.q[ticks])
+    corners, normal = _faced(corners, facing), turned(normal, facing)
+    recorded, bones = None, ()
     if truth is not None and run.robot is None:
         recorded = (turned(truth[ticks], facing) - feet) / size
-    return Skeleton(names, bones_among(names, HUMAN_BONES), (points - feet) / size, recorded=recorded)
+        bones = tuple((human.joint_names.index(a), human.joint_names.index(b)) for a, b in HUMAN_BONES)
+    return Postures((corners - feet[:, None]) / size, normal, facets.colour, recorded=recorded, bones=bones)
 
 
-def _robot(run: RunResult, ticks: list[int]) -> Skeleton:
+def robot_postures(run: RunResult, ticks: list[int]) -> Postures:
     """The robot as it was sent, with its soles."""
     robot, sent = run.robot, run.record.robot
     assert robot is not None and sent is not None
@@ -268,12 +237,27 @@ def _robot(run: RunResult, ticks: list[int]) -> Skeleton:
     q = np.ascontiguousarray(sent.q[ticks])
     points = robot.points(q, names)
     feet, size = _feet(points, names), _size(points, names)
+    links = {colour: [robot.frame(n).body for n in names if n[:2] == side] for side, colour in SIDES.items()}
+    middle = [robot.frame(name).body for name in names if name[:2] not in SIDES]
+    facets = facets_of(robot.body, sides_of(robot.body, links, middle))
+    corners, normal = _placed(facets, robot.kinematics, q)
     soles = []
     for foot in robot.profile.feet.values():
         link, outline = robot.frame(foot.frame), np.array(foot.polygon)
         local = link.position + np.column_stack([outline, np.zeros(len(outline))])
-        soles.append((robot.body.solver_body().points(q, [link.body] * len(local), local) - feet) / size)
-    return Skeleton(names, bones_among(names, ROBOT_BONES), (points - feet) / size, soles=tuple(soles))
+        soles.append((robot.kinematics.points(q, [link.body] * len(local), local) - feet) / size)
+    return Postures((corners - feet[:, None]) / size, normal, facets.colour, tuple(soles))
+
+
+def _placed(facets: Facets, kinematics: Body, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Corners (p, f, 4, 3) m and normals (p, f, 3) of facets in postures (p, nq)."""
+    placed = [facets.placed(*kinematics.forward(np.ascontiguousarray(posture))) for posture in q]
+    return np.array([corners for corners, _ in placed]), np.array([normal for _, normal in placed])
+
+
+def _faced(corners: FloatArray, facing: FloatArray) -> FloatArray:
+    """Corners (p, f, 4, 3) turned as `turned` does."""
+    return turned(corners.reshape(len(corners), -1, 3), facing).reshape(corners.shape)
 
 
 def _feet(points: FloatArray, names: tuple[str, ...]) -> FloatArray:

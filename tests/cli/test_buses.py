@@ -225,7 +225,7 @@ def test_a_held_robot_walks_with_the_performer(mount: str, hook: str | None, sha
         run = bench.seen(prepared.run())
     assert run.physics is not None and run.physics.least_margin is None and run.physics.mount == mount
     assert run.reason is None and run.robot is not None and not run.robot.stands
-    assert [priorities.name for priorities in run.setup.priorities] == ["human_clear", "fixed_base"]
+    assert [priorities.name for priorities in run.setup.priorities] == ["human", "fixed_base"]
     report = measure(run)
     assert report.servo_tracking_mm is not None and report.fallen is False
     for tracks in (report.tracking_mm, report.servo_tracking_mm):

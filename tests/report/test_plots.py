@@ -64,7 +64,7 @@ def test_no_part_of_a_pose_is_beyond_the_edge_of_the_picture(run: RunResult, hum
         assert figure is not None
         (axes,) = figure.axes
         (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
-        points = np.concatenate([line.get_xydata() for line in axes.lines])
+        points = np.concatenate([path.vertices for body in axes.collections for path in body.get_paths()])
         assert left < points[:, 0].min() and points[:, 0].max() < right
         assert bottom < points[:, 1].min() and points[:, 1].max() < top
 

@@ -1,0 +1,85 @@
+"""`python -m benchmarks.gallery` (`make gallery`): one motion on every shipped robot, beside the performer, animated.
+
+The synthetic performer of the demo moves; each robot follows on a mock bus, as `retarget run` would. What is drawn are
+the shapes of the bodies in the postures that were sent.
+"""
+
+import numpy as np
+from PIL import Image, ImageDraw
+
+from benchmarks.docs_tables import ROBOTS
+from benchmarks.table import ROOT
+from hardware.clock import VirtualClock
+from retarget.report.plots import Postures, performer_postures, robot_postures
+from retarget.report.solid import lit
+from retarget.run.options import RunOptions
+from retarget.run.prepare import prepare
+from retarget.run.run_result import RunResult
+from sim.mock_bus import mock_bus
+from sim.performer import synthetic_performer
+
+IMAGE = ROOT / "docs" / "images" / "gallery.webp"
+FPS = 12.5
+WIDTH, QUALITY = 900, 55
+"""Pixels across, and quality of the compression in percent."""
+SHARPER = 2
+"""Pixels drawn to one shown."""
+GAP, TITLE = 0.05, 0.15
+"""Between bodies and above them, in heights."""
+
+
+def followed(robot: str) -> RunResult:
+    """The run of a robot that follows the synthetic performer."""
+    with prepare(synthetic_performer, RunOptions(robot=robot), clock=VirtualClock(), make_bus=mock_bus) as prepared:
+        return prepared.run()
+
+
+def postures() -> dict[str, Postures]:
+    """The performer and each robot, at FPS instants a second."""
+    shown: dict[str, Postures] = {}
+    for name, title in ROBOTS.items():
+        run = followed(name)
+        following = run.record.following
+        time = run.record.time[following]
+        wanted = np.arange(time[0], time[-1], 1.0 / FPS)
+        ticks = (following.start + np.searchsorted(time, wanted)).tolist()
+        if not shown:
+            shown["performer"] = performer_postures(run, ticks)
+        shown[title] = robot_postures(run, ticks)
+    return shown
+
+
+def pictures(shown: dict[str, Postures]) -> list[Image.Image]:
+    """One for each instant, with all bodies side by side on one floor."""
+    count = min(len(body.corners) for body in shown.values())
+    extents = np.array([[body.extent(pose) for pose in range(count)] for body in shown.values()])
+    left, right = extents[..., 0].min(axis=1), extents[..., 1].max(axis=1)
+    ends = np.cumsum(right - left + GAP)
+    places, floor, top = ends - right, -float(extents[..., 2].min()), float(extents[..., 3].max()) + TITLE
+    scale = SHARPER * WIDTH / float(ends[-1])  # pixels to a height
+    size = SHARPER * WIDTH, round(scale * (floor + top))
+    found = []
+    for pose in range(count):
+        picture = Image.new("RGB", size, "white")
+        draw = ImageDraw.Draw(picture)
+        for (title, body), place in zip(shown.items(), places.tolist(), strict=True):
+            draw.text((scale * place, 0.0), title, "#555555", anchor="ma", font_size=0.6 * TITLE * scale)
+            outlines, shades = lit(body.corners[pose], body.normal[pose], body.colour)
+            pixels = scale * np.stack([place + outlines[..., 0], top - outlines[..., 1]], axis=-1)
+            for outline, shade in zip(pixels.reshape(len(pixels), -1).tolist(), (255 * shades).astype(int).tolist()):
+                draw.polygon(outline, tuple(shade))
+        found.append(picture.resize((WIDTH, size[1] // SHARPER), Image.Resampling.LANCZOS))
+    return found
+
+
+def main() -> None:
+    """Write the animation."""
+    first, *others = pictures(postures())
+    first.save(
+        IMAGE, save_all=True, append_images=others, duration=round(1e3 / FPS), loop=0, quality=QUALITY, method=6
+    )
+    print(f"{IMAGE.relative_to(ROOT)}: {len(others) + 1} pictures, {IMAGE.stat().st_size / 1e6:.2f} MB")
+
+
+if __name__ == "__main__":
+    main()
