@@ -19,8 +19,9 @@ from sim.mock_bus import mock_bus
 from sim.performer import synthetic_performer
 
 IMAGE = ROOT / "docs" / "images" / "gallery.webp"
-FPS = 12.5
-WIDTH, QUALITY = 900, 55
+FPS, SECONDS = 10.0, 11.0
+"""Of the animation: as long as the performer does each thing once."""
+WIDTH, QUALITY = 720, 25
 """Pixels across, and quality of the compression in percent."""
 SHARPER = 2
 """Pixels drawn to one shown."""
@@ -41,7 +42,7 @@ def postures() -> dict[str, Postures]:
         run = followed(name)
         following = run.record.following
         time = run.record.time[following]
-        wanted = np.arange(time[0], time[-1], 1.0 / FPS)
+        wanted = time[0] + np.arange(round(SECONDS * FPS)) / FPS
         ticks = (following.start + np.searchsorted(time, wanted)).tolist()
         if not shown:
             shown["performer"] = performer_postures(run, ticks)
@@ -76,7 +77,7 @@ def main() -> None:
     """Write the animation."""
     first, *others = pictures(postures())
     first.save(
-        IMAGE, save_all=True, append_images=others, duration=round(1e3 / FPS), loop=0, quality=QUALITY, method=6
+        IMAGE, save_all=True, append_images=others, duration=round(1e3 / FPS), loop=0, quality=QUALITY
     )
     print(f"{IMAGE.relative_to(ROOT)}: {len(others) + 1} pictures, {IMAGE.stat().st_size / 1e6:.2f} MB")
 

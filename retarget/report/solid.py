@@ -14,7 +14,7 @@ LEFT, RIGHT, MIDDLE = "#d55e00", "#0072b2", "#b0b0b0"
 """Of Okabe and Ito's palette: the sides of a body, and what is between."""
 ROUND, CAP = 20, 6
 """Facets around a capsule, and from the edge of its cap to the top."""
-THIN = 0.008
+THIN = 0.012
 """Radius of what joins links, in the sum of their lengths."""
 AZIMUTH, ELEVATION = np.deg2rad(35.0), np.deg2rad(12.0)
 """Where the viewer stands: about the vertical from the way the body faces, and above the horizon."""
