@@ -12,7 +12,7 @@ import typer
 
 from hardware.clock import Clock, MonotonicClock, PacedClock, VirtualClock
 from hardware.guard_state import StopCause
-from hardware.realtime import scheduled
+from hardware.realtime import Scheduling, refuse_scheduling, scheduled
 from retarget.cli.application import (
     FileOptions,
     Overwrite,
@@ -27,6 +27,7 @@ from retarget.cli.controls import (
     GOES_ON,
     HELP,
     NEVER_GOES_ON,
+    TORQUE_WORDS,
     Control,
     ControlSocket,
     HeldKey,
@@ -71,6 +72,9 @@ from retarget.schema.performer import Performer
 from retarget.sources.raw_record import RawWriter
 from retarget.types import Notify, RunState
 from retarget.viewer.feed import ViewFeed
+
+ANY_TIME = Scheduling()
+"""Ticks as the system schedules them."""
 
 # Real-time ticks for a run without a robot, whose side else waits for each tick.
 
@@ -158,18 +162,29 @@ class CommandRun:
         asked = self.bench.watching(look, recorded, live=live)
         forced = operator.forced_stop
         if recorded.machine is not None:
-            forced = announced(forced, recorded.machine, notify=log)
+            forced = announced(forced, recorded.machine, notify=log, too_soon=operator.too_soon)
         forced = self.bench.watching(forced, recorded, live=live)
         watch = Watch(show, asked, forced, operator.why)
-        return recorded.run(page.watch(self.recorder.watch(watch, recorded)))
+        result = recorded.run(page.watch(self.recorder.watch(watch, recorded)))
+        if recorded.machine is not None and recorded.has_bus:
+            log(TORQUE_WORDS[recorded.machine.guard.torque])
+        return result
 
 
-def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: Outputs, *, source: str = "") -> int:
+def follow_clip(
+    read: Callable[[], SensorFrames],
+    options: RunOptions,
+    outputs: Outputs,
+    *,
+    source: str = "",
+    scheduling: Scheduling = ANY_TIME,
+) -> int:
     """Run, write the files, show a summary. Returns the exit code: done, or stopped (also: a file is not written).
 
-    read: opens the source, which a recording calls `source`. Raises RetargetError for what cannot be run; then nothing
-    has moved and nothing is written.
+    read: opens the source, which a recording calls `source`. scheduling: of the ticks. Raises RetargetError for what
+    cannot be run; then nothing has moved and nothing is written.
     """
+    refuse_scheduling(scheduling)
     run = CommandRun(options, outputs, recorded=True, goes_to_rest=options.has_mass)
     with detached_screens(), ExitStack() as signals:
         with run.prepared(performance_of(read, options.playback)) as prepared:
@@ -179,6 +194,7 @@ def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: 
                 run.viewing(prepared) as page,
                 run.recorder.recording(prepared, source=source) as recorded,
                 progress_bar(options.robot, prepared.samples.ticks) as show,
+                scheduled(scheduling),
             ):
                 result = run.play(recorded, page, page.with_stop_button(stop, stop), stop, show)
         # Signals are still received and not raised, so that the files are written.
@@ -210,6 +226,10 @@ COUNTDOWN_S = 3.0
 """Time to get into the pose, where the source is no recording."""
 WITHOUT_EFFECT = ("countdown", "yes", "smoothing", "latest")
 """Options of a live source that change nothing of a motion file, and are not refused for it."""
+
+
+SCHEDULING = ("realtime", "core")
+"""Options of the operator of a live stream that any run has."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -446,5 +466,6 @@ def run(
         pose = ["--keep-calibration-frame"] if played.keep_calibration_frame else []
         refuse_given([*given(file), *start, *pose], "motion file")
         raise typer.Exit(follow_live(source, options, outputs, live))
-    refuse_given([*given(live, but=WITHOUT_EFFECT), *given(live.oversight)], "live stream")
-    raise typer.Exit(follow_clip(partial(file.open, source), options, outputs, source=source))
+    refuse_given([*given(live, but=WITHOUT_EFFECT), *given(live.oversight, but=SCHEDULING)], "live stream")
+    read, scheduling = partial(file.open, source), live.oversight.scheduling
+    raise typer.Exit(follow_clip(read, options, outputs, source=source, scheduling=scheduling))
