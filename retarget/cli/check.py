@@ -6,6 +6,7 @@ from pathlib import Path
 import typer
 
 from hardware.bus import BusSpec
+from hardware.errors import counted
 from retarget.errors import ConfigError, Problem, RefusedError, UsageError, renamed_to, suggest
 from retarget.ik.support_polygon import check_stand
 from retarget.model.observers import NEVER_NEAR, DroppedPair, robot_observers
@@ -141,7 +142,7 @@ def _robot(path: Path) -> str:
     facts["physics"] = "ready" if missing is None else f"not possible: {missing}"
     if marked := marked_lines(read_text(path)):
         shown = ", ".join(map(str, marked[:8])) + (", ..." if len(marked) > 8 else "")
-        facts["still a draft"] = f"{len(marked)} lines are marked {DRAFT}: correct or confirm them: {shown}"
+        facts["still a draft"] = f"{counted(len(marked), 'line')} marked {DRAFT}, to be corrected or confirmed: {shown}"
     safe = goes_to_rest is None or goes_to_rest.safe
     verdict = "good" if safe else "good, but it does not go straight to rest"
     return _paragraph("robot", profile, path, facts, verdict=verdict)

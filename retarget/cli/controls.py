@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 
 
 class Asked(Enum):
-    """What a control asks for. STOP_TOO_SOON: a second stop that does not count (see `Press`). HOLD lasts until PAUSE, the key that pauses and goes on. RELEASE: the dead-man control
-    was let go; it holds until GRIP."""
+    """What a control asks for. STOP_TOO_SOON: a second stop that does not count (see `Press`). HOLD lasts until PAUSE,
+    the key that pauses and goes on. RELEASE: the dead-man control was let go; it holds until GRIP."""
 
     STOP = auto()
     STOP_TOO_SOON = auto()

@@ -168,7 +168,8 @@ class CommandRun:
         result = recorded.run(page.watch(self.recorder.watch(watch, recorded)))
         if recorded.machine is not None and recorded.has_bus:
             log(TORQUE_WORDS[recorded.machine.guard.torque])
-        return result
+        real_time = not isinstance(self.clock, VirtualClock)
+        return replace(result, setup=replace(result.setup, real_time=real_time))
 
 
 def follow_clip(

@@ -6,6 +6,7 @@ from typing import ClassVar, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from hardware.errors import counted
 from retarget.errors import InputError, UsageError
 from retarget.frames import SensorFrames, SensorSample, on_grid
 from retarget.human.rest_pose import ALIKE_RAD, fit_rest_pose, rest_pose_name
@@ -268,7 +269,7 @@ class CalibrationPose:
     frames: int
 
     def __str__(self) -> str:
-        frames = "1 frame" if self.frames == 1 else f"{self.frames} frames"
+        frames = counted(self.frames, "frame")
         return f"begins with a calibration pose ({self.name}, {frames}): left out without --keep-calibration-frame"
 
 
