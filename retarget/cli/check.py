@@ -1,6 +1,7 @@
 """`retarget check FILE...`: validate profiles, priorities, performers, scenes and sessions; say what is in them."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import typer
@@ -211,12 +212,25 @@ def _scene(path: Path) -> str:
     return _paragraph("scene", scene, path, {"about": scene.description} | obstacles)
 
 
+STAND_INS = {"robot": "op3", "source": "sample"}
+"""Options that a session file may leave to the command line, and what it is checked with."""
+
+
 def _session(path: Path) -> str:
-    from retarget.cli.application import command_of
-    from retarget.cli.run import run
+    from retarget.cli.application import called, command_of
+    from retarget.cli.run import check_request
     from retarget.cli.session import session_options
 
-    options = session_options(path, command_of(run))
+    command = command_of(check_request)
+    options = {name: value() for name, value in session_options(path, command).items()}
+    words = [word for name, value in STAND_INS.items() if name not in options for word in (f"--{name}", value)]
+    commands = typer.Typer(add_completion=False)
+    commands.command()(command)
+    try:
+        called(commands, [str(path), *words], "retarget run")
+    except RefusedError as error:
+        problems = [replace(one, where=": ".join(filter(None, (str(path), one.where)))) for one in error.problems]
+        raise ConfigError.from_problems(problems) from error
     return _paragraph("session", None, path, {name: str(value) for name, value in options.items()})
 
 

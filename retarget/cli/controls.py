@@ -540,7 +540,7 @@ class Oversight:
         stop_file FILE: Stop when this file appears.
         control_socket [PATH]: Be stopped or held by `retarget stop` and others.
 
-    Real time:
+    Robot:
         realtime [PRIORITY]: Real-time priority of the ticks, 1 to 99; usually 40.
         core N: The only core on which the ticks run.
     """
