@@ -12,7 +12,7 @@ from retarget.errors import ConfigError, Problem, RefusedError, UsageError, rena
 from retarget.ik.support_polygon import check_stand
 from retarget.model.observers import NEVER_NEAR, DroppedPair, robot_observers
 from retarget.model.robot import RobotBody, load_profile, load_robot
-from retarget.report.rest_check import path_to_rest
+from retarget.report.rest_check import at_rest, path_to_rest
 from retarget.robot.balance import heaviest_loads
 from retarget.run.options import name_with_mass
 from retarget.schema.catalogue import Kind, calibration_path, entries, find, kind_of
@@ -136,6 +136,7 @@ def _robot(path: Path) -> str:
         facts["stands"] = f"centre of mass {1e3 * margin:.0f} mm inside the edge of the soles"
         facts["carries"] = "; ".join(map(str, heaviest_loads(robot)))
         facts["to rest"] = str(goes_to_rest or "nothing is checked")
+        facts["at rest"] = at_rest(robot)
     facts |= {"tick": f"{profile.safety.rate_hz:g} Hz", **safety_facts(profile.safety)}
     named = f"reconstruct {profile.reconstruct}, retarget {profile.retarget}"
     facts["priorities"] = f"{named}, with mass {name_with_mass(robot)}"

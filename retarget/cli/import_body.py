@@ -58,6 +58,7 @@ def _summary(done: Imported) -> str:
         "front": draft.facing,
         "servos": guessed + (f" ({unknown} of them without a hint in the file)" if unknown else ""),
         "stand": _stands(done),
+        "rest": done.rest or "not known",
     }
     width = max(map(len, facts)) + 2
     lines = [f"{folder}: profile of {draft.name}, drafted from {draft.source}"]
