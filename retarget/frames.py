@@ -156,7 +156,7 @@ class SensorSample:
         names = tuple(positions) if isinstance(positions, Mapping) else ()
         position = _rows("positions", positions, names, 3)
         orientation = _rows("orientations", {} if orientations is None else orientations, names, 4)
-        return cls(names, position, orientation, np.isfinite(position).all(axis=1))
+        return cls(names, position, orientation, np.asarray(np.isfinite(position).all(axis=1)))
 
 
 def _rows(argument: str, given: Mapping[str, ArrayLike | None], names: tuple[str, ...], numbers: int) -> FloatArray:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from math import isfinite
 from numbers import Real
 from pathlib import Path
+from types import UnionType
 from typing import get_args
 
 import numpy as np
@@ -173,14 +174,11 @@ class Pipeline:
         """robot: a name, a path, or a robot; None or "human": only the performer is reconstructed. rate_hz: of your
         loop; None: that of the robot's profile. priorities: of the last stage, None: as for real servos. parts: `upper`
         keeps pelvis and legs still. Raises UsageError, ConfigError, InputError, HardwareError."""
-        if not isinstance(robot, str | Path | RobotBody | None):
-            raise _wrong_type("robot", robot, "a name, a path, what `retarget.load_robot` returns, or None")
-        if not isinstance(performer, str | Path | Performer):
-            raise _wrong_type("performer", performer, "a name, a path, or what `retarget.load_performer` returns")
-        if not isinstance(priorities, str | None):
-            raise _wrong_type("priorities", priorities, "a name, a path, or None")
-        if not isinstance(parts, str):
-            raise _wrong_type("parts", parts, ", ".join(get_args(Parts)))
+        robots, performers = str | Path | RobotBody | None, str | Path | Performer
+        _check_type("robot", robot, robots, "a name, a path, what `retarget.load_robot` returns, or None")
+        _check_type("performer", performer, performers, "a name, a path, or what `retarget.load_performer` returns")
+        _check_type("priorities", priorities, str | None, "a name, a path, or None")
+        _check_type("parts", parts, str, ", ".join(get_args(Parts)))
         with _naming_arguments("performer"):
             self._performer = performer if isinstance(performer, Performer) else load_performer(performer)
         with _naming_arguments("robot"):
@@ -237,7 +235,7 @@ class Pipeline:
                 found=self.state.value,
                 next_step="Call stop(), and step(None, dt) until `stands`",
             )
-        _check_sample(sample, "Pipeline.start")
+        _check_type("sample", sample, SensorSample, A_SAMPLE, "Pipeline.start")
         first = self._sensors.read(sample)
         if first is None:
             raise InputError(
@@ -247,9 +245,9 @@ class Pipeline:
                 allowed=f"at least {', '.join(base_sensors(self._sensors.names))}",
                 next_step="Wait for a sample in which they are valid",
             )
-        if not isinstance(calibration, HumanDimensions | Person | None):
-            allowed = "HumanDimensions, what `read_person` returns, or None"
-            raise _wrong_type("calibration", calibration, allowed, "Pipeline.start")
+        sizes = HumanDimensions | Person | None
+        allowed = "HumanDimensions, what `read_person` returns, or None"
+        _check_type("calibration", calibration, sizes, allowed, "Pipeline.start")
         human = build_human(_dimensions(first, calibration))
         for_human, for_robot = self._priorities
         reconstructor, performer = Reconstructor(human, for_human, self._performer), SteppedPerformer(first, self.dt)
@@ -274,10 +272,8 @@ class Pipeline:
         sensors, or before `start`; then nothing has changed."""
         if self._reconstructor is None:
             raise UsageError("no performer yet", where="Pipeline.step", next_step="Call start(sample) first")
-        if not isinstance(dt, Real):
-            raise _wrong_type("dt", dt, f"{self.dt:g} s", "Pipeline.step")
-        if sample is not None:
-            _check_sample(sample, "Pipeline.step")
+        _check_type("dt", dt, Real, f"{self.dt:g} s", "Pipeline.step")
+        _check_type("sample", sample, SensorSample | None, f"None, or {A_SAMPLE}", "Pipeline.step")
         if not abs(dt - self.dt) <= DT_TOLERANCE * self.dt:
             raise UsageError(
                 "another period than the pipeline's",
@@ -346,9 +342,15 @@ class Pipeline:
         return Goal((), np.zeros(0), False, self._human, (), nothing, nothing)
 
 
-def _wrong_type(argument: str, value: object, allowed: str, call: str = "Pipeline") -> UsageError:
-    found = f"{type(value).__name__} {value!r:.60}"
-    return UsageError("a wrong type", where=f"{call}, {argument}", found=found, allowed=allowed)
+A_SAMPLE = "a SensorSample, as `retarget.SensorSample.of(positions)` makes one"
+"""What a sample has to be, in messages."""
+
+
+def _check_type(argument: str, value: object, kinds: type | UnionType, allowed: str, call: str = "Pipeline") -> None:
+    """Raise UsageError for an argument of another type."""
+    if not isinstance(value, kinds):
+        found = f"{type(value).__name__} {value!r:.60}"
+        raise UsageError("a wrong type", where=f"{call}, {argument}", found=found, allowed=allowed)
 
 
 _OPTION = re.compile(r"--(?=(robot|performer|priorities|parts)\b)")
@@ -379,8 +381,7 @@ def _robot_named(robot: str | Path | None) -> RobotBody | None:
 
 def _checked_rate(rate_hz: float) -> float:
     low, high = RATES_HZ
-    if not isinstance(rate_hz, Real):
-        raise _wrong_type("rate_hz", rate_hz, f"{low:g} to {high:g} Hz, or None")
+    _check_type("rate_hz", rate_hz, Real, f"{low:g} to {high:g} Hz, or None")
     if not (isfinite(rate_hz) and low <= rate_hz <= high):
         allowed = f"{low:g} to {high:g} Hz"
         raise UsageError(
@@ -406,12 +407,6 @@ FAR_BEYOND = 0.35
 """Servos that were moved by hand may be a little beyond their limits, rad; farther, the numbers are no radians."""
 
 
-def _check_sample(sample: object, call: str) -> None:
-    """Raise UsageError for what is no sample."""
-    if not isinstance(sample, SensorSample):
-        raise _wrong_type("sample", sample, "a SensorSample, as `retarget.SensorSample.of(positions)` makes one", call)
-
-
 def _within_reach(robot: RobotBody, given: ArrayLike) -> FloatArray:
     """Joint positions (n,) rad that servos can have. Raises UsageError for others."""
     servos, where = robot.joint_map, "Pipeline.start, present"
@@ -421,7 +416,7 @@ def _within_reach(robot: RobotBody, given: ArrayLike) -> FloatArray:
         present = np.zeros(0)
     if present.shape != servos.lower.shape or not np.isfinite(present).all():
         allowed = f"{len(servos)} finite joint positions, rad, in the order of `joint_names`"
-        raise UsageError("no joint positions", where=where, found=f"{given}"[:120], allowed=allowed)
+        raise UsageError("no joint positions", where=where, found=f"{given!r}"[:120], allowed=allowed)
     beyond = np.maximum(servos.lower - present, present - servos.upper)
     worst = int(beyond.argmax())
     if beyond[worst] <= FAR_BEYOND:

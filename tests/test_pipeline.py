@@ -369,9 +369,10 @@ def test_what_cannot_be_used_is_refused_and_nothing_changes() -> None:
     for dt in (0.01, 0.0, -DT, np.nan, np.inf):
         with refuses(UsageError, "Pipeline.step", "rate_hz"):
             pipeline.step(still(), dt)
+    words: Any
     for name, words in (("dt", (still(), "0.01")), ("sample", ({"head": None}, DT))):
         with refuses(UsageError, f"Pipeline.step, {name}"):
-            pipeline.step(*words)  # type: ignore[arg-type]
+            pipeline.step(*words)
     with refuses(UsageError, "l_ankle"):
         pipeline.step(SensorSample.of({"head": (0.0, 0.0, 1.6)}), DT)
     with refuses(UsageError, "SensorSample", "(5, 3)"):
@@ -406,12 +407,12 @@ def test_what_cannot_be_started_is_refused() -> None:
     for wrong in (np.full(20, np.nan), [0.0, 0.0], "stand"):
         with refuses(UsageError, "Pipeline.start, present"):
             pipeline.start(still(), present=wrong)
-    for name, call in (
-        ("sample", lambda: pipeline.start({"head": (0.0, 0.0, 1.6)})),  # type: ignore[arg-type]
-        ("calibration", lambda: pipeline.start(still(), calibration="me")),  # type: ignore[arg-type]
-    ):
-        with refuses(UsageError, f"Pipeline.start, {name}"):
-            call()
+    with refuses(UsageError, "Pipeline.start, sample"):
+        wrong = {"head": (0.0, 0.0, 1.6)}
+        pipeline.start(wrong)
+    with refuses(UsageError, "Pipeline.start, calibration"):
+        wrong = "me"
+        pipeline.start(still(), calibration=wrong)
     assert pipeline.state is RunState.IDLE
 
 
