@@ -289,9 +289,9 @@ def _bus(run: RunResult, bus: BusReport, ticks: int) -> Iterator[Finding]:
 def show_summary(run: RunResult, report: Report, console: Console) -> None:
     """Print the report of a run as two tables."""
     what = "human" if report.robot == "human" else report.robot
+    lasted = f", {report.duration_s:.1f} s from the first to the end" if report.frames else ""
     console.print(
-        f"{report.source} on {what}: {counted(report.frames, 'frame')} followed, "
-        f"{report.duration_s:.1f} s from the first to the end, at {report.rate_hz:g} Hz"
+        f"{report.source} on {what}: {counted(report.frames, 'frame')} followed{lasted}, at {report.rate_hz:g} Hz"
         + (f", speed {report.speed:g}" if report.speed != 1.0 else ""),
         markup=False,
         highlight=False,
