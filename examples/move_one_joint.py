@@ -4,7 +4,7 @@ import numpy as np
 
 from hardware.clock import VirtualClock
 from hardware.guard import Guard
-from retarget.cli.buses import standing_ticks
+from retarget.cli.buses import posture_ticks
 from retarget.model.robot import load_robot
 from retarget.safety.gate import Gate
 from sim.buses import emulated_bus
@@ -17,7 +17,7 @@ def main() -> None:
     robot, clock = load_robot("op3"), VirtualClock()
     joints = robot.joint_map
     gate = Gate.for_servos(joints, dt=DT)
-    bus = emulated_bus(robot, clock, start=standing_ticks(robot), notify=print)
+    bus = emulated_bus(robot, clock, start=posture_ticks(robot), notify=print)
     guard = Guard(bus=bus, joint_map=joints, clock=clock, limits=robot.profile.guard_limits())
     head, ticks = joints.joints.index("head_pan"), round(SECONDS / DT)
     bus.open()  # checks every servo and writes what the profile wants

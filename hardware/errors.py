@@ -33,6 +33,11 @@ class TorqueError(HardwareError):
     """A run failed, and torque could not be switched off: the operator has to cut the power."""
 
 
+def counted(number: int, what: str) -> str:
+    """A number of things: "1 tick", "2 ticks"."""
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
 def describe(*, what: str, where: str = "", found: object = None, allowed: object = None, then: str = "") -> str:
     """Compose a message in the project's order: where, what, found, allowed, what next; empty parts are left out."""
     text = f"{where}: {what}" if where else what

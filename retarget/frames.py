@@ -147,27 +147,34 @@ class SensorSample:
 
     @classmethod
     def of(
-        cls, positions: Mapping[str, ArrayLike | None], orientations: Mapping[str, ArrayLike] | None = None
+        cls, positions: Mapping[str, ArrayLike | None], orientations: Mapping[str, ArrayLike | None] | None = None
     ) -> "SensorSample":
         """A sample from positions (3,) m by sensor, None for a lost one, and orientations (4,) wxyz of those known.
 
         Raises UsageError for what are no such numbers.
         """
-        lost, unknown = np.full(3, np.nan), np.full(4, np.nan)
-        turns = {} if orientations is None else orientations
-        try:
-            position = np.array([lost if at is None else at for at in positions.values()], float)
-            orientation = np.array([turns.get(name, unknown) for name in positions], float)
-        except (TypeError, ValueError):
-            position = orientation = np.zeros(0)
-        if position.shape != (len(positions), 3) or orientation.shape != (len(positions), 4):
-            raise UsageError(
-                "no positions and orientations of sensors",
-                where="SensorSample.of",
-                found=f"{dict(positions)}"[:120],
-                allowed="3 numbers or None for each position, 4 for each orientation",
-            )
-        return cls(tuple(positions), position, orientation, np.isfinite(position).all(axis=1))
+        names = tuple(positions) if isinstance(positions, Mapping) else ()
+        position = _rows("positions", positions, names, 3)
+        orientation = _rows("orientations", {} if orientations is None else orientations, names, 4)
+        return cls(names, position, orientation, np.asarray(np.isfinite(position).all(axis=1)))
+
+
+def _rows(argument: str, given: Mapping[str, ArrayLike | None], names: tuple[str, ...], numbers: int) -> FloatArray:
+    """So many numbers of each name (k, numbers), NaN where there are none. Raises UsageError for anything else."""
+    unknown = np.full(numbers, np.nan)
+    try:
+        found = [given.get(name) for name in names]
+        rows = np.array([unknown if one is None else one for one in found], float)
+    except (AttributeError, TypeError, ValueError):
+        rows = unknown
+    if rows.shape != (len(names), numbers):
+        raise UsageError(
+            f"no {argument} of sensors",
+            where=f"SensorSample.of, {argument}",
+            found=f"{given}"[:120],
+            allowed=f"{numbers} numbers by the name of each sensor, None for one that is lost",
+        )
+    return rows
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from math import isfinite
+from numbers import Real
 from pathlib import Path
+from types import UnionType
+from typing import get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from retarget.errors import InputError, RefusedError, UsageError
 from retarget.frames import SensorSample
@@ -93,10 +97,10 @@ class SensorReader:
         if missing:
             raise UsageError(
                 f"the sample does not have all sensors of performer {self._performer!r}",
-                where="Pipeline",
+                where="Pipeline, sample",
                 found=f"no {', '.join(missing)}",
                 allowed=", ".join(self.names),
-                next_step="Name them so, with valid False for one that is lost, or choose another performer",
+                next_step="Name them so, with None (or valid False) for one that is lost, or choose another performer",
             )
         return [names.index(name) for name in self.names]
 
@@ -170,13 +174,16 @@ class Pipeline:
         """robot: a name, a path, or a robot; None or "human": only the performer is reconstructed. rate_hz: of your
         loop; None: that of the robot's profile. priorities: of the last stage, None: as for real servos. parts: `upper`
         keeps pelvis and legs still. Raises UsageError, ConfigError, InputError, HardwareError."""
-        if not isinstance(robot, str | Path | RobotBody | None):
-            raise _wrong_type("robot", robot, "a name, a path, what `retarget.load_robot` returns, or None")
-        if not isinstance(performer, str | Path | Performer):
-            raise _wrong_type("performer", performer, "a name, a path, or what `retarget.load_performer` returns")
-        with _naming_arguments():
+        robots, performers = str | Path | RobotBody | None, str | Path | Performer
+        _check_type("robot", robot, robots, "a name, a path, what `retarget.load_robot` returns, or None")
+        _check_type("performer", performer, performers, "a name, a path, or what `retarget.load_performer` returns")
+        _check_type("priorities", priorities, str | None, "a name, a path, or None")
+        _check_type("parts", parts, str, ", ".join(get_args(Parts)))
+        with _naming_arguments("performer"):
             self._performer = performer if isinstance(performer, Performer) else load_performer(performer)
+        with _naming_arguments("robot"):
             self._robot = robot if isinstance(robot, RobotBody) else _robot_named(robot)
+        with _naming_arguments():
             name = HUMAN if self._robot is None else self._robot.profile.name
             bus = "none" if self._robot is None else "profile"  # real servos: the robot has mass
             self._options = RunOptions(robot=name, bus=bus, priorities=priorities, parts=parts)
@@ -218,8 +225,8 @@ class Pipeline:
         present: the robot's joint positions, rad (n,), from which it goes slowly to its stance, then to the performer's
         posture; None: those of the last goal, before the first one those of the stance. calibration: the performer's
         size; None: it is measured from the sample, a rest pose. Raises InputError: not a rest pose, or sensors are not
-        valid; HardwareError: `present` is not finite; UsageError: `present` is far beyond the servos' limits, or the
-        robot still moves. Then nothing has changed.
+        valid; UsageError: `present` is not finite or far beyond the servos' limits, or the robot still moves. Then
+        nothing has changed.
         """
         if not self.stands:
             raise UsageError(
@@ -228,6 +235,7 @@ class Pipeline:
                 found=self.state.value,
                 next_step="Call stop(), and step(None, dt) until `stands`",
             )
+        _check_type("sample", sample, SensorSample, A_SAMPLE, "Pipeline.start")
         first = self._sensors.read(sample)
         if first is None:
             raise InputError(
@@ -237,6 +245,9 @@ class Pipeline:
                 allowed=f"at least {', '.join(base_sensors(self._sensors.names))}",
                 next_step="Wait for a sample in which they are valid",
             )
+        sizes = HumanDimensions | Person | None
+        allowed = "HumanDimensions, what `read_person` returns, or None"
+        _check_type("calibration", calibration, sizes, allowed, "Pipeline.start")
         human = build_human(_dimensions(first, calibration))
         for_human, for_robot = self._priorities
         reconstructor, performer = Reconstructor(human, for_human, self._performer), SteppedPerformer(first, self.dt)
@@ -248,7 +259,7 @@ class Pipeline:
                 self._robot, reconstructor, follower, gate, first=first, pace=performer, clearance=clearance
             )
             last = motion.approach.first.joint_positions if self._goal is None else self._goal
-            motion.begin(_within_reach(self._robot, np.array(last if present is None else present, dtype=np.float64)))
+            motion.begin(last if present is None else _within_reach(self._robot, present))
         self._human = reconstructor.start(first) if motion is None else motion.follow.human
         self._reconstructor, self._samples, self._motion = reconstructor, performer, motion
         self._supervisor, self._now = Supervisor(), 0.0
@@ -261,11 +272,13 @@ class Pipeline:
         sensors, or before `start`; then nothing has changed."""
         if self._reconstructor is None:
             raise UsageError("no performer yet", where="Pipeline.step", next_step="Call start(sample) first")
+        _check_type("dt", dt, Real, f"{self.dt:g} s", "Pipeline.step")
+        _check_type("sample", sample, SensorSample | None, f"None, or {A_SAMPLE}", "Pipeline.step")
         if not abs(dt - self.dt) <= DT_TOLERANCE * self.dt:
             raise UsageError(
                 "another period than the pipeline's",
-                where="Pipeline.step",
-                found=f"dt {dt:g} s",
+                where="Pipeline.step, dt",
+                found=f"{dt:g} s",
                 allowed=f"{self.dt:g} s",
                 next_step="Give the period of your loop, not a measured time, and Pipeline(..., rate_hz=) its rate",
             )
@@ -329,24 +342,31 @@ class Pipeline:
         return Goal((), np.zeros(0), False, self._human, (), nothing, nothing)
 
 
-def _wrong_type(argument: str, value: object, allowed: str) -> UsageError:
-    found = f"{type(value).__name__} {value!r:.60}"
-    return UsageError("a wrong type", where=f"Pipeline, {argument}", found=found, allowed=allowed)
+A_SAMPLE = "a SensorSample, as `retarget.SensorSample.of(positions)` makes one"
+"""What a sample has to be, in messages."""
+
+
+def _check_type(argument: str, value: object, kinds: type | UnionType, allowed: str, call: str = "Pipeline") -> None:
+    """Raise UsageError for an argument of another type."""
+    if not isinstance(value, kinds):
+        found = f"{type(value).__name__} {value!r:.60}"
+        raise UsageError("a wrong type", where=f"{call}, {argument}", found=found, allowed=allowed)
 
 
 _OPTION = re.compile(r"--(?=(robot|performer|priorities|parts)\b)")
 
 
 @contextmanager
-def _naming_arguments() -> Iterator[None]:
-    """Errors that name options of the command line name the arguments of `Pipeline` instead."""
+def _naming_arguments(argument: str = "") -> Iterator[None]:
+    """Errors that name options of the command line name the arguments of `Pipeline` instead; those that name nothing
+    are of `argument`."""
     try:
         yield
     except RefusedError as error:
         problems = [
             replace(
                 problem,
-                where=_OPTION.sub("Pipeline, ", problem.where),
+                where=_OPTION.sub("Pipeline, ", problem.where) or (argument and f"Pipeline, {argument}"),
                 found=_OPTION.sub("", problem.found),
                 next_step=_OPTION.sub("", problem.next_step),
             )
@@ -361,6 +381,7 @@ def _robot_named(robot: str | Path | None) -> RobotBody | None:
 
 def _checked_rate(rate_hz: float) -> float:
     low, high = RATES_HZ
+    _check_type("rate_hz", rate_hz, Real, f"{low:g} to {high:g} Hz, or None")
     if not (isfinite(rate_hz) and low <= rate_hz <= high):
         allowed = f"{low:g} to {high:g} Hz"
         raise UsageError(
@@ -386,18 +407,23 @@ FAR_BEYOND = 0.35
 """Servos that were moved by hand may be a little beyond their limits, rad; farther, the numbers are no radians."""
 
 
-def _within_reach(robot: RobotBody, present: FloatArray) -> FloatArray:
-    """Joint positions (n,) rad that servos can have. Raises UsageError for others; what is not finite is the gate's."""
-    servos = robot.joint_map
+def _within_reach(robot: RobotBody, given: ArrayLike) -> FloatArray:
+    """Joint positions (n,) rad that servos can have. Raises UsageError for others."""
+    servos, where = robot.joint_map, "Pipeline.start, present"
+    try:
+        present = np.array(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        present = np.zeros(0)
     if present.shape != servos.lower.shape or not np.isfinite(present).all():
-        return present
+        allowed = f"{len(servos)} finite joint positions, rad, in the order of `joint_names`"
+        raise UsageError("no joint positions", where=where, found=f"{given!r}"[:120], allowed=allowed)
     beyond = np.maximum(servos.lower - present, present - servos.upper)
     worst = int(beyond.argmax())
     if beyond[worst] <= FAR_BEYOND:
         return present
     raise UsageError(
         "no servo can stand there",
-        where="Pipeline.start, present",
+        where=where,
         found=f"{servos.joints[worst]} at {present[worst]:g} rad",
         allowed=f"{servos.lower[worst]:.2f} to {servos.upper[worst]:.2f} rad",
         next_step="Give the joint positions in radians, in the order of the profile's servos",

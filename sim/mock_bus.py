@@ -16,11 +16,12 @@ VELOCITY_UNIT = 0.229 * 2.0 * np.pi / 60.0  # [rad/s] register step
 ALERT_BIT = np.uint8(0x80)  # of the error byte
 
 
-def mock_bus(robot: RobotBody, clock: Clock) -> "MockBus":
-    """The bus of a robot whose servos begin in its posture `stand`."""
+def mock_bus(robot: RobotBody, clock: Clock, *, start: TickArray | None = None) -> "MockBus":
+    """The bus of a robot whose servos begin at `start`, ticks (n,); None: in its posture `stand`."""
     protocols = {bus.name: bus.protocol for bus in robot.profile.bus_specs()}
-    stand = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
-    return MockBus(robot.joint_map.servos, clock, start=robot.joint_map.to_ticks(stand), protocols=protocols)
+    if start is None:
+        start = robot.joint_map.to_ticks(robot.posture(robot.profile.postures.stand)[robot.servo_columns])
+    return MockBus(robot.joint_map.servos, clock, start=start, protocols=protocols)
 
 
 class MockBus:

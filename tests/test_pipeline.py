@@ -16,7 +16,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hardware.clock import VirtualClock
-from hardware.errors import HardwareError
 from messages import refuses
 from retarget import Pipeline, RunOptions, SensorSample, load_performer, load_robot
 from retarget.errors import InputError, UsageError
@@ -105,7 +104,7 @@ def test_the_program_of_the_page_is_short_and_valid() -> None:
 
 
 def test_a_sample_of_positions_by_name() -> None:
-    sample = SensorSample.of({"head": (0, 0, 1.6), "pelvis": None}, {"head": (1, 0, 0, 0)})
+    sample = SensorSample.of({"head": (0, 0, 1.6), "pelvis": None}, {"head": (1, 0, 0, 0), "pelvis": None})
     assert sample.names == ("head", "pelvis") and sample.valid.tolist() == [True, False]
     assert sample.orientation[0].tolist() == [1, 0, 0, 0] and np.isnan(sample.orientation[1]).all()
 
@@ -114,6 +113,19 @@ def test_a_sample_of_positions_by_name() -> None:
 def test_a_sample_of_what_are_no_positions_is_refused(wrong: object) -> None:
     with refuses(UsageError, "SensorSample.of"):
         SensorSample.of({"head": (0, 0, 1.6), "pelvis": wrong})
+    with refuses(UsageError, "SensorSample.of, orientations"):
+        SensorSample.of({"head": (0, 0, 1.6)}, {"head": wrong})
+
+
+def test_a_lost_sensor_is_none_or_not_valid() -> None:
+    first, second = started(), started()
+    for _ in range(3):
+        sample = still()
+        lost = np.array([name == "r_wrist" for name in sample.names])
+        unknown = np.where(lost[:, None], np.nan, sample.position)
+        without = replace(sample, position=unknown, valid=np.isfinite(unknown).all(axis=1))
+        goals = first.step(without, DT), second.step(replace(sample, valid=sample.valid & ~lost), DT)
+        assert np.array_equal(*(goal.joint_positions for goal in goals))
 
 
 def test_the_performer_is_followed() -> None:
@@ -357,6 +369,10 @@ def test_what_cannot_be_used_is_refused_and_nothing_changes() -> None:
     for dt in (0.01, 0.0, -DT, np.nan, np.inf):
         with refuses(UsageError, "Pipeline.step", "rate_hz"):
             pipeline.step(still(), dt)
+    words: Any
+    for name, words in (("dt", (still(), "0.01")), ("sample", ({"head": None}, DT))):
+        with refuses(UsageError, f"Pipeline.step, {name}"):
+            pipeline.step(*words)
     with refuses(UsageError, "l_ankle"):
         pipeline.step(SensorSample.of({"head": (0.0, 0.0, 1.6)}), DT)
     with refuses(UsageError, "SensorSample", "(5, 3)"):
@@ -375,9 +391,10 @@ def test_what_cannot_be_started_is_refused() -> None:
             Pipeline(wrong)
         with refuses(UsageError, "Pipeline, performer", found=type(wrong).__name__):
             Pipeline("op3", performer=wrong)
-    for name, wrong in (("priorities", "serv"), ("parts", "lower")):
+    named = (("priorities", "serv"), ("parts", "lower"), ("performer", "fife"), ("robot", "op4"))
+    for name, wrong in (*named, ("priorities", 3), ("parts", None), ("rate_hz", "100")):
         with refuses(UsageError, f"Pipeline, {name}: ") as caught:
-            Pipeline("op3", **{name: wrong})
+            Pipeline(**{"robot": "op3", name: wrong})
         assert "--" not in str(caught.value)
     pipeline = Pipeline("op3")
     assert pipeline.state is RunState.IDLE
@@ -387,8 +404,15 @@ def test_what_cannot_be_started_is_refused() -> None:
         pipeline.start(moved(still(), np.nan, *FIVE))
     with refuses(InputError):  # a crouch is no rest pose
         pipeline.start(moved(still(), -1.2, "head"))
-    with refuses(HardwareError):
-        pipeline.start(still(), present=np.full(20, np.nan))
+    for wrong in (np.full(20, np.nan), [0.0, 0.0], "stand"):
+        with refuses(UsageError, "Pipeline.start, present"):
+            pipeline.start(still(), present=wrong)
+    with refuses(UsageError, "Pipeline.start, sample"):
+        wrong = {"head": (0.0, 0.0, 1.6)}
+        pipeline.start(wrong)
+    with refuses(UsageError, "Pipeline.start, calibration"):
+        wrong = "me"
+        pipeline.start(still(), calibration=wrong)
     assert pipeline.state is RunState.IDLE
 
 

@@ -23,6 +23,8 @@ MESSAGES = {
     "stop.reason": "text for the user",
     "live.refused": "texts for the user, one of each sender",
     "physics.heat_model": "text for the user",
+    "physics.how": "text for the user",
+    "physics.toppled": "text for the user",
 }
 """Keys of a report that hold wording; only whether there is one is compared."""
 COUNTED_MESSAGES = {"live.dropped": "counts by a text for the user"}

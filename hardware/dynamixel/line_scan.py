@@ -16,8 +16,10 @@ from hardware.errors import BusError
 
 PROTOCOLS = (2, 1)
 """In the order in which they are tried."""
-LIKELY = (57600, 1000000, 2000000, 3000000, 4000000, 115200)
+LIKELY = (1000000, 57600, 2000000, 3000000, 4000000, 115200)
 """[bits/s] The maker's setting (X, MX: 57600; AX: 1000000) and those that people choose, most likely first."""
+LIKELY_IDS = range(61)
+"""Ids of 1.0 that a quick look pings, each alone: humanoids count by limbs, up to 54 on Poppy."""
 DIVIDED, MOST_DIVIDED = 2_000_000, 255
 """[bits/s] What protocol 1.0 divides, and by what at most."""
 UNREAD_ERROR = "reports an error, and does not say which"
@@ -79,6 +81,13 @@ def all_speeds(
     return speeds
 
 
+def likely_speeds(speeds: Sequence[Speed]) -> list[Speed]:
+    """Those of the speeds that a quick look tries: the first and the likely ones, by protocol, for 2.0 finds all servos
+    of a speed by one ping."""
+    found = [speed for speed in speeds if speed == speeds[0] or speed.baud in LIKELY]
+    return sorted(found, key=lambda one: (one != speeds[0], PROTOCOLS.index(one.protocol)))
+
+
 def has_speed(protocol: int, baud: int) -> bool:
     """Whether servos of a protocol can be set to `baud` bits/s; in 1.0 to 2 Mbps by a whole number, to 1 %."""
     if protocol != 1 or baud in BAUDS[protocol]:
@@ -101,6 +110,38 @@ def scan_line(
     (2.0: after each speed). Raises BusError when the port is gone; a speed that the adapter does not have is skipped.
     """
     wanted = None if ids is None else sorted(set(ids))
+    return _scan(port, speeds, lambda client: _found(client, wanted), progress, on_found)
+
+
+def scan_likely(
+    port: BytePort,
+    speeds: Sequence[Speed],
+    *,
+    ids: Iterable[int] = (),
+    progress: Callable[[int], object] = lambda done: None,
+    on_found: Callable[[Sighting], object] = lambda seen: None,
+) -> LineScan:
+    """Look where servos usually are, as `scan_line` does but in seconds: for all that answer a broadcast ping (2.0), or
+    have one of LIKELY_IDS (1.0). ids: others that are expected."""
+    expected = frozenset(ids)
+
+    def likely(client: OneOff) -> Iterator[Found]:
+        if client.protocol == 2:
+            yield from client.scan(range(CODECS[2].MOST_MEMBERS + 1), alone=expected)
+        else:
+            yield from _found(client, sorted(expected.union(LIKELY_IDS)))
+
+    return _scan(port, speeds, likely, progress, on_found)
+
+
+def _scan(
+    port: BytePort,
+    speeds: Sequence[Speed],
+    look: Callable[[OneOff], Iterator[Found]],
+    progress: Callable[[int], object],
+    on_found: Callable[[Sighting], object],
+) -> LineScan:
+    """Look at each speed. See `scan_line`."""
     seen: list[Sighting] = []
     tried: list[Speed] = []
     skipped: list[str] = []
@@ -113,7 +154,7 @@ def scan_line(
             continue
         tried.append(speed)
         client = OneOff(port, speed.protocol)
-        for found in _found(client, wanted):
+        for found in look(client):
             seen.append(_sighting(client, found, speed))
             on_found(seen[-1])
         echoes = echoes or client.echoes > 0

@@ -97,7 +97,7 @@ def examine(line: BusLine, joint_map: JointMap) -> Opening:
     elif seen.silent:
         names = ", ".join(map(line.name_of, seen.silent))
         opening.problems.append(
-            f"{where}: {names} did not answer: check power, wiring and id (`retarget servo scan`){BUSY}"
+            f"{where}: {names} did not answer: check power, wiring and id (`retarget servo scan --all`){BUSY}"
         )
     opening.problems += [f"bus {bus.name}: {text}" for text in seen.wrong]
     needed = needed_ticks(joint_map)

@@ -282,16 +282,18 @@ class OneOff:
                 break
         return found
 
-    def scan(self, ids: Iterable[int]) -> list[Found]:
+    def scan(self, ids: Iterable[int], *, alone: Iterable[int] | None = None) -> list[Found]:
         """The servos with these ids, and others that answer a broadcast ping (2.0), by id.
 
-        Ids that do not answer the broadcast are pinged alone; all of them, when some answer was damaged.
+        Ids that do not answer the broadcast are pinged alone (only those of `alone`, where it is given); all of them,
+        when some answer was damaged.
         """
         wanted = sorted(set(ids))
+        quiet = wanted if alone is None else sorted(set(alone))
         for device in wanted:
             self._check_id(device)
         found: dict[int, Found] = {}
-        alone = wanted
+        left = wanted
         if self.protocol == 2 and wanted:
             received = broadcast_ping(self.port, wanted[-1], SLACK)
             times = Counter(answer.id for answer in received.answers)
@@ -301,8 +303,8 @@ class OneOff:
             for servo in found.values():
                 self._note(servo.id, servo.alert)
             if not received.damaged:
-                alone = [device for device in wanted if device not in found]
-        for device in alone:
+                left = [device for device in quiet if device not in found]
+        for device in left:
             one = self.probe(device, SLACK)
             if one is not None:
                 clash = one.clash or (device in found and found[device].clash)

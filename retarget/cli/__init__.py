@@ -49,10 +49,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _call(chosen: list[str], words: list[str]) -> None:
-    from retarget.cli.application import application, refuse_renamed, with_values
+    from retarget.cli.application import application, called, refuse_renamed, with_values
 
     refuse_renamed(words)
-    application(chosen)(args=with_values(words), prog_name="retarget")
+    sys.exit(called(application(chosen), with_values(words)))
 
 
 def _start_fast() -> None:

@@ -18,7 +18,7 @@ from typer.core import TyperCommand
 
 import retarget
 from hardware.realtime import USUAL_PRIORITY
-from retarget.errors import UsageError, renamed_to
+from retarget.errors import UsageError, renamed_to, suggest
 from retarget.viewer.server import PORT
 
 if TYPE_CHECKING:
@@ -47,6 +47,39 @@ def application(chosen: Sequence[str]) -> typer.Typer:
     return known
 
 
+def called(commands: typer.Typer, words: Sequence[str], name: str = "retarget") -> int:
+    """Call the command that the words name. Returns its exit code; raises UsageError for words that mean none.
+
+    name: of the program, in messages.
+    """
+    try:
+        code = commands(args=list(words), prog_name=name, standalone_mode=False)
+    except typer.TyperException as error:
+        return _refused_words(error)
+    return code if isinstance(code, int) else 0
+
+
+def _refused_words(error: typer.TyperException) -> int:
+    """Print the help, where no words were given, and return the exit code. Raises UsageError for the words."""
+    context, text = getattr(error, "ctx", None), getattr(error, "message", "") or "needed, and not given"
+    if context is not None and text == context.get_help():
+        typer.echo(text, err=True)
+        return 2
+    where, parameter = getattr(error, "option_name", ""), getattr(error, "param", None)
+    if where:
+        text = re.sub(f":? '?{re.escape(where)}'?", "", text)
+    elif parameter is not None:
+        where = parameter.opts[-1] if parameter.param_type_name == "option" else parameter.metavar or parameter.name
+    what, path, step = text[:1].lower() + text[1:].partition(". ")[0].removesuffix("."), "retarget", ""
+    if context is not None:
+        path = context.command_path
+        known = [name for one in context.command.get_params(context) for name in (*one.opts, *one.secondary_opts)]
+        if what.startswith("no such"):
+            step = suggest(where or what.split("'")[1], [*known, *getattr(context.command, "commands", ())])
+        step = step or f"See `{path} --help`"
+    raise UsageError(what, where=where or path, next_step=step)
+
+
 class _Command(TyperCommand):
     """A command whose help has a panel for each group of options."""
 
@@ -55,7 +88,9 @@ class _Command(TyperCommand):
         for parameter in self.get_params(ctx):
             usual = "Arguments" if parameter.param_type_name == "argument" else "Options"
             panel = panels.setdefault(getattr(parameter, "rich_help_panel", None) or usual, [])
-            panel += filter(None, [parameter.get_help_record(ctx)])
+            names, text = parameter.get_help_record(ctx) or ("", "")
+            usual_first = names.partition(" / ")[0] if parameter.default is False else names
+            panel += [(usual_first, text)] * bool(names)
         for heading, records in panels.items():
             if not records:
                 continue
@@ -208,13 +243,14 @@ def _parameters(holder: Callable[..., Any], known: Mapping[str, _Entry]) -> Iter
 
 def _parameter(parameter: inspect.Parameter, entry: _Entry) -> inspect.Parameter:
     kind, flags = parameter.annotation, entry.flags
-    if kind is bool and parameter.default is False:
-        flags = flags or (f"--{parameter.name.replace('_', '-')}",)  # without its opposite, which typer would add
+    if kind is bool and parameter.default is False and not flags:
+        name = parameter.name.replace("_", "-")
+        flags = (f"--{name}/--{name.removeprefix('no-') if name.startswith('no-') else f'no-{name}'}",)
     if entry.heading == "Arguments":
         info = typer.Argument(help=entry.help, metavar=entry.metavar, show_default=parameter.default is not None)
     else:
         panel = None if entry.heading == "Options" else entry.heading
-        shown = parameter.default is not None
+        shown = parameter.default is not None and parameter.default is not False
         info = typer.Option(*flags, help=entry.help, metavar=entry.metavar, rich_help_panel=panel, show_default=shown)
     return parameter.replace(kind=parameter.KEYWORD_ONLY, annotation=Annotated[_typed(kind), info])
 
@@ -245,7 +281,12 @@ def _built(holder: Callable[..., Any], values: Mapping[str, Any]) -> Any:
 
 Overwrite = Annotated[
     bool,
-    typer.Option("--overwrite", help="Replace files that are there; else they are refused.", rich_help_panel="Results"),
+    typer.Option(
+        "--overwrite/--no-overwrite",
+        help="Replace files that are there; else they are refused.",
+        rich_help_panel="Results",
+        show_default=False,
+    ),
 ]
 """`--overwrite`: the one way in which a command replaces a file that is there."""
 

@@ -27,8 +27,10 @@ if TYPE_CHECKING:
     from sim.physics.witness import WitnessedBus
 
 
-def make_bus(name: str, robot: RobotBody, clock: Clock, *, faults: Path | None = None) -> ServoBus:
-    """The bus of that name, or on the port of that path. Simulated servos begin in the robot's `stand` posture.
+def make_bus(
+    name: str, robot: RobotBody, clock: Clock, *, faults: Path | None = None, posture: str = "stand"
+) -> ServoBus:
+    """The bus of that name, or on the port of that path. Simulated servos begin in this posture of the profile.
 
     Raises UsageError for a port where the robot has several, ConfigError for a bad file of faults.
     """
@@ -36,19 +38,19 @@ def make_bus(name: str, robot: RobotBody, clock: Clock, *, faults: Path | None =
 
     match name:
         case "none":
-            return NoBus(clock, start=standing_ticks(robot))
+            return NoBus(clock, start=posture_ticks(robot, posture))
         case "mock":
-            return mock_bus(robot, clock)
+            return mock_bus(robot, clock, start=posture_ticks(robot, posture))
         case "emulator":
             from sim.buses import emulated_bus
 
-            return emulated_bus(robot, clock, start=standing_ticks(robot), faults=faults)
+            return emulated_bus(robot, clock, start=posture_ticks(robot, posture), faults=faults)
     return _real_bus(name, robot, clock)
 
 
-def standing_ticks(robot: RobotBody) -> TickArray:
-    """Ticks (n,) of the posture `stand`."""
-    return robot.joint_map.to_ticks(robot.posture(robot.profile.postures.stand)[robot.servo_columns])
+def posture_ticks(robot: RobotBody, name: str = "stand") -> TickArray:
+    """Ticks (n,) of a posture of the profile."""
+    return robot.joint_map.to_ticks(robot.posture(getattr(robot.profile.postures, name))[robot.servo_columns])
 
 
 def _real_bus(name: str, robot: RobotBody, clock: Clock) -> ServoBus:
@@ -151,7 +153,7 @@ class PhysicsBench:
         constant = [PerturbationKind(name) for name in asked.perturbations if name != "push"]
         simulation = simulation_of(
             robot,
-            start=standing_ticks(robot),
+            start=posture_ticks(robot),
             scene=None if options.scene is None else load_scene(options.scene),
             mount=mount,
             perturbation=combined([drawn(kind, asked.seed, within=(0.0, 0.0)) for kind in constant]),

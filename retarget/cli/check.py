@@ -1,16 +1,18 @@
 """`retarget check FILE...`: validate profiles, priorities, performers, scenes and sessions; say what is in them."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import typer
 
 from hardware.bus import BusSpec
+from hardware.errors import counted
 from retarget.errors import ConfigError, Problem, RefusedError, UsageError, renamed_to, suggest
 from retarget.ik.support_polygon import check_stand
 from retarget.model.observers import NEVER_NEAR, DroppedPair, robot_observers
 from retarget.model.robot import RobotBody, load_profile, load_robot
-from retarget.report.rest_check import path_to_rest
+from retarget.report.rest_check import at_rest, path_to_rest
 from retarget.robot.balance import heaviest_loads
 from retarget.run.options import name_with_mass
 from retarget.schema.catalogue import Kind, calibration_path, entries, find, kind_of
@@ -134,6 +136,7 @@ def _robot(path: Path) -> str:
         facts["stands"] = f"centre of mass {1e3 * margin:.0f} mm inside the edge of the soles"
         facts["carries"] = "; ".join(map(str, heaviest_loads(robot)))
         facts["to rest"] = str(goes_to_rest or "nothing is checked")
+        facts["at rest"] = at_rest(robot)
     facts |= {"tick": f"{profile.safety.rate_hz:g} Hz", **safety_facts(profile.safety)}
     named = f"reconstruct {profile.reconstruct}, retarget {profile.retarget}"
     facts["priorities"] = f"{named}, with mass {name_with_mass(robot)}"
@@ -141,7 +144,7 @@ def _robot(path: Path) -> str:
     facts["physics"] = "ready" if missing is None else f"not possible: {missing}"
     if marked := marked_lines(read_text(path)):
         shown = ", ".join(map(str, marked[:8])) + (", ..." if len(marked) > 8 else "")
-        facts["still a draft"] = f"{len(marked)} lines are marked {DRAFT}: correct or confirm them: {shown}"
+        facts["still a draft"] = f"{counted(len(marked), 'line')} marked {DRAFT}, to be corrected or confirmed: {shown}"
     safe = goes_to_rest is None or goes_to_rest.safe
     verdict = "good" if safe else "good, but it does not go straight to rest"
     return _paragraph("robot", profile, path, facts, verdict=verdict)
@@ -210,12 +213,25 @@ def _scene(path: Path) -> str:
     return _paragraph("scene", scene, path, {"about": scene.description} | obstacles)
 
 
+STAND_INS = {"robot": "op3", "source": "sample"}
+"""Options that a session file may leave to the command line, and what it is checked with."""
+
+
 def _session(path: Path) -> str:
-    from retarget.cli.application import command_of
-    from retarget.cli.run import run
+    from retarget.cli.application import called, command_of
+    from retarget.cli.run import check_request
     from retarget.cli.session import session_options
 
-    options = session_options(path, command_of(run))
+    command = command_of(check_request)
+    options = {name: value() for name, value in session_options(path, command).items()}
+    words = [word for name, value in STAND_INS.items() if name not in options for word in (f"--{name}", value)]
+    commands = typer.Typer(add_completion=False)
+    commands.command()(command)
+    try:
+        called(commands, [str(path), *words], "retarget run")
+    except RefusedError as error:
+        problems = [replace(one, where=": ".join(filter(None, (str(path), one.where)))) for one in error.problems]
+        raise ConfigError.from_problems(problems) from error
     return _paragraph("session", None, path, {name: str(value) for name, value in options.items()})
 
 

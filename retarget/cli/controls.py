@@ -23,9 +23,10 @@ from typing import TYPE_CHECKING, Protocol
 
 from hardware.clock import Clock
 from hardware.errors import HardwareError
+from hardware.guard import Torque
 from hardware.realtime import Scheduling, refuse_scheduling
 from retarget.cli.application import USUAL
-from retarget.cli.exit import REASONS, SUSPENDED, ForcedStopKey, StopRequest
+from retarget.cli.exit import AFTER_S, REASONS, SUSPENDED, ForcedStopKey, Press, StopRequest
 from retarget.errors import UsageError, renamed_to
 from retarget.types import Notify, RunState
 
@@ -35,10 +36,11 @@ if TYPE_CHECKING:
 
 
 class Asked(Enum):
-    """What a control asks for. HOLD lasts until PAUSE, the key that pauses and goes on. RELEASE: the dead-man control
-    was let go; it holds until GRIP."""
+    """What a control asks for. STOP_TOO_SOON: a second stop that does not count (see `Press`). HOLD lasts until PAUSE,
+    the key that pauses and goes on. RELEASE: the dead-man control was let go; it holds until GRIP."""
 
     STOP = auto()
+    STOP_TOO_SOON = auto()
     TORQUE_OFF = auto()
     HOLD = auto()
     PAUSE = auto()
@@ -91,6 +93,8 @@ class HeldKey:
 MOST = 64
 """Keys that one poll takes."""
 KEYS = {"p": Asked.PAUSE, "h": Asked.HEADING}
+PRESSES = {Press.FIRST: Asked.STOP, Press.TOO_SOON: Asked.STOP_TOO_SOON, Press.SECOND: Asked.TORQUE_OFF}
+"""What presses of the space bar ask for."""
 SPACE, GOES_ON = "interrupted by the user (space bar)", "p goes on"
 GRIPS = {
     True: (Asked.GRIP, "dead-man control held"),
@@ -128,7 +132,7 @@ class Keyboard:
         """Return what the keys ask for, as `Control.poll` says."""
         pressed = self.pressed()
         if count := pressed.count(" "):
-            yield (Asked.TORQUE_OFF if self._space.pressed(count, now) else Asked.STOP), SPACE
+            yield PRESSES[self._space.pressed(count, now)], SPACE
         for key in pressed:
             if key in KEYS:
                 yield KEYS[key], f"paused: the robot holds; {GOES_ON}"
@@ -535,6 +539,8 @@ class Oversight:
         dead_man KEY|pedal:FILE: The robot moves only while this key of the terminal, or pedal, is held.
         stop_file FILE: Stop when this file appears.
         control_socket [PATH]: Be stopped or held by `retarget stop` and others.
+
+    Robot:
         realtime [PRIORITY]: Real-time priority of the ticks, 1 to 99; usually 40.
         core N: The only core on which the ticks run.
     """
@@ -646,6 +652,10 @@ class LiveControls:
         """The reason of the stop that was asked for."""
         return self._stop.why()
 
+    def too_soon(self) -> int:
+        """Presses of a stop key that came too soon after its first one to count."""
+        return self._stop.too_soon()
+
     def status(self) -> LiveStatus:
         """The present state of the run, as the control socket reports it."""
         from retarget.live.sensor_validity import Engaged
@@ -662,6 +672,8 @@ class LiveControls:
     def _carry_out(self, asked: Asked, reason: str) -> None:
         if asked is Asked.STOP:
             self._stop.ask(reason)
+        elif asked is Asked.STOP_TOO_SOON:
+            self._stop.ask_too_soon()
         elif asked is Asked.TORQUE_OFF:
             self._stop.force(reason)
         elif asked is Asked.HEADING:
@@ -690,14 +702,33 @@ class LiveControls:
             self._since = self._clock.now()
 
 
-def announced(torque_off_asked: Callable[[], bool], machine: "Machine", *, notify: Notify) -> Callable[[], bool]:
+TOO_SOON = f"pressed again within {AFTER_S:g} s, as a held key repeats: torque stays on. Once more switches it off"
+TORQUE_WORDS = {
+    Torque.OFF: "torque is off",
+    Torque.ON: "torque is on: cut the power by hand",
+    Torque.UNCONFIRMED: "torque is not confirmed to be off: cut the power by hand",
+}
+"""What is said of the torque of a robot when its run has ended."""
+
+
+def announced(
+    torque_off_asked: Callable[[], bool],
+    machine: "Machine",
+    *,
+    notify: Notify,
+    too_soon: Callable[[], int] = lambda: 0,
+) -> Callable[[], bool]:
     """`torque_off_asked`, which also says once why the robot stops, and what comes next, without waiting for the
-    summary."""
-    said = False
+    summary; and once that a stop key was pressed too soon (`too_soon`: how often) to count."""
+    said = ignored = False
 
     def asked() -> bool:
-        nonlocal said
+        nonlocal said, ignored
         forced, stop = torque_off_asked(), machine.guard.stop
+        if too_soon() and not (ignored or forced):
+            ignored = True
+            with suppress(OSError):
+                notify(TOO_SOON)
         if stop is not None and not said:
             said = True
             rests = machine.goes_to_rest and machine.guard.may_go_to_rest

@@ -14,7 +14,7 @@ import typer
 
 from hardware.bus import BusSpec
 from hardware.clock import Clock, MonotonicClock
-from retarget.cli.buses import standing_ticks
+from retarget.cli.buses import posture_ticks
 from retarget.cli.exit import stop_on_signals
 from retarget.errors import UsageError
 from retarget.model.robot import RobotBody, load_robot
@@ -76,7 +76,7 @@ def emulate(
     lines = robot_lines(
         body.joint_map.servos,
         buses,
-        start=standing_ticks(body),
+        start=posture_ticks(body),
         now=clock.now(),
         plan=plan,
         seed=plan.seed,

@@ -9,6 +9,7 @@ import threading
 import traceback
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from enum import Enum, auto
 from logging import Handler, LogRecord, makeLogRecord
 from logging.handlers import QueueListener
 from pathlib import Path
@@ -176,6 +177,14 @@ PAUSE_S = 0.2
 """Time, s, without the key before its second press. Slow keyboards repeat every 0.09 s."""
 
 
+class Press(Enum):
+    """What a press of a stop key is. TOO_SOON: as a repeat of the key while it is held; it changes nothing."""
+
+    FIRST = auto()
+    TOO_SOON = auto()
+    SECOND = auto()
+
+
 class ForcedStopKey:
     """Detects the second press of one key, which forces a stop."""
 
@@ -183,16 +192,14 @@ class ForcedStopKey:
         self._first: float | None = None
         self._last = 0.0
 
-    def pressed(self, count: int, now: float) -> bool:
-        """Whether the key that came `count` times by `now`, s, since the last poll was pressed again. Several times in
+    def pressed(self, count: int, now: float) -> Press:
+        """What the key is that came `count` times, once at least, by `now`, s, since the last poll. Several times in
         one poll are repeats of a held key, read late."""
-        if not count:
-            return False
         first, pause, self._last = self._first, now - self._last, now
         if first is None:
             self._first = now
-            return False
-        return count == 1 and now - first >= AFTER_S and pause > PAUSE_S
+            return Press.FIRST
+        return Press.SECOND if count == 1 and now - first >= AFTER_S and pause > PAUSE_S else Press.TOO_SOON
 
 
 # Signals that end a command, all as Ctrl-C does. While a robot moves they request a stop, and raise nothing.
@@ -225,6 +232,7 @@ class StopRequest:
     def __init__(self) -> None:
         self._why = ""
         self._forced_stop = False
+        self._too_soon = 0
 
     def __call__(self) -> bool:
         """Whether a stop was asked for."""
@@ -237,6 +245,14 @@ class StopRequest:
     def forced_stop(self) -> bool:
         """Whether torque is to go off before the robot stands."""
         return self._forced_stop
+
+    def too_soon(self) -> int:
+        """Presses of a stop key that came too soon after its first one to count."""
+        return self._too_soon
+
+    def ask_too_soon(self) -> None:
+        """Keep that a stop key was pressed again, too soon to count."""
+        self._too_soon += 1
 
     def ask(self, why: str) -> None:
         """Ask to stop before the next tick. why: not empty."""
@@ -273,9 +289,11 @@ def stop_on_signals(clock: Clock | None = None, *, moves: bool = False) -> Itera
 
     def handle(number: int, frame: FrameType | None) -> None:
         why = reasons[signal.Signals(number)]
-        again = number == signal.SIGINT and key.pressed(1, time.now())
-        if again or (number == signal.SIGINT and others):
+        press = key.pressed(1, time.now()) if number == signal.SIGINT else None
+        if press is Press.SECOND or (press is not None and others):
             request.force(why)
+        elif press is Press.TOO_SOON:
+            request.ask_too_soon()
         else:
             request.ask(why)
         others.update({number} - {signal.SIGINT})

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import typer
 
+from hardware.errors import counted
 from retarget.cli.application import note
 from retarget.errors import InputError, UsageError
 from retarget.recording.export import export_motion, export_place, format_named
@@ -73,12 +74,12 @@ def _chosen(motion: Motion, phase: str) -> Motion:
 
 def _summary(whole: Motion, motion: Motion, phase: str, fps: float | None) -> str:
     """How much of the run was written, and what was left out."""
-    text = f"{len(motion)} rows" if len(motion) > 1 else "1 row"
+    text = counted(len(motion), "row")
     text += f" at {fps:g} Hz, resampled" if fps is not None else f", one for each {motion.row}"
     text += f", {motion.time[-1] - motion.time[0]:.2f} s"
     if phase == ALL:
         return text
     other = [name for name in PHASE_NAMES if name != PHASE_NAMES[Phase.FOLLOW]]
     counts = {name: int(np.count_nonzero(whole.phase == name)) for name in other}
-    left = " and ".join(f"{count} rows of {name}" for name, count in counts.items() if count)
+    left = " and ".join(f"{counted(count, 'row')} of {name}" for name, count in counts.items() if count)
     return f"{text}; left out: {left} (--phase all has them)" if left else text

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from hardware.errors import counted
 from retarget.cli.application import progress_bar
 from retarget.setup.import_robot import DEFAULT_SAMPLES, Imported, import_robot
 from retarget.setup.robot_file import Relaxed
@@ -57,6 +58,7 @@ def _summary(done: Imported) -> str:
         "front": draft.facing,
         "servos": guessed + (f" ({unknown} of them without a hint in the file)" if unknown else ""),
         "stand": _stands(done),
+        "rest": done.rest or "not known",
     }
     width = max(map(len, facts)) + 2
     lines = [f"{folder}: profile of {draft.name}, drafted from {draft.source}"]
@@ -67,7 +69,7 @@ def _summary(done: Imported) -> str:
     if done.problems:
         lines += ["  not complete yet, says retarget check:", *(f"    {text}" for text in done.problems)]
         return "\n".join([*lines, f"Next: fix {profile}, then retarget check {profile}"])
-    drafts = f"{done.drafts} lines marked DRAFT must be checked before it moves a real robot"
+    drafts = f"{counted(done.drafts, 'line')} marked DRAFT must be checked before it moves a real robot"
     return "\n".join([*lines, f"Next: retarget demo --robot {profile} --bus mock", f"      {drafts}"])
 
 
@@ -78,4 +80,4 @@ def _stands(done: Imported) -> str:
 
 
 def _count(number: int, what: str) -> str:
-    return f"{number or 'no'} {what}{'' if number == 1 else 's'}"
+    return counted(number, what) if number else f"no {what}s"

@@ -7,6 +7,7 @@ from pydantic import TypeAdapter
 from rich.console import Console
 from rich.table import Table
 
+from hardware.errors import counted
 from retarget.cli.application import FileOptions, console, given, refuse_given
 from retarget.frames import SensorFrames
 from retarget.live.address import is_address, parse_address
@@ -45,14 +46,13 @@ def _opened(source: str, file: FileOptions) -> SensorFrames:
 def show(summary: MotionSummary, console: Console) -> None:
     """Print a summary for a person."""
     console.out(summary.source)
-    length = f"{summary.frames} frames at {summary.rate_hz:g} Hz, {summary.duration_s:.2f} s"
+    length = f"{counted(summary.frames, 'frame')} at {summary.rate_hz:g} Hz, {summary.duration_s:.2f} s"
     console.out(f"{length}, over {summary.travel_m:.1f} m of floor")
     if summary.stature_m is not None:
         bones = ", ".join(f"{name} {length:.3f}" for name, length in summary.lengths_m.items())
         console.out(f"body about {summary.stature_m:.2f} m tall; {bones}")
-    console.out(
-        f"whole body known: {len(summary.joints)} joints" if summary.joints else "whole body not known: sensors only"
-    )
+    joints = counted(len(summary.joints), "joint")
+    console.out(f"whole body known: {joints}" if summary.joints else "whole body not known: sensors only")
     console.print()
     console.print(_sensor_table(summary))
     _show_jumps(summary, console)
@@ -86,7 +86,7 @@ def _show_jumps(summary: MotionSummary, console: Console) -> None:
         console.out("\nno jumps: nothing moves faster than a human can")
         return
     count = len({jump.frame for jump in summary.jumps})
-    console.out(f"\n{count} jumps faster than a human can move, between a frame and the next:")
+    console.out(f"\n{counted(count, 'jump')} faster than a human can move, between a frame and the next:")
     by_frame: dict[int, list[str]] = {}
     for jump in summary.jumps:
         size = f"{jump.distance_m:.2f} m" if jump.distance_m >= 0.05 else f"{jump.turn_deg:.0f} deg"

@@ -12,7 +12,7 @@ import typer
 
 from hardware.clock import Clock, MonotonicClock, PacedClock, VirtualClock
 from hardware.guard_state import StopCause
-from hardware.realtime import scheduled
+from hardware.realtime import Scheduling, refuse_scheduling, scheduled
 from retarget.cli.application import (
     FileOptions,
     Overwrite,
@@ -22,11 +22,12 @@ from retarget.cli.application import (
     progress_bar,
     refuse_given,
 )
-from retarget.cli.buses import PhysicsBench
+from retarget.cli.buses import PhysicsBench, make_bus
 from retarget.cli.controls import (
     GOES_ON,
     HELP,
     NEVER_GOES_ON,
+    TORQUE_WORDS,
     Control,
     ControlSocket,
     HeldKey,
@@ -71,6 +72,9 @@ from retarget.schema.performer import Performer
 from retarget.sources.raw_record import RawWriter
 from retarget.types import Notify, RunState
 from retarget.viewer.feed import ViewFeed
+
+ANY_TIME = Scheduling()
+"""Ticks as the system schedules them."""
 
 # Real-time ticks for a run without a robot, whose side else waits for each tick.
 
@@ -158,18 +162,30 @@ class CommandRun:
         asked = self.bench.watching(look, recorded, live=live)
         forced = operator.forced_stop
         if recorded.machine is not None:
-            forced = announced(forced, recorded.machine, notify=log)
+            forced = announced(forced, recorded.machine, notify=log, too_soon=operator.too_soon)
         forced = self.bench.watching(forced, recorded, live=live)
         watch = Watch(show, asked, forced, operator.why)
-        return recorded.run(page.watch(self.recorder.watch(watch, recorded)))
+        result = recorded.run(page.watch(self.recorder.watch(watch, recorded)))
+        if recorded.machine is not None and recorded.has_bus:
+            log(TORQUE_WORDS[recorded.machine.guard.torque])
+        real_time = not isinstance(self.clock, VirtualClock)
+        return replace(result, setup=replace(result.setup, real_time=real_time))
 
 
-def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: Outputs, *, source: str = "") -> int:
+def follow_clip(
+    read: Callable[[], SensorFrames],
+    options: RunOptions,
+    outputs: Outputs,
+    *,
+    source: str = "",
+    scheduling: Scheduling = ANY_TIME,
+) -> int:
     """Run, write the files, show a summary. Returns the exit code: done, or stopped (also: a file is not written).
 
-    read: opens the source, which a recording calls `source`. Raises RetargetError for what cannot be run; then nothing
-    has moved and nothing is written.
+    read: opens the source, which a recording calls `source`. scheduling: of the ticks. Raises RetargetError for what
+    cannot be run; then nothing has moved and nothing is written.
     """
+    refuse_scheduling(scheduling)
     run = CommandRun(options, outputs, recorded=True, goes_to_rest=options.has_mass)
     with detached_screens(), ExitStack() as signals:
         with run.prepared(performance_of(read, options.playback)) as prepared:
@@ -179,6 +195,7 @@ def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: 
                 run.viewing(prepared) as page,
                 run.recorder.recording(prepared, source=source) as recorded,
                 progress_bar(options.robot, prepared.samples.ticks) as show,
+                scheduled(scheduling),
             ):
                 result = run.play(recorded, page, page.with_stop_button(stop, stop), stop, show)
         # Signals are still received and not raised, so that the files are written.
@@ -210,6 +227,10 @@ COUNTDOWN_S = 3.0
 """Time to get into the pose, where the source is no recording."""
 WITHOUT_EFFECT = ("countdown", "yes", "smoothing", "latest")
 """Options of a live source that change nothing of a motion file, and are not refused for it."""
+
+
+SCHEDULING = ("realtime", "core")
+"""Options of the operator of a live stream that any run has."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -394,37 +415,9 @@ def _wait_until_engaged(
 # The command.
 
 
-def run(
-    options: RunOptions,
-    source: str,
-    file: FileOptions,
-    live: StreamOptions,
-    no_gate: bool = False,
-    report: Path | None = None,
-    save: Path | None = None,
-    plots: Path | None = None,
-    view: Annotated[
-        int | None,
-        typer.Option(
-            help="Show it on a web page of this machine.",
-            metavar="[PORT]",
-            min=0,
-            max=65535,
-            rich_help_panel="Results",
-        ),
-    ] = None,
-    record: Path | None = None,
-    overwrite: Overwrite = False,
-    session: Session = None,
-) -> None:
-    """Let a robot follow a performer, recorded or live, and say how well it did.
-
-    Examples:
-        retarget run --robot op3 --source sample --view
-        retarget run --robot op3 --source vmc://:39539 --bus profile
-        retarget run session.yaml --speed 0.5
-
-    Exit code 0: done, 1: stopped by the guard or by Ctrl-C, or a file not written, 2: refused before anything moved.
+@dataclass(frozen=True, kw_only=True)
+class RunRequest:
+    """The options of `retarget run`, typed or from a session file.
 
     Robot:
         source FILE|ADDRESS: Motion file (AMC, BVH, C3D), 'sample', which comes with the program, or a live stream:
@@ -437,14 +430,73 @@ def run(
         plots DIR: Write pictures.
         record FILE.mcap: Keep the run as it goes, for `retarget replay`.
     """
-    options = replace(options, gate=not no_gate)
-    outputs = Outputs.checked(report=report, save=save, plots=plots, record=record, overwrite=overwrite)
-    outputs = replace(outputs, view=view)
+
+    options: RunOptions
+    source: str
+    file: FileOptions
+    live: StreamOptions
+    no_gate: bool = False
+    report: Path | None = None
+    save: Path | None = None
+    plots: Path | None = None
+    view: Annotated[
+        int | None,
+        typer.Option(
+            help="Show it on a web page of this machine.",
+            metavar="[PORT]",
+            min=0,
+            max=65535,
+            rich_help_panel="Results",
+        ),
+    ] = None
+    record: Path | None = None
+    overwrite: Overwrite = False
+
+    def checked(self) -> tuple[RunOptions, Outputs]:
+        """The options of the run, and its files. Raises UsageError for what does not go together."""
+        options = replace(self.options, gate=not self.no_gate)
+        outputs = Outputs.checked(
+            report=self.report, save=self.save, plots=self.plots, record=self.record, overwrite=self.overwrite
+        )
+        if is_address(self.source):
+            played = options.playback
+            start = [] if played.start is None else ["--start"]
+            pose = ["--keep-calibration-frame"] if played.keep_calibration_frame else []
+            refuse_given([*given(self.file), *start, *pose], "motion file")
+        else:
+            streams = [*given(self.live, but=WITHOUT_EFFECT), *given(self.live.oversight, but=SCHEDULING)]
+            refuse_given(streams, "live stream")
+        return options, replace(outputs, view=self.view)
+
+
+def run(request: RunRequest, session: Session = None) -> None:
+    """Let a robot follow a performer, recorded or live, and say how well it did.
+
+    Examples:
+        retarget run --robot op3 --source sample --view
+        retarget run --robot op3 --source vmc://:39539 --bus profile
+        retarget run session.yaml --speed 0.5
+
+    Exit code 0: done, 1: stopped by the guard or by Ctrl-C, or a file not written, 2: refused before anything moved.
+    """
+    options, outputs = request.checked()
+    source, live = request.source, request.live
     if is_address(source):
-        played = options.playback
-        start = [] if played.start is None else ["--start"]
-        pose = ["--keep-calibration-frame"] if played.keep_calibration_frame else []
-        refuse_given([*given(file), *start, *pose], "motion file")
         raise typer.Exit(follow_live(source, options, outputs, live))
-    refuse_given([*given(live, but=WITHOUT_EFFECT), *given(live.oversight)], "live stream")
-    raise typer.Exit(follow_clip(partial(file.open, source), options, outputs, source=source))
+    read = partial(request.file.open, source)
+    raise typer.Exit(follow_clip(read, options, outputs, source=source, scheduling=live.oversight.scheduling))
+
+
+def check_request(request: RunRequest, session: Session = None) -> None:
+    """Refuse what `run` would refuse before anything moves. No port is opened, and no sender is listened to: in place
+    of a live performer the sample performs."""
+    options, outputs = request.checked()
+    command = CommandRun(options, outputs, recorded=True, goes_to_rest=options.has_mass)
+    perform = performance_of(partial(request.file.open, request.source), options.playback)
+    if is_address(request.source):
+        request.live.begins(request.source, options.playback)
+        parse_address(request.source)
+        perform = performance_of(partial(request.file.open, "sample"), Playback())
+    make = command.bench.make_bus if options.simulated else partial(make_bus, "none")
+    with prepare_for(perform, options, clock=VirtualClock(), make_bus=make):
+        pass

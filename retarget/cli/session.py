@@ -1,7 +1,9 @@
 """A session file: options of `retarget run` in YAML. The key of an option is its name without the dashes in front."""
 
 import inspect
+import os
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from types import NoneType
 from typing import Annotated, Any, get_args, get_origin
@@ -11,17 +13,27 @@ from pydantic import BeforeValidator, create_model
 from typer.models import OptionInfo
 
 from retarget.cli.application import USUAL_VALUES
+from retarget.errors import ConfigError
+from retarget.live.address import is_address
 from retarget.schema.catalogue import Kind, find
 from retarget.schema.strict_models import Integer, Number, Schema, Switch, Text, one_or_more, read_model
+from retarget.schema.strict_yaml import Document
 
+REPLAY = "replay://"
+"""Addresses of the only kind of stream that is a file."""
 KINDS: dict[Any, Any] = {bool: Switch, float: Number, int: Integer}
 """Types of options and those of their values in a file; the value of any other option is text."""
 
 
-def session_options(session: str | Path, command: Callable[..., Any]) -> dict[str, Any]:
-    """The values of a session file by parameter of the command, of which each option is a key.
+READ = ("source", "skeleton", "robot", "performer", "priorities", "scene", "faults")
+"""Options that may name a file that is read; a relative path in a session file counts from that file's folder."""
 
-    session: a name or path. Raises UsageError for an unknown one, ConfigError with all problems of the file.
+
+def session_options(session: str | Path, command: Callable[..., Any]) -> dict[str, Callable[[], Any]]:
+    """What gives the values of a session file by parameter of the command, of which each option is a key.
+
+    session: a name or path. A value is asked for only where the command line has none: it raises ConfigError for a file
+    that is not there. Raises UsageError for an unknown session, ConfigError with all problems of the file.
     """
     kinds: dict[str, Any] = {}
     parameters: dict[str, str] = {}
@@ -30,11 +42,39 @@ def session_options(session: str | Path, command: Callable[..., Any]) -> dict[st
         if isinstance(info, OptionInfo):
             # Typer calls the first flag of an annotation its default.
             option = info.default if isinstance(info.default, str) else f"--{name.replace('_', '-')}"
+            option = option.partition("/")[0]
             key = option.removeprefix("--")
             kinds[key], parameters[key] = (_kind_of(kind, option) | None, None), name
     model = create_model("Session", __base__=Schema, **kinds)
-    read, _ = read_model(model, find(Kind.SESSION, session))
-    return {parameters[key]: value for key, value in read.model_dump(exclude_none=True).items()}
+    read, document = read_model(model, find(Kind.SESSION, session))
+
+    def value_of(key: str, value: Any) -> Any:
+        return _from_folder(document, key, value) if key in READ else value
+
+    given = read.model_dump(exclude_none=True)
+    return {parameters[key]: partial(value_of, key, value) for key, value in given.items()}
+
+
+def _from_folder(document: Document, key: str, text: str) -> str:
+    """A path of a session file, counted from that file's folder; names and addresses stay. Raises ConfigError for a
+    file that is not there."""
+    replayed = text.startswith(REPLAY)
+    place, question, query = text.removeprefix(REPLAY).partition("?") if replayed else (text, "", "")
+    is_name = key not in ("skeleton", "faults") and Path(place).name == place and not Path(place).suffix
+    if is_name or (is_address(text) and not replayed) or Path(place).is_absolute():
+        return text
+    folder, here = document.path.parent.absolute(), Path(place).absolute()
+    path, step = folder / place, "Check the path"
+    if not path.exists():
+        found = f"nothing at {path}"
+        if here.exists():
+            found, step = f"{found}, but {here}", f"Write {os.path.relpath(here, folder)}, or move it"
+        elif here != path:
+            found += f", nor at {here}"
+        allowed = "a path from the folder of the session file"
+        problem = document.problem((key,), "there is no such file", found=found, allowed=allowed, next_step=step)
+        raise ConfigError.from_problems([problem])
+    return f"{REPLAY if replayed else ''}{path}{question}{query}"
 
 
 def _kind_of(kind: Any, option: str) -> Any:
@@ -60,7 +100,7 @@ def _read_session(context: typer.Context, session: str | None) -> str | None:
 Session = Annotated[
     str | None,
     typer.Argument(
-        help="File of options; those typed here win.",
+        help="Options; typed ones win: --no-loop undoes `loop: true`.",
         metavar="SESSION.yaml",
         show_default=False,
         callback=_read_session,

@@ -6,6 +6,7 @@ from typing import ClassVar, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from hardware.errors import counted
 from retarget.errors import InputError, UsageError
 from retarget.frames import SensorFrames, SensorSample, on_grid
 from retarget.human.rest_pose import ALIKE_RAD, fit_rest_pose, rest_pose_name
@@ -127,9 +128,12 @@ class Playback:
         for option, time in (("--start", self.start), ("--end", self.end)):
             if time is not None and not 0.0 <= time < float("inf"):
                 raise UsageError("no time of a recording", where=option, found=f"{time:g} s", allowed="0 or later")
-        if self.start is not None and self.end is not None and self.start >= self.end:
-            found = f"{self.start:g} to {self.end:g} s"
-            raise UsageError("the end comes before the start", where="--start, --end", found=found)
+        if self.end is not None and (self.start or 0.0) >= self.end:
+            options, found = (
+                "--end" if self.start is None else "--start, --end",
+                f"{self.start or 0.0:g} to {self.end:g} s",
+            )
+            raise UsageError("the end is not after the start", where=options, found=found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,7 +272,7 @@ class CalibrationPose:
     frames: int
 
     def __str__(self) -> str:
-        frames = "1 frame" if self.frames == 1 else f"{self.frames} frames"
+        frames = counted(self.frames, "frame")
         return f"begins with a calibration pose ({self.name}, {frames}): left out without --keep-calibration-frame"
 
 
@@ -323,8 +327,8 @@ def _count(duration: float, step: float) -> int:
     if count > MAX_TICKS:
         raise UsageError(
             "too long for one run",
-            found=f"{count} ticks",
-            allowed=f"at most {MAX_TICKS}",
-            next_step="Play a part with --start and --end",
+            found=f"{count * step:.0f} s, {count} ticks",
+            allowed=f"at most {MAX_TICKS * step:.0f} s of the motion, {MAX_TICKS} ticks",
+            next_step="Play a part of it with --start and --end",
         )
     return count

@@ -8,7 +8,7 @@ import numpy as np
 import retarget
 from hardware.arrays import TickArray
 from hardware.bus import ServoGoals, ServoStates
-from hardware.errors import BusError
+from hardware.errors import BusError, counted
 from hardware.guard import Guard
 from hardware.guard_state import StopCause
 from retarget.errors import InputError
@@ -204,8 +204,11 @@ class Difference:
         """The difference in words, line by line."""
         what = "goals" if self.unit == "degrees" else "postures"
         if self.none:
-            all_of_them = f"all {self.compared} {what}{'' if self.whole else ' that it holds'}"
-            return [f"{all_of_them} are as recorded, to the {'tick' if what == 'goals' else 'bit'}"]
+            held = "" if self.whole else " that it holds"
+            if what == "goals":
+                each = f"one at arming, and one in each of {counted(self.compared - 1, 'tick')}"
+                return [f"all {self.compared} goals{held} are as recorded, to the tick: {each}"]
+            return [f"all {self.compared} postures{held} are as recorded, to the bit"]
         found = []
         if self.differ:
             at = f"from cycle {self.first}, {self.time_s:.3f} s after the recording began"

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from hardware.errors import counted
 from hardware.guard_state import StopCause
 from retarget.live.stream_report import LiveReport
 from retarget.report.motion_metrics import PhysicsReport, moved_joints
@@ -92,11 +93,13 @@ def findings(run: RunResult, report: Report) -> tuple[Finding, ...]:
 def _following(run: RunResult, report: Report) -> Iterator[Finding]:
     hands = report.reachable_hands_mm or {}
     within = [
-        f"{name} {hands[name]:.1f} mm off in {share:.0%} of ticks" if name in hands else f"{name} never"
+        f"{name} in {share:.0%} of ticks, then {hands[name]:.1f} mm off" if name in hands else f"{name} never"
         for name, share in (report.reachable_share or {}).items()
     ]
-    yield Finding("hands within reach", ", ".join(within))
-    yield Finding("lag", _number(report.lag_s, "ms", scale=1e3))
+    if run.ticks_followed:
+        yield Finding("hands within reach", "; ".join(within))
+    if run.robot is not None:
+        yield Finding("lag", _number(report.lag_s, "ms from what is asked to what is sent", scale=1e3))
     yield Finding("hand path", _number(report.hand_path_ratio, "% of what was asked", scale=100.0))
     yield Finding("pelvis travel", _number(report.pelvis_excursion_ratio, "% of what was asked", scale=100.0))
     yield Finding("joints without sensor", _number((report.unsensed_mm or {}).get("mean"), "mm off on average"))
@@ -138,7 +141,7 @@ def _joints(report: Report, use: LimitUse) -> Iterator[Finding]:
 
 
 def _limited(name: str, measured: str, allowed: str, broken: int) -> Finding:
-    return Finding(name, f"{measured}; {broken} values beyond" if broken else measured, allowed, not broken)
+    return Finding(name, f"{measured}; {counted(broken, 'value')} beyond" if broken else measured, allowed, not broken)
 
 
 def _body(report: Report) -> Iterator[Finding]:
@@ -147,7 +150,7 @@ def _body(report: Report) -> Iterator[Finding]:
         measured = "nothing touched the ground" if margin is None else f"never nearer to the edge than {margin:.1f} mm"
         if outside:
             by = "" if margin is None or margin > 0 else f", by up to {-margin:.1f} mm"
-            measured = f"outside in {outside} ticks{by}"
+            measured = f"outside in {counted(outside, 'tick')}{by}"
         yield Finding("centre of mass", measured, "over the support polygon", outside == 0)
     if report.soles is not None and report.foot_slide_mm is not None:
         height, tilt = f"{report.soles.height_mm:.2f} mm off the ground", f"{report.soles.tilt_deg:.2f} degrees tilted"
@@ -164,7 +167,10 @@ def _body(report: Report) -> Iterator[Finding]:
             named = f" ({' and '.join(pair)})" if pair else ""
             yield Finding(name, gap + named, allowed, not deep or mm >= 0.0)
     if deep:
-        yield Finding("penetration", f"in {report.penetrating_frames} ticks, by more than 1 mm in {report.deep.frames}")
+        yield Finding(
+            "penetration",
+            f"in {counted(report.penetrating_frames or 0, 'tick')}, by more than 1 mm in {report.deep.frames}",
+        )
 
 
 def _observers(report: Report) -> Iterator[Finding]:
@@ -175,7 +181,11 @@ def _observers(report: Report) -> Iterator[Finding]:
         contact = f"; in contact in {share:.1%} of ticks" if share else ""
         yield Finding("observers", f"{switches.mean:.1f} changes of mode a second on average{worst}{contact}")
     if report.gated_frames is not None:
-        alone = f"; no goal in {report.no_command_frames} ticks: joints braked" if report.no_command_frames else ""
+        alone = (
+            f"; no goal in {counted(report.no_command_frames, 'tick')}: joints braked"
+            if report.no_command_frames
+            else ""
+        )
         yield Finding("gate", f"changed {report.gated_frames} of {report.ticks} goals{alone}")
     if steps is not None:
         late = f"{steps.declined} declined, for it could not be in time"
@@ -190,7 +200,8 @@ def stream_line(live: LiveReport | None) -> str:
     """The stream of a live run; "" for a file."""
     if live is None:
         return ""
-    parts = [f"{live.frames} frames in {live.datagrams} datagrams, played {live.playout_delay_ms:.0f} ms late"]
+    came = f"{counted(live.frames, 'frame')} in {counted(live.datagrams, 'datagram')}"
+    parts = [f"{came}, played {live.playout_delay_ms:.0f} ms late"]
     if live.dropped:
         reasons = [*live.dropped.items()][:MOST]
         parts.append("not used: " + ", ".join(f"{reason} ({count})" for reason, count in reasons))
@@ -198,7 +209,7 @@ def stream_line(live: LiveReport | None) -> str:
         longest = sorted(live.lost_s.items(), key=lambda item: -item[1])[:MOST]
         parts.append("lost: " + ", ".join(f"{name} {seconds:.1f} s" for name, seconds in longest))
     if live.holds.count:
-        parts.append(f"held {live.holds.count} times, {live.holds.s:.1f} s")
+        parts.append(f"held {counted(live.holds.count, 'time')}, {live.holds.s:.1f} s")
     if live.refused:
         parts.append(f"refused senders: {', '.join(live.refused[:MOST])}")
     return "; ".join(parts)
@@ -229,7 +240,7 @@ def physics_findings(seen: PhysicsReport | None) -> Iterator[Finding]:
         warm = f"{heat[most]:.1f} degrees Celsius at most ({most}), by a model {seen.heat_model}"
         yield Finding("heat", warm)
     counts = {"itself": seen.self_contacts, "fixtures or the floor": seen.fixture_contacts}
-    touches = ", ".join(f"touches {what} in {ticks} ticks" for what, ticks in counts.items() if ticks)
+    touches = ", ".join(f"touches {what} in {counted(ticks, 'tick')}" for what, ticks in counts.items() if ticks)
     yield Finding("contacts", touches or "none", "none but the soles", not touches)
     yield Finding("speed", _number(seen.realtime_factor, "x real time"))
 
@@ -237,29 +248,30 @@ def physics_findings(seen: PhysicsReport | None) -> Iterator[Finding]:
 def _machine(run: RunResult, report: Report) -> Iterator[Finding]:
     if report.bus is not None and run.robot is not None:
         yield from _bus(run, report.bus, report.ticks)
-    robot = "" if report.retarget_us is None else f", robot {_percentiles(report.retarget_us)}"
-    human = f"human {_percentiles(report.reconstruct_us)}"
-    yield Finding("cost per tick", f"{human}{robot}; {report.frames_per_s:.0f} frames/s")
+    costs = {"human": report.reconstruct_us, "robot": report.retarget_us}
+    known = [f"{stage} {_percentiles(cost)}" for stage, cost in costs.items() if cost and math.isfinite(cost.p50)]
+    speed = f"{counted(round(report.frames_per_s), 'frame')}/s"
+    yield Finding("cost per tick", f"{', '.join(known)}; {speed}" if known else "")
     reason = report.stop.reason
     ended = "to its end" if reason is None else ": ".join(part for part in (report.stop.state, reason) if part)
     yield Finding("end", ended, kept=reason is None)
 
 
 def _percentiles(cost: Percentiles) -> str:
-    return f"{cost.p50:.0f} us (p99 {cost.p99:.0f})" if math.isfinite(cost.p50) else "not measured"
+    return f"{cost.p50:.0f} us (p99 {cost.p99:.0f})"
 
 
 def _bus(run: RunResult, bus: BusReport, ticks: int) -> Iterator[Finding]:
     assert run.robot is not None, "a bus is a robot's"
     safety, faults = run.robot.profile.safety, bus.faults
-    counted = f"{faults} fault{'s' if faults > 1 else ''}" if faults else "none"
-    yield Finding("faults", counted, "all servos answer, none is alarmed", not faults)
-    if bus.missed_ticks is not None:
-        counted = f"{bus.missed_ticks} of {ticks}" if bus.missed_ticks else "none"
+    seen = counted(faults, "fault") if faults else "none"
+    yield Finding("faults", seen, "all servos answer, none is alarmed", not faults)
+    if bus.missed_ticks is not None and run.setup.real_time:
+        missed = f"{bus.missed_ticks} of {ticks}" if bus.missed_ticks else "none"
         longest = "" if bus.longest_period_ms is None else f"; the longest took {bus.longest_period_ms:.1f} ms"
         advice = ", see retarget doctor" if bus.missed_ticks else ""
         allowed = f"none, {1e3 * run.clip.dt:.3g} ms each"
-        yield Finding("ticks missed", counted + longest + advice, allowed, not bus.missed_ticks)
+        yield Finding("ticks missed", missed + longest + advice, allowed, not bus.missed_ticks)
     if bus.hottest is not None:
         kept = bus.hottest.value < safety.temperature_c
         measured = f"{bus.hottest.value:.0f} °C ({bus.hottest.joint})"
@@ -277,16 +289,18 @@ def _bus(run: RunResult, bus: BusReport, ticks: int) -> Iterator[Finding]:
 def show_summary(run: RunResult, report: Report, console: Console) -> None:
     """Print the report of a run as two tables."""
     what = "human" if report.robot == "human" else report.robot
+    lasted = f", {report.duration_s:.1f} s from the first to the end" if report.frames else ""
     console.print(
-        f"{report.source} on {what}: {report.frames} frames, {report.duration_s:.1f} s at {report.rate_hz:g} Hz"
+        f"{report.source} on {what}: {counted(report.frames, 'frame')} followed{lasted}, at {report.rate_hz:g} Hz"
         + (f", speed {report.speed:g}" if report.speed != 1.0 else ""),
         markup=False,
         highlight=False,
         soft_wrap=True,
     )
     console.print()
-    console.print(_tracking_table(report))
-    console.print()
+    if report.tracking_mm:
+        console.print(_tracking_table(report))
+        console.print()
     facts = Table("", "", box=None, pad_edge=False, show_header=False)
     for finding in findings(run, report):
         broken = f" [allowed: {finding.allowed}]" if finding.allowed and not finding.kept else ""

@@ -12,6 +12,7 @@ import jinja2
 import matplotlib
 from matplotlib.figure import Figure
 
+from hardware.errors import counted
 from retarget.report.animation import animation_of
 from retarget.report.findings import findings, moments
 from retarget.report.plots import figures_of
@@ -75,6 +76,7 @@ def page_html(run: RunResult, report: Report, *, figures: Mapping[str, Figure] |
     pages.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False}
     return pages.get_template("page.html").render(
         report=report,
+        counted=counted,
         limits=limits,
         failed=sum(not limit.kept for limit in limits),
         moments=moments(run),

@@ -163,9 +163,7 @@ def plot_poses(run: RunResult) -> Figure | None:
     """The human above, the robot below; of a human alone, the recorded body over the reconstructed one."""
     if run.ticks_followed < 2:
         return None
-    following = run.record.following
-    count = min(POSES, run.ticks_followed)
-    ticks = np.linspace(following.start, following.stop - 1, count).round().astype(int).tolist()
+    ticks = _unlike(run, min(POSES, run.ticks_followed))
     bodies = [performer_postures(run, ticks)]
     bodies += [] if run.robot is None else [robot_postures(run, ticks)]
     extents = np.array([[body.extent(pose) for pose in range(len(ticks))] for body in bodies])  # (lines, poses, 4)
@@ -190,6 +188,21 @@ def plot_poses(run: RunResult) -> Figure | None:
     axes.set_aspect("equal")
     axes.set_axis_off()
     return figure
+
+
+def _unlike(run: RunResult, count: int) -> list[int]:
+    """Ticks at which the performer's postures differ most, in their order: the first tick that followed, then each time
+    the one farthest from those chosen. Equal steps would show a motion that repeats itself at one of its phases."""
+    following, facing = run.record.following, performer_facing(run)
+    points = turned(run.record.human.joints[following], facing)
+    rows = thinned(len(points))
+    points = points[rows] - _feet(points, run.record.human.joint_names)[rows]
+    chosen: list[int] = [0]
+    apart = np.full(len(points), np.inf)
+    while len(chosen) < count:
+        apart = np.minimum(apart, np.linalg.norm(points - points[chosen[-1]], axis=-1).sum(axis=-1))
+        chosen.append(int(np.nanargmax(apart)))
+    return sorted(following.start + int(rows[row]) for row in chosen)
 
 
 def performer_facing(run: RunResult) -> FloatArray:

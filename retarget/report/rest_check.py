@@ -11,9 +11,11 @@ from retarget import _solver
 from retarget.ik.support_polygon import plant, support_distance
 from retarget.model.observers import placed, robot_observers
 from retarget.model.robot import TRUNK, RobotBody
+from retarget.model.scene_state import SceneState
 from retarget.report.clearance import MovingShapes
 from retarget.robot.follower import stance_angles
-from retarget.safety.clearance import KEPT_SHARE
+from retarget.safety.clearance import KEPT_SHARE, contacts
+from retarget.schema.scene import FLOOR, on_floor
 from retarget.types import MM
 
 ROWS = 41
@@ -67,6 +69,26 @@ def path_to_rest(robot: RobotBody) -> PathToRest | None:
     worst = int((distance - kept).argmin())
     names = observers.names[first[worst]], observers.names[second[worst]]
     return PathToRest(margin, *names, float(distance[worst]), float(kept[worst]))
+
+
+def at_rest(robot: RobotBody) -> str:
+    """How a robot on its soles is in its posture `rest`, in words: its balance, its lowest part without a sole, and
+    what to do where it may topple; "" for another robot."""
+    if not robot.stands:
+        return ""
+    stance = plant(robot, robot.profile.postures.rest)
+    com = robot.kinematics.centre_of_mass(stance.q[None])[0]
+    margin = MM * float(support_distance(com, stance.edges(0.0)))
+    text = f"centre of mass {abs(margin):.0f} mm {'inside' if margin > 0.0 else 'outside'} the edge of the soles"
+    floor = SceneState(on_floor(None))
+    near = contacts(robot.body, robot_observers(robot), floor, stance.q, deeper_than=-np.inf)
+    lowest = next((contact for contact in near if contact.other == FLOOR), None)
+    if lowest is not None:
+        where = "in" if lowest.depth > 0.0 else "above"
+        text += f"; lowest: {lowest.part}, {abs(MM * lowest.depth):.0f} mm {where} the floor"
+    if margin <= 0.0 or (lowest is not None and lowest.depth >= 0.0):
+        text += "; it may topple when torque goes off: crouch less, or lean it over its soles, in postures.rest"
+    return text
 
 
 def _trajectory(robot: RobotBody) -> list[dict[str, float]]:

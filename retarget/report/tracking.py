@@ -54,7 +54,7 @@ def lag(asked: FloatArray, reached: FloatArray, dt: float, *, longest: float = 1
     """Time (s) by which tracks reached (T, k, 3) m trail those asked, where their cross-correlation is highest.
 
     All coordinates together, each about its mean over the ticks compared; lags from 0 to `longest` s, between ticks by
-    a parabola. None where either stands still.
+    a parabola. None where either stands still, or the correlation still rises at the last lag: the run is too short.
     """
     known = np.isfinite(asked).all(axis=(1, 2)) & np.isfinite(reached).all(axis=(1, 2))
     a, b = (track[known].reshape(np.count_nonzero(known), 3 * track.shape[1]) for track in (asked, reached))
@@ -66,6 +66,8 @@ def lag(asked: FloatArray, reached: FloatArray, dt: float, *, longest: float = 1
     first, last = max(near - COARSE, 0), min(near + COARSE, steps)
     score = np.array([_correlation(a, b, step) for step in range(first, last + 1)])
     best = int(np.argmax(score))
+    if first + best == steps:
+        return None
     return float((first + best + _vertex(score, best)) * dt)
 
 

@@ -69,11 +69,13 @@ class PhysicsRun:
 
 @dataclass(frozen=True, eq=False)
 class RunSetup:
-    """What a run was made of. priorities: of the stages. has_bus: servos answered."""
+    """What a run was made of. priorities: of the stages. has_bus: servos answered. real_time: ticks could be late; on
+    virtual time none is."""
 
     performer: Performer
     priorities: tuple[Priorities, ...]
     has_bus: bool
+    real_time: bool = True
 
 
 @dataclass(frozen=True, eq=False)

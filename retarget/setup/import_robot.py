@@ -11,6 +11,7 @@ from retarget.ik.support_polygon import check_stand
 from retarget.model.body import body_from_file
 from retarget.model.body_file import BodyFile, compile_body
 from retarget.model.robot import load_uncalibrated
+from retarget.report.rest_check import at_rest
 from retarget.schema.catalogue import Kind, entries
 from retarget.schema.files import check_folder, check_path
 from retarget.schema.profile import marked_lines
@@ -41,13 +42,15 @@ class Imported:
     """The folder that was written, and what is in its profile.
 
     problems: what keeps it from being used, as `retarget check` says it; empty: it can be run. margin: how far (m) the
-    centre of mass is inside the soles, None without soles or with problems. drafts: lines that are marked so.
+    centre of mass is inside the soles, None without soles or with problems. rest: how it is at rest, in words. drafts:
+    lines that are marked so.
     """
 
     folder: Path
     draft: Draft
     problems: tuple[str, ...]
     margin: float | None
+    rest: str
     drafts: int
 
 
@@ -80,12 +83,12 @@ def import_robot(
             folder = Path(place) / "robot"
             folder.mkdir()
             draft = _drafted(folder, robot, path.name, body, speeds, samples=samples, progress=progress)
-            problems, margin = _checked(folder)
+            problems, margin, rest = _checked(folder)
             _check_out(out)
             folder.rename(out)
     except OSError as error:
         raise UsageError("cannot write here", where=OPTION, found=f"{out}: {error.strerror}") from error
-    return Imported(out, draft, problems, margin, len(marked_lines(profile_text(draft))))
+    return Imported(out, draft, problems, margin, rest, len(marked_lines(profile_text(draft))))
 
 
 def _plain(name: str) -> str:
@@ -101,13 +104,14 @@ def _taken(name: str) -> tuple[str, ...]:
     return (f"{note}; give this one another --name",)
 
 
-def _checked(folder: Path) -> tuple[tuple[str, ...], float | None]:
-    """What `retarget check` would say, without the folder's passing name; how safely it stands."""
+def _checked(folder: Path) -> tuple[tuple[str, ...], float | None, str]:
+    """What `retarget check` would say, without the folder's passing name; how safely it stands; how it is at rest."""
     try:
-        return (), check_stand(load_uncalibrated(folder))
+        robot = load_uncalibrated(folder)
+        return (), check_stand(robot), at_rest(robot)
     except ConfigError as error:
         texts = (replace(problem, where=problem.where.replace(f"{folder}/", "")).render() for problem in error.problems)
-        return tuple(text.replace(f"{folder}/", "") for text in texts), None
+        return tuple(text.replace(f"{folder}/", "") for text in texts), None, ""
 
 
 def _check_out(out: Path) -> None:

@@ -15,7 +15,7 @@ from retarget import rotations
 from retarget.errors import InputError, UsageError, suggest
 from retarget.frames import JOINTS, SENSORS, JointTracks, SensorFrames, Skeleton, stature
 from retarget.sources.files import frame_times
-from retarget.sources.skeletons import JointTree, Pose, joints_by_name, joints_by_shape, shared_path
+from retarget.sources.skeletons import JointTree, Pose, joints_by_name, joints_by_shape, missing_joints, shared_path
 from retarget.types import FloatArray
 
 # Which way is up, left and forward in a motion file, from the body itself.
@@ -192,6 +192,14 @@ def canonical_joints(tree: JointTree, *, where: str) -> tuple[dict[str, Canonica
         found = joints_by_shape(tree)
         notes.append("joint names not known: the body was recognised by the shape of its skeleton")
     if found is None or not _is_body(tree, found):
+        if missing := missing_joints(tree.names):
+            raise InputError(
+                "the body lacks joints that are needed",
+                where=where,
+                found="no " + ", ".join(f"{joint} ({name})" for joint, name in missing.items()),
+                allowed="a body with head, two arms and two legs",
+                next_step="Export the whole body, or rename the joints that are these",
+            )
         raise InputError(
             "no human skeleton recognised",
             where=where,

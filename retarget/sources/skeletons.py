@@ -60,12 +60,27 @@ def plain_names(names: tuple[str, ...]) -> list[str]:
 
 def joints_by_name(names: tuple[str, ...]) -> dict[str, int] | None:
     """Canonical joint (and `head_top`) -> index in `names`, by the style that names the most; None if none fits."""
-    plain = plain_names(names)
-    index: dict[str, int] = {}
-    for i, name in enumerate(plain):
-        index.setdefault(name, i)
+    index = _index(names)
     found = [joints for names in STYLES.values() if set(REQUIRED) <= set(joints := _matched(names, index))]
     return max(found, key=len, default=None)
+
+
+def missing_joints(names: tuple[str, ...]) -> dict[str, str]:
+    """Canonical joint -> its name in the style that fits best, for those that are needed and not in `names`; empty
+    where half of them are missing, for then no style fits."""
+    index = _index(names)
+    styles = {style: set(REQUIRED) - set(_matched(joints, index)) for style, joints in STYLES.items()}
+    style = min(styles, key=lambda style: len(styles[style]))
+    missing = [joint for joint in REQUIRED if joint in styles[style]]
+    return {joint: STYLES[style][joint][0] for joint in missing} if 2 * len(missing) < len(REQUIRED) else {}
+
+
+def _index(names: tuple[str, ...]) -> dict[str, int]:
+    """Name as it is compared -> the first joint that has it."""
+    index: dict[str, int] = {}
+    for i, name in enumerate(plain_names(names)):
+        index.setdefault(name, i)
+    return index
 
 
 def _matched(names: Mapping[str, tuple[str, ...]], index: Mapping[str, int]) -> dict[str, int]:

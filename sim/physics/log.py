@@ -157,7 +157,7 @@ class FallWatch:
         if height < self.lowest:
             return f"the pelvis is {1e3 * height:.0f} mm high, allowed {1e3 * self.lowest:.0f}"
         if state.touching and not self.at_rest(state.q):
-            return "more than soles and hands touches the floor"
+            return f"{state.touching} touches the floor"
         return None
 
     def at_rest(self, q: FloatArray) -> bool:

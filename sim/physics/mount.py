@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from hardware.errors import counted
 from retarget.errors import ConfigError
 from retarget.ik.support_polygon import plant
 from retarget.model.body import Frame
@@ -199,7 +200,7 @@ def check_masses(robot: RobotBody, spec: Any) -> None:
     ):
         if links:
             raise ConfigError(
-                f"{_counted(links, 'link')} {what}",
+                f"{counted(len(links), 'link')} {what}",
                 where=body.source,
                 found=_some(links),
                 allowed="an <inertial> with mass, centre of mass and inertia for every link that moves",
@@ -213,7 +214,7 @@ def check_gains(robot: RobotBody) -> None:
     unknown = [s.joint for s in robot.joint_map.servos if gain_missing(s, protocol=protocols[s.bus])]
     if unknown:
         raise ConfigError(
-            f"{_counted(unknown, 'servo')} without a P gain",
+            f"{counted(len(unknown), 'servo')} without a P gain",
             where=f"{robot.profile.path}: servos",
             found=_some(unknown),
             allowed="gains: {p: ...} for every servo",
@@ -223,10 +224,6 @@ def check_gains(robot: RobotBody) -> None:
 
 def _guessed(geom: Any) -> bool:
     return isnan(geom.mass) and geom.density == DEFAULT_DENSITY
-
-
-def _counted(names: list[str], what: str) -> str:
-    return f"{len(names)} {what}{'s' if len(names) > 1 else ''}"
 
 
 def _some(names: list[str]) -> str:

@@ -25,7 +25,8 @@ class PhysicsState:
     and while a hand holds the robot. load (k,): N on each sole. sole (k, 3): where each is; tilt (k,): of each to the
     floor, rad. corner (c, 2): where the corners of all soles are on the floor; pressed (c,): N on each. torque (n,) N m
     at the shafts, temperature (n,) degrees Celsius. self_contacts: of links with each other; fixture_contacts: with
-    fixtures, and of hands with the floor; touching: whether anything but soles and hands touches the floor.
+    fixtures, and of hands with the floor; touching: the link, other than soles and hands, that touches the floor, else
+    "".
     """
 
     time: float
@@ -42,7 +43,7 @@ class PhysicsState:
     temperature: FloatArray
     self_contacts: int
     fixture_contacts: int
-    touching: bool
+    touching: str
 
 
 class StateReader:
@@ -109,15 +110,15 @@ class StateReader:
         self._corners = model.geom_pos[balls].reshape(-1, 3, 1) - BALL_M * self._ups[self._corner_rows]
         return soles
 
-    def _contacts(self, data: Any) -> tuple[FloatArray, FloatArray, FloatArray, tuple[int, int, bool]]:
-        """Load of the soles (k,) and of their corners (c,) N, centre of pressure (2,) m, and counts: own links,
-        fixtures, floor without soles.
+    def _contacts(self, data: Any) -> tuple[FloatArray, FloatArray, FloatArray, tuple[int, int, str]]:
+        """Load of the soles (k,) and of their corners (c,) N, centre of pressure (2,) m, and contacts: number of own
+        links and fixtures, and a link on the floor.
 
         A contact's first row is its normal force (elliptic cone). In plain floats: there are a dozen contacts.
         """
         load, pressed = [0.0] * len(self._feet), [0.0] * len(self._corner_of)
         own = fixtures = 0
-        touching = False
+        touching = ""
         total = moment_x = moment_y = 0.0
         if data.ncon:
             contact, owners, forces = data.contact, self._owners, data.efc_force.tolist()
@@ -129,7 +130,8 @@ class StateReader:
                 elif low > 0:
                     own += 1
                 elif high == World.ROBOT:
-                    touching = True
+                    model, geom = self._world.model, first if owners[first] == World.ROBOT else second
+                    touching = model.body(model.geom_bodyid[geom]).name
                 elif row >= 0:
                     force = forces[row]
                     load[high - 1] += force

@@ -17,7 +17,7 @@ from hardware.errors import BusError
 from hardware.guard_state import StopCause
 from messages import refuses, shows, shows_lines
 from retarget.cli import main
-from retarget.cli.buses import AFTER_FALL_S, PhysicsBench, make_bus, standing_ticks
+from retarget.cli.buses import AFTER_FALL_S, PhysicsBench, make_bus, posture_ticks
 from retarget.cli.exit import DONE, STOPPED
 from retarget.cli.run import finished, follow_clip
 from retarget.errors import ConfigError, UsageError
@@ -64,7 +64,7 @@ def test_simulated_servos_begin_where_the_robot_stands(name: str, kind: type, ro
     bus = make_bus(name, robot, VirtualClock())
     assert isinstance(bus, kind)
     bus.open()
-    assert np.array_equal(bus.read().position, standing_ticks(robot))
+    assert np.array_equal(bus.read().position, posture_ticks(robot))
     bus.close()
 
 

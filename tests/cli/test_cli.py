@@ -44,6 +44,7 @@ def test_the_help_of_run_fits_two_screens(monkeypatch: pytest.MonkeyPatch, capsy
     assert leave("run", "--help") == DONE
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) <= 100 and max(map(len, lines)) <= 80
+    assert not any("--no-mirror" in line for line in lines), "the opposites of switches go without saying"
 
 
 def test_module_is_the_command() -> None:

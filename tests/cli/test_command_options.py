@@ -78,9 +78,12 @@ def test_values_go_to_the_group_that_has_them() -> None:
     assert CALLED.pop() == (Group(2.0, ("a", "b"), Inner(loop=True)), "a.bvh", "other", "x")
 
 
+def test_a_switch_is_undone_by_its_opposite() -> None:
+    assert run("a.bvh", "--loop", "--no-loop")[0] == 0 and CALLED.pop()[0] == Group()
+
+
 def test_what_is_not_described_is_no_option() -> None:
     assert run("a.bvh", "--hidden", "2")[0] == 2
-    assert run("a.bvh", "--no-loop")[0] == 2, "a flag has no opposite"
 
 
 def test_the_help_is_the_docstring() -> None:

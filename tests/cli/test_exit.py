@@ -28,6 +28,7 @@ from retarget.cli.exit import (
     REASONS,
     STOPPED,
     ForcedStopKey,
+    Press,
     Screen,
     all_as_ctrl_c,
     careful_stdout,
@@ -237,6 +238,7 @@ def test_a_held_ctrl_c_asks_and_pressed_again_it_forces_torque_off() -> None:
             signal.raise_signal(signal.SIGINT)
             clock.advance(0.03)
             assert asked() and not asked.forced_stop()
+        assert asked.too_soon() == 59
         clock.advance(0.3)
         signal.raise_signal(signal.SIGINT)
         assert asked.forced_stop()
@@ -333,7 +335,7 @@ def test_any_command_whose_reader_has_left_is_quiet(words: list[str]) -> None:
 
 def presses(*times: float) -> list[bool]:
     key = ForcedStopKey()
-    return [key.pressed(1, time) for time in times]
+    return [key.pressed(1, time) is Press.SECOND for time in times]
 
 
 def test_pressed_again_it_is() -> None:
@@ -359,7 +361,7 @@ def test_held_it_is_not(delay: float, period: float, tick: float, phase: float) 
     for look in range(int(5.0 / tick)):
         now = look * tick
         come = sum(time <= now for time in repeats)
-        assert not key.pressed(come - seen, now)
+        assert come == seen or key.pressed(come - seen, now) is not Press.SECOND
         seen = come
 
 
@@ -369,8 +371,7 @@ def test_held_and_read_late_it_is_not(stall: float) -> None:
     key.pressed(1, 0.0)
     now = 0.5
     while now < 3.0:
-        assert not key.pressed(1, now)
+        assert key.pressed(1, now) is Press.TOO_SOON
         now += 0.033
-    assert not key.pressed(int(stall / 0.033), now + stall)
-    assert not key.pressed(0, now + stall + 0.01)
-    assert not key.pressed(1, now + stall + 0.02)
+    assert key.pressed(int(stall / 0.033), now + stall) is Press.TOO_SOON
+    assert key.pressed(1, now + stall + 0.02) is Press.TOO_SOON

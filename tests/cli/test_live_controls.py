@@ -20,6 +20,7 @@ from retarget.cli.controls import (
     LONGEST_S,
     SPACE,
     STOPPED_BY,
+    TOO_SOON,
     Asked,
     Control,
     ControlSocket,
@@ -115,7 +116,7 @@ def played(
             each(len(states), machine)
             return live.look()
 
-        forced = announced(live.forced_stop, machine, notify=rig.said.append)
+        forced = announced(live.forced_stop, machine, notify=rig.said.append, too_soon=live.too_soon)
         return rig, prepared.run(Watch(stop_asked=look, torque_off_asked=forced, why=live.why)), states
 
 
@@ -233,6 +234,7 @@ def test_the_space_bar_again_switches_torque_off_at_once_and_a_held_one_does_not
     rig, held, _ = played(Typed({500: " ", 502: "  "} | dict.fromkeys(range(562, 1000, 4), " ")))
     assert len(held.record) == len(once.record) and sum("stopping" in text for text in rig.said) == 1
     assert held.stop is not None and held.stop.reason == SPACE
+    assert rig.said.count(TOO_SOON) == 1 and TOO_SOON in played(Typed({500: " ", 520: " "}))[0].said
 
 
 def test_a_pause_holds_and_goes_on() -> None:

@@ -58,7 +58,7 @@ TYPED = [
     "run --robot op3 --source sample --save s.csv",
     f"{RUN} --sing",
     f"{RUN} --scene s.yaml",
-    f"{RUN} --realtime",
+    f"{RUN} --realtime 0",
     f"{RUN} --dead-man b --control-socket",
     f"{RUN} --person anna --check-sides",
     "run --robot human --source sample --parts upper",

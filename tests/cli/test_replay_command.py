@@ -30,7 +30,7 @@ def test_the_same_goals(plain: Recorded, capsys: pytest.CaptureFixture[str], tmp
     shown = capsys.readouterr()
     lines = shown.out.splitlines()
     assert lines[0] == f"{plain.path}: synthetic on op3, --bus mock"
-    assert lines[1].startswith("all ") and lines[1].endswith("goals are as recorded, to the tick")
+    assert lines[1].startswith("all ") and lines[1].endswith(" ticks")
     assert lines[2] == f"run: {tmp_path / 'again.npz'}" and shown.err == ""
     with np.load(tmp_path / "again.npz") as arrays:
         assert len(arrays["time"]) == len(plain.result.record)

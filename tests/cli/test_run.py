@@ -15,12 +15,13 @@ import pytest
 
 from command_line import code_of
 from hardware.clock import VirtualClock
+from hardware.guard import Torque
 from live_rig import LiveRig
 from messages import refuses, shows, shows_lines
 from retarget.cli import main
 from retarget.cli.application import given, refuse_given
-from retarget.cli.controls import Asked, LiveControls
-from retarget.cli.exit import DONE, INTERRUPTED, STOPPED, StopRequest
+from retarget.cli.controls import TORQUE_WORDS, Asked, LiveControls
+from retarget.cli.exit import DONE, INTERRUPTED, REFUSED, STOPPED, StopRequest
 from retarget.cli.run import COUNTDOWN_S, StreamOptions, _wait_until_engaged, in_time, sides_are_checked
 from retarget.errors import UsageError
 from retarget.human.samples import Playback
@@ -347,3 +348,21 @@ def test_a_reader_that_leaves_costs_no_file(amc: Path, tmp_path: Path) -> None:
         result = subprocess.run(words, stdout=pipe, stderr=subprocess.PIPE, text=True, timeout=60)
     assert (result.returncode, result.stderr) == (DONE, "")
     assert (tmp_path / "r.json").exists()
+
+
+@pytest.mark.parametrize(("until", "torque"), [(4.0, Torque.OFF), (30.0, Torque.UNCONFIRMED)])
+def test_the_end_of_torque_is_said_also_where_no_servo_confirms_it(
+    until: float, torque: Torque, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    faults = tmp_path / "faults.yaml"
+    faults.write_text(f"faults: [{{fault: missing, ids: [5], start: 3.9, end: {until}}}]\n")
+    words = ("--robot", "op3", "--source", "sample", "--end", "0.5", "--bus", "emulator", "--faults", faults)
+    assert run_run(*words) == STOPPED
+    assert TORQUE_WORDS[torque] in capsys.readouterr().err.splitlines()
+
+
+def test_a_recording_is_played_on_one_core_and_has_no_dead_man(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ("--robot", "human", "--source", "sample", "--end", "0.1", "--core")
+    assert run_run(*words, str(min(os.sched_getaffinity(0)))) == DONE
+    assert run_run(*words, "0", "--dead-man", "d") == REFUSED
+    assert "--dead-man" in capsys.readouterr().err

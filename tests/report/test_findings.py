@@ -10,7 +10,8 @@ from rich.console import Console
 
 from retarget.report.findings import Finding, findings, limit_use, show_summary
 from retarget.report.measure import measure
-from retarget.report.report import Report
+from retarget.report.report import Percentiles, Report
+from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
 from rig import Rig, person, result, scripted_run, short_clip
 
@@ -38,7 +39,7 @@ def changed(report: Report, part: str, **values: Any) -> Report:
 
 CASES: list[tuple[str, Any, str]] = [
     ("joint positions", lambda r: changed(r, "limit_violations", position=3), "3 values beyond"),
-    ("joint speeds", lambda r: changed(r, "limit_violations", velocity=1), "1 values beyond"),
+    ("joint speeds", lambda r: changed(r, "limit_violations", velocity=1), "1 value beyond"),
     ("joint accelerations", lambda r: changed(r, "limit_violations", acceleration=2), "2 values beyond"),
     ("centre of mass", lambda r: replace(r, com_outside_support_frames=4, com_margin_mm=-2.0), "4 ticks, by up to 2.0"),
     (
@@ -163,7 +164,9 @@ def test_hands_within_reach_are_shown_one_by_one(swung: tuple[RunResult, Report]
     reported = replace(
         report, reachable_hands_mm={"l_hand": 4.66, "mean": 4.66}, reachable_share={"l_hand": 0.715, "r_hand": 0.0}
     )
-    assert line(shown(run, reported), "hands within reach").endswith("l_hand 4.7 mm off in 72% of ticks, r_hand never")
+    assert line(shown(run, reported), "hands within reach").endswith(
+        "l_hand in 72% of ticks, then 4.7 mm off; r_hand never"
+    )
 
 
 def test_a_good_hand_does_not_hide_a_bad_one(swung: tuple[RunResult, Report]) -> None:
@@ -171,7 +174,25 @@ def test_a_good_hand_does_not_hide_a_bad_one(swung: tuple[RunResult, Report]) ->
     hands = {"l_hand": 2.0, "r_hand": 30.0, "mean": 3.3, "worse": 30.0}
     reported = replace(report, reachable_hands_mm=hands, reachable_share={"l_hand": 0.95, "r_hand": 0.05})
     text = line(shown(run, reported), "hands within reach")
-    assert text.endswith("l_hand 2.0 mm off in 95% of ticks, r_hand 30.0 mm off in 5% of ticks") and "3.3" not in text
+    assert text.endswith("l_hand in 95% of ticks, then 2.0 mm off; r_hand in 5% of ticks, then 30.0 mm off")
+    assert "3.3" not in text
+
+
+def test_a_run_that_followed_nobody_has_no_empty_rows(run: RunResult) -> None:
+    braked = replace(run.record, phase=np.full(len(run.record), Phase.BRAKE))
+    stopped = replace(run, record=braked)
+    nothing = Percentiles(np.nan, np.nan, np.nan)
+    reported = replace(measure(stopped), tracking_mm={}, lag_s=None, reconstruct_us=nothing, retarget_us=nothing)
+    lines = shown(stopped, reported)
+    rows = ("tracking", "hands", "cost per tick", "lag")
+    assert [text for text in lines if text.startswith(rows)] == []
+
+
+def test_on_virtual_time_no_tick_is_missed(run: RunResult, report: Report) -> None:
+    timed = changed(report, "bus", missed_ticks=0, longest_period_ms=8.0)
+    virtual = replace(run, setup=replace(run.setup, real_time=False))
+    names, without = ({finding.name for finding in findings(one, timed)} for one in (run, virtual))
+    assert names - without == {"ticks missed"}
 
 
 def test_without_servos_nothing_is_said_of_them(swung: tuple[RunResult, Report]) -> None:

@@ -92,6 +92,10 @@ def test_lag_is_found_between_ticks(late: float) -> None:
     assert tracking.lag(wave(), wave(late=late), DT) == pytest.approx(late, abs=0.003)
 
 
+def test_a_run_that_is_too_short_to_show_its_lag_has_none() -> None:
+    assert tracking.lag(wave()[:60], wave(late=0.4)[:60], DT) is None
+
+
 def test_ticks_with_unknown_values_take_no_part() -> None:
     asked, reached = wave(), wave()
     asked[3] = np.nan

@@ -6,7 +6,7 @@ import pytest
 
 from messages import shows
 from retarget.model.robot import RobotBody, load_robot
-from retarget.report.rest_check import PathToRest, path_to_rest
+from retarget.report.rest_check import PathToRest, at_rest, path_to_rest
 from unknown_robots import SHIPPED as ROBOTS
 
 
@@ -46,6 +46,14 @@ def test_a_robot_that_would_fall_over_on_it_is_named() -> None:
     assert not path.safe and path.margin < 0.0
     assert str(path).startswith("not straight, as it would tip: ")
     shows(str(path), f"{-1000.0 * path.margin:.0f}")
+
+
+def test_a_robot_that_would_topple_at_rest_is_said_with_its_lowest_part() -> None:
+    robot = load_robot("op3")
+    assert "topple" not in at_rest(robot)
+    leaning = resting(robot, l_ank_pitch=0.4, r_ank_pitch=-0.4)
+    shows(at_rest(leaning), "l_hip_roll", "postures.rest")
+    assert at_rest(replace(robot, profile=robot.profile.model_copy(update={"root": "fixed"}))) == ""
 
 
 def test_a_robot_on_a_stand_is_not_looked_at_nor_one_whose_trunk_is_unknown() -> None:

@@ -9,7 +9,7 @@ from hardware.errors import BusError
 from hardware.guard import Guard
 from messages import refuses
 from physics_rig import DT, PhysicsRig, op3, standing, ticks
-from retarget.cli.buses import standing_ticks
+from retarget.cli.buses import posture_ticks
 from retarget.model.robot import load_robot
 from retarget.safety.gate import Gate
 from sim.buses import emulated_bus
@@ -18,7 +18,7 @@ from sim.physics.perturbation import Perturbation, Push
 
 def test_the_servos_of_op3_stand_and_follow() -> None:
     robot, clock = load_robot("op3"), VirtualClock()
-    start = standing_ticks(robot)
+    start = posture_ticks(robot)
     bus = emulated_bus(robot, clock, start=start)
     bus.open()
     assert np.array_equal(bus.read().position, start)

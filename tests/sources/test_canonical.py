@@ -164,6 +164,11 @@ def test_a_tree_that_is_no_body_is_refused() -> None:
     tree = build()
     with refuses(InputError):
         canonical_joints(JointTree(tree.names[:3], tree.parents[:3], tree.offsets[:3], tree.ends[:3]), where="here")
+    for name, lacks in (("LeftForeArm", ("l_elbow", "leftforearm")), ("Head", ("head",))):
+        names = tuple("Other" if joint == name else joint for joint in tree.names)
+        with refuses(InputError, lacks):
+            missing = JointTree(names, tree.parents, 0.0 * tree.offsets, tree.ends)
+            canonical_joints(missing, where="here")
     flat = JointTree(tree.names, tree.parents, 0.0 * tree.offsets, tree.ends)
     pose = forward_kinematics(flat, np.broadcast_to(rotations.IDENTITY, (1, len(tree.names), 4)), flat.offsets)
     for unit in (None, named_unit("m")):

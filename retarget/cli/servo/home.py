@@ -153,7 +153,7 @@ def home(
 
     Opening the bus switches the servos' power on where a device does that, and brings servos without torque to the
     profile's settings. What is read is shown, and written only when you agree; the last calibration is kept beside it.
-    Of an emulator or mock servos nothing is kept, unless --out names a file.
+    Emulated and mock servos stand in that posture already; of them nothing is kept, unless --out names a file.
     """
     body = load_uncalibrated(robot)
     posture = _posture(body, pose)
@@ -167,7 +167,7 @@ def home(
         return
 
     def agree(question: str, enter: bool) -> bool:
-        return ask(question, enter=enter or options.simulated, where="servo home")
+        return ask(question, enter=enter, where="servo home")
 
     if file.notice:
         typer.echo(file.notice)
@@ -176,7 +176,7 @@ def home(
         typer.echo("nothing was written")
         return
     clock = VirtualClock() if options.simulated else MonotonicClock()
-    with closing(make_bus(bus, body, clock)) as servos:
+    with closing(make_bus(bus, body, clock, posture=pose)) as servos:
         servos.open()
         homing = home_servos(servos, body.joint_map, posture, agree, typer.echo, clock=clock, chosen=chosen, name=pose)
     if homing is None:

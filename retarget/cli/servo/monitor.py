@@ -1,10 +1,10 @@
 """`retarget servo monitor`: a live table of all servos, which writes nothing."""
 
 import math
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
-from rich.console import Console, Group
+from rich.console import Group
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
@@ -15,6 +15,7 @@ from hardware.dynamixel.bus import Watch
 from hardware.dynamixel.checks import alert_text
 from hardware.dynamixel.readings import Torque
 from hardware.servo import ServoSpec
+from retarget.cli.application import console
 from retarget.cli.exit import stop_on_signals
 from retarget.cli.servo.places import (
     Baud,
@@ -53,8 +54,8 @@ def monitor(
     if not 1.0 <= rate <= 500.0:
         raise UsageError("an impossible rate", where="--rate", found=f"{rate:g}", allowed="1 to 500 Hz")
     wanted = ids_of(ids)
-    console = Console()
-    once = once or not console.is_terminal
+    screen = console()
+    once = once or not screen.is_terminal
     places = find_places(robot, port, faults=faults, clock=None if once else MonotonicClock())
     if dry_run:
         typer.echo(f"would read all servos of {', '.join(one.where for one in places)}; nothing is written")
@@ -68,10 +69,10 @@ def monitor(
             for _ in range(FIRST):
                 states = watch.read()
                 clock.sleep_until(states.time + 1.0 / rate)
-            console.print(shown(servos, states, watch, rate))
+            screen.print(shown(servos, states, watch, rate))
             return
         drawn = -math.inf
-        with stop_on_signals() as stop, Live(console=console, auto_refresh=False) as live:
+        with stop_on_signals() as stop, Live(console=screen, auto_refresh=False) as live:
             due = clock.now()
             while not stop():
                 states = watch.read()
@@ -85,8 +86,11 @@ def monitor(
 def shown(servos: list[ServoSpec], states: ServoStates, watch: Watch, rate: float) -> Group:
     """Make the table of all servos, and a line about the cycles."""
     table = Table(box=None, pad_edge=False)
+    # On a narrow terminal numbers give way: names that are cut look alike, and so do "on" and "off".
+    whole = {"joint": max((len(servo.joint) for servo in servos), default=0), "torque": len("torque")}
     for heading in ("joint", "id", "ticks", "deg", "A", "C", "V", "torque", "age, s", "lost", "errors"):
-        table.add_column(heading, justify="left" if heading in ("joint", "errors") else "right")
+        justify: Literal["left", "right"] = "left" if heading in ("joint", "errors") else "right"
+        table.add_column(heading, justify=justify, min_width=whole.get(heading))
     for at, servo in enumerate(servos):
         angle = math.degrees((int(states.position[at]) - servo.zero_tick) / servo.ticks_per_rad)
         answered = math.isfinite(states.age[at])

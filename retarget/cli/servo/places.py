@@ -20,13 +20,14 @@ from hardware.dynamixel.line_scan import (
     Speed,
     all_speeds,
     has_speed,
+    scan_likely,
     scan_line,
 )
 from hardware.dynamixel.serial_port import BytePort, SerialPort
 from hardware.errors import BusError
 from hardware.servo import ServoSpec
 from retarget.cli.application import ask, progress_bar
-from retarget.cli.buses import standing_ticks
+from retarget.cli.buses import posture_ticks
 from retarget.errors import UsageError
 from retarget.model.robot import RobotBody, load_uncalibrated
 from sim.emulator.fault_state import load_fault_plan
@@ -155,7 +156,7 @@ def emulated_lines(body: RobotBody, clock: Clock, faults: Path | None) -> dict[s
     """The robot's emulated servos with their power on, by bus."""
     servos, buses = body.joint_map.servos, body.profile.bus_specs()
     plan = None if faults is None else load_fault_plan(faults, {bus.name: bus.ids for bus in buses})
-    return robot_lines(servos, buses, start=standing_ticks(body), now=clock.now(), plan=plan, powered=True)
+    return robot_lines(servos, buses, start=posture_ticks(body), now=clock.now(), plan=plan, powered=True)
 
 
 # A look at every servo of the open ports, by the profile of the robot or as found.
@@ -237,6 +238,13 @@ def search(
     """Look for `ids` (None: all) at each speed, with a progress bar. See `scan_line`."""
     with progress_bar(f"looking on {place.where}", len(speeds)) as progress:
         return scan_line(place.port, speeds, ids=ids, progress=progress, on_found=on_found)
+
+
+def quick_search(place: Place, speeds: Sequence[Speed], on_found: Callable[[Sighting], object]) -> LineScan:
+    """Look for the servos of the place and others where servos usually are, with a progress bar. See `scan_likely`."""
+    expected = () if place.spec is None else place.spec.ids
+    with progress_bar(f"looking on {place.where}", len(speeds)) as progress:
+        return scan_likely(place.port, speeds, ids=expected, progress=progress, on_found=on_found)
 
 
 def names(one: Look, ids: Sequence[int]) -> str:

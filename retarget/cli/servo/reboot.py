@@ -9,7 +9,7 @@ from hardware.dynamixel.checks import alert_text
 from hardware.dynamixel.codec import MAX_ID
 from hardware.dynamixel.found_servos import Look
 from hardware.dynamixel.torque import restart
-from hardware.errors import BusError
+from hardware.errors import BusError, counted
 from retarget.cli.exit import stop_on_signals
 from retarget.cli.servo.places import (
     Baud,
@@ -61,7 +61,7 @@ def reboot(
             for device in some:
                 typer.echo(_said(one, device))
         count = sum(len(some) for _, some in chosen)
-        if not agreed(f"Restart {count} servo{'s' * (count > 1)}? Their torque goes off.", yes=yes):
+        if not agreed(f"Restart {counted(count, 'servo')}? Their torque goes off.", yes=yes):
             return
         problems = _restart(chosen)
     if problems:

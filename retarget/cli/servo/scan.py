@@ -3,11 +3,12 @@
 import sys
 from collections.abc import Sequence
 from functools import partial
+from typing import Annotated
 
 import typer
 
 from hardware.dynamixel.codec import MAX_ID
-from hardware.dynamixel.line_scan import LineScan, Sighting, Speed
+from hardware.dynamixel.line_scan import LIKELY_IDS, LineScan, Sighting, Speed, likely_speeds
 from hardware.dynamixel.serial_port import ECHOES
 from hardware.errors import BusError
 from retarget.cli.servo.places import (
@@ -23,9 +24,13 @@ from retarget.cli.servo.places import (
     find_places,
     ids_of,
     opened,
+    quick_search,
     search,
 )
 
+USUAL_IDS = f"all ids by one ping (protocol 1.0: {LIKELY_IDS[0]} to {LIKELY_IDS[-1]}, and those of a profile)"
+"""What a quick look asks for."""
+LOOK_EVERYWHERE = "--all looks at every speed and id, for about a minute"
 CHECK = "Check the servos' power, the wiring (data, ground), and that this is the right port; one servo alone says more"
 
 
@@ -35,37 +40,45 @@ def scan(
     baud: Baud = None,
     protocol: Protocol = None,
     ids: Ids = "",
+    everywhere: Annotated[bool, typer.Option("--all", help="Every speed and id; about a minute.")] = False,
     faults: Faults = None,
     dry_run: DryRun = False,
 ) -> None:
-    """Find every servo on a port: all speeds, both protocols, the likely ones first. Nothing is written to a servo.
+    """Find the servos on a port, at the usual speeds of both protocols, in seconds. Nothing is written to a servo.
 
-    Each servo is printed when found; Ctrl-C ends it with those found so far. A whole port takes about a minute.
-    With --robot the ids of its profile are compared with what answers.
+    Each servo is printed when found; Ctrl-C ends it with those found so far. --all, --ids and --baud look at every
+    speed and id that they mean. With --robot the ids of its profile are compared with what answers.
     """
     wanted = ids_of(ids, highest=MAX_ID + (protocol != 2))
+    quick = not everywhere and wanted is None and baud is None
     places = find_places(robot, port, faults=faults)
     speeds = [chosen_speeds(place, protocol, baud) for place in places]
+    whose = _ids_text(wanted)
+    if quick:
+        speeds, whose = [likely_speeds(some) for some in speeds], USUAL_IDS
     if dry_run:
         for place, some in zip(places, speeds, strict=True):
-            typer.echo(f"would ping {_ids_text(wanted)} on {place.where} at {_speeds_text(some)}; nothing is written")
+            typer.echo(f"would ping {whose} on {place.where} at {_speeds_text(some)}; nothing is written")
         return
     rows = Rows()
     scans: list[LineScan] = []
     with opened(places):
         for place, some in zip(places, speeds, strict=True):
             try:
-                scans.append(search(place, some, wanted, partial(rows.add, place)))
+                show = partial(rows.add, place)
+                scans.append(quick_search(place, some, show) if quick else search(place, some, wanted, show))
             except KeyboardInterrupt:  # what ends the command says "interrupted"
                 typer.echo(f"not all was looked at; found so far: {rows.count}")
                 raise
             _conclude(place, scans[-1], wanted)
     if not rows.count:
         tried = "; ".join(
-            f"{_ids_text(wanted)} on {place.where} at {_speeds_text(one.tried)}"
-            for place, one in zip(places, scans, strict=True)
+            f"{whose} on {place.where} at {_speeds_text(one.tried)}" for place, one in zip(places, scans, strict=True)
         )
-        raise BusError("no servo answers", where="servo scan", found=f"silence of {tried}", then=CHECK)
+        then = f"{CHECK}. {LOOK_EVERYWHERE}" if quick else CHECK
+        raise BusError("no servo answers", where="servo scan", found=f"silence of {tried}", then=then)
+    if quick:
+        typer.echo(f"note: looked at the usual speeds; {LOOK_EVERYWHERE}", err=True)
 
 
 class Rows:

@@ -15,7 +15,7 @@ from hardware.clock import Clock, VirtualClock
 from messages import shows
 from retarget.cli import main
 from retarget.cli import servo as servo_group
-from retarget.cli.buses import make_bus
+from retarget.cli.buses import make_bus, posture_ticks
 from retarget.cli.servo import home as home_file
 from retarget.model.robot import RobotBody, load_robot
 from retarget.schema.catalogue import calibration_path
@@ -48,9 +48,8 @@ class Lab:
         """The buses of the command line, instead of ours."""
         self._patch.setattr(home_file, "make_bus", make_bus)
 
-    def _make(self, name: str, robot: RobotBody, clock: Clock) -> ServoBus:
-        angles = robot.posture(robot.profile.postures.neutral)[robot.servo_columns]
-        start = robot.joint_map.to_ticks(angles)
+    def _make(self, name: str, robot: RobotBody, clock: Clock, *, posture: str) -> ServoBus:
+        start = posture_ticks(robot, "neutral")
         for column, ticks in self.shift.items():
             start[column] += ticks
         self.buses.append(MockBus(robot.joint_map.servos, clock, start=start))
@@ -215,22 +214,28 @@ def _files(folder: Path) -> list[str]:
 @pytest.mark.parametrize("bus", ["mock", "emulator"])
 def test_of_servos_that_are_simulated_nothing_is_kept(bus: str, lab: Lab, own: Path) -> None:
     lab.shift = {0: 30}
-    code, out, err = lab.home("--bus", bus, typed="\n\n\n")
+    code, out, err = lab.home("--bus", bus, typed="y\n\n")
     assert (code, err) == (0, "") and "+0.046" in out and lab.closed()
     first, last = out.splitlines()[0], out.splitlines()[-1]
     assert first.startswith("These servos are simulated: all steps run, and nothing is kept; --out FILE")
-    assert last.startswith("nothing was kept: these servos are simulated") and "[y/N]" not in out
+    assert last.startswith("nothing was kept: these servos are simulated")
     assert _files(own) == []
     code, out, _ = lab.home("--bus", bus, "--dry-run")
     assert code == 0 and "write" not in out.split("and keep nothing")[1]
     shows(out)
 
 
-def test_all_steps_run_on_an_emulator_at_a_port(own: Path, lab: Lab) -> None:
+@pytest.mark.parametrize("words", [(), ("--pose", "stand")])
+def test_all_steps_run_on_an_emulator(words: tuple[str, ...], own: Path, lab: Lab) -> None:
     lab.real()
-    code, out, err = lab.home("--bus", "emulator", "--pose", "stand", typed="\n\n\n")
+    code, out, err = lab.home("--bus", "emulator", *words, typed="y\n\n")
     assert (code, err) == (0, "") and _files(own) == []
     shows(out)
+
+
+def test_enter_alone_never_switches_torque_off(own: Path, lab: Lab) -> None:
+    code, out, _ = lab.home("--bus", "emulator", typed="\n")
+    assert code == 0 and out.rstrip().endswith("Go on? [y/N] nothing was written")
 
 
 @pytest.mark.parametrize("words", [("--bus", "emulator"), ("--bus", "profile")])

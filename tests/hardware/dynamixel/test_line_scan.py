@@ -2,7 +2,7 @@
 
 import pytest
 
-from bus_rig import BusRig, bus_of, specs
+from bus_rig import BusRig, bus_of, spec, specs
 from hardware.dynamixel.control_table import code_of
 from hardware.dynamixel.line_scan import (
     LIKELY,
@@ -12,6 +12,8 @@ from hardware.dynamixel.line_scan import (
     all_speeds,
     answering_elsewhere,
     has_speed,
+    likely_speeds,
+    scan_likely,
     scan_line,
     write_setting,
 )
@@ -44,6 +46,25 @@ def test_each_servo_is_seen_once_at_its_own_speed() -> None:
     assert seen.tried == tuple(all_speeds()) and not seen.skipped
     assert {one.model for one in seen.sightings} == {"XM430-W350"}
     assert rig.images() == images
+
+
+def test_a_quick_look_finds_servos_at_usual_speeds_in_seconds() -> None:
+    rig = _rig(s2=57_600, s3=4_500_000)
+    begun = rig.port.now()
+    seen = scan_likely(rig.port, likely_speeds(all_speeds()))
+    assert {one.found.id: one.speed.baud for one in seen.sightings} == {1: 2_000_000, 2: 57_600}
+    assert rig.port.now() - begun < 10.0
+    own = Speed(2, 4_500_000)
+    assert likely_speeds(all_speeds(first=own))[0] == own
+
+
+@pytest.mark.parametrize(("ids", "found"), [((), [1]), ((100,), [1, 100])])
+def test_a_quick_look_in_protocol_1_is_for_usual_ids_and_those_expected(ids: tuple[int, ...], found: list[int]) -> None:
+    servos = [spec(number, "MX-28") for number in (1, 100)]
+    rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)])
+    rig.port.open(1_000_000)
+    seen = scan_likely(rig.port, [Speed(1, 1_000_000)], ids=ids)
+    assert [one.found.id for one in seen.sightings] == found
 
 
 def test_the_choice_of_ids_and_speeds_is_kept_to() -> None:
@@ -88,7 +109,7 @@ def test_errors_are_given_in_words_and_unknown_models_by_number() -> None:
 def test_the_likely_speeds_come_first_and_none_is_lost() -> None:
     speeds = all_speeds()
     assert [one.baud for one in all_speeds((2,))][: len(LIKELY)] == list(LIKELY)
-    assert speeds[:2] == [Speed(2, 57_600), Speed(1, 57_600)] and len(set(speeds)) == len(speeds) == 21
+    assert speeds[:2] == [Speed(2, 1_000_000), Speed(1, 1_000_000)] and len(set(speeds)) == len(speeds) == 21
     assert all_speeds(first=Speed(1, 400_000))[0] == Speed(1, 400_000)
     assert sorted(all_speeds(first=Speed(1, 400_000))) == sorted(speeds)
 

@@ -11,6 +11,7 @@ from hardware.clock import VirtualClock
 from hardware.dynamixel.bus import Watch
 from hardware.dynamixel.codec import Instruction
 from messages import shows
+from retarget.model.robot import load_robot
 from servo_lab import ServoLab
 from sim.emulator.faults import Fault, FaultKind
 
@@ -50,6 +51,13 @@ def test_it_takes_the_options_of_scan(
     assert all(one in row for one, row in zip(ids, rows, strict=True))
 
 
+def test_names_are_whole_on_a_narrow_terminal(lab: ServoLab, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("retarget.cli.servo.monitor.console", functools.partial(Console, width=55))
+    code, out, _ = lab.run("monitor", "--robot", "op3", "--port", "emulator", "--once")
+    joints = load_robot("op3").joint_map.joints
+    assert code == 0 and [name for name in joints if name not in out.split()] == [] and out.count(" off") == len(joints)
+
+
 def test_a_missing_servo_is_shown_as_never_answered(lab: ServoLab) -> None:
     lab.faults = [Fault(FaultKind.MISSING, ids=(13,))]
     code, out, _ = lab.run("monitor", "--robot", "op3", "--port", "emulator", "--once")
@@ -77,7 +85,7 @@ def test_ctrl_c_ends_the_live_table(lab: ServoLab, monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr(Watch, "read", interrupted)
     monkeypatch.setattr("retarget.cli.servo.monitor.MonotonicClock", VirtualClock)
-    monkeypatch.setattr("retarget.cli.servo.monitor.Console", functools.partial(Console, force_terminal=True))
+    monkeypatch.setattr("retarget.cli.servo.monitor.console", functools.partial(Console, force_terminal=True))
     code, out, err = lab.run("monitor", "--robot", "op3", "--port", "emulator")
     assert (code, err) == (0, "") and len(cycles) == 20 and "head_tilt" in out
     assert lab.instructions() <= READING

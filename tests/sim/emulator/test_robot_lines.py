@@ -11,7 +11,7 @@ from hardware.dynamixel.codec import Error1, Error2, protocol1, protocol2
 from hardware.errors import HardwareError
 from hardware.servo import ServoMode, find_model
 from messages import refuses
-from retarget.cli.buses import standing_ticks
+from retarget.cli.buses import posture_ticks
 from retarget.model.robot import load_robot
 from servos import four_servos
 from sim.emulator.conversation import Conduct, Gaps
@@ -97,7 +97,7 @@ def test_a_goal_switches_torque_on(conduct: Conduct | None, torque: bytes) -> No
 @pytest.mark.parametrize("powered", [True, False])
 def test_the_servos_of_a_robot_stand_and_answer_once_its_switch_is_on(powered: bool) -> None:
     robot = load_robot("op3")
-    servos, start = robot.joint_map.servos, standing_ticks(robot)
+    servos, start = robot.joint_map.servos, posture_ticks(robot)
     lines = robot_lines(servos, robot.profile.bus_specs(), start=start, now=5.0, timing=Timing.none(), powered=powered)
     (line,) = lines.values()
     assert list(lines) == ["main"] and [device.id for device in line.devices] == [*(one.id for one in servos), 200]

@@ -22,12 +22,29 @@ def _row(out: str, device: int) -> str:
 
 def test_every_servo_is_found_and_nothing_is_written(lab: ServoLab) -> None:
     code, out, err = lab.run("scan", "--robot", "op3", "--port", "emulator")
-    assert (code, err) == (0, "")
+    assert code == 0
+    shows(err)
     assert len(out.splitlines()) == 1 + 1 + 21 and "missing" not in out
     assert _row(out, 13).split() == ["2.0", "2000000", "13", "XM430-W350", "52", "r_knee"]
     shows(_row(out, 200))
     assert lab.instructions() <= {Instruction.PING, Instruction.READ}
     assert lab.bauds[0] == 2_000_000  # the speed of the profile comes first
+
+
+def test_a_servo_at_an_unusual_speed_is_found_by_a_whole_scan(lab: ServoLab) -> None:
+    lab.before = {(2, "baud_rate"): 0}  # 9600 baud
+    words = ("scan", "--robot", "op3", "--port", "emulator")
+    code, out, err = lab.run(*words)
+    assert code == 0 and "l_sho_pitch (id 2)" in out and "--all" in err
+    code, out, err = lab.run(*words, "--all", "--protocol", "2")
+    assert (code, err) == (0, "") and "missing" not in out and _row(out, 2).split()[1] == "9600"
+
+
+def test_a_quick_look_that_finds_nothing_says_how_to_look_everywhere(lab: ServoLab) -> None:
+    lab.faults = [Fault(FaultKind.MISSING)]
+    code, out, err = lab.run("scan", "--port", "emulator")
+    assert (code, out) == (2, "")
+    shows(err, "--all")
 
 
 def test_missing_unknown_fast_and_wrong_servos_are_reported(lab: ServoLab) -> None:
@@ -98,15 +115,15 @@ def test_ctrl_c_leaves_what_was_found(lab: ServoLab, monkeypatch: pytest.MonkeyP
     lab.before = {(5, "baud_rate"): 1}
     scan, speeds = OneOff.scan, []
 
-    def interrupted(client: OneOff, ids: Iterable[int]) -> list[Found]:
+    def interrupted(client: OneOff, ids: Iterable[int], *, alone: Iterable[int]) -> list[Found]:
         speeds.append(client.port.baud)
-        if len(speeds) == 2:
+        if len(speeds) == 3:
             raise KeyboardInterrupt
-        return scan(client, ids)
+        return scan(client, ids, alone=alone)
 
     monkeypatch.setattr(OneOff, "scan", interrupted)
     code, out, err = lab.run("scan", "--port", "emulator", "--protocol", "2")
-    assert code == 130 and speeds == [57_600, 1_000_000]
+    assert code == 130 and speeds == [1_000_000, 57_600, 2_000_000]
     shows(err)
     shows(out, 1)
     assert _row(out, 5).split()[:4] == ["2.0", "57600", "5", "XM430-W350"]

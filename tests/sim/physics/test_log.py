@@ -31,8 +31,8 @@ def low(height: float) -> FloatArray:
         ({"tilt": np.radians([0.0, 80.0])}, False),  # a flat sole carries, however low the torso bends
         ({"root": low(LOWEST + 1e-3)}, False),
         ({"root": low(LOWEST - 1e-3)}, True),
-        ({"touching": True}, True),
-        ({"touching": True, "q": AT_REST}, False),
+        ({"touching": "l_shin"}, True),
+        ({"touching": "l_shin", "q": AT_REST}, False),
     ],
 )
 def test_what_is_a_fall(change: dict[str, Any], fallen: bool) -> None:
@@ -48,7 +48,7 @@ def test_the_first_fall_stays() -> None:
     rig.arm()
     witness = rig.bus.witness
     for time in (1.0, 2.0):
-        witness._judge(replace(STANDING, time=time, touching=True))
+        witness._judge(replace(STANDING, time=time, touching="l_shin"))
     assert witness.fall is not None and witness.fall.time == 1.0 and witness.fall.powered
 
 
