@@ -299,18 +299,13 @@ class BusHealth:
         self._max_silence = max_silence
         self._silent_since = inf  # [s] the first cycle in which a bus was silent; infinite: none is
 
-    def silent_for(self, states: ServoStates) -> float:
-        """The time, s, for which no servo of a bus has given a valid answer, the longest of all buses; 0: all answer.
-        Of a bus that never answered it is infinite."""
-        return self._quietest(states)[0]
-
     def silence(self, states: ServoStates) -> "ServoFault | None":
         """What a silent bus asks for: hold the robot, and switch its torque off after max_silence; None: no silence.
 
         The age of an answer is counted to the beginning of a cycle, and a host may be held up before one: torque is
         switched off in the second silent cycle at the earliest.
         """
-        age, name = self._quietest(states)
+        age, name = self.quietest(states)
         first, self._silent_since = self._silent_since, inf if age == 0.0 else min(self._silent_since, states.time)
         if age == 0.0:
             return None
@@ -326,8 +321,9 @@ class BusHealth:
         reason = f"answers came damaged or incomplete {share}: a noisy line, or a computer that is too slow or too busy"
         return ServoFault(StopCategory.BRAKE_AND_TORQUE_OFF, StopCause.BUS, reason)
 
-    def _quietest(self, states: ServoStates) -> tuple[float, str]:
-        """The longest silence of a bus, s, and its name."""
+    def quietest(self, states: ServoStates) -> tuple[float, str]:
+        """The longest time, s, for which no servo of a bus has given a valid answer, and the name of the bus; 0: all
+        answer. Of a bus that never answered it is infinite."""
         if states.valid.all():
             return 0.0, ""
         ages = ((float(states.age[columns].min()), name) for name, columns in self._columns.items())
@@ -344,7 +340,7 @@ class ServoHealth:
     def __init__(self, joint_map: JointMap, limits: GuardLimits) -> None:
         self._joint_map = joint_map
         self._rows = watched(limits)
-        self._buses = BusHealth(joint_map, limits.max_silence)
+        self.buses = BusHealth(joint_map, limits.max_silence)
         self._expected = ExpectedRange(np.array(limits.lag or (0.0,) * len(joint_map)))
         count = len(joint_map)
         self._levels = ServoLevels([row.stop for row in self._rows], [row.patience for row in self._rows], count)
@@ -359,19 +355,15 @@ class ServoHealth:
         """Share (0, 1] of all speeds by which the robot spares servos that are too warm or draw too much."""
         return self.warnings.speed_override
 
-    def silent_for(self, states: ServoStates) -> float:
-        """The time, s, for which no servo of a bus has given a valid answer (see `BusHealth.silent_for`)."""
-        return self._buses.silent_for(states)
-
     def check(self, states: ServoStates, sent: TickArray | None, held: FloatArray | None = None) -> ServoFault | None:
         """The fault for which the robot must stop or hold, the gravest first; or None. sent (n,): goal ticks of the
         last tick. held (n,): rad, where these goals hold the joints under their load; None: at the goals.
         """
-        silence = self._buses.silence(states)
+        silence = self.buses.silence(states)
         if silence is not None and silence.category is StopCategory.TORQUE_OFF:
             return silence
         self._look(states, sent if sent is None or held is None else self._aimed(sent, held))
-        return self._buses.error_rate(states) or self._servo_fault(states.time) or silence
+        return self.buses.error_rate(states) or self._servo_fault(states.time) or silence
 
     def _servo_fault(self, now: float) -> ServoFault | None:
         """The first fault of the watched values at `now`, s; warnings are noted."""

@@ -243,10 +243,8 @@ class Pipeline:
         motion = None
         if self._robot is not None and for_robot is not None:
             scene = scene_of(self._robot, self._options)
-            follower, gate, clearance = robot_stage(self._robot, for_robot, human, self._options, scene, dt=self.dt)
-            motion = RobotMotion(
-                self._robot, reconstructor, follower, gate, first=first, pace=performer, clearance=clearance
-            )
+            follower, gate = robot_stage(self._robot, for_robot, human, self._options, scene, dt=self.dt)
+            motion = RobotMotion(self._robot, reconstructor, follower, gate, first=first, pace=performer)
             last = motion.approach.first.joint_positions if self._goal is None else self._goal
             motion.begin(_within_reach(self._robot, np.array(last if present is None else present, dtype=np.float64)))
         self._human = reconstructor.start(first) if motion is None else motion.follow.human

@@ -3,6 +3,7 @@
 `RobotMotion` has them all, and the gate: a run (`retarget.run.loop`) and `retarget.Pipeline` move a robot by it.
 """
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol
@@ -17,7 +18,6 @@ from retarget.frames import SensorSample
 from retarget.ik.base_pose import plant_root
 from retarget.model.robot import RobotBody
 from retarget.run.stages import FollowingStage, ReconstructingStage
-from retarget.safety.clearance import PathClearance
 from retarget.safety.gate import Gate
 from retarget.types import FloatArray, HumanPosture, RobotPosture, RunState
 
@@ -31,22 +31,21 @@ class Target:
     q: FloatArray | None = None
 
 
-class Controller(Protocol):
+class Controller(ABC):
     """Gives the targets of one state."""
 
     @property
     def arrived(self) -> bool:
-        """Whether the controller has nothing left to do."""
-        ...
+        """Whether the controller has nothing left to do; never, of one that something else ends."""
+        return False
 
-    def begin(self) -> None:
+    def begin(self) -> None:  # noqa: B027 - most go on from where the robot is
         """Begin the state, from where the robot was commanded last."""
-        ...
 
+    @abstractmethod
     def target(self, sample: SensorSample | None, *, speed_override: float) -> Target | None:
         """The target of the next tick; None: brake, or stand. sample: of the performer, in a state that follows one.
         speed_override: (0, 1], of a robot whose servos are warm."""
-        ...
 
 
 class Commanded:
@@ -159,7 +158,7 @@ class ApproachPart(Enum):
     ARRIVED = "at rest there"
 
 
-class Approach:
+class Approach(Controller):
     """Moves from where the robot was found to where following begins, no joint faster than the profile's `approach`."""
 
     def __init__(
@@ -184,9 +183,6 @@ class Approach:
     def arrived(self) -> bool:
         """Whether following can begin."""
         return self.part is ApproachPart.ARRIVED
-
-    def begin(self) -> None:
-        """Go on: an approach may be held."""
 
     def target(self, sample: SensorSample | None, *, speed_override: float) -> Target | None:
         """The target of the next tick."""
@@ -226,7 +222,7 @@ class Pace(Protocol):
         ...
 
 
-class Follow:
+class Follow(Controller):
     """Takes a sample to the human, and the human to the robot.
 
     human: the posture reconstructed last. posture: of the robot for it, None before the first. costs: thread CPU of
@@ -248,11 +244,6 @@ class Follow:
         self.posture: RobotPosture | None = None
         self.costs = (np.nan, np.nan)
         self._ticks = 0
-
-    @property
-    def arrived(self) -> bool:
-        """Never: the performance ends, or is stopped."""
-        return False
 
     @property
     def lost(self) -> bool:
@@ -278,7 +269,7 @@ class Follow:
         return None if self.lost else Target(posture.joint_positions, posture.q)
 
 
-class WholeBodyStop:
+class WholeBodyStop(Controller):
     """Brakes on the soles, as a whole; on the straight part of the approach along its line. Then the robot stands."""
 
     def __init__(
@@ -286,14 +277,6 @@ class WholeBodyStop:
     ) -> None:
         self._follower, self._commanded, self._approach, self._dt = follower, commanded, approach, dt
         self._columns = robot.servo_columns
-
-    @property
-    def arrived(self) -> bool:
-        """Never: the supervisor looks at whether the robot stands."""
-        return False
-
-    def begin(self) -> None:
-        """Brake from where the robot is."""
 
     def target(self, sample: SensorSample | None, *, speed_override: float) -> Target | None:
         """Return the next target of the stop trajectory; None: the robot stands, or there is none, and the gate brakes
@@ -312,7 +295,7 @@ class WholeBodyStop:
         return None if q is None else Target(q[self._columns], q)
 
 
-class ReturnToStance:
+class ReturnToStance(Controller):
     """The follower leads the robot to its stance on its soles; see `FollowingStage.return_to_stance`."""
 
     def __init__(self, robot: RobotBody, follower: FollowingStage, commanded: Commanded, *, dt: float) -> None:
@@ -346,7 +329,7 @@ REST_WITHIN_S = 1.9
 """Longest duration of a move from one keyframe to the next, where the servos can."""
 
 
-class GoToRest:
+class GoToRest(Controller):
     """Moves from where the robot stands through the keyframes of the profile (`postures.to_rest`) to posture `rest`.
 
     Where the gate refuses a goal, the robot holds, and tries again from there."""
@@ -415,11 +398,10 @@ class RobotMotion:
         *,
         first: SensorSample,
         pace: Pace,
-        clearance: PathClearance | None = None,
     ) -> None:
-        """first: the sample that the robot approaches. clearance: the gate's collision check.
-        Raises RetargetError where the posture to approach is not known."""
-        self._follower, self._gate, self._clearance, dt = follower, gate, clearance, pace.dt
+        """first: the sample that the robot approaches. Raises RetargetError where the posture to approach is not
+        known."""
+        self._follower, self._gate, dt = follower, gate, pace.dt
         human = reconstructor.start(first)
         self.commanded = commanded = Commanded(robot, dt=dt)
         self.approach = Approach(robot, follower, commanded, human, dt=dt)
@@ -444,8 +426,8 @@ class RobotMotion:
     def begin(self, present: FloatArray) -> CheckedGoal:
         """Begin at rest at the present joint positions, rad (n,). Raises HardwareError if not finite."""
         goal, standing = self._gate.begin(present), self.approach.first.q
-        if self._clearance is not None:
-            self._clearance.begin(standing, present)
+        if self._gate.clearance is not None:
+            self._gate.clearance.begin(standing, present)
         self.commanded.begin(standing, present)
         return goal
 
@@ -483,8 +465,8 @@ class RobotMotion:
         """Take over where the robot was commanded to by a goal that was sent for a target."""
         commanded = self.commanded
         commanded.take(goal, target, on_soles=not self.on_approach)
-        if self._clearance is not None:
-            self._clearance.sent(commanded.joints, commanded.standing)
+        if self._gate.clearance is not None:
+            self._gate.clearance.sent(commanded.joints, commanded.standing)
         if not (self.on_approach or (goal.passed and target is not None)):
             self._follower.reseed(commanded.q.copy(), commanded.velocity.copy())
 

@@ -26,7 +26,6 @@ from retarget.run.supervisor import (
     Situation,
     Supervisor,
 )
-from retarget.safety.clearance import PathClearance
 from retarget.safety.gate import Gate
 from retarget.types import Notify, RunState
 
@@ -103,8 +102,8 @@ class Ending:
 
 @dataclass(frozen=True, eq=False)
 class Machine:
-    """A robot that can run. clearance: the gate's collision check. goes_to_rest: a stop ends in the profile's posture
-    `rest`. notify: receives warnings about servos, a sentence each."""
+    """A robot that can run. goes_to_rest: a stop ends in the profile's posture `rest`. notify: receives warnings about
+    servos, a sentence each."""
 
     robot: RobotBody
     follower: FollowingStage
@@ -113,7 +112,6 @@ class Machine:
     supervisor: Supervisor
     clock: Clock
     dt: float
-    clearance: PathClearance | None = None
     goes_to_rest: bool = False
     notify: Notify = lambda text: None
 
@@ -133,7 +131,8 @@ class Machine:
     @property
     def refused(self) -> str:
         """What was in the way of the goal that the gate checked last, in words; "" where it passed."""
-        way = "" if self.clearance is None else self.clearance.in_the_way(robot_observers(self.robot).names)
+        clearance = self.gate.clearance
+        way = "" if clearance is None else clearance.in_the_way(robot_observers(self.robot).names)
         return f"the gate refused goals that bring {way} too near to each other" if way else ""
 
     def tell(self, text: str) -> None:
@@ -151,13 +150,7 @@ class Loop:
         first = samples.sample(0)
         assert first is not None, "the first sample is valid"
         self._motion = motion = RobotMotion(
-            machine.robot,
-            reconstructor,
-            machine.follower,
-            machine.gate,
-            first=first,
-            pace=samples,
-            clearance=machine.clearance,
+            machine.robot, reconstructor, machine.follower, machine.gate, first=first, pace=samples
         )
         stopping = LONGEST_STOP_S if machine.goes_to_rest else LONGEST_BRAKE_S
         self._recorder = TickRecorder(
@@ -314,8 +307,8 @@ class Loop:
         self._part = StopCause.BUS
         states = machine.guard.read()
         self._part = StopCause.SOURCE
-        if machine.clearance is not None:
-            machine.clearance.measure(machine.robot.joint_map.to_radians(states.position))
+        if machine.gate.clearance is not None:
+            machine.gate.clearance.measure(machine.robot.joint_map.to_radians(states.position))
         with self._looking():
             for text in machine.guard.health.warnings.take_news():
                 machine.tell(text)

@@ -40,14 +40,11 @@ from retarget.schema.scene import load_scene, on_floor
 from retarget.types import Notify
 
 
-def make_gate(
-    robot: RobotBody, follower: Follower, priorities: Priorities, *, checks: bool, dt: float
-) -> tuple[Gate, PathClearance | None]:
-    """The gate of a robot in ticks of `dt` s, and its collision check; None without observers. checks: whether goals
-    are checked; else all of them pass."""
+def make_gate(robot: RobotBody, follower: Follower, priorities: Priorities, *, checks: bool, dt: float) -> Gate:
+    """The gate of a robot in ticks of `dt` s. checks: whether goals are checked; else all of them pass."""
     servos, caps = robot.joint_map, robot.profile.safety.speed_caps
     if not checks:
-        return PassThroughGate.for_servos(servos, dt=dt), None
+        return PassThroughGate.for_servos(servos, dt=dt)
     observers, settings = follower.hierarchy.observers, priorities.deflection_compensation
     clearance = None if observers is None else PathClearance(robot, observers, follower.scene_obstacles, dt=dt)
     compensation = None
@@ -55,13 +52,12 @@ def make_gate(
         steps = follower.steps is not None
         compensation = DeflectionCompensation(robot, follower.stance, dt=dt, settle=settings.settle, steps=steps)
     speed = max(caps.follow, caps.approach)
-    gate = Gate.for_servos(servos, dt=dt, speed=speed, path_is_clear=clearance, compensation=compensation)
-    return gate, clearance
+    return Gate.for_servos(servos, dt=dt, speed=speed, clearance=clearance, compensation=compensation)
 
 
 def robot_stage(
     robot: RobotBody, priorities: Priorities, human: Human, options: RunOptions, scene: SceneState | None, *, dt: float
-) -> tuple[Follower, Gate, PathClearance | None]:
+) -> tuple[Follower, Gate]:
     """The robot's follower, and its gate as `make_gate` makes it. Raises UsageError where the robot touches the scene,
     ConfigError where the priorities name what it does not have."""
     with naming_file(priority_names(robot, options)[-1], robot=robot.profile.name):
@@ -73,7 +69,7 @@ def robot_stage(
         refuse_contact(touching, where=f"{robot.profile.name}, standing")
         if scene is not None:
             refuse_floor(robot, follower.observers, scene, follower.stance.q)
-    return follower, *make_gate(robot, follower, priorities, checks=options.gate, dt=dt)
+    return follower, make_gate(robot, follower, priorities, checks=options.gate, dt=dt)
 
 
 MakeBus = Callable[[RobotBody, Clock], ServoBus]
@@ -198,15 +194,13 @@ def prepare_for(
         return
     dt = human.samples.dt
     bus = make_bus(robot, clock)
-    follower, gate, clearance = robot_stage(robot, for_robot, human.human, options, scene, dt=dt)
+    follower, gate = robot_stage(robot, for_robot, human.human, options, scene, dt=dt)
     late = not options.simulated if has_deadlines is None else has_deadlines
     limits = _limits(robot, has_deadlines=late)
     guard = Guard(bus=bus, joint_map=robot.joint_map, clock=clock, limits=limits)
     supervisor = supervisor or Supervisor(notify=notify)
     stage: FollowingStage = follower if lead is None else lead(follower)
-    machine = Machine(
-        robot, stage, gate, guard, supervisor, clock, dt, clearance, goes_to_rest=goes_to_rest, notify=notify
-    )
+    machine = Machine(robot, stage, gate, guard, supervisor, clock, dt, goes_to_rest=goes_to_rest, notify=notify)
     prepared = replace(
         human,
         machine=machine,
