@@ -13,7 +13,7 @@ import numpy as np
 
 from retarget import _solver
 from retarget.errors import ConfigError, suggest
-from retarget.ik.tasks import Limb, Slot, SlotKind, compile_task, preventive
+from retarget.ik.tasks import Limb, Slot, SlotKind, compile_task
 from retarget.model.body import BodyModel, Frame, JointLimits
 from retarget.model.observers import NO_SCENE, Observers
 from retarget.model.scene_shapes import SceneShapes
@@ -27,9 +27,6 @@ from retarget.schema.priorities import (
     ReactiveTask,
 )
 from retarget.types import BoolArray, FloatArray, IntArray
-
-RANKS = 4
-"""Levels of observers that act by rank: the closest of each obstacle, the next, the one after it, and all others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,22 +237,14 @@ def _compile(
     limbs: Mapping[str, Limb],
     observers: tuple[str, ...],
 ) -> list[list[Slot]]:
-    """The slots of every level. Observers that act by rank get levels of their own below the closest."""
+    """The slots of every level."""
     levels: list[list[Slot]] = []
-    group = 0
     for index, level in enumerate(priorities.levels):
         is_soft = index == len(priorities.levels) - 1 and any(task.type == "posture" for task in level.tasks)
         slots: list[Slot] = []
-        ranked: list[list[Slot]] = []
         for task in level.tasks:
-            if observers and isinstance(task, PreventiveTask) and priorities.activation == "ranked" and not is_soft:
-                group += 1
-                first, *others = [preventive(task, observers, group=group) for _ in range(RANKS)]
-                slots.append(first)
-                ranked += [[other] for other in others]
-            else:
-                slots += compile_task(task, body, frames, fed=fed, is_soft=is_soft, limbs=limbs, observers=observers)
-        levels += [slots, *ranked]
+            slots += compile_task(task, body, frames, fed=fed, is_soft=is_soft, limbs=limbs, observers=observers)
+        levels.append(slots)
     return levels
 
 

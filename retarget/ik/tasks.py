@@ -203,15 +203,6 @@ def _strength(frames: Mapping[str, Frame]) -> list[Slot]:
     ]
 
 
-def preventive(task: PreventiveTask, observers: Sequence[str], *, group: int) -> Slot:
-    """A preventive task; those of one group share pairs by nearness, the first of them the closest."""
-    of = _observers_of(task, observers)
-    made = SolverTask.preventive(
-        of=of, against=task.against, speed=task.speed, short_lever=task.short_lever, group=group
-    )
-    return Slot(SlotKind.PREVENTIVE, task.against, made)
-
-
 def _observing(task: ReactiveTask | PreventiveTask, observers: Sequence[str], *, is_soft: bool) -> list[Slot]:
     if not observers:
         return []
@@ -220,11 +211,11 @@ def _observing(task: ReactiveTask | PreventiveTask, observers: Sequence[str], *,
             f"a {task.type} task is in the last level, which has a posture",
             allowed="a level of its own above it, where it is a limit",
         )
+    kind, make = SlotKind.REACTIVE, SolverTask.reactive
     if isinstance(task, PreventiveTask):
-        return [preventive(task, observers, group=0)]
+        kind, make = SlotKind.PREVENTIVE, SolverTask.preventive
     of = _observers_of(task, observers)
-    made = SolverTask.reactive(of=of, against=task.against, speed=task.speed, short_lever=task.short_lever)
-    return [Slot(SlotKind.REACTIVE, task.against, made)]
+    return [Slot(kind, task.against, make(of=of, against=task.against, speed=task.speed, short_lever=task.short_lever))]
 
 
 def _observers_of(task: ReactiveTask | PreventiveTask, observers: Sequence[str]) -> list[int] | None:

@@ -4,7 +4,7 @@
 """
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Protocol
 
@@ -15,9 +15,10 @@ from hardware.errors import RetargetError, describe
 from hardware.guard import CheckedGoal
 from retarget._solver import TrajectoryGenerator
 from retarget.frames import SensorSample
+from retarget.human.reconstruction import Reconstructor
 from retarget.ik.base_pose import plant_root
 from retarget.model.robot import RobotBody
-from retarget.run.stages import FollowingStage, ReconstructingStage
+from retarget.robot.follower import Follower
 from retarget.safety.gate import Gate
 from retarget.types import FloatArray, HumanPosture, RobotPosture, RunState
 
@@ -162,13 +163,27 @@ class Approach(Controller):
     """Moves from where the robot was found to where following begins, no joint faster than the profile's `approach`."""
 
     def __init__(
-        self, robot: RobotBody, follower: FollowingStage, commanded: Commanded, human: HumanPosture, *, dt: float
+        self,
+        robot: RobotBody,
+        follower: Follower,
+        commanded: Commanded,
+        human: HumanPosture,
+        *,
+        dt: float,
+        goal: FloatArray | None = None,
     ) -> None:
-        """human: the performer's first posture. Raises RetargetError where the robot's posture for it is not finite."""
+        """human: the performer's first posture. goal (n,): rad, where to go instead of to the performer's posture.
+        Raises RetargetError where the robot's posture for the performer is not finite."""
         self._follower, self._human, self._dt = follower, human, dt
         self._share = robot.profile.safety.speed_caps.approach
         self.first = require_finite(follower.start(human))
         """The posture in which the robot stands first."""
+        self._settles = goal is None
+        if goal is not None:
+            q = self.first.q.copy()
+            q[robot.servo_columns] = goal
+            plant_root(robot, self.first.q, q)
+            self.first = replace(self.first, q=q, joint_positions=goal)
         self._goal = self.first.joint_positions
         self._columns, self._commanded = robot.servo_columns, commanded
         self._move = SlowMove(robot, commanded, share=self._share, dt=dt)
@@ -191,8 +206,10 @@ class Approach(Controller):
         if self.part is ApproachPart.STRAIGHT:
             self._follower.pass_time(self._dt)
             return self._move.towards(self._goal, speed_override=speed_override)
-        self._follower.set_speed_override(self._share * speed_override)
-        posture = self._follower.settle(self._human, self._dt)
+        posture = None
+        if self._settles:
+            self._follower.set_speed_override(self._share * speed_override)
+            posture = self._follower.settle(self._human, self._dt)
         if posture is None:
             self.part = ApproachPart.ARRIVED
             return Target(self._commanded.joints, self._commanded.q)
@@ -231,8 +248,8 @@ class Follow(Controller):
 
     def __init__(
         self,
-        reconstructor: ReconstructingStage,
-        follower: FollowingStage,
+        reconstructor: Reconstructor,
+        follower: Follower,
         human: HumanPosture,
         pace: Pace,
         *,
@@ -269,11 +286,56 @@ class Follow(Controller):
         return None if self.lost else Target(posture.joint_positions, posture.q)
 
 
+REGAIN_S = 0.4
+"""Time in which a playback is back at its full speed after a hold."""
+
+
+class GoalPlayback(Controller):
+    """Sends recorded goals once more, in place of following. Where something else was sent, the robot stands first, and
+    returns to them slowly."""
+
+    def __init__(self, robot: RobotBody, commanded: Commanded, goals: FloatArray, *, dt: float) -> None:
+        """goals (T, n): rad, servo order, a tick from row to row; the robot is at the first when this begins."""
+        self._goals, self._commanded, self._dt = goals, commanded, dt
+        self._sent = goals[0]
+        self._gone, self._pace = 0.0, 1.0  # rows; share of the recording's speed
+        self._move = SlowMove(robot, commanded, share=robot.profile.safety.speed_caps.approach, dt=dt)
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the last goal was sent."""
+        return self._gone == len(self._goals) - 1 and np.array_equal(self._commanded.joints, self._goals[-1])
+
+    @property
+    def is_refused(self) -> bool:
+        """Whether the gate refuses the goals: then the robot holds, and tries again after a moment."""
+        return not self._follows and self._move.is_refused
+
+    def target(self, sample: SensorSample | None, *, speed_override: float) -> Target | None:
+        """Return the next recorded goal, or one on the way back to it; None: the robot has to stand first."""
+        row, share = int(self._gone), self._gone % 1.0
+        goal = self._goals[row]
+        if share > 0.0:
+            goal = goal + share * (self._goals[row + 1] - goal)
+        if not self._follows and not self._move.is_at(goal):
+            self._pace = 0.0
+            return self._move.towards(goal, speed_override=speed_override)
+        self._sent = goal
+        self._gone = min(self._gone + self._pace * speed_override, len(self._goals) - 1.0)
+        self._pace = min(self._pace + self._dt / REGAIN_S, 1.0)
+        return Target(goal)
+
+    @property
+    def _follows(self) -> bool:
+        """Whether the robot was commanded to the recorded goal that was asked for last."""
+        return np.array_equal(self._commanded.joints, self._sent)
+
+
 class WholeBodyStop(Controller):
     """Brakes on the soles, as a whole; on the straight part of the approach along its line. Then the robot stands."""
 
     def __init__(
-        self, robot: RobotBody, follower: FollowingStage, commanded: Commanded, approach: Approach, *, dt: float
+        self, robot: RobotBody, follower: Follower, commanded: Commanded, approach: Approach, *, dt: float
     ) -> None:
         self._follower, self._commanded, self._approach, self._dt = follower, commanded, approach, dt
         self._columns = robot.servo_columns
@@ -296,9 +358,9 @@ class WholeBodyStop(Controller):
 
 
 class ReturnToStance(Controller):
-    """The follower leads the robot to its stance on its soles; see `FollowingStage.return_to_stance`."""
+    """The follower leads the robot to its stance on its soles; see `Follower.return_to_stance`."""
 
-    def __init__(self, robot: RobotBody, follower: FollowingStage, commanded: Commanded, *, dt: float) -> None:
+    def __init__(self, robot: RobotBody, follower: Follower, commanded: Commanded, *, dt: float) -> None:
         self._follower, self._commanded, self._dt = follower, commanded, dt
         self._columns = robot.servo_columns
         self._next: FloatArray | None = None  # (nq,) posture; None: the robot is there
@@ -334,7 +396,7 @@ class GoToRest(Controller):
 
     Where the gate refuses a goal, the robot holds, and tries again from there."""
 
-    def __init__(self, robot: RobotBody, follower: FollowingStage, commanded: Commanded, *, dt: float) -> None:
+    def __init__(self, robot: RobotBody, follower: Follower, commanded: Commanded, *, dt: float) -> None:
         self._robot, self._follower, self._commanded, self._dt = robot, follower, commanded, dt
         self._keyframes: list[FloatArray] = []
         self._move: SlowMove | None = None
@@ -392,25 +454,27 @@ class RobotMotion:
     def __init__(
         self,
         robot: RobotBody,
-        reconstructor: ReconstructingStage,
-        follower: FollowingStage,
+        reconstructor: Reconstructor,
+        follower: Follower,
         gate: Gate,
         *,
         first: SensorSample,
         pace: Pace,
+        goals: FloatArray | None = None,
     ) -> None:
-        """first: the sample that the robot approaches. Raises RetargetError where the posture to approach is not
-        known."""
+        """first: the sample that the robot approaches. goals (T, n): rad, recorded ones that it sends, a row a tick,
+        instead of following. Raises RetargetError where the posture to approach is not known."""
         self._follower, self._gate, dt = follower, gate, pace.dt
         human = reconstructor.start(first)
         self.commanded = commanded = Commanded(robot, dt=dt)
-        self.approach = Approach(robot, follower, commanded, human, dt=dt)
+        self.approach = Approach(robot, follower, commanded, human, dt=dt, goal=None if goals is None else goals[0])
         self.follow = Follow(reconstructor, follower, human, pace, slow=robot.profile.safety.speed_caps.approach)
+        self._playback = None if goals is None else GoalPlayback(robot, commanded, goals, dt=dt)
         self._stop = WholeBodyStop(robot, follower, commanded, self.approach, dt=dt)
         self._to_rest = GoToRest(robot, follower, commanded, dt=dt)
         self._controllers: dict[RunState, Controller] = {
             RunState.APPROACH: self.approach,
-            RunState.FOLLOW: self.follow,
+            RunState.FOLLOW: self._playback or self.follow,
             RunState.HOLD: self._stop,
             RunState.STOPPING: self._stop,
             RunState.RETURN_TO_STANCE: ReturnToStance(robot, follower, commanded, dt=dt),
@@ -422,6 +486,15 @@ class RobotMotion:
     def on_approach(self) -> bool:
         """Whether the robot is on the straight part of its approach."""
         return self.approach.part is ApproachPart.STRAIGHT
+
+    @property
+    def refused(self) -> str:
+        """What the gate refuses now, so that the robot holds; "" where it refuses nothing."""
+        if self.approach.is_refused:
+            return "the approach"
+        if self._playback is not None and self.approach.arrived and self._playback.is_refused:
+            return "the recorded goals"
+        return ""
 
     def begin(self, present: FloatArray) -> CheckedGoal:
         """Begin at rest at the present joint positions, rad (n,). Raises HardwareError if not finite."""
@@ -467,7 +540,8 @@ class RobotMotion:
         commanded.take(goal, target, on_soles=not self.on_approach)
         if self._gate.clearance is not None:
             self._gate.clearance.sent(commanded.joints, commanded.standing)
-        if not (self.on_approach or (goal.passed and target is not None)):
+        plays = self._playback is not None and self._state is RunState.FOLLOW
+        if not self.on_approach and (plays or not goal.passed or target is None):
             self._follower.reseed(commanded.q.copy(), commanded.velocity.copy())
 
     def _passed(self, target: Target | None) -> CheckedGoal | None:

@@ -12,12 +12,13 @@ from hardware.errors import BusError, GuardError, TorqueError
 from hardware.guard import CheckedGoal, Guard, Torque, text_of
 from hardware.guard_state import StopCause
 from retarget.frames import SensorSample
+from retarget.human.reconstruction import Reconstructor
 from retarget.human.samples import Samples
 from retarget.model.observers import robot_observers
 from retarget.model.robot import RobotBody
+from retarget.robot.follower import Follower
 from retarget.run.controllers import RobotMotion, Target, rest_joints
 from retarget.run.record import Phase, Record, TickRecorder
-from retarget.run.stages import FollowingStage, ReconstructingStage
 from retarget.run.supervisor import (
     AT_RISK,
     LONGEST_BRAKE_S,
@@ -27,7 +28,7 @@ from retarget.run.supervisor import (
     Supervisor,
 )
 from retarget.safety.gate import Gate
-from retarget.types import Notify, RunState
+from retarget.types import FloatArray, Notify, RunState
 
 INTERRUPTED = "interrupted by the user"
 FORCED_STOP = "torque off before the robot stood, forced by the user"
@@ -103,10 +104,10 @@ class Ending:
 @dataclass(frozen=True, eq=False)
 class Machine:
     """A robot that can run. goes_to_rest: a stop ends in the profile's posture `rest`. notify: receives warnings about
-    servos, a sentence each."""
+    servos, a sentence each. goals (T, n): rad, recorded ones that are sent instead of following."""
 
     robot: RobotBody
-    follower: FollowingStage
+    follower: Follower
     gate: Gate
     guard: Guard
     supervisor: Supervisor
@@ -114,6 +115,7 @@ class Machine:
     dt: float
     goes_to_rest: bool = False
     notify: Notify = lambda text: None
+    goals: FloatArray | None = None
 
     def not_at_rest(self) -> tuple[str, ...]:
         """A note about a robot on its soles whose torque went off away from rest, though nothing was wrong with it."""
@@ -144,13 +146,19 @@ class Machine:
 class Loop:
     """One run of one robot; call `run` once. `tick` is the whole of a tick."""
 
-    def __init__(self, machine: Machine, samples: Samples, reconstructor: ReconstructingStage, watch: Watch) -> None:
+    def __init__(self, machine: Machine, samples: Samples, reconstructor: Reconstructor, watch: Watch) -> None:
         """Raises RetargetError where the posture to approach is not known."""
         self._machine, self._samples, self._watch = machine, samples, watch
         first = samples.sample(0)
         assert first is not None, "the first sample is valid"
         self._motion = motion = RobotMotion(
-            machine.robot, reconstructor, machine.follower, machine.gate, first=first, pace=samples
+            machine.robot,
+            reconstructor,
+            machine.follower,
+            machine.gate,
+            first=first,
+            pace=samples,
+            goals=machine.goals,
         )
         stopping = LONGEST_STOP_S if machine.goes_to_rest else LONGEST_BRAKE_S
         self._recorder = TickRecorder(
@@ -340,8 +348,8 @@ class Loop:
             situation.hold_reason = NOT_FOLLOWABLE.format(samples.hold_reason)
         elif machine.guard.is_silent:
             situation.hold_reason = "the bus is silent"
-        elif motion.approach.is_refused:
-            situation.hold_reason = "the gate refuses the approach"
+        elif motion.refused:
+            situation.hold_reason = f"the gate refuses {motion.refused}"
         elif machine.supervisor.state is RunState.FOLLOW and motion.follow.lost:
             situation.hold_reason = "no posture found"
             samples.hold()
@@ -412,7 +420,7 @@ class Loop:
             machine.supervisor.take(Event.TORQUE_OFF, machine.clock.now())
 
 
-def run_human(samples: Samples, reconstructor: ReconstructingStage, watch: Watch) -> Ending:
+def run_human(samples: Samples, reconstructor: Reconstructor, watch: Watch) -> Ending:
     """Run samples through the first stage alone, where there is no robot."""
     first = samples.sample(0)
     assert first is not None, "the first sample is valid"

@@ -30,7 +30,6 @@ from retarget.robot.step_plan import StepTally, with_steps
 from retarget.run.loop import Ending, Loop, Machine, Watch, run_human
 from retarget.run.options import RunOptions, priority_names
 from retarget.run.run_result import RunResult, RunSetup
-from retarget.run.stages import FollowingStage, ReconstructingStage
 from retarget.run.supervisor import Supervisor
 from retarget.safety.clearance import PathClearance, contacts, refuse_contact, refuse_floor
 from retarget.safety.gate import Gate, PassThroughGate
@@ -90,7 +89,7 @@ class Prepared:
     samples: Samples
     human: Human
     performer: Performer
-    reconstructor: ReconstructingStage
+    reconstructor: Reconstructor
     machine: Machine | None
     priorities: tuple[Priorities, ...]
     has_bus: bool
@@ -170,17 +169,16 @@ def prepare_for(
     make_bus: MakeBus,
     goes_to_rest: bool = False,
     notify: Notify = _ignore,
-    lead: Callable[[FollowingStage], FollowingStage] | None = None,
     robot: RobotBody | None = None,
     has_deadlines: bool | None = None,
     supervisor: Supervisor | None = None,
 ) -> Iterator[Prepared]:
     """Load and check everything, small files first; the bus is open while the context lasts, and closed after it.
 
-    goes_to_rest: a run, and a stop, ends in the robot's rest posture. notify: receives warnings about servos. lead:
-    replaces the robot's follower. robot: replaces the one that the options name. has_deadlines: whether a late tick
-    stops the robot; None: where the bus is real, for simulated servos wait for a slow host. supervisor: of a run whose
-    performer is waited for and measured first; None: a new one.
+    goes_to_rest: a run, and a stop, ends in the robot's rest posture. notify: receives warnings about servos. robot:
+    replaces the one that the options name. has_deadlines: whether a late tick stops the robot; None: where the bus is
+    real, for simulated servos wait for a slow host. supervisor: of a run whose performer is waited for and measured
+    first; None: a new one.
     Raises RetargetError for what cannot be used.
     """
     performer = load_performer(options.performer)
@@ -199,8 +197,7 @@ def prepare_for(
     limits = _limits(robot, has_deadlines=late)
     guard = Guard(bus=bus, joint_map=robot.joint_map, clock=clock, limits=limits)
     supervisor = supervisor or Supervisor(notify=notify)
-    stage: FollowingStage = follower if lead is None else lead(follower)
-    machine = Machine(robot, stage, gate, guard, supervisor, clock, dt, goes_to_rest=goes_to_rest, notify=notify)
+    machine = Machine(robot, follower, gate, guard, supervisor, clock, dt, goes_to_rest=goes_to_rest, notify=notify)
     prepared = replace(
         human,
         machine=machine,

@@ -172,7 +172,7 @@ class SettlingFollower(StubFollower):
 
     def settle(self, human: HumanPosture, dt: float) -> RobotPosture | None:
         self.lasts -= 1
-        return None if self.lasts < 0 else self._posture(0)
+        return None if self.lasts < 0 else self._made(0)
 
 
 def approaching(driven: Driven, present: FloatArray) -> Approach:
