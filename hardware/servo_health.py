@@ -209,7 +209,8 @@ MOST_NEWS = 100
 class ServoWarnings:
     """The warnings about one robot's servos. share: of its speed, at which the robot spares its servos.
 
-    speed_override: the present share of all speeds, from 1 down to `share`; it changes smoothly.
+    speed_override: the present share of all speeds, from 1 down to `share`; it changes smoothly. active (rows, n): mask
+    of the warnings that are active.
     """
 
     def __init__(self, servos: Sequence[ServoSpec], rows: Sequence[Watched], share: float) -> None:
@@ -219,8 +220,8 @@ class ServoWarnings:
         self.levels = ServoLevels(bounds, [row.patience for row in rows], len(servos))
         self._calm_least, self._calm_most = self.levels.least + ease, self.levels.most - ease
         self._slows = np.array([row.slows for row in rows])
-        self._active = np.zeros(self.levels.least.shape, dtype=np.bool_)
-        self._beyond_at = np.full(self._active.shape, -np.inf)  # [s] when each was last beyond its calm bounds
+        self.active = np.zeros(self.levels.least.shape, dtype=np.bool_)
+        self._beyond_at = np.full(self.active.shape, -np.inf)  # [s] when each was last beyond its calm bounds
         self._at: float | None = None  # [s] of the last look
         self._news: list[str] = []
         self._count = 0  # active warnings
@@ -231,23 +232,18 @@ class ServoWarnings:
         """Whether there is a warning, or one may come, or the robot is not back at its full speed."""
         return self.speed_override < 1.0 or self.levels.count > 0 or self._count > 0
 
-    @property
-    def active(self) -> BoolArray:
-        """Mask (rows, n) of the warnings that are active."""
-        return self._active
-
     def look(self, seen: FloatArray, now: float) -> None:
         """Judge values (rows, n) at `now`, s."""
         beyond = self.levels.beyond(seen, now)
         if not self.busy:
             self._at = now
             return
-        began = beyond & ~self._active
+        began = beyond & ~self.active
         calm = (seen >= self._calm_least) & (seen <= self._calm_most)
         self._beyond_at = np.where(calm, self._beyond_at, now)
-        ended = self._active & (now - self._beyond_at >= CALM_S)
-        self._active = (self._active | began) & ~ended
-        self._count = int(np.count_nonzero(self._active))
+        ended = self.active & (now - self._beyond_at >= CALM_S)
+        self.active = (self.active | began) & ~ended
+        self._count = int(np.count_nonzero(self.active))
         if began.any():
             self._notify(began, seen, "warning: servo {warning} {names}{slower}")
         if ended.any():
@@ -262,7 +258,7 @@ class ServoWarnings:
     def _change_speed(self, now: float) -> None:
         elapsed = 0.0 if self._at is None else max(now - self._at, 0.0)
         self._at = now
-        goal = self._share if self._active[self._slows].any() else 1.0
+        goal = self._share if self.active[self._slows].any() else 1.0
         step = (1.0 - self._share) * elapsed / RAMP_S
         self.speed_override = (
             max(goal, self.speed_override - step)
@@ -349,11 +345,6 @@ class ServoHealth:
         self._reported = np.zeros(self._seen.shape, dtype=np.bool_)  # limited values that were known at least once
         self._zeros = np.zeros(count)
         self._limited = np.isfinite(self._levels.least) | np.isfinite(self._levels.most)
-
-    @property
-    def speed_override(self) -> float:
-        """Share (0, 1] of all speeds by which the robot spares servos that are too warm or draw too much."""
-        return self.warnings.speed_override
 
     def check(self, states: ServoStates, sent: TickArray | None, held: FloatArray | None = None) -> ServoFault | None:
         """The fault for which the robot must stop or hold, the gravest first; or None. sent (n,): goal ticks of the

@@ -32,7 +32,6 @@ from hardware.dynamixel.codec import (
     protocol2,
     side_by_side,
     valid_parts,
-    whole_frames,
     whole_reply,
 )
 from hardware.dynamixel.control_table import ControlTable, Register, find_table
@@ -117,10 +116,6 @@ class Ask:
         """The valid answers in the bytes received so far, each servo at most once."""
         if self.kind is Kind.FAST:
             return whole_reply(received, self.ids, self.size) or side_by_side(self._parts(received))
-        if self.kind is Kind.SYNC:
-            whole = whole_frames(received, self.ids, self.size)
-            if whole is not None:
-                return whole
         found: dict[int, Status] = {}
         codec = CODECS[2 if self.kind is Kind.SYNC else 1]
         parser = codec.parser()

@@ -37,6 +37,13 @@ class _Place:
     start: int
     stop: int
 
+    def set_spaces(self, targets: FloatArray, spaces: FloatArray) -> None:
+        """Write half-spaces (k, m) into a target vector, and no others."""
+        end = self.start + 1 + spaces.size
+        targets[self.start] = 1.0
+        targets[self.start + 1 : end] = spaces.ravel()
+        targets[end : self.stop] = 0.0
+
 
 class Hierarchy:
     """A solver, and the names of its targets."""
@@ -165,19 +172,13 @@ class Hierarchy:
         """Set where the CoM of a support task stays: at most SUPPORT_EDGES half-spaces (k, 4): nx, ny, nz, d with nx x
         + ny y + nz z <= d."""
         for place in self._places[SlotKind.SUPPORT]:
-            end = place.start + 1 + spaces.size
-            targets[place.start] = 1.0
-            targets[place.start + 1 : end] = spaces.ravel()
-            targets[end : place.stop] = 0.0
+            place.set_spaces(targets, spaces)
 
     def set_strength(self, targets: FloatArray, joint: str, spaces: FloatArray) -> None:
         """What a joint that carries allows: at most STRENGTH_EDGES half-spaces (k, 7) n . c + m . o <= d for the centre
         of mass c and the joint's place o."""
         for place in self._by_name.get((SlotKind.STRENGTH, joint), ()):
-            end = place.start + 1 + spaces.size
-            targets[place.start] = 1.0
-            targets[place.start + 1 : end] = spaces.ravel()
-            targets[end : place.stop] = 0.0
+            place.set_spaces(targets, spaces)
 
     def set_heading(self, targets: FloatArray, heading: Sequence[float], weight: float = 1.0) -> None:
         """The heading (x, y), a unit vector on the ground, to every heading task and every axis task."""

@@ -241,7 +241,7 @@ class Loop:
             return motion.brake(state)
         if state is RunState.RETURN_TO_STANCE or state in AT_RISK:
             machine.follower.set_contact_state(None if machine.guard.states is None else machine.guard.states.soles)
-        return motion.target(state, self._sample, speed_override=machine.guard.health.speed_override)
+        return motion.target(state, self._sample, speed_override=machine.guard.health.warnings.speed_override)
 
     def _tell_refused(self) -> None:
         """Say once that the robot holds on its way to rest, and why."""

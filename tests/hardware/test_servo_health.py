@@ -418,7 +418,7 @@ def test_a_warm_servo_slows_the_robot_to_half_within_the_limit_and_is_reported_o
     slows, news = [], []
     for _ in range(600):
         rig.run(1, rig.stand)
-        slows.append(rig.guard.health.speed_override)
+        slows.append(rig.guard.health.warnings.speed_override)
         news += rig.guard.health.warnings.take_news()
     assert rig.guard.stop is None
     assert news == [
@@ -439,7 +439,7 @@ def test_each_tick_is_judged_though_nothing_was_wrong_for_long() -> None:
     rig = Rig(MockFault(FaultKind.HOT, first=500, cycles=300, servo=1, value=61.0), limits=SERVO_WARNINGS_LIMITS)
     rig.arm()
     rig.run(500, rig.stand)
-    assert rig.guard.health.speed_override == pytest.approx(1.0 - 0.5 * DT / RAMP_S)
+    assert rig.guard.health.warnings.speed_override == pytest.approx(1.0 - 0.5 * DT / RAMP_S)
 
 
 def test_a_temperature_at_its_level_does_not_begin_and_end_all_the_time() -> None:
