@@ -354,13 +354,12 @@ class ServoHealth:
         if silence is not None and silence.category is StopCategory.TORQUE_OFF:
             return silence
         self._look(states, sent if sent is None or held is None else self._aimed(sent, held))
-        return self.buses.error_rate(states) or self._servo_fault(states.time) or silence
-
-    def _servo_fault(self, now: float) -> ServoFault | None:
-        """The first fault of the watched values at `now`, s; warnings are noted."""
-        self.warnings.look(self._seen, now)
-        wrong = self._wrong(now)
-        return next(self._faults(wrong), None) if wrong.any() else None
+        noise = self.buses.error_rate(states)
+        if noise is not None:
+            return noise
+        self.warnings.look(self._seen, states.time)
+        wrong = self._wrong(states.time)
+        return next(self._faults(wrong), silence) if wrong.any() else silence
 
     def refuse_unhealthy(self, states: ServoStates) -> None:
         """Raise for servos that cannot be armed: BusError when none answers, GuardError with all that is wrong."""

@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from itertools import compress
 from math import isfinite
 from pathlib import Path
 
@@ -176,7 +177,8 @@ class Pipeline:
             raise _wrong_type("performer", performer, "a name, a path, or what `retarget.load_performer` returns")
         with _naming_arguments():
             self._performer = performer if isinstance(performer, Performer) else load_performer(performer)
-            self._robot = robot if isinstance(robot, RobotBody) else _robot_named(robot)
+            alone = robot is None or str(robot) == HUMAN
+            self._robot = robot if isinstance(robot, RobotBody) else None if alone else load_robot(robot)
             name = HUMAN if self._robot is None else self._robot.profile.name
             bus = "none" if self._robot is None else "profile"  # real servos: the robot has mass
             self._options = RunOptions(robot=name, bus=bus, priorities=priorities, parts=parts)
@@ -230,10 +232,12 @@ class Pipeline:
             )
         first = self._sensors.read(sample)
         if first is None:
+            valid = sample.valid & np.isfinite(sample.position).all(axis=1)
+            names = compress(sample.names, valid)
             raise InputError(
                 "the first sample does not show the performer",
                 where="Pipeline.start",
-                found=f"valid and finite: {', '.join(_valid_names(sample)) or 'no sensor'}",
+                found=f"valid and finite: {', '.join(names) or 'no sensor'}",
                 allowed=f"at least {', '.join(base_sensors(self._sensors.names))}",
                 next_step="Wait for a sample in which they are valid",
             )
@@ -353,10 +357,6 @@ def _naming_arguments() -> Iterator[None]:
         raise type(error).from_problems(problems) from None
 
 
-def _robot_named(robot: str | Path | None) -> RobotBody | None:
-    return None if robot is None or str(robot) == HUMAN else load_robot(robot)
-
-
 def _checked_rate(rate_hz: float) -> float:
     low, high = RATES_HZ
     if not (isfinite(rate_hz) and low <= rate_hz <= high):
@@ -371,13 +371,8 @@ def _dimensions(first: SensorSample, calibration: HumanDimensions | Person | Non
     """The performer's size; measured from the first sample where it is not known."""
     if calibration is not None:
         return calibration.dimensions if isinstance(calibration, Person) else calibration
-    names = tuple(name for name, valid in zip(first.names, first.valid, strict=True) if valid)
+    names = tuple(compress(first.names, first.valid))
     return fit_rest_pose(names, first.position[first.valid], source="the first sample").dimensions
-
-
-def _valid_names(sample: SensorSample) -> list[str]:
-    valid = sample.valid & np.isfinite(sample.position).all(axis=1)
-    return [name for name, ok in zip(sample.names, valid.tolist(), strict=True) if ok]
 
 
 FAR_BEYOND = 0.35

@@ -99,18 +99,14 @@ class Ask:
         overhead = protocol2.STATUS_BYTES if self.kind is Kind.SYNC else protocol1.STATUS_BYTES
         return count * (overhead + self.size)
 
-    @property
-    def delays(self) -> int:
-        """How many servos wait for their return delay, one after the other."""
-        return 1 if self.kind is Kind.FAST else len(self.ids)
-
     def timeouts(self, port: BytePort, return_delay: float) -> "Timeouts":
         """How long the answers may take; return_delay: of each servo, s."""
         sending, coming = (10 * count / port.baud for count in (len(self.request()), self.reply_bytes))
         pause = return_delay + TURNAROUND
         # An adapter may hand over an answer in one piece, when it is whole.
         idle = pause + 10 * self.bytes_of(1) / port.baud + port.latency + SLACK
-        return Timeouts(sending + idle, idle, sending + coming + (self.delays - 1) * pause + idle)
+        waits = 0 if self.kind is Kind.FAST else len(self.ids) - 1  # servos that wait for their return delay in turn
+        return Timeouts(sending + idle, idle, sending + coming + waits * pause + idle)
 
     def answers(self, received: bytes) -> Answers:
         """The valid answers in the bytes received so far, each servo at most once."""
@@ -225,15 +221,13 @@ def block_of(table: ControlTable, first: str, last: str) -> Block:
     begin, end = table[first], table[last]
     inside = [register for register in table.registers if begin.address <= register.address <= end.address]
     size = end.address + end.size - begin.address
-    names, formats = [register.name for register in inside], [_format(register) for register in inside]
+    names = [register.name for register in inside]
+    # With a direction bit the count is no two's complement, and left as it is.
+    signed = [register.signed and register.direction_bit is None for register in inside]
+    formats = [f"<{'i' if sign else 'u'}{register.size}" for sign, register in zip(signed, inside, strict=True)]
     offsets = [register.address - begin.address for register in inside]
     dtype = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": size})
     return Block(begin.address, size, dtype)
-
-
-def _format(register: Register) -> str:
-    """With a direction bit the count is no two's complement, and left as it is."""
-    return f"<{'i' if register.signed and register.direction_bit is None else 'u'}{register.size}"
 
 
 # Goal positions of all servos of a port as one sync write: only the goals change from cycle to cycle.

@@ -59,7 +59,8 @@ class Hierarchy:
         """What looks at itself and at the obstacles, as the solver has it."""
         self._places: dict[SlotKind, list[_Place]] = {kind: [] for kind in SlotKind}
         self._by_name: dict[tuple[SlotKind, str], list[_Place]] = {}
-        self._spans: list[slice] = []
+        self.spans: list[slice] = []
+        """Places in a target vector of the tasks of each level."""
         end = 0
         for level, slots in enumerate(levels):
             start = end
@@ -68,7 +69,7 @@ class Hierarchy:
                 end = place.stop
                 self._places[slot.kind].append(place)
                 self._by_name.setdefault((slot.kind, slot.name), []).append(place)
-            self._spans.append(slice(start, end))
+            self.spans.append(slice(start, end))
         self._turned = [
             (place, place.slot.direction)
             for kind in (SlotKind.HEADING, SlotKind.AXIS)
@@ -90,8 +91,6 @@ class Hierarchy:
         limbs: Mapping[str, Limb] | None = None,
         locked: BoolArray | None = None,
         iterations: int | None = None,
-        early_stop: bool = True,
-        damping: float = 1.0,
         observers: Observers | None = None,
         scene: SceneShapes = NO_SCENE,
     ) -> "Hierarchy":
@@ -99,9 +98,8 @@ class Hierarchy:
 
         frames: what names in `of` stand for (`body_frames` gives the body's own). postures: q (nq,) by name. fed:
         names whose targets will ever be set, by default all of `frames`; the others cost nothing. limbs: what names of
-        limb tasks stand for. locked (nv,): DoFs that never move. iterations: instead of the file's. damping: see
-        `_solver.Solver`. observers: what looks at itself and at the obstacles of `scene`. Raises ConfigError: a name
-        that the body does not have.
+        limb tasks stand for. locked (nv,): DoFs that never move. iterations: instead of the file's. observers:
+        what looks at itself and at the obstacles of `scene`. Raises ConfigError: a name that the body does not have.
         """
         watching = None if observers is None else observers.with_margin(priorities.observers.margin)
         names = () if watching is None else watching.names
@@ -119,18 +117,12 @@ class Hierarchy:
             max_acceleration=limits.max_acceleration,
             locked=np.zeros(body.nv, dtype=bool) if locked is None else locked,
             n_ik=priorities.iterations if iterations is None else iterations,
-            early_stop=early_stop,
-            damping=damping,
             observers=watched,
             activation=priorities.activation,
         )
         made = cls(solver, levels, postures)
         made.observers = watched
         return made
-
-    def target_span(self, level: int) -> slice:
-        """Places in a target vector of the tasks of a level."""
-        return self._spans[level]
 
     def blank(self) -> FloatArray:
         """A target vector in which only what needs no input is asked: postures, upright axes, the CoM over the root."""
@@ -335,7 +327,7 @@ class FallbackHierarchy:
         def in_order(order: list[int]) -> tuple[Hierarchy, IntArray]:
             levels = tuple(priorities.levels[k] for k in order)
             hierarchy = build(priorities.model_copy(update={"levels": levels}), np.zeros_like(carrying))
-            return hierarchy, np.concatenate([every[first.target_span(k)] for k in order])
+            return hierarchy, np.concatenate([every[first.spans[k]] for k in order])
 
         self._planted, self._from = in_order(soles_first(priorities.levels, soles))
         self._separated, self._separated_from = in_order(separated_first(priorities.levels, soles))

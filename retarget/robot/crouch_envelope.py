@@ -93,7 +93,12 @@ class _Probe:
         body, start, soles = robot.body, stance.q, [sole.frame for sole in stance.soles]
         pelvis, trunk = robot.frame(robot.profile.landmarks["pelvis"].frame), robot.frame(TRUNK)
         self._kinematics, self._start, self._pelvis, self._trunk = robot.kinematics, start, pelvis, trunk
-        planted = [task for sole in soles for task in _sole_tasks(sole)]
+        planted = []
+        for sole in soles:
+            planted += [
+                Task.position(sole.body, as_vector(sole.position)),
+                Task.orientation(sole.body, as_quat(sole.quat)),
+            ]
         levels = [
             planted,
             [Task.support(len(edges))],
@@ -176,7 +181,3 @@ class _Probe:
 
     def _orientation(self, q: FloatArray, frame: Frame) -> Quat:
         return product(as_quat(self._kinematics.orientations(q[None], [frame.body])[0, 0]), as_quat(frame.quat))
-
-
-def _sole_tasks(sole: Frame) -> tuple[Task, Task]:
-    return Task.position(sole.body, as_vector(sole.position)), Task.orientation(sole.body, as_quat(sole.quat))

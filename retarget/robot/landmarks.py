@@ -521,11 +521,6 @@ def standing_dofs(robot: RobotBody, *frames: str) -> BoolArray:
     """Mask (nv,) of the DoFs that carry the robot: a free root, and every joint between it and a sole, or one of these
     frames."""
     ends = [robot.frame(name).body for name in (*(foot.frame for foot in robot.profile.feet.values()), *frames)]
-    return np.isin(_dof_links(robot), [link for end in ends for link in robot.body.chain_to_root(end)])
-
-
-def _dof_links(robot: RobotBody) -> FloatArray:
-    """Link (nv,) that each DoF moves."""
     body = robot.body
-    ends = [*body.joint_dof[1:].tolist(), body.nv]
-    return np.repeat(body.joint_body, np.array(ends) - body.joint_dof).astype(float)
+    moved = np.repeat(body.joint_body, np.diff(body.joint_dof, append=body.nv))  # (nv,) link that each DoF moves
+    return np.isin(moved, [link for end in ends for link in body.chain_to_root(end)])
