@@ -177,8 +177,9 @@ class Pipeline:
             raise _wrong_type("performer", performer, "a name, a path, or what `retarget.load_performer` returns")
         with _naming_arguments():
             self._performer = performer if isinstance(performer, Performer) else load_performer(performer)
-            alone = robot is None or str(robot) == HUMAN
-            self._robot = robot if isinstance(robot, RobotBody) else None if alone else load_robot(robot)
+            self._robot = robot if isinstance(robot, RobotBody) else None
+            if isinstance(robot, str | Path) and str(robot) != HUMAN:
+                self._robot = load_robot(robot)
             name = HUMAN if self._robot is None else self._robot.profile.name
             bus = "none" if self._robot is None else "profile"  # real servos: the robot has mass
             self._options = RunOptions(robot=name, bus=bus, priorities=priorities, parts=parts)

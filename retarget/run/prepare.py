@@ -43,7 +43,7 @@ def make_gate(robot: RobotBody, follower: Follower, priorities: Priorities, *, c
     """The gate of a robot in ticks of `dt` s. checks: whether goals are checked; else all of them pass."""
     servos, caps = robot.joint_map, robot.profile.safety.speed_caps
     if not checks:
-        return PassThroughGate.for_servos(servos, dt=dt)
+        return PassThroughGate(servos, dt=dt)
     observers, settings = follower.hierarchy.observers, priorities.deflection_compensation
     clearance = None if observers is None else PathClearance(robot, observers, follower.scene_obstacles, dt=dt)
     compensation = None
@@ -51,7 +51,7 @@ def make_gate(robot: RobotBody, follower: Follower, priorities: Priorities, *, c
         steps = follower.steps is not None
         compensation = DeflectionCompensation(robot, follower.stance, dt=dt, settle=settings.settle, steps=steps)
     speed = max(caps.follow, caps.approach)
-    return Gate.for_servos(servos, dt=dt, speed=speed, clearance=clearance, compensation=compensation)
+    return Gate(servos, dt=dt, speed=speed, clearance=clearance, compensation=compensation)
 
 
 def robot_stage(

@@ -57,16 +57,17 @@ class Gate:
 
     def __init__(
         self,
+        joint_map: JointMap,
         *,
-        lower: FloatArray,
-        upper: FloatArray,
-        max_velocity: FloatArray,
-        max_acceleration: FloatArray,
         dt: float,
+        speed: float = 1.0,
         clearance: PathClearance | None = None,
         compensation: Compensation | None = None,
     ) -> None:
-        limits = np.array([lower, upper, max_velocity, max_acceleration], dtype=np.float64)
+        """joint_map: of the profile's servos, with their limits. speed: share of their greatest velocities that passes.
+        Raises HardwareError for limits that are none."""
+        velocity = speed * joint_map.max_velocity
+        limits = np.array([joint_map.lower, joint_map.upper, velocity, joint_map.max_acceleration])
         if not (np.isfinite(limits).all() and (limits[0] < limits[1]).all() and (limits[2:] > 0.0).all()):
             raise HardwareError(
                 describe(
@@ -83,30 +84,6 @@ class Gate:
         self._seal = _Seal()
         self.goal: CheckedGoal | None = None
         """The goal made last; None before `begin`."""
-
-    @classmethod
-    def for_servos(
-        cls,
-        joint_map: JointMap,
-        *,
-        dt: float,
-        speed: float = 1.0,
-        clearance: PathClearance | None = None,
-        compensation: Compensation | None = None,
-    ) -> "Gate":
-        """Return the gate for the limits of a profile's servos, with control period `dt` s.
-
-        speed: share of the servos' greatest velocities that passes.
-        """
-        return cls(
-            lower=joint_map.lower,
-            upper=joint_map.upper,
-            max_velocity=speed * joint_map.max_velocity,
-            max_acceleration=joint_map.max_acceleration,
-            dt=dt,
-            clearance=clearance,
-            compensation=compensation,
-        )
 
     def begin(self, position: FloatArray) -> CheckedGoal:
         """Start at rest at the robot's present `position`, rad (n,); beyond a limit a joint may stand or walk back in.

@@ -122,7 +122,7 @@ def test_a_goal_is_written_once_and_in_order() -> None:
 
 
 def test_a_goal_of_another_gate_is_refused() -> None:
-    rig, other = moving(), Gate.for_servos(MAP, dt=DT)
+    rig, other = moving(), Gate(MAP, dt=DT)
     goals = [other.begin(MAP.to_radians(START)) for _ in range(100)]
     with pytest.raises(GuardError):
         rig.guard.write(goals[-1])

@@ -24,7 +24,7 @@ TINY = 1e-8
 
 def make(path_is_clear: PathCheck | None = None, *, start: FloatArray = STAND) -> tuple[Gate, DeflectionCompensation]:
     compensation = DeflectionCompensation(op3(), STANCE, dt=DT, settle=0.02)
-    gate = Gate.for_servos(JOINTS, dt=DT, clearance=as_clearance(path_is_clear), compensation=compensation)
+    gate = Gate(JOINTS, dt=DT, clearance=as_clearance(path_is_clear), compensation=compensation)
     gate.begin(start)
     return gate, compensation
 
@@ -189,7 +189,7 @@ def test_legs_wait_for_their_slowest_servo() -> None:
     protocols = {line.name: line.protocol for line in robot.profile.bus_specs()}
     lag = {servo.joint: loop_lag(servo, protocol=protocols[servo.bus]) for servo in joints.servos}
     compensation = DeflectionCompensation(robot, stance, dt=DT, settle=0.02)
-    gate = Gate.for_servos(joints, dt=DT, compensation=compensation)
+    gate = Gate(joints, dt=DT, compensation=compensation)
     posture, speed = stance.q[robot.servo_columns].copy(), np.zeros(len(joints))
     gate.begin(posture)
     knee, ankle, elbow = (joints.joints.index(name) for name in ("LKnee", "LAnklePitch", "LElbow"))

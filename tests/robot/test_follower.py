@@ -331,7 +331,7 @@ def begun() -> Follower:
 
 def followed(*, warm: bool) -> tuple[FloatArray, FloatArray]:
     """Servo angles (T, n) that a gate lets pass, and how far the robot is behind (T,) m."""
-    robot, gate = begun(), Gate.for_servos(op3().joint_map, dt=DT)
+    robot, gate = begun(), Gate(op3().joint_map, dt=DT)
     rows: list[FloatArray] = []
     behind: list[float] = []
     for tick, posture in enumerate(human()):

@@ -26,7 +26,7 @@ TINY = 1e-8
 
 
 def make(start: FloatArray | None = None, path_is_clear: PathCheck | None = None) -> Gate:
-    gate = Gate.for_servos(MAP, dt=DT, clearance=as_clearance(path_is_clear))
+    gate = Gate(MAP, dt=DT, clearance=as_clearance(path_is_clear))
     gate.begin(np.zeros(4) if start is None else start)
     return gate
 
@@ -70,7 +70,7 @@ def test_a_goal_beyond_a_limit_is_refused_whole(goal: list[float]) -> None:
 
 def test_a_share_of_the_speed_is_the_bound() -> None:
     for speed, passed in ((1.0, True), (0.5, False)):
-        gate = Gate.for_servos(MAP, dt=DT, speed=speed)
+        gate = Gate(MAP, dt=DT, speed=speed)
         gate.begin(np.zeros(4))
         displacement = np.zeros(4)
         while (displacement < 0.51 * STEP).any():
@@ -193,19 +193,12 @@ def test_a_seed_forgets_the_past() -> None:
 @pytest.mark.parametrize(
     "change", [{"upper": MAP.lower}, {"max_velocity": np.zeros(4)}, {"lower": np.full(4, -np.inf)}]
 )
-def test_senseless_limits_are_refused(change: dict[str, FloatArray]) -> None:
-    def limit(name: str) -> FloatArray:
-        original: FloatArray = getattr(MAP, name)
-        return change.get(name, original)
-
+def test_senseless_limits_are_refused(change: dict[str, FloatArray], monkeypatch: pytest.MonkeyPatch) -> None:
+    servos = JointMap(four_servos())
+    for name, values in change.items():
+        monkeypatch.setattr(servos, name, values)
     with refuses(HardwareError):
-        Gate(
-            lower=limit("lower"),
-            upper=limit("upper"),
-            max_velocity=limit("max_velocity"),
-            max_acceleration=limit("max_acceleration"),
-            dt=DT,
-        )
+        Gate(servos, dt=DT)
 
 
 @given(st.floats(1e-6, 3.0), st.floats(1e-5, 1e-2))
@@ -248,7 +241,7 @@ class NotedCompensation:
 
 def test_a_senseless_goal_reaches_no_compensation() -> None:
     compensation = NotedCompensation()
-    gate = Gate.for_servos(MAP, dt=DT, compensation=compensation)
+    gate = Gate(MAP, dt=DT, compensation=compensation)
     gate.begin(np.zeros(4))
     for senseless in ([0.0, np.nan, 0.0, 0.0], [0.0, 0.0, 0.0]):
         assert gate.check(np.array(senseless)) is None and not compensation.asked
@@ -262,7 +255,7 @@ def test_goals_belong_to_their_gate() -> None:
 
 
 def test_without_limits_goals_pass_and_braking_ends_at_rest() -> None:
-    gate = PassThroughGate.for_servos(MAP, dt=DT)
+    gate = PassThroughGate(MAP, dt=DT)
     gate.begin(np.zeros(4))
     far = np.array([0.25, -5.0, 0.0, 0.0])
     np.testing.assert_array_equal(admit(gate, far), far)
@@ -274,6 +267,6 @@ def test_without_limits_goals_pass_and_braking_ends_at_rest() -> None:
 
 @pytest.mark.parametrize("goal", [[np.nan, 0.0, 0.0, 0.0], [np.inf, 0.0, 0.0, 0.0], [0.0]])
 def test_without_limits_what_no_servo_can_take_is_refused(goal: list[float]) -> None:
-    gate = PassThroughGate.for_servos(MAP, dt=DT)
+    gate = PassThroughGate(MAP, dt=DT)
     gate.begin(np.zeros(4))
     assert gate.check(np.array(goal)) is None

@@ -43,7 +43,7 @@ class Rig:
     def __init__(self, *faults: MockFault, limits: GuardLimits | None = None) -> None:
         self.clock = VirtualClock()
         self.bus = Recorder(self.clock, faults)
-        self.gate = Gate.for_servos(MAP, dt=DT)
+        self.gate = Gate(MAP, dt=DT)
         self.guard = Guard(bus=self.bus, joint_map=MAP, clock=self.clock, limits=limits)
         self.bus.open()
 

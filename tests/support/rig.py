@@ -141,7 +141,7 @@ class Rig:
         start = self.robot.joint_map.to_ticks(stand)
         self.bus = FaultyBus(self.robot.joint_map.servos, self.clock, start=start, **bus_options)  # type: ignore[arg-type]
         self.bus.open()
-        self.gate = Gate.for_servos(self.robot.joint_map, dt=self.dt)
+        self.gate = Gate(self.robot.joint_map, dt=self.dt)
         self.guard = Guard(bus=self.bus, joint_map=self.robot.joint_map, clock=self.clock)
         self.follower = StubFollower(self.robot, script)
         self.notes: list[str] = []
