@@ -46,41 +46,10 @@ class _Place:
 
 
 class Hierarchy:
-    """A solver, and the names of its targets."""
+    """A priority file compiled for a body: a solver, and the names of its targets."""
 
     def __init__(
-        self, solver: _solver.Solver, levels: Sequence[Sequence[Slot]], postures: Mapping[str, FloatArray]
-    ) -> None:
-        self.solver = solver
-        self.slots = tuple(slot for level in levels for slot in level)
-        """What each entry of `solver.task_errors` is the error of."""
-        self.labels = tuple(f"{slot.kind.value} {slot.name}" for slot in self.slots)
-        self.observers: _solver.Observers | None = None
-        """What looks at itself and at the obstacles, as the solver has it."""
-        self._places: dict[SlotKind, list[_Place]] = {kind: [] for kind in SlotKind}
-        self._by_name: dict[tuple[SlotKind, str], list[_Place]] = {}
-        self.spans: list[slice] = []
-        """Places in a target vector of the tasks of each level."""
-        end = 0
-        for level, slots in enumerate(levels):
-            start = end
-            for index, slot in enumerate(slots):
-                place = _Place(slot, *solver.target_slice(level, index))
-                end = place.stop
-                self._places[slot.kind].append(place)
-                self._by_name.setdefault((slot.kind, slot.name), []).append(place)
-            self.spans.append(slice(start, end))
-        self._turned = [
-            (place, place.slot.direction)
-            for kind in (SlotKind.HEADING, SlotKind.AXIS)
-            for place in self._places[kind]
-            if place.slot.direction is not None and place.slot.direction[:2] != (0.0, 0.0)
-        ]
-        self._blank = self._make_blank(postures)
-
-    @classmethod
-    def build(
-        cls,
+        self,
         priorities: Priorities,
         body: BodyModel,
         *,
@@ -93,13 +62,11 @@ class Hierarchy:
         iterations: int | None = None,
         observers: Observers | None = None,
         scene: SceneShapes = NO_SCENE,
-    ) -> "Hierarchy":
-        """Compile a priority file.
-
-        frames: what names in `of` stand for (`body_frames` gives the body's own). postures: q (nq,) by name. fed:
+    ) -> None:
+        """frames: what names in `of` stand for (`body_frames` gives the body's own). postures: q (nq,) by name. fed:
         names whose targets will ever be set, by default all of `frames`; the others cost nothing. limbs: what names of
-        limb tasks stand for. locked (nv,): DoFs that never move. iterations: instead of the file's. observers:
-        what looks at itself and at the obstacles of `scene`. Raises ConfigError: a name that the body does not have.
+        limb tasks stand for. locked (nv,): DoFs that never move. iterations: instead of the file's. observers: what
+        looks at itself and at the obstacles of `scene`. Raises ConfigError: a name that the body does not have.
         """
         watching = None if observers is None else observers.with_margin(priorities.observers.margin)
         names = () if watching is None else watching.names
@@ -107,8 +74,9 @@ class Hierarchy:
             priorities, body, frames, fed=frames if fed is None else fed, limbs=limbs or {}, observers=names
         )
         shapes = scene.with_margin(priorities.observers.obstacle_margin)
-        watched = None if watching is None else watching.for_solver(body, shapes)
-        solver = _solver.Solver(
+        self.observers = None if watching is None else watching.for_solver(body, shapes)
+        """What looks at itself and at the obstacles, as the solver has it."""
+        self.solver = _solver.Solver(
             body.solver_body(),
             [[slot.task for slot in level] for level in levels],
             lower=limits.lower,
@@ -117,12 +85,36 @@ class Hierarchy:
             max_acceleration=limits.max_acceleration,
             locked=np.zeros(body.nv, dtype=bool) if locked is None else locked,
             n_ik=priorities.iterations if iterations is None else iterations,
-            observers=watched,
+            observers=self.observers,
             activation=priorities.activation,
         )
-        made = cls(solver, levels, postures)
-        made.observers = watched
-        return made
+        self.slots = tuple(slot for level in levels for slot in level)
+        """What each entry of `solver.task_errors` is the error of."""
+        self.labels = tuple(f"{slot.kind.value} {slot.name}" for slot in self.slots)
+        self._keep_places(levels)
+        self._blank = self._make_blank(postures)
+
+    def _keep_places(self, levels: Sequence[Sequence[Slot]]) -> None:
+        """Keep where the target of each slot stands in the target vector."""
+        self._places: dict[SlotKind, list[_Place]] = {kind: [] for kind in SlotKind}
+        self._by_name: dict[tuple[SlotKind, str], list[_Place]] = {}
+        self.spans: list[slice] = []
+        """Places in a target vector of the tasks of each level."""
+        end = 0
+        for level, slots in enumerate(levels):
+            start = end
+            for index, slot in enumerate(slots):
+                place = _Place(slot, *self.solver.target_slice(level, index))
+                end = place.stop
+                self._places[slot.kind].append(place)
+                self._by_name.setdefault((slot.kind, slot.name), []).append(place)
+            self.spans.append(slice(start, end))
+        self._turned = [
+            (place, place.slot.direction)
+            for kind in (SlotKind.HEADING, SlotKind.AXIS)
+            for place in self._places[kind]
+            if place.slot.direction is not None and place.slot.direction[:2] != (0.0, 0.0)
+        ]
 
     def blank(self) -> FloatArray:
         """A target vector in which only what needs no input is asked: postures, upright axes, the CoM over the root."""

@@ -280,7 +280,7 @@ class Follower:
         self, priorities: Priorities, locked: BoolArray, *, limits: JointLimits, iterations: int | None
     ) -> Hierarchy:
         """The robot's hierarchy, with these DoFs (nv,) locked."""
-        return Hierarchy.build(
+        return Hierarchy(
             priorities,
             self._robot.body,
             frames=swinging_frames(robot_frames(self._robot), tuple(sole.frame.name for sole in self.stance.soles))
