@@ -41,13 +41,6 @@ NEAR_REST = 0.2
 """A robot is at rest when no joint is farther than this from posture `rest`, rad."""
 
 
-def phase_of(state: RunState, *, approaches: bool) -> Phase:
-    """The purpose of a tick. A hold belongs to what it holds up; what ends a run brakes, or goes to rest."""
-    if state not in AT_RISK:
-        return Phase.BRAKE
-    return Phase.APPROACH if approaches else Phase.FOLLOW
-
-
 class ObserverCallback:
     """Passes every row of a record to `look`, until that raises. failure: the exception as text, else ""."""
 
@@ -379,7 +372,9 @@ class Loop:
             if followed is not None:
                 recorder.keep_costs(*follow.costs)
             approaches = state in AT_RISK and not motion.approach.arrived
-            recorder.keep(phase_of(state, approaches=state is RunState.APPROACH or approaches), approaches=approaches)
+            phase = Phase.FOLLOW if state in AT_RISK else Phase.BRAKE  # a hold belongs to what it holds up
+            phase = Phase.APPROACH if approaches or state is RunState.APPROACH else phase
+            recorder.keep(phase, approaches=approaches)
 
     # The beginning and the end of a run.
 

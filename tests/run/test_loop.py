@@ -11,7 +11,7 @@ from hardware.bus import ServoGoals, ServoStates
 from hardware.clock import VirtualClock
 from hardware.errors import BusError, HardwareError, RetargetError
 from hardware.guard import CheckedGoal
-from hardware.servo_health import ServoHealth
+from hardware.servo_health import ServoWarnings
 from messages import refuses, shows
 from retarget.model.robot import RobotBody
 from retarget.report.motion_metrics import LimitViolations, limit_violations
@@ -510,8 +510,9 @@ def test_on_its_way_to_rest_a_robot_gets_there_though_the_bus_is_silent_again_an
 
 
 def test_a_warm_robot_follows_more_slowly(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ServoHealth, "speed_override", property(lambda health: 0.05))
+    monkeypatch.setattr(ServoWarnings, "look", lambda warnings, seen, now: None)
     rig = Rig(still())
+    rig.guard.health.warnings.speed_override = 0.05
     play(rig)
     assert set(rig.follower.overrides[-TICKS:]) == {0.05}
 
