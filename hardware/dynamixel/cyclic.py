@@ -168,7 +168,10 @@ def collect(port: BytePort, ask: Ask, sent: float, timeouts: Timeouts) -> Receiv
             received += data
             now = port.now()
             if ask.kind is Kind.FAST and len(received) < enough:
-                data = _rest_of_frame(port, enough - len(received), now, latest=now + timeouts.idle)
+                # One frame has no pauses: waiting for each piece would wake this process once for each servo.
+                coming = 10 * (enough - len(received)) / port.baud
+                port.sleep_until(min(now + coming, now + timeouts.idle))
+                data = port.read()
                 received += data
                 now += 10 * len(data) / port.baud  # when the last of them came, at the earliest
             deadline = min(now + timeouts.idle, end)
@@ -181,13 +184,6 @@ def collect(port: BytePort, ask: Ask, sent: float, timeouts: Timeouts) -> Receiv
                 return Received(answers, True)
     answers = ask.answers(received)
     return Received(answers, len(_without_echo(received, ask)) > ask.bytes_of(len(answers)))
-
-
-def _rest_of_frame(port: BytePort, missing: int, now: float, *, latest: float) -> bytes:
-    """Read after the time that the missing bytes take. One frame has no pauses, and waiting for each piece of it would
-    wake this process once for each servo."""
-    port.sleep_until(min(now + 10 * missing / port.baud, latest))
-    return port.read()
 
 
 def _without_echo(received: bytes, ask: Ask) -> bytes:
