@@ -80,7 +80,7 @@ def one_stage(robot: RobotBody, frames: SensorFrames, truth: Sequence[HumanPostu
     """Five sensors straight onto the robot."""
     stance = plant(robot, robot.profile.postures.stand)
     limits, postures = following_limits(robot, stance), robot_postures(robot, stance)
-    hierarchy = Hierarchy.build(STRAIGHT, robot.body, frames=robot_frames(robot), postures=postures, limits=limits)
+    hierarchy = Hierarchy(STRAIGHT, robot.body, frames=robot_frames(robot), postures=postures, limits=limits)
     targets, reader, names = hierarchy.blank(), RobotReader(robot, stance), tuple(robot.profile.landmarks)
     for sole in stance.soles:
         hierarchy.set_position(targets, sole.frame.name, sole.position)

@@ -66,7 +66,7 @@ class Ours:
     @property
     def failures(self) -> int:
         """Solves that were capped."""
-        return self.solver.stats["capped"]
+        return self.solver.capped
 
     def aim(self, com: Floats, points: Floats) -> None:
         """See `Side`."""

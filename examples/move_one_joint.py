@@ -16,7 +16,7 @@ def main() -> None:
     """Turn the head by TURN rad within SECONDS, and print how far off the servo is in the end."""
     robot, clock = load_robot("op3"), VirtualClock()
     joints = robot.joint_map
-    gate = Gate.for_servos(joints, dt=DT)
+    gate = Gate(joints, dt=DT)
     bus = emulated_bus(robot, clock, start=posture_ticks(robot), notify=print)
     guard = Guard(bus=bus, joint_map=joints, clock=clock, limits=robot.profile.guard_limits())
     head, ticks = joints.joints.index("head_pan"), round(SECONDS / DT)

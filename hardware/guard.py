@@ -31,7 +31,7 @@ class _Seal:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class CheckedGoal:
-    """A goal of one tick. number: counts the goals of a gate, so that none is written twice or late.
+    """A goal of one tick.
 
     joints (n,): rad, servo order, what is sent. posture (n,): rad, in which these goals hold the joints under their
     load; the same without deflection compensation. passed: the goal is the target that was checked, not the next
@@ -41,7 +41,6 @@ class CheckedGoal:
     joints: FloatArray
     posture: FloatArray
     passed: bool
-    number: int
     seal: _Seal = field(repr=False)
 
     def __post_init__(self) -> None:
@@ -101,7 +100,7 @@ class Guard:
     @property
     def is_silent(self) -> bool:
         """Whether no servo of a bus has answered in the present cycle."""
-        return self.states is not None and self.health.silent_for(self.states) > 0.0
+        return self.states is not None and self.health.buses.quietest(self.states)[0] > 0.0
 
     @property
     def may_go_to_rest(self) -> bool:
@@ -168,7 +167,7 @@ class Guard:
         """Send a goal to the servos. One that took too long since the servos were read is the last of its kind: a stop
         is latched. Raises GuardError for anything but the gate's next goal, BusError when the bus fails."""
         last = self.goal
-        if type(goal) is not CheckedGoal or last is None or goal.seal is not last.seal or goal.number <= last.number:
+        if type(goal) is not CheckedGoal or last is None or goal.seal is not last.seal or goal is last:
             raise GuardError("only the next goal of the gate is written", where="guard", found=type(goal).__name__)
         self._refuse_copy(goal)
         if self.torque is not Torque.ON:
@@ -181,9 +180,7 @@ class Guard:
     @staticmethod
     def _refuse_copy(goal: CheckedGoal) -> None:
         if goal.seal.last is not goal:
-            raise GuardError(
-                "only the goal that the gate made last is written", where="guard", found=f"goal {goal.number}"
-            )
+            raise GuardError("only the goal that the gate made last is written", where="guard", found="another goal")
 
     def latch(self, cause: StopCause, reason: str) -> None:
         """Latch a stop. The first reason stays; the first fault of the robot after it is added."""

@@ -76,13 +76,6 @@ class CoupledPair:
         return speed
 
 
-def coupled_pairs(servos: Sequence[ServoSpec]) -> tuple[CoupledPair, ...]:
-    """Return the pairs among valid `servos`, by the first of the two."""
-    columns = {servo.joint: index for index, servo in enumerate(servos)}
-    couplings = dict.fromkeys(servo.coupling for servo in servos if servo.coupling is not None)
-    return tuple(CoupledPair(servos, [columns[joint] for joint in coupling.joints]) for coupling in couplings)
-
-
 def coupling_problems(servos: Sequence[ServoSpec]) -> list[str]:
     """Return the problems of the couplings of `servos`, one text per finding."""
     by_joint = {servo.joint: servo for servo in servos}
@@ -161,7 +154,9 @@ class JointMap:
         self._shaft = _values(servos, "direction") * _values(servos, "gear")  # (n,) joint -> shaft
         self._lowest = np.array([servo.lowest_tick for servo in servos], dtype=np.int64)  # (n,) [tick]
         self._highest = np.array([servo.highest_tick for servo in servos], dtype=np.int64)  # (n,) [tick]
-        self._pairs = coupled_pairs(servos)
+        columns = {joint: column for column, joint in enumerate(self.joints)}
+        couplings = dict.fromkeys(servo.coupling for servo in servos if servo.coupling is not None)
+        self._pairs = tuple(CoupledPair(servos, [columns[joint] for joint in one.joints]) for one in couplings)
         self.tick_rad: FloatArray = 1.0 / np.abs(self._scale)
         for pair in self._pairs:
             self.tick_rad[pair.columns] = pair.tick_rad

@@ -306,12 +306,9 @@ def lag_of_gain(model: ServoModel, gain: float) -> float:
 
 def full_drive_error(model: ServoModel, gain: float) -> float:
     """Error in rad of the shaft at which a P `gain` (register counts of the X series, above 0) asks for full drive."""
-    return FULL_PWM * GAIN_UNIT / gain * _tick_of_x_series(model)
-
-
-def _tick_of_x_series(model: ServoModel) -> float:
-    """The P gain acts on encoder ticks of a turn of 4096, whatever the model counts in, rad."""
-    return 2.0 * np.pi / 4096.0 if model.ticks < 4096 else model.tick_rad
+    # The P gain acts on encoder ticks of a turn of 4096, whatever the model counts in.
+    tick = 2.0 * np.pi / 4096.0 if model.ticks < 4096 else model.tick_rad  # [rad]
+    return FULL_PWM * GAIN_UNIT / gain * tick
 
 
 class ExpectedRange:

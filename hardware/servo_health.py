@@ -209,7 +209,8 @@ MOST_NEWS = 100
 class ServoWarnings:
     """The warnings about one robot's servos. share: of its speed, at which the robot spares its servos.
 
-    speed_override: the present share of all speeds, from 1 down to `share`; it changes smoothly.
+    speed_override: the present share of all speeds, from 1 down to `share`; it changes smoothly. active (rows, n): mask
+    of the warnings that are active.
     """
 
     def __init__(self, servos: Sequence[ServoSpec], rows: Sequence[Watched], share: float) -> None:
@@ -219,8 +220,8 @@ class ServoWarnings:
         self.levels = ServoLevels(bounds, [row.patience for row in rows], len(servos))
         self._calm_least, self._calm_most = self.levels.least + ease, self.levels.most - ease
         self._slows = np.array([row.slows for row in rows])
-        self._active = np.zeros(self.levels.least.shape, dtype=np.bool_)
-        self._beyond_at = np.full(self._active.shape, -np.inf)  # [s] when each was last beyond its calm bounds
+        self.active = np.zeros(self.levels.least.shape, dtype=np.bool_)
+        self._beyond_at = np.full(self.active.shape, -np.inf)  # [s] when each was last beyond its calm bounds
         self._at: float | None = None  # [s] of the last look
         self._news: list[str] = []
         self._count = 0  # active warnings
@@ -231,23 +232,18 @@ class ServoWarnings:
         """Whether there is a warning, or one may come, or the robot is not back at its full speed."""
         return self.speed_override < 1.0 or self.levels.count > 0 or self._count > 0
 
-    @property
-    def active(self) -> BoolArray:
-        """Mask (rows, n) of the warnings that are active."""
-        return self._active
-
     def look(self, seen: FloatArray, now: float) -> None:
         """Judge values (rows, n) at `now`, s."""
         beyond = self.levels.beyond(seen, now)
         if not self.busy:
             self._at = now
             return
-        began = beyond & ~self._active
+        began = beyond & ~self.active
         calm = (seen >= self._calm_least) & (seen <= self._calm_most)
         self._beyond_at = np.where(calm, self._beyond_at, now)
-        ended = self._active & (now - self._beyond_at >= CALM_S)
-        self._active = (self._active | began) & ~ended
-        self._count = int(np.count_nonzero(self._active))
+        ended = self.active & (now - self._beyond_at >= CALM_S)
+        self.active = (self.active | began) & ~ended
+        self._count = int(np.count_nonzero(self.active))
         if began.any():
             self._notify(began, seen, "warning: servo {warning} {names}{slower}")
         if ended.any():
@@ -262,7 +258,7 @@ class ServoWarnings:
     def _change_speed(self, now: float) -> None:
         elapsed = 0.0 if self._at is None else max(now - self._at, 0.0)
         self._at = now
-        goal = self._share if self._active[self._slows].any() else 1.0
+        goal = self._share if self.active[self._slows].any() else 1.0
         step = (1.0 - self._share) * elapsed / RAMP_S
         self.speed_override = (
             max(goal, self.speed_override - step)
@@ -299,18 +295,13 @@ class BusHealth:
         self._max_silence = max_silence
         self._silent_since = inf  # [s] the first cycle in which a bus was silent; infinite: none is
 
-    def silent_for(self, states: ServoStates) -> float:
-        """The time, s, for which no servo of a bus has given a valid answer, the longest of all buses; 0: all answer.
-        Of a bus that never answered it is infinite."""
-        return self._quietest(states)[0]
-
     def silence(self, states: ServoStates) -> "ServoFault | None":
         """What a silent bus asks for: hold the robot, and switch its torque off after max_silence; None: no silence.
 
         The age of an answer is counted to the beginning of a cycle, and a host may be held up before one: torque is
         switched off in the second silent cycle at the earliest.
         """
-        age, name = self._quietest(states)
+        age, name = self.quietest(states)
         first, self._silent_since = self._silent_since, inf if age == 0.0 else min(self._silent_since, states.time)
         if age == 0.0:
             return None
@@ -326,8 +317,9 @@ class BusHealth:
         reason = f"answers came damaged or incomplete {share}: a noisy line, or a computer that is too slow or too busy"
         return ServoFault(StopCategory.BRAKE_AND_TORQUE_OFF, StopCause.BUS, reason)
 
-    def _quietest(self, states: ServoStates) -> tuple[float, str]:
-        """The longest silence of a bus, s, and its name."""
+    def quietest(self, states: ServoStates) -> tuple[float, str]:
+        """The longest time, s, for which no servo of a bus has given a valid answer, and the name of the bus; 0: all
+        answer. Of a bus that never answered it is infinite."""
         if states.valid.all():
             return 0.0, ""
         ages = ((float(states.age[columns].min()), name) for name, columns in self._columns.items())
@@ -344,7 +336,7 @@ class ServoHealth:
     def __init__(self, joint_map: JointMap, limits: GuardLimits) -> None:
         self._joint_map = joint_map
         self._rows = watched(limits)
-        self._buses = BusHealth(joint_map, limits.max_silence)
+        self.buses = BusHealth(joint_map, limits.max_silence)
         self._expected = ExpectedRange(np.array(limits.lag or (0.0,) * len(joint_map)))
         count = len(joint_map)
         self._levels = ServoLevels([row.stop for row in self._rows], [row.patience for row in self._rows], count)
@@ -354,30 +346,20 @@ class ServoHealth:
         self._zeros = np.zeros(count)
         self._limited = np.isfinite(self._levels.least) | np.isfinite(self._levels.most)
 
-    @property
-    def speed_override(self) -> float:
-        """Share (0, 1] of all speeds by which the robot spares servos that are too warm or draw too much."""
-        return self.warnings.speed_override
-
-    def silent_for(self, states: ServoStates) -> float:
-        """The time, s, for which no servo of a bus has given a valid answer (see `BusHealth.silent_for`)."""
-        return self._buses.silent_for(states)
-
     def check(self, states: ServoStates, sent: TickArray | None, held: FloatArray | None = None) -> ServoFault | None:
         """The fault for which the robot must stop or hold, the gravest first; or None. sent (n,): goal ticks of the
         last tick. held (n,): rad, where these goals hold the joints under their load; None: at the goals.
         """
-        silence = self._buses.silence(states)
+        silence = self.buses.silence(states)
         if silence is not None and silence.category is StopCategory.TORQUE_OFF:
             return silence
         self._look(states, sent if sent is None or held is None else self._aimed(sent, held))
-        return self._buses.error_rate(states) or self._servo_fault(states.time) or silence
-
-    def _servo_fault(self, now: float) -> ServoFault | None:
-        """The first fault of the watched values at `now`, s; warnings are noted."""
-        self.warnings.look(self._seen, now)
-        wrong = self._wrong(now)
-        return next(self._faults(wrong), None) if wrong.any() else None
+        noise = self.buses.error_rate(states)
+        if noise is not None:
+            return noise
+        self.warnings.look(self._seen, states.time)
+        wrong = self._wrong(states.time)
+        return next(self._faults(wrong), silence) if wrong.any() else silence
 
     def refuse_unhealthy(self, states: ServoStates) -> None:
         """Raise for servos that cannot be armed: BusError when none answers, GuardError with all that is wrong."""

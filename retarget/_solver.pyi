@@ -40,8 +40,6 @@ class Body:
     @property
     def nv(self) -> int: ...
     @property
-    def nbody(self) -> int: ...
-    @property
     def total_mass(self) -> float: ...
     def rest(self) -> Floats:
         """Posture (nq,) of the rest geometry."""
@@ -165,11 +163,9 @@ class Task:
         against: Literal["all", "self", "scene"] = "all",
         speed: float = 0.5,
         short_lever: float = 0.0,
-        group: int = 0,
     ) -> Task:
         """Observers within influence damp the approach of their part. `speed` (m/s): where all act, the approach
-        permitted where influence begins. `short_lever`: as for `reactive`. `group`: where they act by rank, tasks of a
-        group take the closest, the next, and so on. No target beside the leading weight."""
+        permitted where influence begins. `short_lever`: as for `reactive`. No target beside the leading weight."""
     @staticmethod
     def posture(weight: Floats, *, gain: float = 1.0, max_error: float = 0.3) -> Task:
         """Every coordinate with a positive weight (nv,) goes to that of a posture. Target nq. `max_error` holds per
@@ -276,7 +272,7 @@ class Solver:
         damping: float = 1.0,
         early_stop: bool = True,
         observers: Observers | None = None,
-        activation: Literal["closest", "ranked", "all"] = "closest",
+        activation: Literal["closest", "all"] = "closest",
     ) -> None: ...
     @property
     def target_size(self) -> int: ...
@@ -315,8 +311,8 @@ class Solver:
     def task_errors(self) -> Floats:
         """Error norm of each task at the posture reached, in order of levels; NaN where absent."""
     @property
-    def stats(self) -> dict[str, int]:
-        """frames, iterations, factorizations, fallbacks and capped, since construction."""
+    def capped(self) -> int:
+        """Linear solves that took too many steps and were ended: their answers keep the bounds."""
 
 def solve_hierarchy(
     rows: Floats,
@@ -354,8 +350,6 @@ class Braking:
         """Least and largest displacements (n,) that leave a way to brake; to go on braking is always among them."""
     def braked(self, displacement: Floats) -> Floats:
         """The next displacement (n,) under full deceleration, each joint by itself."""
-    def in_line(self, displacement: Floats) -> Floats:
-        """The next displacement (n,) in the same direction: the joints brake together, the slowest to do so fully."""
     def admitted(self, position: Floats, displacement: Floats, goal: Floats, *, tolerance: float) -> Floats | None:
         """Displacement (n,) to a goal that misses no bound by more than `tolerance`, laid within them; else None."""
     def paths(self, position: Floats, before: Floats, displacement: Floats) -> tuple[Floats, Floats]:
@@ -396,10 +390,6 @@ class TrajectoryGenerator:
     @property
     def at_rest(self) -> bool:
         """Whether the joints stand exactly at the target, and stay there."""
-
-def along_arc(a: Floats, b: Floats, share: Floats) -> Floats:
-    """Orientations (k, 4) wxyz on the short arcs from unit quaternions a (k, 4) through b (k, 4), at shares (k,) of the
-    way, which may exceed 1. NaN spreads."""
 
 @final
 class PoseFilter:

@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from itertools import compress
 from math import isfinite
 from numbers import Real
 from pathlib import Path
@@ -182,7 +183,9 @@ class Pipeline:
         with _naming_arguments("performer"):
             self._performer = performer if isinstance(performer, Performer) else load_performer(performer)
         with _naming_arguments("robot"):
-            self._robot = robot if isinstance(robot, RobotBody) else _robot_named(robot)
+            self._robot = robot if isinstance(robot, RobotBody) else None
+            if isinstance(robot, str | Path) and str(robot) != HUMAN:
+                self._robot = load_robot(robot)
         with _naming_arguments():
             name = HUMAN if self._robot is None else self._robot.profile.name
             bus = "none" if self._robot is None else "profile"  # real servos: the robot has mass
@@ -238,10 +241,12 @@ class Pipeline:
         _check_type("sample", sample, SensorSample, A_SAMPLE, "Pipeline.start")
         first = self._sensors.read(sample)
         if first is None:
+            valid = sample.valid & np.isfinite(sample.position).all(axis=1)
+            names = compress(sample.names, valid)
             raise InputError(
                 "the first sample does not show the performer",
                 where="Pipeline.start",
-                found=f"valid and finite: {', '.join(_valid_names(sample)) or 'no sensor'}",
+                found=f"valid and finite: {', '.join(names) or 'no sensor'}",
                 allowed=f"at least {', '.join(base_sensors(self._sensors.names))}",
                 next_step="Wait for a sample in which they are valid",
             )
@@ -254,10 +259,8 @@ class Pipeline:
         motion = None
         if self._robot is not None and for_robot is not None:
             scene = scene_of(self._robot, self._options)
-            follower, gate, clearance = robot_stage(self._robot, for_robot, human, self._options, scene, dt=self.dt)
-            motion = RobotMotion(
-                self._robot, reconstructor, follower, gate, first=first, pace=performer, clearance=clearance
-            )
+            follower, gate = robot_stage(self._robot, for_robot, human, self._options, scene, dt=self.dt)
+            motion = RobotMotion(self._robot, reconstructor, follower, gate, first=first, pace=performer)
             last = motion.approach.first.joint_positions if self._goal is None else self._goal
             motion.begin(last if present is None else _within_reach(self._robot, present))
         self._human = reconstructor.start(first) if motion is None else motion.follow.human
@@ -375,10 +378,6 @@ def _naming_arguments(argument: str = "") -> Iterator[None]:
         raise type(error).from_problems(problems) from None
 
 
-def _robot_named(robot: str | Path | None) -> RobotBody | None:
-    return None if robot is None or str(robot) == HUMAN else load_robot(robot)
-
-
 def _checked_rate(rate_hz: float) -> float:
     low, high = RATES_HZ
     _check_type("rate_hz", rate_hz, Real, f"{low:g} to {high:g} Hz, or None")
@@ -394,13 +393,8 @@ def _dimensions(first: SensorSample, calibration: HumanDimensions | Person | Non
     """The performer's size; measured from the first sample where it is not known."""
     if calibration is not None:
         return calibration.dimensions if isinstance(calibration, Person) else calibration
-    names = tuple(name for name, valid in zip(first.names, first.valid, strict=True) if valid)
+    names = tuple(compress(first.names, first.valid))
     return fit_rest_pose(names, first.position[first.valid], source="the first sample").dimensions
-
-
-def _valid_names(sample: SensorSample) -> list[str]:
-    valid = sample.valid & np.isfinite(sample.position).all(axis=1)
-    return [name for name, ok in zip(sample.names, valid.tolist(), strict=True) if ok]
 
 
 FAR_BEYOND = 0.35

@@ -276,6 +276,18 @@ Vector = tuple[float, float, float]
 Quat = tuple[float, float, float, float]
 
 
+def as_vector(array: FloatArray) -> Vector:
+    """Return an array (3,) as a vector."""
+    x, y, z = array.tolist()
+    return x, y, z
+
+
+def as_quat(array: FloatArray) -> Quat:
+    """Return an array (4,) as a quaternion."""
+    w, x, y, z = array.tolist()
+    return w, x, y, z
+
+
 def minus(a: Vector, b: Vector) -> Vector:
     """The vector from b to a."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])

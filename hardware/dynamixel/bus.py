@@ -183,7 +183,7 @@ class DynamixelBus:
     def _cycle(self) -> ServoStates:
         """One cycle of all ports; now and then with voltage and temperature."""
         now = self.lines[0].port.now()
-        read_cycle(self.lines, self._readings, wide=self._readings.slow_due(now))
+        read_cycle(self.lines, self._readings, wide=self._readings.slow.due(now, self._readings.valid))
         errors = [line.cyclic.errors for line in self.lines]
         repeated = sum([one.note(now) for one in errors])
         share = max(one.share for one in errors)

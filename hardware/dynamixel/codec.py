@@ -470,79 +470,48 @@ def side_by_side(statuses: Sequence[Status]) -> Answers:
     )
 
 
-# The reply to a group read of protocol 2.0 where it is complete and valid, as in nearly every cycle: checked at once.
+# The reply to a fast read where it is complete and valid, as in nearly every cycle: checked at once.
 
 LAYOUTS = 512
 """Different requests that are remembered."""
 
 
 class _Layout(NamedTuple):
-    """length: of the whole reply. unpack: splits it into the beginnings of its frames, or of a fast reply into its only
-    beginning; then error byte, data and CRC of each servo in turn (of a fast reply error byte, id, data and CRC).
-
-    begins: how it begins, or how each frame does. summed: the bytes that each CRC is of, or, where it goes on from the
-    one before, those between them.
-    """
+    """length: of the whole reply. unpack: splits it into its beginning, and error byte, id, data and CRC of each servo
+    in turn. begins: how it begins. summed: the bytes by which the CRC of each part goes on from the one before."""
 
     length: int
     unpack: Callable[[bytes], tuple[Any, ...]]
-    begins: tuple[bytes, ...]
+    begins: bytes
     summed: list[slice]
 
 
 def whole_reply(reply: bytes, ids: tuple[int, ...], size: int) -> Answers | None:
     """Answers of all `ids` to a Fast Sync Read of `size` bytes of each; None for a reply that is not complete and
-    valid.
+    valid, or in which a servo refuses: its data mean nothing.
 
     Each part's CRC is of everything before it, earlier CRCs included (e-Manual, Fast Sync Read).
     """
-    length, unpack, begins, summed = _one_frame(ids, size)
+    length, unpack, begins, summed = _layout(ids, size)
     if len(reply) != length:
         return None
     fields = unpack(reply)
-    if fields[:1] != begins or fields[2::4] != ids:
+    if fields[0] != begins or fields[2::4] != ids:
         return None
     total, totals = 0, []
     for piece in summed:
         total = umts(reply[piece], total)
         totals.append(total)
-    return _answers(ids, fields[1::4], fields[3::4], tuple(totals) == fields[4::4])
-
-
-def whole_frames(reply: bytes, ids: tuple[int, ...], size: int) -> Answers | None:
-    """Answers of all `ids` to a Sync Read of `size` bytes of each, a frame each; None for a reply that is not complete
-    and valid, in this order, or that has stuffing in it."""
-    length, unpack, begins, summed = _frames(ids, size)
-    if len(reply) != length or reply.count(protocol2.PATTERN) != len(ids):
+    errors = fields[1::4]
+    if tuple(totals) != fields[4::4] or (any(errors) and any(error & ~ALERT for error in errors)):
         return None
-    fields = unpack(reply)
-    if fields[::4] != begins:
-        return None
-    totals = tuple([umts(reply[piece], 0) for piece in summed])
-    return _answers(ids, fields[1::4], fields[2::4], totals == fields[3::4])
-
-
-def _answers(ids: tuple[int, ...], errors: tuple[int, ...], data: tuple[bytes, ...], valid: bool) -> Answers | None:
-    """A refusal is no answer: its data mean nothing."""
-    if not valid or (any(errors) and any(error & ~ALERT for error in errors)):
-        return None
-    return Answers(ids, bytes(errors), b"".join(data))
+    return Answers(ids, bytes(errors), b"".join(fields[3::4]))
 
 
 @lru_cache(LAYOUTS)
-def _one_frame(ids: tuple[int, ...], size: int) -> _Layout:
+def _layout(ids: tuple[int, ...], size: int) -> _Layout:
     sizes = (size,) * len(ids)
     ends = [fast_length(sizes[:count]) - 2 for count in range(1, len(ids) + 1)]
     unpack = Struct(f"<{BEFORE_PARTS}s" + f"BB{size}sH" * len(ids)).unpack
     summed = [slice(begin, end) for begin, end in zip([0, *ends], ends, strict=False)]
-    return _Layout(fast_length(sizes), unpack, (fast_start(sizes),), summed)
-
-
-@lru_cache(LAYOUTS)
-def _frames(ids: tuple[int, ...], size: int) -> _Layout:
-    whole = protocol2.STATUS_BYTES + size
-    length = (whole - protocol2.OVERHEAD).to_bytes(2, "little")
-    begins = tuple(protocol2.HEADER + bytes((device,)) + length + bytes((STATUS,)) for device in ids)
-    unpack = Struct("<" + f"8sB{size}sH" * len(ids)).unpack
-    summed = [slice(k * whole, (k + 1) * whole - 2) for k in range(len(ids))]
-    return _Layout(whole * len(ids), unpack, begins, summed)
+    return _Layout(fast_length(sizes), unpack, fast_start(sizes), summed)

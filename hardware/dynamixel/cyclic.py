@@ -32,7 +32,6 @@ from hardware.dynamixel.codec import (
     protocol2,
     side_by_side,
     valid_parts,
-    whole_frames,
     whole_reply,
 )
 from hardware.dynamixel.control_table import ControlTable, Register, find_table
@@ -100,27 +99,19 @@ class Ask:
         overhead = protocol2.STATUS_BYTES if self.kind is Kind.SYNC else protocol1.STATUS_BYTES
         return count * (overhead + self.size)
 
-    @property
-    def delays(self) -> int:
-        """How many servos wait for their return delay, one after the other."""
-        return 1 if self.kind is Kind.FAST else len(self.ids)
-
     def timeouts(self, port: BytePort, return_delay: float) -> "Timeouts":
         """How long the answers may take; return_delay: of each servo, s."""
         sending, coming = (10 * count / port.baud for count in (len(self.request()), self.reply_bytes))
         pause = return_delay + TURNAROUND
         # An adapter may hand over an answer in one piece, when it is whole.
         idle = pause + 10 * self.bytes_of(1) / port.baud + port.latency + SLACK
-        return Timeouts(sending + idle, idle, sending + coming + (self.delays - 1) * pause + idle)
+        waits = 0 if self.kind is Kind.FAST else len(self.ids) - 1  # servos that wait for their return delay in turn
+        return Timeouts(sending + idle, idle, sending + coming + waits * pause + idle)
 
     def answers(self, received: bytes) -> Answers:
         """The valid answers in the bytes received so far, each servo at most once."""
         if self.kind is Kind.FAST:
             return whole_reply(received, self.ids, self.size) or side_by_side(self._parts(received))
-        if self.kind is Kind.SYNC:
-            whole = whole_frames(received, self.ids, self.size)
-            if whole is not None:
-                return whole
         found: dict[int, Status] = {}
         codec = CODECS[2 if self.kind is Kind.SYNC else 1]
         parser = codec.parser()
@@ -177,7 +168,10 @@ def collect(port: BytePort, ask: Ask, sent: float, timeouts: Timeouts) -> Receiv
             received += data
             now = port.now()
             if ask.kind is Kind.FAST and len(received) < enough:
-                data = _rest_of_frame(port, enough - len(received), now, latest=now + timeouts.idle)
+                # One frame has no pauses: waiting for each piece would wake this process once for each servo.
+                coming = 10 * (enough - len(received)) / port.baud
+                port.sleep_until(min(now + coming, now + timeouts.idle))
+                data = port.read()
                 received += data
                 now += 10 * len(data) / port.baud  # when the last of them came, at the earliest
             deadline = min(now + timeouts.idle, end)
@@ -190,13 +184,6 @@ def collect(port: BytePort, ask: Ask, sent: float, timeouts: Timeouts) -> Receiv
                 return Received(answers, True)
     answers = ask.answers(received)
     return Received(answers, len(_without_echo(received, ask)) > ask.bytes_of(len(answers)))
-
-
-def _rest_of_frame(port: BytePort, missing: int, now: float, *, latest: float) -> bytes:
-    """Read after the time that the missing bytes take. One frame has no pauses, and waiting for each piece of it would
-    wake this process once for each servo."""
-    port.sleep_until(min(now + 10 * missing / port.baud, latest))
-    return port.read()
 
 
 def _without_echo(received: bytes, ask: Ask) -> bytes:
@@ -230,15 +217,13 @@ def block_of(table: ControlTable, first: str, last: str) -> Block:
     begin, end = table[first], table[last]
     inside = [register for register in table.registers if begin.address <= register.address <= end.address]
     size = end.address + end.size - begin.address
-    names, formats = [register.name for register in inside], [_format(register) for register in inside]
+    names = [register.name for register in inside]
+    # With a direction bit the count is no two's complement, and left as it is.
+    signed = [register.signed and register.direction_bit is None for register in inside]
+    formats = [f"<{'i' if sign else 'u'}{register.size}" for sign, register in zip(signed, inside, strict=True)]
     offsets = [register.address - begin.address for register in inside]
     dtype = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": size})
     return Block(begin.address, size, dtype)
-
-
-def _format(register: Register) -> str:
-    """With a direction bit the count is no two's complement, and left as it is."""
-    return f"<{'i' if register.signed and register.direction_bit is None else 'u'}{register.size}"
 
 
 # Goal positions of all servos of a port as one sync write: only the goals change from cycle to cycle.

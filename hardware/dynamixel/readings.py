@@ -102,7 +102,7 @@ class Readings:
     """The states of the servos whose tables are `tables` (n,), in servo order.
 
     turns (n,): ticks to add to reported positions, whole turns that a servo has forgotten. drive (n,): the torque that
-    each reported last, as `Torque` values.
+    each reported last, as `Torque` values. slow: voltages and temperatures.
     """
 
     def __init__(self, tables: Sequence[ControlTable]) -> None:
@@ -114,7 +114,7 @@ class Readings:
         self.drive = np.full(count, Torque.UNKNOWN, dtype=np.uint8)
         self._position = np.zeros(count, dtype=np.int64)
         self._velocity, self._current = np.zeros(count), np.full(count, np.nan)
-        self._slow = SlowValues(tables)
+        self.slow = SlowValues(tables)
         self._error, self._alert = np.zeros(count, dtype=np.uint8), np.zeros(count, dtype=np.uint8)
         self._faulty = 0  # servos with an error or an alert
         self._valid = np.zeros(count, dtype=np.bool_)
@@ -139,7 +139,7 @@ class Readings:
         self._valid[who] = True
         self._answered[who] = now
         if names.voltage in (rows.dtype.names or ()):
-            self._slow.take(who, rows, names, now, self._valid)
+            self.slow.take(who, rows, names, now, self._valid)
 
     def _take_errors(self, who: NDArray[np.int64], errors: NDArray[np.uint8], names: Names) -> None:
         if names is NAMES1:
@@ -153,11 +153,6 @@ class Readings:
 
     def _count_faulty(self) -> None:
         self._faulty = int(np.count_nonzero(self._error | self._alert))
-
-    def slow_due(self, now: float) -> bool:
-        """Return whether voltage and temperature of a servo that answered in the last cycle are due; at first those of
-        all are."""
-        return self._slow.due(now, self._valid)
 
     def alarmed(self) -> list[int]:
         """Servos that report an error of which it is not known yet which it is."""
@@ -187,7 +182,7 @@ class Readings:
 
     def states(self, now: float, *, retries: int = 0, error_rate: float = 0.0) -> ServoStates:
         """The states as of `now`, s. They never change later."""
-        voltage, temperature = self._slow.values(now)
+        voltage, temperature = self.slow.values(now)
         age = np.zeros(len(self.turns))
         if not self.complete:
             age = np.where(self._valid, age, np.maximum(now - self._answered, 0.0))

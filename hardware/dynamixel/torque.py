@@ -84,12 +84,6 @@ GOAL_SLACK = 0.06
 """[rad] of the shaft that a limp joint may have moved since its goal was set to its position."""
 
 
-def limp_servos(line: BusLine) -> list[int]:
-    """Servos of the bus without torque. Raises BusError with those that do not answer."""
-    found = read_from_all(line, "torque_enable", list(line.servos))
-    return [device for device in line.servos if not found[device]]
-
-
 def arm_watchdogs(line: BusLine) -> None:
     """Clear and set the bus watchdog of every servo that has one, and read it back. Raises BusError."""
     ids = _watched(line)
@@ -328,7 +322,8 @@ def prepare(lines: Sequence[BusLine], notify: Callable[[str], object], *, limp_o
     """
     found, changed = [], list[str]()
     for line in lines:
-        limp = tuple(limp_servos(line))
+        on = read_from_all(line, "torque_enable", list(line.servos))
+        limp = tuple(device for device in line.servos if not on[device])
         for device in limp if limp_only else line.servos:
             try:
                 now = provision(line, line.servos[device], limp=device in limp)

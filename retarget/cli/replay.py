@@ -173,7 +173,7 @@ def _sent(found: "Played", options: RunOptions, robot: "RobotBody | None", speed
             found, options, speed=speed, clock=clock, make_bus=make_bus, notify=note, robot=robot
         ) as prepared:
             stop = signals.enter_context(stop_on_signals(moves=True))
-            with progress_bar(options.robot, prepared.samples.kept // 2) as show:
+            with progress_bar(options.robot, prepared.samples.recorded().ticks) as show:
                 run = command.play(prepared, Viewing(None), stop, stop, show)
         sent = run.record.robot
         assert sent is not None, "goals are a robot's"

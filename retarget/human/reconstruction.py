@@ -135,7 +135,7 @@ class Reconstructor:
         sensor_frames = {name: human.body.frame(sensor.joint) for name, sensor in performer.sensors.items()}
         self._obstacles = SceneObstacles(scene)
         self.observers = human_observers(human, priorities.observers, observed)
-        self._hierarchy = Hierarchy.build(
+        self._hierarchy = Hierarchy(
             priorities,
             human.body,
             frames=body_frames(human.body) | sensor_frames,

@@ -7,7 +7,7 @@ import numpy as np
 from retarget import rotations
 from retarget.ik.support_polygon import Stance
 from retarget.model.robot import RobotBody
-from retarget.rotations import Quat, Vector, inverse, minus, plus, product, rotated
+from retarget.rotations import Quat, Vector, as_quat, as_vector, inverse, minus, plus, product, rotated
 from retarget.types import FloatArray
 
 
@@ -29,9 +29,8 @@ def plant_root(robot: RobotBody, before: FloatArray, q: FloatArray) -> None:
     # The whole body turns by what takes the sole's orientation back to the planted one, about the sole itself: T_root'
     # = T_planted * inverse(T_moved) * T_root.
     turn = product(there, inverse(here))
-    x, y, z, *orientation = q[:7].tolist()
-    q[:3] = plus(planted, rotated(turn, minus((x, y, z), moved)))
-    w, x, y, z = product(turn, _quat(orientation))
+    q[:3] = plus(planted, rotated(turn, minus(as_vector(q[:3]), moved)))
+    w, x, y, z = product(turn, as_quat(q[3:7]))
     # Products of unit quaternions drift from unit length by rounding, tick by tick.
     norm = sqrt(w * w + x * x + y * y + z * z) or nan
     q[3:7] = (w / norm, x / norm, y / norm, z / norm)
@@ -56,15 +55,8 @@ def plant_roots(robot: RobotBody, before: FloatArray, q: FloatArray) -> None:
 
 def _sole(placed: FloatArray, links: FloatArray, link: int, point: FloatArray) -> tuple[Quat, Vector]:
     """The orientation of a link, and where a point of it is, in the world; of all links: origins, orientations."""
-    x, y, z = placed[link].tolist()
-    turn = _quat(links[link].tolist())
-    local_x, local_y, local_z = point.tolist()
-    return turn, plus((x, y, z), rotated(turn, (local_x, local_y, local_z)))
-
-
-def _quat(values: list[float]) -> Quat:
-    w, x, y, z = values
-    return (w, x, y, z)
+    turn = as_quat(links[link])
+    return turn, plus(as_vector(placed[link]), rotated(turn, as_vector(point)))
 
 
 # Where the root of a robot is that stands on both soles or on either: the lower one is where it was planted.

@@ -61,8 +61,7 @@ class GravityTorque:
 
     def _jacobian(self, q: FloatArray, frame: Frame, point: FloatArray) -> FloatArray:
         """Jacobian (3, nv) of a point (3,) m of a link."""
-        x, y, z = point.tolist()
-        return self._body.frame_jacobian(q, frame.body, (x, y, z))[:3]
+        return self._body.frame_jacobian(q, frame.body, rotations.as_vector(point))[:3]
 
 
 def _on_the_floor(shares: FloatArray, heights: FloatArray) -> FloatArray:

@@ -13,7 +13,7 @@ import numpy as np
 
 from retarget import _solver
 from retarget.errors import ConfigError, suggest
-from retarget.ik.tasks import Limb, Slot, SlotKind, compile_task, preventive
+from retarget.ik.tasks import Limb, Slot, SlotKind, compile_task
 from retarget.model.body import BodyModel, Frame, JointLimits
 from retarget.model.observers import NO_SCENE, Observers
 from retarget.model.scene_shapes import SceneShapes
@@ -28,9 +28,6 @@ from retarget.schema.priorities import (
 )
 from retarget.types import BoolArray, FloatArray, IntArray
 
-RANKS = 4
-"""Levels of observers that act by rank: the closest of each obstacle, the next, the one after it, and all others."""
-
 
 @dataclass(frozen=True, eq=False)
 class _Place:
@@ -40,42 +37,19 @@ class _Place:
     start: int
     stop: int
 
+    def set_spaces(self, targets: FloatArray, spaces: FloatArray) -> None:
+        """Write half-spaces (k, m) into a target vector, and no others."""
+        end = self.start + 1 + spaces.size
+        targets[self.start] = 1.0
+        targets[self.start + 1 : end] = spaces.ravel()
+        targets[end : self.stop] = 0.0
+
 
 class Hierarchy:
-    """A solver, and the names of its targets."""
+    """A priority file compiled for a body: a solver, and the names of its targets."""
 
     def __init__(
-        self, solver: _solver.Solver, levels: Sequence[Sequence[Slot]], postures: Mapping[str, FloatArray]
-    ) -> None:
-        self.solver = solver
-        self.slots = tuple(slot for level in levels for slot in level)
-        """What each entry of `solver.task_errors` is the error of."""
-        self.labels = tuple(f"{slot.kind.value} {slot.name}" for slot in self.slots)
-        self.observers: _solver.Observers | None = None
-        """What looks at itself and at the obstacles, as the solver has it."""
-        self._places: dict[SlotKind, list[_Place]] = {kind: [] for kind in SlotKind}
-        self._by_name: dict[tuple[SlotKind, str], list[_Place]] = {}
-        self._spans: list[slice] = []
-        end = 0
-        for level, slots in enumerate(levels):
-            start = end
-            for index, slot in enumerate(slots):
-                place = _Place(slot, *solver.target_slice(level, index))
-                end = place.stop
-                self._places[slot.kind].append(place)
-                self._by_name.setdefault((slot.kind, slot.name), []).append(place)
-            self._spans.append(slice(start, end))
-        self._turned = [
-            (place, place.slot.direction)
-            for kind in (SlotKind.HEADING, SlotKind.AXIS)
-            for place in self._places[kind]
-            if place.slot.direction is not None and place.slot.direction[:2] != (0.0, 0.0)
-        ]
-        self._blank = self._make_blank(postures)
-
-    @classmethod
-    def build(
-        cls,
+        self,
         priorities: Priorities,
         body: BodyModel,
         *,
@@ -86,18 +60,13 @@ class Hierarchy:
         limbs: Mapping[str, Limb] | None = None,
         locked: BoolArray | None = None,
         iterations: int | None = None,
-        early_stop: bool = True,
-        damping: float = 1.0,
         observers: Observers | None = None,
         scene: SceneShapes = NO_SCENE,
-    ) -> "Hierarchy":
-        """Compile a priority file.
-
-        frames: what names in `of` stand for (`body_frames` gives the body's own). postures: q (nq,) by name. fed:
+    ) -> None:
+        """frames: what names in `of` stand for (`body_frames` gives the body's own). postures: q (nq,) by name. fed:
         names whose targets will ever be set, by default all of `frames`; the others cost nothing. limbs: what names of
-        limb tasks stand for. locked (nv,): DoFs that never move. iterations: instead of the file's. damping: see
-        `_solver.Solver`. observers: what looks at itself and at the obstacles of `scene`. Raises ConfigError: a name
-        that the body does not have.
+        limb tasks stand for. locked (nv,): DoFs that never move. iterations: instead of the file's. observers: what
+        looks at itself and at the obstacles of `scene`. Raises ConfigError: a name that the body does not have.
         """
         watching = None if observers is None else observers.with_margin(priorities.observers.margin)
         names = () if watching is None else watching.names
@@ -105,8 +74,9 @@ class Hierarchy:
             priorities, body, frames, fed=frames if fed is None else fed, limbs=limbs or {}, observers=names
         )
         shapes = scene.with_margin(priorities.observers.obstacle_margin)
-        watched = None if watching is None else watching.for_solver(body, shapes)
-        solver = _solver.Solver(
+        self.observers = None if watching is None else watching.for_solver(body, shapes)
+        """What looks at itself and at the obstacles, as the solver has it."""
+        self.solver = _solver.Solver(
             body.solver_body(),
             [[slot.task for slot in level] for level in levels],
             lower=limits.lower,
@@ -115,18 +85,36 @@ class Hierarchy:
             max_acceleration=limits.max_acceleration,
             locked=np.zeros(body.nv, dtype=bool) if locked is None else locked,
             n_ik=priorities.iterations if iterations is None else iterations,
-            early_stop=early_stop,
-            damping=damping,
-            observers=watched,
+            observers=self.observers,
             activation=priorities.activation,
         )
-        made = cls(solver, levels, postures)
-        made.observers = watched
-        return made
+        self.slots = tuple(slot for level in levels for slot in level)
+        """What each entry of `solver.task_errors` is the error of."""
+        self.labels = tuple(f"{slot.kind.value} {slot.name}" for slot in self.slots)
+        self._keep_places(levels)
+        self._blank = self._make_blank(postures)
 
-    def target_span(self, level: int) -> slice:
-        """Places in a target vector of the tasks of a level."""
-        return self._spans[level]
+    def _keep_places(self, levels: Sequence[Sequence[Slot]]) -> None:
+        """Keep where the target of each slot stands in the target vector."""
+        self._places: dict[SlotKind, list[_Place]] = {kind: [] for kind in SlotKind}
+        self._by_name: dict[tuple[SlotKind, str], list[_Place]] = {}
+        self.spans: list[slice] = []
+        """Places in a target vector of the tasks of each level."""
+        end = 0
+        for level, slots in enumerate(levels):
+            start = end
+            for index, slot in enumerate(slots):
+                place = _Place(slot, *self.solver.target_slice(level, index))
+                end = place.stop
+                self._places[slot.kind].append(place)
+                self._by_name.setdefault((slot.kind, slot.name), []).append(place)
+            self.spans.append(slice(start, end))
+        self._turned = [
+            (place, place.slot.direction)
+            for kind in (SlotKind.HEADING, SlotKind.AXIS)
+            for place in self._places[kind]
+            if place.slot.direction is not None and place.slot.direction[:2] != (0.0, 0.0)
+        ]
 
     def blank(self) -> FloatArray:
         """A target vector in which only what needs no input is asked: postures, upright axes, the CoM over the root."""
@@ -168,19 +156,13 @@ class Hierarchy:
         """Set where the CoM of a support task stays: at most SUPPORT_EDGES half-spaces (k, 4): nx, ny, nz, d with nx x
         + ny y + nz z <= d."""
         for place in self._places[SlotKind.SUPPORT]:
-            end = place.start + 1 + spaces.size
-            targets[place.start] = 1.0
-            targets[place.start + 1 : end] = spaces.ravel()
-            targets[end : place.stop] = 0.0
+            place.set_spaces(targets, spaces)
 
     def set_strength(self, targets: FloatArray, joint: str, spaces: FloatArray) -> None:
         """What a joint that carries allows: at most STRENGTH_EDGES half-spaces (k, 7) n . c + m . o <= d for the centre
         of mass c and the joint's place o."""
         for place in self._by_name.get((SlotKind.STRENGTH, joint), ()):
-            end = place.start + 1 + spaces.size
-            targets[place.start] = 1.0
-            targets[place.start + 1 : end] = spaces.ravel()
-            targets[end : place.stop] = 0.0
+            place.set_spaces(targets, spaces)
 
     def set_heading(self, targets: FloatArray, heading: Sequence[float], weight: float = 1.0) -> None:
         """The heading (x, y), a unit vector on the ground, to every heading task and every axis task."""
@@ -240,22 +222,14 @@ def _compile(
     limbs: Mapping[str, Limb],
     observers: tuple[str, ...],
 ) -> list[list[Slot]]:
-    """The slots of every level. Observers that act by rank get levels of their own below the closest."""
+    """The slots of every level."""
     levels: list[list[Slot]] = []
-    group = 0
     for index, level in enumerate(priorities.levels):
         is_soft = index == len(priorities.levels) - 1 and any(task.type == "posture" for task in level.tasks)
         slots: list[Slot] = []
-        ranked: list[list[Slot]] = []
         for task in level.tasks:
-            if observers and isinstance(task, PreventiveTask) and priorities.activation == "ranked" and not is_soft:
-                group += 1
-                first, *others = [preventive(task, observers, group=group) for _ in range(RANKS)]
-                slots.append(first)
-                ranked += [[other] for other in others]
-            else:
-                slots += compile_task(task, body, frames, fed=fed, is_soft=is_soft, limbs=limbs, observers=observers)
-        levels += [slots, *ranked]
+            slots += compile_task(task, body, frames, fed=fed, is_soft=is_soft, limbs=limbs, observers=observers)
+        levels.append(slots)
     return levels
 
 
@@ -345,7 +319,7 @@ class FallbackHierarchy:
         def in_order(order: list[int]) -> tuple[Hierarchy, IntArray]:
             levels = tuple(priorities.levels[k] for k in order)
             hierarchy = build(priorities.model_copy(update={"levels": levels}), np.zeros_like(carrying))
-            return hierarchy, np.concatenate([every[first.target_span(k)] for k in order])
+            return hierarchy, np.concatenate([every[first.spans[k]] for k in order])
 
         self._planted, self._from = in_order(soles_first(priorities.levels, soles))
         self._separated, self._separated_from = in_order(separated_first(priorities.levels, soles))

@@ -11,6 +11,7 @@ from retarget import rotations
 from retarget._solver import Task as SolverTask
 from retarget.errors import ConfigError, suggest
 from retarget.model.body import BodyModel, Frame, joint_weights, low_inertia_joints
+from retarget.rotations import as_quat, as_vector
 from retarget.schema.priorities import (
     AxisTask,
     CentreOfMassTask,
@@ -139,8 +140,8 @@ def _limb(task: LimbTask, name: str, limb: Limb) -> Slot:
     """A task on one limb; its rows are shares of the limb's length, which are radians where they are small."""
     made = SolverTask.position(
         limb.end.body,
-        _triple(limb.end.position),
-        base=(limb.begin.body, _triple(limb.begin.position)),
+        as_vector(limb.end.position),
+        base=(limb.begin.body, as_vector(limb.begin.position)),
         weight=(task.weight / limb.length,) * 3,
         gain=task.gain,
         max_error=limb.length * (task.max_error or 0.2),
@@ -156,7 +157,7 @@ def _placed(
     is_soft: bool,
 ) -> Slot:
     """A task on one frame."""
-    gain, point = task.gain, _triple(frame.position)
+    gain, point = task.gain, as_vector(frame.position)
     if isinstance(task, PositionTask):
         cap = task.max_error or 0.05
         rows = _row_weights(task.weight, is_soft=is_soft)
@@ -164,21 +165,20 @@ def _placed(
         return Slot(SlotKind.POSITION, name, made)
     cap = task.max_error or 0.2
     if isinstance(task, OrientationTask):
-        w, x, y, z = frame.quat.tolist()
         rows = _row_weights(task.weight, is_soft=is_soft)
-        made = SolverTask.orientation(frame.body, (w, x, y, z), weight=rows, gain=gain, max_error=cap)
+        made = SolverTask.orientation(frame.body, as_quat(frame.quat), weight=rows, gain=gain, max_error=cap)
         return Slot(SlotKind.ORIENTATION, name, made)
     weight = float(np.sqrt(task.weight)) if is_soft else task.weight
     # The solver wants the axis in the frame of the link, and a frame may be turned against its link.
     local = _LEFT if isinstance(task, HeadingTask) else _unit(task.axis)
-    axis = _triple(rotations.rotate(frame.quat, local))
+    axis = as_vector(rotations.rotate(frame.quat, local))
     if isinstance(task, LookAtTask):
         made = SolverTask.look_at(frame.body, point, axis, weight=weight, gain=gain, max_error=cap)
         return Slot(SlotKind.LOOK_AT, name, made)
     made = SolverTask.axis(frame.body, axis, weight=weight, gain=gain, max_error=cap)
     if isinstance(task, HeadingTask):
-        return Slot(SlotKind.HEADING, name, made, direction=_triple(_LEFT))
-    return Slot(SlotKind.AXIS, name, made, direction=_triple(_unit(task.direction)))
+        return Slot(SlotKind.HEADING, name, made, direction=as_vector(_LEFT))
+    return Slot(SlotKind.AXIS, name, made, direction=as_vector(_unit(task.direction)))
 
 
 def _centre_of_mass(task: CentreOfMassTask, body: BodyModel, frames: Mapping[str, Frame], *, is_soft: bool) -> Slot:
@@ -198,18 +198,9 @@ def _strength(frames: Mapping[str, Frame]) -> list[Slot]:
     """One slot for each joint that carries."""
     joints = [(name.removeprefix(CARRIES), frame) for name, frame in frames.items() if name.startswith(CARRIES)]
     return [
-        Slot(SlotKind.STRENGTH, joint, SolverTask.lever(frame.body, _triple(frame.position), STRENGTH_EDGES))
+        Slot(SlotKind.STRENGTH, joint, SolverTask.lever(frame.body, as_vector(frame.position), STRENGTH_EDGES))
         for joint, frame in joints
     ]
-
-
-def preventive(task: PreventiveTask, observers: Sequence[str], *, group: int) -> Slot:
-    """A preventive task; those of one group share pairs by nearness, the first of them the closest."""
-    of = _observers_of(task, observers)
-    made = SolverTask.preventive(
-        of=of, against=task.against, speed=task.speed, short_lever=task.short_lever, group=group
-    )
-    return Slot(SlotKind.PREVENTIVE, task.against, made)
 
 
 def _observing(task: ReactiveTask | PreventiveTask, observers: Sequence[str], *, is_soft: bool) -> list[Slot]:
@@ -220,11 +211,11 @@ def _observing(task: ReactiveTask | PreventiveTask, observers: Sequence[str], *,
             f"a {task.type} task is in the last level, which has a posture",
             allowed="a level of its own above it, where it is a limit",
         )
+    kind, make = SlotKind.REACTIVE, SolverTask.reactive
     if isinstance(task, PreventiveTask):
-        return [preventive(task, observers, group=0)]
+        kind, make = SlotKind.PREVENTIVE, SolverTask.preventive
     of = _observers_of(task, observers)
-    made = SolverTask.reactive(of=of, against=task.against, speed=task.speed, short_lever=task.short_lever)
-    return [Slot(SlotKind.REACTIVE, task.against, made)]
+    return [Slot(kind, task.against, make(of=of, against=task.against, speed=task.speed, short_lever=task.short_lever))]
 
 
 def _observers_of(task: ReactiveTask | PreventiveTask, observers: Sequence[str]) -> list[int] | None:
@@ -255,13 +246,8 @@ def _posture(task: PostureTask, body: BodyModel) -> list[Slot]:
 
 def _row_weights(weight: tuple[float, float, float], *, is_soft: bool) -> tuple[float, float, float]:
     """Weights of rows; a stiffness multiplies the square of an error, so its root multiplies the row."""
-    return _triple(np.sqrt(weight)) if is_soft else weight
+    return as_vector(np.sqrt(weight)) if is_soft else weight
 
 
 def _unit(vector: tuple[float, float, float]) -> FloatArray:
     return np.asarray(np.array(vector) / np.linalg.norm(vector))
-
-
-def _triple(vector: FloatArray) -> tuple[float, float, float]:
-    x, y, z = (float(value) for value in vector)
-    return x, y, z

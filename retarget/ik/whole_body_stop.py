@@ -14,6 +14,7 @@ import numpy as np
 from retarget._solver import Footing, Solver, Task
 from retarget.ik.support_polygon import Stance, half_spaces
 from retarget.model.body import BodyModel, JointLimits
+from retarget.rotations import as_quat, as_vector
 from retarget.types import BoolArray, FloatArray
 
 SOLE_M = 0.001
@@ -187,8 +188,11 @@ def _solver(body: BodyModel, limits: JointLimits, stance: Stance, edges: int, lo
     """Soles first, then balance, then to stand still where the robot is."""
     planted = []
     for sole in stance.soles:
-        (x, y, z), (qw, qx, qy, qz) = sole.frame.position.tolist(), sole.frame.quat.tolist()
-        planted += [Task.position(sole.frame.body, (x, y, z)), Task.orientation(sole.frame.body, (qw, qx, qy, qz))]
+        frame = sole.frame
+        planted += [
+            Task.position(frame.body, as_vector(frame.position)),
+            Task.orientation(frame.body, as_quat(frame.quat)),
+        ]
     return Solver(
         body.solver_body(),
         [planted, [Task.support(edges)], [Task.posture(np.ones(body.nv), gain=NO_WAY_BACK)]],

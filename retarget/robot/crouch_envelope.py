@@ -14,7 +14,7 @@ from retarget._solver import Solver, Task
 from retarget.ik.support_polygon import Stance, half_spaces
 from retarget.model.body import Frame, JointLimits
 from retarget.model.robot import TRUNK, RobotBody
-from retarget.rotations import Quat, product, rotated, turn
+from retarget.rotations import Quat, as_quat, as_vector, product, rotated, turn
 from retarget.types import FloatArray
 
 HEIGHTS = 9
@@ -93,12 +93,17 @@ class _Probe:
         body, start, soles = robot.body, stance.q, [sole.frame for sole in stance.soles]
         pelvis, trunk = robot.frame(robot.profile.landmarks["pelvis"].frame), robot.frame(TRUNK)
         self._kinematics, self._start, self._pelvis, self._trunk = robot.kinematics, start, pelvis, trunk
-        planted = [task for sole in soles for task in _sole_tasks(sole)]
+        planted = []
+        for sole in soles:
+            planted += [
+                Task.position(sole.body, as_vector(sole.position)),
+                Task.orientation(sole.body, as_quat(sole.quat)),
+            ]
         levels = [
             planted,
             [Task.support(len(edges))],
-            [Task.position(pelvis.body, _triple(pelvis.position), weight=(0.0, 0.0, 1.0))],
-            [Task.orientation(trunk.body, _quat(trunk.quat))],
+            [Task.position(pelvis.body, as_vector(pelvis.position), weight=(0.0, 0.0, 1.0))],
+            [Task.orientation(trunk.body, as_quat(trunk.quat))],
             [Task.posture(np.r_[np.zeros(6), np.ones(body.nv - 6)], gain=0.02)],
         ]
         # Without rates: how far it can go counts, not how fast.
@@ -175,18 +180,4 @@ class _Probe:
         return np.asarray(self._kinematics.points(q[None], [frame.body], frame.position[None])[0, 0])
 
     def _orientation(self, q: FloatArray, frame: Frame) -> Quat:
-        return product(_quat(self._kinematics.orientations(q[None], [frame.body])[0, 0]), _quat(frame.quat))
-
-
-def _sole_tasks(sole: Frame) -> tuple[Task, Task]:
-    return Task.position(sole.body, _triple(sole.position)), Task.orientation(sole.body, _quat(sole.quat))
-
-
-def _triple(vector: FloatArray) -> tuple[float, float, float]:
-    x, y, z = vector.tolist()
-    return x, y, z
-
-
-def _quat(quat: FloatArray) -> Quat:
-    w, x, y, z = quat.tolist()
-    return w, x, y, z
+        return product(as_quat(self._kinematics.orientations(q[None], [frame.body])[0, 0]), as_quat(frame.quat))

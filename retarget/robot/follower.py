@@ -6,11 +6,12 @@ Besides following: time scaling, settling at the start, and the return to stance
 from dataclasses import dataclass, replace
 from functools import partial
 from math import inf, sqrt
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from retarget._solver import TrajectoryGenerator
+from retarget.human.samples import Parts
 from retarget.ik.base_pose import plant_root
 from retarget.ik.hierarchy import FallbackHierarchy, Hierarchy, SceneObstacles
 from retarget.ik.support_polygon import Stance, plant
@@ -189,18 +190,6 @@ def stance_angles(robot: RobotBody) -> dict[str, float]:
     }
 
 
-def return_to_stance_of(
-    robot: RobotBody, stance: Stance, standing: AskedLandmarks, balance: StandingBalance | None
-) -> StanceTrajectory | None:
-    """The return to stance of a robot; None without balance, or without a landmark of the pelvis."""
-    if balance is None or "pelvis" not in robot.profile.landmarks:
-        return None
-    return StanceTrajectory(robot, stance, standing)
-
-
-Parts = Literal["whole", "upper"]
-
-
 @dataclass(frozen=True, eq=False)
 class OnSoles:
     """What a robot that stands on its soles has besides; each part may be missing. stop: the whole-body stop on both
@@ -263,13 +252,14 @@ class Follower:
         if legs_move:
             stopping = partial(Stopping, robot.body, limits, carrying=carrying)
             still = frozenset(soles)
+            returns = "pelvis" in robot.profile.landmarks
             self._soles = OnSoles(
                 balance,
                 standing_strength(robot, priorities, stance),
                 FallbackHierarchy(build, priorities, self.hierarchy, soles=still, carrying=carrying),
                 stopping(stance),
                 Stepping(robot, priorities, stance, self.hierarchy, stopping=stopping) if steps else None,
-                return_to_stance_of(robot, stance, self.landmark_map.standing, balance),
+                StanceTrajectory(robot, stance, self.landmark_map.standing) if returns else None,
             )
         self._reader = RobotReader(robot, stance)
         self._governor = ReferenceGovernor(
@@ -290,7 +280,7 @@ class Follower:
         self, priorities: Priorities, locked: BoolArray, *, limits: JointLimits, iterations: int | None
     ) -> Hierarchy:
         """The robot's hierarchy, with these DoFs (nv,) locked."""
-        return Hierarchy.build(
+        return Hierarchy(
             priorities,
             self._robot.body,
             frames=swinging_frames(robot_frames(self._robot), tuple(sole.frame.name for sole in self.stance.soles))

@@ -132,12 +132,8 @@ def following_limits(
         for side in ("l", "r"):
             _keep_bent(robot, stance, [f"{side}_{part}" for part in (ends[0], middle, ends[1])], lower, upper)
     limits = JointLimits(lower, upper, max_velocity, max_acceleration)
-    return limits if deflection_compensation is None else _compensated(robot, limits, deflection_compensation)
-
-
-def _compensated(
-    robot: RobotBody, limits: JointLimits, deflection_compensation: DeflectionCompensationSettings
-) -> JointLimits:
+    if deflection_compensation is None:
+        return limits
     limits = loaded_speed(robot, limits, speed_margin=deflection_compensation.speed_margin)
     limits = followed_speed(robot, limits, tracking_delay=deflection_compensation.tracking_delay)
     return soft_limits(robot, limits, margin=deflection_compensation.soft_limits)

@@ -29,7 +29,7 @@ from retarget.model.body import Frame
 from retarget.model.human_dimensions import POINTS, HumanDimensions
 from retarget.model.robot import HEAD, TRUNK, RobotBody
 from retarget.robot.crouch_envelope import Envelope
-from retarget.rotations import Quat, Vector, arc, axis_turn, inverse, minus, plus, product, rotated
+from retarget.rotations import Quat, Vector, arc, as_quat, as_vector, axis_turn, inverse, minus, plus, product, rotated
 from retarget.schema.profile import RobotProfile
 from retarget.schema.profile_parts import Landmark
 from retarget.types import BoolArray, Carrying, FloatArray
@@ -274,7 +274,7 @@ class LandmarkMap:
         self._joint_names: tuple[str, ...] = ()
         self._weights = np.zeros((len(self._sums), 0))
         line = _weights([TRUNK_LINE], POINTS) @ dimensions.standing()
-        self._upright = arc(_vector(line[0]), UP)
+        self._upright = arc(as_vector(line[0]), UP)
         self._marks: list[_Mark] = []
         self._plan(profile, entries, stance)
         self._feet_apart = None if stance.soles else feet_apart(profile, stance, self.names)
@@ -286,8 +286,8 @@ class LandmarkMap:
         place = np.zeros(3) if pelvis is None else stance.points[pelvis.frame]
         anchors = [np.mean([stance.points[name] for name in entry.anchor], axis=0) for entry in entries]
         self._pelvis = None if pelvis is None else self.names.index("pelvis")
-        self._feet = _vector(anchors[self._pelvis]) if self._pelvis is not None else (0.0, 0.0, 0.0)
-        ends = [_vector(stance.points[entry.frame]) for entry in entries]
+        self._feet = as_vector(anchors[self._pelvis]) if self._pelvis is not None else (0.0, 0.0, 0.0)
+        ends = [as_vector(stance.points[entry.frame]) for entry in entries]
         rows: dict[str, int] = {}  # of the landmarks above, by frame
         for row, (name, entry) in enumerate(profile.landmarks.items()):
             joined = rows.get(entry.anchor[0])
@@ -301,12 +301,12 @@ class LandmarkMap:
                 role = Role.BORNE
             else:
                 role = Role.LIMB if joined is None else Role.JOINED
-            self._marks.append(_Mark(role, ends[row], entry.offset, _vector(anchors[row] - place), joined or 0))
+            self._marks.append(_Mark(role, ends[row], entry.offset, as_vector(anchors[row] - place), joined or 0))
             rows.setdefault(entry.frame, row)
         names = limb_names(profile)
         self._limbs = [self.names.index(name) for name in names if name != TRUNK]
-        self._trunk_line = [_vector(stance.points[TRUNK] - stance.points[PELVIS])] if TRUNK in names else []
-        limbs = [minus(end, _vector(begin)) for end, begin in zip(ends, anchors, strict=True)]
+        self._trunk_line = [as_vector(stance.points[TRUNK] - stance.points[PELVIS])] if TRUNK in names else []
+        limbs = [minus(end, as_vector(begin)) for end, begin in zip(ends, anchors, strict=True)]
         self.standing = AskedLandmarks(ends, self._of_limbs(limbs, IDENTITY), IDENTITY, FORWARD)
         """What asks the robot to stand as in its stance."""
 
@@ -323,7 +323,7 @@ class LandmarkMap:
             self._joint_names = human.joint_names
         # All limbs at once: each is a weighted sum of joints, already scaled to the robot.
         rows = (self._weights @ human.joints).tolist()  # k limbs, the trunk, two feet; performer's world
-        pelvis_seen, chest_seen, head_seen = (_quat(row) for row in human.orientations.tolist())
+        pelvis_seen, chest_seen, head_seen = map(as_quat, human.orientations)
         feet = len(self.names) + 1
         x, y = self._facing.update(pelvis_seen, rows[feet], rows[feet + 1], dt)
         # Turn into the heading frame, in which the robot faces x: (x, y) is the unit vector of the performer's heading,
@@ -421,16 +421,6 @@ def _weights(sums: Sequence[Mapping[str, float]], joint_names: Sequence[str]) ->
     return weights
 
 
-def _vector(array: FloatArray) -> Vector:
-    x, y, z = array.tolist()
-    return x, y, z
-
-
-def _quat(values: list[float]) -> Quat:
-    w, x, y, z = values
-    return w, x, y, z
-
-
 @dataclass(frozen=True, eq=False, slots=True)
 class Reached:
     """Points of the robot in a posture, m, in its world.
@@ -462,22 +452,22 @@ class RobotReader:
         trunk, head = robot.frame(TRUNK), robot.frame(HEAD)
         body = robot.body.solver_body()
         self._probe = Probe(body, [place.body for place in places], local, [trunk.body, head.body])
-        self._head = _quat(head.quat.tolist())
-        self.trunk_at_stance = _quat(robot.orientations(stance.q[None], (TRUNK,))[0, 0].tolist())
+        self._head = as_quat(head.quat)
+        self.trunk_at_stance = as_quat(robot.orientations(stance.q[None], (TRUNK,))[0, 0])
         """Orientation wxyz of the trunk's frame in the stance: where the performer's trunk is upright."""
-        self._trunk = product(_quat(trunk.quat.tolist()), inverse(self.trunk_at_stance))
+        self._trunk = product(as_quat(trunk.quat), inverse(self.trunk_at_stance))
 
     def read(self, q: FloatArray) -> Reached:
         """Read the points, m, and orientations that posture q (nq,) reaches."""
         points, oriented, centre_of_mass = self._probe.read(q)
-        trunk, head = oriented.tolist()
+        trunk, head = map(as_quat, oriented)
         first, second = self._ends
         return Reached(
             points[:first],
             points[:first].tolist(),
             (points[second:] - points[first:second]).tolist(),
-            product(_quat(trunk), self._trunk),
-            rotated(product(_quat(head), self._head), FORWARD),
+            product(trunk, self._trunk),
+            rotated(product(head, self._head), FORWARD),
             centre_of_mass,
         )
 
@@ -531,11 +521,6 @@ def standing_dofs(robot: RobotBody, *frames: str) -> BoolArray:
     """Mask (nv,) of the DoFs that carry the robot: a free root, and every joint between it and a sole, or one of these
     frames."""
     ends = [robot.frame(name).body for name in (*(foot.frame for foot in robot.profile.feet.values()), *frames)]
-    return np.isin(_dof_links(robot), [link for end in ends for link in robot.body.chain_to_root(end)])
-
-
-def _dof_links(robot: RobotBody) -> FloatArray:
-    """Link (nv,) that each DoF moves."""
     body = robot.body
-    ends = [*body.joint_dof[1:].tolist(), body.nv]
-    return np.repeat(body.joint_body, np.array(ends) - body.joint_dof).astype(float)
+    moved = np.repeat(body.joint_body, np.diff(body.joint_dof, append=body.nv))  # (nv,) link that each DoF moves
+    return np.isin(moved, [link for end in ends for link in body.chain_to_root(end)])

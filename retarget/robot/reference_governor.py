@@ -16,7 +16,6 @@ from retarget.ik.tasks import SlotKind
 from retarget.model.robot import HEAD, TRUNK, RobotBody, joints_between
 from retarget.robot.landmarks import AskedLandmarks, Reached, robot_limbs
 from retarget.rotations import Quat, Vector, arc, inverse, minus, product, rotated, rotation_vector, turn
-from retarget.schema.profile_parts import Landmark
 from retarget.types import FloatArray
 
 # Online trajectory generation: how fast to approach what is asked, without overshoot.
@@ -154,7 +153,11 @@ class ReferenceGovernor:
         """still: landmarks that are planted. trunk_at_stance: orientation wxyz of the trunk's frame in the stance.
         lead_time: s, see `OnlineTrajectory`."""
         marks, soles = robot.profile.landmarks, [foot.frame for foot in robot.profile.feet.values()]
-        points = {name: _landmark_limits(robot, mark) for name, mark in marks.items() if name not in still}
+        points = {
+            name: _limits(robot, mark.frame, mark.anchor, mark.robot_length)
+            for name, mark in marks.items()
+            if name not in still
+        }
         limbs = {name: _limb_limits(robot, name, limb.length) for name, limb in robot_limbs(robot).items()}
         self._points = _Channels(hierarchy, SlotKind.POSITION, tuple(marks), points, lead_time=lead_time)
         self._limbs = _Channels(hierarchy, SlotKind.LIMB, tuple(limbs), limbs, lead_time=lead_time)
@@ -192,10 +195,6 @@ class ReferenceGovernor:
         self._limbs.ask_nothing(targets)
         self._hierarchy.set_orientation(targets, TRUNK, np.zeros(4), 0.0)
         self._hierarchy.set_look_at(targets, HEAD, np.zeros(3), 0.0)
-
-
-def _landmark_limits(robot: RobotBody, landmark: Landmark) -> ChannelLimits:
-    return _limits(robot, landmark.frame, landmark.anchor, landmark.robot_length)
 
 
 def _limb_limits(robot: RobotBody, name: str, length: float) -> ChannelLimits:

@@ -14,7 +14,7 @@ from retarget.robot.crouch_envelope import Envelope
 from retarget.robot.landmarks import AskedLandmarks, Reached
 from retarget.robot.reference_governor import Glide
 from retarget.robot.step_plan import FOOT, StepInput, StepPlan, StepState, swinging
-from retarget.rotations import Vector, minus
+from retarget.rotations import Vector, as_vector, minus
 from retarget.schema.priorities import Priorities
 from retarget.types import BoolArray, FloatArray
 
@@ -137,8 +137,7 @@ class SwingFoot:
 
     def __init__(self, place: FloatArray, *, outward: float, leg: float) -> None:
         """place (3,) m: where it is planted. outward: 1 for a left foot, -1 for a right one. leg: its length, m."""
-        x, y, z = place.tolist()
-        self._place: Vector = (x, y, z)
+        self._place = as_vector(place)
         self._outward, self._low, self._high, self._way = outward, LOW * leg, HIGH * leg, WAY * leg
         self._glide = Glide(self._place, acceleration=ACCELERATION, speed=SPEED)
 

@@ -3,7 +3,8 @@
 `RobotMotion` has them all, and the gate: a run (`retarget.run.loop`) and `retarget.Pipeline` move a robot by it.
 """
 
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Protocol
 
@@ -14,10 +15,10 @@ from hardware.errors import RetargetError, describe
 from hardware.guard import CheckedGoal
 from retarget._solver import TrajectoryGenerator
 from retarget.frames import SensorSample
+from retarget.human.reconstruction import Reconstructor
 from retarget.ik.base_pose import plant_root
 from retarget.model.robot import RobotBody
-from retarget.run.stages import FollowingStage, ReconstructingStage
-from retarget.safety.clearance import PathClearance
+from retarget.robot.follower import Follower
 from retarget.safety.gate import Gate
 from retarget.types import FloatArray, HumanPosture, RobotPosture, RunState
 
@@ -31,22 +32,21 @@ class Target:
     q: FloatArray | None = None
 
 
-class Controller(Protocol):
+class Controller(ABC):
     """Gives the targets of one state."""
 
     @property
     def arrived(self) -> bool:
-        """Whether the controller has nothing left to do."""
-        ...
+        """Whether the controller has nothing left to do; never, of one that something else ends."""
+        return False
 
-    def begin(self) -> None:
+    def begin(self) -> None:  # noqa: B027 - most go on from where the robot is
         """Begin the state, from where the robot was commanded last."""
-        ...
 
+    @abstractmethod
     def target(self, sample: SensorSample | None, *, speed_override: float) -> Target | None:
         """The target of the next tick; None: brake, or stand. sample: of the performer, in a state that follows one.
         speed_override: (0, 1], of a robot whose servos are warm."""
-        ...
 
 
 class Commanded:
@@ -159,17 +159,31 @@ class ApproachPart(Enum):
     ARRIVED = "at rest there"
 
 
-class Approach:
+class Approach(Controller):
     """Moves from where the robot was found to where following begins, no joint faster than the profile's `approach`."""
 
     def __init__(
-        self, robot: RobotBody, follower: FollowingStage, commanded: Commanded, human: HumanPosture, *, dt: float
+        self,
+        robot: RobotBody,
+        follower: Follower,
+        commanded: Commanded,
+        human: HumanPosture,
+        *,
+        dt: float,
+        goal: FloatArray | None = None,
     ) -> None:
-        """human: the performer's first posture. Raises RetargetError where the robot's posture for it is not finite."""
+        """human: the performer's first posture. goal (n,): rad, where to go instead of to the performer's posture.
+        Raises RetargetError where the robot's posture for the performer is not finite."""
         self._follower, self._human, self._dt = follower, human, dt
         self._share = robot.profile.safety.speed_caps.approach
         self.first = require_finite(follower.start(human))
         """The posture in which the robot stands first."""
+        self._settles = goal is None
+        if goal is not None:
+            q = self.first.q.copy()
+            q[robot.servo_columns] = goal
+            plant_root(robot, self.first.q, q)
+            self.first = replace(self.first, q=q, joint_positions=goal)
         self._goal = self.first.joint_positions
         self._columns, self._commanded = robot.servo_columns, commanded
         self._move = SlowMove(robot, commanded, share=self._share, dt=dt)
@@ -185,9 +199,6 @@ class Approach:
         """Whether following can begin."""
         return self.part is ApproachPart.ARRIVED
 
-    def begin(self) -> None:
-        """Go on: an approach may be held."""
-
     def target(self, sample: SensorSample | None, *, speed_override: float) -> Target | None:
         """The target of the next tick."""
         if self.part is ApproachPart.STRAIGHT and self._move.is_at(self._goal):
@@ -195,8 +206,10 @@ class Approach:
         if self.part is ApproachPart.STRAIGHT:
             self._follower.pass_time(self._dt)
             return self._move.towards(self._goal, speed_override=speed_override)
-        self._follower.set_speed_override(self._share * speed_override)
-        posture = self._follower.settle(self._human, self._dt)
+        posture = None
+        if self._settles:
+            self._follower.set_speed_override(self._share * speed_override)
+            posture = self._follower.settle(self._human, self._dt)
         if posture is None:
             self.part = ApproachPart.ARRIVED
             return Target(self._commanded.joints, self._commanded.q)
@@ -226,7 +239,7 @@ class Pace(Protocol):
         ...
 
 
-class Follow:
+class Follow(Controller):
     """Takes a sample to the human, and the human to the robot.
 
     human: the posture reconstructed last. posture: of the robot for it, None before the first. costs: thread CPU of
@@ -235,8 +248,8 @@ class Follow:
 
     def __init__(
         self,
-        reconstructor: ReconstructingStage,
-        follower: FollowingStage,
+        reconstructor: Reconstructor,
+        follower: Follower,
         human: HumanPosture,
         pace: Pace,
         *,
@@ -248,11 +261,6 @@ class Follow:
         self.posture: RobotPosture | None = None
         self.costs = (np.nan, np.nan)
         self._ticks = 0
-
-    @property
-    def arrived(self) -> bool:
-        """Never: the performance ends, or is stopped."""
-        return False
 
     @property
     def lost(self) -> bool:
@@ -278,22 +286,59 @@ class Follow:
         return None if self.lost else Target(posture.joint_positions, posture.q)
 
 
-class WholeBodyStop:
-    """Brakes on the soles, as a whole; on the straight part of the approach along its line. Then the robot stands."""
+REGAIN_S = 0.4
+"""Time in which a playback is back at its full speed after a hold."""
 
-    def __init__(
-        self, robot: RobotBody, follower: FollowingStage, commanded: Commanded, approach: Approach, *, dt: float
-    ) -> None:
-        self._follower, self._commanded, self._approach, self._dt = follower, commanded, approach, dt
-        self._columns = robot.servo_columns
+
+class GoalPlayback(Controller):
+    """Sends recorded goals once more, in place of following. Where something else was sent, the robot stands first, and
+    returns to them slowly."""
+
+    def __init__(self, robot: RobotBody, commanded: Commanded, goals: FloatArray, *, dt: float) -> None:
+        """goals (T, n): rad, servo order, a tick from row to row; the robot is at the first when this begins."""
+        self._goals, self._commanded, self._dt = goals, commanded, dt
+        self._sent = goals[0]
+        self._gone, self._pace = 0.0, 1.0  # rows; share of the recording's speed
+        self._move = SlowMove(robot, commanded, share=robot.profile.safety.speed_caps.approach, dt=dt)
 
     @property
     def arrived(self) -> bool:
-        """Never: the supervisor looks at whether the robot stands."""
-        return False
+        """Whether the last goal was sent."""
+        return self._gone == len(self._goals) - 1 and np.array_equal(self._commanded.joints, self._goals[-1])
 
-    def begin(self) -> None:
-        """Brake from where the robot is."""
+    @property
+    def is_refused(self) -> bool:
+        """Whether the gate refuses the goals: then the robot holds, and tries again after a moment."""
+        return not self._follows and self._move.is_refused
+
+    def target(self, sample: SensorSample | None, *, speed_override: float) -> Target | None:
+        """Return the next recorded goal, or one on the way back to it; None: the robot has to stand first."""
+        row, share = int(self._gone), self._gone % 1.0
+        goal = self._goals[row]
+        if share > 0.0:
+            goal = goal + share * (self._goals[row + 1] - goal)
+        if not self._follows and not self._move.is_at(goal):
+            self._pace = 0.0
+            return self._move.towards(goal, speed_override=speed_override)
+        self._sent = goal
+        self._gone = min(self._gone + self._pace * speed_override, len(self._goals) - 1.0)
+        self._pace = min(self._pace + self._dt / REGAIN_S, 1.0)
+        return Target(goal)
+
+    @property
+    def _follows(self) -> bool:
+        """Whether the robot was commanded to the recorded goal that was asked for last."""
+        return np.array_equal(self._commanded.joints, self._sent)
+
+
+class WholeBodyStop(Controller):
+    """Brakes on the soles, as a whole; on the straight part of the approach along its line. Then the robot stands."""
+
+    def __init__(
+        self, robot: RobotBody, follower: Follower, commanded: Commanded, approach: Approach, *, dt: float
+    ) -> None:
+        self._follower, self._commanded, self._approach, self._dt = follower, commanded, approach, dt
+        self._columns = robot.servo_columns
 
     def target(self, sample: SensorSample | None, *, speed_override: float) -> Target | None:
         """Return the next target of the stop trajectory; None: the robot stands, or there is none, and the gate brakes
@@ -312,10 +357,10 @@ class WholeBodyStop:
         return None if q is None else Target(q[self._columns], q)
 
 
-class ReturnToStance:
-    """The follower leads the robot to its stance on its soles; see `FollowingStage.return_to_stance`."""
+class ReturnToStance(Controller):
+    """The follower leads the robot to its stance on its soles; see `Follower.return_to_stance`."""
 
-    def __init__(self, robot: RobotBody, follower: FollowingStage, commanded: Commanded, *, dt: float) -> None:
+    def __init__(self, robot: RobotBody, follower: Follower, commanded: Commanded, *, dt: float) -> None:
         self._follower, self._commanded, self._dt = follower, commanded, dt
         self._columns = robot.servo_columns
         self._next: FloatArray | None = None  # (nq,) posture; None: the robot is there
@@ -346,12 +391,12 @@ REST_WITHIN_S = 1.9
 """Longest duration of a move from one keyframe to the next, where the servos can."""
 
 
-class GoToRest:
+class GoToRest(Controller):
     """Moves from where the robot stands through the keyframes of the profile (`postures.to_rest`) to posture `rest`.
 
     Where the gate refuses a goal, the robot holds, and tries again from there."""
 
-    def __init__(self, robot: RobotBody, follower: FollowingStage, commanded: Commanded, *, dt: float) -> None:
+    def __init__(self, robot: RobotBody, follower: Follower, commanded: Commanded, *, dt: float) -> None:
         self._robot, self._follower, self._commanded, self._dt = robot, follower, commanded, dt
         self._keyframes: list[FloatArray] = []
         self._move: SlowMove | None = None
@@ -409,26 +454,27 @@ class RobotMotion:
     def __init__(
         self,
         robot: RobotBody,
-        reconstructor: ReconstructingStage,
-        follower: FollowingStage,
+        reconstructor: Reconstructor,
+        follower: Follower,
         gate: Gate,
         *,
         first: SensorSample,
         pace: Pace,
-        clearance: PathClearance | None = None,
+        goals: FloatArray | None = None,
     ) -> None:
-        """first: the sample that the robot approaches. clearance: the gate's collision check.
-        Raises RetargetError where the posture to approach is not known."""
-        self._follower, self._gate, self._clearance, dt = follower, gate, clearance, pace.dt
+        """first: the sample that the robot approaches. goals (T, n): rad, recorded ones that it sends, a row a tick,
+        instead of following. Raises RetargetError where the posture to approach is not known."""
+        self._follower, self._gate, dt = follower, gate, pace.dt
         human = reconstructor.start(first)
         self.commanded = commanded = Commanded(robot, dt=dt)
-        self.approach = Approach(robot, follower, commanded, human, dt=dt)
+        self.approach = Approach(robot, follower, commanded, human, dt=dt, goal=None if goals is None else goals[0])
         self.follow = Follow(reconstructor, follower, human, pace, slow=robot.profile.safety.speed_caps.approach)
+        self._playback = None if goals is None else GoalPlayback(robot, commanded, goals, dt=dt)
         self._stop = WholeBodyStop(robot, follower, commanded, self.approach, dt=dt)
         self._to_rest = GoToRest(robot, follower, commanded, dt=dt)
         self._controllers: dict[RunState, Controller] = {
             RunState.APPROACH: self.approach,
-            RunState.FOLLOW: self.follow,
+            RunState.FOLLOW: self._playback or self.follow,
             RunState.HOLD: self._stop,
             RunState.STOPPING: self._stop,
             RunState.RETURN_TO_STANCE: ReturnToStance(robot, follower, commanded, dt=dt),
@@ -441,11 +487,20 @@ class RobotMotion:
         """Whether the robot is on the straight part of its approach."""
         return self.approach.part is ApproachPart.STRAIGHT
 
+    @property
+    def refused(self) -> str:
+        """What the gate refuses now, so that the robot holds; "" where it refuses nothing."""
+        if self.approach.is_refused:
+            return "the approach"
+        if self._playback is not None and self.approach.arrived and self._playback.is_refused:
+            return "the recorded goals"
+        return ""
+
     def begin(self, present: FloatArray) -> CheckedGoal:
         """Begin at rest at the present joint positions, rad (n,). Raises HardwareError if not finite."""
         goal, standing = self._gate.begin(present), self.approach.first.q
-        if self._clearance is not None:
-            self._clearance.begin(standing, present)
+        if self._gate.clearance is not None:
+            self._gate.clearance.begin(standing, present)
         self.commanded.begin(standing, present)
         return goal
 
@@ -483,9 +538,10 @@ class RobotMotion:
         """Take over where the robot was commanded to by a goal that was sent for a target."""
         commanded = self.commanded
         commanded.take(goal, target, on_soles=not self.on_approach)
-        if self._clearance is not None:
-            self._clearance.sent(commanded.joints, commanded.standing)
-        if not (self.on_approach or (goal.passed and target is not None)):
+        if self._gate.clearance is not None:
+            self._gate.clearance.sent(commanded.joints, commanded.standing)
+        plays = self._playback is not None and self._state is RunState.FOLLOW
+        if not self.on_approach and (plays or not goal.passed or target is None):
             self._follower.reseed(commanded.q.copy(), commanded.velocity.copy())
 
     def _passed(self, target: Target | None) -> CheckedGoal | None:

@@ -12,12 +12,13 @@ from hardware.errors import BusError, GuardError, TorqueError
 from hardware.guard import CheckedGoal, Guard, Torque, text_of
 from hardware.guard_state import StopCause
 from retarget.frames import SensorSample
+from retarget.human.reconstruction import Reconstructor
 from retarget.human.samples import Samples
 from retarget.model.observers import robot_observers
 from retarget.model.robot import RobotBody
+from retarget.robot.follower import Follower
 from retarget.run.controllers import RobotMotion, Target, rest_joints
 from retarget.run.record import Phase, Record, TickRecorder
-from retarget.run.stages import FollowingStage, ReconstructingStage
 from retarget.run.supervisor import (
     AT_RISK,
     LONGEST_BRAKE_S,
@@ -26,9 +27,8 @@ from retarget.run.supervisor import (
     Situation,
     Supervisor,
 )
-from retarget.safety.clearance import PathClearance
 from retarget.safety.gate import Gate
-from retarget.types import Notify, RunState
+from retarget.types import FloatArray, Notify, RunState
 
 INTERRUPTED = "interrupted by the user"
 FORCED_STOP = "torque off before the robot stood, forced by the user"
@@ -39,13 +39,6 @@ TO_REST = (RunState.RETURN_TO_STANCE, RunState.GO_TO_REST)
 """States in which the robot brakes and waits while the bus is silent."""
 NEAR_REST = 0.2
 """A robot is at rest when no joint is farther than this from posture `rest`, rad."""
-
-
-def phase_of(state: RunState, *, approaches: bool) -> Phase:
-    """The purpose of a tick. A hold belongs to what it holds up; what ends a run brakes, or goes to rest."""
-    if state not in AT_RISK:
-        return Phase.BRAKE
-    return Phase.APPROACH if approaches else Phase.FOLLOW
 
 
 class ObserverCallback:
@@ -103,19 +96,19 @@ class Ending:
 
 @dataclass(frozen=True, eq=False)
 class Machine:
-    """A robot that can run. clearance: the gate's collision check. goes_to_rest: a stop ends in the profile's posture
-    `rest`. notify: receives warnings about servos, a sentence each."""
+    """A robot that can run. goes_to_rest: a stop ends in the profile's posture `rest`. notify: receives warnings about
+    servos, a sentence each. goals (T, n): rad, recorded ones that are sent instead of following."""
 
     robot: RobotBody
-    follower: FollowingStage
+    follower: Follower
     gate: Gate
     guard: Guard
     supervisor: Supervisor
     clock: Clock
     dt: float
-    clearance: PathClearance | None = None
     goes_to_rest: bool = False
     notify: Notify = lambda text: None
+    goals: FloatArray | None = None
 
     def not_at_rest(self) -> tuple[str, ...]:
         """A note about a robot on its soles whose torque went off away from rest, though nothing was wrong with it."""
@@ -133,7 +126,8 @@ class Machine:
     @property
     def refused(self) -> str:
         """What was in the way of the goal that the gate checked last, in words; "" where it passed."""
-        way = "" if self.clearance is None else self.clearance.in_the_way(robot_observers(self.robot).names)
+        clearance = self.gate.clearance
+        way = "" if clearance is None else clearance.in_the_way(robot_observers(self.robot).names)
         return f"the gate refused goals that bring {way} too near to each other" if way else ""
 
     def tell(self, text: str) -> None:
@@ -145,7 +139,7 @@ class Machine:
 class Loop:
     """One run of one robot; call `run` once. `tick` is the whole of a tick."""
 
-    def __init__(self, machine: Machine, samples: Samples, reconstructor: ReconstructingStage, watch: Watch) -> None:
+    def __init__(self, machine: Machine, samples: Samples, reconstructor: Reconstructor, watch: Watch) -> None:
         """Raises RetargetError where the posture to approach is not known."""
         self._machine, self._samples, self._watch = machine, samples, watch
         first = samples.sample(0)
@@ -157,7 +151,7 @@ class Loop:
             machine.gate,
             first=first,
             pace=samples,
-            clearance=machine.clearance,
+            goals=machine.goals,
         )
         stopping = LONGEST_STOP_S if machine.goes_to_rest else LONGEST_BRAKE_S
         self._recorder = TickRecorder(
@@ -240,7 +234,7 @@ class Loop:
             return motion.brake(state)
         if state is RunState.RETURN_TO_STANCE or state in AT_RISK:
             machine.follower.set_contact_state(None if machine.guard.states is None else machine.guard.states.soles)
-        return motion.target(state, self._sample, speed_override=machine.guard.health.speed_override)
+        return motion.target(state, self._sample, speed_override=machine.guard.health.warnings.speed_override)
 
     def _tell_refused(self) -> None:
         """Say once that the robot holds on its way to rest, and why."""
@@ -314,8 +308,8 @@ class Loop:
         self._part = StopCause.BUS
         states = machine.guard.read()
         self._part = StopCause.SOURCE
-        if machine.clearance is not None:
-            machine.clearance.measure(machine.robot.joint_map.to_radians(states.position))
+        if machine.gate.clearance is not None:
+            machine.gate.clearance.measure(machine.robot.joint_map.to_radians(states.position))
         with self._looking():
             for text in machine.guard.health.warnings.take_news():
                 machine.tell(text)
@@ -347,8 +341,8 @@ class Loop:
             situation.hold_reason = NOT_FOLLOWABLE.format(samples.hold_reason)
         elif machine.guard.is_silent:
             situation.hold_reason = "the bus is silent"
-        elif motion.approach.is_refused:
-            situation.hold_reason = "the gate refuses the approach"
+        elif motion.refused:
+            situation.hold_reason = f"the gate refuses {motion.refused}"
         elif machine.supervisor.state is RunState.FOLLOW and motion.follow.lost:
             situation.hold_reason = "no posture found"
             samples.hold()
@@ -378,7 +372,9 @@ class Loop:
             if followed is not None:
                 recorder.keep_costs(*follow.costs)
             approaches = state in AT_RISK and not motion.approach.arrived
-            recorder.keep(phase_of(state, approaches=state is RunState.APPROACH or approaches), approaches=approaches)
+            phase = Phase.FOLLOW if state in AT_RISK else Phase.BRAKE  # a hold belongs to what it holds up
+            phase = Phase.APPROACH if approaches or state is RunState.APPROACH else phase
+            recorder.keep(phase, approaches=approaches)
 
     # The beginning and the end of a run.
 
@@ -419,7 +415,7 @@ class Loop:
             machine.supervisor.take(Event.TORQUE_OFF, machine.clock.now())
 
 
-def run_human(samples: Samples, reconstructor: ReconstructingStage, watch: Watch) -> Ending:
+def run_human(samples: Samples, reconstructor: Reconstructor, watch: Watch) -> Ending:
     """Run samples through the first stage alone, where there is no robot."""
     first = samples.sample(0)
     assert first is not None, "the first sample is valid"

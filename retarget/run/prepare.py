@@ -30,7 +30,6 @@ from retarget.robot.step_plan import StepTally, with_steps
 from retarget.run.loop import Ending, Loop, Machine, Watch, run_human
 from retarget.run.options import RunOptions, priority_names
 from retarget.run.run_result import RunResult, RunSetup
-from retarget.run.stages import FollowingStage, ReconstructingStage
 from retarget.run.supervisor import Supervisor
 from retarget.safety.clearance import PathClearance, contacts, refuse_contact, refuse_floor
 from retarget.safety.gate import Gate, PassThroughGate
@@ -40,14 +39,11 @@ from retarget.schema.scene import load_scene, on_floor
 from retarget.types import Notify
 
 
-def make_gate(
-    robot: RobotBody, follower: Follower, priorities: Priorities, *, checks: bool, dt: float
-) -> tuple[Gate, PathClearance | None]:
-    """The gate of a robot in ticks of `dt` s, and its collision check; None without observers. checks: whether goals
-    are checked; else all of them pass."""
+def make_gate(robot: RobotBody, follower: Follower, priorities: Priorities, *, checks: bool, dt: float) -> Gate:
+    """The gate of a robot in ticks of `dt` s. checks: whether goals are checked; else all of them pass."""
     servos, caps = robot.joint_map, robot.profile.safety.speed_caps
     if not checks:
-        return PassThroughGate.for_servos(servos, dt=dt), None
+        return PassThroughGate(servos, dt=dt)
     observers, settings = follower.hierarchy.observers, priorities.deflection_compensation
     clearance = None if observers is None else PathClearance(robot, observers, follower.scene_obstacles, dt=dt)
     compensation = None
@@ -55,13 +51,12 @@ def make_gate(
         steps = follower.steps is not None
         compensation = DeflectionCompensation(robot, follower.stance, dt=dt, settle=settings.settle, steps=steps)
     speed = max(caps.follow, caps.approach)
-    gate = Gate.for_servos(servos, dt=dt, speed=speed, path_is_clear=clearance, compensation=compensation)
-    return gate, clearance
+    return Gate(servos, dt=dt, speed=speed, clearance=clearance, compensation=compensation)
 
 
 def robot_stage(
     robot: RobotBody, priorities: Priorities, human: Human, options: RunOptions, scene: SceneState | None, *, dt: float
-) -> tuple[Follower, Gate, PathClearance | None]:
+) -> tuple[Follower, Gate]:
     """The robot's follower, and its gate as `make_gate` makes it. Raises UsageError where the robot touches the scene,
     ConfigError where the priorities name what it does not have."""
     with naming_file(priority_names(robot, options)[-1], robot=robot.profile.name):
@@ -73,7 +68,7 @@ def robot_stage(
         refuse_contact(touching, where=f"{robot.profile.name}, standing")
         if scene is not None:
             refuse_floor(robot, follower.observers, scene, follower.stance.q)
-    return follower, *make_gate(robot, follower, priorities, checks=options.gate, dt=dt)
+    return follower, make_gate(robot, follower, priorities, checks=options.gate, dt=dt)
 
 
 MakeBus = Callable[[RobotBody, Clock], ServoBus]
@@ -94,7 +89,7 @@ class Prepared:
     samples: Samples
     human: Human
     performer: Performer
-    reconstructor: ReconstructingStage
+    reconstructor: Reconstructor
     machine: Machine | None
     priorities: tuple[Priorities, ...]
     has_bus: bool
@@ -174,17 +169,16 @@ def prepare_for(
     make_bus: MakeBus,
     goes_to_rest: bool = False,
     notify: Notify = _ignore,
-    lead: Callable[[FollowingStage], FollowingStage] | None = None,
     robot: RobotBody | None = None,
     has_deadlines: bool | None = None,
     supervisor: Supervisor | None = None,
 ) -> Iterator[Prepared]:
     """Load and check everything, small files first; the bus is open while the context lasts, and closed after it.
 
-    goes_to_rest: a run, and a stop, ends in the robot's rest posture. notify: receives warnings about servos. lead:
-    replaces the robot's follower. robot: replaces the one that the options name. has_deadlines: whether a late tick
-    stops the robot; None: where the bus is real, for simulated servos wait for a slow host. supervisor: of a run whose
-    performer is waited for and measured first; None: a new one.
+    goes_to_rest: a run, and a stop, ends in the robot's rest posture. notify: receives warnings about servos. robot:
+    replaces the one that the options name. has_deadlines: whether a late tick stops the robot; None: where the bus is
+    real, for simulated servos wait for a slow host. supervisor: of a run whose performer is waited for and measured
+    first; None: a new one.
     Raises RetargetError for what cannot be used.
     """
     performer = load_performer(options.performer)
@@ -198,15 +192,12 @@ def prepare_for(
         return
     dt = human.samples.dt
     bus = make_bus(robot, clock)
-    follower, gate, clearance = robot_stage(robot, for_robot, human.human, options, scene, dt=dt)
+    follower, gate = robot_stage(robot, for_robot, human.human, options, scene, dt=dt)
     late = not options.simulated if has_deadlines is None else has_deadlines
     limits = _limits(robot, has_deadlines=late)
     guard = Guard(bus=bus, joint_map=robot.joint_map, clock=clock, limits=limits)
     supervisor = supervisor or Supervisor(notify=notify)
-    stage: FollowingStage = follower if lead is None else lead(follower)
-    machine = Machine(
-        robot, stage, gate, guard, supervisor, clock, dt, clearance, goes_to_rest=goes_to_rest, notify=notify
-    )
+    machine = Machine(robot, follower, gate, guard, supervisor, clock, dt, goes_to_rest=goes_to_rest, notify=notify)
     prepared = replace(
         human,
         machine=machine,

@@ -116,6 +116,7 @@ TRANSITIONS: dict[tuple[RunState, Event], Transition] = {
     (_S.APPROACH, _E.NO_COMMAND): _HOLD,
     (_S.APPROACH, _E.ARRIVED): Transition(_S.FOLLOW),
     (_S.FOLLOW, _E.NO_COMMAND): _HOLD,
+    (_S.FOLLOW, _E.ARRIVED): _STOP,
     (_S.HOLD, _E.TIMEOUT): _STOP,
     (_S.HOLD, _E.RESUME_APPROACH): Transition(_S.APPROACH),
     (_S.HOLD, _E.RESUME): Transition(_S.FOLLOW),

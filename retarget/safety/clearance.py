@@ -56,7 +56,7 @@ path; the rest of the margin is the room for that."""
 
 
 class PathClearance:
-    """A `retarget.safety.gate.PathCheck` for one robot, with the observers and the obstacles of its stage.
+    """The collision check of one robot, with the observers and the obstacles of its stage.
 
     The caller sets the servo positions (`measure`) before a goal is sent, and the goal that was sent (`sent`) after.
 
@@ -114,7 +114,8 @@ class PathClearance:
         return f"{names[one]} and {second}"
 
     def __call__(self, path: FloatArray, instead: FloatArray) -> bool:
-        """Whether a path (k, n) rad is clear; instead (k, n): what is followed if not."""
+        """Whether a path of postures (k, n), rad, is clear, a tick from row to row, first row present, last row at
+        rest; instead (k, n): what is followed if not."""
         self._obstacles.look()
         poses = self._obstacles.now
         if poses is not None:

@@ -10,10 +10,7 @@ from hardware.errors import HardwareError, describe
 from hardware.guard import CheckedGoal, _Seal
 from hardware.joint_map import JointMap
 from retarget._solver import Braking
-
-PathCheck = Callable[[FloatArray, FloatArray], bool]
-"""From two paths of postures, rad (k, n), a tick from row to row, first row present, last row at rest: that of the goal
-and that followed if it is refused; to whether all of the first is clear of collision."""
+from retarget.safety.clearance import PathClearance
 
 ROUND_OFF = 1e-9
 """Angle, rad, by which a goal may miss a bound before the gate refuses it: rounding of two programs that agree is
@@ -51,7 +48,8 @@ class Gate:
 
     A target passes whole or not at all: no caller has asked for a posture in which some joints brake and others go on.
     Limits are checked on radians, before goals are rounded to ticks (one tick of 1.5 mrad in 8 ms would alone be
-    24 rad/s^2). With `compensation`, limits are checked on the goal, and clearance on the posture that it holds.
+    24 rad/s^2). clearance: checks paths for collision; None: it is not checked. With `compensation`, limits are
+    checked on the goal, and clearance on the posture that it holds.
 
     Each joint brakes by its own full deceleration, so the braking trajectory follows from position and velocity alone:
     what was verified when a goal passed is what `brake` follows.
@@ -59,16 +57,17 @@ class Gate:
 
     def __init__(
         self,
+        joint_map: JointMap,
         *,
-        lower: FloatArray,
-        upper: FloatArray,
-        max_velocity: FloatArray,
-        max_acceleration: FloatArray,
         dt: float,
-        path_is_clear: PathCheck | None = None,
+        speed: float = 1.0,
+        clearance: PathClearance | None = None,
         compensation: Compensation | None = None,
     ) -> None:
-        limits = np.array([lower, upper, max_velocity, max_acceleration], dtype=np.float64)
+        """joint_map: of the profile's servos, with their limits. speed: share of their greatest velocities that passes.
+        Raises HardwareError for limits that are none."""
+        velocity = speed * joint_map.max_velocity
+        limits = np.array([joint_map.lower, joint_map.upper, velocity, joint_map.max_acceleration])
         if not (np.isfinite(limits).all() and (limits[0] < limits[1]).all() and (limits[2:] > 0.0).all()):
             raise HardwareError(
                 describe(
@@ -77,47 +76,14 @@ class Gate:
                     then="Correct the profile",
                 )
             )
-        self._dt, self._path_is_clear, self._compensation = float(dt), path_is_clear, compensation
-        self._braking = Braking(*limits, dt=self._dt)
+        self.clearance, self._compensation = clearance, compensation
+        self._braking = Braking(*limits, dt=float(dt))
         self._joints = np.zeros_like(limits[0])  # sent last
-        self._displacement = np.zeros_like(limits[0])  # of the last tick
-        self._number, self._seal = 0, _Seal()
+        self.displacement = np.zeros_like(limits[0])
+        """Of the last tick, rad (n,): what is left to brake."""
+        self._seal = _Seal()
         self.goal: CheckedGoal | None = None
         """The goal made last; None before `begin`."""
-
-    @classmethod
-    def for_servos(
-        cls,
-        joint_map: JointMap,
-        *,
-        dt: float,
-        speed: float = 1.0,
-        path_is_clear: PathCheck | None = None,
-        compensation: Compensation | None = None,
-    ) -> "Gate":
-        """Return the gate for the limits of a profile's servos, with control period `dt` s.
-
-        speed: share of the servos' greatest velocities that passes.
-        """
-        return cls(
-            lower=joint_map.lower,
-            upper=joint_map.upper,
-            max_velocity=speed * joint_map.max_velocity,
-            max_acceleration=joint_map.max_acceleration,
-            dt=dt,
-            path_is_clear=path_is_clear,
-            compensation=compensation,
-        )
-
-    @property
-    def velocity(self) -> FloatArray:
-        """Velocity at which the last goal was reached, rad/s (n,)."""
-        return np.asarray(self._displacement / self._dt)
-
-    @property
-    def at_rest(self) -> bool:
-        """Whether nothing is left to brake."""
-        return not self._displacement.any()
 
     def begin(self, position: FloatArray) -> CheckedGoal:
         """Start at rest at the robot's present `position`, rad (n,); beyond a limit a joint may stand or walk back in.
@@ -135,7 +101,7 @@ class Gate:
             )
         if self._compensation is not None:
             self._compensation.begin(start)
-        self._joints, self._displacement = start, np.zeros_like(start)
+        self._joints, self.displacement = start, np.zeros_like(start)
         return self._make(start, passed=True)
 
     def check(self, target: FloatArray | None) -> CheckedGoal | None:
@@ -152,13 +118,13 @@ class Gate:
         if compensation is not None:
             compensation.accept()
         # The goal to the bit: a difference of rounding would be asked for again in the next tick, and grow.
-        self._joints, self._displacement = goal, displacement
+        self._joints, self.displacement = goal, displacement
         return self._make(target, passed=True)
 
     def brake(self) -> CheckedGoal:
         """The next goal of the last verified braking trajectory; once at rest, the same goal for ever."""
-        self._displacement = self._braking.braked(self._displacement)
-        self._joints = self._joints + self._displacement
+        self.displacement = self._braking.braked(self.displacement)
+        self._joints = self._joints + self.displacement
         posture = self._joints
         if self._compensation is not None:
             posture = self._joints - self._compensation.offset
@@ -167,31 +133,30 @@ class Gate:
 
     def _admitted(self, goal: FloatArray) -> FloatArray | None:
         """The displacement (n,) to a goal that keeps the limits; None: it does not."""
-        return self._braking.admitted(self._joints, self._displacement, goal, tolerance=ROUND_OFF)
+        return self._braking.admitted(self._joints, self.displacement, goal, tolerance=ROUND_OFF)
 
     def _nearest(self, goal: FloatArray) -> FloatArray:
         """The goal nearest to a finite one that keeps the limits, rad (n,), clear or not; joint by joint."""
         # The bounds are on the displacement of this tick.
-        lo, hi = self._braking.bounds(self._joints, self._displacement)
+        lo, hi = self._braking.bounds(self._joints, self.displacement)
         return np.asarray(np.minimum(np.maximum(goal, self._joints + lo), self._joints + hi))
 
     def _is_clear(self, displacement: FloatArray, offset: FloatArray) -> bool:
         """Whether the postures are clear on the way to a goal and from there to rest. offset (n,): of the goal."""
-        if self._path_is_clear is None:
+        if self.clearance is None:
             return True
         # Collision is a matter of postures, not of goals: the offset that holds a joint against its load is taken off.
         # The path that is followed after a refusal keeps the offset of the goal before.
-        path, instead = self._braking.paths(self._joints, self._displacement, displacement)
+        path, instead = self._braking.paths(self._joints, self.displacement, displacement)
         if self._compensation is not None:
             before = self._compensation.offset
             path[0] -= before
             path[1:] -= offset
             instead -= before
-        return self._path_is_clear(path, instead)
+        return self.clearance(path, instead)
 
     def _make(self, posture: FloatArray, *, passed: bool) -> CheckedGoal:
-        self._number += 1
-        self.goal = self._seal.last = CheckedGoal(self._joints.copy(), posture.copy(), passed, self._number, self._seal)
+        self.goal = self._seal.last = CheckedGoal(self._joints.copy(), posture.copy(), passed, self._seal)
         return self.goal
 
 

@@ -329,9 +329,8 @@ class Priorities(Schema):
     the overlay replace those of its base whole. Of priorities that are loaded: None."""
     iterations: Annotated[Integer, Field(ge=1, le=100)] = 5
     """Per frame, at most (the paper's N_IK)."""
-    activation: Literal["closest", "ranked", "all"] = "closest"
-    """Which preventive observers add their row: the closest per obstacle (paper), one after the other by distance, or
-    all."""
+    activation: Literal["closest", "all"] = "closest"
+    """Which preventive observers add their row: the closest per obstacle (paper), or all."""
     observers: ObserverSettings = ObserverSettings()
     """Observers and margins."""
     heading: HeadingSettings = HeadingSettings()

@@ -301,7 +301,7 @@ class Bench:
             trace.approach_ended = now
         if trace.began is None and state is RunState.FOLLOW and "the performer is followed" in trace.said:
             trace.began = now
-        trace.ticks.append(Tick(now, state, guard.stop is not None, guard.health.speed_override))
+        trace.ticks.append(Tick(now, state, guard.stop is not None, guard.health.warnings.speed_override))
         if trace.rebased is None and self.stream.clock_map.jumps:
             trace.rebased = now
         self._act(now)

@@ -32,7 +32,7 @@ def test_a_copy_of_a_goal_is_not_written() -> None:
     rig.arm()
     goal = rig.stand()
     with refuses(GuardError):
-        rig.guard.write(replace(goal, joints=goal.joints + 0.1, number=goal.number + 1))
+        rig.guard.write(replace(goal, joints=goal.joints + 0.1))
     with pytest.raises(ValueError, match="read-only"):
         goal.joints[0] = 1.0
 
@@ -102,9 +102,9 @@ def test_only_a_gate_makes_a_checked_goal() -> None:
     rig = moving()
     goal = rig.faster()
     with pytest.raises(TypeError, match="gate"):
-        CheckedGoal(goal.joints, goal.posture, True, goal.number + 1, None)  # type: ignore[arg-type]
+        CheckedGoal(goal.joints, goal.posture, True, None)  # type: ignore[arg-type]
     with pytest.raises(TypeError, match="gate"):
-        replace(goal, number=goal.number + 1, seal=object())  # type: ignore[arg-type]
+        replace(goal, seal=object())  # type: ignore[arg-type]
     for other in (goal.joints, None, rig.bus):
         with pytest.raises(GuardError):
             rig.guard.write(other)  # type: ignore[arg-type]
@@ -122,7 +122,7 @@ def test_a_goal_is_written_once_and_in_order() -> None:
 
 
 def test_a_goal_of_another_gate_is_refused() -> None:
-    rig, other = moving(), Gate.for_servos(MAP, dt=DT)
+    rig, other = moving(), Gate(MAP, dt=DT)
     goals = [other.begin(MAP.to_radians(START)) for _ in range(100)]
     with pytest.raises(GuardError):
         rig.guard.write(goals[-1])

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hardware.errors import HardwareError
-from hardware.joint_map import NO_SERVO, SLACK, JointMap, coupled_pairs, coupling_problems, resolve_turns
+from hardware.joint_map import NO_SERVO, SLACK, CoupledPair, JointMap, coupling_problems, resolve_turns
 from hardware.servo import Coupling, ServoMode, ServoSpec, find_model
 from messages import refuses, shows
 from servos import four_servos, waist_servos
@@ -141,7 +141,7 @@ def test_inside_the_limits_stays_inside_and_near(servos: tuple[ServoSpec, ...], 
     reach = joint_map.tick_rad / 2.0
     near = bool(np.any((asked - joint_map.lower < reach) | (joint_map.upper - asked < reach)))
     assert np.all(np.abs(back - asked) <= (2.0 if near else 1.0) * reach + 1e-9)
-    exact = coupled_pairs(servos)[0].exact_ticks(asked)
+    exact = CoupledPair(servos, (0, 1)).exact_ticks(asked)
     if not near:
         assert np.all(np.abs(ticks - exact) <= 0.5 + 1e-6)  # each servo to half a tick
     first, last = joint_map.tick_limits()

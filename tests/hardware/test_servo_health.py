@@ -74,7 +74,7 @@ def test_one_silent_cycle_of_a_host_that_was_held_up_is_no_lost_bus(states: Serv
 def test_one_servo_that_answers_keeps_a_bus(states: ServoStates) -> None:
     health = BusHealth(MAP, 0.05)
     some = silent(states, 9.0, slice(1, None))
-    assert health.silent_for(some) == 0.0 and judge(health, some) is None and judge(health, later(some)) is None
+    assert health.quietest(some)[0] == 0.0 and judge(health, some) is None and judge(health, later(some)) is None
 
 
 def test_a_servo_alone_on_its_bus_is_left_to_its_age(states: ServoStates) -> None:
@@ -87,8 +87,8 @@ def test_the_longest_silence_of_several_buses_counts(states: ServoStates) -> Non
     servos = [replace(servo, bus="legs" if place < 2 else "arms") for place, servo in enumerate(MAP.servos)]
     health = BusHealth(JointMap(servos), 0.05)
     arms = silent(states, 0.02, slice(2, None))
-    assert health.silent_for(arms) == 0.02
-    assert health.silent_for(silent(arms, 0.03, slice(2))) == 0.03
+    assert health.quietest(arms) == (0.02, "arms")
+    assert health.quietest(silent(arms, 0.03, slice(2))) == (0.03, "legs")
     fault = health.silence(arms)
     assert fault is not None
     shows(fault.reason, "arms", "0.020")
@@ -161,7 +161,7 @@ def test_the_guard_brakes_at_a_high_error_rate() -> None:
     rig.run(1)
     assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.BUS
     rig.run(100)
-    assert rig.gate.at_rest and rig.guard.torque is Torque.ON
+    assert not rig.gate.displacement.any() and rig.guard.torque is Torque.ON
     rig.check_goals()
 
 
@@ -186,7 +186,7 @@ def test_a_servo_out_of_bounds_stops_the_robot(case: str) -> None:
     stop = rig.guard.stop
     assert stop is not None and stop.cause is cause
     assert text in stop.reason
-    assert rig.gate.at_rest and rig.bus.torque_on
+    assert not rig.gate.displacement.any() and rig.bus.torque_on
     rig.check_goals()
 
 
@@ -288,7 +288,7 @@ def test_a_servo_that_was_reset_is_never_driven_again_by_itself() -> None:
         rig.run(1)
     assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.SERVO_LIMP
     rig.run(200)  # it reports that it is driven again, which changes nothing
-    assert rig.guard.stop.cause is StopCause.SERVO_LIMP and rig.gate.at_rest
+    assert rig.guard.stop.cause is StopCause.SERVO_LIMP and not rig.gate.displacement.any()
     rig.guard.release()
     with pytest.raises(GuardError):
         rig.arm()
@@ -418,7 +418,7 @@ def test_a_warm_servo_slows_the_robot_to_half_within_the_limit_and_is_reported_o
     slows, news = [], []
     for _ in range(600):
         rig.run(1, rig.stand)
-        slows.append(rig.guard.health.speed_override)
+        slows.append(rig.guard.health.warnings.speed_override)
         news += rig.guard.health.warnings.take_news()
     assert rig.guard.stop is None
     assert news == [
@@ -439,7 +439,7 @@ def test_each_tick_is_judged_though_nothing_was_wrong_for_long() -> None:
     rig = Rig(MockFault(FaultKind.HOT, first=500, cycles=300, servo=1, value=61.0), limits=SERVO_WARNINGS_LIMITS)
     rig.arm()
     rig.run(500, rig.stand)
-    assert rig.guard.health.speed_override == pytest.approx(1.0 - 0.5 * DT / RAMP_S)
+    assert rig.guard.health.warnings.speed_override == pytest.approx(1.0 - 0.5 * DT / RAMP_S)
 
 
 def test_a_temperature_at_its_level_does_not_begin_and_end_all_the_time() -> None:

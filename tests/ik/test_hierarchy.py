@@ -34,7 +34,7 @@ def human() -> Human:
 
 def compiled(levels: tuple[dict[str, Any], ...] = LEVELS, **more: Any) -> Hierarchy:
     body = human().body
-    return Hierarchy.build(
+    return Hierarchy(
         Priorities.model_validate({"name": "t", "description": "t", "levels": levels}),
         body,
         frames=body_frames(body),

@@ -242,7 +242,7 @@ def test_ticks_in_which_the_filter_braked_by_itself_are_counted() -> None:
     def way(dt: float) -> FloatArray:
         q = knowing.follower.stance.q.copy()
         q[knowing.robot.servo_columns] = sent(knowing.gate)
-        still_moving = knowing.gate.velocity * dt
+        still_moving = knowing.gate.displacement
         slower = np.maximum(np.abs(still_moving) - knowing.robot.limits.max_acceleration * dt**2, 0.0)
         q[knowing.robot.servo_columns] += np.copysign(slower, still_moving)
         return q

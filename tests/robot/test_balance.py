@@ -255,7 +255,7 @@ def most_used(priorities: str) -> float:
     """Greatest share of what ToddlerBot's legs may carry for long, at rest, while a performer reaches and crouches."""
     follower = Follower(robot("toddlerbot"), load_priorities(priorities), dimensions(performer()))
     keeps, used = strength("toddlerbot"), 0.0
-    humans = postures(performer(), speed=2.0)[:600]
+    humans = postures(performer(), speed=2.0)[:450]
     follower.start(humans[0])
     for human in humans:
         used = max(used, float((np.abs(keeps.torques(follower.step(human, DT).q)) / keeps.most).max()))

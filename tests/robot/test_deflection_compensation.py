@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from followers import DT, op3
-from gates import admit, held, sent
+from gates import PathCheck, admit, as_clearance, held, sent
 from hardware.arrays import FloatArray
 from hardware.bus import ServoGoals
 from hardware.servo import loop_lag
@@ -14,7 +14,7 @@ from retarget.ik.gravity_torque import GravityTorque, joint_compliance
 from retarget.ik.support_polygon import plant
 from retarget.model.robot import load_robot
 from retarget.robot.deflection_compensation import MOST_RAD, STILL_RAD, DeflectionCompensation
-from retarget.safety.gate import Gate, PathCheck
+from retarget.safety.gate import Gate
 
 JOINTS = op3().joint_map
 STANCE = plant(op3(), op3().profile.postures.stand)
@@ -24,7 +24,7 @@ TINY = 1e-8
 
 def make(path_is_clear: PathCheck | None = None, *, start: FloatArray = STAND) -> tuple[Gate, DeflectionCompensation]:
     compensation = DeflectionCompensation(op3(), STANCE, dt=DT, settle=0.02)
-    gate = Gate.for_servos(JOINTS, dt=DT, path_is_clear=path_is_clear, compensation=compensation)
+    gate = Gate(JOINTS, dt=DT, clearance=as_clearance(path_is_clear), compensation=compensation)
     gate.begin(start)
     return gate, compensation
 
@@ -100,7 +100,7 @@ def test_a_stop_keeps_the_offsets_and_ends() -> None:
         goal = gate.brake()
         np.testing.assert_allclose(goal.joints - goal.posture, offset, atol=1e-12)
         way.append(goal.joints)
-    assert gate.at_rest and np.array_equal(way[-1], way[-2])
+    assert not gate.displacement.any() and np.array_equal(way[-1], way[-2])
 
 
 def test_with_a_constant_posture_it_is_soon_at_rest() -> None:
@@ -114,7 +114,7 @@ def test_with_a_constant_posture_it_is_soon_at_rest() -> None:
     posture = held(gate)
     while ticks_moving < 100:
         admit(gate, posture)
-        if gate.at_rest:
+        if not gate.displacement.any():
             break
         ticks_moving += 1
     assert ticks_moving < 40
@@ -189,7 +189,7 @@ def test_legs_wait_for_their_slowest_servo() -> None:
     protocols = {line.name: line.protocol for line in robot.profile.bus_specs()}
     lag = {servo.joint: loop_lag(servo, protocol=protocols[servo.bus]) for servo in joints.servos}
     compensation = DeflectionCompensation(robot, stance, dt=DT, settle=0.02)
-    gate = Gate.for_servos(joints, dt=DT, compensation=compensation)
+    gate = Gate(joints, dt=DT, compensation=compensation)
     posture, speed = stance.q[robot.servo_columns].copy(), np.zeros(len(joints))
     gate.begin(posture)
     knee, ankle, elbow = (joints.joints.index(name) for name in ("LKnee", "LAnklePitch", "LElbow"))

@@ -12,12 +12,10 @@ from hardware.clock import VirtualClock
 from hardware.servo_health import RAMP_S
 from retarget.human.samples import Playback
 from retarget.ik.base_pose import plant_root
-from retarget.ik.support_polygon import plant
 from retarget.model.body import JointLimits
 from retarget.model.robot import HEAD, TRUNK, RobotBody, load_robot
 from retarget.report import motion_metrics
 from retarget.report.motion_metrics import LimitViolations, limit_violations
-from retarget.robot.balance import StandingBalance
 from retarget.robot.follower import (
     NEAR_STANCE,
     RESTING_SPEED,
@@ -27,7 +25,6 @@ from retarget.robot.follower import (
     Follower,
     StanceTrajectory,
     TimeScaling,
-    return_to_stance_of,
     stance_angles,
 )
 from retarget.robot.following_limits import following_limits
@@ -303,11 +300,10 @@ def test_arms_are_no_counterweight_of_the_return_to_stance() -> None:
     assert ticks * DT < robot._soles.to_stance.duration + 0.6
 
 
-def test_a_robot_without_balance_has_no_return_to_stance() -> None:
-    stance = plant(op3(), op3().profile.postures.stand)
-    standing = Follower(op3(), load_priorities("servo"), dimensions(performer())).landmark_map.standing
-    assert return_to_stance_of(op3(), stance, standing, None) is None
-    assert return_to_stance_of(op3(), stance, standing, StandingBalance(load_priorities("servo"), stance)) is not None
+def test_a_robot_whose_legs_stay_still_has_no_return_to_stance() -> None:
+    robot = follower(parts="upper")
+    robot.begin_return_to_stance(robot.start(human()[0]).q, DT)
+    assert robot.return_to_stance(DT) is None
 
 
 TICKS = 900
@@ -335,7 +331,7 @@ def begun() -> Follower:
 
 def followed(*, warm: bool) -> tuple[FloatArray, FloatArray]:
     """Servo angles (T, n) that a gate lets pass, and how far the robot is behind (T,) m."""
-    robot, gate = begun(), Gate.for_servos(op3().joint_map, dt=DT)
+    robot, gate = begun(), Gate(op3().joint_map, dt=DT)
     rows: list[FloatArray] = []
     behind: list[float] = []
     for tick, posture in enumerate(human()):

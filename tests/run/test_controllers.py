@@ -50,7 +50,7 @@ class Driven:
     def __init__(self, *, script: FloatArray | None = None, present: FloatArray | None = None) -> None:
         self.robot, self.commanded = op3(), Commanded(op3(), dt=DT)
         self.follower = StubFollower(op3(), np.zeros((1, 20)) if script is None else script)
-        self.gate = Gate.for_servos(op3().joint_map, dt=DT)
+        self.gate = Gate(op3().joint_map, dt=DT)
         self.refuses = False
         self.path = [stand() if present is None else present]
         self.commanded.begin(standing(), self.path[0])
@@ -172,7 +172,7 @@ class SettlingFollower(StubFollower):
 
     def settle(self, human: HumanPosture, dt: float) -> RobotPosture | None:
         self.lasts -= 1
-        return None if self.lasts < 0 else self._posture(0)
+        return None if self.lasts < 0 else self._made(0)
 
 
 def approaching(driven: Driven, present: FloatArray) -> Approach:

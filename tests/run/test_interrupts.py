@@ -76,7 +76,7 @@ def test_an_interrupted_write_doubles_no_step_and_leaves_no_torque(
     with pytest.raises(KeyboardInterrupt):
         play(rig)
     assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.REQUESTED
-    assert not rig.bus.torque_on and rig.gate.at_rest is (len(ticks) == 1)
+    assert not rig.bus.torque_on and rig.gate.displacement.any() != (len(ticks) == 1)
     assert_no_doubled_step(goals, rig)
 
 
@@ -98,7 +98,7 @@ def test_a_goal_that_no_servo_takes_doubles_no_step(failures: int, monkeypatch: 
     ending = play(rig)
     assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.FILTER
     assert ending.state is RunState.FAULT and not rig.bus.torque_on
-    assert rig.gate.at_rest is (failures == 1)
+    assert rig.gate.displacement.any() != (failures == 1)
     assert_no_doubled_step(goals, rig)
 
 
@@ -286,7 +286,7 @@ def test_a_failure_during_the_approach_brakes_on_its_line() -> None:
     beside = off - np.outer(off @ line, line) / (line @ line)
     assert 50 < len(path) < 70 and np.abs(beside[: len(path)]).max() < 1e-12
     assert np.abs(beside).max() < 1e-12, "and so it brakes"
-    assert rig.gate.at_rest and not rig.bus.torque_on
+    assert not rig.gate.displacement.any() and not rig.bus.torque_on
 
 
 def test_a_posture_that_is_not_finite_is_a_hold() -> None:
@@ -352,7 +352,7 @@ def test_a_forced_stop_after_an_interrupt_does_not_wait_either() -> None:
 
     with pytest.raises(KeyboardInterrupt):
         play(rig, Watch(interrupted, torque_off_asked=lambda: True, every=1))
-    assert not rig.gate.at_rest and not rig.bus.torque_on
+    assert rig.gate.displacement.any() and not rig.bus.torque_on
 
 
 class Broken:
@@ -420,7 +420,7 @@ def test_a_tick_that_fails_twice_after_its_goal_was_written_brakes_on() -> None:
     rig.follower.step = fails  # type: ignore[method-assign]
     loop._motion.sent = torn  # type: ignore[assignment,method-assign]
     ending = loop.run()
-    assert broken and ending.state is RunState.OFF and rig.gate.at_rest and not rig.bus.torque_on
+    assert broken and ending.state is RunState.OFF and not rig.gate.displacement.any() and not rig.bus.torque_on
 
 
 def test_a_run_begins_once() -> None:
@@ -445,7 +445,7 @@ def test_a_lost_terminal_does_not_hinder_the_stop(error: Exception, monkeypatch:
     monkeypatch.setattr(rig.guard.health.warnings, "take_news", lambda: ["it is warm"])
     ending = play(rig)
     assert calls > 40 and (ending.state, ending.reason) == (RunState.OFF, None)
-    assert rig.gate.at_rest and not rig.bus.torque_on
+    assert not rig.gate.displacement.any() and not rig.bus.torque_on
 
 
 def test_a_stop_is_carried_out_in_the_tick_in_which_it_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -487,7 +487,7 @@ def test_a_robot_that_cannot_go_to_rest_holds_and_torque_goes_off_in_time(monkey
     lasted = rig.clock.now() - began[0]
     assert lasted == pytest.approx(LONGEST_TO_REST_S, abs=3 * rig.dt)
     assert 50 + 0.5 * lasted / (RETRY_S + rig.dt) < asked, "it tries again and again"
-    assert ending.state is RunState.OFF and rig.gate.at_rest and not rig.bus.torque_on
+    assert ending.state is RunState.OFF and not rig.gate.displacement.any() and not rig.bus.torque_on
     assert ending.reason is not None, "which is no success"
     shows(ending.reason)
     (note,) = rig.machine.not_at_rest()
@@ -502,7 +502,7 @@ def test_a_faulty_robot_does_not_go_to_rest(kind: FaultKind, first: int) -> None
     rig = Rig(still(), faults=(fault,), goes_to_rest=True)
     ending = play(rig)
     assert np.abs(sent(rig.gate) - rest_of(rig)).max() > 0.2 and ending.state is RunState.FAULT
-    assert rig.guard.stop is not None and rig.gate.at_rest
+    assert rig.guard.stop is not None and not rig.gate.displacement.any()
     assert rig.guard.stop.cause in (StopCause.SERVO_ALERT, StopCause.SERVO_LOST)
     assert rig.machine.not_at_rest() == (), "it stays, and the reason says so"
 
@@ -532,7 +532,7 @@ def test_a_fault_during_the_return_to_stance_brakes_on_the_soles() -> None:
         q = rig.follower.stance.q.copy()
         q[rig.robot.servo_columns] = sent(rig.gate)
         slower = 0.2 * rig.robot.joint_map.max_acceleration[0] * dt**2
-        halts.append(max(float(rig.gate.velocity[0]) * dt - slower, 0.0))
+        halts.append(max(float(rig.gate.displacement[0]) - slower, 0.0))
         q[rig.robot.servo_columns[0]] += halts[-1]
         return q
 
@@ -540,7 +540,7 @@ def test_a_fault_during_the_return_to_stance_brakes_on_the_soles() -> None:
     ending = play(rig)
     robot = ending.record.robot
     assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.SERVO_ALERT and robot is not None
-    assert 2 <= len(halts) < 50 and rig.gate.at_rest and not robot.gated.any()
+    assert 2 <= len(halts) < 50 and not rig.gate.displacement.any() and not robot.gated.any()
     assert ending.state is RunState.FAULT and np.abs(sent(rig.gate) - rest_of(rig)).max() > 0.2
 
 

@@ -11,7 +11,7 @@ from hardware.bus import ServoGoals, ServoStates
 from hardware.clock import VirtualClock
 from hardware.errors import BusError, HardwareError, RetargetError
 from hardware.guard import CheckedGoal
-from hardware.servo_health import ServoHealth
+from hardware.servo_health import ServoWarnings
 from messages import refuses, shows
 from retarget.model.robot import RobotBody
 from retarget.report.motion_metrics import LimitViolations, limit_violations
@@ -283,7 +283,7 @@ def test_a_tick_that_fails_after_its_goal_sends_no_second_one() -> None:
 
     rig.guard.write = written  # type: ignore[method-assign]
     assert play(rig, Watch(broken)).reason == "no terminal"
-    assert len(sent) == len(set(sent)) > 20 and rig.gate.at_rest and not rig.bus.torque_on
+    assert len(sent) == len(set(sent)) > 20 and not rig.gate.displacement.any() and not rig.bus.torque_on
 
 
 @pytest.mark.parametrize(("error", "brakes"), [(BusError("the port is gone"), False), (ZeroDivisionError(), True)])
@@ -298,7 +298,7 @@ def test_only_a_lost_bus_keeps_a_robot_from_braking(error: Exception, brakes: bo
 
     rig.guard.read = failing  # type: ignore[method-assign]
     assert play(rig).state is RunState.FAULT
-    assert rig.gate.at_rest is brakes and not rig.bus.torque_on
+    assert rig.gate.displacement.any() != brakes and not rig.bus.torque_on
 
 
 @pytest.mark.parametrize("error", [BusError("no answer"), OSError("no such device")])
@@ -391,7 +391,7 @@ def test_a_goal_that_an_interrupt_kept_from_the_bus_is_sent_next(monkeypatch: py
     with pytest.raises(KeyboardInterrupt):
         play(rig)
     assert goals[MOVING] == kept[0] != goals[MOVING - 1]
-    assert rig.gate.at_rest and not rig.bus.torque_on
+    assert not rig.gate.displacement.any() and not rig.bus.torque_on
 
 
 def test_a_goal_that_the_servos_did_not_take_is_sent_again(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -408,7 +408,7 @@ def test_a_goal_that_the_servos_did_not_take_is_sent_again(monkeypatch: pytest.M
     goals = written(rig, monkeypatch)
     ending = play(rig)
     assert ending.state is RunState.FAULT and ending.reason == "no servo takes this"
-    assert goals[MOVING] == refused[0] != goals[MOVING - 1] and rig.gate.at_rest
+    assert goals[MOVING] == refused[0] != goals[MOVING - 1] and not rig.gate.displacement.any()
 
 
 class NotedClearance:
@@ -427,10 +427,13 @@ class NotedClearance:
     def sent(self, position: FloatArray, standing: FloatArray) -> None:
         self.goals.append(position)
 
+    def __call__(self, path: FloatArray, instead: FloatArray) -> bool:
+        return True
+
 
 def test_the_check_of_collisions_knows_the_servos_and_the_goals() -> None:
     rig, noted = Rig(swing(0.1)), NotedClearance()
-    rig.machine = replace(rig.machine, clearance=noted)  # type: ignore[arg-type]
+    rig.gate.clearance = noted  # type: ignore[assignment]
     robot = play(rig).record.robot
     assert robot is not None
     np.testing.assert_array_equal(noted.began, [robot.start])
@@ -463,7 +466,7 @@ def test_a_second_interrupt_switches_torque_off_at_once() -> None:
 
     with pytest.raises(KeyboardInterrupt):
         play(rig, Watch(stop_asked=lambda: next(asked, None) is None and interrupt(), torque_off_asked=interrupt))
-    assert not rig.bus.torque_on and not rig.gate.at_rest
+    assert not rig.bus.torque_on and rig.gate.displacement.any()
 
 
 def test_a_silent_bus_is_held_and_followed_again() -> None:
@@ -507,8 +510,9 @@ def test_on_its_way_to_rest_a_robot_gets_there_though_the_bus_is_silent_again_an
 
 
 def test_a_warm_robot_follows_more_slowly(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ServoHealth, "speed_override", property(lambda health: 0.05))
+    monkeypatch.setattr(ServoWarnings, "look", lambda warnings, seen, now: None)
     rig = Rig(still())
+    rig.guard.health.warnings.speed_override = 0.05
     play(rig)
     assert set(rig.follower.overrides[-TICKS:]) == {0.05}
 

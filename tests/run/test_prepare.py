@@ -24,10 +24,10 @@ def standing() -> FloatArray:
 
 @pytest.mark.parametrize(("name", "compensates"), [("servo", False), ("balanced", True)])
 def test_priorities_say_whether_goals_are_compensated(name: str, compensates: bool) -> None:
-    gate, clearance = make_gate(op3(), follower(priorities=name), load_priorities(name), checks=True, dt=DT)
-    assert type(gate) is Gate and clearance is not None
+    gate = make_gate(op3(), follower(priorities=name), load_priorities(name), checks=True, dt=DT)
+    assert type(gate) is Gate and gate.clearance is not None
     present = standing()
-    clearance.begin(op3().posture(op3().profile.postures.stand), present)
+    gate.clearance.begin(op3().posture(op3().profile.postures.stand), present)
     gate.begin(present)
     for _ in range(200):
         goal = gate.check(present)
@@ -37,22 +37,20 @@ def test_priorities_say_whether_goals_are_compensated(name: str, compensates: bo
 
 
 def test_without_a_gate_goals_are_postures() -> None:
-    gate, clearance = make_gate(
-        op3(), follower(priorities="balanced"), load_priorities("balanced"), checks=False, dt=DT
-    )
-    assert type(gate) is PassThroughGate and clearance is None
+    gate = make_gate(op3(), follower(priorities="balanced"), load_priorities("balanced"), checks=False, dt=DT)
+    assert type(gate) is PassThroughGate and gate.clearance is None
     gate.begin(standing())
     np.testing.assert_array_equal(admit(gate, standing() + 1.0), standing() + 1.0)
 
 
 def test_compensated_goals_are_checked_for_collision() -> None:
     """An arm that is lowered into the hip is refused before it is there."""
-    gate, clearance = make_gate(op3(), follower(priorities="balanced"), load_priorities("balanced"), checks=True, dt=DT)
-    assert clearance is not None
+    gate = make_gate(op3(), follower(priorities="balanced"), load_priorities("balanced"), checks=True, dt=DT)
+    assert gate.clearance is not None
     present, joints = standing(), op3().joint_map
     shoulder, elbow = joints.joints.index("l_sho_roll"), joints.joints.index("l_el")
     gate.begin(present)
-    clearance.begin(op3().posture(op3().profile.postures.stand), present)
+    gate.clearance.begin(op3().posture(op3().profile.postures.stand), present)
     passed = []
     for _ in range(400):
         target = present.copy()

@@ -1,5 +1,6 @@
 """Whole runs that are stopped at any time: the robot goes to rest, slowly, clear of what moves, and stays there."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,9 +20,9 @@ from retarget.run.loop import Watch
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
 from retarget.run.run_result import RunResult
-from retarget.run.supervisor import LONGEST_RETURN_S
+from retarget.run.supervisor import STATES
 from retarget.safety.gate import Gate
-from retarget.types import FloatArray, Notify
+from retarget.types import FloatArray, Notify, RunState
 from sim.mock_bus import MockBus
 from sim.performer import synthetic_performer
 from sim.physics.witness import Witness
@@ -118,6 +119,10 @@ def test_a_stop_on_the_approach_returns_to_stance_from_there(monkeypatch: pytest
     assert aside.min() < 0.05 and np.abs(run.record.robot.goals[-1] - angles(run.robot, "rest")).max() < 0.1
 
 
+RETURN_S = 4.0
+"""Longest return to stance in place of that of a run, so that what is refused takes less time."""
+
+
 @pytest.mark.parametrize("passed", [0, 60])
 def test_a_refused_return_to_stance_times_out_and_the_way_to_rest_keeps_the_soles(
     passed: int, monkeypatch: pytest.MonkeyPatch
@@ -136,11 +141,12 @@ def test_a_refused_return_to_stance_times_out_and_the_way_to_rest_keeps_the_sole
 
     monkeypatch.setattr(Follower, "return_to_stance", to_stance)
     monkeypatch.setattr(Gate, "check", walled)
+    monkeypatch.setitem(STATES, RunState.RETURN_TO_STANCE, replace(STATES[RunState.RETURN_TO_STANCE], limit_s=RETURN_S))
     notes: list[str] = []
     run, _ = stopped("op3", 900, start="stand", end=8.0, notify=notes.append)
     assert run.record is not None and run.record.robot is not None and run.robot is not None
     dt = 1.0 / run.robot.profile.safety.rate_hz
-    assert len(returned) * dt == pytest.approx(LONGEST_RETURN_S, abs=3 * dt), "what is refused is no arrival"
+    assert len(returned) * dt == pytest.approx(RETURN_S, abs=3 * dt), "what is refused is no arrival"
     shows(notes)
     assert np.abs(run.record.robot.goals[-1] - angles(run.robot, "rest")).max() < 0.1
     way = run.record.robot.q[900 + len(returned) :]

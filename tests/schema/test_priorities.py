@@ -75,7 +75,7 @@ EVERYTHING = """\
 name: everything
 description: One task of each type.
 iterations: 8
-activation: ranked
+activation: all
 levels:
   - name: balance
     tasks:
@@ -109,7 +109,7 @@ def load(text: str, folder: Path) -> Priorities:
 
 def test_every_task_type_is_read(tmp_path: Path) -> None:
     priorities = load(EVERYTHING, tmp_path)
-    assert (priorities.iterations, priorities.activation) == (8, "ranked")
+    assert (priorities.iterations, priorities.activation) == (8, "all")
     kinds = {task.type for _, _, task in priorities.tasks()}
     assert kinds == {
         *("position", "orientation", "axis", "heading", "look_at", "centre_of_mass", "posture", "reactive"),
@@ -144,7 +144,7 @@ def test_short_forms_and_defaults(tmp_path: Path) -> None:
 
 
 def test_iterations_and_activation_are_the_papers_by_default(tmp_path: Path) -> None:
-    text = EVERYTHING.replace("iterations: 8\nactivation: ranked\n", "")
+    text = EVERYTHING.replace("iterations: 8\nactivation: all\n", "")
     priorities = load(text, tmp_path)
     assert (priorities.iterations, priorities.activation) == (5, "closest")
 
@@ -169,8 +169,8 @@ def test_iterations_and_activation_are_the_papers_by_default(tmp_path: Path) -> 
         ("name: feet", "name: balance"),
         ("    tasks: []", "    task: []"),
         ("spine: 20", "spine: .nan"),
-        ("activation: ranked", "deflection_compensation: {settle: 0, speed_margin: -0.1, share: 1}"),
-        ("activation: ranked", "heading: {walking: [1.0, 0.5]}"),
+        ("activation: all", "deflection_compensation: {settle: 0, speed_margin: -0.1, share: 1}"),
+        ("activation: all", "heading: {walking: [1.0, 0.5]}"),
     ],
 )
 def test_refused_with_its_place(tmp_path: Path, old: str, new: str) -> None:

@@ -107,7 +107,7 @@ def test_the_guard_leads_it_from_arming_to_release() -> None:
         clock=rig.clock,
         limits=op3().profile.guard_limits(),
     )
-    present, gate = guard.present(), Gate.for_servos(joints, dt=DT)
+    present, gate = guard.present(), Gate(joints, dt=DT)
     guard.arm(gate.begin(present))
     arms = np.arange(len(joints)) < 6
     for _ in range(150):

@@ -25,14 +25,6 @@ def test_braking_is_full_deceleration_and_never_turns_back(step: FloatArray) -> 
     np.testing.assert_array_equal(BRAKING.braked(step), np.copysign(slower, step))
 
 
-@given(steps)
-def test_joints_that_brake_together_stay_in_line_and_the_slowest_brakes_fully(step: FloatArray) -> None:
-    ticks = float((np.abs(step) / CHANGE).max())
-    expected = step * max(1.0 - 1.0 / ticks, 0.0) if ticks > 0.0 else step
-    np.testing.assert_array_equal(BRAKING.in_line(step), expected)
-    assert (np.abs(BRAKING.in_line(step) - step) <= CHANGE * (1.0 + 1e-9)).all()
-
-
 @given(vectors, steps)
 def test_bounds_are_the_oracles_and_to_go_on_braking(position: FloatArray, step: FloatArray) -> None:
     low, high = frame_bounds(position, step, LOWER, UPPER, SPEED, ACCELERATION, DT)

@@ -20,12 +20,10 @@ def step(solver: Solver, **asked: object) -> np.ndarray:
     return np.asarray(solver.frame(aim(solver, **asked), DT) - q)
 
 
-def point_before_ball(distance: float, *, margin: float = 0.0, activation: str = "closest") -> tuple[Rig, Solver]:
+def point_before_ball(distance: float, *, margin: float = 0.0) -> tuple[Rig, Solver]:
     """A ball of 5 cm at the origin; another one in its way along x, so far off."""
     made = rig(POINT, [ball(1)], [ball(at=(0.1 + distance, 0.0, 0.0), margin=margin)])
-    levels = [[Task.preventive()], [Task.position(1)]]
-    assert activation in ("closest", "ranked")
-    return made, made.solver(levels, activation=activation)
+    return made, made.solver([[Task.preventive()], [Task.position(1)]])
 
 
 @pytest.mark.parametrize("margin", [0.0, 0.03])
@@ -38,10 +36,9 @@ def test_what_is_left_of_an_approach_falls_with_the_distance(distance: float, ma
     assert solver.observer_modes.tolist() == [1]
 
 
-@pytest.mark.parametrize("activation", ["closest", "ranked"])
 @pytest.mark.parametrize("goal", [(-0.03, 0.02, 0.01), (0.0, 0.04, 0.0)], ids=["receding", "tangent"])
-def test_what_does_not_approach_is_free(goal: tuple[float, float, float], activation: str) -> None:
-    made, solver = point_before_ball(0.02, activation=activation)
+def test_what_does_not_approach_is_free(goal: tuple[float, float, float]) -> None:
+    made, solver = point_before_ball(0.02)
     alone = made.solver([[], [Task.position(1)]], observed=False)
     targets = np.array([1.0, *goal])
     assert (solver.frame(np.array([1.0, *targets]), DT) == alone.frame(targets, DT)).all()
@@ -109,45 +106,23 @@ def test_different_obstacles_each_get_theirs() -> None:
     assert moved == pytest.approx([0.2 * 0.03, 0.6 * 0.02, 0.01], abs=1e-12)
 
 
-def two_before_a_wall(activation: str) -> tuple[Solver, list[int]]:
-    """Two carts, 2 cm and 6 cm before a wall along x. Returns the solver and the level of the carts' goals."""
+def two_before_a_wall() -> Solver:
+    """Two carts, 2 cm and 6 cm before a wall along x."""
     made = rig(CARTS, [ball(1), ball(2, at=(-0.04, 0.3, 0.0))], [wall(quat=(0.5**0.5, 0.0, -(0.5**0.5), 0.0))])
     made.at[:] = (0.07, 0.0, 0.0)
-    goals = [Task.position(1), Task.position(2)]
-    if activation == "ranked":
-        levels = [[Task.preventive(group=1)], [Task.preventive(group=1)], goals]
-    else:
-        levels = [[Task.preventive()], goals]
-    return made.solver(levels, activation=activation), [len(levels) - 1]
+    return made.solver([[Task.preventive()], [Task.position(1), Task.position(2)]])
 
 
-@pytest.mark.parametrize(("activation", "left"), [("closest", 1.0), ("ranked", 0.6)])
-def test_only_the_closest_of_one_obstacle_acts_others_by_rank(activation: str, left: float) -> None:
-    solver, (level,) = two_before_a_wall(activation)
-    asked = {f"l{level}_0": (0.03, 0.01, 0.0), f"l{level}_1": (0.03, 0.01, 0.0)}
-    assert step(solver, **asked) == pytest.approx([0.2 * 0.03, 0.01, left * 0.03, 0.01], abs=1e-12)
-    assert solver.observer_modes.tolist() == [1, 0 if activation == "closest" else 1]
+def test_only_the_closest_of_one_obstacle_acts() -> None:
+    solver = two_before_a_wall()
+    asked = {"l1_0": (0.03, 0.01, 0.0), "l1_1": (0.03, 0.01, 0.0)}
+    assert step(solver, **asked) == pytest.approx([0.2 * 0.03, 0.01, 0.03, 0.01], abs=1e-12)
+    assert solver.observer_modes.tolist() == [1, 0]
 
 
 def test_the_closest_is_the_closest_of_those_that_approach() -> None:
-    solver, (level,) = two_before_a_wall("closest")
-    asked = {f"l{level}_0": (-0.01, 0.0, 0.0), f"l{level}_1": (0.03, 0.0, 0.0)}
-    assert step(solver, **asked) == pytest.approx([-0.01, 0.0, 0.6 * 0.03, 0.0], abs=1e-12)
-
-
-def test_a_lower_rank_yields_where_both_cannot_be() -> None:
-    """An obstacle comes between two observers of one part on one rail: it is to go both ways, the closest decides."""
-    rail = '<mujoco><worldbody><body><joint type="slide" axis="0 1 0"/><geom size=".1"/></body></worldbody></mujoco>'
-    shapes = [ball(1, at=(0.0, 0.095, 0.0)), ball(1, at=(0.0, -0.1, 0.0))]
-    made = rig(rail, shapes, [ball(at=(-0.08, 0.0, 0.0))])
-    made.velocity[:] = AWAY
-    solver = made.solver([[Task.preventive(group=1)], [Task.preventive(group=1)]], activation="ranked")
-    near = made.near(np.zeros(1))
-    assert 0.0 < near.distance[0] < near.distance[1] < 0.1
-    rows, drift = made.rows(np.zeros(1), near)[:, 0], DT * near.normal[:, 0]
-    moved = float(step(solver)[0])
-    assert rows[0] * moved == pytest.approx((1.0 - share(near.distance[0], 0.1)) * drift[0], abs=1e-12)
-    assert moved > 1e-3 and rows[1] * moved < 0.0
+    asked = {"l1_0": (-0.01, 0.0, 0.0), "l1_1": (0.03, 0.0, 0.0)}
+    assert step(two_before_a_wall(), **asked) == pytest.approx([-0.01, 0.0, 0.6 * 0.03, 0.0], abs=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(25))

@@ -87,7 +87,7 @@ def with_observers(levels: list[list[Task]], **more: Any) -> Solver:
 
 
 def test_solvers_refuse_what_does_not_fit_together() -> None:
-    with refuses(ValueError, "activation", '"some"', "closest", "ranked"):
+    with refuses(ValueError, "activation", '"some"', "closest"):
         with_observers([[Task.preventive()]], activation="some")
     with refuses(ValueError, 1):
         with_observers([[Task.preventive(of=[1])]])

@@ -189,7 +189,7 @@ class GuardedBus:
 
     def __init__(self, rig: BusRig) -> None:
         joint_map = JointMap(rig.servos)
-        self._clock, self._gate = rig.clock, Gate.for_servos(joint_map, dt=CYCLE)
+        self._clock, self._gate = rig.clock, Gate(joint_map, dt=CYCLE)
         self.guard = Guard(bus=rig.bus, joint_map=joint_map, clock=rig.clock)
 
     def arm(self) -> FloatArray:

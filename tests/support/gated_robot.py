@@ -30,7 +30,7 @@ class GatedRobot:
         self.obstacles = SceneObstacles(state)
         compiled = self.observers.for_solver(self.robot.body, self.obstacles.shapes)
         self.clearance = PathClearance(self.robot, compiled, self.obstacles, dt=DT)
-        self.gate = Gate.for_servos(self.robot.joint_map, dt=DT, path_is_clear=self.clearance if watched else None)
+        self.gate = Gate(self.robot.joint_map, dt=DT, clearance=self.clearance if watched else None)
         self.q = plant(self.robot, self.robot.profile.postures.stand).q
         self.gate.begin(self.sent)
         self.clearance.begin(self.q, self.sent)

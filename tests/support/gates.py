@@ -1,7 +1,19 @@
 """Short ways to drive a gate in tests: what is sent for a target, refused or not, and where that was."""
 
+from collections.abc import Callable
+from typing import cast
+
 from hardware.arrays import FloatArray
+from retarget.safety.clearance import PathClearance
 from retarget.safety.gate import Gate
+
+PathCheck = Callable[[FloatArray, FloatArray], bool]
+"""In place of a `PathClearance`: from two paths (k, n) rad to whether the first is clear."""
+
+
+def as_clearance(check: PathCheck | None) -> PathClearance | None:
+    """A function as the collision check of a gate."""
+    return cast("PathClearance | None", check)
 
 
 def admit(gate: Gate, target: FloatArray) -> FloatArray:

@@ -43,7 +43,7 @@ class Rig:
     def __init__(self, *faults: MockFault, limits: GuardLimits | None = None) -> None:
         self.clock = VirtualClock()
         self.bus = Recorder(self.clock, faults)
-        self.gate = Gate.for_servos(MAP, dt=DT)
+        self.gate = Gate(MAP, dt=DT)
         self.guard = Guard(bus=self.bus, joint_map=MAP, clock=self.clock, limits=limits)
         self.bus.open()
 
@@ -74,7 +74,7 @@ class Rig:
 
     def faster(self) -> CheckedGoal:
         """The next goal of the first joint, a little faster than the last."""
-        speed = np.minimum(np.abs(self.gate.velocity) + MAP.max_acceleration * DT, 2.0)
+        speed = np.minimum(np.abs(self.gate.displacement / DT) + MAP.max_acceleration * DT, 2.0)
         assert self.gate.goal is not None
         goal = self.gate.check(self.gate.goal.joints + speed * DT * [-1, 0, 0, 0])
         return goal or self.gate.brake()

@@ -9,11 +9,13 @@ from followers import op3, performer
 from hardware.clock import VirtualClock
 from hardware.guard import Guard
 from retarget.frames import SensorSample
+from retarget.human.reconstruction import Reconstructor
 from retarget.human.samples import Clip, Playback, lay_on_ticks
 from retarget.ik.support_polygon import plant
 from retarget.model.human import Human, PostureReader, build_human
 from retarget.model.human_dimensions import POINTS, proportional_dimensions
 from retarget.model.robot import RobotBody
+from retarget.robot.follower import Follower
 from retarget.run.loop import Ending, Loop, Machine, Watch
 from retarget.run.run_result import RunResult, RunSetup
 from retarget.run.supervisor import Supervisor
@@ -31,7 +33,7 @@ def short_clip(*, seconds: float = 0.4, rate_hz: float | None = 125.0, speed: fl
     return lay_on_ticks(performer(), performer=five(), playback=playback, rate_hz=rate_hz)
 
 
-class StubReconstructor:
+class StubReconstructor(Reconstructor):
     """Every sample is the same standing human, whose pelvis is where the head's sensor is."""
 
     def __init__(self, human: Human) -> None:
@@ -40,13 +42,13 @@ class StubReconstructor:
         self._reader = PostureReader(human)
 
     def start(self, sample: SensorSample) -> HumanPosture:
-        return self._posture(sample)
+        return self._made(sample)
 
     def step(self, sample: SensorSample, dt: float) -> HumanPosture:
         self.calls.append(dt)
-        return self._posture(sample)
+        return self._made(sample)
 
-    def _posture(self, sample: SensorSample) -> HumanPosture:
+    def _made(self, sample: SensorSample) -> HumanPosture:
         q = self.human.body.qpos0.copy()
         q[:3] = sample.position[sample.names.index("head")]
         row = q[None]
@@ -62,7 +64,7 @@ class StubReconstructor:
         )
 
 
-class StubFollower:
+class StubFollower(Follower):
     """Joint angles by a script: tick -> rad (n,) from the standing posture. Landmarks are asked where they are."""
 
     def __init__(self, robot: RobotBody, script: FloatArray) -> None:
@@ -78,14 +80,14 @@ class StubFollower:
 
     def start(self, human: HumanPosture) -> RobotPosture:
         self.tick = 0
-        return self._posture(0)
+        return self._made(0)
 
     def settle(self, human: HumanPosture, dt: float) -> RobotPosture | None:
         return None
 
     def step(self, human: HumanPosture, dt: float) -> RobotPosture:
         self.tick += 1
-        return self._posture(self.tick - 1)
+        return self._made(self.tick - 1)
 
     def set_speed_override(self, override: float) -> None:
         self.overrides.append(override)
@@ -108,7 +110,7 @@ class StubFollower:
     def reseed(self, q: FloatArray, velocity: FloatArray) -> None:
         self.reseeded.append(q[self.robot.servo_columns].copy())
 
-    def _posture(self, tick: int) -> RobotPosture:
+    def _made(self, tick: int) -> RobotPosture:
         q = self.stance.q.copy()
         q[self.robot.servo_columns] += self.script[min(tick, len(self.script) - 1)]
         names = tuple(self.robot.profile.landmarks)
@@ -139,7 +141,7 @@ class Rig:
         start = self.robot.joint_map.to_ticks(stand)
         self.bus = FaultyBus(self.robot.joint_map.servos, self.clock, start=start, **bus_options)  # type: ignore[arg-type]
         self.bus.open()
-        self.gate = Gate.for_servos(self.robot.joint_map, dt=self.dt)
+        self.gate = Gate(self.robot.joint_map, dt=self.dt)
         self.guard = Guard(bus=self.bus, joint_map=self.robot.joint_map, clock=self.clock)
         self.follower = StubFollower(self.robot, script)
         self.notes: list[str] = []

@@ -108,13 +108,6 @@ impl Braking {
         (displacement.abs() - self.change[i]).max(0.0).copysign(displacement)
     }
 
-    /// The next displacements when the joints brake together, in the direction in which they move.
-    pub fn in_line(&self, displacement: &[f64]) -> Vec<f64> {
-        let ticks = displacement.iter().zip(&self.change).map(|(d, change)| d.abs() / change).fold(0.0, f64::max);
-        let share = if ticks > 0.0 { (1.0 - 1.0 / ticks).max(0.0) } else { 1.0 };
-        displacement.iter().map(|d| d * share).collect()
-    }
-
     /// Displacements of joint i that leave it a way to brake within its range. To go on braking is always among them, beyond a limit too.
     pub fn bounds(&self, i: usize, position: f64, displacement: f64) -> (f64, f64) {
         let braked = self.braked(i, displacement);

@@ -58,7 +58,6 @@ impl FrameSolver {
         if let Some(watch) = &mut self.watch {
             watch.finish(&self.done);
         }
-        self.stats.frames += 1;
     }
 
     /// Kinematics and errors of the posture as it is, after so many iterations of a frame of `dt` s.

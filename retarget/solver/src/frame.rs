@@ -27,7 +27,6 @@ pub struct Settings {
 /// What happened, summed since the last reset.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Stats {
-    pub frames: u64,
     pub iterations: u64,
     pub factorizations: u64,
     pub fallbacks: u64,

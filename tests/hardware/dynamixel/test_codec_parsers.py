@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import more_frames
-from hardware.dynamixel.codec import ALERT, Frame, Status, protocol1, protocol2, valid_parts, whole_frames, whole_reply
+from hardware.dynamixel.codec import ALERT, Frame, Status, protocol1, protocol2, valid_parts, whole_reply
 from noise import LINES, bytes_of, noise, pieces, stretch
 from packet_vectors import ONE, TWO
 
@@ -371,40 +371,3 @@ def test_neither_short_nor_long_is_whole(cut: int) -> None:
 def test_a_refusal_in_place_of_data_is_no_answer() -> None:
     said = [Status(1, 0, b"\x01\x02\x03\x04"), Status(2, 7, bytes(4))]
     assert whole_reply(more_frames.fast_status(said), (1, 2), 4) is None
-
-
-def one_by_one(received: bytes, ids: tuple[int, ...], size: int) -> list[Status]:
-    """What a parser makes of it, as far as it answers the request."""
-    parser = protocol2.parser()
-    found = [protocol2.status_of(frame) for frame in [*parser.feed(received), *parser.flush()]]
-    return [one for one in found if one and one.id in ids and len(one.data) == size and not one.error & ~ALERT]
-
-
-@settings(max_examples=150)
-@given(answers(), st.data())
-def test_frames_are_taken_only_where_every_one_is_valid(said: list[Status], data: st.DataObject) -> None:
-    frames = [protocol2.status(*one) for one in said]
-    reply, ids, size = b"".join(frames), tuple(one.id for one in said), len(said[0].data)
-    found = whole_frames(reply, ids, size)
-    assert (found is None) == (reply.count(protocol2.PATTERN) > len(ids))  # stuffed, or what looks like it
-    assert found is None or found.statuses == said
-    damaged = bytearray(reply)
-    for _ in range(data.draw(st.integers(1, 4))):
-        damaged[data.draw(st.integers(0, len(reply) - 1))] ^= data.draw(st.integers(1, 255))
-    whole = whole_frames(bytes(damaged), ids, size)
-    assert whole is None or whole.statuses == one_by_one(bytes(damaged), ids, size)
-
-
-def test_frames_with_stuffing_out_of_order_refused_or_cut_are_looked_at_one_by_one() -> None:
-    frame = protocol2.status
-    calm = frame(1, 0, b"\x01\x02\x03\x04") + frame(2, ALERT, b"\x05\x06\x07\x08")
-    found = whole_frames(calm, (1, 2), 4)
-    assert found is not None and found.errors == bytes((0, ALERT))
-    stuffed = frame(1, 0, b"\xff\xff\xfd")
-    assert len(stuffed) == protocol2.STATUS_BYTES + 4 and whole_frames(stuffed, (1,), 4) is None
-    raw = b"\xff\xff\xfd\x00\x01\x08\x00\x55\x00\xff\xff\xfd\x07"  # unstuffed, CRC right
-    assert whole_frames(raw + more_frames.crc(raw).to_bytes(2, "little"), (1,), 4) is None
-    assert whole_frames(calm, (2, 1), 4) is None
-    assert whole_frames(calm[:-1], (1, 2), 4) is None and whole_frames(calm + b"\0", (1, 2), 4) is None
-    assert whole_frames(frame(1, 7, bytes(4)), (1,), 4) is None
-    assert whole_frames(frame(1, 0, bytes(3)) + b"\0", (1,), 4) is None

@@ -121,7 +121,7 @@ def any_pause(bench: Bench) -> None:
         ("reset of a servo that is soon back", partial(unwatched, Quantity.LIMP)),
         ("brown-out of a servo", partial(unwatched, Quantity.AGE)),
         ("supply of a servo too low", partial(unwatched, Quantity.VOLTAGE)),
-        ("bus silent for 40 ms", always(ServoHealth, 0.0, "silent_for")),
+        ("bus silent for 40 ms", always(BusHealth, (0.0, ""), "quietest")),
         ("bus silent for 70 ms", always(BusHealth, None, "silence")),
         ("left and right swapped", always(LivePerformer, True, "_is_good")),
         ("second source", always(Admission, True, "admit", "confirm")),

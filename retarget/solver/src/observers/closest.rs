@@ -62,76 +62,54 @@ impl Watch {
     /// After a solve without them, put up the rows of pairs that approach in it. Returns whether there are any.
     pub fn choose(&mut self, problem: &mut Problem) -> bool {
         self.approaching.clear();
-        for (t, task) in self.tasks.iter().enumerate().filter(|(_, task)| !task.reactive) {
+        for task in self.tasks.iter().filter(|task| !task.reactive) {
             for (index, &k) in task.used.iter().enumerate() {
                 let r = task.first_row + index;
                 // Until now the row's limit is what the reference moves, so that this is n . J dq.
                 let moved = dot(problem.row(r), &problem.z) - problem.lower[r];
                 if moved - self.drift(k) < 0.0 {
-                    self.approaching.push(Approach { pair: k, task: t, row: r, moved });
+                    self.approaching.push(Approach { pair: k, row: r, moved });
                 }
             }
         }
         let mut any = false;
         for index in 0..self.approaching.len() {
-            let rank = self.rank(&self.approaching[index]);
-            if rank == 0 || self.activation == Activation::Ranked {
-                any |= self.put_up(index, rank, problem);
+            let Approach { pair, row, moved } = self.approaching[index];
+            if !self.is_closest(&self.approaching[index]) {
+                continue;
             }
+            // n . (J dq - Do) >= share * n . (J dq_trial - Do)
+            let (limits, distance) = (&self.set.pairs[pair], self.pairs[pair].nearest.distance);
+            let (share, drift) = (damping_share(distance, limits.influence, limits.margin), self.drift(pair));
+            problem.lower[row] = problem.lower[row] + share * moved + (1.0 - share) * drift;
+            problem.upper[row] = f64::INFINITY;
+            problem.present[row] = true;
+            problem.row_side[row] = self.pairs[pair].side;
+            self.note(pair, Mode::Preventive);
+            any = true;
         }
         any
     }
 
-    /// How many approaching pairs come before this one: of those that share its obstacle, or either of its two observers, each of
-    /// which is an obstacle to the other.
-    fn rank(&self, approach: &Approach) -> usize {
+    /// Whether no approaching pair comes before this one: of those that share its obstacle, or those that share one of its two
+    /// observers, each of which is an obstacle to the other.
+    fn is_closest(&self, approach: &Approach) -> bool {
         let pair = &self.set.pairs[approach.pair];
-        let nearer = |other: &&Approach| {
+        let nearer = |other: &Approach| {
             let distance = |a: &Approach| self.pairs[a.pair].nearest.distance;
             (distance(other), other.pair) < (distance(approach), approach.pair)
         };
-        let before = |obstacle: Other| {
-            let shares = |other: &&Approach| {
+        let is_first = |obstacle: Other| {
+            let shares = |other: &Approach| {
                 let p = &self.set.pairs[other.pair];
                 match obstacle {
                     Other::Obstacle(_) => p.other == obstacle,
                     Other::Observer(o) => p.other == obstacle || is_self(p) && p.observer == o,
                 }
             };
-            self.approaching.iter().filter(shares).filter(nearer).count()
+            !self.approaching.iter().any(|other| shares(other) && nearer(other))
         };
-        match pair.other {
-            Other::Obstacle(_) => before(pair.other),
-            Other::Observer(_) => before(pair.other).min(before(Other::Observer(pair.observer))),
-        }
-    }
-
-    /// The row of an approach, on the level of its rank: n . (J dq - Do) >= share * n . (J dq_trial - Do).
-    fn put_up(&mut self, index: usize, rank: usize, problem: &mut Problem) -> bool {
-        let Approach { pair, task, mut row, moved } = self.approaching[index];
-        let (limits, distance) = (&self.set.pairs[pair], self.pairs[pair].nearest.distance);
-        let (share, drift) = (damping_share(distance, limits.influence, limits.margin), self.drift(pair));
-        let lower = problem.lower[row] + share * moved + (1.0 - share) * drift;
-        let group = self.tasks[task].group;
-        let mut places = (0..self.tasks.len()).filter(|t| !self.tasks[*t].reactive && self.tasks[*t].group == group);
-        let last = places.clone().count() - 1;
-        if let Some(place) = places.nth(rank.min(last)).filter(|place| *place != task) {
-            let ranked = &mut self.tasks[place];
-            if ranked.used.len() == ranked.rows {
-                return false;
-            }
-            let to = ranked.first_row + ranked.used.len();
-            ranked.used.push(pair);
-            let stride = problem.stride;
-            problem.rows.copy_within(row * stride..(row + 1) * stride, to * stride);
-            row = to;
-        }
-        problem.lower[row] = lower;
-        problem.upper[row] = f64::INFINITY;
-        problem.present[row] = true;
-        problem.row_side[row] = self.pairs[pair].side;
-        self.note(pair, Mode::Preventive);
-        true
+        is_first(pair.other) || is_self(pair) && is_first(Other::Observer(pair.observer))
     }
 }
 

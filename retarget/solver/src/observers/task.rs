@@ -7,8 +7,6 @@ use super::set::{Other, Pair};
 pub enum Activation {
     /// The closest to each obstacle (paper).
     Closest,
-    /// One after the other by distance, on levels of their own.
-    Ranked,
     /// All of them, throughout influence.
     All,
 }
@@ -27,8 +25,6 @@ pub struct ObserverTask {
     pub speed: f64,
     /// See `Problem::short_lever`, m per weighted rad.
     pub short_lever: f64,
-    /// Tasks of one group share pairs by nearness, the first of them the closest.
-    pub group: usize,
     /// It takes part in this frame.
     pub on: bool,
     /// Place among the tasks of observers.

@@ -34,7 +34,6 @@ pub struct PairState {
 #[derive(Clone, Copy, Debug)]
 pub struct Approach {
     pub pair: usize,
-    pub task: usize,
     pub row: usize,
     /// n . J dq of the trial, m.
     pub moved: f64,

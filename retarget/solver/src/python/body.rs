@@ -122,11 +122,6 @@ impl PyBody {
     }
 
     #[getter]
-    fn nbody(&self) -> usize {
-        self.body.links.len()
-    }
-
-    #[getter]
     fn total_mass(&self) -> f64 {
         self.body.total_mass
     }

@@ -72,10 +72,6 @@ impl PyBraking {
         Ok(PyArray1::from_vec(py, self.slower(self.joints(&displacement)?)))
     }
 
-    fn in_line<'py>(&self, py: Python<'py>, displacement: Numbers<'py>) -> PyResult<Vector<'py>> {
-        Ok(PyArray1::from_vec(py, self.braking.in_line(self.joints(&displacement)?)))
-    }
-
     #[pyo3(signature = (position, displacement, goal, *, tolerance))]
     fn admitted<'py>(
         &self,

@@ -11,7 +11,6 @@ use crate::observers::Activation;
 use crate::task::{Task, TaskKind};
 use numpy::{PyArray1, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
-use std::collections::HashMap;
 
 /// A body, its levels and limits, and the state of the convergence loop; see `retarget/_solver.pyi`.
 #[pyclass(name = "Solver", module = "retarget._solver")]
@@ -22,9 +21,8 @@ pub struct PySolver {
 fn activation_named(name: &str) -> PyResult<Activation> {
     match name {
         "closest" => Ok(Activation::Closest),
-        "ranked" => Ok(Activation::Ranked),
         "all" => Ok(Activation::All),
-        _ => Err(bad(format!("activation is {name:?}, expected closest, ranked or all"))),
+        _ => Err(bad(format!("activation is {name:?}, expected closest or all"))),
     }
 }
 
@@ -183,15 +181,8 @@ impl PySolver {
     }
 
     #[getter]
-    fn stats(&self) -> HashMap<&'static str, u64> {
-        let s = self.solver.stats;
-        HashMap::from([
-            ("frames", s.frames),
-            ("iterations", s.iterations),
-            ("factorizations", s.factorizations),
-            ("fallbacks", s.fallbacks),
-            ("capped", s.capped),
-        ])
+    fn capped(&self) -> u64 {
+        self.solver.stats.capped
     }
 }
 

@@ -35,14 +35,7 @@ fn few(max_edges: usize) -> PyResult<usize> {
 }
 
 /// A task of observers; `of` by number, all of them where it is not given.
-fn observers(
-    reactive: bool,
-    of: Option<Vec<usize>>,
-    against: &str,
-    speed: f64,
-    short_lever: f64,
-    group: usize,
-) -> PyResult<PyTask> {
+fn observers(reactive: bool, of: Option<Vec<usize>>, against: &str, speed: f64, short_lever: f64) -> PyResult<PyTask> {
     let (with_self, with_scene) = match against {
         "all" => (true, true),
         "self" => (true, false),
@@ -61,17 +54,8 @@ fn observers(
     for k in of {
         *members.get_mut(k).ok_or_else(|| bad(format!("observer {k} of at most {MOST_OBSERVERS}")))? = true;
     }
-    let task = ObserverTask {
-        reactive,
-        named,
-        of: members,
-        with_self,
-        with_scene,
-        speed,
-        short_lever,
-        group,
-        ..Default::default()
-    };
+    let task =
+        ObserverTask { reactive, named, of: members, with_self, with_scene, speed, short_lever, ..Default::default() };
     make(TaskKind::Observers(task), vec![], 1.0, f64::INFINITY, None)
 }
 
@@ -135,13 +119,13 @@ impl PyTask {
     #[staticmethod]
     #[pyo3(signature = (*, of=None, against="all", speed=0.1, short_lever=0.0))]
     fn reactive(of: Option<Vec<usize>>, against: &str, speed: f64, short_lever: f64) -> PyResult<Self> {
-        observers(true, of, against, speed, short_lever, 0)
+        observers(true, of, against, speed, short_lever)
     }
 
     #[staticmethod]
-    #[pyo3(signature = (*, of=None, against="all", speed=0.5, short_lever=0.0, group=0))]
-    fn preventive(of: Option<Vec<usize>>, against: &str, speed: f64, short_lever: f64, group: usize) -> PyResult<Self> {
-        observers(false, of, against, speed, short_lever, group)
+    #[pyo3(signature = (*, of=None, against="all", speed=0.5, short_lever=0.0))]
+    fn preventive(of: Option<Vec<usize>>, against: &str, speed: f64, short_lever: f64) -> PyResult<Self> {
+        observers(false, of, against, speed, short_lever)
     }
 
     #[staticmethod]

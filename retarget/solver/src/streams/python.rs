@@ -2,7 +2,7 @@
 
 use super::playout::{Shown, Stored, Track};
 use super::sensor_plan::{Column, Parts};
-use super::smooth::{along_arc as one_arc, Cutoffs, SmoothPose};
+use super::smooth::{Cutoffs, SmoothPose};
 use super::validity::{Limits, Sent, Validity, Verdict};
 use crate::python::arrays::{bad, entries, indices, matrix, numbers, Flags, Integers, Matrix, Numbers, Table, Vector};
 use numpy::{PyArray1, PyReadwriteArray2, PyUntypedArrayMethods};
@@ -13,19 +13,10 @@ type Played<'py> = (Matrix<'py>, Matrix<'py>, Array<'py, bool>, Vector<'py>, Arr
 
 pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<PyPoseFilter>()?;
-    m.add_function(wrap_pyfunction!(along_arc, m)?)?;
     m.add_class::<PyPoseRing>()?;
     m.add_class::<PySensorPlan>()?;
     m.add_class::<PyPoseParts>()?;
     m.add_class::<PyValidity>()
-}
-
-#[pyfunction]
-fn along_arc<'py>(py: Python<'py>, a: Table<'py>, b: Table<'py>, share: Numbers<'py>) -> PyResult<Matrix<'py>> {
-    let share = share.as_slice()?;
-    let (a, b) = (numbers(&a, share.len(), "a")?, numbers(&b, share.len(), "b")?);
-    let arcs: Vec<_> = a.iter().zip(b).zip(share).map(|((a, b), share)| one_arc(*a, *b, *share)).collect();
-    matrix(py, &arcs)
 }
 
 /// Filters the poses of many sensors.

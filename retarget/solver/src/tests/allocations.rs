@@ -239,7 +239,7 @@ fn observers(reactive: bool, speed: f64) -> Task {
 
 #[test]
 fn no_frame_after_the_first_allocates_among_obstacles() {
-    for activation in [Activation::Closest, Activation::Ranked, Activation::All] {
+    for activation in [Activation::Closest, Activation::All] {
         let (body, set) = among_obstacles();
         let tip = task(TaskKind::Position { link: 6, point: [0.2, 0.0, 0.0], from: None }, 3);
         let levels = vec![vec![observers(true, 0.1)], vec![observers(false, 0.5)], vec![tip], vec![posture(&body)]];

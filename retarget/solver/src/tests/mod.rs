@@ -2,6 +2,7 @@
 
 #[cfg(feature = "count-allocations")]
 mod allocations; // no frame after the first allocates
+mod arcs; // between orientations, against turns about an axis
 mod bodies; // bodies to try things on
 mod cone; // how far a vector is from a cone
 mod distances; // against closed forms, and proofs of optimality
