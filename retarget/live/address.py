@@ -140,7 +140,6 @@ def _one_of(*values: str) -> Callable[[str], str]:
 
 _OPTIONS: dict[str, tuple[str, Callable[[str], Any]]] = {
     "allow": (f"any, or up to {MOST_ALLOWED} of ADDRESS or ADDRESS/BITS, with commas between them", _networks),
-    "tcp": ("the IPv4 address of the computer with MVN", _single),
     "multicast": (
         "a group from 224.0.0.0 to 239.255.255.255, such as 239.255.42.99",
         lambda value: _chosen(IPv4Address(value), IPv4Address(value).is_multicast),
@@ -178,7 +177,7 @@ KINDS = {
     "vmc": StreamKind("vmc://:39539", 39_539, ("allow",), "the sender's VMC output"),
     "vrchat": StreamKind("vrchat://:9000", 9_000, ("allow",), "the sender's OSC trackers"),
     "natnet": StreamKind("natnet://192.168.1.5", 1_511, ("multicast", "interface", "version", "up", "bones"), "Motive"),
-    "mvn": StreamKind("mvn://:9763", 9_763, ("allow", "tcp"), "MVN's network streamer"),
+    "mvn": StreamKind("mvn://:9763", 9_763, ("allow",), "MVN's network streamer"),
     "json": StreamKind("json://:14150", None, ("allow",), "the sender"),
     "replay": StreamKind("replay://walk.raw", None, ("speed", "loop", "kind", "up", "bones"), "the recording"),
 }
@@ -190,11 +189,10 @@ class StreamAddress:
     """The address of a stream, and the senders that are allowed.
 
     text: as the user wrote it, for messages. kind: one of KINDS. bind: the IPv4 address that is listened on (0.0.0.0:
-    every interface; of a multicast: the group). port: of UDP (MVN with a host: of TCP), 0 for any free one. allow: who
-    may send. host: the computer that is asked (NatNet) or that connects to us (MVN over TCP), else None. multicast,
-    interface: group, and own address on the interface where it is joined (0.0.0.0: the system chooses). version: the
-    bitstream that NatNet is asked for; up, bones: how Motive is set. path, speed, loop: of a replay; recorded: the kind
-    of stream that it holds, where the user said it.
+    every interface; of a multicast: the group). port: of UDP, 0 for any free one. allow: who may send. host: the
+    computer that is asked (NatNet), else None. multicast, interface: group, and own address on the interface where it
+    is joined (0.0.0.0: the system chooses). version: the bitstream that NatNet is asked for; up, bones: how Motive is
+    set. path, speed, loop: of a replay; recorded: the kind of stream that it holds, where the user said it.
     """
 
     text: str
@@ -214,9 +212,9 @@ class StreamAddress:
     recorded: str | None = None
 
 
-def for_others(kind: str, port: int, *, option: str = "allow") -> str:
+def for_others(kind: str, port: int) -> str:
     """The next step where the port listens on loopback only, and the sender is another computer."""
-    return f"If the sender is another computer: {kind}://{EVERYWHERE}:{port}?{option}=ITS_ADDRESS"
+    return f"If the sender is another computer: {kind}://{EVERYWHERE}:{port}?allow=ITS_ADDRESS"
 
 
 def is_address(text: str) -> bool:
@@ -275,16 +273,10 @@ def _place(text: str, kind: str, place: str) -> tuple[str, int]:
 
 
 def _listener(text: str, kind: str, host: str, port: int, options: dict[str, Any]) -> StreamAddress:
-    """A port of this machine that the sender sends to, or over TCP connects to: then no other computer may send."""
-    allow, sender = options.get("allow"), options.get("tcp")
-    bind = address_number(text, host or (LOOPBACK if sender is None or sender.is_loopback else EVERYWHERE))
+    """A port of this machine that the sender sends to."""
+    allow, bind = options.get("allow"), address_number(text, host or LOOPBACK)
     if bind.is_multicast:
         raise bad_address(text, "a group cannot be listened on", found=host, allowed="an address of this machine")
-    if sender is not None and allow is not None:
-        step = f"Write mvn://{host}:{port}?tcp={sender}"
-        raise bad_address(text, "over TCP only one computer may send, so there is no list", next_step=step)
-    if sender is not None:
-        return StreamAddress(text, kind, str(bind), port, (IPv4Network(sender),), host=str(sender))
     if allow is None and not bind.is_loopback:
         listed = f"{kind}://{bind}:{port}?allow=192.168.1.20"
         raise bad_address(

@@ -13,7 +13,7 @@ from retarget.live.admission import Admission, Receiver, admission_for
 from retarget.live.clock_map import ClockMap
 from retarget.live.playout import LIGHT, Playout, PlayoutDelay, pose_filter
 from retarget.live.raw_recording import RawTap, open_replay, recorded_kind
-from retarget.live.receivers import NatnetReceiver, TcpReceiver, UdpReceiver, session_for
+from retarget.live.receivers import NatnetReceiver, UdpReceiver, session_for
 from retarget.live.roles import roles_of
 from retarget.live.sensor_validity import SensorValidity
 from retarget.live.stream import LiveStream
@@ -26,7 +26,7 @@ from retarget.sources.stream_frame import StreamDecoder, StreamFrame
 from retarget.sources.vmc import VmcBodyDecoder, VmcDecoder
 from retarget.sources.vrchat import VrchatDecoder
 
-# The receiver of an address: a UDP socket, the sockets of NatNet, a TCP port for MVN, or a recording.
+# The receiver of an address: a UDP socket, the sockets of NatNet, or a recording.
 
 
 def open_receiver(address: StreamAddress, *, names_missing: Callable[[], bool] = lambda: False) -> Receiver:
@@ -43,7 +43,7 @@ def open_receiver(address: StreamAddress, *, names_missing: Callable[[], bool] =
         session = session_for(address)
         session.names_missing = names_missing
         return NatnetReceiver(address, session)
-    return UdpReceiver(address) if address.host is None else TcpReceiver(address)
+    return UdpReceiver(address)
 
 
 BONES = "unity_bones"

@@ -98,7 +98,7 @@ def _nothing(stream: LiveStream, waited: float, *, where: str) -> InputError:
         step += f". {for_others(where.partition('://')[0], port)}"
     else:
         step += "; see that no firewall is between"
-    step += f". `retarget doctor {shlex.quote(where)}` looks where it sends instead"
+    step += f". `retarget doctor {shlex.quote(where)}` says what may keep it out"
     return InputError(what, where=where, found=f"listening at {found}", next_step=step)
 
 

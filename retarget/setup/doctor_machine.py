@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from serial.tools.list_ports import comports
@@ -305,7 +305,7 @@ _SIGNS = (
 """Paths that every user may read, what their content holds ("": that they exist is enough), and the check."""
 
 
-def firewall_findings(port: int, *, protocol: Literal["udp", "tcp"] = "udp", root: Path = ROOT) -> list[Finding]:
+def firewall_findings(port: int, *, root: Path = ROOT) -> list[Finding]:
     """Firewalls that files readable by every user show, and the command that opens the port."""
     shown = dict.fromkeys(
         check
@@ -313,4 +313,4 @@ def firewall_findings(port: int, *, protocol: Literal["udp", "tcp"] = "udp", roo
         if (text in _text(root / path).lower() if text else (root / path).exists())
     )
     names = [*(shown or ["firewall/none"]), "firewall/sender"]
-    return [finding(name, port=port, protocol=protocol, PROTOCOL=protocol.upper()) for name in names]
+    return [finding(name, port=port) for name in names]

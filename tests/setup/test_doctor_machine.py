@@ -78,8 +78,8 @@ def test_each_firewall_has_a_finding_with_its_command(tmp_path: Path) -> None:
 def test_a_firewall_that_is_off_has_no_finding(tmp_path: Path) -> None:
     (tmp_path / "etc/ufw").mkdir(parents=True)
     (tmp_path / "etc/ufw/ufw.conf").write_text("ENABLED=no\n")
-    text = text_of(firewall_findings(9_763, protocol="tcp", root=tmp_path))
-    shows(text, "TCP", 9763)
+    text = text_of(firewall_findings(9_763, root=tmp_path))
+    shows(text, "UDP", 9763)
 
 
 GOVERNOR = "sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"
