@@ -55,7 +55,6 @@ def emulate(
         gaps: What a missing servo does to those behind it in a group read.
         boot_time (--boot) SECONDS: Time of a servo's start.
         fed_by (--watchdog-fed-by): Packets that feed a bus watchdog: all, or only those to the servo and broadcasts.
-        answers_damage: Servos answer damaged instructions by an error, not by silence.
         no_torque_by_goal: Goal or speed do not switch torque on in Protocol 1.0.
         seconds (--for) SECONDS: End after so long.
     """

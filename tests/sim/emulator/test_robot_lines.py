@@ -7,7 +7,7 @@ import pytest
 
 import more_frames
 from hardware.bus import BusSpec
-from hardware.dynamixel.codec import Error1, Error2, protocol1, protocol2
+from hardware.dynamixel.codec import protocol1, protocol2
 from hardware.errors import HardwareError
 from hardware.servo import ServoMode, find_model
 from messages import refuses
@@ -41,7 +41,7 @@ def _ask(line: Line, data: bytes, now: float) -> bytes:
 
 
 def test_the_usual_way_is_what_is_documented() -> None:
-    assert Conduct() == Conduct(Gaps.SILENCE, FedBy.ANY, answers_damage=False, boot_time=0.2, torque_by_goal=True)
+    assert Conduct() == Conduct(Gaps.SILENCE, FedBy.ANY, boot_time=0.2, torque_by_goal=True)
 
 
 @pytest.mark.parametrize(("conduct", "who"), [(None, (1,)), (Conduct(gaps=Gaps.SKIP), (1, 2))])
@@ -76,15 +76,6 @@ def test_what_feeds_the_bus_watchdog(fed_by: FedBy, packet: bytes, feeds: bool) 
         _ask(line, packet, 0.05 * step)
     trip = protocol2.status(1, 0, b"\x05" if feeds else b"\xff")
     assert _ask(line, more_frames.read(1, WATCHDOG, 1), 0.55) == trip
-
-
-@pytest.mark.parametrize("protocol", [1, 2])
-def test_damage(protocol: int) -> None:
-    words, error = {1: (protocol1, int(Error1.CHECKSUM)), 2: (protocol2, int(Error2.CRC))}[protocol]
-    frame = words.ping(2)
-    spoilt = frame[:-1] + bytes((frame[-1] ^ 0xFF,))
-    assert _ask(_line(None, protocol), spoilt, 1.0) == b""
-    assert _ask(_line(Conduct(answers_damage=True), protocol), spoilt, 1.0) == words.status(2, error)
 
 
 @pytest.mark.parametrize(("conduct", "torque"), [(None, b"\1"), (Conduct(torque_by_goal=False), b"\0")])
