@@ -60,8 +60,6 @@ MOST_ALLOWED = 64
 MAX_SPEED = 100.0
 RECORDED = ("vmc", "vrchat", "natnet", "mvn", "json")
 """Kinds of stream that a recording may hold."""
-VERSIONS = ("3.0", "3.1", "4.0", "4.1", "4.2", "4.3", "4.4")
-"""Bitstreams of NatNet (`facts/streams.md` section 4)."""
 
 
 def read_options(text: str, query: str, known: tuple[str, ...]) -> dict[str, Any]:
@@ -123,11 +121,6 @@ def _chosen(value: Value, fits: bool) -> Value:
     return value
 
 
-def _version(value: str) -> tuple[int, int]:
-    major, minor = _chosen(value, value in VERSIONS).split(".")
-    return int(major), int(minor)
-
-
 def _speed(value: str) -> float:
     plain = re.fullmatch(r"[0-9]{1,9}(\.[0-9]{1,9})?", value, re.ASCII) is not None
     speed = float(_chosen(value, plain))
@@ -145,7 +138,6 @@ _OPTIONS: dict[str, tuple[str, Callable[[str], Any]]] = {
         lambda value: _chosen(IPv4Address(value), IPv4Address(value).is_multicast),
     ),
     "interface": ("the IPv4 address of an interface of this machine", _single),
-    "version": (", ".join(VERSIONS), _version),
     "up": ("y or z, as Up Axis in Motive's streaming settings", _one_of("y", "z")),
     "bones": ("global or local, as Skeleton Coordinates in Motive's streaming settings", _one_of("global", "local")),
     "speed": (f"above 0, to {MAX_SPEED:g}", _speed),
@@ -176,7 +168,7 @@ class StreamKind:
 KINDS = {
     "vmc": StreamKind("vmc://:39539", 39_539, ("allow",), "the sender's VMC output"),
     "vrchat": StreamKind("vrchat://:9000", 9_000, ("allow",), "the sender's OSC trackers"),
-    "natnet": StreamKind("natnet://192.168.1.5", 1_511, ("multicast", "interface", "version", "up", "bones"), "Motive"),
+    "natnet": StreamKind("natnet://192.168.1.5", 1_511, ("multicast", "interface", "up", "bones"), "Motive"),
     "mvn": StreamKind("mvn://:9763", 9_763, ("allow",), "MVN's network streamer"),
     "json": StreamKind("json://:14150", None, ("allow",), "the sender"),
     "replay": StreamKind("replay://walk.raw", None, ("speed", "loop", "kind", "up", "bones"), "the recording"),
@@ -191,7 +183,7 @@ class StreamAddress:
     text: as the user wrote it, for messages. kind: one of KINDS. bind: the IPv4 address that is listened on (0.0.0.0:
     every interface; of a multicast: the group). port: of UDP, 0 for any free one. allow: who may send. host: the
     computer that is asked (NatNet), else None. multicast, interface: group, and own address on the interface where it
-    is joined (0.0.0.0: the system chooses). version: the bitstream that NatNet is asked for; up, bones: how Motive is
+    is joined (0.0.0.0: the system chooses). up, bones: how Motive is
     set. path, speed, loop: of a replay; recorded: the kind of stream that it holds, where the user said it.
     """
 
@@ -203,7 +195,6 @@ class StreamAddress:
     host: str | None = None
     multicast: str | None = None
     interface: str = EVERYWHERE
-    version: tuple[int, int] | None = None
     up: UpAxis = "y"
     bones: Bones = "global"
     path: Path | None = None

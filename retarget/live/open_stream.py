@@ -13,7 +13,7 @@ from retarget.live.admission import Admission, Receiver, admission_for
 from retarget.live.clock_map import ClockMap
 from retarget.live.playout import LIGHT, Playout, PlayoutDelay, pose_filter
 from retarget.live.raw_recording import RawTap, open_replay, recorded_kind
-from retarget.live.receivers import NatnetReceiver, UdpReceiver, session_for
+from retarget.live.receivers import NatnetReceiver, UdpReceiver
 from retarget.live.roles import roles_of
 from retarget.live.sensor_validity import SensorValidity
 from retarget.live.stream import LiveStream
@@ -40,9 +40,9 @@ def open_receiver(address: StreamAddress, *, names_missing: Callable[[], bool] =
     if address.kind == "replay":
         return open_replay(address)
     if address.kind == "natnet":
-        session = session_for(address)
-        session.names_missing = names_missing
-        return NatnetReceiver(address, session)
+        motive = NatnetReceiver(address)
+        motive.session.names_missing = names_missing
+        return motive
     return UdpReceiver(address)
 
 

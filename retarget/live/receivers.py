@@ -17,8 +17,7 @@ from hardware.realtime import PROCESSES, named_process
 from retarget.errors import InputError
 from retarget.live.address import EVERYWHERE, NATNET_COMMAND_PORT, StreamAddress, interface_towards, listed_interfaces
 from retarget.live.admission import MOST_BYTES_PER_POLL, MOST_PER_POLL, Datagram, Source
-from retarget.sources.natnet_session import PINNED, NatnetSession
-from retarget.sources.natnet_wire import Version
+from retarget.sources.natnet_session import NatnetSession
 from retarget.sources.stream_frame import MAX_DATAGRAM, Dropped
 
 # The process that holds a port of this machine, as far as this user may see it (Linux).
@@ -248,18 +247,14 @@ class UdpReceiver:
 
 # NatNet: frames, requests and answers through one socket or two.
 
-REACQUISITION_S = 5.0
-"""Time between two attempts to join the multicast group that the server reports."""
 NOT_THE_SERVER = "sender is not the server"
 
 
 class NatnetReceiver:
     """Receives frames from Motive. Each poll also sends the requests of the session, and hands it the answers.
 
-    In multicast, frames come through a second socket, which follows the group and port that the server reports.
-    dropped: datagrams of others than the server. join_error: why the reported group could not be joined, "" if there is
-    no error; the old group is then kept, and the new one tried again every REACQUISITION_S. bound: address and port
-    that receive the server's answers, and in unicast its frames.
+    In multicast, frames come through a second socket. dropped: datagrams of others than the server. bound: address and
+    port that receive the server's answers, and in unicast its frames.
     """
 
     finished = False
@@ -267,22 +262,17 @@ class NatnetReceiver:
     def __init__(
         self,
         address: StreamAddress,
-        session: NatnetSession,
         *,
         command_port: int = NATNET_COMMAND_PORT,
         wall_offset: Callable[[], int] | None = wall_to_monotonic,
     ) -> None:
         """Open the sockets; nothing is sent yet. Raises InputError, see `open_socket`."""
         assert address.kind == "natnet" and address.host is not None
-        self.session = session
-        self.join_error = ""
+        self.session = NatnetSession(group=None if address.multicast is None else (address.multicast, address.port))
         self.dropped = Dropped()
-        self._wall_offset = wall_offset
         self.host = address.host
         self._server = (address.host, command_port)
-        self._frames_at = address
         self._frames: UdpReceiver | None = None
-        self._tried = float("-inf")
         commands = replace(address, bind=address.interface, port=0, multicast=None)
         self._commands = UdpReceiver(commands, wall_offset=wall_offset)
         self.bound = self._commands.bound
@@ -317,29 +307,4 @@ class NatnetReceiver:
             self.dropped.note(NOT_THE_SERVER)
         for datagram in received:
             self.session.receive(now, datagram.payload)
-        self._follow(now)
         return received
-
-    def _follow(self, now: float) -> None:
-        """Join the group that the server reports, where it is not the present one."""
-        server = self.session.server
-        if self._frames is None or server is None or not server.multicast:
-            return
-        group, port = self.session.group, self.session.data_port
-        if (group, port) == (self._frames_at.multicast, self._frames_at.port) or now - self._tried < REACQUISITION_S:
-            return
-        self._tried = now
-        address = replace(self._frames_at, bind=group, multicast=group, port=port)
-        try:
-            joined = UdpReceiver(address, wall_offset=self._wall_offset)
-        except InputError as error:
-            self.join_error = str(error)
-            return
-        self._frames.close()
-        self._frames, self._frames_at, self.join_error = joined, address, ""
-
-
-def session_for(address: StreamAddress) -> NatnetSession:
-    """The NatNet session of an address: unicast or multicast, and the version to request."""
-    wanted = PINNED if address.version is None else Version(*address.version)
-    return NatnetSession(multicast=address.multicast is not None, wanted=wanted)

@@ -205,12 +205,7 @@ def _is_foreign(stream: LiveStream) -> bool:
 def _motive(stream: LiveStream, now: float) -> list[Problem]:
     """The problems that Motive's answers show."""
     receiver = stream.receiver
-    if not isinstance(receiver, NatnetReceiver):
-        return []
-    problems = list(natnet_problems(receiver.session, now, host=receiver.host))
-    if receiver.join_error:
-        problems.append(Problem(receiver.join_error))
-    return problems
+    return [*natnet_problems(receiver.session, now, host=receiver.host)] if isinstance(receiver, NatnetReceiver) else []
 
 
 # Messages about a stream while it runs, each once: other senders, losses, a clock that jumped.

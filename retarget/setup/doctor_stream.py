@@ -217,10 +217,7 @@ def _motive(address: StreamAddress, stream: LiveStream, now: float) -> list[Find
     receiver = stream.receiver
     if not isinstance(receiver, NatnetReceiver):
         return []
-    found = fix_all("Motive", natnet_problems(receiver.session, now, host=address.host or ""))
-    if receiver.join_error:
-        found.append(finding("multicast", error=receiver.join_error))
-    return found
+    return fix_all("Motive", natnet_problems(receiver.session, now, host=address.host or ""))
 
 
 def _holder(address: StreamAddress) -> list[Finding]:

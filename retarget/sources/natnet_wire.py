@@ -15,14 +15,12 @@ COMMAND_PORT = 1510
 """UDP port of the server, where clients ask."""
 DATA_PORT = 1511
 """UDP port that multicast frames are sent to."""
-MULTICAST_GROUP = "239.255.42.99"
-"""Default multicast group of Motive."""
 
 MAX_NAME = 128
 """Characters of a name that are kept."""
 CLIENT_NAME = b"retarget"
 CLIENT_VERSION = bytes((3, 0, 0, 0))
-"""What a client calls itself; 3.0 as the real captures have it. The bitstream is pinned apart from it."""
+"""What a client calls itself; 3.0 as the real captures have it."""
 
 _HEADER = struct.Struct("<HH")
 _SERVER = struct.Struct("<256s4s4sQHB4s")
@@ -86,15 +84,9 @@ def split(datagram: bytes) -> tuple[int, bytes] | None:
     return kind, datagram[4 : 4 + size]
 
 
-def connect_message(version: Version | None = None) -> bytes:
-    """Asks for a ServerInfo; a unicast server then sends its frames to the sender's port.
-
-    version: of the bitstream that we want, which servers from 4.0 on heed where they send unicast. It stands behind the
-    256 bytes of name and the two versions: one byte of a subscription flag, four of the version, one of padding.
-    """
-    sender = CLIENT_NAME.ljust(256, b"\0") + 2 * CLIENT_VERSION
-    wanted = b"" if version is None else bytes((0, version.major, version.minor, 0, 0, 0))
-    return message(MessageId.CONNECT, sender + wanted)
+def connect_message() -> bytes:
+    """Asks for a ServerInfo; a unicast server then sends its frames to the sender's port."""
+    return message(MessageId.CONNECT, CLIENT_NAME.ljust(256, b"\0") + 2 * CLIENT_VERSION)
 
 
 def read_server_info(payload: bytes) -> ServerInfo | None:

@@ -33,8 +33,8 @@ HOST = (IPv4Network("192.168.1.5"),)
         ("json://:7000", StreamAddress("", "json", "127.0.0.1", 7000)),
         ("natnet://192.168.1.5", StreamAddress("", "natnet", "0.0.0.0", 0, HOST, host="192.168.1.5")),
         (
-            "natnet://192.168.1.5?interface=192.168.1.7&version=4.1",
-            StreamAddress("", "natnet", "192.168.1.7", 0, HOST, "192.168.1.5", interface="192.168.1.7", version=(4, 1)),
+            "natnet://192.168.1.5?interface=192.168.1.7",
+            StreamAddress("", "natnet", "192.168.1.7", 0, HOST, "192.168.1.5", interface="192.168.1.7"),
         ),
         (
             "natnet://192.168.1.5?multicast=239.255.42.99",
@@ -105,7 +105,6 @@ def test_what_an_address_means(text: str, expected: StreamAddress) -> None:
         ("natnet://", "the computer with Motive is missing"),
         ("natnet://239.255.42.99", "Write natnet://HOST?multicast=239.255.42.99"),
         ("natnet://0.0.0.0", "not the address of one computer"),
-        ("natnet://1.2.3.4?version=4.9", "allowed: 3.0, 3.1, 4.0"),
         ("natnet://1.2.3.4?multicast=10.0.0.1", "239.255.42.99"),
         ("natnet://1.2.3.4?interface=eth0", "address of an interface of this machine: 127.0.0.1 (lo)"),
         ("natnet://1.2.3.4?interface=0.0.0.0", "IPv4 address of an interface"),

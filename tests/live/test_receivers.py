@@ -13,7 +13,7 @@ import pytest
 
 from datagrams import CLOCK, LOOPBACK, PATIENCE_S, arrived, sending
 from hardware.clock import wall_to_monotonic
-from messages import Facts, refuses, shows
+from messages import Facts, refuses
 from natnet_packets import Motion, frame, server_info
 from retarget.errors import InputError
 from retarget.live import receivers
@@ -23,12 +23,10 @@ from retarget.live.open_stream import open_receiver
 from retarget.live.raw_recording import ReplayReceiver
 from retarget.live.receivers import (
     NOT_THE_SERVER,
-    REACQUISITION_S,
     NatnetReceiver,
     UdpReceiver,
     open_socket,
     port_holder,
-    session_for,
 )
 from retarget.sources.natnet_wire import MessageId, Version, split
 from retarget.sources.raw_record import RawWriter
@@ -60,7 +58,7 @@ class Server:
 @contextmanager
 def conversation(address: StreamAddress) -> Iterator[tuple[Server, NatnetReceiver]]:
     server = Server()
-    with server.socket, closing(NatnetReceiver(address, session_for(address), command_port=server.port)) as receiver:
+    with server.socket, closing(NatnetReceiver(address, command_port=server.port)) as receiver:
         yield server, receiver
 
 
@@ -88,40 +86,14 @@ def test_unicast_goes_through_one_socket() -> None:
         assert receiver.session.frames == 1 and receiver.dropped.count == receiver.overflowed == 0
 
 
-def test_frames_come_through_the_group_and_the_port_that_the_server_reports() -> None:
+def test_frames_come_through_the_group() -> None:
     with conversation(MULTICAST) as (server, receiver):
-        receiver.poll(CLOCK.now())
-        client = server.asked()[1]
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            probe.bind((GROUP, 0))
-            port = probe.getsockname()[1]
-        server.socket.sendto(server_info(VERSION, multicast=True, port=port), client)
-        received(receiver, 1)
-        assert receiver.join_error == "" and receiver._frames is not None and receiver._frames.bound[1] == port
-        same = receiver._frames
-        server.socket.sendto(frame(Motion(), VERSION), (GROUP, port))
-        if not select.select([same], [], [], PATIENCE_S / 5)[0]:
+        assert receiver._frames is not None
+        server.socket.sendto(frame(Motion(), VERSION), (GROUP, receiver._frames.bound[1]))
+        if not select.select([receiver._frames], [], [], PATIENCE_S / 5)[0]:
             pytest.skip("this kernel delivers no multicast over loopback")
         assert [datagram.payload for datagram in received(receiver, 1)] == [frame(Motion(), VERSION)]
-        assert receiver.session.frames == 1 and receiver._frames is same
-
-
-def test_a_group_that_cannot_be_joined_is_reported_and_tried_again() -> None:
-    with conversation(MULTICAST) as (server, receiver):
-        receiver.poll(CLOCK.now())
-        client = server.asked()[1]
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
-            taken.bind((GROUP, 0))
-            port = taken.getsockname()[1]
-            before = receiver._frames
-            server.socket.sendto(server_info(VERSION, multicast=True, port=port), client)
-            received(receiver, 1)
-            shows(receiver.join_error)
-            assert receiver._frames is before
-        receiver.poll(CLOCK.now())
-        assert receiver.join_error, "not before its time"
-        receiver.poll(CLOCK.now() + REACQUISITION_S)
-        assert receiver.join_error == "" and receiver._frames is not None and receiver._frames.bound[1] == port
+        assert receiver.session.frames == 1
 
 
 def test_only_datagrams_of_the_server_are_returned() -> None:
@@ -136,13 +108,7 @@ def test_only_datagrams_of_the_server_are_returned() -> None:
 def test_a_group_without_interface_is_refused_at_start() -> None:
     address = replace(MULTICAST, interface="203.0.113.77")
     with refuses(InputError):
-        NatnetReceiver(address, session_for(address))
-
-
-def test_the_session_follows_the_address() -> None:
-    assert not session_for(UNICAST).multicast
-    assert session_for(MULTICAST).multicast
-    assert session_for(parse_address("natnet://127.0.0.1?version=3.1")).wanted == Version(3, 1)
+        NatnetReceiver(address)
 
 
 @pytest.mark.parametrize(
