@@ -117,7 +117,7 @@ def _machine(clock: Clock) -> list[Finding]:
     return [
         *python_findings(),
         *frame_findings(),
-        *machine_findings(Path.cwd()),
+        *machine_findings(),
         lateness_finding(clock),
         *serial_findings(),
     ]

@@ -124,13 +124,12 @@ class Conduct:
     """Behaviour of all servos on the lines of a robot.
 
     gaps: what a missing servo does to those behind it in a group read. fed_by: which packets feed a bus watchdog (2.0).
-    boot_time: s of a start. torque_by_goal: whether a goal position or moving speed switches torque on (1.0).
+    boot_time: s of a start.
     """
 
     gaps: Gaps = Gaps.SILENCE
     fed_by: FedBy = FedBy.ANY
     boot_time: float = BOOT_TIME
-    torque_by_goal: bool = True
 
 
 class Reply(NamedTuple):
