@@ -141,7 +141,6 @@ _OPTIONS: dict[str, tuple[str, Callable[[str], Any]]] = {
     "up": ("y or z, as Up Axis in Motive's streaming settings", _one_of("y", "z")),
     "bones": ("global or local, as Skeleton Coordinates in Motive's streaming settings", _one_of("global", "local")),
     "speed": (f"above 0, to {MAX_SPEED:g}", _speed),
-    "loop": ("0 or 1", lambda value: _one_of("0", "1")(value) == "1"),
     "kind": (", ".join(RECORDED), _one_of(*RECORDED)),
 }
 """What an option may be, in words, and its reader, which raises ValueError."""
@@ -171,7 +170,7 @@ KINDS = {
     "natnet": StreamKind("natnet://192.168.1.5", 1_511, ("multicast", "interface", "up", "bones"), "Motive"),
     "mvn": StreamKind("mvn://:9763", 9_763, ("allow",), "MVN's network streamer"),
     "json": StreamKind("json://:14150", None, ("allow",), "the sender"),
-    "replay": StreamKind("replay://walk.raw", None, ("speed", "loop", "kind", "up", "bones"), "the recording"),
+    "replay": StreamKind("replay://walk.raw", None, ("speed", "kind", "up", "bones"), "the recording"),
 }
 """The schemes by name, with the usual ports of their senders (project facts on streams, sections 2 to 5)."""
 
@@ -183,8 +182,8 @@ class StreamAddress:
     text: as the user wrote it, for messages. kind: one of KINDS. bind: the IPv4 address that is listened on (0.0.0.0:
     every interface; of a multicast: the group). port: of UDP, 0 for any free one. allow: who may send. host: the
     computer that is asked (NatNet), else None. multicast, interface: group, and own address on the interface where it
-    is joined (0.0.0.0: the system chooses). up, bones: how Motive is
-    set. path, speed, loop: of a replay; recorded: the kind of stream that it holds, where the user said it.
+    is joined (0.0.0.0: the system chooses). up, bones: how Motive is set. path, speed: of a replay; recorded: the kind
+    of stream that it holds, where the user said it.
     """
 
     text: str
@@ -199,7 +198,6 @@ class StreamAddress:
     bones: Bones = "global"
     path: Path | None = None
     speed: float = 1.0
-    loop: bool = False
     recorded: str | None = None
 
 

@@ -30,7 +30,7 @@ SENDER = "See that the sender speaks the protocol of this address"
 SWITCH_ON = "Wear and switch on these, or choose another --performer"
 FAR = "See in which unit the sender sends lengths, and where its origin is: sensors must be within 10 m of it"
 REPLAY = "replay"
-OVER, LONGER = "the recording was over {:.1f} s ago", "Take a longer one, or play it again and again: ?loop=1"
+OVER, LONGER = "the recording was over {:.1f} s ago", "Take a longer one"
 """Message and next step for a recording that ends too soon."""
 OWNER_SILENT = (
     "{}, which was first, is silent, and no other sender may take its place while a robot may move: let it send again, "

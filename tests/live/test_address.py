@@ -52,8 +52,8 @@ HOST = (IPv4Network("192.168.1.5"),)
         ("replay://a?kind=vmc", StreamAddress("", "replay", path=Path("a"), recorded="vmc")),
         ("replay://a/walk.raw", StreamAddress("", "replay", path=Path("a/walk.raw"))),
         (
-            "replay:///a?b.raw?speed=0.5&loop=1",
-            StreamAddress("", "replay", path=Path("/a?b.raw"), speed=0.5, loop=True),
+            "replay:///a?b.raw?speed=0.5",
+            StreamAddress("", "replay", path=Path("/a?b.raw"), speed=0.5),
         ),
     ],
 )
@@ -112,12 +112,11 @@ def test_what_an_address_means(text: str, expected: StreamAddress) -> None:
         ("mvn://239.1.1.1?allow=10.0.0.2", "a group cannot be listened on"),
         ("json://", "the port is missing"),
         ("replay://", "the file is missing"),
-        ("replay://?loop=1", "the file is missing"),
+        ("replay://?speed=1", "the file is missing"),
         ("replay://a?speed=0", "above 0, to 100"),
         ("replay://a?speed=nan", "above 0, to 100"),
         ("replay://a?speed=1e9", "above 0, to 100"),
         ("replay://a?speed=101", "above 0, to 100"),
-        ("replay://a?loop=yes", "0 or 1"),
         ("replay://a?kind=replay", "allowed: vmc, vrchat, natnet, mvn, json"),
     ],
 )

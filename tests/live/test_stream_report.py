@@ -328,9 +328,7 @@ class Short(FakeSender):
 def test_a_recording_that_is_too_short_is_reported_as_such() -> None:
     stream = live_stream(Short(faults=[silent(2.0, 1e9)]), five())
     messages = looks(stream, 0.0, 4.0)
-    assert [text for _, text in messages] == [
-        "the recording was over 1.0 s ago. Take a longer one, or play it again and again: ?loop=1"
-    ]
+    assert [text for _, text in messages] == ["the recording was over 1.0 s ago. Take a longer one"]
     shows(str(unusable(stream, [], 1.0, where="here", now=5.0)), "3.0")
 
 
