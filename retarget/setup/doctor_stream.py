@@ -172,7 +172,7 @@ def stream_findings(address: StreamAddress, performer: Performer, *, clock: Cloc
     convention = performer.roles or stream_kinds()[kind].roles
     holder = _holder(address)
     try:
-        stream = open_stream(address, named_for(performer, convention), clock=clock)
+        stream = open_stream(address, named_for(performer, convention))
     except InputError as error:
         if address.kind == "replay":
             raise
