@@ -6,7 +6,7 @@ All little-endian: u16 id, u16 payload size, payload. What a client sends goes t
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import Enum, IntEnum, IntFlag
+from enum import CONFORM, Enum, IntEnum, IntFlag
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -198,8 +198,9 @@ _SHORTEST = 4 + 7 * 4 + _PLAIN_SUFFIX.size
 """Bytes of an empty frame."""
 
 
-class FrameFlags(IntFlag):
-    """Bits of a frame as Motive sets them. EDIT: its edit mode, where it plays recordings back."""
+class FrameFlags(IntFlag, boundary=CONFORM):
+    """Bits of a frame as Motive sets them; unknown ones are dropped, as each new value would stay in memory. EDIT: its
+    edit mode, where it plays recordings back."""
 
     RECORDING = 1
     DEFINITIONS_CHANGED = 2

@@ -124,6 +124,7 @@ def test_flags(version: Version) -> None:
         assert found.flags == read_flags(payload) == bit
     assert read_flags(bytes(77)) is None
     assert read_flags(bytes(78)) == FrameFlags(0)
+    assert FrameFlags(0xFFF0) is FrameFlags(0)  # no value of a sender's stays in memory
 
 
 DEFINED_BONES = [Body("Hip", 1, 0, (0, 1, 0)), Body("Spine", 2, 1, (0, 0.5, 0), markers=0)]
