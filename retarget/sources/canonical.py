@@ -15,7 +15,7 @@ from retarget import rotations
 from retarget.errors import InputError, UsageError, suggest
 from retarget.frames import JOINTS, SENSORS, JointTracks, SensorFrames, Skeleton, stature
 from retarget.sources.files import frame_times
-from retarget.sources.skeletons import JointTree, Pose, joints_by_name, shared_path
+from retarget.sources.skeletons import JointTree, Pose, joints_by_name, joints_by_shape, shared_path
 from retarget.types import FloatArray
 
 # Which way is up, left and forward in a motion file, from the body itself.
@@ -185,8 +185,12 @@ def canonical_frames(
 
 
 def canonical_joints(tree: JointTree, *, where: str) -> tuple[dict[str, CanonicalJoint], tuple[str, ...]]:
-    """Canonical joints of a tree by name tables, and notes. Raises InputError if none fits."""
+    """Canonical joints of a tree, by name tables or else by shape, and notes. Raises InputError if neither fits."""
+    notes: list[str] = []
     found = joints_by_name(tree.names)
+    if found is None or not _is_body(tree, found):
+        found = joints_by_shape(tree)
+        notes.append("joint names not known: the body was recognised by the shape of its skeleton")
     if found is None or not _is_body(tree, found):
         raise InputError(
             "no human skeleton recognised",
@@ -197,11 +201,11 @@ def canonical_joints(tree: JointTree, *, where: str) -> tuple[dict[str, Canonica
         )
     joints = {name: CanonicalJoint(joint, np.zeros(3)) for name, joint in found.items() if name in JOINTS}
     _add_trunk(tree, joints)
-    notes = ("the file has no top of the head: its head sensor is the head joint",)
-    has_top = _centre_head(tree, joints, found.get("head_top"))
+    if not _centre_head(tree, joints, found.get("head_top")):
+        notes.append("the file has no top of the head: its head sensor is the head joint")
     for side in "lr":
         _add_toe(tree, joints, side)
-    return joints, () if has_top else notes
+    return joints, tuple(notes)
 
 
 def _is_body(tree: JointTree, found: dict[str, int]) -> bool:

@@ -1,4 +1,4 @@
-"""Skeletons as trees of joints: forward kinematics, and the canonical joints found by name.
+"""Skeletons as trees of joints: forward kinematics, and the canonical joints found by name or by shape.
 
 The names are in `skeletons.yaml`.
 """
@@ -186,6 +186,125 @@ def posed(
     if frames is not None:  # C q C^-1 has the vector part of q turned by C
         local[..., 1:] = rotations.rotate(frames, local[..., 1:])
     return forward_kinematics(tree, local, translation)
+
+
+# Finding a human in a joint tree without knowing a name: by symmetry, extent and bone lengths of its rest pose.
+
+MIN_SPREAD = 0.15
+"""Least distance of paired leaves from the middle plane, as a share of the body's size."""
+MIDDLE = 0.04
+"""Greatest distance of a middle leaf (the head) from the middle plane, as a share of the body's size."""
+
+SHOULDER = 0.1
+"""Least distance of a shoulder from the middle plane, as a share of the body's size: nearer joints are collars."""
+
+
+def joints_by_shape(tree: JointTree) -> dict[str, int] | None:
+    """Canonical joint -> joint of the tree, or None if the tree does not look like a body.
+
+    The mirror plane of the leaves gives the sides (left and right by the direction of the toes), the middle leaf
+    farthest from the root is the head, the lowest leaf of each side ends a leg, the farthest other one an arm; the two
+    longest bones of a limb are thigh and shank, or upper arm and forearm.
+    """
+    rest = tree.rest_positions()
+    # The outermost point (3,) of each leaf, relative to the root.
+    leaves = {
+        joint: rest[joint] + max(tree.ends[joint], key=_length, default=np.zeros(3))
+        for joint in range(len(tree.names))
+        if joint not in tree.parents
+    }
+    size = max(map(_length, leaves.values()), default=0.0)
+    if len(leaves) < 5 or not 0.0 < size < np.inf:
+        return None
+    side = _mirror_axis(np.stack(list(leaves.values())) / size)
+    if side is None:
+        return None
+    across = {joint: float(point[side]) / size for joint, point in leaves.items()}
+    middle = [joint for joint, off in across.items() if abs(off) < MIDDLE]
+    if not middle:
+        return None
+    head = max(middle, key=lambda joint: _length(leaves[joint]))
+    up = max({0, 1, 2} - {side}, key=lambda axis: abs(float(leaves[head][axis])))
+    heights = {joint: float(point[up] * np.sign(leaves[head][up])) for joint, point in leaves.items()}
+    limbs = []
+    for sign in (1.0, -1.0):
+        own = {joint: heights[joint] for joint, off in across.items() if sign * off > MIDDLE}
+        limbs.append(_limbs_of_side(tree, own, head, np.abs(rest[:, side]) / size))
+    first, second = limbs
+    if first is None or second is None:
+        return None
+    # Left is up x forward, forward being where the feet point.
+    forward = 3 - side - up
+    toes = sum(_toes(tree, limb["ankle"], forward) for limb in (first, second))
+    axes = np.eye(3)
+    if np.cross(axes[up] * np.sign(leaves[head][up]), axes[forward] * np.sign(toes))[side] < 0.0:
+        first, second = second, first
+    joints = {f"l_{part}": joint for part, joint in first.items()}
+    joints |= {f"r_{part}": joint for part, joint in second.items()}
+    trunk = shared_path(tree, [joints["l_hip"], joints["r_hip"], head])
+    has_end = any(end.any() for end in tree.ends[head])
+    top = head if has_end else tree.parents[head]
+    if not trunk or top in (trunk[-1], -1):
+        return None
+    joints |= {"pelvis": trunk[-1], "head": top}
+    return joints if has_end else joints | {"head_top": head}
+
+
+def _length(vector: FloatArray) -> float:
+    return float(np.linalg.norm(vector))
+
+
+def _mirror_axis(points: FloatArray) -> int | None:
+    """The axis across the plane in which leaves (k, 3), in sizes of the body, mirror each other best; None if they
+    spread along none."""
+    best, best_error = None, 0.1
+    for axis in range(3):
+        spread = np.sort(np.abs(points[:, axis]))
+        if spread[-4:].min() < MIN_SPREAD * 0.5 or spread[-1] < MIN_SPREAD:
+            continue
+        mirrored = points * np.where(np.arange(3) == axis, -1.0, 1.0)
+        error = float(np.linalg.norm(points[:, None] - mirrored[None], axis=-1).min(axis=1).mean())
+        if error < best_error:
+            best, best_error = axis, error
+    return best
+
+
+def _limbs_of_side(tree: JointTree, leaves: dict[int, float], head: int, across: FloatArray) -> dict[str, int] | None:
+    """Hip, knee, ankle, shoulder, elbow and wrist of one side. leaves: its own, with their heights. across (n,): how
+    far each joint is from the middle plane, in sizes of the body."""
+    if len(leaves) < 2:
+        return None
+    foot = min(leaves, key=leaves.__getitem__)
+    hip_branch = len(shared_path(tree, [foot, head]))
+    arms = [leaf for leaf in leaves if len(shared_path(tree, [leaf, foot])) <= hip_branch]
+    if not arms:
+        return None
+    hand = max(arms, key=lambda leaf: sum(_length(tree.offsets[step]) for step in tree.path(leaf)[1:]))
+    leg = _two_longest_bones(tree, tree.path(foot)[hip_branch:])
+    above_trunk = tree.path(hand)[len(shared_path(tree, [hand, head])) :]
+    shoulder = next((at for at, joint in enumerate(above_trunk) if across[joint] > SHOULDER), len(above_trunk))
+    arm = _two_longest_bones(tree, above_trunk[shoulder:])
+    if leg is None or arm is None:
+        return None
+    return dict(zip(("hip", "knee", "ankle", "shoulder", "elbow", "wrist"), (*leg, *arm), strict=True))
+
+
+def _two_longest_bones(tree: JointTree, chain: list[int]) -> tuple[int, int, int] | None:
+    """Start and end of the first, and end of the second, of the two longest bones of a chain."""
+    if len(chain) < 3:
+        return None
+    lengths = [_length(tree.offsets[joint]) for joint in chain[1:]]
+    first, second = sorted(sorted(range(len(lengths)), key=lengths.__getitem__)[-2:])
+    return (chain[first], chain[first + 1], chain[second + 1]) if lengths[first] > 0.0 else None
+
+
+def _toes(tree: JointTree, joint: int, axis: int) -> float:
+    """How far along an axis the end of a foot is from its ankle."""
+    way = 0.0
+    while children := tree.children(joint):
+        joint = children[0]
+        way += float(tree.offsets[joint][axis])
+    return way + sum(float(end[axis]) for end in tree.ends[joint])
 
 
 def shared_path(tree: JointTree, joints: list[int]) -> list[int]:

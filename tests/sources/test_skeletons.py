@@ -1,16 +1,24 @@
 """Joint names as data: every style is complete and finds itself."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from motion_texts import bvh_text
 from retarget import rotations
 from retarget.frames import JOINTS
+from retarget.sources.asf_amc import read_asf
+from retarget.sources.bvh import read_motion
 from retarget.sources.skeletons import (
     REQUIRED,
     STYLES,
     JointTree,
     forward_kinematics,
     joints_by_name,
+    joints_by_shape,
     plain_names,
 )
 
@@ -44,6 +52,78 @@ def test_names_that_lack_a_limb_are_not_enough() -> None:
         found = joints_by_name(rest)
         assert found is None or joint == "pelvis"  # the root stands in for a pelvis of another name
     assert joints_by_name(("tail", "fin")) is None
+
+
+LIMBS = [f"{side}_{part}" for side in "lr" for part in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")]
+
+
+def figure(tmp_path: Path, *, z_up: bool = False) -> JointTree:
+    path = tmp_path / "a.bvh"
+    path.write_text(bvh_text(z_up=z_up))
+    return read_motion(path).hierarchy.tree
+
+
+def turned(tree: JointTree, matrix: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> JointTree:
+    ends = tuple(tuple(matrix @ end for end in ends) for ends in tree.ends)
+    return JointTree(tree.names, tree.parents, tree.offsets @ matrix.T, ends)
+
+
+def test_shape_and_names_agree_however_the_figure_stands(tmp_path: Path) -> None:
+    for z_up in (False, True):
+        tree = figure(tmp_path, z_up=z_up)
+        by_name = joints_by_name(tree.names)
+        assert by_name is not None
+        for matrix in (
+            np.eye(3),
+            np.diag([-1.0, 1.0, -1.0]),
+            np.roll(np.eye(3), 1, axis=0),
+            np.diag([1.0, -1.0, -1.0]),
+        ):
+            by_shape = joints_by_shape(turned(tree, matrix))
+            assert by_shape is not None
+            for name in ("pelvis", "head", *LIMBS):
+                assert by_shape[name] == by_name[name], name
+
+
+def test_recordings_are_recognised_without_their_names(shared: Path) -> None:
+    trees = [read_motion(path).hierarchy.tree for path in sorted((shared / "mocap").rglob("*.bvh"))]
+    trees += [read_asf(path).tree for path in sorted((shared / "mocap").rglob("*.asf"))]
+    right = 0
+    for tree in trees:
+        by_name, by_shape = joints_by_name(tree.names), joints_by_shape(tree)
+        assert by_name is not None
+        if by_shape is None:
+            continue  # refused with a clear error, not mistaken
+        wrong = [name for name in LIMBS if not _same_place(tree, by_name[name], by_shape[name])]
+        # A forearm in two pieces ends the shape's forearm too early.
+        assert {name[2:] for name in wrong} <= {"wrist"}, (tree.names, wrong)
+        right += not wrong
+    assert right >= 13
+
+
+def _same_place(tree: JointTree, a: int, b: int) -> bool:
+    """Whether two joints coincide up to joints without length between them."""
+    rest = tree.rest_positions()
+    return bool(np.linalg.norm(rest[a] - rest[b]) < 0.05 * np.abs(rest).max())
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 30])
+def test_chains_and_stars_are_no_bodies(count: int) -> None:
+    offsets = np.tile([0.0, 1.0, 0.0], (count, 1))
+    names = tuple(f"j{i}" for i in range(count))
+    chain = JointTree(names, tuple(range(-1, count - 1)), offsets, ((),) * count)
+    star = JointTree(names, (-1, *([0] * (count - 1))), offsets, ((),) * count)
+    assert joints_by_shape(chain) is None and joints_by_shape(star) is None
+
+
+@given(count=st.integers(1, 25), seed=st.integers(0, 10_000))
+def test_any_tree_gives_an_answer(count: int, seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    parents = (-1, *(int(generator.integers(0, i)) for i in range(1, count)))
+    offsets = generator.integers(-3, 4, size=(count, 3)).astype(float)
+    ends = tuple((generator.normal(size=3),) if generator.random() < 0.5 else () for _ in range(count))
+    found = joints_by_shape(JointTree(tuple(map(str, range(count))), parents, offsets, ends))
+    assert found is None or all(0 <= joint < count for joint in found.values())
 
 
 TREE = JointTree(
