@@ -93,7 +93,7 @@ def live_leg(seconds: float, robot: Path) -> list[float]:
     address, clock = parse_address(f"json://:{port}"), Stopwatch()
 
     def perform(performer: Performer, body: RobotBody | None) -> Performance:
-        stream = open_stream(address, performer, clock=clock)
+        stream = open_stream(address, performer)
         options = LiveOptions(countdown=0.0, patience=20.0, duration=seconds + SPARE_S)
         return begin_live(stream, options, clock=clock, rate_hz=RATE_HZ, where=address.text, notify=lambda text: None)
 

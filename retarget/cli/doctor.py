@@ -37,9 +37,6 @@ def doctor(
     robot: Annotated[
         str | None, typer.Option(help="Look at the servo ports of this robot.", metavar="NAME|PATH")
     ] = None,
-    everywhere: Annotated[
-        bool, typer.Option("--everywhere", help="Listen on all interfaces too, to find a sender that misses this one.")
-    ] = False,
     seconds: Annotated[
         float | None, typer.Option(help="How long to listen; 5 if not given, for a recording all of it.", metavar="S")
     ] = None,
@@ -52,7 +49,7 @@ def doctor(
     """
     _check(target, performer=performer, robot=robot, seconds=seconds)
     if target is not None and is_address(target):
-        found = _stream(target, performer or "five", seconds, everywhere=everywhere)
+        found = _stream(target, performer or "five", seconds)
     elif target is not None or robot is not None:
         found = _ports(target, robot)
     else:
@@ -83,7 +80,7 @@ def _check(target: str | None, *, performer: str | None, robot: str | None, seco
         raise UsageError("neither a stream nor a port", where=target[:200] or "an empty word", allowed=allowed)
 
 
-def _stream(text: str, name: str, seconds: float | None, *, everywhere: bool) -> list[Finding]:
+def _stream(text: str, name: str, seconds: float | None) -> list[Finding]:
     from retarget.live.address import parse_address
     from retarget.schema.performer import load_performer
     from retarget.setup.doctor_stream import stream_findings
@@ -94,7 +91,7 @@ def _stream(text: str, name: str, seconds: float | None, *, everywhere: bool) ->
     listen = (LONGEST_S if recorded else LISTEN_S) if seconds is None else seconds
     if not recorded:
         typer.echo(f"listening for {listen:g} s: move every sensor, walk and turn", err=True)
-    return stream_findings(address, performer, clock=clock, seconds=listen, everywhere=everywhere)
+    return stream_findings(address, performer, clock=clock, seconds=listen)
 
 
 def _ports(path: str | None, robot: str | None) -> list[Finding]:
@@ -120,7 +117,7 @@ def _machine(clock: Clock) -> list[Finding]:
     return [
         *python_findings(),
         *frame_findings(),
-        *machine_findings(Path.cwd()),
+        *machine_findings(),
         lateness_finding(clock),
         *serial_findings(),
     ]

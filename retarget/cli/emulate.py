@@ -38,7 +38,6 @@ def emulate(
     power_off: bool = False,
     *,
     conduct: Conduct,
-    no_torque_by_goal: bool = False,
     seconds: float | None = None,
 ) -> None:
     """Answer as a robot's servos would, on a serial port that any program can open, until Ctrl-C.
@@ -55,8 +54,6 @@ def emulate(
         gaps: What a missing servo does to those behind it in a group read.
         boot_time (--boot) SECONDS: Time of a servo's start.
         fed_by (--watchdog-fed-by): Packets that feed a bus watchdog: all, or only those to the servo and broadcasts.
-        answers_damage: Servos answer damaged instructions by an error, not by silence.
-        no_torque_by_goal: Goal or speed do not switch torque on in Protocol 1.0.
         seconds (--for) SECONDS: End after so long.
     """
     if seconds is not None and not 0.0 < seconds < float("inf"):
@@ -81,7 +78,7 @@ def emulate(
         plan=plan,
         seed=plan.seed,
         timing=replace(Timing.none() if no_wire_delay else Timing(), gap=REAL_TIME_GAP),
-        conduct=replace(conduct, torque_by_goal=not no_torque_by_goal),
+        conduct=conduct,
         powered=not power_off,
     )
     terminals = [PseudoTerminal(lines[bus.name], links[bus.name]) for bus in buses]

@@ -9,7 +9,6 @@ import typer
 from hardware.errors import counted
 from retarget.cli.application import progress_bar
 from retarget.setup.import_robot import DEFAULT_SAMPLES, Imported, import_robot
-from retarget.setup.robot_file import Relaxed
 from retarget.setup.servo_guess import NO_TORQUE
 
 STEPS = 1000
@@ -22,9 +21,6 @@ def import_body(
         Path | None, typer.Option(help="New folder for it; absent: the robot's name, here.", metavar="DIR")
     ] = None,
     name: Annotated[str | None, typer.Option(help="Of the robot; absent: that in the file.", metavar="NAME")] = None,
-    freeze: Annotated[
-        bool, typer.Option("--freeze", help="Make joints rigid that no servo of their own turns.")
-    ] = False,
     no_meshes: Annotated[bool, typer.Option("--no-meshes", help="Leave out meshes that cannot be read.")] = False,
     samples: Annotated[
         int, typer.Option(help="Postures that are looked at for observers.", metavar="N")
@@ -38,7 +34,7 @@ def import_body(
         done = import_robot(
             body,
             out,
-            relaxed=Relaxed(freeze=freeze, no_meshes=no_meshes),
+            no_meshes=no_meshes,
             name=name,
             samples=samples,
             progress=lambda share: show(int(STEPS * share)),

@@ -48,7 +48,7 @@ def replay(
         goals: Send the goals that were sent then, as they are, to --bus.
         bus mock|emulator|physics|physics+wire|none|profile|PORT: Where --goals go, as of `run`.
         speed X: Of --goals; 1 is as fast as they were recorded.
-        robot NAME|PATH: Use this robot, and all config files as they are now, instead of those of then.
+        robot NAME|PATH: Use this robot as it is now, instead of that of then.
         report FILE.json|DIR: Write the numbers of the run as it is now.
         save FILE.npz: Write every tick of it, for other tools.
     """
@@ -81,15 +81,11 @@ def _note_damage(found: "Played") -> None:
 
 
 def _again(found: "Played", outputs: "Outputs", robot: str | None) -> int:
-    from retarget.recording.configs import as_now, as_recorded
+    from retarget.recording.configs import as_recorded
     from retarget.report.measure import measure
 
     recording = found.recording
-    with (
-        as_recorded(recording)
-        if robot is None
-        else as_now(recording, recording.session.options, robot=robot) as configs
-    ):
+    with as_recorded(recording, robot=robot) as configs:
         again = _run(found, configs)
         if again.result.reason:
             typer.echo(f"it stops again: {again.result.reason}")
@@ -138,20 +134,15 @@ def _with_its_body(run: "RunResult", configs: "Configs", save: Path) -> "RunResu
 
 
 def _send(found: "Played", bus: str, speed: float, robot: str | None) -> int:
-    from retarget.recording.configs import PROFILE, as_now
+    from retarget.recording.configs import as_recorded
 
     low, high = SPEEDS
     if not low <= speed <= high:
         raise UsageError("impossible speed", where="--speed", found=f"{speed:g}", allowed=f"{low:g} to {high:g}")
     options = _on_bus(found.recording.session.options, bus)
-    with as_now(found.recording, options, robot=robot) as configs:
-        if PROFILE in configs.attached and not options.simulated:
-            raise UsageError(
-                "the profile of this robot is gone, and an old one may not send goals to real servos",
-                where="--robot",
-                found=options.robot[:80],
-                next_step="Say which robot is on the bus: --robot NAME|FILE",
-            )
+    if robot is None and not (options.simulated or options.is_human):
+        robot = options.robot  # real servos are those of the robot as it is now
+    with as_recorded(found.recording, options=options, robot=robot) as configs:
         for text in configs.notes:
             note(text)
         return _sent(found, configs.options, configs.robot, speed)

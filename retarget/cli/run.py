@@ -311,9 +311,7 @@ def follow_live(source: str, options: RunOptions, outputs: Outputs, live: Stream
         stack.enter_context(run.page())
 
         def perform(performer: Performer, robot: RobotBody | None) -> Performance:
-            stream = open_stream(
-                address, performer, clock=clock, tap=tap, smoothing=begins.smoothing, latest=begins.latest
-            )
+            stream = open_stream(address, performer, tap=tap, smoothing=begins.smoothing, latest=begins.latest)
             stack.callback(stream.receiver.close)
             begin = partial(begin_live, stream, begins, clock=clock, rate_hz=live_rate_hz(robot), where=address.text)
             enter = partial(run.enter, supervisor)

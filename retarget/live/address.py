@@ -60,8 +60,6 @@ MOST_ALLOWED = 64
 MAX_SPEED = 100.0
 RECORDED = ("vmc", "vrchat", "natnet", "mvn", "json")
 """Kinds of stream that a recording may hold."""
-VERSIONS = ("3.0", "3.1", "4.0", "4.1", "4.2", "4.3", "4.4")
-"""Bitstreams of NatNet (`facts/streams.md` section 4)."""
 
 
 def read_options(text: str, query: str, known: tuple[str, ...]) -> dict[str, Any]:
@@ -123,11 +121,6 @@ def _chosen(value: Value, fits: bool) -> Value:
     return value
 
 
-def _version(value: str) -> tuple[int, int]:
-    major, minor = _chosen(value, value in VERSIONS).split(".")
-    return int(major), int(minor)
-
-
 def _speed(value: str) -> float:
     plain = re.fullmatch(r"[0-9]{1,9}(\.[0-9]{1,9})?", value, re.ASCII) is not None
     speed = float(_chosen(value, plain))
@@ -140,17 +133,14 @@ def _one_of(*values: str) -> Callable[[str], str]:
 
 _OPTIONS: dict[str, tuple[str, Callable[[str], Any]]] = {
     "allow": (f"any, or up to {MOST_ALLOWED} of ADDRESS or ADDRESS/BITS, with commas between them", _networks),
-    "tcp": ("the IPv4 address of the computer with MVN", _single),
     "multicast": (
         "a group from 224.0.0.0 to 239.255.255.255, such as 239.255.42.99",
         lambda value: _chosen(IPv4Address(value), IPv4Address(value).is_multicast),
     ),
     "interface": ("the IPv4 address of an interface of this machine", _single),
-    "version": (", ".join(VERSIONS), _version),
     "up": ("y or z, as Up Axis in Motive's streaming settings", _one_of("y", "z")),
     "bones": ("global or local, as Skeleton Coordinates in Motive's streaming settings", _one_of("global", "local")),
     "speed": (f"above 0, to {MAX_SPEED:g}", _speed),
-    "loop": ("0 or 1", lambda value: _one_of("0", "1")(value) == "1"),
     "kind": (", ".join(RECORDED), _one_of(*RECORDED)),
 }
 """What an option may be, in words, and its reader, which raises ValueError."""
@@ -177,10 +167,10 @@ class StreamKind:
 KINDS = {
     "vmc": StreamKind("vmc://:39539", 39_539, ("allow",), "the sender's VMC output"),
     "vrchat": StreamKind("vrchat://:9000", 9_000, ("allow",), "the sender's OSC trackers"),
-    "natnet": StreamKind("natnet://192.168.1.5", 1_511, ("multicast", "interface", "version", "up", "bones"), "Motive"),
-    "mvn": StreamKind("mvn://:9763", 9_763, ("allow", "tcp"), "MVN's network streamer"),
+    "natnet": StreamKind("natnet://192.168.1.5", 1_511, ("multicast", "interface", "up", "bones"), "Motive"),
+    "mvn": StreamKind("mvn://:9763", 9_763, ("allow",), "MVN's network streamer"),
     "json": StreamKind("json://:14150", None, ("allow",), "the sender"),
-    "replay": StreamKind("replay://walk.raw", None, ("speed", "loop", "kind", "up", "bones"), "the recording"),
+    "replay": StreamKind("replay://walk.raw", None, ("speed", "kind", "up", "bones"), "the recording"),
 }
 """The schemes by name, with the usual ports of their senders (project facts on streams, sections 2 to 5)."""
 
@@ -190,10 +180,9 @@ class StreamAddress:
     """The address of a stream, and the senders that are allowed.
 
     text: as the user wrote it, for messages. kind: one of KINDS. bind: the IPv4 address that is listened on (0.0.0.0:
-    every interface; of a multicast: the group). port: of UDP (MVN with a host: of TCP), 0 for any free one. allow: who
-    may send. host: the computer that is asked (NatNet) or that connects to us (MVN over TCP), else None. multicast,
-    interface: group, and own address on the interface where it is joined (0.0.0.0: the system chooses). version: the
-    bitstream that NatNet is asked for; up, bones: how Motive is set. path, speed, loop: of a replay; recorded: the kind
+    every interface; of a multicast: the group). port: of UDP, 0 for any free one. allow: who may send. host: the
+    computer that is asked (NatNet), else None. multicast, interface: group, and own address on the interface where it
+    is joined (0.0.0.0: the system chooses). up, bones: how Motive is set. path, speed: of a replay; recorded: the kind
     of stream that it holds, where the user said it.
     """
 
@@ -205,18 +194,16 @@ class StreamAddress:
     host: str | None = None
     multicast: str | None = None
     interface: str = EVERYWHERE
-    version: tuple[int, int] | None = None
     up: UpAxis = "y"
     bones: Bones = "global"
     path: Path | None = None
     speed: float = 1.0
-    loop: bool = False
     recorded: str | None = None
 
 
-def for_others(kind: str, port: int, *, option: str = "allow") -> str:
+def for_others(kind: str, port: int) -> str:
     """The next step where the port listens on loopback only, and the sender is another computer."""
-    return f"If the sender is another computer: {kind}://{EVERYWHERE}:{port}?{option}=ITS_ADDRESS"
+    return f"If the sender is another computer: {kind}://{EVERYWHERE}:{port}?allow=ITS_ADDRESS"
 
 
 def is_address(text: str) -> bool:
@@ -275,16 +262,10 @@ def _place(text: str, kind: str, place: str) -> tuple[str, int]:
 
 
 def _listener(text: str, kind: str, host: str, port: int, options: dict[str, Any]) -> StreamAddress:
-    """A port of this machine that the sender sends to, or over TCP connects to: then no other computer may send."""
-    allow, sender = options.get("allow"), options.get("tcp")
-    bind = address_number(text, host or (LOOPBACK if sender is None or sender.is_loopback else EVERYWHERE))
+    """A port of this machine that the sender sends to."""
+    allow, bind = options.get("allow"), address_number(text, host or LOOPBACK)
     if bind.is_multicast:
         raise bad_address(text, "a group cannot be listened on", found=host, allowed="an address of this machine")
-    if sender is not None and allow is not None:
-        step = f"Write mvn://{host}:{port}?tcp={sender}"
-        raise bad_address(text, "over TCP only one computer may send, so there is no list", next_step=step)
-    if sender is not None:
-        return StreamAddress(text, kind, str(bind), port, (IPv4Network(sender),), host=str(sender))
     if allow is None and not bind.is_loopback:
         listed = f"{kind}://{bind}:{port}?allow=192.168.1.20"
         raise bad_address(

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hardware.clock import Clock, VirtualClock
 from retarget.errors import InputError, UsageError
 from retarget.frames import SensorFrames
 from retarget.live.address import StreamAddress
@@ -13,7 +12,7 @@ from retarget.live.admission import Admission, Receiver, admission_for
 from retarget.live.clock_map import ClockMap
 from retarget.live.playout import LIGHT, Playout, PlayoutDelay, pose_filter
 from retarget.live.raw_recording import RawTap, open_replay, recorded_kind
-from retarget.live.receivers import NatnetReceiver, TcpReceiver, UdpReceiver, session_for
+from retarget.live.receivers import NatnetReceiver, UdpReceiver
 from retarget.live.roles import roles_of
 from retarget.live.sensor_validity import SensorValidity
 from retarget.live.stream import LiveStream
@@ -26,7 +25,7 @@ from retarget.sources.stream_frame import StreamDecoder, StreamFrame
 from retarget.sources.vmc import VmcBodyDecoder, VmcDecoder
 from retarget.sources.vrchat import VrchatDecoder
 
-# The receiver of an address: a UDP socket, the sockets of NatNet, a TCP port for MVN, or a recording.
+# The receiver of an address: a UDP socket, the sockets of NatNet, or a recording.
 
 
 def open_receiver(address: StreamAddress, *, names_missing: Callable[[], bool] = lambda: False) -> Receiver:
@@ -40,10 +39,10 @@ def open_receiver(address: StreamAddress, *, names_missing: Callable[[], bool] =
     if address.kind == "replay":
         return open_replay(address)
     if address.kind == "natnet":
-        session = session_for(address)
-        session.names_missing = names_missing
-        return NatnetReceiver(address, session)
-    return UdpReceiver(address) if address.host is None else TcpReceiver(address)
+        motive = NatnetReceiver(address)
+        motive.session.names_missing = names_missing
+        return motive
+    return UdpReceiver(address)
 
 
 BONES = "unity_bones"
@@ -72,41 +71,50 @@ def stream_kinds() -> dict[str, StreamKind]:
 
 
 def open_stream(
-    address: StreamAddress,
+    source: StreamAddress | Receiver,
     performer: Performer,
     *,
-    clock: Clock,
     tap: RawTap | None = None,
     smoothing: str = LIGHT,
     latest: bool = False,
 ) -> LiveStream:
-    """Open the port, or the recording, of an address. smoothing: see `playout.SMOOTHINGS`. latest: use the newest
-    poses at once, instead of a playout buffer.
+    """Open the port, or the recording, of an address; or read poses in JSON from the caller's own receiver, as
+    `retarget.run.own_source.OwnSource` sends them. smoothing: see `playout.SMOOTHINGS`. latest: use the newest poses at
+    once, instead of a playout buffer.
 
     Raises InputError: port taken, no such interface, no such recording; UsageError: sensors that such a sender does not
     have.
     """
+    address = source if isinstance(source, StreamAddress) else None
     kind, decoder = _decoder(address)
     if kind == "vmc" and performer.roles == BONES:
         decoder = VmcBodyDecoder()
-    if address.kind != "replay" and isinstance(clock, VirtualClock):
-        raise InputError("a live stream runs on real time", where=address.text)
-    return _stream(
-        kind,
+    how = stream_kinds()[kind]
+    roles = roles_of(performer, performer.roles or how.roles, where=f"performer {performer.name}")
+    count = len(roles.sensors)
+    smooth = pose_filter(smoothing, count)
+    if isinstance(source, StreamAddress):  # when all else was found right
+        source = open_receiver(
+            source, names_missing=lambda: isinstance(decoder, NatnetDecoder) and decoder.names_missing
+        )
+    return LiveStream(
+        source,
         decoder,
-        lambda: open_receiver(
-            address, names_missing=lambda: isinstance(decoder, NatnetDecoder) and decoder.names_missing
-        ),
-        performer,
-        admission=admission_for(address),
+        roles,
+        admission=Admission() if address is None else admission_for(address),
+        clock_map=how.clock(),
+        validity=SensorValidity(roles.sensors),
+        playout=Playout(count, delay=None if latest else PlayoutDelay()),
+        smooth=smooth,
         tap=tap,
-        smoothing=smoothing,
-        latest=latest,
     )
 
 
-def _decoder(address: StreamAddress) -> tuple[str, StreamDecoder]:
-    """The kind of an address, of a replay that of its content, and its decoder. Raises UsageError, InputError."""
+def _decoder(address: StreamAddress | None) -> tuple[str, StreamDecoder]:
+    """The kind of an address, of a replay that of its content, and its decoder; None: of the caller's own receiver.
+    Raises UsageError, InputError."""
+    if address is None:
+        return "json", JsonPoseDecoder()
     kind = recorded_kind(address) if address.kind == "replay" else address.kind
     if kind == "natnet":
         return kind, NatnetDecoder(up=address.up, bones=address.bones)
@@ -160,58 +168,4 @@ def read_recording(address: StreamAddress) -> SensorFrames:
         source=address.text,
         rate_hz=float(1.0 / np.median(np.diff(times))) if len(times) > 1 else 0.0,
         notes=tuple(notes),
-    )
-
-
-def stream_of(
-    receiver: Receiver,
-    performer: Performer,
-    *,
-    tap: RawTap | None = None,
-    smoothing: str = LIGHT,
-    latest: bool = False,
-) -> LiveStream:
-    """A stream of poses in JSON from the caller's own receiver, as `retarget.run.own_source.OwnSource` sends them. The
-    rest as in `open_stream`.
-
-    Raises UsageError: sensors that such a sender does not have.
-    """
-    return _stream(
-        "json",
-        JsonPoseDecoder(),
-        lambda: receiver,
-        performer,
-        admission=Admission(),
-        tap=tap,
-        smoothing=smoothing,
-        latest=latest,
-    )
-
-
-def _stream(
-    kind: str,
-    decoder: StreamDecoder,
-    receiver: Callable[[], Receiver],
-    performer: Performer,
-    *,
-    admission: Admission,
-    tap: RawTap | None,
-    smoothing: str,
-    latest: bool,
-) -> LiveStream:
-    """receiver: opens it, when all else was found right."""
-    how = stream_kinds()[kind]
-    roles = roles_of(performer, performer.roles or how.roles, where=f"performer {performer.name}")
-    count = len(roles.sensors)
-    smooth = pose_filter(smoothing, count)
-    return LiveStream(
-        receiver(),
-        decoder,
-        roles,
-        admission=admission,
-        clock_map=how.clock(),
-        validity=SensorValidity(roles.sensors),
-        playout=Playout(count, delay=None if latest else PlayoutDelay()),
-        smooth=smooth,
-        tap=tap,
     )

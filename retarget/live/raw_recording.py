@@ -18,37 +18,25 @@ UNKNOWN_SOURCE = "127.0.0.1"
 """The sender's address where a recording holds none."""
 LOOKED_AT = 100
 """Datagrams by which the kind of a recording is recognised where its header does not give it."""
-LONE_GAP_S = 0.1
-"""Time between two rounds of a recording whose datagrams all have one time."""
 
 
 class ReplayReceiver:
     """Plays a recording: its datagrams fall due as the time given to `poll` goes on, the first one at once.
 
-    A recorded time that goes back counts as no time passed. With `loop`, each round follows the one before by the mean
-    gap of its datagrams. The file is read while it is played, through a buffer, one datagram ahead.
+    A recorded time that goes back counts as no time passed. The file is read while it is played, through a buffer, one
+    datagram ahead.
     """
 
-    def __init__(self, reader: RawReader, *, speed: float = 1.0, loop: bool = False) -> None:
+    def __init__(self, reader: RawReader, *, speed: float = 1.0) -> None:
         """`speed`: recorded seconds per second, above 0."""
         self.dropped = Dropped()
-        self._reader, self._speed, self._loop = reader, speed, loop
+        self._reader, self._speed = reader, speed
         self._rows: Iterator[raw_record.Datagram] = iter(reader)
         self._next: raw_record.Datagram | None = None
-        self._due = 0.0
-        """When `_next` arrives, s on the clock of `poll`; until `_next` is loaded, when the last one arrived."""
-        self._recorded: float | None = None
-        """Recorded time of the last datagram, s; None at the start of a round."""
-        self._count = 0
-        self._round_began = 0.0
-        self._started = False
+        self._due: float | None = None
+        """When `_next` arrives, s on the clock of `poll`; None before the first poll."""
         self.finished = False
-        """Whether everything has been returned; never with `loop`, unless the recording is empty."""
-
-    @property
-    def damage(self) -> str:
-        """Place and kind of the damage of the recording; "" if it is whole, as far as it was played."""
-        return self._reader.damage
+        """Whether everything has been returned."""
 
     def close(self) -> None:
         """End the replay."""
@@ -56,47 +44,34 @@ class ReplayReceiver:
 
     def poll(self, now: float) -> list[Datagram]:
         """The datagrams that have fallen due until `now` (s), with their due times. Bounded as for a socket."""
-        if not self._started:
-            self._started, self._due, self._round_began = True, now, now
-            self._load()
+        if self._due is None:
+            self._due = now
+            self._next = self._following()
         found: list[Datagram] = []
         room = MOST_BYTES_PER_POLL
         while self._next is not None and self._due <= now and len(found) < MOST_PER_POLL and room > 0:
             row = self._next
             found.append(Datagram(self._due, (row.address or UNKNOWN_SOURCE, row.port), row.payload))
             room -= len(row.payload)
-            self._load()
+            self._next = self._following()
+            if self._next is not None:
+                self._due += max(self._next.time_s - row.time_s, 0.0) / self._speed
         return found
 
-    def _load(self) -> None:
-        """Fetch the next datagram and when it is due."""
+    def _following(self) -> raw_record.Datagram | None:
+        """The next datagram; None at the end of the recording."""
         row = next(self._rows, None)
         if row is None:
-            row = self._next_round()
-        if row is None:
-            self.close()
-            return
-        if self._recorded is not None:
-            self._due += max(row.time_s - self._recorded, 0.0) / self._speed
-        self._next, self._recorded = row, row.time_s
-        self._count += 1
-
-    def _next_round(self) -> raw_record.Datagram | None:
-        if self._reader.damage:
-            self.dropped.note("the recording is damaged")
-        if not self._loop or self._count == 0:
-            return None
-        span = self._due - self._round_began
-        self._due += span / (self._count - 1) if span > 0.0 else LONE_GAP_S / self._speed
-        self._round_began, self._recorded, self._count = self._due, None, 0
-        self._rows = iter(self._reader)
-        return next(self._rows, None)
+            self.finished = True
+            if self._reader.damage:
+                self.dropped.note("the recording is damaged")
+        return row
 
 
 def open_replay(address: StreamAddress) -> ReplayReceiver:
     """Open the recording of a `replay://` address. Raises InputError if it is missing or no recording."""
     assert address.path is not None
-    return ReplayReceiver(RawReader(address.path), speed=address.speed, loop=address.loop)
+    return ReplayReceiver(RawReader(address.path), speed=address.speed)
 
 
 def recorded_kind(address: StreamAddress) -> str:

@@ -30,7 +30,7 @@ SENDER = "See that the sender speaks the protocol of this address"
 SWITCH_ON = "Wear and switch on these, or choose another --performer"
 FAR = "See in which unit the sender sends lengths, and where its origin is: sensors must be within 10 m of it"
 REPLAY = "replay"
-OVER, LONGER = "the recording was over {:.1f} s ago", "Take a longer one, or play it again and again: ?loop=1"
+OVER, LONGER = "the recording was over {:.1f} s ago", "Take a longer one"
 """Message and next step for a recording that ends too soon."""
 OWNER_SILENT = (
     "{}, which was first, is silent, and no other sender may take its place while a robot may move: let it send again, "
@@ -98,7 +98,7 @@ def _nothing(stream: LiveStream, waited: float, *, where: str) -> InputError:
         step += f". {for_others(where.partition('://')[0], port)}"
     else:
         step += "; see that no firewall is between"
-    step += f". `retarget doctor {shlex.quote(where)}` looks where it sends instead"
+    step += f". `retarget doctor {shlex.quote(where)}` says what may keep it out"
     return InputError(what, where=where, found=f"listening at {found}", next_step=step)
 
 
@@ -205,12 +205,7 @@ def _is_foreign(stream: LiveStream) -> bool:
 def _motive(stream: LiveStream, now: float) -> list[Problem]:
     """The problems that Motive's answers show."""
     receiver = stream.receiver
-    if not isinstance(receiver, NatnetReceiver):
-        return []
-    problems = list(natnet_problems(receiver.session, now, host=receiver.host))
-    if receiver.join_error:
-        problems.append(Problem(receiver.join_error))
-    return problems
+    return [*natnet_problems(receiver.session, now, host=receiver.host)] if isinstance(receiver, NatnetReceiver) else []
 
 
 # Messages about a stream while it runs, each once: other senders, losses, a clock that jumped.

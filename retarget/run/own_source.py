@@ -15,7 +15,7 @@ from hardware.clock import Clock
 from retarget.human.samples import Performance
 from retarget.live.admission import MOST_PER_POLL, Datagram
 from retarget.live.begin import LiveOptions, begin_live, live_rate_hz
-from retarget.live.open_stream import stream_of
+from retarget.live.open_stream import open_stream
 from retarget.live.raw_recording import RawTap
 from retarget.model.robot import RobotBody
 from retarget.run.prepare import Perform
@@ -93,7 +93,7 @@ def performing(
 
     def perform(performer: Performer, robot: RobotBody | None) -> Performance:
         source = OwnSource(read)
-        stream = stream_of(source, performer, tap=tap, smoothing=options.smoothing, latest=options.latest)
+        stream = open_stream(source, performer, tap=tap, smoothing=options.smoothing, latest=options.latest)
         return begin_live(stream, options, clock=clock, rate_hz=live_rate_hz(robot), where=where, notify=notify)
 
     return perform

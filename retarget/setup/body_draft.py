@@ -11,7 +11,7 @@ from retarget import rotations
 from retarget.errors import InputError
 from retarget.model.body_file import check_numbers, engine, refusal
 from retarget.model.scene_shapes import ShapeKind
-from retarget.setup.robot_file import Relaxed, Source, listed, ready_urdf
+from retarget.setup.robot_file import Source, listed, ready_urdf
 from retarget.setup.shape_fit import NAME, LinkGeometry, Zones, canonical_shape, link_geometries, propose
 from retarget.types import FloatArray
 
@@ -58,14 +58,17 @@ class BodyDraft:
     notes: tuple[str, ...]
 
 
-def draft_body(source: Source, relaxed: Relaxed) -> BodyDraft:
-    """The body that is written next to the profile. Raises InputError: the body cannot be used."""
+def draft_body(source: Source, *, no_meshes: bool = False) -> BodyDraft:
+    """The body that is written next to the profile. no_meshes: leave out meshes that cannot be read.
+
+    Raises InputError: the body cannot be used.
+    """
     mujoco = engine()
     notes: list[str] = []
     spec = None
     try:
         if source.kind == "urdf":
-            text, meshes = ready_urdf(source, relaxed, notes)
+            text, meshes = ready_urdf(source, notes, no_meshes=no_meshes)
             spec = mujoco.MjSpec.from_string(text, assets=meshes)
             spec.compiler.balanceinertia, spec.compiler.discardvisual = True, False
             spec.compiler.boundmass = max(spec.compiler.boundmass, 1e-9)
@@ -73,8 +76,8 @@ def draft_body(source: Source, relaxed: Relaxed) -> BodyDraft:
             rewrite = any(True for _ in source.root.iter("visual"))
         else:
             spec = mujoco.MjSpec.from_file(str(source.path))
-            _leave_out_absent_meshes(spec, source, relaxed, notes)
-            _freeze_passive(spec, source, relaxed, notes)
+            _leave_out_absent_meshes(spec, source, notes, no_meshes=no_meshes)
+            _freeze_passive(spec, notes)
             rewrite = _unpainted(spec) or source.included or bool(list(spec.hfields) or list(spec.skins))
         spec.compiler.fusestatic = False
         _rename(spec, notes)
@@ -171,7 +174,7 @@ def _rename(spec: Any, notes: list[str]) -> None:
         notes.append(f"names that a profile cannot hold were changed: {listed(changed)}")
 
 
-def _leave_out_absent_meshes(spec: Any, source: Source, relaxed: Relaxed, notes: list[str]) -> None:
+def _leave_out_absent_meshes(spec: Any, source: Source, notes: list[str], *, no_meshes: bool) -> None:
     """Leave out meshes whose files are missing. Raises InputError without the option --no-meshes."""
     import mujoco
 
@@ -180,7 +183,7 @@ def _leave_out_absent_meshes(spec: Any, source: Source, relaxed: Relaxed, notes:
     absent = {name: file for name, file in absent.items() if not (folder / file).is_file()}
     if not absent:
         return
-    if not relaxed.no_meshes:
+    if not no_meshes:
         raise InputError(
             "meshes that cannot be read, without which soles and hands cannot be found",
             where=str(source.path),
@@ -197,8 +200,9 @@ def _leave_out_absent_meshes(spec: Any, source: Source, relaxed: Relaxed, notes:
     notes.append(f"{len(absent)} meshes that cannot be read are left out: {listed(list(absent.values()))}")
 
 
-def _freeze_passive(spec: Any, source: Source, relaxed: Relaxed, notes: list[str]) -> None:
-    """Make rigid what no servo of its own turns. Raises InputError where the user did not let it go."""
+def _freeze_passive(spec: Any, notes: list[str]) -> None:
+    """Make rigid what no servo of its own turns: joints that slide, balls, joints coupled by an equality, and those
+    without an actuator among joints with one."""
     import mujoco
 
     driven = {actuator.target for actuator in spec.actuators if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT}
@@ -211,14 +215,6 @@ def _freeze_passive(spec: Any, source: Source, relaxed: Relaxed, notes: list[str
     if not stuck:
         return
     stuck_names = [joint.name or "without a name" for joint in stuck]
-    if not relaxed.freeze:
-        raise InputError(
-            "joints that no servo of their own turns: sliding, ball, coupled by an equality, or without an actuator",
-            where=str(source.path),
-            found=listed(stuck_names),
-            allowed="hinges, each with an actuator (or none in the whole file)",
-            next_step="Make them fixed in the file, or give --freeze, which imports them as rigid",
-        )
     for actuator in list(spec.actuators):
         if actuator.target in stuck_names:
             spec.delete(actuator)

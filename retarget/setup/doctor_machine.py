@@ -1,11 +1,10 @@
-"""The doctor's findings, and those on this machine: cores, scheduler, clock, disk, serial ports, solver, firewall."""
+"""The doctor's findings, and those on this machine: cores, scheduler, serial ports, solver, firewall."""
 
 import errno
 import grp
 import importlib
 import os
 import platform
-import shutil
 import stat
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
@@ -13,7 +12,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from serial.tools.list_ports import comports
@@ -89,18 +88,14 @@ def fix_all(subject: str, problems: Iterable[Problem]) -> list[Finding]:
 
 ROOT = Path("/")
 GOOD_GOVERNORS = {"performance", "schedutil"}
-GOOD_CLOCKS = ("unknown", "tsc", "arch_sys_counter", "kvm-clock", "hyperv_clocksource_tsc_page", "hyperv_clocksource")
-PER_HOUR = 2.3e9
-"""Bytes of an hour of SlimeVR's VMC (2.6 kB, 232 a second, and the header of each)."""
 TICKS, TICK_S = 100, 0.01
 """Ticks, and their period, s, of the test of the timer: a second of a loop at 100 Hz."""
 
 
-def machine_findings(folder: Path, *, root: Path = ROOT) -> list[Finding]:
-    """Findings on the operating system. folder: where recordings would go. root: of the kernel's files."""
-    names = ("cores", "governor", "scheduler", "real time", "clock/source", "UDP buffer", "disk")
-    facts = _core_facts(root) | _kernel_facts(root) | _realtime_facts() | _disk_facts(folder)
-    return findings(*names, **facts)
+def machine_findings(*, root: Path = ROOT) -> list[Finding]:
+    """Findings on the operating system. root: of the kernel's files."""
+    facts = _core_facts(root) | _kernel_facts(root) | _realtime_facts()
+    return findings("cores", "governor", "scheduler", "real time", "UDP buffer", **facts)
 
 
 def lateness_finding(clock: Clock) -> Finding:
@@ -132,10 +127,9 @@ def _kernel_facts(root: Path) -> dict[str, Any]:
     kind = next((word for word in ("PREEMPT_RT", "PREEMPT_DYNAMIC", "PREEMPT") if word in version), "not preemptible")
     if _text(root / "sys/kernel/realtime") == "1":
         kind = "PREEMPT_RT"
-    clock = _text(root / "sys/devices/system/clocksource/clocksource0/current_clocksource") or "unknown"
     most = _text(root / "proc/sys/net/core/rmem_max")
     buffer = {"most": int(most) if most.isdigit() else -1, "wanted": RECEIVE_BUFFER}
-    return {"release": platform.release(), "kind": kind, "clock": clock, "good": clock in GOOD_CLOCKS, **buffer}
+    return {"release": platform.release(), "kind": kind, **buffer}
 
 
 def _realtime_facts() -> dict[str, Any]:
@@ -145,14 +139,6 @@ def _realtime_facts() -> dict[str, Any]:
     except HardwareError:
         return facts | {"permitted": False}
     return facts | {"permitted": True}
-
-
-def _disk_facts(folder: Path) -> dict[str, Any]:
-    try:
-        free = shutil.disk_usage(folder).free
-    except OSError as error:
-        return {"folder": folder, "reason": error.strerror or error, "free": -1.0}
-    return {"free": free / 1e9, "hours": free / PER_HOUR}
 
 
 def _text(path: Path) -> str:
@@ -305,7 +291,7 @@ _SIGNS = (
 """Paths that every user may read, what their content holds ("": that they exist is enough), and the check."""
 
 
-def firewall_findings(port: int, *, protocol: Literal["udp", "tcp"] = "udp", root: Path = ROOT) -> list[Finding]:
+def firewall_findings(port: int, *, root: Path = ROOT) -> list[Finding]:
     """Firewalls that files readable by every user show, and the command that opens the port."""
     shown = dict.fromkeys(
         check
@@ -313,4 +299,4 @@ def firewall_findings(port: int, *, protocol: Literal["udp", "tcp"] = "udp", roo
         if (text in _text(root / path).lower() if text else (root / path).exists())
     )
     names = [*(shown or ["firewall/none"]), "firewall/sender"]
-    return [finding(name, port=port, protocol=protocol, PROTOCOL=protocol.upper()) for name in names]
+    return [finding(name, port=port) for name in names]

@@ -1,7 +1,6 @@
 """Capture of a live stream for the doctor, and findings on what it holds: sensors, rate, clock, made-up limbs."""
 
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -105,10 +104,8 @@ class StreamCapture:
         return np.array([poses.get(name, _UNKNOWN) for poses in self.samples]).reshape(-1, 7)
 
 
-def capture_stream(
-    stream: LiveStream, *, clock: Clock, seconds: float, on_step: Callable[[float], None] = lambda now: None
-) -> StreamCapture:
-    """Listen for `seconds`, or until a recording ends. on_step: called with the time at every step.
+def capture_stream(stream: LiveStream, *, clock: Clock, seconds: float) -> StreamCapture:
+    """Listen for `seconds`, or until a recording ends.
 
     Every datagram goes to the stream as in a run in which nothing moves.
     """
@@ -120,7 +117,6 @@ def capture_stream(
         if now >= sample_at:
             sample_at += SAMPLE_S
             _sample(capture, now)
-        on_step(now)
         clock.sleep_until(now + STEP_S)
     capture.ended = clock.now()
     return capture

@@ -1,21 +1,19 @@
 """The doctor opens a stream, listens to it, and reports silence, wrong senders and protocols, and what was lost."""
 
 from collections import Counter
-from collections.abc import Iterable
-from contextlib import closing, suppress
-from dataclasses import dataclass, replace
+from contextlib import closing
 from ipaddress import AddressValueError, IPv4Address
 from typing import Any
 
 from hardware.clock import Clock
 from retarget.errors import InputError
-from retarget.live.address import EVERYWHERE, KINDS, LOOPBACK, StreamAddress, for_others, local_interfaces
+from retarget.live.address import EVERYWHERE, KINDS, StreamAddress, for_others, local_interfaces
 from retarget.live.admission import NOT_ALLOWED, SECOND_SOURCE
 from retarget.live.begin import HUMAN_RATE_HZ
-from retarget.live.datagram_kinds import DAMAGED, Recognised, advice_for, recognise
+from retarget.live.datagram_kinds import DAMAGED, advice_for
 from retarget.live.open_stream import open_stream, stream_kinds
 from retarget.live.raw_recording import recorded_kind
-from retarget.live.receivers import NatnetReceiver, UdpReceiver, port_holder
+from retarget.live.receivers import NatnetReceiver, port_holder
 from retarget.live.roles import CONVENTIONS
 from retarget.live.stream import MOST_DECODED, LiveStream
 from retarget.schema.performer import Performer
@@ -28,95 +26,30 @@ from retarget.setup.doctor_sensors import (
     rate_findings,
     role_findings,
 )
-from retarget.sources.json_pose import DEFAULT_PORT
 from retarget.sources.natnet_decoder import NatnetDecoder
 from retarget.sources.natnet_session import natnet_problems
 from retarget.sources.natnet_wire import DATA_PORT
 from retarget.sources.vmc import VmcDecoder
 
-# Other ports and interfaces of this machine, for a sender that does not send to the stream's own address.
-#
-# Nothing that arrives there is decoded or kept; only the sender, the protocol and the port are noted.
-
-USUAL_PORTS = (
-    *(kind.port for kind in KINDS.values() if kind.port is not None),
-    *(DEFAULT_PORT, 39_540, 14_043, 12_351),
-)
-"""Default ports of senders: of those that are read, VMC's other port, Rokoko Studio and mocopi."""
+# Silence: what the sender needs, and what may block it.
 
 
-@dataclass(frozen=True, slots=True)
-class Stray:
-    """Datagrams from `host` to `port` of this machine. interface: its address that they came to, EVERYWHERE: any."""
-
-    host: str
-    interface: str
-    port: int
-    got: Recognised
-
-
-class OtherPorts:
-    """Sockets at the same port of other interfaces, and at the usual ports. A port that cannot be opened is left out.
-
-    everywhere: listen on all interfaces, which the user must have asked for; else on that of `address` alone.
-    """
-
-    def __init__(self, address: StreamAddress, *, everywhere: bool, ports: Iterable[int] = USUAL_PORTS) -> None:
-        self._receivers: list[tuple[str, int, UdpReceiver]] = []
-        self._found: dict[tuple[str, int], Stray] = {}
-        if address.kind == "replay":
-            return
-        places = [
-            (EVERYWHERE if everywhere else address.bind, port) for port in dict.fromkeys(ports) if port != address.port
-        ]
-        if everywhere and address.bind == LOOPBACK and address.port:
-            places += [(own, address.port) for own in local_interfaces().values() if not IPv4Address(own).is_loopback]
-        plain = replace(address, multicast=None, host=None)
-        for bind, port in places:
-            with suppress(InputError):
-                self._receivers.append((bind, port, UdpReceiver(replace(plain, bind=bind, port=port))))
-
-    def poll(self, now: float) -> None:
-        """Note what has arrived until `now`, s."""
-        for bind, port, receiver in self._receivers:
-            for datagram in receiver.poll(now)[:4]:
-                key = (datagram.source[0], port)
-                if key not in self._found and len(self._found) < 16:
-                    self._found[key] = Stray(datagram.source[0], bind, port, recognise(datagram.payload))
-
-    def close(self) -> None:
-        """Close all sockets."""
-        for _, _, receiver in self._receivers:
-            receiver.close()
-
-    @property
-    def strays(self) -> tuple[Stray, ...]:
-        """What arrived, once for each sender and port."""
-        return tuple(self._found.values())
-
-
-# Silence: where the sender may be sending instead, and what may block it.
-
-
-def silence_findings(
-    address: StreamAddress, strays: tuple[Stray, ...], *, seconds: float, answered: bool = False
-) -> list[Finding]:
+def silence_findings(address: StreamAddress, *, seconds: float, answered: bool = False) -> list[Finding]:
     """Find why nothing arrives at an address, the surest cause first. answered: other findings say it already."""
     found = []
     if not answered:
         found.append(finding("stream/silent", seconds=seconds, place=_place(address), start=_start(address)))
-    found += [stray_finding(address, stray) for stray in strays]
-    if strays or address.kind == "replay":
+    if address.kind == "replay":
         return found
     interfaces = ", ".join(f"{number} ({name})" for name, number in local_interfaces().items()) or "none"
     if IPv4Address(address.bind).is_loopback:
         if address.kind != "natnet":
-            others = for_others(address.kind, address.port, option="tcp" if _over_tcp(address) else "allow")
+            others = for_others(address.kind, address.port)
             found.append(finding("network/loopback", interfaces=interfaces, others=others))
         return found
     allowed = ", ".join(str(network) for network in address.allow)
     found.append(finding("network/allowed", interfaces=interfaces, allowed=allowed))
-    return found + firewall_findings(address.port or DATA_PORT, protocol="tcp" if _over_tcp(address) else "udp")
+    return found + firewall_findings(address.port or DATA_PORT)
 
 
 def _place(address: StreamAddress) -> str:
@@ -124,7 +57,7 @@ def _place(address: StreamAddress) -> str:
         return address.text
     if not address.port:
         return f"{address.bind}, any UDP port"
-    return f"{address.bind}, {'TCP' if _over_tcp(address) else 'UDP'} port {address.port}"
+    return f"{address.bind}, UDP port {address.port}"
 
 
 def _start(address: StreamAddress) -> str:
@@ -135,27 +68,6 @@ def _start(address: StreamAddress) -> str:
         return "Start Motive, switch its streaming on, and see that this is its computer"
     target = "one of this machine's addresses" if address.bind == EVERYWHERE else address.bind
     return f"Start {KINDS[address.kind].sender}, and let it send to {target}, port {address.port}"
-
-
-def stray_finding(address: StreamAddress, stray: Stray) -> Finding:
-    """A sender that sends to another port or interface than the stream's."""
-    host, kind = stray.host, stray.got.kind
-    facts: dict[str, Any] = {"host": host, "got": stray.got.text, "port": stray.port}
-    if stray.port == address.port:
-        where = {"interface": stray.interface, "bind": address.bind, "kind": address.kind}
-        return finding("network/other interface", **facts, **where)
-    if not kind:
-        return finding("network/not read", **facts)
-    if kind == "natnet":
-        return finding("network/Motive", **facts)
-    local = IPv4Address(host).is_loopback
-    use = f"{kind}://:{stray.port}" if local else f"{kind}://0.0.0.0:{stray.port}?allow={host}"
-    check = "network/other port" if kind == address.kind else "network/other kind"
-    return finding(check, **facts, use=use, wanted=address.port)
-
-
-def _over_tcp(address: StreamAddress) -> bool:
-    return address.kind == "mvn" and address.host is not None
 
 
 # Senders: the wrong protocol, refused senders, damaged or large datagrams, datagrams that the kernel lost.
@@ -254,26 +166,22 @@ def _states(capture: StreamCapture) -> list[Finding]:
     return []
 
 
-def stream_findings(
-    address: StreamAddress, performer: Performer, *, clock: Clock, seconds: float, everywhere: bool = False
-) -> list[Finding]:
+def stream_findings(address: StreamAddress, performer: Performer, *, clock: Clock, seconds: float) -> list[Finding]:
     """Findings on a stream after listening for `seconds`. Raises InputError for a recording that cannot be read."""
     kind = recorded_kind(address) if address.kind == "replay" else address.kind
     convention = performer.roles or stream_kinds()[kind].roles
     holder = _holder(address)
     try:
-        stream = open_stream(address, named_for(performer, convention), clock=clock)
+        stream = open_stream(address, named_for(performer, convention))
     except InputError as error:
         if address.kind == "replay":
             raise
         return fix_all("port", error.problems)
-    with closing(stream.receiver), closing(OtherPorts(address, everywhere=everywhere)) as other_ports:
-        capture = capture_stream(stream, clock=clock, seconds=seconds, on_step=other_ports.poll)
+    with closing(stream.receiver):
+        capture = capture_stream(stream, clock=clock, seconds=seconds)
         found = judge(address, performer, convention, capture, kind=kind)
-        if not capture.arrived:
-            found += silence_findings(address, other_ports.strays, seconds=capture.seconds, answered=bool(found))
-        elif not capture.frames:
-            found += [stray_finding(address, stray) for stray in other_ports.strays]
+    if not capture.arrived:
+        found += silence_findings(address, seconds=capture.seconds, answered=bool(found))
     return found + holder
 
 
@@ -309,15 +217,12 @@ def _motive(address: StreamAddress, stream: LiveStream, now: float) -> list[Find
     receiver = stream.receiver
     if not isinstance(receiver, NatnetReceiver):
         return []
-    found = fix_all("Motive", natnet_problems(receiver.session, now, host=address.host or ""))
-    if receiver.join_error:
-        found.append(finding("multicast", error=receiver.join_error))
-    return found
+    return fix_all("Motive", natnet_problems(receiver.session, now, host=address.host or ""))
 
 
 def _holder(address: StreamAddress) -> list[Finding]:
     """Another process that has the port, on another address of this machine. Call it before opening the port."""
     if address.kind == "replay" or not address.port:
         return []
-    holder = port_holder(address.port, protocol="tcp" if _over_tcp(address) else "udp")
+    holder = port_holder(address.port)
     return [] if holder == "another process" else [finding("port/shared", holder=holder, port=address.port)]

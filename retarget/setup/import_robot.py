@@ -21,7 +21,7 @@ from retarget.setup.fit_observers import Subject, fit
 from retarget.setup.frames import Found, Posed, find_frames
 from retarget.setup.limbs import Anatomy, find_anatomy
 from retarget.setup.postures import SPREADS, Postures, clear_postures, find_postures
-from retarget.setup.robot_file import Relaxed, read_source, stated_speeds
+from retarget.setup.robot_file import read_source, stated_speeds
 from retarget.setup.servo_guess import guess_servos
 from retarget.setup.shape_fit import Zones
 from retarget.setup.tree import read_tree
@@ -58,14 +58,14 @@ def import_robot(
     path: Path,
     out: Path | None = None,
     *,
-    relaxed: Relaxed | None = None,
+    no_meshes: bool = False,
     name: str | None = None,
     samples: int = DEFAULT_SAMPLES,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Imported:
     """Draft a profile of a body file into the new folder `out`; None: named for the robot, here.
 
-    relaxed: what the user lets go; None: nothing. Raises InputError, UsageError, and leaves nothing behind.
+    no_meshes: leave out meshes that cannot be read. Raises InputError, UsageError, and leaves nothing behind.
     """
     if out is not None:
         _check_out(out)
@@ -74,7 +74,7 @@ def import_robot(
     if out is None:
         out = Path(robot)
         _check_out(out)
-    body = draft_body(source, relaxed or Relaxed())
+    body = draft_body(source, no_meshes=no_meshes)
     body = replace(body, notes=(*_taken(robot), *body.notes))
     speeds = stated_speeds(source) if source.kind == "urdf" else {}
     try:

@@ -1,14 +1,11 @@
 """Reads the body file of an import: checks it as XML, finds its meshes, and makes a URDF ready for MuJoCo."""
 
 import copy
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 from xml.etree import ElementTree
-
-import numpy as np
 
 from retarget.errors import InputError, Problem
 from retarget.model.body_file import BODY_HELP, MAX_BYTES, read_body
@@ -119,17 +116,12 @@ READABLE = (".stl", ".obj", ".msh")
 """Meshes that MuJoCo reads."""
 PACKAGE_DEPTH = 6
 """Folders above the body in which its package may be."""
-STL_HEAD = 84
-"""Bytes before the first triangle of a binary STL."""
-STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", 9), ("attributes", "<u2")])
-"""A triangle of a binary STL: 50 bytes, little-endian."""
 
 
 def find_mesh(name: str, body: Path) -> Path | None:
     """The mesh of a name: relative to the body file, or in a folder above it that holds the package's path.
 
-    For a file of another kind (`.dae`): the mesh of the same name in the same folder that can be read. None: there is
-    no such file.
+    None: there is no such file of a kind that can be read.
     """
     plain = name.removeprefix("file://")
     parts = Path(name.split("://", 1)[1]).parts if name.startswith(("package://", "model://")) else None
@@ -138,37 +130,12 @@ def find_mesh(name: str, body: Path) -> Path | None:
         above = body.absolute().parents[:PACKAGE_DEPTH]
         places = [folder.joinpath(*rest) for folder in above for rest in (parts, parts[1:])]
     for place in places:
-        if not place.name:
+        try:
+            if place.suffix.lower() in READABLE and place.is_file() and 0 < place.stat().st_size <= MAX_BYTES:
+                return place
+        except (OSError, ValueError):
             continue
-        readable = place.suffix.lower() in READABLE
-        for one in (place,) if readable else tuple(place.with_suffix(kind) for kind in READABLE):
-            try:
-                if one.is_file() and 0 < one.stat().st_size <= MAX_BYTES:
-                    return one
-            except (OSError, ValueError):
-                continue
     return None
-
-
-def mesh_content(path: Path) -> bytes:
-    """Bytes for MuJoCo, with a text STL converted to a binary one. Raises OSError."""
-    content = path.read_bytes()
-    return _binary(content) if path.suffix.lower() == ".stl" else content
-
-
-def _binary(content: bytes) -> bytes:
-    """A text STL as a binary one; other content is returned as it is, for MuJoCo to refuse."""
-    count = int.from_bytes(content[STL_HEAD - 4 : STL_HEAD], "little")
-    is_binary = len(content) >= STL_HEAD and len(content) == STL_HEAD + STL_TRIANGLE.itemsize * count
-    corners = re.findall(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", content)
-    if is_binary or content.lstrip()[:5].lower() != b"solid" or not corners:
-        return content
-    try:
-        rows = np.zeros(len(corners) // 3, dtype=STL_TRIANGLE)
-        rows["corners"] = np.array(corners, dtype=np.float32).reshape(-1, 9)
-    except ValueError:
-        return content
-    return bytes(STL_HEAD - 4) + len(rows).to_bytes(4, "little") + rows.tobytes()
 
 
 # A URDF made ready for import: joints that no servo turns, links without mass, meshes that are found or missing.
@@ -176,29 +143,21 @@ def _binary(content: bytes) -> bytes:
 TURNS = ("revolute", "continuous")
 KNOWN = (*TURNS, "fixed", "prismatic", "floating", "planar")
 DROPPED = "collision meshes that cannot be read are left out, these links have other shapes"
-TWINS = "meshes of a kind that is not read were read from the file of the same name in their folder"
 SHAPES = ("collision", "visual")
 INERTIA = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 
 
-@dataclass(frozen=True)
-class Relaxed:
-    """Options of the user. freeze: make joints without a servo rigid. no_meshes: leave out unreadable meshes."""
-
-    freeze: bool = False
-    no_meshes: bool = False
-
-
-def ready_urdf(source: Source, relaxed: Relaxed, notes: list[str]) -> tuple[str, dict[str, bytes]]:
+def ready_urdf(source: Source, notes: list[str], *, no_meshes: bool) -> tuple[str, dict[str, bytes]]:
     """The URDF that is imported, and its meshes by the names that it has for them. What was changed becomes a note.
+    no_meshes: leave out meshes that cannot be read.
 
     Raises InputError with all of its problems.
     """
     root, contents = copy.deepcopy(source.root), dict[str, bytes]()
     problems = [
-        *_joints(root, source, relaxed, notes),
+        *_joints(root, source, notes),
         *_masses(root, source, notes),
-        *_meshes(root, source, relaxed, contents, notes),
+        *_meshes(root, source, contents, notes, no_meshes=no_meshes),
     ]
     if problems:
         raise InputError.from_problems(problems, title=f"{source.path}: {len(problems)} problems")
@@ -216,7 +175,8 @@ def stated_speeds(source: Source) -> dict[str, float]:
     return speeds
 
 
-def _joints(root: ElementTree.Element, source: Source, relaxed: Relaxed, notes: list[str]) -> Iterator[Problem]:
+def _joints(root: ElementTree.Element, source: Source, notes: list[str]) -> Iterator[Problem]:
+    """Make rigid what no servo of its own drives."""
     found: dict[str, list[str]] = {}
     for joint in root.findall("joint"):
         kind, name = joint.get("type", ""), joint.get("name", "without a name")
@@ -227,21 +187,10 @@ def _joints(root: ElementTree.Element, source: Source, relaxed: Relaxed, notes: 
             kind = "mimic"
         if kind not in (*TURNS, "fixed") and kind in (*KNOWN, "mimic"):
             found.setdefault(kind, []).append(name)
-            if relaxed.freeze:
-                joint.set("type", "fixed")
-                if mimic is not None:
-                    joint.remove(mimic)
-    for kind, names in found.items():
-        if relaxed.freeze:
-            notes.append(f"{kind} joints made rigid: {listed(names)}")
-        else:
-            yield Problem(
-                f"{kind} joints, which no servo of a profile drives",
-                str(source.path),
-                listed(names),
-                "joints of type revolute, continuous or fixed",
-                "Make them fixed in the file, or give --freeze, which imports them as rigid",
-            )
+            joint.set("type", "fixed")
+            if mimic is not None:
+                joint.remove(mimic)
+    notes += [f"{kind} joints, which no servo drives, made rigid: {listed(names)}" for kind, names in found.items()]
 
 
 def _masses(root: ElementTree.Element, source: Source, notes: list[str]) -> Iterator[Problem]:
@@ -283,12 +232,12 @@ def _number(text: str | None) -> float:
 
 
 def _meshes(
-    root: ElementTree.Element, source: Source, relaxed: Relaxed, contents: dict[str, bytes], notes: list[str]
+    root: ElementTree.Element, source: Source, contents: dict[str, bytes], notes: list[str], *, no_meshes: bool
 ) -> Iterator[Problem]:
     """Read the meshes into `contents`, by new names, and remove the shapes that cannot be read. They are a problem for
     links without another shape; of other links, only collision shapes are noted: a visual shape more or less changes
     nothing."""
-    missing, dropped, twins = dict[str, None](), list[str](), dict[str, None]()
+    missing, dropped = dict[str, None](), list[str]()
     for link in root.findall("link"):
         unread = []
         for shape, mesh in _mesh_shapes(link):
@@ -297,10 +246,8 @@ def _meshes(
                 unread.append((shape, name))
                 continue
             key = f"mesh_{len(contents)}{file.suffix.lower()}"
-            contents[key] = mesh_content(file)
+            contents[key] = file.read_bytes()
             mesh.set("filename", key)
-            if file.suffix.lower() != Path(name).suffix.lower():
-                twins[file.name] = None
         alone = len(unread) == sum(len(link.findall(kind)) for kind in SHAPES)
         for shape, name in unread:
             link.remove(shape)
@@ -308,17 +255,17 @@ def _meshes(
                 missing[name] = None
             elif shape.tag == "collision":
                 dropped.append(f"{link.get('name', 'without a name')} ({name})")
-    if missing and not relaxed.no_meshes:
+    if missing and not no_meshes:
         yield Problem(
             "meshes that cannot be read, without which soles and hands cannot be found",
             str(source.path),
             listed(list(missing)),
             f"files {', '.join(READABLE)}, in the folder of the URDF, or in its package above it",
-            "Put them there, or give --no-meshes to leave them out. Others (.dae): convert them to .stl of the same "
-            "name in the same folder (Blender, MeshLab, or trimesh: see docs/own-robot.md); the URDF may stay as it is",
+            "Put them there, or give --no-meshes to leave them out. Others (.dae, .stl as text): convert them to "
+            "binary .stl (Blender, MeshLab, or trimesh: see docs/own-robot.md)",
         )
     left_out = f"{len(missing)} meshes that cannot be read are left out"
-    for note, names in ((left_out, list(missing)), (DROPPED, dropped), (TWINS, list(twins))):
+    for note, names in ((left_out, list(missing)), (DROPPED, dropped)):
         notes += [f"{note}: {listed(names)}"] if names else []
 
 

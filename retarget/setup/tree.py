@@ -93,14 +93,21 @@ class Tree:
 def read_tree(model: Any, *, source: str = "") -> Tree:
     """The tree of a compiled `mujoco.MjModel` in its zero pose; source names it in messages.
 
-    Raises InputError: joints that no servo turns, or none that one turns.
+    Raises InputError: no joints that servos turn, or too many.
     """
     import mujoco
 
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     hinges = [index for index in range(model.njnt) if model.jnt_type[index] == mujoco.mjtJoint.mjJNT_HINGE]
-    _refuse_others(model, hinges, source)
+    if not 1 <= len(hinges) <= MAX_JOINTS:
+        raise InputError(
+            "no robot of servos",
+            where=source,
+            found=f"{len(hinges)} hinges",
+            allowed=f"1 to {MAX_JOINTS}",
+            next_step="Give the body of a whole robot, whose moving joints are revolute or continuous (MJCF: hinge)",
+        )
     numbers = {int(model.jnt_dofadr[joint]): number for number, joint in enumerate(hinges, 1)}
     parents = [numbers.get(int(model.dof_parentid[dof]), BASE) for dof in numbers]
     carried: list[list[int]] = [[] for _ in range(len(hinges) + 1)]
@@ -114,29 +121,6 @@ def read_tree(model: Any, *, source: str = "") -> Tree:
         found.append(_node(model, data, joint, parent, links, balls))
     around = np.concatenate([node.points for node in found])
     return Tree(tuple(found), float(np.linalg.norm(np.ptp(around, axis=0))))
-
-
-def _refuse_others(model: Any, hinges: list[int], source: str) -> None:
-    import mujoco
-
-    allowed = {int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_FREE)}
-    others = [model.joint(index).name for index in range(model.njnt) if int(model.jnt_type[index]) not in allowed]
-    if others:
-        raise InputError(
-            "joints that no servo turns",
-            where=source,
-            found=f"sliding or ball joints: {', '.join(others[:10])}",
-            allowed="hinges",
-            next_step="Make them fixed in the file, or give --freeze",
-        )
-    if not 1 <= len(hinges) <= MAX_JOINTS:
-        raise InputError(
-            "no robot of servos",
-            where=source,
-            found=f"{len(hinges)} hinges",
-            allowed=f"1 to {MAX_JOINTS}",
-            next_step="Give the body of a whole robot, whose moving joints are revolute or continuous (MJCF: hinge)",
-        )
 
 
 def _balls(model: Any, data: Any) -> dict[int, tuple[FloatArray, FloatArray]]:

@@ -25,9 +25,6 @@ from retarget.sources.stream_frame import (
     StreamFrame,
 )
 
-DEFAULT_PORT = 14150
-"""Default UDP port of senders."""
-
 ORDERS = {"wxyz": (0, 1, 2, 3), "xyzw": (3, 0, 1, 2)}
 """Where w, x, y and z stand in a quaternion of this order."""
 

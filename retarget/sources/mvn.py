@@ -28,7 +28,7 @@ SEGMENTS: tuple[str, ...] = tuple(TABLES["mvn_segments"])
 """Body segments in the order of their ids, which begin at 1. Higher ids are props, then fingers."""
 
 EULER, QUATERNION, UNITY, NAMES, SCALE = 1, 2, 5, 12, 13
-STRIDES = {EULER: 28, QUATERNION: 32, UNITY: 32}
+STRIDES = {EULER: 28, QUATERNION: 32}
 """Bytes of one item, by type of datagram, where all items are alike."""
 TYPES = {int(kind): content for kind, content in TABLES["mvn_types"].items()}
 """Content by type of datagram."""
@@ -60,11 +60,11 @@ class MvnHeader:
     size: int
 
 
-def read_header(data: bytes | bytearray, offset: int = 0) -> MvnHeader | None:
-    """The header at `offset`, or None if there is none."""
-    if len(data) - offset < HEADER_BYTES:
+def read_header(data: bytes) -> MvnHeader | None:
+    """The header of a datagram, or None if it has none."""
+    if len(data) < HEADER_BYTES:
         return None
-    magic, digits, sample, counter, items, time_ms, character, _, _, _, _, size = _HEADER.unpack_from(data, offset)
+    magic, digits, sample, counter, items, time_ms, character, _, _, _, _, size = _HEADER.unpack_from(data)
     if magic != b"MXTP" or not digits.isdigit():
         return None
     return MvnHeader(int(digits), sample, counter & 0x7F, counter >= 0x80, items, time_ms, character, size)
@@ -135,66 +135,6 @@ class SampleParts:
     def _clear(self) -> None:
         self._sample, self._count = None, None
         self._parts.clear()
-
-
-# Splitting the MVN streamer's TCP bytes into datagrams: they follow each other, and only their headers give sizes.
-
-MAGIC = b"MXTP"
-MOST_SKIPS = 256
-"""False headers in one chunk, beyond which all of it is dropped, as checking each costs a microsecond."""
-MAX_PAYLOAD = MAX_DATAGRAM - HEADER_BYTES
-
-
-class MvnStream:
-    """Bytes in, whole datagrams out. What is no datagram is skipped up to the next "MXTP" and counted once.
-
-    Between calls it holds less than one datagram.
-    """
-
-    def __init__(self) -> None:
-        self.dropped = Dropped()
-        self._buffer = bytearray()
-        self._lost = False
-
-    @property
-    def held(self) -> int:
-        """Bytes of the datagram that has not come whole yet."""
-        return len(self._buffer)
-
-    def feed(self, chunk: bytes) -> list[bytes]:
-        """The datagrams that these bytes complete, in order."""
-        buffer = self._buffer
-        buffer += chunk
-        at, skips, datagrams = 0, 0, []
-        while len(buffer) - at >= HEADER_BYTES:
-            header = read_header(buffer, at)
-            if header is None or not _plausible(header):
-                at, skips = self._skip(at), skips + 1
-                if skips > MOST_SKIPS:
-                    at = max(at, len(buffer) - len(MAGIC) + 1)
-                continue
-            self._lost = False
-            end = at + HEADER_BYTES + header.size
-            if end > len(buffer):
-                break
-            datagrams.append(bytes(buffer[at:end]))
-            at = end
-        del buffer[:at]
-        return datagrams
-
-    def _skip(self, at: int) -> int:
-        """Where the next header may begin: the next whole "MXTP", or the last bytes, which may begin one."""
-        if not self._lost:
-            self.dropped.note("bytes that are no datagram")
-        self._lost = True
-        found = self._buffer.find(MAGIC, at + 1)
-        return found if found >= 0 else len(self._buffer) - len(MAGIC) + 1
-
-
-def _plausible(header: MvnHeader) -> bool:
-    """Whether the size can be true: "MXTP" inside of a damaged datagram must not swallow what follows it."""
-    stride = STRIDES.get(header.kind)
-    return header.size <= MAX_PAYLOAD and (stride is None or header.items * stride == header.size)
 
 
 MVN_JOINTS: Mapping[str, str] = MappingProxyType(names_of_sides(TABLES["mvn"]))

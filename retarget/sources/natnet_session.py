@@ -5,9 +5,8 @@ server sends to `receive` and to a `NatnetDecoder`, and calls `poll` at least te
 returns the decoder's property of that name. `natnet_problems` lists what is wrong.
 
 * Unicast: one socket on any free port, for everything: the server sends its frames to the port that connected.
-* Multicast: that socket for questions and answers, and a second one, bound to `data_port` with address reuse, which
-  joins `group` on the interface that faces the server (not simply the default one). Group and port are the usual ones
-  until a ServerInfo says otherwise; join again when they change.
+* Multicast: that socket for questions and answers, and a second one, bound to the group's port with address reuse,
+  which joins the group on the interface that faces the server (not simply the default one).
 """
 
 from collections.abc import Callable
@@ -17,7 +16,6 @@ from retarget.errors import Problem
 from retarget.sources.natnet_wire import (
     COMMAND_PORT,
     DATA_PORT,
-    MULTICAST_GROUP,
     FrameFlags,
     MessageId,
     ServerInfo,
@@ -28,14 +26,11 @@ from retarget.sources.natnet_wire import (
     read_flags,
     read_server_info,
     split,
-    text_until_zero,
 )
 from retarget.sources.natnet_wire import OLDEST as OLDEST
 
 NEWEST = Version(4, 255)
 """The last bitstream that is read."""
-PINNED = Version(4, 1)
-"""The first one whose blocks carry their sizes."""
 UNNAMED_S = 5.0
 """Time between two requests for names that the last answer did not have."""
 RETRY_S = 1.0
@@ -44,27 +39,22 @@ KEEP_ALIVE_S = 1.0
 """Time, s, between keep-alive messages to a unicast server."""
 SILENCE_S = 2.0
 """Time without frames after which the session connects again."""
-_PIN_TRIES = 3
-"""Requests for the wanted version of the bit stream: a server that has refused so often does not have it."""
 
 
 class NatnetSession:
     """State of one session. `now`: s of one monotonic clock throughout.
 
-    multicast: whether frames are expected in a group. wanted: bitstream that a unicast server from 4.0 on is asked for,
-    so that a newer Motive changes nothing here. The server's clock is not asked for: a running minimum of arrival minus
-    stamp does as well.
+    group: address and port of the multicast group that was joined, None in unicast. The server's clock is not asked
+    for: a running minimum of arrival minus stamp does as well.
 
-    To read: server (None until it answered); version (of the frames, None while unknown); frames (count); started,
-    server_at, frame_at, asked_at (s, None before; asked_at: since when definitions are waited for). To set:
-    names_missing, whether frames have ids without a name.
+    To read: server (None until it answered); frames (count); started, server_at, frame_at, asked_at (s, None before;
+    asked_at: since when definitions are waited for). To set: names_missing, whether frames have ids without a name.
     """
 
-    def __init__(self, *, multicast: bool = False, wanted: Version = PINNED) -> None:
-        self.multicast, self.wanted = multicast, wanted
+    def __init__(self, *, group: tuple[str, int] | None = None) -> None:
+        self.group = group
         self.names_missing: Callable[[], bool] = lambda: False
         self.server: ServerInfo | None = None
-        self.version: Version | None = None
         self.frames = 0
         self.started: float | None = None
         self.server_at: float | None = None
@@ -73,20 +63,8 @@ class NatnetSession:
         self._wants_definitions = False
         self._wants_server = True
         self._flagged = (False, False)
-        self._connects = 0
-        self._pins = 0
         self._sent: dict[str, float] = {}
         """When each kind of message was last sent, s."""
-
-    @property
-    def group(self) -> str:
-        """Multicast group to join."""
-        return self.server.group if self.server and self.server.multicast else MULTICAST_GROUP
-
-    @property
-    def data_port(self) -> int:
-        """Port that multicast frames come to."""
-        return (self.server.data_port if self.server else 0) or DATA_PORT
 
     def silent(self, now: float) -> bool:
         """Return whether no frame came for SILENCE_S, and the server answered at least that long ago."""
@@ -99,19 +77,16 @@ class NatnetSession:
             self.started = now
         out: list[bytes] = []
         if (self._wants_server or self.silent(now)) and self._due("connect", RETRY_S, now):
-            out.append(self._connecting())
+            out.append(connect_message())
         if self.server is None:
             return out
-        if self._must_pin() and self._due("pin", RETRY_S, now):
-            self._pins += 1
-            out.append(message(MessageId.COMMAND, f"Bitstream,{self.wanted}\0".encode()))
         unnamed = self.frames and not self._wants_definitions and self.names_missing()
         if unnamed and self._due("names", UNNAMED_S, now):
             self._wants_definitions = True
         if self._wants_definitions and self._due("definitions", RETRY_S, now):
             self.asked_at = now if self.asked_at is None else self.asked_at
             out.append(message(MessageId.DEFINITIONS_REQUEST))
-        if not self.multicast and self._due("keep-alive", KEEP_ALIVE_S, now):
+        if self.group is None and self._due("keep-alive", KEEP_ALIVE_S, now):
             out.append(message(MessageId.KEEP_ALIVE))
         return out
 
@@ -121,22 +96,6 @@ class NatnetSession:
         if due:
             self._sent[kind] = now
         return due
-
-    def _connecting(self) -> bytes:
-        """Connect message, alternately with and without the pinned version: old servers may reject the longer one."""
-        self._connects += 1
-        pin = not self.multicast and self._connects % 2 == 1
-        return connect_message(self.wanted if pin else None)
-
-    def _must_pin(self) -> bool:
-        server = self.server
-        return (
-            not self.multicast
-            and server is not None
-            and server.version.major >= 4
-            and self.wanted < (self.version or server.version)
-            and self._pins < _PIN_TRIES
-        )
 
     def receive(self, now: float, datagram: bytes) -> None:
         """Update the session from a datagram of the server. Never raises; the decoder counts what cannot be read."""
@@ -148,12 +107,12 @@ class NatnetSession:
             self._frame(now, payload)
         elif kind == MessageId.SERVER_INFO:
             self._server(now, read_server_info(payload))
-        elif kind == MessageId.DEFINITIONS:
-            if read_definitions(payload, self.version or OLDEST) is not None:
-                self._wants_definitions = False
-                self.asked_at = None
-        elif kind == MessageId.COMMAND_ANSWER:
-            self._commanded(text_until_zero(payload))
+        elif kind == MessageId.DEFINITIONS and self._can_read(payload):
+            self._wants_definitions = False
+            self.asked_at = None
+
+    def _can_read(self, definitions: bytes) -> bool:
+        return read_definitions(definitions, self.server.version if self.server else OLDEST) is not None
 
     def _server(self, now: float, info: ServerInfo | None) -> None:
         if info is None:
@@ -162,8 +121,7 @@ class NatnetSession:
             self.server_at = now
         self._wants_server = False
         if info != self.server:
-            self.server, self.version = info, info.version
-            self._pins = 0
+            self.server = info
             self._wants_definitions = True
 
     def _frame(self, now: float, payload: bytes) -> None:
@@ -173,8 +131,6 @@ class NatnetSession:
         if self.frames and self.silent(now):
             # Motive was paused or started again, so its ids may have changed meaning.
             self._wants_definitions = True
-            self._pins = 0
-            self.version = self.server.version if self.server else None
         self.frames += 1
         self.frame_at = now
         definitions = FrameFlags.DEFINITIONS_CHANGED in flags
@@ -184,16 +140,6 @@ class NatnetSession:
         if bitstream and not self._flagged[1]:
             self._wants_server = self._wants_definitions = True
         self._flagged = (definitions, bitstream)
-
-    def _commanded(self, text: str) -> None:
-        """Take the version from `Bitstream,4.1`, which announces it for the frames that follow."""
-        word, _, version = text.partition(",")
-        numbers = version.split(".")[:2]
-        if word != "Bitstream" or len(numbers) != 2 or not all(part.isascii() and part.isdigit() for part in numbers):
-            return
-        found = Version(int(numbers[0][:3]), int(numbers[1][:3]))
-        if OLDEST <= found <= NEWEST:
-            self.version = found
 
 
 # Problems of a NatNet session, and what to set in Motive.
@@ -243,7 +189,7 @@ def _no_answer(session: NatnetSession, host: str) -> Problem:
 
 
 def _no_frames(session: NatnetSession, server: ServerInfo, host: str) -> Problem:
-    if server.multicast != session.multicast:
+    if server.multicast != (session.group is not None):
         sent, wanted = ("multicast", "unicast") if server.multicast else ("unicast", "multicast")
         return Problem(
             "Motive streams in the other transport than this session expects",
@@ -253,10 +199,17 @@ def _no_frames(session: NatnetSession, server: ServerInfo, host: str) -> Problem
             next_step=f"In Motive's streaming settings set Transmission Type to {wanted}, or ask for {sent} here",
         )
     hint = "check that the firewall lets UDP from Motive in"
-    if session.multicast:
-        hint = (
-            f"check that {session.group} was joined on the network card that faces Motive, and that UDP port "
-            f"{session.data_port} is open in the firewall"
-        )
+    if session.group is not None:
+        group, port = session.group
+        sent_to = server.group, server.data_port or DATA_PORT
+        if sent_to != session.group:
+            return Problem(
+                "Motive streams to another multicast group",
+                host,
+                found="{}, port {}".format(*sent_to),
+                allowed=f"{group}, port {port}",
+                next_step="Write natnet://{0}:{2}?multicast={1}".format(host, *sent_to),
+            )
+        hint = f"check that {group} was joined on the network card that faces Motive, and that UDP port {port} is open"
     step = f"In Motive switch to Live or press Play, and stream Rigid Bodies or Skeletons; {hint}"
     return Problem("Motive answers but sends no frames", host, next_step=step)

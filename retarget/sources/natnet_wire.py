@@ -6,7 +6,7 @@ All little-endian: u16 id, u16 payload size, payload. What a client sends goes t
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import Enum, IntEnum, IntFlag
+from enum import CONFORM, Enum, IntEnum, IntFlag
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -15,14 +15,12 @@ COMMAND_PORT = 1510
 """UDP port of the server, where clients ask."""
 DATA_PORT = 1511
 """UDP port that multicast frames are sent to."""
-MULTICAST_GROUP = "239.255.42.99"
-"""Default multicast group of Motive."""
 
 MAX_NAME = 128
 """Characters of a name that are kept."""
 CLIENT_NAME = b"retarget"
 CLIENT_VERSION = bytes((3, 0, 0, 0))
-"""What a client calls itself; 3.0 as the real captures have it. The bitstream is pinned apart from it."""
+"""What a client calls itself; 3.0 as the real captures have it."""
 
 _HEADER = struct.Struct("<HH")
 _SERVER = struct.Struct("<256s4s4sQHB4s")
@@ -86,15 +84,9 @@ def split(datagram: bytes) -> tuple[int, bytes] | None:
     return kind, datagram[4 : 4 + size]
 
 
-def connect_message(version: Version | None = None) -> bytes:
-    """Asks for a ServerInfo; a unicast server then sends its frames to the sender's port.
-
-    version: of the bitstream that we want, which servers from 4.0 on heed where they send unicast. It stands behind the
-    256 bytes of name and the two versions: one byte of a subscription flag, four of the version, one of padding.
-    """
-    sender = CLIENT_NAME.ljust(256, b"\0") + 2 * CLIENT_VERSION
-    wanted = b"" if version is None else bytes((0, version.major, version.minor, 0, 0, 0))
-    return message(MessageId.CONNECT, sender + wanted)
+def connect_message() -> bytes:
+    """Asks for a ServerInfo; a unicast server then sends its frames to the sender's port."""
+    return message(MessageId.CONNECT, CLIENT_NAME.ljust(256, b"\0") + 2 * CLIENT_VERSION)
 
 
 def read_server_info(payload: bytes) -> ServerInfo | None:
@@ -206,8 +198,9 @@ _SHORTEST = 4 + 7 * 4 + _PLAIN_SUFFIX.size
 """Bytes of an empty frame."""
 
 
-class FrameFlags(IntFlag):
-    """Bits of a frame as Motive sets them. EDIT: its edit mode, where it plays recordings back."""
+class FrameFlags(IntFlag, boundary=CONFORM):
+    """Bits of a frame as Motive sets them; unknown ones are dropped, as each new value would stay in memory. EDIT: its
+    edit mode, where it plays recordings back."""
 
     RECORDING = 1
     DEFINITIONS_CHANGED = 2

@@ -14,12 +14,9 @@ from hardware.dynamixel.codec import (
     BROADCAST,
     CODECS,
     STATUS,
-    Error1,
-    Error2,
     Frame,
     Instruction,
     fast_length,
-    protocol1,
     protocol2,
 )
 from sim.emulator.device import Answer, Device
@@ -106,39 +103,6 @@ def _word(params: bytes, at: int) -> int:
     return int.from_bytes(params[at : at + 2], "little")
 
 
-# Damaged instructions: frames that a parser drops although header and length were valid.
-
-
-def damaged_address(protocol: int, received: bytes) -> int | None:
-    """Return the id of the complete frame at the end of `received` if its CRC (2.0) or checksum (1.0) is wrong."""
-    return _address2(received) if protocol == 2 else _address1(received)
-
-
-def damage_answer(device: Device, now: float) -> Answer | None:
-    """Return the answer of a device to a damaged instruction: that error, and those that it has in every status (as in
-    its answer to a ping). None at status return level 0, where it answers pings only."""
-    answer = device.execute(Instruction.PING, b"", now, broadcast=False)
-    if answer is None or not device.answers_reads:
-        return None
-    return Answer(answer.error | (Error2.CRC if device.protocol == 2 else Error1.CHECKSUM), b"")
-
-
-def _address2(received: bytes) -> int | None:
-    at = received.rfind(protocol2.HEADER)  # stuffing keeps headers out of frames: the last one begins the last frame
-    frame = received[at:] if at >= 0 else b""
-    if len(frame) < protocol2.OVERHEAD + 3 or len(frame) != protocol2.OVERHEAD + int.from_bytes(frame[5:7], "little"):
-        return None
-    return frame[4] if umts(frame[:-2], 0) != int.from_bytes(frame[-2:], "little") else None
-
-
-def _address1(received: bytes) -> int | None:
-    at = received.find(protocol1.HEADER)
-    frame = received[at:] if at >= 0 else b""
-    if len(frame) < protocol1.OVERHEAD + 2 or len(frame) != protocol1.OVERHEAD + frame[3]:
-        return None
-    return frame[2] if protocol1.checksum(frame[2:-1]) != frame[-1] else None
-
-
 class Gaps(Enum):
     """Effect of a missing servo on those behind it in a group read.
 
@@ -160,15 +124,12 @@ class Conduct:
     """Behaviour of all servos on the lines of a robot.
 
     gaps: what a missing servo does to those behind it in a group read. fed_by: which packets feed a bus watchdog (2.0).
-    answers_damage: whether a servo answers a damaged instruction to its id with an error (2.0: error 3, 1.0: 0x10).
-    boot_time: s of a start. torque_by_goal: whether a goal position or moving speed switches torque on (1.0).
+    boot_time: s of a start.
     """
 
     gaps: Gaps = Gaps.SILENCE
     fed_by: FedBy = FedBy.ANY
-    answers_damage: bool = False
     boot_time: float = BOOT_TIME
-    torque_by_goal: bool = True
 
 
 class Reply(NamedTuple):
@@ -215,11 +176,6 @@ class Conversation:
             _write(writes2(frame.code, frame.params) if second else writes1(frame.params), listeners, now)
             return []
         return self._to_all(frame, listeners, now)
-
-    def damage_replies(self, own: int, listeners: Sequence[Device], now: float) -> list[Reply]:
-        """Return the replies of the devices of id `own` to an instruction that came damaged."""
-        answers = [(device, damage_answer(device, now)) for device in listeners if device.id == own]
-        return self._together(own, [(device, answer) for device, answer in answers if answer is not None])
 
     def _addressed(self, frame: Frame, listeners: Sequence[Device], now: float) -> list[Reply]:
         """Carry out a frame for one id: its devices answer; those with this secondary id obey without an answer."""

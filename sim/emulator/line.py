@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from hardware.dynamixel.codec import BROADCAST, CODECS, Frame, Parser, protocol2
-from sim.emulator.conversation import GROUP_READS2, Conduct, Conversation, Reply, damaged_address
+from sim.emulator.conversation import GROUP_READS2, Conduct, Conversation, Reply
 from sim.emulator.device import Device
 from sim.emulator.fault_state import FaultState
 
@@ -94,7 +94,6 @@ class Line:
         """Bytes that were dropped because the host did not read."""
         self._noise = random.Random(seed)
         self._conversation = Conversation(conduct=conduct, noise=self._noise)
-        self._answers_damage = conduct is not None and conduct.answers_damage
         self._parsers: dict[int, Parser] = {
             protocol: CODECS[protocol].parser() for protocol in {device.protocol for device in devices}
         }
@@ -167,8 +166,6 @@ class Line:
                     parser.reset()
             self._last_received = at = at + self.timing.on_wire(len(part.data), self.baud)
             for protocol, parser in self._parsers.items():
-                if self._answers_damage:
-                    self._answer_damaged(protocol, parser.pending + part.data, at)
                 for frame in parser.feed(part.data):
                     self._execute(protocol, frame, at)
         return at
@@ -184,14 +181,6 @@ class Line:
         replies = self._conversation.answers(frame, listeners, end, silent=self.faults.silent_tail)
         if replies:
             self._send_replies(replies, end)
-
-    def _answer_damaged(self, protocol: int, received: bytes, end: float) -> None:
-        """Send the answers of the devices whose id a damaged frame has."""
-        own = damaged_address(protocol, received)
-        if own is not None and own not in self.faults.missing:
-            replies = self._conversation.damage_replies(own, self._awake(protocol, end), end)
-            if replies:
-                self._send_replies(replies, end)
 
     def _awake(self, protocol: int, now: float) -> list[Device]:
         """Return the devices of a protocol that receive what the host sends."""

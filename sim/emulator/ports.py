@@ -1,15 +1,11 @@
 """Ports to a line of emulated devices: inside this process on any clock, or as a pseudo-terminal with a link."""
 
 import array
-import errno
 import fcntl
-import hashlib
 import math
 import os
 import re
 import select
-import socket
-import struct
 import termios
 import tty
 from collections.abc import Callable, Mapping, Sequence
@@ -18,7 +14,6 @@ from pathlib import Path
 
 from hardware.clock import Clock
 from hardware.errors import BusError, HardwareError, describe
-from hardware.realtime import named_process
 from retarget.errors import UsageError
 from sim.emulator.line import Line, pieces
 
@@ -104,49 +99,39 @@ class EmulatedPort:
             )
 
 
-# A symlink to a pseudo-terminal: made and moved in one step. It never replaces anything that is not ours, and belongs
-# to one emulator at a time.
+# A symlink to a pseudo-terminal: made and moved in one step. It replaces nothing but what a killed emulator left.
 
-_OURS = re.compile(r"/dev/pts/\d+")
+_TERMINALS = re.compile(r"/dev/pts/\d+")
 """Where links of this kind lead."""
-_MANY = 4096
-"""Most pending connections of processes that ask for the holder of a link: it never accepts them."""
-_CREDENTIALS = struct.Struct("3i")
-"""The fields of SO_PEERCRED: process, user, group."""
 
 
 class Link:
-    """A path by which clients know a line, whatever pseudo-terminal is behind it.
-
-    It is reserved by an abstract socket (Linux): no file is left behind, and the system releases it when the process
-    ends in any way.
-    """
+    """A path by which clients know a line, whatever pseudo-terminal is behind it."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self._target: str | None = None
-        whole = path.parent.resolve() / path.name
-        self._name = b"\0retarget-link-" + hashlib.sha256(os.fsencode(whole)).hexdigest().encode()
-        self._held: socket.socket | None = None
 
     def check(self) -> None:
-        """Reserve the path for this emulator until `remove`. One that a killed emulator left is free.
+        """Raise UsageError when no link can be made here: no such folder, or something is here.
 
-        Raises UsageError when no link can be made there: no such folder, something of another kind, another emulator.
+        A link to a pseudo-terminal that is gone was left by an emulator that was killed, and may be replaced.
         """
         folder, where = self.path.parent, str(self.path)
         if not os.access(folder, os.W_OK | os.X_OK):
             step = "Make the folder, or name one of your own"
             raise UsageError("there is no such folder, or nothing can be made in it", where=where, next_step=step)
-        if os.path.lexists(self.path) and not self._is_ours():
+        if not os.path.lexists(self.path):
+            return
+        target = os.readlink(self.path) if self.path.is_symlink() else ""  # noqa: PTH115 - as text, unchanged
+        if not _TERMINALS.fullmatch(target) or (Path(target).exists() and target != self._target):
             raise UsageError(
                 "the path of the link is taken",
                 where=where,
-                found="a folder" if self.path.is_dir() else "something that is no link to a pseudo-terminal",
-                allowed="a path where nothing is, or a link that an emulator left",
-                next_step="Name another path",
+                found="a folder" if self.path.is_dir() else f"a link to {target}" if target else "a file",
+                allowed="a path where nothing is, or a link to a pseudo-terminal that is gone",
+                next_step="End the emulator that has it, or name another path",
             )
-        self._reserve()
 
     def point(self, target: str) -> None:
         """Point the link to `target`, in one step. Raises UsageError."""
@@ -162,55 +147,11 @@ class Link:
         self._target = target
 
     def remove(self) -> None:
-        """Remove the link and release the path."""
-        self.hide()
-        if self._held is not None:
-            self._held.close()
-        self._held = None
-
-    def hide(self) -> None:
-        """Remove the link if it still leads where `point` set it; the path stays reserved."""
+        """Remove the link if it still leads where `point` set it."""
         with suppress(OSError):
             if self._target is not None and os.readlink(self.path) == self._target:  # noqa: PTH115 - as text, unchanged
                 self.path.unlink()
         self._target = None
-
-    def _reserve(self) -> None:
-        if self._held is not None:
-            return
-        held = None
-        try:
-            held = socket.socket(socket.AF_UNIX)
-            held.bind(self._name)
-            held.listen(_MANY)
-        except OSError as error:
-            if held is not None:
-                held.close()
-            if error.errno != errno.EADDRINUSE:
-                what = f"the link cannot be kept from other emulators: {error.strerror}"
-                raise UsageError(what, where=str(self.path)) from None
-            raise UsageError(
-                "another emulator has this link",
-                where=str(self.path),
-                found=self._holder(),
-                next_step="End it, or name another path",
-            ) from None
-        self._held = held
-
-    def _holder(self) -> str | None:
-        """Return the process that has the link, in words; None where the system does not say."""
-        with suppress(OSError), socket.socket(socket.AF_UNIX) as asking:
-            asking.setblocking(False)
-            asking.connect(self._name)
-            credentials = asking.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
-            return named_process(_CREDENTIALS.unpack(credentials)[0])
-        return None
-
-    def _is_ours(self) -> bool:
-        try:
-            return _OURS.fullmatch(os.readlink(self.path)) is not None  # noqa: PTH115 - as text, unchanged
-        except OSError:
-            return False
 
 
 # A line of emulated devices behind a pseudo-terminal: any program that opens a serial port can talk to it (Linux).
@@ -264,8 +205,11 @@ class PseudoTerminal:
 
     def close(self) -> None:
         """Hang up, and take the link away."""
-        self._hang_up()
         self.link.remove()
+        for fd in (self._client, self.fd):
+            if fd >= 0:
+                os.close(fd)
+        self.fd = self._client = -1
 
     def receive(self, now: float, late: float = 0.0) -> None:
         """Pass what the client has written to the line, at the client's speed. late: how long that may have waited for
@@ -306,22 +250,13 @@ class PseudoTerminal:
         return min(math.inf if due is None else due - EARLY, math.inf if change is None else change)
 
     def follow(self, now: float) -> None:
-        """Hang up while the line is unplugged, and open again when it is back. The link stays reserved.
-
-        Raises UsageError for a lost link.
-        """
+        """Hang up while the line is unplugged, and open again when it is back. Raises UsageError where the path of the
+        link was taken meanwhile."""
         gone = self.line.unplugged(now)
         if gone and self.fd >= 0:
-            self._hang_up()
+            self.close()
         elif not gone and self.fd < 0:
             self.open()
-
-    def _hang_up(self) -> None:
-        self.link.hide()
-        for fd in (self._client, self.fd):
-            if fd >= 0:
-                os.close(fd)
-        self.fd = self._client = -1
 
     def _baud(self) -> int:
         """The client's speed. Also undoes a lock that a client has set and, since this side stays open, would outlive

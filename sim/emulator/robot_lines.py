@@ -50,11 +50,7 @@ def devices_of(
         position = float(spec.zero_tick if start is None else start[index])
         warmth = AMBIENT + WARMER * chance.random()
         build = ServoBuild(position, now=now, supply=shared, boot_time=behaviour.boot_time, warmth=warmth)
-        device: EmulatedServo | EmulatedServo1 = (
-            EmulatedServo(table, spec.model, build)
-            if table.protocol == 2
-            else EmulatedServo1(table, spec.model, build, torque_by_goal=behaviour.torque_by_goal)
-        )
+        device = (EmulatedServo if table.protocol == 2 else EmulatedServo1)(table, spec.model, build)
         device.memory.put("id", spec.id)
         if (baud := (bauds or {}).get(spec.bus)) is not None:
             code = code_of(table, baud)

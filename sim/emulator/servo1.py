@@ -91,19 +91,14 @@ _MOVERS = frozenset(("goal_position", "moving_speed"))  # a write to them switch
 
 
 class EmulatedServo1(ServoBody):
-    """A servo with the table of a 1.0 model.
-
-    torque_by_goal: whether a goal position or moving speed switches torque on (field knowledge, not verified).
-    """
+    """A servo with the table of a 1.0 model. A goal position or moving speed switches torque on (field knowledge, not
+    verified)."""
 
     malformed = unknown = Error1.INSTRUCTION
     shown = 36, 52
 
-    def __init__(
-        self, table: ControlTable, model: ServoModel, build: ServoBuild, *, torque_by_goal: bool = True
-    ) -> None:
+    def __init__(self, table: ControlTable, model: ServoModel, build: ServoBuild) -> None:
         super().__init__(table, model, build)
-        self.torque_by_goal = torque_by_goal
         self._wrong = 0  # as in every status
         self._overload = False
         self._reset()
@@ -187,7 +182,7 @@ class EmulatedServo1(ServoBody):
         self.tune()
         if "torque_enable" in names:
             self._set_torque(bool(self.memory.value("torque_enable")))
-        if self.torque_by_goal and not self.shaft.torque and names & _MOVERS:
+        if not self.shaft.torque and names & _MOVERS:
             self._set_torque(True)
         self._aim(now)
 

@@ -19,7 +19,7 @@ from retarget.frames import SensorSample
 from retarget.human.samples import Performance
 from retarget.live.admission import Admission
 from retarget.live.begin import LiveOptions, begin_live
-from retarget.live.open_stream import stream_of
+from retarget.live.open_stream import open_stream
 from retarget.live.performer import LivePerformer
 from retarget.live.stream import LiveStream
 from retarget.model.robot import RobotBody
@@ -332,7 +332,7 @@ class Bench:
 
     def _perform(self, performer: Performer, robot: RobotBody | None) -> Performance:
         assert robot is not None
-        self.stream = stream_of(self.sender, performer)
+        self.stream = open_stream(self.sender, performer)
         self.stream.admission = Admission(allow=(LISTED,))
         live = LiveOptions(countdown=0.3, duration=self._duration)
         rate = robot.profile.safety.rate_hz

@@ -22,7 +22,7 @@ def test_it_is_listed_and_explained(capsys: pytest.CaptureFixture[str]) -> None:
     assert code == 0
     mentions(out, "URDF", "MJCF")
     code, out, _ = run(capsys, "import", "--help")
-    assert code == 0 and "--freeze" in out and "--no-meshes" in out
+    assert code == 0 and "--no-meshes" in out
 
 
 def test_import_then_check(bust: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,8 +13,7 @@ import pytest
 
 from datagrams import CLOCK, LOOPBACK, PATIENCE_S, arrived, sending
 from hardware.clock import wall_to_monotonic
-from messages import Facts, refuses, shows
-from mvn_packets import quaternions, standing
+from messages import Facts, refuses
 from natnet_packets import Motion, frame, server_info
 from retarget.errors import InputError
 from retarget.live import receivers
@@ -23,17 +22,11 @@ from retarget.live.admission import MOST_BYTES_PER_POLL, MOST_PER_POLL, Datagram
 from retarget.live.open_stream import open_receiver
 from retarget.live.raw_recording import ReplayReceiver
 from retarget.live.receivers import (
-    NOT_THE_SENDER,
     NOT_THE_SERVER,
-    REACQUISITION_S,
-    SECOND_CONNECTION,
-    SILENT_S,
     NatnetReceiver,
-    TcpReceiver,
     UdpReceiver,
     open_socket,
     port_holder,
-    session_for,
 )
 from retarget.sources.natnet_wire import MessageId, Version, split
 from retarget.sources.raw_record import RawWriter
@@ -65,7 +58,7 @@ class Server:
 @contextmanager
 def conversation(address: StreamAddress) -> Iterator[tuple[Server, NatnetReceiver]]:
     server = Server()
-    with server.socket, closing(NatnetReceiver(address, session_for(address), command_port=server.port)) as receiver:
+    with server.socket, closing(NatnetReceiver(address, command_port=server.port)) as receiver:
         yield server, receiver
 
 
@@ -93,40 +86,14 @@ def test_unicast_goes_through_one_socket() -> None:
         assert receiver.session.frames == 1 and receiver.dropped.count == receiver.overflowed == 0
 
 
-def test_frames_come_through_the_group_and_the_port_that_the_server_reports() -> None:
+def test_frames_come_through_the_group() -> None:
     with conversation(MULTICAST) as (server, receiver):
-        receiver.poll(CLOCK.now())
-        client = server.asked()[1]
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            probe.bind((GROUP, 0))
-            port = probe.getsockname()[1]
-        server.socket.sendto(server_info(VERSION, multicast=True, port=port), client)
-        received(receiver, 1)
-        assert receiver.join_error == "" and receiver._frames is not None and receiver._frames.bound[1] == port
-        same = receiver._frames
-        server.socket.sendto(frame(Motion(), VERSION), (GROUP, port))
-        if not select.select([same], [], [], PATIENCE_S / 5)[0]:
+        assert receiver._frames is not None
+        server.socket.sendto(frame(Motion(), VERSION), (GROUP, receiver._frames.bound[1]))
+        if not select.select([receiver._frames], [], [], PATIENCE_S / 5)[0]:
             pytest.skip("this kernel delivers no multicast over loopback")
         assert [datagram.payload for datagram in received(receiver, 1)] == [frame(Motion(), VERSION)]
-        assert receiver.session.frames == 1 and receiver._frames is same
-
-
-def test_a_group_that_cannot_be_joined_is_reported_and_tried_again() -> None:
-    with conversation(MULTICAST) as (server, receiver):
-        receiver.poll(CLOCK.now())
-        client = server.asked()[1]
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
-            taken.bind((GROUP, 0))
-            port = taken.getsockname()[1]
-            before = receiver._frames
-            server.socket.sendto(server_info(VERSION, multicast=True, port=port), client)
-            received(receiver, 1)
-            shows(receiver.join_error)
-            assert receiver._frames is before
-        receiver.poll(CLOCK.now())
-        assert receiver.join_error, "not before its time"
-        receiver.poll(CLOCK.now() + REACQUISITION_S)
-        assert receiver.join_error == "" and receiver._frames is not None and receiver._frames.bound[1] == port
+        assert receiver.session.frames == 1
 
 
 def test_only_datagrams_of_the_server_are_returned() -> None:
@@ -141,125 +108,7 @@ def test_only_datagrams_of_the_server_are_returned() -> None:
 def test_a_group_without_interface_is_refused_at_start() -> None:
     address = replace(MULTICAST, interface="203.0.113.77")
     with refuses(InputError):
-        NatnetReceiver(address, session_for(address))
-
-
-def test_the_session_follows_the_address() -> None:
-    assert not session_for(UNICAST).multicast
-    assert session_for(MULTICAST).multicast
-    assert session_for(parse_address("natnet://127.0.0.1?version=3.1")).wanted == Version(3, 1)
-
-
-ADDRESS = replace(parse_address("mvn://?tcp=127.0.0.1"), port=0)
-
-
-@contextmanager
-def calling(receiver: TcpReceiver, source: str = "127.0.0.1") -> Iterator[socket.socket]:
-    with socket.create_connection(("127.0.0.1", receiver.bound[1]), PATIENCE_S, (source, 0)) as caller:
-        yield caller
-
-
-def datagram(number: int) -> bytes:
-    return quaternions(standing(), sample=number)
-
-
-def connected(receiver: TcpReceiver) -> bool:
-    return receiver.connection is not None
-
-
-def ready(connection: socket.socket | None) -> None:
-    assert connection is not None
-    assert select.select([connection], [], [], PATIENCE_S)[0], "nothing arrived over loopback"
-
-
-def tcp_received(receiver: TcpReceiver, count: int, now: float = 0.0) -> list[Datagram]:
-    found: list[Datagram] = []
-    while len(found) < count:
-        if not receiver._waiting:
-            ready(receiver.connection or receiver._listener)
-        found += receiver.poll(now)
-    return found
-
-
-def test_datagrams_that_come_end_to_end_and_in_pieces() -> None:
-    with closing(TcpReceiver(ADDRESS)) as receiver, calling(receiver) as caller:
-        assert not connected(receiver)
-        sent = [datagram(number) for number in range(5)]
-        whole = b"".join(sent)
-        for piece in (whole[:10], whole[10:1000], whole[1000:]):
-            caller.sendall(piece)
-        found = tcp_received(receiver, 5, now=7.5)
-        assert [row.payload for row in found] == sent and connected(receiver)
-        assert {(row.arrival, row.source) for row in found} == {(7.5, caller.getsockname())}
-        assert receiver.poll(8.0) == [] and receiver.dropped.count == 0
-
-
-def test_another_computer_is_turned_away() -> None:
-    with closing(TcpReceiver(ADDRESS)) as receiver, calling(receiver, "127.0.0.9") as other:
-        other.sendall(datagram(1))
-        ready(receiver._listener)
-        assert receiver.poll(0.0) == [] and not connected(receiver)
-        assert receiver.dropped.reasons == {NOT_THE_SENDER: 1}
-        with calling(receiver) as caller:
-            caller.sendall(datagram(2))
-            assert [row.payload for row in tcp_received(receiver, 1)] == [datagram(2)]
-
-
-def test_a_second_connection_waits_until_the_first_is_silent() -> None:
-    with closing(TcpReceiver(ADDRESS)) as receiver, calling(receiver) as first:
-        first.sendall(datagram(1))
-        tcp_received(receiver, 1, now=10.0)
-        with calling(receiver) as second:
-            ready(receiver._listener)
-            assert receiver.poll(10.0 + 0.9 * SILENT_S) == []
-            assert receiver.dropped.reasons == {SECOND_CONNECTION: 1}
-            assert second.recv(1) == b"", "turned away"
-        first.sendall(datagram(2)[:100])
-        ready(receiver.connection)
-        receiver.poll(11.0)
-        with calling(receiver) as third:
-            third.sendall(datagram(3))
-            ready(receiver._listener)
-            found = receiver.poll(11.0 + SILENT_S) or tcp_received(receiver, 1, now=11.0 + SILENT_S)
-            assert [(row.payload, row.source) for row in found] == [(datagram(3), third.getsockname())]
-
-
-def test_the_sender_may_come_back() -> None:
-    with closing(TcpReceiver(ADDRESS)) as receiver:
-        for number in range(3):
-            with calling(receiver) as caller:
-                caller.sendall(datagram(number) + datagram(9)[:50])
-                assert [row.payload for row in tcp_received(receiver, 1)] == [datagram(number)]
-            while receiver.connection:
-                ready(receiver.connection)
-                assert receiver.poll(0.0) == []
-        assert receiver.dropped.count == 0, "half a datagram is no mistake of the next connection"
-
-
-def test_a_connection_that_breaks_is_only_the_end_of_it() -> None:
-    with closing(TcpReceiver(ADDRESS)) as receiver, calling(receiver) as caller:
-        caller.sendall(datagram(1))
-        tcp_received(receiver, 1)
-        caller.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
-        caller.close()
-        ready(receiver.connection)
-        assert receiver.poll(0.0) == [] and not receiver.connection
-
-
-def test_garbage_is_counted_and_a_poll_is_bounded() -> None:
-    small = quaternions([])
-    with closing(TcpReceiver(ADDRESS)) as receiver, calling(receiver) as caller:
-        caller.sendall(b"no datagram at all" + small * 1000)
-        found = tcp_received(receiver, 1)
-        assert len(found) == MOST_PER_POLL
-        found += tcp_received(receiver, 1000 - MOST_PER_POLL)
-        assert {row.payload for row in found} == {small} and len(found) == 1000
-        assert receiver.dropped.count == 1
-
-
-def test_a_port_that_is_taken_is_named() -> None:
-    with closing(TcpReceiver(ADDRESS)) as first, refuses(InputError, "TCP"):
-        TcpReceiver(replace(ADDRESS, port=first.bound[1]))
+        NatnetReceiver(address)
 
 
 @pytest.mark.parametrize(
@@ -269,7 +118,6 @@ def test_a_port_that_is_taken_is_named() -> None:
         ("vrchat://", UdpReceiver),
         ("json://:7000", UdpReceiver),
         ("mvn://", UdpReceiver),
-        ("mvn://?tcp=127.0.0.1", TcpReceiver),
         ("natnet://127.0.0.1", NatnetReceiver),
         ("natnet://127.0.0.1?multicast=239.255.42.99", NatnetReceiver),
         ("replay://FILE", ReplayReceiver),
@@ -305,13 +153,6 @@ def test_the_holder_is_found_by_its_socket(tmp_path: Path) -> None:
     tables = processes(tmp_path)
     assert port_holder(39539, tables) == "process 12 (studio --port 12)"
     assert port_holder(9000, tables) == "process 345 (studio --port 345)"
-
-
-def test_tcp_has_tables_of_its_own(tmp_path: Path) -> None:
-    tables = processes(tmp_path)
-    assert port_holder(39539, tables, protocol="tcp") == "another process"
-    (tables / "net/tcp").write_text("\n".join([HEAD, ROW.format(address="0100007F", port=39539, inode=99)]))
-    assert port_holder(39539, tables, protocol="tcp") == "process 346 (studio --port 346)"
 
 
 def test_what_cannot_be_seen_is_said(tmp_path: Path) -> None:

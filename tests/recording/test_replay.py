@@ -21,7 +21,7 @@ from retarget.errors import InputError
 from retarget.frames import SensorSample
 from retarget.human.samples import Clip, Samples
 from retarget.live.begin import LiveOptions
-from retarget.recording.configs import as_now
+from retarget.recording.configs import as_recorded
 from retarget.recording.cycles import Asked, Cursor, Done
 from retarget.recording.reading import Played, played, read_recording
 from retarget.recording.recorder import Recorder
@@ -294,11 +294,11 @@ def test_another_robot_or_performer_is_refused(plain: Recorded) -> None:
     found = plain.played()
     for update, facts in (
         ({"joints": ("head_pan",)}, ()),
-        ({"performer": "three"}, ()),
+        ({"sensors": ("head",)}, ()),
     ):
         session = found.recording.session.model_copy(update=update)
         other = replace(found, recording=replace(found.recording, session=session))
-        with refuses(InputError, facts), as_now(other.recording, session.options) as configs:
+        with refuses(InputError, facts), as_recorded(other.recording, robot="op3") as configs:
             replay(other, configs)
 
 

@@ -13,7 +13,7 @@ from messages import refuses
 from retarget.errors import InputError, UsageError
 from retarget.live.admission import MOST_PER_POLL
 from retarget.live.begin import LiveOptions
-from retarget.live.open_stream import stream_of
+from retarget.live.open_stream import open_stream
 from retarget.live.raw_recording import RawTap
 from retarget.model.robot import RobotBody
 from retarget.run.options import RunOptions
@@ -146,4 +146,4 @@ def test_a_source_without_frames_is_refused() -> None:
 
 def test_a_performer_whose_sensors_are_missing_is_refused() -> None:
     with refuses(UsageError, "natnet", "head"):
-        stream_of(OwnSource(lambda now: None), five().model_copy(update={"roles": "natnet"}))
+        open_stream(OwnSource(lambda now: None), five().model_copy(update={"roles": "natnet"}))

@@ -107,14 +107,6 @@ def test_axes_are_where_a_turn_leaves_points_alone(robot: str) -> None:
         assert moved == pytest.approx(expected, abs=1e-9), node.joint
 
 
-def test_what_slides_is_refused() -> None:
-    slide = (
-        '<mujoco><worldbody><body name="a"><joint name="s" type="slide"/><geom size="1"/></body></worldbody></mujoco>'
-    )
-    with refuses(InputError):
-        text_tree(slide)
-
-
 def test_what_has_no_joint_that_turns_is_refused_by_its_file() -> None:
     model = compile_body_text(humanoid(), source="body.urdf", root="free").model
     model.jnt_type[:] = 0  # free

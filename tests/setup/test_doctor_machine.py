@@ -78,19 +78,18 @@ def test_each_firewall_has_a_finding_with_its_command(tmp_path: Path) -> None:
 def test_a_firewall_that_is_off_has_no_finding(tmp_path: Path) -> None:
     (tmp_path / "etc/ufw").mkdir(parents=True)
     (tmp_path / "etc/ufw/ufw.conf").write_text("ENABLED=no\n")
-    text = text_of(firewall_findings(9_763, protocol="tcp", root=tmp_path))
-    shows(text, "TCP", 9763)
+    text = text_of(firewall_findings(9_763, root=tmp_path))
+    shows(text, "UDP", 9763)
 
 
 GOVERNOR = "sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"
-CLOCK = "sys/devices/system/clocksource/clocksource0/current_clocksource"
 
 
 def said(root: Path, name: str, content: str) -> str:
     path = root / name
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(content + "\n")
-    return text_of(machine_findings(root, root=root))
+    return text_of(machine_findings(root=root))
 
 
 @pytest.mark.parametrize(
@@ -98,8 +97,6 @@ def said(root: Path, name: str, content: str) -> str:
     [
         (GOVERNOR, "powersave", "note governor: powersave"),
         (GOVERNOR, "performance", "ok   governor: performance"),
-        (CLOCK, "hpet", "note clock: source hpet"),
-        (CLOCK, "tsc", "ok   clock: source tsc"),
         ("proc/sys/net/core/rmem_max", "65536", "fix  UDP buffer: net.core.rmem_max 65536"),
         ("proc/sys/net/core/rmem_max", "212992", "note UDP buffer"),
         ("proc/sys/net/core/rmem_max", "4194304", "ok   UDP buffer"),
@@ -114,8 +111,8 @@ def test_each_file_is_read(tmp_path: Path, name: str, content: str, line: str) -
 
 
 def test_without_the_files_nothing_fails(tmp_path: Path) -> None:
-    text = text_of(machine_findings(tmp_path / "gone", root=tmp_path))
-    shows_lines(text, re.compile("disk|UDP buffer"))
+    text = text_of(machine_findings(root=tmp_path))
+    shows_lines(text, re.compile("UDP buffer"))
 
 
 def test_a_process_that_wakes_up_late_has_a_finding() -> None:

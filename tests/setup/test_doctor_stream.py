@@ -1,6 +1,5 @@
-"""Findings on a stream: senders to other ports, silence, wrong protocols, refused senders, recordings."""
+"""Findings on a stream: silence, wrong protocols, refused senders, recordings."""
 
-import select
 import socket
 from pathlib import Path
 
@@ -16,66 +15,15 @@ from mvn_packets import mvn, quaternions, standing
 from natnet_packets import Motion, Pose, frame
 from osc_bytes import bundle, message, pose
 from retarget.errors import InputError
-from retarget.live.address import KINDS, local_interfaces, parse_address
+from retarget.live.address import parse_address
 from retarget.live.admission import Datagram
-from retarget.live.datagram_kinds import Recognised
 from retarget.setup.doctor_stream import (
     UNFRAGMENTED,
-    USUAL_PORTS,
-    OtherPorts,
-    Stray,
     sender_findings,
     silence_findings,
-    stray_finding,
     stream_findings,
 )
 from retarget.sources.natnet_wire import Version
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
-def test_the_usual_port_of_every_kind_is_listened_on() -> None:
-    assert {kind.port for kind in KINDS.values()} - {None} <= set(USUAL_PORTS)
-
-
-def test_a_sender_to_another_port_is_named_once() -> None:
-    port = free_port()
-    other_ports = OtherPorts(parse_address(f"vmc://:{free_port()}"), everywhere=True, ports=[port])
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-        for _ in range(3):
-            sender.sendto(b"MXTP02" + bytes(18), ("127.0.0.1", port))
-        ready, _, _ = select.select([receiver for _, _, receiver in other_ports._receivers], [], [], 5.0)
-    assert ready
-    other_ports.poll(MonotonicClock().now())
-    other_ports.close()
-    (stray,) = other_ports.strays
-    assert (stray.host, stray.port, stray.got.kind) == ("127.0.0.1", port, "mvn")
-
-
-def test_a_port_that_is_taken_is_left_out() -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as holder:
-        holder.bind(("0.0.0.0", 0))
-        port = holder.getsockname()[1]
-        other_ports = OtherPorts(parse_address("vmc://0.0.0.0:1?allow=any"), everywhere=True, ports=[port])
-        other_ports.poll(0.0)
-        assert other_ports.strays == ()
-        other_ports.close()
-
-
-def test_other_ports_are_those_of_the_interfaces_that_the_user_asked_for() -> None:
-    asked = OtherPorts(parse_address(f"vmc://:{free_port()}"), everywhere=True, ports=[])
-    alone = OtherPorts(parse_address(f"vmc://:{free_port()}"), everywhere=False)
-    others = [number for number in local_interfaces().values() if not number.startswith("127.")]
-    assert [bind for bind, _, _ in asked._receivers] == others
-    assert alone._receivers and {bind for bind, _, _ in alone._receivers} == {"127.0.0.1"}
-    assert OtherPorts(parse_address("replay://a.raw"), everywhere=True)._receivers == []
-    asked.close()
-    alone.close()
-
 
 JSON = "json://:14150"
 ONE = json_poses(1.0, {"head": {"p": [0, 0, 1]}})
@@ -149,11 +97,8 @@ def test_a_recording_of_another_kind_is_read_as_that() -> None:
     assert line.endswith("Read it as replay://walk.raw?kind=vmc.")
 
 
-SENT_VMC = Recognised("vmc", "VMC")
-
-
-def said(text: str, *strays: Stray) -> str:
-    return text_of(silence_findings(parse_address(text), strays, seconds=5.0))
+def said(text: str) -> str:
+    return text_of(silence_findings(parse_address(text), seconds=5.0))
 
 
 @pytest.mark.parametrize(
@@ -161,7 +106,6 @@ def said(text: str, *strays: Stray) -> str:
     [
         ("vmc://:39539", ("5.0", "127.0.0.1", "UDP", 39539, "vmc://0.0.0.0:39539?allow=ITS_ADDRESS")),
         ("vmc://0.0.0.0:39539?allow=192.168.1.20", ("192.168.1.20/32", "firewall")),
-        ("mvn://:9763?tcp=127.0.0.1", ("TCP", 9763, "?tcp=ITS_ADDRESS")),
         ("natnet://127.0.0.1", "Motive"),
     ],
 )
@@ -174,33 +118,7 @@ def test_causes_of_silence(text: str, facts: Facts) -> None:
 def test_motive_beyond_this_machine_needs_its_port_and_what_answered_is_no_silence() -> None:
     text = said("natnet://192.168.1.5")
     assert "1511/udp" in text or "UDP port 1511" in text
-    assert silence_findings(parse_address("natnet://127.0.0.1"), (), seconds=5.0, answered=True) == []
-
-
-@pytest.mark.parametrize(
-    ("stray", "words"),
-    [
-        (Stray("192.168.1.20", "192.168.1.5", 39_539, SENT_VMC), "vmc://0.0.0.0:39539?allow=192.168.1.20"),
-        (Stray("127.0.0.1", "0.0.0.0", 39_540, SENT_VMC), "Use vmc://:39540, or let it send to port 39539"),
-        (
-            Stray("127.0.0.1", "127.0.0.1", 39_540, SENT_VMC),
-            "Use vmc://:39540, or let it send to port 39539",
-        ),
-        (Stray("192.168.1.20", "0.0.0.0", 39_540, SENT_VMC), "Use vmc://0.0.0.0:39540?allow=192.168.1.20"),
-        (Stray("192.168.1.20", "0.0.0.0", 1_511, Recognised("natnet", "NatNet")), "Use natnet://192.168.1.20"),
-    ],
-)
-def test_a_sender_to_another_port_is_the_cause(stray: Stray, words: str) -> None:
-    assert words in "\n".join(fixes([stray_finding(parse_address("vmc://:39539"), stray)]))
-    assert "ITS_ADDRESS" not in said("vmc://:39539", stray)
-
-
-@pytest.mark.parametrize(
-    ("got", "words"), [(Recognised("mvn", "MVN"), "To use that: mvn://:9763"), (Recognised("", "mocopi"), "not read")]
-)
-def test_another_kind_at_another_port_is_a_note(got: Recognised, words: str) -> None:
-    finding = stray_finding(parse_address("vmc://:39539"), Stray("127.0.0.1", "0.0.0.0", 9_763, got))
-    assert not fixes([finding]) and words in finding.render()
+    assert silence_findings(parse_address("natnet://127.0.0.1"), seconds=5.0, answered=True) == []
 
 
 def test_a_good_stream_has_nothing_to_fix() -> None:

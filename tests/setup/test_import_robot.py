@@ -11,14 +11,13 @@ from retarget.errors import InputError, UsageError
 from retarget.ik.support_polygon import check_stand
 from retarget.model.robot import load_profile, load_robot
 from retarget.setup.import_robot import Imported, import_robot
-from retarget.setup.robot_file import Relaxed
 from unknown_robots import SHIPPED, humanoid, scrambled, shipped_body, small_bust, table_arm
 
 
 def imported(text: str, folder: Path, *, samples: int = 30, suffix: str = "urdf") -> Imported:
     path = folder / f"body.{suffix}"
     path.write_text(text, encoding="utf-8")
-    return import_robot(path, folder / "new", relaxed=Relaxed(), samples=samples)
+    return import_robot(path, folder / "new", samples=samples)
 
 
 def left_in(folder: Path) -> set[str]:
@@ -47,7 +46,7 @@ def test_the_same_body_gives_the_same_profile(tmp_path: Path) -> None:
 def test_the_missing_parts_of_an_arm_are_listed(tmp_path: Path) -> None:
     path = tmp_path / "body.urdf"
     path.write_text(table_arm())
-    done = import_robot(path, tmp_path / "new", relaxed=Relaxed(), name="op3", samples=10)
+    done = import_robot(path, tmp_path / "new", name="op3", samples=10)
     assert done.draft.notes[0].startswith("a robot op3 is known already")
     assert [text.split(":")[0] for text in done.draft.missing] == ["head", "legs", "l_hand"]
     assert len(done.problems) == 1 and str(tmp_path) not in done.problems[0]
@@ -96,7 +95,7 @@ def test_a_place_that_cannot_be_written(tmp_path: Path) -> None:
     path = tmp_path / "body.urdf"
     path.write_text(small_bust())
     with refuses(UsageError, "--out"):
-        import_robot(path, tmp_path / "file" / "new", relaxed=Relaxed(), samples=10)
+        import_robot(path, tmp_path / "file" / "new", samples=10)
 
 
 @pytest.mark.parametrize("name", ["a b/c", *(pytest.param(name, marks=pytest.mark.long) for name in ("..", "  "))])
@@ -104,7 +103,7 @@ def test_names_are_made_fit(name: str, tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.chdir(tmp_path)
     path = tmp_path / "body.urdf"
     path.write_text(small_bust())
-    done = import_robot(path, relaxed=Relaxed(), name=name, samples=10)
+    done = import_robot(path, name=name, samples=10)
     assert done.folder.parent == Path() and done.folder.is_dir() and "/" not in done.draft.name
 
 

@@ -13,14 +13,13 @@ from retarget.setup.frames import Posed, find_frames
 from retarget.setup.import_robot import import_robot
 from retarget.setup.limbs import find_anatomy
 from retarget.setup.postures import LEGS, arm_posture, find_postures, leg_length, stand
-from retarget.setup.robot_file import Relaxed
 from unknown_robots import SHIPPED, humanoid, shipped_posed, small_bust, text_tree
 
 
 def imported(text: str, folder: Path) -> Path:
     path = folder / "body.urdf"
     path.write_text(text, encoding="utf-8")
-    return import_robot(path, folder / "new", relaxed=Relaxed(), samples=20).folder
+    return import_robot(path, folder / "new", samples=20).folder
 
 
 @pytest.mark.long

@@ -16,18 +16,16 @@ from retarget.frames import mirrored_name
 from retarget.live.roles import CONVENTIONS
 from retarget.sources.mvn import (
     HEADER_BYTES,
-    MOST_SKIPS,
     MVN_JOINTS,
     SEGMENTS,
     TALL_SAMPLES,
     MvnDecoder,
     MvnHeader,
-    MvnStream,
     SampleParts,
     read_header,
     read_scale,
 )
-from retarget.sources.stream_frame import MAX_DATAGRAM, Dropped, StreamDecoder, StreamFrame
+from retarget.sources.stream_frame import Dropped, StreamDecoder, StreamFrame
 
 GOOD = quaternions(standing())
 PLACES = np.array([place for _, place, _ in standing()])
@@ -271,76 +269,6 @@ def test_sides_agree() -> None:
         assert MVN_JOINTS[mirrored_name(name)] == other_side(segment)
 
 
-SENT = [
-    quaternions(standing(), sample=1),
-    meta("name:Ann\n"),
-    scale([("Pelvis", (0, 0, 1))]),
-    quaternions(standing(), sample=2),
-]
-WHOLE = b"".join(SENT)
-
-
-@given(st.lists(st.integers(0, len(WHOLE)), max_size=20))
-def test_any_cutting(places: list[int]) -> None:
-    stream, found = MvnStream(), []
-    for begin, end in zip([0, *sorted(places)], [*sorted(places), len(WHOLE)], strict=True):
-        found += stream.feed(WHOLE[begin:end])
-    assert found == SENT
-    assert stream.held == 0 and stream.dropped.count == 0
-
-
-def test_rubbish_before_a_datagram_is_skipped_and_counted_once() -> None:
-    stream = MvnStream()
-    rubbish = b"MXT" + bytes(100) + b"MXTPxx" + bytes(100) + b"MX"
-    found = [datagram for byte in rubbish + WHOLE for datagram in stream.feed(bytes([byte]))]
-    assert found == SENT
-    assert stream.dropped.reasons == {"bytes that are no datagram": 1}
-
-
-def test_a_chunk_of_headers_that_are_none_is_thrown_away_and_not_looked_through() -> None:
-    stream = MvnStream()
-    few, many = b"MXTPxx" * (MOST_SKIPS // 2), b"MXTPxx" * (4 * MOST_SKIPS)
-    assert stream.feed(few + WHOLE) == SENT
-    assert stream.feed(many + WHOLE) == [] and stream.held < 24
-    assert stream.feed(WHOLE) == SENT and stream.dropped.count == 2
-
-
-def test_a_size_that_cannot_be_true_swallows_nothing() -> None:
-    lie = mvn("02", b"", items=23, size=60_000)
-    stream = MvnStream()
-    assert stream.feed(lie + WHOLE) == SENT
-    assert stream.dropped.count == 1
-
-
-def test_it_never_holds_more_than_a_datagram() -> None:
-    stream = MvnStream()
-    for _ in range(50):
-        stream.feed(mvn("20", b"", size=65_000) + bytes(10_000))
-        assert stream.held <= MAX_DATAGRAM
-    stream = MvnStream()
-    for _ in range(50):
-        stream.feed(b"M" * 10_000)
-        assert stream.held < 24
-
-
-@given(st.lists(st.one_of(st.binary(max_size=60), st.just(b"MXTP02"), st.sampled_from(SENT)), max_size=12))
-def test_any_bytes(chunks: list[bytes]) -> None:
-    stream = MvnStream()
-    for chunk in chunks:
-        assert all(datagram.startswith(b"MXTP") for datagram in stream.feed(chunk))
-        assert stream.held <= MAX_DATAGRAM
-
-
-@pytest.mark.long
-def test_mvn_stream_a_million_datagrams() -> None:
-    generator, stream = np.random.default_rng(7), MvnStream()
-    whole = 0
-    for _ in range(1_000_000):
-        whole += len(stream.feed(mutated(generator, SENT)))
-        assert stream.held <= MAX_DATAGRAM
-    assert whole > 200_000  # the rest was damaged, or beside what was
-
-
 GOLDEN = bytes.fromhex("4d5854503032 000004d2 82 17 0000162e 05 17 00 28 0000 02e0")
 
 
@@ -348,7 +276,6 @@ def test_the_fields_of_a_header() -> None:
     assert HEADER_BYTES == len(GOLDEN) == 24
     wanted = MvnHeader(kind=2, sample=1234, part=2, last=True, items=23, time_ms=5678, character=5, size=736)
     assert read_header(GOLDEN) == wanted
-    assert read_header(b"??" + GOLDEN, 2) == wanted
     assert read_header(GOLDEN.replace(b"\x82", b"\x02")) == MvnHeader(2, 1234, 2, False, 23, 5678, 5, 736)
 
 

@@ -21,7 +21,7 @@ _MAX_BURST_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class MotiveSettings:
-    """How the server is set. version: of its own bitstream; unicast clients may pin another from 4.0 on.
+    """How the server is set. version: of its bitstream.
 
     latency_s: from exposure to sending. patience_s: after which a silent unicast client is sent nothing more.
     clock_offset_s: what its clock said when ours said 0.
@@ -52,16 +52,10 @@ class FakeMotive:
         self._rate_hz = float(motion.rate_hz)
         self._position, self._turn = _to_wire(motion, self.settings.up)
         self._names = list(motion.names)
-        self._pinned: Version | None = None
         self._last_request: float | None = None
         self._next: int | None = None
         self._changed = False
         self._first_id = 1
-
-    @property
-    def version(self) -> Version:
-        """Of what is sent now."""
-        return self._pinned or self.settings.version
 
     def rename(self, names: list[str], *, first_id: int = 1, announced: bool = True) -> None:
         """Give the same bodies other names and ids. announced: the next frame says that definitions changed."""
@@ -78,7 +72,6 @@ class FakeMotive:
         if kind in (MessageId.CONNECT, MessageId.DISCOVERY):
             if kind == MessageId.CONNECT:
                 self._last_request = now
-                self._pin(payload[265:267])
             return [self._server_info()]
         if kind == MessageId.DEFINITIONS_REQUEST:
             return [self._definitions()]
@@ -87,8 +80,6 @@ class FakeMotive:
             return []
         if kind == MessageId.ECHO and len(payload) == 8:
             return [message(MessageId.ECHO_ANSWER, payload + pack("<Q", self._ticks(now)))]
-        if kind == MessageId.COMMAND:
-            return [self._command(payload)]
         return [message(MessageId.UNRECOGNISED)]
 
     def due(self, now: float) -> list[bytes]:
@@ -108,20 +99,6 @@ class FakeMotive:
     def _ticks(self, now: float) -> int:
         return round((now + self.settings.clock_offset_s) * self.settings.clock_hz)
 
-    def _pin(self, version: bytes) -> None:
-        if len(version) == 2 and version[0] and self.settings.transport == "unicast":
-            wanted = Version(version[0], version[1])
-            if self.settings.version.major >= 4 and Version(3, 0) <= wanted <= self.settings.version:
-                self._pinned = wanted
-
-    def _command(self, payload: bytes) -> bytes:
-        word, _, version = payload.partition(b"\0")[0].partition(b",")
-        numbers = version.split(b".")
-        if word != b"Bitstream" or len(numbers) != 2 or not all(part.isdigit() and len(part) < 3 for part in numbers):
-            return message(MessageId.UNRECOGNISED)
-        self._pin(bytes(int(part) for part in numbers))
-        return message(MessageId.COMMAND_ANSWER, f"Bitstream,{self.version}\0".encode())
-
     def _server_info(self) -> bytes:
         settings = self.settings
         multicast = settings.transport == "multicast"
@@ -129,7 +106,7 @@ class FakeMotive:
 
     def _definitions(self) -> bytes:
         bodies = [Body(name, number, markers=1) for number, name in enumerate(self._names, start=self._first_id)]
-        return definitions(Catalogue(bodies, crowd=False), self.version)
+        return definitions(Catalogue(bodies, crowd=False), self.settings.version)
 
     def _frame(self, index: int) -> bytes:
         row = index % len(self._motion.time)
@@ -145,7 +122,7 @@ class FakeMotive:
         self._changed = False
         self.frames += 1
         motion = Motion(index % 2**32, bodies, timestamp=exposed, ticks=ticks, flags=flags, crowd=False)
-        return frame(motion, self.version)
+        return frame(motion, self.settings.version)
 
 
 def _to_wire(motion: SensorFrames, up: str) -> tuple[FloatArray, FloatArray]:

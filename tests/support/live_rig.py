@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from hardware.clock import Clock, VirtualClock
 from retarget.human.samples import Performance
 from retarget.live.begin import LiveOptions, begin_live
-from retarget.live.open_stream import stream_of
+from retarget.live.open_stream import open_stream
 from retarget.live.stream import LiveStream
 from retarget.model.robot import RobotBody
 from retarget.recording.recorder import Recorder
@@ -21,7 +21,7 @@ WHERE = "json://:7000"
 
 def live_stream(sender: FakeSender, performer: Performer) -> LiveStream:
     """A stream from the sender."""
-    return stream_of(sender, performer)
+    return open_stream(sender, performer)
 
 
 class LiveRig:

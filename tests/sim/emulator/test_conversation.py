@@ -8,12 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import more_frames
-from emulated import servo1, servo2
 from hardware.dynamixel.codec import (
-    ALERT,
     BROADCAST,
-    Error1,
-    Error2,
     Instruction,
     Status,
     protocol1,
@@ -27,15 +23,11 @@ from sim.emulator.conversation import (
     ReadItem,
     Reply,
     WriteItem,
-    damage_answer,
-    damaged_address,
     reads1,
     reads2,
     writes1,
     writes2,
 )
-from sim.emulator.faults import Fault, FaultKind
-from sim.emulator.line import Line, Timing
 from stub_devices import StubDevice
 
 PROTOCOLS = {2: protocol2, 1: protocol1}
@@ -161,95 +153,6 @@ def test_protocol_1_has_bulk_read_and_sync_write() -> None:
     assert _said(protocol1.sync_write(30, 1, [(1, b"\x07")]), devices) == [] and devices[0].store[30] == 7
     devices[0].model = "AX-12A"  # knows no bulk read
     assert _who(_said(request, devices)) == [2]
-
-
-def _spoilt(frame: bytes, at: int = -1) -> bytes:
-    spoilt = bytearray(frame)
-    spoilt[at] ^= 0x01
-    return bytes(spoilt)
-
-
-@settings(max_examples=100)
-@given(
-    protocol=st.sampled_from((1, 2)),
-    own=st.integers(0, 252),
-    data=st.binary(min_size=1, max_size=12),
-    bit=st.integers(0, 7),
-    place=st.integers(0, 11),
-)
-def test_one_changed_bit_behind_the_length_is_noticed(
-    protocol: int, own: int, data: bytes, bit: int, place: int
-) -> None:
-    frame = bytearray(PROTOCOLS[protocol].write(own, 30, data))
-    assert damaged_address(protocol, bytes(frame)) is None
-    frame[len(frame) - 1 - place % len(data)] ^= 1 << bit
-    spoilt = bytes(frame)
-    if spoilt.count(PROTOCOLS[protocol].HEADER) == 1:  # a header inside begins another frame
-        assert damaged_address(protocol, spoilt) == own
-        assert damaged_address(protocol, b"\x00\x31" + spoilt) == own
-
-
-@settings(max_examples=100)
-@given(protocol=st.sampled_from((1, 2)), data=st.binary(max_size=12))
-def test_any_bytes_are_accepted(protocol: int, data: bytes) -> None:
-    header = PROTOCOLS[protocol].HEADER
-    for received in (data, header + data):
-        found = damaged_address(protocol, received)
-        assert found is None or header + bytes((found,)) in received
-
-
-@pytest.mark.parametrize("protocol", [1, 2])
-def test_a_frame_that_is_not_whole_is_none(protocol: int) -> None:
-    frame = _spoilt(PROTOCOLS[protocol].ping(7))
-    found = [damaged_address(protocol, frame[:length]) for length in range(len(frame) + 1)]
-    assert found == [None] * len(frame) + [7] and damaged_address(protocol, frame + b"\0") is None
-    broken_off = protocol2.ping(5)[:9] + _spoilt(protocol2.ping(7))  # the last one counts
-    assert damaged_address(2, broken_off) == 7
-
-
-def test_an_answer_to_damage_has_the_present_errors() -> None:
-    new, old = servo2(), servo1()
-    assert damage_answer(new, 0.0) == (Error2.CRC, b"") and damage_answer(old, 0.0) == (Error1.CHECKSUM, b"")
-    for servo, level, error in ((new, 68, ALERT | Error2.CRC), (old, 16, Error1.OVERHEATING | Error1.CHECKSUM)):
-        servo.heat(90.0, 1.0)
-        assert damage_answer(servo, 1.0) == (error, b"")
-        servo.write(level, b"\0", 1.0)
-        assert damage_answer(servo, 1.0) is None
-
-
-def _line(*devices: StubDevice, answers_damage: bool = True) -> Line:
-    return Line(devices, timing=Timing.none(), conduct=Conduct(answers_damage=answers_damage))
-
-
-def _ask(line: Line, data: bytes, now: float = 0.0) -> bytes:
-    line.receive(data, now)
-    return line.take(1e9)
-
-
-@pytest.mark.parametrize(("protocol", "error"), [(1, Error1.CHECKSUM), (2, Error2.CRC)])
-def test_a_line_answers_damage_only_where_it_is_set_to(protocol: int, error: int) -> None:
-    words = PROTOCOLS[protocol]
-    devices = [StubDevice(id=number, protocol=protocol) for number in (1, 2)]
-    frame = _spoilt(words.write(2, 30, b"\x07"))
-    assert _ask(_line(*devices, answers_damage=False), frame) == b""
-    line = _line(*devices)
-    assert _ask(line, frame) == words.status(2, error)
-    assert devices[1].store[30] == 0 and devices[1].heard == []  # neither obeyed nor a life sign
-    assert _ask(line, words.write(2, 30, b"\x07"), 1.0) == words.status(2) and devices[1].store[30] == 7
-    assert _ask(line, _spoilt(words.write(BROADCAST, 30, b"\x08")), 2.0) == b""
-    assert _ask(line, _spoilt(words.ping(9)), 3.0) == b""
-
-
-def test_a_device_that_is_missing_starts_or_has_another_speed_does_not_answer_damage() -> None:
-    frame = _spoilt(protocol2.ping(1))
-    deaf = (StubDevice(boots=True), StubDevice(baud=1_000_000), StubDevice(id=2))
-    assert [_ask(_line(device), frame) for device in deaf] == [b"", b"", b""]
-    line = _line(StubDevice())
-    line.faults.add(Fault(FaultKind.MISSING, ids=(1,)), 0.0)
-    assert _ask(line, frame) == b""
-    line.faults.clear(1.0)
-    assert b"".join(_ask(line, bytes((byte,)), 1.0) for byte in frame) == protocol2.status(1, Error2.CRC)
-    assert _ask(line, protocol2.ping(1), 2.0) == protocol2.status(1, 0, b"\x06\x04\x26")
 
 
 IDS = st.integers(0, 252)

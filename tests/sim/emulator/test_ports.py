@@ -4,10 +4,6 @@ import array
 import fcntl
 import os
 import select
-import signal
-import socket
-import subprocess
-import sys
 import termios
 import threading
 from collections.abc import Iterator
@@ -30,39 +26,6 @@ from sim.emulator.ports import EmulatedPort, Link, PseudoTerminal, serve
 from stub_devices import StubDevice
 
 
-def test_the_path_counts_and_not_how_it_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "real").mkdir()
-    (tmp_path / "other").symlink_to("real")
-    monkeypatch.chdir(tmp_path)
-    first = Link(Path("real/servos"))
-    first.check()
-    first.check()
-    for same in (tmp_path / "other" / ".." / "real" / "servos", tmp_path / "other" / "servos"):
-        for _ in range(50):  # the holder can be asked for often
-            with pytest.raises(UsageError, match=str(os.getpid())):
-                Link(same).check()
-    Link(tmp_path / "real" / "servos2").check()
-    assert list((tmp_path / "real").iterdir()) == []
-    first.remove()
-    first.remove()
-    Link(tmp_path / "other" / "servos").check()
-
-
-def test_a_process_that_is_killed_has_nothing_any_more(tmp_path: Path) -> None:
-    code = "import sys, signal; from pathlib import Path; from sim.emulator.ports import Link\n"
-    code += "link = Link(Path(sys.argv[1])); print(link.check(), flush=True); signal.pause()"
-    path = tmp_path / "servos"
-    with subprocess.Popen([sys.executable, "-c", code, str(path)], stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None and process.stdout.readline() == "None\n"
-            link = Link(path)
-            with pytest.raises(UsageError, match=str(process.pid)):
-                link.check()
-        finally:
-            process.send_signal(signal.SIGKILL)
-    link.check()
-
-
 def test_it_is_made_moved_and_taken_away(tmp_path: Path) -> None:
     link = Link(tmp_path / "servos")
     link.path.symlink_to("/dev/pts/99999")  # an emulator that was killed left it
@@ -80,30 +43,16 @@ def test_it_is_made_moved_and_taken_away(tmp_path: Path) -> None:
     assert link.path.readlink() == Path("/dev/pts/72")  # it was moved, so it stays
 
 
-def test_the_link_of_a_living_emulator_is_left_to_it_while_it_is_hidden_too(tmp_path: Path) -> None:
-    first, second = Link(tmp_path / "servos"), Link(tmp_path / "servos")
-    first.point("/dev/pts/71")
-    for refused in (second.check, lambda: second.point("/dev/pts/72")):
-        with refuses(UsageError, found=os.getpid()):
-            refused()
-    second.remove()
-    assert first.path.readlink() == Path("/dev/pts/71")
-    first.hide()
-    assert list(tmp_path.iterdir()) == []
-    with refuses(UsageError):
-        second.check()
-    first.remove()
-    second.point("/dev/pts/72")
-    assert second.path.readlink() == Path("/dev/pts/72")
-
-
-def test_a_path_that_cannot_be_reserved_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def none(*_: object) -> socket.socket:
-        raise OSError(97, "Address family not supported by protocol")
-
-    monkeypatch.setattr(socket, "socket", none)
-    with refuses(UsageError):
-        Link(tmp_path / "servos").check()
+def test_the_link_of_a_living_emulator_is_left_to_it(tmp_path: Path) -> None:
+    first, second = _terminal(tmp_path / "servos"), _terminal(tmp_path / "servos")
+    first.open()
+    with refuses(UsageError, found=first.path, varies=first.path):
+        second.open()
+    assert first.link.path.readlink() == Path(first.path) and second.fd == -1
+    first.close()
+    second.open()
+    assert second.link.path.readlink() == Path(second.path)
+    second.close()
 
 
 @pytest.mark.parametrize("kind", ["file", "folder", "link", "dangling"])
@@ -340,8 +289,6 @@ def test_unplugged_it_is_gone_and_then_a_new_one_is_there(tmp_path: Path) -> Non
         assert _exchange(terminal, client, PING) == STATUS
         terminal.follow(1.0)
         assert terminal.fd == -1 and not os.path.lexists(terminal.link.path)
-        with refuses(UsageError):
-            Link(terminal.link.path).check()
         with pytest.raises(OSError):
             client.write(PING)
         terminal.follow(2.0)

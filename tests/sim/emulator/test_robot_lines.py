@@ -7,9 +7,9 @@ import pytest
 
 import more_frames
 from hardware.bus import BusSpec
-from hardware.dynamixel.codec import Error1, Error2, protocol1, protocol2
+from hardware.dynamixel.codec import protocol2
 from hardware.errors import HardwareError
-from hardware.servo import ServoMode, find_model
+from hardware.servo import ServoMode
 from messages import refuses
 from retarget.cli.buses import posture_ticks
 from retarget.model.robot import load_robot
@@ -24,12 +24,10 @@ from sim.emulator.servo2_registers import FedBy
 WATCHDOG, TORQUE, MISSING = 98, 64, 77
 
 
-def _line(conduct: Conduct | None, protocol: int = 2) -> Line:
-    """Servos 1, 2 and 3: XM430 of protocol 2.0, MX-28 of 1.0."""
+def _line(conduct: Conduct | None) -> Line:
+    """Servos 1, 2 and 3, XM430 of protocol 2.0."""
     servos = four_servos()[:3]
-    if protocol == 1:
-        servos = tuple(replace(servo, model=find_model("MX-28")) for servo in servos)
-    bus = BusSpec("main", "port", 1_000_000, protocol, ids=(1, 2, 3))
+    bus = BusSpec("main", "port", 1_000_000, 2, ids=(1, 2, 3))
     start = np.array([servo.zero_tick for servo in servos])
     lines = robot_lines(servos, (bus,), start=start, now=0.0, timing=Timing.none(), conduct=conduct)
     return lines["main"]
@@ -41,7 +39,7 @@ def _ask(line: Line, data: bytes, now: float) -> bytes:
 
 
 def test_the_usual_way_is_what_is_documented() -> None:
-    assert Conduct() == Conduct(Gaps.SILENCE, FedBy.ANY, answers_damage=False, boot_time=0.2, torque_by_goal=True)
+    assert Conduct() == Conduct(Gaps.SILENCE, FedBy.ANY, boot_time=0.2)
 
 
 @pytest.mark.parametrize(("conduct", "who"), [(None, (1,)), (Conduct(gaps=Gaps.SKIP), (1, 2))])
@@ -76,22 +74,6 @@ def test_what_feeds_the_bus_watchdog(fed_by: FedBy, packet: bytes, feeds: bool) 
         _ask(line, packet, 0.05 * step)
     trip = protocol2.status(1, 0, b"\x05" if feeds else b"\xff")
     assert _ask(line, more_frames.read(1, WATCHDOG, 1), 0.55) == trip
-
-
-@pytest.mark.parametrize("protocol", [1, 2])
-def test_damage(protocol: int) -> None:
-    words, error = {1: (protocol1, int(Error1.CHECKSUM)), 2: (protocol2, int(Error2.CRC))}[protocol]
-    frame = words.ping(2)
-    spoilt = frame[:-1] + bytes((frame[-1] ^ 0xFF,))
-    assert _ask(_line(None, protocol), spoilt, 1.0) == b""
-    assert _ask(_line(Conduct(answers_damage=True), protocol), spoilt, 1.0) == words.status(2, error)
-
-
-@pytest.mark.parametrize(("conduct", "torque"), [(None, b"\1"), (Conduct(torque_by_goal=False), b"\0")])
-def test_a_goal_switches_torque_on(conduct: Conduct | None, torque: bytes) -> None:
-    line = _line(conduct, protocol=1)
-    _ask(line, protocol1.sync_write(30, 2, [(2, (2100).to_bytes(2, "little"))]), 1.0)
-    assert _ask(line, protocol1.read(2, 24, 1), 1.0) == protocol1.status(2, 0, torque)
 
 
 @pytest.mark.parametrize("powered", [True, False])
