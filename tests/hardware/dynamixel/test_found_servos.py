@@ -37,12 +37,6 @@ def test_all_servos_receive_it_within_a_second_at_any_speed(model: str, protocol
     assert rig.shown("torque_enable") == [0, 0, 0]
 
 
-def test_only_the_speeds_named() -> None:
-    rig = _rig()
-    broadcast_torque_off(rig.port, [Speed(2, 1_000_000)])
-    assert rig.shown("torque_enable") == [0, 1, 0] and rig.port.baud == 1_000_000
-
-
 def test_an_impossible_speed_is_left_out_and_a_port_that_is_gone_is_reported(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -50,13 +50,6 @@ def test_it_takes_the_options_of_scan(
     assert all(one in row for one, row in zip(ids, rows, strict=True))
 
 
-def test_a_missing_servo_is_shown_as_never_answered(lab: ServoLab) -> None:
-    lab.faults = [Fault(FaultKind.MISSING, ids=(13,))]
-    code, out, _ = lab.run("monitor", "--robot", "op3", "--port", "emulator", "--once")
-    assert code == 0 and out.count("never") == 1
-    shows(out.splitlines()[13])
-
-
 def test_bad_rate_and_dry_run(lab: ServoLab) -> None:
     code, _, err = lab.run("monitor", "--robot", "op3", "--port", "emulator", "--rate", "0")
     assert code == 2
