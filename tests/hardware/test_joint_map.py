@@ -39,6 +39,12 @@ def test_round_trip_is_within_half_a_tick(share: list[float]) -> None:
     assert np.all((back >= MAP.lower - 1e-9) & (back <= MAP.upper + 1e-9))
 
 
+@given(st.lists(st.integers(0, 1023), min_size=4, max_size=4))
+def test_every_tick_survives(ticks: list[int]) -> None:
+    # Beyond the limits too: a robot that lies limp may start there.
+    assert MAP.to_ticks(MAP.to_radians(np.array(ticks))).tolist() == ticks
+
+
 def test_a_limit_written_for_a_whole_tick_is_that_tick() -> None:
     servo = replace(four_servos()[0], lower=-1024 * math.pi / 2048, upper=1024 * math.pi / 2048)
     joint_map = JointMap([servo])

@@ -130,6 +130,24 @@ def test_a_sensor_never_sent_is_nan() -> None:
         assert (np.isnan(played.time) == ~sent).all()
 
 
+@settings(max_examples=20)
+@given(st.integers(0, 2**32 - 1))
+def test_the_sign_of_a_quaternion_says_nothing(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    one, other = buffered(), buffered()
+    before: FloatArray | None = None
+    for i in range(30):
+        time = 1.0 + 0.01 * i
+        position, orientation = pose(6.0 * time)
+        sign = rng.choice([-1.0, 1.0], COUNT)[:, None] if i else 1.0
+        one.push(ROWS, time, position, orientation, ALL, arrival=time)
+        other.push(ROWS, time, position, sign * orientation, ALL, arrival=time)
+        a, b = one.read(time + 0.003), other.read(time + 0.003)
+        assert np.abs(a.orientation - b.orientation).max() < 1e-7
+        assert before is None or (np.sum(before * a.orientation, axis=1) > 0.9).all()
+        before = a.orientation
+
+
 def test_a_sensor_that_the_sender_lost_is_not_valid_until_it_is_back() -> None:
     playout = buffered()
     for i in range(10):
@@ -195,6 +213,12 @@ def test_a_storm_of_pushes() -> None:
     storm(3_000, 4)
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(3))
+def test_a_long_storm_of_pushes(seed: int) -> None:
+    storm(100_000, seed)
+
+
 def run(delay: PlayoutDelay, seconds: float, jitter: float, *, start: float, rate: float = 100.0) -> list[float]:
     """The delay after each frame whose lateness lies between 0 and `jitter`, both reached within 10 frames."""
     rng = np.random.default_rng(0)
@@ -217,6 +241,15 @@ def test_it_grows_at_once_and_shrinks_slowly() -> None:
     assert after[100] == pytest.approx(0.035)
     assert after[-1] == pytest.approx(0.012, abs=5e-4)
     assert np.diff(after).min() > -0.05 / 100.0
+
+
+@given(st.lists(st.tuples(st.floats(0.0, 1.0), st.floats(-1.0, 10.0), st.floats(0.0, 10.0)), max_size=50))
+def test_it_is_bounded(sent: list[tuple[float, float, float]]) -> None:
+    delay, now = PlayoutDelay(), 0.0
+    for step, lateness, gap in sent:
+        now += step
+        delay.note(now, lateness=lateness, gap=gap)
+        assert 0.0 <= delay.at(now) <= DELAY_CAP_S
 
 
 RING_DEPTH = 5

@@ -102,7 +102,7 @@ OWNER: Source = ("127.0.0.1", 40000)
 OTHER: Source = ("127.0.0.1", 50001)
 COST_S = 0.003
 """Of a poll that brings what is of no use."""
-CALM, TICKS = 50, 125
+CALM, TICKS = 20, 50
 
 
 class Counting(JsonPoseDecoder):

@@ -149,11 +149,6 @@ def test_an_error_of_the_sender_is_counted_with_its_reason(message: object, word
     assert words in reason(message)
 
 
-def test_a_refused_name_does_not_get_in_later() -> None:
-    decoder, bad = JsonPoseDecoder(), json.dumps(good(poses={"a\n": {"p": [0, 0, 0]}})).encode()
-    assert decoder.decode(bad) == decoder.decode(bad) == []
-
-
 def test_the_page_shows_a_message_that_is_used_and_every_convention(root: Path) -> None:
     page = (root / "docs/live.md").read_text(encoding="utf-8")
     shown = page.split("```json\n")[1].split("```")[0]

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from messages import shows
-from natnet_packets import VERSIONS, Body, Catalogue, Motion, datagram, definitions, frame, server_info
+from natnet_packets import Body, Catalogue, Motion, datagram, definitions, frame, server_info
 from retarget.sources.natnet_session import KEEP_ALIVE_S, UNNAMED_S, NatnetSession, natnet_problems
 from retarget.sources.natnet_wire import (
-    MULTICAST_GROUP,
     MessageId,
     Version,
     connect_message,
@@ -66,15 +65,6 @@ def test_signs_of_life_come_by_time_and_not_by_frames() -> None:
     assert sent == pytest.approx(10 / KEEP_ALIVE_S, abs=1)
 
 
-def test_multicast_needs_no_sign_of_life_and_no_version() -> None:
-    session = NatnetSession(multicast=True)
-    assert session.poll(0.0) == [connect_message()]
-    session.receive(0.0, server_info(V44, multicast=True))
-    sent = [one for i in range(50) for one in session.poll(i / 10)]
-    assert KEEP_ALIVE not in sent
-    assert PIN not in sent
-
-
 def test_a_newer_unicast_server_is_asked_for_the_pinned_version() -> None:
     session = NatnetSession()
     session.poll(0.0)
@@ -84,24 +74,6 @@ def test_a_newer_unicast_server_is_asked_for_the_pinned_version() -> None:
     session.receive(0.1, datagram(3, b"Bitstream,4.1\0"))
     assert session.version == V41
     assert PIN not in session.poll(5.0)
-
-
-def test_it_does_not_insist_for_ever() -> None:
-    session = answered(version=V44)
-    sent = []
-    for i in range(1, 200):
-        session.receive(i / 10, FRAME)
-        sent += session.poll(i / 10)
-    assert sent.count(PIN) == 2
-
-
-@pytest.mark.parametrize("version", [v for v in VERSIONS if v <= V41], ids=str)
-def test_an_older_server_keeps_its_version(version: Version) -> None:
-    session = NatnetSession()
-    session.poll(0.0)
-    session.receive(0.0, server_info(version))
-    assert session.poll(0.0) == [DEFINITIONS_REQUEST, KEEP_ALIVE]
-    assert session.version == version
 
 
 @pytest.mark.parametrize(
@@ -126,12 +98,6 @@ def test_changed_definitions_are_asked_for_once_and_not_per_frame() -> None:
     session.receive(2.5, FRAME)
     session.receive(2.6, changed)
     assert session.poll(2.6) == [DEFINITIONS_REQUEST]
-
-
-def test_a_changed_bitstream_asks_for_server_and_definitions() -> None:
-    session = answered(multicast=True)
-    session.receive(1.5, frame(Motion(flags=8), V41))
-    assert session.poll(1.5) == [connect_message(), DEFINITIONS_REQUEST]
 
 
 def test_a_silent_server_is_asked_again_and_its_definitions_too_when_it_is_back() -> None:
@@ -177,16 +143,6 @@ def test_names_that_are_missing_are_asked_for_and_not_too_often() -> None:
         assert DEFINITIONS_REQUEST not in session.poll(21.0 + 0.1 * tick)
 
 
-def test_what_it_knows() -> None:
-    session = NatnetSession(multicast=True)
-    assert (session.group, session.data_port) == (MULTICAST_GROUP, 1511)
-    whole = bytearray(server_info(V44, multicast=True, port=1600, clock_hz=10_000_000))
-    whole[-4:] = bytes((239, 1, 2, 3))
-    session.receive(0.0, bytes(whole))
-    assert (session.group, session.data_port) == ("239.1.2.3", 1600)
-    assert session.server is not None and session.server.name == "Motive"
-
-
 def said(session: NatnetSession, now: float) -> list[str]:
     return [problem.render() for problem in natnet_problems(session, now, host="10.0.0.2")]
 
@@ -203,34 +159,6 @@ def test_no_answer() -> None:
     (text,) = said(session, 3.0)
     assert "10.0.0.2" in text
     shows(text, "UDP", 1510)
-
-
-def test_frames_but_no_answer() -> None:
-    session = started("multicast")
-    session.receive(1.0, FRAME)
-    (text,) = said(session, 3.0)
-    shows(text)
-
-
-@pytest.mark.parametrize(
-    ("version", "cure"), [(Version(2, 10), "Update Motive"), (Version(5, 0), "choose a 4.x bitstream")]
-)
-def test_a_version_that_cannot_be_read(version: Version, cure: str) -> None:
-    session = started()
-    session.receive(0.1, server_info(version))
-    (text,) = said(session, 0.1)
-    shows(text, str(version), "3.1")
-    assert "3.0 to 4.x" in text and cure in text
-
-
-@pytest.mark.parametrize("mine", ["unicast", "multicast"])
-def test_the_other_way_of_streaming(mine: str) -> None:
-    session = started(mine)
-    session.receive(0.0, server_info(V41, multicast=mine == "unicast"))
-    assert said(session, 1.9) == []
-    (text,) = said(session, 2.0)
-    shows(text, mine)
-    assert ("239.255.42.99, port 1511" in text) == (mine == "unicast")
 
 
 @pytest.mark.parametrize(

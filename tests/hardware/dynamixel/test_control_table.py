@@ -327,6 +327,13 @@ def test_every_count_survives_the_wire(register: Register, data: st.DataObject) 
     assert register.decode(register.encode(counts)) == counts
 
 
+@settings(max_examples=100)
+@given(register=st.sampled_from([*REGISTERS, SPEED]), data=st.data())
+def test_every_byte_string_has_a_count_within_the_width(register: Register, data: st.DataObject) -> None:
+    raw = data.draw(st.binary(min_size=register.size, max_size=register.size))
+    assert register.narrowest <= register.decode(raw) <= register.widest
+
+
 @pytest.mark.parametrize("register", [*REGISTERS, SPEED])
 def test_counts_beyond_the_width_are_refused(register: Register) -> None:
     for counts in (register.narrowest - 1, register.widest + 1):
