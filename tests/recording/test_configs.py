@@ -9,7 +9,7 @@ import pytest
 
 from messages import refuses, shows
 from recordings import Recorded, record
-from retarget.errors import InputError, UsageError
+from retarget.errors import InputError
 from retarget.recording.configs import PROFILE, as_now, as_recorded
 from retarget.recording.mcap_writer import RecordingFile
 from retarget.recording.reading import Played, read_recording
@@ -52,13 +52,6 @@ def found(run: Recorded) -> Played:
     return run.played()
 
 
-def test_files_that_are_as_they_were_are_used_where_they_are(found: Played, run: Recorded) -> None:
-    with as_recorded(found.recording) as configs:
-        assert configs.notes == () and not configs.attached and configs.options == found.recording.session.options
-        assert configs.robot is not None and run.result.robot is not None
-        assert configs.robot.profile.body_path == run.result.robot.profile.body_path
-
-
 def test_a_robot_that_is_gone_is_in_the_recording(found: Played, home: Path) -> None:
     shutil.rmtree(home / "own")
     again = replay(found)
@@ -89,15 +82,6 @@ def test_a_changed_profile_is_found_only_where_it_is_asked_for(found: Played, ho
         now = replay(found, configs)
     assert now.changed == (f"{PROFILE} has changed: {path}",)
     assert not now.difference.none
-
-
-def test_the_body_stays_where_its_meshes_are_while_only_the_profile_changed(found: Played, home: Path) -> None:
-    path = home / "own" / "op3" / "robot.yaml"
-    path.write_text(path.read_text() + "# a remark\n")
-    with as_recorded(found.recording) as configs:
-        assert configs.attached == {PROFILE} and not configs.body_attached
-        assert configs.robot is not None
-        assert configs.robot.profile.body_path == (home / "own" / "op3" / "body.xml").resolve()
 
 
 def test_priorities_of_both_stages_come_back(found: Played, home: Path) -> None:
@@ -138,14 +122,6 @@ def test_what_is_nowhere_is_said_with_the_way_on(found: Played, home: Path) -> N
         pass
 
 
-def test_files_of_another_version_are_refused_in_the_name_of_the_recording(found: Played, home: Path) -> None:
-    (home / "own" / "op3" / "robot.yaml").unlink()
-    strange = {**found.recording.attachments, PROFILE: b"name: op3\nlegs: 3\n"}
-    strange_one = replace(found.recording, attachments=strange)
-    with refuses(InputError, "body", 13, "--robot", where="run.mcap", found="robot.yaml:1"), as_recorded(strange_one):
-        pass
-
-
 def test_an_attachment_that_is_not_what_was_said_is_none(found: Played, tmp_path: Path) -> None:
     session = found.recording.session
     said = {file.name: file for file in session.files}
@@ -158,20 +134,6 @@ def test_an_attachment_that_is_not_what_was_said_is_none(found: Played, tmp_path
     file.finish()
     assert set(found.recording.attachments) == set(said)
     assert set(read_recording(path).attachments) == {"performer.yaml"}
-
-
-def test_a_human_has_no_robot(tmp_path: Path) -> None:
-    alone = record(tmp_path / "run.mcap", options=RunOptions(robot="human", bus="none"), seconds=0.1)
-    recording = alone.played().recording
-    with as_recorded(recording) as configs:
-        assert configs.robot is None and configs.notes == ()
-    with as_now(recording, recording.session.options) as configs:
-        assert configs.robot is None
-    with (
-        refuses(UsageError),
-        as_now(recording, recording.session.options, robot="op3"),
-    ):
-        pass
 
 
 def test_nothing_stays_behind(found: Played, home: Path) -> None:

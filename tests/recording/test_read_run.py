@@ -13,15 +13,12 @@ from messages import Facts, mentions, refuses, shows
 from recordings import Recorded, record
 from retarget.cli import main
 from retarget.errors import InputError
-from retarget.recording.export import FORMATS, export_motion, export_place
 from retarget.recording.mcap_writer import RecordingFile
 from retarget.recording.motion import Motion
 from retarget.recording.npz import write_npz
 from retarget.recording.read_run import read_run
 from retarget.recording.reading import read_recording
-from retarget.run.loop import Watch, run_human
-from retarget.run.options import PhysicsOptions, RunOptions
-from rig import StubReconstructor, person, result, short_clip
+from retarget.run.options import RunOptions
 
 
 @pytest.fixture
@@ -47,17 +44,6 @@ def test_everything_comes_back(motion: Motion, body: Path, tmp_path: Path) -> No
     assert found.asked is not None and found.asked.names == ("hand", "lost")
 
 
-def test_a_run_of_the_human_alone_needs_no_body_file(tmp_path: Path) -> None:
-    human, clip = person(), short_clip(rate_hz=None)
-    run = result(run_human(clip, StubReconstructor(human), Watch()), clip, human, None)
-    write_npz(run, tmp_path / "run.npz")
-    (tmp_path / "run_human.xml").unlink()
-    found = read_run(tmp_path / "run.npz")
-    assert found.robot == "human" and found.goal_ticks is None
-    assert found.asked is not None and found.asked.names == clip.frames.names
-    np.testing.assert_allclose(found.q, run.record.human.q, atol=1e-9)
-
-
 def test_a_body_that_moved_away(motion: Motion, body: Path, tmp_path: Path) -> None:
     run = export_reading_saved(motion, tmp_path / "run.npz", tmp_path / "gone" / "elsewhere.xml")
     with refuses(InputError, "--body"):
@@ -67,13 +53,6 @@ def test_a_body_that_moved_away(motion: Motion, body: Path, tmp_path: Path) -> N
     assert read_run(run, body=body).joint_names == motion.joint_names
     body.rename(tmp_path / "elsewhere.xml")  # beside the run is where a colleague would have put it
     assert read_run(run).joint_names == motion.joint_names
-
-
-def test_another_robots_body(motion: Motion, tmp_path: Path) -> None:
-    other = tmp_path / "other.xml"
-    other.write_text(SLIDER.replace('"swing"', '"swung"'))
-    with refuses(InputError, "swing", "--body"):
-        read_run(export_reading_saved(motion, tmp_path / "run.npz", other))
 
 
 BAD: dict[str, tuple[np.ndarray[tuple[int, ...], np.dtype[Any]], Facts]] = {
@@ -174,14 +153,6 @@ def test_landmarks_are_those_that_were_kept_and_a_straight_line_between(
     assert (bend[~kept[between][1:-1]] < 1e-9).all() and np.abs(ours - theirs).max() < 0.01
 
 
-@pytest.mark.parametrize("form", FORMATS)
-def test_every_format_takes_it(form: str, mcap_reader_motion: Motion, tmp_path: Path) -> None:
-    followed = mcap_reader_motion.rows(mcap_reader_motion.phase == "follow")
-    place = export_place(FORMATS[form], tmp_path / "run.mcap", None)
-    export_motion(followed, FORMATS[form], place)
-    assert place.exists()
-
-
 def test_the_human_is_as_often_as_it_was_kept(run: Recorded) -> None:
     human, then = read_run(run.path, of_human=True), run.result.record.human
     assert human.robot == "human" and human.row == "posture that was kept" and human.rate_hz == 12.5
@@ -203,34 +174,6 @@ def test_a_human_alone_has_every_tick(tmp_path: Path) -> None:
     assert sensors is not None
     asked = [alone.result.clip.sample(tick).position for tick in range(alone.result.clip.ticks)]
     np.testing.assert_array_equal(sensors.position, asked)
-
-
-def test_a_root_that_stands_still_is_a_root_all_the_same(tmp_path: Path) -> None:
-    """Bolted to a stand: the tree of the run has no free joint, that of a motion has."""
-    options = RunOptions(robot="op3", bus="physics", physics=PhysicsOptions(mount="stand"))
-    held = record(tmp_path / "run.mcap", options=options, seconds=0.1)
-    write_npz(held.result, tmp_path / "run.npz")
-    ours, then = read_run(held.path), read_run(tmp_path / "run.npz")
-    assert ours.body.nq == ours.body.nv + 1
-    np.testing.assert_allclose(ours.q, then.q, atol=SINGLE)
-
-
-def test_without_servos_that_answer_there_are_none(tmp_path: Path) -> None:
-    none = record(tmp_path / "run.mcap", options=RunOptions(robot="op3", bus="none"), seconds=0.1)
-    assert read_run(none.path).servos is None
-
-
-def test_the_body_of_then_is_used_and_another_can_be_given(
-    run: Recorded, mcap_reader_motion: Motion, tmp_path: Path
-) -> None:
-    assert run.result.robot is not None
-    body = tmp_path / "moved.xml"
-    body.write_bytes(run.result.robot.profile.body_path.read_bytes())
-    given = read_run(run.path, body=body)
-    assert given.body.source == str(body)
-    np.testing.assert_array_equal(given.q, mcap_reader_motion.q)
-    with refuses(InputError):
-        read_run(run.path, body=tmp_path / "nothing.xml")
 
 
 def test_half_a_recording_is_exported_with_a_word(

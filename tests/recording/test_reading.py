@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 import retarget
 from messages import refuses, shows
 from recordings import Recorded, record
-from retarget.errors import InputError, RefusedError, UsageError
+from retarget.errors import InputError, RefusedError
 from retarget.recording import read_run
 from retarget.recording.cycles import Done
 from retarget.recording.mcap_writer import METADATA
@@ -76,11 +76,6 @@ def test_order_and_copies_in_the_file_do_not_matter(run: Recorded) -> None:
         np.testing.assert_array_equal(getattr(found.cycles, name), getattr(whole.cycles, name), err_msg=name)
 
 
-def test_where_the_sensors_were_not_kept_no_sample_was_valid(run: Recorded) -> None:
-    found = played(changed(run.played().recording, SENSORS, lambda rows: chosen(rows, np.arange(10))))
-    assert np.count_nonzero(found.cycles.sampled == Done.WELL) == 10 < np.count_nonzero(found.cycles.sampled)
-
-
 def test_orientations_are_of_sensors_that_had_one(run: Recorded) -> None:
     def turned(rows: TopicRows) -> TopicRows:
         other = rows.rows.copy()
@@ -123,23 +118,10 @@ def test_a_topic_that_is_missing_is_named(topic: str, run: Recorded) -> None:
         played(replace(recording, topics=topics))
 
 
-def test_a_first_tick_that_lost_its_sensors_is_refused(run: Recorded) -> None:
-    with refuses(InputError):
-        played(changed(run.played().recording, SENSORS, lambda rows: chosen(rows, np.arange(1))))
-
-
 def test_more_ticks_than_there_can_be_are_refused(run: Recorded) -> None:
     recording = run.played().recording
     with refuses(InputError):
         played(replace(recording, session=recording.session.model_copy(update={"ticks": 1})))
-
-
-def test_a_human_whose_postures_have_no_order_is_exported_as_far_as_it_goes(
-    run: Recorded, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    still = changed(run.played().recording, HUMAN_POSTURE, lambda rows: TopicRows(rows.cycles * 0 + 20, rows.rows))
-    monkeypatch.setattr(read_run, "read_recording", lambda path: still)
-    assert len(read_run.read_run(run.path, of_human=True)) == 1
 
 
 def test_ticks_of_a_human_alone_are_those_whose_posture_is_there(
@@ -236,13 +218,6 @@ def test_what_is_no_recording_is_refused(data: bytes, tmp_path: Path) -> None:
         read_recording(path)
 
 
-def test_there_is_no_file(tmp_path: Path) -> None:
-    with refuses(InputError):
-        read_recording(tmp_path / "x.mcap")
-    with refuses(InputError):
-        read_recording(tmp_path)
-
-
 def foreign(path: Path, metadata: dict[str, str] | None) -> None:
     with path.open("wb") as stream:
         writer = Writer(stream)
@@ -286,12 +261,6 @@ def test_a_recording_of_another_format_is_refused_with_the_version_that_wrote_it
     allowed = (f"format {OURS}", retarget.__version__)
     with refuses(InputError, where=path, found=found, allowed=allowed, varies=retarget.__version__):
         read_recording(path)
-
-
-def test_without_the_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "mcap.writer", None)
-    with refuses(UsageError, "retarget[record]"):
-        read_recording(tmp_path / "run.mcap")
 
 
 def test_ticks_that_cannot_be_are_refused(content: bytes, tmp_path: Path) -> None:

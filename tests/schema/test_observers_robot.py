@@ -104,23 +104,6 @@ def test_squeezed_it_is_as_far_from_both_sides(to: float) -> None:
     assert_within_limits(done.joints)
 
 
-def test_squeezed_by_more_than_it_can_yield_it_stays_within_limits() -> None:
-    """And touches neither itself nor one side much deeper than the other."""
-    to = 0.10
-    state = closing(to)
-    done = act(robot(state), state, [human()[0]] * 350)
-    assert np.isfinite(done.q).all() and done.self_apart() > 0.0
-    assert_within_limits(done.joints)
-    left, right = done.distance[-1]
-    assert left == pytest.approx(right, abs=3e-3)
-    assert min(left, right) > -0.015
-
-
-def test_squeezed_it_is_calm() -> None:
-    state = closing(0.16)
-    assert act(robot(state), state, [human()[0]] * 450).swing() < 1e-3
-
-
 def test_an_obstacle_that_appears_inside_the_arm_is_left_at_a_bounded_speed() -> None:
     state = scene_of(ball=sphere((0.0, -0.6, 0.2)))
     follower = robot(state)

@@ -11,20 +11,17 @@ from hypothesis import strategies as st
 from doctor_rig import HERE, captured, fixes, json_poses, judged, played, steady, text_of
 from hardware.clock import MonotonicClock, VirtualClock
 from live_rig import five
-from messages import Facts, refuses, shows, shows_lines
+from messages import Facts, shows, shows_lines
 from mvn_packets import mvn, quaternions, standing
 from natnet_packets import Motion, Pose, frame
 from osc_bytes import bundle, message, pose
-from retarget.errors import InputError
 from retarget.live.address import KINDS, local_interfaces, parse_address
 from retarget.live.admission import Datagram
 from retarget.live.datagram_kinds import Recognised
 from retarget.setup.doctor_stream import (
-    UNFRAGMENTED,
     USUAL_PORTS,
     OtherPorts,
     Stray,
-    sender_findings,
     silence_findings,
     stray_finding,
     stream_findings,
@@ -123,32 +120,6 @@ def test_what_is_wrong_with_a_sender(case: str) -> None:
     shows_lines(fixes(judged(capture, text=text)), facts)
 
 
-def test_fragments_matter_beyond_this_machine_only() -> None:
-    large = json_poses(1.0, {f"marker {k}": {"p": [0.0, 0.0, 1.0]} for k in range(60)})
-    assert len(large) > UNFRAGMENTED
-    assert "2252" not in text_of(judged(played(steady(large))))
-    assert "2252" not in text_of(judged(played(steady(ONE, source=OTHER))))
-    shows_lines(text_of(judged(played(steady(large, source=OTHER)))), "2252")
-
-
-def test_what_the_kernel_lost() -> None:
-    capture = played(steady(ONE))
-    vars(capture.stream.receiver)["overflowed"] = 12
-    assert any("lost 12 datagrams" in line for line in fixes(judged(capture)))
-
-
-def test_many_unknown_kinds_are_one_line() -> None:
-    rows = [Datagram(k / 100, HERE, bytes([200, k, 1, 2, 3])) for k in range(200)]
-    assert len(fixes(judged(played(rows)))) == 1
-
-
-def test_a_recording_of_another_kind_is_read_as_that() -> None:
-    address = parse_address("replay://walk.raw?kind=mvn")
-    (line,) = fixes(sender_findings(address, "mvn", played(steady(VMC), text="mvn://:9763")))
-    shows(line, "mvn://")
-    assert line.endswith("Read it as replay://walk.raw?kind=vmc.")
-
-
 SENT_VMC = Recognised("vmc", "VMC")
 
 
@@ -195,14 +166,6 @@ def test_a_sender_to_another_port_is_the_cause(stray: Stray, words: str) -> None
     assert "ITS_ADDRESS" not in said("vmc://:39539", stray)
 
 
-@pytest.mark.parametrize(
-    ("got", "words"), [(Recognised("mvn", "MVN"), "To use that: mvn://:9763"), (Recognised("", "mocopi"), "not read")]
-)
-def test_another_kind_at_another_port_is_a_note(got: Recognised, words: str) -> None:
-    finding = stray_finding(parse_address("vmc://:39539"), Stray("127.0.0.1", "0.0.0.0", 9_763, got))
-    assert not fixes([finding]) and words in finding.render()
-
-
 def test_a_good_stream_has_nothing_to_fix() -> None:
     found = judged(captured())
     assert not fixes(found), text_of(found)
@@ -217,25 +180,6 @@ def test_real_recordings(shared: Path, name: str, kind: str, wrong: list[str]) -
     address = parse_address(f"replay://{shared}/streams/slimevr/{name}.udprec.gz?kind={kind}")
     found = stream_findings(address, five(), clock=VirtualClock(), seconds=6.0)
     assert [line.split(":")[0].split()[1] for line in fixes(found)] == wrong
-
-
-def test_a_recording_of_another_kind(shared: Path) -> None:
-    address = parse_address(f"replay://{shared}/streams/slimevr/full12_vmc_50hz.udprec.gz?kind=mvn")
-    (line,) = fixes(stream_findings(address, five(), clock=VirtualClock(), seconds=3.0))
-    shows(line, "VMC", "mvn://")
-
-
-def test_no_such_recording_is_a_bad_argument() -> None:
-    with refuses(InputError):
-        stream_findings(parse_address("replay://nope?kind=vmc"), five(), clock=VirtualClock(), seconds=1.0)
-
-
-def test_a_port_that_is_taken_is_to_be_fixed() -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as holder:
-        holder.bind(("127.0.0.1", 0))
-        address = parse_address(f"vmc://:{holder.getsockname()[1]}")
-        found = stream_findings(address, five(), clock=MonotonicClock(), seconds=1.0)
-    shows(fixes(found)[0])
 
 
 SEEDS = (
