@@ -27,6 +27,16 @@ def reason(rig: Rig) -> str:
     return rig.guard.stop.reason
 
 
+def test_a_copy_of_a_goal_is_not_written() -> None:
+    rig = Rig()
+    rig.arm()
+    goal = rig.stand()
+    with refuses(GuardError):
+        rig.guard.write(replace(goal, joints=goal.joints + 0.1, number=goal.number + 1))
+    with pytest.raises(ValueError, match="read-only"):
+        goal.joints[0] = 1.0
+
+
 def test_goal_is_present_before_torque() -> None:
     rig = Rig()
     present = rig.arm()

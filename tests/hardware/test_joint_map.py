@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hardware.errors import HardwareError
-from hardware.joint_map import SLACK, JointMap, coupled_pairs, coupling_problems, resolve_turns
+from hardware.joint_map import NO_SERVO, SLACK, JointMap, coupled_pairs, coupling_problems, resolve_turns
 from hardware.servo import Coupling, ServoMode, ServoSpec, find_model
 from messages import refuses, shows
 from servos import four_servos, waist_servos
@@ -58,6 +58,11 @@ def test_what_a_servo_cannot_do_is_refused_by_name(value: float) -> None:
     position[1] = value
     with refuses(HardwareError, "elbow", "2", value, "-0.5000", "2.0000"):
         MAP.to_ticks(position)
+
+
+def test_joints_without_a_servo_show_minus_one() -> None:
+    spread = MAP.spread(("head", "tail", "shoulder"), np.array([[1, 2, 3, 4], [5, 6, 7, 8]]))
+    assert spread.tolist() == [[4, NO_SERVO, 1], [8, NO_SERVO, 5]]
 
 
 def test_everything_wrong_with_the_servos_is_said_at_once() -> None:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hardware.clock import VirtualClock
 from live_rig import WHERE, five, live_stream
 from messages import Facts, refuses, shows
-from retarget.errors import ConfigError, InputError
+from retarget.errors import ConfigError, InputError, UsageError
 from retarget.human.performer_calibration import person_of, person_path, read_person, write_person
 from retarget.human.samples import Performance
 from retarget.live.admission import SECOND_SOURCE
@@ -23,6 +23,13 @@ from retarget.rotations import from_axis_angle, rotate
 from retarget.schema.performer import Performer, load_performer
 from retarget.types import FloatArray
 from sim.faults.sender import FakeSender, Poses, SenderFault, lost, silent
+
+
+@pytest.mark.parametrize("countdown", [-5.0, -1e-9, 600.1, float("inf"), float("nan"), float("-inf")])
+def test_a_countdown_out_of_range_is_refused(countdown: float) -> None:
+    with refuses(UsageError, "--countdown", allowed=(0, 600)):
+        LiveOptions(countdown=countdown)
+
 
 BEGINS_S = 3.0
 """By then a performer who stands still from 0.5 s on has been measured."""

@@ -12,6 +12,7 @@ from messages import refuses
 from played import How
 from retarget import rotations
 from retarget._solver import PoseFilter, PoseRing
+from retarget.errors import UsageError
 from retarget.live.playout import (
     DELAY_CAP_S,
     EXTRAPOLATION_S,
@@ -19,6 +20,7 @@ from retarget.live.playout import (
     Played,
     Playout,
     PlayoutDelay,
+    pose_filter,
 )
 from retarget.rotations import IDENTITY
 from retarget.types import FloatArray
@@ -446,3 +448,8 @@ def test_what_is_off_is_left_and_what_is_missing_waits() -> None:
     assert fresh[0][1].tolist() == position[0, 1].tolist()
     assert rotations.angle_between(fresh[1][1], orientation[0, 1]) < 1e-9
     assert rotations.angle_between(fresh[1][0], orientation[0, 0]) > 1e-3
+
+
+def test_an_unknown_name_is_refused() -> None:
+    with refuses(UsageError, found="'ligth'"):
+        pose_filter("ligth", 1)

@@ -200,6 +200,16 @@ def test_a_second_connection_waits_until_the_first_is_silent() -> None:
             assert [(row.payload, row.source) for row in found] == [(datagram(3), third.getsockname())]
 
 
+def test_a_connection_that_breaks_is_only_the_end_of_it() -> None:
+    with closing(TcpReceiver(ADDRESS)) as receiver, calling(receiver) as caller:
+        caller.sendall(datagram(1))
+        tcp_received(receiver, 1)
+        caller.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
+        caller.close()
+        ready(receiver.connection)
+        assert receiver.poll(0.0) == [] and not receiver.connection
+
+
 def test_garbage_is_counted_and_a_poll_is_bounded() -> None:
     small = quaternions([])
     with closing(TcpReceiver(ADDRESS)) as receiver, calling(receiver) as caller:

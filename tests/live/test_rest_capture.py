@@ -1,6 +1,7 @@
 """A second of standing still: size, floor, heading; and what is refused, by name."""
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -45,6 +46,13 @@ def test_a_standing_performer_faces_x_on_the_floor(yaw: float, place: tuple[floa
     np.testing.assert_allclose(ours[:, :2], STANDING[:, :2], atol=1e-9)
     np.testing.assert_allclose(ours[3, 2], 0.07, atol=0.01)
     assert rotations.angle_between(found.orientations(turn), rotations.IDENTITY) < 1e-7
+
+
+def test_left_and_right_in_one_place_show_no_direction() -> None:
+    sent = STANDING.copy()
+    sent[:, 1] = 0.0
+    with refuses(InputError):
+        align(NAMES, sent, where="vmc://:39539")
 
 
 @settings(max_examples=60)
@@ -225,6 +233,13 @@ def test_the_skeleton_of_mvn_is_the_size() -> None:
     assert said[-1].startswith("known: ")
     shows(said[-1], "mvn://:9763")
     assert measured[-1].startswith("measured: ")
+
+
+def test_mirrored_the_longer_leg_is_the_other_one() -> None:
+    person = long_legs()
+    found, _ = begun(MvnSender(person, t_pose(person)), mirror=True)
+    for one, other in pairwise(("l_knee", "r_knee", "l_knee")):
+        np.testing.assert_allclose(found.dimensions.of(one), person.of(other) * [1.0, -1.0, 1.0], atol=1e-5)
 
 
 def test_a_skeleton_that_is_no_human_s_is_left_aside() -> None:

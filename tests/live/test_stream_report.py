@@ -17,7 +17,7 @@ from messages import refuses, shows
 from mvn_packets import quaternions, standing
 from retarget.errors import InputError
 from retarget.live.address import StreamAddress, parse_address
-from retarget.live.admission import TOO_LONG, TOO_MANY, Admission, Datagram, Source
+from retarget.live.admission import TOO_LONG, TOO_MANY, Admission, Datagram, Source, admission_for
 from retarget.live.begin import LiveOptions, begin_live
 from retarget.live.performer import LivePerformer
 from retarget.live.raw_recording import RawTap
@@ -357,6 +357,17 @@ def test_datagrams_of_others_are_reported_as_the_reason() -> None:
     messages = looks(live_stream(sender, five()), 0.0, 4.0)
     assert len(messages) == 1
     shows(messages[0][1], "127.0.0.1:40000")
+
+
+def test_a_sender_that_is_not_on_the_list_is_to_be_named_there() -> None:
+    stream = live_stream(FakeSender(source=("192.168.1.20", 40000)), five())
+    where = "json://0.0.0.0:14150?allow=192.168.1.21"
+    stream.admission = admission_for(parse_address(where))
+    for tick in range(20):
+        stream.poll(DT * tick, moving=False)
+    text = str(unusable(stream, [], 10.0, where=where, now=10.0))
+    shows(text)
+    assert text.endswith("?allow=192.168.1.20."), text
 
 
 def test_where_nothing_arrives_at_a_socket_its_address_and_reach_are_named() -> None:

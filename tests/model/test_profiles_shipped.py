@@ -192,14 +192,6 @@ def test_frames_look_where_a_person_would(body: PosedBody) -> None:
     np.testing.assert_allclose(body.frame("head")[1][:, 0], (1, 0, 0), atol=2e-3)
 
 
-def test_rest_is_lower_than_stand(body: PosedBody) -> None:
-    heights = {}
-    for posture in ("stand", "rest"):
-        body.pose(getattr(body.profile.postures, posture))
-        heights[posture] = body.at("pelvis")[2] - body.at("l_sole")[2]
-    assert heights["rest"] < 0.65 * heights["stand"]
-
-
 def test_landmarks_ask_for_less_than_the_stretched_limb(body: PosedBody) -> None:
     """Lengths of the segments; and that from the ankle a sole is where the landmark's offset says."""
     body.pose(body.profile.postures.stand)
@@ -280,10 +272,3 @@ def names(robot: RobotBody, frame: str, others: list[str]) -> set[str]:
 )
 def test_joints_on_the_way_of_the_op3(frame: str, others: list[str], joints: set[str]) -> None:
     assert names(op3(), frame, others) == joints
-
-
-def test_a_waist_lies_between_trunk_and_soles_but_not_between_hand_and_shoulder() -> None:
-    toddlerbot = load_robot("toddlerbot")
-    assert {"waist_roll", "waist_yaw"} <= names(toddlerbot, "neck", ["l_sole", "r_sole"])
-    assert not {"waist_roll", "waist_yaw"} & names(toddlerbot, "l_hand", ["l_shoulder"])
-    assert not {"waist_roll", "waist_yaw"} & names(toddlerbot, "pelvis", ["l_ankle", "r_ankle"])

@@ -96,11 +96,6 @@ def test_a_slow_move_is_straight_and_ends_exactly_at_its_goal_at_its_share_of_sp
     driven.assert_within_limits()
 
 
-def test_a_slow_move_to_where_the_robot_is_has_no_way() -> None:
-    driven = Driven()
-    assert SlowMove(op3(), driven.commanded, share=SHARE, dt=DT).is_at(stand())
-
-
 def test_a_warm_robot_moves_more_slowly() -> None:
     ticks = []
     for override in (1.0, 0.5):
@@ -337,21 +332,6 @@ def test_where_the_gate_refuses_the_way_it_holds_and_goes_on_when_it_is_clear() 
     driven.refuses = False
     arrive(driven, rest)
     np.testing.assert_array_equal(driven.path[-1], rest_joints(op3()))
-    driven.assert_within_limits()
-
-
-def test_a_second_way_to_rest_begins_where_the_robot_stands() -> None:
-    driven = Driven()
-    rest = going(driven)
-    for _ in range(60):
-        driven.take(rest.target(None, speed_override=1.0))
-    while not driven.commanded.stands:
-        driven.take(None)
-    stood = driven.path[-1]
-    rest.begin()
-    driven.take(rest.target(None, speed_override=1.0))
-    assert np.abs(driven.path[-1] - stood).max() < 1e-3
-    arrive(driven, rest)
     driven.assert_within_limits()
 
 

@@ -26,17 +26,6 @@ from sim.mock_bus import MockBus
 from sim.performer import synthetic_performer
 from sim.physics.witness import Witness
 
-BALL = """
-name: ball
-description: A ball that comes to where the robot squats, while it goes to rest
-obstacles:
-  ball:
-    shape: {sphere: {radius: 0.05}}
-    path:
-      - {time: 0.0, pos: [2.0, 0.0, 0.5]}
-      - {time: 30.0, pos: [1.0, 0.0, 0.5]}
-"""
-
 REFUSED = (60, 61, 62)
 """Goals of a return to stance."""
 
@@ -70,17 +59,6 @@ def stopped(
     with prepare(synthetic_performer, asked, clock=clock, make_bus=bus, goes_to_rest=True, notify=notify) as prepared:
         run = prepared.run(Watch(stop_asked=lambda: next(ticks) >= after))
         return run, prepared.scene_obstacles
-
-
-@pytest.mark.parametrize(("name", "after"), [("op3", 1), ("op3", 100), ("wolfgang", 30)])
-def test_a_stop_while_it_rises_leads_back_and_does_not_stand_it_up(name: str, after: int) -> None:
-    run, _ = stopped(name, after, start="rest")
-    assert run.record is not None and run.record.robot is not None and run.robot is not None
-    rest, stand = angles(run.robot, "rest"), angles(run.robot, "stand")
-    risen = (run.record.robot.goals - rest) @ (stand - rest) / ((stand - rest) @ (stand - rest))
-    at_stop = risen[: after + 1].max()
-    assert risen.max() < at_stop + 0.08 < 0.9  # it brakes first
-    assert np.abs(run.record.robot.goals[-1] - rest).max() < 0.1 and not any("rest" in note for note in run.notes)
 
 
 def test_a_stop_on_the_approach_returns_to_stance_from_there(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -158,15 +136,6 @@ def test_a_stop_after_it_followed_ends_in_rest_within_four_seconds() -> None:
     goals, dt = run.record.robot.goals, 1.0 / run.robot.profile.safety.rate_hz
     assert (len(goals) - run.record.following.stop) * dt < 4.0
     assert np.abs(goals[-1] - angles(run.robot, "rest")).max() < 0.1
-
-
-def test_obstacles_move_on_while_it_goes_to_rest(tmp_path: Path) -> None:
-    scene = tmp_path / "ball.yaml"
-    scene.write_text(BALL)
-    run, obstacles = stopped("op3", 10**6, start="stand", scene=scene)
-    assert run.record is not None and run.record.robot is not None and run.robot is not None and obstacles is not None
-    lasted = float(run.record.time[-1])  # since it follows
-    assert lasted > 4.5 and obstacles.time == pytest.approx(lasted, abs=0.1)
 
 
 @pytest.mark.parametrize("name", ["op3", "poppy", "wolfgang"])

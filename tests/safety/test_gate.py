@@ -182,14 +182,6 @@ def test_a_senseless_start_is_refused(start: FloatArray) -> None:
         make(start)
 
 
-def test_a_seed_forgets_the_past() -> None:
-    gate = make()
-    admit(gate, CHANGE)
-    admit(gate, np.full(4, np.nan))
-    gate.begin(np.zeros(4))
-    assert gate.at_rest
-
-
 @pytest.mark.parametrize(
     "change", [{"upper": MAP.lower}, {"max_velocity": np.zeros(4)}, {"lower": np.full(4, -np.inf)}]
 )
@@ -255,13 +247,6 @@ def test_a_senseless_goal_reaches_no_compensation() -> None:
     assert gate.check(0.5 * CHANGE) is not None and len(compensation.asked) == 1
 
 
-def test_goals_are_numbered_and_belong_to_their_gate() -> None:
-    gate, other = make(), make()
-    goals = [gate.check(sent(gate) + 0.1 * k * CHANGE) or gate.brake() for k in range(5)]
-    assert [goal.number for goal in goals] == [2, 3, 4, 5, 6]
-    assert {goal.seal for goal in goals} == {gate.brake().seal} != {other.brake().seal}
-
-
 def test_without_limits_goals_pass_and_braking_ends_at_rest() -> None:
     gate = PassThroughGate.for_servos(MAP, dt=DT)
     gate.begin(np.zeros(4))
@@ -271,10 +256,3 @@ def test_without_limits_goals_pass_and_braking_ends_at_rest() -> None:
     while not gate.at_rest:
         gate.brake()
     np.testing.assert_array_equal(gate.brake().joints, sent(gate))
-
-
-@pytest.mark.parametrize("goal", [[np.nan, 0.0, 0.0, 0.0], [np.inf, 0.0, 0.0, 0.0], [0.0]])
-def test_without_limits_what_no_servo_can_take_is_refused(goal: list[float]) -> None:
-    gate = PassThroughGate.for_servos(MAP, dt=DT)
-    gate.begin(np.zeros(4))
-    assert gate.check(np.array(goal)) is None

@@ -14,7 +14,6 @@ from hierarchy_oracle_helpers import EQUAL, compare, solve
 from oracles.hierarchies import CHANGES, ROUGH_CHANGES, Change, random_hierarchy
 from oracles.optimality import outside_box
 from oracles.problem import Array, Hierarchy, Level
-from oracles.textbook import prioritized_pseudo_inverse
 
 STRICT = 1e-9  # change of a residual by the levels below
 
@@ -101,14 +100,6 @@ def test_the_unit_of_the_answer_does_not_matter(scale: float) -> None:
         assert solve(stretched).x / scale == pytest.approx(solve(problem).x, abs=EQUAL), problem.name
 
 
-@pytest.mark.parametrize("seed", range(40))
-def test_the_textbook_where_no_bound_matters(seed: int) -> None:
-    problem = random_hierarchy(seed, CHANGES[:4], share=0.5)
-    wide = replace(problem, lo=problem.lo - 1e4, hi=problem.hi + 1e4)
-    levels = [(level.C, level.e) for level in problem.levels]
-    assert solve(wide).x == pytest.approx(prioritized_pseudo_inverse(levels, problem.weight, problem.ref), abs=1e-7)
-
-
 numbers = st.sampled_from([0.0, 1.0, -1.0, 0.5, -2.0, 1e-9, -1e-9, 1e-5, 3e3, -1e6, 1e9])
 
 
@@ -148,14 +139,3 @@ def test_any_hierarchy_has_a_finite_answer_inside_the_box(problem: Hierarchy) ->
 def test_any_seed_is_right(seed: int) -> None:
     comparison = compare(problem := random_hierarchy(seed), solve(problem).x)
     assert not comparison.fault
-
-
-def test_all_columns_fixed() -> None:
-    problem = random_hierarchy(5)
-    still = replace(problem, lo=problem.hi)
-    assert np.array_equal(solve(still).x, problem.hi)
-
-
-def test_no_levels_gives_the_clipped_reference() -> None:
-    problem = replace(random_hierarchy(6), levels=(), soft=None)
-    assert solve(problem).x == pytest.approx(np.clip(problem.ref, problem.lo, problem.hi), abs=1e-12)

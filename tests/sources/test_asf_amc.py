@@ -186,6 +186,14 @@ def test_each_fault_of_a_frame_has_its_line(tmp_path: Path, old: str, new: str, 
         assert line in (expected, expected + (old == "\n3\n"))
 
 
+@pytest.mark.parametrize(
+    "text", ["", "\n\n", ":DEGREES\n", "# nothing\n", "hello world\n", "0\x000\n", "1\n", "1\n2\n"]
+)
+def test_texts_that_are_no_motion(tmp_path: Path, text: str) -> None:
+    with pytest.raises(InputError):
+        read_amc(write_amc(tmp_path, text))
+
+
 def test_02_06_agrees_with_its_bvh_but_for_the_lost_thorax(shared: Path) -> None:
     amc = shared / "mocap/cmu_asfamc/02_06.amc"
     asf = read_asf(find_skeleton(amc))

@@ -161,6 +161,14 @@ def test_each_fault_has_its_line(tmp_path: Path, old: str, new: str, facts: Fact
         assert int(number) == text[: text.index(old)].count("\n") + 1
 
 
+@pytest.mark.parametrize("share", [0.5, 0.0])
+def test_a_motion_cut_in_its_last_line_is_refused_as_cut_short(tmp_path: Path, share: float) -> None:
+    lines = bvh_text().rstrip().splitlines()
+    cut = lines[-1][: int(share * len(lines[-1]))] + " -"
+    with refuses(InputError, where=f":{len(lines)}"):
+        read_bvh(write(tmp_path, "\n".join([*lines[:-1], cut])))
+
+
 def test_every_recording_is_a_human_with_constant_bones(shared: Path) -> None:
     paths = [path for folder in RECORDINGS for path in sorted((shared / "mocap" / folder).glob("*.bvh"))]
     assert len(paths) == 13

@@ -11,6 +11,8 @@ from messages import refuses
 from motion_texts import MARKERS, c3d_bytes
 from retarget.errors import InputError
 from retarget.sources.c3d import (
+    MarkerTracks,
+    _metres,
     _one_subject,
     read_c3d,
     read_markers,
@@ -74,6 +76,15 @@ def test_of_several_performers_the_best_seen_is_read() -> None:
     columns, notes = _one_subject(labels)
     assert columns["LFHD"] == 1 and len(columns) == len(MARKERS)
     assert notes == ("2 performers in the file (Bo, Ann): only 'Ann' is read",)
+
+
+def test_units_unknown_and_unstated() -> None:
+    tracks = MarkerTracks(("LANK",), np.zeros((1, 1, 3)), np.ones((1, 1), bool), 100.0, "", np.array([0.0, 0.0, 1.0]))
+    assert _metres(tracks, None, Path("a.c3d")) == (0.001, ("unit not stated: taken as mm (change it with --unit)",))
+    odd = MarkerTracks(tracks.labels, tracks.position, tracks.seen, 100.0, "furlong", tracks.up)
+    with refuses(InputError, found="'furlong'"):
+        _metres(odd, None, Path("a.c3d"))
+    assert _metres(odd, "cm", Path("a.c3d"))[0] == 0.01
 
 
 def test_files_without_known_markers_are_refused_with_what_they_hold(tmp_path: Path) -> None:

@@ -38,6 +38,12 @@ def only(decoder: StreamDecoder, datagram: bytes) -> StreamFrame:
     return frame
 
 
+def refused(datagram: bytes) -> dict[str, int]:
+    decoder = MvnDecoder()
+    assert decoder.decode(datagram) == []
+    return dict(decoder.dropped.reasons)
+
+
 def test_the_t_pose_datagram_of_the_facts(shared: Path) -> None:
     decoder = MvnDecoder()
     frame = only(decoder, (shared / "streams/mxtp02_tpose.bin").read_bytes())
@@ -106,6 +112,14 @@ def test_the_t_pose_in_metres_and_in_centimetres() -> None:
         assert decoder.rest is before and decoder.dropped.count == 0
 
 
+def test_impossible_t_poses() -> None:
+    damaged, impossible = "type 13 (scale) damaged", "type 13 (scale) with an impossible T-pose"
+    assert refused(mvn("13", b"\0\0\0\1")) == {damaged: 1}
+    assert refused(scale([("Pelvis", (0.0, 0.0, np.nan))])) == {impossible: 1}
+    assert refused(scale([("Pelvis", (0.0, 0.0, 1.0)), ("Pelvis", (0.0, 0.0, 1.0))])) == {impossible: 1}
+    assert refused(scale([("L5", (0.0, 0.0, 1.0))])) == {impossible: 1}
+
+
 def test_other_characters() -> None:
     second = mvn("02", GOOD[24:], items=23, character=1)
     first_seen, chosen = MvnDecoder(), MvnDecoder(character=1)
@@ -120,6 +134,14 @@ def test_a_wrong_type_is_named() -> None:
         assert decoder.decode(mvn(kind, b"whatever")) == []
     assert len(decoder.dropped.reasons) == decoder.dropped.count == 8
     shows(decoder.dropped.reasons)
+
+
+def test_datagrams_that_are_none() -> None:
+    assert refused(b"") == refused(GOOD[:20]) == refused(b"OSC" + GOOD) == {"not an MVN datagram": 1}
+    assert refused(GOOD[:-1]) == refused(GOOD + b"x") == {"not of the size in its header": 1}
+    assert refused(mvn("02", GOOD[24:], items=22)) == {"items do not fill the datagram": 1}
+    assert refused(mvn("02", b"", items=0)) == {"no body segment": 1}
+    assert refused(quaternions([standing()[0]] * 2)) == {"segment sent twice": 1}
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 3e38])

@@ -161,6 +161,34 @@ def test_no_answer() -> None:
     shows(text, "UDP", 1510)
 
 
+def test_frames_but_no_answer() -> None:
+    session = started("multicast")
+    session.receive(1.0, FRAME)
+    (text,) = said(session, 3.0)
+    shows(text)
+
+
+@pytest.mark.parametrize(
+    ("version", "cure"), [(Version(2, 10), "Update Motive"), (Version(5, 0), "choose a 4.x bitstream")]
+)
+def test_a_version_that_cannot_be_read(version: Version, cure: str) -> None:
+    session = started()
+    session.receive(0.1, server_info(version))
+    (text,) = said(session, 0.1)
+    shows(text, str(version), "3.1")
+    assert "3.0 to 4.x" in text and cure in text
+
+
+@pytest.mark.parametrize("mine", ["unicast", "multicast"])
+def test_the_other_way_of_streaming(mine: str) -> None:
+    session = started(mine)
+    session.receive(0.0, server_info(V41, multicast=mine == "unicast"))
+    assert said(session, 1.9) == []
+    (text,) = said(session, 2.0)
+    shows(text, mine)
+    assert ("239.255.42.99, port 1511" in text) == (mine == "unicast")
+
+
 @pytest.mark.parametrize(
     ("mine", "hint"), [("unicast", "firewall lets UDP"), ("multicast", "239.255.42.99 was joined")]
 )

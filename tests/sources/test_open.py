@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from messages import Facts, refuses
 from motion_texts import amc_text, asf_text, bvh_text, c3d_bytes, write_amc
-from retarget.errors import InputError
+from retarget.errors import InputError, UsageError
 from retarget.frames import SensorFrames
 from retarget.sources.files import MAX_FILE_BYTES
 from retarget.sources.open import open_source, recognise
@@ -40,6 +40,19 @@ def test_every_format_opens_by_path_or_by_text(tmp_path: Path) -> None:
         assert isinstance(open_source(str(path)), SensorFrames)
         assert open_source(path, rate=25.0).time[1] == 0.04
         assert open_source(path, unit="cm").source == str(path)
+
+
+def test_a_skeleton_can_be_named_but_only_for_an_amc(tmp_path: Path) -> None:
+    (tmp_path / "other.asf").write_text(asf_text())
+    (tmp_path / "lone.amc").write_text(amc_text())
+    (tmp_path / "a.bvh").write_text(bvh_text())
+    with refuses(InputError, "--skeleton"):
+        open_source(tmp_path / "lone.amc")
+    assert len(open_source(tmp_path / "lone.amc", skeleton=str(tmp_path / "other.asf"))) == 3
+    with refuses(UsageError, "AMC"):
+        open_source(tmp_path / "a.bvh", skeleton=tmp_path / "other.asf")
+    with refuses(InputError):
+        open_source(tmp_path / "lone.amc", skeleton=tmp_path / "missing.asf")
 
 
 @pytest.mark.parametrize(
@@ -135,6 +148,12 @@ def test_mangled_files_raise_input_errors_only(
     except InputError:
         return
     assert np.isfinite(frames.position[frames.valid]).all() and np.isnan(frames.position[~frames.valid]).all()
+
+
+@pytest.mark.parametrize("address", ["vmc://:39539", Path("vmc://:39539"), "osc://host:1/x"])
+def test_live_sources_are_refused_as_files(address: str | Path) -> None:
+    with refuses(InputError, "ADDRESS"):
+        open_source(address)
 
 
 @pytest.mark.parametrize("packed", [False, True])

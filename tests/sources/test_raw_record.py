@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from messages import refuses, shows
-from retarget.errors import InputError
+from retarget.errors import InputError, UsageError
 from retarget.sources.raw_record import MAX_UNWRITTEN, Datagram, RawReader, RawWriter
 from retarget.sources.stream_frame import MAX_DATAGRAM
 
@@ -144,6 +144,14 @@ def test_a_full_disk_stops_the_recording_only(tmp_path: Path) -> None:
     assert writer.error
     writer.append(b"y", time_ns=0, address="1.2.3.4", port=5)
     assert writer.lost == 2
+
+
+def test_where_nothing_can_be_written(tmp_path: Path, recording: Path) -> None:
+    with refuses(UsageError, "--record-raw"):
+        RawWriter(recording, url=URL)
+    with refuses(UsageError, "--record-raw"):
+        RawWriter(tmp_path / "none" / "a", url=URL)
+    assert list(RawReader(recording)) == SENT
 
 
 @given(st.binary(max_size=300), st.booleans())
