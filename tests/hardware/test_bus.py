@@ -153,26 +153,6 @@ def test_torque_that_others_switched_on_stays() -> None:
     assert rig.shown("torque_enable") == [1, 1, 1]
 
 
-def test_torque_on_provisions_who_started_anew() -> None:
-    servos = [replace(one, gains=replace(one.gains, position_p=333)) for one in specs(3)]
-    rig = BusRig(servos).ready(torque=True)
-    brown_out = Fault(FaultKind.UNDER_VOLTAGE, ids=(2,), end=0.05)
-    rig.fault(brown_out)
-    for _ in range(60):
-        states = rig.tick().states
-    assert states.driven.tolist() == [True, False, True]
-    assert rig.shown("position_p_gain") == [333, rig.device(2).table["position_p_gain"].initial, 333]
-    assert rig.shown("bus_watchdog") == [5, 0, 5]
-    rig.bus.torque(True)
-    assert rig.shown("torque_enable") == [1, 1, 1]
-    assert rig.shown("position_p_gain") == [333] * 3
-    assert rig.shown("bus_watchdog") == [5] * 3
-    assert rig.shown("goal_pwm") == [FULL] * 3
-    for _ in range(20):
-        states = rig.tick().states
-    assert states.driven.all() and not states.alert.any()
-
-
 def test_a_host_that_is_silent_finds_its_servos_stopped() -> None:
     rig = BusRig(specs(4)).ready(torque=True)
     rig.tick([2300] * 4)

@@ -45,13 +45,6 @@ def test_every_tick_survives(ticks: list[int]) -> None:
     assert MAP.to_ticks(MAP.to_radians(np.array(ticks))).tolist() == ticks
 
 
-def test_a_limit_written_for_a_whole_tick_is_that_tick() -> None:
-    servo = replace(four_servos()[0], lower=-1024 * math.pi / 2048, upper=1024 * math.pi / 2048)
-    joint_map = JointMap([servo])
-    assert joint_map.to_ticks(joint_map.lower).tolist() == [1024]
-    assert joint_map.to_ticks(joint_map.upper).tolist() == [3072]
-
-
 @pytest.mark.parametrize("value", [math.nan, math.inf, 4.0, -4.0])
 def test_what_a_servo_cannot_do_is_refused_by_name(value: float) -> None:
     position = np.zeros(4)

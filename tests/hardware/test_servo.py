@@ -114,36 +114,6 @@ def test_an_error_latches_until_reboot() -> None:
     assert write_register(servo, "torque_enable", 1, 2.3) == 0
 
 
-def test_an_error_outside_the_mask_only_alerts() -> None:
-    servo = servo2()  # shutdown 52: voltage is not in it
-    write_register(servo, "torque_enable", 1)
-    servo.supply(9.0, 1.0)
-    assert servo.read(64, 1, 1.0) == (ALERT, b"\1")
-    servo.heat(90.0, 2.0)
-    assert servo.read(70, 1, 2.0) == (ALERT, b"\x05") and read_register(servo, "torque_enable", 2.0) == 0
-
-
-def test_a_brown_out_loses_the_ram() -> None:
-    servo = servo2()
-    write_register(servo, "position_p_gain", 100)
-    write_register(servo, "torque_enable", 1)
-    servo.supply(3.0, 1.0)
-    assert servo.booting(100.0)
-    servo.supply(None, 100.0)
-    assert servo.booting(100.1) and not servo.booting(100.3)
-    assert read_register(servo, "torque_enable", 100.3) == 0 and read_register(servo, "position_p_gain", 100.3) == 800
-
-
-def test_a_multi_register_write_with_a_profile_in_it() -> None:
-    servo = servo2()
-    write_register(servo, "torque_enable", 1)
-    data = (10).to_bytes(4, "little") + (50).to_bytes(4, "little") + (3000).to_bytes(4, "little")
-    servo.write(108, data, 0.0)
-    assert read_register(servo, "moving_status", 0.2) & 0x32 == 0x32
-    speeds = [read_register(servo, "velocity_trajectory", 0.05 * step) for step in range(100)]
-    assert max(speeds) == 50 and speeds[-1] == 0 and read_register(servo, "present_position", 6.0) == 3000
-
-
 def test_an_unknown_model_lists_the_known_ones() -> None:
     with refuses(HardwareError, "'XM430'", "XM430-W350"):
         find_model("XM430")

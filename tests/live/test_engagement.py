@@ -10,7 +10,6 @@ from retarget.live.sensor_validity import (
     LIMITS,
     LONGEST_STEP,
     PEAK,
-    Debounce,
     Engagement,
     ReacquisitionBlend,
     ValidityState,
@@ -75,17 +74,6 @@ def test_the_robot_has_all_of_its_speed_after_the_blend_and_never_in_a_hold() ->
     back = round((LIMITS.healthy + LIMITS.blend) / DT)
     assert max(settled[:back]) < 0.01 and settled[279] == 1.0 and settled[299] == 0.0
     assert 0.0 <= np.diff(settled[:280]).max() <= DT / LIMITS.blend * 1.001
-
-
-def test_what_was_bad_must_be_good_for_so_long_without_a_gap() -> None:
-    debounce = Debounce()
-    assert [debounce.step(t, good=True) for t in (0.0, 0.3, 0.5, 0.6)] == [False, False, True, True]
-    assert [debounce.step(t, good=good) for t, good in ((0.7, False), (0.8, True), (1.2, False), (1.6, True))] == [
-        False
-    ] * 4
-    assert debounce.step(2.1, good=True)
-    debounce.restart()
-    assert not debounce.step(2.2, good=True)
 
 
 FRESH = np.array([ValidityState.FRESH], dtype=np.uint8)

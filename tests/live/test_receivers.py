@@ -366,22 +366,6 @@ def test_reasons_not_to_join(host: str, number: int, expected: Facts, monkeypatc
         open_socket(address)
 
 
-def test_a_group_is_received_on_the_interface_that_was_chosen() -> None:
-    with closing(UdpReceiver(MULTICAST)) as receiver, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-        sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1"))
-        try:
-            sender.sendto(b"frame", (GROUP, receiver.bound[1]))
-        except OSError as error:
-            pytest.skip(f"this kernel sends no multicast over loopback: {error}")
-        if not select.select([receiver], [], [], PATIENCE_S)[0]:
-            pytest.skip("this kernel delivers no multicast over loopback")
-        assert [datagram.payload for datagram in receiver.poll(CLOCK.now())] == [b"frame"]
-        sender.sendto(b"unicast to the same port", ("127.0.0.1", receiver.bound[1]))
-        sender.sendto(b"group", (GROUP, receiver.bound[1]))
-        assert select.select([receiver], [], [], PATIENCE_S)[0]
-        assert [datagram.payload for datagram in receiver.poll(CLOCK.now())] == [b"group"]
-
-
 def test_a_group_is_not_received_on_an_interface_that_was_not_chosen() -> None:
     others = [address for address in local_interfaces().values() if not address.startswith("127.")]
     if not others:

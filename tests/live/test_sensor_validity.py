@@ -25,7 +25,7 @@ from retarget.sources.open import open_source
 from retarget.sources.raw_record import RawReader
 from retarget.sources.vmc import VmcDecoder
 from retarget.types import FloatArray
-from validity_rig import HOME, LAG, NAMES, Stream, judge, recorded, walk
+from validity_rig import LAG, NAMES, Stream, judge, recorded, walk
 
 PLACES = np.array([[0.0, 0.3, 1.0], [0.0, -0.3, 1.0], [0.0, 0.0, 1.0]])
 THREE = ("l_wrist", "r_wrist", "pelvis")
@@ -299,19 +299,6 @@ def test_an_orientation_may_be_sent_for_a_while_only() -> None:
     assert judged.usable.all() and not judged.alarms()
 
 
-def test_silence_outweighs_what_was_wrong_before() -> None:
-    for spoil in ("frozen", "far"):
-        stream = walk()
-        if spoil == "frozen":
-            stream.orientation[60:, L_ANKLE] = stream.orientation[59, L_ANKLE]
-        else:
-            stream.position[60:, L_ANKLE, 0] += 2.0
-        stream.tracked[100:, L_ANKLE] = False
-        judged = judge(stream)
-        assert judged.states[99, L_ANKLE] in (ValidityState.FROZEN, ValidityState.JUMPED)
-        assert (judged.states[117:, L_ANKLE] == ValidityState.STALE).all()
-
-
 @pytest.mark.parametrize("shift", [-3600.0, -1.0, 3600.0])
 def test_a_clock_that_is_set_is_followed(shift: float) -> None:
     stream = walk()
@@ -319,46 +306,6 @@ def test_a_clock_that_is_set_is_followed(shift: float) -> None:
     judged = judge(stream)
     assert judged.usable.all() and not judged.alarms() - {ValidityState.FRESH, ValidityState.STALE}
     assert not judged.states[101:].any()
-
-
-def test_parts_in_many_datagrams_are_judged_alike() -> None:
-    stream = swapped(walk(), 100)
-    validity, states = SensorValidity(NAMES), []
-    for i, time in enumerate(stream.time.tolist()):
-        for row in (3, 1, 0, 2, 5, 4):
-            one = slice(row, row + 1)
-            validity.take(
-                np.array([row]),
-                time,
-                position=stream.position[i, one],
-                orientation=stream.orientation[i, one],
-                tracked=stream.tracked[i, one],
-            )
-        states.append(validity.judge(time + LAG))
-    assert (np.array(states)[101:149, [L_WRIST, R_WRIST]] == JUMPED).all()
-    assert not np.array(states)[:100].any() and not np.delete(np.array(states), [L_WRIST, R_WRIST], axis=1).any()
-
-
-def test_what_recovered_before_the_run_is_not_reported() -> None:
-    validity, sensors = SensorValidity(("head", "l_wrist")), np.arange(2)
-    chance = np.random.default_rng(2)
-
-    def send(rows: np.ndarray, begin: float) -> None:
-        for time in np.arange(begin, begin + 1.0, 0.01):
-            place = HOME[rows] + chance.normal(0.0, 0.001, (len(rows), 3))
-            facing = np.tile([1.0, 0.0, 0.0, 0.0], (len(rows), 1))
-            validity.take(rows, time, position=place, orientation=facing, tracked=np.ones(len(rows), dtype=bool))
-            validity.judge(time)
-
-    send(sensors, 1.0)
-    validity.messages()
-    validity.judge(4.0)  # no sensor was received
-    send(sensors[:1], 4.0)
-    validity.forget_recovered()
-    (text,) = validity.messages()
-    assert text.startswith("l_wrist: nothing that can be used")
-    send(sensors, 5.0)
-    assert validity.messages() == ["l_wrist: back"]
 
 
 VALUE = st.floats(width=64) | st.sampled_from([0.0, 1.0, 0.1, np.nan, np.inf, -1e300])

@@ -20,8 +20,8 @@ from retarget.run.options import RunOptions
 from retarget.schema.scene import load_scene
 from sim.performer import synthetic_performer
 
-SHORT = RunOptions("op3", playback=Playback(end=3.0))
-BRIEF = RunOptions("op3", playback=Playback(end=2.0))
+SHORT = RunOptions("op3", playback=Playback(end=2.0))
+BRIEF = RunOptions("op3", playback=Playback(end=1.0))
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from observed_robot import nearest, scene_of
 from people import place, trial
 from retarget import rotations
 from retarget._solver import Solver, Task
-from retarget.errors import InputError
+from retarget.errors import ConfigError, InputError
 from retarget.frames import JOINTS, SensorFrames, SensorSample
 from retarget.human.calibration import calibrate
 from retarget.human.reconstruction import Reconstructor
@@ -76,6 +76,15 @@ def test_the_body_is_symmetric(human: Human) -> None:
             pair = [human.body.dof_index(name), human.body.dof_index("r_" + name[2:])]
             assert human.body.lower[pair[0]] == human.body.lower[pair[1]]
             assert human.body.upper[pair[0]] == human.body.upper[pair[1]]
+
+
+def test_postures_are_named_in_errors(human: Human) -> None:
+    with refuses(ConfigError):
+        human.posture("atractor")
+    with refuses(ConfigError, "l_knee_flexion"):
+        human.posture_from([("l_knee_flexin", 3.0)])
+    with refuses(ConfigError, 0, 135):
+        human.posture_from([("knee_flexion", -5.0)])
 
 
 def compiled(dimensions: HumanDimensions) -> mujoco.MjModel:

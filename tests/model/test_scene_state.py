@@ -9,7 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
+from messages import refuses
 from retarget import rotations
+from retarget.errors import UsageError
 from retarget.model.scene_shapes import ShapeKind, canonical, scene_shapes
 from retarget.model.scene_state import (
     LIVE_SPEED,
@@ -237,6 +239,12 @@ def test_a_live_update_overrides_the_file(keys: dict[str, Any]) -> None:
     assert_allclose(state.at(3.0).position, [[0.0, 0.2, 0.0], [5.0, 6.0, 7.0]])
     assert_array_equal(state.at(3.0).linear_velocity, np.zeros((2, 3)))
     assert (state.live("ball").age(3.0), state.live("ball").dropped, state.live("other").dropped) == (1.0, 2, 0)
+
+
+def test_an_unknown_obstacle_is_refused_with_the_nearest_name() -> None:
+    state = SceneState(load_scene("table"))
+    with refuses(UsageError, found="'tpo'", allowed="l_front_leg", next_step="top"):
+        state.live("tpo")
 
 
 STEP = 1e-5

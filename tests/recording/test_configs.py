@@ -16,7 +16,6 @@ from retarget.recording.reading import Played, read_recording
 from retarget.recording.replay import replay
 from retarget.run.options import RunOptions
 from retarget.schema.catalogue import shipped_folder
-from retarget.schema.priorities import load_priorities
 
 PRIORITIES = "priorities_of_the_robot.yaml"
 
@@ -122,6 +121,14 @@ def test_what_is_nowhere_is_said_with_the_way_on(found: Played, home: Path) -> N
         pass
 
 
+def test_files_of_another_version_are_refused_in_the_name_of_the_recording(found: Played, home: Path) -> None:
+    (home / "own" / "op3" / "robot.yaml").unlink()
+    strange = {**found.recording.attachments, PROFILE: b"name: op3\nlegs: 3\n"}
+    strange_one = replace(found.recording, attachments=strange)
+    with refuses(InputError, "body", 13, "--robot", where="run.mcap", found="robot.yaml:1"), as_recorded(strange_one):
+        pass
+
+
 def test_an_attachment_that_is_not_what_was_said_is_none(found: Played, tmp_path: Path) -> None:
     session = found.recording.session
     said = {file.name: file for file in session.files}
@@ -143,23 +150,3 @@ def test_nothing_stays_behind(found: Played, home: Path) -> None:
         body = configs.robot.profile.body_path
         assert body.is_file() and configs.body_attached
     assert not body.parent.exists()
-
-
-def test_an_overlay_is_recorded_with_its_base(tmp_path: Path) -> None:
-    """A base that changed since, or is gone, changes nothing of the run of then."""
-    base, mine = tmp_path / "base.yaml", tmp_path / "mine.yaml"
-    shutil.copy(shipped_folder() / "priorities" / "servo.yaml", base)
-    mine.write_text("name: mine\ndescription: Slower.\nextends: base\niterations: 4\n", encoding="utf-8")
-    priorities = load_priorities(mine)
-    options = RunOptions(robot="op3", priorities=str(mine), bus="mock")
-    recording = record(tmp_path / "run.mcap", options=options, seconds=0.1).played().recording
-    with as_recorded(recording) as configs:
-        assert configs.notes == () and configs.options.priorities == str(mine)
-    base.write_text(base.read_text(encoding="utf-8").replace("margin: 0.01", "margin: 0.02"), encoding="utf-8")
-    with as_recorded(recording) as configs:
-        assert configs.notes == (f"{PRIORITIES} is another one now, {mine}: the one of then is used",)
-        assert configs.options.priorities is not None
-        assert load_priorities(configs.options.priorities) == priorities
-    base.unlink()
-    with as_recorded(recording) as configs:
-        assert configs.attached == {PRIORITIES}

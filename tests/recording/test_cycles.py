@@ -64,15 +64,3 @@ def test_lost_cycles_are_not_those_before_them() -> None:
         cursor.before()
     assert rows == [0, 1, 2, 2, 2, 3, 4] and known == [True, True, True, False, False, True, True]
     assert np.flatnonzero(stops).tolist() == [2]
-
-
-def test_what_was_asked_is_asked_in_its_cycle() -> None:
-    cycles = recorded(list(range(4)), 1)
-    cycles.asked[2] = Asked.STOP | Asked.PAUSED
-    cursor = Cursor(cycles, has_robot=False, dt=DT)
-    seen = []
-    for _ in range(4):
-        seen.append((cursor.asked(Asked.STOP), cursor.asked(Asked.PAUSED), cursor.asked(Asked.OVER)))
-        cursor.look()
-        cursor.before()
-    assert seen == [(False,) * 3, (False,) * 3, (True, True, False), (False,) * 3]

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from exported import angle_between, moved, slider, with_servos
 from messages import refuses
-from retarget.errors import UsageError
+from retarget.errors import InputError, UsageError
 from retarget.recording.motion import resampled
 
 
@@ -44,6 +44,14 @@ def test_between_two_rows_lies_the_middle_also_where_the_quaternion_changes_its_
     np.testing.assert_allclose(new.joints[1], motion.joints[:2].mean(axis=0), atol=1e-12)
     halves = angle_between(new.root_quaternion[[1, 1]], motion.root_quaternion[:2])
     assert halves[0] == pytest.approx(halves[1], abs=1e-6) and halves[0] < 2.0
+
+
+def test_rows_that_come_when_they_like_become_even() -> None:
+    motion = moved(slider())
+    motion.time[:] = np.sort(np.random.default_rng(3).uniform(0.0, 2.0, len(motion)))
+    with refuses(InputError):
+        _ = motion.rate_hz
+    assert resampled(motion, 30.0).rate_hz == pytest.approx(30.0)
 
 
 @pytest.mark.parametrize("fps", [0.0, -5.0, float("nan"), float("inf"), 1001.0])

@@ -6,6 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
+from messages import refuses
+from retarget.errors import UsageError
 from retarget.recording.npz import human_body_path, save_path, write_npz
 from retarget.run.loop import Watch, run_human
 from retarget.run.run_result import RunResult
@@ -86,3 +88,10 @@ def test_a_run_of_the_human_brings_its_body(tmp_path: Path) -> None:
     assert names == saved["joint_names"].tolist()
     assert (saved["goal_ticks"] == -1).all() and not saved["gated"].any()
     assert saved["landmark_names"].tolist() == list(clip.frames.names)
+
+
+@pytest.mark.parametrize("name", ["run.npy", "run", "nowhere/run.npz"])
+def test_places_that_cannot_hold_a_run(name: str, tmp_path: Path) -> None:
+    with refuses(UsageError, "--save"):
+        save_path(tmp_path / name)
+    assert list(tmp_path.iterdir()) == []

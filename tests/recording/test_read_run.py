@@ -13,11 +13,10 @@ from messages import Facts, mentions, refuses, shows
 from recordings import Recorded, record
 from retarget.cli import main
 from retarget.errors import InputError
-from retarget.recording.mcap_writer import RecordingFile
+from retarget.recording.export import FORMATS, export_motion, export_place
 from retarget.recording.motion import Motion
 from retarget.recording.npz import write_npz
 from retarget.recording.read_run import read_run
-from retarget.recording.reading import read_recording
 from retarget.run.options import RunOptions
 
 
@@ -53,6 +52,13 @@ def test_a_body_that_moved_away(motion: Motion, body: Path, tmp_path: Path) -> N
     assert read_run(run, body=body).joint_names == motion.joint_names
     body.rename(tmp_path / "elsewhere.xml")  # beside the run is where a colleague would have put it
     assert read_run(run).joint_names == motion.joint_names
+
+
+def test_another_robots_body(motion: Motion, tmp_path: Path) -> None:
+    other = tmp_path / "other.xml"
+    other.write_text(SLIDER.replace('"swing"', '"swung"'))
+    with refuses(InputError, "swing", "--body"):
+        read_run(export_reading_saved(motion, tmp_path / "run.npz", other))
 
 
 BAD: dict[str, tuple[np.ndarray[tuple[int, ...], np.dtype[Any]], Facts]] = {
@@ -153,6 +159,14 @@ def test_landmarks_are_those_that_were_kept_and_a_straight_line_between(
     assert (bend[~kept[between][1:-1]] < 1e-9).all() and np.abs(ours - theirs).max() < 0.01
 
 
+@pytest.mark.parametrize("form", FORMATS)
+def test_every_format_takes_it(form: str, mcap_reader_motion: Motion, tmp_path: Path) -> None:
+    followed = mcap_reader_motion.rows(mcap_reader_motion.phase == "follow")
+    place = export_place(FORMATS[form], tmp_path / "run.mcap", None)
+    export_motion(followed, FORMATS[form], place)
+    assert place.exists()
+
+
 def test_the_human_is_as_often_as_it_was_kept(run: Recorded) -> None:
     human, then = read_run(run.path, of_human=True), run.result.record.human
     assert human.robot == "human" and human.row == "posture that was kept" and human.rate_hz == 12.5
@@ -176,6 +190,19 @@ def test_a_human_alone_has_every_tick(tmp_path: Path) -> None:
     np.testing.assert_array_equal(sensors.position, asked)
 
 
+def test_the_body_of_then_is_used_and_another_can_be_given(
+    run: Recorded, mcap_reader_motion: Motion, tmp_path: Path
+) -> None:
+    assert run.result.robot is not None
+    body = tmp_path / "moved.xml"
+    body.write_bytes(run.result.robot.profile.body_path.read_bytes())
+    given = read_run(run.path, body=body)
+    assert given.body.source == str(body)
+    np.testing.assert_array_equal(given.q, mcap_reader_motion.q)
+    with refuses(InputError):
+        read_run(run.path, body=tmp_path / "nothing.xml")
+
+
 def test_half_a_recording_is_exported_with_a_word(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -189,13 +216,3 @@ def test_half_a_recording_is_exported_with_a_word(
     mentions(capsys.readouterr().err, whole.path, "it ends early", "what is whole of it is used")  # cut anywhere
     rows = (tmp_path / "run.csv").read_text().count("\n") - 1
     assert 0 < rows < len(whole.result.record)
-
-
-def test_a_recording_without_ticks_is_refused(run: Recorded, tmp_path: Path) -> None:
-    path = tmp_path / "none.mcap"
-    file = RecordingFile(path, read_recording(run.path).session, [])
-    file.announce([])
-    file.finish()
-    for of_human in (False, True):
-        with refuses(InputError, found="/tick"):
-            read_run(path, of_human=of_human)

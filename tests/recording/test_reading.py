@@ -23,7 +23,7 @@ from retarget.recording.cycles import Done
 from retarget.recording.mcap_writer import METADATA
 from retarget.recording.reading import MAGIC, Recording, TopicRows, played, read_recording
 from retarget.recording.session import FORMAT
-from retarget.recording.topics import GOALS, HUMAN_POSTURE, SENSORS, SERVOS, TICK
+from retarget.recording.topics import HUMAN_POSTURE, SENSORS, SERVOS, TICK
 from retarget.run.options import RunOptions
 from retarget.viewer.recorded import open_recorded
 
@@ -59,21 +59,6 @@ def test_cycles_that_were_lost_are_counted(run: Recorded) -> None:
     assert found.missing == 3 and not found.whole and len(found.cycles) == len(whole.cycles) - 3
     np.testing.assert_array_equal(found.cycles.goal[20:], whole.cycles.goal[23:])
     np.testing.assert_array_equal(found.cycles.position[20:], whole.cycles.position[23:])
-
-
-def test_order_and_copies_in_the_file_do_not_matter(run: Recorded) -> None:
-    whole = run.played()
-
-    def shuffled(rows: TopicRows) -> TopicRows:
-        order = np.random.default_rng(3).permutation(len(rows.rows))
-        return chosen(rows, np.concatenate([order, order[:5]]))
-
-    recording = whole.recording
-    for topic in (TICK, SERVOS, GOALS, SENSORS):
-        recording = changed(recording, topic, shuffled)
-    found = played(recording)
-    for name in ("index", "goal", "position", "q", "sensor_position", "clock"):
-        np.testing.assert_array_equal(getattr(found.cycles, name), getattr(whole.cycles, name), err_msg=name)
 
 
 def test_orientations_are_of_sensors_that_had_one(run: Recorded) -> None:
@@ -168,7 +153,7 @@ def test_cut_anywhere_all_whole_chunks_are_read(content: bytes, tmp_path: Path) 
     assert len(ends) >= 3 and ends[-1][1] == len(whole)
     assert len({count for _, count in ends}) == len(ends)
     rng = np.random.default_rng(5)
-    cuts = [*rng.integers(ends[0][0], len(content) - 1, 25).tolist(), len(content) - 1]
+    cuts = [*rng.integers(ends[0][0], len(content) - 1, 12).tolist(), len(content) - 1]
     for cut in cuts:
         path.write_bytes(content[:cut])
         recording = read_recording(path)
@@ -182,7 +167,7 @@ def test_cut_before_the_first_chunk_is_refused(content: bytes, tmp_path: Path) -
     path = tmp_path / "run.mcap"
     path.write_bytes(content)
     first = chunk_ends(path)[0][0]
-    for cut in np.linspace(0, first - 1, 15).astype(int).tolist():
+    for cut in np.linspace(0, first - 1, 8).astype(int).tolist():
         path.write_bytes(content[:cut])
         with pytest.raises(InputError):
             played(read_recording(path))

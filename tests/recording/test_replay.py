@@ -269,15 +269,6 @@ def test_an_approach_that_lasts_longer_or_shorter_changes_nothing_after_it(then:
     np.testing.assert_array_equal(last.goal_ticks[again.result.record.following][-1], cycles.goal[following[-1]])
 
 
-def test_a_recording_that_was_cut_off_is_played_as_far_as_it_goes(plain: Recorded, tmp_path: Path) -> None:
-    found = plain.played()
-    rows = np.arange(len(found.cycles) - 30)
-    cut = replace(found, cycles=found.cycles.taken(rows), recording=replace(found.recording, damage="it ends early"))
-    again = replay(cut)
-    assert again.difference.none and again.difference.compared == len(rows)
-    assert again.result.state == "off"
-
-
 def test_another_version_is_named(plain: Recorded) -> None:
     session = plain.played().recording.session
     assert what_computes(session) == ()

@@ -7,11 +7,9 @@ from retarget.model.robot import RobotBody, load_robot
 from retarget.recording.cycles import Cycles, Done, Shape
 from retarget.recording.topics import (
     FRAMES,
-    GOALS,
     HUMAN_JOINTS,
     HUMAN_POSTURE,
     SENSORS,
-    SERVOS,
     STEP,
     TICK,
     Topic,
@@ -54,16 +52,6 @@ def test_a_human_alone_has_no_servos_and_every_posture() -> None:
     found = made(None)
     assert set(found) == {SENSORS, TICK, HUMAN_JOINTS, HUMAN_POSTURE}
     assert kept(found[HUMAN_POSTURE], cycles(None)) == list(range(40))
-
-
-def test_what_was_not_there_is_not_kept(robot: RobotBody) -> None:
-    found, rows = made(robot), cycles(robot)
-    rows.sampled[10:20], rows.read[5:15], rows.kept[20:] = Done.FAILED, Done.NOT, False
-    assert kept(found[SENSORS], rows) == [*range(10), *range(20, 40)]
-    assert kept(found[SERVOS], rows) == [*range(5), *range(15, 40)]
-    assert kept(found[GOALS], rows) == list(range(20)) and kept(found[TICK], rows) == list(range(40))
-    rows.sampled[:] = Done.NOT
-    assert kept(found[SENSORS], rows) == []
 
 
 def content(topic: Topic, rows: Cycles) -> np.ndarray:

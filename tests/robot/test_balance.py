@@ -17,6 +17,8 @@ from retarget.robot.balance import (
     LEAST_THROW,
     StandingBalance,
     StandingStrength,
+    heaviest_loads,
+    leg_joints,
     one_leg_load,
 )
 from retarget.robot.balance import GRAVITY as STANDING_BALANCE_GRAVITY
@@ -26,6 +28,17 @@ from retarget.types import FloatArray
 
 ROBOTS = ("op3", "poppy", "toddlerbot", "wolfgang")
 GRAVITY = 9.81
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_loads_are_shown_with_the_strength(name: str) -> None:
+    robot = load_robot(name)
+    stand, rest, alone = heaviest_loads(robot)
+    assert [load.posture for load in (stand, rest, alone)] == ["in stand", "in rest", "on one leg"]
+    assert 0.0 < stand.torque < 0.3 * stand.stall and stand.joint in leg_joints(robot)
+    assert 0.0 < rest.torque < 0.6 * rest.stall
+    assert alone.share > stand.share
+    assert str(rest).endswith(f"N m, {100.0 * rest.torque / rest.stall:.0f}% of its stall torque")
 
 
 @pytest.mark.parametrize("name", ["op3", "toddlerbot", "wolfgang"])
@@ -187,7 +200,7 @@ def most_used(priorities: str) -> float:
     """Greatest share of what ToddlerBot's legs may carry for long, at rest, while a performer reaches and crouches."""
     follower = Follower(robot("toddlerbot"), load_priorities(priorities), dimensions(performer()))
     keeps, used = strength("toddlerbot"), 0.0
-    humans = postures(performer(), speed=2.0)[:600]
+    humans = postures(performer(), speed=2.0)[:300]
     follower.start(humans[0])
     for human in humans:
         used = max(used, float((np.abs(keeps.torques(follower.step(human, DT).q)) / keeps.most).max()))

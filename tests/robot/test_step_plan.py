@@ -39,6 +39,20 @@ def test_two_levels_come_below_all_that_keeps_it_safe() -> None:
     assert [name for name in names if name not in (WEIGHT, SWINGING)] == [level.name for level in before.levels]
 
 
+def test_a_balance_at_rest_is_refused() -> None:
+    with refuses(ConfigError):
+        stepping_priorities(load_priorities("servo"), SOLES)
+
+
+def test_soles_that_are_not_planted_are_refused() -> None:
+    steady = load_priorities("balanced")
+    level = steady.levels[0]
+    for kept, missing in ((level.tasks[:1], "orientation"), (level.tasks[1:], "position")):
+        levels = (level.model_copy(update={"tasks": kept}), *steady.levels[1:])
+        with refuses(ConfigError, missing, "l_sole", "r_sole"):
+            stepping_priorities(steady.model_copy(update={"levels": levels}), SOLES)
+
+
 DT = 0.008
 IDLE = StepInput(None, (-0.04, -0.04), outside=False, settled=True, down=False)
 LIFTS = replace(IDLE, foot=0, settled=False)

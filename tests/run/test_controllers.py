@@ -121,22 +121,6 @@ def test_it_brakes_on_its_line_and_stands_soon(after: int) -> None:
     driven.assert_within_limits()
 
 
-@pytest.mark.parametrize("braked", [1, 10, 100])
-def test_a_move_that_was_held_goes_on_from_where_it_is(braked: int) -> None:
-    driven, goal = Driven(), there()
-    move = SlowMove(op3(), driven.commanded, share=SHARE, dt=DT)
-    for _ in range(60):
-        driven.take(move.towards(goal, speed_override=1.0))
-    for _ in range(braked):
-        driven.take(move.brake())
-    while not move.is_at(goal):
-        assert driven.take(move.towards(goal, speed_override=1.0))
-    np.testing.assert_array_equal(driven.path[-1], goal)
-    assert driven.speeds().max() <= SHARE * (1.0 + 1e-9)
-    driven.assert_straight()
-    driven.assert_within_limits()
-
-
 def test_a_refused_move_stands_for_a_moment_and_tries_again_from_there() -> None:
     driven, goal = Driven(), there()
     move = SlowMove(op3(), driven.commanded, share=SHARE, dt=DT)

@@ -14,10 +14,10 @@ from messages import refuses, shows
 from retarget.model.robot import RobotBody
 from retarget.report.motion_metrics import LimitViolations, limit_violations
 from retarget.run.controllers import rest_joints
-from retarget.run.loop import FORCED_STOP, INTERRUPTED, Watch
+from retarget.run.loop import FORCED_STOP, INTERRUPTED, Watch, run_human
 from retarget.run.record import Phase
 from retarget.types import FloatArray, HumanPosture, RobotPosture, RunState
-from rig import Rig, StubFollower, play
+from rig import Rig, StubFollower, StubReconstructor, person, play, short_clip
 
 TICKS = 51
 
@@ -69,19 +69,6 @@ def test_every_tick_has_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
     assert record.time == pytest.approx((np.arange(len(record)) - phases.count(Phase.APPROACH)) / 125.0)
     assert not robot.gated.any()
     assert not rig.bus.torque_on
-
-
-def test_what_is_kept_is_what_was_sent() -> None:
-    rig = Rig(swing(0.1))
-    record = play(rig).record
-    robot = record.robot
-    assert robot is not None
-    sent = robot.q[:, rig.robot.servo_columns]
-    np.testing.assert_array_equal(rig.robot.joint_map.to_ticks(sent), robot.goal_ticks)
-    stand = rig.follower.stance.q[rig.robot.servo_columns]
-    np.testing.assert_allclose((sent - stand)[record.following], swing(0.1), atol=1e-12)
-    # The servos follow, late: what they say at the start of a tick is not yet the goal of that tick.
-    assert 0.03 < np.abs(robot.present[:, 0] - stand[0]).max() <= 0.1
 
 
 def test_the_whole_motion_from_rest_to_rest_keeps_the_limits() -> None:
@@ -199,6 +186,17 @@ def test_nothing_starts_on_a_robot_that_is_not_well() -> None:
     with refuses(RetargetError, "r_sho_roll"):
         play(rig)
     assert not rig.bus.torque_on
+
+
+def test_the_human_alone_needs_no_robot() -> None:
+    clip = short_clip(seconds=0.3, rate_hz=None)
+    reconstructor = StubReconstructor(person())
+    done: list[int] = []
+    ending = run_human(clip, reconstructor, Watch(done.append, every=10))
+    assert ending.record.robot is None and ending.state is None and ending.reason is None
+    assert len(ending.record) == clip.source_frames == 37
+    assert done[0] == 1 and done[-1] == 37
+    assert set(reconstructor.calls) == {1.0 / 120.0}
 
 
 def test_a_tick_that_fails_after_its_goal_sends_no_second_one() -> None:

@@ -26,9 +26,6 @@ from sim.mock_bus import MockBus
 from sim.performer import synthetic_performer
 from sim.physics.witness import Witness
 
-REFUSED = (60, 61, 62)
-"""Goals of a return to stance."""
-
 
 def angles(robot: RobotBody, name: str) -> FloatArray:
     return robot.posture(getattr(robot.profile.postures, name))[robot.servo_columns]
@@ -59,41 +56,6 @@ def stopped(
     with prepare(synthetic_performer, asked, clock=clock, make_bus=bus, goes_to_rest=True, notify=notify) as prepared:
         run = prepared.run(Watch(stop_asked=lambda: next(ticks) >= after))
         return run, prepared.scene_obstacles
-
-
-def test_a_stop_on_the_approach_returns_to_stance_from_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It has left the straight part on which it rises, and has not followed; some goals of the return are refused."""
-    refused: list[int] = []
-    check, return_to_stance, reseed = Gate.check, Follower.return_to_stance, Follower.reseed
-    reseeds: list[int] = []
-    returned: list[FloatArray] = []
-
-    def to_stance(self: Follower, dt: float) -> FloatArray | None:
-        q = return_to_stance(self, dt)
-        returned.extend([] if q is None else [q.copy()])
-        return q
-
-    def once(self: Gate, target: FloatArray | None) -> CheckedGoal | None:
-        if len(returned) in REFUSED:
-            refused.append(len(returned))
-            return None
-        return check(self, target)
-
-    def reseeded(self: Follower, q: FloatArray, velocity: FloatArray) -> None:
-        reseeds.append(len(returned))
-        reseed(self, q, velocity)
-
-    monkeypatch.setattr(Follower, "return_to_stance", to_stance)
-    monkeypatch.setattr(Follower, "reseed", reseeded)
-    monkeypatch.setattr(Gate, "check", once)
-    run, _ = stopped("op3", 130, start="stand")
-    assert run.record is not None and run.record.robot is not None and run.robot is not None
-    assert run.record.following.start == run.record.following.stop
-    assert np.count_nonzero(run.record.robot.gated) == len(REFUSED), "it went on from where it was"
-    assert refused == sorted([*REFUSED, *REFUSED]), "the return and the stop on the soles"
-    assert {*reseeds} == {0, *REFUSED, len(returned)}, "begun from where the robot stood, and stood after it"
-    aside = np.abs(run.record.robot.goals - angles(run.robot, "attractor"))[:, :6].max(axis=1)
-    assert aside.min() < 0.05 and np.abs(run.record.robot.goals[-1] - angles(run.robot, "rest")).max() < 0.1
 
 
 @pytest.mark.parametrize("passed", [0, 60])

@@ -1,6 +1,7 @@
 """The state machine of a run: its table, its time limits, and what it latches."""
 
 from math import inf
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -23,9 +24,11 @@ from retarget.run.supervisor import (
     Event,
     Situation,
     Supervisor,
+    tables_of_states,
 )
 from retarget.types import RunState
 
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "stops.md"
 FOLLOWED = Situation(followable=True, approached=True)
 LOST = Situation(hold_reason="no data", approached=True)
 STANDS = Situation(approached=True, stands=True, goes_to_rest=True)
@@ -84,6 +87,10 @@ def test_every_state_in_which_the_robot_does_not_follow_has_a_time_limit() -> No
     unlimited = {state for state, row in STATES.items() if row.torque and row.limit_s == inf}
     assert unlimited == {RunState.APPROACH, RunState.FOLLOW}
     assert all((state, Event.TIMEOUT) in TRANSITIONS for state, row in STATES.items() if row.limit_s < inf)
+
+
+def test_the_page_shows_what_is_executed() -> None:
+    assert tables_of_states() in PAGE.read_text(encoding="utf-8")
 
 
 @given(events=st.lists(st.sampled_from(Event), max_size=30))

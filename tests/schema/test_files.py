@@ -7,7 +7,16 @@ import pytest
 
 from messages import refuses
 from retarget.errors import UsageError
-from retarget.schema.files import refuse_existing, write_atomic, write_stream
+from retarget.schema.files import check_folder, check_place, refuse_existing, write_atomic, write_stream
+
+
+def test_a_file_where_a_folder_is_meant(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    for folder in (tmp_path / "file", tmp_path / "file" / "inside"):
+        with refuses(UsageError, "--plots"):
+            check_folder(folder, option="--plots")
+    with refuses(UsageError):
+        check_place(tmp_path, option="--report")
 
 
 def test_a_file_is_on_the_disk_before_it_appears(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

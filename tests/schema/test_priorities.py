@@ -106,21 +106,6 @@ def load(text: str, folder: Path) -> Priorities:
     return load_priorities(path)
 
 
-def test_every_task_type_is_read(tmp_path: Path) -> None:
-    priorities = load(EVERYTHING, tmp_path)
-    assert (priorities.iterations, priorities.activation) == (8, "ranked")
-    kinds = {task.type for _, _, task in priorities.tasks()}
-    assert kinds == {
-        *("position", "orientation", "axis", "heading", "look_at", "centre_of_mass", "posture", "reactive"),
-        "preventive",
-    }
-
-
-def test_tasks_come_with_their_places(tmp_path: Path) -> None:
-    places = [(level, index) for level, index, _ in load(EVERYTHING, tmp_path).tasks()]
-    assert places == [(0, 0), (0, 1), (1, 0), (1, 1), (1, 2), (3, 0), (3, 1), (3, 2), (3, 3), (4, 0), (4, 1)]
-
-
 def test_short_forms_and_defaults(tmp_path: Path) -> None:
     levels = load(EVERYTHING, tmp_path).levels
     hand = levels[3].tasks[0]

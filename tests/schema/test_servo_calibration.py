@@ -128,6 +128,24 @@ def test_the_tick_read_then_is_the_angle_of_then(servos: tuple[ServoSpec, ...], 
     assert [spec.zero_tick for spec in found] == [spec.zero_tick for spec in truth.servos]
 
 
+WRONG: dict[str, dict[str, object]] = {
+    "joint": {"tail": entry(19, 2048)},
+    "id": {"head_pan": entry(18, 2048)},
+    "model": {"head_pan": entry(19, 2048, model="XL430-W250")},
+    "offset": {"head_pan": entry(19, 2048, homing_offset=4)},
+    "travel": {"head_pan": entry(19, 200)},
+    "all": {"head_pan": entry(18, 1), "head_tilt": entry(19, 1), "tail": entry(3, 3)},
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_of_another_robot_is_refused(case: str) -> None:
+    write_calibration(head(servos=WRONG[case]))
+    with refuses(ConfigError) as refusal:
+        load_robot("op3")
+    assert len(refusal.value.problems) == (3 if case == "all" else 1)
+
+
 def test_the_file_of_another_robot_under_this_one_s_name_is_refused() -> None:
     write_calibration(head(robot="poppy"))
     shutil.move(calibration_path("poppy"), calibration_path("op3"))

@@ -151,15 +151,6 @@ def test_the_same_without_their_names(robot: str) -> None:
     assert unknown.forward == pytest.approx(known.forward) and "names" not in unknown.facing
 
 
-def test_a_stranger_that_faces_y() -> None:
-    tree = text_tree(humanoid())
-    anatomy = find_anatomy(tree)
-    assert anatomy.forward == pytest.approx([0.0, 1.0, 0.0]) and anatomy.left == pytest.approx([-1.0, 0.0, 0.0])
-    assert named(tree, anatomy) == ("j_p1", "j_p4", "j_p5", "j_p6", "j_p9", None)  # p is the left, as side_parts says
-    assert [tree.nodes[node].joint for node in anatomy.head] == ["j_face"]
-    assert tree.nodes[anatomy.pelvis].joint == "j_hips" and anatomy.chest == 0
-
-
 def test_fingers_are_part_of_the_hand() -> None:
     fingers = [part for side in "pq" for part in (finger(side, 0.015), finger(side, -0.015))]
     tree = text_tree(humanoid([*HUMANOID, *fingers]))

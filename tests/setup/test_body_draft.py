@@ -118,6 +118,11 @@ def test_all_else_stays_as_it_is(content: bytes, tmp_path: Path) -> None:
     assert found is not None and mesh_content(found) == content
 
 
+@pytest.mark.parametrize("name", ["", ".", "..", "package://", "/", "a\0b.stl", "m.stl/", "x" * 5000 + ".stl"])
+def test_names_of_nothing(name: str, tmp_path: Path) -> None:
+    assert find_mesh(name, tmp_path / "body.urdf") is None
+
+
 FOOT = '<box size="0.07 0.14 0.02"/>'
 
 

@@ -9,11 +9,13 @@ import pytest
 from doctor_rig import fixes, text_of
 from hardware.clock import VirtualClock
 from messages import shows
+from retarget.errors import Problem
 from retarget.setup.doctor_machine import (
     Finding,
     Level,
     checks,
     firewall_findings,
+    fix_all,
     lateness_finding,
     machine_findings,
     port_findings,
@@ -38,6 +40,12 @@ def test_each_check_has_a_level_whatever_its_facts(name: str) -> None:
     for row in (*limited, last):
         level = Level(row.get("level", entry.get("level")))
         assert level is not Level.FIX or row.get("then", entry.get("then")), "it is wrong, and nothing is to be done"
+
+
+def test_problems_of_a_refusal() -> None:
+    found = fix_all("port", [Problem("taken", next_step="Stop it"), Problem("also")])
+    assert [one.level for one in found] == [Level.FIX, Level.FIX]
+    assert found[0].what == "taken. Stop it."
 
 
 def test_each_firewall_has_a_finding_with_its_command(tmp_path: Path) -> None:
@@ -125,6 +133,11 @@ def test_the_process_that_holds_a_port_is_named(terminal: Path, tmp_path: Path) 
     lines = fixes(port_findings(str(terminal), devices=tmp_path, processes=tmp_path))
     assert len(lines) == 1
     shows(lines[0], 77)
+
+
+def test_ports_that_may_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    shows(fixes(serial_findings([os.devnull]))[0], "usermod")
 
 
 def test_without_a_port_the_group_is_checked(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,19 +1,17 @@
 """A drafted profile as YAML, and servos guessed from what a body file says of torque and speed."""
 
-import math
 from pathlib import Path
 
 import pytest
 
 from hardware.servo import SERVO_MODELS, ServoMode, ServoSpec
-from messages import shows
 from retarget.model.body_file import compile_body, compile_body_text
 from retarget.model.robot import load_profile
 from retarget.schema.profile import DRAFT, RobotProfile, marked_lines, read_profile
 from retarget.schema.profile_parts import Foot, Frame, Gains, Landmark, Servo
 from retarget.setup.draft import Draft, profile_text
 from retarget.setup.limbs import find_anatomy
-from retarget.setup.servo_guess import ServoDraft, guess_servos
+from retarget.setup.servo_guess import UNKNOWN, ServoDraft, guess_servos
 from unknown_robots import ARM, SHIPPED, shipped_anatomy, shipped_body, shipped_tree, text_tree, urdf
 
 FRAME = Frame(link="Yes", pos=(0.1, -0.0, 1e-7))
@@ -137,12 +135,8 @@ def test_torque_and_speed_identify_a_model(name: str) -> None:
     assert all(one.stall_torque == entry.stall_torque and one.voltage == entry.voltage for one in found)
 
 
-def test_limits_are_drawn_into_the_servo() -> None:
-    (wide, *_) = guessed(arm(2.5, limits='lower="-4" upper="4"'))
-    assert -math.pi < wide.entry.limits[0] < -3.13 < 3.13 < wide.entry.limits[1] < math.pi
-    shows(wide.note)
-    (endless, *_) = guessed(arm(2.5).replace('type="revolute"', 'type="continuous"'))
-    assert endless.entry.limits == wide.entry.limits
-    shows(endless.note)
-    (narrow, *_) = guessed(arm(2.5, limits='lower="-0.1234567" upper="0.1234567"'))
-    assert narrow.entry.limits == (-0.123456, 0.123456) and not narrow.note
+def test_no_torque_and_a_torque_that_no_servo_has() -> None:
+    nothing = guessed(arm(0.0))
+    assert {draft.entry.model for draft in nothing} == {UNKNOWN} and nothing[0].why == "the body states no torque"
+    strong = guessed(arm(200.0))
+    assert strong[0].entry.model == "XH540-W270" and strong[0].why.startswith("no known model has 200 N m")

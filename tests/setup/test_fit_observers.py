@@ -72,6 +72,13 @@ def test_the_smallest_distance_is_the_exact_one() -> None:
     assert record.largest is None and record.searches == 20
 
 
+def test_overlap_at_every_posture_is_reported_with_its_depth() -> None:
+    record = look(BALLS.format(low=-0.015, high=-0.005), samples=40)["base", "hand"]
+    assert record.largest == pytest.approx(-0.005, abs=4e-5)
+    assert record.smallest == pytest.approx(-0.015, abs=4e-5)
+    assert record.own == pytest.approx((-0.015, -0.005), abs=4e-5) and not record.hides_collision
+
+
 def test_a_pair_that_parts_in_one_corner_is_not_called_overlapping() -> None:
     record = look(BALLS.format(low=-0.019, high=0.00002), samples=1)["base", "hand"]
     assert record.largest is None

@@ -162,3 +162,13 @@ def test_torque_that_stays_on_ends_it() -> None:
         run(four_servos(), np.array([2048, 2100, 2048, 512]), np.zeros(4), person,
             MockFault(FaultKind.MISSING, first=-1, cycles=100, servo=1))  # fmt: skip
     assert len(person.asked) == 1
+
+
+def test_joints_are_chosen_by_name() -> None:
+    joint_map = JointMap(waist_servos())
+    assert homed_columns(joint_map, []).all()
+    assert homed_columns(joint_map, ["neck", "yaw", "roll"]).tolist() == [False, True, True, True]
+    with refuses(HardwareError, "knee", "roll", "yaw", "neck"):
+        homed_columns(joint_map, ["knee", "tail"])
+    with refuses(HardwareError, "roll", "yaw"):
+        homed_columns(joint_map, ["roll"])

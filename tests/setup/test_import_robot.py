@@ -46,6 +46,15 @@ def test_the_missing_parts_of_an_arm_are_listed(tmp_path: Path) -> None:
     assert "# Not found: l_hand: no such arm." in (done.folder / "robot.yaml").read_text()
 
 
+def test_a_robot_without_shapes(tmp_path: Path) -> None:
+    text = small_bust()
+    while "<collision>" in text:
+        text = text[: text.index("<collision>")] + text[text.index("</collision>") + len("</collision>") :]
+    done = imported(text, tmp_path)
+    shows(done.draft.notes)
+    assert not load_profile(done.folder).observers
+
+
 @pytest.mark.parametrize("kind", ["folder", "file", "link"])
 def test_nothing_is_overwritten(kind: str, tmp_path: Path) -> None:
     target = tmp_path / "new"

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from retarget.ik.support_polygon import plant
 from retarget.model.body_file import compile_body_text
 from retarget.model.observers import robot_observers
 from retarget.model.robot import load_profile, load_robot
@@ -76,14 +75,3 @@ def test_all_four(robot: str = "wolfgang") -> None:
     for angles in postures.angles.values():
         for joint, (low, high) in posed.limits.items():
             assert low <= angles.get(joint, 0.0) <= high
-
-
-def test_the_same_centre_of_mass_as_a_run_sees() -> None:
-    """Oracle: the project's own stance of OP3's hand-made profile, by the solver's kinematics."""
-    robot, posed = load_robot("op3"), POSED["op3"]
-    angles = robot.profile.postures.stand
-    stance = plant(robot, angles)
-    com = robot.body.solver_body().centre_of_mass(stance.q[None])[0]
-    there = posed.place({joint: angles.get(joint, 0.0) for joint in posed.limits})
-    middle = 0.5 * (there.positions["l_sole"] + there.positions["r_sole"])
-    assert there.centre_of_mass - middle == pytest.approx(com, abs=1e-3)

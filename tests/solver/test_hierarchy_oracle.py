@@ -14,6 +14,7 @@ from hierarchy_oracle_helpers import EQUAL, compare, solve
 from oracles.hierarchies import CHANGES, ROUGH_CHANGES, Change, random_hierarchy
 from oracles.optimality import outside_box
 from oracles.problem import Array, Hierarchy, Level
+from oracles.textbook import prioritized_pseudo_inverse
 
 STRICT = 1e-9  # change of a residual by the levels below
 
@@ -98,6 +99,14 @@ def test_the_unit_of_the_answer_does_not_matter(scale: float) -> None:
             problem, levels=levels, lo=scale * problem.lo, hi=scale * problem.hi, ref=scale * problem.ref, soft=soft
         )
         assert solve(stretched).x / scale == pytest.approx(solve(problem).x, abs=EQUAL), problem.name
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_the_textbook_where_no_bound_matters(seed: int) -> None:
+    problem = random_hierarchy(seed, CHANGES[:4], share=0.5)
+    wide = replace(problem, lo=problem.lo - 1e4, hi=problem.hi + 1e4)
+    levels = [(level.C, level.e) for level in problem.levels]
+    assert solve(wide).x == pytest.approx(prioritized_pseudo_inverse(levels, problem.weight, problem.ref), abs=1e-7)
 
 
 numbers = st.sampled_from([0.0, 1.0, -1.0, 0.5, -2.0, 1e-9, -1e-9, 1e-5, 3e3, -1e6, 1e9])

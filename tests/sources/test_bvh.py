@@ -43,17 +43,6 @@ def test_rest_pose_is_a_person_facing_x_in_metres(tmp_path: Path) -> None:
     shows(frames.notes)
 
 
-def test_rotations_multiply_in_the_order_of_the_channels(tmp_path: Path) -> None:
-    angles = (30.0, 50.0, -20.0)
-    for order in ("XYZ", "ZXY", "YZX"):
-        frames = read_bvh(write(tmp_path, bvh_text(order=order, rotations={"LeftArm": angles})))
-        turn = rotations.from_euler(np.radians(angles), order)
-        # File axes (x left, y up, z forward) to x forward, y left, z up.
-        expected = np.array([turn[0], turn[3], turn[1], turn[2]])
-        actual = frames.orientation[0, frames.index("l_shoulder")]
-        assert abs(float(actual @ expected)) == pytest.approx(1.0)
-
-
 def test_the_roots_offset_is_not_added_and_six_channels_replace_an_offset(tmp_path: Path) -> None:
     text = bvh_text(1).replace("OFFSET 0 0 0", "OFFSET 5 50 500", 1)
     six = "CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation"

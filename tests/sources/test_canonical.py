@@ -126,13 +126,6 @@ def test_without_the_top_of_the_head_the_joint_stands_in_and_a_note_says_so() ->
     shows_lines(notes, "head")
 
 
-def test_without_a_toe_joint_the_foots_end_is_the_toe() -> None:
-    joints, _ = canonical_joints(build(toes=False), where="here")
-    np.testing.assert_allclose(joints["l_toe"].local, [0.0, -0.06, 0.15])
-    joints, _ = canonical_joints(build(), where="here")
-    assert build().names[joints["l_toe"].joint] == "LeftToeBase"
-
-
 def test_orientation_of_a_split_forearm_is_that_next_to_the_hand() -> None:
     tree = build(twist=True)
     local = np.broadcast_to(rotations.IDENTITY, (2, len(tree.names), 4)).copy()

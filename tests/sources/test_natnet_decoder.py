@@ -74,14 +74,6 @@ def test_a_frame_of_each_version(version: Version) -> None:
     assert decoder.names_missing
 
 
-def test_before_anything_is_known_bodies_have_numbers_and_the_stamp_is_the_timestamp() -> None:
-    decoder = NatnetDecoder()
-    found = only(decoder.decode(frame(MOTION, Version(3, 0))))
-    assert found.names == ("rigid://#2", "rigid://#3", "bone://#5/#3", "bone://#5/#1", "bone://#5/#2")
-    assert found.stamp == 12.5
-    assert decoder.names_missing
-
-
 @pytest.mark.parametrize("announced", VERSIONS, ids=str)
 @pytest.mark.parametrize("sent", VERSIONS, ids=str)
 def test_a_pinned_bitstream_is_read_though_the_server_is_newer(sent: Version, announced: Version) -> None:

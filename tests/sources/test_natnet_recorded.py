@@ -78,18 +78,6 @@ def test_a_frame(recorded: Path) -> None:
     assert not decoder.names_missing
 
 
-def test_a_frame_with_hidden_markers(recorded: Path) -> None:
-    decoder = learned(recorded)
-    (found,) = decoder.decode((recorded / "mocapframe_packet_occluded_v3.bin").read_bytes())
-    assert found.names == ("rigid://#7",)
-    assert found.number == 0x41ACF
-    assert found.tracked.tolist() == [True]
-    x, y, z = single("aad41dbe"), single("24de903e"), single("eafaf03e")
-    np.testing.assert_array_equal(found.position, [[z, x, y]])
-    assert found.stamp == 0x7DC303DF8E3 / CLOCK_HZ
-    assert decoder.names_missing
-
-
 @pytest.mark.parametrize(("name", "size"), [("mocapframe", 336), ("mocapframe_occluded", 365)])
 def test_every_byte_of_a_frame_is_used(recorded: Path, name: str, size: int) -> None:
     stem = name.replace("mocapframe", "mocapframe_packet")

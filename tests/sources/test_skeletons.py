@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motion_texts import bvh_text
-from retarget import rotations
 from retarget.frames import JOINTS
 from retarget.sources.asf_amc import read_asf
 from retarget.sources.bvh import read_motion
@@ -16,7 +15,6 @@ from retarget.sources.skeletons import (
     REQUIRED,
     STYLES,
     JointTree,
-    forward_kinematics,
     joints_by_name,
     joints_by_shape,
 )
@@ -97,29 +95,3 @@ def test_any_tree_gives_an_answer(count: int, seed: int) -> None:
     ends = tuple((generator.normal(size=3),) if generator.random() < 0.5 else () for _ in range(count))
     found = joints_by_shape(JointTree(tuple(map(str, range(count))), parents, offsets, ends))
     assert found is None or all(0 <= joint < count for joint in found.values())
-
-
-TREE = JointTree(
-    names=("root", "arm", "hand", "leg"),
-    parents=(-1, 0, 1, 0),
-    offsets=np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, -1]]),
-    ends=((), (), (np.array([0.0, 0, 3]),), ()),
-)
-
-
-def test_forward_kinematics_is_the_product_of_transforms() -> None:
-    generator = np.random.default_rng(0)
-    local = rotations.normalise(generator.normal(size=(5, 4, 4)))
-    translation = np.broadcast_to(TREE.offsets, (5, 4, 3)).copy()
-    translation[:, 0] = generator.normal(size=(5, 3))
-    pose = forward_kinematics(TREE, local, translation)
-    for frame in range(5):
-        matrices = np.zeros((4, 4, 4))
-        matrices[:, :3, :3] = rotations.to_matrix(local[frame])
-        matrices[:, :3, 3] = translation[frame]
-        matrices[:, 3, 3] = 1.0
-        hand = matrices[0] @ matrices[1] @ matrices[2]
-        np.testing.assert_allclose(pose.position[frame, 2], hand[:3, 3], atol=1e-12)
-        np.testing.assert_allclose(rotations.to_matrix(pose.orientation[frame, 2]), hand[:3, :3], atol=1e-12)
-        tip = pose.point(2, TREE.ends[2][0])[frame]
-        np.testing.assert_allclose(tip, (hand @ [0, 0, 3, 1])[:3], atol=1e-12)

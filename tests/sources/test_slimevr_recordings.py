@@ -132,20 +132,6 @@ def test_vrchat_trackers_follow_the_script(vrchat: Recording) -> None:
     check(vrchat, found, 0.5, 2.0)
 
 
-def test_two_references_in_one_packet(vmc: Recording) -> None:
-    """Standing with hanging arms at the start: the roles' arms are the identity there, the bones' are not."""
-    first = vmc.frames[0]
-    upright = np.array([1.0, 0.0, 0.0, 0.0])
-    for side, name in (("l_", "Left"), ("r_", "Right")):
-        role = first.orientation[first.names.index(f"human://{name.upper()}_ELBOW")]
-        bone = first.orientation[first.names.index(f"bone://{name}UpperArm")]
-        assert np.degrees(angle_between(role, upright)) < 0.01
-        assert np.degrees(angle_between(bone, from_axis_angle((1.0, 0.0, 0.0), -DOWN[side]))) < 0.01
-    by_role, by_bone = segments(vmc, "slimevr"), bone_segments(vmc)
-    for segment in set(by_role) - {"l_wrist", "r_wrist"}:
-        assert np.degrees(angle_between(by_role[segment], by_bone[segment])).max() < 0.1, segment
-
-
 @pytest.mark.parametrize(
     "name", ["pythonosc_vmc_bundle", "vmcp_1.0.6_bundle", "pythonosc_vmc_single_tra", "vmcp_1.0.6_single_bone"]
 )

@@ -5,31 +5,16 @@ import pytest
 from numpy.testing import assert_allclose
 
 from osc_bytes import bundle, message
-from retarget.rotations import from_axis_angle, multiply
 from retarget.sources.vrchat import (
     NOT_A_TRACKER,
     UNKNOWN_ADDRESS,
     WRONG_ARGUMENTS,
     VrchatDecoder,
 )
-from retarget.types import FloatArray
 
 
 def at(tracker: str, *numbers: float) -> bytes:
     return message(f"/tracking/trackers/{tracker}/position", "fff", *(numbers or (1.0, 2.0, 3.0)))
-
-
-def turned(tracker: str, *numbers: float) -> bytes:
-    return message(f"/tracking/trackers/{tracker}/rotation", "fff", *(numbers or (10.0, 20.0, 30.0)))
-
-
-def unity_turn(x: float, y: float, z: float) -> FloatArray:
-    """In Unity, turning right is positive about y, looking down about x, leaning left about z: by z, then x, then y."""
-    right, down, left = (
-        from_axis_angle(axis, np.radians(angle))
-        for axis, angle in (((0.0, 0.0, -1.0), y), ((0.0, 1.0, 0.0), x), ((-1.0, 0.0, 0.0), z))
-    )
-    return multiply(right, multiply(down, left))
 
 
 def test_golden_bytes() -> None:
@@ -39,19 +24,6 @@ def test_golden_bytes() -> None:
     assert frame.names == ("tracker://1",) and frame.stamp is None and frame.tracked.tolist() == [True]
     assert_allclose(frame.position, [[3.0, -1.0, 2.0]])
     assert np.isnan(frame.orientation).all()
-
-
-def test_a_bundle_of_trackers() -> None:
-    decoder = VrchatDecoder()
-    datagram = bundle(at("head"), at("1"), turned("1"), turned("8"), at("-1"), turned("-1"))
-    for _ in range(2):
-        (frame,) = decoder.decode(datagram)
-        assert frame.names == ("tracker://head", "tracker://1", "tracker://8")
-        assert np.isnan(frame.position).all(axis=1).tolist() == [False, False, True]
-        assert np.isnan(frame.orientation).all(axis=1).tolist() == [True, False, False]
-        assert_allclose(frame.orientation[1], unity_turn(10.0, 20.0, 30.0), atol=1e-7)
-        assert frame.tracked.all()
-    assert decoder.dropped.reasons == {NOT_A_TRACKER: 4}
 
 
 @pytest.mark.parametrize(

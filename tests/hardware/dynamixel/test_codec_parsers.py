@@ -12,21 +12,8 @@ from hardware.dynamixel.codec import ALERT, Frame, Status, protocol1, protocol2,
 from noise import LINES, bytes_of, noise, pieces, stretch
 from packet_vectors import ONE, TWO
 
-VECTORS = {1: ONE, 2: TWO}
 both = pytest.mark.parametrize("protocol", [1, 2])
 SEEDS = st.integers(0, 2**32 - 1)
-
-
-@both
-def test_frames_come_with_their_last_byte(protocol: int) -> None:
-    parser, received = LINES[protocol].parser(), []
-    for vector in VECTORS[protocol]:
-        for at, byte in enumerate(vector.printed):
-            frames = parser.feed(bytes((byte,)))
-            assert bool(frames) == (at == len(vector.printed) - 1)
-            received += frames
-    assert received == [vector.frame for vector in VECTORS[protocol]]
-    assert parser.skipped == 0
 
 
 @both
@@ -109,17 +96,6 @@ def test_what_a_damaged_length_claims_in_the_first_protocol_comes_back_after_sil
     assert len(parser.pending) == len(damaged) + 2 * len(good)
     assert parser.flush() == [Frame(2, 0, b"\x03\x04")] * 2
     assert (parser.pending, parser.skipped) == (b"", len(damaged))
-
-
-@both
-def test_reset_forgets_and_counts(protocol: int) -> None:
-    vector = VECTORS[protocol][0]
-    parser = LINES[protocol].parser()
-    assert parser.feed(vector.printed[:-1]) == []
-    assert parser.pending == vector.printed[:-1]
-    parser.reset()
-    assert (parser.pending, parser.skipped) == (b"", len(vector.printed) - 1)
-    assert parser.feed(vector.printed) == [vector.frame]
 
 
 PING = protocol2.ping(1)
@@ -259,14 +235,6 @@ def test_last_parameters_and_crc_that_look_like_a_header(tail: bytes, crc: bytes
     assert single.skipped == len(behind)
 
 
-def test_the_other_protocols_bytes_are_noise() -> None:
-    two, one = b"".join(vector.printed for vector in TWO), b"".join(vector.printed for vector in ONE)
-    assert protocol1.parser().feed(two) == []
-    assert protocol2.parser().feed(one) == []
-    assert protocol1.parser().feed(PING + ONE[0].printed) == [ONE[0].frame]
-    assert protocol2.parser().feed(ONE[0].printed + PING) == [Frame(1, 1, b"")]
-
-
 def test_a_cut_fast_reply_holds_back_what_follows_until_silence() -> None:
     reply = more_frames.fast_status([Status(1, 0, bytes(10)), Status(2, 0, bytes(10))])
     parser = protocol2.parser()
@@ -321,15 +289,6 @@ def test_a_part_whose_followers_took_its_damage_for_granted_is_not_taken() -> No
             out[end : end + 2] = total.to_bytes(2, "little")
             total = more_frames.crc(bytes(out[end : end + 2]), total)
         assert whole_reply(bytes(out), ids, 10) is None
-
-
-@pytest.mark.parametrize("cut", [1, 14, 20])
-def test_neither_short_nor_long_is_whole(cut: int) -> None:
-    reply = more_frames.fast_status([Status(1, 0, b"\x01\x02\x03\x04"), Status(2, 0, b"\x05\x06\x07\x08")])
-    assert whole_reply(reply[:-cut], (1, 2), 4) is None
-    assert whole_reply(reply + reply[:cut], (1, 2), 4) is None
-    assert whole_reply(reply, (2, 1), 4) is None
-    assert whole_reply(reply, (1, 2), 3) is None
 
 
 def one_by_one(received: bytes, ids: tuple[int, ...], size: int) -> list[Status]:

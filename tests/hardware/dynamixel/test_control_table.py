@@ -45,15 +45,6 @@ def test_protocol_one_divides_two_megahertz() -> None:
         assert baud_of(table, 207) == 9600
 
 
-def test_only_mx_goes_above_two_megabaud() -> None:
-    mx, ax = find_table("MX-64", 1), find_table("AX-12A", 1)
-    assert [baud_of(mx, code) for code in (0, 250, 251, 252, 253)] == [2_000_000, 2_250_000, 2_500_000, 3_000_000, None]
-    assert [code_of(mx, baud) for baud in (2_000_000, 2_250_000, 3_000_000)] == [0, 250, 252]
-    assert code_of(ax, 2_250_000) is None
-    assert baud_of(ax, 0) is None
-    assert baud_of(ax, 254) == 7843
-
-
 @pytest.mark.parametrize("table", tables(), ids=lambda one: f"{one.model}-{one.protocol}-{one.firmware[0]}")
 def test_every_rate_leads_back_to_its_code(table: ControlTable) -> None:
     register = table["baud_rate"]
@@ -189,15 +180,6 @@ def test_fast_reads_startup_and_backup_come_with_firmware(model: str, since: int
     assert not old["drive_mode"].allows(8)
     assert new["drive_mode"].allows(8)
     assert find_table(model, 2).fast_read
-
-
-def test_drive_mode_bits_come_with_firmware() -> None:
-    highest = {fw: find_table("XM430-W350", 2, fw)["drive_mode"].highest for fw in (38, 41, 42, 44, 45, 60)}
-    assert highest == {38: 1, 41: 1, 42: 5, 44: 5, 45: 13, 60: 13}
-    assert not find_table("XM430-W350", 2, 37).has("drive_mode")
-    assert not find_table("XM430-W350", 2, 37).has("bus_watchdog")
-    assert find_table("XH540-W270", 2)["drive_mode"].highest == 15
-    assert find_table("MX-106", 2)["drive_mode"].highest == 7
 
 
 def test_errors_name_what_there_is() -> None:

@@ -9,10 +9,10 @@ import pytest
 import more_frames
 from bus_rig import BusRig, Tapped
 from hardware.dynamixel import single_requests
-from hardware.dynamixel.codec import BROADCAST, Status, protocol2, side_by_side
+from hardware.dynamixel.codec import Status, side_by_side
 from hardware.dynamixel.control_table import find_table
 from hardware.dynamixel.cyclic import Ask, Kind, block_of, collect
-from scripted_port import Replies, ScriptedPort
+from scripted_port import ScriptedPort
 from sim.emulator.faults import Fault, FaultKind
 
 
@@ -31,19 +31,6 @@ def test_every_register_is_where_its_table_says(model: str, protocol: int) -> No
 
 
 SLACK = 0.004
-PING1 = b"\x06\x04\x26"
-
-
-def _slotted(*ids: int) -> Replies:
-    return [(0.003 * device + 0.001, protocol2.status(device, 0, PING1)) for device in ids]
-
-
-def test_all_answer_a_broadcast_in_their_slots() -> None:
-    port = ScriptedPort(lambda request: _slotted(0, 1, 7, 252))
-    received = single_requests.broadcast_ping(port, 252, SLACK)
-    assert [answer.id for answer in received.answers] == [0, 1, 7, 252]
-    assert received.damaged == 0
-    assert port.sent == [protocol2.ping(BROADCAST)]
 
 
 def test_a_line_that_never_falls_silent_is_left() -> None:

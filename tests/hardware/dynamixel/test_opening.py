@@ -226,14 +226,6 @@ def test_a_device_of_the_profile_without_a_joint_must_be_there() -> None:
     assert protocol2.frame(30, 1, b"") in rig.port.sent
 
 
-def test_protocol_1_status_return_off_is_distinguished_from_silence() -> None:
-    servos = specs(2, "AX-12A")
-    rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)])
-    register(2, status_return_level=0)(rig)
-    with refuses(BusError, "j2", 2, 0):
-        rig.bus.open()
-
-
 @pytest.mark.parametrize("other", ["main", "arms"])
 def test_limits_of_coupled_servos_are_held_against_all_angles_of_both_joints(other: str) -> None:
     roll, yaw = [replace(one, mode=ServoMode.POSITION, lower=-0.2, upper=0.2) for one in waist_servos()[1:3]]

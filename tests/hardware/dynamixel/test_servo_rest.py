@@ -141,15 +141,3 @@ def test_servos_at_another_speed_go_limp_and_the_speed_is_named(lab: ServoLab) -
     code, _, err = lab.run("rest", "--robot", "op3", "--port", "emulator", "--yes")
     assert code == 2 and not any(_torques(lab))
     shows(err, 1, 1000000, 2000000, "--baud", "2000000`")
-
-
-def test_ctrl_c_in_the_look_says_that_no_servo_confirmed(lab: ServoLab, monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(*arguments: object, **more: object) -> object:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("retarget.cli.servo.rest.look_at", interrupted)
-    code, _, err = lab.run("rest", "--port", "emulator", "--yes")
-    assert code == 1 and not any(_torques(lab))
-    shows(err)
-    code, _, err = lab.run("rest", "--robot", "op3", "--port", "emulator", typed="y\n")
-    assert code == 130 and "confirmed" not in err

@@ -161,16 +161,6 @@ def test_with_a_joint_everything_in_which_it_differs_from_the_profile_is_propose
     assert memory.value("return_delay_time") == 10 and _complaints(memory) == []
 
 
-def test_another_model_and_an_id_without_a_joint_are_refused(lab: ServoLab) -> None:
-    code, _, err = lab.run("setup", *BUS, "--id", "33")
-    assert code == 2 and lab.sent == []
-    shows(err, "--joint", "NAME")
-    lab.models = {13: 1060}
-    code, _, err = lab.run("setup", *BUS, "--id", "13")
-    assert code == 2
-    shows(err, "XL430-W250", "2.0", "XM430-W350")
-
-
 @pytest.mark.parametrize(
     ("words", "text"),
     [

@@ -84,12 +84,6 @@ def image(**values: int) -> ServoImage:
     return ServoImage(TABLE, bytes(data))
 
 
-@pytest.mark.parametrize(("mode", "value"), list(zip(ServoMode, (3, 4, 5), strict=True)))
-def test_eeprom_holds_mode_and_delay(mode: ServoMode, value: int) -> None:
-    servo, bus = replace(PLAIN, mode=mode), replace(bus_of([PLAIN]), return_delay=20e-6)
-    assert named(eeprom_settings(servo, bus, TABLE)) == {"return_delay_time": 10, "operating_mode": value}
-
-
 def test_a_position_mode_limits_its_current_in_eeprom() -> None:
     servo, bus = replace(PLAIN, current_limit=0.3), bus_of([PLAIN])
     assert named(eeprom_settings(servo, bus, TABLE))["current_limit"] == 112

@@ -8,9 +8,7 @@ import more_frames
 from hardware.dynamixel import single_requests
 from hardware.dynamixel.codec import ALERT, BROADCAST, Error1, Error2, protocol1, protocol2
 from hardware.dynamixel.control_table import Register, find_table
-from hardware.dynamixel.serial_port import QUIET
 from hardware.dynamixel.single_requests import (
-    SLACK,
     Found,
     NoAnswer,
     OneOff,
@@ -28,12 +26,6 @@ ANSWER = protocol2.status(1, 0, b"\xa6\0\0\0")
 
 def _flipped(frame: bytes) -> bytes:
     return frame[:-3] + bytes((frame[-3] ^ 0x40,)) + frame[-2:]
-
-
-def test_a_value_is_signed() -> None:
-    port = ScriptedPort(always(protocol2.status(1, 0, b"\xff\xff\xff\xff")))
-    assert OneOff(port, 2).read(1, POSITION) == -1
-    assert port.sent == [more_frames.read(1, 132, 4)]
 
 
 @pytest.mark.parametrize("value", [0, -1, 2_048])
@@ -116,14 +108,6 @@ def test_tries_are_bounded_and_silence_is_reported() -> None:
         OneOff(port, 2).write(1, GOAL, 5)
     assert len(port.sent) == 3
     assert port.now() < 0.1  # after each, a late answer may pass
-
-
-def test_damage_is_distinguished_from_silence() -> None:
-    port = ScriptedPort(in_turn(_flipped(ANSWER), b"", _flipped(ANSWER)))
-    with refuses(NoAnswer, 2) as raised:
-        OneOff(port, 2).read(1, POSITION)
-    assert raised.value.damaged == 2
-    assert "busy" not in str(raised.value)
 
 
 def test_a_late_answer_answers_nothing_else() -> None:
@@ -268,17 +252,6 @@ def test_scan_finds_a_clash_of_whole_answers() -> None:
 READ = more_frames.read(1, 132, 4)
 STATUS = bytes.fromhex("FF FF FD 00 01 08 00 55 00 A6 00 00 00 8C C0")
 """A read and its answer as the manual prints them."""
-
-
-@pytest.mark.parametrize("baud", [9_600, 57_600, 4_500_000])
-def test_silence_costs_what_bytes_adapter_and_servo_need(baud: int) -> None:
-    port = ScriptedPort(always(), baud=baud)
-    with pytest.raises(NoAnswer):
-        OneOff(port, 2, retries=0).read(1, POSITION)
-    took = port.now() - QUIET - port.latency  # afterwards a late answer may pass
-    needed = 10 * (len(READ) + len(STATUS)) / baud + 0.0005 + port.latency + SLACK
-    assert needed <= took <= needed + 80 / baud + 1e-9
-    assert port.looks <= 3  # no polling
 
 
 @pytest.mark.parametrize("stale", [b"", b"\x00", STATUS, b"\xff\xff\xfd\x00\x01"])

@@ -6,28 +6,8 @@ import pytest
 
 from emulated import answered, read_register, servo1, shown, write_register, wrote
 from hardware.dynamixel.codec import Error1, Instruction, protocol1
-from hardware.dynamixel.control_table import find_table
-from hardware.servo import find_model
 from sim.emulator.conversation import Conversation
 from sim.emulator.servo1 import EmulatedServo1
-from sim.emulator.servo_body import ServoBuild
-
-
-@pytest.mark.parametrize(("model", "goal"), [("MX-28", 2500), ("MX-64", 1500), ("AX-12A", 700)])
-def test_it_goes_to_its_goal(model: str, goal: int) -> None:
-    servo = servo1(model, position=512.0)
-    assert answered(servo, Instruction.PING) == (0, b"") and read_register(servo, "torque_enable") == 0
-    wrote(servo, goal_position=goal)
-    assert read_register(servo, "torque_enable") == 1
-    assert shown(servo, 3.0, "present_position", "moving") == (goal, 0)
-
-
-def test_it_waits_for_torque_where_a_goal_does_not_switch_it_on() -> None:
-    servo = EmulatedServo1(find_table("MX-28", 1), find_model("MX-28"), ServoBuild(512.0), torque_by_goal=False)
-    wrote(servo, goal_position=2500, moving_speed=0)
-    assert shown(servo, 1.0, "torque_enable", "present_position") == (0, 512)
-    wrote(servo, 1.0, torque_enable=1)
-    assert read_register(servo, "present_position", 4.0) == 2500
 
 
 def _single(servo: EmulatedServo1, address: int, data: bytes) -> None:

@@ -1,7 +1,6 @@
 """The strict hierarchy as the literature writes it, on equality rows only: projectors and pseudo-inverses.
 
-Siciliano and Slotine 1991, with the recursive projector of Baerlocher and Boulic 2004; and the clamping loop of the
-paper's Figure 2, which only ever adds clamped joints and is therefore not optimal: compare with it, never trust it.
+Siciliano and Slotine 1991, with the recursive projector of Baerlocher and Boulic 2004.
 """
 
 from __future__ import annotations
