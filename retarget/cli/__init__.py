@@ -35,6 +35,9 @@ COMMANDS = {
 FILES = {"import": "import_body"}
 """Commands whose word cannot be the name of a function, and the name of theirs."""
 
+_GARBAGE = 100_000
+"""New objects after which garbage is collected: more than imports and a short run make."""
+
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line with `arguments` (those of the process by default) and leave with its exit code."""
@@ -53,9 +56,9 @@ def _call(chosen: list[str], words: list[str]) -> None:
 
 
 def _start_fast() -> None:
-    """In a process of our own, do without garbage collection (0.1 s), the windows of MuJoCo (40 ms), plugins of
+    """In a process of our own, seldom collect garbage (0.1 s), and do without the windows of MuJoCo (40 ms), plugins of
     pydantic, and a second core that spins for matrices as small as ours (0.1 s)."""
-    gc.disable()
+    gc.set_threshold(_GARBAGE)
     atexit.register(gc.freeze)
     for name, value in (
         ("MUJOCO_GL", "disable"),

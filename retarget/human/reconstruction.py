@@ -12,6 +12,7 @@ import numpy as np
 from retarget import rotations
 from retarget.frames import SensorSample
 from retarget.human.posture_prior import Balance, CarryingFeet, Crouch, Heading, VirtualFeet
+from retarget.human.second_posture import SecondPosture
 from retarget.human.sensor_intake import IntakeTimes, Reach, SensorIntake
 from retarget.ik.hierarchy import Hierarchy, SceneObstacles, body_frames
 from retarget.ik.tasks import SlotKind
@@ -101,6 +102,8 @@ _LONGEST_FRAME_S = 0.0201
 _MOST_PARTS = 50
 """Parts of a step: those of 1 s."""
 _FEET = ("l_ankle", "r_ankle")
+_FOLLOWED = ("head", "l_wrist", "r_wrist", *_FEET)
+"""Sensors that strict levels follow."""
 
 Points = dict[str, list[float]]
 Ground = tuple[float, float]
@@ -161,6 +164,8 @@ class Reconstructor:
         self._targets = self._hierarchy.blank()
         self._q = human.posture("natural")
         self._reached = self._reader.joints(self._q[None])[0, self._joints_of]
+        self._followed = np.array([name in _FOLLOWED for name in names])
+        self._second = SecondPosture()
 
     @property
     def sensors(self) -> tuple[str, ...]:
@@ -200,10 +205,12 @@ class Reconstructor:
         for _ in range(_SETTLING_FRAMES):
             self._hierarchy.solver.reset(self._q)
             before = self._q
+            self._bear(points, _SETTLING_S)
             self._solve(points, turns, _SETTLING_S, self._intake.position)
             if float(np.abs(self._q - before).max()) < _SETTLED:
                 break
         self._hierarchy.solver.reset(self._q)
+        self._second = SecondPosture()
         self._obstacles.begin()
         # Virtual feet are made from the head, so they show nothing of what carries.
         self._carrying = CarryingFeet() if self._feet is None else None
@@ -219,7 +226,7 @@ class Reconstructor:
                 self._feet.step(known["head"], self._heading.forward, crouch=self._lowered(known), dt=dt)
             position, valid = self._with_feet(position, valid)
             weight = None if weight is None else np.concatenate([weight, [1.0, 1.0]])
-        intake = self._intake
+        intake, missed = self._intake, self._missed()
         # A long step is solved in parts of at most _LONGEST_FRAME_S, with sensors on straight lines between the
         # samples. A sensor that was not there before has no line: it is where it is from the first part on.
         before, present = intake.position.copy(), intake.present.copy()
@@ -233,8 +240,33 @@ class Reconstructor:
             points = self._present(at)
             self._heading.step(points, _facing(turns), dt=dt / parts)
             self._obstacles.tick(self._hierarchy, dt / parts)
+            self._bear(points, dt / parts)
             self._solve(points, turns, dt / parts, at)
+        if self._second.is_due(missed, dt):
+            self._try_second_posture(points, turns, missed)
         return self._posture(dt)
+
+    def _missed(self) -> float:
+        """How far the body is from the goal of a sensor that it has to follow, at most, m."""
+        away = np.where(self._intake.present[:, None], self._intake.position - self._reached, 0.0)
+        return float(np.sqrt(rotations.squares(away[self._followed]).max(initial=0.0)))
+
+    def _try_second_posture(self, points: Points, turns: list[SensorTurn], missed: float) -> None:
+        """Solve one frame of it, and stand in it if it comes nearer to the sensors than the body, which misses one by
+        `missed` m."""
+        body = self._q
+        self._stand_in(self._placed() if self._second.q is None else self._second.q)
+        self._solve(points, turns, _SETTLING_S, self._intake.position)
+        second = self._q
+        self._stand_in(second)
+        if not self._second.keep(second, self._missed(), by_body=missed):
+            self._stand_in(body)
+
+    def _stand_in(self, q: FloatArray) -> None:
+        """Stand in posture q (nq,), at rest."""
+        self._q = q
+        self._hierarchy.solver.reset(q)
+        self._reached = self._reader.joints(q[None])[0, self._joints_of]
 
     def _solve(self, points: Points, turns: list[SensorTurn], dt: float, at: FloatArray) -> None:
         """Set all targets and solve one frame. at (k, 3) m: the goals of sensors and virtual feet, `points` those that
@@ -246,15 +278,19 @@ class Reconstructor:
         targets[self._slots] = self._block[self._source]
         for turn in turns:
             hierarchy.set_orientation(targets, turn.sensor, turn.link)
-        forward = self._heading.forward
-        hierarchy.set_heading(targets, forward)
+        hierarchy.set_heading(targets, self._heading.forward)
         if self._balance is not None:
-            self._balance.step([points[name] for name in _FEET if name in points], forward, dt=dt)
             hierarchy.set_centre_of_mass(targets, self._balance.goal, self._balance.weight)
         if self._crouch is not None and "head" in points:
             hierarchy.set_posture(targets, self._crouch.posture(self._head_height(points)))
         hierarchy.set_previous(targets, self._q, dt)
         self._q = hierarchy.solver.frame(targets, dt)
+
+    def _bear(self, points: Points, dt: float) -> None:
+        """Where the feet that are there bear the body, `dt` s later."""
+        if self._balance is not None:
+            feet = [points[name] for name in _FEET if name in points]
+            self._balance.step(feet, self._heading.forward, dt=dt)
 
     def _posture(self, dt: float) -> HumanPosture:
         """What there is to see, `dt` s after the posture before."""

@@ -82,6 +82,25 @@ def test_a_fast_hand_is_followed_at_any_rate(rate: float) -> None:
     assert errors_mm(position, dt=1.0 / rate)[int(0.3 * rate) :].max() < 10.0
 
 
+@pytest.mark.parametrize("rate", [50.0, 120.0])
+def test_a_tangled_body_begins_anew(rate: float) -> None:
+    """A performer who is turned about at once leaves a body with crossed legs and arms behind."""
+    position = np.repeat(standing(0.3)[None], 3 * int(rate), axis=0)
+    turned = int(rate)
+    position[turned:] *= [-1.0, -1.0, 1.0]
+    errors = errors_mm(position, dt=1.0 / rate)
+    assert errors[turned : turned + int(0.2 * rate)].max() > 100.0
+    assert errors[turned + int(0.7 * rate) :].max() < 10.0
+
+
+def test_a_sensor_where_no_body_goes_makes_no_leap() -> None:
+    """A hand asks for more than an arm gives: no second posture helps, and none is seen."""
+    position = np.repeat(standing(0.3)[None], 240, axis=0)
+    position[30:, FIVE.index("l_wrist")] += [0.0, 2.0, 0.0]
+    errors = errors_mm(position)[90:]
+    assert errors.max() > 1000.0 and np.abs(np.diff(errors, axis=0)).max() < 5.0
+
+
 def moving(count: int = 60) -> FloatArray:
     """A person who walks on, arms hanging a little (count, 5, 3) m."""
     position = np.repeat(standing(0.15)[None], count, axis=0)
