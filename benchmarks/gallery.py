@@ -67,8 +67,9 @@ def pictures(shown: dict[str, Postures]) -> list[Image.Image]:
             draw.text((scale * place, 0.0), title, "#555555", anchor="ma", font_size=0.6 * TITLE * scale)
             outlines, shades = lit(body.corners[pose], body.normal[pose], body.colour)
             pixels = scale * np.stack([place + outlines[..., 0], top - outlines[..., 1]], axis=-1)
-            for outline, shade in zip(pixels.reshape(len(pixels), -1).tolist(), (255 * shades).astype(int).tolist()):
-                draw.polygon(outline, tuple(shade))
+            outlines, colours = pixels.reshape(len(pixels), -1).tolist(), (255 * shades).astype(int).tolist()
+            for outline, colour in zip(outlines, colours, strict=True):
+                draw.polygon(outline, tuple(colour))
         found.append(picture.resize((WIDTH, size[1] // SHARPER), Image.Resampling.LANCZOS))
     return found
 
@@ -76,9 +77,7 @@ def pictures(shown: dict[str, Postures]) -> list[Image.Image]:
 def main() -> None:
     """Write the animation."""
     first, *others = pictures(postures())
-    first.save(
-        IMAGE, save_all=True, append_images=others, duration=round(1e3 / FPS), loop=0, quality=QUALITY
-    )
+    first.save(IMAGE, save_all=True, append_images=others, duration=round(1e3 / FPS), loop=0, quality=QUALITY)
     print(f"{IMAGE.relative_to(ROOT)}: {len(others) + 1} pictures, {IMAGE.stat().st_size / 1e6:.2f} MB")
 
 

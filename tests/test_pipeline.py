@@ -21,7 +21,6 @@ from retarget import Pipeline, RunOptions, SensorSample, load_performer, load_ro
 from retarget.errors import InputError, UsageError
 from retarget.frames import SensorFrames
 from retarget.human.calibration import calibrate
-from retarget.human.performer_calibration import person_of
 from retarget.human.samples import Clip, Performance, Playback, lay_on_ticks
 from retarget.pipeline import Goal, SteppedPerformer
 from retarget.report.motion_metrics import LimitViolations, limit_violations
@@ -101,12 +100,6 @@ def test_the_program_of_the_page_is_short_and_valid() -> None:
     code = re.findall(r"```python\n(.+?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)[1]
     compile(code, "page", mode="exec")
     assert len([line for line in code.splitlines() if line]) <= 26
-
-
-def test_a_sample_of_positions_by_name() -> None:
-    sample = SensorSample.of({"head": (0, 0, 1.6), "pelvis": None}, {"head": (1, 0, 0, 0), "pelvis": None})
-    assert sample.names == ("head", "pelvis") and sample.valid.tolist() == [True, False]
-    assert sample.orientation[0].tolist() == [1, 0, 0, 0] and np.isnan(sample.orientation[1]).all()
 
 
 @pytest.mark.parametrize("wrong", [(0, 1), "left", ((0, 0, 1), 2, 3), {}])
@@ -299,21 +292,6 @@ def test_a_lost_ankle_holds_the_robot_and_a_lost_wrist_does_not(names: tuple[str
     assert state_of(pipeline) == "hold"
 
 
-def test_it_begins_slowly_where_the_robot_is() -> None:
-    robot = load_robot("op3")
-    far = robot.posture(robot.profile.postures.rest)[robot.servo_columns]
-    pipeline = Pipeline(robot, load_performer("five"), priorities="servo")
-    pipeline.start(still(), present=far)
-    path = [far, *(one.joint_positions for one in run_to(pipeline, RunState.FOLLOW))]
-    approach = robot.profile.safety.speed_caps.approach
-    limit = approach * robot.limits.max_velocity * DT * (1.0 + 1e-6)
-    stance = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
-    at_stance = int(np.argmin(np.abs(np.array(path) - stance).max(axis=1)))
-    assert np.abs(path[at_stance] - stance).max() < 1e-9
-    assert (np.abs(np.diff(path[: at_stance + 1], axis=0)) <= limit).all()
-    assert keep_limits(path)
-
-
 def test_a_stop_brakes_and_a_new_start_goes_on_from_there() -> None:
     pipeline = started()
     for tick in range(150):
@@ -351,16 +329,6 @@ def test_the_same_calls_give_the_same_goals() -> None:
         return [pipeline.step(one, DT).joint_positions.tolist() for one in clip]
 
     assert goals() == goals()
-
-
-def test_a_known_performer_is_not_measured() -> None:
-    size = calibrate(synthetic_performer())
-    person = person_of("ann", size, sensors=FIVE, date="2026-01-01")
-    crouching = frames().sample(1.2)
-    for known in (size, person):
-        pipeline = Pipeline(None)
-        pipeline.start(crouching, calibration=known)
-        assert pipeline.step(crouching, pipeline.dt).human.sensor_error.max() < 0.05
 
 
 def test_what_cannot_be_used_is_refused_and_nothing_changes() -> None:
@@ -414,9 +382,3 @@ def test_what_cannot_be_started_is_refused() -> None:
         wrong = "me"
         pipeline.start(still(), calibration=wrong)
     assert pipeline.state is RunState.IDLE
-
-
-def test_a_present_posture_in_degrees_is_refused() -> None:
-    pipeline = Pipeline("op3", performer="five", rate_hz=100)
-    with refuses(UsageError):
-        pipeline.start(synthetic_performer().sample(0.0), present=np.full(20, 90.0))

@@ -5,12 +5,10 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
-
 TESTS = Path(__file__).resolve().parent
 LEFT = TESTS / "support" / "wording_left.txt"
 """Phrases that tests still assert: of third parties, of pages and files that are looked into. It may only shrink."""
-MOST = 28
+MOST = 21
 
 WORDS = re.compile(r"[A-Za-z]{2,}[,;:]?(?:\\?[ ])[A-Za-z]{2,}")
 """Two English words in a row."""
@@ -38,24 +36,6 @@ def phrases(source: str) -> Iterator[str]:
                 if isinstance(part, ast.Compare) and isinstance(part.ops[0], ast.In | ast.NotIn)
             ]
         yield from (text for text in texts if WORDS.search(text))
-
-
-@pytest.mark.parametrize(
-    ("source", "found"),
-    [
-        ("with pytest.raises(X, match='no such port'): pass", ["no such port"]),
-        ("with pytest.raises(X, match=r'no such.*port'): pass", ["no such.*port"]),
-        ("with pytest.raises(X, match=f'port {x} is gone'): pass", ["port {} is gone"]),
-        ("with pytest.raises(X, match='l_wrist'): pass", []),
-        ("assert 'two words' in text and 'one' in text", ["two words"]),
-        ("assert not any('two words' in line for line in text)", ["two words"]),
-        ("assert 'two words' not in text", ["two words"]),
-        ("assert 'id 3' in text", []),
-        ("found = 'two words' in text", []),
-    ],
-)
-def test_phrases(source: str, found: list[str]) -> None:
-    assert list(phrases(source)) == found
 
 
 def test_no_new_wording_in_tests() -> None:

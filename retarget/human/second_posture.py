@@ -1,7 +1,7 @@
 """A way out of a tangle: a second posture, solved a frame a tick beside a body that misses its sensors.
 
-A body that was led through itself, by a jump or by sensors that crossed, can end in a posture from which no small motion
-leads to its sensors. A natural posture in the same place leads there within a few frames.
+A body that was led through itself, by a jump or by sensors that crossed, can end in a posture from which no small
+motion leads to its sensors. A natural posture in the same place leads there within a few frames.
 """
 
 from dataclasses import dataclass
@@ -18,8 +18,11 @@ _BETTER = 0.5
 
 @dataclass(slots=True)
 class SecondPosture:
-    """q (nq,): the second posture; None: none is tried. frames: solved of it. missed_s: for how long the body has missed
-    its sensors; patience_s: for how long it may, doubled by every try that fails: a sensor can be where no body goes."""
+    """q (nq,): the second posture; None: none is tried. frames: solved of it.
+
+    missed_s: for how long the body has missed its sensors; patience_s: for how long it may, doubled by every try that
+    fails: a sensor can be where no body goes.
+    """
 
     q: FloatArray | None = None
     frames: int = 0

@@ -18,9 +18,7 @@ THIN = 0.012
 """Radius of what joins links, in the sum of their lengths."""
 AZIMUTH, ELEVATION = np.deg2rad(35.0), np.deg2rad(12.0)
 """Where the viewer stands: about the vertical from the way the body faces, and above the horizon."""
-TO_VIEWER = np.array(
-    [np.cos(AZIMUTH) * np.cos(ELEVATION), np.sin(AZIMUTH) * np.cos(ELEVATION), np.sin(ELEVATION)]
-)
+TO_VIEWER = np.array([np.cos(AZIMUTH) * np.cos(ELEVATION), np.sin(AZIMUTH) * np.cos(ELEVATION), np.sin(ELEVATION)])
 LIGHT = np.array([0.5, -0.1, 0.86])
 DARKEST = 0.6
 """Brightness of what the light does not reach."""
@@ -43,7 +41,8 @@ class Facets:
 
 
 def facets_of(body: BodyModel, sides: dict[int, str]) -> Facets:
-    """The shapes of a body, and what joins its links where shapes leave gaps. sides: `LEFT` or `RIGHT` of the links that have one."""
+    """The shapes of a body, and what joins its links where shapes leave gaps. sides: `LEFT` or `RIGHT` of the links
+    that have one."""
     shapes = [(geom.body, surface) for geom in body.geoms if geom.body > 0 for surface in _surfaces(geom)]
     shapes += _joints(body)
     corners = np.concatenate([surface for _, surface in shapes])

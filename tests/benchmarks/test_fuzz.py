@@ -6,7 +6,7 @@ import pytest
 
 from benchmarks.fuzz import Outcome, corpus, try_case
 
-CASES = 1000
+CASES = 600
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")

@@ -2,7 +2,6 @@
 
 import io
 import os
-import shlex
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,16 +9,13 @@ from pathlib import Path
 import pytest
 
 from command_line import code_of
-from messages import refuses, shows
+from messages import shows
 from recordings import Recorded, record
 from retarget.cli.application import ask, with_values
 from retarget.cli.emulate import TypedLines
 from retarget.cli.exit import DONE, REFUSED
 from retarget.errors import UsageError
 from retarget.recording.reading import read_recording
-from retarget.report.outputs import PICTURE_NAMES
-from retarget.report.plots import PICTURES
-from retarget.schema.files import check_place, refuse_existing
 from unknown_robots import small_bust
 
 
@@ -41,15 +37,6 @@ def test_enter_is_yes_and_anything_strange_is_asked_again(
     monkeypatch.setattr("sys.stdin", io.StringIO(typed))
     assert ask("Go on?") is answer
     assert capsys.readouterr().out == "Go on? [Y/n] " * max(1, typed.count("\n"))
-
-
-@pytest.mark.parametrize(("typed", "answer"), [("\n", False), ("  \n", False), ("y\n", True), ("what\n\n", False)])
-def test_enter_is_no_where_something_would_be_changed(
-    typed: str, answer: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr("sys.stdin", io.StringIO(typed))
-    assert ask("Go on?", enter=False) is answer
-    assert capsys.readouterr().out == "Go on? [y/N] " * typed.count("\n")
 
 
 def test_a_question_without_answer_is_refused(
@@ -134,13 +121,6 @@ def test_all_of_them_are_replaced_where_that_is_asked_for(
     assert read_recording(tmp_path / "r.mcap").damage == ""
 
 
-def test_a_link_is_something_too(short: list[str | Path], tmp_path: Path) -> None:
-    (tmp_path / "r.json").symlink_to(tmp_path / "nothing")
-    assert code_of(*short, "--report", tmp_path / "r.json") == REFUSED
-    with refuses(UsageError):
-        refuse_existing(tmp_path / ("x" * 5000), option="--out")
-
-
 def test_a_replay(recorded: Recorded, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "again.npz"
     out.write_bytes(MINE)
@@ -169,25 +149,6 @@ def test_a_proposal_of_observers(tmp_path: Path, capsys: pytest.CaptureFixture[s
     words: list[str | Path] = ["fit-observers", body, "--samples", "10", "--out", out]
     assert code_of(*words) == REFUSED and out.read_bytes() == MINE
     assert code_of(*words, "--overwrite") == DONE and out.read_bytes() != MINE
-
-
-def test_a_folder_of_the_users_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The default folder under out/ is the command's, and is made anew."""
-    (tmp_path / "report.json").write_bytes(MINE)
-    assert code_of("demo", tmp_path) == REFUSED
-    shows(capsys.readouterr().err)
-    assert {path.read_bytes() for path in tmp_path.iterdir()} == {MINE}
-
-
-def test_a_folder_to_be_made_can_be_pasted_into_a_shell(tmp_path: Path) -> None:
-    with pytest.raises(UsageError) as refused:
-        check_place(tmp_path / "my runs" / "r.npz", option="--save")
-    command = str(refused.value).split("Make it first: ")[1].removesuffix(".")
-    assert shlex.split(command) == ["mkdir", "-p", str(tmp_path / "my runs")]
-
-
-def test_pictures_are_known_by_name_without_drawing_them() -> None:
-    assert tuple(PICTURES) == PICTURE_NAMES
 
 
 @pytest.fixture

@@ -38,7 +38,6 @@ from retarget.sources.asf_amc import read_amc
 from sim.mock_bus import MockBus, NoBus
 from sim.performer import synthetic_performer
 from sim.physics.log import Fall
-from sim.physics.mount import Mount, Support
 from sim.physics.perturbation import Push
 
 
@@ -196,22 +195,6 @@ def test_limits_are_those_of_the_goals_that_were_sent_not_of_postures_beside_the
     assert limits_broken(run).velocity and limits_broken(run).acceleration
 
 
-def test_the_same_seed_gives_the_same_bits() -> None:
-    first, again, other = (play(options(seconds=0.1, seed=seed), rest=False) for seed in (3, 3, 4))
-    for run in (first, again, other):
-        assert run.physics is not None and run.record.robot is not None
-    assert np.array_equal(first.physics.com, again.physics.com)  # type: ignore[union-attr]
-    assert np.array_equal(first.record.robot.present, again.record.robot.present)  # type: ignore[union-attr]
-    rows = slice(0, min(len(first.physics.com), len(other.physics.com)))  # type: ignore[union-attr]
-    assert not np.array_equal(first.physics.com[rows], other.physics.com[rows])  # type: ignore[union-attr]
-
-
-def test_through_the_wire_as_well() -> None:
-    run = play(options("physics+wire", seconds=0.05))
-    assert run.physics is not None and run.physics.fall is None and run.reason is None
-    assert len(run.physics.time) >= len(run.record)
-
-
 @pytest.mark.parametrize(("mount", "hook"), [("stand", None), ("gantry", "neck")])
 def test_a_held_robot_walks_with_the_performer(mount: str, hook: str | None, shared: Path) -> None:
     """Head, pelvis and feet that would cross on average 20 mm off at most: where it was sent and where it is."""
@@ -250,14 +233,6 @@ def test_trouble_is_drawn_by_the_seed_and_a_push_comes_while_it_follows() -> Non
     assert following[0] < begun < following[-1] + 0.1
 
 
-def test_without_physics_the_bench_only_makes_the_bus() -> None:
-    asked = options("mock", seconds=0.2)
-    bench = PhysicsBench(asked, lambda text: None)
-    assert isinstance(bench.make_bus(load_robot("op3"), VirtualClock()), MockBus)
-    run = play(asked)
-    assert run.physics is None
-
-
 def refusal(path: Path, physics: PhysicsOptions) -> str:
     asked = RunOptions(robot=str(path), bus="physics", physics=physics, playback=Playback(end=0.2))
     bench = PhysicsBench(asked, lambda text: None)
@@ -267,25 +242,6 @@ def refusal(path: Path, physics: PhysicsOptions) -> str:
     ):
         pass
     return str(caught.value)
-
-
-def test_a_hanging_robot_needs_a_hook(tmp_path: Path) -> None:
-    said = refusal(copy_of_op3(tmp_path / "op3"), PhysicsOptions(mount="gantry"))
-    shows(said)
-    said = refusal(copy_of_op3(tmp_path / "hangs", ("root: free", "root: suspended")), PhysicsOptions())
-    shows(said)
-
-
-def test_a_robot_on_a_stand_does_not_go_to_the_floor(tmp_path: Path) -> None:
-    said = refusal(copy_of_op3(tmp_path / "op3", ("root: free", "root: fixed")), PhysicsOptions(mount="floor"))
-    shows(said)
-
-
-def test_servos_without_gains_are_refused(tmp_path: Path) -> None:
-    path = copy_of_op3(tmp_path / "op3")
-    text = path.read_text(encoding="utf-8")
-    path.write_text(re.sub(r",? *gains: \{[^}]*\}", "", text), encoding="utf-8")
-    assert "without a P gain" in refusal(path, PhysicsOptions())
 
 
 def test_a_posture_that_cannot_stand_is_refused_with_centre_of_mass_and_polygon(tmp_path: Path) -> None:
@@ -307,19 +263,6 @@ def test_without_mujoco_nothing_starts(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with refuses(ConfigError, "mujoco"):
         PhysicsBench(options(), lambda text: None).make_bus(robot, VirtualClock())
-
-
-def test_only_what_hangs_has_a_hook() -> None:
-    bench = PhysicsBench(options(hook="neck"), lambda text: None)
-    with refuses(UsageError):
-        bench.make_bus(load_robot("op3"), VirtualClock())
-
-
-def test_a_mount_of_the_profile_takes_the_hook(tmp_path: Path) -> None:
-    path = copy_of_op3(tmp_path / "op3", ("root: free", "root: suspended"))
-    robot = load_robot(path)
-    asked = RunOptions(robot=str(path), bus="physics", physics=PhysicsOptions(hook="neck"))
-    assert PhysicsBench(asked, lambda text: None)._mount(robot) == Mount(Support.GANTRY, hook="neck")
 
 
 def test_a_live_run_is_watched_too(shared: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -45,25 +45,12 @@ def test_every_shipped_file_is_good(capsys: pytest.CaptureFixture[str]) -> None:
     assert out.count(": good (") == len(files)
 
 
-def test_a_scene_says_what_is_in_it(capsys: pytest.CaptureFixture[str]) -> None:
-    code, out, err = run(capsys, "check", "gantry", "wall", "crossing_ball")
-    assert (code, err) == (0, "")
-    shows(out, "0.06", "0.01", "wall", "half_space", "0.08", 5, 8, "0.12", "0.02")
-
-
 def test_one_bad_file_does_not_hide_the_others(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     bad = copy_of_op3(tmp_path / "bad", ("{id: 2,", "{id: 1,"), ("root: free", "root: fre"))
     code, out, err = run(capsys, "check", bad, "five")
     assert code == 2
     shows(out, "five")
     shows(err, bad, f"{bad}:5", "'fre'")
-
-
-def test_priorities_that_a_profile_names_must_exist(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    bad = copy_of_op3(tmp_path / "bad", ("retarget: servo", "retarget: servvo"), ("root: free", "root: fre"))
-    code, _, err = run(capsys, "check", bad)
-    assert code == 2
-    shows(err, "'servvo'")
 
 
 @pytest.mark.parametrize(
@@ -84,15 +71,6 @@ def test_any_other_file_is_refused(capsys: pytest.CaptureFixture[str], tmp_path:
     code, out, err = run(capsys, "check", path)
     assert (code, out) == (2, "")
     shows(err, path)
-
-
-def test_binary_and_missing_files(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    binary = tmp_path / "x.yaml"
-    binary.write_bytes(bytes(range(256)))
-    code, _, err = run(capsys, "check", binary, tmp_path / "gone.yaml", "op33")
-    assert code == 2
-    assert err.count("error: ") == 3
-    shows(err, "gone.yaml", "op3")
 
 
 def test_robots_lists_shipped_and_own(capsys: pytest.CaptureFixture[str], own: Path) -> None:

@@ -1,7 +1,5 @@
 """The command line's frame: help, version, exit codes and the boundary where errors become messages."""
 
-import importlib
-import inspect
 import signal
 import subprocess
 import sys
@@ -9,17 +7,11 @@ from collections.abc import Callable
 
 import pytest
 
-import retarget
 from command_line import code_of as leave
 from hardware.errors import RetargetError, TorqueError
 from messages import shows
 from retarget import cli
 from retarget.cli.exit import DEFECT, DONE, INTERRUPTED, REFUSED, STOPPED, exit_code_of
-
-
-def test_version(capsys: pytest.CaptureFixture[str]) -> None:
-    assert leave("--version") == DONE
-    assert capsys.readouterr().out.strip() == f"retarget {retarget.__version__}"
 
 
 def test_help_lists_every_command_and_imports_none(capsys: pytest.CaptureFixture[str]) -> None:
@@ -47,26 +39,13 @@ def test_the_help_of_run_fits_two_screens(monkeypatch: pytest.MonkeyPatch, capsy
     assert not any("--no-mirror" in line for line in lines), "the opposites of switches go without saying"
 
 
-def test_module_is_the_command() -> None:
-    result = subprocess.run(
-        [sys.executable, "-m", "retarget", "--version"], capture_output=True, text=True, timeout=60, check=False
-    )
-    assert (result.returncode, result.stdout.strip()) == (0, f"retarget {retarget.__version__}")
-
-
 def test_a_process_of_its_own_starts_fast_and_a_shared_one_is_left_alone() -> None:
     code = "import atexit, gc, sys; from retarget.cli import main; sys.argv = ['retarget', 'check', 'op3']\n"
-    code += "atexit.register(lambda: print(gc.get_threshold()[0] > 10_000, gc.get_freeze_count() > 0, 'glfw' in sys.modules))\n"
+    shown = "gc.get_threshold()[0] > 10_000, gc.get_freeze_count() > 0, 'glfw' in sys.modules"
+    code += f"atexit.register(lambda: print({shown}))\n"
     for call, said in (("main()", "True True False"), ("main(['robots'])", "False False False")):
         result = subprocess.run([sys.executable, "-c", code + call], capture_output=True, text=True, timeout=60)
         assert (result.returncode, result.stdout.splitlines()[-1]) == (0, said), result.stderr
-
-
-@pytest.mark.parametrize("name", list(cli.COMMANDS))
-def test_every_command_is_documented(name: str) -> None:
-    word = cli.FILES.get(name, name.replace("-", "_"))
-    function = getattr(importlib.import_module(f"retarget.cli.{word}"), word)
-    assert inspect.getdoc(function)
 
 
 def test_a_refusal_is_one_message_without_traceback(capsys: pytest.CaptureFixture[str]) -> None:
@@ -124,14 +103,6 @@ def test_a_signal_to_end_is_an_interrupt_too(number: signal.Signals, capsys: pyt
     assert signal.getsignal(number) is signal.SIG_DFL
 
 
-def test_an_interrupt_inside_a_command_is_the_same(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr("retarget.cli.robots.user_folder", interrupted)
-    assert leave("robots") == INTERRUPTED
-    assert capsys.readouterr().err == "interrupted\n"
-
-
 def test_torque_that_is_still_on_after_an_interrupt_is_reported(capsys: pytest.CaptureFixture[str]) -> None:
     def fail() -> None:
         try:
@@ -154,14 +125,6 @@ def test_a_defect_shows_its_traceback(capsys: pytest.CaptureFixture[str]) -> Non
     shown = capsys.readouterr().err
     assert "ZeroDivisionError" in shown
     shows(shown)
-
-
-@pytest.mark.parametrize(("code", "expected"), [(None, DONE), (0, DONE), (1, STOPPED), (2, REFUSED)])
-def test_an_exit_passes(code: int | None, expected: int) -> None:
-    def leaves() -> None:
-        sys.exit(code)
-
-    assert exit_code_of(leaves) == expected
 
 
 def test_a_reader_that_leaves_is_no_defect() -> None:

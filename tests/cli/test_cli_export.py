@@ -3,7 +3,6 @@
 from functools import partial
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import command_line
@@ -44,20 +43,6 @@ def test_beside_the_run_and_never_twice(to: str, run: Path, capsys: pytest.Captu
     assert code_of(run, "--to", to) == 2
     shows(capsys.readouterr().err)
     assert place.stat().st_mtime_ns == stamp
-
-
-def test_all_phases_and_another_rate(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = tmp_path / "here.csv"
-    assert code_of(run, "--to", "csv", "--out", out, "--phase", "all", "--fps", "25") == 0
-    shows(capsys.readouterr().out, 20, 25)
-    header, *rows = out.read_text().splitlines()
-    assert header.endswith("phase") and len(rows) == 20 and rows[0].endswith("approach")
-
-
-@pytest.mark.parametrize(("to", "name"), [("csv", "a.txt"), ("csv", "a"), ("npz", "a.npz"), ("bvh", "A.BVH")])
-def test_other_names_are_free(to: str, name: str, run: Path, tmp_path: Path) -> None:
-    assert code_of(run, "--to", to, "--out", tmp_path / name) == 0
-    assert (tmp_path / name).is_file()
 
 
 REFUSED = {
@@ -104,21 +89,8 @@ def test_what_is_no_run(file: str, tmp_path: Path, capsys: pytest.CaptureFixture
     assert code_of(file, "--to", "csv") == 2
 
 
-def test_nothing_followed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "slider.xml").write_text(SLIDER)
-    run = saved(moved(slider()), tmp_path / "run.npz", tmp_path / "slider.xml", phase=np.full(40, "approach"))
-    assert code_of(run, "--to", "csv") == 2
-    shows(capsys.readouterr().err, "--phase")
-
-
 def test_what_fails_halfway_leaves_nothing(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = sorted(path.name for path in run.parent.iterdir())
     assert code_of(run, "--to", "lerobot", "--fps", "31.25") == 2
     shows(capsys.readouterr().err)
     assert sorted(path.name for path in run.parent.iterdir()) == before
-
-
-def test_a_link_is_something_too(run: Path, tmp_path: Path) -> None:
-    (tmp_path / "out.csv").symlink_to(tmp_path / "nothing")
-    assert code_of(run, "--to", "csv", "--out", tmp_path / "out.csv") == 2
-    assert not (tmp_path / "nothing").exists()

@@ -66,24 +66,8 @@ def run(*words: str) -> tuple[int, str]:
     return result.exit_code, result.output
 
 
-def test_defaults_are_those_of_the_function_and_of_its_groups() -> None:
-    assert run("a.bvh")[0] == 0
-    assert CALLED.pop() == (Group(), "a.bvh", "whole", None)
-
-
-def test_values_go_to_the_group_that_has_them() -> None:
-    code, said = run("a.bvh", "--speed", "2", "--kind", "a", "--kind", "b", "--loop", "--parts", "other", "-o", "x")
-    assert code == 0, said
-    # What takes a choice refuses it, and names the nearest one.
-    assert CALLED.pop() == (Group(2.0, ("a", "b"), Inner(loop=True)), "a.bvh", "other", "x")
-
-
 def test_a_switch_is_undone_by_its_opposite() -> None:
     assert run("a.bvh", "--loop", "--no-loop")[0] == 0 and CALLED.pop()[0] == Group()
-
-
-def test_what_is_not_described_is_no_option() -> None:
-    assert run("a.bvh", "--hidden", "2")[0] == 2
 
 
 def test_the_help_is_the_docstring() -> None:

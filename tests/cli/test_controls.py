@@ -76,17 +76,6 @@ def test_held_from_its_repeats_on_and_soon_let_go() -> None:
     assert any(typed([0.09 * n for n in range(10)], 1.0)), "slow keyboards repeat too"
 
 
-def test_a_tap_a_pasted_text_and_another_key_are_not_held() -> None:
-    """A pasted text comes in pieces of 64 characters, look after look, and most of them have the letter in them."""
-    assert not any(typed([0.0, 0.4, 0.8, 1.2, 1.6], 2.0))
-    assert not HeldKey("b").held("b" * 50, 0.0)
-    key = HeldKey("b")
-    assert [key.held("b", 0.05 * look) for look in range(5)] == [False, False, False, True, True]
-    assert not key.held("x", 0.25) and not key.held("b", 0.3) and not key.held("", 0.31)
-    for look in range(20):
-        assert not key.held("a robber grabbed a bob", 1.0 + HELD_KEY_DT * look)
-
-
 @settings(max_examples=60)
 @given(st.lists(st.floats(0.0, 3.0), max_size=40))
 def test_never_held_without_repeats_just_before(times: list[float]) -> None:
@@ -214,20 +203,6 @@ def test_whatever_bytes_come_nothing_raises_and_a_release_releases(device: Devic
     assert not pedal.pressed()
 
 
-def test_what_is_no_device_is_refused(tmp_path: Path, device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "file").write_bytes(b"")
-    for path in (str(tmp_path / "event9"), str(tmp_path / "file"), "/dev/null", "a\0b"):
-        with refuses(HardwareError, path if "event9" in path else ()):
-            Pedal(path)
-
-    def forbidden(*_: object) -> int:
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr(os, "open", forbidden)
-    with refuses(HardwareError, "usermod"):
-        Pedal(device.path)
-
-
 @pytest.mark.parametrize(
     ("text", "code", "counts"), [("", KEY_B, True), (f"#{BTN_TRIGGER}", BTN_TRIGGER, True), ("#57", KEY_B, False)]
 )
@@ -237,21 +212,6 @@ def test_a_pedal_with_and_without_a_key(device: Device, text: str, code: int, co
     device.event(1, code, 1)
     assert asked(dead_man) == [Asked.GRIP] * counts
     dead_man.close()
-
-
-def test_a_key_needs_a_terminal() -> None:
-    assert "'b'" in open_dead_man("b", terminal=True).label
-    with refuses(UsageError):
-        open_dead_man("b", terminal=False)
-
-
-@pytest.mark.parametrize(
-    "text", ["", " ", "p", "h", "bb", "é", "\x1b", "pedal", "event5", "pedal:event5#a", "pedal:x#"]
-)
-def test_what_cannot_be_held_is_refused(text: str) -> None:
-    with pytest.raises((UsageError, HardwareError)) as refused:
-        open_dead_man(text, terminal=True)
-    assert "--dead-man" in str(refused.value) or text == "pedal:x#"
 
 
 def test_a_stop_file_counts_as_there_wherever_it_cannot_be_looked_for(tmp_path: Path) -> None:

@@ -1,7 +1,5 @@
 """How a command ends: detached screens, signals, forced stops, exit codes."""
 
-import errno
-import io
 import json
 import os
 import signal
@@ -20,7 +18,7 @@ from hypothesis import strategies as st
 
 from hardware.clock import MonotonicClock, VirtualClock
 from live_processes import PATIENCE_S, Performer, _free_port
-from messages import refuses, shows
+from messages import shows
 from retarget.cli import exit
 from retarget.cli.application import progress_bar
 from retarget.cli.exit import (
@@ -31,23 +29,11 @@ from retarget.cli.exit import (
     Press,
     Screen,
     all_as_ctrl_c,
-    careful_stdout,
     detached_screens,
     stop_on_signals,
 )
 
 CLOCK = MonotonicClock()
-
-
-class Broken(io.StringIO):
-    """A device that is full, or a reader that has left."""
-
-    def __init__(self, error: OSError) -> None:
-        super().__init__()
-        self.error = error
-
-    def write(self, text: str) -> int:
-        raise self.error
 
 
 @pytest.fixture
@@ -62,19 +48,6 @@ def full_pipe() -> Iterator[tuple[int, int]]:
     yield reading, writing
     os.close(reading)
     os.close(writing)
-
-
-def test_what_is_written_arrives_in_order(capsys: pytest.CaptureFixture[str]) -> None:
-    before = sys.stdout, sys.stderr
-    with careful_stdout() as screen:
-        with detached_screens():
-            for line in range(300):
-                sys.stderr.write(f"{line}\n")
-            sys.stdout.write("done\n")
-        sys.stdout.write("more\n")
-    assert (sys.stdout, sys.stderr) == before and screen.reason == ""
-    out, err = capsys.readouterr()
-    assert out == "done\nmore\n" and err.split() == [str(line) for line in range(300)]
 
 
 @pytest.mark.parametrize("barred", [False, True])
@@ -131,31 +104,6 @@ def test_the_end_of_a_run_waits_for_both_at_once(full_pipe: tuple[int, int], mon
             sys.stderr.write("text")
     assert exit.PATIENCE_S <= CLOCK.now() - begun < 2.0 * exit.PATIENCE_S
     os.read(full_pipe[0], 1 << 20)
-
-
-@pytest.mark.parametrize(
-    ("number", "reason"), [(errno.ENOSPC, os.strerror(errno.ENOSPC)), (errno.EPIPE, "")], ids=["full", "left"]
-)
-def test_a_failure_is_remembered_and_not_raised(number: int, reason: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "stdout", Broken(OSError(number, os.strerror(number))))
-    with careful_stdout() as screen, detached_screens():
-        assert sys.stdout.write("text") == 4
-    assert screen.failure is not None and screen.failure.errno == number and screen.reason == reason
-
-
-def test_it_is_a_text_stream() -> None:
-    screen = Screen(io.StringIO())
-    with refuses(TypeError):
-        screen.write(b"text")  # type: ignore[arg-type]
-    assert not screen.isatty() and screen.encoding == "utf-8"
-    screen.end(None)
-
-
-def test_a_process_without_stdout(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "stdout", None)
-    with careful_stdout() as screen, detached_screens():
-        sys.stdout.write("text")
-    assert screen.reason == ""
 
 
 def asked(path: Path, word: str) -> dict[str, object] | str:
@@ -223,14 +171,6 @@ def test_ctrl_c_after_another_signal_forces_torque_off_and_does_not_raise(first:
             assert asked() and asked.forced_stop()
 
 
-def test_one_ctrl_c_after_another_kind_of_stop_still_brakes() -> None:
-    """After the space bar, a stop file or a button, it is the first signal."""
-    with stop_on_signals() as asked:
-        asked.ask("the stop file is there")
-        signal.raise_signal(signal.SIGINT)
-        assert asked() and not asked.forced_stop()
-
-
 def test_a_held_ctrl_c_asks_and_pressed_again_it_forces_torque_off() -> None:
     clock = VirtualClock()
     with stop_on_signals(clock) as asked:
@@ -254,13 +194,6 @@ def test_ctrl_z_suspends_no_robot_that_moves() -> None:
         assert asked() and not asked.forced_stop()
         shows(asked.why())
     assert signal.getsignal(signal.SIGTSTP) is before
-
-
-def test_a_second_sigterm_still_brakes() -> None:
-    with stop_on_signals() as asked:
-        for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGTERM):
-            signal.raise_signal(number)
-        assert asked() and not asked.forced_stop()
 
 
 def test_what_is_ignored_stays_ignored() -> None:
@@ -333,20 +266,6 @@ def test_any_command_whose_reader_has_left_is_quiet(words: list[str]) -> None:
     assert (result.returncode, result.stderr) == (0, "")
 
 
-def presses(*times: float) -> list[bool]:
-    key = ForcedStopKey()
-    return [key.pressed(1, time) is Press.SECOND for time in times]
-
-
-def test_pressed_again_it_is() -> None:
-    assert presses(5.0, 6.3) == [False, True]
-    assert presses(0.0, 60.0) == [False, True]
-
-
-def test_twice_in_quick_succession_is_once_until_it_is_pressed_again() -> None:
-    assert presses(5.0, 5.3, 5.9, 7.0) == [False, False, False, True]
-
-
 @settings(max_examples=60)
 @given(
     delay=st.floats(0.15, 1.0),
@@ -363,15 +282,3 @@ def test_held_it_is_not(delay: float, period: float, tick: float, phase: float) 
         come = sum(time <= now for time in repeats)
         assert come == seen or key.pressed(come - seen, now) is not Press.SECOND
         seen = come
-
-
-@pytest.mark.parametrize("stall", [0.25, 1.0])
-def test_held_and_read_late_it_is_not(stall: float) -> None:
-    key = ForcedStopKey()
-    key.pressed(1, 0.0)
-    now = 0.5
-    while now < 3.0:
-        assert key.pressed(1, now) is Press.TOO_SOON
-        now += 0.033
-    assert key.pressed(int(stall / 0.033), now + stall) is Press.TOO_SOON
-    assert key.pressed(1, now + stall + 0.02) is Press.TOO_SOON

@@ -20,12 +20,6 @@ TWO_LINKS = """<mujoco model="two"><worldbody><body name="base"><geom size="0.05
   <body name="arm_link" pos="0.1 0 0"><joint name="j" range="-90 90"/>
   <geom type="capsule" fromto="0 0 0 0.2 0 0" size="0.02"/>
   </body></body></worldbody></mujoco>"""
-URDF = """<robot name="two"><link name="base">
-  <collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>
-  <link name="arm"><collision><geometry><cylinder radius="0.02" length="0.3"/></geometry></collision>
-  <inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="j" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
-  <limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
 
 
 @pytest.fixture(scope="module")
@@ -76,11 +70,6 @@ def test_far_parts_that_touch_in_the_neutral_posture_are_reported(
     shows(out, 2, "l2")
 
 
-def test_op3s_own_ignored_pairs_are_found_again(op3: Fit) -> None:
-    always = {frozenset(verdict.links) for verdict in op3.ignored if verdict.kind == "always"}
-    assert {frozenset(ignored.pair) for ignored in load_profile("op3").ignore_pairs} <= always
-
-
 def test_ignoring_hides_no_collision_of_the_robots_own_geoms(op3: Fit) -> None:
     """Without the pairs that are nested by construction, ignored pairs never collide: none is missed by ignoring it."""
     robot = load_robot("op3")
@@ -96,23 +85,6 @@ def test_ignoring_hides_no_collision_of_the_robots_own_geoms(op3: Fit) -> None:
         neutral=neutral, ignored=[*others, *nested]
     )
     assert found.penetrating == 0
-
-
-def test_a_body_without_a_profile(capsys: pytest.CaptureFixture[str], body: Path, tmp_path: Path) -> None:
-    code, out, err = said_by(capsys, "fit-observers", body, "--samples", 10)
-    assert (code, err) == (0, "")
-    assert "arm: {link: arm_link," in out and "sphere: {at: [0, 0, 0], radius: 0.05}" in out
-    assert "capsule: {from: [0, 0, 0], to: [0.2, 0, 0], radius: 0.02}" in out
-    assert "ignore_pairs: []" in out
-    urdf = tmp_path / "two.urdf"
-    urdf.write_text(URDF, encoding="utf-8")
-    assert said_by(capsys, "fit-observers", urdf, "--samples", 10)[0] == 0
-
-
-def test_the_same_seed_prints_the_same(capsys: pytest.CaptureFixture[str], body: Path) -> None:
-    assert (
-        said_by(capsys, "fit-observers", body, "--seed", 3)[1] == said_by(capsys, "fit-observers", body, "--seed", 3)[1]
-    )
 
 
 def test_out_writes_the_file_and_says_what_is_in_it(

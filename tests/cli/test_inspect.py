@@ -34,20 +34,6 @@ def test_a_program_gets_one_json_object_without_nan(tmp_path: Path, capsys: pyte
     assert data["jumps"] == [] and data["stature_m"] is None
 
 
-def test_what_is_lost_is_neither_all_nor_none(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / "a.c3d"
-    path.write_bytes(c3d_bytes(3, lost=[(1, "LANK")]))
-    _, out, _ = said_by(capsys, "inspect", str(path))
-    shows(out, "66.7", "l_ankle", 1, 3)
-
-
-def test_options_reach_the_reader(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / "a.bvh"
-    path.write_text(bvh_text(scale=10.0))
-    _, out, _ = said_by(capsys, "inspect", str(path), "--unit", "mm", "--rate", "60")
-    shows(out, 60)
-
-
 @pytest.mark.parametrize("words", [["--unit", "furlong"], ["--rate", "0"], ["--skeleton", "missing.asf"], []])
 def test_bad_files_and_options_are_refused_with_one_message(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str]
@@ -57,12 +43,6 @@ def test_bad_files_and_options_are_refused_with_one_message(
     code, out, err = said_by(capsys, "inspect", str(path), *words)
     assert code == 2 and out == ""
     assert err.count("error:") == 1 and "Traceback" not in err
-
-
-def test_jumps_of_a_real_recording_are_shown(shared: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code, out, _ = said_by(capsys, "inspect", str(shared / "mocap/cmu_asfamc/01_07.amc"))
-    assert code == 0
-    shows(out, 5, 3364, "28.02", "head", "0.21", 4454, "37.11", "r_wrist", 104)
 
 
 def test_a_recorded_stream_is_shown_by_the_names_of_its_sender(

@@ -1,10 +1,8 @@
 """Controls of a live run, carried out in whole runs of OP3: dead-man, pause, heading, stops, control socket."""
 
 import errno
-import io
 import json
 import os
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
@@ -26,12 +24,9 @@ from retarget.cli.controls import (
     ControlSocket,
     Keyboard,
     LiveControls,
-    LiveStatus,
     StopFile,
     announced,
     connect_to,
-    live_state,
-    words_for,
 )
 from retarget.cli.exit import StopRequest
 from retarget.live.begin import LiveOptions
@@ -237,21 +232,6 @@ def test_the_space_bar_again_switches_torque_off_at_once_and_a_held_one_does_not
     assert rig.said.count(TOO_SOON) == 1 and TOO_SOON in played(Typed({500: " ", 520: " "}))[0].said
 
 
-def test_a_pause_holds_and_goes_on() -> None:
-    rig, result, _ = played(Typed({550: "p", 650: "p"}))
-    assert rig.said.count("paused: the robot holds; p goes on") == rig.said.count("going on") == 1
-    assert rig.said.count("the performer is followed") == 2
-    assert result.stop is None
-
-
-def test_a_new_heading_is_taken_without_a_jump() -> None:
-    rig, result, _ = played(Typed({550: "h"}))
-    shows(rig.said)
-    assert rig.said.count("the performer is followed") == 2
-    steps = np.linalg.norm(np.diff(result.clip.frames.position, axis=0), axis=2)
-    assert np.nanmax(steps) < 0.05 and result.stop is None
-
-
 def test_a_file_that_appears_stops_the_robot(tmp_path: Path) -> None:
     file = tmp_path / "stop"
     rig, result, _ = played(StopFile(file), each=lambda look, machine: file.touch() if look == 551 else None)
@@ -349,45 +329,3 @@ def test_a_socket_holds_stops_and_answers_and_gives_no_motion(tmp_path: Path) ->
     shows(rig.said)
     assert rig.said.count("the performer is followed") == 1
     assert result.stop is not None and result.stop.reason == STOPPED_BY and not rig.bus.torque_on
-
-
-def test_torque_off_is_at_once() -> None:
-    forced = Script(lambda poll: [(Asked.TORQUE_OFF, STOPPED_BY)] if poll == 500 else [])
-    rig, result, _ = played(forced)
-    assert not rig.bus.torque_on and result.stop is not None
-    shows(result.stop.reason)
-
-
-@pytest.mark.parametrize(
-    ("status", "words"),
-    [
-        (LiveStatus("follow", True, False, None), "following"),
-        (LiveStatus("hold", False, False, None), "holding"),
-        (LiveStatus("approach", True, False, None), "approaching the performer"),
-        (LiveStatus("hold", False, True, None), "paused: holding"),
-        (LiveStatus("stopping", True, True, "SIGTERM"), "stopping"),
-        (LiveStatus("go to rest", True, False, None), "stopping"),
-        (LiveStatus(None, True, False, None), "following"),
-    ],
-)
-def test_words(status: LiveStatus, words: str) -> None:
-    assert words_for(status) == words
-
-
-class Terminal(io.StringIO):
-    """One that a person looks at."""
-
-    def isatty(self) -> bool:
-        """Yes."""
-        return True
-
-
-@pytest.mark.parametrize("screen", [Terminal(), io.StringIO()])
-def test_a_terminal_shows_it_and_a_pipe_gets_nothing(screen: io.StringIO, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "stderr", screen)
-    monkeypatch.setenv("TERM", "xterm")
-    with live_state("op3", lambda: "holding"):
-        pass
-    shown = screen.getvalue()
-    assert ("op3" in shown and "holding" in shown and "0:00:00" in shown) if screen.isatty() else not shown
-    assert "%" not in shown

@@ -102,11 +102,3 @@ def test_goals_go_to_a_bus(plain: Recorded, capsys: pytest.CaptureFixture[str]) 
     shows(out)
     followed, there, rest, of = map(int, counts.groups())
     assert followed + there + rest == of and followed >= plain.result.ticks_followed and min(there, rest) > 0
-
-
-@pytest.mark.parametrize("words", [("--bus", "mock", "--speed", "3"), ("--bus", "mcok")])
-def test_goals_that_cannot_be_sent_are_refused(
-    plain: Recorded, words: tuple[str, ...], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(plain.path, "--goals", *words) == REFUSED
-    shows(capsys.readouterr().err)

@@ -14,17 +14,15 @@ import numpy as np
 import pytest
 
 from command_line import code_of
-from hardware.clock import VirtualClock
 from hardware.guard import Torque
 from live_rig import LiveRig
 from messages import refuses, shows, shows_lines
 from retarget.cli import main
 from retarget.cli.application import given, refuse_given
 from retarget.cli.controls import TORQUE_WORDS, Asked, LiveControls
-from retarget.cli.exit import DONE, INTERRUPTED, REFUSED, STOPPED, StopRequest
-from retarget.cli.run import COUNTDOWN_S, StreamOptions, _wait_until_engaged, in_time, sides_are_checked
+from retarget.cli.exit import DONE, REFUSED, STOPPED, StopRequest
+from retarget.cli.run import StreamOptions, _wait_until_engaged
 from retarget.errors import UsageError
-from retarget.human.samples import Playback
 from retarget.live.begin import LiveOptions
 from retarget.live.performer import LivePerformer
 from retarget.report.measure import measure
@@ -32,17 +30,6 @@ from retarget.report.report import Report
 from retarget.run.run_result import RunResult
 from retarget.sources.raw_record import RawReader, RawWriter
 from sim.faults.sender import FakeSender
-
-SWAPPED = """\
-name: swapped
-description: The hands' trackers are exchanged.
-sensors:
-  head:    {joint: head}
-  l_wrist: {joint: l_wrist, role: "human://RIGHT_HAND"}
-  r_wrist: {joint: r_wrist, role: "human://LEFT_HAND"}
-  l_ankle: {joint: l_ankle}
-  r_ankle: {joint: r_ankle}
-"""
 
 
 @pytest.fixture
@@ -79,34 +66,6 @@ def test_a_real_person_is_kept(
     code, said = run(capsys, *words)
     assert code == 0
     shows(said, "1.6")
-
-
-def test_exchanged_hands_are_refused(slimevr: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file = tmp_path / "swapped.yaml"
-    file.write_text(SWAPPED)
-    code, said = run(capsys, "--source", slimevr, "--performer", str(file), "--check-sides")
-    assert code == 2
-    shows(said, "wrist")
-
-
-def test_a_name_that_is_none_is_refused(slimevr: str, capsys: pytest.CaptureFixture[str]) -> None:
-    code, said = run(capsys, "--source", slimevr, "--person", "../anna")
-    assert code == 2
-    shows(said, "--person")
-
-
-def test_the_sides_of_a_live_performer_are_checked() -> None:
-    assert sides_are_checked("vmc://:39539", None, yes=False)
-    assert not sides_are_checked("vmc://:39539", None, yes=True)
-    assert not sides_are_checked("vmc://:39539", asked=False, yes=False)
-    assert not sides_are_checked("replay://a.raw", None, yes=False)
-    assert sides_are_checked("replay://a.raw", asked=True, yes=False)
-
-
-@pytest.mark.parametrize(("source", "countdown"), [("replay://a.raw", 0.0), ("vmc://:39539", COUNTDOWN_S)])
-def test_a_recorded_stream_is_not_waited_for(source: str, countdown: float) -> None:
-    assert StreamOptions().begins(source, Playback()).countdown == countdown
-    assert StreamOptions(countdown=2.0).begins(source, Playback()).countdown == 2.0
 
 
 def test_a_run_in_which_nobody_was_followed_is_no_success(
@@ -202,30 +161,6 @@ def test_the_end_of_a_recorded_stream_is_the_end_of_the_run(tmp_path: Path, caps
     shows(capsys.readouterr().err)
 
 
-def test_a_stream_that_is_over_before_following_begins_is_said(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as ended:
-        main(["run", "--robot", "op3", "--countdown", "0", "--source", raw(tmp_path / "short.raw", seconds=1.2)])
-    assert ended.value.code == 1
-    shows(capsys.readouterr().err)
-
-
-def test_without_a_robot_ticks_come_in_time_too() -> None:
-    clock, looked = VirtualClock(), list[float]()
-
-    def look() -> bool:
-        looked.append(clock.now())
-        if len(looked) == 3:
-            clock.advance(0.025)
-        return False
-
-    timed = in_time(look, 0.01, clock)
-    for _ in range(5):
-        timed()
-    assert looked == pytest.approx([0.01, 0.02, 0.03, 0.055, 0.065])
-
-
 run_run = partial(code_of, "run")
 
 
@@ -313,15 +248,6 @@ def test_ctrl_c_after_the_motion_costs_no_file(amc: Path, tmp_path: Path, monkey
     monkeypatch.setattr("retarget.cli.run.measure", measured)
     assert run_run(*short(amc, "--report", tmp_path / "r.json")) == DONE
     assert (tmp_path / "r.json").exists()
-
-
-def test_ctrl_c_before_the_motion_leaves_nothing(
-    amc: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr("retarget.run.prepare.calibrate", press_ctrl_c)
-    assert run_run(*short(amc, "--report", tmp_path / "r.json", "--plots", tmp_path / "pictures")) == INTERRUPTED
-    assert capsys.readouterr().err == "interrupted\n"
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_file_that_cannot_be_written_costs_no_other(

@@ -1,7 +1,6 @@
 """`retarget view` and `--view`: what is refused, and what a button of the page does to a run."""
 
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
@@ -11,7 +10,6 @@ from retarget.cli import main
 from retarget.cli.exit import REFUSED, StopRequest
 from retarget.cli.view import ON_THE_PAGE, Viewing
 from retarget.report.outputs import Outputs
-from retarget.run.loop import Watch
 
 
 def leave(*words: str | Path) -> int:
@@ -60,16 +58,3 @@ def test_who_asked_first_stays_the_reason() -> None:
     stop.ask("the space bar")
     feed.pressed = True
     assert Viewing(cast(Any, feed)).with_stop_button(stop, stop)() and stop.why() == "the space bar"
-
-
-def test_every_row_is_shown_to_all_who_look_on() -> None:
-    feed, seen = FakeFeed(), list[int]()
-    watch = Watch(on_row=lambda record, row: seen.append(row))
-    for row in range(3):
-        Viewing(cast(Any, feed)).watch(watch).on_row(cast(Any, SimpleNamespace()), row)
-    assert seen == feed.rows == [0, 1, 2]
-
-
-def test_without_a_page_nothing_is_changed() -> None:
-    stop, watch = StopRequest(), Watch()
-    assert Viewing(None).with_stop_button(stop, stop) is stop and Viewing(None).watch(watch) is watch

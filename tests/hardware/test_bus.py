@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from bus_rig import BusRig, bus_of, moved, spec, specs
-from hardware.bus import BAUDS, BusSpec, ServoGoals, fastest_baud
+from hardware.bus import BusSpec, ServoGoals
 from hardware.dynamixel.torque import FIRST_DRIVE, RAMP_TIME
 from hardware.errors import BusError
-from hardware.servo import SERVO_MODELS, ServoMode, ServoSpec, find_model
+from hardware.servo import ServoMode, ServoSpec
 from messages import refuses
 from sim.emulator.faults import Fault, FaultKind
 from sim.emulator.line import Timing
@@ -18,16 +18,6 @@ from sim.emulator.line import Timing
 @pytest.mark.parametrize(("watchdog", "value"), [(0.0, 0), (0.02, 1), (0.2, 10), (2.54, 127)])
 def test_the_watchdog_counts_in_steps_of_20_ms(watchdog: float, value: int) -> None:
     assert BusSpec("main", "p", 1000000, 2, (1,), watchdog=watchdog).watchdog_value == value
-
-
-@pytest.mark.parametrize(("model", "most"), [("AX-12A", 1000000), ("XL330-M288", 4000000), ("XM430-W350", 4500000)])
-def test_the_highest_speed_of_a_model(model: str, most: int) -> None:
-    assert fastest_baud(find_model(model)) == most
-
-
-def test_every_model_has_a_speed_of_its_protocol() -> None:
-    for model in SERVO_MODELS.values():
-        assert all(min(BAUDS[protocol]) < fastest_baud(model) for protocol in model.protocols)
 
 
 FULL = 885  # PWM limit as delivered
@@ -140,41 +130,6 @@ def test_a_servo_with_a_latched_error_refuses_and_closing_leaves_all_off() -> No
     assert rig.shown("torque_enable") == [0, 0, 0]
 
 
-def test_torque_off_names_who_is_silent_and_switches_off_the_rest() -> None:
-    rig = BusRig(specs(5)).ready(torque=True)
-    rig.fault(Fault(FaultKind.MISSING, ids=(3,)))
-    with refuses(BusError, "j3", 3):
-        rig.bus.torque(False)
-    assert rig.shown("torque_enable") == [0, 0, 1, 0, 0]
-    with refuses(BusError, "j3", 3):
-        rig.bus.close()
-    assert not rig.port.opened
-    rig.bus.close()
-
-
-def test_a_dead_port_does_not_keep_the_others_powered() -> None:
-    servos = [spec(1), moved(spec(2), "arms"), spec(3)]
-    rig = BusRig(servos, buses=[bus_of(servos, name="arms"), bus_of(servos)]).ready(torque=True)
-    rig.lines["arms"].faults.add(Fault(FaultKind.UNPLUG), rig.clock.now())
-    with pytest.raises(BusError):
-        rig.bus.read()
-    with refuses(BusError):
-        rig.bus.close()
-    assert rig.shown("torque_enable") == [0, 1, 0]
-    assert not rig.ports["main"].opened
-
-
-def test_closing_after_an_exception_switches_torque_off() -> None:
-    rig = BusRig(specs(3)).ready(torque=True)
-    with pytest.raises(BusError):
-        try:
-            rig.bus.write(ServoGoals(np.array([9999, 0, 0])))
-        finally:
-            rig.bus.close()
-    assert rig.shown("torque_enable") == [0, 0, 0]
-    assert rig.shown("bus_watchdog") == [0, 0, 0]
-
-
 def test_an_exception_while_torque_rises_leaves_it_to_closing() -> None:
     rig = BusRig(specs(3)).ready()
     rig.tick()
@@ -196,26 +151,6 @@ def test_torque_that_others_switched_on_stays() -> None:
     rig.tick()
     rig.bus.close()
     assert rig.shown("torque_enable") == [1, 1, 1]
-
-
-def test_torque_on_provisions_who_started_anew() -> None:
-    servos = [replace(one, gains=replace(one.gains, position_p=333)) for one in specs(3)]
-    rig = BusRig(servos).ready(torque=True)
-    brown_out = Fault(FaultKind.UNDER_VOLTAGE, ids=(2,), end=0.05)
-    rig.fault(brown_out)
-    for _ in range(60):
-        states = rig.tick().states
-    assert states.driven.tolist() == [True, False, True]
-    assert rig.shown("position_p_gain") == [333, rig.device(2).table["position_p_gain"].initial, 333]
-    assert rig.shown("bus_watchdog") == [5, 0, 5]
-    rig.bus.torque(True)
-    assert rig.shown("torque_enable") == [1, 1, 1]
-    assert rig.shown("position_p_gain") == [333] * 3
-    assert rig.shown("bus_watchdog") == [5] * 3
-    assert rig.shown("goal_pwm") == [FULL] * 3
-    for _ in range(20):
-        states = rig.tick().states
-    assert states.driven.all() and not states.alert.any()
 
 
 def test_a_host_that_is_silent_finds_its_servos_stopped() -> None:
@@ -255,11 +190,3 @@ def test_a_servo_that_forgot_its_turn_is_found_again() -> None:
     for _ in range(100):
         states = rig.tick(goals).states
     assert np.abs(states.position - goals).max() <= 1
-
-
-@pytest.mark.parametrize("goals", [(-0x020001, 0xFFFF, 255), (0x0FFDFF, -1, 0)])
-def test_goals_beyond_a_turn_and_below_zero_arrive(goals: tuple[int, ...]) -> None:
-    wide = replace(spec(1), lower=-1.0, upper=1.0, mode=ServoMode.EXTENDED_POSITION)
-    rig = BusRig([wide, replace(wide, joint="j2", id=2), replace(wide, joint="j3", id=3)]).ready()
-    rig.tick(goals)
-    assert rig.shown("goal_position") == list(goals)

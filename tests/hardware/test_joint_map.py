@@ -45,17 +45,6 @@ def test_every_tick_survives(ticks: list[int]) -> None:
     assert MAP.to_ticks(MAP.to_radians(np.array(ticks))).tolist() == ticks
 
 
-def test_a_limit_written_for_a_whole_tick_is_that_tick() -> None:
-    servo = replace(four_servos()[0], lower=-1024 * math.pi / 2048, upper=1024 * math.pi / 2048)
-    joint_map = JointMap([servo])
-    assert joint_map.to_ticks(joint_map.lower).tolist() == [1024]
-    assert joint_map.to_ticks(joint_map.upper).tolist() == [3072]
-
-
-def test_velocity_follows_direction_and_gear() -> None:
-    assert MAP.joint_velocity(np.ones(4)).tolist() == [1.0, -1.0, 0.5, -1.0]
-
-
 @pytest.mark.parametrize("value", [math.nan, math.inf, 4.0, -4.0])
 def test_what_a_servo_cannot_do_is_refused_by_name(value: float) -> None:
     position = np.zeros(4)
@@ -88,16 +77,6 @@ def test_the_waist_is_that_of_the_published_formula(roll: float, yaw: float) -> 
     ticks = TRANSMISSION_MAP.to_ticks(np.array([0.0, roll, yaw, 0.0]))
     assert abs(ticks[1] - (2000 + first / UNIT)) <= 0.5 + 1e-6
     assert abs(ticks[2] - (2100 - second / UNIT)) <= 0.5 + 1e-6
-
-
-def test_the_waist_needs_more_than_a_turn() -> None:
-    first, last = TRANSMISSION_MAP.tick_limits()
-    assert last[1] - 2000 == math.floor(4.6676 / UNIT)  # published: 4.6775 with some reserve
-    assert last[1] > 4095 and first[1] < 0
-    pair = [replace(servo, mode=ServoMode.POSITION) for servo in waist_servos()[1:3]]
-    problems = coupling_problems(pair)
-    assert len(problems) == 2
-    shows(problems[0], "roll", "yaw", -1043, 5043, 2, 0, 4095)
 
 
 @st.composite
@@ -168,28 +147,6 @@ def test_speeds_are_the_rates_of_the_angles(servos: tuple[ServoSpec, ...], shaft
     rate = (joint_map.to_radians(ticks) - joint_map.to_radians(start)) / dt
     np.testing.assert_allclose(joint_map.joint_velocity(np.array(shaft_speed)), rate, atol=1e-4)
     np.testing.assert_allclose(joint_map.turned(ticks - start), rate * dt, atol=1e-9)
-
-
-def test_other_servos_of_the_robot_are_as_without_the_pair() -> None:
-    alone = JointMap([waist_servos()[0], waist_servos()[3]])
-    path = np.linspace(TRANSMISSION_MAP.lower, TRANSMISSION_MAP.upper, 50)
-    ticks = TRANSMISSION_MAP.to_ticks(path)
-    assert ticks.shape == (50, 4)
-    np.testing.assert_array_equal(ticks[:, [0, 3]], alone.to_ticks(path[:, [0, 3]]))
-    np.testing.assert_array_equal(TRANSMISSION_MAP.to_radians(ticks)[:, [0, 3]], alone.to_radians(ticks[:, [0, 3]]))
-    one_by_one = np.array([TRANSMISSION_MAP.to_ticks(row) for row in path])
-    np.testing.assert_array_equal(ticks, one_by_one)
-
-
-def test_one_joint_beyond_does_not_move_the_other_out() -> None:
-    back = TRANSMISSION_MAP.to_radians(TRANSMISSION_MAP.to_ticks(np.array([0.0, 0.7, TRANSMISSION_MAP.upper[2], 0.0])))
-    assert back[1] == pytest.approx(0.7, abs=TRANSMISSION_MAP.tick_rad[1])
-    assert TRANSMISSION_MAP.upper[2] - 2 * TRANSMISSION_MAP.tick_rad[2] <= back[2] <= TRANSMISSION_MAP.upper[2] + 1e-9
-
-
-def test_a_value_that_is_not_finite_is_reported_with_its_joint() -> None:
-    with refuses(HardwareError, "yaw", "3"):
-        TRANSMISSION_MAP.to_ticks(np.array([0.0, 0.0, math.nan, 0.0]))
 
 
 def test_a_servo_that_is_silent_hides_both_joints() -> None:
@@ -270,10 +227,3 @@ def test_all_joints_in_doubt_are_named_at_once() -> None:
     text = str(refusal.value)
     shows(text, "roll", 2, "yaw", 3, "neck", 0)
     assert "1.400" in text and "-1.218" in text
-
-
-def test_servos_of_one_turn_are_left_alone() -> None:
-    joint_map = JointMap(four_servos())
-    assert resolve_turns(joint_map, np.array([0, 4095, 0, 1023])).tolist() == [0, 0, 0, 0]
-    mixed = JointMap([waist_servos()[0], replace(four_servos()[0], mode=ServoMode.EXTENDED_POSITION)])
-    assert resolve_turns(mixed, np.array([4095, 2048 - 4096])).tolist() == [0, 4096]

@@ -1,13 +1,10 @@
 """The benchmark of lateness: what counts as late, and a robot at its rate."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from benchmarks.lateness import DT, RATE_HZ, Stopwatch, at_rate, by_turns, lateness
+from benchmarks.lateness import DT, Stopwatch, lateness
 from hardware.clock import MonotonicClock, VirtualClock
-from retarget.model.robot import load_robot
 
 
 def test_a_deadline_that_was_put_off_counts_from_where_it_would_have_been(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -27,12 +24,3 @@ def test_percentiles_in_ms_and_whole_periods() -> None:
     found = lateness("live", np.array([*np.full(98, 1e-4), 2e-3, 0.02]))
     assert (found.ticks, found.missed) == (100, 1)
     assert found.p50 == pytest.approx(0.1) and found.longest == pytest.approx(20.0)
-
-
-def test_both_loops_take_turns() -> None:
-    live, empty = by_turns(0.02, 2, lambda seconds: [0.001] * round(seconds * RATE_HZ))
-    assert live.ticks == empty.ticks == 4 and live.p50 == pytest.approx(1.0)
-
-
-def test_the_robot_ticks_at_the_rate_of_the_benchmark(tmp_path: Path) -> None:
-    assert load_robot(str(at_rate(tmp_path))).profile.safety.rate_hz == RATE_HZ

@@ -9,8 +9,6 @@ import pytest
 
 from hardware.errors import HardwareError
 from hardware.realtime import (
-    LONGEST,
-    PROCESSES,
     USUAL_PRIORITY,
     Scheduling,
     named_process,
@@ -44,20 +42,6 @@ def _process(folder: Path, cmdline: bytes, comm: bytes = b"short\n") -> str:
 )
 def test_a_process_is_named_by_what_was_typed(tmp_path: Path, cmdline: bytes, said: str) -> None:
     assert _process(tmp_path, cmdline) == said
-
-
-def test_a_long_command_line_is_shortened(tmp_path: Path) -> None:
-    said = _process(tmp_path, b"retarget\0" + b"x" * 5000)
-    assert said.endswith("xxx...)") and len(said) == LONGEST + len("process 12 ()")
-
-
-def test_one_that_is_gone_has_its_number(tmp_path: Path) -> None:
-    assert named_process(12, tmp_path) == "process 12"
-
-
-@pytest.mark.skipif(not PROCESSES.is_dir(), reason="only Linux has /proc")
-def test_this_one() -> None:
-    assert named_process(os.getpid()).startswith(f"process {os.getpid()} (")
 
 
 class Kernel:

@@ -14,15 +14,12 @@ from hardware.errors import HardwareError
 from hardware.servo import (
     DEFAULT_P_GAIN,
     MAX_CONDITION,
-    SERVO_MODELS,
     Coupling,
     ExpectedRange,
     ServoGains,
     ServoMode,
-    ServoSpec,
     find_model,
     full_drive_error,
-    loop_lag,
     loop_stiffness,
 )
 from messages import refuses
@@ -64,52 +61,6 @@ def test_the_inverse_of_a_sound_coupling_undoes_it(matrix: Matrix) -> None:
 def test_each_problem_is_found(joints: tuple[str, str], matrix: Matrix, text: str) -> None:
     (problem,) = Coupling(joints, matrix).problems()
     assert text in problem
-
-
-@pytest.mark.parametrize("model", [name for name, model in SERVO_MODELS.items() if 2 in model.protocols])
-def test_every_model_moves_to_its_goal(model: str) -> None:
-    servo = servo2(model)
-    assert write_register(servo, "torque_enable", 1) == 0
-    assert write_register(servo, "goal_position", 2100) == 0
-    assert read_register(servo, "present_position", 2.0) == 2100
-    assert read_register(servo, "model_number") == servo.number == servo.table.number
-
-
-@pytest.mark.parametrize(
-    ("address", "data", "error"),
-    [
-        (132, bytes(4), Error2.ACCESS),  # read only
-        (66, bytes(1), Error2.ACCESS),  # a hole
-        (660, bytes(4), Error2.ACCESS),  # beyond the end
-        (117, bytes(3), Error2.ACCESS),  # not where a register begins
-        (116, bytes(3), Error2.DATA_LENGTH),
-        (116, b"", Error2.DATA_LENGTH),
-        (116, (4096).to_bytes(4, "little"), Error2.DATA_LIMIT),
-        (116, (-1).to_bytes(4, "little", signed=True), Error2.DATA_LIMIT),
-        (116, (1048576).to_bytes(4, "little"), Error2.DATA_RANGE),
-        (104, (201).to_bytes(4, "little"), Error2.DATA_LIMIT),
-        (11, bytes((2,)), Error2.DATA_RANGE),
-        (10, bytes((2,)), Error2.DATA_RANGE),
-        (98, bytes((0x80,)), Error2.DATA_RANGE),
-        (104, bytes(12) + (4096).to_bytes(4, "little"), Error2.DATA_LIMIT),
-    ],
-)
-def test_a_bad_write_changes_nothing(address: int, data: bytes, error: Error2) -> None:
-    servo = servo2()
-    write_register(servo, "goal_velocity", 7)
-    before = bytes(servo.memory.image)
-    answer = answered(servo, Instruction.WRITE, address.to_bytes(2, "little") + data)
-    assert answer == (error, b"")
-    servo.write(address, data, 0.0)
-    assert bytes(servo.memory.image) == before
-
-
-def test_reads_across_holes_and_beyond_the_end() -> None:
-    servo = servo2()
-    assert len(servo.read(0, 147, 0.0).data) == 147
-    assert servo.read(66, 2, 0.0) == (Error2.ACCESS, b"")
-    assert servo.read(650, 13, 0.0) == (Error2.ACCESS, b"")
-    assert servo.read(116, 0, 0.0) == (Error2.DATA_LENGTH, b"")
 
 
 def test_torque_on_goes_to_the_old_goal() -> None:
@@ -163,62 +114,9 @@ def test_an_error_latches_until_reboot() -> None:
     assert write_register(servo, "torque_enable", 1, 2.3) == 0
 
 
-def test_an_error_outside_the_mask_only_alerts() -> None:
-    servo = servo2()  # shutdown 52: voltage is not in it
-    write_register(servo, "torque_enable", 1)
-    servo.supply(9.0, 1.0)
-    assert servo.read(64, 1, 1.0) == (ALERT, b"\1")
-    servo.heat(90.0, 2.0)
-    assert servo.read(70, 1, 2.0) == (ALERT, b"\x05") and read_register(servo, "torque_enable", 2.0) == 0
-
-
-def test_a_brown_out_loses_the_ram() -> None:
-    servo = servo2()
-    write_register(servo, "position_p_gain", 100)
-    write_register(servo, "torque_enable", 1)
-    servo.supply(3.0, 1.0)
-    assert servo.booting(100.0)
-    servo.supply(None, 100.0)
-    assert servo.booting(100.1) and not servo.booting(100.3)
-    assert read_register(servo, "torque_enable", 100.3) == 0 and read_register(servo, "position_p_gain", 100.3) == 800
-
-
-def test_a_multi_register_write_with_a_profile_in_it() -> None:
-    servo = servo2()
-    write_register(servo, "torque_enable", 1)
-    data = (10).to_bytes(4, "little") + (50).to_bytes(4, "little") + (3000).to_bytes(4, "little")
-    servo.write(108, data, 0.0)
-    assert read_register(servo, "moving_status", 0.2) & 0x32 == 0x32
-    speeds = [read_register(servo, "velocity_trajectory", 0.05 * step) for step in range(100)]
-    assert max(speeds) == 50 and speeds[-1] == 0 and read_register(servo, "present_position", 6.0) == 3000
-
-
-def test_the_numbers_of_an_xm430() -> None:
-    model = find_model("XM430-W350")
-    assert model.ticks == 4096
-    assert model.centre_tick == 2048
-    assert model.tick_rad == pytest.approx(0.00153398, abs=1e-8)  # e-Manual, unit of Present Position
-    assert model.no_load_speed == pytest.approx(4.817, abs=1e-3)  # 46 rpm
-
-
-def test_an_ax_turns_300_degrees() -> None:
-    model = find_model("AX-12A")
-    assert math.degrees(model.tick_rad) == pytest.approx(0.293, abs=1e-3)
-
-
-@pytest.mark.parametrize("suffix", ["", "-T", "-R"])
-def test_a_connector_suffix_is_accepted(suffix: str) -> None:
-    assert find_model("XM430-W350" + suffix) is SERVO_MODELS["XM430-W350"]
-
-
 def test_an_unknown_model_lists_the_known_ones() -> None:
     with refuses(HardwareError, "'XM430'", "XM430-W350"):
         find_model("XM430")
-
-
-@pytest.mark.parametrize("servo", four_servos(), ids=lambda servo: servo.joint)
-def test_sound_servos_have_no_problems(servo: ServoSpec) -> None:
-    assert servo.problems() == ()
 
 
 @pytest.mark.parametrize(
@@ -244,17 +142,6 @@ def test_servo_each_problem_is_found(change: dict[str, float], text: str) -> Non
     (problem,) = replace(four_servos()[0], **change).problems()  # type: ignore[arg-type]
     assert "shoulder" in problem
     assert text in problem
-
-
-def test_the_gear_counts_against_the_servos_speed() -> None:
-    (problem,) = replace(four_servos()[2], max_velocity=2.5).problems()
-    assert "2.409" in problem  # 46 rpm through a gear of 2
-
-
-def test_a_mode_of_many_turns_reaches_beyond_one() -> None:
-    far = replace(four_servos()[0], mode=ServoMode.EXTENDED_POSITION, lower=-20.0, upper=20.0, homing_offset=-9000)
-    assert far.problems() == ()
-    assert (far.lowest_tick, far.highest_tick) == (-1048575, 1048575)
 
 
 @pytest.mark.parametrize(
@@ -307,28 +194,11 @@ def test_at_an_even_speed_it_may_be_anywhere_from_its_lag_to_the_goal() -> None:
         assert abs(played(goals, positions)[-1]) <= speed  # what one tick makes
 
 
-def test_one_that_is_pushed_is_off_at_once_on_either_side() -> None:
-    assert played([0] * 4, [0.0, 0.0, 150.0, -150.0]) == [0.0, 0.0, 150.0, -150.0]
-
-
-def test_without_lag_it_is_the_distance_to_the_goal() -> None:
-    expected = ExpectedRange(np.zeros(2))
-    expected.error(0.0, np.array([0, 0]), np.array([0, 0]))
-    assert expected.error(DT, np.array([10, -10]), np.array([3, 0])).tolist() == [-7.0, 10.0]
-
-
 def test_what_is_forgotten_begins_at_its_goal() -> None:
     expected = ExpectedRange(np.array([LAG]))
     expected.error(0.0, np.array([0]), np.array([0]))
     expected.forget()
     assert expected.error(1.0, np.array([400]), np.array([380])).tolist() == [-20.0]
-
-
-def test_a_stiffer_loop_lags_less() -> None:
-    servo = four_servos()[0]
-    soft, stiff = (loop_lag(replace(servo, gains=ServoGains(position_p=gain))) for gain in (800, 1600))
-    assert soft == pytest.approx(2.0 * stiff)
-    assert soft == pytest.approx(full_drive_error(servo.model, 800) / servo.model.no_load_speed)
 
 
 def test_a_shaft_is_as_stiff_as_its_gain() -> None:

@@ -30,7 +30,7 @@ from hardware.servo_health import (
     name_servos,
     watched,
 )
-from messages import refuses, shows
+from messages import shows
 from servos import four_servos, waist_servos
 
 
@@ -69,34 +69,6 @@ def test_one_silent_cycle_of_a_host_that_was_held_up_is_no_lost_bus(states: Serv
     assert judge(health, states) is None
     assert judge(health, silent(states, 9.0)) is StopCategory.HOLD  # it answered in between
     assert judge(health, later(silent(states, 9.0))) is StopCategory.TORQUE_OFF
-
-
-def test_one_servo_that_answers_keeps_a_bus(states: ServoStates) -> None:
-    health = BusHealth(MAP, 0.05)
-    some = silent(states, 9.0, slice(1, None))
-    assert health.quietest(some)[0] == 0.0 and judge(health, some) is None and judge(health, later(some)) is None
-
-
-def test_a_servo_alone_on_its_bus_is_left_to_its_age(states: ServoStates) -> None:
-    servos = [replace(servo, bus=str(place)) for place, servo in enumerate(MAP.servos)]
-    health = BusHealth(JointMap(servos), 0.05)
-    assert judge(health, silent(states, 9.0)) is None and judge(health, later(silent(states, 9.0))) is None
-
-
-def test_the_longest_silence_of_several_buses_counts(states: ServoStates) -> None:
-    servos = [replace(servo, bus="legs" if place < 2 else "arms") for place, servo in enumerate(MAP.servos)]
-    health = BusHealth(JointMap(servos), 0.05)
-    arms = silent(states, 0.02, slice(2, None))
-    assert health.quietest(arms) == (0.02, "arms")
-    assert health.quietest(silent(arms, 0.03, slice(2))) == (0.03, "legs")
-    fault = health.silence(arms)
-    assert fault is not None
-    shows(fault.reason, "arms", "0.020")
-
-
-def test_a_bus_that_never_answered_is_not_lost(states: ServoStates) -> None:
-    health = BusHealth(MAP, 0.05)
-    assert all(judge(health, silent(states, np.inf)) is StopCategory.HOLD for _ in range(50))
 
 
 def test_a_high_error_rate_is_reported(states: ServoStates) -> None:
@@ -201,16 +173,6 @@ def test_within_bounds_or_unwatched_nothing_stops(case: str) -> None:
         assert rig.guard.stop is None
 
 
-@pytest.mark.parametrize("case", ["hot", "low", "high"])
-def test_a_servo_out_of_bounds_is_not_armed(case: str) -> None:
-    kind, value, _, text = FAULTS[case]
-    rig = Rig(MockFault(kind, first=0, cycles=9, servo=0, value=value), limits=LIMITS)
-    with refuses(GuardError) as refusal:
-        rig.arm()
-    assert text in str(refusal.value)
-    assert rig.bus.calls == ["torque off"]
-
-
 def test_a_silent_servo_is_lost_and_not_far_from_its_goal() -> None:
     """What it said last is old: it says nothing about where it is."""
     fault = MockFault(FaultKind.MISSING, first=20, cycles=1000, servo=0)
@@ -306,15 +268,6 @@ def test_a_value_that_is_no_longer_known_stops_the_robot(kind: FaultKind, text: 
     assert re.search(text, rig.guard.stop.reason)
 
 
-def test_a_bus_that_never_reports_a_value_is_no_fault() -> None:
-    nothing = float("nan")
-    faults = (MockFault(kind, 0, 999, servo=1, value=nothing) for kind in (FaultKind.HOT, FaultKind.SUPPLY))
-    rig = Rig(*faults, limits=LIMITS)
-    rig.arm()
-    rig.run(50)
-    assert rig.guard.stop is None
-
-
 def test_of_a_coupled_pair_the_joints_count_not_the_servos() -> None:
     joint_map = JointMap(waist_servos())
     bus = FaultyBus(joint_map.servos, VirtualClock(), start=joint_map.to_ticks(np.zeros(4)))
@@ -376,13 +329,6 @@ def test_values_missing_from_some_servos_suppress_no_warning_of_others() -> None
     assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.TEMPERATURE
 
 
-def test_a_value_without_a_limit_is_not_missed() -> None:
-    rig = Rig(MockFault(FaultKind.HOT, 20, 99, servo=1, value=float("nan")), limits=GuardLimits(voltage=(10.0, 14.8)))
-    rig.arm()
-    rig.run(50)
-    assert rig.guard.stop is None
-
-
 def test_patience_counts_what_lasts_of_each_servo() -> None:
     levels = ServoLevels([(0.0, 1.0)], [0.2], 2)
     seen = [np.array([row]) for row in ([2.0, 0.0], [2.0, 2.0], [2.0, 2.0], [2.0, 0.0], [2.0, 2.0])]
@@ -434,14 +380,6 @@ def test_a_warm_servo_slows_the_robot_to_half_within_the_limit_and_is_reported_o
     assert next(tick for tick in range(half, 600) if slows[tick] > 0.5) >= 320 + round(CALM_S / DT) - 1
 
 
-def test_each_tick_is_judged_though_nothing_was_wrong_for_long() -> None:
-    """The ramp counts from the tick in which it begins."""
-    rig = Rig(MockFault(FaultKind.HOT, first=500, cycles=300, servo=1, value=61.0), limits=SERVO_WARNINGS_LIMITS)
-    rig.arm()
-    rig.run(500, rig.stand)
-    assert rig.guard.health.warnings.speed_override == pytest.approx(1.0 - 0.5 * DT / RAMP_S)
-
-
 def test_a_temperature_at_its_level_does_not_begin_and_end_all_the_time() -> None:
     warned, seen = warnings()
     for tick in range(2000):
@@ -459,25 +397,6 @@ def test_only_what_heat_is_about_slows() -> None:
         assert (warned.speed_override == 0.5) == slows, row
         (text,) = warned.take_news()
         assert "waist (id 3)" in text and ("of its speed" in text) == slows
-
-
-def test_a_short_peak_of_current_is_no_warning() -> None:
-    warned, seen = warnings()
-    for tick in range(300):
-        seen[Row.CURRENT, 0] = 5.0 if tick % 50 else 0.0
-        warned.look(seen, tick * DT)
-    assert warned.take_news() == [] and warned.speed_override == 1.0
-
-
-def test_another_servo_is_reported_by_itself() -> None:
-    warned, seen = warnings()
-    seen[Row.TEMPERATURE, 0] = 61.0
-    warned.look(seen, 0.0)
-    seen[Row.TEMPERATURE, 1] = 62.0
-    warned.look(seen, DT)
-    first, second = warned.take_news()
-    assert "shoulder" in first and "elbow" not in first
-    assert "elbow" in second and "shoulder" not in second
 
 
 def test_news_that_are_not_taken_are_bounded() -> None:
@@ -500,15 +419,6 @@ def test_the_speed_never_jumps(readings: list[tuple[float, float]]) -> None:
         assert 0.5 <= warned.speed_override <= 1.0
         assert abs(warned.speed_override - before) <= 0.5 * elapsed / RAMP_S + 1e-12
         before = warned.speed_override
-
-
-def test_servos_are_named_with_their_values() -> None:
-    rows, values = watched(GuardLimits()), np.array([61.4, 0.0, np.nan, 70.0])
-    names = name_servos(four_servos(), rows[Row.TEMPERATURE], np.array([True, False, True, False]), values)
-    assert names == "shoulder (id 1) 61, waist (id 3) not known"
-    alerts = np.array([0x24, 0.0, 0x02, 0.0])
-    named = name_servos(four_servos(), rows[Row.ALERT], alerts > 0, alerts)
-    assert named == "shoulder (id 1) OVERHEATING+OVERLOAD, waist (id 3) 0x02"
 
 
 def test_all_servos_are_named_as_such() -> None:

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from hardware.errors import HardwareError
-from hardware.joint_map import JointMap, resolve_turns
+from hardware.joint_map import JointMap
 from hardware.servo import ServoMode
 from messages import refuses
 from posed_body import PosedBody
@@ -60,9 +60,7 @@ HOME = {
     "left_shoulder_roll": 0.087266, "left_shoulder_yaw": -1.570796, "left_elbow_roll": -0.523599,
     "left_elbow_yaw": 1.570796, "left_wrist_pitch": 1.22173,
 }  # fmt: skip
-POSTURES = ("neutral", "stand", "rest", "attractor")
 TICK = 2.0 * np.pi / 4096.0
-SHAFT_LIMIT, SHAFT_SPEED = 4.6775, 6.52  # [rad], [rad/s] of a waist servo, as published
 
 
 def both(left: dict[str, float]) -> dict[str, float]:
@@ -92,16 +90,6 @@ def legal(random: np.random.Generator, rows: int) -> Array:
     inside = random.uniform(ends.lower, ends.upper, (rows, len(ends)))
     at_end = np.where(random.random(inside.shape) < 0.5, ends.lower, ends.upper)
     return np.where(random.random(inside.shape) < 0.25, at_end, inside)
-
-
-def test_size_mass_and_inertias() -> None:
-    model = body().model
-    assert (model.nq, model.nv, model.nu, len(joint_map())) == (37, 36, 30, 30)
-    assert model.body_mass.sum() == pytest.approx(3.45363, abs=1e-5)
-    shelled = {int(link) for link in model.geom_bodyid}
-    for link in range(1, model.nbody):
-        least, middle, most = np.sort(model.body_inertia[link])
-        assert link in shelled and least > 0.0 and most <= least + middle, model.body(link).name
 
 
 @pytest.mark.parametrize(("joint", "place"), [*MIDDLE.items(), *SIDES.items()])
@@ -157,24 +145,6 @@ def test_ticks_of_a_geared_joint(joint: str, angle: float, tick: int) -> None:
     assert joint_map().to_ticks(joints)[joint_map().joints.index(joint)] == tick
 
 
-def test_ticks_lead_back_to_the_joints() -> None:
-    servos = joint_map()
-    postures = legal(np.random.default_rng(6), 500)
-    back = servos.to_radians(servos.to_ticks(postures))
-    assert (np.abs(back - postures) <= servos.tick_rad + 1e-12).all()
-    assert (back >= servos.lower - 1e-9).all() and (back <= servos.upper + 1e-9).all()
-
-
-def test_every_legal_waist_is_legal_for_its_servos() -> None:
-    """The box of joint limits lies within the parallelogram of the shafts' limits; so do the speeds."""
-    roll, yaw = joint_map().servos[2:4]
-    corners = [shafts(*angles) for angles in product((roll.lower, roll.upper), (yaw.lower, yaw.upper))]
-    assert np.abs(corners).max() == pytest.approx(3.8976, abs=1e-4)
-    waist = joint_map().to_ticks(legal(np.random.default_rng(7), 2000))[:, 2:4]
-    assert (np.abs(waist - 2048) * TICK <= SHAFT_LIMIT).all()
-    assert np.abs(shafts(-roll.max_velocity, yaw.max_velocity)).max() <= SHAFT_SPEED
-
-
 def test_a_waist_beyond_its_servos_is_refused() -> None:
     one_turn = [replace(servo, mode=ServoMode.POSITION) for servo in joint_map().servos]
     with refuses(HardwareError, "waist_roll", "waist_yaw", -493, 4589):
@@ -182,59 +152,6 @@ def test_a_waist_beyond_its_servos_is_refused() -> None:
     fast = [replace(servo, max_velocity=3.0) if servo.id == 3 else servo for servo in joint_map().servos]
     with refuses(HardwareError, "max_velocity", "waist_roll", "waist_yaw"):
         JointMap(fast)
-
-
-def test_after_power_up_the_turn_of_every_servo_is_known() -> None:
-    """It then reports one turn, wherever it is, though its horn may sit anywhere."""
-    random = np.random.default_rng(8)
-    for posture in legal(random, 60):
-        servos = [replace(servo, zero_tick=int(random.integers(-4096, 4096))) for servo in joint_map().servos]
-        placed = JointMap(servos)
-        ticks = placed.to_ticks(posture)
-        np.testing.assert_array_equal(np.mod(ticks, 4096) + resolve_turns(placed, np.mod(ticks, 4096)), ticks)
-
-
-def test_the_published_range_of_the_waist_would_leave_the_turn_open() -> None:
-    wide = JointMap([replace(s, lower=-1.5708, upper=1.5708) if s.id == 3 else s for s in joint_map().servos])
-    posture = np.clip(np.zeros(30), wide.lower, wide.upper)
-    posture[3] = 1.4
-    with refuses(HardwareError, "waist_yaw"):
-        resolve_turns(wide, np.mod(wide.to_ticks(posture), 4096))
-
-
-@pytest.mark.parametrize("name", POSTURES)
-def test_postures_stand_flat_and_balanced_and_touch_nothing(name: str) -> None:
-    posed = body().pose(getattr(body().profile.postures, name))
-    for foot in body().profile.feet.values():
-        np.testing.assert_allclose(posed.frame(foot.frame)[1], np.eye(3), atol=1e-9)
-    assert np.ptp(posed.sole_corners()[:, 2]) < 1e-9
-    assert posed.support_margin() > 0.04
-    assert abs(posed.com_in_stand_frame()[0]) < 0.01
-    assert posed.touching() == set()
-
-
-def test_soles_start_on_the_ground() -> None:
-    posed = body().pose({})
-    np.testing.assert_allclose(posed.sole_corners()[:, 2], 0.0, atol=5e-5)
-
-
-@pytest.mark.parametrize("name", POSTURES)
-def test_postures_are_mirror_images(name: str) -> None:
-    angles = getattr(body().profile.postures, name)
-    assert angles == both({joint: angle for joint, angle in angles.items() if joint.startswith("left_")})
-    posed = body().pose(angles)
-    for frame in [frame for frame in body().profile.frames if frame.startswith("l_")]:
-        np.testing.assert_allclose(posed.at(frame) * (1, -1, 1), posed.at("r" + frame[1:]), atol=1e-9)
-
-
-def test_knees_and_elbows_bend_the_human_way() -> None:
-    posed = body().pose(body().profile.postures.stand)
-    assert posed.at("l_knee")[0] > max(posed.at("l_hip")[0], posed.at("l_ankle")[0]) + 0.01
-    straight = (posed.at("l_shoulder") + posed.at("l_hand")) / 2.0
-    assert posed.at("l_elbow")[0] < straight[0] - 0.01
-    stood = posed.at("pelvis")[2] - posed.at("l_sole")[2]
-    posed.pose(body().profile.postures.rest)
-    assert posed.at("pelvis")[2] - posed.at("l_sole")[2] < 0.65 * stood
 
 
 def test_pairs_that_are_not_checked_cannot_touch() -> None:
@@ -249,15 +166,3 @@ def test_pairs_that_are_not_checked_cannot_touch() -> None:
         for pair, (ours, theirs) in zip(pairs, geoms, strict=True):
             for one, other in product(ours, theirs):
                 assert mujoco.mj_geomDistance(model, posed.data, one, other, 0.01, between) > 0.001, pair
-
-
-def test_acceleration_limit_is_within_the_torque() -> None:
-    """Base held, as for the OP3; the weight of the legs is left out where they hang on the waist."""
-    model, inertia = body().model, np.zeros((36, 36))
-    for posture in legal(np.random.default_rng(10), 300):
-        posed = body().pose(dict(zip(joint_map().joints, posture.tolist(), strict=True)))
-        mujoco.mj_fullM(model, posed.data, inertia)
-        for index, servo in enumerate(joint_map().servos):
-            dof, torque = model.joint(servo.joint).dofadr[0], model.actuator_forcerange[index, 1]
-            most = torque - abs(posed.data.qfrc_bias[dof]) if servo.coupling is None else 0.7 * torque
-            assert inertia[dof, dof] * servo.max_acceleration < most, servo.joint

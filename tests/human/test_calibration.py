@@ -61,14 +61,6 @@ def test_points_that_a_file_lacks_come_from_proportions() -> None:
     assert_allclose(dimensions_from_skeleton(skeleton_of(kept)).standing(), person.standing(), atol=5e-3)
 
 
-def test_a_chest_without_a_spine_and_a_spine_without_a_chest() -> None:
-    points = t_pose()
-    for missing in ("spine", "chest"):
-        kept = {n: p for n, p in points.items() if n != missing}
-        person = dimensions_from_skeleton(skeleton_of(kept))
-        assert_allclose(person.offset, proportional_dimensions(1.7).offset, atol=1e-9)
-
-
 def test_what_is_no_standing_human_is_refused() -> None:
     points = t_pose()
     with refuses(InputError, "l_wrist"):
@@ -114,13 +106,3 @@ def test_a_recording_with_a_skeleton_uses_it_and_one_without_a_rest_pose(shared:
     guessed = calibrate(sensors)
     shows(guessed.origin)
     assert guessed.stature == pytest.approx(known.stature, abs=0.05)
-
-
-def test_a_recording_without_any_rest_pose_gives_average_proportions(shared: Path) -> None:
-    frames = trial(shared, "02_01")
-    sensors = frames.select(("head", "l_wrist", "r_wrist", "l_ankle", "r_ankle"))
-    position = np.array(sensors.position)
-    position[:, [1, 2]] = position[:, [0]] + [1.0, 0.0, 0.8]  # hands where no arm reaches
-    person = calibrate(replace(sensors, position=position, skeleton=None, joints=None))
-    shows(person.origin)
-    assert 1.5 < person.stature < 1.8

@@ -23,13 +23,6 @@ def moved(points: dict[str, Point], angle: float = 0.0, x: float = 0.0, y: float
     }
 
 
-@pytest.mark.parametrize("angle", [0.0, 1.0, pi / 2, 3.0, -2.0])
-def test_starts_facing_where_the_performer_faces(angle: float) -> None:
-    heading = Heading(HeadingSettings())
-    heading.start(moved(STANDING, angle), {})
-    assert heading.forward == pytest.approx((cos(angle), sin(angle)))
-
-
 @pytest.mark.parametrize("rate", [24.0, 60.0, 120.0, 125.0])
 def test_follows_with_its_time_constant_at_any_rate(rate: float) -> None:
     heading = Heading(HeadingSettings(settle=0.2, velocity=0.0))
@@ -38,18 +31,6 @@ def test_follows_with_its_time_constant_at_any_rate(rate: float) -> None:
         heading.step(moved(STANDING, pi / 2), {}, dt=1.0 / rate)
     follows = 1.0 - exp(-round(0.2 * rate) / rate / 0.2)
     assert heading.forward[1] / heading.forward[0] == pytest.approx(follows / (1.0 - follows), rel=1e-6)
-
-
-def test_walking_faces_where_the_head_moves() -> None:
-    """Feet and hands swing as far as in a stride; only the way of the head says where it goes."""
-    stride = {**STANDING, "l_ankle": (0.3, 0.08, 0.1), "r_ankle": (-0.3, -0.08, 0.1)}
-    stride |= {"l_wrist": (-0.15, 0.25, 0.9), "r_wrist": (0.25, -0.25, 0.9)}
-    heading, still = Heading(HeadingSettings()), Heading(HeadingSettings())
-    heading.start(stride, {})
-    still.start(stride, {})
-    for k in range(120):
-        heading.step(moved(stride, x=1.3 * k / 120.0), {}, dt=1.0 / 120.0)
-    assert abs(heading.forward[1]) < 0.8 * abs(still.forward[1])
 
 
 def test_sensors_that_know_where_they_look_count() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from messages import refuses
 from retarget.errors import UsageError
-from retarget.frames import STEP_M, SensorFrames
+from retarget.frames import SensorFrames
 from retarget.human.samples import LOOP_LIMIT_S, SEAM_S, Clip, Playback, lay_on_ticks
 from retarget.schema.performer import load_performer
 from sim.performer import synthetic_performer
@@ -29,33 +29,6 @@ def test_a_run_that_ends_early_played_fewer_frames(frames: SensorFrames) -> None
     assert slow.frames_played(len(slow)) == len(frames) and slow.frames_played(0) == 0
     assert slow.frames_played(len(slow) // 4) == pytest.approx(len(frames) / 4, abs=1)
     assert loop.frames_played(3 * len(loop.frames)) == 3 * len(frames)
-
-
-def test_at_the_recordings_rate_every_tick_is_a_frame(frames: SensorFrames) -> None:
-    clip = lay(frames)
-    assert len(clip) == clip.source_frames == len(frames)
-    assert clip.frames.names == tuple(FIVE.sensors)
-    np.testing.assert_array_equal(clip.frames.position, frames.select(tuple(FIVE.sensors)).position)
-    sample = clip.sample(17)
-    np.testing.assert_allclose(sample.position, clip.frames.position[17], rtol=0.0, atol=STEP_M / 2)
-
-
-@pytest.mark.parametrize(("speed", "rate"), [(1.0, 125.0), (0.5, 125.0), (2.0, 50.0), (0.3, 200.0)])
-def test_ticks_cover_the_motion(frames: SensorFrames, speed: float, rate: float) -> None:
-    clip = lay(frames, rate, speed=speed)
-    assert len(clip) == int(np.floor(frames.duration_s / speed * rate + 1e-6)) + 1
-    assert clip.motion_dt == pytest.approx(speed / rate)
-    middle = len(clip) // 2
-    expected = frames.select(tuple(FIVE.sensors)).sample(middle * speed / rate).position
-    np.testing.assert_allclose(clip.sample(middle).position, expected, rtol=0.0, atol=STEP_M / 2 + 1e-12)
-
-
-def test_a_cut_counts_only_its_frames(frames: SensorFrames) -> None:
-    clip = lay(frames, 120.0, start=2.0, end=3.0)
-    assert clip.source_frames == len(clip) == 121
-    first = frames.select(tuple(FIVE.sensors)).position[240]
-    np.testing.assert_allclose(clip.sample(0).position, first, rtol=0.0, atol=STEP_M / 2)
-    assert np.abs(clip.sample(1).position - first).max() > STEP_M
 
 
 def test_mirror_exchanges_sides(frames: SensorFrames) -> None:

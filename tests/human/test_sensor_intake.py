@@ -1,12 +1,8 @@
 """Sensors that are lost, come back or jump: what is asked of the body stays continuous."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-import people
-from retarget.human.calibration import calibrate
 from retarget.human.sensor_intake import IntakeTimes, Reach, SensorIntake
 from retarget.model.human_dimensions import proportional_dimensions
 from retarget.types import BoolArray, FloatArray
@@ -20,26 +16,6 @@ def test_far_sensors_come_back_along_their_line_to_the_head() -> None:
     reach.clamp(position, np.ones(3, dtype=bool))
     assert 0.7 < position[1, 0] < 1.1 and position[1, 1:] == pytest.approx([0.0, 1.6])
     assert position[2] == pytest.approx([0.0, 0.1, 0.1])
-
-
-def test_without_the_anchor_nothing_is_known() -> None:
-    reach = Reach(NAMES, NAMES, proportional_dimensions(1.75))
-    position = np.array([[0.0, 0.0, 0.0], [9.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
-    reach.clamp(position, np.array([False, True, True]))
-    assert position[1, 0] == 9.0
-
-
-@pytest.mark.parametrize("name", people.TRIALS)
-@pytest.mark.parametrize("anchored", ["head", "pelvis"])
-def test_people_stay_within(shared: Path, name: str, anchored: str) -> None:
-    frames = people.trial(shared, name)
-    names = tuple(one for one in frames.names if anchored == "pelvis" or one != "pelvis")
-    reach = Reach(names, names, calibrate(frames))
-    chosen = frames.select(names)
-    for measured in chosen.position[::5]:
-        position = measured.copy()
-        reach.clamp(position, np.ones(len(names), dtype=bool))
-        assert (position == measured).all()
 
 
 DT = 1.0 / 120.0
@@ -128,28 +104,6 @@ def test_who_comes_back_by_weight_starts_where_the_body_has_it_and_is_slow(blend
     took = np.count_nonzero(asked < HERE[1, 2] - 1e-9) * DT
     assert took >= max(blend, far / TIMES.speed) - 3 * DT
     assert took <= blend + far / TIMES.speed
-
-
-def test_who_is_lost_again_on_the_way_back_goes_on_from_there() -> None:
-    intake, sunk = started(), HERE - np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.3]])
-    lost, last, fastest = np.where([[False], [True]], NOWHERE, HERE), 0.7, 0.0
-    for tick in range(400):
-        is_there = 100 <= tick < 150 or tick >= 160
-        weight = np.array([1.0, 0.5 if 100 <= tick < 150 else min(max(tick - 160, 0) * DT / 0.75, 1.0)])
-        position = HERE if is_there else lost
-        intake.step(position, valid(True, is_there), reached=sunk, dt=DT, weight=weight)
-        if tick >= 100:
-            fastest, last = max(fastest, abs(intake.position[1, 2] - last)), intake.position[1, 2]
-    assert fastest <= TIMES.speed * DT * 1.001 and last == HERE[1, 2]
-
-
-def test_without_weights_it_fades_as_ever() -> None:
-    intake, sunk = started(), HERE - 0.1
-    lost = np.where([[False], [True]], NOWHERE, HERE)
-    for _ in range(100):
-        intake.step(lost, valid(True, False), reached=sunk, dt=DT)
-    intake.step(HERE, valid(True, True), reached=sunk, dt=DT, weight=np.ones(2))
-    assert intake.position[1] == pytest.approx(HERE[1] - 0.1 * np.exp(-DT / TIMES.fade))
 
 
 def test_a_sensor_that_flickers_is_followed() -> None:

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from followers import op3
-from retarget.ik.base_pose import SupportFootBase, plant_root, plant_roots
+from retarget.ik.base_pose import SupportFootBase, plant_root
 from retarget.ik.gravity_torque import CARRIES_BELOW_M, GravityTorque
 from retarget.ik.support_polygon import plant
 from retarget.model.robot import load_robot
-from retarget.rotations import normalise
 from retarget.types import FloatArray
 
 STANCE = plant(op3(), op3().profile.postures.stand)
@@ -33,13 +32,6 @@ def test_the_sole_of_the_straighter_leg_is_where_it_was_planted(side: str, other
     place = next(sole.position for sole in STANCE.soles if sole.frame.name == other)
     assert np.abs(op3().points(q[None], (other,))[0, 0] - place).max() < 1e-9
     assert sorted(heights)[0] == pytest.approx(0.0, abs=1e-12) and sorted(heights)[1] > 0.005
-
-
-def test_on_both_it_is_as_with_planted_soles() -> None:
-    q, same = bent("l", 0.0), bent("l", 0.0)
-    SupportFootBase(op3(), STANCE).plant(q)
-    plant_root(op3(), STANCE.q, same)
-    assert np.abs(q - same).max() < 1e-6
 
 
 def test_a_sole_in_the_air_carries_nothing_and_no_torque_jumps() -> None:
@@ -67,31 +59,3 @@ def test_the_sole_stays_when_the_joints_move() -> None:
     foot = int(np.argmin(soles[0, :, 2]))
     np.testing.assert_allclose(soles[1, foot], soles[0, foot], atol=1e-12)
     np.testing.assert_allclose(np.abs(np.sum(turns[1, foot] * turns[0, foot])), 1.0, atol=1e-12)
-
-
-@pytest.mark.parametrize("name", ["op3", "wolfgang", "toddlerbot"])
-def test_one_posture_is_planted_as_many_are(name: str) -> None:
-    robot = load_robot(name)
-    rng = np.random.default_rng(1)
-    before = np.tile(plant(robot, robot.profile.postures.stand).q, (30, 1))
-    before[:, :3] += rng.uniform(-1.0, 1.0, (30, 3))
-    before[:, 3:7] = normalise(rng.normal(size=(30, 4)))
-    before[:, robot.servo_columns] += rng.uniform(-0.3, 0.3, (30, robot.servo_columns.size))
-    many = before.copy()
-    many[:, robot.servo_columns] += rng.uniform(-0.2, 0.2, (30, robot.servo_columns.size))
-    single = many.copy()
-    plant_roots(robot, before, many)
-    for one, stood in zip(single, before, strict=True):
-        plant_root(robot, stood, one)
-    np.testing.assert_allclose(single, many, atol=1e-12)
-    assert np.abs(many[:, :7] - before[:, :7]).max() > 0.05
-
-
-def test_a_robot_on_a_stand_keeps_its_root() -> None:
-    robot = load_robot("op3", root="fixed")
-    before, q = robot.body.qpos0.copy(), robot.body.qpos0 + 0.1
-    moved = q.copy()
-    plant_root(robot, before, moved)
-    np.testing.assert_array_equal(moved, q)
-    plant_roots(robot, before[None], moved[None])
-    np.testing.assert_array_equal(moved, q)

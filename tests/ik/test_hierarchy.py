@@ -10,10 +10,8 @@ from messages import refuses
 from retarget.errors import ConfigError
 from retarget.ik.hierarchy import Hierarchy, SceneObstacles, body_frames
 from retarget.ik.support_polygon import half_spaces
-from retarget.ik.tasks import SlotKind
 from retarget.model.human import Human, build_human, human_limits
 from retarget.model.human_dimensions import proportional_dimensions
-from retarget.model.observers import NO_SCENE
 from retarget.model.scene_state import ObstaclePoses, SceneState
 from retarget.schema.priorities import Priorities
 from retarget.schema.scene import Scene
@@ -79,16 +77,6 @@ def test_named_targets_are_reached_and_what_is_not_set_is_absent() -> None:
     assert errors["over_root over_root"] < 1e-6
 
 
-def test_clear_makes_targets_blank_again() -> None:
-    hierarchy = compiled()
-    targets = hierarchy.blank()
-    hierarchy.set_position(targets, "head", np.ones(3), 0.5)
-    hierarchy.set_previous(targets, human().posture("stand"), 0.01)
-    assert (targets != hierarchy.blank()).any()
-    hierarchy.clear(targets)
-    assert (targets == hierarchy.blank()).all()
-
-
 def test_many_positions_at_once_are_the_same_as_one_by_one() -> None:
     hierarchy = compiled()
     names = ("head", "pelvis", "l_wrist", "l_ankle")
@@ -115,16 +103,6 @@ def test_settling_takes_its_time_at_any_rate(dt: float) -> None:
     assert q[elbow] == pytest.approx(0.25 * np.exp(-0.5 / 0.2), rel=0.05)
 
 
-def test_weights_of_a_last_level_with_a_posture_are_stiffnesses() -> None:
-    """A point drawn to 0.1 m by 400 per m^2, and to 0 by a spring of 100 per m^2, stays at 0.08 m."""
-    posture = {"type": "posture", "towards": "stand", "stiffness": {"default": 1.0, "root": 100.0}}
-    pull = {"type": "position", "of": ("pelvis",), "weight": 400.0}
-    hierarchy = compiled(({"name": "last", "tasks": (posture, pull)},))
-    targets = hierarchy.blank()
-    hierarchy.set_position(targets, "pelvis", human().posture("stand")[:3] + np.array([0.1, 0.0, 0.0]))
-    assert settled(hierarchy, targets)[0] == pytest.approx(0.08, abs=1e-6)
-
-
 def test_heading_turns_axes_and_leaves_bending_free() -> None:
     posture = {"type": "posture", "towards": "stand", "stiffness": {"default": 1.0}}
     heading = {"type": "heading", "of": "pelvis", "weight": 100.0}
@@ -134,12 +112,6 @@ def test_heading_turns_axes_and_leaves_bending_free() -> None:
     hierarchy.set_heading(targets, (0.0, 1.0))
     q = settled(hierarchy, targets)
     assert np.abs(q[3:7]) == pytest.approx([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)], abs=1e-4)
-
-
-def test_only_what_will_be_fed_is_compiled() -> None:
-    hierarchy = compiled(fed=("head",))
-    assert [label for label in hierarchy.labels if label.startswith("position")] == ["position head"]
-    assert hierarchy.uses(SlotKind.POSITION, "head") and not hierarchy.uses(SlotKind.POSITION, "l_wrist")
 
 
 def test_support_edges_fill_their_slots() -> None:
@@ -195,23 +167,3 @@ def test_time_goes_by_as_ever_for_obstacles_and_they_seem_faster_to_a_slow_robot
     assert obstacles.time == 1.0
     assert (float(poses.position[0, 0]), float(poses.linear_velocity[0, 0])) == (0.5, 2.0)
     assert obstacles.now is not None and float(obstacles.now.linear_velocity[0, 0]) == 1.0  # what the gate looks at
-
-
-def test_obstacles_rest_until_time_begins_and_again_after_a_restart() -> None:
-    obstacles, receiver = ball(), Receiver()
-    assert [receiver.tick(obstacles) for _ in range(3)] == [(0.0, 0.0)] * 3 and obstacles.time == 0.0
-    obstacles.begin()
-    assert [receiver.tick(obstacles) for _ in range(3)] == [(0.0, 1.0), (0.5, 1.0), (1.0, 1.0)]
-    obstacles.tick(None, 2.0)  # it goes on without a hierarchy
-    assert obstacles.time == 3.5 and receiver.tick(obstacles) == (3.5, 1.0)
-    obstacles.restart()
-    assert receiver.tick(obstacles) == (0.0, 0.0) and obstacles.time == 0.0
-
-
-def test_without_a_scene_no_poses_are_set() -> None:
-    obstacles, receiver = SceneObstacles(None), Receiver()
-    obstacles.begin()
-    obstacles.tick(cast(Hierarchy, receiver), 1.0)
-    assert not receiver.received and obstacles.shapes is NO_SCENE
-    assert ball().shapes.names == ("b",)
-    assert NO_SCENE.sizes.shape == (0, 3) and np.size(NO_SCENE.kinds) == 0

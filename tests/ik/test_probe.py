@@ -21,15 +21,6 @@ def postures(count: int, seed: int = 3) -> FloatArray:
     return np.array([BODY.integrate(STANCE.q, 0.3 * rng.standard_normal(BODY.nv)) for _ in range(count)])
 
 
-def test_a_probe_reads_as_the_body_does() -> None:
-    probe = Probe(BODY, LINKS, LOCAL, ORIENTED)
-    for q in postures(20):
-        points, turns, com = probe.read(q)
-        np.testing.assert_array_equal(points, BODY.points(q[None], LINKS, LOCAL)[0])
-        np.testing.assert_array_equal(turns, BODY.orientations(q[None], ORIENTED)[0])
-        np.testing.assert_array_equal(com, BODY.centre_of_mass(q[None])[0])
-
-
 def test_footing_gives_the_worst_of_a_path() -> None:
     sole = STANCE.soles[0]
     links, planted = [sole.frame.body] * len(sole.corners), np.insert(sole.outline, 2, 0.0, axis=1)

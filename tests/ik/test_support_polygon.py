@@ -10,18 +10,8 @@ from hypothesis import strategies as st
 from followers import op3
 from retarget import rotations
 from retarget.errors import ConfigError
-from retarget.ik.support_polygon import check_stand, convex_hull, plant, sole_outline, support_distance, support_edges
+from retarget.ik.support_polygon import check_stand, convex_hull, plant, support_distance, support_edges
 from retarget.model.robot import RobotBody, load_robot
-
-
-def test_soles_are_on_the_ground_about_the_origin() -> None:
-    stance = plant(op3(), op3().profile.postures.stand)
-    left, right = stance.soles
-    assert np.allclose(left.position + right.position, 0.0, atol=1e-12)
-    assert np.allclose(left.position * [1.0, -1.0, 1.0], right.position, atol=1e-9)
-    assert np.allclose(left.orientation, rotations.IDENTITY)
-    reached = op3().points(stance.q[None], ("l_sole", "r_sole"))[0]
-    assert np.allclose(reached, [left.position, right.position], atol=1e-9)
 
 
 def test_a_posture_that_leans_is_put_upright_on_its_soles() -> None:
@@ -66,10 +56,6 @@ def test_the_message_of_a_stand_that_falls_shows_the_centre_of_mass() -> None:
         assert text in str(caught.value)
 
 
-def test_what_does_not_stand_is_not_asked() -> None:
-    assert check_stand(load_robot("op3", root="fixed")) is None
-
-
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 COORDINATES = st.floats(-1.0, 1.0).map(lambda value: round(value, 3))
 POINTS = st.lists(st.tuples(COORDINATES, COORDINATES), min_size=6, max_size=20, unique=True).map(np.array)
@@ -78,11 +64,6 @@ POINTS = st.lists(st.tuples(COORDINATES, COORDINATES), min_size=6, max_size=20, 
 def area(corners: np.ndarray) -> float:
     x, y = corners[:, 0], corners[:, 1]
     return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
-
-
-def test_the_hull_of_two_feet_spans_both() -> None:
-    hull = convex_hull(np.concatenate([SQUARE, SQUARE + np.array([2.0, 0.0]), [[1.5, 0.5]]]))
-    assert {tuple(corner) for corner in hull} == {(0.0, 0.0), (3.0, 0.0), (3.0, 1.0), (0.0, 1.0)}
 
 
 @given(POINTS)
@@ -99,20 +80,3 @@ def test_distance_is_that_to_the_nearest_edge() -> None:
     points = np.array([[0.5, 0.5, 9.0], [0.9, 0.5, 9.0], [1.2, 0.5, 9.0]])
     assert np.allclose(support_distance(points, edges), [0.5, 0.1, -0.2])
     assert np.allclose(support_distance(points[None], edges), [[0.5, 0.1, -0.2]])
-
-
-def test_a_margin_moves_every_edge_inward() -> None:
-    inner = support_edges([SQUARE], margin=0.2)
-    assert np.allclose(support_distance(np.array([0.5, 0.5]), inner), 0.3)
-    assert support_distance(np.array([0.1, 0.5]), inner) < 0.0
-
-
-def test_a_margin_that_is_too_large_leaves_the_middle() -> None:
-    inner = support_edges([SQUARE], margin=5.0)
-    assert support_distance(np.array([0.5, 0.5]), inner) > 0.0
-
-
-def test_a_sole_is_laid_on_the_ground() -> None:
-    quarter = np.array([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])
-    outline = sole_outline(np.array([1.0, 2.0, 0.0]), quarter, np.array([[0.1, 0.0]]))
-    assert np.allclose(outline, [[1.0, 2.1]])

@@ -43,13 +43,6 @@ def test_kinds(task: Task, kinds: list[SlotKind]) -> None:
         assert [slot.kind for slot in slots] == kinds
 
 
-def test_directions_are_units_and_a_heading_turns_the_left_axis() -> None:
-    axis = AxisTask(type="axis", of=("pelvis",), axis=(0, 0, 2), direction=(0, 3, 0))
-    assert compile_task(axis, BODY, FRAMES, fed=FRAMES, is_soft=False, limbs=LIMBS)[0].direction == (0.0, 1.0, 0.0)
-    heading = HeadingTask(type="heading", of=("pelvis",))
-    assert compile_task(heading, BODY, FRAMES, fed=FRAMES, is_soft=False, limbs=LIMBS)[0].direction == (0.0, 1.0, 0.0)
-
-
 def test_tasks_that_nothing_feeds_are_left_out_but_axes_are_not() -> None:
     position = PositionTask(type="position", of=("head", "l_wrist"))
     assert [slot.name for slot in compile_task(position, BODY, FRAMES, fed={"head"}, is_soft=False, limbs=LIMBS)] == [

@@ -1,7 +1,7 @@
 """Addresses of streams: what each means, and that every mistake is one message with a way out."""
 
 from dataclasses import replace
-from ipaddress import IPv4Address, IPv4Network
+from ipaddress import IPv4Network
 from pathlib import Path
 
 import pytest
@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from retarget.errors import UsageError
-from retarget.live.address import ANY_ADDRESS, KINDS, StreamAddress, interface_towards, local_interfaces, parse_address
+from retarget.live.address import ANY_ADDRESS, KINDS, StreamAddress, parse_address
 
 HOST = (IPv4Network("192.168.1.5"),)
 
@@ -148,17 +148,3 @@ def test_whatever_is_written_nothing_listens_to_others_unasked(text: str) -> Non
     assert 0 <= address.port <= 65_535 and address.kind in KINDS
     if not address.bind.startswith("127."):
         assert "allow=" in text or address.allow != (ANY_ADDRESS,)
-
-
-def test_loopback_is_listed_and_every_address_is_one() -> None:
-    found = local_interfaces()
-    assert found["lo"] == "127.0.0.1"
-    assert all(IPv4Address(address) for address in found.values())
-
-
-def test_the_way_to_ourselves_is_loopback() -> None:
-    assert interface_towards("127.0.0.1") == "127.0.0.1"
-
-
-def test_where_no_way_leads_there_is_no_interface() -> None:
-    assert interface_towards("255.255.255.255") is None

@@ -13,7 +13,6 @@ from retarget.live.address import parse_address
 from retarget.live.admission import (
     NOT_ALLOWED,
     SECOND_SOURCE,
-    TOO_LONG,
     Admission,
     Datagram,
     Receiver,
@@ -72,10 +71,6 @@ def test_the_first_source_that_can_be_decoded_owns_the_stream() -> None:
     assert admission.refused.reasons == {SECOND_SOURCE: 2}
 
 
-def test_another_port_of_the_same_computer_is_another_source() -> None:
-    assert not admit(owned(), (A[0], A[1] + 1))
-
-
 def test_motive_answers_from_one_port_and_sends_frames_from_another() -> None:
     admission = admission_for(parse_address("natnet://192.168.1.20"))
     answers, frames = (A[0], 1510), (A[0], 1511)
@@ -84,19 +79,6 @@ def test_motive_answers_from_one_port_and_sends_frames_from_another() -> None:
     assert admit(admission, answers, moving=True) and admit(admission, frames, moving=True)
     assert not admit(admission, B, 1e6), "no source but the server"
     assert admission.refused.reasons == {NOT_ALLOWED: 1}
-
-
-def test_the_admission_of_an_address_is_its_list() -> None:
-    admission = admission_for(parse_address("vmc://0.0.0.0?allow=192.168.1.0/24"))
-    assert admit(admission, A) and not admit(admission, C)
-    assert admission.confirm(A, now=0.0, moving=False) and not admit(admission, (A[0], 1))
-
-
-@pytest.mark.parametrize(("size", "expected"), [(0, False), (1, True), (65_536, True), (65_537, False)])
-def test_length(size: int, expected: bool) -> None:
-    admission = Admission()
-    assert admit(admission, A, size=size) is expected
-    assert admission.refused.reasons == ({} if expected else {TOO_LONG: 1})
 
 
 def test_refused_sources_are_reported_once_and_in_bounded_number() -> None:

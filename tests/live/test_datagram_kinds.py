@@ -95,8 +95,3 @@ def test_each_at_the_address_of_each(kind: str, other: str) -> None:
 def test_the_cure_is_named(kind: str, got: Recognised, part: str) -> None:
     advice = advice_for(kind, got, port=1)
     assert part in advice and bool(part) == bool(advice)
-
-
-def test_another_kind_in_a_recording_is_read_as_that() -> None:
-    advice = advice_for("vrchat", Recognised("vmc", "VMC"), port=0, recording="walk.raw")
-    assert advice == "Read it as replay://walk.raw?kind=vmc"

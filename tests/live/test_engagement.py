@@ -10,7 +10,6 @@ from retarget.live.sensor_validity import (
     LIMITS,
     LONGEST_STEP,
     PEAK,
-    Debounce,
     Engagement,
     ReacquisitionBlend,
     ValidityState,
@@ -53,13 +52,6 @@ def test_a_clutch_lets_go_and_takes_up_again_without_a_jump() -> None:
     assert last == 1.0 and largest <= LIMITS.blend_speed * DT * 1.001
 
 
-def test_a_sensor_that_was_not_held_is_as_it_is() -> None:
-    engagement = Engagement(sample(0.0, valid=(True, False)))
-    for tick in range(60):
-        shown = engagement.step(DT * tick, sample(1.0), good=True)
-    assert shown is not None and shown.position[0, 0] < 0.05 and shown.position[1, 0] == 1.0
-
-
 @settings(max_examples=60)
 @given(st.lists(st.tuples(st.booleans(), st.floats(-0.004, 0.004)), min_size=1, max_size=400))
 def test_whatever_happens_what_is_followed_goes_on_from_where_it_was(moves: list[tuple[bool, float]]) -> None:
@@ -73,17 +65,6 @@ def test_whatever_happens_what_is_followed_goes_on_from_where_it_was(moves: list
             last = float(shown.position[0, 0])
 
 
-def test_a_great_turn_back_takes_its_time_too() -> None:
-    engagement, turned = Engagement(sample(0.0)), sample(0.0)
-    turned.orientation[:] = [0.0, 0.0, 0.0, 1.0]  # by pi
-    angles = []
-    for tick in range(1000):
-        shown = engagement.step(DT * tick, turned, good=True)
-        if shown is not None:
-            angles.append(float(2.0 * np.arctan2(shown.orientation[0, 3], shown.orientation[0, 0])))
-    assert np.diff(angles).max() <= LIMITS.blend_turn * DT * 1.001 and angles[-1] == pytest.approx(np.pi)
-
-
 def test_the_robot_has_all_of_its_speed_after_the_blend_and_never_in_a_hold() -> None:
     engagement, settled = Engagement(sample(0.0)), list[float]()
     for tick in range(300):
@@ -95,17 +76,6 @@ def test_the_robot_has_all_of_its_speed_after_the_blend_and_never_in_a_hold() ->
     assert 0.0 <= np.diff(settled[:280]).max() <= DT / LIMITS.blend * 1.001
 
 
-def test_what_was_bad_must_be_good_for_so_long_without_a_gap() -> None:
-    debounce = Debounce()
-    assert [debounce.step(t, good=True) for t in (0.0, 0.3, 0.5, 0.6)] == [False, False, True, True]
-    assert [debounce.step(t, good=good) for t, good in ((0.7, False), (0.8, True), (1.2, False), (1.6, True))] == [
-        False
-    ] * 4
-    assert debounce.step(2.1, good=True)
-    debounce.restart()
-    assert not debounce.step(2.2, good=True)
-
-
 FRESH = np.array([ValidityState.FRESH], dtype=np.uint8)
 LOST = np.array([ValidityState.STALE], dtype=np.uint8)
 
@@ -115,24 +85,6 @@ def weights(states: list[np.ndarray], *, full: bool = True) -> np.ndarray:
     if full:
         reacquisition.start(FRESH)
     return np.array([reacquisition.step(state, DT)[0] for state in states])
-
-
-@pytest.mark.parametrize("state", [state for state in ValidityState if state is not ValidityState.FRESH])
-def test_an_invalid_sensor_has_no_weight_within_a_tenth_of_a_second(state: ValidityState) -> None:
-    weight = weights([np.array([state], dtype=np.uint8)] * 20)
-    assert (weight[9:] == 0.0).all() and weight[0] > 0.9 and (np.diff(weight) <= 0.0).all()
-
-
-def test_back_by_a_blend_after_half_a_second() -> None:
-    weight = weights([LOST] * 20 + [FRESH] * 140)[20:]
-    assert (weight[:49] == 0.0).all() and weight[52] > 0.0
-    assert weight[int(0.5 / DT + 0.375 / DT)] == pytest.approx(0.5, abs=0.03)
-    assert (np.diff(weight) >= 0.0).all() and weight[int(1.25 / DT) + 1] == pytest.approx(1.0)
-
-
-def test_a_flicker_starts_the_wait_anew() -> None:
-    weight = weights([LOST] * 20 + ([FRESH] * 45 + [LOST]) * 5)
-    assert (weight[20:] == 0.0).all()
 
 
 def test_no_sensor_has_weight_at_first_and_every_fresh_one_after_a_start() -> None:

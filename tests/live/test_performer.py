@@ -7,8 +7,7 @@ from live_rig import WHERE, live_stream
 from messages import refuses
 from retarget.errors import InputError, UsageError
 from retarget.live.begin import LiveOptions, begin_live
-from retarget.live.performer import LivePerformer, base_sensors, needed, refuse_unmeasurable
-from retarget.live.roles import roles_of
+from retarget.live.performer import LivePerformer
 from retarget.schema.performer import Performer, load_performer
 from sim.faults.sender import FakeSender, Poses, SenderFault
 
@@ -61,18 +60,3 @@ def test_a_file_without_wrists_is_refused_at_once() -> None:
     without = plain.model_copy(update={"sensors": {name: plain.sensors[name] for name in ("head", "l_ankle")}})
     with refuses(UsageError, "l_wrist", "r_wrist"):
         begun(without)
-
-
-def test_vrchat_without_wrists_is_refused_at_once_whatever_its_file_lists() -> None:
-    five = load_performer("five")
-    sensors = {name: five.sensors[name] for name in ("head", "l_ankle", "r_ankle")}
-    roles = roles_of(five.model_copy(update={"sensors": sensors}), "slimevr_vrchat", where="vr.yaml")
-    with refuses(UsageError, "l_wrist", "r_wrist", "VRChat's"):
-        refuse_unmeasurable(roles, where="vrchat://:9000")
-
-
-def test_base_sensors() -> None:
-    assert base_sensors(("head", "l_ankle", "l_wrist")) == ("l_ankle",)
-    assert base_sensors(("head", "l_wrist")) == ("head",)
-    six, everything = (roles_of(load_performer(name), "json", where="test") for name in ("six", "all"))
-    assert {"pelvis", "head", "l_ankle"} <= set(needed(six)) and needed(everything) == ("head", "l_wrist", "r_wrist")

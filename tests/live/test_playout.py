@@ -16,7 +16,6 @@ from retarget.errors import UsageError
 from retarget.live.playout import (
     DELAY_CAP_S,
     EXTRAPOLATION_S,
-    SMOOTHINGS,
     Cutoffs,
     Played,
     Playout,
@@ -109,19 +108,6 @@ def test_it_goes_on_for_50_ms_and_then_holds() -> None:
     assert set(again.how) == {How.LATEST} and worst(again) < 1e-9
 
 
-def test_a_velocity_of_long_ago_or_of_a_moment_is_not_carried_on() -> None:
-    still, orientation = np.zeros((COUNT, 3)), pose(0.0)[1]
-    playout = buffered(delay=Lateness)
-    for time, height in ((1.0, 0.0), (3.0, 1.0)):
-        playout.push(ROWS, time, still + height, orientation, ALL, arrival=time)
-    played = playout.read(3.03)
-    assert set(played.how) == {How.LATEST} and (played.position == 1.0).all()
-    shaky = buffered(delay=Lateness)
-    for time, height in ((1.0, 0.0), (1.01, 0.0), (1.02, 0.0), (1.03, 0.0), (1.030001, 0.001)):
-        shaky.push(ROWS, time, still + height, orientation, ALL, arrival=time)
-    assert shaky.read(1.07).position.max() < 0.0031
-
-
 def test_latest_wins_shows_the_newest_as_it_is() -> None:
     playout = Playout(COUNT)
     for time in (1.0, 1.02, 1.01):
@@ -146,16 +132,6 @@ def test_a_sensor_never_sent_is_nan() -> None:
         assert (np.isnan(played.time) == ~sent).all()
 
 
-def test_sensors_sent_at_their_own_times_are_read_at_one() -> None:
-    playout = buffered()
-    assert playout.delay == 0.0
-    for i in range(300):
-        push(playout, 1.0 + i / 300.0, rows=np.array([float(i % 3)]))
-    played = playout.read(1.0 + 300 / 300.0)
-    assert np.ptp(played.time[:3]) == 0.0 and set(played.how[:3]) == {How.INTERPOLATED}
-    assert worst(played) < 1e-7
-
-
 @settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1))
 def test_the_sign_of_a_quaternion_says_nothing(seed: int) -> None:
@@ -172,21 +148,6 @@ def test_the_sign_of_a_quaternion_says_nothing(seed: int) -> None:
         assert np.abs(a.orientation - b.orientation).max() < 1e-7
         assert before is None or (np.sum(before * a.orientation, axis=1) > 0.9).all()
         before = a.orientation
-
-
-def test_turning_the_world_turns_what_is_played() -> None:
-    world = rotations.normalise([0.3, -0.5, 0.7, 0.2])
-    one, other = buffered(), buffered()
-    rng = np.random.default_rng(3)
-    for i in range(40):
-        time = 1.0 + 0.01 * i
-        position, orientation = rng.normal(size=(COUNT, 3)), rotations.normalise(rng.normal(size=(COUNT, 4)))
-        one.push(ROWS, time, position, orientation, ALL, arrival=time)
-        turned = rotations.rotate(world, position), rotations.multiply(world, orientation)
-        other.push(ROWS, time, *turned, ALL, arrival=time)
-        a, b = one.read(time + 0.004), other.read(time + 0.004)
-        assert np.abs(rotations.rotate(world, a.position) - b.position).max() < 1e-9
-        assert rotations.angle_between(rotations.multiply(world, a.orientation), b.orientation).max() < 1e-6
 
 
 def test_a_sensor_that_the_sender_lost_is_not_valid_until_it_is_back() -> None:
@@ -358,21 +319,6 @@ def test_it_is_a_sorted_list_of_the_newest(pushes: list[tuple[set[int], int, flo
             assert played.age[row] == (at + 1.0 - lists[row][-1] if lists[row] else np.inf) or played.age[row] == 0.0
 
 
-def test_what_is_not_stored_is_counted() -> None:
-    ring = new(1, 3)
-    counted = [ring_push(ring, [0], time) for time in (1.0, 2.0, 3.0, 2.0, 0.5, 2.5)]
-    assert [counts[1:] for counts in counted] == [(0, 0), (0, 0), (0, 0), (1, 0), (0, 1), (0, 0)]
-    assert [counted[0][0], counted[1][0], counted[5][0]] == [-np.inf, 1.0, 3.0]
-    nothing = ring.push(np.array([0]), 4.0, np.full((1, 3), np.nan), np.full((1, 4), np.nan), np.ones(1, dtype=bool))
-    assert nothing == (None, 0, 0)
-
-
-@pytest.mark.parametrize(("count", "depth"), [(0, 4), (1, 1)])
-def test_a_ring_that_keeps_nothing_is_refused(count: int, depth: int) -> None:
-    with refuses(ValueError):
-        new(count, depth)
-
-
 def test_bad_arrays_are_refused() -> None:
     ring, one = new(2, 4), np.ones(1, dtype=bool)
     place_, turn = np.zeros((1, 3)), np.array([IDENTITY])
@@ -483,16 +429,6 @@ def test_one_axis_is_the_plain_filter_of_the_angle_through_many_half_turns() -> 
     assert rotations.angle_between(found, wanted).max() < 1e-6
 
 
-def test_a_step_arrives_the_short_way_and_never_goes_beyond() -> None:
-    start, end = rotations.normalise([1.0, 0.2, 0.0, 0.1]), rotations.normalise([-0.1, 0.7, -0.5, 0.0])
-    orientation = np.concatenate([np.tile(start, (1, 1, 1)), np.tile(-end, (800, 1, 1))])
-    _, found = pose_filter_run(np.zeros((801, 1, 3)), orientation)
-    to_go = rotations.angle_between(found, end)[:, 0]
-    gone = rotations.angle_between(found, start)[:, 0]
-    assert (np.diff(to_go) <= 1e-9).all() and to_go[-1] < 1e-3
-    assert gone + to_go == pytest.approx(to_go[0], abs=1e-6)
-
-
 def test_what_is_off_is_left_and_what_is_missing_waits() -> None:
     position, orientation = walk(7, count=2, steps=3)
     off = PoseFilter(2, position=None, orientation=None)
@@ -512,30 +448,6 @@ def test_what_is_off_is_left_and_what_is_missing_waits() -> None:
     assert fresh[0][1].tolist() == position[0, 1].tolist()
     assert rotations.angle_between(fresh[1][1], orientation[0, 1]) < 1e-9
     assert rotations.angle_between(fresh[1][0], orientation[0, 0]) > 1e-3
-
-
-RATE_HZ = 100.0
-
-
-def smoothed(name: str, track: FloatArray) -> FloatArray:
-    """Positions (T,) along x through the filter."""
-    made = pose_filter(name, 1)
-    if made is None:
-        return track
-    found = [
-        made.step(np.array([k / RATE_HZ]), np.array([[x, 0.0, 1.0]]), np.array([[1.0, 0.0, 0.0, 0.0]]))[0][0, 0]
-        for k, x in enumerate(track)
-    ]
-    return np.array(found)
-
-
-def test_trembling_at_rest_is_halved_and_a_moving_hand_is_hardly_late() -> None:
-    noise = np.random.default_rng(2).normal(0.0, 0.001, 2000)
-    rest = {name: float(np.std(np.diff(smoothed(name, noise)[500:]))) for name in SMOOTHINGS}
-    assert rest["strong"] < rest["light"] < 0.5 * rest["off"]
-    moving = np.arange(300) / RATE_HZ  # 1 m/s
-    late = {name: float((moving - smoothed(name, moving))[-1]) for name in SMOOTHINGS}
-    assert late["off"] == 0.0 < late["light"] < 0.015 < late["strong"] < 0.06
 
 
 def test_an_unknown_name_is_refused() -> None:

@@ -12,21 +12,18 @@ from pathlib import Path
 import pytest
 
 from datagrams import CLOCK, LOOPBACK, PATIENCE_S, arrived, sending
-from hardware.clock import wall_to_monotonic
 from messages import Facts, refuses
 from natnet_packets import Motion, frame, server_info
 from retarget.errors import InputError
 from retarget.live import receivers
 from retarget.live.address import StreamAddress, local_interfaces, parse_address
-from retarget.live.admission import MOST_BYTES_PER_POLL, MOST_PER_POLL, Datagram
+from retarget.live.admission import MOST_PER_POLL, Datagram
 from retarget.live.open_stream import open_receiver
 from retarget.live.raw_recording import ReplayReceiver
 from retarget.live.receivers import (
-    NOT_THE_SERVER,
     NatnetReceiver,
     UdpReceiver,
     open_socket,
-    port_holder,
 )
 from retarget.sources.natnet_wire import MessageId, Version, split
 from retarget.sources.raw_record import RawWriter
@@ -96,21 +93,6 @@ def test_frames_come_through_the_group() -> None:
         assert receiver.session.frames == 1
 
 
-def test_only_datagrams_of_the_server_are_returned() -> None:
-    address = replace(UNICAST, bind="127.0.0.1", host="127.0.0.9")
-    with conversation(address) as (server, receiver):
-        server.socket.sendto(server_info(VERSION), ("127.0.0.1", receiver.bound[1]))
-        assert select.select([receiver._commands], [], [], PATIENCE_S)[0]
-        assert receiver.poll(CLOCK.now()) == [] and receiver.session.server is None
-        assert receiver.dropped.reasons == {NOT_THE_SERVER: 1}
-
-
-def test_a_group_without_interface_is_refused_at_start() -> None:
-    address = replace(MULTICAST, interface="203.0.113.77")
-    with refuses(InputError):
-        NatnetReceiver(address)
-
-
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
@@ -130,40 +112,6 @@ def test_an_address_finds_its_receiver(text: str, expected: type, tmp_path: Path
     assert isinstance(receiver, expected)
     assert receiver.poll(0.0) == []
     receiver.close()
-
-
-HEAD = (
-    "  sl  local_address rem_address   st tx_queue rx_queue tr tm->when retrnsmt   uid  timeout inode ref pointer drops"
-)
-ROW = " 1: {address}:{port:04X} 00000000:0000 07 00000000:00000000 00:00000000 00000000  1000        0 {inode} 2 0 0"
-
-
-def processes(folder: Path) -> Path:
-    (folder / "net").mkdir()
-    (folder / "net/udp").write_text("\n".join([HEAD, ROW.format(address="0100007F", port=39539, inode=77), "odd"]))
-    (folder / "net/udp6").write_text("\n".join([HEAD, ROW.format(address="0" * 32, port=9000, inode=78)]))
-    for number, inode in ((12, 77), (345, 78), (346, 99)):
-        (folder / str(number) / "fd").mkdir(parents=True)
-        (folder / str(number) / "fd/3").symlink_to(f"socket:[{inode}]")
-        (folder / str(number) / "cmdline").write_bytes(b"/opt/studio\0--port\0" + str(number).encode() + b"\0")
-    return folder
-
-
-def test_the_holder_is_found_by_its_socket(tmp_path: Path) -> None:
-    tables = processes(tmp_path)
-    assert port_holder(39539, tables) == "process 12 (studio --port 12)"
-    assert port_holder(9000, tables) == "process 345 (studio --port 345)"
-
-
-def test_what_cannot_be_seen_is_said(tmp_path: Path) -> None:
-    assert port_holder(39539, tmp_path) == "another process"
-    tables = processes(tmp_path)
-    assert port_holder(1, tables) == "another process"
-    (tables / "12/fd/3").unlink()
-    assert port_holder(39539, tables) == "another process"
-
-
-HOUR_NS = 3_600 * 10**9
 
 
 def test_datagrams_come_in_order_with_source_and_time() -> None:
@@ -195,50 +143,6 @@ def test_the_arrival_is_the_kernels_not_that_of_the_poll() -> None:
     pytest.skip("this kernel gives no times of arrival")
 
 
-@pytest.mark.parametrize("jump", [HOUR_NS, -HOUR_NS, 10_000_000, -10_000_000, -500_000])
-def test_a_wall_clock_that_is_set_has_no_effect(jump: int) -> None:
-    """As the receiver sees it: the stamps are off from where its looks at both clocks put them, by turns or always."""
-    looks = iter([jump, 0, jump, jump, -jump])
-
-    def wall_offset() -> int:
-        return wall_to_monotonic() + next(looks, jump)
-
-    with closing(UdpReceiver(LOOPBACK, wall_offset=wall_offset)) as receiver, sending(receiver) as sender:
-        for _ in range(7):
-            emptied = CLOCK.now()
-            receiver.poll(emptied)
-            sender.send(b"x")
-            (datagram,) = arrived(receiver)
-            assert emptied <= datagram.arrival <= CLOCK.now()
-
-
-def test_a_wrong_look_at_the_clocks_is_taken_again_at_once() -> None:
-    looks = []
-
-    def look() -> int:
-        looks.append(1)
-        return wall_to_monotonic() - HOUR_NS
-
-    with closing(UdpReceiver(LOOPBACK, wall_offset=look)) as receiver, sending(receiver) as sender:
-        for _ in range(3):
-            receiver.poll(CLOCK.now())
-            sender.send(b"x")
-            assert len(arrived(receiver)) == 1
-    assert len(looks) >= 3
-
-
-def test_on_another_clock_the_arrival_is_that_of_the_poll() -> None:
-    with closing(UdpReceiver(LOOPBACK, wall_offset=None)) as receiver, sending(receiver) as sender:
-        sender.send(b"x")
-        arrived_at = 12.5
-        found = []
-        for _ in range(1000):
-            found += receiver.poll(arrived_at)
-            if found:
-                break
-        assert [datagram.arrival for datagram in found] == [arrived_at]
-
-
 def test_the_longest_datagram_passes_and_an_empty_one_does_not() -> None:
     longest = 65_507  # of UDP over IPv4
     with closing(UdpReceiver(LOOPBACK)) as receiver, sending(receiver) as sender:
@@ -251,12 +155,6 @@ def test_the_longest_datagram_passes_and_an_empty_one_does_not() -> None:
         assert receiver.dropped.reasons == {"empty datagram": 1}
 
 
-def granted(receiver: UdpReceiver) -> int:
-    """Bytes that the kernel granted."""
-    with socket.socket(fileno=os.dup(receiver.fileno())) as same:
-        return same.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
-
-
 def test_a_poll_is_bounded_and_the_rest_waits() -> None:
     with closing(UdpReceiver(LOOPBACK)) as receiver, sending(receiver) as sender:
         for number in range(MOST_PER_POLL + 20):
@@ -265,17 +163,6 @@ def test_a_poll_is_bounded_and_the_rest_waits() -> None:
         assert [len(first), len(second)] == [MOST_PER_POLL, 20]
         numbers = [int.from_bytes(datagram.payload) for datagram in first + second]
         assert numbers == list(range(MOST_PER_POLL + 20))
-
-
-def test_a_poll_is_bounded_in_bytes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(receivers, "RECEIVE_BUFFER", 4 * 2**20)
-    with closing(UdpReceiver(LOOPBACK)) as receiver, sending(receiver) as sender:
-        if granted(receiver) < 3 * MOST_BYTES_PER_POLL:
-            pytest.skip(f"the kernel grants {granted(receiver)} bytes only (net.core.rmem_max)")
-        for _ in range(20):
-            sender.send(bytes(60_000))
-        first, second = arrived(receiver), arrived(receiver)
-        assert len(first) == -(-MOST_BYTES_PER_POLL // 60_000) and len(second) == 20 - len(first)
 
 
 def test_what_the_kernel_lost_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -287,23 +174,6 @@ def test_what_the_kernel_lost_is_counted(monkeypatch: pytest.MonkeyPatch) -> Non
         sender.send(b"x")  # the count travels with what comes after the loss
         assert len(arrived(receiver)) == 1
         assert 0 < kept < 200 and receiver.overflowed == 200 - kept
-
-
-def test_a_request_that_no_program_receives_is_no_fault_of_the_stream() -> None:
-    with closing(UdpReceiver(LOOPBACK)) as gone:
-        port = gone.bound[1]
-    with closing(UdpReceiver(LOOPBACK)) as receiver, sending(receiver) as sender:
-        receiver.send(b"keep-alive", ("127.0.0.1", port))
-        sender.send(b"x")
-        assert len(arrived(receiver)) == 1 and receiver.dropped.count == 0
-
-
-def test_a_closed_receiver_stays_quiet() -> None:
-    receiver = UdpReceiver(LOOPBACK)
-    assert receiver.bound[1] > 0 and receiver.fileno() >= 0
-    receiver.close()
-    receiver.close()
-    assert (receiver.fileno(), receiver.poll(CLOCK.now())) == (-1, [])
 
 
 ABSENT = "203.0.113.77"
@@ -362,22 +232,6 @@ def test_reasons_not_to_join(host: str, number: int, expected: Facts, monkeypatc
         open_socket(address)
 
 
-def test_a_group_is_received_on_the_interface_that_was_chosen() -> None:
-    with closing(UdpReceiver(MULTICAST)) as receiver, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-        sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1"))
-        try:
-            sender.sendto(b"frame", (GROUP, receiver.bound[1]))
-        except OSError as error:
-            pytest.skip(f"this kernel sends no multicast over loopback: {error}")
-        if not select.select([receiver], [], [], PATIENCE_S)[0]:
-            pytest.skip("this kernel delivers no multicast over loopback")
-        assert [datagram.payload for datagram in receiver.poll(CLOCK.now())] == [b"frame"]
-        sender.sendto(b"unicast to the same port", ("127.0.0.1", receiver.bound[1]))
-        sender.sendto(b"group", (GROUP, receiver.bound[1]))
-        assert select.select([receiver], [], [], PATIENCE_S)[0]
-        assert [datagram.payload for datagram in receiver.poll(CLOCK.now())] == [b"group"]
-
-
 def test_a_group_is_not_received_on_an_interface_that_was_not_chosen() -> None:
     others = [address for address in local_interfaces().values() if not address.startswith("127.")]
     if not others:
@@ -393,17 +247,6 @@ def test_a_group_is_not_received_on_an_interface_that_was_not_chosen() -> None:
                 pytest.skip(f"this kernel delivers no multicast of its own over {others[0]}")
             assert [datagram.payload for datagram in other.poll(CLOCK.now())] == [b"frame"]
             assert chosen.poll(CLOCK.now()) == []
-
-
-def test_a_group_may_have_several_listeners_and_a_port_only_one() -> None:
-    with (
-        closing(UdpReceiver(MULTICAST)) as first,
-        closing(UdpReceiver(replace(MULTICAST, port=first.bound[1]))) as second,
-    ):
-        assert first.bound[1] == second.bound[1]
-    with open_socket(LOOPBACK) as single:
-        assert single.getsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR) == 0
-        assert not single.getblocking()
 
 
 def test_nothing_stays_open_after_a_refusal(monkeypatch: pytest.MonkeyPatch) -> None:

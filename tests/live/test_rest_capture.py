@@ -48,12 +48,6 @@ def test_a_standing_performer_faces_x_on_the_floor(yaw: float, place: tuple[floa
     assert rotations.angle_between(found.orientations(turn), rotations.IDENTITY) < 1e-7
 
 
-def test_without_ankles_the_floor_of_the_stream_is_used() -> None:
-    sent = STANDING.copy()
-    sent[3:] = np.nan
-    assert align(NAMES, sent).origin[2] == 0.0
-
-
 def test_left_and_right_in_one_place_show_no_direction() -> None:
     sent = STANDING.copy()
     sent[:, 1] = 0.0
@@ -122,16 +116,6 @@ def test_a_sensor_that_is_not_fresh_is_named_and_missing_where_it_can_be() -> No
     assert captured(lost=("pelvis",)).missing == ("pelvis",)
     with refuses(InputError, found="l_wrist"):
         captured(lost=("l_wrist",))
-
-
-def test_sensors_that_move_are_named() -> None:
-    with refuses(InputError, found="l_wrist"):
-        captured(wave=0.5)
-
-
-def test_without_data_there_is_nothing_to_calibrate() -> None:
-    with refuses(InputError, WHERE):
-        RestCapture(where=WHERE).result()
 
 
 def test_lying_down_is_refused() -> None:

@@ -13,7 +13,7 @@ from live_rig import five as five_sensors
 from retarget.live.admission import MOST_PER_POLL, TOO_MANY, Datagram, Source
 from retarget.live.begin import LiveOptions
 from retarget.live.raw_recording import ReplayReceiver
-from retarget.live.stream import MOST_BYTES_DECODED, MOST_DECODED, LiveStream
+from retarget.live.stream import MOST_DECODED, LiveStream
 from retarget.schema.performer import load_performer
 from retarget.sources.json_pose import JsonPoseDecoder
 from retarget.sources.raw_record import RawReader
@@ -22,7 +22,6 @@ from retarget.sources.vmc import VmcDecoder
 from retarget.sources.vrchat import VrchatDecoder
 from sim.faults.inject import FLOOD_HZ
 from sim.faults.sender import FakeSender
-from sim.performer import synthetic_performer
 
 
 class Queue:
@@ -68,23 +67,6 @@ def test_the_newest_datagrams_of_a_backlog_are_decoded_at_once(count: int) -> No
     assert stream.admission.refused.reasons[TOO_MANY] == max(0, count - MOST_DECODED)
 
 
-def test_the_latency_of_a_run_that_falls_behind_is_bounded() -> None:
-    """A sender at 19,000 Hz, polled at 100 Hz: what is decoded in a tick is of this tick, however long it goes on."""
-    stream = live_stream(FakeSender(synthetic_performer().cut(0.0, 0.2), rate_hz=19_000.0), five_sensors())
-    for tick in range(15):
-        stream.poll(0.01 * tick, moving=True)
-        assert tick == 0 or 0.01 * tick - stream.last < 0.01
-    assert stream.frames <= 15 * MOST_DECODED and stream.admission.refused.reasons[TOO_MANY] > 1_500
-
-
-def test_a_flood_of_long_datagrams_is_a_few_of_them_a_poll() -> None:
-    for size, taken in ((MOST_BYTES_DECODED // 4, 4), (60_000, 1)):
-        decoder = Seen()
-        stream = polling([bytes(size)] * 20, decoder)
-        stream.poll(1.0, moving=True)
-        assert len(decoder.given) == taken and stream.arrived == 20
-
-
 @pytest.mark.parametrize(("name", "decoder"), [("vmc_50hz", VmcDecoder), ("vrcosc_20hz", VrchatDecoder)])
 @pytest.mark.parametrize("speed", [1.0, 5.0])
 def test_nothing_of_a_real_sender_is_dropped(
@@ -120,7 +102,7 @@ OWNER: Source = ("127.0.0.1", 40000)
 OTHER: Source = ("127.0.0.1", 50001)
 COST_S = 0.003
 """Of a poll that brings what is of no use."""
-CALM, TICKS = 50, 125
+CALM, TICKS = 20, 50
 
 
 class Counting(JsonPoseDecoder):

@@ -46,7 +46,7 @@ from retarget.safety.clearance import refuse_floor
 from retarget.schema.performer import load_performer
 from retarget.schema.priorities import ObserverSettings, Priorities, load_priorities
 from retarget.schema.profile_parts import Observer
-from retarget.schema.scene import FLOOR, Scene, load_scene, on_floor
+from retarget.schema.scene import Scene, load_scene, on_floor
 from retarget.types import FloatArray
 from sim.performer import synthetic_performer
 
@@ -67,13 +67,6 @@ def test_as_many_as_the_paper_has_at_any_size(chosen: ObserverSet, count: int, h
     assert len(made.pairs) > 20
 
 
-def test_none_are_worn_where_none_are_wanted() -> None:
-    assert human_observers(human(), ObserverSettings(human="none")) is None
-    assert human_observers(human(), ObserverSettings(human="capsules"), "none") is None
-    made = human_observers(human(), ObserverSettings(human="none"), "lines")
-    assert made is not None and list(made.names) == LINES
-
-
 @pytest.mark.parametrize("posture", ["stand", "attractor", "crouch"])
 def test_lines_go_from_joint_to_joint(posture: str) -> None:
     made, q = human_observers(human(), ObserverSettings(human="lines_and_head")), human().posture(posture)
@@ -88,23 +81,6 @@ def test_lines_go_from_joint_to_joint(posture: str) -> None:
         assert radius == 0.0
         assert [position[k] - axis, position[k] + axis] == [pytest.approx(end, abs=1e-9) for end in ends]
     assert made.names[8] == "head" and made.sizes[8, 0] > 0.05 and made.sizes[8, 1] == 0.0
-
-
-def test_zones_are_those_of_the_settings() -> None:
-    given = human_observers(human(), ObserverSettings(human="lines", influence=0.2, margin=0.03))
-    usual = human_observers(human(), ObserverSettings(human="lines"))
-    assert given is not None and usual is not None
-    assert (given.influence == 0.2).all() and (given.margin == 0.03).all()
-    assert (usual.influence == 0.08).all() and (usual.margin == 0.01).all()
-
-
-def test_limbs_look_at_each_other_and_at_the_trunk() -> None:
-    made = human_observers(human(), ObserverSettings(human="capsules"))
-    assert made is not None
-    pairs = {frozenset(made.names[k] for k in pair) for pair in made.pairs.tolist()}
-    for pair in (("l_wrist", "r_wrist"), ("r_elbow", "pelvis"), ("l_knee", "r_knee"), ("l_wrist", "head")):
-        assert frozenset(pair) in pairs
-    assert {entry.reason.split(" by ")[0] for entry in made.dropped} == {"neighbours along the body", "touch"}
 
 
 ARM = """<mujoco><worldbody><body name="base"><geom size="0.01"/>
@@ -153,12 +129,6 @@ def test_neighbours_are_not_looked_at_and_fixed_links_are_one() -> None:
     one = {frozenset(("base", "plate"))}
     every = {frozenset(pair) for pair in combinations(LINKS, 2)}
     assert looked_at(found) == every - set(dropped(found)) - one
-
-
-def test_ignored_pairs_keep_their_reason() -> None:
-    found = balls(0.01, ignored=(("a", "c"), ("d", "base")))
-    assert dropped(found)[frozenset(("a", "c"))] == dropped(found)[frozenset(("base", "d"))] == "because"
-    assert not looked_at(found) & {frozenset(("a", "c")), frozenset(("base", "d"))}
 
 
 def test_what_touches_at_rest_is_dropped_and_the_reason_shows_how_deep() -> None:
@@ -314,14 +284,6 @@ def test_an_observer_that_slides_behind_its_own_hinge_is_looked_at_in_time() -> 
     assert least > 0.0 and acted
 
 
-def test_a_slide_that_no_path_moves_counts_as_far_as_it_stands_out() -> None:
-    made = checker(ON_ONE_LINK, [0])
-    put(made, np.array([[np.cos(0.7), np.sin(0.7), 0.0]]), np.zeros((1, 3)))
-    path = np.linspace(0.0, 1.57, 8)[:, None]
-    assert not made.is_clear(np.array([0.0, 1.0]), path, dt=0.01, share=0.0)
-    assert made.is_clear(np.array([0.0, 0.5]), path, dt=0.01, share=0.0)
-
-
 @pytest.mark.parametrize("rows", [1, 2, 4])
 @pytest.mark.parametrize("share", [0.55, 0.7, 0.85])
 def test_an_obstacle_that_recedes_while_the_robot_has_arrived_long_ago_is_met(rows: int, share: float) -> None:
@@ -336,17 +298,6 @@ def test_an_obstacle_that_recedes_while_the_robot_has_arrived_long_ago_is_met(ro
     gap = share * way + speed * 0.01 * row - np.interp(row, np.arange(count + 1), path[:, 0])
     assert gap.min() < 0.0
     assert not made.is_clear(np.zeros(2), path, dt=0.01, share=0.0)
-
-
-@pytest.mark.parametrize("count", [1, 4, 5, 8])
-def test_however_many_observers_flee_they_may(count: int) -> None:
-    hinge = ON_ONE_LINK.replace('<joint name="s" type="slide" axis="1 0 0"/>', "")
-    made = checker(hinge, [0], obstacles=2, count=count, at=1.0)
-    along, out = 0.05, 1.0204
-    places = np.array([[out * np.cos(along), out * np.sin(along), 0.0], [1.0, -0.1, 0.0]])
-    put(made, places, np.array([[0.0, 0.0, 0.0], [0.0, 1.2, 0.0]]))
-    path = np.linspace(0.0, 0.1, 19)[:, None]
-    assert made.is_clear(np.zeros(1), path, dt=0.01, share=0.0, instead=np.zeros((19, 1)))
 
 
 def test_no_pair_is_asked_for_more_than_it_has_at_home(tmp_path: Path) -> None:
@@ -409,11 +360,6 @@ def test_all_but_soles_look_at_it_and_keep_less_than_they_have_at_home(name: str
     assert 0.0 < kept.min() <= lowest
 
 
-def test_a_robot_that_is_held_knows_no_floor() -> None:
-    observers = robot_observers(load_robot("op3", root="fixed"))
-    assert not observers.stands.any() and np.isinf(observers.ground_margin).all()
-
-
 def test_a_part_below_the_soles_is_refused() -> None:
     """A stick that hangs from the torso in front of the feet, 0.1 m too long."""
     robot = load_robot("op3")
@@ -461,24 +407,6 @@ def test_the_gate_refuses_a_hand_in_the_floor() -> None:
     assert heights(robot.robot, robot.standing(path)) < 0.0
     stay = path[:1].repeat(len(path), axis=0)
     assert bare.clearance(np.ascontiguousarray(path), stay) and not robot.clearance(np.ascontiguousarray(path), stay)
-
-
-def test_a_scene_may_bring_its_own_floor_and_others_stay() -> None:
-    low = {"shape": {"half_space": {"point": [0, 0, -0.1], "normal": [0, 0, 1]}}, "ground": True}
-    ball = {"shape": {"sphere": {"radius": 0.1}}, "at": {"pos": [1, 0, 1]}}
-    whole = on_floor(scene(floor=low, ball=ball))
-    assert set(whole.obstacles) == {FLOOR, "ball"}
-    at = SceneState(whole).at_rest(0.0).position[list(whole.obstacles).index(FLOOR)]
-    assert at[2] == pytest.approx(-0.1)
-
-
-def test_what_is_under_the_soles_has_to_be_ground() -> None:
-    robot = load_robot("op3")
-    q, observers = plant(robot, robot.profile.postures.stand).q, robot_observers(robot)
-    plate = {"shape": {"box": {"size": [0.2, 0.2, 0.01]}}, "at": {"pos": [0, 0, -0.01]}}
-    with refuses(UsageError, "plate", "ground: true"):
-        refuse_floor(robot, observers, SceneState(on_floor(scene(plate=plate))), q)
-    refuse_floor(robot, observers, SceneState(on_floor(scene(plate={**plate, "ground": True}))), q)
 
 
 def test_a_simulated_hand_on_the_floor_is_no_fall_and_is_counted() -> None:

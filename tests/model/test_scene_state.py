@@ -62,14 +62,6 @@ def test_half_spaces_are_solid_below_their_own_plane(point: tuple[float, ...], n
     assert_allclose(rotations.rotate(pose.quat, [0, 0, 1]), np.array(normal) / length, atol=1e-12)
 
 
-def test_balls_and_boxes() -> None:
-    kind, sizes, pose = canonical(shape(sphere={"at": [1, 2, 3], "radius": 0.5}))
-    assert (kind, sizes, pose.position) == (ShapeKind.CAPSULE, (0.5, 0, 0), (1, 2, 3))
-    kind, sizes, pose = canonical(shape(box={"pos": [1, 0, 0], "quat": [0.7071, 0, 0, 0.7071], "size": [1, 2, 3]}))
-    assert (kind, sizes, pose.position) == (ShapeKind.BOX, (1, 2, 3), (1, 0, 0))
-    assert np.linalg.norm(pose.quat) == pytest.approx(1.0, abs=1e-15)
-
-
 def test_arrays_in_the_order_of_the_file() -> None:
     entries = {
         "wall": {"shape": {"half_space": {"normal": [1, 0, 0]}}, "influence": 0.3},
@@ -141,14 +133,6 @@ def test_the_velocity_is_that_of_the_last_two_good_poses() -> None:
     assert moving.angular == pytest.approx((0, 0, 2))
 
 
-def test_a_velocity_that_is_sent_counts() -> None:
-    live = LivePose()
-    live.update((0, 0, 0), UPRIGHT, time=1.0, velocity=(0, 1, 0))
-    assert seen(live, 1.0).linear == (0, 1, 0)
-    live.update((1, 0, 0), UPRIGHT, time=2.0, velocity=(0, 3, 0), angular_velocity=(0, 0, 4))
-    assert (seen(live, 2.0).linear, seen(live, 2.0).angular) == ((0, 3, 0), (0, 0, 4))
-
-
 def test_velocities_are_bounded() -> None:
     live = LivePose()
     live.update((0, 0, 0), UPRIGHT, time=1.0)
@@ -180,22 +164,6 @@ def test_a_slow_tracker_is_followed_at_every_tick() -> None:
         if tick > 10:
             worst = max(worst, abs(there.position[0] - time), abs(there.quat[3] - np.sin(time)))
     assert worst < 1e-9
-
-
-def test_when_time_begins_anew_nothing_is_known() -> None:
-    live = LivePose()
-    assert live.at(0.0) is None and live.age(5.0) == INF
-    live.update((1, 0, 0), UPRIGHT, time=100.0)
-    live.restart()
-    assert live.at(0.0) is None and live.update((2, 0, 0), UPRIGHT, time=0.0)
-
-
-def test_a_second_update_of_one_time_replaces_the_first() -> None:
-    live = LivePose()
-    live.update((0, 0, 0), UPRIGHT, time=1.0)
-    live.update((1, 0, 0), UPRIGHT, time=1.5)
-    assert live.update((2, 0, 0), UPRIGHT, time=1.5)
-    assert seen(live, 1.5).linear == pytest.approx((4, 0, 0))
 
 
 @given(st.lists(st.tuples(ANY, ANY, ANY, ANY, ANY, ANY), max_size=8))
@@ -356,10 +324,3 @@ def test_a_constant_velocity_lasts_from_until(
     assert drift.at(0.0) == drift.at(-5.0) == MovingPose(drift.pieces[0].pose)
     assert drift.at(3.0) == drift.at(100.0) == MovingPose(drift.at(3.0).pose)
     assert_allclose(drift.at(3.0).pose.position, [1, 2, 3] + 2 * np.array(velocity), atol=1e-12)
-
-
-def test_without_an_end_it_goes_on_and_what_stays_rests() -> None:
-    assert motion(velocity=[0, 2, 0]).at(50.0).pose.position == pytest.approx((0, 100, 0))
-    assert motion(angular_velocity=[0, 0, 1]).at(50.0).angular == (0, 0, 1)
-    rest = motion(at={"pos": [1, 2, 3]})
-    assert not rest.moves and rest.at(-1.0) == rest.at(9.0) == MovingPose(Pose((1, 2, 3)))

@@ -1,19 +1,15 @@
 """Parts of the paper's experiments: recordings, outlines, cycles, made motions, and the law of damping."""
 
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from benchmarks.paper.cycles import crouch_cycles
-from benchmarks.paper.damping_law import BALL, DampedPoint, damped_points
+from benchmarks.paper.damping_law import DampedPoint, damped_points
 from benchmarks.paper.made_motion import made_jog, made_jump
 from benchmarks.paper.outlines import scene_outlines
 from benchmarks.paper.replay import replay
-from benchmarks.paper.trials import CROUCH, find_trial, read_trial
-from messages import refuses
-from retarget.errors import UsageError
 from retarget.frames import SensorFrames
 from retarget.schema.priorities import load_priorities
 from retarget.schema.scene import Scene
@@ -21,22 +17,6 @@ from retarget.types import FloatArray
 from sim.performer import CYCLES, synthetic_performer
 
 # Recordings are found by trial, AMC first, anywhere below a folder.
-
-
-def test_an_amc_comes_before_a_bvh(tmp_path: Path) -> None:
-    for name in ("a/02_06.bvh", "b/deep/02_06.amc"):
-        (tmp_path / name).parent.mkdir(parents=True)
-        (tmp_path / name).touch()
-    assert find_trial(tmp_path, CROUCH) == tmp_path / "b/deep/02_06.amc"
-
-
-def test_what_is_not_there_is_none(tmp_path: Path) -> None:
-    assert find_trial(tmp_path, CROUCH) is None and read_trial(None, CROUCH) is None
-
-
-def test_no_folder(tmp_path: Path) -> None:
-    with refuses(UsageError, "--mocap"):
-        find_trial(tmp_path / "nowhere", CROUCH)
 
 
 # Outlines: a sphere is a circle, a cylinder along its axis too, and zones are wider by the influence.
@@ -95,13 +75,6 @@ def test_they_are_reconstructed(frames: SensorFrames) -> None:
     assert np.nanmean(errors) < 5.0
 
 
-def test_the_jump_is_high_and_the_jog_goes_forward() -> None:
-    jump, jog = made_jump(), made_jog()
-    head = jump.position[:, jump.index("head"), 2]
-    assert 0.25 < head.max() - head[0] < 0.5
-    assert np.ptp(jog.position[:, jog.index("head"), 0]) > 3.0
-
-
 # Figure 4: what the compiled solver leaves of four displacements beside a sphere, against the law written out.
 
 
@@ -123,16 +96,3 @@ def test_only_the_normal_motion_is_damped_by_alpha(points: dict[str, DampedPoint
         assert point.acted and asked < 0.0
         assert got == pytest.approx(point.share * asked, abs=1e-9)
         np.testing.assert_allclose(point.got - got * point.normal, point.asked - asked * point.normal, atol=1e-9)
-
-
-def test_the_nearer_is_damped_more(points: dict[str, DampedPoint]) -> None:
-    far, near = points["e2"], points["e3"]
-    assert np.linalg.norm(near.position) < np.linalg.norm(far.position)
-    assert 0.0 < near.share < far.share < 1.0
-
-
-def test_the_four_are_where_the_figure_has_them(points: dict[str, DampedPoint]) -> None:
-    distance = {name: float(np.linalg.norm(point.position)) - BALL.radius for name, point in points.items()}
-    assert distance["e1"] > BALL.influence
-    assert all(0.0 < distance[name] < BALL.influence for name in ("e2", "e3", "e4"))
-    assert points["e4"].asked @ points["e4"].normal > 0.0

@@ -9,14 +9,13 @@ import pytest
 
 from messages import refuses
 from recordings import Recorded, record
-from retarget.errors import InputError, UsageError
+from retarget.errors import InputError
 from retarget.recording.configs import PROFILE, as_recorded
 from retarget.recording.mcap_writer import RecordingFile
 from retarget.recording.reading import Played, read_recording
 from retarget.recording.replay import replay
 from retarget.run.options import RunOptions
 from retarget.schema.catalogue import shipped_folder
-from retarget.schema.priorities import load_priorities
 
 PRIORITIES = "priorities_of_the_robot.yaml"
 
@@ -52,13 +51,6 @@ def found(run: Recorded) -> Played:
     return run.played()
 
 
-def test_files_that_are_as_they_were_are_used_where_they_are(found: Played, run: Recorded) -> None:
-    with as_recorded(found.recording) as configs:
-        assert configs.notes == () and not configs.attached
-        assert configs.robot is not None and run.result.robot is not None
-        assert configs.robot.profile.body_path == run.result.robot.profile.body_path
-
-
 def test_a_robot_that_is_gone_is_in_the_recording(found: Played, home: Path) -> None:
     shutil.rmtree(home / "own")
     again = replay(found)
@@ -87,15 +79,6 @@ def test_a_changed_profile_is_found_only_where_it_is_asked_for(found: Played, ho
         now = replay(found, configs)
     assert now.changed == (f"{PROFILE} has changed: {path}",)
     assert not now.difference.none
-
-
-def test_the_body_stays_where_its_meshes_are_while_only_the_profile_changed(found: Played, home: Path) -> None:
-    path = home / "own" / "op3" / "robot.yaml"
-    path.write_text(path.read_text() + "# a remark\n")
-    with as_recorded(found.recording) as configs:
-        assert configs.attached == {PROFILE} and not configs.body_attached
-        assert configs.robot is not None
-        assert configs.robot.profile.body_path == (home / "own" / "op3" / "body.xml").resolve()
 
 
 def test_priorities_of_both_stages_come_back(found: Played, home: Path) -> None:
@@ -158,18 +141,6 @@ def test_an_attachment_that_is_not_what_was_said_is_none(found: Played, tmp_path
     assert set(read_recording(path).attachments) == {"performer.yaml"}
 
 
-def test_a_human_has_no_robot(tmp_path: Path) -> None:
-    alone = record(tmp_path / "run.mcap", options=RunOptions(robot="human", bus="none"), seconds=0.1)
-    recording = alone.played().recording
-    with as_recorded(recording) as configs:
-        assert configs.robot is None and configs.notes == ()
-    with (
-        refuses(UsageError),
-        as_recorded(recording, robot="op3"),
-    ):
-        pass
-
-
 def test_nothing_stays_behind(found: Played, home: Path) -> None:
     shutil.rmtree(home / "own")
     with as_recorded(found.recording) as configs:
@@ -177,23 +148,3 @@ def test_nothing_stays_behind(found: Played, home: Path) -> None:
         body = configs.robot.profile.body_path
         assert body.is_file() and configs.body_attached
     assert not body.parent.exists()
-
-
-def test_an_overlay_is_recorded_with_its_base(tmp_path: Path) -> None:
-    """A base that changed since, or is gone, changes nothing of the run of then."""
-    base, mine = tmp_path / "base.yaml", tmp_path / "mine.yaml"
-    shutil.copy(shipped_folder() / "priorities" / "servo.yaml", base)
-    mine.write_text("name: mine\ndescription: Slower.\nextends: base\niterations: 4\n", encoding="utf-8")
-    priorities = load_priorities(mine)
-    options = RunOptions(robot="op3", priorities=str(mine), bus="mock")
-    recording = record(tmp_path / "run.mcap", options=options, seconds=0.1).played().recording
-    with as_recorded(recording) as configs:
-        assert configs.notes == () and configs.options.priorities == str(mine)
-    base.write_text(base.read_text(encoding="utf-8").replace("margin: 0.01", "margin: 0.02"), encoding="utf-8")
-    with as_recorded(recording) as configs:
-        assert configs.notes == (f"{PRIORITIES} is another one now, {mine}: the one of then is used",)
-        assert configs.options.priorities is not None
-        assert load_priorities(configs.options.priorities) == priorities
-    base.unlink()
-    with as_recorded(recording) as configs:
-        assert configs.attached == {PRIORITIES}

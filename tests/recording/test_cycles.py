@@ -1,13 +1,11 @@
 """Room for cycles: every array has a row per cycle, of the width that a run has."""
 
-from dataclasses import fields
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from retarget.recording.cycles import READINGS, Asked, Boundary, Cursor, Cycles, Done, Shape
+from retarget.recording.cycles import Asked, Boundary, Cursor, Cycles, Done, Shape
 
 
 @given(st.lists(st.booleans(), max_size=40))
@@ -51,15 +49,6 @@ def test_the_same_run_is_the_same_cycle_for_cycle() -> None:
     assert played(cursor, 10, follow=4) == list(range(10)) and cursor.clock_lead == pytest.approx(0.0, abs=DT)
 
 
-@pytest.mark.parametrize(("follow", "ahead"), [(2, 2 * DT), (6, -2 * DT)])
-def test_following_begins_in_the_same_cycle(follow: int, ahead: float) -> None:
-    """Time goes on tick by tick: the recorded clock is ahead where cycles are left out, and behind where more come."""
-    cursor = Cursor(recorded(list(range(10)), 4), has_robot=True, dt=DT)
-    rows = played(cursor, follow + 3, follow=follow)
-    assert rows[follow:] == [4, 5, 6] and max(rows[:follow]) <= 4
-    assert cursor.clock_lead == pytest.approx(ahead)
-
-
 def test_lost_cycles_are_not_those_before_them() -> None:
     cycles = recorded([0, 1, 2, 5, 6], 1)
     cycles.asked[2] = Asked.STOP
@@ -75,32 +64,3 @@ def test_lost_cycles_are_not_those_before_them() -> None:
         cursor.before()
     assert rows == [0, 1, 2, 2, 2, 3, 4] and known == [True, True, True, False, False, True, True]
     assert np.flatnonzero(stops).tolist() == [2]
-
-
-def test_what_was_asked_is_asked_in_its_cycle() -> None:
-    cycles = recorded(list(range(4)), 1)
-    cycles.asked[2] = Asked.STOP | Asked.PAUSED
-    cursor = Cursor(cycles, has_robot=False, dt=DT)
-    seen = []
-    for _ in range(4):
-        seen.append((cursor.asked(Asked.STOP), cursor.asked(Asked.PAUSED), cursor.asked(Asked.OVER)))
-        cursor.look()
-        cursor.before()
-    assert seen == [(False,) * 3, (False,) * 3, (True, True, False), (False,) * 3]
-
-
-CYCLES_SHAPE = Shape(sensors=2, servos=3, rest=7, human=5, joints=4, landmarks=6, observers=1, human_observers=0)
-
-
-def test_every_array_has_a_row_per_cycle() -> None:
-    cycles = Cycles.empty(9, CYCLES_SHAPE)
-    assert len(cycles) == 9
-    assert {len(getattr(cycles, one.name)) for one in fields(cycles)} == {9}
-    assert cycles.position.shape == cycles.goal.shape == cycles.q.shape == (9, 3)
-    assert cycles.rest.shape == (9, 7) and cycles.landmarks.shape == (9, 6, 3) and cycles.clock.shape == (9, READINGS)
-    assert cycles.sensor_orientation.shape == (9, 2, 4) and cycles.human_observer_modes.shape == (9, 0)
-
-
-def test_what_is_asked_is_a_bit_each() -> None:
-    bits = [int(one) for one in Asked]
-    assert sorted(bits) == [1 << place for place in range(len(bits))]

@@ -3,14 +3,11 @@
 import csv
 import io
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from exported import moved, slider, with_servos
-from messages import refuses
-from retarget.errors import InputError
 from retarget.recording.motion import Motion
 from retarget.recording.tables import arrow, columns_of, write_csv, write_parquet
 
@@ -41,15 +38,6 @@ def test_a_csv_is_read_by_numpy_alone(motion: Motion) -> None:
     assert (table["ticks_lift"] == motion.goal_ticks[:, 0]).all()  # type: ignore[index]
 
 
-def test_phases_are_a_column_only_where_there_are_several(motion: Motion) -> None:
-    phase = motion.phase.astype("<U8")
-    phase[:5] = "approach"
-    stream = io.BytesIO()
-    write_csv(replace(motion, phase=phase), stream)
-    rows = list(csv.DictReader(io.StringIO(stream.getvalue().decode())))
-    assert [row["phase"] for row in rows[:6]] == ["approach"] * 5 + ["follow"]
-
-
 def test_names_with_commas_and_quotes_survive() -> None:
     from retarget.model.body import load_body_text
 
@@ -58,16 +46,6 @@ def test_names_with_commas_and_quotes_survive() -> None:
     stream = io.BytesIO()
     write_csv(moved(load_body_text(text, source="odd")), stream)
     assert next(csv.reader(io.StringIO(stream.getvalue().decode())))[8] == 'a, "b"_rad'
-
-
-def test_two_columns_of_one_name_are_refused() -> None:
-    from retarget.model.body import load_body_text
-
-    text = '<mujoco><worldbody><body name="b"><freejoint/><geom size="0.1"/><body name="c">'
-    text += '<joint name="servo_x"/><geom size="0.1"/><body name="d"><joint name="x"/><geom size="0.1"/></body></body>'
-    motion = moved(load_body_text(text + "</body></worldbody></mujoco>", source="odd"))
-    with refuses(InputError, "servo_x_rad"):
-        columns_of(replace(motion, servos=motion.joints))
 
 
 def test_parquet_has_every_digit_and_the_units(motion: Motion) -> None:

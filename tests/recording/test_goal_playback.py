@@ -99,15 +99,6 @@ def test_a_stop_is_a_stop(plain: Recorded) -> None:
     check_motion(result)
 
 
-def test_missing_ticks_are_gone_through_smoothly(plain: Recorded) -> None:
-    found = plain.played()
-    rows = np.delete(np.arange(len(found.cycles)), [150, 160, 161, 162])
-    result = send(replace(found, cycles=found.cycles.taken(rows)))
-    then = plain.result.record
-    assert len(result.record.phase[result.record.following]) >= len(then.phase[then.following])
-    check_motion(result)
-
-
 def test_who_has_no_goals_is_refused(tmp_path: Path, plain: Recorded) -> None:
     alone = record(tmp_path / "human.mcap", options=RunOptions(robot="human", bus="none"), seconds=0.1).played()
     with refuses(InputError):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from exported import moved, slider, with_servos
-from messages import refuses, shows
+from messages import refuses
 from retarget.errors import InputError, UsageError
 from retarget.recording.lerobot import write_lerobot
 from retarget.recording.motion import Motion
@@ -90,19 +90,6 @@ def test_the_episode_points_at_its_frames(dataset: Path, motion: Motion) -> None
     assert (episode["dataset_from_index"], episode["dataset_to_index"]) == (0, len(motion))
     places = [key for key in episode if key.endswith(("chunk_index", "file_index"))]
     assert len(places) == 4 and all(episode[key] == 0 for key in places)
-
-
-def test_tasks_are_the_index_of_a_data_frame(dataset: Path) -> None:
-    tasks = read(dataset / "meta/tasks.parquet")
-    assert tasks.to_pylist() == [{"task_index": 0, "task": "Wave <both> hands."}]
-    pandas = json.loads(tasks.schema.metadata[b"pandas"])
-    assert pandas["index_columns"] == ["task"]
-    assert {column["field_name"] for column in pandas["columns"]} == {"task", "task_index"}
-
-
-def test_units_and_the_order_of_the_quaternion_are_written_down(dataset: Path) -> None:
-    text = (dataset / "README.md").read_text()
-    shows(text)
 
 
 def test_without_servos_all_joints_are_seen_where_they_were_sent(tmp_path: Path) -> None:

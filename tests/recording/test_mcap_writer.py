@@ -129,15 +129,6 @@ def test_a_new_row_is_as_if_nothing_had_happened() -> None:
         assert not ring.rows.kept[at] and ring.rows.read[at] == ring.rows.asked[at] == 0
 
 
-def test_rows_that_were_taken_do_not_change() -> None:
-    ring = Ring(SHAPE, rows=4)
-    fill(ring, 2)
-    taken = ring.take()
-    fill(ring, 2)
-    ring.take()
-    assert taken.goal[:, 0].tolist() == [0, 1]
-
-
 def test_who_may_wait_loses_nothing() -> None:
     ring = Ring(SHAPE, patient=True, rows=8)
     seen: list[int] = []
@@ -154,13 +145,6 @@ def test_who_may_wait_loses_nothing() -> None:
     ring.wanted.set()
     taker.join(10.0)
     assert seen == list(range(500)) and ring.lost == 0
-
-
-def test_no_thread_waits_for_a_disk_that_is_gone() -> None:
-    ring = Ring(SHAPE, patient=True, rows=4)
-    ring.close()
-    fill(ring, 10)
-    assert ring.lost == 7
 
 
 WRITING_SHAPE = Shape(sensors=1, servos=0, rest=0, human=3, joints=1, landmarks=0, observers=0, human_observers=0)
@@ -229,12 +213,3 @@ def test_an_error_is_kept_and_frees_a_thread_that_waits(
     begun.ring._patient = True
     begun.fill(200)  # would wait for ever if the writing thread were still expected
     assert begun.ring.lost > 0
-
-
-def test_what_is_not_a_number_is_kept(tmp_path: Path, session: Session, made: list[Topic]) -> None:
-    begun = Begun(tmp_path / "a.mcap", session, made)
-    begun.ring.rows.human_q[:], begun.ring.rows.kept[:] = np.nan, True
-    begun.fill(2)
-    begun.thread.start()
-    begun.thread.close()
-    assert begun.thread.failure == "" and read_recording(tmp_path / "a.mcap").damage == ""

@@ -11,11 +11,6 @@ from retarget.errors import InputError, UsageError
 from retarget.recording.motion import resampled
 
 
-def test_its_own_rate_is_the_motion_itself() -> None:
-    motion = moved(slider())
-    assert resampled(motion, 50.0) is motion
-
-
 @given(st.floats(0.5, 400.0), st.integers(1, 60))
 def test_rows_are_even_and_within_the_motion(fps: float, rows: int) -> None:
     motion = moved(slider(), rows=rows)

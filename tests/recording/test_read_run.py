@@ -14,14 +14,10 @@ from recordings import Recorded, record
 from retarget.cli import main
 from retarget.errors import InputError
 from retarget.recording.export import FORMATS, export_motion, export_place
-from retarget.recording.mcap_writer import RecordingFile
 from retarget.recording.motion import Motion
 from retarget.recording.npz import write_npz
 from retarget.recording.read_run import read_run
-from retarget.recording.reading import read_recording
-from retarget.run.loop import Watch, run_human
-from retarget.run.options import PhysicsOptions, RunOptions
-from rig import StubReconstructor, person, result, short_clip
+from retarget.run.options import RunOptions
 
 
 @pytest.fixture
@@ -45,17 +41,6 @@ def test_everything_comes_back(motion: Motion, body: Path, tmp_path: Path) -> No
         assert ours is not None and theirs is not None
         np.testing.assert_array_equal(ours, theirs)
     assert found.asked is not None and found.asked.names == ("hand", "lost")
-
-
-def test_a_run_of_the_human_alone_needs_no_body_file(tmp_path: Path) -> None:
-    human, clip = person(), short_clip(rate_hz=None)
-    run = result(run_human(clip, StubReconstructor(human), Watch()), clip, human, None)
-    write_npz(run, tmp_path / "run.npz")
-    (tmp_path / "run_human.xml").unlink()
-    found = read_run(tmp_path / "run.npz")
-    assert found.robot == "human" and found.goal_ticks is None
-    assert found.asked is not None and found.asked.names == clip.frames.names
-    np.testing.assert_allclose(found.q, run.record.human.q, atol=1e-9)
 
 
 def test_a_body_that_moved_away(motion: Motion, body: Path, tmp_path: Path) -> None:
@@ -205,21 +190,6 @@ def test_a_human_alone_has_every_tick(tmp_path: Path) -> None:
     np.testing.assert_array_equal(sensors.position, asked)
 
 
-def test_a_root_that_stands_still_is_a_root_all_the_same(tmp_path: Path) -> None:
-    """Bolted to a stand: the tree of the run has no free joint, that of a motion has."""
-    options = RunOptions(robot="op3", bus="physics", physics=PhysicsOptions(mount="stand"))
-    held = record(tmp_path / "run.mcap", options=options, seconds=0.1)
-    write_npz(held.result, tmp_path / "run.npz")
-    ours, then = read_run(held.path), read_run(tmp_path / "run.npz")
-    assert ours.body.nq == ours.body.nv + 1
-    np.testing.assert_allclose(ours.q, then.q, atol=SINGLE)
-
-
-def test_without_servos_that_answer_there_are_none(tmp_path: Path) -> None:
-    none = record(tmp_path / "run.mcap", options=RunOptions(robot="op3", bus="none"), seconds=0.1)
-    assert read_run(none.path).servos is None
-
-
 def test_the_body_of_then_is_used_and_another_can_be_given(
     run: Recorded, mcap_reader_motion: Motion, tmp_path: Path
 ) -> None:
@@ -246,13 +216,3 @@ def test_half_a_recording_is_exported_with_a_word(
     mentions(capsys.readouterr().err, whole.path, "it ends early", "what is whole of it is used")  # cut anywhere
     rows = (tmp_path / "run.csv").read_text().count("\n") - 1
     assert 0 < rows < len(whole.result.record)
-
-
-def test_a_recording_without_ticks_is_refused(run: Recorded, tmp_path: Path) -> None:
-    path = tmp_path / "none.mcap"
-    file = RecordingFile(path, read_recording(run.path).session, [])
-    file.announce([])
-    file.finish()
-    for of_human in (False, True):
-        with refuses(InputError, found="/tick"):
-            read_run(path, of_human=of_human)

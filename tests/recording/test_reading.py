@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 import retarget
 from messages import refuses, shows
 from recordings import Recorded, record
-from retarget.errors import InputError, RefusedError, UsageError
+from retarget.errors import InputError, RefusedError
 from retarget.recording import read_run
 from retarget.recording.cycles import Done
 from retarget.recording.mcap_writer import METADATA
 from retarget.recording.reading import MAGIC, Recording, TopicRows, played, read_recording
 from retarget.recording.session import FORMAT
-from retarget.recording.topics import GOALS, HUMAN_POSTURE, SENSORS, SERVOS, TICK
+from retarget.recording.topics import HUMAN_POSTURE, SENSORS, SERVOS, TICK
 from retarget.run.options import RunOptions
 from retarget.viewer.recorded import open_recorded
 
@@ -59,26 +59,6 @@ def test_cycles_that_were_lost_are_counted(run: Recorded) -> None:
     assert found.missing == 3 and not found.whole and len(found.cycles) == len(whole.cycles) - 3
     np.testing.assert_array_equal(found.cycles.goal[20:], whole.cycles.goal[23:])
     np.testing.assert_array_equal(found.cycles.position[20:], whole.cycles.position[23:])
-
-
-def test_order_and_copies_in_the_file_do_not_matter(run: Recorded) -> None:
-    whole = run.played()
-
-    def shuffled(rows: TopicRows) -> TopicRows:
-        order = np.random.default_rng(3).permutation(len(rows.rows))
-        return chosen(rows, np.concatenate([order, order[:5]]))
-
-    recording = whole.recording
-    for topic in (TICK, SERVOS, GOALS, SENSORS):
-        recording = changed(recording, topic, shuffled)
-    found = played(recording)
-    for name in ("index", "goal", "position", "q", "sensor_position", "clock"):
-        np.testing.assert_array_equal(getattr(found.cycles, name), getattr(whole.cycles, name), err_msg=name)
-
-
-def test_where_the_sensors_were_not_kept_no_sample_was_valid(run: Recorded) -> None:
-    found = played(changed(run.played().recording, SENSORS, lambda rows: chosen(rows, np.arange(10))))
-    assert np.count_nonzero(found.cycles.sampled == Done.WELL) == 10 < np.count_nonzero(found.cycles.sampled)
 
 
 def test_orientations_are_of_sensors_that_had_one(run: Recorded) -> None:
@@ -123,23 +103,10 @@ def test_a_topic_that_is_missing_is_named(topic: str, run: Recorded) -> None:
         played(replace(recording, topics=topics))
 
 
-def test_a_first_tick_that_lost_its_sensors_is_refused(run: Recorded) -> None:
-    with refuses(InputError):
-        played(changed(run.played().recording, SENSORS, lambda rows: chosen(rows, np.arange(1))))
-
-
 def test_more_ticks_than_there_can_be_are_refused(run: Recorded) -> None:
     recording = run.played().recording
     with refuses(InputError):
         played(replace(recording, session=recording.session.model_copy(update={"ticks": 1})))
-
-
-def test_a_human_whose_postures_have_no_order_is_exported_as_far_as_it_goes(
-    run: Recorded, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    still = changed(run.played().recording, HUMAN_POSTURE, lambda rows: TopicRows(rows.cycles * 0 + 20, rows.rows))
-    monkeypatch.setattr(read_run, "read_recording", lambda path: still)
-    assert len(read_run.read_run(run.path, of_human=True)) == 1
 
 
 def test_ticks_of_a_human_alone_are_those_whose_posture_is_there(
@@ -186,7 +153,7 @@ def test_cut_anywhere_all_whole_chunks_are_read(content: bytes, tmp_path: Path) 
     assert len(ends) >= 3 and ends[-1][1] == len(whole)
     assert len({count for _, count in ends}) == len(ends)
     rng = np.random.default_rng(5)
-    cuts = [*rng.integers(ends[0][0], len(content) - 1, 25).tolist(), len(content) - 1]
+    cuts = [*rng.integers(ends[0][0], len(content) - 1, 12).tolist(), len(content) - 1]
     for cut in cuts:
         path.write_bytes(content[:cut])
         recording = read_recording(path)
@@ -200,7 +167,7 @@ def test_cut_before_the_first_chunk_is_refused(content: bytes, tmp_path: Path) -
     path = tmp_path / "run.mcap"
     path.write_bytes(content)
     first = chunk_ends(path)[0][0]
-    for cut in np.linspace(0, first - 1, 15).astype(int).tolist():
+    for cut in np.linspace(0, first - 1, 8).astype(int).tolist():
         path.write_bytes(content[:cut])
         with pytest.raises(InputError):
             played(read_recording(path))
@@ -234,13 +201,6 @@ def test_what_is_no_recording_is_refused(data: bytes, tmp_path: Path) -> None:
     path.write_bytes(data)
     with refuses(InputError):
         read_recording(path)
-
-
-def test_there_is_no_file(tmp_path: Path) -> None:
-    with refuses(InputError):
-        read_recording(tmp_path / "x.mcap")
-    with refuses(InputError):
-        read_recording(tmp_path)
 
 
 def foreign(path: Path, metadata: dict[str, str] | None) -> None:
@@ -286,12 +246,6 @@ def test_a_recording_of_another_format_is_refused_with_the_version_that_wrote_it
     allowed = (f"format {OURS}", retarget.__version__)
     with refuses(InputError, where=path, found=found, allowed=allowed, varies=retarget.__version__):
         read_recording(path)
-
-
-def test_without_the_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "mcap.writer", None)
-    with refuses(UsageError, "retarget[record]"):
-        read_recording(tmp_path / "run.mcap")
 
 
 def test_ticks_that_cannot_be_are_refused(content: bytes, tmp_path: Path) -> None:

@@ -12,7 +12,6 @@ import pytest
 import retarget
 from faulty_bus import FaultKind, MockFault
 from hardware.arrays import TickArray
-from hardware.bus import ServoGoals
 from hardware.guard_state import StopCause
 from live_rig import LiveRig
 from messages import mentions, refuses, shows
@@ -22,14 +21,12 @@ from retarget.frames import SensorSample
 from retarget.human.samples import Clip, Samples
 from retarget.live.begin import LiveOptions
 from retarget.recording.configs import as_recorded
-from retarget.recording.cycles import Asked, Cursor, Done
+from retarget.recording.cycles import Asked, Done
 from retarget.recording.reading import Played, played, read_recording
 from retarget.recording.recorder import Recorder
 from retarget.recording.replay import (
     Difference,
     Replayed,
-    ReplayedBus,
-    ReplayedClock,
     goal_difference,
     posture_difference,
     replay,
@@ -272,15 +269,6 @@ def test_an_approach_that_lasts_longer_or_shorter_changes_nothing_after_it(then:
     np.testing.assert_array_equal(last.goal_ticks[again.result.record.following][-1], cycles.goal[following[-1]])
 
 
-def test_a_recording_that_was_cut_off_is_played_as_far_as_it_goes(plain: Recorded, tmp_path: Path) -> None:
-    found = plain.played()
-    rows = np.arange(len(found.cycles) - 30)
-    cut = replace(found, cycles=found.cycles.taken(rows), recording=replace(found.recording, damage="it ends early"))
-    again = replay(cut)
-    assert again.difference.none and again.difference.compared == len(rows)
-    assert again.result.state == "off"
-
-
 def test_another_version_is_named(plain: Recorded) -> None:
     session = plain.played().recording.session
     assert what_computes(session) == ()
@@ -310,32 +298,3 @@ def stand_ins_run(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
 @pytest.fixture
 def found(stand_ins_run: Recorded) -> Played:
     return stand_ins_run.played()
-
-
-def cursor(found: Played) -> Cursor:
-    return Cursor(found.cycles, has_robot=True, dt=found.recording.session.dt)
-
-
-def test_the_clock_never_goes_back(found: Played) -> None:
-    cycles = found.cycles.taken(np.arange(len(found.cycles)))
-    cycles.clock[3] -= 1.0
-    at = cursor(replace(found, cycles=cycles))
-    clock, last = ReplayedClock(at), -np.inf
-    for _ in range(8):
-        at.look()
-        now = clock.now()
-        assert now >= last
-        last = now
-        at.before()
-
-
-def test_servos_that_are_sent_something_else_are_as_far_from_it(found: Played) -> None:
-    at = cursor(found)
-    bus, cycles = ReplayedBus(found, at), found.cycles
-    for cycle in range(20):
-        states = bus.read()
-        if cycle > 1:
-            np.testing.assert_array_equal(states.position, cycles.position[cycle] + 7)
-        if cycles.written[cycle] != Done.NOT:
-            bus.write(ServoGoals(cycles.goal[cycle] + 7))
-        at.before()

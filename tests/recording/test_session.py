@@ -1,6 +1,5 @@
 """The session of a recording: strict, and enough to ask for the same run again."""
 
-import hashlib
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +8,8 @@ from pydantic import ValidationError
 
 from recordings import Recorded, record
 from retarget.human.samples import Playback
-from retarget.recording.session import FORMAT, Session, config_files
-from retarget.run.options import PhysicsOptions, RunOptions
+from retarget.recording.session import FORMAT, Session
+from retarget.run.options import RunOptions
 
 ASKED = RunOptions(robot="op3", bus="mock", performer="five_head", iterations=3, parts="upper", allow_contact=True)
 
@@ -38,20 +37,6 @@ def test_the_speed_of_the_motion_is_part_of_it(tmp_path: Path) -> None:
     slow = RunOptions(robot="human", playback=Playback(speed=0.5))
     session = record(tmp_path / "run.mcap", options=slow, seconds=0.05).played().recording.session
     assert session.motion_dt == 0.5 * session.dt
-
-
-def test_physics_is_part_of_it(session: Session) -> None:
-    options = {"bus": "physics", "mount": "gantry", "hook": "neck", "seed": 4, "perturbations": ("push",)}
-    of_physics = session.model_copy(update=options)
-    assert of_physics.options.physics == PhysicsOptions("gantry", "neck", 4, ("push",))
-
-
-def test_files_are_known_by_their_content(run: Recorded, session: Session) -> None:
-    files = {file.name: file for file in session.files}
-    for file, content in config_files(ASKED, run.result.robot):
-        assert files[file.name] == file and hashlib.sha256(content).hexdigest() == file.sha256
-        if b"extends:" not in Path(file.path).read_bytes():  # an overlay is kept with what it extends
-            assert Path(file.path).read_bytes() == content
 
 
 @pytest.mark.parametrize(

@@ -7,13 +7,9 @@ from retarget.model.robot import RobotBody, load_robot
 from retarget.recording.cycles import Cycles, Done, Shape
 from retarget.recording.topics import (
     FRAMES,
-    GOALS,
     HUMAN_JOINTS,
     HUMAN_POSTURE,
-    JOINTS,
-    LANDMARKS,
     SENSORS,
-    SERVOS,
     STEP,
     TICK,
     Topic,
@@ -58,24 +54,6 @@ def test_a_human_alone_has_no_servos_and_every_posture() -> None:
     assert kept(found[HUMAN_POSTURE], cycles(None)) == list(range(40))
 
 
-def test_what_is_looked_at_is_kept_less_often(robot: RobotBody) -> None:
-    found, rows = made(robot), cycles(robot)
-    for name in (TICK, SENSORS, GOALS, SERVOS):
-        assert kept(found[name], rows) == list(range(40)), name
-    for name, every in ((LANDMARKS, 5), (JOINTS, 10), (HUMAN_JOINTS, 10), (HUMAN_POSTURE, 10), (FRAMES, 10)):
-        assert kept(found[name], rows) == list(range(0, 40, every)), name
-
-
-def test_what_was_not_there_is_not_kept(robot: RobotBody) -> None:
-    found, rows = made(robot), cycles(robot)
-    rows.sampled[10:20], rows.read[5:15], rows.kept[20:] = Done.FAILED, Done.NOT, False
-    assert kept(found[SENSORS], rows) == [*range(10), *range(20, 40)]
-    assert kept(found[SERVOS], rows) == [*range(5), *range(15, 40)]
-    assert kept(found[GOALS], rows) == list(range(20)) and kept(found[TICK], rows) == list(range(40))
-    rows.sampled[:] = Done.NOT
-    assert kept(found[SENSORS], rows) == []
-
-
 def content(topic: Topic, rows: Cycles) -> np.ndarray:
     data = b"".join(data for _, _, data in topic.messages(rows, rows.index * 8_000_000))
     return np.frombuffer(data, topic.layout.dtype)
@@ -88,13 +66,6 @@ def test_sensors_are_bit_by_bit_and_turned_as_ros_has_them(robot: RobotBody) -> 
     poses = content(made(robot)[SENSORS], rows)["poses"]
     np.testing.assert_array_equal(poses[..., :3], rows.sensor_position)
     assert poses[0, 0, 3:].tolist() == [0.0, 0.6, 0.0, 0.8] and poses[1, 0, 3:].tolist() == [0.0, 0.0, 0.0, 1.0]
-
-
-def test_what_is_looked_at_is_rounded_finely(robot: RobotBody) -> None:
-    rows = cycles(robot, 1)
-    rows.human_joints[:] = np.random.default_rng(2).normal(size=(1, 3, 3))
-    points = content(made(robot)[HUMAN_JOINTS], rows)["poses"][..., :3]
-    assert np.abs(points - rows.human_joints).max() <= STEP / 2 and (points / STEP == np.rint(points / STEP)).all()
 
 
 def test_frames_are_where_the_links_are(robot: RobotBody) -> None:

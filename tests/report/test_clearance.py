@@ -8,18 +8,14 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from retarget.model.body_file import compile_body_text
-from retarget.model.human import build_human
-from retarget.model.human_dimensions import proportional_dimensions
 from retarget.model.robot import load_robot
 from retarget.model.scene_state import SceneState
 from retarget.report.clearance import (
     Clearance,
     LeftOut,
     MovingGeoms,
-    among_obstacles,
     closest_pairs,
     compared_pairs,
-    moving_geoms,
     place_body,
     scene_model,
 )
@@ -61,26 +57,6 @@ def test_the_smallest_gap_is_found_however_far(nearest: float) -> None:
 def test_touches_are_distinguished_from_penetrations() -> None:
     found = clearance([0.1, -5e-7, -0.0005, -0.002, 0.2, -0.0009, -0.0011])
     assert (found.penetrating, found.deep) == (4, 2)
-
-
-def test_a_body_file_is_read_as_its_text_is(tmp_path: Path) -> None:
-    path = tmp_path / "balls.xml"
-    path.write_text(TWO_BALLS)
-    postures = np.array([[0.3], [0.2]])
-    assert place_body(path, postures, root="fixed").to_itself(neutral=np.ones(1)) == clearance([0.3, 0.2])
-
-
-def test_what_cannot_meet_has_no_clearance() -> None:
-    alone = '<mujoco><worldbody><body name="b"><freejoint/><geom size="1"/></body></worldbody></mujoco>'
-    q = np.array([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]])
-    assert place_body(alone, q).to_itself(neutral=q[0]) == Clearance(None, 0, None)
-    assert place_body(TWO_BALLS, np.zeros((0, 1))).to_itself(neutral=np.ones(1)).smallest is None
-
-
-def test_postures_that_are_not_known_take_no_part() -> None:
-    found = clearance([0.4, np.nan, 0.3])
-    assert found.smallest == pytest.approx(0.3)
-    assert found.row == 2
 
 
 def wavy(name: str, rows: int = 120) -> FloatArray:
@@ -150,19 +126,6 @@ def test_an_obstacle_is_where_it_is_at_the_time(tmp_path: Path) -> None:
     assert found.row == 70
 
 
-def test_a_half_space_that_turns_is_followed(tmp_path: Path) -> None:
-    """A wall that swings: only at one of the times does it reach the hand."""
-    around = scene(
-        tmp_path,
-        "wall: {shape: {half_space: {normal: [0, 0, 1]}}, at: {pos: [0, 0, -0.2]}, angular_velocity: [0, 1, 0]}",
-    )
-    times = np.linspace(0.0, 2.0, 41)
-    found = place_body(TWO_BALLS, np.full((41, 1), 0.48)).to_scene(around, times)
-    gaps = [0.5 * np.sin(t) + 0.2 * np.cos(t) - 0.01 for t in times]
-    base = [0.2 * np.cos(t) - 0.01 for t in times]
-    assert found.smallest == pytest.approx(min(*gaps, *base), abs=1e-9)
-
-
 def test_a_mesh_is_measured_where_it_was(tmp_path: Path) -> None:
     corners = " ".join(f"{x} {y} {z}" for x in (0.1, 0.3) for y in (0, 0.05) for z in (-0.02, 0.01))
     body = (
@@ -174,18 +137,6 @@ def test_a_mesh_is_measured_where_it_was(tmp_path: Path) -> None:
     assert place_body(body, q[:1]).to_scene(around, np.zeros(1)).smallest == pytest.approx(0.2, abs=1e-6)
     turned = place_body(body, q[1:]).to_scene(around, np.zeros(1)).smallest
     assert turned == pytest.approx(np.hypot(0.2, 0.3), abs=1e-6)
-
-
-def test_the_human_is_looked_at_by_its_text(tmp_path: Path) -> None:
-    human = build_human(proportional_dimensions(1.7))
-    neutral = human.posture("attractor")
-    placed = place_body(human.mjcf, neutral[None])
-    found = placed.to_itself(neutral=neutral)
-    assert found.smallest is not None and found.smallest > 0.0
-    assert {pair.reason for pair in found.left_out} == {"touch in the neutral posture", "neighbours along the body"}
-    floor = scene(tmp_path, "floor: {shape: {half_space: {normal: [0, 0, 1]}}}")
-    ground = placed.to_scene(floor, np.zeros(1))
-    assert ground.pair is not None and ground.pair[0] in ("l_ankle", "r_ankle")
 
 
 CHAIN = """
@@ -257,12 +208,6 @@ def test_all_is_found(seed: int, offset: float, monkeypatch: pytest.MonkeyPatch)
     assert looked < (table.size // 2 if offset == 0.5 else table.size)
 
 
-def test_the_first_of_equals_is_named() -> None:
-    table = np.array([[0.2, 0.1, 0.1], [0.1, 0.3, 0.1]])
-    found = closest_pairs(lambda rows, pairs: table[rows, pairs], lambda rows: table[rows] - 1.0, 2, tolerances=(0.0,))
-    assert (found.smallest, found.row, found.pair, found.deeper) == (0.1, 0, 1, (0,))
-
-
 SIZES = np.array([[0.021, 0.0565, 0.0151], [0.08725, 0.0646, 0.0728]])
 
 
@@ -318,14 +263,3 @@ def test_a_body_and_its_scene_share_a_model() -> None:
     np.testing.assert_allclose(model.geom_size[np.array([1, 2]) + 5], [[1, 2, 3], [1, 2, 3]])
     top = scene.shapes.names.index("top")
     np.testing.assert_allclose(model.geom_size[obstacles[top]], [0.15, 0.3, 0.008])
-
-
-def test_obstacles_are_followed_over_time() -> None:
-    body = compile_body_text(
-        '<mujoco><worldbody><body><joint/><geom size="1"/></body></worldbody></mujoco>', source="t"
-    )
-    scene, times = SceneState(load_scene("crossing_ball")), np.array([-1.0, 1.0, 2.5, 4.0])
-    geoms = among_obstacles(body, moving_geoms(body.model, np.zeros((4, 1))), scene, times)
-    np.testing.assert_allclose(geoms.position[:, 0, 1], [0.6, 0.6, 0.0, -0.6], atol=1e-12)
-    np.testing.assert_allclose(geoms.matrix[:, 0], np.tile(np.eye(3).ravel(), (4, 1)), atol=1e-12)
-    np.testing.assert_allclose(geoms.model.geom_rbound[geoms.geoms], [0.05, 1.0])

@@ -76,22 +76,6 @@ def test_a_limit_that_was_not_kept_is_one_and_all_others_stay(
     assert {name for name in before if before[name] is not after[name]} == {limit}
 
 
-@pytest.mark.parametrize(("volts", "kept"), [(0.1, False), (-0.1, False), (None, True)])
-def test_a_supply_is_within_both_its_limits(volts: float | None, kept: bool, run: RunResult, report: Report) -> None:
-    assert run.robot is not None and report.bus is not None and report.bus.lowest_voltage is not None
-    low, high = run.robot.profile.safety.voltage
-    value = 0.5 * (low + high) if volts is None else high + volts if volts > 0.0 else low + volts
-    reported = changed(report, "bus", lowest_voltage=replace(report.bus.lowest_voltage, value=value))
-    assert of("voltage", run, reported).kept is kept
-
-
-def test_a_servo_at_its_temperature_limit_is_too_warm(run: RunResult, report: Report) -> None:
-    assert run.robot is not None and report.bus is not None and report.bus.hottest is not None
-    for value, kept in ((run.robot.profile.safety.temperature_c, False), (25.0, True)):
-        reported = changed(report, "bus", hottest=replace(report.bus.hottest, value=value))
-        assert of("temperature", run, reported).kept is kept
-
-
 def test_what_could_not_be_broken_has_no_verdict(run: RunResult, report: Report) -> None:
     bare = replace(
         changed(report, "min_clearance_mm", scene=None, self=None, ground=None),
@@ -159,16 +143,6 @@ def test_the_servos_stand_beside_what_was_sent(swung: tuple[RunResult, Report]) 
     assert line(lines, "servos").endswith(f"{late.max:.1f} at most (l_el)")
 
 
-def test_hands_within_reach_are_shown_one_by_one(swung: tuple[RunResult, Report]) -> None:
-    run, report = swung
-    reported = replace(
-        report, reachable_hands_mm={"l_hand": 4.66, "mean": 4.66}, reachable_share={"l_hand": 0.715, "r_hand": 0.0}
-    )
-    assert line(shown(run, reported), "hands within reach").endswith(
-        "l_hand in 72% of ticks, then 4.7 mm off; r_hand never"
-    )
-
-
 def test_a_good_hand_does_not_hide_a_bad_one(swung: tuple[RunResult, Report]) -> None:
     run, report = swung
     hands = {"l_hand": 2.0, "r_hand": 30.0, "mean": 3.3, "worse": 30.0}
@@ -193,14 +167,6 @@ def test_on_virtual_time_no_tick_is_missed(run: RunResult, report: Report) -> No
     virtual = replace(run, setup=replace(run.setup, real_time=False))
     names, without = ({finding.name for finding in findings(one, timed)} for one in (run, virtual))
     assert names - without == {"ticks missed"}
-
-
-def test_without_servos_nothing_is_said_of_them(swung: tuple[RunResult, Report]) -> None:
-    run, report = swung
-    bare = replace(report, servo_tracking_mm=None, servo_error_deg=None, reachable_share=None)
-    lines = shown(run, bare)
-    assert len(line(lines, "l_hand").split()) == 4
-    assert not [text for text in lines if text.startswith(("servos", "hands within"))]
 
 
 def test_ticks_that_the_gate_braked_by_itself_are_shown(swung: tuple[RunResult, Report]) -> None:

@@ -1,6 +1,5 @@
 """The report of a finished run: the bus's clock as it went, every failure, and the last seconds alone."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,6 @@ from hardware.guard_state import StopCause
 from live_rig import LiveRig
 from messages import shows
 from retarget.cli import run as follow_clip
-from retarget.cli.exit import STOPPED
 from retarget.live.begin import LiveOptions
 from retarget.report import measure as bus
 from retarget.report.measure import latest_of, measure, measure_latest
@@ -25,7 +23,7 @@ from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared
 from retarget.run.run_result import RunResult
 from retarget.types import FloatArray
-from rig import Rig, StubReconstructor, five, person, scripted_run, short_clip
+from rig import Rig, StubReconstructor, five, person, short_clip
 from sim.faults.sender import FakeSender
 from sim.performer import synthetic_performer
 
@@ -116,13 +114,6 @@ def test_a_bus_that_dies_while_the_robot_brakes_is_a_fault(monkeypatch: pytest.M
     assert found.faults == 1
 
 
-def test_a_person_who_insists_is_no_fault_of_the_bus() -> None:
-    asked = iter([False] * 15 + [True] * 1000)
-    found, run = played(Rig(swing()), Watch(stop_asked=lambda: next(asked), torque_off_asked=lambda: True))
-    assert run.stop is not None and run.stop.then is StopCause.REQUESTED
-    assert found.faults == 0
-
-
 @pytest.mark.parametrize("script", [still(), swing()], ids=["stands", "brakes"])
 def test_an_alarm_is_a_fault_with_and_without_a_row(script: FloatArray) -> None:
     fault = MockFault(FaultKind.ALERT, first=15, cycles=1, servo=4, alert=0x04)
@@ -156,27 +147,6 @@ def test_it_measures_on_the_whole_run_what_costs_little(run: RunResult) -> None:
     assert last.sensors_mm == part.sensors_mm != whole.sensors_mm
     assert last.min_clearance_mm == part.min_clearance_mm and last.foot_slide_mm == part.foot_slide_mm
     assert any("last 4 s" in note and "--report" in note for note in last.notes)
-
-
-def test_after_the_end_of_following_nothing_is_asked(run: RunResult) -> None:
-    last = latest_of(run, 0.5)
-    assert last.ticks_followed == 0 and measure(last).tracking_mm == {}
-
-
-def test_a_short_run_is_measured_whole() -> None:
-    run = scripted_run()
-    assert latest_of(run, 10.0) is run and measure_latest(run, 10.0) == measure(run)
-
-
-def test_who_asked_a_run_to_end_waits_for_its_end_only(
-    run: RunResult, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(follow_clip, "measure_latest", lambda run: measure_latest(run, 4.0))
-    said: list[tuple[str, ...]] = []
-    monkeypatch.setattr(follow_clip, "_show", lambda run, report, written: said.append(report.notes))
-    assert follow_clip.finished(run, Outputs()) == STOPPED
-    follow_clip.finished(replace(run, stop=None), Outputs())
-    assert ["last 4 s" in " ".join(notes) for notes in said] == [True, False]
 
 
 def test_a_file_is_of_the_whole_run(run: RunResult, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

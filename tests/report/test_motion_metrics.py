@@ -5,9 +5,7 @@ import pytest
 
 from faulty_bus import FaultKind, MockFault
 from gates import sent
-from messages import refuses
 from retarget.model.body import JointLimits
-from retarget.model.robot import RobotBody, load_robot
 from retarget.report import motion_metrics, tracking
 from retarget.report.measure import measure
 from retarget.report.motion_metrics import jerk_p95, limit_violations, observer_activity
@@ -35,33 +33,9 @@ def test_switches_are_counted_per_second_and_observer() -> None:
     assert found.reactive == pytest.approx(4 / 11)
 
 
-def test_a_change_of_active_mode_is_a_switch_but_no_activation() -> None:
-    found = observer_activity(np.array([[0], [1], [2], [1], [0]], dtype=np.uint8), ("a",), dt=0.5)
-    assert found is not None
-    assert (found.switches.worst, found.activations) == (2.0, 1)
-
-
-def test_calm_observers_have_no_worst_one() -> None:
-    found = observer_activity(np.zeros((4, 2), dtype=np.uint8), ("a", "b"), dt=0.1)
-    assert found is not None
-    assert (found.switches.name, found.switches.worst, found.reactive) == (None, 0.0, 0.0)
-
-
-def test_nothing_is_known_without_ticks_or_observers() -> None:
-    assert observer_activity(np.zeros((0, 2), dtype=np.uint8), ("a", "b"), dt=0.1) is None
-    assert observer_activity(np.zeros((5, 0), dtype=np.uint8), (), dt=0.1) is None
-    with refuses(ValueError, 1, 2):
-        observer_activity(np.zeros((5, 2), dtype=np.uint8), ("a",), dt=0.1)
-
-
 # Metrics against cases made by hand.
 
 DT = 0.008
-
-
-@pytest.fixture(scope="module")
-def op3() -> RobotBody:
-    return load_robot("op3")
 
 
 def wave(ticks: int = 500, *, late: float = 0.0) -> FloatArray:
@@ -85,11 +59,6 @@ def test_a_frozen_robot_shows_zero_and_no_lag() -> None:
     assert tracking.path_ratio(asked, asked) == pytest.approx(1.0)
     assert tracking.path_ratio(frozen, asked) is None
     assert tracking.excursion_ratio(frozen[:, 0, 2], asked[:, 0, 2]) is None
-
-
-@pytest.mark.parametrize("late", [0.0, 0.02, 0.0457, 0.2])
-def test_lag_is_found_between_ticks(late: float) -> None:
-    assert tracking.lag(wave(), wave(late=late), DT) == pytest.approx(late, abs=0.003)
 
 
 def test_a_run_that_is_too_short_to_show_its_lag_has_none() -> None:
@@ -129,18 +98,6 @@ def test_every_broken_limit_is_counted() -> None:
     assert (counted.position, counted.velocity, counted.acceleration) == (0, 0, 2)
 
 
-def test_a_start_beyond_a_limit_may_come_back_but_not_go_out_again() -> None:
-    path = np.array([1.2, 1.1, 0.9, 1.1])[:, None]
-    loose = limits(velocity=1e6, acceleration=1e9, joints=1)
-    assert limit_violations(path, loose, DT).position == 1
-
-
-def test_jerk() -> None:
-    time = np.arange(100) * DT
-    assert jerk_p95(np.array(2.0 * time**3)[:, None], DT) == pytest.approx(12.0)
-    assert jerk_p95(np.zeros((3, 2)), DT) is None
-
-
 def test_a_motion_that_is_cut_has_not_kept_its_limits() -> None:
     # Half of 8 rad/s^2 for 10 ticks: no limit is broken on the way, but nothing slows it down.
     cut = np.outer(4.0 * (np.arange(11) * DT) ** 2, [1.0, 0.0])
@@ -171,19 +128,6 @@ def test_a_lifted_foot_carries_nothing() -> None:
     assert motion_metrics.support_margin(com, corners) == pytest.approx([-0.05] * 3, abs=1e-5)
     in_the_air = motion_metrics.sole_corners(square((0.0, 0.0, 0.5)))
     assert np.isnan(motion_metrics.support_margin(com, in_the_air)).all()
-
-
-def test_foot_slide_counts_only_on_the_ground() -> None:
-    sole = square(ticks=6)
-    sole.position[1:, 0] += [0.001, 0.003, 0.5, 0.5, 0.502]
-    sole.position[3, 2] = 0.1  # a step
-    assert motion_metrics.foot_slide(sole) == pytest.approx(0.003)
-
-
-def test_sole_tilt() -> None:
-    sole = square(ticks=1)
-    sole.orientation[0] = [np.cos(0.05), np.sin(0.05), 0.0, 0.0]
-    assert motion_metrics.sole_tilt(sole) == pytest.approx([0.1])
 
 
 @pytest.fixture(scope="module")

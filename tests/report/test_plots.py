@@ -6,12 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from messages import refuses
-from retarget.errors import UsageError
 from retarget.report.plots import (
     PICTURES,
     performer_facing,
-    plot_balance,
     plot_poses,
     plot_tracking,
     turned,
@@ -45,11 +42,6 @@ def test_all_pictures_of_a_robot(run: RunResult, tmp_path: Path) -> None:
         assert content.startswith(b"\x89PNG") and 10_000 < len(content) < 1_000_000
 
 
-def test_a_human_has_no_balance(human_run: RunResult, tmp_path: Path) -> None:
-    assert plot_balance(human_run) is None
-    assert PICTURES["poses"](human_run) is not None and PICTURES["tracking"](human_run) is not None
-
-
 def test_poses_show_every_part_of_a_motion_that_repeats_itself(run: RunResult) -> None:
     """Eight waves, of which nine equal steps would show one phase."""
     record, following = run.record, run.record.following
@@ -64,17 +56,6 @@ def test_poses_show_every_part_of_a_motion_that_repeats_itself(run: RunResult) -
     assert len(shown) == 9 and (np.diff(shown) > 0).all() and shown[0] == following.start
     heights = joints[shown, record.human.joint_names.index("r_wrist"), 2]
     assert np.ptp(heights) > 0.9
-
-
-def test_no_part_of_a_pose_is_beyond_the_edge_of_the_picture(run: RunResult, human_run: RunResult) -> None:
-    for either in (run, human_run):
-        figure = plot_poses(either)
-        assert figure is not None
-        (axes,) = figure.axes
-        (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
-        points = np.concatenate([path.vertices for body in axes.collections for path in body.get_paths()])
-        assert left < points[:, 0].min() and points[:, 0].max() < right
-        assert bottom < points[:, 1].min() and points[:, 1].max() < top
 
 
 def test_a_performer_is_drawn_facing_as_the_robot_does(human_run: RunResult) -> None:
@@ -97,12 +78,6 @@ def test_a_performer_is_drawn_facing_as_the_robot_does(human_run: RunResult) -> 
 
 def test_a_run_of_one_tick_has_no_pictures(human_run: RunResult, tmp_path: Path) -> None:
     assert write_plots(replace(human_run, record=human_run.record.rows(0, 1)), tmp_path) == []
-
-
-def test_a_folder_that_cannot_be_made(run: RunResult, tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    with refuses(UsageError, "--plots"):
-        write_plots(run, tmp_path / "file")
 
 
 def test_tracking_shows_what_was_sent_and_where_the_servos_stood(run: RunResult) -> None:

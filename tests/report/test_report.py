@@ -6,8 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from messages import refuses
-from retarget.errors import UsageError
 from retarget.report.measure import measure
 from retarget.report.report import Report, report_path, write_report
 from rig import Rig, person, result, short_clip
@@ -55,15 +53,3 @@ def test_a_report_is_written_whole(report: Report, tmp_path: Path) -> None:
     write_report(report, path)
     assert json.loads(path.read_text())["ticks"] == report.ticks
     assert [entry.name for entry in tmp_path.iterdir()] == ["r.json"]
-
-
-def test_a_folder_gets_a_report_of_our_name(tmp_path: Path) -> None:
-    assert report_path(tmp_path) == tmp_path / "report.json"
-    assert report_path(tmp_path / "new") == tmp_path / "new" / "report.json" and not (tmp_path / "new").exists()
-
-
-@pytest.mark.parametrize("name", ["r.txt", "r.html", "r.json.gz", "nowhere/r.json", "a" * 300 + ".json", "r\0.json"])
-def test_places_that_cannot_hold_a_report(name: str, tmp_path: Path) -> None:
-    with refuses(UsageError, "--report"):
-        report_path(tmp_path / name)
-    assert list(tmp_path.iterdir()) == []

@@ -15,14 +15,14 @@ import numpy as np
 import pytest
 
 from hardware.guard_state import Stop, StopCause
-from retarget.report.animation import animation_of, packed
+from retarget.report.animation import animation_of
 from retarget.report.findings import moments
 from retarget.report.measure import measure
-from retarget.report.page import drawn, page_html, write_page
-from retarget.report.plots import PICTURES, new_figure
+from retarget.report.page import page_html, write_page
+from retarget.report.plots import PICTURES
 from retarget.report.report import Report, page_path, report_path
 from retarget.run.loop import Watch, run_human
-from retarget.run.run_result import Fallen, PhysicsRun, RunResult
+from retarget.run.run_result import RunResult
 from rig import StubReconstructor, person, result, scripted_run, short_clip
 
 EVIL = "<script>alert(1)</script><img src=x onerror=alert(2)>\"' & $\\frac$ </title>"
@@ -135,18 +135,6 @@ def test_a_hostile_name_does_nothing(run: RunResult, report: Report, html: str) 
     assert page.text.count("<script>alert(1)</script>") >= 5
 
 
-def test_a_file_with_a_hostile_joint_does_nothing(run: RunResult, report: Report) -> None:
-    assert report.servo_error_deg is not None and report.bus is not None and report.bus.hottest is not None
-    spread = next(iter(report.servo_error_deg.values()))
-    hottest = replace(report.bus.hottest, joint=EVIL)
-    worse = replace(
-        report, servo_error_deg={EVIL: spread}, closest_links=(EVIL, EVIL), bus=replace(report.bus, hottest=hottest)
-    )
-    page = Page(page_html(run, worse, figures={}))
-    assert len(page.scripts) == 2 and "img" not in [tag for tag, _ in page.elements]
-    assert page.text.count("onerror=alert(2)") >= 4
-
-
 def test_the_drawings_are_well_formed_and_their_ids_are_their_own(html: str) -> None:
     drawings = re.findall(r'<svg viewBox="[^"]*" role="img".*?</svg>', html, re.DOTALL)
     assert len(drawings) == 2
@@ -156,19 +144,6 @@ def test_the_drawings_are_well_formed_and_their_ids_are_their_own(html: str) -> 
             assert f'id="{used}"' in drawing
     ids = re.findall(r'\bid="([^"]+)"', html)
     assert len(ids) == len(set(ids))
-
-
-def test_a_drawing_says_what_the_figure_says() -> None:
-    figure = new_figure(4.0, 3.0, "#000000 of 12.3456 mm")
-    axes = figure.subplots()
-    axes.plot([0.0, 1.0], [0.0, 1.0], color="#000000")
-    axes.set_yticks([0.325, 0.12345], ["0.325", "0.12345"])
-    axes.set_xlabel('<b> & "id=" d="1.23456"')
-    drawing = ElementTree.fromstring(drawn(figure, "mine").replace("<svg ", '<svg xmlns:xlink="x" ', 1))
-    texts = {"".join(element.itertext()).strip() for element in drawing.iter("text")}
-    assert {"0.325", "0.12345", "#000000 of 12.3456 mm", '<b> & "id=" d="1.23456"'} <= texts
-    lines = [element for element in drawing.iter("path") if "#000000" in element.get("style", "")]
-    assert lines and not re.search(r"\.\d{3}", " ".join(element.get("d", "") for element in lines))
 
 
 def test_the_numbers_are_the_reports(html: str, report: Report) -> None:
@@ -212,14 +187,6 @@ def test_what_stopped_it_and_when(run: RunResult, report: Report) -> None:
     assert data_of(page)["moments"] == [round(1e3 * braking)]
 
 
-def test_a_fall_is_a_moment_too(run: RunResult) -> None:
-    none, some = np.zeros(0), np.zeros((0, 3))
-    fall = Fallen(0.2, "onto its knees")
-    physics = PhysicsRun("floor", 0, (), fall, None, none, some, some[:, :2], none, np.zeros(2), 0.0, some, none, 0, 0)
-    assert [(moment.what, moment.time) for moment in moments(replace(run, physics=physics))] == [("Fell", 0.2)]
-    assert moments(run) == ()
-
-
 def test_a_human_alone(tmp_path: Path) -> None:
     human, clip = person(), short_clip(rate_hz=None)
     alone = result(run_human(clip, StubReconstructor(human), Watch()), clip, human, None)
@@ -237,19 +204,6 @@ def test_a_run_that_followed_nothing_has_a_page_without_motion(run: RunResult, r
     assert animation_of(early) is None
     page = Page(page_html(early, measure(early), figures={}))
     assert len(page.scripts) == 1 and "a servo is silent" in page.text
-
-
-def test_packing_keeps_what_is_not_known() -> None:
-    values = np.array([[0.0, 1.23456], [-500.0, np.nan]])
-    np.testing.assert_allclose(unpacked(packed(values), 2, 2), values, rtol=1e-6)
-
-
-def test_a_long_run_is_shown_more_coarsely(run: RunResult, monkeypatch: pytest.MonkeyPatch) -> None:
-    usual = animation_of(run)
-    monkeypatch.setattr("retarget.report.animation.MOST_ROWS", 7)
-    coarse = animation_of(run)
-    assert usual is not None and coarse is not None
-    assert len(coarse.time) <= 7 < len(usual.time) and coarse.every > usual.every
 
 
 def test_where_a_page_goes(tmp_path: Path) -> None:

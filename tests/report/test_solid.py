@@ -7,7 +7,8 @@ from retarget.model.body import load_body_text
 from retarget.model.robot import load_robot
 from retarget.report.solid import LEFT, MIDDLE, RIGHT, facets_of, lit, sides_of
 
-BODY = """<mujoco><worldbody><body name="base"><freejoint/><geom type="{kind}" size="{size}" pos="0.1 0.2 0.3" mass="1"/></body></worldbody></mujoco>"""
+BODY = """<mujoco><worldbody><body name="base"><freejoint/>
+<geom type="{kind}" size="{size}" pos="0.1 0.2 0.3" mass="1"/></body></worldbody></mujoco>"""
 
 
 @pytest.mark.parametrize(

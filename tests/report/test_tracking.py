@@ -75,18 +75,6 @@ def test_an_arm_knows_its_joints_and_its_ends() -> None:
     assert within_reach(op3(), stance, "l_hand", places).tolist() == [True, False, False, False]
 
 
-@pytest.mark.parametrize("hand", ["l_hand", "r_hand"])
-def test_wherever_an_arm_has_been_it_gets_to(hand: str) -> None:
-    robot, stance = op3(), follower().stance
-    columns = robot.body.joint_qpos[list(chain_to_anchor(robot, hand))]
-    servos = [robot.servo_columns.tolist().index(column) for column in columns]
-    low, high = robot.limits.lower[servos], robot.limits.upper[servos]
-    postures = np.tile(stance.q, (300, 1))
-    share = np.random.default_rng(3).uniform(-0.3, 1.3, (300, len(columns))).clip(0.0, 1.0)  # many at their limits
-    postures[:, columns] = low + share * (high - low)
-    assert within_reach(robot, stance, hand, robot.points(postures, (hand,))[:, 0]).all()
-
-
 @pytest.mark.parametrize("frozen", [False, True])
 def test_a_frozen_robot_hides_nothing(frozen: bool) -> None:
     human, _ = performed()
@@ -98,14 +86,3 @@ def test_a_frozen_robot_hides_nothing(frozen: bool) -> None:
         assert hand.share == honest[name].share > 0.2
         assert hand.error is not None
         assert hand.error > 0.02 if frozen else hand.error == pytest.approx(0.003)
-
-
-def test_ticks_without_a_wish_take_no_part() -> None:
-    human, _ = performed()
-    landmarks = points()
-    landmarks[len(landmarks) // 2 :] = np.nan
-    names = follower().landmark_map.names
-    half = len(landmarks) // 2
-    whole = reachable_hands(op3(), performance(human, names, landmarks), landmarks)
-    first = reachable_hands(op3(), performance(human[:half], names, landmarks[:half]), landmarks[:half])
-    assert whole == first

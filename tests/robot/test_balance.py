@@ -1,6 +1,5 @@
 """What legs carry in `stand`, in `rest` and on one leg, against the static balance of the body."""
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -11,24 +10,20 @@ from scipy.linalg import null_space
 from scipy.optimize import linprog
 
 from followers import DT, dimensions, follower, op3, performer, postures
-from messages import refuses
 from retarget.ik.support_polygon import plant, support_distance
 from retarget.model.robot import RobotBody, load_robot
 from retarget.robot.balance import (
     BEYOND_M,
-    ENOUGH,
     LEAST_THROW,
     StandingBalance,
     StandingStrength,
     heaviest_loads,
     leg_joints,
-    moving_share,
     one_leg_load,
-    standing_strength,
 )
 from retarget.robot.balance import GRAVITY as STANDING_BALANCE_GRAVITY
 from retarget.robot.follower import Follower
-from retarget.schema.priorities import Priorities, load_priorities
+from retarget.schema.priorities import load_priorities
 from retarget.types import FloatArray
 
 ROBOTS = ("op3", "poppy", "toddlerbot", "wolfgang")
@@ -59,15 +54,6 @@ def test_the_hip_carries_all_but_its_leg_beside_itself(name: str) -> None:
     aside = abs(float(place[0, 0, 1]))
     weight = GRAVITY * body.total_mass
     assert 0.6 * weight * aside < load.torque < 1.5 * weight * aside
-
-
-def test_toddlerbot_alone_is_too_weak_for_one_leg() -> None:
-    assert {name: one_leg_load(load_robot(name)).share > ENOUGH for name in ROBOTS} == {
-        "op3": False,
-        "poppy": False,
-        "toddlerbot": True,
-        "wolfgang": False,
-    }
 
 
 HEIGHT = 0.25
@@ -125,15 +111,6 @@ def test_at_the_edge_of_its_room_a_return_to_stance_may_push_it_in() -> None:
     assert (to_stance[:, :3] @ inward <= to_stance[:, 3]).all()
 
 
-def test_at_rest_inside_it_may_stay_and_outside_it_must_come_back() -> None:
-    keeps, still = balance(), np.zeros(3)
-    spaces = keeps.spaces(np.array([0.0, 0.0, HEIGHT]), still, DT)
-    assert (spaces[:, :3] @ [0.0, 0.0, HEIGHT] <= spaces[:, 3]).all()
-    out = np.array([0.05, 0.0, HEIGHT])
-    spaces = keeps.spaces(out, still, DT)
-    assert (spaces[:, :3] @ out > spaces[:, 3]).any()
-
-
 @pytest.mark.parametrize("away", [0.002, 0.01])
 @pytest.mark.parametrize("edge", range(8))
 def test_from_outside_there_is_a_way_back_in(away: float, edge: int) -> None:
@@ -154,25 +131,6 @@ def test_from_outside_there_is_a_way_back_in(away: float, edge: int) -> None:
         if support_distance(capture, room) > -BEYOND_M:
             return
     pytest.fail("it stays outside")
-
-
-def test_without_motion_the_margin_alone_counts() -> None:
-    keeps = balance("servo")
-    assert not keeps.looks_at_motion
-    spaces = keeps.spaces(np.array([0.0, 0.0, HEIGHT]), np.array([9.0, 0.0, 0.0]), DT)
-    assert len(spaces) == len(keeps.edges) and (spaces[:, 2] == 0.0).all()
-
-
-def test_which_priorities_look_at_motion() -> None:
-    assert moving_share(load_priorities("balanced")) == 0.22
-    assert moving_share(load_priorities("servo")) is None
-
-
-@pytest.mark.parametrize("share", [0.0, 1.5])
-def test_an_impossible_share_is_refused(share: float) -> None:
-    with refuses(ValueError, "moving"):
-        task = {"type": "centre_of_mass", "mode": "support", "moving": share}
-        Priorities.model_validate({"name": "t", "description": "t", "levels": [{"name": "b", "tasks": [task]}]})
 
 
 def zmp_outside(robot: Follower) -> float:
@@ -229,19 +187,6 @@ def test_torques_change_as_the_half_spaces_say(name: str) -> None:
     assert np.linalg.norm(errors) < 0.25 * np.linalg.norm(sizes)
 
 
-def test_only_joints_of_one_leg_are_watched() -> None:
-    joints = leg_joints(robot("toddlerbot"))
-    assert "waist_roll" not in joints and "left_shoulder_pitch" not in joints
-    assert joints["left_knee"][0] == 0 and joints["right_knee"][0] == 1
-    assert len(joints) == 12
-
-
-def test_stand_is_always_allowed() -> None:
-    keeps = strength("wolfgang", share=0.01)
-    stance = plant(robot("wolfgang"), robot("wolfgang").profile.postures.stand)
-    assert (np.abs(keeps.torques(stance.q)) <= keeps.most + 1e-9).all()
-
-
 def test_a_mass_is_not_thrown_up_faster_than_the_most_loaded_joint_can() -> None:
     keeps = strength("toddlerbot")
     q = plant(robot("toddlerbot"), robot("toddlerbot").profile.postures.rest).q
@@ -265,13 +210,3 @@ def most_used(priorities: str) -> float:
 def test_legs_carry_no_more_than_they_can_for_long() -> None:
     assert most_used("balanced") > 2.5
     assert most_used("balanced_sustained") < 1.7  # for a moment, as a fast crouch is braked
-
-
-def test_priorities_without_a_strength_task_keep_to_balance_alone() -> None:
-    stance = plant(robot("op3"), robot("op3").profile.postures.stand)
-    assert standing_strength(robot("op3"), load_priorities("balanced"), stance) is None
-    assert standing_strength(robot("op3"), load_priorities("balanced_sustained"), stance) is not None
-    assert (
-        standing_strength(robot("op3"), load_priorities("balanced_sustained"), replace(stance, soles=stance.soles[:1]))
-        is None
-    )

@@ -80,17 +80,6 @@ def test_for_any_goal_it_keeps_the_limits_and_position_plus_offset_is_the_goal(s
     check_motion(np.array(path), STAND)
 
 
-def test_a_motion_within_the_limits_passes_while_the_load_changes() -> None:
-    """From standing down to the rest posture: no goal is refused, and all that is sent keeps the limits."""
-    end = op3().posture(op3().profile.postures.rest)[op3().servo_columns]
-    (gate, _), path = make(), list[FloatArray]()
-    for share in 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, 200)):
-        goal = STAND + share * (end - STAND)
-        path.append(admit(gate, goal))
-        np.testing.assert_array_equal(held(gate), goal)
-    check_motion(np.array(path), STAND)
-
-
 def test_a_stop_keeps_the_offsets_and_ends() -> None:
     (gate, compensation), way = make(), list[FloatArray]()
     for tick in range(60):
@@ -118,17 +107,6 @@ def test_with_a_constant_posture_it_is_soon_at_rest() -> None:
             break
         ticks_moving += 1
     assert ticks_moving < 40
-
-
-def test_at_a_limit_the_goal_stays_within_it() -> None:
-    upper = JOINTS.upper.copy()
-    start = STAND.copy()
-    knee = JOINTS.joints.index("l_knee")
-    start[knee] = upper[knee]  # bent as far as it goes, the load bends it more or holds it back
-    gate, _ = make(start=start)
-    path = np.array([admit(gate, start) for _ in range(50)])
-    assert (path <= JOINTS.upper + TINY).all() and (path >= JOINTS.lower - TINY).all()
-    np.testing.assert_array_equal(held(gate), start)
 
 
 def test_collisions_are_looked_for_where_the_robot_is_held() -> None:

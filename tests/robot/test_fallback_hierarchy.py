@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from followers import DT, follower, performer, postures
-from retarget.ik.hierarchy import Hierarchy, separated_first, soles_first
+from retarget.ik.hierarchy import Hierarchy, soles_first
 from retarget.ik.whole_body_stop import Stopping
 from retarget.robot.follower import Follower
 from retarget.robot.landmarks import standing_dofs
@@ -30,12 +30,6 @@ def test_the_level_of_the_soles_comes_first_and_the_others_keep_their_order() ->
     assert order[1:] == [k for k in range(len(levels)) if k != order[0]]
 
 
-def test_separated_first_puts_nothing_before_the_separation_of_limbs() -> None:
-    levels = load_priorities("balanced").levels
-    names = [levels[k].name for k in separated_first(levels, SOLES)]
-    assert names[:4] == ["self collision", "fixtures", "soles", "balance"]
-
-
 def test_after_a_refusal_at_rest_limbs_are_separated_first_for_one_tick(monkeypatch: pytest.MonkeyPatch) -> None:
     human = postures(performer())[:120]
     robot = follower(priorities="balanced")
@@ -53,16 +47,6 @@ def test_after_a_refusal_at_rest_limbs_are_separated_first_for_one_tick(monkeypa
     rows = np.array([robot.step(posture, DT).q for posture in human])
     assert separated == [True]
     assert np.abs(rows - followed(follower(priorities="balanced"), 120)).max() < 0.05  # its goals are the same
-
-
-def test_a_halt_in_motion_separates_nothing() -> None:
-    human = postures(performer())[:200]
-    robot = follower()
-    robot.start(human[0])
-    for posture in human:
-        robot.step(posture, DT)
-    assert robot.halt(DT) is not None
-    assert robot._soles.fallback is not None and not robot._soles.fallback.separate
 
 
 def test_with_soles_first_the_robot_follows_as_before(monkeypatch: pytest.MonkeyPatch) -> None:

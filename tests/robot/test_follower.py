@@ -11,7 +11,6 @@ from followers import DT, dimensions, follower, op3, performer, postures, settle
 from hardware.clock import VirtualClock
 from hardware.servo_health import RAMP_S
 from retarget.human.samples import Playback
-from retarget.ik.base_pose import plant_root
 from retarget.model.body import JointLimits
 from retarget.model.robot import HEAD, TRUNK, RobotBody, load_robot
 from retarget.report import motion_metrics
@@ -28,14 +27,13 @@ from retarget.robot.follower import (
     stance_angles,
 )
 from retarget.robot.following_limits import following_limits
-from retarget.robot.landmarks import AskedLandmarks, RobotReader, standing_dofs
+from retarget.robot.landmarks import AskedLandmarks, standing_dofs
 from retarget.rotations import plus
 from retarget.run.loop import Watch
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
-from retarget.run.supervisor import LONGEST_RETURN_S
 from retarget.safety.gate import Gate
 from retarget.schema.priorities import load_priorities
 from retarget.sources.open import open_source
@@ -116,24 +114,6 @@ def crouched(name: str = "op3", ticks: int = 250) -> Follower:
     return robot
 
 
-def test_it_stands_upright_on_its_soles_with_legs_more_alike() -> None:
-    robot = crouched(ticks=200)
-    reader = RobotReader(op3(), robot.stance)
-    start = reader.read(robot._q)
-    way: list[FloatArray] = []
-    while (q := robot.return_to_stance(DT)) is not None:
-        way.append(q.copy())
-        assert len(way) * DT < LONGEST_RETURN_S
-    now = reader.read(way[-1])
-    lean = [2.0 * np.arccos(min(abs(there.trunk[0]), 1.0)) for there in (start, now)]
-    assert lean[0] > 0.3 and lean[1] < 0.1
-    assert robot._soles.balance is not None
-    x, y, _ = now.centre_of_mass
-    assert all(nx * x + ny * y < offset + 1e-3 for nx, ny, offset in robot._soles.balance._wide)
-    soles = op3().points(np.array(way), ("l_sole", "r_sole"))
-    assert np.abs(soles - [sole.position for sole in robot.stance.soles]).max() < 1e-3
-
-
 @pytest.mark.parametrize("name", list(STEADY))
 def test_legs_and_trunk_end_as_in_the_stance_and_arms_aside(name: str) -> None:
     """Hands that stay, with arms that are drawn elsewhere, would hold a waist aside, and two planted soles cannot go
@@ -188,22 +168,6 @@ def test_from_the_edge_of_its_room_it_comes_upright_at_once() -> None:
     assert ticks * DT < 2.0
 
 
-def test_joints_are_led_straight_from_where_they_are() -> None:
-    follower = crouched()
-    to_stance = follower._soles.to_stance
-    assert to_stance is not None
-    start = follower._q.copy()
-    to_stance.begin(start, DT)
-    way = [start[7:]]
-    while len(way) < 2 or np.any(way[-1] != way[-2]):
-        way.append(to_stance.lead(1.0)[7:].copy())
-    steps = np.diff(np.array(way), axis=0)
-    assert len(steps) * DT == pytest.approx(to_stance.duration, abs=0.1)
-    assert np.linalg.matrix_rank(steps, tol=1e-6) == 1
-    to_stance.begin(follower.stance.q, DT)
-    assert np.abs(to_stance.lead(1.0) - follower.stance.q)[7:].max() < 1e-3, "and again, from there"
-
-
 def test_one_tick_that_stands_still_is_no_stand() -> None:
     """Where limbs meet, all stand still for a tick."""
     follower = Follower(op3(), load_priorities("balanced"), dimensions(performer()))
@@ -256,48 +220,6 @@ def test_the_return_to_stance_is_soon_over_and_ends_at_rest(override: float, lon
     most = limits.max_velocity[[op3().body.dof_index(joint) for joint in op3().joint_map.joints]]
     assert (speeds / most).max() < override + 1e-6
     assert speeds[-10:].max() < STANCE_RESTING_SPEED
-
-
-TWISTED = {
-    "head_pan": -0.12,
-    "head_tilt": -0.33,
-    "l_sho_pitch": -0.27,
-    "l_sho_roll": 0.65,
-    "l_el": -1.18,
-    "r_sho_pitch": 0.42,
-    "r_sho_roll": -0.76,
-    "r_el": 0.94,
-    "l_hip_yaw": 0.39,
-    "l_hip_roll": 0.09,
-    "l_hip_pitch": -1.53,
-    "l_knee": 1.98,
-    "l_ank_pitch": 0.81,
-    "l_ank_roll": -0.07,
-    "r_hip_yaw": 0.41,
-    "r_hip_roll": 0.14,
-    "r_hip_pitch": 1.46,
-    "r_knee": -2.2,
-    "r_ank_pitch": -1.11,
-    "r_ank_roll": -0.02,
-}
-"""OP3 in a crouch with its hips turned, rad."""
-
-
-def test_arms_are_no_counterweight_of_the_return_to_stance() -> None:
-    """A goal of the pelvis above the posture swung both arms, and kept the robot from its stance for 9 s."""
-    robot = Follower(op3(), load_priorities("balanced"), dimensions(performer()))
-    robot.start(postures(performer())[0])
-    q, columns = robot.stance.q.copy(), op3().servo_columns
-    q[columns] = [TWISTED[joint] for joint in op3().joint_map.joints]
-    plant_root(op3(), robot.stance.q, q)
-    robot.begin_return_to_stance(q, DT)
-    end = op3().posture(stance_angles(op3()))[columns]
-    start, ticks = np.abs(q[columns] - end), 0
-    while (now := robot.return_to_stance(DT)) is not None:
-        assert (np.abs(now[columns] - end) < start + 0.05).all()
-        ticks += 1
-    assert robot._soles.to_stance is not None
-    assert ticks * DT < robot._soles.to_stance.duration + 0.6
 
 
 def test_a_robot_whose_legs_stay_still_has_no_return_to_stance() -> None:
@@ -359,14 +281,6 @@ def test_half_of_the_speed_in_time_and_every_limit_kept(both: tuple[tuple[FloatA
     assert np.abs(np.diff(both[1][0], axis=0)[slow]).max() / DT > 0.6 * most.max()  # it would have been faster
     changes = np.abs(np.diff(both[0][0], n=2, axis=0)) / DT**2
     assert (changes <= op3().joint_map.max_acceleration + 1e-6).all()
-
-
-def test_the_robot_lags_and_catches_up(both: tuple[tuple[FloatArray, ...], ...]) -> None:
-    (warm, behind), (cold, usual) = both
-    assert np.array_equal(warm[: WARM.start], cold[: WARM.start])
-    assert behind[WARM.start : WARM.stop].mean() > 1.2 * usual[WARM.start : WARM.stop].mean()
-    last_part = slice(WARM.stop + 150, TICKS)
-    assert behind[last_part].mean() < 1.1 * usual[last_part].mean()
 
 
 def test_a_stop_at_half_speed_goes_on_smoothly_on_the_soles() -> None:
@@ -443,11 +357,3 @@ def test_a_joint_that_brakes_before_its_limit_is_not_asked_to_brake_less() -> No
     assert time.change(0.9, q, velocity) == 1.0 and time.scale == 0.95
     velocity[-1] = -2.0  # away from the limit
     assert time.change(0.9, q, velocity) == pytest.approx(0.9 / 0.95)
-
-
-def test_faster_again_is_always_possible_and_a_joint_at_its_limit_hinders_nothing() -> None:
-    time, q, velocity = hinge()
-    q[-1] = 1.0
-    assert time.change(0.5, q, velocity) == 0.5
-    velocity[-1] = 2.0
-    assert time.change(1.0, q, velocity) == 2.0 and time.scale == 1.0

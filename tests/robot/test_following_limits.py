@@ -1,7 +1,5 @@
 """The limits within which a robot follows."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -55,14 +53,6 @@ def test_no_joint_gets_faster_and_nothing_else_changes() -> None:
             np.testing.assert_array_equal(getattr(slower, part), getattr(free, part))
 
 
-def test_a_profile_without_that_bound_keeps_its_speeds() -> None:
-    robot = load_robot("op3")
-    safety = robot.profile.safety.model_copy(update={"following_error_sustained": None})
-    unwatched = replace(robot, profile=robot.profile.model_copy(update={"safety": safety}))
-    free = limits(robot)
-    assert followed_speed(unwatched, free, tracking_delay=0.03) is free
-
-
 def test_they_are_those_of_the_servos_but_for_limbs_that_stay_bent() -> None:
     body, servos = op3().body, op3().limits
     kept, drawn_in = limits(), {}
@@ -77,14 +67,6 @@ def test_they_are_those_of_the_servos_but_for_limbs_that_stay_bent() -> None:
     assert drawn_in["l_el"][1] < -BENT / 2 and drawn_in["r_el"][0] > BENT / 2
 
 
-def test_a_free_root_has_none_and_the_standing_posture_is_inside() -> None:
-    kept, stance = limits(), plant(op3(), op3().profile.postures.stand)
-    assert np.isinf(kept.max_velocity[:6]).all() and np.isinf(kept.max_acceleration[:6]).all()
-    single, address = op3().body.scalar_joints()
-    q = stance.q[address[single]]
-    assert (q >= kept.lower[single]).all() and (q <= kept.upper[single]).all()
-
-
 def test_a_knee_that_carries_is_slower_and_a_head_is_not() -> None:
     free, loaded = limits(), loaded_speed(op3(), limits(), speed_margin=0.25)
     for joint, expected in (("l_knee", 3.06), ("r_knee", 3.06), ("head_pan", 4.5), ("l_el", 4.5)):
@@ -92,22 +74,6 @@ def test_a_knee_that_carries_is_slower_and_a_head_is_not() -> None:
     assert (loaded.max_velocity <= free.max_velocity).all()
     for name in ("lower", "upper", "max_acceleration"):
         np.testing.assert_array_equal(getattr(loaded, name), getattr(free, name))
-
-
-def test_more_reserve_is_slower_down_to_a_share() -> None:
-    knee = op3().body.dof_index("l_knee")
-    speeds = [
-        float(loaded_speed(op3(), limits(), speed_margin=speed_margin).max_velocity[knee])
-        for speed_margin in (0.0, 0.5, 99.0)
-    ]
-    servo = next(servo for servo in op3().joint_map.servos if servo.joint == "l_knee")
-    assert speeds[0] > speeds[1] > speeds[2] == pytest.approx(SLOWEST * servo.model.no_load_speed)
-
-
-def test_who_does_not_stand_keeps_its_limits() -> None:
-    hanging = load_robot("op3", root="fixed")
-    free = limits()
-    assert loaded_speed(hanging, free, speed_margin=0.25) is free
 
 
 @pytest.mark.parametrize("name", ["wolfgang", "toddlerbot"])
@@ -151,10 +117,3 @@ def test_no_robot_loses_how_it_stands(name: str, margin: float) -> None:
     assert inside[was].all()
     changed = (kept.lower != free.lower) | (kept.upper != free.upper)
     assert not (changed & ~standing_dofs(robot)).any()
-
-
-def test_nothing_to_keep_off_is_nothing() -> None:
-    free = limits()
-    assert soft_limits(op3(), free, margin=0.0) is free
-    hanging = load_robot("op3", root="fixed")
-    assert soft_limits(hanging, free, margin=0.05) is free

@@ -12,7 +12,6 @@ from hardware.errors import RetargetError
 from messages import refuses, shows
 from retarget.errors import ConfigError, UsageError
 from retarget.model.robot import load_robot
-from retarget.robot.landmarks import robot_frames
 from retarget.robot.step_plan import (
     CONTACT_WAIT_S,
     HELD_S,
@@ -24,11 +23,9 @@ from retarget.robot.step_plan import (
     StepPlan,
     StepState,
     stepping_priorities,
-    swinging_frames,
     with_steps,
 )
-from retarget.robot.step_plan import swinging as step_levels_swinging
-from retarget.run.options import RunOptions, priority_names
+from retarget.run.options import RunOptions
 from retarget.schema.priorities import Priorities, load_priorities
 
 SOLES = ("l_sole", "r_sole")
@@ -40,11 +37,6 @@ def test_two_levels_come_below_all_that_keeps_it_safe() -> None:
     assert names.index("fixtures") + 1 == names.index(WEIGHT) == names.index(SWINGING) - 1
     assert names.index(SWINGING) < names.index("likeness")
     assert [name for name in names if name not in (WEIGHT, SWINGING)] == [level.name for level in before.levels]
-
-
-def test_a_sole_that_swings_has_another_name_for_the_same_frame() -> None:
-    frames = swinging_frames(robot_frames(op3()), SOLES)
-    assert frames[step_levels_swinging("l_sole")] is frames["l_sole"]
 
 
 def test_a_balance_at_rest_is_refused() -> None:
@@ -131,20 +123,6 @@ def test_a_step_faster_than_the_weight_is_declined() -> None:
     assert plan.support == 0 and (plan.tally.asked, plan.tally.made) == (3, 0)
 
 
-def test_weight_that_a_stop_left_outside_goes_back() -> None:
-    plan = StepPlan()
-    assert after(plan, replace(IDLE, outside=True, settled=False), 5) is StepState.RETURN_WEIGHT
-    assert after(plan, IDLE) is StepState.DOUBLE_SUPPORT and plan.tally.asked == 0
-
-
-def test_a_foot_that_comes_down_is_put_down_before_it_lifts_again() -> None:
-    plan = swinging()
-    after(plan, replace(OVER_LEFT, foot=None))
-    assert after(plan, OVER_LEFT, 50) is StepState.TOUCHDOWN
-    assert after(plan, replace(OVER_LEFT, down=True)) is StepState.RETURN_WEIGHT
-    assert after(plan, OVER_LEFT, TICKS + 1) is StepState.SWING and plan.tally.made == 2
-
-
 @settings(max_examples=50)
 @given(
     st.lists(
@@ -226,11 +204,6 @@ def test_what_a_robot_cannot_do_is_refused(tmp_path: Path, steps: str, root: str
         with_steps(written(tmp_path, steps), robot, None, parts=parts)
 
 
-def test_a_robot_that_hangs_may_follow() -> None:
-    robot = load_robot("op3", root="suspended")
-    assert with_steps(load_priorities("balanced"), robot, "follow", parts="whole")[0].steps == "follow"
-
-
 def test_options_are_checked_before_any_file() -> None:
     for options, facts in (
         ({"steps": "walk"}, ("walk", "planted, shift, follow")),
@@ -240,8 +213,3 @@ def test_options_are_checked_before_any_file() -> None:
             RunOptions(robot="op3", **options)  # type: ignore[arg-type]
     with refuses(UsageError):
         RunOptions(robot="human", steps="shift")
-
-
-def test_a_robot_that_steps_has_mass() -> None:
-    assert priority_names(op3(), RunOptions(robot="op3", steps="shift"))[1] == "balanced"
-    assert priority_names(op3(), RunOptions(robot="op3", steps="planted"))[1] == "servo"

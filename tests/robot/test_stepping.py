@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from followers import DT, Followed, assert_within_limits, collect, dimensions, op3, performer, postures, settled
+from followers import DT, Followed, assert_within_limits, collect, dimensions, op3, performer, postures
 from hardware.clock import VirtualClock
 from retarget.cli.buses import PhysicsBench
 from retarget.human.samples import Playback
@@ -105,26 +105,6 @@ def test_no_foot_is_off_the_floor_before_the_balance_is_over_the_other() -> None
     assert done.support.min() > 0.02
 
 
-def test_a_step_that_is_too_fast_is_declined_and_the_robot_stays_planted() -> None:
-    robot = stepper()
-    done = played(robot, ((BOTH, 0.5), *((LEFT, 0.2), (BOTH, 0.3)) * 3, (BOTH, 2.0)))
-    assert robot.steps is not None
-    tally = robot.steps.plan.tally
-    assert (tally.asked, tally.made, tally.declined) == (3, 0, 3)
-    assert soles(done.q)[..., 2].max() < 1e-4
-    assert robot.steps.stands
-
-
-def test_on_its_way_to_the_first_posture_it_makes_no_step() -> None:
-    robot = stepper()
-    robot.start(lifting(LEFT))
-    way = settled(robot, lifting(LEFT))
-    assert max(float(soles(posture.q[None])[..., 2].max()) for posture in way) < 1e-4
-    for _ in range(300):
-        robot.step(lifting(LEFT), DT)
-    assert robot.steps is not None and robot.steps.plan.state is StepState.SWING
-
-
 def test_a_stop_on_one_foot_keeps_it_and_the_return_to_stance_ends_on_both() -> None:
     robot = stepper()
     played(robot, ((LEFT, 3.0),))
@@ -151,12 +131,6 @@ def test_a_mass_that_was_stopped_outside_its_room_is_led_back_before_it_stands()
     assert robot.return_to_stance(DT) is not None and steps.plan.state is StepState.RETURN_WEIGHT
 
 
-def test_planted_priorities_make_no_steps() -> None:
-    robot = Follower(op3(), load_priorities("balanced"), dimensions(performer()))
-    robot.start(STANDS)
-    assert robot.steps is None
-
-
 def test_a_foot_without_contact_is_waited_for() -> None:
     took = []
     for contact in (None, (True, True), (True, False)):
@@ -169,18 +143,6 @@ def test_a_foot_without_contact_is_waited_for() -> None:
         took.append(ticks * DT)
         assert ticks > 0 and soles(q[None])[0, 1, 2] < 3e-4
     assert took[1] == took[0] and took[2] - took[0] == pytest.approx(CONTACT_WAIT_S, abs=2.0 * DT)
-
-
-@pytest.mark.parametrize("carrying", [LEFT, RIGHT])
-def test_it_steps_on_after_a_reseed(carrying: Carrying) -> None:
-    """Something else was sent, as after a refusal of the gate."""
-    robot = stepper()
-    played(robot, ((carrying, 2.5),))
-    q = robot.step(lifting(carrying), DT).q.copy()
-    robot.reseed(q, np.zeros(op3().body.nv))
-    done = [robot.step(lifting(BOTH), DT) for _ in range(500)]
-    assert robot.steps is not None and robot.steps.stands
-    assert np.abs(soles(np.array([done[-1].q]))[0, :, 2]).max() < 2e-4
 
 
 @pytest.mark.long
@@ -267,41 +229,12 @@ def test_capture_point_and_zero_moment_point_count() -> None:
     assert abs(still - pushed - 0.1 * 0.25 / GRAVITY) < 1e-9
 
 
-def test_on_the_way_height_is_no_way_out() -> None:
-    """A robot that may not go aside fast enough gets there no sooner by throwing up its mass."""
-    com = np.array([*BALANCE.middles[1], 0.25])
-    assert (BALANCE.spaces(BALANCE.on_the_way, com, STILL, DT)[:, 2] == 0.0).all()
-    both = BALANCE.spaces(BALANCE.both, np.array([0.0, 0.0, 0.25]), STILL, DT)
-    assert (both[1::2, 2] != 0.0).all(), "standing keeps the law of `standing_balance`"
-    inside = BALANCE.spaces(BALANCE.on_the_way, com, STILL, DT) @ np.append(com, -1.0)
-    assert (inside < 0.0).all()
-
-
-def test_from_the_edge_of_the_way_a_mass_at_rest_may_be_pushed_back() -> None:
-    """Its zero-moment point has to go beyond that edge for it."""
-    for nx, ny, offset in BALANCE.on_the_way:
-        at = np.array([nx * offset, ny * offset])
-        com = np.array([*at, 0.25])
-        back = com - np.array([nx, ny, 0.0]) * GRAVITY / 0.25 * 0.003 * DT**2  # as from 3 mm farther out
-        spaces = BALANCE.spaces(BALANCE.on_the_way, com, STILL, DT)
-        across = spaces[:, :2] @ np.array([nx, ny])
-        assert (spaces[np.abs(across) > 0.999] @ np.append(back, -1.0) <= 0.0).all()
-
-
 @given(x=st.floats(-0.2, 0.2), y=st.floats(-0.2, 0.2))
 def test_a_place_is_inside_and_what_is_inside_stays(x: float, y: float) -> None:
     place = BALANCE.place(np.array([x, y]))
     assert depth(BALANCE.both, *place.tolist()) > 0.0
     again = BALANCE.place(place)
     assert np.abs(again - place).max() < 1e-9
-
-
-def test_distance_is_to_the_outline_of_what_carries() -> None:
-    com = np.array([0.0, 0.0, 0.25])
-    assert BALANCE.inside(com, None) > 0.05
-    assert BALANCE.inside(com, 0) < 0.0 and BALANCE.inside(com, 1) < 0.0
-    left = np.array([*BALANCE.middles[1], 0.25])
-    assert BALANCE.inside(left, 0) > 0.03 > BALANCE.inside(left, 1)
 
 
 def shift() -> WeightShift:
@@ -322,13 +255,3 @@ def test_from_anywhere_it_gets_to_its_goal_and_is_never_pushed_from_outside(
     worst = min(BALANCE.depth(BALANCE.on_the_way, np.array([*point, 0.0]), STILL, STILL) for point in pushed)
     assert worst > -1e-9
     assert np.abs(path[-1] - BALANCE.middles[foot]).max() < 1e-6
-
-
-def test_at_the_edge_it_still_goes_along_it() -> None:
-    """No room to be pushed away from the edge, but along it."""
-    edge = max(offset for nx, _, offset in BALANCE.on_the_way if nx == 1.0)
-    way = shift()
-    way.restart(np.array([edge, 0.0, HEIGHT]), STILL, DT)
-    for _ in range(50):
-        way.step(BALANCE.middles[1], BALANCE.on_the_way, DT)
-    assert way.at[1] > 0.01 and way.at[0] <= edge + 1e-12

@@ -96,11 +96,6 @@ def test_a_slow_move_is_straight_and_ends_exactly_at_its_goal_at_its_share_of_sp
     driven.assert_within_limits()
 
 
-def test_a_slow_move_to_where_the_robot_is_has_no_way() -> None:
-    driven = Driven()
-    assert SlowMove(op3(), driven.commanded, share=SHARE, dt=DT).is_at(stand())
-
-
 def test_a_warm_robot_moves_more_slowly() -> None:
     ticks = []
     for override in (1.0, 0.5):
@@ -122,22 +117,6 @@ def test_it_brakes_on_its_line_and_stands_soon(after: int) -> None:
     for _ in range(round(STANDS_S / DT)):
         assert driven.take(move.brake())
     assert driven.commanded.stands and not move.is_at(goal)
-    driven.assert_straight()
-    driven.assert_within_limits()
-
-
-@pytest.mark.parametrize("braked", [1, 10, 100])
-def test_a_move_that_was_held_goes_on_from_where_it_is(braked: int) -> None:
-    driven, goal = Driven(), there()
-    move = SlowMove(op3(), driven.commanded, share=SHARE, dt=DT)
-    for _ in range(60):
-        driven.take(move.towards(goal, speed_override=1.0))
-    for _ in range(braked):
-        driven.take(move.brake())
-    while not move.is_at(goal):
-        assert driven.take(move.towards(goal, speed_override=1.0))
-    np.testing.assert_array_equal(driven.path[-1], goal)
-    assert driven.speeds().max() <= SHARE * (1.0 + 1e-9)
     driven.assert_straight()
     driven.assert_within_limits()
 
@@ -337,21 +316,6 @@ def test_where_the_gate_refuses_the_way_it_holds_and_goes_on_when_it_is_clear() 
     driven.refuses = False
     arrive(driven, rest)
     np.testing.assert_array_equal(driven.path[-1], rest_joints(op3()))
-    driven.assert_within_limits()
-
-
-def test_a_second_way_to_rest_begins_where_the_robot_stands() -> None:
-    driven = Driven()
-    rest = going(driven)
-    for _ in range(60):
-        driven.take(rest.target(None, speed_override=1.0))
-    while not driven.commanded.stands:
-        driven.take(None)
-    stood = driven.path[-1]
-    rest.begin()
-    driven.take(rest.target(None, speed_override=1.0))
-    assert np.abs(driven.path[-1] - stood).max() < 1e-3
-    arrive(driven, rest)
     driven.assert_within_limits()
 
 

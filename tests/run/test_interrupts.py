@@ -102,18 +102,6 @@ def test_a_goal_that_no_servo_takes_doubles_no_step(failures: int, monkeypatch: 
     assert_no_doubled_step(goals, rig)
 
 
-@pytest.mark.parametrize(("stall", "reason"), [(0.05, None), (2.0, "no tick for 2 s, allowed 0.1 s")])
-def test_what_was_missed_in_a_stall_is_not_caught_up_with(
-    stall: float, reason: str | None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    rig = Rig(swing())
-    times, goals = written(rig, monkeypatch)
-    ending = play(rig, Watch(on_row=lambda record, row: rig.clock.advance(stall) if row == 20 else None))
-    assert np.diff(times)[1:].min() > 0.999 * rig.dt
-    assert (ending.state, ending.reason) == (RunState.OFF, reason)
-    assert_no_doubled_step(goals, rig)
-
-
 # The beginning and the end of torque.
 
 
@@ -156,18 +144,6 @@ def test_a_servo_that_is_silent_at_the_end_is_reported() -> None:
     ending = play(rig)
     assert rig.bus.torque_on and ending.state is RunState.FAULT and ending.reason is not None
     shows(ending.reason, "r_sho_roll")
-
-
-def test_a_failure_with_a_servo_that_keeps_its_torque_says_so() -> None:
-    rig = Rig(swing(), faults=(MockFault(FaultKind.MISSING, first=140, cycles=FOR_EVER, servo=2),))
-
-    def interrupted(done: int) -> None:
-        if done == 30:
-            raise KeyboardInterrupt
-
-    with refuses(TorqueError, "r_sho_roll"):
-        play(rig, Watch(interrupted, every=1))
-    assert rig.bus.torque_on
 
 
 def interrupting(rig: Rig, monkeypatch: pytest.MonkeyPatch, calls: int) -> list[bool]:
@@ -448,20 +424,6 @@ def test_a_lost_terminal_does_not_hinder_the_stop(error: Exception, monkeypatch:
     assert not rig.gate.displacement.any() and not rig.bus.torque_on
 
 
-def test_a_stop_is_carried_out_in_the_tick_in_which_it_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    rig, looked = Rig(swing()), list[float]()
-
-    def asked() -> bool:
-        looked.append(rig.clock.now())
-        return len(looked) > 30
-
-    times, _ = written(rig, monkeypatch)
-    play(rig, Watch(stop_asked=asked))
-    assert rig.guard.stop is not None and rig.guard.stop.time == looked[30] == looked[-1]
-    assert looked[30] - looked[29] == pytest.approx(rig.dt)
-    assert min(time for time in times if time >= looked[30]) - looked[29] < 1.5 * rig.dt
-
-
 # To rest.
 
 
@@ -492,19 +454,6 @@ def test_a_robot_that_cannot_go_to_rest_holds_and_torque_goes_off_in_time(monkey
     shows(ending.reason)
     (note,) = rig.machine.not_at_rest()
     shows(note)
-
-
-@pytest.mark.parametrize("kind", [FaultKind.ALERT, FaultKind.MISSING])
-@pytest.mark.parametrize("first", [20, 140, 220])
-def test_a_faulty_robot_does_not_go_to_rest(kind: FaultKind, first: int) -> None:
-    """While it follows, or on the way to rest: the robot brakes and stands."""
-    fault = MockFault(kind, first, FOR_EVER, servo=12, alert=ServoAlert.OVERLOAD)
-    rig = Rig(still(), faults=(fault,), goes_to_rest=True)
-    ending = play(rig)
-    assert np.abs(sent(rig.gate) - rest_of(rig)).max() > 0.2 and ending.state is RunState.FAULT
-    assert rig.guard.stop is not None and not rig.gate.displacement.any()
-    assert rig.guard.stop.cause in (StopCause.SERVO_ALERT, StopCause.SERVO_LOST)
-    assert rig.machine.not_at_rest() == (), "it stays, and the reason says so"
 
 
 def returning(rig: Rig, step: float) -> None:
@@ -566,14 +515,6 @@ def test_a_failure_that_comes_back_while_the_robot_stops_does_not_keep_it_under_
         raise ArithmeticError("no way to a stop")
 
     rig.follower.halt = broken  # type: ignore[method-assign]
-    ending = play(rig)
-    assert (ending.state, ending.reason) == (RunState.OFF, None) and len(rig.follower.returns) == 1
-    np.testing.assert_allclose(sent(rig.gate), rest_of(rig), atol=1e-9)
-
-
-def test_a_return_to_stance_that_does_not_end_stops_and_the_robot_goes_to_rest_from_there() -> None:
-    rig = Rig(still(), goes_to_rest=True)
-    returning(rig, 1e-6)
     ending = play(rig)
     assert (ending.state, ending.reason) == (RunState.OFF, None) and len(rig.follower.returns) == 1
     np.testing.assert_allclose(sent(rig.gate), rest_of(rig), atol=1e-9)

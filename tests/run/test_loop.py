@@ -1,6 +1,5 @@
 """The tick loop: rows, timing, gating, stops. Stages are stand-ins; bus, guard and gate are real."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +7,6 @@ import pytest
 
 from faulty_bus import FaultKind, MockFault
 from hardware.bus import ServoGoals, ServoStates
-from hardware.clock import VirtualClock
 from hardware.errors import BusError, HardwareError, RetargetError
 from hardware.guard import CheckedGoal
 from hardware.servo_health import ServoWarnings
@@ -17,7 +15,7 @@ from retarget.model.robot import RobotBody
 from retarget.report.motion_metrics import LimitViolations, limit_violations
 from retarget.run.controllers import rest_joints
 from retarget.run.loop import FORCED_STOP, INTERRUPTED, Watch, run_human
-from retarget.run.record import Phase, Record
+from retarget.run.record import Phase
 from retarget.types import FloatArray, HumanPosture, RobotPosture, RunState
 from rig import Rig, StubFollower, StubReconstructor, person, play, short_clip
 
@@ -73,29 +71,6 @@ def test_every_tick_has_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not rig.bus.torque_on
 
 
-def test_only_what_follows_is_compared_with_what_is_asked() -> None:
-    record = play(Rig(ramp())).record
-    assert record.robot is not None
-    known = np.asarray(np.isfinite(record.robot.landmarks_asked).all(axis=(1, 2)))
-    following = record.phase == Phase.FOLLOW
-    assert known.tolist() == following.tolist() == np.isfinite(record.timing.retarget).tolist()
-    assert np.isfinite(record.human.balance_error).tolist() == following.tolist()
-    assert known[record.following].all() and np.count_nonzero(known) == TICKS
-
-
-def test_what_is_kept_is_what_was_sent() -> None:
-    rig = Rig(swing(0.1))
-    record = play(rig).record
-    robot = record.robot
-    assert robot is not None
-    sent = robot.q[:, rig.robot.servo_columns]
-    np.testing.assert_array_equal(rig.robot.joint_map.to_ticks(sent), robot.goal_ticks)
-    stand = rig.follower.stance.q[rig.robot.servo_columns]
-    np.testing.assert_allclose((sent - stand)[record.following], swing(0.1), atol=1e-12)
-    # The servos follow, late: what they say at the start of a tick is not yet the goal of that tick.
-    assert 0.03 < np.abs(robot.present[:, 0] - stand[0]).max() <= 0.1
-
-
 def test_the_whole_motion_from_rest_to_rest_keeps_the_limits() -> None:
     rig = Rig(ramp())
     robot = play(rig).record.robot
@@ -104,27 +79,6 @@ def test_the_whole_motion_from_rest_to_rest_keeps_the_limits() -> None:
     assert limit_violations(sent, rig.robot.limits, rig.dt) == LimitViolations(0, 0, 0)
     last = np.abs(np.diff(sent[-2:], axis=0)[0])
     assert (last <= rig.robot.limits.max_acceleration * rig.dt**2 * (1.0 + 1e-9)).all()
-
-
-def test_times_are_counted() -> None:
-    record = play(Rig(still())).record
-    timing, following = record.timing, record.following
-    assert (timing.cycle > 0.0).all()
-    assert (timing.retarget[following] > 0.0).all() and (timing.reconstruct[following] > 0.0).all()
-
-
-def test_who_looks_on_is_part_of_the_time_of_a_tick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """They see the tick without themselves, and it is then counted with them."""
-    wall, seen = VirtualClock(), list[float]()
-    monkeypatch.setattr("retarget.run.record.MonotonicClock", lambda: wall)
-
-    def look(record: Record, row: int) -> None:
-        seen.append(float(record.timing.cycle[row]))
-        wall.advance(0.25)
-
-    clip, human = short_clip(rate_hz=None), person()
-    ending = run_human(clip, StubReconstructor(human), Watch(on_row=look))
-    assert seen == [0.0] * len(ending.record) and (ending.record.timing.cycle == 0.25).all()
 
 
 def test_a_jump_is_gated_and_the_follower_is_reseeded() -> None:
@@ -234,23 +188,6 @@ def test_nothing_starts_on_a_robot_that_is_not_well() -> None:
     assert not rig.bus.torque_on
 
 
-def test_the_robot_walks_slowly_to_where_following_begins() -> None:
-    script = still() + 0.4
-    rig = Rig(script)
-    ending = play(rig)
-    robot = ending.record.robot
-    assert robot is not None
-    record = ending.record
-    assert not robot.gated.any()
-    path = robot.q[record.phase == Phase.APPROACH][:, rig.robot.servo_columns]
-    stand = rig.follower.stance.q[rig.robot.servo_columns]
-    np.testing.assert_allclose(robot.start, stand, atol=1e-3)
-    np.testing.assert_allclose(path[-1], stand + 0.4, atol=1e-12)
-    speed = np.abs(np.diff(np.vstack([robot.start, path]), axis=0)) / rig.dt
-    assert (speed <= 0.2 * rig.robot.limits.max_velocity * (1.0 + 1e-9)).all()
-    assert len(path) * rig.dt > 1.8 * 0.4 / (0.2 * 4.5)
-
-
 def test_the_human_alone_needs_no_robot() -> None:
     clip = short_clip(seconds=0.3, rate_hz=None)
     reconstructor = StubReconstructor(person())
@@ -260,14 +197,6 @@ def test_the_human_alone_needs_no_robot() -> None:
     assert len(ending.record) == clip.source_frames == 37
     assert done[0] == 1 and done[-1] == 37
     assert set(reconstructor.calls) == {1.0 / 120.0}
-
-
-def test_slow_motion_keeps_the_performers_clock() -> None:
-    clip = short_clip(seconds=0.2, speed=0.5)
-    assert len(clip) == TICKS
-    reconstructor = StubReconstructor(person())
-    run_human(clip, reconstructor, Watch())
-    assert reconstructor.calls == pytest.approx([0.5 / 125.0] * (TICKS - 1))
 
 
 def test_a_tick_that_fails_after_its_goal_sends_no_second_one() -> None:
@@ -477,21 +406,6 @@ def test_a_silent_bus_is_held_and_followed_again() -> None:
     assert (ending.state, ending.reason) == (RunState.OFF, None)
     held = [tick + 1 for tick, state in enumerate(states) if state is RunState.HOLD]
     assert held == [*silent] and states[silent[-1]] is RunState.FOLLOW, "the first is read to arm"
-
-
-def test_on_its_way_to_rest_a_robot_brakes_while_the_bus_is_silent_and_goes_on() -> None:
-    def steps(faults: Sequence[MockFault]) -> FloatArray:
-        rig = Rig(still(), goes_to_rest=True, faults=faults)
-        ending = play(rig)
-        assert (ending.state, ending.reason) == (RunState.OFF, None) and ending.record.robot is not None
-        assert np.abs(ending.record.robot.goals[-1] - rest_joints(rig.robot)).max() < 0.01
-        return np.asarray(np.abs(np.diff(ending.record.robot.goals, axis=0)).max(axis=1))
-
-    usual = steps(())
-    cruise = np.flatnonzero(usual > 0.98 * usual.max())  # of the way to rest, the fastest move of this run
-    fast = int(cruise[len(cruise) // 3])
-    silent = steps([MockFault(FaultKind.MISSING, first=fast, cycles=5, servo=servo) for servo in range(20)])
-    assert silent[fast : fast + 8].min() < 0.99 * usual[fast : fast + 8].min()
 
 
 def test_on_its_way_to_rest_a_robot_gets_there_though_the_bus_is_silent_again_and_again() -> None:

@@ -8,9 +8,7 @@ import pytest
 from messages import refuses
 from retarget.errors import UsageError
 from retarget.model.robot import load_robot
-from retarget.run.options import MOUNTS, PERTURBATIONS, PhysicsOptions, RunOptions, name_with_mass, priority_names
-from sim.physics.mount import Support
-from sim.physics.perturbation import PerturbationKind
+from retarget.run.options import PhysicsOptions, RunOptions, name_with_mass, priority_names
 
 
 @pytest.mark.parametrize("bus", ["mock", "none", "profile", "/dev/ttyUSB0"])
@@ -27,23 +25,12 @@ def test_real_servos_are_never_moved_without_the_gate(bus: str) -> None:
         RunOptions(robot="op3", bus=bus, gate=False)
 
 
-@pytest.mark.parametrize("bus", ["emulater", "ttyUSB0", "COM3", ""])
-def test_an_unknown_bus_is_refused(bus: str) -> None:
-    with refuses(UsageError):
-        RunOptions(robot="op3", bus=bus)
-
-
 @pytest.mark.parametrize(
     ("bus", "has_mass"),
     [("mock", False), ("emulator", False), ("physics", True), ("profile", True), ("/dev/ttyUSB0", True)],
 )
 def test_a_robot_with_mass_goes_to_rest_before_torque_goes_off(bus: str, has_mass: bool) -> None:
     assert RunOptions(robot="op3", bus=bus).has_mass is has_mass
-
-
-def test_the_names_are_those_of_the_simulation() -> None:
-    assert set(MOUNTS) == {support.value for support in Support}
-    assert set(PERTURBATIONS) == {kind.value for kind in PerturbationKind}
 
 
 @pytest.mark.parametrize(
@@ -72,14 +59,6 @@ def test_they_are_refused_where_nothing_has_mass(bus: str, physics: PhysicsOptio
     for simulated in ("physics", "physics+wire"):
         options = RunOptions(robot="op3", bus=simulated, physics=physics)
         assert options.has_physics and options.simulated
-
-
-def test_what_it_is_on_says_how_it_follows() -> None:
-    assert RunOptions(robot="op3", bus="physics").root is None
-    options = RunOptions(robot="op3", bus="physics", physics=PhysicsOptions(mount="gantry", hook="neck"))
-    robot = load_robot("op3", root=options.root)
-    assert robot.profile.root == "suspended" and not robot.stands
-    assert robot.body.nq == load_robot("op3").body.nq - 7
 
 
 @pytest.mark.parametrize(("name", "usual"), [("toddlerbot", "balanced_sustained"), ("op3", "balanced")])

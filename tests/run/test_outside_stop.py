@@ -90,14 +90,6 @@ def test_an_interrupt_of_a_recorded_motion(trial: str, at: float, shared: Path) 
     assert_stands_well(run)
 
 
-@pytest.mark.parametrize("at", [5.69, 15.3])
-def test_an_interrupt_of_the_synthetic_performer(at: float) -> None:
-    with prepared(synthetic_performer, at) as ready:
-        run = stop_at(ready)
-    assert (run.state, run.reason) == ("off", INTERRUPTED)
-    assert_stands_well(run)
-
-
 def test_the_end_of_a_clip_in_the_middle_of_a_motion() -> None:
     with prepared(synthetic_performer, 15.4) as ready:
         run = ready.run()

@@ -8,12 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hardware.clock import Clock, VirtualClock
-from live_rig import five
 from messages import refuses
-from retarget.errors import InputError, UsageError
+from retarget.errors import InputError
 from retarget.live.admission import MOST_PER_POLL
 from retarget.live.begin import LiveOptions
-from retarget.live.open_stream import open_stream
 from retarget.live.raw_recording import RawTap
 from retarget.model.robot import RobotBody
 from retarget.run.options import RunOptions
@@ -70,13 +68,6 @@ def test_what_is_written_is_read_back(seed: int, stamp: float | None, number: in
     np.testing.assert_array_equal(read.tracked, tracked)
 
 
-def test_a_pose_of_which_nothing_is_known_is_left_out() -> None:
-    frame = plain()[0]
-    frame.position[0], frame.orientation[0] = np.inf, np.nan
-    (read,) = JsonPoseDecoder().decode(written(frame))
-    assert read.names == ("l_wrist",)
-
-
 def test_polls_are_bounded_and_what_is_too_much_is_counted() -> None:
     said = [plain(MOST_WAITING + 5)]
     source = OwnSource(lambda now: said.pop() if said else None)
@@ -86,11 +77,6 @@ def test_polls_are_bounded_and_what_is_too_much_is_counted() -> None:
         taken.append(len(source.poll(float(len(taken)))))
     assert max(taken) == MOST_PER_POLL and sum(taken) == MOST_WAITING
     assert source.dropped.reasons == {"more frames than are taken": 5}
-
-
-def test_an_instant_is_asked_about_once() -> None:
-    source = OwnSource(lambda now: plain())
-    assert [len(source.poll(now)) for now in (1.0, 1.0, 1.0, 1.5, 1.25)] == [1, 0, 0, 1, 0]
 
 
 def test_the_function_is_not_called_after_the_end() -> None:
@@ -142,8 +128,3 @@ def test_an_exception_of_the_function_ends_the_run_at_rest_and_is_its_reason() -
 def test_a_source_without_frames_is_refused() -> None:
     with refuses(InputError, 2):
         run(lambda now: [], VirtualClock(), [])
-
-
-def test_a_performer_whose_sensors_are_missing_is_refused() -> None:
-    with refuses(UsageError, "natnet", "head"):
-        open_stream(OwnSource(lambda now: None), five().model_copy(update={"roles": "natnet"}))

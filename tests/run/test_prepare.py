@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 
 from followers import DT, follower, op3
-from gates import admit
 from hardware.clock import VirtualClock
 from retarget.human.samples import Playback
 from retarget.run.loop import Watch
 from retarget.run.options import RunOptions
 from retarget.run.prepare import make_gate, prepare
-from retarget.safety.gate import Gate, PassThroughGate
+from retarget.safety.gate import Gate
 from retarget.schema.priorities import load_priorities
 from retarget.types import FloatArray
 from sim.mock_bus import mock_bus
@@ -34,13 +33,6 @@ def test_priorities_say_whether_goals_are_compensated(name: str, compensates: bo
         assert goal is not None and np.array_equal(goal.posture, present)
     assert gate.goal is not None and np.any(gate.goal.joints != present) == compensates
     assert gate.check(present + 1.0) is None
-
-
-def test_without_a_gate_goals_are_postures() -> None:
-    gate = make_gate(op3(), follower(priorities="balanced"), load_priorities("balanced"), checks=False, dt=DT)
-    assert type(gate) is PassThroughGate and gate.clearance is None
-    gate.begin(standing())
-    np.testing.assert_array_equal(admit(gate, standing() + 1.0), standing() + 1.0)
 
 
 def test_compensated_goals_are_checked_for_collision() -> None:

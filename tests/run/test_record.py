@@ -1,6 +1,5 @@
 """Runs that last longer than there is room for: what is kept has no gap."""
 
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -30,16 +29,6 @@ def filled(approach: int, follow: int, brake: int, *, close_at: int | None = Non
         record.time[rows.row] = tick
         rows.filled(approaches=tick + 1 < approach)
     return rows.of(record)
-
-
-@pytest.mark.parametrize("approach", range(14))
-@pytest.mark.parametrize(("follow", "brake"), [(3, 2), (1, 0), (0, 2), (0, 0)])
-def test_of_a_long_approach_the_end_is_kept(approach: int, follow: int, brake: int) -> None:
-    record = filled(approach, follow, brake)
-    times, ticks = record.time.tolist(), approach + follow + brake
-    assert times == list(range(ticks - len(times), ticks)) and record.to_end
-    assert record.from_start is (len(times) == ticks)
-    assert len(times) == ticks if approach <= 4 else len(times) == 3 + follow + brake
 
 
 def test_what_comes_after_the_last_room_is_not_kept() -> None:
@@ -76,17 +65,6 @@ def test_an_approach_that_is_held_up_misses_no_tick(monkeypatch: pytest.MonkeyPa
     assert report.limit_violations == LimitViolations(0, 0, 0)
     assert {*run.record.phase.tolist()} == {Phase.APPROACH, Phase.FOLLOW, Phase.BRAKE}
     shows(report.notes)
-
-
-def test_a_robot_that_already_moves_at_the_first_row_broke_no_limit(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The record has no room for the whole approach."""
-    monkeypatch.setattr("retarget.run.record.LONGEST_APPROACH_S", 2.2)
-    run = played()
-    moved = np.abs(np.diff(run.record.robot.q[:4, 7:], axis=0)).max() if run.record.robot else 0.0
-    assert not run.record.from_start and moved > 1e-3
-    assert measure(run).limit_violations == LimitViolations(0, 0, 0)
-    violations = measure(replace(run, record=replace(run.record, from_start=True))).limit_violations
-    assert violations.acceleration > 0
 
 
 def test_of_a_long_run_the_beginning_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -27,20 +27,6 @@ from sim.mock_bus import MockBus
 from sim.performer import synthetic_performer
 from sim.physics.witness import Witness
 
-BALL = """
-name: ball
-description: A ball that comes to where the robot squats, while it goes to rest
-obstacles:
-  ball:
-    shape: {sphere: {radius: 0.05}}
-    path:
-      - {time: 0.0, pos: [2.0, 0.0, 0.5]}
-      - {time: 30.0, pos: [1.0, 0.0, 0.5]}
-"""
-
-REFUSED = (60, 61, 62)
-"""Goals of a return to stance."""
-
 
 def angles(robot: RobotBody, name: str) -> FloatArray:
     return robot.posture(getattr(robot.profile.postures, name))[robot.servo_columns]
@@ -71,52 +57,6 @@ def stopped(
     with prepare(synthetic_performer, asked, clock=clock, make_bus=bus, goes_to_rest=True, notify=notify) as prepared:
         run = prepared.run(Watch(stop_asked=lambda: next(ticks) >= after))
         return run, prepared.scene_obstacles
-
-
-@pytest.mark.parametrize(("name", "after"), [("op3", 1), ("op3", 100), ("wolfgang", 30)])
-def test_a_stop_while_it_rises_leads_back_and_does_not_stand_it_up(name: str, after: int) -> None:
-    run, _ = stopped(name, after, start="rest")
-    assert run.record is not None and run.record.robot is not None and run.robot is not None
-    rest, stand = angles(run.robot, "rest"), angles(run.robot, "stand")
-    risen = (run.record.robot.goals - rest) @ (stand - rest) / ((stand - rest) @ (stand - rest))
-    at_stop = risen[: after + 1].max()
-    assert risen.max() < at_stop + 0.08 < 0.9  # it brakes first
-    assert np.abs(run.record.robot.goals[-1] - rest).max() < 0.1 and not any("rest" in note for note in run.notes)
-
-
-def test_a_stop_on_the_approach_returns_to_stance_from_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It has left the straight part on which it rises, and has not followed; some goals of the return are refused."""
-    refused: list[int] = []
-    check, return_to_stance, reseed = Gate.check, Follower.return_to_stance, Follower.reseed
-    reseeds: list[int] = []
-    returned: list[FloatArray] = []
-
-    def to_stance(self: Follower, dt: float) -> FloatArray | None:
-        q = return_to_stance(self, dt)
-        returned.extend([] if q is None else [q.copy()])
-        return q
-
-    def once(self: Gate, target: FloatArray | None) -> CheckedGoal | None:
-        if len(returned) in REFUSED:
-            refused.append(len(returned))
-            return None
-        return check(self, target)
-
-    def reseeded(self: Follower, q: FloatArray, velocity: FloatArray) -> None:
-        reseeds.append(len(returned))
-        reseed(self, q, velocity)
-
-    monkeypatch.setattr(Follower, "return_to_stance", to_stance)
-    monkeypatch.setattr(Follower, "reseed", reseeded)
-    monkeypatch.setattr(Gate, "check", once)
-    run, _ = stopped("op3", 130, start="stand")
-    assert run.record is not None and run.record.robot is not None and run.robot is not None
-    assert run.record.following.start == run.record.following.stop
-    assert np.count_nonzero(run.record.robot.gated) == len(REFUSED), "it went on from where it was"
-    assert refused == sorted([*REFUSED, *REFUSED]), "the return and the stop on the soles"
-    assert {*reseeds} == {0, *REFUSED, len(returned)}, "begun from where the robot stood, and stood after it"
-    aside = np.abs(run.record.robot.goals - angles(run.robot, "attractor"))[:, :6].max(axis=1)
-    assert aside.min() < 0.05 and np.abs(run.record.robot.goals[-1] - angles(run.robot, "rest")).max() < 0.1
 
 
 RETURN_S = 4.0
@@ -164,15 +104,6 @@ def test_a_stop_after_it_followed_ends_in_rest_within_four_seconds() -> None:
     goals, dt = run.record.robot.goals, 1.0 / run.robot.profile.safety.rate_hz
     assert (len(goals) - run.record.following.stop) * dt < 4.0
     assert np.abs(goals[-1] - angles(run.robot, "rest")).max() < 0.1
-
-
-def test_obstacles_move_on_while_it_goes_to_rest(tmp_path: Path) -> None:
-    scene = tmp_path / "ball.yaml"
-    scene.write_text(BALL)
-    run, obstacles = stopped("op3", 10**6, start="stand", scene=scene)
-    assert run.record is not None and run.record.robot is not None and run.robot is not None and obstacles is not None
-    lasted = float(run.record.time[-1])  # since it follows
-    assert lasted > 4.5 and obstacles.time == pytest.approx(lasted, abs=0.1)
 
 
 @pytest.mark.parametrize("name", ["op3", "poppy", "wolfgang"])

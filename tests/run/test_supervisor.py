@@ -117,20 +117,6 @@ def test_a_live_performer_is_measured_before_the_robot_is_armed() -> None:
 # What a situation leads to.
 
 
-def test_a_performer_who_is_lost_is_held_and_followed_again() -> None:
-    supervisor, rig = running()
-    assert supervisor.step(1.0, FOLLOWED, rig.guard) is RunState.FOLLOW
-    assert supervisor.step(1.1, LOST, rig.guard) is RunState.HOLD and supervisor.hold_reason == "no data"
-    assert supervisor.step(1.2, FOLLOWED, rig.guard) is RunState.FOLLOW
-    assert rig.guard.stop is None
-
-
-def test_a_hold_on_the_approach_goes_on_with_it() -> None:
-    supervisor, rig = running(state=RunState.APPROACH)
-    assert supervisor.step(1.0, Situation(hold_reason="no data"), rig.guard) is RunState.HOLD
-    assert supervisor.step(1.1, Situation(followable=True), rig.guard) is RunState.APPROACH
-
-
 def test_a_hold_ends_in_a_stop_with_its_reason() -> None:
     supervisor, rig = running()
     supervisor.step(1.0, LOST, rig.guard)
@@ -221,14 +207,6 @@ def test_a_stop_goes_by_the_stance_to_rest() -> None:
     assert supervisor.over and not supervisor.torque
 
 
-def test_on_the_straight_approach_a_stop_goes_straight_to_rest() -> None:
-    supervisor, rig = running(state=RunState.APPROACH)
-    supervisor.step(1.0, Situation(stop="space bar"), rig.guard)
-    assert (
-        supervisor.step(1.1, Situation(stands=True, straight=True, goes_to_rest=True), rig.guard) is RunState.GO_TO_REST
-    )
-
-
 @pytest.mark.parametrize("fails", [False, True])
 def test_a_return_to_stance_that_is_broken_off_is_not_tried_again(fails: bool) -> None:
     supervisor, rig = running()
@@ -254,12 +232,6 @@ def test_a_stop_has_a_bound_as_a_whole(state: RunState) -> None:
 
 def state_of(supervisor: Supervisor) -> RunState:
     return supervisor.state
-
-
-def test_without_a_way_to_rest_torque_goes_off_where_the_robot_stands() -> None:
-    supervisor, rig = running()
-    supervisor.step(1.0, Situation(over=True), rig.guard)
-    assert supervisor.step(1.1, Situation(stands=True), rig.guard) is RunState.OFF
 
 
 def test_braking_has_a_bound() -> None:
@@ -294,15 +266,6 @@ def test_a_failure_of_the_bus_costs_the_torque(state: RunState) -> None:
     supervisor, rig = running(state=state)
     supervisor.fail(1.0, "port gone", StopCause.BUS, rig.guard, may_brake=False)
     assert supervisor.state is RunState.FAULT and rig.guard.torque is Torque.OFF
-
-
-def test_a_return_to_stance_that_fails_is_no_fault_of_the_robot() -> None:
-    said: list[str] = []
-    supervisor, rig = running(state=RunState.RETURN_TO_STANCE)
-    supervisor._notify = said.append
-    supervisor.fail(1.0, "it broke", StopCause.SOURCE, rig.guard, may_brake=True)
-    assert rig.guard.stop is None and TRANSITIONS[RunState.RETURN_TO_STANCE, Event.FAILED].to is supervisor.state
-    shows(said[0])
 
 
 def test_a_way_to_rest_that_fails_ends_where_the_robot_stands() -> None:

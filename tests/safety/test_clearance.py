@@ -19,7 +19,7 @@ from retarget.ik.support_polygon import plant
 from retarget.model.observers import placed, robot_observers
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
-from retarget.safety.clearance import KEPT_SHARE, REMEMBERED_S, Contact, FollowingError, contacts, refuse_contact
+from retarget.safety.clearance import KEPT_SHARE, Contact, FollowingError, contacts, refuse_contact
 from retarget.schema.catalogue import Kind, find
 from retarget.types import FloatArray
 from sim.performer import synthetic_performer
@@ -109,15 +109,6 @@ def test_lag_is_explained_and_the_rest_is_not() -> None:
     assert following.unexplained(np.array([0.1, -0.1])).tolist() == [0.0, 0.0]
     assert following.unexplained(np.array([0.182, 0.002])).tolist() == [0.0, 0.0]  # rounding
     np.testing.assert_allclose(following.unexplained(np.array([0.2, 0.02])), [0.017, 0.017])
-
-
-def test_what_was_long_ago_explains_nothing() -> None:
-    following = FollowingError(TICK, dt=DT)
-    following.seed(np.full(2, 1.0))
-    for _ in range(round(REMEMBERED_S / DT)):
-        assert not following.unexplained(np.full(2, 1.0)).any()
-        following.sent(np.zeros(2))
-    assert following.unexplained(np.full(2, 1.0)).all()
 
 
 BETWEEN = 1e-4

@@ -182,14 +182,6 @@ def test_a_senseless_start_is_refused(start: FloatArray) -> None:
         make(start)
 
 
-def test_a_seed_forgets_the_past() -> None:
-    gate = make()
-    admit(gate, CHANGE)
-    admit(gate, np.full(4, np.nan))
-    gate.begin(np.zeros(4))
-    assert not gate.displacement.any()
-
-
 @pytest.mark.parametrize(
     "change", [{"upper": MAP.lower}, {"max_velocity": np.zeros(4)}, {"lower": np.full(4, -np.inf)}]
 )
@@ -263,10 +255,3 @@ def test_without_limits_goals_pass_and_braking_ends_at_rest() -> None:
     while gate.displacement.any():
         gate.brake()
     np.testing.assert_array_equal(gate.brake().joints, sent(gate))
-
-
-@pytest.mark.parametrize("goal", [[np.nan, 0.0, 0.0, 0.0], [np.inf, 0.0, 0.0, 0.0], [0.0]])
-def test_without_limits_what_no_servo_can_take_is_refused(goal: list[float]) -> None:
-    gate = PassThroughGate(MAP, dt=DT)
-    gate.begin(np.zeros(4))
-    assert gate.check(np.array(goal)) is None

@@ -6,7 +6,7 @@ import pytest
 
 from messages import Facts, refuses
 from retarget.errors import UsageError
-from retarget.schema.catalogue import Kind, entries, find, kind_of, shipped_folder, user_folder
+from retarget.schema.catalogue import Kind, entries, find, kind_of
 
 
 @pytest.fixture
@@ -21,24 +21,6 @@ def put(folder: Path, kind: Kind, name: str) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text("name: x\n", encoding="utf-8")
     return path
-
-
-def test_shipped_configurations_are_found_from_the_package() -> None:
-    assert (shipped_folder() / "robots" / "op3" / "robot.yaml").is_file()
-
-
-def test_user_folder_follows_the_xdg_standard() -> None:
-    assert user_folder({"XDG_CONFIG_HOME": "/x", "HOME": "/h"}) == Path("/x/retarget")
-    assert user_folder({"HOME": "/h"}) == Path("/h/.config/retarget")
-    assert user_folder({"XDG_CONFIG_HOME": "", "HOME": "/h"}) == Path("/h/.config/retarget")
-    assert user_folder({"XDG_CONFIG_HOME": "relative", "HOME": "/h"}) == Path("/h/.config/retarget")
-
-
-def test_names_of_all_kinds(own: Path) -> None:
-    assert find(Kind.ROBOT, "op3") == shipped_folder() / "robots" / "op3" / "robot.yaml"
-    assert find(Kind.PERFORMER, "five") == shipped_folder() / "performers" / "five.yaml"
-    assert find(Kind.SCENE, "table") == shipped_folder() / "scenes" / "table.yaml"
-    assert all(entry.shipped for kind in Kind for entry in entries(kind))
 
 
 def test_the_users_own_are_found_and_hide_the_shipped(own: Path) -> None:
@@ -86,14 +68,6 @@ def test_unknown_names_and_paths_are_refused(own: Path, kind: Kind, name: str, p
 def test_a_folder_without_a_robot_is_refused(own: Path, tmp_path: Path) -> None:
     with refuses(UsageError):
         find(Kind.ROBOT, tmp_path)
-
-
-def test_what_is_no_configuration_is_not_listed(own: Path) -> None:
-    put(own, Kind.PERFORMER, "mine").with_suffix(".txt").write_text("")
-    (own / Kind.ROBOT.value / "empty").mkdir(parents=True)
-    (own / Kind.ROBOT.value / "notes.txt").write_text("")
-    names = {entry.name for kind in Kind for entry in entries(kind) if not entry.shipped}
-    assert names == {"mine"}
 
 
 def test_kind_by_folder(tmp_path: Path) -> None:

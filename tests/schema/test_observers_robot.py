@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from followers import DT, assert_within_limits, op3
-from observed_robot import SOON, ZONE, Done, act, human, observed, raised, robot, scene_of, sphere
+from observed_robot import ZONE, Done, act, human, observed, raised, robot, scene_of, sphere
 from retarget.model.scene_state import SceneState
 from retarget.schema.priorities import ReactiveTask, load_priorities
 from retarget.types import FloatArray
@@ -61,64 +61,6 @@ def test_what_is_in_the_way_of_a_hand_is_evaded(name: str) -> None:
     assert_within_limits(done.joints)
     assert done.error("r_hand")[-1] < free().error("r_hand")[-1] + 0.005
     assert done.error("l_hand").mean() < free().error("l_hand").mean() + 0.001
-
-
-@pytest.mark.parametrize("way", [(-1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)], ids=str)
-@pytest.mark.parametrize("speed", [0.3, 1.0])
-def test_a_still_arm_gets_out_of_the_way_of_a_sphere(speed: float, way: tuple[float, float, float]) -> None:
-    """It comes straight at the hand and goes on through where it was; then the hand is where it was before."""
-    velocity, until = tuple(speed * part for part in way), SOON + 0.8 / speed
-    ball = sphere(hand() - 0.4 * np.array(way), velocity=velocity, until=until)
-    ball["from"] = SOON
-    state = scene_of(ball=ball)
-    done = act(robot(state), state, [human()[0]] * round((until + 1.0) / DT))
-    assert observed(done.q[0], state, SOON + 0.4 / speed).min() < -0.02  # it would go through the hand
-    assert done.distance.min() > 0.0035 and done.geoms_apart() > 0.0 and done.self_apart() > 0.0
-    assert_within_limits(done.joints)
-    assert done.error("r_hand")[-1] < done.error("r_hand")[round(SOON / DT)] + 0.005
-    assert done.swing(25) < 1e-3
-
-
-def closing(to: float) -> SceneState:
-    """Walls from both sides that come as near as this, m, to the robot's middle."""
-    walls = {}
-    for side, sign in (("left", 1.0), ("right", -1.0)):
-        walls[side] = {
-            "shape": {"half_space": {"normal": (0.0, -sign, 0.0)}},
-            "at": {"pos": (0.0, 0.3 * sign, 0.0)},
-            "velocity": (0.0, -0.1 * sign, 0.0),
-            "from": SOON,
-            "until": SOON + (0.3 - to) / 0.1,
-            **ZONE,
-        }
-    return scene_of(**walls)
-
-
-@pytest.mark.parametrize("to", [0.16, 0.13])
-def test_squeezed_it_is_as_far_from_both_sides(to: float) -> None:
-    state = closing(to)
-    done = act(robot(state), state, [human()[0]] * 350)
-    assert np.isfinite(done.q).all() and done.distance.min() > 0.0
-    left, right = done.distance[-1]
-    assert left == pytest.approx(right, abs=1e-3)
-    assert_within_limits(done.joints)
-
-
-def test_squeezed_by_more_than_it_can_yield_it_stays_within_limits() -> None:
-    """And touches neither itself nor one side much deeper than the other."""
-    to = 0.10
-    state = closing(to)
-    done = act(robot(state), state, [human()[0]] * 350)
-    assert np.isfinite(done.q).all() and done.self_apart() > 0.0
-    assert_within_limits(done.joints)
-    left, right = done.distance[-1]
-    assert left == pytest.approx(right, abs=3e-3)
-    assert min(left, right) > -0.015
-
-
-def test_squeezed_it_is_calm() -> None:
-    state = closing(0.16)
-    assert act(robot(state), state, [human()[0]] * 450).swing() < 1e-3
 
 
 def test_an_obstacle_that_appears_inside_the_arm_is_left_at_a_bounded_speed() -> None:

@@ -7,7 +7,6 @@ import pytest
 from messages import refuses
 from retarget.errors import ConfigError
 from retarget.frames import SENSORS
-from retarget.schema.catalogue import Kind, entries
 from retarget.schema.performer import Performer, load_performer
 
 GOOD = "name: mine\ndescription: two\nsensors:\n  head: {joint: head, orientation: true}\n  pelvis: {joint: pelvis}\n"
@@ -17,12 +16,6 @@ def load(text: str, folder: Path) -> Performer:
     path = folder / "mine.yaml"
     path.write_text(text, encoding="utf-8")
     return load_performer(path)
-
-
-def test_five_is_the_default_set() -> None:
-    performer = load_performer("five")
-    assert tuple(performer.sensors) == SENSORS[:5]
-    assert performer.oriented == ()
 
 
 @pytest.mark.parametrize(
@@ -39,12 +32,6 @@ def test_shipped_sets(name: str, count: int, oriented: tuple[str, ...]) -> None:
     performer = load_performer(name)
     assert len(performer.sensors) == count
     assert performer.oriented == oriented
-
-
-def test_each_shipped_file_bears_its_name() -> None:
-    for entry in entries(Kind.PERFORMER):
-        if entry.shipped:
-            assert load_performer(entry.path).name == entry.name
 
 
 @pytest.mark.parametrize(

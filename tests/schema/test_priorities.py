@@ -12,7 +12,7 @@ from messages import refuses
 from retarget import rotations
 from retarget.cli import main
 from retarget.cli.exit import REFUSED
-from retarget.errors import ConfigError, UsageError
+from retarget.errors import ConfigError
 from retarget.model.robot import load_robot
 from retarget.robot.follower import Follower
 from retarget.run.options import PhysicsOptions, RunOptions, priority_names
@@ -24,7 +24,6 @@ from retarget.schema.priorities import (
     PostureTask,
     PreventiveTask,
     Priorities,
-    check_for_human,
     load_priorities,
     self_contained,
 )
@@ -107,21 +106,6 @@ def load(text: str, folder: Path) -> Priorities:
     return load_priorities(path)
 
 
-def test_every_task_type_is_read(tmp_path: Path) -> None:
-    priorities = load(EVERYTHING, tmp_path)
-    assert (priorities.iterations, priorities.activation) == (8, "all")
-    kinds = {task.type for _, _, task in priorities.tasks()}
-    assert kinds == {
-        *("position", "orientation", "axis", "heading", "look_at", "centre_of_mass", "posture", "reactive"),
-        "preventive",
-    }
-
-
-def test_tasks_come_with_their_places(tmp_path: Path) -> None:
-    places = [(level, index) for level, index, _ in load(EVERYTHING, tmp_path).tasks()]
-    assert places == [(0, 0), (0, 1), (1, 0), (1, 1), (1, 2), (3, 0), (3, 1), (3, 2), (3, 3), (4, 0), (4, 1)]
-
-
 def test_short_forms_and_defaults(tmp_path: Path) -> None:
     levels = load(EVERYTHING, tmp_path).levels
     hand = levels[3].tasks[0]
@@ -141,12 +125,6 @@ def test_short_forms_and_defaults(tmp_path: Path) -> None:
     posture = levels[4].tasks[0]
     assert isinstance(posture, PostureTask)
     assert (posture.towards, posture.stiffness, posture.settle) == ("attractor", {"default": 1.0, "spine": 20.0}, 0.1)
-
-
-def test_iterations_and_activation_are_the_papers_by_default(tmp_path: Path) -> None:
-    text = EVERYTHING.replace("iterations: 8\nactivation: all\n", "")
-    priorities = load(text, tmp_path)
-    assert (priorities.iterations, priorities.activation) == (5, "closest")
 
 
 @pytest.mark.parametrize(
@@ -177,17 +155,6 @@ def test_refused_with_its_place(tmp_path: Path, old: str, new: str) -> None:
     assert old in EVERYTHING
     with refuses(ConfigError, "mine.yaml"):
         load(EVERYTHING.replace(old, new, 1), tmp_path)
-
-
-@pytest.mark.parametrize("levels", ["", "levels: []\n", "levels:\n  - {name: a, tasks: []}\n"])
-def test_levels_are_needed(levels: str, tmp_path: Path) -> None:
-    with refuses(ConfigError, "mine.yaml"):
-        load("name: a\ndescription: b\n" + levels, tmp_path)
-
-
-def test_unknown_name_is_refused() -> None:
-    with refuses(UsageError):
-        load_priorities("no_such_priorities")
 
 
 def test_only_balanced_compensates_deflection_and_it_puts_soles_and_balance_before_limbs() -> None:
@@ -242,11 +209,6 @@ def test_an_overlay_takes_from_its_base_what_it_does_not_say(tmp_path: Path) -> 
     assert len(mine.levels[2].tasks) == 1 and len(theirs["feet"].tasks) == 3
 
 
-def test_without_levels_an_overlay_has_those_of_its_base(tmp_path: Path) -> None:
-    mine = overlay(tmp_path, OVERLAY.split("levels")[0])
-    assert mine.levels == load_priorities(tmp_path / "base.yaml").levels
-
-
 def test_overlays_of_the_user_extend_shipped_ones_and_each_other(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -297,16 +259,6 @@ def test_a_bad_overlay_is_refused_with_its_place(tmp_path: Path, old: str, new: 
         overlay(tmp_path, OVERLAY.replace(old, new, 1))
 
 
-def test_a_bad_base_is_refused_in_its_own_file(tmp_path: Path) -> None:
-    with refuses(ConfigError, "base.yaml:3: iterations", "found 0"):
-        overlay(tmp_path, base=BASE.replace("iterations: 8", "iterations: 0"))
-
-
-def test_a_name_alone_is_no_level_without_a_base(tmp_path: Path) -> None:
-    with refuses(ConfigError, "mine.yaml:5: levels[0]", "'balance'"):
-        load(OVERLAY.replace("extends: base.yaml\n", ""), tmp_path)
-
-
 def test_overlays_that_lead_back_or_too_far_are_refused(tmp_path: Path) -> None:
     head = "name: a\ndescription: b\nextends: {}.yaml\n"
     for number in range(10):
@@ -328,17 +280,6 @@ def test_a_file_that_holds_all_that_it_takes_loads_as_the_file_itself(name: str,
     assert load_priorities(path) == load_priorities(name)
 
 
-@pytest.mark.parametrize("name", ["human", "paper"])
-def test_the_human_has_files_of_its_own(name: str) -> None:
-    check_for_human(load_priorities(name), name)
-
-
-def test_a_robots_file_moves_no_human() -> None:
-    with refuses(ConfigError, "servo.yaml", "l_hand", "r_hand") as caught:
-        check_for_human(load_priorities("servo"), "servo")
-    assert len(caught.value.problems) > 1
-
-
 @pytest.mark.parametrize(
     ("robot", "priorities", "message"),
     [
@@ -355,13 +296,3 @@ def test_the_wrong_file_is_refused(
     error = capsys.readouterr().err
     assert leaving.value.code == REFUSED
     assert re.search(message, error, re.DOTALL), error
-
-
-def test_a_short_lever_is_that_of_a_whole_level(tmp_path: Path) -> None:
-    path = tmp_path / "mine.yaml"
-    path.write_text(
-        "name: mine\ndescription: x\nextends: human\nlevels:\n  - ankles\n  - name: both\n    tasks:\n"
-        "      - {type: reactive, against: self, short_lever: 0.1}\n      - {type: reactive, against: scene}\n"
-    )
-    with refuses(ConfigError):
-        load_priorities(path)

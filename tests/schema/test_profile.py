@@ -1,6 +1,5 @@
 """Robot profiles: what is read, what the servo side and its guard get of it, what is refused, all errors at once."""
 
-from math import inf
 from pathlib import Path
 
 import pytest
@@ -9,15 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from check_helpers import OP3, copy_of_op3
-from hardware.bus import PowerSwitch
 from hardware.joint_map import JointMap
 from hardware.servo import ServoMode
 from messages import refuses
 from retarget.errors import ConfigError, UsageError
 from retarget.model.robot import load_profile
-from retarget.schema.profile import RobotProfile, read_profile
+from retarget.schema.profile import RobotProfile
 from retarget.schema.profile_checks import is_convex
-from retarget.schema.profile_parts import DEFAULT_WATCHDOG, Bus, Foot, Safety, safety_facts
+from retarget.schema.profile_parts import Bus, Foot, Safety, safety_facts
 from retarget.schema.strict_yaml import scan
 
 
@@ -53,10 +51,6 @@ def test_op3_by_name_folder_and_file_says_what_the_others_need() -> None:
         profile.name = "other"
     with refuses(UsageError, "op3", found="'op4'", next_step="op3"):
         load_profile("op4")
-
-
-def test_reading_alone_makes_no_cross_checks(tmp_path: Path) -> None:
-    assert read_profile(copy_of_op3(tmp_path, ("{id: 2,", "{id: 1,"))).servos["l_sho_pitch"].id == 1
 
 
 values = st.recursive(
@@ -208,15 +202,6 @@ def coupled(matrix: str, joints: str = "[head_pan, head_tilt]") -> tuple[str, st
     return "\nbuses:\n", f"\ncouplings:\n  - {{joints: {joints}, matrix: {matrix}}}\nbuses:\n"
 
 
-def test_a_plain_profile_says_what_it_always_said() -> None:
-    profile = load_profile("op3")
-    (bus,) = profile.bus_specs()
-    assert (bus.name, bus.baud, bus.protocol, bus.watchdog_value, bus.return_delay_value) == ("main", 2000000, 2, 4, 0)
-    assert bus.power == PowerSwitch(id=200, register=24, value=1, wait=0.5)
-    assert bus.ids[-1] == 200
-    assert all(spec.mode is ServoMode.POSITION and spec.coupling is None for spec in profile.servo_specs())
-
-
 def test_everything_a_servo_may_say_arrives(tmp_path: Path) -> None:
     extra = ", mode: current_based_position, current: 0.9, homing_offset: -3000"
     gains = "{p: 1, i: 2, d: 3, feedforward_1: 4, feedforward_2: 5}"
@@ -225,22 +210,6 @@ def test_everything_a_servo_may_say_arrives(tmp_path: Path) -> None:
     assert (pan.gains.position_p, pan.gains.position_i, pan.gains.position_d) == (1, 2, 3)
     assert (pan.gains.feedforward_1, pan.gains.feedforward_2) == (4, 5)
     assert (tilt.mode, tilt.current_limit, tilt.homing_offset) == (ServoMode.POSITION, None, 0)
-
-
-def test_a_bus_says_its_watchdog_delay_and_switch(tmp_path: Path) -> None:
-    more = "power: {id: 200, register: 500, value: 7, wait_s: 1.5}\n    return_delay_us: 20"
-    (bus,) = changed(tmp_path, (POWER, more), (WATCHDOG, "watchdog_s: 0.06")).bus_specs()
-    assert (bus.watchdog_value, bus.return_delay_value) == (3, 10)
-    assert bus.power == PowerSwitch(200, 500, 7, 1.5)
-
-
-def test_coupled_joints_share_one_coupling(tmp_path: Path) -> None:
-    profile = changed(tmp_path, head(), coupled("[[-0.5, 0.5], [0.5, 0.5]]"))
-    joint_map = JointMap(profile.servo_specs())
-    *_, pan, tilt = profile.servo_specs()
-    assert pan.coupling == tilt.coupling and pan.coupling is not None
-    asked = joint_map.to_radians(joint_map.to_ticks(joint_map.lower / 2))
-    assert asked == pytest.approx(joint_map.lower / 2, abs=1e-2)
 
 
 SERVOS_WRONG: dict[str, list[tuple[str, str]]] = {
@@ -304,14 +273,6 @@ def safety(**keys: object) -> Safety:
     return Safety.model_validate(LEAST | keys)
 
 
-def test_what_is_left_out_is_not_watched_but_heat_warns_five_degrees_before() -> None:
-    limits = safety().guard_limits()
-    assert (limits.max_age, limits.max_temperature, limits.following_error) == (0.1, 65.0, 0.35)
-    assert limits.warn_temperature == 60.0 and limits.slow_share == 0.5
-    assert limits.warn_age == limits.max_current == limits.warn_current == limits.sustained_error == inf
-    assert limits.warn_voltage == (-inf, inf) and limits.warn_following_error == inf
-
-
 def test_every_key_arrives_at_the_guard() -> None:
     limits = safety(**ALL).guard_limits()
     assert (limits.warn_age, limits.warn_temperature, limits.warn_voltage) == (0.05, 58.0, (11.0, 14.0))
@@ -362,16 +323,3 @@ def test_a_warning_after_the_stop_is_refused(line: str, tmp_path: Path) -> None:
 
 def bus(protocol: int, **more: object) -> Bus:
     return Bus.model_validate({"port": "/dev/a", "baud": 1000000, "protocol": protocol, "ids": (1, 2), **more})
-
-
-def test_the_watchdog_is_on_where_there_is_one() -> None:
-    buses = (bus(1), bus(2), bus(2, watchdog_s=0.0), bus(2, watchdog_s=2.54))
-    first, second, third, fourth = (one.spec("a") for one in buses)
-    assert [first.watchdog, second.watchdog, third.watchdog] == [0.0, DEFAULT_WATCHDOG, 0.0]
-    assert fourth.watchdog_value == 127
-
-
-def test_microseconds_become_seconds() -> None:
-    spec = bus(2, return_delay_us=508).spec("a")
-    assert (spec.return_delay, spec.return_delay_value) == (508e-6, 254)
-    assert (spec.name, spec.port, spec.ids, spec.power) == ("a", "/dev/a", (1, 2), None)

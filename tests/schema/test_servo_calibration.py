@@ -75,15 +75,6 @@ def test_any_name_and_number_survives_the_file(joint: str, angle: float, tick: i
     assert not document.problems and ServoCalibration.model_validate(document.data) == calibration
 
 
-def test_the_one_before_is_kept(op3: RobotProfile) -> None:
-    write_calibration(head())
-    newer = head(servos={"head_pan": entry(19, 2200)})
-    path = write_calibration(newer)
-    assert read_calibration(op3) == newer
-    assert "2100" in previous_path(path).read_text()
-    assert sorted(file.name for file in path.parent.iterdir()) == ["op3.previous.yaml", "op3.yaml"]
-
-
 def test_a_file_that_is_named_is_the_only_one_that_is_written(op3: RobotProfile, tmp_path: Path) -> None:
     own = write_calibration(head()).read_bytes()
     named = tmp_path / "named" / "zeros.yaml"
@@ -162,11 +153,6 @@ def test_the_file_of_another_robot_under_this_one_s_name_is_refused() -> None:
         load_robot("op3")
 
 
-def test_a_connector_suffix_is_no_other_model() -> None:
-    write_calibration(head(servos={"head_pan": entry(19, 2048, model="XM430-W350-R")}))
-    assert load_robot("op3").calibration is not None
-
-
 @pytest.mark.parametrize(
     "text", ["", "robot: op3\n", "robot: op3\nservos: {}\n", "[", "robot: op3\nservos: {head_pan: {id: 19}}\n"]
 )
@@ -174,12 +160,6 @@ def test_an_unsound_file_is_refused(text: str, op3: RobotProfile) -> None:
     path = calibration_path("op3")
     path.parent.mkdir(parents=True)
     path.write_text(text)
-    with pytest.raises(ConfigError):
-        read_calibration(op3)
-
-
-def test_what_stands_in_its_place_is_not_passed_over(op3: RobotProfile) -> None:
-    calibration_path("op3").mkdir(parents=True)
     with pytest.raises(ConfigError):
         read_calibration(op3)
 

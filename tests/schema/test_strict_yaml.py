@@ -15,7 +15,6 @@ from retarget.schema.strict_yaml import (
     MAX_PROBLEMS,
     MAX_VALUES,
     Document,
-    dotted,
     read_text,
     scan,
 )
@@ -73,20 +72,11 @@ def test_scalars_follow_the_core_schema(text: str, value: object) -> None:
     assert type(found) is type(value)
 
 
-def test_block_text_stays_text() -> None:
-    assert read("key: |\n  12\n").data == {"key": "12\n"}
-
-
 def test_every_key_and_item_has_its_line() -> None:
     document = read("a: 1\nb:\n  c: [1,\n    2]\n  d:\n    - {e: 3}\n")
     assert document.lines[("b", "c", 1)] == 4
     assert document.lines[("b", "d", 0, "e")] == 6
     assert document.lines[("b",)] == 2
-
-
-def test_a_problem_without_a_line_takes_its_parents() -> None:
-    problem = read("a: 1\nb:\n  c: 2\n").problem(("b", "missing", 0), "gone")
-    assert problem.where == "robot.yaml:2: b.missing[0]"
 
 
 @pytest.mark.parametrize(
@@ -126,22 +116,6 @@ def test_refused_with_its_line(text: str, line: int, what: str) -> None:
     error = refused(text)
     assert any(what in problem.render() and problem.line == line for problem in error.problems), str(error)
     assert str(HERE) in str(error)
-
-
-def test_all_problems_of_a_file_at_once() -> None:
-    error = refused("a: 1\na: 2\nb: .nan\nc: *x\nd: &y 3\ne: !!int 3\n")
-    assert [problem.line for problem in error.problems] == [2, 3, 4, 5, 6]
-
-
-def test_problems_before_a_syntax_error_are_kept() -> None:
-    error = refused("a: .nan\nb: [1\nc: 2\n")
-    shows(str(error), "YAML")
-
-
-def test_a_scan_hands_out_what_it_could_read() -> None:
-    document = scan("a: 1\na: 2\nb: 3", HERE)
-    assert document.data == {"a": 1, "b": 3}
-    assert len(document.problems) == 1
 
 
 def test_an_alias_bomb_is_refused_without_growing() -> None:
@@ -186,20 +160,10 @@ def test_not_utf8_names_the_line(tmp_path: Path) -> None:
         load(path)
 
 
-def test_a_byte_order_mark_is_skipped(tmp_path: Path) -> None:
-    path = tmp_path / "bom.yaml"
-    path.write_bytes(b"\xef\xbb\xbfa: 1\n")
-    assert load(path).data == {"a": 1}
-
-
 @pytest.mark.parametrize("name", ["gone.yaml", "."])
 def test_what_is_no_file_is_refused(tmp_path: Path, name: str) -> None:
     with refuses(ConfigError, where=tmp_path / name):
         load(tmp_path / name)
-
-
-def test_dotted_path() -> None:
-    assert dotted(("servos", "l_el", "limits", 0)) == "servos.l_el.limits[0]"
 
 
 def test_parsers_of_pyyaml_agree(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,7 +13,7 @@ from retarget.errors import InputError
 from retarget.model.body import load_body
 from retarget.setup.body_draft import BodyDraft, draft_body, facing_x
 from retarget.setup.robot_file import MAX_DEPTH, find_mesh, read_source, stated_speeds
-from unknown_robots import HUMANOID, SHIPPED, Part, humanoid, shipped_body
+from unknown_robots import HUMANOID, Part, humanoid
 
 
 def drafted(text: str, folder: Path, *, suffix: str = "xml", no_meshes: bool = False) -> BodyDraft:
@@ -59,21 +59,6 @@ def test_what_is_refused(case: str, tmp_path: Path) -> None:
     assert len(caught.value.problems) == 1
 
 
-@pytest.mark.parametrize("name", ["nosuch.urdf", ".", "/dev/zero", "a" * 5000, "a\0b"])
-def test_what_is_no_file(name: str, tmp_path: Path) -> None:
-    with refuses(InputError, varies=re.compile("a{9,}")):
-        read_source(tmp_path / name if name != "/dev/zero" else Path(name))
-
-
-def test_includes_that_include(tmp_path: Path) -> None:
-    (tmp_path / "a.xml").write_text('<mujoco><include file="b.xml"/></mujoco>')
-    (tmp_path / "b.xml").write_text(f"<mujoco><worldbody><body/></worldbody>{'<!-- -->' * 3}</mujoco>")
-    assert read_source(tmp_path / "a.xml").included
-    (tmp_path / "b.xml").write_text(LAUGHS)
-    with refuses(InputError, where="b.xml"):
-        read_source(tmp_path / "a.xml")
-
-
 def test_kind_and_name_are_by_content(tmp_path: Path) -> None:
     path = tmp_path / "thing.xml"
     path.write_text(humanoid())
@@ -116,32 +101,10 @@ def test_joints_that_no_servo_drives(kind: str, tmp_path: Path) -> None:
     assert body.notes == (f"{kind} joints, which no servo drives, made rigid: j_finger",) and body.file == "body.xml"
 
 
-def test_a_place_that_is_no_number(tmp_path: Path) -> None:
-    text = humanoid([*HUMANOID, finger()])
-    at = re.search(r'<joint name="j_finger".*?xyz="([^"]*)"', text, re.DOTALL)
-    assert at is not None
-    for wrong in ("0 nan 0", "0 inf 0"):
-        with refuses(InputError):
-            drafted_urdf(text[: at.start(1)] + wrong + text[at.end(1) :], tmp_path)
-
-
-def test_a_joint_of_no_known_type(tmp_path: Path) -> None:
-    with refuses(InputError, "j_finger", "'rubber'"):
-        drafted_urdf(humanoid([*HUMANOID, finger(kind="rubber")]), tmp_path)
-
-
 def test_all_problems_are_reported_at_once(tmp_path: Path) -> None:
     text = re.sub("<inertial>.*?</inertial>", "", humanoid([*HUMANOID, finger(kind="rubber")]))
     with refuses(InputError, 2):
         drafted_urdf(text, tmp_path)
-
-
-@pytest.mark.parametrize(
-    ("part", "instead"), [("<inertial>.*?</inertial>", ""), (r'<mass value="[^"]*"', '<mass value="0"')]
-)
-def test_without_any_mass(part: str, instead: str, tmp_path: Path) -> None:
-    with refuses(InputError, 22):
-        drafted_urdf(re.sub(part, instead, humanoid()), tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -158,16 +121,6 @@ def test_an_invalid_inertia_is_reported_with_its_link(wrong: str, right: str, me
     """Not in the words of a parser, which knows no links."""
     with refuses(InputError, message):
         drafted_urdf(re.sub(wrong, right, humanoid(), count=1), tmp_path)
-
-
-def test_one_link_without_mass_has_a_note(tmp_path: Path) -> None:
-    body = drafted_urdf(re.sub("<inertial>.*?</inertial>", "", humanoid(), count=1), tmp_path)
-    assert body.notes == ("links with a shape but without <inertial> weigh nothing here: chest",)
-
-
-def test_a_plain_urdf_is_copied_as_it_is(tmp_path: Path) -> None:
-    body = drafted_urdf(humanoid(), tmp_path)
-    assert body.file == "body.urdf" and body.content == humanoid().encode() and not body.notes
 
 
 def test_meshes_that_are_missing(tmp_path: Path) -> None:
@@ -192,12 +145,6 @@ def test_meshes_that_are_found_become_simple_shapes(name: str, tmp_path: Path) -
     assert b"<mesh" not in body.content and b"foot.stl" not in body.content
     assert body.model.nmesh == 2 and body.model.body_mass == pytest.approx(plain.model.body_mass)
     assert body.notes == ("meshes of 2 links are capsules and boxes around them in the body that is written",)
-
-
-def test_a_picture_that_is_missing_is_no_loss(tmp_path: Path) -> None:
-    shown = '<visual><geometry><mesh filename="nice.dae"/></geometry></visual></link>'
-    body = drafted_urdf(humanoid().replace("</link>", shown), tmp_path)
-    assert body.model.ngeom == len(HUMANOID) + 1
 
 
 @pytest.mark.parametrize("first", [True, False], ids=["before the other shape", "after it"])
@@ -246,12 +193,6 @@ def alike(first: mujoco.MjModel, second: mujoco.MjModel) -> None:
     assert data[1].subtree_com == pytest.approx(data[0].subtree_com, abs=1e-5)
 
 
-@pytest.mark.parametrize("robot", SHIPPED)
-def test_what_stands_by_itself_is_copied(robot: str) -> None:
-    body = draft_body(read_source(shipped_body(robot)))
-    assert body.content == shipped_body(robot).read_bytes() and body.file == "body.xml" and not body.notes
-
-
 def test_names_that_no_profile_can_hold(tmp_path: Path) -> None:
     body = drafted(two(), tmp_path)
     written = mujoco.MjModel.from_xml_string(body.content.decode())
@@ -268,14 +209,6 @@ def test_a_mesh_becomes_a_shape(tmp_path: Path) -> None:
     written = mujoco.MjModel.from_xml_string(body.content.decode())
     assert body.model.nmesh == 1 and written.nmesh == 0 and written.ngeom == 3
     alike(body.model, written)
-
-
-def test_a_mesh_without_volume_is_a_shell(tmp_path: Path) -> None:
-    mesh = '<mesh name="m" vertex="0 0 0  0.1 0 0  0.1 0.1 0  0 0.1 0  0.05 0.05 1e-3" face="0 1 2  0 2 3"/>'
-    text = two(asset=mesh, geom='<geom type="mesh" mesh="m"/>' + BALL)
-    with refuses(ValueError):
-        mujoco.MjModel.from_xml_string(text)
-    assert drafted(text, tmp_path).model.nmesh == 1
 
 
 def test_a_mesh_that_is_missing(tmp_path: Path) -> None:
@@ -302,11 +235,6 @@ def test_joints_that_no_servo_of_their_own_turns(kind: str, more: str, tmp_path:
     shows(body.notes[0])
 
 
-def test_a_refusal_of_mujoco_is_an_input_error(tmp_path: Path) -> None:
-    with refuses(InputError, where="body.xml"):
-        drafted(two(geom="<nonsense/>"), tmp_path)
-
-
 def test_a_body_that_faces_y_is_turned(tmp_path: Path) -> None:
     path = tmp_path / "body.urdf"
     path.write_text(humanoid())
@@ -317,20 +245,6 @@ def test_a_body_that_faces_y_is_turned(tmp_path: Path) -> None:
     mujoco.mj_kinematics(written, data)
     assert data.body("p1").xpos[1] == pytest.approx(0.05)  # its left is y now
     alike(turned.model, written)
-
-
-def test_default_classes_may_name_materials_and_their_pictures(tmp_path: Path) -> None:
-    """What is written has neither pictures nor their files."""
-    (tmp_path / "paint.xml").write_text(
-        '<mujoco><asset><texture name="t" type="2d" builtin="flat" width="4" height="4"/>'
-        '<texture name="f" type="2d" file="gone.png"/><material name="m" texture="t" rgba="1 0 0 1"/></asset>'
-        '<default><geom material="m"/></default></mujoco>'
-    )
-    text = two().replace("<mujoco>", '<mujoco><include file="paint.xml"/>')
-    body = drafted(text.replace('<geom size="0.02"/>', '<geom size="0.02" material="m"/>'), tmp_path)
-    written = mujoco.MjModel.from_xml_string(body.content.decode())
-    assert written.ntex == 0 and b"gone.png" not in body.content
-    alike(body.model, written)
 
 
 SIZELESS = {

@@ -2,23 +2,20 @@
 
 import importlib
 import os
-import re
 from pathlib import Path
 
 import pytest
 
 from doctor_rig import fixes, text_of
 from hardware.clock import VirtualClock
-from messages import shows, shows_lines
+from messages import shows
 from retarget.errors import Problem
 from retarget.setup.doctor_machine import (
     Finding,
     Level,
     checks,
-    finding,
     firewall_findings,
     fix_all,
-    frame_findings,
     lateness_finding,
     machine_findings,
     port_findings,
@@ -33,18 +30,6 @@ def test_a_line_for_each() -> None:
     assert Finding(Level.NOTE, "clock", "coarse").render() == "note clock: coarse"
     assert Finding(Level.FIX, "port", "taken", "Stop it").render() == "fix  port: taken. Stop it."
     assert Finding(Level.FIX, "port", "taken", "Who?").render().endswith("Who?")
-
-
-def test_control_characters_of_a_sender_are_not_printed() -> None:
-    line = Finding(Level.FIX, "sensors", "has \x1b[2Jx\n\r", "No").render()
-    assert line == "fix  sensors: has ?[2Jx??. No."
-
-
-def test_the_first_row_whose_limits_are_passed_counts() -> None:
-    levels = [finding("rate", rate=rate, slowest=25.0).level for rate in (10.0, 24.9, 25.0, 49.0, 50.0, 100.0)]
-    assert levels == [Level.FIX] * 2 + [Level.NOTE] * 2 + [Level.OK] * 2
-    taken = finding("servo port/held", subject="/dev/x", holder="a")
-    assert (taken.subject, taken.level, taken.then) == ("/dev/x", Level.FIX, "Stop it, or wait")
 
 
 @pytest.mark.parametrize("name", checks())
@@ -75,13 +60,6 @@ def test_each_firewall_has_a_finding_with_its_command(tmp_path: Path) -> None:
         assert part in text
 
 
-def test_a_firewall_that_is_off_has_no_finding(tmp_path: Path) -> None:
-    (tmp_path / "etc/ufw").mkdir(parents=True)
-    (tmp_path / "etc/ufw/ufw.conf").write_text("ENABLED=no\n")
-    text = text_of(firewall_findings(9_763, root=tmp_path))
-    shows(text, "UDP", 9763)
-
-
 GOVERNOR = "sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"
 
 
@@ -110,11 +88,6 @@ def test_each_file_is_read(tmp_path: Path, name: str, content: str, line: str) -
     assert line in said(tmp_path, name, content)
 
 
-def test_without_the_files_nothing_fails(tmp_path: Path) -> None:
-    text = text_of(machine_findings(root=tmp_path))
-    shows_lines(text, re.compile("UDP buffer"))
-
-
 def test_a_process_that_wakes_up_late_has_a_finding() -> None:
     assert not fixes([lateness_finding(VirtualClock())])
 
@@ -133,21 +106,10 @@ def terminal(tmp_path: Path) -> Path:
     return link
 
 
-def test_a_good_port(terminal: Path, tmp_path: Path) -> None:
-    found = port_findings(str(terminal), baud=1_000_000, devices=tmp_path, processes=tmp_path)
-    assert not fixes(found)
-    shows(text_of(found), 1000000)
-
-
 def test_a_path_that_leads_nowhere_and_a_file(tmp_path: Path) -> None:
     shows(fixes(port_findings(str(tmp_path / "none")))[0])
     shows(fixes(port_findings(str(tmp_path)))[0])
     shows(fixes(port_findings("x" * 5000))[0])
-
-
-def test_without_permission(terminal: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(os, "access", lambda *_: False)
-    shows(fixes(port_findings(str(terminal)))[0])
 
 
 @pytest.mark.parametrize(("timer", "count"), [("16", 1), ("1", 0)])
@@ -183,21 +145,12 @@ def test_without_a_port_the_group_is_checked(monkeypatch: pytest.MonkeyPatch) ->
     assert not fixes(serial_findings([]))
 
 
-def test_python_and_wheel_are_usable() -> None:
-    assert not fixes(python_findings())
-
-
 def test_a_wheel_that_cannot_be_imported(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(name: str) -> None:
         raise ImportError("wrong machine")
 
     monkeypatch.setattr(importlib, "import_module", refuse)
     shows(text_of(python_findings()))
-
-
-@pytest.mark.parametrize(("cost", "level"), [(0.0005, Level.OK), (0.005, Level.NOTE), (0.02, Level.FIX)])
-def test_the_cost_of_a_frame(cost: float, level: Level) -> None:
-    assert [one.level for one in frame_findings(lambda: cost)] == [level]
 
 
 def test_a_frame_is_really_solved() -> None:

@@ -18,8 +18,6 @@ from retarget.errors import InputError
 from retarget.live.address import parse_address
 from retarget.live.admission import Datagram
 from retarget.setup.doctor_stream import (
-    UNFRAGMENTED,
-    sender_findings,
     silence_findings,
     stream_findings,
 )
@@ -71,32 +69,6 @@ def test_what_is_wrong_with_a_sender(case: str) -> None:
     shows_lines(fixes(judged(capture, text=text)), facts)
 
 
-def test_fragments_matter_beyond_this_machine_only() -> None:
-    large = json_poses(1.0, {f"marker {k}": {"p": [0.0, 0.0, 1.0]} for k in range(60)})
-    assert len(large) > UNFRAGMENTED
-    assert "2252" not in text_of(judged(played(steady(large))))
-    assert "2252" not in text_of(judged(played(steady(ONE, source=OTHER))))
-    shows_lines(text_of(judged(played(steady(large, source=OTHER)))), "2252")
-
-
-def test_what_the_kernel_lost() -> None:
-    capture = played(steady(ONE))
-    vars(capture.stream.receiver)["overflowed"] = 12
-    assert any("lost 12 datagrams" in line for line in fixes(judged(capture)))
-
-
-def test_many_unknown_kinds_are_one_line() -> None:
-    rows = [Datagram(k / 100, HERE, bytes([200, k, 1, 2, 3])) for k in range(200)]
-    assert len(fixes(judged(played(rows)))) == 1
-
-
-def test_a_recording_of_another_kind_is_read_as_that() -> None:
-    address = parse_address("replay://walk.raw?kind=mvn")
-    (line,) = fixes(sender_findings(address, "mvn", played(steady(VMC), text="mvn://:9763")))
-    shows(line, "mvn://")
-    assert line.endswith("Read it as replay://walk.raw?kind=vmc.")
-
-
 def said(text: str) -> str:
     return text_of(silence_findings(parse_address(text), seconds=5.0))
 
@@ -135,12 +107,6 @@ def test_real_recordings(shared: Path, name: str, kind: str, wrong: list[str]) -
     address = parse_address(f"replay://{shared}/streams/slimevr/{name}.udprec.gz?kind={kind}")
     found = stream_findings(address, five(), clock=VirtualClock(), seconds=6.0)
     assert [line.split(":")[0].split()[1] for line in fixes(found)] == wrong
-
-
-def test_a_recording_of_another_kind(shared: Path) -> None:
-    address = parse_address(f"replay://{shared}/streams/slimevr/full12_vmc_50hz.udprec.gz?kind=mvn")
-    (line,) = fixes(stream_findings(address, five(), clock=VirtualClock(), seconds=3.0))
-    shows(line, "VMC", "mvn://")
 
 
 def test_no_such_recording_is_a_bad_argument() -> None:

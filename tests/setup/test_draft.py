@@ -1,23 +1,17 @@
 """A drafted profile as YAML, and servos guessed from what a body file says of torque and speed."""
 
-import math
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from hardware.servo import SERVO_MODELS, ServoMode, ServoSpec
-from messages import shows
 from retarget.model.body_file import compile_body, compile_body_text
 from retarget.model.robot import load_profile
 from retarget.schema.profile import DRAFT, RobotProfile, marked_lines, read_profile
 from retarget.schema.profile_parts import Foot, Frame, Gains, Landmark, Servo
-from retarget.setup.draft import FAST_HZ, SLOW_HZ, Draft, observer_text, profile_text
-from retarget.setup.fit_observers import Fit, Verdict
+from retarget.setup.draft import Draft, profile_text
 from retarget.setup.limbs import find_anatomy
 from retarget.setup.servo_guess import UNKNOWN, ServoDraft, guess_servos
-from retarget.setup.shape_fit import Capsule, Proposal, Zones
 from unknown_robots import ARM, SHIPPED, shipped_anatomy, shipped_body, shipped_tree, text_tree, urdf
 
 FRAME = Frame(link="Yes", pos=(0.1, -0.0, 1e-7))
@@ -91,31 +85,6 @@ def test_what_is_only_a_draft_is_marked() -> None:
     assert not any(line.startswith("#") for line in marked) and text.splitlines()[1].count(DRAFT) <= 1
 
 
-@pytest.mark.parametrize(("count", "rate"), [(2, FAST_HZ), (40, SLOW_HZ)])
-def test_many_servos_are_asked_less_often(count: int, rate: int, tmp_path: Path) -> None:
-    servos = tuple(
-        ServoDraft(f"j{number}", SERVO.model_copy(update={"id": number}), "") for number in range(1, count + 1)
-    )
-    profile = read(profile_text(replace(DRAFTED, servos=servos)), tmp_path)
-    assert profile.safety.rate_hz == rate and profile.buses["main"].ids == tuple(range(1, count + 1))
-
-
-def test_servos_of_five_volts(tmp_path: Path) -> None:
-    small = ServoDraft("no", SERVO.model_copy(update={"model": "XL330-M288"}), "")
-    assert read(profile_text(replace(DRAFTED, servos=(small,))), tmp_path).safety.voltage == (4.0, 6.0)
-
-
-@pytest.mark.parametrize("pairs", [(), (Verdict("never", ("a", "b"), "near"),)])
-def test_pairs_that_touch_are_ignored_too(pairs: tuple[Verdict, ...], tmp_path: Path) -> None:
-    ball = Proposal(1, "a", "b", Capsule(np.zeros(3), np.zeros(3), 0.1), 1.0, 0.0, "")
-    fitted = Fit((ball,), Zones(0.04, 0.005), pairs, (), ("Proposed: put it elsewhere.",), ())
-    profile = read(profile_text(replace(DRAFTED, observers=observer_text(fitted, [("x", "y")]))), tmp_path)
-    assert profile.ignore_pairs[0].pair == ("x", "y")
-    shows(profile.ignore_pairs[0].reason)
-    assert len(profile.ignore_pairs) == 1 + len(pairs)
-    shows(observer_text(fitted, ()))
-
-
 def guessed(text: str, speeds: dict[str, float] | None = None) -> tuple[ServoDraft, ...]:
     tree = text_tree(text)
     return guess_servos(compile_body_text(text, source="test").model, tree, find_anatomy(tree), speeds or {})
@@ -171,24 +140,3 @@ def test_no_torque_and_a_torque_that_no_servo_has() -> None:
     assert {draft.entry.model for draft in nothing} == {UNKNOWN} and nothing[0].why == "the body states no torque"
     strong = guessed(arm(200.0))
     assert strong[0].entry.model == "XH540-W270" and strong[0].why.startswith("no known model has 200 N m")
-
-
-def test_limits_are_drawn_into_the_servo() -> None:
-    (wide, *_) = guessed(arm(2.5, limits='lower="-4" upper="4"'))
-    assert -math.pi < wide.entry.limits[0] < -3.13 < 3.13 < wide.entry.limits[1] < math.pi
-    shows(wide.note)
-    (endless, *_) = guessed(arm(2.5).replace('type="revolute"', 'type="continuous"'))
-    assert endless.entry.limits == wide.entry.limits
-    shows(endless.note)
-    (narrow, *_) = guessed(arm(2.5, limits='lower="-0.1234567" upper="0.1234567"'))
-    assert narrow.entry.limits == (-0.123456, 0.123456) and not narrow.note
-
-
-def test_a_stated_speed_is_kept() -> None:
-    assert guessed(arm(2.5), {"j_turn": 1.25})[0].entry.max_velocity == 1.25
-
-
-def test_gains_are_the_makers_defaults() -> None:
-    """e-Manual, register 84: 800, of the MX series 850, of the XL430-W250 640."""
-    gains = {draft.entry.model: draft.entry.gains.p for torque in (4.1, 2.5, 1.5) for draft in guessed(arm(torque))}
-    assert gains == {"XM430-W350": 800, "MX-28": 850, "XL430-W250": 640}

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-from messages import refuses, shows, shows_lines
-from retarget.errors import ConfigError
+from messages import shows
 from retarget.model.body import load_body_text
 from retarget.model.body_file import compile_body_text
 from retarget.schema.profile_parts import IgnorePair, Observer
@@ -39,20 +38,6 @@ def test_samples_stay_inside_and_reach_the_corners() -> None:
     assert len(np.unique(scalar[:, 0])) > 200
     assert np.allclose(np.linalg.norm(q[:, 9:13], axis=1), 1.0)
     assert (q[:, :7] == BODY.qpos0[:7]).all()
-
-
-def test_limits_of_the_servos_come_first() -> None:
-    ranges = joint_ranges(BODY, {"a": (0.0, 0.5)})
-    assert (ranges.lower[0], ranges.upper[0]) == (0.0, 0.5)
-    assert ranges.clipped(np.full(BODY.nq, 9.0))[7] == 0.5
-    with refuses(ConfigError):
-        joint_ranges(BODY, {"z": (0.0, 1.0)})
-
-
-def test_a_joint_without_limits_has_a_note() -> None:
-    ranges = joint_ranges(BODY, {})
-    assert ranges.notes == ("joint b has no limits, -3.14 to 3.14 rad was looked at",)
-    assert not joint_ranges(BODY, {"b": (0.0, 1.0)}).notes
 
 
 NEAR = 0.045
@@ -109,11 +94,6 @@ def test_a_meeting_that_hardly_any_posture_shows_is_found(seed: int) -> None:
     assert look(CURL, samples=20, seed=seed)["base", "l5"].smallest <= NEAR
 
 
-def test_links_that_no_joint_parts_count_as_one() -> None:
-    text = BALLS.format(low=0.0, high=0.1).replace('<joint name="r" axis="1 0 0" range="-90 90"/>', "")
-    assert look(text, samples=2) == {}
-
-
 def test_distances_are_those_of_mujoco() -> None:
     file = compile_body_text(CURL, source="test")
     body, data = load_body_text(CURL, source="test"), mujoco.MjData(file.model)
@@ -131,7 +111,6 @@ CAPSULE = Capsule(np.array([0.0, -0.00001, 1.5]), np.array([0.1, 0.0, 2.0]), 0.0
 BALL = Capsule(np.ones(3), np.ones(3), 0.1)
 BOX = Solid("box", np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.1, 0.2, 0.3]))
 TURNED = Solid("box", np.zeros(3), np.array([0.6, 0.8, 0.0, 0.0]), np.array([0.1, 0.2, 0.3]))
-LONE = Solid("box", np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.ones(3), "geom:[x]")
 
 
 def observer(shape: Capsule | Solid, *, name: str = "arm") -> Proposal:
@@ -169,14 +148,6 @@ def test_any_name_survives(name: str) -> None:
     assert pairs[0].pair == (name, "other") and pairs[0].reason == pair.reason
 
 
-def test_a_geom_is_taken_over_by_name() -> None:
-    assert read(fragment([], [observer(LONE)], [], ZONES))[0]["arm"].shape.geom == "geom:[x]"
-
-
-def test_no_pairs_is_an_empty_list() -> None:
-    assert read(fragment([], [observer(BALL)], [], ZONES))[1] == []
-
-
 def test_comments_stay_comments() -> None:
     warned = Verdict("always", ("a", "b"), "deep", "b is\nhidden " + 40 * "very " + "well")
     text = fragment(["a note\nof two: lines"], [observer(BALL)], [warned], ZONES, tail=["the end"])
@@ -185,13 +156,6 @@ def test_comments_stay_comments() -> None:
     assert comments[0] == "# a note of two: lines" and comments[-1] == "# the end"
     assert max(map(len, comments)) <= WIDTH + 4
     shows(text)
-
-
-def test_no_more_pairs_than_a_profile_holds() -> None:
-    pairs = [Verdict("never", (f"a{number}", "b"), "far") for number in range(MAX_PAIRS + 7)]
-    text = fragment([], [observer(BALL)], pairs, ZONES)
-    assert len(read(text)[1]) == MAX_PAIRS
-    shows_lines(text, 7)
 
 
 # b has no geometry: a and c are neighbours with nothing between.

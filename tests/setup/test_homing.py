@@ -82,18 +82,6 @@ def test_zeros_that_are_elsewhere_are_found(servos: tuple[ServoSpec, ...]) -> No
     assert not homing.far.any()
 
 
-def test_whole_turns_do_not_count() -> None:
-    servos = waist_servos()
-    posture = np.zeros(4)
-    ticks = JointMap(servos).to_ticks(posture) + np.array([0, 4096, -8192, 4096 + 12])
-    homing, _ = run(servos, ticks, posture, Person())
-    assert homing is not None
-    assert (homing.zero - [spec.zero_tick for spec in servos]).tolist() == [0, 0, 0, 12]
-    assert homing.ticks.tolist() == homing.zero.tolist()
-    axed, _ = run(four_servos(), np.array([2048, 2100, 2048, 512 + 500]), posture, Person())
-    assert axed is not None and axed.zero[3] == 1012  # an AX does not turn endlessly
-
-
 def test_the_seam_of_the_encoder_is_no_motion() -> None:
     servos = (replace(four_servos()[0], zero_tick=2048), *four_servos()[1:])
     ticks = np.array([4095, 2100, 2048, 512])

@@ -34,15 +34,6 @@ def test_a_bust(tmp_path: Path) -> None:
     assert set(profile.servos) == {"j_p1", "j_p2", "j_q1", "j_q2"} and not profile.feet
 
 
-@pytest.mark.long
-def test_the_same_body_gives_the_same_profile(tmp_path: Path) -> None:
-    folders = [tmp_path / "a", tmp_path / "b"]
-    for folder in folders:
-        folder.mkdir()
-    first, second = (imported(small_bust(), folder).folder / "robot.yaml" for folder in folders)
-    assert first.read_bytes() == second.read_bytes()
-
-
 def test_the_missing_parts_of_an_arm_are_listed(tmp_path: Path) -> None:
     path = tmp_path / "body.urdf"
     path.write_text(table_arm())
@@ -88,14 +79,6 @@ def test_a_failure_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     with pytest.raises(InputError):
         imported(small_bust(), tmp_path)
     assert left_in(tmp_path) == {"body.urdf"}
-
-
-def test_a_place_that_cannot_be_written(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    path = tmp_path / "body.urdf"
-    path.write_text(small_bust())
-    with refuses(UsageError, "--out"):
-        import_robot(path, tmp_path / "file" / "new", samples=10)
 
 
 @pytest.mark.parametrize("name", ["a b/c", *(pytest.param(name, marks=pytest.mark.long) for name in ("..", "  "))])

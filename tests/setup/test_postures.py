@@ -5,14 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from retarget.ik.support_polygon import plant
 from retarget.model.body_file import compile_body_text
 from retarget.model.observers import robot_observers
 from retarget.model.robot import load_profile, load_robot
 from retarget.setup.frames import Posed, find_frames
 from retarget.setup.import_robot import import_robot
 from retarget.setup.limbs import find_anatomy
-from retarget.setup.postures import LEGS, arm_posture, find_postures, leg_length, stand
+from retarget.setup.postures import LEGS, find_postures, leg_length, stand
 from unknown_robots import SHIPPED, humanoid, shipped_posed, small_bust, text_tree
 
 
@@ -22,14 +21,6 @@ def imported(text: str, folder: Path) -> Path:
     return import_robot(path, folder / "new", samples=20).folder
 
 
-@pytest.mark.long
-def test_nothing_is_ignored_where_nothing_touches(tmp_path: Path) -> None:
-    folder = imported(small_bust(), tmp_path)
-    text = (folder / "robot.yaml").read_text()
-    assert "touch in the drafted postures" not in text
-    assert not [pair for pair in robot_observers(load_robot(folder)).dropped if "neutral posture" in pair.reason]
-
-
 def test_what_touches_in_every_posture_is_ignored_and_marked(tmp_path: Path) -> None:
     """Forearms so wide that both meet in front of the chest, whatever shoulders and elbows do: a run may begin."""
     text = small_bust().replace('<box size="0.03 0.1 0.03"/>', '<box size="0.3 0.1 0.03"/>')
@@ -37,14 +28,6 @@ def test_what_touches_in_every_posture_is_ignored_and_marked(tmp_path: Path) -> 
     (ignored,) = [entry for entry in load_profile(folder).ignore_pairs if set(entry.pair) == {"p2", "q2"}]
     has_reason = "overlap at every posture" in ignored.reason or "touch in the drafted postures" in ignored.reason
     assert has_reason and robot_observers(load_robot(folder)).names
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("width", ["0.12", "0.24"])
-def test_a_wide_chest_pushes_nothing_into_the_arms(width: str, tmp_path: Path) -> None:
-    text = small_bust().replace('<box size="0.12 0.08 0.2"/>', f'<box size="{width} 0.08 0.2"/>')
-    robot = load_robot(imported(text, tmp_path))
-    robot_observers(robot)  # raises where parts that are far apart touch in the neutral posture
 
 
 def stranger() -> Posed:
@@ -76,16 +59,6 @@ def test_standing(robot: str, share: float) -> None:
     assert all(low <= standing.angles.get(joint, low) <= high for joint, (low, high) in posed.limits.items())
 
 
-@pytest.mark.parametrize("robot", POSED)
-def test_arms_hang_and_bend_forward(robot: str) -> None:
-    posed = POSED[robot]
-    there = posed.place(arm_posture(posed, spread=0.4, ahead=0.1, bend=0.8)).positions
-    for side, outward in (("l", posed.anatomy.left), ("r", -posed.anatomy.left)):
-        shoulder, elbow, hand = (there[f"{side}_{name}"] for name in ("shoulder", "elbow", "hand"))
-        assert elbow[2] < shoulder[2] and hand[2] < elbow[2]
-        assert (elbow - shoulder) @ outward > 0.0 and (hand - elbow) @ posed.anatomy.forward > 0.0
-
-
 def test_all_four(robot: str = "wolfgang") -> None:
     posed = POSED[robot]
     postures = find_postures(posed, spread=0.3, soles=True)
@@ -101,14 +74,3 @@ def test_all_four(robot: str = "wolfgang") -> None:
     for angles in postures.angles.values():
         for joint, (low, high) in posed.limits.items():
             assert low <= angles.get(joint, 0.0) <= high
-
-
-def test_the_same_centre_of_mass_as_a_run_sees() -> None:
-    """Oracle: the project's own stance of OP3's hand-made profile, by the solver's kinematics."""
-    robot, posed = load_robot("op3"), POSED["op3"]
-    angles = robot.profile.postures.stand
-    stance = plant(robot, angles)
-    com = robot.body.solver_body().centre_of_mass(stance.q[None])[0]
-    there = posed.place({joint: angles.get(joint, 0.0) for joint in posed.limits})
-    middle = 0.5 * (there.positions["l_sole"] + there.positions["r_sole"])
-    assert there.centre_of_mass - middle == pytest.approx(com, abs=1e-3)

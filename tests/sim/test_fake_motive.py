@@ -1,7 +1,5 @@
 """The fake Motive against the session and the decoder: a whole conversation on virtual time."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -69,46 +67,6 @@ def test_the_motion_arrives_as_it_was(version: Version, motion: SensorFrames) ->
         assert frame.stamp == pytest.approx(1000.0 + frame.number / motion.rate_hz, abs=1e-6)
     assert lab.decoder.dropped.count == 0
     assert lab.problems() == []
-
-
-@pytest.mark.parametrize("up", ["y", "z"])
-@pytest.mark.parametrize("transport", ["unicast", "multicast"])
-def test_settings_that_agree(up: Any, transport: Any, motion: SensorFrames) -> None:
-    server = FakeMotive(motion, MotiveSettings(transport=transport, up=up, version=Version(4, 4)))
-    session = NatnetSession(group=GROUP if transport == "multicast" else None)
-    frame = Lab(server, session, NatnetDecoder(up=up)).run(0.5)[-1]
-    assert frame.number is not None
-    np.testing.assert_allclose(frame.position, motion.position[frame.number % len(motion.time)], atol=1e-6)
-
-
-@pytest.mark.parametrize("mine", ["unicast", "multicast"])
-def test_settings_that_disagree_are_said(mine: str, motion: SensorFrames) -> None:
-    session = NatnetSession(group=GROUP if mine == "multicast" else None)
-    server = FakeMotive(motion, MotiveSettings(transport="multicast" if mine == "unicast" else "unicast"))
-    lab = Lab(server, session)
-    lab.server.streaming = False
-    lab.run(3.0)
-    (text,) = lab.problems()
-    shows(text)
-
-
-def test_signs_of_life_keep_a_unicast_server_sending(motion: SensorFrames) -> None:
-    lab = Lab(FakeMotive(motion, MotiveSettings(patience_s=2.0)), NatnetSession())
-    assert len(lab.run(4.0)) == pytest.approx(4 * 120, abs=5)
-    lab.lost = True
-    assert len(lab.run(5.0)) == pytest.approx(2 * 120, abs=130)
-    (text,) = lab.problems()
-    shows(text)
-    lab.lost = False
-    assert len(lab.run(2.0)) > 100
-    assert lab.problems() == []
-
-
-def test_new_names_are_learnt(motion: SensorFrames) -> None:
-    lab = Lab(FakeMotive(motion), NatnetSession())
-    lab.run(1.0)
-    lab.server.rename([f"new {i}" for i in range(len(motion.names))])
-    assert lab.run(0.5)[-1].names[0] == "rigid://new 0"
 
 
 def test_a_server_that_starts_late_and_pauses(motion: SensorFrames) -> None:

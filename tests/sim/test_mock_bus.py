@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from faulty_bus import FaultKind, FaultyBus, MockFault
-from hardware.bus import ServoAlert, ServoBus, ServoGoals
+from hardware.bus import ServoAlert, ServoGoals
 from hardware.clock import VirtualClock
 from hardware.errors import BusError
 from messages import refuses
-from servos import four_servos, waist_servos
+from servos import four_servos
 
 SERVOS = four_servos()
 START = np.array([2048, 2100, 2048, 512])
@@ -24,15 +24,6 @@ def opened(*faults: MockFault, lag: float | None = None) -> tuple[FaultyBus, Vir
     return bus, clock
 
 
-def test_it_is_a_servo_bus() -> None:
-    bus: ServoBus = opened()[0]
-    states = bus.read()
-    assert states.position.tolist() == START.tolist()
-    assert states.valid.all()
-    assert not states.age.any()
-    assert np.isnan(states.current[3])  # an AX reports load, not current
-
-
 def test_what_servos_say_can_be_set_for_a_while() -> None:
     hot, low = (MockFault(kind, 1, 1, servo=2, value=9.0) for kind in (FaultKind.HOT, FaultKind.SUPPLY))
     bus, _ = opened(hot, low)
@@ -40,29 +31,6 @@ def test_what_servos_say_can_be_set_for_a_while() -> None:
     assert [states.temperature[2] == 9.0 for states in cycles] == [False, True, False]
     assert [states.voltage[2] == 9.0 for states in cycles] == [False, True, False]
     assert cycles[1].temperature[1] > 20.0 and cycles[1].voltage[1] > 10.0
-
-
-def test_a_stuck_shaft_stays_and_the_others_move() -> None:
-    bus, clock = opened(MockFault(FaultKind.STUCK, 0, 2, servo=1))
-    bus.write(ServoGoals(GOAL))
-    bus.torque(True)
-    bus.read()
-    clock.advance(0.5)
-    stuck = bus.read()
-    assert stuck.position[1] == START[1] and stuck.velocity[1] == 0.0 and stuck.position[0] > START[0]
-    bus.read()
-    clock.advance(1.0)
-    assert bus.read().position[1] < START[1]
-
-
-def test_with_torque_off_nothing_moves_and_on_it_goes_to_the_old_goal() -> None:
-    # As a real servo: the goal register keeps what it had. This is why the guard writes goals before torque.
-    bus, clock = opened()
-    clock.advance(1.0)
-    assert bus.read().position.tolist() == START.tolist()
-    bus.torque(True)
-    clock.advance(1.0)
-    assert bus.read().position[1] == 2048
 
 
 def test_goals_are_approached_no_faster_than_the_servo_turns() -> None:
@@ -80,19 +48,6 @@ def test_goals_are_approached_no_faster_than_the_servo_turns() -> None:
         assert np.all(np.abs(states.velocity) <= top + 0.03)
         before = states.position
     assert before.tolist() == GOAL.tolist()
-
-
-def test_how_often_it_is_read_does_not_matter() -> None:
-    seldom, clock_of_seldom = opened()
-    often, clock_of_often = opened()
-    for bus in (seldom, often):
-        bus.write(ServoGoals(GOAL))
-        bus.torque(True)
-    clock_of_seldom.advance(0.06)
-    for _ in range(60):
-        clock_of_often.advance(0.001)
-        often.read()
-    assert seldom.read().position.tolist() == often.read().position.tolist()
 
 
 def test_a_missing_servo_keeps_its_last_values_and_ages() -> None:
@@ -133,12 +88,6 @@ def test_an_alert_stays_and_takes_the_torque() -> None:
     assert bus.read().position[0] == states.position[0]
 
 
-@pytest.mark.parametrize("ticks", [[4096, 0, 0, 0], [0, 0, 0, 1024], [-1, 0, 0, 0], [0, 0, 0]])
-def test_ticks_that_no_servo_has_are_refused(ticks: list[int]) -> None:
-    with refuses(BusError):
-        opened()[0].write(ServoGoals(np.array(ticks)))
-
-
 def test_a_dead_bus_raises_and_closing_switches_torque_off() -> None:
     bus, _ = opened(MockFault(FaultKind.READ_FAILS, first=0, cycles=1), MockFault(FaultKind.WRITE_FAILS, 1, 1))
     with refuses(BusError):
@@ -168,16 +117,3 @@ def test_a_servo_without_answer_to_torque_is_named_and_the_others_are_off() -> N
             switch()
     assert bus._torque.tolist() == [False, True, False, False]
     bus.close()  # is closed, and allowed
-
-
-def test_servos_of_many_turns_take_goals_beyond_one() -> None:
-    clock = VirtualClock()
-    bus = FaultyBus(waist_servos(), clock)
-    bus.open()
-    goals = np.array([2048, -9000, 9000, 1500])
-    bus.write(ServoGoals(goals))
-    bus.torque(True)
-    clock.advance(30.0)
-    assert bus.read().position.tolist() == goals.tolist()
-    with refuses(BusError):
-        bus.write(ServoGoals(np.array([-1, 0, 0, 0])))

@@ -3,7 +3,6 @@
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from messages import refuses
@@ -33,10 +32,6 @@ def sample() -> SensorFrames:
     return open_source(SAMPLE)
 
 
-def track(sample: SensorFrames, name: str) -> np.ndarray:
-    return sample.position[:, sample.names.index(name)]
-
-
 def test_its_script_makes_it_again_to_the_byte() -> None:
     assert sample_recording() == SHIPPED.read_bytes(), "python -m tests.support.sample_recording FILE makes it"
     assert SHIPPED.stat().st_size <= LARGEST
@@ -49,21 +44,6 @@ def test_it_is_a_whole_person_who_moves_as_persons_do(sample: SensorFrames) -> N
     assert set(sample.names) == set(SENSORS) and len(summary.joints) == 21
     assert summary.stature_m == pytest.approx(1.65, abs=0.1)
     assert not summary.jumps and not summary.notes
-
-
-def test_it_waves_looks_around_and_crouches_on_still_feet(sample: SensorFrames) -> None:
-    wrist, head, pelvis = (track(sample, name) for name in ("r_wrist", "head", "pelvis"))
-    waving = (sample.time > 2.3) & (sample.time < 3.9)
-    side = wrist[waving, 1]
-    assert (wrist[waving, 2] > track(sample, "r_shoulder")[waving, 2] + 0.15).all()
-    assert np.count_nonzero(np.diff(np.sign(side - side.mean()))) >= 4 and np.ptp(side) > 0.15
-    w, _, _, z = sample.orientation[:, sample.names.index("head")].T
-    turn = np.degrees(2.0 * np.arctan2(z, w))
-    assert turn.max() > 35.0 and turn.min() < -35.0
-    assert 0.1 < pelvis[0, 2] - pelvis[:, 2].min() < 0.25 and pelvis[-1, 2] == pytest.approx(pelvis[0, 2], abs=0.005)
-    assert np.linalg.norm(head[-1] - head[0]) < 0.05
-    for name in ("l_ankle", "r_ankle", "l_toe", "r_toe"):
-        assert np.ptp(track(sample, name), axis=0).max() < 1e-3, name
 
 
 SHIPPED_ROBOTS = [entry.name for entry in entries(Kind.ROBOT) if entry.shipped]
@@ -95,11 +75,6 @@ def test_the_bare_word_is_the_sample_and_everything_else_a_file(
         with refuses(InputError):
             open_source(file)
     assert command("inspect", "./sample") == REFUSED
-
-
-def test_unit_and_rate_reach_its_reader(sample: SensorFrames) -> None:
-    assert open_source(SAMPLE, rate=60.0).time[-1] == pytest.approx(0.5 * sample.time[-1])
-    assert open_source(SAMPLE, unit="mm").position == pytest.approx(0.1 * sample.position)
 
 
 def test_a_missing_source_is_refused_with_a_hint_at_the_sample(capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hardware.arrays import FloatArray
 from hardware.servo import ServoGains, loop_lag
 from servos import four_servos
 from sim.servo_model import AMBIENT, HEAT_PER_AMPERE2, ServoLoad, saturated_lag
@@ -37,34 +36,8 @@ def test_heat_rises_to_its_final_value() -> None:
     assert load.temperature == pytest.approx(AMBIENT + HEAT_PER_AMPERE2 * load.current**2)
 
 
-def test_looks_within_a_moment_show_no_larger_current() -> None:
-    """Ticks of a busy machine come at uneven times; the supply must not sag for that."""
-    usual, late = make(), make()
-    after = np.full(3, 0.3)
-    usual.advance(before=STILL, after=after, torque=ON, elapsed=0.008)
-    late.advance(before=STILL, after=after, torque=ON, elapsed=0.0005)
-    assert np.all(late.current == usual.current)
-    assert np.all(usual.current < 1.0)
-
-
 LAG = np.array([0.045, 0.02, 0.1, 0.0])  # [s]
 TOP = np.array([3140.0, 1000.0, 50.0, 800.0])  # [tick/s]
-
-
-def integrate(error: FloatArray, elapsed: float, steps: int) -> FloatArray:
-    """Displacement by small explicit steps of the same law."""
-    moved = np.zeros_like(error)
-    dt = elapsed / steps
-    for _ in range(steps):
-        moved += dt * np.clip((error - moved) / np.maximum(LAG, 2 * dt), -TOP, TOP)
-    return moved
-
-
-@pytest.mark.parametrize("elapsed", [0.001, 0.05, 0.4])
-def test_as_fine_steps(elapsed: float) -> None:
-    error = np.array([600.0, -30.0, 4.0, -200.0])
-    moved, _ = saturated_lag(error, lag=LAG, top=TOP, elapsed=elapsed)
-    np.testing.assert_allclose(moved, integrate(error, elapsed, 20_000), atol=0.1)
 
 
 def test_two_halves_are_the_whole() -> None:

@@ -30,7 +30,7 @@ def run(*faults: MockFault) -> tuple[RunResult, FloatArray, list[str]]:
         stand = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
         return FaultyBus(robot.joint_map.servos, clock, start=robot.joint_map.to_ticks(stand), faults=faults)
 
-    options = RunOptions(robot="op3", playback=Playback(speed=2.0, end=14.0))
+    options = RunOptions(robot="op3", playback=Playback(speed=2.0, end=11.5))
     with prepare(
         synthetic_performer, options, clock=VirtualClock(), make_bus=make_bus, notify=messages.append
     ) as ready:

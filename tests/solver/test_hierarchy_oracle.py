@@ -148,14 +148,3 @@ def test_any_hierarchy_has_a_finite_answer_inside_the_box(problem: Hierarchy) ->
 def test_any_seed_is_right(seed: int) -> None:
     comparison = compare(problem := random_hierarchy(seed), solve(problem).x)
     assert not comparison.fault
-
-
-def test_all_columns_fixed() -> None:
-    problem = random_hierarchy(5)
-    still = replace(problem, lo=problem.hi)
-    assert np.array_equal(solve(still).x, problem.hi)
-
-
-def test_no_levels_gives_the_clipped_reference() -> None:
-    problem = replace(random_hierarchy(6), levels=(), soft=None)
-    assert solve(problem).x == pytest.approx(np.clip(problem.ref, problem.lo, problem.hi), abs=1e-12)

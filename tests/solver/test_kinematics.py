@@ -4,7 +4,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from messages import refuses
 from oracles.problem import Array
 from oracles.trees import Tree, random_tree
 from retarget import _solver
@@ -33,19 +32,6 @@ def points_on(tree: Tree) -> tuple[list[int], Array]:
     """One point on every link: links (k,) and local positions (k, 3)."""
     links = list(range(tree.model.nbody))
     return links, np.random.default_rng(1).normal(size=(len(links), 3))
-
-
-def test_sizes(tree: Tree) -> None:
-    body, model = body_of(tree), tree.model
-    assert (body.nq, body.nv, len(body.forward(body.rest())[0])) == (model.nq, model.nv, model.nbody)
-    assert body.total_mass == pytest.approx(model.body_mass.sum(), rel=EXACT)
-    assert body.rest() == pytest.approx(model.qpos0, abs=EXACT)
-
-
-def test_the_trees_hold_every_kind_of_joint_and_several_on_a_link() -> None:
-    models = [random_tree(seed).model for seed in SEEDS]
-    assert {int(kind) for model in models for kind in model.jnt_type} == {0, 1, 2, 3}
-    assert max(int(model.body_jntnum.max()) for model in models) >= 3
 
 
 def test_forward(tree: Tree) -> None:
@@ -107,26 +93,9 @@ def test_difference_undoes_integrate(tree: Tree, size: float) -> None:
     assert ours == pytest.approx(dq, abs=1e-9)
 
 
-def test_difference_takes_the_short_way_between_opposite_quaternions() -> None:
-    tree = random_tree(0)
-    body = body_of(tree)
-    turned = tree.q.copy()
-    for joint in range(tree.model.njnt):
-        if tree.model.jnt_type[joint] in (0, 1):
-            start = tree.model.jnt_qposadr[joint] + (3 if tree.model.jnt_type[joint] == 0 else 0)
-            turned[start : start + 4] *= -1.0
-    assert body.difference(tree.q, turned) == pytest.approx(np.zeros(body.nv), abs=EXACT)
-
-
 @pytest.mark.parametrize("field", range(10))
 def test_arrays_of_wrong_shape_are_refused(field: int) -> None:
     arguments = list(random_tree(1).body_arguments())
     arguments[field] = arguments[field][:-1].copy()
     with pytest.raises(ValueError):
         _solver.Body(*arguments)
-
-
-def test_postures_of_wrong_length_are_refused() -> None:
-    body = body_of(random_tree(1))
-    with refuses(ValueError):
-        body.forward(np.zeros(body.nq + 1))

@@ -36,20 +36,6 @@ def test_what_is_left_of_an_approach_falls_with_the_distance(distance: float, ma
     assert solver.observer_modes.tolist() == [1]
 
 
-@pytest.mark.parametrize("goal", [(-0.03, 0.02, 0.01), (0.0, 0.04, 0.0)], ids=["receding", "tangent"])
-def test_what_does_not_approach_is_free(goal: tuple[float, float, float]) -> None:
-    made, solver = point_before_ball(0.02)
-    alone = made.solver([[], [Task.position(1)]], observed=False)
-    targets = np.array([1.0, *goal])
-    assert (solver.frame(np.array([1.0, *targets]), DT) == alone.frame(targets, DT)).all()
-    assert solver.observer_modes.tolist() == [0]
-
-
-def test_beyond_influence_an_obstacle_is_not_there() -> None:
-    _, solver = point_before_ball(0.1 + 1e-9)
-    assert step(solver, l1_0=(0.03, 0.02, 0.0)) == pytest.approx([0.03, 0.02, 0.0], abs=1e-12)
-
-
 def test_an_approaching_obstacle_pushes_a_still_part_by_what_is_not_left_of_its_approach() -> None:
     """Figure 5: n . J dq = (1 - alpha) n . Do."""
     for distance in (0.08, 0.05, 0.01, 0.0):
@@ -72,18 +58,6 @@ def test_an_obstacle_comes_nearer_iteration_by_iteration(n_ik: int) -> None:
         x -= (1.0 - share(obstacle - x - 0.1, 0.1)) * DT / n_ik
         obstacle -= DT / n_ik
     assert step(solver) == pytest.approx([x, 0.0, 0.0], abs=1e-12)
-
-
-def test_a_receding_obstacle_lets_its_part_follow() -> None:
-    """Only the relative motion is damped: a part that goes with the obstacle does not approach."""
-    made, solver = point_before_ball(0.02)
-    made.velocity[:] = AWAY
-    made.show(solver)
-    assert step(solver, l1_0=(DT, 0.0, 0.0)) == pytest.approx([DT, 0.0, 0.0], abs=1e-12)
-    solver.reset(np.zeros(3))
-    made.show(solver)
-    over, left = 0.5 * DT, 0.2
-    assert step(solver, l1_0=(DT + over, 0.0, 0.0)) == pytest.approx([DT + left * over, 0.0, 0.0], abs=1e-12)
 
 
 def test_a_turning_obstacle_moves_where_it_is_near() -> None:
@@ -118,11 +92,6 @@ def test_only_the_closest_of_one_obstacle_acts() -> None:
     asked = {"l1_0": (0.03, 0.01, 0.0), "l1_1": (0.03, 0.01, 0.0)}
     assert step(solver, **asked) == pytest.approx([0.2 * 0.03, 0.01, 0.03, 0.01], abs=1e-12)
     assert solver.observer_modes.tolist() == [1, 0]
-
-
-def test_the_closest_is_the_closest_of_those_that_approach() -> None:
-    asked = {"l1_0": (-0.01, 0.0, 0.0), "l1_1": (0.03, 0.0, 0.0)}
-    assert step(two_before_a_wall(), **asked) == pytest.approx([-0.01, 0.0, 0.6 * 0.03, 0.0], abs=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(25))

@@ -1,6 +1,5 @@
 """What the compiled observers refuse and return; determinism."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -69,19 +68,6 @@ def test_bad_observers_are_refused(instead: dict[str, Any], part: Facts) -> None
         carts(**instead)
 
 
-@pytest.mark.parametrize("task", [Task.reactive, Task.preventive])
-def test_bad_tasks_are_refused(task: Callable[..., Task]) -> None:
-    for speed in (0.0, -1.0, NAN, np.inf):
-        with refuses(ValueError, "m/s"):
-            task(speed=speed)
-    with refuses(ValueError, '"unknown"'):
-        task(against="unknown")
-    with refuses(ValueError):
-        task(of=[2**40])
-    with pytest.raises(OverflowError):
-        task(of=[-1])
-
-
 def with_observers(levels: list[list[Task]], **more: Any) -> Solver:
     return rig(POINT, [ball(1)], [ball(at=(0.3, 0.0, 0.0))]).solver(levels, **more)
 
@@ -96,14 +82,6 @@ def test_solvers_refuse_what_does_not_fit_together() -> None:
         with refuses(ValueError):
             with_observers([[posture, task]])
     with_observers([[Task.preventive()], [posture]])
-
-
-def test_a_solver_without_observers_has_no_obstacles() -> None:
-    solver = rig(POINT, []).solver([[Task.position(1)]], observed=False)
-    with refuses(ValueError):
-        solver.set_obstacles(np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]]))
-    assert solver.observer_modes.shape == (0,)
-    assert solver.clearance == (np.inf, np.inf)
 
 
 @pytest.mark.parametrize(

@@ -22,20 +22,6 @@ def test_a_joint_that_clamping_would_keep_is_released() -> None:
     assert solve_cascade(problem) == pytest.approx([0.5, 1.5], abs=1e-10)
 
 
-def test_out_of_reach_goes_to_the_corner() -> None:
-    problem = small(Level.of(np.array([[1.0, 1.0]]), np.array([10.0])))
-    assert solve_cascade(problem) == pytest.approx([1.0, 1.0], abs=1e-12)
-    assert problem.residuals(np.ones(2))[0] == pytest.approx(8.0)
-
-
-def test_opposed_inequalities_share_the_violation() -> None:
-    row = np.array([[1.0, 0.0], [-1.0, 0.0]])
-    level = Level.of(np.zeros((0, 2)), np.zeros(0), row, np.array([0.4, 0.2]), np.full(2, np.inf))
-    x = solve_cascade(small(level))
-    assert x == pytest.approx([0.1, 0.0], abs=1e-10)
-    assert np.linalg.norm(level.violation(x)) == pytest.approx(0.3 * np.sqrt(2.0))
-
-
 @pytest.mark.parametrize("seed", range(40))
 def test_cascade_is_optimal_and_inside(seed: int) -> None:
     problem = random_hierarchy(seed)

@@ -14,16 +14,6 @@ REST = rotations.normalise(RNG.normal(size=(3, 4)))
 OFFSET = np.array([[0.0, 0.0, 0.0], [0.1, -0.2, 0.3], [0.0, 0.0, 0.0]])
 
 
-def test_each_part_comes_from_its_column() -> None:
-    plan = SensorPlan(4, points=np.array([2, 1, -1]), segments=np.array([-1, 1, 3]), rest=REST, offset=OFFSET)
-    position, orientation, tracked = plan.read(POSITION, ORIENTATION, TRACKED)
-    np.testing.assert_array_equal(position[0], POSITION[2])
-    np.testing.assert_allclose(position[1], POSITION[1] - rotations.rotate(ORIENTATION[1], OFFSET[1]), atol=1e-15)
-    np.testing.assert_allclose(orientation[1:], rotations.multiply(ORIENTATION[[1, 3]], REST[1:]), atol=1e-15)
-    assert np.isnan(position[2]).all() and np.isnan(orientation[0]).all()
-    assert tracked.tolist() == [True, False, True]
-
-
 def test_a_column_that_no_frame_has_is_refused() -> None:
     for points in (np.array([2, 4, -1]), np.array([2, 1])):
         with refuses(ValueError):

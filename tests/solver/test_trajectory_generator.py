@@ -157,13 +157,6 @@ def test_the_same_inputs_give_the_same_bits_whatever_was_before(seed: int) -> No
     np.testing.assert_array_equal(move.rows, other.rows)
 
 
-def test_a_target_at_the_position_is_no_move() -> None:
-    move = Move(1)
-    assert move.generator.at_rest
-    np.testing.assert_array_equal(move.step(move.start), move.start)
-    assert move.generator.at_rest
-
-
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 
 

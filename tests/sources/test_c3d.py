@@ -10,14 +10,10 @@ import pytest
 from messages import refuses
 from motion_texts import MARKERS, c3d_bytes
 from retarget.errors import InputError
-from retarget.frames import SENSORS
 from retarget.sources.c3d import (
-    MARKER_GROUPS,
     MarkerTracks,
     _metres,
     _one_subject,
-    _up_axis,
-    groups_in,
     read_c3d,
     read_markers,
 )
@@ -82,14 +78,6 @@ def test_of_several_performers_the_best_seen_is_read() -> None:
     assert notes == ("2 performers in the file (Bo, Ann): only 'Ann' is read",)
 
 
-@pytest.mark.parametrize(
-    ("text", "up"),
-    [("+Z", (0, 0, 1)), ("-Z", (0, 0, -1)), ("+Y", (0, 1, 0)), ("X", (1, 0, 0)), ("", (0, 0, 1)), ("?", (0, 0, 1))],
-)
-def test_the_screen_axis_gives_the_up_axis(text: str, up: tuple[int, int, int]) -> None:
-    np.testing.assert_array_equal(_up_axis(text), up)
-
-
 def test_units_unknown_and_unstated() -> None:
     tracks = MarkerTracks(("LANK",), np.zeros((1, 1, 3)), np.ones((1, 1), bool), 100.0, "", np.array([0.0, 0.0, 1.0]))
     assert _metres(tracks, None, Path("a.c3d")) == (0.001, ("unit not stated: taken as mm (change it with --unit)",))
@@ -110,12 +98,6 @@ def test_a_file_cut_short_is_refused(tmp_path: Path, share: float) -> None:
     content = c3d_bytes(40)
     with refuses(InputError):
         read_c3d(write(tmp_path, content[: int(share * len(content))]))
-
-
-@pytest.mark.parametrize("content", [b"", b"\0", b"\2P", b"\2P" + b"\0" * 1022, b"\2P" + b"\xff" * 2000, b"plain text"])
-def test_what_is_no_c3d_is_refused(tmp_path: Path, content: bytes) -> None:
-    with pytest.raises(InputError):
-        read_c3d(write(tmp_path, content))
 
 
 def test_without_the_package_the_error_says_how_to_install_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -140,28 +122,3 @@ def test_recordings(shared: Path) -> None:
         assert 1.2 < np.nanmedian(head - ankle) < 1.7
         across = frames.position[:, frames.index("l_shoulder")] - frames.position[:, frames.index("r_shoulder")]
         assert 0.25 < np.nanmedian(np.linalg.norm(across, axis=1)) < 0.5
-
-
-def test_markers_and_skeleton_of_one_trial_give_the_same_motion(shared: Path) -> None:
-    from retarget.sources.asf_amc import read_amc
-
-    markers = read_c3d(shared / "mocap/cmu_c3d/05_13.c3d")
-    skeleton = read_amc(shared / "mocap/cmu_asfamc/05_13.amc")
-    for name in ("head", "l_wrist", "r_wrist", "l_ankle", "r_ankle", "pelvis"):
-        apart = markers.position[:, markers.index(name)] - skeleton.position[:, skeleton.index(name)]
-        assert np.median(np.linalg.norm(apart, axis=1)) < 0.12, name
-
-
-def test_groups_are_those_of_sensors_and_sides_do_not_mix() -> None:
-    assert set(MARKER_GROUPS) <= set(SENSORS)
-    for sensor, groups in MARKER_GROUPS.items():
-        assert all(len(set(group)) == len(group) > 0 for group in groups)
-        if sensor[1] == "_":
-            assert {name[0] for group in groups for name in group} == {sensor[0].upper()}
-
-
-def test_the_first_whole_group_counts() -> None:
-    assert groups_in(["LWRA", "LWRB"]) == {"l_wrist": ("LWRA", "LWRB")}
-    assert groups_in(["LWRA"]) == {"l_wrist": ("LWRA",)}
-    assert groups_in(["LASI", "RASI", "SACR"]) == {"pelvis": ("LASI", "RASI", "SACR")}
-    assert groups_in([]) == {} == groups_in(["LFHD"])

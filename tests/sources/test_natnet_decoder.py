@@ -74,29 +74,6 @@ def test_a_frame_of_each_version(version: Version) -> None:
     assert decoder.names_missing
 
 
-def test_new_definitions_give_new_names() -> None:
-    decoder = met(Version(3, 0))
-    decoder.decode(frame(MOTION, Version(3, 0)))
-    decoder.decode(definitions(Catalogue(bodies=[Body("New", 2)]), Version(3, 0)))
-    assert only(decoder.decode(frame(MOTION, Version(3, 0)))).names[0] == "rigid://New"
-
-
-def test_before_anything_is_known_bodies_have_numbers_and_the_stamp_is_the_timestamp() -> None:
-    decoder = NatnetDecoder()
-    found = only(decoder.decode(frame(MOTION, Version(3, 0))))
-    assert found.names == ("rigid://#2", "rigid://#3", "bone://#5/#3", "bone://#5/#1", "bone://#5/#2")
-    assert found.stamp == 12.5
-    assert decoder.names_missing
-
-
-def test_stamps_without_ticks_or_without_sense() -> None:
-    decoder = met(Version(3, 0))
-    assert only(decoder.decode(frame(Motion(ticks=(0, 1, 2)), Version(3, 0)))).stamp == 12.5
-    assert only(decoder.decode(frame(Motion(ticks=(0, 1, 2), timestamp=float("nan")), Version(3, 0)))).stamp is None
-    decoder.decode(server_info(Version(3, 0), clock_hz=3_000))
-    assert only(decoder.decode(frame(Motion(), Version(3, 0)))).stamp == 1000.0
-
-
 @pytest.mark.parametrize("announced", VERSIONS, ids=str)
 @pytest.mark.parametrize("sent", VERSIONS, ids=str)
 def test_a_pinned_bitstream_is_read_though_the_server_is_newer(sent: Version, announced: Version) -> None:
@@ -106,22 +83,6 @@ def test_a_pinned_bitstream_is_read_though_the_server_is_newer(sent: Version, an
     for _ in range(3):
         assert only(decoder.decode(frame(MOTION, sent))).names[0] == "rigid://Quad"
     assert decoder.dropped.count == 0
-
-
-def test_a_later_suffix_may_be_longer() -> None:
-    decoder = met(Version(4, 4))
-    found = only(decoder.decode(frame(replace(MOTION, tail=bytes(8)), Version(4, 4))))
-    np.testing.assert_array_equal(found.position[0], [3, 1, 2])
-    plain = met(Version(3, 0))
-    assert plain.decode(frame(replace(MOTION, tail=bytes(8)), Version(3, 0))) == []
-    assert plain.dropped.reasons == {"frame that fits no known version": 1}
-
-
-def test_the_layout_of_a_server_that_said_nothing_is_kept() -> None:
-    decoder = NatnetDecoder()
-    assert decoder.decode(frame(replace(MOTION, tail=bytes(8)), Version(4, 1))) == []
-    only(decoder.decode(frame(MOTION, Version(4, 1))))
-    only(decoder.decode(frame(replace(MOTION, tail=bytes(8)), Version(4, 1))))
 
 
 @pytest.mark.parametrize(("up", "upward"), [("y", (0, 1, 0)), ("z", (0, 0, 1))])
@@ -179,19 +140,6 @@ def test_a_damaged_pose_is_none_and_the_others_stay(pose: Pose) -> None:
     assert decoder.dropped.count == 1
 
 
-def test_an_untracked_body_without_a_pose_is_no_damage() -> None:
-    decoder = NatnetDecoder()
-    found = only(decoder.decode(frame(Motion(bodies=[Pose(1, turn=(0, 0, 0, 0), flags=0)]), Version(3, 0))))
-    assert np.isnan(found.position).all() and not found.tracked.any()
-    assert decoder.dropped.reasons == {}
-
-
-def test_signalling_nan_makes_no_warning() -> None:
-    whole = bytearray(frame(Motion(bodies=[Pose(1)], crowd=False), Version(3, 0)))
-    whole[24:28] = bytes.fromhex("0100807f")
-    assert np.isnan(only(NatnetDecoder().decode(bytes(whole))).position).all()
-
-
 def test_doubled_and_too_many_poses() -> None:
     decoder = NatnetDecoder()
     found = only(decoder.decode(frame(Motion(bodies=[Pose(n % 300) for n in range(301)]), Version(3, 0))))
@@ -226,7 +174,6 @@ def body(name: str, number: int, parent: int = -1) -> BodyDefinition:
 
 
 BODIES = PoseGroup(Owner.RIGID_BODIES, 0, 1)
-ANN_GROUP = PoseGroup(Owner.SKELETON, 5, 1)
 TABLE = Definitions(
     (body("Quad", 2), body("Quad", 3), body("", 4)),
     (GroupDefinition("Ann", 5, (body("Hip", 1, 0), body("Spine", 2, 1), body("Loose", 3, 9), body("Own", 4, 4))),),
@@ -246,17 +193,6 @@ def test_a_name_that_is_doubled_or_empty_becomes_a_number() -> None:
     assert name(twins, PoseGroup(Owner.SKELETON, 2, 1), 2 << 16 | 3) == "bone://#2/#3"
 
 
-def test_bones_carry_their_skeleton_in_the_upper_half() -> None:
-    assert name(TABLE, ANN_GROUP, 5 << 16 | 2) == "bone://Ann/Spine"
-    assert name(TABLE, ANN_GROUP, 5 << 16 | 7) == "bone://Ann/#7"
-    assert name(TABLE, PoseGroup(Owner.SKELETON, 6, 1), 6 << 16 | 1) == "bone://#6/#1"
-
-
-def test_a_bone_has_no_parent_that_is_not_there() -> None:
-    found = plan_poses(TABLE, [replace(ANN_GROUP, count=4)], [5 << 16 | number for number in (1, 2, 3, 4)])
-    assert (found.bones, found.lost) == (((1, 0),), ())
-
-
 def table(*parents: int) -> Definitions:
     """A skeleton whose bone i + 1 has the parent given."""
     bones = tuple(BodyDefinition(f"b{i + 1}", i + 1, parent, (0.0, 0.0, 0.0)) for i, parent in enumerate(parents))
@@ -266,27 +202,6 @@ def table(*parents: int) -> Definitions:
 def plan(definitions: Definitions, *bones: int, limit: int = 256) -> PosePlan:
     groups = (PoseGroup(Owner.SKELETON, 5, len(bones)),)
     return plan_poses(definitions, groups, [ANN | bone for bone in bones], limit=limit)
-
-
-def test_bones_without_a_known_chain_are_lost() -> None:
-    assert plan(table(0, 1, 2), 3, 1).lost == (0,)
-    assert plan(table(2, 3, 1), 1, 2, 3).lost == (0, 1, 2)
-    unknown = plan(table(0, 1), 1, 9)
-    assert unknown.lost == (1,)
-    assert not unknown.all_defined
-
-
-def test_rigid_bodies_and_assets_have_no_parents() -> None:
-    groups = (PoseGroup(Owner.RIGID_BODIES, 0, 1), PoseGroup(Owner.ASSET, 5, 2))
-    found = plan_poses(table(0, 1), groups, [1, ANN | 1, ANN | 2], limit=256)
-    assert (found.bones, found.lost) == ((), ())
-
-
-def test_an_unvouched_parent_vouches_for_no_child() -> None:
-    found = plan(table(0, 1, 0), 1, 2, 3)
-    tracked = np.array([False, True, True])
-    compose_bones(found, np.zeros((3, 3)), np.tile([1.0, 0, 0, 0], (3, 1)), tracked)
-    assert tracked.tolist() == [False, False, True]
 
 
 @given(st.lists(st.integers(0, 99), min_size=1, max_size=12), st.integers(0, 2**32 - 1))
@@ -364,13 +279,6 @@ def test_limbs_have_the_lengths_of_the_definitions(up: str, version: Version, pr
             assert size.length(f"{side}_{limb}") == pytest.approx(PERSON.length(f"{side}_{limb}"), abs=1e-5)
 
 
-@pytest.mark.parametrize(
-    "names", [[], ["rigid://head"], ["bone://Bo/Head"], ["bone://Al/Head", "bone://Bo/Head"], ["bone://"]]
-)
-def test_without_its_bones_among_the_names_there_is_no_skeleton(names: list[str]) -> None:
-    assert skeleton_of(defined("Al", bones(BONE_NAMES)), names) is None
-
-
 def _circle(body: list[Body]) -> list[Body]:
     number = {bone.name: bone.number for bone in body}
     after = {"LUArm": "LFArm", "LFArm": "LHand", "LHand": "LUArm"}
@@ -382,12 +290,3 @@ def test_what_is_no_human_is_no_skeleton_and_no_error() -> None:
     odd = skeleton_of(defined("Al", _circle(bones(BONE_NAMES, parents=PARENTS))), ["bone://Al/Head"])
     assert odd is not None and "l_wrist" not in odd.names and "r_wrist" in odd.names
     assert skeleton_of(defined("Al", [Body(bone.name, 1, 1) for bone in bones(BONE_NAMES)]), ["bone://Al/Head"]) is None
-
-
-def test_it_faces_x() -> None:
-    decoder = defined("Al", bones(BONE_NAMES, parents=PARENTS, up="z"), up="z")
-    skeleton = decoder.rest("Al")
-    assert skeleton is not None
-    across: FloatArray = skeleton.of("l_shoulder") - skeleton.of("r_shoulder")
-    assert across[1] > 0.2 and abs(across[0]) < 1e-6 and skeleton.of("l_toe")[0] > skeleton.of("l_ankle")[0] + 0.05
-    assert decoder.rest("Bo") is None

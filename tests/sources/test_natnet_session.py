@@ -95,12 +95,6 @@ def test_changed_definitions_are_asked_for_once_and_not_per_frame() -> None:
     assert session.poll(2.6) == [DEFINITIONS_REQUEST]
 
 
-def test_a_changed_bitstream_asks_for_server_and_definitions() -> None:
-    session = answered(multicast=True)
-    session.receive(1.5, frame(Motion(flags=8), V41))
-    assert session.poll(1.5) == [connect_message(), DEFINITIONS_REQUEST]
-
-
 def test_a_silent_server_is_asked_again_and_its_definitions_too_when_it_is_back() -> None:
     session = answered(multicast=True)
     assert session.poll(1.9) == []

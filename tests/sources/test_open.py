@@ -164,10 +164,3 @@ def test_a_recording_of_datagrams_is_refused_as_such(tmp_path: Path, magic: byte
     path.write_bytes(gzip.compress(content) if packed else content)
     with refuses(InputError, "replay:///", "?kind=vmc"):
         open_source(path)
-
-
-def test_a_packed_file_of_something_else_is_none(tmp_path: Path) -> None:
-    for content in (gzip.compress(b"hello"), b"\x1f\x8b"):
-        (tmp_path / "x.gz").write_bytes(content)
-        with refuses(InputError):
-            open_source(tmp_path / "x.gz")

@@ -125,22 +125,6 @@ def test_a_missing_file_and_a_folder(tmp_path: Path) -> None:
         RawReader(tmp_path)
 
 
-def test_a_file_that_disappears_is_damage(recording: Path) -> None:
-    reader = RawReader(recording)
-    recording.unlink()
-    assert list(reader) == []
-    shows(reader.damage)
-
-
-def test_a_crash_loses_only_what_is_not_flushed(tmp_path: Path) -> None:
-    path = tmp_path / "a"
-    writer = RawWriter(path, url=URL)
-    writer.append(b"flushed", time_ns=1, address="1.2.3.4", port=5)
-    writer.flush()
-    writer.append(b"not", time_ns=2, address="1.2.3.4", port=5)
-    assert [datagram.payload for datagram in RawReader(path)] == [b"flushed"]
-
-
 def test_the_buffer_is_bounded(tmp_path: Path) -> None:
     writer = RawWriter(tmp_path / "a", url=URL)
     fitting = MAX_UNWRITTEN // (60_000 + 34)
@@ -150,15 +134,6 @@ def test_the_buffer_is_bounded(tmp_path: Path) -> None:
     writer.close()
     reader = RawReader(tmp_path / "a")
     assert len(list(reader)) == fitting and reader.damage == ""
-
-
-def test_too_long_a_datagram_and_a_strange_address(tmp_path: Path) -> None:
-    writer = RawWriter(tmp_path / "a", url=URL)
-    writer.append(bytes(MAX_DATAGRAM + 1), time_ns=0, address="1.2.3.4", port=5)
-    assert writer.lost == 1
-    writer.append(b"x", time_ns=0, address="nowhere", port=5)
-    writer.close()
-    assert [datagram.address for datagram in RawReader(tmp_path / "a")] == ["::"]
 
 
 def test_a_full_disk_stops_the_recording_only(tmp_path: Path) -> None:

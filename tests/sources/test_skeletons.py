@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motion_texts import bvh_text
-from retarget import rotations
 from retarget.frames import JOINTS
 from retarget.sources.asf_amc import read_asf
 from retarget.sources.bvh import read_motion
@@ -16,10 +15,8 @@ from retarget.sources.skeletons import (
     REQUIRED,
     STYLES,
     JointTree,
-    forward_kinematics,
     joints_by_name,
     joints_by_shape,
-    plain_names,
 )
 
 
@@ -35,23 +32,6 @@ def test_each_style_finds_its_own_joints(style: str) -> None:
     assert len(set(names.values())) == len(names), "a name stands for two joints"
     found = joints_by_name(tuple(names.values()))
     assert found == {joint: i for i, joint in enumerate(names)}
-
-
-def test_name_spaces_prefixes_blanks_and_case_do_not_matter() -> None:
-    assert plain_names(("mixamorig:Hips", "mixamorig:LeftUpLeg")) == ["hips", "leftupleg"]
-    assert plain_names(("Bip01", "Bip01 L Thigh", "Bip01_Pelvis")) == ["", "lthigh", "pelvis"]
-    assert plain_names(("left_up.leg", "Left Arm-2")) == ["upleg", "arm2"]
-    assert plain_names(("Hips",)) == ["hips"]
-    assert plain_names(()) == []
-
-
-def test_names_that_lack_a_limb_are_not_enough() -> None:
-    names = first_names("HumanIK (MotionBuilder, Mixamo, CMU BVH)")
-    for joint in REQUIRED:
-        rest = tuple(name for other, name in names.items() if other != joint)
-        found = joints_by_name(rest)
-        assert found is None or joint == "pelvis"  # the root stands in for a pelvis of another name
-    assert joints_by_name(("tail", "fin")) is None
 
 
 LIMBS = [f"{side}_{part}" for side in "lr" for part in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")]
@@ -107,15 +87,6 @@ def _same_place(tree: JointTree, a: int, b: int) -> bool:
     return bool(np.linalg.norm(rest[a] - rest[b]) < 0.05 * np.abs(rest).max())
 
 
-@pytest.mark.parametrize("count", [1, 2, 5, 30])
-def test_chains_and_stars_are_no_bodies(count: int) -> None:
-    offsets = np.tile([0.0, 1.0, 0.0], (count, 1))
-    names = tuple(f"j{i}" for i in range(count))
-    chain = JointTree(names, tuple(range(-1, count - 1)), offsets, ((),) * count)
-    star = JointTree(names, (-1, *([0] * (count - 1))), offsets, ((),) * count)
-    assert joints_by_shape(chain) is None and joints_by_shape(star) is None
-
-
 @given(count=st.integers(1, 25), seed=st.integers(0, 10_000))
 def test_any_tree_gives_an_answer(count: int, seed: int) -> None:
     generator = np.random.default_rng(seed)
@@ -124,29 +95,3 @@ def test_any_tree_gives_an_answer(count: int, seed: int) -> None:
     ends = tuple((generator.normal(size=3),) if generator.random() < 0.5 else () for _ in range(count))
     found = joints_by_shape(JointTree(tuple(map(str, range(count))), parents, offsets, ends))
     assert found is None or all(0 <= joint < count for joint in found.values())
-
-
-TREE = JointTree(
-    names=("root", "arm", "hand", "leg"),
-    parents=(-1, 0, 1, 0),
-    offsets=np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, -1]]),
-    ends=((), (), (np.array([0.0, 0, 3]),), ()),
-)
-
-
-def test_forward_kinematics_is_the_product_of_transforms() -> None:
-    generator = np.random.default_rng(0)
-    local = rotations.normalise(generator.normal(size=(5, 4, 4)))
-    translation = np.broadcast_to(TREE.offsets, (5, 4, 3)).copy()
-    translation[:, 0] = generator.normal(size=(5, 3))
-    pose = forward_kinematics(TREE, local, translation)
-    for frame in range(5):
-        matrices = np.zeros((4, 4, 4))
-        matrices[:, :3, :3] = rotations.to_matrix(local[frame])
-        matrices[:, :3, 3] = translation[frame]
-        matrices[:, 3, 3] = 1.0
-        hand = matrices[0] @ matrices[1] @ matrices[2]
-        np.testing.assert_allclose(pose.position[frame, 2], hand[:3, 3], atol=1e-12)
-        np.testing.assert_allclose(rotations.to_matrix(pose.orientation[frame, 2]), hand[:3, :3], atol=1e-12)
-        tip = pose.point(2, TREE.ends[2][0])[frame]
-        np.testing.assert_allclose(tip, (hand @ [0, 0, 3, 1])[:3], atol=1e-12)

@@ -20,7 +20,6 @@ from sim.emulator.faults import Fault
 from sim.emulator.line import Line, Timing
 from sim.emulator.ports import EmulatedPort
 from sim.emulator.robot_lines import devices_of
-from sim.emulator.servo1 import EmulatedServo1
 from sim.emulator.servo2 import EmulatedServo
 
 CYCLE = 0.008
@@ -124,12 +123,6 @@ class BusRig:
         """The 2.0 servo with an id."""
         found = next(one for one in self.devices if one.id == number)
         assert isinstance(found, EmulatedServo)
-        return found
-
-    def device1(self, number: int) -> EmulatedServo1:
-        """The 1.0 servo with an id."""
-        found = next(one for one in self.devices if one.id == number)
-        assert isinstance(found, EmulatedServo1)
         return found
 
     def fault(self, fault: Fault) -> None:

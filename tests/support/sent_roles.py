@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from retarget.frames import SENSORS
-from retarget.rotations import conjugate, multiply, rotate
+from retarget.rotations import conjugate, multiply
 from retarget.types import FloatArray
 
 Triple = tuple[float, float, float]
@@ -111,8 +111,3 @@ def role(convention: str, name: str) -> Role:
 def canonical_orientation(role: Role, orientation: FloatArray) -> FloatArray:
     """World orientation (..., 4) wxyz of the role's segment, identity in the T-pose, from the sent orientation."""
     return multiply(orientation, conjugate(role.rest))
-
-
-def joint_position(role: Role, position: FloatArray, orientation: FloatArray) -> FloatArray:
-    """World position (..., 3) m of the role's joint, from the sent position and orientation."""
-    return position - rotate(orientation, role.offset)

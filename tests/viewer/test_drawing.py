@@ -1,13 +1,11 @@
 """The scene of a page: what moves is sent, what stands still is not, and what is hidden costs nothing."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from followers import op3
-from retarget import rotations
 from retarget.model.observers import robot_observers
 from retarget.rotations import rotate
 from retarget.viewer.colours import COLD, HOT, LEGEND, MODES, OUTSIDE, ROBOT, ZMP, heat_keys
@@ -61,16 +59,6 @@ def test_only_what_moves_is_sent(server: Any) -> None:
     assert sent(server) <= before + 6, "the three links of an arm, each moved and turned"
 
 
-def test_obstacles_are_where_they_are(server: Any) -> None:
-    drawing = Drawing(server, cast_of_op3())
-    near = AWAY * [1.0, 0.3, 1.0, 1.0, 1.0, 1.0, 1.0]
-    drawing.show(snapshot(obstacle_poses=near))
-    ball = node(server, "obstacles")
-    assert tuple(ball.position) == pytest.approx((0.0, 0.6, 0.3))
-    drawing.show(snapshot(obstacle_poses=near + 0.1))
-    assert tuple(ball.position) == pytest.approx((0.1, 0.7, 0.4))
-
-
 def test_the_zero_moment_point_is_red_outside_of_the_soles(server: Any) -> None:
     drawing = Drawing(server, cast_of_op3())
     drawing.show(snapshot(zmp=np.array([0.0, 0.0])))
@@ -115,14 +103,6 @@ def test_a_human_alone_stands_where_one_looks(server: Any) -> None:
     assert heat_keys(op3().profile.safety.temperature_c)[1] not in drawing.keys
 
 
-def test_what_servos_never_reported_is_no_colour(server: Any) -> None:
-    """Limbs in the colour of a cold servo would say that it is cold."""
-    heat_key = heat_keys(op3().profile.safety.temperature_c)[1]
-    assert heat_key in Drawing(server, cast_of_op3()).keys
-    drawing = Drawing(server, replace(cast_of_op3(), servos_commanded=False))
-    assert heat_key not in drawing.keys
-
-
 def test_limbs_are_red_at_the_temperature_that_stops_the_robot(server: Any) -> None:
     drawing, hot = Drawing(server, cast_of_op3()), np.full(20, 20.0)
     hot[0], hot[1] = 200.0, np.nan
@@ -151,17 +131,6 @@ def test_observers_are_seen_while_they_act(server: Any) -> None:
     for other in (None, modes[:3], np.zeros_like(modes)):
         drawing.show(snapshot(modes=other))
         assert not any(shape.visible for shape in shapes)
-
-
-def test_links_are_where_the_body_has_them(server: Any) -> None:
-    shown = cast_of_op3().robot
-    assert shown is not None
-    Drawing(server, cast_of_op3()).show(snapshot(robot=(q := op3().body.qpos0 + np.linspace(0.0, 0.4, 27))))
-    positions, turns = shown.body.solver_body().forward(q)
-    for number, link in enumerate(shown.links):
-        handle = node(server, "robot", number)
-        np.testing.assert_allclose(handle.position, positions[link], atol=1e-6)
-        assert rotations.angle_between(np.array(handle.wxyz), turns[link]) < 1e-5
 
 
 def test_shapes_move_where_it_is_known_where_they_are(server: Any) -> None:

@@ -111,15 +111,6 @@ def test_a_page_that_takes_nothing_costs_nothing() -> None:
     assert not run.stop_asked(), "a page that is gone does not stop the robot"
 
 
-def test_the_end_is_shown_also_where_no_row_was_sent_for_it() -> None:
-    run, page = feed()
-    run.on_row(record(), 3)
-    run.extras = Extras(words=lambda: ("fault", "the bus is dead"))
-    run.end()
-    row = received(page)
-    assert (row.state, row.why) == ("fault", "the bus is dead")
-
-
 def test_a_page_that_hangs_is_ended_with_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("retarget.viewer.feed.ENDING_S", 0.1)
     with open_feed(0, title="") as run:
@@ -186,11 +177,6 @@ def test_a_page_that_dies_at_once_is_refused(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr("sys.executable", "/bin/false")
     with refuses(ConfigError), open_feed(0, title=""):
         pass
-
-
-def test_what_the_page_cannot_show_is_refused() -> None:
-    with open_feed(0, title="") as run, refuses(ConfigError):
-        run.begin(PageSetup("unknown", None, None, ""), rate_hz=125.0)
 
 
 def test_the_page_of_a_live_run_is_open_while_the_performer_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,6 +1,5 @@
 """The page of a recorded run: what is shown when, by its buttons, its slider and the clock."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 from unittest.mock import MagicMock
@@ -14,8 +13,7 @@ from followers import op3
 from hardware.clock import VirtualClock
 from messages import shows
 from retarget.types import FloatArray
-from retarget.viewer.colours import HOT, LEGEND, legend, web
-from retarget.viewer.joint_plot import QUANTITIES, JointPlot, curves, heights
+from retarget.viewer.joint_plot import QUANTITIES, JointPlot, curves
 from retarget.viewer.page import PLAY, RecordedPage, headline_of
 from retarget.viewer.snapshot import GRAVITY, Row, zero_moment_point
 from viewed import cast_of_op3, person, snapshot
@@ -91,27 +89,6 @@ def test_it_plays_by_the_clock_and_the_letters_follow(watched: Watched) -> None:
     assert watched.after(0.2) == 22
 
 
-def test_it_stands_steps_and_goes_on(watched: Watched) -> None:
-    watched.after(0.2005)
-    watched.press(PLAY)
-    assert watched.after(0.5) == 20
-    watched.press("+1")
-    assert watched.after(0.5) == 21
-    watched.press("-1")
-    watched.press("-1")
-    assert watched.after(0.0) == 19
-    watched.press(PLAY)
-    assert watched.after(0.1005) == 29
-
-
-def test_a_person_slides_and_a_tick_does_not(watched: Watched) -> None:
-    watched.slide(70, by=3)
-    assert watched.after(0.5) == 70, "it stands where it was put"
-    watched.press(PLAY)
-    watched.slide(5, by=None)
-    assert watched.after(0.1005) == 80, "the page moved its slider itself"
-
-
 def test_nothing_is_computed_without_a_browser(watched: Watched) -> None:
     watched.looked = False
     before = len(watched.run.shown)
@@ -120,13 +97,6 @@ def test_nothing_is_computed_without_a_browser(watched: Watched) -> None:
     assert len(watched.run.shown) == before
     watched.looked = True
     assert watched.after(0.0005) == 50, "and who comes later sees what is shown now"
-
-
-def test_a_run_of_one_tick(server: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    watched = Watched(server, monkeypatch, Run(rows=1))
-    for button in ("+1", "-1", PLAY, PLAY):
-        watched.press(button)
-        assert watched.after(1.0) == 0
 
 
 @given(st.lists(st.tuples(st.floats(0.0, 3.0), st.integers(-600, 600), st.booleans()), max_size=20))
@@ -154,13 +124,6 @@ def test_letters_say_what_it_does_and_why_and_hold_no_markup() -> None:
     assert "degrees" not in headline_of(snapshot(present=np.full(20, np.nan)))
 
 
-def test_the_legend_has_the_colours_of_what_is_shown() -> None:
-    text = legend([*LEGEND["goal"], *LEGEND["balance"], (HOT, "hot <servo>")])
-    for colour, words in (*LEGEND["goal"], *LEGEND["balance"]):
-        assert web(colour) in text and words in text
-    assert web(HOT) in text and "hot &lt;servo&gt;" in text
-
-
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_curves_of_a_joint_are_no_more_than_can_be_seen(quantity: str) -> None:
     at, goal, servo = curves(rows_of(np.arange(5000.0)), cast_of_op3(), 3, quantity)
@@ -168,25 +131,6 @@ def test_curves_of_a_joint_are_no_more_than_can_be_seen(quantity: str) -> None:
     expected = {"angle": np.degrees(0.1), "off its goal": np.degrees(0.1), "temperature": 40.0, "current": 0.5}
     np.testing.assert_allclose(servo, expected[quantity])
     assert np.isnan(goal).all() == (quantity != "angle")
-
-
-@pytest.mark.parametrize(("commanded", "quantities"), [(True, tuple(QUANTITIES)), (False, ("angle", "off its goal"))])
-def test_a_plot_offers_what_is_known(commanded: bool, quantities: tuple[str, ...], server: Any) -> None:
-    plot = JointPlot(server, replace(cast_of_op3(), servos_commanded=commanded), [])
-    assert plot._quantity.options == quantities
-
-
-@pytest.mark.parametrize(
-    "values", [[np.nan] * 9, [25.0] * 9, [np.nan, 1.0, 7.0], [-40.0, np.nan, 71.5], [1e-4, 2e-4], [1e5, np.inf]]
-)
-def test_a_plot_reaches_beyond_all_that_is_known(values: list[float]) -> None:
-    low, high = heights(np.array(values), np.full(3, np.nan))
-    known = [value for value in values if np.isfinite(value)]
-    assert (
-        low < min(known, default=0.5)
-        and max(known, default=0.5) < high
-        and high - low < 3 * (np.ptp(known or [0, 1]) + 0.1)
-    )
 
 
 @pytest.mark.parametrize("quantity", QUANTITIES)

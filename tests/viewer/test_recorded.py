@@ -67,16 +67,6 @@ def test_obstacles_move_from_the_first_tick_that_followed(whole: RecordedRun) ->
     assert at(scene, first + 50)[0, 1] == pytest.approx(0.6 - 0.3 * 50 * dt, abs=1e-9), "1.2 m in 4 s"
 
 
-def test_they_stand_without_a_command(whole: RecordedRun) -> None:
-    first = first_followed(whole)
-    no_command = whole.tracks["no_command"].copy()
-    no_command[first + 10 : first + 20] = True
-    scene, held = scene_of(whole), scene_of(whole, no_command=no_command)
-    np.testing.assert_allclose(at(held, first + 10), at(scene, first + 10))
-    np.testing.assert_allclose(at(held, first + 19), at(scene, first + 10))
-    np.testing.assert_allclose(at(held, first + 30), at(scene, first + 20))
-
-
 def test_a_scene_that_changed_since_is_shown_as_it_was(whole: RecordedRun, place: Path) -> None:
     file = place / "scene.yaml"
     before = file.read_text()
@@ -135,25 +125,6 @@ def test_every_row_is_as_it_was(path: Path, run: ShownRun) -> None:
     np.testing.assert_allclose(sent, np.degrees(arrays["joint_positions"][:, 3]))
     np.testing.assert_allclose(present, np.degrees(arrays["servo_positions"][:, 3]))
     np.testing.assert_array_equal(time, run.times)
-
-
-def test_the_centre_of_mass_is_over_the_soles_of_the_profile(run: ShownRun) -> None:
-    assert run.cast.profile is not None and run.cast.profile.profile.name == "op3"
-    snapshot = shown(run, len(run.times) // 2)
-    com, zmp = snapshot.com, snapshot.zmp
-    assert np.abs(com[:2]).max() < 0.1 and 0.1 < com[2] < 0.4
-    assert zmp is not None and 1e-5 < np.abs(zmp - com[:2]).max() < 0.1
-    for row in (0, len(run.times) - 1):
-        zmp = shown(run, row).zmp
-        assert zmp is not None and np.isnan(zmp).all(), "neither the row before nor the one after is known"
-
-
-def test_a_human_alone_has_no_robot(tmp_path: Path) -> None:
-    run = open_recorded(saved_run(tmp_path / "human.npz", robot="human"))
-    snapshot = shown(run, 5)
-    assert run.cast.robot is None and run.cast.joints == () and run.cast.landmarks == ()
-    assert run.cast.sensors and snapshot.sensors is not None and np.isfinite(snapshot.sensors).all()
-    assert np.isfinite(snapshot.com).all() and np.isnan(snapshot.off)
 
 
 def test_sensors_are_shown_where_they_were_kept(path: Path, run: ShownRun, tmp_path: Path) -> None:

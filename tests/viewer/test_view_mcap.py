@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from followers import op3
-from messages import shows
 from recordings import recorded
 from retarget.run.run_result import RunResult
 from retarget.types import FloatArray
@@ -49,25 +48,6 @@ def test_every_tick_is_as_it_was(path: Path, run: RunResult) -> None:
     np.testing.assert_allclose(goal, np.degrees(sent.q[:, columns[4]]), atol=1e-4)
     np.testing.assert_allclose(present, np.degrees(sent.present[:, 4]), atol=1e-6)
     np.testing.assert_array_equal(curves(seen, seen.cast, 4, "temperature")[2], sent.temperature[:, 4])
-
-
-def test_why_it_stopped_is_shown(path: Path, run: RunResult) -> None:
-    seen = open_recorded(path)
-    last = shown(seen, len(seen.times) - 1)
-    assert last.state == "stopping"
-    shows(last.why)
-    states = {shown(seen, row).state for row in range(len(seen.times))}
-    assert {"approaching", "stopping"} <= states
-
-
-def test_a_human_alone(tmp_path: Path) -> None:
-    path = tmp_path / "human.mcap"
-    run = recorded(path, robot="human")
-    seen = open_recorded(path)
-    snapshot = shown(seen, 10)
-    assert seen.cast.robot is None and np.isfinite(snapshot.com).all()
-    assert snapshot.sensors is not None and snapshot.zmp is not None and np.isfinite(snapshot.zmp).all()
-    np.testing.assert_array_equal(snapshot.sensors, run.record.human.sensors[10])
 
 
 def test_a_simulated_body_is_where_it_really_was(tmp_path: Path) -> None:

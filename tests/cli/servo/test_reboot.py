@@ -31,13 +31,6 @@ def test_a_latched_error_is_explained_and_cleared(lab: ServoLab) -> None:
     assert lab.memory(7).value("hardware_error_status") == 0
 
 
-def test_a_cause_that_persists_is_reported(lab: ServoLab) -> None:
-    lab.faults = [Fault(FaultKind.OVER_TEMPERATURE, ids=(7,), value=95.0)]
-    code, _, err = lab.run("reboot", "--robot", "op3", "--port", "emulator", "--all", "--yes")
-    assert code == 2 and "id 8" not in err
-    shows(err, 7, "OVERHEATING")
-
-
 def test_torque_is_not_dropped_unasked(lab: ServoLab) -> None:
     lab.before = {(13, "torque_enable"): 1}
     code, _, err = lab.run("reboot", "--robot", "op3", "--port", "emulator", "--id", "13", typed="y\n")
@@ -117,10 +110,3 @@ def test_ctrl_c_ends_before_the_next_servo_and_lists_those_restarted(
     assert left == code and text in err
     shows(err)
     assert done == [1, 2, 3][:at] and "(id 3)" in err.partition("; not: ")[2]
-
-
-def test_only_the_ids_named_are_looked_for(lab: ServoLab) -> None:
-    code, out, err = lab.run("reboot", "--port", "emulator", "--id", "1,2", "--yes")
-    assert (code, err) == (0, "")
-    shows(out, 2)
-    assert {data[4] for data in lab.sent if data[:4] == b"\xff\xff\xfd\x00"} <= {1, 2, 254}

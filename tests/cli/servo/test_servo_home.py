@@ -9,12 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from check_helpers import copy_of_op3
 from hardware.bus import ServoBus
 from hardware.clock import Clock, VirtualClock
 from messages import shows
 from retarget.cli import main
-from retarget.cli import servo as servo_group
 from retarget.cli.buses import make_bus, posture_ticks
 from retarget.cli.servo import home as home_file
 from retarget.model.robot import RobotBody, load_robot
@@ -81,30 +79,6 @@ def test_home_writes_what_it_shows(lab: Lab) -> None:
     zeros = [servo.zero_tick for servo in load_robot("op3").joint_map.servos]
     assert (zeros[0], zeros[1], zeros[19]) == (2078, 2048, 2036)
     assert lab.closed()
-
-
-def test_some_joints_are_added_to_the_others(lab: Lab) -> None:
-    lab.shift = {18: 30, 19: 40}
-    lab.home()
-    lab.shift = {18: 50, 19: 60}
-    code, out, _ = lab.home("--joints", "head_tilt")
-    assert code == 0 and "head_pan" not in out
-    assert [servo.zero_tick for servo in load_robot("op3").joint_map.servos[18:]] == [2078, 2108]
-    assert previous_path(calibration_path("op3")).exists()
-
-
-@pytest.mark.parametrize("typed", ["n\n", "\n", "y\n\n", "y\ny\nn\n", "y\ny\n\n\n", "what\nNO\n"])
-def test_no_writes_nothing(typed: str, lab: Lab) -> None:
-    code, out, _ = lab.home(typed=typed)
-    assert code == 0 and out.rstrip().endswith("nothing was written")
-    assert not calibration_path("op3").exists() and lab.closed()
-
-
-def test_an_ended_input_is_refused(lab: Lab) -> None:
-    code, _, err = lab.home(typed="y\n")
-    said = "error: servo home: the question has no answer: the input has ended. Run it in a terminal.\n"
-    assert (code, err) == (2, said)
-    assert not calibration_path("op3").exists() and lab.closed()
 
 
 def test_far_from_the_profile_needs_force(lab: Lab) -> None:
@@ -175,20 +149,6 @@ def test_the_file_of_another_robot_is_replaced_as_a_whole_only(lab: Lab) -> None
 def test_bad_options_are_refused_before_a_bus_is_opened(words: tuple[str, ...], text: str, lab: Lab) -> None:
     code, _, err = lab.home(*words)
     assert code == 2 and text in err and lab.buses == []
-
-
-def test_the_group_lists_its_commands(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as left:
-        main(["servo", "--help"])
-    assert left.value.code == 0
-    out = capsys.readouterr().out
-    assert all(name in out and line[:40] in out for name, line in servo_group.COMMANDS.items())
-
-
-def test_an_unknown_command_of_the_group_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as left:
-        main(["servo", "hone"])
-    assert left.value.code == 2 and "home" in capsys.readouterr().err
 
 
 OPENING = (
@@ -296,15 +256,3 @@ def test_a_port_that_looks_like_an_emulator_is_doubted(lab: Lab, terminal: Path)
     assert not calibration_path("op3").exists()
     code, out, _ = lab.home("--port", str(terminal), typed="y\n" * 5)
     assert code == 0 and calibration_path("op3").exists()
-
-
-def test_a_port_of_the_profile_is_doubted_as_one_of_the_command_line(lab: Lab, terminal: Path, own: Path) -> None:
-    path = copy_of_op3(own / "copy", ("/dev/ttyUSB0", str(terminal)))
-    code, out, _ = lab.home("--robot", str(path), typed="\n")
-    assert code == 0 and lab.buses == [] and out.startswith(f"{terminal} leads to a pseudo-terminal")
-
-
-def test_a_port_that_looks_like_an_emulator_is_not_doubted_where_a_file_is_named(lab: Lab, terminal: Path) -> None:
-    code, out, _ = lab.home("--port", str(terminal), "--out", str(terminal.with_name("zeros.yaml")))
-    assert code == 0 and "emulator" not in out and terminal.with_name("zeros.yaml").exists()
-    assert not calibration_path("op3").exists()

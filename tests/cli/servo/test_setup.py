@@ -10,7 +10,7 @@ from hardware.joint_map import JointMap
 from messages import refuses
 from retarget.cli.servo import places, setup
 from retarget.cli.servo.places import find_places
-from retarget.cli.servo.setup import check_asked, check_device, find_target, registers_of
+from retarget.cli.servo.setup import check_asked, find_target
 from retarget.errors import UsageError
 from retarget.model.robot import RobotBody, load_uncalibrated
 
@@ -85,11 +85,6 @@ def test_what_names_no_servo_is_refused_with_the_way_out(
     assert text in str(caught.value)
 
 
-def test_an_id_that_the_profile_does_not_have_is_only_an_id(divided: RobotBody) -> None:
-    one = find_target("op3", HEAD, None, 99, None)
-    assert (one.place.port.name, one.device, one.servo, one.needed) == (HEAD, 99, None, None)
-
-
 def test_a_port_of_the_profile_means_its_bus(divided: RobotBody) -> None:
     assert [one.spec.name for one in find_places("op3", HEAD) if one.spec] == ["head"]
     assert len(find_places("op3", None)) == 2
@@ -125,22 +120,3 @@ def test_refused(asked: Asked, protocol: int | None, model: str | None, text: st
     with pytest.raises(UsageError) as caught:
         check_asked(asked, protocol, model)
     assert text in str(caught.value)
-
-
-def test_valid_options_pass() -> None:
-    everything = Asked(252, 57_600, 508e-6, {"shutdown": 52, "status_return_level": 2, "drive_mode": 5})
-    check_asked(everything, 2, X)
-    check_asked(everything, None, None)
-    check_asked(Asked(registers={"ccw_angle_limit": 2000}), None, None)  # some model has it
-    assert registers_of(["a=0x10", " b =-2"]) == {"a": 16, "b": -2}
-
-
-@pytest.mark.parametrize(
-    ("device", "protocol", "fine"), [(252, 2, True), (253, 2, False), (253, 1, True), (254, 1, False)]
-)
-def test_ids(device: int, protocol: int, fine: bool) -> None:
-    if fine:
-        check_device(device, protocol)
-        return
-    with refuses(UsageError, "--id", 254):
-        check_device(device, protocol)

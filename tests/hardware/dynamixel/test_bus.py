@@ -25,16 +25,6 @@ def test_torque_is_what_the_servos_say() -> None:
     assert watch.torque[1] is Torque.OFF
 
 
-def test_a_servo_that_its_watchdog_has_stopped_is_not_called_limp() -> None:
-    rig, watch = watched()
-    rig.clock.advance(1.0)
-    for _ in range(5):
-        watch.read()
-        rig.clock.advance(0.05)
-    assert watch.torque == [Torque.HELD] * 3
-    assert rig.shown("torque_enable") == [1, 1, 1]
-
-
 def test_torque_of_a_silent_servo_is_not_known() -> None:
     rig, watch = watched()
     watch.read()

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bus_rig import bus_of, spec
-from hardware.bus import BusSpec, ServoAlert
-from hardware.dynamixel.checks import NO_SECONDARY_ID, alert_text, complaints, needed_ticks, notes, wishes
+from hardware.bus import BusSpec
+from hardware.dynamixel.checks import NO_SECONDARY_ID, complaints, needed_ticks, notes, wishes
 from hardware.dynamixel.settings import Asked, ServoImage, Setting, differing, eeprom_settings, plan, settings_of
 from hardware.joint_map import JointMap
 from hardware.servo import ServoMode, ServoSpec
@@ -33,25 +33,9 @@ def said(mode: ServoMode = ServoMode.POSITION, **values: int) -> list[str]:
     return complaints(servo, bus_of([PLAIN]), image, needed_ticks(JointMap([servo]))["j1"])
 
 
-def test_a_servo_as_delivered_may_be_driven() -> None:
-    assert said() == []
-
-
 @pytest.mark.parametrize(("volts", "fine"), [(94, False), (95, True), (160, True), (161, False)])
 def test_the_supply_is_held_against_the_servo_s_own_limits(volts: int, fine: bool) -> None:
     assert (said(present_input_voltage=volts) == []) == fine
-
-
-def test_limits_of_the_position_count_in_position_mode_alone() -> None:
-    assert len(said(max_position_limit=2500)) == 1
-    assert said(ServoMode.EXTENDED_POSITION, max_position_limit=2500) == []
-
-
-def test_every_alert_bit_has_a_name() -> None:
-    for alert in ServoAlert:
-        assert (alert.name or "?") in alert_text(alert)
-    assert alert_text(0x42) == "0x42"
-    assert alert_text(0x05).startswith("INPUT_VOLTAGE (supply")
 
 
 def _image(model: str, protocol: int, **values: int) -> tuple[ServoSpec, BusSpec, ServoImage]:
@@ -210,8 +194,3 @@ def test_no_goal_inside_the_limits_is_beyond_the_needed_ticks_and_both_ends_are_
     assert (low <= ticks.min(axis=0)).all() and (ticks.max(axis=0) <= high).all()
     slack = 2 * np.array([servo.coupling is not None for servo in servos])  # corners that are moved in
     assert (ticks.min(axis=0) - low <= slack).all() and (high - ticks.max(axis=0) <= slack).all()
-
-
-def test_the_ends_of_the_servo_s_own_travel_are_never_passed() -> None:
-    wide = replace(spec(1), zero_tick=977, lower=-1.4989, upper=1.5)
-    assert needed_ticks(JointMap([wide]))["j1"].low == 0

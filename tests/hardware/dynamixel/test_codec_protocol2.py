@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import more_frames
-from hardware.dynamixel.codec import BROADCAST, STATUS, Frame, Status, fast_length, protocol2, valid_parts
+from hardware.dynamixel.codec import BROADCAST, STATUS, Status, fast_length, protocol2, valid_parts
 from messages import refuses
 from packet_vectors import FAST_BULK, FAST_BULK_REPLY, FAST_SYNC, FAST_SYNC_REPLY, TWO, Vector
 from sdk_port import SdkPort
@@ -35,17 +35,6 @@ def test_the_manuals_examples_cut_at_every_byte(reply: bytes, answers: tuple[Sta
         assert valid_parts(reply[:length], sizes) == list(answers[:whole])
 
 
-@pytest.mark.parametrize(("reply", "answers"), [(FAST_SYNC_REPLY, FAST_SYNC), (FAST_BULK_REPLY, FAST_BULK)])
-def test_one_damaged_byte_costs_its_part_and_what_follows(reply: bytes, answers: tuple[Status, ...]) -> None:
-    sizes = [len(answer.data) for answer in answers]
-    for at in range(len(reply)):
-        before = 0 if at < 8 else sum(end <= at for end in ends(sizes))
-        for flip in range(1, 256):
-            damaged = bytearray(reply)
-            damaged[at] ^= flip
-            assert valid_parts(bytes(damaged), sizes) == list(answers[:before]), (at, flip)
-
-
 @settings(max_examples=150)
 @given(PARTS, st.data())
 def test_any_reply_cut_or_damaged_yields_what_stands_before(answers: list[Status], data: st.DataObject) -> None:
@@ -56,14 +45,6 @@ def test_any_reply_cut_or_damaged_yields_what_stands_before(answers: list[Status
     at = data.draw(st.integers(8, len(reply) - 1))
     damaged = reply[:at] + bytes((reply[at] ^ data.draw(st.integers(1, 255)),)) + reply[at + 1 :]
     assert valid_parts(damaged, sizes) == answers[: sum(end <= at for end in ends(sizes))]
-
-
-def test_a_lost_byte_costs_its_part_and_what_follows() -> None:
-    sizes = [4, 4, 4]
-    for at in range(8, len(FAST_SYNC_REPLY)):
-        lost = FAST_SYNC_REPLY[:at] + FAST_SYNC_REPLY[at + 1 :]
-        whole = sum(end <= at for end in ends(sizes))
-        assert valid_parts(lost, sizes) == list(FAST_SYNC[:whole])
 
 
 def test_a_reply_to_another_question_has_no_parts() -> None:
@@ -93,25 +74,6 @@ def test_stuffing_round_trips_for_every_short_string_of_hot_bytes() -> None:
             stuffed = protocol2.stuff(body)
             assert protocol2.unstuff(stuffed) == body
             assert protocol2.HEADER not in stuffed
-
-
-def test_length_counts_the_stuffing_and_the_code_is_stuffed_too() -> None:
-    assert protocol2.write(1, 116, b"\xff\xff\xfd\xff")[5:-2] == bytes.fromhex("0A00 03 7400 FFFFFDFD FF")
-    assert protocol2.frame(1, 0xFF, b"\xff\xfd")[5:-2] == bytes.fromhex("0600 FFFFFDFD")
-
-
-@pytest.mark.parametrize(
-    ("frame", "status"),
-    [
-        (Frame(1, STATUS, b"\x80\xa6"), Status(1, 0x80, b"\xa6")),
-        (Frame(1, STATUS, b"\x07"), Status(1, 7, b"")),
-        (Frame(1, STATUS, b""), None),
-        (Frame(1, 2, b"\0\0"), None),
-        (Frame(BROADCAST, STATUS, b"\0\x01\xa6\0\0"), None),
-    ],
-)
-def test_only_a_status_of_one_device_is_one(frame: Frame, status: Status | None) -> None:
-    assert protocol2.status_of(frame) == status
 
 
 WRONG: dict[str, Callable[[], bytes]] = {
@@ -150,11 +112,6 @@ def sdk_frame(device: int, code: int, params: bytes) -> bytes:
 def test_frames_equal_those_of_the_sdk_where_nothing_is_stuffed(device: int, code: int, params: bytes) -> None:
     if b"\xff\xff\xfd" not in bytes((code,)) + params:
         assert protocol2.frame(device, code, params) == sdk_frame(device, code, params)
-
-
-def test_the_sdk_forgets_its_own_stuffing() -> None:
-    """Why we send nothing through it that may need stuffing."""
-    assert sdk_frame(1, 3, b"\x74\0\xff\xff\xfd\xff") != protocol2.write(1, 116, b"\xff\xff\xfd\xff")
 
 
 @given(st.integers(0, 252), st.integers(0, 255), st.binary(max_size=30).filter(lambda data: b"\xff\xfd" not in data))

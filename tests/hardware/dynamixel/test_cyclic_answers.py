@@ -9,12 +9,10 @@ import pytest
 import more_frames
 from bus_rig import BusRig, Tapped
 from hardware.dynamixel import single_requests
-from hardware.dynamixel.codec import BROADCAST, Status, protocol1, protocol2, side_by_side
+from hardware.dynamixel.codec import Status, side_by_side
 from hardware.dynamixel.control_table import find_table
 from hardware.dynamixel.cyclic import Ask, Kind, block_of, collect
-from hardware.errors import HardwareError
-from messages import refuses
-from scripted_port import Replies, ScriptedPort
+from scripted_port import ScriptedPort
 from sim.emulator.faults import Fault, FaultKind
 
 
@@ -32,56 +30,7 @@ def test_every_register_is_where_its_table_says(model: str, protocol: int) -> No
             assert int(row[name]) == register.decode(data[at : at + register.size]), name
 
 
-def test_a_register_that_is_not_there_is_named() -> None:
-    with refuses(HardwareError, "present_current"):
-        block_of(find_table("XL430-W250", 2), "present_current", "present_position")
-
-
 SLACK = 0.004
-PING1 = b"\x06\x04\x26"
-
-
-def _slotted(*ids: int) -> Replies:
-    return [(0.003 * device + 0.001, protocol2.status(device, 0, PING1)) for device in ids]
-
-
-def test_all_answer_a_broadcast_in_their_slots() -> None:
-    port = ScriptedPort(lambda request: _slotted(0, 1, 7, 252))
-    received = single_requests.broadcast_ping(port, 252, SLACK)
-    assert [answer.id for answer in received.answers] == [0, 1, 7, 252]
-    assert received.damaged == 0
-    assert port.sent == [protocol2.ping(BROADCAST)]
-
-
-def test_the_window_is_that_of_the_highest_id() -> None:
-    port = ScriptedPort(lambda request: _slotted(20))
-    assert single_requests.broadcast_ping(port, 20, SLACK).answers
-    assert 0.080 < port.now() < 0.095
-    port = ScriptedPort(lambda request: [], baud=4_000_000)
-    single_requests.broadcast_ping(port, 252, SLACK)
-    assert 0.770 < port.now() < 0.800
-
-
-def test_damage_is_counted_and_valid_answers_are_kept() -> None:
-    broken = bytearray(protocol2.status(2, 0, PING1))
-    broken[9] ^= 0x10
-    port = ScriptedPort(lambda request: [*_slotted(1, 3), (0.007, bytes(broken))])
-    received = single_requests.broadcast_ping(port, 5, SLACK)
-    assert [answer.id for answer in received.answers] == [1, 3]
-    assert received.damaged == len(broken)
-
-
-def test_two_answers_to_a_broadcast_are_a_clash() -> None:
-    port = ScriptedPort(lambda request: _slotted(1, 1, 2))
-    found = single_requests.OneOff(port, 2).scan([1, 2])
-    assert [(servo.id, servo.clash) for servo in found] == [(1, True), (2, False)]
-
-
-@pytest.mark.parametrize("protocol", [1, 2])
-def test_a_second_answer_to_one_ping_is_noticed(protocol: int) -> None:
-    answer = protocol1.status(4) if protocol == 1 else protocol2.status(4, 0, PING1)
-    port = ScriptedPort(lambda request: [(0.0005, answer), (0.001, answer)])
-    assert len(single_requests.ping_alone(port, protocol, 4, SLACK).answers) == 2
 
 
 def test_a_line_that_never_falls_silent_is_left() -> None:
@@ -149,11 +98,6 @@ def test_a_whole_reply_wakes_twice_and_is_there_with_its_last_byte() -> None:
     wire = Wire(pieces(REPLY, begun=1e-3))
     answers, known = received(wire)
     assert answers == 20 and known == pytest.approx(1e-3 + BYTE * len(REPLY)) and wire.waits <= 2
-
-
-def test_one_that_comes_in_one_piece_costs_no_sleep() -> None:
-    wire = Wire([(2e-3, REPLY)])
-    assert received(wire) == (20, 2e-3) and wire.waits == 1
 
 
 @pytest.mark.parametrize("count", [1, 2, 10, 19])

@@ -12,7 +12,7 @@ from hardware.dynamixel.found_servos import (
 )
 from hardware.dynamixel.line_scan import Sighting, Speed, all_speeds, scan_line
 from hardware.errors import BusError
-from messages import refuses, shows
+from messages import refuses
 from sim.emulator.faults import Fault, FaultKind
 
 
@@ -35,12 +35,6 @@ def test_all_servos_receive_it_within_a_second_at_any_speed(model: str, protocol
     broadcast_torque_off(rig.port, all_speeds())
     assert rig.clock.now() - begun < 1.0
     assert rig.shown("torque_enable") == [0, 0, 0]
-
-
-def test_only_the_speeds_named() -> None:
-    rig = _rig()
-    broadcast_torque_off(rig.port, [Speed(2, 1_000_000)])
-    assert rig.shown("torque_enable") == [0, 1, 0] and rig.port.baud == 1_000_000
 
 
 def test_an_impossible_speed_is_left_out_and_a_port_that_is_gone_is_reported(
@@ -85,28 +79,6 @@ def test_read_missing_and_unknown_servos() -> None:
     notes = "\n".join(seen.wrong)
     for text in ("j2 (id 2) is a model that is not known here: number 1120", "j3 (id 3) is XL430-W250", "40 (XM430"):
         assert text in notes
-
-
-def test_a_bus_of_what_answers_holds_every_known_servo_in_order() -> None:
-    rig = BusRig(specs(4))
-    rig.device(3).memory.put("model_number", 1120)
-    bus, placed = as_bus("here", _sightings(rig), first=5)
-    assert [(place, servo.id) for place, servo in placed] == [(5, 1), (6, 2), (7, 4)]
-    assert (bus.baud, bus.protocol, bus.ids) == (2_000_000, 2, (1, 2, 4))
-    seen = look(BusLine(bus, rig.port, placed), _sightings(rig))
-    assert not seen.missing and [one.found.id for one in seen.unknown] == [3]
-    shows(seen.wrong, 3, 1120)
-
-
-def test_a_servo_with_status_return_off_is_distinguished_from_a_silent_one() -> None:
-    rig = BusRig(specs(3))
-    rig.device(2).memory.put("status_return_level", 0)
-    rig.device(2).tune()
-    rig.fault(Fault(FaultKind.MISSING, ids=(3,)))
-    seen = look(BusLine(rig.buses[0], rig.port, list(enumerate(rig.servos))), _sightings(rig))
-    (note,) = seen.wrong
-    assert seen.missing == (2, 3) and note.startswith("j2 (id 2) answers pings only (status return level 0): `retarget")
-    shows(note, "--id", 2, "--register", "status_return_level=2`")
 
 
 def test_a_controller_is_no_servo() -> None:

@@ -5,13 +5,9 @@ import pytest
 from bus_rig import BusRig, bus_of, spec, specs
 from hardware.dynamixel.control_table import code_of
 from hardware.dynamixel.line_scan import (
-    LIKELY,
-    MOST,
-    Sighting,
     Speed,
     all_speeds,
     answering_elsewhere,
-    has_speed,
     likely_speeds,
     scan_likely,
     scan_line,
@@ -96,52 +92,6 @@ def test_an_impossible_speed_is_reported_and_a_port_that_is_gone_ends_it(
         scan_line(rig.port, all_speeds((2,)))
 
 
-def test_errors_are_given_in_words_and_unknown_models_by_number() -> None:
-    rig = _rig()
-    rig.device(2).memory.put("model_number", 1120)
-    rig.fault(Fault(FaultKind.OVER_TEMPERATURE, ids=(3,)))
-    rig.clock.advance(0.1)
-    one, two, three = scan_line(rig.port, [Speed(2, 2_000_000)]).sightings
-    assert (one.alert, two.alert) == ("", "") and "OVERHEATING" in three.alert
-    assert two.table is None and two.model == "number 1120"
-
-
-def test_the_likely_speeds_come_first_and_none_is_lost() -> None:
-    speeds = all_speeds()
-    assert [one.baud for one in all_speeds((2,))][: len(LIKELY)] == list(LIKELY)
-    assert speeds[:2] == [Speed(2, 1_000_000), Speed(1, 1_000_000)] and len(set(speeds)) == len(speeds) == 21
-    assert all_speeds(first=Speed(1, 400_000))[0] == Speed(1, 400_000)
-    assert sorted(all_speeds(first=Speed(1, 400_000))) == sorted(speeds)
-
-
-@pytest.mark.parametrize(
-    ("protocol", "baud", "there"),
-    [(2, 57_600, True), (2, 77, False), (2, 200_000, False), (1, 117_647, True), (1, 77, False), (1, 4_500_000, False)],
-)
-def test_speeds_that_servos_have(protocol: int, baud: int, there: bool) -> None:
-    assert has_speed(protocol, baud) is there and not has_speed(protocol, 0)
-
-
-@pytest.mark.parametrize("protocol", [1, 2])
-def test_each_servo_is_reported_when_found(protocol: int) -> None:
-    servos = specs(3, "MX-28")
-    rig = BusRig(servos, buses=[bus_of(servos, protocol=protocol, baud=1_000_000)])
-    rig.port.open(1_000_000)
-    printed: list[Sighting] = []
-    seen = scan_line(rig.port, [Speed(protocol, 1_000_000)], ids=[1, 3], on_found=printed.append)
-    assert [one.found.id for one in printed] == [1, 3] and tuple(printed) == seen.sightings
-    assert not seen.echoes
-
-
-@pytest.mark.parametrize("protocol", [1, 2])
-def test_an_echo_is_noticed(protocol: int) -> None:
-    servos = specs(1, "MX-28")
-    rig = BusRig(servos, buses=[bus_of(servos, protocol=protocol, baud=1_000_000)])
-    rig.port.open(1_000_000)
-    rig.fault(Fault(FaultKind.ECHO))
-    assert scan_line(rig.port, [Speed(protocol, 1_000_000)], ids=[1]).echoes
-
-
 def _other_speeds_rig(*elsewhere: int) -> BusRig:
     rig = BusRig(specs(6))
     for device in elsewhere:
@@ -156,26 +106,6 @@ def test_servos_that_answer_elsewhere_and_where() -> None:
     rig = _other_speeds_rig(2, 5)
     assert answering_elsewhere(rig.port, rig.buses[0], [2, 5, 9]) == {2: [115_200], 5: [115_200]}
     assert rig.port.baud == 2_000_000
-
-
-def test_a_few_only_are_looked_for() -> None:
-    rig = _other_speeds_rig(1, 2, 3, 4, 5)
-    begun = rig.clock.now()
-    assert sorted(answering_elsewhere(rig.port, rig.buses[0], [1, 2, 3, 4, 5])) == [1, 2, 3][:MOST]
-    assert rig.clock.now() - begun < 1.0
-
-
-def test_an_impossible_speed_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    rig = _other_speeds_rig(2)
-    set_baud = rig.port.set_baud
-
-    def limited(baud: int) -> None:
-        if baud < 100_000:
-            raise BusError("no such baud rate.")
-        set_baud(baud)
-
-    monkeypatch.setattr(rig.port, "set_baud", limited)
-    assert answering_elsewhere(rig.port, rig.buses[0], [2]) == {2: [115_200]}
 
 
 SPEED = Speed(2, 2_000_000)

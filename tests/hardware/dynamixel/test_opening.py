@@ -50,11 +50,6 @@ def test_an_echo_is_no_answer(protocol: int) -> None:
     assert not _said(protocol, 20e-6, Fault(FaultKind.ECHO))[0]
 
 
-def test_one_fast_answer_is_enough_and_silence_is_no_slowness() -> None:
-    assert _said(2, 20e-6, Fault(FaultKind.LATE, value=0.05, end=0.1))[0] == ""
-    assert _said(2, 20e-6, Fault(FaultKind.MISSING, ids=(1,)))[0] == ""
-
-
 @pytest.mark.parametrize("late", [0.004, 0.030])
 def test_an_answer_in_pieces_is_no_quick_one(late: float) -> None:
     """The tail of one answer must not be taken for the beginning of the next."""
@@ -176,14 +171,6 @@ def test_each_problem_is_named_with_its_fix(case: str) -> None:
     assert "main" in said or "servo j" in said
 
 
-def test_another_model_is_named() -> None:
-    rig = BusRig(specs(4))
-    rig.devices[2].memory.put("model_number", 1060)
-    shows(refusal(rig), "j3", 3, "XL430-W250", "XM430-W350")
-    rig.devices[2].memory.put("model_number", 4242)
-    shows(refusal(rig), 4242)
-
-
 def test_a_slow_adapter_is_named_with_the_command() -> None:
     rig = BusRig(specs(2), timing=Timing(latency=0.016))
     said = refusal(rig)
@@ -231,46 +218,12 @@ def test_protocol_1_is_noted_to_have_no_watchdog() -> None:
     shows(rig.notes, 1)
 
 
-def test_the_speed_is_the_bus_s_again_after_others_were_tried() -> None:
-    rig = BusRig(specs(2))
-    rig.fault(Fault(FaultKind.MISSING))
-    refusal(rig)
-    assert rig.line.baud == rig.buses[0].baud
-    rig.clear_faults()
-    rig.bus.open()
-
-
 def test_a_device_of_the_profile_without_a_joint_must_be_there() -> None:
     servos = specs(2)
     buses: list[BusSpec] = [replace(bus_of(servos), ids=(1, 2, 30))]
     rig = BusRig(servos, buses=buses)
     shows(refusal(rig), 30)
     assert protocol2.frame(30, 1, b"") in rig.port.sent
-
-
-def test_protocol_1_status_return_off_is_distinguished_from_silence() -> None:
-    servos = specs(2, "AX-12A")
-    rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)])
-    register(2, status_return_level=0)(rig)
-    with refuses(BusError, "j2", 2, 0):
-        rig.bus.open()
-
-
-def test_a_weak_servo_is_noted_and_may_be_driven() -> None:
-    rig = BusRig(specs(3))
-    register(2, pwm_limit=442)(rig)
-    register(3, pwm_limit=443)(rig)
-    rig.bus.open()
-    assert [note for note in rig.notes if "pwm" in note] == [
-        "servo j2 (id 2) has pwm_limit 442, the maximum is 885: it is weak, or slow"
-    ]
-
-
-def test_an_adapter_that_is_slower_than_it_says_is_refused() -> None:
-    rig = BusRig(specs(3), timing=Timing(turnaround=0.004))
-    said = refusal(rig)
-    shows(said)
-    assert said.count("slower than") == 1
 
 
 @pytest.mark.parametrize("other", ["main", "arms"])
@@ -301,14 +254,6 @@ def test_all_are_found_and_nothing_comes_afterwards(protocol: int, model: str) -
     assert rig.clock.now() - begun < 1.1
     rig.clock.advance(1.0)
     assert rig.port.read() == b""
-
-
-def test_noise_is_no_servo() -> None:
-    rig = BusRig(specs(2))
-    rig.port.open(2_000_000)
-    rig.fault(Fault(FaultKind.SHORT, value=40))
-    found, _ = servos_on(*rig.bus.lines)
-    assert {one.id for one in found} <= {1, 2}
 
 
 def test_a_search_that_would_take_too_long_is_noted() -> None:

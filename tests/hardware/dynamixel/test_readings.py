@@ -99,14 +99,6 @@ def test_an_alert_is_unknown_until_it_is_read_and_gone_when_reported_gone() -> N
     assert readings.states(0.2).alert.tolist() == [0, 0]
 
 
-def test_turns_are_added() -> None:
-    readings = Readings([TABLE] * 2)
-    readings.turns = np.array([-4096, 8192])
-    take(readings, 0, answer(1, position=5), 0.0)
-    take(readings, 1, answer(2, position=-5), 0.0)
-    assert readings.states(0.0).position.tolist() == [-4091, 8187]
-
-
 @pytest.mark.parametrize(("speed", "sign"), [(0x3FF, 1), (0x7FF, -1), (0x401, -1), (0, 0)])
 def test_a_speed_of_protocol_1_has_a_direction_bit(speed: int, sign: int) -> None:
     table = find_table("AX-12A", 1)

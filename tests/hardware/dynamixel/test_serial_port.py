@@ -16,7 +16,6 @@ from hardware.clock import MonotonicClock
 from hardware.dynamixel import serial_port
 from hardware.dynamixel.opening import examine
 from hardware.dynamixel.serial_port import ECHOES, SerialPort, real_baud
-from hardware.dynamixel.single_requests import OneOff
 from hardware.errors import BusError
 from hardware.joint_map import JointMap
 from messages import refuses, shows
@@ -41,15 +40,6 @@ def test_opening_notes_it_once(model: str, protocol: int, echo: bool, silent: bo
     assert bool(opening.problems) is silent
 
 
-def test_a_ping_of_1_0_proves_no_echo() -> None:
-    servos = specs(1, "AX-12A")
-    rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)])
-    rig.port.open(1_000_000)
-    rig.fault(Fault(FaultKind.OVER_TEMPERATURE))
-    client = OneOff(rig.port, 1)
-    assert client.ping(1) is not None and client.scan([1]) and not client.echoes
-
-
 def _adapter(devices: Path, text: str) -> Path:
     folder = devices / "ttyUSB0"
     folder.mkdir()
@@ -64,26 +54,6 @@ def test_it_is_read_through_links(tmp_path: Path) -> None:
     assert serial_port.latency_timer_ms("/dev/ttyUSB0", tmp_path) == 16
     assert serial_port.latency_timer_ms(str(link), tmp_path) == 16
     assert serial_port.timer_command(str(link), tmp_path) == (f"echo 1 | sudo tee {tmp_path}/ttyUSB0/latency_timer")
-
-
-@pytest.mark.parametrize("text", ["", "many\n"])
-def test_other_adapters_have_none(tmp_path: Path, text: str) -> None:
-    assert serial_port.latency_timer_ms("/dev/ttyACM0", tmp_path) is None
-    _adapter(tmp_path, text)
-    assert serial_port.latency_timer_ms("/dev/ttyUSB0", tmp_path) is None
-
-
-def test_what_it_means() -> None:
-    assert serial_port.latency(16) == 0.016
-    assert serial_port.latency(1) == serial_port.latency(0) == serial_port.latency(None) == 0.001
-
-
-def test_the_command_is_given_where_it_helps() -> None:
-    port = SerialPort("/dev/ttyUSB0", MonotonicClock())
-    for timer, given in [(None, False), (1, False), (16, True)]:
-        port.latency_timer_ms = timer
-        assert (port.latency_command is not None) == given
-        assert port.latency == serial_port.latency(timer)
 
 
 @pytest.mark.parametrize("failure", [None, ValueError("no ioctl"), OSError(5, "gone"), NotImplementedError()])
@@ -119,11 +89,6 @@ def test_a_number_becomes_words(number: int, words: str) -> None:
     assert "/dev/ttyUSB0" in str(error)
 
 
-def test_a_speed_that_the_driver_refuses() -> None:
-    error = serial_port.why_not_open(os.devnull, 4_500_000, ValueError("custom baud rate"))
-    shows(str(error), 4500000)
-
-
 def _process(folder: Path, number: int, command: str, *held: Path) -> None:
     process = folder / str(number)
     for name in ("fd", "fdinfo"):
@@ -146,23 +111,6 @@ def test_the_process_that_holds_a_port_is_named_with_its_command_line(tmp_path: 
     found = serial_port.holders(str(device), processes)
     assert sorted(found.split(", ")) == ["process 12 (retarget servo monitor --robot op3)", "process 14 (screen tty)"]
     assert serial_port.holders(str(tmp_path / "none"), processes) == "another process"
-
-
-@pytest.mark.parametrize(
-    ("command", "text"),
-    [
-        ("retarget emulate --link port", "process 11 (retarget emulate --link port) is the emulator"),
-        ("socat pty", "process 11 (socat pty) is its other end"),
-    ],
-)
-def test_what_is_behind_a_pseudo_terminal_is_not_what_holds_it(tmp_path: Path, command: str, text: str) -> None:
-    device, processes = Path("/dev/pts/71"), tmp_path / "proc"
-    _process(processes, 11, command, Path("/dev/ptmx"), device)
-    assert serial_port.holders(str(device), processes) == f"another process; {text}"
-    _process(processes, 12, "retarget servo monitor", Path("/dev/null"), device)
-    _process(processes, 13, "sshd", Path("/dev/pts/ptmx"), Path("/dev/pts/72"))
-    (processes / "13" / "fdinfo" / "0").write_text("tty-index:\t7\n")
-    assert serial_port.holders(str(device), processes) == f"process 12 (retarget servo monitor); {text}"
 
 
 def test_a_real_pseudo_terminal_knows_its_other_end() -> None:
@@ -247,16 +195,6 @@ def test_a_driver_that_falls_back_is_found_out(pty: Pty, port: SerialPort, monke
         port.read()
 
 
-def test_bytes_both_ways_as_they_are(pty: Pty, port: SerialPort) -> None:
-    every = bytes(range(256))
-    port.write(every)
-    assert os.read(pty.far, 1000) == every
-    os.write(pty.far, every)
-    assert port.wait(port.now() + SOON)
-    assert port.read() == every
-    assert port.read() == b""
-
-
 def test_waiting_ends_at_the_deadline_and_not_before(port: SerialPort) -> None:
     start = port.now()
     assert not port.wait(start + 0.02)
@@ -332,13 +270,6 @@ def test_paths_that_are_no_port(tmp_path: Path) -> None:
     ]:
         with refuses(BusError, facts):
             SerialPort(path, MonotonicClock()).open(57_600)
-
-
-def test_a_missing_port_lists_those_that_exist(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(serial_port, "comports", lambda: [type("Port", (), {"device": "/dev/ttyUSB7"})])
-    assert "/dev/ttyUSB7" in str(serial_port.no_such_port("/dev/ttyUSB0"))
-    monkeypatch.setattr(serial_port, "comports", list)
-    assert "no serial port exists" in str(serial_port.no_such_port("/dev/ttyUSB0"))
 
 
 @pytest.mark.parametrize("failure", [PermissionError(errno.EACCES, "x"), termios.error(errno.EPERM, "x")])

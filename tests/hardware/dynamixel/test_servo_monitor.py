@@ -36,33 +36,11 @@ def test_a_table_of_all_servos_and_nothing_written(words: tuple[str, ...], lab: 
     assert lab.instructions() <= READING and lab.memory(13).value("torque_enable") == 1
 
 
-@pytest.mark.parametrize(
-    ("words", "ids"), [(("--ids", "3,5-6"), [" 3 ", " 5 ", " 6 "]), (("--ids", "5", "--baud", "57600"), [" 5 "])]
-)
-@pytest.mark.parametrize("robot", [("--robot", "op3"), ("--protocol", "2")])
-def test_it_takes_the_options_of_scan(
-    robot: tuple[str, ...], words: tuple[str, ...], ids: list[str], lab: ServoLab
-) -> None:
-    if "--baud" in words:
-        lab.before = {(5, "baud_rate"): 1}
-    code, out, err = lab.run("monitor", *robot, *words, "--port", "emulator", "--once")
-    rows = out.splitlines()[1:-1]
-    assert (code, err) == (0, "") and len(rows) == len(ids)
-    assert all(one in row for one, row in zip(ids, rows, strict=True))
-
-
 def test_names_are_whole_on_a_narrow_terminal(lab: ServoLab, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("retarget.cli.servo.monitor.console", functools.partial(Console, width=55))
     code, out, _ = lab.run("monitor", "--robot", "op3", "--port", "emulator", "--once")
     joints = load_robot("op3").joint_map.joints
     assert code == 0 and [name for name in joints if name not in out.split()] == [] and out.count(" off") == len(joints)
-
-
-def test_a_missing_servo_is_shown_as_never_answered(lab: ServoLab) -> None:
-    lab.faults = [Fault(FaultKind.MISSING, ids=(13,))]
-    code, out, _ = lab.run("monitor", "--robot", "op3", "--port", "emulator", "--once")
-    assert code == 0 and out.count("never") == 1
-    shows(out.splitlines()[13])
 
 
 def test_bad_rate_and_dry_run(lab: ServoLab) -> None:
@@ -89,14 +67,3 @@ def test_ctrl_c_ends_the_live_table(lab: ServoLab, monkeypatch: pytest.MonkeyPat
     code, out, err = lab.run("monitor", "--robot", "op3", "--port", "emulator")
     assert (code, err) == (0, "") and len(cycles) == 20 and "head_tilt" in out
     assert lab.instructions() <= READING
-
-
-def test_servos_at_another_speed_are_named_with_it(lab: ServoLab) -> None:
-    lab.before = {(5, "baud_rate"): 3}
-    code, _, err = lab.run("monitor", "--robot", "op3", "--port", "emulator", "--once")
-    assert code == 0
-    shows(err, 5, 1000000, 2000000)
-    lab.before = {(device, "baud_rate"): 3 for device in (*range(1, 21), 200)}
-    code, _, err = lab.run("monitor", "--robot", "op3", "--port", "emulator", "--once")
-    assert code == 2
-    shows(err, 1, 1000000, 2000000)

@@ -40,11 +40,6 @@ def test_without_a_yes_nothing_is_written(typed: str, lab: ServoLab) -> None:
     assert not lab.instructions() & {Instruction.WRITE, Instruction.SYNC_WRITE}
 
 
-def test_an_ended_input_is_refused(lab: ServoLab) -> None:
-    code, _, err = lab.run("rest", "--robot", "op3", "--port", "emulator")
-    assert code == 2 and "--yes" in err and all(_torques(lab))
-
-
 def test_a_limp_robot_is_left_alone(lab: ServoLab) -> None:
     lab.before = {}
     code, out, _ = lab.run("rest", "--robot", "op3", "--port", "emulator")
@@ -115,13 +110,6 @@ def test_an_unknown_one_that_does_not_confirm_is_named(words: tuple[str, ...], l
     shows(err, 7)
 
 
-def test_unknown_ones_without_torque_are_left_alone(lab: ServoLab) -> None:
-    lab.before, lab.models = {}, {7: XM540}
-    code, out, _ = lab.run("rest", "--robot", "op3", "--port", "emulator")
-    assert code == 0 and Instruction.SYNC_WRITE not in lab.instructions()
-    shows(out, 20)
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupt_does_not_leave_half_of_them_powered(
     number: signal.Signals, lab: ServoLab, monkeypatch: pytest.MonkeyPatch
@@ -148,26 +136,8 @@ def test_torque_off_is_sent_to_all_before_any_is_looked_for(words: tuple[str, ..
     assert lab.bauds[0] == first and lab.sent[0][4:10].hex(" ") == "fe 06 00 03 40 00"
 
 
-def test_without_a_profile_the_question_comes_before_the_look(lab: ServoLab) -> None:
-    code, out, _ = lab.run("rest", "--port", "emulator", typed="n\n")
-    assert code == 0 and lab.sent == []
-    shows(out)
-
-
 def test_servos_at_another_speed_go_limp_and_the_speed_is_named(lab: ServoLab) -> None:
     lab.before = {(device, "baud_rate"): 3 for device in range(1, 21)} | lab.before
     code, _, err = lab.run("rest", "--robot", "op3", "--port", "emulator", "--yes")
     assert code == 2 and not any(_torques(lab))
     shows(err, 1, 1000000, 2000000, "--baud", "2000000`")
-
-
-def test_ctrl_c_in_the_look_says_that_no_servo_confirmed(lab: ServoLab, monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(*arguments: object, **more: object) -> object:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("retarget.cli.servo.rest.look_at", interrupted)
-    code, _, err = lab.run("rest", "--port", "emulator", "--yes")
-    assert code == 1 and not any(_torques(lab))
-    shows(err)
-    code, _, err = lab.run("rest", "--robot", "op3", "--port", "emulator", typed="y\n")
-    assert code == 130 and "confirmed" not in err

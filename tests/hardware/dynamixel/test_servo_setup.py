@@ -4,14 +4,13 @@ import signal
 
 import pytest
 
-from bus_rig import BusRig, bus_of, spec, specs
+from bus_rig import bus_of, spec
 from hardware.dynamixel.checks import complaints, needed_ticks
 from hardware.dynamixel.codec import Instruction
 from hardware.dynamixel.line_scan import write_setting
 from hardware.dynamixel.settings import ServoImage
 from hardware.joint_map import JointMap
 from messages import shows
-from retarget.cli.servo.places import Place
 from servo_lab import ServoLab
 from sim.emulator.memory import Memory
 
@@ -123,23 +122,6 @@ def test_a_servo_that_answers_pings_only_is_written_blind(lab: ServoLab) -> None
     assert [lab.memory(13).value(name) for name in ("status_return_level", "drive_mode")] == [2, 4]
 
 
-@pytest.mark.parametrize("model", ["MX-28", "AX-12A"])
-def test_status_return_off_of_protocol_1_too(model: str, lab: ServoLab, monkeypatch: pytest.MonkeyPatch) -> None:
-    servos = specs(2, model)
-    rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)])
-    rig.devices[1].memory.put("status_return_level", 0)
-    rig.devices[1].tune()
-    monkeypatch.setattr("retarget.cli.servo.setup.find_places", lambda *words, **more: [Place(rig.port)])
-    words = ("setup", "--port", "/dev/x", "--protocol", "1", "--id", "2")
-    code, _, err = lab.run(*words, "--return-delay", "0", "--yes")
-    assert code == 2
-    shows(err)
-    code, out, err = lab.run(*words, "--return-delay", "0", "--register", "status_return_level=2", "--yes")
-    assert (code, err) == (0, "")
-    shows(out, "return_delay_time")
-    assert rig.shown("status_return_level") == [2, 2] and rig.shown("return_delay_time")[1] == 0
-
-
 SPOILT = {
     (13, "return_delay_time"): 50,
     (13, "drive_mode"): 9,
@@ -177,25 +159,6 @@ def test_with_a_joint_everything_in_which_it_differs_from_the_profile_is_propose
     shows(out, 13, "2.0", 2000000)
     memory = lab.memory(13)
     assert memory.value("return_delay_time") == 10 and _complaints(memory) == []
-
-
-def test_by_id_of_the_profile_and_nothing_to_do(lab: ServoLab) -> None:
-    code, out, err = lab.run("setup", *BUS, "--id", "13")
-    assert (code, err) == (0, "")
-    shows(out)
-    lab.before = {(13, "drive_mode"): 8, (13, "status_return_level"): 0}
-    code, out, err = lab.run("setup", *BUS, "--joint", "r_knee", "--yes")
-    assert (code, err) == (0, "") and "status_return_level: 0 -> 2" in out and "drive_mode: 8 -> 0" in out
-
-
-def test_another_model_and_an_id_without_a_joint_are_refused(lab: ServoLab) -> None:
-    code, _, err = lab.run("setup", *BUS, "--id", "33")
-    assert code == 2 and lab.sent == []
-    shows(err, "--joint", "NAME")
-    lab.models = {13: 1060}
-    code, _, err = lab.run("setup", *BUS, "--id", "13")
-    assert code == 2
-    shows(err, "XL430-W250", "2.0", "XM430-W350")
 
 
 @pytest.mark.parametrize(

@@ -48,11 +48,6 @@ def test_values_of_an_xm430(name: str, value: int, text: str) -> None:
     assert in_units(find_table("XM430-W350", 2), name, value) == text
 
 
-def test_protocol_1() -> None:
-    table = find_table("MX-28", 1)
-    assert (in_units(table, "baud_rate", 1), in_units(table, "return_delay_time", 0)) == ("1000000", "0 us")
-
-
 @pytest.mark.parametrize(("model", "protocol"), [("XM430-W350", 2), ("2XL430-W250", 2), ("MX-28", 1), ("AX-12A", 1)])
 def test_an_image_is_what_the_servo_holds(model: str, protocol: int) -> None:
     servos = specs(2, model)
@@ -89,12 +84,6 @@ def image(**values: int) -> ServoImage:
     return ServoImage(TABLE, bytes(data))
 
 
-@pytest.mark.parametrize(("mode", "value"), list(zip(ServoMode, (3, 4, 5), strict=True)))
-def test_eeprom_holds_mode_and_delay(mode: ServoMode, value: int) -> None:
-    servo, bus = replace(PLAIN, mode=mode), replace(bus_of([PLAIN]), return_delay=20e-6)
-    assert named(eeprom_settings(servo, bus, TABLE)) == {"return_delay_time": 10, "operating_mode": value}
-
-
 def test_a_position_mode_limits_its_current_in_eeprom() -> None:
     servo, bus = replace(PLAIN, current_limit=0.3), bus_of([PLAIN])
     assert named(eeprom_settings(servo, bus, TABLE))["current_limit"] == 112
@@ -102,11 +91,6 @@ def test_a_position_mode_limits_its_current_in_eeprom() -> None:
     by_current = replace(servo, mode=ServoMode.CURRENT_BASED_POSITION)
     assert "current_limit" not in named(eeprom_settings(by_current, bus, TABLE))
     assert named(ram_settings(by_current, image(pwm_limit=700)))["goal_pwm"] == 700
-
-
-def test_an_mx_64_follows_positions_not_torques() -> None:
-    table = find_table("MX-64", 1)
-    assert named(ram_settings(spec(1, "MX-64"), ServoImage(table, bytes(table.size))))["torque_ctrl_mode_enable"] == 0
 
 
 def test_protocol_1_keeps_its_answers_in_eeprom() -> None:
@@ -133,10 +117,6 @@ def test_only_gains_of_the_profile_are_set() -> None:
 def test_a_limited_current_is_the_drive_and_never_above_the_servo_s(amperes: float, limit: int, expected: int) -> None:
     servo = replace(PLAIN, mode=ServoMode.CURRENT_BASED_POSITION, current_limit=amperes)
     assert named([full_drive(servo, image(current_limit=limit, pwm_limit=885))]) == {"goal_current": expected}
-
-
-def test_the_drive_of_a_position_mode_is_its_pwm_limit() -> None:
-    assert named([full_drive(PLAIN, image(pwm_limit=700, current_limit=5))]) == {"goal_pwm": 700}
 
 
 def _image(model: str = "XM430-W350", protocol: int = 2, **values: int) -> ServoImage:

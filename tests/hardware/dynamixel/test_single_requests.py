@@ -8,9 +8,7 @@ import more_frames
 from hardware.dynamixel import single_requests
 from hardware.dynamixel.codec import ALERT, BROADCAST, Error1, Error2, protocol1, protocol2
 from hardware.dynamixel.control_table import Register, find_table
-from hardware.dynamixel.serial_port import QUIET
 from hardware.dynamixel.single_requests import (
-    SLACK,
     Found,
     NoAnswer,
     OneOff,
@@ -30,31 +28,11 @@ def _flipped(frame: bytes) -> bytes:
     return frame[:-3] + bytes((frame[-3] ^ 0x40,)) + frame[-2:]
 
 
-def test_a_value_is_signed() -> None:
-    port = ScriptedPort(always(protocol2.status(1, 0, b"\xff\xff\xff\xff")))
-    assert OneOff(port, 2).read(1, POSITION) == -1
-    assert port.sent == [more_frames.read(1, 132, 4)]
-
-
 @pytest.mark.parametrize("value", [0, -1, 2_048])
 def test_what_is_written_is_what_the_codec_builds(value: int) -> None:
     port = ScriptedPort(always(protocol2.status(1)))
     OneOff(port, 2).write(1, GOAL, value)
     assert port.sent == [protocol2.write(1, 116, value.to_bytes(4, "little", signed=True))]
-
-
-def test_protocol_1_both_ways() -> None:
-    port = ScriptedPort(in_turn(protocol1.status(1, 0, b"\x00\x08"), protocol1.status(1)))
-    servo = OneOff(port, 1)
-    assert servo.read(1, MX["present_position"]) == 2048
-    servo.write(1, MX["goal_position"], 500)
-    assert port.sent == [protocol1.read(1, 36, 2), protocol1.write(1, 30, b"\xf4\x01")]
-
-
-def test_a_reboot_is_one_instruction() -> None:
-    port = ScriptedPort(always(protocol2.status(1)))
-    OneOff(port, 2).reboot(1)
-    assert port.sent == [more_frames.reboot(1)]
 
 
 def test_protocol_1_has_no_reboot() -> None:
@@ -99,13 +77,6 @@ def test_an_alert_is_reported_and_never_an_error() -> None:
     assert not servo.alerted
 
 
-def test_a_servo_of_protocol_1_in_trouble_still_answers() -> None:
-    port = ScriptedPort(always(protocol1.status(1, Error1.OVERHEATING | Error1.INPUT_VOLTAGE, b"\x50")))
-    servo = OneOff(port, 1)
-    assert servo.read(1, MX["present_temperature"]) == 80
-    assert servo.alerted == {1}
-
-
 @pytest.mark.parametrize(
     "bad",
     [
@@ -126,13 +97,6 @@ def test_one_bad_try_is_repeated(bad: bytes) -> None:
     assert len(port.sent) == 2
 
 
-@pytest.mark.parametrize("before", [b"\0\xff\xff", protocol2.status(9, 0, b"\1\2\3\4"), more_frames.read(1, 132, 4)])
-def test_what_stands_before_the_answer_is_skipped(before: bytes) -> None:
-    port = ScriptedPort(always(before + ANSWER))
-    assert OneOff(port, 2).read(1, POSITION) == 166
-    assert len(port.sent) == 1
-
-
 def test_later_tries_are_more_patient() -> None:
     delays = iter([1.0, 1.0, 0.014])
     assert OneOff(ScriptedPort(lambda request: [(next(delays), ANSWER)]), 2).read(1, POSITION) == 166
@@ -144,14 +108,6 @@ def test_tries_are_bounded_and_silence_is_reported() -> None:
         OneOff(port, 2).write(1, GOAL, 5)
     assert len(port.sent) == 3
     assert port.now() < 0.1  # after each, a late answer may pass
-
-
-def test_damage_is_distinguished_from_silence() -> None:
-    port = ScriptedPort(in_turn(_flipped(ANSWER), b"", _flipped(ANSWER)))
-    with refuses(NoAnswer, 2) as raised:
-        OneOff(port, 2).read(1, POSITION)
-    assert raised.value.damaged == 2
-    assert "busy" not in str(raised.value)
 
 
 def test_a_late_answer_answers_nothing_else() -> None:
@@ -186,12 +142,6 @@ def test_a_value_wider_than_its_register_is_not_sent() -> None:
     with refuses(ServoError, 0, 255, 256):
         OneOff(port, 2).write(1, TABLE["id"], 256)
     assert not port.sent
-
-
-@pytest.mark.parametrize("length", [0, -1, 1000])
-def test_lengths_that_no_answer_has(length: int) -> None:
-    with refuses(ServoError, 1):
-        OneOff(ScriptedPort(always()), 2).read_block(1, 0, length)
 
 
 def test_a_port_that_is_gone_says_so_and_works_when_it_is_back() -> None:
@@ -279,13 +229,6 @@ def test_scan_finds_the_wanted_and_the_unknown() -> None:
     assert port.sent == [protocol2.ping(BROADCAST), protocol2.ping(3), protocol2.ping(6)]
 
 
-def test_scan_asks_alone_when_the_broadcast_is_lost() -> None:
-    def answer(request: bytes) -> Replies:
-        return [] if request[4] == BROADCAST else [(0.0005, protocol2.status(request[4], 0, b"\x06\x04\x26"))]
-
-    assert [servo.id for servo in OneOff(ScriptedPort(answer), 2).scan([3, 1])] == [1, 3]
-
-
 def test_scan_finds_a_clash() -> None:
     """The answers of two servos with id 2 collide; those of ids 1 and 3 stay valid."""
 
@@ -298,14 +241,6 @@ def test_scan_finds_a_clash() -> None:
     assert [(servo.id, servo.clash) for servo in found] == [(1, False), (2, True), (3, False)]
 
 
-def test_scan_looks_again_when_one_of_two_answers_was_whole() -> None:
-    whole = protocol2.status(2, 0, b"\x06\x04\x26")
-    port = ScriptedPort(
-        lambda request: [(0.007, whole + _flipped(whole))] if request[4] == BROADCAST else [(0.001, _flipped(whole))]
-    )
-    assert OneOff(port, 2).scan([2]) == [Found(2, 2, clash=True)]
-
-
 def test_scan_finds_a_clash_of_whole_answers() -> None:
     def answer(request: bytes) -> Replies:
         frame = protocol1.status(2)
@@ -314,26 +249,9 @@ def test_scan_finds_a_clash_of_whole_answers() -> None:
     assert OneOff(ScriptedPort(answer), 1).scan([1, 2]) == [Found(2, 1, clash=True)]
 
 
-def test_scan_of_nothing_sends_nothing() -> None:
-    port = _line(1)
-    assert OneOff(port, 2).scan([]) == []
-    assert not port.sent
-
-
 READ = more_frames.read(1, 132, 4)
 STATUS = bytes.fromhex("FF FF FD 00 01 08 00 55 00 A6 00 00 00 8C C0")
 """A read and its answer as the manual prints them."""
-
-
-@pytest.mark.parametrize("baud", [9_600, 57_600, 4_500_000])
-def test_silence_costs_what_bytes_adapter_and_servo_need(baud: int) -> None:
-    port = ScriptedPort(always(), baud=baud)
-    with pytest.raises(NoAnswer):
-        OneOff(port, 2, retries=0).read(1, POSITION)
-    took = port.now() - QUIET - port.latency  # afterwards a late answer may pass
-    needed = 10 * (len(READ) + len(STATUS)) / baud + 0.0005 + port.latency + SLACK
-    assert needed <= took <= needed + 80 / baud + 1e-9
-    assert port.looks <= 3  # no polling
 
 
 @pytest.mark.parametrize("stale", [b"", b"\x00", STATUS, b"\xff\xff\xfd\x00\x01"])
@@ -355,13 +273,6 @@ def test_what_arrived_while_the_host_was_away_is_still_read() -> None:
 
     port.wait = asleep  # type: ignore[method-assign]
     assert OneOff(port, 2, retries=0).read(1, POSITION) == 166
-
-
-def test_a_line_that_never_falls_silent_is_left() -> None:
-    port = ScriptedPort(lambda request: [(1e-4 * at, protocol2.status(9)) for at in range(1000)])
-    with pytest.raises(NoAnswer):
-        OneOff(port, 2, retries=0).read(1, POSITION)
-    assert port.now() < 0.05
 
 
 @pytest.mark.parametrize("protocol", [1, 2])
@@ -393,7 +304,3 @@ def test_a_bit_of_protocol_1_is_about_the_instruction_or_the_servo(bit: Error1) 
     assert bool(single_requests.refusal(1, bit)) != about_servo
     if not about_servo:
         shows(single_requests.words(1, bit))
-
-
-def test_what_no_protocol_defines() -> None:
-    assert single_requests.words(2, 99) == "error 99, which the protocol does not define"

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bus_rig import BusRig, GuardedBus, Tapped, bus_of, spec, specs
+from bus_rig import BusRig, GuardedBus, bus_of, spec, specs
 from hardware.bus import ServoGoals
 from hardware.dynamixel import torque
 from hardware.dynamixel.codec import Instruction
@@ -63,18 +63,6 @@ def test_a_late_answer_to_another_question_confirms_no_goal(
         rig.bus.torque(True)
     assert rig.shown("torque_enable") == [0, 0]
     assert rig.shafts().tolist() == [2048, 2700]
-
-
-def test_an_adapter_that_has_become_slow_confirms_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    rig = BusRig(specs(2), timing=Timing()).ready()
-    monkeypatch.setattr(Tapped, "latency", 1e-3)  # what it says of itself
-    rig.line.timing = replace(rig.line.timing, latency=5e-3)
-    (line,) = rig.bus.lines
-    for name in ("present_position", "goal_position", "homing_offset"):
-        assert line.read_all(line.images[1].table[name], [1, 2]) == {}
-    for name in ("present_position", "goal_position", "homing_offset"):  # more patient, one by one
-        register = line.images[1].table[name]
-        assert line.client.read(1, register) == rig.device(1).memory.value(name)
 
 
 @pytest.mark.parametrize("silent", [1, 2])
@@ -223,18 +211,6 @@ def test_limp_servos_of_protocol_1_get_no_goal_and_rise_from_a_tenth() -> None:
     assert rig.shown("torque_enable") == [0, 0]
 
 
-def test_a_servo_of_protocol_1_that_started_anew_stays_limp() -> None:
-    servos = [replace(one, lower=-1.0, upper=1.0) for one in specs(3, "AX-12A")]
-    rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)]).ready(torque=True)
-    for _ in range(5):
-        rig.tick(np.full(3, 512))
-    rig.device1(2).reboot(rig.clock.now())
-    for _ in range(80):
-        states = rig.tick(np.full(3, 512)).states
-    assert states.valid.all()
-    assert rig.shown("torque_enable") == [1, 0, 1] and states.driven.tolist() == [True, False, True]
-
-
 def test_an_open_bus_is_not_opened_again() -> None:
     rig = BusRig(specs(2)).ready(torque=True)
     with refuses(BusError):
@@ -306,13 +282,6 @@ def test_what_is_right_is_not_written_again() -> None:
     assert rig.notes == []
 
 
-def test_a_profile_without_gains_leaves_the_maker_s() -> None:
-    rig = BusRig(specs(1)).ready()
-    table = rig.device(1).table
-    assert rig.shown("position_p_gain") == [table["position_p_gain"].initial]
-    assert writes(rig, 1) == [table["return_delay_time"].address]
-
-
 def test_a_value_that_is_not_kept_is_named_and_the_ports_are_closed() -> None:
     rig = BusRig([replace(one, gains=GAINS) for one in specs(2)])
     one = rig.device(2)
@@ -328,27 +297,9 @@ def test_a_value_that_is_not_kept_is_named_and_the_ports_are_closed() -> None:
     assert not rig.port.opened
 
 
-def test_current_is_the_drive_where_the_mode_limits_it() -> None:
-    rig = delivered(BusRig(wanted())).ready(torque=True)
-    third = rig.device(3)
-    unit = third.table["goal_current"].scale
-    assert unit is not None
-    assert third.memory.value("goal_current") == round(1.0 / unit)
-
-
 def _line(rig: BusRig) -> BusLine:
     rig.port.open(2_000_000)
     return BusLine(bus_of(rig.servos), rig.port, list(enumerate(rig.servos)))
-
-
-def test_those_named_begin_anew_and_no_other() -> None:
-    rig = BusRig(specs(3))
-    line = _line(rig)
-    for one in rig.devices:
-        one.memory.put("led", 1)
-    done = restart(line, [1, 3])
-    assert done.ids == (1, 3) and done.problems == ()
-    assert rig.shown("led") == [0, 1, 0]
 
 
 def test_stopped_before_the_second_leaves_it_and_still_sees_the_first_back() -> None:

@@ -11,10 +11,8 @@ import more_frames
 from hardware.dynamixel.codec import (
     BROADCAST,
     Instruction,
-    Status,
     protocol1,
     protocol2,
-    valid_parts,
 )
 from sim.emulator.conversation import (
     Conduct,
@@ -75,15 +73,6 @@ def test_a_broadcast_ping_is_answered_in_order_of_ids_and_the_rest_is_obeyed_in_
     assert [device.done[-1] for device in devices] == [(Instruction.REBOOT, b"", True, False)] * 2
 
 
-def test_a_secondary_id_is_obeyed_in_silence() -> None:
-    devices = _row(1, 2, 3)
-    devices[1].secondary_id = devices[2].secondary_id = 0
-    assert _said(protocol2.write(0, 64, b"\x01"), devices) == []
-    assert [device.store[64] for device in devices] == [0, 1, 1] and devices[1].done[-1][3]
-    assert _said(protocol2.sync_write(65, 1, [(0, b"\x05"), (1, b"\x06")]), devices) == []
-    assert [device.store[65] for device in devices] == [6, 5, 5]
-
-
 def test_group_reads_are_answered_in_the_order_of_the_frame() -> None:
     for request in (protocol2.sync_read(132, 4, [3, 1, 2]), more_frames.bulk_read([(d, 132, 4) for d in (3, 1, 2)])):
         replies = _said(request, _row(1, 2, 3))
@@ -107,15 +96,6 @@ def test_a_gap_silences_those_behind_it_or_is_skipped(request_: bytes, ids: tupl
     assert _who(_said(protocol2.ping(ids[-1]), _row(*ids), silent=(3,))) == [ids[-1]]
 
 
-def test_devices_that_answer_no_reads_or_no_fast_ones_are_gaps() -> None:
-    devices = _row(1, 2, 3)
-    devices[1].fast_read = False
-    assert _who(_said(protocol2.sync_read(132, 4, [1, 2, 3], fast=True), devices)) == [1]
-    assert _who(_said(protocol2.sync_read(132, 4, [1, 2, 3]), devices)) == [1, 2, 3]
-    devices[1].answers_reads = False
-    assert _who(_said(protocol2.sync_read(132, 4, [1, 2, 3]), devices)) == [1]
-
-
 def test_the_fast_reply_of_the_manual() -> None:
     devices = _row(3, 4, 7)
     for device, value in zip(devices, (166, 1023, 2079), strict=True):
@@ -124,25 +104,6 @@ def test_the_fast_reply_of_the_manual() -> None:
     expected = "FFFFFD00FE1900550003A6000000840800071F08000016CA0004FF030000D19E"
     assert _joined(replies) == bytes.fromhex(expected)
     assert [reply.return_delay for reply in replies] == [0.0, None, None]
-
-
-def test_a_fast_reply_is_cut_short_by_a_gap_and_has_parts_of_their_own_length() -> None:
-    request = protocol2.sync_read(132, 4, [1, 9, 2], fast=True)
-    assert valid_parts(_joined(_said(request, _row(1, 2))), [4, 4, 4]) == [Status(1, 0, b"\x01\0\0\0")]
-    assert _said(protocol2.sync_read(132, 4, [9, 1], fast=True), _row(1, 2)) == []
-    assert len(_joined(_said(request, _row(1, 2), Gaps.SKIP))) == 8 + 2 * 8
-    devices = _row(1, 2)
-    devices[0].store[126:128] = b"\xff\xff"
-    reply = _joined(_said(more_frames.bulk_read([(1, 126, 2), (2, 132, 4)], fast=True), devices))
-    assert valid_parts(reply, [2, 4]) == [Status(1, 0, b"\xff\xff"), Status(2, 0, b"\x02\0\0\0")]
-
-
-def test_two_devices_of_one_id_are_not_understood() -> None:
-    (reply,) = _said(protocol2.ping(1), _row(1, 1))
-    assert protocol2.parser().feed(reply.data) == []
-    assert _said(protocol2.ping(1), _row(1, 1)) == [reply] != _said(protocol2.ping(1), _row(1, 1), seed=1)
-    parts = _joined(_said(protocol2.sync_read(132, 4, [1, 2], fast=True), _row(1, 1, 2)))
-    assert valid_parts(parts, [4, 4]) == []
 
 
 def test_protocol_1_has_bulk_read_and_sync_write() -> None:
@@ -196,10 +157,3 @@ def test_any_parameters_are_read_without_an_error(params: bytes) -> None:
         reads2(code, params)
     reads1(params)
     writes1(params)
-
-
-def test_a_truncated_part_addresses_no_device() -> None:
-    _, whole = _params(more_frames.bulk_write([(1, 32, b"\xa0\0"), (2, 31, b"P")]))
-    assert writes2(Instruction.BULK_WRITE, whole[:-1]) == [WriteItem(1, 32, b"\xa0\0")]
-    assert writes2(Instruction.SYNC_WRITE, b"\x74\0\x04\0\x01\x96\0\0") == []
-    assert not reads2(Instruction.BULK_READ, b"\x01\x90\0\x02")

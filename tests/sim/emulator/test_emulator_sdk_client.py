@@ -55,14 +55,6 @@ def port(line2: tuple[Line, sdk.PortHandler]) -> sdk.PortHandler:
     return line2[1]
 
 
-def test_pings(port: sdk.PortHandler) -> None:
-    assert P2.ping(port, 1) == (1020, 0, 0)
-    assert P2.ping(port, 9)[1] == sdk.COMM_RX_TIMEOUT
-    found, result = P2.broadcastPing(port)
-    assert result == sdk.COMM_SUCCESS
-    assert {device: reply[0] for device, reply in found.items()} == {1: 1020, 2: 1020, 3: 1020}
-
-
 def test_read_and_write_of_every_size(port: sdk.PortHandler) -> None:
     assert P2.write1ByteTxRx(port, 1, LED, 1) == (0, 0)
     assert P2.read1ByteTxRx(port, 1, LED) == (1, 0, 0)
@@ -136,17 +128,6 @@ def test_reboot_is_silent_for_a_while_and_loses_ram_and_a_reset_spares_id_and_ba
     assert P2.write2ByteTxRx(port, 3, 38, 500) == (0, 0)
     assert P2.factoryReset(port, 3, 2) == (0, 0)
     assert _waited(port, 3) == 1020 and P2.read2ByteTxRx(port, 3, 38) == (1193, 0, 0)
-
-
-def test_another_speed_receives_nothing(line2: tuple[Line, sdk.PortHandler]) -> None:
-    line, port = line2
-    assert port.setBaudRate(57_600)
-    assert P2.ping(port, 1)[1] == sdk.COMM_RX_TIMEOUT
-    assert port.setBaudRate(BAUD)
-    line.devices[0].baud = 9600
-    assert P2.ping(port, 1)[1] == sdk.COMM_RX_TIMEOUT
-    line.devices[0].baud = BAUD
-    assert P2.ping(port, 1) == (1020, 0, 0)
 
 
 def test_protocol_1(tmp_path: Path) -> None:

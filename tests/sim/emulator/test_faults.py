@@ -70,15 +70,6 @@ def test_faults_of_bytes() -> None:
     assert _all(some, seed=5) == _all(some, seed=5) != _all(some, seed=6)
 
 
-@pytest.mark.parametrize("unit", Unit)
-@pytest.mark.parametrize("kind", [FaultKind.DROP, FaultKind.FLIP, FaultKind.DUPLICATE])
-def test_a_rate_hits_its_share(kind: FaultKind, unit: Unit) -> None:
-    chance, fault = random.Random(3), Fault(kind, rate=0.1, of=unit)
-    packet = PACKET if unit is Unit.PACKETS else PACKET[:1]
-    hit = sum(mangled(packet, [fault], chance) != [Part(0.0, packet)] for _ in range(3000))
-    assert 230 <= hit <= 370
-
-
 def test_devices_are_hurt_once_and_healed_once() -> None:
     first, second = StubDevice(id=1), StubDevice(id=2)
     state = FaultState(
@@ -93,15 +84,6 @@ def test_devices_are_hurt_once_and_healed_once() -> None:
         state.update(tenth / 10)
     assert first.handles == [("heat", 85.0), ("heat", None), ("supply", 4.0), ("supply", None)]
     assert second.handles == [("supply", 4.0), ("jam", True), ("supply", None), ("jam", False)]
-
-
-def test_the_next_change_is_the_nearest_edge() -> None:
-    state = FaultState([], faults=[Fault(FaultKind.SHORT, start=1.0, end=2.0)], origin=10.0)
-    edges = []
-    for now in (10.0, 11.0, 12.0):
-        state.update(now)
-        edges.append((state.dead, state.next_change))
-    assert edges == [(False, 11.0), (True, 12.0), (False, None)]
 
 
 def test_faults_that_are_added_count_from_then_up_to_a_most_and_without_ids_all_are_meant() -> None:
@@ -124,15 +106,6 @@ def test_directions_and_ids() -> None:
     state = FaultState([], faults=[Fault(drop, direction=Direction.TO_HOST, ids=(1,))])
     state.update(0.0)
     assert (len(state.to_servos(PING)), state.to_host(1, STATUS), len(state.to_host(2, STATUS))) == (1, [], 1)
-
-
-@pytest.mark.parametrize("kind", [FaultKind.CRC_STORM, FaultKind.ID_CLASH, FaultKind.FLIP])
-def test_spoilt_answers_are_of_no_use(kind: FaultKind) -> None:
-    state = FaultState([StubDevice(id=1)], faults=[Fault(kind, ids=(1,))])
-    state.update(0.0)
-    (part,) = state.to_host(1, STATUS)
-    assert len(part.data) == len(STATUS) and protocol2.parser().feed(part.data) == []
-    assert state.to_servos(PING)[0].data == PING
 
 
 def test_devices_never_see_time_go_back() -> None:
@@ -201,12 +174,6 @@ def test_all_problems_at_once_with_line_and_key(tmp_path: Path) -> None:
     shows([problem.render() for problem in caught.value.problems], "missing", 9, "faults[2].ids")
 
 
-@pytest.mark.parametrize("text", ["faults: 3", "fault: []", "", "faults: [a]", "seed: -1\nfaults: []"])
-def test_other_shapes_are_refused(tmp_path: Path, text: str) -> None:
-    with pytest.raises(ConfigError):
-        _load(tmp_path, text)
-
-
 # Typed faults.
 
 BUSES = {"left": [1, 2], "right": [5]}
@@ -230,14 +197,6 @@ def test_a_typed_fault_begins_where_its_ids_are_and_is_cleared(states: dict[str,
     for line in ("echo", "short", "clear echo"):
         _obey(line, states)
     assert [fault.kind for fault in states["left"].active] == [FaultKind.SHORT]
-
-
-def test_keys_and_times_from_now(states: dict[str, FaultState]) -> None:
-    assert "begun" in _obey("flip rate=0.01 of=bytes end=2 bus=left", states)
-    (fault,) = states["left"].active
-    assert (fault.rate, fault.start, fault.end) == (0.01, 10.0, 12.0) and states["right"].active == ()
-    states["left"].update(12.0)
-    assert states["left"].active == ()
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hardware.clock import VirtualClock
-from hardware.dynamixel.codec import protocol1, protocol2
+from hardware.dynamixel.codec import protocol2
 from sim.emulator import line as line_module
 from sim.emulator.fault_state import FaultState
 from sim.emulator.faults import Fault, FaultKind
@@ -42,12 +42,6 @@ def test_a_frame_in_pieces_is_received_behind_garbage_and_dropped_after_a_pause(
     assert _ask(line, PING, 2.0) == STATUS
 
 
-def test_several_frames_in_one_write_are_carried_out_in_order() -> None:
-    line = _line(StubDevice(id=1), StubDevice(id=2))
-    data = protocol2.sync_write(100, 1, [(2, b"\x55")]) + protocol2.sync_read(100, 1, [2, 1])
-    assert _ask(line, data) == protocol2.status(2, 0, b"\x55") + protocol2.status(1, 0, b"\0")
-
-
 def test_only_devices_at_about_the_hosts_rate_that_have_started_receive_it() -> None:
     slow, fast, nearly = StubDevice(id=1), StubDevice(id=2, baud=1_000_000), StubDevice(id=3, baud=57142)
     starts = StubDevice(id=4, boots=True)
@@ -59,12 +53,6 @@ def test_only_devices_at_about_the_hosts_rate_that_have_started_receive_it() -> 
     assert (len(slow.heard), len(fast.heard)) == (4, 2)
 
 
-def test_both_protocols_on_one_line() -> None:
-    line = _line(StubDevice(id=1), StubDevice(id=1, protocol=1))
-    assert _ask(line, PING) == STATUS
-    assert _ask(line, protocol1.ping(1), 1.0) == protocol1.status(1)
-
-
 def test_sending_into_an_answer_spoils_both() -> None:
     device = StubDevice()
     line = _line(device, timing=Timing())
@@ -73,14 +61,6 @@ def test_sending_into_an_answer_spoils_both() -> None:
     assert len(device.done) == 1
     assert len(heard) == len(STATUS) and protocol2.parser().feed(heard) == []
     assert _ask(line, PING, 1.0) == STATUS
-
-
-def test_bytes_come_at_their_time() -> None:
-    line = _line(StubDevice(), timing=Timing())
-    line.receive(PING, 0.0)
-    due = line.next_due
-    assert due is not None
-    assert (line.take(due - 1e-9), line.take(due), line.next_due) == (b"", STATUS, None)
 
 
 def test_a_host_that_never_reads_costs_no_memory() -> None:
@@ -115,33 +95,6 @@ def test_a_dead_line_an_echo_and_a_lost_adapter() -> None:
     line.receive(PING, 2.9)
     assert line.unplugged(3.5) and line.take(FOREVER) == b""
     assert not line.unplugged(4.5) and _ask(line, PING, 4.6) == STATUS
-
-
-def test_missing_and_silent_devices() -> None:
-    request = protocol2.sync_read(0, 1, [1, 2, 3])
-    line = _line(
-        *(StubDevice(id=index) for index in (1, 2, 3)),
-        faults=(Fault(FaultKind.MISSING, ids=(2,), end=1.0), Fault(FaultKind.SILENT_TAIL, ids=(3,), start=1.0)),
-    )
-    one = len(protocol2.status(1, 0, b"\0"))
-    assert len(_ask(line, request, 0.5)) == one and _ask(line, protocol2.ping(2), 0.6) == b""
-    assert len(_ask(line, request, 1.5)) == 2 * one and _ask(line, protocol2.ping(3), 1.6) != b""
-
-
-def test_faults_by_cycle_count_group_reads() -> None:
-    line = _line(StubDevice(), faults=(Fault(FaultKind.MISSING, from_cycle=1, to_cycle=2),))
-    seen = []
-    for index in range(4):
-        _ask(line, protocol2.ping(0xFE), index - 0.5)
-        seen.append(bool(_ask(line, protocol2.sync_read(0, 1, [1]), float(index))))
-    assert seen == [True, False, True, True]
-
-
-def test_a_late_answer_holds_up_what_follows() -> None:
-    line = _line(StubDevice(id=1), StubDevice(id=2), faults=(Fault(FaultKind.LATE, ids=(1,), value=0.25),))
-    line.receive(protocol2.sync_read(0, 1, [1, 2]), 1.0)
-    assert line.last_due_within(1.0) == 1.25 and line.take(1.2499) == b""
-    assert line.take(1.25) == protocol2.status(1, 0, b"\0") + protocol2.status(2, 0, b"\0")
 
 
 def test_what_comes_together_ends_at_its_last_byte() -> None:

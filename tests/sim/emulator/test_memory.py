@@ -42,14 +42,6 @@ def test_indirect_data_stand_for_what_they_point_at(model: str, first: int) -> N
     assert servo.change(data + 4, bytes(1), 3.0) == Error2.ACCESS
 
 
-def test_an_indirect_address_has_its_range() -> None:
-    servo = servo2()
-    assert write_register(servo, "indirect_address_1", 63) == Error2.DATA_RANGE
-    assert write_register(servo, "indirect_address_1", 662) == Error2.DATA_RANGE
-    assert write_register(servo, "indirect_address_1", 66) == 0  # a hole may be pointed at, but not written
-    assert servo.change(224, b"\1", 0.0) == Error2.ACCESS
-
-
 @settings(max_examples=30, deadline=None)
 @given(data=st.binary(min_size=1, max_size=28))
 def test_indirect_data_that_point_at_themselves_are_storage(data: bytes) -> None:

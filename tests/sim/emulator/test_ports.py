@@ -96,13 +96,6 @@ def test_a_ping_is_answered_after_wire_time_and_latency() -> None:
     assert not port.wait(6.2505) and port.wait(7.0)  # an answer behind the deadline is not there yet
 
 
-def test_without_wire_delay_the_answer_is_there_at_once() -> None:
-    clock = VirtualClock(1.0)
-    port = _port(clock, Timing.none())
-    port.write(PING)
-    assert port.read() == STATUS and clock.now() == 1.0
-
-
 def test_another_baud_rate_receives_nothing_until_it_is_right() -> None:
     port = _port(VirtualClock(), baud=57600)
     port.write(PING)
@@ -110,27 +103,6 @@ def test_another_baud_rate_receives_nothing_until_it_is_right() -> None:
     port.set_baud(BAUD)
     port.write(PING)
     assert port.wait(2.0) and port.baud == BAUD
-
-
-def test_ports_on_one_clock_wait_for_each_other() -> None:
-    clock = VirtualClock()
-    first, second = _port(clock), _port(clock)
-    first.write(PING)
-    second.write(PING)
-    assert first.wait(1.0)
-    then = clock.now()
-    assert second.wait(1.0) and clock.now() == then
-    assert first.read() == second.read() == STATUS
-
-
-def test_drop_forgets_what_has_arrived_and_not_what_is_coming() -> None:
-    clock = VirtualClock()
-    port = _port(clock)
-    port.write(PING)
-    clock.advance(0.01)
-    port.write(PING)
-    port.drop()
-    assert port.wait(1.0) and port.read() == STATUS
 
 
 def test_a_port_refuses_what_cannot_be() -> None:
@@ -188,25 +160,6 @@ def _opened(terminal: PseudoTerminal, baud: int = BAUD, timeout: float = 0.5) ->
         terminal.close()
 
 
-def _exchange(terminal: PseudoTerminal, client: Serial, data: bytes, now: float = 0.0) -> bytes:
-    client.write(data)
-    assert select.select([terminal.fd], [], [], 1.0)[0]
-    terminal.receive(now)
-    terminal.send(now)
-    return bytes(client.read(len(STATUS)))
-
-
-@pytest.mark.parametrize("baud", [57_600, 1_000_000, 4_000_000, 4_500_000])
-def test_the_clients_own_speed_decides_which_device_receives_it(tmp_path: Path, baud: int) -> None:
-    terminal = _terminal(tmp_path / "servos", baud=baud)
-    with _opened(terminal, baud) as client:
-        assert _exchange(terminal, client, PING) == STATUS
-        assert terminal.line.baud == baud
-        client.timeout = 0
-        client.baudrate = 115_200
-        assert _exchange(terminal, client, PING) == b""
-
-
 def test_bytes_pass_as_they_are(tmp_path: Path) -> None:
     every, heard, terminal = bytes(range(256)), list[bytes](), _terminal(tmp_path / "servos")
     terminal.line.receive = lambda data, now: heard.append(data)  # type: ignore[method-assign]
@@ -232,16 +185,6 @@ def test_a_client_may_come_again_even_after_it_locked_the_port(tmp_path: Path) -
         finally:
             os.close(fd)
     terminal.close()
-
-
-def test_a_client_that_never_reads_costs_no_memory(tmp_path: Path) -> None:
-    terminal = _terminal(tmp_path / "servos")
-    with _opened(terminal):
-        terminal.line.baud = BAUD
-        for _ in range(6000):
-            terminal.line.receive(PING, 0.0)
-            terminal.send(0.0)
-    assert terminal.lost > 0
 
 
 def _asked_twice(folder: Path, *, late: float, answered: float = 0.01) -> tuple[bytes, float]:
@@ -283,20 +226,6 @@ def test_a_machine_that_is_too_slow_is_named_and_seldom(tmp_path: Path) -> None:
     assert said == ["this machine is too slow: the emulator was late by 299 ms"]
 
 
-def test_unplugged_it_is_gone_and_then_a_new_one_is_there(tmp_path: Path) -> None:
-    terminal = _terminal(tmp_path / "servos", faults=(Fault(FaultKind.UNPLUG, start=1.0, end=2.0),))
-    with _opened(terminal) as client:
-        assert _exchange(terminal, client, PING) == STATUS
-        terminal.follow(1.0)
-        assert terminal.fd == -1 and not os.path.lexists(terminal.link.path)
-        with pytest.raises(OSError):
-            client.write(PING)
-        terminal.follow(2.0)
-        with Serial(str(terminal.link.path), BAUD, timeout=0.5) as again:
-            assert _exchange(terminal, again, PING, 2.5) == STATUS
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_where_there_is_no_pseudo_terminal_nothing_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def none_left() -> tuple[int, int]:
         raise OSError(28, "No space left on device")
@@ -336,31 +265,6 @@ def _serving(*terminals: PseudoTerminal) -> Iterator[list[float]]:
         assert not thread.is_alive()
 
 
-def test_two_lines_answer_each_on_its_own_and_sleep_when_nothing_is_due(tmp_path: Path) -> None:
-    clock = MonotonicClock()
-    with (
-        _serving(_terminal(tmp_path / "a"), _terminal(tmp_path / "b")) as cost,
-        Serial(str(tmp_path / "a"), BAUD, timeout=2.0) as one,
-        Serial(str(tmp_path / "b"), BAUD, timeout=2.0) as two,
-    ):
-        two.write(PING)
-        assert two.read(len(STATUS)) == STATUS
-        one.write(protocol2.sync_read(0, 1, [1, 2, 3]))
-        assert one.read(36) == b"".join(protocol2.status(index, 0, b"\0") for index in (1, 2, 3))
-        clock.sleep_until(clock.now() + 0.3)
-    assert cost[0] < 0.03
-
-
-def test_answers_take_their_wire_time(tmp_path: Path) -> None:
-    clock, terminal = MonotonicClock(), _terminal(tmp_path / "a", timing=Timing(latency=20e-3))
-    with _serving(terminal), Serial(str(tmp_path / "a"), BAUD, timeout=2.0) as client:
-        begun = clock.now()
-        client.write(PING)
-        assert client.read(len(STATUS)) == STATUS
-        took = clock.now() - begun
-    assert 0.0195 <= took < 0.2
-
-
 def test_a_plug_is_pulled_and_put_back_by_the_clock(tmp_path: Path) -> None:
     clock = MonotonicClock()
     unplug = Fault(FaultKind.UNPLUG, start=0.05, end=0.15)
@@ -376,10 +280,3 @@ def test_a_plug_is_pulled_and_put_back_by_the_clock(tmp_path: Path) -> None:
         with Serial(str(tmp_path / "a"), BAUD, timeout=2.0) as client:
             client.write(PING)
             assert client.read(len(STATUS)) == STATUS
-
-
-def test_a_deadline_ends_it() -> None:
-    clock = MonotonicClock()
-    begun = clock.now()
-    serve([], clock, until=lambda: False, deadline=begun + 0.02)
-    assert 0.02 <= clock.now() - begun < 1.0

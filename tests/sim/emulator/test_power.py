@@ -3,8 +3,8 @@
 import pytest
 
 from emulated import read_register, servo2, wrote
-from sim.emulator.power import OVERLOAD_TIME, Electrics, Supply
-from sim.servo_model import AMBIENT, HEAT_PER_AMPERE2, IDLE_CURRENT, LARGEST_CURRENT, SUPPLY_RESISTANCE
+from sim.emulator.power import Electrics, Supply
+from sim.servo_model import IDLE_CURRENT, LARGEST_CURRENT, SUPPLY_RESISTANCE
 
 
 def electrics(supply: Supply | None = None) -> Electrics:
@@ -20,23 +20,6 @@ def test_servos_share_a_supply() -> None:
     assert other.voltage == pytest.approx(12.0 - sag) and other.supplied == 1.0
     one.draw(0.0)
     assert other.voltage == pytest.approx(12.0 - SUPPLY_RESISTANCE * IDLE_CURRENT)
-
-
-def test_current_heats_as_in_the_mock_bus() -> None:
-    one = electrics()
-    for step in range(1, 4000):
-        one.advance(float(step), 0.0, effort=0.5, torque=True)
-    current = IDLE_CURRENT + 0.5 * LARGEST_CURRENT
-    assert one.warmth == pytest.approx(AMBIENT + HEAT_PER_AMPERE2 * current**2, abs=0.1)
-
-
-def test_overload_needs_time_on_end() -> None:
-    one = electrics()
-    for share, effort in ((0.6, 0.9), (0.7, 0.1), (1.3, 0.9)):
-        one.advance(share * OVERLOAD_TIME, 0.0, effort=effort, torque=True)
-    assert not one.overloaded
-    one.advance(1.8 * OVERLOAD_TIME, 0.0, effort=0.9, torque=True)
-    assert one.overloaded
 
 
 def test_registers_show_voltage_and_temperature() -> None:

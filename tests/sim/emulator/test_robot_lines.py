@@ -14,7 +14,7 @@ from messages import refuses
 from retarget.cli.buses import posture_ticks
 from retarget.model.robot import load_robot
 from servos import four_servos
-from sim.emulator.conversation import Conduct, Gaps
+from sim.emulator.conversation import Conduct
 from sim.emulator.line import Line, Timing
 from sim.emulator.robot_lines import devices_of, robot_lines
 from sim.emulator.servo1 import EmulatedServo1
@@ -36,24 +36,6 @@ def _line(conduct: Conduct | None) -> Line:
 def _ask(line: Line, data: bytes, now: float) -> bytes:
     line.receive(data, now)
     return line.take(now)
-
-
-def test_the_usual_way_is_what_is_documented() -> None:
-    assert Conduct() == Conduct(Gaps.SILENCE, FedBy.ANY, boot_time=0.2)
-
-
-@pytest.mark.parametrize(("conduct", "who"), [(None, (1,)), (Conduct(gaps=Gaps.SKIP), (1, 2))])
-def test_gaps(conduct: Conduct | None, who: tuple[int, ...]) -> None:
-    heard = _ask(_line(conduct), protocol2.sync_read(TORQUE, 1, [1, MISSING, 2]), 1.0)
-    assert heard == b"".join(protocol2.status(device, 0, b"\0") for device in who)
-
-
-@pytest.mark.parametrize(("conduct", "boot"), [(None, 0.2), (Conduct(boot_time=1.5), 1.5), (Conduct(boot_time=0), 0)])
-def test_the_time_of_a_start(conduct: Conduct | None, boot: float) -> None:
-    line = _line(conduct)
-    assert _ask(line, more_frames.reboot(2), 1.0) == protocol2.status(2)
-    assert boot == 0 or _ask(line, protocol2.ping(2), 1.0 + 0.99 * boot) == b""
-    assert len(_ask(line, protocol2.ping(2), 1.0 + 1.01 * boot)) == 14
 
 
 @pytest.mark.parametrize(
@@ -109,12 +91,6 @@ def test_they_are_as_the_profile_says() -> None:
     assert [device.shaft.position for device in (first, second, third)] == [1000.0, 9000.0, 300.0]
     assert second.memory.value("goal_position") == 9000 and second.memory.value("operating_mode") == 4
     assert first.electrics.voltage == second.electrics.voltage < 12.0
-
-
-def test_they_start_alike_for_one_seed() -> None:
-    one, same, other = (devices_of(four_servos()[:3], protocols={"main": 2}, seed=seed) for seed in (1, 1, 2))
-    warmth = [[device.electrics.warmth for device in devices] for devices in (one, same, other)]
-    assert warmth[0] == warmth[1] != warmth[2]
 
 
 def test_what_a_model_lacks_is_said() -> None:

@@ -10,15 +10,6 @@ from sim.emulator.conversation import Conversation
 from sim.emulator.servo1 import EmulatedServo1
 
 
-@pytest.mark.parametrize(("model", "goal"), [("MX-28", 2500), ("MX-64", 1500), ("AX-12A", 700)])
-def test_it_goes_to_its_goal(model: str, goal: int) -> None:
-    servo = servo1(model, position=512.0)
-    assert answered(servo, Instruction.PING) == (0, b"") and read_register(servo, "torque_enable") == 0
-    wrote(servo, goal_position=goal)
-    assert read_register(servo, "torque_enable") == 1
-    assert shown(servo, 3.0, "present_position", "moving") == (goal, 0)
-
-
 def _single(servo: EmulatedServo1, address: int, data: bytes) -> None:
     answered(servo, Instruction.WRITE, bytes((address,)) + data)
 

@@ -7,33 +7,6 @@ from hardware.dynamixel.codec import Error2, Instruction
 from sim.emulator.servo2 import RESTORE, STORE
 
 
-def test_ping_says_model_and_firmware() -> None:
-    servo = servo2("XM430-W210")
-    assert answered(servo, Instruction.PING) == (0, bytes((0x06, 0x04, servo.table.usual_firmware)))
-    assert servo.execute(Instruction.PING, b"", 0.0, broadcast=True) is not None
-
-
-@pytest.mark.parametrize(("level", "answers"), [(0, [True, False, False]), (1, [True, True, False]), (2, [True] * 3)])
-def test_status_return_level_switches_answers_off(level: int, answers: list[bool]) -> None:
-    servo = servo2()
-    servo.write(68, bytes((level,)), 0.0)
-    asked = ((Instruction.PING, b""), (Instruction.READ, bytes((116, 0, 4, 0))), (Instruction.WRITE, bytes((65, 0, 1))))
-    assert [servo.execute(*one, 0.0, broadcast=False) is not None for one in asked] == answers
-    assert servo.answers_reads == (level >= 1)
-
-
-def test_a_registered_write_waits_for_its_action() -> None:
-    servo = servo2()
-    assert answered(servo, Instruction.ACTION).error == Error2.INSTRUCTION
-    assert answered(servo, Instruction.REG_WRITE, bytes((66, 0, 1))).error == Error2.ACCESS
-    assert read_register(servo, "registered_instruction") == 0
-    assert answered(servo, Instruction.REG_WRITE, bytes((65, 0, 1))).error == 0
-    assert shown(servo, 0.0, "registered_instruction", "led") == (1, 0)
-    assert answered(servo, Instruction.ACTION).error == 0
-    assert shown(servo, 0.0, "registered_instruction", "led") == (0, 1)
-    assert answered(servo, Instruction.ACTION).error == Error2.INSTRUCTION
-
-
 @pytest.mark.parametrize(("option", "kept"), [(0xFF, (1, 57600)), (2, (9, 1000000))])
 def test_factory_reset(option: int, kept: tuple[int, int]) -> None:
     servo = servo2()
@@ -87,13 +60,6 @@ def test_backup_and_restore() -> None:
     assert back_up(RESTORE) == 0 and servo.booting(0.1)
     assert shown(servo, 1.0, "velocity_limit", "position_p_gain", "backup_ready") == (50, 77, 1)
     assert answered(servo2(firmware=44), Instruction.CONTROL_TABLE_BACKUP, STORE).error == Error2.INSTRUCTION
-
-
-def test_torque_at_start_where_it_is_configured() -> None:
-    servo = servo2()
-    wrote(servo, startup_configuration=1)
-    answered(servo, Instruction.REBOOT)
-    assert [read_register(servo, "torque_enable", now) for now in (0.1, 0.3)] == [0, 1]
 
 
 @pytest.mark.parametrize(

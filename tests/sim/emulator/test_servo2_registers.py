@@ -23,7 +23,6 @@ from sim.emulator.servo2_registers import (
     MAX_PROFILE_TIME,
     POSITION,
     PWM,
-    RAM_RESTORE,
     REVERSE,
     TIME_BASED,
     TURN,
@@ -35,15 +34,11 @@ from sim.emulator.servo2_registers import (
     bound_goals,
     factory_reset,
     goal_bounds,
-    goal_speed,
-    goal_to_present,
     path_to,
     refusal,
     reset_for_mode,
     restore_eeprom,
-    restore_ram,
     tune_loop,
-    velocity_ramp,
 )
 from sim.emulator.shaft import Law, Shaft
 
@@ -108,11 +103,6 @@ def test_an_offset_shifts_the_count_and_reverse_mode_mirrors_about_it(
     assert one.follow(drive_mode=0) == pytest.approx(position, abs=1e-6)
 
 
-@pytest.mark.parametrize(("mode", "offset", "honoured"), [(POSITION, 1024, 1024), (POSITION, -1025, 0)])
-def test_an_offset_out_of_reach_is_ignored_in_position_mode(mode: int, offset: int, honoured: int) -> None:
-    assert Counted(mode, 2000.0).follow(homing_offset=offset) == 2000 + honoured
-
-
 @settings(max_examples=60)
 @given(turns=st.integers(-200, 200), place=st.integers(0, TURN - 1), ahead=st.integers(-300, 300))
 def test_clearing_turns_takes_the_goal_along(turns: int, place: int, ahead: int) -> None:
@@ -148,13 +138,6 @@ def test_goals_are_pulled_to_the_nearest_bound_and_no_further(
     for name, value in zip(names, goals, strict=True):
         least, most = goal_bounds(one, name)
         assert one.value(name) == max(least, min(value, most))
-
-
-@pytest.mark.parametrize(("position", "goal"), [(1500.4, 1500), (-3.0, 100), (9000.0, 4000)])
-def test_the_goal_shows_where_the_servo_is_within_its_limits(position: float, goal: int) -> None:
-    one = memory(min_position_limit=100, max_position_limit=4000)
-    goal_to_present(one, position)
-    assert one.value("goal_position") == goal
 
 
 def test_a_new_mode_resets_gains_and_profile_and_opens_limits() -> None:
@@ -224,22 +207,6 @@ def test_a_restored_eeprom_is_that_of_the_backup_and_the_ram_stays(first: int, s
     assert values(one, eeprom=False) == ram
 
 
-def _comes_back(name: str) -> bool:
-    profile = name in ("profile_acceleration", "profile_velocity")
-    return profile or name.endswith("_gain") or name.startswith("indirect_address_")
-
-
-@pytest.mark.parametrize(("startup", "stored"), [(RAM_RESTORE, True), (0, True), (1, True), (RAM_RESTORE, False)])
-def test_a_start_brings_back_gains_profile_and_indirect_addresses_alone(startup: int, stored: bool) -> None:
-    backup, one = scrambled(5), scrambled(40)
-    one.put("startup_configuration", startup)
-    wanted = values(one, eeprom=False) | {"backup_ready": int(stored)}
-    if stored and startup == RAM_RESTORE:
-        wanted |= {name: backup.value(name) for name in wanted if _comes_back(name)}
-    restore_ram(one, bytes(backup.image) if stored else None)
-    assert values(one, eeprom=False) == wanted
-
-
 def test_the_registers_of_motion() -> None:
     servo = servo2(position=0.0)
     assert [read_register(servo, "realtime_tick", now) for now in (0.5, 32.7675, 32.7685)] == [500, 32767, 0]
@@ -254,14 +221,6 @@ def test_the_registers_of_motion() -> None:
     wrote(servo, profile_velocity=100, torque_enable=1, goal_position=4000)
     ahead = read_register(servo, "position_trajectory", 1.0) - read_register(servo, "present_position", 1.0)
     assert 20 < ahead < 100 and shown(servo, 1.0, "velocity_trajectory", "moving_status") == (100, 2 | 1 << 4)
-
-
-def test_a_load_register_where_there_is_no_current() -> None:
-    servo = servo2("XL430-W250")
-    wrote(servo, torque_enable=1)
-    servo.jam(True, 0.0)
-    wrote(servo, goal_position=2048 + 90)  # 141 ticks ask for full drive
-    assert 500 < read_register(servo, "present_load", 0.5) < 800
 
 
 LIMP = Condition(torque=False, barred=False, tripped=False)
@@ -331,16 +290,6 @@ def test_the_lag_is_that_of_gain_times_supply(gain: int, factor: float) -> None:
     assert other.full == pytest.approx(usual.full * factor)
 
 
-def test_gains_of_the_loop() -> None:
-    usual = tuned()
-    assert usual.integral == usual.forward == 0.0
-    assert tuned(position_d_gain=4000).lag > usual.lag
-    assert tuned(position_i_gain=100).integral > 0.0 and tuned(feedforward_1st_gain=100).forward > 0.0
-    for supplied, gain in ((1.0, 0), (0.0, 800)):
-        slack = tuned(supplied, position_p_gain=gain, position_i_gain=100)
-        assert slack.lag == inf and slack.integral == slack.forward == 0.0
-
-
 @pytest.mark.parametrize(
     ("mode", "law", "drive", "limited"),
     [
@@ -356,19 +305,6 @@ def test_the_mode_says_the_law_and_what_limits_it(mode: int, law: Law, drive: fl
     shaft = tuned(operating_mode=mode, goal_pwm=-88, pwm_limit=442, goal_current=-100)
     assert shaft.law is law and shaft.drive_limit == pytest.approx(drive, rel=0.01)
     assert shaft.current_limit == pytest.approx(0.269 if limited else inf)
-
-
-@pytest.mark.parametrize(("mode", "speed"), [(VELOCITY, -0.229 * 200 * RPM), (CURRENT, 0.269), (PWM, 177 / 885)])
-def test_goals_of_the_other_laws_have_their_units(mode: int, speed: float) -> None:
-    one = memory(operating_mode=mode, goal_velocity=-200, goal_current=100, goal_pwm=177)
-    assert goal_speed(one, TICK) == pytest.approx(speed, rel=1e-3)
-
-
-def test_a_ramp_is_a_rate_or_a_time() -> None:
-    rate = velocity_ramp(memory(profile_acceleration=10), TICK, 500.0)
-    timed = velocity_ramp(memory(drive_mode=TIME_BASED, profile_acceleration=250), TICK, -500.0)
-    assert velocity_ramp(memory(), TICK, 500.0) == inf
-    assert rate == pytest.approx(2145.77 * 4096 / 3600, rel=1e-3) and timed == pytest.approx(500.0 / 0.25)
 
 
 @settings(max_examples=40)

@@ -6,39 +6,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emulated import servo1, servo2, write_register
-from hardware.dynamixel.control_table import find_table
-from hardware.servo import find_model
-from sim.emulator.power import Supply
+from emulated import servo1, servo2
 from sim.emulator.servo1 import EmulatedServo1
 from sim.emulator.servo2 import EmulatedServo
-from sim.emulator.servo_body import ServoBody, ServoBuild
 
 Make = Callable[[], EmulatedServo | EmulatedServo1]
 both = pytest.mark.parametrize("make", [servo2, servo1])
-
-
-def test_a_servo_begins_as_it_is_built() -> None:
-    supply = Supply()
-    build = ServoBuild(1234.0, now=5.0, supply=supply, boot_time=1.5, warmth=40.0)
-    servo = ServoBody(find_table("MX-28", 1), find_model("MX-28"), build)
-    assert servo.shaft.position == 1234.0 and servo.electrics.warmth == 40.0
-    assert not servo.booting(5.0) and servo.started == 5.0
-    assert supply.drawn == servo.electrics.current > 0.0
-    servo.reboot(6.0)
-    assert servo.booting(7.49) and not servo.booting(7.5) and servo.started == 7.5
-    other = ServoBody(find_table("MX-28", 1), find_model("MX-28"), ServoBuild(0.0, supply=supply))
-    assert supply.drawn == servo.electrics.current + other.electrics.current
-
-
-@both
-def test_settings_come_from_registers(make: Make) -> None:
-    servo = make()
-    for name, value in (("id", 17), ("return_delay_time", 100), ("status_return_level", 0), ("baud_rate", 1)):
-        servo.memory.put(name, value)
-    servo.tune()
-    assert servo.id == 17 and servo.return_delay == pytest.approx(200e-6) and not servo.answers_reads
-    assert servo.baud == {1: 1_000_000, 2: 57_600}[servo.protocol]
 
 
 @both
@@ -73,15 +46,3 @@ def test_power_is_there_only_when_nothing_takes_it(make: Make) -> None:
     servo.power_back(5.0)  # it has power: nothing happens
     servo.supply(11.0, 5.0)
     assert not servo.booting(5.0)
-
-
-def test_a_jam_and_its_end_reach_the_shaft() -> None:
-    servo = servo2(position=1000.0)
-    write_register(servo, "torque_enable", 1)
-    servo.jam(True, 0.0)
-    write_register(servo, "goal_position", 1500, 0.1)
-    servo.catch_up(0.3)
-    assert servo.shaft.position == 1000.0
-    servo.jam(False, 0.3)
-    servo.catch_up(2.0)
-    assert servo.shaft.position == pytest.approx(1500.0, abs=0.5)

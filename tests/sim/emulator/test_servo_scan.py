@@ -66,19 +66,6 @@ def test_a_latched_error_is_said_in_words(lab: ServoLab) -> None:
     shows(_row(out, 7), "OVERHEATING")
 
 
-def test_silence_is_an_error_that_says_what_was_tried(lab: ServoLab) -> None:
-    lab.faults = [Fault(FaultKind.MISSING)]
-    code, out, err = lab.run("scan", "--port", "emulator", "--protocol", "1", "--baud", "1000000", "--ids", "1,4-6")
-    assert (code, out) == (2, "")
-    shows(err, 1, 4, 5, 6, "1.0", 1000000)
-
-
-def test_a_dry_run_sends_nothing(lab: ServoLab) -> None:
-    code, out, _ = lab.run("scan", "--robot", "op3", "--port", "emulator", "--dry-run", "--protocol", "2")
-    assert code == 0 and lab.sent == []
-    shows(out, 2000000, 57600, 1000000)
-
-
 @pytest.mark.parametrize(
     ("words", "text"),
     [
@@ -100,15 +87,6 @@ def test_a_dry_run_sends_nothing(lab: ServoLab) -> None:
 def test_bad_options(words: tuple[str, ...], text: str, lab: ServoLab) -> None:
     code, out, err = lab.run("scan", *words)
     assert (code, out) == (2, "") and text in err and lab.sent == []
-
-
-def test_only_the_ids_that_were_asked_for_are_shown(lab: ServoLab) -> None:
-    words = ("--port", "emulator", "--ids", "1,2,5-9", "--protocol", "2", "--baud", "2000000")
-    code, out, _ = lab.run("scan", *words)
-    assert code == 0
-    assert [line.split()[2] for line in out.splitlines()[2:]] == ["1", "2", "5", "6", "7", "8", "9"]
-    code, out, _ = lab.run("scan", "--robot", "op3", *words)
-    assert code == 0 and "missing" not in out
 
 
 def test_ctrl_c_leaves_what_was_found(lab: ServoLab, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,10 +13,6 @@ from hardware.clock import VirtualClock
 from hardware.servo import ServoSpec, find_model
 from sim.emulator.robot_lines import devices_of
 from sim.emulator.shaft import (
-    RECTANGLE,
-    TRAPEZOID,
-    TRIANGLE,
-    Law,
     ProfilePath,
     Shaft,
     follow,
@@ -63,11 +59,6 @@ def test_the_plain_case_is_the_mock_bus() -> None:
         replies = [device.read(132, 4, clock.now()).data for device in devices]
         positions = [int.from_bytes(data, "little", signed=True) for data in replies]
         assert np.abs(mock.read().position - positions).max() <= 1
-
-
-def run(shaft: Shaft, until: float, step: float = 0.01) -> None:
-    while shaft.time < until - 1e-9:
-        shaft.advance(min(shaft.time + step, until))
 
 
 def test_the_stepped_motion_is_near_the_exact_one() -> None:
@@ -128,15 +119,6 @@ def test_pwm_and_current_modes() -> None:
     assert read_register(servo, "present_position", 3.0) > still + 100
 
 
-def test_time_does_not_run_back() -> None:
-    shaft = Shaft(0.0, 3000.0)
-    shaft.torque, shaft.target = True, 100.0
-    shaft.refresh()
-    shaft.advance(1.0)
-    shaft.advance(0.5)
-    assert shaft.time == 1.0 and shaft.law is Law.POSITION
-
-
 _ticks = st.floats(-5000.0, 5000.0)
 _speeds = st.floats(-800.0, 800.0)
 
@@ -173,16 +155,3 @@ def test_by_time(position: float, goal: float, velocity: float, total: float, sh
     path = path_by_time(goal, position=position, velocity=velocity, total=total, ramp=share * total, now=5.0)
     continuous(path, position, velocity)
     assert path.end == pytest.approx(5.0 + total)
-
-
-def test_kinds() -> None:
-    def by(top: float, rate: float) -> int:
-        return path_by_velocity(1000.0, position=0.0, velocity=0.0, top=top, acceleration=rate, now=0.0).kind
-
-    assert (by(100.0, 0.0), by(100.0, 1000.0), by(5000.0, 1000.0)) == (RECTANGLE, TRAPEZOID, TRIANGLE)
-
-
-def test_a_rectangle_runs_at_its_speed() -> None:
-    path = path_by_velocity(-300.0, position=0.0, velocity=0.0, top=100.0, acceleration=0.0, now=5.0)
-    assert path.end == 8.0 and path.at(6.0) == (-100.0, -100.0, 0.0)
-    continuous(path, 0.0, 0.0, jumps=True)

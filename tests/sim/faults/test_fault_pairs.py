@@ -10,7 +10,7 @@ from retarget.types import RunState
 from row_runs import always, pair_wrongs, row
 from sim.faults.bench import Tick, Trace
 from sim.faults.cases import judged_seed
-from sim.faults.judge import Struck, least, missing, outdone, reached
+from sim.faults.judge import least, outdone, reached
 from sim.faults.rows import Reaction
 
 BLIND_SEED = 11
@@ -73,13 +73,6 @@ def seen(*states: tuple[float, RunState, bool]) -> Trace:
     return Trace(ticks=[Tick(time, state, latched, 1.0) for time, state, latched in states], torque=[1, 1])
 
 
-def held_from(time: float) -> Trace:
-    """Following from 0 s on, and holding from a time on to 1 s."""
-    trace = seen(*((0.01 * k, MOVING if 0.01 * k < time else HOLDING, False) for k in range(100)))
-    trace.began = 0.0
-    return trace
-
-
 MOVING, HOLDING, STOPPING = RunState.FOLLOW, RunState.HOLD, RunState.STOPPING
 
 
@@ -105,45 +98,3 @@ MOVING, HOLDING, STOPPING = RunState.FOLLOW, RunState.HOLD, RunState.STOPPING
 )
 def test_a_reaction_is_as_strong_as_needed_and_in_time(name: str, trace: Trace, came: bool) -> None:
     assert reached(trace, least(row(name)), 1.0, 1.2) is came
-
-
-@pytest.mark.parametrize(
-    ("other", "at", "held", "expected"),
-    [
-        ("stream silent for a while", 0.498, 0.64, False),  # without data no swap is detected
-        ("stream silent for a while", 0.55, 0.64, False),
-        ("stream silent for a while", 0.2, 0.64, True),
-        ("stream silent for a while", 0.498, 0.7, True),
-        ("wrist lost", 0.498, 0.64, True),  # requires less
-    ],
-)
-def test_a_third_fault_may_hide_one_of_two(other: str, at: float, held: float, expected: bool) -> None:
-    swapped, later = Struck(row("left and right swapped"), 0.5), Struck(row("second source"), 0.9)
-    assert bool(missing(held_from(held), swapped, later, [Struck(row(other), at)])) is expected
-
-
-def test_other_signs_of_a_reaction() -> None:
-    trace = seen((1.0, MOVING, False))
-    trace.out = [(1.1, frozenset({"l_wrist"}))]
-    trace.rebased, trace.let_go = 1.1, [(1.05, 1), (1.15, 2)]
-    lost, jumped, killed = (row(name) for name in ("wrist lost", "sender's clock jumps forward", "kill -9"))
-    assert all(reached(trace, least(one), 1.0, 1.2) for one in (lost, jumped, killed))
-    assert not reached(trace, least(lost), 1.0, 1.05) and not reached(trace, least(killed), 1.0, 1.1)
-
-
-@pytest.mark.parametrize(
-    ("first", "second", "late"), [(0.2, 0.4, True), (0.2, 0.34, True), (0.36, 0.38, False), (2.0, 2.1, False)]
-)
-def test_the_first_is_judged_alone_where_its_time_is_over_before_the_second(
-    first: float, second: float, late: bool
-) -> None:
-    wrong = missing(held_from(0.495), Struck(row("stream silent"), first), Struck(row("wrist lost"), second))
-    assert wrong == (["stream silent: not held in time"] if late else [])
-
-
-@pytest.mark.parametrize(("acted", "late"), [([0.305], True), ([0.305, 0.432], False), ([0.305, 0.428], True)])
-def test_each_of_two_that_wait_for_an_event_is_timed_from_its_own(acted: list[float], late: bool) -> None:
-    trace = held_from(0.455)
-    trace.acted = acted
-    wrong = missing(trace, Struck(row("solver not finite once"), 0.3), Struck(row("deadline missed"), 0.42))
-    assert wrong == (["deadline missed: not held in time"] if late else [])

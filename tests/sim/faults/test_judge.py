@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 import sim.faults.bench
@@ -14,7 +13,7 @@ from retarget.types import RunState
 from row_runs import forked, row
 from sim.faults.bench import Bench, Tick, Trace
 from sim.faults.judge import ONSET, violations
-from sim.faults.sender import FakeSender, Poses
+from sim.faults.sender import FakeSender
 from sim.faults.wire_checker import HEADER, Sent, goal_writes, torque_off, written
 
 
@@ -116,10 +115,6 @@ def keeps_torque(trace: Trace) -> Trace:
     return replace(trace, torque=[*trace.torque[:-1], 1])
 
 
-def killed(trace: Trace) -> Trace:
-    return replace(trace, torque=[1], gone=1.0)
-
-
 def test_a_correct_run_has_no_violation(bench: Bench) -> None:
     assert bench.trace.stop is not None and bench.trace.latched is not None
     assert violations(bench, bench.trace) == []
@@ -156,18 +151,6 @@ def test_what_ended_before_the_stop_did_is_no_tick_after_it(bench: Bench) -> Non
     held = Tick(trace.ticks[at].time, RunState.HOLD, False, 1.0)
     sound = replace(trace, ticks=[*trace.ticks[:at], held, *trace.ticks[at:]])
     assert not any("after a stop" in text for text in violations(bench, sound))
-
-
-def test_servos_of_a_host_that_is_gone_must_stand(bench: Bench) -> None:
-    servo = bench.servos[0]
-    servo.shaft.torque = True
-    shows(violations(bench, killed(bench.trace)))
-    servo.shaft.torque = False
-    assert violations(bench, killed(bench.trace)) == []
-
-
-def test_without_a_robot_nothing_was_wrong() -> None:
-    assert violations(Bench(FakeSender(), duration=1.0), Trace()) == []
 
 
 def _endless(bench: Bench) -> Callable[[], object]:
@@ -214,19 +197,3 @@ def test_goals_that_are_too_fast_on_the_approach_and_when_following_resumes_are_
     approach, again = forked(_hurried)
     shows(approach)
     assert any("after a hold" in line for line in again)
-
-
-def t_pose(time: float, poses: Poses) -> Poses:
-    """Arms straight out to the sides, all the time."""
-    ahead = poses["head"][0]
-    out = {"l_wrist": (ahead, 0.75, 1.42), "r_wrist": (ahead, -0.75, 1.42)}  # m
-    return poses | {name: np.array(at) + (poses[name] - poses[name].round(2)) for name, at in out.items()}
-
-
-def test_arms_straight_out_are_approached_slowly() -> None:
-    one = Bench(FakeSender(faults=[t_pose]), duration=0.7)
-    one.leaves = True
-    trace = one.run()
-    assert trace.began is not None and trace.armed is not None and trace.approach_ended is not None
-    assert trace.approach_ended - trace.armed > 1.0
-    assert violations(one, trace) == []

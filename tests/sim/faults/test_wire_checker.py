@@ -8,8 +8,6 @@ from hypothesis import strategies as st
 from hardware.dynamixel.codec import protocol2
 from hardware.servo import ServoSpec, find_model
 from messages import shows
-from more_frames import reboot
-from retarget.model.robot import RobotBody, load_robot
 from sim.faults.bench import Bench
 from sim.faults.judge import violations
 from sim.faults.rows import ROWS
@@ -17,21 +15,15 @@ from sim.faults.sender import FakeSender
 from sim.faults.wire_checker import (
     Sent,
     Track,
-    Written,
     after_latch,
     beyond_limits,
-    clearance_of,
-    collisions,
     detours,
     goal_writes,
-    not_reads,
     once,
     packets,
-    postures_of,
     still_moving,
     stood,
     too_fast,
-    torque_off,
     torque_on_again,
     tracks,
     written,
@@ -89,35 +81,6 @@ def test_goals_beyond_a_limit_are_found(angles: list[float], expected: str) -> N
     assert expected in " ".join(beyond_limits(ways(goals(angles)), DT))
 
 
-@pytest.mark.parametrize(
-    ("speed", "acceleration", "expected"),
-    [(1.0, 1.0, ""), (1.05, 1.0, "too fast"), (1.1, 1.0, "too fast"), (1.0, 1.25, "too hard"), (1.0, 3.0, "too hard")],
-)
-@pytest.mark.parametrize("start", [-0.9, -0.9003, -0.8996])
-def test_rounding_is_all_that_is_tolerated(speed: float, acceleration: float, expected: str, start: float) -> None:
-    steps = np.minimum(np.arange(60) * acceleration * SERVO.max_acceleration * DT, speed * SERVO.max_velocity)
-    angles = start + np.cumsum(steps * DT)
-    found = beyond_limits(ways(goals([float(angle) for angle in angles if angle < 0.9])), DT)
-    assert (expected in " ".join(found)) if expected else found == []
-
-
-@pytest.mark.parametrize(("last", "most"), [(1303, 8), (1200, 7)])
-def test_in_the_last_tick_inside_a_limit_goals_are_rounded_inwards(last: int, most: int) -> None:
-    """The limit is at 1303.8 ticks; 5.2 ticks is what the displacement of a tick may change by."""
-    tick = 1.0 / abs(SERVO.ticks_per_rad)
-    for ticks, expected in ((most, ""), (most + 1, "too hard")):
-        found = beyond_limits(ways(goals([(last - ticks) * tick, last * tick, last * tick])), DT)
-        assert (expected in " ".join(found)) if expected else found == []
-
-
-def test_a_late_goal_may_not_catch_up() -> None:
-    steady = [k * SERVO.max_velocity * DT for k in range(20)]
-    late = goals(steady[:10]) + goals(steady[10:], start=5.0 + 11 * DT)
-    ahead = goals(steady[:10]) + goals([angle + steady[1] for angle in steady[10:]], start=5.0 + 11 * DT)
-    assert beyond_limits(ways(late), DT) == []
-    shows(" ".join(beyond_limits(ways(ahead), DT)))
-
-
 def test_goals_that_still_move_go_fast_or_make_a_detour_are_found() -> None:
     still, way = ways(goals([0.1, 0.2, 0.2, 0.2, 0.3])), ways(goals([0.0, 0.0, 0.03, 0.06, 0.09]))
     assert still_moving(still, 5.005, 5.035) == still_moving(still, 8.0, 9.0) == []
@@ -140,36 +103,6 @@ def test_after_a_latch_only_torque_off_is_good() -> None:
     assert torque_on_again(on, 2.0) == [] and torque_on_again(off, 1.0) == []
 
 
-@pytest.fixture(scope="module")
-def op3() -> RobotBody:
-    return load_robot("op3")
-
-
-def swung(robot: RobotBody, joint: str, last: float) -> list[Track]:
-    """One joint goes from standing to an angle, rad; the others stand."""
-    stand = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
-    times, found = np.linspace(0.0, 1.0, 50), []
-    for servo, angle in zip(robot.joint_map.servos, stand.tolist(), strict=True):
-        goal = last if servo.joint == joint else angle
-        found.append(Track(servo, times, np.linspace(angle, goal, 50), servo.model.tick_rad))
-    return found
-
-
-def test_goals_become_postures(op3: RobotBody) -> None:
-    ways = swung(op3, "l_hip_yaw", 0.1)
-    late = Track(ways[0].servo, ways[0].times[10:], ways[0].angle[10:], ways[0].step)
-    postures = postures_of(op3, [ways[1], late, *ways[2:]])
-    np.testing.assert_allclose(postures[-1, op3.servo_columns], [track.angle[-1] for track in ways])
-    assert postures.shape == (50, op3.body.nq) and postures_of(op3, []).shape == (0, op3.body.nq)
-
-
-def test_a_leg_in_the_other_is_found(op3: RobotBody) -> None:
-    (found,) = collisions(op3, swung(op3, "l_hip_yaw", -0.6))
-    shows(found)
-    assert collisions(op3, swung(op3, "l_hip_yaw", -0.15)) == collisions(op3, []) == []
-    assert clearance_of(op3, np.zeros((0, op3.body.nq))).smallest is None
-
-
 def test_without_a_gate_the_forced_stage_is_a_collision() -> None:
     row = next(one for one in ROWS if one.name == "clearance below margin")
     bench = Bench(FakeSender(), duration=2.0, gate=False)
@@ -189,16 +122,6 @@ def test_goals_are_read_from_the_bytes(ticks: dict[int, int]) -> None:
     sent = [Sent(1.5, protocol2.sync_read(126, 10, [7], fast=True) + data + protocol2.ping(3))]
     assert goal_writes(written(sent)) == [(1.5, ticks)]
     assert [(one.id, one.instruction) for one in packets(sent)] == [(254, 0x8A), (254, 0x83), (3, 0x01)]
-
-
-def test_single_writes_count_and_reads_do_not() -> None:
-    sent = [Sent(2.0, protocol2.write(9, 64, b"\1")), Sent(3.0, protocol2.write(9, 64, b"\0")), Sent(4.0, reboot(9))]
-    writes = written(sent)
-    assert writes == [Written(2.0, 64, {9: 1}), Written(3.0, 64, {9: 0})] and goal_writes(writes) == []
-    assert (torque_off(writes, 0.0), torque_off(writes, 3.5)) == (3.0, None)
-    found = list(packets([Sent(0.0, protocol2.ping(7)), *goals([0.0])]))
-    assert not_reads(found, but=frozenset()) == ["instruction 0x83 went to id 254"]
-    assert not_reads(found, but=frozenset((254,))) == []
 
 
 @given(st.binary(max_size=40))

@@ -6,7 +6,7 @@ import pytest
 from hardware.bus import ServoBus, ServoGoals
 from hardware.clock import VirtualClock
 from hardware.servo import loop_lag
-from physics_rig import DT, op3, standing, ticks
+from physics_rig import DT, op3, standing
 from sim.buses import physics_wire_bus, simulation_of
 from sim.emulator.shaft import Shaft
 from sim.physics.bus import SimulatedShafts
@@ -45,17 +45,6 @@ def test_it_stands_through_the_wire_as_without() -> None:
     assert rig.witness.state.load.sum() == pytest.approx(rig.witness.simulation.world.weight, rel=0.02)
 
 
-def test_goals_come_through_and_torque_off_lets_it_fall() -> None:
-    rig = WireRig()
-    rig.run(1.0)
-    squat = standing() + (ticks(op3().profile.postures.rest) - standing()) // 8
-    assert rig.run(1.5, squat) < 0.06
-    before = rig.witness.fall
-    rig.bus.close()
-    fall = rig.witness.fall
-    assert before is None and fall is not None and not fall.powered
-
-
 def sag(*, softer: float = 1.0, drive_limit: float = 1.0) -> float:
     """How far the knee of a standing robot hangs back, rad, when its registers say this."""
     simulation, start = simulation_of(op3(), start=standing()), standing()
@@ -81,14 +70,3 @@ def test_the_registers_say_how_stiff_and_how_strong_a_servo_is() -> None:
     assert usual == pytest.approx(0.0245, abs=0.006)
     assert sag(softer=2.0) == pytest.approx(2.0 * usual, rel=0.25)
     assert sag(drive_limit=0.05) > 5.0 * usual  # 0.2 N m hold no knee
-
-
-def test_counting_anew_turns_nothing() -> None:
-    simulation = simulation_of(op3(), start=standing())
-    shafts = [Shaft(float(tick), 3000.0) for tick in standing()]
-    mechanics = SimulatedShafts(simulation, shafts, begun=0.0)
-    shafts[0].mechanics = mechanics
-    shafts[0].position += 4096.0  # another turn
-    shafts[0].target += 4096.0
-    shafts[0].advance(0.1)
-    assert shafts[0].position == pytest.approx(standing()[0] + 4096.0, abs=1.0)

@@ -19,7 +19,6 @@ from sim.physics.motors import (
     PositionLoop,
     add_motors,
     drive_numbers,
-    gain_missing,
     position_loop,
 )
 from sim.physics.world import robot_drives
@@ -39,13 +38,6 @@ def test_every_model_has_sound_numbers_and_stalls_and_turns_as_its_maker_says(na
     if name not in BY_BAM:
         top = (stall - drive.friction) / (drive.back_emf + drive.viscous)
         assert top == pytest.approx(model.no_load_speed)
-
-
-def test_more_supply_is_more_torque_as_printed() -> None:
-    drive = drive_numbers(find_model("XM430-W350"))
-    assert drive.stall_torque(11.1) == pytest.approx(3.8, rel=0.02)
-    assert drive.stall_torque(14.8) == pytest.approx(4.8, rel=0.06)
-    assert drive.torque_constant == pytest.approx(1.0 / (149.795 * 2.69e-3), rel=0.05)  # OP3: current per torque
 
 
 DRIVES: tuple[Drive, ...] = robot_drives(op3())
@@ -70,14 +62,6 @@ def test_a_servo_warms_to_its_final_rise_of_the_size_of_the_mock_bus_and_cools_a
         seen.append(float(electrics.temperature[3]))
     assert seen == pytest.approx([AMBIENT + (final - AMBIENT) * (1.0 - np.exp(-1.0)), final, AMBIENT])
     assert electrics.temperature[4] == AMBIENT
-
-
-def test_the_supply_sags_and_the_motors_follow_it() -> None:
-    electrics = Electrics(DRIVES)
-    before = electrics.voltage.copy()
-    assert not electrics.advance(load(0.0), ON, 0.01)
-    assert electrics.advance(np.full(COUNT, 1.5), ON, 0.01)
-    assert (electrics.voltage < before).all()
 
 
 def test_too_much_for_too_long_or_too_hot_is_an_alert_that_stays() -> None:
@@ -143,12 +127,6 @@ def test_under_load_it_hangs_back_by_the_torque_over_the_stiffness() -> None:
     assert abs(float(bench.motors.torque(bench.data)[0])) == pytest.approx(torque, abs=drive.numbers.friction)
 
 
-def test_an_i_gain_takes_the_error_away() -> None:
-    bench = Bench(ARM.format(mass=1.0), (knee(i=1000),))
-    bench.run(6.0)
-    assert abs(float(bench.motors.angle(bench.data)[0])) < 0.006
-
-
 @pytest.mark.parametrize("volts", [9.0, 12.0])
 def test_its_speed_is_bounded_by_the_supply(volts: float) -> None:
     bench = Bench(ARM.format(mass=1e-4), (knee(p=16000),))
@@ -167,23 +145,6 @@ def test_its_torque_is_bounded_by_the_motor_and_by_its_current_limit(current: fl
     bench.run(0.02)
     assert abs(float(bench.motors.torque(bench.data)[0])) == pytest.approx(most, rel=0.01)
     assert float(bench.data.qfrc_actuator[0]) == pytest.approx(-most, rel=0.01)
-
-
-def test_without_torque_the_motor_is_open() -> None:
-    bench = Bench(ARM.format(mass=1.0), (knee(),))
-    bench.power(False)
-    bench.run(0.2)
-    assert float(bench.data.qpos[0]) > 0.1  # down
-    assert not bench.motors.torque(bench.data).any()
-
-
-@pytest.mark.parametrize(("direction", "gear"), [(-1, 1.0), (1, 2.0), (-1, 0.5)])
-def test_direction_and_gear_turn_the_shaft(direction: int, gear: float) -> None:
-    bench = Bench(ARM.format(mass=1e-3), (knee(direction=direction, gear=gear),))
-    bench.motors.goal = np.array([0.4])
-    bench.run(2.0)
-    assert float(bench.data.qpos[0]) == pytest.approx(0.4 * direction / gear, abs=0.02)
-    assert float(bench.motors.angle(bench.data)[0]) == pytest.approx(0.4, abs=0.02)
 
 
 def test_a_coupled_pair_turns_both_joints() -> None:
@@ -225,10 +186,3 @@ def test_gains_of_the_loop_agree_with_the_mock_bus() -> None:
     assert loop(position_p=1600, position_i=100).integral == pytest.approx(integral / 2.0)
     old, new = loop("MX-28", 1, position_p=32), loop("MX-28", position_p=800)
     assert old.proportional == pytest.approx(new.proportional)
-
-
-def test_a_missing_gain_is_noticed() -> None:
-    assert gain_missing(servo(), protocol=2) and not gain_missing(servo(position_p=0), protocol=2)
-    assert gain_missing(servo("MX-28"), protocol=1)
-    assert not gain_missing(servo("AX-12A"), protocol=1)  # has no such register
-    assert loop("AX-12A", 1).proportional > 0.0

@@ -5,7 +5,6 @@ import pytest
 
 from physics_rig import PhysicsRig, op3
 from sim.physics.ground import sole_corners
-from sim.physics.mount import Mount, Support
 from sim.physics.perturbation import Perturbation, Push
 
 
@@ -44,15 +43,6 @@ def test_pushed_the_pressure_moves_against() -> None:
     assert rig.bus.witness.log.column("com")[-1, 0] > rig.bus.witness.log.column("com")[-12, 0]
 
 
-def test_held_by_a_hand_or_on_a_stand_its_pressure_is_unknown() -> None:
-    rig = PhysicsRig()
-    rig.arm()
-    rig.run(0.1)
-    assert np.isnan(rig.bus.witness.state.zmp).all()
-    state = settled(mount=Mount(Support.STAND)).bus.witness.state
-    assert np.isnan(state.zmp).all() and not state.load.any()
-
-
 def test_a_foot_that_rocks_on_its_edge_does_not_slip() -> None:
     push = Push((0.0, 5.5, 0.0), 1.5, 0.12, "neck")
     rig = settled(perturbation=Perturbation(friction=1.5, pushes=(push,)))
@@ -62,22 +52,3 @@ def test_a_foot_that_rocks_on_its_edge_does_not_slip() -> None:
     assert log.slip_m.max() < 3e-4
     rocked = log.column("sole")[:, :, 2].max()
     assert rocked > 5e-4  # [m] a foot came up
-
-
-def test_feet_that_are_dragged_slip_by_what_they_are_dragged() -> None:
-    rig = settled(perturbation=Perturbation(friction=0.1))
-    simulation, log = rig.bus.witness.simulation, rig.bus.witness.log
-    before, slipped = rig.bus.witness.state.sole.copy(), log.slip_m.copy()
-    simulation._model.opt.gravity[:] = [1.4, 0.0, -9.7]  # a slope of 8 degrees; friction holds on 6
-    while float((rig.bus.witness.state.sole - before)[:, 0].min()) < 0.010:
-        rig.run(0.008)
-    moved = np.linalg.norm((rig.bus.witness.state.sole - before)[:, :2], axis=1)
-    assert (log.slip_m - slipped).tolist() == pytest.approx(moved.tolist(), rel=0.1)
-
-
-def test_on_a_slope_that_friction_holds_feet_stay() -> None:
-    rig = settled(perturbation=Perturbation(friction=0.2))
-    rig.bus.witness.simulation._model.opt.gravity[:] = [1.4, 0.0, -9.7]
-    slipped = rig.bus.witness.log.slip_m.copy()
-    rig.run(5.0)
-    assert (rig.bus.witness.log.slip_m - slipped).max() < 5e-4

@@ -1,6 +1,5 @@
 """The world: masses, soles and shapes, mounts, fixtures, and what it refuses."""
 
-import re
 import shutil
 import sys
 from dataclasses import replace
@@ -10,14 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from messages import refuses, shows
+from messages import refuses
 from physics_rig import PhysicsRig, op3, standing
 from retarget.errors import ConfigError
 from retarget.ik.support_polygon import support_distance, support_edges
 from retarget.model.robot import RobotBody, load_robot
-from retarget.schema.scene import load_scene
 from sim.buses import simulation_of
-from sim.physics.ground import FIXTURE, MAX_CORNERS, SOLE, sole_corners
+from sim.physics.ground import MAX_CORNERS, SOLE, sole_corners
 from sim.physics.mount import Mount, Support, mount_of
 from sim.physics.perturbation import Perturbation, Push
 from sim.physics.state import StateReader
@@ -75,17 +73,6 @@ def test_shapes_of_the_feet_do_not_see_the_floor_and_soles_see_nothing_else() ->
             assert sees is ("foot" not in geom.name)
 
 
-def test_fixtures_stand_where_the_scene_has_them_and_what_moves_is_left_out() -> None:
-    notes: list[str] = []
-    for name, count in (("table", 5), ("crossing_ball", 0)):
-        world = simulation_of(op3(), start=standing(), scene=load_scene(name), notify=notes.append).world
-        fixtures = [index for index in range(world.model.ngeom) if world.model.geom(index).name.startswith(FIXTURE)]
-        assert len(fixtures) == count
-        assert (world.owners[fixtures] == world.FIXTURES).all()
-    assert len(notes) == 1
-    shows(notes[0])
-
-
 def test_on_a_stand_it_keeps_its_root_and_never_falls() -> None:
     rig = PhysicsRig(mount=Mount(Support.STAND))
     rig.arm()
@@ -109,15 +96,6 @@ def test_on_a_gantry_it_hangs_below_its_hook() -> None:
     assert state.sole[:, 2].min() > 0.02
 
 
-def test_a_hanging_robot_needs_a_hook_above_its_centre_of_mass() -> None:
-    with refuses(ConfigError, "'hook'"):
-        simulation_of(op3(), start=standing(), mount=Mount(Support.GANTRY))
-    with refuses(ConfigError):
-        simulation_of(op3(), start=standing(), mount=Mount(Support.GANTRY, hook="l_ankle"))
-    assert mount_of(changed(root="suspended")) == Mount(Support.GANTRY)
-    assert mount_of(changed(root="fixed")) == Mount(Support.STAND)
-
-
 @pytest.mark.parametrize("root", ["fixed", "suspended"])
 def test_legs_of_a_robot_whose_profile_holds_it_do_not_meet_the_floor(root: str, tmp_path: Path) -> None:
     """OP3's body file has its root where its soles, legs bent, are 10 mm over the floor."""
@@ -137,19 +115,6 @@ def test_a_robot_without_feet_or_gains_is_refused() -> None:
     robot = replace(op3(), joint_map=type(op3().joint_map)(servos))
     with refuses(ConfigError, 20, "r_sho_pitch"):
         simulation_of(robot, start=standing())
-
-
-def test_links_without_masses_are_named(tmp_path: Path) -> None:
-    folder = op3().profile.path.parent
-    (tmp_path / "robot.yaml").write_text((folder / "robot.yaml").read_text())
-    body = (folder / "body.xml").read_text()
-    (tmp_path / "body.xml").write_text(re.sub(r"<inertial .*?/>", "", body))
-    with refuses(ConfigError, "body_link"):
-        simulation_of(load_robot(tmp_path / "robot.yaml"), start=standing())
-    mass = op3().body.mass.copy()
-    mass[op3().body.body_index("head_tilt_link")] = 0.0
-    with refuses(ConfigError, 1, "head_tilt_link"):
-        simulation_of(replace(op3(), body=replace(op3().body, mass=mass)), start=standing())
 
 
 def test_a_missing_engine_is_said(monkeypatch: pytest.MonkeyPatch) -> None:

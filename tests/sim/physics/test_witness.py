@@ -37,13 +37,6 @@ def pushed() -> PhysicsRun:
     return physics_run(rig.bus.witness, begun=-0.5, seed=7, perturbations=("push",))
 
 
-def test_times_are_those_of_the_run(pushed: PhysicsRun) -> None:
-    assert pushed.time[0] == -0.5 and len(pushed.time) == len(pushed.margin) == len(pushed.pressure)
-    assert pushed.fall is not None and 0.7 < pushed.fall.time < 1.8  # the push came 0.7 s into the run
-    shows(pushed.fall.how)
-    assert np.nanmin(pushed.margin) < 0.01 and pushed.tilt > 0.1
-
-
 def test_the_report_has_what_the_simulation_saw(bare: RunResult, pushed: PhysicsRun) -> None:
     report = measure(replace(bare, physics=pushed))
     assert report.fallen is True and report.physics is not None
@@ -60,12 +53,6 @@ def test_the_report_has_what_the_simulation_saw(bare: RunResult, pushed: Physics
     assert physics.min_zmp_margin_mm == pytest.approx(1e3 * np.nanmin(pushed.margin[before]))
     assert physics.sole_tilt_max_deg > 5.0 and (physics.realtime_factor or 0.0) > 0.0
     shows(physics.heat_model)
-
-
-def test_without_physics_nothing_is_known(bare: RunResult) -> None:
-    report = measure(bare)
-    assert report.fallen is None and report.physics is None
-    assert list(physics_findings(report.physics)) == [] and plot_pressure(bare) is None
 
 
 def facts(bare: RunResult, physics: PhysicsRun) -> tuple[PhysicsReport, dict[str, str]]:
@@ -97,13 +84,6 @@ def test_what_is_bolted_down_has_no_pressure_and_never_falls(bare: RunResult) ->
     assert rig.bus.witness.fall is None
 
 
-def test_a_run_that_never_had_torque_is_reported_too(bare: RunResult) -> None:
-    rig = PhysicsRig()
-    rig.bus.close()
-    report, lines = facts(bare, physics_run(rig.bus.witness))
-    assert report.torque_nm == {} and "heat" not in lines and lines["physics"] == "did not fall"
-
-
 def test_the_picture_shows_the_fall(bare: RunResult, pushed: PhysicsRun) -> None:
     figure = plot_pressure(replace(bare, physics=pushed))
     assert figure is not None
@@ -111,11 +91,6 @@ def test_the_picture_shows_the_fall(bare: RunResult, pushed: PhysicsRun) -> None
     assert any("fallen" in text.get_text() for text in time.texts)
     path = next(line for line in above.lines if line.get_label() == "centre of mass")
     assert np.abs(np.asarray(path.get_xdata())).max() < 100.0  # until the fall, not after it
-
-
-def test_a_margin_of_nothing_has_no_sign(bare: RunResult, pushed: PhysicsRun) -> None:
-    _, lines = facts(bare, replace(pushed, margin=pushed.margin * -1e-9))
-    shows(lines["pressure"], "0.0")
 
 
 def test_a_standing_robot_has_the_margin_of_its_centre_of_mass() -> None:
@@ -144,13 +119,6 @@ def test_nothing_is_logged_before_torque() -> None:
     simulation.advance(1.1)
     witness.look()
     assert witness.log.rows == 1
-
-
-def test_what_never_moved_is_not_seen_out() -> None:
-    simulation = simulation_of(op3(), start=standing())
-    witness = Witness(simulation)
-    witness.see_it_out()
-    assert simulation.time == 0.0 and witness.fall is None
 
 
 def test_a_robot_at_rest_that_cannot_stay_topples_and_that_is_no_fall() -> None:

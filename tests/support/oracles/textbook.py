@@ -1,7 +1,6 @@
 """The strict hierarchy as the literature writes it, on equality rows only: projectors and pseudo-inverses.
 
-Siciliano and Slotine 1991, with the recursive projector of Baerlocher and Boulic 2004; and the clamping loop of the
-paper's Figure 2, which only ever adds clamped joints and is therefore not optimal: compare with it, never trust it.
+Siciliano and Slotine 1991, with the recursive projector of Baerlocher and Boulic 2004.
 """
 
 from __future__ import annotations
@@ -34,20 +33,3 @@ def pseudo_inverse(J_P: Array, J: Array) -> Array:
     largest = np.linalg.norm(J, 2) if J.size else 0.0
     kept = values > RANK * largest
     return np.asarray((right[kept].T / values[kept]) @ left[:, kept].T)
-
-
-def clamping_loop(levels: list[EqualityLevel], weight: Array, ref: Array, lo: Array, hi: Array) -> tuple[Array, int]:
-    """Solve, clamp every joint that left its limits, solve in what is left (Figure 2); x (n,) and the solves made."""
-    x = np.clip(ref, lo, hi)
-    free = np.ones(len(ref), dtype=bool)
-    solves = 0
-    while free.any():
-        reduced = [(C[:, free], e - C[:, ~free] @ x[~free]) for C, e in levels]
-        x[free] = prioritized_pseudo_inverse(reduced, weight[free], ref[free])
-        solves += 1
-        beyond = free & ((x < lo) | (x > hi))
-        if not beyond.any():
-            break
-        x = np.where(beyond, np.clip(x, lo, hi), x)
-        free &= ~beyond
-    return x, solves
