@@ -235,7 +235,8 @@ def performer_postures(run: RunResult, ticks: list[int]) -> Postures:
     facets, kinematics = facets_of(body, sides), body.solver_body()
     corners, normal = _placed(facets, kinematics, human.q[ticks])
     corners, normal = _faced(corners, facing), turned(normal, facing)
-    recorded, bones = None, ()
+    recorded: FloatArray | None = None
+    bones: tuple[tuple[int, int], ...] = ()
     if truth is not None and run.robot is None:
         recorded = (turned(truth[ticks], facing) - feet) / size
         bones = tuple((human.joint_names.index(a), human.joint_names.index(b)) for a, b in HUMAN_BONES)

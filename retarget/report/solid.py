@@ -58,7 +58,7 @@ def sides_of(body: BodyModel, ends: dict[str, list[int]], middle: list[int]) -> 
     """The side of each link of the chains that carry the links `ends`, by colour, and of what hangs from them. middle:
     links whose chains to the root have no side."""
     between = {link for end in middle for link in body.chain_to_root(end)}
-    found = {}
+    found: dict[int, str] = {}
     for colour, links in ends.items():
         found |= {link: colour for end in links for link in body.chain_to_root(end) if link not in between}
     for link, parent in enumerate(body.parent.tolist()):  # a parent comes before its children
