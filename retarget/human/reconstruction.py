@@ -5,6 +5,7 @@ measure. The last level decides what no sensor measures: heading, balance, and s
 """
 
 from dataclasses import dataclass
+from functools import partial
 from math import ceil, nan
 
 import numpy as np
@@ -135,7 +136,8 @@ class Reconstructor:
         sensor_frames = {name: human.body.frame(sensor.joint) for name, sensor in performer.sensors.items()}
         self._obstacles = SceneObstacles(scene)
         self.observers = human_observers(human, priorities.observers, observed)
-        self._hierarchy = Hierarchy(
+        build = partial(
+            Hierarchy,
             priorities,
             human.body,
             frames=body_frames(human.body) | sensor_frames,
@@ -147,6 +149,7 @@ class Reconstructor:
             observers=self.observers,
             scene=self._obstacles.shapes,
         )
+        self._hierarchy, self._second_hierarchy = build(), build()
         self._reader = PostureReader(human)
         self._heading = Heading(priorities.heading)
         self._balance = _balance(priorities)
@@ -226,7 +229,7 @@ class Reconstructor:
                 self._feet.step(known["head"], self._heading.forward, crouch=self._lowered(known), dt=dt)
             position, valid = self._with_feet(position, valid)
             weight = None if weight is None else np.concatenate([weight, [1.0, 1.0]])
-        intake, missed = self._intake, self._missed()
+        intake, missed = self._intake, self._missed(self._reached)
         # A long step is solved in parts of at most _LONGEST_FRAME_S, with sensors on straight lines between the
         # samples. A sensor that was not there before has no line: it is where it is from the first part on.
         before, present = intake.position.copy(), intake.present.copy()
@@ -243,30 +246,27 @@ class Reconstructor:
             self._bear(points, dt / parts)
             self._solve(points, turns, dt / parts, at)
         if self._second.is_due(missed, dt):
-            self._try_second_posture(points, turns, missed)
+            self._try_second_posture(missed)
         return self._posture(dt)
 
-    def _missed(self) -> float:
-        """How far the body is from the goal of a sensor that it has to follow, at most, m."""
-        away = np.where(self._intake.present[:, None], self._intake.position - self._reached, 0.0)
+    def _missed(self, reached: FloatArray) -> float:
+        """How far sensors at `reached` (k, 3) m are from the goal of one that the body has to follow, at most, m."""
+        away = np.where(self._intake.present[:, None], self._intake.position - reached, 0.0)
         return float(np.sqrt(rotations.squares(away[self._followed]).max(initial=0.0)))
 
-    def _try_second_posture(self, points: Points, turns: list[SensorTurn], missed: float) -> None:
-        """Solve one frame of it, and stand in it if it comes nearer to the sensors than the body, which misses one by
-        `missed` m."""
-        body = self._q
-        self._stand_in(self._placed() if self._second.q is None else self._second.q)
-        self._solve(points, turns, _SETTLING_S, self._intake.position)
-        second = self._q
-        self._stand_in(second)
-        if not self._second.keep(second, self._missed(), by_body=missed):
-            self._stand_in(body)
-
-    def _stand_in(self, q: FloatArray) -> None:
-        """Stand in posture q (nq,), at rest."""
-        self._q = q
-        self._hierarchy.solver.reset(q)
-        self._reached = self._reader.joints(q[None])[0, self._joints_of]
+    def _try_second_posture(self, missed: float) -> None:
+        """Solve one frame of it for the targets of this tick, and stand in it if it comes nearer to the sensors than
+        the body, which misses one by `missed` m."""
+        hierarchy, targets = self._second_hierarchy, self._targets
+        begin = self._placed() if self._second.q is None else self._second.q
+        hierarchy.solver.reset(begin)
+        if self._obstacles.now is not None:
+            hierarchy.set_obstacles(self._obstacles.now)
+        hierarchy.set_previous(targets, begin, _SETTLING_S)
+        q = hierarchy.solver.frame(targets, _SETTLING_S)
+        if self._second.keep(q, self._missed(self._reader.joints(q[None])[0, self._joints_of]), by_body=missed):
+            self._q = q
+            self._hierarchy.solver.reset(q)
 
     def _solve(self, points: Points, turns: list[SensorTurn], dt: float, at: FloatArray) -> None:
         """Set all targets and solve one frame. at (k, 3) m: the goals of sensors and virtual feet, `points` those that

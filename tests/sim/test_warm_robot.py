@@ -61,7 +61,8 @@ def approaching(slow: float) -> FloatArray:
     )
     rig.follower.script = np.tile(0.8 * np.sign(inwards), (60, 1))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(type(rig.guard.health), "speed_override", slow)
+        constant = property(lambda warnings: slow, lambda warnings, value: None)
+        patch.setattr(type(rig.guard.health.warnings), "speed_override", constant, raising=False)
         record = rig.loop(short_clip(seconds=1.0)).run().record
     assert record.robot is not None
     return rig.robot.joint_map.to_radians(record.robot.goal_ticks[record.phase == Phase.APPROACH])
