@@ -382,3 +382,9 @@ def test_what_cannot_be_started_is_refused() -> None:
         wrong = "me"
         pipeline.start(still(), calibration=wrong)
     assert pipeline.state is RunState.IDLE
+
+
+def test_a_present_posture_in_degrees_is_refused() -> None:
+    pipeline = Pipeline("op3", performer="five", rate_hz=100)
+    with refuses(UsageError):
+        pipeline.start(synthetic_performer().sample(0.0), present=np.full(20, 90.0))

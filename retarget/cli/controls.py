@@ -26,7 +26,7 @@ from hardware.errors import HardwareError
 from hardware.guard import Torque
 from hardware.realtime import Scheduling, refuse_scheduling
 from retarget.cli.application import USUAL
-from retarget.cli.exit import AFTER_S, REASONS, SUSPENDED, ForcedStopKey, Press, StopRequest
+from retarget.cli.exit import REASONS, SUSPENDED, ForcedStopKey, Press, StopRequest
 from retarget.errors import UsageError, renamed_to
 from retarget.types import Notify, RunState
 
@@ -702,7 +702,7 @@ class LiveControls:
             self._since = self._clock.now()
 
 
-TOO_SOON = f"pressed again within {AFTER_S:g} s, as a held key repeats: torque stays on. Once more switches it off"
+TOO_SOON = "pressed again too soon, as a held key repeats: torque stays on. Once more switches it off"
 TORQUE_WORDS = {
     Torque.OFF: "torque is off",
     Torque.ON: "torque is on: cut the power by hand",

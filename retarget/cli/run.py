@@ -486,9 +486,10 @@ def run(request: RunRequest, session: Session = None) -> None:
 
 
 def check_request(request: RunRequest, session: Session = None) -> None:
-    """Refuse what `run` would refuse before anything moves. No port is opened, and no sender is listened to: in place
-    of a live performer the sample performs."""
+    """Refuse what `run` would refuse before anything moves, but for ports and sockets: none is opened, and no sender is
+    listened to; in place of a live performer the sample performs."""
     options, outputs = request.checked()
+    refuse_scheduling(request.live.oversight.scheduling)
     command = CommandRun(options, outputs, recorded=True, goes_to_rest=options.has_mass)
     perform = performance_of(partial(request.file.open, request.source), options.playback)
     if is_address(request.source):

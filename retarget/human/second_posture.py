@@ -33,7 +33,7 @@ class SecondPosture:
         """Whether a second posture is to be tried in this tick of `dt` s, in which the body misses a sensor by up to
         `missed` m."""
         if missed <= _MISSED_M:
-            self.q, self.missed_s, self.patience_s = None, 0.0, _MISSED_S
+            self.q, self.frames, self.missed_s, self.patience_s = None, 0, 0.0, _MISSED_S
         else:
             self.missed_s += dt
         return self.missed_s > self.patience_s

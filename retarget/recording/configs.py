@@ -8,6 +8,7 @@ from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 
 from retarget.errors import InputError, RefusedError, UsageError
+from retarget.model.body_file import MAX_BYTES
 from retarget.model.robot import RobotBody, load_robot, robot_of
 from retarget.recording.reading import Recording
 from retarget.recording.session import config_content, config_files
@@ -62,7 +63,7 @@ def as_recorded(
             found = None if options.is_human else _robot_of_then(files, options, body)
         options = replace(options, performer=files.place(PERFORMER))
         if options.scene is not None:
-            options = replace(options, scene=files.place(SCENE))
+            options = replace(options, scene=files.place(SCENE) if robot is None else files.of_now(SCENE))
         yield _with_priorities(files, options, found, of_now=robot is not None)
 
 
@@ -104,10 +105,21 @@ class _Files:
         path.write_bytes(content)
         return str(path)
 
+    def of_now(self, name: str) -> str:
+        """Path of a file as it is now, for a robot of now: what stands around it, say. Where it is gone: as it was."""
+        path = Path(self.said[name].path) if name in self.said else None
+        if path is None or not path.is_file():
+            return self.place(name)
+        if not self.is_as_then(name, path):
+            self.notes.append(f"{name} is another one now, {path}: it is used")
+        return str(path)
+
     def is_as_then(self, name: str, path: Path) -> bool:
         """Whether a file holds what it held."""
         said = self.said.get(name)
         try:
+            if not path.is_file() or path.stat().st_size > MAX_BYTES:
+                return False
             return said is not None and hashlib.sha256(config_content(name, path)).hexdigest() == said.sha256
         except (RefusedError, OSError, ValueError):
             return False

@@ -290,6 +290,10 @@ REGAIN_S = 0.4
 """Time in which a playback is back at its full speed after a hold."""
 
 
+MOST_REFUSED, GONE_S = 5, 1.0
+"""The most times in a row that a playback loses its goals, each within so many s of them after the last."""
+
+
 class GoalPlayback(Controller):
     """Sends recorded goals once more, in place of following. Where something else was sent, the robot stands first, and
     returns to them slowly."""
@@ -299,6 +303,7 @@ class GoalPlayback(Controller):
         self._goals, self._commanded, self._dt = goals, commanded, dt
         self._sent = goals[0]
         self._gone, self._pace = 0.0, 1.0  # rows; share of the recording's speed
+        self._lost, self._lost_at = 0, 0.0  # times in a row that something else was sent; the row of the last
         self._move = SlowMove(robot, commanded, share=robot.profile.safety.speed_caps.approach, dt=dt)
 
     @property
@@ -308,8 +313,8 @@ class GoalPlayback(Controller):
 
     @property
     def is_refused(self) -> bool:
-        """Whether the gate refuses the goals: then the robot holds, and tries again after a moment."""
-        return not self._follows and self._move.is_refused
+        """Whether the gate refuses the goals: the robot holds, and tries again after a moment, but not for ever."""
+        return self._lost > MOST_REFUSED or (not self._follows and self._move.is_refused)
 
     def target(self, sample: SensorSample | None, *, speed_override: float) -> Target | None:
         """Return the next recorded goal, or one on the way back to it; None: the robot has to stand first."""
@@ -318,6 +323,9 @@ class GoalPlayback(Controller):
         if share > 0.0:
             goal = goal + share * (self._goals[row + 1] - goal)
         if not self._follows and not self._move.is_at(goal):
+            if self._pace > 0.0:
+                gone = (self._gone - self._lost_at) * self._dt > GONE_S
+                self._lost, self._lost_at = 1 if gone else self._lost + 1, self._gone
             self._pace = 0.0
             return self._move.towards(goal, speed_override=speed_override)
         self._sent = goal

@@ -214,15 +214,15 @@ class Loop:
         state = self._change_state(asked)
         if machine.supervisor.over:
             return
-        goal, target = self._unwritten(), None
+        goal, target, wanted = self._unwritten(), None, None
         if goal is None:
-            target = self._target(state)
+            wanted = self._target(state)
             self._part = StopCause.FILTER
-            goal, target = motion.check(state, target)
+            goal, target = motion.check(state, wanted)
             if state is RunState.GO_TO_REST and target is not None and not goal.passed:
                 self._tell_refused()
         self._write(goal, target)
-        self._keep(state, goal, target)
+        self._keep(state, goal, target, gated=wanted is not None and not (goal.passed and target is wanted))
         with self._looking():
             if state in AT_RISK and self._tick > 0 and self._tick % self._watch.every == 1 % self._watch.every:
                 self._watch.on_tick(self._tick)
@@ -258,7 +258,7 @@ class Loop:
         self._part = StopCause.FILTER
         goal = self._unwritten() or machine.gate.brake()
         self._write(goal, None)
-        self._keep(machine.supervisor.state, goal, None)
+        self._keep(machine.supervisor.state, goal, None, gated=False)
 
     def _fail(self, error: Exception, *, may_brake: bool) -> None:
         """A tick has failed. Without the bus no robot brakes; only a BusError is a failure of the bus."""
@@ -361,14 +361,15 @@ class Loop:
         self._part = StopCause.SOURCE
         self._motion.sent(goal, target)
 
-    def _keep(self, state: RunState, goal: CheckedGoal, target: Target | None) -> None:
-        """Fill the row of this tick, and show it to who looks on."""
+    def _keep(self, state: RunState, goal: CheckedGoal, target: Target | None, *, gated: bool) -> None:
+        """Fill the row of this tick, and show it to who looks on. gated: the gate refused what was asked."""
         guard, motion, recorder = self._machine.guard, self._motion, self._recorder
         with self._looking():
             follow = motion.follow
             followed = follow.posture if state is RunState.FOLLOW else None
             recorder.keep_human(follow.human, self._sample, error=followed is not None)
-            recorder.keep_robot(guard, motion.commanded.q, goal, asked=target is not None, followed=followed)
+            asked = target is not None
+            recorder.keep_robot(guard, motion.commanded.q, goal, asked=asked, gated=gated, followed=followed)
             if followed is not None:
                 recorder.keep_costs(*follow.costs)
             approaches = state in AT_RISK and not motion.approach.arrived

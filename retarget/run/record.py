@@ -311,15 +311,22 @@ class TickRecorder:
         timing.reconstruct[row], timing.retarget[row] = reconstruct, retarget
 
     def keep_robot(
-        self, guard: Guard, q: FloatArray, goal: CheckedGoal, *, asked: bool, followed: RobotPosture | None
+        self,
+        guard: Guard,
+        q: FloatArray,
+        goal: CheckedGoal,
+        *,
+        asked: bool,
+        gated: bool,
+        followed: RobotPosture | None,
     ) -> None:
-        """Keep what was sent: posture q (nq,), m, wxyz and rad, and goal. asked: whether there was a target; followed:
-        for the performer."""
+        """Keep what was sent: posture q (nq,), m, wxyz and rad, and goal. asked: whether there was a target; gated:
+        whether the gate refused what was asked; followed: for the performer."""
         record, robot, row = self._record.robot, self._robot, self._rows.row
         assert record is not None and robot is not None, "a goal was written"
         assert guard.states is not None and guard.sent is not None, "a goal was written"
         record.q[row], record.goals[row], record.goal_ticks[row] = q, goal.joints, guard.sent
-        record.gated[row], record.no_command[row] = asked and not goal.passed, not asked
+        record.gated[row], record.no_command[row] = gated, not asked
         record.landmarks_asked[row] = np.nan if followed is None else followed.landmarks_asked
         if followed is not None:
             record.observer_modes[row] = followed.observer_modes

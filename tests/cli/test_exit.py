@@ -282,3 +282,30 @@ def test_held_it_is_not(delay: float, period: float, tick: float, phase: float) 
         come = sum(time <= now for time in repeats)
         assert come == seen or key.pressed(come - seen, now) is not Press.SECOND
         seen = come
+
+
+def test_a_second_sigterm_still_brakes() -> None:
+    with stop_on_signals() as asked:
+        for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGTERM):
+            signal.raise_signal(number)
+        assert asked() and not asked.forced_stop()
+
+
+def test_one_ctrl_c_after_another_kind_of_stop_still_brakes() -> None:
+    """After the space bar, a stop file or a button, it is the first signal."""
+    with stop_on_signals() as asked:
+        asked.ask("the stop file is there")
+        signal.raise_signal(signal.SIGINT)
+        assert asked() and not asked.forced_stop()
+
+
+@pytest.mark.parametrize("stall", [0.25, 1.0])
+def test_held_and_read_late_it_is_not(stall: float) -> None:
+    key = ForcedStopKey()
+    key.pressed(1, 0.0)
+    now = 0.5
+    while now < 3.0:
+        assert key.pressed(1, now) is not Press.SECOND
+        now += 0.033
+    for count, later in ((int(stall / 0.033), 0.0), (0, 0.01), (1, 0.02)):
+        assert key.pressed(count, now + stall + later) is not Press.SECOND

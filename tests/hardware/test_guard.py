@@ -268,3 +268,9 @@ def test_a_refused_arming_with_torque_that_stays_on_is_latched_and_reported() ->
         rig.arm()
     assert rig.guard.stop is not None and rig.guard.stop.powered
     shows(reason(rig))
+
+
+def test_arming_without_any_servo_says_so() -> None:
+    rig = Rig(*(MockFault(FaultKind.MISSING, 0, 9, servo=index) for index in range(4)))
+    with refuses(BusError):
+        rig.arm()

@@ -518,3 +518,42 @@ def test_a_failure_that_comes_back_while_the_robot_stops_does_not_keep_it_under_
     ending = play(rig)
     assert (ending.state, ending.reason) == (RunState.OFF, None) and len(rig.follower.returns) == 1
     np.testing.assert_allclose(sent(rig.gate), rest_of(rig), atol=1e-9)
+
+
+def test_a_failure_with_a_servo_that_keeps_its_torque_says_so() -> None:
+    rig = Rig(swing(), faults=(MockFault(FaultKind.MISSING, first=140, cycles=FOR_EVER, servo=2),))
+
+    def interrupted(done: int) -> None:
+        if done == 30:
+            raise KeyboardInterrupt
+
+    with refuses(TorqueError, "r_sho_roll"):
+        play(rig, Watch(interrupted, every=1))
+    assert rig.bus.torque_on
+
+
+def test_a_stop_is_carried_out_in_the_tick_in_which_it_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig, looked = Rig(swing()), list[float]()
+
+    def asked() -> bool:
+        looked.append(rig.clock.now())
+        return len(looked) > 30
+
+    times, _ = written(rig, monkeypatch)
+    play(rig, Watch(stop_asked=asked))
+    assert rig.guard.stop is not None and rig.guard.stop.time == looked[30] == looked[-1]
+    assert looked[30] - looked[29] == pytest.approx(rig.dt)
+    assert min(time for time in times if time >= looked[30]) - looked[29] < 1.5 * rig.dt
+
+
+@pytest.mark.parametrize("kind", [FaultKind.ALERT, FaultKind.MISSING])
+@pytest.mark.parametrize("first", [20, 140, 220])
+def test_a_faulty_robot_does_not_go_to_rest(kind: FaultKind, first: int) -> None:
+    """While it follows, or on the way to rest: the robot brakes and stands."""
+    fault = MockFault(kind, first, FOR_EVER, servo=12, alert=ServoAlert.OVERLOAD)
+    rig = Rig(still(), faults=(fault,), goes_to_rest=True)
+    ending = play(rig)
+    assert np.abs(sent(rig.gate) - rest_of(rig)).max() > 0.2 and ending.state is RunState.FAULT
+    assert rig.guard.stop is not None and not rig.gate.displacement.any()
+    assert rig.guard.stop.cause in (StopCause.SERVO_ALERT, StopCause.SERVO_LOST)
+    assert rig.machine.not_at_rest() == (), "it stays, and the reason says so"

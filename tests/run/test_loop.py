@@ -1,5 +1,6 @@
 """The tick loop: rows, timing, gating, stops. Stages are stand-ins; bus, guard and gate are real."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -505,3 +506,18 @@ def test_the_contact_state_of_the_soles_is_set_before_each_step(monkeypatch: pyt
     without = Rig(still())
     play(without)
     assert set(without.follower.contact_states) == {None}
+
+
+def test_on_its_way_to_rest_a_robot_brakes_while_the_bus_is_silent_and_goes_on() -> None:
+    def steps(faults: Sequence[MockFault]) -> FloatArray:
+        rig = Rig(still(), goes_to_rest=True, faults=faults)
+        ending = play(rig)
+        assert (ending.state, ending.reason) == (RunState.OFF, None) and ending.record.robot is not None
+        assert np.abs(ending.record.robot.goals[-1] - rest_joints(rig.robot)).max() < 0.01
+        return np.asarray(np.abs(np.diff(ending.record.robot.goals, axis=0)).max(axis=1))
+
+    usual = steps(())
+    cruise = np.flatnonzero(usual > 0.98 * usual.max())  # of the way to rest, the fastest move of this run
+    fast = int(cruise[len(cruise) // 3])
+    silent = steps([MockFault(FaultKind.MISSING, first=fast, cycles=5, servo=servo) for servo in range(20)])
+    assert silent[fast : fast + 8].min() < 0.99 * usual[fast : fast + 8].min()

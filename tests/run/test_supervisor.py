@@ -273,3 +273,11 @@ def test_a_way_to_rest_that_fails_ends_where_the_robot_stands() -> None:
     supervisor.fail(1.0, "it broke", StopCause.SOURCE, rig.guard, may_brake=True)
     assert supervisor.state is RunState.STOPPING
     assert supervisor.step(1.1, STANDS, rig.guard) is RunState.FAULT
+
+
+def test_on_the_straight_approach_a_stop_goes_straight_to_rest() -> None:
+    supervisor, rig = running(state=RunState.APPROACH)
+    supervisor.step(1.0, Situation(stop="space bar"), rig.guard)
+    assert (
+        supervisor.step(1.1, Situation(stands=True, straight=True, goes_to_rest=True), rig.guard) is RunState.GO_TO_REST
+    )

@@ -255,3 +255,18 @@ def test_without_limits_goals_pass_and_braking_ends_at_rest() -> None:
     while gate.displacement.any():
         gate.brake()
     np.testing.assert_array_equal(gate.brake().joints, sent(gate))
+
+
+def test_a_seed_forgets_the_past() -> None:
+    gate = make()
+    admit(gate, CHANGE)
+    admit(gate, np.full(4, np.nan))
+    gate.begin(np.zeros(4))
+    assert not gate.displacement.any()
+
+
+@pytest.mark.parametrize("goal", [[np.nan, 0.0, 0.0, 0.0], [np.inf, 0.0, 0.0, 0.0], [0.0]])
+def test_without_limits_what_no_servo_can_take_is_refused(goal: list[float]) -> None:
+    gate = PassThroughGate(MAP, dt=DT)
+    gate.begin(np.zeros(4))
+    assert gate.check(np.array(goal)) is None
