@@ -125,9 +125,6 @@ one of ten stops with 1.5 s."""
 STANCE_RESTING_SPEED, RESTS_S = 0.1, 0.1
 """A robot none of whose coordinates is faster (rad/s, m/s) for so long (s) rests. One tick is not enough: where limbs
 meet, all joints stand still for one tick, and go on in the next."""
-NEAR_STANCE = 0.1
-"""A robot has returned to its stance when no joint is farther from it than this, rad; where nothing is in the way it
-ends within 0.06 rad."""
 LEAST_SHARE = 0.01
 """Share of the servos' speeds for a robot that stands already."""
 LED_RISE, LED_JERK, LED_SETTLE = 0.2, 0.05, 0.1
@@ -163,13 +160,13 @@ class StanceTrajectory:
         if self._moves is not None:
             self._moves.reset(q[self._joints])
 
-    def goes_on(self, q: FloatArray, velocity: FloatArray, dt: float, *, stands: bool) -> bool:
-        """Whether the return is not over yet after another `dt` s. q (nq,), velocity (nv,) per s: of the robot as it
-        was commanded to. stands: whether it has both feet on the floor and its weight between them."""
+    def goes_on(self, velocity: FloatArray, dt: float, *, stands: bool) -> bool:
+        """Whether the return is not over yet after another `dt` s: it is when the robot rests, in its stance or as near
+        to it as its limbs come. velocity (nv,) per s: as it was commanded to. stands: whether it has both feet on the
+        floor and its weight between them."""
         assert self._moves is not None, "the return has begun"
         led = self._moves.at_rest and np.array_equal(self._moves.position, self._end)
-        there = led and float(np.abs(q[self._joints] - self._end).max()) < NEAR_STANCE
-        rests = there and float(np.abs(velocity).max()) < STANCE_RESTING_SPEED
+        rests = led and float(np.abs(velocity).max()) < STANCE_RESTING_SPEED
         self._rested = self._rested + dt if rests and stands else 0.0
         return self._rested < RESTS_S
 
@@ -361,7 +358,7 @@ class Follower:
         return."""
         stands = self.steps is None or self.steps.stands
         to_stance, hierarchy = self._soles.to_stance, self.hierarchy
-        if to_stance is None or not to_stance.goes_on(self._q, hierarchy.solver.velocity, dt, stands=stands):
+        if to_stance is None or not to_stance.goes_on(hierarchy.solver.velocity, dt, stands=stands):
             return None
         hierarchy.set_posture(self._targets, to_stance.lead(self._time.scale))
         self._advance(to_stance.asked, dt, to_stance=True)
