@@ -154,6 +154,8 @@ class SensorSample:
         Raises UsageError for what are no such numbers.
         """
         names = tuple(positions) if isinstance(positions, Mapping) else ()
+        for name in orientations if isinstance(orientations, Mapping) else ():
+            _index(name, names, "sensor", where="SensorSample.of, orientations")
         position = _rows("positions", positions, names, 3)
         orientation = _rows("orientations", {} if orientations is None else orientations, names, 4)
         return cls(names, position, orientation, np.asarray(np.isfinite(position).all(axis=1)))
@@ -322,10 +324,11 @@ def _mirror_order(names: tuple[str, ...]) -> tuple[tuple[str, ...], list[int]]:
     return new_names, [mirrored.index(name) for name in new_names]
 
 
-def _index(name: str, names: tuple[str, ...], what: str) -> int:
+def _index(name: str, names: tuple[str, ...], what: str, *, where: str = "") -> int:
     if name not in names:
         raise UsageError(
             f"unknown {what}",
+            where=where,
             found=repr(name),
             allowed=", ".join(names),
             next_step=suggest(name, names),

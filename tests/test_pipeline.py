@@ -110,6 +110,11 @@ def test_a_sample_of_what_are_no_positions_is_refused(wrong: object) -> None:
         SensorSample.of({"head": (0, 0, 1.6)}, {"head": wrong})
 
 
+def test_an_orientation_of_an_unknown_sensor_is_refused() -> None:
+    with refuses(UsageError, "'haed'", "head"):
+        SensorSample.of({"head": (0, 0, 1.6)}, {"haed": (1, 0, 0, 0)})
+
+
 def test_a_lost_sensor_is_none_or_not_valid() -> None:
     first, second = started(), started()
     for _ in range(3):

@@ -716,7 +716,7 @@ def announced(
     machine: "Machine",
     *,
     notify: Notify,
-    too_soon: Callable[[], int] = lambda: 0,
+    too_soon: Callable[[], int],
 ) -> Callable[[], bool]:
     """`torque_off_asked`, which also says once why the robot stops, and what comes next, without waiting for the
     summary; and once that a stop key was pressed too soon (`too_soon`: how often) to count."""

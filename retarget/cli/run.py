@@ -487,8 +487,8 @@ def run(request: RunRequest, session: Session = None) -> None:
 
 def check_request(request: RunRequest, session: Session = None) -> None:
     """Refuse what `run` would refuse before anything moves, but for ports and sockets: none is opened, and no sender is
-    listened to; in place of a live performer the sample performs."""
-    options, outputs = request.checked()
+    listened to; in place of a live performer the sample performs. Results of a run before may be there."""
+    options, outputs = replace(request, overwrite=True).checked()
     refuse_scheduling(request.live.oversight.scheduling)
     command = CommandRun(options, outputs, recorded=True, goes_to_rest=options.has_mass)
     perform = performance_of(partial(request.file.open, request.source), options.playback)

@@ -45,7 +45,7 @@ STATES: dict[RunState, StateRow] = {
     RunState.CHECKING_SIDES: StateRow("nothing; the performer raises the left arm"),
     RunState.ARMING: StateRow("nothing; the present posture is the goal"),
     RunState.APPROACH: StateRow("the approach", True),
-    RunState.FOLLOW: StateRow("the performer", True),
+    RunState.FOLLOW: StateRow("the performer, or recorded goals", True),
     RunState.HOLD: StateRow("the whole-body stop", True, LONGEST_HOLD_S),
     RunState.STOPPING: StateRow("the whole-body stop", True, LONGEST_BRAKE_S),
     RunState.RETURN_TO_STANCE: StateRow("the return to stance", True, LONGEST_RETURN_S),

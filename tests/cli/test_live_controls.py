@@ -278,7 +278,7 @@ def test_why_the_robot_stops_is_reported_while_it_does() -> None:
             torque.append(True)
             raise BrokenPipeError
 
-        asked = announced(lambda: True, machine, notify=gone)
+        asked = announced(lambda: True, machine, notify=gone, too_soon=lambda: 0)
         assert asked() and not torque, "nothing stops"
         machine.guard.latch(StopCause.REQUESTED, "SIGTERM")
         assert asked() and asked() and torque == [True], "once, also on a terminal that is gone"

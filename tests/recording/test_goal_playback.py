@@ -97,7 +97,10 @@ def test_after_a_hold_it_rejoins_the_trajectory_slowly(plain: Recorded) -> None:
     assert result.ticks_followed > np.count_nonzero(straight.phase == Phase.FOLLOW) + 20
     following = sent.goal_ticks[result.record.following]
     assert np.abs(following[-1] - straight.robot.goal_ticks[straight.following][-1]).max() <= 1
-    assert (following[130:140] == following[140]).all() and sent.gated.sum() <= 1
+    assert (following[130:140] == following[140]).all()
+    # The recording was cut in full motion. After a hold, its last goal is less than a tick away: too hard to brake.
+    gated = np.flatnonzero(sent.gated)
+    assert len(gated) <= 1 and (np.abs(sent.goal_ticks[gated - 1] - following[-1]) < 20).all()
 
 
 def test_a_stop_is_a_stop(plain: Recorded) -> None:

@@ -38,6 +38,12 @@ def _wrong(cases: list[Case]) -> dict[str, tuple[str, ...]]:
         return {result.name: result.wrong for result in pool.map(judged_case, cases, chunksize=4) if result.wrong}
 
 
+def test_limbs_that_press_together_do_not_keep_a_stop_from_its_end() -> None:
+    """The return to stance ends as near to it as they come."""
+    verdict = judged_case(Case("clearance below margin", "person stops it", When.MOVING))
+    assert verdict.wrong == (), verdict.name
+
+
 @pytest.mark.long
 def test_every_pair_harms_nothing() -> None:
     assert _wrong(pair_cases()) == {}
