@@ -41,7 +41,8 @@ BELOW: dict[str, set[str]] = {
 BELOW["run"] = {*BELOW, "run"}
 BELOW["recording"] = {*BELOW["run"], "recording"}
 BELOW["report"] = BELOW["viewer"] = {*BELOW["recording"], "recording"}
-BELOW["setup"] = {*BELOW["recording"], "report", "viewer"}
+BELOW["web"] = {*BELOW["recording"], "report", "viewer"}
+BELOW["setup"] = {*BELOW["web"], "web"}
 BELOW["cli"] = {*BELOW["setup"], "setup"}
 
 

@@ -36,14 +36,15 @@ if TYPE_CHECKING:
 
 
 class Asked(Enum):
-    """What a control asks for. STOP_TOO_SOON: a second stop that does not count (see `Press`). HOLD lasts until PAUSE,
-    the key that pauses and goes on. RELEASE: the dead-man control was let go; it holds until GRIP."""
+    """What a control asks for. STOP_TOO_SOON: a second stop that does not count (see `Press`). HOLD lasts until GO_ON,
+    or PAUSE, the key that pauses and goes on. RELEASE: the dead-man control was let go; it holds until GRIP."""
 
     STOP = auto()
     STOP_TOO_SOON = auto()
     TORQUE_OFF = auto()
     HOLD = auto()
     PAUSE = auto()
+    GO_ON = auto()
     GRIP = auto()
     RELEASE = auto()
     HEADING = auto()
@@ -536,7 +537,8 @@ class Oversight:
     """What may stop or hold a live run, and how its ticks are scheduled.
 
     Operator of a live stream:
-        dead_man KEY|pedal:FILE: The robot moves only while this key of the terminal, or pedal, is held.
+        dead_man KEY|pedal:FILE|page: The robot moves only while this key of the terminal, pedal, or control of the
+            page of web:// is held.
         stop_file FILE: Stop when this file appears.
         control_socket [PATH]: Be stopped or held by `retarget stop` and others.
 
@@ -669,6 +671,11 @@ class LiveControls:
         """The present state of the run, in a few words."""
         return words_for(self.status())
 
+    def state_and_reason(self) -> tuple[str, str]:
+        """The present state of the run, in a few words, and why the performer is not followed, "" where he is."""
+        words = self.words()
+        return words, self._performer.hold_reason if words == "holding" else ""
+
     def _carry_out(self, asked: Asked, reason: str) -> None:
         if asked is Asked.STOP:
             self._stop.ask(reason)
@@ -686,9 +693,10 @@ class LiveControls:
             self._engage(self._holds | {Asked.RELEASE})
             self._notify(reason)
         elif Asked.HOLD not in self._holds:
-            self._engage(self._holds | {Asked.HOLD})
-            self._notify(reason)
-        elif asked is Asked.PAUSE:
+            if asked is not Asked.GO_ON:
+                self._engage(self._holds | {Asked.HOLD})
+                self._notify(reason)
+        elif asked in (Asked.PAUSE, Asked.GO_ON):
             self._engage(self._holds - {Asked.HOLD})
             self._notify("going on" if self.engaged else "no pause any more: it goes on when it is held")
 

@@ -47,11 +47,12 @@ from retarget.cli.controls import (
 from retarget.cli.exit import DONE, STOPPED, StopRequest, detached_screens, stop_on_signals
 from retarget.cli.session import Session
 from retarget.cli.view import Viewing, opened_page, viewing
+from retarget.cli.web.control import LABEL, PAGE, PageControl, opened_web
 from retarget.errors import UsageError
 from retarget.frames import SensorFrames
 from retarget.human.samples import Performance, Playback
 from retarget.live.address import StreamAddress, is_address, parse_address
-from retarget.live.begin import LiveOptions, begin_live, live_rate_hz
+from retarget.live.begin import LONGEST_COUNTDOWN_S, LiveOptions, begin_live, live_rate_hz
 from retarget.live.open_stream import open_stream
 from retarget.live.performer import LivePerformer
 from retarget.live.playout import LIGHT
@@ -72,6 +73,7 @@ from retarget.schema.performer import Performer
 from retarget.sources.raw_record import RawWriter
 from retarget.types import Notify, RunState
 from retarget.viewer.feed import ViewFeed
+from retarget.web.link import PoseReceiver
 
 ANY_TIME = Scheduling()
 """Ticks as the system schedules them."""
@@ -142,8 +144,39 @@ class CommandRun:
         if self._feed is not None:
             self._feed.announce(state.value)
 
-    def viewing(self, prepared: Prepared, words: Callable[[], str] | None = None) -> AbstractContextManager[Viewing]:
-        """Show robot and performer on the page of the run, if it has one. words: the present state."""
+    @contextmanager
+    def live_page(
+        self, address: StreamAddress, live: "StreamOptions"
+    ) -> Iterator[tuple[PoseReceiver | None, list[Control], Callable[[], object]]]:
+        """The page of a live run. That of `web://` shows what is notified, and gives the receiver of its performer's
+        poses, what is asked for on it, and what to call while nothing moves."""
+        if address.kind != "web":
+            with self.page():
+                yield None, [], lambda: None
+            return
+        held = live.oversight.dead_man == PAGE
+        with opened_web(
+            address,
+            self.options.robot,
+            listen=live.listen,
+            dead_man=held,
+            use_generated_legs=live.use_generated_legs,
+            notify=self.notify,
+        ) as (self._feed, receiver):
+            said, show = self.notify, self._feed.note
+
+            def notify(text: str) -> None:
+                said(text)
+                show(text)
+
+            self.notify = notify
+            control = PageControl(self._feed, said)
+            yield receiver, [control], control.look
+
+    def viewing(
+        self, prepared: Prepared, words: Callable[[], tuple[str, str]] | None = None
+    ) -> AbstractContextManager[Viewing]:
+        """Show robot and performer on the page of the run, if it has one. words: the present state, and its reason."""
         return viewing(self._feed, prepared, self.options, words, truth=self.bench.truth, notify=self.notify)
 
     def play(
@@ -246,6 +279,8 @@ class StreamOptions:
         smoothing off|light|strong: Of the sensors: by a One-Euro filter.
         latest: The newest poses at once, without a playout buffer.
         record_raw FILE: Keep every datagram, for replay://.
+        listen: Let phones and headsets of the network open the page of web://, over HTTPS.
+        use_generated_legs: Of web://: use also legs that a headset makes up and does not see.
     """
 
     countdown: float | None = None
@@ -256,6 +291,8 @@ class StreamOptions:
     smoothing: str = LIGHT
     latest: bool = False
     record_raw: Path | None = None
+    listen: bool = False
+    use_generated_legs: bool = False
     oversight: Oversight = field(default_factory=Oversight)
 
     def begins(self, source: str, playback: Playback) -> LiveOptions:
@@ -273,6 +310,7 @@ class StreamOptions:
             )
         usual = 0.0 if source.startswith("replay:") else COUNTDOWN_S
         return LiveOptions(
+            patience=LONGEST_COUNTDOWN_S if source.startswith("web:") else LiveOptions.patience,
             countdown=usual if self.countdown is None else self.countdown,
             duration=playback.end,
             mirror=playback.mirror,
@@ -282,6 +320,20 @@ class StreamOptions:
             recalibrate=self.recalibrate,
             check_sides=sides_are_checked(source, self.check_sides, yes=self.yes),
         )
+
+    def refuse_of_web(self, address: StreamAddress, outputs: Outputs) -> None:
+        """Raise UsageError for what only the page of `web://` has, and for a second page beside it."""
+        if address.kind == "web":
+            if outputs.view is not None:
+                raise UsageError("web:// has a page of its own", where="--view", next_step="Leave it out")
+            return
+        of_web = {
+            "--listen": self.listen,
+            "--use-generated-legs": self.use_generated_legs,
+            f"--dead-man {PAGE}": self.oversight.dead_man == PAGE,
+        }
+        for option in filter(of_web.__getitem__, of_web):
+            raise UsageError("only web:// has this", where=option, next_step="Leave it out")
 
 
 def sides_are_checked(source: str, asked: bool | None, *, yes: bool) -> bool:
@@ -299,37 +351,40 @@ def follow_live(source: str, options: RunOptions, outputs: Outputs, live: Stream
     """
     begins = live.begins(source, options.playback)
     address = parse_address(source)
+    live.refuse_of_web(address, outputs)
     run = CommandRun(options, outputs, recorded=address.kind == "replay", goes_to_rest=True)
-    clock, notify = run.clock, run.notify
+    clock = run.clock
     refuse_oversight(live.oversight, virtual=type(clock) is VirtualClock)
-    supervisor = Supervisor(notify=notify)
     with detached_screens(), ExitStack() as stack:
         operator = stack.enter_context(ExitStack())
         devices, dead_man = _opened(live.oversight, operator, status=lambda: controls.status())
         tap = _raw_tap(live.record_raw, address, stack, overwrite=outputs.overwrite)
-
-        stack.enter_context(run.page())
+        receiver, on_the_page, look_at_page = stack.enter_context(run.live_page(address, live))
+        notify = run.notify
+        supervisor = Supervisor(notify=notify)
 
         def perform(performer: Performer, robot: RobotBody | None) -> Performance:
-            stream = open_stream(address, performer, tap=tap, smoothing=begins.smoothing, latest=begins.latest)
+            stream = open_stream(
+                address, performer, receiver=receiver, tap=tap, smoothing=begins.smoothing, latest=begins.latest
+            )
             stack.callback(stream.receiver.close)
             begin = partial(begin_live, stream, begins, clock=clock, rate_hz=live_rate_hz(robot), where=address.text)
             enter = partial(run.enter, supervisor)
-            return begin(notify=notify, enter=enter, has_deadlines=not options.simulated)
+            return begin(notify=notify, enter=enter, look=look_at_page, has_deadlines=not options.simulated)
 
         with run.prepared(perform, supervisor) as prepared:
             stop, performer = stack.enter_context(stop_on_signals(moves=True)), prepared.samples
             assert isinstance(performer, LivePerformer)
             controls = LiveControls(
-                [_keyboard(dead_man, stack), *devices],
+                [_keyboard(dead_man, stack), *devices, *on_the_page],
                 stop,
                 performer,
                 clock=clock,
                 notify=notify,
                 machine=prepared.machine,
-                dead_man=dead_man is not None,
+                dead_man=live.oversight.dead_man is not None,
             )
-            page = stack.enter_context(run.viewing(prepared, controls.words))
+            page = stack.enter_context(run.viewing(prepared, controls.state_and_reason))
             look = page.with_stop_button(controls.look, stop)
             _wait_until_engaged(controls, look, performer, clock)
             with run.recorder.recording(prepared, source=address.text) as recorded:
@@ -375,7 +430,9 @@ def _opened(
         opened.append(socket)
         log(f"`retarget stop --socket {shlex.quote(str(socket.path))}` stops it")
     dead_man = None
-    if oversight.dead_man is not None:
+    if oversight.dead_man == PAGE:
+        log(f"hold {LABEL}: the robot moves only while it is held")
+    elif oversight.dead_man is not None:
         dead_man = open_dead_man(oversight.dead_man, terminal=has_terminal())
         if isinstance(dead_man, Pedal):
             stack.callback(dead_man.close)
@@ -457,6 +514,8 @@ class RunRequest:
             report=self.report, save=self.save, plots=self.plots, record=self.record, overwrite=self.overwrite
         )
         if is_address(self.source):
+            if self.source.startswith("web:") and options.performer == RunOptions.performer:
+                options = replace(options, performer="web")  # takes what a camera or headset sees
             played = options.playback
             start = [] if played.start is None else ["--start"]
             pose = ["--keep-calibration-frame"] if played.keep_calibration_frame else []

@@ -17,7 +17,7 @@ from retarget.run.prepare import Prepared
 from retarget.run.record import Record
 from retarget.run.run_result import Extras
 from retarget.types import FloatArray, Notify
-from retarget.viewer.feed import PageSetup, ViewFeed, open_feed
+from retarget.viewer.feed import LIVE_PAGE, PageSetup, ViewFeed, open_feed
 from retarget.viewer.page import RecordedPage
 from retarget.viewer.recorded import open_recorded
 from retarget.viewer.server import PORT, close_server, open_server
@@ -113,7 +113,7 @@ def opened_page(port: int | None, options: RunOptions, notify: Notify) -> Iterat
     if port is None:
         yield None
         return
-    with open_feed(port, title=f"retarget: {options.robot}") as feed:
+    with open_feed(LIVE_PAGE, str(port), f"retarget: {options.robot}") as feed:
         notify(f"Look at it: {feed.address}")
         yield feed
 
@@ -123,13 +123,14 @@ def viewing(
     feed: ViewFeed | None,
     prepared: Prepared,
     options: RunOptions,
-    words: Callable[[], str] | None = None,
+    words: Callable[[], tuple[str, str]] | None = None,
     *,
     truth: Callable[[], FloatArray | None] = lambda: None,
     notify: Notify,
 ) -> Iterator[Viewing]:
-    """Put robot and performer on the page of a run; None: there is none. words: the present state, where the phase of
-    its tick does not say enough. truth: the state of a simulated body. Raises RefusedError for what cannot be shown."""
+    """Put robot and performer on the page of a run; None: there is none. words: the present state and its reason, where
+    the phase of its tick does not say enough. truth: the state of a simulated body. Raises RefusedError for what cannot
+    be shown."""
     if feed is None:
         yield Viewing(None)
         return
@@ -149,7 +150,10 @@ def viewing(
 
 
 def _extras(
-    prepared: Prepared, view: Viewing, words: Callable[[], str] | None, truth: Callable[[], FloatArray | None]
+    prepared: Prepared,
+    view: Viewing,
+    words: Callable[[], tuple[str, str]] | None,
+    truth: Callable[[], FloatArray | None],
 ) -> Extras:
     """What the page shows in addition to the rows of the record."""
     machine, scene_obstacles = prepared.machine, prepared.scene_obstacles
@@ -168,7 +172,7 @@ def _extras(
             return "stopped" if supervisor.over else "stopping", stop.reason
         if view.over or not supervisor.torque:
             return "ended", ""
-        return STATE_WORDS.get(supervisor.state, supervisor.state.value) if words is None else words(), ""
+        return (STATE_WORDS.get(supervisor.state, supervisor.state.value), "") if words is None else words()
 
     def current() -> FloatArray | None:
         states = machine.guard.states

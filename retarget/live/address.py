@@ -58,7 +58,7 @@ ANY_ADDRESS = IPv4Network("0.0.0.0/0")
 MOST_ALLOWED = 64
 """Entries of an allow-list."""
 MAX_SPEED = 100.0
-RECORDED = ("vmc", "vrchat", "natnet", "mvn", "json")
+RECORDED = ("vmc", "vrchat", "natnet", "mvn", "json", "web")
 """Kinds of stream that a recording may hold."""
 
 
@@ -145,6 +145,8 @@ _OPTIONS: dict[str, tuple[str, Callable[[str], Any]]] = {
 }
 """What an option may be, in words, and its reader, which raises ValueError."""
 
+WEB_PORT = 8790
+"""TCP port of the page of `web://`, where it is free."""
 NATNET_COMMAND_PORT = 1510
 """Where Motive listens for requests."""
 LOOPBACK = "127.0.0.1"
@@ -170,6 +172,7 @@ KINDS = {
     "natnet": StreamKind("natnet://192.168.1.5", 1_511, ("multicast", "interface", "up", "bones"), "Motive"),
     "mvn": StreamKind("mvn://:9763", 9_763, ("allow",), "MVN's network streamer"),
     "json": StreamKind("json://:14150", None, ("allow",), "the sender"),
+    "web": StreamKind("web://", WEB_PORT, (), "the page"),
     "replay": StreamKind("replay://walk.raw", None, ("speed", "kind", "up", "bones"), "the recording"),
 }
 """The schemes by name, with the usual ports of their senders (project facts on streams, sections 2 to 5)."""
@@ -242,6 +245,9 @@ def parse_address(text: str) -> StreamAddress:
             raise bad_address(text, "the file is missing", allowed=KINDS[kind].example)
         return StreamAddress(text, kind, path=Path(place), recorded=options.pop("kind", None), **options)
     host, port = _place(text, kind, place)
+    if kind == "web" and host not in ("", "localhost", LOOPBACK):
+        step = "Write web://, and add --listen for phones and headsets"
+        raise bad_address(text, "the page names its own addresses", found=host, allowed="web://[:PORT]", next_step=step)
     if kind == "natnet":
         return _natnet(text, host, port, options)
     return _listener(text, kind, host, port, options)

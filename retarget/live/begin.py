@@ -199,7 +199,8 @@ TRY_S = 0.1
 @dataclass(frozen=True, kw_only=True)
 class Beginning:
     """A live run that begins. where: the stream, for messages. notify: receives what the performer is to do. enter:
-    receives the states of the run as they begin: COUNTDOWN, CALIBRATING, CHECKING_SIDES."""
+    receives the states of the run as they begin: COUNTDOWN, CALIBRATING, CHECKING_SIDES. look: called every POLL_S; it
+    may raise KeyboardInterrupt."""
 
     stream: LiveStream
     options: LiveOptions
@@ -207,6 +208,7 @@ class Beginning:
     where: str
     notify: Notify
     enter: Enter = lambda state: None
+    look: Callable[[], object] = lambda: None
 
     def wait_for_data(self) -> None:
         """Wait until every needed sensor is fresh, and the stream has every sensor that the performer's file lists.
@@ -285,6 +287,7 @@ class Beginning:
         while True:
             self.clock.sleep_until(self.clock.now() + POLL_S)
             now = self.clock.now()
+            self.look()
             self.stream.poll(now, moving=measured)
             yield now, self.stream.read(now)
 
@@ -356,14 +359,15 @@ def begin_live(
     where: str,
     notify: Notify,
     enter: Enter = lambda state: None,
+    look: Callable[[], object] = lambda: None,
     has_deadlines: bool = True,
 ) -> Performance:
     """Wait for the stream, calibrate, and return the performance.
 
     notify: receives what the performer is to do, and later what changes. enter: receives the states of the run as they
-    begin: COUNTDOWN, CALIBRATING, CHECKING_SIDES. has_deadlines: as of `LivePerformer`. Raises InputError: no data,
-    sensors missing, not still, no rest pose, sides swapped; ConfigError, UsageError: the person's file. Each names the
-    next step.
+    begin: COUNTDOWN, CALIBRATING, CHECKING_SIDES. look: called every POLL_S while nothing moves; it may raise
+    KeyboardInterrupt. has_deadlines: as of `LivePerformer`. Raises InputError: no data, sensors missing, not still, no
+    rest pose, sides swapped; ConfigError, UsageError: the person's file. Each names the next step.
     """
     person = None
     if options.person is not None:
@@ -372,7 +376,7 @@ def begin_live(
     if person is not None:
         stream.roles = stream.roles.shifted(person.offset(stream.roles.convention, stream.roles.sensors))
     refuse_unmeasurable(stream.roles, where=where)
-    begin = Beginning(stream=stream, options=options, clock=clock, where=where, notify=notify, enter=enter)
+    begin = Beginning(stream=stream, options=options, clock=clock, where=where, notify=notify, enter=enter, look=look)
     begin.wait_for_data()
     refuse_version(stream, clock.now())
     calibrated = begin.measure(None if person is None else person.dimensions)

@@ -17,6 +17,7 @@ from retarget.live.roles import roles_of
 from retarget.live.sensor_validity import SensorValidity
 from retarget.live.stream import LiveStream
 from retarget.schema.performer import Performer
+from retarget.sources.camera import WebDecoder
 from retarget.sources.json_pose import JsonPoseDecoder
 from retarget.sources.mvn import MvnDecoder
 from retarget.sources.natnet_decoder import NatnetDecoder
@@ -67,25 +68,26 @@ def stream_kinds() -> dict[str, StreamKind]:
         "mvn": StreamKind(MvnDecoder, "mvn", lambda: ClockMap(resolution=1e-3)),
         "json": StreamKind(JsonPoseDecoder, "json", ClockMap),
         "natnet": StreamKind(NatnetDecoder, "natnet", ClockMap),
+        "web": StreamKind(WebDecoder, "json", ClockMap),
     }
 
 
 def open_stream(
-    source: StreamAddress | Receiver,
+    address: StreamAddress | None,
     performer: Performer,
     *,
+    receiver: Receiver | None = None,
     tap: RawTap | None = None,
     smoothing: str = LIGHT,
     latest: bool = False,
 ) -> LiveStream:
-    """Open the port, or the recording, of an address; or read poses in JSON from the caller's own receiver, as
-    `retarget.run.own_source.OwnSource` sends them. smoothing: see `playout.SMOOTHINGS`. latest: use the newest poses at
-    once, instead of a playout buffer.
+    """Open the port, or the recording, of an address; or read what the caller's own receiver gets, which is poses in
+    JSON where there is no address. smoothing: see `playout.SMOOTHINGS`. latest: use the newest poses at once, instead
+    of a playout buffer.
 
     Raises InputError: port taken, no such interface, no such recording; UsageError: sensors that such a sender does not
     have.
     """
-    address = source if isinstance(source, StreamAddress) else None
     kind, decoder = _decoder(address)
     if kind == "vmc" and performer.roles == BONES:
         decoder = VmcBodyDecoder()
@@ -93,12 +95,13 @@ def open_stream(
     roles = roles_of(performer, performer.roles or how.roles, where=f"performer {performer.name}")
     count = len(roles.sensors)
     smooth = pose_filter(smoothing, count)
-    if isinstance(source, StreamAddress):  # when all else was found right
-        source = open_receiver(
-            source, names_missing=lambda: isinstance(decoder, NatnetDecoder) and decoder.names_missing
+    if receiver is None:  # when all else was found right
+        assert address is not None, "an address, or a receiver"
+        receiver = open_receiver(
+            address, names_missing=lambda: isinstance(decoder, NatnetDecoder) and decoder.names_missing
         )
     return LiveStream(
-        source,
+        receiver,
         decoder,
         roles,
         admission=Admission() if address is None else admission_for(address),

@@ -93,7 +93,7 @@ class RunOptions:
         bus NAME|PORT: Where goals go: mock, emulator (talks as servos do), physics (has mass, can fall), physics+wire,
             none; real servos: profile, or a PORT.
         performer NAME|FILE: The sensors: five, five_head, three, six, ten, all, avatar, optitrack, optitrack_skeleton,
-            or a file.
+            web (usual with web://), or a file.
         priorities NAME|FILE: Priority file of the robot (of 'human': its own).
         scene NAME|FILE: The scene: table, wall, ..., or a file.
         allow_contact: Begin also where the body touches the scene.

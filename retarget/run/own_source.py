@@ -93,7 +93,9 @@ def performing(
 
     def perform(performer: Performer, robot: RobotBody | None) -> Performance:
         source = OwnSource(read)
-        stream = open_stream(source, performer, tap=tap, smoothing=options.smoothing, latest=options.latest)
+        stream = open_stream(
+            None, performer, receiver=source, tap=tap, smoothing=options.smoothing, latest=options.latest
+        )
         return begin_live(stream, options, clock=clock, rate_hz=live_rate_hz(robot), where=where, notify=notify)
 
     return perform

@@ -1,4 +1,4 @@
-"""The run's end of a page: what it does goes out, and nothing comes in but that the operator wants the run to stop.
+"""The run's end of a page: what it does goes out, and what the operator asks for on the page comes in.
 
 The page is served by a process of its own. Between them is a pair of sockets whose ends never wait: what the other does
 not take at once is dropped, so that a page that is slow, stopped or dead costs a tick nothing.
@@ -9,19 +9,23 @@ import os
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from hardware.errors import RetargetError
 from retarget.errors import ConfigError
 from retarget.model.body_file import Root
 from retarget.run.record import Record
 from retarget.run.run_result import Extras
 from retarget.viewer.snapshot import Row
 
+LIVE_PAGE = "retarget.viewer.live_page"
+"""The module that serves the page of `--view`: it takes a port and a title."""
 SHOWN_HZ = 25.0
 STOP = b"stop"
 READY, REFUSED = b"ready ", b"refused "
@@ -33,6 +37,8 @@ BUFFER_BYTES = 1 << 17
 """Room of the socket: two rows of the largest robot; what does not fit is dropped."""
 LONGEST_ANSWER = 4096
 """Bytes of an answer of the page, and more."""
+MOST_WORDS = 64
+"""Words of the page that wait for the run: more than one tick hears."""
 
 
 @dataclass(frozen=True)
@@ -49,16 +55,25 @@ class PageSetup:
     landmarks: tuple[str, ...] = ()
 
 
-def packed(message: PageSetup | Row | str) -> bytes:
+@dataclass(frozen=True)
+class Note:
+    """What the run says to the people at the page: an instruction to the performer, a warning, how it ended."""
+
+    note: str
+
+
+def packed(message: PageSetup | Row | Note | str) -> bytes:
     """A message to the process of the page, as JSON; a text is a state."""
     return json.dumps(message if isinstance(message, str) else vars(message), default=np.ndarray.tolist).encode()
 
 
-def unpacked(data: bytes) -> PageSetup | Row | str:
+def unpacked(data: bytes) -> PageSetup | Row | Note | str:
     """The message of these bytes."""
     said = json.loads(data)
     if isinstance(said, str):
         return said
+    if "note" in said:
+        return Note(**said)
     lists: Any = tuple if "human_mjcf" in said else np.array
     known = {name: lists(value) if isinstance(value, list) else value for name, value in said.items()}
     return PageSetup(**known) if lists is tuple else Row(**known)
@@ -77,12 +92,18 @@ class ViewFeed:
         """Rows that the page did not take."""
         self._landmarks: tuple[str, ...] = ()
         self._stop = False
+        self._words: deque[str] = deque(maxlen=MOST_WORDS)
         self._last: tuple[Record, int] | None = None
 
     def announce(self, state: str) -> None:
         """Show a state of the run in which nothing moves yet."""
         with suppress(OSError):
             self._send(state)
+
+    def note(self, text: str) -> None:
+        """Show a sentence."""
+        with suppress(OSError):
+            self._send(Note(text))
 
     def begin(self, setup: PageSetup, *, rate_hz: float) -> None:
         """Wait until all that is seen is on the page. rate_hz: of the ticks. Raises ConfigError or what it refuses."""
@@ -102,12 +123,31 @@ class ViewFeed:
 
     def stop_asked(self) -> bool:
         """Whether the operator pressed the button of the page, ever."""
-        try:
-            if self._link.recv(LONGEST_ANSWER) == STOP:
-                self._stop = True
-        except OSError:  # no message, or no process
-            pass
+        self._hear()
         return self._stop
+
+    def words(self) -> list[str]:
+        """What else was said on the page since the last call, oldest first, at most MOST_WORDS."""
+        self._hear()
+        words = [*self._words]
+        self._words.clear()
+        return words
+
+    def _hear(self) -> None:
+        for _ in range(MOST_WORDS):
+            try:
+                word = self._link.recv(LONGEST_ANSWER)
+            except OSError:  # no message, or no process
+                return
+            if not word:
+                return
+            self._take(word)
+
+    def _take(self, word: bytes) -> None:
+        if word == STOP:
+            self._stop = True
+        else:
+            self._words.append(word.decode(errors="replace"))
 
     def end(self) -> None:
         """Show how it ended."""
@@ -123,8 +163,8 @@ class ViewFeed:
         try:
             for message in said:
                 self._send(message)
-            while (answer := self._link.recv(LONGEST_ANSWER)) == STOP:
-                self._stop = True
+            while (answer := self._link.recv(LONGEST_ANSWER)) and not answer.startswith((READY, REFUSED)):
+                self._take(answer)
         except OSError as error:
             answer = f"the page did not open: {error}".encode()
         self._link.setblocking(False)
@@ -146,23 +186,24 @@ class ViewFeed:
             known |= {"current": extras.current(), "truth": extras.truth()}
         self._send(Row(time=time, state=state, why=why, obstacle_poses=extras.obstacles(), **known))
 
-    def _send(self, message: PageSetup | Row | str) -> None:
+    def _send(self, message: PageSetup | Row | Note | str) -> None:
         self._link.send(packed(message))
 
 
 @contextmanager
-def open_feed(port: int, *, title: str) -> Iterator[ViewFeed]:
+def open_feed(module: str, *arguments: str, passed: Sequence[int] = ()) -> Iterator[ViewFeed]:
     """The page of a run, from now on; in the end it shows how the run ended, and ends by itself, or is ended.
 
-    Raises ConfigError or what it refuses.
+    module: it is run as `python -m MODULE FD ARGUMENTS`, FD being its end of the pair of sockets. passed: further files
+    that it keeps open. Raises ConfigError or what it refuses.
     """
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     for end in (ours, theirs):
         end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
     with theirs:
         process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "retarget.viewer.live_page", str(theirs.fileno()), str(port), title],
-            pass_fds=(theirs.fileno(),),
+            [sys.executable, "-P", "-m", module, str(theirs.fileno()), *arguments],
+            pass_fds=(theirs.fileno(), *passed),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},  # the code that the run runs
@@ -173,6 +214,9 @@ def open_feed(port: int, *, title: str) -> Iterator[ViewFeed]:
             feed.address = feed.answer()
             try:
                 yield feed
+            except RetargetError as error:
+                feed.note(str(error))
+                raise
             finally:
                 feed.end()
     finally:

@@ -128,13 +128,14 @@ def serve(link: socket.socket, page: LivePage) -> None:
         if isinstance(said, str):
             page.announce(said)
         elif isinstance(said, PageSetup):
-            page.begin(_cast(said))  # whole before the run goes on: this work would slow it
+            page.begin(cast_of(said))  # whole before the run goes on: this work would slow it
             link.send(READY)
-        else:
+        elif isinstance(said, Row):
             page.show(said, newest=not select.select([link], [], [], 0.0)[0])
 
 
-def _cast(setup: PageSetup) -> Cast:
+def cast_of(setup: PageSetup) -> Cast:
+    """Robot and performer of a run. Raises RetargetError for a robot or scene that cannot be read."""
     robot, body = None if setup.robot is None else load_robot(setup.robot, root=setup.root), None
     if robot is not None:
         body = Actor(compile_body(robot.profile.body_path, root=setup.root or robot.profile.root))

@@ -2,12 +2,12 @@
 
 import hmac
 import secrets
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass, replace
 from http import HTTPStatus
 from io import StringIO
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from retarget.errors import ConfigError
 
@@ -41,29 +41,38 @@ class Refused:
 
 
 class AccessToken:
-    """Guards one page. port: where it is served, known once the server has it; key: None draws one."""
+    """Guards one page. port: where it is served, known once the server has it; key: None draws one. hosts: names and
+    addresses of this server, the first of which is told; scheme: http or https."""
 
-    def __init__(self, port: int | None = None, *, key: str | None = None) -> None:
+    def __init__(
+        self,
+        port: int | None = None,
+        *,
+        key: str | None = None,
+        hosts: Sequence[str] = HOSTS,
+        scheme: Literal["http", "https"] = "http",
+    ) -> None:
         self.port = port
         self._key = key or secrets.token_urlsafe(KEY_BYTES)
+        self._hosts, self._scheme = tuple(hosts), scheme
 
     @property
     def address(self) -> str:
         """What to open in a browser."""
-        return f"http://127.0.0.1:{self.port}/{self._key}/"
+        return f"{self._scheme}://{self._hosts[0]}:{self.port}/{self._key}/"
 
     def judge(self, path: str, header: Header) -> str | Refused:
         """The path without the key (it begins with a slash) of a request that may be answered; else why not.
 
         path: as requested; header: those of the request.
         """
-        hosts = [f"{host}:{self.port}" for host in HOSTS]
+        hosts = [f"{host}:{self.port}" for host in self._hosts]
         if header("Host") not in hosts:
             return Refused(HTTPStatus.FORBIDDEN, "this page has another address")
         origin = header("Origin")
         if origin is None and header("Upgrade") is not None:
             return Refused(HTTPStatus.FORBIDDEN, "a connection has to name the page that it comes from")
-        if origin is not None and origin.removeprefix("http://") not in hosts:
+        if origin is not None and origin.removeprefix(f"{self._scheme}://") not in hosts:
             return Refused(HTTPStatus.FORBIDDEN, "another page may not use this one")
         given, _, rest = path.removeprefix("/").partition("?")[0].partition("/")
         if not hmac.compare_digest(given.encode(errors="replace"), self._key.encode()):
@@ -111,7 +120,7 @@ def _guarded(access: AccessToken) -> Iterator[None]:
 
     def guarded(*given: Any, process_request: Any, **named: Any) -> Any:
         def ask(connection: sockets.ServerConnection, request: Request) -> Response | None:
-            judged = access.judge(request.path, lambda name: _only(request.headers.get_all(name)))
+            judged = access.judge(request.path, lambda name: only_value(request.headers.get_all(name)))
             if isinstance(judged, Refused):
                 return connection.respond(judged.status, f"{judged.why}\n")
             response: Response | None = process_request(connection, replace(request, path=judged))
@@ -129,6 +138,6 @@ def _guarded(access: AccessToken) -> Iterator[None]:
         sockets.serve = serve  # type: ignore[misc]
 
 
-def _only(values: list[str]) -> str | None:
+def only_value(values: list[str]) -> str | None:
     """The one value of a header; of several, one that no check passes."""
     return values[0] if len(values) == 1 else None if not values else "\0several"

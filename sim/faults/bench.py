@@ -332,7 +332,7 @@ class Bench:
 
     def _perform(self, performer: Performer, robot: RobotBody | None) -> Performance:
         assert robot is not None
-        self.stream = open_stream(self.sender, performer)
+        self.stream = open_stream(None, performer, receiver=self.sender)
         self.stream.admission = Admission(allow=(LISTED,))
         live = LiveOptions(countdown=0.3, duration=self._duration)
         rate = robot.profile.safety.rate_hz

@@ -21,7 +21,7 @@ WHERE = "json://:7000"
 
 def live_stream(sender: FakeSender, performer: Performer) -> LiveStream:
     """A stream from the sender."""
-    return open_stream(sender, performer)
+    return open_stream(None, performer, receiver=sender)
 
 
 class LiveRig:

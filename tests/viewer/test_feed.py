@@ -21,7 +21,7 @@ from retarget.run.options import RunOptions
 from retarget.run.record import HumanRecord, Record, RobotRecord, Timing
 from retarget.run.run_result import Extras
 from retarget.types import RunState
-from retarget.viewer.feed import READY, STOP, PageSetup, ViewFeed, open_feed, unpacked
+from retarget.viewer.feed import LIVE_PAGE, READY, STOP, PageSetup, ViewFeed, open_feed, unpacked
 from retarget.viewer.live_page import serve
 from retarget.viewer.snapshot import Row
 
@@ -113,7 +113,7 @@ def test_a_page_that_takes_nothing_costs_nothing() -> None:
 
 def test_a_page_that_hangs_is_ended_with_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("retarget.viewer.feed.ENDING_S", 0.1)
-    with open_feed(0, title="") as run:
+    with open_feed(LIVE_PAGE, "0", "") as run:
         os.kill(run.process, signal.SIGSTOP)
     with pytest.raises(ProcessLookupError):
         os.kill(run.process, 0)
@@ -162,10 +162,10 @@ def test_what_is_asked_before_the_performer_is_known_is_not_lost() -> None:
 def test_a_page_is_there_before_the_performer_is_known_and_ends_with_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("retarget.viewer.feed.ENDING_S", 30.0)  # on a machine that has other things to do
     setup = PageSetup(str(op3().profile.path), None, "table", build_human(dimensions(performer())).mjcf)
-    with open_feed(0, title="a <b>run</b>") as run:
+    with open_feed(LIVE_PAGE, "0", "a <b>run</b>") as run:
         assert run.address.startswith("http://127.0.0.1:")
         port = int(run.address.split(":")[2].split("/")[0])
-        with open_feed(port, title="") as other:
+        with open_feed(LIVE_PAGE, str(port), "") as other:
             assert f":{port}/" not in other.address, "the next port that is free"
         run.announce("calibrating")
         run.begin(setup, rate_hz=125.0)
@@ -175,14 +175,14 @@ def test_a_page_is_there_before_the_performer_is_known_and_ends_with_the_run(mon
 
 def test_a_page_that_dies_at_once_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.executable", "/bin/false")
-    with refuses(ConfigError), open_feed(0, title=""):
+    with refuses(ConfigError), open_feed(LIVE_PAGE, "0", ""):
         pass
 
 
 def test_the_page_of_a_live_run_is_open_while_the_performer_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
     said: list[str] = []
     page = SimpleNamespace(address="http://page", announce=said.append)
-    monkeypatch.setattr("retarget.cli.view.open_feed", lambda port, *, title: nullcontext(page))
+    monkeypatch.setattr("retarget.cli.view.open_feed", lambda *given: nullcontext(page))
 
     def begin(*given: Any, enter: Callable[[RunState], None], **named: Any) -> None:
         enter(RunState.COUNTDOWN)

@@ -1,0 +1,126 @@
+"""The page of `web://` in a run of the command line: its address, and what people ask for on it."""
+
+import io
+import sys
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from math import inf
+
+from retarget.cli.application import log
+from retarget.cli.controls import GRIPS, Asked
+from retarget.errors import ConfigError
+from retarget.live.address import WEB_PORT, StreamAddress
+from retarget.types import Notify
+from retarget.viewer.feed import MOST_WORDS, ViewFeed
+from retarget.web.link import GO_ON, GRIP, PAUSE, RELEASE, ROUND_TRIP, TELL, PoseReceiver, Settings, open_web
+from retarget.web.runtime import runtime_folder
+
+GRIPPED_S = 0.5
+"""A dead-man control that the page's process does not confirm for so long counts as let go, s: five of its messages."""
+MOST_ROUND_TRIPS = 600
+"""Measurements of the way to the page that are kept: ten minutes of one a second."""
+PAUSED = "paused on the page: the robot holds until somebody lets it go on there, or by p"
+PAGE = "page"
+"""`--dead-man` on the page."""
+LABEL = "H on the page, a finger on its pad, or the grip of a controller"
+"""What the operator has to hold."""
+
+
+class PageControl:
+    """What is asked for on the page: pause and go on, and its dead-man control. STOP comes by the feed itself.
+    notify: receives what the page's process says. round_trips: there and back to a browser, ms, so far."""
+
+    def __init__(self, feed: ViewFeed, notify: Notify) -> None:
+        self._feed, self._notify = feed, notify
+        self._asked: deque[str] = deque(maxlen=MOST_WORDS)
+        self._gripped = -inf  # [s] when it was last confirmed
+        self._held: bool | None = None  # not known: nobody has used it
+        self.round_trips: deque[float] = deque(maxlen=MOST_ROUND_TRIPS)
+
+    def poll(self, now: float) -> Iterator[tuple[Asked, str]]:
+        """Return what was asked for, as `Control.poll` says."""
+        self.listen()
+        while self._asked:
+            word = self._asked.popleft()
+            if word == PAUSE:
+                yield Asked.HOLD, PAUSED
+            elif word == GO_ON:
+                yield Asked.GO_ON, "going on, as asked on the page"
+            elif word == GRIP:
+                self._gripped = now
+                yield from self._grip(held=True)
+            elif word == RELEASE:
+                yield from self._grip(held=False)
+        if self._held and now - self._gripped > GRIPPED_S:
+            yield from self._grip(held=False)
+
+    def listen(self) -> None:
+        """Report what the page's process says, and keep what is asked for."""
+        for word in self._feed.words():
+            if word.startswith(TELL):
+                self._notify(word.removeprefix(TELL))
+            elif word.startswith(ROUND_TRIP):
+                with suppress(ValueError):
+                    self.round_trips.append(float(word.removeprefix(ROUND_TRIP)))
+            else:
+                self._asked.append(word)
+
+    def look(self) -> None:
+        """`listen`, while nothing moves. Raises KeyboardInterrupt once somebody has pressed STOP."""
+        self.listen()
+        if self._feed.stop_asked():
+            raise KeyboardInterrupt
+
+    def close(self) -> None:
+        """Do nothing: the page closes with its run."""
+
+    def _grip(self, *, held: bool) -> Iterator[tuple[Asked, str]]:
+        if held is not self._held:
+            self._held = held
+            yield GRIPS[held]
+
+
+@contextmanager
+def opened_web(
+    address: StreamAddress, robot: str, *, listen: bool, dead_man: bool, use_generated_legs: bool, notify: Notify
+) -> Iterator[tuple[ViewFeed, PoseReceiver]]:
+    """The page of a run, and the poses that it sends. Says where it is, with a code for a phone to read. Raises
+    ConfigError where it cannot be served."""
+    try:
+        import segno
+        import websockets  # noqa: F401  (the page's process needs it)
+    except ImportError as error:
+        raise ConfigError(
+            "web:// needs websockets, segno and trustme",
+            found=str(error),
+            next_step="Install them: pip install 'retarget[web]'",
+        ) from error
+    settings = Settings(
+        listen=listen, port=address.port, robot=robot, dead_man=dead_man, use_generated_legs=use_generated_legs
+    )
+    with open_web(settings) as (feed, receiver):
+        where, _, fingerprint = feed.address.partition(" ")
+        for line in told(where, fingerprint):
+            notify(line)
+        if sys.stderr.isatty():
+            code = io.StringIO()
+            segno.make(where, error="l").terminal(code, compact=True)
+            log(code.getvalue())
+        yield feed, receiver
+
+
+def told(address: str, fingerprint: str) -> Iterator[str]:
+    """What is said of the page's address. fingerprint: of its certificate, "" without one."""
+    yield f"Open {address}"
+    if fingerprint:
+        yield (
+            "the browser warns of the certificate, which this run has made for itself: go on if its SHA-256 "
+            f"fingerprint is {fingerprint}"
+        )
+        yield (
+            "a headset on a cable needs no certificate: run without --listen, then "
+            f"`adb reverse tcp:{WEB_PORT} tcp:{WEB_PORT}`, and open the address that is printed then in its browser"
+        )
+    if runtime_folder() is None:
+        yield "a camera needs `retarget web install` once; a headset does not"

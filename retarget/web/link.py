@@ -1,0 +1,80 @@
+"""The run's end of `web://`: its page in a process of its own, and the poses that browsers send."""
+
+import json
+import socket
+import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+
+from retarget.live.address import LOOPBACK
+from retarget.live.admission import MOST_PER_POLL, Datagram
+from retarget.sources.stream_frame import MAX_DATAGRAM, Dropped
+from retarget.viewer.feed import BUFFER_BYTES, ViewFeed, open_feed
+
+SERVER = "retarget.web.server"
+"""The module that serves the page."""
+HEADER = struct.Struct("<dI")
+"""Before each frame of poses: when it arrived, s of this machine's monotonic clock, and the number of its performer."""
+PAUSE, GO_ON, GRIP, RELEASE = "pause", "go on", "grip", "release"
+ROUND_TRIP, TELL = "round trip ", "tell "
+"""Words of the page to the run; behind the last two stand a time, ms, and a sentence."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How the page is served. listen: on every interface, with HTTPS, and not on this machine alone. port: of TCP, 0
+    for any. robot: its name. dead_man: the robot moves only while it is held. use_generated_legs: legs that a headset
+    makes up are used. poses: number of the socket to the run for poses."""
+
+    listen: bool
+    port: int
+    robot: str
+    dead_man: bool = False
+    use_generated_legs: bool = False
+    poses: int = -1
+
+
+class PoseReceiver:
+    """Frames of poses from the process of the page. Implements `retarget.live.admission.Receiver`.
+
+    A performer is a source of its own: 127.0.0.1 and the number that the page's process gives it.
+    """
+
+    finished = False
+    """A page may always send again."""
+
+    def __init__(self, link: socket.socket) -> None:
+        """link: a socket that keeps the limits of messages (SOCK_SEQPACKET)."""
+        self.dropped = Dropped()
+        self._link = link
+        self._link.setblocking(False)
+
+    def poll(self, now: float) -> list[Datagram]:
+        """What has arrived until `now`, s, oldest first, at most MOST_PER_POLL. Never blocks or raises."""
+        found: list[Datagram] = []
+        for _ in range(MOST_PER_POLL):
+            try:
+                message = self._link.recv(HEADER.size + MAX_DATAGRAM)
+            except OSError:
+                break
+            if len(message) <= HEADER.size:  # the process of the page has ended
+                break
+            arrival, number = HEADER.unpack_from(message)
+            found.append(Datagram(min(arrival, now), (LOOPBACK, number), message[HEADER.size :]))
+        return found
+
+    def close(self) -> None:
+        """Close the socket. A second call has no effect."""
+        self._link.close()
+
+
+@contextmanager
+def open_web(settings: Settings) -> Iterator[tuple[ViewFeed, PoseReceiver]]:
+    """The page of `web://`, until the run ends. Raises ConfigError or what it refuses."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    theirs.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
+    with ours, theirs:
+        told = json.dumps(asdict(settings) | {"poses": theirs.fileno()})
+        with open_feed(SERVER, told, passed=[theirs.fileno()]) as feed:
+            yield feed, PoseReceiver(ours)

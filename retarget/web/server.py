@@ -1,0 +1,447 @@
+"""The page of `web://`, served by a process of its own: files of the page, and a WebSocket to each browser.
+
+`python -m retarget.web.server FD SETTINGS`: FD is the process's end of the pair of sockets that
+`retarget.viewer.feed.ViewFeed` has the other end of, SETTINGS is JSON of `retarget.web.link.Settings`. docs/web.md has
+the messages.
+
+A browser is a performer, whose poses go on to the run byte for byte, or looks on. Any of them may stop or pause the
+robot. Nothing is served without the key in its address, and one performer at a time is heard.
+"""
+
+import asyncio
+import json
+import mimetypes
+import signal
+import socket
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from http import HTTPStatus
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from websockets.asyncio.server import ServerConnection, broadcast, serve
+from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+
+from hardware.clock import Clock, MonotonicClock
+from hardware.errors import RetargetError
+from retarget import __version__
+from retarget.errors import ConfigError
+from retarget.live.address import EVERYWHERE, local_interfaces
+from retarget.sources.stream_frame import MAX_DATAGRAM
+from retarget.types import FloatArray
+from retarget.viewer.feed import BUFFER_BYTES, READY, REFUSED, STOP, Note, PageSetup, unpacked
+from retarget.viewer.live_page import cast_of
+from retarget.viewer.server import HOSTS, AccessToken, Refused, only_value
+from retarget.viewer.snapshot import Actor, Cast, Row
+from retarget.web.link import GO_ON, GRIP, HEADER, PAUSE, RELEASE, ROUND_TRIP, TELL, Settings
+from retarget.web.runtime import runtime_folder
+
+HERE = Path(__file__).parent
+FILES = {"": HERE / "page" / "index.html", "bodies.js": HERE.parent / "report" / "bodies.js"}
+"""What is served beside the folder of the page and that of the runtime, by its place under the key."""
+TYPES = {".js": "text/javascript", ".mjs": "text/javascript", ".wasm": "application/wasm", ".svg": "image/svg+xml"}
+POLICY = (
+    "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; worker-src 'self' blob:; connect-src 'self'; "
+    "img-src 'self' data: blob:; style-src 'self'; media-src 'self' blob:; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'none'"
+)
+"""Content security policy: the page loads from this server and talks to it, and to nobody else."""
+HEADERS = {
+    "Content-Security-Policy": POLICY,
+    "Permissions-Policy": "camera=(self), xr-spatial-tracking=(self), microphone=(), geolocation=()",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+    "Cache-Control": "no-store",
+}
+
+MOST_CLIENTS = 8
+"""Browsers at a time: a performer, and who looks after the robot."""
+MOST_PER_S, BURST = 150.0, 300.0
+"""Messages a second that a browser may send on average (a headset at 90 Hz, and what a page says of itself), and how
+many at once (a page that was busy for two seconds)."""
+HELD_S = 0.3
+"""A dead-man control that is not confirmed for so long, s, counts as let go: three of the page's messages."""
+HEARTBEAT_S = 0.1
+"""Time between two messages to the run that the control is held, s."""
+SLOW_BYTES = 1 << 18
+"""Bytes that wait for a browser before rows are left out for it: some seconds of them."""
+OUT_OF_REACH_M = 0.03
+"""A landmark of the robot is farther than this from where it is asked before the page says so, m."""
+LAST_SHOWN_S = 1.5
+"""So long the page stays when the run has ended, with the reason."""
+NEXT_PORTS = 20
+"""Ports that are tried one after the other from the one that is asked for."""
+
+
+@dataclass(eq=False)
+class Client:
+    """A browser. identity: what its page calls itself; held: when its dead-man control was last confirmed, None where
+    it has none. room: messages that it may send at once, as of `since`."""
+
+    socket: ServerConnection
+    room: float = BURST
+    since: float = 0.0
+    identity: str = ""
+    performs: bool = False
+    held: float | None = None
+
+
+class _Ended(Exception):
+    """A client that is sent away; its text says why."""
+
+
+@dataclass(eq=False)
+class PageServer:
+    """Passes poses to the run, and what the run says to every browser. feed, poses: sockets to the run."""
+
+    settings: Settings
+    access: AccessToken
+    feed: socket.socket
+    poses: socket.socket
+    clock: Clock
+    clients: dict[Client, None] = field(default_factory=dict)
+    said: dict[str, str] = field(default_factory=dict)
+    """The last message of each kind to all browsers: a new one gets them, too."""
+    ended: asyncio.Event = field(default_factory=asyncio.Event)
+    _known: dict[str, int] = field(default_factory=dict)
+    """Numbers of performers, by what their pages call themselves."""
+    _cast: Cast | None = None
+    _setup: PageSetup | None = None
+    _needs_grip: bool = False
+    _held: bool | None = None
+    _round_trip: FloatArray = field(default_factory=lambda: np.zeros(0))
+
+    # Files.
+
+    def answer(self, connection: ServerConnection, request: Request) -> Response | None:
+        """The file that a request asks for, a refusal, or None for a WebSocket that may open."""
+        judged = self.access.judge(request.path, lambda name: only_value(request.headers.get_all(name)))
+        if isinstance(judged, Refused):
+            self.tell(f"a page was refused: {judged.why}")
+            return connection.respond(judged.status, f"{judged.why}\n")
+        if judged == "/ws":
+            return None
+        path = served_file(judged.removeprefix("/"))
+        if path is None:
+            return connection.respond(HTTPStatus.NOT_FOUND, "there is no such file\n")
+        body = path.read_bytes()
+        kind = TYPES.get(path.suffix) or mimetypes.guess_type(path.name)[0] or "application/octet-stream"
+        headers = Headers({"Content-Type": kind, "Content-Length": str(len(body)), **HEADERS})
+        return Response(HTTPStatus.OK, "OK", headers, body)
+
+    # Browsers.
+
+    async def talk(self, connection: ServerConnection) -> None:
+        """Serve one browser until it leaves, or is sent away with a sentence."""
+        client = Client(connection, since=self.clock.now())
+        try:
+            await self._welcome(client)
+            async for message in connection:
+                self._take(client, message)
+        except _Ended as why:
+            self.tell(f"a page was sent away: {why}")
+            with suppress(ConnectionClosed):
+                await connection.send(json.dumps({"hear": "refused", "why": str(why)}))
+        except ConnectionClosed:
+            pass
+        finally:
+            if self.clients.pop(client, 0) is None and client.performs:
+                self.tell("the performer's page is gone")
+
+    async def _welcome(self, client: Client) -> None:
+        """Hear who a browser is, and tell it what goes on. Raises _Ended for one that may not take part."""
+        hello = _parsed(await client.socket.recv())
+        client.identity, given = str(hello.get("id", ""))[:64], hello.get("input")
+        if hello.get("say") != "hello" or given not in ("camera", "headset", "watch") or not client.identity:
+            raise _Ended("the page says something else than its server understands: load it anew")
+        if len(self.clients) >= MOST_CLIENTS:
+            raise _Ended(f"more than {MOST_CLIENTS} pages are open: close one")
+        if given != "watch":
+            self._admit(client.identity)
+            client.performs = True
+            self.tell(f"a performer is here, with a {given}")
+        settings = self.settings
+        welcome = {
+            "hear": "welcome",
+            "robot": settings.robot,
+            "runtime": runtime_folder() is not None,
+            "dead_man": settings.dead_man,
+            "use_generated_legs": settings.use_generated_legs,
+            "version": __version__,
+        }
+        self.clients[client] = None
+        for text in (json.dumps(welcome), *self.said.values()):
+            await client.socket.send(text)
+
+    def _admit(self, identity: str) -> None:
+        """Raise _Ended while another performer is here, and for another one than who was measured."""
+        if any(one.performs and one.identity != identity for one in self.clients):
+            raise _Ended("another performer is here: one at a time. This page can look after the robot instead")
+        if self._setup is not None and identity not in self._known:
+            raise _Ended("the robot follows somebody else, who was measured: end the run, and start it anew")
+        if self._setup is None:
+            self._known.clear()
+        self._known.setdefault(identity, len(self._known) + 1)
+
+    def _take(self, client: Client, message: str | bytes) -> None:
+        """One message of a browser. Raises _Ended for one that floods, or says what no page of ours says."""
+        now = self.clock.now()
+        client.room = min(client.room + (now - client.since) * MOST_PER_S, BURST) - 1.0
+        client.since = now
+        if client.room < 0.0:
+            raise _Ended(f"the page sends more than {MOST_PER_S:g} messages a second")
+        if isinstance(message, str) and not message.startswith('{"say"'):
+            self._forward(client, message.encode(), now)
+            return
+        said = _parsed(message)
+        act = _SAYINGS.get(str(said["say"]))
+        if act is None:
+            raise _Ended("the page says something else than its server understands: load it anew")
+        act(self, client, said)
+
+    def _forward(self, client: Client, frame: bytes, now: float) -> None:
+        """Poses to the run; where it takes none, it waits for newer ones."""
+        if client.performs and len(frame) <= MAX_DATAGRAM:
+            with suppress(OSError):
+                self.poses.send(HEADER.pack(now, self._known[client.identity]) + frame)
+
+    def stop(self, client: Client, said: dict[str, Any]) -> None:
+        """Somebody pressed STOP."""
+        with suppress(OSError):
+            self.feed.send(STOP)
+
+    def pause(self, client: Client, said: dict[str, Any]) -> None:
+        """Somebody pauses the robot, or lets it go on."""
+        self._word(PAUSE if said["say"] == "pause" else GO_ON)
+
+    def hold(self, client: Client, said: dict[str, Any]) -> None:
+        """A dead-man control is held, or let go: from now on the robot needs one that is held."""
+        client.held = self.clock.now() if said.get("held") is True else -np.inf
+        self._needs_grip = True
+        self._grip()
+
+    def pong(self, client: Client, said: dict[str, Any]) -> None:
+        """Measure the way there and back: the page sends what it measured the last time."""
+        if isinstance(said.get("rtt"), int | float) and 0.0 <= said["rtt"] < 1e4:
+            self._word(f"{ROUND_TRIP}{said['rtt']:.3f}")
+        _send(client, json.dumps({"hear": "pong", "t": said.get("t")}))
+
+    def health(self, client: Client, said: dict[str, Any]) -> None:
+        """What a page says of itself: a new trouble is told to the run."""
+        trouble = str(said.get("trouble") or "")[:200]
+        if client.performs and trouble.isprintable() and trouble != self.said.get("trouble", ""):
+            self.said["trouble"] = trouble
+            if trouble:
+                self.tell(f"the page: {trouble}")
+
+    async def beat(self) -> None:
+        """Confirm again and again that a dead-man control is held, until the run has ended."""
+        while not self.ended.is_set():
+            self._grip()
+            await asyncio.sleep(HEARTBEAT_S)
+
+    def _grip(self) -> None:
+        now = self.clock.now()
+        held = any(one.held is not None and now - one.held <= HELD_S for one in self.clients)
+        if self._needs_grip and (held or self._held is not False):
+            self._word(GRIP if held else RELEASE)
+        self._held = held
+
+    def tell(self, text: str) -> None:
+        """Say a sentence in the terminal of the run."""
+        self._word(f"{TELL}{text}")
+
+    def _word(self, word: str) -> None:
+        with suppress(OSError):
+            self.feed.send(word.encode())
+
+    # The run.
+
+    def hear_run(self) -> None:
+        """Pass on what the run has said since the last call."""
+        while True:
+            try:
+                message = self.feed.recv(BUFFER_BYTES)
+            except BlockingIOError:
+                return
+            except OSError:
+                message = b""
+            if not message:
+                self.ended.set()
+                return
+            self._pass_on(unpacked(message))
+
+    def _pass_on(self, said: PageSetup | Row | Note | str) -> None:
+        if isinstance(said, str):
+            self._tell_all("state", {"state": said})
+        elif isinstance(said, Note):
+            self._tell_all("note", {"text": said.note})
+        elif isinstance(said, PageSetup):
+            self._begin(said)
+        elif self.clients:
+            self._tell_all("state", self._state(said))
+
+    def _begin(self, setup: PageSetup) -> None:
+        try:
+            self._setup, self._cast = setup, cast_of(setup)
+        except RetargetError as error:
+            self.feed.send(REFUSED + str(error).encode())
+            return
+        robot = None if self._cast.robot is None else _shapes(self._cast.robot)
+        self._tell_all("bodies", {"human": _shapes(self._cast.human), "robot": robot})
+        self.feed.send(READY)
+
+    def _state(self, row: Row) -> dict[str, Any]:
+        """What the page shows of a tick."""
+        cast, setup = self._cast, self._setup
+        assert cast is not None and setup is not None, "a run says first who is seen"
+        sensors = {} if row.sensors is None else dict(zip(setup.sensors, row.sensors, strict=True))
+        known = {name: bool(np.isfinite(at).all()) for name, at in sensors.items()}
+        state = {"time": round(row.time, 3), "state": row.state, "why": row.why, "sensors": known}
+        state |= {"human": _poses(cast.human, row.human)}
+        if cast.robot is not None:
+            state |= {"robot": _poses(cast.robot, row.goal), "clipped": [*self._clipped(cast, row)]}
+        return state
+
+    def _clipped(self, cast: Cast, row: Row) -> Iterator[str]:
+        """Landmarks that the robot does not reach, in words."""
+        if row.asked is None or cast.profile is None:
+            return
+        reached = cast.profile.points(row.goal[None], cast.profile.landmark_frames(cast.landmarks))[0]
+        for name, off in zip(cast.landmarks, np.linalg.norm(reached - row.asked, axis=1), strict=True):
+            if off > OUT_OF_REACH_M:
+                side = {"l_": "left ", "r_": "right "}.get(name[:2], "")
+                yield f"{side}{name[2:] if side else name} {100 * off:.0f} cm out of reach"
+
+    def _tell_all(self, kind: str, content: dict[str, Any]) -> None:
+        self.said[kind] = text = json.dumps({"hear": kind, **content})
+        for client in self.clients:
+            _send(client, text)
+
+    def close(self) -> None:
+        """Say that the run has ended."""
+        self._tell_all("state", {"state": "ended"})
+
+
+_SAYINGS: dict[str, Callable[[PageServer, Client, dict[str, Any]], None]] = {
+    "stop": PageServer.stop,
+    "pause": PageServer.pause,
+    "go on": PageServer.pause,
+    "held": PageServer.hold,
+    "ping": PageServer.pong,
+    "health": PageServer.health,
+}
+"""What a page may say beside poses."""
+
+
+def served_file(place: str) -> Path | None:
+    """The file at a place under the key; None where there is none. Names are plain: no folder can be left."""
+    if place in FILES:
+        return FILES[place]
+    folder, *inner = place.split("/")
+    if not inner or not all(name.replace("_", "").replace("-", "").replace(".", "").isalnum() for name in inner):
+        return None
+    root = {"page": HERE / "page", "runtime": runtime_folder()}.get(folder)
+    path = None if root is None else root.joinpath(*inner)
+    return path if path is not None and ".." not in inner and path.is_file() else None
+
+
+def _parsed(message: str | bytes) -> dict[str, Any]:
+    """What a page says. Raises _Ended for anything else than an object that says something."""
+    try:
+        said = json.loads(message)
+    except (ValueError, RecursionError):
+        said = None
+    if not isinstance(said, dict) or "say" not in said:
+        raise _Ended("the page says something else than its server understands: load it anew")
+    return said
+
+
+def _shapes(actor: Actor) -> dict[str, Any]:
+    """The shapes of a body as triangles, by the number of its link among those that are seen."""
+    meshes = [
+        {
+            "link": number,
+            "vertices": [round(float(value), 4) for value in mesh.vertices.ravel()],
+            "faces": mesh.faces.ravel().tolist(),
+            "colour": [0.7, 0.7, 0.75],
+        }
+        for number, mesh in enumerate(actor.meshes)
+    ]
+    return {"height": round(actor.height, 3), "meshes": meshes}
+
+
+def _poses(actor: Actor, q: FloatArray) -> list[float]:
+    """Position, m, and quaternion of every link that is seen, flat."""
+    positions, turns = actor.posed(q)
+    return [round(value, 4) for value in np.hstack([positions, turns]).ravel().tolist()]
+
+
+def _send(client: Client, text: str) -> None:
+    """Send without waiting; a browser that does not keep up gets the next one."""
+    if client.socket.transport.get_write_buffer_size() < SLOW_BYTES:
+        broadcast([client.socket], text)
+
+
+async def _serve(settings: Settings, feed: socket.socket, poses: socket.socket) -> None:
+    """Serve until the run ends. Raises ConfigError where no port is free."""
+    from retarget.web.certificate import certified
+
+    hosts = (*local_interfaces().values(), *HOSTS) if settings.listen else HOSTS
+    hosts = tuple(dict.fromkeys(sorted(hosts, key=HOSTS.__contains__)))
+    context, fingerprint = certified(hosts) if settings.listen else (None, "")
+    access = AccessToken(hosts=hosts, scheme="https" if settings.listen else "http")
+    server = PageServer(settings, access, feed, poses, MonotonicClock())
+    for port in range(settings.port, settings.port + NEXT_PORTS):
+        try:
+            listener = await serve(
+                server.talk,
+                EVERYWHERE if settings.listen else HOSTS[0],
+                port,
+                ssl=context,
+                process_request=server.answer,
+                compression=None,
+                max_size=MAX_DATAGRAM,
+                ping_interval=2.0,
+                ping_timeout=4.0,
+                open_timeout=10.0,
+            )
+            break
+        except OSError as error:
+            refused = error
+    else:
+        raise ConfigError("the page cannot be served", where=f"port {settings.port}", found=str(refused))
+    access.port = listener.sockets[0].getsockname()[1]
+    feed.setblocking(False)
+    poses.setblocking(False)
+    feed.send(READY + f"{access.address} {fingerprint}".encode())
+    asyncio.get_running_loop().add_reader(feed, server.hear_run)
+    beating = asyncio.create_task(server.beat())
+    await server.ended.wait()
+    server.close()
+    await asyncio.sleep(LAST_SHOWN_S)
+    listener.close()
+    await beating
+
+
+def main(arguments: list[str]) -> int:
+    """Serve until the run ends."""
+    for number in (signal.SIGINT, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP):
+        signal.signal(number, signal.SIG_IGN)
+    settings = Settings(**json.loads(arguments[1]))
+    feed, poses = socket.socket(fileno=int(arguments[0])), socket.socket(fileno=settings.poses)
+    try:
+        asyncio.run(_serve(settings, feed, poses))
+    except RetargetError as error:
+        feed.send(REFUSED + str(error).encode())
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
