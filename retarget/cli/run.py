@@ -47,7 +47,7 @@ from retarget.cli.controls import (
 from retarget.cli.exit import DONE, STOPPED, StopRequest, detached_screens, stop_on_signals
 from retarget.cli.session import Session
 from retarget.cli.view import Viewing, opened_page, viewing
-from retarget.cli.web.control import LABEL, PAGE, PageControl, opened_web
+from retarget.cli.web.control import LABEL, PAGE, PageControl, WebInput, opened_web
 from retarget.errors import UsageError
 from retarget.frames import SensorFrames
 from retarget.human.samples import Performance, Playback
@@ -66,6 +66,7 @@ from retarget.report.report import Report
 from retarget.run.loop import Watch
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Perform, Prepared, performance_of, prepare_for
+from retarget.run.record import Record
 from retarget.run.run_result import RunResult
 from retarget.run.supervisor import Supervisor
 from retarget.schema.files import remove
@@ -73,7 +74,6 @@ from retarget.schema.performer import Performer
 from retarget.sources.raw_record import RawWriter
 from retarget.types import Notify, RunState
 from retarget.viewer.feed import ViewFeed
-from retarget.web.link import PoseReceiver
 
 ANY_TIME = Scheduling()
 """Ticks as the system schedules them."""
@@ -145,21 +145,17 @@ class CommandRun:
             self._feed.announce(state.value)
 
     @contextmanager
-    def live_page(
-        self, address: StreamAddress, live: "StreamOptions"
-    ) -> Iterator[tuple[PoseReceiver | None, list[Control], Callable[[], object]]]:
-        """The page of a live run. That of `web://` shows what is notified, and gives the receiver of its performer's
-        poses, what is asked for on it, and what to call while nothing moves."""
+    def live_page(self, address: StreamAddress, live: "StreamOptions") -> Iterator[WebInput]:
+        """The page of a live run, and what comes from it. That of `web://` also shows what is notified."""
         if address.kind != "web":
             with self.page():
-                yield None, [], lambda: None
+                yield WebInput()
             return
-        held = live.oversight.dead_man == PAGE
         with opened_web(
             address,
             self.options.robot,
             listen=live.listen,
-            dead_man=held,
+            dead_man=live.oversight.dead_man == PAGE,
             use_generated_legs=live.use_generated_legs,
             notify=self.notify,
         ) as (self._feed, receiver):
@@ -170,8 +166,7 @@ class CommandRun:
                 show(text)
 
             self.notify = notify
-            control = PageControl(self._feed, said)
-            yield receiver, [control], control.look
+            yield WebInput(receiver, PageControl(self._feed, said))
 
     def viewing(
         self, prepared: Prepared, words: Callable[[], tuple[str, str]] | None = None
@@ -198,11 +193,24 @@ class CommandRun:
             forced = announced(forced, recorded.machine, notify=log, too_soon=operator.too_soon)
         forced = self.bench.watching(forced, recorded, live=live)
         watch = Watch(show, asked, forced, operator.why)
-        result = recorded.run(page.watch(self.recorder.watch(watch, recorded)))
+        watch = page.watch(self.recorder.watch(watch, recorded))
+        if isinstance(recorded.samples, LivePerformer):
+            watch = _timed(watch, recorded.samples, self.clock)
+        result = recorded.run(watch)
         if recorded.machine is not None and recorded.has_bus:
             log(TORQUE_WORDS[recorded.machine.guard.torque])
         real_time = not isinstance(self.clock, VirtualClock)
         return replace(result, setup=replace(result.setup, real_time=real_time))
+
+
+def _timed(watch: Watch, performer: LivePerformer, clock: Clock) -> Watch:
+    """The watch, which also notes when goals were sent."""
+
+    def on_row(record: Record, row: int) -> None:
+        performer.latency.note(clock.now())
+        watch.on_row(record, row)
+
+    return replace(watch, on_row=on_row)
 
 
 def follow_clip(
@@ -321,10 +329,10 @@ class StreamOptions:
             check_sides=sides_are_checked(source, self.check_sides, yes=self.yes),
         )
 
-    def refuse_of_web(self, address: StreamAddress, outputs: Outputs) -> None:
+    def refuse_pages(self, source: str, view: int | None) -> None:
         """Raise UsageError for what only the page of `web://` has, and for a second page beside it."""
-        if address.kind == "web":
-            if outputs.view is not None:
+        if source.startswith("web:"):
+            if view is not None:
                 raise UsageError("web:// has a page of its own", where="--view", next_step="Leave it out")
             return
         of_web = {
@@ -351,7 +359,6 @@ def follow_live(source: str, options: RunOptions, outputs: Outputs, live: Stream
     """
     begins = live.begins(source, options.playback)
     address = parse_address(source)
-    live.refuse_of_web(address, outputs)
     run = CommandRun(options, outputs, recorded=address.kind == "replay", goes_to_rest=True)
     clock = run.clock
     refuse_oversight(live.oversight, virtual=type(clock) is VirtualClock)
@@ -359,24 +366,24 @@ def follow_live(source: str, options: RunOptions, outputs: Outputs, live: Stream
         operator = stack.enter_context(ExitStack())
         devices, dead_man = _opened(live.oversight, operator, status=lambda: controls.status())
         tap = _raw_tap(live.record_raw, address, stack, overwrite=outputs.overwrite)
-        receiver, on_the_page, look_at_page = stack.enter_context(run.live_page(address, live))
+        web = stack.enter_context(run.live_page(address, live))
         notify = run.notify
         supervisor = Supervisor(notify=notify)
 
         def perform(performer: Performer, robot: RobotBody | None) -> Performance:
             stream = open_stream(
-                address, performer, receiver=receiver, tap=tap, smoothing=begins.smoothing, latest=begins.latest
+                address, performer, receiver=web.receiver, tap=tap, smoothing=begins.smoothing, latest=begins.latest
             )
             stack.callback(stream.receiver.close)
             begin = partial(begin_live, stream, begins, clock=clock, rate_hz=live_rate_hz(robot), where=address.text)
             enter = partial(run.enter, supervisor)
-            return begin(notify=notify, enter=enter, look=look_at_page, has_deadlines=not options.simulated)
+            return begin(notify=notify, enter=enter, look=web.look, has_deadlines=not options.simulated)
 
         with run.prepared(perform, supervisor) as prepared:
             stop, performer = stack.enter_context(stop_on_signals(moves=True)), prepared.samples
             assert isinstance(performer, LivePerformer)
             controls = LiveControls(
-                [_keyboard(dead_man, stack), *devices, *on_the_page],
+                [_keyboard(dead_man, stack), *devices, *web.controls],
                 stop,
                 performer,
                 clock=clock,
@@ -392,7 +399,8 @@ def follow_live(source: str, options: RunOptions, outputs: Outputs, live: Stream
                 with live_state(options.robot, controls.words), scheduled(live.oversight.scheduling):
                     result = run.play(recorded, page, look, controls)
         operator.close()  # a stop that comes while the report is written finds no run
-        result = replace(run.bench.seen(result), live=performer.report(address=address.text, person=begins.person))
+        stream_report = performer.report(address=address.text, person=begins.person, times=web.times())
+        result = replace(run.bench.seen(result), live=stream_report)
         return max(run.recorder.code(finished(result, outputs)), _followed(result, notify))
 
 
@@ -520,6 +528,7 @@ class RunRequest:
             start = [] if played.start is None else ["--start"]
             pose = ["--keep-calibration-frame"] if played.keep_calibration_frame else []
             refuse_given([*given(self.file), *start, *pose], "motion file")
+            self.live.refuse_pages(self.source, self.view)
         else:
             streams = [*given(self.live, but=WITHOUT_EFFECT), *given(self.live.oversight, but=SCHEDULING)]
             refuse_given(streams, "live stream")

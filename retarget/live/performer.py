@@ -1,8 +1,9 @@
 """A live performer as a run follows it: valid sensors in our world, with holds and reacquisition blends."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from math import inf
+from types import MappingProxyType
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from retarget.live.rest_capture import Alignment, facing_of
 from retarget.live.roles import NO_WRISTS, Roles
 from retarget.live.sensor_validity import LIMITS, Debounce, Engagement, ReacquisitionBlend, ValidityState
 from retarget.live.stream import LiveStream, StreamReading
-from retarget.live.stream_report import LiveReport, StreamNews, StreamProblems, Tally, live_report
+from retarget.live.stream_report import GoalLatency, LiveReport, StreamNews, StreamProblems, Tally, live_report
 from retarget.types import BoolArray, FloatArray, Notify
 
 # The sensors without which a performer cannot be measured, and those without which the robot holds.
@@ -166,7 +167,7 @@ class LivePerformer:
         self._record = SampleRecord(names, kept=min(kept, ticks), rate_hz=rate_hz)
         self._timing = TickTiming(self.dt if has_deadlines else inf)
         self._problems, self._news = StreamProblems(stream), StreamNews(stream, notify)
-        self._tally = Tally(names, self.dt)
+        self._tally, self.latency = Tally(names, self.dt), GoalLatency(stream)
         self.engagement = Engagement(first)
         self._approach = Debounce(good=True)
         self._optional = optional
@@ -269,9 +270,12 @@ class LivePerformer:
         )
         return True
 
-    def report(self, *, address: str, person: str | None) -> LiveReport:
-        """The report on the stream."""
-        return live_report(self.stream, self._tally, address=address, person=person)
+    def report(
+        self, *, address: str, person: str | None, times: Mapping[str, Sequence[float]] = MappingProxyType({})
+    ) -> LiveReport:
+        """The report on the stream. times: s, of stages before the arrival of frames."""
+        stages = {**times, "goal": self.latency.times}
+        return live_report(self.stream, self._tally, stages, address=address, person=person)
 
     def recorded(self) -> Clip:
         """The samples that were followed; during a hold, the held one."""

@@ -1,7 +1,8 @@
 """Reports on a stream: why it cannot be used, messages while it runs, and the report after the run."""
 
 import shlex
-from collections import Counter
+from collections import Counter, deque
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from ipaddress import IPv4Address
 
@@ -287,13 +288,49 @@ class Holds:
 
 
 @dataclass(frozen=True)
+class Spread:
+    """Median and 99th percentile of times, ms."""
+
+    p50: float
+    p99: float
+
+
+def spread_of(times: Sequence[float]) -> Spread:
+    """The spread of times, s, of which there is at least one."""
+    p50, p99 = np.percentile(np.asarray(times) * MS, (50.0, 99.0)).tolist()
+    return Spread(p50, p99)
+
+
+MOST_TIMED = 100_000
+"""Frames whose way to the goals is kept: the last quarter of an hour of a headset."""
+
+
+class GoalLatency:
+    """How long frames are under way inside this program: from the arrival of each to the first goals after it, which
+    are on the bus. Call `note` when goals were sent."""
+
+    def __init__(self, stream: LiveStream) -> None:
+        self._stream, self._last = stream, stream.last
+        self.times: deque[float] = deque(maxlen=MOST_TIMED)
+        """s, of every frame that was the newest when goals were sent."""
+
+    def note(self, now: float) -> None:
+        """Goals were sent at `now`, s."""
+        if self._stream.last > self._last:
+            self._last = self._stream.last
+            self.times.append(now - self._last)
+
+
+@dataclass(frozen=True)
 class LiveReport:
     """The report on a live run's stream.
 
     frames, datagrams: of the sender from the beginning on, calibration included. dropped: what was not used, by reason:
     datagrams, frames out of time, and invalid poses. refused: senders that were ignored. lost_s: how long each sensor
-    was invalid while the robot followed or held, for sensors that ever were. playout_delay_ms: at the end. person: the
-    name under which the performer's size is kept, null without one.
+    was invalid while the robot followed or held, for sensors that ever were. playout_delay_ms: at the end. latency_ms:
+    by stage: "goal" from the arrival of a frame to the first goals on the bus after it; of `web://` also "page" from
+    the capture of a picture to its sending, and "network" half of there and back. person: the name under which the
+    performer's size is kept, null without one.
     """
 
     address: str
@@ -304,6 +341,7 @@ class LiveReport:
     lost_s: dict[str, float]
     holds: Holds
     playout_delay_ms: float
+    latency_ms: dict[str, Spread]
     person: str | None
 
 
@@ -336,8 +374,10 @@ class Tally:
         return {name: ticks * self._dt for name, ticks in zip(self._names, self._lost.tolist(), strict=True) if ticks}
 
 
-def live_report(stream: "LiveStream", tally: Tally, *, address: str, person: str | None) -> LiveReport:
-    """The report on a run that has ended."""
+def live_report(
+    stream: LiveStream, tally: Tally, times: Mapping[str, Sequence[float]], *, address: str, person: str | None
+) -> LiveReport:
+    """The report on a run that has ended. times: of each stage, s."""
     return LiveReport(
         address=address,
         frames=stream.frames,
@@ -347,5 +387,6 @@ def live_report(stream: "LiveStream", tally: Tally, *, address: str, person: str
         lost_s=tally.lost_s,
         holds=tally.holds,
         playout_delay_ms=MS * stream.playout.delay,
+        latency_ms={stage: spread_of(taken) for stage, taken in times.items() if taken},
         person=person,
     )

@@ -196,12 +196,17 @@ MOST = 3
 """Reasons for data that were not used that the line names: those of which there were most."""
 
 
+STAGES = {"page": "from picture to page", "network": "from page to run", "goal": "from run to goals"}
+"""Words for the stages of `LiveReport.latency_ms`."""
+
+
 def stream_line(live: LiveReport | None) -> str:
     """The stream of a live run; "" for a file."""
     if live is None:
         return ""
     came = f"{counted(live.frames, 'frame')} in {counted(live.datagrams, 'datagram')}"
     parts = [f"{came}, played {live.playout_delay_ms:.0f} ms late"]
+    parts += [f"{STAGES[stage]} {taken.p50:.0f} ms (p99 {taken.p99:.0f})" for stage, taken in live.latency_ms.items()]
     if live.dropped:
         reasons = [*live.dropped.items()][:MOST]
         parts.append("not used: " + ", ".join(f"{reason} ({count})" for reason, count in reasons))

@@ -17,8 +17,8 @@ SERVER = "retarget.web.server"
 HEADER = struct.Struct("<dI")
 """Before each frame of poses: when it arrived, s of this machine's monotonic clock, and the number of its performer."""
 PAUSE, GO_ON, GRIP, RELEASE = "pause", "go on", "grip", "release"
-ROUND_TRIP, TELL = "round trip ", "tell "
-"""Words of the page to the run; behind the last two stand a time, ms, and a sentence."""
+HEALTH, TELL = "health ", "tell "
+"""Words of the page to the run; behind the last two stand what a browser says of itself, as JSON, and a sentence."""
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ from retarget.viewer.feed import BUFFER_BYTES, READY, REFUSED, STOP, Note, PageS
 from retarget.viewer.live_page import cast_of
 from retarget.viewer.server import HOSTS, AccessToken, Refused, only_value
 from retarget.viewer.snapshot import Actor, Cast, Row
-from retarget.web.link import GO_ON, GRIP, HEADER, PAUSE, RELEASE, ROUND_TRIP, TELL, Settings
+from retarget.web.link import GO_ON, GRIP, HEADER, HEALTH, PAUSE, RELEASE, TELL, Settings
 from retarget.web.runtime import runtime_folder
 
 HERE = Path(__file__).parent
@@ -70,6 +70,8 @@ HEARTBEAT_S = 0.1
 """Time between two messages to the run that the control is held, s."""
 SLOW_BYTES = 1 << 18
 """Bytes that wait for a browser before rows are left out for it: some seconds of them."""
+MOST_SAID = 200
+"""Characters of a sentence of a page that are shown."""
 OUT_OF_REACH_M = 0.03
 """A landmark of the robot is farther than this from where it is asked before the page says so, m."""
 LAST_SHOWN_S = 1.5
@@ -81,13 +83,14 @@ NEXT_PORTS = 20
 @dataclass(eq=False)
 class Client:
     """A browser. identity: what its page calls itself; held: when its dead-man control was last confirmed, None where
-    it has none. room: messages that it may send at once, as of `since`."""
+    it has none. trouble: what it says is wrong. room: messages that it may send at once, as of `since`."""
 
     socket: ServerConnection
     room: float = BURST
     since: float = 0.0
     identity: str = ""
     performs: bool = False
+    trouble: str = ""
     held: float | None = None
 
 
@@ -114,7 +117,6 @@ class PageServer:
     _setup: PageSetup | None = None
     _needs_grip: bool = False
     _held: bool | None = None
-    _round_trip: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     # Files.
 
@@ -226,18 +228,18 @@ class PageServer:
         self._grip()
 
     def pong(self, client: Client, said: dict[str, Any]) -> None:
-        """Measure the way there and back: the page sends what it measured the last time."""
-        if isinstance(said.get("rtt"), int | float) and 0.0 <= said["rtt"] < 1e4:
-            self._word(f"{ROUND_TRIP}{said['rtt']:.3f}")
+        """Answer at once: the page measures the way there and back."""
         _send(client, json.dumps({"hear": "pong", "t": said.get("t")}))
 
     def health(self, client: Client, said: dict[str, Any]) -> None:
-        """What a page says of itself: a new trouble is told to the run."""
-        trouble = str(said.get("trouble") or "")[:200]
-        if client.performs and trouble.isprintable() and trouble != self.said.get("trouble", ""):
-            self.said["trouble"] = trouble
-            if trouble:
-                self.tell(f"the page: {trouble}")
+        """What a performer's page says of itself goes on to the run, and a new trouble into its terminal."""
+        if not client.performs:
+            return
+        self._word(HEALTH + json.dumps(said))
+        trouble = str(said.get("trouble") or "")[:MOST_SAID]
+        if trouble != client.trouble and trouble.isprintable():
+            self.tell(f"the page: {trouble or 'all is well again'}")
+        client.trouble = trouble
 
     async def beat(self) -> None:
         """Confirm again and again that a dead-man control is held, until the run has ended."""

@@ -1,25 +1,28 @@
 """The page of `web://` in a run of the command line: its address, and what people ask for on it."""
 
 import io
+import json
 import sys
 from collections import deque
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
+from dataclasses import dataclass
 from math import inf
+from typing import Any
 
 from retarget.cli.application import log
-from retarget.cli.controls import GRIPS, Asked
+from retarget.cli.controls import GRIPS, Asked, Control
 from retarget.errors import ConfigError
 from retarget.live.address import WEB_PORT, StreamAddress
 from retarget.types import Notify
 from retarget.viewer.feed import MOST_WORDS, ViewFeed
-from retarget.web.link import GO_ON, GRIP, PAUSE, RELEASE, ROUND_TRIP, TELL, PoseReceiver, Settings, open_web
+from retarget.web.link import GO_ON, GRIP, HEALTH, PAUSE, RELEASE, TELL, PoseReceiver, Settings, open_web
 from retarget.web.runtime import runtime_folder
 
 GRIPPED_S = 0.5
 """A dead-man control that the page's process does not confirm for so long counts as let go, s: five of its messages."""
-MOST_ROUND_TRIPS = 600
-"""Measurements of the way to the page that are kept: ten minutes of one a second."""
+MOST_HEALTH = 600
+"""What a page said of itself that is kept: ten minutes, once a second."""
 PAUSED = "paused on the page: the robot holds until somebody lets it go on there, or by p"
 PAGE = "page"
 """`--dead-man` on the page."""
@@ -29,14 +32,14 @@ LABEL = "H on the page, a finger on its pad, or the grip of a controller"
 
 class PageControl:
     """What is asked for on the page: pause and go on, and its dead-man control. STOP comes by the feed itself.
-    notify: receives what the page's process says. round_trips: there and back to a browser, ms, so far."""
+    notify: receives what the page's process says. health: what performers' pages said of themselves."""
 
     def __init__(self, feed: ViewFeed, notify: Notify) -> None:
         self._feed, self._notify = feed, notify
         self._asked: deque[str] = deque(maxlen=MOST_WORDS)
         self._gripped = -inf  # [s] when it was last confirmed
         self._held: bool | None = None  # not known: nobody has used it
-        self.round_trips: deque[float] = deque(maxlen=MOST_ROUND_TRIPS)
+        self.health: deque[dict[str, Any]] = deque(maxlen=MOST_HEALTH)
 
     def poll(self, now: float) -> Iterator[tuple[Asked, str]]:
         """Return what was asked for, as `Control.poll` says."""
@@ -60,9 +63,8 @@ class PageControl:
         for word in self._feed.words():
             if word.startswith(TELL):
                 self._notify(word.removeprefix(TELL))
-            elif word.startswith(ROUND_TRIP):
-                with suppress(ValueError):
-                    self.round_trips.append(float(word.removeprefix(ROUND_TRIP)))
+            elif word.startswith(HEALTH):
+                self.health.append(json.loads(word.removeprefix(HEALTH)))
             else:
                 self._asked.append(word)
 
@@ -79,6 +81,33 @@ class PageControl:
         if held is not self._held:
             self._held = held
             yield GRIPS[held]
+
+
+@dataclass(frozen=True)
+class WebInput:
+    """What comes from the page of `web://`: nothing for another source."""
+
+    receiver: PoseReceiver | None = None
+    control: PageControl | None = None
+
+    @property
+    def controls(self) -> list[Control]:
+        """What may hold the run."""
+        return [] if self.control is None else [self.control]
+
+    def look(self) -> None:
+        """Hear the page while nothing moves. Raises KeyboardInterrupt once somebody has pressed STOP."""
+        if self.control is not None:
+            self.control.look()
+
+    def times(self) -> dict[str, list[float]]:
+        """How long poses were under way before they arrived, s, by stage as `LiveReport.latency_ms` has them."""
+        health = () if self.control is None else self.control.health
+        stages = {"page": ("send_ms", 1e-3), "network": ("rtt_ms", 0.5e-3)}
+        return {
+            stage: [by * said[key] for said in health if isinstance(said.get(key), int | float)]
+            for stage, (key, by) in stages.items()
+        }
 
 
 @contextmanager

@@ -1,0 +1,341 @@
+"""The page's server in its own process, spoken to as browsers do: who is let in, what goes to the run and back."""
+
+import hashlib
+import json
+import ssl
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Any
+from urllib.error import HTTPError
+from urllib.parse import urlsplit
+from urllib.request import Request, urlopen
+
+import numpy as np
+import pytest
+
+from followers import dimensions, op3, performer
+from hardware.clock import MonotonicClock
+from retarget.cli.controls import Asked
+from retarget.cli.web.control import GRIPPED_S, PageControl, told
+from retarget.errors import ConfigError
+from retarget.live.admission import Datagram
+from retarget.model.human import build_human
+from retarget.run.run_result import Extras
+from retarget.viewer.feed import PageSetup, ViewFeed
+from retarget.viewer.snapshot import Row
+from retarget.web.link import PoseReceiver, Settings, open_web
+
+client = pytest.importorskip("websockets.sync.client", reason="the extra web is not installed")
+from websockets.exceptions import InvalidStatus  # noqa: E402  (where it is installed)
+
+WAIT_S = 20.0
+"""How long an answer may take on a busy machine, s: it is there within milliseconds."""
+FRAME = '{"axes": "webxr", "quaternion": "xyzw", "time": 1.5, "poses": {"head": {"p": [0, 1.6, 0]}}}'
+
+
+class Page:
+    """A run's ends of a page, and its address."""
+
+    def __init__(self, feed: ViewFeed, receiver: PoseReceiver) -> None:
+        self.feed, self.receiver, self.said = feed, receiver, list[str]()
+        self.control = PageControl(feed, self.said.append)
+        self.address, _, self.fingerprint = feed.address.partition(" ")
+        self.clock = MonotonicClock()
+
+    def until(self, found: Any) -> Any:
+        """What `found` returns once that is true."""
+        end = self.clock.now() + WAIT_S
+        while not (result := found()):
+            assert self.clock.now() < end, self.said
+            self.clock.sleep_until(self.clock.now() + 0.002)
+        return result
+
+    def poses(self) -> list[Datagram]:
+        return self.until(lambda: self.receiver.poll(self.clock.now()))
+
+    def asked(self) -> list[Asked]:
+        return self.until(lambda: [one for one, _ in self.control.poll(self.clock.now())])
+
+    def told(self, text: str) -> bool:
+        """Wait until the run's terminal has a line with this text."""
+        return self.until(lambda: (self.control.listen(), any(text in line for line in self.said))[1])
+
+    @contextmanager
+    def browser(self, kind: str = "headset", name: str = "anna", **how: Any) -> Iterator["Browser"]:
+        where = urlsplit(self.address)
+        how = {"origin": f"{where.scheme}://{where.netloc}"} | how
+        scheme = "wss" if where.scheme == "https" else "ws"
+        with client.connect(f"{scheme}://{where.netloc}{where.path}ws", **how) as socket:
+            browser = Browser(socket)
+            browser.say(say="hello", input=kind, id=name)
+            yield browser
+
+
+class Browser:
+    """A page of ours, or what claims to be one."""
+
+    def __init__(self, socket: Any) -> None:
+        self.socket = socket
+
+    def say(self, **said: Any) -> None:
+        self.socket.send(json.dumps(said))
+
+    def hear(self, kind: str) -> dict[str, Any]:
+        """The next message of a kind."""
+        while True:
+            message: dict[str, Any] = json.loads(self.socket.recv(WAIT_S))
+            if message["hear"] == kind:
+                return message
+
+
+@contextmanager
+def page(**settings: Any) -> Iterator[Page]:
+    with open_web(Settings(**{"listen": False, "port": 0, "robot": "op3"} | settings)) as (feed, receiver):
+        yield Page(feed, receiver)
+
+
+@pytest.fixture(scope="module")
+def shared() -> Iterator[Page]:
+    """A page for tests that leave no trace on it."""
+    with page() as one:
+        yield one
+
+
+def fetched(address: str, **headers: str) -> tuple[int, dict[str, str], bytes]:
+    try:
+        with urlopen(Request(address, headers=headers), timeout=WAIT_S) as answer:
+            return answer.status, dict(answer.headers), answer.read()
+    except HTTPError as error:
+        return error.code, dict(error.headers), error.read()
+
+
+def test_files_are_served_to_who_has_the_key_with_a_policy(shared: Page) -> None:
+    status, headers, body = fetched(shared.address)
+    assert status == 200 and b"<html" in body and headers["Content-Type"] == "text/html"
+    assert "default-src 'none'" in headers["Content-Security-Policy"]
+    status, headers, _ = fetched(f"{shared.address}bodies.js")
+    assert status == 200 and headers["Content-Type"] == "text/javascript"
+    where = urlsplit(shared.address)
+    for place, expected in {
+        f"http://{where.netloc}/": 401,
+        f"http://{where.netloc}/x{where.path}": 401,
+        f"{shared.address}page/../server.py": 404,
+        f"{shared.address}page/%2e%2e/server.py": 404,
+        f"{shared.address}page//etc/passwd": 404,
+        f"{shared.address}runtime/none.js": 404,
+        f"{shared.address}page": 404,
+    }.items():
+        assert fetched(place)[0] == expected, place
+    assert fetched(shared.address, Host="evil.example")[0] == 403
+    assert shared.told("a page was refused: this page has another address")
+
+
+@pytest.mark.parametrize("origin", ["http://evil.example", None])
+def test_a_socket_of_another_page_is_refused(shared: Page, origin: str | None) -> None:
+    with pytest.raises(InvalidStatus, match="403"), shared.browser(origin=origin):
+        pass
+
+
+def test_poses_go_on_to_the_run_byte_for_byte() -> None:
+    with page() as one, one.browser() as anna, one.browser("watch", "olga") as olga:
+        assert anna.hear("welcome")["robot"] == "op3" and olga.hear("welcome")
+        olga.socket.send(FRAME)
+        before = one.clock.now()
+        anna.socket.send(FRAME)
+        (only,) = one.poses()
+        assert only.payload == FRAME.encode() and only.source == ("127.0.0.1", 1)
+        assert before <= only.arrival <= one.clock.now()
+        anna.socket.send("x" * 70_000)  # longer than any frame: the connection ends
+        with pytest.raises(Exception, match="1009|too big"):
+            anna.hear("none")
+
+
+def test_one_performer_at_a_time_and_the_one_who_was_measured() -> None:
+    with page() as one:
+        with one.browser(name="anna") as anna:
+            anna.hear("welcome")
+            with one.browser(name="boris") as boris:
+                assert "one at a time" in boris.hear("refused")["why"]
+            assert one.told("one at a time")
+            with one.browser(name="anna") as again:  # the same page, loaded anew
+                assert again.hear("welcome")
+        one.told("the performer's page is gone")
+        with one.browser(name="boris") as boris:
+            boris.hear("welcome")
+            boris.socket.send(FRAME)
+            assert one.poses()[0].source == ("127.0.0.1", 1), "nobody was measured yet"
+            one.feed.begin(PageSetup(None, None, None, human()), rate_hz=100.0)
+            with one.browser("watch", "olga") as olga:
+                assert olga.hear("bodies")["robot"] is None, "who comes later sees it, too"
+        with one.browser(name="anna") as anna:
+            assert "somebody else" in anna.hear("refused")["why"]
+        with one.browser(name="boris") as boris:
+            boris.hear("welcome")
+            boris.socket.send(FRAME)
+            assert one.poses()[0].source == ("127.0.0.1", 1)
+
+
+def human() -> str:
+    return build_human(dimensions(performer())).mjcf
+
+
+def test_what_a_page_asks_for_reaches_the_operator() -> None:
+    with page() as one, one.browser("watch", "olga") as olga:
+        olga.say(say="pause")
+        assert one.asked() == [Asked.HOLD]
+        olga.say(say="go on")
+        assert one.asked() == [Asked.GO_ON]
+        olga.say(say="stop")
+        assert one.until(one.feed.stop_asked)
+        with pytest.raises(KeyboardInterrupt):
+            one.control.look()
+        olga.say(say="ping", t=17.5)
+        assert olga.hear("pong")["t"] == 17.5
+
+
+def test_a_dead_man_control_lapses_with_its_page() -> None:
+    with page(dead_man=True) as one:
+        with one.browser("watch", "olga") as olga:
+            assert olga.hear("welcome")["dead_man"]
+            olga.say(say="held", held=True)
+            assert one.asked() == [Asked.GRIP]
+            olga.say(say="held", held=False)
+            assert one.asked() == [Asked.RELEASE]
+            olga.say(say="held", held=True)
+            assert one.asked() == [Asked.GRIP]
+            assert one.asked() == [Asked.RELEASE], "the page says nothing any more"
+            olga.say(say="held", held=True)
+            assert one.asked() == [Asked.GRIP]
+        assert one.asked() == [Asked.RELEASE], "the page is gone"
+
+
+class Words:
+    """A feed that says what a test lets it."""
+
+    def __init__(self) -> None:
+        self.next: list[str] = []
+
+    def words(self) -> list[str]:
+        found, self.next = self.next, []
+        return found
+
+
+def test_a_dead_man_control_lapses_where_the_server_hangs() -> None:
+    words = Words()
+    control = PageControl(words, lambda text: None)  # type: ignore[arg-type]
+    assert not [*control.poll(0.0)], "nobody has used it: it is not needed"
+    words.next = ["grip"]
+    assert [asked for asked, _ in control.poll(1.0)] == [Asked.GRIP]
+    words.next = ["grip"]
+    assert not [*control.poll(1.4)] and not [*control.poll(1.4 + GRIPPED_S)]
+    assert [asked for asked, _ in control.poll(1.41 + GRIPPED_S)] == [Asked.RELEASE]
+    assert not [*control.poll(9.0)]
+
+
+@pytest.mark.parametrize(
+    "messages",
+    [
+        ["no JSON"],
+        ['{"say": "hello", "input": "robot", "id": "x"}'],
+        ['{"say": "hello", "input": "camera"}'],
+        ["[" * 10_000],
+        ['{"say": "hello", "input": "camera", "id": "x"}', '{"say": "torque"}'],
+        ['{"say": "hello", "input": "camera", "id": "x"}', '{"say"'],
+        ['{"say": "hello", "input": "camera", "id": "x"}', b"\x00\x01"],
+    ],
+)
+def test_what_no_page_of_ours_says_is_refused(shared: Page, messages: list[str | bytes]) -> None:
+    where = urlsplit(shared.address)
+    with client.connect(f"ws://{where.netloc}{where.path}ws", origin=f"http://{where.netloc}") as socket:
+        for message in messages:
+            socket.send(message)
+        assert "load it anew" in Browser(socket).hear("refused")["why"]
+
+
+def test_a_flood_is_sent_away_and_the_run_goes_on() -> None:
+    with page() as one:
+        with one.browser() as anna:
+            anna.hear("welcome")
+            with pytest.raises(Exception, match="1000|OK"):
+                for _ in range(5000):
+                    anna.socket.send(FRAME)
+                anna.hear("none")
+        assert one.told("messages a second")
+        with one.browser() as anna:
+            assert anna.hear("welcome"), "it may come back"
+
+
+def test_a_new_trouble_of_a_page_is_said_once(shared: Page) -> None:
+    with shared.browser("camera", "carla") as carla:
+        for _ in range(3):
+            carla.say(say="health", trouble="the camera sees two people", rtt_ms=3.0, send_ms=40.0)
+        carla.say(say="health", trouble="")
+        assert shared.told("all is well again")
+    assert sum("two people" in line for line in shared.said) == 1
+    assert [said["rtt_ms"] for said in shared.control.health if "rtt_ms" in said] == [3.0] * 3
+
+
+def test_robot_and_performer_are_shown_as_the_run_has_them() -> None:
+    robot = op3()
+    landmarks = tuple(robot.profile.landmarks)
+    setup = PageSetup(str(robot.profile.path), None, None, human(), sensors=("head", "l_wrist"), landmarks=landmarks)
+    with page() as one, one.browser() as anna:
+        one.feed.announce("calibrating")
+        assert anna.hear("state")["state"] == "calibrating"
+        one.feed.note("Stand upright")
+        assert anna.hear("note")["text"] == "Stand upright"
+        one.feed.begin(setup, rate_hz=25.0)
+        bodies = anna.hear("bodies")
+        links = {who: 1 + max(mesh["link"] for mesh in bodies[who]["meshes"]) for who in ("human", "robot")}
+        goal = robot.posture(robot.profile.postures.stand)
+        asked = robot.points(goal[None], robot.landmark_frames(landmarks))[0]
+        asked[landmarks.index("l_hand")] += [0.0, 0.0, 0.12]
+        sensors = np.array([[0.0, 0.0, 1.6], [np.nan] * 3])
+        one.feed.extras = Extras(words=lambda: ("holding", "l_wrist: lost"))
+        one.feed._send(
+            Row(
+                time=1.0,
+                human=human_posture(),
+                goal=goal,
+                state="holding",
+                why="l_wrist: lost",
+                asked=asked,
+                sensors=sensors,
+            )
+        )
+        state = anna.hear("state")
+        assert (state["state"], state["why"]) == ("holding", "l_wrist: lost")
+        assert state["sensors"] == {"head": True, "l_wrist": False}
+        assert state["clipped"] == ["left hand 12 cm out of reach"]
+        assert {who: len(state[who]) for who in links} == {who: 7 * count for who, count in links.items()}
+        assert np.isfinite(state["robot"]).all() and np.isfinite(state["human"]).all()
+
+
+def human_posture() -> Any:
+    from retarget.model.body_file import compile_body_text
+    from retarget.viewer.snapshot import Actor
+
+    return Actor(compile_body_text(human(), source="human", root="free")).body.qpos0
+
+
+def test_the_end_and_its_reason_are_shown() -> None:
+    with ExitStack() as outer:
+        with pytest.raises(ConfigError), page() as one:
+            anna = outer.enter_context(one.browser())
+            anna.hear("welcome")
+            raise ConfigError("the left arm was not seen to rise")
+        assert "left arm" in anna.hear("note")["text"]
+        assert anna.hear("state")["state"] == "ended"
+
+
+def test_the_network_is_reached_over_https_with_the_certificate_that_is_told() -> None:
+    with page(listen=True) as one:
+        where = urlsplit(one.address)
+        assert where.scheme == "https" and where.port is not None
+        der = ssl.PEM_cert_to_DER_cert(ssl.get_server_certificate(("127.0.0.1", where.port)))
+        assert hashlib.sha256(der).hexdigest().upper() == one.fingerprint.replace(":", "")
+        assert any(one.fingerprint in line for line in told(one.address, one.fingerprint))
+        trusting = ssl.create_default_context()
+        trusting.check_hostname, trusting.verify_mode = False, ssl.CERT_NONE
+        with one.browser(ssl=trusting) as anna:
+            assert anna.hear("welcome")
