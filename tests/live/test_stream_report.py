@@ -26,6 +26,7 @@ from retarget.live.stream import LiveStream
 from retarget.live.stream_report import (
     Holds,
     LiveReport,
+    Spread,
     StreamNews,
     StreamProblems,
     refuse_version,
