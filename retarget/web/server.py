@@ -271,9 +271,10 @@ class PageServer:
                 message = self.feed.recv(BUFFER_BYTES)
             except BlockingIOError:
                 return
-            except OSError:
-                message = b""
+            except ConnectionResetError:  # the run has ended without reading all; what it said comes next (unix(7))
+                continue
             if not message:
+                asyncio.get_running_loop().remove_reader(self.feed)
                 self.ended.set()
                 return
             self._pass_on(unpacked(message))

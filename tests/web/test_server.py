@@ -3,10 +3,10 @@
 import hashlib
 import json
 import ssl
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 from urllib.error import HTTPError
 from urllib.parse import urlsplit
 from urllib.request import Request, urlopen
@@ -33,6 +33,9 @@ WAIT_S = 20.0
 FRAME = '{"axes": "webxr", "quaternion": "xyzw", "time": 1.5, "poses": {"head": {"p": [0, 1.6, 0]}}}'
 
 
+Known = TypeVar("Known")
+
+
 class Page:
     """A run's ends of a page, and its address."""
 
@@ -42,7 +45,7 @@ class Page:
         self.address, _, self.fingerprint = feed.address.partition(" ")
         self.clock = MonotonicClock()
 
-    def until(self, found: Any) -> Any:
+    def until(self, found: Callable[[], Known]) -> Known:
         """What `found` returns once that is true."""
         end = self.clock.now() + WAIT_S
         while not (result := found()):
@@ -58,7 +61,12 @@ class Page:
 
     def told(self, text: str) -> bool:
         """Wait until the run's terminal has a line with this text."""
-        return self.until(lambda: (self.control.listen(), any(text in line for line in self.said))[1])
+
+        def found() -> bool:
+            self.control.listen()
+            return any(text in line for line in self.said)
+
+        return self.until(found)
 
     @contextmanager
     def browser(self, kind: str = "headset", name: str = "anna", **how: Any) -> Iterator["Browser"]:
