@@ -23,6 +23,7 @@ COMMANDS = {
     "check": "Validate profiles, priorities, performers, scenes and sessions.",
     "doctor": "Say what is wrong with a stream, a servo port or this machine.",
     "view": "Look at a recorded run on a web page.",
+    "web": "Prepare web://, where a phone, a camera or a headset is the performer.",
     "robots": "List the robots known by name.",
     "emulate": "Answer as a robot's servos would, on a serial port.",
     "servo": "Work with servos: find, set up, watch, rest, reboot, home.",

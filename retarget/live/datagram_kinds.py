@@ -37,6 +37,11 @@ class Recognised:
         return f"{self.name} ({self.detail})" if self.detail else self.name
 
 
+def reads(kind: str, got: Recognised) -> bool:
+    """Whether an address of a kind reads such a datagram: `web://` also reads poses, of a headset."""
+    return got.kind == kind or (kind, got.kind) == ("web", "json")
+
+
 def recognise(datagram: bytes) -> Recognised:
     """Recognise a datagram. Never raises."""
     if datagram.startswith((b"#bundle\0", b"/")):
@@ -94,6 +99,8 @@ def _json(datagram: bytes) -> Recognised:
         return Recognised("", "JSON", "no object")
     if {"scene", "version"} <= message.keys():
         return Recognised("", "Rokoko Studio", "JSON")
+    if "landmarks" in message:
+        return Recognised("web", "landmarks of a camera")
     if "poses" not in message:
         return Recognised("", "JSON", "without poses")
     axes = message.get("axes")
@@ -138,7 +145,7 @@ _ALIEN = {
 def advice_for(kind: str, got: Recognised, *, port: int, recording: str = "") -> str:
     """What to do about datagrams `got` at an address of `kind`; "" where the address reads them. recording: the file
     that holds them, "" for a live stream."""
-    if got.kind == kind:
+    if reads(kind, got):
         return _own(kind, got)
     if got.kind and recording:
         return f"Read it as replay://{recording}?kind={got.kind}"

@@ -12,7 +12,7 @@ from retarget.errors import InputError, Problem
 from retarget.live.address import KINDS, for_others, parse_address
 from retarget.live.admission import NOT_ALLOWED, SECOND_SOURCE, TOO_LONG, TOO_MANY, Source
 from retarget.live.clock_map import JumpKind
-from retarget.live.datagram_kinds import advice_for, recognise
+from retarget.live.datagram_kinds import advice_for, reads, recognise
 from retarget.live.receivers import NatnetReceiver, UdpReceiver
 from retarget.live.sensor_validity import OUT_OF_RANGE, StateArray, ValidityState
 from retarget.live.stream import LiveStream
@@ -81,7 +81,7 @@ def _something_else(stream: LiveStream, where: str) -> tuple[str, str]:
         return "", ""
     address, got = parse_address(where), recognise(stream.undecoded)
     kind = address.recorded if address.kind == REPLAY else address.kind
-    if kind is None or not got.kind or got.kind == kind:
+    if kind is None or not got.kind or reads(kind, got):
         return "", ""
     return got.text, advice_for(kind, got, port=address.port, recording=str(address.path or ""))
 

@@ -10,7 +10,7 @@ from retarget.errors import InputError
 from retarget.live.address import EVERYWHERE, KINDS, StreamAddress, for_others, local_interfaces
 from retarget.live.admission import NOT_ALLOWED, SECOND_SOURCE
 from retarget.live.begin import HUMAN_RATE_HZ
-from retarget.live.datagram_kinds import DAMAGED, advice_for
+from retarget.live.datagram_kinds import DAMAGED, advice_for, reads
 from retarget.live.open_stream import open_stream, stream_kinds
 from retarget.live.raw_recording import recorded_kind
 from retarget.live.receivers import NatnetReceiver, port_holder
@@ -118,12 +118,12 @@ def _foreign(kind: str, capture: StreamCapture, address: StreamAddress) -> list[
     seen, recording = set[str](), "" if address.path is None else str(address.path)
     for got, _ in capture.kinds.most_common():
         advice = advice_for(kind, got, port=address.port, recording=recording)
-        mixed = bool(capture.frames) and (got.kind == kind or got.name.startswith(DAMAGED))
+        mixed = bool(capture.frames) and (reads(kind, got) or got.name.startswith(DAMAGED))
         if not advice or mixed or got.name in seen:
             continue
         seen.add(got.name)
         what = f"{got.text}, {counts[got.name]} of {looked} datagrams looked at"
-        if got.kind != kind:
+        if not reads(kind, got):
             what += f", and {kind}:// is read" if recording else f", and {kind}:// is listened for"
         also = capture.frames and not got.kind
         found.append(finding("protocol/also" if also else "protocol", got=what, advice=advice))

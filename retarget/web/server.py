@@ -413,6 +413,7 @@ async def _serve(settings: Settings, feed: socket.socket, poses: socket.socket) 
                 ping_interval=2.0,
                 ping_timeout=4.0,
                 open_timeout=10.0,
+                close_timeout=1.0,
             )
             break
         except OSError as error:
