@@ -11,7 +11,7 @@ import typer
 from typer.testing import CliRunner
 
 from messages import refuses
-from retarget.cli import COMMANDS, FILES
+from retarget.cli import COMMANDS, HOMES
 from retarget.cli.application import command_of, described, given, refuse_given
 from retarget.errors import UsageError
 
@@ -104,8 +104,9 @@ def names(holder: Callable[..., Any]) -> Iterator[str]:
 
 @pytest.mark.parametrize("command", [name for name in COMMANDS if name != "servo"])
 def test_every_option_is_described_once_and_every_description_is_of_an_option(command: str) -> None:
-    word = FILES.get(command, command.replace("-", "_"))
-    function = getattr(importlib.import_module(f"retarget.cli.{word}"), word)
+    usual = command.replace("-", "_")
+    file, word = HOMES.get(command, (usual, usual))
+    function = getattr(importlib.import_module(f"retarget.cli.{file}"), word)
     known, shown = list(names(function)), parameters(function)
     assert len(set(known)) == len(known)
     assert set(described(function)[1]) <= set(shown), "described, and no option"

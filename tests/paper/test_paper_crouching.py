@@ -8,8 +8,8 @@ import pytest
 from benchmarks.paper.crouching import PENETRATION, Outcome, crouching
 from benchmarks.paper.observed_distances import observed_distances
 from benchmarks.paper.placement import HINDERED, START_CLEAR
+from benchmarks.paper.run import CROUCH, read_trial
 from benchmarks.paper.table import as_data, show_outcomes
-from benchmarks.paper.trials import CROUCH, read_trial
 from retarget.frames import SensorFrames
 from retarget.model.observers import human_observers
 from retarget.schema.priorities import ObserverSettings

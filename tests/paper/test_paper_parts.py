@@ -1,23 +1,16 @@
-"""Parts of the paper's experiments: recordings, outlines, cycles, made motions, and the law of damping."""
+"""Parts of the paper's experiments: recordings, outlines, cycles, and the law of damping."""
 
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from benchmarks.paper.cycles import crouch_cycles
 from benchmarks.paper.damping_law import DampedPoint, damped_points
-from benchmarks.paper.made_motion import made_jog, made_jump
 from benchmarks.paper.outlines import scene_outlines
-from benchmarks.paper.replay import replay
-from retarget.frames import SensorFrames
-from retarget.schema.priorities import load_priorities
+from benchmarks.paper.placement import crouch_cycles
 from retarget.schema.scene import Scene
 from retarget.types import FloatArray
 from sim.performer import CYCLES, synthetic_performer
-
-# Recordings are found by trial, AMC first, anywhere below a folder.
-
 
 # Outlines: a sphere is a circle, a cylinder along its axis too, and zones are wider by the influence.
 
@@ -60,19 +53,6 @@ def test_the_synthetic_performer_crouches_so_often() -> None:
 
 def test_who_only_stands_has_no_cycle() -> None:
     assert crouch_cycles(np.full(100, 1.6)) == []
-
-
-# The made jog and jump are motions of a human: they leave the ground, and five sensors bring them back.
-
-
-@pytest.mark.parametrize("frames", [made_jog(), made_jump()], ids=["jog", "jump"])
-def test_they_are_reconstructed(frames: SensorFrames) -> None:
-    ankles = frames.position[:, [frames.index("l_ankle"), frames.index("r_ankle")], 2].min(axis=1)
-    assert ankles.min() > 0.03 and np.ptp(ankles) > 0.02
-    speed = np.linalg.norm(np.diff(frames.position, axis=0), axis=-1).max() * frames.rate_hz
-    assert speed < 12.0
-    errors = replay(frames, load_priorities("paper")).errors_mm
-    assert np.nanmean(errors) < 5.0
 
 
 # Figure 4: what the compiled solver leaves of four displacements beside a sphere, against the law written out.
