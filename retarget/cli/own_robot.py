@@ -3,7 +3,6 @@ propose collision observers and pairs to ignore from its body."""
 
 import shlex
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
@@ -22,19 +21,24 @@ STEPS = 1000
 
 
 def import_body(
-    body: Annotated[Path, typer.Argument(help="The robot's body: URDF or MJCF.", metavar="FILE.urdf|xml")],
-    out: Annotated[
-        Path | None, typer.Option(help="New folder for it; absent: the robot's name, here.", metavar="DIR")
-    ] = None,
-    name: Annotated[str | None, typer.Option(help="Of the robot; absent: that in the file.", metavar="NAME")] = None,
-    no_meshes: Annotated[bool, typer.Option("--no-meshes", help="Leave out meshes that cannot be read.")] = False,
-    samples: Annotated[
-        int, typer.Option(help="Postures that are looked at for observers.", metavar="N")
-    ] = DEFAULT_SAMPLES,
+    body: Path,
+    out: Path | None = None,
+    name: str | None = None,
+    no_meshes: bool = False,
+    samples: int = DEFAULT_SAMPLES,
 ) -> None:
     """Draft a robot profile from its body alone: servo table, limbs, soles, postures, observers and landmarks.
 
     Writes a new folder with robot.yaml and the body; what only you can know is marked DRAFT there.
+
+    Arguments:
+        body FILE.urdf|xml: The robot's body: URDF or MJCF.
+
+    Options:
+        out DIR: New folder for it; absent: the robot's name, here.
+        name NAME: Of the robot; absent: that in the file.
+        no_meshes (--no-meshes): Leave out meshes that cannot be read.
+        samples N: Postures that are looked at for observers.
     """
     with progress_bar("looking at postures", STEPS) as show:
         done = import_robot(
@@ -86,15 +90,26 @@ def _count(number: int, what: str) -> str:
 
 
 def fit_observers(
-    robot: Annotated[str, typer.Argument(help="A robot's name, its profile, or its body: MJCF or URDF.")],
-    out: Annotated[Path | None, typer.Option(help="Write it here instead of printing it.", metavar="FILE.yaml")] = None,
-    samples: Annotated[int, typer.Option(help="Postures that are looked at.", metavar="N")] = FIT_SAMPLES,
-    seed: Annotated[int, typer.Option(help="Of the postures: the same seed, the same proposal.", metavar="S")] = 0,
-    influence: Annotated[float, typer.Option(help="Distance at which an observer acts, m.", metavar="M")] = 0.03,
-    margin: Annotated[float, typer.Option(help="Distance that it keeps, m.", metavar="M")] = 0.005,
+    robot: str,
+    out: Path | None = None,
+    samples: int = FIT_SAMPLES,
+    seed: int = 0,
+    influence: float = 0.03,
+    margin: float = 0.005,
     overwrite: Overwrite = False,
 ) -> None:
-    """Propose observers (the smallest capsule around each link) and pairs to ignore, as a part of a profile in YAML."""
+    """Propose observers (the smallest capsule around each link) and pairs to ignore, as a part of a profile in YAML.
+
+    Arguments:
+        robot: A robot's name, its profile, or its body: MJCF or URDF.
+
+    Options:
+        out FILE.yaml: Write it here instead of printing it.
+        samples N: Postures that are looked at.
+        seed S: Of the postures: the same seed, the same proposal.
+        influence M: Distance at which an observer acts, m.
+        margin M: Distance that it keeps, m.
+    """
     zones = Zones(influence, margin)
     subject = find_subject(robot)
     if out is not None:
