@@ -78,15 +78,6 @@ def test_every_damaged_byte_costs_one_frame() -> None:
                 assert frames == STATUSES[:hit] + STATUSES[hit + 1 :], (at, flip)
 
 
-@pytest.mark.parametrize("length", [0, 1, 2, 3, 8, 11, 13, 14, 15, 16, 17, 18, 19, 20, 40, 200, 8192, 8193, 65535])
-def test_a_damaged_length_is_over_when_the_next_header_is_seen(length: int) -> None:
-    damaged, good = bytearray(protocol2.frame(*STATUSES[0])), protocol2.frame(*STATUSES[1])
-    damaged[5:7] = length.to_bytes(2, "little")
-    parser = protocol2.parser()
-    assert parser.feed(bytes(damaged) + good) == STATUSES[1:2]
-    assert parser.skipped == len(damaged)
-
-
 def test_what_a_damaged_length_claims_in_the_first_protocol_comes_back_after_silence() -> None:
     """There a header may stand in the data, so only silence shows the end."""
     damaged, good = bytearray(protocol1.status(1, 0, b"\x01\x02")), protocol1.status(2, 0, b"\x03\x04")
@@ -233,16 +224,6 @@ def test_last_parameters_and_crc_that_look_like_a_header(tail: bytes, crc: bytes
     single = protocol2.parser()
     assert [received for byte in stream for received in single.feed(bytes((byte,)))] == [frame, frame, Frame(1, 1, b"")]
     assert single.skipped == len(behind)
-
-
-def test_a_cut_fast_reply_holds_back_what_follows_until_silence() -> None:
-    reply = more_frames.fast_status([Status(1, 0, bytes(10)), Status(2, 0, bytes(10))])
-    parser = protocol2.parser()
-    assert parser.feed(reply[:20] + PING) == []
-    assert parser.flush() == [Frame(1, 1, b"")]
-    assert parser.feed(reply[:20] + PING) == []
-    parser.reset()
-    assert parser.feed(PING) == [Frame(1, 1, b"")]
 
 
 @st.composite

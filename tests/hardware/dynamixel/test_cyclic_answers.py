@@ -10,25 +10,9 @@ import more_frames
 from bus_rig import BusRig, Tapped
 from hardware.dynamixel import single_requests
 from hardware.dynamixel.codec import Status, side_by_side
-from hardware.dynamixel.control_table import find_table
-from hardware.dynamixel.cyclic import Ask, Kind, block_of, collect
+from hardware.dynamixel.cyclic import Ask, Kind, collect
 from scripted_port import ScriptedPort
 from sim.emulator.faults import Fault, FaultKind
-
-
-@pytest.mark.parametrize(("model", "protocol"), [("XM430-W350", 2), ("XL430-W250", 2), ("MX-28", 1), ("AX-12A", 1)])
-def test_every_register_is_where_its_table_says(model: str, protocol: int) -> None:
-    table = find_table(model, protocol)
-    block = block_of(table, "torque_enable", "present_temperature")
-    assert block.size == table["present_temperature"].end - table["torque_enable"].address
-    data = bytes((7 * k + 130) % 256 for k in range(block.size))
-    (row,) = block.unpack(side_by_side([Status(1, 0, data)]))
-    for name in block.dtype.names or ():
-        register = table[name]
-        if register.direction_bit is None:
-            at = register.address - block.address
-            assert int(row[name]) == register.decode(data[at : at + register.size]), name
-
 
 SLACK = 0.004
 
@@ -115,17 +99,6 @@ def test_a_pause_in_the_middle_is_waited_for(pause: float) -> None:
     due = [(at + (pause if k >= 7 else 0.0), data) for k, (at, data) in enumerate(pieces(REPLY, begun=1e-3))]
     answers, known = received(Wire(due))
     assert answers == 20 and known == pytest.approx(1e-3 + BYTE * len(REPLY) + pause, abs=2 * (SIZE + 4) * BYTE)
-
-
-def test_an_adapter_that_collects_bytes_is_waited_for_no_longer_than_its_reply() -> None:
-    """Full-speed USB: what has come by each whole ms."""
-    due: dict[int, bytes] = {}
-    for at, data in pieces(REPLY, begun=1e-3, size=1):
-        due[int(at * 1e3) + 1] = due.get(int(at * 1e3) + 1, b"") + data
-    wire = Wire([(1e-3 * ms, data) for ms, data in due.items()])
-    last = 1e-3 * max(due)
-    answers, known = received(wire)
-    assert answers == 20 and known == pytest.approx(last) and wire.waits <= len(due)
 
 
 class Counting(Tapped):

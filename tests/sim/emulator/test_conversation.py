@@ -55,15 +55,6 @@ def _joined(replies: Sequence[Reply]) -> bytes:
     return b"".join(reply.data for reply in replies)
 
 
-def test_an_address_reaches_its_device_and_all_receive_it() -> None:
-    devices = _row(1, 2, 3)
-    (reply,) = _said(protocol2.ping(2), devices)
-    assert reply.data == protocol2.status(2, 0, b"\x06\x04\x26")
-    assert [len(device.done) for device in devices] == [0, 1, 0]
-    assert [device.heard for device in devices] == [[1.0]] * 3
-    assert _said(protocol2.status(1, 0), devices) == [] and devices[0].done == []  # no instruction
-
-
 def test_a_broadcast_ping_is_answered_in_order_of_ids_and_the_rest_is_obeyed_in_silence() -> None:
     assert _who(_said(protocol2.ping(BROADCAST), _row(7, 3, 5))) == [3, 5, 7]
     devices = _row(1, 2)
@@ -71,14 +62,6 @@ def test_a_broadcast_ping_is_answered_in_order_of_ids_and_the_rest_is_obeyed_in_
     assert [device.store[64] for device in devices] == [1, 1]
     assert _said(more_frames.reboot(BROADCAST), devices) == []
     assert [device.done[-1] for device in devices] == [(Instruction.REBOOT, b"", True, False)] * 2
-
-
-def test_group_reads_are_answered_in_the_order_of_the_frame() -> None:
-    for request in (protocol2.sync_read(132, 4, [3, 1, 2]), more_frames.bulk_read([(d, 132, 4) for d in (3, 1, 2)])):
-        replies = _said(request, _row(1, 2, 3))
-        assert [reply.data for reply in replies] == [protocol2.status(d, 0, bytes((d, 0, 0, 0))) for d in (3, 1, 2)]
-    refused = _said(protocol2.sync_read(2000, 4, [1, 2]), _row(1, 2))
-    assert [reply.data for reply in refused] == [protocol2.status(1, 7), protocol2.status(2, 7)]
 
 
 @pytest.mark.parametrize(

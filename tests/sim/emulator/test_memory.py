@@ -1,7 +1,5 @@
 """The memory of an emulated device: access, holes, indirect addressing."""
 
-from typing import cast
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -9,20 +7,7 @@ from hypothesis import strategies as st
 from emulated import read_register, servo2, write_register
 from hardware.dynamixel.codec import Error2
 from hardware.dynamixel.control_table import find_table
-from sim.emulator.memory import Memory, Part
-
-
-def test_a_write_is_split_into_registers() -> None:
-    memory = Memory(find_table("XM430-W350", 2))
-    parts = memory.parts(108, bytes(range(12)))
-    assert [part.register.name for part in cast(list[Part], parts)] == [
-        "profile_acceleration",
-        "profile_velocity",
-        "goal_position",
-    ]
-    assert memory.parts(108, bytes(11)) is Error2.DATA_LENGTH
-    assert memory.parts(108, bytes(13)) is Error2.ACCESS  # the realtime tick follows and is cut short
-    assert memory.parts(10_000, bytes(1)) is Error2.ACCESS
+from sim.emulator.memory import Memory
 
 
 @pytest.mark.parametrize(("model", "first"), [("XM430-W350", 1), ("XM430-W350", 29), ("XL330-M288", 1)])

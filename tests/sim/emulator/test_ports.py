@@ -96,15 +96,6 @@ def test_a_ping_is_answered_after_wire_time_and_latency() -> None:
     assert not port.wait(6.2505) and port.wait(7.0)  # an answer behind the deadline is not there yet
 
 
-def test_another_baud_rate_receives_nothing_until_it_is_right() -> None:
-    port = _port(VirtualClock(), baud=57600)
-    port.write(PING)
-    assert not port.wait(1.0)
-    port.set_baud(BAUD)
-    port.write(PING)
-    assert port.wait(2.0) and port.baud == BAUD
-
-
 def test_a_port_refuses_what_cannot_be() -> None:
     port = _port(VirtualClock())
     with refuses(BusError):

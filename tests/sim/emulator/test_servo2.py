@@ -7,15 +7,6 @@ from hardware.dynamixel.codec import Error2, Instruction
 from sim.emulator.servo2 import RESTORE, STORE
 
 
-@pytest.mark.parametrize(("option", "kept"), [(0xFF, (1, 57600)), (2, (9, 1000000))])
-def test_factory_reset(option: int, kept: tuple[int, int]) -> None:
-    servo = servo2()
-    wrote(servo, id=9, baud_rate=3, velocity_limit=50)
-    assert answered(servo, Instruction.FACTORY_RESET, bytes((option,))).error == 0
-    assert servo.booting(0.1) and (servo.id, servo.baud) == kept
-    assert read_register(servo, "velocity_limit", 1.0) == 200
-
-
 def test_a_broadcast_is_obeyed_in_silence() -> None:
     servo = servo2()
     wrote(servo, id=9)
