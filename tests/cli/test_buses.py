@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from check_helpers import copy_of_op3
+from command_line import copy_of_op3
 from hardware.clock import VirtualClock
 from hardware.dynamixel.bus import DynamixelBus
 from hardware.errors import BusError

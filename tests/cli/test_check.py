@@ -6,8 +6,7 @@ from typing import Any
 
 import pytest
 
-from check_helpers import copy_of_op3
-from command_line import code_of
+from command_line import code_of, copy_of_op3
 from command_line import said_by as run
 from messages import shows, shows_lines
 from retarget.cli import run as run_module

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from datagrams import CLOCK, LOOPBACK, PATIENCE_S, arrived, sending
+from live_rig import CLOCK, LOOPBACK, PATIENCE_S, arrived, sending
 from messages import Facts, refuses
 from mvn_packets import mvn
 from natnet_packets import Motion, datagram, frame, server_info

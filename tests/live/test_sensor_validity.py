@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from live_rig import NAMES, Stream, judge, recorded, walk
 from messages import refuses
 from retarget._solver import Validity
 from retarget.live.sensor_validity import (
@@ -24,7 +25,6 @@ from retarget.sources.open import open_source
 from retarget.sources.raw_record import RawReader
 from retarget.sources.vmc import VmcDecoder
 from retarget.types import FloatArray
-from validity_rig import NAMES, Stream, judge, recorded, walk
 
 PLACES = np.array([[0.0, 0.3, 1.0], [0.0, -0.3, 1.0], [0.0, 0.0, 1.0]])
 THREE = ("l_wrist", "r_wrist", "pelvis")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hardware.guard import CheckedGoal
-from live_rig import LiveRig, live_stream
+from live_rig import ROLE_SETS, LiveRig, live_stream
 from live_rig import five as five_sensors
 from messages import Facts, refuses
 from retarget import rotations
@@ -27,7 +27,6 @@ from retarget.sources.raw_record import RawReader
 from retarget.sources.stream_frame import Dropped, StreamDecoder, StreamFrame
 from retarget.sources.vmc import VmcDecoder
 from retarget.sources.vrchat import VrchatDecoder
-from sent_roles import ROLE_SETS
 from sim.faults.sender import FakeSender
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from mcap.reader import DecodedMessageTuple, make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from recordings import Recorded, record
+from recordings import Recorded, decoded, record
 from retarget.model.robot import RobotBody, load_robot
 from retarget.recording.cdr import layout_from, layout_of, schema
 from retarget.recording.cycles import Cycles, Done, Shape
@@ -30,7 +30,6 @@ from retarget.recording.topics import (
     topics,
 )
 from retarget.run.options import RunOptions
-from ros2_messages import decoded
 
 KINDS = {"bool": "?", "uint8": "B", "int32": "i", "uint32": "I", "float32": "f", "float64": "d"}
 

@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from exported import angle_between, moved, slider, with_servos
 from messages import refuses
+from recordings import angle_between, moved, slider, with_servos
 from retarget.errors import InputError, UsageError
 from retarget.recording.lerobot import write_lerobot
 from retarget.recording.motion import Motion, resampled

@@ -10,7 +10,7 @@ import pytest
 
 from followers import DT, op3
 from messages import shows
-from observed_robot import ZONE, Done, act, human, raised, robot, scene_of, sphere, without_observers
+from observed import ZONE, Done, act, human, raised, robot, scene_of, sphere, without_observers
 from retarget import rotations
 from retarget.cli import main
 from retarget.frames import SensorFrames

@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bus_rig import four_servos
 from faulty_bus import FaultKind, FaultyBus, MockFault
 from hardware.bus import ServoAlert, ServoGoals
 from hardware.clock import VirtualClock
 from hardware.errors import BusError
 from hardware.servo import ServoGains, loop_lag
 from messages import refuses
-from servos import four_servos
 from sim.servo_model import AMBIENT, HEAT_PER_AMPERE2, ServoLoad, saturated_lag
 
 SERVOS = four_servos()

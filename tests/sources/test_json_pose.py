@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from mutated import mutated
+from command_line import mutated
 from retarget import rotations
 from retarget.sources.json_pose import JsonPoseDecoder
 from retarget.sources.stream_frame import CONVENTIONS, MAX_COORDINATE, MAX_DATAGRAM, MAX_POSES, StreamFrame, unusable

@@ -3,9 +3,19 @@
 import numpy as np
 import pytest
 
-from fake_motive import FakeMotive, MotiveSettings
 from messages import shows
-from natnet_packets import VERSIONS, Body, Catalogue, Motion, datagram, definitions, frame, server_info
+from natnet_packets import (
+    VERSIONS,
+    Body,
+    Catalogue,
+    FakeMotive,
+    Motion,
+    MotiveSettings,
+    datagram,
+    definitions,
+    frame,
+    server_info,
+)
 from retarget.frames import SensorFrames
 from retarget.rotations import angle_between
 from retarget.sources.natnet_decoder import NatnetDecoder

@@ -13,8 +13,7 @@ import more_frames
 from hardware.dynamixel.codec import ALERT, BROADCAST, Frame, Status, protocol1, protocol2, valid_parts, whole_reply
 from messages import refuses
 from noise import LINES, bytes_of, noise, pieces, stretch
-from packet_vectors import ONE, TWO, Vector
-from sdk_port import SdkPort
+from packet_vectors import ONE, TWO, SdkPort, Vector
 
 both = pytest.mark.parametrize("protocol", [1, 2])
 SEEDS = st.integers(0, 2**32 - 1)

@@ -29,7 +29,7 @@ from hardware.dynamixel.cyclic import (
 )
 from hardware.dynamixel.cyclic import RETRIES as ERROR_RATE_RETRIES
 from hardware.dynamixel.readings import Torque
-from scripted_port import ScriptedPort
+from packet_vectors import ScriptedPort
 from sim.emulator.conversation import Gaps
 from sim.emulator.fault_state import FaultState
 from sim.emulator.faults import Direction, Fault, FaultKind, Unit

@@ -16,7 +16,7 @@ from hardware.dynamixel.single_requests import (
 )
 from hardware.errors import BusError
 from messages import refuses, shows
-from scripted_port import Replies, ScriptedPort, always, in_turn
+from packet_vectors import Replies, ScriptedPort, always, in_turn
 
 TABLE = find_table("XM430-W350", 2)
 POSITION, GOAL = TABLE["present_position"], TABLE["goal_position"]

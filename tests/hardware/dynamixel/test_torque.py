@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bus_rig import BusRig, GuardedBus, bus_of, spec, specs
+from bus_rig import FAR, TURN, BusRig, GuardedBus, bus_of, of_many_turns, spec, specs
 from hardware.bus import ServoGoals
 from hardware.dynamixel import torque
 from hardware.dynamixel.codec import Instruction
@@ -16,7 +16,6 @@ from hardware.dynamixel.torque import PATIENCE, Drive, restart
 from hardware.errors import BusError
 from hardware.servo import ServoGains, ServoMode, ServoSpec
 from messages import refuses, shows
-from powering_helpers import FAR, TURN, of_many_turns
 from sim.emulator.faults import Direction, Fault, FaultKind
 from sim.emulator.line import Timing
 

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import more_frames
+from emulated import StubDevice
 from hardware.clock import VirtualClock
 from hardware.dynamixel.codec import (
     BROADCAST,
@@ -33,7 +34,6 @@ from sim.emulator.fault_state import FaultState
 from sim.emulator.faults import Fault, FaultKind
 from sim.emulator.line import Line, Timing
 from sim.emulator.ports import EmulatedPort
-from stub_devices import StubDevice
 
 FOREVER = 1e9
 PING, STATUS = protocol2.ping(1), protocol2.status(1, 0, b"\x06\x04\x26")

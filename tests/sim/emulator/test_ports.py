@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from serial import Serial
 
+from emulated import StubDevice
 from hardware.clock import MonotonicClock, VirtualClock, thread_cpu
 from hardware.dynamixel.codec import protocol2
 from hardware.dynamixel.serial_port import BytePort
@@ -23,7 +24,6 @@ from sim.emulator.fault_state import FaultState
 from sim.emulator.faults import Fault, FaultKind
 from sim.emulator.line import Line, Timing
 from sim.emulator.ports import EmulatedPort, Link, PseudoTerminal, serve
-from stub_devices import StubDevice
 
 
 def test_it_is_made_moved_and_taken_away(tmp_path: Path) -> None:
