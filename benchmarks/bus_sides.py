@@ -7,9 +7,8 @@ from typing import Protocol
 import numpy as np
 from dynamixel_sdk import COMM_SUCCESS, GroupSyncRead, GroupSyncWrite, PacketHandler, PortHandler
 
-from benchmarks.bus_emulator import CENTRE, bus_spec, servo_specs
 from hardware.arrays import TickArray
-from hardware.bus import ServoGoals
+from hardware.bus import BusSpec, ServoGoals
 from hardware.clock import MonotonicClock
 from hardware.dynamixel.bus import DynamixelBus
 from hardware.dynamixel.codec import protocol2
@@ -18,11 +17,39 @@ from hardware.dynamixel.cyclic import CyclicPort, Kind, Wired
 from hardware.dynamixel.readings import Readings
 from hardware.dynamixel.serial_port import BytePort, SerialPort
 from hardware.joint_map import JointMap
+from hardware.servo import ServoSpec, find_model
+from sim.emulator.line import Line, Timing
+from sim.emulator.robot_lines import robot_lines
 
 MODEL = "XM430-W350"
 GOAL, GOAL_SIZE = 116, 4
 PRESENT, PRESENT_SIZE = 126, 10
 TORQUE = 64
+
+CENTRE = 2048
+"""Tick at which every servo begins."""
+
+
+def servo_specs(count: int) -> list[ServoSpec]:
+    """`count` servos with ids from 1 on, on one bus."""
+    model = find_model(MODEL)
+    return [
+        ServoSpec(f"joint{device}", device, model, "bench", 1, CENTRE, -3.0, 3.0, 4.0, 40.0)
+        for device in range(1, count + 1)
+    ]
+
+
+def bus_spec(count: int, baud: int, port: str = "") -> BusSpec:
+    """Their bus, without return delay."""
+    return BusSpec("bench", port, baud, 2, tuple(range(1, count + 1)))
+
+
+def make_line(count: int, baud: int, timing: Timing, now: float) -> Line:
+    """Their line."""
+    lines = robot_lines(
+        servo_specs(count), [bus_spec(count, baud)], start=np.full(count, CENTRE), now=now, timing=timing, powered=True
+    )
+    return lines["bench"]
 
 
 class BusSide(Protocol):
@@ -71,13 +98,6 @@ def use_plain_reads(cyclic: CyclicPort) -> None:
     """Make the groups of a port ask by Sync Read."""
     for group in cyclic._groups:
         object.__setattr__(group, "kind", Kind.SYNC)
-
-
-def our_port(path: str, count: int, baud: int, *, plain: bool = False) -> OurPort:
-    """On a serial port."""
-    port = SerialPort(path, MonotonicClock())
-    port.open(baud)
-    return OurPort(port, count, plain=plain)
 
 
 class OurBus:

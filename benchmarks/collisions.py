@@ -13,8 +13,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from benchmarks.collision_placement import height_scale, place, write_scene
-from benchmarks.collision_runs import Motion, play
+from benchmarks.collision_placement import Motion, height_scale, place, play, write_scene
 from benchmarks.recording import SHARED
 from benchmarks.table import add_docs, print_table, show_table
 from hardware.errors import RetargetError

@@ -12,7 +12,7 @@ from collections import Counter
 import mujoco
 import numpy as np
 
-from benchmarks.bus_wire import BAUDS, expected_ms
+from benchmarks.bus import BAUDS, expected_ms
 from benchmarks.table import ROOT, markdown, stored_table
 from retarget.model.robot import RobotBody, load_robot
 

@@ -1,7 +1,8 @@
 """`python -m benchmarks.lateness`: how late ticks wake up, of the live loop and an empty one by turns.
 
-The live loop receives from a sender of JSON poses in another process, and moves OP3 on emulated servos with the bytes
-of its bus, at 100 Hz. Lateness: when a tick wakes up, minus its deadline, and what a tick before took over its period.
+The live loop receives what `examples/send_poses.py` sends in another process, and moves OP3 on emulated servos with the
+bytes of its bus, at 100 Hz. Lateness: when a tick wakes up, minus its deadline, and what a tick before took over its
+period.
 """
 
 from __future__ import annotations
@@ -10,16 +11,18 @@ import gc
 import os
 import shutil
 import socket
+import subprocess
+import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.bodies import Floats
-from benchmarks.pose_sender import PoseSender
-from benchmarks.table import options_of, show_table, write_json
+from benchmarks.table import ROOT, options_of, show_table, write_json
 from hardware.bus import ServoBus
 from hardware.clock import Clock, MonotonicClock
 from hardware.realtime import Scheduling, scheduled
@@ -102,7 +105,10 @@ def live_leg(seconds: float, robot: Path) -> list[float]:
         return emulated_bus(body, MonotonicClock(), start=body.joint_map.to_ticks(stand))
 
     options = RunOptions(robot=str(robot), bus="emulator")
-    with PoseSender(port), prepare_for(perform, options, clock=clock, make_bus=make_bus, goes_to_rest=True) as prepared:
+    with (
+        pose_sender(port),
+        prepare_for(perform, options, clock=clock, make_bus=make_bus, goes_to_rest=True) as prepared,
+    ):
         machine = prepared.machine
         assert machine is not None
 
@@ -114,6 +120,17 @@ def live_leg(seconds: float, robot: Path) -> list[float]:
     if len(clock.late) < seconds * RATE_HZ:
         raise SystemExit(f"the live loop did not last ({result.reason}): a quieter machine, or --realtime 40")
     return clock.late[: round(seconds * RATE_HZ)]
+
+
+@contextmanager
+def pose_sender(port: int) -> Iterator[None]:
+    """A performer who stands for 6 s and then moves arms, for as long as a leg lasts."""
+    words = [sys.executable, str(ROOT / "examples" / "send_poses.py"), "127.0.0.1", str(port), "3600"]
+    with subprocess.Popen(words) as process:
+        try:
+            yield
+        finally:
+            process.kill()
 
 
 def free_port() -> int:

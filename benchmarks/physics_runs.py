@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from benchmarks.bodies import Floats
-from hardware.bus import ServoBus, ServoGoals, ServoStates
+from hardware.bus import ServoBus
 from hardware.clock import Clock, VirtualClock, thread_cpu
 from hardware.guard_state import StopCause
 from retarget.cli.buses import PhysicsBench
@@ -20,37 +22,21 @@ from retarget.run.prepare import prepare
 from retarget.run.run_result import RunResult
 
 
-class TimedBus:
-    """A `hardware.bus.ServoBus` that hands everything on, and adds up the thread CPU of it: `spent`, s."""
+def timed(bus: ServoBus, spent: list[float]) -> ServoBus:
+    """The bus, of which the thread CPU, s, of each read and write is added to `spent`."""
+    for name in ("read", "write"):
+        setattr(bus, name, _timed(getattr(bus, name), spent))
+    return bus
 
-    def __init__(self, bus: ServoBus) -> None:
-        self._bus = bus
-        self.spent = 0.0
 
-    def open(self) -> None:
-        """Open it."""
-        self._bus.open()
-
-    def read(self) -> ServoStates:
-        """Read it."""
+def _timed(call: Callable[..., Any], spent: list[float]) -> Callable[..., Any]:
+    def measured(*given: Any) -> Any:
         begun = thread_cpu()
-        states = self._bus.read()
-        self.spent += thread_cpu() - begun
-        return states
+        found = call(*given)
+        spent.append(thread_cpu() - begun)
+        return found
 
-    def write(self, goals: ServoGoals) -> None:
-        """Write to it."""
-        begun = thread_cpu()
-        self._bus.write(goals)
-        self.spent += thread_cpu() - begun
-
-    def torque(self, on: bool) -> None:
-        """Switch its torque."""
-        self._bus.torque(on)
-
-    def close(self) -> None:
-        """Close it."""
-        self._bus.close()
+    return measured
 
 
 @dataclass(frozen=True)
@@ -104,11 +90,10 @@ def play(frames: SensorFrames, options: RunOptions) -> RunResult:
 def cost_of_run(name: str, frames: SensorFrames, options: RunOptions) -> PhysicsCost:
     """Run it, and take its time. Raises RetargetError."""
     bench = PhysicsBench(options, lambda text: None)
-    timed: list[TimedBus] = []
+    on_bus: list[float] = []
 
     def bus(robot: RobotBody, clock: Clock) -> ServoBus:
-        timed.append(TimedBus(bench.make_bus(robot, clock)))
-        return timed[0]
+        return timed(bench.make_bus(robot, clock), on_bus)
 
     with prepare(
         lambda: frames, options, clock=VirtualClock(), make_bus=bus, goes_to_rest=options.has_physics
@@ -117,7 +102,7 @@ def cost_of_run(name: str, frames: SensorFrames, options: RunOptions) -> Physics
         begun = thread_cpu()
         run = prepared.run(watch)
         cpu = thread_cpu() - begun
-        spent = timed[0].spent
+        spent = sum(on_bus)
     run = bench.seen(run)
     ticks, dt = len(run.record), run.clip.dt
     human, robot = _total(run.record.timing.reconstruct), _total(run.record.timing.retarget)

@@ -1,5 +1,6 @@
 """Errors say what, where, found, allowed and what to do; all problems of one file at once."""
 
+from hardware import errors
 from retarget.errors import MAX_SHOWN, ConfigError, InputError, Problem, nearest
 
 
@@ -25,3 +26,17 @@ def test_a_flood_of_problems_is_counted_not_printed() -> None:
 def test_nearest_names_ignore_case_and_come_best_first() -> None:
     assert nearest("L_Knee", ["r_knee", "l_knee", "head"])[0] == "l_knee"
     assert nearest("zzzz", ["l_knee"]) == ()
+
+
+# The root of the error tree and its message.
+
+
+def test_a_message_says_what_where_found_allowed_and_what_next() -> None:
+    text = errors.describe(
+        what="id out of range", where="robot.yaml:7", found=300, allowed="0 to 252", then="Scan the bus"
+    )
+    assert text == "robot.yaml:7: id out of range; found 300; allowed: 0 to 252. Scan the bus."
+
+
+def test_empty_parts_are_left_out() -> None:
+    assert errors.describe(what="no servo answers") == "no servo answers."

@@ -13,7 +13,6 @@ from pathlib import Path
 
 from benchmarks.golden.compare import COUNTED_MESSAGES, MESSAGES, TIMINGS, differences
 from benchmarks.golden.matrix import Run, found_sources, full_matrix
-from benchmarks.golden.old_names import Names, names_in
 from benchmarks.golden.play import Outcome, play
 from benchmarks.golden.stored import STORED, store
 from benchmarks.golden.tree import Tree, TreeError, other_tree, resolved, this_tree
@@ -61,7 +60,7 @@ def compare(commit: str, *, only: str, jobs: int) -> int:
     for note in sources.notes:
         print(f"note: {note}")
     built = time.monotonic()
-    bad = _play_all(runs, here, there, names_in(ROOT, sha), jobs)
+    bad = _play_all(runs, here, there, jobs)
     end = time.monotonic()
     worded = ", ".join([*MESSAGES, *COUNTED_MESSAGES])
     print(f"not compared: {', '.join(TIMINGS)} (timings); the wording of {worded}")
@@ -72,26 +71,26 @@ def compare(commit: str, *, only: str, jobs: int) -> int:
     return 1 if bad else 0
 
 
-def _play_all(runs: list[Run], here: Tree, there: Tree, names: Names, jobs: int) -> int:
+def _play_all(runs: list[Run], here: Tree, there: Tree, jobs: int) -> int:
     """How many runs differ. Both versions of a run are played at about the same time."""
     bad = 0
     with ThreadPoolExecutor(jobs) as pool:
         both = [
             (
                 run,
-                pool.submit(play, run, here, OUT / "runs" / run.name / "here", Names()),
-                pool.submit(play, run, there, OUT / "runs" / run.name / "there", names),
+                pool.submit(play, run, here, OUT / "runs" / run.name / "here"),
+                pool.submit(play, run, there, OUT / "runs" / run.name / "there"),
             )
             for run in runs
         ]
         for run, ours, theirs in both:
-            bad += _print_comparison(run, ours.result(), theirs.result(), names)
+            bad += _print_comparison(run, ours.result(), theirs.result())
     return bad
 
 
-def _print_comparison(run: Run, ours: Outcome, theirs: Outcome, names: Names) -> bool:
+def _print_comparison(run: Run, ours: Outcome, theirs: Outcome) -> bool:
     """Print how a run compares. Returns whether it differs."""
-    found = differences(ours, theirs, names)
+    found = differences(ours, theirs)
     wire = f", {len(ours.wire['data'])} bytes on the wire" if ours.wire else ""
     ticks = f"{len(ours.arrays['joint_positions'])} ticks, {len(ours.arrays)} arrays" if ours.arrays else ""
     ticks = ticks or f"{len(ours.report.get('verdicts', ()))} verdicts"

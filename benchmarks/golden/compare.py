@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.golden.old_names import Names
 from benchmarks.golden.play import Arrays, Outcome
 
 TIMINGS = {
@@ -41,45 +40,36 @@ class Difference:
     first: int | None = None
 
 
-def differences(ours: Outcome, theirs: Outcome, names: Names | None = None) -> list[Difference]:
-    """Everything that differs: exit code and wire, then arrays, the earliest first, then the report.
-
-    names: what the other version calls things.
-    """
+def differences(ours: Outcome, theirs: Outcome) -> list[Difference]:
+    """Everything that differs: exit code and wire, then arrays, the earliest first, then the report."""
     problems = [
         Difference("run", f"{side}: {one.problem}") for side, one in (("here", ours), ("there", theirs)) if one.problem
     ]
     if problems:
         return problems
-    known = names or Names()
     found = [] if ours.code == theirs.code else [Difference("exit code", f"{ours.code} here, {theirs.code} there")]
-    found += _array_differences(ours.arrays, theirs.arrays, known)
+    found += _array_differences(ours.arrays, theirs.arrays)
     wire = wire_difference(ours.wire, theirs.wire)
     found += [] if wire is None else [wire]
-    found += _report_differences(compared_report(ours.report), compared_report(theirs.report), known)
+    found += _report_differences(compared_report(ours.report), compared_report(theirs.report))
     return sorted(found, key=lambda one: (one.what.startswith("report "), -1 if one.first is None else one.first))
 
 
-def _array_differences(ours: Arrays, theirs: Arrays, names: Names) -> list[Difference]:
-    known = {names.keys.get(name, name): name for name in ours}
-    found = [Difference(name, "only there") for name in theirs if name not in known]
-    for then, name in known.items():
-        one = (
-            Difference(name, "only here")
-            if then not in theirs
-            else array_difference(name, ours[name], theirs[then], names)
-        )
-        found += [] if one is None else [one]
-    return found
+def _array_differences(ours: Arrays, theirs: Arrays) -> list[Difference]:
+    found = [array_difference(name, ours[name], theirs[name]) for name in ours if name in theirs]
+    return [*_only_in_one(ours, theirs), *(one for one in found if one is not None)]
 
 
-def array_difference(name: str, ours: Floats, theirs: Floats, names: Names | None = None) -> Difference | None:
+def _only_in_one(ours: Mapping[str, Any], theirs: Mapping[str, Any], what: str = "") -> list[Difference]:
+    """What one version alone has."""
+    there = [Difference(what + name, "only there") for name in theirs if name not in ours]
+    return [*there, *(Difference(what + name, "only here") for name in ours if name not in theirs)]
+
+
+def array_difference(name: str, ours: Floats, theirs: Floats) -> Difference | None:
     """The first tick that differs in two arrays (T, ...), and the largest difference of all; None for the same bits. Of
     texts only whether they are the same."""
-    if ours.dtype.kind == "U" and theirs.dtype.kind == "U":
-        keys = (names or Names()).keys
-        ours = np.vectorize(lambda text: keys.get(text, text), otypes=[np.str_])(ours) if keys and ours.size else ours
-    elif ours.dtype != theirs.dtype:
+    if ours.dtype != theirs.dtype and (ours.dtype.kind, theirs.dtype.kind) != ("U", "U"):
         return Difference(name, f"{ours.dtype} here, {theirs.dtype} there")
     if ours.ndim != theirs.ndim or ours.shape[1:] != theirs.shape[1:]:
         return Difference(name, f"shape {ours.shape} here, {theirs.shape} there")
@@ -189,20 +179,9 @@ def compared_report(report: Mapping[str, Any], above: str = "") -> dict[str, Any
     return flat
 
 
-def _report_differences(ours: dict[str, Any], theirs: dict[str, Any], names: Names) -> list[Difference]:
-    def renamed(path: str) -> str:
-        return ".".join(names.keys.get(key, key) for key in path.split("."))
-
-    def value_then(value: Any) -> Any:
-        if isinstance(value, list):
-            return [value_then(one) for one in value]
-        return names.keys.get(value, value) if isinstance(value, str) else value
-
-    known = {renamed(path): path for path in ours}
-    found = [Difference(f"report {path}", "only there") for path in theirs if path not in known]
-    for then, path in known.items():
-        if then not in theirs:
-            found.append(Difference(f"report {path}", "only here"))
-        elif value_then(ours[path]) != theirs[then]:
-            found.append(Difference(f"report {path}", f"{ours[path]} here, {theirs[then]} there"))
-    return found
+def _report_differences(ours: dict[str, Any], theirs: dict[str, Any]) -> list[Difference]:
+    return _only_in_one(ours, theirs, "report ") + [
+        Difference(f"report {path}", f"{ours[path]} here, {theirs[path]} there")
+        for path in ours
+        if path in theirs and ours[path] != theirs[path]
+    ]

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from benchmarks.golden.matrix import Run
-from benchmarks.golden.old_names import Names
 from benchmarks.golden.tree import Tree
 
 Arrays = dict[str, np.ndarray[Any, Any]]
@@ -36,16 +35,14 @@ class Outcome:
     problem: str = ""
 
 
-def play(run: Run, tree: Tree, folder: Path, names: Names) -> Outcome:
-    """Run it in an empty `folder`. names: what this version calls what has another name in the matrix."""
+def play(run: Run, tree: Tree, folder: Path) -> Outcome:
+    """Run it in an empty `folder`."""
     shutil.rmtree(folder, ignore_errors=True)
     config = folder / "config"
     config.mkdir(parents=True)
-    words = [names.word(word) for word in run.words]
-    if run.saves:
-        words += [names.word("--save"), "run.npz", names.word("--report"), "report.json"]
+    saved = ["--save", "run.npz", "--report", "report.json"] if run.saves else []
     head = [str(TAP), "wire.npz"] if run.wire else ["-m", "retarget"]
-    command = [str(tree.python), "-P", *head, *names.files(words, folder)]
+    command = [str(tree.python), "-P", *head, *run.words, *saved]
     try:
         done = subprocess.run(
             command,

@@ -15,7 +15,6 @@ import numpy as np
 
 from benchmarks.golden.compare import compared_report
 from benchmarks.golden.matrix import small_matrix
-from benchmarks.golden.old_names import Names
 from benchmarks.golden.play import Outcome, play
 from benchmarks.golden.tree import Tree, TreeError
 
@@ -63,7 +62,7 @@ def hashes_of_runs(tree: Tree, folder: Path) -> dict[str, dict[str, str]]:
     """Hashes by run. Raises TreeError for a run that fails."""
     found = {}
     for run in small_matrix(folder / "sources"):
-        outcome = play(run, tree, folder / run.name, Names())
+        outcome = play(run, tree, folder / run.name)
         if outcome.problem:
             raise TreeError(f"{run.name}: {outcome.problem}")
         found[run.name] = hashes(outcome)

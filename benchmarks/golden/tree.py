@@ -80,22 +80,19 @@ def resolved(root: Path, commit: str) -> str:
 def other_tree(root: Path, sha: str, *, cache: Path) -> Tree:
     """A commit, unpacked and built below `cache`; a second call finds it there. Raises TreeError.
 
-    It uses this environment where it asks for the same packages; else one of its own, which takes minutes.
+    It uses this environment, and therefore has to ask for the same packages.
     """
     folder = cache / sha
     asked = tomllib.loads(_git(root, "show", f"{sha}:pyproject.toml"))
-    shared = _dependencies(asked) == _dependencies(_pyproject(root))
-    whole = folder / (".whole" if shared else ".whole-with-packages")
+    if _dependencies(asked) != _dependencies(_pyproject(root)):
+        raise TreeError(f"{sha[:12]} asks for other packages than this checkout")
+    whole = folder / ".whole"
     if not whole.exists():
         shutil.rmtree(folder, ignore_errors=True)
         _unpack(root, sha, folder)
-        if shared:
-            _copy_extension(root, sha, folder, cache)
-        else:
-            print(f"{sha[:12]} asks for other packages: it gets an environment of its own", flush=True)
-            _checked(["make", ".venv/.with-base"], cwd=folder, env=dict(os.environ))
+        _copy_extension(root, sha, folder, cache)
         whole.touch()
-    return Tree(sha[:12], folder, Path(sys.executable) if shared else folder / ".venv/bin/python")
+    return Tree(sha[:12], folder, Path(sys.executable))
 
 
 def _unpack(root: Path, sha: str, folder: Path) -> None:

@@ -12,10 +12,8 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from benchmarks.paper.made_motion import made_jog, made_jump
-from benchmarks.paper.run import NAMES, Motions, Results, run_experiments
+from benchmarks.paper.run import CROUCH, JOG, JUMP, NAMES, Motions, Results, read_trial, run_experiments
 from benchmarks.paper.table import show_outcomes
-from benchmarks.paper.trials import CROUCH, JOG, JUMP, read_trial
 from benchmarks.table import add_docs
 from retarget.cli.application import progress_bar
 from retarget.cli.exit import exit_code_of
@@ -37,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.paper", description=__doc__)
-    recordings = "folder of recordings, searched for CMU 02_06, 02_03 and 02_04; without: synthetic motion"
+    recordings = "folder of recordings, searched for CMU 02_06, 02_03 and 02_04; without: no jog and jump"
     parser.add_argument("--mocap", type=Path, metavar="DIR", help=recordings)
     parser.add_argument("--out", type=Path, default=DEFAULT_FOLDER, metavar="DIR", help="for pictures and numbers")
     parser.add_argument("--only", metavar="NAME,...", help=f"some of {', '.join(NAMES)}")
@@ -109,11 +107,9 @@ def _iterations(asked: int | None) -> int | None:
 
 
 def _motions(mocap: Path | None) -> Motions:
-    """Recordings where there are any, synthetic motion for what is not there."""
+    """Recordings where there are any; the synthetic performer crouches too, but neither jogs nor jumps."""
     crouch = read_trial(mocap, CROUCH)
-    if crouch is None:
-        crouch = synthetic_performer()
-    return Motions(crouch, read_trial(mocap, JOG) or made_jog(), read_trial(mocap, JUMP) or made_jump())
+    return Motions(synthetic_performer() if crouch is None else crouch, read_trial(mocap, JOG), read_trial(mocap, JUMP))
 
 
 def _show(results: Results, path: Path, *, docs: bool) -> None:

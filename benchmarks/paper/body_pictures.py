@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.paper.crouching import Outcome
-from benchmarks.paper.cycles import crouch_cycles
+from benchmarks.paper.placement import crouch_cycles
 from benchmarks.paper.replay import Replay
 from benchmarks.paper.strips import Row, View, body_row, draw_strips
 from retarget.frames import SensorFrames

@@ -14,10 +14,12 @@ from benchmarks.paper.damping_law import damped_points
 from benchmarks.paper.plane_pictures import figure_4, figure_5, figure_6
 from benchmarks.paper.replay import replay
 from benchmarks.paper.table import as_data
+from retarget.errors import UsageError
 from retarget.frames import SensorFrames
 from retarget.model.human_dimensions import POINTS
 from retarget.report.plots import save_figure
 from retarget.schema.priorities import load_priorities
+from retarget.sources.open import open_source
 
 NAMES = ("crouching", "jog", "jump", "figure4", "figure5", "figure6")
 """What `--only` takes: experiments 1 to 3 together, and one by one the figures of the paper's other sections."""
@@ -27,11 +29,11 @@ Progress = Callable[[int], None]
 
 @dataclass(frozen=True, eq=False)
 class Motions:
-    """What the experiments are made with."""
+    """What the experiments are made with; what there is no recording of is left out."""
 
     crouch: SensorFrames
-    jog: SensorFrames
-    jump: SensorFrames
+    jog: SensorFrames | None
+    jump: SensorFrames | None
 
 
 @dataclass
@@ -58,7 +60,8 @@ def run_experiments(
             _crouching(motions.crouch, folder, results, iterations=iterations, progress=progress)
         elif name in ("jog", "jump"):
             frames = motions.jog if name == "jog" else motions.jump
-            _moving(name, frames, folder, results, iterations=iterations)
+            if frames is not None:
+                _moving(name, frames, folder, results, iterations=iterations)
         else:
             _in_a_plane(name, folder, results)
     return results
@@ -135,3 +138,41 @@ def _in_a_plane(name: str, folder: Path, results: Results) -> None:
 def _save(results: Results, figure: Any, path: Path) -> None:
     save_figure(figure, path)
     results.pictures.append(path)
+
+
+# Which recordings the experiments use: trials of CMU subject 2, found by name anywhere below a folder.
+
+CROUCH, JOG, JUMP = "02_06", "02_03", "02_04"
+"""Reach and crouch cycles (2,235 frames), a jog, a vertical jump."""
+SUFFIXES = (".amc", ".bvh", ".c3d")
+"""In order of preference: AMC has the recorded skeleton."""
+
+
+def find_trial(folder: Path, trial: str) -> Path | None:
+    """The file of a trial below a folder; None: there is none. Raises UsageError: no folder."""
+    if not folder.is_dir():
+        raise UsageError(
+            "no folder of recordings",
+            where="--mocap",
+            found=str(folder),
+            next_step="Leave --mocap out for the synthetic performer",
+        )
+    for suffix in SUFFIXES:
+        found = sorted(folder.rglob(trial + suffix))
+        if found:
+            return found[0]
+    return None
+
+
+def read_trial(folder: Path | None, trial: str) -> SensorFrames | None:
+    """The frames of a trial; None: no folder was given, or a trial other than CROUCH is not in it. Raises UsageError,
+    InputError."""
+    path = None if folder is None else find_trial(folder, trial)
+    if folder is not None and path is None and trial == CROUCH:
+        raise UsageError(
+            "the trial of the experiments is not there",
+            where="--mocap",
+            found=f"no {' or '.join(trial + suffix for suffix in SUFFIXES)} below {folder}",
+            next_step="Give the folder of CMU subject 2, or leave --mocap out for the synthetic performer",
+        )
+    return None if path is None else open_source(path)

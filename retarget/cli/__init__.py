@@ -1,5 +1,5 @@
-"""The command line: one file per command, each with a function of the command's name (_ for -). A folder is a group of
-commands, built in the same way.
+"""The command line: one file per command or two that belong together, each with a function of the command's name (_ for
+-). A folder is a group of commands, built in the same way.
 
 Only the command that is asked for is imported, so that `--help` and `--version` answer at once. Nothing of weight is
 imported before `main`, so that Ctrl-C at any moment is one line.
@@ -33,8 +33,8 @@ COMMANDS = {
 }
 """Every command and its line in the list of commands."""
 
-FILES = {"import": "import_body"}
-"""Commands whose word cannot be the name of a function, and the name of theirs."""
+HOMES = {"import": ("own_robot", "import_body"), "fit-observers": ("own_robot", "fit_observers")}
+"""File and function of the commands that are not at home in a file of their own name."""
 
 _GARBAGE = 100_000
 """New objects after which garbage is collected: more than imports and a short run make."""

@@ -118,8 +118,9 @@ def _commands(package: str, chosen: Sequence[str], *, epilog: str | None = None)
         if name not in chosen[:1]:
             group.command(name, help=summary)(_not_chosen)
             continue
-        word = getattr(listing, "FILES", {}).get(name, name.replace("-", "_"))
-        module = importlib.import_module(f"{package}.{word}")
+        usual = name.replace("-", "_")
+        file, word = getattr(listing, "HOMES", {}).get(name, (usual, usual))
+        module = importlib.import_module(f"{package}.{file}")
         function: Callable[..., Any] = getattr(module, word)
         if hasattr(module, "COMMANDS"):
             inner = _commands(module.__name__, chosen[1:])

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from math import isfinite
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
@@ -22,30 +21,25 @@ LONGEST_S = 600.0
 
 
 def doctor(
-    target: Annotated[
-        str | None,
-        typer.Argument(
-            help="A stream (vmc://:39539, natnet://HOST, ...) or a servo port; without: this machine.",
-            metavar="[ADDRESS|PORT]",
-            show_default=False,
-        ),
-    ] = None,
-    performer: Annotated[
-        str | None,
-        typer.Option(help="The sensors that the stream should send; five if not given.", metavar="NAME|FILE"),
-    ] = None,
-    robot: Annotated[
-        str | None, typer.Option(help="Look at the servo ports of this robot.", metavar="NAME|PATH")
-    ] = None,
-    seconds: Annotated[
-        float | None, typer.Option(help="How long to listen; 5 if not given, for a recording all of it.", metavar="S")
-    ] = None,
-    file: Annotated[Path | None, typer.Option("--json", help="Write the findings as well.", metavar="FILE")] = None,
+    target: str | None = None,
+    performer: str | None = None,
+    robot: str | None = None,
+    seconds: float | None = None,
+    file: Path | None = None,
 ) -> None:
     """Say what is wrong with a stream, a servo port or this machine, and what to do.
 
     Nothing is moved and no servo is asked. Exit code 0: nothing is wrong; 1: something is to be fixed; 2: a bad
     argument.
+
+    Arguments:
+        target [ADDRESS|PORT]: A stream (vmc://:39539, natnet://HOST, ...) or a servo port; without: this machine.
+
+    Options:
+        performer NAME|FILE: The sensors that the stream should send; five if not given.
+        robot NAME|PATH: Look at the servo ports of this robot.
+        seconds S: How long to listen; 5 if not given, for a recording all of it.
+        file (--json) FILE: Write the findings as well.
     """
     _check(target, performer=performer, robot=robot, seconds=seconds)
     if target is not None and is_address(target):

@@ -112,16 +112,11 @@ class BvhSkeleton:
 
 def write_bvh(motion: Motion, stream: IO[bytes]) -> None:
     """Write a motion. Raises InputError where rows are not evenly spaced."""
-    rate = motion.rate_hz
-    write_skeleton(_skeleton(motion), rate, stream)
-
-
-def write_skeleton(skeleton: BvhSkeleton, rate_hz: float, stream: IO[bytes], *, digits: int = DIGITS) -> None:
-    """Write a skeleton in motion. digits: decimals of the channels (cm and degrees)."""
+    skeleton, rate = _skeleton(motion), motion.rate_hz
     lines = ["HIERARCHY", *_block(skeleton, 0, 0)]
-    lines += ["MOTION", f"Frames: {len(skeleton.places)}", f"Frame Time: {1.0 / rate_hz:.9f}"]
+    lines += ["MOTION", f"Frames: {len(skeleton.places)}", f"Frame Time: {1.0 / rate:.9f}"]
     stream.write(("\n".join(lines) + "\n").encode())
-    np.savetxt(stream, _channels(skeleton), fmt=f"%.{digits}f")
+    np.savetxt(stream, _channels(skeleton), fmt=f"%.{DIGITS}f")
 
 
 def _skeleton(motion: Motion) -> BvhSkeleton:

@@ -19,7 +19,7 @@ from retarget.sources.raw_record import is_recording
 FORMATS = ("amc", "bvh", "c3d")
 
 SAMPLE = "sample"
-"""In place of a path: the recording that comes with the package, made by `tests/support/sample_recording.py`."""
+"""In place of a path: the recording that comes with the package, a synthetic person who waves and crouches."""
 _SAMPLE_FILE = Path(__file__).with_name("sample_recording.bvh")
 _SAMPLE_UNIT = "cm"
 

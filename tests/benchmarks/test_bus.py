@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks.bus_wire import expected_ms, virtual_ms
+from benchmarks.bus import expected_ms, virtual_ms
 
 TABLE = [  # servos, baud, fast sync read [ms], sync read [ms]
     (20, 1_000_000, 5.38, 7.08),

@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 import yaml
 
-from check_helpers import copy_of_op3
+from command_line import copy_of_op3
 from hardware.clock import VirtualClock
 from hardware.dynamixel.bus import DynamixelBus
 from hardware.errors import BusError
 from hardware.guard_state import StopCause
 from messages import refuses, shows, shows_lines
-from retarget.cli import main
 from retarget.cli.buses import AFTER_FALL_S, PhysicsBench, make_bus, posture_ticks
 from retarget.cli.exit import DONE, STOPPED
 from retarget.cli.run import finished, follow_clip
@@ -88,13 +87,6 @@ def test_one_port_for_several_buses_is_refused(divided: RobotBody) -> None:
     bus = make_bus("profile", divided, VirtualClock())
     assert isinstance(bus, DynamixelBus)
     assert bus.lines[0].port.name == "/dev/ttyUSB0"
-
-
-def test_what_is_worth_a_note_goes_to_stderr(robot: RobotBody, capsys: pytest.CaptureFixture[str]) -> None:
-    bus = make_bus("profile", robot, VirtualClock())
-    assert isinstance(bus, DynamixelBus)
-    bus._notify("something")
-    assert capsys.readouterr() == ("", "note: something\n")
 
 
 def options(bus: str = "physics", *, robot: str = "op3", seconds: float = 0.6, **physics: object) -> RunOptions:
@@ -263,11 +255,3 @@ def test_without_mujoco_nothing_starts(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with refuses(ConfigError, "mujoco"):
         PhysicsBench(options(), lambda text: None).make_bus(robot, VirtualClock())
-
-
-def test_a_live_run_is_watched_too(shared: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    source = f"replay://{shared}/streams/slimevr/full12_vmc_50hz.udprec.gz?kind=vmc"
-    with pytest.raises(SystemExit) as left:
-        main(["run", "--robot", "op3", "--source", source, "--countdown", "0", "--end", "0.1", "--bus", "physics"])
-    assert left.value.code == DONE
-    shows_lines(capsys.readouterr().out, re.compile(r"^physics\b"))

@@ -1,17 +1,27 @@
 """The command line's frame: help, version, exit codes and the boundary where errors become messages."""
 
+import json
+import re
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Callable
+from functools import partial
+from pathlib import Path
 
 import pytest
 
+from command_line import code_of
 from command_line import code_of as leave
+from hardware.clock import MonotonicClock
 from hardware.errors import RetargetError, TorqueError
 from messages import shows
 from retarget import cli
+from retarget.cli import main
+from retarget.cli.controls import WORDS, Asked, ControlSocket, LiveStatus
 from retarget.cli.exit import DEFECT, DONE, INTERRUPTED, REFUSED, STOPPED, exit_code_of
+from sim.performer import synthetic_performer
 
 
 def test_help_lists_every_command_and_imports_none(capsys: pytest.CaptureFixture[str]) -> None:
@@ -142,3 +152,75 @@ def test_the_help_lists_every_exit_code(capsys: pytest.CaptureFixture[str]) -> N
     assert leave("--help") == DONE
     shown = " ".join(capsys.readouterr().out.split())
     assert all(f"{code} " in shown.split("Exit codes:")[1] for code in (DONE, STOPPED, REFUSED, DEFECT, INTERRUPTED))
+
+
+# `retarget demo`: works on its own, and leaves a report, a recording and pictures.
+
+demo = partial(code_of, "demo")
+
+
+def test_the_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    whole = synthetic_performer()
+    monkeypatch.setattr("sim.performer.synthetic_performer", lambda: whole.cut(0.0, 4.0))
+    monkeypatch.chdir(tmp_path)
+    assert demo() == DONE
+    folder = tmp_path / "out" / "demo"
+    names = {path.name for path in folder.iterdir()}
+    assert names == {"report.json", "report.html", "run.npz", "tracking.png", "angles.png", "balance.png", "poses.png"}
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    headings = {"Limits", "Motion", "Poses", "Tracking", "Asked and reached", "Balance", "Joint angles"}
+    assert headings <= set(re.findall(r"<h2>(.*?)</h2>", page)) and "✗" not in page
+    report = json.loads((folder / "report.json").read_text())
+    assert report["frames"] == 481 and report["stop"]["reason"] is None
+    assert report["limit_violations"] == {"position": 0, "velocity": 0, "acceleration": 0}
+    assert report["hand_path_ratio"] > 0.5
+    assert "out/demo/report.json" in capsys.readouterr().out
+
+
+# `retarget stop` from the command line: confirmed, not confirmed, no run.
+
+
+def run(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str]:
+    with pytest.raises(SystemExit) as ended:
+        main(["stop", *words])
+    code, said = ended.value.code, capsys.readouterr()
+    assert isinstance(code, int)
+    return code, said.out + said.err
+
+
+@pytest.mark.parametrize(
+    ("words", "known", "code", "said"),
+    [
+        ((), True, 0, "ok stopping"),
+        (("--torque-off",), True, 0, "ok torque off"),
+        ((), False, 1, "did not confirm it (error: found 'stop', allowed: torque_off"),
+    ],
+)
+def test_a_run_receives_the_word(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    words: tuple[str, ...],
+    known: bool,
+    code: int,
+    said: str,
+) -> None:
+    clock, asked, done = MonotonicClock(), list[Asked](), threading.Event()
+    server = ControlSocket(tmp_path / "control", status=lambda: LiveStatus(None, True, False, None))
+    if not known:
+        monkeypatch.delitem(WORDS, "stop")
+
+    def serve() -> None:
+        deadline = clock.now() + 5.0
+        while not done.is_set() and clock.now() < deadline:
+            asked.extend(kind for kind, _ in server.poll(clock.now()))
+            clock.sleep_until(clock.now() + 0.002)
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    found = run(capsys, "--socket", str(server.path), *words)
+    done.set()
+    thread.join()
+    server.close()
+    assert found[0] == code and said in found[1]
+    assert asked == ([Asked.TORQUE_OFF if words else Asked.STOP] if known else [])

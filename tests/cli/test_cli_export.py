@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 import command_line
-from exported import SLIDER, moved, saved, slider, with_servos
 from messages import shows
+from recordings import SLIDER, moved, saved, slider, with_servos
 
 
 @pytest.fixture

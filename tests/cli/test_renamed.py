@@ -4,8 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from check_helpers import copy_of_op3
-from command_line import said_by
+from command_line import copy_of_op3, said_by
 from command_pages import commands
 from messages import shows
 from retarget.cli.controls import WORDS, refused_word

@@ -18,11 +18,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from recordings import saved_run
+from recordings import STAMP, saved_run
 from retarget.cli import main
 from retarget.cli.exit import STOPPED
 from retarget.viewer.colours import ROBOT
-from stamped_run import STAMP
 
 pytestmark = pytest.mark.long
 
@@ -182,7 +181,7 @@ def test_the_button_stops_the_emulated_servos_in_a_tenth_of_a_second(browser: An
     """From the moment in which the page feels the press to the first stopping goal on the bus, by the wall clock."""
     source = shared / "mocap" / "cmu_asfamc" / "02_06.amc"
     words = ("run", "--robot", "op3", "--source", source, "--bus", "emulator", "--loop", "--view", "0")
-    process, address = started(*words, by=(str(ROOT / "tests/support/stamped_run.py"),))
+    process, address = started(*words, by=(str(ROOT / "tests/support/recordings.py"),))
     lines: list[str] = []
     reader = threading.Thread(target=lambda: lines.extend(process.stdout or ()))
     reader.start()

@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bus_rig import four_servos, waist_servos
 from hardware.errors import HardwareError
 from hardware.joint_map import NO_SERVO, SLACK, CoupledPair, JointMap, coupling_problems, resolve_turns
 from hardware.servo import Coupling, ServoMode, ServoSpec, find_model
 from messages import refuses, shows
-from servos import four_servos, waist_servos
 
 MAP = JointMap(four_servos())
 TICK = np.abs(1.0 / np.array([servo.ticks_per_rad for servo in MAP.servos]))  # (4,) joint angle of one tick [rad]

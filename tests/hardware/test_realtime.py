@@ -3,10 +3,20 @@
 import os
 import re
 import threading
+from datetime import UTC, datetime
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from benchmarks.lateness import DT, Stopwatch, lateness
+from hardware.clock import (
+    MonotonicClock,
+    PacedClock,
+    TickTiming,
+    VirtualClock,
+    wall_to_monotonic,
+)
 from hardware.errors import HardwareError
 from hardware.realtime import (
     USUAL_PRIORITY,
@@ -108,3 +118,105 @@ def test_only_the_calling_thread_and_none_that_it_starts() -> None:
     except HardwareError as error:
         pytest.skip(str(error))
     assert mine == os.SCHED_FIFO and seen == [os.SCHED_OTHER] and os.sched_getscheduler(0) == os.SCHED_OTHER
+
+
+# Clocks: virtual time jumps, real time does not go back.
+
+
+def test_virtual_time_moves_only_forward() -> None:
+    clock = VirtualClock(5.0)
+    clock.sleep_until(6.5)
+    assert clock.now() == 6.5
+    clock.sleep_until(1.0)
+    assert clock.now() == 6.5
+    clock.advance(0.25)
+    assert clock.now() == 6.75
+
+
+def test_the_monotonic_clock_returns_at_once_when_late() -> None:
+    clock = MonotonicClock()
+    before = clock.now()
+    clock.sleep_until(before - 1.0)
+    clock.sleep_until(before + 0.002)
+    assert 0.002 <= clock.now() - before < 1.0
+
+
+def test_a_paced_clock_is_never_faster_than_real_time_and_catches_nothing_up() -> None:
+    wall = VirtualClock(100.0)
+    clock = PacedClock(3.0, wall=wall)
+    clock.sleep_until(3.5)
+    assert (clock.now(), wall.now()) == (3.5, 100.5), "real time was waited for"
+    wall.advance(0.25)
+    assert clock.now() == 3.5, "a slow machine changes nothing of what is computed"
+    clock.advance(0.0625)
+    clock.sleep_until(3.75)
+    assert (clock.now(), wall.now()) == (3.75, 100.75), "computing took some of it"
+    wall.advance(2.0)
+    clock.sleep_until(4.0)
+    assert (clock.now(), wall.now()) == (4.0, 102.75)
+    clock.sleep_until(4.5)
+    assert (clock.now(), wall.now()) == (4.5, 103.25), "two seconds late, and not caught up"
+
+
+def test_stamps_of_the_wall_clock_come_onto_the_monotonic_one() -> None:
+    before = MonotonicClock().now()
+    stamp = datetime.now(tz=UTC).timestamp()
+    after = MonotonicClock().now()
+    assert before - 0.01 <= stamp + wall_to_monotonic() * 1e-9 <= after + 0.01
+
+
+PERIOD = 0.01
+
+
+def paced(pauses: list[float], period: float = PERIOD) -> list[bool]:
+    """Whether it is behind at each tick after the first, by pauses in periods."""
+    timing, now, behind = TickTiming(period), 5.0, []
+    assert timing.begin(now) == 0.0
+    for pause in pauses:
+        now += pause * PERIOD
+        assert timing.begin(now) == pytest.approx(pause * PERIOD)
+        behind.append(timing.behind)
+    return behind
+
+
+def test_one_late_tick_is_no_harm_and_two_are() -> None:
+    assert paced([1.0, 1.3, 1.5, 1.0, 1.5, 1.0]) == [False] * 6
+    assert paced([1.6, 1.6, 1.6, 1.0, 1.6]) == [False, True, True, False, False]
+
+
+def test_what_is_a_little_late_again_and_again_adds_up() -> None:
+    assert paced([1.4, 1.4, 1.4, 1.0]) == [False, False, True, False]
+    assert paced([1.3] * 50) == [False] * 50
+
+
+def test_after_a_restart_no_tick_is_late() -> None:
+    timing = TickTiming(PERIOD)
+    timing.begin(0.0)
+    timing.begin(1.0)
+    behind = [timing.behind]
+    timing.restart()
+    behind.append(timing.behind)
+    assert timing.begin(9.0) == 0.0
+    assert [*behind, timing.behind] == [True, False, False]
+
+
+# The benchmark of lateness: what counts as late, and a robot at its rate.
+
+
+def test_a_deadline_that_was_put_off_counts_from_where_it_would_have_been(monkeypatch: pytest.MonkeyPatch) -> None:
+    virtual = VirtualClock()
+    monkeypatch.setattr(MonotonicClock, "now", lambda self: virtual.now())
+    monkeypatch.setattr(MonotonicClock, "sleep_until", lambda self, deadline: virtual.sleep_until(deadline + 1e-4))
+    clock = Stopwatch()
+    clock.sleep_until(1.0)
+    clock.counting = True
+    clock.sleep_until(1.0 + DT)
+    virtual.advance(2.5 * DT)
+    clock.sleep_until(virtual.now())
+    np.testing.assert_allclose(clock.late, [1e-4, 1.5 * DT + 2e-4], atol=1e-9)
+
+
+def test_percentiles_in_ms_and_whole_periods() -> None:
+    found = lateness("live", np.array([*np.full(98, 1e-4), 2e-3, 0.02]))
+    assert (found.ticks, found.missed) == (100, 1)
+    assert found.p50 == pytest.approx(0.1) and found.longest == pytest.approx(20.0)

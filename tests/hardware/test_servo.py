@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bus_rig import four_servos
 from emulated import answered, read_register, servo2, write_register
 from hardware.dynamixel.codec import ALERT, Error2, Instruction
 from hardware.errors import HardwareError
@@ -23,7 +24,6 @@ from hardware.servo import (
     loop_stiffness,
 )
 from messages import refuses
-from servos import four_servos
 
 Matrix = tuple[tuple[float, float], tuple[float, float]]
 numbers = st.floats(-10.0, 10.0)

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bus_rig import four_servos, waist_servos
 from faulty_bus import FaultKind, FaultyBus, MockFault
 from guard_rig import DT, MAP, Rig
 from hardware.bus import ServoStates
@@ -31,7 +32,6 @@ from hardware.servo_health import (
     watched,
 )
 from messages import shows
-from servos import four_servos, waist_servos
 
 
 @pytest.fixture

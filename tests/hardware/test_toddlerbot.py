@@ -13,7 +13,7 @@ from hardware.errors import HardwareError
 from hardware.joint_map import JointMap
 from hardware.servo import ServoMode
 from messages import refuses
-from posed_body import PosedBody
+from observed import PosedBody
 from retarget.model.robot import load_profile
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import people
-from reconstructions import Run, reconstruct, thinned, turned
+from people import Run, reconstruct, thinned, turned
 from retarget import rotations
 from retarget.frames import SensorFrames, SensorSample
 from retarget.human.reconstruction import SensorLayout

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from messages import refuses
-from played import How
+from recordings import How
 from retarget import rotations
 from retarget._solver import PoseFilter, PoseRing
 from retarget.errors import UsageError

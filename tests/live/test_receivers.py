@@ -7,17 +7,32 @@ import socket
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import replace
+from ipaddress import IPv4Network
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from datagrams import CLOCK, LOOPBACK, PATIENCE_S, arrived, sending
+from live_rig import CLOCK, LOOPBACK, PATIENCE_S, arrived, sending
 from messages import Facts, refuses
-from natnet_packets import Motion, frame, server_info
+from mvn_packets import mvn
+from natnet_packets import Motion, datagram, frame, server_info
+from osc_bytes import bundle, message, pose
 from retarget.errors import InputError
 from retarget.live import receivers
-from retarget.live.address import StreamAddress, local_interfaces, parse_address
-from retarget.live.admission import MOST_PER_POLL, Datagram
+from retarget.live.address import RECORDED, StreamAddress, local_interfaces, parse_address
+from retarget.live.admission import (
+    MOST_PER_POLL,
+    NOT_ALLOWED,
+    SECOND_SOURCE,
+    Admission,
+    Datagram,
+    Receiver,
+    Source,
+    admission_for,
+)
+from retarget.live.datagram_kinds import Recognised, advice_for, recognise
 from retarget.live.open_stream import open_receiver
 from retarget.live.raw_recording import ReplayReceiver
 from retarget.live.receivers import (
@@ -26,7 +41,7 @@ from retarget.live.receivers import (
     open_socket,
 )
 from retarget.sources.natnet_wire import MessageId, Version, split
-from retarget.sources.raw_record import RawWriter
+from retarget.sources.raw_record import RawReader, RawWriter
 
 GROUP = "239.255.42.99"
 UNICAST = parse_address("natnet://127.0.0.1")
@@ -260,3 +275,205 @@ def test_nothing_stays_open_after_a_refusal(monkeypatch: pytest.MonkeyPatch) -> 
     with pytest.raises(KeyboardInterrupt):
         open_socket(LOOPBACK)
     assert opened[0].fileno() == -1
+
+
+# Who may move the robot: allow-list, first source. The owner of a robot that moves stays its owner.
+
+A, B, C = ("192.168.1.20", 5000), ("192.168.1.21", 5000), ("10.9.9.9", 5000)
+LAN = (IPv4Network("192.168.1.0/24"),)
+
+
+def admit(admission: Admission, source: Source, now: float = 0.0, *, moving: bool = False, size: int = 100) -> bool:
+    return admission.admit(Datagram(now, source, bytes(size)), now=now, moving=moving)
+
+
+def owner_of(admission: Admission) -> Source | None:
+    return admission.owner
+
+
+def owned() -> Admission:
+    admission = Admission(allow=LAN)
+    assert admit(admission, A) and admission.confirm(A, now=0.0, moving=False)
+    return admission
+
+
+@pytest.mark.parametrize(
+    ("allow", "source", "expected"),
+    [
+        (("192.168.1.20/32",), "192.168.1.20", True),
+        (("192.168.1.20/32",), "192.168.1.21", False),
+        (("10.0.0.0/8", "192.168.1.0/24"), "192.168.1.255", True),
+        (("192.168.1.0/24",), "192.168.2.1", False),
+        (("0.0.0.0/0",), "255.255.255.255", True),
+        ((), "127.0.0.1", False),
+        (("0.0.0.0/0",), "::1", False),
+        (("0.0.0.0/0",), "nonsense", False),
+    ],
+)
+def test_the_allow_list(allow: tuple[str, ...], source: str, expected: bool) -> None:
+    admission = Admission(allow=map(IPv4Network, allow))
+    assert admit(admission, (source, 1)) is expected
+    assert admission.refused.reasons == ({} if expected else {NOT_ALLOWED: 1})
+
+
+def test_the_first_source_that_can_be_decoded_owns_the_stream() -> None:
+    admission = Admission(allow=LAN)
+    assert admit(admission, B) and admit(admission, A)
+    assert owner_of(admission) is None
+    assert admission.confirm(A, now=0.0, moving=False)
+    assert not admit(admission, B) and admit(admission, A)
+    assert not admission.confirm(B, now=0.0, moving=False), "admitted before, in the same poll"
+    assert admission.owner == A
+    assert admission.refused.reasons == {SECOND_SOURCE: 2}
+
+
+def test_motive_answers_from_one_port_and_sends_frames_from_another() -> None:
+    admission = admission_for(parse_address("natnet://192.168.1.20"))
+    answers, frames = (A[0], 1510), (A[0], 1511)
+    assert admit(admission, answers) and admit(admission, frames)
+    assert admission.confirm(frames, now=0.0, moving=True)
+    assert admit(admission, answers, moving=True) and admit(admission, frames, moving=True)
+    assert not admit(admission, B, 1e6), "no source but the server"
+    assert admission.refused.reasons == {NOT_ALLOWED: 1}
+
+
+def test_refused_sources_are_reported_once_and_in_bounded_number() -> None:
+    admission = owned()
+    for port in range(10):
+        admit(admission, (B[0], 6000 + port))
+        admit(admission, (C[0], 6000 + port))
+    assert admission.news() == (((B[0], 6000), SECOND_SOURCE), ((C[0], 6000), NOT_ALLOWED))
+    for host in range(200):
+        admit(admission, (f"10.0.0.{host}", 1))
+    assert len(admission.news()) == 14 and admission.news() == ()
+    assert admission.refused.count == 220
+
+
+EVENTS = st.lists(st.tuples(st.sampled_from([A, B, C]), st.floats(0.0, 4.0), st.booleans(), st.booleans()), max_size=60)
+
+
+@given(EVENTS)
+def test_no_order_of_events_gives_a_moving_robot_to_another_source(
+    events: list[tuple[Source, float, bool, bool]],
+) -> None:
+    """Checked by a second version of the rule: the last owner, its last frame, and whether anything moves."""
+    admission, now = Admission(allow=LAN), 0.0
+    owner: Source | None = None
+    last_frame = 0.0
+    for source, step, moving, decodable in events:
+        now += step
+        may = source != C and (owner in (None, source) or (not moving and now - last_frame > 5.0))
+        assert admit(admission, source, now, moving=moving) is may
+        if may and decodable:
+            assert admission.confirm(source, now=now, moving=moving)
+            owner, last_frame = source, now
+        assert admission.owner == owner
+        assert owner != C
+
+
+def test_a_recording_of_a_socket_gives_what_the_socket_gave(tmp_path: Path) -> None:
+    writer = RawWriter(tmp_path / "a.raw", url="vmc://")
+    with closing(UdpReceiver(LOOPBACK)) as live, sending(live) as sender:
+        live.poll(CLOCK.now())
+        for payload in (b"one", b"two", b"three"):
+            sender.send(payload)
+        live_rows = arrived(live)
+    for row in live_rows:
+        address, port = row.source
+        writer.append(row.payload, time_ns=round(row.arrival * 1e9), address=address, port=port)
+    writer.close()
+    receivers: list[Receiver] = [live, ReplayReceiver(RawReader(tmp_path / "a.raw"))]
+    again = receivers[1].poll(0.0) + receivers[1].poll(60.0)
+    assert [datagram[1:] for datagram in again] == [datagram[1:] for datagram in live_rows]
+    first = live_rows[0].arrival
+    assert [d.arrival for d in again] == pytest.approx([d.arrival - first for d in live_rows], abs=1e-6)
+    for receiver in receivers:
+        receiver.close()
+        assert receiver.poll(1e6) == [] and isinstance(receiver.dropped.count, int)
+
+
+# Protocols by their first bytes.
+
+CASES = [
+    (bundle(pose("/VMC/Ext/Tra/Pos", "human://CHEST")), "vmc", "VMC"),
+    (bundle(pose("/VMC/Ext/Bone/Pos", "Hips")), "vmc", "VMC (bones only)"),
+    (message("/VMC/Ext/OK", "i", 1), "vmc", "VMC (no poses)"),
+    (message("/tracking/trackers/1/position", "fff", 0.0, 1.0, 0.0), "vrchat", "VRChat OSC trackers"),
+    (message("/avatar/parameters/Grounded", "T"), "", "VRChat OSC (avatar parameters, no trackers)"),
+    (message("/fader/1", "f", 0.5), "", "OSC (address '/fader/1')"),
+    (b"#bundle\0", "", "damaged OSC (size of an OSC element does not fit its datagram)"),
+    (mvn("02", b""), "mvn", "MVN"),
+    (mvn("05", b""), "mvn", "MVN (type 05, Unity poses)"),
+    (mvn("77", b""), "mvn", "MVN (type 77, unknown)"),
+    (b"MXTPxx", "", "damaged MVN"),
+    (b'{"axes": "rep103", "poses": {}}', "json", "poses as JSON"),
+    (b'{"axes": "blender", "poses": {}}', "json", "poses as JSON (axes 'blender')"),
+    (b'{"poses": {}}', "json", "poses as JSON (no axes)"),
+    (b'{"version": "3,0", "scene": {}}', "", "Rokoko Studio (JSON)"),
+    (b'{"hello": 1}', "", "JSON (without poses)"),
+    (b'{"hello"', "", "damaged JSON"),
+    (b"[1]", "", "JSON (no object)"),
+    (b"[" * 60_000, "", "damaged JSON"),
+    (b"\x04\x22\x4d\x18....", "", "Rokoko Studio (JSON in LZ4)"),
+    (b"\xff\xdd" + bytes(62), "", "Axis Studio (Perception Neuron) (BVH broadcast)"),
+    (b"\x20\0\0\0head" + bytes(24), "", "mocopi"),
+    (datagram(7, bytes(40)), "natnet", "NatNet"),
+    (datagram(0, bytes(264)), "natnet", "NatNet (connect)"),
+    (datagram(7, bytes(40))[:-1], "", "an unknown protocol (begins with 07 00 28 00 00 00 00 00)"),
+    (b"", "", "an unknown protocol (empty)"),
+]
+
+
+@pytest.mark.parametrize(("payload", "kind", "text"), CASES, ids=[case[2] for case in CASES])
+def test_each_is_known(payload: bytes, kind: str, text: str) -> None:
+    got = recognise(payload)
+    assert (got.kind, got.text) == (kind, text)
+
+
+@settings(max_examples=100)
+@given(st.one_of(st.binary(max_size=200), st.sampled_from([case[0] for case in CASES])), st.binary(max_size=30))
+def test_nothing_raises_and_what_is_shown_is_short(head: bytes, tail: bytes) -> None:
+    for payload in (head + tail, head[: len(tail)], b"{" + tail, b"/" + head, b"MXTP" + tail):
+        assert len(recognise(payload).text) < 200
+
+
+@pytest.mark.parametrize(
+    ("path", "kind"),
+    [
+        ("mxtp02_tpose.bin", "mvn"),
+        ("natnet/mocapframe_packet_v3.bin", "natnet"),
+        ("natnet/serverinfo_packet_v3.bin", "natnet"),
+        ("osc/pythonosc_vmc_bundle.bin", "vmc"),
+        ("osc/vmcp_1.0.6_single_bone.bin", "vmc"),
+        ("osc/pythonosc_vrchat_tracker1_rot.bin", "vrchat"),
+        ("slimevr/one_vrchat_osc_bundle.bin", "vrchat"),
+    ],
+)
+def test_real_bytes(shared: Path, path: str, kind: str) -> None:
+    assert recognise((shared / "streams" / path).read_bytes()).kind == kind
+
+
+@pytest.mark.parametrize("kind", RECORDED)
+@pytest.mark.parametrize("other", RECORDED)
+def test_each_at_the_address_of_each(kind: str, other: str) -> None:
+    advice = advice_for(kind, Recognised(other, other.upper()), port=5000)
+    assert (not advice) if kind == other else f"{other}://" in advice
+
+
+@pytest.mark.parametrize(
+    ("kind", "got", "part"),
+    [
+        ("mvn", Recognised("mvn", "MVN", "type 05, Unity poses"), "Quaternion"),
+        ("mvn", Recognised("mvn", "MVN", "type 12, names"), ""),
+        ("json", Recognised("json", "poses as JSON", "no axes"), "rep103, unity"),
+        ("vmc", Recognised("vmc", "VMC", "bones only"), "--performer avatar"),
+        ("vmc", Recognised("vmc", "VMC", "no poses"), "Load an avatar"),
+        ("natnet", Recognised("natnet", "NatNet", "connect"), "another client"),
+        ("vmc", Recognised("", "mocopi"), "MCP2VMCP"),
+        ("vmc", Recognised("", "damaged OSC", "x"), "VMC output"),
+        ("vmc", Recognised("", "an unknown protocol"), "which program"),
+    ],
+)
+def test_the_cure_is_named(kind: str, got: Recognised, part: str) -> None:
+    advice = advice_for(kind, got, port=1)
+    assert part in advice and bool(part) == bool(advice)

@@ -6,21 +6,27 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hardware.clock import thread_cpu
 from hardware.guard import CheckedGoal
-from live_rig import LiveRig, live_stream
+from live_rig import ROLE_SETS, LiveRig, live_stream
 from live_rig import five as five_sensors
-from retarget.live.admission import MOST_PER_POLL, TOO_MANY, Datagram, Source
+from messages import Facts, refuses
+from retarget import rotations
+from retarget.errors import UsageError
+from retarget.live.admission import MOST_PER_POLL, TOO_MANY, Datagram
 from retarget.live.begin import LiveOptions
 from retarget.live.raw_recording import ReplayReceiver
+from retarget.live.roles import (
+    CONVENTIONS,
+    MAX_KNOWN,
+    Roles,
+    roles_of,
+)
 from retarget.live.stream import MOST_DECODED, LiveStream
-from retarget.schema.performer import load_performer
-from retarget.sources.json_pose import JsonPoseDecoder
+from retarget.schema.performer import Performer, PerformerSensor, load_performer
 from retarget.sources.raw_record import RawReader
 from retarget.sources.stream_frame import Dropped, StreamDecoder, StreamFrame
 from retarget.sources.vmc import VmcDecoder
 from retarget.sources.vrchat import VrchatDecoder
-from sim.faults.inject import FLOOD_HZ
 from sim.faults.sender import FakeSender
 
 
@@ -97,66 +103,108 @@ def test_a_second_of_powering_reports_no_lost_sensors(monkeypatch: pytest.Monkey
     assert not [text for text in rig.said if "nothing" in text or "waits" in text], rig.said
 
 
-TICK_S = 0.008
-OWNER: Source = ("127.0.0.1", 40000)
-OTHER: Source = ("127.0.0.1", 50001)
-COST_S = 0.003
-"""Of a poll that brings what is of no use."""
 CALM, TICKS = 20, 50
 
 
-class Counting(JsonPoseDecoder):
-    """Counts what it is given."""
+# A sender's poses as the sensors of a performer: by convention, by the performer's file, in parts.
 
-    given = 0
-
-    def decode(self, payload: bytes) -> list[StreamFrame]:
-        """Decode, and count."""
-        self.given += 1
-        return super().decode(payload)
+FIVE = load_performer("five")
 
 
-def flooded(payload: bytes | None, source: Source, *, owned: bool) -> tuple[list[float], list[int]]:
-    """CPU time (s) of each poll and datagrams decoded in it, while a `source` sends payloads, None: the owner's own
-    frames, FLOOD_HZ a second. owned: whether the stream has an owner by then."""
-    sender, handed = FakeSender(source=OWNER), Queue([])
-    stream, decoder = live_stream(sender, load_performer("five")), Counting()
-    stream.decoder, stream.receiver = decoder, handed
-    if not owned:
-        sender.faults.append(lambda time, poses: None)
-    frame, cost, decoded = b"", list[float](), list[int]()
+def frame(poses: dict[str, tuple[list[float] | None, list[float] | None]], *, untracked: str = "") -> StreamFrame:
+    """Poses by name; None: not sent."""
+    nothing3, nothing4 = [np.nan] * 3, [np.nan] * 4
+    return StreamFrame(
+        tuple(poses),
+        np.array([at or nothing3 for at, _ in poses.values()], dtype=float).reshape(-1, 3),
+        np.array([turn or nothing4 for _, turn in poses.values()], dtype=float).reshape(-1, 4),
+        np.array([name != untracked for name in poses], dtype=bool),
+    )
 
-    def others(first: float, last: float) -> list[Datagram]:
-        data = frame if payload is None else payload
-        times = np.linspace(first, last, round(FLOOD_HZ * (last - first)), endpoint=False)
-        return [Datagram(sender.begun + float(time), source, data) for time in times]
 
-    for tick in range(CALM + TICKS):
-        now = 1.0 + tick * TICK_S
-        flooding = tick >= CALM
-        sender.others[:] = [others] if flooding else []
-        handed.waiting = sender.poll(now) if flooding or owned else []
-        frame = next((one.payload for one in handed.waiting if one.source == OWNER), frame)
-        before, begun = decoder.given, thread_cpu()
-        stream.poll(now, moving=owned)
-        if flooding:
-            cost.append(thread_cpu() - begun)
-            decoded.append(decoder.given - before)
-    return cost, decoded
+def test_a_hanging_hand_of_slimevr_is_a_wrist_behind_the_point_that_is_sent() -> None:
+    roles = roles_of(FIVE, "slimevr", where="five.yaml")
+    # The identity is an arm that hangs: in the T-pose the sender sends a turn about forward.
+    raised = rotations.from_axis_angle([1.0, 0.0, 0.0], np.pi / 2).tolist()
+    poses = roles.take(
+        frame(
+            {
+                "human://LEFT_HAND": ([0.13, 0.3, 0.9], [1.0, 0.0, 0.0, 0.0]),
+                "human://HEAD": ([0.0, 0.0, 1.6], [1.0, 0.0, 0.0, 0.0]),
+            }
+        )
+    )
+    assert poses is not None
+    at = dict(zip(poses.rows.tolist(), range(len(poses.rows)), strict=True))
+    wrist, head = at[roles.sensors.index("l_wrist")], at[roles.sensors.index("head")]
+    np.testing.assert_allclose(poses.position[wrist], [0.0, 0.3, 0.9], atol=1e-12)
+    np.testing.assert_allclose(poses.position[head], [0.0, 0.0, 1.6])
+    # Canonical: identity in the T-pose.
+    down = rotations.rotate(poses.orientation[wrist], [0.0, 1.0, 0.0])
+    np.testing.assert_allclose(down, [0.0, 0.0, -1.0], atol=1e-12)
+    turned = roles.take(frame({"human://LEFT_HAND": ([0.13, 0.9, 1.4], raised)}))
+    assert turned is not None
+    assert rotations.angle_between(turned.orientation[0], rotations.IDENTITY) < 1e-9
+
+
+def test_names_of_the_file_come_first() -> None:
+    performer = Performer(
+        name="p",
+        description="d",
+        sensors={
+            "l_wrist": PerformerSensor(joint="l_wrist", role="rigid://left hand"),
+            "head": PerformerSensor(joint="head"),
+        },
+    )
+    with refuses(UsageError, "natnet", "head"):
+        roles_of(performer, "natnet", where="p.yaml")
+    roles = roles_of(performer, "json", where="p.yaml")
+    assert roles.names == ("rigid://left hand", "head")
+    with refuses(UsageError, "convention"):
+        roles_of(performer, "slimvr", where="p.yaml")
+
+
+def test_changing_names_are_kept_within_bounds() -> None:
+    roles = Roles(("head",), [CONVENTIONS["json"]["head"]])
+    for number in range(3 * MAX_KNOWN):
+        assert roles.take(frame({f"other{number}": (None, None), "head": ([0.0, 0.0, 1.0], None)})) is not None
+    assert roles._plan.cache_info().currsize <= MAX_KNOWN
 
 
 @pytest.mark.parametrize(
-    ("payload", "source", "owned"),
+    ("convention", "facts"),
     [
-        (b"x" * 64, OTHER, True),
-        (b"x" * 64, OTHER, False),
-        (b'{"poses": ' + b"[" * 900, OTHER, False),
-        (b"x" * 64, OWNER, True),
-        (None, OWNER, True),
+        ("slimevr_vrchat", ("l_wrist", "r_wrist", "vmc://:39539")),
+        ("natnet", ("head", "l_wrist", "--performer")),
     ],
-    ids=["another sender", "no owner yet", "brackets", "the owner's junk", "the owner's frames"],
 )
-def test_a_flood_costs_no_tick(payload: bytes | None, source: Source, owned: bool) -> None:
-    cost, decoded = flooded(payload, source, owned=owned)
-    assert max(decoded) <= MOST_DECODED
-    assert np.median(cost) < (TICK_S if payload is None else COST_S), np.round(1e3 * np.array(cost), 2).tolist()
+def test_what_a_kind_of_sender_never_sends_is_refused_once_with_the_next_step(convention: str, facts: Facts) -> None:
+    with refuses(UsageError, facts) as refusal:
+        roles_of(FIVE, convention, where="five.yaml")
+    assert len(refusal.value.problems) == 1
+
+
+def test_a_partial_performer_leaves_out_what_a_kind_of_sender_never_sends() -> None:
+    everything = load_performer("all")
+    roles = roles_of(everything, "slimevr", where="all.yaml")
+    assert roles.sensors == tuple(everything.sensors) and roles.partial
+    assert {name for name, place in zip(roles.sensors, roles.places, strict=True) if not place.position} == {
+        f"{side}_{joint}" for side in "lr" for joint in ("shoulder", "hip", "toe")
+    }
+    poses = roles.take(frame({"human://HEAD": ([0.0, 0.0, 1.6], None), "": ([0.0, 0.0, 1.0], None)}))
+    assert poses is not None and poses.rows.tolist() == [roles.sensors.index("head")]
+    with refuses(UsageError, "l_wrist", "r_wrist"):
+        roles_of(everything, "slimevr_vrchat", where="all.yaml")
+    with refuses(UsageError, "l_shoulder"):
+        roles_of(everything.model_copy(update={"partial": False}), "slimevr", where="all.yaml")
+
+
+@pytest.mark.parametrize("convention", ROLE_SETS)
+def test_a_sensor_is_at_the_role_of_its_joint_and_turns_with_the_role_of_its_segment(convention: str) -> None:
+    points = {one.point: one for one in ROLE_SETS[convention] if one.point}
+    segments = {one.segment: one for one in ROLE_SETS[convention] if one.segment}
+    assert CONVENTIONS[convention].keys() == points.keys()
+    for sensor, place in CONVENTIONS[convention].items():
+        assert (place.position, place.offset) == (points[sensor].name, points[sensor].offset)
+        assert place.orientation == (segments[sensor].name if sensor in segments else "")
+        assert sensor not in segments or place.rest == segments[sensor].rest

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fake_motive import FakeMotive, MotiveSettings
 from hardware.clock import VirtualClock
 from live_rig import LiveRig, five, live_stream
 from live_rig import five as five_sensors
 from messages import refuses, shows
 from mvn_packets import quaternions, standing
+from natnet_packets import FakeMotive, MotiveSettings
 from retarget.errors import InputError
 from retarget.live.address import StreamAddress, parse_address
 from retarget.live.admission import TOO_LONG, TOO_MANY, Admission, Datagram, Source, admission_for

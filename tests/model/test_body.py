@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from bodies import ALL_JOINTS_MJCF, TWO_LINK_URDF
 from followers import DT, op3
 from messages import Facts, refuses, shows
+from observed import ALL_JOINTS_MJCF, TWO_LINK_URDF
 from retarget import _solver
 from retarget.errors import ConfigError, InputError
 from retarget.model.body import BodyModel, JointType, joint_weights, load_body, load_body_text, low_inertia_joints

@@ -6,13 +6,14 @@ import pytest
 from benchmarks.collision_placement import (
     INFLUENCE,
     MARGIN,
+    Motion,
     height_scale,
     place,
+    play,
     scene_distances,
     scene_obstacles,
     write_scene,
 )
-from benchmarks.collision_runs import Motion, play
 from benchmarks.collisions import DOCS_HEADS, HEADS, Row, cells_of, measured, worst
 from retarget.human.samples import Playback
 from retarget.model.scene_state import SceneState

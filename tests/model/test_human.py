@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 
 import people
 from messages import refuses
-from observed_robot import nearest, scene_of
+from observed import nearest, scene_of
 from people import place, trial
 from retarget import rotations
 from retarget._solver import Solver, Task

@@ -13,11 +13,10 @@ import followers
 from followers import op3
 from gated_robot import GatedRobot
 from messages import refuses, shows
-from observed import Rig, aim, ball, binding, chain, rig, rod
-from observed_robot import act, robot, scene_of, without_observers
-from observed_robot import human as observers_idle_human
+from observed import Rig, act, aim, ball, binding, chain, rig, robot, rod, scene_of, without_observers
+from observed import human as observers_idle_human
+from people import thinned
 from physics_rig import PhysicsRig, ticks
-from reconstructions import thinned
 from retarget import _solver
 from retarget.errors import ConfigError, UsageError
 from retarget.human.calibration import calibrate

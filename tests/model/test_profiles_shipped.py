@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from followers import op3
-from posed_body import PosedBody
+from observed import PosedBody
 from retarget.ik.support_polygon import plant, support_distance
 from retarget.model.observers import robot_observers
 from retarget.model.robot import RobotBody, joints_between, load_profile, load_robot

@@ -17,8 +17,8 @@ def paper(*words: str | Path) -> int:
 
 
 def test_figures_without_recordings(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    names = ("jog", "jump", "figure4", "figure5", "figure6")
-    assert paper("--out", tmp_path / "new", "--only", ",".join(names)) == DONE
+    names = ("figure4", "figure5", "figure6")
+    assert paper("--out", tmp_path / "new", "--only", ",".join(("jog", "jump", *names))) == DONE
     files = {path.name for path in (tmp_path / "new").iterdir()}
     assert files == {"experiments.json", *(f"{name}.png" for name in names)}
     for name in names:

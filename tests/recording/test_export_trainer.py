@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from exported import RATE, moved, op3
+from recordings import RATE, moved, op3
 from retarget.model.robot import load_robot
 from retarget.recording.export import trainer_arrays, write_trainer_npz
 from retarget.recording.motion import Motion

@@ -1,5 +1,7 @@
 """LeRobot v3.0: the folder, its schema, and numbers that agree with each other and with the motion."""
 
+import csv
+import io
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -7,13 +9,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from exported import moved, slider, with_servos
 from messages import refuses
+from recordings import angle_between, moved, slider, with_servos
 from retarget.errors import InputError, UsageError
 from retarget.recording.lerobot import write_lerobot
-from retarget.recording.motion import Motion
-from retarget.recording.tables import arrow
+from retarget.recording.motion import Motion, resampled
+from retarget.recording.tables import arrow, columns_of, write_csv, write_parquet
 
 FILES = {
     *("README.md", "data/chunk-000/file-000.parquet", "meta/episodes/chunk-000/file-000.parquet"),
@@ -113,3 +117,101 @@ def test_a_servo_that_was_silent_is_named(motion: Motion, tmp_path: Path) -> Non
     with refuses(InputError, "swing.pos", 8):
         write_lerobot(replace(motion, servos=servos), tmp_path)
     assert list(tmp_path.iterdir()) == []
+
+
+# CSV and Parquet: names with units, every number, and nothing invented.
+
+
+def test_the_header_says_what_and_in_which_unit(motion: Motion) -> None:
+    names = [column.name for column in columns_of(motion)]
+    assert names[:8] == [
+        *("time_s", "root_x_m", "root_y_m", "root_z_m", "root_qw", "root_qx", "root_qy", "root_qz"),
+    ]
+    assert names[8:11] == ["lift_m", "swing_rad", "roll_rad"]
+    assert names[11:15] == ["servo_lift_m", "servo_swing_rad", "ticks_lift", "ticks_swing"]
+    assert names[15:] == [f"asked_{name}_{axis}_m" for name in ("hand", "lost") for axis in "xyz"]
+
+
+def test_a_csv_is_read_by_numpy_alone(motion: Motion) -> None:
+    stream = io.BytesIO()
+    write_csv(motion, stream)
+    table = np.genfromtxt(io.StringIO(stream.getvalue().decode()), delimiter=",", names=True)
+    assert len(table) == len(motion)
+    np.testing.assert_allclose(table["swing_rad"], motion.joints[:, 1], rtol=1e-9)
+    np.testing.assert_allclose(table["root_qy"], motion.root_quaternion[:, 2], rtol=1e-9)
+    assert np.isnan(table["asked_lost_x_m"][0]) and table["asked_lost_x_m"][1] == 1.0
+    assert (table["ticks_lift"] == motion.goal_ticks[:, 0]).all()  # type: ignore[index]
+
+
+def test_names_with_commas_and_quotes_survive() -> None:
+    from retarget.model.body import load_body_text
+
+    text = '<mujoco><worldbody><body name="b"><freejoint/><geom size="0.1"/><body name="c">'
+    text += '<joint name="a, &quot;b&quot;"/><geom size="0.1"/></body></body></worldbody></mujoco>'
+    stream = io.BytesIO()
+    write_csv(moved(load_body_text(text, source="odd")), stream)
+    assert next(csv.reader(io.StringIO(stream.getvalue().decode())))[8] == 'a, "b"_rad'
+
+
+def test_parquet_has_every_digit_and_the_units(motion: Motion) -> None:
+    stream = io.BytesIO()
+    write_parquet(motion, stream)
+    table = arrow().parquet.read_table(io.BytesIO(stream.getvalue()))
+    assert table.column_names == [column.name for column in columns_of(motion)]
+    assert (table["swing_rad"].to_numpy() == motion.joints[:, 1]).all()
+    assert table.schema.field("lift_m").metadata == {b"unit": b"m"}
+    assert table["asked_lost_x_m"].null_count == 1
+    about = json.loads(table.schema.metadata[b"retarget"])
+    assert about["root_link"] == "base" and about["rows"] == len(motion) and "z up" in about["world"]
+
+
+# Resampling: rows between rows, never beyond them, and a rate of one's own changes nothing.
+
+
+@given(st.floats(0.5, 400.0), st.integers(1, 60))
+def test_rows_are_even_and_within_the_motion(fps: float, rows: int) -> None:
+    motion = moved(slider(), rows=rows)
+    if rows > 1 and (rows - 1) * fps / 50.0 < 1.0:
+        with refuses(UsageError):
+            resampled(motion, fps)
+        return
+    new = resampled(motion, fps)
+    assert new.time[0] == motion.time[0] and new.time[-1] <= motion.time[-1] + 1e-9
+    assert motion.time[-1] - new.time[-1] < 1.0 / fps + 1e-9
+    np.testing.assert_allclose(np.diff(new.time), 1.0 / fps, rtol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(new.root_quaternion, axis=1), 1.0, atol=1e-12)
+    assert (new.joints.max(axis=0) <= motion.joints.max(axis=0) + 1e-12).all()
+
+
+def test_at_shared_instants_nothing_changes() -> None:
+    motion = with_servos(moved(slider(), rows=41))
+    for fps, ours, theirs in ((25.0, slice(None), slice(None, None, 2)), (100.0, slice(None, None, 2), slice(None))):
+        new = resampled(motion, fps)
+        np.testing.assert_allclose(new.joints[ours], motion.joints[theirs], atol=1e-9)
+        assert angle_between(new.root_quaternion[ours], motion.root_quaternion[theirs]).max() < 1e-6
+        assert new.servos is not None and motion.servos is not None
+        np.testing.assert_allclose(new.servos[ours], motion.servos[theirs], atol=1e-9)
+        assert new.goal_ticks is None
+
+
+def test_between_two_rows_lies_the_middle_also_where_the_quaternion_changes_its_sign() -> None:
+    motion = moved(slider(), rows=3)
+    motion.q[1, 3:7] *= -1.0
+    new = resampled(motion, 100.0)
+    np.testing.assert_allclose(new.joints[1], motion.joints[:2].mean(axis=0), atol=1e-12)
+    halves = angle_between(new.root_quaternion[[1, 1]], motion.root_quaternion[:2])
+    assert halves[0] == pytest.approx(halves[1], abs=1e-6) and halves[0] < 2.0
+
+
+def test_rows_that_come_when_they_like_become_even() -> None:
+    motion = moved(slider())
+    motion.time[:] = np.sort(np.random.default_rng(3).uniform(0.0, 2.0, len(motion)))
+    with refuses(InputError):
+        _ = motion.rate_hz
+    assert resampled(motion, 30.0).rate_hz == pytest.approx(30.0)
+
+
+@pytest.mark.parametrize("fps", [0.0, -5.0, float("nan"), float("inf"), 1001.0])
+def test_impossible_rates(fps: float) -> None:
+    with refuses(UsageError, "--fps"):
+        resampled(moved(slider()), fps)

@@ -10,7 +10,7 @@ import pytest
 from mcap.reader import make_reader
 
 from messages import refuses
-from recordings import record
+from recordings import decoded, record
 from retarget.errors import UsageError
 from retarget.recording.cdr import layout_of
 from retarget.recording.cycles import Cycles, Done, Shape
@@ -25,7 +25,6 @@ from retarget.recording.mcap_writer import (
 from retarget.recording.reading import _log_of, read_recording
 from retarget.recording.session import ConfigFile, Session
 from retarget.recording.topics import TICK, Topic, topics
-from ros2_messages import decoded
 
 LOG = "rcl_interfaces/msg/Log"
 

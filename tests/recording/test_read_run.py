@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from exported import SLIDER, moved, slider, with_servos
-from exported import saved as export_reading_saved
 from messages import Facts, mentions, refuses, shows
-from recordings import Recorded, record
+from recordings import SLIDER, Recorded, moved, record, slider, with_servos
+from recordings import saved as export_reading_saved
 from retarget.cli import main
 from retarget.errors import InputError
 from retarget.recording.export import FORMATS, export_motion, export_place

@@ -2,20 +2,28 @@
 
 import json
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from followers import DT, op3
+from messages import shows
+from observed import ZONE, Done, act, human, raised, robot, scene_of, sphere, without_observers
 from retarget import rotations
 from retarget.cli import main
 from retarget.frames import SensorFrames
-from retarget.model.robot import load_robot
+from retarget.model.robot import RobotBody, load_robot
+from retarget.report.motion_metrics import jerk_p95, observer_activity
 from retarget.report.motion_summary import find_jumps, summarise
+from retarget.report.rest_check import PathToRest, at_rest, path_to_rest
 from retarget.schema.performer import load_performer
+from retarget.schema.priorities import load_priorities
 from retarget.sources.asf_amc import read_amc
 from retarget.types import FloatArray
 from sim.performer import synthetic_performer
+from unknown_robots import SHIPPED as ROBOTS
 
 
 @pytest.fixture(scope="module")
@@ -159,3 +167,111 @@ def test_what_is_asked_jumps_and_what_is_sent_does_not(run: Arrays) -> None:
     assert reached.max() < 0.008  # 1 m/s
     # Nor does a landmark change what it moves in a tick by an eighth of the jump.
     assert np.abs(np.diff(reached[after_jump(-0.02)], axis=0)).max() < 0.00125
+
+
+# The last part of the rest trajectory is checked before anything moves.
+
+
+def resting(robot: RobotBody, **changed: float) -> RobotBody:
+    """With other angles in `rest`."""
+    postures = robot.profile.postures
+    rest = postures.rest | changed
+    return replace(
+        robot,
+        profile=robot.profile.model_copy(update={"postures": postures.model_copy(update={"rest": rest})}),
+    )
+
+
+def found(robot: RobotBody) -> PathToRest:
+    path = path_to_rest(robot)
+    assert path is not None
+    return path
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_every_shipped_robot_goes_straight_to_rest(name: str) -> None:
+    path = found(load_robot(name))
+    assert path.safe and path.margin > 0.04 and path.distance > 0.002
+    assert str(path).startswith("centre of mass ")
+
+
+def test_limbs_that_meet_on_it_are_named() -> None:
+    path = found(resting(load_robot("poppy"), abs_y=0.5))
+    assert not path.safe
+    assert str(path).startswith("not straight, as limbs meet: ")
+    shows(str(path), "l_hip", "0.5", "1.2")
+
+
+def test_a_robot_that_would_fall_over_on_it_is_named() -> None:
+    ankles = {"l_ank_pitch": 0.4, "r_ank_pitch": -0.4}
+    path = found(resting(load_robot("op3"), **ankles))
+    assert not path.safe and path.margin < 0.0
+    assert str(path).startswith("not straight, as it would tip: ")
+    shows(str(path), f"{-1000.0 * path.margin:.0f}")
+
+
+def test_a_robot_that_would_topple_at_rest_is_said_with_its_lowest_part() -> None:
+    robot = load_robot("op3")
+    assert "topple" not in at_rest(robot)
+    leaning = resting(robot, l_ank_pitch=0.4, r_ank_pitch=-0.4)
+    shows(at_rest(leaning), "l_hip_roll", "postures.rest")
+    assert at_rest(replace(robot, profile=robot.profile.model_copy(update={"root": "fixed"}))) == ""
+
+
+def test_a_robot_on_a_stand_is_not_looked_at_nor_one_whose_trunk_is_unknown() -> None:
+    robot = load_robot("op3")
+    frames = {name: frame for name, frame in robot.profile.frames.items() if name != "neck"}
+    assert path_to_rest(replace(robot, profile=robot.profile.model_copy(update={"frames": frames}))) is None
+    fixed = replace(robot, profile=robot.profile.model_copy(update={"root": "fixed"}))
+    assert path_to_rest(fixed) is None
+
+
+# Calm: modes do not come and go, observers add no jerk, and a hand that rests against something rests.
+
+
+@cache
+def performed() -> Done:
+    """The whole of the synthetic performer."""
+    return act(robot(None), None, human())
+
+
+def test_modes_seldom_change() -> None:
+    modes = np.array([posture.observer_modes for posture in performed().postures])
+    names = robot(None).observers.names
+    found = observer_activity(modes, names, dt=DT)
+    assert found is not None and found.activations > 10
+    assert found.switches.worst <= 2.0, found.switches.name
+
+
+def test_observers_add_little_jerk() -> None:
+    """Upright next to none; where it folds onto its thighs, a twentieth of what it would be if joints chattered."""
+    upright = human()[:50]
+    bare = act(robot(None, without_observers(load_priorities("servo"))), None, upright)
+    watched, without = act(robot(None), None, upright), jerk_p95(bare.joints, DT)
+    alone, whole = jerk_p95(watched.joints, DT), jerk_p95(performed().joints, DT)
+    assert alone is not None and whole is not None and without is not None
+    assert alone <= 1.3 * without
+    assert whole <= 0.05 * float(op3().limits.max_acceleration.min()) / DT
+
+
+def test_no_shaking_at_switch_on() -> None:
+    """The first second: away from standing, slowly, to where the performer stands still."""
+    done = act(robot(None), None, [human()[0]] * 375)
+    assert done.swing() < 1e-4
+
+
+@pytest.mark.parametrize("tick", [150, 250])
+def test_a_hand_that_rests_against_a_sphere_rests(tick: int) -> None:
+    motion = raised()[:tick]
+    at = act(robot(None), None, motion).reached("r_hand")[-1]
+    done = act(state_of := robot(state := scene_of(ball=sphere(at))), state, [*motion, *[motion[-1]] * 500])
+    assert state_of.observers.names and done.distance[-1].min() == pytest.approx(ZONE["margin"], abs=1e-4)
+    assert done.swing() < 1e-4
+
+
+def test_a_hand_that_rests_against_a_box_rests() -> None:
+    motion = raised()[:200]
+    x, y, z = act(robot(None), None, motion).reached("r_hand")[-1]
+    box = {"shape": {"box": {"size": (0.05, 0.05, 0.02)}}, "at": {"pos": (x + 0.03, y, z + 0.01)}, **ZONE}
+    done = act(robot(state := scene_of(box=box)), state, [*motion, *[motion[-1]] * 500])
+    assert done.swing() < 1e-4

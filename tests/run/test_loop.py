@@ -2,23 +2,41 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from faulty_bus import FaultKind, MockFault
+from followers import DT, follower, op3
 from hardware.bus import ServoGoals, ServoStates
+from hardware.clock import VirtualClock
 from hardware.errors import BusError, HardwareError, RetargetError
 from hardware.guard import CheckedGoal
 from hardware.servo_health import ServoWarnings
-from messages import refuses, shows
-from retarget.model.robot import RobotBody
+from live_rig import LiveRig
+from messages import refuses, shows, shows_lines
+from retarget.errors import UsageError
+from retarget.human.samples import Playback
+from retarget.live.begin import LiveOptions
+from retarget.live.performer import LivePerformer
+from retarget.model.robot import RobotBody, load_robot
+from retarget.report.measure import measure
 from retarget.report.motion_metrics import LimitViolations, limit_violations
 from retarget.run.controllers import rest_joints
 from retarget.run.loop import FORCED_STOP, INTERRUPTED, Watch, run_human
-from retarget.run.record import Phase
+from retarget.run.options import PhysicsOptions, RunOptions, name_with_mass, priority_names
+from retarget.run.prepare import make_gate, prepare
+from retarget.run.record import HumanRecord, Phase, Record, RecordRows, Timing
+from retarget.run.run_result import RunResult
+from retarget.safety.gate import Gate
+from retarget.schema.priorities import load_priorities
 from retarget.types import FloatArray, HumanPosture, RobotPosture, RunState
 from rig import Rig, StubFollower, StubReconstructor, person, play, short_clip
+from sim.faults.sender import FakeSender
+from sim.mock_bus import mock_bus
+from sim.performer import synthetic_performer
 
 TICKS = 51
 
@@ -521,3 +539,195 @@ def test_on_its_way_to_rest_a_robot_brakes_while_the_bus_is_silent_and_goes_on()
     fast = int(cruise[len(cruise) // 3])
     silent = steps([MockFault(FaultKind.MISSING, first=fast, cycles=5, servo=servo) for servo in range(20)])
     assert silent[fast : fast + 8].min() < 0.99 * usual[fast : fast + 8].min()
+
+
+# The gate of a robot: what it compensates, and what it checks; which runs have deadlines.
+
+
+def standing() -> FloatArray:
+    """Joints of the OP3 in its posture `stand`, rad (20,)."""
+    return op3().posture(op3().profile.postures.stand)[op3().servo_columns]
+
+
+@pytest.mark.parametrize(("name", "compensates"), [("servo", False), ("balanced", True)])
+def test_priorities_say_whether_goals_are_compensated(name: str, compensates: bool) -> None:
+    gate = make_gate(op3(), follower(priorities=name), load_priorities(name), checks=True, dt=DT)
+    assert type(gate) is Gate and gate.clearance is not None
+    present = standing()
+    gate.clearance.begin(op3().posture(op3().profile.postures.stand), present)
+    gate.begin(present)
+    for _ in range(200):
+        goal = gate.check(present)
+        assert goal is not None and np.array_equal(goal.posture, present)
+    assert gate.goal is not None and np.any(gate.goal.joints != present) == compensates
+    assert gate.check(present + 1.0) is None
+
+
+def test_compensated_goals_are_checked_for_collision() -> None:
+    """An arm that is lowered into the hip is refused before it is there."""
+    gate = make_gate(op3(), follower(priorities="balanced"), load_priorities("balanced"), checks=True, dt=DT)
+    assert gate.clearance is not None
+    present, joints = standing(), op3().joint_map
+    shoulder, elbow = joints.joints.index("l_sho_roll"), joints.joints.index("l_el")
+    gate.begin(present)
+    gate.clearance.begin(op3().posture(op3().profile.postures.stand), present)
+    passed = []
+    for _ in range(400):
+        target = present.copy()
+        target[shoulder] = min(target[shoulder] + 0.002, joints.upper[shoulder])
+        target[elbow] = max(target[elbow] - 0.003, joints.lower[elbow])
+        goal = gate.check(target)
+        passed.append(goal is not None)
+        present = (goal or gate.brake()).posture
+    assert passed[0] and not passed[-1]
+
+
+@pytest.mark.parametrize(("bus", "reason"), [("mock", None), ("profile", "no tick for 0.3 s, allowed 0.08 s")])
+def test_a_slow_host_stops_real_servos_and_no_simulated_robot(bus: str, reason: str | None) -> None:
+    clock = VirtualClock()
+    options = RunOptions(robot="op3", bus=bus, priorities="servo", playback=Playback(end=0.3))
+    with prepare(synthetic_performer, options, clock=clock, make_bus=mock_bus) as prepared:
+        run = prepared.run(Watch(on_row=lambda record, row: clock.advance(0.3) if row == 50 else None))
+    assert (run.state, run.reason) == ("off", reason) and (run.ticks_followed > 1) == (reason is None)
+
+
+# Runs that last longer than there is room for: what is kept has no gap.
+
+
+def filled(approach: int, follow: int, brake: int, *, close_at: int | None = None) -> Record:
+    """The times of so many ticks of each phase, with room for 4, 3 and 2 of them."""
+    rows = RecordRows(approach=4, follow=3, brake=2)
+    human = HumanRecord.empty(rows.room, nq=0, joint_names=())
+    phase = np.zeros(rows.room, dtype=np.int8)
+    record = Record(np.zeros(rows.room), phase, human, None, Timing.empty(rows.room))
+    for tick in range(approach + follow + brake):
+        if close_at == tick:
+            rows.close()
+        record.time[rows.row] = tick
+        rows.filled(approaches=tick + 1 < approach)
+    return rows.of(record)
+
+
+def test_what_comes_after_the_last_room_is_not_kept() -> None:
+    record = filled(2, 9, 0, close_at=5)
+    assert record.time.tolist() == [0, 1, 2, 3, 4] and record.from_start and not record.to_end
+    full = filled(2, 9, 0)
+    assert full.time.tolist() == list(range(9)) and not full.to_end  # no more than there are rows
+    late = filled(9, 3, 0, close_at=10)
+    assert late.time.tolist() == [6, 7, 8, 9] and not (late.from_start or late.to_end)
+
+
+def played(*, pause: range = range(0), duration: float = 1.0) -> RunResult:
+    """A live run in which the operator pauses the robot in these ticks, counted from the first."""
+    rig, tick = LiveRig(FakeSender(), options=LiveOptions(countdown=0.5, duration=duration)), 0
+    with rig.prepared() as prepared:
+
+        def stop_asked() -> bool:
+            nonlocal tick
+            assert isinstance(prepared.samples, LivePerformer)
+            prepared.samples.clutch(engaged=tick not in pause)
+            tick += 1
+            return False
+
+        return prepared.run(Watch(stop_asked=stop_asked))
+
+
+def test_an_approach_that_is_held_up_misses_no_tick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its ticks came in time, and the robot kept its limits."""
+    monkeypatch.setattr("retarget.run.record.LONGEST_APPROACH_S", 2.2)
+    run = played(pause=range(40, 400))
+    sent, report = run.record.robot, measure(run)
+    assert sent is not None and report.bus is not None and not run.record.from_start
+    assert report.bus.missed_ticks == 0 and report.bus.longest_period_ms == pytest.approx(8.0)
+    assert report.limit_violations == LimitViolations(0, 0, 0)
+    assert {*run.record.phase.tolist()} == {Phase.APPROACH, Phase.FOLLOW, Phase.BRAKE}
+    shows(report.notes)
+
+
+def test_of_a_long_run_the_beginning_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("retarget.live.begin.KEPT_S", 1.0)
+    run = played(duration=2.0)
+    report = measure(run)
+    assert run.ticks_followed == 125 and not run.record.to_end and report.duration_s == pytest.approx(124 / 125)
+    shows_lines(report.notes, 1)
+    assert report.bus is not None and report.bus.missed_ticks == 0 and report.limit_violations.acceleration == 0
+    # What was sent is compared with the samples of the same ticks.
+    assert max(spread.max for spread in report.sensors_mm.values()) < 60.0
+    assert run.record.robot is not None
+    assert all(after > before for before, after in pairwise(run.record.robot.bus_time.tolist()))
+
+
+# What a run is asked to be, about its bus.
+
+
+@pytest.mark.parametrize("bus", ["mock", "none", "profile", "/dev/ttyUSB0"])
+def test_faults_are_the_emulator_s(bus: str) -> None:
+    with refuses(UsageError):
+        RunOptions(robot="op3", bus=bus, faults=Path("faults.yaml"))
+    assert RunOptions(robot="op3", bus="emulator", faults=Path("faults.yaml")).simulated
+
+
+@pytest.mark.parametrize("bus", ["profile", "/dev/ttyUSB0", "./link"])
+def test_real_servos_are_never_moved_without_the_gate(bus: str) -> None:
+    assert not RunOptions(robot="op3", bus=bus).simulated
+    with refuses(UsageError):
+        RunOptions(robot="op3", bus=bus, gate=False)
+
+
+@pytest.mark.parametrize(
+    ("bus", "has_mass"),
+    [("mock", False), ("emulator", False), ("physics", True), ("profile", True), ("/dev/ttyUSB0", True)],
+)
+def test_a_robot_with_mass_goes_to_rest_before_torque_goes_off(bus: str, has_mass: bool) -> None:
+    assert RunOptions(robot="op3", bus=bus).has_mass is has_mass
+
+
+@pytest.mark.parametrize(
+    ("values", "option", "hint"),
+    [
+        ({"mount": "gantri"}, "--mount", "gantry"),
+        ({"perturbations": ("pusch",)}, "--perturb", "push"),
+        ({"perturbations": ("push", "push")}, "--perturb", "Name each once"),
+        ({"seed": -1}, "--seed", "0 to 4294967295"),
+        ({"mount": "floor", "hook": "neck"}, "--hook", "only a gantry"),
+    ],
+)
+def test_what_cannot_be_meant(values: dict[str, object], option: str, hint: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        PhysicsOptions(**values)  # type: ignore[arg-type]
+    assert option in str(caught.value) and hint in str(caught.value)
+
+
+@pytest.mark.parametrize("bus", ["mock", "emulator", "none", "profile"])
+@pytest.mark.parametrize(
+    "physics", [PhysicsOptions(mount="stand"), PhysicsOptions(seed=1), PhysicsOptions(perturbations=("mass",))]
+)
+def test_they_are_refused_where_nothing_has_mass(bus: str, physics: PhysicsOptions) -> None:
+    with refuses(UsageError, "--bus", "physics"):
+        RunOptions(robot="op3", bus=bus, physics=physics)
+    for simulated in ("physics", "physics+wire"):
+        options = RunOptions(robot="op3", bus=simulated, physics=physics)
+        assert options.has_physics and options.simulated
+
+
+@pytest.mark.parametrize(("name", "usual"), [("toddlerbot", "balanced_sustained"), ("op3", "balanced")])
+def test_a_profile_names_the_priorities_of_a_robot_with_mass(name: str, usual: str) -> None:
+    robot = load_robot(name)
+    for bus in ("physics", "physics+wire", "profile", "/dev/ttyUSB0"):
+        assert priority_names(robot, RunOptions(robot=name, bus=bus))[-1] == usual
+        assert priority_names(robot, RunOptions(robot=name, bus=bus, priorities="paper"))[-1] == "paper"
+    for bus in ("mock", "emulator"):
+        assert priority_names(robot, RunOptions(robot=name, bus=bus))[-1] == "servo"
+
+
+def test_only_the_priorities_that_look_at_no_motion_are_replaced() -> None:
+    def named(retarget: str, *, standing: str | None, hangs: bool) -> str:
+        robot = load_robot("op3", root="suspended" if hangs else "free")
+        profile = robot.profile.model_copy(update={"retarget": retarget, "standing": standing})
+        return name_with_mass(replace(robot, profile=profile))
+
+    assert named("servo", standing=None, hangs=False) == "balanced"
+    assert named("servo", standing=None, hangs=True) == "fixed_base"
+    assert named("mine", standing=None, hangs=False) == named("mine", standing=None, hangs=True) == "mine"
+    assert named("mine", standing="balanced_sustained", hangs=False) == "balanced_sustained"
+    assert named("mine", standing="balanced_sustained", hangs=True) == "mine"

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bus_rig import four_servos
 from gates import PathCheck, admit, as_clearance, sent
 from hardware.arrays import FloatArray
 from hardware.errors import HardwareError
@@ -16,7 +17,6 @@ from oracles.frame_bounds import braking_displacement
 from oracles.frame_bounds import frame_bounds as bounds_oracle
 from retarget._solver import Braking
 from retarget.safety.gate import Gate, PassThroughGate
-from servos import four_servos
 
 MAP = JointMap(four_servos())
 DT = 0.008

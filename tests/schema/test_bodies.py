@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from posed_body import PosedBody
+from observed import PosedBody
 from retarget.model.robot import load_profile
 
 Triple = tuple[float, float, float]

@@ -3,7 +3,10 @@
 import pytest
 from pydantic import BaseModel
 
+from command_pages import command_page, commands
 from model_tables import keys_of_model, models_below, section
+from retarget.cli import COMMANDS
+from retarget.cli.servo import COMMANDS as SERVO
 from retarget.schema.performer import Performer
 from retarget.schema.priorities import PositionTask, Priorities
 from retarget.schema.profile import RobotProfile
@@ -53,3 +56,34 @@ def test_a_section_is_a_table_of_five_columns() -> None:
     lines = [line for line in section(Servo).splitlines() if line.startswith("|")]
     assert len(lines) == 2 + len(Servo.model_fields)
     assert {line.replace("\\|", "").count("|") for line in lines} == {6}
+
+
+# The page of the command line: every command, every option, as `--help` has them.
+
+
+def test_every_command_is_documented() -> None:
+    page = command_page()
+    for command in COMMANDS:
+        assert f"\n## retarget {command}\n" in page
+    for command in SERVO:
+        assert f"\n### retarget servo {command}\n" in page
+    assert r"| `--parts whole\|upper` | What follows; 'upper' keeps the legs still. | `whole` |" in page
+    assert (
+        "| `--robot NAME\\|PATH` | Robot by name or path; 'human' only reconstructs the performer. | **required** |"
+        in page
+    )
+
+
+def test_every_option_is_documented_with_its_meaning() -> None:
+    page = command_page()
+    for words, command in commands():
+        assert (command.help or "").strip().splitlines()[0] in page, words
+        for one in command.params:
+            if one.param_type_name == "option" and one.name != "help":
+                assert one.help, f"{words} {one.opts}"
+                assert f"| `{one.opts[0]}" in page, f"{words} {one.opts}"
+
+
+def test_choices_are_named_as_they_are_typed() -> None:
+    page = command_page()
+    assert "Gaps." not in page and "FedBy." not in page and r"--gaps silence\|" in page

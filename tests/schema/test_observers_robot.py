@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from followers import DT, assert_within_limits, op3
-from observed_robot import ZONE, Done, act, human, observed, raised, robot, scene_of, sphere
+from observed import ZONE, Done, act, human, observed, raised, robot, scene_of, sphere
 from retarget.model.scene_state import SceneState
 from retarget.schema.priorities import ReactiveTask, load_priorities
 from retarget.types import FloatArray

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bus_rig import four_servos, waist_servos
 from hardware.joint_map import JointMap
 from hardware.servo import ServoSpec
 from messages import refuses, shows
@@ -26,7 +27,6 @@ from retarget.schema.servo_calibration import (
     read_calibration,
     write_calibration,
 )
-from servos import four_servos, waist_servos
 
 
 @pytest.fixture(autouse=True)

@@ -1,27 +1,40 @@
 """Findings on a stream: silence, wrong protocols, refused senders, recordings."""
 
 import socket
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from doctor_rig import HERE, captured, fixes, json_poses, judged, played, steady, text_of
+from doctor_rig import FRAMES, HERE, captured, fixes, json_poses, judged, played, steady, text_of
 from hardware.clock import MonotonicClock, VirtualClock
 from live_rig import five
 from messages import Facts, refuses, shows, shows_lines
 from mvn_packets import mvn, quaternions, standing
 from natnet_packets import Motion, Pose, frame
 from osc_bytes import bundle, message, pose
+from retarget import rotations
 from retarget.errors import InputError
 from retarget.live.address import parse_address
 from retarget.live.admission import Datagram
+from retarget.live.sensor_validity import ValidityState
+from retarget.schema.performer import load_performer
+from retarget.setup.doctor_sensors import (
+    StreamCapture,
+    invented_findings,
+    rate_findings,
+    role_findings,
+)
 from retarget.setup.doctor_stream import (
     silence_findings,
     stream_findings,
 )
 from retarget.sources.natnet_wire import Version
+from sim.faults.sender import FakeSender, SenderFault, frozen, lost, moved, silent, swapped
 
 JSON = "json://:14150"
 ONE = json_poses(1.0, {"head": {"p": [0, 0, 1]}})
@@ -143,3 +156,137 @@ def test_any_datagrams_are_judged(changes: list[tuple[int, float, int, bytes]], 
         rows.append(Datagram(time, HERE, payload))
     for finding in judged(played(rows, text=text, seconds=time + 0.1), text=text):
         assert finding.render().isprintable() and len(finding.render()) < 2000
+
+
+# Capture of a stream, and findings on its sensors: limbs that a sender makes up, rate, gaps, loss, clock and roles.
+
+RATE = 100.0
+SOURCE = ("127.0.0.1", 1)
+POSES = {name: {"p": [0.0, 0.1 * row, 1.0]} for row, name in enumerate(five().sensors)}
+
+
+def test_a_lost_sensor_is_stale_for_that_time() -> None:
+    capture = captured(lost("l_wrist", 3.0, 4.0), seconds=5.0)
+    assert 0.15 < capture.share("l_wrist", ValidityState.STALE) < 0.3
+    assert capture.share("r_wrist", ValidityState.STALE) == 0.0
+
+
+@cache
+def turned(*, own: float, turn: float = 1.0) -> StreamCapture:
+    """A trunk that turns with both hands; the left one also swings by `own` m, the right one by 0.1 m."""
+    rows = []
+    for k in range(400):
+        time = k / RATE
+        quat = rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), np.array(turn * np.sin(time)))
+        swing = np.array([0.0, 0.0, np.sin(3.0 * time)])
+        place = {name: rotations.rotate(quat, np.array([0.0, side, -0.4])) for name, side in (("l", 0.2), ("r", -0.2))}
+        poses: dict[str, dict[str, list[float]]] = {
+            "chest": {"p": [0.0, 0.0, 1.3], "q": quat.tolist()},
+            "l_wrist": {"p": (place["l"] + own * swing + [0.0, 0.0, 1.3]).tolist()},
+            "r_wrist": {"p": (place["r"] + 0.1 * turn * swing + [0.0, 0.0, 1.3]).tolist()},
+        }
+        rows.append(Datagram(time, SOURCE, json_poses(time, poses, quaternion="wxyz")))
+    return played(rows)
+
+
+def test_a_hand_fixed_to_the_trunk_is_made_up_and_one_that_moves_by_itself_is_not() -> None:
+    lines = fixes(invented_findings("json", turned(own=0.0)))
+    assert len(lines) == 1 and lines[0].startswith("fix  l_wrist: moves with the chest")
+    assert invented_findings("json", turned(own=0.01)) == []
+    assert invented_findings("natnet", turned(own=0.0)) == []  # which sends no trunk
+
+
+def sent(
+    *, rate: float = 100.0, seconds: float = 4.0, frame: Callable[[int], dict[str, object]] = lambda k: {}
+) -> StreamCapture:
+    """Frame k at k / rate s; `frame` gives its other keys; {"leave": True}: it is lost."""
+    rows = []
+    for k in range(round(rate * seconds)):
+        more = frame(k)
+        if not more.pop("leave", False):
+            rows.append(Datagram(0.1 + k / rate, SOURCE, json_poses(1000.0 + k / rate, POSES, **more)))
+    return played(rows, seconds=seconds)
+
+
+def bunched() -> StreamCapture:
+    """Arrivals that come in bunches, eight a second."""
+    return played(
+        [Datagram(np.ceil(8.0 * k / 50.0) / 8.0, SOURCE, json_poses(k / 50.0, POSES)) for k in range(200)], seconds=4.0
+    )
+
+
+WRONG: dict[str, tuple[Callable[[], StreamCapture], Facts]] = {
+    "slow": (lambda: sent(rate=10.0), (10, "frames/s", 25)),
+    "silent in the middle": (lambda: captured(silent(3.0, 3.5)), (1, "0.13", "0.5")),
+    "silent at the end": (lambda: captured(silent(4.0, 9.0)), "1.0"),
+    "uneven": (bunched, ()),
+    "lost frames": (lambda: sent(frame=lambda k: {"frame": k, "leave": k % 5 == 0}), (77, 389)),
+    "a number that stands still": (lambda: sent(frame=lambda k: {"frame": 7}), ()),
+    "few frames": (lambda: sent(rate=1.0, seconds=3.0), 3),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_what_is_wrong_with_the_rate(case: str) -> None:
+    make, facts = WRONG[case]
+    shows("\n".join(fixes(rate_findings("json", make()))), facts)
+
+
+@pytest.mark.parametrize(
+    ("stamp", "words"),
+    [
+        (lambda time: 5.0, "time stands still"),
+        (lambda time: time + (50.0 if time > 3.0 else 0.0), "jumped once by 49.99"),
+        (lambda time: time - (9.0 if time > 3.0 else 0.0) + 500.0, "jumped once by 9."),
+        (lambda time: 1.3 * time, "second lasts 0.77 local seconds"),
+        (lambda time: 0.7 * time, "second lasts 1.43 local seconds"),
+    ],
+)
+def test_clocks(stamp: Callable[[float], float], words: str) -> None:
+    found = rate_findings("json", captured(sender=FakeSender(frames=FRAMES, stamp=stamp)))
+    assert words in "\n".join(fixes(found))
+
+
+def found_with(*faults: SenderFault) -> str:
+    return "\n".join(fixes(role_findings(five(), "json", captured(*faults))))
+
+
+def test_sensors_that_are_sent_and_one_that_is_not() -> None:
+    found = role_findings(five(), "json", captured())
+    assert not fixes(found) and role_findings(five(), "json", played([])) == []
+    shows(text_of(found), "head", "l_wrist", "r_wrist", "l_ankle", "r_ankle")
+    shows(found_with(lost("l_ankle", 0.0, 99.0)), "l_ankle", "head", "--performer")
+
+
+@pytest.mark.parametrize(
+    ("fault", "who", "words"),
+    [
+        (frozen("l_wrist", 3.0, 99.0), "l_wrist", "repeats one value"),
+        (moved("head", 3.0, 99.0, (50.0, 0.0, 0.0)), "head", "outside the room"),
+        (moved("r_wrist", 3.0, 3.9, (1.5, 0.0, 0.5)), "r_wrist", "jumps"),
+        (swapped("l_wrist", "r_wrist", 4.0, 99.0), "l_wrist, r_wrist", "jumps farther"),
+        (lost("head", 3.0, 99.0), "head", "cannot be used"),
+    ],
+)
+def test_each_wrong_state_names_its_sensor_alone(fault: SenderFault, who: str, words: str) -> None:
+    lines = found_with(fault).splitlines()
+    assert len(lines) == 1, lines
+    assert lines[0].startswith(f"fix  {who}: ") and words in lines[0]
+
+
+def test_all_in_millimetres_is_one_line_and_own_names_need_roles() -> None:
+    poses = {name: {"p": [500.0, 20.0 * row, 1500.0]} for row, name in enumerate(five().sensors)}
+    rows = [Datagram(0.01 * k, ("127.0.0.1", 1), json_poses(0.01 * k, poses)) for k in range(300)]
+    lines = fixes(role_findings(five(), "json", played(rows)))
+    assert sum("unit (metres)" in line for line in lines) == 1
+    capture = played(steady(json_poses(1.0, {"Head": {"p": [0, 0, 1]}})))
+    shows("\n".join(fixes(role_findings(five(), "json", capture))), "`role`")
+
+
+def test_a_partial_performer_misses_only_the_sensors_that_measure_it() -> None:
+    everything = load_performer("all")
+    found = role_findings(everything, "json", captured(lost("l_toe", 0.0, 99.0), performer=everything))
+    assert not fixes(found)
+    shows(text_of(found), "l_toe")
+    lines = fixes(role_findings(everything, "json", captured(lost("head", 0.0, 99.0), performer=everything)))
+    shows_lines(lines, "head")

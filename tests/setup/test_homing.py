@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bus_rig import four_servos, waist_servos
 from faulty_bus import FaultKind, FaultyBus, MockFault
 from hardware.arrays import FloatArray, TickArray
 from hardware.bus import ServoStates
@@ -15,7 +16,6 @@ from hardware.joint_map import JointMap
 from hardware.servo import ServoSpec
 from messages import refuses, shows
 from retarget.setup.homing import FAR, READS, TRIES, Homing, calibration_of, home, homed_columns
-from servos import four_servos, waist_servos
 
 ALL_SERVOS = np.ones(4, dtype=np.bool_)
 

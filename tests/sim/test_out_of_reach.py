@@ -9,7 +9,7 @@ import followers
 from benchmarks.bodies import bench_op3
 from benchmarks.motion import crouch_and_reach
 from benchmarks.ours import Ours
-from reconstructions import Run, reconstruct
+from people import Run, reconstruct
 from retarget.frames import SensorSample
 from retarget.types import FloatArray
 from sim.performer import synthetic_performer

@@ -4,9 +4,12 @@ import mujoco
 import numpy as np
 import pytest
 
+from followers import op3
 from oracles.problem import Array
 from oracles.trees import Tree, random_tree
 from retarget import _solver
+from retarget._solver import Solver, Task
+from retarget.types import FloatArray
 
 SEEDS = range(20)
 EXACT = 1e-12
@@ -99,3 +102,45 @@ def test_arrays_of_wrong_shape_are_refused(field: int) -> None:
     arguments[field] = arguments[field][:-1].copy()
     with pytest.raises(ValueError):
         _solver.Body(*arguments)
+
+
+# A position that is asked from a point of another link: of the difference of both points, not of either.
+
+
+def relative(base: int) -> Solver:
+    robot = op3()
+    body, hand = robot.body, robot.frame("l_hand")
+    x, y, z = hand.position.tolist()
+    free = np.full(body.nv, np.inf)
+    task = Task.position(hand.body, (x, y, z), base=(base, (0.0, 0.0, 0.0)))
+    return Solver(
+        body.solver_body(),
+        [[task]],
+        lower=-free,
+        upper=free,
+        max_velocity=free,
+        max_acceleration=free,
+        locked=np.zeros(body.nv, dtype=np.bool_),
+        n_ik=60,
+    )
+
+
+def test_the_difference_of_two_points_is_led() -> None:
+    """Asked from the origin of the torso, which is free to move as well."""
+    robot, shoulder = op3(), op3().frame("l_shoulder")
+    solver, q = relative(shoulder.body), robot.posture(robot.profile.postures.stand)
+    solver.reset(q)
+
+    def apart(posture: FloatArray) -> FloatArray:
+        """From the origin of the torso to the hand (3,), m."""
+        origin = robot.body.solver_body().points(posture[None], [shoulder.body], np.zeros((1, 3)))[0, 0]
+        return np.asarray(robot.points(posture[None], ("l_hand",))[0, 0] - origin)
+
+    wanted = apart(q) + np.array([0.02, 0.01, 0.03])
+    after = solver.frame(np.concatenate([[1.0], wanted]), 1.0)
+    np.testing.assert_allclose(apart(after), wanted, atol=1e-4)
+
+
+def test_a_base_that_the_body_does_not_have_is_refused() -> None:
+    with pytest.raises(ValueError, match="link"):
+        relative(10_000)

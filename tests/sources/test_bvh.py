@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from exported import moved, op3, slider
 from messages import Facts, refuses, shows, shows_lines
 from motion_texts import JOINTS, bvh_text
+from recordings import moved, op3, slider
 from retarget import rotations
 from retarget.errors import InputError
 from retarget.frames import SENSORS

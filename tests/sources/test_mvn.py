@@ -8,8 +8,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from command_line import mutated
 from messages import shows
-from mutated import mutated
 from mvn_packets import euler, meta, mvn, quaternions, scale, standing
 from retarget import rotations
 from retarget.frames import mirrored_name

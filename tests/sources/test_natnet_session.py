@@ -4,7 +4,21 @@ import numpy as np
 import pytest
 
 from messages import shows
-from natnet_packets import VERSIONS, Body, Catalogue, Motion, datagram, definitions, frame, server_info
+from natnet_packets import (
+    VERSIONS,
+    Body,
+    Catalogue,
+    FakeMotive,
+    Motion,
+    MotiveSettings,
+    datagram,
+    definitions,
+    frame,
+    server_info,
+)
+from retarget.frames import SensorFrames
+from retarget.rotations import angle_between
+from retarget.sources.natnet_decoder import NatnetDecoder
 from retarget.sources.natnet_session import KEEP_ALIVE_S, UNNAMED_S, NatnetSession, natnet_problems
 from retarget.sources.natnet_wire import (
     MessageId,
@@ -12,6 +26,8 @@ from retarget.sources.natnet_wire import (
     connect_message,
     message,
 )
+from retarget.sources.stream_frame import StreamFrame
+from sim.performer import synthetic_performer
 
 V41, V44 = Version(4, 1), Version(4, 4)
 DEFINITIONS_REQUEST, KEEP_ALIVE = message(MessageId.DEFINITIONS_REQUEST), message(MessageId.KEEP_ALIVE)
@@ -198,3 +214,72 @@ def test_no_definitions() -> None:
     shows(text)
     session.receive(4.0, CATALOGUE)
     assert said(session, 4.0) == []
+
+
+# The fake Motive against the session and the decoder: a whole conversation on virtual time.
+
+STEP_S = 1 / 200
+
+
+@pytest.fixture(scope="module")
+def motion() -> SensorFrames:
+    return synthetic_performer(0)
+
+
+class Lab:
+    """Server, session and decoder on one wire; `lost` datagrams to the server vanish."""
+
+    def __init__(self, server: FakeMotive, session: NatnetSession, decoder: NatnetDecoder | None = None) -> None:
+        self.server, self.session, self.decoder = server, session, decoder or NatnetDecoder()
+        self.lost = False
+        self.now = 10.0
+        self.asked: list[bytes] = []
+
+    def run(self, seconds: float) -> list[StreamFrame]:
+        frames = []
+        for _ in range(round(seconds / STEP_S)):
+            asked = self.session.poll(self.now)
+            self.asked += asked
+            answers = [] if self.lost else [got for sent in asked for got in self.server.receive(self.now, sent)]
+            for got in answers + self.server.due(self.now):
+                self.session.receive(self.now, got)
+                frames += self.decoder.decode(got)
+            self.now += STEP_S
+        return frames
+
+    def problems(self) -> list[str]:
+        return [problem.render() for problem in natnet_problems(self.session, self.now, host="lab")]
+
+
+@pytest.mark.parametrize("version", VERSIONS, ids=str)
+def test_the_motion_arrives_as_it_was(version: Version, motion: SensorFrames) -> None:
+    lab = Lab(FakeMotive(motion, MotiveSettings(version=version)), NatnetSession())
+    frames = lab.run(1.0)
+    assert motion.rate_hz is not None
+    assert len(frames) == pytest.approx(motion.rate_hz, abs=3)
+    named = [one for one in frames if one.names[0].startswith("rigid://h")]
+    assert len(frames) - len(named) <= 1
+    for one in named:
+        assert one.number is not None and one.stamp is not None
+        row = one.number % len(motion.time)
+        assert one.names == tuple(f"rigid://{name}" for name in motion.names)
+        np.testing.assert_allclose(one.position, motion.position[row], atol=1e-6)
+        assert float(angle_between(one.orientation, motion.orientation[row]).max()) < 1e-6
+        assert one.stamp == pytest.approx(1000.0 + one.number / motion.rate_hz, abs=1e-6)
+    assert lab.decoder.dropped.count == 0
+    assert lab.problems() == []
+
+
+def test_a_server_that_starts_late_and_pauses(motion: SensorFrames) -> None:
+    lab = Lab(FakeMotive(motion), NatnetSession())
+    lab.server.answering = False
+    assert lab.run(5.0) == []
+    shows(lab.problems()[0])
+    lab.server.answering = True
+    assert len(lab.run(2.0)) > 100
+    lab.server.streaming = False
+    lab.run(3.0)
+    shows(lab.problems()[0])
+    lab.server.streaming = True
+    assert len(lab.run(1.0)) > 100
+    assert lab.problems() == []

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from live_rig import ROLE_SETS, canonical_orientation
 from retarget.model.human_dimensions import proportional_dimensions
 from retarget.rotations import angle_between, conjugate, from_axis_angle, multiply
 from retarget.sources.raw_record import RawReader
@@ -19,7 +20,6 @@ from retarget.sources.stream_frame import StreamDecoder, StreamFrame
 from retarget.sources.vmc import VmcDecoder, bone_poses, t_pose_offsets, world_poses
 from retarget.sources.vrchat import VrchatDecoder
 from retarget.types import BoolArray, FloatArray
-from sent_roles import ROLE_SETS, canonical_orientation
 
 DOWN = {"l_": 0.5 * np.pi, "r_": -0.5 * np.pi}
 """From a hanging arm to the T-pose, about forward."""

@@ -1,5 +1,6 @@
 """A DynamixelBus above emulated servos on virtual time, with the time that it takes and its notes."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -12,7 +13,7 @@ from hardware.clock import VirtualClock
 from hardware.dynamixel.bus import DynamixelBus
 from hardware.guard import Guard, Torque
 from hardware.joint_map import JointMap
-from hardware.servo import ServoSpec, find_model
+from hardware.servo import Coupling, ServoMode, ServoSpec, find_model
 from retarget.safety.gate import Gate
 from sim.emulator.conversation import Conduct, Gaps
 from sim.emulator.fault_state import FaultState
@@ -200,3 +201,43 @@ class GuardedBus:
                 if self.guard.torque is Torque.ON:
                     self.guard.write(self._gate.brake())
                 self._clock.sleep_until(begun + CYCLE)
+
+
+# A bus with a servo of many turns.
+
+TURN = 4096
+FAR = 2048 + round(4.5 / math.tau * TURN)
+"""Tick of a joint at 4.5 rad, on the second turn of its servo."""
+
+
+def of_many_turns() -> BusRig:
+    """A plain servo and one of many turns that stands on its second."""
+    servos = [spec(1), replace(spec(2), mode=ServoMode.EXTENDED_POSITION, lower=3.5, upper=6.0)]
+    return BusRig(servos, start=[2048, FAR])
+
+
+# Small robots for tests: joints with every kind of difference that a servo map must bear.
+
+
+def four_servos() -> tuple[ServoSpec, ...]:
+    """Plain, reversed, geared and AX servos, in that order."""
+    x_series = find_model("XM430-W350")
+    return (
+        ServoSpec("shoulder", 1, x_series, "main", 1, 2048, -1.5, 1.5, 4.0, 40.0),
+        ServoSpec("elbow", 2, x_series, "main", -1, 2100, -0.5, 2.0, 4.0, 40.0),
+        ServoSpec("waist", 3, x_series, "main", 1, 2048, -0.6, 0.6, 1.5, 10.0, gear=2.0),
+        ServoSpec("head", 4, find_model("AX-12A"), "main", -1, 512, -1.0, 1.0, 5.0, 60.0),
+    )
+
+
+def waist_servos() -> tuple[ServoSpec, ...]:
+    """A differential waist of many turns between a plain servo and a geared one of many turns."""
+    x_series, small = find_model("XM430-W350"), find_model("XC330-T288")
+    waist = Coupling(("roll", "yaw"), ((-0.29166667, 0.29166667), (0.20833333, 0.20833333)))
+    many = ServoMode.EXTENDED_POSITION
+    return (
+        ServoSpec("knee", 7, x_series, "main", -1, 2048, -1.0, 1.0, 4.0, 40.0),
+        ServoSpec("roll", 2, small, "main", 1, 2000, -0.5236, 0.5236, 1.5, 10.0, mode=many, coupling=waist),
+        ServoSpec("yaw", 3, small, "main", -1, 2100, -1.5708, 1.5708, 1.5, 10.0, mode=many, coupling=waist),
+        ServoSpec("neck", 0, small, "main", -1, 1500, -2.618, 2.618, 5.0, 40.0, gear=1.1, mode=many),
+    )

@@ -1,11 +1,25 @@
 """Emulated servos for tests; registers are written and read by instructions."""
 
-from hardware.dynamixel.codec import Instruction
+import os
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from hardware.clock import MonotonicClock
+from hardware.dynamixel.codec import Error2, Instruction
 from hardware.dynamixel.control_table import find_table
 from hardware.servo import find_model
-from sim.emulator.device import Answer
+from retarget import cli
+from sim.emulator.device import Answer, Device
+from sim.emulator.fault_state import FaultState
+from sim.emulator.line import REAL_TIME_GAP, Line, Timing
+from sim.emulator.ports import Link, PseudoTerminal, serve
 from sim.emulator.servo1 import EmulatedServo1
 from sim.emulator.servo2 import EmulatedServo
+from sim.emulator.servo2_registers import BusWatchdog
 from sim.emulator.servo_body import ServoBuild
 
 Servo = EmulatedServo | EmulatedServo1
@@ -50,3 +64,134 @@ def answered(servo: Servo, instruction: int, params: bytes = b"", now: float = 0
     answer = servo.execute(instruction, params, now, broadcast=False)
     assert answer is not None
     return answer
+
+
+# Devices served on a pseudo-terminal by a thread, for clients of their own.
+
+NO_DELAY = replace(Timing.none(), gap=REAL_TIME_GAP)
+
+
+@contextmanager
+def served(devices: Sequence[Device], path: Path, timing: Timing = NO_DELAY) -> Iterator[Line]:
+    """Serve devices on `path` while the context lasts."""
+    clock = MonotonicClock()
+    line = Line(devices, timing=timing, faults=FaultState(devices, origin=clock.now()))
+    terminal = PseudoTerminal(line, Link(path))
+    terminal.open()
+    wake, poke = os.pipe()
+    stop = threading.Event()
+    listen = {wake: lambda: bool(os.read(wake, 1))}
+    thread = threading.Thread(target=lambda: serve([terminal], clock, until=stop.is_set, listen=listen))
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(2e-4)  # a client that spins would keep the thread waiting for 5 ms each time
+    thread.start()
+    try:
+        yield line
+    finally:
+        stop.set()
+        os.write(poke, b"x")
+        thread.join(5.0)
+        sys.setswitchinterval(before)
+        terminal.close()
+        os.close(wake)
+        os.close(poke)
+
+
+# `retarget emulate`, and a log of what its client sends and of bus watchdogs that stop a servo: first word FILE.
+
+
+def main(log: str, *words: str) -> None:
+    """Emulate until a signal ends it."""
+    receive, trip = Line.receive, BusWatchdog.trip
+    with Path(log).open("w", buffering=1, encoding="ascii") as out:
+
+        def received(self: Line, data: bytes, now: float) -> None:
+            out.write(f"heard {now!r} {data.hex()}\n")
+            receive(self, data, now)
+
+        def tripped(self: BusWatchdog) -> None:
+            out.write(f"tripped {self.deadline!r}\n")
+            trip(self)
+
+        Line.receive, BusWatchdog.trip = received, tripped  # type: ignore[method-assign]
+        cli.main(["emulate", *words])
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
+
+
+# Devices for tests of the emulated line: bytes in a table, no motion, no rules.
+
+
+@dataclass(eq=False)
+class StubDevice(Device):
+    """A device of plain memory."""
+
+    id: int = 1
+    protocol: int = 2
+    baud: int = 57600
+    return_delay: float = 0.0
+    secondary_id: int | None = None
+    answers_reads: bool = True
+    fast_read: bool = True
+    model: str = "stub"
+    number: int = 1030
+    firmware: int = 38
+    boots: bool = False
+    store: bytearray = field(default_factory=lambda: bytearray(1024))
+    heard: list[float] = field(default_factory=list)
+    done: list[tuple[int, bytes, bool, bool]] = field(default_factory=list)
+    handles: list[tuple[str, float | bool | None]] = field(default_factory=list)
+
+    def booting(self, now: float) -> bool:
+        return self.boots
+
+    def receive(self, now: float) -> None:
+        self.heard.append(now)
+
+    def execute(
+        self, instruction: int, params: bytes, now: float, *, broadcast: bool, secondary: bool = False
+    ) -> Answer | None:
+        self.done.append((instruction, params, broadcast, secondary))
+        wide = 2 if self.protocol == 2 else 1
+        address = int.from_bytes(params[:wide], "little")
+        if instruction == Instruction.PING:
+            ping = self.number.to_bytes(2, "little") + bytes((self.firmware,)) if self.protocol == 2 else b""
+            return Answer(0, ping)
+        if instruction == Instruction.READ and not broadcast and not secondary:
+            return self.read(address, int.from_bytes(params[wide : 2 * wide], "little"), now)
+        if instruction == Instruction.WRITE:
+            self.write(address, params[wide:], now, secondary=secondary)
+        return None if broadcast or secondary else Answer(0, b"")
+
+    def read(self, address: int, length: int, now: float) -> Answer:
+        if address + length > len(self.store):
+            return Answer(Error2.ACCESS, b"")
+        return Answer(0, bytes(self.store[address : address + length]))
+
+    def write(self, address: int, data: bytes, now: float, *, secondary: bool = False) -> None:
+        self.store[address : address + len(data)] = data
+
+    def supply(self, volts: float | None, now: float) -> None:
+        self.handles.append(("supply", volts))
+
+    def heat(self, celsius: float | None, now: float) -> None:
+        self.handles.append(("heat", celsius))
+
+    def load(self, torque: float, now: float) -> None:
+        self.handles.append(("load", torque))
+
+    def jam(self, stuck: bool, now: float) -> None:
+        self.handles.append(("jam", stuck))
+
+    def shock(self, now: float) -> None:
+        self.handles.append(("shock", None))
+
+    def power_cut(self, now: float) -> None:
+        self.boots = True
+        self.handles.append(("power", False))
+
+    def power_back(self, now: float) -> None:
+        self.boots = False
+        self.handles.append(("power", True))

@@ -6,8 +6,8 @@ import numpy as np
 
 from followers import DT, op3
 from gates import admit
-from observed_robot import scene_of as scene_of
-from observed_robot import sphere as sphere
+from observed import scene_of as scene_of
+from observed import sphere as sphere
 from retarget import _solver
 from retarget.ik.base_pose import plant_roots
 from retarget.ik.hierarchy import SceneObstacles

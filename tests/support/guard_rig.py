@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from bus_rig import four_servos
 from faulty_bus import FaultyBus, MockFault
 from hardware.arrays import FloatArray
 from hardware.bus import ServoGoals
@@ -12,7 +13,6 @@ from hardware.guard import CheckedGoal, Guard, Torque
 from hardware.guard_state import GuardLimits, Stop
 from hardware.joint_map import JointMap
 from retarget.safety.gate import Gate
-from servos import four_servos
 
 MAP = JointMap(four_servos())
 DT = 0.01

@@ -221,7 +221,7 @@ def _skip_if_busy(link: Path) -> None:
 def live_run(folder: Path) -> Iterator[Live]:
     """A robot that follows a performer who stands; all processes end with it."""
     link, log, port = folder / "op3", folder / "wire.txt", _free_port()
-    tap = Path(__file__).with_name("tapped_emulator.py")
+    tap = Path(__file__).with_name("emulated.py")
     emulate = [sys.executable, str(tap), str(log), "--robot", "op3", "--link", str(link)]
     emulator = subprocess.Popen(
         emulate,

@@ -1,14 +1,27 @@
 """Small bodies with observers, and an independent look at how near their shapes are."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
+import mujoco
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
 
+import followers
+from followers import DT, op3, performer, settled
 from retarget import _solver, rotations
 from retarget.model.body import BodyModel, load_body_text
-from retarget.types import FloatArray
+from retarget.model.observers import Observers, placed, robot_observers
+from retarget.model.scene_state import SceneState
+from retarget.report.clearance import place_body
+from retarget.robot.follower import Follower
+from retarget.schema.priorities import Priorities, load_priorities
+from retarget.schema.profile import RobotProfile
+from retarget.schema.scene import Scene
+from retarget.types import FloatArray, HumanPosture, RobotPosture
 
 CAPSULE, CYLINDER, BOX, HALF_SPACE = range(4)
 Vector = tuple[float, float, float]
@@ -220,3 +233,223 @@ def aim(solver: _solver.Solver, **asked: Any) -> FloatArray:
         level += 1
     assert not asked, f"no such task: {', '.join(asked)}"
     return targets
+
+
+# OP3 among obstacles, judged on its observers and on its body's own geoms.
+
+SOON = 0.2
+"""Moving obstacles set out at this time, s."""
+ZONE = {"influence": 0.06, "margin": 0.004}
+
+
+@cache
+def human() -> list[HumanPosture]:
+    return followers.postures(performer())
+
+
+def raised() -> list[HumanPosture]:
+    """From a crouch up to the reach of the right hand, half as fast as performed, which is then held."""
+    slow = followers.postures(performer(), speed=0.5)
+    return slow[250:600] + [slow[600]] * 150
+
+
+def robot(scene: SceneState | None, priorities: Priorities | None = None) -> Follower:
+    size = followers.dimensions(performer())
+    return Follower(op3(), priorities or load_priorities("servo"), size, scene=scene)
+
+
+@dataclass(frozen=True, eq=False)
+class Done:
+    """What it did after it had arrived: postures, and how near its observers came to each obstacle (T, k) m."""
+
+    postures: list[RobotPosture]
+    distance: FloatArray
+    state: SceneState | None
+    times: FloatArray
+
+    @property
+    def q(self) -> FloatArray:
+        return np.array([posture.q for posture in self.postures])
+
+    @property
+    def joints(self) -> FloatArray:
+        return np.array([posture.joint_positions for posture in self.postures])
+
+    def error(self, name: str) -> FloatArray:
+        """Distance (T,) m of a landmark from where it was asked to be."""
+        column = self.postures[0].landmark_names.index(name)
+        off = [posture.landmarks_reached[column] - posture.landmarks_asked[column] for posture in self.postures]
+        return np.asarray(np.linalg.norm(off, axis=1))
+
+    def geoms_apart(self) -> float:
+        """Smallest distance (m) of the body's own geoms to the scene, by MuJoCo."""
+        assert self.state is not None
+        path = op3().profile.body_path
+        found = place_body(path, self.q, root="free").to_scene(self.state, self.times).smallest
+        assert found is not None
+        return found
+
+    def reached(self, name: str) -> FloatArray:
+        """Where a landmark was (T, 3) m."""
+        column = self.postures[0].landmark_names.index(name)
+        return np.array([posture.landmarks_reached[column] for posture in self.postures])
+
+    def self_apart(self) -> float:
+        """Smallest distance (m) of the body's own geoms to each other, by MuJoCo."""
+        neutral = op3().posture(op3().profile.postures.neutral)
+        found = place_body(op3().profile.body_path, self.q, root="free").to_itself(neutral=neutral).smallest
+        assert found is not None
+        return found
+
+    def swing(self, ticks: int = 125) -> float:
+        """Most that a joint went to and fro in the last second, rad: its path beyond the way that it made."""
+        last = self.joints[-ticks:]
+        return float((np.abs(np.diff(last, axis=0)).sum(axis=0) - np.abs(last[-1] - last[0])).max())
+
+
+def scene_of(**obstacles: Any) -> SceneState:
+    return SceneState(Scene.model_validate({"name": "a", "description": "b", "obstacles": obstacles}))
+
+
+def sphere(at: FloatArray | Sequence[float], radius: float = 0.03, **more: Any) -> dict[str, Any]:
+    return {"shape": {"sphere": {"radius": radius}}, "at": {"pos": tuple(at)}, **ZONE, **more}
+
+
+@cache
+def own() -> Observers:
+    return robot_observers(op3())
+
+
+def nearest(body: BodyModel, observers: Observers, q: FloatArray, state: SceneState, time: float) -> FloatArray:
+    """Smallest distance (k,) m of the observers of a body to each obstacle at a time."""
+    position, quat = placed(body, observers, q)
+    poses, shapes = state.at(time), state.shapes
+    n, k = len(observers.names), len(shapes.names)
+    mine, theirs = np.tile(np.arange(n), k), np.repeat(np.arange(k), n)
+    found = _solver.shape_distances(
+        *(observers.kinds[mine], observers.sizes[mine], position[mine], quat[mine]),
+        *(shapes.kinds[theirs], shapes.sizes[theirs], poses.position[theirs], poses.quat[theirs]),
+    )[0]
+    return np.asarray(found.reshape(k, n).min(axis=1))
+
+
+def observed(q: FloatArray, state: SceneState, time: float) -> FloatArray:
+    """Smallest distance (k,) m of the robot's observers to each obstacle at a time."""
+    return nearest(op3().body, own(), q, state, time)
+
+
+def act(follower: Follower, state: SceneState | None, motion: Sequence[HumanPosture]) -> Done:
+    """Arrive, then follow; time 0 of the scene is the arrival."""
+    follower.start(motion[0])
+    arrived = settled(follower, motion[0])
+    done, near, times = [arrived[-1]], [], [0.0]
+    for tick, posture in enumerate(motion):
+        done.append(follower.step(posture, DT))
+        times.append((tick + 1) * DT)
+    if state is not None:
+        near = [observed(posture.q, state, time) for posture, time in zip(done, times, strict=True)]
+    return Done(done, np.array(near), state, np.array(times))
+
+
+def without_observers(priorities: Priorities) -> Priorities:
+    """The same levels, empty where observers were."""
+    levels = tuple(
+        level.model_copy(update={"tasks": tuple(t for t in level.tasks if t.type not in ("reactive", "preventive"))})
+        for level in priorities.levels
+    )
+    return priorities.model_copy(update={"levels": levels})
+
+
+# Small bodies that several tests read.
+
+TWO_LINK_URDF = """<robot name="two">
+<link name="base"><inertial><origin xyz="0.1 0 0"/><mass value="2"/>
+  <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="arm"><inertial><mass value="1"/>
+  <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><!-- arm -->
+<link name="tip"/>
+<joint name="swing" type="revolute"><parent link="base"/><child link="arm"/><origin xyz="0 0 0.5" rpy="0.1 0 0"/>
+  <axis xyz="0 1 0"/><limit lower="-1" upper="2" velocity="1" effort="1"/></joint>
+<joint name="weld_tip" type="fixed"><parent link="arm"/><child link="tip"/><origin xyz="0 0 1"/></joint>
+</robot>"""
+
+ALL_JOINTS_MJCF = """<mujoco><compiler angle="radian"/><worldbody>
+<body name="base" pos="0 0 1" euler="0.2 0.1 0"><freejoint name="root"/><geom size="0.1" mass="3" pos="0.02 0 0"/>
+  <site name="tool" pos="0 0.1 0" euler="0 0 1"/>
+  <body name="upper" pos="0.1 0.2 0.3" quat="0.9 0.1 0.3 0.2">
+    <joint name="twist" axis="1 2 0" pos="0.05 0 0" range="-1 2" ref="0.3"/>
+    <joint name="rail" type="slide" axis="0 1 1" range="-0.1 0.2"/><geom size="0.1" mass="2"/>
+    <body name="lower" pos="0 0 -0.4">
+      <joint name="ball" type="ball" pos="0 0 0.1" range="0 1"/><geom size="0.05" mass="1" pos="0 0 -0.1"/>
+      <body name="hand" pos="0 0 -0.3" euler="0 1 0"><geom size="0.05" mass="0.5"/></body></body></body>
+  <body name="other" pos="0 -0.2 0"><joint axis="0 0 1"/><geom size="0.05" mass="0.5" pos="0 0 -0.1"/></body></body>
+</worldbody></mujoco>"""
+"""Every kind of joint, two on one link, off-centre anchors, a reference angle, a fixed link, an unnamed joint."""
+
+
+# The body file of a profile in MuJoCo, posed: where frames of the profile are, the centre of mass, what touches.
+
+Array = NDArray[np.float64]
+Posture = Mapping[str, float]
+
+
+class PosedBody:
+    """A body in a posture; its root stays where the body file has it."""
+
+    def __init__(self, profile: RobotProfile) -> None:
+        self.profile = profile
+        self.model: Any = mujoco.MjModel.from_xml_path(str(profile.body_path))
+        self.data: Any = mujoco.MjData(self.model)
+
+    def pose(self, joints: Posture) -> "PosedBody":
+        self.data.qpos[:] = self.model.qpos0
+        for joint, angle in joints.items():
+            self.data.qpos[self.model.joint(joint).qposadr[0]] = angle
+        mujoco.mj_forward(self.model, self.data)
+        return self
+
+    def frame(self, name: str) -> tuple[Array, Array]:
+        """World position (3,) and rotation (3, 3) of a frame of the profile."""
+        frame = self.profile.frames[name]
+        link = self.data.body(frame.link)
+        rotation = np.array(link.xmat).reshape(3, 3)
+        own = np.zeros(9)
+        mujoco.mju_quat2Mat(own, np.array(frame.quat))
+        return np.array(link.xpos) + rotation @ np.array(frame.pos), rotation @ own.reshape(3, 3)
+
+    def at(self, name: str) -> Array:
+        return self.frame(name)[0]
+
+    def anchor(self, joint: str) -> tuple[Array, Array]:
+        """Anchor (3,) of a joint and its axis (3,), seen from the base's origin."""
+        found = self.data.joint(joint)
+        return np.array(found.xanchor) - self.data.qpos[:3], np.array(found.xaxis)
+
+    def com_in_stand_frame(self) -> Array:
+        """Centre of mass (3,) from the middle of the soles, which are made level."""
+        (left, left_axes), (right, right_axes) = self.frame("l_sole"), self.frame("r_sole")
+        up = left_axes[:, 2] + right_axes[:, 2]
+        up /= np.linalg.norm(up)
+        ahead = left_axes[:, 0] + right_axes[:, 0]
+        ahead -= up * (up @ ahead)
+        ahead /= np.linalg.norm(ahead)
+        axes = np.stack([ahead, np.cross(up, ahead), up])
+        return np.asarray(axes @ (self.data.subtree_com[1] - (left + right) / 2))
+
+    def sole_corners(self) -> Array:
+        """Corners (c, 3) of all soles."""
+        corners = []
+        for foot in self.profile.feet.values():
+            position, axes = self.frame(foot.frame)
+            corners += [position + axes @ (x, y, 0.0) for x, y in foot.polygon]
+        return np.array(corners)
+
+    def support_margin(self) -> float:
+        """How far the centre of mass is inside the hull of the soles' corners, m."""
+        equations = ConvexHull(self.sole_corners()[:, :2]).equations  # outward normal, offset
+        return -float(np.max(equations[:, :2] @ self.data.subtree_com[1][:2] + equations[:, 2]))
+
+    def touching(self) -> set[tuple[str, str]]:
+        """Pairs of links in contact."""
+        links = self.model.geom_bodyid
+        return {(self.model.body(links[c.geom1]).name, self.model.body(links[c.geom2]).name) for c in self.data.contact}

@@ -1,11 +1,14 @@
 """Printed frames of the e-Manual, as bytes and as what they mean."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import more_frames as more
+from hardware.clock import VirtualClock
 from hardware.dynamixel.codec import BROADCAST, Frame, Status
 from hardware.dynamixel.codec import protocol1 as p1
 from hardware.dynamixel.codec import protocol2 as p2
+from hardware.errors import BusError
 
 
 class Vector(NamedTuple):
@@ -88,3 +91,105 @@ ONE = [
     one("FFFFFE0992 00 02011E 020224 1D", p1.bulk_read(((1, 30, 2), (2, 36, 2)))),
 ]
 """Protocol 1.0."""
+
+
+# A port in memory for dynamixel-sdk's packet handlers.
+
+
+class SdkPort:
+    """As much of a port as dynamixel-sdk needs to send a frame, or to take one in."""
+
+    is_using = False
+
+    def __init__(self, received: bytes = b"") -> None:
+        self.received, self.sent = received, b""
+
+    def clearPort(self) -> None:
+        pass
+
+    def writePort(self, data: list[int]) -> int:
+        self.sent = bytes(data)
+        return len(data)
+
+    def readPort(self, size: int) -> list[int]:
+        taken, self.received = self.received[:size], self.received[size:]
+        return list(taken)
+
+    def isPacketTimeout(self) -> bool:
+        return not self.received
+
+
+# A port whose answers a test writes down: bytes in, bytes out, virtual time.
+
+Replies = list[tuple[float, bytes]]
+"""What comes back, and when, s after the request."""
+
+
+class ScriptedPort:
+    """A `BytePort`; `answer` is called with every request and returns what it brings."""
+
+    def __init__(self, answer: Callable[[bytes], Replies], *, baud: int = 1_000_000, latency: float = 0.001) -> None:
+        self.clock = VirtualClock()
+        self.sent: list[bytes] = []
+        self.looks = 0
+        self.name, self.baud, self.latency = "scripted", baud, latency
+        self.broken = False
+        self._answer = answer
+        self._coming: Replies = []
+
+    def open(self, baud: int) -> None:
+        self.baud = baud
+
+    def set_baud(self, baud: int) -> None:
+        self.baud = baud
+
+    def write(self, data: bytes) -> None:
+        self._check()
+        self.sent.append(data)
+        self._coming += [(self.now() + delay, reply) for delay, reply in self._answer(data)]
+        self._coming.sort(key=lambda item: item[0])
+
+    def read(self) -> bytes:
+        self._check()
+        self.looks += 1
+        data = b"".join(reply for due, reply in self._coming if due <= self.now())
+        self._coming = [item for item in self._coming if item[0] > self.now()]
+        return data
+
+    def wait(self, deadline: float) -> bool:
+        self._check()
+        due = self._coming[0][0] if self._coming else deadline
+        self.clock.sleep_until(min(due, deadline))
+        return bool(self._coming) and due <= self.now()
+
+    def drop(self) -> None:
+        self.read()
+
+    def now(self) -> float:
+        return self.clock.now()
+
+    def sleep_until(self, deadline: float) -> None:
+        self.clock.sleep_until(deadline)
+
+    def close(self) -> None:
+        pass
+
+    def feed(self, data: bytes, after: float = 0.0) -> None:
+        """Bytes that arrive without a request."""
+        self._coming.append((self.now() + after, data))
+        self._coming.sort(key=lambda item: item[0])
+
+    def _check(self) -> None:
+        if self.broken:
+            raise BusError("scripted: gone.")
+
+
+def always(*replies: bytes, after: float = 0.0005) -> Callable[[bytes], Replies]:
+    """The same answer to everything."""
+    return lambda request: [(after, reply) for reply in replies]
+
+
+def in_turn(*replies: bytes, after: float = 0.0005) -> Callable[[bytes], Replies]:
+    """One answer to each request, silence where it is empty and after the last."""
+    left = list(replies)
+    return lambda request: [(after, left.pop(0))] if left else []

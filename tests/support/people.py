@@ -1,13 +1,18 @@
 """People of known size for tests: four recorded skeletons, and points of the human in a posture."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from retarget.frames import SensorFrames
+from benchmarks.paper.replay import Replay as Run
+from benchmarks.paper.replay import replay
+from retarget import rotations
+from retarget.frames import JointTracks, SensorFrames, SensorSample
 from retarget.model.human import Human
 from retarget.model.human_dimensions import PARENTS, POINTS, HumanDimensions
+from retarget.schema.priorities import Priorities, load_priorities
 from retarget.sources.asf_amc import read_amc
 from retarget.types import FloatArray
 
@@ -40,3 +45,38 @@ def at_rest(person: HumanDimensions, arms: float, *, turn: float = 0.0, splay: f
     cosine, sine = np.cos(turn), np.sin(turn)
     matrix = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
     return {name: matrix @ point + [2.0, -1.0, lift] for name, point in points.items()}
+
+
+# Reconstructions for tests: motions that are thinned, or turned about the vertical.
+
+__all__ = ["Run", "reconstruct", "thinned", "turned"]
+
+
+def reconstruct(
+    frames: SensorFrames,
+    priorities: str | Priorities,
+    *,
+    performer: str = "five",
+    iterations: int | None = None,
+    change: Callable[[int, SensorSample], SensorSample] = lambda frame, sample: sample,
+) -> Run:
+    """All frames through a reconstructor; `change` may replace each sample."""
+    chosen = load_priorities(priorities) if isinstance(priorities, str) else priorities
+    return replay(frames, chosen, sensors=performer, iterations=iterations, change=change)
+
+
+def thinned(frames: SensorFrames, every: int) -> SensorFrames:
+    """Every n-th frame."""
+    return frames.resample(frames.time[::every])
+
+
+def turned(frames: SensorFrames, angle: float) -> SensorFrames:
+    """The whole motion turned to the left about the vertical through the origin, by `angle` rad."""
+    turn = rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), np.array(angle))
+    joints = frames.joints
+    return replace(
+        frames,
+        position=rotations.rotate(turn, frames.position),
+        orientation=rotations.multiply(turn, frames.orientation),
+        joints=None if joints is None else JointTracks(joints.names, rotations.rotate(turn, joints.position)),
+    )

@@ -5,7 +5,6 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 import typer
@@ -124,29 +123,15 @@ def _pseudo_terminal(port: str) -> str:
 POSES = tuple(Postures.model_fields)
 
 
-Bus = Annotated[
-    str,
-    typer.Option(
-        "--bus",
-        "--port",
-        help="Ports of the profile, one port, or an emulator.",
-        metavar="profile|PORT|emulator|mock",
-    ),
-]
-Pose = Annotated[str, typer.Option(help="Posture of the profile to place it in.", metavar="|".join(POSES))]
-
-
 def home(
-    robot: Annotated[str, typer.Option(help="Robot by name or path.", metavar="NAME|PATH")],
-    bus: Bus = "profile",
-    pose: Pose = "neutral",
-    joints: Annotated[str, typer.Option(help="Only these, with commas between.", metavar="A,B,...")] = "",
-    force: Annotated[bool, typer.Option("--force", help=f"Also zeros more than {FAR} rad off the profile's.")] = False,
-    out: Annotated[
-        Path | None, typer.Option(help="Write this file, and not the robot's calibration.", metavar="FILE")
-    ] = None,
+    robot: str,
+    bus: str = "profile",
+    pose: str = "neutral",
+    joints: str = "",
+    force: bool = False,
+    out: Path | None = None,
     overwrite: Overwrite = False,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be done, and touch nothing.")] = False,
+    dry_run: bool = False,
 ) -> None:
     """Find the zero of each servo: with torque off the operator places the robot in a known posture, and keeps it
     still.
@@ -154,6 +139,15 @@ def home(
     Opening the bus switches the servos' power on where a device does that, and brings servos without torque to the
     profile's settings. What is read is shown, and written only when you agree; the last calibration is kept beside it.
     Emulated and mock servos stand in that posture already; of them nothing is kept, unless --out names a file.
+
+    Options:
+        robot NAME|PATH: Robot by name or path.
+        bus (--bus, --port) profile|PORT|emulator|mock: Ports of the profile, one port, or an emulator.
+        pose neutral|stand|rest|attractor: Posture of the profile to place it in.
+        joints A,B,...: Only these, with commas between.
+        force: Also zeros more than 0.35 rad off the profile's.
+        out FILE: Write this file, and not the robot's calibration.
+        dry_run: Say what would be done, and touch nothing.
     """
     body = load_uncalibrated(robot)
     posture = _posture(body, pose)

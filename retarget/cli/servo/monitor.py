@@ -1,7 +1,7 @@
 """`retarget servo monitor`: a live table of all servos, which writes nothing."""
 
 import math
-from typing import Annotated, Literal
+from typing import Literal
 
 import typer
 from rich.console import Group
@@ -17,19 +17,7 @@ from hardware.dynamixel.readings import Torque
 from hardware.servo import ServoSpec
 from retarget.cli.application import console
 from retarget.cli.exit import stop_on_signals
-from retarget.cli.servo.places import (
-    Baud,
-    DryRun,
-    Faults,
-    Ids,
-    Port,
-    Protocol,
-    Robot,
-    find_places,
-    ids_of,
-    look_at,
-    opened,
-)
+from retarget.cli.servo.places import Only, Where, find_places, ids_of, look_at, opened
 from retarget.errors import UsageError
 
 FIRST = 5
@@ -40,28 +28,27 @@ TORQUE = {Torque.UNKNOWN: "?", Torque.OFF: "off", Torque.ON: "on", Torque.HELD: 
 
 
 def monitor(
-    robot: Robot = None,
-    port: Port = None,
-    baud: Baud = None,
-    protocol: Protocol = None,
-    ids: Ids = "",
-    rate: Annotated[float, typer.Option(help="Cycles per second.", metavar="HZ")] = 50.0,
-    once: Annotated[bool, typer.Option("--once", help="One table, as in a pipe.")] = False,
-    faults: Faults = None,
-    dry_run: DryRun = False,
+    where: Where, only: Only, ids: str = "", rate: float = 50.0, once: bool = False, dry_run: bool = False
 ) -> None:
-    """Show the state of all servos, until Ctrl-C: nothing is written, and torque stays as it is."""
+    """Show the state of all servos, until Ctrl-C: nothing is written, and torque stays as it is.
+
+    Options:
+        ids 1,2,5-9: Only these ids.
+        rate HZ: Cycles per second.
+        once: One table, as in a pipe.
+        dry_run: Say what would be done, and do not open a port.
+    """
     if not 1.0 <= rate <= 500.0:
         raise UsageError("an impossible rate", where="--rate", found=f"{rate:g}", allowed="1 to 500 Hz")
     wanted = ids_of(ids)
     screen = console()
     once = once or not screen.is_terminal
-    places = find_places(robot, port, faults=faults, clock=None if once else MonotonicClock())
+    places = find_places(where, clock=None if once else MonotonicClock())
     if dry_run:
         typer.echo(f"would read all servos of {', '.join(one.where for one in places)}; nothing is written")
         return
     with opened(places):
-        lines = [one.line for one in look_at(places, protocol=protocol, baud=baud, ids=wanted) if one.line.servos]
+        lines = [one.line for one in look_at(places, only, ids=wanted) if one.line.servos]
         placed = {line.index_of[device]: servo for line in lines for device, servo in line.servos.items()}
         servos = [placed[index] for index in sorted(placed)]
         watch, clock = Watch(lines), lines[0].port

@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
@@ -39,17 +38,33 @@ EMULATOR = "emulator"
 EMULATED_ROBOT = "op3"
 """Whose servos are emulated when no robot is named."""
 
-Robot = Annotated[str | None, typer.Option(help="Robot by name or path.", metavar="NAME|PATH")]
-Port = Annotated[
-    str | None,
-    typer.Option("--port", "--bus", help="Serial port; without it those of the profile.", metavar="PATH|emulator"),
-]
-Faults = Annotated[Path | None, typer.Option(help="What goes wrong on the emulator.", metavar="FILE.yaml")]
-Baud = Annotated[int | None, typer.Option(help="Only this speed, bits per second.", metavar="BAUD")]
-Ids = Annotated[str, typer.Option(help="Only these ids.", metavar="1,2,5-9")]
-Protocol = Annotated[int | None, typer.Option(help="Only this protocol.", metavar="1|2")]
-Yes = Annotated[bool, typer.Option("--yes", help="Do not ask.")]
-DryRun = Annotated[bool, typer.Option("--dry-run", help="Say what would be done, and do not open a port.")]
+
+@dataclass(frozen=True)
+class Where:
+    """The ports that are meant.
+
+    Options:
+        robot NAME|PATH: Robot by name or path.
+        port (--port, --bus) PATH|emulator: Serial port; without it those of the profile.
+        faults FILE.yaml: What goes wrong on the emulator.
+    """
+
+    robot: str | None = None
+    port: str | None = None
+    faults: Path | None = None
+
+
+@dataclass(frozen=True)
+class Only:
+    """What narrows a search.
+
+    Options:
+        baud BAUD: Only this speed, bits per second.
+        protocol 1|2: Only this protocol.
+    """
+
+    baud: int | None = None
+    protocol: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,18 +84,12 @@ class Place:
         return self.port.name if self.spec is None else f"bus {self.spec.name} ({self.port.name})"
 
 
-def find_places(
-    robot: str | None,
-    port: str | None,
-    *,
-    faults: Path | None = None,
-    clock: Clock | None = None,
-    bus: str | None = None,
-) -> list[Place]:
+def find_places(where: Where, *, clock: Clock | None = None, bus: str | None = None) -> list[Place]:
     """Ports, none of them open. clock: None: real, and virtual for an emulator. bus: only this one of the robot.
 
     Raises UsageError where no port is named, and for a port that none of the robot's several buses has.
     """
+    robot, port, faults = where.robot, where.port, where.faults
     if port != EMULATOR and faults is not None:
         raise UsageError(
             "only the emulator has faults to inject", where="--faults", found=f"--port {port or 'of the profile'}"
@@ -133,9 +142,10 @@ def opened(places: Sequence[Place]) -> Iterator[None]:
             place.port.close()
 
 
-def chosen_speeds(place: Place, protocol: int | None, baud: int | None) -> list[Speed]:
+def chosen_speeds(place: Place, only: Only) -> list[Speed]:
     """Choose the speeds, baud, at which servos are looked for: all, that of the bus first, narrowed by the options.
     Raises UsageError."""
+    protocol, baud = only.protocol, only.baud
     check_speed(protocol, baud)
     own = None if place.spec is None else Speed(place.spec.protocol, place.spec.baud)
     protocols = [one for one in PROTOCOLS if protocol in (None, one) and (baud is None or has_speed(one, baud))]
@@ -163,17 +173,13 @@ def emulated_lines(body: RobotBody, clock: Clock, faults: Path | None) -> dict[s
 
 
 def look_at(
-    places: Sequence[Place],
-    *,
-    protocol: int | None = None,
-    baud: int | None = None,
-    ids: Sequence[int] | None = None,
-    unknown_too: bool = False,
+    places: Sequence[Place], only: Only, *, ids: Sequence[int] | None = None, unknown_too: bool = False
 ) -> list[Look]:
-    """A look at each port. protocol, baud, ids (None: all, or those of the profile): narrow the search.
+    """A look at each port. only, ids (None: all, or those of the profile): narrow the search.
 
     unknown_too: servos of unknown models are enough. Raises BusError when no servo answers.
     """
+    protocol, baud = only.protocol, only.baud
     check_speed(protocol, baud)
     chosen = sorted(index for place in places for index, one in place.servos if ids is None or one.id in ids)
     looks: list[Look] = []
@@ -188,7 +194,7 @@ def look_at(
             else:
                 looks.append(look(line, search(place, [Speed(spec.protocol, spec.baud)], ids).sightings))
             continue
-        speeds = chosen_speeds(place, protocol, baud)
+        speeds = chosen_speeds(place, only)
         if ids is None and len(speeds) > 1:
             text = f"looking at {len(speeds)} speeds on {place.where}: up to a minute; --baud and --protocol shorten it"
             typer.echo(text, err=True)

@@ -1,7 +1,6 @@
 """`retarget servo reboot`: latched errors are shown, explained, and cleared by a restart."""
 
 from collections.abc import Sequence
-from typing import Annotated
 
 import typer
 
@@ -11,50 +10,35 @@ from hardware.dynamixel.found_servos import Look
 from hardware.dynamixel.torque import restart
 from hardware.errors import BusError, counted
 from retarget.cli.exit import stop_on_signals
-from retarget.cli.servo.places import (
-    Baud,
-    DryRun,
-    Faults,
-    Port,
-    Protocol,
-    Robot,
-    agreed,
-    find_places,
-    ids_of,
-    look_at,
-    names,
-    opened,
-)
+from retarget.cli.servo.places import Only, Where, agreed, find_places, ids_of, look_at, names, opened
 from retarget.errors import UsageError
 
 
 def reboot(
-    robot: Robot = None,
-    port: Port = None,
-    ids: Annotated[str, typer.Option("--id", help="These servos.", metavar="1,2,5-9")] = "",
-    everyone: Annotated[bool, typer.Option("--all", help="Every servo that is found.")] = False,
-    baud: Baud = None,
-    protocol: Protocol = None,
-    yes: Annotated[bool, typer.Option("--yes", help="Do not ask; also where torque is on.")] = False,
-    faults: Faults = None,
-    dry_run: DryRun = False,
+    where: Where, only: Only, ids: str = "", everyone: bool = False, yes: bool = False, dry_run: bool = False
 ) -> None:
     """Restart servos, which clears their latched errors; their torque goes off, and their RAM is the maker's again.
 
     Shows the latched errors and their meaning, and checks afterwards that the servos are back, without errors and limp.
     Ctrl-C ends it before the next servo, and the servos restarted so far are printed.
+
+    Options:
+        ids (--id) 1,2,5-9: These servos.
+        everyone (--all): Every servo that is found.
+        yes: Do not ask; also where torque is on.
+        dry_run: Say what would be done, and do not open a port.
     """
     wanted = ids_of(ids, option="--id", highest=MAX_ID)
     if (wanted is None) != everyone:
         raise UsageError("which servos", where="servo reboot", allowed="either --id 1,2 or --all")
-    places = find_places(robot, port, faults=faults)
+    places = find_places(where)
     if dry_run:
         who = "all servos" if everyone else f"ids {ids}"
         for place in places:
             typer.echo(f"would read errors and torque of {who} on {place.where}, and after a question restart them")
         return
     with opened(places):
-        looks = look_at(places, protocol=protocol, baud=baud, ids=wanted)
+        looks = look_at(places, only, ids=wanted)
         chosen = [(one, _chosen(one, wanted)) for one in looks]
         _refuse(chosen, wanted, yes=yes)
         for one, some in chosen:

@@ -10,47 +10,28 @@ from hardware.dynamixel.line_scan import Speed
 from hardware.dynamixel.torque import not_limp, off_everywhere
 from hardware.errors import BusError, TorqueError
 from retarget.cli.exit import stop_on_signals
-from retarget.cli.servo.places import (
-    Baud,
-    DryRun,
-    Faults,
-    Place,
-    Port,
-    Protocol,
-    Robot,
-    Yes,
-    agreed,
-    chosen_speeds,
-    find_places,
-    look_at,
-    names,
-    opened,
-)
+from retarget.cli.servo.places import Only, Place, Where, agreed, chosen_speeds, find_places, look_at, names, opened
 
 UNCONFIRMED = (
     "Torque off was sent to all servos, and no servo has confirmed it: run it again, or cut the power by hand."
 )
 
 
-def rest(
-    robot: Robot = None,
-    port: Port = None,
-    baud: Baud = None,
-    protocol: Protocol = None,
-    yes: Yes = False,
-    faults: Faults = None,
-    dry_run: DryRun = False,
-) -> None:
+def rest(where: Where, only: Only, yes: bool = False, dry_run: bool = False) -> None:
     """Switch torque off on all servos at once, wherever they are: a robot that stands falls, so hold it.
 
     Broadcasts at all speeds come first, that of the profile before the others: this takes 0.5 s. No servo confirms a
     broadcast, so the servos are then looked for, switched off again and read back, also those of unknown models. A
     servo that does not confirm is named, and the exit code is 1. Nothing else is written but the bus watchdog, which is
     cleared. Without a profile the look takes up to a minute. Ctrl-C does not end the writing half way.
+
+    Options:
+        yes: Do not ask.
+        dry_run: Say what would be done, and do not open a port.
     """
-    places = find_places(robot, port, faults=faults)
-    protocols = [place.spec.protocol if place.spec and protocol is None else protocol for place in places]
-    speeds = [chosen_speeds(place, own, baud) for place, own in zip(places, protocols, strict=True)]
+    places = find_places(where)
+    protocols = [place.spec.protocol if place.spec and only.protocol is None else only.protocol for place in places]
+    speeds = [chosen_speeds(place, Only(only.baud, own)) for place, own in zip(places, protocols, strict=True)]
     if dry_run:
         for place in places:
             typer.echo(
@@ -67,7 +48,7 @@ def rest(
         if sent:
             _broadcast(places, speeds)
         try:
-            looks = look_at(places, protocol=protocol, baud=baud, unknown_too=True)
+            looks = look_at(places, only, unknown_too=True)
         except BusError as error:
             raise BusError(f"{error} {UNCONFIRMED if sent else ''}".rstrip()) from error
         except KeyboardInterrupt:

@@ -3,7 +3,6 @@
 import sys
 from collections.abc import Sequence
 from functools import partial
-from typing import Annotated
 
 import typer
 
@@ -12,14 +11,9 @@ from hardware.dynamixel.line_scan import LIKELY_IDS, LineScan, Sighting, Speed, 
 from hardware.dynamixel.serial_port import ECHOES
 from hardware.errors import BusError
 from retarget.cli.servo.places import (
-    Baud,
-    DryRun,
-    Faults,
-    Ids,
+    Only,
     Place,
-    Port,
-    Protocol,
-    Robot,
+    Where,
     chosen_speeds,
     find_places,
     ids_of,
@@ -34,25 +28,21 @@ LOOK_EVERYWHERE = "--all looks at every speed and id, for about a minute"
 CHECK = "Check the servos' power, the wiring (data, ground), and that this is the right port; one servo alone says more"
 
 
-def scan(
-    robot: Robot = None,
-    port: Port = None,
-    baud: Baud = None,
-    protocol: Protocol = None,
-    ids: Ids = "",
-    everywhere: Annotated[bool, typer.Option("--all", help="Every speed and id; about a minute.")] = False,
-    faults: Faults = None,
-    dry_run: DryRun = False,
-) -> None:
+def scan(where: Where, only: Only, ids: str = "", everywhere: bool = False, dry_run: bool = False) -> None:
     """Find the servos on a port, at the usual speeds of both protocols, in seconds. Nothing is written to a servo.
 
     Each servo is printed when found; Ctrl-C ends it with those found so far. --all, --ids and --baud look at every
     speed and id that they mean. With --robot the ids of its profile are compared with what answers.
+
+    Options:
+        ids 1,2,5-9: Only these ids.
+        everywhere (--all): Every speed and id; about a minute.
+        dry_run: Say what would be done, and do not open a port.
     """
-    wanted = ids_of(ids, highest=MAX_ID + (protocol != 2))
-    quick = not everywhere and wanted is None and baud is None
-    places = find_places(robot, port, faults=faults)
-    speeds = [chosen_speeds(place, protocol, baud) for place in places]
+    wanted = ids_of(ids, highest=MAX_ID + (only.protocol != 2))
+    quick = not everywhere and wanted is None and only.baud is None
+    places = find_places(where)
+    speeds = [chosen_speeds(place, only) for place in places]
     whose = _ids_text(wanted)
     if quick:
         speeds, whose = [likely_speeds(some) for some in speeds], USUAL_IDS

@@ -2,8 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Annotated
 
 import typer
 
@@ -27,12 +25,9 @@ from hardware.errors import BusError, HardwareError, RetargetError
 from hardware.servo import ServoSpec
 from retarget.cli.exit import stop_on_signals
 from retarget.cli.servo.places import (
-    Faults,
+    Only,
     Place,
-    Port,
-    Protocol,
-    Robot,
-    Yes,
+    Where,
     agreed,
     check_speed,
     chosen_speeds,
@@ -103,22 +98,21 @@ class Target:
     needed: Span | None = None
 
 
-def find_target(
-    robot: str | None, port: str | None, joint: str | None, device: int | None, faults: Path | None
-) -> Target:
+def find_target(where: Where, joint: str | None, device: int | None) -> Target:
     """The servo that is meant; its port is not open. device: its present id, None: that of the profile.
 
     Raises UsageError where that names none, or several.
     """
+    robot = where.robot
     if robot is None:
         if joint is not None:
             raise UsageError("a joint of which robot", where="--joint", found=joint, allowed="--robot NAME beside it")
         if device is None:
             raise UsageError("which servo", where="servo setup", allowed="--id N, or --robot NAME --joint NAME")
-        return Target(find_places(None, port, faults=faults)[0], device)
+        return Target(find_places(where)[0], device)
     body = load_uncalibrated(robot)
-    servo = _servo(body, port, joint, device)
-    places = find_places(robot, port, faults=faults, bus=None if servo is None else servo.bus)
+    servo = _servo(body, where.port, joint, device)
+    places = find_places(where, bus=None if servo is None else servo.bus)
     if len(places) != 1:
         names = ", ".join(place.where for place in places)
         raise UsageError("which bus", where="--robot", found=names, allowed="--joint NAME, or --port PATH of one")
@@ -196,31 +190,41 @@ def wanted_of(target: Target, asked: Asked, seen: Sighting, image: ServoImage) -
 
 
 def setup(
-    robot: Robot = None,
-    joint: Annotated[str | None, typer.Option(help="The servo of this joint of the robot.", metavar="NAME")] = None,
-    device: Annotated[int | None, typer.Option("--id", help="Its id as it is.", metavar="N")] = None,
-    port: Port = None,
-    protocol: Protocol = None,
-    new_id: Annotated[int | None, typer.Option(help="Its id as it is to be.", metavar="N")] = None,
-    baud: Annotated[int | None, typer.Option(help="Its speed as it is to be.", metavar="BAUD")] = None,
-    return_delay: Annotated[float | None, typer.Option(help="Pause before it answers, us.", metavar="US")] = None,
-    drive_mode: Annotated[int | None, typer.Option(help="Bits of its drive mode.", metavar="BITS")] = None,
-    register: Annotated[list[str] | None, typer.Option(help="Any other of its EEPROM.", metavar="NAME=VALUE")] = None,
-    yes: Yes = False,
-    faults: Faults = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Read and show, write nothing.")] = False,
+    where: Where,
+    joint: str | None = None,
+    device: int | None = None,
+    protocol: int | None = None,
+    new_id: int | None = None,
+    baud: int | None = None,
+    return_delay: float | None = None,
+    drive_mode: int | None = None,
+    register: tuple[str, ...] = (),
+    yes: bool = False,
+    dry_run: bool = False,
 ) -> None:
     """Write settings into one servo, at whatever speed it is found. Each is read back; id and speed come last.
 
     With --robot and --joint (or --id of the profile) it gets everything in which it differs from the profile; --joint
     with --id makes the servo with that id the joint's own. Other options come before the profile. Shows what it has and
     what it gets, and asks. Ctrl-C ends it after the value that is being written.
+
+    Options:
+        joint NAME: The servo of this joint of the robot.
+        device (--id) N: Its id as it is.
+        protocol 1|2: Only this protocol.
+        new_id N: Its id as it is to be.
+        baud BAUD: Its speed as it is to be.
+        return_delay US: Pause before it answers, us.
+        drive_mode BITS: Bits of its drive mode.
+        register NAME=VALUE: Any other of its EEPROM.
+        yes: Do not ask.
+        dry_run: Read and show, write nothing.
     """
     if device is not None:
         check_device(device, protocol)
-    registers = registers_of(register or []) | ({} if drive_mode is None else {"drive_mode": drive_mode})
+    registers = registers_of(register) | ({} if drive_mode is None else {"drive_mode": drive_mode})
     asked = Asked(new_id, baud, None if return_delay is None else 1e-6 * return_delay, registers)
-    target = find_target(robot, port, joint, device, faults)
+    target = find_target(where, joint, device)
     _check(target, asked, protocol)
     place = target.place
     with opened([place]):
@@ -302,7 +306,7 @@ def _make_responsive(target: Target, asked: Asked, seen: Sighting, *, yes: bool,
 
 def _find(place: Place, device: int, protocol: int | None) -> Sighting:
     """The only servo with this id, at any speed. Raises BusError."""
-    scan = search(place, chosen_speeds(place, protocol, None), [device])
+    scan = search(place, chosen_speeds(place, Only(protocol=protocol)), [device])
     seen = [one for one in scan.sightings if one.found.id == device]
     if len(seen) != 1 or seen[0].found.clash:
         what = f"several servos have id {device}" if seen else f"no servo answers to id {device} at any speed"

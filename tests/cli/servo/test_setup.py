@@ -9,7 +9,7 @@ from hardware.dynamixel.settings import Asked
 from hardware.joint_map import JointMap
 from messages import refuses
 from retarget.cli.servo import places, setup
-from retarget.cli.servo.places import find_places
+from retarget.cli.servo.places import Where, find_places
 from retarget.cli.servo.setup import check_asked, find_target
 from retarget.errors import UsageError
 from retarget.model.robot import RobotBody, load_uncalibrated
@@ -51,7 +51,7 @@ def divided(monkeypatch: pytest.MonkeyPatch) -> RobotBody:
 def test_the_bus_is_found(
     port: str | None, joint: str | None, device: int | None, found: tuple[str, str, int], divided: RobotBody
 ) -> None:
-    one = find_target("op3", port, joint, device, None)
+    one = find_target(Where("op3", port), joint, device)
     assert one.place.spec is not None and one.servo is not None
     assert (one.place.port.name, one.place.spec.name, one.device) == found
     assert one.servo.bus == found[1] and (joint is None or one.servo.joint == joint)
@@ -81,15 +81,15 @@ def test_what_names_no_servo_is_refused_with_the_way_out(
     robot: str | None, port: str | None, joint: str | None, device: int | None, text: str, divided: RobotBody
 ) -> None:
     with pytest.raises(UsageError) as caught:
-        find_target(robot, port, joint, device, None)
+        find_target(Where(robot, port), joint, device)
     assert text in str(caught.value)
 
 
 def test_a_port_of_the_profile_means_its_bus(divided: RobotBody) -> None:
-    assert [one.spec.name for one in find_places("op3", HEAD) if one.spec] == ["head"]
-    assert len(find_places("op3", None)) == 2
+    assert [one.spec.name for one in find_places(Where("op3", HEAD)) if one.spec] == ["head"]
+    assert len(find_places(Where("op3"))) == 2
     with refuses(UsageError):
-        find_places("op3", "/dev/else")
+        find_places(Where("op3", "/dev/else"))
 
 
 X, AX = "XM430-W350", "AX-12A"

@@ -8,14 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bus_rig import bus_of, spec
+from bus_rig import bus_of, four_servos, spec, waist_servos
 from hardware.bus import BusSpec
 from hardware.dynamixel.checks import NO_SECONDARY_ID, complaints, needed_ticks, notes, wishes
 from hardware.dynamixel.settings import Asked, ServoImage, Setting, differing, eeprom_settings, plan, settings_of
 from hardware.joint_map import JointMap
 from hardware.servo import ServoMode, ServoSpec
 from messages import shows
-from servos import four_servos, waist_servos
 from sim.emulator.robot_lines import devices_of
 from sim.emulator.servo2 import EmulatedServo
 

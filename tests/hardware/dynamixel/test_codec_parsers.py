@@ -2,15 +2,18 @@
 
 import os
 import random
+from collections.abc import Callable
 
 import pytest
+from dynamixel_sdk import Protocol1PacketHandler
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import more_frames
-from hardware.dynamixel.codec import ALERT, Frame, Status, protocol1, protocol2, valid_parts, whole_reply
+from hardware.dynamixel.codec import ALERT, BROADCAST, Frame, Status, protocol1, protocol2, valid_parts, whole_reply
+from messages import refuses
 from noise import LINES, bytes_of, noise, pieces, stretch
-from packet_vectors import ONE, TWO
+from packet_vectors import ONE, TWO, SdkPort, Vector
 
 both = pytest.mark.parametrize("protocol", [1, 2])
 SEEDS = st.integers(0, 2**32 - 1)
@@ -76,15 +79,6 @@ def test_every_damaged_byte_costs_one_frame() -> None:
                 damaged[at] ^= flip
                 frames = protocol2.parser().feed(clean[0] + bytes(damaged) + clean[2])
                 assert frames == STATUSES[:hit] + STATUSES[hit + 1 :], (at, flip)
-
-
-@pytest.mark.parametrize("length", [0, 1, 2, 3, 8, 11, 13, 14, 15, 16, 17, 18, 19, 20, 40, 200, 8192, 8193, 65535])
-def test_a_damaged_length_is_over_when_the_next_header_is_seen(length: int) -> None:
-    damaged, good = bytearray(protocol2.frame(*STATUSES[0])), protocol2.frame(*STATUSES[1])
-    damaged[5:7] = length.to_bytes(2, "little")
-    parser = protocol2.parser()
-    assert parser.feed(bytes(damaged) + good) == STATUSES[1:2]
-    assert parser.skipped == len(damaged)
 
 
 def test_what_a_damaged_length_claims_in_the_first_protocol_comes_back_after_silence() -> None:
@@ -235,16 +229,6 @@ def test_last_parameters_and_crc_that_look_like_a_header(tail: bytes, crc: bytes
     assert single.skipped == len(behind)
 
 
-def test_a_cut_fast_reply_holds_back_what_follows_until_silence() -> None:
-    reply = more_frames.fast_status([Status(1, 0, bytes(10)), Status(2, 0, bytes(10))])
-    parser = protocol2.parser()
-    assert parser.feed(reply[:20] + PING) == []
-    assert parser.flush() == [Frame(1, 1, b"")]
-    assert parser.feed(reply[:20] + PING) == []
-    parser.reset()
-    assert parser.feed(PING) == [Frame(1, 1, b"")]
-
-
 @st.composite
 def answers(draw: st.DrawFn) -> list[Status]:
     ids = draw(st.lists(st.integers(0, 252), min_size=1, max_size=12, unique=True))
@@ -289,3 +273,46 @@ def test_a_part_whose_followers_took_its_damage_for_granted_is_not_taken() -> No
             out[end : end + 2] = total.to_bytes(2, "little")
             total = more_frames.crc(bytes(out[end : end + 2]), total)
         assert whole_reply(bytes(out), ids, 10) is None
+
+
+# Protocol 1.0: printed frames, checksum; dynamixel-sdk as a second opinion.
+
+
+@pytest.mark.parametrize("vector", ONE, ids=lambda vector: vector.printed.hex())
+def test_frames_are_those_of_the_manual(vector: Vector) -> None:
+    assert vector.built == vector.printed
+
+
+@given(st.integers(0, 254), st.integers(0, 255), st.binary(max_size=253))
+def test_content_and_checksum_add_up_to_nothing_but_ones(device: int, code: int, params: bytes) -> None:
+    frame = protocol1.frame(device, code, params)
+    assert sum(frame[2:]) & 0xFF == 0xFF
+    assert frame[3] == len(frame) - 4
+    assert frame[:2] == b"\xff\xff"
+
+
+WRONG: dict[str, Callable[[], bytes]] = {
+    "id FF": lambda: protocol1.ping(0xFF),
+    "negative id": lambda: protocol1.ping(-1),
+    "address": lambda: protocol1.read(1, 256, 1),
+    "length": lambda: protocol1.read(1, 0, 256),
+    "group id": lambda: protocol1.sync_write(30, 1, [(BROADCAST, b"\0")]),
+    "bulk id": lambda: protocol1.bulk_read([(BROADCAST, 30, 1)]),
+    "short data": lambda: protocol1.sync_write(30, 2, [(1, b"\0")]),
+    "too much": lambda: protocol1.write(1, 0, bytes(253)),
+    "too many": lambda: protocol1.sync_write(30, 4, [(device, bytes(4)) for device in range(1, 60)]),
+}
+
+
+@pytest.mark.parametrize("build", WRONG.values(), ids=WRONG.keys())
+def test_what_cannot_be_sent_is_refused(build: Callable[[], bytes]) -> None:
+    with refuses(ValueError):
+        build()
+
+
+@given(st.integers(0, 253), st.integers(0, 127), st.binary(max_size=60))
+def test_the_sdk_understands_our_statuses(device: int, error: int, data: bytes) -> None:
+    port = SdkPort(protocol1.status(device, error, data))
+    packet, result = Protocol1PacketHandler().rxPacket(port)
+    assert result == 0
+    assert (packet[2], packet[4], bytes(packet[5:-1])) == (device, error, data)

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 import more_frames
 from hardware.dynamixel.codec import BROADCAST, STATUS, Status, fast_length, protocol2, valid_parts
 from messages import refuses
-from packet_vectors import FAST_BULK, FAST_BULK_REPLY, FAST_SYNC, FAST_SYNC_REPLY, TWO, Vector
-from sdk_port import SdkPort
+from packet_vectors import FAST_BULK, FAST_BULK_REPLY, FAST_SYNC, FAST_SYNC_REPLY, TWO, SdkPort, Vector
 
 HOT = st.lists(st.sampled_from((0xFF, 0xFD, 0x00, 0x55, 0xFE)), max_size=12).map(bytes)
 PARTS = st.lists(

@@ -2,13 +2,11 @@
 
 import pytest
 
-from bus_rig import BusRig, bus_of, spec, specs
+from bus_rig import BusRig, bus_of, specs
 from hardware.dynamixel.control_table import code_of
-from hardware.dynamixel.cyclic import BusLine
 from hardware.dynamixel.found_servos import (
     as_bus,
     broadcast_torque_off,
-    look,
 )
 from hardware.dynamixel.line_scan import Sighting, Speed, all_speeds, scan_line
 from hardware.errors import BusError
@@ -64,28 +62,6 @@ def _sightings(rig: BusRig) -> tuple[Sighting, ...]:
     if not rig.port.opened:
         rig.port.open(SPEED.baud)
     return scan_line(rig.port, [SPEED]).sightings
-
-
-def test_read_missing_and_unknown_servos() -> None:
-    rig = BusRig(specs(5), unknown_ids=[spec(40)])
-    rig.device(2).memory.put("model_number", 1120)
-    rig.device(3).memory.put("model_number", 1060)
-    rig.fault(Fault(FaultKind.MISSING, ids=(4,)))
-    placed = [(7 + at, servo) for at, servo in enumerate(rig.servos)]
-    seen = look(BusLine(rig.buses[0], rig.port, placed), _sightings(rig))
-    assert list(seen.line.images) == [1, 3, 5] and seen.missing == (4,)
-    assert [one.found.id for one in seen.unknown] == [2, 40]
-    assert seen.line.index_of[5] == 11
-    notes = "\n".join(seen.wrong)
-    for text in ("j2 (id 2) is a model that is not known here: number 1120", "j3 (id 3) is XL430-W250", "40 (XM430"):
-        assert text in notes
-
-
-def test_a_controller_is_no_servo() -> None:
-    rig = BusRig(specs(2))
-    rig.device(2).memory.put("model_number", 0x7400)
-    bus, placed = as_bus("here", _sightings(rig))
-    assert look(BusLine(bus, rig.port, placed), _sightings(rig)).unknown == ()
 
 
 def test_several_speeds_are_refused_with_what_was_seen() -> None:

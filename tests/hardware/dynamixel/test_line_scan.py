@@ -7,7 +7,6 @@ from hardware.dynamixel.control_table import code_of
 from hardware.dynamixel.line_scan import (
     Speed,
     all_speeds,
-    answering_elsewhere,
     likely_speeds,
     scan_likely,
     scan_line,
@@ -30,20 +29,6 @@ def _rig(**bauds: int) -> BusRig:
     return rig
 
 
-def test_each_servo_is_seen_once_at_its_own_speed() -> None:
-    rig = _rig(s2=57_600, s3=4_500_000)
-    images = rig.images()
-    seen = scan_line(rig.port, all_speeds())
-    assert {one.found.id: one.speed for one in seen.sightings} == {
-        1: Speed(2, 2_000_000),
-        2: Speed(2, 57_600),
-        3: Speed(2, 4_500_000),
-    }
-    assert seen.tried == tuple(all_speeds()) and not seen.skipped
-    assert {one.model for one in seen.sightings} == {"XM430-W350"}
-    assert rig.images() == images
-
-
 def test_a_quick_look_finds_servos_at_usual_speeds_in_seconds() -> None:
     rig = _rig(s2=57_600, s3=4_500_000)
     begun = rig.port.now()
@@ -61,15 +46,6 @@ def test_a_quick_look_in_protocol_1_is_for_usual_ids_and_those_expected(ids: tup
     rig.port.open(1_000_000)
     seen = scan_likely(rig.port, [Speed(1, 1_000_000)], ids=ids)
     assert [one.found.id for one in seen.sightings] == found
-
-
-def test_the_choice_of_ids_and_speeds_is_kept_to() -> None:
-    rig = _rig(s2=57_600)
-    done: list[int] = []
-    seen = scan_line(rig.port, [Speed(2, 57_600)], ids=[2, 2, 300], progress=done.append)
-    assert [one.found.id for one in seen.sightings] == [2]
-    assert done == [0, 1] and rig.port.baud == 57_600
-    assert all_speeds((1,), 9600) == [Speed(1, 9600)]
 
 
 def test_an_impossible_speed_is_reported_and_a_port_that_is_gone_ends_it(
@@ -90,22 +66,6 @@ def test_an_impossible_speed_is_reported_and_a_port_that_is_gone_ends_it(
     rig.fault(Fault(FaultKind.UNPLUG))
     with refuses(BusError):
         scan_line(rig.port, all_speeds((2,)))
-
-
-def _other_speeds_rig(*elsewhere: int) -> BusRig:
-    rig = BusRig(specs(6))
-    for device in elsewhere:
-        one = rig.device(device)
-        one.memory.put("baud_rate", code_of(one.table, 115_200) or 0)
-        one.tune()
-    rig.port.open(2_000_000)
-    return rig
-
-
-def test_servos_that_answer_elsewhere_and_where() -> None:
-    rig = _other_speeds_rig(2, 5)
-    assert answering_elsewhere(rig.port, rig.buses[0], [2, 5, 9]) == {2: [115_200], 5: [115_200]}
-    assert rig.port.baud == 2_000_000
 
 
 SPEED = Speed(2, 2_000_000)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from bus_rig import BusRig, bus_of, moved, spec, specs
+from bus_rig import BusRig, bus_of, moved, spec, specs, waist_servos
 from hardware.bus import BusSpec
 from hardware.dynamixel.checks import needed_ticks
 from hardware.dynamixel.codec import protocol2
@@ -17,8 +17,7 @@ from hardware.errors import BusError
 from hardware.joint_map import JointMap
 from hardware.servo import ServoMode
 from messages import refuses, shows
-from scripted_port import ScriptedPort
-from servos import waist_servos
+from packet_vectors import ScriptedPort
 from sim.emulator.faults import Fault, FaultKind
 from sim.emulator.line import Timing
 

@@ -47,18 +47,6 @@ def test_values_are_in_si_and_of_their_servo_alone() -> None:
     assert states.age.tolist() == [np.inf, 0.0, np.inf]
 
 
-def test_who_is_silent_keeps_what_it_said_and_ages() -> None:
-    readings = Readings([TABLE] * 2)
-    take(readings, 0, answer(1, position=5), 1.0)
-    early = readings.states(1.0)
-    readings.begin()
-    take(readings, 1, answer(2, position=6), 1.5)
-    states = readings.states(1.5)
-    assert states.position.tolist() == [5, 6]
-    assert states.age.tolist() == [0.5, 0.0]
-    assert early.valid.tolist() == [True, False]  # what was given is not changed later
-
-
 def test_what_was_given_is_nobodys_to_change_and_not_changed_later() -> None:
     """Arrays that stay as they are may be given again: a write into one would be a write into all."""
     readings = Readings([TABLE])

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from bus_rig import BusRig, bus_of, spec, specs
+from bus_rig import bus_of, spec
 from hardware.dynamixel.control_table import find_table
 from hardware.dynamixel.settings import (
     SILENCING,
@@ -16,14 +16,11 @@ from hardware.dynamixel.settings import (
     in_units,
     plan,
     ram_settings,
-    read_image,
     settings_of,
 )
-from hardware.dynamixel.single_requests import NoAnswer, OneOff
 from hardware.errors import HardwareError
 from hardware.servo import ServoGains, ServoMode
 from messages import refuses
-from sim.emulator.faults import Fault, FaultKind
 from sim.emulator.robot_lines import devices_of
 
 
@@ -46,26 +43,6 @@ from sim.emulator.robot_lines import devices_of
 )
 def test_values_of_an_xm430(name: str, value: int, text: str) -> None:
     assert in_units(find_table("XM430-W350", 2), name, value) == text
-
-
-@pytest.mark.parametrize(("model", "protocol"), [("XM430-W350", 2), ("2XL430-W250", 2), ("MX-28", 1), ("AX-12A", 1)])
-def test_an_image_is_what_the_servo_holds(model: str, protocol: int) -> None:
-    servos = specs(2, model)
-    rig = BusRig(servos, buses=[bus_of(servos, protocol=protocol, baud=1_000_000)])
-    rig.port.open(1_000_000)
-    client, table = OneOff(rig.port, protocol), rig.devices[1].table
-    image = read_image(client, 2, table)
-    for register in table.registers:
-        volatile = register.name.startswith(("present", "realtime", "moving_status", "position_tr", "velocity_tr"))
-        if image.has(register.name) and not volatile:
-            assert image.value(register.name) == rig.devices[1].memory.value(register.name), register.name
-    assert image.value("id") == 2
-    assert not image.has("no such register")
-    if model == "MX-28":
-        assert image.has("goal_acceleration")  # behind the present values
-    rig.fault(Fault(FaultKind.MISSING, ids=(2,)))
-    with pytest.raises(NoAnswer):
-        read_image(client, 2, table)
 
 
 PLAIN = spec(1)
@@ -91,15 +68,6 @@ def test_a_position_mode_limits_its_current_in_eeprom() -> None:
     by_current = replace(servo, mode=ServoMode.CURRENT_BASED_POSITION)
     assert "current_limit" not in named(eeprom_settings(by_current, bus, TABLE))
     assert named(ram_settings(by_current, image(pwm_limit=700)))["goal_pwm"] == 700
-
-
-def test_protocol_1_keeps_its_answers_in_eeprom() -> None:
-    table = find_table("AX-12A", 1)
-    assert named(eeprom_settings(PLAIN, bus_of([PLAIN], protocol=1), table)) == {
-        "return_delay_time": 0,
-        "status_return_level": 2,
-    }
-    assert named(ram_settings(PLAIN, ServoImage(table, bytes(60)))) == {"moving_speed": 0}
 
 
 def test_only_gains_of_the_profile_are_set() -> None:

@@ -16,7 +16,7 @@ from hardware.dynamixel.single_requests import (
 )
 from hardware.errors import BusError
 from messages import refuses, shows
-from scripted_port import Replies, ScriptedPort, always, in_turn
+from packet_vectors import Replies, ScriptedPort, always, in_turn
 
 TABLE = find_table("XM430-W350", 2)
 POSITION, GOAL = TABLE["present_position"], TABLE["goal_position"]
@@ -189,12 +189,6 @@ def test_ping() -> None:
     assert OneOff(ScriptedPort(always(b"\xff" * 14)), 2).ping(1) == Found(1, 2, clash=True)
 
 
-def test_ping_of_protocol_1_reads_the_model() -> None:
-    port = ScriptedPort(in_turn(protocol1.status(1), protocol1.status(1, 0, b"\x1d\x00\x24")))
-    assert OneOff(port, 1).ping(1) == Found(1, 1, 29, 36)
-    assert OneOff(ScriptedPort(in_turn(protocol1.status(1))), 1).ping(1) == Found(1, 1)
-
-
 def _echoing(request: bytes) -> Replies:
     return [(0.0001, request)]
 
@@ -213,20 +207,6 @@ def test_an_answer_that_looks_like_an_echo() -> None:
     servo = OneOff(port, 1)
     assert servo.ping(1) == Found(1, 1, 29, 36, alert=True)
     assert servo.scan([1]) == [Found(1, 1, 29, 36, alert=True)]
-
-
-def _line(*ids: int) -> ScriptedPort:
-    def answer(request: bytes) -> Replies:
-        asked = ids if request[4] == BROADCAST else [device for device in ids if device == request[4]]
-        return [(0.003 * device, protocol2.status(device, 0, b"\x06\x04\x26")) for device in asked]
-
-    return ScriptedPort(answer)
-
-
-def test_scan_finds_the_wanted_and_the_unknown() -> None:
-    port = _line(1, 2, 5)
-    assert [servo.id for servo in OneOff(port, 2).scan([1, 2, 3, 6])] == [1, 2, 5]
-    assert port.sent == [protocol2.ping(BROADCAST), protocol2.ping(3), protocol2.ping(6)]
 
 
 def test_scan_finds_a_clash() -> None:

@@ -9,9 +9,9 @@ from unittest.mock import patch
 import dynamixel_sdk as sdk
 import pytest
 
-from emulated_port import served
+from bus_rig import four_servos
+from emulated import served
 from hardware.servo import find_model
-from servos import four_servos
 from sim.emulator.conversation import Conduct
 from sim.emulator.line import Line
 from sim.emulator.robot_lines import devices_of

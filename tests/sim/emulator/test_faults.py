@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
+from emulated import StubDevice
 from hardware.dynamixel.codec import protocol2
 from messages import shows
 from retarget.errors import ConfigError
 from sim.emulator import fault_state
 from sim.emulator.fault_state import FaultPlan, FaultState, load_fault_plan, obey
 from sim.emulator.faults import Direction, Fault, FaultKind, Part, Unit, mangled, random_faults
-from stub_devices import StubDevice
 
 PACKET = bytes(range(40))
 PING, STATUS = protocol2.ping(1), protocol2.status(1, 0, b"\x06\x04\x26")

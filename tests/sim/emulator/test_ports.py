@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from serial import Serial
 
+from emulated import StubDevice
 from hardware.clock import MonotonicClock, VirtualClock, thread_cpu
 from hardware.dynamixel.codec import protocol2
 from hardware.dynamixel.serial_port import BytePort
@@ -23,7 +24,6 @@ from sim.emulator.fault_state import FaultState
 from sim.emulator.faults import Fault, FaultKind
 from sim.emulator.line import Line, Timing
 from sim.emulator.ports import EmulatedPort, Link, PseudoTerminal, serve
-from stub_devices import StubDevice
 
 
 def test_it_is_made_moved_and_taken_away(tmp_path: Path) -> None:
@@ -94,15 +94,6 @@ def test_a_ping_is_answered_after_wire_time_and_latency() -> None:
     assert not port.wait(6.25) and clock.now() == 6.25
     port.write(PING)
     assert not port.wait(6.2505) and port.wait(7.0)  # an answer behind the deadline is not there yet
-
-
-def test_another_baud_rate_receives_nothing_until_it_is_right() -> None:
-    port = _port(VirtualClock(), baud=57600)
-    port.write(PING)
-    assert not port.wait(1.0)
-    port.set_baud(BAUD)
-    port.write(PING)
-    assert port.wait(2.0) and port.baud == BAUD
 
 
 def test_a_port_refuses_what_cannot_be() -> None:

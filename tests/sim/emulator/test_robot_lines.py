@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import more_frames
+from bus_rig import four_servos
 from hardware.bus import BusSpec
 from hardware.dynamixel.codec import protocol2
 from hardware.errors import HardwareError
@@ -13,7 +14,6 @@ from hardware.servo import ServoMode
 from messages import refuses
 from retarget.cli.buses import posture_ticks
 from retarget.model.robot import load_robot
-from servos import four_servos
 from sim.emulator.conversation import Conduct
 from sim.emulator.line import Line, Timing
 from sim.emulator.robot_lines import devices_of, robot_lines

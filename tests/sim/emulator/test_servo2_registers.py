@@ -1,16 +1,19 @@
 """The registers of a 2.0 servo: position counting, writes that are refused, loop, goals, resets, the bus watchdog."""
 
+from collections.abc import Callable
 from math import inf
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emulated import read_register, servo2, shown, write_register, wrote
-from hardware.dynamixel.codec import Error2
-from hardware.dynamixel.control_table import Register
+from emulated import answered, read_register, servo1, servo2, shown, write_register, wrote
+from hardware.dynamixel.codec import Error2, Instruction
+from hardware.dynamixel.control_table import Register, find_table
 from hardware.servo import find_model
 from sim.emulator.memory import Memory, Part
+from sim.emulator.servo1 import EmulatedServo1
+from sim.emulator.servo2 import RESTORE, STORE, EmulatedServo
 from sim.emulator.servo2_registers import (
     ALL,
     BUT_ID,
@@ -356,3 +359,150 @@ def test_a_trip_stops_the_servo_where_it_was_then() -> None:
     assert read_register(servo, "present_position", 6.0) == 3000
     old = servo2(firmware=37)
     assert servo2(firmware=40).table.has("bus_watchdog") and old.change(98, bytes((5,)), 0.0) == Error2.ACCESS
+
+
+# Instructions of protocol 2.0 to one emulated servo.
+
+
+def test_a_broadcast_is_obeyed_in_silence() -> None:
+    servo = servo2()
+    wrote(servo, id=9)
+    assert servo.execute(Instruction.WRITE, bytes((65, 0, 1)), 0.0, broadcast=True) is None
+    assert read_register(servo, "led") == 1
+    assert servo.execute(Instruction.READ, bytes((65, 0, 1, 0)), 0.0, broadcast=True) is None
+    servo.execute(Instruction.FACTORY_RESET, b"\xff", 0.0, broadcast=True)
+    assert servo.id == 9  # since firmware 42
+    old = servo2(firmware=41)
+    old.execute(Instruction.FACTORY_RESET, b"\xff", 0.0, broadcast=True)
+    servo.execute(Instruction.REBOOT, b"", 0.0, broadcast=True)
+    assert old.booting(0.0) and servo.booting(0.0)
+
+
+def test_a_secondary_id_reaches_the_ram_only() -> None:
+    servo = servo2()
+    assert servo2().secondary_id is None
+    wrote(servo, secondary_id=5)
+    assert servo.secondary_id == 5
+    for code, params in (
+        (Instruction.WRITE, bytes((65, 0, 1))),
+        (Instruction.WRITE, bytes((7, 0, 8))),
+        (Instruction.REBOOT, b""),
+    ):
+        assert servo.execute(code, params, 0.0, broadcast=False, secondary=True) is None
+    servo.write(7, b"\x08", 0.0, secondary=True)
+    assert read_register(servo, "led") == 1 and servo.id == 1 and not servo.booting(0.0)
+
+
+def test_backup_and_restore() -> None:
+    servo = servo2()
+
+    def back_up(what: bytes) -> int:
+        return answered(servo, Instruction.CONTROL_TABLE_BACKUP, what).error
+
+    assert back_up(RESTORE) == Error2.RESULT_FAIL
+    wrote(servo, startup_configuration=2, velocity_limit=50, position_p_gain=77)
+    assert back_up(STORE) == 0 and read_register(servo, "backup_ready") == 1
+    wrote(servo, velocity_limit=60, torque_enable=1)
+    assert back_up(RESTORE) == Error2.RESULT_FAIL
+    wrote(servo, torque_enable=0)
+    assert back_up(RESTORE) == 0 and servo.booting(0.1)
+    assert shown(servo, 1.0, "velocity_limit", "position_p_gain", "backup_ready") == (50, 77, 1)
+    assert answered(servo2(firmware=44), Instruction.CONTROL_TABLE_BACKUP, STORE).error == Error2.INSTRUCTION
+
+
+@pytest.mark.parametrize(
+    ("code", "params", "error"),
+    [
+        *((code, b"\1\2\3\4", Error2.INSTRUCTION) for code in (0x00, 0x07, 0x55, 0x82, 0x8A, 0xFF)),
+        (Instruction.READ, b"\x74\0\4", Error2.DATA_LENGTH),
+        (Instruction.WRITE, b"\x74\0", Error2.DATA_LENGTH),
+        (Instruction.REG_WRITE, b"", Error2.DATA_LENGTH),
+        (Instruction.FACTORY_RESET, b"", Error2.DATA_LENGTH),
+        (Instruction.FACTORY_RESET, b"\3", Error2.DATA_RANGE),
+        (Instruction.CLEAR, b"\2ERCL", Error2.DATA_RANGE),
+        (Instruction.CONTROL_TABLE_BACKUP, b"\3CTRL", Error2.DATA_RANGE),
+    ],
+)
+def test_bad_instructions_and_parameters(code: int, params: bytes, error: Error2) -> None:
+    servo = servo2()
+    assert answered(servo, code, params).error == error and not servo.booting(0.0)
+
+
+# The memory of an emulated device: access, holes, indirect addressing.
+
+
+@pytest.mark.parametrize(("model", "first"), [("XM430-W350", 1), ("XM430-W350", 29), ("XL330-M288", 1)])
+def test_indirect_data_stand_for_what_they_point_at(model: str, first: int) -> None:
+    servo = servo2(model)
+    for offset in range(4):
+        assert write_register(servo, f"indirect_address_{first + offset}", 116 + offset) == 0
+    assert write_register(servo, f"indirect_address_{first + 4}", 132) == 0
+    data = servo.table[f"indirect_data_{first}"].address
+    servo.write(data, (2100).to_bytes(4, "little"), 0.0)
+    assert read_register(servo, "goal_position") == 2100
+    assert servo.read(data, 5, 0.0).data == (2100).to_bytes(4, "little") + b"\0"  # low byte of 2048
+    write_register(servo, "torque_enable", 1)
+    assert servo.read(data + 4, 1, 3.0).data == (2100 & 0xFF).to_bytes(1, "little")
+    assert servo.change(data, (4096).to_bytes(4, "little"), 3.0) == Error2.DATA_LIMIT
+    assert servo.change(data, bytes(2), 3.0) == Error2.DATA_LENGTH
+    assert servo.change(data + 4, bytes(1), 3.0) == Error2.ACCESS
+
+
+@settings(max_examples=30, deadline=None)
+@given(data=st.binary(min_size=1, max_size=28))
+def test_indirect_data_that_point_at_themselves_are_storage(data: bytes) -> None:
+    servo = servo2()
+    assert servo.change(224, data, 0.0) == 0
+    assert servo.read(224, len(data), 0.0).data == data
+
+
+@settings(max_examples=60, deadline=None)
+@given(address=st.integers(0, 700), length=st.integers(0, 700))
+def test_what_is_readable_has_its_length(address: int, length: int) -> None:
+    memory = Memory(find_table("XL330-M288", 2))
+    if memory.readable(address, length):
+        assert len(memory.slice(address, length)) == length
+        assert any(memory.table.at(place) for place in range(address, address + length))
+    else:
+        inside = length > 0 and address + length <= memory.table.size
+        assert not inside or not any(memory.table.at(place) for place in range(address, address + length))
+
+
+# The common part of emulated servos of both protocols: start, power, what is kept without power, load.
+
+Make = Callable[[], EmulatedServo | EmulatedServo1]
+both = pytest.mark.parametrize("make", [servo2, servo1])
+
+
+@both
+@settings(max_examples=30)
+@given(
+    goal=st.integers(0, 4095),
+    times=st.lists(st.floats(0.0, 3.0), max_size=12),
+)
+def test_how_often_one_looks_changes_no_motion(make: Make, goal: int, times: list[float]) -> None:
+    watched, left = make(), make()
+    for servo in (watched, left):
+        servo.write(24 if servo.protocol == 1 else 64, b"\1", 0.0)
+        size = 2 if servo.protocol == 1 else 4
+        servo.write(30 if servo.protocol == 1 else 116, goal.to_bytes(size, "little"), 0.0)
+    for now in (*sorted(times), 3.0):
+        watched.catch_up(now)
+    left.catch_up(3.0)
+    assert watched.shaft.position == pytest.approx(left.shaft.position, abs=1e-3)
+    assert left.shaft.position == pytest.approx(goal, abs=0.5)
+
+
+@both
+def test_power_is_there_only_when_nothing_takes_it(make: Make) -> None:
+    servo = make()
+    servo.power_cut(1.0)
+    assert servo.booting(1e9) and servo.electrics.current == 0.0
+    servo.supply(3.0, 2.0)  # a brown-out as well
+    servo.power_back(3.0)
+    assert servo.booting(1e9)
+    servo.supply(12.0, 4.0)
+    assert servo.booting(4.1) and not servo.booting(4.0 + servo.boot_time)
+    servo.power_back(5.0)  # it has power: nothing happens
+    servo.supply(11.0, 5.0)
+    assert not servo.booting(5.0)

@@ -10,7 +10,10 @@ from hypothesis import strategies as st
 from emulated import read_register, servo2, wrote
 from hardware.bus import ServoGoals
 from hardware.clock import VirtualClock
+from hardware.dynamixel.codec import Error2, Instruction
 from hardware.servo import ServoSpec, find_model
+from sim.emulator.controller import ID, NUMBER, EmulatedController
+from sim.emulator.power import Electrics, Supply
 from sim.emulator.robot_lines import devices_of
 from sim.emulator.shaft import (
     ProfilePath,
@@ -20,7 +23,7 @@ from sim.emulator.shaft import (
     path_by_velocity,
 )
 from sim.mock_bus import MockBus
-from sim.servo_model import saturated_lag
+from sim.servo_model import IDLE_CURRENT, LARGEST_CURRENT, SUPPLY_RESISTANCE, saturated_lag
 
 
 @given(
@@ -155,3 +158,73 @@ def test_by_time(position: float, goal: float, velocity: float, total: float, sh
     path = path_by_time(goal, position=position, velocity=velocity, total=total, ramp=share * total, now=5.0)
     continuous(path, position, velocity)
     assert path.end == pytest.approx(5.0 + total)
+
+
+# Supply, current and heat of emulated servos.
+
+
+def electrics(supply: Supply | None = None) -> Electrics:
+    return Electrics(supply or Supply(), 12.0, turn=0.0015, top=3000.0)
+
+
+def test_servos_share_a_supply() -> None:
+    supply = Supply()
+    one, other = electrics(supply), electrics(supply)
+    one.advance(1.0, 0.0, effort=-1.0, torque=True)
+    assert one.current == pytest.approx(IDLE_CURRENT + LARGEST_CURRENT) and one.direction < 0.0
+    sag = SUPPLY_RESISTANCE * (2 * IDLE_CURRENT + LARGEST_CURRENT)
+    assert other.voltage == pytest.approx(12.0 - sag) and other.supplied == 1.0
+    one.draw(0.0)
+    assert other.voltage == pytest.approx(12.0 - SUPPLY_RESISTANCE * IDLE_CURRENT)
+
+
+def test_registers_show_voltage_and_temperature() -> None:
+    servo = servo2()
+    assert read_register(servo, "present_input_voltage") == 120
+    servo.supply(11.1, 0.0)
+    servo.heat(55.4, 0.0)
+    assert read_register(servo, "present_input_voltage") == 111 and read_register(servo, "present_temperature") == 55
+    servo.supply(None, 0.0)
+    servo.heat(None, 0.0)
+    wrote(servo, shutdown=0, torque_enable=1)  # an overload takes no torque
+    servo.jam(True, 0.0)
+    wrote(servo, goal_position=4000)
+    assert read_register(servo, "present_temperature", 1.0) == 25
+    for minute in range(1, 11):
+        read_register(servo, "present_temperature", 60.0 * minute)
+    assert read_register(servo, "present_temperature", 601.0) > 40
+
+
+# The emulated OpenCR.
+
+
+def test_it_switches_the_servos_power() -> None:
+    servo = servo2()
+    controller = EmulatedController([servo], baud=2_000_000)
+    assert (controller.id, controller.baud) == (ID, 2_000_000)
+    assert servo.booting(100.0)
+    assert controller.execute(Instruction.WRITE, bytes((24, 0, 1)), 100.0, broadcast=False) == (0, b"")
+    assert servo.booting(100.1) and not servo.booting(100.3)
+    controller.write(24, b"\0", 101.0)
+    assert servo.booting(200.0) and controller.read(24, 1, 101.0) == (0, b"\0")
+
+
+def test_what_it_answers() -> None:
+    controller = EmulatedController(baud=1_000_000)
+    ping = controller.execute(Instruction.PING, b"", 0.0, broadcast=True)
+    assert ping == (0, NUMBER.to_bytes(2, "little") + b"\1")
+    for code, params, error in (
+        (Instruction.WRITE, bytes((24, 0, 2)), Error2.DATA_RANGE),
+        (Instruction.WRITE, bytes((50, 0, 2)), Error2.ACCESS),
+        (Instruction.WRITE, bytes((24, 0)), Error2.DATA_LENGTH),
+        (Instruction.READ, bytes((24, 0, 1)), Error2.DATA_LENGTH),
+        (Instruction.READ, bytes((24, 0, 100, 0)), Error2.ACCESS),
+        (Instruction.REBOOT, b"", Error2.INSTRUCTION),
+    ):
+        assert controller.execute(code, params, 0.0, broadcast=False) == (error, b"")
+    controller.supply(10.0, 0.0)
+    assert controller.read(50, 1, 0.0).data == b"\x64"
+    controller.supply(2.0, 0.0)
+    assert controller.booting(1.0)
+    controller.supply(None, 1.0)
+    assert not controller.booting(1.0)

@@ -4,15 +4,19 @@ import os
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from multiprocessing.reduction import ForkingPickler
+from pathlib import Path
 
 import pytest
 
+from hardware.dynamixel.serial_port import SerialPort
 from messages import shows
 from retarget import cli
+from retarget.cli.exit import REFUSED
+from retarget.schema.catalogue import Kind, find
 from sim.faults import cases
 from sim.faults.cases import Case, file_cases, judged_case, pair_cases, row_cases, seed_cases
 from sim.faults.judge import Verdict, When
-from sim.faults.malformed_files import MALFORMED
+from sim.faults.malformed_files import MALFORMED, Malformed, judged_file
 from sim.faults.rows import APPROACHED, ROWS
 
 JOBS = max((os.cpu_count() or 1) - 1, 1)
@@ -91,3 +95,36 @@ def test_a_violation_is_reported(capsys: pytest.CaptureFixture[str], monkeypatch
 def test_an_unknown_row_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert leave("--row", "servo unpluged") == 2
     shows(capsys.readouterr().err)
+
+
+# Malformed robot files from the command line: exit code 2, one message, and no port is opened.
+
+
+@pytest.mark.parametrize("file", MALFORMED, ids=lambda one: one.name)
+def test_a_malformed_file_is_refused(
+    file: Malformed, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened: list[int] = []
+    monkeypatch.setattr(SerialPort, "open", lambda self, baud: opened.append(baud))
+    path = file.write(find(Kind.ROBOT, "op3"), tmp_path)
+    words = ["run", "--robot", str(path), "--source", "json://127.0.0.1:14150", "--bus", str(tmp_path / "port")]
+    with pytest.raises(SystemExit) as leaving:
+        cli.main(words)
+    message = capsys.readouterr().err
+    assert (leaving.value.code, opened) == (REFUSED, [])
+    assert message.startswith("error: ") and file.reason in message
+    assert "Traceback" not in message
+
+
+def test_the_judge_says_no(tmp_path: Path) -> None:
+    sound = Malformed("sound", lambda text, folder: text, "")
+    assert judged_file(sound) == ("the run went on",)
+    other = Malformed("other", lambda text, folder: b"", "Elvis")
+    shows(judged_file(other)[0], "'Elvis'")
+
+    def raising(text: bytes, folder: Path) -> bytes:
+        (folder / "body.xml").unlink()
+        (folder / "body.xml").mkdir()
+        return text
+
+    assert judged_file(Malformed("folder", raising, "a folder")) == ()

@@ -7,10 +7,10 @@ import mujoco
 import numpy as np
 import pytest
 
+from bus_rig import waist_servos
 from hardware.bus import ServoAlert
 from hardware.servo import SERVO_MODELS, ServoGains, ServoSpec, find_model, loop_lag
 from physics_rig import op3
-from servos import waist_servos
 from sim.physics.motors import (
     HEAT_PER_WATT,
     Drive,

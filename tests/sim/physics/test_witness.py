@@ -1,10 +1,12 @@
 """From the witness of a simulation to the numbers, the words and the picture of a run."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from hardware.arrays import FloatArray
 from messages import shows
 from physics_rig import PhysicsRig, op3, standing
 from retarget.ik.support_polygon import plant, support_distance
@@ -15,8 +17,11 @@ from retarget.report.plots import plot_pressure
 from retarget.run.run_result import PhysicsRun, RunResult
 from rig import Rig, person, result, short_clip
 from sim.buses import simulation_of
+from sim.physics.ground import sole_corners
+from sim.physics.log import BLOCK_ROWS, SLIP_RESOLUTION_M, FallWatch, PhysicsLog
 from sim.physics.mount import Mount, Support
 from sim.physics.perturbation import Perturbation, Push
+from sim.physics.state import PhysicsState
 from sim.physics.witness import Witness, physics_run, zmp_margins
 
 
@@ -133,3 +138,150 @@ def test_a_robot_at_rest_that_cannot_stay_topples_and_that_is_no_fall() -> None:
     witness.see_it_out()
     assert witness.at_rest and witness.fall is None
     assert witness.toppled is not None and not witness.toppled.powered
+
+
+# When a robot has fallen, and when it only sits.
+
+STANDING = PhysicsRig().bus.witness.state
+LOWEST = FallWatch(op3()).lowest + 0.0285  # m; the pelvis frame is 28.5 mm below the root
+AT_REST = op3().posture(op3().profile.postures.rest)
+
+
+def low(height: float) -> FloatArray:
+    """The standing root at another height, m."""
+    return np.array([*STANDING.root[:2], height, *STANDING.root[3:]])
+
+
+@pytest.mark.parametrize(
+    ("change", "fallen"),
+    [
+        ({}, False),
+        ({"tilt": np.radians([28.0, 28.0])}, False),
+        ({"tilt": np.radians([32.0, 35.0])}, True),
+        ({"tilt": np.radians([0.0, 80.0])}, False),  # a flat sole carries, however low the torso bends
+        ({"root": low(LOWEST + 1e-3)}, False),
+        ({"root": low(LOWEST - 1e-3)}, True),
+        ({"touching": "l_shin"}, True),
+        ({"touching": "l_shin", "q": AT_REST}, False),
+    ],
+)
+def test_what_is_a_fall(change: dict[str, Any], fallen: bool) -> None:
+    how = FallWatch(op3()).look(replace(STANDING, **change))
+    assert (how is not None) is fallen
+    if how is not None:
+        shows(how)
+    assert 0.06 < LOWEST - 0.0285 < 0.13
+
+
+CORNERS = np.array([[0.06, 0.04], [-0.06, 0.04], [-0.06, -0.04], [0.06, -0.04]])
+"""Of a sole, m."""
+BESIDE = np.array([0.0, 0.05])
+"""From the middle to the left sole, m."""
+
+
+def log() -> PhysicsLog:
+    return PhysicsLog(
+        servos=20, soles=2, corners=[0] * 4 + [1] * 4, nq=STANDING.q.size, loaded=lambda load: np.asarray(load > 1.0)
+    )
+
+
+def at(
+    x: float,
+    load: tuple[float, float] = (15.0, 15.0),
+    tilt: float = 0.0,
+    turn: float = 0.0,
+    on: tuple[float, float, float, float] = (0.25, 0.25, 0.25, 0.25),
+) -> PhysicsState:
+    """Both soles x m ahead, turned on their spots by `turn` rad, with these shares of their load on their corners."""
+    cos, sin = np.cos(turn), np.sin(turn)
+    corners = CORNERS @ np.array([[cos, sin], [-sin, cos]]) + [x, 0.0]
+    pressed = np.concatenate([share * np.array(on) for share in load])
+    return replace(
+        STANDING,
+        corner=np.concatenate([corners + BESIDE, corners - BESIDE]),
+        pressed=pressed,
+        load=np.array(load),
+        tilt=np.array([tilt, 0.0]),
+    )
+
+
+def test_slip_is_the_way_of_a_sole_that_carries_to_and_fro() -> None:
+    one, two = log(), log()
+    for x in np.linspace(0.0, 0.01, 101):
+        one.add(at(float(x), load=(15.0, 0.0)))
+    for x in (*np.linspace(0.0, 0.01, 51), *np.linspace(0.01, 0.0, 51)):
+        two.add(at(float(x)))
+    assert one.slip_m.tolist() == pytest.approx([0.01, 0.0], abs=2 * SLIP_RESOLUTION_M)
+    assert two.slip_m.tolist() == pytest.approx([0.02, 0.02], abs=4 * SLIP_RESOLUTION_M)
+
+
+def test_a_creep_adds_up_and_a_tremble_does_not() -> None:
+    creeping, trembling = log(), log()
+    for tick in range(1000):
+        creeping.add(at(1e-5 * tick))
+        trembling.add(at(4e-5 * (-1) ** tick))
+    assert creeping.slip_m[0] == pytest.approx(0.01, rel=0.03)
+    assert trembling.slip_m[0] == 0.0
+
+
+def test_rows_hold_what_was_added_however_many() -> None:
+    one = log()
+    for tick in range(BLOCK_ROWS + 3):
+        one.add(replace(STANDING, time=float(tick)))
+    assert one.rows == BLOCK_ROWS + 3
+    assert one.column("time").tolist() == [float(tick) for tick in range(BLOCK_ROWS + 3)]
+    assert one.column("q")[-1] == pytest.approx(STANDING.q, abs=1e-6)
+    assert one.column("sole").shape == (one.rows, 2, 3)
+    assert one.column("sole")[7] == pytest.approx(STANDING.sole, abs=1e-6)
+    assert one.column("torque").shape == (one.rows, 20)
+    empty = log()
+    assert [empty.column(name).shape for name in ("time", "torque", "sole")] == [(0,), (0, 20), (0, 2, 3)]
+
+
+# States: what contacts and ground truth say of a robot that stands, hangs and is pushed.
+
+
+def settled(**options: object) -> PhysicsRig:
+    rig = PhysicsRig(**options)  # type: ignore[arg-type]
+    rig.arm()
+    rig.run(1.5)
+    return rig
+
+
+def test_a_standing_robot_bears_on_its_corners_below_its_mass_and_a_lying_one_touches_the_floor() -> None:
+    rig = settled()
+    state = rig.bus.witness.state
+    assert state.zmp.tolist() == pytest.approx(state.com[:2].tolist(), abs=1.5e-3)
+    assert state.com[2] == pytest.approx(0.257, abs=0.005)
+    assert state.tilt.max() < 2e-3 and not state.touching and not state.fixture_contacts
+    assert state.sole[:, 2].tolist() == pytest.approx([0.0, 0.0], abs=5e-4)
+    soles = np.array(rig.bus.witness._reader.corner_soles)
+    assert soles.tolist() == [0] * 6 + [1] * 6
+    for sole, foot in enumerate(op3().profile.feet.values()):
+        corners = state.corner[soles == sole] - state.sole[sole, :2]
+        outline = sole_corners(np.array(foot.polygon))
+        assert np.abs(np.sort(corners, axis=0) - np.sort(outline, axis=0)).max() < 2e-3
+        assert state.pressed[soles == sole].sum() == pytest.approx(state.load[sole])
+    assert (state.pressed >= 0.0).all() and state.load.sum() == pytest.approx(30.9, rel=0.02)
+    rig.bus.torque(False)
+    rig.run(1.5)
+    assert rig.bus.witness.state.touching in op3().body.body_names
+
+
+def test_pushed_the_pressure_moves_against() -> None:
+    rig = settled(perturbation=Perturbation(pushes=(Push((4.0, 0.0, 0.0), 1.5, 0.1),)))
+    before = rig.bus.witness.state.zmp[0]
+    rig.run(0.1)
+    assert rig.bus.witness.state.zmp[0] > before + 0.005  # a push forward loads the toes
+    assert rig.bus.witness.log.column("com")[-1, 0] > rig.bus.witness.log.column("com")[-12, 0]
+
+
+def test_a_foot_that_rocks_on_its_edge_does_not_slip() -> None:
+    push = Push((0.0, 5.5, 0.0), 1.5, 0.12, "neck")
+    rig = settled(perturbation=Perturbation(friction=1.5, pushes=(push,)))
+    rig.run(0.4)
+    log = rig.bus.witness.log
+    assert log.worst_tilt > np.radians(1.0)
+    assert log.slip_m.max() < 3e-4
+    rocked = log.column("sole")[:, :, 2].max()
+    assert rocked > 5e-4  # [m] a foot came up
