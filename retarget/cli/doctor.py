@@ -5,12 +5,14 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from math import isfinite
 from pathlib import Path
+from typing import Any
 
 import typer
 
 from hardware.clock import Clock, MonotonicClock, VirtualClock
+from retarget.cli.application import log
 from retarget.errors import UsageError
-from retarget.live.address import is_address
+from retarget.live.address import StreamAddress, is_address
 from retarget.schema.files import write_atomic
 from retarget.setup.doctor_machine import Finding, Level
 
@@ -43,7 +45,7 @@ def doctor(
     """
     _check(target, performer=performer, robot=robot, seconds=seconds)
     if target is not None and is_address(target):
-        found = _stream(target, performer or "five", seconds)
+        found = _stream(target, performer, seconds)
     elif target is not None or robot is not None:
         found = _ports(target, robot)
     else:
@@ -74,18 +76,37 @@ def _check(target: str | None, *, performer: str | None, robot: str | None, seco
         raise UsageError("neither a stream nor a port", where=target[:200] or "an empty word", allowed=allowed)
 
 
-def _stream(text: str, name: str, seconds: float | None) -> list[Finding]:
+def _stream(text: str, name: str | None, seconds: float | None) -> list[Finding]:
     from retarget.live.address import parse_address
     from retarget.schema.performer import load_performer
     from retarget.setup.doctor_stream import stream_findings
 
-    address, performer = parse_address(text), load_performer(name)
+    address = parse_address(text)
+    if address.kind == "web":
+        return _page(address, name or "web", LISTEN_S if seconds is None else seconds)
+    performer = load_performer(name or "five")
     recorded = address.kind == "replay"
     clock: Clock = VirtualClock() if recorded else MonotonicClock()
     listen = (LONGEST_S if recorded else LISTEN_S) if seconds is None else seconds
     if not recorded:
         typer.echo(f"listening for {listen:g} s: move every sensor, walk and turn", err=True)
     return stream_findings(address, performer, clock=clock, seconds=listen)
+
+
+def _page(address: StreamAddress, name: str, seconds: float) -> list[Finding]:
+    from retarget.cli.web.control import PageControl, opened_web
+    from retarget.schema.performer import load_performer
+    from retarget.setup.doctor_web import web_findings
+
+    performer, clock = load_performer(name), MonotonicClock()
+    with opened_web(address, "doctor", notify=log) as (feed, receiver):
+        control = PageControl(feed, log)
+
+        def heard() -> list[dict[str, Any]]:
+            control.look()
+            return [*control.health]
+
+        return web_findings(address, performer, receiver, heard, clock=clock, seconds=seconds)
 
 
 def _ports(path: str | None, robot: str | None) -> list[Finding]:

@@ -112,7 +112,13 @@ class WebInput:
 
 @contextmanager
 def opened_web(
-    address: StreamAddress, robot: str, *, listen: bool, dead_man: bool, use_generated_legs: bool, notify: Notify
+    address: StreamAddress,
+    robot: str,
+    *,
+    listen: bool = False,
+    dead_man: bool = False,
+    use_generated_legs: bool = False,
+    notify: Notify,
 ) -> Iterator[tuple[ViewFeed, PoseReceiver]]:
     """The page of a run, and the poses that it sends. Says where it is, with a code for a phone to read. Raises
     ConfigError where it cannot be served."""
