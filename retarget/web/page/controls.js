@@ -1,0 +1,73 @@
+// What holds the robot: the dead man (a key, a finger, the grip of a headset) and the keys that stop.
+
+const EVERY_MS = 100; // the server takes 0.3 s of silence for a release
+
+export class DeadMan {
+  // say(message): to the server. changed(held): for the page.
+  constructor(say, changed) {
+    this.say = say;
+    this.changed = changed;
+    this.used = false;
+    this.holders = new Set(); // "key", "finger", "grip"
+    this.saidAt = 0;
+    setInterval(() => this.tick(), EVERY_MS);
+  }
+
+  get held() {
+    return this.holders.size > 0;
+  }
+
+  // From now on the robot moves only while something holds.
+  use() {
+    this.used = true;
+    this.tick(true);
+  }
+
+  press(holder, held) {
+    if (held === this.holders.has(holder)) return;
+    if (held) this.holders.add(holder);
+    else this.holders.delete(holder);
+    this.tick(true);
+    this.changed(this.held);
+  }
+
+  release() {
+    for (const holder of [...this.holders]) this.press(holder, false);
+  }
+
+  // Says it every 0.1 s. The frames of a headset call this too, since its browser may slow the timers of the page.
+  tick(changed = false) {
+    const now = performance.now();
+    if (!this.used || (!changed && now - this.saidAt < EVERY_MS - 10)) return;
+    this.saidAt = now;
+    this.say({ say: "held", held: this.held });
+  }
+}
+
+// Wires key H and the pad to a dead man. Whatever takes the key or the finger away from the page lets go.
+export function listenForHolding(deadMan, pad) {
+  const isKey = (event) => event.code === "KeyH" && !event.ctrlKey && !event.metaKey && !event.altKey;
+  addEventListener("keydown", (event) => isKey(event) && deadMan.used && deadMan.press("key", true));
+  addEventListener("keyup", (event) => event.code === "KeyH" && deadMan.press("key", false));
+  addEventListener("blur", () => deadMan.release());
+  addEventListener("pagehide", () => deadMan.release());
+  pad.addEventListener("pointerdown", (event) => {
+    pad.setPointerCapture(event.pointerId);
+    deadMan.press("finger", true);
+  });
+  for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) {
+    pad.addEventListener(end, () => deadMan.press("finger", false));
+  }
+  pad.addEventListener("contextmenu", (event) => event.preventDefault());
+}
+
+// Space and Escape stop, before any button with the focus gets them.
+export function listenForStop(stop) {
+  addEventListener("keydown", (event) => {
+    if (event.code !== "Space" && event.code !== "Escape") return;
+    event.preventDefault();
+    event.stopPropagation();
+    if (!event.repeat) stop();
+  }, { capture: true });
+  addEventListener("keyup", (event) => event.code === "Space" && event.preventDefault(), { capture: true });
+}

@@ -1,0 +1,125 @@
+// The WebSocket to the server of the run: says hello, hears, and begins again by itself when it is lost.
+// It never repeats an order to move: after a new hello the page starts from what the server says.
+
+const AGAIN_MS = 1000; // from a loss to the next try
+const SILENCE_MS = 3000; // without any message (pings are answered) the socket counts as lost
+const PING_MS = 250;
+const PINGS = 4; // a second of them
+const WAITING_BYTES = 32768; // with so much unsent, poses are left out: late poses are worse than none
+
+export const LINK = Object.freeze({ CLOSED: "closed", OPENING: "opening", OPEN: "open", LOST: "lost", REFUSED: "refused" });
+
+export function median(values) {
+  return values.length ? [...values].sort((a, b) => a - b)[values.length >> 1] : null;
+}
+
+// A random text that stays with this tab, so that a page that comes back is known as the same performer.
+function identity() {
+  const make = () => Array.from(crypto.getRandomValues(new Uint8Array(12)), (byte) => byte.toString(16).padStart(2, "0")).join("");
+  try {
+    const kept = sessionStorage.getItem("id") || make();
+    sessionStorage.setItem("id", kept);
+    return kept;
+  } catch {
+    return make(); // storage may be forbidden
+  }
+}
+
+export class Link {
+  // hear(message): of the server. changed(state, why): of the link, one of LINK.
+  constructor(hear, changed) {
+    this.hear = hear;
+    this.changed = changed;
+    this.state = LINK.CLOSED;
+    this.id = identity();
+    this.input = "watch";
+    this.socket = null;
+    this.heard = 0;
+    this.stopOwed = false;
+    this.rounds = []; // ms, there and back, of the newest pings
+    setInterval(() => this.#beat(), PING_MS);
+  }
+
+  // Join as `input` ("camera", "headset" or "watch"); a former link is closed.
+  open(input) {
+    this.input = input;
+    this.#drop();
+    this.#enter(LINK.OPENING);
+    const address = new URL("ws", document.baseURI);
+    address.protocol = address.protocol === "https:" ? "wss:" : "ws:";
+    const socket = new WebSocket(address);
+    this.socket = socket;
+    this.heard = performance.now();
+    socket.onopen = () => this.#opened(socket);
+    socket.onmessage = (event) => socket === this.socket && this.#received(event.data);
+    socket.onclose = (event) => socket === this.socket && this.#closed(event.reason);
+  }
+
+  // Time there and back, ms; null where none is known.
+  get round_ms() {
+    return median(this.rounds);
+  }
+
+  say(message) {
+    if (this.state !== LINK.OPEN) return false;
+    this.socket.send(JSON.stringify(message));
+    return true;
+  }
+
+  // A frame of poses; left out while the network is behind.
+  frame(message) {
+    return this.state === LINK.OPEN && this.socket.bufferedAmount < WAITING_BYTES && this.say(message);
+  }
+
+  // A stop is never lost: without a link it is said first of all when there is one again.
+  stop() {
+    this.stopOwed = this.socket?.readyState !== WebSocket.OPEN;
+    if (!this.stopOwed) this.socket.send(JSON.stringify({ say: "stop" }));
+    return !this.stopOwed;
+  }
+
+  #opened(socket) {
+    if (socket !== this.socket) return;
+    socket.send(JSON.stringify({ say: "hello", input: this.input, id: this.id }));
+    if (this.stopOwed) socket.send(JSON.stringify({ say: "stop" }));
+    this.stopOwed = false;
+  }
+
+  #received(text) {
+    this.heard = performance.now();
+    const message = JSON.parse(text);
+    if (message.hear === "pong") {
+      this.rounds = [...this.rounds.slice(1 - PINGS), performance.now() - message.t];
+    } else if (message.hear === "refused") {
+      this.#drop();
+      this.#enter(LINK.REFUSED, message.why);
+    } else {
+      this.hear(message);
+      if (message.hear === "welcome") this.#enter(LINK.OPEN);
+    }
+  }
+
+  #closed(reason) {
+    this.#drop();
+    this.#enter(LINK.LOST, reason);
+    setTimeout(() => this.state === LINK.LOST && this.open(this.input), AGAIN_MS);
+  }
+
+  #beat() {
+    if (this.socket && performance.now() - this.heard > SILENCE_MS) this.#closed("the server is silent");
+    else this.say({ say: "ping", t: performance.now() });
+  }
+
+  #drop() {
+    const socket = this.socket;
+    this.socket = null;
+    this.rounds = [];
+    if (socket) socket.close();
+  }
+
+  #enter(state, why = "") {
+    if (state === this.state && !why) return;
+    this.state = state;
+    this.changed(state, why);
+  }
+}

@@ -1,0 +1,288 @@
+// The page of a run: what it shows, in which view, in which words. Nothing moves by itself after anything was lost.
+
+import { CAMERA, Camera, cameraMissing } from "./camera.js";
+import { DeadMan, listenForHolding, listenForStop } from "./controls.js";
+import { Headset, headsetMissing } from "./headset.js";
+import { LINK, Link, median } from "./link.js";
+import { Scene } from "./scene.js";
+
+const byId = (id) => document.getElementById(id);
+const MOVING = /approach|follow|hold/; // states in which an interruption is made a pause
+const TONES = [[/follow/, "good"], [/stop|fault|off|rest|return|end|refused|not connected/, "bad"], [/hold|pause|approach|arming/, "wary"]];
+const MOST_AGES = 100;
+const NOTE_MS = 20000; // so long a note of the run stays large
+
+const page = {
+  input: "watch", // what this page is to the server
+  view: "choose", // choose, camera, headset or watch
+  welcome: null,
+  run: null, // the newest message "state"
+  note: { text: "", at: 0 },
+  paused: false,
+  interruption: "", // why this page paused the run
+  refusal: "",
+  cameraLost: false,
+  stopAsked: false,
+  ages: [], // ms, from the capture of a picture to its frame on the way, since the last report
+  headsetMissing: "",
+};
+
+const link = new Link(hear, linked);
+const deadMan = new DeadMan((message) => link.say(message), (held) => byId("pad").classList.toggle("held", held));
+const camera = new Camera(byId("video"), byId("overlay"), sendPoses);
+const scene = new Scene(byId("human"), byId("robot"));
+const headset = new Headset({ send: sendPoses, deadMan, scene, stop, interrupted, ended: () => choose("choose"), words: headline });
+
+// Out.
+
+function sendPoses(frame) {
+  if (document.hidden && page.input !== "headset") return;
+  if (link.frame(frame)) page.ages = [...page.ages.slice(-MOST_AGES), performance.now() - 1e3 * frame.time];
+}
+
+function stop() {
+  page.stopAsked = true;
+  link.stop();
+  show();
+}
+
+function pause(paused) {
+  page.paused = paused;
+  if (!paused) page.interruption = "";
+  link.say({ say: paused ? "pause" : "go on" });
+  show();
+}
+
+// Something took the performer away. What moved is paused, and goes on only when somebody says so.
+function interrupted(why) {
+  deadMan.release();
+  if (page.input === "watch" || !MOVING.test(page.run?.state || "")) return;
+  page.interruption = why;
+  pause(true);
+}
+
+// In.
+
+function hear(message) {
+  if (message.hear === "welcome") {
+    welcomed(message);
+  } else if (message.hear === "note") {
+    page.note = { text: message.text, at: performance.now() };
+  } else if (message.hear === "bodies") {
+    scene.meet(message);
+  } else if (message.hear === "state") {
+    if ("paused" in message) page.paused = message.paused;
+    if (page.run?.paused && !message.paused) page.interruption = ""; // somebody let it go on
+    page.run = message;
+    scene.pose(message);
+  }
+  if (message.hear !== "state") show();
+}
+
+function welcomed(message) {
+  page.welcome = message;
+  if (message.dead_man) deadMan.use();
+  if (page.interruption) link.say({ say: "pause" });
+  document.title = message.title || message.robot;
+  for (const place of document.querySelectorAll(".robot")) place.textContent = message.title || message.robot;
+}
+
+function linked(state, why) {
+  if (state === LINK.LOST) interrupted("The link to the robot was lost.");
+  if (state === LINK.REFUSED) {
+    page.refusal = why;
+    if (page.input !== "watch") choose("choose");
+  }
+  show();
+}
+
+// Views.
+
+function join(input) {
+  page.input = input;
+  page.run = null;
+  link.open(input);
+}
+
+function choose(view) {
+  if (view !== "choose") page.refusal = "";
+  page.view = view;
+  page.interruption = "";
+  if (view !== "camera") camera.stop();
+  const input = view === "choose" ? "watch" : view;
+  if (input !== page.input || link.state === LINK.REFUSED) join(input);
+  if (view === "camera") startCamera("");
+  if (view === "headset") headset.start(page.welcome).catch((error) => {
+    page.refusal = error.message;
+    choose("choose");
+  });
+  stayAwake();
+  show();
+}
+
+async function startCamera(device) {
+  const missing = cameraMissing(page.welcome?.runtime);
+  if (missing) camera.fail(missing);
+  else await camera.start(device);
+  if (camera.state === CAMERA.RUNNING) await listCameras();
+  show();
+}
+
+async function listCameras() {
+  const devices = await camera.devices();
+  byId("camera").replaceChildren(...devices.map((device, i) => new Option(device.label || `Camera ${i + 1}`, device.deviceId, false, device.deviceId === camera.device)));
+  byId("which").hidden = devices.length < 2;
+}
+
+function noticeCamera() {
+  if (camera.lost && !page.cameraLost) interrupted("The camera was lost.");
+  page.cameraLost = camera.lost;
+}
+
+// A phone that goes dark would end the performance.
+async function stayAwake() {
+  if (page.view === "choose" || document.hidden) return;
+  try {
+    await navigator.wakeLock?.request("screen");
+  } catch {
+    // Without it the page works, as long as the screen is on.
+  }
+}
+
+// Words.
+
+function headline() {
+  if (link.state === LINK.REFUSED) return { state: "refused", why: page.refusal };
+  if (link.state !== LINK.OPEN && page.run?.state === "ended") return { state: "ended", why: "The run is over. Start the next one, and open its address." };
+  if (link.state !== LINK.OPEN) return { state: "not connected", why: lostWords() };
+  const state = page.run?.state || "waiting";
+  const why = page.stopAsked && !/stop|fault|off|rest|return|end/.test(state) ? "A stop is asked for." : page.run?.why || "";
+  return { state: page.paused && MOVING.test(state) ? "paused" : state, why, note: noteNow(), paused: page.paused };
+}
+
+function lostWords() {
+  if (link.stopOwed) return "The STOP did not reach the robot. Use its switch, or Ctrl-C where the run was started.";
+  if (page.input === "watch") return "The run goes on without this page, which tries again every second.";
+  return "No poses reach the robot, so it holds. This page tries again every second.";
+}
+
+function noteNow() {
+  return performance.now() - page.note.at < NOTE_MS ? page.note.text : "";
+}
+
+function trouble() {
+  const paused = page.interruption && `${page.interruption} The robot is paused until you press "Go on".`;
+  return (page.view === "camera" && camera.trouble) || (page.view === "headset" && headset.trouble) || paused || (page.view === "choose" && page.refusal) || "";
+}
+
+function sensorWords(name) {
+  return name.replace(/^l_/, "left ").replace(/^r_/, "right ").replace(/_/g, " ");
+}
+
+function put(id, text) {
+  const place = byId(id);
+  if (place.textContent !== text) place.textContent = text;
+  place.hidden = !text;
+}
+
+function list(id, rows) {
+  const key = JSON.stringify(rows);
+  if (byId(id).dataset.key === key) return;
+  byId(id).dataset.key = key;
+  byId(id).replaceChildren(...rows.map(([text, kind]) => Object.assign(document.createElement("li"), { textContent: text, className: kind })));
+}
+
+function numbers() {
+  const parts = Object.entries(page.run?.latency_ms || {}).map(([name, ms]) => `${name} ${ms.toFixed(0)} ms`);
+  if (link.round_ms !== null) parts.push(`there and back ${link.round_ms.toFixed(0)} ms`);
+  if (camera.state === CAMERA.RUNNING) parts.push(`${camera.fps} pictures a second`, `${camera.took_ms.toFixed(0)} ms to find you`);
+  if (page.view === "headset") parts.push(`${headset.fps} poses a second`);
+  return parts.join("  ·  ");
+}
+
+function show() {
+  const { state, why, note } = headline();
+  const connected = link.state === LINK.OPEN;
+  document.body.dataset.view = page.view;
+  document.body.dataset.tone = TONES.find(([words]) => words.test(state))?.[1] || "calm";
+  put("state", state.charAt(0).toUpperCase() + state.slice(1));
+  put("why", why);
+  put("note", note || "");
+  put("trouble", trouble());
+  put("numbers", numbers());
+  list("sensors", Object.entries(page.run?.sensors || {}).map(([name, good]) => [`${sensorWords(name)} ${good ? "seen" : "not seen"}`, good ? "good" : "bad"]));
+  list("clipped", (page.run?.clipped || []).map((text) => [text, "wary"]));
+  byId("pose").hidden = !/countdown|calibrating/.test(state);
+  byId("pause").textContent = page.paused ? "Go on" : "Pause";
+  byId("pause").disabled = byId("hold").disabled = !connected;
+  byId("hold").checked = deadMan.used;
+  if (deadMan.used) byId("hold").disabled = true; // who has begun to hold goes on, or the robot holds
+  byId("pad").hidden = !deadMan.used || page.view === "headset";
+  byId("again").hidden = page.view !== "camera" || camera.state !== CAMERA.FAILED;
+  showWays(connected);
+}
+
+function showWays(connected) {
+  const missing = { camera: cameraMissing(page.welcome?.runtime), headset: page.headsetMissing, watch: "" };
+  for (const button of document.querySelectorAll("[data-input]")) {
+    const why = missing[button.dataset.input];
+    const words = button.querySelector("span");
+    words.dataset.words ||= words.textContent;
+    button.disabled = !connected || Boolean(why);
+    if (words.textContent !== (why || words.dataset.words)) words.textContent = why || words.dataset.words;
+  }
+}
+
+function health() {
+  link.say({
+    say: "health",
+    fps: page.view === "headset" ? headset.fps : camera.fps,
+    infer_ms: Math.round(camera.took_ms),
+    camera: camera.words,
+    hidden: document.hidden,
+    rtt_ms: link.round_ms,
+    send_ms: median(page.ages),
+    trouble: trouble(),
+    secure: self.isSecureContext,
+    wasm: typeof WebAssembly === "object",
+    permission: page.permission || "unknown",
+    agent: (navigator.userAgent.match(/(Edg|OPR|OculusBrowser|SamsungBrowser|Firefox|Chrome|Version)\/[\d]+/) || [navigator.userAgent.slice(0, 60)])[0].replace("/", " ").replace("Version", "Safari"),
+  });
+  page.ages = [];
+}
+
+async function askPermission() {
+  try {
+    const status = await navigator.permissions.query({ name: "camera" });
+    const keep = () => { page.permission = status.state; };
+    status.onchange = keep;
+    keep();
+  } catch {
+    page.permission = "unknown"; // not every browser tells
+  }
+}
+
+function wire() {
+  byId("stop").onclick = stop;
+  byId("pause").onclick = () => pause(!page.paused);
+  byId("hold").onchange = () => { deadMan.use(); show(); };
+  byId("again").onclick = () => startCamera(byId("camera").value);
+  byId("camera").onchange = () => { interrupted("The camera was changed."); startCamera(byId("camera").value); };
+  byId("leave").onclick = () => choose("choose");
+  for (const button of document.querySelectorAll("[data-input]")) button.onclick = () => choose(button.dataset.input);
+  listenForStop(stop);
+  listenForHolding(deadMan, byId("pad"));
+  document.addEventListener("visibilitychange", () => {
+    if (document.hidden) interrupted("This page was hidden.");
+    else stayAwake();
+    health();
+  });
+  setInterval(() => { noticeCamera(); show(); }, 100);
+  setInterval(health, 1000);
+}
+
+wire();
+askPermission();
+headsetMissing().then((why) => { page.headsetMissing = why; });
+join("watch");
+show();

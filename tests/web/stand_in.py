@@ -1,0 +1,196 @@
+"""A stand-in for the server of `web://`: serves the page with the headers of the real one, keeps what the page says, and
+says what a test asks for. Nothing of a run is in it."""
+
+import asyncio
+import json
+import mimetypes
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from http import HTTPStatus
+from pathlib import Path
+from typing import Any
+
+from websockets.asyncio.server import Server, ServerConnection, serve
+from websockets.datastructures import Headers
+from websockets.http11 import Request, Response
+
+ROOT = Path(__file__).parents[2]
+PAGE, BODIES = ROOT / "retarget/web/page", ROOT / "retarget/report/bodies.js"
+KEY = "key-of-the-test"
+STATE_HZ = 20.0
+POLICY = (
+    "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; worker-src 'self' blob:; connect-src 'self'; "
+    "img-src 'self' data: blob:; style-src 'self'; media-src 'self' blob:; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'none'"
+)
+TYPES = {".js": "text/javascript", ".mjs": "text/javascript", ".wasm": "application/wasm", ".svg": "image/svg+xml"}
+Message = dict[str, Any]
+
+
+@dataclass
+class Said:
+    """A message of the page. at: s of the monotonic clock. connection: counts the connections of the stand-in."""
+
+    at: float
+    connection: int
+    message: Message
+
+
+@dataclass
+class StandIn:
+    """runtime: the folder of the body tracker, None without. files: what is served instead of files, by path below the
+    key. welcome, state: what every page hears. hidden_from: inputs that are refused, with the reason."""
+
+    runtime: Path | None = None
+    files: dict[str, bytes] = field(default_factory=dict)
+    welcome: Message = field(default_factory=dict)
+    state: Message = field(default_factory=lambda: {"state": "waiting"})
+    bodies: Message | None = None
+    refused: dict[str, str] = field(default_factory=dict)
+    said: list[Said] = field(default_factory=list)
+    asked: list[str] = field(default_factory=list)
+    port: int = 0
+    host: str = "127.0.0.1"
+    connections: int = 0
+    _live: set[ServerConnection] = field(default_factory=set)
+    _loop: asyncio.AbstractEventLoop = field(default_factory=asyncio.new_event_loop)
+    _server: Server | None = None
+
+    @property
+    def address(self) -> str:
+        return f"http://localhost:{self.port}/{KEY}/"
+
+    # For tests, from their own thread.
+
+    def say(self, message: Message) -> None:
+        """To every page."""
+        asyncio.run_coroutine_threadsafe(self._broadcast(message), self._loop).result(5)
+
+    def note(self, text: str) -> None:
+        self.say({"hear": "note", "text": text})
+
+    def drop(self) -> None:
+        """Lose every connection, as a network does."""
+        for connection in list(self._live):
+            self._loop.call_soon_threadsafe(connection.transport.abort)
+
+    def messages(self, kind: str, since: float = 0.0) -> list[Said]:
+        """What was said: "frame" for poses, else the word of `say`."""
+        return [said for said in list(self.said) if said.at >= since and said.message.get("say", "frame") == kind]
+
+    def wait(self, condition: Callable[[], Any], within: float = 10.0) -> Any:
+        """The first true value of the condition. Raises AssertionError after `within`, s."""
+        end = time.monotonic() + within
+        while time.monotonic() < end:
+            if found := condition():
+                return found
+            threading.Event().wait(0.02)
+        raise AssertionError(f"not within {within:g} s; newest said: {[said.message for said in self.said[-3:]]}")
+
+    # The server, in its thread.
+
+    def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
+        path = request.path.split("?")[0]
+        self.asked.append(path)
+        if not path.startswith(f"/{KEY}/"):
+            return connection.respond(HTTPStatus.FORBIDDEN, "no key")
+        name = path.removeprefix(f"/{KEY}/")
+        if name == "ws":
+            return None
+        body = self._body(name)
+        if body is None:
+            return connection.respond(HTTPStatus.NOT_FOUND, "no such file")
+        kind = TYPES.get(Path(name).suffix) or mimetypes.guess_type(name)[0] or "application/octet-stream"
+        headers = Headers(
+            {
+                "Content-Type": "text/html; charset=utf-8" if not name else kind,
+                "Content-Length": str(len(body)),
+                "Content-Security-Policy": POLICY,
+                "X-Content-Type-Options": "nosniff",
+                "Referrer-Policy": "no-referrer",
+                "Cache-Control": "no-store",
+            }
+        )
+        return Response(200, "OK", headers, body)
+
+    def _body(self, name: str) -> bytes | None:
+        if name in self.files:
+            return self.files[name]
+        place: Path | None = None
+        if not name:
+            place = PAGE / "index.html"
+        elif name == "bodies.js":
+            place = BODIES
+        elif name.startswith("page/"):
+            place = PAGE / name.removeprefix("page/")
+        elif name.startswith("runtime/") and self.runtime:
+            place = self.runtime / name.removeprefix("runtime/")
+        return place.read_bytes() if place and place.is_file() else None
+
+    async def _serve_page(self, connection: ServerConnection) -> None:
+        number = self.connections
+        self.connections += 1
+        self._live.add(connection)
+        news: asyncio.Task[None] | None = None
+        try:
+            async for text in connection:
+                message = json.loads(text)
+                self.said.append(Said(time.monotonic(), number, message))
+                if message.get("say") == "hello":
+                    if why := self.refused.get(message["input"]):
+                        await connection.send(json.dumps({"hear": "refused", "why": why}))
+                        return
+                    await self._begin(connection)
+                    news = asyncio.create_task(self._tell(connection))
+                elif message.get("say") == "ping":
+                    await connection.send(json.dumps({"hear": "pong", "t": message["t"]}))
+        finally:
+            self._live.discard(connection)
+            if news:
+                news.cancel()
+
+    async def _begin(self, connection: ServerConnection) -> None:
+        known = {"robot": "op3", "title": "ROBOTIS OP3", "dead_man": False, "version": "0.2.0"}
+        runtime = self.runtime is not None or "runtime/vision_bundle.mjs" in self.files
+        await connection.send(json.dumps({"hear": "welcome", "runtime": runtime} | known | self.welcome))
+        if self.bodies:
+            await connection.send(json.dumps({"hear": "bodies"} | self.bodies))
+
+    async def _tell(self, connection: ServerConnection) -> None:
+        with suppress(OSError, Exception):  # the page is gone
+            while True:
+                await connection.send(json.dumps({"hear": "state", "time": time.monotonic()} | self.state))
+                await asyncio.sleep(1 / STATE_HZ)
+
+    async def _broadcast(self, message: Message) -> None:
+        for connection in list(self._live):
+            await connection.send(json.dumps(message))
+
+    async def _open(self) -> None:
+        self._server = await serve(
+            self._serve_page, self.host, self.port, process_request=self._answer, compression=None, max_size=65536
+        )
+        self.port = next(iter(self._server.sockets)).getsockname()[1]
+
+    async def _close(self) -> None:
+        assert self._server is not None
+        self._server.close()
+        await self._server.wait_closed()
+
+
+@contextmanager
+def running(stand_in: StandIn) -> Iterator[StandIn]:
+    """Serve in a thread of its own."""
+    loop = stand_in._loop
+    thread = threading.Thread(target=loop.run_forever, daemon=True)
+    thread.start()
+    asyncio.run_coroutine_threadsafe(stand_in._open(), loop).result(5)
+    try:
+        yield stand_in
+    finally:
+        asyncio.run_coroutine_threadsafe(stand_in._close(), loop).result(5)
+        loop.call_soon_threadsafe(loop.stop)
+        thread.join(5)
