@@ -20,10 +20,11 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # Without bytecode every process of a test, and every worker, would compile everything anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help demo test lint golden golden-store bench bench-bus bench-tick bench-lateness bench-viewer bench-physics paper gallery robustness mutants fuzz long docs docs-tables wheels clean machine
+.PHONY: help web demo test lint golden golden-store bench bench-bus bench-tick bench-lateness bench-viewer bench-physics paper gallery robustness mutants fuzz long docs docs-tables wheels clean machine
 
 help:
 	@echo 'make demo    a synthetic performer drives a robot on emulated servos; report and pictures in out/demo'
+	@echo 'make web     what web:// needs: your camera, phone or headset as the performer'
 	@echo 'make test    every test but the long ones'
 	@echo 'make lint    ruff, mypy, cargo fmt, clippy'
 	@echo 'make golden AGAINST=COMMIT  the same runs by that commit and by this checkout, compared to the bit; minutes'
@@ -44,6 +45,9 @@ help:
 	@echo 'make docs    the documentation site in out/site; it opens from disk'
 	@echo 'make wheels  wheels for x86-64 and aarch64 in wheels/'
 	@echo 'make clean   remove .venv and everything built'
+
+web: $(VENV)/.with-web
+	$(BIN)/retarget web install
 
 demo: $(VENV)/.with-base
 	$(BIN)/retarget demo

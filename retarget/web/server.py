@@ -171,6 +171,7 @@ class PageServer:
         welcome = {
             "hear": "welcome",
             "robot": settings.robot,
+            "title": settings.robot,
             "runtime": runtime_folder() is not None,
             "dead_man": settings.dead_man,
             "use_generated_legs": settings.use_generated_legs,
@@ -305,7 +306,8 @@ class PageServer:
         assert cast is not None and setup is not None, "a run says first who is seen"
         sensors = {} if row.sensors is None else dict(zip(setup.sensors, row.sensors, strict=True))
         known = {name: bool(np.isfinite(at).all()) for name, at in sensors.items()}
-        state = {"time": round(row.time, 3), "state": row.state, "why": row.why, "sensors": known}
+        paused = row.state.startswith("paused") and self._held is not False
+        state = {"time": round(row.time, 3), "state": row.state, "why": row.why, "paused": paused, "sensors": known}
         state |= {"human": _poses(cast.human, row.human)}
         if cast.robot is not None:
             state |= {"robot": _poses(cast.robot, row.goal), "clipped": [*self._clipped(cast, row)]}
