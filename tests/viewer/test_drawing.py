@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from followers import op3
+from retarget.model.meshes import shape_mesh
 from retarget.model.observers import robot_observers
 from retarget.rotations import rotate
 from retarget.viewer.colours import COLD, HOT, LEGEND, MODES, OUTSIDE, ROBOT, ZMP, heat_keys
 from retarget.viewer.drawing import Drawing, Shapes
-from retarget.viewer.meshes import shape_mesh
 from viewed import cast_of_a_human, cast_of_op3, person, snapshot
 
 AWAY = np.array([[0.0, 2.0, 0.3, 1.0, 0.0, 0.0, 0.0]])
