@@ -52,7 +52,8 @@ class Frame:
 class Geom:
     """A shape of the file on a body: `kind` and `size` (3,) as MuJoCo has them, `position` (3,) m and `quat` (4,) wxyz.
 
-    Capsules and cylinders: radius, half length. Boxes: half sizes. Spheres: radius.
+    Capsules and cylinders: radius, half length. Boxes: half sizes. Spheres: radius. triangles (t, 3, 3) m of a mesh, in
+    the shape's frame. A shape that does not collide is for looking at.
     """
 
     name: str
@@ -61,6 +62,8 @@ class Geom:
     size: FloatArray
     position: FloatArray
     quat: FloatArray
+    collides: bool
+    triangles: FloatArray | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,14 +243,22 @@ def _frame(model: Any, index: int) -> Frame:
 def _geom(model: Any, index: int) -> Geom:
     import mujoco
 
+    kind = mujoco.mjtGeom(int(model.geom_type[index])).name.removeprefix("mjGEOM_").lower()
     return Geom(
         name=model.geom(index).name,
         body=int(model.geom_bodyid[index]),
-        kind=mujoco.mjtGeom(int(model.geom_type[index])).name.removeprefix("mjGEOM_").lower(),
+        kind=kind,
         size=_floats(model.geom_size[index]),
         position=_floats(model.geom_pos[index]),
         quat=_floats(model.geom_quat[index]),
+        collides=bool(model.geom_contype[index] or model.geom_conaffinity[index]),
+        triangles=_triangles(model, int(model.geom_dataid[index])) if kind == "mesh" else None,
     )
+
+
+def _triangles(model: Any, mesh: int) -> FloatArray:
+    vertices, faces = (int(start[mesh]) for start in (model.mesh_vertadr, model.mesh_faceadr))
+    return _floats(model.mesh_vert[vertices:][model.mesh_face[faces : faces + int(model.mesh_facenum[mesh])]])
 
 
 def _limits(model: Any, joint_type: IntArray) -> tuple[FloatArray, FloatArray]:

@@ -6,6 +6,7 @@ of the root (57 velocities), of which two axes of each knee and the sideward axi
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from retarget.model.human_dimensions import (
     HumanJoint,
     kind_of,
 )
+from retarget.model.meshes import SolidBody, solid_body
 from retarget.types import ORIENTED, BoolArray, FloatArray
 
 # The virtual human as MJCF text, written from one person's dimensions.
@@ -175,6 +177,11 @@ class Human:
     body: BodyModel
     locked: BoolArray
     mjcf: str
+
+    @cached_property
+    def solid(self) -> SolidBody:
+        """What is drawn of it."""
+        return solid_body(self.body, {name: link for link, name in enumerate(self.body.body_names) if link > 0})
 
     def posture(self, name: str) -> FloatArray:
         """Reference posture q (nq,), m, wxyz and rad, standing at the origin. Raises ConfigError with the nearest

@@ -15,6 +15,7 @@ from hardware.joint_map import JointMap
 from retarget.errors import InputError, Problem
 from retarget.model.body import BodyModel, Frame, JointLimits, JointType, body_from_file, load_body
 from retarget.model.body_file import BodyFile, Root, compile_body
+from retarget.model.meshes import SolidBody, solid_body
 from retarget.rotations import multiply
 from retarget.schema.profile import RobotProfile, read_profile
 from retarget.schema.profile_checks import check_parts
@@ -57,6 +58,11 @@ class RobotBody:
     def kinematics(self) -> "_solver.Body":
         """The tree for the compiled solver, made once."""
         return self.body.solver_body()
+
+    @cached_property
+    def solid(self) -> SolidBody:
+        """What is drawn of it."""
+        return solid_body(self.body, {name: self.frame(name).body for name in self.profile.frames})
 
     @cached_property
     def soles(self) -> tuple[Frame, ...]:

@@ -4,15 +4,17 @@ import base64
 import math
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
 from retarget import rotations
+from retarget.model.meshes import SolidBody
 from retarget.model.scene_shapes import ShapeKind
 from retarget.model.scene_state import SceneState
 from retarget.report import motion_metrics
 from retarget.report.findings import moments
-from retarget.report.plots import HUMAN_BONES, ROBOT_BONES, Bone, bones_among, performer_facing, turned
+from retarget.report.plots import performer_facing, turned
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
 from retarget.types import BoolArray, FloatArray, IntArray
@@ -75,12 +77,25 @@ def _round(radius: float, half: float) -> tuple[FloatArray, list[tuple[int, int]
     return np.vstack(rings), [(ROUND * i + a, ROUND * i + b) for i in range(len(rings)) for a, b in pairwise(ring)]
 
 
-# Tracks of points as text inside a page.
+# Tracks as text inside a page.
 
 
 def packed(values: FloatArray) -> str:
     """Pack an array as base64 of little-endian 32-bit floats; NaN stays for what is not known."""
     return base64.b64encode(values.astype("<f4").tobytes()).decode("ascii")
+
+
+MOST_INTEGER = 2**15 - 1
+"""Largest number of 16 bits with a sign."""
+
+
+def packed_poses(poses: FloatArray, centre: FloatArray) -> tuple[str, float]:
+    """Pack poses (T, m, 7) of position, m, and quaternion as base64 of little-endian 16-bit integers, and what one is
+    of a position, m from the centre (T, 2) on the floor; of a quaternion it is 1 / `MOST_INTEGER`."""
+    place = poses[..., :3] - np.pad(centre, ((0, 0), (0, 1)))[:, None]
+    step = max(float(np.abs(place).max()), 1e-6) / MOST_INTEGER
+    numbers = np.concatenate([place / step, poses[..., 3:] * MOST_INTEGER], axis=-1)
+    return base64.b64encode(numbers.round().astype("<i2").tobytes()).decode("ascii"), step
 
 
 FPS = 30.0
@@ -92,15 +107,15 @@ TRAVEL = 0.5
 
 @dataclass(frozen=True)
 class Figure:
-    """A body. points (T, k, 3) of names; bones: pairs of points. marks (T, m, 3): what was measured of a performer, or
-    asked of a robot. centre (T, 2): where the view looks. height, reach m: what it must show."""
+    """A body, as `bodies.js` draws it. poses (T, links, 7) and their step: see `packed_poses`. marks (T, k, 3): what
+    was measured of a performer, or asked of a robot. centre (T, 2): where the view looks. height, reach m: what it must
+    show."""
 
     label: str
-    names: tuple[str, ...]
-    bones: tuple[tuple[int, int], ...]
-    points: str
+    body: dict[str, Any]
+    poses: str
+    step: float
     marks: str
-    mark_count: int
     centre: str
     height: float
     reach: float
@@ -167,40 +182,35 @@ def animation_of(run: RunResult) -> Animation | None:
 
 def _performer(run: RunResult, rows: IntArray) -> Figure:
     """The reconstructed human and the sensors, turned so that it faces x where following begins."""
-    human = run.record.human
-    facing = np.repeat(performer_facing(run)[:1], len(rows), axis=0)
-    points, marks = (turned(places[rows], facing) for places in (human.joints, run.sensors_asked))
-    return _figure("performer", human.joint_names, HUMAN_BONES, points, marks)
+    facing = performer_facing(run)[:1]
+    poses = run.human.solid.poses(run.record.human.q[rows])
+    poses[..., :3] = turned(poses[..., :3], facing)
+    half = -0.5 * float(np.arctan2(facing[0, 1], facing[0, 0]))
+    poses[..., 3:] = rotations.multiply(np.array([np.cos(half), 0.0, 0.0, np.sin(half)]), poses[..., 3:])
+    return _figure("performer", run.human.solid, poses, turned(run.sensors_asked[rows], facing))
 
 
 def _robot(run: RunResult, rows: IntArray) -> Figure | None:
-    """The robot as it was sent, and the landmarks that were asked of it; by its frames, or else by its links."""
+    """The robot as it was sent, and the landmarks that were asked of it."""
     robot, sent = run.robot, run.record.robot
     if robot is None or sent is None:
         return None
-    q = np.ascontiguousarray(sent.q[rows])
-    names = tuple(robot.profile.frames)
-    points, bones = robot.points(q, names), bones_among(names, ROBOT_BONES)
-    if len(bones) < len(names) / 2:
-        links = list(range(1, len(robot.body.body_names)))
-        names = robot.body.body_names[1:]
-        bones = tuple((names[parent - 1], names[at]) for at, parent in enumerate(robot.body.parent[1:]) if parent > 0)
-        points = robot.body.solver_body().points(q, links, np.zeros((len(links), 3)))
-    return _figure(robot.profile.name, names, bones, points, sent.landmarks_asked[rows])
+    return _figure(robot.profile.name, robot.solid, robot.solid.poses(sent.q[rows]), sent.landmarks_asked[rows])
 
 
-def _figure(
-    label: str, names: tuple[str, ...], bones: tuple[Bone, ...], points: FloatArray, marks: FloatArray
-) -> Figure:
-    ends = tuple((names.index(a), names.index(b)) for a, b in bones_among(names, bones))
-    height = max(float(np.nanmax(points[..., 2])), 1e-3)
-    centre = np.nanmean(points[..., :2], axis=1)
+def _figure(label: str, solid: SolidBody, poses: FloatArray, marks: FloatArray) -> Figure:
+    boxes = np.array([[mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)] for mesh in solid.meshes])
+    corners = np.stack([boxes[:, [x, y, z], range(3)] for x in (0, 1) for y in (0, 1) for z in (0, 1)], axis=1)
+    points = (poses[:, :, None, :3] + rotations.rotate(poses[:, :, None, 3:], corners)).reshape(len(poses), -1, 3)
+    height = float(points[..., 2].max())
+    centre = poses[..., :2].mean(axis=1)
     if np.ptp(centre, axis=0).max() < TRAVEL * height:
         centre = np.repeat(np.median(centre, axis=0)[None], len(centre), axis=0)
     else:
         centre = _smooth(centre, int(FPS))
-    reach = float(np.nanmax(np.linalg.norm(points[..., :2] - centre[:, None], axis=-1)))
-    return Figure(label, names, ends, packed(points), packed(marks), marks.shape[1], packed(centre), height, reach)
+    reach = float(np.linalg.norm(points[..., :2] - centre[:, None], axis=-1).max())
+    track, step = packed_poses(poses, centre)
+    return Figure(label, solid.as_json(), track, step, packed(marks), packed(centre), height, reach)
 
 
 def _smooth(track: FloatArray, width: int) -> FloatArray:
@@ -229,7 +239,7 @@ def _obstacles(run: RunResult, rows: IntArray) -> Obstacles | None:
         return None
     points = wires.points
     if run.robot is None:
-        points = turned(points, np.repeat(performer_facing(run)[:1], len(points), axis=0))
+        points = turned(points, performer_facing(run)[:1])
     return Obstacles(packed(points), len(points), wires.edges)
 
 

@@ -1,129 +1,298 @@
-// A body of lines on its ground, seen from the front left and slightly above; a drag turns it.
-function prepare(canvas) {
+// Bodies as solids and lines in WebGL 2, for the player of a report, the page of `web://` and the ghost in a headset.
+//
+//   const scene = Bodies.on(canvas);               // null where there is no WebGL 2: a sentence stands in its place
+//   scene.add("robot", body, { offset, yaw, scale, alpha });
+//   scene.pose("robot", poses);                    // Float32Array, x y z qw qx qy qz for each link; null hides
+//   scene.lines("soles", points, { colour, width, over });  // m, x y z x y z for each line; [] hides
+//   scene.clear();                                 // of a canvas, whose size it follows; in a headset the caller does it
+//   const { view, projection } = orbit(azimuth, elevation, distance, target, aspect);
+//   scene.draw(view, projection);                  // into the framebuffer and viewport that are set
+//
+// body: {"height": m, "meshes": [{"link": i, "vertices": [x, y, z, ...], "faces": [a, b, c, ...], "colour": [r, g, b]}]}
+// (colours 0 to 1). The world is REP-103: x forward, y left, z up, m. In a headset: multiply(view, TO_WEBXR) for `view`.
+// A headset's canvas: new Bodies(gl) with a WebGL2RenderingContext that is `xrCompatible`.
+const SENTENCE = "Bodies are drawn with WebGL 2, which this browser lacks or has switched off.";
+const LIGHT = [0.47, -0.1, 0.877];
+const HEAD = "#version 300 es\nprecision highp float;\n";
+
+const SOLID = [`
+uniform mat4 view, projection;
+uniform vec4 at, turn; // turn: x y z w
+uniform float flattened;
+layout(location = 0) in vec3 vertex;
+layout(location = 1) in vec3 normal;
+out vec3 outward, inView, seen;
+vec3 turned(vec3 v) { return v + 2.0 * cross(turn.xyz, cross(turn.xyz, v) + turn.w * v); }
+void main() {
+  vec3 place = at.xyz + turned(vertex);
+  if (flattened > 0.0) place = vec3(place.xy - place.z * vec2(${LIGHT[0] / LIGHT[2]}, ${LIGHT[1] / LIGHT[2]}), 0.0);
+  outward = turned(normal);
+  inView = mat3(view) * outward;
+  seen = (view * vec4(place, 1.0)).xyz;
+  gl_Position = projection * vec4(seen, 1.0);
+}`, `
+uniform vec4 colour;
+uniform float flattened;
+in vec3 outward, inView, seen;
+out vec4 shown;
+void main() {
+  float lit = max(dot(normalize(outward), vec3(${LIGHT})), 0.0);
+  float facing = abs(dot(normalize(inView), normalize(seen)));
+  float light = flattened > 0.0 ? 1.0 : (0.62 + 0.38 * lit) * (0.7 + 0.35 * facing);
+  shown = vec4(min(colour.rgb * light, 1.0) * colour.a, colour.a);
+}`];
+
+// A line is a strip of two triangles that is `width` pixels wide; what is behind the viewer is cut off.
+const LINE = [`
+uniform mat4 view, projection;
+uniform vec4 viewport;
+uniform float width;
+layout(location = 0) in vec3 start;
+layout(location = 1) in vec3 end;
+const float NEAR = 0.01;
+void main() {
+  vec4 a = projection * view * vec4(start, 1.0), b = projection * view * vec4(end, 1.0);
+  if (a.w < NEAR && b.w > NEAR) a = mix(a, b, (NEAR - a.w) / (b.w - a.w));
+  else if (b.w < NEAR && a.w > NEAR) b = mix(b, a, (NEAR - b.w) / (a.w - b.w));
+  vec2 along = (b.xy / b.w - a.xy / a.w) * viewport.zw + 1e-6;
+  vec4 place = gl_VertexID < 2 ? a : b;
+  vec2 aside = width / viewport.zw * normalize(vec2(-along.y, along.x)) * (gl_VertexID % 2 == 0 ? 1.0 : -1.0);
+  gl_Position = place + vec4(aside * place.w, 0.0, 0.0);
+}`, `
+uniform vec4 colour;
+out vec4 shown;
+void main() { shown = colour; }`];
+
+function program(gl, texts) {
+  const made = gl.createProgram();
+  texts.forEach((text, i) => {
+    const shader = gl.createShader(i ? gl.FRAGMENT_SHADER : gl.VERTEX_SHADER);
+    gl.shaderSource(shader, HEAD + text);
+    gl.compileShader(shader);
+    gl.attachShader(made, shader);
+  });
+  gl.linkProgram(made);
+  const uniforms = {};
+  for (let i = 0; i < gl.getProgramParameter(made, gl.ACTIVE_UNIFORMS); i++) {
+    const { name } = gl.getActiveUniform(made, i);
+    uniforms[name] = gl.getUniformLocation(made, name);
+  }
+  return { made, uniforms };
+}
+
+// Of corners: the sum of the normals of the faces that share them, so that what is round looks round.
+function normals(vertices, faces) {
+  const found = new Float32Array(vertices.length);
+  for (let f = 0; f < faces.length; f += 3) {
+    const [a, b, c] = [3 * faces[f], 3 * faces[f + 1], 3 * faces[f + 2]];
+    const [ux, uy, uz] = [0, 1, 2].map((k) => vertices[b + k] - vertices[a + k]);
+    const [vx, vy, vz] = [0, 1, 2].map((k) => vertices[c + k] - vertices[a + k]);
+    const normal = [uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx];
+    for (const corner of [a, b, c]) normal.forEach((value, k) => { found[corner + k] += value; });
+  }
+  return found;
+}
+
+export class Bodies {
+  #gl; #solid; #line; #canvas;
+  #bodies = new Map();
+  #lines = new Map();
+
+  // shadow: [r, g, b] of what bodies cast on the floor; none in a headset that shows the room.
+  constructor(gl, { shadow = null } = {}) {
+    this.#gl = gl;
+    this.shadow = shadow;
+    this.#canvas = gl.canvas;
+    this.#canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
+    this.#canvas.addEventListener("webglcontextrestored", () => this.#build());
+    this.#build();
+  }
+
+  static on(canvas, options) {
+    const gl = canvas.getContext("webgl2", { preserveDrawingBuffer: true });  // for print
+    if (gl) return new Bodies(gl, options);
+    const sentence = document.createElement("p");
+    sentence.textContent = SENTENCE;
+    canvas.replaceWith(sentence);
+    return null;
+  }
+
+  add(name, body, { offset = [0, 0, 0], yaw = 0, scale = 1, alpha = 1 } = {}) {
+    const [c, s] = [scale * Math.cos(yaw), scale * Math.sin(yaw)];
+    const place = Float32Array.of(c, s, 0, 0, -s, c, 0, 0, 0, 0, scale, 0, ...offset, 1);
+    this.remove(name);
+    this.#bodies.set(name, this.#load({ body, place, alpha, poses: null }));
+  }
+
+  remove(name) {
+    const gl = this.#gl, known = this.#bodies.get(name);
+    if (known) { gl.deleteVertexArray(known.array); known.buffers.forEach((buffer) => gl.deleteBuffer(buffer)); }
+    this.#bodies.delete(name);
+  }
+
+  pose(name, poses) { this.#bodies.get(name).poses = poses; }
+
+  lines(name, points, { colour = [0, 0, 0], width = 1.5, over = false } = {}) {
+    const gl = this.#gl, known = this.#lines.get(name) || this.#loadLines({});
+    this.#lines.set(name, Object.assign(known, { points: Float32Array.from(points), colour, width, over }));
+    gl.bindBuffer(gl.ARRAY_BUFFER, known.buffer);
+    gl.bufferData(gl.ARRAY_BUFFER, known.points, gl.DYNAMIC_DRAW);
+  }
+
+  clear() {
+    const gl = this.#gl;
+    sharp(this.#canvas);
+    gl.viewport(0, 0, this.#canvas.width, this.#canvas.height);
+    gl.clearColor(0, 0, 0, 0);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+  }
+
+  draw(view, projection) {
+    const gl = this.#gl;
+    const bodies = [...this.#bodies.values()].filter(({ poses }) => poses).sort((a, b) => b.alpha - a.alpha);
+    const lines = [...this.#lines.values()].filter(({ points }) => points.length);
+    gl.disable(gl.CULL_FACE);
+    gl.enable(gl.DEPTH_TEST);
+    gl.depthFunc(gl.LEQUAL);
+    gl.enable(gl.BLEND);
+    gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    gl.depthMask(false);
+    if (this.shadow) for (const body of bodies) this.#drawBody(body, view, projection, this.shadow);
+    gl.depthMask(true);
+    for (const line of lines) if (!line.over) this.#drawLines(line, view, projection);
+    for (const body of bodies) {
+      if (body.alpha < 1) {  // only its nearest surface is seen
+        gl.colorMask(false, false, false, false);
+        this.#drawBody(body, view, projection);
+        gl.colorMask(true, true, true, true);
+      }
+      this.#drawBody(body, view, projection);
+    }
+    gl.disable(gl.DEPTH_TEST);
+    for (const line of lines) if (line.over) this.#drawLines(line, view, projection);
+    gl.bindVertexArray(null);
+  }
+
+  #build() {
+    this.#solid = program(this.#gl, SOLID);
+    this.#line = program(this.#gl, LINE);
+    for (const body of this.#bodies.values()) this.#load(body);
+    for (const [name, line] of this.#lines) { this.#loadLines(line); this.lines(name, line.points, line); }
+  }
+
+  #load(known) {
+    const gl = this.#gl, { meshes } = known.body, vertices = [], outward = [], faces = [];
+    known.parts = meshes.map((mesh) => {
+      const first = vertices.length / 3, from = faces.length;
+      for (const value of mesh.vertices) vertices.push(value);
+      for (const value of normals(mesh.vertices, mesh.faces)) outward.push(value);
+      for (const corner of mesh.faces) faces.push(first + corner);
+      return { link: mesh.link, colour: mesh.colour, from, count: mesh.faces.length };
+    });
+    known.array = gl.createVertexArray();
+    gl.bindVertexArray(known.array);
+    known.buffers = [vertices, outward].map((values, location) => {
+      const buffer = gl.createBuffer();
+      gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+      gl.bufferData(gl.ARRAY_BUFFER, Float32Array.from(values), gl.STATIC_DRAW);
+      gl.enableVertexAttribArray(location);
+      gl.vertexAttribPointer(location, 3, gl.FLOAT, false, 0, 0);
+      return buffer;
+    });
+    known.buffers.push(gl.createBuffer());
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, known.buffers[2]);
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, Uint32Array.from(faces), gl.STATIC_DRAW);
+    gl.bindVertexArray(null);
+    return known;
+  }
+
+  #loadLines(known) {
+    const gl = this.#gl;
+    known.array = gl.createVertexArray();
+    known.buffer = gl.createBuffer();
+    gl.bindVertexArray(known.array);
+    gl.bindBuffer(gl.ARRAY_BUFFER, known.buffer);
+    for (const location of [0, 1]) {
+      gl.enableVertexAttribArray(location);
+      gl.vertexAttribPointer(location, 3, gl.FLOAT, false, 24, 12 * location);
+      gl.vertexAttribDivisor(location, 1);
+    }
+    gl.bindVertexArray(null);
+    return known;
+  }
+
+  #use({ made, uniforms }, array, view, projection) {
+    const gl = this.#gl;
+    gl.useProgram(made);
+    gl.bindVertexArray(array);
+    gl.uniformMatrix4fv(uniforms.view, false, view);
+    gl.uniformMatrix4fv(uniforms.projection, false, projection);
+    return uniforms;
+  }
+
+  #drawBody({ array, parts, place, alpha, poses }, view, projection, shadow) {
+    const gl = this.#gl, u = this.#use(this.#solid, array, multiply(view, place), projection);
+    gl.uniform1f(u.flattened, shadow ? 1 : 0);
+    for (const { link, colour, from, count } of parts) {
+      const [x, y, z, qw, qx, qy, qz] = poses.subarray(7 * link, 7 * link + 7);
+      if (Number.isNaN(x + qw)) continue;
+      gl.uniform4f(u.at, x, y, z, 1);
+      gl.uniform4f(u.turn, qx, qy, qz, qw);
+      gl.uniform4f(u.colour, ...(shadow || colour), shadow ? 1 : alpha);
+      gl.drawElements(gl.TRIANGLES, count, gl.UNSIGNED_INT, 4 * from);
+    }
+  }
+
+  #drawLines({ array, points, colour, width }, view, projection) {
+    const gl = this.#gl, u = this.#use(this.#line, array, view, projection);
+    gl.uniform4fv(u.viewport, gl.getParameter(gl.VIEWPORT));
+    gl.uniform1f(u.width, width * (window.devicePixelRatio || 1));
+    gl.uniform4f(u.colour, ...colour, 1);
+    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, points.length / 6);
+  }
+}
+
+// As many pixels as the screen has where the canvas is shown; returns how many to one of CSS.
+export function sharp(canvas) {
   const ratio = window.devicePixelRatio || 1;
-  const width = canvas.clientWidth, height = canvas.clientHeight;
-  if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
-    canvas.width = Math.round(width * ratio);
-    canvas.height = Math.round(height * ratio);
-  }
-  const pen = canvas.getContext("2d");
-  pen.setTransform(ratio, 0, 0, ratio, 0, 0);
-  pen.clearRect(0, 0, width, height);
-  pen.lineCap = pen.lineJoin = "round";
-  return { pen, width, height };
+  const width = Math.round(canvas.clientWidth * ratio), height = Math.round(canvas.clientHeight * ratio);
+  if (canvas.width !== width || canvas.height !== height) { canvas.width = width; canvas.height = height; }
+  return ratio;
 }
 
-function side(name) {
-  return name.startsWith("l_") ? colour.left : name.startsWith("r_") ? colour.right : colour.ink;
+// Matrices as WebGL has them: sixteen numbers, column by column.
+export function multiply(a, b) {
+  return Float32Array.from({ length: 16 }, (_, i) => [0, 1, 2, 3].reduce((sum, k) => sum + a[4 * k + (i % 4)] * b[4 * (i >> 2) + k], 0));
 }
 
-function camera(figure, width, height) {
-  const cx = figure.centre[2 * row], cy = figure.centre[2 * row + 1];
-  const room = figure.height * 1.12 * Math.cos(ELEVATION) + 2 * figure.reach * Math.sin(ELEVATION) * 0.6;
-  const scale = Math.min((height - 24) / room, (width - 16) / (2 * figure.reach));
-  const floor = height - 12 - figure.reach * Math.sin(ELEVATION) * 0.6 * scale;
-  const sin = Math.sin(azimuth), cos = Math.cos(azimuth);
-  return (x, y, z) => {
-    const dx = x - cx, dy = y - cy;
-    const before = cos * dx + sin * dy;
-    return [
-      width / 2 + scale * (-sin * dx + cos * dy),
-      floor - scale * (z * Math.cos(ELEVATION) - before * Math.sin(ELEVATION)),
-      before * Math.cos(ELEVATION) + z * Math.sin(ELEVATION),
-      scale,
-    ];
+export const TO_WEBXR = Float32Array.of(0, 0, -1, 0, -1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 1);
+
+// Looking at `target` (m) from an azimuth (0: from ahead of who faces x, positive: from their left) and an elevation above
+// the horizon, rad. field: of view, up and down, rad.
+export function orbit(azimuth, elevation, distance, target, aspect, field = 0.5) {
+  const [ca, sa, ce, se] = [Math.cos(azimuth), Math.sin(azimuth), Math.cos(elevation), Math.sin(elevation)];
+  const axes = [[-sa, ca, 0], [-se * ca, -se * sa, ce], [ce * ca, ce * sa, se]];  // right, up, back
+  const away = axes.map((axis) => -axis.reduce((sum, value, k) => sum + value * target[k], 0));
+  away[2] -= distance;
+  const near = distance / 50, far = 20 * distance, f = 1 / Math.tan(field / 2);
+  return {
+    view: Float32Array.of(...[0, 1, 2].flatMap((k) => [...axes.map((axis) => axis[k]), 0]), ...away, 1),
+    projection: Float32Array.of(f / aspect, 0, 0, 0, 0, f, 0, 0, 0, 0, (far + near) / (near - far), -1, 0, 0, 2 * far * near / (near - far), 0),
   };
 }
 
-function drawFloor(pen, figure, project) {
-  const step = niceStep(figure.height / 3), reach = figure.reach * 1.05;
-  const cx = figure.centre[2 * row], cy = figure.centre[2 * row + 1];
-  pen.strokeStyle = colour.grid;
-  pen.lineWidth = 1;
-  pen.beginPath();
-  const count = Math.ceil(reach / step);
-  const gx = Math.round(cx / step) * step, gy = Math.round(cy / step) * step;
-  for (let i = -count; i <= count; i++) {
-    for (const [x0, y0, x1, y1] of [[gx + i * step, gy - count * step, gx + i * step, gy + count * step], [gx - count * step, gy + i * step, gx + count * step, gy + i * step]]) {
-      const a = project(x0, y0, 0), b = project(x1, y1, 0);
-      pen.moveTo(a[0], a[1]);
-      pen.lineTo(b[0], b[1]);
-    }
-  }
-  pen.stroke();
-  return step;
+// Lines for `lines`: a grid on the floor about a point, and crosses at points (m), where they are known.
+export function grid(step, half, x, y) {
+  const n = Math.ceil(half / step), [cx, cy] = [x, y].map((value) => step * Math.round(value / step)), found = [];
+  for (let i = -n; i <= n; i++)
+    found.push(cx + i * step, cy - n * step, 0, cx + i * step, cy + n * step, 0, cx - n * step, cy + i * step, 0, cx + n * step, cy + i * step, 0);
+  return found;
 }
 
-function niceStep(wanted) {
-  const power = 10 ** Math.floor(Math.log10(wanted));
-  return [1, 2, 5, 10].map((n) => n * power).find((n) => n >= wanted * 0.7) || wanted;
-}
-
-function length(metres) {
-  return metres >= 1 ? metres + " m" : Math.round(metres * 1000) / 10 + " cm";
-}
-
-function drawBody(canvas, figure, isRobot) {
-  const { pen, width, height } = prepare(canvas);
-  const project = camera(figure, width, height);
-  const step = drawFloor(pen, figure, project);
-  if (obstacles && (isRobot || !bodies.robot)) drawObstacles(pen, project);
-  if (isRobot && ground) drawSoles(pen, project);
-  const count = figure.names.length;
-  const at = (i) => {
-    const k = 3 * (row * count + i);
-    return project(figure.points[k], figure.points[k + 1], figure.points[k + 2]);
-  };
-  const bones = figure.bones.map(([a, b]) => [at(a), at(b), figure.names[b].match(/^[lr]_/) ? figure.names[b] : figure.names[a]]);
-  bones.sort((p, q) => p[0][2] + p[1][2] - q[0][2] - q[1][2]);
-  const thick = Math.max(2.5, Math.min(9, 0.022 * figure.height * project(0, 0, 0)[3]));
-  for (const [a, b, name] of bones) {
-    for (const [shade, wide, cap] of [[colour.page, thick + 3, "butt"], [side(name), thick, "round"]]) {
-      pen.strokeStyle = shade;
-      pen.lineCap = cap;
-      pen.lineWidth = wide;
-      pen.beginPath();
-      pen.moveTo(a[0], a[1]);
-      pen.lineTo(b[0], b[1]);
-      pen.stroke();
-    }
-  }
-  const head = figure.names.indexOf("head");
-  if (head >= 0) {
-    const place = at(head);
-    dot(pen, place, thick * 1.7, side("head"), true);
-  }
-  for (let i = 0; i < figure.mark_count; i++) {
-    const k = 3 * (row * figure.mark_count + i);
-    if (Number.isNaN(figure.marks[k])) continue;
-    dot(pen, project(figure.marks[k], figure.marks[k + 1], figure.marks[k + 2]), isRobot ? 6 : 5, isRobot ? colour.asked : colour.servos, !isRobot);
-  }
-  pen.fillStyle = colour.soft;
-  pen.font = "12px system-ui, sans-serif";
-  pen.textAlign = "left";
-  pen.fillText("grid " + length(step), 8, 18);
-}
-
-function drawObstacles(pen, project) {
-  const count = obstacles.points.length / 3 / obstacles.rows;
-  const from = 3 * count * Math.min(row, obstacles.rows - 1);
-  const at = (i) => project(...obstacles.points.subarray(from + 3 * i, from + 3 * i + 3));
-  pen.strokeStyle = colour.gated;
-  pen.lineWidth = 1.2;
-  pen.beginPath();
-  for (const [a, b] of obstacles.edges) {
-    const p = at(a), q = at(b);
-    pen.moveTo(p[0], p[1]);
-    pen.lineTo(q[0], q[1]);
-  }
-  pen.stroke();
-}
-
-function dot(pen, place, radius, shade, filled) {
-  pen.beginPath();
-  pen.arc(place[0], place[1], radius, 0, 2 * Math.PI);
-  pen.lineWidth = 2;
-  pen.fillStyle = pen.strokeStyle = shade;
-  if (filled) { pen.fill(); pen.strokeStyle = colour.page; pen.lineWidth = 1.5; }
-  pen.stroke();
+export function crosses(points, size) {
+  const found = [];
+  for (let i = 0; i < points.length; i += 3)
+    for (const k of Number.isNaN(points[i]) ? [] : [0, 1, 2])
+      for (const way of [-size, size]) for (let axis = 0; axis < 3; axis++) found.push(points[i + axis] + (axis === k ? way : 0));
+  return found;
 }

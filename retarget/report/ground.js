@@ -21,26 +21,16 @@ function shape(pen, points) {
   pen.closePath();
 }
 
-function drawSoles(pen, project) {
-  for (const foot of corners()) {
-    shape(pen, foot.map((corner) => project(...corner)));
-    pen.fillStyle = colour.trunk;
-    pen.strokeStyle = colour.line;
-    pen.lineWidth = 1;
-    pen.fill();
-    pen.stroke();
-  }
-  const k = 3 * row;
-  const above = project(ground.com[k], ground.com[k + 1], ground.com[k + 2]);
-  const below = project(ground.com[k], ground.com[k + 1], 0);
-  pen.strokeStyle = colour.soft;
-  pen.setLineDash([3, 4]);
-  pen.beginPath();
-  pen.moveTo(above[0], above[1]);
-  pen.lineTo(below[0], below[1]);
-  pen.stroke();
-  pen.setLineDash([]);
-  dot(pen, below, 4, outside() ? colour.fail : colour.pass, true);
+function pairs(points) {
+  return points.flatMap((point, i) => [...point, ...points[(i + 1) % points.length]]);
+}
+
+// Soles, the centre of mass, and where it is above.
+function showGround(scene, size) {
+  const [x, y, z] = ground.com.subarray(3 * row, 3 * row + 3);
+  scene.lines("soles", corners().flatMap(pairs), { colour: rgb("ink"), width: 1, over: true });
+  scene.lines("drop", [x, y, z, x, y, 0], { colour: rgb("soft"), width: 1, over: true });
+  scene.lines("com", crosses([x, y, z, x, y, 0], size), { colour: rgb(outside() ? "fail" : "pass"), width: 2, over: true });
 }
 
 // Andrew's monotone chain, counter-clockwise.
@@ -120,10 +110,11 @@ function drawAbove(canvas) {
   }
   pen.stroke();
   const bad = outside(), inside = margin();
-  dot(pen, place([ground.com[3 * row], ground.com[3 * row + 1]]), 6, bad ? colour.fail : colour.pass, true);
-  pen.font = "600 13px system-ui, sans-serif";
-  pen.textAlign = "left";
+  pen.beginPath();
+  pen.arc(...place([ground.com[3 * row], ground.com[3 * row + 1]]), 6, 0, 2 * Math.PI);
   pen.fillStyle = bad ? colour.fail : colour.pass;
+  pen.fill();
+  pen.font = "600 13px system-ui, sans-serif";
   const mm = Math.abs(1000 * inside).toFixed(1);
   pen.fillText(Number.isNaN(inside) ? "nothing touches the ground" : bad ? mm + " mm outside" : mm + " mm inside", 10, 20);
   const bar = niceStep(frame.width / 5);

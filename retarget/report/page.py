@@ -53,7 +53,7 @@ def _own_ids(tag: str, name: str) -> str:
 
 FOLDER = Path(__file__).parent
 """Folder of the page's template `page.html`, its style and its scripts."""
-SCRIPTS = ("motion.js", "bodies.js", "ground.js", "player.js")
+SCRIPTS = ("bodies.js", "motion.js", "ground.js", "player.js")
 LEAST_BAR = 1.0
 """mm of a full bar at least: less cannot be seen."""
 
@@ -105,6 +105,5 @@ def _tracking(report: Report) -> dict[str, dict[str, Spread]]:
 
 
 def _script() -> str:
-    """The player, whose parts share one scope of their own."""
-    parts = [(FOLDER / name).read_text(encoding="utf-8") for name in SCRIPTS]
-    return "\n".join(['"use strict";', "(() => {", *parts, "})();"])
+    """The player: the parts of one module, which share its scope."""
+    return "\n".join((FOLDER / name).read_text(encoding="utf-8") for name in SCRIPTS)

@@ -1,4 +1,26 @@
-// Time: the strip of phases, play, pause, scrub.
+// The bodies, and time: the strip of phases, play, pause, scrub.
+const GRID = 3; // cells of the floor to a body's height, about
+
+function drawBody({ name, scene, height, reach, marks, centre, ...poses }) {
+  const isRobot = name === "robot", [x, y] = centre.subarray(2 * row, 2 * row + 2), canvas = $("view-" + name);
+  const count = marks.length / rows, size = 0.02 * height;
+  scene.shadow = rgb("grid");
+  scene.pose(name, posed({ centre, ...poses }));
+  scene.lines("floor", grid(niceStep(height / GRID), 1.1 * reach, x, y), { colour: rgb("line"), width: 1 });
+  scene.lines("marks", crosses(marks.subarray(count * row, count * (row + 1)), size), { colour: rgb(isRobot ? "ink" : "servos"), width: 2, over: true });
+  if (obstacles && (isRobot || !data.robot)) {
+    const from = Math.min(row, obstacles.rows - 1) * obstacles.points.length / obstacles.rows;
+    const at = (i) => obstacles.points.subarray(from + 3 * i, from + 3 * i + 3);
+    scene.lines("obstacles", obstacles.edges.flatMap(([a, b]) => [...at(a), ...at(b)]), { colour: rgb("gated") });
+  }
+  if (isRobot && ground) showGround(scene, size);
+  const aspect = canvas.clientWidth / canvas.clientHeight, field = 0.5;
+  const distance = Math.max(0.58 * height, reach / aspect) / Math.tan(field / 2) + 0.5 * reach;
+  const { view, projection } = orbit(azimuth, elevation, distance, [x, y, 0.48 * height], aspect, field);
+  scene.clear();
+  scene.draw(view, projection);
+}
+
 function drawStrip() {
   const { pen, width, height } = prepare($("strip"));
   const first = data.time[0], span = data.time[rows - 1] - first || 1;
@@ -18,10 +40,7 @@ function drawStrip() {
 }
 
 function draw() {
-  for (const name of ["performer", "robot"]) {
-    const canvas = $("view-" + name);
-    if (canvas && bodies[name]) drawBody(canvas, bodies[name], name === "robot");
-  }
+  figures.forEach(drawBody);
   if (ground) drawAbove($("view-above"));
   drawStrip();
   $("scrub").value = row;
@@ -83,15 +102,13 @@ for (const button of document.querySelectorAll(".goto"))
     show(nearest(Number(button.dataset.time)));
     $("player").scrollIntoView({ behavior: still.matches ? "auto" : "smooth" });
   });
-for (const name of ["performer", "robot"]) {
-  const canvas = $("view-" + name);
-  if (!canvas) continue;
-  canvas.addEventListener("pointermove", (event) => {
+for (const { name } of figures)
+  $("view-" + name).addEventListener("pointermove", (event) => {
     if (!(event.buttons & 1)) return;
     azimuth -= event.movementX * 0.01;
+    elevation = Math.min(1.4, Math.max(0, elevation + event.movementY * 0.005));
     draw();
   });
-}
 const refresh = () => { readColours(); draw(); };
 dark.addEventListener("change", refresh);
 window.addEventListener("resize", draw);

@@ -15,14 +15,14 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 from numpy.typing import NDArray
 
-from retarget._solver import Body
 from retarget.errors import UsageError
 from retarget.ik.support_polygon import convex_hull, plant
 from retarget.model.human import PostureReader
 from retarget.model.human_dimensions import PARENTS, POINTS
+from retarget.model.meshes import MIDDLE, SIDES
 from retarget.report import motion_metrics
 from retarget.report.motion_metrics import moved_joints
-from retarget.report.solid import ELEVATION, LEFT, MIDDLE, RIGHT, Facets, facets_of, lit, project, sides_of
+from retarget.report.solid import ELEVATION, facets_of, lit, project
 from retarget.report.tracking import headings
 from retarget.run.run_result import RunResult
 from retarget.schema.files import make_folder
@@ -34,8 +34,6 @@ from retarget.types import MM, ORIENTED, FloatArray
 ASKED = "#7a7a7a"
 REACHED = "#0072b2"
 SERVOS = "#e69f00"
-SIDES = {"l_": LEFT, "r_": RIGHT}
-"""Colours of parts of a body by how their names begin."""
 LIMIT = "#cc79a7"
 WARNING = "#d55e00"
 DPI = 130
@@ -92,7 +90,7 @@ _BELOW, _SOLES, _BODY, _OVER = range(4)
 class Postures:
     """A body in p postures that face x, with the feet at the origin, in heights of the body.
 
-    corners (p, f, 4, 3), normal (p, f, 3), colour (f, 3): its facets. soles: outlines (p, c, 3) on the ground.
+    corners (p, f, 3, 3), normal (p, f, 3), colour (f, 3): its facets. soles: outlines (p, c, 3) on the ground.
     recorded (p, k, 3): ends of thin black lines over it, pairs of points in `bones`.
     """
 
@@ -151,12 +149,6 @@ HUMAN_BONES: tuple[Bone, ...] = tuple(
     (POINTS[parent], name) for name, parent in zip(POINTS, PARENTS, strict=True) if parent >= 0
 )
 """Bones of the human: each joint with the one that carries it."""
-_LIMBS = (("shoulder", "elbow"), ("elbow", "hand"), ("hip", "knee"), ("knee", "ankle"), ("ankle", "toe"))
-ROBOT_BONES: tuple[Bone, ...] = (
-    *(("pelvis", "neck"), ("neck", "head")),
-    *((f"{side}_{a}", f"{side}_{b}") for side in "lr" for a, b in _LIMBS),
-    *(("l_shoulder", "neck"), ("r_shoulder", "neck"), ("l_hip", "pelvis"), ("r_hip", "pelvis")),
-)
 
 
 def plot_poses(run: RunResult) -> Figure | None:
@@ -213,11 +205,6 @@ def performer_facing(run: RunResult) -> FloatArray:
     return headings(turns, human.joint_names, human.joints[following], run.clip.dt)
 
 
-def bones_among(names: tuple[str, ...], bones: tuple[Bone, ...]) -> tuple[Bone, ...]:
-    """The bones of which both ends are known."""
-    return tuple(bone for bone in bones if set(bone) <= set(names))
-
-
 def _poses_title(run: RunResult) -> str:
     sides = "left orange, right blue"
     if run.robot is not None:
@@ -227,20 +214,18 @@ def _poses_title(run: RunResult) -> str:
 
 def performer_postures(run: RunResult, ticks: list[int]) -> Postures:
     """The reconstructed human, turned to its heading; of a human alone with the recorded one."""
-    human, truth, body = run.record.human, run.human_truth, run.human.body
+    human, truth = run.record.human, run.human_truth
     facing = performer_facing(run)[np.array(ticks) - run.record.following.start]
     points = turned(human.joints[ticks], facing)
     feet, size = _feet(points, human.joint_names), _size(points, human.joint_names)
-    sides = {link: colour for link, name in enumerate(body.body_names) if (colour := SIDES.get(name[:2]))}
-    facets, kinematics = facets_of(body, sides), body.solver_body()
-    corners, normal = _placed(facets, kinematics, human.q[ticks])
+    corners, normal, colour = facets_of(run.human.solid, human.q[ticks])
     corners, normal = _faced(corners, facing), turned(normal, facing)
     recorded: FloatArray | None = None
     bones: tuple[tuple[int, int], ...] = ()
     if truth is not None and run.robot is None:
         recorded = (turned(truth[ticks], facing) - feet) / size
         bones = tuple((human.joint_names.index(a), human.joint_names.index(b)) for a, b in HUMAN_BONES)
-    return Postures((corners - feet[:, None]) / size, normal, facets.colour, recorded=recorded, bones=bones)
+    return Postures((corners - feet[:, None]) / size, normal, colour, recorded=recorded, bones=bones)
 
 
 def robot_postures(run: RunResult, ticks: list[int]) -> Postures:
@@ -251,26 +236,17 @@ def robot_postures(run: RunResult, ticks: list[int]) -> Postures:
     q = np.ascontiguousarray(sent.q[ticks])
     points = robot.points(q, names)
     feet, size = _feet(points, names), _size(points, names)
-    links = {colour: [robot.frame(n).body for n in names if n[:2] == side] for side, colour in SIDES.items()}
-    middle = [robot.frame(name).body for name in names if name[:2] not in SIDES]
-    facets = facets_of(robot.body, sides_of(robot.body, links, middle))
-    corners, normal = _placed(facets, robot.kinematics, q)
+    corners, normal, colour = facets_of(robot.solid, q)
     soles = []
     for foot in robot.profile.feet.values():
         link, outline = robot.frame(foot.frame), np.array(foot.polygon)
         local = link.position + np.column_stack([outline, np.zeros(len(outline))])
         soles.append((robot.kinematics.points(q, [link.body] * len(local), local) - feet) / size)
-    return Postures((corners - feet[:, None]) / size, normal, facets.colour, tuple(soles))
-
-
-def _placed(facets: Facets, kinematics: Body, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Corners (p, f, 4, 3) m and normals (p, f, 3) of facets in postures (p, nq)."""
-    placed = [facets.placed(*kinematics.forward(np.ascontiguousarray(posture))) for posture in q]
-    return np.array([corners for corners, _ in placed]), np.array([normal for _, normal in placed])
+    return Postures((corners - feet[:, None]) / size, normal, colour, tuple(soles))
 
 
 def _faced(corners: FloatArray, facing: FloatArray) -> FloatArray:
-    """Corners (p, f, 4, 3) turned as `turned` does."""
+    """Corners (p, f, 3, 3) turned as `turned` does."""
     return turned(corners.reshape(len(corners), -1, 3), facing).reshape(corners.shape)
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from retarget.ik.support_polygon import convex_hull, plant, support_distance, support_edges
+from retarget.model.meshes import Mesh, shape_mesh
 from retarget.model.observers import robot_observers
 from retarget.model.robot import RobotBody
 from retarget.model.scene_shapes import ShapeKind
@@ -34,7 +35,6 @@ from retarget.viewer.colours import (
     heat,
     heat_keys,
 )
-from retarget.viewer.meshes import Mesh, shape_mesh
 from retarget.viewer.snapshot import Actor, Cast, Snapshot
 
 if TYPE_CHECKING:
@@ -102,9 +102,8 @@ def _add_robot(scene: "viser.SceneApi", cast: Cast, actor: Actor) -> dict[str, P
 
 
 def _shrunk(mesh: Mesh) -> Mesh:
-    middle, smaller = mesh.bounds.mean(axis=0), mesh.copy()
-    smaller.vertices = middle + GOAL_SIZE * (mesh.vertices - middle)
-    return smaller
+    middle = 0.5 * (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0))
+    return Mesh(middle + GOAL_SIZE * (mesh.vertices - middle), mesh.faces)
 
 
 # The performer with its sensors, and what was asked and reached of the landmarks.

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from retarget.errors import RefusedError
+from retarget.model.meshes import Mesh
 from retarget.model.robot import RobotBody, load_robot
 from retarget.model.scene_state import SceneState
 from retarget.recording.configs import recorded_scene
@@ -18,7 +19,6 @@ from retarget.recording.taps import STATES_OF_RUN
 from retarget.run.record import Phase
 from retarget.schema.scene import load_scene
 from retarget.types import BoolArray, FloatArray
-from retarget.viewer.meshes import Mesh
 from retarget.viewer.snapshot import (
     STATE_WORDS,
     Actor,

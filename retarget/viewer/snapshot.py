@@ -9,13 +9,13 @@ import numpy as np
 
 from retarget.model.body import BodyModel, body_from_file
 from retarget.model.body_file import BodyFile
+from retarget.model.meshes import Mesh, link_meshes, shape_mesh
 from retarget.model.robot import RobotBody
 from retarget.model.scene_shapes import SceneShapes
 from retarget.model.scene_state import ObstaclePoses
 from retarget.run.run_result import in_truth
 from retarget.schema.scene import FLOOR
 from retarget.types import FloatArray, IntArray, ModeArray, RunState
-from retarget.viewer.meshes import Mesh, link_meshes, shape_mesh
 
 STATE_WORDS = {
     RunState.APPROACH: "approaching",
@@ -38,7 +38,7 @@ class Actor:
 
     def __init__(self, file: BodyFile) -> None:
         self.body: BodyModel = body_from_file(file)
-        self._solver, meshes = self.body.solver_body(), link_meshes(file.model)
+        self._solver, meshes = self.body.solver_body(), link_meshes(self.body)
         self.links, self.meshes = list(meshes), list(meshes.values())
         positions, _ = self._solver.forward(self.body.qpos0)
         self.height = max(float(np.ptp(positions[1:, 2])), LEAST_M)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from retarget.model.body import load_body_text
-from retarget.model.robot import load_robot
+from retarget.model.meshes import solid_body
 from retarget.report.plots import (
     PICTURES,
     performer_facing,
@@ -16,7 +16,7 @@ from retarget.report.plots import (
     turned,
     write_plots,
 )
-from retarget.report.solid import LEFT, MIDDLE, RIGHT, facets_of, lit, sides_of
+from retarget.report.solid import facets_of, lit
 from retarget.rotations import multiply
 from retarget.run.loop import Watch, run_human
 from retarget.run.run_result import RunResult
@@ -107,46 +107,18 @@ def test_tracking_of_a_human_has_every_sensor_and_no_empty_panel(human_run: RunR
     assert figure is not None and len(figure.axes) == 3 * len(worn)
 
 
-# Bodies as solids: facets that close, face outward and lie where the shapes of the body file are.
+# Bodies as solids.
 
-BODY = """<mujoco><worldbody><body name="base"><freejoint/>
-<geom type="{kind}" size="{size}" pos="0.1 0.2 0.3" mass="1"/></body></worldbody></mujoco>"""
-
-
-@pytest.mark.parametrize(
-    ("kind", "size", "volume"),
-    [
-        ("box", "0.1 0.2 0.3", 8 * 0.006),
-        ("sphere", "0.2", 4 / 3 * np.pi * 0.008),
-        ("capsule", "0.1 0.3", np.pi * 0.01 * (0.6 + 0.4 / 3)),
-        ("cylinder", "0.1 0.3", np.pi * 0.01 * 0.6),
-    ],
-)
-def test_facets_close_around_the_shape(kind: str, size: str, volume: float) -> None:
-    """The divergence theorem: where all facets face outward and close, their flux is three times the volume."""
-    shape = facets_of(load_body_text(BODY.format(kind=kind, size=size), source="test"), {}).corners
-    area = 0.5 * np.cross(shape[:, 2] - shape[:, 0], shape[:, 3] - shape[:, 1])
-    flux = np.einsum("fk,fk->", shape.mean(axis=1), area)
-    assert flux / 3.0 == pytest.approx(volume, rel=0.04)
-    assert np.abs(area.sum(axis=0)).max() < 1e-9
+BOX = """<mujoco><worldbody><body name="base"><freejoint/>
+<geom type="box" size="0.1 0.2 0.3"/></body></worldbody></mujoco>"""
 
 
 def test_what_is_near_is_drawn_last_and_what_faces_away_is_not() -> None:
-    facets = facets_of(load_body_text(BODY.format(kind="box", size="0.1 0.2 0.3"), source="test"), {})
-    outlines, shades = lit(facets.corners, facets.normal, facets.colour)
-    assert len(outlines) == len(shades) == 3
-    assert len({tuple(shade) for shade in shades.round(3).tolist()}) == 3
-
-
-def test_the_sides_of_a_robot_are_those_of_its_limbs() -> None:
-    robot = load_robot("op3")
-    names = robot.profile.frames
-    ends = {
-        colour: [robot.frame(name).body for name in names if name.startswith(side)]
-        for colour, side in ((LEFT, "l_"), (RIGHT, "r_"))
-    }
-    middle = [robot.frame(name).body for name in names if name[:2] not in ("l_", "r_")]
-    sides = sides_of(robot.body, ends, middle)
-    for link, name in enumerate(robot.body.body_names):
-        wanted = {"l_": LEFT, "r_": RIGHT}.get(name[:2], MIDDLE)
-        assert sides.get(link, MIDDLE) == wanted, name
+    box = load_body_text(BOX, source="test")
+    postures = np.array([box.qpos0, [1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0]])  # as it is, and turned by half about z
+    corners, normal, colour = facets_of(solid_body(box, {"base": 1}), postures)
+    np.testing.assert_allclose(corners[1].reshape(-1, 3).mean(axis=0), [1.0, 2.0, 3.0], atol=1e-12)
+    for pose in range(2):
+        outlines, shades = lit(corners[pose], normal[pose], colour)
+        assert len(outlines) == len(shades) == 6  # three sides
+        assert len({tuple(shade) for shade in shades.round(3).tolist()}) == 3

@@ -4,6 +4,8 @@ import base64
 import hashlib
 import json
 import re
+import shutil
+import subprocess
 from collections.abc import Iterator
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -115,7 +117,7 @@ def test_only_our_own_script_may_run(html: str) -> None:
     )
     assert policy is not None and policy.startswith("default-src 'none'")
     kinds = [attributes.get("type") for tag, attributes in page.elements if tag == "script"]
-    assert kinds == ["application/json", None]
+    assert kinds == ["application/json", "module"]
     digest = base64.b64encode(hashlib.sha256(page.scripts[1].encode()).digest()).decode()
     assert f"script-src 'sha256-{digest}'" in policy
 
@@ -166,10 +168,16 @@ def test_the_player_shows_what_was_sent(html: str, run: RunResult) -> None:
     data, robot, sent = data_of(Page(html)), run.robot, run.record.robot
     assert robot is not None and sent is not None
     rows = np.arange(0, len(run.record), data["every"])
-    figure = data["robot"]
-    points = unpacked(figure["points"], len(rows), len(figure["names"]), 3)
-    np.testing.assert_allclose(points, robot.points(sent.q[rows], tuple(figure["names"])), atol=1e-4)
-    marks = unpacked(figure["marks"], len(rows), figure["mark_count"], 3)
+    figure, poses = data["robot"], robot.solid.poses(sent.q[rows])
+    assert len(figure["body"]["meshes"]) == poses.shape[1]
+    numbers = np.frombuffer(base64.b64decode(figure["poses"]), dtype="<i2").reshape(poses.shape)
+    place = numbers[..., :3] * figure["step"]
+    place[..., :2] += unpacked(figure["centre"], len(rows), 1, 2)
+    np.testing.assert_allclose(place, poses[..., :3], atol=1e-3)
+    turn = numbers[..., 3:] / np.linalg.norm(numbers[..., 3:], axis=-1, keepdims=True)
+    off = 2.0 * np.arccos(np.minimum(np.abs(np.sum(turn * poses[..., 3:], axis=-1)), 1.0))
+    assert np.rad2deg(off).max() < 0.2
+    marks = unpacked(figure["marks"], len(rows), -1, 3)
     np.testing.assert_allclose(marks, sent.landmarks_asked[rows], atol=1e-4)
     np.testing.assert_allclose(np.array(data["time"]) / 1e3, run.record.time[rows], atol=1e-3)
     assert len(data["phase"]) == len(data["gated"]) == len(rows) and set(data["phase"]) <= {"a", "f", "b"}
@@ -177,6 +185,13 @@ def test_the_player_shows_what_was_sent(html: str, run: RunResult) -> None:
     np.testing.assert_allclose(com, robot.body.solver_body().centre_of_mass(sent.q[rows]), atol=1e-4)
     corners = unpacked(data["ground"]["corners"], len(rows), sum(data["ground"]["sizes"]), 3)
     assert np.abs(corners[..., 2]).max() < 0.01
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="node is not there")
+def test_the_script_is_a_valid_module(html: str) -> None:
+    command = ["node", "--check", "--input-type=module", "-"]
+    checked = subprocess.run(command, input=Page(html).scripts[1], text=True, capture_output=True, check=False)
+    assert checked.returncode == 0, checked.stderr
 
 
 def test_what_stopped_it_and_when(run: RunResult, report: Report) -> None:
@@ -208,7 +223,7 @@ def test_a_run_that_followed_nothing_has_a_page_without_motion(run: RunResult, r
     early = replace(run, record=run.record.rows(0, ticks), reason="a servo is silent")
     assert animation_of(early) is None
     page = Page(page_html(early, measure(early), figures={}))
-    assert len(page.scripts) == 1 and "a servo is silent" in page.text
+    assert not page.scripts and "a servo is silent" in page.text
 
 
 def test_where_a_page_goes(tmp_path: Path) -> None:

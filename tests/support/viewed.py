@@ -7,7 +7,7 @@ import numpy as np
 from followers import dimensions, op3, performer
 from retarget.model.body_file import compile_body, compile_body_text
 from retarget.model.human import Human, build_human
-from retarget.viewer.meshes import shape_mesh
+from retarget.model.meshes import shape_mesh
 from retarget.viewer.recorded import ShownRun
 from retarget.viewer.snapshot import Actor, Cast, Snapshot, snapshot_at
 

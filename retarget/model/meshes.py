@@ -1,0 +1,233 @@
+"""The shapes of a body as triangles, link by link: the one source of pictures, of pages and of what a headset shows."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from retarget import rotations
+from retarget.model.body import BodyModel, Geom
+from retarget.model.scene_shapes import ShapeKind
+from retarget.types import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from retarget import _solver
+
+# A mesh, and those of the shapes that files and scenes know.
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """vertices (v, 3) m; faces (f, 3): their corners, counter-clockwise as seen from outside.
+
+    Faces share a vertex where the surface is round, and have vertices of their own along a sharp edge: a vertex's
+    normal is that of all its faces.
+    """
+
+    vertices: FloatArray
+    faces: IntArray
+
+    def placed(self, position: FloatArray, quat: FloatArray) -> "Mesh":
+        """The same in the frame in which its own is at position (3,) m and turned by quat (4,) wxyz."""
+        return Mesh(position + rotations.rotate(quat, self.vertices), self.faces)
+
+
+def joined(meshes: Sequence[Mesh]) -> Mesh:
+    """All of them as one."""
+    first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    faces = [mesh.faces + offset for mesh, offset in zip(meshes, first[:-1], strict=True)]
+    return Mesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces))
+
+
+AROUND = 24
+"""Corners of a circle."""
+THINNEST, GROUND = 0.002, 2.0
+"""Least radius that is seen, and half the side of the piece of a half-space that is, m."""
+
+
+def shape_mesh(kind: int, size: Iterable[float], *, around: int = AROUND) -> Mesh:
+    """A canonical shape of `scene_shapes`, in its own frame; of a half-space a piece of its surface. around: corners of
+    a circle."""
+    x, y, z = (float(value) for value in size)
+    if kind == ShapeKind.CAPSULE:
+        radius = max(x, THINNEST)
+        angle = np.linspace(0.0, 0.5 * np.pi, max(around // 4, 1) + 1)
+        cap = np.column_stack([radius * np.sin(angle), y + radius * np.cos(angle)])
+        cap[0, 0] = 0.0
+        return _swept(np.concatenate([cap * (1.0, -1.0), cap[::-1]]), around)
+    if kind == ShapeKind.CYLINDER:
+        lines = ([(0.0, -y), (x, -y)], [(x, -y), (x, y)], [(x, y), (0.0, y)])
+        return joined([_swept(np.array(line), around) for line in lines])
+    return _box(np.array((x, y, z) if kind == ShapeKind.BOX else (GROUND, GROUND, THINNEST)))
+
+
+def _swept(line: FloatArray, around: int) -> Mesh:
+    """What a line (n, 2) of radius and height, m, from below to above, sweeps about z."""
+    angle = np.linspace(0.0, 2.0 * np.pi, around, endpoint=False)
+    radius, height = line[:, :1], np.repeat(line[:, 1:], around, axis=1)
+    vertices = np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=-1).reshape(-1, 3)
+    # A circle of radius 0 is one vertex, and the faces between two of its corners are none.
+    number = np.arange(len(vertices)).reshape(height.shape)
+    number = np.where(radius > 0.0, number, number[:, :1])
+    after = np.roll(number, -1, axis=1)
+    a, b, c, d = number[:-1], after[:-1], after[1:], number[1:]
+    faces = np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3)
+    faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
+    used, corners = np.unique(faces, return_inverse=True)
+    return Mesh(vertices[used], corners.reshape(-1, 3))
+
+
+def _box(half: FloatArray) -> Mesh:
+    signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=np.float64)
+    sides = np.empty((6, 4, 3))
+    for side in range(6):
+        axis, sign = side // 2, 2.0 * (side % 2) - 1.0
+        sides[side, :, axis] = sign
+        sides[side][:, [(axis + 1) % 3, (axis + 2) % 3]] = signs if sign > 0.0 else signs[::-1]
+    faces = 4 * np.arange(6)[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])
+    return Mesh(half * sides.reshape(-1, 3), faces.reshape(-1, 3))
+
+
+# The links of a body.
+
+MOST_TRIANGLES = 4000
+"""Of a body: so many are seen, and a page that holds two bodies stays small."""
+DETAILS = (AROUND, 20, 16, 12, 8, 6, 4)
+"""Corners of a circle that are tried until a body has no more than that."""
+CELLS = 4
+"""A mesh of a file is thinned to cells of a body's size over its detail and over this, so that both are as coarse."""
+THIN, THIN_AROUND = 0.012, 6
+"""Radius of what joins links, in the sum of their lengths, and its corners."""
+
+
+def link_meshes(body: BodyModel) -> dict[int, Mesh]:
+    """The shapes of each link that has some, and what joins links where shapes leave gaps, in the link's frame; planes
+    and height fields are left out. Of a link's shapes only those for looking at (which collide with nothing), if it has
+    any."""
+    reach = float(np.linalg.norm(body.body_pos, axis=1).sum())
+    meshes: dict[int, Mesh] = {}
+    for around in DETAILS:
+        cell = 0.0 if around == DETAILS[0] else reach / (CELLS * around)
+        meshes = {
+            link: joined(parts) for link in range(1, len(body.parent)) if (parts := _parts(body, link, around, cell))
+        }
+        if sum(len(mesh.faces) for mesh in meshes.values()) <= MOST_TRIANGLES:
+            break
+    return meshes
+
+
+def _parts(body: BodyModel, link: int, around: int, cell: float) -> list[Mesh]:
+    geoms = [geom for geom in body.geoms if geom.body == link]
+    geoms = [geom for geom in geoms if not geom.collides] or geoms
+    parts = [mesh for geom in geoms if (mesh := _geom_mesh(geom, around, cell)) is not None]
+    reach = float(np.linalg.norm(body.body_pos, axis=1).sum())
+    for child in np.flatnonzero(body.parent == link).tolist():
+        along, length = body.body_pos[child], float(np.linalg.norm(body.body_pos[child]))
+        if length > THINNEST:
+            turn = rotations.shortest_arc(np.array([0.0, 0.0, 1.0]), along)
+            rod = shape_mesh(ShapeKind.CYLINDER, (THIN * reach, 0.5 * length, 0.0), around=THIN_AROUND)
+            parts.append(rod.placed(0.5 * along, turn))
+    return parts
+
+
+def _geom_mesh(geom: Geom, around: int, cell: float) -> Mesh | None:
+    """A geom in the frame of its link; None for planes and height fields."""
+    size = geom.size.tolist()
+    if geom.kind == "mesh":
+        assert geom.triangles is not None
+        mesh = _creased(geom.triangles, cell)
+    elif geom.kind == "ellipsoid":
+        ball = shape_mesh(ShapeKind.CAPSULE, (1.0, 0.0, 0.0), around=around)
+        mesh = Mesh(geom.size * ball.vertices, ball.faces)
+    elif geom.kind == "sphere":
+        mesh = shape_mesh(ShapeKind.CAPSULE, (size[0], 0.0, 0.0), around=around)
+    elif geom.kind in ("capsule", "cylinder", "box"):
+        mesh = shape_mesh(ShapeKind[geom.kind.upper()], size, around=around)
+    else:
+        return None
+    return mesh.placed(geom.position, geom.quat)
+
+
+def _creased(triangles: FloatArray, cell: float) -> Mesh:
+    """The mesh of triangles (t, 3, 3) m: corners in one cell of a grid, of this size in m, become one, but not those of
+    faces that look along different axes."""
+    corners = triangles.reshape(-1, 3)
+    key = np.round(corners / cell) if cell > 0.0 else corners
+    _, place = np.unique(key, axis=0, return_inverse=True)
+    place = place.reshape(-1)
+    count = np.bincount(place)
+    mean = np.column_stack([np.bincount(place, weights=column) / count for column in corners.T])
+    faces = place.reshape(-1, 3)
+    faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
+    normal = np.cross(mean[faces[:, 1]] - mean[faces[:, 0]], mean[faces[:, 2]] - mean[faces[:, 0]])
+    axis = np.argmax(np.abs(normal), axis=1)
+    side = 2 * axis + (normal[np.arange(len(faces)), axis] > 0.0)
+    used, corner = np.unique(6 * faces + side[:, None], return_inverse=True)
+    return Mesh(mean[used // 6], corner.reshape(-1, 3))
+
+
+# A body to draw: its meshes with colours, and where its links are.
+
+LEFT, RIGHT, MIDDLE = "#d55e00", "#0072b2", "#b0b0b0"
+"""Of Okabe and Ito's palette: the sides of a body, and what is between."""
+SIDES = {"l_": LEFT, "r_": RIGHT}
+"""Colours of parts of a body by how their names begin."""
+
+
+def side_colours(body: BodyModel, named: Mapping[str, int]) -> tuple[str, ...]:
+    """The colour of each link, by the side of the limb it belongs to. named: the links that frames are on, by the names
+    of the frames: a limb is what carries `l_` or `r_` frames only, and what hangs from it."""
+    between = {link for name, end in named.items() if name[:2] not in SIDES for link in body.chain_to_root(end)}
+    found: dict[int, str] = {}
+    for name, end in named.items():
+        if name[:2] in SIDES:
+            found |= {link: SIDES[name[:2]] for link in body.chain_to_root(end) if link not in between}
+    for link, parent in enumerate(body.parent.tolist()):  # a parent comes before its children
+        if link not in found and link not in between and parent in found:
+            found[link] = found[parent]
+    return tuple(found.get(link, MIDDLE) for link in range(len(body.parent)))
+
+
+@dataclass(frozen=True, eq=False)
+class SolidBody:
+    """A body to draw. links (m,): those that have meshes, by their numbers, and meshes (m,) in their frames; colours
+    (m, 3), 0 to 1. height: from its lowest to its highest point as the file has it, m."""
+
+    links: IntArray
+    meshes: tuple[Mesh, ...]
+    colours: FloatArray
+    height: float
+    kinematics: "_solver.Body"
+
+    def as_json(self) -> dict[str, Any]:
+        """What `bodies.js` draws: vertices in m to a tenth of a millimetre. Meshes are numbered as in `poses`."""
+        return {
+            "height": round(self.height, 4),
+            "meshes": [
+                {
+                    "link": number,
+                    "vertices": mesh.vertices.round(4).ravel().tolist(),
+                    "faces": mesh.faces.ravel().tolist(),
+                    "colour": colour.round(3).tolist(),
+                }
+                for number, (mesh, colour) in enumerate(zip(self.meshes, self.colours, strict=True))
+            ],
+        }
+
+    def poses(self, q: FloatArray) -> FloatArray:
+        """Where its links are in postures (T, nq): (T, m, 7) of position, m, and quaternion wxyz."""
+        forward = [self.kinematics.forward(np.ascontiguousarray(posture)) for posture in q]
+        return np.array([np.column_stack(pose)[self.links] for pose in forward])
+
+
+def solid_body(body: BodyModel, named: Mapping[str, int]) -> SolidBody:
+    """A body in the colours of its sides, see `side_colours`."""
+    meshes, colours, kinematics = link_meshes(body), side_colours(body, named), body.solver_body()
+    links = np.array(list(meshes), dtype=np.int64)
+    position, quat = kinematics.forward(body.qpos0)
+    heights = [mesh.placed(position[link], quat[link]).vertices[:, 2] for link, mesh in meshes.items()]
+    shades = [[int(colours[link][at : at + 2], 16) / 255.0 for at in (1, 3, 5)] for link in meshes]
+    return SolidBody(
+        links, tuple(meshes.values()), np.array(shades), float(np.ptp(np.concatenate(heights))), kinematics
+    )

@@ -1,0 +1,138 @@
+"""Shapes of a body file as triangles: closed, turned outward, on the surfaces that MuJoCo knows, and not too many."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from followers import dimensions, performer
+from retarget.model.body import load_body_text
+from retarget.model.human import build_human
+from retarget.model.meshes import (
+    LEFT,
+    MIDDLE,
+    MOST_TRIANGLES,
+    RIGHT,
+    Mesh,
+    SolidBody,
+    link_meshes,
+    shape_mesh,
+    side_colours,
+)
+from retarget.model.robot import load_robot
+from retarget.model.scene_shapes import ShapeKind
+from retarget.types import FloatArray
+
+SHAPES = """
+<mujoco><asset><mesh name="wedge" vertex="0 0 0  .1 0 0  0 .2 0  0 0 .3"/></asset><worldbody>
+<geom type="plane" size="1 1 .1"/>
+<body name="link" pos="0 0 1"><joint/>{}</body></worldbody></mujoco>"""
+PLACED = 'pos=".1 .2 .3" euler="10 20 30"'
+
+
+def volume(mesh: Mesh) -> float:
+    """By the divergence theorem, m3; right where all faces look outward and close."""
+    a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
+    return float(np.einsum("fk,fk->", a, np.cross(b, c)) / 6.0)
+
+
+def is_closed(mesh: Mesh) -> bool:
+    """Whether every edge of a face is one of another face, the other way round."""
+    _, index = np.unique(np.round(mesh.vertices, 9), axis=0, return_inverse=True)
+    faces = index.reshape(-1)[mesh.faces]
+    edges = [(int(face[i]), int(face[(i + 1) % 3])) for face in faces for i in range(3)]
+    return len(edges) > 11 and sorted(edges) == sorted((b, a) for a, b in edges)
+
+
+@pytest.mark.parametrize(("around", "least"), [(24, 0.93), (12, 0.85), (4, 0.3)])
+@pytest.mark.parametrize(
+    ("kind", "size", "expected"),
+    [
+        (ShapeKind.BOX, (0.1, 0.2, 0.3), 8 * 0.1 * 0.2 * 0.3),
+        (ShapeKind.CYLINDER, (0.1, 0.2, 0.0), np.pi * 0.01 * 0.4),
+        (ShapeKind.CAPSULE, (0.1, 0.2, 0.0), np.pi * 0.01 * 0.4 + 4 / 3 * np.pi * 1e-3),
+        (ShapeKind.CAPSULE, (0.1, 0.0, 0.0), 4 / 3 * np.pi * 1e-3),
+    ],
+)
+def test_shapes_are_closed_and_of_their_volume(
+    kind: ShapeKind, size: tuple[float, float, float], expected: float, around: int, least: float
+) -> None:
+    mesh = shape_mesh(kind, size, around=around)
+    assert is_closed(mesh)
+    assert least * expected < volume(mesh) <= expected * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("geom", "expected"),
+    [
+        (f'<geom type="box" size=".1 .2 .3" {PLACED}/>', 8 * 0.006),
+        (f'<geom type="cylinder" size=".1 .3" {PLACED}/>', np.pi * 0.006),
+        (f'<geom type="capsule" size=".1 .3" {PLACED}/>', np.pi * (0.006 + 4 / 3 * 1e-3)),
+        (f'<geom type="ellipsoid" size=".1 .2 .3" {PLACED}/>', 4 / 3 * np.pi * 0.006),
+        (f'<geom type="mesh" mesh="wedge" {PLACED}/>', 0.1 * 0.2 * 0.3 / 6),
+        ('<geom type="sphere" size=".1"/><geom type="capsule" size=".1 .2" contype="0" conaffinity="0"/>', 0.01676),
+    ],
+)
+def test_triangles_lie_on_the_surface_of_the_shape_that_is_for_looking_at(geom: str, expected: float) -> None:
+    """Distances are MuJoCo's, of a tiny sphere; the middle of a face may be a sagitta inside."""
+    ((link, mesh),) = link_meshes(load_body_text(SHAPES.format(geom), source="test")).items()
+    assert link == 1 and is_closed(mesh)
+    assert 0.93 * expected < volume(mesh) <= 1.0001 * expected
+    points = np.concatenate([mesh.vertices, mesh.vertices[mesh.faces].mean(axis=1)])
+    off = distances(SHAPES.format(geom), points)
+    assert np.abs(off[: len(mesh.vertices)]).max() < 2e-4
+    assert off.min() > -0.006 and off.max() < 2e-4
+
+
+def distances(text: str, points: FloatArray) -> FloatArray:
+    """Distance, m, of points on the link from the last shape of a body, negative inside."""
+    spec = mujoco.MjSpec.from_string(text)
+    probe = spec.worldbody.add_body(name="probe", mocap=True)
+    probe.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[1e-5, 0, 0])
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    tip = model.body("probe").geomadr[0]
+    shown = model.body("link").geomadr[0] + model.body("link").geomnum[0] - 1
+    found = []
+    for point in points + np.array([0.0, 0.0, 1.0]):
+        data.mocap_pos[0] = point
+        mujoco.mj_forward(model, data)
+        found.append(mujoco.mj_geomDistance(model, data, shown, tip, 1.0, None) + 1e-5)
+    return np.array(found)
+
+
+def bodies() -> dict[str, SolidBody]:
+    return {name: load_robot(name).solid for name in ("op3", "poppy", "toddlerbot", "wolfgang")} | {
+        "human": build_human(dimensions(performer())).solid
+    }
+
+
+def test_bodies_to_draw_are_whole_and_small() -> None:
+    for name, solid in bodies().items():
+        drawn = solid.as_json()
+        assert 300 < sum(len(mesh["faces"]) for mesh in drawn["meshes"]) / 3 <= MOST_TRIANGLES, name
+        assert [mesh["link"] for mesh in drawn["meshes"]] == list(range(len(solid.links)))
+        for mesh in drawn["meshes"]:
+            assert max(mesh["faces"]) < len(mesh["vertices"]) / 3 and all(0.0 <= part <= 1.0 for part in mesh["colour"])
+        poses = solid.poses(np.zeros((0, 7)))
+        assert len(poses) == 0
+    assert 1.5 < bodies()["human"].height < 1.9
+
+
+def test_a_dense_mesh_of_a_file_is_thinned_and_keeps_its_place() -> None:
+    ball = shape_mesh(ShapeKind.CAPSULE, (0.1, 0.0, 0.0), around=120)
+    vertices, faces = (" ".join(map(str, array.ravel().tolist())) for array in (ball.vertices, ball.faces))
+    text = f"""<mujoco><asset><mesh name="ball" vertex="{vertices}" face="{faces}"/></asset><worldbody>
+    <body><joint/><geom type="mesh" mesh="ball"/>
+    <body pos="0 0 .5"><joint/><geom type="mesh" mesh="ball"/></body></body>
+    </worldbody></mujoco>"""
+    meshes = link_meshes(load_body_text(text, source="test"))
+    assert len(ball.faces) > MOST_TRIANGLES > sum(len(mesh.faces) for mesh in meshes.values())
+    assert volume(meshes[2]) == pytest.approx(4 / 3 * np.pi * 1e-3, rel=0.1)
+    assert np.abs(np.linalg.norm(meshes[2].vertices, axis=1) - 0.1).max() < 0.01
+
+
+def test_the_sides_of_a_robot_are_those_of_its_limbs() -> None:
+    robot = load_robot("op3")
+    colours = side_colours(robot.body, {name: robot.frame(name).body for name in robot.profile.frames})
+    for colour, name in zip(colours, robot.body.body_names, strict=True):
+        assert colour == {"l_": LEFT, "r_": RIGHT}.get(name[:2], MIDDLE), name
