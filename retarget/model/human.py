@@ -181,7 +181,7 @@ class Human:
     @cached_property
     def solid(self) -> SolidBody:
         """What is drawn of it."""
-        return solid_body(self.body, {name: link for link, name in enumerate(self.body.body_names) if link > 0})
+        return solid_body(self.body)
 
     def posture(self, name: str) -> FloatArray:
         """Reference posture q (nq,), m, wxyz and rad, standing at the origin. Raises ConfigError with the nearest

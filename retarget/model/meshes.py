@@ -221,8 +221,10 @@ class SolidBody:
         return np.array([np.column_stack(pose)[self.links] for pose in forward])
 
 
-def solid_body(body: BodyModel, named: Mapping[str, int]) -> SolidBody:
-    """A body in the colours of its sides, see `side_colours`."""
+def solid_body(body: BodyModel, named: Mapping[str, int] | None = None) -> SolidBody:
+    """A body in the colours of its sides, see `side_colours`. named: None for the names of the links themselves."""
+    if named is None:
+        named = {name: link for link, name in enumerate(body.body_names) if link > 0}
     meshes, colours, kinematics = link_meshes(body), side_colours(body, named), body.solver_body()
     links = np.array(list(meshes), dtype=np.int64)
     position, quat = kinematics.forward(body.qpos0)

@@ -32,12 +32,12 @@ from hardware.errors import RetargetError
 from retarget import __version__
 from retarget.errors import ConfigError
 from retarget.live.address import EVERYWHERE, local_interfaces
+from retarget.model.meshes import SolidBody, solid_body
 from retarget.sources.stream_frame import MAX_DATAGRAM
-from retarget.types import FloatArray
 from retarget.viewer.feed import BUFFER_BYTES, READY, REFUSED, STOP, Note, PageSetup, unpacked
 from retarget.viewer.live_page import cast_of
 from retarget.viewer.server import HOSTS, AccessToken, Refused, only_value
-from retarget.viewer.snapshot import Actor, Cast, Row
+from retarget.viewer.snapshot import Cast, Row
 from retarget.web.link import GO_ON, GRIP, HEADER, HEALTH, PAUSE, RELEASE, TELL, Settings
 from retarget.web.runtime import runtime_folder
 
@@ -115,6 +115,7 @@ class PageServer:
     """Numbers of performers, by what their pages call themselves."""
     _cast: Cast | None = None
     _setup: PageSetup | None = None
+    _solids: dict[str, SolidBody | None] = field(default_factory=dict)
     _needs_grip: bool = False
     _held: bool | None = None
 
@@ -296,8 +297,10 @@ class PageServer:
         except RetargetError as error:
             self.feed.send(REFUSED + str(error).encode())
             return
-        robot = None if self._cast.robot is None else _shapes(self._cast.robot)
-        self._tell_all("bodies", {"human": _shapes(self._cast.human), "robot": robot})
+        self._solids = solids_of(self._cast)
+        self._tell_all(
+            "bodies", {who: None if solid is None else solid.as_json() for who, solid in self._solids.items()}
+        )
         self.feed.send(READY)
 
     def _state(self, row: Row) -> dict[str, Any]:
@@ -308,10 +311,11 @@ class PageServer:
         known = {name: bool(np.isfinite(at).all()) for name, at in sensors.items()}
         paused = row.state.startswith("paused") and self._held is not False
         state = {"time": round(row.time, 3), "state": row.state, "why": row.why, "paused": paused, "sensors": known}
-        state |= {"human": _poses(cast.human, row.human)}
-        if cast.robot is not None:
-            state |= {"robot": _poses(cast.robot, row.goal), "clipped": [*self._clipped(cast, row)]}
-        return state
+        postures = {"human": row.human, "robot": row.goal}
+        for who, solid in self._solids.items():
+            if solid is not None:
+                state[who] = [round(value, 4) for value in solid.poses(postures[who][None]).ravel().tolist()]
+        return state | {"clipped": [*self._clipped(cast, row)]}
 
     def _clipped(self, cast: Cast, row: Row) -> Iterator[str]:
         """Landmarks that the robot does not reach, in words."""
@@ -356,6 +360,12 @@ def served_file(place: str) -> Path | None:
     return path if path is not None and ".." not in inner and path.is_file() else None
 
 
+def solids_of(cast: Cast) -> dict[str, SolidBody | None]:
+    """Who is drawn, as solids."""
+    robot = None if cast.profile is None else cast.profile.solid
+    return {"human": solid_body(cast.human.body, {}), "robot": robot}
+
+
 def _parsed(message: str | bytes) -> dict[str, Any]:
     """What a page says. Raises _Ended for anything else than an object that says something."""
     try:
@@ -365,26 +375,6 @@ def _parsed(message: str | bytes) -> dict[str, Any]:
     if not isinstance(said, dict) or "say" not in said:
         raise _Ended("the page says something else than its server understands: load it anew")
     return said
-
-
-def _shapes(actor: Actor) -> dict[str, Any]:
-    """The shapes of a body as triangles, by the number of its link among those that are seen."""
-    meshes = [
-        {
-            "link": number,
-            "vertices": [round(float(value), 4) for value in mesh.vertices.ravel()],
-            "faces": mesh.faces.ravel().tolist(),
-            "colour": [0.7, 0.7, 0.75],
-        }
-        for number, mesh in enumerate(actor.meshes)
-    ]
-    return {"height": round(actor.height, 3), "meshes": meshes}
-
-
-def _poses(actor: Actor, q: FloatArray) -> list[float]:
-    """Position, m, and quaternion of every link that is seen, flat."""
-    positions, turns = actor.posed(q)
-    return [round(value, 4) for value in np.hstack([positions, turns]).ravel().tolist()]
 
 
 def _send(client: Client, text: str) -> None:
