@@ -64,11 +64,21 @@ def shipped_folder() -> Path:
 
 
 def user_folder(environment: Mapping[str, str] | None = None) -> Path:
-    """The user's own folder; relative values of XDG_CONFIG_HOME are ignored, as the XDG standard requires."""
+    """The user's own folder of configurations, in the XDG config folder."""
+    return _xdg_folder("XDG_CONFIG_HOME", ".config", environment)
+
+
+def cache_folder(environment: Mapping[str, str] | None = None) -> Path:
+    """The folder of what can be fetched or made again, in the XDG cache folder."""
+    return _xdg_folder("XDG_CACHE_HOME", ".cache", environment)
+
+
+def _xdg_folder(variable: str, usual: str, environment: Mapping[str, str] | None) -> Path:
+    """Our folder in one of XDG's; relative values of a variable are ignored, as the XDG standard requires."""
     variables = os.environ if environment is None else environment
-    base = Path(variables.get("XDG_CONFIG_HOME", ""))
+    base = Path(variables.get(variable, ""))
     if not base.is_absolute():
-        base = Path(variables.get("HOME", "~")).expanduser() / ".config"
+        base = Path(variables.get("HOME", "~")).expanduser() / usual
     return base / "retarget"
 
 

@@ -3,7 +3,7 @@
 import os
 import shlex
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
@@ -87,6 +87,22 @@ def write_stream(path: Path, write: Callable[[IO[bytes]], object], *, option: st
         except BaseException:
             Path(name).unlink(missing_ok=True)
             raise
+
+
+def write_folder(path: Path, contents: Mapping[str, bytes], *, option: str) -> None:
+    """Write a folder of files, by their paths in it, whole or not at all; one that is there is replaced.
+
+    Raises UsageError with the system's reason.
+    """
+    make_folder(path.parent, option=option)
+    with _refused(path, option), tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name[:50]}.") as part:
+        new, old = Path(part, "new"), Path(part, "old")
+        for name, content in contents.items():
+            make_folder((new / name).parent, option=option)
+            write_atomic(new / name, content, option=option)
+        if path.exists():
+            path.replace(old)
+        new.replace(path)
 
 
 def check_path(path: Path, *, option: str) -> None:
