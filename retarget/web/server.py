@@ -363,7 +363,7 @@ def served_file(place: str) -> Path | None:
 def solids_of(cast: Cast) -> dict[str, SolidBody | None]:
     """Who is drawn, as solids."""
     robot = None if cast.profile is None else cast.profile.solid
-    return {"human": solid_body(cast.human.body, {}), "robot": robot}
+    return {"human": solid_body(cast.human.body), "robot": robot}
 
 
 def _parsed(message: str | bytes) -> dict[str, Any]:

@@ -1,5 +1,5 @@
-"""A stand-in for the server of `web://`: serves the page with the headers of the real one, keeps what the page says, and
-says what a test asks for. Nothing of a run is in it."""
+"""A stand-in for the server of `web://`: serves the page with the headers of the real one, keeps what the page says,
+and says what a test asks for. Nothing of a run is in it."""
 
 import asyncio
 import json
